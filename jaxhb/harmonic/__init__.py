@@ -1,0 +1,1 @@
+"""Fourier-domain mathematics: arrays in, arrays out."""

@@ -1,0 +1,106 @@
+"""The backlash law of a gear mesh: force, tangent stiffness and energy.
+
+Law (18) of Fridman 2009 with its two misprinted slopes exchanged (slope ``epsilon c`` in the gap, ``c`` in contact),
+for any relative width ``tau`` of the smooth transition. With ``c1 = epsilon c``, ``c2 = c``, ``D = c2 - c1``:
+
+    u = clip(|l| - (1 - tau) h/2, 0, tau h),     v = max(|l| - (1 + tau) h/2, 0)
+    f  = c1 l + sign(l) (D u^2 / (2 tau h) + D v)
+    f' = c1 + D u / (tau h)
+    U  = c1 l^2/2 + D u^3/(6 tau h) + D (v^2/2 + tau h v/2)
+
+``h`` is the total backlash. The functions take arrays that broadcast; automatic differentiation of this form equals
+``f'`` everywhere, the knots included, because ``u^2`` and ``v`` join with equal slopes.
+"""
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Law:
+    """Parameters of the law, one entry per mesh.
+
+    stiffness : N/m in contact; epsilon : stiffness in the gap / in contact; transition : width of the smooth zone
+    / backlash; backlash : m, total.
+    """
+
+    stiffness: jax.Array
+    epsilon: jax.Array
+    transition: jax.Array
+    backlash: jax.Array
+
+    def expand(self):
+        """The same parameters with a trailing axis, to meet samples of shape ``(meshes, samples)``."""
+        return jax.tree.map(lambda a: a[..., None], self)
+
+
+def _pieces(law, deflection):
+    distance = jnp.abs(deflection)
+    width = law.transition * law.backlash
+    inside = jnp.clip(distance - (1 - law.transition) * law.backlash / 2, 0.0, width)
+    beyond = jnp.maximum(distance - (1 + law.transition) * law.backlash / 2, 0.0)
+    return width, inside, beyond
+
+
+def force(law, deflection):
+    """Elastic force f(l) in N.
+
+    >>> law = Law(*(jnp.array(v) for v in (1.0, 0.04, 0.2, 0.5)))
+    >>> float(force(law, jnp.array(0.25)).round(6))
+    0.022
+    """
+    width, inside, beyond = _pieces(law, deflection)
+    drop = law.stiffness * (1 - law.epsilon)
+    contact = drop * (inside**2 / (2 * width) + beyond)
+    return law.epsilon * law.stiffness * deflection + jnp.sign(deflection) * contact
+
+
+def engagement(law, deflection):
+    """Share of contact (f'(l) - c1) / (c2 - c1), 0 in the gap and 1 in contact."""
+    width, inside, _ = _pieces(law, deflection)
+    return inside / width
+
+
+def slope(law, deflection):
+    """Tangent stiffness f'(l) in N/m."""
+    return law.stiffness * (law.epsilon + (1 - law.epsilon) * engagement(law, deflection))
+
+
+def energy(law, deflection):
+    """Elastic energy U(l), the integral of f from 0 to l, in J."""
+    width, inside, beyond = _pieces(law, deflection)
+    drop = law.stiffness * (1 - law.epsilon)
+    contact = inside**3 / (6 * width) + beyond**2 / 2 + width * beyond / 2
+    return law.epsilon * law.stiffness * deflection**2 / 2 + drop * contact
+
+
+def engagement_slope(law, deflection):
+    """d engagement / dl in 1/m: +-1/(tau h) in the transition zone, 0 elsewhere."""
+    width, inside, _ = _pieces(law, deflection)
+    moving = (inside > 0) & (inside < width)
+    return jnp.where(moving, jnp.sign(deflection) / width, 0.0)
+
+
+def mesh_force(law, viscous, contact_damping, deflection, rate):
+    """Transmitted force of a mesh: elastic + damping, in N.
+
+    ``viscous`` in N s/m; ``contact_damping`` True: the damper acts in contact only, r l' (f'-c1)/(c2-c1);
+    False: r l' always.
+    """
+    share = jnp.where(contact_damping, engagement(law, deflection), 1.0)
+    return force(law, deflection) + viscous * rate * share
+
+
+def mesh_slopes(law, viscous, contact_damping, deflection, rate):
+    """Partial derivatives of :func:`mesh_force` with respect to l (N/m) and l' (N s/m), written out by hand."""
+    share = jnp.where(contact_damping, engagement(law, deflection), 1.0)
+    extra = jnp.where(contact_damping, viscous * rate * engagement_slope(law, deflection), 0.0)
+    return slope(law, deflection) + extra, viscous * share
+
+
+def offset(law):
+    """Constant part of the force on the contact flank: f = c l - offset for l > (1 + tau) h/2, in N."""
+    return law.stiffness * (1 - law.epsilon) * law.backlash / 2

@@ -1,0 +1,267 @@
+"""From the drive train to a tree of links in circumferential displacements, and back; the seed's chain numbering.
+
+Displacements are measured on one pitch circle per rotor, ``x = R phi`` with R the radius of the rotor's first gear
+(1 m on a rotor without gears): ``m = J/R^2``, ``b = beta/R^2``, ``c = k/R^2``, ``q = T/R`` (Fridman 2009, chapter 1). A
+link deflects by ``l = a x_a - b x_b``; the arms a, b are 1 for shafts and ``r/R`` for a gear on a rotor with several.
+Every rotor counts its own sense of rotation positive.
+
+The elimination order is a list of nodes, each before its parent. The seed's numbering (main chain, side branches
+numbered from their free ends, a fictitious node wherever the main chain jumps over a branch) is another way to write
+the same tree: :func:`seed_numbering` produces it, :func:`parents_from_seed` reads it.
+"""
+
+import functools
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+
+from ..model.drivetrain import speed_ratios
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Tree:
+    """Elimination order of S nodes joined by tree links, leaves first, root last; integer arrays, no names.
+
+    node : ``(S,)`` disk of each position; parent : ``(S,)`` position of the parent, S at the root;
+    link : ``(S,)`` link to the parent, 0 at the root; from_a : ``(S,)`` whether the node is the link's first end;
+    loops : ``(n,)`` links outside the tree; end_a, end_b : ``(L,)`` disks that each link joins.
+    """
+
+    node: np.ndarray
+    parent: np.ndarray
+    link: np.ndarray
+    from_a: np.ndarray
+    loops: np.ndarray
+    end_a: np.ndarray
+    end_b: np.ndarray
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class System:
+    """Arrays of the linear train in circumferential displacements (meshes taken in contact).
+
+    radius : ``(S,)`` m, displacement / angle; mass kg, damping N s/m, ground N/m : ``(S,)``;
+    stiffness N/m, viscous N s/m, loss, arm_a, arm_b : ``(L,)``; floating : True where nothing holds the mean angle.
+    """
+
+    tree: Tree
+    radius: jax.Array
+    mass: jax.Array
+    damping: jax.Array
+    ground: jax.Array
+    stiffness: jax.Array
+    viscous: jax.Array
+    loss: jax.Array
+    arm_a: jax.Array
+    arm_b: jax.Array
+    floating: np.ndarray
+
+    def deflections(self, displacement, links):
+        """Deflections ``a x_a - b x_b`` of the links with indices ``links``, from displacements ``(S, ...)``."""
+        shape = (-1,) + (1,) * (displacement.ndim - 1)
+        arm_a, arm_b = self.arm_a[links].reshape(shape), self.arm_b[links].reshape(shape)
+        return arm_a * displacement[self.tree.end_a[links]] - arm_b * displacement[self.tree.end_b[links]]
+
+
+@functools.lru_cache(maxsize=256)
+def span(topology):
+    """The elimination :class:`Tree` of a topology: rooted at the first grounded disk, stiff links first.
+
+    Links that close a loop (shafts before meshes in the tree) are listed in ``loops``.
+    """
+    ends = topology.link_ends
+    disks = len(topology.disk_names)
+    root = topology.ground_disk[0] if topology.ground_disk else 0
+    return span_links(ends, disks, root)
+
+
+def span_links(ends, disks, root):
+    """Spanning tree of links ``ends`` over ``disks`` nodes as a :class:`Tree`; earlier links are preferred."""
+    group = list(range(disks))
+
+    def find(disk):
+        while group[disk] != disk:
+            group[disk] = group[group[disk]]
+            disk = group[disk]
+        return disk
+
+    neighbours = [[] for _ in range(disks)]
+    loops = []
+    for index, (a, b) in enumerate(ends):
+        if find(a) == find(b):
+            loops.append(index)
+            continue
+        group[find(a)] = find(b)
+        neighbours[a].append((b, index))
+        neighbours[b].append((a, index))
+    order, above, via = [], {root: -1}, {root: 0}
+    stack = [root]
+    while stack:
+        disk = stack.pop()
+        order.append(disk)
+        for other, index in neighbours[disk]:
+            if other not in above:
+                above[other], via[other] = disk, index
+                stack.append(other)
+    order.reverse()
+    position = {disk: s for s, disk in enumerate(order)}
+    parent = np.array([position[above[d]] if above[d] >= 0 else disks for d in order], dtype=np.int32)
+    link = np.array([via[d] for d in order], dtype=np.int32)
+    end_a = np.array([a for a, _ in ends], dtype=np.int32)
+    end_b = np.array([b for _, b in ends], dtype=np.int32)
+    node = np.array(order, dtype=np.int32)
+    from_a = end_a[link] == node if len(ends) else np.ones(disks, bool)
+    return Tree(node, parent, link, from_a, np.array(loops, dtype=np.int32), end_a, end_b)
+
+
+def namespace(*arrays):
+    """numpy for concrete values, jax.numpy under a transformation: assembly costs no compilation on the host."""
+    import jax.numpy as jnp
+
+    leaves = jax.tree.leaves(arrays)
+    return jnp if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves) else np
+
+
+def displacement_radii(train):
+    """``(S,)`` m: the radius R of every disk's rotor, x = R phi."""
+    xp = namespace(train.disks.radius)
+    topology = train.topology
+    scene_disks = train.disks.radius.shape[0]
+    first_gear = {}
+    for ends in topology.mesh_ends:
+        for disk in ends:
+            first_gear.setdefault(topology.rotor[disk], disk)
+    gear = np.array([first_gear.get(rotor, scene_disks) for rotor in topology.rotor])
+    return xp.append(xp.asarray(train.disks.radius), 1.0)[gear]
+
+
+def assemble(train):
+    """The :class:`System` of a drive train; every number of the train stays differentiable.
+
+    Parameters
+    ----------
+    train : DriveTrain
+
+    Returns
+    -------
+    System
+    """
+    xp = namespace(train)
+    topology, tree = train.topology, span(train.topology)
+    radius = displacement_radii(train)
+    square = radius**2
+    zeros = np.zeros_like(train.dampers.inertia) if xp is np else xp.zeros_like(train.dampers.inertia)
+    ground = _scatter(xp, radius.shape[0], topology.ground_disk, train.grounds.stiffness)
+    shaft_at = square[_first(topology.shaft_ends)]
+    ring_at = square[_index(topology.damper_disk)]
+    gear_radius = xp.concatenate([xp.asarray(train.disks.radius), zeros])
+    unit = xp.ones(len(topology.shaft_names) + len(topology.damper_names))
+    mesh_a, mesh_b = _first(topology.mesh_ends), _second(topology.mesh_ends)
+    meshes, shafts, dampers = train.meshes, train.shafts, train.dampers
+    return System(
+        tree=tree,
+        radius=radius,
+        mass=xp.concatenate([train.disks.inertia, dampers.inertia]) / square,
+        damping=xp.concatenate([train.disks.damping, zeros]) / square,
+        ground=ground / square,
+        stiffness=xp.concatenate([shafts.stiffness / shaft_at, dampers.stiffness / ring_at, meshes.stiffness]),
+        viscous=xp.concatenate([shafts.damping / shaft_at, dampers.damping / ring_at, meshes.damping]),
+        loss=xp.concatenate([shafts.loss_factor, dampers.loss_factor, xp.zeros(len(topology.mesh_names))]),
+        arm_a=xp.concatenate([unit, gear_radius[mesh_a] / radius[mesh_a]]),
+        arm_b=xp.concatenate([unit, gear_radius[mesh_b] / radius[mesh_b]]),
+        floating=np.array(not topology.ground_disk),
+    )
+
+
+def _index(values):
+    return np.array(values, dtype=np.int32)
+
+
+def _first(ends):
+    return _index([a for a, _ in ends])
+
+
+def _second(ends):
+    return _index([b for _, b in ends])
+
+
+def _scatter(xp, size, index, values):
+    if xp is np:
+        out = np.zeros(size)
+        np.add.at(out, _index(index), values)
+        return out
+    return xp.zeros(size).at[_index(index)].add(values)
+
+
+def rigid_shape(train, radius):
+    """``(S,)`` displacements of the motion in which no link deflects: speed ratio x R of each disk's rotor."""
+    ratios = speed_ratios(train)
+    return ratios[_index(train.topology.rotor)] * radius
+
+
+def to_angles(system, displacement):
+    """Angles phi = x / R in rad of displacements ``(S, ...)`` in m."""
+    return displacement / system.radius.reshape((-1,) + (1,) * (displacement.ndim - 1))
+
+
+def seed_numbering(parent):
+    """Fridman's chain of a tree: positions, with a fictitious node wherever the chain jumps over a branch.
+
+    Parameters
+    ----------
+    parent : sequence of int
+        Parent of every node, larger than the node itself; ``S`` (or 0 in 1-based sources) stands for the ground.
+
+    Returns
+    -------
+    nodes : list of int
+        The node at each place of the chain; -1 at a fictitious place.
+    image : dict
+        Fictitious place -> node whose displacement it shares (its force is handed on to that node, and the link
+        to the next place has zero stiffness).
+
+    Examples
+    --------
+    >>> seed_numbering([1, 4, 3, 4, 5, 6])
+    ([0, 1, -1, 2, 3, 4, 5], {2: 4})
+    """
+    nodes, image = [], {}
+    for node, above in enumerate(parent):
+        nodes.append(node)
+        if node + 1 < len(parent) and above != node + 1:
+            image[len(nodes)] = above
+            nodes.append(-1)
+    return nodes, image
+
+
+def parents_from_seed(places, image):
+    """Parents of the physical nodes of a chain in the seed's numbering.
+
+    Parameters
+    ----------
+    places : int
+        Number of places 1 .. ``places`` of the chain, fictitious ones included; the last is grounded.
+    image : dict
+        Fictitious place -> the place that it stands for (1-based, as the sources write it).
+
+    Returns
+    -------
+    node : int array ``(S,)``
+        Place (1-based) of every physical node, in order of elimination.
+    parent : int array ``(S,)``
+        Position of the parent; S at the root.
+
+    Examples
+    --------
+    >>> node, parent = parents_from_seed(7, {3: 6})
+    >>> node.tolist(), parent.tolist()
+    ([1, 2, 4, 5, 6, 7], [1, 4, 3, 4, 5, 6])
+    """
+    physical = [place for place in range(1, places + 1) if place not in image]
+    position = {place: s for s, place in enumerate(physical)}
+    position[places + 1] = len(physical)
+    above = [image.get(place + 1, place + 1) for place in physical]
+    return np.array(physical), np.array([position[place] for place in above], dtype=np.int32)

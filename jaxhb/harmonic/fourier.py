@@ -1,0 +1,85 @@
+"""The layout of Fourier coefficients, synthesis and analysis.
+
+A real periodic signal of period ``2 pi / Omega`` is
+
+    x(t) = sum_{n=-N}^{N} x^n exp(i n Omega t),      x^{-n} = conj(x^n).
+
+Two forms are in use, and only this module knows them:
+
+* *coefficients*: complex, shape ``(..., N+1)``, the entries ``x^0 .. x^N``;
+* *packed*: real, shape ``(..., 2N+1)``, ``[x^0, sqrt(2) Re x^n .., -sqrt(2) Im x^n ..]``: the coordinates in the
+  orthonormal basis ``1, sqrt(2) cos n Omega t, sqrt(2) sin n Omega t``. The Euclidean norm of a packed vector is
+  the root mean square of its signal. Unknowns of Newton's method are packed, because the backlash law is not
+  holomorphic in the complex coefficients.
+"""
+
+import jax.numpy as jnp
+
+SQRT2 = 2.0**0.5
+
+
+def pack(coefficients):
+    """Complex coefficients ``(..., N+1)`` to real packed coordinates ``(..., 2N+1)``.
+
+    >>> pack(jnp.array([1.0, 0.5 - 0.5j])).round(4).tolist()
+    [1.0, 0.7071, 0.7071]
+    """
+    tail = coefficients[..., 1:]
+    mean = coefficients[..., :1].real
+    return jnp.concatenate([mean, SQRT2 * tail.real, -SQRT2 * tail.imag], axis=-1)
+
+
+def unpack(packed):
+    """Real packed coordinates ``(..., 2N+1)`` to complex coefficients ``(..., N+1)``."""
+    harmonics = (packed.shape[-1] - 1) // 2
+    cosine, sine = packed[..., 1 : harmonics + 1], packed[..., harmonics + 1 :]
+    mean = packed[..., :1]
+    return jnp.concatenate([mean + 0j, (cosine - 1j * sine) / SQRT2], axis=-1)
+
+
+def synthesize(coefficients, samples):
+    """Values at ``samples`` equidistant instants of one cycle, from complex coefficients.
+
+    Harmonics above ``samples / 2`` must be absent; ``samples >= 2N+1`` represents the signal exactly.
+
+    Parameters
+    ----------
+    coefficients : complex array ``(..., N+1)``
+    samples : int
+        Number of instants ``t_j = 2 pi j / (Omega samples)``.
+
+    Returns
+    -------
+    real array ``(..., samples)``
+    """
+    return jnp.fft.irfft(coefficients, n=samples, axis=-1, norm="forward")
+
+
+def analyze(values, harmonics):
+    """Complex coefficients ``(..., harmonics+1)`` of sampled values ``(..., samples)``."""
+    return jnp.fft.rfft(values, axis=-1, norm="forward")[..., : harmonics + 1]
+
+
+def derivative(coefficients, frequency):
+    """Coefficients of dx/dt: ``i n Omega x^n``, with ``frequency`` = Omega in rad/s."""
+    return 1j * frequency * jnp.arange(coefficients.shape[-1]) * coefficients
+
+
+def resize(coefficients, harmonics):
+    """The same signal with another number of harmonics: truncated, or padded with zeros."""
+    present = coefficients.shape[-1] - 1
+    if harmonics <= present:
+        return coefficients[..., : harmonics + 1]
+    width = [(0, 0)] * (coefficients.ndim - 1) + [(0, harmonics - present)]
+    return jnp.pad(coefficients, width)
+
+
+def packed_diagonal(gain):
+    """Real packed matrix ``(..., 2N+1, 2N+1)`` of the harmonic-wise product with complex ``gain`` ``(..., N+1)``."""
+    harmonics = gain.shape[-1] - 1
+    size = 2 * harmonics + 1
+    index = jnp.arange(1, harmonics + 1)
+    matrix = jnp.zeros((*gain.shape[:-1], size, size)).at[..., 0, 0].set(gain[..., 0].real)
+    real, imag = gain[..., 1:].real, gain[..., 1:].imag
+    matrix = matrix.at[..., index, index].set(real).at[..., index + harmonics, index + harmonics].set(real)
+    return matrix.at[..., index, index + harmonics].set(imag).at[..., index + harmonics, index].set(-imag)

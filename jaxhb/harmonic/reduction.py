@@ -1,0 +1,167 @@
+"""The linear train folded onto the meshes that can leave contact: receptances and the reduced equation.
+
+With every mesh taken in contact (``Z(n) = -n^2 Omega^2 M + i n Omega B + K``, mesh damping included) the steady motion
+obeys, exactly equivalent to A(x) = 0 (method.md A4.4),
+
+    F(l) = l - l_lin + G phi(l, l') = 0,      l_lin(n) = D Z(n)^{-1} q(n),      G(n) = D Z(n)^{-1} D^T,
+
+where ``phi`` is the mesh force less its linear part, ``phi = f(l) - c l + r l' (engagement - 1)`` for damping in contact.
+``phi`` is constant while a mesh stays on one flank. The unknowns are the deflections of the active meshes alone; every
+other node is folded in by scalar sweeps, one for all harmonics.
+"""
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+
+from . import backlash, fourier
+from .block_sweep import scalar_sweep
+
+
+def frequencies(frequency, harmonics):
+    """``(N+1,)`` rad/s: n Omega."""
+    return frequency * jnp.arange(harmonics + 1)
+
+
+def link_stiffness(system, omega):
+    """Complex stiffness ``(L, N+1)`` of every link: k (1 + i eta) + i omega r, without loss factor at the mean."""
+    elastic = system.stiffness[:, None] * (1 + 1j * system.loss[:, None] * (omega > 0))
+    return elastic + 1j * omega * system.viscous[:, None]
+
+
+def node_stiffness(system, omega):
+    """Dynamic stiffness ``(S, N+1)`` of every disk: -omega^2 m + i omega b + ground.
+
+    A floating train is held at its root for the mean; without mean imbalance nothing flows through that support.
+    """
+    Z = -(omega**2) * system.mass[:, None] + 1j * omega * system.damping[:, None] + system.ground[:, None]
+    root = system.tree.node[-1]
+    return Z.at[root, 0].add(jnp.where(system.floating, 1.0, 0.0))
+
+
+def solve_linear(system, omega, load):
+    """Displacements and link forces of the linear train for given loads.
+
+    Parameters
+    ----------
+    system : System
+    omega : array ``(H,)`` rad/s
+    load : complex array ``(S, H, R)`` N, in disk order
+
+    Returns
+    -------
+    displacement : complex array ``(S, H, R)`` m
+    force : complex array ``(L, H, R)`` N
+        Transmitted force of every link (elastic, viscous and loss-factor part), positive for ``a x_a > b x_b``.
+    """
+    tree = system.tree
+    C = link_stiffness(system, omega)
+    node = node_stiffness(system, omega)[tree.node]
+    near = jnp.where(tree.from_a, system.arm_a[tree.link], system.arm_b[tree.link])
+    far = jnp.where(tree.from_a, system.arm_b[tree.link], system.arm_a[tree.link])
+    loops = len(tree.loops)
+    extended = load
+    if loops:
+        unit = incidence(system, tree.loops)
+        unit = jnp.broadcast_to(unit[:, None, :], (*load.shape[:2], loops))
+        extended = jnp.concatenate([load, unit.astype(load.dtype)], axis=-1)
+    displacement, force = scalar_sweep(tree.parent, near, far, C[tree.link], node, extended[tree.node])
+    displacement = jnp.zeros_like(displacement).at[tree.node].set(displacement)
+    signed = jnp.where(tree.from_a, 1.0, -1.0)[:, None, None] * force
+    link_force = jnp.zeros((C.shape[0], *force.shape[1:]), force.dtype).at[tree.link[:-1]].set(signed[:-1])
+    if not loops:
+        return displacement, link_force
+    return _close_loops(system, C, displacement, link_force, loops)
+
+
+def _close_loops(system, C, displacement, link_force, loops):
+    """Add the forces of the links outside the tree: (I + C G) f = C D x_tree at every harmonic."""
+    given, unit = displacement[..., :-loops], displacement[..., -loops:]
+    gap = system.deflections(given, system.tree.loops)
+    receptance = system.deflections(unit, system.tree.loops)
+    C_loop = C[system.tree.loops].T[:, :, None]
+    matrix = jnp.eye(loops) + C_loop * receptance.transpose(1, 0, 2)
+    closing = jnp.linalg.solve(matrix, C_loop * gap.transpose(1, 0, 2))
+    displacement = given - jnp.einsum("shl,hlr->shr", unit, closing)
+    force = link_force[..., :-loops] - jnp.einsum("khl,hlr->khr", link_force[..., -loops:], closing)
+    return displacement, force.at[system.tree.loops].set(closing.transpose(1, 0, 2))
+
+
+def incidence(system, links):
+    """Columns of D^T for the given links: ``(S, n)``, a at the first end and -b at the second."""
+    columns = jnp.arange(len(links))
+    shape = (system.mass.shape[0], len(links))
+    rows = jnp.zeros(shape).at[system.tree.end_a[links], columns].add(system.arm_a[links])
+    return rows.at[system.tree.end_b[links], columns].add(-system.arm_b[links])
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Reduced:
+    """The reduced equation of G active meshes (padded with meshes that do nothing).
+
+    linear : complex ``(G, N+1)`` m, deflections with all meshes in contact; receptance : complex ``(N+1, G, G)`` m/N;
+    frequency : rad/s; law, viscous N s/m, contact_damping : ``(G,)``.
+    """
+
+    linear: jax.Array
+    receptance: jax.Array
+    frequency: jax.Array
+    law: backlash.Law
+    viscous: jax.Array
+    contact_damping: jax.Array
+
+    def excess(self, deflection, rate):
+        """phi and its slopes in l and l' at samples ``(G, samples)``: what the linear mesh does not contain."""
+        law = self.law.expand()
+        viscous, gated = self.viscous[:, None], self.contact_damping[:, None]
+        total = backlash.mesh_force(law, viscous, gated, deflection, rate)
+        slope, rate_slope = backlash.mesh_slopes(law, viscous, gated, deflection, rate)
+        linear = law.stiffness * deflection + viscous * rate
+        return total - linear, slope - law.stiffness, rate_slope - viscous
+
+    def sampled(self, deflection, samples):
+        """Values of l and l' at ``samples`` instants, from coefficients ``(G, N+1)``."""
+        rate = fourier.derivative(deflection, self.frequency)
+        return fourier.synthesize(deflection, samples), fourier.synthesize(rate, samples)
+
+    def respond(self, excess):
+        """Deflections caused by coefficients ``(G, N+1)`` of excess force: G phi."""
+        return jnp.einsum("ngh,hn->gn", self.receptance, excess)
+
+    def residual(self, deflection, samples):
+        """F(l) as coefficients ``(G, N+1)``, phi sampled at ``samples`` instants (method.md A6: 16 N)."""
+        excess, _, _ = self.excess(*self.sampled(deflection, samples))
+        return deflection - self.linear + self.respond(fourier.analyze(excess, deflection.shape[-1] - 1))
+
+
+def reduce(system, frequency, load, active, active_index, law, viscous, contact_damping):
+    """Fold the linear train onto the active meshes.
+
+    Parameters
+    ----------
+    system : System
+    frequency : float, Omega in rad/s
+    load : complex array ``(S, N+1)`` N, forces of the excitation and of meshes held on one flank
+    active : array ``(G,)``, 1 for an active mesh and 0 for padding
+    active_index : int array ``(G,)``, link of each active mesh
+    law, viscous, contact_damping : ``(G,)`` entries of the active meshes
+
+    Returns
+    -------
+    Reduced
+    """
+    omega = frequencies(frequency, load.shape[-1] - 1)
+    columns = incidence(system, active_index) * active
+    unit = jnp.broadcast_to(columns[:, None, :], (*load.shape, columns.shape[1])).astype(load.dtype)
+    displacement, _ = solve_linear(system, omega, jnp.concatenate([load[..., None], unit], axis=-1))
+    deflection = system.deflections(displacement, active_index) * active[:, None, None]
+    return Reduced(
+        linear=deflection[..., 0],
+        receptance=deflection[..., 1:].transpose(1, 0, 2),
+        frequency=frequency,
+        law=law,
+        viscous=viscous,
+        contact_damping=contact_damping,
+    )

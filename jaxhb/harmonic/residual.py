@@ -1,0 +1,109 @@
+"""The residual A(x) of the whole train in the Fourier domain, and its Jacobian in packed coordinates.
+
+    A(x) = Z x + D^T (mesh forces of the backlash meshes) - q,      Z = -n^2 Omega^2 M + i n Omega B + K + link damping,
+
+the Galerkin equations of Fridman 2009 (with the opposite sign), ``x`` the displacements of all disks, real packed
+coordinates ``(S, 2N+1)``. One pure function of arrays; :func:`jaxhb.harmonic.reduction.Reduced.residual` is the same
+equation folded onto the meshes.
+"""
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+
+from . import backlash, fourier, toeplitz
+from .reduction import frequencies, incidence, link_stiffness
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Nonlinear:
+    """The backlash meshes of a train: link indices ``(G,)``, law, damping and damping law."""
+
+    link: jax.Array
+    law: backlash.Law
+    viscous: jax.Array
+    contact_damping: jax.Array
+
+
+def residual(packed, system, meshes, frequency, load, samples):
+    """A(x) in packed coordinates.
+
+    Parameters
+    ----------
+    packed : array ``(S, 2N+1)`` m
+    system : System
+    meshes : Nonlinear
+    frequency : float, Omega in rad/s
+    load : complex array ``(S, N+1)`` N
+    samples : int
+        Instants per cycle at which the law is evaluated; at least 2N+1, 16 N by default elsewhere.
+
+    Returns
+    -------
+    array ``(S, 2N+1)`` N
+    """
+    x = fourier.unpack(packed)
+    harmonics = x.shape[-1] - 1
+    tree = system.tree
+    omega = frequencies(frequency, harmonics)
+    node = -(omega**2) * system.mass[:, None] + 1j * omega * system.damping[:, None] + system.ground[:, None]
+    links = jnp.arange(system.stiffness.shape[0])
+    deflection = system.deflections(x, links)
+    force = link_stiffness(system, omega) * deflection
+    mesh = deflection[meshes.link]
+    rate = fourier.derivative(mesh, frequency)
+    values = backlash.mesh_force(
+        meshes.law.expand(),
+        meshes.viscous[:, None],
+        meshes.contact_damping[:, None],
+        fourier.synthesize(mesh, samples),
+        fourier.synthesize(rate, samples),
+    )
+    force = force.at[meshes.link].set(fourier.analyze(values, harmonics))
+    total = (node * x - load).at[tree.end_a].add(system.arm_a[:, None] * force)
+    return fourier.pack(total.at[tree.end_b].add(-system.arm_b[:, None] * force))
+
+
+def link_blocks(packed, system, meshes, frequency, samples):
+    """Tangent blocks ``(L, P, P)`` of all links at x: diagonal for linear links, Toeplitz for backlash meshes.
+
+    For a backlash mesh the block is ``T[df/dl] + T[df/dl'] d/dt``, with the slopes of the law written out by hand.
+    """
+    x = fourier.unpack(packed)
+    harmonics = x.shape[-1] - 1
+    omega = frequencies(frequency, harmonics)
+    blocks = fourier.packed_diagonal(link_stiffness(system, omega))
+    mesh = system.deflections(x, meshes.link)
+    rate = fourier.derivative(mesh, frequency)
+    slope, rate_slope = backlash.mesh_slopes(
+        meshes.law.expand(),
+        meshes.viscous[:, None],
+        meshes.contact_damping[:, None],
+        fourier.synthesize(mesh, samples),
+        fourier.synthesize(rate, samples),
+    )
+    stiffness = toeplitz.product_matrix(fourier.analyze(slope, 2 * harmonics))
+    damping = toeplitz.product_matrix(fourier.analyze(rate_slope, 2 * harmonics))
+    return blocks.at[meshes.link].set(stiffness + damping @ fourier.packed_diagonal(1j * omega))
+
+
+def node_blocks(system, frequency, harmonics):
+    """Diagonal blocks ``(S, P, P)`` of the disks: inertia, damping to ground and ground."""
+    omega = frequencies(frequency, harmonics)
+    node = -(omega**2) * system.mass[:, None] + 1j * omega * system.damping[:, None] + system.ground[:, None]
+    return fourier.packed_diagonal(node + 0j)
+
+
+def jacobian(packed, system, meshes, frequency, samples):
+    """The dense Jacobian ``(S P, S P)`` of A(x), assembled from Toeplitz blocks; the oracle of autodiff."""
+    disks, width = packed.shape
+    links = jnp.arange(system.stiffness.shape[0])
+    columns = incidence(system, links)
+    blocks = link_blocks(packed, system, meshes, frequency, samples)
+    matrix = jnp.einsum("sl,tl,lij->sitj", columns, columns, blocks)
+    node = node_blocks(system, frequency, (width - 1) // 2)
+    disk = jnp.arange(disks)
+    matrix = matrix.transpose(0, 2, 1, 3).at[disk, disk].add(node).transpose(0, 2, 1, 3)
+    return matrix.reshape(disks * width, disks * width)

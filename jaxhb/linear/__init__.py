@@ -1,0 +1,1 @@
+"""Modal analysis and the response as the engineer reads it."""

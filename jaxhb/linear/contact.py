@@ -1,0 +1,92 @@
+"""What the teeth of a mesh do over one cycle: separation, reverse contact, impacts. Host arithmetic on one mesh."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Contact of one mesh over one cycle.
+
+    Parameters
+    ----------
+    separated_fraction : float
+        Share of the cycle with |l| < (1 - transition) h / 2.
+    reverse_contact_fraction : float
+        Share of the cycle in contact on the flank that does not drive.
+    impacts : list of dict
+        Entries from separation to contact: ``theta`` as a share of the cycle, ``speed`` in m/s, ``side`` +1 or -1.
+    drive_side : int
+        Sign of the mesh's mean force.
+    gap_spring_force, knee_force : float
+        N: the largest force in the gap; the force above which the tooth is stiff.
+    pulling_force : float
+        N: largest force that pulls the teeth together in the gap, which only damping law "always" can give.
+    """
+
+    separated_fraction: float
+    reverse_contact_fraction: float
+    impacts: list
+    drive_side: int
+    gap_spring_force: float
+    knee_force: float
+    pulling_force: float
+
+
+def contact_of(law, deflection, force, elastic, frequency, resolution):
+    """:class:`Contact` from the coefficients of a mesh's deflection and force; ``law`` None: a linear mesh."""
+    if deflection.ndim > 1:
+        raise ValueError("contact is read speed by speed: take one response of the sweep, sweep[i].mesh(...)")
+    drive = int(np.sign(force[0].real))
+    if law is None:
+        return Contact(0.0, 0.0, [], drive, 0.0, 0.0, 0.0)
+    samples = max(resolution, 4096)
+    l = np.fft.irfft(deflection, n=samples, norm="forward")
+    steps = np.arange(deflection.shape[-1])
+    speed = np.fft.irfft(1j * frequency * steps * deflection, n=samples, norm="forward")
+    gap = (1 - float(law.transition)) * float(law.backlash) / 2
+    knee = (1 + float(law.transition)) * float(law.backlash) / 2
+    damping = np.fft.irfft(force - elastic, n=max(samples, 2 * force.shape[-1]), norm="forward")
+    damping = damping[:: len(damping) // samples] if len(damping) > samples else damping
+    inside = np.abs(l) < gap
+    pulling = float(np.max(np.where(inside[: len(damping)], np.abs(damping[: len(inside)]), 0.0), initial=0.0))
+    side = drive if drive else 1
+    return Contact(
+        separated_fraction=_fraction_below(l, gap) - _fraction_below(l, -gap),
+        reverse_contact_fraction=_fraction_below(side * l, -gap),
+        impacts=_impacts(l, speed, gap),
+        drive_side=drive,
+        gap_spring_force=float(law.epsilon * law.stiffness) * gap,
+        knee_force=float(_force(law, knee)),
+        pulling_force=pulling,
+    )
+
+
+def _force(law, deflection):
+    contact = float(law.transition) * float(law.backlash) / 2
+    stiffness, epsilon = float(law.stiffness), float(law.epsilon)
+    return epsilon * stiffness * deflection + stiffness * (1 - epsilon) * contact
+
+
+def _fraction_below(values, level):
+    """Share of the cycle with values < level, the crossings interpolated linearly."""
+    here, ahead = values - level, np.roll(values, -1) - level
+    both = (here < 0) & (ahead < 0)
+    crossing = (here < 0) != (ahead < 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        below = np.where(here < 0, here / (here - ahead), ahead / (ahead - here))
+    return float((both + np.where(crossing, below, 0.0)).mean())
+
+
+def _impacts(l, speed, gap):
+    """Entries into contact: |l| rises through ``gap``."""
+    distance, ahead = np.abs(l), np.abs(np.roll(l, -1))
+    entries = np.flatnonzero((distance < gap) & (ahead >= gap))
+    found = []
+    for i in entries:
+        share = (gap - distance[i]) / (ahead[i] - distance[i])
+        after = (i + 1) % len(l)
+        approach = abs((1 - share) * speed[i] + share * speed[after])
+        found.append({"cycle": float((i + share) / len(l)), "speed": float(approach), "side": int(np.sign(l[after]))})
+    return found

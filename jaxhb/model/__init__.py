@@ -1,0 +1,1 @@
+"""What the engineer describes: elements, drive trains, engines, scene files."""

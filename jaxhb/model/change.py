@@ -1,0 +1,165 @@
+"""Reading and changing single numbers of a train by ``"NAME.FIELD"``, on the host or under tracing."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxhb.model import checks
+from jaxhb.model.elements import TABLES, SceneError
+from jaxhb.model.graph import RATIO_TOLERANCE
+from jaxhb.model.topology import suggestion
+
+_TABLE_OF = {table: f"{table}s" for table in TABLES} | {"mesh": "meshes"}
+_LISTS = {("torque", "harmonics"): "torque_harmonics", ("cylinder", "gas_torque"): "cylinder_harmonics"}
+
+
+def _locate(train, key: str):
+    """Find table, field and index of ``"NAME.FIELD"``."""
+    topology = train.topology
+    where = topology.name or "scene"
+    name, dot, field = key.rpartition(".")
+    if not dot:
+        raise SceneError(f"{where}: {key!r} names no field. Write 'NAME.FIELD', as 'hub.inertia'.")
+    if name not in topology.elements:
+        raise SceneError(
+            f"{where}: there is no element {name!r} in {key!r}.{suggestion(name, topology.elements)}"
+        )
+    table, index = topology.elements[name]
+    fields = [f.name for f in dataclasses.fields(getattr(train, _TABLE_OF[table]))]
+    if field not in fields:
+        raise SceneError(
+            f"{where}, [[{table}]] {name!r}: there is no field {field!r}.{suggestion(field, fields)}"
+        )
+    return table, field, index
+
+
+def _row(train, table, field, index):
+    """The part of a row that the scene gave (harmonics are padded by zeros)."""
+    row = getattr(getattr(train, _TABLE_OF[table]), field)[index]
+    if (table, field) in _LISTS:
+        return row[: len(getattr(train.topology, _LISTS[table, field])[index])]
+    return row
+
+
+def read(train, key: str):
+    """Read one number; see :meth:`DriveTrain.value`."""
+    row = _row(train, *_locate(train, key))
+    return float(row) if isinstance(row, np.floating) else row
+
+
+def replace(train, values):
+    """Change numbers; see :meth:`DriveTrain.replace`."""
+    errors, changes = [], {}
+    for key, value in values.items():
+        try:
+            table, field, index = _locate(train, key)
+        except SceneError as error:
+            errors += error.sentences
+            continue
+        errors += _value_errors(train, key, table, field, index, value)
+        changes.setdefault((table, field), {})[index] = value
+    if errors:
+        raise SceneError(errors)
+    tables = {}
+    for (table, field), new in changes.items():
+        attribute = _TABLE_OF[table]
+        old = tables.get(attribute, getattr(train, attribute))
+        vector = _set(getattr(old, field), new)
+        tables[attribute] = dataclasses.replace(old, **{field: vector})
+    changed = dataclasses.replace(train, **tables)
+    if ("disk", "radius") in changes:
+        _check_ratios(train, changed)
+    return changed
+
+
+def _set(vector, new):
+    """Put values at their indices: on the host by a copy, under tracing in one scatter."""
+    indices = np.array(list(new))
+    plain = isinstance(vector, np.ndarray) and not any(isinstance(v, jax.core.Tracer) for v in new.values())
+    if plain:
+        vector = vector.copy()
+        for index, value in new.items():
+            value = np.asarray(value, dtype=np.float64)
+            vector[(index, *(slice(n) for n in value.shape))] = value
+        return vector
+    vector = jnp.asarray(vector)
+    if vector.ndim == 1:
+        return vector.at[indices].set(jnp.stack([jnp.asarray(v, dtype=jnp.float64) for v in new.values()]))
+    for index, value in new.items():
+        value = jnp.asarray(value, dtype=jnp.float64)
+        vector = vector.at[(index, *(slice(n) for n in value.shape))].set(value)
+    return vector
+
+
+def _value_errors(train, key, table, field, index, value) -> list[str]:
+    """Check shape and, where it is concrete, range of a new value."""
+    where = f"{train.topology.name or 'scene'}, replace {key!r}"
+    wanted = np.shape(_row(train, table, field, index))
+    try:
+        found = np.shape(value)
+    except ValueError:
+        found = None
+    if found != wanted:
+        return [f"{where}: the value has shape {found}, must have {wanted}. Map over a batch with jax.vmap."]
+    if isinstance(value, jax.core.Tracer):
+        return []
+    number = np.asarray(value)
+    if number.dtype.kind not in "fiu" or not np.all(np.isfinite(number)):
+        return [f"{where}: the value is {value!r}, must be finite and real."]
+    declared = {f.name: f for f in dataclasses.fields(TABLES[table])}.get(field)
+    if declared is None or wanted or declared.metadata["kind"] != "number":
+        return []
+    if declared.default is None and number == 0.0 and _is_absent(train, table, field, index):
+        return []
+    errors = [f"{where}: {text}" for text in checks.value_errors(declared, float(number))]
+    if table == "mesh" and field == "backlash" and not train.topology.mesh_backlash[index]:
+        errors.append(
+            f"{where}: the mesh has no backlash, it is always in contact. Build the scene with a backlash."
+        )
+    return errors
+
+
+def _is_absent(train, table, field, index) -> bool:
+    """Tell whether the scene gave no such number (it stands as 0)."""
+    row = _row(train, table, field, index)
+    return not isinstance(row, jax.core.Tracer) and bool(row == 0.0)
+
+
+def _check_ratios(before, after):
+    """Refuse concrete radii that lock a loop or change the speed of a rotor with orders of its own."""
+    topology, radius = after.topology, after.disks.radius
+    if isinstance(radius, jax.core.Tracer):
+        return
+    old, new = (_host_ratios(topology, np.asarray(train.disks.radius)) for train in (before, after))
+    errors, where = [], topology.name or "scene"
+    own = list(zip(topology.cylinder_names, topology.cylinder_disk, strict=True))
+    given = zip(topology.torque_names, topology.torque_disk, topology.torque_own, strict=True)
+    for name, disk in own + [(name, disk) for name, disk, is_own in given if is_own]:
+        rotor = topology.rotor[disk]
+        if abs(new[rotor] / old[rotor] - 1.0) > RATIO_TOLERANCE:
+            errors.append(
+                f"{where}: the new radii change the speed of {name!r} from {old[rotor]:.6g} to"
+                f" {new[rotor]:.6g} times"
+                " the reference, so that its orders fit the cycle no more. Build the scene anew with these"
+                " radii."
+            )
+    radius = np.asarray(radius)
+    for name, (a, b) in zip(topology.mesh_names, topology.mesh_ends, strict=True):
+        slip = new[topology.rotor[a]] * radius[a] / (new[topology.rotor[b]] * radius[b])
+        if abs(slip - 1.0) > RATIO_TOLERANCE:
+            errors.append(
+                f"{where}: the new radii lock the closed loop through mesh {name!r}: its ratios multiply to"
+                f" {slip:.6g},"
+                " must be 1. Change all radii of the loop together."
+            )
+    if errors:
+        raise SceneError(errors)
+
+
+def _host_ratios(topology, radius):
+    """Speed ratios on the host."""
+    return np.array([np.prod([radius[a] / radius[b] for a, b in path]) for path in topology.rotor_path])

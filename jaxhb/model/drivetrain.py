@@ -1,0 +1,244 @@
+"""The drive train: arrays of numbers over a fixed topology, built from elements and checked once, on the
+host.
+
+Examples
+--------
+>>> from jaxhb.model.drivetrain import build
+>>> from jaxhb.model.elements import Disk, Shaft, Torque
+>>> parts = [Disk(name="a", inertia=1.0), Disk(name="b", inertia=2.0)]
+>>> parts += [Shaft(between=("a", "b"), stiffness=1e4)]
+>>> train = build([*parts, Torque(disk="a", harmonics=[(1.0, 5.0, 0.0)])], revolutions_per_cycle=1)
+>>> train.value("a|b.stiffness")
+10000.0
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from dataclasses import dataclass, field
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxhb.model import assembly, change
+from jaxhb.model.elements import SceneError
+from jaxhb.model.tables import Cylinders, Dampers, Disks, Grounds, Loads, Meshes, Shafts, Torques
+from jaxhb.model.topology import Topology
+
+__all__ = ["DriveTrain", "SceneError", "Topology", "build", "inertias", "speed_ratios"]
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DriveTrain:
+    """A drive train: a pytree of float64 vectors (one for each field of each kind of element) and static
+    topology.
+
+    The fields are described in :mod:`jaxhb.model.tables`, the topology in :mod:`jaxhb.model.topology`. Make
+    one with :func:`build` or :func:`jaxhb.model.scene.load_scene`; change it with :meth:`replace`.
+    """
+
+    topology: Topology = field(metadata={"static": True})
+    disks: Disks
+    shafts: Shafts
+    meshes: Meshes
+    dampers: Dampers
+    grounds: Grounds
+    loads: Loads
+    torques: Torques
+    cylinders: Cylinders
+
+    @property
+    def tune(self) -> dict[str, Any]:
+        """The ``[tune]`` table of the scene, untouched."""
+        return json.loads(self.topology.tune)
+
+    def value(self, key: str):
+        """Read one number of the train.
+
+        Parameters
+        ----------
+        key : str
+            ``"NAME.FIELD"``, split at the last dot; a damper's ring has the damper's fields.
+
+        Returns
+        -------
+        float, numpy array or traced array
+            In the unit of the scene format; ``harmonics`` and ``gas_torque`` are [n, 2] (Re, Im).
+
+        Raises
+        ------
+        SceneError
+            If no element has the name, or its kind no such field.
+
+        Examples
+        --------
+        >>> from jaxhb.model.scene import load_scene
+        >>> load_scene("gear_train_30").value("crank damper.damping")
+        220.0
+        """
+        return change.read(self, key)
+
+    def replace(self, values: dict[str, Any]) -> DriveTrain:
+        """Return the train with some numbers changed; the topology stays, so that nothing is compiled anew.
+
+        Parameters
+        ----------
+        values : dict
+            ``{"NAME.FIELD": value}``; values may be traced. Unit and range as in the scene format; the range
+            is checked where the value is concrete.
+
+        Returns
+        -------
+        DriveTrain
+
+        Raises
+        ------
+        SceneError
+            All unknown names and fields, wrong shapes and values out of range, one sentence each.
+
+        Examples
+        --------
+        >>> from jaxhb.model.scene import load_scene
+        >>> load_scene("gear_train_30").replace({"crank damper.damping": 300.0}).value("crank damper.damping")
+        300.0
+        """
+        return change.replace(self, values)
+
+    def with_viscous_damping(self, *, hz) -> DriveTrain:
+        """Return the train with every loss factor turned into viscous damping: r += eta k / omega, omega = 2
+        pi hz.
+
+        Parameters
+        ----------
+        hz : float, scalar array
+            Frequency at which both dissipate the same, Hz.
+
+        Returns
+        -------
+        DriveTrain
+            Its loss factors are 0.
+
+        Raises
+        ------
+        SceneError
+            If ``hz`` is not greater than 0.
+
+        Examples
+        --------
+        >>> from jaxhb.model.scene import load_scene
+        >>> train = load_scene("six_cylinder_diesel").with_viscous_damping(hz=100.0)
+        >>> round(float(train.value("cyl6|flywheel.damping")), 2)
+        110.07
+        """
+        if not isinstance(hz, jax.core.Tracer) and not np.all(np.asarray(hz) > 0.0):
+            raise SceneError(
+                f"with_viscous_damping: hz is {hz}, must be greater than 0 Hz. Give the main frequency."
+            )
+        omega = 2.0 * np.pi * hz
+
+        def viscous(table):
+            damping = table.damping + table.loss_factor * table.stiffness / omega
+            return dataclasses.replace(table, damping=damping, loss_factor=0.0 * table.loss_factor)
+
+        return dataclasses.replace(self, shafts=viscous(self.shafts), dampers=viscous(self.dampers))
+
+
+def build(
+    elements, *, name="", reference=None, revolutions_per_cycle=2, tune=None, source="scene"
+) -> DriveTrain:
+    """Check elements and put them together to a drive train.
+
+    Parameters
+    ----------
+    elements : iterable
+        Elements of :mod:`jaxhb.model.elements`, in SI units; disks keep their order.
+    name : str
+        Name of the scene.
+    reference : str, optional
+        A disk of the rotor whose rpm is given; needed when there are several rotors.
+    revolutions_per_cycle : float
+        Period of the excitation in revolutions of the reference rotor.
+    tune : dict, optional
+        Passed on untouched.
+    source : str
+        Where the elements come from, for the sentences of errors.
+
+    Returns
+    -------
+    DriveTrain
+
+    Raises
+    ------
+    SceneError
+        Everything that is wrong with the scene, one sentence a line.
+
+    Examples
+    --------
+    See the head of this module.
+    """
+    return DriveTrain(
+        **assembly.assemble(
+            elements,
+            name=name,
+            reference=reference,
+            revolutions_per_cycle=revolutions_per_cycle,
+            tune=tune,
+            source=source,
+        )
+    )
+
+
+def speed_ratios(train: DriveTrain):
+    """Speed of each rotor over that of the reference rotor, from the pitch radii: r_a Omega_a = r_b Omega_b.
+
+    Parameters
+    ----------
+    train : DriveTrain
+
+    Returns
+    -------
+    array [n_rotors]
+        Positive (each rotor has its own sense); 1 for the reference rotor.
+
+    Examples
+    --------
+    >>> from jaxhb.model.drivetrain import speed_ratios
+    >>> from jaxhb.model.scene import load_scene
+    >>> train = load_scene("gear_train_30")
+    >>> float(speed_ratios(train)[train.topology.rotor[train.topology.disk_index("cam A1")]])
+    0.5
+    """
+    paths = train.topology.rotor_path
+    depth = max((len(p) for p in paths), default=0)
+    if depth == 0:
+        return jnp.ones(train.topology.n_rotors)
+    gear = paths[max(range(len(paths)), key=lambda k: len(paths[k]))][0][0]
+    steps = np.array([[*p, *([(gear, gear)] * (depth - len(p)))] for p in paths])
+    radius = jnp.asarray(train.disks.radius)
+    return jnp.prod(radius[steps[..., 0]] / radius[steps[..., 1]], axis=1)
+
+
+def inertias(train: DriveTrain):
+    """Inertia of every disk, the rings of the dampers last.
+
+    Parameters
+    ----------
+    train : DriveTrain
+
+    Returns
+    -------
+    array [n_disks]
+        kg m2.
+
+    Examples
+    --------
+    >>> from jaxhb.model.drivetrain import inertias
+    >>> from jaxhb.model.scene import load_scene
+    >>> inertias(load_scene("gear_train_30")).shape
+    (27,)
+    """
+    return jnp.concatenate([jnp.asarray(train.disks.inertia), jnp.asarray(train.dampers.inertia)])

@@ -1,0 +1,324 @@
+"""Excitation: the torque of cylinders, given torques and loads as harmonics of the cycle. Pure functions on
+arrays.
+
+A cylinder's gas torque is T = (scale(rpm) p - p_ambient) A x'(a), its inertia torque at constant speed w of
+its own rotor T = -m x'(a) x''(a) w^2, with the travel x from top dead centre
+(:func:`~jaxhb.model.crank.slider_crank`). The scale over rpm multiplies gas torques and given torques, never
+inertia torques. Coefficients are those of T(t) = sum_{n=-N..N} T^n exp(i n Omega t); an amplitude A in Re(A
+exp(i n Omega t)) gives T^n = A/2. The number of operations does not grow with the number of elements.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxhb.model.crank import short_series_acceleration, slider_crank
+from jaxhb.model.drivetrain import DriveTrain, speed_ratios
+
+__all__ = [
+    "excitation",
+    "gas_torque_harmonics",
+    "highest_harmonic",
+    "inertia_torque_harmonics",
+    "load_power_kW",
+]
+__all__ += ["slider_crank"]
+
+CRANK_SAMPLES = 512
+INERTIA_ORDERS_THAT_COUNT = 6
+NEGLIGIBLE_GAS = 1e-6
+
+
+def gas_torque_harmonics(pressure, bore, stroke, rod, *, revolutions):
+    """Harmonics of p A x'(a) over the gas cycle, of a pressure on a uniform grid from firing top dead centre
+    on.
+
+    Parameters
+    ----------
+    pressure : array [..., M]
+        Pressure on the piston, Pa, at M equal steps of the gas cycle.
+    bore, stroke, rod : array [...]
+        m.
+    revolutions : array [...]
+        Revolutions of the crank in a gas cycle: 2 (four-stroke) or 1.
+
+    Returns
+    -------
+    array [..., M//2 + 1], complex
+        N m; entry 0 the mean, entry k the coefficient of exp(i k a / revolutions), half the peak amplitude.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxhb.model.engine import gas_torque_harmonics
+    >>> abs(gas_torque_harmonics(np.ones(64) * 1e5, 0.1, 0.1, 0.2, revolutions=2)[0]) < 1e-9
+    Array(True, dtype=bool)
+    """
+    pressure = jnp.asarray(pressure, dtype=jnp.float64)
+    bore, stroke, rod, revolutions = (jnp.asarray(v)[..., None] for v in (bore, stroke, rod, revolutions))
+    samples = pressure.shape[-1]
+    angle = 2.0 * jnp.pi * revolutions * (jnp.arange(samples) / samples)
+    _, x1, _ = slider_crank(angle, stroke, rod)
+    return jnp.fft.rfft(pressure * (jnp.pi / 4.0) * bore**2 * x1) / samples
+
+
+def inertia_torque_harmonics(stroke, rod, *, short_series=False):
+    """Harmonics of -x'(a) x''(a), the inertia torque of a reciprocating mass of 1 kg at a crank speed of 1
+    rad/s.
+
+    Parameters
+    ----------
+    stroke, rod : array [...]
+        m.
+    short_series : bool or array [...]
+        Take x'' from :func:`~jaxhb.model.crank.short_series_acceleration`.
+
+    Returns
+    -------
+    array [..., 257], complex
+        N m; entry j the coefficient of exp(i j a), half the peak amplitude, a from top dead centre.
+
+    Notes
+    ----- The series in lambda = stroke/(2 rod) is Porter's (1943): -1/2 sin 2a - 3 lambda/4 sin 3a + ...
+    times m r^2 w^2.
+
+    Examples
+    --------
+    >>> from jaxhb.model.engine import inertia_torque_harmonics
+    >>> round(float(-2 * inertia_torque_harmonics(2.0, 5.0)[2].imag), 12)
+    -0.500052072485
+    """
+    stroke, rod, short = (jnp.asarray(v)[..., None] for v in (stroke, rod, short_series))
+    angle = 2.0 * jnp.pi * (jnp.arange(CRANK_SAMPLES) / CRANK_SAMPLES)
+    _, x1, x2 = slider_crank(angle, stroke, rod)
+    x2 = jnp.where(short, short_series_acceleration(angle, stroke, rod), x2)
+    return jnp.fft.rfft(-x1 * x2) / CRANK_SAMPLES
+
+
+def excitation(train: DriveTrain, rpm, harmonics: int):
+    """Torque on every disk as harmonics of the cycle, the loads that balance it, and what is left unbalanced.
+
+    The loads satisfy: sum over disks of speed ratio x mean torque = 0, each taking its share. The angle 0 of
+    the reference rotor is firing top dead centre of a cylinder with ``firing_angle`` 0; an event later by
+    alpha of its own rotor multiplies by exp(-i order alpha).
+
+    Parameters
+    ----------
+    train : DriveTrain
+    rpm : float, scalar array
+        Speed of the reference rotor.
+    harmonics : int
+        N (static); harmonics above N are dropped, see :func:`highest_harmonic`.
+
+    Returns
+    -------
+    torque : array [n_disks, N + 1], complex
+        N m, T^n for n = 0..N; rings of dampers last; the loads are included.
+    load_torque : array [n_loads]
+        N m, mean torque of each load on its disk (negative where it takes power).
+    imbalance : scalar array
+        N m, sum over disks of speed ratio x mean torque, loads included: 0 when there is a load.
+
+    Examples
+    --------
+    >>> from jaxhb.model.engine import excitation
+    >>> from jaxhb.model.scene import load_scene
+    >>> torque, load, left = excitation(load_scene("gear_train_30"), 1800.0, 24)
+    >>> torque.shape, load.shape
+    ((27, 25), (1,))
+    """
+    return _excitation(train, jnp.asarray(rpm, dtype=jnp.float64), harmonics)
+
+
+@partial(jax.jit, static_argnames="harmonics")
+def _excitation(train, rpm, harmonics):
+    """The program of :func:`excitation`."""
+    topology = train.topology
+    ratio = speed_ratios(train)[np.array(topology.rotor, dtype=int)]
+    torque = jnp.zeros((topology.n_disks, harmonics + 1), dtype=jnp.complex128)
+    torque = _add_given(torque, train, rpm)
+    if topology.cylinder_names:
+        torque = _add_gas(torque, train, rpm)
+        torque = _add_inertia(torque, train, rpm, ratio)
+    load_disk = np.array(topology.load_disk, dtype=int)
+    power = ratio @ torque[:, 0].real
+    if not topology.load_disk:
+        return torque, jnp.zeros(0), power
+    share = jnp.asarray(train.loads.share)
+    load_torque = -power * share / (share @ ratio[load_disk])
+    torque = torque.at[load_disk, 0].add(load_torque)
+    return torque, load_torque, ratio @ torque[:, 0].real
+
+
+def load_power_kW(train: DriveTrain, rpm, load_torque):  # noqa: N802
+    """Power that the loads take from the train.
+
+    P = - sum_j load_torque_j x ratio_j x 2 pi rpm / 60.
+
+    Parameters
+    ----------
+    train : DriveTrain
+    rpm : float, scalar array
+        Speed of the reference rotor.
+    load_torque : array [n_loads]
+        N m, from :func:`excitation`.
+
+    Returns
+    -------
+    scalar array
+        kW.
+
+    Examples
+    --------
+    >>> from jaxhb.model.engine import excitation, load_power_kW
+    >>> from jaxhb.model.scene import load_scene
+    >>> train = load_scene("gear_train_30")
+    >>> round(float(load_power_kW(train, 1800.0, excitation(train, 1800.0, 0)[1])), 1)
+    436.7
+    """
+    rotor = np.array(train.topology.rotor, dtype=int)[np.array(train.topology.load_disk, dtype=int)]
+    return -(load_torque @ speed_ratios(train)[rotor]) * (2.0 * jnp.pi / 60.0 / 1000.0) * rpm
+
+
+def highest_harmonic(train: DriveTrain) -> int:
+    """Largest harmonic of the cycle that the excitation holds to an extent that counts. Host: concrete
+    values.
+
+    Counted are all harmonics given with an amplitude, inertia torques up to order 6 of their own rotor (the
+    next is 0.04 % of the largest), and of computed gas torques those above 1e-6 of the largest, always within
+    the cylinder's ``orders``.
+
+    Parameters
+    ----------
+    train : DriveTrain
+
+    Returns
+    -------
+    int
+        n >= 1; an analysis with fewer harmonics than this drops excitation.
+
+    Examples
+    --------
+    >>> from jaxhb.model.engine import highest_harmonic
+    >>> from jaxhb.model.scene import load_scene
+    >>> highest_harmonic(load_scene("gear_train_30"))
+    24
+    """
+    topology, found = train.topology, [1]
+    given = [(topology.torque_harmonics, train.torques.harmonics)]
+    given.append((topology.cylinder_harmonics, train.cylinders.gas_torque))
+    for numbers, values in given:
+        for row, value in zip(numbers, np.asarray(values), strict=True):
+            found += [n for n, pair in zip(row, value, strict=False) if np.any(pair != 0.0)]
+    mass = np.asarray(train.cylinders.reciprocating_mass)
+    for i, (orders, turn) in enumerate(zip(topology.cylinder_inertia, topology.cylinder_turn, strict=True)):
+        if orders and mass[i] > 0.0:
+            found.append(round(min(orders, INERTIA_ORDERS_THAT_COUNT) * turn))
+    with_gas = _pressure_cylinders(topology)
+    if with_gas:
+        for i, row in zip(with_gas, np.abs(_pressure_harmonics(train, with_gas)[0]), strict=True):
+            row = row[1 : topology.cylinder_gas[i] + 1]
+            counts = np.flatnonzero(row > NEGLIGIBLE_GAS * max(row.max(initial=0.0), 1e-300))
+            found += [(k + 1) * topology.cylinder_step[i] for k in counts]
+    return int(max(found))
+
+
+def _scale(table, rpm):
+    """Factor of each element at ``rpm``, linear between the given points and constant outside them."""
+    return jax.vmap(jnp.interp, in_axes=(None, 0, 0))(rpm, table.scale_rpm, table.scale_factor)
+
+
+def _entries(numbers, harmonics):
+    """Index arrays (element, column, n) of the given harmonics up to N."""
+    flat = [(i, k, n) for i, row in enumerate(numbers) for k, n in enumerate(row) if n <= harmonics]
+    return np.array(flat, dtype=int).reshape(-1, 3).T
+
+
+def _add_given(torque, train, rpm):
+    """Add the given torques, mean and harmonics."""
+    topology, table = train.topology, train.torques
+    if not topology.torque_names:
+        return torque
+    disk = np.array(topology.torque_disk, dtype=int)
+    scale = _scale(table, rpm)
+    torque = torque.at[disk, 0].add(scale * table.mean)
+    i, k, n = _entries(topology.torque_harmonics, torque.shape[1] - 1)
+    if not i.size:
+        return torque
+    pair = jnp.asarray(table.harmonics)[i, k]
+    return torque.at[disk[i], n].add(0.5 * scale[i] * jax.lax.complex(pair[:, 0], pair[:, 1]))
+
+
+def _phase(train, i, n):
+    """exp(-i order alpha) of cylinder i at harmonic n of the cycle; order in revolutions of its own rotor."""
+    order = n / np.array(train.topology.cylinder_turn)[i]
+    alpha = jnp.deg2rad(jnp.asarray(train.cylinders.firing_angle))[i]
+    return jnp.exp(-1j * order * alpha)
+
+
+def _pressure_cylinders(topology) -> tuple[int, ...]:
+    """Indices of the cylinders whose gas torque is computed."""
+    both = zip(topology.cylinder_source, topology.cylinder_fires, strict=True)
+    return tuple(i for i, (source, fires) in enumerate(both) if source == "pressure" and fires)
+
+
+def _pressure_harmonics(train, rows):
+    """Harmonics of the gas cycle of p A x' and of p_ambient A x', for the cylinders ``rows``."""
+    rows = np.array(rows, dtype=int)
+    table = train.cylinders
+    bore, stroke, rod = (jnp.asarray(v)[rows] for v in (table.bore, table.stroke, table.rod))
+    revolutions = np.array(train.topology.cylinder_gas_revolutions)[rows]
+    pressure = jnp.asarray(table.pressure)[rows]
+    ambient = jnp.broadcast_to(jnp.asarray(table.ambient_pressure)[rows][:, None], pressure.shape)
+    both = jnp.stack([pressure, ambient])
+    return gas_torque_harmonics(both, bore, stroke, rod, revolutions=revolutions)
+
+
+def _add_gas(torque, train, rpm):
+    """Add the gas torques, given and computed."""
+    topology, table = train.topology, train.cylinders
+    disk = np.array(topology.cylinder_disk, dtype=int)
+    scale = _scale(table, rpm)
+    fires = np.array(topology.cylinder_fires)
+    torque = torque.at[disk, 0].add(jnp.where(fires, scale * table.gas_torque_mean, 0.0))
+    lists = [row if f else () for row, f in zip(topology.cylinder_harmonics, fires, strict=True)]
+    i, k, n = _entries(lists, torque.shape[1] - 1)
+    if i.size:
+        pair = jnp.asarray(table.gas_torque)[i, k]
+        value = 0.5 * scale[i] * jax.lax.complex(pair[:, 0], pair[:, 1])
+        torque = torque.at[disk[i], n].add(value * _phase(train, i, n))
+    rows = _pressure_cylinders(topology)
+    if not rows:
+        return torque
+    gas, ambient = _pressure_harmonics(train, rows)
+    row_disk = disk[np.array(rows)]
+    row_scale = scale[np.array(rows)]
+    torque = torque.at[row_disk, 0].add(row_scale * gas[:, 0].real - ambient[:, 0].real)
+    lists = [
+        tuple(topology.cylinder_step[c] * k for k in range(1, topology.cylinder_gas[c] + 1)) for c in rows
+    ]
+    i, k, n = _entries(lists, torque.shape[1] - 1)
+    value = row_scale[i] * gas[i, k + 1] - ambient[i, k + 1]
+    return torque.at[row_disk[i], n].add(value * _phase(train, np.array(rows)[i], n))
+
+
+def _add_inertia(torque, train, rpm, ratio):
+    """Add the inertia torques of the reciprocating masses."""
+    topology, table = train.topology, train.cylinders
+    lists = [
+        tuple(round(j * turn) for j in range(1, orders + 1))
+        for orders, turn in zip(topology.cylinder_inertia, topology.cylinder_turn, strict=True)
+    ]
+    i, k, n = _entries(lists, torque.shape[1] - 1)
+    if not i.size:
+        return torque
+    disk = np.array(topology.cylinder_disk, dtype=int)
+    short = np.array(topology.cylinder_series)
+    speed = ratio[disk] * (2.0 * jnp.pi / 60.0) * rpm
+    unit = inertia_torque_harmonics(table.stroke, table.rod, short_series=short)
+    value = (table.reciprocating_mass * speed**2)[i] * unit[i, k + 1]
+    return torque.at[disk[i], n].add(value * _phase(train, i, n))

@@ -1,0 +1,213 @@
+"""Scene files: TOML and CSV to a drive train. Everything wrong with a file is raised at once, in sentences.
+
+Any list of rows (``harmonics``, ``gas_torque``, ``scale``, ``pressure``) may be the name of a CSV file beside
+the scene, one row a line: so that long tables need not be repeated. Lines that start with ``#`` are comments.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from importlib import resources
+from pathlib import Path
+
+from jaxhb.model.assembly import assemble
+from jaxhb.model.drivetrain import DriveTrain
+from jaxhb.model.elements import TABLES, SceneError
+from jaxhb.model.topology import suggestion
+
+_SCENE_KEYS = ("name", "description", "revolutions_per_cycle", "reference")
+_STANDS_FOR_A_TABLE = {"pressure": ((0.0, 0.0), (720.0, 0.0))}
+
+
+def scene_names() -> list[str]:
+    """List the packaged scenes.
+
+    Returns
+    -------
+    list of str
+
+    Examples
+    --------
+    >>> from jaxhb.model.scene import scene_names
+    >>> "gear_train_30" in scene_names()
+    True
+    """
+    return sorted(path.stem for path in _folder().iterdir() if path.suffix == ".toml")
+
+
+def scene_description(name) -> str:
+    """Read the description of a scene.
+
+    Parameters
+    ----------
+    name : str or path
+        Packaged scene, or a path to a ``.toml``.
+
+    Returns
+    -------
+    str
+        ``description`` of its ``[scene]``, empty if it has none.
+
+    Raises
+    ------
+    SceneError
+        If there is no such scene or it is no TOML.
+
+    Examples
+    --------
+    >>> from jaxhb.model.scene import scene_description
+    >>> scene_description("spur_pair").startswith("A pair of equal spur gears")
+    True
+    """
+    path = _find(name)
+    head = _parse(path).get("scene", {})
+    return str(head.get("description", "")) if isinstance(head, dict) else ""
+
+
+def load_scene(name) -> DriveTrain:
+    """Read a scene.
+
+    Parameters
+    ----------
+    name : str or path
+        Packaged scene (see :func:`scene_names`), or a path to a ``.toml`` in the scene format, SI units.
+
+    Returns
+    -------
+    DriveTrain
+
+    Raises
+    ------
+    SceneError
+        Everything that is wrong with the scene, one sentence a line.
+
+    Examples
+    --------
+    >>> from jaxhb.model.scene import load_scene
+    >>> load_scene("gear_train_30").topology.mesh_names[0]
+    'crank gear|idler'
+    """
+    path = _find(name)
+    content = _parse(path)
+    errors = []
+    head = content.get("scene", {})
+    if not isinstance(head, dict):
+        errors.append(f"{path.name}: 'scene' is {head!r}, must be a table. Write [scene].")
+        head = {}
+    for key in head:
+        if key not in _SCENE_KEYS:
+            errors.append(f"{path.name}, [scene]: unknown key {key!r}.{suggestion(key, _SCENE_KEYS)}")
+    elements = _read_elements(path, content, errors)
+    fields = assemble(
+        elements,
+        name=str(head.get("name", path.stem)),
+        reference=head.get("reference"),
+        revolutions_per_cycle=head.get("revolutions_per_cycle", 2),
+        tune=content.get("tune"),
+        source=path.name,
+        findings=errors,
+    )
+    return DriveTrain(**fields)
+
+
+def _folder():
+    """Folder of the packaged scenes."""
+    return Path(str(resources.files("jaxhb.model") / "scenes"))
+
+
+def _find(name) -> Path:
+    """Path of a packaged scene or of a file."""
+    text = str(name)
+    if isinstance(name, Path) or text.endswith(".toml") or "/" in text or "\\" in text:
+        path = Path(text).expanduser()
+        if not path.is_file():
+            raise SceneError(f"{text}: there is no such file. Give the path of a .toml, or a packaged scene.")
+        return path
+    if text not in scene_names():
+        raise SceneError(f"there is no packaged scene {text!r}.{suggestion(text, scene_names())}")
+    return _folder() / f"{text}.toml"
+
+
+def _parse(path: Path) -> dict:
+    """Read TOML; a syntax error becomes one sentence."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except tomllib.TOMLDecodeError as error:
+        raise SceneError(f"{path.name}: this is no valid TOML: {error}. Correct the line.") from None
+    except UnicodeDecodeError:
+        raise SceneError(f"{path.name}: the file is no UTF-8 text. Save it as UTF-8.") from None
+    except OSError as error:
+        raise SceneError(f"{path.name}: the file cannot be read: {error.strerror}.") from None
+
+
+def _read_elements(path: Path, content: dict, errors: list[str]) -> list:
+    """Make the elements of all tables; sentences on unknown tables and keys go to ``errors``."""
+    elements, read = [], {}
+    for table, rows in content.items():
+        if table in ("scene", "tune"):
+            continue
+        if table not in TABLES:
+            known = ["scene", *TABLES, "tune"]
+            errors.append(f"{path.name}: unknown table {table!r}.{suggestion(table, known)}")
+            continue
+        if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+            errors.append(f"{path.name}: {table!r} must be a list of tables. Write [[{table}]].")
+            continue
+        for i, row in enumerate(rows):
+            where = f"{path.name}, [[{table}]] no. {i + 1}"
+            if isinstance(row.get("name"), str):
+                where += f" {row['name']!r}"
+            elements.append(_read_element(TABLES[table], row, where, path.parent, read, errors))
+    return elements
+
+
+def _read_element(cls, row: dict, where: str, folder: Path, read: dict, errors: list[str]):
+    """Make one element; a key that is not there becomes None and is found by the checks."""
+    fields = {f.name: f for f in dataclasses.fields(cls)}
+    for key in row:
+        if key not in fields:
+            errors.append(f"{where}: unknown key {key!r}.{suggestion(key, fields)}")
+    values = {}
+    for key, f in fields.items():
+        if key in row:
+            values[key] = row[key]
+        elif f.default is dataclasses.MISSING:
+            values[key] = None
+        if f.metadata["kind"] == "rows" and isinstance(row.get(key), str):
+            try:
+                values[key] = _read_rows(folder / row[key], f.metadata["columns"], read)
+            except SceneError as error:
+                errors += [f"{where}: {key}: {text}" for text in error.sentences]
+                values[key] = _STANDS_FOR_A_TABLE.get(key, ())
+    return cls(**values)
+
+
+def _read_rows(path: Path, columns: tuple[str, ...], read: dict) -> tuple:
+    """Read a CSV file of numbers, once for all elements that name it."""
+    if path in read:
+        return read[path]
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except FileNotFoundError:
+        raise SceneError(f"there is no file {path.name!r} beside the scene. Correct the name.") from None
+    except (OSError, UnicodeDecodeError):
+        raise SceneError(f"the file {path.name!r} cannot be read. Save it as UTF-8 text.") from None
+    rows = []
+    for k, line in enumerate(lines):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        try:
+            row = tuple(float(word) for word in line.replace(";", ",").split(","))
+        except ValueError:
+            row = ()
+        if len(row) != len(columns):
+            raise SceneError(
+                f"{path.name}, line {k + 1} is {line.strip()!r}, must be {len(columns)} numbers"
+                f" {', '.join(columns)}, separated by commas. Correct it or put # before it."
+            )
+        rows.append(row)
+    if not rows:
+        raise SceneError(f"{path.name} holds no rows. Give {', '.join(columns)} on each line.")
+    read[path] = tuple(rows)
+    return read[path]

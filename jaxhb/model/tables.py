@@ -1,0 +1,199 @@
+"""The numbers of a drive train as arrays, each field one vector over its elements, made from elements."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+
+import jaxhb._x64  # noqa: F401
+
+Array = Any
+
+GAS_SAMPLES = 7200
+DEFAULT_EPSILON, DEFAULT_TRANSITION = 1e-3, 0.04
+FRIDMAN_EPSILON, FRIDMAN_TRANSITION = 0.03, 0.2
+
+
+def _table(cls):
+    return jax.tree_util.register_dataclass(dataclass(frozen=True, kw_only=True, eq=False)(cls))
+
+
+@_table
+class Disks:
+    """Inertia (kg m2), radius (m, 0 where absent), damping (N m s/rad), each [n_scene_disks]."""
+
+    inertia: Array
+    radius: Array
+    damping: Array
+
+
+@_table
+class Shafts:
+    """Stiffness (N m/rad), damping (N m s/rad) and loss factor, each [n_shafts]."""
+
+    stiffness: Array
+    damping: Array
+    loss_factor: Array
+
+
+@_table
+class Meshes:
+    """Stiffness (N/m), damping (N s/m), backlash (m, 0 where absent), epsilon, transition; each [n_mesh]"""
+
+    stiffness: Array
+    damping: Array
+    backlash: Array
+    epsilon: Array
+    transition: Array
+
+
+@_table
+class Dampers:
+    """Ring inertia (kg m2), damping (N m s/rad), stiffness (N m/rad), loss factor, each [n_dampers]."""
+
+    inertia: Array
+    damping: Array
+    stiffness: Array
+    loss_factor: Array
+
+
+@_table
+class Grounds:
+    """Stiffness (N m/rad) [n_grounds]."""
+
+    stiffness: Array
+
+
+@_table
+class Loads:
+    """Share of the balancing power, [n_loads]."""
+
+    share: Array
+
+
+@_table
+class Torques:
+    """Mean [nt] (N m), harmonics [nt, K, 2] (Re, Im of the peak amplitude, N m), scale over rpm [nt, L]."""
+
+    mean: Array
+    harmonics: Array
+    scale_rpm: Array
+    scale_factor: Array
+
+
+@_table
+class Cylinders:
+    """Geometry (m), mass (kg), firing angle (deg), ambient pressure (Pa), each [nc]; gas torque and scale.
+
+    ``gas_torque_mean`` [nc] and ``gas_torque`` [nc, K, 2] (N m, for firing at 0); ``pressure`` [nc, M] (Pa)
+    on the uniform grid of the gas cycle counted from firing top dead centre, zeros where none is given;
+    ``scale_rpm`` and ``scale_factor`` [nc, L]. A rod that is not given is 1 m, a bore or stroke 0 m.
+    """
+
+    bore: Array
+    stroke: Array
+    rod: Array
+    reciprocating_mass: Array
+    firing_angle: Array
+    ambient_pressure: Array
+    gas_torque_mean: Array
+    gas_torque: Array
+    pressure: Array
+    scale_rpm: Array
+    scale_factor: Array
+
+
+def column(elements, name: str, absent: float = 0.0) -> np.ndarray:
+    """Collect one field over elements, ``absent`` for None."""
+    values = [getattr(e, name) for e in elements]
+    return np.array([absent if v is None else v for v in values], dtype=np.float64)
+
+
+def _harmonics(rows) -> np.ndarray:
+    """Stack the (Re, Im) of rows (order, Re, Im), padded by zeros."""
+    longest = max((len(r) for r in rows), default=0)
+    out = np.zeros((len(rows), longest, 2))
+    for i, row in enumerate(rows):
+        if row:
+            out[i, : len(row)] = np.asarray(row, dtype=np.float64)[:, 1:]
+    return out
+
+
+def _scales(elements) -> tuple[np.ndarray, np.ndarray]:
+    """Stack the scales, padded by their last point; the factor is 1 without a scale."""
+    rows = [e.scale or ((0.0, 1.0),) for e in elements]
+    longest = max([2, *(len(r) for r in rows)])
+    out = np.array([[*row, *([row[-1]] * (longest - len(row)))] for row in rows], dtype=np.float64)
+    out = out.reshape(len(rows), longest, 2)
+    return out[..., 0].copy(), out[..., 1].copy()
+
+
+def is_four_stroke(table) -> bool:
+    """Tell whether a pressure table (angle deg, Pa) is that of two revolutions: it extends beyond 360 deg."""
+    angle = np.asarray(table, dtype=np.float64)[:, 0]
+    return bool(angle[-1] - angle[0] > 360.0 + 1e-9 or np.abs(angle).max() > 360.0 + 1e-9)
+
+
+def gas_cycle(table, firing_tdc: float | None) -> np.ndarray:
+    """Sample a pressure table (angle deg, Pa) linearly at ``GAS_SAMPLES`` angles from firing TDC on."""
+    table = np.asarray(table, dtype=np.float64)
+    period = 720.0 if is_four_stroke(table) else 360.0
+    if firing_tdc is None:
+        firing_tdc = 360.0 if period == 720.0 else 0.0
+    angle, pressure = table[:, 0], table[:, 1]
+    if angle[-1] - angle[0] < period - 1e-9:
+        angle = np.append(angle, angle[0] + period)
+        pressure = np.append(pressure, pressure[0])
+    grid = firing_tdc + np.arange(GAS_SAMPLES) * (period / GAS_SAMPLES)
+    turned = angle[0] + np.mod(np.round(grid - angle[0], 9), period)
+    return np.interp(turned, angle, pressure)
+
+
+def mesh_table(meshes) -> Meshes:
+    """Collect the meshes, with the defaults of the law (18) and of ``law = "fridman2009"``."""
+    fridman = [m.law == "fridman2009" for m in meshes]
+    epsilon = [FRIDMAN_EPSILON if f else DEFAULT_EPSILON for f in fridman]
+    transition = [FRIDMAN_TRANSITION if f else DEFAULT_TRANSITION for f in fridman]
+    given = [m.epsilon is not None for m in meshes], [m.transition is not None for m in meshes]
+    return Meshes(
+        stiffness=column(meshes, "stiffness"),
+        damping=column(meshes, "damping"),
+        backlash=column(meshes, "backlash"),
+        epsilon=np.where(given[0], column(meshes, "epsilon"), np.array(epsilon, dtype=np.float64)),
+        transition=np.where(given[1], column(meshes, "transition"), np.array(transition, dtype=np.float64)),
+    )
+
+
+def torque_table(torques) -> Torques:
+    """Collect the given torques."""
+    scale_rpm, scale_factor = _scales(torques)
+    harmonics = _harmonics([t.harmonics for t in torques])
+    return Torques(
+        mean=column(torques, "mean"), harmonics=harmonics, scale_rpm=scale_rpm, scale_factor=scale_factor
+    )
+
+
+def cylinder_table(cylinders) -> Cylinders:
+    """Collect the cylinders; the pressure on its uniform grid."""
+    tabled = any(c.pressure for c in cylinders)
+    pressure = np.zeros((len(cylinders), GAS_SAMPLES if tabled else 0))
+    for i, c in enumerate(cylinders):
+        if c.pressure:
+            pressure[i] = gas_cycle(c.pressure, c.table_firing_tdc)
+    scale_rpm, scale_factor = _scales(cylinders)
+    return Cylinders(
+        bore=column(cylinders, "bore"),
+        stroke=column(cylinders, "stroke"),
+        rod=column(cylinders, "rod", absent=1.0),
+        reciprocating_mass=column(cylinders, "reciprocating_mass"),
+        firing_angle=column(cylinders, "firing_angle"),
+        ambient_pressure=column(cylinders, "ambient_pressure"),
+        gas_torque_mean=column(cylinders, "gas_torque_mean"),
+        gas_torque=_harmonics([c.gas_torque or () for c in cylinders]),
+        pressure=pressure,
+        scale_rpm=scale_rpm,
+        scale_factor=scale_factor,
+    )

@@ -1,0 +1,195 @@
+"""Decisions taken on the host: which meshes are unknowns, where to start, how many harmonics."""
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..harmonic import backlash, chain
+from ..linear.modal import natural_frequencies
+from ..model.elements import SceneError
+from ..model.engine import highest_harmonic
+from ..transient.statespace import Partition
+from . import march
+from .program import Choice, Sizes
+
+LEVELS = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024)
+MOST = {"reduced": 1024, "chain": 128}
+SHARES = (0.0625, 0.125, 0.25, 0.375, 0.5, 0.75, 1.0)
+MARCH_CYCLES = 6
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All that is decided before a solve; hashable, and the same for every speed that it serves.
+
+    Parameters
+    ----------
+    harmonics : int, N
+    active : tuple of int, meshes whose contact is an unknown
+    flank : tuple of int, +1 or -1 for a mesh taken to stay on that flank all cycle (verified), 0 otherwise
+    method : "reduced" or "chain"
+    start : "linear" or "march"
+    cycles, march_steps : of the march
+    room : int, instants out of contact in the preconditioner
+    tolerance : float, on the truncation error, relative to the largest tooth force
+    excited, parts : highest harmonic of the excitation, and how the march treats the disks
+    """
+
+    harmonics: int
+    active: tuple
+    flank: tuple
+    method: str = "reduced"
+    start: str = "linear"
+    cycles: int = MARCH_CYCLES
+    march_steps: int = 0
+    room: int = 0
+    tolerance: float = 0.01
+    excited: int = 0
+    parts: Partition | None = None
+
+    @property
+    def sizes(self):
+        """What the program is compiled for."""
+        return Sizes(
+            samples=16 * self.harmonics,
+            room=self.room,
+            method=self.method,
+            origin=self.start,
+            count=len(self.active),
+            cycles=self.cycles,
+            march_steps=self.march_steps,
+            excited=self.excited,
+            parts=self.parts,
+        )
+
+    @property
+    def choice(self):
+        """The meshes as arrays, padded to 1, 2, 4, 8, ... unknowns."""
+        count = len(self.active)
+        padded = 1 << (count - 1).bit_length() if count else 0
+        chosen = np.zeros(padded, dtype=np.int32)
+        chosen[:count] = self.active
+        active = np.zeros(padded)
+        active[:count] = 1.0
+        return Choice(active=active, chosen=chosen, flank=np.array(self.flank, dtype=float))
+
+    def __str__(self):
+        if not self.active:
+            return f"linear, {self.harmonics} harmonics" + (", teeth in contact" if any(self.flank) else "")
+        return f"{len(self.active)} meshes with backlash, {self.harmonics} harmonics, start: {self.start}"
+
+
+def check_harmonics(train, harmonics, method):
+    """Refuse a fixed number of harmonics that cannot work, with a sentence."""
+    name = train.topology.name or "scene"
+    if harmonics != int(harmonics) or harmonics < 1:
+        raise SceneError(f"{name}: harmonics is {harmonics}, must be a whole number of at least 1.")
+    least = highest_harmonic(train)
+    if harmonics < least:
+        raise SceneError(
+            f"{name}: {harmonics} harmonics of the cycle are below the excitation, which reaches harmonic {least} (order "
+            f"{least / train.topology.revolutions_per_cycle:g}): ask for at least {least} harmonics."
+        )
+    if harmonics > MOST[method]:
+        raise SceneError(_too_many(train, harmonics, method, name))
+
+
+def check_method(train, method):
+    """Refuse an unknown method, and the chain sweep on a closed loop."""
+    if method not in MOST:
+        raise ValueError(f"method is {method!r}: give 'reduced' or 'chain'")
+    loops = chain.span(train.topology).loops
+    if method == "chain" and len(loops):
+        names = ", ".join(repr(train.topology.link_names[i]) for i in loops)
+        raise SceneError(
+            f"{train.topology.name or 'scene'}: {names} closes a loop, and method 'chain' needs a tree: use 'reduced'."
+        )
+
+
+def _too_many(train, harmonics, method, name):
+    if method == "chain":
+        disks, width = train.topology.n_disks, 2 * harmonics + 1
+        need = 6 * disks * width**2 * 8 / 2**30
+        return (
+            f"{name}: method 'chain' holds dense blocks for all {disks} disks, about {need:.1f} GiB at {harmonics} "
+            f"harmonics, and is an oracle up to {MOST['chain']}: use method 'reduced'."
+        )
+    return f"{name}: {harmonics} harmonics are more than the limit of {MOST['reduced']}: use fewer."
+
+
+def level_at_least(harmonics):
+    """Smallest of the offered numbers of harmonics that is not below ``harmonics``."""
+    return next((n for n in LEVELS if n >= harmonics), LEVELS[-1])
+
+
+def next_level(harmonics, method):
+    """The number of harmonics to try after ``harmonics``, about 1.5 to 2 times as many; None at the limit."""
+    higher = [n for n in LEVELS if n >= 1.9 * harmonics and n <= MOST[method]]
+    if higher:
+        return higher[0]
+    return MOST[method] if harmonics < MOST[method] else None
+
+
+def mesh_mode_harmonic(train, frequency):
+    """Harmonic of the cycle at the highest natural frequency that strains a tooth mesh noticeably."""
+    modes = natural_frequencies(train)
+    share = modes.mesh_energy_share
+    counted = modes.frequencies_hz[share > 0.05]
+    return float(np.max(counted, initial=0.0)) / (frequency / (2 * np.pi))
+
+
+def contact_demand(train, forces):
+    """Meshes that the linear motion takes off their flank.
+
+    Parameters
+    ----------
+    train : DriveTrain
+    forces : array ``(M, samples)`` N, elastic forces of the meshes with all in contact
+
+    Returns
+    -------
+    flank : tuple of int
+        Side of each backlash mesh that stays beyond its transition zone; 0 for the others and for linear meshes.
+    active : tuple of int
+        Backlash meshes that leave it.
+    separates : bool
+        Whether any linear force passes through zero.
+    """
+    gap = np.array(train.topology.mesh_backlash, dtype=bool)
+    meshes = train.meshes
+    law = backlash.Law(meshes.stiffness, meshes.epsilon, meshes.transition, meshes.backlash)
+    side = np.where(forces.mean(-1) < 0, -1, 1)
+    least = (side[:, None] * forces).min(-1, initial=np.inf)
+    knee = (1 + law.transition) * law.backlash / 2
+    knee_force = law.stiffness * knee - np.asarray(backlash.offset(law))
+    leaves = gap & ~(least > knee_force)
+    if leaves.any():
+        leaves = gap
+    flank = np.where(gap & ~leaves, side, 0)
+    return tuple(int(s) for s in flank), tuple(int(i) for i in np.flatnonzero(leaves)), bool((gap & (least <= 0)).any())
+
+
+def without_backlash(train):
+    """The same train with every mesh in contact all cycle."""
+    topology, meshes = train.topology, train.meshes
+    linear = (False,) * len(topology.mesh_names)
+    return dataclasses.replace(
+        train,
+        topology=dataclasses.replace(topology, mesh_backlash=linear),
+        meshes=dataclasses.replace(meshes, backlash=0.0 * meshes.backlash),
+    )
+
+
+def first_level(excited, mesh_modes):
+    """Where to begin: above the excitation, and above the mesh modes where teeth separate."""
+    return level_at_least(max(2 * excited, 1.1 * mesh_modes))
+
+
+def room_for(samples, problem, choice, harmonics):
+    """Instants out of contact, with a margin, rounded up to one of a few shares of all ``2 N G``."""
+    if samples is None:
+        return 2 * harmonics * len(choice.active)
+    weight = march.contact_weight(problem, choice, samples, harmonics)
+    needed = 1.15 * np.count_nonzero(weight) / weight.size
+    return int(np.ceil(next((s for s in SHARES if s >= needed), 1.0) * weight.size))

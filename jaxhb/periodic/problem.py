@@ -1,0 +1,172 @@
+"""The equations of one train at one speed, and the fields of its solution. Arrays in, arrays out."""
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..harmonic import backlash, chain, fourier, reduction
+from ..harmonic.residual import Nonlinear
+from ..model.engine import excitation, load_power_kW
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Problem:
+    """A train at one speed: linear system, all its meshes, excitation.
+
+    system : System; meshes : Nonlinear over all meshes (a mesh without backlash has epsilon 1, which makes its law
+    linear); frequency : Omega in rad/s; load : complex ``(S, N+1)`` N; rigid : ``(S,)`` displacements of the rigid
+    rotation; load_torque N m, load_power W, imbalance N m, torque_scale N m (size of the mean torques).
+    """
+
+    system: chain.System
+    meshes: Nonlinear
+    frequency: jax.Array
+    load: jax.Array
+    rigid: jax.Array
+    load_torque: jax.Array
+    load_power: jax.Array
+    imbalance: jax.Array
+    torque_scale: jax.Array
+
+
+def pose(train, rpm, harmonics):
+    """The :class:`Problem` of ``train`` at ``rpm`` with ``harmonics`` harmonics of the cycle."""
+    xp = chain.namespace(train, rpm)
+    system = chain.assemble(train)
+    torque, load_torque, imbalance = excitation(train, rpm, harmonics)
+    rpm = xp.asarray(rpm, dtype=float)
+    topology = train.topology
+    torque = torque if xp is jnp else np.asarray(torque)
+    return Problem(
+        system=system,
+        meshes=all_meshes(train),
+        frequency=2 * np.pi * rpm / 60 / topology.revolutions_per_cycle,
+        load=torque / system.radius[:, None],
+        rigid=chain.rigid_shape(train, system.radius),
+        load_torque=load_torque,
+        load_power=1e3 * load_power_kW(train, rpm, load_torque),
+        imbalance=imbalance,
+        torque_scale=xp.abs(torque[:, 0]).sum(),
+    )
+
+
+def all_meshes(train):
+    """Every mesh as an entry of :class:`Nonlinear`; linear ones have epsilon 1 and an inert gap of 1 m."""
+    xp = chain.namespace(train)
+    topology, meshes = train.topology, train.meshes
+    gap = np.array(topology.mesh_backlash, dtype=bool)
+    first = len(topology.link_names) - len(gap)
+    gated = np.array([law == "contact" for law in topology.mesh_damping_law], dtype=bool) & gap
+    return Nonlinear(
+        link=np.arange(first, first + len(gap), dtype=np.int32),
+        law=backlash.Law(
+            stiffness=xp.asarray(meshes.stiffness),
+            epsilon=xp.where(gap, meshes.epsilon, 1.0),
+            transition=xp.where(gap, meshes.transition, 1.0),
+            backlash=xp.where(gap, meshes.backlash, 1.0),
+        ),
+        viscous=xp.asarray(meshes.damping),
+        contact_damping=gated,
+    )
+
+
+def offset_load(problem, flank):
+    """Load ``(S, N+1)`` with the constant forces of meshes held on one flank (+1, -1; 0: not held) added."""
+    constant = -jnp.asarray(flank) * backlash.offset(problem.meshes.law)
+    columns = reduction.incidence(problem.system, problem.meshes.link)
+    return jnp.asarray(problem.load).at[:, 0].add(-columns @ constant)
+
+
+def reduced_equation(problem, active, chosen, flank):
+    """The reduced equation of the meshes ``chosen`` (``active`` 1, padding 0), the others held on their flanks."""
+    meshes = problem.meshes
+    law = jax.tree.map(lambda a: jnp.asarray(a)[chosen], meshes.law)
+    law = backlash.Law(law.stiffness * active, law.epsilon, law.transition, law.backlash)
+    return reduction.reduce(
+        problem.system,
+        problem.frequency,
+        offset_load(problem, flank),
+        active,
+        jnp.asarray(meshes.link)[chosen],
+        law,
+        jnp.asarray(meshes.viscous)[chosen] * active,
+        jnp.asarray(meshes.contact_damping)[chosen] & (active > 0),
+    )
+
+
+def excess_load(problem, reduced, deflection, active, chosen, flank, samples):
+    """The whole load of the linear train: excitation, held flanks and the excess force of the active meshes."""
+    load = offset_load(problem, flank)
+    if not len(active):
+        return load
+    excess, _, _ = reduced.excess(*reduced.sampled(deflection, samples))
+    coefficients = fourier.analyze(excess, load.shape[-1] - 1) * active[:, None]
+    columns = reduction.incidence(problem.system, jnp.asarray(problem.meshes.link)[chosen])
+    return load - columns @ coefficients
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Fields:
+    """Coefficients of every quantity: angles ``(S, N+1)``, torques ``(K, N+1)``, meshes ``(M, N+1)`` and ``(M, 8N+1)``."""
+
+    angles: jax.Array
+    torques: jax.Array
+    elastic_torques: jax.Array
+    deflections: jax.Array
+    forces: jax.Array
+    elastic_forces: jax.Array
+
+
+FORCE_HARMONICS = 8
+
+
+def fields(problem, load, samples):
+    """Motion, torques and forces under the whole load ``(S, N+1)``.
+
+    Deflections of meshes come from link forces, not from differences of displacements. Tooth forces are those of the
+    law at the synthesised deflection, to eight times the harmonics of the motion: the samples themselves.
+    """
+    system, meshes = problem.system, problem.meshes
+    harmonics = load.shape[-1] - 1
+    omega = reduction.frequencies(problem.frequency, harmonics)
+    displacement, force = reduction.solve_linear(system, omega, load[..., None])
+    displacement, force = _centre(problem, displacement[..., 0]), force[..., 0]
+    stiffness = reduction.link_stiffness(system, omega)
+    deflection = force / jnp.where(stiffness == 0, 1.0, stiffness)
+    ends = jnp.asarray(system.radius)[system.tree.end_a][:, None]
+    shafts = force.shape[0] - len(meshes.link)
+    mesh = deflection[shafts:]
+    values = fourier.synthesize(mesh, samples)
+    rates = fourier.synthesize(fourier.derivative(mesh, problem.frequency), samples)
+    law = meshes.law.expand()
+    elastic = backlash.force(law, values)
+    total = backlash.mesh_force(law, meshes.viscous[:, None], meshes.contact_damping[:, None], values, rates)
+    kept = FORCE_HARMONICS * harmonics
+    return Fields(
+        angles=chain.to_angles(system, displacement),
+        torques=(force * ends)[:shafts],
+        elastic_torques=(jnp.asarray(system.stiffness)[:, None] * deflection * ends)[:shafts],
+        deflections=mesh,
+        forces=fourier.analyze(total, kept),
+        elastic_forces=fourier.analyze(elastic, kept),
+    )
+
+
+def _centre(problem, displacement):
+    """A floating train: no mean motion along the rigid rotation, weighted by inertia."""
+    rigid, mass = jnp.asarray(problem.rigid), jnp.asarray(problem.system.mass)
+    share = (mass * rigid) @ displacement[:, 0].real / (mass @ rigid**2)
+    return displacement.at[:, 0].add(-jnp.where(problem.system.floating, share, 0.0) * rigid)
+
+
+def held_in_contact(problem, deflections, flank, samples):
+    """Whether every held mesh stays beyond the transition zone on its flank all cycle."""
+    law = problem.meshes.law
+    values = fourier.synthesize(deflections, samples)
+    knee = (1 + law.transition) * law.backlash / 2
+    margin = jnp.min(jnp.asarray(flank)[:, None] * values, axis=-1) - knee
+    return jnp.all((jnp.asarray(flank) == 0) | (margin >= 0))

@@ -1,0 +1,1 @@
+"""Time integration: the referee, and starts for the harmonic solution."""

@@ -1,0 +1,228 @@
+"""The linear train as dense first-order equations in energy coordinates; nothing is shared with the tree sweep.
+
+With every mesh taken in contact the displacements obey ``M x'' + B x' + K x = q - D^T phi``. The state is
+
+    y = (s q, p, v),     q = Q^T M^(1/2) x,     v = q',     p = scaled displacements of damped massless disks,
+
+with Q the undamped modes and ``s = max(omega, Omega)``: |y|^2 is twice the energy of all modes above the excitation, so
+that propagators, monodromy matrices and their singular values are well scaled from the free rotation (s q of a floating
+train) to the stiffest tooth. Massless disks without damping are condensed statically; massless disks whose damping
+matrix is regular have the first-order equation ``B x' + K x = q``.
+"""
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+
+@dataclass(frozen=True)
+class Partition:
+    """Disks by the order of their equation: inertial (second), damped massless (first), static massless (none)."""
+
+    inertial: tuple[int, ...]
+    damped: tuple[int, ...] = ()
+    static: tuple[int, ...] = ()
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class StateSpace:
+    """``y' = A y + E phi``, mesh deflections and rates ``w = L y`` (l before l'), ``y = T (x, x')``.
+
+    transition A ``(n, n)`` 1/s; forcing E ``(n, G)``; observation L ``(2G, n)``; coordinates T ``(n, 2S)``.
+    """
+
+    transition: jax.Array
+    forcing: jax.Array
+    observation: jax.Array
+    coordinates: jax.Array
+
+
+def incidence_rows(system):
+    """``(L, S)`` matrix D of all link deflections, l = D x."""
+    links = jnp.arange(system.stiffness.shape[0])
+    rows = jnp.zeros((links.size, system.mass.shape[0]))
+    rows = rows.at[links, system.tree.end_a].add(system.arm_a)
+    return rows.at[links, system.tree.end_b].add(-system.arm_b)
+
+
+def matrices(system):
+    """Dense damping matrix B and stiffness matrix K ``(S, S)``, meshes taken in contact."""
+    D = incidence_rows(system)
+    B = jnp.diag(system.damping) + D.T @ (system.viscous[:, None] * D)
+    K = jnp.diag(system.ground) + D.T @ (system.stiffness[:, None] * D)
+    return B, K
+
+
+def partition(system, meshes, disk_names=None, link_names=None):
+    """Sort the disks by the order of their equation of motion, on the host.
+
+    Parameters
+    ----------
+    system : System
+    meshes : Nonlinear
+        Backlash meshes.
+    disk_names, link_names : sequence of str, optional
+        For the sentences of errors; "disk 3" and "link 5" without.
+
+    Returns
+    -------
+    Partition
+        Hashable; pass it as ``parts`` where the system is traced.
+
+    Raises
+    ------
+    ValueError
+        Naming the loss factors, or the massless disks that leave no equation to integrate.
+    """
+    for leaf in jax.tree.leaves((system, meshes)):
+        if isinstance(leaf, jax.core.Tracer):
+            raise ValueError("the train is being traced: pass parts=partition(system, meshes), decided on the host.")
+
+    def disk(index):
+        return repr(disk_names[index]) if disk_names else f"disk {index}"
+
+    def link(index):
+        return repr(link_names[index]) if link_names else f"link {index}"
+
+    lossy = np.flatnonzero(np.asarray(system.loss))
+    if lossy.size:
+        raise ValueError(
+            f"{', '.join(link(i) for i in lossy)}: loss factors exist only in harmonic methods: "
+            "apply train.with_viscous_damping(hz=...)."
+        )
+    massless = np.flatnonzero(np.asarray(system.mass) == 0)
+    meshed = np.asarray(meshes.link)
+    ends = {*np.asarray(system.tree.end_a)[meshed].tolist(), *np.asarray(system.tree.end_b)[meshed].tolist()}
+    for index in massless:
+        if int(index) in ends:
+            raise ValueError(
+                f"{disk(index)} has no inertia and carries a backlash mesh: its motion in time is an algebraic "
+                "unknown. Give it an inertia, or use a harmonic method."
+            )
+    B, K = _host_matrices(system)
+    undamped = ~np.any(B[massless] != 0, axis=1)
+    static, damped = massless[undamped], massless[~undamped]
+    for group, matrix, what in ((static, K, "stiffness"), (damped, B, "damping")):
+        if group.size and not _regular(matrix[np.ix_(group, group)]):
+            names = ", ".join(disk(i) for i in group)
+            raise ValueError(
+                f"{names}: no inertia, and the {what} between them does not determine their motion. "
+                "Give them an inertia, or use a harmonic method."
+            )
+    inertial = np.flatnonzero(np.asarray(system.mass) != 0)
+    return Partition(*(tuple(int(i) for i in group) for group in (inertial, damped, static)))
+
+
+def _host_matrices(system):
+    end_a, end_b = np.asarray(system.tree.end_a), np.asarray(system.tree.end_b)
+    links = np.arange(end_a.size)
+    D = np.zeros((links.size, np.asarray(system.mass).size))
+    np.add.at(D, (links, end_a), np.asarray(system.arm_a))
+    np.add.at(D, (links, end_b), -np.asarray(system.arm_b))
+    B = np.diag(np.asarray(system.damping)) + D.T @ (np.asarray(system.viscous)[:, None] * D)
+    K = np.diag(np.asarray(system.ground)) + D.T @ (np.asarray(system.stiffness)[:, None] * D)
+    return B, K
+
+
+def _regular(matrix):
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    return np.linalg.eigvalsh(matrix / scale[:, None] / scale)[0] > 1e-10
+
+
+def state_space(system, meshes, frequency, parts):
+    """First-order equations of the train in energy coordinates.
+
+    Parameters
+    ----------
+    system : System
+    meshes : Nonlinear
+    frequency : float, Omega in rad/s, only to scale the slow modes
+    parts : Partition
+
+    Returns
+    -------
+    StateSpace
+    """
+    B, K = matrices(system)
+    inertial, damped, static = (np.array(g, dtype=int) for g in (parts.inertial, parts.damped, parts.static))
+    kept = np.concatenate([inertial, damped])
+    stiffness = K[np.ix_(kept, kept)]
+    if static.size:
+        coupling = K[np.ix_(static, kept)]
+        stiffness = stiffness - coupling.T @ jnp.linalg.solve(K[np.ix_(static, static)], coupling)
+    n, extra = inertial.size, damped.size
+    root = jnp.sqrt(system.mass[inertial])
+    to_modal, from_modal, scale = _modes(stiffness[:n, :n], root, frequency)
+    drag = B[np.ix_(kept, kept)]
+    # x' of the damped massless disks from x and v: B x' + K x = 0
+    follow = jnp.zeros((extra, 2 * n + extra))
+    if extra:
+        right = jnp.concatenate([stiffness[n:], drag[n:, :n]], axis=1)
+        follow = -jnp.linalg.solve(drag[n:, n:], right)
+    motion = jnp.concatenate([jnp.zeros((n, n + extra)), jnp.eye(n)], axis=1)
+    pull = jnp.concatenate([stiffness[:n], drag[:n, :n]], axis=1) + drag[:n, n:] @ follow
+    physical = jnp.concatenate([motion, follow, -pull / (root**2)[:, None]])
+
+    weight = jnp.sqrt(jnp.mean(root**2)) * frequency
+    to = _blocks(scale[:, None] * to_modal, weight * jnp.eye(extra), to_modal)
+    back = _blocks(from_modal / scale, jnp.eye(extra) / weight, from_modal)
+    mesh_rows = incidence_rows(system)[meshes.link][:, inertial]
+    forcing = jnp.concatenate([jnp.zeros((n + extra, meshes.link.shape[0])), -mesh_rows.T / (root**2)[:, None]])
+    zeros = jnp.zeros((meshes.link.shape[0], n + extra))
+    position = jnp.concatenate([mesh_rows, jnp.zeros((mesh_rows.shape[0], extra + n))], axis=1)
+    speed = jnp.concatenate([zeros, mesh_rows], axis=1)
+    disks = system.mass.shape[0]
+    coordinates = jnp.zeros((2 * n + extra, 2 * disks)).at[:, np.concatenate([kept, disks + inertial])].set(to)
+    return StateSpace(
+        transition=to @ physical @ back,
+        forcing=to @ forcing,
+        observation=jnp.concatenate([position, speed]) @ back,
+        coordinates=coordinates,
+    )
+
+
+def _modes(stiffness, root, frequency):
+    """Modal coordinates of the inertial disks; any orthonormal basis is exact, hence no derivative through it."""
+    values, vectors = jnp.linalg.eigh(lax.stop_gradient(stiffness / root[:, None] / root))
+    scale = lax.stop_gradient(jnp.sqrt(jnp.maximum(values, frequency**2)))
+    return vectors.T * root, vectors / root[:, None], scale
+
+
+def _blocks(*blocks):
+    return jax.scipy.linalg.block_diag(*blocks)
+
+
+def linear_response(system, frequency, load):
+    """Steady displacements of the train with all meshes in contact, one dense solve per harmonic.
+
+    Parameters
+    ----------
+    system : System
+    frequency : float, Omega in rad/s
+    load : complex array ``(S, N+1)`` N
+
+    Returns
+    -------
+    complex array ``(S, N+1)`` m
+        Displacements that no force opposes (the rotation of a floating train, rings without spring) have mean zero.
+    """
+    B, K = matrices(system)
+    mean = _static(K, load[:, 0].real)
+    omega = frequency * jnp.arange(1, load.shape[-1])
+    Z = K + 1j * omega[:, None, None] * B - omega[:, None, None] ** 2 * jnp.diag(system.mass)
+    harmonics = jnp.linalg.solve(Z, load[:, 1:].T[..., None])[..., 0].T
+    return jnp.concatenate([mean[:, None] + 0j, harmonics], axis=1)
+
+
+def _static(K, force):
+    """K^-1 force, without the motions that meet no stiffness (the load is balanced on them)."""
+    diagonal = jnp.diag(K)
+    scale = jnp.sqrt(jnp.where(diagonal > 0, diagonal, 1.0))
+    values, vectors = jnp.linalg.eigh(K / scale[:, None] / scale)
+    held = values > 1e-13
+    inverse = jnp.where(held, 1.0, 0.0) / jnp.where(held, values, 1.0)
+    return (vectors @ (inverse * (vectors.T @ (force / scale)))) / scale

@@ -1,0 +1,207 @@
+"""One step of the time integration: exponential Runge-Kutta around the linear train.
+
+The deviation ``z`` of the state from the periodic response of the linear train (meshes in contact) obeys
+
+    z' = A z + E phi(w),     w = (l, l') = w_linear(t) + L z,     phi = mesh force - c l - r l',
+
+so the excitation and the whole linear train are integrated exactly and only phi, which is constant while a mesh stays
+on one flank, is approximated: fourth order, weights of Krogstad (J. Comput. Phys. 203 (2005) 72). A crossing of a knot
+of the law, where f'' jumps, costs an error of third order in the step. The stages need w alone: the state moves once a
+step, by one product with the propagator.
+
+The phi-functions come from one exponential of the augmented matrix [[A, E, 0, 0], [0, 0, I/dt, 0], [0, 0, 0, I/dt], 0]
+(Van Loan), so that a singular A (free rotation, a ring without spring) needs no care.
+
+Measured on ``gear_train_30`` at 1800 rpm, four hammering meshes, largest error of the elastic force over the cycle
+relative to its maximum: 0.6 % with 2048 steps (12 per period of the highest mesh mode are 3470), 0.2 % with 4096,
+0.02 % with 8192, 0.0006 % with 16384; 1.5 microseconds a step, 0.6 to 0.8 in a batch of speeds.
+"""
+
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from ..harmonic import backlash, fourier
+from ..harmonic.backlash import Law
+from .statespace import StateSpace, _static, linear_response, matrices, partition, state_space
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Stepper:
+    """A train cut into ``steps`` equal steps per cycle at one speed; n = size of the state, G meshes.
+
+    propagate ``(n + 4G, n)``: exp(A dt), L exp(A dt), L exp(A dt/2); weights ``(n + 2G, 3G)`` of the forces (first,
+    sum of the two in the middle, last); first, second, third : stage weights ``(2G, G)``, ``(2G, 2G)``, ``(2G, 2G)``;
+    linear ``(2 steps, 2G)``: w of the linear train every half step; linear_state ``(n,)`` its state at t = 0;
+    flank_state ``(n,)``: deviation for which every mesh carries its linear force on its drive side; space : the
+    equations; law, viscous, contact_damping, stiffness, damping : law of the meshes and its linear part ``(G,)``;
+    frequency : rad/s.
+    """
+
+    propagate: jax.Array
+    weights: jax.Array
+    first: jax.Array
+    second: jax.Array
+    third: jax.Array
+    linear: jax.Array
+    linear_state: jax.Array
+    flank_state: jax.Array
+    space: StateSpace
+    law: Law
+    viscous: jax.Array
+    contact_damping: jax.Array
+    stiffness: jax.Array
+    damping: jax.Array
+    frequency: jax.Array
+
+    def excess(self, w):
+        """phi ``(G,)`` N of deflections and rates ``w`` ``(2G,)``."""
+        deflection, rate = jnp.split(w, 2)
+        total = backlash.mesh_force(self.law, self.viscous, self.contact_damping, deflection, rate)
+        return total - self.stiffness * deflection - self.damping * rate
+
+    def advance(self, state, w, middle, last):
+        """Deviation and w one step later; ``middle`` and ``last`` are w_linear half a step and one step ahead."""
+        moved = self.propagate @ state
+        size, seen = state.shape[0], w.shape[0]
+        ahead = last + moved[size : size + seen]
+        half = middle + moved[size + seen :]
+        f0 = self.excess(w)
+        fa = self.excess(half + self.first @ f0)
+        fb = self.excess(half + self.second @ jnp.concatenate([f0, fa]))
+        fc = self.excess(ahead + self.third @ jnp.concatenate([f0, fb]))
+        change = self.weights @ jnp.concatenate([f0, fa + fb, fc])
+        return moved[:size] + change[:size], ahead + change[size:]
+
+    def observe(self, state):
+        """w = (l, l') ``(2G,)`` at t = 0."""
+        return self.linear[0] + self.space.observation @ state
+
+
+def discretize(system, meshes, frequency, load, steps, parts=None):
+    """Cut the equations of motion at one speed into steps.
+
+    Parameters
+    ----------
+    system : System
+        Linear train, meshes taken in contact; without loss factors.
+    meshes : Nonlinear
+        The meshes with backlash; all others are linear links of ``system``.
+    frequency : float
+        Omega in rad/s; the cycle lasts 2 pi / Omega.
+    load : complex array ``(S, N+1)``
+        Excitation in N, coefficients of :mod:`jaxhb.harmonic.fourier`.
+    steps : int
+        Steps per cycle, static; more than N. See :func:`jaxhb.transient.resolving_steps`.
+    parts : Partition, optional
+        From :func:`partition`; needed where ``system`` is traced.
+
+    Returns
+    -------
+    Stepper
+    """
+    if steps < load.shape[-1]:
+        raise ValueError(f"{steps} steps per cycle do not carry {load.shape[-1] - 1} harmonics of the excitation.")
+    if parts is None:
+        parts = partition(system, meshes)
+    system, meshes, frequency, load = jax.tree.map(jnp.asarray, (system, meshes, frequency, load))
+    space = state_space(system, meshes, frequency, parts)
+    response = linear_response(system, frequency, load)
+    speed = fourier.derivative(response, frequency)
+    seen = jnp.concatenate([system.deflections(c, meshes.link) for c in (response, speed)])
+    mean = seen[: meshes.link.shape[0], 0].real
+    offset = backlash.offset(meshes.law) * jnp.where(mean < 0, -1.0, 1.0)
+    shift = _static(matrices(system)[1], _spread(system, meshes, offset))
+    return Stepper(
+        **_weights(space, 2 * jnp.pi / frequency / steps),
+        linear=fourier.synthesize(seen, 2 * steps).T,
+        linear_state=space.coordinates @ _instant(response, speed),
+        flank_state=space.coordinates @ jnp.concatenate([shift, jnp.zeros_like(shift)]),
+        space=space,
+        law=meshes.law,
+        viscous=meshes.viscous,
+        contact_damping=meshes.contact_damping,
+        stiffness=system.stiffness[meshes.link],
+        damping=system.viscous[meshes.link],
+        frequency=frequency,
+    )
+
+
+def _instant(displacement, speed):
+    """(x, x') at t = 0 of coefficients."""
+    both = jnp.concatenate([displacement, speed])
+    return both[:, 0].real + 2 * both[:, 1:].real.sum(axis=1)
+
+
+def _spread(system, meshes, force):
+    """D_G^T force on the disks."""
+    a, b = system.tree.end_a[meshes.link], system.tree.end_b[meshes.link]
+    out = jnp.zeros(system.mass.shape[0]).at[a].add(system.arm_a[meshes.link] * force)
+    return out.at[b].add(-system.arm_b[meshes.link] * force)
+
+
+def _weights(space, dt):
+    """Propagators and stage weights of Krogstad's scheme for steps of ``dt`` seconds."""
+    A, E, L = space.transition, space.forcing, space.observation
+    n, G = E.shape
+    matrix = jnp.zeros((n + 3 * G, n + 3 * G)).at[:n, :n].set(A).at[:n, n : n + G].set(E)
+    matrix = matrix.at[n : n + 2 * G, n + G :].set(jnp.eye(2 * G) / dt)
+    half = _exponential(matrix * dt / 2)
+    full = half @ half
+    E_half, half_1, half_2 = half[:n, :n], half[:n, n : n + G], 4 * half[:n, n + G : n + 2 * G]
+    E_full, full_1, full_2, full_3 = (full[:n, :n], *jnp.split(full[:n, n:], 3, axis=1))
+    end = jnp.concatenate([full_1 - 3 * full_2 + 4 * full_3, 2 * full_2 - 4 * full_3, 4 * full_3 - full_2], axis=1)
+    return {
+        "propagate": jnp.concatenate([E_full, L @ E_full, L @ E_half]),
+        "weights": jnp.concatenate([end, L @ end]),
+        "first": L @ half_1,
+        "second": L @ jnp.concatenate([half_1 - half_2, half_2], axis=1),
+        "third": L @ jnp.concatenate([full_1 - 2 * full_2, 2 * full_2], axis=1),
+    }
+
+
+def _exponential(matrix):
+    """Taylor series of degree 16 with squaring: a fifth of the time and half the compilation of jax's Pade forms."""
+    norm = jnp.abs(matrix).sum(axis=0).max()
+    squarings = jnp.maximum(jnp.ceil(jnp.log2(2 * norm)), 0).astype(int)
+    identity = jnp.eye(matrix.shape[0])
+    small = matrix * 0.5**squarings
+    series = lax.fori_loop(0, 16, lambda k, power: identity + small @ power / (16 - k), identity)
+    return lax.fori_loop(0, squarings, lambda _, power: power @ power, series)
+
+
+def at_rest(stepper):
+    """Start at the linear solution: zero deviation ``(n,)``."""
+    return jnp.zeros_like(stepper.linear_state)
+
+
+def on_flank(stepper):
+    """Start with every mesh on its drive side (sign of its linear mean force), carrying its linear force.
+
+    This is the periodic motion itself where no mesh leaves contact; ``(n,)``.
+    """
+    return stepper.flank_state
+
+
+def state_from_motion(stepper, displacement, velocity):
+    """Deviation ``(n,)`` of displacements ``(S,)`` m and velocities ``(S,)`` m/s at t = 0."""
+    return stepper.space.coordinates @ jnp.concatenate([displacement, velocity]) - stepper.linear_state
+
+
+def state_from_harmonics(stepper, coefficients):
+    """Deviation at t = 0 of a motion given by its displacements.
+
+    Parameters
+    ----------
+    stepper : Stepper
+    coefficients : complex array ``(S, N+1)`` m
+
+    Returns
+    -------
+    array ``(n,)``
+    """
+    motion = _instant(coefficients, fourier.derivative(coefficients, stepper.frequency))
+    return stepper.space.coordinates @ motion - stepper.linear_state

@@ -1,0 +1,226 @@
+"""Topology, changing numbers, rotors, the law's defaults, viscous damping."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxhb.model.drivetrain import DriveTrain, SceneError, build, inertias, speed_ratios
+from jaxhb.model.elements import Cylinder, Damper, Disk, Ground, Load, Mesh, Shaft, Torque
+from jaxhb.model.scene import load_scene
+
+GEARS = [
+    Disk(name="a", inertia=1.0, radius=0.1),
+    Disk(name="b", inertia=2.0, radius=0.2),
+    Disk(name="c", inertia=3.0, damping=4.0),
+    Shaft(between=("b", "c"), stiffness=1e4, damping=5.0, loss_factor=0.1),
+    Mesh(between=("a", "b"), stiffness=1e8, backlash=1e-4),
+    Damper(name="ring", disk="c", inertia=0.5, damping=7.0, stiffness=100.0, loss_factor=0.2),
+    Load(disk="c"),
+]
+
+
+@pytest.fixture
+def train():
+    return build([*GEARS, Torque(disk="a", harmonics=[(1.0, 2.0, 3.0)])], reference="a")
+
+
+def test_links_are_shafts_then_dampers_then_meshes(train):
+    t = train.topology
+    assert t.disk_names == ("a", "b", "c", "ring")
+    assert t.link_names == ("b|c", "ring", "a|b")
+    assert t.link_ends == ((1, 2), (2, 3), (0, 1))
+    assert t.link_index("c", "b") == (0, -1)
+    assert t.link_index("a|b") == (2, 1)
+    assert t.disk_index("ring") == 3 and t.ring_disks == (3,)
+
+
+def test_elements_without_a_name_are_called_by_their_disks():
+    twice = [Torque(disk="a"), Torque(disk="a"), Shaft(between=("b", "c"), stiffness=1.0)]
+    t = build(
+        [*GEARS, *twice, Ground(disk="c", stiffness=1.0), Cylinder(disk="a", fires=False)], reference="a"
+    ).topology
+    assert t.torque_names == ("a:torque", "a:torque#2")
+    assert t.shaft_names == ("b|c", "b|c#2")
+    assert (t.ground_names, t.load_names, t.cylinder_names) == (("c:ground",), ("c:load",), ("a:cylinder",))
+    with pytest.raises(SceneError, match=r"several links join 'b' and 'c': 'b\|c', 'b\|c#2'. Ask for one"):
+        t.link_index("b", "c")
+
+
+def test_every_leaf_is_a_double_vector_over_its_elements(train):
+    for name in ("disks", "shafts", "meshes", "dampers", "grounds", "loads", "torques", "cylinders"):
+        table = getattr(train, name)
+        lengths = {np.shape(getattr(table, f.name))[0] for f in dataclasses.fields(table)}
+        assert len(lengths) == 1
+        assert all(np.asarray(leaf).dtype == np.float64 for leaf in jax.tree.leaves(table))
+
+
+def test_topologies_of_equal_scenes_are_equal_and_hash_alike(train):
+    other = build([*GEARS, Torque(disk="a", harmonics=[(1.0, 2.0, 3.0)])], reference="a").topology
+    assert other == train.topology and hash(other) == hash(train.topology)
+    assert dataclasses.replace(other, name="other") != other
+
+
+def test_rings_come_last_in_the_inertias(train):
+    np.testing.assert_array_equal(inertias(train), [1.0, 2.0, 3.0, 0.5])
+
+
+def test_speed_ratios_follow_the_radii_and_are_differentiable(train):
+    np.testing.assert_allclose(speed_ratios(train), [1.0, 0.5])
+    slope = jax.jit(jax.grad(lambda r: speed_ratios(train.replace({"b.radius": r}))[1]))(0.2)
+    np.testing.assert_allclose(slope, -0.1 / 0.2**2)
+    reverse = build(GEARS, reference="c")
+    np.testing.assert_allclose(speed_ratios(reverse), [2.0, 1.0])
+
+
+def test_teeth_make_the_ratio_exact():
+    parts = [Disk(name="a", inertia=1.0, radius=0.1, teeth=20), Disk(name="b", inertia=1.0, radius=0.15005, teeth=30)]
+    train = build([*parts, Mesh(between=("a", "b"), stiffness=1e8)], reference="a")
+    np.testing.assert_allclose(speed_ratios(train)[1], 2 / 3, rtol=1e-15)
+    assert train.topology.teeth == (20, 30)
+
+
+def test_a_closed_loop_that_turns_is_legal():
+    parts = [Disk(name=n, inertia=1.0, radius=0.1) for n in "abcd"]
+    ring = [Mesh(between=ends, stiffness=1e8) for ends in (("a", "b"), ("b", "c"), ("c", "d"), ("d", "a"))]
+    np.testing.assert_array_equal(speed_ratios(build([*parts, *ring], reference="a")), np.ones(4))
+
+
+@pytest.mark.parametrize(
+    "key, value",
+    [
+        ("a.inertia", 9.0),
+        ("b|c.loss_factor", 0.3),
+        ("a|b.backlash", 2e-4),
+        ("ring.damping", 1.0),
+        ("c:load.share", 2.0),
+    ],
+)
+def test_replace_changes_one_number_and_keeps_the_topology(train, key, value):
+    changed = train.replace({key: value})
+    assert changed.value(key) == value
+    assert changed.topology is train.topology
+    assert train.value(key) != value
+    differing = [
+        np.sum(np.asarray(x) != np.asarray(y))
+        for x, y in zip(jax.tree.leaves(train), jax.tree.leaves(changed), strict=True)
+    ]
+    assert sum(differing) == 1
+
+
+def test_replace_writes_harmonics_as_rows_of_re_and_im(train):
+    changed = train.replace({"a:torque.harmonics": [[5.0, 6.0]]})
+    np.testing.assert_array_equal(changed.value("a:torque.harmonics"), [[5.0, 6.0]])
+
+
+def test_replace_does_not_compile_anew(train):
+    traces = []
+
+    @jax.jit
+    def total(t):
+        traces.append(1)
+        return jnp.sum(inertias(t)) + jnp.sum(t.shafts.stiffness)
+
+    for k in range(4):
+        total(train.replace({"a.inertia": 1.0 + k, "b|c.stiffness": 10.0 * k + 1}))
+    assert len(traces) == 1
+
+
+def test_replace_works_under_jit_grad_and_vmap(train):
+    def energy(values):
+        t = train.replace({"a.inertia": values[0], "ring.inertia": values[1], "c.inertia": 2 * values[0]})
+        return jnp.sum(inertias(t) ** 2)
+
+    values = jnp.array([3.0, 4.0])
+    wanted = [2 * 3.0 + 8 * 3.0, 2 * 4.0]
+    np.testing.assert_allclose(jax.grad(energy)(values), wanted)
+    np.testing.assert_allclose(jax.jit(jax.jacfwd(energy))(values), wanted)
+    batch = jnp.array([[3.0, 4.0], [1.0, 1.0]])
+    np.testing.assert_allclose(jax.vmap(energy)(batch), [energy(v) for v in batch])
+    outer = jax.grad(lambda t: jnp.sum(inertias(t.replace({"a.inertia": 1.5})) ** 2))(train)
+    np.testing.assert_allclose(outer.disks.inertia, [0.0, 4.0, 6.0])
+
+
+def test_viscous_damping_dissipates_as_the_loss_factor_at_its_frequency(train):
+    viscous = train.with_viscous_damping(hz=50.0)
+    omega = 100 * np.pi
+    np.testing.assert_allclose(viscous.shafts.damping, [5.0 + 0.1 * 1e4 / omega])
+    np.testing.assert_allclose(viscous.dampers.damping, [7.0 + 0.2 * 100.0 / omega])
+    assert viscous.shafts.loss_factor == 0.0 and viscous.dampers.loss_factor == 0.0
+    with pytest.raises(SceneError, match="hz is 0.0, must be greater than 0 Hz"):
+        train.with_viscous_damping(hz=0.0)
+
+
+def test_the_law_has_its_defaults_and_those_of_fridman_2009():
+    kinds = [{}, {"law": "fridman2009"}, {"epsilon": 0.01}, {"transition": 0.5}]
+    disks = [Disk(name=n, inertia=1.0, radius=0.1) for n in "abcde"]
+    meshes = [
+        Mesh(between=ends, stiffness=1e8, backlash=1e-4, **kind)
+        for ends, kind in zip(("ab", "bc", "cd", "de"), kinds, strict=True)
+    ]
+    meshes = [dataclasses.replace(m, between=tuple(m.between)) for m in meshes]
+    train = build([*disks, *meshes], reference="a")
+    np.testing.assert_array_equal(train.meshes.epsilon, [1e-3, 0.03, 0.01, 1e-3])
+    np.testing.assert_array_equal(train.meshes.transition, [0.04, 0.2, 0.04, 0.5])
+
+
+def test_a_mesh_without_backlash_is_always_in_contact():
+    disks = [Disk(name=n, inertia=1.0, radius=0.1) for n in "ab"]
+    train = build([*disks, Mesh(between=("a", "b"), stiffness=1e8, kind="internal")], reference="a")
+    assert train.topology.mesh_backlash == (False,) and train.meshes.backlash[0] == 0.0
+    assert train.topology.mesh_internal == (True,) and train.topology.mesh_damping_law == ("contact",)
+    with pytest.raises(SceneError, match="the mesh has no backlash"):
+        train.replace({"a|b.backlash": 1e-4})
+
+
+def test_tune_is_passed_on_untouched():
+    table = {"free": ["ring.damping"], "speeds": {"rpm": [600, 2450]}}
+    assert build(GEARS, reference="a", tune=table).tune == table
+
+
+def test_a_massless_disk_and_a_viscous_ring_are_legal():
+    parts = [Disk(name="a", inertia=0.0), Disk(name="b", inertia=1.0), Shaft(between=("a", "b"), stiffness=1.0)]
+    train = build([*parts, Damper(name="d", disk="a", inertia=1.0, damping=1.0), Ground(disk="a", stiffness=1.0)])
+    assert isinstance(train, DriveTrain)
+
+
+SENTENCES = {
+    "hub.inertia": r"there is no element 'hub' in 'hub.inertia'. Known: 'b\|c'",
+    "rinc.inertia": "Did you mean 'ring'?",
+    "ring.inertja": r"\[\[damper\]\] 'ring': there is no field 'inertja'. Did you mean 'inertia'?",
+    "inertia": "'inertia' names no field. Write 'NAME.FIELD'",
+}
+
+
+@pytest.mark.parametrize("key", SENTENCES)
+def test_unknown_names_and_fields_are_named(train, key):
+    for ask in (lambda: train.replace({key: 1.0}), lambda: train.value(key)):
+        with pytest.raises(SceneError, match=SENTENCES[key]):
+            ask()
+
+
+def test_all_errors_of_a_replace_are_collected(train):
+    with pytest.raises(SceneError) as caught:
+        train.replace({"a.inertia": -1.0, "zz.inertia": 1.0, "b|c.stiffness": [1.0, 2.0], "b.inertia": np.nan})
+    assert len(caught.value.sentences) == 4
+    assert "inertia is -1 kg m2, must be at least 0 kg m2" in str(caught.value)
+    assert "the value has shape (2,), must have ()" in str(caught.value)
+
+
+def test_radii_that_turn_an_engine_at_another_speed_are_refused():
+    train = load_scene("gear_train_30")
+    assert train.replace({"cam gear A.radius": 0.17}).value("cam gear A.radius") == 0.17
+    parts = [*GEARS, Torque(disk="c", harmonics=[(2.0, 1.0, 0.0)], orders_of="own")]
+    with pytest.raises(SceneError, match="the new radii change the speed of 'c:torque' from 0.5 to 0.333333 times"):
+        build(parts, reference="a").replace({"b.radius": 0.3})
+
+
+def test_unknown_disks_and_links_are_named_with_the_nearest(train):
+    with pytest.raises(SceneError, match="there is no disk 'rin'. Did you mean 'ring'?"):
+        train.topology.disk_index("rin")
+    with pytest.raises(SceneError, match="there is no link 'a|c'. Did you mean"):
+        train.topology.link_index("a|c")
+    with pytest.raises(SceneError, match=r"no link joins 'a' and 'c'. Links there: b\|c, ring, a\|b"):
+        train.topology.link_index("a", "c")

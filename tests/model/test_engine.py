@@ -1,0 +1,204 @@
+"""Excitation against direct sums, published series and the reference data."""
+
+import json
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxhb.model.drivetrain import SceneError, build
+from jaxhb.model.elements import Cylinder, Disk, Load, Mesh, Shaft, Torque
+from jaxhb.model.engine import (
+    excitation,
+    gas_torque_harmonics,
+    highest_harmonic,
+    inertia_torque_harmonics,
+    load_power_kW,
+    slider_crank,
+)
+from jaxhb.model.scene import load_scene
+from jaxhb.model.tables import gas_cycle
+
+REFERENCE = Path("/work/shared/reference/excitation.json")
+needs_reference = pytest.mark.skipif(not REFERENCE.is_file(), reason="the reference data are not here")
+CRANK = {"bore": 0.1, "stroke": 0.12, "rod": 0.2, "reciprocating_mass": 2.0}
+TRACE = [(0.0, 1e5), (300.0, 2e6), (370.0, 1e7), (500.0, 4e5), (720.0, 1e5)]
+
+
+def pair(*more, **options):
+    """Two disks on a shaft, with a load on the second."""
+    parts = [Disk(name="a", inertia=1.0), Disk(name="b", inertia=2.0), Load(disk="b")]
+    return build([*parts, Shaft(between=("a", "b"), stiffness=1e5), *more], **options)
+
+
+def synthesis(coefficients, angle):
+    """Real signal of coefficients T^n over the angle of the cycle."""
+    n = np.arange(1, coefficients.size)
+    wave = np.exp(1j * np.outer(angle, n)) @ np.asarray(coefficients)[1:]
+    return np.asarray(coefficients)[0].real + 2 * wave.real
+
+
+def test_slider_crank_derivatives_are_those_of_automatic_differentiation():
+    angle = jnp.linspace(0.0, 7.0, 29)
+    x, x1, x2 = slider_crank(angle, 0.12, 0.2)
+    travel = lambda a: slider_crank(a, 0.12, 0.2)[0]  # noqa: E731
+    np.testing.assert_allclose(x, 0.06 + 0.2 - 0.06 * np.cos(angle) - np.sqrt(0.04 - (0.06 * np.sin(angle)) ** 2))
+    np.testing.assert_allclose(x1, jax.vmap(jax.grad(travel))(angle), atol=1e-15)
+    np.testing.assert_allclose(x2, jax.vmap(jax.grad(jax.grad(travel)))(angle), atol=1e-14)
+
+
+@needs_reference
+def test_inertia_torque_has_the_exact_sine_coefficients():
+    for row in json.loads(REFERENCE.read_text())["inertia_torque_crank_slider"]["rows"]:
+        found = inertia_torque_harmonics(2.0, 1.0 / row["lambda"])
+        wanted = [row["sin_coeff_exact"][str(k)] for k in range(1, 9)]
+        np.testing.assert_allclose(-2 * found[1:9].imag, wanted, atol=1e-12)
+        np.testing.assert_allclose(found.real, 0.0, atol=1e-14)
+
+
+@needs_reference
+def test_gas_torque_has_the_tangential_pressure_harmonics_of_the_reference():
+    folder = REFERENCE.parent
+    table = json.loads((folder / "six_cylinder_diesel_2008.json").read_text())["pressure_deg_MPa_at_15.2_peak"]
+    row = json.loads(REFERENCE.read_text())["gas_tangential_pressure_harmonics"][1]
+    found = np.asarray(gas_torque_harmonics(gas_cycle(table, 0.0), 0.105, 0.137, 0.207, revolutions=2))
+    found = found / (np.pi / 4 * 0.105**2 * 0.137 / 2)
+    np.testing.assert_allclose(found[0].real, row["mean_MPa"], rtol=1e-12)
+    wanted = np.array([c[1] + 1j * c[2] for c in row["order_re_im_amp_MPa"]])
+    np.testing.assert_allclose(2 * found[1:25], wanted, atol=1e-12)
+
+
+@pytest.mark.parametrize("ambient", [0.0, 101325.0])
+def test_cylinder_torque_is_the_direct_sum_of_gas_and_inertia(ambient):
+    rpm, alpha, scale = 1500.0, 130.0, [(1000.0, 0.5), (2000.0, 1.0)]
+    cylinder = Cylinder(
+        disk="a", **CRANK, pressure=TRACE, firing_angle=alpha, ambient_pressure=ambient, scale=scale, orders=400.0
+    )
+    torque, _, _ = excitation(pair(cylinder), rpm, 800)
+    theta = np.linspace(0.0, 4 * np.pi, 97)
+    own = theta - np.deg2rad(alpha)
+    table = np.array(TRACE)
+    pressure = np.interp(np.mod(np.rad2deg(own) + 360.0, 720.0), *table.T)
+    _, x1, x2 = slider_crank(own, 0.12, 0.2, xp=np)
+    gas = (0.75 * pressure - ambient) * np.pi / 4 * 0.1**2 * x1
+    wanted = gas - 2.0 * x1 * x2 * (2 * np.pi * rpm / 60) ** 2
+    np.testing.assert_allclose(synthesis(torque[0], theta / 2), wanted, atol=5e-4 * np.abs(wanted).max())
+
+
+def test_a_misfire_has_no_gas_torque_but_its_inertia_torque():
+    fire = Cylinder(disk="a", **CRANK, pressure=TRACE)
+    given = Cylinder(disk="a", **CRANK, gas_torque_mean=100.0, gas_torque=[(0.5, 3.0, 4.0)])
+    for cylinder in (fire, given):
+        silent = Cylinder(**{**vars(cylinder), "fires": False})
+        torque = np.asarray(excitation(pair(silent), 3000.0, 8)[0])[0]
+        inertia = inertia_torque_harmonics(0.12, 0.2) * 2.0 * (100 * np.pi) ** 2
+        np.testing.assert_allclose(torque[2::2], inertia[1:5], rtol=1e-12)
+        assert np.all(np.abs(torque[[0, 1, 3, 5, 7]]) < 1e-9)
+        assert abs(excitation(pair(cylinder), 3000.0, 8)[0][0, 0]) > 1.0
+
+
+def test_a_two_stroke_table_repeats_every_revolution():
+    trace = [(-180.0, 1e5), (0.0, 8e6), (20.0, 6e6), (180.0, 1e5)]
+    train = pair(Cylinder(disk="a", **CRANK, pressure=trace), revolutions_per_cycle=2)
+    torque = np.abs(np.asarray(excitation(train, 0.0, 12)[0])[0])
+    assert torque[0] > 1.0 and np.all(torque[1::2] == 0.0) and np.all(torque[2::2] > 0.0)
+    assert train.topology.cylinder_step == (2,)
+
+
+def test_table_firing_tdc_turns_the_trace():
+    early = [(angle - 360.0, p) for angle, p in TRACE]
+    one = excitation(pair(Cylinder(disk="a", **CRANK, pressure=TRACE)), 1000.0, 24)[0]
+    two = excitation(pair(Cylinder(disk="a", **CRANK, pressure=early, table_firing_tdc=0.0)), 1000.0, 24)[0]
+    np.testing.assert_allclose(one, two, atol=1e-9)
+
+
+def test_scale_multiplies_given_torques_linearly_between_speeds():
+    torque = Torque(disk="a", mean=10.0, harmonics=[(1.0, 2.0, -4.0)], scale=[(100.0, 0.0), (200.0, 1.0)])
+    train = pair(torque, revolutions_per_cycle=1)
+    for rpm, factor in ((50.0, 0.0), (100.0, 0.0), (125.0, 0.25), (200.0, 1.0), (900.0, 1.0)):
+        found = np.asarray(excitation(train, rpm, 2)[0])[0]
+        np.testing.assert_allclose(found, factor * np.array([10.0, 1.0 - 2.0j, 0.0]), atol=1e-14)
+
+
+def test_orders_of_an_own_rotor_are_led_to_the_reference():
+    parts = [
+        Disk(name="a", inertia=1.0, radius=0.1),
+        Disk(name="b", inertia=1.0, radius=0.2),
+        Mesh(between=("a", "b"), stiffness=1e8),
+        Load(disk="a"),
+        Torque(disk="b", mean=8.0, harmonics=[(3.0, 1.0, 0.0)], orders_of="own"),
+    ]
+    train = build(parts, reference="a", revolutions_per_cycle=2)
+    assert train.topology.torque_harmonics == ((3,),)
+    torque, load, _ = excitation(train, 600.0, 4)
+    assert torque[1, 3] == 0.5
+    np.testing.assert_allclose(load, [-4.0])
+    np.testing.assert_allclose(load_power_kW(train, 600.0, load), 4.0 * 20 * np.pi / 1000)
+
+
+def test_loads_balance_the_mean_power_and_keep_their_shares():
+    parts = [
+        Disk(name="a", inertia=1.0, radius=0.1),
+        Disk(name="b", inertia=1.0, radius=0.2),
+        Mesh(between=("a", "b"), stiffness=1e8),
+        Load(disk="a", share=1.0),
+        Load(disk="b", share=3.0),
+        Torque(disk="a", mean=50.0),
+    ]
+    torque, load, imbalance = excitation(build(parts, reference="a"), 600.0, 0)
+    np.testing.assert_allclose(load, [-20.0, -60.0])
+    assert abs(imbalance) < 1e-12
+    np.testing.assert_allclose(torque[:, 0].real, [30.0, -60.0])
+
+
+def test_harmonics_above_the_asked_number_are_dropped():
+    train = load_scene("gear_train_30")
+    many, few = (excitation(train, 1500.0, n)[0] for n in (24, 7))
+    np.testing.assert_allclose(few, many[:, :8], rtol=1e-14, atol=1e-12)
+    assert highest_harmonic(train) == 24
+
+
+def test_highest_harmonic_leaves_out_what_has_no_amplitude():
+    rows = [(1.0, 1.0, 0.0), (3.5, 0.0, 2.0), (6.0, 0.0, 0.0)]
+    assert highest_harmonic(pair(Torque(disk="a", harmonics=rows))) == 7
+    assert highest_harmonic(pair(Cylinder(disk="a", **CRANK, fires=False))) == 12
+    assert highest_harmonic(pair(Cylinder(disk="a", **CRANK, pressure=TRACE, orders=9.0))) == 18
+
+
+def test_excitation_is_differentiable_and_maps_over_speeds():
+    train = load_scene("gear_train_30")
+
+    def size(mass, rpm):
+        torque, load, _ = excitation(train.replace({"cylinder A1.reciprocating_mass": mass}), rpm, 12)
+        return jnp.sum(jnp.abs(torque) ** 2) / 1e6 + load[0]
+
+    grads = jax.grad(size, argnums=(0, 1))(4.3, 1500.0)
+    for k, step in enumerate((1e-3, 1e-2)):
+        ends = [size(*(v + s * step * (j == k) for j, v in enumerate((4.3, 1510.0)))) for s in (1, -1)]
+        at = jax.grad(size, argnums=k)(4.3, 1510.0)
+        np.testing.assert_allclose(at, (ends[0] - ends[1]) / (2 * step), rtol=1e-6)
+    assert np.all(np.isfinite(grads))
+    speeds = jnp.array([700.0, 1500.0, 2300.0])
+    mapped = jax.vmap(lambda rpm: excitation(train, rpm, 12)[0])(speeds)
+    for one, rpm in zip(mapped, speeds, strict=True):
+        np.testing.assert_allclose(one, excitation(train, rpm, 12)[0], rtol=1e-12, atol=1e-9)
+
+
+def test_the_program_does_not_grow_with_the_number_of_cylinders():
+    def operations(count):
+        disks = [Disk(name=f"d{k}", inertia=1.0) for k in range(count)]
+        shafts = [Shaft(between=(f"d{k}", f"d{k + 1}"), stiffness=1e6) for k in range(count - 1)]
+        cylinders = [Cylinder(disk=f"d{k}", **CRANK, pressure=TRACE, firing_angle=90.0 * k) for k in range(count)]
+        train = build([*disks, *shafts, *cylinders, Load(disk="d0")])
+        program = jax.make_jaxpr(lambda rpm: excitation(train, rpm, 12)[0])(1000.0)
+        return str(program).count(" = ")
+
+    assert operations(12) == operations(2)
+
+
+def test_a_pressure_engine_without_load_or_ground_is_refused():
+    parts = [Disk(name="a", inertia=1.0), Cylinder(disk="a", **CRANK, pressure=TRACE)]
+    with pytest.raises(SceneError, match="must balance in a train without ground. Add a \\[\\[load\\]\\]"):
+        build(parts)
