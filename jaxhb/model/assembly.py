@@ -45,9 +45,7 @@ def assemble(elements, *, name, reference, revolutions_per_cycle, tune, source, 
 def _numeric(parts) -> bool:
     """Tell whether radii and teeth can be computed with."""
     return all(
-        value is None or checks.number_like(value)
-        for d in parts.tables["disk"]
-        for value in (d.radius, d.teeth)
+        value is None or checks.number_like(value) for d in parts.tables["disk"] for value in (d.radius, d.teeth)
     )
 
 
@@ -66,9 +64,7 @@ def _cycle_value_errors(source, cycle) -> list[str]:
     """Check revolutions_per_cycle."""
     if checks.number_like(cycle) and math.isfinite(float(cycle)) and float(cycle) > 0.0:
         return []
-    return [
-        f"{source}, [scene]: revolutions_per_cycle is {cycle!r}, must be a number greater than 0. Correct it."
-    ]
+    return [f"{source}, [scene]: revolutions_per_cycle is {cycle!r}, must be a number greater than 0. Correct it."]
 
 
 def _with_exact_radii(parts):
@@ -98,12 +94,8 @@ def _harmonic_needs(parts, ratio) -> list[tuple]:
     for i, (disk, torque) in enumerate(zip(parts.sits_on("torque"), parts.tables["torque"], strict=True)):
         factor = ratio[disk] if torque.orders_of == "own" else 1.0
         needs += [("torque", i, f"order {row[0]:g}", row[0] * factor) for row in torque.harmonics]
-    for i, (disk, cylinder) in enumerate(
-        zip(parts.sits_on("cylinder"), parts.tables["cylinder"], strict=True)
-    ):
-        needs += [
-            ("cylinder", i, f"order {row[0]:g}", row[0] * ratio[disk]) for row in cylinder.gas_torque or ()
-        ]
+    for i, (disk, cylinder) in enumerate(zip(parts.sits_on("cylinder"), parts.tables["cylinder"], strict=True)):
+        needs += [("cylinder", i, f"order {row[0]:g}", row[0] * ratio[disk]) for row in cylinder.gas_torque or ()]
         if cylinder.pressure is not None:
             turns = 2 if tables.is_four_stroke(cylinder.pressure) else 1
             text = f"one gas cycle of {turns} revolution{'s' if turns > 1 else ''}"
@@ -117,9 +109,7 @@ def _topology(parts, rotors, reference_disk, *, name, cycle, tune, ratio) -> Top
     """Collect the static half of the train."""
     t, names = parts.tables, {table: tuple(n) for table, n in parts.names.items()}
     seats = {k: tuple(parts.sits_on(k)) for k in ("damper", "ground", "load", "torque")}
-    own = [
-        ratio[d] if e.orders_of == "own" else 1.0 for d, e in zip(seats["torque"], t["torque"], strict=True)
-    ]
+    own = [ratio[d] if e.orders_of == "own" else 1.0 for d, e in zip(seats["torque"], t["torque"], strict=True)]
     return Topology(
         name=name,
         revolutions_per_cycle=cycle,
@@ -147,8 +137,7 @@ def _topology(parts, rotors, reference_disk, *, name, cycle, tune, ratio) -> Top
         torque_disk=seats["torque"],
         torque_own=tuple(e.orders_of == "own" for e in t["torque"]),
         torque_harmonics=tuple(
-            tuple(round(row[0] * f * cycle) for row in e.harmonics)
-            for e, f in zip(t["torque"], own, strict=True)
+            tuple(round(row[0] * f * cycle) for row in e.harmonics) for e, f in zip(t["torque"], own, strict=True)
         ),
         tune=json.dumps(tune or {}, default=str),
         **_cylinder_topology(parts, ratio, cycle),
@@ -162,17 +151,13 @@ def _cylinder_topology(parts, ratio, cycle) -> dict:
     turn = [float(round(v)) if train_checks.whole(v) else v for v in turn]
     turns = [2 if c.pressure and tables.is_four_stroke(c.pressure) else 1 for c in cylinders]
     given = [c.gas_torque is not None or c.gas_torque_mean is not None for c in cylinders]
-    source = [
-        "pressure" if c.pressure else "harmonics" if g else "none"
-        for c, g in zip(cylinders, given, strict=True)
-    ]
+    source = ["pressure" if c.pressure else "harmonics" if g else "none" for c, g in zip(cylinders, given, strict=True)]
     return {
         "cylinder_names": tuple(parts.names["cylinder"]),
         "cylinder_disk": tuple(disks),
         "cylinder_source": tuple(source),
         "cylinder_harmonics": tuple(
-            tuple(round(row[0] * v) for row in c.gas_torque or ())
-            for c, v in zip(cylinders, turn, strict=True)
+            tuple(round(row[0] * v) for row in c.gas_torque or ()) for c, v in zip(cylinders, turn, strict=True)
         ),
         "cylinder_step": tuple(
             round(v / k) if c.pressure else 0 for c, v, k in zip(cylinders, turn, turns, strict=True)
@@ -180,8 +165,7 @@ def _cylinder_topology(parts, ratio, cycle) -> dict:
         "cylinder_turn": tuple(turn),
         "cylinder_gas_revolutions": tuple(turns),
         "cylinder_gas": tuple(
-            math.floor(c.orders * k + 1e-9) if c.pressure else 0
-            for c, k in zip(cylinders, turns, strict=True)
+            math.floor(c.orders * k + 1e-9) if c.pressure else 0 for c, k in zip(cylinders, turns, strict=True)
         ),
         "cylinder_inertia": tuple(
             math.floor(c.orders + 1e-9) if c.stroke is not None and train_checks.whole(v) else 0

@@ -25,15 +25,11 @@ def _locate(train, key: str):
     if not dot:
         raise SceneError(f"{where}: {key!r} names no field. Write 'NAME.FIELD', as 'hub.inertia'.")
     if name not in topology.elements:
-        raise SceneError(
-            f"{where}: there is no element {name!r} in {key!r}.{suggestion(name, topology.elements)}"
-        )
+        raise SceneError(f"{where}: there is no element {name!r} in {key!r}.{suggestion(name, topology.elements)}")
     table, index = topology.elements[name]
     fields = [f.name for f in dataclasses.fields(getattr(train, _TABLE_OF[table]))]
     if field not in fields:
-        raise SceneError(
-            f"{where}, [[{table}]] {name!r}: there is no field {field!r}.{suggestion(field, fields)}"
-        )
+        raise SceneError(f"{where}, [[{table}]] {name!r}: there is no field {field!r}.{suggestion(field, fields)}")
     return table, field, index
 
 
@@ -117,9 +113,7 @@ def _value_errors(train, key, table, field, index, value) -> list[str]:
         return []
     errors = [f"{where}: {text}" for text in checks.value_errors(declared, float(number))]
     if table == "mesh" and field == "backlash" and not train.topology.mesh_backlash[index]:
-        errors.append(
-            f"{where}: the mesh has no backlash, it is always in contact. Build the scene with a backlash."
-        )
+        errors.append(f"{where}: the mesh has no backlash, it is always in contact. Build the scene with a backlash.")
     return errors
 
 

@@ -20,9 +20,7 @@ class Parts:
         self.tables = {table: [] for table in TABLES}
         for element in elements:
             if table_of(element) not in TABLES or not isinstance(element, TABLES[table_of(element)]):
-                raise SceneError(
-                    f"{source}: {element!r} is no element of a drive train.{suggestion('', TABLES)}"
-                )
+                raise SceneError(f"{source}: {element!r} is no element of a drive train.{suggestion('', TABLES)}")
             self.tables[table_of(element)].append(element)
         self.names = {table: [getattr(e, "name", None) for e in rows] for table, rows in self.tables.items()}
         self._give_names()
@@ -118,9 +116,7 @@ def _value_errors(f, value) -> list[str]:
         return [f"{f.name} is {value!r}, must be true or false."]
     if kind == "choice" and value not in f.metadata["words"]:
         words = [w for w in f.metadata["words"] if w]
-        return [
-            f"{f.name} is {value!r}, must be {' or '.join(repr(w) for w in words)}.{suggestion(value, words)}"
-        ]
+        return [f"{f.name} is {value!r}, must be {' or '.join(repr(w) for w in words)}.{suggestion(value, words)}"]
     if kind == "rows":
         return _row_errors(f.name, f.metadata["columns"], value)
     return []
@@ -133,10 +129,10 @@ def value_errors(f, value) -> list[str]:
     if not number_like(value):
         return [f"{f.name} is {value!r}, must be a number{f' in {limits.unit}' if limits.unit else ''}."]
     number = float(value)
-    if f.metadata["kind"] == "count" and number != int(number):
-        return [f"{f.name} is {number:g}, must be a whole number."]
     if not math.isfinite(number):
         return [f"{f.name} is {number}{unit}, must be a finite number."]
+    if f.metadata["kind"] == "count" and number != int(number):
+        return [f"{f.name} is {number:g}, must be a whole number."]
     if not limits.contains(number):
         remedy = f" {limits.remedy}" if limits.remedy else " Correct the value or leave the key out."
         if f.default is dataclasses.MISSING and not limits.remedy:
@@ -164,23 +160,18 @@ def _row_errors(name, columns, rows) -> list[str]:
             for k, order in enumerate(first)
             if order <= 0.0
         ]
-        errors += [
-            f"{name}: order {o:g} stands {n} times. Add the rows." for o, n in Counter(first).items() if n > 1
-        ]
+        errors += [f"{name}: order {o:g} stands {n} times. Add the rows." for o, n in Counter(first).items() if n > 1]
         return errors
     for k in range(1, len(first)):
         if first[k] <= first[k - 1]:
             errors.append(
-                f"{name}, row {k + 1}: {columns[0]} {first[k]:g} after {first[k - 1]:g}; must increase. Sort"
-                f" the rows."
+                f"{name}, row {k + 1}: {columns[0]} {first[k]:g} after {first[k - 1]:g}; must increase. Sort the rows."
             )
             break
     if name == "pressure" and len(first) < 2:
         errors.append(f"{name} has {len(first)} rows, needs at least 2.")
     if name == "pressure" and first and first[-1] - first[0] > 720.0 + 1e-9:
-        errors.append(
-            f"{name} spans {first[-1] - first[0]:g} deg, must span at most 720 deg. Give one gas cycle."
-        )
+        errors.append(f"{name} spans {first[-1] - first[0]:g} deg, must span at most 720 deg. Give one gas cycle.")
     return errors
 
 
@@ -256,14 +247,11 @@ def reference_errors(parts: Parts, reference) -> list[str]:
                     text = f"there is no disk {end!r}.{suggestion(end, known)}"
                     errors.append(f"{parts.where(table, i)}: {text}")
             if len(ends) == 2 and ends[0] == ends[1]:
-                errors.append(
-                    f"{parts.where(table, i)}: it joins {ends[0]!r} to itself. Name two different disks."
-                )
+                errors.append(f"{parts.where(table, i)}: it joins {ends[0]!r} to itself. Name two different disks.")
             if table == "damper" and ends and ends[0] == element.name:
                 errors.append(f"{parts.where(table, i)}: it sits on itself. Name the disk that carries it.")
     if reference is not None and not (isinstance(reference, str) and reference in parts.disk_of):
         errors.append(
-            f"{parts.source}, [scene]: reference: there is no disk"
-            f" {reference!r}.{suggestion(reference, known)}"
+            f"{parts.source}, [scene]: reference: there is no disk {reference!r}.{suggestion(reference, known)}"
         )
     return errors

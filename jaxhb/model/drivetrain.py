@@ -135,9 +135,7 @@ class DriveTrain:
         110.07
         """
         if not isinstance(hz, jax.core.Tracer) and not np.all(np.asarray(hz) > 0.0):
-            raise SceneError(
-                f"with_viscous_damping: hz is {hz}, must be greater than 0 Hz. Give the main frequency."
-            )
+            raise SceneError(f"with_viscous_damping: hz is {hz}, must be greater than 0 Hz. Give the main frequency.")
         omega = 2.0 * np.pi * hz
 
         def viscous(table):
@@ -147,9 +145,7 @@ class DriveTrain:
         return dataclasses.replace(self, shafts=viscous(self.shafts), dampers=viscous(self.dampers))
 
 
-def build(
-    elements, *, name="", reference=None, revolutions_per_cycle=2, tune=None, source="scene"
-) -> DriveTrain:
+def build(elements, *, name="", reference=None, revolutions_per_cycle=2, tune=None, source="scene") -> DriveTrain:
     """Check elements and put them together to a drive train.
 
     Parameters

@@ -67,8 +67,7 @@ def gas_torque_harmonics(pressure, bore, stroke, rod, *, revolutions):
 
 
 def inertia_torque_harmonics(stroke, rod, *, short_series=False):
-    """Harmonics of -x'(a) x''(a), the inertia torque of a reciprocating mass of 1 kg at a crank speed of 1
-    rad/s.
+    """Harmonics of -x'(a) x''(a), the inertia torque of a reciprocating mass of 1 kg at 1 rad/s of the crank.
 
     Parameters
     ----------
@@ -83,8 +82,8 @@ def inertia_torque_harmonics(stroke, rod, *, short_series=False):
         N m; entry j the coefficient of exp(i j a), half the peak amplitude, a from top dead centre.
 
     Notes
-    ----- The series in lambda = stroke/(2 rod) is Porter's (1943): -1/2 sin 2a - 3 lambda/4 sin 3a + ...
-    times m r^2 w^2.
+    -----
+    The series in lambda = stroke/(2 rod) is Porter's (1943): -1/2 sin 2a - 3 lambda/4 sin 3a + ... times m r^2 w^2.
 
     Examples
     --------
@@ -298,9 +297,7 @@ def _add_gas(torque, train, rpm):
     row_disk = disk[np.array(rows)]
     row_scale = scale[np.array(rows)]
     torque = torque.at[row_disk, 0].add(row_scale * gas[:, 0].real - ambient[:, 0].real)
-    lists = [
-        tuple(topology.cylinder_step[c] * k for k in range(1, topology.cylinder_gas[c] + 1)) for c in rows
-    ]
+    lists = [tuple(topology.cylinder_step[c] * k for k in range(1, topology.cylinder_gas[c] + 1)) for c in rows]
     i, k, n = _entries(lists, torque.shape[1] - 1)
     value = row_scale[i] * gas[i, k + 1] - ambient[i, k + 1]
     return torque.at[row_disk[i], n].add(value * _phase(train, np.array(rows)[i], n))

@@ -7,6 +7,7 @@ the scene, one row a line: so that long tables need not be repeated. Lines that 
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import tomllib
 from importlib import resources
 from pathlib import Path
@@ -165,15 +166,17 @@ def _read_elements(path: Path, content: dict, errors: list[str]) -> list:
 def _read_element(cls, row: dict, where: str, folder: Path, read: dict, errors: list[str]):
     """Make one element; a key that is not there becomes None and is found by the checks."""
     fields = {f.name: f for f in dataclasses.fields(cls)}
+    values = {}
     for key in row:
         if key not in fields:
             errors.append(f"{where}: unknown key {key!r}.{suggestion(key, fields)}")
-    values = {}
+            meant = [k for k in difflib.get_close_matches(key, fields, n=1) if k not in row]
+            values |= dict.fromkeys(meant, row[key])
     for key, f in fields.items():
         if key in row:
             values[key] = row[key]
         elif f.default is dataclasses.MISSING:
-            values[key] = None
+            values.setdefault(key, None)
         if f.metadata["kind"] == "rows" and isinstance(row.get(key), str):
             try:
                 values[key] = _read_rows(folder / row[key], f.metadata["columns"], read)

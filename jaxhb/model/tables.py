@@ -171,9 +171,7 @@ def torque_table(torques) -> Torques:
     """Collect the given torques."""
     scale_rpm, scale_factor = _scales(torques)
     harmonics = _harmonics([t.harmonics for t in torques])
-    return Torques(
-        mean=column(torques, "mean"), harmonics=harmonics, scale_rpm=scale_rpm, scale_factor=scale_factor
-    )
+    return Torques(mean=column(torques, "mean"), harmonics=harmonics, scale_rpm=scale_rpm, scale_factor=scale_factor)
 
 
 def cylinder_table(cylinders) -> Cylinders:

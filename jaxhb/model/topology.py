@@ -198,17 +198,11 @@ class Topology:
         hits = [(i, 1) for i, ends in enumerate(self.link_ends) if ends == (a, b)]
         hits += [(i, -1) for i, ends in enumerate(self.link_ends) if ends == (b, a)]
         if not hits:
-            near = [
-                n for n, ends in zip(self.link_names, self.link_ends, strict=True) if a in ends or b in ends
-            ]
-            raise SceneError(
-                f"{where}: no link joins {name!r} and {other!r}. Links there: {', '.join(near)}."
-            )
+            near = [n for n, ends in zip(self.link_names, self.link_ends, strict=True) if a in ends or b in ends]
+            raise SceneError(f"{where}: no link joins {name!r} and {other!r}. Links there: {', '.join(near)}.")
         if len(hits) > 1:
             names = ", ".join(repr(self.link_names[i]) for i, _ in hits)
-            raise SceneError(
-                f"{where}: several links join {name!r} and {other!r}: {names}. Ask for one by its name."
-            )
+            raise SceneError(f"{where}: several links join {name!r} and {other!r}: {names}. Ask for one by its name.")
         return hits[0]
 
 

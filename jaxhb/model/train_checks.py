@@ -51,9 +51,7 @@ def gear_errors(parts, rotor) -> list[str]:
     disks = parts.tables["disk"]
     for i, (mesh, ends) in enumerate(zip(parts.tables["mesh"], parts.ends("mesh"), strict=True)):
         where = parts.where("mesh", i)
-        bare = [
-            name for name, d in zip(mesh.between, ends, strict=True) if d >= len(disks) or not disks[d].radius
-        ]
+        bare = [name for name, d in zip(mesh.between, ends, strict=True) if d >= len(disks) or not disks[d].radius]
         errors += [f"{where}: disk {name!r} has no radius. Give its pitch radius in m." for name in bare]
         if rotor[ends[0]] == rotor[ends[1]]:
             errors.append(

@@ -31,7 +31,7 @@ class Plan:
     method : "reduced" or "chain"
     start : "linear" or "march"
     cycles, march_steps : of the march
-    room : int, instants out of contact in the preconditioner
+    room, resolved : int, instants out of contact and harmonics in the preconditioner
     tolerance : float, on the truncation error, relative to the largest tooth force
     excited, parts : highest harmonic of the excitation, and how the march treats the disks
     """
@@ -44,6 +44,7 @@ class Plan:
     cycles: int = MARCH_CYCLES
     march_steps: int = 0
     room: int = 0
+    resolved: int = 0
     tolerance: float = 0.01
     excited: int = 0
     parts: Partition | None = None
@@ -54,6 +55,7 @@ class Plan:
         return Sizes(
             samples=16 * self.harmonics,
             room=self.room,
+            resolved=self.resolved or self.harmonics,
             method=self.method,
             origin=self.start,
             count=len(self.active),
@@ -131,6 +133,11 @@ def next_level(harmonics, method):
     return MOST[method] if harmonics < MOST[method] else None
 
 
+def cycle_frequency(train, rpm):
+    """Omega in rad/s of the cycle."""
+    return 2 * np.pi * float(rpm) / 60 / train.topology.revolutions_per_cycle
+
+
 def mesh_mode_harmonic(train, frequency):
     """Harmonic of the cycle at the highest natural frequency that strains a tooth mesh noticeably."""
     modes = natural_frequencies(train)
@@ -186,8 +193,13 @@ def first_level(excited, mesh_modes):
     return level_at_least(max(2 * excited, 1.1 * mesh_modes))
 
 
+def resolved_for(harmonics, mesh_modes):
+    """Harmonics for the preconditioner: somewhat above the mesh modes, not above N."""
+    return min(harmonics, level_at_least(1.2 * mesh_modes))
+
+
 def room_for(samples, problem, choice, harmonics):
-    """Instants out of contact, with a margin, rounded up to one of a few shares of all ``2 N G``."""
+    """Instants out of contact, with a margin, rounded up to one of a few shares of all ``2 harmonics G``."""
     if samples is None:
         return 2 * harmonics * len(choice.active)
     weight = march.contact_weight(problem, choice, samples, harmonics)

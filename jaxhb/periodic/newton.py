@@ -125,10 +125,11 @@ def relative_residual(reduced, value):
     return jnp.max(size / scale)
 
 
-def solve_reduced(reduced, start, *, samples, room, tolerance, max_steps, krylov=60):
+def solve_reduced(reduced, start, *, samples, room, resolved, tolerance, max_steps, krylov=60):
     """Newton on the reduced equation, unknowns the deflections ``(G, N+1)`` of the active meshes.
 
-    ``samples`` per cycle for the law (a multiple of 2 N); ``room`` for instants out of contact in the preconditioner.
+    ``samples`` per cycle for the law (a multiple of 2 N); ``room`` for instants out of contact and ``resolved``
+    harmonics in the preconditioner.
     """
 
     def evaluate(deflection):
@@ -137,7 +138,7 @@ def solve_reduced(reduced, start, *, samples, room, tolerance, max_steps, krylov
     def direction(deflection, value, error):
         forcing = jnp.clip(0.05 * tolerance / error, 1e-10, 1e-2)
         forcing = jnp.maximum(forcing, jnp.minimum(1e-2, 0.1 * error))
-        return correct(reduced, deflection, value, samples=samples, room=room, forcing=forcing, krylov=krylov)
+        return correct(reduced, deflection, value, samples, room, resolved, forcing, krylov)
 
     return newton(
         evaluate,
@@ -149,11 +150,11 @@ def solve_reduced(reduced, start, *, samples, room, tolerance, max_steps, krylov
     )
 
 
-def correct(reduced, deflection, value, *, samples, room, forcing, krylov):
+def correct(reduced, deflection, value, samples, room, resolved, forcing, krylov):
     """Solution of ``J correction = value`` at ``deflection`` by preconditioned GMRES, and the steps it took."""
     meshes, width = deflection.shape
     _, slope, rate_slope = reduced.excess(*reduced.sampled(deflection, samples))
-    factored = support.prepare(reduced, slope, rate_slope, room)
+    factored = support.prepare(reduced, slope, rate_slope, room, resolved)
 
     def unpacked(flat):
         return fourier.unpack(flat.reshape(meshes, 2 * width - 1))

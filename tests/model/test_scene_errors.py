@@ -1,0 +1,297 @@
+"""Every sentence a scene can be refused with; and that all of them come at once."""
+
+import pytest
+
+from jaxhb.model.drivetrain import SceneError, build
+from jaxhb.model.elements import Damper, Disk, Ground, Mesh, Shaft, Torque
+from jaxhb.model.scene import load_scene, scene_description
+
+HEAD = """
+[scene]
+reference = "a"
+revolutions_per_cycle = 2
+[[disk]]
+name = "a"
+inertia = 1.0
+radius = 0.1
+[[disk]]
+name = "b"
+inertia = 1.0
+[[disk]]
+name = "c"
+inertia = 1.0
+radius = 0.2
+[[shaft]]
+between = ["a", "b"]
+stiffness = 1e4
+"""
+MESH = '[[mesh]]\nbetween = ["a", "c"]\nstiffness = 1e8\n'
+CYLINDER = '[[load]]\ndisk = "c"\n[[cylinder]]\ndisk = "a"\nbore = 0.1\nstroke = 0.1\nrod = 0.2\n'
+TRACE = "pressure = [[0, 1e5], [720, 1e5]]\n"
+
+
+def load(tmp_path, text):
+    path = tmp_path / "gears.toml"
+    path.write_text(text)
+    return load_scene(path)
+
+
+SHAFT = "[[shaft]]\n"
+CASES = {
+    "unknown key": (
+        SHAFT + 'between = ["a", "b"]\nstifness = 1.0',
+        "gears.toml, [[shaft]] no. 2: unknown key 'stifness'. Did you mean 'stiffness'?",
+    ),
+    "missing key": (
+        SHAFT + 'between = ["a", "b"]',
+        "no. 2: the key 'stiffness' is missing. Give greater than 0 N m/rad.",
+    ),
+    "missing name": ("[[disk]]\ninertia = 1.0", "[[disk]] no. 4: the key 'name' is missing. Give a text, unique"),
+    "missing disk": (
+        "[[ground]]\nstiffness = 1.0",
+        "[[ground]] no. 1: the key 'disk' is missing. Give the name of a disk.",
+    ),
+    "unknown table": ("[[shafts]]\nstiffness = 1.0", "unknown table 'shafts'. Did you mean 'shaft'?"),
+    "no list": ("[load]\ndisk = 'a'", "'load' must be a list of tables. Write [[load]]."),
+    "repeated name": (
+        "[[disk]]\nname = 'b'\ninertia = 1.0",
+        "[[disk]] no. 4: the name 'b' is taken by [[disk]] no. 2. Rename.",
+    ),
+    "name of two tables": (
+        "[[load]]\nname = 'a'\ndisk = 'b'",
+        "[[load]] no. 1: the name 'a' is taken by [[disk]] no. 1. Rename.",
+    ),
+    "unknown disk": (
+        "[[disk]]\nname = 'flywheel'\ninertia = 1.0\n[[load]]\ndisk = 'flywhel'",
+        "[[load]] no. 1: there is no disk 'flywhel'. Did you mean 'flywheel'?",
+    ),
+    "negative": (
+        SHAFT + "between = ['a', 'b']\nstiffness = -5",
+        "stiffness is -5 N m/rad, must be greater than 0 N m/rad.",
+    ),
+    "not finite": (
+        SHAFT + "between = ['a', 'b']\nstiffness = nan",
+        "stiffness is nan N m/rad, must be a finite number.",
+    ),
+    "text": (SHAFT + "between = ['a', 'b']\nstiffness = 'soft'", "stiffness is 'soft', must be a number in N m/rad."),
+    "truth": (SHAFT + "between = ['a', 'b']\nstiffness = true", "stiffness is True, must be a number in N m/rad."),
+    "pair": (SHAFT + "between = ['a']\nstiffness = 1", "between is ['a'], must be the names of two disks."),
+    "transition": (MESH + "transition = 1.5", "transition is 1.5, must be greater than 0 and at most 1."),
+    "epsilon": (MESH + "epsilon = 1.0", "epsilon is 1, must be at least 0 and less than 1."),
+    "backlash": (MESH + "backlash = 0.0", "backlash is 0 m, must be greater than 0 m. Leave the key out for a mesh"),
+    "law": (MESH + "law = 'fridman2009'\nepsilon = 0.1", "law = 'fridman2009' is given together with epsilon."),
+    "choice": (MESH + "damping_law = 'allways'", "must be 'contact' or 'always'. Did you mean 'always'?"),
+    "teeth": ("[[disk]]\nname='d'\ninertia=1\nradius=1\nteeth = 2.5", "teeth is 2.5, must be a whole number."),
+    "itself": (
+        SHAFT + "between = ['a', 'a']\nstiffness = 1",
+        "no. 2: it joins 'a' to itself. Name two different disks.",
+    ),
+    "no radius": (
+        "[[mesh]]\nbetween = ['c', 'b']\nstiffness = 1e8",
+        "[[mesh]] no. 1: disk 'b' has no radius. Give its pitch radius in m.",
+    ),
+    "one rotor": (
+        MESH + SHAFT + "between = ['b', 'c']\nstiffness = 1",
+        "[[mesh]] no. 1: 'a' and 'c' are on one rotor, must be on two",
+    ),
+    "pieces": (
+        "",
+        "the train falls into pieces that no link joins: 'a', 'b' and 'c'. Join them by a [[shaft]] or a [[mesh]].",
+    ),
+    "loose ring": (MESH + "[[damper]]\nname='d'\ndisk='a'\ninertia=1.0", "damping and stiffness are both 0"),
+    "balance": (
+        MESH + "[[torque]]\ndisk = 'a'\nmean = 5.0\n[[torque]]\ndisk = 'c'\nmean = 8.0",
+        "the mean torques leave 9 N m (sum of speed ratio x mean torque), must balance",
+    ),
+    "viscous ground": (
+        MESH + "[[damper]]\nname='d'\ndisk='a'\ninertia=1.0\ndamping=1.0\n[[ground]]\ndisk='d'\nstiffness=1.0",
+        "the [[ground]] on 'd' holds the train only through links without static stiffness. Ground a disk",
+    ),
+    "torque on a viscous ring": (
+        MESH + "[[damper]]\nname='d'\ndisk='a'\ninertia=1.0\ndamping=1.0\n[[torque]]\ndisk='d'\nmean=1.0",
+        "a mean torque acts on 'd', which no static stiffness holds. Give the damper a stiffness",
+    ),
+    "order": (
+        MESH + "[[torque]]\ndisk = 'a'\nharmonics = [[0.25, 1.0, 0.0]]",
+        "order 0.25 is harmonic 0.5 of a cycle of 2 revolutions of the reference rotor, must be whole."
+        " Set revolutions_per_cycle = 4.",
+    ),
+    "order 0": (
+        MESH + "[[torque]]\ndisk = 'a'\nharmonics = [[0, 1.0, 0.0]]",
+        "harmonics, row 1: order is 0, must be greater than 0. Give the mean by its own key.",
+    ),
+    "order twice": (
+        MESH + "[[torque]]\ndisk = 'a'\nharmonics = [[1, 1.0, 0.0], [1, 1, 1]]",
+        "harmonics: order 1 stands 2 times. Add the rows.",
+    ),
+    "row": (
+        MESH + "[[torque]]\ndisk = 'a'\nharmonics = [[1, 1.0]]",
+        "harmonics, row 1 is [1, 1.0], must be 3 numbers [order, Re, Im].",
+    ),
+    "scale": (
+        MESH + "[[torque]]\ndisk = 'a'\nscale = [[600, 1], [600, 2]]",
+        "scale, row 2: rpm 600 after 600; must increase. Sort the rows.",
+    ),
+    "angles": (
+        MESH + CYLINDER + "pressure = [[0, 1e5], [10, 1e5], [9, 1e5]]",
+        "pressure, row 3: angle 9 after 10; must increase.",
+    ),
+    "two gas torques": (
+        MESH + CYLINDER + TRACE + "gas_torque_mean = 1.0",
+        "pressure and gas_torque are both given. Keep one of them.",
+    ),
+    "no gas torque": (
+        MESH + CYLINDER,
+        "neither pressure nor gas_torque is given. Give one of them, or set fires = false.",
+    ),
+    "short rod": (
+        MESH + CYLINDER.replace("0.2", "0.04") + TRACE,
+        "rod is 0.04 m, must be longer than half the stroke (0.05 m).",
+    ),
+    "no bore": (MESH + CYLINDER.replace("bore = 0.1\n", "") + TRACE, "the key 'bore' is missing; pressure needs it."),
+    "no csv": (MESH + CYLINDER + "pressure = 'p.csv'", "pressure: there is no file 'p.csv' beside the scene."),
+    "flag": (MESH + CYLINDER + TRACE + "fires = 'no'", "fires is 'no', must be true or false."),
+    "long trace": (
+        MESH + CYLINDER + "pressure = [[0, 1], [800, 1]]",
+        "pressure spans 800 deg, must span at most 720 deg.",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_sentence(tmp_path, case):
+    text, sentence = CASES[case]
+    with pytest.raises(SceneError) as caught:
+        load(tmp_path, HEAD + text)
+    assert sentence in str(caught.value)
+    assert len(caught.value.sentences) <= 3
+    assert all(s.startswith("gears.toml") for s in caught.value.sentences)
+
+
+def test_the_scene_the_errors_are_put_in_is_sound(tmp_path):
+    load(tmp_path, HEAD + MESH)
+    load(tmp_path, HEAD + MESH + CYLINDER + TRACE)
+
+
+def test_all_errors_are_collected(tmp_path):
+    text = HEAD.replace("stiffness = 1e4", "stifness = 1e4") + "[[load]]\ndisk = 'zz'\nshare = -1\n[[foo]]\nx = 1\n"
+    with pytest.raises(SceneError) as caught:
+        load(tmp_path, text)
+    assert len(caught.value.sentences) == 4
+    assert str(caught.value).count("\n") == 3
+
+
+@pytest.mark.parametrize(
+    "head, sentence",
+    [
+        ("[scene]\nrefrence = 'a'", "[scene]: unknown key 'refrence'. Did you mean 'reference'?"),
+        ("[scene]\nreference = 'zz'", "[scene]: reference: there is no disk 'zz'. Known: 'a', 'b', 'c'."),
+        (
+            "",
+            "[scene]: the key 'reference' is missing; there are 2 rotors. Name a disk of the rotor whose rpm is given",
+        ),
+        ("[scene]\nrevolutions_per_cycle = 0", "revolutions_per_cycle is 0, must be a number greater than 0."),
+        ("scene = 3", "'scene' is 3, must be a table. Write [scene]."),
+    ],
+)
+def test_sentence_on_the_head(tmp_path, head, sentence):
+    body = HEAD[HEAD.index("[[disk]]") :] + MESH
+    with pytest.raises(SceneError) as caught:
+        load(tmp_path, head + "\n" + body)
+    assert sentence in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "content, sentence",
+    [
+        ("0, 1e5\n10; 2e5; 3\n", "p.csv, line 2 is '10; 2e5; 3', must be 2 numbers angle, pressure"),
+        ("# angle, Pa\n", "p.csv holds no rows. Give angle, pressure on each line."),
+    ],
+)
+def test_sentence_on_a_csv(tmp_path, content, sentence):
+    (tmp_path / "p.csv").write_text(content)
+    with pytest.raises(SceneError) as caught:
+        load(tmp_path, HEAD + MESH + CYLINDER + "pressure = 'p.csv'")
+    assert sentence in str(caught.value)
+
+
+def test_a_csv_stands_for_its_rows(tmp_path):
+    (tmp_path / "p.csv").write_text("# angle; Pa\n0; 1e5\n\n720; 3e5\n")
+    one = load(tmp_path, HEAD + MESH + CYLINDER + "pressure = 'p.csv'")
+    two = load(tmp_path, HEAD + MESH + CYLINDER + "pressure = [[0, 1e5], [720, 3e5]]")
+    assert (one.cylinders.pressure == two.cylinders.pressure).all()
+
+
+def test_a_syntax_error_names_file_and_line(tmp_path):
+    with pytest.raises(SceneError, match=r"gears.toml: this is no valid TOML: .*line 2.*Correct the line\."):
+        load(tmp_path, "[scene]\nname = = 3\n")
+
+
+def test_unknown_scenes_and_files_are_named():
+    with pytest.raises(SceneError, match="there is no packaged scene 'gear_trian_30'. Did you mean 'gear_train_30'?"):
+        load_scene("gear_trian_30")
+    with pytest.raises(SceneError, match="nowhere.toml: there is no such file"):
+        scene_description("nowhere.toml")
+
+
+def gears(*radii):
+    return [Disk(name="abcdef"[k], inertia=1.0, radius=r) for k, r in enumerate(radii)]
+
+
+def meshes(*pairs, **options):
+    return [Mesh(between=tuple(pair), stiffness=1e8, **options) for pair in pairs]
+
+
+def test_a_ring_of_three_external_gears_locks():
+    with pytest.raises(SceneError) as caught:
+        build([*gears(0.1, 0.2, 0.3), *meshes("ab", "bc", "ca")], reference="a")
+    sentence = str(caught.value)
+    assert "locked closed loop" in sentence and "its senses of rotation contradict each other" in sentence
+    assert all(f"'{name}'" in sentence for name in "abc")
+
+
+def test_a_loop_whose_ratios_do_not_close_locks():
+    shaft = Shaft(between=("c", "d"), stiffness=1.0)
+    parts = [*gears(0.1, 0.2, 0.1, 0.1, 0.2), shaft, *meshes("ab", "bc"), *meshes("de", "ea")]
+    with pytest.raises(SceneError, match="locked closed loop .*its senses"):
+        build([*parts[:-1], *meshes("ea", kind="internal")], reference="a")
+    two = [
+        *gears(0.1, 0.2, 0.1, 0.3),
+        Shaft(between=("a", "c"), stiffness=1.0),
+        Shaft(between=("b", "d"), stiffness=1.0),
+    ]
+    with pytest.raises(SceneError, match=r"locked closed loop 'c', 'd', 'b', 'a': its ratios multiply to 0\.6"):
+        build([*two, *meshes("ab", "cd")], reference="a")
+
+
+def test_teeth_that_contradict_the_radii_are_refused():
+    disks = [Disk(name="a", inertia=1.0, radius=0.1, teeth=20), Disk(name="b", inertia=1.0, radius=0.2, teeth=41)]
+    with pytest.raises(SceneError, match="teeth 20:41 = 0.487805 but radii 0.1:0.2 m = 0.5; must agree to 0.1 %"):
+        build([*disks, *meshes("ab")], reference="a")
+
+
+def test_a_train_without_inertia_is_refused():
+    parts = [Disk(name="a", inertia=0.0), Ground(disk="a", stiffness=1.0)]
+    with pytest.raises(SceneError, match="the inertia of every disk is 0 kg m2"):
+        build(parts)
+
+
+def test_a_train_of_nothing_is_refused():
+    with pytest.raises(SceneError, match=r"there is no \[\[disk\]\]. Give at least one."):
+        build([])
+
+
+def test_scaled_means_must_balance_at_every_speed():
+    up = Torque(disk="a", mean=5.0, scale=[(100.0, 0.5), (200.0, 1.0)])
+    disks = [Disk(name="a", inertia=1.0), Disk(name="b", inertia=1.0), Shaft(between=("a", "b"), stiffness=1.0)]
+    with pytest.raises(SceneError, match="leave -2.5 N m at 100 rpm"):
+        build([*disks, up, Torque(disk="b", mean=-5.0)])
+    build([*disks, up, Torque(disk="b", mean=-5.0, scale=[(100.0, 0.5), (200.0, 1.0)])])
+
+
+def test_a_damper_on_itself_and_a_stranger_are_refused():
+    parts = [Disk(name="a", inertia=1.0), Damper(name="d", disk="d", inertia=1.0, damping=1.0)]
+    with pytest.raises(SceneError, match="it sits on itself"):
+        build(parts)
+    with pytest.raises(SceneError, match="3 is no element of a drive train"):
+        build([3])

@@ -1,0 +1,25 @@
+"""The packaged V10 timing train against the independent integration of its reference file."""
+
+import json
+
+import numpy as np
+import pytest
+from transient_cases import REFERENCE
+
+from jaxhb.model.scene import load_scene
+from jaxhb.transient.referee import integrate
+
+TABLE = json.loads((REFERENCE / "gear_train_30.json").read_text())["expected_behaviour"]
+
+
+@pytest.mark.parametrize("rpm", ["600", "1200", "1800"])
+def test_tooth_forces_agree_with_the_reference_integration(rpm):
+    orbit = integrate(load_scene("gear_train_30"), rpm=float(rpm), steps=12000)
+    assert orbit.settled
+    expected = TABLE[rpm]
+    largest = np.array(expected["elastic_force_max_N"])
+    rms = np.sqrt((orbit.elastic**2).mean(axis=1))
+    np.testing.assert_allclose(orbit.elastic.max(axis=1), largest, rtol=1e-3)
+    np.testing.assert_allclose(orbit.elastic.min(axis=1), expected["elastic_force_min_N"], atol=1e-3 * largest.max())
+    np.testing.assert_allclose(rms, expected["elastic_force_rms_N"], rtol=1e-4)
+    np.testing.assert_allclose(100 * orbit.separated, expected["separated_percent"], atol=0.1)

@@ -1,0 +1,92 @@
+"""Exact periodic motions of one mass with backlash."""
+
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from transient_cases import REFERENCE, method_case, one_mass
+
+from jaxhb.transient.integrate import settle
+from jaxhb.transient.shooting import shoot
+from jaxhb.transient.statespace import partition
+from jaxhb.transient.stepper import discretize, on_flank, state_from_motion
+
+cut = jax.jit(discretize, static_argnames=("steps", "parts"))
+correct = jax.jit(shoot)
+
+
+def stepper_of(case, frequency, load, steps):
+    return cut(*case, frequency, np.array([load], complex), steps=steps, parts=partition(*case))
+
+
+def exact(steps):
+    """Errors of x(0), x'(0), trace and determinant of the monodromy matrix of the case of method.md A7."""
+    case = one_mass(mass=1, damping=0.2, stiffness=4, epsilon=0.05, transition=0.2, backlash=0.2)
+    stepper = stepper_of(case, 1.0, [0.3, 0.5], steps)
+    shot = correct(stepper, jax.jit(settle)(stepper, on_flank(stepper)).state)
+    assert shot.closure_after < 1e-11
+    found = [
+        shot.trace.deflection[0, 0],
+        shot.trace.rate[0, 0],
+        jnp.trace(shot.monodromy),
+        jnp.linalg.det(shot.monodromy),
+    ]
+    expected = method_case("A7_true_periodic_one_mass")["expected"]
+    return np.abs(np.array(found) - [float(expected[k]) for k in ("x0", "v0", "monodromy_trace", "monodromy_det")])
+
+
+def test_the_exact_periodic_motion_and_its_multipliers_are_found():
+    errors = exact(4096)
+    assert errors[:2].max() < 2e-9
+    assert errors[2] < 1e-5
+    assert errors[3] < 1e-11
+
+
+def test_the_motion_converges_with_order_three():
+    coarse, fine = exact(256)[:2], exact(4096)[:2]
+    order = np.log2(coarse / fine) / 4
+    assert order.min() > 2.7
+
+
+def test_sharp_dead_zone_solutions_are_approached_quadratically_in_the_transition():
+    rows = json.loads((REFERENCE / "backlash_one_mass_exact.json").read_text())["kahraman_singh_form"]["rows"]
+    rows = [row for row in rows if row["Omega"] in (0.8, 0.9, 1.1, 1.3)]
+    assert len(rows) >= 8
+    errors = {0.01: [], 0.001: []}
+    for transition, row in [(transition, row) for transition in errors for row in rows]:
+        case = one_mass(mass=1, damping=0.1, stiffness=1, epsilon=0, transition=transition, backlash=2)
+        load = [0.1, -0.5j * 0.05 * row["Omega"] ** 2]
+        stepper = stepper_of(case, row["Omega"], load, 4096)
+        x, v = row["y0"]
+        shot = correct(stepper, state_from_motion(stepper, jnp.array([x]), jnp.array([v])))
+        values = np.asarray(shot.trace.deflection[0])
+        amplitudes = 2 * np.abs(np.fft.rfft(values)[1:4]) / values.size
+        errors[transition].append(np.abs(amplitudes - row["amp_h"][:3]).max())
+        multipliers = np.sort(np.abs(np.linalg.eigvals(shot.monodromy)))
+        np.testing.assert_allclose(multipliers, np.sort(row["floquet_abs"]), atol=1e-11)
+        assert abs(values.max() - row["max"]) < 3 * transition**2
+    assert max(errors[0.01]) < 3e-4
+    assert max(errors[0.001]) < 3e-6
+
+
+@pytest.fixture(scope="module")
+def coexisting():
+    """Periodic motions of the case of method.md A4.2 (ii), from a grid of starts."""
+    case = one_mass(mass=1, damping=0.05, stiffness=2, epsilon=0.05, transition=0.2, backlash=1)
+    stepper = stepper_of(case, 1.0, [0.1, 0.1], 512)
+    x, v = (g.ravel() for g in np.meshgrid(np.linspace(-1.5, 1.5, 7), np.linspace(-1, 1, 5)))
+    starts = jax.vmap(lambda a, b: state_from_motion(stepper, a[None], b[None]))(x, v)
+    shots = jax.jit(jax.vmap(lambda z: shoot(stepper, z, steps_newton=20)))(starts)
+    closed = np.asarray(shots.closure_after) < 1e-10
+    found = {}
+    for state, matrix in zip(shots.state[closed], shots.monodromy[closed], strict=True):
+        key = tuple(np.round(np.asarray(state), 6) + 0.0)
+        found[key] = np.abs(np.linalg.eigvals(np.asarray(matrix))).max()
+    return found
+
+
+def test_shooting_finds_one_stable_and_two_unstable_motions(coexisting):
+    assert len(coexisting) == 3
+    assert sum(radius > 1 for radius in coexisting.values()) == 2

@@ -1,0 +1,260 @@
+"""Time integration of drive trains against independent integrators and dense harmonic solutions."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from transient_cases import pair, posed
+
+from jaxhb.harmonic import backlash, fourier, reduction
+from jaxhb.model.drivetrain import build
+from jaxhb.model.elements import Disk, Ground, Mesh, Shaft, Torque
+from jaxhb.model.scene import load_scene
+from jaxhb.transient.integrate import cycle, march, settle
+from jaxhb.transient.referee import integrate, referee, resolving_steps
+from jaxhb.transient.shooting import monodromy, shoot
+from jaxhb.transient.statespace import linear_response, matrices, partition
+from jaxhb.transient.stepper import at_rest, discretize, on_flank, state_from_harmonics
+
+HAMMERING_RPM = 2200.0
+cut = jax.jit(discretize, static_argnames=("steps", "parts"))
+run = jax.jit(march)
+correct = jax.jit(shoot)
+
+
+def stepper_of(posed_train, steps):
+    return cut(*posed_train, steps=steps, parts=partition(*posed_train[:2]))
+
+
+def adaptive(system, meshes, frequency, load, x, v, cycles, samples):
+    """Deflections of the last cycle by an adaptive integrator of the plain equations."""
+    B, K = (np.array(m) for m in matrices(system))
+    link = np.asarray(meshes.link)
+    columns = np.asarray(reduction.incidence(system, link))
+    mass, load = np.asarray(system.mass), np.asarray(load)
+    B -= columns @ np.diag(np.asarray(system.viscous)[link]) @ columns.T
+    K -= columns @ np.diag(np.asarray(system.stiffness)[link]) @ columns.T
+    c, eps, tau, h = (
+        np.asarray(p) for p in (meshes.law.stiffness, meshes.law.epsilon, meshes.law.transition, meshes.law.backlash)
+    )
+    gated, r = np.asarray(meshes.contact_damping), np.asarray(meshes.viscous)
+    disks, n = mass.size, np.arange(load.shape[1])
+
+    def motion(t, y):
+        l, rate = columns.T @ y[:disks], columns.T @ y[disks:]
+        u = np.clip(np.abs(l) - (1 - tau) * h / 2, 0, tau * h)
+        w = np.maximum(np.abs(l) - (1 + tau) * h / 2, 0)
+        f = eps * c * l + np.sign(l) * c * (1 - eps) * (u**2 / (2 * tau * h) + w)
+        f = f + r * rate * np.where(gated, u / (tau * h), 1.0)
+        wave = np.exp(1j * n * frequency * t) * np.where(n == 0, 1, 2)
+        q = (load @ wave).real
+        return np.concatenate([y[disks:], (q - columns @ f - B @ y[disks:] - K @ y[:disks]) / mass])
+
+    period = 2 * np.pi / frequency
+    times = period * (cycles - 1 + np.arange(samples) / samples)
+    start = np.concatenate([x, v])
+    out = solve_ivp(motion, (0, cycles * period), start, "DOP853", times, rtol=1e-11, atol=1e-13, max_step=period / 400)
+    return columns.T @ out.y[:disks]
+
+
+@pytest.mark.parametrize("law", ["contact", "always"])
+def test_a_hammering_train_converges_to_an_adaptive_integrator(law):
+    posed_train = system, meshes, frequency, load = posed(pair(damping_law=law), HAMMERING_RPM)
+    response = linear_response(jax.tree.map(jnp.asarray, system), frequency, jnp.asarray(load))
+    x = fourier.synthesize(response, 64)[:, 0]
+    v = fourier.synthesize(fourier.derivative(response, frequency), 64)[:, 0]
+    expected = adaptive(*posed_train, x, v, 2, 4000)
+    assert (np.abs(expected) < 0.9 * meshes.law.backlash[0] / 2).any()
+    errors = []
+    for steps in (4000, 16000):
+        stepper = stepper_of(posed_train, steps)
+        found = run(stepper, at_rest(stepper), 2)[1].deflection[:, :: steps // 4000]
+        errors.append(np.abs(found - expected).max() / np.abs(expected).max())
+    assert errors[1] < 1e-6
+    # damping in contact has a kink where engagement begins: order 2 instead of 3
+    assert np.log2(errors[0] / errors[1]) / 2 > (1.6 if law == "contact" else 2.1)
+
+
+def test_zero_deviation_is_the_motion_of_a_linear_train():
+    system, meshes, frequency, load = posed(pair(), HAMMERING_RPM)
+    law = backlash.Law(meshes.law.stiffness, jnp.ones(1), meshes.law.transition, meshes.law.backlash)
+    meshes = type(meshes)(meshes.link, law, meshes.viscous, np.array([False]))
+    stepper = stepper_of((system, meshes, frequency, load), 500)
+    state, trace = run(stepper, at_rest(stepper), 5)
+    assert np.abs(state).max() == 0
+    omega = reduction.frequencies(frequency, load.shape[1] - 1)
+    displacement, _ = reduction.solve_linear(jax.tree.map(jnp.asarray, system), omega, jnp.asarray(load)[..., None])
+    expected = fourier.synthesize(system.deflections(displacement[..., 0], np.asarray(meshes.link)), 500)
+    np.testing.assert_allclose(trace.deflection, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("ground", [True, False])
+def test_teeth_that_stay_on_their_flank_start_on_the_periodic_motion(ground):
+    stepper = stepper_of(posed(pair(ground=ground, damping_law="always"), 4000.0), 2000)
+    law = stepper.law.expand()
+    _, trace = run(stepper, on_flank(stepper), 1)
+    assert (jnp.abs(trace.deflection) > (1 + law.transition) * law.backlash / 2).all()
+    assert trace.closure < 1e-9
+
+
+def test_a_floating_train_hammers_as_a_softly_grounded_one():
+    traces = []
+    for ground in (True, False):
+        stepper = stepper_of(posed(pair(ground=ground), HAMMERING_RPM), 3000)
+        shot = correct(stepper, run(stepper, on_flank(stepper), 20)[0])
+        assert shot.closure_after < 1e-10
+        traces.append(np.asarray(shot.trace.deflection))
+    assert np.abs(traces[0] - traces[1]).max() < 1e-3 * np.abs(traces[0]).max()
+    free = np.sort(np.abs(np.linalg.eigvals(np.asarray(shot.monodromy))))[::-1]
+    assert abs(free[0] - 1) < 1e-8
+    assert free[1] < 1
+
+
+def test_the_monodromy_matrix_is_the_derivative_of_the_cycle():
+    stepper = stepper_of(posed(pair(), HAMMERING_RPM), 3000)
+    state, _ = run(stepper, on_flank(stepper), 5)
+    matrix = np.asarray(jax.jit(monodromy)(stepper, state))
+    direction = np.random.default_rng(0).normal(size=state.size)
+    step = 1e-6 * np.linalg.norm(state)
+    ends = [np.asarray(jax.jit(cycle)(stepper, state + s * step * direction)[0]) for s in (1, -1)]
+    difference = (ends[0] - ends[1]) / (2 * step)
+    assert np.linalg.norm(matrix @ direction - difference) < 1e-5 * np.linalg.norm(difference)
+
+
+def test_the_determinant_obeys_liouville():
+    posed_train = system, _, frequency, _ = posed(pair(damping_law="always"), HAMMERING_RPM)
+    stepper = stepper_of(posed_train, 6000)
+    state, _ = run(stepper, on_flank(stepper), 3)
+    sign, logarithm = np.linalg.slogdet(np.asarray(jax.jit(monodromy)(stepper, state)))
+    damping = np.asarray(matrices(jax.tree.map(jnp.asarray, system))[0])
+    rate = 2 * np.pi / frequency * np.trace(damping / np.asarray(system.mass)[:, None])
+    assert sign > 0
+    assert abs(logarithm + rate) < 1e-4 * rate
+
+
+def test_a_batch_of_speeds_equals_single_speeds():
+    train = pair()
+    rpms = (1800.0, HAMMERING_RPM, 4000.0)
+    cases = [posed(train, rpm) for rpm in rpms]
+    system, meshes, _, _ = cases[0]
+    frequency = jnp.array([case[2] for case in cases])
+    load = jnp.array([case[3] for case in cases])
+    parts = partition(system, meshes)
+
+    @jax.jit
+    def batch(system, meshes, frequency, load):
+        def single(frequency, load):
+            stepper = discretize(system, meshes, frequency, load, 1000, parts=parts)
+            return march(stepper, on_flank(stepper), 4)
+
+        return jax.vmap(single)(frequency, load)
+
+    _, traces = batch(system, meshes, frequency, load)
+    for i, case in enumerate(cases):
+        stepper = stepper_of(case, 1000)
+        _, trace = run(stepper, on_flank(stepper), 4)
+        assert np.abs(trace.deflection - traces.deflection[i]).max() < 1e-9 * np.abs(trace.deflection).max()
+
+
+def test_settle_says_so_when_it_did_not_settle():
+    stepper = stepper_of(posed(pair(), HAMMERING_RPM), 1000)
+    short = jax.jit(settle)(stepper, on_flank(stepper), tolerance=1e-6, max_cycles=3)
+    assert not short.settled
+    assert short.cycles == 3
+    long = jax.jit(settle)(stepper, on_flank(stepper), tolerance=1e-6, max_cycles=300)
+    assert long.settled
+    assert long.trace.closure <= 1e-6
+
+
+def test_a_harmonic_solution_is_confirmed_by_the_referee():
+    posed_train = system, meshes, frequency, load = posed(pair(), HAMMERING_RPM)
+    samples = 16384
+    orbit = referee(*posed_train, cycles=30, steps=samples)
+    settled = correct(orbit.stepper, orbit.state)
+    stepper, trace = orbit.stepper, settled.trace
+    phi = jax.vmap(stepper.excess, in_axes=1, out_axes=1)(jnp.concatenate([trace.deflection, trace.rate]))
+    harmonics = 400
+    columns = reduction.incidence(jax.tree.map(jnp.asarray, system), np.asarray(meshes.link))
+    whole = fourier.resize(jnp.asarray(load), harmonics) - columns @ fourier.analyze(phi, harmonics)
+    x = linear_response(jax.tree.map(jnp.asarray, system), frequency, whole)
+    checked = referee(*posed_train, x, steps=samples)
+    assert checked.settled
+    assert checked.newton_steps <= 3
+    assert np.abs(checked.deflection - trace.deflection).max() < 1e-6 * np.abs(trace.deflection).max()
+    start = stepper.observe(state_from_harmonics(stepper, x))
+    assert np.abs(start[:1] - trace.deflection[:, 0]).max() < 1e-5 * np.abs(trace.deflection).max()
+
+
+def massless_pair(inertia, damping):
+    """The pair with a light disk in the shaft of the driven gear."""
+    parts = [
+        Disk(name="gear a", inertia=0.01, radius=0.05),
+        Disk(name="gear b", inertia=0.03, radius=0.1),
+        Disk(name="flange", inertia=inertia),
+        Disk(name="driven", inertia=0.1, damping=1.0),
+        Shaft(between=("gear b", "flange"), stiffness=2e4, damping=damping),
+        Shaft(between=("flange", "driven"), stiffness=2e4, damping=2 * damping),
+        Mesh(between=("gear a", "gear b"), stiffness=1e8, damping=1500.0, backlash=2e-4, epsilon=1e-3, transition=0.1),
+        Torque(disk="gear a", mean=20.0, harmonics=[(1.0, 40.0, -20.0), (2.0, 10.0, 30.0)]),
+        Torque(disk="driven", mean=-40.0, harmonics=[(1.0, 30.0, 10.0)]),
+        Ground(disk="driven", stiffness=10.0),
+    ]
+    return build(parts, revolutions_per_cycle=1, reference="gear a", name="massless")
+
+
+@pytest.mark.parametrize("damping", [0.0, 3.0])
+def test_a_massless_disk_is_the_limit_of_a_light_one(damping):
+    traces = []
+    for inertia in (0.0, 1e-8):
+        posed_train = posed(massless_pair(inertia, damping), 2000.0)
+        stepper = stepper_of(posed_train, 4000)
+        _, trace = run(stepper, on_flank(stepper), 4)
+        traces.append(np.asarray(trace.deflection))
+    parts = partition(*posed(massless_pair(0.0, damping), 2000.0)[:2])
+    assert (len(parts.static), len(parts.damped)) == ((1, 0) if damping == 0 else (0, 1))
+    assert np.ptp(traces[0]) > 1e-4
+    assert np.abs(traces[0] - traces[1]).max() < 1e-4 * np.abs(traces[0]).max()
+
+
+def test_what_cannot_be_integrated_is_refused_with_its_name():
+    lossy = build(
+        [
+            Disk(name="a", inertia=1.0),
+            Disk(name="b", inertia=1.0),
+            Shaft(between=("a", "b"), stiffness=1e4, loss_factor=0.05),
+            Torque(disk="a", harmonics=[(1.0, 5.0, 0.0)]),
+        ],
+        revolutions_per_cycle=1,
+    )
+    with pytest.raises(ValueError, match=r"'a\|b'.*with_viscous_damping"):
+        integrate(lossy, rpm=1000.0)
+    light = [
+        Disk(name="a", inertia=0.0, radius=0.1),
+        Disk(name="b", inertia=1.0, radius=0.1),
+        Mesh(between=("a", "b"), stiffness=1e6, backlash=1e-4),
+        Torque(disk="b", harmonics=[(1.0, 5.0, 0.0)]),
+    ]
+    with pytest.raises(ValueError, match="'a' has no inertia and carries a backlash mesh"):
+        integrate(build(light, revolutions_per_cycle=1, reference="a"), rpm=1000.0)
+
+
+def test_a_train_without_backlash_is_integrated():
+    train = build(
+        [
+            Disk(name="a", inertia=1.0),
+            Disk(name="b", inertia=1.0),
+            Shaft(between=("a", "b"), stiffness=1e4, damping=3.0),
+            Torque(disk="a", harmonics=[(1.0, 5.0, 0.0)]),
+        ],
+        revolutions_per_cycle=1,
+    )
+    orbit = integrate(train, rpm=1000.0)
+    assert orbit.settled
+    assert orbit.deflection.shape[0] == 0
+
+
+def test_steps_follow_the_highest_mesh_mode():
+    system, meshes, frequency, _ = posed(load_scene("gear_train_30"), 1800.0)
+    steps = resolving_steps(system, meshes, frequency)
+    assert abs(steps - 40 * 4333.1 / 15) < 0.01 * steps

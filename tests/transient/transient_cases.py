@@ -1,0 +1,70 @@
+"""Systems made for the tests of time integration."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+import jaxhb._x64  # noqa: F401
+from jaxhb.harmonic import chain
+from jaxhb.harmonic.backlash import Law
+from jaxhb.harmonic.chain import System, Tree
+from jaxhb.harmonic.residual import Nonlinear
+from jaxhb.model.drivetrain import build
+from jaxhb.model.elements import Damper, Disk, Ground, Mesh, Shaft, Torque
+from jaxhb.model.engine import excitation, highest_harmonic
+from jaxhb.transient.referee import backlash_meshes
+
+REFERENCE = Path("/work/shared/reference")
+
+
+def one_mass(*, mass, damping, stiffness, epsilon, transition, backlash):
+    """A mass on a mesh whose other end is the ground (arm 0)."""
+    whole = np.zeros(1, np.int32)
+    tree = Tree(whole, whole + 1, whole, np.array([True]), whole[:0], whole, whole)
+    values = (1, mass, damping, 0, stiffness, 0, 0, 1, 0)
+    system = System(tree, *(np.array([v], float) for v in values), np.array(False))
+    law = Law(*(np.array([v], float) for v in (stiffness, epsilon, transition, backlash)))
+    return system, Nonlinear(whole, law, np.zeros(1), np.array([False]))
+
+
+def posed(train, rpm, harmonics=None):
+    """System, backlash meshes, Omega and load of a train at a speed."""
+    system = chain.assemble(train)
+    torque, _, _ = excitation(train, rpm, harmonics or highest_harmonic(train))
+    load = np.asarray(torque) / np.asarray(system.radius)[:, None]
+    frequency = 2 * np.pi * rpm / 60 / train.topology.revolutions_per_cycle
+    return system, backlash_meshes(train), frequency, load
+
+
+def pair(*, damping_law="contact", pinion=0.0, ground=True, backlash=2e-4, extra=()):
+    """Two meshing gears with a flywheel and a ring; at 600 rpm the teeth hammer."""
+    parts = [
+        Disk(name="flywheel", inertia=2.0, damping=0.5),
+        Disk(name="gear a", inertia=0.01, radius=0.05),
+        Disk(name="gear b", inertia=0.03, radius=0.1, damping=pinion),
+        Disk(name="driven", inertia=0.1, damping=1.0),
+        Shaft(between=("flywheel", "gear a"), stiffness=2e4, damping=5.0),
+        Shaft(between=("gear b", "driven"), stiffness=1e4, damping=4.0),
+        Mesh(
+            between=("gear a", "gear b"),
+            stiffness=1e8,
+            damping=1500.0,
+            damping_law=damping_law,
+            backlash=backlash,
+            epsilon=1e-3 if backlash else None,
+            transition=0.1 if backlash else None,
+        ),
+        Damper(name="ring", disk="flywheel", inertia=0.2, damping=20.0),
+        Torque(disk="flywheel", mean=20.0, harmonics=[(1.0, 50.0, -20.0), (2.0, 10.0, 60.0), (3.0, 0.0, 40.0)]),
+        Torque(disk="driven", mean=-40.0, harmonics=[(1.0, 30.0, 10.0)]),
+        *([Ground(disk="driven", stiffness=10.0)] if ground else []),
+        *extra,
+    ]
+    return build(parts, revolutions_per_cycle=1, reference="flywheel", name="pair")
+
+
+def method_case(name):
+    """One entry of method_cases.json."""
+    cases = json.loads((REFERENCE / "method_cases.json").read_text())["cases"]
+    return next(case for case in cases if case["id"] == name)
