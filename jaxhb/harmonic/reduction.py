@@ -10,6 +10,7 @@ where ``phi`` is the mesh force less its linear part, ``phi = f(l) - c l + r l' 
 other node is folded in by scalar sweeps, one for all harmonics.
 """
 
+import dataclasses
 from dataclasses import dataclass
 
 import jax
@@ -136,6 +137,36 @@ class Reduced:
         return deflection - self.linear + self.respond(fourier.analyze(excess, deflection.shape[-1] - 1))
 
 
+def truncate(reduced, harmonics):
+    """The same equation with fewer harmonics."""
+    return dataclasses.replace(
+        reduced,
+        linear=reduced.linear[:, : harmonics + 1],
+        receptance=reduced.receptance[: harmonics + 1],
+    )
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Folded:
+    """Motion and link forces of the linear train under its load (column 0) and unit forces at the active meshes.
+
+    displacement : complex ``(S, N+1, 1+G)`` m; force : complex ``(L, N+1, 1+G)`` N.
+    """
+
+    displacement: jax.Array
+    force: jax.Array
+
+    def combine(self, excess):
+        """Displacements ``(S, n+1)`` and link forces ``(L, n+1)`` with excess forces ``(G, n+1)`` at the meshes."""
+        kept = excess.shape[-1]
+
+        def total(columns):
+            return columns[:, :kept, 0] - jnp.einsum("sng,gn->sn", columns[:, :kept, 1:], excess)
+
+        return total(self.displacement), total(self.force)
+
+
 def reduce(system, frequency, load, active, active_index, law, viscous, contact_damping):
     """Fold the linear train onto the active meshes.
 
@@ -150,14 +181,14 @@ def reduce(system, frequency, load, active, active_index, law, viscous, contact_
 
     Returns
     -------
-    Reduced
+    Reduced, Folded
     """
     omega = frequencies(frequency, load.shape[-1] - 1)
     columns = incidence(system, active_index) * active
     unit = jnp.broadcast_to(columns[:, None, :], (*load.shape, columns.shape[1])).astype(load.dtype)
-    displacement, _ = solve_linear(system, omega, jnp.concatenate([load[..., None], unit], axis=-1))
-    deflection = system.deflections(displacement, active_index) * active[:, None, None]
-    return Reduced(
+    folded = Folded(*solve_linear(system, omega, jnp.concatenate([load[..., None], unit], axis=-1)))
+    deflection = system.deflections(folded.displacement, active_index) * active[:, None, None]
+    reduced = Reduced(
         linear=deflection[..., 0],
         receptance=deflection[..., 1:].transpose(1, 0, 2),
         frequency=frequency,
@@ -165,3 +196,4 @@ def reduce(system, frequency, load, active, active_index, law, viscous, contact_
         viscous=viscous,
         contact_damping=contact_damping,
     )
+    return reduced, folded

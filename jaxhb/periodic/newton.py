@@ -9,7 +9,7 @@ from jax import lax
 
 from ..harmonic import fourier, support
 from ..harmonic.block_sweep import block_sweep
-from ..harmonic.gmres import gmres
+from ..harmonic.krylov import minimise_residual
 from ..harmonic.residual import link_blocks, node_blocks, residual
 
 
@@ -151,7 +151,7 @@ def solve_reduced(reduced, start, *, samples, room, resolved, tolerance, max_ste
 
 
 def correct(reduced, deflection, value, samples, room, resolved, forcing, krylov):
-    """Solution of ``J correction = value`` at ``deflection`` by preconditioned GMRES, and the steps it took."""
+    """Solution of ``J correction = value`` at ``deflection`` by preconditioned Krylov steps, and their number."""
     meshes, width = deflection.shape
     _, slope, rate_slope = reduced.excess(*reduced.sampled(deflection, samples))
     factored = support.prepare(reduced, slope, rate_slope, room, resolved)
@@ -168,7 +168,9 @@ def correct(reduced, deflection, value, samples, room, resolved, forcing, krylov
     def inverse(flat):
         return fourier.pack(support.apply(reduced, factored, unpacked(flat))).reshape(-1)
 
-    flat, _, used = gmres(tangent, inverse, fourier.pack(value).reshape(-1), tolerance=forcing, steps=krylov)
+    flat, _, used = minimise_residual(
+        tangent, inverse, fourier.pack(value).reshape(-1), tolerance=forcing, steps=krylov
+    )
     return unpacked(flat), used
 
 

@@ -32,14 +32,14 @@ class Problem:
     torque_scale: jax.Array
 
 
-def pose(train, rpm, harmonics):
-    """The :class:`Problem` of ``train`` at ``rpm`` with ``harmonics`` harmonics of the cycle."""
+def pose(train, rpm, harmonics, excited=None):
+    """The :class:`Problem` of ``train`` at ``rpm`` with ``harmonics`` harmonics, excited up to ``excited`` of them."""
     xp = chain.namespace(train, rpm)
     system = chain.assemble(train)
-    torque, load_torque, imbalance = excitation(train, rpm, harmonics)
+    torque, load_torque, imbalance = excitation(train, rpm, min(harmonics, excited or harmonics))
     rpm = xp.asarray(rpm, dtype=float)
     topology = train.topology
-    torque = torque if xp is jnp else np.asarray(torque)
+    torque = xp.pad(xp.asarray(torque), ((0, 0), (0, harmonics + 1 - torque.shape[1])))
     return Problem(
         system=system,
         meshes=all_meshes(train),
@@ -80,15 +80,15 @@ def offset_load(problem, flank):
     return jnp.asarray(problem.load).at[:, 0].add(-columns @ constant)
 
 
-def reduced_equation(problem, active, chosen, flank):
-    """The reduced equation of the meshes ``chosen`` (``active`` 1, padding 0), the others held on their flanks."""
+def reduced_equation(problem, harmonics, active, chosen, flank):
+    """Reduced and Folded of the meshes ``chosen`` (``active`` 1, padding 0), the others held on their flanks."""
     meshes = problem.meshes
     law = jax.tree.map(lambda a: jnp.asarray(a)[chosen], meshes.law)
     law = backlash.Law(law.stiffness * active, law.epsilon, law.transition, law.backlash)
     return reduction.reduce(
         problem.system,
         problem.frequency,
-        offset_load(problem, flank),
+        fourier.resize(offset_load(problem, flank), harmonics),
         active,
         jnp.asarray(meshes.link)[chosen],
         law,
@@ -97,15 +97,10 @@ def reduced_equation(problem, active, chosen, flank):
     )
 
 
-def excess_load(problem, reduced, deflection, active, chosen, flank, samples):
-    """The whole load of the linear train: excitation, held flanks and the excess force of the active meshes."""
-    load = offset_load(problem, flank)
-    if not len(active):
-        return load
-    excess, _, _ = reduced.excess(*reduced.sampled(deflection, samples))
-    coefficients = fourier.analyze(excess, load.shape[-1] - 1) * active[:, None]
-    columns = reduction.incidence(problem.system, jnp.asarray(problem.meshes.link)[chosen])
-    return load - columns @ coefficients
+def excess_of(reduced, deflection, samples):
+    """Coefficients ``(G, N+1)`` of the excess force phi of the active meshes."""
+    values, _, _ = reduced.excess(*reduced.sampled(deflection, samples))
+    return fourier.analyze(values, deflection.shape[-1] - 1)
 
 
 @jax.tree_util.register_dataclass
@@ -124,17 +119,16 @@ class Fields:
 FORCE_HARMONICS = 8
 
 
-def fields(problem, load, samples):
-    """Motion, torques and forces under the whole load ``(S, N+1)``.
+def fields(problem, displacement, force, samples):
+    """Motion, torques and forces from displacements ``(S, N+1)`` and forces ``(L, N+1)`` of the linear links.
 
     Deflections of meshes come from link forces, not from differences of displacements. Tooth forces are those of the
     law at the synthesised deflection, to eight times the harmonics of the motion: the samples themselves.
     """
     system, meshes = problem.system, problem.meshes
-    harmonics = load.shape[-1] - 1
+    harmonics = displacement.shape[-1] - 1
     omega = reduction.frequencies(problem.frequency, harmonics)
-    displacement, force = reduction.solve_linear(system, omega, load[..., None])
-    displacement, force = _centre(problem, displacement[..., 0]), force[..., 0]
+    displacement = _centre(problem, displacement)
     stiffness = reduction.link_stiffness(system, omega)
     deflection = force / jnp.where(stiffness == 0, 1.0, stiffness)
     ends = jnp.asarray(system.radius)[system.tree.end_a][:, None]

@@ -6,12 +6,11 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 
-from ..harmonic import backlash, fourier, reduction, support
-from ..harmonic.gmres import gmres
+from ..harmonic import backlash, fourier, reduction
 from ..transient.statespace import Partition
 from .march import march_start, start_from
-from .newton import Status, relative_residual, solve_chain, solve_reduced
-from .problem import excess_load, fields, held_in_contact, reduced_equation
+from .newton import Status, correct, relative_residual, solve_chain, solve_reduced
+from .problem import excess_of, fields, held_in_contact, reduced_equation
 
 
 @dataclass(frozen=True)
@@ -77,40 +76,39 @@ def solve_problem(problem, choice, start, tolerance, sizes):
     -------
     Outcome
     """
-    load = jnp.asarray(problem.load)
-    harmonics = load.shape[-1] - 1
-    nothing = jnp.zeros((0, harmonics + 1), dtype=complex)
-    if not len(choice.active):
-        whole = excess_load(problem, None, nothing, choice.active, choice.chosen, choice.flank, sizes.samples)
-        found = fields(problem, whole, sizes.samples)
-        zero, count = jnp.array(0.0), jnp.array(0)
-        status = _status(problem, choice, found, zero, zero, count, jnp.array(False), tolerance, sizes)
-        return Outcome(found, nothing, status, zero, zero, count, count)
-    reduced = reduced_equation(problem, choice.active, choice.chosen, choice.flank)
+    harmonics = problem.load.shape[-1] - 1
+    none = len(choice.active) == 0
+    reach = harmonics if none else 2 * harmonics
+    fine, folded = reduced_equation(problem, reach, choice.active, choice.chosen, choice.flank)
+    reduced = reduction.truncate(fine, harmonics)
+    if none:
+        error, truncation, steps, krylov = jnp.zeros(()), jnp.zeros(()), jnp.array(0), jnp.array(0)
+        stalled, deflection = jnp.array(False), reduced.linear
+    else:
+        solver = _by_chain if sizes.method == "chain" else _by_reduction
+        first = _first(problem, choice, reduced, start, sizes)
+        deflection, iterate = solver(problem, choice, reduced, folded, first, sizes)
+        error = relative_residual(reduced, reduced.residual(deflection, sizes.samples))
+        truncation = truncation_error(fine, deflection, sizes)
+        steps, krylov, stalled = iterate.steps, iterate.krylov, iterate.stalled
+    excess = excess_of(reduced, deflection, sizes.samples)
+    found = fields(problem, *folded.combine(excess), sizes.samples)
+    status = _status(problem, choice, found, error, truncation, stalled, tolerance, sizes)
+    return Outcome(found, deflection, status, error, truncation, steps, krylov)
+
+
+def _first(problem, choice, reduced, start, sizes):
+    """Where Newton starts, coefficients ``(G, N+1)``."""
     if sizes.origin == "linear":
-        start = reduced.linear
-    elif sizes.origin == "march":
-        _, trace, _ = march_start(
-            problem,
-            choice,
-            sizes.count,
-            cycles=sizes.cycles,
-            steps=sizes.march_steps,
-            excited=sizes.excited,
-            parts=sizes.parts,
-        )
-        start = start_from(trace, harmonics)
-    solver = _by_chain if sizes.method == "chain" else _by_reduction
-    deflection, iterate = solver(problem, choice, reduced, start, sizes)
-    error = relative_residual(reduced, reduced.residual(deflection, sizes.samples))
-    truncation = truncation_error(problem, choice, reduced, deflection, sizes)
-    whole = excess_load(problem, reduced, deflection, choice.active, choice.chosen, choice.flank, sizes.samples)
-    found = fields(problem, whole, sizes.samples)
-    status = _status(problem, choice, found, error, truncation, iterate.steps, iterate.stalled, tolerance, sizes)
-    return Outcome(found, deflection, status, error, truncation, iterate.steps, iterate.krylov)
+        return reduced.linear
+    if sizes.origin == "given":
+        return start
+    march = {"cycles": sizes.cycles, "steps": sizes.march_steps, "excited": sizes.excited, "parts": sizes.parts}
+    _, trace, _ = march_start(problem, choice, sizes.count, **march)
+    return start_from(trace, reduced.linear.shape[-1] - 1)
 
 
-def _by_reduction(problem, choice, reduced, start, sizes):
+def _by_reduction(problem, choice, reduced, folded, start, sizes):
     iterate = solve_reduced(
         reduced,
         start,
@@ -123,18 +121,16 @@ def _by_reduction(problem, choice, reduced, start, sizes):
     return iterate.x, iterate
 
 
-def _by_chain(problem, choice, reduced, start, sizes):
+def _by_chain(problem, choice, reduced, folded, start, sizes):
     """Newton on all disks by the block sweep; meshes held on a flank follow the whole law here."""
     system, meshes = problem.system, problem.meshes
-    whole = excess_load(problem, reduced, start, choice.active, choice.chosen, choice.flank, sizes.samples)
-    omega = reduction.frequencies(problem.frequency, whole.shape[-1] - 1)
-    displacement, _ = reduction.solve_linear(system, omega, whole[..., None])
+    displacement, _ = folded.combine(excess_of(reduced, start, sizes.samples))
     iterate = solve_chain(
         system,
         meshes,
         problem.frequency,
         jnp.asarray(problem.load),
-        fourier.pack(displacement[..., 0]),
+        fourier.pack(displacement),
         samples=sizes.samples,
         tolerance=1e-13,
         max_steps=sizes.max_steps,
@@ -143,7 +139,7 @@ def _by_chain(problem, choice, reduced, start, sizes):
     return system.deflections(fourier.unpack(iterate.x), links) * choice.active[:, None], iterate
 
 
-def _status(problem, choice, found, error, truncation, steps, stalled, tolerance, sizes):
+def _status(problem, choice, found, error, truncation, stalled, tolerance, sizes):
     finite = jnp.isfinite(error) & jnp.all(jnp.isfinite(found.angles.real + found.angles.imag))
     held = held_in_contact(problem, found.deflections, choice.flank, sizes.samples)
     balanced = jnp.abs(problem.imbalance) <= 1e-9 * problem.torque_scale
@@ -155,42 +151,19 @@ def _status(problem, choice, found, error, truncation, steps, stalled, tolerance
     return jnp.where(finite, status, Status.NONFINITE)
 
 
-def truncation_error(problem, choice, reduced, deflection, sizes):
+def truncation_error(fine, deflection, sizes):
     """Estimated sup-norm error of the elastic force / its largest value: one Newton correction on 2 N harmonics.
 
-    The residual on harmonics N+1 .. 2N is included: below the mesh modes a difference of two levels is no estimate.
+    ``fine`` is the reduced equation with 2 N harmonics, ``deflection`` ``(G, N+1)`` its solution with N. The residual on
+    harmonics N+1 .. 2N is included: below the mesh modes a difference of two levels is no estimate.
     """
-    meshes, width = deflection.shape
-    fine = _padded_problem(problem, 2 * (width - 1))
-    reduced_fine = reduced_equation(fine, choice.active, choice.chosen, choice.flank)
-    wide = fourier.resize(deflection, 2 * (width - 1))
+    harmonics = fine.linear.shape[-1] - 1
+    wide = fourier.resize(deflection, harmonics)
     samples = 2 * sizes.samples
-    values, rates = reduced_fine.sampled(wide, samples)
-    _, slope, rate_slope = reduced_fine.excess(values, rates)
-    factored = support.prepare(reduced_fine, slope, rate_slope, sizes.room, sizes.resolved)
-
-    def unpacked(flat):
-        return fourier.unpack(flat.reshape(meshes, -1))
-
-    def tangent(flat):
-        v = unpacked(flat)
-        change, rate = reduced_fine.sampled(v, samples)
-        excess = fourier.analyze(slope * change + rate_slope * rate, 2 * (width - 1))
-        return fourier.pack(v + reduced_fine.respond(excess)).reshape(-1)
-
-    def inverse(flat):
-        return fourier.pack(support.apply(reduced_fine, factored, unpacked(flat))).reshape(-1)
-
-    residual = reduced_fine.residual(wide, samples)
-    flat, _, _ = gmres(tangent, inverse, fourier.pack(residual).reshape(-1), tolerance=0.05, steps=30)
-    law = reduced.law.expand()
-    before = backlash.force(law, values)
-    after = backlash.force(law, fourier.synthesize(wide - unpacked(flat), samples))
+    residual = fine.residual(wide, samples)
+    change, _ = correct(fine, wide, residual, samples, sizes.room, sizes.resolved, 0.05, 30)
+    law = fine.law.expand()
+    before = backlash.force(law, fourier.synthesize(wide, samples))
+    after = backlash.force(law, fourier.synthesize(wide - change, samples))
     largest = jnp.max(jnp.abs(before))
     return jnp.max(jnp.abs(after - before)) / jnp.where(largest > 0, largest, 1.0)
-
-
-def _padded_problem(problem, harmonics):
-    fields_of = dict(vars(problem))
-    fields_of["load"] = fourier.resize(jnp.asarray(problem.load), harmonics)
-    return type(problem)(**fields_of)

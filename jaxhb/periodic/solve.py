@@ -147,7 +147,7 @@ def _traced(train, rpm):
 
 
 def _solve_planned(train, rpm, plan, start):
-    problem = pose(train, rpm, plan.harmonics)
+    problem = pose(train, rpm, plan.harmonics, plan.excited)
     choice = plan.choice
     sizes = plan.sizes
     given = jnp.zeros((len(choice.active), plan.harmonics + 1), dtype=complex)
@@ -251,7 +251,7 @@ def check_speed(train, rpm):
 
 def _climb(train, rpm, base, modes, adaptive, start):
     """Solve with rising numbers of harmonics, and longer marches, until the status is good or the ladder ends."""
-    problem = pose(train, rpm, base.harmonics)
+    problem = pose(train, rpm, base.harmonics, base.excited)
     choice = base.choice
     path, state = [], None
     base = dataclasses.replace(base, parts=march.parts_for(problem))
@@ -273,7 +273,7 @@ def _climb(train, rpm, base, modes, adaptive, start):
         room = decide.room_for(samples, problem, choice, resolved)
         base = dataclasses.replace(base, room=room, resolved=resolved, start="march" if start is None else base.start)
         sizes = dataclasses.replace(base.sizes, origin="given" if samples is not None else "linear")
-        problem = pose(train, rpm, base.harmonics)
+        problem = pose(train, rpm, base.harmonics, base.excited)
         outcome = solve_problem(problem, choice, given, jnp.asarray(base.tolerance), sizes)
         response = _host(respond(train, rpm, problem, outcome, base))
         status = Status(int(response.status))

@@ -82,9 +82,9 @@ def _axes():
     )
 
 
-@partial(jax.jit, static_argnames="harmonics")
-def _pose_all(train, rpm, harmonics):
-    return jax.vmap(lambda speed: pose(train, speed, harmonics), out_axes=_axes())(rpm)
+@partial(jax.jit, static_argnames=("harmonics", "excited"))
+def _pose_all(train, rpm, harmonics, excited):
+    return jax.vmap(lambda speed: pose(train, speed, harmonics, excited), out_axes=_axes())(rpm)
 
 
 @partial(jax.jit, static_argnames="sizes")
@@ -96,7 +96,7 @@ def _solve_all(problem, choice, start, tolerance, sizes):
 
 
 def _solve_chunk(train, rpm, plan):
-    problem = _pose_all(train, jnp.asarray(rpm), plan.harmonics)
+    problem = _pose_all(train, jnp.asarray(rpm), plan.harmonics, plan.excited)
     choice = plan.choice
     start = jnp.zeros((len(choice.active), plan.harmonics + 1), dtype=complex)
     outcome = _solve_all(problem, choice, start, jnp.asarray(plan.tolerance), plan.sizes)

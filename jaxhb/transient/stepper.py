@@ -6,7 +6,8 @@ The deviation ``z`` of the state from the periodic response of the linear train 
 
 so the excitation and the whole linear train are integrated exactly and only phi, which is constant while a mesh stays
 on one flank, is approximated: fourth order, weights of Krogstad (J. Comput. Phys. 203 (2005) 72). A crossing of a knot
-of the law, where f'' jumps, costs an error of third order in the step. The stages need w alone: the state moves once a
+of the law, where f'' jumps, costs an error of third order in the step; of second order for damping in contact, whose
+slope jumps there. The stages need w alone: the state moves once a
 step, by one product with the propagator.
 
 The phi-functions come from one exponential of the augmented matrix [[A, E, 0, 0], [0, 0, I/dt, 0], [0, 0, 0, I/dt], 0]

@@ -1,5 +1,6 @@
 """Exact periodic motions of one mass with backlash."""
 
+import functools
 import json
 
 import jax
@@ -21,6 +22,7 @@ def stepper_of(case, frequency, load, steps):
     return cut(*case, frequency, np.array([load], complex), steps=steps, parts=partition(*case))
 
 
+@functools.cache
 def exact(steps):
     """Errors of x(0), x'(0), trace and determinant of the monodromy matrix of the case of method.md A7."""
     case = one_mass(mass=1, damping=0.2, stiffness=4, epsilon=0.05, transition=0.2, backlash=0.2)
@@ -76,7 +78,7 @@ def coexisting():
     """Periodic motions of the case of method.md A4.2 (ii), from a grid of starts."""
     case = one_mass(mass=1, damping=0.05, stiffness=2, epsilon=0.05, transition=0.2, backlash=1)
     stepper = stepper_of(case, 1.0, [0.1, 0.1], 512)
-    x, v = (g.ravel() for g in np.meshgrid(np.linspace(-1.5, 1.5, 7), np.linspace(-1, 1, 5)))
+    x, v = (g.ravel() for g in np.meshgrid(np.linspace(-1.5, 1.5, 5), np.linspace(-1, 1, 3)))
     starts = jax.vmap(lambda a, b: state_from_motion(stepper, a[None], b[None]))(x, v)
     shots = jax.jit(jax.vmap(lambda z: shoot(stepper, z, steps_newton=20)))(starts)
     closed = np.asarray(shots.closure_after) < 1e-10

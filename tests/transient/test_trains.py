@@ -64,16 +64,16 @@ def test_a_hammering_train_converges_to_an_adaptive_integrator(law):
     response = linear_response(jax.tree.map(jnp.asarray, system), frequency, jnp.asarray(load))
     x = fourier.synthesize(response, 64)[:, 0]
     v = fourier.synthesize(fourier.derivative(response, frequency), 64)[:, 0]
-    expected = adaptive(*posed_train, x, v, 2, 4000)
+    expected = adaptive(*posed_train, x, v, 2, 2000)
     assert (np.abs(expected) < 0.9 * meshes.law.backlash[0] / 2).any()
     errors = []
-    for steps in (4000, 16000):
+    for steps in (2000, 16000):
         stepper = stepper_of(posed_train, steps)
-        found = run(stepper, at_rest(stepper), 2)[1].deflection[:, :: steps // 4000]
+        found = run(stepper, at_rest(stepper), 2)[1].deflection[:, :: steps // 2000]
         errors.append(np.abs(found - expected).max() / np.abs(expected).max())
     assert errors[1] < 1e-6
-    # damping in contact has a kink where engagement begins: order 2 instead of 3
-    assert np.log2(errors[0] / errors[1]) / 2 > (1.6 if law == "contact" else 2.1)
+    # orders 2 (damping in contact has a kink where engagement begins) and 3, scattered by where steps meet the knots
+    assert np.log2(errors[0] / errors[1]) / 3 > (1.4 if law == "contact" else 2.2)
 
 
 def test_zero_deviation_is_the_motion_of_a_linear_train():
@@ -82,7 +82,7 @@ def test_zero_deviation_is_the_motion_of_a_linear_train():
     meshes = type(meshes)(meshes.link, law, meshes.viscous, np.array([False]))
     stepper = stepper_of((system, meshes, frequency, load), 500)
     state, trace = run(stepper, at_rest(stepper), 5)
-    assert np.abs(state).max() == 0
+    assert np.abs(state).max() < 1e-12 * np.abs(stepper.linear_state).max()
     omega = reduction.frequencies(frequency, load.shape[1] - 1)
     displacement, _ = reduction.solve_linear(jax.tree.map(jnp.asarray, system), omega, jnp.asarray(load)[..., None])
     expected = fourier.synthesize(system.deflections(displacement[..., 0], np.asarray(meshes.link)), 500)
@@ -91,24 +91,30 @@ def test_zero_deviation_is_the_motion_of_a_linear_train():
 
 @pytest.mark.parametrize("ground", [True, False])
 def test_teeth_that_stay_on_their_flank_start_on_the_periodic_motion(ground):
-    stepper = stepper_of(posed(pair(ground=ground, damping_law="always"), 4000.0), 2000)
+    train = pair(ground=ground, damping_law="always").replace({"gear a|gear b.transition": 0.005})
+    stepper = stepper_of(posed(train, 300.0), 2000)
     law = stepper.law.expand()
     _, trace = run(stepper, on_flank(stepper), 1)
     assert (jnp.abs(trace.deflection) > (1 + law.transition) * law.backlash / 2).all()
     assert trace.closure < 1e-9
 
 
-def test_a_floating_train_hammers_as_a_softly_grounded_one():
-    traces = []
-    for ground in (True, False):
-        stepper = stepper_of(posed(pair(ground=ground), HAMMERING_RPM), 3000)
+def test_a_floating_train_is_the_limit_of_a_soft_ground():
+    traces = {}
+    for ground in (10.0, 0.1, 0.0):
+        train = pair(ground=ground > 0)
+        train = train.replace({"driven:ground.stiffness": ground}) if ground else train
+        stepper = stepper_of(posed(train, HAMMERING_RPM), 3000)
         shot = correct(stepper, run(stepper, on_flank(stepper), 20)[0])
         assert shot.closure_after < 1e-10
-        traces.append(np.asarray(shot.trace.deflection))
-    assert np.abs(traces[0] - traces[1]).max() < 1e-3 * np.abs(traces[0]).max()
-    free = np.sort(np.abs(np.linalg.eigvals(np.asarray(shot.monodromy))))[::-1]
-    assert abs(free[0] - 1) < 1e-8
-    assert free[1] < 1
+        traces[ground] = np.asarray(shot.trace.deflection)
+    size = np.abs(traces[0.0]).max()
+    assert np.abs(traces[10.0] - traces[0.0]).max() < 1e-2 * size
+    assert np.abs(traces[0.1] - traces[0.0]).max() < 1e-4 * size
+    multipliers = np.sort(np.abs(np.linalg.eigvals(np.asarray(shot.monodromy))))[::-1]
+    # the angles of the train and of the ring, which no spring holds
+    np.testing.assert_allclose(multipliers[:2], 1, atol=1e-8)
+    assert multipliers[2] < 0.999
 
 
 def test_the_monodromy_matrix_is_the_derivative_of_the_cycle():

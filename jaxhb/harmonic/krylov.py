@@ -1,0 +1,55 @@
+"""Generalised conjugate residuals: GMRES that keeps the solution and its residual at every step, in ``lax.while_loop``."""
+
+import jax.numpy as jnp
+from jax import lax
+
+
+def minimise_residual(apply, precondition, b, *, tolerance, steps):
+    """Solve ``apply(x) = b`` over the Krylov space of ``apply(precondition(.))``.
+
+    In exact arithmetic the iterates are those of GMRES with a right preconditioner (Eisenstat, Elman, Schultz, SIAM J.
+    Numer. Anal. 20 (1983) 345); the preconditioner may change from step to step.
+
+    Parameters
+    ----------
+    apply, precondition : callables on arrays ``(n,)``, real
+    b : array ``(n,)``
+    tolerance : float
+        Stop when the residual norm has fallen to ``tolerance * |b|``.
+    steps : int
+        Largest dimension of the Krylov space (static).
+
+    Returns
+    -------
+    x : array ``(n,)``
+    residual : float, ``|b - apply(x)| / |b|``
+    used : int, steps taken
+
+    Examples
+    --------
+    >>> x, _, used = minimise_residual(lambda v: 2 * v, lambda v: v, jnp.array([2.0, 4.0]), tolerance=1e-9, steps=5)
+    >>> x.tolist(), int(used)
+    ([1.0, 2.0], 1)
+    """
+    norm = jnp.linalg.norm(b)
+    room = jnp.zeros((steps, b.shape[0]))
+
+    def unfinished(state):
+        k, _, r, _, _ = state
+        return (k < steps) & (jnp.linalg.norm(r) > tolerance * norm)
+
+    def extend(state):
+        k, x, r, images, directions = state
+        z = precondition(r)
+        q = apply(z)
+        for _ in range(2):
+            h = images @ q
+            q, z = q - h @ images, z - h @ directions
+        size = jnp.linalg.norm(q)
+        scale = 1 / jnp.where(size > 0, size, 1.0)
+        q, z = scale * q, scale * z
+        share = q @ r
+        return k + 1, x + share * z, r - share * q, images.at[k].set(q), directions.at[k].set(z)
+
+    used, x, r, _, _ = lax.while_loop(unfinished, extend, (0, jnp.zeros_like(b), b, room, room))
+    return x, jnp.linalg.norm(r) / jnp.where(norm > 0, norm, 1.0), used

@@ -1,0 +1,244 @@
+"""What a response says: one plain dictionary for programs, and the sentences an engineer reads first."""
+
+import numpy as np
+
+from ..periodic.newton import Status
+
+GAP_SPRING_SHARE = 0.05
+KNEE_SHARE = 0.5
+NEGLIGIBLE = 1e-12
+
+
+def response_record(response):
+    """Everything that is reported of one response, as plain numbers in SI units; what ``solve --json`` writes.
+
+    Parameters
+    ----------
+    response : Response
+        At one speed.
+
+    Returns
+    -------
+    dict
+        ``rpm``, ``converged``, ``status``, ``harmonics``, ``residual``, ``truncation_error``, ``path``, ``load_kW``;
+        ``disks`` (rad), ``shafts`` with the dampers (N m), ``gears`` (N m) and ``meshes`` (N) by name, each a signal
+        ``{"mean", "min", "max", "rms", "half_peak_to_peak", "sum_of_amplitudes", "amplitudes"}`` with amplitudes
+        ``[[order, A, phase in deg], ...]`` from the first harmonic of the cycle on (those of disks without min, max, rms).
+        The amplitudes end where all that follow are below 1e-12 of the largest. Numbers that are not finite are None.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> record = response_record(jaxhb.solve(jaxhb.load_scene("six_cylinder_diesel"), rpm=1500.0))
+    >>> record["status"], round(record["shafts"]["cyl6|flywheel"]["mean"], 1)
+    ('CONVERGED', 1046.8)
+    """
+    topology = response.topology
+    shafts = topology.shaft_names + topology.damper_names
+    return finite(
+        {
+            "scene": topology.name,
+            "rpm": float(response.rpm),
+            "converged": bool(response.converged),
+            "status": status_of(response).name,
+            "harmonics": int(response.harmonics),
+            "residual": float(response.residual),
+            "truncation_error": float(response.truncation_error),
+            "path": list(response.path),
+            "load_kW": float(response.load_kW) + 0.0,
+            "verdict": verdict(response),
+            "notes": notes(response),
+            "disks": {name: _disk_record(response.disk(name)) for name in topology.disk_names},
+            "shafts": {name: _signal_record(response.torque(name)) for name in shafts},
+            "gears": {name: _signal_record(response.gear_torque(name)) for name in gears(response)},
+            "meshes": {name: _mesh_record(response, name) for name in topology.mesh_names},
+        }
+    )
+
+
+def modes_record(modes):
+    """``{"frequencies_hz": [...], "modes": {disk: [angle in mode 0, ...]}}``, what ``modes --json`` writes."""
+    shapes = zip(modes.names, np.asarray(modes.shapes).T.tolist(), strict=True)
+    return finite({"frequencies_hz": np.asarray(modes.frequencies_hz).tolist(), "modes": dict(shapes)})
+
+
+def finite(value):
+    """The same nest of dictionaries and lists with None for every number that is not finite (JSON knows no nan)."""
+    if isinstance(value, dict):
+        return {key: finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(item) for item in value]
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
+
+
+def _signal_record(signal):
+    record = signal.summary()
+    record["amplitudes"] = _without_tail(record["amplitudes"])
+    return record
+
+
+def _disk_record(signal):
+    return {
+        "mean": float(signal.mean),
+        "half_peak_to_peak": float(signal.half_peak_to_peak),
+        "amplitudes": _without_tail(signal.spectrum()),
+    }
+
+
+def _without_tail(rows):
+    """Amplitudes up to the last that is not negligible; order k of the cycle stays at place k - 1."""
+    sizes = np.array([row[1] for row in rows])
+    counted = np.flatnonzero(~(sizes <= NEGLIGIBLE * sizes.max(initial=0.0)))
+    return rows[: counted[-1] + 1] if len(counted) else []
+
+
+def _mesh_record(response, name):
+    force, contact = response.force(name), contact_at(response, name)
+    cycle = 360.0 * response.topology.revolutions_per_cycle
+    record = _signal_record(force) | {"elastic": _signal_record(force.elastic)}
+    if contact is None:
+        keys = ("separated_fraction", "reverse_contact_fraction", "impacts", "drive_side")
+        return record | dict.fromkeys((*keys, "gap_spring_force", "knee_force", "pulling_force"))
+    return record | {
+        "separated_fraction": contact.separated_fraction,
+        "reverse_contact_fraction": contact.reverse_contact_fraction,
+        "impacts": [
+            {"theta_deg": cycle * hit["cycle"], "speed": hit["speed"], "side": hit["side"]} for hit in contact.impacts
+        ],
+        "drive_side": contact.drive_side,
+        "gap_spring_force": contact.gap_spring_force,
+        "knee_force": contact.knee_force,
+        "pulling_force": contact.pulling_force,
+    }
+
+
+def gears(response):
+    """Names of the disks that carry a mesh, in the order of the meshes."""
+    topology = response.topology
+    return tuple(dict.fromkeys(topology.disk_names[disk] for ends in topology.mesh_ends for disk in ends))
+
+
+def meshes_of(response, gear):
+    """Names of the meshes of a gear."""
+    topology = response.topology
+    disk = topology.disk_index(gear)
+    return tuple(name for name, ends in zip(topology.mesh_names, topology.mesh_ends, strict=True) if disk in ends)
+
+
+def hardest_gear(response):
+    """The gear whose torque has the largest half peak-to-peak; None where no gear meshes."""
+    return max(gears(response), key=lambda name: float(response.gear_torque(name).half_peak_to_peak), default=None)
+
+
+def hardest_shaft(response):
+    """The shaft whose torque has the largest half peak-to-peak; None where there is no shaft."""
+    names = response.topology.shaft_names
+    return max(names, key=lambda name: float(response.torque(name).half_peak_to_peak), default=None)
+
+
+def status_of(response):
+    """The :class:`jaxhb.Status` of one response."""
+    return Status(int(response.status))
+
+
+def contact_at(response, mesh):
+    """The :class:`Contact` of a mesh; None where its motion is not finite."""
+    index, _ = response.topology.link_index(mesh)
+    index -= len(response.topology.link_names) - len(response.topology.mesh_names)
+    if not (np.isfinite(response.deflections[index]).all() and np.isfinite(response.forces[index]).all()):
+        return None
+    return response.mesh(mesh)
+
+
+def contacts_of(response):
+    """:class:`Contact` of every mesh by name, None where the motion is not finite."""
+    return {name: contact_at(response, name) for name in response.topology.mesh_names}
+
+
+def hardest_impact(contact):
+    """Largest approach speed of an impact in m/s, 0 without impacts."""
+    return max((hit["speed"] for hit in contact.impacts), default=0.0)
+
+
+def status_line(response):
+    """How the solve went: status with what to try, harmonics, residual, truncation error."""
+    status = status_of(response)
+    said = "converged" if response.converged else f"NOT CONVERGED, {status.name}: {status.sentence}"
+    return (
+        f"{said}. {int(response.harmonics)} harmonics of the cycle, residual {float(response.residual):.1e}, "
+        f"truncation error {100 * float(response.truncation_error):.2g} % of the largest tooth force"
+    )
+
+
+def verdict(response):
+    """The answer in one sentence: do the teeth hammer at this speed?
+
+    Parameters
+    ----------
+    response : Response
+        At one speed.
+
+    Returns
+    -------
+    str
+        Names the mesh that is apart for the largest share of the cycle.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> verdict(jaxhb.solve(jaxhb.load_scene("six_cylinder_diesel"), rpm=1500.0))
+    'No teeth mesh in this train.'
+    """
+    topology, speed = response.topology, f"{float(response.rpm):g} rpm"
+    if not topology.mesh_names:
+        return "No teeth mesh in this train."
+    if not any(topology.mesh_backlash):
+        return "No mesh has backlash: the teeth cannot separate."
+    contacts = contacts_of(response)
+    if None in contacts.values():
+        return f"No answer at {speed}: the solution is not finite."
+    doubt = "" if response.converged else "Not converged, do not rely on this: "
+    name = max(contacts, key=lambda mesh: contacts[mesh].separated_fraction)
+    worst = contacts[name]
+    if not worst.separated_fraction:
+        return doubt + f"{'a' if doubt else 'A'}ll teeth stay in contact at {speed}."
+    share = f"{100 * worst.separated_fraction:.2g} % of the cycle"
+    if not worst.impacts:
+        return doubt + f"{name} is apart {share} at {speed} and never meets."
+    count = len(worst.impacts)
+    hits = "one impact" if count == 1 else f"{count} impacts"
+    return (
+        doubt + f"{'t' if doubt else 'T'}he teeth hammer at {speed}: {name} is apart {share}, "
+        f"{hits} a cycle, the hardest at {hardest_impact(worst):.2f} m/s."
+    )
+
+
+def notes(response):
+    """Sentences on what in the tooth law is large beside the mean force of a mesh, and on pulling in the gap."""
+    found = []
+    for name, contact in contacts_of(response).items():
+        if contact is None or not contact.knee_force:
+            continue
+        mean = abs(float(response.force(name).mean))
+        if contact.gap_spring_force > GAP_SPRING_SHARE * mean:
+            found.append(
+                f"{name}: the spring in the gap carries up to {_kN(contact.gap_spring_force)}, more than "
+                f"{100 * GAP_SPRING_SHARE:g} % of the mean tooth force of {_kN(mean)}: lower epsilon."
+            )
+        if contact.knee_force > KNEE_SHARE * mean:
+            found.append(
+                f"{name}: the tooth is stiff only above {_kN(contact.knee_force)}, more than {100 * KNEE_SHARE:g} % of "
+                f"the mean tooth force of {_kN(mean)}: a smaller transition makes contact sharper."
+            )
+        if contact.pulling_force > GAP_SPRING_SHARE * mean:
+            found.append(
+                f'{name}: with damping_law = "always" the damping still transmits up to '
+                f'{_kN(contact.pulling_force)} while the teeth are apart; with "contact" it does not.'
+            )
+    return found
+
+
+def _kN(force):
+    return f"{force / 1e3:.3g} kN"
