@@ -11,6 +11,7 @@ from .periodic.harmonics import Plan
 from .periodic.newton import Status
 from .periodic.solve import NotConverged, check, linear_response, plan, solve
 from .periodic.speeds import solve_speeds
+from .transient.referee import integrate, shooting_correction
 
 __version__ = "0.1.0"
 __all__ = [
@@ -31,11 +32,13 @@ __all__ = [
     "Torque",
     "build",
     "check",
+    "integrate",
     "linear_response",
     "load_scene",
     "natural_frequencies",
     "plan",
     "scene_names",
+    "shooting_correction",
     "solve",
     "solve_speeds",
 ]

@@ -11,8 +11,10 @@ from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from . import backlash, fourier, toeplitz
+from .chain import namespace
 from .reduction import frequencies, incidence, link_stiffness
 
 
@@ -25,6 +27,32 @@ class Nonlinear:
     law: backlash.Law
     viscous: jax.Array
     contact_damping: jax.Array
+
+
+def all_meshes(train):
+    """Every mesh as an entry of :class:`Nonlinear`; linear ones have epsilon 1 and an inert gap of 1 m."""
+    xp = namespace(train)
+    topology, meshes = train.topology, train.meshes
+    gap = np.array(topology.mesh_backlash, dtype=bool)
+    first = len(topology.link_names) - len(gap)
+    gated = np.array([law == "contact" for law in topology.mesh_damping_law], dtype=bool) & gap
+    return Nonlinear(
+        link=np.arange(first, first + len(gap), dtype=np.int32),
+        law=backlash.Law(
+            stiffness=xp.asarray(meshes.stiffness),
+            epsilon=xp.where(gap, meshes.epsilon, 1.0),
+            transition=xp.where(gap, meshes.transition, 1.0),
+            backlash=xp.where(gap, meshes.backlash, 1.0),
+        ),
+        viscous=xp.asarray(meshes.damping),
+        contact_damping=gated,
+    )
+
+
+def backlash_meshes(train):
+    """The meshes that have backlash, in the order of the scene, as :class:`Nonlinear`."""
+    index = np.flatnonzero(np.array(train.topology.mesh_backlash, dtype=bool))
+    return jax.tree.map(lambda a: a[index], all_meshes(train))
 
 
 def residual(packed, system, meshes, frequency, load, samples):

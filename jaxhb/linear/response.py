@@ -129,6 +129,10 @@ class Response:
         index, sense = self._mesh_index(a, b)
         return self._signal(sense * self.deflections[..., index, :])
 
+    def deflection_samples(self, count):
+        """Deflections of all meshes at ``count`` instants of the cycle, ``(..., G, count)`` m."""
+        return self._signal(self.deflections).samples(count)
+
     def _mesh_index(self, a, b):
         index, sense = self.topology.link_index(a, b)
         if index < self.torques.shape[-2]:

@@ -26,7 +26,7 @@ import numpy as np
 from jaxhb.model import assembly, change
 from jaxhb.model.elements import SceneError
 from jaxhb.model.tables import Cylinders, Dampers, Disks, Grounds, Loads, Meshes, Shafts, Torques
-from jaxhb.model.topology import Topology
+from jaxhb.model.topology import Topology, suggestion
 
 __all__ = ["DriveTrain", "SceneError", "Topology", "build", "inertias", "speed_ratios"]
 
@@ -143,6 +143,39 @@ class DriveTrain:
             return dataclasses.replace(table, damping=damping, loss_factor=0.0 * table.loss_factor)
 
         return dataclasses.replace(self, shafts=viscous(self.shafts), dampers=viscous(self.dampers))
+
+    def misfire(self, *cylinders: str) -> DriveTrain:
+        """Return the train with some cylinders that do not fire: no gas torque, the inertia torque stays.
+
+        Parameters
+        ----------
+        *cylinders : str
+            Names of ``[[cylinder]]`` elements.
+
+        Returns
+        -------
+        DriveTrain
+
+        Raises
+        ------
+        SceneError
+            If there is no such cylinder; the sentence suggests the nearest one.
+
+        Examples
+        --------
+        >>> from jaxhb.model.scene import load_scene
+        >>> train = load_scene("six_cylinder_diesel")
+        >>> train.misfire(train.topology.cylinder_names[2]).topology.cylinder_fires
+        (True, True, False, True, True, True)
+        """
+        names = self.topology.cylinder_names
+        where = self.topology.name or "scene"
+        unknown = [name for name in cylinders if name not in names]
+        if unknown:
+            raise SceneError([f"{where}: there is no cylinder {n!r}.{suggestion(n, names)}" for n in unknown])
+        both = zip(names, self.topology.cylinder_fires, strict=True)
+        fires = tuple(fires and name not in cylinders for name, fires in both)
+        return dataclasses.replace(self, topology=dataclasses.replace(self.topology, cylinder_fires=fires))
 
 
 def build(elements, *, name="", reference=None, revolutions_per_cycle=2, tune=None, source="scene") -> DriveTrain:

@@ -190,7 +190,7 @@ def without_backlash(train):
 
 def first_level(excited, mesh_modes):
     """Where to begin: above the excitation, and above the mesh modes where teeth separate."""
-    return level_at_least(max(2 * excited, 1.1 * mesh_modes))
+    return level_at_least(max(2 * excited, 1.5 * mesh_modes))
 
 
 def resolved_for(harmonics, mesh_modes):

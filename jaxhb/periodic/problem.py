@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..harmonic import backlash, chain, fourier, reduction
-from ..harmonic.residual import Nonlinear
+from ..harmonic.residual import Nonlinear, all_meshes
 from ..model.engine import excitation, load_power_kW
 
 
@@ -50,26 +50,6 @@ def pose(train, rpm, harmonics, excited=None):
         load_power=1e3 * load_power_kW(train, rpm, load_torque),
         imbalance=imbalance,
         torque_scale=xp.abs(torque[:, 0]).sum(),
-    )
-
-
-def all_meshes(train):
-    """Every mesh as an entry of :class:`Nonlinear`; linear ones have epsilon 1 and an inert gap of 1 m."""
-    xp = chain.namespace(train)
-    topology, meshes = train.topology, train.meshes
-    gap = np.array(topology.mesh_backlash, dtype=bool)
-    first = len(topology.link_names) - len(gap)
-    gated = np.array([law == "contact" for law in topology.mesh_damping_law], dtype=bool) & gap
-    return Nonlinear(
-        link=np.arange(first, first + len(gap), dtype=np.int32),
-        law=backlash.Law(
-            stiffness=xp.asarray(meshes.stiffness),
-            epsilon=xp.where(gap, meshes.epsilon, 1.0),
-            transition=xp.where(gap, meshes.transition, 1.0),
-            backlash=xp.where(gap, meshes.backlash, 1.0),
-        ),
-        viscous=xp.asarray(meshes.damping),
-        contact_damping=gated,
     )
 
 

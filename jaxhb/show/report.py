@@ -9,13 +9,15 @@ KNEE_SHARE = 0.5
 NEGLIGIBLE = 1e-12
 
 
-def response_record(response):
+def response_record(response, *, orders=None):
     """Everything that is reported of one response, as plain numbers in SI units; what ``solve --json`` writes.
 
     Parameters
     ----------
     response : Response
         At one speed.
+    orders : float, optional
+        Highest order whose amplitude is listed; default: all.
 
     Returns
     -------
@@ -23,8 +25,9 @@ def response_record(response):
         ``rpm``, ``converged``, ``status``, ``harmonics``, ``residual``, ``truncation_error``, ``path``, ``load_kW``;
         ``disks`` (rad), ``shafts`` with the dampers (N m), ``gears`` (N m) and ``meshes`` (N) by name, each a signal
         ``{"mean", "min", "max", "rms", "half_peak_to_peak", "sum_of_amplitudes", "amplitudes"}`` with amplitudes
-        ``[[order, A, phase in deg], ...]`` from the first harmonic of the cycle on (those of disks without min, max, rms).
-        The amplitudes end where all that follow are below 1e-12 of the largest. Numbers that are not finite are None.
+        ``[[order, A, phase in deg], ...]`` from the first harmonic of the cycle on (disks without min, max and rms).
+        The list ends where all amplitudes that follow are below 1e-12 of the largest. Tooth forces have eight times
+        the harmonics of the motion. Numbers that are not finite are None.
 
     Examples
     --------
@@ -35,25 +38,30 @@ def response_record(response):
     """
     topology = response.topology
     shafts = topology.shaft_names + topology.damper_names
+    names = {"shafts": shafts, "gears": gears(response)}
+    read = {"shafts": response.torque, "gears": response.gear_torque}
     return finite(
-        {
-            "scene": topology.name,
-            "rpm": float(response.rpm),
-            "converged": bool(response.converged),
-            "status": status_of(response).name,
-            "harmonics": int(response.harmonics),
-            "residual": float(response.residual),
-            "truncation_error": float(response.truncation_error),
-            "path": list(response.path),
-            "load_kW": float(response.load_kW) + 0.0,
-            "verdict": verdict(response),
-            "notes": notes(response),
-            "disks": {name: _disk_record(response.disk(name)) for name in topology.disk_names},
-            "shafts": {name: _signal_record(response.torque(name)) for name in shafts},
-            "gears": {name: _signal_record(response.gear_torque(name)) for name in gears(response)},
-            "meshes": {name: _mesh_record(response, name) for name in topology.mesh_names},
-        }
+        _outcome_record(response)
+        | {"disks": {name: _disk_record(response.disk(name), orders) for name in topology.disk_names}}
+        | {kind: {name: _signal_record(read[kind](name), orders) for name in names[kind]} for kind in names}
+        | {"meshes": {name: _mesh_record(response, name, orders) for name in topology.mesh_names}}
     )
+
+
+def _outcome_record(response):
+    return {
+        "scene": response.topology.name,
+        "rpm": float(response.rpm),
+        "converged": bool(response.converged),
+        "status": status_of(response).name,
+        "harmonics": int(response.harmonics),
+        "residual": float(response.residual),
+        "truncation_error": float(response.truncation_error),
+        "path": list(response.path),
+        "load_kW": float(response.load_kW) + 0.0,
+        "verdict": verdict(response),
+        "notes": notes(response),
+    }
 
 
 def modes_record(modes):
@@ -73,31 +81,33 @@ def finite(value):
     return value
 
 
-def _signal_record(signal):
-    record = signal.summary()
-    record["amplitudes"] = _without_tail(record["amplitudes"])
-    return record
+def _signal_record(signal, orders):
+    return signal.summary() | {"amplitudes": _amplitudes(signal, orders)}
 
 
-def _disk_record(signal):
+def _disk_record(signal, orders):
     return {
         "mean": float(signal.mean),
         "half_peak_to_peak": float(signal.half_peak_to_peak),
-        "amplitudes": _without_tail(signal.spectrum()),
+        "amplitudes": _amplitudes(signal, orders),
     }
 
 
-def _without_tail(rows):
-    """Amplitudes up to the last that is not negligible; order k of the cycle stays at place k - 1."""
+def _amplitudes(signal, orders):
+    """Rows up to the last that is not negligible; order k of the cycle stays at place k - 1."""
+    rows = signal.spectrum()
     sizes = np.array([row[1] for row in rows])
-    counted = np.flatnonzero(~(sizes <= NEGLIGIBLE * sizes.max(initial=0.0)))
-    return rows[: counted[-1] + 1] if len(counted) else []
+    counted = ~(sizes <= NEGLIGIBLE * sizes.max(initial=0.0))
+    if orders is not None:
+        counted &= np.array([row[0] for row in rows]) <= orders
+    last = np.flatnonzero(counted)
+    return rows[: last[-1] + 1] if len(last) else []
 
 
-def _mesh_record(response, name):
+def _mesh_record(response, name, orders):
     force, contact = response.force(name), contact_at(response, name)
     cycle = 360.0 * response.topology.revolutions_per_cycle
-    record = _signal_record(force) | {"elastic": _signal_record(force.elastic)}
+    record = _signal_record(force, orders) | {"elastic": _signal_record(force.elastic, orders)}
     if contact is None:
         keys = ("separated_fraction", "reverse_contact_fraction", "impacts", "drive_side")
         return record | dict.fromkeys((*keys, "gap_spring_force", "knee_force", "pulling_force"))
@@ -166,8 +176,11 @@ def status_line(response):
     """How the solve went: status with what to try, harmonics, residual, truncation error."""
     status = status_of(response)
     said = "converged" if response.converged else f"NOT CONVERGED, {status.name}: {status.sentence}"
+    line = f"{said}; {int(response.harmonics)} harmonics of the cycle"
+    if not any(response.topology.mesh_backlash):
+        return f"{line}, linear"
     return (
-        f"{said}. {int(response.harmonics)} harmonics of the cycle, residual {float(response.residual):.1e}, "
+        f"{line}, residual {float(response.residual):.1e}, "
         f"truncation error {100 * float(response.truncation_error):.2g} % of the largest tooth force"
     )
 
@@ -215,28 +228,56 @@ def verdict(response):
     )
 
 
-def notes(response):
-    """Sentences on what in the tooth law is large beside the mean force of a mesh, and on pulling in the gap."""
-    found = []
-    for name, contact in contacts_of(response).items():
-        if contact is None or not contact.knee_force:
+def notes(*responses):
+    """Sentences on what in the tooth law is large beside the mean force of a mesh, and on force through the gap.
+
+    Parameters
+    ----------
+    *responses : Response
+        Of one train, each at one speed; told is the speed of the smallest mean force.
+
+    Returns
+    -------
+    list of str
+        A gap spring above 5 % of the mean force, a knee above 50 % of it, damping in the gap above 5 % of it.
+    """
+    found, through = [], []
+    for name in responses[0].topology.mesh_names:
+        contacts = [contact_at(response, name) for response in responses]
+        if None in contacts or not contacts[0].knee_force:
             continue
-        mean = abs(float(response.force(name).mean))
-        if contact.gap_spring_force > GAP_SPRING_SHARE * mean:
-            found.append(
-                f"{name}: the spring in the gap carries up to {_kN(contact.gap_spring_force)}, more than "
-                f"{100 * GAP_SPRING_SHARE:g} % of the mean tooth force of {_kN(mean)}: lower epsilon."
-            )
-        if contact.knee_force > KNEE_SHARE * mean:
-            found.append(
-                f"{name}: the tooth is stiff only above {_kN(contact.knee_force)}, more than {100 * KNEE_SHARE:g} % of "
-                f"the mean tooth force of {_kN(mean)}: a smaller transition makes contact sharper."
-            )
-        if contact.pulling_force > GAP_SPRING_SHARE * mean:
-            found.append(
-                f'{name}: with damping_law = "always" the damping still transmits up to '
-                f'{_kN(contact.pulling_force)} while the teeth are apart; with "contact" it does not.'
-            )
+        means = [abs(float(response.force(name).mean)) for response in responses]
+        least = int(np.argmin(means))
+        found += _law_notes(name, contacts[0], means[least], _speed_of(responses, least))
+        pulling = [contact.pulling_force for contact in contacts]
+        hardest = int(np.argmax(pulling))
+        if pulling[hardest] > GAP_SPRING_SHARE * means[hardest]:
+            through.append(f"{_kN(pulling[hardest])}{_speed_of(responses, hardest)} in {name}")
+    if through:
+        found.append(
+            'Damping law "always" transmits force while the teeth are apart ("contact" does not): up to '
+            f"{', '.join(through)}."
+        )
+    return found
+
+
+def _speed_of(responses, number):
+    return f" at {float(responses[number].rpm):g} rpm" if len(responses) > 1 else ""
+
+
+def _law_notes(name, contact, mean, speed):
+    said = f"the mean tooth force of {_kN(mean)}{speed}"
+    found = []
+    if contact.gap_spring_force > GAP_SPRING_SHARE * mean:
+        found.append(
+            f"{name}: the spring in the gap carries up to {_kN(contact.gap_spring_force)}, more than "
+            f"{100 * GAP_SPRING_SHARE:g} % of {said}: lower epsilon."
+        )
+    if contact.knee_force > KNEE_SHARE * mean:
+        found.append(
+            f"{name}: the teeth are stiff only above {_kN(contact.knee_force)}, more than {100 * KNEE_SHARE:g} % of "
+            f"{said}: a smaller transition makes contact sharper."
+        )
     return found
 
 

@@ -1,6 +1,7 @@
 """Tables of responses as text: speeds in rpm, torques in N m, tooth forces in kN."""
 
 import math
+import textwrap
 
 import numpy as np
 
@@ -28,10 +29,16 @@ def solve_text(response, linear):
         parts += [_mesh_table(response, linear), _contact_table(response), _gear_table(response, linear)]
     if response.topology.shaft_names or response.topology.damper_names:
         parts.append(_shaft_table(response, linear))
-    remarks = notes(response)
-    if remarks:
-        parts.append("Notes\n" + "\n".join(f"  {remark}" for remark in remarks))
-    return "\n\n".join(parts)
+    return "\n\n".join([*parts, *notes_text(response)])
+
+
+def notes_text(*responses):
+    """The notes on the tooth law as one paragraph in a list; an empty list where there are none."""
+    remarks = [
+        textwrap.fill(remark, 116, initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False)
+        for remark in notes(*responses)
+    ]
+    return ["\n".join(["Notes", *remarks])] if remarks else []
 
 
 def _mesh_table(response, linear):
@@ -134,7 +141,7 @@ def sweep_text(sweep, linear):
     for status in failed:
         speeds = [f"{float(r.rpm):g}" for r in responses if status_of(r) == status]
         lines.append(f"{status.name} at {', '.join(speeds)} rpm: {status.sentence}.")
-    return "\n".join(lines)
+    return "\n\n".join(["\n".join(lines), *notes_text(*responses)])
 
 
 def _sweep_meshes(responses, before):
@@ -143,13 +150,13 @@ def _sweep_meshes(responses, before):
     apart = [most_apart(contact) for contact in contacts]
     columns = [
         names,
-        decimals([r.force(name).max / 1e3 for r, name in zip(responses, names, strict=True)]),
-        decimals([r.force(name).max / 1e3 for r, name in zip(before, names, strict=True)]),
+        decimals([r.force(name).peak / 1e3 for r, name in zip(responses, names, strict=True)]),
+        decimals([r.force(name).peak / 1e3 for r, name in zip(before, names, strict=True)]),
         [name or NONE for name in apart],
         shares([0.0 if name is None else c[name].separated_fraction for c, name in zip(contacts, apart, strict=True)]),
         [_hardest(contact) for contact in contacts],
     ]
-    heads = ["largest tooth force", "max kN", "without kN", "longest apart", "apart %", "hardest m/s"]
+    heads = ["largest tooth force", "with kN", "without kN", "longest apart", "apart %", "hardest m/s"]
     return heads, columns
 
 
@@ -183,12 +190,14 @@ def _sweep_verdict(responses):
     first, last = min(speeds), max(speeds)
     if not any(responses[0].topology.mesh_backlash):
         return f"No mesh with backlash: {len(speeds)} speeds from {first:g} to {last:g} rpm."
+    failed = sum(not response.converged for response in responses)
+    doubt = f"; {failed} did not converge, do not rely on those" if failed else ""
     hammering = [float(r.rpm) for r in responses if most_apart(contacts_of(r)) is not None]
     if not hammering:
-        return f"All teeth stay in contact at all {len(speeds)} speeds from {first:g} to {last:g} rpm."
+        return f"All teeth stay in contact at all {len(speeds)} speeds from {first:g} to {last:g} rpm{doubt}."
     return (
         f"Teeth separate at {len(hammering)} of {len(speeds)} speeds between {first:g} and {last:g} rpm: "
-        f"{_ranges(speeds, hammering)} rpm."
+        f"{_ranges(speeds, hammering)} rpm{doubt}."
     )
 
 
@@ -247,12 +256,17 @@ def decimals(values, digits=4):
     numbers = [float(value) for value in values]
     largest = max((abs(number) for number in numbers if math.isfinite(number)), default=0.0)
     places = 0 if largest == 0 else min(max(digits - 1 - math.floor(math.log10(largest)), 0), 12)
-    return [f"{number + 0.0:.{places}f}" if math.isfinite(number) else NONE for number in numbers]
+    # Adding 0.0 after rounding turns -0.0 into 0.0.
+    return [f"{round(number, places) + 0.0:.{places}f}" if math.isfinite(number) else NONE for number in numbers]
 
 
 def shares(fractions):
     """Fractions of the cycle in %; a small one is not shown as 0."""
-    return [NONE if share is None else f"{100 * share:.1f}" if share == 0 or share > 5e-4 else "<0.1" for share in fractions]
+    return [NONE if share is None else _percent(share) for share in fractions]
+
+
+def _percent(share):
+    return "<0.1" if 0 < share < 5e-4 else f"{100 * share:.1f}"
 
 
 def ratios(numbers, before):

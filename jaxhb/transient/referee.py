@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..harmonic import backlash, chain
-from ..harmonic.residual import Nonlinear
+from ..harmonic.residual import backlash_meshes
 from ..model.engine import excitation, highest_harmonic
 from .integrate import march, settle
 from .shooting import shoot
@@ -40,6 +40,8 @@ class Orbit:
         Backlash meshes in the order of ``meshes``.
     elastic, transmitted : arrays ``(G, steps)``, N
         f(l), and f(l) with the damping force.
+    smallest, largest : arrays ``(G,)``, N
+        Extremes of the elastic force, between the samples too (cubic through l and l').
     separated : array ``(G,)``
         Share of the cycle with ``|l| < (1 - transition) h/2``.
     closure : float
@@ -59,6 +61,8 @@ class Orbit:
     rate: np.ndarray
     elastic: np.ndarray
     transmitted: np.ndarray
+    smallest: np.ndarray
+    largest: np.ndarray
     separated: np.ndarray
     closure: float
     settled: bool
@@ -73,7 +77,8 @@ def resolving_steps(system, meshes, frequency, *, per_period=STEPS_PER_PERIOD):
 
     At least ``per_period`` steps per period of the highest natural frequency omega in which the backlash meshes hold
     1 % of the strain energy; and ``pi / (2 transition)`` (at most 400), so that a step at the speed ``omega h/2``
-    covers no more than two transition zones. 40 give 0.01 % of the tooth force on ``gear_train_30``, 12 give 0.3 %.
+    covers no more than two transition zones. On ``gear_train_30`` at 1800 rpm the elastic force is then within
+    0.004 % of its maximum all cycle, with 12 steps per period within 0.12 %, with 7 within 1 %.
 
     Parameters
     ----------
@@ -163,36 +168,50 @@ def referee(
     else:
         found = _settle(stepper, state, tolerance=tolerance, max_cycles=max_cycles)
         state, trace, cycles = found.state, found.trace, found.cycles
+    return _orbit(meshes, stepper, state, trace, tolerance, cycles=int(cycles), newton_steps=int(newton))
+
+
+def _orbit(meshes, stepper, state, trace, tolerance, **counts):
+    """Forces of a cycle."""
     law = meshes.law.expand()
     viscous, gated = np.asarray(meshes.viscous)[:, None], np.asarray(meshes.contact_damping)[:, None]
     limit = (1 - law.transition) * law.backlash / 2
+    low, high = backlash.force(
+        law, _extremes(trace, 2 * np.pi / float(stepper.frequency) / trace.deflection.shape[1])
+    ).T
     return Orbit(
         deflection=np.asarray(trace.deflection),
         rate=np.asarray(trace.rate),
         elastic=np.asarray(backlash.force(law, trace.deflection)),
         transmitted=np.asarray(backlash.mesh_force(law, viscous, gated, trace.deflection, trace.rate)),
+        smallest=np.asarray(low),
+        largest=np.asarray(high),
         separated=np.asarray((jnp.abs(trace.deflection) < limit).mean(axis=1)),
         closure=float(trace.closure),
         settled=bool(trace.closure <= tolerance),
-        cycles=int(cycles),
-        newton_steps=int(newton),
         state=np.asarray(state),
         stepper=stepper,
+        **counts,
     )
 
 
-def backlash_meshes(train):
-    """The meshes of a train that have backlash, as :class:`Nonlinear`; host."""
-    topology = train.topology
-    index = np.flatnonzero(np.array(topology.mesh_backlash, dtype=bool))
-    first = len(topology.link_names) - len(topology.mesh_names)
-    names = ("stiffness", "epsilon", "transition", "backlash")
-    return Nonlinear(
-        link=(first + index).astype(np.int32),
-        law=backlash.Law(*(jnp.asarray(getattr(train.meshes, name))[index] for name in names)),
-        viscous=jnp.asarray(train.meshes.damping)[index],
-        contact_damping=np.array([topology.mesh_damping_law[i] == "contact" for i in index], dtype=bool),
-    )
+def _extremes(trace, dt):
+    """Least and largest deflection ``(G, 2)`` m on the cubics through l and l' at the samples."""
+    l, slope = np.asarray(trace.deflection), np.asarray(trace.rate) * dt
+    following, steepness = np.roll(l, -1, axis=1), np.roll(slope, -1, axis=1)
+    s = np.arange(16)[:, None, None] / 16
+    values = (1 + 2 * s) * (1 - s) ** 2 * l + s * (1 - s) ** 2 * slope
+    values += s**2 * (3 - 2 * s) * following + s**2 * (s - 1) * steepness
+    return np.stack([values.min(axis=(0, 2), initial=np.inf), values.max(axis=(0, 2), initial=-np.inf)], axis=1)
+
+
+def _equations(train, rpm):
+    """System, backlash meshes, Omega and load of a train at a speed."""
+    system, meshes = chain.assemble(train), backlash_meshes(train)
+    partition(system, meshes, train.topology.disk_names, train.topology.link_names)
+    torque, _, _ = excitation(train, rpm, highest_harmonic(train))
+    frequency = 2 * np.pi * rpm / 60 / train.topology.revolutions_per_cycle
+    return system, meshes, frequency, torque / jnp.asarray(system.radius)[:, None]
 
 
 def integrate(train, *, rpm, cycles=None, steps=None, tolerance=1e-6, max_cycles=300):
@@ -228,11 +247,71 @@ def integrate(train, *, rpm, cycles=None, steps=None, tolerance=1e-6, max_cycles
     >>> orbit.settled, orbit.elastic.max(axis=1).round(-1).tolist()
     (True, [6590.0, 3550.0, 2960.0, 1470.0])
     """
-    system, meshes = chain.assemble(train), backlash_meshes(train)
-    partition(system, meshes, train.topology.disk_names, train.topology.link_names)
-    torque, _, _ = excitation(train, rpm, highest_harmonic(train))
-    frequency = 2 * np.pi * rpm / 60 / train.topology.revolutions_per_cycle
-    load = torque / jnp.asarray(system.radius)[:, None]
+    system, meshes, frequency, load = _equations(train, rpm)
     return referee(
         system, meshes, frequency, load, steps=steps, cycles=cycles, tolerance=tolerance, max_cycles=max_cycles
+    )
+
+
+@dataclass(frozen=True)
+class Correction:
+    """What one-cycle shooting changes on a harmonic solution: its true error.
+
+    Attributes
+    ----------
+    error : float
+        Largest difference of the elastic tooth forces over the cycle and the meshes / largest elastic tooth force.
+    peak_error : float
+        Largest difference of their extremes / largest elastic tooth force.
+    orbit : Orbit
+        The corrected motion; ``orbit.settled`` tells whether shooting closed the cycle.
+    """
+
+    error: float
+    peak_error: float
+    orbit: Orbit
+
+
+def shooting_correction(response, *, steps=None, tolerance=1e-9):
+    """Start at a harmonic solution, integrate one cycle, correct by Newton: the change is the solution's true error.
+
+    Valid on unstable motions too. The answer is as good as the integration: see :func:`resolving_steps`.
+
+    Parameters
+    ----------
+    response : Response
+        At one speed.
+    steps : int, optional
+        Steps per cycle; :func:`resolving_steps` without.
+    tolerance : float
+        Closure to reach.
+
+    Returns
+    -------
+    Correction
+
+    Raises
+    ------
+    ValueError
+        For scenes that cannot be integrated in time, see :func:`integrate`.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> r = jaxhb.solve(jaxhb.load_scene("gear_train_30"), rpm=600.0)
+    >>> jaxhb.shooting_correction(r).error < 1e-3
+    True
+    """
+    train, rpm = response.train, float(response.rpm)
+    system, meshes, frequency, load = _equations(train, rpm)
+    start = np.asarray(response.angles) * np.asarray(system.radius)[:, None]
+    orbit = referee(system, meshes, frequency, load, start, steps=steps, tolerance=tolerance)
+    own = np.flatnonzero(np.array(train.topology.mesh_backlash, dtype=bool))
+    deflection = response.deflection_samples(orbit.elastic.shape[1])[own]
+    force = np.asarray(backlash.force(meshes.law.expand(), deflection))
+    extremes = np.array([[s.min, s.max] for s in (response.force(train.topology.mesh_names[i]).elastic for i in own)])
+    change = extremes - np.stack([orbit.smallest, orbit.largest], axis=1)
+    largest = np.abs(orbit.elastic).max()
+    return Correction(
+        float(np.abs(force - orbit.elastic).max() / largest), float(np.abs(change).max() / largest), orbit
     )

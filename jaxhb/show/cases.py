@@ -1,0 +1,156 @@
+"""Normal running beside one cylinder misfiring, over several speeds: what ``jaxhb report`` computes and prints."""
+
+import dataclasses
+from dataclasses import dataclass
+
+from ..linear.response import Response
+from ..model.elements import SceneError
+from ..model.topology import suggestion
+from ..periodic.solve import linear_response, solve
+from .report import contacts_of, gears, hardest_impact, response_record, status_line, verdict
+from .tables import NONE, aligned, decimals, notes_text, ratios, shares
+
+
+@dataclass(frozen=True)
+class Case:
+    """A train as it runs (``title``), solved at every speed with backlash and without."""
+
+    title: str
+    responses: list[Response]
+    linear: list[Response]
+
+
+def misfire(train, cylinder):
+    """The train with one cylinder that does not fire: its gas torque is gone, its inertia torque stays.
+
+    Parameters
+    ----------
+    train : DriveTrain
+    cylinder : str
+        Name of the ``[[cylinder]]``.
+
+    Returns
+    -------
+    DriveTrain
+
+    Raises
+    ------
+    SceneError
+        If no cylinder has this name.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> train = misfire(jaxhb.load_scene("gear_train_30"), "cylinder A1")
+    >>> train.topology.cylinder_fires[:2]
+    (False, True)
+    """
+    topology = train.topology
+    if cylinder not in topology.cylinder_names:
+        known = suggestion(cylinder, topology.cylinder_names) or " The scene has no [[cylinder]]."
+        raise SceneError(f"{topology.name or 'scene'}: there is no cylinder {cylinder!r}.{known}")
+    silent = topology.cylinder_names.index(cylinder)
+    fires = tuple(f and i != silent for i, f in enumerate(topology.cylinder_fires))
+    return dataclasses.replace(train, topology=dataclasses.replace(topology, cylinder_fires=fires))
+
+
+def solve_cases(trains, speeds, *, harmonics=None, tolerance=0.01, step=lambda text: None):
+    """Solve every train of ``{title: train}`` at every speed; ``step`` is told what comes next."""
+    cases = []
+    for title, train in trains.items():
+        responses, linear = [], []
+        for rpm in speeds:
+            step(f"{rpm:g} rpm, {title}")
+            responses.append(solve(train, rpm=rpm, harmonics=harmonics, tolerance=tolerance))
+            linear.append(linear_response(train, rpm=rpm))
+        cases.append(Case(title, responses, linear))
+    return cases
+
+
+def cases_record(cases, *, orders=None):
+    """What ``report --json`` writes: per case the response objects with and without backlash."""
+    speeds = [float(response.rpm) for response in cases[0].responses]
+    rows = [
+        {
+            "title": case.title,
+            "responses": [response_record(response, orders=orders) for response in case.responses],
+            "without_backlash": [response_record(response, orders=orders) for response in case.linear],
+        }
+        for case in cases
+    ]
+    return {"rpm": speeds, "cases": rows}
+
+
+def cases_text(cases):
+    """Verdicts of all cases and speeds, then per speed the tooth forces and gear torques side by side."""
+    first = cases[0].responses
+    parts = [
+        f"With {case.title}\n" + "\n".join(f"  {verdict(response)}" for response in case.responses) for case in cases
+    ]
+    for number, response in enumerate(first):
+        parts.append(_heading(cases, number))
+        if response.topology.mesh_names:
+            parts += [_force_table(cases, number), _gear_table(cases, number)]
+        else:
+            parts.append(_shaft_table(cases, number))
+    parts += notes_text(*(response for case in cases for response in case.responses))
+    return "\n\n".join(parts)
+
+
+def _heading(cases, number):
+    lines = [f"==== {float(cases[0].responses[number].rpm):g} rpm ===="]
+    for case in cases:
+        response = case.responses[number]
+        power = f"loads take {float(response.load_kW):.4g} kW; " if response.topology.load_names else ""
+        lines.append(f"  {case.title}: {power}{status_line(response)}")
+    return "\n".join(lines)
+
+
+def _force_table(cases, number):
+    names = cases[0].responses[0].topology.mesh_names
+    columns = []
+    for case in cases:
+        contacts = contacts_of(case.responses[number]).values()
+        columns += [
+            decimals([case.responses[number].force(name).peak / 1e3 for name in names]),
+            decimals([case.linear[number].force(name).peak / 1e3 for name in names]),
+            shares([contact and contact.separated_fraction for contact in contacts]),
+            shares([contact and contact.reverse_contact_fraction for contact in contacts]),
+            [NONE if not contact or not contact.impacts else f"{hardest_impact(contact):.2f}" for contact in contacts],
+        ]
+    heads = ["mesh", *["with", "without", "apart %", "reverse %", "hit m/s"] * len(cases)]
+    title = "Largest tooth force, kN, with and without backlash; share of the cycle apart and on the reverse flank"
+    return title + "\n" + aligned(heads, [names, *columns], _groups(cases, 5))
+
+
+def _gear_table(cases, number):
+    names = gears(cases[0].responses[0])
+    swings = [
+        [[response.gear_torque(name).half_peak_to_peak for name in names] for response in pair]
+        for pair in _pairs(cases, number)
+    ]
+    return "Gear torque, half peak-to-peak, N m\n" + _swing_table("gear", names, swings, cases)
+
+
+def _shaft_table(cases, number):
+    topology = cases[0].responses[0].topology
+    names = topology.shaft_names + topology.damper_names
+    swings = [
+        [[response.torque(name).half_peak_to_peak for name in names] for response in pair]
+        for pair in _pairs(cases, number)
+    ]
+    return "Torque of shafts and dampers, half peak-to-peak, N m\n" + _swing_table("shaft", names, swings, cases)
+
+
+def _pairs(cases, number):
+    return [(case.responses[number], case.linear[number]) for case in cases]
+
+
+def _swing_table(what, names, swings, cases):
+    columns = [c for after, before in swings for c in (decimals(after), decimals(before), ratios(after, before))]
+    heads = [what, *["with", "without", "ratio"] * len(cases)]
+    return aligned(heads, [names, *columns], _groups(cases, 3))
+
+
+def _groups(cases, width):
+    return [(case.title, 1 + i * width, (i + 1) * width) for i, case in enumerate(cases)]

@@ -1,0 +1,256 @@
+"""The command line: ``jaxhb scenes | modes | solve | sweep | report``. Heavy modules are imported by the commands."""
+
+import argparse
+import math
+import os
+import sys
+
+DESCRIPTION = """\
+Forced periodic vibration of drive trains with gear backlash: do the teeth hammer, at which speeds, and how hard?
+One periodic solution per speed, at the border in rpm, N m, kN and deg."""
+
+EXAMPLES = """\
+examples:
+  jaxhb scenes
+  jaxhb modes six_cylinder_diesel
+  jaxhb solve gear_train_30 --rpm 1800 --plot cycle.png
+  jaxhb solve gear_train_30 --rpm 1800 --misfire "cylinder A1" --set "crank damper.damping=300" --json result.json
+  jaxhb sweep gear_train_30 --rpm 600:2450:20 --csv sweep.csv --plot sweep.png
+  jaxhb report gear_train_30 --rpm 600,1200,1800,2450 --misfire "cylinder A1" --plot crank_gear.png
+
+exit status: 0 converged (residual and truncation error within their limits, at all speeds); 1 not converged (files are
+still written); 2 bad input (nothing is written)."""
+
+SOLVE = """\
+One speed: who separates for how much of the cycle, tooth forces (kN), torques of gears and shafts (N m), with backlash
+and without."""
+SWEEP = "Many speeds in one call: largest tooth force and time out of contact over the speed."
+REPORT = """\
+Several speeds, with backlash and without, and with one cylinder that does not fire beside normal running; a picture of
+the torque on one gear over the cycle, gap contact shaded."""
+
+
+def main(argv=None):
+    """Run the command line.
+
+    Parameters
+    ----------
+    argv : list of str, optional
+        Default: the arguments of the process.
+
+    Returns
+    -------
+    int
+        0 converged, 1 not converged, 2 bad input.
+
+    Examples
+    --------
+    >>> main(["solve", "spur_pair", "--rpm", "2000"])  # doctest: +ELLIPSIS
+    All teeth stay in contact at 2000 rpm.
+    ...
+    0
+    """
+    try:
+        arguments = parser().parse_args(argv)
+    except SystemExit as stop:
+        return stop.code
+    # The compilation cache of jaxlib reports harmless differences of processor features as errors.
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+    try:
+        return arguments.command(arguments)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except KeyboardInterrupt:
+        print("stopped; nothing more is written", file=sys.stderr)
+        return 130
+    except ValueError as error:
+        if type(error).__name__ not in ("SceneError", "OutputError"):
+            raise
+        print(error, file=sys.stderr)
+        return 2
+
+
+def parser():
+    """The argument parser."""
+    raw = argparse.RawDescriptionHelpFormatter
+    top = argparse.ArgumentParser("jaxhb", description=DESCRIPTION, epilog=EXAMPLES, formatter_class=raw)
+    commands = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
+
+    def add(name, command, text):
+        made = commands.add_parser(
+            name, help=text.partition(":")[0], description=text, epilog=EXAMPLES, formatter_class=raw
+        )
+        made.set_defaults(command=command)
+        return made
+
+    add("scenes", run_scenes, "The packaged scenes: their names and what they are.")
+    modes = add("modes", run_modes, "Natural frequencies (Hz): undamped, teeth in contact, with mode shapes.")
+    _scene(modes)
+    modes.add_argument("--json", metavar="FILE", help="write frequencies and shapes for programs")
+    solve = add("solve", run_solve, SOLVE)
+    _scene(solve)
+    solve.add_argument("--rpm", required=True, type=speed, metavar="R", help="speed of the reference rotor, rpm")
+    _misfire(solve)
+    _accuracy(solve)
+    _files(solve, "the gear torque and the tooth forces over the cycle")
+    _gear(solve)
+    sweep = add("sweep", run_sweep, SWEEP)
+    _scene(sweep)
+    _speeds(sweep)
+    _misfire(sweep)
+    _accuracy(sweep)
+    _files(sweep, "tooth force and time out of contact over the speed")
+    sweep.add_argument("--csv", metavar="FILE", help="write one row per speed for spreadsheets, N and N m")
+    report = add("report", run_report, REPORT)
+    _scene(report)
+    _speeds(report)
+    _misfire(report)
+    _accuracy(report)
+    _files(report, "the torque on one gear over the cycle, in normal running")
+    _gear(report)
+    report.add_argument("--at", type=speed, metavar="R", help="speed of the picture, rpm (default: longest apart)")
+    return top
+
+
+def _scene(command):
+    command.add_argument("scene", metavar="SCENE", help="a packaged scene (jaxhb scenes) or the path of a .toml")
+    command.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        type=setting,
+        metavar="NAME.FIELD=VALUE",
+        help='change a number of the scene, SI units, e.g. "crank damper.damping=300"; may be repeated',
+    )
+
+
+def _speeds(command):
+    text = "speeds of the reference rotor, rpm: from A to B in COUNT equal steps, or a list R1,R2,..."
+    command.add_argument("--rpm", required=True, type=speeds, metavar="A:B:COUNT", help=text)
+
+
+def _misfire(command):
+    command.add_argument("--misfire", metavar="CYLINDER", help="this cylinder does not fire")
+
+
+def _accuracy(command):
+    command.add_argument(
+        "--harmonics", type=whole, metavar="N", help="harmonics of the cycle, fixed (default: as many as needed)"
+    )
+    command.add_argument(
+        "--tolerance",
+        type=share,
+        default=0.01,
+        metavar="T",
+        help="largest truncation error, as a share of the largest tooth force (default 0.01)",
+    )
+
+
+def _files(command, picture):
+    command.add_argument("--json", metavar="FILE", help="write all numbers in full precision, SI units")
+    command.add_argument(
+        "--orders", type=positive, metavar="M", help="list amplitudes in the JSON up to this order (default: all)"
+    )
+    command.add_argument("--plot", metavar="FILE.png", help=f"draw {picture} (.png, .svg, .pdf; needs jaxhb[plot])")
+
+
+def _gear(command):
+    command.add_argument("--gear", metavar="NAME", help="gear of the picture (default: of the reference rotor)")
+
+
+def speed(text):
+    """A speed in rpm from the command line."""
+    value = _number(text)
+    if not value > 0:
+        raise argparse.ArgumentTypeError(f"the speed is {text!r}, must be a number greater than 0 rpm")
+    return value
+
+
+def speeds(text):
+    """Speeds in rpm from ``A:B:COUNT`` or ``R1,R2,...``."""
+    if ":" not in text:
+        return [speed(word) for word in text.split(",")]
+    words = text.split(":")
+    if len(words) != 3:
+        raise argparse.ArgumentTypeError(f"{text!r} is not A:B:COUNT, as 600:2450:20 (rpm, rpm, number of speeds)")
+    first, last = speed(words[0]), speed(words[1])
+    count = whole(words[2])
+    if count == 1 and first != last:
+        raise argparse.ArgumentTypeError(f"{text!r} asks for one speed between two: give a COUNT of at least 2")
+    return [first + (last - first) * i / max(count - 1, 1) for i in range(count)]
+
+
+def positive(text):
+    """A number greater than 0 from the command line."""
+    value = _number(text)
+    if not value > 0:
+        raise argparse.ArgumentTypeError(f"{text!r} must be a number greater than 0")
+    return value
+
+
+def whole(text):
+    """A whole number of at least 1 from the command line."""
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} must be a whole number of at least 1")
+    return int(text)
+
+
+def share(text):
+    """A number between 0 and 1 from the command line."""
+    value = _number(text)
+    if not 0 < value < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} must be a number greater than 0 and less than 1, as 0.01 for 1 %")
+    return value
+
+
+def setting(text):
+    """``(NAME.FIELD, VALUE)`` from the command line."""
+    key, equals, number = text.rpartition("=")
+    value = _number(number)
+    if not equals or not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f'{text!r} is not NAME.FIELD=VALUE, as "crank damper.damping=300"')
+    return key.strip(), value
+
+
+def _number(text):
+    """A finite number, or nan."""
+    try:
+        value = float(text)
+    except ValueError:
+        return math.nan
+    return value if math.isfinite(value) else math.nan
+
+
+def run_scenes(_):
+    from .commands import scenes
+
+    return scenes()
+
+
+def run_modes(arguments):
+    from .commands import modes
+
+    return modes(arguments)
+
+
+def run_solve(arguments):
+    from .commands import solve_one
+
+    return solve_one(arguments)
+
+
+def run_sweep(arguments):
+    from .commands import sweep
+
+    return sweep(arguments)
+
+
+def run_report(arguments):
+    from .commands import report
+
+    return report(arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,104 @@
+"""Layout of the coefficients, and the product with a periodic function."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from tolerances import ALGEBRAIC
+
+from jaxhb.harmonic import fourier, toeplitz
+
+N = 7
+SAMPLES = 64
+
+
+@pytest.fixture(scope="module")
+def signals():
+    """Coefficients ``(3, N+1)`` of three real signals: the mean is real."""
+    draw = np.random.default_rng(1)
+    x = draw.normal(size=(3, N + 1)) + 1j * draw.normal(size=(3, N + 1))
+    x[:, 0] = x[:, 0].real
+    return x
+
+
+def by_direct_sum(coefficients, samples):
+    t = 2 * np.pi * np.arange(samples) / samples
+    n = np.arange(1, coefficients.shape[-1])
+    return coefficients[..., :1].real + 2 * (coefficients[..., 1:] @ np.exp(1j * np.outer(n, t))).real
+
+
+def test_packing_and_unpacking_are_inverse(signals):
+    packed = fourier.pack(signals)
+    assert packed.shape == (3, 2 * N + 1) and packed.dtype == np.float64
+    np.testing.assert_allclose(fourier.unpack(packed), signals, rtol=ALGEBRAIC)
+    again = fourier.pack(fourier.unpack(np.arange(5.0)))
+    np.testing.assert_allclose(again, np.arange(5.0), rtol=ALGEBRAIC)
+
+
+def test_packed_coordinates_are_those_of_an_orthonormal_basis(signals):
+    t = 2 * np.pi * np.arange(SAMPLES) / SAMPLES
+    n = np.arange(1, N + 1)
+    waves = np.sqrt(2) * np.concatenate([np.cos(np.outer(n, t)), np.sin(np.outer(n, t))])
+    basis = np.concatenate([np.ones((1, SAMPLES)), waves])
+    np.testing.assert_allclose(basis @ basis.T / SAMPLES, np.eye(2 * N + 1), atol=ALGEBRAIC)
+    np.testing.assert_allclose(np.asarray(fourier.pack(signals)) @ basis, by_direct_sum(signals, SAMPLES), atol=1e-12)
+
+
+def test_norm_of_packed_coordinates_is_the_root_mean_square_of_the_signal(signals):
+    values = np.asarray(fourier.synthesize(signals, SAMPLES))
+    rms = np.sqrt((values**2).mean(-1))
+    np.testing.assert_allclose(jnp.linalg.norm(fourier.pack(signals), axis=-1), rms, rtol=ALGEBRAIC)
+
+
+@pytest.mark.parametrize("samples", [2 * N + 1, SAMPLES])
+def test_synthesis_is_the_fourier_sum_and_analysis_undoes_it(signals, samples):
+    values = fourier.synthesize(signals, samples)
+    np.testing.assert_allclose(values, by_direct_sum(signals, samples), atol=ALGEBRAIC * 30)
+    np.testing.assert_allclose(fourier.analyze(values, N), signals, atol=ALGEBRAIC * 10)
+
+
+def test_derivative_is_that_of_the_fourier_sum(signals):
+    frequency, step = 3.0, 1e-5
+    shift = np.exp(1j * frequency * step * np.arange(N + 1))
+    ahead, behind = by_direct_sum(signals * shift, SAMPLES), by_direct_sum(signals / shift, SAMPLES)
+    found = fourier.synthesize(fourier.derivative(signals, frequency), SAMPLES)
+    np.testing.assert_allclose(found, (ahead - behind) / (2 * step), rtol=1e-6, atol=1e-6 * np.abs(found).max())
+
+
+def test_resizing_keeps_the_harmonics_that_fit(signals):
+    wide = fourier.resize(signals, N + 3)
+    assert wide.shape == (3, N + 4) and not np.asarray(wide[:, N + 1 :]).any()
+    np.testing.assert_array_equal(fourier.resize(wide, N), signals)
+    np.testing.assert_array_equal(fourier.resize(signals, 2), signals[:, :3])
+
+
+def test_packed_diagonal_multiplies_every_harmonic_by_its_gain(signals):
+    draw = np.random.default_rng(2)
+    gain = draw.normal(size=(3, N + 1)) + 1j * draw.normal(size=(3, N + 1))
+    gain[:, 0] = gain[:, 0].real
+    found = np.einsum("sij,sj->si", fourier.packed_diagonal(gain), fourier.pack(signals))
+    np.testing.assert_allclose(found, fourier.pack(gain * signals), atol=ALGEBRAIC * 10)
+
+
+def test_product_matrix_is_the_product_in_time_truncated_to_the_same_harmonics(signals):
+    draw = np.random.default_rng(3)
+    c = draw.normal(size=(3, 2 * N + 1)) + 1j * draw.normal(size=(3, 2 * N + 1))
+    c[:, 0] = c[:, 0].real
+    product = fourier.synthesize(c, SAMPLES) * fourier.synthesize(signals, SAMPLES)
+    found = np.einsum("sij,sj->si", toeplitz.product_matrix(c), fourier.pack(signals))
+    np.testing.assert_allclose(found, fourier.pack(fourier.analyze(product, N)), atol=ALGEBRAIC * 100)
+
+
+def test_product_matrix_is_symmetric_with_the_spectrum_between_the_extremes_of_the_function():
+    draw = np.random.default_rng(4)
+    c = draw.normal(size=2 * N + 1) + 1j * draw.normal(size=2 * N + 1)
+    c[0] = c[0].real
+    matrix = np.asarray(toeplitz.product_matrix(c))
+    np.testing.assert_array_equal(matrix, matrix.T)
+    values, spectrum = by_direct_sum(c, 4096), np.linalg.eigvalsh(matrix)
+    assert values.min() <= spectrum[0] and spectrum[-1] <= values.max()
+
+
+def test_product_with_a_constant_is_a_multiple_of_the_identity():
+    c = np.zeros(2 * N + 1, complex)
+    c[0] = 2.5
+    np.testing.assert_array_equal(toeplitz.product_matrix(c), 2.5 * np.eye(2 * N + 1))

@@ -1,0 +1,36 @@
+"""The reference data that the tests read, copies in ``tests/data`` (see ``shared/reference/README.md``)."""
+
+import functools
+import json
+from pathlib import Path
+
+import numpy as np
+
+DATA = Path(__file__).parent / "data"
+
+
+@functools.cache
+def reference(name):
+    """One file of ``tests/data`` without its ending."""
+    return json.loads((DATA / f"{name}.json").read_text())
+
+
+def method_case(name):
+    """``(params, expected)`` of one entry of method_cases.json."""
+    case = next(case for case in reference("method_cases")["cases"] if case["id"] == name)
+    return case.get("params"), case["expected"]
+
+
+def numbers(values):
+    """Strings, or nested lists of strings, as float64."""
+    return np.array(values, dtype=float)
+
+
+def complex_numbers(pairs):
+    """A list of [re, im] strings as complex128."""
+    return numbers(pairs) @ np.array([1.0, 1j])
+
+
+def torsional_model(name):
+    """One entry of torsional_models.json."""
+    return next(model for model in reference("torsional_models") if model["id"] == name)

@@ -1,0 +1,57 @@
+"""Imports go down the layers only, and the package loads neither matplotlib nor optax by itself."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1] / "jaxhb"
+LAYERS = ["model", "harmonic", "linear", "transient", "periodic", "design", "show"]
+
+
+def imported_layers(path):
+    """Layers that a module imports, and whether by name or relative."""
+    package = path.relative_to(ROOT.parent).with_suffix("").parts[:-1]
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            base = ".".join(package[: len(package) - node.level + 1]) + "." if node.level else ""
+            names = [base + (node.module or "")]
+        else:
+            continue
+        for name in names:
+            parts = name.split(".")
+            if parts[0] == "jaxhb" and len(parts) > 1 and parts[1] in LAYERS:
+                yield parts[1]
+
+
+def test_imports_go_down_only():
+    wrong = [
+        f"{path.relative_to(ROOT)} imports {layer}"
+        for rank, own in enumerate(LAYERS)
+        for path in (ROOT / own).glob("*.py")
+        for layer in imported_layers(path)
+        if LAYERS.index(layer) > rank
+    ]
+    assert wrong == []
+
+
+def test_only_their_owners_import_matplotlib_and_optax():
+    owners = {"matplotlib": {"show/plots.py"}, "optax": {"design/tuning.py"}}
+    for path in ROOT.rglob("*.py"):
+        text = path.read_text()
+        for library, allowed in owners.items():
+            if f"import {library}" in text or f"from {library}" in text:
+                assert path.relative_to(ROOT).as_posix() in allowed
+
+
+def test_only_one_place_touches_the_configuration_of_jax():
+    touching = [p.name for p in ROOT.rglob("*.py") if "jax.config" in p.read_text() and "config.update" in p.read_text()]
+    assert touching == ["_x64.py"]
+
+
+def test_the_package_loads_neither_matplotlib_nor_optax():
+    code = "import sys, jaxhb; print([m for m in ('matplotlib', 'optax') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

@@ -1,0 +1,81 @@
+"""Small drive trains for the tests, as lists of elements."""
+
+import jaxhb
+from jaxhb import Damper, Disk, Ground, Mesh, Shaft, Torque
+
+ONE_RADIAN_PER_SECOND = 60 / (2 * 3.141592653589793)
+"""rpm at which Omega = 1 rad/s for one revolution per cycle."""
+
+
+def chain_parts(inertia, stiffness, *, ground=None, damping=0.0):
+    """Disks 1 .. S in a row; a ground spring at the last."""
+    parts = [Disk(name=str(k + 1), inertia=J, damping=damping) for k, J in enumerate(inertia)]
+    parts += [Shaft(between=(str(k + 1), str(k + 2)), stiffness=c) for k, c in enumerate(stiffness)]
+    return parts + ([Ground(disk=str(len(inertia)), stiffness=ground)] if ground else [])
+
+
+def one_mass_parts(*, m, b, c, eps, h, q0, q1, transition=0.2):
+    """``m x'' + b x' + f(x) = q0 + q1 cos t`` as two equal gears of radius 1, driven against each other.
+
+    With x = phi_a - phi_b, inertia 2 m, damping 2 b and torques +-q, the difference of the two equations is twice this one.
+    """
+    parts = [Disk(name=name, inertia=2 * m, damping=2 * b, radius=1.0) for name in "ab"]
+    parts.append(Mesh(between=("a", "b"), stiffness=c, epsilon=eps, transition=transition, backlash=h))
+    rows = ((1.0, q1, 0.0),)
+    return [*parts, Torque(disk="a", mean=q0, harmonics=rows), Torque(disk="b", mean=-q0, harmonics=((1.0, -q1, 0.0),))]
+
+
+def build(parts, *, cycle=1, reference=None):
+    return jaxhb.build(parts, revolutions_per_cycle=cycle, reference=reference, name="test train")
+
+
+def branched_parts(laws=("contact", "always")):
+    """A crank with a flywheel and a ring, an idler, and an accessory behind it: two meshes that hammer at 1500 rpm."""
+    common = {"stiffness": 2e8, "damping": 1500.0, "backlash": 1e-4, "epsilon": 0.02, "transition": 0.3}
+    return [
+        Disk(name="flywheel", inertia=0.8, damping=0.4),
+        Disk(name="crank gear", inertia=0.01, radius=0.05),
+        Disk(name="idler", inertia=0.008, radius=0.06, damping=0.3),
+        Disk(name="pump gear", inertia=0.004, radius=0.04),
+        Disk(name="pump", inertia=0.02, damping=0.1),
+        Shaft(between=("flywheel", "crank gear"), stiffness=2e5, damping=20.0),
+        Shaft(between=("pump gear", "pump"), stiffness=3e4, damping=2.0, loss_factor=0.03),
+        Damper(name="ring", disk="crank gear", inertia=0.02, damping=6.0, stiffness=4e3),
+        Mesh(between=("crank gear", "idler"), damping_law=laws[0], **common),
+        Mesh(between=("pump gear", "idler"), damping_law=laws[1], **common),
+        Ground(disk="flywheel", stiffness=50.0),
+        Torque(disk="flywheel", mean=12.0, harmonics=((1.0, 300.0, -80.0), (2.0, 60.0, 90.0))),
+        Torque(disk="pump", mean=-8.0, harmonics=((1.0, 3.0, 5.0), (3.0, 4.0, 0.0))),
+    ]
+
+
+def gearbox_parts(*, grounded=True):
+    """Two meshes in parallel between two shafts (a closed loop), several gears a shaft, massless disks, a viscous ring."""
+    parts = [
+        Disk(name="motor", inertia=0.05, damping=0.2),
+        Disk(name="coupling", inertia=0.0),
+        Disk(name="input 1", inertia=0.002, radius=0.05),
+        Disk(name="input 2", inertia=0.004, radius=0.08),
+        Disk(name="lay 1", inertia=0.01, radius=0.10),
+        Disk(name="lay 2", inertia=0.03, radius=0.16, damping=0.1),
+        Disk(name="lay 3", inertia=0.0, radius=0.06),
+        Disk(name="output", inertia=0.02, radius=0.09),
+        Disk(name="mill", inertia=0.4, damping=0.5),
+        Shaft(between=("coupling", "motor"), stiffness=4e3, damping=1.0),
+        Shaft(between=("coupling", "input 1"), stiffness=6e3, loss_factor=0.05),
+        Shaft(between=("input 1", "input 2"), stiffness=9e4, damping=3.0),
+        Shaft(between=("lay 2", "lay 1"), stiffness=2e5),
+        Shaft(between=("lay 2", "lay 3"), stiffness=1e5, damping=2.0),
+        Shaft(between=("output", "mill"), stiffness=3e4, damping=4.0, loss_factor=0.01),
+        Damper(name="viscous ring", disk="motor", inertia=0.02, damping=3.0, stiffness=0.0),
+        Damper(name="rubber ring", disk="mill", inertia=0.1, damping=1.0, stiffness=2e3, loss_factor=0.1),
+        Mesh(between=("input 1", "lay 1"), stiffness=1e8, damping=500.0),
+        Mesh(between=("lay 2", "input 2"), stiffness=2e8),
+        Mesh(between=("lay 3", "output"), stiffness=1.5e8, damping=300.0),
+    ]
+    speed_ratio = (0.05 / 0.10) * (0.06 / 0.09)
+    parts += [
+        Torque(disk="motor", mean=30.0, harmonics=((1.0, 20.0, 5.0), (2.0, 0.0, 7.0))),
+        Torque(disk="mill", mean=-30.0 / speed_ratio, harmonics=((1.0, 4.0, 0.0), (3.0, 2.0, -6.0))),
+    ]
+    return parts + ([Ground(disk="lay 2", stiffness=40.0)] if grounded else [])
