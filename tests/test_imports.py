@@ -47,7 +47,9 @@ def test_only_their_owners_import_matplotlib_and_optax():
 
 
 def test_only_one_place_touches_the_configuration_of_jax():
-    touching = [p.name for p in ROOT.rglob("*.py") if "jax.config" in p.read_text() and "config.update" in p.read_text()]
+    touching = [
+        p.name for p in ROOT.rglob("*.py") if "jax.config" in p.read_text() and "config.update" in p.read_text()
+    ]
     assert touching == ["_x64.py"]
 
 

@@ -17,7 +17,7 @@ def chain_parts(inertia, stiffness, *, ground=None, damping=0.0):
 def one_mass_parts(*, m, b, c, eps, h, q0, q1, transition=0.2):
     """``m x'' + b x' + f(x) = q0 + q1 cos t`` as two equal gears of radius 1, driven against each other.
 
-    With x = phi_a - phi_b, inertia 2 m, damping 2 b and torques +-q, the difference of the two equations is twice this one.
+    With x = phi_a - phi_b, inertia 2 m, damping 2 b and torques +-q, their difference is twice this equation.
     """
     parts = [Disk(name=name, inertia=2 * m, damping=2 * b, radius=1.0) for name in "ab"]
     parts.append(Mesh(between=("a", "b"), stiffness=c, epsilon=eps, transition=transition, backlash=h))
@@ -50,7 +50,7 @@ def branched_parts(laws=("contact", "always")):
 
 
 def gearbox_parts(*, grounded=True):
-    """Two meshes in parallel between two shafts (a closed loop), several gears a shaft, massless disks, a viscous ring."""
+    """Two parallel meshes between two shafts (a closed loop), several gears a shaft, massless disks, viscous ring."""
     parts = [
         Disk(name="motor", inertia=0.05, damping=0.2),
         Disk(name="coupling", inertia=0.0),
@@ -78,4 +78,4 @@ def gearbox_parts(*, grounded=True):
         Torque(disk="motor", mean=30.0, harmonics=((1.0, 20.0, 5.0), (2.0, 0.0, 7.0))),
         Torque(disk="mill", mean=-30.0 / speed_ratio, harmonics=((1.0, 4.0, 0.0), (3.0, 2.0, -6.0))),
     ]
-    return parts + ([Ground(disk="lay 2", stiffness=40.0)] if grounded else [])
+    return parts + ([Ground(disk="lay 2", stiffness=4e4)] if grounded else [])

@@ -82,7 +82,7 @@ def newton(evaluate, direction, norm, start, *, tolerance, max_steps):
     def step(state):
         iterate, value = state
         correction, work = direction(iterate.x, value, iterate.error)
-        moved, after, error = _line_search(evaluate, norm, iterate, correction)
+        moved, after, error = _line_search(evaluate, norm, iterate, value, correction)
         stalled = ~(error < iterate.error)
         following = Iterate(
             jnp.where(stalled, iterate.x, moved),
@@ -98,13 +98,8 @@ def newton(evaluate, direction, norm, start, *, tolerance, max_steps):
     return lax.while_loop(unfinished, step, (first, value))[0]
 
 
-def _line_search(evaluate, norm, iterate, correction):
+def _line_search(evaluate, norm, iterate, value, correction):
     """Halve the step until the residual falls by the Armijo share, at most ten times."""
-
-    def trial(length):
-        moved = iterate.x - length * correction
-        value = evaluate(moved)
-        return moved, value, norm(value)
 
     def poor(state):
         length, _, _, error = state
@@ -112,10 +107,11 @@ def _line_search(evaluate, norm, iterate, correction):
 
     def halve(state):
         length = state[0] / 2
-        return (length, *trial(length))
+        moved = iterate.x - length * correction
+        value = evaluate(moved)
+        return length, moved, value, norm(value)
 
-    full = jnp.array(1.0)
-    return lax.while_loop(poor, halve, (full, *trial(full)))[1:]
+    return lax.while_loop(poor, halve, (jnp.array(2.0), iterate.x, value, jnp.array(jnp.inf)))[1:]
 
 
 def relative_residual(reduced, value):

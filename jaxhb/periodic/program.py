@@ -100,7 +100,9 @@ def solve_problem(problem, choice, start, tolerance, sizes):
 def _first(problem, choice, reduced, start, sizes):
     """Where Newton starts, coefficients ``(G, N+1)``."""
     if sizes.origin == "linear":
-        return reduced.linear
+        side = jnp.where(reduced.linear[:, 0].real < 0, -1.0, 1.0)
+        held = jnp.zeros_like(reduced.linear).at[:, 0].set(-side * backlash.offset(reduced.law))
+        return reduced.linear - reduced.respond(held)
     if sizes.origin == "given":
         return start
     march = {"cycles": sizes.cycles, "steps": sizes.march_steps, "excited": sizes.excited, "parts": sizes.parts}

@@ -47,8 +47,9 @@ def solve(train, *, rpm, plan=None, harmonics=None, tolerance=0.01, method="redu
         "reduced" (unknowns at the meshes that can leave contact) or "chain" (all disks, block sweep; an oracle up to 128
         harmonics, no closed loops).
     start : Response or "linear", optional
-        Where Newton starts: another response, of whose branch the solution then usually is, or the linear motion. By
-        default a few cycles of time integration where a mesh leaves contact.
+        Where Newton starts: another response, on whose branch the solution then usually lies, or the motion with all
+        teeth in contact. By default that motion if it holds, else a few cycles of time integration from it. Several
+        periodic motions may exist at one speed.
 
     Returns
     -------
@@ -206,6 +207,9 @@ def _solve_deciding(train, rpm, harmonics, tolerance, method, start):
         tolerance=tolerance,
         excited=excited,
     )
+    if isinstance(start, Response) and any(train.topology.mesh_backlash):
+        active, flank = _all_backlash(train), (0,) * len(flank)
+        base = dataclasses.replace(base, active=active, flank=flank)
     if not active:
         response = _host(_solve_planned(train, rpm, base, None))
         if int(response.status) != Status.PLAN_VIOLATED:

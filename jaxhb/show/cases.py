@@ -1,14 +1,11 @@
 """Normal running beside one cylinder misfiring, over several speeds: what ``jaxhb report`` computes and prints."""
 
-import dataclasses
 from dataclasses import dataclass
 
 from ..linear.response import Response
-from ..model.elements import SceneError
-from ..model.topology import suggestion
 from ..periodic.solve import linear_response, solve
 from .report import contacts_of, gears, hardest_impact, response_record, status_line, verdict
-from .tables import NONE, aligned, decimals, notes_text, ratios, shares
+from .tables import NONE, aligned, alike, notes_text, ratios, shares
 
 
 @dataclass(frozen=True)
@@ -18,40 +15,6 @@ class Case:
     title: str
     responses: list[Response]
     linear: list[Response]
-
-
-def misfire(train, cylinder):
-    """The train with one cylinder that does not fire: its gas torque is gone, its inertia torque stays.
-
-    Parameters
-    ----------
-    train : DriveTrain
-    cylinder : str
-        Name of the ``[[cylinder]]``.
-
-    Returns
-    -------
-    DriveTrain
-
-    Raises
-    ------
-    SceneError
-        If no cylinder has this name.
-
-    Examples
-    --------
-    >>> import jaxhb
-    >>> train = misfire(jaxhb.load_scene("gear_train_30"), "cylinder A1")
-    >>> train.topology.cylinder_fires[:2]
-    (False, True)
-    """
-    topology = train.topology
-    if cylinder not in topology.cylinder_names:
-        known = suggestion(cylinder, topology.cylinder_names) or " The scene has no [[cylinder]]."
-        raise SceneError(f"{topology.name or 'scene'}: there is no cylinder {cylinder!r}.{known}")
-    silent = topology.cylinder_names.index(cylinder)
-    fires = tuple(f and i != silent for i, f in enumerate(topology.cylinder_fires))
-    return dataclasses.replace(train, topology=dataclasses.replace(topology, cylinder_fires=fires))
 
 
 def solve_cases(trains, speeds, *, harmonics=None, tolerance=0.01, step=lambda text: None):
@@ -101,8 +64,8 @@ def _heading(cases, number):
     lines = [f"==== {float(cases[0].responses[number].rpm):g} rpm ===="]
     for case in cases:
         response = case.responses[number]
-        power = f"loads take {float(response.load_kW):.4g} kW; " if response.topology.load_names else ""
-        lines.append(f"  {case.title}: {power}{status_line(response)}")
+        power = f"; loads take {float(response.load_kW):.4g} kW" if response.topology.load_names else ""
+        lines += [f"  {case.title}{power}", f"    {status_line(response)}"]
     return "\n".join(lines)
 
 
@@ -112,8 +75,7 @@ def _force_table(cases, number):
     for case in cases:
         contacts = contacts_of(case.responses[number]).values()
         columns += [
-            decimals([case.responses[number].force(name).peak / 1e3 for name in names]),
-            decimals([case.linear[number].force(name).peak / 1e3 for name in names]),
+            *alike(*([r[number].force(name).peak / 1e3 for name in names] for r in (case.responses, case.linear))),
             shares([contact and contact.separated_fraction for contact in contacts]),
             shares([contact and contact.reverse_contact_fraction for contact in contacts]),
             [NONE if not contact or not contact.impacts else f"{hardest_impact(contact):.2f}" for contact in contacts],
@@ -147,7 +109,7 @@ def _pairs(cases, number):
 
 
 def _swing_table(what, names, swings, cases):
-    columns = [c for after, before in swings for c in (decimals(after), decimals(before), ratios(after, before))]
+    columns = [c for pair in swings for c in (*alike(*pair), ratios(*pair))]
     heads = [what, *["with", "without", "ratio"] * len(cases)]
     return aligned(heads, [names, *columns], _groups(cases, 3))
 

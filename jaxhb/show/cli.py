@@ -30,6 +30,13 @@ Several speeds, with backlash and without, and with one cylinder that does not f
 the torque on one gear over the cycle, gap contact shaded."""
 
 
+class Parser(argparse.ArgumentParser):
+    """An argument parser that says what is wrong in one sentence and where help is."""
+
+    def error(self, message):
+        self.exit(2, f"{self.prog}: {message.removeprefix('argument ')}. See {self.prog} --help\n")
+
+
 def main(argv=None):
     """Run the command line.
 
@@ -74,35 +81,34 @@ def main(argv=None):
 def parser():
     """The argument parser."""
     raw = argparse.RawDescriptionHelpFormatter
-    top = argparse.ArgumentParser("jaxhb", description=DESCRIPTION, epilog=EXAMPLES, formatter_class=raw)
+    top = Parser("jaxhb", description=DESCRIPTION, epilog=EXAMPLES, formatter_class=raw, allow_abbrev=False)
     commands = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
 
-    def add(name, command, text):
-        made = commands.add_parser(
-            name, help=text.partition(":")[0], description=text, epilog=EXAMPLES, formatter_class=raw
-        )
+    def add(name, command, short, text=""):
+        text = {"help": short, "description": text or short, "epilog": EXAMPLES}
+        made = commands.add_parser(name, **text, formatter_class=raw, allow_abbrev=False)
         made.set_defaults(command=command)
         return made
 
-    add("scenes", run_scenes, "The packaged scenes: their names and what they are.")
-    modes = add("modes", run_modes, "Natural frequencies (Hz): undamped, teeth in contact, with mode shapes.")
+    add("scenes", run_scenes, "the packaged scenes and what they are")
+    modes = add("modes", run_modes, "natural frequencies in Hz, undamped, teeth in contact; mode shapes")
     _scene(modes)
     modes.add_argument("--json", metavar="FILE", help="write frequencies and shapes for programs")
-    solve = add("solve", run_solve, SOLVE)
+    solve = add("solve", run_solve, "one speed: do the teeth hammer? forces, torques, contact", SOLVE)
     _scene(solve)
     solve.add_argument("--rpm", required=True, type=speed, metavar="R", help="speed of the reference rotor, rpm")
     _misfire(solve)
     _accuracy(solve)
     _files(solve, "the gear torque and the tooth forces over the cycle")
     _gear(solve)
-    sweep = add("sweep", run_sweep, SWEEP)
+    sweep = add("sweep", run_sweep, "many speeds in one call: at which speeds do they hammer?", SWEEP)
     _scene(sweep)
     _speeds(sweep)
     _misfire(sweep)
     _accuracy(sweep)
     _files(sweep, "tooth force and time out of contact over the speed")
     sweep.add_argument("--csv", metavar="FILE", help="write one row per speed for spreadsheets, N and N m")
-    report = add("report", run_report, REPORT)
+    report = add("report", run_report, "several speeds, normal running beside a misfire", REPORT)
     _scene(report)
     _speeds(report)
     _misfire(report)
@@ -131,7 +137,8 @@ def _speeds(command):
 
 
 def _misfire(command):
-    command.add_argument("--misfire", metavar="CYLINDER", help="this cylinder does not fire")
+    text = "this cylinder does not fire; may be repeated"
+    command.add_argument("--misfire", action="append", default=[], metavar="CYLINDER", help=text)
 
 
 def _accuracy(command):

@@ -9,7 +9,7 @@ from ..model.scene import load_scene, scene_description, scene_names
 from ..periodic.harmonics import without_backlash
 from ..periodic.solve import linear_response, solve
 from ..periodic.speeds import solve_speeds
-from .cases import cases_record, cases_text, misfire, solve_cases
+from .cases import cases_record, cases_text, solve_cases
 from .output import OutputError, check_output, check_picture, write_csv, write_figure, write_json, write_sweep_json
 from .progress import Progress
 from .report import contact_at, gears, hardest_impact, modes_record, response_record, status_of
@@ -43,8 +43,7 @@ def solve_one(arguments):
     _check_files(arguments)
     train = _train(arguments)
     _check_gear(train, arguments)
-    if arguments.misfire:
-        train = misfire(train, arguments.misfire)
+    train = train.misfire(*arguments.misfire)
     with Progress() as progress:
         progress.step(f"solving at {arguments.rpm:g} rpm")
         response = solve(train, rpm=arguments.rpm, harmonics=arguments.harmonics, tolerance=arguments.tolerance)
@@ -64,8 +63,7 @@ def sweep(arguments):
     """Many speeds."""
     _check_files(arguments)
     train = _train(arguments)
-    if arguments.misfire:
-        train = misfire(train, arguments.misfire)
+    train = train.misfire(*arguments.misfire)
     rpm = np.array(arguments.rpm)
     with Progress() as progress:
         progress.step(f"solving at {len(rpm)} speeds")
@@ -98,7 +96,7 @@ def report(arguments):
         raise OutputError(f"--at: {arguments.at:g} rpm is none of the speeds of --rpm. Add it there.")
     trains = {"all cylinders firing" if train.topology.cylinder_names else "the scene as given": train}
     if arguments.misfire:
-        trains[f"{arguments.misfire} not firing"] = misfire(train, arguments.misfire)
+        trains[f"{', '.join(arguments.misfire)} not firing"] = train.misfire(*arguments.misfire)
     accuracy = {"harmonics": arguments.harmonics, "tolerance": arguments.tolerance}
     with Progress(len(trains) * len(arguments.rpm)) as progress:
         cases = solve_cases(trains, arguments.rpm, step=progress.step, **accuracy)

@@ -77,5 +77,5 @@ def write_csv(name, heads, rows):
 def write_figure(name, figure):
     """Write a matplotlib figure as the kind its name ends in."""
     content = io.BytesIO()
-    figure.savefig(content, format=Path(name).suffix.lower()[1:], dpi=110)
+    figure.savefig(content, format=Path(name).suffix.lower()[1:], dpi=100)
     write_whole(name, [content.getvalue()])

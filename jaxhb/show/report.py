@@ -177,8 +177,8 @@ def status_line(response):
     status = status_of(response)
     said = "converged" if response.converged else f"NOT CONVERGED, {status.name}: {status.sentence}"
     line = f"{said}; {int(response.harmonics)} harmonics of the cycle"
-    if not any(response.topology.mesh_backlash):
-        return f"{line}, linear"
+    if not float(response.residual) and not float(response.truncation_error):
+        return f"{line}, linear" + (": every mesh keeps its flank" if any(response.topology.mesh_backlash) else "")
     return (
         f"{line}, residual {float(response.residual):.1e}, "
         f"truncation error {100 * float(response.truncation_error):.2g} % of the largest tooth force"

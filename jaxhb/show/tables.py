@@ -45,14 +45,14 @@ def _mesh_table(response, linear):
     names = response.topology.mesh_names
     forces = [response.force(name) for name in names]
     before = [linear.force(name) for name in names]
-    columns = [
-        decimals([signal.mean / 1e3 for signal in forces]),
-        decimals([signal.max / 1e3 for signal in forces]),
-        decimals([signal.min / 1e3 for signal in forces]),
-        decimals([signal.max / 1e3 for signal in before]),
-        decimals([signal.min / 1e3 for signal in before]),
-        ratios([signal.peak for signal in forces], [signal.peak for signal in before]),
-    ]
+    columns = alike(
+        [signal.mean / 1e3 for signal in forces],
+        [signal.max / 1e3 for signal in forces],
+        [signal.min / 1e3 for signal in forces],
+        [signal.max / 1e3 for signal in before],
+        [signal.min / 1e3 for signal in before],
+    )
+    columns.append(ratios([signal.peak for signal in forces], [signal.peak for signal in before]))
     heads = ["mesh", "mean", "max", "min", "max", "min", "peak ratio"]
     groups = [("with backlash", 1, 3), ("without", 4, 5)]
     title = "Tooth force, kN (elastic and damping; positive: the first gear drives the second)"
@@ -101,25 +101,16 @@ def _shaft_table(response, linear):
     before = [linear.torque(name) for name in names]
     if any(response.topology.mesh_backlash):
         return "Torque of shafts and dampers, N m\n" + _torque_columns("shaft", names, after, before)
-    columns = [
-        decimals([s.mean for s in after]),
-        decimals([s.half_peak_to_peak for s in after]),
-        decimals([s.sum_of_amplitudes for s in after]),
-    ]
+    columns = alike([s.mean for s in after], [s.half_peak_to_peak for s in after], [s.sum_of_amplitudes for s in after])
     heads = ["shaft", "mean", "half peak-to-peak", "sum of amplitudes"]
     return "Torque of shafts and dampers, N m\n" + aligned(heads, [names, *columns])
 
 
 def _torque_columns(what, names, after, before):
     swings = [signal.half_peak_to_peak for signal in after], [signal.half_peak_to_peak for signal in before]
-    columns = [
-        decimals([signal.mean for signal in after]),
-        decimals([signal.peak for signal in after]),
-        decimals(swings[0]),
-        decimals([signal.peak for signal in before]),
-        decimals(swings[1]),
-        ratios(*swings),
-    ]
+    peaks = [signal.peak for signal in after], [signal.peak for signal in before]
+    columns = alike([signal.mean for signal in after], peaks[0], swings[0], peaks[1], swings[1])
+    columns.append(ratios(*swings))
     heads = [what, "mean", "peak", "half p-p", "peak", "half p-p", "ratio of half p-p"]
     return aligned(heads, [names, *columns], [("with backlash", 1, 3), ("without", 4, 5)])
 
@@ -150,8 +141,7 @@ def _sweep_meshes(responses, before):
     apart = [most_apart(contact) for contact in contacts]
     columns = [
         names,
-        decimals([r.force(name).peak / 1e3 for r, name in zip(responses, names, strict=True)]),
-        decimals([r.force(name).peak / 1e3 for r, name in zip(before, names, strict=True)]),
+        *alike(*([r.force(name).peak / 1e3 for r, name in zip(rs, names, strict=True)] for rs in (responses, before))),
         [name or NONE for name in apart],
         shares([0.0 if name is None else c[name].separated_fraction for c, name in zip(contacts, apart, strict=True)]),
         [_hardest(contact) for contact in contacts],
@@ -165,7 +155,7 @@ def _sweep_shafts(responses, before):
     swings = [r.torque(name).half_peak_to_peak for r, name in zip(responses, names, strict=True)]
     sums = [r.torque(name).sum_of_amplitudes for r, name in zip(responses, names, strict=True)]
     heads = ["largest shaft torque", "half p-p N m", "sum of amplitudes N m"]
-    return heads, [names, decimals(swings), decimals(sums)]
+    return heads, [names, *alike(swings, sums)]
 
 
 def worst_mesh(response):
@@ -251,13 +241,15 @@ def _group_line(groups, widths):
     return [line] if groups else []
 
 
-def decimals(values, digits=4):
-    """Numbers with the same decimals: ``digits`` significant ones for the largest."""
-    numbers = [float(value) for value in values]
-    largest = max((abs(number) for number in numbers if math.isfinite(number)), default=0.0)
+def alike(*columns, digits=4):
+    """Columns of numbers with the same decimals: ``digits`` significant ones for the largest of all."""
+    numbers = [[float(value) for value in column] for column in columns]
+    largest = max((abs(x) for column in numbers for x in column if math.isfinite(x)), default=0.0)
     places = 0 if largest == 0 else min(max(digits - 1 - math.floor(math.log10(largest)), 0), 12)
     # Adding 0.0 after rounding turns -0.0 into 0.0.
-    return [f"{round(number, places) + 0.0:.{places}f}" if math.isfinite(number) else NONE for number in numbers]
+    return [
+        [f"{round(x, places) + 0.0:.{places}f}" if math.isfinite(x) else NONE for x in column] for column in numbers
+    ]
 
 
 def shares(fractions):

@@ -1,6 +1,7 @@
 """The backlash law (18) of Fridman 2009 with its slopes exchanged back, for any transition and epsilon."""
 
 import dataclasses
+from functools import partial
 
 import dense
 import jax
@@ -146,11 +147,12 @@ def test_offset_is_what_the_contact_flank_lacks_to_the_linear_mesh():
     np.testing.assert_allclose(DYADIC.stiffness * l - backlash.force(DYADIC, l), backlash.offset(DYADIC), rtol=1e-14)
 
 
+@partial(jax.jit, static_argnames="count")
 def sampled(law, amplitude, phases, count):
     """Coefficients of f and f' of ``A cos(t - phase)`` from ``count`` samples, turned back to phase 0."""
     t = 2 * np.pi * np.arange(count) / count
-    l = amplitude * np.cos(t - phases[:, None])
-    turn = np.exp(1j * np.arange(12) * phases[:, None])
+    l = amplitude * jnp.cos(t - phases[:, None])
+    turn = jnp.exp(1j * np.arange(12) * phases[:, None])
     slopes = turn * fourier.analyze(backlash.slope(law, l), 11)
     return turn * fourier.analyze(backlash.force(law, l), 11), slopes
 
@@ -158,7 +160,7 @@ def sampled(law, amplitude, phases, count):
 def test_case_a6_sampled_coefficients_of_a_cosine_converge_to_the_closed_form_with_their_orders():
     params, expected = method_case("A6_fourier_coefs_Acos")
     law = Law(float(params["c"]), float(params["eps"]), 0.2, float(params["h"]))
-    counts = 2 ** np.arange(6, 15)
+    counts = 4 ** np.arange(3, 8)
     phases = np.random.default_rng(7).uniform(0, 2 * np.pi, 64)  # the error depends on where the knots fall
     errors = []
     for count in counts:
@@ -190,12 +192,9 @@ def test_case_a6_describing_stiffness_and_the_force_that_gives_an_amplitude():
         amplitude = float(label.removeprefix("A="))
         force, slope = (np.asarray(x)[0] for x in sampled(law, amplitude, np.zeros(1), 2**15))
         stiffness = float(row["N"])
-        np.testing.assert_allclose(2 * force[1].real / amplitude, stiffness, rtol=1e-11)  # order 3: 2^-45 and a constant
+        np.testing.assert_allclose(
+            2 * force[1].real / amplitude, stiffness, rtol=1e-11
+        )  # order 3: 2^-45 and a constant
         np.testing.assert_allclose((slope[0] - slope[2]).real, stiffness, rtol=1e-7)  # order 2
         forcing = abs((-m + 1j * b) * amplitude + 2 * force[1])
         np.testing.assert_allclose(forcing, float(row["q1"]), rtol=1e-11)
-
-
-def test_packaged_example_of_the_law_holds():
-    law = jax.tree.map(jnp.asarray, Law(1.0, 0.04, 0.2, 0.5))
-    assert float(backlash.force(law, jnp.array(0.25)).round(6)) == 0.022

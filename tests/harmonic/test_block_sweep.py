@@ -1,0 +1,237 @@
+"""Sweeps over trees of links against dense solves, and the reference cases of method.md A1 and A2."""
+
+import jax
+import numpy as np
+import pytest
+from reference_data import complex_numbers, method_case, numbers
+from tolerances import ALGEBRAIC
+
+from jaxhb.harmonic import chain, fourier, toeplitz
+from jaxhb.harmonic.block_sweep import block_sweep, scalar_sweep
+
+sweep = jax.jit(scalar_sweep)
+sweep_blocks = jax.jit(block_sweep)
+
+SIZES = (2, 5, 9, 13)
+"""Few sizes, for each is compiled once."""
+
+
+def random_tree(draw, size):
+    """Parents above every node; the root's is ``size``."""
+    return np.array([*(draw.integers(s + 1, size) for s in range(size - 1)), size])
+
+
+def random_line(draw, *shape):
+    """Complex numbers with positive real part."""
+    return draw.uniform(0.5, 2.0, shape) + 1j * draw.normal(size=shape)
+
+
+def dense_solution(parent, near, far, link, node, load):
+    """Displacements and link forces ``(S, H, R)`` by a dense solve of each harmonic."""
+    size, harmonics = node.shape
+    rows = np.diag(near)[:-1].astype(complex)
+    rows[np.arange(size - 1), parent[:-1]] -= far[:-1]
+    x = np.empty_like(load)
+    for h in range(harmonics):
+        x[:, h] = np.linalg.solve(np.diag(node[:, h]) + rows.T @ (link[:-1, h, None] * rows), load[:, h])
+    force = np.zeros_like(load)
+    force[:-1] = link[:-1, :, None] * np.einsum("st,thr->shr", rows, x)
+    return x, force
+
+
+def sweep_with_relays(parent, link, node, load):
+    """Method.md A2 in its own words: the seed's chain with fictitious nodes, one harmonic, arms 1."""
+    places, image = chain.seed_numbering(list(parent))
+    stash = {s: [0.0, 0.0] for s in range(len(parent))}
+    Y = pi = 0.0
+    kept = {}
+    for place, s in enumerate(places):
+        if s < 0:  # hands stiffness and load on to its image; the next place is a new free end
+            stash[image[place]][0] += Y
+            stash[image[place]][1] += pi
+            Y = pi = 0.0
+            continue
+        P, psi = node[s] + Y + stash[s][0], load[s] + pi + stash[s][1]
+        C = link[s]
+        kept[s] = (P, psi)
+        Y, pi = C * P / (P + C), C * psi / (P + C)
+    x = np.zeros(len(parent), complex)
+    for place in reversed(range(len(places))):
+        s = places[place]
+        if s < 0:
+            continue
+        P, psi = kept[s]
+        if s == len(parent) - 1:
+            x[s] = psi / P
+            continue
+        above = places[place + 1]
+        up = x[image[place + 1]] if above < 0 else x[above]
+        x[s] = (psi + link[s] * up) / (P + link[s])
+    return x
+
+
+def relative_error(found, exact):
+    return np.abs(np.asarray(found) - exact).max() / np.abs(exact).max()
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_sweep_equals_dense_solve_on_random_trees_with_any_arms(size):
+    draw = np.random.default_rng(size)
+    for _ in range(20):
+        parent, near, far = random_tree(draw, size), *draw.uniform(0.3, 3.0, (2, size))
+        link, node = random_line(draw, size, 4), random_line(draw, size, 4)
+        load = draw.normal(size=(size, 4, 2)) + 1j * draw.normal(size=(size, 4, 2))
+        exact = dense_solution(parent, near, far, link, node, load)
+        for found, wanted in zip(sweep(parent, near, far, link, node, load), exact, strict=True):
+            assert relative_error(found, wanted) < ALGEBRAIC
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_relay_nodes_do_not_change_the_response(size):
+    draw = np.random.default_rng(100 + size)
+    ones = np.ones(size)
+    for _ in range(20):
+        parent = random_tree(draw, size)
+        link, node = random_line(draw, size, 4), random_line(draw, size, 4)
+        load = draw.normal(size=(size, 4, 2)) + 1j * draw.normal(size=(size, 4, 2))
+        x, _ = sweep(parent, ones, ones, link, node, load)
+        by_relays = sweep_with_relays(parent, link[:, 1], node[:, 1], load[:, 1, 0])
+        assert relative_error(x[:, 1, 0], by_relays) < ALGEBRAIC
+
+
+def test_seed_numbering_is_read_back_as_the_same_tree():
+    draw = np.random.default_rng(8)
+    for _ in range(60):
+        parent = random_tree(draw, int(draw.integers(2, 14)))
+        places, image = chain.seed_numbering(parent.tolist())
+        place_of = {s: place + 1 for place, s in enumerate(places) if s >= 0}
+        one_based = {place + 1: place_of[s] for place, s in image.items()}
+        node, again = chain.parents_from_seed(len(places), one_based)
+        np.testing.assert_array_equal(again, parent)
+        np.testing.assert_array_equal(node, [place_of[s] for s in range(len(parent))])
+
+
+def test_only_a_jump_over_a_branch_needs_a_relay():
+    assert chain.seed_numbering([1, 2, 3, 4]) == ([0, 1, 2, 3], {})
+    _, image = chain.seed_numbering([1, 4, 3, 4, 5, 6])
+    assert image == {2: 4}
+
+
+def test_block_sweep_with_toeplitz_links_equals_dense_solve():
+    draw = np.random.default_rng(200)
+    size, harmonics, width = 7, 3, 7
+    for _ in range(15):
+        parent, near, far = random_tree(draw, size), *draw.uniform(0.5, 2.0, (2, size))
+        c = 0.1 * (draw.normal(size=(size, width)) + 1j * draw.normal(size=(size, width)))
+        c[:, 0] = draw.uniform(2.0, 5.0, size)
+        link = np.asarray(toeplitz.product_matrix(c))
+        node = np.asarray(fourier.packed_diagonal(random_line(draw, size, harmonics + 1)))
+        load = draw.normal(size=(size, width))
+        x, quality = sweep_blocks(parent, near, far, link, node, load)
+        K = np.zeros((size, width, size, width))
+        K[np.arange(size), :, np.arange(size), :] = node
+        for s in range(size - 1):
+            row = np.zeros(size)
+            row[s], row[parent[s]] = near[s], -far[s]
+            K += np.einsum("s,t,ij->sitj", row, row, link[s])
+        exact = np.linalg.solve(K.reshape(size * width, -1), load.reshape(-1)).reshape(size, width)
+        assert relative_error(x, exact) < ALGEBRAIC
+        assert 0 < quality <= 1
+
+
+def test_block_sweep_tells_when_a_pivot_breaks_down_though_the_whole_matrix_is_regular():
+    # method.md A2: node 1 with its upper node held is at parametric resonance, m = 1, b = 0.1, c = 1 + a cos 2t
+    m, b, a = 1.0, 0.1, 0.200109342148869
+    harmonics = 8
+    n = np.arange(harmonics + 1)
+    coefficients = np.zeros(2 * harmonics + 1, complex)
+    coefficients[0], coefficients[2] = 1.0, a / 2
+    link = np.asarray(toeplitz.product_matrix(coefficients))[None].repeat(2, 0)
+    node = np.asarray(fourier.packed_diagonal(np.stack([-m * n**2 + 1j * b * n, 0.5 - 2 * n**2 + 0.3j * n])))
+    ones = np.ones(2)
+    _, quality = sweep_blocks(np.array([1, 2]), ones, ones, link, node, np.ones((2, 2 * harmonics + 1)))
+    whole = np.block([[node[0] + link[0], -link[0]], [-link[0], node[1] + link[0]]])
+    assert np.linalg.cond(whole) < 1e4
+    assert quality < 1e-10
+
+
+def test_case_a1_amplitudes_of_the_linear_chain():
+    params, expected = method_case("A1_linear_chain_harmonics")
+    m, b, c = (numbers(params[key]) for key in "mbc")
+    n = np.array([int(key) for key in params["p"]])
+    load = np.stack([complex_numbers(p) for p in params["p"].values()], axis=1)[..., None]
+    node = -np.outer(m, n**2) + 1j * np.outer(b, n)
+    node[-1] += c[-1]
+    link = np.repeat(c[:, None] + 0j, len(n), axis=1)
+    x, _ = sweep(np.array([1, 2, 3]), np.ones(3), np.ones(3), link, node, load)
+    exact = np.stack([complex_numbers(a) for a in expected["a"].values()], axis=1)
+    np.testing.assert_allclose(x[..., 0], exact, rtol=ALGEBRAIC)
+
+
+def test_case_a1_soft_ground_costs_no_digits_of_displacements_and_forces():
+    params, expected = method_case("A1_soft_ground_static")
+    c, q = numbers(params["c"]), numbers(params["q"])
+    node = np.zeros((4, 1), complex)
+    node[-1] = c[-1]
+    x, force = sweep(np.array([1, 2, 3, 4]), np.ones(4), np.ones(4), c[:, None] + 0j, node, q[:, None, None] + 0j)
+    np.testing.assert_allclose(x[:, 0, 0], numbers(expected["x"]), rtol=ALGEBRAIC)
+    tension = numbers(expected["f"])  # of x_{s+1} - x_s: the opposite sign
+    np.testing.assert_allclose(force[:3, 0, 0], -tension[:3], rtol=ALGEBRAIC)
+    np.testing.assert_allclose(-c[-1] * x[-1, 0, 0], tension[3], rtol=ALGEBRAIC)
+
+
+def tree_case(parent, places, harmonics):
+    """The dimensionless trees of A2: m_s = 1 + s/10, b = 1/5, c_s = 10 + s, p_s = 1/s, soft ground 1/2 at the root."""
+    n, s = np.array(harmonics), np.asarray(places, float)
+    node = -np.outer(1 + s / 10, n**2) + 0.2j * n
+    node[-1] += 0.5
+    link = np.repeat((10 + s)[:, None] + 0j, len(n), axis=1)
+    load = np.repeat((1 / s)[:, None, None] + 0j, len(n), axis=1)
+    x, _ = sweep(parent, np.ones(len(s)), np.ones(len(s)), link, node, load)
+    return dict(zip(places, np.asarray(x[..., 0]), strict=True))
+
+
+def test_case_a2_tree_of_seven_with_a_fictitious_node():
+    params, expected = method_case("A2_tree7_fictitious")
+    places, parent = chain.parents_from_seed(7, {int(k): v for k, v in params["fictitious"].items()})
+    link = {str(p): int(places[q]) if q < len(places) else 0 for p, q in zip(places, parent, strict=True)}
+    assert link == params["links"]
+    harmonics = [int(n) for n in expected["a"]]
+    found = tree_case(parent, places.tolist(), harmonics)
+    for k, n in enumerate(expected["a"]):
+        for place, value in expected["a"][n].items():
+            np.testing.assert_allclose(found[int(place)][k], complex_numbers(value), rtol=ALGEBRAIC)
+
+
+def test_case_a2_thirty_node_tree_of_figure_2_in_the_numbering_of_the_seed():
+    params, expected = method_case("A2_fig2_topology")
+    places, parent = chain.parents_from_seed(30, {8: 11, 12: 15, 16: 24})
+    link = {str(p): int(places[q]) if q < len(places) else 0 for p, q in zip(places, parent, strict=True)}
+    assert link == params["parent"]
+    harmonics = [int(n) for n in expected["a"]]
+    found = tree_case(parent, places.tolist(), harmonics)
+    for k, n in enumerate(expected["a"]):
+        for place, value in expected["a"][n].items():
+            np.testing.assert_allclose(found[int(place)][k], complex_numbers(value), rtol=ALGEBRAIC)
+
+
+def test_a_part_that_nothing_holds_rests_on_its_parent():
+    # a ring behind a purely viscous link: at the mean its pivot is 0, at other harmonics it is an ordinary node
+    node = np.array([[0.0, -4.0], [3.0, 2.0]], complex)
+    link = np.array([[0.0, 1j], [0.0, 0.0]])
+    x, force = sweep(np.array([1, 2]), np.ones(2), np.ones(2), link, node, np.array([[[0.0], [1]], [[6.0], [1]]]) + 0j)
+    np.testing.assert_allclose(x[:, 0, 0], [2.0, 2.0], rtol=ALGEBRAIC)
+    assert not np.asarray(force[:, 0]).any()
+    exact = np.linalg.solve([[-4 + 1j, -1j], [-1j, 2 + 1j]], [1, 1])
+    np.testing.assert_allclose(x[:, 1, 0], exact, rtol=ALGEBRAIC)
+
+
+def test_an_undamped_absorber_at_its_frequency_holds_its_parent_still():
+    # the pivot m omega^2 - c of the absorber is exactly 0, the whole matrix is regular: x = (-1/4, 0), link force -1
+    node = np.array([[-4.0], [-5.0 + 1j]])
+    link = np.array([[4.0], [0.0]], complex)
+    load = np.array([[[0.0]], [[1.0]]], complex)
+    x, force = sweep(np.array([1, 2]), np.ones(2), np.ones(2), link, node, load)
+    exact = np.linalg.solve([[0.0, -4.0], [-4.0, -1.0 + 1j]], [0.0, 1.0])
+    np.testing.assert_allclose(x[:, 0, 0], exact, atol=ALGEBRAIC)
+    np.testing.assert_allclose(force[0, 0, 0], -1.0, atol=ALGEBRAIC)

@@ -1,0 +1,227 @@
+"""From drive trains to chains in circumferential displacements, against dense solves in angles made by hand."""
+
+import dense
+import jax
+import numpy as np
+import pytest
+from reference_data import method_case, numbers
+from tolerances import ALGEBRAIC
+from trains import branched_parts, build, chain_parts, gearbox_parts
+
+import jaxhb
+from jaxhb import Disk, Ground, Mesh, Shaft, Torque
+from jaxhb.harmonic import backlash, chain, fourier, reduction
+from jaxhb.harmonic.residual import Nonlinear, jacobian
+from jaxhb.periodic.problem import pose
+
+OMEGA = np.array([0.0, 40.0, 333.0, 1500.0, 9000.0])
+solve = jax.jit(reduction.solve_linear)
+tangent = jax.jit(jacobian, static_argnames="samples")
+
+
+def no_meshes():
+    nothing = np.zeros(0)
+    return Nonlinear(np.zeros(0, int), backlash.Law(nothing, nothing, nothing, nothing), nothing, nothing > 0)
+
+
+def random_torques(draw, names):
+    """Torques at every harmonic of OMEGA, none at the mean of the viscous ring, whose mean angle nothing holds."""
+    T = draw.normal(size=(len(names), len(OMEGA))) + 1j * draw.normal(size=(len(names), len(OMEGA)))
+    T[:, 0] = T[:, 0].real
+    if "viscous ring" in names:
+        T[names.index("viscous ring"), 0] = 0.0
+    return T
+
+
+def in_angles(train, T):
+    """Angles, and transmitted torques (shafts, dampers) and forces (meshes), from the sweep."""
+    system = chain.assemble(train)
+    x, force = solve(system, OMEGA, T[:, :, None] / system.radius[:, None, None])
+    ends = np.asarray(system.radius)[system.tree.end_a]
+    ends[len(ends) - len(train.topology.mesh_names) :] = 1.0
+    return np.array(chain.to_angles(system, x))[..., 0], np.asarray(force)[..., 0] * ends[:, None]
+
+
+def largest_error(found, exact, floor=0.0):
+    """Largest error over the rows of a harmonic, relative to the largest entry of that harmonic."""
+    return (np.abs(found - exact).max(0) / np.maximum(np.abs(exact).max(0), floor)).max()
+
+
+def test_closed_loop_massless_disks_and_a_viscous_ring_equal_a_dense_solve_in_angles():
+    parts = gearbox_parts()
+    train = build(parts, reference="motor")
+    names = dense.disk_names(parts)
+    assert list(train.topology.disk_names) == names
+    assert len(chain.assemble(train).tree.loops) == 1
+    T = random_torques(np.random.default_rng(9), names)
+    ring, hub = names.index("viscous ring"), names.index("motor")
+    angles, transmitted = in_angles(train, T)
+    exact = np.empty_like(angles)
+    for k, omega in enumerate(OMEGA):
+        Z = dense.dynamic_stiffness(parts, omega)
+        if omega == 0:  # the ring rests on its hub by convention
+            Z[ring, ring], Z[ring, hub] = 1.0, -1.0
+        exact[:, k] = np.linalg.solve(Z, T[:, k])
+    assert largest_error(angles, exact) < ALGEBRAIC
+    wanted = [
+        [dense.link_stiffness(p, w) * (row @ exact[:, k]) for k, w in enumerate(OMEGA)] for p, row in dense.links(parts)
+    ]
+    # the oracle takes forces from differences of angles, which cost it three digits
+    assert largest_error(transmitted, np.array(wanted)) < 1e3 * ALGEBRAIC
+
+
+def test_forces_of_the_gearbox_balance_every_disk_to_the_last_digits():
+    parts = gearbox_parts()
+    train = build(parts, reference="motor")
+    T = random_torques(np.random.default_rng(17), dense.disk_names(parts))
+    angles, transmitted = in_angles(train, T)
+    rows = np.array([row for _, row in dense.links(parts)])
+    for k, omega in enumerate(OMEGA):
+        inertia = dense.node_stiffness(parts, omega) @ angles[:, k]
+        left = inertia + rows.T @ transmitted[:, k] - T[:, k]
+        size = np.abs(inertia).max() + np.abs(T[:, k]).max()
+        assert np.abs(left).max() < ALGEBRAIC * size, omega
+
+
+def test_free_train_equals_the_dense_solution_without_rigid_rotation():
+    parts = gearbox_parts(grounded=False)
+    train = build(parts, reference="motor")
+    system = chain.assemble(train)
+    assert system.floating
+    names = dense.disk_names(parts)
+    rigid = np.array([1.0] * 4 + [0.5] * 3 + [1 / 3] * 2 + [1.0, 1 / 3])
+    np.testing.assert_allclose(chain.rigid_shape(train, system.radius) / system.radius, rigid, rtol=ALGEBRAIC)
+    T = random_torques(np.random.default_rng(10), names)
+    ring, hub = names.index("viscous ring"), names.index("motor")
+    T[hub, 0] -= rigid @ T[:, 0]  # no work in the rigid rotation
+    angles, transmitted = in_angles(train, T)
+    exact = np.empty_like(angles)
+    for k, omega in enumerate(OMEGA):
+        Z = dense.dynamic_stiffness(parts, omega)
+        if omega == 0:
+            Z[ring, ring], Z[ring, hub] = 1.0, -1.0
+            held = np.block([[Z, rigid[:, None]], [rigid[None, :], 0.0]])
+            exact[:, k] = np.linalg.solve(held, np.append(T[:, k], 0.0))[:-1]
+            angles[:, k] -= rigid * (rigid @ angles[:, k]) / (rigid @ rigid)
+        else:
+            exact[:, k] = np.linalg.solve(Z, T[:, k])
+    assert largest_error(angles, exact) < ALGEBRAIC * 100  # the mean of an ungrounded gearbox: condition 1e5
+    wanted = [
+        [dense.link_stiffness(p, w) * (row @ exact[:, k]) for k, w in enumerate(OMEGA)] for p, row in dense.links(parts)
+    ]
+    assert largest_error(transmitted, np.array(wanted)) < 1e-9
+
+
+@pytest.mark.parametrize("order", [[0, 1, 2, 3, 4], [4, 2, 0, 3, 1]])
+def test_order_of_the_disks_and_of_names_in_between_does_not_change_the_response(order):
+    parts = branched_parts()
+    disks, others = dense.of_kind(parts, Disk), [p for p in parts if not isinstance(p, Disk)]
+    shuffled = [disks[i] for i in order] + [
+        Shaft(between=p.between[::-1], stiffness=p.stiffness, damping=p.damping, loss_factor=p.loss_factor)
+        if isinstance(p, Shaft)
+        else p
+        for p in others
+    ]
+    train, again = build(parts, reference="flywheel"), build(shuffled, reference="flywheel")
+    T = dense.torques(parts, len(OMEGA) - 1, 1)
+    angles, transmitted = in_angles(train, T)
+    place = [again.topology.disk_index(name) for name in train.topology.disk_names]
+    T_again = np.empty_like(T)
+    T_again[place] = T
+    angles_again, transmitted_again = in_angles(again, T_again)
+    np.testing.assert_allclose(angles_again[place], angles, rtol=1e-9, atol=ALGEBRAIC * np.abs(angles).max())
+    sign = np.array([-1, -1, 1, 1, 1])[:, None]
+    atol = ALGEBRAIC * 1e2 * np.abs(transmitted).max()
+    np.testing.assert_allclose(sign * transmitted_again, transmitted, rtol=1e-9, atol=atol)
+
+
+def test_random_trains_with_branches_equal_dense_solves_in_angles():
+    draw = np.random.default_rng(11)
+    for _ in range(6):
+        parts = random_train(draw)
+        train = build(parts, reference="d0")
+        T = draw.normal(size=(9, len(OMEGA))) + 1j * draw.normal(size=(9, len(OMEGA)))
+        T[:, 0] = T[:, 0].real
+        angles, _ = in_angles(train, T)
+        exact = np.stack([np.linalg.solve(dense.dynamic_stiffness(parts, w), T[:, k]) for k, w in enumerate(OMEGA)], 1)
+        assert largest_error(angles, exact) < ALGEBRAIC
+
+
+def random_train(draw):
+    """Nine disks; every one hangs on an earlier one by a shaft, or by a mesh (and then begins a rotor)."""
+    radius = draw.uniform(0.03, 0.3, 9)
+    parts = [
+        Disk(name=f"d{k}", inertia=draw.uniform(0.01, 1.0), radius=radius[k], damping=draw.uniform(0.1, 1.0))
+        for k in range(9)
+    ]
+    for k in range(1, 9):
+        pair = (f"d{k}", f"d{draw.integers(0, k)}")
+        if draw.random() < 0.6:
+            parts.append(Shaft(between=pair, stiffness=draw.uniform(1e4, 1e5), loss_factor=0.1))
+        else:
+            parts.append(Mesh(between=pair, stiffness=draw.uniform(1e6, 1e7), damping=100.0))
+    return [*parts, Ground(disk=f"d{draw.integers(9)}", stiffness=1e4)]
+
+
+def test_case_a1_stiffness_of_the_chain_from_node_and_link_blocks():
+    params, expected = method_case("A1_chain_stiffness")
+    c = numbers(params["c"])
+    train = build(chain_parts([1.0] * 4, c[:3], ground=c[3]))
+    system = chain.assemble(train)
+    K = np.asarray(tangent(np.zeros((4, 3)), system, no_meshes(), 1.0, samples=8))[::3, ::3]
+    np.testing.assert_allclose(K, numbers(expected["K"]), atol=ALGEBRAIC)
+    np.testing.assert_allclose(np.linalg.det(K), float(expected["detK"]), rtol=ALGEBRAIC)
+    x, _ = solve(system, np.zeros(1), np.eye(4)[:, None, :] + 0j)
+    np.testing.assert_allclose(x[:, 0, :], numbers(expected["Kinv"]), rtol=ALGEBRAIC)
+
+
+def test_case_a1_time_is_scaled_by_the_cycle():
+    params, expected = method_case("A1_time_scaling")
+    m, b, c = (float(params[key]) for key in "mbc")
+    train = build([Disk(name="mass", inertia=m, damping=b), Ground(disk="mass", stiffness=c)])
+    problem = pose(train, 60 / float(params["T_phys"]), 1)
+    np.testing.assert_allclose(problem.frequency, float(expected["Omega"]), rtol=ALGEBRAIC)
+    Z = np.asarray(reduction.node_stiffness(problem.system, reduction.frequencies(problem.frequency, 1)))[0]
+    stiffness = float(expected["c_tilde"])
+    wanted = [stiffness, stiffness - float(expected["m_tilde"]) + 1j * float(expected["b_tilde"])]
+    np.testing.assert_allclose(Z, wanted, rtol=ALGEBRAIC)
+    natural = jaxhb.natural_frequencies(train).frequencies_hz[0] * float(params["T_phys"])
+    np.testing.assert_allclose(natural, float(expected["omega_n_order"]), rtol=ALGEBRAIC)
+
+
+def test_case_a1_two_gears_become_two_masses():
+    params, expected = method_case("A1_gear_reduction_two_wheels")
+    (J1, J2), (r1, r2) = numbers(params["J"]), numbers(params["r"])
+    disks = [Disk(name="a", inertia=J1, radius=r1), Disk(name="b", inertia=J2, radius=r2)]
+    train = build([*disks, Mesh(between=("a", "b"), stiffness=float(params["k"]))], reference="a")
+    np.testing.assert_allclose(chain.assemble(train).mass, numbers(expected["m"]), rtol=ALGEBRAIC)
+    modes = jaxhb.natural_frequencies(train)
+    assert modes.frequencies_hz[0] == 0.0
+    np.testing.assert_allclose((2 * np.pi * modes.frequencies_hz[1]) ** 2, float(expected["omega2"]), rtol=ALGEBRAIC)
+
+
+def test_case_a1_shafts_and_torques_are_taken_to_the_pitch_circle():
+    params, expected = method_case("A1_shaft_reduction")
+    k, beta, M, r = (float(params[key]) for key in ("k_t", "beta", "M", "r"))
+    disks = [Disk(name="gear", inertia=1.0, radius=r, damping=beta), Disk(name="disk", inertia=2.0)]
+    mate = Disk(name="mate", inertia=1.0, radius=0.7)
+    links = [Shaft(between=("gear", "disk"), stiffness=k, damping=beta), Mesh(between=("gear", "mate"), stiffness=1.0)]
+    train = build(
+        [*disks, mate, *links, Torque(disk="disk", mean=M), Ground(disk="mate", stiffness=1.0)], reference="gear"
+    )
+    problem = pose(train, 100.0, 1)
+    system = problem.system
+    np.testing.assert_allclose(system.stiffness[0], float(expected["c"]), rtol=ALGEBRAIC)
+    np.testing.assert_allclose([system.viscous[0], system.damping[0]], float(expected["b"]), rtol=ALGEBRAIC)
+    np.testing.assert_allclose(problem.load[1, 0], float(expected["q"]), rtol=ALGEBRAIC)
+    np.testing.assert_allclose(chain.to_angles(system, np.array([r, r, 0.7])), 1.0, rtol=ALGEBRAIC)
+
+
+def test_packed_mean_of_a_gear_train_is_its_static_equilibrium():
+    parts = branched_parts()
+    angles, transmitted = in_angles(build(parts, reference="flywheel"), dense.torques(parts, len(OMEGA) - 1, 1))
+    # 8 N m at the pump is 200 N at its gear and so at both meshes, 10 N m at the crank gear
+    np.testing.assert_allclose(transmitted[-2:, 0].real, [200.0, -200.0], rtol=ALGEBRAIC)
+    np.testing.assert_allclose(transmitted[0, 0].real, 10.0, rtol=ALGEBRAIC)
+    np.testing.assert_allclose(50.0 * angles[0, 0].real, 2.0, rtol=ALGEBRAIC)
+    assert fourier.pack(angles).shape == (6, 2 * len(OMEGA) - 1)

@@ -1,0 +1,174 @@
+"""The reduced equation on the meshes against the whole train, and the Krylov and support pieces of its solution."""
+
+import dataclasses
+import doctest
+import importlib
+
+import dense
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from tolerances import ALGEBRAIC, RESIDUAL
+from trains import branched_parts, build, gearbox_parts
+
+from jaxhb import Mesh
+from jaxhb.harmonic import fourier, reduction, support
+from jaxhb.harmonic.krylov import minimise_residual
+from jaxhb.harmonic.residual import residual
+from jaxhb.periodic.newton import correct
+from jaxhb.periodic.problem import excess_of, pose, reduced_equation
+
+HARMONICS, SAMPLES, RPM = 6, 96, 1500.0
+
+evaluate = jax.jit(residual, static_argnames="samples")
+reduce = jax.jit(reduced_equation, static_argnums=1)
+excess_at = jax.jit(excess_of, static_argnums=2)
+reduced_residual = jax.jit(reduction.Reduced.residual, static_argnums=2)
+combine = jax.jit(reduction.Folded.combine)
+
+
+@pytest.fixture(scope="module")
+def case():
+    """Train, problem, its reduced equation on both meshes, and random deflections that cross the gap."""
+    parts = branched_parts()
+    problem = pose(build(parts, reference="flywheel"), RPM, HARMONICS)
+    reduced, folded = reduce(problem, HARMONICS, np.ones(2), np.arange(2), np.zeros(2))
+    draw = np.random.default_rng(14)
+    l = 1e-4 * (draw.normal(size=(2, HARMONICS + 1)) + 1j * draw.normal(size=(2, HARMONICS + 1)))
+    l[:, 0] = l[:, 0].real
+    return parts, problem, reduced, folded, l / (1 + np.arange(HARMONICS + 1))
+
+
+def test_receptances_are_those_of_the_dense_train_in_angles(case):
+    parts, problem, reduced, _, _ = case
+    rows = np.array([row for _, row in dense.links(parts)[-2:]])
+    load = dense.torques(parts, HARMONICS, 1)
+    for n in range(HARMONICS + 1):
+        Z = dense.dynamic_stiffness(parts, n * float(problem.frequency))
+        wanted = rows @ np.linalg.solve(Z, rows.T)
+        np.testing.assert_allclose(reduced.receptance[n], wanted, rtol=0, atol=1e-10 * np.abs(wanted).max())
+        linear = rows @ np.linalg.solve(Z, load[:, n])
+        # differences of dense angles: the soft ground costs them three digits at the mean
+        np.testing.assert_allclose(reduced.linear[:, n], linear, rtol=0, atol=1e-9 * np.abs(reduced.linear).max())
+
+
+def test_receptance_is_symmetric(case):
+    G = np.asarray(case[2].receptance)
+    np.testing.assert_allclose(G, G.transpose(0, 2, 1), atol=ALGEBRAIC * np.abs(G).max())
+
+
+def assert_same_equation(problem, reduced, folded, l):
+    """Take any l: x = Z^-1 (q - D^T phi(l)) has F(l) = l - D x, and leaves A(x) = D^T (phi(D x) - phi(l))."""
+    excess = excess_at(reduced, l, SAMPLES)
+    x, _ = combine(folded, excess)
+    full = evaluate(fourier.pack(x), problem.system, problem.meshes, problem.frequency, problem.load, samples=SAMPLES)
+    meshes = np.asarray(problem.meshes.link)[: len(l)]
+    moved = problem.system.deflections(np.asarray(x), meshes)
+    # D x as a difference of displacements loses some digits
+    found = reduced_residual(reduced, l, SAMPLES)
+    np.testing.assert_allclose(found, l - moved, atol=1e-10 * np.abs(l).max())
+    left = reduction.incidence(problem.system, meshes) @ (excess_at(reduced, moved, SAMPLES) - excess)
+    np.testing.assert_allclose(fourier.unpack(full), left, atol=1e-9 * np.abs(np.asarray(excess)).max())
+
+
+def test_reduced_and_full_residual_are_the_same_equation(case):
+    _, problem, reduced, folded, l = case
+    assert_same_equation(problem, reduced, folded, l)
+
+
+def test_reduced_and_full_residual_are_the_same_equation_where_two_meshes_close_a_loop(case):
+    parts = [
+        dataclasses.replace(p, backlash=1e-4, epsilon=0.02, transition=0.3) if isinstance(p, Mesh) else p
+        for p in gearbox_parts()
+    ]
+    problem = pose(build(parts, reference="motor"), RPM, HARMONICS)
+    assert len(problem.system.tree.loops) == 1
+    reduced, folded = reduce(problem, HARMONICS, np.ones(3), np.arange(3), np.zeros(3))
+    assert_same_equation(problem, reduced, folded, np.concatenate([case[-1], case[-1][:1]]))
+
+
+def test_padding_with_idle_meshes_changes_nothing(case):
+    _, problem, reduced, _, l = case
+    padded, _ = reduce(problem, HARMONICS, np.array([1.0, 1.0, 0.0, 0.0]), np.array([0, 1, 0, 0]), np.zeros(2))
+    wide = np.concatenate([l, np.zeros_like(l)])
+    value = reduced_residual(padded, wide, SAMPLES)
+    np.testing.assert_allclose(value[:2], reduced_residual(reduced, l, SAMPLES), atol=ALGEBRAIC * np.abs(l).max())
+    assert not np.asarray(value[2:]).any()
+
+
+def test_truncating_the_equation_drops_harmonics_only(case):
+    _, _, reduced, _, _ = case
+    short = reduction.truncate(reduced, 3)
+    np.testing.assert_array_equal(short.linear, reduced.linear[:, :4])
+    np.testing.assert_array_equal(short.receptance, reduced.receptance[:4])
+
+
+def test_excess_is_constant_while_a_mesh_stays_on_one_flank(case):
+    _, problem, reduced, _, _ = case
+    l = np.zeros((2, HARMONICS + 1), complex)
+    l[:, 0], l[:, 1] = 2e-4, 2e-5
+    excess = np.asarray(excess_at(reduced, l, SAMPLES))
+    offset = -0.98 * 2e8 * 1e-4 / 2
+    np.testing.assert_allclose(excess[:, 0], offset, rtol=ALGEBRAIC)
+    np.testing.assert_allclose(excess[:, 1:], 0.0, atol=ALGEBRAIC * abs(offset))
+
+
+def test_newton_correction_solves_the_jacobian_of_autodiff_with_room_for_half_the_instants(case):
+    room = 2 * HARMONICS
+    _, _, reduced, _, l = case
+
+    def packed(flat):
+        value = reduced.residual(fourier.unpack(flat.reshape(2, -1)), SAMPLES)
+        return fourier.pack(value).reshape(-1)
+
+    at = fourier.pack(jnp.asarray(l)).reshape(-1)
+    value = jax.jit(packed)(at)
+    wanted = np.linalg.solve(np.asarray(jax.jit(jax.jacfwd(packed))(at)), value)
+    solver = jax.jit(correct, static_argnums=(3, 4, 5, 7))
+    found, used = solver(reduced, l, fourier.unpack(value.reshape(2, -1)), SAMPLES, room, HARMONICS, 1e-11, 60)
+    np.testing.assert_allclose(
+        np.asarray(fourier.pack(found)).reshape(-1), wanted, atol=RESIDUAL * np.abs(wanted).max()
+    )
+    assert 0 < used <= 26
+
+
+def test_conjugate_residuals_solve_a_system_in_as_many_steps_as_it_has_unknowns():
+    draw = np.random.default_rng(15)
+    matrix = np.eye(12) + 0.3 * draw.normal(size=(12, 12))
+    b = draw.normal(size=12)
+    x, left, used = minimise_residual(lambda v: matrix @ v, lambda v: v, b, tolerance=1e-13, steps=20)
+    np.testing.assert_allclose(x, np.linalg.solve(matrix, b), rtol=1e-10)
+    assert used <= 12 and left <= 1e-12
+
+
+def test_conjugate_residuals_with_the_inverse_as_preconditioner_need_one_step():
+    draw = np.random.default_rng(16)
+    matrix = np.eye(12) + 0.3 * draw.normal(size=(12, 12))
+    inverse = np.linalg.inv(matrix)
+    b = draw.normal(size=12)
+    _, _, used = minimise_residual(lambda v: matrix @ v, lambda v: inverse @ v, b, tolerance=1e-12, steps=20)
+    assert used == 1
+
+
+def test_nothing_to_solve_takes_no_step():
+    x, left, used = minimise_residual(lambda v: 2 * v, lambda v: v, np.zeros(12), tolerance=1e-12, steps=20)
+    assert used == 0 and left == 0 and not np.asarray(x).any()
+
+
+@pytest.mark.parametrize("cells", [12, 10])
+def test_cell_averages_keep_the_mean_and_follow_a_slow_wave(cells):
+    samples = 96
+    t = 2 * np.pi * np.arange(samples) / samples
+    averages = support.cell_averages(np.stack([np.full(samples, 3.0), np.cos(t - 0.4)]), cells)
+    np.testing.assert_allclose(averages[0], 3.0, rtol=ALGEBRAIC)
+    middle = 2 * np.pi * np.arange(cells) / cells
+    np.testing.assert_allclose(averages[1].mean(), 0.0, atol=ALGEBRAIC)
+    shrink = np.sinc(1 / cells)  # the average of a cosine over a cell
+    np.testing.assert_allclose(averages[1], shrink * np.cos(middle - 0.4), atol=2e-3)  # piecewise constant samples
+
+
+@pytest.mark.parametrize("name", ["backlash", "fourier", "chain", "krylov"])
+def test_examples_in_the_docstrings_hold(name):
+    failures, tests = doctest.testmod(importlib.import_module(f"jaxhb.harmonic.{name}"))
+    assert tests and not failures

@@ -1,0 +1,88 @@
+"""The residual A(x) against plain sums over instants, its Jacobian against autodiff."""
+
+import dense
+import jax
+import numpy as np
+import pytest
+from tolerances import ALGEBRAIC, TANGENT
+from trains import branched_parts, build
+
+from jaxhb.harmonic import fourier
+from jaxhb.harmonic.residual import jacobian, residual
+from jaxhb.periodic.problem import pose
+
+HARMONICS, SAMPLES, RPM = 6, 96, 1500.0
+LAWS = [("contact", "contact"), ("always", "always"), ("contact", "always")]
+
+evaluate = jax.jit(residual, static_argnames="samples")
+assembled = jax.jit(jacobian, static_argnames="samples")
+by_autodiff = jax.jit(jax.jacfwd(residual), static_argnames="samples")
+
+
+@pytest.fixture(scope="module")
+def angles():
+    """Random angles of six disks whose meshes cross the gap: deflections of about twice the backlash."""
+    draw = np.random.default_rng(12)
+    phi = 2e-3 * (draw.normal(size=(6, HARMONICS + 1)) + 1j * draw.normal(size=(6, HARMONICS + 1)))
+    phi[:, 0] = phi[:, 0].real
+    return phi / (1 + np.arange(HARMONICS + 1))
+
+
+def posed(laws):
+    parts = branched_parts(laws)
+    return parts, pose(build(parts, reference="flywheel"), RPM, HARMONICS)
+
+
+def arguments(problem, angles):
+    x = fourier.pack(angles * problem.system.radius[:, None])
+    return (x, problem.system, problem.meshes, problem.frequency)
+
+
+@pytest.mark.parametrize("laws", LAWS)
+def test_residual_is_the_galerkin_balance_by_plain_sums(laws, angles):
+    parts, problem = posed(laws)
+    found = evaluate(*arguments(problem, angles), problem.load, samples=SAMPLES)
+    torque = np.asarray(fourier.unpack(found)) * problem.system.radius[:, None]
+    wanted = dense.galerkin_residual(parts, angles, float(problem.frequency), 1, SAMPLES)
+    np.testing.assert_allclose(torque, wanted, atol=ALGEBRAIC * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("laws", LAWS)
+def test_assembled_toeplitz_jacobian_is_that_of_autodiff(laws, angles):
+    _, problem = posed(laws)
+    toeplitz = np.asarray(assembled(*arguments(problem, angles), samples=SAMPLES))
+    autodiff = by_autodiff(*arguments(problem, angles), problem.load, samples=SAMPLES).reshape(toeplitz.shape)
+    np.testing.assert_allclose(autodiff, toeplitz, atol=ALGEBRAIC * np.abs(toeplitz).max())
+
+
+def test_backlash_is_at_work_in_these_tests(angles):
+    parts, problem = posed(LAWS[0])
+    for mesh, row in dense.links(parts)[3:]:
+        l = fourier.synthesize(row @ angles, SAMPLES)
+        _, share = dense.law(mesh, np.asarray(l))
+        assert {0.0, 1.0} <= set(share) and np.any((share > 0) & (share < 1))
+
+
+def test_residual_is_compiled_and_differentiated_with_the_train_closed_over(angles):
+    _, problem = posed(LAWS[0])
+    x, *others = arguments(problem, angles)
+    compiled = jax.jit(lambda x: residual(x, *others, problem.load, SAMPLES))
+    found = evaluate(x, *others, problem.load, samples=SAMPLES)
+    np.testing.assert_allclose(compiled(x), found, atol=ALGEBRAIC * np.abs(found).max())
+
+
+def test_forward_and_reverse_derivatives_of_the_residual_agree(angles):
+    _, problem = posed(LAWS[2])
+    at = arguments(problem, angles)
+    u, v = np.random.default_rng(13).normal(size=(2, *at[0].shape))
+
+    @jax.jit
+    def both(at, load, u, v):
+        def A(x):
+            return residual(x, *at[1:], load, SAMPLES)
+
+        return jax.jvp(A, at[:1], (u,))[1], jax.vjp(A, at[0])[1](v)[0]
+
+    forward, reverse = both(at, problem.load, u, v)
+    left, right = np.vdot(v, forward), np.vdot(reverse, u)
+    assert abs(left - right) < TANGENT * np.linalg.norm(forward) * np.linalg.norm(v)

@@ -1,0 +1,185 @@
+"""Linear responses at the border: amplitudes, signs, names, and a published table of forced vibration."""
+
+import numpy as np
+import pytest
+from reference_data import torsional_model
+from tolerances import ALGEBRAIC
+from trains import ONE_RADIAN_PER_SECOND, build, chain_parts, gearbox_parts
+
+import jaxhb
+from jaxhb import Disk, Ground, Load, Mesh, SceneError, Shaft, Torque
+
+RPM = 900.0
+
+
+@pytest.fixture(scope="module")
+def geared():
+    """A massless gear, driven by 3 N m and 10 N m cos(2 theta + 50 deg): all of it passes the links."""
+    amplitude = 10.0 * np.exp(1j * np.deg2rad(50.0))
+    parts = [
+        Disk(name="sleeve", inertia=0.0),
+        Disk(name="pinion", inertia=0.0, radius=0.04),
+        Disk(name="wheel", inertia=0.5, radius=0.1),
+        Disk(name="machine", inertia=2.0),
+        Shaft(between=("sleeve", "pinion"), stiffness=1e5, damping=3.0, loss_factor=0.02),
+        Shaft(between=("machine", "wheel"), stiffness=3e5, damping=1.0),
+        Mesh(between=("pinion", "wheel"), stiffness=1e8, damping=200.0),
+        Torque(disk="sleeve", mean=3.0, harmonics=((2.0, amplitude.real, amplitude.imag),)),
+        Load(disk="machine"),
+    ]
+    return jaxhb.check(jaxhb.solve(build(parts, cycle=2, reference="sleeve"), rpm=RPM))
+
+
+def test_one_cosine_of_ten_newton_metres_reads_ten_at_the_border(geared):
+    torque = geared.torque("sleeve", "pinion")
+    np.testing.assert_allclose(torque.order(2.0), 10.0, rtol=ALGEBRAIC)
+    np.testing.assert_allclose(torque.sum_of_amplitudes, 10.0, rtol=ALGEBRAIC)
+    np.testing.assert_allclose(torque.mean, 3.0, rtol=ALGEBRAIC)
+    # the extremes of a cosine of phase 50 deg lie between the instants at which they are looked for
+    np.testing.assert_allclose(torque.half_peak_to_peak, 10.0, rtol=1e-5)
+    np.testing.assert_allclose(torque.max, 13.0, rtol=1e-5)
+    np.testing.assert_allclose(torque.phases_deg[3], 50.0, rtol=ALGEBRAIC)
+    theta = np.deg2rad(torque.angles_deg(90))
+    np.testing.assert_allclose(torque.samples(90), 3 + 10 * np.cos(2 * theta + np.deg2rad(50)), rtol=1e-10)
+
+
+def test_orders_that_nothing_excites_are_absent(geared):
+    for order in (0.5, 1.0, 1.5, 2.5, 3.0):
+        assert geared.torque("sleeve", "pinion").order(order) == 0.0
+
+
+def test_torque_between_a_and_b_is_minus_that_between_b_and_a(geared):
+    for read in ("samples", "elastic"):
+        for pair, method in ((("sleeve", "pinion"), geared.torque), (("pinion", "wheel"), geared.force)):
+            a, b = method(*pair), method(*pair[::-1])
+            if read == "elastic":
+                a, b = a.elastic, b.elastic
+            np.testing.assert_array_equal(a.samples(16), -b.samples(16))
+    np.testing.assert_array_equal(geared.deflection("wheel", "pinion").mean, -geared.deflection("pinion", "wheel").mean)
+    np.testing.assert_array_equal(geared.twist("sleeve", "wheel").rms, geared.twist("wheel", "sleeve").rms)
+
+
+def test_force_is_positive_when_the_first_gear_drives(geared):
+    force = geared.force("pinion", "wheel")
+    np.testing.assert_allclose(force.mean, 3.0 / 0.04, rtol=ALGEBRAIC)
+    np.testing.assert_allclose(force.order(2.0), 10.0 / 0.04, rtol=ALGEBRAIC)
+    np.testing.assert_allclose(geared.load_torque, [-7.5], rtol=ALGEBRAIC)
+    np.testing.assert_allclose(geared.torque("wheel", "machine").mean, 7.5, rtol=ALGEBRAIC)
+
+
+def test_gear_torque_is_what_a_gear_passes_on(geared):
+    np.testing.assert_allclose(geared.gear_torque("pinion").mean, 3.0, rtol=ALGEBRAIC)
+    np.testing.assert_allclose(geared.gear_torque("pinion").order(2.0), 10.0, rtol=ALGEBRAIC)
+    np.testing.assert_allclose(geared.gear_torque("wheel").mean, -7.5, rtol=ALGEBRAIC)
+    np.testing.assert_allclose(geared.gear_torque("wheel").order(2.0), 25.0, rtol=ALGEBRAIC)
+
+
+def test_twist_is_the_difference_of_the_angles_and_carries_the_elastic_torque(geared):
+    a, b = geared.disk("sleeve").coefficients, geared.disk("pinion").coefficients
+    twist = geared.twist("sleeve", "pinion")
+    np.testing.assert_allclose(twist.coefficients, a - b, atol=ALGEBRAIC * np.abs(a).max())
+    elastic = geared.torque("sleeve", "pinion").elastic.coefficients
+    np.testing.assert_allclose(elastic, 1e5 * twist.coefficients, atol=1e-7 * np.abs(elastic).max())  # a difference
+
+
+def test_plain_torque_has_the_viscous_and_loss_part_that_the_elastic_part_lacks(geared):
+    omega = 2 * np.pi * RPM / 60 * 2.0
+    torque = geared.torque("sleeve", "pinion")
+    ratio = torque.coefficients[4] / torque.elastic.coefficients[4]
+    np.testing.assert_allclose(ratio, 1 + 0.02j + 1j * omega * 3.0 / 1e5, rtol=ALGEBRAIC)
+    np.testing.assert_allclose(torque.mean, torque.elastic.mean, rtol=ALGEBRAIC)
+    force = geared.force("pinion", "wheel")
+    np.testing.assert_allclose(
+        force.coefficients[4] / force.elastic.coefficients[4], 1 + 1j * omega * 200.0 / 1e8, rtol=ALGEBRAIC
+    )
+
+
+def test_links_are_found_by_their_names_too(geared):
+    np.testing.assert_array_equal(geared.torque("sleeve|pinion").mean, geared.torque("sleeve", "pinion").mean)
+    np.testing.assert_array_equal(geared.force("pinion|wheel").mean, geared.force("pinion", "wheel").mean)
+
+
+def test_asking_for_the_wrong_kind_of_link_says_what_to_use(geared):
+    with pytest.raises(ValueError, match="is a mesh, not a shaft: use force"):
+        geared.torque("pinion", "wheel")
+    with pytest.raises(ValueError, match="is a shaft or damper, not a mesh: use torque"):
+        geared.force("sleeve", "pinion")
+    with pytest.raises(ValueError, match="'machine' carries no mesh"):
+        geared.gear_torque("machine")
+    with pytest.raises(SceneError, match="no link joins 'sleeve' and 'wheel'"):
+        geared.torque("sleeve", "wheel")
+    with pytest.raises(TypeError, match="not a sweep"):
+        geared[0]
+
+
+def test_linear_mesh_is_always_in_contact(geared):
+    contact = geared.mesh("pinion", "wheel")
+    assert contact.separated_fraction == 0.0 and contact.impacts == [] and contact.drive_side == 1
+
+
+@pytest.mark.parametrize("row", [0, 1])
+def test_published_holzer_table_is_the_forced_vibration_by_a_torque_at_the_last_disk(row):
+    entry = torsional_model("thomson_12_4_1")
+    table = entry["published_holzer"][row]
+    parts = [*chain_parts(entry["model"]["J"], entry["model"]["k"]), Torque(disk="3", harmonics=((1.0, 1.0, 0.0),))]
+    r = jaxhb.solve(build(parts), rpm=table["omega"] * ONE_RADIAN_PER_SECOND)
+    first = r.disk("1").coefficients[1]
+    theta = [(r.disk(name).coefficients[1] / first).real for name in "123"]
+    torque = [(r.torque(*pair).coefficients[1] / first).real for pair in ("12", "23")]
+    left = -0.5 / first.real  # the torque that the last disk needs closes the table
+    np.testing.assert_allclose(theta, table["theta"], rtol=5e-4)  # three significant digits
+    np.testing.assert_allclose([*torque, left], table["torque"], rtol=5e-4)
+
+
+def test_free_gearbox_has_no_mean_rotation_and_its_forces_balance():
+    train = build(gearbox_parts(grounded=False), reference="motor")
+    r = jaxhb.check(jaxhb.solve(train, rpm=RPM))
+    J = np.concatenate([train.disks.inertia, train.dampers.inertia])
+    rigid = np.array([1.0] * 4 + [0.5] * 3 + [1 / 3] * 2 + [1.0, 1 / 3])
+    mean = r.angles[:, 0].real
+    assert abs(rigid * J @ mean) < 1e-9 * np.abs(J * rigid).sum() * np.abs(mean).max()
+    forces = r.force("input 1", "lay 1").mean * 0.05 + r.force("input 2", "lay 2").mean * 0.08
+    np.testing.assert_allclose(forces, 30.0, rtol=1e-9)
+    np.testing.assert_allclose(r.force("lay 3", "output").mean, 60.0 / 0.06, rtol=1e-9)
+
+
+def test_an_undamped_absorber_takes_the_whole_torque_at_its_frequency():
+    parts = [
+        Disk(name="hub", inertia=2.0, damping=0.5),
+        Disk(name="absorber", inertia=1.0),
+        Shaft(between=("hub", "absorber"), stiffness=4.0),
+        Ground(disk="hub", stiffness=3.0),
+        Torque(disk="hub", harmonics=((1.0, 10.0, 0.0),)),
+    ]
+    r = jaxhb.solve(build(parts), rpm=2 * ONE_RADIAN_PER_SECOND)
+    np.testing.assert_allclose(r.torque("hub", "absorber").order(1), 10.0, rtol=ALGEBRAIC)
+    np.testing.assert_allclose(r.disk("absorber").order(1), 10.0 / 4.0, rtol=ALGEBRAIC)
+    assert r.disk("hub").order(1) < ALGEBRAIC
+
+
+def test_an_undamped_resonance_is_reported_as_singular():
+    parts = [
+        Disk(name="a", inertia=1.0),
+        Disk(name="b", inertia=0.0),
+        Shaft(between=("a", "b"), stiffness=7.0),
+        Ground(disk="a", stiffness=4.0),
+        Torque(disk="a", harmonics=((1.0, 1.0, 0.0),)),
+    ]
+    r = jaxhb.solve(build(parts), rpm=2 * ONE_RADIAN_PER_SECOND)
+    assert jaxhb.Status(int(r.status)) == jaxhb.Status.NEAR_SINGULAR
+
+
+def test_one_disk_on_the_ground_needs_no_link():
+    parts = [Disk(name="a", inertia=1.0, damping=0.5), Ground(disk="a", stiffness=4.0)]
+    r = jaxhb.solve(build([*parts, Torque(disk="a", harmonics=((1.0, 3.0, 0.0),))]), rpm=2 * ONE_RADIAN_PER_SECOND)
+    np.testing.assert_allclose(r.disk("a").order(1), 3.0, rtol=ALGEBRAIC)
+
+
+def test_unbalanced_free_train_is_reported_not_solved():
+    pull, push = Torque(disk="1", mean=1.0), Torque(disk="2", mean=-1.0, name="brake")
+    train = build([*chain_parts([1.0, 1.0, 1.0], [100.0, 100.0]), pull, push])
+    assert jaxhb.solve(train, rpm=RPM).converged
+    r = jaxhb.solve(train.replace({"brake.mean": -0.5}), rpm=RPM)
+    assert r.status == jaxhb.Status.UNBALANCED
+    with pytest.raises(jaxhb.NotConverged, match="UNBALANCED.*add a"):
+        jaxhb.check(r)

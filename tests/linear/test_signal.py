@@ -1,0 +1,125 @@
+"""A periodic signal as the engineer reads it."""
+
+import doctest
+import importlib
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from tolerances import ALGEBRAIC, GRADIENT
+
+from jaxhb import Signal
+
+HARMONICS, RESOLUTION = 9, 4096
+
+
+@pytest.fixture(scope="module")
+def signal():
+    """Three random signals, two revolutions a cycle."""
+    draw = np.random.default_rng(18)
+    x = draw.normal(size=(3, HARMONICS + 1)) + 1j * draw.normal(size=(3, HARMONICS + 1))
+    x[:, 0] = x[:, 0].real
+    return Signal(x, None, 2.0, RESOLUTION)
+
+
+def values_at(signal, theta_deg):
+    """mean + sum A cos(order theta + phase), as the docstring says it."""
+    total = np.zeros((3, len(theta_deg))) + np.asarray(signal.mean)[:, None]
+    for k, order in enumerate(signal.orders):
+        phase = np.deg2rad(signal.phases_deg[:, k, None])
+        total += signal.amplitudes[:, k, None] * np.cos(order * np.deg2rad(theta_deg) + phase)
+    return total
+
+
+@pytest.mark.parametrize("count", [3, 7, 19, 720])
+def test_samples_are_values_of_the_signal_at_their_angles_however_few(signal, count):
+    angles = signal.angles_deg(count)
+    assert angles[0] == 0.0 and angles[-1] < 720.0
+    np.testing.assert_allclose(signal.samples(count), values_at(signal, angles), atol=30 * ALGEBRAIC)
+
+
+def test_sum_of_amplitudes_is_never_below_half_peak_to_peak(signal):
+    assert np.all(signal.sum_of_amplitudes >= signal.half_peak_to_peak)
+    in_step = Signal(np.array([0.5, 1.0, 0.25, 0.125]) + 0j, None, 1.0, RESOLUTION)
+    np.testing.assert_allclose(in_step.max - in_step.mean, in_step.sum_of_amplitudes, rtol=ALGEBRAIC)
+
+
+def test_extremes_belong_together(signal):
+    np.testing.assert_allclose(signal.half_peak_to_peak, (signal.max - signal.min) / 2, rtol=ALGEBRAIC)
+    np.testing.assert_allclose(signal.peak, np.maximum(signal.max, -signal.min), rtol=ALGEBRAIC)
+    assert np.all(signal.min < signal.mean) and np.all(signal.mean < signal.max)
+
+
+def test_extremes_are_found_to_the_square_of_the_resolution(signal):
+    fine = Signal(signal.coefficients, None, 2.0, 64 * RESOLUTION)
+    largest = np.abs(fine.max - signal.max).max()
+    assert largest < 0.5 * HARMONICS**2 * (np.pi / RESOLUTION) ** 2 * np.max(signal.sum_of_amplitudes)
+
+
+def test_root_mean_square_is_that_of_the_samples_with_the_mean(signal):
+    values = signal.samples(RESOLUTION)
+    np.testing.assert_allclose(signal.rms, np.sqrt((values**2).mean(-1)), rtol=ALGEBRAIC)
+
+
+@pytest.mark.parametrize("p", [8, 64, 512])
+def test_smooth_peak_lies_between_its_bounds(signal, p):
+    smooth = signal.smooth_peak(p)
+    assert np.all(smooth <= signal.peak * (1 + ALGEBRAIC))
+    assert np.all(smooth >= signal.peak * RESOLUTION ** (-1 / p) * (1 - ALGEBRAIC))
+
+
+def test_smooth_peak_of_large_and_of_zero_signals_is_finite():
+    huge = Signal(np.array([1e30, 2e30, 0.0]) + 0j, None, 1.0, 64)
+    assert 0.9 * huge.peak < huge.smooth_peak(512) <= huge.peak
+    assert Signal(np.zeros(4, complex), None, 1.0, 64).smooth_peak() == 0.0
+
+
+def test_derivatives_of_amplitudes_and_smooth_peak_are_those_of_differences_and_zero_for_absent_orders():
+    start = jnp.array([0.3, 1.0, 0.0, -0.4])
+    turn = jnp.array([1.0, 0.6 + 0.8j, 1.0, 1j])
+
+    def of(function):
+        return lambda a: function(Signal(turn * a, None, 1.0, 64))
+
+    for function in (lambda s: s.sum_of_amplitudes, lambda s: s.smooth_peak(16), lambda s: s.rms):
+        slope = jax.jit(jax.grad(of(function)))(start)
+        assert np.all(np.isfinite(slope))
+        for k in (0, 1, 3):
+            step = 1e-6 * np.eye(4)[k]
+            difference = (of(function)(np.asarray(start) + step) - of(function)(np.asarray(start) - step)) / 2e-6
+            np.testing.assert_allclose(slope[k], difference, atol=GRADIENT)
+
+
+def test_order_reads_the_amplitude_of_one_order(signal):
+    np.testing.assert_array_equal(signal.order(0.5), signal.amplitudes[:, 0])
+    np.testing.assert_array_equal(signal.order(4.5), signal.amplitudes[:, 8])
+    np.testing.assert_array_equal(signal.order(60.0), 0.0)
+
+
+@pytest.mark.parametrize("order", [0.3, 0.0, -1.0])
+def test_an_order_that_is_no_harmonic_of_the_cycle_is_refused_with_what_is_allowed(signal, order):
+    with pytest.raises(ValueError, match=rf"order {order:g} .*2 revolutions.*multiple of 0.5"):
+        signal.order(order)
+
+
+def test_a_signal_without_elastic_part_says_so(signal):
+    with pytest.raises(AttributeError, match="not a force or torque"):
+        _ = signal.elastic
+
+
+def test_summary_is_plain_numbers_and_the_spectrum_gives_the_signal_back():
+    s = Signal(np.array([1.0, 2.0 - 1.0j, 0.0, 0.25j]), None, 2.0, RESOLUTION)
+    summary = s.summary()
+    assert set(summary) == {"mean", "min", "max", "rms", "half_peak_to_peak", "sum_of_amplitudes", "amplitudes"}
+    assert all(isinstance(v, float) for key, v in summary.items() if key != "amplitudes")
+    assert [row[0] for row in summary["amplitudes"]] == [0.5, 1.0, 1.5]
+    theta = np.deg2rad(s.angles_deg(50))
+    rebuilt = 1.0 + sum(A * np.cos(order * theta + np.deg2rad(phase)) for order, A, phase in summary["amplitudes"])
+    np.testing.assert_allclose(s.samples(50), rebuilt, atol=30 * ALGEBRAIC)
+
+
+@pytest.mark.parametrize("name", ["signal", "modal"])
+def test_examples_in_the_docstrings_hold(name):
+    failures, tests = doctest.testmod(importlib.import_module(f"jaxhb.linear.{name}"))
+    assert tests and not failures

@@ -1,0 +1,194 @@
+"""The harmonic-balance cases of method.md A4 and A6: one mass on a backlash law, solved as a pair of gears."""
+
+from functools import cache, partial
+
+import jax
+import numpy as np
+import pytest
+from reference_data import complex_numbers, method_case, numbers
+from tolerances import ALGEBRAIC, PATHS, RESIDUAL
+from trains import ONE_RADIAN_PER_SECOND, build, one_mass_parts
+
+import jaxhb
+from jaxhb.harmonic import backlash, fourier, reduction
+from jaxhb.periodic.newton import Status, solve_reduced
+from jaxhb.periodic.problem import pose, reduced_equation
+
+SAMPLES = 2**16
+"""The cases are exact Galerkin solutions. Sampling errs by Nt^-3: 16 N instants give 1e-6, 2^16 give 1e-12."""
+
+solver = jax.jit(partial(solve_reduced, tolerance=1e-14, max_steps=30), static_argnames=("samples", "room", "resolved"))
+excess = jax.jit(reduction.Reduced.excess)
+evaluate = jax.jit(reduction.Reduced.residual, static_argnums=2)
+reduce = jax.jit(reduced_equation, static_argnums=1)
+
+
+def parameters(name="A4_hb_one_mass_N4"):
+    return {key: float(value) for key, value in method_case(name)[0].items()}
+
+
+def by_hand(harmonics, *, m, b, c, eps, h, q0, q1):
+    """The reduced equation of ``m x'' + b x' + f(x) = q0 + q1 cos t`` written down, contact as the linear part."""
+    n = np.arange(harmonics + 1)
+    receptance = 1 / (c - m * n**2 + 1j * b * n)
+    load = np.zeros(harmonics + 1)
+    load[0], load[1] = q0, q1 / 2
+    law = backlash.Law(*(np.array([v]) for v in (c, eps, 0.2, h)))
+    nothing = np.zeros(1)
+    return reduction.Reduced(
+        (receptance * load)[None], receptance[:, None, None], np.array(1.0), law, nothing, nothing > 0
+    )
+
+
+@cache
+def solution(harmonics):
+    """Iterate of the one-mass problem from its linear solution."""
+    reduced = by_hand(harmonics, **parameters())
+    return solver(reduced, reduced.linear, samples=SAMPLES, room=2 * harmonics, resolved=harmonics)
+
+
+def one_mass(**changes):
+    return build(one_mass_parts(**(parameters() | changes)), reference="a")
+
+
+def cubic_root_crossings(x, levels):
+    """Instants at which a trigonometric polynomial passes +-levels, by bisection on a fine grid."""
+    n = np.arange(1, len(x))
+
+    def value(t):
+        return x[0].real + 2 * (np.exp(1j * np.multiply.outer(t, n)) @ x[1:]).real
+
+    grid = np.linspace(0, 2 * np.pi, 4001)
+    found = []
+    for level in (*levels, *(-v for v in levels)):
+        sign = value(grid) > level
+        low, high = grid[:-1][sign[:-1] != sign[1:]], grid[1:][sign[:-1] != sign[1:]]
+        above = value(high) > level
+        for _ in range(60):
+            middle = (low + high) / 2
+            up = (value(middle) > level) == above
+            low, high = np.where(up, low, middle), np.where(up, middle, high)
+        found += low.tolist()
+    return np.sort(found)
+
+
+@pytest.mark.parametrize("harmonics", [1, 4, 8])
+def test_case_a4_harmonics_of_the_exact_galerkin_solution(harmonics):
+    _, expected = method_case(f"A4_hb_one_mass_N{harmonics}")
+    iterate = solution(harmonics)
+    assert iterate.steps < 12
+    np.testing.assert_allclose(iterate.x[0], complex_numbers(expected["x"]), rtol=0, atol=ALGEBRAIC)
+
+
+@pytest.mark.parametrize("harmonics", [1, 4, 8])
+def test_case_a4_switching_times(harmonics):
+    params, expected = parameters(), method_case(f"A4_hb_one_mass_N{harmonics}")[1]
+    crossings = cubic_root_crossings(np.asarray(solution(harmonics).x[0]), [0.4 * params["h"], 0.6 * params["h"]])
+    np.testing.assert_allclose(crossings, numbers(expected["switch"]), atol=10 * ALGEBRAIC)
+
+
+def test_case_a6_power_of_the_force_is_lost_in_the_damper():
+    params, (_, expected) = parameters(), method_case("A6_power_balance")
+    x = np.asarray(solution(4).x[0])
+    n = np.arange(5)
+    supplied = -params["q1"] * x[1].imag
+    lost = params["b"] * 2 * (n**2 * np.abs(x) ** 2).sum()
+    np.testing.assert_allclose([supplied, lost], float(expected["power"]), rtol=10 * ALGEBRAIC)
+
+
+def test_sixteen_samples_a_harmonic_err_less_than_the_truncation():
+    harmonics, samples = 8, 128
+    reduced = by_hand(harmonics, **parameters())
+    x = solver(reduced, reduced.linear, samples=samples, room=2 * harmonics, resolved=harmonics).x[0]
+    exact = complex_numbers(method_case(f"A4_hb_one_mass_N{harmonics}")[1]["x"])
+    true = method_case("A7_true_periodic_one_mass")[1]
+    truncation = abs(exact[0].real + 2 * exact[1:].sum().real - float(true["x0"]))
+    sampling = abs(x[0].real + 2 * x[1:].sum().real - (exact[0].real + 2 * exact[1:].sum().real))
+    assert sampling < truncation
+
+
+def test_pair_of_gears_reduces_to_the_one_mass_equation():
+    problem = pose(one_mass(), ONE_RADIAN_PER_SECOND, 8)
+    reduced, _ = reduce(problem, 8, np.ones(1), np.zeros(1, int), np.zeros(1))
+    hand = by_hand(8, **parameters())
+    np.testing.assert_allclose(reduced.receptance, hand.receptance, rtol=ALGEBRAIC)
+    np.testing.assert_allclose(reduced.linear, hand.linear, rtol=ALGEBRAIC, atol=ALGEBRAIC)
+    np.testing.assert_allclose(reduced.frequency, 1.0, rtol=ALGEBRAIC)
+    l = np.linspace(-0.3, 0.3, 32)[None]
+    for found, wanted in zip(excess(reduced, l, l), excess(hand, l, l), strict=True):
+        np.testing.assert_allclose(found, wanted, atol=ALGEBRAIC)
+
+
+@pytest.fixture(scope="module")
+def pair():
+    """Response of the one-mass pair with 8 harmonics through the public function."""
+    return jaxhb.solve(one_mass(), rpm=ONE_RADIAN_PER_SECOND, harmonics=8, start="linear", tolerance=0.1)
+
+
+def test_solving_the_pair_of_gears_gives_the_one_mass_solution(pair):
+    assert pair.residual < RESIDUAL
+    exact = complex_numbers(method_case("A4_hb_one_mass_N8")[1]["x"])
+    # 128 samples: their error is of the order of 1e-5 (method.md A6)
+    np.testing.assert_allclose(pair.deflection("a", "b").coefficients, exact, atol=3e-5)
+    sampled = by_hand(8, **parameters())
+    x = solver(sampled, sampled.linear, samples=128, room=16, resolved=8).x[0]
+    np.testing.assert_allclose(pair.deflection("a", "b").coefficients, x, atol=PATHS)
+
+
+def test_two_equal_gears_driven_against_each_other_move_oppositely(pair):
+    np.testing.assert_allclose(pair.disk("a").coefficients, -pair.disk("b").coefficients, atol=ALGEBRAIC)
+    np.testing.assert_allclose(
+        pair.twist("a", "b").coefficients, pair.deflection("a", "b").coefficients, atol=ALGEBRAIC
+    )
+
+
+def test_transmitted_force_carries_the_mean_torque(pair):
+    # radius 1, no mean damping: the mean of the tooth force is q0 at the sampled solution
+    np.testing.assert_allclose(pair.force("a", "b").mean, parameters()["q0"], rtol=PATHS)
+    np.testing.assert_allclose(pair.gear_torque("a").mean, parameters()["q0"], rtol=PATHS)
+
+
+def test_case_a6_permanent_contact_is_the_linear_motion_with_an_offset():
+    params, expected = method_case("A6_permanent_contact")
+    r = jaxhb.solve(one_mass(q0=float(params["q0"])), rpm=ONE_RADIAN_PER_SECOND)
+    assert r.status == Status.CONVERGED and r.steps == 0
+    l = np.asarray(r.deflection("a", "b").coefficients)
+    np.testing.assert_allclose(l[0], float(expected["x0"]), rtol=ALGEBRAIC)
+    np.testing.assert_allclose(l[1], complex_numbers(expected["x1"]), rtol=ALGEBRAIC)
+    np.testing.assert_allclose(l[2:], 0.0, atol=ALGEBRAIC)
+    np.testing.assert_allclose(r.force("a", "b").mean, float(params["q0"]), rtol=ALGEBRAIC)
+
+
+def test_permanent_contact_on_the_other_flank_is_the_mirror_image():
+    params, expected = method_case("A6_permanent_contact")
+    r = jaxhb.solve(one_mass(q0=-float(params["q0"]), q1=-1.0), rpm=ONE_RADIAN_PER_SECOND)
+    assert r.status == Status.CONVERGED
+    l = np.asarray(r.deflection("a", "b").coefficients)
+    np.testing.assert_allclose(l[0], -float(expected["x0"]), rtol=ALGEBRAIC)
+    np.testing.assert_allclose(l[1], -complex_numbers(expected["x1"]), rtol=ALGEBRAIC)
+
+
+@pytest.mark.parametrize(("key", "damping"), [("b_0p2", 0.2), ("b_3", 3.0)])
+def test_case_a4_small_gain_number_from_the_receptances(key, damping):
+    _, expected = method_case("A4_small_gain")
+    params = parameters()
+    inner, outer = params["eps"] * params["c"], params["c"]
+    # receptances about the middle slope: the same train with that stiffness
+    train = one_mass(b=damping, c=(inner + outer) / 2)
+    reduced, _ = reduce(pose(train, ONE_RADIAN_PER_SECOND, 64), 64, np.ones(1), np.zeros(1, int), np.zeros(1))
+    gain = np.abs(np.asarray(reduced.receptance)).max() * (outer - inner) / 2
+    np.testing.assert_allclose(gain, float(expected[key]), rtol=ALGEBRAIC)
+
+
+def test_case_a6_forcing_of_the_describing_stiffness_gives_its_amplitude():
+    params, expected = method_case("A6_describing_stiffness")
+    values = {key: float(params[key]) for key in params}
+    for label, row in expected.items():
+        amplitude = float(label.removeprefix("A="))
+        reduced = by_hand(1, q0=0.0, q1=float(row["q1"]), **values)
+        # the phase that the linear equation with the describing stiffness gives
+        phase = -np.angle(float(row["N"]) - values["m"] + 1j * values["b"])
+        x = np.array([[0.0, amplitude / 2 * np.exp(1j * phase)]])
+        left = evaluate(reduced, x, SAMPLES)
+        np.testing.assert_allclose(left, 0.0, atol=1e-11 * amplitude)
+        assert fourier.pack(left).shape == (1, 3)

@@ -1,0 +1,134 @@
+"""A plan decides on the host; a planned solve decides nothing and works under transformations."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxhb
+from jaxhb.periodic.program import solve_problem
+
+HAMMERING_RPM = 5625.0
+
+
+@pytest.fixture(scope="module")
+def pair():
+    return jaxhb.load_scene("spur_pair")
+
+
+@pytest.fixture(scope="module")
+def plan(pair):
+    return jaxhb.plan(pair, rpm=HAMMERING_RPM, harmonics=48)
+
+
+def test_a_planned_solve_finds_the_same_motion(pair, plan):
+    """Both converge to a residual of 1e-10 from nearly the same march."""
+    free = jaxhb.solve(pair, rpm=HAMMERING_RPM, harmonics=48)
+    planned = jaxhb.solve(pair, rpm=HAMMERING_RPM, plan=plan)
+    assert int(planned.status) == jaxhb.Status.CONVERGED
+    assert np.allclose(planned.deflections, free.deflections, atol=1e-9 * np.abs(free.deflections).max())
+
+
+def test_jit_vmap_and_their_composition_agree_with_single_solves(pair, plan):
+    rpm = jnp.array([5500.0, HAMMERING_RPM, 5900.0])
+
+    def peak(speed):
+        response = jaxhb.solve(pair, rpm=speed, plan=plan)
+        return response.force("gear a", "gear b").max, response.status
+
+    single = [peak(speed) for speed in rpm]
+    for transformed in (jax.vmap(peak)(rpm), jax.jit(jax.vmap(peak))(rpm)):
+        assert np.array_equal(transformed[1], [status for _, status in single])
+        assert np.allclose(transformed[0], [value for value, _ in single], rtol=1e-9)
+    assert np.allclose(jax.jit(peak)(rpm[1])[0], single[1][0], rtol=1e-9)
+
+
+def test_the_train_may_be_traced(pair, plan):
+    def peak(damping):
+        train = pair.replace({"gear a|gear b.damping": damping})
+        return jaxhb.solve(train, rpm=HAMMERING_RPM, plan=plan).force("gear a", "gear b").max
+
+    damping = np.array([900.0, 1200.0])
+    assert np.allclose(jax.vmap(peak)(damping), [peak(d) for d in damping], rtol=1e-9)
+
+
+def test_without_a_plan_a_traced_solve_says_what_to_pass(pair):
+    with pytest.raises(TypeError, match="solve is being traced: pass plan=jaxhb.plan"):
+        jax.jit(lambda rpm: jaxhb.solve(pair, rpm=rpm).angles)(1000.0)
+
+
+def test_new_numbers_compile_nothing(pair, plan):
+    jaxhb.solve(pair, rpm=HAMMERING_RPM, plan=plan)
+    before = solve_problem._cache_size()
+    for rpm, damping in ((5700.0, 1100.0), (5650, 1000)):
+        jaxhb.solve(pair.replace({"gear a|gear b.damping": damping}), rpm=rpm, plan=plan)
+    assert solve_problem._cache_size() == before
+
+
+def test_a_plan_is_hashable_and_small(plan):
+    assert hash(plan) == hash(dataclasses.replace(plan))
+    assert "48 harmonics" in str(plan)
+
+
+def test_a_mesh_that_leaves_its_flank_violates_the_plan(pair):
+    contact = jaxhb.plan(pair, rpm=3000.0)
+    assert contact.active == ()
+    response = jaxhb.solve(pair, rpm=HAMMERING_RPM, plan=contact)
+    assert int(response.status) == jaxhb.Status.PLAN_VIOLATED
+    with pytest.raises(jaxhb.NotConverged, match="PLAN_VIOLATED.*plan again"):
+        jaxhb.check(response)
+
+
+def test_too_few_harmonics_are_told_as_such(pair):
+    response = jaxhb.solve(pair, rpm=HAMMERING_RPM, harmonics=4, tolerance=1e-3)
+    assert int(response.status) == jaxhb.Status.TOLERANCE_NOT_MET
+    assert response.residual < 1e-10
+    with pytest.raises(jaxhb.NotConverged, match="ask for more harmonics"):
+        jaxhb.check(response)
+
+
+def test_an_unbalanced_floating_train_has_a_status(pair):
+    plan = jaxhb.plan(pair, rpm=3000.0)
+    response = jaxhb.solve(pair.replace({"drive.mean": 60.0}), rpm=3000.0, plan=plan)
+    assert int(response.status) == jaxhb.Status.UNBALANCED
+
+
+def test_nan_gives_a_status_not_an_exception(pair, plan):
+    def solve(damping):
+        return jaxhb.solve(pair.replace({"gear a|gear b.damping": damping}), rpm=HAMMERING_RPM, plan=plan).status
+
+    assert int(jax.jit(solve)(np.nan)) == jaxhb.Status.NONFINITE
+
+
+def test_a_sweep_is_its_single_solves(pair, plan):
+    rpm = np.array([3000.0, 5500.0, HAMMERING_RPM])
+    sweep = jaxhb.solve_speeds(pair, rpm=rpm, harmonics=48)
+    assert sweep.converged.all()
+    assert len(sweep) == 3
+    for i, speed in enumerate(rpm):
+        single = jaxhb.solve(pair, rpm=speed, harmonics=48)
+        assert sweep[i].force("gear a", "gear b").max == pytest.approx(
+            float(single.force("gear a", "gear b").max), rel=1e-8
+        )
+    assert sweep[1].mesh("gear a", "gear b").separated_fraction > 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"rpm": 0.0}, "the speed is 0 rpm, must be greater than 0 rpm"),
+        ({"rpm": -5.0}, "the speed is -5 rpm"),
+        ({"rpm": float("nan")}, "the speed is nan rpm"),
+        (
+            {"rpm": 1500.0, "harmonics": 8},
+            "8 harmonics of the cycle are below the excitation, which reaches harmonic 24",
+        ),
+        ({"rpm": 1500.0, "harmonics": 2000}, "2000 harmonics are more than the limit of 1024"),
+        ({"rpm": 1500.0, "harmonics": 200, "method": "chain"}, "GiB at 200 harmonics"),
+    ],
+)
+def test_bad_requests_are_refused_with_a_sentence(arguments, sentence):
+    with pytest.raises(jaxhb.SceneError, match=sentence):
+        jaxhb.solve(jaxhb.load_scene("gear_train_30"), **arguments)

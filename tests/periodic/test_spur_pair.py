@@ -1,0 +1,84 @@
+"""One mesh with a sharp gap against event-exact solutions (transition 1e-3, epsilon 1e-6 as packaged)."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import jaxhb
+
+EXACT = json.loads((Path(__file__).parents[1] / "data" / "backlash_one_mass_exact.json").read_text())
+ROWS = EXACT["kahraman_singh_form"]["rows"]
+HALF_GAP = 5e-5
+RPM_PER_OMEGA = 5625.0
+MESH = "gear a|gear b"
+
+
+@pytest.fixture(scope="module")
+def pair():
+    return jaxhb.load_scene("spur_pair")
+
+
+def amplitude(response):
+    """Fundamental of the deflection in half gaps, the unit of the exact solutions."""
+    return response.deflection(MESH).amplitudes[0] / HALF_GAP
+
+
+@pytest.mark.parametrize("row", [r for r in ROWS if r["sweep"] == "up"], ids=lambda r: f"Omega={r['Omega']}")
+def test_fundamental_amplitude_at_50_harmonics_is_the_exact_one(pair, row):
+    """1e-4: the smooth zone of 1e-3 of the gap moves the amplitude by about 1e-5."""
+    response = jaxhb.check(jaxhb.solve(pair, rpm=RPM_PER_OMEGA * row["Omega"], harmonics=50))
+    assert amplitude(response) == pytest.approx(row["amp_h"][0], rel=1e-4)
+    assert response.deflection(MESH).mean / HALF_GAP == pytest.approx(row["mean"], rel=1e-4)
+    separated = response.mesh(MESH).separated_fraction > 0
+    assert separated == (row["regime"] != "linear (always in contact)")
+
+
+def test_two_starts_lead_to_both_coexisting_solutions(pair):
+    """At Omega = 0.8 the teeth stay in contact, or they hammer: the branch that comes down from Omega = 0.9."""
+    contact, hammering = (next(r for r in ROWS if r["Omega"] == 0.8 and r["sweep"] == s) for s in ("up", "down"))
+    rpm = RPM_PER_OMEGA * 0.8
+    resting = jaxhb.check(jaxhb.solve(pair, rpm=rpm, harmonics=50))
+    neighbour = jaxhb.solve(pair, rpm=RPM_PER_OMEGA * 0.9, harmonics=50)
+    for omega in (0.85, 0.8):
+        neighbour = jaxhb.check(jaxhb.solve(pair, rpm=RPM_PER_OMEGA * omega, harmonics=50, start=neighbour))
+    assert amplitude(resting) == pytest.approx(contact["amp_h"][0], rel=1e-4)
+    assert amplitude(neighbour) == pytest.approx(hammering["amp_h"][0], rel=1e-4)
+
+
+def test_a_solution_is_accepted_as_its_own_start(pair):
+    first = jaxhb.solve(pair, rpm=RPM_PER_OMEGA, harmonics=50)
+    again = jaxhb.solve(pair, rpm=RPM_PER_OMEGA, harmonics=50, start=first)
+    assert int(again.steps) == 0
+    assert np.allclose(again.deflections, first.deflections, rtol=0, atol=1e-10 * HALF_GAP)
+
+
+def test_error_falls_with_the_fourth_power_of_the_harmonics(pair):
+    """A law with Lipschitz slope, crossed at speed: sup-norm error of the motion ~ N^-4 (method.md A6)."""
+    smooth = pair.replace(
+        {
+            f"{MESH}.transition": 0.2,
+            f"{MESH}.epsilon": 0.05,
+            "error a.harmonics": [[0.0, -100.0]],
+            "error b.harmonics": [[0.0, 100.0]],
+        }
+    )
+    levels = np.array([8, 16, 32, 64])
+
+    def motion(harmonics):
+        response = jaxhb.check(jaxhb.solve(smooth, rpm=RPM_PER_OMEGA, harmonics=harmonics, tolerance=0.1))
+        return response.deflection(MESH).samples(4096)
+
+    finest = motion(384)
+    errors = np.array([np.abs(motion(int(n)) - finest).max() for n in levels])
+    slope = np.polyfit(np.log(levels), np.log(errors), 1)[0]
+    assert slope == pytest.approx(-4.0, abs=0.7)
+
+
+def test_swapping_the_names_of_a_mesh_mirrors_its_signals(pair):
+    response = jaxhb.solve(pair, rpm=RPM_PER_OMEGA, harmonics=50)
+    forward, backward = response.force("gear a", "gear b"), response.force("gear b", "gear a")
+    assert np.array_equal(forward.coefficients, -backward.coefficients)
+    assert response.gear_torque("gear a").mean == pytest.approx(50.0, rel=1e-9)
+    assert response.gear_torque("gear b").mean == pytest.approx(-50.0, rel=1e-9)

@@ -1,0 +1,342 @@
+"""The command line: exit status, files, sentences, and the same numbers as from Python."""
+
+import csv
+import importlib.util
+import json
+import math
+
+import numpy as np
+import pytest
+
+import jaxhb
+from jaxhb.show.cli import main
+
+SIGNAL = {"mean", "min", "max", "rms", "half_peak_to_peak", "sum_of_amplitudes", "amplitudes"}
+CONTACT = {
+    "elastic",
+    "separated_fraction",
+    "reverse_contact_fraction",
+    "impacts",
+    "drive_side",
+    "gap_spring_force",
+    "knee_force",
+}
+HAMMERING = ["solve", "spur_pair", "--rpm", "5000"]
+
+
+def read(path):
+    """JSON as a strict reader takes it: no NaN, no Infinity."""
+
+    def refuse(word):
+        raise ValueError(f"{word} is no JSON")
+
+    return json.loads(path.read_text(encoding="utf-8"), parse_constant=refuse)
+
+
+@pytest.fixture(scope="module")
+def hammering(tmp_path_factory):
+    """One hammering solve with all its files, and what it said."""
+    folder = tmp_path_factory.mktemp("hammering")
+    status = main([*HAMMERING, "--json", str(folder / "r.json"), "--plot", str(folder / "r.png")])
+    return status, folder, read(folder / "r.json")
+
+
+def test_scenes_lists_every_packaged_scene(capsys):
+    assert main(["scenes"]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in said] == jaxhb.scene_names()
+
+
+def test_modes_are_those_of_python(capsys, tmp_path):
+    file = tmp_path / "modes.json"
+    assert main(["modes", "gear_train_30", "--json", str(file)]) == 0
+    modes = jaxhb.natural_frequencies(jaxhb.load_scene("gear_train_30"))
+    record = read(file)
+    assert set(record) == {"frequencies_hz", "modes"}
+    assert record["frequencies_hz"] == modes.frequencies_hz.tolist()
+    assert record["modes"]["crank gear"] == modes.shapes[:, modes.names.index("crank gear")].tolist()
+    assert f"{modes.frequencies_hz[1]:.2f}" in capsys.readouterr().out
+
+
+def test_a_hammering_pair_exits_0_and_its_file_follows_the_contract(hammering):
+    status, _, record = hammering
+    assert status == 0
+    keys = ["rpm", "converged", "status", "harmonics", "residual", "truncation_error", "path", "load_kW"]
+    assert set(keys) | {"disks", "shafts", "gears", "meshes"} <= set(record)
+    assert record["rpm"] == 5000.0
+    assert record["converged"] is True
+    assert record["status"] == "CONVERGED"
+    assert all(isinstance(line, str) for line in record["path"])
+    assert set(record["disks"]) == {"gear a", "gear b"}
+    assert set(record["disks"]["gear a"]) == {"mean", "half_peak_to_peak", "amplitudes"}
+    assert set(record["gears"]["gear a"]) == SIGNAL
+    mesh = record["meshes"]["gear a|gear b"]
+    assert set(mesh) >= SIGNAL | CONTACT
+    assert set(mesh["elastic"]) == SIGNAL
+    assert mesh["separated_fraction"] > 0.1
+    assert mesh["drive_side"] == 1
+
+
+def test_the_numbers_of_the_file_are_those_of_python(hammering):
+    record = hammering[2]
+    response = jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=5000.0)
+    force, contact = response.force("gear a", "gear b"), response.mesh("gear a", "gear b")
+    mesh = record["meshes"]["gear a|gear b"]
+    assert mesh["max"] == float(force.max)
+    assert mesh["elastic"]["max"] == float(force.elastic.max)
+    assert mesh["separated_fraction"] == contact.separated_fraction
+    assert [hit["speed"] for hit in mesh["impacts"]] == [hit["speed"] for hit in contact.impacts]
+    assert mesh["amplitudes"][0] == [32.0, float(force.amplitudes[0]), float(force.phases_deg[0])]
+    listed = sum(row[1] for row in mesh["amplitudes"])
+    assert listed == pytest.approx(mesh["sum_of_amplitudes"], rel=1e-9)
+    assert record["gears"]["gear b"]["mean"] == float(response.gear_torque("gear b").mean)
+
+
+def test_the_picture_of_a_solve_is_a_png(hammering):
+    assert (hammering[1] / "r.png").read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
+    assert sorted(path.name for path in hammering[1].iterdir()) == ["r.json", "r.png"]
+
+
+def test_the_verdict_comes_first_and_the_table_shows_both_forces(capsys):
+    assert main(HAMMERING) == 0
+    said = capsys.readouterr()
+    assert said.out.startswith("The teeth hammer at 5000 rpm: gear a|gear b is apart ")
+    assert "with backlash" in said.out
+    assert said.err == ""
+
+
+def test_a_solve_that_does_not_converge_exits_1_writes_its_file_and_says_what_to_try(capsys, tmp_path):
+    file = tmp_path / "r.json"
+    assert main([*HAMMERING, "--harmonics", "16", "--tolerance", "1e-12", "--json", str(file)]) == 1
+    said = capsys.readouterr()
+    record = read(file)
+    assert record["converged"] is False
+    status = jaxhb.Status[record["status"]]
+    assert status.sentence in said.err
+    assert "Not converged, do not rely on this" in said.out
+
+
+def test_a_train_without_teeth_reports_its_shafts(capsys, tmp_path):
+    file = tmp_path / "r.json"
+    assert main(["solve", "six_cylinder_diesel", "--rpm", "1500", "--json", str(file)]) == 0
+    response = jaxhb.solve(jaxhb.load_scene("six_cylinder_diesel"), rpm=1500.0)
+    record = read(file)
+    shaft = record["shafts"]["cyl6|flywheel"]
+    assert shaft["half_peak_to_peak"] == float(response.torque("cyl6", "flywheel").half_peak_to_peak)
+    assert record["load_kW"] == pytest.approx(float(response.load_kW))
+    assert record["meshes"] == record["gears"] == {}
+    assert "sum of amplitudes" in capsys.readouterr().out
+
+
+def test_orders_shorten_the_lists_and_nothing_else(tmp_path):
+    files = tmp_path / "all.json", tmp_path / "few.json"
+    command = ["solve", "six_cylinder_diesel", "--rpm", "1500", "--json"]
+    assert main([*command, str(files[0])]) == main([*command, str(files[1]), "--orders", "3"]) == 0
+    whole, short = (read(file)["shafts"]["cyl1|cyl2"] for file in files)
+    assert short["amplitudes"] == whole["amplitudes"][:6]
+    assert short | {"amplitudes": 0} == whole | {"amplitudes": 0}
+
+
+def test_a_misfire_and_a_changed_number_are_those_of_python(tmp_path):
+    file = tmp_path / "r.json"
+    changes = ["--misfire", "cylinder 3", "--set", "cyl1.damping=20"]
+    assert main(["solve", "six_cylinder_diesel", "--rpm", "1500", *changes, "--json", str(file)]) == 0
+    train = jaxhb.load_scene("six_cylinder_diesel").misfire("cylinder 3").replace({"cyl1.damping": 20.0})
+    response = jaxhb.solve(train, rpm=1500.0)
+    record = read(file)
+    swing = response.torque("cyl2", "cyl3").half_peak_to_peak
+    assert record["shafts"]["cyl2|cyl3"]["half_peak_to_peak"] == float(swing)
+    # Five of six cylinders carry the mean torque.
+    untouched = jaxhb.linear_response(jaxhb.load_scene("six_cylinder_diesel"), rpm=1500.0)
+    whole = float(untouched.torque("cyl6", "flywheel").mean)
+    assert record["shafts"]["cyl6|flywheel"]["mean"] == pytest.approx(5 / 6 * whole)
+
+
+def test_a_sweep_writes_one_response_and_one_row_per_speed(capsys, tmp_path):
+    files = {kind: tmp_path / f"s.{kind}" for kind in ("json", "csv", "png")}
+    options = ["--json", str(files["json"]), "--csv", str(files["csv"]), "--plot", str(files["png"])]
+    assert main(["sweep", "spur_pair", "--rpm", "2000:3000:2", *options]) == 0
+    record = read(files["json"])
+    assert record["rpm"] == [2000.0, 3000.0]
+    assert [row["rpm"] for row in record["responses"]] == [2000.0, 3000.0]
+    largest = [row["meshes"]["gear a|gear b"]["max"] for row in record["responses"]]
+    with files["csv"].open() as text:
+        rows = list(csv.DictReader(text))
+    assert [float(row["gear a|gear b max N"]) for row in rows] == largest
+    assert files["png"].read_bytes().startswith(b"\x89PNG")
+    said = capsys.readouterr()
+    assert said.out.startswith("All teeth stay in contact at all 2 speeds from 2000 to 3000 rpm.")
+    assert said.err == ""
+
+
+def test_a_sweep_agrees_with_single_solves(tmp_path):
+    file = tmp_path / "s.json"
+    assert main(["sweep", "six_cylinder_diesel", "--rpm", "1000,1800,2600", "--json", str(file)]) == 0
+    train = jaxhb.load_scene("six_cylinder_diesel")
+    for row in read(file)["responses"]:
+        alone = jaxhb.solve(train, rpm=row["rpm"]).torque("cyl4", "cyl5").half_peak_to_peak
+        assert row["shafts"]["cyl4|cyl5"]["half_peak_to_peak"] == pytest.approx(float(alone), rel=1e-9)
+
+
+SMALL = """
+[scene]
+name = "two cylinders"
+reference = "crank"
+[[disk]]
+name = "crank"
+inertia = 0.2
+radius = 0.05
+damping = 1.0
+[[disk]]
+name = "pump"
+inertia = 0.1
+radius = 0.1
+damping = 1.0
+[[mesh]]
+between = ["crank", "pump"]
+stiffness = 2e8
+damping = 3000.0
+backlash = 1e-4
+[[ground]]
+disk = "pump"
+stiffness = 10.0
+[[load]]
+disk = "pump"
+[[cylinder]]
+name = "one"
+disk = "crank"
+gas_torque_mean = 300.0
+gas_torque = [[0.5, 20.0, 10.0], [1.0, 30.0, -5.0]]
+[[cylinder]]
+name = "two"
+disk = "crank"
+firing_angle = 360.0
+gas_torque_mean = 300.0
+gas_torque = [[0.5, 20.0, 10.0], [1.0, 30.0, -5.0]]
+"""
+
+
+def test_the_report_puts_a_misfire_beside_normal_running(capsys, tmp_path):
+    scene, files = tmp_path / "small.toml", (tmp_path / "r.json", tmp_path / "r.png")
+    scene.write_text(SMALL)
+    command = ["report", str(scene), "--rpm", "1500,3000", "--at", "3000", "--misfire", "two"]
+    assert main([*command, "--json", str(files[0]), "--plot", str(files[1])]) == 0
+    record = read(files[0])
+    assert record["rpm"] == [1500.0, 3000.0]
+    assert [case["title"] for case in record["cases"]] == ["all cylinders firing", "two not firing"]
+    powers = [case["responses"][1]["load_kW"] for case in record["cases"]]
+    assert powers[1] == pytest.approx(powers[0] / 2)
+    # The half orders of two cylinders cancel; of one they do not.
+    half = [case["responses"][0]["gears"]["crank"]["amplitudes"][0] for case in record["cases"]]
+    assert half[0][0] == half[1][0] == 0.5
+    assert half[0][1] < 1e-9 < 1.0 < half[1][1]
+    without = record["cases"][1]["without_backlash"][0]["meshes"]["crank|pump"]
+    assert without["max"] == pytest.approx(record["cases"][1]["responses"][0]["meshes"]["crank|pump"]["max"])
+    said = capsys.readouterr().out
+    assert said.startswith("With all cylinders firing\n  All teeth stay in contact at 1500 rpm.")
+    assert files[1].read_bytes().startswith(b"\x89PNG")
+
+
+BAD = {
+    "an unknown scene": (["solve", "gear_train", "--rpm", "1"], "Did you mean 'gear_train_30'?"),
+    "a missing file": (["solve", "no.toml", "--rpm", "1"], "there is no such file"),
+    "speed zero": (["solve", "spur_pair", "--rpm", "0"], "greater than 0 rpm"),
+    "a negative speed": (["solve", "spur_pair", "--rpm", "-3"], "greater than 0 rpm"),
+    "no number": (["solve", "spur_pair", "--rpm", "fast"], "must be a number greater than 0 rpm"),
+    "an infinite speed": (["solve", "spur_pair", "--rpm", "inf"], "must be a number greater than 0 rpm"),
+    "half a range": (["sweep", "spur_pair", "--rpm", "600:2450"], "A:B:COUNT"),
+    "no speeds": (["sweep", "spur_pair", "--rpm", "600:2450:0"], "whole number of at least 1"),
+    "one speed between two": (["sweep", "spur_pair", "--rpm", "600:2450:1"], "COUNT of at least 2"),
+    "no speed given": (["solve", "spur_pair"], "--rpm"),
+    "too few harmonics": (["solve", "gear_train_30", "--rpm", "9", "--harmonics", "5"], "ask for at least 24"),
+    "half a harmonic": (["solve", "spur_pair", "--rpm", "9", "--harmonics", "2.5"], "whole number"),
+    "a tolerance of 1": (["solve", "spur_pair", "--rpm", "9", "--tolerance", "1"], "less than 1"),
+    "an unknown cylinder": (["solve", "gear_train_30", "--rpm", "9", "--misfire", "A1"], "there is no cylinder 'A1'"),
+    "an unknown element": (["solve", "spur_pair", "--rpm", "9", "--set", "x.y=1"], "there is no element 'x'"),
+    "a value that is none": (["solve", "spur_pair", "--rpm", "9", "--set", "gear a.inertia"], "NAME.FIELD=VALUE"),
+    "a negative inertia": (["solve", "spur_pair", "--rpm", "9", "--set", "gear a.inertia=-1"], "-1"),
+    "an unknown gear": (["solve", "spur_pair", "--rpm", "9", "--gear", "gear c"], "there is no disk 'gear c'"),
+    "a disk without teeth": (["solve", "gear_train_30", "--rpm", "9", "--gear", "hub"], "carries no mesh"),
+    "another speed to draw": (["report", "spur_pair", "--rpm", "9", "--at", "8"], "none of the speeds"),
+    "an unknown command": (["guess"], "invalid choice"),
+    "no picture": (["solve", "spur_pair", "--rpm", "9", "--plot", "r.gif"], ".png"),
+    "no folder": (["solve", "spur_pair", "--rpm", "9", "--csv", "x"], "unrecognized arguments"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_exits_2_with_one_sentence_and_writes_nothing(case, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    command, sentence = BAD[case]
+    json_option = ["--json", "out.json"] if command[0] != "guess" else []
+    assert main([*command, *json_option]) == 2
+    said = capsys.readouterr()
+    assert sentence in said.err
+    assert len(said.err.splitlines()) == 1
+    assert "Traceback" not in said.err
+    assert said.out == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_all_errors_of_a_scene_are_told_one_a_line(capsys, tmp_path):
+    scene = tmp_path / "bad.toml"
+    scene.write_text(
+        '[scene]\nname = "bad"\n'
+        '[[disk]]\nname = "a"\ninertia = -1.0\n'
+        '[[disk]]\nname = "b"\ninertia = 1.0\n'
+        '[[shaft]]\nbetween = ["a", "b"]\nstifness = 1e5\n'
+    )
+    assert main(["solve", str(scene), "--rpm", "100", "--json", str(tmp_path / "r.json")]) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert any("unknown key 'stifness'. Did you mean 'stiffness'?" in line for line in said)
+    assert any("inertia" in line and "kg m2" in line for line in said)
+    assert not (tmp_path / "r.json").exists()
+
+
+@pytest.mark.parametrize("option", ["--json", "--csv", "--plot"])
+def test_a_path_that_cannot_be_written_is_refused_before_anything_is_computed(option, capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr("jaxhb.show.commands.solve_speeds", lambda *_, **__: pytest.fail("computed"))
+    missing = tmp_path / "nowhere" / "r.png"
+    assert main(["sweep", "spur_pair", "--rpm", "9", option, str(missing)]) == 2
+    assert capsys.readouterr().err.startswith(f"{option}: there is no folder ")
+    assert main(["sweep", "spur_pair", "--rpm", "9", option, str(tmp_path)]) == 2
+    assert "is a folder" in capsys.readouterr().err
+
+
+def test_two_outputs_to_one_file_are_refused(capsys, tmp_path):
+    same = str(tmp_path / "r.png")
+    assert main(["solve", "spur_pair", "--rpm", "9", "--json", same, "--plot", same]) == 2
+    assert "the same file" in capsys.readouterr().err
+
+
+def test_without_matplotlib_a_picture_is_refused_with_the_name_of_the_extra(capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr("jaxhb.show.commands.solve", lambda *_, **__: pytest.fail("computed"))
+    assert main(["solve", "spur_pair", "--rpm", "2000", "--plot", str(tmp_path / "r.png")]) == 2
+    assert "jaxhb[plot]" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", [[], ["modes"], ["solve"], ["sweep"], ["report"]])
+def test_help_shows_examples_and_exits_0(command, capsys):
+    assert main([*command, "--help"]) == 0
+    said = capsys.readouterr().out
+    assert "jaxhb sweep gear_train_30 --rpm 600:2450:20" in said
+    assert "rpm" in said
+
+
+def test_numbers_that_are_not_finite_become_null(tmp_path):
+    import dataclasses
+
+    from jaxhb.show.output import write_json
+    from jaxhb.show.report import response_record, verdict
+
+    response = jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=2000.0)
+    nothing = {name: np.full_like(getattr(response, name), np.nan) for name in ("forces", "elastic_forces", "angles")}
+    broken = dataclasses.replace(response, **nothing, residual=np.array(math.inf), status=np.array(7))
+    write_json(tmp_path / "r.json", response_record(broken))
+    record = read(tmp_path / "r.json")
+    assert record["residual"] is None
+    assert record["status"] == "NONFINITE"
+    assert record["meshes"]["gear a|gear b"]["max"] is None
+    assert record["meshes"]["gear a|gear b"]["separated_fraction"] is None
+    assert verdict(broken).startswith("No answer at 2000 rpm")

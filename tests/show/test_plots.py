@@ -1,0 +1,71 @@
+"""Pictures, by what their axes hold."""
+
+import numpy as np
+import pytest
+
+import jaxhb
+from jaxhb.show.plots import default_gear, in_the_gap, plot_cycle, plot_sweep
+
+
+@pytest.fixture(scope="module")
+def pair():
+    """A hammering pair with and without backlash."""
+    train = jaxhb.load_scene("spur_pair")
+    return jaxhb.solve(train, rpm=5000.0), jaxhb.linear_response(train, rpm=5000.0)
+
+
+def shaded(axes):
+    """Share of the width of the axes that is shaded."""
+    (area,) = axes.collections
+    width = sum(np.ptp(path.vertices[:, 0]) for path in area.get_paths())
+    return width / np.ptp(axes.get_xlim())
+
+
+def test_gap_contact_is_shaded_for_the_share_of_the_cycle_that_the_teeth_are_apart(pair):
+    figure = plot_cycle(*pair)
+    share = pair[0].mesh("gear a", "gear b").separated_fraction
+    for axes in figure.axes:
+        assert shaded(axes) == pytest.approx(share, abs=2e-3)
+
+
+def test_the_curves_are_the_moment_in_newton_metres_and_the_force_in_kilonewtons(pair):
+    response, linear = pair
+    above, below = plot_cycle(response, linear, "gear b").axes
+    after, before = above.get_lines()[:2]
+    assert after.get_ydata().max() == pytest.approx(float(response.gear_torque("gear b").max), rel=1e-3)
+    assert before.get_ydata().max() == pytest.approx(float(linear.gear_torque("gear b").max), rel=1e-3)
+    assert after.get_xdata()[-1] == pytest.approx(360.0 * response.topology.revolutions_per_cycle)
+    assert below.get_lines()[0].get_ydata().max() == pytest.approx(
+        float(response.force("gear a", "gear b").max) / 1e3, rel=1e-3
+    )
+    assert {text.get_text() for text in above.get_legend().get_texts()} == {
+        "with backlash",
+        "without backlash",
+        "teeth apart",
+    }
+
+
+def test_nothing_is_shaded_where_all_teeth_stay_in_contact(pair):
+    linear = pair[1]
+    assert not plot_cycle(linear, linear).axes[0].collections
+    assert not in_the_gap(linear, "gear a|gear b", 64).any()
+
+
+def test_the_picture_shows_the_gear_of_the_reference_rotor():
+    linear = jaxhb.linear_response(jaxhb.load_scene("gear_train_30"), rpm=1800.0)
+    assert default_gear(linear) == "crank gear"
+
+
+def test_a_train_without_teeth_shows_its_hardest_shaft():
+    train = jaxhb.load_scene("six_cylinder_diesel")
+    response = jaxhb.solve(train, rpm=1500.0)
+    (axes,) = plot_cycle(response, response).axes
+    peaks = [float(response.torque(name).max) for name in train.topology.shaft_names]
+    assert axes.get_lines()[0].get_ydata().max() == pytest.approx(max(peaks), rel=1e-3)
+
+
+def test_a_sweep_without_teeth_shows_both_measures_of_a_torque():
+    sweep = jaxhb.solve_speeds(jaxhb.load_scene("six_cylinder_diesel"), rpm=[1000.0, 1800.0, 2600.0])
+    (axes,) = plot_sweep(sweep, sweep).axes
+    swing, total = (line.get_ydata() for line in axes.get_lines())
+    assert (total > swing).all()
