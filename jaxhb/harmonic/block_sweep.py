@@ -5,7 +5,7 @@ the dynamic stiffness and ``psi`` the load collected at the node, elimination of
 
     f = pi - Y x_p,    Y = beta C (P + alpha^2 C)^{-1} P,    pi = alpha C (P + alpha^2 C)^{-1} psi.
 
-Unlike the textbook recursion, ``Y`` is exactly zero for a part that nothing holds, so that a soft ground costs no digits;
+Unlike the textbook recursion, ``Y`` is exactly zero for a part that nothing holds: a soft ground costs no digits;
 link forces come from ``pi - Y x_p``, never from differences of displacements. The scalar sweep treats every harmonic
 at once; the block sweep treats dense blocks that couple all harmonics (Newton's matrix along a chain).
 Source: Fridman 2009, (10)-(12), in the form of Moliboshko's equivalent transformation; forces of all branches of a node

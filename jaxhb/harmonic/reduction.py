@@ -5,7 +5,7 @@ obeys, exactly equivalent to A(x) = 0 (method.md A4.4),
 
     F(l) = l - l_lin + G phi(l, l') = 0,      l_lin(n) = D Z(n)^{-1} q(n),      G(n) = D Z(n)^{-1} D^T,
 
-where ``phi`` is the mesh force less its linear part, ``phi = f(l) - c l + r l' (engagement - 1)`` for damping in contact.
+where ``phi`` is the mesh force less its linear part, ``phi = f(l) - c l + r l' (engagement - 1)`` (damping in contact).
 ``phi`` is constant while a mesh stays on one flank. The unknowns are the deflections of the active meshes alone; every
 other node is folded in by scalar sweeps, one for all harmonics.
 """

@@ -1,7 +1,7 @@
 """Corrections that live only where a mesh is out of contact: the preconditioner of the reduced equation.
 
-The Jacobian of ``F(l) = l - l_lin + G phi(l, l')`` is ``I + G (w + s d/dt)`` with w, s the slopes of phi in l and l'. Both vanish
-while a mesh is in contact. On a grid of instants, ``u = w delta + s delta'`` solves
+The Jacobian of ``F(l) = l - l_lin + G phi(l, l')`` is ``I + G (w + s d/dt)`` with w, s the slopes of phi in l and l'.
+Both vanish while a mesh is in contact. On a grid of instants, ``u = w delta + s delta'`` solves
 
     u + (w G + s G d/dt) u = w b + s b',        delta = b - G u,
 

@@ -88,7 +88,7 @@ def _strain(system, displacement):
 
 
 def _condense(rows, heavy):
-    """Least-energy positions of massless disks: reduced rows, and the matrix that gives all disks from the heavy ones."""
+    """Least-energy positions of massless disks: reduced rows, and the matrix from heavy disks to all."""
     disks = len(heavy)
     follow = np.zeros((disks, int(heavy.sum())))
     follow[heavy] = np.eye(follow.shape[1])

@@ -82,8 +82,8 @@ class Response:
             for f in dataclasses.fields(self)
             if f.name not in ("train", "path", "resolution")
         }
-        path = self.path[index] if isinstance(self.path, tuple) and len(self.path) == len(self.rpm) else self.path
-        return dataclasses.replace(self, **arrays, path=path if isinstance(path, tuple) else (path,))
+        path = self.path[index] if len(self.path) == len(self.rpm) else self.path
+        return dataclasses.replace(self, **arrays, path=(path,) if isinstance(path, str) else path)
 
     def _signal(self, coefficients, elastic=None):
         return Signal(coefficients, elastic, self.topology.revolutions_per_cycle, self.resolution)
@@ -174,3 +174,31 @@ class Response:
     def contacts(self):
         """:class:`Contact` of every mesh by name."""
         return {name: self.mesh(name) for name in self.topology.mesh_names}
+
+
+def stack(responses):
+    """Responses of one train at several speeds as one with a leading axis; all get the most harmonics among them."""
+    motion = max(r.harmonics for r in responses)
+    tooth = max(r.forces.shape[-1] for r in responses) - 1
+    wanted = dict.fromkeys(("angles", "torques", "elastic_torques", "deflections"), motion)
+    wanted |= dict.fromkeys(("forces", "elastic_forces"), tooth)
+
+    def joined(name):
+        arrays = [np.asarray(getattr(r, name)) for r in responses]
+        if name in wanted:
+            arrays = [_padded(a, wanted[name]) for a in arrays]
+        return np.stack(arrays)
+
+    single = ("train", "path", "resolution")
+    names = [f.name for f in dataclasses.fields(Response) if f.name not in single]
+    return Response(
+        train=responses[0].train,
+        path=tuple("; ".join(r.path) for r in responses),
+        resolution=max(r.resolution for r in responses),
+        **{name: joined(name) for name in names},
+    )
+
+
+def _padded(coefficients, harmonics):
+    extra = harmonics + 1 - coefficients.shape[-1]
+    return np.pad(coefficients, [(0, 0)] * (coefficients.ndim - 1) + [(0, extra)])

@@ -90,8 +90,8 @@ def check_harmonics(train, harmonics, method):
     least = highest_harmonic(train)
     if harmonics < least:
         raise SceneError(
-            f"{name}: {harmonics} harmonics of the cycle are below the excitation, which reaches harmonic {least} (order "
-            f"{least / train.topology.revolutions_per_cycle:g}): ask for at least {least} harmonics."
+            f"{name}: {harmonics} harmonics of the cycle are below the excitation, which reaches harmonic {least} "
+            f"(order {least / train.topology.revolutions_per_cycle:g}): ask for at least {least} harmonics."
         )
     if harmonics > MOST[method]:
         raise SceneError(_too_many(train, harmonics, method, name))

@@ -33,7 +33,7 @@ def parts_for(problem):
 
 
 def without_loss(problem):
-    """The problem with loss factors turned into viscous damping at its highest excited harmonic: a start needs no more."""
+    """Loss factors turned into viscous damping at the highest excited harmonic: a start needs no more."""
     system = problem.system
     highest = (problem.load.shape[-1] - 1) * problem.frequency
     viscous = system.viscous + system.loss * system.stiffness / highest

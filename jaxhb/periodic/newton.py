@@ -47,7 +47,7 @@ _SENTENCES = {
 
 
 class Iterate(NamedTuple):
-    """State of the iteration: unknowns, residual norm, Newton steps, Krylov steps, whether no step lowers the residual."""
+    """Unknowns, residual norm, Newton steps, Krylov steps, and whether no step lowers the residual."""
 
     x: jax.Array
     error: jax.Array

@@ -86,7 +86,7 @@ def excess_of(reduced, deflection, samples):
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Fields:
-    """Coefficients of every quantity: angles ``(S, N+1)``, torques ``(K, N+1)``, meshes ``(M, N+1)`` and ``(M, 8N+1)``."""
+    """Coefficients: angles ``(S, N+1)``, torques ``(K, N+1)``, deflections ``(M, N+1)``, forces ``(M, 8N+1)``."""
 
     angles: jax.Array
     torques: jax.Array

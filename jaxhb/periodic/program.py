@@ -17,10 +17,10 @@ from .problem import excess_of, fields, held_in_contact, reduced_equation
 class Sizes:
     """What a program is compiled for.
 
-    samples : instants per cycle of the law; room, resolved : instants out of contact and
-    harmonics in the preconditioner; method : "reduced" or
-    "chain"; origin : "given", "linear" or "march", where Newton starts; count :
-    active meshes without padding; cycles, march_steps, excited, parts : of the march; residual_tolerance, max_steps : of Newton.
+    samples : instants per cycle of the law; room, resolved : instants out of contact and harmonics in the
+    preconditioner; method : "reduced" or "chain"; origin : "given", "linear" or "march", where Newton starts;
+    count : active meshes without padding; cycles, march_steps, excited, parts : of the march;
+    residual_tolerance, max_steps : of Newton.
     """
 
     samples: int
@@ -40,7 +40,7 @@ class Sizes:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Choice:
-    """Which meshes are unknowns: active ``(G,)`` 1 or 0 (padding), chosen ``(G,)`` mesh, flank ``(M,)`` +1, -1, or 0."""
+    """Unknown meshes: active ``(G,)`` 1 or 0 (padding), chosen ``(G,)`` mesh; flank ``(M,)`` +1, -1, or 0."""
 
     active: jax.Array
     chosen: jax.Array
@@ -156,8 +156,8 @@ def _status(problem, choice, found, error, truncation, stalled, tolerance, sizes
 def truncation_error(fine, deflection, sizes):
     """Estimated sup-norm error of the elastic force / its largest value: one Newton correction on 2 N harmonics.
 
-    ``fine`` is the reduced equation with 2 N harmonics, ``deflection`` ``(G, N+1)`` its solution with N. The residual on
-    harmonics N+1 .. 2N is included: below the mesh modes a difference of two levels is no estimate.
+    ``fine`` is the reduced equation with 2 N harmonics, ``deflection`` ``(G, N+1)`` its solution with N. The residual
+    on harmonics N+1 .. 2N is included: below the mesh modes a difference of two levels is no estimate.
     """
     harmonics = fine.linear.shape[-1] - 1
     wide = fourier.resize(deflection, harmonics)

@@ -37,15 +37,15 @@ def solve(train, *, rpm, plan=None, harmonics=None, tolerance=0.01, method="redu
     rpm : float
         Speed of the reference rotor.
     plan : Plan, optional
-        From :func:`plan`: nothing is decided by value, the call is valid under ``jit`` and ``vmap``. What the plan assumed is
-        verified; if it does not hold the status is PLAN_VIOLATED.
+        From :func:`plan`: nothing is decided by value, the call is valid under ``jit`` and ``vmap``. What the plan
+        assumed is verified; if it does not hold the status is PLAN_VIOLATED.
     harmonics : int, optional
         Harmonics of the cycle, fixed; default: as many as ``tolerance`` needs, up to 1024.
     tolerance : float
         Largest truncation error of the elastic tooth force over the largest tooth force.
     method : str
-        "reduced" (unknowns at the meshes that can leave contact) or "chain" (all disks, block sweep; an oracle up to 128
-        harmonics, no closed loops).
+        "reduced" (unknowns at the meshes that can leave contact) or "chain" (all disks, block sweep; an oracle up to
+        128 harmonics, no closed loops).
     start : Response or "linear", optional
         Where Newton starts: another response, on whose branch the solution then usually lies, or the motion with all
         teeth in contact. By default that motion if it holds, else a few cycles of time integration from it. Several

@@ -1,4 +1,4 @@
-"""Many speeds in one call: one plan, one compiled program, a status per speed."""
+"""Many speeds in one call: planned on the host, solved in compiled batches, the few that fail taken up the ladder."""
 
 import dataclasses
 from functools import partial
@@ -7,21 +7,26 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ..linear.response import stack
 from ..model.engine import highest_harmonic
 from . import harmonics as decide
 from . import march
 from .harmonics import Plan
+from .newton import Status
 from .problem import Problem, pose
 from .program import solve_problem
-from .solve import check_speed, respond
+from .solve import check_speed, respond, solve
 
 CHUNK = 8
+BATCH_STEPS = 12
 
 
-def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=0.01):
+def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=0.01, progress=None):
     """Periodic responses at many speeds.
 
-    All speeds share one plan and are solved by one compiled program in chunks of fixed size.
+    The linear motion tells at which speeds teeth leave contact or separate; speeds with the same needs share a plan
+    and one compiled program, in batches of fixed size. A speed that fails in its batch is solved again by itself,
+    with more harmonics or a longer march.
 
     Parameters
     ----------
@@ -29,16 +34,19 @@ def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=0.01):
     rpm : array ``(n,)``
         Speeds of the reference rotor.
     plan : Plan, optional
-        From :func:`jaxhb.plan`; by default made for all speeds together.
+        From :func:`jaxhb.plan`: all speeds are solved under it, and nothing is solved twice.
     harmonics : int, optional
-        Harmonics of the cycle; by default enough for the mesh modes at the lowest speed at which teeth separate.
+        Harmonics of the cycle, fixed for all speeds.
     tolerance : float
         On the truncation error; speeds that do not reach it have status TOLERANCE_NOT_MET.
+    progress : callable, optional
+        Called with the number of speeds done since the last call.
 
     Returns
     -------
     Response
-        With a leading axis: ``sweep[17]`` is the response at speed 17, ``sweep.status`` the status of each.
+        With a leading axis: ``sweep[17]`` is the response at speed 17, ``sweep.status`` the status of each. Responses
+        with fewer harmonics than others are padded with zeros.
 
     Raises
     ------
@@ -55,16 +63,29 @@ def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=0.01):
     """
     rpm = np.atleast_1d(np.asarray(rpm, dtype=float))
     check_speed(train, rpm)
+    if harmonics is not None:
+        decide.check_harmonics(train, harmonics, "reduced")
+    plans = [plan] * len(rpm) if plan else plan_speeds(train, rpm, harmonics, tolerance)
+    tell = progress or (lambda done: None)
+    found = [None] * len(rpm)
+    for shared in dict.fromkeys(plans):
+        places = [i for i, own in enumerate(plans) if own == shared]
+        for first in range(0, len(places), CHUNK):
+            chunk = places[first : first + CHUNK]
+            for place, response in zip(chunk, _solve_chunk(train, rpm[chunk], shared), strict=True):
+                found[place] = response
+            tell(len(chunk))
     if plan is None:
-        if harmonics is not None:
-            decide.check_harmonics(train, harmonics, "reduced")
-        plan = plan_speeds(train, rpm, harmonics, tolerance)
-    chunk = min(CHUNK, len(rpm))
-    padded = np.concatenate([rpm, np.full(-len(rpm) % chunk, rpm[-1])])
-    parts = [_solve_chunk(train, part, plan) for part in padded.reshape(-1, chunk)]
-    whole = jax.tree.map(lambda *leaves: np.concatenate(leaves)[: len(rpm)], *parts)
-    problem, outcome = whole
-    return respond(train, rpm, problem, outcome, plan)
+        for place, response in enumerate(found):
+            if _worth_another_try(response, harmonics):
+                found[place] = solve(train, rpm=float(rpm[place]), harmonics=harmonics, tolerance=tolerance)
+    return stack(found)
+
+
+def _worth_another_try(response, harmonics):
+    status = Status(int(response.status))
+    hopeless = (Status.CONVERGED, Status.UNBALANCED)
+    return status not in hopeless and not (harmonics and status == Status.TOLERANCE_NOT_MET)
 
 
 def _axes():
@@ -96,12 +117,15 @@ def _solve_all(problem, choice, start, tolerance, sizes):
 
 
 def _solve_chunk(train, rpm, plan):
-    problem = _pose_all(train, jnp.asarray(rpm), plan.harmonics, plan.excited)
+    """Responses at up to CHUNK speeds under one plan, padded to a batch of fixed size."""
+    padded = np.concatenate([rpm, np.full(CHUNK - len(rpm), rpm[-1])])
+    problem = _pose_all(train, jnp.asarray(padded), plan.harmonics, plan.excited)
     choice = plan.choice
     start = jnp.zeros((len(choice.active), plan.harmonics + 1), dtype=complex)
-    outcome = _solve_all(problem, choice, start, jnp.asarray(plan.tolerance), plan.sizes)
-    batched = {name: getattr(problem, name) for name in ("load_torque", "load_power")}
-    return _Loads(**batched), jax.tree.map(np.asarray, outcome)
+    sizes = dataclasses.replace(plan.sizes, max_steps=BATCH_STEPS)
+    outcome = jax.tree.map(np.asarray, _solve_all(problem, choice, start, jnp.asarray(plan.tolerance), sizes))
+    loads = _Loads(np.asarray(problem.load_torque), np.asarray(problem.load_power))
+    return [respond(train, rpm[i], *jax.tree.map(lambda a, i=i: a[i], (loads, outcome)), plan) for i in range(len(rpm))]
 
 
 @jax.tree_util.register_dataclass
@@ -114,40 +138,35 @@ class _Loads:
 
 
 def plan_speeds(train, rpm, harmonics, tolerance):
-    """One plan that serves all speeds: every mesh that leaves contact at any of them is active."""
+    """A plan for every speed, few distinct ones: teeth in contact, leaving contact, separating."""
     excited = highest_harmonic(train)
     count = len(train.topology.mesh_names)
-    linear = Plan(
-        harmonics=max(excited, decide.LEVELS[0]),
-        active=(),
-        flank=(0,) * count,
-        tolerance=tolerance,
-        excited=excited,
-    )
+    level = harmonics or max(excited, decide.LEVELS[0])
+    contact = Plan(harmonics=level, active=(), flank=(0,) * count, tolerance=tolerance, excited=excited)
     if not any(train.topology.mesh_backlash):
-        return dataclasses.replace(linear, harmonics=harmonics or linear.harmonics)
-    sweep = solve_speeds(decide.without_backlash(train), rpm=rpm, plan=linear)
-    samples = np.fft.irfft(sweep.elastic_forces, n=16 * sweep.elastic_forces.shape[-1], norm="forward")
+        return [contact] * len(rpm)
+    straight = solve_speeds(decide.without_backlash(train), rpm=rpm, plan=contact)
+    samples = np.fft.irfft(straight.elastic_forces, n=16 * straight.elastic_forces.shape[-1], norm="forward")
     demands = [decide.contact_demand(train, forces) for forces in samples]
-    active = tuple(sorted({mesh for _, meshes, _ in demands for mesh in meshes}))
-    flank = tuple(demands[0][0]) if not active else (0,) * count
-    if not active:
-        return dataclasses.replace(linear, flank=flank, harmonics=harmonics or linear.harmonics)
-    slowest = min((r for r, (_, _, separates) in zip(rpm, demands, strict=True) if separates), default=None)
-    modes = decide.mesh_mode_harmonic(train, decide.cycle_frequency(train, slowest or rpm.min()))
-    level = harmonics or decide.first_level(excited, modes if slowest else 0.0)
-    resolved = decide.resolved_for(level, modes)
-    problem = pose(train, float(rpm[0]), excited)
-    parts = march.parts_for(problem)
-    steps = march.steps_for(decide.mesh_mode_harmonic(train, decide.cycle_frequency(train, rpm.min())))
-    return dataclasses.replace(
-        linear,
-        harmonics=level,
-        active=active,
-        flank=flank,
-        start="march" if parts else "linear",
-        march_steps=steps,
-        parts=parts,
-        room=resolved * len(active),
-        resolved=resolved,
-    )
+    parts = march.parts_for(pose(train, float(rpm[0]), excited, excited))
+    modes = [decide.mesh_mode_harmonic(train, decide.cycle_frequency(train, speed)) for speed in rpm]
+    plans = []
+    for separating in (False, True):
+        chosen = [m for m, (_, active, apart) in zip(modes, demands, strict=True) if active and apart == separating]
+        slowest = max(chosen, default=0.0)
+        level = harmonics or decide.first_level(excited, slowest if separating else 0.0)
+        resolved = decide.resolved_for(level, slowest)
+        active = tuple(i for i, gap in enumerate(train.topology.mesh_backlash) if gap)
+        plans.append(
+            dataclasses.replace(
+                contact,
+                harmonics=level,
+                active=active,
+                start="march" if parts else "linear",
+                march_steps=march.steps_for(slowest),
+                parts=parts,
+                room=resolved * len(active) if separating else 2 * resolved * len(active),
+                resolved=resolved,
+            )
+        )
+    return [plans[apart] if active else dataclasses.replace(contact, flank=flank) for flank, active, apart in demands]

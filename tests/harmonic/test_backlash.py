@@ -64,10 +64,10 @@ def test_force_and_slope_are_those_of_the_law_written_piece_by_piece():
         mesh = Mesh(between=("a", "b"), **dataclasses.asdict(law))
         force, share = dense.law(mesh, sweep_of(law))
         scale = law.stiffness * law.backlash
-        np.testing.assert_allclose(backlash.force(law, sweep_of(law)), force, atol=ALGEBRAIC * scale)
-        np.testing.assert_allclose(backlash.engagement(law, sweep_of(law)), share, atol=ALGEBRAIC)
+        np.testing.assert_allclose(backlash.force(law, sweep_of(law)), force, rtol=0, atol=ALGEBRAIC * scale)
+        np.testing.assert_allclose(backlash.engagement(law, sweep_of(law)), share, rtol=0, atol=ALGEBRAIC)
         slope = law.stiffness * (law.epsilon + (1 - law.epsilon) * share)
-        np.testing.assert_allclose(backlash.slope(law, sweep_of(law)), slope, atol=ALGEBRAIC * law.stiffness)
+        np.testing.assert_allclose(backlash.slope(law, sweep_of(law)), slope, rtol=0, atol=ALGEBRAIC * law.stiffness)
 
 
 def test_law_is_odd_with_even_slope_and_energy():
@@ -90,9 +90,11 @@ def test_slope_stays_between_the_gap_and_contact_stiffness_and_force_never_pulls
 def test_autodiff_of_the_force_is_the_slope_and_of_the_energy_the_force():
     for law in random_laws():
         l = sweep_of(law)
-        np.testing.assert_allclose(per_sample(law, l)[1], backlash.slope(law, l), atol=ALGEBRAIC * law.stiffness)
+        np.testing.assert_allclose(
+            per_sample(law, l)[1], backlash.slope(law, l), rtol=0, atol=ALGEBRAIC * law.stiffness
+        )
         scale = law.stiffness * law.backlash
-        np.testing.assert_allclose(energy_slopes(law, l)[1], backlash.force(law, l), atol=ALGEBRAIC * scale)
+        np.testing.assert_allclose(energy_slopes(law, l)[1], backlash.force(law, l), rtol=0, atol=ALGEBRAIC * scale)
 
 
 def test_autodiff_at_every_knot_equals_both_neighbours_for_all_arguments():
@@ -101,10 +103,12 @@ def test_autodiff_at_every_knot_equals_both_neighbours_for_all_arguments():
         at = jax.tree.leaves(derivatives(DYADIC, KNOTS))
         below, above = (jax.tree.leaves(derivatives(DYADIC, KNOTS + side)) for side in (-near, near))
         for here, left, right in zip(at, below, above, strict=True):
-            np.testing.assert_allclose(here, left, atol=1e-6)  # slopes change by at most near * 96 beside a knot
-            np.testing.assert_allclose(here, right, atol=1e-6)
+            np.testing.assert_allclose(
+                here, left, rtol=0, atol=1e-6
+            )  # slopes change by at most near * 96 beside a knot
+            np.testing.assert_allclose(here, right, rtol=0, atol=1e-6)
     np.testing.assert_allclose(per_sample(DYADIC, KNOTS)[1], backlash.slope(DYADIC, KNOTS), rtol=ALGEBRAIC)
-    np.testing.assert_allclose(energy_slopes(DYADIC, KNOTS)[1], backlash.force(DYADIC, KNOTS), atol=ALGEBRAIC)
+    np.testing.assert_allclose(energy_slopes(DYADIC, KNOTS)[1], backlash.force(DYADIC, KNOTS), rtol=0, atol=ALGEBRAIC)
 
 
 @pytest.mark.parametrize("name", ["stiffness", "epsilon", "transition", "backlash"])
@@ -118,7 +122,7 @@ def test_derivatives_with_respect_to_the_parameters_are_those_of_differences(fun
     below = function(dataclasses.replace(DYADIC, **{name: value - step}), l)
     derivatives = per_sample if function is backlash.force else energy_slopes
     found = getattr(derivatives(DYADIC, l)[0], name)
-    np.testing.assert_allclose(found, (above - below) / (2 * step), atol=GRADIENT)
+    np.testing.assert_allclose(found, (above - below) / (2 * step), rtol=0, atol=GRADIENT)
 
 
 @pytest.mark.parametrize("in_contact", [True, False])
@@ -130,16 +134,16 @@ def test_hand_written_slopes_of_the_mesh_force_are_those_of_autodiff(in_contact)
         stiffness, damping = backlash.mesh_slopes(law, 0.7, in_contact, l, rate)
         by_autodiff = slopes(law, 0.7, in_contact, l, rate)
         scale = law.stiffness + 0.7 * np.abs(rate).max() / (law.transition * law.backlash)
-        np.testing.assert_allclose(stiffness, by_autodiff[0], atol=ALGEBRAIC * scale)
-        np.testing.assert_allclose(damping, by_autodiff[1], atol=ALGEBRAIC)
+        np.testing.assert_allclose(stiffness, by_autodiff[0], rtol=0, atol=ALGEBRAIC * scale)
+        np.testing.assert_allclose(damping, by_autodiff[1], rtol=0, atol=ALGEBRAIC)
 
 
 def test_damping_in_contact_pulls_nothing_in_the_gap_and_damping_always_does():
     l, rate = np.array([0.0, 0.1, -0.1, 0.4]), np.array([-2.0, -2.0, 2.0, -2.0])
     gated = backlash.mesh_force(DYADIC, 0.5, True, l, rate) - backlash.force(DYADIC, l)
     always = backlash.mesh_force(DYADIC, 0.5, False, l, rate) - backlash.force(DYADIC, l)
-    np.testing.assert_allclose(gated, [0, 0, 0, -1.0], atol=ALGEBRAIC)
-    np.testing.assert_allclose(always, [-1.0, -1.0, 1.0, -1.0], atol=ALGEBRAIC)
+    np.testing.assert_allclose(gated, [0, 0, 0, -1.0], rtol=0, atol=ALGEBRAIC)
+    np.testing.assert_allclose(always, [-1.0, -1.0, 1.0, -1.0], rtol=0, atol=ALGEBRAIC)
 
 
 def test_offset_is_what_the_contact_flank_lacks_to_the_linear_mesh():
@@ -181,7 +185,9 @@ def test_case_a6_force_and_slope_coefficients_are_tied_by_the_chain_rule():
     force, slope = (np.asarray(x)[0] for x in sampled(law, 1.0, np.zeros(1), 2**15))
     # i k f_k = (c l')_k with l' = -sin t: (c l')_k = (i/2) (c_{k-1} - c_{k+1})
     k = np.arange(1, 11)
-    np.testing.assert_allclose(1j * k * force[k], 0.5j * (slope[k - 1] - slope[k + 1]), atol=1e-8)  # order 2 of slope
+    np.testing.assert_allclose(
+        1j * k * force[k], 0.5j * (slope[k - 1] - slope[k + 1]), rtol=0, atol=1e-8
+    )  # order 2 of slope
 
 
 def test_case_a6_describing_stiffness_and_the_force_that_gives_an_amplitude():
