@@ -23,6 +23,14 @@ def _divide(numerator, denominator):
     return jnp.where(singular, 0.0, numerator / jnp.where(singular, 1.0, denominator))
 
 
+def _regular(pivot, link):
+    """A pivot that vanishes exactly (an undamped part at resonance with its upper node held) moved by rounding.
+
+    The whole train need not be singular there; a pivot that vanishes together with its link stays zero.
+    """
+    return jnp.where(pivot == 0, jnp.finfo(float).eps * jnp.abs(link), pivot)
+
+
 def scalar_sweep(parent, near, far, link, node, load):
     """Solve a tree of scalar links for all harmonics and several loads.
 
@@ -49,7 +57,7 @@ def scalar_sweep(parent, near, far, link, node, load):
         stiffness, moment = carry
         position, up, alpha, beta, C = item
         P, psi = stiffness[position], moment[position]
-        pivot = P + alpha**2 * C
+        pivot = _regular(P + alpha**2 * C, alpha**2 * C)
         gain = _divide(alpha * C, pivot)
         transfer = _divide(beta * C * P, pivot)
         pi = gain[:, None] * psi

@@ -21,7 +21,7 @@ SQRT2 = 2.0**0.5
 def pack(coefficients):
     """Complex coefficients ``(..., N+1)`` to real packed coordinates ``(..., 2N+1)``.
 
-    >>> pack(jnp.array([1.0, 0.5 - 0.5j])).round(4).tolist()
+    >>> [round(float(v), 4) for v in pack(jnp.array([1.0, 0.5 - 0.5j]))]
     [1.0, 0.7071, 0.7071]
     """
     tail = coefficients[..., 1:]

@@ -1,4 +1,4 @@
-"""Generalised conjugate residuals: GMRES that keeps the solution and its residual at every step, in ``lax.while_loop``."""
+"""Generalised conjugate residuals: GMRES with the solution and its residual at hand at every step."""
 
 import jax.numpy as jnp
 from jax import lax

@@ -59,6 +59,8 @@ def solve_linear(system, omega, load):
     tree = system.tree
     C = link_stiffness(system, omega)
     node = node_stiffness(system, omega)[tree.node]
+    if not len(C):
+        return load / node[..., None], jnp.zeros((0, *load.shape[1:]), load.dtype)
     near = jnp.where(tree.from_a, system.arm_a[tree.link], system.arm_b[tree.link])
     far = jnp.where(tree.from_a, system.arm_b[tree.link], system.arm_a[tree.link])
     loops = len(tree.loops)

@@ -77,7 +77,7 @@ def residual(packed, system, meshes, frequency, load, samples):
     tree = system.tree
     omega = frequencies(frequency, harmonics)
     node = -(omega**2) * system.mass[:, None] + 1j * omega * system.damping[:, None] + system.ground[:, None]
-    links = jnp.arange(system.stiffness.shape[0])
+    links = np.arange(system.stiffness.shape[0])
     deflection = system.deflections(x, links)
     force = link_stiffness(system, omega) * deflection
     mesh = deflection[meshes.link]
@@ -127,7 +127,7 @@ def node_blocks(system, frequency, harmonics):
 def jacobian(packed, system, meshes, frequency, samples):
     """The dense Jacobian ``(S P, S P)`` of A(x), assembled from Toeplitz blocks; the oracle of autodiff."""
     disks, width = packed.shape
-    links = jnp.arange(system.stiffness.shape[0])
+    links = np.arange(system.stiffness.shape[0])
     columns = incidence(system, links)
     blocks = link_blocks(packed, system, meshes, frequency, samples)
     matrix = jnp.einsum("sl,tl,lij->sitj", columns, columns, blocks)

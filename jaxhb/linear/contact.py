@@ -16,13 +16,13 @@ class Contact:
     reverse_contact_fraction : float
         Share of the cycle in contact on the flank that does not drive.
     impacts : list of dict
-        Entries from separation to contact: ``theta`` as a share of the cycle, ``speed`` in m/s, ``side`` +1 or -1.
+        Entries from separation to contact: ``cycle`` (share of the cycle), ``speed`` in m/s, ``side`` +1 or -1.
     drive_side : int
         Sign of the mesh's mean force.
     gap_spring_force, knee_force : float
         N: the largest force in the gap; the force above which the tooth is stiff.
     pulling_force : float
-        N: largest force that pulls the teeth together in the gap, which only damping law "always" can give.
+        N: largest damping force that holds parting teeth back in the gap, which only damping law "always" gives.
     """
 
     separated_fraction: float
@@ -38,7 +38,7 @@ def contact_of(law, deflection, force, elastic, frequency, resolution):
     """:class:`Contact` from the coefficients of a mesh's deflection and force; ``law`` None: a linear mesh."""
     if deflection.ndim > 1:
         raise ValueError("contact is read speed by speed: take one response of the sweep, sweep[i].mesh(...)")
-    drive = int(np.sign(force[0].real))
+    drive = int(np.nan_to_num(np.sign(force[0].real)))
     if law is None:
         return Contact(0.0, 0.0, [], drive, 0.0, 0.0, 0.0)
     samples = max(resolution, 4096)
@@ -47,19 +47,17 @@ def contact_of(law, deflection, force, elastic, frequency, resolution):
     speed = np.fft.irfft(1j * frequency * steps * deflection, n=samples, norm="forward")
     gap = (1 - float(law.transition)) * float(law.backlash) / 2
     knee = (1 + float(law.transition)) * float(law.backlash) / 2
-    damping = np.fft.irfft(force - elastic, n=max(samples, 2 * force.shape[-1]), norm="forward")
-    damping = damping[:: len(damping) // samples] if len(damping) > samples else damping
-    inside = np.abs(l) < gap
-    pulling = float(np.max(np.where(inside[: len(damping)], np.abs(damping[: len(inside)]), 0.0), initial=0.0))
+    damping = np.fft.irfft(force - elastic, n=samples, norm="forward")
+    pull = np.where(np.abs(l) < gap, -np.sign(l) * damping, 0.0)
     side = drive if drive else 1
     return Contact(
         separated_fraction=_fraction_below(l, gap) - _fraction_below(l, -gap),
         reverse_contact_fraction=_fraction_below(side * l, -gap),
         impacts=_impacts(l, speed, gap),
         drive_side=drive,
-        gap_spring_force=float(law.epsilon * law.stiffness) * gap,
+        gap_spring_force=float(law.epsilon * law.stiffness * law.backlash) / 2,
         knee_force=float(_force(law, knee)),
-        pulling_force=pulling,
+        pulling_force=float(pull.max(initial=0.0)),
     )
 
 

@@ -152,7 +152,7 @@ class Response:
         return self._signal(total, radius * xp.einsum("g,...gk->...k", sense, self.elastic_forces))
 
     def mesh(self, a, b=None):
-        """Contact of a mesh over the cycle: separated and reverse fractions, impacts, drive side (:class:`Contact`)."""
+        """Contact of a mesh over the cycle (:class:`Contact`); its drive side is that of the scene's order of gears."""
         index, _ = self._mesh_index(a, b)
         meshes = self.train.meshes
         if not self.topology.mesh_backlash[index]:

@@ -12,6 +12,9 @@ from .march import march_start, start_from
 from .newton import Status, correct, relative_residual, solve_chain, solve_reduced
 from .problem import excess_of, fields, held_in_contact, reduced_equation
 
+SINGULAR = 1e11
+"""Link force over load beyond which the linear train is at an undamped resonance: rounding alone is left there."""
+
 
 @dataclass(frozen=True)
 class Sizes:
@@ -93,7 +96,7 @@ def solve_problem(problem, choice, start, tolerance, sizes):
         steps, krylov, stalled = iterate.steps, iterate.krylov, iterate.stalled
     excess = excess_of(reduced, deflection, sizes.samples)
     found = fields(problem, *folded.combine(excess), sizes.samples)
-    status = _status(problem, choice, found, error, truncation, stalled, tolerance, sizes)
+    status = _status(problem, choice, folded, found, error, truncation, stalled, tolerance, sizes)
     return Outcome(found, deflection, status, error, truncation, steps, krylov)
 
 
@@ -141,8 +144,12 @@ def _by_chain(problem, choice, reduced, folded, start, sizes):
     return system.deflections(fourier.unpack(iterate.x), links) * choice.active[:, None], iterate
 
 
-def _status(problem, choice, found, error, truncation, stalled, tolerance, sizes):
+def _status(problem, choice, folded, found, error, truncation, stalled, tolerance, sizes):
     finite = jnp.isfinite(error) & jnp.all(jnp.isfinite(found.angles.real + found.angles.imag))
+    given = [leaf for leaf in jax.tree.leaves(problem) if jnp.issubdtype(leaf.dtype, jnp.inexact)]
+    sound = jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in given]))
+    loudest = jnp.max(jnp.abs(folded.force[..., 0]), initial=0.0)
+    singular = sound & ~(loudest <= SINGULAR * jnp.max(jnp.abs(problem.load), initial=0.0))
     held = held_in_contact(problem, found.deflections, choice.flank, sizes.samples)
     balanced = jnp.abs(problem.imbalance) <= 1e-9 * problem.torque_scale
     unsolved = jnp.where(stalled, Status.STALLED, Status.MAX_STEPS)
@@ -150,7 +157,8 @@ def _status(problem, choice, found, error, truncation, stalled, tolerance, sizes
     status = jnp.where(held, status, Status.PLAN_VIOLATED)
     status = jnp.where(error <= sizes.residual_tolerance, status, unsolved)
     status = jnp.where(problem.system.floating & ~balanced, Status.UNBALANCED, status)
-    return jnp.where(finite, status, Status.NONFINITE)
+    status = jnp.where(finite, status, Status.NONFINITE)
+    return jnp.where(singular, Status.NEAR_SINGULAR, status)
 
 
 def truncation_error(fine, deflection, sizes):

@@ -63,8 +63,10 @@ def plot_cycle(response, linear, gear=None):
     _finish(below, response)
     above.axhline(0.0, color="black", linewidth=0.6)
     below.axhline(0.0, color="black", linewidth=0.6)
-    above.legend(loc="upper right", fontsize="small", ncols=3)
-    below.legend(loc="upper right", fontsize="small", ncols=3)
+    for axes in (above, below):
+        low, high = axes.get_ylim()
+        axes.set_ylim(low, high + 0.15 * (high - low))  # room for the legend
+        axes.legend(loc="upper right", fontsize="small", ncols=3)
     return figure
 
 
@@ -195,7 +197,8 @@ def _finish(axes, response):
     axes.set_xlim(0.0, cycle)
     if cycle % 90 == 0:
         axes.set_xticks(np.arange(0.0, cycle + 1, 90.0))
-    axes.set_xlabel("angle of the reference rotor, deg (0: firing top dead centre of a cylinder with firing angle 0)")
+    zero = " (0: firing top dead centre of a cylinder with firing angle 0)" if response.topology.cylinder_names else ""
+    axes.set_xlabel(f"angle of the reference rotor, deg{zero}")
 
 
 def _plain(name):

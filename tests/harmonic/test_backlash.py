@@ -176,7 +176,7 @@ def test_case_a6_sampled_coefficients_of_a_cosine_converge_to_the_closed_form_wi
         errors.append(both)
     (force_order, slope_order), _ = np.polyfit(np.log(counts), np.log(errors), 1)
     assert abs(force_order + 3) < 0.25 and abs(slope_order + 2) < 0.25
-    assert errors[-1][0] < ALGEBRAIC
+    assert errors[-1][0] < 10 * ALGEBRAIC
 
 
 def test_case_a6_force_and_slope_coefficients_are_tied_by_the_chain_rule():

@@ -58,7 +58,7 @@ def test_motion_on_one_flank_has_no_separation_and_no_impact():
 
 def test_forces_at_the_ends_of_the_smooth_zone():
     found = contact()
-    assert found.gap_spring_force == pytest.approx(1e-3 * 2e8 * GAP, rel=ALGEBRAIC)
+    assert found.gap_spring_force == pytest.approx(1e-3 * 2e8 * 1e-4 / 2, rel=ALGEBRAIC)
     knee = 1e-3 * 2e8 * KNEE + 2e8 * (1 - 1e-3) * 0.04 * 1e-4 / 2
     assert found.knee_force == pytest.approx(knee, rel=ALGEBRAIC)
 
