@@ -15,7 +15,8 @@ for any relative width ``tau`` of the smooth transition. With ``c1 = epsilon c``
 from dataclasses import dataclass
 
 import jax
-import jax.numpy as jnp
+
+from .._arrays import namespace
 
 
 @jax.tree_util.register_dataclass
@@ -38,24 +39,25 @@ class Law:
 
 
 def _pieces(law, deflection):
-    distance = jnp.abs(deflection)
+    xp = namespace(law, deflection)
+    distance = xp.abs(deflection)
     width = law.transition * law.backlash
-    inside = jnp.clip(distance - (1 - law.transition) * law.backlash / 2, 0.0, width)
-    beyond = jnp.maximum(distance - (1 + law.transition) * law.backlash / 2, 0.0)
+    inside = xp.clip(distance - (1 - law.transition) * law.backlash / 2, 0.0, width)
+    beyond = xp.maximum(distance - (1 + law.transition) * law.backlash / 2, 0.0)
     return width, inside, beyond
 
 
 def force(law, deflection):
     """Elastic force f(l) in N.
 
-    >>> law = Law(*(jnp.array(v) for v in (1.0, 0.04, 0.2, 0.5)))
-    >>> float(force(law, jnp.array(0.25)).round(6))
+    >>> law = Law(1.0, 0.04, 0.2, 0.5)
+    >>> round(float(force(law, 0.25)), 6)
     0.022
     """
     width, inside, beyond = _pieces(law, deflection)
     drop = law.stiffness * (1 - law.epsilon)
     contact = drop * (inside**2 / (2 * width) + beyond)
-    return law.epsilon * law.stiffness * deflection + jnp.sign(deflection) * contact
+    return law.epsilon * law.stiffness * deflection + namespace(law, deflection).sign(deflection) * contact
 
 
 def engagement(law, deflection):
@@ -81,7 +83,8 @@ def engagement_slope(law, deflection):
     """d engagement / dl in 1/m: +-1/(tau h) in the transition zone, 0 elsewhere."""
     width, inside, _ = _pieces(law, deflection)
     moving = (inside > 0) & (inside < width)
-    return jnp.where(moving, jnp.sign(deflection) / width, 0.0)
+    xp = namespace(law, deflection)
+    return xp.where(moving, xp.sign(deflection) / width, 0.0)
 
 
 def mesh_force(law, viscous, contact_damping, deflection, rate):
@@ -90,14 +93,15 @@ def mesh_force(law, viscous, contact_damping, deflection, rate):
     ``viscous`` in N s/m; ``contact_damping`` True: the damper acts in contact only, r l' (f'-c1)/(c2-c1);
     False: r l' always.
     """
-    share = jnp.where(contact_damping, engagement(law, deflection), 1.0)
+    share = namespace(law, deflection).where(contact_damping, engagement(law, deflection), 1.0)
     return force(law, deflection) + viscous * rate * share
 
 
 def mesh_slopes(law, viscous, contact_damping, deflection, rate):
     """Partial derivatives of :func:`mesh_force` with respect to l (N/m) and l' (N s/m), written out by hand."""
-    share = jnp.where(contact_damping, engagement(law, deflection), 1.0)
-    extra = jnp.where(contact_damping, viscous * rate * engagement_slope(law, deflection), 0.0)
+    xp = namespace(law, deflection, viscous)
+    share = xp.where(contact_damping, engagement(law, deflection), 1.0)
+    extra = xp.where(contact_damping, viscous * rate * engagement_slope(law, deflection), 0.0)
     return slope(law, deflection) + extra, viscous * share
 
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import jax
 import numpy as np
 
+from .._arrays import namespace
 from ..model.drivetrain import speed_ratios
 
 
@@ -115,14 +116,6 @@ def span_links(ends, disks, root):
     node = np.array(order, dtype=np.int32)
     from_a = end_a[link] == node if len(ends) else np.ones(disks, bool)
     return Tree(node, parent, link, from_a, np.array(loops, dtype=np.int32), end_a, end_b)
-
-
-def namespace(*arrays):
-    """numpy for concrete values, jax.numpy under a transformation: assembly costs no compilation on the host."""
-    import jax.numpy as jnp
-
-    leaves = jax.tree.leaves(arrays)
-    return jnp if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves) else np
 
 
 def displacement_radii(train):

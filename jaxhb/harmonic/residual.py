@@ -13,8 +13,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._arrays import namespace
 from . import backlash, fourier, toeplitz
-from .chain import namespace
 from .reduction import frequencies, incidence, link_stiffness
 
 

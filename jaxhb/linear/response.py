@@ -6,10 +6,11 @@ from dataclasses import dataclass, field
 import jax
 import numpy as np
 
+from .._arrays import namespace
 from ..harmonic import backlash
 from ..model.drivetrain import DriveTrain
 from .contact import contact_of
-from .signal import Signal, namespace
+from .signal import Signal
 
 
 @jax.tree_util.register_dataclass
@@ -28,9 +29,9 @@ class Response:
     torques, elastic_torques : complex ``(..., K, N+1)`` N m, of the shafts and then the dampers
     deflections : complex ``(..., G, N+1)`` m, of the meshes
     forces, elastic_forces : complex ``(..., G, K+1)`` N, of the meshes; more harmonics than the motion has
-    load_torque : ``(..., n)`` N m of every load; imbalance : N m that nothing takes
+    load_torque : ``(..., n)`` N m of every load, negative where it takes power; load_power : ``(...)`` W taken
     status, residual, truncation_error, steps : of the solve
-    path : how the solve went, for people
+    path : how the solve went, for people; resolution : instants per cycle at which extremes are looked for
     """
 
     train: DriveTrain
@@ -82,8 +83,19 @@ class Response:
             for f in dataclasses.fields(self)
             if f.name not in ("train", "path", "resolution")
         }
+        if np.ndim(self.train.disks.inertia) > 1:
+            arrays["train"] = jax.tree.map(lambda leaf: leaf[index], self.train)
         path = self.path[index] if len(self.path) == len(self.rpm) else self.path
         return dataclasses.replace(self, **arrays, path=(path,) if isinstance(path, str) else path)
+
+    @property
+    def ground_reaction(self):
+        """Mean torque that each ground takes, N m ``(..., n)``: stiffness x mean angle of its disk.
+
+        Mean angles are those that the soft grounds set; without a ground their inertia-weighted mean is zero.
+        """
+        disks = np.array(self.topology.ground_disk, dtype=int)
+        return self.train.grounds.stiffness * self.angles[..., disks, 0].real
 
     def _signal(self, coefficients, elastic=None):
         return Signal(coefficients, elastic, self.topology.revolutions_per_cycle, self.resolution)
@@ -147,7 +159,7 @@ class Response:
         sense = np.array([(a == disk) - (b == disk) for a, b in self.topology.mesh_ends], dtype=float)
         if not sense.any():
             raise ValueError(f"{name!r} carries no mesh: gear_torque needs a gear")
-        radius = self.train.disks.radius[disk]
+        radius = xp.asarray(self.train.disks.radius)[..., disk, None]
         total = radius * xp.einsum("g,...gk->...k", sense, self.forces)
         return self._signal(total, radius * xp.einsum("g,...gk->...k", sense, self.elastic_forces))
 

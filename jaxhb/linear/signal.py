@@ -6,11 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-
-def namespace(*arrays):
-    """numpy for concrete values, jax.numpy under a transformation: reading a result costs no compilation."""
-    leaves = jax.tree.leaves(arrays)
-    return jnp if any(isinstance(leaf, jax.core.Tracer) for leaf in leaves) else np
+from .._arrays import namespace
 
 
 @jax.tree_util.register_dataclass

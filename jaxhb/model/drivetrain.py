@@ -23,6 +23,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxhb._arrays import namespace
 from jaxhb.model import assembly, change
 from jaxhb.model.elements import SceneError
 from jaxhb.model.tables import Cylinders, Dampers, Disks, Grounds, Loads, Meshes, Shafts, Torques
@@ -243,12 +244,13 @@ def speed_ratios(train: DriveTrain):
     """
     paths = train.topology.rotor_path
     depth = max((len(p) for p in paths), default=0)
+    xp = namespace(train.disks.radius)
     if depth == 0:
-        return jnp.ones(train.topology.n_rotors)
+        return xp.ones(train.topology.n_rotors)
     gear = paths[max(range(len(paths)), key=lambda k: len(paths[k]))][0][0]
     steps = np.array([[*p, *([(gear, gear)] * (depth - len(p)))] for p in paths])
-    radius = jnp.asarray(train.disks.radius)
-    return jnp.prod(radius[steps[..., 0]] / radius[steps[..., 1]], axis=1)
+    radius = xp.asarray(train.disks.radius)
+    return xp.prod(radius[steps[..., 0]] / radius[steps[..., 1]], axis=1)
 
 
 def inertias(train: DriveTrain):

@@ -10,92 +10,30 @@ exp(i n Omega t)) gives T^n = A/2. The number of operations does not grow with t
 
 from __future__ import annotations
 
+import dataclasses
 from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxhb.model.crank import short_series_acceleration, slider_crank
+from jaxhb._arrays import namespace
+from jaxhb.model.crank import gas_torque_harmonics, inertia_torque_harmonics, slider_crank
 from jaxhb.model.drivetrain import DriveTrain, speed_ratios
+from jaxhb.model.topology import Topology
 
 __all__ = [
     "excitation",
     "gas_torque_harmonics",
     "highest_harmonic",
     "inertia_torque_harmonics",
+    "listed_harmonic",
     "load_power_kW",
 ]
 __all__ += ["slider_crank"]
 
-CRANK_SAMPLES = 512
 INERTIA_ORDERS_THAT_COUNT = 6
 NEGLIGIBLE_GAS = 1e-6
-
-
-def gas_torque_harmonics(pressure, bore, stroke, rod, *, revolutions):
-    """Harmonics of p A x'(a) over the gas cycle, of a pressure on a uniform grid from firing top dead centre
-    on.
-
-    Parameters
-    ----------
-    pressure : array [..., M]
-        Pressure on the piston, Pa, at M equal steps of the gas cycle.
-    bore, stroke, rod : array [...]
-        m.
-    revolutions : array [...]
-        Revolutions of the crank in a gas cycle: 2 (four-stroke) or 1.
-
-    Returns
-    -------
-    array [..., M//2 + 1], complex
-        N m; entry 0 the mean, entry k the coefficient of exp(i k a / revolutions), half the peak amplitude.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from jaxhb.model.engine import gas_torque_harmonics
-    >>> abs(gas_torque_harmonics(np.ones(64) * 1e5, 0.1, 0.1, 0.2, revolutions=2)[0]) < 1e-9
-    Array(True, dtype=bool)
-    """
-    pressure = jnp.asarray(pressure, dtype=jnp.float64)
-    bore, stroke, rod, revolutions = (jnp.asarray(v)[..., None] for v in (bore, stroke, rod, revolutions))
-    samples = pressure.shape[-1]
-    angle = 2.0 * jnp.pi * revolutions * (jnp.arange(samples) / samples)
-    _, x1, _ = slider_crank(angle, stroke, rod)
-    return jnp.fft.rfft(pressure * (jnp.pi / 4.0) * bore**2 * x1) / samples
-
-
-def inertia_torque_harmonics(stroke, rod, *, short_series=False):
-    """Harmonics of -x'(a) x''(a), the inertia torque of a reciprocating mass of 1 kg at 1 rad/s of the crank.
-
-    Parameters
-    ----------
-    stroke, rod : array [...]
-        m.
-    short_series : bool or array [...]
-        Take x'' from :func:`~jaxhb.model.crank.short_series_acceleration`.
-
-    Returns
-    -------
-    array [..., 257], complex
-        N m; entry j the coefficient of exp(i j a), half the peak amplitude, a from top dead centre.
-
-    Notes
-    -----
-    The series in lambda = stroke/(2 rod) is Porter's (1943): -1/2 sin 2a - 3 lambda/4 sin 3a + ... times m r^2 w^2.
-
-    Examples
-    --------
-    >>> from jaxhb.model.engine import inertia_torque_harmonics
-    >>> round(float(-2 * inertia_torque_harmonics(2.0, 5.0)[2].imag), 12)
-    -0.500052072485
-    """
-    stroke, rod, short = (jnp.asarray(v)[..., None] for v in (stroke, rod, short_series))
-    angle = 2.0 * jnp.pi * (jnp.arange(CRANK_SAMPLES) / CRANK_SAMPLES)
-    _, x1, x2 = slider_crank(angle, stroke, rod)
-    x2 = jnp.where(short, short_series_acceleration(angle, stroke, rod), x2)
-    return jnp.fft.rfft(-x1 * x2) / CRANK_SAMPLES
 
 
 def excitation(train: DriveTrain, rpm, harmonics: int):
@@ -130,12 +68,17 @@ def excitation(train: DriveTrain, rpm, harmonics: int):
     >>> torque.shape, load.shape
     ((27, 25), (1,))
     """
-    return _excitation(train, jnp.asarray(rpm, dtype=jnp.float64), harmonics)
+    xp = namespace(train, rpm)
+    topology = train.topology
+    count = len(topology.mesh_names)
+    alike = dataclasses.replace(topology, name="", mesh_backlash=(True,) * count, mesh_damping_law=("always",) * count)
+    found = _excitation(dataclasses.replace(train, topology=alike), xp.asarray(rpm, dtype=float), harmonics)
+    return found if xp is jnp else jax.tree.map(np.asarray, found)
 
 
 @partial(jax.jit, static_argnames="harmonics")
 def _excitation(train, rpm, harmonics):
-    """The program of :func:`excitation`."""
+    """The program of :func:`excitation`, the same for trains that differ only in their meshes' contact."""
     topology = train.topology
     ratio = speed_ratios(train)[np.array(topology.rotor, dtype=int)]
     torque = jnp.zeros((topology.n_disks, harmonics + 1), dtype=jnp.complex128)
@@ -180,7 +123,7 @@ def load_power_kW(train: DriveTrain, rpm, load_torque):  # noqa: N802
     436.7
     """
     rotor = np.array(train.topology.rotor, dtype=int)[np.array(train.topology.load_disk, dtype=int)]
-    return -(load_torque @ speed_ratios(train)[rotor]) * (2.0 * jnp.pi / 60.0 / 1000.0) * rpm
+    return -(load_torque @ speed_ratios(train)[rotor]) * (2.0 * np.pi / 60.0 / 1000.0) * rpm
 
 
 def highest_harmonic(train: DriveTrain) -> int:
@@ -223,6 +166,63 @@ def highest_harmonic(train: DriveTrain) -> int:
             row = row[1 : topology.cylinder_gas[i] + 1]
             counts = np.flatnonzero(row > NEGLIGIBLE_GAS * max(row.max(initial=0.0), 1e-300))
             found += [(k + 1) * topology.cylinder_step[i] for k in counts]
+    return int(max(found))
+
+
+def listed_harmonic(topology) -> int:
+    """Largest harmonic of the cycle that the excitation of this topology can hold, whatever its values.
+
+    Parameters
+    ----------
+    topology : Topology
+
+    Returns
+    -------
+    int
+        At least 1; a program that carries so many harmonics drops nothing when numbers change.
+
+    Examples
+    --------
+    >>> from jaxhb.model.engine import listed_harmonic
+    >>> from jaxhb.model.scene import load_scene
+    >>> listed_harmonic(load_scene("gear_train_30").topology)
+    24
+    """
+    found = [1]
+    for row in (*topology.torque_harmonics, *topology.cylinder_harmonics):
+        found += row
+    found += [kept * step for kept, step in zip(topology.cylinder_gas, topology.cylinder_step, strict=True)]
+    both = zip(topology.cylinder_inertia, topology.cylinder_turn, strict=True)
+    return max(found + [round(orders * turn) for orders, turn in both])
+
+
+def listed_harmonic(topology: Topology) -> int:
+    """Largest harmonic of the cycle that the excitation can have, whatever the numbers of the train are.
+
+    Counted are all harmonics listed for torques and cylinders, of computed gas torques and of inertia torques
+    all that the cylinder's ``orders`` keeps; amplitudes of 0 and cylinders that misfire count like the others.
+    So it is never below :func:`highest_harmonic`, and it stays under :meth:`DriveTrain.replace` and
+    :meth:`DriveTrain.misfire`.
+
+    Parameters
+    ----------
+    topology : Topology
+
+    Returns
+    -------
+    int
+        n >= 1; :func:`excitation` with this many harmonics drops nothing.
+
+    Examples
+    --------
+    >>> from jaxhb.model.engine import listed_harmonic
+    >>> from jaxhb.model.scene import load_scene
+    >>> listed_harmonic(load_scene("gear_train_30").topology)
+    24
+    """
+    found = [1, *(n for row in (*topology.torque_harmonics, *topology.cylinder_harmonics) for n in row)]
+    found += [kept * step for kept, step in zip(topology.cylinder_gas, topology.cylinder_step, strict=True)]
+    found += [round(kept * turn) for kept, turn in zip(topology.cylinder_inertia, topology.cylinder_turn, strict=True)]
     return int(max(found))
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .._arrays import traced
 from ..harmonic import backlash, chain
 from ..linear.modal import natural_frequencies
 from ..model.elements import SceneError
@@ -33,6 +34,7 @@ class Plan:
     cycles, march_steps : of the march
     room, resolved : int, instants out of contact and harmonics in the preconditioner
     tolerance : float, on the truncation error, relative to the largest tooth force
+    trust : float, share of the tolerance that an estimate may use: it sees 2 N harmonics, and mesh modes above them not
     excited, parts : highest harmonic of the excitation, and how the march treats the disks
     """
 
@@ -46,8 +48,14 @@ class Plan:
     room: int = 0
     resolved: int = 0
     tolerance: float = 0.01
+    trust: float = 1.0
     excited: int = 0
     parts: Partition | None = None
+
+    @property
+    def limit(self):
+        """Largest estimate of the truncation error that counts as converged."""
+        return np.asarray(self.trust * self.tolerance)
 
     @property
     def sizes(self):
@@ -95,6 +103,27 @@ def check_harmonics(train, harmonics, method):
         )
     if harmonics > MOST[method]:
         raise SceneError(_too_many(train, harmonics, method, name))
+
+
+def excited_harmonic(train, method):
+    """Highest harmonic of the excitation that counts; a sentence where ``method`` cannot reach it."""
+    highest = highest_harmonic(train)
+    if highest > MOST[method]:
+        raise SceneError(
+            f"{train.topology.name or 'scene'}: the excitation reaches harmonic {highest} of the cycle, more than the "
+            f"{MOST[method]} that method '{method}' offers: drop its highest orders or shorten the cycle."
+        )
+    return highest
+
+
+def check_plan(train, plan):
+    """Refuse a plan made for another train: backlash it does not know, or more excitation than it holds."""
+    name, gaps = train.topology.name or "scene", train.topology.mesh_backlash
+    known = len(plan.flank) == len(gaps)
+    if not known or any(gap and i not in plan.active and not plan.flank[i] for i, gap in enumerate(gaps)):
+        raise SceneError(f"{name}: the plan was made for a train without this backlash or other meshes: plan again.")
+    if not traced(train):
+        check_harmonics(train, plan.harmonics, plan.method)
 
 
 def check_method(train, method):
@@ -191,6 +220,11 @@ def without_backlash(train):
 def first_level(excited, mesh_modes):
     """Where to begin: above the excitation, and above the mesh modes where teeth separate."""
     return level_at_least(max(2 * excited, 1.5 * mesh_modes))
+
+
+def trust_in(harmonics, mesh_modes):
+    """How much of the tolerance an estimate may use: a tenth while the mesh modes lie above the 2 N that it sees."""
+    return 1.0 if 2 * harmonics >= 1.2 * mesh_modes else 0.1
 
 
 def resolved_for(harmonics, mesh_modes):

@@ -31,14 +31,17 @@ class Status(IntEnum):
         return _SENTENCES[self]
 
 
+_REMEDY = (
+    "ask for more harmonics (above the mesh modes), start from the response at a neighbouring speed, or look whether "
+    "time integration settles there at all"
+)
 _SENTENCES = {
     Status.CONVERGED: "converged",
     Status.TOLERANCE_NOT_MET: "the equations are solved, but the number of harmonics is too small for the asked "
     "tolerance: ask for more harmonics",
     Status.PLAN_VIOLATED: "a mesh that the plan held on one flank leaves it: plan again, or solve without a plan",
-    Status.MAX_STEPS: "Newton's method needed more steps than allowed: ask for more harmonics, or more march cycles",
-    Status.STALLED: "Newton's method found no step that lowers the residual: ask for more harmonics (above the "
-    "mesh modes), or more march cycles",
+    Status.MAX_STEPS: "Newton's method needed more steps than allowed: " + _REMEDY,
+    Status.STALLED: "Newton's method found no step that lowers the residual: " + _REMEDY,
     Status.UNBALANCED: "the mean torques do not balance and nothing takes the difference: add a [[load]] or correct "
     "the mean torques",
     Status.NEAR_SINGULAR: "the equations are singular here (an undamped resonance): add damping or move the speed",
@@ -134,7 +137,8 @@ def solve_reduced(reduced, start, *, samples, room, resolved, tolerance, max_ste
     def direction(deflection, value, error):
         forcing = jnp.clip(0.05 * tolerance / error, 1e-10, 1e-2)
         forcing = jnp.maximum(forcing, jnp.minimum(1e-2, 0.1 * error))
-        return correct(reduced, deflection, value, samples, room, resolved, forcing, krylov)
+        correction, _, used = correct(reduced, deflection, value, samples, room, resolved, forcing, krylov)
+        return correction, used
 
     return newton(
         evaluate,
@@ -147,7 +151,7 @@ def solve_reduced(reduced, start, *, samples, room, resolved, tolerance, max_ste
 
 
 def correct(reduced, deflection, value, samples, room, resolved, forcing, krylov):
-    """Solution of ``J correction = value`` at ``deflection`` by preconditioned Krylov steps, and their number."""
+    """``J correction = value`` at ``deflection`` by preconditioned Krylov steps: (correction, what is left, steps)."""
     meshes, width = deflection.shape
     _, slope, rate_slope = reduced.excess(*reduced.sampled(deflection, samples))
     factored = support.prepare(reduced, slope, rate_slope, room, resolved)
@@ -164,10 +168,10 @@ def correct(reduced, deflection, value, samples, room, resolved, forcing, krylov
     def inverse(flat):
         return fourier.pack(support.apply(reduced, factored, unpacked(flat))).reshape(-1)
 
-    flat, _, used = minimise_residual(
+    flat, left, used = minimise_residual(
         tangent, inverse, fourier.pack(value).reshape(-1), tolerance=forcing, steps=krylov
     )
-    return unpacked(flat), used
+    return unpacked(flat), left, used
 
 
 def solve_chain(system, meshes, frequency, load, start, *, samples, tolerance, max_steps):

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._arrays import namespace
 from ..harmonic import backlash, chain, fourier, reduction
 from ..harmonic.residual import Nonlinear, all_meshes
 from ..model.engine import excitation, load_power_kW
@@ -18,7 +19,7 @@ class Problem:
 
     system : System; meshes : Nonlinear over all meshes (a mesh without backlash has epsilon 1, which makes its law
     linear); frequency : Omega in rad/s; load : complex ``(S, N+1)`` N; rigid : ``(S,)`` displacements of the rigid
-    rotation; load_torque N m, load_power W, imbalance N m, torque_scale N m (size of the mean torques).
+    rotation; load_torque N m; load_power W.
     """
 
     system: chain.System
@@ -28,15 +29,13 @@ class Problem:
     rigid: jax.Array
     load_torque: jax.Array
     load_power: jax.Array
-    imbalance: jax.Array
-    torque_scale: jax.Array
 
 
 def pose(train, rpm, harmonics, excited=None):
     """The :class:`Problem` of ``train`` at ``rpm`` with ``harmonics`` harmonics, excited up to ``excited`` of them."""
-    xp = chain.namespace(train, rpm)
+    xp = namespace(train, rpm)
     system = chain.assemble(train)
-    torque, load_torque, imbalance = excitation(train, rpm, min(harmonics, excited or harmonics))
+    torque, load_torque, _ = excitation(train, rpm, min(harmonics, excited or harmonics))
     rpm = xp.asarray(rpm, dtype=float)
     topology = train.topology
     torque = xp.pad(xp.asarray(torque), ((0, 0), (0, harmonics + 1 - torque.shape[1])))
@@ -48,8 +47,6 @@ def pose(train, rpm, harmonics, excited=None):
         rigid=chain.rigid_shape(train, system.radius),
         load_torque=load_torque,
         load_power=1e3 * load_power_kW(train, rpm, load_torque),
-        imbalance=imbalance,
-        torque_scale=xp.abs(torque[:, 0]).sum(),
     )
 
 
@@ -86,7 +83,7 @@ def excess_of(reduced, deflection, samples):
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Fields:
-    """Coefficients: angles ``(S, N+1)``, torques ``(K, N+1)``, deflections ``(M, N+1)``, forces ``(M, 8N+1)``."""
+    """Coefficients: angles ``(S, N+1)``, torques ``(K, N+1)``, deflections ``(M, N+1)``, forces ``(M, 8N)``."""
 
     angles: jax.Array
     torques: jax.Array
@@ -119,7 +116,7 @@ def fields(problem, displacement, force, samples):
     law = meshes.law.expand()
     elastic = backlash.force(law, values)
     total = backlash.mesh_force(law, meshes.viscous[:, None], meshes.contact_damping[:, None], values, rates)
-    kept = FORCE_HARMONICS * harmonics
+    kept = FORCE_HARMONICS * harmonics - 1
     return Fields(
         angles=chain.to_angles(system, displacement),
         torques=(force * ends)[:shafts],

@@ -10,7 +10,7 @@ from ..harmonic import backlash, fourier, reduction
 from ..transient.statespace import Partition
 from .march import march_start, start_from
 from .newton import Status, correct, relative_residual, solve_chain, solve_reduced
-from .problem import excess_of, fields, held_in_contact, reduced_equation
+from .problem import excess_of, fields, held_in_contact, offset_load, reduced_equation
 
 SINGULAR = 1e11
 """Link force over load beyond which the linear train is at an undamped resonance: rounding alone is left there."""
@@ -88,9 +88,11 @@ def solve_problem(problem, choice, start, tolerance, sizes):
         error, truncation, steps, krylov = jnp.zeros(()), jnp.zeros(()), jnp.array(0), jnp.array(0)
         stalled, deflection = jnp.array(False), reduced.linear
     else:
-        solver = _by_chain if sizes.method == "chain" else _by_reduction
         first = _first(problem, choice, reduced, start, sizes)
-        deflection, iterate = solver(problem, choice, reduced, folded, first, sizes)
+        if sizes.method == "chain":
+            deflection, iterate = _by_chain(problem, choice, reduced, folded, first, sizes)
+        else:
+            deflection, iterate = _by_reduction(reduced, first, sizes)
         error = relative_residual(reduced, reduced.residual(deflection, sizes.samples))
         truncation = truncation_error(fine, deflection, sizes)
         steps, krylov, stalled = iterate.steps, iterate.krylov, iterate.stalled
@@ -113,7 +115,7 @@ def _first(problem, choice, reduced, start, sizes):
     return start_from(trace, reduced.linear.shape[-1] - 1)
 
 
-def _by_reduction(problem, choice, reduced, folded, start, sizes):
+def _by_reduction(reduced, start, sizes):
     iterate = solve_reduced(
         reduced,
         start,
@@ -151,14 +153,24 @@ def _status(problem, choice, folded, found, error, truncation, stalled, toleranc
     loudest = jnp.max(jnp.abs(folded.force[..., 0]), initial=0.0)
     singular = sound & ~(loudest <= SINGULAR * jnp.max(jnp.abs(problem.load), initial=0.0))
     held = held_in_contact(problem, found.deflections, choice.flank, sizes.samples)
-    balanced = jnp.abs(problem.imbalance) <= 1e-9 * problem.torque_scale
+    balanced = _balanced(problem, choice, folded)
     unsolved = jnp.where(stalled, Status.STALLED, Status.MAX_STEPS)
     status = jnp.where(truncation <= tolerance, Status.CONVERGED, Status.TOLERANCE_NOT_MET)
-    status = jnp.where(held, status, Status.PLAN_VIOLATED)
     status = jnp.where(error <= sizes.residual_tolerance, status, unsolved)
-    status = jnp.where(problem.system.floating & ~balanced, Status.UNBALANCED, status)
+    status = jnp.where(held, status, Status.PLAN_VIOLATED)
+    status = jnp.where(balanced, status, Status.UNBALANCED)
     status = jnp.where(finite, status, Status.NONFINITE)
     return jnp.where(singular, Status.NEAR_SINGULAR, status)
+
+
+def _balanced(problem, choice, folded):
+    """Whether the mean torques are taken: no disk is left with a mean force that no link, ground or load takes."""
+    system, every = problem.system, jnp.arange(len(problem.system.stiffness))
+    position, force = folded.displacement[:, 0, 0].real, folded.force[:, 0, 0].real
+    load = offset_load(problem, choice.flank)[:, 0].real
+    left = load - system.ground * position - reduction.incidence(system, every) @ force
+    size = jnp.max(jnp.abs(load), initial=0.0) + jnp.max(jnp.abs(force), initial=0.0)
+    return jnp.max(jnp.abs(left)) <= 1e-9 * size
 
 
 def truncation_error(fine, deflection, sizes):
@@ -171,9 +183,10 @@ def truncation_error(fine, deflection, sizes):
     wide = fourier.resize(deflection, harmonics)
     samples = 2 * sizes.samples
     residual = fine.residual(wide, samples)
-    change, _ = correct(fine, wide, residual, samples, sizes.room, sizes.resolved, 0.05, 30)
+    change, left, _ = correct(fine, wide, residual, samples, sizes.room, sizes.resolved, 0.05, 30)
     law = fine.law.expand()
     before = backlash.force(law, fourier.synthesize(wide, samples))
     after = backlash.force(law, fourier.synthesize(wide - change, samples))
     largest = jnp.max(jnp.abs(before))
-    return jnp.max(jnp.abs(after - before)) / jnp.where(largest > 0, largest, 1.0)
+    estimate = jnp.max(jnp.abs(after - before)) / jnp.where(largest > 0, largest, 1.0)
+    return estimate / (1 - jnp.minimum(left, 0.999))

@@ -6,14 +6,14 @@ harmonics the asked tolerance needs. With a plan nothing is decided, and ``solve
 
 import dataclasses
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._arrays import traced
 from ..harmonic import fourier
 from ..linear.response import Response
 from ..model.elements import SceneError
-from ..model.engine import highest_harmonic
+from ..model.engine import listed_harmonic
 from . import harmonics as decide
 from . import march
 from .harmonics import Plan
@@ -21,12 +21,17 @@ from .newton import Status
 from .problem import pose
 from .program import solve_problem
 
+LONGER = 4
+"""How many times as many cycles the march goes on for, where Newton's method failed after the first."""
+
+_UNSOLVED = (Status.MAX_STEPS, Status.STALLED, Status.NONFINITE)
+
 
 class NotConverged(RuntimeError):
     """A periodic solution that did not converge, or not to the asked tolerance."""
 
 
-def solve(train, *, rpm, plan=None, harmonics=None, tolerance=0.01, method="reduced", start=None):
+def solve(train, *, rpm, plan=None, harmonics=None, tolerance=None, method=None, start=None):
     """Periodic response of a drive train at one speed.
 
     Solves A(x) = 0 (Fridman 2009, (19)-(32)) for the harmonics of the motion over one cycle.
@@ -41,12 +46,12 @@ def solve(train, *, rpm, plan=None, harmonics=None, tolerance=0.01, method="redu
         assumed is verified; if it does not hold the status is PLAN_VIOLATED.
     harmonics : int, optional
         Harmonics of the cycle, fixed; default: as many as ``tolerance`` needs, up to 1024.
-    tolerance : float
-        Largest truncation error of the elastic tooth force over the largest tooth force.
-    method : str
-        "reduced" (unknowns at the meshes that can leave contact) or "chain" (all disks, block sweep; an oracle up to
-        128 harmonics, no closed loops).
-    start : Response or "linear", optional
+    tolerance : float, optional
+        Largest truncation error of the elastic tooth force over the largest tooth force; default 1 %.
+    method : str, optional
+        "reduced" (default; unknowns at the meshes that can leave contact) or "chain" (all disks, block sweep; an
+        oracle up to 128 harmonics, no closed loops).
+    start : Response, "linear" or "march", optional
         Where Newton starts: another response, on whose branch the solution then usually lies, or the motion with all
         teeth in contact. By default that motion if it holds, else a few cycles of time integration from it. Several
         periodic motions may exist at one speed.
@@ -59,7 +64,9 @@ def solve(train, *, rpm, plan=None, harmonics=None, tolerance=0.01, method="redu
     Raises
     ------
     SceneError
-        Speed not positive, or harmonics that cannot work.
+        Speed not positive, harmonics that cannot work, or a plan made for another train.
+    ValueError
+        ``harmonics``, ``tolerance`` or ``method`` beside a plan, which holds its own.
 
     Examples
     --------
@@ -68,15 +75,19 @@ def solve(train, *, rpm, plan=None, harmonics=None, tolerance=0.01, method="redu
     >>> r.converged.item(), round(float(r.load_kW), 1)
     (True, 48.9)
     """
+    if not (start is None or isinstance(start, Response) or start in ("linear", "march")):
+        raise ValueError(f"start is {start!r}: give 'linear', 'march' or a response")
     if plan is not None:
+        if not (harmonics is None and tolerance is None and method is None):
+            raise ValueError("harmonics, tolerance and method belong to the plan: give them to jaxhb.plan")
         return _solve_planned(train, rpm, plan, start)
-    if _traced(train, rpm):
+    if traced(train, rpm):
         raise TypeError("solve is being traced: pass plan=jaxhb.plan(train, rpm=...), made outside")
-    return _solve_deciding(train, rpm, harmonics, tolerance, method, start)[0]
+    return _solve_deciding(train, rpm, harmonics, tolerance or 0.01, method or "reduced", start)[0]
 
 
 def plan(train, *, rpm, harmonics=None, tolerance=0.01, method="reduced"):
-    """Decide how to solve a train at a speed: harmonics, active meshes, start; verified by solving once.
+    """Decide how to solve a train at a speed: harmonics, active meshes, start; found by solving it.
 
     Parameters
     ----------
@@ -88,6 +99,11 @@ def plan(train, *, rpm, harmonics=None, tolerance=0.01, method="reduced"):
     Plan
         Small and hashable. Passing it to :func:`solve` solves nearby trains and speeds without decisions.
 
+    Raises
+    ------
+    NotConverged
+        If the equations could not be solved at this speed.
+
     Examples
     --------
     >>> import jaxhb
@@ -95,9 +111,12 @@ def plan(train, *, rpm, harmonics=None, tolerance=0.01, method="reduced"):
     >>> jaxhb.plan(train, rpm=1500.0).active
     ()
     """
-    if _traced(train, rpm):
+    if traced(train, rpm):
         raise TypeError("plan decides by value and cannot be traced: call it outside and pass its result to solve")
-    return _solve_deciding(train, rpm, harmonics, tolerance, method, None)[1]
+    response, found = _solve_deciding(train, rpm, harmonics, tolerance, method, None)
+    if int(response.status) > Status.PLAN_VIOLATED:
+        check(response)
+    return found
 
 
 def check(response):
@@ -138,33 +157,31 @@ def linear_response(train, *, rpm, harmonics=None):
     Response
         Tooth forces are linear and may pull.
     """
-    most = harmonics or highest_harmonic(train)
+    check_speed(train, rpm)
+    if harmonics is not None:
+        decide.check_harmonics(train, harmonics, "reduced")
+    most = harmonics or decide.excited_harmonic(train, "reduced")
     plan = Plan(harmonics=most, active=(), flank=(0,) * len(train.topology.mesh_names))
     return solve(decide.without_backlash(train), rpm=rpm, plan=plan)
 
 
-def _traced(train, rpm):
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves((train, rpm)))
-
-
 def _solve_planned(train, rpm, plan, start):
+    decide.check_plan(train, plan)
+    if not traced(rpm):
+        check_speed(train, rpm)
+        rpm = np.asarray(rpm, dtype=float)
     problem = pose(train, rpm, plan.harmonics, plan.excited)
     choice = plan.choice
     sizes = plan.sizes
     given = jnp.zeros((len(choice.active), plan.harmonics + 1), dtype=complex)
-    if start is not None and len(choice.active):
-        given, sizes = _given(start, choice, plan.harmonics, sizes)
-    outcome = solve_problem(problem, choice, given, jnp.asarray(plan.tolerance), sizes)
-    return respond(train, rpm, problem, outcome, plan)
-
-
-def _given(start, choice, harmonics, sizes):
-    if isinstance(start, str):
-        if start not in ("linear", "march"):
-            raise ValueError(f"start is {start!r}: give 'linear', 'march' or a response")
-        return jnp.zeros((len(choice.active), harmonics + 1), dtype=complex), dataclasses.replace(sizes, origin=start)
-    deflection = fourier.resize(jnp.asarray(start.deflections), harmonics)[choice.chosen]
-    return deflection * choice.active[:, None], dataclasses.replace(sizes, origin="given")
+    if isinstance(start, Response):
+        given = fourier.resize(jnp.asarray(start.deflections), plan.harmonics)[choice.chosen] * choice.active[:, None]
+        sizes = dataclasses.replace(sizes, origin="given")
+    elif start is not None:
+        sizes = dataclasses.replace(sizes, origin=start)
+    outcome = solve_problem(problem, choice, given, plan.limit, sizes)
+    response = respond(train, rpm, problem, outcome, plan)
+    return response if traced(response) else _host(response)
 
 
 def respond(train, rpm, problem, outcome, plan):
@@ -172,7 +189,7 @@ def respond(train, rpm, problem, outcome, plan):
     found = outcome.fields
     return Response(
         train=train,
-        rpm=jnp.asarray(rpm, dtype=float) if _traced(train, rpm) else np.asarray(rpm, dtype=float),
+        rpm=jnp.asarray(rpm, dtype=float) if traced(train, rpm) else np.asarray(rpm, dtype=float),
         angles=found.angles,
         torques=found.torques,
         elastic_torques=found.elastic_torques,
@@ -194,9 +211,10 @@ def _solve_deciding(train, rpm, harmonics, tolerance, method, start):
     """The host's decisions for one speed: (response, plan)."""
     check_speed(train, rpm)
     decide.check_method(train, method)
+    start = None if isinstance(start, str) and start == "march" else start
     if harmonics is not None:
         decide.check_harmonics(train, harmonics, method)
-    excited = highest_harmonic(train)
+    excited = decide.excited_harmonic(train, method)
     contact = _solve_in_contact(train, rpm, excited)
     flank, active, separates = decide.contact_demand(train, contact)
     base = Plan(
@@ -205,13 +223,13 @@ def _solve_deciding(train, rpm, harmonics, tolerance, method, start):
         flank=flank,
         method=method,
         tolerance=tolerance,
-        excited=excited,
+        excited=listed_harmonic(train.topology),
     )
     if isinstance(start, Response) and any(train.topology.mesh_backlash):
         active, flank = _all_backlash(train), (0,) * len(flank)
         base = dataclasses.replace(base, active=active, flank=flank)
     if not active:
-        response = _host(_solve_planned(train, rpm, base, None))
+        response = _solve_planned(train, rpm, base, None)
         if int(response.status) != Status.PLAN_VIOLATED:
             return response, base
         base = dataclasses.replace(base, active=_all_backlash(train), flank=(0,) * len(flank))
@@ -226,7 +244,7 @@ def _solve_in_contact(train, rpm, excited):
     """Elastic tooth forces ``(M, samples)`` with all meshes in contact; (0, 1) without meshes."""
     if not any(train.topology.mesh_backlash):
         return np.zeros((len(train.topology.mesh_names), 1))
-    response = _host(linear_response(train, rpm=rpm, harmonics=excited))
+    response = linear_response(train, rpm=rpm, harmonics=excited)
     return np.fft.irfft(response.elastic_forces, n=16 * response.elastic_forces.shape[-1], norm="forward")
 
 
@@ -244,71 +262,102 @@ def _host(response):
     return dataclasses.replace(response, **arrays)
 
 
-def check_speed(train, rpm):
-    """Refuse a speed that is not a positive number."""
+def check_speed(train, rpm, *, many=False):
+    """Refuse a speed that is not a positive number, and several speeds where one is wanted."""
     values = np.atleast_1d(np.asarray(rpm, dtype=float))
+    if np.ndim(rpm) and not many:
+        name = train.topology.name or "scene"
+        raise SceneError(f"{name}: {values.size} speeds were given where one is solved: use jaxhb.solve_speeds.")
     for value in values:
         if not (np.isfinite(value) and value > 0):
             name = train.topology.name or "scene"
             raise SceneError(f"{name}: the speed is {value:g} rpm, must be greater than 0 rpm: a running engine.")
 
 
-def _climb(train, rpm, base, modes, adaptive, start):
-    """Solve with rising numbers of harmonics, and longer marches, until the status is good or the ladder ends."""
-    problem = pose(train, rpm, base.harmonics, base.excited)
-    choice = base.choice
-    path, state = [], None
-    base = dataclasses.replace(base, parts=march.parts_for(problem))
-    if start is None and base.parts is None:
-        start = "linear"
-    if start is None:
-        base = dataclasses.replace(base, march_steps=march.steps_for(modes))
-        state, trace, closure = _march(problem, choice, base, None)
-        path.append(f"march of {base.cycles} cycles (closure {float(closure):.1e})")
-    longer = 4 * base.cycles
-    while True:
-        if start is None:
-            samples = np.asarray(trace)
-            given = march.start_from(jnp.asarray(samples), base.harmonics)
-        else:
-            given, sizes = _given(start, choice, base.harmonics, base.sizes)
-            samples = None if sizes.origin == "linear" else np.asarray(fourier.synthesize(given, base.sizes.samples))
-        resolved = decide.resolved_for(base.harmonics, modes)
-        room = decide.room_for(samples, problem, choice, resolved)
-        base = dataclasses.replace(base, room=room, resolved=resolved, start="march" if start is None else base.start)
-        sizes = dataclasses.replace(base.sizes, origin="given" if samples is not None else "linear")
-        problem = pose(train, rpm, base.harmonics, base.excited)
-        outcome = solve_problem(problem, choice, given, jnp.asarray(base.tolerance), sizes)
-        response = _host(respond(train, rpm, problem, outcome, base))
-        status = Status(int(response.status))
-        path.append(f"Newton with {base.harmonics} harmonics: {status.name}, {int(response.steps)} steps")
-        if status == Status.TOLERANCE_NOT_MET and adaptive:
-            higher = decide.next_level(base.harmonics, base.method)
-            if higher is None:
-                break
-            base = dataclasses.replace(base, harmonics=higher)
-            start = response
-        elif status in (Status.MAX_STEPS, Status.STALLED, Status.NONFINITE) and state is not None and longer:
-            base = dataclasses.replace(base, cycles=longer)
-            state, trace, closure = _march(problem, choice, base, state)
-            path.append(f"march of {longer} more cycles (closure {float(closure):.1e})")
-            start, longer = None, 0
-        elif status in (Status.MAX_STEPS, Status.STALLED) and adaptive and base.harmonics < decide.MOST[base.method]:
-            base = dataclasses.replace(base, harmonics=decide.next_level(base.harmonics, base.method))
-            start = None if state is not None else start
-        else:
-            break
-    return dataclasses.replace(response, path=tuple(path)), base
+class _Walk:
+    """The march that finds starts: goes on where it ended."""
+
+    def __init__(self, problem, plan):
+        self.problem, self.plan = problem, plan
+        self.state, self.cycles, self.closure = None, 0, np.inf
+        self.longer_left = True
+
+    def go(self, cycles):
+        """March further; coefficients ``(G, n+1)`` of the last cycle, or None if the motion is not finite."""
+        plan = self.plan
+        self.state, trace, closure = march.march_program(
+            self.problem,
+            plan.choice,
+            len(plan.active),
+            cycles=cycles,
+            steps=plan.march_steps,
+            excited=plan.excited,
+            parts=plan.parts,
+            state=self.state,
+        )
+        self.cycles += cycles
+        self.closure = float(closure)
+        trace = np.asarray(trace)
+        return np.fft.rfft(trace, norm="forward")[:, : plan.march_steps // 2] if np.isfinite(trace).all() else None
+
+    def __str__(self):
+        return f"march of {self.cycles} cycles (closure {self.closure:.1e})"
 
 
-def _march(problem, choice, base, state):
-    return march.march_program(
-        problem,
-        choice,
-        len(base.active),
-        cycles=base.cycles,
-        steps=base.march_steps,
-        excited=base.excited,
-        parts=base.parts,
-        state=state,
+def _climb(train, rpm, plan, modes, adaptive, start):
+    """Solve with rising numbers of harmonics, and a longer march, until the status is good or the ladder ends."""
+    problem = pose(train, rpm, plan.harmonics, plan.excited)
+    plan = dataclasses.replace(
+        plan, parts=march.parts_for(problem), march_steps=march.steps_for(max(modes, 2 * plan.excited))
     )
+    walk = _Walk(problem, plan) if start is None and plan.parts else None
+    given, path = None, []
+    if walk:
+        given = walk.go(plan.cycles)
+        path.append(str(walk))
+    elif isinstance(start, Response):
+        given = np.asarray(start.deflections)[plan.choice.chosen] * plan.choice.active[:, None]
+    while True:
+        plan = _prepared(plan, problem, modes, given, walk)
+        response, solution = _attempt(train, rpm, plan, given)
+        status = Status(int(response.status))
+        path.append(f"Newton with {plan.harmonics} harmonics: {status.name}, {int(response.steps)} steps")
+        higher = decide.next_level(plan.harmonics, plan.method) if adaptive else None
+        if status == Status.TOLERANCE_NOT_MET and higher:
+            given = solution
+            plan = dataclasses.replace(plan, harmonics=higher)
+        elif status in _UNSOLVED and walk and walk.longer_left:
+            walk.longer_left = False
+            given = walk.go(LONGER * plan.cycles)
+            path.append(str(walk))
+            plan = dataclasses.replace(plan, cycles=walk.cycles)
+        elif status in _UNSOLVED and higher:
+            plan = dataclasses.replace(plan, harmonics=higher)
+        else:
+            return dataclasses.replace(response, path=tuple(path)), plan
+
+
+def _prepared(plan, problem, modes, given, walk):
+    """The plan with a preconditioner that fits the start, and the start that a planned solve shall take."""
+    resolved = decide.resolved_for(plan.harmonics, modes)
+    samples = None if given is None else np.fft.irfft(given, n=16 * given.shape[-1], norm="forward")
+    return dataclasses.replace(
+        plan,
+        resolved=resolved,
+        trust=decide.trust_in(plan.harmonics, modes),
+        room=decide.room_for(samples, problem, plan.choice, resolved),
+        start="march" if walk and given is not None else "linear",
+    )
+
+
+def _attempt(train, rpm, plan, given):
+    """One solve from coefficients ``given`` (None: from the motion with all teeth in contact)."""
+    problem, choice = pose(train, rpm, plan.harmonics, plan.excited), plan.choice
+    origin = "linear" if given is None else "given"
+    start = np.zeros((len(choice.active), plan.harmonics + 1), dtype=complex)
+    if given is not None:
+        kept = min(given.shape[-1], start.shape[-1])
+        start[:, :kept] = given[:, :kept]
+    sizes = dataclasses.replace(plan.sizes, origin=origin)
+    outcome = solve_problem(problem, choice, start, plan.limit, sizes)
+    return _host(respond(train, rpm, problem, outcome, plan)), np.asarray(outcome.deflection)

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..linear.response import stack
-from ..model.engine import highest_harmonic
+from ..model.engine import listed_harmonic
 from . import harmonics as decide
 from . import march
 from .harmonics import Plan
@@ -21,7 +21,7 @@ CHUNK = 8
 BATCH_STEPS = 12
 
 
-def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=0.01, progress=None):
+def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=None, progress=None):
     """Periodic responses at many speeds.
 
     The linear motion tells at which speeds teeth leave contact or separate; speeds with the same needs share a plan
@@ -37,8 +37,8 @@ def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=0.01, progr
         From :func:`jaxhb.plan`: all speeds are solved under it, and nothing is solved twice.
     harmonics : int, optional
         Harmonics of the cycle, fixed for all speeds.
-    tolerance : float
-        On the truncation error; speeds that do not reach it have status TOLERANCE_NOT_MET.
+    tolerance : float, optional
+        On the truncation error, default 1 %; speeds that do not reach it have status TOLERANCE_NOT_MET.
     progress : callable, optional
         Called with the number of speeds done since the last call.
 
@@ -62,7 +62,12 @@ def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=0.01, progr
     (4,)
     """
     rpm = np.atleast_1d(np.asarray(rpm, dtype=float))
-    check_speed(train, rpm)
+    check_speed(train, rpm, many=True)
+    if plan and not (harmonics is None and tolerance is None):
+        raise ValueError("harmonics and tolerance belong to the plan: give them to jaxhb.plan")
+    tolerance = tolerance or 0.01
+    if plan:
+        decide.check_plan(train, plan)
     if harmonics is not None:
         decide.check_harmonics(train, harmonics, "reduced")
     plans = [plan] * len(rpm) if plan else plan_speeds(train, rpm, harmonics, tolerance)
@@ -98,8 +103,6 @@ def _axes():
         rigid=None,
         load_torque=0,
         load_power=0,
-        imbalance=0,
-        torque_scale=0,
     )
 
 
@@ -123,7 +126,7 @@ def _solve_chunk(train, rpm, plan):
     choice = plan.choice
     start = jnp.zeros((len(choice.active), plan.harmonics + 1), dtype=complex)
     sizes = dataclasses.replace(plan.sizes, max_steps=BATCH_STEPS)
-    outcome = jax.tree.map(np.asarray, _solve_all(problem, choice, start, jnp.asarray(plan.tolerance), sizes))
+    outcome = jax.tree.map(np.asarray, _solve_all(problem, choice, start, plan.limit, sizes))
     loads = _Loads(np.asarray(problem.load_torque), np.asarray(problem.load_power))
     return [respond(train, rpm[i], *jax.tree.map(lambda a, i=i: a[i], (loads, outcome)), plan) for i in range(len(rpm))]
 
@@ -139,17 +142,19 @@ class _Loads:
 
 def plan_speeds(train, rpm, harmonics, tolerance):
     """A plan for every speed, few distinct ones: teeth in contact, leaving contact, separating."""
-    excited = highest_harmonic(train)
+    excited = decide.excited_harmonic(train, "reduced")
     count = len(train.topology.mesh_names)
     level = harmonics or max(excited, decide.LEVELS[0])
-    contact = Plan(harmonics=level, active=(), flank=(0,) * count, tolerance=tolerance, excited=excited)
+    contact = Plan(
+        harmonics=level, active=(), flank=(0,) * count, tolerance=tolerance, excited=listed_harmonic(train.topology)
+    )
     if not any(train.topology.mesh_backlash):
         return [contact] * len(rpm)
     straight = solve_speeds(decide.without_backlash(train), rpm=rpm, plan=contact)
     samples = np.fft.irfft(straight.elastic_forces, n=16 * straight.elastic_forces.shape[-1], norm="forward")
     demands = [decide.contact_demand(train, forces) for forces in samples]
     parts = march.parts_for(pose(train, float(rpm[0]), excited, excited))
-    modes = [decide.mesh_mode_harmonic(train, decide.cycle_frequency(train, speed)) for speed in rpm]
+    modes = decide.mesh_mode_harmonic(train, decide.cycle_frequency(train, 1.0)) / rpm
     plans = []
     for separating in (False, True):
         chosen = [m for m, (_, active, apart) in zip(modes, demands, strict=True) if active and apart == separating]
@@ -163,10 +168,11 @@ def plan_speeds(train, rpm, harmonics, tolerance):
                 harmonics=level,
                 active=active,
                 start="march" if parts else "linear",
-                march_steps=march.steps_for(slowest),
+                march_steps=march.steps_for(max(slowest, 2 * contact.excited)),
                 parts=parts,
                 room=resolved * len(active) if separating else 2 * resolved * len(active),
                 resolved=resolved,
+                trust=decide.trust_in(level, slowest),
             )
         )
     return [plans[apart] if active else dataclasses.replace(contact, flank=flank) for flank, active, apart in demands]

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 from ..linear.response import Response
 from ..periodic.solve import linear_response, solve
-from .report import contacts_of, gears, hardest_impact, response_record, status_line, verdict
+from .balance import balance_line
+from .report import contacts_of, gears, hardest_impact, response_record, shafts_of, status_line, verdict
 from .tables import NONE, aligned, alike, notes_text, ratios, shares
 
 
@@ -25,7 +26,8 @@ def solve_cases(trains, speeds, *, harmonics=None, tolerance=0.01, step=lambda t
         for rpm in speeds:
             step(f"{rpm:g} rpm, {title}")
             responses.append(solve(train, rpm=rpm, harmonics=harmonics, tolerance=tolerance))
-            linear.append(linear_response(train, rpm=rpm))
+            toothed = any(train.topology.mesh_backlash)
+            linear.append(linear_response(train, rpm=rpm) if toothed else responses[-1])
         cases.append(Case(title, responses, linear))
     return cases
 
@@ -64,8 +66,8 @@ def _heading(cases, number):
     lines = [f"==== {float(cases[0].responses[number].rpm):g} rpm ===="]
     for case in cases:
         response = case.responses[number]
-        power = f"; loads take {float(response.load_kW):.4g} kW" if response.topology.load_names else ""
-        lines += [f"  {case.title}{power}", f"    {status_line(response)}"]
+        means = balance_line(response)
+        lines += [f"  {case.title}", f"    {status_line(response)}", *([f"    {means}"] if means else [])]
     return "\n".join(lines)
 
 
@@ -96,12 +98,23 @@ def _gear_table(cases, number):
 
 def _shaft_table(cases, number):
     topology = cases[0].responses[0].topology
-    names = topology.shaft_names + topology.damper_names
+    names = shafts_of(topology)
+    if not names:
+        return _disk_table(cases, number)
     swings = [
         [[response.torque(name).half_peak_to_peak for name in names] for response in pair]
         for pair in _pairs(cases, number)
     ]
     return "Torque of shafts and dampers, half peak-to-peak, N m\n" + _swing_table("shaft", names, swings, cases)
+
+
+def _disk_table(cases, number):
+    names = cases[0].responses[0].topology.disk_names
+    swings = [
+        [[1e3 * response.disk(name).half_peak_to_peak for name in names] for response in pair]
+        for pair in _pairs(cases, number)
+    ]
+    return "Vibratory angle of disks, half peak-to-peak, mrad\n" + _swing_table("disk", names, swings, cases)
 
 
 def _pairs(cases, number):

@@ -4,6 +4,7 @@ import argparse
 import math
 import os
 import sys
+import traceback
 
 DESCRIPTION = """\
 Forced periodic vibration of drive trains with gear backlash: do the teeth hammer, at which speeds, and how hard?
@@ -19,7 +20,8 @@ examples:
   jaxhb report gear_train_30 --rpm 600,1200,1800,2450 --misfire "cylinder A1" --plot crank_gear.png
 
 exit status: 0 converged (residual and truncation error within their limits, at all speeds); 1 not converged (files are
-still written); 2 bad input (nothing is written)."""
+still written); 2 bad input (nothing is written); 3 an error of the program. A scene whose mean torques do not balance is
+bad input when it is read (2); one that --set throws out of balance is solved and told as UNBALANCED (1)."""
 
 SOLVE = """\
 One speed: who separates for how much of the cycle, tooth forces (kN), torques of gears and shafts (N m), with backlash
@@ -48,7 +50,8 @@ def main(argv=None):
     Returns
     -------
     int
-        0 converged, 1 not converged, 2 bad input.
+        0 converged, 1 not converged, 2 bad input, 3 an error of the program (its traceback is shown), 130 stopped by
+        the user, 141 the reader of the output closed it.
 
     Examples
     --------
@@ -58,24 +61,34 @@ def main(argv=None):
     0
     """
     try:
+        status = _run(argv)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # What reads the output has had enough; the status is that of a program ended by SIGPIPE.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
+    return status
+
+
+def _run(argv):
+    try:
         arguments = parser().parse_args(argv)
+        # The compilation cache of jaxlib reports harmless differences of processor features as errors.
+        os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
+        return arguments.command(arguments)
     except SystemExit as stop:
         return stop.code
-    # The compilation cache of jaxlib reports harmless differences of processor features as errors.
-    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
-    try:
-        return arguments.command(arguments)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
     except KeyboardInterrupt:
         print("stopped; nothing more is written", file=sys.stderr)
         return 130
-    except ValueError as error:
-        if type(error).__name__ not in ("SceneError", "OutputError"):
-            raise
-        print(error, file=sys.stderr)
-        return 2
+    except BrokenPipeError:
+        raise
+    except Exception as error:
+        if type(error).__name__ in ("SceneError", "OutputError"):
+            print(error, file=sys.stderr)
+            return 2
+        traceback.print_exc()
+        return 3
 
 
 def parser():

@@ -10,9 +10,10 @@ from ..periodic.harmonics import without_backlash
 from ..periodic.solve import linear_response, solve
 from ..periodic.speeds import solve_speeds
 from .cases import cases_record, cases_text, solve_cases
-from .output import OutputError, check_output, check_picture, write_csv, write_figure, write_json, write_sweep_json
+from .balance import ground_reactions, load_torques
+from .output import OutputError, as_csv, as_json, as_picture, as_sweep_json, check_output, check_picture, write_files
 from .progress import Progress
-from .report import contact_at, gears, hardest_impact, modes_record, response_record, status_of
+from .report import contact_at, gears, hardest_impact, modes_record, response_record, shafts_of, status_of
 from .tables import modes_text, most_apart, solve_text, sweep_text
 
 CONVERGED, NOT_CONVERGED = 0, 1
@@ -32,9 +33,7 @@ def modes(arguments):
     _check_files(arguments)
     train = _train(arguments)
     found = natural_frequencies(train)
-    if arguments.json:
-        write_json(arguments.json, modes_record(found))
-    print(modes_text(found, train.topology.name))
+    _answer(arguments, modes_text(found, train.topology.name), json=lambda: as_json(modes_record(found)))
     return CONVERGED
 
 
@@ -42,19 +41,18 @@ def solve_one(arguments):
     """One speed."""
     _check_files(arguments)
     train = _train(arguments)
-    _check_gear(train, arguments)
+    _check_picture(train, arguments)
     train = train.misfire(*arguments.misfire)
     with Progress() as progress:
         progress.step(f"solving at {arguments.rpm:g} rpm")
         response = solve(train, rpm=arguments.rpm, harmonics=arguments.harmonics, tolerance=arguments.tolerance)
-        linear = linear_response(train, rpm=arguments.rpm)
-    if arguments.json:
-        write_json(arguments.json, response_record(response, orders=arguments.orders))
-    if arguments.plot:
-        from .plots import plot_cycle
-
-        write_figure(arguments.plot, plot_cycle(response, linear, arguments.gear))
-    print(solve_text(response, linear))
+        linear = linear_response(train, rpm=arguments.rpm) if any(train.topology.mesh_backlash) else response
+    _answer(
+        arguments,
+        solve_text(response, linear),
+        json=lambda: as_json(response_record(response, orders=arguments.orders)),
+        plot=lambda: _cycle_picture(arguments, response, linear),
+    )
     _warn([response])
     return CONVERGED if response.converged else NOT_CONVERGED
 
@@ -63,35 +61,39 @@ def sweep(arguments):
     """Many speeds."""
     _check_files(arguments)
     train = _train(arguments)
+    _check_picture(train, arguments)
     train = train.misfire(*arguments.misfire)
-    rpm = np.array(arguments.rpm)
-    with Progress() as progress:
-        progress.step(f"solving at {len(rpm)} speeds")
-        found = solve_speeds(train, rpm=rpm, harmonics=arguments.harmonics, tolerance=arguments.tolerance)
-        linear = solve_speeds(without_backlash(train), rpm=rpm)
-        progress.step("reading the results")
-        responses = [found[i] for i in range(len(rpm))]
-        if arguments.json:
-            records = (response_record(response, orders=arguments.orders) for response in responses)
-            write_sweep_json(arguments.json, arguments.rpm, records)
-        if arguments.csv:
-            before = [linear[i] for i in range(len(rpm))]
-            rows = [_row(response, other) for response, other in zip(responses, before, strict=True)]
-            write_csv(arguments.csv, list(rows[0]), [list(row.values()) for row in rows])
-        if arguments.plot:
-            from .plots import plot_sweep
-
-            write_figure(arguments.plot, plot_sweep(found, linear))
-    print(sweep_text(found, linear))
+    with Progress(len(arguments.rpm)) as progress:
+        found, linear = _sweep_both(train, arguments, progress)
+        progress.say("reading the results")
+        responses = [found[i] for i in range(len(found))]
+        _answer(
+            arguments,
+            sweep_text(found, linear),
+            json=lambda: _sweep_json(arguments, responses),
+            csv=lambda: _sweep_table(responses, linear),
+            plot=lambda: _sweep_picture(arguments, found, linear),
+        )
     _warn(responses)
     return CONVERGED if bool(np.all(found.converged)) else NOT_CONVERGED
+
+
+def _sweep_both(train, arguments, progress):
+    """The sweep, and the same with all teeth in contact; one and the same where no mesh has backlash."""
+    rpm, accuracy = np.array(arguments.rpm), {"harmonics": arguments.harmonics, "tolerance": arguments.tolerance}
+    progress.say("speeds solved")
+    found = solve_speeds(train, rpm=rpm, **accuracy, progress=progress.advance)
+    if not any(train.topology.mesh_backlash):
+        return found, found
+    # With the same harmonics the program is the one that planned the sweep: nothing is compiled anew.
+    return found, solve_speeds(without_backlash(train), rpm=rpm, **accuracy)
 
 
 def report(arguments):
     """Several speeds, normal and misfiring, with backlash and without."""
     _check_files(arguments)
     train = _train(arguments)
-    _check_gear(train, arguments)
+    _check_picture(train, arguments)
     if arguments.at is not None and arguments.at not in arguments.rpm:
         raise OutputError(f"--at: {arguments.at:g} rpm is none of the speeds of --rpm. Add it there.")
     trains = {"all cylinders firing" if train.topology.cylinder_names else "the scene as given": train}
@@ -100,17 +102,45 @@ def report(arguments):
     accuracy = {"harmonics": arguments.harmonics, "tolerance": arguments.tolerance}
     with Progress(len(trains) * len(arguments.rpm)) as progress:
         cases = solve_cases(trains, arguments.rpm, step=progress.step, **accuracy)
-    if arguments.json:
-        write_json(arguments.json, cases_record(cases, orders=arguments.orders))
-    if arguments.plot:
-        from .plots import plot_cycle
-
-        chosen = _picture_of(cases[0], arguments.at)
-        write_figure(arguments.plot, plot_cycle(cases[0].responses[chosen], cases[0].linear[chosen], arguments.gear))
-    print(cases_text(cases))
+    chosen = _picture_of(cases[0], arguments.at)
+    _answer(
+        arguments,
+        cases_text(cases),
+        json=lambda: as_json(cases_record(cases, orders=arguments.orders)),
+        plot=lambda: _cycle_picture(arguments, cases[0].responses[chosen], cases[0].linear[chosen]),
+    )
     every = [response for case in cases for response in case.responses]
     _warn(every)
     return CONVERGED if all(response.converged for response in every) else NOT_CONVERGED
+
+
+def _answer(arguments, text, **makers):
+    """Make all that was asked for, then write it, then print: what fails on the way leaves no file."""
+    given = vars(arguments)
+    write_files({given[option]: make() for option, make in makers.items() if given.get(option)})
+    print(text)
+
+
+def _cycle_picture(arguments, response, linear):
+    from .plots import plot_cycle
+
+    return as_picture(arguments.plot, plot_cycle(response, linear, arguments.gear))
+
+
+def _sweep_picture(arguments, found, linear):
+    from .plots import plot_sweep
+
+    return as_picture(arguments.plot, plot_sweep(found, linear))
+
+
+def _sweep_json(arguments, responses):
+    records = (response_record(response, orders=arguments.orders) for response in responses)
+    return as_sweep_json(arguments.rpm, records)
+
+
+def _sweep_table(responses, linear):
+    rows = [_row(response, linear[i]) for i, response in enumerate(responses)]
+    return as_csv(list(rows[0]), [list(row.values()) for row in rows])
 
 
 def _picture_of(case, rpm):
@@ -141,8 +171,11 @@ def _check_files(arguments):
         raise OutputError(f"--{' and --'.join(files)} name the same file. Give each its own.")
 
 
-def _check_gear(train, arguments):
-    if arguments.gear:
+def _check_picture(train, arguments):
+    """Refuse a picture of nothing before anything is computed."""
+    if arguments.plot and not train.topology.link_names:
+        raise OutputError("--plot: the train has no gears, shafts or dampers, so there is no torque to draw.")
+    if getattr(arguments, "gear", None):
         index = train.topology.disk_index(arguments.gear)
         if not any(index in ends for ends in train.topology.mesh_ends):
             known = ", ".join(repr(name) for name in gears(train))
@@ -167,6 +200,8 @@ def _row(response, linear):
         "truncation error": float(response.truncation_error),
         "load kW": float(response.load_kW),
     }
+    row |= {f"{name} load torque N m": torque for name, torque in load_torques(response).items()}
+    row |= {f"{name} ground reaction N m": torque for name, torque in ground_reactions(response).items()}
     for name in response.topology.mesh_names:
         force, contact = response.force(name), contact_at(response, name)
         row |= {f"{name} {what} N": float(getattr(force, what)) for what in ("mean", "max", "min")}
@@ -179,6 +214,6 @@ def _row(response, linear):
         row[f"{gear} torque half peak-to-peak N m"] = float(response.gear_torque(gear).half_peak_to_peak)
         without = float(linear.gear_torque(gear).half_peak_to_peak)
         row[f"{gear} torque half peak-to-peak N m without backlash"] = without
-    for shaft in response.topology.shaft_names + response.topology.damper_names:
+    for shaft in shafts_of(response.topology):
         row[f"{shaft} torque half peak-to-peak N m"] = float(response.torque(shaft).half_peak_to_peak)
     return row

@@ -1,9 +1,9 @@
 """Files that appear whole or not at all, and refusals before anything is computed."""
 
+import contextlib
 import csv
 import importlib.util
 import io
-import itertools
 import json
 import os
 from pathlib import Path
@@ -35,47 +35,65 @@ def check_picture(option, name):
         raise OutputError(f'{option}: pictures need matplotlib. Install it: pip install "jaxhb[plot]".')
 
 
-def write_whole(name, *parts):
-    """Write bytes beside ``name`` and move them there: nobody ever sees half a file."""
-    path = Path(name)
-    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
+def write_files(contents):
+    """Write all files or none: each beside its name first, then moved there; nobody ever sees half a file.
+
+    Parameters
+    ----------
+    contents : dict
+        ``{name: iterable of bytes}``. What fails while a content is made, leaves no file behind.
+    """
+    beside = {}
     try:
-        with beside.open("wb") as file:
-            file.writelines(itertools.chain.from_iterable(parts))
-        os.replace(beside, path)
+        for name, parts in contents.items():
+            path = Path(name)
+            beside[name] = path.with_name(f".{path.name}.{os.getpid()}.part")
+            with _sentence(name), beside[name].open("wb") as file:
+                file.writelines(parts)
+        for name, part in beside.items():
+            with _sentence(name):
+                os.replace(part, name)
+    finally:
+        for part in beside.values():
+            part.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def _sentence(name):
+    try:
+        yield
     except OSError as error:
         raise OutputError(f"{name!r} cannot be written: {error.strerror}.") from None
-    finally:
-        beside.unlink(missing_ok=True)
 
 
-def write_json(name, record):
-    """Write a record (see :func:`jaxhb.show.report.response_record`) in full precision."""
-    write_whole(name, [_json(record), b"\n"])
+def as_json(record):
+    """A record (see :func:`jaxhb.show.report.response_record`) in full precision."""
+    return [_json(record), b"\n"]
 
 
-def write_sweep_json(name, rpm, records):
-    """Write ``{"rpm": [...], "responses": [...]}``; ``records`` may be a generator, one record is held at a time."""
-    head = b'{"rpm": ' + _json(rpm) + b', "responses": ['
-    rows = ((b", " if i else b"") + _json(record) for i, record in enumerate(records))
-    write_whole(name, [head], rows, [b"]}\n"])
+def as_sweep_json(rpm, records):
+    """``{"rpm": [...], "responses": [...]}``; ``records`` may be a generator, one record is held at a time."""
+    yield b'{"rpm": ' + _json(rpm) + b', "responses": ['
+    for i, record in enumerate(records):
+        yield (b", " if i else b"") + _json(record)
+    yield b"]}\n"
 
 
 def _json(record):
     return json.dumps(record, allow_nan=False, ensure_ascii=False).encode()
 
 
-def write_csv(name, heads, rows):
-    """Write a table, numbers in full precision."""
+def as_csv(heads, rows):
+    """A table, numbers in full precision."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(heads)
     writer.writerows(rows)
-    write_whole(name, [text.getvalue().encode()])
+    return [text.getvalue().encode()]
 
 
-def write_figure(name, figure):
-    """Write a matplotlib figure as the kind its name ends in."""
+def as_picture(name, figure):
+    """A matplotlib figure as the kind that ``name`` ends in."""
     content = io.BytesIO()
     figure.savefig(content, format=Path(name).suffix.lower()[1:], dpi=100)
-    write_whole(name, [content.getvalue()])
+    return [content.getvalue()]

@@ -19,7 +19,7 @@ def plot_cycle(response, linear, gear=None):
         With backlash and with all teeth in contact, at the same speed.
     gear : str, optional
         Default: the gear of the reference rotor whose torque has the largest half peak-to-peak. A train without gears
-        shows its hardest worked shaft.
+        shows its hardest worked shaft or damper.
 
     Returns
     -------
@@ -81,7 +81,7 @@ def plot_sweep(sweep, linear):
     Returns
     -------
     matplotlib.figure.Figure
-        A cross marks a speed that did not converge. A train without gears shows its hardest worked shaft.
+        A cross marks a speed that did not converge. A train without gears shows its hardest worked shaft or damper.
 
     Examples
     --------
@@ -146,7 +146,7 @@ def _plot_shaft(response, title):
     axes.plot(_angles(response), _closed(response.torque(shaft)), color=WITHOUT, linewidth=1.3)
     axes.axhline(0.0, color="black", linewidth=0.6)
     swing = float(response.torque(shaft).half_peak_to_peak)
-    axes.set_title(f"{title}: torque of shaft {_plain(shaft)}, half peak-to-peak {swing:.0f} N m", fontsize="medium")
+    axes.set_title(f"{title}: torque of {_plain(shaft)}, half peak-to-peak {swing:.0f} N m", fontsize="medium")
     axes.set_ylabel("torque, N m")
     _finish(axes, response)
     return figure
@@ -155,11 +155,11 @@ def _plot_shaft(response, title):
 def _plot_shaft_sweep(sweep, name):
     figure = Figure(figsize=(9.0, 4.2), layout="constrained")
     axes = figure.subplots()
-    shaft = max(sweep.topology.shaft_names, key=lambda n: float(np.max(sweep.torque(n).half_peak_to_peak)))
+    shaft = hardest_shaft(sweep)
     signal, rpm = sweep.torque(shaft), np.asarray(sweep.rpm)
     axes.plot(rpm, np.asarray(signal.half_peak_to_peak), color=WITHOUT, label="half peak-to-peak")
     axes.plot(rpm, np.asarray(signal.sum_of_amplitudes), color=WITHOUT, linestyle=":", label="sum of amplitudes")
-    axes.set_title(f"{name}: vibratory torque of shaft {_plain(shaft)}", fontsize="medium")
+    axes.set_title(f"{name}: vibratory torque of {_plain(shaft)}", fontsize="medium")
     axes.set_ylabel("torque, N m")
     axes.set_xlabel("speed, rpm")
     axes.set_ylim(bottom=0.0)

@@ -48,8 +48,16 @@ class Progress:
 
     def step(self, text):
         """Begin the next step."""
-        self.done += 1
+        self.advance(1)
         self.text = text
+
+    def say(self, text):
+        """What is being done, without a further step."""
+        self.text = text
+
+    def advance(self, count):
+        """Count ``count`` further steps."""
+        self.done += count
 
     def line(self):
         """Text of the line at this moment."""

@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..periodic.newton import Status
+from .balance import balance_record, ground_notes
 
 GAP_SPRING_SHARE = 0.05
 KNEE_SHARE = 0.5
@@ -23,6 +24,7 @@ def response_record(response, *, orders=None):
     -------
     dict
         ``rpm``, ``converged``, ``status``, ``harmonics``, ``residual``, ``truncation_error``, ``path``, ``load_kW``;
+        ``load_torque_Nm`` and ``ground_reaction_Nm`` by name, ``mean_angles`` (what sets the means of the disks);
         ``disks`` (rad), ``shafts`` with the dampers (N m), ``gears`` (N m) and ``meshes`` (N) by name, each a signal
         ``{"mean", "min", "max", "rms", "half_peak_to_peak", "sum_of_amplitudes", "amplitudes"}`` with amplitudes
         ``[[order, A, phase in deg], ...]`` from the first harmonic of the cycle on (disks without min, max and rms).
@@ -37,11 +39,11 @@ def response_record(response, *, orders=None):
     ('CONVERGED', 1046.8)
     """
     topology = response.topology
-    shafts = topology.shaft_names + topology.damper_names
-    names = {"shafts": shafts, "gears": gears(response)}
+    names = {"shafts": shafts_of(topology), "gears": gears(response)}
     read = {"shafts": response.torque, "gears": response.gear_torque}
     return finite(
         _outcome_record(response)
+        | balance_record(response)
         | {"disks": {name: _disk_record(response.disk(name), orders) for name in topology.disk_names}}
         | {kind: {name: _signal_record(read[kind](name), orders) for name in names[kind]} for kind in names}
         | {"meshes": {name: _mesh_record(response, name, orders) for name in topology.mesh_names}}
@@ -142,10 +144,15 @@ def hardest_gear(response):
     return max(gears(response), key=lambda name: float(response.gear_torque(name).half_peak_to_peak), default=None)
 
 
+def shafts_of(topology):
+    """Names of the links that transmit a torque: shafts, then dampers."""
+    return topology.shaft_names + topology.damper_names
+
+
 def hardest_shaft(response):
-    """The shaft whose torque has the largest half peak-to-peak; None where there is no shaft."""
-    names = response.topology.shaft_names
-    return max(names, key=lambda name: float(response.torque(name).half_peak_to_peak), default=None)
+    """The shaft or damper whose torque has the largest half peak-to-peak (of a sweep: at any speed); None without."""
+    names = shafts_of(response.topology)
+    return max(names, key=lambda name: float(np.max(response.torque(name).half_peak_to_peak)), default=None)
 
 
 def status_of(response):
@@ -229,7 +236,7 @@ def verdict(response):
 
 
 def notes(*responses):
-    """Sentences on what in the tooth law is large beside the mean force of a mesh, and on force through the gap.
+    """Sentences on grounds that take a mean torque, and on what in the tooth law is large beside the mean force.
 
     Parameters
     ----------
@@ -239,9 +246,10 @@ def notes(*responses):
     Returns
     -------
     list of str
-        A gap spring above 5 % of the mean force, a knee above 50 % of it, damping in the gap above 5 % of it.
+        A ground that takes above 1 % of the largest mean torque; a gap spring above 5 % of the mean force, a knee above
+        50 % of it, damping in the gap above 5 % of it.
     """
-    found, through = [], []
+    found, through = ground_notes(responses, _speed_of), []
     for name in responses[0].topology.mesh_names:
         contacts = [contact_at(response, name) for response in responses]
         if None in contacts or not contacts[0].knee_force:

@@ -5,7 +5,8 @@ import textwrap
 
 import numpy as np
 
-from .report import contacts_of, gears, hardest_impact, notes, status_line, status_of, verdict
+from .balance import balance_line, mean_angles_of
+from .report import contacts_of, gears, hardest_impact, hardest_shaft, notes, shafts_of, status_line, status_of, verdict
 
 NONE = "-"
 
@@ -23,12 +24,15 @@ def solve_text(response, linear):
     str
     """
     name = response.topology.name or "scene"
-    power = f", loads take {float(response.load_kW):.4g} kW" if response.topology.load_names else ""
-    parts = [f"{verdict(response)}\n\n{name} at {float(response.rpm):g} rpm{power}\n{status_line(response)}"]
+    means = "; ".join(filter(None, [balance_line(response), f"mean angles: {mean_angles_of(response.topology)}"]))
+    head = [verdict(response), "", f"{name} at {float(response.rpm):g} rpm", status_line(response), means]
+    parts = ["\n".join(head)]
     if response.topology.mesh_names:
         parts += [_mesh_table(response, linear), _contact_table(response), _gear_table(response, linear)]
-    if response.topology.shaft_names or response.topology.damper_names:
+    if shafts_of(response.topology):
         parts.append(_shaft_table(response, linear))
+    if not response.topology.link_names:
+        parts.append(_disk_table(response))
     return "\n\n".join([*parts, *notes_text(response)])
 
 
@@ -96,7 +100,7 @@ def _gear_table(response, linear):
 
 
 def _shaft_table(response, linear):
-    names = response.topology.shaft_names + response.topology.damper_names
+    names = shafts_of(response.topology)
     after = [response.torque(name) for name in names]
     before = [linear.torque(name) for name in names]
     if any(response.topology.mesh_backlash):
@@ -104,6 +108,14 @@ def _shaft_table(response, linear):
     columns = alike([s.mean for s in after], [s.half_peak_to_peak for s in after], [s.sum_of_amplitudes for s in after])
     heads = ["shaft", "mean", "half peak-to-peak", "sum of amplitudes"]
     return "Torque of shafts and dampers, N m\n" + aligned(heads, [names, *columns])
+
+
+def _disk_table(response):
+    names = response.topology.disk_names
+    signals = [response.disk(name) for name in names]
+    columns = alike(*([1e3 * getattr(s, what) for s in signals] for what in ("half_peak_to_peak", "sum_of_amplitudes")))
+    heads = ["disk", "half peak-to-peak", "sum of amplitudes"]
+    return "Vibratory angle of disks, mrad\n" + aligned(heads, [names, *columns])
 
 
 def _torque_columns(what, names, after, before):
@@ -151,11 +163,22 @@ def _sweep_meshes(responses, before):
 
 
 def _sweep_shafts(responses, before):
-    names = [max(r.topology.shaft_names, key=lambda n, r=r: float(r.torque(n).half_peak_to_peak)) for r in responses]
+    if not shafts_of(responses[0].topology):
+        return _sweep_disks(responses)
+    names = [hardest_shaft(response) for response in responses]
     swings = [r.torque(name).half_peak_to_peak for r, name in zip(responses, names, strict=True)]
     sums = [r.torque(name).sum_of_amplitudes for r, name in zip(responses, names, strict=True)]
     heads = ["largest shaft torque", "half p-p N m", "sum of amplitudes N m"]
     return heads, [names, *alike(swings, sums)]
+
+
+def _sweep_disks(responses):
+    """A train without links: its disks alone."""
+    disks = [{name: response.disk(name) for name in response.topology.disk_names} for response in responses]
+    names = [max(signals, key=lambda name, s=signals: float(s[name].half_peak_to_peak)) for signals in disks]
+    largest = [signals[name] for signals, name in zip(disks, names, strict=True)]
+    columns = alike([1e3 * s.half_peak_to_peak for s in largest], [1e3 * s.sum_of_amplitudes for s in largest])
+    return ["largest angle", "half p-p mrad", "sum of amplitudes mrad"], [names, *columns]
 
 
 def worst_mesh(response):

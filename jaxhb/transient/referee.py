@@ -207,6 +207,8 @@ def _extremes(trace, dt):
 
 def _equations(train, rpm):
     """System, backlash meshes, Omega and load of a train at a speed."""
+    if not rpm > 0:
+        raise ValueError(f"{train.topology.name or 'scene'}: the speed is {rpm:g} rpm, must be greater than 0 rpm.")
     system, meshes = chain.assemble(train), backlash_meshes(train)
     partition(system, meshes, train.topology.disk_names, train.topology.link_names)
     torque, _, _ = excitation(train, rpm, highest_harmonic(train))
@@ -303,6 +305,8 @@ def shooting_correction(response, *, steps=None, tolerance=1e-9):
     True
     """
     train, rpm = response.train, float(response.rpm)
+    if not any(train.topology.mesh_backlash):
+        raise ValueError(f"{train.topology.name or 'scene'} has no mesh with backlash: its response is exact")
     system, meshes, frequency, load = _equations(train, rpm)
     start = np.asarray(response.angles) * np.asarray(system.radius)[:, None]
     orbit = referee(system, meshes, frequency, load, start, steps=steps, tolerance=tolerance)

@@ -128,7 +128,7 @@ def test_newton_correction_solves_the_jacobian_of_autodiff_with_room_for_half_th
     value = jax.jit(packed)(at)
     wanted = np.linalg.solve(np.asarray(jax.jit(jax.jacfwd(packed))(at)), value)
     solver = jax.jit(correct, static_argnums=(3, 4, 5, 7))
-    found, used = solver(reduced, l, fourier.unpack(value.reshape(2, -1)), SAMPLES, room, HARMONICS, 1e-11, 60)
+    found, _, used = solver(reduced, l, fourier.unpack(value.reshape(2, -1)), SAMPLES, room, HARMONICS, 1e-11, 60)
     np.testing.assert_allclose(
         np.asarray(fourier.pack(found)).reshape(-1), wanted, rtol=0, atol=RESIDUAL * np.abs(wanted).max()
     )

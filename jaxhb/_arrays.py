@@ -1,0 +1,15 @@
+"""Where arithmetic runs: numpy on the host, jax.numpy under a transformation."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+
+def namespace(*trees):
+    """jax.numpy if any leaf is a tracer or a device array, else numpy: reading results compiles nothing."""
+    return jnp if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(trees)) else np
+
+
+def traced(*trees):
+    """Whether any leaf is being traced."""
+    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trees))

@@ -1,0 +1,87 @@
+"""Mean torques: what the loads and the grounds take, and what fixes the mean angles."""
+
+import numpy as np
+
+from ..model.engine import excitation
+
+NOTED_SHARE = 0.01
+ROUNDING = 1e-9
+
+
+def mean_angles_of(topology):
+    """What the absolute mean angles are measured from, as a sentence without its full stop.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> mean_angles_of(jaxhb.load_scene("spur_pair").topology)
+    'no ground: the inertia-weighted mean is zero'
+    """
+    names = ", ".join(repr(name) for name in topology.ground_names)
+    if not names:
+        return "no ground: the inertia-weighted mean is zero"
+    return f"set by the {'grounds' if len(topology.ground_names) > 1 else 'ground'} {names}"
+
+
+def balance_record(response):
+    """The keys ``load_torque_Nm``, ``ground_reaction_Nm`` (each by name) and ``mean_angles`` of a response object."""
+    return {
+        "load_torque_Nm": load_torques(response),
+        "ground_reaction_Nm": ground_reactions(response),
+        "mean_angles": mean_angles_of(response.topology),
+    }
+
+
+def load_torques(response):
+    """Mean torque of every load on its disk by name, N m: negative where it takes power."""
+    names = response.topology.load_names
+    return dict(zip(names, np.asarray(response.load_torque, dtype=float).tolist(), strict=True))
+
+
+def ground_reactions(response):
+    """Mean torque that every ground takes from its disk by name, N m."""
+    names = response.topology.ground_names
+    return dict(zip(names, np.asarray(response.ground_reaction, dtype=float).tolist(), strict=True))
+
+
+def largest_mean_torque(response):
+    """Largest mean torque that acts on a disk of the train, loads among them, N m."""
+    on_disks = np.abs(np.asarray(excitation(response.train, float(response.rpm), 0)[0])[:, 0].real)
+    loads = np.abs(np.asarray(response.load_torque))
+    return float(max(on_disks.max(initial=0.0), loads.max(initial=0.0)))
+
+
+def balance_line(response):
+    """One line on the mean torques of loads and grounds; empty where there is neither."""
+    loads, grounds = load_torques(response), ground_reactions(response)
+    largest = max(map(abs, [*loads.values(), *grounds.values()]), default=0.0)
+
+    def said(torque):
+        # A balanced train leaves rounding errors to its ground.
+        return f"{torque:.4g} N m" if abs(torque) > ROUNDING * largest else "0 N m"
+
+    parts = []
+    if loads:
+        taken = ", ".join(f"{name} takes {said(-torque)}" for name, torque in loads.items())
+        parts.append(f"load: {taken}" + f", {float(response.load_kW) + 0.0:.4g} kW in all")
+    if grounds:
+        parts.append("ground: " + ", ".join(f"{name} takes {said(torque)}" for name, torque in grounds.items()))
+    return "; ".join(parts)
+
+
+def ground_notes(responses, speed_of):
+    """A sentence per ground that takes more than 1 % of the largest mean torque, at the speed of the largest."""
+    found = []
+    for number, name in enumerate(responses[0].topology.ground_names):
+        reactions = np.array([float(np.abs(response.ground_reaction[number])) for response in responses])
+        loads = np.array([np.abs(np.asarray(r.load_torque)).max(initial=0.0) for r in responses])
+        # The largest mean torque is at least that of the loads: most trains need no further look.
+        suspects = np.flatnonzero(reactions > NOTED_SHARE * loads)
+        wrong = [i for i in suspects if reactions[i] > NOTED_SHARE * largest_mean_torque(responses[i])]
+        if wrong:
+            worst = max(wrong, key=lambda i: reactions[i])
+            found.append(
+                f"The ground {name!r} takes {reactions[worst]:.4g} N m{speed_of(responses, worst)}, more than "
+                f"{100 * NOTED_SHARE:g} % of the largest mean torque: is a [[load]] missing?"
+            )
+    return found
