@@ -11,98 +11,114 @@ from jaxhb.model.elements import SceneError
 from jaxhb.model.topology import Topology
 
 
-def assemble(elements, *, name, reference, revolutions_per_cycle, tune, source, findings=()) -> dict:
-    """Check the elements and make the fields of a drive train; ``findings`` are sentences found before."""
-    parts = checks.Parts(elements, source)
+def assemble(elements, *, name, reference, revolutions_per_cycle, tune, source, findings=(), complete=True) -> dict:
+    """Check the elements and make the fields of a drive train.
+
+    ``findings`` are sentences found before; ``complete`` is False where tables of the scene could not be read.
+    Every check runs on what is sound, and all sentences are raised together.
+    """
+    parts = checks.Parts(elements, source, complete=complete)
     cycle = revolutions_per_cycle
     errors = [*findings, *checks.element_errors(parts), *checks.name_errors(parts)]
-    errors += _cycle_value_errors(source, cycle)
-    references = checks.reference_errors(parts, reference)
-    if references or _unnamed(parts):
-        raise SceneError([*errors, *references])
+    cycle_errors = _cycle_value_errors(source, cycle)
+    errors += cycle_errors + checks.reference_errors(parts, reference)
     errors += train_checks.connection_errors(parts)
     rotor = graph.pieces(len(parts.disk_names), train_checks.elastic_pairs(parts))
     errors += train_checks.reference_error(parts, reference, rotor)
-    errors += train_checks.gear_errors(parts, rotor) if _numeric(parts) else []
-    if errors:
-        raise SceneError(errors)
+    errors += train_checks.gear_errors(parts, rotor)
     errors += train_checks.inertia_errors(parts)
-    reference_disk = parts.disk(reference) if reference is not None else 0
-    parts = _with_exact_radii(parts)
-    rotors, locked = _rotors(parts, reference_disk)
+    main = 0 if reference is None and parts.disk_names else parts.disk(reference)
+    known = reference is not None or (parts.connected and max(rotor, default=0) == 0)
+    radii = _exact_radii(parts)
+    rotors, ratio, locked = _gearing(parts, main if known else None, radii)
     errors += train_checks.loop_errors(parts, locked)
-    ratio = [rotors.ratio[k] for k in rotors.rotor]
-    needs = _harmonic_needs(parts, ratio)
-    errors += train_checks.cycle_errors(parts, needs, cycle)
-    errors += train_checks.hold_errors(parts, reference_disk)
-    errors += train_checks.balance_errors(parts, ratio)
+    if not cycle_errors:
+        errors += train_checks.cycle_errors(parts, _harmonic_needs(parts, ratio), cycle)
+    errors += train_checks.hold_errors(parts, main)
+    errors += train_checks.balance_errors(parts, ratio) if not locked else []
     if errors:
         raise SceneError(errors)
-    topology = _topology(parts, rotors, reference_disk, name=name, cycle=float(cycle), tune=tune, ratio=ratio)
+    disks = parts.tables["disk"]
+    parts.tables["disk"] = [dataclasses.replace(d, radius=r) for d, r in zip(disks, radii, strict=False)]
+    topology = _topology(parts, rotors, main, name=name, cycle=float(cycle), tune=tune, ratio=ratio)
     return {"topology": topology} | _tables(parts)
-
-
-def _numeric(parts) -> bool:
-    """Tell whether radii and teeth can be computed with."""
-    return all(
-        value is None or checks.number_like(value) for d in parts.tables["disk"] for value in (d.radius, d.teeth)
-    )
-
-
-def _unnamed(parts) -> bool:
-    """Tell whether names or ends are missing or stand twice, so that connections cannot be followed."""
-    names = parts.disk_names
-    pairs = [e.between for table in checks.LINKS for e in parts.tables[table]]
-    seats = [e.disk for t in ("damper", "ground", "load", "torque", "cylinder") for e in parts.tables[t]]
-    bad_pair = any(not (isinstance(p, tuple | list) and len(p) == 2) for p in pairs)
-    if bad_pair or not all(isinstance(n, str) for n in [*names, *seats, *(end for p in pairs for end in p)]):
-        return True
-    return len(set(names)) < len(names)
 
 
 def _cycle_value_errors(source, cycle) -> list[str]:
     """Check revolutions_per_cycle."""
     if checks.number_like(cycle) and math.isfinite(float(cycle)) and float(cycle) > 0.0:
         return []
-    return [f"{source}, [scene]: revolutions_per_cycle is {cycle!r}, must be a number greater than 0. Correct it."]
+    return [
+        f"{source}, [scene]: revolutions_per_cycle is {checks.shown(cycle)}, must be a number greater than 0."
+        " Correct it."
+    ]
 
 
-def _with_exact_radii(parts):
-    """Replace radii by those that the numbers of teeth make exact."""
-    disks = parts.tables["disk"]
-    teeth = [int(d.teeth or 0) for d in disks]
-    exact = graph.exact_radii([d.radius for d in disks], teeth, parts.ends("mesh"))
-    parts.tables["disk"] = [dataclasses.replace(d, radius=r) for d, r in zip(disks, exact, strict=True)]
-    return parts
+def _exact_radii(parts) -> list:
+    """Radii that the numbers of teeth make exact, None where absent, for disks and rings."""
+    disks, rings = parts.tables["disk"], [None] * len(parts.tables["damper"])
+    usable = [parts.usable("disk", i, "radius", "teeth") for i in range(len(disks))]
+    teeth = [int(d.teeth or 0) if good else 0 for d, good in zip(disks, usable, strict=True)]
+    radius = [d.radius if good else None for d, good in zip(disks, usable, strict=True)]
+    teeth = [t if r is not None else 0 for t, r in zip(teeth, radius, strict=True)]
+    return graph.exact_radii([*radius, *rings], [*teeth, *(0 for _ in rings)], parts.ends("mesh"))
 
 
-def _rotors(parts, reference_disk):
-    """Find rotors, ratios and locked loops."""
-    return graph.find_rotors(
-        len(parts.disk_names),
-        train_checks.elastic_pairs(parts),
-        parts.ends("mesh"),
-        [m.kind == "internal" for m in parts.tables["mesh"]],
-        [d.radius for d in parts.tables["disk"]],
-        reference_disk,
-    )
+def _gearing(parts, root: int | None, radii):
+    """Find the rotors seen from disk ``root``, the speed ratio of each disk (None: unknown) and locked loops."""
+    n, pairs, meshes = len(parts.disk_names), train_checks.elastic_pairs(parts), parts.links("mesh")
+    ends = [pair for _, pair in meshes]
+    internal = [parts.tables["mesh"][i].kind == "internal" for i, _ in meshes]
+    numbers = [math.nan if r is None else r for r in radii]
+    joined = graph.pieces(n, pairs + ends)
+    starts = {joined[d]: d for d in reversed(range(n))}
+    if root is not None:
+        starts[joined[root]] = root
+    kinds = all(parts.usable("mesh", i, "kind") for i, _ in meshes)
+    rotors, locked = None, []
+    for start in starts.values():
+        found, loops = graph.find_rotors(n, pairs, ends, internal, numbers, start)
+        locked += [(meshes[m][0], disks, why) for m, disks, why in loops if kinds or "senses" not in why]
+        rotors = found if start == root else rotors
+    if parts.complete and not parts.tables["mesh"]:
+        return rotors, [1.0] * n, locked
+    if rotors is None:
+        return rotors, [None] * n, locked
+    reached = [k == rotors.rotor[root] or bool(path) for k, path in enumerate(rotors.path)]
+    values = [r if ok and math.isfinite(r) else None for r, ok in zip(rotors.ratio, reached, strict=True)]
+    return rotors, [values[k] for k in rotors.rotor], locked
 
 
 def _harmonic_needs(parts, ratio) -> list[tuple]:
-    """Harmonics per revolution of the reference rotor, whole over the cycle: (table, i, text, value)."""
+    """Harmonics per revolution of the reference rotor, whole over the cycle: (table, i, text, value, key of mean)."""
     needs = []
-    for i, (disk, torque) in enumerate(zip(parts.sits_on("torque"), parts.tables["torque"], strict=True)):
-        factor = ratio[disk] if torque.orders_of == "own" else 1.0
-        needs += [("torque", i, f"order {row[0]:g}", row[0] * factor) for row in torque.harmonics]
-    for i, (disk, cylinder) in enumerate(zip(parts.sits_on("cylinder"), parts.tables["cylinder"], strict=True)):
-        needs += [("cylinder", i, f"order {row[0]:g}", row[0] * ratio[disk]) for row in cylinder.gas_torque or ()]
-        if cylinder.pressure is not None:
+    seat = dict(parts.seats("torque"))
+    for i, torque in enumerate(parts.tables["torque"]):
+        own = torque.orders_of == "own"
+        factor = (ratio[seat[i]] if i in seat else None) if own else 1.0
+        if factor is not None and parts.usable("torque", i, "orders_of"):
+            needs += [("torque", i, f"order {o:g}", o * factor, "mean") for o in _orders(torque.harmonics)]
+    for i, disk in parts.seats("cylinder"):
+        cylinder, factor = parts.tables["cylinder"][i], ratio[disk]
+        if factor is None:
+            continue
+        orders = _orders(cylinder.gas_torque)
+        needs += [("cylinder", i, f"order {o:g}", o * factor, "gas_torque_mean") for o in orders]
+        if cylinder.pressure is not None and parts.usable("cylinder", i, "pressure"):
             turns = 2 if tables.is_four_stroke(cylinder.pressure) else 1
             text = f"one gas cycle of {turns} revolution{'s' if turns > 1 else ''}"
-            needs.append(("cylinder", i, text, ratio[disk] / turns))
-        if cylinder.stroke is not None and cylinder.reciprocating_mass > 0:
-            needs.append(("cylinder", i, "order 1 of the reciprocating mass", ratio[disk]))
+            needs.append(("cylinder", i, text, factor / turns, ""))
+        moving = parts.usable("cylinder", i, "stroke", "reciprocating_mass") and cylinder.stroke is not None
+        if moving and cylinder.reciprocating_mass > 0:
+            needs.append(("cylinder", i, "order 1 of the reciprocating mass", factor, ""))
     return needs
+
+
+def _orders(rows) -> list[float]:
+    """Orders of the sound rows of a table of harmonics."""
+    rows = rows if isinstance(rows, tuple | list) else ()
+    found = [float(row[0]) for row in rows if isinstance(row, tuple | list) and row and checks.number_like(row[0])]
+    return [order for order in found if math.isfinite(order) and order > 0.0]
 
 
 def _topology(parts, rotors, reference_disk, *, name, cycle, tune, ratio) -> Topology:
@@ -168,7 +184,7 @@ def _cylinder_topology(parts, ratio, cycle) -> dict:
             math.floor(c.orders * k + 1e-9) if c.pressure else 0 for c, k in zip(cylinders, turns, strict=True)
         ),
         "cylinder_inertia": tuple(
-            math.floor(c.orders + 1e-9) if c.stroke is not None and train_checks.whole(v) else 0
+            math.floor(c.orders + 1e-9) if None not in (c.stroke, c.rod) and train_checks.whole(v) else 0
             for c, v in zip(cylinders, turn, strict=True)
         ),
         "cylinder_series": tuple(c.kinematics == "mendes2008" for c in cylinders),

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxhb.model import checks
+from jaxhb.model import checks, hold
 from jaxhb.model.elements import TABLES, SceneError
 from jaxhb.model.graph import RATIO_TOLERANCE
 from jaxhb.model.topology import suggestion
@@ -69,6 +69,9 @@ def replace(train, values):
     changed = dataclasses.replace(train, **tables)
     if ("disk", "radius") in changes:
         _check_ratios(train, changed)
+    errors = hold.train_errors(changed) if hold.touches(changes) else []
+    if errors:
+        raise SceneError(errors)
     return changed
 
 
@@ -101,20 +104,43 @@ def _value_errors(train, key, table, field, index, value) -> list[str]:
         found = None
     if found != wanted:
         return [f"{where}: the value has shape {found}, must have {wanted}. Map over a batch with jax.vmap."]
+    missing = _has_no_effect(train.topology, table, field, index)
     if isinstance(value, jax.core.Tracer):
-        return []
+        return [f"{where}: {missing}"] if missing else []
     number = np.asarray(value)
     if number.dtype.kind not in "fiu" or not np.all(np.isfinite(number)):
         return [f"{where}: the value is {value!r}, must be finite and real."]
+    if missing and not _is_same(train, table, field, index, number):
+        return [f"{where}: {missing}"]
     declared = {f.name: f for f in dataclasses.fields(TABLES[table])}.get(field)
     if declared is None or wanted or declared.metadata["kind"] != "number":
         return []
     if declared.default is None and number == 0.0 and _is_absent(train, table, field, index):
         return []
-    errors = [f"{where}: {text}" for text in checks.value_errors(declared, float(number))]
-    if table == "mesh" and field == "backlash" and not train.topology.mesh_backlash[index]:
-        errors.append(f"{where}: the mesh has no backlash, it is always in contact. Build the scene with a backlash.")
-    return errors
+    return [f"{where}: {text}" for text in checks.value_errors(declared, float(number))]
+
+
+def _has_no_effect(topology, table, field, index) -> str:
+    """Say why a number has no effect in a train of this topology; empty where it has one."""
+    if table == "mesh" and field == "backlash" and not topology.mesh_backlash[index]:
+        return "the mesh has no backlash, it is always in contact. Build the scene with a backlash."
+    if table != "cylinder":
+        return ""
+    traced, moves = topology.cylinder_source[index] == "pressure", topology.cylinder_inertia[index] > 0
+    if field in ("bore", "ambient_pressure", "pressure") and not traced:
+        return "it has no effect, as the cylinder has no pressure table. Build the scene with a pressure."
+    if (field == "reciprocating_mass" and not moves) or (field in ("stroke", "rod") and not (moves or traced)):
+        return (
+            "it has no effect, as the cylinder was built without inertia torque. Build the scene with stroke, rod"
+            " and reciprocating_mass (orders at least 1, whole harmonics of the cycle)."
+        )
+    return ""
+
+
+def _is_same(train, table, field, index, number) -> bool:
+    """Tell whether a concrete value is the present one."""
+    row = _row(train, table, field, index)
+    return not isinstance(row, jax.core.Tracer) and bool(np.all(np.asarray(row) == number))
 
 
 def _is_absent(train, table, field, index) -> bool:
@@ -136,10 +162,8 @@ def _check_ratios(before, after):
         rotor = topology.rotor[disk]
         if abs(new[rotor] / old[rotor] - 1.0) > RATIO_TOLERANCE:
             errors.append(
-                f"{where}: the new radii change the speed of {name!r} from {old[rotor]:.6g} to"
-                f" {new[rotor]:.6g} times"
-                " the reference, so that its orders fit the cycle no more. Build the scene anew with these"
-                " radii."
+                f"{where}: the new radii change the speed of {name!r} from {old[rotor]:.6g} to {new[rotor]:.6g} times"
+                " the reference, so that its orders fit the cycle no more. Build the scene anew with these radii."
             )
     radius = np.asarray(radius)
     for name, (a, b) in zip(topology.mesh_names, topology.mesh_ends, strict=True):
@@ -147,8 +171,7 @@ def _check_ratios(before, after):
         if abs(slip - 1.0) > RATIO_TOLERANCE:
             errors.append(
                 f"{where}: the new radii lock the closed loop through mesh {name!r}: its ratios multiply to"
-                f" {slip:.6g},"
-                " must be 1. Change all radii of the loop together."
+                f" {slip:.6g}, must be 1. Change all radii of the loop together."
             )
     if errors:
         raise SceneError(errors)

@@ -99,7 +99,9 @@ class DriveTrain:
         Raises
         ------
         SceneError
-            All unknown names and fields, wrong shapes and values out of range, one sentence each.
+            All unknown names and fields, wrong shapes, values out of range and numbers that have no effect
+            because the train was built without them, one sentence each; and concrete stiffnesses that leave a
+            mean torque unheld.
 
         Examples
         --------
@@ -200,6 +202,8 @@ def build(elements, *, name="", reference=None, revolutions_per_cycle=2, tune=No
     Returns
     -------
     DriveTrain
+        Where two gears that mesh both have ``teeth``, one of their radii is corrected, by up to 0.1 % a mesh, so that
+        the ratio is that of the teeth.
 
     Raises
     ------

@@ -28,6 +28,10 @@ class SceneError(ValueError):
         super().__init__("\n".join(self.sentences))
 
 
+class Unread:
+    """Stands for a value that could not be read and about which a sentence has been said."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Range:
     """The numbers a field may take, with its unit and what to do about a number outside."""

@@ -29,8 +29,8 @@ __all__ = [
     "inertia_torque_harmonics",
     "listed_harmonic",
     "load_power_kW",
+    "slider_crank",
 ]
-__all__ += ["slider_crank"]
 
 INERTIA_ORDERS_THAT_COUNT = 6
 NEGLIGIBLE_GAS = 1e-6
@@ -167,33 +167,6 @@ def highest_harmonic(train: DriveTrain) -> int:
             counts = np.flatnonzero(row > NEGLIGIBLE_GAS * max(row.max(initial=0.0), 1e-300))
             found += [(k + 1) * topology.cylinder_step[i] for k in counts]
     return int(max(found))
-
-
-def listed_harmonic(topology) -> int:
-    """Largest harmonic of the cycle that the excitation of this topology can hold, whatever its values.
-
-    Parameters
-    ----------
-    topology : Topology
-
-    Returns
-    -------
-    int
-        At least 1; a program that carries so many harmonics drops nothing when numbers change.
-
-    Examples
-    --------
-    >>> from jaxhb.model.engine import listed_harmonic
-    >>> from jaxhb.model.scene import load_scene
-    >>> listed_harmonic(load_scene("gear_train_30").topology)
-    24
-    """
-    found = [1]
-    for row in (*topology.torque_harmonics, *topology.cylinder_harmonics):
-        found += row
-    found += [kept * step for kept, step in zip(topology.cylinder_gas, topology.cylinder_step, strict=True)]
-    both = zip(topology.cylinder_inertia, topology.cylinder_turn, strict=True)
-    return max(found + [round(orders * turn) for orders, turn in both])
 
 
 def listed_harmonic(topology: Topology) -> int:

@@ -16,7 +16,7 @@ from jaxhb.model.elements import SceneError
 def suggestion(word: str, known) -> str:
     """Say what was probably meant: `` Did you mean 'stiffness'?``, or the choices where nothing is near."""
     known = list(known)
-    near = difflib.get_close_matches(str(word), known, n=1, cutoff=0.6)
+    near = difflib.get_close_matches(word if isinstance(word, str) else "", known, n=1, cutoff=0.6)
     if near:
         return f" Did you mean {near[0]!r}?"
     if not known:

@@ -1,42 +1,40 @@
-"""Checks of a train as a whole: connections, gears, orders and cycle, what holds the train, mean balance."""
+"""Checks of a train as a whole: connections, gears, orders and cycle, what holds the train, mean balance.
+
+Each check leaves out what is not known because another sentence was said about it.
+"""
 
 from __future__ import annotations
 
+import math
 from fractions import Fraction
 
 import numpy as np
 
-from jaxhb.model import tables
+from jaxhb.model import hold, tables
 from jaxhb.model.crank import slider_crank
 from jaxhb.model.graph import pieces
+from jaxhb.model.hold import names_of
 
 WHOLE = 1e-6
 TEETH_TOLERANCE = 1e-3
 BALANCE_TOLERANCE = 1e-9
 
 
-def names_of(names, indices, most: int = 8) -> str:
-    """List names for a sentence."""
-    shown = ", ".join(repr(names[i]) for i in indices[:most])
-    return shown + (f", … ({len(indices)} disks)" if len(indices) > most else "")
-
-
 def elastic_pairs(parts) -> list[tuple[int, int]]:
     """Disk pairs of one rotor: shafts, and dampers with their rings."""
     n = len(parts.tables["disk"])
-    return parts.ends("shaft") + [(d, n + k) for k, d in enumerate(parts.sits_on("damper"))]
+    return parts.ends("shaft") + [(d, n + k) for k, d in parts.seats("damper")]
 
 
 def connection_errors(parts) -> list[str]:
     """Find pieces of the train that no link joins."""
     names = parts.disk_names
     piece = pieces(len(names), elastic_pairs(parts) + parts.ends("mesh"))
-    count = max(piece) + 1
-    if count == 1:
+    if not parts.connected:
         return []
     first = [i for i, p in enumerate(piece) if p == 0]
     errors = []
-    for k in range(1, count):
+    for k in range(1, max(piece, default=0) + 1):
         other = [i for i, p in enumerate(piece) if p == k]
         errors.append(
             f"{parts.source}: the train falls into pieces that no link joins: {names_of(names, first)} and"
@@ -49,22 +47,22 @@ def gear_errors(parts, rotor) -> list[str]:
     """Check that every mesh joins gears of two rotors, and teeth against radii."""
     errors = []
     disks = parts.tables["disk"]
-    for i, (mesh, ends) in enumerate(zip(parts.tables["mesh"], parts.ends("mesh"), strict=True)):
-        where = parts.where("mesh", i)
-        bare = [name for name, d in zip(mesh.between, ends, strict=True) if d >= len(disks) or not disks[d].radius]
+    for i, ends in parts.links("mesh"):
+        where, names = parts.where("mesh", i), [parts.disk_names[d] for d in ends]
+        bare = [parts.disk_names[d] for d in ends if d >= len(disks) or disks[d].radius is None]
         errors += [f"{where}: disk {name!r} has no radius. Give its pitch radius in m." for name in bare]
         if rotor[ends[0]] == rotor[ends[1]]:
             errors.append(
-                f"{where}: {mesh.between[0]!r} and {mesh.between[1]!r} are on one rotor, must be on two:"
+                f"{where}: {names[0]!r} and {names[1]!r} are on one rotor, must be on two:"
                 " the shafts between them lock the mesh. Remove the mesh or a shaft."
             )
-        if bare:
+        if bare or not all(parts.usable("disk", d, "radius", "teeth") for d in ends):
             continue
         a, b = (disks[d] for d in ends)
         if a.teeth and b.teeth and abs(a.teeth / b.teeth * b.radius / a.radius - 1.0) > TEETH_TOLERANCE:
+            parts.bad |= {("disk", d, "radius") for d in ends}
             errors.append(
-                f"{where}: teeth {a.teeth}:{b.teeth} = {a.teeth / b.teeth:.6g} but radii"
-                f" {a.radius:g}:{b.radius:g} m"
+                f"{where}: teeth {a.teeth}:{b.teeth} = {a.teeth / b.teeth:.6g} but radii {a.radius:g}:{b.radius:g} m"
                 f" = {a.radius / b.radius:.6g}; must agree to 0.1 %. Correct teeth or radii."
             )
     return errors
@@ -72,14 +70,14 @@ def gear_errors(parts, rotor) -> list[str]:
 
 def reference_error(parts, reference, rotor) -> list[str]:
     """Ask for the reference where there are several rotors."""
-    if reference is None and max(rotor) > 0:
-        first = [parts.disk_names[rotor.index(k)] for k in range(max(rotor) + 1)]
-        shown = ", ".join(repr(name) for name in first[:8])
-        return [
-            f"{parts.source}, [scene]: the key 'reference' is missing; there are {max(rotor) + 1} rotors."
-            f" Name a disk of the rotor whose rpm is given, one of {shown}."
-        ]
-    return []
+    if reference is not None or not parts.connected or max(rotor, default=0) == 0:
+        return []
+    first = [parts.disk_names[rotor.index(k)] for k in range(max(rotor) + 1)]
+    shown = ", ".join(repr(name) for name in first[:8])
+    return [
+        f"{parts.source}, [scene]: the key 'reference' is missing; there are {max(rotor) + 1} rotors."
+        f" Name a disk of the rotor whose rpm is given, one of {shown}."
+    ]
 
 
 def loop_errors(parts, locked) -> list[str]:
@@ -93,27 +91,33 @@ def loop_errors(parts, locked) -> list[str]:
 
 def whole(number: float) -> bool:
     """Tell whether a number is whole to 1e-6."""
-    return abs(number - round(number)) <= WHOLE
+    return math.isfinite(number) and abs(number - round(number)) <= WHOLE
 
 
 def cycle_errors(parts, needs, revolutions: float) -> list[str]:
-    """Find orders that are no whole harmonic of the cycle; ``needs``: (table, i, text, order)."""
+    """Find orders that are no harmonic 1, 2, ... of the cycle; ``needs``: (table, i, text, order, key of the mean)."""
+    small = [need for need in needs if need[3] * revolutions < 0.5 and whole(need[3] * revolutions)]
     bad = [need for need in needs if not whole(need[3] * revolutions)]
-    if not bad:
-        return []
-    fitting = fitting_cycle([need[3] for need in needs])
+    fitting = fitting_cycle([need[3] for need in needs if need not in small]) if bad else None
     remedy = f" Set revolutions_per_cycle = {fitting:g}." if fitting else " Correct the order or the radii."
-    return [
-        f"{parts.where(table, i)}: {text} is harmonic {per_revolution * revolutions:.6g} of a cycle of"
-        f" {revolutions:g}"
-        f" revolutions of the reference rotor, must be whole.{remedy}"
-        for table, i, text, per_revolution in bad
-    ]
+    errors = []
+    for need in bad + small:
+        table, i, text, per_revolution, mean = need
+        wanted = f"whole.{remedy}"
+        if need in small:
+            wanted = "at least 1." + (f" Give the mean as {mean} = …" if mean else " Correct the radii.")
+        errors.append(
+            f"{parts.where(table, i)}: {text} is harmonic {per_revolution * revolutions:.6g} of a cycle of"
+            f" {revolutions:g} revolutions of the reference rotor, must be {wanted}"
+        )
+    return errors
 
 
 def fitting_cycle(per_revolution) -> float | None:
     """Smallest number of revolutions (up to 1000) that makes all given harmonics per revolution whole."""
     least = 1
+    if not all(math.isfinite(value) for value in per_revolution):
+        return None
     for value in per_revolution:
         fraction = Fraction(value).limit_denominator(1000)
         if abs(float(fraction) - value) > 1e-9 * max(1.0, abs(value)):
@@ -126,14 +130,26 @@ def fitting_cycle(per_revolution) -> float | None:
 
 def inertia_errors(parts) -> list[str]:
     """Find a train without any inertia."""
-    heavy = [e.inertia for table in ("disk", "damper") for e in parts.tables[table]]
-    if any(heavy):
+    bodies = [(table, i, e) for table in ("disk", "damper") for i, e in enumerate(parts.tables[table])]
+    known = all(parts.usable(table, i, "inertia") for table, i, _ in bodies)
+    if not (bodies and known and parts.complete) or any(e.inertia for *_, e in bodies):
         return []
     return [f"{parts.source}: the inertia of every disk is 0 kg m2. Give at least one disk an inertia."]
 
 
+def _mean_known(parts, table: str, i: int) -> bool:
+    """Tell whether the mean torque of a given torque or a cylinder can be computed."""
+    if table == "torque":
+        return parts.usable("torque", i, "mean", "scale")
+    fields = ["fires", "scale", "gas_torque_mean"]
+    if parts.tables["cylinder"][i].pressure is not None:
+        fields += ["pressure", "bore", "stroke", "rod", "table_firing_tdc"]
+    return parts.usable("cylinder", i, *fields)
+
+
+@np.errstate(over="ignore", invalid="ignore")
 def mean_torques(parts, rpm) -> np.ndarray:
-    """Mean torque of all given torques and cylinders on each disk at one speed, N m [n_disks]."""
+    """Mean torque of all given torques and cylinders on each disk at one speed, where known, N m [n_disks]."""
     mean = np.zeros(len(parts.disk_names))
 
     def factor(element):
@@ -142,10 +158,12 @@ def mean_torques(parts, rpm) -> np.ndarray:
         points = np.asarray(element.scale, dtype=float)
         return np.interp(rpm, points[:, 0], points[:, 1])
 
-    for disk, torque in zip(parts.sits_on("torque"), parts.tables["torque"], strict=True):
-        mean[disk] += torque.mean * factor(torque)
-    for disk, cylinder in zip(parts.sits_on("cylinder"), parts.tables["cylinder"], strict=True):
-        if cylinder.fires:
+    for i, disk in parts.seats("torque"):
+        torque = parts.tables["torque"][i]
+        mean[disk] += torque.mean * factor(torque) if _mean_known(parts, "torque", i) else 0.0
+    for i, disk in parts.seats("cylinder"):
+        cylinder = parts.tables["cylinder"][i]
+        if _mean_known(parts, "cylinder", i) and cylinder.fires:
             mean[disk] += mean_gas_torque(cylinder) * factor(cylinder)
     return mean
 
@@ -158,59 +176,59 @@ def mean_gas_torque(cylinder) -> float:
     turns = 2 if tables.is_four_stroke(cylinder.pressure) else 1
     angle = 2.0 * np.pi * turns * np.arange(pressure.size) / pressure.size
     _, x1, _ = slider_crank(angle, cylinder.stroke, cylinder.rod, xp=np)
-    return float(np.mean(pressure * x1) * np.pi / 4.0 * cylinder.bore**2)
+    return float(np.mean(pressure * x1) * np.pi / 4.0 * np.square(cylinder.bore))
 
 
 def scale_speeds(parts) -> list[float]:
     """Speeds (rpm) at which some scale has a point: balanced there is balanced everywhere."""
-    elements = [*parts.tables["torque"], *parts.tables["cylinder"]]
-    return sorted({float(row[0]) for e in elements for row in e.scale}) or [0.0]
+    elements = [(table, i, e) for table in ("torque", "cylinder") for i, e in enumerate(parts.tables[table])]
+    return sorted({float(r[0]) for t, i, e in elements if parts.usable(t, i, "scale") for r in e.scale}) or [0.0]
 
 
-def hold_errors(parts, reference_disk: int) -> list[str]:
+def hold_errors(parts, main: int | None) -> list[str]:
     """Find pieces joined without static stiffness that a ground or a mean torque leaves unheld."""
-    n, names = len(parts.tables["disk"]), parts.disk_names
+    if main is None or not parts.connected:
+        return []
+    n, dampers = len(parts.tables["disk"]), parts.tables["damper"]
     rings = [
         (disk, n + k)
-        for k, (disk, d) in enumerate(zip(parts.sits_on("damper"), parts.tables["damper"], strict=True))
-        if d.stiffness > 0
+        for k, disk in parts.seats("damper")
+        if not parts.usable("damper", k, "stiffness") or dampers[k].stiffness > 0
     ]
-    piece = pieces(len(names), parts.ends("shaft") + parts.ends("mesh") + rings)
-    grounded = {piece[d] for d in parts.sits_on("ground")}
-    main = piece[reference_disk]
-    errors = []
-    if grounded and main not in grounded:
-        held = [i for i, p in enumerate(piece) if p in grounded]
-        errors.append(
-            f"{parts.source}: the [[ground]] on {names_of(names, held)} holds the train only through links"
-            f" without"
-            f" static stiffness. Ground a disk that is joined by shafts or meshes to"
-            f" {names[reference_disk]!r}."
-        )
     largest = np.max([np.abs(mean_torques(parts, rpm)) for rpm in scale_speeds(parts)], axis=0)
-    loaded = {piece[d] for d in parts.sits_on("load")} | {piece[d] for d in np.flatnonzero(largest)}
-    for p in sorted(loaded - grounded - {main}):
-        disks = [i for i, q in enumerate(piece) if q == p]
-        errors.append(
-            f"{parts.source}: a mean torque acts on {names_of(names, disks)}, which no static stiffness"
-            f" holds."
-            " Give the damper a stiffness, ground the disk, or remove the mean torque."
-        )
-    return errors
+    grounds = parts.sits_on("ground")
+    if len(grounds) < len(parts.tables["ground"]):
+        return []
+    return hold.unheld(
+        parts.source,
+        parts.disk_names,
+        links=elastic_pairs(parts) + parts.ends("mesh"),
+        static=parts.ends("shaft") + parts.ends("mesh") + rings,
+        ground=grounds,
+        loaded=[*parts.sits_on("load"), *np.flatnonzero(largest)],
+        main=main,
+    )
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def balance_errors(parts, ratio) -> list[str]:
     """Check that mean torques balance where neither a ground nor a load takes what is left."""
-    if parts.tables["ground"] or parts.tables["load"]:
+    if parts.tables["ground"] or parts.tables["load"] or not parts.complete:
         return []
+    for table in ("torque", "cylinder"):
+        count = len(parts.tables[table])
+        if len(parts.seats(table)) < count or not all(_mean_known(parts, table, i) for i in range(count)):
+            return []
     for rpm in scale_speeds(parts):
-        power = np.asarray(ratio) * mean_torques(parts, rpm)
+        mean = mean_torques(parts, rpm)
+        if any(ratio[d] is None for d in np.flatnonzero(mean)):
+            return []
+        power = np.array([ratio[d] * mean[d] for d in np.flatnonzero(mean)])
         total, size = power.sum(), np.abs(power).sum()
         if abs(total) > BALANCE_TOLERANCE * size:
             at = f" at {rpm:g} rpm" if rpm else ""
             return [
-                f"{parts.source}: the mean torques leave {total:.6g} N m{at} (sum of speed ratio x mean"
-                f" torque), must"
-                " balance in a train without ground. Add a [[load]] or a [[ground]], or correct the means."
+                f"{parts.source}: the mean torques leave {total:.6g} N m{at} (sum of speed ratio x mean torque),"
+                " must balance in a train without ground. Add a [[load]] or a [[ground]], or correct the means."
             ]
     return []

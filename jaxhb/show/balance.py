@@ -51,14 +51,18 @@ def largest_mean_torque(response):
     return float(max(on_disks.max(initial=0.0), loads.max(initial=0.0)))
 
 
+def _rounding(response):
+    """What a balanced train leaves to its ground at most, N m: given torques that cancel do so up to rounding."""
+    return ROUNDING * float(np.abs(np.asarray(response.train.torques.mean)).max(initial=0.0))
+
+
 def balance_line(response):
     """One line on the mean torques of loads and grounds; empty where there is neither."""
     loads, grounds = load_torques(response), ground_reactions(response)
-    largest = max(map(abs, [*loads.values(), *grounds.values()]), default=0.0)
+    least = max(_rounding(response), ROUNDING * max(map(abs, [*loads.values(), *grounds.values()]), default=0.0))
 
     def said(torque):
-        # A balanced train leaves rounding errors to its ground.
-        return f"{torque:.4g} N m" if abs(torque) > ROUNDING * largest else "0 N m"
+        return f"{torque:.4g} N m" if abs(torque) > least else "0 N m"
 
     parts = []
     if loads:
@@ -76,7 +80,7 @@ def ground_notes(responses, speed_of):
         reactions = np.array([float(np.abs(response.ground_reaction[number])) for response in responses])
         loads = np.array([np.abs(np.asarray(r.load_torque)).max(initial=0.0) for r in responses])
         # The largest mean torque is at least that of the loads: most trains need no further look.
-        suspects = np.flatnonzero(reactions > NOTED_SHARE * loads)
+        suspects = np.flatnonzero(reactions > np.maximum(NOTED_SHARE * loads, _rounding(responses[0])))
         wrong = [i for i in suspects if reactions[i] > NOTED_SHARE * largest_mean_torque(responses[i])]
         if wrong:
             worst = max(wrong, key=lambda i: reactions[i])

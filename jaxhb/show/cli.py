@@ -20,8 +20,8 @@ examples:
   jaxhb report gear_train_30 --rpm 600,1200,1800,2450 --misfire "cylinder A1" --plot crank_gear.png
 
 exit status: 0 converged (residual and truncation error within their limits, at all speeds); 1 not converged (files are
-still written); 2 bad input (nothing is written); 3 an error of the program. A scene whose mean torques do not balance is
-bad input when it is read (2); one that --set throws out of balance is solved and told as UNBALANCED (1)."""
+still written); 2 bad input (nothing is written); 3 an error of the program. A scene whose mean torques do not balance
+is bad input when it is read (2); one that --set throws out of balance is solved and told as UNBALANCED (1)."""
 
 SOLVE = """\
 One speed: who separates for how much of the cycle, tooth forces (kN), torques of gears and shafts (N m), with backlash

@@ -9,8 +9,8 @@ from ..model.scene import load_scene, scene_description, scene_names
 from ..periodic.harmonics import without_backlash
 from ..periodic.solve import linear_response, solve
 from ..periodic.speeds import solve_speeds
-from .cases import cases_record, cases_text, solve_cases
 from .balance import ground_reactions, load_torques
+from .cases import cases_record, cases_text, solve_cases
 from .output import OutputError, as_csv, as_json, as_picture, as_sweep_json, check_output, check_picture, write_files
 from .progress import Progress
 from .report import contact_at, gears, hardest_impact, modes_record, response_record, shafts_of, status_of

@@ -224,3 +224,46 @@ def test_unknown_disks_and_links_are_named_with_the_nearest(train):
         train.topology.link_index("a|c")
     with pytest.raises(SceneError, match=r"no link joins 'a' and 'c'. Links there: b\|c, ring, a\|b"):
         train.topology.link_index("a", "c")
+
+
+@pytest.mark.parametrize("geometry", [{}, {"stroke": 0.1}, {"stroke": 0.1, "rod": 0.2, "orders": 0.5}])
+def test_a_reciprocating_mass_without_inertia_torque_is_refused(geometry):
+    train = build([*GEARS, Cylinder(name="p", disk="a", gas_torque_mean=1.0, **geometry)], reference="a")
+    with pytest.raises(SceneError, match="'p.reciprocating_mass': it has no effect, as the cylinder was built without"):
+        train.replace({"p.reciprocating_mass": 3.0})
+    with pytest.raises(SceneError, match="it has no effect"):
+        jax.jit(lambda m: train.replace({"p.reciprocating_mass": m}).cylinders.reciprocating_mass)(3.0)
+    with pytest.raises(SceneError, match="has no pressure table"):
+        train.replace({"p.bore": 0.1})
+    train.replace({"p.reciprocating_mass": 0.0})
+
+
+def test_a_reciprocating_mass_of_0_can_be_raised_where_the_geometry_is_given():
+    train = build([*GEARS, Cylinder(name="p", disk="a", stroke=0.1, rod=0.2, fires=False)], reference="a")
+    assert train.replace({"p.reciprocating_mass": 3.0}).value("p.reciprocating_mass") == 3.0
+
+
+def test_a_traced_backlash_on_a_mesh_without_is_refused():
+    parts = [dataclasses.replace(e, backlash=None) if isinstance(e, Mesh) else e for e in GEARS]
+    train = build(parts, reference="a")
+    with pytest.raises(SceneError, match="it is always in contact"):
+        jax.jit(lambda h: train.replace({"a|b.backlash": h}).meshes.backlash)(1e-4)
+
+
+def test_a_stiffness_that_holds_a_mean_torque_cannot_be_removed():
+    held = build([*GEARS, Ground(disk="ring", stiffness=1.0)], reference="a")
+    with pytest.raises(SceneError, match=r"the \[\[ground\]\] on 'ring' holds the train only through links without"):
+        held.replace({"ring.stiffness": 0.0})
+    pulled = build([*GEARS, Torque(name="pull", disk="ring", mean=1.0)], reference="a")
+    with pytest.raises(SceneError, match="a mean torque acts on 'ring', which no static stiffness holds"):
+        pulled.replace({"ring.stiffness": 0.0})
+    assert pulled.replace({"ring.stiffness": 0.0, "pull.mean": 0.0}).value("ring.stiffness") == 0.0
+    found = jax.jit(lambda k: pulled.replace({"ring.stiffness": k}).dampers.stiffness)(0.0)
+    assert found[0] == 0.0
+
+
+def test_a_ring_cannot_be_left_loose():
+    train = build(GEARS, reference="a")
+    assert train.replace({"ring.stiffness": 0.0}).value("ring.stiffness") == 0.0
+    with pytest.raises(SceneError, match="'ring': damping and stiffness are both 0, so that the ring is loose"):
+        train.replace({"ring.stiffness": 0.0, "ring.damping": 0.0})

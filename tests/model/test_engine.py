@@ -15,6 +15,7 @@ from jaxhb.model.engine import (
     gas_torque_harmonics,
     highest_harmonic,
     inertia_torque_harmonics,
+    listed_harmonic,
     load_power_kW,
     slider_crank,
 )
@@ -204,3 +205,17 @@ def test_a_pressure_engine_without_load_or_ground_is_refused():
     parts = [Disk(name="a", inertia=1.0), Cylinder(disk="a", **CRANK, pressure=TRACE)]
     with pytest.raises(SceneError, match="must balance in a train without ground. Add a \\[\\[load\\]\\]"):
         build(parts)
+
+
+def test_the_listed_harmonic_holds_for_all_numbers_and_misfires():
+    assert listed_harmonic(load_scene("gear_train_30").topology) == 24
+    bare = pair(Torque(disk="a", name="t", harmonics=[(1.0, 1.0, 0.0), (20.0, 0.0, 0.0)]))
+    assert (highest_harmonic(bare), listed_harmonic(bare.topology)) == (2, 40)
+    assert highest_harmonic(bare.replace({"t.harmonics": [[0.0, 0.0], [1.0, 0.0]]})) == 40
+    crank = pair(Cylinder(disk="a", name="c", **CRANK, pressure=TRACE, orders=9.0))
+    assert listed_harmonic(crank.topology) == listed_harmonic(crank.misfire("c").topology) == 18
+    given = pair(Cylinder(disk="a", name="c", gas_torque=[(15.5, 1.0, 0.0)], fires=False))
+    assert listed_harmonic(given.topology) == 31
+    assert listed_harmonic(pair().topology) == 1
+    torque = excitation(crank, 1000.0, 40)[0]
+    assert np.all(torque[:, 19:] == 0.0) and np.any(torque[:, 18] != 0.0)

@@ -132,3 +132,78 @@ def test_a_sweep_is_its_single_solves(pair, plan):
 def test_bad_requests_are_refused_with_a_sentence(arguments, sentence):
     with pytest.raises(jaxhb.SceneError, match=sentence):
         jaxhb.solve(jaxhb.load_scene("gear_train_30"), **arguments)
+
+
+def test_a_batch_from_vmap_is_read_by_gear_and_mesh(pair, plan):
+    def solve(damping):
+        return jaxhb.solve(pair.replace({"gear a|gear b.damping": damping}), rpm=HAMMERING_RPM, plan=plan)
+
+    batch = jax.vmap(solve)(jnp.array([1000.0, 1200.0]))
+    single = solve(1200.0)
+    assert batch.gear_torque("gear a").max.shape == (2,)
+    assert batch[1].gear_torque("gear a").max == pytest.approx(float(single.gear_torque("gear a").max), rel=1e-9)
+    apart = single.mesh("gear a", "gear b").separated_fraction
+    assert batch[1].mesh("gear a", "gear b").separated_fraction == pytest.approx(apart, rel=1e-6)
+
+
+def test_a_plan_that_does_not_know_a_backlash_is_refused(pair):
+    stranger = jaxhb.Plan(harmonics=16, active=(), flank=(0,))
+    with pytest.raises(jaxhb.SceneError, match="the plan was made for a train with other meshes or without"):
+        jaxhb.solve(pair, rpm=HAMMERING_RPM, plan=stranger)
+
+
+def test_arguments_that_belong_to_the_plan_are_refused_beside_it(pair, plan):
+    for argument in ({"harmonics": 50}, {"tolerance": 1e-3}, {"method": "chain"}):
+        with pytest.raises(ValueError, match="belong to the plan"):
+            jaxhb.solve(pair, rpm=HAMMERING_RPM, plan=plan, **argument)
+    with pytest.raises(ValueError, match="belong to the plan"):
+        jaxhb.solve_speeds(pair, rpm=[HAMMERING_RPM], plan=plan, harmonics=50)
+
+
+@pytest.mark.parametrize("rpm", [0.0, -100.0, np.nan])
+def test_every_entry_refuses_a_speed_that_is_none(pair, plan, rpm):
+    calls = (
+        lambda: jaxhb.solve(pair, rpm=rpm, plan=plan),
+        lambda: jaxhb.plan(pair, rpm=rpm),
+        lambda: jaxhb.solve_speeds(pair, rpm=[3000.0, rpm]),
+        lambda: jaxhb.linear_response(pair, rpm=rpm),
+        lambda: jaxhb.integrate(pair, rpm=rpm),
+    )
+    for call in calls:
+        with pytest.raises(ValueError, match="must be greater than 0 rpm"):
+            call()
+
+
+def test_several_speeds_in_one_solve_are_sent_to_solve_speeds(pair):
+    with pytest.raises(jaxhb.SceneError, match=r"use jaxhb\.solve_speeds"):
+        jaxhb.solve(pair, rpm=[3000.0, 4000.0])
+
+
+def test_an_amplitude_raised_from_zero_is_not_dropped_by_a_plan(pair):
+    silent = pair.replace({"error a.harmonics": [[0.0, 0.0]], "error b.harmonics": [[0.0, 0.0]]})
+    contact = jaxhb.plan(silent, rpm=3000.0)
+    planned, free = (jaxhb.solve(pair, rpm=3000.0, plan=p) for p in (contact, None))
+    assert planned.force("gear a", "gear b").max == pytest.approx(float(free.force("gear a", "gear b").max), rel=1e-9)
+
+
+def test_a_linear_response_below_the_excitation_is_refused():
+    with pytest.raises(jaxhb.SceneError, match="below the excitation"):
+        jaxhb.linear_response(jaxhb.load_scene("gear_train_30"), rpm=1500.0, harmonics=4)
+
+
+def test_mean_torque_that_nothing_holds_has_a_status():
+    """A ring behind a viscous link takes no mean torque: found in the program, whatever the host saw."""
+    parts = [
+        jaxhb.Disk(name="hub", inertia=1.0, damping=1.0),
+        jaxhb.Damper(name="ring", disk="hub", inertia=0.5, damping=2.0, stiffness=100.0),
+        jaxhb.Ground(disk="ring", stiffness=50.0),
+        jaxhb.Torque(disk="hub", mean=5.0, harmonics=((1.0, 3.0, 0.0),)),
+    ]
+    train = jaxhb.build(parts)
+    plan = jaxhb.plan(train, rpm=60.0)
+
+    def solve(stiffness):
+        return jaxhb.solve(train.replace({"ring.stiffness": stiffness}), rpm=60.0, plan=plan).status
+
+    assert int(jax.jit(solve)(100.0)) == jaxhb.Status.CONVERGED
+    assert int(jax.jit(solve)(0.0)) == jaxhb.Status.UNBALANCED

@@ -62,6 +62,7 @@ def test_a_hammering_pair_exits_0_and_its_file_follows_the_contract(hammering):
     status, _, record = hammering
     assert status == 0
     keys = ["rpm", "converged", "status", "harmonics", "residual", "truncation_error", "path", "load_kW"]
+    keys += ["load_torque_Nm", "ground_reaction_Nm", "mean_angles"]
     assert set(keys) | {"disks", "shafts", "gears", "meshes"} <= set(record)
     assert record["rpm"] == 5000.0
     assert record["converged"] is True
@@ -327,13 +328,13 @@ def test_help_shows_examples_and_exits_0(command, capsys):
 def test_numbers_that_are_not_finite_become_null(tmp_path):
     import dataclasses
 
-    from jaxhb.show.output import write_json
+    from jaxhb.show.output import as_json, write_files
     from jaxhb.show.report import response_record, verdict
 
     response = jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=2000.0)
     nothing = {name: np.full_like(getattr(response, name), np.nan) for name in ("forces", "elastic_forces", "angles")}
     broken = dataclasses.replace(response, **nothing, residual=np.array(math.inf), status=np.array(7))
-    write_json(tmp_path / "r.json", response_record(broken))
+    write_files({tmp_path / "r.json": as_json(response_record(broken))})
     record = read(tmp_path / "r.json")
     assert record["residual"] is None
     assert record["status"] == "NONFINITE"

@@ -49,3 +49,20 @@ def test_the_pictures_of_the_readme_are_there():
     for name in re.findall(r"!\[[^]]*\]\(([^)]+)\)", TEXT):
         assert (ROOT / name).read_bytes().startswith(b"\x89PNG")
         assert (ROOT / name).stat().st_size < 150_000
+
+
+def test_ci_runs_the_test_command_of_the_readme():
+    script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    (line,) = [line for block in blocks("sh") for line in block.splitlines() if "pytest" in line]
+    make, install, test = [part.strip() for part in line.split("&&")]
+    assert make == "python3 -m venv .venv" and "python3 -m venv " in script
+    target = install.partition(".venv/bin/pip install -q ")[2]
+    assert target == '-e ".[test]"'
+    commands = script.splitlines()
+    assert f"python -m pip install -q {target}" in commands
+    assert test.removeprefix(".venv/bin/") in commands
+
+
+def test_the_readme_promises_no_derivatives():
+    assert "differentiable" not in TEXT.lower()
+    assert "`jax.grad` fails" in TEXT
