@@ -1,4 +1,4 @@
-"""Differentiable harmonic balance for the forced periodic vibration of drive trains with gear backlash."""
+"""Harmonic balance for the forced periodic vibration of drive trains with gear backlash, in JAX."""
 
 from . import _x64  # noqa: F401
 from .linear.modal import natural_frequencies

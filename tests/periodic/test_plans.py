@@ -148,7 +148,7 @@ def test_a_batch_from_vmap_is_read_by_gear_and_mesh(pair, plan):
 
 def test_a_plan_that_does_not_know_a_backlash_is_refused(pair):
     stranger = jaxhb.Plan(harmonics=16, active=(), flank=(0,))
-    with pytest.raises(jaxhb.SceneError, match="the plan was made for a train with other meshes or without"):
+    with pytest.raises(jaxhb.SceneError, match="the plan was made for a train without this backlash"):
         jaxhb.solve(pair, rpm=HAMMERING_RPM, plan=stranger)
 
 
