@@ -173,7 +173,7 @@ class Response:
             law = backlash.Law(
                 meshes.stiffness[index], meshes.epsilon[index], meshes.transition[index], meshes.backlash[index]
             )
-        rate = 2 * np.pi * np.asarray(self.rpm) / 60 / self.topology.revolutions_per_cycle
+        rate = self.topology.cycle_frequency(np.asarray(self.rpm))
         return contact_of(
             law,
             np.asarray(self.deflections[..., index, :]),

@@ -7,6 +7,7 @@ compared.
 from __future__ import annotations
 
 import difflib
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -94,6 +95,10 @@ class Topology:
     @cached_property
     def _hash(self):
         return hash(self._key)
+
+    def cycle_frequency(self, rpm):
+        """Omega = 2 pi rpm / (60 revolutions_per_cycle) in rad/s, of the cycle at ``rpm`` of the reference rotor."""
+        return 2 * math.pi * rpm / 60 / self.revolutions_per_cycle
 
     @property
     def n_disks(self) -> int:

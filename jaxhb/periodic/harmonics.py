@@ -162,11 +162,6 @@ def next_level(harmonics, method):
     return MOST[method] if harmonics < MOST[method] else None
 
 
-def cycle_frequency(train, rpm):
-    """Omega in rad/s of the cycle."""
-    return 2 * np.pi * float(rpm) / 60 / train.topology.revolutions_per_cycle
-
-
 def mesh_mode_harmonic(train, frequency):
     """Harmonic of the cycle at the highest natural frequency that strains a tooth mesh noticeably."""
     modes = natural_frequencies(train)

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from .._arrays import namespace
 from ..harmonic import backlash, chain, fourier, reduction
@@ -42,7 +41,7 @@ def pose(train, rpm, harmonics, excited=None):
     return Problem(
         system=system,
         meshes=all_meshes(train),
-        frequency=2 * np.pi * rpm / 60 / topology.revolutions_per_cycle,
+        frequency=topology.cycle_frequency(rpm),
         load=torque / system.radius[:, None],
         rigid=chain.rigid_shape(train, system.radius),
         load_torque=load_torque,

@@ -233,7 +233,7 @@ def _solve_deciding(train, rpm, harmonics, tolerance, method, start):
         if int(response.status) != Status.PLAN_VIOLATED:
             return response, base
         base = dataclasses.replace(base, active=_all_backlash(train), flank=(0,) * len(flank))
-    modes = decide.mesh_mode_harmonic(train, decide.cycle_frequency(train, rpm))
+    modes = decide.mesh_mode_harmonic(train, train.topology.cycle_frequency(float(rpm)))
     if harmonics is None:
         first = decide.first_level(excited, modes if separates else 0.0)
         base = dataclasses.replace(base, harmonics=min(first, decide.MOST[method]))

@@ -154,7 +154,7 @@ def plan_speeds(train, rpm, harmonics, tolerance):
     samples = np.fft.irfft(straight.elastic_forces, n=16 * straight.elastic_forces.shape[-1], norm="forward")
     demands = [decide.contact_demand(train, forces) for forces in samples]
     parts = march.parts_for(pose(train, float(rpm[0]), excited, excited))
-    modes = decide.mesh_mode_harmonic(train, decide.cycle_frequency(train, 1.0)) / rpm
+    modes = decide.mesh_mode_harmonic(train, train.topology.cycle_frequency(1.0)) / rpm
     plans = []
     for separating in (False, True):
         chosen = [m for m, (_, active, apart) in zip(modes, demands, strict=True) if active and apart == separating]

@@ -106,18 +106,12 @@ def resolving_steps(system, meshes, frequency, *, per_period=STEPS_PER_PERIOD):
     shapes = np.zeros((K.shape[0], inertial.size))
     shapes[inertial] = modes / root[:, None]
     link = np.asarray(meshes.link)
-    strain = (np.asarray(system.stiffness)[link, None] * _deflections(system, shapes, link) ** 2).sum(axis=0)
+    strain = (np.asarray(system.stiffness)[link, None] * np.asarray(system.deflections(shapes, link)) ** 2).sum(axis=0)
     taking_part = strain > MESH_SHARE * np.maximum(squares, 0)
     highest = np.sqrt(squares[taking_part].max(initial=0.0))
     sharpest = np.min(np.asarray(meshes.law.transition))
     per_period = max(per_period, min(np.pi / (2 * sharpest), MOST_STEPS_PER_PERIOD))
     return int(np.ceil(max(256, per_period * highest / float(frequency))))
-
-
-def _deflections(system, shapes, link):
-    tree = system.tree
-    a, b = np.asarray(tree.end_a)[link], np.asarray(tree.end_b)[link]
-    return np.asarray(system.arm_a)[link, None] * shapes[a] - np.asarray(system.arm_b)[link, None] * shapes[b]
 
 
 def referee(
@@ -212,7 +206,7 @@ def _equations(train, rpm):
     system, meshes = chain.assemble(train), backlash_meshes(train)
     partition(system, meshes, train.topology.disk_names, train.topology.link_names)
     torque, _, _ = excitation(train, rpm, highest_harmonic(train))
-    frequency = 2 * np.pi * rpm / 60 / train.topology.revolutions_per_cycle
+    frequency = train.topology.cycle_frequency(rpm)
     return system, meshes, frequency, torque / jnp.asarray(system.radius)[:, None]
 
 
