@@ -154,8 +154,9 @@ def highest_harmonic(train: DriveTrain) -> int:
     given = [(topology.torque_harmonics, train.torques.harmonics)]
     given.append((topology.cylinder_harmonics, train.cylinders.gas_torque))
     for numbers, values in given:
-        for row, value in zip(numbers, np.asarray(values), strict=True):
-            found += [n for n, pair in zip(row, value, strict=False) if np.any(pair != 0.0)]
+        present = (np.asarray(values) != 0.0).any(axis=-1).tolist()
+        for row, counts in zip(numbers, present, strict=True):
+            found += [n for n, there in zip(row, counts, strict=False) if there]
     mass = np.asarray(train.cylinders.reciprocating_mass)
     for i, (orders, turn) in enumerate(zip(topology.cylinder_inertia, topology.cylinder_turn, strict=True)):
         if orders and mass[i] > 0.0:

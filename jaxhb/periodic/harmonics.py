@@ -10,14 +10,13 @@ from ..harmonic import backlash, chain
 from ..linear.modal import natural_frequencies
 from ..model.elements import SceneError
 from ..model.engine import highest_harmonic
-from ..transient.statespace import Partition
 from . import march
 from .program import Choice, Sizes
 
 LEVELS = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024)
 MOST = {"reduced": 1024, "chain": 128}
-SHARES = (0.0625, 0.125, 0.25, 0.375, 0.5, 0.75, 1.0)
-MARCH_CYCLES = 6
+MARCH_CYCLES = (3, 12, 60)
+"""Rungs of the ladder."""
 
 
 @dataclass(frozen=True)
@@ -31,11 +30,10 @@ class Plan:
     flank : tuple of int, +1 or -1 for a mesh taken to stay on that flank all cycle (verified), 0 otherwise
     method : "reduced" or "chain"
     start : "linear" or "march"
-    cycles, march_steps : of the march
-    room, resolved : int, instants out of contact and harmonics in the preconditioner
+    cycles : of the march; instants : per cycle, of the march and of the preconditioner
     tolerance : float, on the truncation error, relative to the largest tooth force
     trust : float, share of the tolerance that an estimate may use: it sees 2 N harmonics, and mesh modes above them not
-    excited, parts : highest harmonic of the excitation, and how the march treats the disks
+    excited : highest harmonic of the excitation, 0 for N
     """
 
     harmonics: int
@@ -43,14 +41,11 @@ class Plan:
     flank: tuple
     method: str = "reduced"
     start: str = "linear"
-    cycles: int = MARCH_CYCLES
-    march_steps: int = 0
-    room: int = 0
-    resolved: int = 0
+    cycles: int = MARCH_CYCLES[0]
+    instants: int = march.INSTANT_COUNTS[0]
     tolerance: float = 0.01
     trust: float = 1.0
     excited: int = 0
-    parts: Partition | None = None
 
     @property
     def limit(self):
@@ -62,15 +57,9 @@ class Plan:
         """What the program is compiled for."""
         return Sizes(
             samples=16 * self.harmonics,
-            room=self.room,
-            resolved=self.resolved or self.harmonics,
+            instants=self.instants,
+            excited=self.excited or self.harmonics,
             method=self.method,
-            origin=self.start,
-            count=len(self.active),
-            cycles=self.cycles,
-            march_steps=self.march_steps,
-            excited=self.excited,
-            parts=self.parts,
         )
 
     @property
@@ -220,17 +209,3 @@ def first_level(excited, mesh_modes):
 def trust_in(harmonics, mesh_modes):
     """How much of the tolerance an estimate may use: a tenth while the mesh modes lie above the 2 N that it sees."""
     return 1.0 if 2 * harmonics >= 1.2 * mesh_modes else 0.1
-
-
-def resolved_for(harmonics, mesh_modes):
-    """Harmonics for the preconditioner: somewhat above the mesh modes, not above N."""
-    return min(harmonics, level_at_least(1.2 * mesh_modes))
-
-
-def room_for(samples, problem, choice, harmonics):
-    """Instants out of contact, with a margin, rounded up to one of a few shares of all ``2 harmonics G``."""
-    if samples is None:
-        return 2 * harmonics * len(choice.active)
-    weight = march.contact_weight(problem, choice, samples, harmonics)
-    needed = 1.15 * np.count_nonzero(weight) / weight.size
-    return int(np.ceil(next((s for s in SHARES if s >= needed), 1.0) * weight.size))

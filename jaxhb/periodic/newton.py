@@ -7,10 +7,14 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from ..harmonic import fourier, support
+from ..harmonic import fourier
 from ..harmonic.block_sweep import block_sweep
-from ..harmonic.krylov import minimise_residual
 from ..harmonic.residual import link_blocks, node_blocks, residual
+from . import correction
+
+KRYLOV_STEPS = 40
+WORN = 12
+"""Krylov steps of a Newton step above which the preconditioner is made anew."""
 
 
 class Status(IntEnum):
@@ -59,32 +63,36 @@ class Iterate(NamedTuple):
     stalled: jax.Array
 
 
-def newton(evaluate, direction, norm, start, *, tolerance, max_steps):
+def newton(evaluate, prepare, direction, norm, start, *, tolerance, max_steps, worn=0):
     """Solve ``evaluate(x) = 0`` from ``start``; a start that already solves it is accepted as it is.
 
     Parameters
     ----------
     evaluate : x -> residual
-    direction : (x, residual, error) -> (correction, work)
+    prepare : x -> whatever ``direction`` needs and is worth keeping for several steps
+    direction : (prepared, x, residual, error) -> (correction, work)
         Solves ``J correction = residual``; ``work`` is added up in ``Iterate.krylov``.
     norm : residual -> float
     start : array
     tolerance : float, on ``norm``
     max_steps : int
+    worn : int
+        Work of a step above which the next one is prepared anew; so is a step after one that found no descent.
 
     Returns
     -------
-    Iterate
+    iterate : Iterate
         With the smallest residual met; finite if the start was.
+    prepared
+        What was prepared last.
     """
 
-    def unfinished(state):
-        iterate, _ = state
-        return (iterate.error > tolerance) & (iterate.steps < max_steps) & ~iterate.stalled
+    def unsolved(iterate):
+        return (iterate.error > tolerance) & (iterate.steps < max_steps)
 
     def step(state):
-        iterate, value = state
-        correction, work = direction(iterate.x, value, iterate.error)
+        iterate, value, _, age, prepared = state
+        correction, work = direction(prepared, iterate.x, value, iterate.error)
         moved, after, error = _line_search(evaluate, norm, iterate, value, correction)
         stalled = ~(error < iterate.error)
         following = Iterate(
@@ -94,11 +102,22 @@ def newton(evaluate, direction, norm, start, *, tolerance, max_steps):
             iterate.krylov + work,
             stalled,
         )
-        return following, jnp.where(stalled, value, after)
+        return following, jnp.where(stalled, value, after), work, age + 1, prepared
+
+    def fresh(state):
+        iterate, value, _, _, _ = state
+        state = (iterate, value, jnp.array(0), jnp.array(0), prepare(iterate.x))
+        return lax.while_loop(lambda s: unsolved(s[0]) & ~s[0].stalled & (s[2] <= worn), step, state)
+
+    def unfinished(state):
+        iterate, _, _, age, _ = state
+        return (age < 0) | unsolved(iterate) & ~(iterate.stalled & (age <= 1))
 
     value = evaluate(start)
     first = Iterate(start, norm(value), jnp.array(0), jnp.array(0), jnp.array(False))
-    return lax.while_loop(unfinished, step, (first, value))[0]
+    empty = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(prepare, start))
+    state = lax.while_loop(unfinished, fresh, (first, value, jnp.array(0), jnp.array(-1), empty))
+    return state[0], state[-1]
 
 
 def _line_search(evaluate, norm, iterate, value, correction):
@@ -124,54 +143,39 @@ def relative_residual(reduced, value):
     return jnp.max(size / scale)
 
 
-def solve_reduced(reduced, start, *, samples, room, resolved, tolerance, max_steps, krylov=60):
+def solve_reduced(reduced, space, start, *, samples, instants, tolerance, max_steps):
     """Newton on the reduced equation, unknowns the deflections ``(G, N+1)`` of the active meshes.
 
-    ``samples`` per cycle for the law (a multiple of 2 N); ``room`` for instants out of contact and ``resolved``
-    harmonics in the preconditioner.
+    Parameters
+    ----------
+    reduced : Reduced; space : StateSpace of (nearly) the same train, for the preconditioner
+    start : complex array ``(G, N+1)`` m
+    samples : int, instants of the law, a multiple of 2 N; instants : int, of the preconditioner
+
+    Returns
+    -------
+    Iterate, Variation
     """
 
-    def evaluate(deflection):
-        return reduced.residual(deflection, samples)
+    def prepare(deflection):
+        return correction.prepare(reduced, space, deflection, samples, instants)
 
-    def direction(deflection, value, error):
+    def direction(variation, deflection, value, error):
         forcing = jnp.clip(0.05 * tolerance / error, 1e-10, 1e-2)
         forcing = jnp.maximum(forcing, jnp.minimum(1e-2, 0.1 * error))
-        correction, _, used = correct(reduced, deflection, value, samples, room, resolved, forcing, krylov)
-        return correction, used
+        change, _, used = correction.correct(reduced, variation, deflection, value, samples, forcing, KRYLOV_STEPS)
+        return change, used
 
     return newton(
-        evaluate,
+        lambda deflection: reduced.residual(deflection, samples),
+        prepare,
         direction,
         lambda value: relative_residual(reduced, value),
         start,
         tolerance=tolerance,
         max_steps=max_steps,
+        worn=WORN,
     )
-
-
-def correct(reduced, deflection, value, samples, room, resolved, forcing, krylov):
-    """``J correction = value`` at ``deflection`` by preconditioned Krylov steps: (correction, what is left, steps)."""
-    meshes, width = deflection.shape
-    _, slope, rate_slope = reduced.excess(*reduced.sampled(deflection, samples))
-    factored = support.prepare(reduced, slope, rate_slope, room, resolved)
-
-    def unpacked(flat):
-        return fourier.unpack(flat.reshape(meshes, 2 * width - 1))
-
-    def tangent(flat):
-        v = unpacked(flat)
-        change, rate = reduced.sampled(v, samples)
-        excess = fourier.analyze(slope * change + rate_slope * rate, width - 1)
-        return fourier.pack(v + reduced.respond(excess)).reshape(-1)
-
-    def inverse(flat):
-        return fourier.pack(support.apply(reduced, factored, unpacked(flat))).reshape(-1)
-
-    flat, left, used = minimise_residual(
-        tangent, inverse, fourier.pack(value).reshape(-1), tolerance=forcing, steps=krylov
-    )
-    return unpacked(flat), left, used
 
 
 def solve_chain(system, meshes, frequency, load, start, *, samples, tolerance, max_steps):
@@ -193,16 +197,17 @@ def solve_chain(system, meshes, frequency, load, start, *, samples, tolerance, m
         value = residual(packed, system, meshes, frequency, load, samples)
         return value.at[root, 0].add(hold * packed[root, 0])
 
-    def direction(packed, value, error):
+    def direction(_, packed, value, error):
         blocks = link_blocks(packed, system, meshes, frequency, samples)[tree.link]
         x, _ = block_sweep(tree.parent, near, far, blocks, node[tree.node], value[tree.node])
         return jnp.zeros_like(x).at[tree.node].set(x), 1
 
     return newton(
         evaluate,
+        lambda packed: (),
         direction,
         lambda value: jnp.linalg.norm(value) / scale,
         start,
         tolerance=tolerance,
         max_steps=max_steps,
-    )
+    )[0]

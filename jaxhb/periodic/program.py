@@ -5,11 +5,13 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 
 from ..harmonic import backlash, fourier, reduction
-from ..transient.statespace import Partition
-from .march import march_start, start_from
-from .newton import Status, correct, relative_residual, solve_chain, solve_reduced
+from ..transient.surrogate import surrogate
+from . import correction
+from .march import marched, on_flank
+from .newton import Status, relative_residual, solve_chain, solve_reduced
 from .problem import excess_of, fields, held_in_contact, offset_load, reduced_equation
 
 SINGULAR = 1e11
@@ -20,24 +22,26 @@ SINGULAR = 1e11
 class Sizes:
     """What a program is compiled for.
 
-    samples : instants per cycle of the law; room, resolved : instants out of contact and harmonics in the
-    preconditioner; method : "reduced" or "chain"; origin : "given", "linear" or "march", where Newton starts;
-    count : active meshes without padding; cycles, march_steps, excited, parts : of the march;
-    residual_tolerance, max_steps : of Newton.
+    samples : instants per cycle of the law; instants : of the march and of the preconditioner; excited : highest
+    harmonic of the excitation; method : "reduced" or "chain"; residual_tolerance, max_steps : of Newton.
     """
 
     samples: int
-    room: int
-    resolved: int
+    instants: int
+    excited: int
     method: str = "reduced"
-    origin: str = "linear"
-    count: int = 0
-    cycles: int = 6
-    march_steps: int = 0
-    excited: int = 0
-    parts: Partition | None = None
     residual_tolerance: float = 1e-10
     max_steps: int = 40
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Start:
+    """Where Newton starts: coefficients ``(G, N+1)`` where ``given``, else teeth in contact and ``cycles`` marched."""
+
+    coefficients: jax.Array
+    given: jax.Array
+    cycles: jax.Array
 
 
 @jax.tree_util.register_dataclass
@@ -53,11 +57,15 @@ class Choice:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Outcome:
-    """Fields of the solution, deflections ``(G, N+1)`` of the active meshes, and how the solve went."""
+    """Fields of the solution, deflections ``(G, N+1)`` of the active meshes, and how the solve went.
+
+    closure : of the last cycle marched, 0 without; residual, truncation_error; steps, krylov : of Newton.
+    """
 
     fields: object
     deflection: jax.Array
     status: jax.Array
+    closure: jax.Array
     residual: jax.Array
     truncation_error: jax.Array
     steps: jax.Array
@@ -71,7 +79,7 @@ def solve_problem(problem, choice, start, tolerance, sizes):
     Parameters
     ----------
     problem : Problem; choice : Choice
-    start : complex ``(G, N+1)`` m, used where ``sizes.origin`` is "given"
+    start : Start
     tolerance : float, on the truncation error
     sizes : Sizes (static)
 
@@ -84,48 +92,40 @@ def solve_problem(problem, choice, start, tolerance, sizes):
     reach = harmonics if none else 2 * harmonics
     fine, folded = reduced_equation(problem, reach, choice.active, choice.chosen, choice.flank)
     reduced = reduction.truncate(fine, harmonics)
-    if none:
-        error, truncation, steps, krylov = jnp.zeros(()), jnp.zeros(()), jnp.array(0), jnp.array(0)
-        stalled, deflection = jnp.array(False), reduced.linear
-    else:
-        first = _first(problem, choice, reduced, start, sizes)
+    closure, error, truncation = jnp.zeros(()), jnp.zeros(()), jnp.zeros(())
+    steps, krylov, stalled = jnp.array(0), jnp.array(0), jnp.array(False)
+    deflection = reduced.linear
+    if not none:
+        links = jnp.asarray(problem.meshes.link)[choice.chosen]
+        space = surrogate(problem.system, links, choice.active, problem.frequency, sizes.instants, sizes.excited)
+        first, closure = _first(reduced, space, start, sizes)
+        numbers = {"samples": sizes.samples, "instants": sizes.instants}
         if sizes.method == "chain":
             deflection, iterate = _by_chain(problem, choice, reduced, folded, first, sizes)
+            variation = correction.prepare(reduced, space, deflection, **numbers)
         else:
-            deflection, iterate = _by_reduction(reduced, first, sizes)
+            goal = {"tolerance": sizes.residual_tolerance, "max_steps": sizes.max_steps}
+            iterate, variation = solve_reduced(reduced, space, first, **numbers, **goal)
+            deflection = iterate.x
         error = relative_residual(reduced, reduced.residual(deflection, sizes.samples))
-        truncation = truncation_error(fine, deflection, sizes)
+        truncation = truncation_error(fine, variation, deflection, sizes.samples)
         steps, krylov, stalled = iterate.steps, iterate.krylov, iterate.stalled
     excess = excess_of(reduced, deflection, sizes.samples)
     found = fields(problem, *folded.combine(excess), sizes.samples)
     status = _status(problem, choice, folded, found, error, truncation, stalled, tolerance, sizes)
-    return Outcome(found, deflection, status, error, truncation, steps, krylov)
+    return Outcome(found, deflection, status, closure, error, truncation, steps, krylov)
 
 
-def _first(problem, choice, reduced, start, sizes):
-    """Where Newton starts, coefficients ``(G, N+1)``."""
-    if sizes.origin == "linear":
-        side = jnp.where(reduced.linear[:, 0].real < 0, -1.0, 1.0)
-        held = jnp.zeros_like(reduced.linear).at[:, 0].set(-side * backlash.offset(reduced.law))
-        return reduced.linear - reduced.respond(held)
-    if sizes.origin == "given":
-        return start
-    march = {"cycles": sizes.cycles, "steps": sizes.march_steps, "excited": sizes.excited, "parts": sizes.parts}
-    _, trace, _ = march_start(problem, choice, sizes.count, **march)
-    return start_from(trace, reduced.linear.shape[-1] - 1)
+def _first(reduced, space, start, sizes):
+    """Where Newton starts, coefficients ``(G, N+1)``, and the closure of the march."""
 
+    def march():
+        return marched(reduced, space, sizes.instants, start.cycles)
 
-def _by_reduction(reduced, start, sizes):
-    iterate = solve_reduced(
-        reduced,
-        start,
-        samples=sizes.samples,
-        room=sizes.room,
-        resolved=sizes.resolved,
-        tolerance=sizes.residual_tolerance,
-        max_steps=sizes.max_steps,
-    )
-    return iterate.x, iterate
+    def stand():
+        return jnp.where(start.given, start.coefficients, on_flank(reduced)), jnp.zeros(())
+
+    return lax.cond(start.cycles > 0, march, stand)
 
 
 def _by_chain(problem, choice, reduced, folded, start, sizes):
@@ -173,20 +173,20 @@ def _balanced(problem, choice, folded):
     return jnp.max(jnp.abs(left)) <= 1e-9 * size
 
 
-def truncation_error(fine, deflection, sizes):
+def truncation_error(fine, variation, deflection, samples):
     """Estimated sup-norm error of the elastic force / its largest value: one Newton correction on 2 N harmonics.
 
-    ``fine`` is the reduced equation with 2 N harmonics, ``deflection`` ``(G, N+1)`` its solution with N. The residual
-    on harmonics N+1 .. 2N is included: below the mesh modes a difference of two levels is no estimate.
+    ``fine`` is the reduced equation with 2 N harmonics, ``deflection`` ``(G, N+1)`` its solution with N harmonics and
+    ``samples`` instants. The residual on harmonics N+1 .. 2N is included: below the mesh modes a difference of two
+    levels is no estimate.
     """
     harmonics = fine.linear.shape[-1] - 1
     wide = fourier.resize(deflection, harmonics)
-    samples = 2 * sizes.samples
-    residual = fine.residual(wide, samples)
-    change, left, _ = correct(fine, wide, residual, samples, sizes.room, sizes.resolved, 0.05, 30)
+    residual = fine.residual(wide, 2 * samples)
+    change, left, _ = correction.correct(fine, variation, wide, residual, 2 * samples, 0.05, 30)
     law = fine.law.expand()
-    before = backlash.force(law, fourier.synthesize(wide, samples))
-    after = backlash.force(law, fourier.synthesize(wide - change, samples))
+    before = backlash.force(law, fourier.synthesize(wide, 2 * samples))
+    after = backlash.force(law, fourier.synthesize(wide - change, 2 * samples))
     largest = jnp.max(jnp.abs(before))
     estimate = jnp.max(jnp.abs(after - before)) / jnp.where(largest > 0, largest, 1.0)
     return estimate / (1 - jnp.minimum(left, 0.999))

@@ -19,10 +19,7 @@ from . import march
 from .harmonics import Plan
 from .newton import Status
 from .problem import pose
-from .program import solve_problem
-
-LONGER = 4
-"""How many times as many cycles the march goes on for, where Newton's method failed after the first."""
+from .program import Start, solve_problem
 
 _UNSOLVED = (Status.MAX_STEPS, Status.STALLED, Status.NONFINITE)
 
@@ -171,15 +168,12 @@ def _solve_planned(train, rpm, plan, start):
         check_speed(train, rpm)
         rpm = np.asarray(rpm, dtype=float)
     problem = pose(train, rpm, plan.harmonics, plan.excited)
-    choice = plan.choice
-    sizes = plan.sizes
-    given = jnp.zeros((len(choice.active), plan.harmonics + 1), dtype=complex)
+    choice, cycles = plan.choice, plan.cycles if (start or plan.start) == "march" else 0
+    begin = _start(plan, None, cycles)
     if isinstance(start, Response):
-        given = fourier.resize(jnp.asarray(start.deflections), plan.harmonics)[choice.chosen] * choice.active[:, None]
-        sizes = dataclasses.replace(sizes, origin="given")
-    elif start is not None:
-        sizes = dataclasses.replace(sizes, origin=start)
-    outcome = solve_problem(problem, choice, given, plan.limit, sizes)
+        given = fourier.resize(jnp.asarray(start.deflections), plan.harmonics)[choice.chosen]
+        begin = Start(given * choice.active[:, None], np.array(True), np.array(0))
+    outcome = solve_problem(problem, choice, begin, plan.limit, plan.sizes)
     response = respond(train, rpm, problem, outcome, plan)
     return response if traced(response) else _host(response)
 
@@ -274,90 +268,50 @@ def check_speed(train, rpm, *, many=False):
             raise SceneError(f"{name}: the speed is {value:g} rpm, must be greater than 0 rpm: a running engine.")
 
 
-class _Walk:
-    """The march that finds starts: goes on where it ended."""
-
-    def __init__(self, problem, plan):
-        self.problem, self.plan = problem, plan
-        self.state, self.cycles, self.closure = None, 0, np.inf
-        self.longer_left = True
-
-    def go(self, cycles):
-        """March further; coefficients ``(G, n+1)`` of the last cycle, or None if the motion is not finite."""
-        plan = self.plan
-        self.state, trace, closure = march.march_program(
-            self.problem,
-            plan.choice,
-            len(plan.active),
-            cycles=cycles,
-            steps=plan.march_steps,
-            excited=plan.excited,
-            parts=plan.parts,
-            state=self.state,
-        )
-        self.cycles += cycles
-        self.closure = float(closure)
-        trace = np.asarray(trace)
-        return np.fft.rfft(trace, norm="forward")[:, : plan.march_steps // 2] if np.isfinite(trace).all() else None
-
-    def __str__(self):
-        return f"march of {self.cycles} cycles (closure {self.closure:.1e})"
-
-
 def _climb(train, rpm, plan, modes, adaptive, start):
-    """Solve with rising numbers of harmonics, and a longer march, until the status is good or the ladder ends."""
-    problem = pose(train, rpm, plan.harmonics, plan.excited)
+    """Solve with rising numbers of harmonics, and longer marches, until the status is good or the ladder ends."""
+    marching = start is None
     plan = dataclasses.replace(
-        plan, parts=march.parts_for(problem), march_steps=march.steps_for(max(modes, 2 * plan.excited))
+        plan, instants=march.instants_for(max(modes, 2 * plan.excited)), start="march" if marching else "linear"
     )
-    walk = _Walk(problem, plan) if start is None and plan.parts else None
-    given, path = None, []
-    if walk:
-        given = walk.go(plan.cycles)
-        path.append(str(walk))
-    elif isinstance(start, Response):
+    rungs = list(decide.MARCH_CYCLES) if marching else []
+    cycles = rungs.pop(0) if rungs else 0
+    given = None
+    if isinstance(start, Response):
         given = np.asarray(start.deflections)[plan.choice.chosen] * plan.choice.active[:, None]
+    path = []
     while True:
-        plan = _prepared(plan, problem, modes, given, walk)
-        response, solution = _attempt(train, rpm, plan, given)
+        plan = dataclasses.replace(plan, trust=decide.trust_in(plan.harmonics, modes))
+        response, outcome = _attempt(train, rpm, plan, given, cycles)
         status = Status(int(response.status))
+        if cycles and given is None:
+            path.append(f"march of {cycles} cycles (closure {float(outcome.closure):.1e})")
         path.append(f"Newton with {plan.harmonics} harmonics: {status.name}, {int(response.steps)} steps")
         higher = decide.next_level(plan.harmonics, plan.method) if adaptive else None
         if status == Status.TOLERANCE_NOT_MET and higher:
-            given = solution
+            given = np.asarray(outcome.deflection)
             plan = dataclasses.replace(plan, harmonics=higher)
-        elif status in _UNSOLVED and walk and walk.longer_left:
-            walk.longer_left = False
-            given = walk.go(LONGER * plan.cycles)
-            path.append(str(walk))
-            plan = dataclasses.replace(plan, cycles=walk.cycles)
+        elif status in _UNSOLVED and rungs:
+            given, cycles = None, rungs.pop(0)
+            plan = dataclasses.replace(plan, cycles=cycles)
         elif status in _UNSOLVED and higher:
+            given = None
             plan = dataclasses.replace(plan, harmonics=higher)
         else:
             return dataclasses.replace(response, path=tuple(path)), plan
 
 
-def _prepared(plan, problem, modes, given, walk):
-    """The plan with a preconditioner that fits the start, and the start that a planned solve shall take."""
-    resolved = decide.resolved_for(plan.harmonics, modes)
-    samples = None if given is None else np.fft.irfft(given, n=16 * given.shape[-1], norm="forward")
-    return dataclasses.replace(
-        plan,
-        resolved=resolved,
-        trust=decide.trust_in(plan.harmonics, modes),
-        room=decide.room_for(samples, problem, plan.choice, resolved),
-        start="march" if walk and given is not None else "linear",
-    )
+def _attempt(train, rpm, plan, given, cycles):
+    """One solve from coefficients ``given`` (None: from the motion with all teeth in contact, marched on)."""
+    problem = pose(train, rpm, plan.harmonics, plan.excited)
+    outcome = solve_problem(problem, plan.choice, _start(plan, given, cycles), plan.limit, plan.sizes)
+    return _host(respond(train, rpm, problem, outcome, plan)), outcome
 
 
-def _attempt(train, rpm, plan, given):
-    """One solve from coefficients ``given`` (None: from the motion with all teeth in contact)."""
-    problem, choice = pose(train, rpm, plan.harmonics, plan.excited), plan.choice
-    origin = "linear" if given is None else "given"
-    start = np.zeros((len(choice.active), plan.harmonics + 1), dtype=complex)
+def _start(plan, given, cycles):
+    coefficients = np.zeros((len(plan.choice.active), plan.harmonics + 1), dtype=complex)
     if given is not None:
-        kept = min(given.shape[-1], start.shape[-1])
-        start[:, :kept] = given[:, :kept]
-    sizes = dataclasses.replace(plan.sizes, origin=origin)
-    outcome = solve_problem(problem, choice, start, plan.limit, sizes)
-    return _host(respond(train, rpm, problem, outcome, plan)), np.asarray(outcome.deflection)
+        kept = min(given.shape[-1], coefficients.shape[-1])
+        coefficients[:, :kept] = given[:, :kept]
+    marched = 0 if given is not None else cycles
+    return Start(coefficients, np.array(given is not None), np.array(marched))

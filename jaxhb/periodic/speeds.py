@@ -14,7 +14,7 @@ from . import march
 from .harmonics import Plan
 from .newton import Status
 from .problem import Problem, pose
-from .program import solve_problem
+from .program import Start, solve_problem
 from .solve import check_speed, respond, solve
 
 CHUNK = 8
@@ -124,7 +124,8 @@ def _solve_chunk(train, rpm, plan):
     padded = np.concatenate([rpm, np.full(CHUNK - len(rpm), rpm[-1])])
     problem = _pose_all(train, jnp.asarray(padded), plan.harmonics, plan.excited)
     choice = plan.choice
-    start = jnp.zeros((len(choice.active), plan.harmonics + 1), dtype=complex)
+    coefficients = np.zeros((len(choice.active), plan.harmonics + 1), dtype=complex)
+    start = Start(coefficients, np.array(False), np.array(plan.cycles if plan.start == "march" else 0))
     sizes = dataclasses.replace(plan.sizes, max_steps=BATCH_STEPS)
     outcome = jax.tree.map(np.asarray, _solve_all(problem, choice, start, plan.limit, sizes))
     loads = _Loads(np.asarray(problem.load_torque), np.asarray(problem.load_power))
@@ -153,25 +154,20 @@ def plan_speeds(train, rpm, harmonics, tolerance):
     straight = solve_speeds(decide.without_backlash(train), rpm=rpm, plan=contact)
     samples = np.fft.irfft(straight.elastic_forces, n=16 * straight.elastic_forces.shape[-1], norm="forward")
     demands = [decide.contact_demand(train, forces) for forces in samples]
-    parts = march.parts_for(pose(train, float(rpm[0]), excited, excited))
     modes = decide.mesh_mode_harmonic(train, train.topology.cycle_frequency(1.0)) / rpm
     plans = []
     for separating in (False, True):
         chosen = [m for m, (_, active, apart) in zip(modes, demands, strict=True) if active and apart == separating]
         slowest = max(chosen, default=0.0)
         level = harmonics or decide.first_level(excited, slowest if separating else 0.0)
-        resolved = decide.resolved_for(level, slowest)
         active = tuple(i for i, gap in enumerate(train.topology.mesh_backlash) if gap)
         plans.append(
             dataclasses.replace(
                 contact,
                 harmonics=level,
                 active=active,
-                start="march" if parts else "linear",
-                march_steps=march.steps_for(max(slowest, 2 * contact.excited)),
-                parts=parts,
-                room=resolved * len(active) if separating else 2 * resolved * len(active),
-                resolved=resolved,
+                start="march",
+                instants=march.instants_for(max(slowest, 2 * contact.excited)),
                 trust=decide.trust_in(level, slowest),
             )
         )

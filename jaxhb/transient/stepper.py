@@ -38,8 +38,7 @@ class Stepper:
     sum of the two in the middle, last); first, second, third : stage weights ``(2G, G)``, ``(2G, 2G)``, ``(2G, 2G)``;
     linear ``(2 steps, 2G)``: w of the linear train every half step; linear_state ``(n,)`` its state at t = 0;
     flank_state ``(n,)``: deviation for which every mesh carries its linear force on its drive side; space : the
-    equations; law, viscous, contact_damping, stiffness, damping : law of the meshes and its linear part ``(G,)``;
-    frequency : rad/s.
+    equations; law, viscous, contact_damping : of the meshes ``(G,)``; frequency : rad/s.
     """
 
     propagate: jax.Array
@@ -54,15 +53,13 @@ class Stepper:
     law: Law
     viscous: jax.Array
     contact_damping: jax.Array
-    stiffness: jax.Array
-    damping: jax.Array
     frequency: jax.Array
 
     def excess(self, w):
         """phi ``(G,)`` N of deflections and rates ``w`` ``(2G,)``."""
         deflection, rate = jnp.split(w, 2)
         total = backlash.mesh_force(self.law, self.viscous, self.contact_damping, deflection, rate)
-        return total - self.stiffness * deflection - self.damping * rate
+        return total - self.law.stiffness * deflection - self.viscous * rate
 
     def advance(self, state, w, middle, last):
         """Deviation and w one step later; ``middle`` and ``last`` are w_linear half a step and one step ahead."""
@@ -112,21 +109,38 @@ def discretize(system, meshes, frequency, load, steps, parts=None):
     space = state_space(system, meshes, frequency, parts)
     response = linear_response(system, frequency, load)
     speed = fourier.derivative(response, frequency)
-    seen = jnp.concatenate([system.deflections(c, meshes.link) for c in (response, speed)])
-    mean = seen[: meshes.link.shape[0], 0].real
-    offset = backlash.offset(meshes.law) * jnp.where(mean < 0, -1.0, 1.0)
-    shift = _static(matrices(system)[1], _spread(system, meshes, offset))
-    return Stepper(
-        **_weights(space, 2 * jnp.pi / frequency / steps),
-        linear=fourier.synthesize(seen, 2 * steps).T,
-        linear_state=space.coordinates @ _instant(response, speed),
-        flank_state=space.coordinates @ jnp.concatenate([shift, jnp.zeros_like(shift)]),
-        space=space,
+    deflection = system.deflections(response, meshes.link)
+    shift = _static(matrices(system)[1], _spread(system, meshes, -flank_excess(meshes.law, deflection)))
+    return cut(
+        space,
+        deflection,
+        frequency,
+        steps,
         law=meshes.law,
         viscous=meshes.viscous,
         contact_damping=meshes.contact_damping,
-        stiffness=system.stiffness[meshes.link],
-        damping=system.viscous[meshes.link],
+        linear_state=space.coordinates @ _instant(response, speed),
+        flank_state=space.coordinates @ jnp.concatenate([shift, jnp.zeros_like(shift)]),
+    )
+
+
+def flank_excess(law, linear):
+    """phi ``(G,)`` N of meshes on their drive sides, the signs of the means of ``linear`` ``(G, N+1)``."""
+    return -backlash.offset(law) * jnp.where(linear[:, 0].real < 0, -1.0, 1.0)
+
+
+def cut(space, linear, frequency, steps, *, law, viscous, contact_damping, linear_state, flank_state):
+    """The :class:`Stepper` of a state space and the deflections ``(G, N+1)`` of its linear response."""
+    seen = jnp.concatenate([linear, fourier.derivative(linear, frequency)])
+    return Stepper(
+        **_weights(space, 2 * jnp.pi / frequency / steps),
+        linear=fourier.synthesize(seen, 2 * steps).T,
+        linear_state=linear_state,
+        flank_state=flank_state,
+        space=space,
+        law=law,
+        viscous=viscous,
+        contact_damping=contact_damping,
         frequency=frequency,
     )
 
@@ -162,6 +176,15 @@ def _weights(space, dt):
         "second": L @ jnp.concatenate([half_1 - half_2, half_2], axis=1),
         "third": L @ jnp.concatenate([full_1 - 2 * full_2, 2 * full_2], axis=1),
     }
+
+
+def hold_weights(space, dt):
+    """exp(A dt) and the weights ``(n, G)`` of the forces at both ends of a step over which they change linearly."""
+    A, E = space.transition, space.forcing
+    n, G = E.shape
+    matrix = jnp.zeros((n + 2 * G, n + 2 * G)).at[:n, :n].set(A).at[:n, n : n + G].set(E)
+    full = _exponential(matrix.at[n : n + G, n + G :].set(jnp.eye(G) / dt) * dt)
+    return full[:n, :n], full[:n, n : n + G] - full[:n, n + G :], full[:n, n + G :]
 
 
 def _exponential(matrix):

@@ -1,4 +1,4 @@
-"""The reduced equation on the meshes against the whole train, and the Krylov and support pieces of its solution."""
+"""The reduced equation on the meshes against the whole train, and the Krylov steps of its solution."""
 
 import dataclasses
 import doctest
@@ -6,17 +6,15 @@ import importlib
 
 import dense
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
-from tolerances import ALGEBRAIC, RESIDUAL
+from tolerances import ALGEBRAIC
 from trains import branched_parts, build, gearbox_parts
 
 from jaxhb import Mesh
-from jaxhb.harmonic import fourier, reduction, support
+from jaxhb.harmonic import fourier, reduction
 from jaxhb.harmonic.krylov import minimise_residual
 from jaxhb.harmonic.residual import residual
-from jaxhb.periodic.newton import correct
 from jaxhb.periodic.problem import excess_of, pose, reduced_equation
 
 HARMONICS, SAMPLES, RPM = 6, 96, 1500.0
@@ -116,25 +114,6 @@ def test_excess_is_constant_while_a_mesh_stays_on_one_flank(case):
     np.testing.assert_allclose(excess[:, 1:], 0.0, rtol=0, atol=ALGEBRAIC * abs(offset))
 
 
-def test_newton_correction_solves_the_jacobian_of_autodiff_with_room_for_half_the_instants(case):
-    room = 2 * HARMONICS
-    _, _, reduced, _, l = case
-
-    def packed(flat):
-        value = reduced.residual(fourier.unpack(flat.reshape(2, -1)), SAMPLES)
-        return fourier.pack(value).reshape(-1)
-
-    at = fourier.pack(jnp.asarray(l)).reshape(-1)
-    value = jax.jit(packed)(at)
-    wanted = np.linalg.solve(np.asarray(jax.jit(jax.jacfwd(packed))(at)), value)
-    solver = jax.jit(correct, static_argnums=(3, 4, 5, 7))
-    found, _, used = solver(reduced, l, fourier.unpack(value.reshape(2, -1)), SAMPLES, room, HARMONICS, 1e-11, 60)
-    np.testing.assert_allclose(
-        np.asarray(fourier.pack(found)).reshape(-1), wanted, rtol=0, atol=RESIDUAL * np.abs(wanted).max()
-    )
-    assert 0 < used <= 26
-
-
 def test_conjugate_residuals_solve_a_system_in_as_many_steps_as_it_has_unknowns():
     draw = np.random.default_rng(15)
     matrix = np.eye(12) + 0.3 * draw.normal(size=(12, 12))
@@ -156,20 +135,6 @@ def test_conjugate_residuals_with_the_inverse_as_preconditioner_need_one_step():
 def test_nothing_to_solve_takes_no_step():
     x, left, used = minimise_residual(lambda v: 2 * v, lambda v: v, np.zeros(12), tolerance=1e-12, steps=20)
     assert used == 0 and left == 0 and not np.asarray(x).any()
-
-
-@pytest.mark.parametrize("cells", [12, 10])
-def test_cell_averages_keep_the_mean_and_follow_a_slow_wave(cells):
-    samples = 96
-    t = 2 * np.pi * np.arange(samples) / samples
-    averages = support.cell_averages(np.stack([np.full(samples, 3.0), np.cos(t - 0.4)]), cells)
-    np.testing.assert_allclose(averages[0], 3.0, rtol=ALGEBRAIC)
-    middle = 2 * np.pi * np.arange(cells) / cells
-    np.testing.assert_allclose(averages[1].mean(), 0.0, rtol=0, atol=ALGEBRAIC)
-    shrink = np.sinc(1 / cells)  # the average of a cosine over a cell
-    np.testing.assert_allclose(
-        averages[1], shrink * np.cos(middle - 0.4), rtol=0, atol=2e-3
-    )  # piecewise constant samples
 
 
 @pytest.mark.parametrize("name", ["backlash", "fourier", "chain", "krylov"])

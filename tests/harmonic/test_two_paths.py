@@ -42,8 +42,8 @@ def test_reduced_equation_and_chain_sweep_give_the_same_response(responses):
 
 def test_truncation_error_does_not_depend_on_the_method(responses):
     reduced, chain = responses[1]
-    # the estimate is one approximate Newton correction: its Krylov solve stops at 5 %
-    np.testing.assert_allclose(reduced.truncation_error, chain.truncation_error, rtol=0.05, atol=1e-9)
+    # each estimate is one approximate Newton correction whose Krylov solve stops at 5 %
+    np.testing.assert_allclose(reduced.truncation_error, chain.truncation_error, rtol=0.1, atol=1e-9)
 
 
 def test_solution_of_the_reduced_equation_solves_the_equations_of_all_disks(responses):

@@ -1,0 +1,92 @@
+"""One linear solve with the Jacobian of the reduced equation, ``J = I + G (w + s d/dt)``.
+
+Krylov steps on the exact Jacobian, preconditioned by the linearised motion in time
+(:mod:`jaxhb.transient.variational`), whose cost does not grow with the number of harmonics.
+"""
+
+import jax.numpy as jnp
+
+from ..harmonic import fourier
+from ..harmonic.krylov import minimise_residual
+from ..transient.variational import vary
+
+
+def cell_averages(values, cells):
+    """Averages of periodic samples ``(G, samples)`` over ``cells`` equal cells centred on their instants."""
+    samples = values.shape[-1]
+    integral = jnp.concatenate([jnp.zeros_like(values[..., :1]), jnp.cumsum(values, axis=-1)], axis=-1)
+    integral = jnp.concatenate([integral, integral[..., -1:] + integral[..., 1:]], axis=-1)
+    edges = (jnp.arange(cells + 1) - 0.5) * (samples / cells) + 0.5
+    edges = edges + (edges[0] < 0) * samples
+    low = jnp.floor(edges).astype(int)
+    share = edges - low
+    at_edges = (1 - share) * integral[..., low] + share * integral[..., low + 1]
+    return jnp.diff(at_edges, axis=-1) * (cells / samples)
+
+
+def prepare(reduced, space, deflection, samples, instants):
+    """The :class:`~jaxhb.transient.variational.Variation` around the motion ``deflection`` ``(G, N+1)``."""
+    _, slope, rate_slope = reduced.excess(*reduced.sampled(deflection, samples))
+    slope, rate_slope = cell_averages(slope, instants), cell_averages(rate_slope, instants)
+    return vary(space, reduced.frequency, slope, rate_slope)
+
+
+def precondition(reduced, variation, b):
+    """Approximate solution of ``J delta = b``, coefficients ``(G, N+1)``; the identity beyond the sweep's instants."""
+    instants = len(variation.gain)
+    low = fourier.resize(b, min(b.shape[-1] - 1, instants // 2 - 1))
+    both = jnp.concatenate([low, fourier.derivative(low, reduced.frequency)])
+    forces = variation.forces(fourier.synthesize(both, instants))
+    kept = low.shape[-1]
+    linear_between = jnp.sinc(jnp.arange(kept) / instants) ** 2
+    excess = linear_between * fourier.analyze(forces, kept - 1)
+    return b.at[:, :kept].add(-jnp.einsum("ngh,hn->gn", reduced.receptance[:kept], excess))
+
+
+def tangent(reduced, deflection, samples):
+    """The product ``delta -> J delta`` at ``deflection``, law sampled at ``samples`` instants.
+
+    The slopes enter a Galerkin product with at most 2 N harmonics, so that 4.5 N instants give it exactly.
+    """
+    harmonics = deflection.shape[-1] - 1
+    _, slope, rate_slope = reduced.excess(*reduced.sampled(deflection, samples))
+    instants = (9 * harmonics + 1) // 2
+    slopes = fourier.analyze(jnp.stack([slope, rate_slope]), 2 * harmonics)
+    slope, rate_slope = fourier.synthesize(slopes, instants)
+
+    def product(delta):
+        change, rate = reduced.sampled(delta, instants)
+        return delta + reduced.respond(fourier.analyze(slope * change + rate_slope * rate, harmonics))
+
+    return product
+
+
+def correct(reduced, variation, deflection, value, samples, forcing, steps):
+    """``J change = value`` at ``deflection``: (change, share of the residual that is left, Krylov steps).
+
+    Parameters
+    ----------
+    reduced : Reduced
+    variation : Variation, from :func:`prepare` at this motion or a near one
+    deflection, value : complex arrays ``(G, N+1)``
+    samples : int, instants of the law
+    forcing : float, wanted share of the residual
+    steps : int, largest number of Krylov steps (static)
+    """
+    meshes, width = deflection.shape
+    product = tangent(reduced, deflection, samples)
+
+    def coefficients(flat):
+        return fourier.unpack(flat.reshape(meshes, 2 * width - 1))
+
+    def flat(coefficients):
+        return fourier.pack(coefficients).reshape(-1)
+
+    change, left, used = minimise_residual(
+        lambda v: flat(product(coefficients(v))),
+        lambda v: flat(precondition(reduced, variation, coefficients(v))),
+        flat(value),
+        tolerance=forcing,
+        steps=steps,
+    )
+    return coefficients(change), left, used

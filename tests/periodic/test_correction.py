@@ -1,0 +1,164 @@
+"""The linear solve of a Newton step: exact Jacobian, preconditioned by the linearised motion in time."""
+
+import dataclasses
+import itertools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from tolerances import ALGEBRAIC, RESIDUAL
+from trains import branched_parts, build
+
+from jaxhb import Disk, Shaft
+from jaxhb.harmonic import fourier
+from jaxhb.periodic import correction
+from jaxhb.periodic.problem import pose, reduced_equation
+from jaxhb.transient.statespace import partition, state_space
+from jaxhb.transient.surrogate import resting_on_flank, surrogate
+
+HARMONICS, SAMPLES, RPM = 48, 768, 12000.0
+"""The mesh modes lie at harmonic 13: the sweep in time knows no truncation, and below them it would matter."""
+
+reduce = jax.jit(reduced_equation, static_argnums=1)
+approximate = jax.jit(surrogate, static_argnames="instants")
+prepare = jax.jit(correction.prepare, static_argnums=(3, 4))
+precondition = jax.jit(correction.precondition)
+
+
+@pytest.fixture(scope="module")
+def case():
+    """Problem, reduced equation on both meshes, and random deflections that cross the gap."""
+    problem = pose(build(branched_parts(), reference="flywheel"), RPM, HARMONICS)
+    reduced, _ = reduce(problem, HARMONICS, np.ones(2), np.arange(2), np.zeros(2))
+    draw = np.random.default_rng(14)
+    l = 1e-4 * (draw.normal(size=(2, HARMONICS + 1)) + 1j * draw.normal(size=(2, HARMONICS + 1)))
+    l[:, 0] = l[:, 0].real
+    return problem, reduced, l / (1 + np.arange(HARMONICS + 1)) ** 1.5
+
+
+def space_of(problem, instants):
+    return approximate(
+        problem.system, problem.meshes.link, np.ones(2), problem.frequency, instants=instants, excited=HARMONICS
+    )
+
+
+def dense_jacobian(reduced, l):
+    def packed(flat):
+        value = reduced.residual(fourier.unpack(flat.reshape(2, -1)), SAMPLES)
+        return fourier.pack(value).reshape(-1)
+
+    at = fourier.pack(jnp.asarray(l)).reshape(-1)
+    return jax.jit(jax.jacfwd(packed))(at), jax.jit(packed)(at)
+
+
+def test_correction_solves_the_jacobian_of_autodiff(case):
+    problem, reduced, l = case
+    matrix, value = dense_jacobian(reduced, l)
+    wanted = np.linalg.solve(np.asarray(matrix), value)
+    variation = prepare(reduced, space_of(problem, 512), l, SAMPLES, 512)
+    solver = jax.jit(correction.correct, static_argnums=(4, 6))
+    found, left, used = solver(reduced, variation, l, fourier.unpack(value.reshape(2, -1)), SAMPLES, 1e-11, 60)
+    np.testing.assert_allclose(
+        np.asarray(fourier.pack(found)).reshape(-1), wanted, rtol=0, atol=RESIDUAL * np.abs(wanted).max()
+    )
+    assert left <= 1e-11 and 0 < used <= 30
+
+
+def test_product_on_few_instants_is_the_jacobian_at_all_samples(case):
+    _, reduced, l = case
+    matrix, _ = dense_jacobian(reduced, l)
+    direction = fourier.pack(jnp.asarray(l[::-1]))
+    found = jax.jit(lambda at, d: correction.tangent(reduced, at, SAMPLES)(d))(l, fourier.unpack(direction))
+    wanted = np.asarray(matrix @ direction.reshape(-1))
+    error = np.abs(np.asarray(fourier.pack(found)).reshape(-1) - wanted).max()
+    assert error <= ALGEBRAIC * np.abs(wanted).max()
+
+
+def test_preconditioner_tends_to_the_inverse_with_the_instants(case):
+    problem, reduced, l = case
+    draw = np.random.default_rng(15)
+    wanted = draw.normal(size=(2, HARMONICS + 1)) + 1j * draw.normal(size=(2, HARMONICS + 1))
+    wanted[:, 0] = wanted[:, 0].real
+    given = jax.jit(lambda at, d: correction.tangent(reduced, at, SAMPLES)(d))(l, wanted)
+    errors = []
+    for instants in (128, 256, 512, 1024):
+        variation = prepare(reduced, space_of(problem, instants), l, SAMPLES, instants)
+        found = precondition(reduced, variation, given)
+        errors.append(np.linalg.norm(found - wanted) / np.linalg.norm(wanted))
+    assert np.log2(errors[0] / errors[1]) > 1.7  # second order
+    assert errors[-1] < 5e-3  # what the harmonics above 48 leave
+
+
+def test_a_train_of_inertial_disks_is_its_own_surrogate(case):
+    problem, _, _ = case
+    problem = dataclasses.replace(problem, system=dataclasses.replace(problem.system, loss=0.0 * problem.system.loss))
+    exact = state_space(
+        jax.tree.map(jnp.asarray, problem.system),
+        jax.tree.map(jnp.asarray, problem.meshes),
+        problem.frequency,
+        partition(problem.system, problem.meshes),
+    )
+    instants = 2**16
+    space = space_of(problem, instants)
+
+    def receptance(space, n):
+        A, E, L = (np.asarray(a) for a in (space.transition, space.forcing, space.observation))
+        return L @ np.linalg.solve(1j * n * float(problem.frequency) * np.eye(len(A)) - A, E)
+
+    for n in (1, 7, 40):
+        wanted = receptance(exact, n)
+        np.testing.assert_allclose(receptance(space, n), wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
+
+
+def test_massless_and_lossy_trains_have_a_surrogate_close_to_them(case):
+    problem, reduced, _ = case
+    system = problem.system
+    bare = dataclasses.replace(
+        system, mass=np.where(system.mass == np.min(system.mass), 0.0, system.mass), loss=system.loss + 0.01
+    )
+    space = space_of(dataclasses.replace(problem, system=bare), 4096)
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(space))
+
+
+@pytest.mark.parametrize("harmonic", [3, 9, 15])
+def test_few_modes_stand_for_a_shaft_of_many_disks(harmonic):
+    parts = branched_parts()
+    shaft = next(p for p in parts if isinstance(p, Shaft))
+    pieces = 150
+    names = [shaft.between[0], *(f"slice {i}" for i in range(pieces - 1)), shaft.between[1]]
+    fine = [p for p in parts if p is not shaft] + [Disk(name=name, inertia=1e-4) for name in names[1:-1]]
+    fine += [Shaft(between=pair, stiffness=pieces * shaft.stiffness, damping=1.0) for pair in itertools.pairwise(names)]
+    problem = pose(build(fine, reference="flywheel"), RPM, HARMONICS)
+    reduced, _ = reduce(problem, HARMONICS, np.ones(2), np.arange(2), np.zeros(2))
+    space = space_of(problem, 256)
+    A, E, L = (np.asarray(a) for a in (space.transition, space.forcing, space.observation))
+    found = -L[:2] @ np.linalg.solve(1j * harmonic * float(problem.frequency) * np.eye(len(A)) - A, E)
+    wanted = np.asarray(reduced.receptance[harmonic])
+    assert len(A) == 96
+    # a loss factor of this train is viscous damping in time: a few percent at the resonances
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=0.05 * np.abs(wanted).max())
+
+
+def test_resting_on_the_flank_balances_constant_forces(case):
+    problem, _, _ = case
+    space = space_of(problem, 512)
+    force = np.array([3.0, -2.0])
+    state = resting_on_flank(space, force)
+    speed = space.transition @ state + space.forcing @ force
+    scale = np.abs(space.forcing @ force).max()
+    np.testing.assert_allclose(speed, 0.0, rtol=0, atol=1e-9 * scale)
+
+
+@pytest.mark.parametrize("cells", [12, 10])
+def test_cell_averages_keep_the_mean_and_follow_a_slow_wave(cells):
+    samples = 96
+    t = 2 * np.pi * np.arange(samples) / samples
+    averages = correction.cell_averages(np.stack([np.full(samples, 3.0), np.cos(t - 0.4)]), cells)
+    np.testing.assert_allclose(averages[0], 3.0, rtol=ALGEBRAIC)
+    middle = 2 * np.pi * np.arange(cells) / cells
+    np.testing.assert_allclose(averages[1].mean(), 0.0, rtol=0, atol=ALGEBRAIC)
+    shrink = np.sinc(1 / cells)  # the average of a cosine over a cell
+    np.testing.assert_allclose(
+        averages[1], shrink * np.cos(middle - 0.4), rtol=0, atol=2e-3
+    )  # piecewise constant samples

@@ -1,0 +1,110 @@
+"""The rivals of the benchmarks integrate the same equations, and refined trains are the same trains."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import jaxhb
+from jaxhb.harmonic import chain
+from jaxhb.harmonic.residual import backlash_meshes
+
+FOLDER = Path(__file__).parents[1] / "benchmarks"
+STEPS = 12000
+
+
+@pytest.fixture(autouse=True)
+def benchmarks(monkeypatch):
+    monkeypatch.syspath_prepend(str(FOLDER))
+
+
+@pytest.fixture(scope="module")
+def gears():
+    return jaxhb.load_scene("gear_train_30")
+
+
+def test_tooth_damping_is_set_by_its_ratio(gears):
+    from trains import tooth_damping_ratio, with_tooth_damping
+
+    np.testing.assert_allclose(tooth_damping_ratio(gears), 0.05, rtol=2e-5)
+    np.testing.assert_allclose(tooth_damping_ratio(with_tooth_damping(gears, 0.02)), 0.02, rtol=1e-12)
+
+
+@pytest.mark.parametrize("disks", [60, 300])
+def test_a_refined_train_keeps_inertia_stiffness_and_low_frequencies(gears, disks):
+    from trains import refined
+
+    fine = refined(gears, disks)
+    assert fine.topology.n_disks == disks
+    assert np.isclose(fine.disks.inertia.sum(), gears.disks.inertia.sum(), rtol=1e-12)
+    compliance = dict.fromkeys(gears.topology.shaft_names, 0.0)
+    for name, stiffness in zip(fine.topology.shaft_names, fine.shafts.stiffness, strict=True):
+        compliance[name.partition(".")[0]] += 1 / stiffness
+    np.testing.assert_allclose(1 / np.array(list(compliance.values())), gears.shafts.stiffness, rtol=1e-12)
+    coarse, many = (jaxhb.natural_frequencies(t).frequencies_hz[:6] for t in (gears, fine))
+    np.testing.assert_allclose(many, coarse, rtol=0.01)
+    coarse, many = (jaxhb.linear_response(t, rpm=1800.0).force("crank gear", "idler").max for t in (gears, fine))
+    assert np.isclose(many, coarse, rtol=0.1)
+
+
+def test_a_refined_train_is_what_build_makes_of_its_pieces():
+    from trains import refined
+
+    def parts(inertia, shafts):
+        return [
+            *(jaxhb.Disk(name=name, inertia=J) for name, J in inertia.items()),
+            *(jaxhb.Shaft(between=ends, stiffness=k, damping=r, name=n) for n, (ends, k, r) in shafts.items()),
+            jaxhb.Damper(name="ring", disk="a", inertia=0.2, damping=3.0, stiffness=10.0),
+            jaxhb.Ground(disk="b", stiffness=5.0),
+            jaxhb.Torque(disk="a", harmonics=[(1.0, 5.0, 2.0)]),
+        ]
+
+    whole = parts({"a": 1.0, "b": 2.0}, {"a|b": (("a", "b"), 1e4, 4.0)})
+    inertia = {"a": 0.9, "b": 1.9, "piece 1": 0.1, "piece 2": 0.1}
+    ends = (("a", "piece 1"), ("piece 1", "piece 2"), ("piece 2", "b"))
+    cut = parts(inertia, {f"a|b.{k + 1}": (pair, 3e4, 12.0) for k, pair in enumerate(ends)})
+    fine, wanted = refined(jaxhb.build(whole), 5), jaxhb.build(cut)
+    assert fine.topology == wanted.topology
+    ours, theirs = chain.assemble(fine), chain.assemble(wanted)
+    for field in ("mass", "damping", "ground", "stiffness", "viscous"):
+        np.testing.assert_allclose(getattr(ours, field), getattr(theirs, field), rtol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def orbit(gears):
+    return jaxhb.integrate(gears, rpm=1833.0, cycles=1, steps=STEPS)
+
+
+@pytest.mark.parametrize(("method", "tolerance"), [("rk4", 1e-4), ("implicit", 2e-2)])
+def test_compiled_integrators_agree_with_the_referee_over_one_cycle(gears, orbit, method, tolerance):
+    pytest.importorskip("numba")
+    pytest.importorskip("scipy")
+    from marches import march
+    from tasks import prepare
+
+    found = march(prepare(gears, 1833.0), method, STEPS, cycles=1)
+    assert len(backlash_meshes(gears).link) == len(found.force)
+    assert np.abs(found.force - orbit.elastic).max() < tolerance * np.abs(orbit.elastic).max()
+    assert orbit.separated.max() > 0.05
+
+
+def test_the_implicit_integrator_is_of_second_order_while_teeth_stay_in_contact(gears):
+    pytest.importorskip("numba")
+    pytest.importorskip("scipy")
+    import dataclasses
+
+    from marches import march
+    from tasks import prepare
+
+    task = prepare(gears, 1833.0)
+    wide = task.model._replace(low=-1e3 + 0 * task.model.low, width=1e3 + 0 * task.model.width)
+    task = dataclasses.replace(task, model=wide._replace(soft=wide.mesh_k))
+    finest = march(task, "rk4", 8000, cycles=1).deflection
+    errors = [
+        np.abs(march(task, "implicit", n, cycles=1).deflection - finest[:, :: 8000 // n]).max() for n in (2000, 4000)
+    ]
+    assert 3.5 < errors[0] / errors[1] < 4.5
+
+
+def test_the_module_of_the_integrators_is_the_only_one_that_imports_numba():
+    assert [p.name for p in FOLDER.glob("*.py") if "numba import" in p.read_text()] == ["integrators.py"]
