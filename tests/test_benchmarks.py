@@ -24,7 +24,7 @@ def gears():
 
 
 def test_tooth_damping_is_set_by_its_ratio(gears):
-    from trains import tooth_damping_ratio, with_tooth_damping
+    from refined_trains import tooth_damping_ratio, with_tooth_damping
 
     np.testing.assert_allclose(tooth_damping_ratio(gears), 0.05, rtol=2e-5)
     np.testing.assert_allclose(tooth_damping_ratio(with_tooth_damping(gears, 0.02)), 0.02, rtol=1e-12)
@@ -32,7 +32,7 @@ def test_tooth_damping_is_set_by_its_ratio(gears):
 
 @pytest.mark.parametrize("disks", [60, 300])
 def test_a_refined_train_keeps_inertia_stiffness_and_low_frequencies(gears, disks):
-    from trains import refined
+    from refined_trains import refined
 
     fine = refined(gears, disks)
     assert fine.topology.n_disks == disks
@@ -48,7 +48,7 @@ def test_a_refined_train_keeps_inertia_stiffness_and_low_frequencies(gears, disk
 
 
 def test_a_refined_train_is_what_build_makes_of_its_pieces():
-    from trains import refined
+    from refined_trains import refined
 
     def parts(inertia, shafts):
         return [

@@ -12,8 +12,12 @@ Source: Fridman 2009, (10)-(12), in the form of Moliboshko's equivalent transfor
 add in ``P`` and ``psi``, which is what a fictitious node of the seed's numbering does.
 """
 
+import heapq
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
 
@@ -31,55 +35,101 @@ def _regular(pivot, link):
     return jnp.where(pivot == 0, jnp.finfo(float).eps * jnp.abs(link), pivot)
 
 
-def scalar_sweep(parent, near, far, link, node, load):
+class Places(NamedTuple):
+    """Where a sweep keeps what the nodes under elimination have collected; few places, used again and again.
+
+    own, above : int arrays ``(S,)``, place of each node and of its parent (of the root: its own); every : ``(D,)``.
+    """
+
+    own: np.ndarray
+    above: np.ndarray
+    every: np.ndarray
+
+
+def places(parent):
+    """The :class:`Places` of a tree, host: a node takes one when its first branch arrives and frees it when done.
+
+    Parameters
+    ----------
+    parent : int array ``(S,)``, position of the parent, larger than the own position; S for the root (last)
+
+    Examples
+    --------
+    >>> places([1, 4, 3, 4, 5, 6]).own.tolist()
+    [0, 0, 1, 1, 0, 0]
+    """
+    own, free, count = [-1] * len(parent), [], 0
+
+    def take():
+        nonlocal count
+        if free:
+            return heapq.heappop(free)
+        count += 1
+        return count - 1
+
+    for node, up in enumerate(parent):
+        if own[node] < 0:
+            own[node] = take()
+        heapq.heappush(free, own[node])
+        if up < len(parent) and own[up] < 0:
+            own[up] = take()
+    above = [own[up] if up < len(parent) else own[node] for node, up in enumerate(parent)]
+    return Places(np.array(own, dtype=np.int32), np.array(above, dtype=np.int32), np.arange(count, dtype=np.int32))
+
+
+def scalar_sweep(at, near, far, link, node, load):
     """Solve a tree of scalar links for all harmonics and several loads.
 
     Parameters
     ----------
-    parent : int array ``(S,)``
-        Position of the parent, larger than the own position; S for the root (last).
+    at : Places
     near, far : arrays ``(S,)``
         Arms alpha and beta of the link to the parent; of no meaning for the root.
     link : complex array ``(S, H)``
         Dynamic stiffness C of the link to the parent; of no meaning for the root.
     node : complex array ``(S, H)``
         Dynamic stiffness of the node itself, ground included.
-    load : complex array ``(S, H, R)``
+    load : complex array ``(S, R, H)``
 
     Returns
     -------
-    displacement, force : complex arrays ``(S, H, R)``
+    displacement, force : complex arrays ``(S, R, H)``
         ``force`` of the link to the parent, positive for ``alpha x_s > beta x_p``; zero at the root.
     """
-    size = node.shape[0]
 
-    def eliminate(carry, item):
-        stiffness, moment = carry
-        position, up, alpha, beta, C = item
-        P, psi = stiffness[position], moment[position]
+    def eliminate(collected, item):
+        own, above, alpha, beta, C, P, psi = item
+        stiffness, moment = collected
+        P, psi = P + stiffness[own], psi + moment[own]
         pivot = _regular(P + alpha**2 * C, alpha**2 * C)
-        gain = _divide(alpha * C, pivot)
-        transfer = _divide(beta * C * P, pivot)
-        pi = gain[:, None] * psi
-        stiffness = stiffness.at[up].add(beta * transfer)
-        moment = moment.at[up].add(beta * pi)
-        return (stiffness, moment), (pivot, psi, transfer, pi)
+        gain = beta * _divide(C, pivot)
+        stiffness = stiffness.at[own].set(0.0).at[above].add(beta * gain * P)
+        moment = moment.at[own].set(0.0).at[above].add(alpha * gain * psi)
+        return (stiffness, moment), (P, psi)
 
-    positions = jnp.arange(size - 1)
-    items = (positions, parent[:-1], near[:-1], far[:-1], link[:-1])
-    (stiffness, moment), (pivot, psi, transfer, pi) = lax.scan(eliminate, (node, load), items)
-    root = moment[-1] / stiffness[-1][:, None]
+    nothing = [jnp.zeros((len(at.every), *a.shape[1:]), a.dtype) for a in (node, load)]
+    order = (at.own, at.above, near, far)
+    _, (P, psi) = lax.scan(eliminate, tuple(nothing), (*order, link, node, load))
+    square = near[:, None] ** 2
+    pivot = _regular(P + square * link, square * link)
+    inverse = _divide(1.0, pivot)
+    arms = near[:, None] * far[:, None]
+    follow = jnp.where(pivot == 0, (far / near)[:, None], arms * link * inverse)
+    transfer = far[:, None] * link * P * inverse
+    root = psi[-1] / P[-1]
 
-    def substitute(displacement, item):
-        position, up, alpha, beta, C, pivot, psi, transfer, pi = item
-        above = displacement[up]
-        follow = jnp.where(pivot == 0, beta / alpha, _divide(alpha * beta * C, pivot))
-        below = _divide(psi, pivot[:, None]) + follow[:, None] * above
-        return displacement.at[position].set(below), pi - transfer[:, None] * above
+    def substitute(motion, item):
+        own, above, inverse, psi, follow = item
+        up = motion[above]
+        below = inverse * psi + follow * up
+        return motion.at[own].set(below), (below, up)
 
-    start = jnp.zeros_like(load).at[-1].set(root)
-    displacement, force = lax.scan(substitute, start, (*items, pivot, psi, transfer, pi), reverse=True)
-    return displacement, jnp.concatenate([force, jnp.zeros_like(root)[None]])
+    motion = nothing[1].at[at.own[-1]].set(root)
+    items = jax.tree.map(lambda a: a[:-1], (at.own, at.above, inverse, psi, follow))
+    _, (below, up) = lax.scan(substitute, motion, items, reverse=True)
+    hand = near[:, None] * link * inverse
+    force = hand[:-1, None] * psi[:-1] - transfer[:-1, None] * up
+    return jnp.concatenate([below, root[None]]), jnp.concatenate([force, jnp.zeros_like(root)[None]])
 
 
 def block_sweep(parent, near, far, link, node, load):
@@ -87,7 +137,8 @@ def block_sweep(parent, near, far, link, node, load):
 
     Parameters
     ----------
-    parent, near, far : as in :func:`scalar_sweep`
+    parent : int array ``(S,)``, position of the parent, larger than the own position; S for the root (last)
+    near, far : as in :func:`scalar_sweep`
     link, node : arrays ``(S, P, P)``
     load : array ``(S, P)``
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from .._arrays import namespace
 from ..model.drivetrain import speed_ratios
+from .block_sweep import Places, places
 
 
 @jax.tree_util.register_dataclass
@@ -26,12 +27,13 @@ class Tree:
     """Elimination order of S nodes joined by tree links, leaves first, root last; integer arrays, no names.
 
     node : ``(S,)`` disk of each position; parent : ``(S,)`` position of the parent, S at the root;
-    link : ``(S,)`` link to the parent, 0 at the root; from_a : ``(S,)`` whether the node is the link's first end;
-    loops : ``(n,)`` links outside the tree; end_a, end_b : ``(L,)`` disks that each link joins.
+    places : of the sweep; link : ``(S,)`` link to the parent, 0 at the root; from_a : ``(S,)`` whether the node is the
+    link's first end; loops : ``(n,)`` links outside the tree; end_a, end_b : ``(L,)`` disks that each link joins.
     """
 
     node: np.ndarray
     parent: np.ndarray
+    places: Places
     link: np.ndarray
     from_a: np.ndarray
     loops: np.ndarray
@@ -98,15 +100,21 @@ def span_links(ends, disks, root):
         group[find(a)] = find(b)
         neighbours[a].append((b, index))
         neighbours[b].append((a, index))
-    order, above, via = [], {root: -1}, {root: 0}
-    stack = [root]
-    while stack:
-        disk = stack.pop()
-        order.append(disk)
+    above, via, outward = {root: -1}, {root: 0}, [root]
+    for disk in outward:
         for other, index in neighbours[disk]:
             if other not in above:
                 above[other], via[other] = disk, index
-                stack.append(other)
+                outward.append(other)
+    weight = dict.fromkeys(outward, 1)
+    for disk in reversed(outward[1:]):
+        weight[above[disk]] += weight[disk]
+    order, stack = [], [root]
+    while stack:  # the heaviest branch is eliminated first: the sweep then needs the fewest places
+        disk = stack.pop()
+        order.append(disk)
+        branches = [other for other, _ in neighbours[disk] if above[other] == disk]
+        stack += sorted(branches, key=weight.get, reverse=True)
     order.reverse()
     position = {disk: s for s, disk in enumerate(order)}
     parent = np.array([position[above[d]] if above[d] >= 0 else disks for d in order], dtype=np.int32)
@@ -115,7 +123,7 @@ def span_links(ends, disks, root):
     end_b = np.array([b for _, b in ends], dtype=np.int32)
     node = np.array(order, dtype=np.int32)
     from_a = end_a[link] == node if len(ends) else np.ones(disks, bool)
-    return Tree(node, parent, link, from_a, np.array(loops, dtype=np.int32), end_a, end_b)
+    return Tree(node, parent, places(parent), link, from_a, np.array(loops, dtype=np.int32), end_a, end_b)
 
 
 def displacement_radii(train):

@@ -48,28 +48,28 @@ def solve_linear(system, omega, load):
     ----------
     system : System
     omega : array ``(H,)`` rad/s
-    load : complex array ``(S, H, R)`` N, in disk order
+    load : complex array ``(S, R, H)`` N, R loads in disk order
 
     Returns
     -------
-    displacement : complex array ``(S, H, R)`` m
-    force : complex array ``(L, H, R)`` N
+    displacement : complex array ``(S, R, H)`` m
+    force : complex array ``(L, R, H)`` N
         Transmitted force of every link (elastic, viscous and loss-factor part), positive for ``a x_a > b x_b``.
     """
     tree = system.tree
     C = link_stiffness(system, omega)
     node = node_stiffness(system, omega)[tree.node]
     if not len(C):
-        return load / node[..., None], jnp.zeros((0, *load.shape[1:]), load.dtype)
+        return load / node[:, None], jnp.zeros((0, *load.shape[1:]), load.dtype)
     near = jnp.where(tree.from_a, system.arm_a[tree.link], system.arm_b[tree.link])
     far = jnp.where(tree.from_a, system.arm_b[tree.link], system.arm_a[tree.link])
     loops = len(tree.loops)
     extended = load
     if loops:
-        unit = incidence(system, tree.loops)
-        unit = jnp.broadcast_to(unit[:, None, :], (*load.shape[:2], loops))
-        extended = jnp.concatenate([load, unit.astype(load.dtype)], axis=-1)
-    displacement, force = scalar_sweep(tree.parent, near, far, C[tree.link], node, extended[tree.node])
+        unit = incidence(system, tree.loops)[:, :, None]
+        unit = jnp.broadcast_to(unit, (len(unit), loops, load.shape[2]))
+        extended = jnp.concatenate([load, unit.astype(load.dtype)], axis=1)
+    displacement, force = scalar_sweep(tree.places, near, far, C[tree.link], node, extended[tree.node])
     displacement = jnp.zeros_like(displacement).at[tree.node].set(displacement)
     signed = jnp.where(tree.from_a, 1.0, -1.0)[:, None, None] * force
     link_force = jnp.zeros((C.shape[0], *force.shape[1:]), force.dtype).at[tree.link[:-1]].set(signed[:-1])
@@ -80,15 +80,15 @@ def solve_linear(system, omega, load):
 
 def _close_loops(system, C, displacement, link_force, loops):
     """Add the forces of the links outside the tree: (I + C G) f = C D x_tree at every harmonic."""
-    given, unit = displacement[..., :-loops], displacement[..., -loops:]
+    given, unit = displacement[:, :-loops], displacement[:, -loops:]
     gap = system.deflections(given, system.tree.loops)
     receptance = system.deflections(unit, system.tree.loops)
     C_loop = C[system.tree.loops].T[:, :, None]
-    matrix = jnp.eye(loops) + C_loop * receptance.transpose(1, 0, 2)
-    closing = jnp.linalg.solve(matrix, C_loop * gap.transpose(1, 0, 2))
-    displacement = given - jnp.einsum("shl,hlr->shr", unit, closing)
-    force = link_force[..., :-loops] - jnp.einsum("khl,hlr->khr", link_force[..., -loops:], closing)
-    return displacement, force.at[system.tree.loops].set(closing.transpose(1, 0, 2))
+    matrix = jnp.eye(loops) + C_loop * receptance.transpose(2, 0, 1)
+    closing = jnp.linalg.solve(matrix, C_loop * gap.transpose(2, 0, 1))
+    displacement = given - jnp.einsum("slh,hlr->srh", unit, closing)
+    force = link_force[:, :-loops] - jnp.einsum("klh,hlr->krh", link_force[:, -loops:], closing)
+    return displacement, force.at[system.tree.loops].set(closing.transpose(1, 2, 0))
 
 
 def incidence(system, links):
@@ -153,7 +153,7 @@ def truncate(reduced, harmonics):
 class Folded:
     """Motion and link forces of the linear train under its load (column 0) and unit forces at the active meshes.
 
-    displacement : complex ``(S, N+1, 1+G)`` m; force : complex ``(L, N+1, 1+G)`` N.
+    displacement : complex ``(S, 1+G, N+1)`` m; force : complex ``(L, 1+G, N+1)`` N.
     """
 
     displacement: jax.Array
@@ -164,7 +164,7 @@ class Folded:
         kept = excess.shape[-1]
 
         def total(columns):
-            return columns[:, :kept, 0] - jnp.einsum("sng,gn->sn", columns[:, :kept, 1:], excess)
+            return columns[:, 0, :kept] - jnp.einsum("sgn,gn->sn", columns[:, 1:, :kept], excess)
 
         return total(self.displacement), total(self.force)
 
@@ -187,12 +187,12 @@ def reduce(system, frequency, load, active, active_index, law, viscous, contact_
     """
     omega = frequencies(frequency, load.shape[-1] - 1)
     columns = incidence(system, active_index) * active
-    unit = jnp.broadcast_to(columns[:, None, :], (*load.shape, columns.shape[1])).astype(load.dtype)
-    folded = Folded(*solve_linear(system, omega, jnp.concatenate([load[..., None], unit], axis=-1)))
+    unit = jnp.broadcast_to(columns[:, :, None], (*columns.shape, load.shape[1])).astype(load.dtype)
+    folded = Folded(*solve_linear(system, omega, jnp.concatenate([load[:, None], unit], axis=1)))
     deflection = system.deflections(folded.displacement, active_index) * active[:, None, None]
     reduced = Reduced(
-        linear=deflection[..., 0],
-        receptance=deflection[..., 1:].transpose(1, 0, 2),
+        linear=deflection[:, 0],
+        receptance=deflection[:, 1:].transpose(2, 0, 1),
         frequency=frequency,
         law=law,
         viscous=viscous,

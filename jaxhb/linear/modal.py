@@ -72,6 +72,7 @@ def natural_frequencies(train):
     displacement = follow @ (right[order] / root).T
     strain = np.zeros((links + len(held), len(order)))
     strain[:links] = _strain(system, displacement)
+    strain[links:] = system.ground[held][:, None] * displacement[held] ** 2
     first = links - len(train.topology.mesh_names)
     total = strain.sum(0)
     share = np.divide(strain[first:links].sum(0), total, out=np.zeros_like(total), where=total > 0)

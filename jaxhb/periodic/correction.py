@@ -24,11 +24,11 @@ def cell_averages(values, cells):
     return jnp.diff(at_edges, axis=-1) * (cells / samples)
 
 
-def prepare(reduced, space, deflection, samples, instants):
-    """The :class:`~jaxhb.transient.variational.Variation` around the motion ``deflection`` ``(G, N+1)``."""
+def prepare(reduced, train, deflection, samples, instants):
+    """The :class:`~jaxhb.transient.variational.Variation` of a Surrogate around the motion ``deflection``."""
     _, slope, rate_slope = reduced.excess(*reduced.sampled(deflection, samples))
     slope, rate_slope = cell_averages(slope, instants), cell_averages(rate_slope, instants)
-    return vary(space, reduced.frequency, slope, rate_slope)
+    return vary(train, reduced.frequency, slope, rate_slope)
 
 
 def precondition(reduced, variation, b):

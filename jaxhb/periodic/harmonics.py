@@ -82,7 +82,7 @@ class Plan:
 def check_harmonics(train, harmonics, method):
     """Refuse a fixed number of harmonics that cannot work, with a sentence."""
     name = train.topology.name or "scene"
-    if harmonics != int(harmonics) or harmonics < 1:
+    if not (np.isfinite(harmonics) and harmonics == int(harmonics) and harmonics >= 1):
         raise SceneError(f"{name}: harmonics is {harmonics}, must be a whole number of at least 1.")
     least = highest_harmonic(train)
     if harmonics < least:
@@ -92,6 +92,16 @@ def check_harmonics(train, harmonics, method):
         )
     if harmonics > MOST[method]:
         raise SceneError(_too_many(train, harmonics, method, name))
+
+
+def check_tolerance(train, tolerance):
+    """Refuse a tolerance that is not a share of the largest tooth force."""
+    if not 0 < tolerance < 1:
+        name = train.topology.name or "scene"
+        raise SceneError(
+            f"{name}: tolerance is {tolerance:g}, must be greater than 0 and less than 1: the share of the largest "
+            "tooth force that the harmonics left out may make, 0.01 by default."
+        )
 
 
 def excited_harmonic(train, method):

@@ -12,7 +12,7 @@ from ..harmonic.block_sweep import block_sweep
 from ..harmonic.residual import link_blocks, node_blocks, residual
 from . import correction
 
-KRYLOV_STEPS = 40
+KRYLOV_STEPS = 20
 WORN = 12
 """Krylov steps of a Newton step above which the preconditioner is made anew."""
 
@@ -143,12 +143,12 @@ def relative_residual(reduced, value):
     return jnp.max(size / scale)
 
 
-def solve_reduced(reduced, space, start, *, samples, instants, tolerance, max_steps):
+def solve_reduced(reduced, train, start, *, samples, instants, tolerance, max_steps):
     """Newton on the reduced equation, unknowns the deflections ``(G, N+1)`` of the active meshes.
 
     Parameters
     ----------
-    reduced : Reduced; space : StateSpace of (nearly) the same train, for the preconditioner
+    reduced : Reduced; train : Surrogate, for the preconditioner
     start : complex array ``(G, N+1)`` m
     samples : int, instants of the law, a multiple of 2 N; instants : int, of the preconditioner
 
@@ -158,7 +158,7 @@ def solve_reduced(reduced, space, start, *, samples, instants, tolerance, max_st
     """
 
     def prepare(deflection):
-        return correction.prepare(reduced, space, deflection, samples, instants)
+        return correction.prepare(reduced, train, deflection, samples, instants)
 
     def direction(variation, deflection, value, error):
         forcing = jnp.clip(0.05 * tolerance / error, 1e-10, 1e-2)

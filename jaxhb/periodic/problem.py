@@ -33,6 +33,7 @@ class Problem:
 def pose(train, rpm, harmonics, excited=None):
     """The :class:`Problem` of ``train`` at ``rpm`` with ``harmonics`` harmonics, excited up to ``excited`` of them."""
     xp = namespace(train, rpm)
+    train = jax.tree.map(lambda a: xp.asarray(a, dtype=float), train)
     system = chain.assemble(train)
     torque, load_torque, _ = excitation(train, rpm, min(harmonics, excited or harmonics))
     rpm = xp.asarray(rpm, dtype=float)

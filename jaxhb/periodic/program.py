@@ -97,15 +97,15 @@ def solve_problem(problem, choice, start, tolerance, sizes):
     deflection = reduced.linear
     if not none:
         links = jnp.asarray(problem.meshes.link)[choice.chosen]
-        space = surrogate(problem.system, links, choice.active, problem.frequency, sizes.instants, sizes.excited)
-        first, closure = _first(reduced, space, start, sizes)
+        train = surrogate(problem.system, links, choice.active, problem.frequency, sizes.instants, sizes.excited)
+        first, closure = _first(reduced, train.space, start, sizes)
         numbers = {"samples": sizes.samples, "instants": sizes.instants}
         if sizes.method == "chain":
             deflection, iterate = _by_chain(problem, choice, reduced, folded, first, sizes)
-            variation = correction.prepare(reduced, space, deflection, **numbers)
+            variation = correction.prepare(reduced, train, deflection, **numbers)
         else:
             goal = {"tolerance": sizes.residual_tolerance, "max_steps": sizes.max_steps}
-            iterate, variation = solve_reduced(reduced, space, first, **numbers, **goal)
+            iterate, variation = solve_reduced(reduced, train, first, **numbers, **goal)
             deflection = iterate.x
         error = relative_residual(reduced, reduced.residual(deflection, sizes.samples))
         truncation = truncation_error(fine, variation, deflection, sizes.samples)
@@ -150,7 +150,7 @@ def _status(problem, choice, folded, found, error, truncation, stalled, toleranc
     finite = jnp.isfinite(error) & jnp.all(jnp.isfinite(found.angles.real + found.angles.imag))
     given = [leaf for leaf in jax.tree.leaves(problem) if jnp.issubdtype(leaf.dtype, jnp.inexact)]
     sound = jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in given]))
-    loudest = jnp.max(jnp.abs(folded.force[..., 0]), initial=0.0)
+    loudest = jnp.max(jnp.abs(folded.force[:, 0]), initial=0.0)
     singular = sound & ~(loudest <= SINGULAR * jnp.max(jnp.abs(problem.load), initial=0.0))
     held = held_in_contact(problem, found.deflections, choice.flank, sizes.samples)
     balanced = _balanced(problem, choice, folded)
@@ -183,10 +183,10 @@ def truncation_error(fine, variation, deflection, samples):
     harmonics = fine.linear.shape[-1] - 1
     wide = fourier.resize(deflection, harmonics)
     residual = fine.residual(wide, 2 * samples)
-    change, left, _ = correction.correct(fine, variation, wide, residual, 2 * samples, 0.05, 30)
+    change, left, _ = correction.correct(fine, variation, wide, residual, 2 * samples, 0.05, 20)
     law = fine.law.expand()
     before = backlash.force(law, fourier.synthesize(wide, 2 * samples))
     after = backlash.force(law, fourier.synthesize(wide - change, 2 * samples))
-    largest = jnp.max(jnp.abs(before))
-    estimate = jnp.max(jnp.abs(after - before)) / jnp.where(largest > 0, largest, 1.0)
+    noise = 1e-8 * jnp.max(law.stiffness * law.backlash)  # of solved equations, where no tooth carries a load
+    estimate = jnp.max(jnp.abs(after - before)) / jnp.maximum(jnp.max(jnp.abs(before)), jnp.maximum(noise, 1e-300))
     return estimate / (1 - jnp.minimum(left, 0.999))

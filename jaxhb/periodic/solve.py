@@ -80,7 +80,9 @@ def solve(train, *, rpm, plan=None, harmonics=None, tolerance=None, method=None,
         return _solve_planned(train, rpm, plan, start)
     if traced(train, rpm):
         raise TypeError("solve is being traced: pass plan=jaxhb.plan(train, rpm=...), made outside")
-    return _solve_deciding(train, rpm, harmonics, tolerance or 0.01, method or "reduced", start)[0]
+    return _solve_deciding(train, rpm, harmonics, 0.01 if tolerance is None else tolerance, method or "reduced", start)[
+        0
+    ]
 
 
 def plan(train, *, rpm, harmonics=None, tolerance=0.01, method="reduced"):
@@ -205,6 +207,7 @@ def _solve_deciding(train, rpm, harmonics, tolerance, method, start):
     """The host's decisions for one speed: (response, plan)."""
     check_speed(train, rpm)
     decide.check_method(train, method)
+    decide.check_tolerance(train, tolerance)
     start = None if isinstance(start, str) and start == "march" else start
     if harmonics is not None:
         decide.check_harmonics(train, harmonics, method)

@@ -65,7 +65,8 @@ def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=None, progr
     check_speed(train, rpm, many=True)
     if plan and not (harmonics is None and tolerance is None):
         raise ValueError("harmonics and tolerance belong to the plan: give them to jaxhb.plan")
-    tolerance = tolerance or 0.01
+    tolerance = 0.01 if tolerance is None else tolerance
+    decide.check_tolerance(train, tolerance)
     if plan:
         decide.check_plan(train, plan)
     if harmonics is not None:

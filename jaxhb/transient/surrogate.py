@@ -1,10 +1,12 @@
 """A train that starts and preconditioners may use in place of the true one: inertial, without losses, of few modes.
 
-What the harmonics of a solve cannot see need not be integrated: disks lighter than the fastest wanted motion could tell
-get a mass (a disk without inertia beside a backlash mesh would be an algebraic unknown), loss factors become viscous
-damping, and a finely divided train is projected on its answers to forces at the meshes over the frequencies that
-matter (rational Krylov, Galerkin). Errors made here cost iterations, never accuracy.
+What the harmonics of a solve cannot see need not be integrated: modes faster than the steps answer statically, a disk
+without inertia (beside a backlash mesh an algebraic unknown) has a fast mode, loss factors become viscous damping, and
+a finely divided train is projected on its answers to forces at the meshes over the frequencies that matter (rational
+Krylov, Galerkin). Errors made here cost iterations, never accuracy.
 """
+
+from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
@@ -14,8 +16,8 @@ from jax import lax
 from ..harmonic.reduction import incidence, solve_linear
 from .statespace import StateSpace
 
-LIGHT = 0.01
-"""Share of the mean inertia that a disk may be given at most."""
+LIGHT = 1e-6
+"""Share of the mean inertia that a disk without inertia may be given at most."""
 
 LARGEST = 64
 """Disks, and modes of a larger train, that are kept."""
@@ -24,20 +26,29 @@ SHIFTS = 12
 """Frequencies at which the answers to mesh forces of a larger train are taken."""
 
 
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Surrogate:
+    """Slow modes, ``y = (s q, q')``, s = max(omega, Omega), and the static answer ``(G, G)`` m/N of the fast ones."""
+
+    space: StateSpace
+    static: jax.Array
+
+
 def surrogate(system, links, active, frequency, instants, excited):
-    """First-order equations ``y' = A y + E phi`` in modes, ``y = (s q, q')``, s = max(omega, Omega).
+    """The train as first-order equations of at most LARGEST modes.
 
     Parameters
     ----------
     system : System
     links, active : arrays ``(G,)``, the links with backlash, and 1; 0 for padding
     frequency : float, Omega in rad/s
-    instants : int, steps per cycle that will be taken: the fastest motion has four of them per period
+    instants : int, steps per cycle that will be taken; modes with less than four of them per period are fast
     excited : int, harmonic at which a loss factor is turned into viscous damping
 
     Returns
     -------
-    StateSpace
+    Surrogate
     """
     system = jax.tree.map(jnp.asarray, lax.stop_gradient(system))
     fastest = frequency * instants / 4
@@ -47,31 +58,33 @@ def surrogate(system, links, active, frequency, instants, excited):
     viscous = system.viscous + system.loss * system.stiffness / (excited * frequency)
     K = basis.T @ (system.ground[:, None] * basis) + bend.T @ (system.stiffness[:, None] * bend)
     B = basis.T @ (system.damping[:, None] * basis) + bend.T @ (viscous[:, None] * bend)
-    values, vectors = jnp.linalg.eigh(K)
-    kept = min(LARGEST, len(values))
-    squares, vectors = jnp.maximum(values[:kept], 0.0), vectors[:, :kept]
-    scale = jnp.sqrt(jnp.maximum(squares, frequency**2))
+    squares, vectors = jnp.linalg.eigh(K)
+    kept = min(LARGEST, len(squares))
+    slow = (jnp.arange(len(squares)) < kept) & (squares <= fastest**2)
     rows = active[:, None] * (bend[links] @ vectors)
+    static = (rows * jnp.where(slow, 0.0, 1 / jnp.where(slow, 1.0, squares))) @ rows.T
+    vectors = jnp.where(slow, vectors, 0.0)[:, :kept]
+    rows = jnp.where(slow, rows, 0.0)[:, :kept]
+    squares = jnp.clip(squares[:kept], 0.0, fastest**2)
+    scale = jnp.sqrt(jnp.maximum(squares, frequency**2))
     modal = vectors.T @ basis.T * mass
     zero, none = jnp.zeros((kept, kept)), jnp.zeros_like(rows)
-    return StateSpace(
+    space = StateSpace(
         transition=jnp.block([[zero, jnp.diag(scale)], [-jnp.diag(squares / scale), -vectors.T @ B @ vectors]]),
         forcing=jnp.concatenate([none.T, -rows.T]),
         observation=jnp.block([[rows / scale, none], [none, rows]]),
         coordinates=jnp.block([[scale[:, None] * modal, 0 * modal], [0 * modal, modal]]),
     )
+    return Surrogate(space, static)
 
 
 def _inertial(system, fastest):
-    """``(S,)`` kg: masses, none too light for steps of a quarter period of ``fastest`` rad/s."""
+    """``(S,)`` kg: masses, with a little where there is none."""
     tree = system.tree
-
-    def at_disks(values):
-        total = jnp.zeros(len(system.mass)).at[tree.end_a].add(system.arm_a**2 * values)
-        return total.at[tree.end_b].add(system.arm_b**2 * values)
-
-    pull = system.ground + at_disks(system.stiffness) + fastest * (system.damping + at_disks(system.viscous))
-    return jnp.maximum(system.mass, jnp.minimum(pull / fastest**2, LIGHT * jnp.mean(system.mass)))
+    pull = system.ground.at[tree.end_a].add(system.arm_a**2 * system.stiffness)
+    pull = pull.at[tree.end_b].add(system.arm_b**2 * system.stiffness)
+    little = jnp.minimum(pull / (30 * fastest) ** 2, LIGHT * jnp.mean(system.mass))
+    return jnp.where(system.mass > 0, system.mass, jnp.maximum(little, 1e-12 * jnp.mean(system.mass)))
 
 
 def _basis(system, mass, links, frequency, instants):
@@ -82,7 +95,7 @@ def _basis(system, mass, links, frequency, instants):
         return jnp.eye(disks) / root
     highest = instants / 6
     omega = frequency * highest ** (jnp.arange(SHIFTS) / (SHIFTS - 1.0))
-    unit = jnp.broadcast_to(incidence(system, links)[:, None, :], (disks, SHIFTS, len(links)))
+    unit = jnp.broadcast_to(incidence(system, links)[:, :, None], (disks, len(links), SHIFTS))
     motion, _ = solve_linear(system, omega, unit.astype(complex))
     columns = root * jnp.concatenate([motion.real, motion.imag], axis=-1).reshape(disks, -1)
     columns = columns / jnp.linalg.norm(columns, axis=0)

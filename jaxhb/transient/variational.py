@@ -53,12 +53,12 @@ class Variation:
         return (force + self.seen @ (self.closing @ end)).T
 
 
-def vary(space, frequency, slope, rate_slope):
+def vary(train, frequency, slope, rate_slope):
     """Prepare the sweep for slopes of phi.
 
     Parameters
     ----------
-    space : StateSpace in undamped modes of rising frequency, ``y = (s q, q')``
+    train : Surrogate
     frequency : float, Omega in rad/s
     slope, rate_slope : arrays ``(G, K)``, averages around K equidistant instants
 
@@ -67,12 +67,12 @@ def vary(space, frequency, slope, rate_slope):
     Variation
     """
     instants = slope.shape[-1]
-    propagate, early, late = hold_weights(space, 2 * jnp.pi / frequency / instants)
-    L = space.observation
-    slopes = jnp.concatenate(
-        [slope.T[:, :, None] * jnp.eye(len(slope)), rate_slope.T[:, :, None] * jnp.eye(len(slope))], 2
-    )
-    gain = jnp.linalg.solve(jnp.eye(len(slope)) - slopes @ (L @ late), slopes)
+    propagate, early, late = hold_weights(train.space, 2 * jnp.pi / frequency / instants)
+    L = train.space.observation
+    at_once = (L @ late).at[: len(slope)].add(-train.static)
+    own = jnp.eye(len(slope))
+    slopes = jnp.concatenate([slope.T[:, :, None] * own, rate_slope.T[:, :, None] * own], axis=2)
+    gain = jnp.linalg.solve(own - slopes @ at_once, slopes)
     forcing = propagate @ late + early
 
     def step(state, gain):

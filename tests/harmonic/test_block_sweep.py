@@ -7,9 +7,9 @@ from reference_data import complex_numbers, method_case, numbers
 from tolerances import ALGEBRAIC
 
 from jaxhb.harmonic import chain, fourier, toeplitz
-from jaxhb.harmonic.block_sweep import block_sweep, scalar_sweep
+from jaxhb.harmonic.block_sweep import block_sweep, places, scalar_sweep
 
-sweep = jax.jit(scalar_sweep)
+solve = jax.jit(scalar_sweep)
 sweep_blocks = jax.jit(block_sweep)
 
 SIZES = (2, 5, 9, 13)
@@ -19,6 +19,12 @@ SIZES = (2, 5, 9, 13)
 def random_tree(draw, size):
     """Parents above every node; the root's is ``size``."""
     return np.array([*(draw.integers(s + 1, size) for s in range(size - 1)), size])
+
+
+def sweep(parent, near, far, link, node, load):
+    """Displacements and forces ``(S, H, R)``."""
+    found = solve(places(parent), near, far, link, node, load.transpose(0, 2, 1))
+    return [np.asarray(a).transpose(0, 2, 1) for a in found]
 
 
 def random_line(draw, *shape):
@@ -109,6 +115,14 @@ def test_seed_numbering_is_read_back_as_the_same_tree():
         node, again = chain.parents_from_seed(len(places), one_based)
         np.testing.assert_array_equal(again, parent)
         np.testing.assert_array_equal(node, [place_of[s] for s in range(len(parent))])
+
+
+def test_a_shaft_with_rings_needs_two_places_however_long():
+    disks = 50
+    shaft = [(i, i + 1) for i in range(disks - 1)]
+    rings = [(i, disks + i) for i in range(disks)]
+    tree = chain.span_links(shaft + rings, 2 * disks, 0)
+    assert len(tree.places.every) == 2
 
 
 def test_only_a_jump_over_a_branch_needs_a_relay():

@@ -15,7 +15,14 @@ from jaxhb.harmonic.residual import Nonlinear, jacobian
 from jaxhb.periodic.problem import pose
 
 OMEGA = np.array([0.0, 40.0, 333.0, 1500.0, 9000.0])
-solve = jax.jit(reduction.solve_linear)
+program = jax.jit(reduction.solve_linear)
+
+
+def solve(system, omega, load):
+    """Displacements and forces ``(S, H, R)``."""
+    return [np.asarray(a).transpose(0, 2, 1) for a in program(system, omega, load.transpose(0, 2, 1))]
+
+
 tangent = jax.jit(jacobian, static_argnames="samples")
 
 

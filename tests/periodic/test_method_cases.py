@@ -14,6 +14,7 @@ from jaxhb.harmonic import backlash, fourier, reduction
 from jaxhb.periodic.newton import Status, solve_reduced
 from jaxhb.periodic.problem import pose, reduced_equation
 from jaxhb.transient.statespace import StateSpace
+from jaxhb.transient.surrogate import Surrogate
 
 SAMPLES = 2**16
 """The cases are exact Galerkin solutions. Sampling errs by Nt^-3: 16 N instants give 1e-6, 2^16 give 1e-12."""
@@ -44,18 +45,19 @@ def by_hand(harmonics, *, m, b, c, eps, h, q0, q1):
 def mass_in_time(*, m, b, c, **_):
     """The same mass as ``y' = A y + E phi`` in its mode, for the preconditioner; Omega = 1."""
     s = max(np.sqrt(c / m), 1.0)
-    return StateSpace(
+    space = StateSpace(
         transition=np.array([[0.0, s], [-c / m / s, -b / m]]),
         forcing=np.array([[0.0], [-1 / np.sqrt(m)]]),
         observation=np.diag([1 / s, 1.0]) / np.sqrt(m),
         coordinates=np.diag([s, 1.0]) * np.sqrt(m),
     )
+    return Surrogate(space, np.zeros((1, 1)))
 
 
 def solve_by_hand(harmonics, samples):
     """Iterate of the one-mass problem from its linear solution."""
-    reduced, space = by_hand(harmonics, **parameters()), mass_in_time(**parameters())
-    return solver(reduced, space, reduced.linear, samples=samples, instants=256)[0]
+    reduced, mass = by_hand(harmonics, **parameters()), mass_in_time(**parameters())
+    return solver(reduced, mass, reduced.linear, samples=samples, instants=256)[0]
 
 
 @cache

@@ -84,8 +84,8 @@ def test_zero_deviation_is_the_motion_of_a_linear_train():
     state, trace = run(stepper, at_rest(stepper), 5)
     assert np.abs(state).max() < 1e-12 * np.abs(stepper.linear_state).max()
     omega = reduction.frequencies(frequency, load.shape[1] - 1)
-    displacement, _ = reduction.solve_linear(jax.tree.map(jnp.asarray, system), omega, jnp.asarray(load)[..., None])
-    expected = fourier.synthesize(system.deflections(displacement[..., 0], np.asarray(meshes.link)), 500)
+    displacement, _ = reduction.solve_linear(jax.tree.map(jnp.asarray, system), omega, jnp.asarray(load)[:, None])
+    expected = fourier.synthesize(system.deflections(displacement[:, 0], np.asarray(meshes.link)), 500)
     np.testing.assert_allclose(trace.deflection, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import jaxhb._x64  # noqa: F401
 from jaxhb.harmonic import chain
 from jaxhb.harmonic.backlash import Law
+from jaxhb.harmonic.block_sweep import places
 from jaxhb.harmonic.chain import System, Tree
 from jaxhb.harmonic.residual import Nonlinear
 from jaxhb.model.drivetrain import build
@@ -21,7 +22,7 @@ REFERENCE = Path("/work/shared/reference")
 def one_mass(*, mass, damping, stiffness, epsilon, transition, backlash):
     """A mass on a mesh whose other end is the ground (arm 0)."""
     whole = np.zeros(1, np.int32)
-    tree = Tree(whole, whole + 1, whole, np.array([True]), whole[:0], whole, whole)
+    tree = Tree(whole, whole + 1, places(whole + 1), whole, np.array([True]), whole[:0], whole, whole)
     values = (1, mass, damping, 0, stiffness, 0, 0, 1, 0)
     system = System(tree, *(np.array([v], float) for v in values), np.array(False))
     law = Law(*(np.array([v], float) for v in (stiffness, epsilon, transition, backlash)))

@@ -1,0 +1,75 @@
+"""Marching through cycles with a compiled integrator until the tooth force repeats; only the steps are timed."""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from integrators import RHO, stepping
+
+
+@dataclass(frozen=True)
+class Marched:
+    """Last cycle of a march.
+
+    deflection, rate ``(M, steps)`` m, m/s; force ``(M, steps)`` N elastic; closure : largest change of the elastic
+    tooth force against the cycle before / largest force; cycles; seconds : of the steps alone.
+    """
+
+    deflection: np.ndarray
+    rate: np.ndarray
+    force: np.ndarray
+    closure: float
+    cycles: int
+    seconds: float
+
+    @property
+    def finite(self):
+        """Whether the motion stayed finite."""
+        return bool(np.isfinite(self.force).all())
+
+    @property
+    def seconds_per_step(self):
+        """Run time of one step in s."""
+        return self.seconds / self.cycles / self.force.shape[1]
+
+
+def march(task, method, steps, *, cycles=None, aim=0.0, most=100, budget=np.inf, rho=RHO):
+    """Integrate cycle after cycle until the elastic tooth force repeats.
+
+    Parameters
+    ----------
+    task : Task
+    method : "rk4" or "implicit"
+    steps : int
+        Steps per cycle.
+    cycles : int, optional
+        Exactly so many; else until ``closure <= aim``, at most ``most`` cycles.
+    aim : float
+    most : int
+    budget : float
+        No further cycle is begun after so many seconds.
+    rho : float
+        Of generalized-alpha.
+
+    Returns
+    -------
+    Marched
+        ``closure`` above ``aim`` after ``most`` cycles: it did not settle. Not finite: it diverged.
+    """
+    advance, _ = stepping(task, method, steps, rho)
+    deflection, rate = np.empty((2, task.model.mesh_k.size, steps))
+    before, closure, seconds, done = np.full_like(deflection, np.inf), np.inf, 0.0, 0
+    while done < (cycles or most) and seconds < budget:
+        begin = time.perf_counter()
+        advance(deflection, rate)
+        seconds += time.perf_counter() - begin
+        done += 1
+        force = task.force(deflection)
+        if not np.isfinite(force).all():
+            closure = np.inf
+            break
+        closure = float(np.abs(force - before).max() / np.abs(force).max())
+        before = force
+        if not cycles and closure <= aim:
+            break
+    return Marched(deflection, rate, force, closure, done, seconds)

@@ -1,0 +1,108 @@
+"""Rows of the benchmarks: one core, versions, medians over repeats, JSON lines, a table for people."""
+
+import json
+import os
+import platform
+import statistics
+import time
+from importlib import metadata
+from pathlib import Path
+
+import jax
+import numpy as np
+
+
+def pin(core):
+    """Keep this process on one core; called before anything is computed, so that JAX starts one thread."""
+    if core >= 0 and hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {core})
+
+
+def versions():
+    """Versions of what is compared, "" where a package is not installed."""
+    found = {"python": platform.python_version()}
+    for package in ("jax", "jaxlib", "jaxhb", "numba", "numpy", "scipy", "diffrax"):
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            found[package] = ""
+    return found
+
+
+def device():
+    """What the rows were measured on."""
+    model = platform.processor() or platform.machine()
+    listed = Path("/proc/cpuinfo")
+    if listed.exists():
+        names = [line.partition(":")[2].strip() for line in listed.read_text().splitlines() if "model name" in line]
+        model = names[0] if names else model
+    return {"cpu": model, "cores": len(os.sched_getaffinity(0)), "jax": str(jax.devices()[0])}
+
+
+def timed(call, repeats, enough=30.0):
+    """First call and the others: (result, seconds of the first, median of the others, their spread max - min).
+
+    Repeats end, after one of them, when they have taken ``enough`` seconds.
+    """
+    begin = time.perf_counter()
+    result = call()
+    first, runs = time.perf_counter() - begin, []
+    while len(runs) < repeats and (not runs or sum(runs) < enough):
+        begin = time.perf_counter()
+        result = call()
+        runs.append(time.perf_counter() - begin)
+    return result, first, statistics.median(runs), max(runs) - min(runs)
+
+
+class Recorder:
+    """Prints rows as they come and writes them as JSON lines; numbers that are not finite become null.
+
+    Parameters
+    ----------
+    benchmark : str
+    path : path or None
+    columns : dict of column name -> format, those that are printed
+    """
+
+    def __init__(self, benchmark, path, columns):
+        self.common = {"benchmark": benchmark, "device": device(), "versions": versions()}
+        self.file = Path(path).open("w") if path else None  # noqa: SIM115
+        self.columns = columns
+        self.rows = []
+
+    def head(self):
+        """Print the names of the columns."""
+        print("  ".join(f"{name:{_align(form)}{_width(form)}}" for name, form in self.columns.items()), flush=True)
+
+    def add(self, **row):
+        """One measurement."""
+        self.rows.append(row)
+        cells = [_cell(row.get(name), form) for name, form in self.columns.items()]
+        print("  ".join(cells), flush=True)
+        if self.file:
+            self.file.write(json.dumps(_plain({**self.common, **row})) + "\n")
+            self.file.flush()
+
+
+def _align(form):
+    return form[0] if form[0] in "<>" else ">"
+
+
+def _width(form):
+    return int(form.lstrip("<>").partition(".")[0].rstrip("dgfse"))
+
+
+def _cell(value, form):
+    if value is None or (isinstance(value, float) and not np.isfinite(value)):
+        return f"{'-':>{_width(form)}}"
+    return format(value, form)
+
+
+def _plain(value):
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not np.isfinite(value) else value
