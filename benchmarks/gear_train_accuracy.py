@@ -22,7 +22,7 @@ import numpy as np
 
 import jaxhb
 from jaxhb.periodic.problem import pose
-from jaxhb.periodic.program import solve_problem
+from jaxhb.periodic.program import Start, solve_problem
 
 SPEEDS = np.linspace(600.0, 2450.0, 10)
 STEPS_AT_1_RPM = 40 * 4333 * 120
@@ -144,7 +144,8 @@ def times(train):
     for harmonics, rpm in ((64, 1200.0), (256, 2450.0)):
         plan = jaxhb.plan(train, rpm=rpm, harmonics=harmonics)
         problem = pose(train, rpm, harmonics, plan.excited)
-        start = jnp.zeros((len(plan.choice.active), harmonics + 1), dtype=complex)
+        nothing = jnp.zeros((len(plan.choice.active), harmonics + 1), dtype=complex)
+        start = Start(nothing, np.array(False), np.array(plan.cycles))
         jax.clear_caches()
         begin = time.perf_counter()
         program = solve_problem.lower(problem, plan.choice, start, jnp.asarray(plan.tolerance), plan.sizes).compile()

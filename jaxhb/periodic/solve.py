@@ -21,6 +21,9 @@ from .newton import Status
 from .problem import pose
 from .program import Start, solve_problem
 
+SETTLED = 1e-5
+"""Closure of a march that makes a longer one useless: what Newton then lacks is harmonics, not a better start."""
+
 _UNSOLVED = (Status.MAX_STEPS, Status.STALLED, Status.NONFINITE)
 
 
@@ -282,23 +285,24 @@ def _climb(train, rpm, plan, modes, adaptive, start):
     given = None
     if isinstance(start, Response):
         given = np.asarray(start.deflections)[plan.choice.chosen] * plan.choice.active[:, None]
-    path = []
+    path, climbed, closure = [], False, 0.0
     while True:
         plan = dataclasses.replace(plan, trust=decide.trust_in(plan.harmonics, modes))
         response, outcome = _attempt(train, rpm, plan, given, cycles)
         status = Status(int(response.status))
         if cycles and given is None:
-            path.append(f"march of {cycles} cycles (closure {float(outcome.closure):.1e})")
+            closure = float(outcome.closure)
+            path.append(f"march of {cycles} cycles (closure {closure:.1e})")
         path.append(f"Newton with {plan.harmonics} harmonics: {status.name}, {int(response.steps)} steps")
         higher = decide.next_level(plan.harmonics, plan.method) if adaptive else None
         if status == Status.TOLERANCE_NOT_MET and higher:
             given = np.asarray(outcome.deflection)
             plan = dataclasses.replace(plan, harmonics=higher)
-        elif status in _UNSOLVED and rungs:
+        elif status in _UNSOLVED and rungs and closure > SETTLED:
             given, cycles = None, rungs.pop(0)
             plan = dataclasses.replace(plan, cycles=cycles)
-        elif status in _UNSOLVED and higher:
-            given = None
+        elif status in _UNSOLVED and higher and (closure <= SETTLED or not climbed):
+            given, climbed = None, True
             plan = dataclasses.replace(plan, harmonics=higher)
         else:
             return dataclasses.replace(response, path=tuple(path)), plan

@@ -47,7 +47,7 @@ def cycle(stepper, state):
         return stepper.advance(*carry, *known), carry[1]
 
     start = stepper.observe(state)
-    (state, end), samples = lax.scan(step, (state, start), (stepper.linear[1::2], ahead))
+    (state, end), samples = lax.scan(step, (state, start), (stepper.linear[1::2], ahead), unroll=2)
     deflection, rate = jnp.split(samples.T, 2)
     return state, Trace(deflection, rate, _closure(stepper, start, end, deflection, rate))
 

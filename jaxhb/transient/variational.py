@@ -49,7 +49,7 @@ class Variation:
             force = force + gain @ (self.observation @ state)
             return self.propagate @ state + self.forcing @ force, force
 
-        end, force = lax.scan(step, jnp.zeros(len(self.propagate)), (self.gain, given))
+        end, force = lax.scan(step, jnp.zeros(len(self.propagate)), (self.gain, given), unroll=2)
         return (force + self.seen @ (self.closing @ end)).T
 
 
