@@ -5,6 +5,7 @@ harmonics the asked tolerance needs. With a plan nothing is decided, and ``solve
 """
 
 import dataclasses
+from functools import partial
 
 import jax.numpy as jnp
 import numpy as np
@@ -15,7 +16,7 @@ from ..linear.response import Response
 from ..model.elements import SceneError
 from ..model.engine import listed_harmonic
 from . import harmonics as decide
-from . import march
+from . import homotopy, march
 from .harmonics import Plan
 from .newton import Status
 from .problem import pose
@@ -285,7 +286,7 @@ def _climb(train, rpm, plan, modes, adaptive, start):
     given = None
     if isinstance(start, Response):
         given = np.asarray(start.deflections)[plan.choice.chosen] * plan.choice.active[:, None]
-    path, climbed, closure = [], False, 0.0
+    path, followed, closure = [], False, 0.0
     while True:
         plan = dataclasses.replace(plan, trust=decide.trust_in(plan.harmonics, modes))
         response, outcome = _attempt(train, rpm, plan, given, cycles)
@@ -301,8 +302,17 @@ def _climb(train, rpm, plan, modes, adaptive, start):
         elif status in _UNSOLVED and rungs and closure > SETTLED:
             given, cycles = None, rungs.pop(0)
             plan = dataclasses.replace(plan, cycles=cycles)
-        elif status in _UNSOLVED and higher and (closure <= SETTLED or not climbed):
-            given, climbed = None, True
+        elif status in _UNSOLVED and closure > SETTLED and not followed:
+            followed = True
+            solved = partial(_solved, rpm=rpm, plan=plan, cycles=decide.MARCH_CYCLES[0])
+            given, solves = homotopy.follow(train, solved)
+            path.append(f"homotopy in damping and law: {'lost' if given is None else 'found'}, {solves} solves")
+            if given is None and not higher:
+                return dataclasses.replace(response, path=tuple(path)), plan
+            if given is None:
+                plan = dataclasses.replace(plan, harmonics=higher)
+        elif status in _UNSOLVED and higher and closure <= SETTLED:
+            given = None
             plan = dataclasses.replace(plan, harmonics=higher)
         else:
             return dataclasses.replace(response, path=tuple(path)), plan
@@ -313,6 +323,12 @@ def _attempt(train, rpm, plan, given, cycles):
     problem = pose(train, rpm, plan.harmonics, plan.excited)
     outcome = solve_problem(problem, plan.choice, _start(plan, given, cycles), plan.limit, plan.sizes)
     return _host(respond(train, rpm, problem, outcome, plan)), outcome
+
+
+def _solved(train, given, *, rpm, plan, cycles):
+    """Whether Newton's method solves the equations from ``given`` or a march, and the deflections."""
+    response, outcome = _attempt(train, rpm, plan, given, cycles)
+    return int(response.status) <= Status.TOLERANCE_NOT_MET, np.asarray(outcome.deflection)
 
 
 def _start(plan, given, cycles):
