@@ -15,6 +15,9 @@ from .program import Choice, Sizes
 
 LEVELS = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024)
 MOST = {"reduced": 1024, "chain": 128}
+DENSE_MODES, GEARS_ALONE = 400, 1.1
+"""Disks up to which all modes are computed; what the shafts add to the frequencies of the gears alone."""
+
 MARCH_CYCLES = (3, 12, 60)
 """Rungs of the ladder."""
 
@@ -162,11 +165,31 @@ def next_level(harmonics, method):
 
 
 def mesh_mode_harmonic(train, frequency):
-    """Harmonic of the cycle at the highest natural frequency that strains a tooth mesh noticeably."""
+    """Harmonic of the cycle at the highest natural frequency that strains a tooth mesh noticeably.
+
+    Of a finely divided train, whose modes would take longer than its solve, that of the gears and meshes alone.
+    """
+    cycle_hz = frequency / (2 * np.pi)
+    if train.topology.n_disks > DENSE_MODES:
+        return GEARS_ALONE * _gear_mode_hz(train) / cycle_hz
     modes = natural_frequencies(train)
     share = modes.mesh_energy_share
     counted = modes.frequencies_hz[share > 0.05]
-    return float(np.max(counted, initial=0.0)) / (frequency / (2 * np.pi))
+    return float(np.max(counted, initial=0.0)) / cycle_hz
+
+
+def _gear_mode_hz(train):
+    """Highest natural frequency in Hz of the gears on their meshes, all shafts taken away."""
+    system = chain.assemble(train)
+    links = np.arange(len(system.stiffness) - len(train.topology.mesh_names), len(system.stiffness))
+    rows = np.zeros((len(links), len(system.mass)))
+    at = np.arange(len(links))
+    rows[at, system.tree.end_a[links]] += system.arm_a[links]
+    rows[at, system.tree.end_b[links]] -= system.arm_b[links]
+    mass = np.maximum(system.mass, 1e-6 * np.mean(system.mass))
+    root = np.sqrt(system.stiffness[links])
+    squares = np.linalg.eigvalsh(root[:, None] * (rows / mass) @ rows.T * root)
+    return np.sqrt(max(squares.max(initial=0.0), 0.0)) / (2 * np.pi)
 
 
 def contact_demand(train, forces):
