@@ -23,7 +23,7 @@ from .problem import pose
 from .program import Start, solve_problem
 
 SETTLED = 1e-5
-"""Closure of a march that makes a longer one useless: what Newton then lacks is harmonics, not a better start."""
+"""Closure of a march that makes a longer one useless: what Newton then lacks are shorter steps or more harmonics."""
 
 _UNSOLVED = (Status.MAX_STEPS, Status.STALLED, Status.NONFINITE)
 
@@ -281,6 +281,7 @@ def _climb(train, rpm, plan, modes, adaptive, start):
     plan = dataclasses.replace(
         plan, instants=march.instants_for(max(modes, 2 * plan.excited)), start="march" if marching else "linear"
     )
+    finest = min(2 * plan.instants, march.INSTANT_COUNTS[-1])
     rungs = list(decide.MARCH_CYCLES) if marching else []
     cycles = rungs.pop(0) if rungs else 0
     given = None
@@ -293,7 +294,7 @@ def _climb(train, rpm, plan, modes, adaptive, start):
         status = Status(int(response.status))
         if cycles and given is None:
             closure = float(outcome.closure)
-            path.append(f"march of {cycles} cycles (closure {closure:.1e})")
+            path.append(f"march of {cycles} cycles of {plan.instants} steps (closure {closure:.1e})")
         path.append(f"Newton with {plan.harmonics} harmonics: {status.name}, {int(response.steps)} steps")
         higher = decide.next_level(plan.harmonics, plan.method) if adaptive else None
         if status == Status.TOLERANCE_NOT_MET and higher:
@@ -311,6 +312,9 @@ def _climb(train, rpm, plan, modes, adaptive, start):
                 return dataclasses.replace(response, path=tuple(path)), plan
             if given is None:
                 plan = dataclasses.replace(plan, harmonics=higher)
+        elif status in _UNSOLVED and cycles and closure <= SETTLED and plan.instants < finest:
+            given = None
+            plan = dataclasses.replace(plan, instants=finest)
         elif status in _UNSOLVED and higher and closure <= SETTLED:
             given = None
             plan = dataclasses.replace(plan, harmonics=higher)

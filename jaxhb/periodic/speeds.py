@@ -18,7 +18,7 @@ from .program import Start, solve_problem
 from .solve import check_speed, respond, solve
 
 CHUNK = 8
-BATCH_STEPS = 12
+BATCH_STEPS = 5
 
 
 def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=None, progress=None):
@@ -26,7 +26,7 @@ def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=None, progr
 
     The linear motion tells at which speeds teeth leave contact or separate; speeds with the same needs share a plan
     and one compiled program, in batches of fixed size. A speed that fails in its batch is solved again by itself,
-    with more harmonics or a longer march.
+    from the nearest speed that converged, or with more harmonics or a longer march.
 
     Parameters
     ----------
@@ -84,8 +84,21 @@ def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=None, progr
     if plan is None:
         for place, response in enumerate(found):
             if _worth_another_try(response, harmonics):
-                found[place] = solve(train, rpm=float(rpm[place]), harmonics=harmonics, tolerance=tolerance)
+                found[place] = _again(train, rpm, place, found, harmonics, tolerance)
     return stack(found)
+
+
+def _again(train, rpm, place, found, harmonics, tolerance):
+    """The response at one speed from the nearest one that converged; up the ladder where that fails."""
+    good = [i for i, r in enumerate(found) if int(r.status) == Status.CONVERGED]
+    if good:
+        near = found[min(good, key=lambda i: abs(rpm[i] - rpm[place]))]
+        response = solve(
+            train, rpm=float(rpm[place]), harmonics=harmonics or near.harmonics, tolerance=tolerance, start=near
+        )
+        if int(response.status) == Status.CONVERGED:
+            return response
+    return solve(train, rpm=float(rpm[place]), harmonics=harmonics, tolerance=tolerance)
 
 
 def _worth_another_try(response, harmonics):
