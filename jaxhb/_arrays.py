@@ -13,3 +13,11 @@ def namespace(*trees):
 def traced(*trees):
     """Whether any leaf is being traced."""
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trees))
+
+
+def concrete(*trees):
+    """The values, as numpy arrays where differentiation outside ``jit`` and ``vmap`` holds them; else still traced."""
+    if not traced(trees):
+        return trees
+    values = jax.lax.stop_gradient(trees)
+    return values if traced(values) else jax.tree.map(np.asarray, values)

@@ -40,10 +40,10 @@ class Law:
 
 def _pieces(law, deflection):
     xp = namespace(law, deflection)
-    distance = xp.abs(deflection)
     width = law.transition * law.backlash
-    inside = xp.clip(distance - (1 - law.transition) * law.backlash / 2, 0.0, width)
-    beyond = xp.maximum(distance - (1 + law.transition) * law.backlash / 2, 0.0)
+    reach = xp.abs(deflection) - (1 - law.transition) * law.backlash / 2
+    inside = xp.clip(reach, 0.0, width)
+    beyond = xp.maximum(reach - width, 0.0)  # begins where ``inside`` ends to the last bit: derivatives at the knot
     return width, inside, beyond
 
 

@@ -60,7 +60,8 @@ class Signal:
     @property
     def phases_deg(self):
         """Phases of the cosines in deg ``(..., K)``."""
-        return namespace(self.coefficients).angle(self.coefficients[..., 1:]) * (180 / np.pi)
+        xp, tail = namespace(self.coefficients), self.coefficients[..., 1:]
+        return xp.angle(xp.where(tail == 0, 1.0, tail)) * (180 / np.pi)
 
     def order(self, order):
         """Amplitude of one order."""
@@ -120,9 +121,8 @@ class Signal:
     @property
     def rms(self):
         """Root mean square over the cycle, mean included."""
-        xp = namespace(self.coefficients)
-        power = xp.abs(self.coefficients) ** 2
-        return xp.sqrt(power[..., 0] + 2 * power[..., 1:].sum(axis=-1))
+        power = self.coefficients.real**2 + self.coefficients.imag**2
+        return _power(power[..., 0] + 2 * power[..., 1:].sum(axis=-1), 0.5)
 
     def smooth_peak(self, p=64):
         """Differentiable peak, the p-norm over the cycle: ``(mean |x|^p)^(1/p)``.
@@ -134,7 +134,7 @@ class Signal:
         scale = values.max(axis=-1)
         scale = jax.lax.stop_gradient(scale) if xp is jnp else scale
         scale = xp.where(scale > 0, scale, 1.0)
-        return scale * ((values / scale[..., None]) ** p).mean(axis=-1) ** (1 / p)
+        return scale * _power(((values / scale[..., None]) ** p).mean(axis=-1), 1 / p)
 
     def summary(self):
         """Plain numbers for programs: mean, min, max, rms, half_peak_to_peak, sum_of_amplitudes, amplitudes."""
@@ -154,9 +154,12 @@ class Signal:
         return [[float(v) for v in row] for row in zip(*columns, strict=True)]
 
 
+def _power(values, exponent):
+    """A power below 1 of values >= 0, with a zero derivative at 0."""
+    xp = namespace(values)
+    return xp.where(values > 0, xp.where(values > 0, values, 1.0) ** exponent, 0.0)
+
+
 def _absolute(values):
     """|z| with a zero derivative at 0 (half orders that nothing excites are exactly zero)."""
-    if namespace(values) is np:
-        return np.abs(values)
-    power = values.real**2 + values.imag**2
-    return jnp.where(power > 0, jnp.sqrt(jnp.where(power > 0, power, 1.0)), 0.0)
+    return np.abs(values) if namespace(values) is np else _power(values.real**2 + values.imag**2, 0.5)

@@ -4,11 +4,18 @@ Krylov steps on the exact Jacobian, preconditioned by the linearised motion in t
 (:mod:`jaxhb.transient.variational`), whose cost does not grow with the number of harmonics.
 """
 
+import jax
 import jax.numpy as jnp
+from jax import lax
 
 from ..harmonic import fourier
 from ..harmonic.krylov import minimise_residual
 from ..transient.variational import vary
+
+EXACT = 1e-12
+"""Share of the residual that a derivative may leave."""
+
+EXACT_STEPS = 60
 
 
 def cell_averages(values, cells):
@@ -73,20 +80,40 @@ def correct(reduced, variation, deflection, value, samples, forcing, steps):
     forcing : float, wanted share of the residual
     steps : int, largest number of Krylov steps (static)
     """
-    meshes, width = deflection.shape
+    product, approximate = _packed(reduced, variation, deflection, samples)
+    change, left, used = minimise_residual(
+        product, approximate, fourier.pack(value).reshape(-1), tolerance=forcing, steps=steps
+    )
+    return _coefficients(change, deflection), left, used
+
+
+def invert(reduced, variation, deflection, value, samples):
+    """``change`` with ``J change = value`` to EXACT; differentiable, its transpose solves with the transpose of J.
+
+    Arguments as in :func:`correct`.
+    """
+    product, approximate = _packed(reduced, variation, deflection, samples)
+    value = fourier.pack(value).reshape(-1)
+
+    def solve(apply, b):
+        return minimise_residual(apply, approximate, b, tolerance=EXACT, steps=EXACT_STEPS)[0]
+
+    def solve_transposed(apply, b):
+        transposed = jax.linear_transpose(approximate, b)
+        return minimise_residual(apply, lambda v: transposed(v)[0], b, tolerance=EXACT, steps=EXACT_STEPS)[0]
+
+    return _coefficients(lax.custom_linear_solve(product, value, solve, solve_transposed), deflection)
+
+
+def _packed(reduced, variation, deflection, samples):
+    """The product with J at ``deflection`` and its approximate inverse in packed coordinates ``(n,)``, orthonormal."""
     product = tangent(reduced, deflection, samples)
 
-    def coefficients(flat):
-        return fourier.unpack(flat.reshape(meshes, 2 * width - 1))
+    def flat(function):
+        return lambda packed: fourier.pack(function(_coefficients(packed, deflection))).reshape(-1)
 
-    def flat(coefficients):
-        return fourier.pack(coefficients).reshape(-1)
+    return flat(product), flat(lambda b: precondition(reduced, variation, b))
 
-    change, left, used = minimise_residual(
-        lambda v: flat(product(coefficients(v))),
-        lambda v: flat(precondition(reduced, variation, coefficients(v))),
-        flat(value),
-        tolerance=forcing,
-        steps=steps,
-    )
-    return coefficients(change), left, used
+
+def _coefficients(packed, like):
+    return fourier.unpack(packed.reshape(len(like), -1))

@@ -1,5 +1,6 @@
 """The compiled solve: one problem, one choice of meshes, fixed sizes. No decisions by value, no names."""
 
+import dataclasses
 from dataclasses import dataclass
 from functools import partial
 
@@ -10,6 +11,7 @@ from jax import lax
 from ..harmonic import backlash, fourier, reduction
 from ..transient.surrogate import surrogate
 from . import correction
+from .derivative import attach
 from .march import marched, on_flank
 from .newton import Status, relative_residual, solve_chain, solve_reduced
 from .problem import excess_of, fields, held_in_contact, offset_load, reduced_equation
@@ -87,12 +89,21 @@ def solve_problem(problem, choice, start, tolerance, sizes):
     -------
     Outcome
     """
+    frozen = lax.stop_gradient((problem, start, tolerance))
+    outcome, variation, solved = _find(frozen[0], choice, *frozen[1:], sizes)
+    found, deflection = attach(sizes.samples, problem, choice, variation, solved, outcome.fields, outcome.deflection)
+    return dataclasses.replace(outcome, fields=found, deflection=deflection)
+
+
+def _find(problem, choice, start, tolerance, sizes):
+    """The Outcome without derivatives, the Variation at its motion (None without active meshes), whether it solves."""
     harmonics = problem.load.shape[-1] - 1
     none = len(choice.active) == 0
     reach = harmonics if none else 2 * harmonics
     fine, folded = reduced_equation(problem, reach, choice.active, choice.chosen, choice.flank)
     reduced = reduction.truncate(fine, harmonics)
     closure, error, truncation = jnp.zeros(()), jnp.zeros(()), jnp.zeros(())
+    variation = None
     steps, krylov, stalled = jnp.array(0), jnp.array(0), jnp.array(False)
     deflection = reduced.linear
     if not none:
@@ -112,8 +123,10 @@ def solve_problem(problem, choice, start, tolerance, sizes):
         steps, krylov, stalled = iterate.steps, iterate.krylov, iterate.stalled
     excess = excess_of(reduced, deflection, sizes.samples)
     found = fields(problem, *folded.combine(excess), sizes.samples)
-    status = _status(problem, choice, folded, found, error, truncation, stalled, tolerance, sizes)
-    return Outcome(found, deflection, status, closure, error, truncation, steps, krylov)
+    failure = _failure(problem, choice, folded, found, error, stalled, sizes)
+    solved = failure == Status.CONVERGED  # not by the status: who reads no truncation error shall not pay for it
+    status = jnp.where(solved & ~(truncation <= tolerance), Status.TOLERANCE_NOT_MET, failure)
+    return Outcome(found, deflection, status, closure, error, truncation, steps, krylov), variation, solved
 
 
 def _first(reduced, space, start, sizes):
@@ -146,7 +159,8 @@ def _by_chain(problem, choice, reduced, folded, start, sizes):
     return system.deflections(fourier.unpack(iterate.x), links) * choice.active[:, None], iterate
 
 
-def _status(problem, choice, folded, found, error, truncation, stalled, tolerance, sizes):
+def _failure(problem, choice, folded, found, error, stalled, sizes):
+    """The status as far as the equations go, CONVERGED whatever the truncation error."""
     finite = jnp.isfinite(error) & jnp.all(jnp.isfinite(found.angles.real + found.angles.imag))
     given = [leaf for leaf in jax.tree.leaves(problem) if jnp.issubdtype(leaf.dtype, jnp.inexact)]
     sound = jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in given]))
@@ -155,8 +169,7 @@ def _status(problem, choice, folded, found, error, truncation, stalled, toleranc
     held = held_in_contact(problem, found.deflections, choice.flank, sizes.samples)
     balanced = _balanced(problem, choice, folded)
     unsolved = jnp.where(stalled, Status.STALLED, Status.MAX_STEPS)
-    status = jnp.where(truncation <= tolerance, Status.CONVERGED, Status.TOLERANCE_NOT_MET)
-    status = jnp.where(error <= sizes.residual_tolerance, status, unsolved)
+    status = jnp.where(error <= sizes.residual_tolerance, Status.CONVERGED, unsolved)
     status = jnp.where(held, status, Status.PLAN_VIOLATED)
     status = jnp.where(balanced, status, Status.UNBALANCED)
     status = jnp.where(finite, status, Status.NONFINITE)

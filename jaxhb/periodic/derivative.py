@@ -1,0 +1,82 @@
+"""The derivative of a solution with respect to every number of its problem, by the implicit function theorem.
+
+The deflections x of the active meshes solve F(x, theta) = x - l_lin + G phi(x) = 0, theta everything that the problem
+holds. Along a change d theta
+
+    J dx = - (dF/d theta) d theta,      J = dF/dx,
+
+one linear solve in forward mode, one with the transpose of J in reverse mode whatever the number of parameters; the
+preconditioner of the last Newton step serves both. Nothing of Newton's method, of its start or of its tests is
+differentiated, so that memory does not grow with its steps. Displacements, forces and torques follow from x and theta
+by plain functions. The law is differentiable twice except where an instant of the cycle lies on one of its knots, a
+set of measure zero; there one of the one-sided values, or their mean, is taken.
+"""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from . import correction
+from .problem import excess_of, fields, reduced_equation
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def attach(samples, problem, choice, variation, solved, found, deflection):
+    """The solution ``found``, ``deflection`` of ``problem`` with its derivative with respect to ``problem``.
+
+    Parameters
+    ----------
+    samples : int (static), instants of the law
+    problem : Problem
+    choice : Choice
+    variation : Variation at the solution or near it, None without active meshes
+    solved : bool, whether this is a solution; if not, its derivative is zero and never nan
+    found : Fields; deflection : complex ``(G, N+1)`` m, carrying no derivative
+
+    Returns
+    -------
+    Fields, deflection
+    """
+    return found, deflection
+
+
+@attach.defjvp
+def _attach_jvp(samples, primals, tangents):
+    problem, choice, variation, solved, _, _ = primals
+    found, deflection = attach(samples, *primals)  # second derivatives need that of the solution
+    problem, change = _where(solved, problem, lax.stop_gradient(problem)), _where(solved, tangents[0], None)
+    harmonics = deflection.shape[-1] - 1
+
+    def equation(problem):
+        return reduced_equation(problem, harmonics, choice.active, choice.chosen, choice.flank)
+
+    def motion(problem, reduced, folded, deflection):
+        return fields(problem, *folded.combine(excess_of(reduced, deflection, samples)), samples)
+
+    (reduced, folded), (reduced_dot, folded_dot) = jax.jvp(equation, (problem,), (change,))
+    _, left = jax.jvp(lambda reduced: reduced.residual(deflection, samples), (reduced,), (reduced_dot,))
+    deflection_dot = -left
+    if len(choice.active):
+        deflection_dot = correction.invert(reduced, lax.stop_gradient(variation), deflection, -left, samples)
+    at, along = (problem, reduced, folded, deflection), (change, reduced_dot, folded_dot, deflection_dot)
+    _, found_dot = jax.jvp(motion, at, along)
+    return (found, deflection), _where(solved, (found_dot, deflection_dot), None)
+
+
+def only_if_finite(tree):
+    """The same numbers, without derivatives where one of them is not finite: nothing else of a batch then is nan."""
+    finite = [jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(tree)]
+    return _where(jnp.all(jnp.stack(finite)), tree, lax.stop_gradient(tree))
+
+
+def _where(solved, values, others):
+    """``values``, or ``others`` (None: zeros) where not solved; integers and their tangents as they are."""
+
+    def choose(value, other):
+        return jnp.where(solved, value, other) if jnp.issubdtype(jnp.result_type(value), jnp.inexact) else value
+
+    if others is None:
+        return jax.tree.map(lambda value: choose(value, 0.0), values)
+    return jax.tree.map(choose, values, others)

@@ -1,0 +1,112 @@
+"""The derivative of a solve: chain, contact, cylinders, without a plan, second order, on the knots of the law."""
+
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from differences import Tight, compare, differences
+from tolerances import GRADIENT, PATHS, TANGENT
+from trains import ONE_RADIAN_PER_SECOND, build, one_mass_parts
+
+import jaxhb
+
+
+@cache
+def one_mass():
+    return build(one_mass_parts(m=1.0, b=0.3, c=4.0, eps=0.05, h=0.5, q0=0.3, q1=1.0), reference="a")
+
+
+ONE_MASS = np.array([4.0, 0.6, 0.5, 0.3, 1.0])
+"""Stiffness, damping of gear a, backlash, mean torque and its first order."""
+
+
+def one_mass_peak(values, method):
+    stiffness, damping, backlash, mean, order = values
+    rows = [jnp.stack([sense * order, 0.0 * order])[None] for sense in (1, -1)]
+    train = one_mass().replace(
+        {"a|b.stiffness": stiffness, "a.damping": damping, "a|b.backlash": backlash}
+        | {"a:torque.mean": mean, "b:torque.mean": -mean, "a:torque.harmonics": rows[0], "b:torque.harmonics": rows[1]}
+    )
+    plan = Tight(
+        harmonics=8, active=(0,), flank=(0,), start="march", cycles=12, method=method, tolerance=0.5, excited=1
+    )
+    response = jaxhb.solve(train, rpm=ONE_RADIAN_PER_SECOND, plan=plan)
+    return response.force("a", "b").smooth_peak(8) + response.twist("a", "b").rms, response.status
+
+
+@pytest.fixture(scope="module")
+def second():
+    """Of one mass: values -> (Hessian, (gradient, status))."""
+
+    def gradient(values):
+        found, status = jax.grad(one_mass_peak, has_aux=True)(values, "reduced")
+        return found, (found, status)
+
+    return jax.jit(jax.jacfwd(gradient, has_aux=True))
+
+
+def test_the_chain_has_the_same_gradient(second):
+    gradient, status = jax.jit(jax.grad(one_mass_peak, has_aux=True), static_argnums=1)(ONE_MASS, "chain")
+    assert status == jaxhb.Status.CONVERGED
+    np.testing.assert_allclose(gradient, second(ONE_MASS)[1][0], rtol=PATHS)
+
+
+def test_second_derivatives_are_those_of_differences_of_gradients(second):
+    """Differences also see instants pass the knots of the law, where the sampled gradient jumps: design.md 4.7."""
+    found, _ = second(ONE_MASS)
+    steps = 1e-2 * ONE_MASS
+    rows = [
+        (second(ONE_MASS + step)[1][0] - second(ONE_MASS - step)[1][0]) / (2 * step.max()) for step in np.diag(steps)
+    ]
+    np.testing.assert_allclose(found, found.T, rtol=0, atol=TANGENT * np.abs(found).max())
+    np.testing.assert_allclose(found, rows, rtol=0, atol=0.2 * np.abs(found).max())
+
+
+@pytest.mark.parametrize("deflection", [0.0, 0.2, 0.3])
+def test_derivatives_on_the_knots_of_the_law_are_finite_and_right(second, deflection):
+    """At rest on a knot at every instant of the cycle: slope 0.2 at l = 0 and 0.2, 4 at l = 0.3; and no amplitude."""
+    force = 0.2 * deflection + (3.8 * 0.05 if deflection == 0.3 else 0.0)
+    hessian, (gradient, status) = second(np.array([4.0, 0.6, 0.5, force, 0.0]))
+    assert status == jaxhb.Status.CONVERGED
+    assert np.isfinite(hessian).all() and np.isfinite(gradient).all()
+    if deflection:
+        np.testing.assert_allclose(gradient[3], 1 + 1 / (4.0 if deflection == 0.3 else 0.2), rtol=PATHS)
+
+
+ENGINE_KEYS = ("stroke", "rod", "bore", "reciprocating_mass", "firing_angle")
+
+
+def test_cylinder_data_differentiate():
+    engine = jaxhb.load_scene("six_cylinder_diesel")
+    plan = jaxhb.plan(engine, rpm=1500.0)
+    assert plan.active == ()
+    at = np.array([engine.value(f"cylinder 3.{key}") for key in ENGINE_KEYS])
+
+    def value(numbers):
+        changes = {f"cylinder 3.{key}": number for key, number in zip(ENGINE_KEYS, numbers, strict=True)}
+        response = jaxhb.solve(engine.replace(changes), rpm=1500.0, plan=plan)
+        return response.torque("cyl6", "flywheel").smooth_peak(16) + response.torque("cyl1", "cyl2").rms
+
+    gradient = jax.jit(jax.grad(value))(at)
+    compare(gradient * at, differences(jax.jit(jax.vmap(value)), at, 1e-4 * at) * at, GRADIENT)
+
+
+def test_without_a_plan_differentiation_outside_jit_works():
+    pair = jaxhb.load_scene("spur_pair")
+
+    def peak(stiffness, rpm):
+        train = pair.replace({"gear a|gear b.stiffness": stiffness})
+        return jaxhb.solve(train, rpm=rpm).force("gear a", "gear b").max
+
+    at = (2e8, 3000.0)
+    gradient = jax.grad(peak, argnums=(0, 1))(*at)
+    compare(
+        np.array(gradient),
+        [(peak(2e8 + 2e3, 3e3) - peak(2e8 - 2e3, 3e3)) / 4e3, (peak(2e8, 3e3 + 0.03) - peak(2e8, 3e3 - 0.03)) / 0.06],
+        GRADIENT,
+    )
+    assert jax.jvp(peak, at, (1.0, 0.0))[1] == pytest.approx(float(gradient[0]), rel=TANGENT)
+    with pytest.raises(TypeError, match="solve is being traced: pass plan=jaxhb.plan"):
+        jax.vmap(jax.grad(peak), (0, None))(np.array([2e8]), 3000.0)

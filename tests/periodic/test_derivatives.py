@@ -1,0 +1,97 @@
+"""The derivative of a solve with two meshes separating: against differences, forwards and backwards, in a batch."""
+
+from functools import cache
+
+import jax
+import numpy as np
+import pytest
+from differences import Tight, compare, differences
+from tolerances import GRADIENT, TANGENT
+from trains import branched_parts, build
+
+import jaxhb
+
+KEYS = (
+    "flywheel.inertia",
+    "crank gear|idler.stiffness",
+    "flywheel|crank gear.stiffness",
+    "crank gear|idler.damping",
+    "pump gear|pump.loss_factor",
+    "pump gear|idler.backlash",
+    "pump gear.radius",
+    "flywheel:torque.harmonics",
+    "crank gear|idler.epsilon",
+    "pump gear|idler.transition",
+    "ring.damping",
+)
+RPM = len(KEYS)
+ONES = np.ones(RPM + 1)
+ALONG = np.random.default_rng(0).normal(size=RPM + 1)
+STEPS = np.array([1e-4] * RPM + [1e-5])
+"""Rounding and the sampled knots of the law ask for large steps, the curvature in speed for a small one."""
+
+
+SEPARATING = Tight(harmonics=32, active=(0, 1), flank=(0, 0), start="march", instants=768, tolerance=0.5, excited=3)
+
+
+@cache
+def train():
+    return build(branched_parts(), reference="crank gear")
+
+
+def read(response):
+    """One number that every part of the response enters."""
+    tooth = response.force("crank gear", "idler").smooth_peak(8) / 700
+    other = response.force("pump gear", "idler").half_peak_to_peak / 300
+    shaft = response.torque("pump gear", "pump").order(1.0) / 10
+    return tooth + other + shaft + 1e4 * response.twist("flywheel", "crank gear").rms
+
+
+def changed(factors, rpm, plan):
+    values = {key: train().value(key) * factor for key, factor in zip(KEYS, factors[:-1], strict=True)}
+    return jaxhb.solve(train().replace(values), rpm=rpm * factors[RPM], plan=plan)
+
+
+@pytest.fixture(scope="module")
+def batch():
+    """A batch linearised: plain, without convergence, not finite, plain; (value, aux), gradient, change along ALONG."""
+
+    def value(factors):
+        response = changed(factors, 1500.0, SEPARATING)
+        return read(response), (response.status, response.deflection_samples(512))
+
+    def lane(factors):
+        number, push, aux = jax.linearize(value, factors, has_aux=True)
+        return (number, aux), jax.linear_transpose(push, factors)(1.0)[0], push(ALONG)
+
+    lanes = np.tile(ONES, (4, 1))
+    lanes[1, RPM] = 0.6
+    lanes[2, KEYS.index("flywheel.inertia")] = np.nan
+    lanes[3, RPM] = 1.001
+    return jax.jit(jax.vmap(lane))(lanes)
+
+
+def test_both_meshes_separate(batch):
+    (_, (status, deflection)), *_ = batch
+    gap = 0.5 * (1 - 0.3) * 1e-4
+    assert status[0] == jaxhb.Status.CONVERGED
+    assert np.all(np.mean(np.abs(deflection[0]) < gap, axis=-1) > 0.05)
+
+
+def test_gradient_is_that_of_differences_with_two_meshes_separating(batch):
+    value = jax.jit(jax.vmap(lambda factors: read(changed(factors, 1500.0, SEPARATING))))
+    compare(batch[1][0], differences(value, ONES, STEPS), GRADIENT)
+
+
+def test_forwards_is_backwards(batch):
+    _, gradient, along = batch
+    np.testing.assert_allclose(along[::3], (gradient @ ALONG)[::3], rtol=TANGENT)
+
+
+def test_a_failed_lane_has_zero_gradient_and_spoils_no_other(batch):
+    (_, (status, _)), gradient, along = batch
+    assert status[0] == status[3] == jaxhb.Status.CONVERGED
+    assert status[1] == jaxhb.Status.MAX_STEPS and status[2] == jaxhb.Status.NONFINITE
+    assert not gradient[1:3].any() and along[1] == 0
+    assert np.isfinite(gradient).all() and np.all(gradient[0] != 0)
+    assert np.abs(gradient[3] / gradient[0] - 1).max() < 1  # a neighbour, in speed 0.1 % away
