@@ -1,0 +1,1 @@
+"""Design: objectives to be differentiated and tuned."""

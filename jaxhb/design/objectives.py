@@ -1,0 +1,219 @@
+"""What a design is judged by, as differentiable functions of a response.
+
+Each function reads a :class:`~jaxhb.Response`, of one speed or of a batch (from ``jax.vmap`` over :func:`jaxhb.solve`),
+and returns one number per speed; :func:`worst` and :func:`weighted_sum` make one number of a batch. A speed that
+failed counts as zero with zero derivative; the number of valid speeds is returned beside every sum, so that no
+optimiser is paid for failing.
+"""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+
+from ..linear.signal import _power
+from ..model.elements import SceneError
+from ..periodic.newton import Status
+
+INSTANTS = 4096
+"""Least number of instants of the cycle at which contact is looked at."""
+
+
+def valid(response):
+    """Whether the equations of each speed are solved ``(...)``, the truncation error aside."""
+    return jnp.asarray(response.status) <= Status.TOLERANCE_NOT_MET
+
+
+def usable(response):
+    """The response with zeros at speeds that failed: masked before it is read, so that nan goes nowhere."""
+    kept = valid(response)
+    names = ("angles", "torques", "elastic_torques", "deflections", "forces", "elastic_forces")
+
+    def masked(values):
+        shape = kept.shape + (1,) * (values.ndim - kept.ndim)
+        return jnp.where(kept.reshape(shape), values, 0.0)
+
+    return dataclasses.replace(response, **{name: masked(jnp.asarray(getattr(response, name))) for name in names})
+
+
+def tooth_force(response, a, b=None, *, p=64):
+    """Smooth half peak-to-peak of a tooth force, N; see :func:`half_peak_to_peak`."""
+    return half_peak_to_peak(usable(response).force(a, b), p=p)
+
+
+def shaft_torque(response, a, b=None, *, p=64):
+    """Smooth half peak-to-peak of the torque of a shaft or damper, N m; see :func:`half_peak_to_peak`."""
+    return half_peak_to_peak(usable(response).torque(a, b), p=p)
+
+
+def half_peak_to_peak(signal, *, p=64):
+    """Smooth half peak-to-peak of a signal, from p-norms of its parts above and below the mean.
+
+        (||max(s - mean, 0)||_p + ||max(mean - s, 0)||_p) / 2,      ||v||_p = (mean over the cycle |v|^p)^(1/p)
+
+    Parameters
+    ----------
+    signal : Signal
+    p : float
+        At M = ``signal.resolution`` instants the result lies between M^(-1/p) times the true value and the true value
+        (p = 64, M = 4096: 0.88 to 1).
+
+    Returns
+    -------
+    array ``(...)``, in the unit of the signal
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> from jaxhb.design.objectives import half_peak_to_peak
+    >>> torque = jaxhb.Signal(jnp.array([3.0, 5.0, 0.0]) + 0j, None, 2.0, 64)      # 3 + 10 cos(theta / 2)
+    >>> round(float(half_peak_to_peak(torque, p=256)), 1)
+    9.9
+    """
+    values = signal.samples(signal.resolution) - signal.mean[..., None]
+    return (_norm(jnp.maximum(values, 0.0), p) + _norm(jnp.maximum(-values, 0.0), p)) / 2
+
+
+def _norm(values, p):
+    scale = jax.lax.stop_gradient(values.max(axis=-1))
+    scale = jnp.where(scale > 0, scale, 1.0)
+    return scale * _power(((values / scale[..., None]) ** p).mean(axis=-1), 1 / p)
+
+
+def damper_power(response, a, b=None):
+    """Mean power that a damper or shaft turns into heat, W, exact from its harmonics.
+
+        P = sum_{n >= 1} 2 Re(T^n conj(i n Omega theta^n)),
+
+    T the transmitted torque and theta the twist; the elastic part does no work over a cycle.
+
+    Parameters
+    ----------
+    response : Response
+    a, b : str
+        The two disks (a damper's ring goes by the damper's name), or the link's name alone.
+
+    Returns
+    -------
+    array ``(...)`` W
+    """
+    response = usable(response)
+    topology = response.topology
+    torque = response.torque(a, b).coefficients
+    index, sense = topology.link_index(a, b)
+    first, second = topology.link_ends[index]
+    twist = sense * (response.angles[..., first, :] - response.angles[..., second, :])
+    omega = topology.cycle_frequency(jnp.asarray(response.rpm))[..., None] * jnp.arange(twist.shape[-1])
+    return 2 * jnp.sum((torque * jnp.conj(1j * omega * twist)).real, axis=-1)
+
+
+def separated_fraction(response, a, b=None, *, smoothing=0.02):
+    """Share of the cycle in which the teeth are apart, smoothed.
+
+    The mean over the cycle of ``1 / (1 + exp((|l| - g) / w))`` with g = (1 - transition) backlash / 2 and
+    w = ``smoothing`` x backlash; the share with \\|l\\| < g as w goes to zero.
+
+    Parameters
+    ----------
+    response : Response
+    a, b : str
+        The two gears, or the mesh's name alone.
+    smoothing : float
+
+    Returns
+    -------
+    array ``(...)``, 0 to 1
+
+    Raises
+    ------
+    SceneError
+        If the mesh has no backlash.
+    """
+    distance, _, gap, width = _motion(response, a, b, smoothing)
+    return jnp.where(valid(response), jax.nn.sigmoid((gap - distance) / width).mean(axis=-1), 0.0)
+
+
+def impact_severity(response, a, b=None, *, smoothing=0.02):
+    """Sum of the approach speeds of all impacts of a cycle, smoothed, m/s.
+
+    With the speed v = d|l|/dt and g as in :func:`separated_fraction`, the sum over the instants at which |l| rises
+    through g is the integral over the cycle of delta(|l| - g) max(v, 0)^2 dt; the delta function is a logistic bell of
+    width ``smoothing`` x backlash, which must be passed in several of the instants of the cycle.
+
+    Parameters
+    ----------
+    response, a, b, smoothing
+        As in :func:`separated_fraction`.
+
+    Returns
+    -------
+    array ``(...)`` m/s
+
+    Raises
+    ------
+    SceneError
+        If the mesh has no backlash.
+    """
+    distance, speed, gap, width = _motion(response, a, b, smoothing)
+    inside = jax.nn.sigmoid((distance - gap) / width)
+    bell = inside * (1 - inside) / width
+    period = 2 * jnp.pi / response.topology.cycle_frequency(jnp.asarray(response.rpm))
+    return jnp.where(valid(response), period * (bell * jnp.maximum(speed, 0.0) ** 2).mean(axis=-1), 0.0)
+
+
+def _motion(response, a, b, smoothing):
+    """|l|, d|l|/dt ``(..., instants)``, half the gap and the width of its smooth edge ``(..., 1)``."""
+    topology, meshes = response.topology, response.train.meshes
+    signal = usable(response).deflection(a, b)
+    index = topology.link_index(a, b)[0] - response.torques.shape[-2]
+    if not topology.mesh_backlash[index]:
+        raise SceneError(
+            f"{topology.name or 'scene'}: mesh {topology.mesh_names[index]!r} has no backlash, its teeth never part: "
+            "give it a backlash, or take another objective."
+        )
+    backlash = jnp.asarray(meshes.backlash)[..., index, None]
+    gap = (1 - jnp.asarray(meshes.transition)[..., index, None]) * backlash / 2
+    omega = topology.cycle_frequency(jnp.asarray(response.rpm))[..., None] * jnp.arange(signal.coefficients.shape[-1])
+    moving = dataclasses.replace(signal, coefficients=1j * omega * signal.coefficients)
+    count = max(INSTANTS, signal.resolution)
+    values = signal.samples(count)
+    return jnp.abs(values), jnp.sign(values) * moving.samples(count), gap, smoothing * backlash
+
+
+def weighted_sum(values, response, *, weights=1.0):
+    """Sum over the valid speeds of weight x value, and their number.
+
+    Parameters
+    ----------
+    values : array ``(n,)``, one per speed
+    response : Response, of the same speeds
+    weights : float or array ``(n,)``
+
+    Returns
+    -------
+    value, count
+    """
+    kept = valid(response)
+    return jnp.sum(jnp.where(kept, weights * jnp.where(kept, values, 0.0), 0.0)), kept.sum()
+
+
+def worst(values, response, *, width):
+    """Smooth maximum over the valid speeds, ``width log(sum exp(value / width))``, and their number.
+
+    Parameters
+    ----------
+    values : array ``(n,)``, one per speed
+    response : Response, of the same speeds
+    width : float
+        In the unit of the values. The result lies between the true maximum and ``width log(n)`` above it.
+
+    Returns
+    -------
+    value, count
+        0 where no speed is valid.
+    """
+    kept = valid(response)
+    some = kept.any()
+    scaled = jnp.where(kept | ~some, values / width, -jnp.inf)
+    scaled = jnp.where(some, scaled, 0.0)
+    return jnp.where(some, width * jax.nn.logsumexp(scaled), 0.0), kept.sum()

@@ -1,0 +1,113 @@
+"""Objectives: each against the number it smooths, its bound, its derivative, and what failed speeds do to it."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from tolerances import ALGEBRAIC, GRADIENT
+from trains import branched_parts, build
+
+import jaxhb
+from jaxhb.design import objectives
+
+
+@pytest.fixture(scope="module")
+def response():
+    """A ring, shafts and two meshes at a speed at which their teeth part."""
+    train = build(branched_parts(), reference="crank gear")
+    plan = jaxhb.Plan(harmonics=64, active=(0, 1), flank=(0, 0), start="march", instants=768, tolerance=0.5, excited=3)
+    response = jaxhb.solve(train, rpm=1500.0, plan=plan)
+    assert response.converged
+    return response
+
+
+@pytest.fixture(scope="module")
+def sweep(response):
+    """Four speeds, the third of which failed and holds nan."""
+    several = jax.tree.map(lambda a: jnp.stack([jnp.asarray(a)] * 4), response)
+    factor = jnp.array([1.0, 1.2, jnp.nan, 0.9])[:, None, None]
+    return dataclasses.replace(several, forces=factor * several.forces, status=jnp.array([0, 1, 3, 0]))
+
+
+MESH = ("crank gear", "idler")
+SCALABLE = ("angles", "torques", "deflections", "forces")
+QUANTITIES = {
+    "tooth force": lambda r: objectives.tooth_force(r, *MESH),
+    "shaft torque": lambda r: objectives.shaft_torque(r, "flywheel", "crank gear"),
+    "damper power": lambda r: objectives.damper_power(r, "ring"),
+    "separated fraction": lambda r: objectives.separated_fraction(r, *MESH),
+    "impact severity": lambda r: objectives.impact_severity(r, *MESH),
+    "smooth peak": lambda r: objectives.usable(r).force(*MESH).smooth_peak(),
+    "one order": lambda r: objectives.usable(r).torque("flywheel", "crank gear").order(2.0),
+}
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES.values(), ids=QUANTITIES)
+def test_derivative_is_that_of_differences(response, quantity):
+    def value(factor):
+        scaled = {name: factor * getattr(response, name) for name in SCALABLE}
+        return quantity(dataclasses.replace(response, **scaled))
+
+    step = 1e-5
+    difference = (value(1 + step) - value(1 - step)) / (2 * step)
+    assert jax.grad(value)(1.0) == pytest.approx(float(difference), rel=GRADIENT)
+
+
+def test_smooth_half_peak_to_peak_keeps_its_bound(response):
+    for p in (16, 64, 256):
+        true = float(response.force(*MESH).half_peak_to_peak)
+        assert true * response.resolution ** (-1 / p) <= objectives.tooth_force(response, *MESH, p=p) <= true
+
+
+def test_dissipated_power_is_damping_times_speed_squared(response):
+    rate = response.topology.cycle_frequency(1500.0) * np.arange(response.harmonics + 1)
+    twist = response.twist("crank gear", "ring").coefficients
+    heat = 6.0 * 2 * np.sum(np.abs(rate * twist) ** 2)
+    assert objectives.damper_power(response, "ring") == pytest.approx(heat, rel=1e3 * ALGEBRAIC)
+
+
+def test_smoothed_contact_tends_to_what_the_contact_reports(response):
+    contact = response.mesh(*MESH)
+    assert contact.impacts
+    apart = objectives.separated_fraction(response, *MESH, smoothing=1e-3)
+    assert apart == pytest.approx(contact.separated_fraction, abs=2e-3)
+    severity = objectives.impact_severity(response, *MESH, smoothing=1e-2)
+    # the speed changes while the teeth pass the smooth edge, 2 % of the backlash
+    assert severity == pytest.approx(sum(impact["speed"] for impact in contact.impacts), rel=0.05)
+
+
+def test_failed_speeds_count_as_nothing_and_are_told(sweep):
+    def both(factor):
+        scaled = dataclasses.replace(
+            sweep, forces=sweep.forces.at[np.array([0, 1, 3])].multiply(factor, unique_indices=True)
+        )
+        forces = objectives.tooth_force(scaled, *MESH)
+        total, count = objectives.weighted_sum(forces, scaled, weights=jnp.arange(1.0, 5.0))
+        return total + objectives.worst(forces, scaled, width=10.0)[0], (forces, count)
+
+    gradient, (forces, count) = jax.grad(both, has_aux=True)(1.0)
+    assert count == 3 and forces[2] == 0 and np.isfinite(gradient)
+    largest, _ = objectives.worst(forces, sweep, width=10.0)
+    assert forces.max() <= largest <= forces.max() + 10 * np.log(3)
+    total, _ = objectives.weighted_sum(forces, sweep, weights=jnp.arange(1.0, 5.0))
+    assert total == pytest.approx(float(forces[0] + 2 * forces[1] + 4 * forces[3]), rel=ALGEBRAIC)
+
+
+def test_no_valid_speed_gives_zero_of_nothing(sweep):
+    lost = dataclasses.replace(sweep, status=jnp.full(4, 3))
+
+    def largest(factor):
+        return objectives.worst(factor * objectives.tooth_force(lost, *MESH), lost, width=10.0)
+
+    assert jax.grad(lambda f: largest(f)[0])(1.0) == 0
+    assert [float(v) for v in largest(1.0)] == [0.0, 0.0]
+
+
+@pytest.mark.parametrize("quantity", [objectives.separated_fraction, objectives.impact_severity])
+def test_a_mesh_without_backlash_never_parts(response, quantity):
+    never = dataclasses.replace(response.topology, mesh_backlash=(False, True))
+    train = dataclasses.replace(response.train, topology=never)
+    with pytest.raises(jaxhb.SceneError, match="'crank gear|idler' has no backlash, its teeth never part"):
+        quantity(dataclasses.replace(response, train=train), *MESH)
