@@ -16,7 +16,7 @@ from jaxhb.model.elements import Damper, Disk, Ground, Mesh, Shaft, Torque
 from jaxhb.model.engine import excitation, highest_harmonic
 from jaxhb.transient.referee import backlash_meshes
 
-REFERENCE = Path("/work/shared/reference")
+REFERENCE = Path(__file__).parents[1] / "data"
 
 
 def one_mass(*, mass, damping, stiffness, epsilon, transition, backlash):
