@@ -49,13 +49,10 @@ def incidence_rows(system):
     return rows.at[links, system.tree.end_b].add(-system.arm_b)
 
 
-def matrices(system, viscous=None):
-    """Dense damping matrix B and stiffness matrix K ``(S, S)``, meshes taken in contact.
-
-    ``viscous`` ``(L,)`` N s/m takes the place of the links' own damping.
-    """
+def matrices(system):
+    """Dense damping matrix B and stiffness matrix K ``(S, S)``, meshes taken in contact."""
     D = incidence_rows(system)
-    B = jnp.diag(system.damping) + D.T @ ((system.viscous if viscous is None else viscous)[:, None] * D)
+    B = jnp.diag(system.damping) + D.T @ (system.viscous[:, None] * D)
     K = jnp.diag(system.ground) + D.T @ (system.stiffness[:, None] * D)
     return B, K
 
