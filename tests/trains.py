@@ -49,6 +49,24 @@ def branched_parts(laws=("contact", "always")):
     ]
 
 
+def pinions_parts(pump):
+    """A crank gear between a light cam gear, which hammers at 1500 rpm, and a pump gear that takes ``pump`` N m."""
+    common = {"stiffness": 2e8, "damping": 1500.0, "backlash": 1e-4, "epsilon": 0.02}
+    return [
+        Disk(name="flywheel", inertia=0.8, damping=0.4),
+        Disk(name="crank gear", inertia=0.01, radius=0.05),
+        Disk(name="cam gear", inertia=0.008, radius=0.06),
+        Disk(name="pump gear", inertia=0.004, radius=0.04),
+        Shaft(between=("flywheel", "crank gear"), stiffness=2e5, damping=20.0),
+        Mesh(between=("crank gear", "cam gear"), **common),
+        Mesh(between=("crank gear", "pump gear"), **common),
+        Ground(disk="flywheel", stiffness=50.0),
+        Torque(disk="flywheel", mean=4.0 * 5 / 6 + pump * 5 / 4),
+        Torque(disk="cam gear", mean=-4.0, harmonics=((1.0, 60.0, 0.0), (2.0, 18.0, 12.0))),
+        Torque(disk="pump gear", mean=-pump),
+    ]
+
+
 def gearbox_parts(*, grounded=True):
     """Two parallel meshes between two shafts (a closed loop), several gears a shaft, massless disks, viscous ring."""
     parts = [

@@ -18,8 +18,10 @@ MOST = {"reduced": 1024, "chain": 128}
 DENSE_MODES, GEARS_ALONE = 400, 1.1
 """Disks up to which all modes are computed; what the shafts add to the frequencies of the gears alone."""
 
-MARCH_CYCLES = (3, 12, 60)
-"""Rungs of the ladder."""
+MARCH_CYCLES = 3
+
+HAMMERED = 2.0
+"""Linear half swings of the hardest mesh that separates, by which another must stay loaded to be no unknown."""
 
 
 @dataclass(frozen=True)
@@ -44,11 +46,16 @@ class Plan:
     flank: tuple
     method: str = "reduced"
     start: str = "linear"
-    cycles: int = MARCH_CYCLES[0]
+    cycles: int = MARCH_CYCLES
     instants: int = march.INSTANT_COUNTS[0]
     tolerance: float = 0.01
     trust: float = 1.0
     excited: int = 0
+
+    @property
+    def unknowns(self):
+        """Real unknowns of Newton's method; 0 where one linear solve per harmonic is all."""
+        return len(self.active) * (2 * self.harmonics + 1)
 
     @property
     def limit(self):
@@ -193,7 +200,7 @@ def _gear_mode_hz(train):
 
 
 def contact_demand(train, forces):
-    """Meshes that the linear motion takes off their flank.
+    """Meshes that the linear motion takes off their flank, or nearly so where others separate and hammer.
 
     Parameters
     ----------
@@ -203,9 +210,10 @@ def contact_demand(train, forces):
     Returns
     -------
     flank : tuple of int
-        Side of each backlash mesh that stays beyond its transition zone; 0 for the others and for linear meshes.
+        Side of each backlash mesh taken to stay beyond its transition zone (to be verified); 0 for the others and for
+        linear meshes.
     active : tuple of int
-        Backlash meshes that leave it.
+        Backlash meshes whose contact is an unknown.
     separates : bool
         Whether any linear force passes through zero.
     """
@@ -216,11 +224,12 @@ def contact_demand(train, forces):
     least = (side[:, None] * forces).min(-1, initial=np.inf)
     knee = (1 + law.transition) * law.backlash / 2
     knee_force = law.stiffness * knee - np.asarray(backlash.offset(law))
-    leaves = gap & ~(least > knee_force)
-    if leaves.any():
-        leaves = gap
+    apart = gap & (least <= 0)
+    swing = (forces.max(-1, initial=-np.inf) - forces.min(-1, initial=np.inf)) / 2
+    spare = HAMMERED * np.max(swing, initial=0.0, where=apart)
+    leaves = gap & ~(least > knee_force + spare)
     flank = np.where(gap & ~leaves, side, 0)
-    return tuple(int(s) for s in flank), tuple(int(i) for i in np.flatnonzero(leaves)), bool((gap & (least <= 0)).any())
+    return tuple(int(s) for s in flank), tuple(int(i) for i in np.flatnonzero(leaves)), bool(apart.any())
 
 
 def without_backlash(train):

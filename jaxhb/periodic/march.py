@@ -23,15 +23,9 @@ def on_flank(reduced):
     return reduced.linear - reduced.respond(held)
 
 
-def marched(reduced, space, instants, cycles):
-    """Deflections over the last of ``cycles`` cycles of ``instants`` steps, begun with every mesh on its drive side.
-
-    Returns
-    -------
-    coefficients ``(G, N+1)``, of the motion on the flanks where the steps were too long for the train; closure of
-    that cycle
-    """
-    stepper = cut(
+def begin(reduced, space, instants):
+    """The :class:`~jaxhb.transient.stepper.Stepper` of a reduced equation, ``instants`` steps per cycle."""
+    return cut(
         space,
         reduced.linear,
         reduced.frequency,
@@ -42,6 +36,17 @@ def marched(reduced, space, instants, cycles):
         linear_state=jnp.zeros(len(space.transition)),
         flank_state=resting_on_flank(space, flank_excess(reduced.law, reduced.linear)),
     )
+
+
+def marched(reduced, space, instants, cycles):
+    """Deflections over the last of ``cycles`` cycles of ``instants`` steps, begun with every mesh on its drive side.
+
+    Returns
+    -------
+    coefficients ``(G, N+1)``, of the motion on the flanks where the steps were too long for the train; closure of
+    that cycle
+    """
+    stepper = begin(reduced, space, instants)
     _, trace = march(stepper, stepper.flank_state, cycles)
     harmonics = reduced.linear.shape[-1] - 1
     kept = fourier.analyze(trace.deflection, min(harmonics, (instants - 1) // 2))

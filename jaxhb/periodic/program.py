@@ -33,7 +33,7 @@ class Sizes:
     excited: int
     method: str = "reduced"
     residual_tolerance: float = 1e-10
-    max_steps: int = 40
+    max_steps: int = 24
 
 
 @jax.tree_util.register_dataclass

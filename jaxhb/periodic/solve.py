@@ -16,7 +16,7 @@ from ..harmonic import fourier
 from ..linear.response import Response
 from ..model.elements import SceneError
 from ..model.engine import listed_harmonic
-from . import derivative, homotopy, march
+from . import derivative, homotopy, march, orbits
 from . import harmonics as decide
 from .harmonics import Plan
 from .newton import Status
@@ -24,7 +24,7 @@ from .problem import pose
 from .program import Start, solve_problem
 
 SETTLED = 1e-5
-"""Closure of a march that makes a longer one useless: what Newton then lacks are shorter steps or more harmonics."""
+"""Closure of a march that makes shooting useless: what Newton then lacks are shorter steps or more harmonics."""
 
 _UNSOLVED = (Status.MAX_STEPS, Status.STALLED, Status.NONFINITE)
 
@@ -258,7 +258,8 @@ def _solve_deciding(train, rpm, harmonics, tolerance, method, start):
     if harmonics is None:
         first = decide.first_level(excited, modes if separates else 0.0)
         base = dataclasses.replace(base, harmonics=min(first, decide.MOST[method]))
-    return _climb(train, rpm, base, modes, harmonics is None, start)
+    ladder = "march" if separates else "flank"
+    return _climb(train, rpm, base, modes, harmonics is None, ladder if start is None else start)
 
 
 def _solve_in_contact(train, rpm, excited):
@@ -295,51 +296,68 @@ def check_speed(train, rpm, *, many=False):
             raise SceneError(f"{name}: the speed is {value:g} rpm, must be greater than 0 rpm: a running engine.")
 
 
-def _climb(train, rpm, plan, modes, adaptive, start):
-    """Solve with rising numbers of harmonics, and longer marches, until the status is good or the ladder ends."""
-    marching = start is None
-    plan = dataclasses.replace(
-        plan, instants=march.instants_for(max(modes, 2 * plan.excited)), start="march" if marching else "linear"
-    )
-    finest = min(2 * plan.instants, march.INSTANT_COUNTS[-1])
-    rungs = list(decide.MARCH_CYCLES) if marching else []
-    cycles = rungs.pop(0) if rungs else 0
-    given = None
-    if isinstance(start, Response):
-        given = np.asarray(start.deflections)[plan.choice.chosen] * plan.choice.active[:, None]
-    path, followed, closure = [], False, 0.0
+def _climb(train, rpm, plan, modes, adaptive, begins):
+    """Solve with rising numbers of harmonics, from one start after another, until the status is good or none is left.
+
+    ``begins`` : a Response, "linear", or the start of the ladder, "march" or (where no tooth separates) "flank".
+    """
+    resolving, instants, given = march.instants_for(max(modes, 2 * plan.excited)), 0, None
+    if isinstance(begins, Response):
+        given = np.asarray(begins.deflections)[plan.choice.chosen] * plan.choice.active[:, None]
+        if adaptive and int(begins.status) == Status.TOLERANCE_NOT_MET:
+            above = decide.next_level(begins.harmonics, plan.method) or decide.MOST[plan.method]
+            plan = dataclasses.replace(plan, harmonics=max(plan.harmonics, above))
+    path, starts = [], None
+    plan = dataclasses.replace(plan, start="march" if begins == "march" else "linear")
     while True:
-        plan = dataclasses.replace(plan, trust=decide.trust_in(plan.harmonics, modes))
-        response, outcome = _attempt(train, rpm, plan, given, cycles)
+        marching = plan.start == "march"
+        enough = resolving if marching else march.instants_for(2 * plan.harmonics)
+        instants = max(instants, min(resolving, enough))
+        plan = dataclasses.replace(plan, trust=decide.trust_in(plan.harmonics, modes), instants=instants)
+        response, outcome = _attempt(train, rpm, plan, given, plan.cycles if marching else 0)
         status = Status(int(response.status))
-        if cycles and given is None:
+        if marching and given is None:
             closure = float(outcome.closure)
-            path.append(f"march of {cycles} cycles of {plan.instants} steps (closure {closure:.1e})")
+            path.append(f"march of {plan.cycles} cycles of {plan.instants} steps (closure {closure:.1e})")
+            starts = starts or _starts(train, rpm, plan, closure, path)
         path.append(f"Newton with {plan.harmonics} harmonics: {status.name}, {int(response.steps)} steps")
         higher = decide.next_level(plan.harmonics, plan.method) if adaptive else None
-        if status == Status.TOLERANCE_NOT_MET and higher:
+        if status == Status.PLAN_VIOLATED:
+            given, starts = None, None
+            plan = dataclasses.replace(plan, active=_all_backlash(train), flank=(0,) * len(plan.flank))
+        elif status == Status.TOLERANCE_NOT_MET and higher:
             given = np.asarray(outcome.deflection)
             plan = dataclasses.replace(plan, harmonics=higher)
-        elif status in _UNSOLVED and rungs and closure > SETTLED:
-            given, cycles = None, rungs.pop(0)
-            plan = dataclasses.replace(plan, cycles=cycles)
-        elif status in _UNSOLVED and closure > SETTLED and not followed:
-            followed = True
-            solved = partial(_solved, rpm=rpm, plan=plan, cycles=decide.MARCH_CYCLES[0])
-            given, solves = homotopy.follow(train, solved)
-            path.append(f"homotopy in damping and law: {'lost' if given is None else 'found'}, {solves} solves")
-            if given is None and not higher:
-                return dataclasses.replace(response, path=tuple(path)), plan
-            if given is None:
-                plan = dataclasses.replace(plan, harmonics=higher)
-        elif status in _UNSOLVED and cycles and closure <= SETTLED and plan.instants < finest:
+        elif status in _UNSOLVED and begins == "flank" and not marching:
             given = None
-            plan = dataclasses.replace(plan, instants=finest)
-        elif status in _UNSOLVED and higher and closure <= SETTLED:
-            given = None
+            plan = dataclasses.replace(plan, start="march")
+        elif status in _UNSOLVED and starts and (another := next(starts, None)) is not None:
+            given, instants = another
+        elif status in _UNSOLVED and starts and higher:
             plan = dataclasses.replace(plan, harmonics=higher)
         else:
             return dataclasses.replace(response, path=tuple(path)), plan
+
+
+def _starts(train, rpm, plan, closure, path):
+    """Deflections from which to try again after a march of that ``closure``, and the instants they were found with.
+
+    Each is found when asked for, and told in ``path``.
+    """
+    state, finest = None, min(2 * plan.instants, march.INSTANT_COUNTS[-1])
+    for instants in dict.fromkeys((plan.instants, finest)):
+        if instants == plan.instants and closure <= SETTLED:
+            continue
+        orbit = orbits.find(train, rpm, dataclasses.replace(plan, instants=instants), state)
+        state = orbit.state
+        path.append(f"shooting from {orbit.tries} cycles of {instants} steps (closure {orbit.closure:.1e})")
+        if orbit.coefficients is not None:
+            yield orbit.coefficients, instants
+    if closure > SETTLED:
+        found, solves = homotopy.follow(train, partial(_solved, rpm=rpm, plan=plan, cycles=plan.cycles))
+        path.append(f"homotopy in damping and law: {'lost' if found is None else 'found'}, {solves} solves")
+        if found is not None:
+            yield found, plan.instants
 
 
 def _attempt(train, rpm, plan, given, cycles):

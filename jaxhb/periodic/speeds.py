@@ -89,16 +89,20 @@ def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=None, progr
 
 
 def _again(train, rpm, place, found, harmonics, tolerance):
-    """The response at one speed from the nearest one that converged; up the ladder where that fails."""
-    good = [i for i, r in enumerate(found) if int(r.status) == Status.CONVERGED]
-    if good:
+    """The response at one speed from its own motion or the nearest that converged; up the ladder where that fails."""
+    own, good = found[place], [i for i, r in enumerate(found) if int(r.status) == Status.CONVERGED]
+    if int(own.status) == Status.TOLERANCE_NOT_MET:
+        starts = [(own, harmonics)]
+    elif good:
         near = found[min(good, key=lambda i: abs(rpm[i] - rpm[place]))]
-        response = solve(
-            train, rpm=float(rpm[place]), harmonics=harmonics or near.harmonics, tolerance=tolerance, start=near
-        )
+        starts = [(near, harmonics or near.harmonics)]
+    else:
+        starts = []
+    for start, fixed in (*starts, (None, harmonics)):
+        response = solve(train, rpm=float(rpm[place]), harmonics=fixed, tolerance=tolerance, start=start)
         if int(response.status) == Status.CONVERGED:
-            return response
-    return solve(train, rpm=float(rpm[place]), harmonics=harmonics, tolerance=tolerance)
+            break
+    return response
 
 
 def _worth_another_try(response, harmonics):
@@ -169,20 +173,24 @@ def plan_speeds(train, rpm, harmonics, tolerance):
     samples = np.fft.irfft(straight.elastic_forces, n=16 * straight.elastic_forces.shape[-1], norm="forward")
     demands = [decide.contact_demand(train, forces) for forces in samples]
     modes = decide.mesh_mode_harmonic(train, train.topology.cycle_frequency(1.0)) / rpm
-    plans = []
+    plans = [dataclasses.replace(contact, flank=flank) for flank, _, _ in demands]
     for separating in (False, True):
-        chosen = [m for m, (_, active, apart) in zip(modes, demands, strict=True) if active and apart == separating]
-        slowest = max(chosen, default=0.0)
-        level = harmonics or decide.first_level(excited, slowest if separating else 0.0)
-        active = tuple(i for i, gap in enumerate(train.topology.mesh_backlash) if gap)
-        plans.append(
-            dataclasses.replace(
-                contact,
-                harmonics=level,
-                active=active,
-                start="march",
-                instants=march.instants_for(max(slowest, 2 * contact.excited)),
-                trust=decide.trust_in(level, slowest),
-            )
+        group = [i for i, (_, active, apart) in enumerate(demands) if active and apart == separating]
+        if not group:
+            continue
+        slowest, usual = np.max(modes[group]), float(np.median(modes[group]))
+        level = harmonics or decide.first_level(excited, usual if separating else 0.0)
+        flanks = np.array([demands[i][0] for i in group])
+        flank = tuple(int(f) for f in np.where((flanks == flanks[0]).all(axis=0), flanks[0], 0))
+        shared = dataclasses.replace(
+            contact,
+            harmonics=level,
+            active=tuple(i for i, gap in enumerate(train.topology.mesh_backlash) if gap and not flank[i]),
+            flank=flank,
+            start="march" if separating else "linear",
+            instants=march.instants_for(max(slowest, 2 * contact.excited) if separating else 2 * level),
+            trust=decide.trust_in(level, slowest),
         )
-    return [plans[apart] if active else dataclasses.replace(contact, flank=flank) for flank, active, apart in demands]
+        for i in group:
+            plans[i] = shared
+    return plans

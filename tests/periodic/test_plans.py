@@ -6,8 +6,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from trains import build, pinions_parts
 
 import jaxhb
+from jaxhb.periodic import harmonics as decide
 from jaxhb.periodic.program import solve_problem
 
 HAMMERING_RPM = 5625.0
@@ -74,7 +76,7 @@ def test_a_plan_is_hashable_and_small(plan):
 
 def test_a_mesh_that_leaves_its_flank_violates_the_plan(pair):
     contact = jaxhb.plan(pair, rpm=3000.0)
-    assert contact.active == ()
+    assert contact.active == () and contact.unknowns == 0
     response = jaxhb.solve(pair, rpm=HAMMERING_RPM, plan=contact)
     assert int(response.status) == jaxhb.Status.PLAN_VIOLATED
     with pytest.raises(jaxhb.NotConverged, match="PLAN_VIOLATED.*plan again"):
@@ -207,3 +209,27 @@ def test_mean_torque_that_nothing_holds_has_a_status():
 
     assert int(jax.jit(solve)(100.0)) == jaxhb.Status.CONVERGED
     assert int(jax.jit(solve)(0.0)) == jaxhb.Status.UNBALANCED
+
+
+def test_a_mesh_that_stays_loaded_beside_one_that_hammers_is_no_unknown():
+    train = build(pinions_parts(pump=300.0), reference="flywheel")
+    plan = jaxhb.plan(train, rpm=1500.0, harmonics=192)
+    assert plan.active == (0,) and plan.flank == (0, 1)
+    assert plan.unknowns == 2 * 192 + 1
+    every = dataclasses.replace(plan, active=(0, 1), flank=(0, 0))
+    assert every.unknowns == 2 * plan.unknowns
+    one, both = (jaxhb.solve(train, rpm=1500.0, plan=p) for p in (plan, every))
+    assert one.converged and both.converged
+    for mesh in (("crank gear", "cam gear"), ("crank gear", "pump gear")):
+        assert one.force(*mesh).max == pytest.approx(float(both.force(*mesh).max), rel=1e-8)
+
+
+def test_a_mesh_thought_loaded_that_leaves_its_flank_is_planned_again(monkeypatch):
+    train = build(pinions_parts(pump=40.0), reference="flywheel")
+    careful = jaxhb.solve(train, rpm=1500.0, harmonics=192)
+    monkeypatch.setattr(decide, "HAMMERED", 0.0)
+    found = jaxhb.solve(train, rpm=1500.0, harmonics=192)
+    assert "PLAN_VIOLATED" in found.path[1] and found.converged
+    assert found.mesh("crank gear", "pump gear").separated_fraction > 0
+    mesh = ("crank gear", "pump gear")
+    assert found.force(*mesh).max == pytest.approx(float(careful.force(*mesh).max), rel=1e-8)
