@@ -166,9 +166,9 @@ def report(records):
         rest = len(good) - told["closed"] - told["open"]
         wrong = sum(r["wrong"] for r in rows)
         print(f"{name:14s} {len(rows):5d}  {share:>9s}  {wrong:5d}  {told['open']:12d}  {rest:12d}")
-    reachable = [r for r in records if 1.5 * r["mode_harmonic"] <= 1024]
+    reachable = [r for r in records if 1.5 * r["mode_harmonic"] <= MOST["reduced"]]
     share = percent(sum(r["status"] == "CONVERGED" for r in reachable) / len(reachable) if reachable else np.nan)
-    print(f"\nmesh modes below two thirds of 1024 harmonics: {len(reachable)} cases, converged {share}")
+    print(f"\nmesh modes below two thirds of {MOST['reduced']} harmonics: {len(reachable)} cases, converged {share}")
     for key in ("status", "rung"):
         print(f"\n{key}")
         for value, count in collections.Counter(r.get(key, "none") for r in records).most_common():

@@ -20,8 +20,10 @@ from ..transient.surrogate import surrogate
 from .march import begin
 from .problem import pose, reduced_equation
 
-CYCLES = 12
-STEPS = 14
+CYCLES, TRIES = 32, 4
+"""Cycles marched, and how many of them, those that close best, are shot from."""
+
+STEPS = 25
 """Newton steps of one shooting; those that succeed take about ten."""
 
 SETTLED = 1e-6
@@ -46,7 +48,7 @@ def _visited(problem, choice, instants, excited):
 
 @jax.jit
 def _shot(stepper, state):
-    shot = shoot(stepper, state, steps_newton=STEPS, tolerance=SETTLED)
+    shot = shoot(stepper, state, steps_newton=STEPS, tolerance=SETTLED, persistent=True)
     return shot.state, shot.trace.deflection, shot.closure_after
 
 
@@ -69,9 +71,8 @@ def find(train, rpm, plan, seed=None):
     excited = plan.sizes.excited
     stepper, states, closures = _visited(pose(train, rpm, excited), plan.choice, plan.instants, excited)
     closures = np.nan_to_num(np.asarray(closures), nan=np.inf)
-    firsts = dict.fromkeys((int(np.argmin(closures)), CYCLES - 1, CYCLES // 2 - 1, CYCLES // 4 - 1))
     seeds = [seed] if seed is not None else []
-    seeds += [states[first] for first in firsts if np.isfinite(closures[first])]
+    seeds += [states[first] for first in np.argsort(closures)[:TRIES] if np.isfinite(closures[first])]
     best = Orbit(None, np.inf, None, 0)
     for tries, first in enumerate(seeds, 1):
         state, deflection, closure = _shot(stepper, first)

@@ -47,7 +47,7 @@ def solve(train, *, rpm, plan=None, harmonics=None, tolerance=None, method=None,
         From :func:`plan`: nothing is decided by value, the call is valid under ``jit``, ``vmap`` and ``grad``. What the
         plan assumed is verified; if it does not hold the status is PLAN_VIOLATED.
     harmonics : int, optional
-        Harmonics of the cycle, fixed; default: as many as ``tolerance`` needs, up to 1024.
+        Harmonics of the cycle, fixed; default: as many as ``tolerance`` needs, up to 2048.
     tolerance : float, optional
         Largest truncation error of the elastic tooth force over the largest tooth force; default 1 %.
     method : str, optional
@@ -333,7 +333,7 @@ def _climb(train, rpm, plan, modes, adaptive, begins):
             plan = dataclasses.replace(plan, start="march")
         elif status in _UNSOLVED and starts and (another := next(starts, None)) is not None:
             given, instants = another
-        elif status in _UNSOLVED and starts and higher:
+        elif status in _UNSOLVED and starts and higher and (given is not None or closure <= SETTLED):
             plan = dataclasses.replace(plan, harmonics=higher)
         else:
             return dataclasses.replace(response, path=tuple(path)), plan

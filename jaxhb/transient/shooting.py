@@ -35,10 +35,10 @@ def monodromy(stepper, state):
     return jax.jacfwd(lambda z: cycle(stepper, z)[0])(state)
 
 
-def shoot(stepper, state, *, steps_newton=6, tolerance=1e-11, cutoff=1e-10):
+def shoot(stepper, state, *, steps_newton=6, tolerance=1e-11, cutoff=1e-10, persistent=False):
     """Correct a state until the cycle closes, ``z(T; z) = z``; valid under jit and vmap.
 
-    Each Newton step keeps the best of LENGTHS, and the steps end where none improves. Motion that
+    Each Newton step keeps the length of LENGTHS that closes best, and the steps end where none closes better. Motion that
     returns whatever it is (free rotation of a floating train) makes ``I - Phi`` singular and is left alone by a
     pseudo-inverse. Under jit the last monodromy matrix costs nothing where it is not used.
 
@@ -53,6 +53,8 @@ def shoot(stepper, state, *, steps_newton=6, tolerance=1e-11, cutoff=1e-10):
         Closure at which to stop.
     cutoff : float
         Singular values of ``I - Phi`` below this share of the largest are taken as zero.
+    persistent : bool
+        Step on where no length closes better: a search, for states far from any periodic motion.
 
     Returns
     -------
@@ -74,9 +76,8 @@ def shoot(stepper, state, *, steps_newton=6, tolerance=1e-11, cutoff=1e-10):
         direction = jnp.linalg.pinv(identity - monodromy(stepper, z), rtol=cutoff) @ gap
         tried = z + lengths[:, None] * direction
         gaps, closures = jax.vmap(defect)(tried)
-        sizes = jnp.linalg.norm(gaps, axis=1)
-        best = jnp.nanargmin(sizes)
-        improved = sizes[best] < jnp.linalg.norm(gap)
+        best = jnp.nanargmin(closures)
+        improved = persistent | (closures[best] < closure)
         found = (tried[best], gaps[best], closures[best])
         kept = [jnp.where(improved, new, old) for new, old in zip(found, (z, gap, closure), strict=True)]
         return *kept, done + 1, improved
