@@ -13,6 +13,8 @@ Two forms are in use, and only this module knows them:
   holomorphic in the complex coefficients.
 """
 
+from dataclasses import dataclass
+
 import jax.numpy as jnp
 
 SQRT2 = 2.0**0.5
@@ -58,6 +60,21 @@ def synthesize(coefficients, samples):
 def analyze(values, harmonics):
     """Complex coefficients ``(..., harmonics+1)`` of sampled values ``(..., samples)``."""
     return jnp.fft.rfft(values, axis=-1, norm="forward")[..., : harmonics + 1]
+
+
+@dataclass(frozen=True)
+class Equidistant:
+    """``samples`` equidistant instants of the cycle, to evaluate a law at and to analyse what it gives."""
+
+    samples: int
+
+    def synthesize(self, coefficients):
+        """Values ``(..., samples)``."""
+        return synthesize(coefficients, self.samples)
+
+    def analyze(self, values, harmonics):
+        """Coefficients ``(..., harmonics+1)``."""
+        return analyze(values, harmonics)
 
 
 def derivative(coefficients, frequency):

@@ -11,12 +11,12 @@ other node is folded in by scalar sweeps, one for all harmonics.
 """
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import jax
 import jax.numpy as jnp
 
-from . import backlash, fourier
+from . import backlash, exact, fourier
 from .block_sweep import scalar_sweep
 
 
@@ -105,7 +105,8 @@ class Reduced:
     """The reduced equation of G active meshes (padded with meshes that do nothing).
 
     linear : complex ``(G, N+1)`` m, deflections with all meshes in contact; receptance : complex ``(N+1, G, G)`` m/N;
-    frequency : rad/s; law, viscous N s/m, contact_damping : ``(G,)``.
+    frequency : rad/s; law, viscous N s/m, contact_damping : ``(G,)``; integrals : of phi over the cycle, "sampled" or
+    "exact" (:mod:`jaxhb.harmonic.exact`); passages : of the one deflection at which it is used, where they are known.
     """
 
     linear: jax.Array
@@ -114,6 +115,18 @@ class Reduced:
     law: backlash.Law
     viscous: jax.Array
     contact_damping: jax.Array
+    integrals: str = field(default="sampled", metadata={"static": True})
+    passages: exact.Passages | None = None
+
+    def located(self, deflection):
+        """The same equation, with exact integrals knowing when ``deflection`` passes the knots, to be used there."""
+        if self.integrals == "sampled":
+            return self
+        return dataclasses.replace(self, passages=exact.locate(self.law, deflection))
+
+    def instants(self, deflection, samples):
+        """Where phi is evaluated: ``samples`` equidistant instants, or those of the exact integrals."""
+        return instants(self.integrals, self.law, deflection, samples, self.passages)
 
     def excess(self, deflection, rate):
         """phi and its slopes in l and l' at samples ``(G, samples)``: what the linear mesh does not contain."""
@@ -124,19 +137,38 @@ class Reduced:
         linear = law.stiffness * deflection + viscous * rate
         return total - linear, slope - law.stiffness, rate_slope - viscous
 
+    def excess_slopes(self, deflection, samples, harmonics):
+        """Coefficients ``(2, G, harmonics+1)`` of the slopes of phi in l and l'."""
+        rule = self.instants(deflection, samples)
+        _, *slopes = self.excess(*self.motion(deflection, rule))
+        return jax.vmap(lambda slope: rule.analyze(slope, harmonics))(jnp.stack(slopes))
+
+    def excess_coefficients(self, deflection, samples):
+        """Coefficients ``(G, N+1)`` of phi."""
+        rule = self.instants(deflection, samples)
+        excess, _, _ = self.excess(*self.motion(deflection, rule))
+        return rule.analyze(excess, deflection.shape[-1] - 1)
+
+    def motion(self, deflection, rule):
+        """Values of l and l' at the instants of ``rule``, from coefficients ``(G, N+1)``."""
+        return jax.vmap(rule.synthesize)(jnp.stack([deflection, fourier.derivative(deflection, self.frequency)]))
+
     def sampled(self, deflection, samples):
-        """Values of l and l' at ``samples`` instants, from coefficients ``(G, N+1)``."""
-        rate = fourier.derivative(deflection, self.frequency)
-        return fourier.synthesize(deflection, samples), fourier.synthesize(rate, samples)
+        """Values of l and l' at ``samples`` equidistant instants."""
+        return self.motion(deflection, fourier.Equidistant(samples))
 
     def respond(self, excess):
         """Deflections caused by coefficients ``(G, N+1)`` of excess force: G phi."""
         return jnp.einsum("ngh,hn->gn", self.receptance, excess)
 
     def residual(self, deflection, samples):
-        """F(l) as coefficients ``(G, N+1)``, phi sampled at ``samples`` instants (method.md A6: 16 N)."""
-        excess, _, _ = self.excess(*self.sampled(deflection, samples))
-        return deflection - self.linear + self.respond(fourier.analyze(excess, deflection.shape[-1] - 1))
+        """F(l) as coefficients ``(G, N+1)``, phi sampled at ``samples`` instants (method.md A6: 16 N) if at all."""
+        return deflection - self.linear + self.respond(self.excess_coefficients(deflection, samples))
+
+
+def instants(integrals, law, deflection, samples, passages=None):
+    """Instants for integrals over the cycle of forces of ``law`` at ``deflection``: "sampled" or "exact"."""
+    return exact.divide(law, deflection, passages) if integrals == "exact" else fourier.Equidistant(samples)
 
 
 def truncate(reduced, harmonics):

@@ -51,15 +51,13 @@ def precondition(reduced, variation, b):
 
 
 def tangent(reduced, deflection, samples):
-    """The product ``delta -> J delta`` at ``deflection``, law sampled at ``samples`` instants.
+    """The product ``delta -> J delta`` at ``deflection``, law sampled at ``samples`` instants or integrated exactly.
 
     The slopes enter a Galerkin product with at most 2 N harmonics, so that 4.5 N instants give it exactly.
     """
     harmonics = deflection.shape[-1] - 1
-    _, slope, rate_slope = reduced.excess(*reduced.sampled(deflection, samples))
     instants = (9 * harmonics + 1) // 2
-    slopes = fourier.analyze(jnp.stack([slope, rate_slope]), 2 * harmonics)
-    slope, rate_slope = fourier.synthesize(slopes, instants)
+    slope, rate_slope = fourier.synthesize(reduced.excess_slopes(deflection, samples, 2 * harmonics), instants)
 
     def product(delta):
         change, rate = reduced.sampled(delta, instants)

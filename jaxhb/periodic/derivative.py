@@ -12,6 +12,7 @@ by plain functions. The law is differentiable twice except where an instant of t
 set of measure zero; there one of the one-sided values, or their mean, is taken.
 """
 
+import dataclasses
 from functools import partial
 
 import jax
@@ -19,19 +20,20 @@ import jax.numpy as jnp
 from jax import lax
 
 from . import correction
-from .problem import excess_of, fields, reduced_equation
+from .problem import fields, reduced_equation
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def attach(samples, problem, choice, variation, solved, found, deflection):
+def attach(sizes, problem, choice, at, solved, found, deflection):
     """The solution ``found``, ``deflection`` of ``problem`` with its derivative with respect to ``problem``.
 
     Parameters
     ----------
-    samples : int (static), instants of the law
+    sizes : Sizes (static), for the integrals of the law
     problem : Problem
     choice : Choice
-    variation : Variation at the solution or near it, None without active meshes
+    at : Variation at the solution or near it, None without active meshes; and None or, of exact integrals, the Passages
+        of the active and of all meshes
     solved : bool, whether this is a solution; if not, its derivative is zero and never nan
     found : Fields; deflection : complex ``(G, N+1)`` m, carrying no derivative
 
@@ -43,17 +45,19 @@ def attach(samples, problem, choice, variation, solved, found, deflection):
 
 
 @attach.defjvp
-def _attach_jvp(samples, primals, tangents):
-    problem, choice, variation, solved, _, _ = primals
-    found, deflection = attach(samples, *primals)  # second derivatives need that of the solution
+def _attach_jvp(sizes, primals, tangents):
+    problem, choice, (variation, passages), solved, _, _ = primals
+    active, every = lax.stop_gradient(passages or (None, None))
+    found, deflection = attach(sizes, *primals)  # second derivatives need that of the solution
     problem, change = _where(solved, problem, lax.stop_gradient(problem)), _where(solved, tangents[0], None)
-    harmonics = deflection.shape[-1] - 1
+    harmonics, samples = deflection.shape[-1] - 1, sizes.samples
 
     def equation(problem):
-        return reduced_equation(problem, harmonics, choice.active, choice.chosen, choice.flank)
+        reduced, folded = reduced_equation(problem, harmonics, choice.active, choice.chosen, choice.flank)
+        return dataclasses.replace(reduced, integrals=sizes.integrals, passages=active), folded
 
     def motion(problem, reduced, folded, deflection):
-        return fields(problem, *folded.combine(excess_of(reduced, deflection, samples)), samples)
+        return fields(problem, *folded.combine(reduced.excess_coefficients(deflection, samples)), sizes, every)
 
     (reduced, folded), (reduced_dot, folded_dot) = jax.jvp(equation, (problem,), (change,))
     _, left = jax.jvp(lambda reduced: reduced.residual(deflection, samples), (reduced,), (reduced_dot,))

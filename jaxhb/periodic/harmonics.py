@@ -39,6 +39,7 @@ class Plan:
     tolerance : float, on the truncation error, relative to the largest tooth force
     trust : float, share of the tolerance that an estimate may use: it sees 2 N harmonics, and mesh modes above them not
     excited : highest harmonic of the excitation, 0 for N
+    integrals : of the tooth law over the cycle, "sampled" at 16 N instants or "exact" between the switching times
     """
 
     harmonics: int
@@ -51,6 +52,7 @@ class Plan:
     tolerance: float = 0.01
     trust: float = 1.0
     excited: int = 0
+    integrals: str = "sampled"
 
     @property
     def unknowns(self):
@@ -70,6 +72,7 @@ class Plan:
             instants=self.instants,
             excited=self.excited or self.harmonics,
             method=self.method,
+            integrals=self.integrals,
         )
 
     @property
@@ -86,7 +89,12 @@ class Plan:
     def __str__(self):
         if not self.active:
             return f"linear, {self.harmonics} harmonics" + (", teeth in contact" if any(self.flank) else "")
-        return f"{len(self.active)} meshes with backlash, {self.harmonics} harmonics, start: {self.start}"
+        return f"{len(self.active)} meshes with backlash, {self.described}, start: {self.start}"
+
+    @property
+    def described(self):
+        """Size and accuracy of its equations, for people."""
+        return f"{self.harmonics} harmonics" + (", exact integrals" if self.integrals == "exact" else "")
 
 
 def check_harmonics(train, harmonics, method):
@@ -145,6 +153,14 @@ def check_method(train, method):
         raise SceneError(
             f"{train.topology.name or 'scene'}: {names} closes a loop, and method 'chain' needs a tree: use 'reduced'."
         )
+
+
+def check_integrals(integrals, method):
+    """Refuse unknown integrals, and exact ones where the method has none."""
+    if integrals not in ("sampled", "exact"):
+        raise ValueError(f"integrals is {integrals!r}: give 'sampled' or 'exact'")
+    if integrals == "exact" and method != "reduced":
+        raise ValueError(f"method is {method!r}, and exact integrals go with 'reduced' only: use it, or sample")
 
 
 def _too_many(train, harmonics, method, name):

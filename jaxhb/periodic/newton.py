@@ -43,7 +43,8 @@ _SENTENCES = {
     Status.CONVERGED: "converged",
     Status.TOLERANCE_NOT_MET: "the equations are solved, but the number of harmonics is too small for the asked "
     "tolerance: ask for more harmonics",
-    Status.PLAN_VIOLATED: "a mesh that the plan held on one flank leaves it: plan again, or solve without a plan",
+    Status.PLAN_VIOLATED: "a mesh that the plan held on one flank leaves it, or passes the knots of its law more "
+    "often than exact integrals have room for: plan again, solve without a plan, or with sampled integrals",
     Status.MAX_STEPS: "Newton's method needed more steps than allowed: " + _REMEDY,
     Status.STALLED: "Newton's method found no step that lowers the residual: " + _REMEDY,
     Status.UNBALANCED: "the mean torques do not balance and nothing takes the difference: add a [[load]] or correct "

@@ -74,12 +74,6 @@ def reduced_equation(problem, harmonics, active, chosen, flank):
     )
 
 
-def excess_of(reduced, deflection, samples):
-    """Coefficients ``(G, N+1)`` of the excess force phi of the active meshes."""
-    values, _, _ = reduced.excess(*reduced.sampled(deflection, samples))
-    return fourier.analyze(values, deflection.shape[-1] - 1)
-
-
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Fields:
@@ -96,11 +90,12 @@ class Fields:
 FORCE_HARMONICS = 8
 
 
-def fields(problem, displacement, force, samples):
+def fields(problem, displacement, force, sizes, passages=None):
     """Motion, torques and forces from displacements ``(S, N+1)`` and forces ``(L, N+1)`` of the linear links.
 
     Deflections of meshes come from link forces, not from differences of displacements. Tooth forces are those of the
-    law at the synthesised deflection, to eight times the harmonics of the motion: the samples themselves.
+    law at the synthesised deflection, to eight times the harmonics of the motion: the samples themselves, or with exact
+    integrals (``passages`` of all meshes, where known) their Fourier series.
     """
     system, meshes = problem.system, problem.meshes
     harmonics = displacement.shape[-1] - 1
@@ -111,19 +106,21 @@ def fields(problem, displacement, force, samples):
     ends = jnp.asarray(system.radius)[system.tree.end_a][:, None]
     shafts = force.shape[0] - len(meshes.link)
     mesh = deflection[shafts:]
-    values = fourier.synthesize(mesh, samples)
-    rates = fourier.synthesize(fourier.derivative(mesh, problem.frequency), samples)
-    law = meshes.law.expand()
+    law = jax.tree.map(jnp.asarray, meshes.law)
+    rule = reduction.instants(sizes.integrals, law, mesh, sizes.samples, passages)
+    values, rates = jax.vmap(rule.synthesize)(jnp.stack([mesh, fourier.derivative(mesh, problem.frequency)]))
+    law = law.expand()
     elastic = backlash.force(law, values)
     total = backlash.mesh_force(law, meshes.viscous[:, None], meshes.contact_damping[:, None], values, rates)
     kept = FORCE_HARMONICS * harmonics - 1
+    total, elastic = jax.vmap(lambda values: rule.analyze(values, kept))(jnp.stack([total, elastic]))
     return Fields(
         angles=chain.to_angles(system, displacement),
         torques=(force * ends)[:shafts],
         elastic_torques=(jnp.asarray(system.stiffness)[:, None] * deflection * ends)[:shafts],
         deflections=mesh,
-        forces=fourier.analyze(total, kept),
-        elastic_forces=fourier.analyze(elastic, kept),
+        forces=total,
+        elastic_forces=elastic,
     )
 
 

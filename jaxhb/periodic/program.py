@@ -8,13 +8,13 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from ..harmonic import backlash, fourier, reduction
+from ..harmonic import backlash, exact, fourier, reduction
 from ..transient.surrogate import surrogate
 from . import correction
 from .derivative import attach
 from .march import marched, on_flank
 from .newton import Status, relative_residual, solve_chain, solve_reduced
-from .problem import excess_of, fields, held_in_contact, offset_load, reduced_equation
+from .problem import fields, held_in_contact, offset_load, reduced_equation
 
 SINGULAR = 1e11
 """Link force over load beyond which the linear train is at an undamped resonance: rounding alone is left there."""
@@ -25,7 +25,8 @@ class Sizes:
     """What a program is compiled for.
 
     samples : instants per cycle of the law; instants : of the march and of the preconditioner; excited : highest
-    harmonic of the excitation; method : "reduced" or "chain"; residual_tolerance, max_steps : of Newton.
+    harmonic of the excitation; method : "reduced" or "chain"; residual_tolerance, max_steps : of Newton; integrals :
+    of the law over the cycle, "sampled" or "exact", which leaves ``samples`` to what needs no such accuracy.
     """
 
     samples: int
@@ -34,6 +35,7 @@ class Sizes:
     method: str = "reduced"
     residual_tolerance: float = 1e-10
     max_steps: int = 24
+    integrals: str = "sampled"
 
 
 @jax.tree_util.register_dataclass
@@ -90,18 +92,18 @@ def solve_problem(problem, choice, start, tolerance, sizes):
     Outcome
     """
     frozen = lax.stop_gradient((problem, start, tolerance))
-    outcome, variation, solved = _find(frozen[0], choice, *frozen[1:], sizes)
-    found, deflection = attach(sizes.samples, problem, choice, variation, solved, outcome.fields, outcome.deflection)
+    outcome, at, solved = _find(frozen[0], choice, *frozen[1:], sizes)
+    found, deflection = attach(sizes, problem, choice, at, solved, outcome.fields, outcome.deflection)
     return dataclasses.replace(outcome, fields=found, deflection=deflection)
 
 
 def _find(problem, choice, start, tolerance, sizes):
-    """The Outcome without derivatives, the Variation at its motion (None without active meshes), whether it solves."""
+    """The Outcome without derivatives, what :func:`attach` needs of its motion, whether it solves."""
     harmonics = problem.load.shape[-1] - 1
     none = len(choice.active) == 0
     reach = harmonics if none else 2 * harmonics
     fine, folded = reduced_equation(problem, reach, choice.active, choice.chosen, choice.flank)
-    reduced = reduction.truncate(fine, harmonics)
+    reduced = dataclasses.replace(reduction.truncate(fine, harmonics), integrals=sizes.integrals)
     closure, error, truncation = jnp.zeros(()), jnp.zeros(()), jnp.zeros(())
     variation = None
     steps, krylov, stalled = jnp.array(0), jnp.array(0), jnp.array(False)
@@ -121,12 +123,15 @@ def _find(problem, choice, start, tolerance, sizes):
         error = relative_residual(reduced, reduced.residual(deflection, sizes.samples))
         truncation = truncation_error(fine, variation, deflection, sizes.samples)
         steps, krylov, stalled = iterate.steps, iterate.krylov, iterate.stalled
-    excess = excess_of(reduced, deflection, sizes.samples)
-    found = fields(problem, *folded.combine(excess), sizes.samples)
-    failure = _failure(problem, choice, folded, found, error, stalled, sizes)
+    reduced, passages = reduced.located(deflection), None
+    excess = reduced.excess_coefficients(deflection, sizes.samples)
+    found = fields(problem, *folded.combine(excess), sizes)
+    if sizes.integrals == "exact":
+        passages = reduced.passages, exact.locate(jax.tree.map(jnp.asarray, problem.meshes.law), found.deflections)
+    failure = _failure(problem, choice, folded, found, error, stalled, passages, sizes)
     solved = failure == Status.CONVERGED  # not by the status: who reads no truncation error shall not pay for it
     status = jnp.where(solved & ~(truncation <= tolerance), Status.TOLERANCE_NOT_MET, failure)
-    return Outcome(found, deflection, status, closure, error, truncation, steps, krylov), variation, solved
+    return Outcome(found, deflection, status, closure, error, truncation, steps, krylov), (variation, passages), solved
 
 
 def _first(reduced, space, start, sizes):
@@ -144,7 +149,7 @@ def _first(reduced, space, start, sizes):
 def _by_chain(problem, choice, reduced, folded, start, sizes):
     """Newton on all disks by the block sweep; meshes held on a flank follow the whole law here."""
     system, meshes = problem.system, problem.meshes
-    displacement, _ = folded.combine(excess_of(reduced, start, sizes.samples))
+    displacement, _ = folded.combine(reduced.excess_coefficients(start, sizes.samples))
     iterate = solve_chain(
         system,
         meshes,
@@ -159,7 +164,7 @@ def _by_chain(problem, choice, reduced, folded, start, sizes):
     return system.deflections(fourier.unpack(iterate.x), links) * choice.active[:, None], iterate
 
 
-def _failure(problem, choice, folded, found, error, stalled, sizes):
+def _failure(problem, choice, folded, found, error, stalled, passages, sizes):
     """The status as far as the equations go, CONVERGED whatever the truncation error."""
     finite = jnp.isfinite(error) & jnp.all(jnp.isfinite(found.angles.real + found.angles.imag))
     given = [leaf for leaf in jax.tree.leaves(problem) if jnp.issubdtype(leaf.dtype, jnp.inexact)]
@@ -170,7 +175,8 @@ def _failure(problem, choice, folded, found, error, stalled, sizes):
     balanced = _balanced(problem, choice, folded)
     unsolved = jnp.where(stalled, Status.STALLED, Status.MAX_STEPS)
     status = jnp.where(error <= sizes.residual_tolerance, Status.CONVERGED, unsolved)
-    status = jnp.where(held, status, Status.PLAN_VIOLATED)
+    complete = jnp.array(True) if passages is None else passages[0].complete & passages[1].complete
+    status = jnp.where(held & complete, status, Status.PLAN_VIOLATED)
     status = jnp.where(balanced, status, Status.UNBALANCED)
     status = jnp.where(finite, status, Status.NONFINITE)
     return jnp.where(singular, Status.NEAR_SINGULAR, status)

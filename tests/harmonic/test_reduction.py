@@ -15,13 +15,13 @@ from jaxhb import Mesh
 from jaxhb.harmonic import fourier, reduction
 from jaxhb.harmonic.krylov import minimise_residual
 from jaxhb.harmonic.residual import residual
-from jaxhb.periodic.problem import excess_of, pose, reduced_equation
+from jaxhb.periodic.problem import pose, reduced_equation
 
 HARMONICS, SAMPLES, RPM = 6, 96, 1500.0
 
 evaluate = jax.jit(residual, static_argnames="samples")
 reduce = jax.jit(reduced_equation, static_argnums=1)
-excess_at = jax.jit(excess_of, static_argnums=2)
+excess_at = jax.jit(reduction.Reduced.excess_coefficients, static_argnums=2)
 reduced_residual = jax.jit(reduction.Reduced.residual, static_argnums=2)
 combine = jax.jit(reduction.Folded.combine)
 

@@ -1,0 +1,248 @@
+"""Integrals of a mesh force over the cycle, exact between the switching times of the backlash law.
+
+The deflection ``l(t)`` of a mesh is a trigonometric polynomial, and its force is smooth along it except where ``|l|``
+passes a knot ``(1 -+ tau) h/2`` of the law: the switching times (Fridman 2009, (38), integrated arc by arc). The cycle
+is divided into ``CELLS`` equal cells per harmonic. In each of them ``l`` is a polynomial of degree ``POINTS - 1``, set
+by its values at the Gauss-Legendre instants of the cell, which also integrate the products of the law with a harmonic
+if the cell holds no switching time. A cell that may hold one is cut at its switching times, found on the polynomial,
+and every arc has Gauss-Legendre instants of its own; the moments of the force with the Legendre polynomials of the cell
+take the place of its values, so that all transforms between instants and harmonics are fast ones.
+
+Switching times carry their derivative ``dt = -dl / l'``: first and second derivatives of the integrals with respect to
+``l`` and the law are exact as well. (Those of an elastic force do not see the switching times move, because the law has
+a continuous slope; those of damping in contact do.)
+"""
+
+from dataclasses import dataclass, field
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from numpy.polynomial import legendre
+
+from . import fourier
+
+CELLS = 8
+POINTS = 8
+LEAST, LEAST_ROOM = 16, 32
+"""Harmonics whose cells are taken at least; cells per mesh that can be cut: one per harmonic, at least so many."""
+
+MARGIN = 0.25
+"""By how much of the range of its values at the instants of a cell a deflection may leave that range in the cell."""
+
+NEWTON_STEPS = 12
+
+_AT, _WEIGHT = legendre.leggauss(POINTS)
+_VALUES = legendre.legvander(_AT, POINTS - 1)
+_MODES = (np.arange(POINTS)[:, None] + 0.5) * _VALUES.T * _WEIGHT
+"""From values at the instants of a cell to coefficients of Legendre polynomials."""
+
+_POWERS = np.array([np.pad(legendre.leg2poly(row), (0, POINTS - 1 - k)) for k, row in enumerate(np.eye(POINTS))])
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Quadrature:
+    """Instants at which a mesh force is to be evaluated, and the integrals over them; made by :func:`divide`.
+
+    cell : int ``(G, K)`` of the cells that are cut, ``cells`` for room left over; at : ``(G, n, K)`` instants of their
+    arcs, -1 .. 1 in the cell; weight : ``(G, n, K)`` of those; cells : per cycle.
+    """
+
+    cell: jax.Array
+    at: jax.Array
+    weight: jax.Array
+    cells: int = field(metadata={"static": True})
+
+    def synthesize(self, coefficients):
+        """Values ``(G, instants)``, those of all cells and then those of the arcs, from coefficients ``(G, N+1)``."""
+        smooth = _in_cells(coefficients, self.cells)
+        arcs = _value(_modes(smooth, self.cell)[:, :, None], self.at)
+        return jnp.concatenate([smooth.reshape(len(smooth), -1), arcs.reshape(len(arcs), -1)], axis=-1)
+
+    def analyze(self, values, harmonics):
+        """Complex coefficients ``(G, harmonics+1)`` of values at the instants, of at most ``cells`` harmonics."""
+        smooth = values[:, : self.cells * POINTS].reshape(-1, POINTS, self.cells)
+        arcs = self.weight * values[:, self.cells * POINTS :].reshape(self.at.shape)
+        moments = jnp.stack([jnp.sum(arcs * polynomial, axis=1) for polynomial in _polynomials(self.at)], axis=1)
+        equivalent = jnp.einsum("gmk,jm->gjk", moments, _VALUES * (np.arange(POINTS) + 0.5))
+        place = jax.vmap(lambda cells, at, new: cells.at[:, at].set(new, mode="drop"))
+        smooth = place(smooth, self.cell, equivalent)
+        spectrum = jnp.fft.rfft(smooth, axis=-1, norm="forward")
+        spectrum = jnp.concatenate([spectrum, jnp.conj(spectrum[..., -2::-1])], axis=-1)[..., : harmonics + 1]
+        return jnp.einsum("gjn,jn->gn", spectrum, _WEIGHT[:, None] / 2 * np.conj(_shift(harmonics, self.cells)))
+
+
+def _shift(harmonics, cells):
+    """``(POINTS, N+1)``: factors that move a signal to each of the instants of the first cell."""
+    return np.exp(1j * np.pi / cells * (_AT[:, None] + 1) * np.arange(harmonics + 1))
+
+
+def _in_cells(coefficients, cells):
+    """Values ``(G, POINTS, cells)`` at the instants of all cells."""
+    moved = coefficients[:, None] * _shift(coefficients.shape[-1] - 1, cells)
+    return fourier.synthesize(moved, cells)
+
+
+def _modes(smooth, cell):
+    """Coefficients ``(G, POINTS, K)`` of Legendre polynomials in the given cells."""
+    chosen = jax.vmap(lambda values, at: values.at[:, at].get(mode="clip"))(smooth, cell)
+    return jnp.einsum("mj,gjk->gmk", _MODES, chosen)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Passages:
+    """When deflections pass the knots of their laws; made by :func:`locate`, without derivatives.
+
+    cell : int ``(G, K)`` of the cells that may hold a switching time, ``cells`` for room left over; low, high :
+    ``(G, 1, 2, K)`` ends, -1 .. 1 in the cell, of its two parts, in which the deflection is monotonic; time :
+    ``(G, 4, 2, K)`` at which it passes each knot, or the end before or after which it does; gain : the same shape, one
+    over its rate there, 0 where it does not pass; rising : ``(G, 1, 2, K)``; complete : whether there was room for all.
+    """
+
+    cell: jax.Array
+    low: jax.Array
+    high: jax.Array
+    time: jax.Array
+    gain: jax.Array
+    rising: jax.Array
+    complete: jax.Array
+
+
+def locate(law, deflection):
+    """The :class:`Passages` of deflections.
+
+    Parameters
+    ----------
+    law : Law, entries ``(G,)``
+    deflection : complex array ``(G, N+1)`` m
+
+    Notes
+    -----
+    A cell is parted at the extremum of ``l`` in it, if it has one, else in the middle. Cells without room are
+    integrated as sampling does.
+    """
+    law, deflection = lax.stop_gradient((law, deflection))
+    harmonics = deflection.shape[-1] - 1
+    smooth = _in_cells(deflection, _cells(harmonics))
+    cell, count = _choose(smooth, _knots(law), room := max(harmonics, LEAST_ROOM))
+    return Passages(cell, *_pass(_modes(smooth, cell), _knots(law)[..., None, None]), jnp.all(count <= room))
+
+
+def divide(law, deflection, passages=None):
+    """The :class:`Quadrature` of deflections, differentiable twice with respect to both arguments.
+
+    Parameters
+    ----------
+    law : Law, entries ``(G,)``
+    deflection : complex array ``(G, N+1)`` m
+    passages : Passages, optional
+        Of the same law and deflection, where they are known.
+
+    Returns
+    -------
+    Quadrature
+
+    Examples
+    --------
+    >>> import jax.numpy as jnp
+    >>> from jaxhb.harmonic import backlash
+    >>> law = backlash.Law(*(jnp.array([value]) for value in (1.0, 0.04, 0.2, 0.5)))
+    >>> cosine = jnp.array([[0.0, 0.5]])
+    >>> rule = divide(law, cosine)
+    >>> rule.analyze(rule.synthesize(cosine) ** 2, 2).real.round(12).tolist()
+    [[0.5, 0.0, 0.25]]
+    """
+    passages = locate(law, deflection) if passages is None else passages
+    cells = _cells(deflection.shape[-1] - 1)
+    modes = _modes(_in_cells(deflection, cells), passages.cell)
+    miss = _value(modes[:, :, None, None], passages.time) - _knots(law)[..., None, None]
+    time = passages.time - passages.gain * miss
+    time = jnp.where(passages.rising, time, time[:, ::-1])
+    breaks = jnp.concatenate([passages.low, time, passages.high], axis=1)
+    shape = (len(breaks), 1, -1, breaks.shape[-1])
+    low, high = breaks[:, :-1].reshape(shape), breaks[:, 1:].reshape(shape)
+    at = (high + low) / 2 + (high - low) / 2 * _AT[:, None, None]
+    weight = (high - low) / 2 * _WEIGHT[:, None, None]
+    shape = (len(breaks), -1, breaks.shape[-1])
+    return Quadrature(passages.cell, at.reshape(shape), weight.reshape(shape), cells)
+
+
+def _cells(harmonics):
+    return CELLS * max(harmonics, LEAST)
+
+
+def _knots(law):
+    """``(G, 4)``, rising."""
+    inner, outer = ((1 + side * law.transition) * law.backlash / 2 for side in (-1, 1))
+    return jnp.stack([-outer, -inner, inner, outer], axis=-1)
+
+
+def _choose(smooth, knots, room):
+    """Cells ``(G, room)`` in which the deflection may pass a knot, padded with their number; and how many there are."""
+    low, high = smooth.min(1), smooth.max(1)
+    slack = MARGIN * (high - low)
+    low, high = (low - slack)[..., None], (high + slack)[..., None]
+    passed = jnp.any((low < knots[:, None]) & (knots[:, None] < high), axis=-1)
+    cells = passed.shape[-1]
+    chosen = jax.vmap(lambda one: jnp.nonzero(one, size=room, fill_value=cells)[0])(passed)
+    return chosen, passed.sum(-1)
+
+
+def _pass(modes, knots):
+    """What :class:`Passages` holds between ``cell`` and ``complete``."""
+    powers = jnp.einsum("gmk,mi->igk", modes, _POWERS)[:, :, None, None]
+    rates = jnp.arange(1, POINTS)[:, None, None, None, None] * powers[1:]
+    edge = jnp.ones(powers.shape[1:])
+    turns = _horner(rates, -edge) * _horner(rates, edge) < 0
+    turn = jnp.where(turns, _root(rates, 0.0, -edge, edge), 0.0)
+    low, high = jnp.concatenate([-edge, turn], axis=2), jnp.concatenate([turn, edge], axis=2)
+    first, last = _horner(powers, low), _horner(powers, high)
+    rising = first <= last
+    sense = jnp.where(rising, 1.0, -1.0)
+    ahead, before = sense * (knots - first) > 0, sense * (last - knots) > 0
+    time = _root(powers, knots, *(jnp.broadcast_to(end, ahead.shape) for end in (low, high)))
+    rate = _horner(rates, time)
+    grazing = jnp.abs(rate) <= 1e-7 * jnp.max(jnp.abs(rates), axis=0)
+    gain = jnp.where(ahead & before & ~grazing, 1 / jnp.where(grazing, 1.0, rate), 0.0)
+    return low, high, jnp.where(ahead, jnp.where(before, time, high), low), gain, rising
+
+
+def _root(powers, level, low, high):
+    """Where a polynomial, monotonic from ``low`` to ``high``, has the value ``level``: Newton's method, bracketed."""
+    rates = jnp.arange(1, len(powers)).reshape(-1, *[1] * (powers.ndim - 1)) * powers[1:]
+    sense = jnp.sign(_horner(powers, high) - _horner(powers, low))
+
+    def step(_, state):
+        low, high, x = state
+        value = _horner(powers, x) - level
+        low, high = jnp.where(sense * value <= 0, x, low), jnp.where(sense * value <= 0, high, x)
+        rate = _horner(rates, x)
+        ahead = x - value / jnp.where(rate == 0, 1.0, rate)
+        inside = (rate != 0) & (ahead >= low) & (ahead <= high)
+        return low, high, jnp.where(inside, ahead, (low + high) / 2)
+
+    return lax.fori_loop(0, NEWTON_STEPS, step, (low, high, (low + high) / 2))[2]
+
+
+def _horner(powers, x):
+    """Value at x of the polynomials whose coefficients lie along the leading axis."""
+    value = powers[-1]
+    for coefficient in powers[-2::-1]:
+        value = value * x + coefficient
+    return value
+
+
+def _polynomials(x):
+    """Legendre polynomials of degree 0 .. POINTS-1 at x."""
+    found = [jnp.ones_like(x), x]
+    for k in range(1, POINTS - 1):
+        found.append(((2 * k + 1) * x * found[k] - k * found[k - 1]) / (k + 1))
+    return found
+
+
+def _value(modes, x):
+    """Value at x ``(G, ..., K)`` of the Legendre series ``(G, POINTS, ..., K)``."""
+    return sum(modes[:, m] * polynomial for m, polynomial in enumerate(_polynomials(x)))

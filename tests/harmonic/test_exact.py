@@ -1,0 +1,168 @@
+"""Exact integrals of a mesh force: against closed forms, adaptive quadrature, many samples; their derivatives."""
+
+import doctest
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from differences import differences
+from reference_data import method_case
+from scipy.integrate import quad
+from scipy.optimize import brentq
+
+from jaxhb.harmonic import backlash, exact, fourier
+from jaxhb.harmonic.backlash import Law
+
+EXACT = 1e-13
+"""Degree of the polynomials of a cell, for any spectrum of the deflection; relative to the largest force."""
+
+HARMONICS, MESHES = 6, 2
+
+
+@partial(jax.jit, static_argnames="samples")
+def coefficients(law, viscous, gated, deflection, samples=None):
+    """Coefficients of the mesh force, exact or sampled, at 1.3 rad/s."""
+    rule = fourier.Equidistant(samples) if samples else exact.divide(law, deflection)
+    rate = fourier.derivative(deflection, 1.3)
+    values = backlash.mesh_force(
+        law.expand(), viscous[:, None], gated, rule.synthesize(deflection), rule.synthesize(rate)
+    )
+    return rule.analyze(values, deflection.shape[-1] - 1)
+
+
+locate = jax.jit(exact.locate)
+
+
+def motion(seed, *, decay=1.0):
+    """Random deflections that pass the gap many times, and a law and damping for each."""
+    draw = np.random.default_rng(seed)
+    l = draw.normal(size=(MESHES, HARMONICS + 1)) + 1j * draw.normal(size=(MESHES, HARMONICS + 1))
+    l /= np.maximum(1, np.arange(HARMONICS + 1)) ** decay
+    l[:, 0] = 0.3 * l[:, 0].real
+    l /= np.abs(l).sum(-1, keepdims=True)
+    law = Law(np.array([1.0, 2.0]), np.array([0.02, 0.1]), np.array([0.3, 0.1]), np.array([0.4, 0.5]))
+    return law, np.array([0.3, 0.2]), l
+
+
+def test_docstring_example():
+    assert doctest.testmod(exact).failed == 0
+
+
+def test_case_a6_closed_form_of_a_cosine():
+    params, expected = method_case("A6_fourier_coefs_Acos")
+    law = Law(*(np.full(MESHES, float(v)) for v in (params["c"], params["eps"], 0.2, params["h"])))
+    l = np.zeros((MESHES, 12), complex)
+    l[:, 1] = float(params["A"]) / 2 * np.exp(1j * np.array([0.0, 0.7]))
+    turn = np.exp(-1j * np.arange(12) * np.array([0.0, 0.7])[:, None])
+    found = turn * coefficients(law, np.zeros(MESHES), False, l)
+    for k, value in expected["f_hat"].items():
+        np.testing.assert_allclose(found[:, int(k)], float(value), rtol=0, atol=EXACT)
+
+
+@pytest.mark.parametrize("gated", [False, True])
+def test_integrals_are_those_of_adaptive_quadrature_between_the_switching_times(gated):
+    law, viscous, l = motion(3)
+    found = coefficients(law, viscous, gated, l)
+    n = np.arange(HARMONICS + 1)
+    for mesh in range(MESHES):
+        own = Law(*(float(v[mesh]) for v in (law.stiffness, law.epsilon, law.transition, law.backlash)))
+
+        def deflection(t, c=l[mesh]):
+            return c[0].real + 2 * (c[1:] * np.exp(1j * n[1:] * t)).sum().real
+
+        def force(t, part, c=l[mesh], own=own, r=viscous[mesh], x=deflection):
+            rate = 2 * (1.3j * n[1:] * c[1:] * np.exp(1j * n[1:] * t)).sum().real
+            return part(np.exp(-4j * t)) * float(backlash.mesh_force(own, r, gated, x(t), rate)) / (2 * np.pi)
+
+        grid = np.linspace(0, 2 * np.pi, 401)
+        knots = [side * (1 + way * own.transition) * own.backlash / 2 for side in (-1, 1) for way in (-1, 1)]
+        times = [0.0, 2 * np.pi]
+        for knot in knots:
+            apart = np.array([deflection(t) for t in grid]) - knot
+            times += [
+                brentq(lambda t, k=knot: deflection(t) - k, grid[i], grid[i + 1], xtol=1e-15)
+                for i in np.flatnonzero(apart[1:] * apart[:-1] < 0)
+            ]
+        times = sorted(times)
+        for part, value in ((np.real, found[mesh, 4].real), (np.imag, found[mesh, 4].imag)):
+            arcs = [quad(force, a, b, (part,), epsabs=1e-15)[0] for a, b in zip(times[:-1], times[1:], strict=True)]
+            np.testing.assert_allclose(value, sum(arcs), rtol=0, atol=EXACT)
+
+
+def test_sampling_comes_near_with_its_order():
+    """Elastic forces have a continuous slope: order 3 in the number of samples; damping in contact: order 2."""
+    counts = np.array([2**8, 2**10, 2**12])
+    for gated, order in ((False, 3), (True, 2)):
+        apart = np.zeros((6, len(counts)))
+        for seed in range(6):  # one motion's error depends on where its knots fall among the samples
+            wanted = coefficients(*motion(seed)[:2], gated, motion(seed)[2])
+            for i, count in enumerate(counts):
+                sampled = coefficients(*motion(seed)[:2], gated, motion(seed)[2], samples=int(count))
+                apart[seed, i] = np.linalg.norm(sampled - wanted)
+        slope = np.polyfit(np.log(counts), np.log(np.sqrt((apart**2).mean(0))), 1)[0]
+        assert abs(slope + order) < 0.4
+
+
+def test_a_very_short_transition_costs_no_digits_but_those_of_its_own_width():
+    law, viscous, l = motion(2)
+    sharp = Law(law.stiffness, law.epsilon, np.full(MESHES, 1e-6), law.backlash)
+    found = coefficients(sharp, 0 * viscous, False, l)
+    np.testing.assert_allclose(found, coefficients(sharp, 0 * viscous, False, l, samples=2**19), rtol=0, atol=1e-10)
+
+
+def test_room_that_is_too_small_is_told():
+    law, _, l = motion(2)
+    assert locate(law, l).complete
+    fast = np.zeros((MESHES, 65), complex)
+    fast[:, 64] = 0.3
+    assert not locate(law, fast).complete
+
+
+def objective(theta, gated):
+    """A weighted sum of all coefficients, from packed deflections, law and damping in one vector."""
+    width = 2 * HARMONICS + 1
+    l = fourier.unpack(theta[: MESHES * width].reshape(MESHES, width))
+    law = Law(*theta[MESHES * width : -MESHES].reshape(4, MESHES))
+    weight = np.random.default_rng(4).normal(size=(MESHES, width))
+    return (fourier.pack(coefficients(law, theta[-MESHES:], gated, l)) * weight).sum()
+
+
+@partial(jax.jit, static_argnums=1)
+@partial(jax.vmap, in_axes=(0, None))
+def gradient(theta, gated):
+    return jax.value_and_grad(objective)(theta, gated)
+
+
+hessian = jax.jit(jax.hessian(objective), static_argnums=1)
+
+
+def packed(law, viscous, l):
+    return np.concatenate([np.ravel(fourier.pack(jnp.asarray(l))), *jax.tree.leaves(law), viscous])
+
+
+@pytest.mark.parametrize("gated", [False, True])
+def test_first_and_second_derivatives_are_those_of_differences(gated):
+    """In deflections, stiffness, epsilon, transition, backlash and damping; fourth-order differences: 1e-9 at worst."""
+    theta = packed(*motion(3))
+    steps = np.full(len(theta), 1e-4)
+    first = differences(lambda at: gradient(at, gated)[0], theta, steps)
+    found = gradient(theta[None], gated)[1][0]
+    np.testing.assert_allclose(found, first, rtol=0, atol=1e-9 * np.abs(first).max())
+    away = np.diag(steps)
+    near, back, far, farther = (np.asarray(gradient(theta + k * away, gated)[1]) for k in (1, -1, 2, -2))
+    second = (8 * (near - back) - (far - farther)) / 12e-4
+    np.testing.assert_allclose(hessian(theta, gated), second, rtol=0, atol=1e-8 * np.abs(second).max())
+
+
+@pytest.mark.parametrize("mean", [0.0, 0.14, 0.26])
+def test_derivatives_are_finite_at_rest_on_a_knot_and_at_a_grazing_passage(mean):
+    law, viscous, l = motion(3)
+    inner = (1 - law.transition) * law.backlash / 2
+    for amplitude in (0.0, 0.1):
+        resting = np.zeros_like(l)
+        resting[:, 0], resting[:, 1] = (mean or inner) - amplitude, amplitude / 2  # touches l = mean at t = 0
+        theta = packed(law, viscous, resting)
+        value, first = gradient(theta[None], True)
+        assert np.isfinite(value).all() and np.isfinite(first).all() and np.isfinite(hessian(theta, True)).all()

@@ -1,0 +1,89 @@
+"""Solutions and derivatives with exact integrals: against sampling at 16 N, and against differences."""
+
+import dataclasses
+from functools import cache, partial
+
+import jax
+import numpy as np
+import pytest
+from differences import Tight
+from trains import branched_parts, build
+
+import jaxhb
+
+KEYS = (
+    "crank gear|idler.stiffness",
+    "crank gear|idler.damping",
+    "pump gear|idler.backlash",
+    "pump gear|idler.damping",
+    "ring.damping",
+)
+ONES = np.ones(len(KEYS))
+HARMONICS = 32
+
+
+COMMON = {"harmonics": HARMONICS, "active": (0, 1), "flank": (0, 0), "start": "march", "instants": 768}
+SAMPLED = Tight(**COMMON, tolerance=0.5, excited=3)
+EXACT = dataclasses.replace(SAMPLED, integrals="exact")
+
+
+@cache
+def train():
+    return build(branched_parts(), reference="crank gear")
+
+
+def value(factors, plan):
+    """One number that both meshes enter, and how the solve went."""
+    changed = train().replace({key: train().value(key) * x for key, x in zip(KEYS, factors, strict=True)})
+    r = jaxhb.solve(changed, rpm=1500.0, plan=plan)
+    tooth = r.force("crank gear", "idler").smooth_peak(8) / 700
+    return tooth + r.torque("pump gear", "pump").order(1.0) / 10, (r.status, r.deflections)
+
+
+@partial(jax.jit, static_argnums=1)
+def gradient(factors, plan):
+    return jax.value_and_grad(value, has_aux=True)(factors, plan)
+
+
+@jax.jit
+def second(factors):
+    """Hessian forward over reverse, and the gradient, with exact integrals."""
+
+    def first(at):
+        found, (status, _) = jax.grad(value, has_aux=True)(at, EXACT)
+        return found, (found, status)
+
+    return jax.jacfwd(first, has_aux=True)(factors)
+
+
+@pytest.fixture(scope="module")
+def found():
+    return {"sampled": gradient(ONES, SAMPLED), "exact": second(ONES)}
+
+
+def test_gradient_at_16_samples_per_harmonic_is_wrong_by_less_than_three_per_mille(found):
+    _, (exact, status) = found["exact"]
+    assert status == jaxhb.Status.CONVERGED
+    apart = np.abs(found["sampled"][1] - exact).max() / np.abs(exact).max()
+    assert 1e-5 < apart < 3e-3  # order 2 in the samples, with a constant that depends on where the knots fall
+
+
+def test_hessian_is_that_of_differences_of_gradients_with_two_meshes_separating(found):
+    hessian, _ = found["exact"]
+    step = 2e-4
+    rows = [(second(ONES + e)[1][0] - second(ONES - e)[1][0]) / (2 * step) for e in step * np.eye(len(KEYS))]
+    np.testing.assert_allclose(hessian, rows, rtol=0, atol=1e-5 * np.abs(hessian).max())
+    np.testing.assert_allclose(hessian, hessian.T, rtol=0, atol=1e-10 * np.abs(hessian).max())
+
+
+def test_the_path_tells_of_exact_integrals():
+    assert "exact integrals" in str(EXACT) and "exact integrals" not in str(SAMPLED)
+
+
+def test_exact_integrals_are_refused_where_there_are_none():
+    with pytest.raises(ValueError, match="go with 'reduced' only"):
+        jaxhb.plan(train(), rpm=1500.0, method="chain", integrals="exact")
+    with pytest.raises(ValueError, match="give 'sampled' or 'exact'"):
+        jaxhb.solve(train(), rpm=1500.0, integrals="gauss")
+    with pytest.raises(ValueError, match="belong to the plan"):
+        jaxhb.solve(train(), rpm=1500.0, plan=SAMPLED, integrals="exact")
