@@ -313,7 +313,7 @@ def _climb(train, rpm, plan, modes, adaptive, begins):
         if adaptive and int(begins.status) == Status.TOLERANCE_NOT_MET:
             above = decide.next_level(begins.harmonics, plan.method) or decide.MOST[plan.method]
             plan = dataclasses.replace(plan, harmonics=max(plan.harmonics, above))
-    path, starts = [], None
+    path, starts, raised = [], None, False
     plan = dataclasses.replace(plan, start="march" if begins == "march" else "linear")
     while True:
         marching = plan.start == "march"
@@ -339,7 +339,8 @@ def _climb(train, rpm, plan, modes, adaptive, begins):
             plan = dataclasses.replace(plan, start="march")
         elif status in _UNSOLVED and starts and (another := next(starts, None)) is not None:
             given, instants = another
-        elif status in _UNSOLVED and starts and higher and (given is not None or closure <= SETTLED):
+        elif status in _UNSOLVED and starts and higher and not raised and (given is not None or closure <= SETTLED):
+            raised = True
             plan = dataclasses.replace(plan, harmonics=higher)
         else:
             return dataclasses.replace(response, path=tuple(path)), plan
