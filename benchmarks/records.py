@@ -1,9 +1,12 @@
 """Rows of the benchmarks: one core, versions, medians over repeats, JSON lines, a table for people."""
 
+import contextlib
 import json
 import os
 import platform
+import resource
 import statistics
+import sys
 import time
 from importlib import metadata
 from pathlib import Path
@@ -37,6 +40,28 @@ def device():
         names = [line.partition(":")[2].strip() for line in listed.read_text().splitlines() if "model name" in line]
         model = names[0] if names else model
     return {"cpu": model, "cores": len(os.sched_getaffinity(0)), "jax": str(jax.devices()[0])}
+
+
+def forget_peak():
+    """Start the peak of the resident memory anew, where the system can (Linux)."""
+    with contextlib.suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")
+
+
+def peak_memory():
+    """Largest resident memory of this process since :func:`forget_peak` (else since it began), MiB."""
+    listed = Path("/proc/self/status")
+    if listed.exists():
+        return next(int(line.split()[1]) / 1024 for line in listed.read_text().splitlines() if "VmHWM" in line)
+    used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return used / 2**20 if sys.platform == "darwin" else used / 1024
+
+
+def exponent(sizes, seconds):
+    """Slope of log time over log size by least squares; nan for fewer than two points."""
+    if len(sizes) < 2:
+        return float("nan")
+    return float(np.polyfit(np.log(sizes), np.log(seconds), 1)[0])
 
 
 def timed(call, repeats, enough=30.0):

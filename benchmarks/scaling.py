@@ -5,7 +5,8 @@
     python benchmarks/scaling.py --json rows.jsonl --quick
 
 Run time on one core, medians of repeats after a first call that compiles. Exponents are slopes of log time over log
-size by least squares. ``compile`` starts fresh processes.
+size by least squares. ``peak_MiB`` is the largest resident memory of the process while the row was measured, its
+compilation and the programs of the rows before it included. ``compile`` starts fresh processes and counts programs.
 """
 
 import argparse
@@ -14,13 +15,15 @@ import os
 import subprocess
 import sys
 import tempfile
+from functools import partial
 from pathlib import Path
 
 import numpy as np
-from records import Recorder, pin, timed
+from records import Recorder, exponent, forget_peak, peak_memory, pin, timed
 from refined_trains import accessory_drive, refined, with_tooth_damping
 
 import jaxhb
+from jaxhb.linear.response import stack
 
 COLUMNS = {
     "part": "<10s",
@@ -31,6 +34,8 @@ COLUMNS = {
     "seconds": "9.4f",
     "spread": "8.4f",
     "compile_seconds": "15.2f",
+    "peak_MiB": "8.0f",
+    "programs": "8d",
     "status": "<20s",
 }
 RPM, DAMPING = 1833.0, 0.05
@@ -39,14 +44,22 @@ FRESH = """
 import json, os, sys, time
 begin = time.perf_counter()
 sys.path.insert(0, {folder!r})
-from records import pin
+from records import peak_memory, pin
 pin({core})
-import jaxhb
+import jax, jaxhb
+programs = []
+jax.monitoring.register_event_duration_secs_listener(
+    lambda event, seconds, **_: programs.append(seconds) if event.endswith("backend_compile_duration") else None
+)
 loaded = time.perf_counter()
 response = jaxhb.solve(jaxhb.load_scene("gear_train_30"), rpm={rpm})
 first = time.perf_counter()
 jaxhb.solve(jaxhb.load_scene("gear_train_30"), rpm={rpm})
-print(json.dumps([loaded - begin, first - loaded, time.perf_counter() - first, int(response.status)]))
+second = time.perf_counter()
+print(json.dumps(dict(
+    import_seconds=loaded - begin, first_call_seconds=first - loaded, seconds=second - first, programs=len(programs),
+    compiler_seconds=sum(programs), peak_MiB=peak_memory(), status=int(response.status),
+)))
 """
 
 
@@ -55,6 +68,7 @@ GOOD = (jaxhb.Status.CONVERGED, jaxhb.Status.TOLERANCE_NOT_MET)
 
 def _row(recorder, part, size, setting, call, repeats, share=1):
     """Time a call and record it; seconds (per ``share``) if the equations were solved, else None."""
+    forget_peak()
     try:
         response, first, seconds, spread = timed(call, repeats)
     except jaxhb.NotConverged as error:
@@ -71,6 +85,7 @@ def _row(recorder, part, size, setting, call, repeats, share=1):
         seconds=seconds / share,
         spread=spread / share,
         compile_seconds=first - seconds,
+        peak_MiB=peak_memory(),
         status=name if status.size == 1 else f"{(status == 0).sum()}/{status.size} good",
         path=list(response.path),
     )
@@ -81,7 +96,7 @@ def _exponent(label, sizes, seconds):
     """Print the slope over the sizes that were solved."""
     good = [(size, time) for size, time in zip(sizes, seconds, strict=True) if time]
     if len(good) > 1:
-        slope = np.polyfit(*np.log(np.array(good)).T, 1)[0]
+        slope = exponent(*zip(*good, strict=True))
         print(f"{label}: time ~ size^{slope:.2f} from {good[0][0]} to {good[-1][0]}\n", flush=True)
 
 
@@ -90,9 +105,12 @@ def _train(disks=27):
 
 
 def harmonics(recorder, options):
-    """Fixed harmonics, decided by the solve and under a plan; what lies below the mesh modes may fail."""
-    sizes = (128, 256) if options.quick else (128, 192, 256, 384, 512, 768, 1024)
-    for label, train, rpm in (("4 accessories", accessory_drive(4), 1500.0), ("gear_train_30", _train(), RPM)):
+    """Fixed harmonics, decided by the solve and under a plan, above the mesh modes: below them there is no solution."""
+    cases = (
+        ("4 accessories", accessory_drive(4), 1500.0, (128, 256) if options.quick else (128, 256, 512, 1024)),
+        ("gear_train_30", _train(), RPM, (512,) if options.quick else (384, 512, 768, 1024)),
+    )
+    for label, train, rpm, sizes in cases:
         for planned in (False, True):
             name = f"{label}, {'planned' if planned else 'cold'}"
             seconds = [
@@ -155,19 +173,20 @@ def meshes(recorder, options):
 
 
 def speeds(recorder, options):
-    """Seconds per speed of ``solve_speeds`` over the range of the engine, against a loop over its speeds."""
+    """Seconds per speed of ``solve_speeds`` over the range of the engine, and of a loop over its speeds."""
     train, sizes = _train(), (4,) if options.quick else (1, 8, 32, 128)
+    repeats = max(1, options.repeats // 2)
     for size in sizes:
         rpm = np.linspace(600.0, 2450.0, size) if size > 1 else np.array([RPM])
-        _row(
-            recorder,
-            "speeds",
-            size,
-            "per speed, solve_speeds",
-            lambda r=rpm: jaxhb.solve_speeds(train, rpm=r),
-            max(1, options.repeats // 2),
-            share=size,
-        )
+        sweep = partial(jaxhb.solve_speeds, train, rpm=rpm)
+        _row(recorder, "speeds", size, "per speed, solve_speeds", sweep, repeats, share=size)
+        if size in (4, 32):
+            _row(recorder, "speeds", size, "per speed, loop of solve", partial(_loop, train, rpm), repeats, share=size)
+
+
+def _loop(train, rpm):
+    """The responses one after the other, as one with a leading axis."""
+    return stack([jaxhb.solve(train, rpm=float(speed)) for speed in rpm])
 
 
 def compile_times(recorder, options):
@@ -180,17 +199,13 @@ def compile_times(recorder, options):
             done = subprocess.run(
                 [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
             )
-            loading, first, second, status = json.loads(done.stdout.strip().splitlines()[-1])
-            recorder.add(
-                part="compile",
-                size=27,
-                setting=f"{name}; import takes {loading:.1f} s",
-                seconds=second,
-                import_seconds=loading,
-                first_call_seconds=first,
-                compile_seconds=first - second,
-                status=jaxhb.Status(status).name,
-            )
+            seen = json.loads(done.stdout.strip().splitlines()[-1])
+            seen |= {
+                "status": jaxhb.Status(seen["status"]).name,
+                "compile_seconds": seen["first_call_seconds"] - seen["seconds"],
+            }
+            setting = f"{name}; import takes {seen['import_seconds']:.1f} s"
+            recorder.add(part="compile", size=27, setting=setting, cache=name, **seen)
 
 
 PARTS = {"harmonics": harmonics, "disks": disks, "meshes": meshes, "speeds": speeds, "compile": compile_times}
