@@ -137,7 +137,7 @@ def _fixed(train, rpm, size, planned):
 def disks(recorder, options):
     """Shafts cut into pieces: at fixed harmonics, and to the default tolerance."""
     sizes = (27, 300) if options.quick else (27, 100, 300, 1000, 3000)
-    for setting, wanted in (("256 harmonics", {"harmonics": 256}), ("tolerance 1 %", {})):
+    for setting, wanted in (("512 harmonics", {"harmonics": 512}), ("tolerance 1 %", {})):
         seconds = []
         for size in sizes:
             train = _train(size)
