@@ -14,7 +14,6 @@ seconds are those times 100 / few.
 
 import argparse
 import json
-import os
 import subprocess
 from pathlib import Path
 
@@ -124,12 +123,11 @@ def deviation(link, wanted):
     return max(float(np.abs(np.subtract(extremes(a), extremes(b))).max()) for a, b in pairs) / BACKLASH
 
 
-def peer(python, core, name, masses, speeds):
+def peer(python, name, masses, speeds):
     """What :mod:`peer_codes` prints, or a sentence why it did not."""
-    alone = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
     code = Path(__file__).parent / "peer_codes.py"
     command = [python, str(code), name, str(masses), str(speeds)]
-    done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, **alone})
+    done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:
         return (done.stderr.strip().splitlines() or ["no output"])[-1]
     return json.loads(done.stdout.strip().splitlines()[-1])
@@ -158,7 +156,7 @@ def run(masses, options, recorder):
     for code, count in {"pyHarm-os": 100, "pyHarm-os, NLdofs": 100, "harmonicbalance": few}.items():
         if not options.peers or code not in options.codes:
             continue
-        answer = peer(options.peers, options.core, code, masses, count)
+        answer = peer(options.peers, code, masses, count)
         if isinstance(answer, str):
             rows.append({"code": code, "status": answer[:80]})
             continue

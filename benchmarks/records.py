@@ -14,11 +14,21 @@ from pathlib import Path
 import jax
 import numpy as np
 
+BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+
 
 def pin(core):
-    """Keep this process on one core; called before anything is computed, so that JAX starts one thread."""
-    if core >= 0 and hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {core})
+    """Keep this process on one core; called before anything is computed, so that JAX starts one thread.
+
+    BLAS has made its threads when it was imported, and several on one core wait for each other (a singular value
+    decomposition of 300 disks took 0.7 s instead of 0.03 s): the process begins anew with one.
+    """
+    if core < 0 or not hasattr(os, "sched_setaffinity"):
+        return
+    os.sched_setaffinity(0, {core})
+    if any(os.environ.get(name) != "1" for name in BLAS_THREADS):
+        os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))
+        os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
 
 
 def versions():
