@@ -1,20 +1,21 @@
 """The task of :mod:`chain_task`, a sweep of 100 speeds, by jaxhb, by other harmonic-balance codes and by plain numpy.
 
     python -m venv .venv-peers && .venv-peers/bin/pip install pyHarm-os harmonicbalance
-    python benchmarks/peers.py --peers .venv-peers/bin/python --json rows.jsonl            about 3 minutes
-    python benchmarks/peers.py                                                             jaxhb and numpy alone, 20 s
+    python benchmarks/peers.py --peers .venv-peers/bin/python --json rows.jsonl     3 minutes, with --few 5 half of it
+    python benchmarks/peers.py --codes                                              jaxhb and numpy alone, 30 s
 
 pyHarm-os 1.2 wants an older JAX than jaxhb, hence the environment of its own; all run in turn on the same core, with
 15 harmonics and 240 samples of the law (harmonicbalance has 61 and no choice), from one speed to the next except
 jaxhb, whose speeds are all cold starts. ``error`` is the largest deviation of the link's extremes over the sweep from
 those of the full numpy solution, relative to the backlash; a row that is wrong by more than 1e-3 is no rival and says
-so. Seconds are run time of the whole sweep; compilation beside it. harmonicbalance solves ``--few`` speeds, and its
-seconds are those times 100 / few.
+so. Seconds are run time of the whole sweep; compilation beside it. With ``--few`` harmonicbalance solves the first few
+speeds, at which it takes the fewest steps, and its seconds are those times 100 / few.
 """
 
 import argparse
 import json
 import subprocess
+import sys
 from pathlib import Path
 
 import jax
@@ -153,9 +154,8 @@ def run(masses, options, recorder):
         wrong = {"status": f"{unsolved} speeds not solved"} if unsolved else {}
         add(code, listed(np.asarray(link)), seconds, spread=spread, compile_seconds=first - seconds, **wrong)
     few = min(options.few, len(SWEEP))
-    for code, count in {"pyHarm-os": 100, "pyHarm-os, NLdofs": 100, "harmonicbalance": few}.items():
-        if not options.peers or code not in options.codes:
-            continue
+    for code in options.codes:
+        count = few if code == "harmonicbalance" else len(SWEEP)
         answer = peer(options.peers, code, masses, count)
         if isinstance(answer, str):
             rows.append({"code": code, "status": answer[:80]})
@@ -167,7 +167,7 @@ def run(masses, options, recorder):
 
 
 def _record(masses, rows, recorder):
-    """Add the rows with their ratio to the slowest way of pyHarm-os, or else of numpy."""
+    """Add the rows with their ratio to pyHarm-os, or else to numpy."""
     place = published()["cpu_seconds_one_thread"]["columns"].index(f"sweep S={masses}")
     seconds = {row["code"]: row.get("seconds") for row in rows}
     base = seconds.get("pyHarm-os") or seconds["numpy, all masses"]
@@ -183,11 +183,11 @@ def _record(masses, rows, recorder):
 def main():
     """Run what the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--peers", help="interpreter of an environment with pyHarm-os and harmonicbalance")
+    parser.add_argument("--peers", default=sys.executable, help="interpreter that has pyHarm-os and harmonicbalance")
     names = ["pyHarm-os", "pyHarm-os, NLdofs", "harmonicbalance"]
-    parser.add_argument("--codes", nargs="+", choices=names, default=names, metavar="CODE", help="; ".join(names))
+    parser.add_argument("--codes", nargs="*", choices=names, default=names, metavar="CODE", help="; ".join(names))
     parser.add_argument("--masses", type=int, nargs="+", choices=(3, 10), default=[10])
-    parser.add_argument("--few", type=int, default=5, help="speeds that harmonicbalance solves")
+    parser.add_argument("--few", type=int, default=len(SWEEP), help="speeds that harmonicbalance solves")
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--core", type=int, default=0, help="the core to stay on; -1: any")
     parser.add_argument("--json", help="file for JSON lines")

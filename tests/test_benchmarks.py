@@ -106,5 +106,109 @@ def test_the_implicit_integrator_is_of_second_order_while_teeth_stay_in_contact(
     assert 3.5 < errors[0] / errors[1] < 4.5
 
 
+@pytest.mark.parametrize(("masses", "frequency"), [(3, 1.10), (10, 0.94)])
+def test_the_chain_task_has_its_published_points(masses, frequency):
+    from chain_task import condensed_sweep, extremes, full_sweep, published
+
+    told = published()["single"]
+    ends = {3: (0.218, 1.303), 10: (0.180, 1.225)}[masses]
+    assert all(f"{end:.3f}" in told for end in ends)
+    speeds = np.linspace(1.30, frequency, 30)
+    folded, full = condensed_sweep(masses, speeds)[-1], full_sweep(masses, speeds)[-1]
+    np.testing.assert_allclose(folded, full, atol=1e-7)  # both to a residual of 1e-8
+    np.testing.assert_allclose(extremes(full), ends, atol=5e-4)  # half a unit of the last digit
+
+
+def test_the_chain_as_a_drive_train_moves_like_the_numpy_floor():
+    from chain_task import condensed_sweep
+    from peers import chain_train, deviation, listed, rpm_of
+
+    speeds = np.linspace(1.30, 0.94, 30)
+    response = jaxhb.solve(chain_train(10), rpm=float(rpm_of(speeds[-1])), harmonics=15, tolerance=0.5)
+    assert response.converged
+    own = listed(response.deflections)
+    wanted = condensed_sweep(10, speeds)[-1:]
+    assert deviation(own, wanted) < 1e-7
+    assert deviation(own, 1.01 * wanted) > 1e-3
+
+
+def test_a_peer_solves_the_same_chain():
+    pytest.importorskip("harmonicbalance")
+    from chain_task import SWEEP, full_sweep
+    from peer_codes import harmonicbalance_sweep
+    from peers import ALLOWED, deviation
+
+    found, _ = harmonicbalance_sweep(3, SWEEP[:2])
+    assert deviation(found, full_sweep(3, SWEEP[:2])) < ALLOWED
+
+
+def test_a_code_that_is_not_there_leaves_a_sentence():
+    import sys
+
+    from peers import peer
+
+    assert "KeyError" in peer(sys.executable, "nobody", 3, 1)
+
+
+def test_exponents_are_those_of_a_power_law():
+    from records import exponent
+
+    assert np.isclose(exponent([1, 10, 30], [2.0, 2 * 10**1.3, 2 * 30**1.3]), 1.3)
+    assert np.isnan(exponent([1], [2.0]))
+
+
+def test_the_peak_of_memory_forgets_what_was_before():
+    from records import forget_peak, peak_memory
+
+    forget_peak()
+    before = peak_memory()
+    np.ones(2**25).sum()  # 256 MiB
+    assert 250 < peak_memory() - before < 350
+    forget_peak()
+    assert peak_memory() - before < 100
+
+
+def _row(method, setting, seconds, error, status="settled", rpm=1833.0):
+    return {
+        "benchmark": "work-precision",
+        "method": method,
+        "setting": setting,
+        "disks": 27,
+        "damping_percent": 6,
+        "rpm": rpm,
+        "seconds": seconds,
+        "error": error,
+        "status": status,
+    }
+
+
+def test_a_curve_has_medians_over_speeds_and_no_setting_that_another_beats():
+    from figures import curves
+
+    rows = [
+        *(_row("rk4", "steps 10", s, e, rpm=r) for s, e, r in ((1.0, 0.1, 1), (2.0, 0.2, 2), (9.0, 0.9, 3))),
+        *(_row("rk4", "steps 20", s, 0.01, rpm=r) for s, r in ((3.0, 1), (4.0, 2), (5.0, 3))),
+        *(_row("rk4", "steps 30", 6.0, 0.02, rpm=r) for r in (1, 2, 3)),
+        _row("rk4", "steps 5", 0.1, 1e-9, "never settles"),
+        _row("jaxhb", "tolerance 0.01", None, None),
+    ]
+    assert curves(rows) == {"rk4": [(2.0, 0.2, 3), (4.0, 0.01, 3)]}
+
+
+def test_the_stored_rows_are_drawn(tmp_path):
+    pytest.importorskip("matplotlib")
+    from figures import draw, read
+
+    stored = read(sorted((FOLDER / "results").glob("*.jsonl")))
+    drawn = draw(stored)
+    assert set(drawn) == {"work_precision", "scaling", "peers"}
+    panels = {(r["disks"], r["damping_percent"]) for r in stored["work-precision"]}
+    assert len(drawn["work_precision"].axes) == len(panels)
+    assert {(27, 6), (27, 1), (3000, 6), (3000, 1)} <= panels
+    for name, figure in drawn.items():
+        figure.savefig(tmp_path / f"{name}.png")
+        assert (FOLDER / "figures" / f"{name}.png").exists()
+
+
 def test_the_module_of_the_integrators_is_the_only_one_that_imports_numba():
     assert [p.name for p in FOLDER.glob("*.py") if "numba import" in p.read_text()] == ["integrators.py"]
