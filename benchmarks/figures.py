@@ -170,6 +170,8 @@ def peers(rows):
             color = "C3" if row["code"].startswith("jaxhb") else "0.6" if row["code"].startswith("numpy") else "C0"
             ax.barh(row["code"], 1e3 * row["seconds"], color=color)
             note = f" {1e3 * row['seconds']:.0f} ms, x {row['ratio']:.3g}"
+            if row.get("solved", row["speeds"]) < row["speeds"]:
+                note += f" (from {row['solved']} speeds)"
             ax.text(1e3 * row["seconds"], row["code"], note, va="center", fontsize=8)
         base = "pyHarm-os" if any(r["code"] == "pyHarm-os" for r in own) else "numpy, all masses"
         ax.set(xscale="log", xlabel=f"run time of the sweep of {own[0]['speeds']} speeds in ms")

@@ -115,7 +115,7 @@ class Recorder:
         cells = [_cell(row.get(name), form) for name, form in self.columns.items()]
         print("  ".join(cells), flush=True)
         if self.file:
-            self.file.write(json.dumps(_plain({**self.common, **row})) + "\n")
+            self.file.write(json.dumps(_plain({**self.common, "load_average": os.getloadavg()[0], **row})) + "\n")
             self.file.flush()
 
 
