@@ -16,6 +16,7 @@ import argparse
 import json
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import jax
@@ -126,9 +127,10 @@ def deviation(link, wanted):
 
 def peer(python, name, masses, speeds):
     """What :mod:`peer_codes` prints, or a sentence why it did not."""
-    code = Path(__file__).parent / "peer_codes.py"
-    command = [python, str(code), name, str(masses), str(speeds)]
-    done = subprocess.run(command, capture_output=True, text=True)
+    code = Path(__file__).resolve().parent / "peer_codes.py"
+    command = [str(Path(python).absolute()), str(code), name, str(masses), str(speeds)]
+    with tempfile.TemporaryDirectory() as folder:  # pyHarm writes into the folder that it runs in
+        done = subprocess.run(command, capture_output=True, text=True, cwd=folder)
     if done.returncode:
         return (done.stderr.strip().splitlines() or ["no output"])[-1]
     return json.loads(done.stdout.strip().splitlines()[-1])
