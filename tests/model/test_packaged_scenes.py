@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import jaxhb
 from jaxhb.model.drivetrain import inertias, speed_ratios
 from jaxhb.model.engine import excitation, highest_harmonic, load_power_kW
 from jaxhb.model.scene import load_scene, scene_description, scene_names
@@ -55,7 +56,7 @@ def test_all_examples_in_the_docstrings_hold():
 
 
 def test_every_packaged_scene_loads_and_has_a_description():
-    assert {"gear_train_30", "six_cylinder_diesel", "spur_pair"} <= set(scene_names())
+    assert {"engine_with_damper", "gear_train_30", "six_cylinder_diesel", "spur_pair"} <= set(scene_names())
     for name in scene_names():
         assert load_scene(name).topology.name == name
         assert scene_description(name)
@@ -172,3 +173,25 @@ def test_spur_pair_is_the_oscillator_of_the_reference_while_in_contact():
         mean = torque[0, 0].real / 0.05 / train.value("gear a|gear b.stiffness") / half
         assert abs(1 + mean - row["mean"]) < 1e-12
         assert highest_harmonic(train) == 1
+
+
+def test_engine_with_damper_is_the_diesel_with_gears_of_six_percent_tooth_damping():
+    train, diesel = load_scene("engine_with_damper"), load_scene("six_cylinder_diesel")
+    np.testing.assert_array_equal(train.disks.inertia[:9], diesel.disks.inertia)
+    for field in ("stiffness", "loss_factor"):
+        np.testing.assert_array_equal(getattr(train.shafts, field)[:8], getattr(diesel.shafts, field))
+    for field in vars(diesel.cylinders):
+        np.testing.assert_array_equal(getattr(train.cylinders, field), getattr(diesel.cylinders, field))
+    ends = np.array(train.topology.mesh_ends)
+    mass = train.disks.inertia[ends] / train.disks.radius[ends] ** 2
+    ratio = train.meshes.damping / (2 * np.sqrt(train.meshes.stiffness * mass.prod(1) / mass.sum(1)))
+    np.testing.assert_allclose(ratio, 0.06, rtol=5e-3)  # three digits are written
+    assert {train.topology.damper_disk} == {(train.topology.disk_index("hub"),) * 2}
+
+
+def test_engine_with_damper_has_a_viscous_form_that_is_solved_where_its_teeth_hammer():
+    train = load_scene("engine_with_damper").with_viscous_damping(hz=217.0)
+    assert not train.shafts.loss_factor.any() and not train.dampers.loss_factor.any()
+    plan = jaxhb.Plan(harmonics=192, active=(0, 2), flank=(0, 0, 0), start="march", instants=768, excited=24)
+    response = jaxhb.check(jaxhb.solve(train, rpm=2300.0, plan=plan))
+    assert response.mesh("crank gear|idler").separated_fraction > 0.1
