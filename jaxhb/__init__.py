@@ -41,4 +41,13 @@ __all__ = [
     "shooting_correction",
     "solve",
     "solve_speeds",
+    "tune",
 ]
+
+
+def __getattr__(name):
+    if name == "tune":  # loads optax, which nothing else needs
+        from .design import tune
+
+        return tune
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,0 +1,245 @@
+"""The way down: steps of all starts side by side, none of which loses a speed, and their history."""
+
+import dataclasses
+import time
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+
+from ..model.elements import SceneError
+from ..periodic import harmonics as decide
+from ..periodic.newton import Status
+
+LONGEST = 1.5
+"""Largest change of a z in one step: the share of the range then moves by at most 0.36."""
+
+TRIALS, EXPANSIONS = 12, 2
+DECREASE, CURVATURE = 1e-4, 0.9
+"""Of the line search: Armijo's and Wolfe's conditions."""
+
+FLAT = 1e-7
+"""Largest slope, as a share of the objective, at which nothing is left to win."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """One accepted step of a tuning.
+
+    number : 0 is the start; objective : of the best design; parameters : of the best design by name
+    gradient_norm : of the best design, with respect to z; valid : speeds solved there; width : of the smooth maximum
+    start : which of the starts is best; evaluations : so far, of all starts at once; plan : of the solves
+    seconds : since the beginning
+    """
+
+    number: int
+    objective: float
+    parameters: dict
+    gradient_norm: float
+    valid: int
+    width: float
+    start: int
+    evaluations: int
+    plan: str
+    seconds: float
+
+
+class Descent:
+    """The designs of all starts as they are now, the best ones, and the history of the best of all."""
+
+    def __init__(self, bench, optimizer, *, searching, rate, widths, improvement, patience, on_step):
+        """``optimizer``: an optax transformation; ``searching``: with line search, else strides of ``rate``."""
+        self.bench, self.optimizer, self.searching, self.rate = bench, optimizer, searching, rate
+        self.widths, self.improvement, self.patience, self.on_step = widths, improvement, patience, on_step
+        self.update = jax.jit(jax.vmap(optimizer.update))
+        self.history, self.began = [], time.monotonic()
+
+    def run(self, z, steps):
+        """From the designs z to the end, or to Ctrl-C.
+
+        Returns
+        -------
+        first, best : Point; winner : int, number of the best start; stopped : str; interrupted : bool
+        """
+        first = self.best = self.point = self._first(z)
+        self._note(0)
+        try:
+            stopped, interrupted = self._stages(steps), False
+        except KeyboardInterrupt:
+            stopped, interrupted = "stopped by the user", True
+        return first, self.best, self._winner(self.best), stopped, interrupted
+
+    def _first(self, z):
+        """The starts, solved; objectives from now on are shares of those of the train as it is."""
+        bench = self.bench
+        point = bench.first(z)
+        if not point.solved[0].any():
+            raise SceneError(_nothing_solved(bench, point.status[0]))
+        while bench.finer_plan(point, point.solved):
+            point = bench.first(z)
+        self.counted = point.solved
+        chosen = zip(bench.task.objectives, point.readings, strict=False)
+        bench.scales = np.array([_size(objective, values[0][point.solved[0]]) for objective, values in chosen])
+        self._sharpen(self.widths[0], point)
+        return bench.at(z, point, self.counted)
+
+    def _sharpen(self, share, point):
+        """Smooth maxima of the width ``share`` of the worst value of the best design."""
+        best, self.share = self._winner(point), share
+        chosen = zip(self.bench.task.objectives, point.readings, strict=False)
+        worst = [_size(objective, values[best][point.solved[best]]) for objective, values in chosen]
+        self.bench.widths = share * np.array(worst) / self.bench.scales
+
+    def _stages(self, steps):
+        """Each width in turn until nothing is won or the steps are used up."""
+        number = 0
+        for width in self.widths:
+            if width != self.share:
+                self._sharpen(width, self.best)
+                self._renew()
+            ended, number = self._descend(number, steps)
+            if ended:
+                return f"stopped after {steps} steps, which is all that was allowed"
+        return "stopped where nothing more is won"
+
+    def _descend(self, number, steps):
+        """Steps at one width: (whether the steps are used up, their number)."""
+        idle, memory = np.zeros(len(self.point.z), dtype=int), self._memory()
+        while number < steps:
+            steep = np.abs(self.point.gradient).max(1) > FLAT * np.abs(self.point.value)
+            moving = (idle < self.patience) & steep
+            if not moving.any():
+                return False, number
+            direction, memory = self._direction(memory)
+            before = self.point
+            after, moved = self._step(before, direction, moving)
+            number += 1
+            self.point = after.where(moved, before)
+            won = self.best.value - self.point.value
+            idle = np.where(won > self.improvement * np.abs(self.best.value), 0, idle + 1)
+            idle = np.where(moved, idle, np.maximum(idle, self.patience - 1))  # once more, along the gradient
+            self.best = self.point.where(won > 0, self.best)
+            if self.bench.finer_plan(self.point, self.counted & moved[:, None]) or self._more_speeds():
+                self._renew()
+                memory = self._memory()
+            else:
+                memory = self._without_curvature(memory, before, moved)
+            self._note(number)
+        return True, number
+
+    def _step(self, point, direction, moving):
+        return (self._search if self.searching else self._stride)(point, direction, moving)
+
+    def _stride(self, point, direction, moving):
+        """One step of Adam, halved while it loses a speed: (Point, whether each design moved)."""
+        length, best, moved = np.full(len(point.z), self.rate), point, np.zeros(len(point.z), dtype=bool)
+        for _ in range(TRIALS):
+            trial = self.bench.at(point.z + length[:, None] * direction, point, self.counted)
+            good = self._kept(trial) & moving & ~moved
+            best, moved = trial.where(good, best), moved | good
+            if (moved | ~moving).all():
+                break
+            length = np.where(moved, length, length / 2)
+        return best, moved
+
+    def _search(self, point, direction, moving):
+        """Line search of Lewis and Overton for all designs at once: (Point, whether each design moved)."""
+        slope = np.sum(point.gradient * direction, axis=1)
+        low, high, length = np.zeros(len(slope)), np.full(len(slope), np.inf), np.ones(len(slope))
+        best, moved, done = point, np.zeros(len(slope), dtype=bool), ~moving | ~(slope < 0)
+        for trial in range(TRIALS):
+            if done.all():
+                break
+            at = self.bench.at(point.z + np.where(done, 0.0, length)[:, None] * direction, point, self.counted)
+            falls = self._kept(at) & (at.value <= point.value + DECREASE * length * slope) & ~done
+            curved = np.sum(at.gradient * direction, axis=1) >= CURVATURE * slope
+            best, moved = at.where(falls & (at.value <= best.value), best), moved | falls
+            done |= falls & (curved | (trial >= EXPANSIONS))
+            high, low = np.where(falls | done, high, length), np.where(falls, length, low)
+            done |= moved & ~falls & (trial >= EXPANSIONS)
+            length = np.where(np.isinf(high), 2 * length, (low + np.minimum(high, 1e300)) / 2)
+        return best, moved
+
+    def _kept(self, point):
+        """Whether each design still has every speed that counts, and a finite value and gradient."""
+        finite = np.isfinite(point.value) & np.isfinite(point.gradient).all(1)
+        return finite & (point.solved | ~self.counted).all(1)
+
+    def _more_speeds(self):
+        """Whether a speed is solved that was not: it counts from now on."""
+        counted = self.counted | self.point.solved
+        more = (counted != self.counted).any()
+        self.counted = counted
+        return bool(more)
+
+    def _renew(self):
+        """The best designs under the present plan, widths and speeds, less what a finer plan loses for good."""
+        z, winner = self.best.z, self.best
+        wide = self.bench.plan.harmonics + 1 - winner.motion.shape[-1]
+        winner = dataclasses.replace(winner, motion=np.pad(winner.motion, [(0, 0)] * 3 + [(0, max(wide, 0))]))
+        self.point = self.bench.at(z, winner, self.counted, rungs=decide.MARCH_CYCLES[1:])
+        self.counted = self.counted & self.point.solved
+        self.best = self.point
+
+    def _memory(self):
+        return jax.vmap(self.optimizer.init)(self.point.z)
+
+    def _direction(self, memory):
+        """Descent directions ``(A, P)``, no component longer than LONGEST, and the optimiser's memory."""
+        updates, memory = self.update(self.point.gradient, memory, self.point.z)
+        direction = -np.asarray(updates)
+        uphill = np.sum(direction * self.point.gradient, axis=1) >= 0
+        if self.searching:
+            direction = np.where(uphill[:, None], -self.point.gradient, direction)
+        longest = np.maximum(np.abs(direction).max(1), 1e-300)
+        return direction * np.minimum(1.0, LONGEST / longest)[:, None], memory
+
+    def _without_curvature(self, memory, before, moved):
+        """L-BFGS begins anew where a step did not turn the gradient the right way."""
+        if not self.searching:
+            return memory
+        change = (self.point.z - before.z) * (self.point.gradient - before.gradient)
+        bad = ~moved | ~(change.sum(1) > 0)
+        fresh = self._memory()
+        return jax.tree.map(
+            lambda new, old: np.where(bad.reshape(-1, *[1] * (np.ndim(old) - 1)), new, old), fresh, memory
+        )
+
+    @staticmethod
+    def _winner(point):
+        """The start that keeps most speeds and, among those, has the lowest objective."""
+        return int(np.lexsort((point.value, -point.solved.sum(1)))[0])
+
+    def _note(self, number):
+        bench, best = self.bench, self._winner(self.best)
+        step = Step(
+            number=number,
+            objective=float(self.best.value[best]),
+            parameters=bench.values(self.best.z[best]),
+            gradient_norm=float(np.linalg.norm(self.best.gradient[best])),
+            valid=int(self.best.solved[best].sum()),
+            width=self.share,
+            start=best,
+            evaluations=bench.calls,
+            plan=str(bench.plan),
+            seconds=time.monotonic() - self.began,
+        )
+        self.history.append(step)
+        self.on_step(step)
+
+
+def _size(objective, values):
+    """What one unit of an objective is: its value at the start."""
+    values = np.asarray(values)
+    size = float(values.max() if objective.over == "worst" else values.mean())
+    return size if size > 0 else 1.0
+
+
+def _nothing_solved(bench, status):
+    name, rpm = bench.train.topology.name or "scene", bench.rpm
+    names, counts = np.unique([Status(int(s)).name for s in status], return_counts=True)
+    found = ", ".join(f"{count} {name}" for name, count in zip(names, counts, strict=True))
+    return (
+        f"{name}: none of the {len(rpm)} speeds from {rpm.min():g} to {rpm.max():g} rpm converges at the start "
+        f"({found}): choose other speeds, more damping, or look at them with jaxhb sweep."
+    )

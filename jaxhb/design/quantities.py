@@ -1,0 +1,295 @@
+"""What is tuned, for what, within which limits: parameters, objectives and penalties by name."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+
+from ..harmonic import chain
+from ..model.drivetrain import inertias
+from ..model.elements import SceneError
+from ..model.topology import suggestion
+from . import objectives
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """A number of the train that may change.
+
+    Parameters
+    ----------
+    name : str
+        ``"NAME.FIELD"`` as in :meth:`jaxhb.DriveTrain.replace`.
+    low, high : float
+        Bounds, in the unit of the scene format; the train's own value must lie between them.
+    scale : "log" or "linear"
+        What equal steps of the optimiser are: equal ratios (default; bounds greater than 0) or equal differences.
+    """
+
+    name: str
+    low: float
+    high: float
+    scale: str = "log"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Objective:
+    """A response quantity to be made small, over all speeds.
+
+    Parameters
+    ----------
+    quantity : str
+        A name of :data:`QUANTITIES`.
+    of : str
+        The mesh, shaft, damper, gear or disk.
+    order : float, optional
+        Of the quantities that are the amplitude of one order.
+    over : "worst" or "mean"
+        The smooth maximum over the speeds (default), or their mean.
+    weights : tuple of float, optional
+        A factor for each speed; default 1.
+    weight : float
+        Of this objective among others: each is divided by its value at the start.
+    """
+
+    quantity: str
+    of: str
+    order: float | None = None
+    over: str = "worst"
+    weights: tuple = ()
+    weight: float = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Penalty:
+    """A limit: adds ``weight x (excess / |limit|)^2`` to the objective, at every speed at which it is passed.
+
+    Parameters
+    ----------
+    quantity : str
+        A name of :data:`QUANTITIES`; or ``"inertia added"`` (kg m2, of all disks and rings, or of the one named by
+        ``of``), or ``"natural frequency"`` (Hz, teeth in contact) of mode number ``mode`` as ``jaxhb modes`` counts.
+    most, least : float, optional
+        The limits, in the unit of the quantity; at least one of them.
+    of, order : as in :class:`Objective`
+    mode : int, optional
+    weight : float
+        With 1000 a limit is passed by about 0.1 % where it holds back an objective of 1.
+    """
+
+    quantity: str
+    most: float | None = None
+    least: float | None = None
+    of: str | None = None
+    order: float | None = None
+    mode: int | None = None
+    weight: float = 1000.0
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A response quantity: unit, kind of element that ``of`` names, ``(response, of, order) -> (n,)``."""
+
+    unit: str
+    kind: str
+    read: Callable
+    ordered: bool = False
+
+
+def _force(response, of):
+    return objectives.usable(response).force(of)
+
+
+def _torque(response, of):
+    return objectives.usable(response).torque(of)
+
+
+def _angle(response, of):
+    return objectives.usable(response).disk(of)
+
+
+def _gear_torque(response, of, _):
+    return objectives.half_peak_to_peak(objectives.usable(response).gear_torque(of))
+
+
+QUANTITIES = {
+    "tooth force": Quantity("N", "mesh", lambda r, of, _: objectives.tooth_force(r, of)),
+    "tooth force peak": Quantity("N", "mesh", lambda r, of, _: _force(r, of).smooth_peak()),
+    "tooth force order": Quantity("N", "mesh", lambda r, of, order: _force(r, of).order(order), ordered=True),
+    "shaft torque": Quantity("N m", "shaft or damper", lambda r, of, _: objectives.shaft_torque(r, of)),
+    "shaft torque order": Quantity(
+        "N m", "shaft or damper", lambda r, of, order: _torque(r, of).order(order), ordered=True
+    ),
+    "gear torque": Quantity("N m", "gear", _gear_torque),
+    "angle": Quantity("rad", "disk", lambda r, of, _: objectives.half_peak_to_peak(_angle(r, of))),
+    "angle order": Quantity("rad", "disk", lambda r, of, order: _angle(r, of).order(order), ordered=True),
+    "separated fraction": Quantity("", "mesh with backlash", lambda r, of, _: objectives.separated_fraction(r, of)),
+    "impact severity": Quantity("m/s", "mesh with backlash", lambda r, of, _: objectives.impact_severity(r, of)),
+    "damper power": Quantity("W", "shaft or damper", lambda r, of, _: objectives.damper_power(r, of)),
+}
+"""Forces, torques and angles are half peak-to-peak unless called peak or order; all are smooth, none is negative."""
+
+OF_DESIGN = {"inertia added": "kg m2", "natural frequency": "Hz"}
+"""Quantities of the train alone, for penalties."""
+
+
+def unit_of(quantity):
+    """Unit of a named quantity."""
+    return OF_DESIGN[quantity] if quantity in OF_DESIGN else QUANTITIES[quantity].unit
+
+
+def inertia_added(train, start, of=None):
+    """Inertia of ``train`` beyond that of ``start``, kg m2: of all disks and rings, or of one."""
+    difference = inertias(train) - inertias(start)
+    return difference.sum() if of is None else difference[train.topology.disk_index(of)]
+
+
+def frequencies_hz(train, heavy):
+    """Natural frequencies ``(m,)`` in Hz, rising, as :func:`jaxhb.natural_frequencies`, but differentiable.
+
+    Parameters
+    ----------
+    train : DriveTrain, may be traced
+    heavy : bool array ``(S,)``, disks with inertia; the others are condensed statically
+
+    Notes
+    -----
+    Eigenvalues of ``M^(-1/2) K M^(-1/2)``; differentiable where they are simple and not zero.
+    """
+    system = chain.assemble(train)
+    links = np.arange(len(train.topology.link_names))
+    rows = jnp.zeros((len(links), len(heavy)))
+    rows = rows.at[links, system.tree.end_a].add(system.arm_a).at[links, system.tree.end_b].add(-system.arm_b)
+    stiffness = rows.T @ (jnp.asarray(system.stiffness)[:, None] * rows) + jnp.diag(jnp.asarray(system.ground))
+    kept, light = np.flatnonzero(heavy), np.flatnonzero(~heavy)
+    matrix = stiffness[np.ix_(kept, kept)]
+    if len(light):
+        across = stiffness[np.ix_(light, kept)]
+        matrix = matrix - across.T @ jnp.linalg.pinv(stiffness[np.ix_(light, light)]) @ across
+    root = jnp.sqrt(jnp.asarray(system.mass)[kept])
+    squares = jnp.linalg.eigvalsh(matrix / (root[:, None] * root))
+    moving = squares > 1e-12 * squares[-1]
+    return jnp.where(moving, jnp.sqrt(jnp.where(moving, squares, 1.0)), 0.0) / (2 * np.pi)
+
+
+def check_all(train, parameters, given, penalties, rpm):
+    """Refuse what cannot be tuned, every fault in one sentence, all at once.
+
+    Parameters
+    ----------
+    train : DriveTrain
+    parameters : sequence of Parameter; given : of Objective; penalties : of Penalty
+    rpm : array ``(n,)``
+
+    Raises
+    ------
+    SceneError
+    """
+    where = train.topology.name or "scene"
+    faults = [] if parameters else [f"{where}: there is nothing to tune: name at least one parameter."]
+    faults += [] if given else [f"{where}: there is nothing to make small: name at least one objective."]
+    names = [parameter.name for parameter in parameters]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    faults += [f"{where}: parameter {name!r} is given twice: leave one out." for name in twice]
+    for parameter in parameters:
+        faults += [f"{where}, parameter {parameter.name!r}: {text}" for text in _parameter_faults(train, parameter)]
+    for objective in given:
+        head = f"{where}, objective {objective.quantity!r}"
+        faults += [f"{head}: {text}" for text in _objective_faults(train, objective, len(rpm))]
+    for penalty in penalties:
+        faults += [f"{where}, penalty {penalty.quantity!r}: {text}" for text in _penalty_faults(train, penalty)]
+    if faults:
+        raise SceneError(faults)
+
+
+def _parameter_faults(train, parameter):
+    try:
+        value = train.value(parameter.name)
+    except SceneError as error:
+        return [sentence.partition(": ")[2] or sentence for sentence in error.sentences]
+    if np.ndim(value):
+        return ["it is a table, not a number: tune numbers only."]
+    if parameter.scale not in ("log", "linear"):
+        return [f"scale is {parameter.scale!r}, must be 'log' or 'linear'."]
+    low, high = parameter.low, parameter.high
+    if not (np.isfinite(low) and np.isfinite(high) and low < high):
+        return [f"its bounds are {low:g} and {high:g}, must be finite, low less than high."]
+    if parameter.scale == "log" and not (low > 0 and value > 0):
+        wrong = f"its value is {value:g}" if low > 0 else f"low is {low:g}"
+        return [f"{wrong}, must be greater than 0 on a log scale: give a larger one, or scale = 'linear'."]
+    if not low <= value <= high:
+        return [f"its value {value:g} lies outside its bounds {low:g} to {high:g}: widen them, or change the start."]
+    faults = []
+    for bound in (low, high):
+        try:
+            train.replace({parameter.name: bound})
+        except SceneError as error:
+            faults += [f"at the bound {bound:g}: {sentence}" for sentence in error.sentences]
+    return faults
+
+
+def _objective_faults(train, objective, speeds):
+    if objective.quantity not in QUANTITIES:
+        return [f"there is no such quantity.{suggestion(objective.quantity, QUANTITIES)}"]
+    faults = _element_faults(train, objective)
+    if objective.over not in ("worst", "mean"):
+        faults.append(f"over is {objective.over!r}, must be 'worst' or 'mean'.")
+    if objective.weights and len(objective.weights) != speeds:
+        faults.append(f"{len(objective.weights)} weights are given for {speeds} speeds: give one for each.")
+    if any(not (np.isfinite(w) and w >= 0) for w in (*objective.weights, objective.weight)):
+        faults.append("a weight is negative or not finite: weights must be at least 0.")
+    return faults
+
+
+def _penalty_faults(train, penalty):
+    known = [*QUANTITIES, *OF_DESIGN]
+    if penalty.quantity not in known:
+        return [f"there is no such quantity.{suggestion(penalty.quantity, known)}"]
+    faults = _element_faults(train, penalty) if penalty.quantity in QUANTITIES else []
+    if penalty.quantity == "inertia added" and penalty.of is not None:
+        faults += _unknown(penalty.of, train.topology.disk_names, "disk or damper")
+    modes = train.topology.n_disks
+    if penalty.quantity == "natural frequency" and not (penalty.mode and 0 < penalty.mode < modes):
+        faults.append(f"mode is {penalty.mode}, must be a mode number of jaxhb modes, 1 to {modes - 1}.")
+    limits = [limit for limit in (penalty.most, penalty.least) if limit is not None]
+    if not limits:
+        faults.append("it has no limit: give most or least.")
+    if any(not np.isfinite(limit) or limit == 0 for limit in limits):
+        faults.append(f"a limit is {limits}, must be finite and not 0: excesses are counted in shares of it.")
+    if not penalty.weight > 0:
+        faults.append(f"weight is {penalty.weight:g}, must be greater than 0.")
+    return faults
+
+
+def _element_faults(train, chosen):
+    """Faults of ``of`` and ``order`` of an objective or penalty."""
+    quantity, topology = QUANTITIES[chosen.quantity], train.topology
+    gears = dict.fromkeys(topology.disk_names[disk] for ends in topology.mesh_ends for disk in ends)
+    names = {
+        "mesh": topology.mesh_names,
+        "mesh with backlash": topology.mesh_names,
+        "shaft or damper": topology.shaft_names + topology.damper_names,
+        "gear": tuple(gears),
+        "disk": topology.disk_names,
+    }[quantity.kind]
+    faults = _unknown(chosen.of, names, quantity.kind.removesuffix(" with backlash"))
+    gaps = dict(zip(topology.mesh_names, topology.mesh_backlash, strict=True))
+    if quantity.kind == "mesh with backlash" and not gaps.get(chosen.of, True):
+        faults.append(f"mesh {chosen.of!r} has no backlash, its teeth never part: give it one, or take another.")
+    if quantity.ordered != (chosen.order is not None):
+        faults.append("it needs an order." if quantity.ordered else "it takes no order.")
+    elif quantity.ordered:
+        harmonic = chosen.order * topology.revolutions_per_cycle
+        if not harmonic > 0 or abs(harmonic - round(harmonic)) > 1e-9:
+            least = 1 / topology.revolutions_per_cycle
+            faults.append(f"order {chosen.order:g} is no harmonic of the cycle: use a positive multiple of {least:g}.")
+    return faults
+
+
+def _unknown(name, names, kind):
+    if name in names:
+        return []
+    if name is None:
+        return [f"of is missing: name a {kind}."]
+    return [f"there is no {kind} {name!r}.{suggestion(name, names)}"]

@@ -1,0 +1,172 @@
+"""Tuning: the numbers of a train that make a response small over a range of speeds, by gradient. Imports optax."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import optax
+
+from ..model.elements import SceneError
+from ..periodic import harmonics as decide
+from ..periodic.solve import check_speed
+from .descent import Descent
+from .evaluation import Bench, Reading, Task, first_plan, to_unbounded
+from .quantities import check_all
+
+OPTIMIZERS = {"lbfgs": optax.scale_by_lbfgs, "adam": optax.scale_by_adam}
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Result of :func:`tune`.
+
+    train : DriveTrain, tuned; rpm : ``(n,)``; before, after : Reading; history : tuple of Step
+    outcomes : tuple of (objective, parameters, valid speeds) of every start; stopped : why it ended, a sentence
+    interrupted : whether the user ended it
+    """
+
+    train: object
+    rpm: np.ndarray
+    before: Reading
+    after: Reading
+    history: tuple
+    outcomes: tuple
+    stopped: str
+    interrupted: bool
+
+
+def tune(
+    train,
+    *,
+    parameters,
+    rpm,
+    objective,
+    penalties=(),
+    optimizer="lbfgs",
+    steps=40,
+    rate=0.15,
+    starts=1,
+    seed=0,
+    widths=(0.1, 0.02),
+    improvement=1e-3,
+    patience=3,
+    harmonics=None,
+    tolerance=0.01,
+    on_step=None,
+):
+    """Change numbers of a train so that response quantities become small over a range of speeds.
+
+    Minimises, by the derivatives of :func:`jaxhb.solve`,
+
+        sum_j weight_j Q_j / Q_j(start) + sum_k weight_k sum over speeds (excess_k / |limit_k|)^2,
+
+    Q_j the smooth maximum ``w log sum exp(q / w)`` of a quantity over the speeds, or its mean. All starts and speeds
+    are one compiled call of value and gradient; each solve begins at the motion of the design before. A speed that is
+    lost is tried again from a march; a step that still loses one is halved, never accepted. The plan of the solves is
+    fixed during a line search; between steps it gets more harmonics where they are too few, and the optimiser begins
+    anew.
+
+    Parameters
+    ----------
+    train : DriveTrain
+    parameters : sequence of Parameter
+    rpm : array ``(n,)``
+    objective : Objective or sequence of Objective
+    penalties : sequence of Penalty
+    optimizer : "lbfgs" or "adam"
+        L-BFGS with a line search after Armijo and Wolfe (Lewis and Overton, 2013), or Adam.
+    steps : int
+        Most steps.
+    rate : float
+        Step of Adam, in z.
+    starts : int
+        Designs that are tuned side by side: the train as it is, and random ones within the bounds.
+    seed : int
+        Of the random designs.
+    widths : tuple of float
+        w in shares of the worst value when its turn begins, each until nothing is won: the smooth maximum lies at most
+        ``w log(n)`` above the true one.
+    improvement, patience : float, int
+        A width is done when ``patience`` steps in a row each win less than this share.
+    harmonics, tolerance
+        As in :func:`jaxhb.solve_speeds`; with ``harmonics`` the plan stays.
+    on_step : callable, optional
+        Called with every :class:`Step`.
+
+    Returns
+    -------
+    Tuning
+        Ctrl-C ends the tuning and returns the best design so far, with ``interrupted`` True.
+
+    Raises
+    ------
+    SceneError
+        Unknown names, bounds that exclude the start, contact of a mesh without backlash and the like, one sentence
+        each; or no speed converges at the start.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> from jaxhb.design import Objective, Parameter
+    >>> train = jaxhb.load_scene("six_cylinder_diesel")
+    >>> swing = Objective(quantity="shaft torque", of="cyl6|flywheel")
+    >>> pulley = Parameter(name="pulley.inertia", low=0.005, high=0.05)
+    >>> tuned = tune(train, parameters=[pulley], rpm=[1800.0, 2000.0, 2200.0], objective=swing, steps=5)
+    >>> round(tuned.after.parameters["pulley.inertia"], 3)
+    0.005
+    """
+    rpm = np.atleast_1d(np.asarray(rpm, dtype=float))
+    given = tuple(objective) if isinstance(objective, (list, tuple)) else (objective,)
+    parameters, penalties = tuple(parameters), tuple(penalties)
+    check_speed(train, rpm, many=True)
+    check_all(train, parameters, given, penalties, rpm)
+    _check_numbers(train, optimizer, steps, starts, widths)
+    decide.check_tolerance(train, tolerance)
+    if harmonics is not None:
+        decide.check_harmonics(train, harmonics, "reduced")
+    heavy = np.concatenate([train.disks.inertia, train.dampers.inertia]) > 0
+    task = Task(parameters, given, penalties, tuple(heavy.tolist()))
+    bench = Bench(train, rpm, task, first_plan(train, rpm, tolerance, harmonics), fixed=harmonics is not None)
+    descent = Descent(
+        bench,
+        OPTIMIZERS[optimizer](),
+        searching=optimizer == "lbfgs",
+        rate=rate,
+        widths=tuple(widths),
+        improvement=improvement,
+        patience=patience,
+        on_step=on_step or (lambda step: None),
+    )
+    first, best, winner, stopped, interrupted = descent.run(_first_designs(train, parameters, starts, seed), steps)
+    after = bench.reading(best, winner)
+    return Tuning(
+        train=train.replace(after.parameters),
+        rpm=rpm,
+        before=bench.reading(first, 0),
+        after=after,
+        history=tuple(descent.history),
+        outcomes=tuple(
+            (float(best.value[i]), bench.values(best.z[i]), int(best.solved[i].sum())) for i in range(starts)
+        ),
+        stopped=stopped,
+        interrupted=interrupted,
+    )
+
+
+def _check_numbers(train, optimizer, steps, starts, widths):
+    where, faults = train.topology.name or "scene", []
+    if optimizer not in OPTIMIZERS:
+        faults.append(f"{where}: optimizer is {optimizer!r}, must be 'lbfgs' or 'adam'.")
+    for name, value in (("steps", steps), ("starts", starts)):
+        if value != int(value) or value < 1:
+            faults.append(f"{where}: {name} is {value:g}, must be a whole number of at least 1.")
+    if not widths or any(not 0 < width < 10 for width in widths):
+        faults.append(f"{where}: widths is {widths}, must be numbers between 0 and 1, shares of the worst value.")
+    if faults:
+        raise SceneError(faults)
+
+
+def _first_designs(train, parameters, starts, seed):
+    """z ``(A, P)``: the train as it is, then designs with random shares of the bounds."""
+    own = to_unbounded([train.value(p.name) for p in parameters], parameters)
+    shares = np.random.default_rng(seed).uniform(0.02, 0.98, (starts - 1, len(parameters)))
+    return np.concatenate([own[None], np.log(shares / (1 - shares))])

@@ -1,0 +1,310 @@
+"""Tuning: dampers to their exact optima, gradients against differences, no speed lost, sentences for bad input."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from differences import Tight, compare, differences
+from reference_data import reference
+from tolerances import GRADIENT, PATHS
+from trains import branched_parts, build, gearbox_parts
+
+import jaxhb
+from jaxhb import Damper, Disk, Ground, Shaft, Torque
+from jaxhb.design import Objective, Parameter, Penalty, evaluation
+from jaxhb.design.descent import Descent
+from jaxhb.design.quantities import frequencies_hz
+
+INERTIA, STIFFNESS = 2.0, 8e4
+NATURAL = np.sqrt(STIFFNESS / INERTIA)
+
+
+def main_mass(ring, stiffness, damping):
+    """One disk on a spring under a torque of order 1, one revolution a cycle, with a damper."""
+    parts = [
+        Disk(name="main", inertia=INERTIA),
+        Ground(disk="main", stiffness=STIFFNESS),
+        Torque(disk="main", harmonics=((1.0, 10.0, 0.0),)),
+        Damper(name="damper", disk="main", inertia=ring, stiffness=stiffness, damping=damping),
+    ]
+    return build(parts)
+
+
+def exact_peak(ring, stiffness, damping):
+    """Largest |theta K / T| over all frequencies, by the formula of two masses."""
+    omega = NATURAL * np.linspace(0.3, 2.0, 400_001)
+    link = stiffness + 1j * omega * damping
+    behind = -link * ring * omega**2 / (link - ring * omega**2)
+    return np.abs(STIFFNESS / (STIFFNESS - INERTIA * omega**2 + behind)).max()
+
+
+def tuned_main_mass(train, parameters, ratios):
+    return jaxhb.tune(
+        train,
+        parameters=parameters,
+        rpm=ratios * NATURAL * 60 / (2 * np.pi),
+        objective=Objective(quantity="angle order", of="main", order=1.0),
+        steps=300,
+        widths=(1.0, 0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5),
+        improvement=1e-7,
+    )
+
+
+@pytest.mark.parametrize("row", [0, 1])
+def test_a_tuned_damper_is_found_to_the_exact_optimum_from_a_factor_ten_away_in_both(row):
+    entry = reference("damper_optima")["tuned_damper_Den_Hartog"]["rows"][row]
+    mu, exact = entry["mu"], entry["exact_Hinf"]
+    stiffness, damping = (exact["f"] * NATURAL) ** 2 * mu * INERTIA, 2 * exact["zeta"] * mu * INERTIA * NATURAL
+    names = ("damper.stiffness", "damper.damping")
+    bounds = [Parameter(name=n, low=v / 100, high=v * 100) for n, v in zip(names, (stiffness, damping), strict=True)]
+    ratios = np.concatenate([np.linspace(0.5, 0.8, 31), np.linspace(0.8, 1.2, 401)[1:], np.linspace(1.2, 2, 81)[1:]])
+    found = tuned_main_mass(main_mass(mu * INERTIA, 10 * stiffness, damping / 10), bounds, ratios)
+    at = [found.after.parameters[name] for name in names]
+    assert exact_peak(mu * INERTIA, *at) == pytest.approx(exact["peak"], abs=5e-4)  # four digits
+    assert at[1] / (2 * mu * INERTIA * NATURAL) == pytest.approx(exact["zeta"], abs=5e-4)  # three digits
+    assert np.sqrt(at[0] / (mu * INERTIA)) / NATURAL == pytest.approx(exact["f"], abs=5e-4)
+
+
+@pytest.mark.parametrize("away", [0.1, 10.0])
+def test_a_viscous_damper_is_found_to_the_exact_optimum_from_a_factor_ten_away(away):
+    entry = reference("damper_optima")["viscous_untuned_Houdaille"]["rows"][1]
+    mu, optimum = entry["mu"], entry["zeta_opt_formula"]
+    damping = 2 * optimum * INERTIA * NATURAL
+    bounds = [Parameter(name="damper.damping", low=damping / 100, high=damping * 100)]
+    ratios = np.concatenate([np.linspace(0.5, 0.9, 41), np.linspace(0.9, 1.0, 401)[1:], np.linspace(1, 1.5, 71)[1:]])
+    found = tuned_main_mass(main_mass(mu * INERTIA, 0.0, away * damping), bounds, ratios)
+    at = found.after.parameters["damper.damping"]
+    assert exact_peak(mu * INERTIA, 0.0, at) == pytest.approx((2 + mu) / mu, abs=5e-4)
+    assert at / (2 * INERTIA * NATURAL) == pytest.approx(optimum, abs=5e-4)
+
+
+SPEEDS = np.array([1480.0, 1500.0, 1520.0, 900.0])
+"""Two meshes part at all of them; at 900 rpm the train as it is is not solved."""
+
+PARAMETERS = (
+    Parameter(name="ring.damping", low=1.0, high=30.0),
+    Parameter(name="flywheel.inertia", low=0.2, high=3.2),
+    Parameter(name="ring.inertia", low=0.01, high=0.04, scale="linear"),
+)
+OBJECTIVES = (
+    Objective(quantity="tooth force", of="crank gear|idler"),
+    Objective(quantity="angle", of="pump", over="mean", weights=(1.0, 2.0, 0.5, 1.0), weight=0.3),
+)
+PENALTIES = (
+    Penalty(quantity="damper power", of="ring", most=1.0, weight=1e-3),
+    Penalty(quantity="inertia added", most=1e-3, of="ring", weight=1.0),
+    Penalty(quantity="natural frequency", mode=2, least=180.0, weight=1.0),
+)
+PLAN = Tight(harmonics=32, active=(0, 1), flank=(0, 0), start="march", instants=768, tolerance=0.5, excited=3)
+
+
+@cache
+def hammering():
+    return build(branched_parts(), reference="crank gear")
+
+
+def bench():
+    task = evaluation.Task(PARAMETERS, OBJECTIVES, PENALTIES, (True,) * 6)
+    made = evaluation.Bench(hammering(), SPEEDS, task, PLAN, fixed=True)
+    made.scales, made.widths = np.array([700.0, 1e-3]), np.array([0.05, 0.05])
+    return made
+
+
+@pytest.fixture(scope="module")
+def assessed():
+    """A bench and two designs on it."""
+    made = bench()
+    return made, made.first(np.array([[0.1, -0.3, 0.4], [0.8, 0.5, -1.0]]))
+
+
+def test_the_gradient_of_objectives_and_penalties_is_that_of_differences(assessed):
+    made, point = assessed
+    counted = point.solved
+
+    def values(z):
+        pairs = [made.at(np.stack([one, point.z[1]]), point, counted) for one in z]
+        return np.array([pair.value[0] for pair in pairs])
+
+    compare(point.gradient[0], differences(values, point.z[0], np.full(3, 3e-4)), GRADIENT)
+    readings = dict(zip((c.quantity for c in (*OBJECTIVES, *PENALTIES)), point.readings, strict=True))
+    assert (readings["damper power"][0] > 1).any()
+    assert readings["inertia added"][0] > 1e-3 and readings["natural frequency"][0] < 180.0
+
+
+def test_a_speed_that_fails_is_told_and_neither_counts_nor_spoils_the_others(assessed):
+    made, point = assessed
+    solved = point.solved
+    np.testing.assert_array_equal(solved, [[True] * 4, [False, True, True, True]])
+    assert np.isfinite(point.value).all() and np.isfinite(point.gradient).all()
+    assert all(np.isfinite(reading).all() for reading in point.readings)
+    forces, angles, power, added, frequency = point.readings
+    smooth = 0.05 * np.log(np.where(solved, np.exp(forces / 700.0 / 0.05), 0.0).sum(1))
+    mean = (np.where(solved, angles, 0.0) / 1e-3 * [1.0, 2.0, 0.5, 1.0]).sum(1) / solved.sum(1)
+    excess = np.where(solved, np.maximum(power - 1.0, 0.0) ** 2, 0.0).sum(1)
+    limits = np.maximum(added / 1e-3 - 1, 0.0) ** 2 + np.maximum(1 - frequency / 180.0, 0.0) ** 2
+    np.testing.assert_allclose(point.value, smooth + 0.3 * mean + 1e-3 * excess + limits, rtol=PATHS)
+
+
+def test_frequencies_for_penalties_are_the_natural_frequencies():
+    for train in (hammering(), build(gearbox_parts(), reference="motor")):
+        heavy = np.concatenate([train.disks.inertia, train.dampers.inertia]) > 0
+        wanted = jaxhb.natural_frequencies(train).frequencies_hz
+        np.testing.assert_allclose(frequencies_hz(train, heavy), wanted, rtol=1e-6, atol=1e-5)
+
+
+@pytest.fixture
+def same_plan(monkeypatch):
+    """The plan of the tests above: nothing is compiled twice."""
+    monkeypatch.setattr("jaxhb.design.tuning.first_plan", lambda *_: PLAN)
+
+
+def tuned(**options):
+    what = {"parameters": PARAMETERS, "objective": OBJECTIVES, "penalties": PENALTIES, "rpm": SPEEDS}
+    return jaxhb.tune(hammering(), **what, harmonics=32, starts=2, seed=1, **options)
+
+
+@pytest.mark.parametrize("optimizer", ["lbfgs", "adam"])
+def test_a_tuning_lowers_the_tooth_force_and_keeps_every_speed(same_plan, optimizer):
+    found = tuned(optimizer=optimizer, steps=5)
+    label = "tooth force of crank gear|idler"
+    before, after = found.before.readings[label], found.after.readings[label]
+    assert np.nanmax(after) < 0.85 * np.nanmax(before)
+    assert (found.after.solved | ~found.before.solved).all() and not found.before.solved[3] and np.isnan(before[3])
+    pairs = zip(found.history, found.history[1:], strict=False)
+    assert all(b.valid > a.valid or (b.valid == a.valid and b.objective <= a.objective) for a, b in pairs)
+    assert len(found.outcomes) == 2
+    assert found.outcomes[found.history[-1].start][0] == min(outcome[0] for outcome in found.outcomes)
+    for parameter in PARAMETERS:
+        assert found.train.value(parameter.name) == found.after.parameters[parameter.name]
+        assert parameter.low < found.after.parameters[parameter.name] < parameter.high
+    check = jaxhb.solve(found.train, rpm=1500.0, plan=PLAN).force("crank gear", "idler").half_peak_to_peak
+    assert after[1] == pytest.approx(float(check), rel=0.12)  # a p-norm over the cycle: 0.88 to 1
+
+
+def test_ctrl_c_returns_the_best_design_so_far_and_its_history(same_plan):
+    def stop(step):
+        if step.number == 2:
+            raise KeyboardInterrupt
+
+    found = tuned(steps=3, on_step=stop)
+    assert found.interrupted and [step.number for step in found.history] == [0, 1, 2]
+    assert found.after.parameters == found.history[-1].parameters
+
+
+class Bowl:
+    """A bench without equations: (z - 3)^2 summed, a speed is lost beyond z = 1 in each component."""
+
+    def __init__(self):
+        self.task, self.widths, self.scales = evaluation.Task((), (), (), ()), np.ones(0), np.ones(0)
+        self.calls, self.plan, self.rpm, self.train = 0, PLAN, np.ones(2), hammering()
+
+    def first(self, z):
+        self.calls += 1
+        status = np.zeros((len(z), 2), dtype=int)
+        status[:, 1] = np.where((z > 1.0).any(1), jaxhb.Status.STALLED, 0)
+        motion = np.zeros((len(z), 2, 2, PLAN.harmonics + 1))
+        return evaluation.Point(z, ((z - 3) ** 2).sum(1), 2 * (z - 3), status, 0.0 * status, motion, ())
+
+    def at(self, z, near, counted, rungs=()):
+        return self.first(z)
+
+    def finer_plan(self, point, counted):
+        return False
+
+    def values(self, z):
+        return dict(enumerate(z.tolist()))
+
+
+@pytest.mark.parametrize("searching", [True, False])
+def test_no_step_that_loses_a_speed_is_accepted(searching):
+    from jaxhb.design.tuning import OPTIMIZERS
+
+    descent = Descent(
+        Bowl(),
+        OPTIMIZERS["lbfgs" if searching else "adam"](),
+        searching=searching,
+        rate=0.4,
+        widths=(0.1,),
+        improvement=1e-6,
+        patience=3,
+        on_step=lambda step: None,
+    )
+    first, best, winner, *_ = descent.run(np.array([[0.0, -0.5], [0.3, 0.2]]), 20)
+    assert best.solved.all() and (best.value < first.value).all()
+    assert (best.z <= 1.0).all() and best.z.max(1) == pytest.approx(1.0, abs=0.05)
+    assert winner == np.argmin(best.value)
+
+
+WRONG = {
+    "there is no element 'rong' in 'rong.damping'. Did you mean 'ring'": {
+        "parameters": [Parameter(name="rong.damping", low=1, high=9)]
+    },
+    "there is no field 'dampin'. Did you mean 'damping'": {
+        "parameters": [Parameter(name="ring.dampin", low=1, high=9)]
+    },
+    "parameter 'ring.damping': its value 6 lies outside its bounds 8 to 20: widen them": {
+        "parameters": [Parameter(name="ring.damping", low=8.0, high=20.0)]
+    },
+    "parameter 'ring.loss_factor': its value is 0, must be greater than 0 on a log scale": {
+        "parameters": [Parameter(name="ring.loss_factor", low=0.1, high=1.0)]
+    },
+    "parameter 'ring.damping': low is -1, must be greater than 0 on a log scale": {
+        "parameters": [Parameter(name="ring.damping", low=-1.0, high=20.0)]
+    },
+    "its bounds are 9 and 1, must be finite, low less than high": {
+        "parameters": [Parameter(name="ring.damping", low=9.0, high=1.0)]
+    },
+    "parameter 'ring.damping': at the bound -1": {
+        "parameters": [Parameter(name="ring.damping", low=-1.0, high=20.0, scale="linear")]
+    },
+    "parameter 'ring.damping' is given twice": {"parameters": PARAMETERS[:1] * 2},
+    "there is nothing to tune": {"parameters": []},
+    "objective 'tooth farce': there is no such quantity. Did you mean 'tooth force'": {
+        "objective": Objective(quantity="tooth farce", of="crank gear|idler")
+    },
+    "there is no mesh 'crank gear|idle'. Did you mean 'crank gear|idler'": {
+        "objective": Objective(quantity="tooth force", of="crank gear|idle")
+    },
+    "it needs an order": {"objective": Objective(quantity="angle order", of="pump")},
+    "order 0.3 is no harmonic of the cycle": {"objective": Objective(quantity="angle order", of="pump", order=0.3)},
+    "2 weights are given for 4 speeds": {"objective": Objective(quantity="angle", of="pump", weights=(1.0, 2.0))},
+    "over is 'most', must be 'worst' or 'mean'": {"objective": Objective(quantity="angle", of="pump", over="most")},
+    "it has no limit: give most or least": {"penalties": [Penalty(quantity="inertia added")]},
+    "mode is 12, must be a mode number": {"penalties": [Penalty(quantity="natural frequency", mode=12, most=9.0)]},
+    "penalty 'damper pwoer': there is no such quantity": {"penalties": [Penalty(quantity="damper pwoer", most=1.0)]},
+    "optimizer is 'newton', must be 'lbfgs' or 'adam'": {"optimizer": "newton"},
+    "steps is 0, must be a whole number of at least 1": {"steps": 0},
+    "widths is ()": {"widths": ()},
+    "the speed is -5 rpm": {"rpm": [-5.0]},
+}
+
+
+@pytest.mark.parametrize("sentence", WRONG)
+def test_bad_input_is_one_clear_sentence(sentence):
+    good = {"parameters": PARAMETERS, "objective": OBJECTIVES[0], "penalties": PENALTIES, "rpm": SPEEDS}
+    with pytest.raises(jaxhb.SceneError) as caught:
+        jaxhb.tune(hammering(), **good | WRONG[sentence])
+    assert sentence in str(caught.value) and len(caught.value.sentences) == 1
+
+
+@pytest.mark.parametrize("quantity", ["separated fraction", "impact severity"])
+def test_contact_of_a_mesh_without_backlash_cannot_be_tuned(quantity):
+    train = build(gearbox_parts(), reference="motor")
+    damping = [Parameter(name="viscous ring.damping", low=1.0, high=9.0)]
+    with pytest.raises(jaxhb.SceneError, match="mesh 'input 1|lay 1' has no backlash, its teeth never part"):
+        objective = Objective(quantity=quantity, of="input 1|lay 1")
+        jaxhb.tune(train, parameters=damping, rpm=[900.0], objective=objective)
+
+
+def test_a_range_in_which_no_speed_converges_is_told():
+    parts = [
+        Disk(name="main", inertia=1.0),
+        Disk(name="other", inertia=1.0),
+        Shaft(between=("main", "other"), stiffness=50.0),
+        Torque(disk="main", harmonics=((1.0, 10.0, 0.0),)),
+    ]
+    resonance = 10.0 * 60 / (2 * np.pi)
+    inertia = [Parameter(name="main.inertia", low=0.5, high=2.0)]
+    objective = Objective(quantity="angle", of="main")
+    with pytest.raises(jaxhb.SceneError, match="none of the 2 speeds from 95.4.* rpm converges at the start .2 NEAR_S"):
+        jaxhb.tune(build(parts), parameters=inertia, rpm=[resonance, resonance], objective=objective)
