@@ -47,7 +47,7 @@ class Point:
 
     z : ``(A, P)``; value : ``(A,)``; gradient : ``(A, P)``, with respect to z
     status, truncation : ``(A, n)``; motion : complex ``(A, n, G, N+1)`` m, deflections of the active meshes
-    readings : of each objective and then each penalty ``(A, n)``, or ``(A,)`` for those of the train alone
+    readings : of each objective and then each penalty, not smoothed, ``(A, n)``; those of the train alone ``(A,)``
     """
 
     z: jax.Array
@@ -150,12 +150,13 @@ def _cost(z, train, rpm, start, counted, widths, scales, task, plan):
     masked = dataclasses.replace(response, status=jnp.where(counted, everywhere, Status.MAX_STEPS))
     total, readings = jnp.zeros(()), []
     for objective, scale, width in zip(task.objectives, scales, widths, strict=True):
-        reading = QUANTITIES[objective.quantity].read(response, objective.of, objective.order)
-        readings.append(reading)
+        quantity = QUANTITIES[objective.quantity]
+        reading = quantity.read(response, objective.of, objective.order)
+        readings.append(quantity.tell(response, objective.of, objective.order))
         total += objective.weight * over_speeds(objective, reading / scale, masked, width)
     for penalty in task.penalties:
         reading = _limited(penalty, changed, train, response, task.heavy)
-        readings.append(reading)
+        readings.append(reading if penalty.quantity in OF_DESIGN else _told(penalty, response))
         excess = penalty.weight * _excess(penalty, reading) ** 2
         total += objectives.weighted_sum(excess, masked)[0] if jnp.ndim(reading) else excess
     aux = everywhere, response.truncation_error, motion, tuple(readings)
@@ -187,6 +188,10 @@ def _limited(penalty, train, start, response, heavy):
     if penalty.quantity == "natural frequency":
         return frequencies_hz(train, np.array(heavy))[penalty.mode]
     return QUANTITIES[penalty.quantity].read(response, penalty.of, penalty.order)
+
+
+def _told(penalty, response):
+    return QUANTITIES[penalty.quantity].tell(response, penalty.of, penalty.order)
 
 
 def _excess(penalty, reading):

@@ -89,12 +89,21 @@ class Penalty:
 
 @dataclass(frozen=True)
 class Quantity:
-    """A response quantity: unit, kind of element that ``of`` names, ``(response, of, order) -> (n,)``."""
+    """A response quantity.
+
+    unit; kind : of the element that ``of`` names; read : smooth, ``(response, of, order) -> (n,)``
+    exact : what ``read`` smooths, for people, None where that is ``read`` itself; ordered : whether it takes an order
+    """
 
     unit: str
     kind: str
     read: Callable
+    exact: Callable | None = None
     ordered: bool = False
+
+    def tell(self, response, of, order):
+        """The value for people ``(n,)``."""
+        return (self.exact or self.read)(response, of, order)
 
 
 def _force(response, of):
@@ -109,21 +118,35 @@ def _angle(response, of):
     return objectives.usable(response).disk(of)
 
 
-def _gear_torque(response, of, _):
-    return objectives.half_peak_to_peak(objectives.usable(response).gear_torque(of))
+def _gear_torque(response, of):
+    return objectives.usable(response).gear_torque(of)
+
+
+def _swing(unit, kind, signal):
+    """The half peak-to-peak of a signal ``(response, of) -> Signal``."""
+
+    def read(response, of, _):
+        return objectives.half_peak_to_peak(signal(response, of))
+
+    return Quantity(unit, kind, read, lambda response, of, _: signal(response, of).half_peak_to_peak)
+
+
+def _order(unit, kind, signal):
+    """The amplitude of one order of a signal."""
+    return Quantity(unit, kind, lambda response, of, order: signal(response, of).order(order), ordered=True)
 
 
 QUANTITIES = {
-    "tooth force": Quantity("N", "mesh", lambda r, of, _: objectives.tooth_force(r, of)),
-    "tooth force peak": Quantity("N", "mesh", lambda r, of, _: _force(r, of).smooth_peak()),
-    "tooth force order": Quantity("N", "mesh", lambda r, of, order: _force(r, of).order(order), ordered=True),
-    "shaft torque": Quantity("N m", "shaft or damper", lambda r, of, _: objectives.shaft_torque(r, of)),
-    "shaft torque order": Quantity(
-        "N m", "shaft or damper", lambda r, of, order: _torque(r, of).order(order), ordered=True
+    "tooth force": _swing("N", "mesh", _force),
+    "tooth force peak": Quantity(
+        "N", "mesh", lambda r, of, _: _force(r, of).smooth_peak(), lambda r, of, _: _force(r, of).peak
     ),
-    "gear torque": Quantity("N m", "gear", _gear_torque),
-    "angle": Quantity("rad", "disk", lambda r, of, _: objectives.half_peak_to_peak(_angle(r, of))),
-    "angle order": Quantity("rad", "disk", lambda r, of, order: _angle(r, of).order(order), ordered=True),
+    "tooth force order": _order("N", "mesh", _force),
+    "shaft torque": _swing("N m", "shaft or damper", _torque),
+    "shaft torque order": _order("N m", "shaft or damper", _torque),
+    "gear torque": _swing("N m", "gear", _gear_torque),
+    "angle": _swing("rad", "disk", _angle),
+    "angle order": _order("rad", "disk", _angle),
     "separated fraction": Quantity("", "mesh with backlash", lambda r, of, _: objectives.separated_fraction(r, of)),
     "impact severity": Quantity("m/s", "mesh with backlash", lambda r, of, _: objectives.impact_severity(r, of)),
     "damper power": Quantity("W", "shaft or damper", lambda r, of, _: objectives.damper_power(r, of)),

@@ -1,4 +1,4 @@
-"""The command line: ``jaxhb scenes | modes | solve | sweep | report``. Heavy modules are imported by the commands."""
+"""The command line: ``jaxhb scenes | modes | solve | sweep | report | tune``; commands import the heavy modules."""
 
 import argparse
 import math
@@ -18,6 +18,7 @@ examples:
   jaxhb solve gear_train_30 --rpm 1800 --misfire "cylinder A1" --set "crank damper.damping=300" --json result.json
   jaxhb sweep gear_train_30 --rpm 600:2450:20 --csv sweep.csv --plot sweep.png
   jaxhb report gear_train_30 --rpm 600,1200,1800,2450 --misfire "cylinder A1" --plot crank_gear.png
+  jaxhb tune engine_with_damper --plot tuned.png
 
 exit status: 0 converged (residual and truncation error within their limits, at all speeds); 1 not converged (files are
 still written); 2 bad input (nothing is written); 3 an error of the program. A scene whose mean torques do not balance
@@ -30,6 +31,11 @@ SWEEP = "Many speeds in one call: largest tooth force and time out of contact ov
 REPORT = """\
 Several speeds, with backlash and without, and with one cylinder that does not fire beside normal running; a picture of
 the torque on one gear over the cycle, gap contact shaded."""
+
+TUNE = """\
+Changes numbers of a scene within bounds, by gradient, so that a response becomes small over a range of speeds: all as
+the [tune] table of the scene asks (see the README). The tuned scene and the history are written after every step, so
+that Ctrl-C leaves the best design so far; the exit status is then 130."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -129,6 +135,18 @@ def parser():
     _files(report, "the torque on one gear over the cycle, in normal running")
     _gear(report)
     report.add_argument("--at", type=speed, metavar="R", help="speed of the picture, rpm (default: longest apart)")
+    tune = add("tune", run_tune, "find the dampers (or any numbers) that cure it, by gradient", TUNE)
+    _scene(tune)
+    text = "speeds of the reference rotor, rpm, instead of those of the [tune] table: A:B:COUNT or R1,R2,..."
+    tune.add_argument("--rpm", type=speeds, metavar="A:B:COUNT", help=text)
+    tune.add_argument("--optimizer", choices=("lbfgs", "adam"), help="default: lbfgs")
+    tune.add_argument("--steps", type=whole, metavar="N", help="most steps")
+    tune.add_argument("--starts", type=whole, metavar="N", help="designs tuned side by side: the scene and random ones")
+    tune.add_argument("--seed", type=whole, metavar="N", help="of the random designs")
+    tune.add_argument("--tolerance", type=share, metavar="T", help="as of solve (default 0.01)")
+    tune.add_argument("--output", metavar="FILE.toml", help="the tuned scene (default: SCENE_tuned.toml here)")
+    tune.add_argument("--json", metavar="FILE", help="parameters, readings, history (default: as --output, .json)")
+    tune.add_argument("--plot", metavar="FILE.png", help="draw the response before and after and the history")
     return top
 
 
@@ -270,6 +288,12 @@ def run_report(arguments):
     from .commands import report
 
     return report(arguments)
+
+
+def run_tune(arguments):
+    from .commands import tune
+
+    return tune(arguments)
 
 
 if __name__ == "__main__":

@@ -1,11 +1,13 @@
 """What each command of the command line does: read the scene, compute, print for people, write for programs."""
 
 import sys
+from pathlib import Path
 
 import numpy as np
 
 from ..linear.modal import natural_frequencies
 from ..model.scene import load_scene, scene_description, scene_names
+from ..model.scene_writer import changed_scene, copies_beside
 from ..periodic.harmonics import without_backlash
 from ..periodic.solve import linear_response, solve
 from ..periodic.speeds import solve_speeds
@@ -15,8 +17,9 @@ from .output import OutputError, as_csv, as_json, as_picture, as_sweep_json, che
 from .progress import Progress
 from .report import contact_at, gears, hardest_impact, modes_record, response_record, shafts_of, status_of
 from .tables import modes_text, most_apart, solve_text, sweep_text
+from .tuned import progress_record, tuned_record, tuned_text
 
-CONVERGED, NOT_CONVERGED = 0, 1
+CONVERGED, NOT_CONVERGED, INTERRUPTED = 0, 1, 130
 
 
 def scenes():
@@ -114,6 +117,68 @@ def report(arguments):
     return CONVERGED if all(response.converged for response in every) else NOT_CONVERGED
 
 
+def tune(arguments):
+    """Change the numbers of a scene so that a response becomes small, as its [tune] table asks."""
+    from ..design.table import read_table
+    from ..design.tuning import tune as search
+
+    stem = Path(arguments.scene).stem
+    arguments.output = arguments.output or f"{stem}_tuned.toml"
+    arguments.json = arguments.json or str(Path(arguments.output).with_suffix(".json"))
+    _check_files(arguments)
+    train = _train(arguments)
+    asked = read_table(train) | _given(arguments, ("rpm", "optimizer", "steps", "starts", "seed", "tolerance"))
+    files = _TunedFiles(arguments, train, asked["rpm"])
+    with Progress(asked.get("steps", 0)) as progress:
+        progress.say("solving the scene as it is")
+        result = search(train, **asked, on_step=lambda step: _tell(files, progress, step))
+    files.write(result.after.parameters, tuned_record(train, asked, result))
+    if arguments.plot:
+        from .plots import plot_tuning
+
+        write_files({arguments.plot: as_picture(arguments.plot, plot_tuning(asked["objective"], result))})
+    print(tuned_text(train, asked, result))
+    print(f"\nThe tuned scene is {arguments.output}, all numbers are in {arguments.json}.")
+    if result.interrupted:
+        return INTERRUPTED
+    return CONVERGED if result.after.solved.all() else NOT_CONVERGED
+
+
+class _TunedFiles:
+    """The files of a tuning, whole at every moment: what is best so far, and its history."""
+
+    def __init__(self, arguments, train, rpm):
+        self.arguments, self.train, self.rpm, self.history = arguments, train, rpm, []
+        _, beside = changed_scene(arguments.scene, {})
+        self.copies = copies_beside(beside, Path(arguments.output).parent)
+
+    def note(self, step):
+        """One step more."""
+        self.history.append(step)
+        self.write(step.parameters, progress_record(self.train, self.rpm, self.history))
+
+    def write(self, parameters, record):
+        """The scene with these parameters, and a record."""
+        values, elements = {}, self.train.topology.elements
+        for key, value in {**dict(self.arguments.set), **parameters}.items():
+            name, _, field = key.rpartition(".")
+            values[*elements[name], field] = value
+        text, _ = changed_scene(self.arguments.scene, values, remark=f"{self.arguments.scene}, tuned by jaxhb tune.")
+        made = {self.arguments.output: [text.encode()], self.arguments.json: as_json(record)}
+        write_files({path: [content] for path, content in self.copies.items()} | made)
+
+
+def _tell(files, progress, step):
+    files.note(step)
+    progress.advance(1 if step.number else 0)
+    progress.say(f"objective {step.objective:.4g} with a smooth maximum of {100 * step.width:g} %")
+
+
+def _given(arguments, names):
+    """Options that were given, by name."""
+    return {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
+
+
 def _answer(arguments, text, **makers):
     """Make all that was asked for, then write it, then print: what fails on the way leaves no file."""
     given = vars(arguments)
@@ -164,7 +229,7 @@ def _train(arguments):
 def _check_files(arguments):
     """Refuse what cannot be written before anything is computed."""
     given = vars(arguments)
-    files = {option: given[option] for option in ("json", "csv", "plot") if given.get(option)}
+    files = {option: given[option] for option in ("json", "csv", "output", "plot") if given.get(option)}
     for option, name in files.items():
         (check_picture if option == "plot" else check_output)(f"--{option}", name)
     if len(set(files.values())) < len(files):

@@ -3,7 +3,9 @@
 import numpy as np
 from matplotlib.figure import Figure
 
+from ..design.evaluation import label
 from .report import contact_at, gears, hardest_gear, hardest_shaft, meshes_of
+from .tuned import scaled_unit
 
 SAMPLES = 4320
 WITH, WITHOUT, GAP = "#b3261e", "#1f4e79", "#e3e3e3"
@@ -116,6 +118,43 @@ def plot_sweep(sweep, linear):
     below.set_ylabel("teeth apart, % of the cycle")
     below.set_ylim(bottom=0.0)
     below.set_xlabel("speed, rpm")
+    return figure
+
+
+def plot_tuning(objectives, result):
+    """What was made small over the speed, before and after, and the history of the tuning below.
+
+    Parameters
+    ----------
+    objectives : sequence of Objective
+    result : Tuning
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        One panel for each objective (speeds that are not solved are left out), and one for the history: the objective,
+        1 at the start but for smoothing, with a line where the smooth maximum was sharpened.
+    """
+    count = len(objectives)
+    figure = Figure(figsize=(9.0, 2.2 + 2.8 * count), layout="constrained")
+    *panels, below = figure.subplots(count + 1, 1)
+    for axes, objective in zip(panels, objectives, strict=True):
+        name, (factor, unit) = label(objective), scaled_unit(objective.quantity)
+        for reading, colour, said in ((result.before, WITH, "before"), (result.after, WITHOUT, "after")):
+            axes.plot(result.rpm, factor * reading.readings[name], color=colour, marker="o", markersize=3, label=said)
+        axes.set_ylabel(f"{objective.quantity}{', ' + unit if unit else ''}")
+        axes.set_title(f"{result.train.topology.name or 'scene'}: {_plain(name)}", fontsize="medium")
+        axes.set_ylim(bottom=0.0)
+        axes.legend(loc="upper left", fontsize="small")
+    panels[-1].set_xlabel("speed, rpm")
+    steps = [step.number for step in result.history]
+    below.plot(steps, [step.objective for step in result.history], color=WITHOUT, marker="o", markersize=3)
+    for step, following in zip(result.history, result.history[1:], strict=False):
+        if following.width != step.width:
+            below.axvline(step.number + 0.5, color="grey", linewidth=0.8, linestyle=":")
+    below.set_xlabel("step")
+    below.set_ylabel("objective, 1: start")
+    below.set_ylim(bottom=0.0)
     return figure
 
 

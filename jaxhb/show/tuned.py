@@ -1,0 +1,164 @@
+"""What a tuning says: a table for people, a record for programs, the tuned scene."""
+
+import dataclasses
+
+import numpy as np
+
+from ..design.evaluation import label
+from ..design.quantities import OF_DESIGN, unit_of
+from ..model.elements import TABLES
+from .report import finite
+from .tables import aligned
+
+SCALES = {"N": (1e-3, "kN"), "rad": (1e3, "mrad")}
+"""Units in which people read quantities."""
+
+
+def tuned_record(train, asked, result):
+    """Everything that is reported of a tuning, in SI units; what ``tune --json`` writes.
+
+    Parameters
+    ----------
+    train : DriveTrain, as it was
+    asked : dict, from :func:`jaxhb.design.table.read_table`
+    result : Tuning
+
+    Returns
+    -------
+    dict
+        ``scene``, ``rpm``, ``stopped``, ``interrupted``; ``parameters`` by name with ``before``, ``after``, ``low``,
+        ``high``, ``unit``; ``readings`` by label with ``unit`` and values ``before`` and ``after`` at every speed (None
+        where it is not solved; one number for those of the train alone); ``solved`` before and after; ``outcomes`` of
+        all starts; ``history``.
+    """
+    readings = {
+        name: {"unit": unit_of(chosen.quantity), "before": _plain(before), "after": _plain(after)}
+        for chosen, name, before, after in _readings(asked, result)
+    }
+    parameters = {
+        p.name: {
+            "before": result.before.parameters[p.name],
+            "after": result.after.parameters[p.name],
+            "low": p.low,
+            "high": p.high,
+            "unit": parameter_unit(train, p.name),
+        }
+        for p in asked["parameters"]
+    }
+    return progress_record(train, asked["rpm"], result.history) | finite(
+        {
+            "stopped": result.stopped,
+            "interrupted": result.interrupted,
+            "parameters": parameters,
+            "readings": readings,
+            "solved": {"before": result.before.solved.tolist(), "after": result.after.solved.tolist()},
+            "outcomes": [
+                {"objective": value, "parameters": found, "valid": valid} for value, found, valid in result.outcomes
+            ],
+        }
+    )
+
+
+def progress_record(train, rpm, history):
+    """What is known while a tuning runs: ``scene``, ``rpm``, ``history``."""
+    steps = [dataclasses.asdict(step) for step in history]
+    return finite({"scene": train.topology.name, "rpm": np.asarray(rpm).tolist(), "history": steps})
+
+
+def tuned_text(train, asked, result):
+    """Before and after in the words of an engineer: what was won, parameters, quantities at their worst speeds."""
+    rpm, last = np.asarray(asked["rpm"]), result.history[-1]
+    span = f"{len(rpm)} speeds from {rpm.min():g} to {rpm.max():g} rpm" if len(rpm) > 1 else f"{rpm[0]:g} rpm"
+    head = [_won(chosen, rpm, before, after) for chosen, _, before, after in _readings(asked, result, limits=False)]
+    head += [
+        "",
+        f"{train.topology.name or 'scene'} at {span}: {last.number} steps, {last.evaluations} evaluations, "
+        f"{last.seconds:.0f} s; {result.stopped}",
+        f"solved: {result.before.solved.sum()} of {len(rpm)} speeds before, {result.after.solved.sum()} after",
+    ]
+    return "\n\n".join(["\n".join(head), _parameter_table(train, asked, result), _quantity_table(asked, rpm, result)])
+
+
+def _readings(asked, result, *, limits=True):
+    """(Objective or Penalty, label, before, after) of each."""
+    for chosen in (*asked["objective"], *(asked["penalties"] if limits else ())):
+        name = label(chosen)
+        yield chosen, name, result.before.readings[name], result.after.readings[name]
+
+
+def _won(chosen, rpm, before, after):
+    """One sentence on an objective."""
+    (old, old_rpm), (new, new_rpm) = _worst(rpm, before), _worst(rpm, after)
+    name, unit = label(chosen), scaled_unit(chosen.quantity)[1]
+    unit = f" {unit}" if unit else ""
+    change = f", {100 * (new / old - 1):+.0f} %" if old else ""
+    return (
+        f"{name[0].upper()}{name[1:]} at its worst: {_shown(chosen, old)}{unit} at {old_rpm:g} rpm before, "
+        f"{_shown(chosen, new)}{unit} at {new_rpm:g} rpm after{change}."
+    )
+
+
+def _parameter_table(train, asked, result):
+    names = [p.name for p in asked["parameters"]]
+    columns = [
+        names,
+        [f"{result.before.parameters[name]:.4g}" for name in names],
+        [f"{result.after.parameters[name]:.4g}" for name in names],
+        [parameter_unit(train, name) or "-" for name in names],
+        [f"{p.low:g} to {p.high:g}" for p in asked["parameters"]],
+    ]
+    return "Parameters\n" + aligned(["parameter", "before", "after", "unit", "bounds"], columns)
+
+
+def _quantity_table(asked, rpm, result):
+    rows = []
+    for chosen, name, before, after in _readings(asked, result):
+        shown = [f"{name}, {scaled_unit(chosen.quantity)[1]}".removesuffix(", ")]
+        for values in (before, after):
+            value, at = _worst(rpm, values)
+            shown += [_shown(chosen, value), "-" if chosen.quantity in OF_DESIGN else f"{at:g}"]
+        rows.append([*shown, _limit(chosen)])
+    heads = ["quantity, worst over the speeds", "before", "at rpm", "after", "at rpm", "limit"]
+    title = "Quantities (forces, torques and angles: half peak-to-peak unless called peak or order)\n"
+    return title + aligned(heads, [list(column) for column in zip(*rows, strict=True)])
+
+
+def _worst(rpm, values):
+    """Largest value and its speed."""
+    values = np.atleast_1d(np.asarray(values, dtype=float))
+    if not np.isfinite(values).any():
+        return np.nan, np.nan
+    place = int(np.nanargmax(values))
+    return float(values[place]), float(rpm[place])
+
+
+def _shown(chosen, value):
+    return "-" if not np.isfinite(value) else f"{scaled_unit(chosen.quantity)[0] * value:.3g}"
+
+
+def _limit(chosen):
+    factor = scaled_unit(chosen.quantity)[0]
+    said = [
+        f"at {name} {factor * value:g}"
+        for name in ("most", "least")
+        if (value := getattr(chosen, name, None)) is not None
+    ]
+    return ", ".join(said) or "-"
+
+
+def scaled_unit(quantity):
+    """Factor from SI, and the unit in which people read a quantity."""
+    unit = unit_of(quantity)
+    return SCALES.get(unit, (1.0, unit))
+
+
+def parameter_unit(train, name):
+    """Unit of a parameter ``"NAME.FIELD"``."""
+    element, _, field = name.rpartition(".")
+    table, _ = train.topology.elements[element]
+    declared = {f.name: f for f in dataclasses.fields(TABLES[table])}[field]
+    return declared.metadata["range"].unit
+
+
+def _plain(values):
+    return np.asarray(values).tolist()

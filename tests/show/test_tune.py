@@ -1,0 +1,166 @@
+"""``jaxhb tune``: the tuned scene loads, the files say what was done, Ctrl-C leaves the best so far, bad tables."""
+
+import json
+import tomllib
+
+import numpy as np
+import pytest
+
+import jaxhb
+from jaxhb.design.table import read_table
+from jaxhb.model.scene_writer import changed_scene
+from jaxhb.show import commands
+from jaxhb.show.cli import main
+from jaxhb.show.plots import plot_tuning
+
+TABLE = """
+[tune]
+rpm = "1200:2400:7"
+steps = 6
+widths = [0.1]
+
+[[tune.parameter]]
+name = "pulley.inertia"
+low = 0.005
+high = 0.05
+
+[[tune.parameter]]
+name = "cyl1.damping"
+low = 0.5
+high = 8
+scale = "linear"
+
+[[tune.objective]]
+quantity = "shaft torque"
+of = "cyl6|flywheel"
+
+[[tune.penalty]]
+quantity = "inertia added"
+least = -0.006
+"""
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """The diesel with a [tune] table, in a folder of its own."""
+    text, beside = changed_scene("six_cylinder_diesel", {})
+    folder = tmp_path / "scene"
+    folder.mkdir()
+    for name, path in beside.items():
+        (folder / name).write_bytes(path.read_bytes())
+    (folder / "diesel.toml").write_text(text + TABLE, encoding="utf-8")
+    return folder / "diesel.toml"
+
+
+def tune(scene, *options):
+    return main(["tune", str(scene), "--output", str(scene.parents[1] / "better.toml"), *options])
+
+
+def read(path):
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def test_the_tuned_scene_loads_and_the_files_say_what_was_done(scene, tmp_path, capsys):
+    assert tune(scene, "--set", "cyl2.damping=3", "--plot", str(tmp_path / "tuned.png")) == 0
+    said, record = capsys.readouterr().out, read(tmp_path / "better.json")
+    before, after = jaxhb.load_scene(scene), jaxhb.load_scene(tmp_path / "better.toml")
+    assert after.value("cyl2.damping") == 3.0
+    for name, found in record["parameters"].items():
+        assert found["before"] == pytest.approx(before.value(name), rel=1e-12)
+        assert found["after"] == after.value(name) != found["before"]
+    assert record["parameters"]["cyl1.damping"]["unit"] == "N m s/rad"
+    swing = record["readings"]["shaft torque of cyl6|flywheel"]
+    sweep = jaxhb.solve_speeds(after, rpm=np.array(record["rpm"]))
+    truth = sweep.torque("cyl6|flywheel").half_peak_to_peak
+    np.testing.assert_allclose(swing["after"], truth, rtol=1e-9)
+    assert max(swing["after"]) < max(swing["before"]) and swing["unit"] == "N m"
+    assert record["readings"]["inertia added"]["after"] > -0.0063  # a penalty gives way a little
+    assert [step["number"] for step in record["history"]] == list(range(len(record["history"])))
+    assert record["solved"]["after"] == [True] * 7 and not record["interrupted"]
+    assert f"{max(swing['after']):.3g} N m at {record['rpm'][int(np.argmax(truth))]:g} rpm after" in said
+    assert "pulley.inertia" in said and "0.005 to 0.05" in said and "at least -0.006" in said
+    assert (tmp_path / "tuned.png").read_bytes().startswith(b"\x89PNG")
+    unchanged = tomllib.loads((tmp_path / "better.toml").read_text(encoding="utf-8"))
+    assert unchanged["tune"] == tomllib.loads(TABLE)["tune"]
+
+
+def test_ctrl_c_leaves_the_best_design_and_the_history_on_disk(scene, tmp_path, capsys, monkeypatch):
+    tell = commands._tell
+
+    def stop(files, progress, step):
+        tell(files, progress, step)
+        if step.number == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(commands, "_tell", stop)
+    assert tune(scene) == 130
+    record = read(tmp_path / "better.json")
+    assert record["interrupted"] and len(record["history"]) == 3
+    best = record["history"][-1]["parameters"]
+    assert jaxhb.load_scene(tmp_path / "better.toml").value("pulley.inertia") == best["pulley.inertia"]
+    assert "stopped by the user" in capsys.readouterr().out
+
+
+def test_the_picture_shows_the_response_before_and_after_and_the_history(scene):
+    train = jaxhb.load_scene(scene)
+    asked = read_table(train)
+    result = jaxhb.tune(train, **asked)
+    above, below = plot_tuning(asked["objective"], result).axes
+    before, after = (line.get_ydata() for line in above.get_lines())
+    np.testing.assert_array_equal(before, result.before.readings["shaft torque of cyl6|flywheel"])
+    assert after.max() < before.max()
+    np.testing.assert_array_equal(below.get_lines()[0].get_ydata(), [step.objective for step in result.history])
+
+
+WRONG = {
+    ("[tune]", "[tun]"): "unknown table 'tun'. Did you mean 'tune'",
+    ('rpm = "1200:2400:7"', 'rpm = "fast"'): "[tune]: rpm is 'fast', must be \"A:B:COUNT\"",
+    ('rpm = "1200:2400:7"', ""): "[tune]: rpm is missing, must be",
+    ("steps = 6", "step = 6"): "[tune]: unknown key 'step'. Did you mean 'steps'",
+    ("steps = 6", 'steps = "6"'): "[tune]: steps is '6', must be a whole number",
+    ("widths = [0.1]", "widths = 0.1"): "[tune]: widths is 0.1, must be a list of numbers",
+    ("widths = [0.1]", 'optimizer = "sgd"'): "optimizer is 'sgd', must be 'lbfgs' or 'adam'",
+    ("low = 0.005", "lowest = 0.005"): "[[tune.parameter]] no. 1: the key 'low' is missing",
+    ("low = 0.005", 'low = "a"'): "[[tune.parameter]] no. 1: low is 'a', must be a number",
+    ("low = 0.005", "low = 0.03"): "its value 0.017 lies outside its bounds 0.03 to 0.05",
+    ("pulley.inertia", "puley.inertia"): "there is no element 'puley' in 'puley.inertia'. Did you mean 'pulley'",
+    (
+        "[[tune.objective]]",
+        "[tune.objective]",
+    ): "[tune]: 'objective' must be a list of tables. Write [[tune.objective]]",
+    ("cyl6|flywheel", "cyl6|flywhel"): "there is no shaft or damper 'cyl6|flywhel'. Did you mean 'cyl6|flywheel'",
+}
+
+
+@pytest.mark.parametrize("change", WRONG, ids=lambda change: change[1])
+def test_a_bad_table_is_told_and_nothing_is_written(scene, tmp_path, capsys, change):
+    scene.write_text(scene.read_text(encoding="utf-8").replace(*change), encoding="utf-8")
+    assert tune(scene) == 2
+    assert WRONG[change] in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["scene"]
+
+
+def test_a_scene_without_a_table_is_told(tmp_path, capsys):
+    assert main(["tune", "six_cylinder_diesel", "--output", str(tmp_path / "better.toml")]) == 2
+    assert "six_cylinder_diesel: the scene has no [tune] table. Write [tune]" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_another_table_of_the_same_name_is_not_overwritten(scene, tmp_path, capsys):
+    (tmp_path / "six_cylinder_diesel_pressure.csv").write_text("mine", encoding="utf-8")
+    assert tune(scene) == 2
+    assert "is another file than 'six_cylinder_diesel_pressure.csv' of the scene" in capsys.readouterr().err
+    assert (tmp_path / "six_cylinder_diesel_pressure.csv").read_text(encoding="utf-8") == "mine"
+
+
+@pytest.mark.parametrize("name", jaxhb.scene_names())
+def test_every_packaged_scene_is_written_anew_as_it_was(name, tmp_path):
+    text, beside = changed_scene(name, {})
+    for file, path in beside.items():
+        (tmp_path / file).write_bytes(path.read_bytes())
+    (tmp_path / "again.toml").write_text(text, encoding="utf-8")
+    before, after = jaxhb.load_scene(name), jaxhb.load_scene(tmp_path / "again.toml")
+    assert before.topology == after.topology
+    for table in ("disks", "shafts", "meshes", "dampers", "torques", "cylinders"):
+        for field, values in vars(getattr(before, table)).items():
+            np.testing.assert_array_equal(getattr(getattr(after, table), field), values)
