@@ -8,8 +8,8 @@ import jax
 import numpy as np
 
 from ..model.elements import SceneError
-from ..periodic import harmonics as decide
 from ..periodic.newton import Status
+from .evaluation import LONGER
 
 LONGEST = 1.5
 """Largest change of a z in one step: the share of the range then moves by at most 0.36."""
@@ -177,7 +177,7 @@ class Descent:
         z, winner = self.best.z, self.best
         wide = self.bench.plan.harmonics + 1 - winner.motion.shape[-1]
         winner = dataclasses.replace(winner, motion=np.pad(winner.motion, [(0, 0)] * 3 + [(0, max(wide, 0))]))
-        self.point = self.bench.at(z, winner, self.counted, rungs=decide.MARCH_CYCLES[1:])
+        self.point = self.bench.at(z, winner, self.counted, rungs=LONGER)
         self.counted = self.counted & self.point.solved
         self.best = self.point
 

@@ -12,20 +12,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..model.engine import listed_harmonic
 from ..periodic import harmonics as decide
 from ..periodic import march
 from ..periodic.derivative import only_if_finite
-from ..periodic.harmonics import Plan
 from ..periodic.newton import Status
 from ..periodic.problem import pose
 from ..periodic.program import Start, solve_problem
-from ..periodic.solve import respond
+from ..periodic.solve import respond, solve
 from ..periodic.speeds import plan_speeds
 from . import objectives
 from .quantities import OF_DESIGN, QUANTITIES, frequencies_hz, inertia_added
 
 NEWTON_STEPS = 15
+LONGER = (12, 60)
+"""Cycles marched where the usual few are no start."""
+
 FARTHEST = 6.9
 """|z| of a start on a bound: a thousandth of the range inside it, where the share still has a slope."""
 
@@ -96,25 +97,25 @@ def to_unbounded(values, parameters):
 
 
 def first_plan(train, rpm, tolerance, harmonics):
-    """One plan for all speeds: that of the slowest at which teeth separate, or leave contact; linear without backlash.
+    """One plan for all speeds, as fine as the finest that one of them needs.
 
-    A mesh with backlash is an unknown at all speeds: a changed design may take it off its flank.
+    Every mesh with backlash is an unknown at every speed: a changed design may take it off its flank.
     """
     plans = plan_speeds(train, rpm, harmonics, tolerance)
-    moving = [plan for plan in plans if plan.active]
     gaps = tuple(i for i, gap in enumerate(train.topology.mesh_backlash) if gap)
-    if moving or not gaps:
-        return max(moving or plans, key=lambda plan: (plan.harmonics, plan.instants))
+    finest = max((plan for plan in plans if plan.active), key=lambda plan: plan.harmonics, default=plans[0])
+    if not gaps:
+        return finest
     excited = decide.excited_harmonic(train, "reduced")
     modes = decide.mesh_mode_harmonic(train, train.topology.cycle_frequency(float(np.max(rpm))))
-    return Plan(
-        harmonics=harmonics or decide.first_level(excited, 0.0),
+    least = march.instants_for(max(modes, 2 * excited))
+    return dataclasses.replace(
+        finest,
+        harmonics=harmonics or max(finest.harmonics, decide.first_level(excited, 0.0)),
         active=gaps,
         flank=(0,) * len(train.topology.mesh_backlash),
         start="march",
-        instants=march.instants_for(max(modes, 2 * excited)),
-        tolerance=tolerance,
-        excited=listed_harmonic(train.topology),
+        instants=max(finest.instants, least) if finest.active else least,
     )
 
 
@@ -227,17 +228,16 @@ class Bench:
         self.calls = 0
 
     def first(self, z):
-        """The Point of designs without motions: marched, longer where that fails."""
+        """The Point of designs without motions: marched, longer where that fails; the first one up the whole ladder."""
         active = len(self.plan.choice.active)
         motion = np.zeros((len(z), len(self.rpm), active, self.plan.harmonics + 1), dtype=complex)
         everywhere = np.ones(motion.shape[:2], dtype=bool)
-        cycles = decide.MARCH_CYCLES if active else (0,)
-        point = self._call(z, motion, ~everywhere, everywhere, cycles[0])
-        return self._again(point, everywhere, cycles[1:])
+        point = self._call(z, motion, ~everywhere, everywhere, decide.MARCH_CYCLES if active else 0)
+        return self._climbed(self._again(point, everywhere, LONGER))
 
-    def at(self, z, near, counted, *, rungs=decide.MARCH_CYCLES[1:2]):
+    def at(self, z, near, counted, *, rungs=LONGER[:1]):
         """The Point of designs near those of the Point ``near``; speeds that are lost are marched."""
-        point = self._call(z, near.motion, near.solved, counted, decide.MARCH_CYCLES[0])
+        point = self._call(z, near.motion, near.solved, counted, decide.MARCH_CYCLES)
         return self._again(point, counted, rungs)
 
     def _again(self, point, counted, rungs):
@@ -247,6 +247,20 @@ class Bench:
                 break
             point = self._call(point.z, point.motion, ~lost, counted, cycles)
         return point
+
+    def _climbed(self, point):
+        """The first design's lost speeds solved one by one, up the ladder of :func:`jaxhb.solve`."""
+        choice, motion, train = self.plan.choice, point.motion.copy(), None
+        solved = point.solved
+        for i in np.flatnonzero(~solved[0]) if len(choice.active) else ():
+            train = train or self.train.replace(self.values(point.z[0]))
+            response = solve(train, rpm=float(self.rpm[i]), harmonics=self.plan.harmonics)
+            if response.status <= Status.TOLERANCE_NOT_MET:
+                motion[0, i] = response.deflections[choice.chosen] * choice.active[:, None]
+                solved[0, i] = True
+        if (solved == point.solved).all():
+            return point
+        return self._call(point.z, motion, solved, np.ones_like(solved), decide.MARCH_CYCLES)
 
     def _call(self, z, motion, given, counted, cycles):
         start = Start(motion, given, np.where(given, 0, cycles))
