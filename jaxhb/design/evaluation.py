@@ -136,14 +136,15 @@ def assess(train, rpm, z, start, counted, widths, scales, *, task, plan):
     """
 
     def one(z, start, counted):
-        cost = jax.value_and_grad(_cost, has_aux=True)
-        (value, aux), gradient = cost(z, train, rpm, start, counted, widths, scales, task, plan)
+        both = jax.value_and_grad(cost, has_aux=True)
+        (value, aux), gradient = both(z, train, rpm, start, counted, widths, scales, task, plan)
         return Point(z, value, gradient, *aux)
 
     return jax.vmap(one)(z, start, counted)
 
 
-def _cost(z, train, rpm, start, counted, widths, scales, task, plan):
+def cost(z, train, rpm, start, counted, widths, scales, task, plan):
+    """The objective of one design z ``(P,)``, and (status, truncation error, motion, readings); see :func:`assess`."""
     values = to_values(z, task.parameters)
     changed = train.replace({p.name: values[i] for i, p in enumerate(task.parameters)})
     response, motion = jax.vmap(lambda speed, start: _solve(changed, speed, start, plan))(rpm, start)
