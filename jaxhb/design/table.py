@@ -110,7 +110,7 @@ def _speeds(given, where, faults):
         return np.array(given, dtype=float)
     try:
         first, last, count = given.split(":")
-        return np.linspace(float(first), float(last), int(count))
+        return np.linspace(float(first), float(last), max(int(count), 1))
     except (AttributeError, ValueError):
         text = "is missing" if given is None else f"is {given!r}"
         faults.append(

@@ -112,7 +112,7 @@ def tune(
     >>> pulley = Parameter(name="pulley.inertia", low=0.005, high=0.05)
     >>> tuned = tune(train, parameters=[pulley], rpm=[1800.0, 2000.0, 2200.0], objective=swing, steps=5)
     >>> round(tuned.after.parameters["pulley.inertia"], 3)
-    0.005
+    0.026
     """
     rpm = np.atleast_1d(np.asarray(rpm, dtype=float))
     given = tuple(objective) if isinstance(objective, (list, tuple)) else (objective,)

@@ -102,10 +102,10 @@ def _parameter_table(train, asked, result):
     names = [p.name for p in asked["parameters"]]
     columns = [
         names,
-        [f"{result.before.parameters[name]:.4g}" for name in names],
-        [f"{result.after.parameters[name]:.4g}" for name in names],
+        [_number(result.before.parameters[name]) for name in names],
+        [_number(result.after.parameters[name]) for name in names],
         [parameter_unit(train, name) or "-" for name in names],
-        [f"{p.low:g} to {p.high:g}" for p in asked["parameters"]],
+        [f"{_number(p.low)} to {_number(p.high)}" for p in asked["parameters"]],
     ]
     return "Parameters\n" + aligned(["parameter", "before", "after", "unit", "bounds"], columns)
 
@@ -134,6 +134,13 @@ def _worst(rpm, values):
 
 def _shown(chosen, value):
     return "-" if not np.isfinite(value) else f"{scaled_unit(chosen.quantity)[0] * value:.3g}"
+
+
+def _number(value):
+    """Four digits, without a power of ten where that is readable."""
+    if not 1e-4 <= abs(value) < 1e7:
+        return f"{value:.4g}"
+    return np.format_float_positional(float(f"{value:.4g}"), trim="-")
 
 
 def _limit(chosen):

@@ -1,5 +1,7 @@
 """Tuning: dampers to their exact optima, gradients against differences, no speed lost, sentences for bad input."""
 
+import doctest
+import importlib
 from functools import cache
 from types import SimpleNamespace
 
@@ -15,6 +17,13 @@ from jaxhb import Damper, Disk, Ground, Shaft, Torque
 from jaxhb.design import Objective, Parameter, Penalty, evaluation
 from jaxhb.design.descent import Descent
 from jaxhb.design.quantities import frequencies_hz
+
+
+def test_the_examples_in_the_docstrings_hold():
+    for name in ("table", "tuning"):
+        failures, tests = doctest.testmod(importlib.import_module(f"jaxhb.design.{name}"))
+        assert tests and not failures
+
 
 INERTIA, STIFFNESS = 2.0, 8e4
 NATURAL = np.sqrt(STIFFNESS / INERTIA)
@@ -279,6 +288,7 @@ WRONG = {
     "steps is 0, must be a whole number of at least 1": {"steps": 0},
     "widths is ()": {"widths": ()},
     "the speed is -5 rpm": {"rpm": [-5.0]},
+    "no speed is given": {"rpm": []},
 }
 
 

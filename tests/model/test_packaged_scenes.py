@@ -50,7 +50,7 @@ def natural_frequencies(train):
 
 
 def test_all_examples_in_the_docstrings_hold():
-    for name in ("elements", "drivetrain", "engine", "crank", "scene", "topology"):
+    for name in ("elements", "drivetrain", "engine", "crank", "scene", "scene_writer", "topology"):
         failures, tests = doctest.testmod(importlib.import_module(f"jaxhb.model.{name}"))
         assert tests and not failures
 
