@@ -29,6 +29,7 @@ from random_trains import SKELETONS, random_case
 
 import jaxhb
 from jaxhb import Status
+from jaxhb.periodic.harmonics import MOST
 
 TOLERANCE = 0.01
 WRONG = 3.0

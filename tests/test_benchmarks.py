@@ -212,8 +212,6 @@ def test_the_stored_rows_are_drawn(tmp_path):
 
 def test_the_module_of_the_integrators_is_the_only_one_that_loads_numba():
     assert [p.name for p in FOLDER.glob("*.py") if "\nfrom numba import" in p.read_text()] == ["integrators.py"]
-def test_the_module_of_the_integrators_is_the_only_one_that_imports_numba():
-    assert [p.name for p in FOLDER.glob("*.py") if "numba import" in p.read_text()] == ["integrators.py"]
 
 
 def test_a_hundred_numbers_of_the_engine_can_be_tuned():

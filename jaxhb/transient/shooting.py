@@ -38,8 +38,8 @@ def monodromy(stepper, state):
 def shoot(stepper, state, *, steps_newton=6, tolerance=1e-11, cutoff=1e-10, persistent=False):
     """Correct a state until the cycle closes, ``z(T; z) = z``; valid under jit and vmap.
 
-    Each Newton step keeps the length of LENGTHS that closes best, and the steps end where none closes better. Motion that
-    returns whatever it is (free rotation of a floating train) makes ``I - Phi`` singular and is left alone by a
+    Each Newton step keeps the length of LENGTHS that closes best, and the steps end where none closes better. Motion
+    that returns whatever it is (free rotation of a floating train) makes ``I - Phi`` singular and is left alone by a
     pseudo-inverse. Under jit the last monodromy matrix costs nothing where it is not used.
 
     Parameters

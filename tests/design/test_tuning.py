@@ -1,7 +1,6 @@
 """Tuning: dampers to their exact optima, gradients against differences, no speed lost, sentences for bad input."""
 
 import doctest
-import importlib
 from functools import cache
 from types import SimpleNamespace
 
@@ -14,15 +13,14 @@ from trains import branched_parts, build, gearbox_parts
 
 import jaxhb
 from jaxhb import Damper, Disk, Ground, Shaft, Torque
-from jaxhb.design import Objective, Parameter, Penalty, evaluation
+from jaxhb.design import Objective, Parameter, Penalty, evaluation, table
 from jaxhb.design.descent import Descent
 from jaxhb.design.quantities import frequencies_hz
 
 
-def test_the_examples_in_the_docstrings_hold():
-    for name in ("table", "tuning"):
-        failures, tests = doctest.testmod(importlib.import_module(f"jaxhb.design.{name}"))
-        assert tests and not failures
+def test_the_example_of_the_table_holds():
+    failures, tests = doctest.testmod(table)
+    assert tests and not failures
 
 
 INERTIA, STIFFNESS = 2.0, 8e4
@@ -177,7 +175,7 @@ def tuned(**options):
 
 @pytest.mark.parametrize("optimizer", ["lbfgs", "adam"])
 def test_a_tuning_lowers_the_tooth_force_and_keeps_every_speed(same_plan, optimizer):
-    found = tuned(optimizer=optimizer, steps=5)
+    found = tuned(optimizer=optimizer, steps=3)
     label = "tooth force order 1 of crank gear|idler"
     before, after = found.before.readings[label], found.after.readings[label]
     assert np.nanmax(after) < 0.85 * np.nanmax(before)

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import jaxhb
 from jaxhb.model.drivetrain import inertias, speed_ratios
 from jaxhb.model.engine import excitation, highest_harmonic, load_power_kW
 from jaxhb.model.scene import load_scene, scene_description, scene_names
@@ -189,10 +188,11 @@ def test_engine_with_damper_is_the_diesel_with_gears_of_six_percent_tooth_dampin
     assert {train.topology.damper_disk} == {(train.topology.disk_index("hub"),) * 2}
 
 
-def test_engine_with_damper_has_a_viscous_form_that_is_solved_where_its_teeth_hammer():
-    train = load_scene("engine_with_damper").with_viscous_damping(hz=217.0)
-    assert not train.shafts.loss_factor.any() and not train.dampers.loss_factor.any()
-    meshes = {"active": (0, 2), "flank": (0, 0, 0)}
-    plan = jaxhb.Plan(harmonics=192, start="march", instants=768, excited=24, tolerance=0.03, **meshes)
-    response = jaxhb.check(jaxhb.solve(train, rpm=2300.0, plan=plan))
-    assert response.mesh("crank gear|idler").separated_fraction > 0.1
+def test_engine_with_damper_has_a_viscous_form():
+    """r = eta k / omega at 217 Hz: no loss factor is left, which time integration would refuse."""
+    train = load_scene("engine_with_damper")
+    viscous = train.with_viscous_damping(hz=217.0)
+    assert not viscous.shafts.loss_factor.any() and not viscous.dampers.loss_factor.any()
+    added = viscous.shafts.damping - train.shafts.damping
+    np.testing.assert_allclose(added, train.shafts.loss_factor * train.shafts.stiffness / (2 * np.pi * 217.0))
+    assert (np.asarray(viscous.dampers.damping) > 0).all() and (np.asarray(viscous.shafts.damping) > 0).all()
