@@ -197,9 +197,12 @@ def stack(responses):
 
     def joined(name):
         arrays = [np.asarray(getattr(r, name)) for r in responses]
-        if name in wanted:
-            arrays = [_padded(a, wanted[name]) for a in arrays]
-        return np.stack(arrays)
+        if name not in wanted:
+            return np.stack(arrays)
+        joint = np.zeros((len(arrays), *arrays[0].shape[:-1], wanted[name] + 1), dtype=complex)
+        for row, array in zip(joint, arrays, strict=True):
+            row[..., : array.shape[-1]] = array
+        return joint
 
     single = ("train", "path", "resolution")
     names = [f.name for f in dataclasses.fields(Response) if f.name not in single]
@@ -209,8 +212,3 @@ def stack(responses):
         resolution=max(r.resolution for r in responses),
         **{name: joined(name) for name in names},
     )
-
-
-def _padded(coefficients, harmonics):
-    extra = harmonics + 1 - coefficients.shape[-1]
-    return np.pad(coefficients, [(0, 0)] * (coefficients.ndim - 1) + [(0, extra)])

@@ -18,15 +18,17 @@ from .program import Start, solve_problem
 from .solve import check_speed, respond, solve
 
 CHUNK = 8
-BATCH_STEPS = 5
+BATCH_STEPS = 8
+HEAVY = 192
+"""Harmonics from which one speed fills a processor: there a batch is no faster, and waits for its slowest speed."""
 
 
 def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=None, progress=None):
     """Periodic responses at many speeds.
 
     The linear motion tells at which speeds teeth leave contact or separate; speeds with the same needs share a plan
-    and one compiled program, in batches of fixed size. A speed that fails in its batch is solved again by itself,
-    from the nearest speed that converged, or with more harmonics or a longer march.
+    and one compiled program, in batches of fixed size where that is faster. A speed that fails is solved again by
+    itself, from the nearest speed that converged, with more harmonics or by shooting.
 
     Parameters
     ----------
@@ -76,9 +78,15 @@ def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=None, progr
     found = [None] * len(rpm)
     for shared in dict.fromkeys(plans):
         places = [i for i, own in enumerate(plans) if own == shared]
-        for first in range(0, len(places), CHUNK):
-            chunk = places[first : first + CHUNK]
-            for place, response in zip(chunk, _solve_chunk(train, rpm[chunk], shared), strict=True):
+        alone = shared.harmonics >= HEAVY and jax.default_backend() == "cpu"
+        size = 1 if alone or len(places) == 1 else CHUNK
+        for first in range(0, len(places), size):
+            chunk = places[first : first + size]
+            if size == 1:
+                solved = [solve(train, rpm=float(rpm[place]), plan=shared) for place in chunk]
+            else:
+                solved = _solve_chunk(train, rpm[chunk], shared)
+            for place, response in zip(chunk, solved, strict=True):
                 found[place] = response
             tell(len(chunk))
     if plan is None:
