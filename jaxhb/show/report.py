@@ -236,7 +236,7 @@ def verdict(response):
 
 
 def notes(*responses):
-    """Sentences on grounds that take a mean torque, and on what in the tooth law is large beside the mean force.
+    """Sentences on grounds that take a mean torque, motions that may be unstable, and large traits of the tooth law.
 
     Parameters
     ----------
@@ -246,10 +246,10 @@ def notes(*responses):
     Returns
     -------
     list of str
-        A ground that takes above 1 % of the largest mean torque; a gap spring above 5 % of the mean force, a knee above
-        50 % of it, damping in the gap above 5 % of it.
+        A ground that takes above 1 % of the largest mean torque; motions on which time integration did not settle; a
+        gap spring above 5 % of the mean force, a knee above 50 % of it, damping in the gap above 5 % of it.
     """
-    found, through = ground_notes(responses, _speed_of), []
+    found, through = ground_notes(responses, _speed_of) + _unsettled_notes(responses), []
     for name in responses[0].topology.mesh_names:
         contacts = [contact_at(response, name) for response in responses]
         if None in contacts or not contacts[0].knee_force:
@@ -257,6 +257,8 @@ def notes(*responses):
         means = [abs(float(response.force(name).mean)) for response in responses]
         least = int(np.argmin(means))
         found += _law_notes(name, contacts[0], means[least], _speed_of(responses, least))
+        if responses[0].topology.mesh_damping_law[responses[0].topology.mesh_names.index(name)] == "contact":
+            continue
         pulling = [contact.pulling_force for contact in contacts]
         hardest = int(np.argmax(pulling))
         if pulling[hardest] > GAP_SPRING_SHARE * means[hardest]:
@@ -267,6 +269,22 @@ def notes(*responses):
             f"{', '.join(through)}."
         )
     return found
+
+
+def _unsettled_notes(responses):
+    """Of converged motions that a march of a few cycles did not settle on."""
+    found = [
+        f"{float(r.rpm):g}"
+        for r in responses
+        if r.converged and any(word in entry for entry in r.path for word in ("shooting", "homotopy"))
+    ]
+    if not found:
+        return []
+    speeds = f"{', '.join(found[:6])}{f' and {len(found) - 6} more' if len(found) > 6 else ''} rpm"
+    return [
+        f"A periodic motion was found at {speeds}, but a few cycles of time integration do not settle there: it may be "
+        "unstable, and the engine may run through other motions instead (jaxhb.integrate shows them)."
+    ]
 
 
 def _speed_of(responses, number):

@@ -46,6 +46,14 @@ def test_a_soft_gap_and_a_high_knee_are_noted():
     assert any("stiff only above" in note and "smaller transition" in note for note in found)
 
 
+def test_a_motion_found_by_shooting_is_said_to_be_perhaps_unstable():
+    sharp = jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=2000.0)
+    shot = dataclasses.replace(sharp, path=("march of 3 cycles; shooting from 1 cycles; Newton: CONVERGED",))
+    (note,) = notes(shot)
+    assert "found at 2000 rpm" in note and "may be unstable" in note
+    assert notes(dataclasses.replace(shot, status=np.array(int(jaxhb.Status.STALLED)))) == []
+
+
 @pytest.fixture(scope="module")
 def sweep():
     """Two speeds: a hammering solution, and the same as if it had not converged."""
