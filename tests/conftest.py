@@ -1,11 +1,34 @@
 """Makes the modules of ``tests`` (``tolerances``, ``reference_data``, ``dense``, ``trains``) importable by all tests.
 
 The directory of a conftest.py is put on the path by pytest; the double precision of every test comes with the package.
-Most of the time is compilation: the compiler optimises less, which halves it and doubles the run times.
+Most of the time is compilation: programs are kept for all processes of the run, those that tests start too, and the
+compiler optimises less, which halves it and doubles the run times.
 """
 
 import os
+import tempfile
+from pathlib import Path
 
+import pytest
+
+kept = None
+if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+    kept = tempfile.TemporaryDirectory(prefix="jaxhb-tests-")
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = kept.name
 os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
 
+import jax  # noqa: E402
+
 import jaxhb._x64  # noqa: E402, F401
+
+MOST_MAPS = 30_000
+"""Memory maps of a process above which its programs are dropped: a solve takes 1200, and Linux gives 65530."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_memory_maps():
+    """Compiled programs beyond the limit of memory maps end the process with a segmentation fault."""
+    yield
+    maps = Path("/proc/self/maps")
+    if maps.exists() and maps.read_text().count("\n") > MOST_MAPS:
+        jax.clear_caches()
