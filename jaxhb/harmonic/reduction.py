@@ -168,7 +168,9 @@ class Reduced:
 
 def instants(integrals, law, deflection, samples, passages=None):
     """Instants for integrals over the cycle of forces of ``law`` at ``deflection``: "sampled" or "exact"."""
-    return exact.divide(law, deflection, passages) if integrals == "exact" else fourier.Equidistant(samples)
+    if integrals == "exact" and len(deflection):
+        return exact.divide(law, deflection, passages)
+    return fourier.Equidistant(samples)
 
 
 def truncate(reduced, harmonics):

@@ -7,7 +7,7 @@ import jax
 import numpy as np
 import pytest
 from differences import Tight
-from trains import branched_parts, build
+from trains import ONE_RADIAN_PER_SECOND, branched_parts, build, one_mass_parts
 
 import jaxhb
 
@@ -74,6 +74,15 @@ def test_hessian_is_that_of_differences_of_gradients_with_two_meshes_separating(
     rows = [(second(ONES + e)[1][0] - second(ONES - e)[1][0]) / (2 * step) for e in step * np.eye(len(KEYS))]
     np.testing.assert_allclose(hessian, rows, rtol=0, atol=1e-5 * np.abs(hessian).max())
     np.testing.assert_allclose(hessian, hessian.T, rtol=0, atol=1e-10 * np.abs(hessian).max())
+
+
+def test_where_the_teeth_stay_in_contact_exact_integrals_change_nothing():
+    pressed = build(one_mass_parts(m=1.0, b=0.2, c=1.0, eps=0.05, h=0.1, q0=2.0, q1=0.1), reference="a")
+    rpm = 0.5 * ONE_RADIAN_PER_SECOND
+    found = jaxhb.solve(pressed, rpm=rpm, integrals="exact")
+    assert found.converged and found.path[0].startswith("linear")
+    linear = jaxhb.linear_response(pressed, rpm=rpm, harmonics=found.harmonics)
+    np.testing.assert_allclose(found.deflections[:, 1:], linear.deflections[:, 1:], rtol=0, atol=1e-14)  # rounding
 
 
 def test_the_path_tells_of_exact_integrals():
