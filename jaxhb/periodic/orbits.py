@@ -20,8 +20,11 @@ from ..transient.surrogate import surrogate
 from .march import begin
 from .problem import pose, reduced_equation
 
-CYCLES, TRIES = 32, 4
-"""Cycles marched, and how many of them, those that close best, are shot from."""
+CYCLES = 64
+"""Cycles marched; those that close best are shot from."""
+
+TRIES, WORK = (4, 24), 3e7
+"""Fewest and most cycles shot from: as many as ``WORK`` pays for, counted in instants times (states^2 + 30^2)."""
 
 STEPS = 25
 """Newton steps of one shooting; those that succeed take about ten."""
@@ -72,7 +75,8 @@ def find(train, rpm, plan, seed=None):
     stepper, states, closures = _visited(pose(train, rpm, excited), plan.choice, plan.instants, excited)
     closures = np.nan_to_num(np.asarray(closures), nan=np.inf)
     seeds = [seed] if seed is not None else []
-    seeds += [states[first] for first in np.argsort(closures)[:TRIES] if np.isfinite(closures[first])]
+    most = np.clip(WORK / (plan.instants * (states.shape[1] ** 2 + 30**2)), *TRIES)
+    seeds += [states[first] for first in np.argsort(closures)[: int(most)] if np.isfinite(closures[first])]
     best = Orbit(None, np.inf, None, 0)
     for tries, first in enumerate(seeds, 1):
         state, deflection, closure = _shot(stepper, first)
