@@ -17,7 +17,9 @@ from .problem import Problem, pose
 from .program import Start, solve_problem
 from .solve import check_speed, respond, solve
 
-CHUNK = 8
+CHUNK, LINEAR_CHUNK = 8, 32
+"""Speeds in a batch; more of them where there are so many and no lane waits for another."""
+
 BATCH_STEPS = 8
 HEAVY = 192
 """Harmonics from which one speed fills a processor: there a batch is no faster, and waits for its slowest speed."""
@@ -79,13 +81,14 @@ def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=None, progr
     for shared in dict.fromkeys(plans):
         places = [i for i, own in enumerate(plans) if own == shared]
         alone = shared.harmonics >= HEAVY and jax.default_backend() == "cpu"
-        size = 1 if alone or len(places) == 1 else CHUNK
+        size = LINEAR_CHUNK if not shared.active and len(places) >= LINEAR_CHUNK else CHUNK
+        size = 1 if alone or len(places) == 1 else size
         for first in range(0, len(places), size):
             chunk = places[first : first + size]
             if size == 1:
                 solved = [solve(train, rpm=float(rpm[place]), plan=shared) for place in chunk]
             else:
-                solved = _solve_chunk(train, rpm[chunk], shared)
+                solved = _solve_chunk(train, rpm[chunk], shared, size)
             for place, response in zip(chunk, solved, strict=True):
                 found[place] = response
             tell(len(chunk))
@@ -145,9 +148,9 @@ def _solve_all(problem, choice, start, tolerance, sizes):
     return jax.vmap(one, in_axes=(_axes(),))(problem)
 
 
-def _solve_chunk(train, rpm, plan):
-    """Responses at up to CHUNK speeds under one plan, padded to a batch of fixed size."""
-    padded = np.concatenate([rpm, np.full(CHUNK - len(rpm), rpm[-1])])
+def _solve_chunk(train, rpm, plan, size):
+    """Responses at up to ``size`` speeds under one plan, padded to a batch of that size."""
+    padded = np.concatenate([rpm, np.full(size - len(rpm), rpm[-1])])
     problem = _pose_all(train, jnp.asarray(padded), plan.harmonics, plan.excited)
     choice = plan.choice
     coefficients = np.zeros((len(choice.active), plan.harmonics + 1), dtype=complex)
