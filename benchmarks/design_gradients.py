@@ -24,7 +24,7 @@ from functools import partial
 import jax
 import numpy as np
 from marches import march
-from records import Recorder, pin, timed
+from records import run_parts, timed
 from tasks import fastest_rate, prepare
 
 import jaxhb
@@ -215,13 +215,7 @@ def main(argv=None):
     reader.add_argument("--core", type=int, default=0, help="-1: wherever the system puts it")
     reader.add_argument("--json", metavar="FILE")
     options = reader.parse_args(argv)
-    if unknown := set(options.parts) - set(PARTS):
-        reader.error(f"no such part: {', '.join(sorted(unknown))}")
-    pin(options.core)
-    recorder = Recorder("design_gradients", options.json, COLUMNS)
-    recorder.head()
-    for part in options.parts or PARTS:
-        PARTS[part](recorder, options)
+    run_parts("design_gradients", reader, PARTS, COLUMNS, options)
 
 
 if __name__ == "__main__":

@@ -119,6 +119,17 @@ class Recorder:
             self.file.flush()
 
 
+def run_parts(benchmark, parser, parts, columns, options):
+    """Run the parts of a benchmark that the command line names, all by default: functions of (Recorder, options)."""
+    if unknown := sorted(set(options.parts) - set(parts)):
+        parser.error(f"unknown parts {unknown}: give {', '.join(parts)}")
+    pin(options.core)
+    recorder = Recorder(benchmark, options.json, columns)
+    recorder.head()
+    for part in options.parts or parts:
+        parts[part](recorder, options)
+
+
 def _align(form):
     return form[0] if form[0] in "<>" else ">"
 

@@ -19,7 +19,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from records import Recorder, exponent, forget_peak, peak_memory, pin, timed
+from records import exponent, forget_peak, peak_memory, run_parts, timed
 from refined_trains import accessory_drive, refined, with_tooth_damping
 
 import jaxhb
@@ -220,16 +220,9 @@ def main():
     parser.add_argument("--json", help="file for JSON lines")
     parser.add_argument("--quick", action="store_true", help="few and small sizes")
     options = parser.parse_args()
-    unknown = sorted(set(options.parts) - set(PARTS))
-    if unknown:
-        parser.error(f"unknown parts {unknown}: give {', '.join(PARTS)}")
     if options.quick:
         options.repeats = 1
-    pin(options.core)
-    recorder = Recorder("scaling", options.json, COLUMNS)
-    recorder.head()
-    for part in options.parts or PARTS:
-        PARTS[part](recorder, options)
+    run_parts("scaling", parser, PARTS, COLUMNS, options)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """A sweep over the range of an engine: ``solve_speeds`` against Runge-Kutta at every speed until it settles.
 
-    python benchmarks/sweep.py [--speeds 300] [--json F] [--core 0]      4 minutes
+    python benchmarks/sweep.py [--speeds 300] [--json F] [--core 0]      7 minutes
 
 ``gear_train_30`` from 600 to 2450 rpm. ``solve_speeds`` runs twice: the first time compiles. Runge-Kutta takes the
 fewest steps that are stable and marches from the motion with all teeth in contact until the tooth force of a cycle is
