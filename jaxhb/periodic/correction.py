@@ -40,7 +40,7 @@ def prepare(reduced, train, deflection, samples, instants):
 
 def precondition(reduced, variation, b):
     """Approximate solution of ``J delta = b``, coefficients ``(G, N+1)``; the identity beyond the sweep's instants."""
-    instants = len(variation.gain)
+    instants = variation.instants
     low = fourier.resize(b, min(b.shape[-1] - 1, instants // 2 - 1))
     both = jnp.concatenate([low, fourier.derivative(low, reduced.frequency)])
     forces = variation.forces(fourier.synthesize(both, instants))

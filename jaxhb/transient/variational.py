@@ -8,6 +8,10 @@ u is taken as linear between the instants of a grid: exact where a mesh stays in
 freely through its gap (l linear in time), so that six instants per period of the highest mesh mode do. z(0) follows
 from the slowest modes alone, whose memory outlasts the cycle. Work per instant is that of one small matrix product,
 whatever the number of harmonics; it replaces the factorisation of a Jacobian in which all harmonics are coupled.
+
+The cycle is cut into blocks that are swept side by side from rest, some thirty instants each instead of thousands one
+after another. What the state at the beginning of a block adds is known beforehand: its forces solve a triangular system
+of the block, as the train itself does not change from instant to instant.
 """
 
 from dataclasses import dataclass
@@ -16,21 +20,26 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.scipy.linalg import solve_triangular
 
 from .stepper import hold_weights
 
 SLOW_MODES = 8
 """Modes whose state is carried from the end of the cycle to its beginning."""
 
+LONGEST, SHORTEST, UNKNOWNS = 32, 8, 64
+"""Instants of a block at most and at least, and the forces in it that are aimed at; every grid is a multiple of 32."""
+
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Variation:
-    """What the sweep needs at K instants; n states, G meshes, C of the states periodic.
+    """What the sweep needs at K = B m instants, B blocks of m; n states, G meshes, C of the states periodic.
 
-    propagate ``(n, n)``, forcing ``(n, G)``, observation ``(2G, n)``; gain ``(K, G, 2G)``: force of a mesh per motion;
-    seen ``(K, G, C)``: forces caused by unit states at the beginning; closing ``(C, n)``: from the state at the end of
-    a cycle begun at zero to the state at the beginning of the periodic one.
+    propagate ``(n, n)``, forcing ``(n, G)``, observation ``(2G, n)``; gain ``(m, G, 2G, B)``: force of a mesh per
+    motion. Per unit state at the beginning of a block: seen ``(B, m G, n)``, its forces, and carried ``(B, n, n)``, the
+    state at its end. begun ``(B, n, C)``: state at the beginning of a block per state at that of the cycle; closing
+    ``(C, n)``: from the state at the end of a cycle begun at zero to the state at the beginning of the periodic one.
     """
 
     propagate: jax.Array
@@ -38,19 +47,36 @@ class Variation:
     observation: jax.Array
     gain: jax.Array
     seen: jax.Array
+    carried: jax.Array
+    begun: jax.Array
     closing: jax.Array
+
+    @property
+    def instants(self):
+        """K, instants per cycle."""
+        return self.gain.shape[0] * self.gain.shape[-1]
 
     def forces(self, motion):
         """Forces u ``(G, K)`` that answer the motion ``(2G, K)``: b above b'."""
-        given = jnp.einsum("kgh,hk->kg", self.gain, motion)
+        length, meshes, _, blocks = self.gain.shape
+        motion = motion.reshape(-1, blocks, length).transpose(2, 0, 1)
 
         def step(state, known):
-            gain, force = known
-            force = force + gain @ (self.observation @ state)
+            gain, motion = known
+            force = jnp.sum(gain * (motion + self.observation @ state), axis=1)
             return self.propagate @ state + self.forcing @ force, force
 
-        end, force = lax.scan(step, jnp.zeros(len(self.propagate)), (self.gain, given), unroll=2)
-        return (force + self.seen @ (self.closing @ end)).T
+        rest = jnp.zeros((len(self.propagate), blocks))
+        left, force = lax.scan(step, rest, (self.gain, motion))
+
+        def join(state, known):
+            carried, left = known
+            return carried @ state + left, state
+
+        end, begins = lax.scan(join, rest[:, 0], (self.carried, left.T))
+        begins = begins + self.begun @ (self.closing @ end)
+        force = force.transpose(2, 0, 1) + jnp.einsum("bfn,bn->bf", self.seen, begins).reshape(blocks, length, meshes)
+        return force.transpose(2, 0, 1).reshape(meshes, -1)
 
 
 def vary(train, frequency, slope, rate_slope):
@@ -60,29 +86,43 @@ def vary(train, frequency, slope, rate_slope):
     ----------
     train : Surrogate
     frequency : float, Omega in rad/s
-    slope, rate_slope : arrays ``(G, K)``, averages around K equidistant instants
+    slope, rate_slope : arrays ``(G, K)``, averages around K equidistant instants, K a multiple of 32
 
     Returns
     -------
     Variation
     """
-    instants = slope.shape[-1]
+    meshes, instants = slope.shape
     propagate, early, late = hold_weights(train.space, 2 * jnp.pi / frequency / instants)
     L = train.space.observation
-    at_once = (L @ late).at[: len(slope)].add(-train.static)
-    own = jnp.eye(len(slope))
+    at_once = (L @ late).at[:meshes].add(-train.static)
+    own = jnp.eye(meshes)
     slopes = jnp.concatenate([slope.T[:, :, None] * own, rate_slope.T[:, :, None] * own], axis=2)
     gain = jnp.linalg.solve(own - slopes @ at_once, slopes)
     forcing = propagate @ late + early
-
-    def step(state, gain):
-        force = gain @ (L @ state)
-        return propagate @ state + forcing @ force, force
+    length = min(LONGEST, max(SHORTEST, UNKNOWNS // meshes))
+    gain = gain.reshape(-1, length, meshes, 2 * meshes)
+    seen, carried = _per_state(propagate, forcing, L, gain)
 
     n = len(propagate) // 2
     slow = min(SLOW_MODES, n)
     kept = np.r_[0:slow, n : n + slow]
-    end, seen = lax.scan(step, jnp.eye(2 * n)[:, kept], gain)
+    end, begun = lax.scan(lambda state, carried: (carried @ state, state), jnp.eye(2 * n)[:, kept], carried)
     gap = jnp.eye(len(kept)) - end[kept]
     closing = jnp.zeros((len(kept), 2 * n)).at[:, kept].set(jnp.linalg.pinv(gap, rtol=1e-9))
-    return Variation(propagate, forcing, L, gain, seen, closing)
+    return Variation(propagate, forcing, L, gain.transpose(1, 2, 3, 0), seen, carried, begun, closing)
+
+
+def _per_state(propagate, forcing, L, gain):
+    """``seen`` and ``carried`` of blocks with the gains ``(B, m, G, 2G)``."""
+    blocks, length, meshes, _ = gain.shape
+    _, observed = lax.scan(lambda row, _: (row @ propagate, row), L, length=length)
+    _, pushed = lax.scan(lambda column, _: (propagate @ column, column), forcing, length=length)
+    delay = np.arange(length)[:, None] - np.arange(length) - 1
+    answer = jnp.where((delay >= 0)[:, :, None, None], (observed @ forcing)[np.maximum(delay, 0)], 0.0)
+    coupling = jnp.einsum("bkgh,kjhf->bkgjf", gain, answer).reshape(blocks, length * meshes, length * meshes)
+    alone = jnp.einsum("bkgh,khn->bkgn", gain, observed).reshape(blocks, length * meshes, -1)
+    unit = jnp.eye(length * meshes)
+    seen = solve_triangular(unit - coupling, alone, lower=True, unit_diagonal=True)
+    pushed = pushed[::-1].transpose(1, 0, 2).reshape(len(propagate), -1)
+    return seen, jnp.linalg.matrix_power(propagate, length) + pushed @ seen
