@@ -21,7 +21,10 @@ from .march import begin
 from .problem import pose, reduced_equation
 
 CYCLES = 64
-"""Cycles marched; those that close best are shot from."""
+"""Cycles marched at most; those that close best are shot from."""
+
+STEADY = 1e-3
+"""Closure of a cycle from which Newton's method on the harmonics usually succeeds; the march ends there."""
 
 TRIES, WORK = (4, 24), 3e7
 """Fewest and most cycles shot from: as many as ``WORK`` pays for, counted in instants times (states^2 + 30^2)."""
@@ -34,19 +37,34 @@ SETTLED = 1e-6
 
 
 @partial(jax.jit, static_argnames=("instants", "excited"))
-def _visited(problem, choice, instants, excited):
-    """The Stepper of a problem, and the state and closure of each of CYCLES cycles from the flanks."""
+def _stepper(problem, choice, instants, excited):
     links = jnp.asarray(problem.meshes.link)[choice.chosen]
     harmonics = problem.load.shape[-1] - 1
     reduced, _ = reduced_equation(problem, harmonics, choice.active, choice.chosen, choice.flank)
     train = surrogate(problem.system, links, choice.active, problem.frequency, instants, excited)
-    stepper = begin(reduced, train.space, instants)
+    return begin(reduced, train.space, instants)
 
-    def visit(state, _):
+
+@jax.jit
+def _visited(stepper, until):
+    """States ``(CYCLES, n)`` at the beginning of cycles from the flanks, their closures, the last cycle's deflection.
+
+    Ends with the first cycle that closes to ``until``; cycles not marched have closure nan.
+    """
+
+    def unfinished(carry):
+        done, _, _, closures, _ = carry
+        return (done < CYCLES) & ~(closures[done - 1] <= until)
+
+    def visit(carry):
+        done, state, states, closures, _ = carry
         after, trace = cycle(stepper, state)
-        return after, (state, trace.closure)
+        return done + 1, after, states.at[done].set(state), closures.at[done].set(trace.closure), trace.deflection
 
-    return stepper, *lax.scan(visit, stepper.flank_state, None, length=CYCLES)[1]
+    state = stepper.flank_state
+    empty = jnp.zeros((CYCLES, len(state))), jnp.full(CYCLES, jnp.nan)
+    none = jnp.zeros((len(stepper.viscous), len(stepper.linear) // 2))
+    return lax.while_loop(unfinished, visit, (jnp.array(0), state, *empty, none))[2:]
 
 
 @jax.jit
@@ -57,10 +75,10 @@ def _shot(stepper, state):
 
 @dataclass(frozen=True)
 class Orbit:
-    """What shooting found.
+    """What was found.
 
     coefficients : ``(G, n+1)`` deflections in m, None where no cycle closes; closure : of the cycle that closes best,
-    state ``(n,)`` its beginning; tries : cycles from which shooting began.
+    state ``(n,)`` its beginning; tries : cycles from which shooting began, or cycles marched.
     """
 
     coefficients: np.ndarray | None
@@ -69,20 +87,45 @@ class Orbit:
     tries: int
 
 
-def find(train, rpm, plan, seed=None):
-    """The :class:`Orbit` of a train with the meshes and instants of a Plan; ``seed``: a state to try first."""
-    excited = plan.sizes.excited
-    stepper, states, closures = _visited(pose(train, rpm, excited), plan.choice, plan.instants, excited)
-    closures = np.nan_to_num(np.asarray(closures), nan=np.inf)
-    seeds = [seed] if seed is not None else []
-    most = np.clip(WORK / (plan.instants * (states.shape[1] ** 2 + 30**2)), *TRIES)
-    seeds += [states[first] for first in np.argsort(closures)[: int(most)] if np.isfinite(closures[first])]
-    best = Orbit(None, np.inf, None, 0)
-    for tries, first in enumerate(seeds, 1):
-        state, deflection, closure = _shot(stepper, first)
-        if closure < best.closure:
-            best = Orbit(None, float(closure), np.asarray(state), tries)
-        if closure <= SETTLED:
-            kept = np.fft.rfft(np.asarray(deflection), norm="forward")[:, : (plan.instants - 1) // 2 + 1]
-            return replace(best, coefficients=kept)
-    return replace(best, tries=len(seeds))
+class Search:
+    """Closed orbits of a train at a speed, with the meshes and instants of a Plan."""
+
+    def __init__(self, train, rpm, plan):
+        excited = plan.sizes.excited
+        self.instants = plan.instants
+        self.stepper = _stepper(pose(train, rpm, excited), plan.choice, plan.instants, excited)
+        self.states, self.closures = None, None
+
+    def march(self, until=0.0):
+        """The :class:`Orbit` of the first cycle, from the flanks, that closes to ``until``; the cycles are kept."""
+        self.states, closures, deflection = jax.tree.map(np.asarray, _visited(self.stepper, until))
+        marched = int(np.isfinite(closures).sum())
+        self.closures = np.nan_to_num(closures, nan=np.inf)
+        closure = self.closures[max(marched, 1) - 1]
+        found = self._coefficients(deflection) if closure <= until else None
+        return Orbit(found, float(closure), self.states[max(marched, 1) - 1], marched)
+
+    def shoot(self, seed=None):
+        """The :class:`Orbit` that Newton's method closes from ``seed`` or the cycles of a march that close best."""
+        best, tries = Orbit(None, np.inf, None, 0), 0
+        for first in self._seeds(seed):
+            tries += 1
+            state, deflection, closure = _shot(self.stepper, first)
+            if closure < best.closure:
+                best = Orbit(None, float(closure), np.asarray(state), tries)
+            if closure <= SETTLED:
+                return replace(best, coefficients=self._coefficients(deflection))
+        return replace(best, tries=tries)
+
+    def _seeds(self, seed):
+        if seed is not None:
+            yield seed
+        if self.states is None:
+            self.march()
+        most = np.clip(WORK / (self.instants * (self.states.shape[1] ** 2 + 30**2)), *TRIES)
+        for first in np.argsort(self.closures)[: int(most)]:
+            if np.isfinite(self.closures[first]):
+                yield self.states[first]
+
+    def _coefficients(self, deflection):
+        return np.fft.rfft(np.asarray(deflection), norm="forward")[:, : (self.instants - 1) // 2 + 1]

@@ -26,6 +26,9 @@ from .program import Start, solve_problem
 SETTLED = 1e-5
 """Closure of a march that makes shooting useless: what Newton then lacks are shorter steps or more harmonics."""
 
+CLOSER = 30
+"""Times better than the march before it that a longer march has to close."""
+
 _UNSOLVED = (Status.MAX_STEPS, Status.STALLED, Status.NONFINITE)
 
 
@@ -264,8 +267,15 @@ def _solve_deciding(train, rpm, harmonics, tolerance, method, integrals, start):
     if harmonics is None:
         first = decide.first_level(excited, modes if separates else 0.0)
         base = dataclasses.replace(base, harmonics=min(first, decide.MOST[method]))
-    ladder = "march" if separates else "flank"
-    return _climb(train, rpm, base, modes, harmonics is None, ladder if start is None else start)
+    if start is None or start == "further":
+        lower, upper = ("march", "further") if separates else ("flank", "march")
+        start = upper if start else lower
+    return _climb(train, rpm, base, modes, harmonics is None, start)
+
+
+def solve_further(train, rpm, harmonics, tolerance):
+    """Response where the first rung of the ladder is known to fail."""
+    return _solve_deciding(train, rpm, harmonics, tolerance, "reduced", "sampled", "further")[0]
 
 
 def _solve_in_contact(train, rpm, excited):
@@ -305,7 +315,8 @@ def check_speed(train, rpm, *, many=False):
 def _climb(train, rpm, plan, modes, adaptive, begins):
     """Solve with rising numbers of harmonics, from one start after another, until the status is good or none is left.
 
-    ``begins`` : a Response, "linear", or the start of the ladder, "march" or (where no tooth separates) "flank".
+    ``begins`` : a Response, "linear", or the start of the ladder, "march" or (where no tooth separates) "flank";
+    "further" for the rungs above a march of a few cycles.
     """
     resolving, instants, given = march.instants_for(max(modes, 2 * plan.excited)), 0, None
     if isinstance(begins, Response):
@@ -314,12 +325,16 @@ def _climb(train, rpm, plan, modes, adaptive, begins):
             above = decide.next_level(begins.harmonics, plan.method) or decide.MOST[plan.method]
             plan = dataclasses.replace(plan, harmonics=max(plan.harmonics, above))
     path, starts, raised = [], None, False
-    plan = dataclasses.replace(plan, start="march" if begins == "march" else "linear")
+    plan = dataclasses.replace(plan, start="march" if begins in ("march", "further") else "linear")
     while True:
         marching = plan.start == "march"
         enough = resolving if marching else march.instants_for(2 * plan.harmonics)
         instants = max(instants, min(resolving, enough))
         plan = dataclasses.replace(plan, trust=decide.trust_in(plan.harmonics, modes), instants=instants)
+        if begins == "further" and starts is None:
+            starts = _starts(train, rpm, plan, np.inf, path)
+            given, instants = next(starts, (None, instants))
+            plan = dataclasses.replace(plan, instants=instants)
         response, outcome = _attempt(train, rpm, plan, given, plan.cycles if marching else 0)
         status = Status(int(response.status))
         if marching and given is None:
@@ -355,7 +370,13 @@ def _starts(train, rpm, plan, closure, path):
     for instants in dict.fromkeys((plan.instants, finest)):
         if instants == plan.instants and closure <= SETTLED:
             continue
-        orbit = orbits.find(train, rpm, dataclasses.replace(plan, instants=instants), state)
+        search = orbits.Search(train, rpm, dataclasses.replace(plan, instants=instants))
+        if state is None:
+            steady = search.march(min(orbits.STEADY, closure / CLOSER))
+            path.append(f"march of {steady.tries} cycles of {instants} steps (closure {steady.closure:.1e})")
+            if steady.coefficients is not None:
+                yield steady.coefficients, instants
+        orbit = search.shoot(state)
         state = orbit.state
         path.append(f"shooting from {orbit.tries} cycles of {instants} steps (closure {orbit.closure:.1e})")
         if orbit.coefficients is not None:

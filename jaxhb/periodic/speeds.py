@@ -15,7 +15,7 @@ from .harmonics import Plan
 from .newton import Status
 from .problem import Problem, pose
 from .program import Start, solve_problem
-from .solve import check_speed, respond, solve
+from .solve import check_speed, respond, solve, solve_further
 
 CHUNK, LINEAR_CHUNK = 8, 32
 """Speeds in a batch; more of them where there are so many and no lane waits for another."""
@@ -102,18 +102,17 @@ def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=None, progr
 def _again(train, rpm, place, found, harmonics, tolerance):
     """The response at one speed from its own motion or the nearest that converged; up the ladder where that fails."""
     own, good = found[place], [i for i, r in enumerate(found) if int(r.status) == Status.CONVERGED]
+    near, fixed = None, harmonics
     if int(own.status) == Status.TOLERANCE_NOT_MET:
-        starts = [(own, harmonics)]
+        near = own
     elif good:
         near = found[min(good, key=lambda i: abs(rpm[i] - rpm[place]))]
-        starts = [(near, harmonics or near.harmonics)]
-    else:
-        starts = []
-    for start, fixed in (*starts, (None, harmonics)):
-        response = solve(train, rpm=float(rpm[place]), harmonics=fixed, tolerance=tolerance, start=start)
+        fixed = harmonics or near.harmonics
+    if near is not None:
+        response = solve(train, rpm=float(rpm[place]), harmonics=fixed, tolerance=tolerance, start=near)
         if int(response.status) == Status.CONVERGED:
-            break
-    return response
+            return response
+    return solve_further(train, float(rpm[place]), harmonics, tolerance)
 
 
 def _worth_another_try(response, harmonics):

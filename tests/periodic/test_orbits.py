@@ -12,7 +12,7 @@ PLAN = Plan(harmonics=384, active=(0, 1, 2, 3), flank=(0,) * 4, start="march", i
 
 def test_shooting_closes_an_orbit_that_a_march_leaves_open_for_ever():
     train = jaxhb.load_scene("gear_train_30")
-    orbit = orbits.find(train, RPM, PLAN)
+    orbit = orbits.Search(train, RPM, PLAN).shoot()
     assert orbit.closure <= orbits.SETTLED and orbit.tries >= 1
     response = jaxhb.solve(train, rpm=RPM)
     assert response.converged and any(entry.startswith("shooting") for entry in response.path)
@@ -24,5 +24,5 @@ def test_shooting_closes_an_orbit_that_a_march_leaves_open_for_ever():
 
 
 def test_a_march_that_is_not_finite_gives_no_orbit():
-    orbit = orbits.find(jaxhb.load_scene("gear_train_30"), float("nan"), PLAN)
+    orbit = orbits.Search(jaxhb.load_scene("gear_train_30"), float("nan"), PLAN).shoot()
     assert orbit.coefficients is None and orbit.tries == 0
