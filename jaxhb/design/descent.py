@@ -9,7 +9,6 @@ import numpy as np
 
 from ..model.elements import SceneError
 from ..periodic.newton import Status
-from .evaluation import LONGER
 
 LONGEST = 1.5
 """Largest change of a z in one step: the share of the range then moves by at most 0.36."""
@@ -75,8 +74,8 @@ class Descent:
         point = bench.first(z)
         if not point.solved[0].any():
             raise SceneError(_nothing_solved(bench, point.status[0]))
-        while bench.finer_plan(point, point.solved):
-            point = bench.first(z)
+        while bench.finer_plans(point, point.solved):
+            point = bench.at(z, point, point.solved)
         self.counted = point.solved
         chosen = zip(bench.task.objectives, point.readings, strict=False)
         bench.scales = np.array([_size(objective, values[0][point.solved[0]]) for objective, values in chosen])
@@ -95,9 +94,14 @@ class Descent:
         number = 0
         for width in self.widths:
             if width != self.share:
+                self.best = self.bench.replanned(self.best)
                 self._sharpen(width, self.best)
                 self._renew()
-            ended, number = self._descend(number, steps)
+            while True:
+                ended, number = self._descend(number, steps)
+                if not self.bench.finer_plans(self.best, self.counted):
+                    break
+                self._renew()
             if ended:
                 return f"stopped after {steps} steps, which is all that was allowed"
         return "stopped where nothing more is won"
@@ -119,11 +123,11 @@ class Descent:
             idle = np.where(won > self.improvement * np.abs(self.best.value), 0, idle + 1)
             idle = np.where(moved, idle, np.maximum(idle, self.patience - 1))  # once more, along the gradient
             self.best = self.point.where(won > 0, self.best)
-            if self.bench.finer_plan(self.point, self.counted & moved[:, None]) or self._more_speeds():
+            other = (self.point.kind != before.kind).any(1)
+            memory = self._without_curvature(memory, before, moved & ~other)
+            if self._more_speeds():
                 self._renew()
                 memory = self._memory()
-            else:
-                memory = self._without_curvature(memory, before, moved)
             self._note(number)
         return True, number
 
@@ -134,7 +138,7 @@ class Descent:
         """One step of Adam, halved while it loses a speed: (Point, whether each design moved)."""
         length, best, moved = np.full(len(point.z), self.rate), point, np.zeros(len(point.z), dtype=bool)
         for _ in range(TRIALS):
-            trial = self.bench.at(point.z + length[:, None] * direction, point, self.counted)
+            trial = self.bench.at(point.z + length[:, None] * direction, point, self.counted, wanted=moving & ~moved)
             good = self._kept(trial) & moving & ~moved
             best, moved = trial.where(good, best), moved | good
             if (moved | ~moving).all():
@@ -150,8 +154,9 @@ class Descent:
         for trial in range(TRIALS):
             if done.all():
                 break
-            at = self.bench.at(point.z + np.where(done, 0.0, length)[:, None] * direction, point, self.counted)
-            falls = self._kept(at) & (at.value <= point.value + DECREASE * length * slope) & ~done
+            z, most = point.z + np.where(done, 0.0, length)[:, None] * direction, point.value + DECREASE * length * slope
+            at = self.bench.at(z, point, self.counted, wanted=~done, most=most)
+            falls = self._kept(at) & (at.value <= most) & ~done
             curved = np.sum(at.gradient * direction, axis=1) >= CURVATURE * slope
             best, moved = at.where(falls & (at.value <= best.value), best), moved | falls
             done |= falls & (curved | (trial >= EXPANSIONS))
@@ -173,11 +178,8 @@ class Descent:
         return bool(more)
 
     def _renew(self):
-        """The best designs under the present plan, widths and speeds, less what a finer plan loses for good."""
-        z, winner = self.best.z, self.best
-        wide = self.bench.plan.harmonics + 1 - winner.motion.shape[-1]
-        winner = dataclasses.replace(winner, motion=np.pad(winner.motion, [(0, 0)] * 3 + [(0, max(wide, 0))]))
-        self.point = self.bench.at(z, winner, self.counted, rungs=LONGER)
+        """The best designs under the present plans, widths and speeds, less what finer plans lose for good."""
+        self.point = self.bench.at(self.best.z, self.best, self.counted, ladder=len(self.bench.rpm))
         self.counted = self.counted & self.point.solved
         self.best = self.point
 
@@ -221,7 +223,7 @@ class Descent:
             width=self.share,
             start=best,
             evaluations=bench.calls,
-            plan=str(bench.plan),
+            plan=bench.described(self.best, best),
             seconds=time.monotonic() - self.began,
         )
         self.history.append(step)

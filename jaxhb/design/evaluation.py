@@ -1,62 +1,53 @@
-"""The objective of a tuning and its gradient: all starts and all speeds in one compiled call.
+"""The objective of a tuning and its gradient: all starts and all speeds, in batches of lanes that share a plan.
 
 On the device the parameters are unbounded numbers z: a parameter lies the share ``1 / (1 + exp(-z))`` of the way from
-its lower to its upper bound, on its scale.
+its lower to its upper bound, on its scale. At most speeds of a drive train no tooth separates, and one linear solve is
+all; it is verified, and where a changed design shakes a tooth off the speed is solved like those that hammer.
 """
 
 import dataclasses
 from dataclasses import dataclass
-from functools import partial
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
+from ..model.engine import listed_harmonic
 from ..periodic import harmonics as decide
 from ..periodic import march
-from ..periodic.derivative import only_if_finite
 from ..periodic.newton import Status
 from ..periodic.problem import pose
-from ..periodic.program import Start, solve_problem
-from ..periodic.solve import respond, solve
-from ..periodic.speeds import plan_speeds
-from . import objectives
-from .quantities import OF_DESIGN, QUANTITIES, frequencies_hz, inertia_added
+from ..periodic.program import Start
+from ..periodic.solve import solve
+from ..periodic.speeds import CHUNK, HEAVY, plan_speeds
+from .lanes import Form, combine, estimate_lanes, pose_designs, pull_back, read_lanes, to_values
+from .quantities import OF_DESIGN
 
-NEWTON_STEPS = 15
-LONGER = (12, 60)
-"""Cycles marched where the usual few are no start."""
+LADDER = 3
+"""Lost speeds of a trial that are taken up the ladder of :func:`jaxhb.solve`; with more of them it went too far."""
+
+NEGLIGIBLE = 1e-13
+"""Share of the largest derivative of the objective by a reading below which no gradient is taken through it."""
 
 FARTHEST = 6.9
 """|z| of a start on a bound: a thousandth of the range inside it, where the share still has a slope."""
 
 
-@dataclass(frozen=True)
-class Task:
-    """What is tuned for what: tuples of Parameter, Objective, Penalty; heavy: disks with inertia."""
-
-    parameters: tuple
-    objectives: tuple
-    penalties: tuple
-    heavy: tuple
-
-
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Point:
-    """Designs and how they do: A starts, n speeds, P parameters, G meshes, N harmonics.
+    """Designs and how they do: A starts, n speeds, P parameters, M meshes, N harmonics of the finest plan.
 
-    z : ``(A, P)``; value : ``(A,)``; gradient : ``(A, P)``, with respect to z
-    status, truncation : ``(A, n)``; motion : complex ``(A, n, G, N+1)`` m, deflections of the active meshes
+    z : ``(A, P)``; value : ``(A,)``; gradient : ``(A, P)``, with respect to z, nan where it was not asked for
+    status : ``(A, n)``; kind : ``(A, n)``, number of the plan; motion : complex ``(A, n, M, N+1)`` m, deflections
     readings : of each objective and then each penalty, not smoothed, ``(A, n)``; those of the train alone ``(A,)``
     """
 
-    z: jax.Array
-    value: jax.Array
-    gradient: jax.Array
-    status: jax.Array
-    truncation: jax.Array
-    motion: jax.Array
+    z: np.ndarray
+    value: np.ndarray
+    gradient: np.ndarray
+    status: np.ndarray
+    kind: np.ndarray
+    motion: np.ndarray
     readings: tuple
 
     @property
@@ -74,17 +65,6 @@ class Point:
         return jax.tree.map(pick, self, other)
 
 
-def to_values(z, parameters):
-    """Parameters in their own units ``(P,)`` from z ``(P,)``; numpy on the host."""
-    xp = jnp if isinstance(z, jax.Array) else np
-    share = 1 / (1 + xp.exp(-z))
-    low = np.array([p.low for p in parameters])
-    high = np.array([p.high for p in parameters])
-    log = np.array([p.scale == "log" for p in parameters])
-    ratio = np.log(np.where(log, high, 1.0) / np.where(log, low, 1.0))
-    return xp.where(log, np.where(log, low, 1.0) * xp.exp(share * ratio), low + share * (high - low))
-
-
 def to_unbounded(values, parameters):
     """z ``(P,)`` of values between their bounds, those on a bound a little inside."""
     shares = [
@@ -96,20 +76,24 @@ def to_unbounded(values, parameters):
     return np.clip(z, -FARTHEST, FARTHEST)
 
 
-def first_plan(train, rpm, tolerance, harmonics):
-    """One plan for all speeds, as fine as the finest that one of them needs.
+def plan_designs(train, rpm, tolerance, harmonics):
+    """A plan for every speed, and the plan of those that leave theirs.
 
-    Every mesh with backlash is an unknown at every speed: a changed design may take it off its flank.
+    Returns
+    -------
+    loudest : Plan
+        Every mesh with backlash is an unknown, as fine as the finest plan that a speed needs.
+    plans : list of Plan, one for each speed
     """
     plans = plan_speeds(train, rpm, harmonics, tolerance)
     gaps = tuple(i for i, gap in enumerate(train.topology.mesh_backlash) if gap)
     finest = max((plan for plan in plans if plan.active), key=lambda plan: plan.harmonics, default=plans[0])
     if not gaps:
-        return finest
+        return finest, plans
     excited = decide.excited_harmonic(train, "reduced")
     modes = decide.mesh_mode_harmonic(train, train.topology.cycle_frequency(float(np.max(rpm))))
     least = march.instants_for(max(modes, 2 * excited))
-    return dataclasses.replace(
+    loudest = dataclasses.replace(
         finest,
         harmonics=harmonics or max(finest.harmonics, decide.first_level(excited, 0.0)),
         active=gaps,
@@ -117,93 +101,7 @@ def first_plan(train, rpm, tolerance, harmonics):
         start="march",
         instants=max(finest.instants, least) if finest.active else least,
     )
-
-
-@partial(jax.jit, static_argnames=("task", "plan"))
-def assess(train, rpm, z, start, counted, widths, scales, *, task, plan):
-    """The :class:`Point` of designs z.
-
-    Parameters
-    ----------
-    train : DriveTrain, at the start
-    rpm : array ``(n,)``
-    z : array ``(A, P)``
-    start : Start of leaves ``(A, n, ...)``
-    counted : bool array ``(A, n)``, speeds that enter the objective if they are solved
-    widths, scales : arrays, of every objective: width of its smooth maximum and unit of its values; the latter in its
-        own unit, the former in this one
-    task, plan : static
-    """
-
-    def one(z, start, counted):
-        both = jax.value_and_grad(cost, has_aux=True)
-        (value, aux), gradient = both(z, train, rpm, start, counted, widths, scales, task, plan)
-        return Point(z, value, gradient, *aux)
-
-    return jax.vmap(one)(z, start, counted)
-
-
-def cost(z, train, rpm, start, counted, widths, scales, task, plan):
-    """The objective of one design z ``(P,)``, and (status, truncation error, motion, readings); see :func:`assess`."""
-    values = to_values(z, task.parameters)
-    changed = train.replace({p.name: values[i] for i, p in enumerate(task.parameters)})
-    response, motion = jax.vmap(lambda speed, start: _solve(changed, speed, start, plan))(rpm, start)
-    everywhere = jnp.asarray(response.status)
-    masked = dataclasses.replace(response, status=jnp.where(counted, everywhere, Status.MAX_STEPS))
-    total, readings = jnp.zeros(()), []
-    for objective, scale, width in zip(task.objectives, scales, widths, strict=True):
-        quantity = QUANTITIES[objective.quantity]
-        reading = quantity.read(response, objective.of, objective.order)
-        readings.append(quantity.tell(response, objective.of, objective.order))
-        total += objective.weight * over_speeds(objective, reading / scale, masked, width)
-    for penalty in task.penalties:
-        reading = _limited(penalty, changed, train, response, task.heavy)
-        readings.append(reading if penalty.quantity in OF_DESIGN else _told(penalty, response))
-        excess = penalty.weight * _excess(penalty, reading) ** 2
-        total += objectives.weighted_sum(excess, masked)[0] if jnp.ndim(reading) else excess
-    aux = everywhere, response.truncation_error, motion, tuple(readings)
-    return total, jax.lax.stop_gradient(aux)
-
-
-def _solve(train, rpm, start, plan):
-    """Response at one speed and the deflections ``(G, N+1)`` of its active meshes."""
-    train, rpm = only_if_finite((train, rpm))
-    problem = pose(train, rpm, plan.harmonics, plan.excited)
-    sizes = dataclasses.replace(plan.sizes, max_steps=NEWTON_STEPS)
-    outcome = solve_problem(problem, plan.choice, start, plan.limit, sizes)
-    response, choice = respond(train, rpm, problem, outcome, plan), plan.choice
-    return response, response.deflections[choice.chosen] * choice.active[:, None]
-
-
-def over_speeds(objective, values, response, width):
-    """One number of values ``(n,)``: their smooth maximum or their mean over the valid speeds."""
-    weights = jnp.array(objective.weights or (1.0,) * values.shape[0])
-    if objective.over == "worst":
-        return objectives.worst(weights * values, response, width=width)[0]
-    total, count = objectives.weighted_sum(values, response, weights=weights)
-    return total / jnp.maximum(count, 1)
-
-
-def _limited(penalty, train, start, response, heavy):
-    if penalty.quantity == "inertia added":
-        return inertia_added(train, start, penalty.of)
-    if penalty.quantity == "natural frequency":
-        return frequencies_hz(train, np.array(heavy))[penalty.mode]
-    return QUANTITIES[penalty.quantity].read(response, penalty.of, penalty.order)
-
-
-def _told(penalty, response):
-    return QUANTITIES[penalty.quantity].tell(response, penalty.of, penalty.order)
-
-
-def _excess(penalty, reading):
-    """What lies beyond the limits, in shares of them."""
-    total = jnp.zeros_like(reading)
-    if penalty.most is not None:
-        total += jnp.maximum(reading - penalty.most, 0.0) / abs(penalty.most)
-    if penalty.least is not None:
-        total += jnp.maximum(penalty.least - reading, 0.0) / abs(penalty.least)
-    return total
+    return loudest, plans
 
 
 @dataclass(frozen=True)
@@ -220,73 +118,101 @@ class Reading:
 
 
 class Bench:
-    """Evaluates designs on the host: holds plan, units and widths of the objectives, counts the calls."""
+    """Evaluates designs on the host: holds plans, units and widths of the objectives, counts the calls.
 
-    def __init__(self, train, rpm, task, plan, *, fixed):
-        self.train, self.rpm, self.task, self.plan, self.fixed = train, rpm, task, plan, fixed
+    Attributes
+    ----------
+    kinds : list of Plan, the loudest first; scales, widths : of the objectives; calls : evaluations so far
+    """
+
+    def __init__(self, train, rpm, task, planner, *, fixed):
+        """``planner``: train -> what :func:`plan_designs` returns; ``fixed``: harmonics stay as it says."""
+        self.train, self.rpm, self.task, self.planner, self.fixed = train, rpm, task, planner, fixed
+        loudest, plans = planner(train)
+        self.kinds = [loudest]
         self.scales = np.ones(len(task.objectives))
         self.widths = 0.1 * self.scales
         self.calls = 0
+        excited = listed_harmonic(train.topology)
+        self.excited = excited or max(plan.harmonics for plan in (loudest, *plans))
+        self.form, self.integers = Form.of((train, pose(train, float(rpm[0]), self.excited)))
 
     def first(self, z):
-        """The Point of designs without motions: marched, longer where that fails; the first one up the whole ladder."""
-        active = len(self.plan.choice.active)
-        motion = np.zeros((len(z), len(self.rpm), active, self.plan.harmonics + 1), dtype=complex)
-        everywhere = np.ones(motion.shape[:2], dtype=bool)
-        point = self._call(z, motion, ~everywhere, everywhere, decide.MARCH_CYCLES if active else 0)
-        return self._climbed(self._again(point, everywhere, LONGER))
+        """The Point of designs without motions, lost speeds up the ladder."""
+        meshes = len(self.train.topology.mesh_names)
+        motion = np.zeros((len(z), len(self.rpm), meshes, 1), dtype=complex)
+        kind = self._planned(z)
+        near = Point(z, None, None, np.full(kind.shape, Status.MAX_STEPS), kind, motion, None)
+        return self.at(z, near, np.ones(kind.shape, dtype=bool), ladder=len(self.rpm))
 
-    def at(self, z, near, counted, *, rungs=LONGER[:1]):
-        """The Point of designs near those of the Point ``near``; speeds that are lost are marched."""
-        point = self._call(z, near.motion, near.solved, counted, decide.MARCH_CYCLES)
-        return self._again(point, counted, rungs)
+    def replanned(self, point):
+        """The same designs, their speeds planned anew."""
+        return dataclasses.replace(point, kind=self._planned(point.z))
 
-    def _again(self, point, counted, rungs):
-        for cycles in rungs if len(self.plan.choice.active) else ():
-            lost = counted & ~point.solved
-            if not lost.any():
-                break
-            point = self._call(point.z, point.motion, ~lost, counted, cycles)
-        return point
+    def _planned(self, z):
+        """Numbers of the plans ``(A, n)``: those of the present harmonics where they do the same."""
+        plans = [self.planner(self.train.replace(self.values(one)))[1] for one in z]
+        return np.array([[self._kind(plan) for plan in row] for row in plans])
 
-    def _climbed(self, point):
-        """The first design's lost speeds solved one by one, up the ladder of :func:`jaxhb.solve`."""
-        choice, motion, train = self.plan.choice, point.motion.copy(), None
-        solved = point.solved
-        for i in np.flatnonzero(~solved[0]) if len(choice.active) else ():
-            train = train or self.train.replace(self.values(point.z[0]))
-            response = solve(train, rpm=float(self.rpm[i]), harmonics=self.plan.harmonics)
-            if response.status <= Status.TOLERANCE_NOT_MET:
-                motion[0, i] = response.deflections[choice.chosen] * choice.active[:, None]
-                solved[0, i] = True
-        if (solved == point.solved).all():
-            return point
-        return self._call(point.z, motion, solved, np.ones_like(solved), decide.MARCH_CYCLES)
+    def _kind(self, plan):
+        """The number of a plan, a new one where none yet holds the same meshes."""
+        for number, known in enumerate(self.kinds):
+            if (known.active, known.flank) == (plan.active, plan.flank):
+                return number
+        self.kinds.append(plan)
+        return len(self.kinds) - 1
 
-    def _call(self, z, motion, given, counted, cycles):
-        start = Start(motion, given, np.where(given, 0, cycles))
+    def at(self, z, near, counted, *, wanted=True, most=np.inf, ladder=LADDER):
+        """The Point of designs near those of the Point ``near``.
+
+        Parameters
+        ----------
+        z : array ``(A, P)``
+        near : Point
+        counted : bool array ``(A, n)``, speeds that enter the objective if they are solved
+        wanted : bool array ``(A,)``, designs to be solved; the others are those of ``near`` without value
+        most : array ``(A,)``, values above which no gradient is asked for
+        ladder : int, lost speeds of a design that are taken up the ladder
+        """
         self.calls += 1
-        point = assess(
-            self.train,
-            self.rpm,
-            z,
-            start,
-            counted,
-            self.widths,
-            self.scales,
-            task=self.task,
-            plan=self.plan,
-        )
-        return jax.tree.map(np.asarray, point)
+        trial = _Trial(self, z, near, counted, np.broadcast_to(wanted, len(z)))
+        trial.solve(np.broadcast_to(trial.wanted[:, None], counted.shape), near.solved)
+        trial.solve(trial.lost() & near.solved & (trial.status != Status.PLAN_VIOLATED), False)
+        violated = trial.lost() & (trial.status == Status.PLAN_VIOLATED)
+        trial.kind[violated] = 0
+        trial.solve(violated, False)
+        lost = trial.lost()
+        trial.climb(lost & (lost.sum(1, keepdims=True) <= ladder))
+        return trial.point(most)
 
-    def finer_plan(self, point, counted):
-        """Whether solved speeds need more harmonics than the plan has; the plan then gets them."""
-        short = point.status == Status.TOLERANCE_NOT_MET
-        higher = decide.next_level(self.plan.harmonics, self.plan.method)
-        if self.fixed or higher is None or not (short & counted).any():
-            return False
-        self.plan = dataclasses.replace(self.plan, harmonics=higher, trust=1.0)
-        return True
+    def finer_plans(self, point, counted):
+        """Whether solved speeds need more harmonics than their plans have; the plans then get them."""
+        short = set() if self.fixed else self._short(point, counted & point.solved)
+        for number in short:
+            plan = self.kinds[number]
+            higher = decide.next_level(plan.harmonics, plan.method)
+            self.kinds[number] = dataclasses.replace(plan, harmonics=higher, trust=1.0)
+        return bool(short)
+
+    def _short(self, point, counted):
+        """Numbers of the plans that have too few harmonics and may have more."""
+        short, numbers = set(), None
+        for number, plan in enumerate(self.kinds):
+            higher = decide.next_level(plan.harmonics, plan.method)
+            lanes = np.argwhere(counted & (point.kind == number)) if plan.active and higher else ()
+            for chunk, padded in _chunks(lanes, plan):
+                numbers = numbers or self._pose(point.z)[0]
+                motion = _active(point.motion[tuple(padded.T)], plan)
+                given = [leaf[tuple(padded.T)] for leaf in numbers]
+                errors = estimate_lanes(given, self.integers, motion, plan.choice, form=self.form, plan=_shape(plan))
+                if (np.asarray(errors)[: len(chunk)] > plan.limit).any():
+                    short.add(number)
+                    break
+        return short
+
+    def _pose(self, z):
+        numbers, pull = pose_designs(self.train, self.rpm, z, task=self.task, excited=self.excited, form=self.form)
+        return [np.asarray(leaf) for leaf in numbers], pull
 
     def reading(self, point, best):
         """The :class:`Reading` of one design."""
@@ -300,6 +226,147 @@ class Bench:
         """Parameters by name."""
         values = to_values(z, self.task.parameters)
         return {p.name: float(v) for p, v in zip(self.task.parameters, values, strict=True)}
+
+    def described(self, point, best):
+        """The plans of one design, for people."""
+        numbers, counts = np.unique(point.kind[best], return_counts=True)
+        return "; ".join(f"{n} speeds: {self.kinds[k]}" for k, n in zip(numbers, counts, strict=True))
+
+
+class _Trial:
+    """One evaluation under way: lanes are solved, some of them again, and what came of them is put together."""
+
+    def __init__(self, bench, z, near, counted, wanted):
+        task, shape = bench.task, near.status.shape
+        self.bench, self.z, self.counted, self.wanted = bench, z, counted, wanted
+        self.numbers, self.pull = bench._pose(z)
+        self.kind, self.status = near.kind.copy(), near.status.copy()
+        harmonics = max(plan.harmonics for plan in bench.kinds)
+        self.motion = np.zeros((*near.motion.shape[:3], harmonics + 1), dtype=complex)
+        kept = min(self.motion.shape[-1], near.motion.shape[-1])
+        self.motion[..., :kept] = near.motion[..., :kept]
+        self.smooth = np.zeros((*shape, len(task.of_response)))
+        self.exact = np.zeros_like(self.smooth)
+        self.pulls, self.owner = [], np.full(shape, -1)
+
+    def lost(self):
+        """Lanes that count and are not solved."""
+        return self.wanted[:, None] & self.counted & (self.status > Status.TOLERANCE_NOT_MET)
+
+    def solve(self, lanes, given):
+        """Solve ``lanes`` ``(A, n)``, from the motion at hand where it is ``given``."""
+        given = np.broadcast_to(given, lanes.shape)
+        for number in np.unique(self.kind[lanes]):
+            plan = self.bench.kinds[number]
+            for chunk, padded in _chunks(np.argwhere(lanes & (self.kind == number)), plan):
+                self._read(plan, chunk, padded, given[tuple(padded.T)])
+
+    def _read(self, plan, chunk, padded, given):
+        bench, at, into = self.bench, tuple(padded.T), tuple(chunk.T)
+        start = Start(
+            _active(self.motion[at], plan) if plan.active else np.zeros((len(padded), 0, plan.harmonics + 1), complex),
+            given,
+            np.where(given, 0, plan.cycles if plan.start == "march" else 0),
+        )
+        (smooth, pull, aux) = read_lanes(
+            [leaf[at] for leaf in self.numbers],
+            bench.integers,
+            bench.rpm[padded[:, 1]],
+            start,
+            plan.choice,
+            form=bench.form,
+            asked=bench.task.asked,
+            plan=_shape(plan),
+        )
+        status, motion, exact = (np.asarray(a)[: len(chunk)] for a in aux)
+        self.owner[into] = len(self.pulls)
+        self.pulls.append((pull, chunk, len(padded)))
+        self.smooth[into], self.exact[into] = np.asarray(smooth)[: len(chunk)], exact
+        self.status[into] = status
+        self.motion[into] = 0.0
+        self.motion[(*into, slice(None), slice(0, motion.shape[-1]))] = motion
+
+    def climb(self, lanes):
+        """Solve ``lanes`` one by one, up the ladder of :func:`jaxhb.solve`, and from there under the loudest plan."""
+        bench, plan, found = self.bench, self.bench.kinds[0], np.zeros_like(lanes)
+        for a, i in np.argwhere(lanes) if plan.active else ():
+            train = bench.train.replace(bench.values(self.z[a]))
+            response = solve(train, rpm=float(bench.rpm[i]), harmonics=plan.harmonics)
+            if response.status <= Status.TOLERANCE_NOT_MET:
+                found[a, i] = True
+                self.kind[a, i] = 0
+                self.motion[a, i] = 0.0
+                self.motion[a, i, :, : response.deflections.shape[-1]] = response.deflections
+        self.solve(found, True)
+
+    def point(self, most):
+        """The Point, with gradients where the value is at most ``most``; a speed without one counts as lost."""
+        bench, task = self.bench, self.bench.task
+        while True:
+            kept = self.wanted[:, None] & self.counted & (self.status <= Status.TOLERANCE_NOT_MET)
+            combined = combine(bench.train, self.z, self.smooth, kept, bench.widths, bench.scales, task=task)
+            value, of_design, by_z, by_smooth = jax.tree.map(np.asarray, combined)
+            steep = self.wanted & (value <= most)
+            lanes = self._pulled(np.where(steep[:, None, None], by_smooth, 0.0))
+            whole = np.ones(kept.shape, dtype=bool)
+            for leaf in lanes:
+                whole &= np.isfinite(leaf).all(axis=tuple(range(2, leaf.ndim)))
+            if (whole | ~kept).all():
+                break
+            self.status[kept & ~whole] = Status.STALLED
+        gradient = by_z + np.asarray(pull_back(self.pull, lanes))
+        told, of_design = iter(np.moveaxis(self.exact, -1, 0)), iter(of_design)
+        chosen = (*task.objectives, *task.penalties)
+        return Point(
+            z=self.z,
+            value=value,
+            gradient=np.where(steep[:, None], gradient, np.nan),
+            status=self.status,
+            kind=self.kind,
+            motion=self.motion,
+            readings=tuple(next(of_design if c.quantity in OF_DESIGN else told) for c in chosen),
+        )
+
+    def _pulled(self, by_smooth):
+        """The derivative of the objective by the numbers of every lane, from that by its readings."""
+        by_numbers = [np.zeros_like(leaf) for leaf in self.numbers]
+        size = np.abs(by_smooth * self.smooth)
+        counts = size.max(axis=(1, 2), keepdims=True) * NEGLIGIBLE < size
+        for number, (pull, chunk, width) in enumerate(self.pulls):
+            into = tuple(chunk.T)
+            own = (self.owner[into] == number)[:, None] & counts[into]
+            if own.any():
+                cotangent = np.zeros((width, by_smooth.shape[-1]))
+                cotangent[: len(chunk)] = np.where(own, by_smooth[into], 0.0)
+                for total, part in zip(by_numbers, pull_back(pull, cotangent), strict=True):
+                    total[into] += np.asarray(part)[: len(chunk)]
+        return by_numbers
+
+
+def _chunks(lanes, plan):
+    """Batches of ``lanes`` ``(k, 2)`` and the same padded to one of few sizes."""
+    if not len(lanes):
+        return
+    size = len(lanes)
+    if jax.default_backend() == "cpu" and plan.active:
+        size = 1 if plan.harmonics >= HEAVY else CHUNK
+    few = CHUNK if size <= 8 * CHUNK else 8 * CHUNK
+    size = -(-size // few) * few if size > 1 else 1
+    for first in range(0, len(lanes), size):
+        chunk = lanes[first : first + size]
+        yield chunk, np.concatenate([chunk, np.repeat(chunk[-1:], size - len(chunk), axis=0)])
+
+
+def _active(motion, plan):
+    """Deflections ``(c, G, N+1)`` of the active meshes of a plan from those of all."""
+    choice = plan.choice
+    kept = motion[:, choice.chosen, : plan.harmonics + 1] * choice.active[:, None]
+    return np.pad(kept, [(0, 0), (0, 0), (0, plan.harmonics + 1 - kept.shape[-1])])
+
+
+def _shape(plan):
+    """The plan less what its program does not depend on."""
+    return dataclasses.replace(plan, active=(0,) * len(plan.active), flank=(), trust=1.0, tolerance=0.5, start="march")
 
 
 def label(chosen):

@@ -194,7 +194,12 @@ def weighted_sum(values, response, *, weights=1.0):
     value, count
     """
     kept = valid(response)
-    return jnp.sum(jnp.where(kept, weights * jnp.where(kept, values, 0.0), 0.0)), kept.sum()
+    return masked_sum(weights * jnp.where(kept, values, 0.0), kept), kept.sum()
+
+
+def masked_sum(values, kept):
+    """Sum of the values that are ``kept``, whatever the others are."""
+    return jnp.sum(jnp.where(kept, values, 0.0))
 
 
 def worst(values, response, *, width):
@@ -213,7 +218,12 @@ def worst(values, response, *, width):
         0 where no speed is valid.
     """
     kept = valid(response)
+    return smooth_maximum(values, kept, width), kept.sum()
+
+
+def smooth_maximum(values, kept, width):
+    """``width log(sum exp(value / width))`` over the values ``(n,)`` that are ``kept``; 0 of none."""
     some = kept.any()
     scaled = jnp.where(kept | ~some, values / width, -jnp.inf)
     scaled = jnp.where(some, scaled, 0.0)
-    return jnp.where(some, width * jax.nn.logsumexp(scaled), 0.0), kept.sum()
+    return jnp.where(some, width * jax.nn.logsumexp(scaled), 0.0)

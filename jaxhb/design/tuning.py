@@ -1,6 +1,7 @@
 """Tuning: the numbers of a train that make a response small over a range of speeds, by gradient. Imports optax."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import optax
@@ -9,7 +10,8 @@ from ..model.elements import SceneError
 from ..periodic import harmonics as decide
 from ..periodic.solve import check_speed
 from .descent import Descent
-from .evaluation import Bench, Reading, Task, first_plan, to_unbounded
+from .evaluation import Bench, Reading, plan_designs, to_unbounded
+from .lanes import Task
 from .quantities import check_all
 
 OPTIMIZERS = {"lbfgs": optax.scale_by_lbfgs, "adam": optax.scale_by_adam}
@@ -125,7 +127,8 @@ def tune(
         decide.check_harmonics(train, harmonics, "reduced")
     heavy = np.concatenate([train.disks.inertia, train.dampers.inertia]) > 0
     task = Task(parameters, given, penalties, tuple(heavy.tolist()))
-    bench = Bench(train, rpm, task, first_plan(train, rpm, tolerance, harmonics), fixed=harmonics is not None)
+    planner = partial(plan_designs, rpm=rpm, tolerance=tolerance, harmonics=harmonics)
+    bench = Bench(train, rpm, task, planner, fixed=harmonics is not None)
     descent = Descent(
         bench,
         OPTIMIZERS[optimizer](),

@@ -17,6 +17,9 @@ EXACT = 1e-12
 
 EXACT_STEPS = 60
 
+LOOSEST = 1e-8
+"""Share beyond which a derivative is no derivative, and nan: where the tangent is nearly singular, as at a fold."""
+
 
 def cell_averages(values, cells):
     """Averages of periodic samples ``(G, samples)`` over ``cells`` equal cells centred on their instants."""
@@ -88,17 +91,18 @@ def correct(reduced, variation, deflection, value, samples, forcing, steps):
 def invert(reduced, variation, deflection, value, samples):
     """``change`` with ``J change = value`` to EXACT; differentiable, its transpose solves with the transpose of J.
 
-    Arguments as in :func:`correct`.
+    Arguments as in :func:`correct`. nan where EXACT_STEPS leave more than LOOSEST of the residual.
     """
     product, approximate = _packed(reduced, variation, deflection, samples)
     value = fourier.pack(value).reshape(-1)
 
-    def solve(apply, b):
-        return minimise_residual(apply, approximate, b, tolerance=EXACT, steps=EXACT_STEPS)[0]
+    def solve(apply, b, approximate=approximate):
+        change, left, _ = minimise_residual(apply, approximate, b, tolerance=EXACT, steps=EXACT_STEPS)
+        return jnp.where(left <= LOOSEST, change, jnp.nan)
 
     def solve_transposed(apply, b):
         transposed = jax.linear_transpose(approximate, b)
-        return minimise_residual(apply, lambda v: transposed(v)[0], b, tolerance=EXACT, steps=EXACT_STEPS)[0]
+        return solve(apply, b, lambda v: transposed(v)[0])
 
     return _coefficients(lax.custom_linear_solve(product, value, solve, solve_transposed), deflection)
 

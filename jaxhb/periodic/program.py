@@ -26,7 +26,8 @@ class Sizes:
 
     samples : instants per cycle of the law; instants : of the march and of the preconditioner; excited : highest
     harmonic of the excitation; method : "reduced" or "chain"; residual_tolerance, max_steps : of Newton; integrals :
-    of the law over the cycle, "sampled" or "exact", which leaves ``samples`` to what needs no such accuracy.
+    of the law over the cycle, "sampled" or "exact", which leaves ``samples`` to what needs no such accuracy;
+    estimated : whether the truncation error is; without, it counts as 0.
     """
 
     samples: int
@@ -36,6 +37,7 @@ class Sizes:
     residual_tolerance: float = 1e-10
     max_steps: int = 24
     integrals: str = "sampled"
+    estimated: bool = True
 
 
 @jax.tree_util.register_dataclass
@@ -101,7 +103,7 @@ def _find(problem, choice, start, tolerance, sizes):
     """The Outcome without derivatives, what :func:`attach` needs of its motion, whether it solves."""
     harmonics = problem.load.shape[-1] - 1
     none = len(choice.active) == 0
-    reach = harmonics if none else 2 * harmonics
+    reach = 2 * harmonics if sizes.estimated and not none else harmonics
     fine, folded = reduced_equation(problem, reach, choice.active, choice.chosen, choice.flank)
     reduced = dataclasses.replace(reduction.truncate(fine, harmonics), integrals=sizes.integrals)
     closure, error, truncation = jnp.zeros(()), jnp.zeros(()), jnp.zeros(())
@@ -121,7 +123,8 @@ def _find(problem, choice, start, tolerance, sizes):
             iterate, variation = solve_reduced(reduced, train, first, **numbers, **goal)
             deflection = iterate.x
         error = relative_residual(reduced, reduced.residual(deflection, sizes.samples))
-        truncation = truncation_error(fine, variation, deflection, sizes.samples)
+        if sizes.estimated:
+            truncation = truncation_error(fine, variation, deflection, sizes.samples)
         steps, krylov, stalled = iterate.steps, iterate.krylov, iterate.stalled
     reduced, passages = reduced.located(deflection), None
     excess = reduced.excess_coefficients(deflection, sizes.samples)
@@ -129,7 +132,7 @@ def _find(problem, choice, start, tolerance, sizes):
     if sizes.integrals == "exact":
         passages = reduced.passages, exact.locate(jax.tree.map(jnp.asarray, problem.meshes.law), found.deflections)
     failure = _failure(problem, choice, folded, found, error, stalled, passages, sizes)
-    solved = failure == Status.CONVERGED  # not by the status: who reads no truncation error shall not pay for it
+    solved = failure == Status.CONVERGED
     status = jnp.where(solved & ~(truncation <= tolerance), Status.TOLERANCE_NOT_MET, failure)
     return Outcome(found, deflection, status, closure, error, truncation, steps, krylov), (variation, passages), solved
 
@@ -190,6 +193,18 @@ def _balanced(problem, choice, folded):
     left = load - system.ground * position - reduction.incidence(system, every) @ force
     size = jnp.max(jnp.abs(load), initial=0.0) + jnp.max(jnp.abs(force), initial=0.0)
     return jnp.max(jnp.abs(left)) <= 1e-9 * size
+
+
+@partial(jax.jit, static_argnames="sizes")
+def estimate(problem, choice, deflection, sizes):
+    """The truncation error of a motion found without it: deflections ``(G, N+1)`` of the active meshes."""
+    harmonics = deflection.shape[-1] - 1
+    fine, _ = reduced_equation(problem, 2 * harmonics, choice.active, choice.chosen, choice.flank)
+    reduced = reduction.truncate(fine, harmonics)
+    links = jnp.asarray(problem.meshes.link)[choice.chosen]
+    train = surrogate(problem.system, links, choice.active, problem.frequency, sizes.instants, sizes.excited)
+    variation = correction.prepare(reduced, train, deflection, sizes.samples, sizes.instants)
+    return truncation_error(fine, variation, deflection, sizes.samples)
 
 
 def truncation_error(fine, variation, deflection, samples):
