@@ -13,7 +13,7 @@ from trains import branched_parts, build, gearbox_parts
 
 import jaxhb
 from jaxhb import Damper, Disk, Ground, Shaft, Torque
-from jaxhb.design import Objective, Parameter, Penalty, evaluation, table
+from jaxhb.design import Objective, Parameter, Penalty, evaluation, lanes, table
 from jaxhb.design.descent import Descent
 from jaxhb.design.quantities import frequencies_hz
 
@@ -103,6 +103,7 @@ PENALTIES = (
     Penalty(quantity="inertia added", most=1e-3, of="ring", weight=1.0),
     Penalty(quantity="natural frequency", mode=2, least=180.0, weight=1.0),
 )
+LOST = SimpleNamespace(status=jaxhb.Status.STALLED)
 PLAN = Tight(harmonics=32, active=(0, 1), flank=(0, 0), start="march", instants=768, tolerance=0.5, excited=3)
 
 
@@ -111,19 +112,24 @@ def hammering():
     return build(branched_parts(), reference="crank gear")
 
 
+def planned(*_, **__):
+    return PLAN, [PLAN] * len(SPEEDS)
+
+
 def bench():
-    task = evaluation.Task(PARAMETERS, OBJECTIVES, PENALTIES, (True,) * 6)
-    made = evaluation.Bench(hammering(), SPEEDS, task, PLAN, fixed=True)
+    task = lanes.Task(PARAMETERS, OBJECTIVES, PENALTIES, (True,) * 6)
+    made = evaluation.Bench(hammering(), SPEEDS, task, planned, fixed=True)
     made.scales, made.widths = np.array([700.0, 1e-3]), np.array([0.05, 0.05])
     return made
 
 
 @pytest.fixture(scope="module")
 def assessed():
-    """A bench and two designs on it."""
+    """A bench and two designs on it, lost speeds not taken up the ladder."""
     made = bench()
-    return made, made.first(np.array([[0.1, -0.3, 0.4], [0.8, 0.5, -1.0]]))
-
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("jaxhb.design.evaluation.solve", lambda *_, **__: LOST)
+        return made, made.first(np.array([[0.1, -0.3, 0.4], [0.8, 0.5, -1.0]]))
 
 def test_the_gradient_of_objectives_and_penalties_is_that_of_differences(assessed):
     made, point = assessed
@@ -163,9 +169,8 @@ def test_frequencies_for_penalties_are_the_natural_frequencies():
 @pytest.fixture
 def same_plan(monkeypatch):
     """The plan of the tests above, so that nothing is compiled twice, and a ladder on which 900 rpm stays lost."""
-    monkeypatch.setattr("jaxhb.design.tuning.first_plan", lambda *_: PLAN)
-    lost = SimpleNamespace(status=jaxhb.Status.STALLED)
-    monkeypatch.setattr("jaxhb.design.evaluation.solve", lambda *_, **__: lost)
+    monkeypatch.setattr("jaxhb.design.tuning.plan_designs", planned)
+    monkeypatch.setattr("jaxhb.design.evaluation.solve", lambda *_, **__: LOST)
 
 
 def tuned(**options):
@@ -205,21 +210,24 @@ class Bowl:
     """A bench without equations: (z - 3)^2 summed, a speed is lost beyond z = 1 in each component."""
 
     def __init__(self):
-        self.task, self.widths, self.scales = evaluation.Task((), (), (), ()), np.ones(0), np.ones(0)
-        self.calls, self.plan, self.rpm, self.train = 0, PLAN, np.ones(2), hammering()
+        self.task, self.widths, self.scales = lanes.Task((), (), (), ()), np.ones(0), np.ones(0)
+        self.calls, self.rpm, self.train = 0, np.ones(2), hammering()
 
     def first(self, z):
         self.calls += 1
         status = np.zeros((len(z), 2), dtype=int)
         status[:, 1] = np.where((z > 1.0).any(1), jaxhb.Status.STALLED, 0)
         motion = np.zeros((len(z), 2, 2, PLAN.harmonics + 1))
-        return evaluation.Point(z, ((z - 3) ** 2).sum(1), 2 * (z - 3), status, 0.0 * status, motion, ())
+        return evaluation.Point(z, ((z - 3) ** 2).sum(1), 2 * (z - 3), status, 0 * status, motion, ())
 
-    def at(self, z, near, counted, rungs=()):
+    def at(self, z, near, counted, **_):
         return self.first(z)
 
-    def finer_plan(self, point, counted):
+    def finer_plans(self, point, counted):
         return False
+
+    def described(self, point, best):
+        return ""
 
     def values(self, z):
         return dict(enumerate(z.tolist()))
