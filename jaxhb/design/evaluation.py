@@ -76,7 +76,7 @@ def to_unbounded(values, parameters):
     return np.clip(z, -FARTHEST, FARTHEST)
 
 
-def plan_designs(train, rpm, tolerance, harmonics):
+def plan_designs(train, rpm, tolerance, harmonics, integrals="sampled"):
     """A plan for every speed, and the plan of those that leave theirs.
 
     Returns
@@ -85,7 +85,7 @@ def plan_designs(train, rpm, tolerance, harmonics):
         Every mesh with backlash is an unknown, as fine as the finest plan that a speed needs.
     plans : list of Plan, one for each speed
     """
-    plans = plan_speeds(train, rpm, harmonics, tolerance)
+    plans = plan_speeds(train, rpm, harmonics, tolerance, integrals)
     gaps = tuple(i for i, gap in enumerate(train.topology.mesh_backlash) if gap)
     finest = max((plan for plan in plans if plan.active), key=lambda plan: plan.harmonics, default=plans[0])
     if not gaps:
@@ -291,7 +291,7 @@ class _Trial:
         bench, plan, found = self.bench, self.bench.kinds[0], np.zeros_like(lanes)
         for a, i in np.argwhere(lanes) if plan.active else ():
             train = bench.train.replace(bench.values(self.z[a]))
-            response = solve(train, rpm=float(bench.rpm[i]), harmonics=plan.harmonics)
+            response = solve(train, rpm=float(bench.rpm[i]), harmonics=plan.harmonics, integrals=plan.integrals)
             if response.status <= Status.TOLERANCE_NOT_MET:
                 found[a, i] = True
                 self.kind[a, i] = 0

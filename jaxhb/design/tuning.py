@@ -53,6 +53,7 @@ def tune(
     patience=3,
     harmonics=None,
     tolerance=0.01,
+    integrals="sampled",
     on_step=None,
 ):
     """Change numbers of a train so that response quantities become small over a range of speeds.
@@ -89,8 +90,8 @@ def tune(
         ``w log(n)`` above the true one.
     improvement, patience : float, int
         A width is done when ``patience`` steps in a row each win less than this share.
-    harmonics, tolerance
-        As in :func:`jaxhb.solve_speeds`; with ``harmonics`` the plan stays.
+    harmonics, tolerance, integrals
+        As in :func:`jaxhb.solve_speeds`; with ``harmonics`` none are added.
     on_step : callable, optional
         Called with every :class:`Step`.
 
@@ -123,11 +124,12 @@ def tune(
     check_all(train, parameters, given, penalties, rpm)
     _check_numbers(train, optimizer, steps, starts, widths)
     decide.check_tolerance(train, tolerance)
+    decide.check_integrals(integrals, "reduced")
     if harmonics is not None:
         decide.check_harmonics(train, harmonics, "reduced")
     heavy = np.concatenate([train.disks.inertia, train.dampers.inertia]) > 0
     task = Task(parameters, given, penalties, tuple(heavy.tolist()))
-    planner = partial(plan_designs, rpm=rpm, tolerance=tolerance, harmonics=harmonics)
+    planner = partial(plan_designs, rpm=rpm, tolerance=tolerance, harmonics=harmonics, integrals=integrals)
     bench = Bench(train, rpm, task, planner, fixed=harmonics is not None)
     descent = Descent(
         bench,

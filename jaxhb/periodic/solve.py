@@ -273,9 +273,9 @@ def _solve_deciding(train, rpm, harmonics, tolerance, method, integrals, start):
     return _climb(train, rpm, base, modes, harmonics is None, start)
 
 
-def solve_further(train, rpm, harmonics, tolerance):
+def solve_further(train, rpm, *, harmonics, tolerance, integrals):
     """Response where the first rung of the ladder is known to fail."""
-    return _solve_deciding(train, rpm, harmonics, tolerance, "reduced", "sampled", "further")[0]
+    return _solve_deciding(train, rpm, harmonics, tolerance, "reduced", integrals or "sampled", "further")[0]
 
 
 def _solve_in_contact(train, rpm, excited):

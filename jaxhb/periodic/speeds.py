@@ -25,7 +25,7 @@ HEAVY = 192
 """Harmonics from which one speed fills a processor: there a batch is no faster, and waits for its slowest speed."""
 
 
-def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=None, progress=None):
+def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=None, integrals=None, progress=None):
     """Periodic responses at many speeds.
 
     The linear motion tells at which speeds teeth leave contact or separate; speeds with the same needs share a plan
@@ -43,6 +43,8 @@ def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=None, progr
         Harmonics of the cycle, fixed for all speeds.
     tolerance : float, optional
         On the truncation error, default 1 %; speeds that do not reach it have status TOLERANCE_NOT_MET.
+    integrals : str, optional
+        Of the tooth law over the cycle, "sampled" (default) or "exact", as in :func:`jaxhb.solve`.
     progress : callable, optional
         Called with the number of speeds done since the last call.
 
@@ -67,15 +69,16 @@ def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=None, progr
     """
     rpm = np.atleast_1d(np.asarray(rpm, dtype=float))
     check_speed(train, rpm, many=True)
-    if plan and not (harmonics is None and tolerance is None):
-        raise ValueError("harmonics and tolerance belong to the plan: give them to jaxhb.plan")
-    tolerance = 0.01 if tolerance is None else tolerance
+    if plan and not (harmonics is None and tolerance is None and integrals is None):
+        raise ValueError("harmonics, tolerance and integrals belong to the plan: give them to jaxhb.plan")
+    tolerance, integrals = 0.01 if tolerance is None else tolerance, integrals or "sampled"
     decide.check_tolerance(train, tolerance)
+    decide.check_integrals(integrals, "reduced")
     if plan:
         decide.check_plan(train, plan)
     if harmonics is not None:
         decide.check_harmonics(train, harmonics, "reduced")
-    plans = [plan] * len(rpm) if plan else plan_speeds(train, rpm, harmonics, tolerance)
+    plans = [plan] * len(rpm) if plan else plan_speeds(train, rpm, harmonics, tolerance, integrals)
     tell = progress or (lambda done: None)
     found = [None] * len(rpm)
     for shared in dict.fromkeys(plans):
@@ -95,11 +98,11 @@ def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=None, progr
     if plan is None:
         for place, response in enumerate(found):
             if _worth_another_try(response, harmonics):
-                found[place] = _again(train, rpm, place, found, harmonics, tolerance)
+                found[place] = _again(train, rpm, place, found, harmonics, tolerance, integrals)
     return stack(found)
 
 
-def _again(train, rpm, place, found, harmonics, tolerance):
+def _again(train, rpm, place, found, harmonics, tolerance, integrals):
     """The response at one speed from its own motion or the nearest that converged; up the ladder where that fails."""
     own, good = found[place], [i for i, r in enumerate(found) if int(r.status) == Status.CONVERGED]
     near, fixed = None, harmonics
@@ -108,11 +111,12 @@ def _again(train, rpm, place, found, harmonics, tolerance):
     elif good:
         near = found[min(good, key=lambda i: abs(rpm[i] - rpm[place]))]
         fixed = harmonics or near.harmonics
+    asked = {"tolerance": tolerance, "integrals": integrals}
     if near is not None:
-        response = solve(train, rpm=float(rpm[place]), harmonics=fixed, tolerance=tolerance, start=near)
+        response = solve(train, rpm=float(rpm[place]), harmonics=fixed, start=near, **asked)
         if int(response.status) == Status.CONVERGED:
             return response
-    return solve_further(train, float(rpm[place]), harmonics, tolerance)
+    return solve_further(train, float(rpm[place]), harmonics=harmonics, **asked)
 
 
 def _worth_another_try(response, harmonics):
@@ -169,13 +173,18 @@ class _Loads:
     load_power: jax.Array
 
 
-def plan_speeds(train, rpm, harmonics, tolerance):
+def plan_speeds(train, rpm, harmonics, tolerance, integrals="sampled"):
     """A plan for every speed, few distinct ones: teeth in contact, leaving contact, separating."""
     excited = decide.excited_harmonic(train, "reduced")
     count = len(train.topology.mesh_names)
     level = harmonics or max(excited, decide.LEVELS[0])
     contact = Plan(
-        harmonics=level, active=(), flank=(0,) * count, tolerance=tolerance, excited=listed_harmonic(train.topology)
+        harmonics=level,
+        active=(),
+        flank=(0,) * count,
+        tolerance=tolerance,
+        excited=listed_harmonic(train.topology),
+        integrals=integrals,
     )
     if not any(train.topology.mesh_backlash):
         return [contact] * len(rpm)

@@ -1,5 +1,6 @@
 """Tuning: dampers to their exact optima, gradients against differences, no speed lost, sentences for bad input."""
 
+import dataclasses
 import doctest
 from functools import cache
 from types import SimpleNamespace
@@ -157,6 +158,20 @@ def test_a_speed_that_fails_is_told_and_neither_counts_nor_spoils_the_others(ass
     excess = np.where(solved, np.maximum(power - 1.0, 0.0) ** 2, 0.0).sum(1)
     limits = np.maximum(added / 1e-3 - 1, 0.0) ** 2 + np.maximum(1 - frequency / 180.0, 0.0) ** 2
     np.testing.assert_allclose(point.value, smooth + 0.3 * mean + 1e-3 * excess + limits, rtol=PATHS)
+
+
+def test_a_speed_that_a_march_does_not_find_is_found_by_the_ladder(assessed):
+    made, point = assessed
+    own = evaluation.to_unbounded([hammering().value(p.name) for p in PARAMETERS], PARAMETERS)
+    z, slow = np.stack([own, point.z[1]]), np.zeros_like(point.solved)
+    slow[0, 3] = True
+    unknown = dataclasses.replace(point, status=np.full_like(point.status, jaxhb.Status.MAX_STEPS))
+    wanted = np.array([True, False])
+    assert not made.at(z, unknown, slow, wanted=wanted, ladder=0).solved[0, 3]
+    found = made.at(z, unknown, slow, wanted=wanted)
+    assert found.solved[0, 3] and np.isfinite(found.gradient[0]).all()
+    response = jaxhb.solve(hammering(), rpm=SPEEDS[3], harmonics=32)
+    assert found.readings[0][0, 3] == pytest.approx(float(response.force("crank gear", "idler").order(1.0)), rel=1e-6)
 
 
 def test_frequencies_for_penalties_are_the_natural_frequencies():
