@@ -1,12 +1,11 @@
-"""The derivative of a solve with two meshes separating: against differences, forwards and backwards, in a batch."""
+"""The derivative of a solve with two meshes separating, in a batch some lanes of which fail."""
 
 from functools import cache
 
 import jax
 import numpy as np
 import pytest
-from differences import Tight, compare, differences
-from tolerances import GRADIENT, TANGENT
+from differences import Tight
 from trains import branched_parts, build
 
 import jaxhb
@@ -27,8 +26,6 @@ KEYS = (
 RPM = len(KEYS)
 ONES = np.ones(RPM + 1)
 ALONG = np.random.default_rng(0).normal(size=RPM + 1)
-STEPS = np.array([1e-4] * RPM + [1e-5])
-"""Rounding and the sampled knots of the law ask for large steps, the curvature in speed for a small one."""
 
 
 SEPARATING = Tight(harmonics=32, active=(0, 1), flank=(0, 0), start="march", instants=768, tolerance=0.5, excited=3)
@@ -76,16 +73,6 @@ def test_both_meshes_separate(batch):
     gap = 0.5 * (1 - 0.3) * 1e-4
     assert status[0] == jaxhb.Status.CONVERGED
     assert np.all(np.mean(np.abs(deflection[0]) < gap, axis=-1) > 0.05)
-
-
-def test_gradient_is_that_of_differences_with_two_meshes_separating(batch):
-    value = jax.jit(jax.vmap(lambda factors: read(changed(factors, 1500.0, SEPARATING))))
-    compare(batch[1][0], differences(value, ONES, STEPS), GRADIENT)
-
-
-def test_forwards_is_backwards(batch):
-    _, gradient, along = batch
-    np.testing.assert_allclose(along[::3], (gradient @ ALONG)[::3], rtol=TANGENT)
 
 
 def test_a_failed_lane_has_zero_gradient_and_spoils_no_other(batch):
