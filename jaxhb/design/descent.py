@@ -1,6 +1,5 @@
 """The way down: steps of all starts side by side, none of which loses a speed, and their history."""
 
-import dataclasses
 import time
 from dataclasses import dataclass
 
@@ -154,7 +153,10 @@ class Descent:
         for trial in range(TRIALS):
             if done.all():
                 break
-            z, most = point.z + np.where(done, 0.0, length)[:, None] * direction, point.value + DECREASE * length * slope
+            z, most = (
+                point.z + np.where(done, 0.0, length)[:, None] * direction,
+                point.value + DECREASE * length * slope,
+            )
             at = self.bench.at(z, point, self.counted, wanted=~done, most=most)
             falls = self._kept(at) & (at.value <= most) & ~done
             curved = np.sum(at.gradient * direction, axis=1) >= CURVATURE * slope

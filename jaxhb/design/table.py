@@ -4,7 +4,9 @@ import dataclasses
 
 import numpy as np
 
+from ..model.checks import number_like, shown
 from ..model.elements import SceneError
+from ..model.speeds import read_speeds
 from ..model.topology import suggestion
 from .quantities import Objective, Parameter, Penalty
 
@@ -93,27 +95,26 @@ def _kind(annotation):
 
 def _kind_faults(value, kind):
     """What is wrong with a value that should be of a kind; nothing if it is."""
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
     good = {
         str: isinstance(value, str),
-        float: number,
-        int: isinstance(value, int) and number,
-        tuple: isinstance(value, list) and all(isinstance(v, (int, float)) for v in value),
+        float: number_like(value),
+        int: isinstance(value, int) and number_like(value),
+        tuple: isinstance(value, list) and all(number_like(v) for v in value),
     }
     words = {str: "a text", float: "a number", int: "a whole number", tuple: "a list of numbers"}
-    return [] if good[kind] else [f"is {value!r}, must be {words[kind]}."]
+    return [] if good[kind] else [f"is {shown(value)}, must be {words[kind]}."]
 
 
 def _speeds(given, where, faults):
     """Speeds in rpm ``(n,)`` from ``"A:B:COUNT"`` or a list of numbers."""
     if isinstance(given, list) and given and not _kind_faults(given, tuple):
         return np.array(given, dtype=float)
-    try:
-        first, last, count = given.split(":")
-        return np.linspace(float(first), float(last), max(int(count), 1))
-    except (AttributeError, ValueError):
-        text = "is missing" if given is None else f"is {given!r}"
-        faults.append(
-            f'{where}, [tune]: rpm {text}, must be "A:B:COUNT", as "600:2600:41", or a list of speeds in rpm.'
-        )
-        return np.ones(1)
+    if isinstance(given, str):
+        try:
+            return np.array(read_speeds(given))
+        except ValueError as error:
+            text = f"is {given!r}: {error}; it"
+    else:
+        text = "is missing," if given is None else f"is {shown(given)},"
+    faults.append(f'{where}, [tune]: rpm {text} must be "A:B:COUNT", as "600:2600:41", or a list of speeds in rpm.')
+    return np.ones(1)

@@ -6,6 +6,8 @@ import os
 import sys
 import traceback
 
+from ..model.speeds import read_speed, read_speeds
+
 DESCRIPTION = """\
 Forced periodic vibration of drive trains with gear backlash: do the teeth hammer, at which speeds, and how hard?
 One periodic solution per speed, at the border in rpm, N m, kN and deg."""
@@ -199,24 +201,19 @@ def _gear(command):
 
 def speed(text):
     """A speed in rpm from the command line."""
-    value = _number(text)
-    if not value > 0:
-        raise argparse.ArgumentTypeError(f"the speed is {text!r}, must be a number greater than 0 rpm")
-    return value
+    return _read(read_speed, text)
 
 
 def speeds(text):
     """Speeds in rpm from ``A:B:COUNT`` or ``R1,R2,...``."""
-    if ":" not in text:
-        return [speed(word) for word in text.split(",")]
-    words = text.split(":")
-    if len(words) != 3:
-        raise argparse.ArgumentTypeError(f"{text!r} is not A:B:COUNT, as 600:2450:20 (rpm, rpm, number of speeds)")
-    first, last = speed(words[0]), speed(words[1])
-    count = whole(words[2])
-    if count == 1 and first != last:
-        raise argparse.ArgumentTypeError(f"{text!r} asks for one speed between two: give a COUNT of at least 2")
-    return [first + (last - first) * i / max(count - 1, 1) for i in range(count)]
+    return _read(read_speeds, text)
+
+
+def _read(reader, text):
+    try:
+        return reader(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def positive(text):

@@ -132,6 +132,7 @@ def assessed():
         patch.setattr("jaxhb.design.evaluation.solve", lambda *_, **__: LOST)
         return made, made.first(np.array([[0.1, -0.3, 0.4], [0.8, 0.5, -1.0]]))
 
+
 def test_the_gradient_of_objectives_and_penalties_is_that_of_differences(assessed):
     made, point = assessed
     counted = point.solved
@@ -158,6 +159,22 @@ def test_a_speed_that_fails_is_told_and_neither_counts_nor_spoils_the_others(ass
     excess = np.where(solved, np.maximum(power - 1.0, 0.0) ** 2, 0.0).sum(1)
     limits = np.maximum(added / 1e-3 - 1, 0.0) ** 2 + np.maximum(1 - frequency / 180.0, 0.0) ** 2
     np.testing.assert_allclose(point.value, smooth + 0.3 * mean + 1e-3 * excess + limits, rtol=PATHS)
+
+
+def test_a_speed_without_a_derivative_counts_as_lost(assessed, monkeypatch):
+    made, point = assessed
+    pulls = []
+
+    def broken(pull, cotangent):
+        pulls.append(pull)
+        found = lanes.pull_back(pull, cotangent)
+        return [part.at[1].set(np.nan) for part in found] if len(pulls) == 1 else found
+
+    monkeypatch.setattr("jaxhb.design.evaluation.pull_back", broken)
+    again = made.at(point.z, point, point.solved)
+    np.testing.assert_array_equal(again.status[0] == jaxhb.Status.STALLED, [False, True, False, False])
+    assert np.isfinite(again.gradient).all()
+    np.testing.assert_array_equal(again.solved[1], point.solved[1])
 
 
 def test_a_speed_that_a_march_does_not_find_is_found_by_the_ladder(assessed):

@@ -65,6 +65,19 @@ def test_correction_solves_the_jacobian_of_autodiff(case):
     assert left <= 1e-11 and 0 < used <= 30
 
 
+def test_a_derivative_that_is_not_reached_is_nan(case, monkeypatch):
+    problem, reduced, l = case
+    variation = prepare(reduced, surrogate_of(problem, 512), l, SAMPLES, 512)
+
+    def both(steps):
+        monkeypatch.setattr(correction, "EXACT_STEPS", steps)
+        solver = jax.jit(lambda value: correction.invert(reduced, variation, l, value, SAMPLES))
+        found, pull = jax.vjp(solver, reduced.linear)
+        return np.concatenate([found, pull(jnp.conj(reduced.linear))[0]])
+
+    assert np.isnan(both(2)).all() and np.isfinite(both(60)).all()
+
+
 def test_product_on_few_instants_is_the_jacobian_at_all_samples(case):
     _, reduced, l = case
     matrix, _ = dense_jacobian(reduced, l)

@@ -67,7 +67,9 @@ def test_second_derivatives_with_exact_integrals_are_those_of_differences_of_gra
 
 def sizes_of(jaxpr):
     """Numbers in all arrays that a program makes."""
-    inner = [v for e in jaxpr.eqns for v in jax.tree.leaves(list(e.params.values()), is_leaf=lambda v: hasattr(v, "eqns"))]
+    inner = [
+        v for e in jaxpr.eqns for v in jax.tree.leaves(list(e.params.values()), is_leaf=lambda v: hasattr(v, "eqns"))
+    ]
     inner = [getattr(v, "jaxpr", v) for v in inner if hasattr(v, "jaxpr") or hasattr(v, "eqns")]
     own = sum(np.prod(v.aval.shape, dtype=int) for e in jaxpr.eqns for v in e.outvars)
     return own + sum(sizes_of(part) for part in inner)

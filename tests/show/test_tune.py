@@ -114,7 +114,12 @@ def test_the_picture_shows_the_response_before_and_after_and_the_history(scene):
 
 WRONG = {
     ("[tune]", "[tun]"): "unknown table 'tun'. Did you mean 'tune'",
-    ('rpm = "1200:2400:7"', 'rpm = "fast"'): "[tune]: rpm is 'fast', must be \"A:B:COUNT\"",
+    (
+        'rpm = "1200:2400:7"',
+        'rpm = "fast"',
+    ): "the speed is 'fast', must be a number greater than 0 rpm; it must be \"A:B",
+    ('rpm = "1200:2400:7"', 'rpm = "1200:2400:0"'): "rpm is '1200:2400:0': '0' must be a whole number of at least 1",
+    ('rpm = "1200:2400:7"', "rpm = 7"): '[tune]: rpm is 7, must be "A:B:COUNT"',
     ('rpm = "1200:2400:7"', ""): "[tune]: rpm is missing, must be",
     ("steps = 6", "step = 6"): "[tune]: unknown key 'step'. Did you mean 'steps'",
     ("steps = 6", 'steps = "6"'): "[tune]: steps is '6', must be a whole number",

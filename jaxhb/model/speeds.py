@@ -1,0 +1,47 @@
+"""Speeds as text, the same on the command line and in scene files."""
+
+import math
+
+
+def read_speed(text):
+    """A speed in rpm.
+
+    Raises
+    ------
+    ValueError
+        A sentence, if it is not a number greater than 0.
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < math.inf:
+        raise ValueError(f"the speed is {text!r}, must be a number greater than 0 rpm")
+    return value
+
+
+def read_speeds(text):
+    """Speeds in rpm from ``A:B:COUNT``, equally spaced, or ``R1,R2,...``.
+
+    Raises
+    ------
+    ValueError
+        A sentence, if it is neither.
+
+    Examples
+    --------
+    >>> read_speeds("600:1200:3")
+    [600.0, 900.0, 1200.0]
+    """
+    if ":" not in text:
+        return [read_speed(word) for word in text.split(",")]
+    words = text.split(":")
+    if len(words) != 3:
+        raise ValueError(f"{text!r} is not A:B:COUNT, as 600:2450:20 (rpm, rpm, number of speeds)")
+    first, last = read_speed(words[0]), read_speed(words[1])
+    if not words[2].isdecimal() or int(words[2]) < 1:
+        raise ValueError(f"{words[2]!r} must be a whole number of at least 1")
+    count = int(words[2])
+    if count == 1 and first != last:
+        raise ValueError(f"{text!r} asks for one speed between two: give a COUNT of at least 2")
+    return [first + (last - first) * i / max(count - 1, 1) for i in range(count)]
