@@ -62,6 +62,12 @@ class Response:
         return self.angles.shape[-1] - 1
 
     @property
+    def highest_harmonic(self):
+        """Highest harmonic that moves a disk, per speed: of a sweep :attr:`harmonics` is the largest among them."""
+        moves = np.any(np.asarray(self.angles) != 0, axis=-2)
+        return np.max(np.where(moves, np.arange(moves.shape[-1]), 0), axis=-1)
+
+    @property
     def converged(self):
         """True where residual and truncation error are within their limits."""
         return self.status == 0
@@ -188,27 +194,34 @@ class Response:
         return {name: self.mesh(name) for name in self.topology.mesh_names}
 
 
-def stack(responses):
-    """Responses of one train at several speeds as one with a leading axis; all get the most harmonics among them."""
-    motion = max(r.harmonics for r in responses)
-    tooth = max(r.forces.shape[-1] for r in responses) - 1
-    wanted = dict.fromkeys(("angles", "torques", "elastic_torques", "deflections"), motion)
-    wanted |= dict.fromkeys(("forces", "elastic_forces"), tooth)
+def stack(rows):
+    """Responses of one train at several speeds as one with a leading axis; all get the most harmonics among them.
+
+    rows : per speed a Response, or a batch of them and the number of the one that is meant
+    """
+    rows = [row if isinstance(row, tuple) else (row, None) for row in rows]
+    places = {}
+    for place, (response, row) in enumerate(rows):
+        places.setdefault(id(response), (response, [], []))[1].append(place)
+        places[id(response)][2].append(row)
+    parts = [(r, at, slice(None) if taken == [None] else taken) for r, at, taken in places.values()]
+    wanted = dict.fromkeys(("angles", "torques", "elastic_torques", "deflections"), max(r.harmonics for r, *_ in parts))
+    wanted |= dict.fromkeys(("forces", "elastic_forces"), max(r.forces.shape[-1] for r, *_ in parts) - 1)
 
     def joined(name):
-        arrays = [np.asarray(getattr(r, name)) for r in responses]
-        if name not in wanted:
-            return np.stack(arrays)
-        joint = np.zeros((len(arrays), *arrays[0].shape[:-1], wanted[name] + 1), dtype=complex)
-        for row, array in zip(joint, arrays, strict=True):
-            row[..., : array.shape[-1]] = array
+        arrays = [np.asarray(getattr(r, name)) for r, *_ in parts]
+        arrays = [array if np.ndim(r.rpm) else array[None] for array, (r, *_) in zip(arrays, parts, strict=True)]
+        shape = (*arrays[0].shape[1:-1], wanted[name] + 1) if name in wanted else arrays[0].shape[1:]
+        joint = np.zeros((len(rows), *shape), dtype=arrays[0].dtype)
+        for (_, at, taken), array in zip(parts, arrays, strict=True):
+            joint[(at, ..., slice(array.shape[-1])) if name in wanted else at] = array[taken]
         return joint
 
     single = ("train", "path", "resolution")
     names = [f.name for f in dataclasses.fields(Response) if f.name not in single]
     return Response(
-        train=responses[0].train,
-        path=tuple("; ".join(r.path) for r in responses),
-        resolution=max(r.resolution for r in responses),
+        train=rows[0][0].train,
+        path=tuple("; ".join(r.path) if row is None else r.path[row] for r, row in rows),
+        resolution=max(r.resolution for r, *_ in parts),
         **{name: joined(name) for name in names},
     )

@@ -221,31 +221,31 @@ def contact_demand(train, forces):
     Parameters
     ----------
     train : DriveTrain
-    forces : array ``(M, samples)`` N, elastic forces of the meshes with all in contact
+    forces : array ``(..., M, samples)`` N, elastic forces of the meshes with all in contact
 
     Returns
     -------
-    flank : tuple of int
+    flank : int array ``(..., M)``
         Side of each backlash mesh taken to stay beyond its transition zone (to be verified); 0 for the others and for
         linear meshes.
-    active : tuple of int
+    leaves : bool array ``(..., M)``
         Backlash meshes whose contact is an unknown.
-    separates : bool
+    separates : bool array ``(...)``
         Whether any linear force passes through zero.
     """
     gap = np.array(train.topology.mesh_backlash, dtype=bool)
     meshes = train.meshes
     law = backlash.Law(meshes.stiffness, meshes.epsilon, meshes.transition, meshes.backlash)
     side = np.where(forces.mean(-1) < 0, -1, 1)
-    least = (side[:, None] * forces).min(-1, initial=np.inf)
+    lowest, highest = forces.min(-1, initial=np.inf), forces.max(-1, initial=-np.inf)
+    least = np.where(side < 0, -highest, lowest)
     knee = (1 + law.transition) * law.backlash / 2
     knee_force = law.stiffness * knee - np.asarray(backlash.offset(law))
     apart = gap & (least <= 0)
-    swing = (forces.max(-1, initial=-np.inf) - forces.min(-1, initial=np.inf)) / 2
-    spare = HAMMERED * np.max(swing, initial=0.0, where=apart)
+    swing = np.where(apart, (highest - lowest) / 2, 0.0)
+    spare = HAMMERED * np.max(swing, axis=-1, initial=0.0, keepdims=True)
     leaves = gap & ~(least > knee_force + spare)
-    flank = np.where(gap & ~leaves, side, 0)
-    return tuple(int(s) for s in flank), tuple(int(i) for i in np.flatnonzero(leaves)), bool(apart.any())
+    return np.where(gap & ~leaves, side, 0), leaves, apart.any(axis=-1)
 
 
 def without_backlash(train):

@@ -245,7 +245,8 @@ def _solve_deciding(train, rpm, harmonics, tolerance, method, integrals, start):
         decide.check_harmonics(train, harmonics, method)
     excited = decide.excited_harmonic(train, method)
     contact = _solve_in_contact(train, rpm, excited)
-    flank, active, separates = decide.contact_demand(train, contact)
+    flank, leaves, separates = decide.contact_demand(train, contact)
+    flank, active = tuple(flank.tolist()), tuple(np.flatnonzero(leaves).tolist())
     base = Plan(
         harmonics=harmonics or max(excited, decide.LEVELS[0]),
         active=active,

@@ -89,27 +89,37 @@ def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=None, integ
         for first in range(0, len(places), size):
             chunk = places[first : first + size]
             if size == 1:
-                solved = [solve(train, rpm=float(rpm[place]), plan=shared) for place in chunk]
+                found[chunk[0]] = solve(train, rpm=float(rpm[chunk[0]]), plan=shared)
             else:
                 solved = _solve_chunk(train, rpm[chunk], shared, size)
-            for place, response in zip(chunk, solved, strict=True):
-                found[place] = response
+                for row, place in enumerate(chunk):
+                    found[place] = solved, row
             tell(len(chunk))
     if plan is None:
-        for place, response in enumerate(found):
-            if _worth_another_try(response, harmonics):
-                found[place] = _again(train, rpm, place, found, harmonics, tolerance, integrals)
+        status = np.array([int(np.ravel(r.status)[row]) for r, row in map(_placed, found)])
+        for place in range(len(rpm)):
+            if _worth_another_try(status[place], harmonics):
+                found[place] = _again(train, rpm, place, found, status, harmonics, tolerance, integrals)
+                status[place] = found[place].status
     return stack(found)
 
 
-def _again(train, rpm, place, found, harmonics, tolerance, integrals):
+def _placed(found):
+    """A batch and a row of it, of what one speed was found in."""
+    return found if isinstance(found, tuple) else (found, 0)
+
+
+def _again(train, rpm, place, found, status, harmonics, tolerance, integrals):
     """The response at one speed from its own motion or the nearest that converged; up the ladder where that fails."""
-    own, good = found[place], [i for i, r in enumerate(found) if int(r.status) == Status.CONVERGED]
+    good = np.flatnonzero(status == Status.CONVERGED)
     near, fixed = None, harmonics
-    if int(own.status) == Status.TOLERANCE_NOT_MET:
-        near = own
-    elif good:
-        near = found[min(good, key=lambda i: abs(rpm[i] - rpm[place]))]
+    if status[place] == Status.TOLERANCE_NOT_MET:
+        near = found[place]
+    elif len(good):
+        near = found[good[np.argmin(np.abs(rpm[good] - rpm[place]))]]
+    if isinstance(near, tuple):
+        near = near[0][near[1]]
+    if near is not None and status[place] != Status.TOLERANCE_NOT_MET:
         fixed = harmonics or near.harmonics
     asked = {"tolerance": tolerance, "integrals": integrals}
     if near is not None:
@@ -119,8 +129,7 @@ def _again(train, rpm, place, found, harmonics, tolerance, integrals):
     return solve_further(train, float(rpm[place]), harmonics=harmonics, **asked)
 
 
-def _worth_another_try(response, harmonics):
-    status = Status(int(response.status))
+def _worth_another_try(status, harmonics):
     hopeless = (Status.CONVERGED, Status.UNBALANCED)
     return status not in hopeless and not (harmonics and status == Status.TOLERANCE_NOT_MET)
 
@@ -152,16 +161,17 @@ def _solve_all(problem, choice, start, tolerance, sizes):
 
 
 def _solve_chunk(train, rpm, plan, size):
-    """Responses at up to ``size`` speeds under one plan, padded to a batch of that size."""
+    """Response at up to ``size`` speeds under one plan, padded to a batch of that size."""
     padded = np.concatenate([rpm, np.full(size - len(rpm), rpm[-1])])
     problem = _pose_all(train, jnp.asarray(padded), plan.harmonics, plan.excited)
     choice = plan.choice
     coefficients = np.zeros((len(choice.active), plan.harmonics + 1), dtype=complex)
     start = Start(coefficients, np.array(False), np.array(plan.cycles if plan.start == "march" else 0))
     sizes = dataclasses.replace(plan.sizes, max_steps=BATCH_STEPS)
-    outcome = jax.tree.map(np.asarray, _solve_all(problem, choice, start, plan.limit, sizes))
-    loads = _Loads(np.asarray(problem.load_torque), np.asarray(problem.load_power))
-    return [respond(train, rpm[i], *jax.tree.map(lambda a, i=i: a[i], (loads, outcome)), plan) for i in range(len(rpm))]
+    outcome = _solve_all(problem, choice, start, plan.limit, sizes)
+    loads = _Loads(problem.load_torque, problem.load_power)
+    loads, outcome = jax.tree.map(lambda a: np.asarray(a)[: len(rpm)], (loads, outcome))
+    return dataclasses.replace(respond(train, rpm, loads, outcome, plan), path=(str(plan),) * len(rpm))
 
 
 @jax.tree_util.register_dataclass
@@ -190,17 +200,18 @@ def plan_speeds(train, rpm, harmonics, tolerance, integrals="sampled"):
         return [contact] * len(rpm)
     straight = solve_speeds(decide.without_backlash(train), rpm=rpm, plan=contact)
     samples = np.fft.irfft(straight.elastic_forces, n=16 * straight.elastic_forces.shape[-1], norm="forward")
-    demands = [decide.contact_demand(train, forces) for forces in samples]
+    flanks, leaves, apart = decide.contact_demand(train, samples)
     modes = decide.mesh_mode_harmonic(train, train.topology.cycle_frequency(1.0)) / rpm
-    plans = [dataclasses.replace(contact, flank=flank) for flank, _, _ in demands]
+    resting = {flank: dataclasses.replace(contact, flank=flank) for flank in set(map(tuple, flanks.tolist()))}
+    plans = [resting[tuple(flank)] for flank in flanks.tolist()]
     for separating in (False, True):
-        group = [i for i, (_, active, apart) in enumerate(demands) if active and apart == separating]
-        if not group:
+        group = np.flatnonzero(leaves.any(axis=-1) & (apart == separating))
+        if not len(group):
             continue
         slowest, usual = np.max(modes[group]), float(np.median(modes[group]))
         level = harmonics or decide.first_level(excited, usual if separating else 0.0)
-        flanks = np.array([demands[i][0] for i in group])
-        flank = tuple(int(f) for f in np.where((flanks == flanks[0]).all(axis=0), flanks[0], 0))
+        own = flanks[group]
+        flank = tuple(np.where((own == own[0]).all(axis=0), own[0], 0).tolist())
         shared = dataclasses.replace(
             contact,
             harmonics=level,

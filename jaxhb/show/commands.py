@@ -260,7 +260,7 @@ def _row(response, linear):
     row = {
         "rpm": float(response.rpm),
         "status": status_of(response).name,
-        "harmonics": int(response.harmonics),
+        "harmonics": int(response.highest_harmonic),
         "residual": float(response.residual),
         "truncation error": float(response.truncation_error),
         "load kW": float(response.load_kW),

@@ -136,7 +136,7 @@ def sweep_text(sweep, linear):
     states = [status_of(response).name.lower().replace("_", " ") for response in responses]
     table = aligned(
         ["rpm", *heads, "harmonics", "status"],
-        [[f"{float(r.rpm):g}" for r in responses], *columns, [str(int(r.harmonics)) for r in responses], states],
+        [[f"{float(r.rpm):g}" for r in responses], *columns, [str(r.highest_harmonic) for r in responses], states],
     )
     lines = [_sweep_verdict(responses), "", table]
     failed = sorted({status_of(r) for r in responses if not r.converged})

@@ -9,6 +9,7 @@ import pytest
 from trains import build, pinions_parts
 
 import jaxhb
+from jaxhb.linear.response import stack
 from jaxhb.periodic import harmonics as decide
 from jaxhb.periodic.program import solve_problem
 
@@ -115,6 +116,19 @@ def test_a_sweep_is_its_single_solves(pair, plan):
             float(single.force("gear a", "gear b").max), rel=1e-8
         )
     assert sweep[1].mesh("gear a", "gear b").separated_fraction > 0
+
+
+def test_a_sweep_tells_the_harmonics_of_every_speed_though_it_pads_them():
+    engine = jaxhb.load_scene("six_cylinder_diesel")
+    alone = [jaxhb.solve(engine, rpm=1500.0, harmonics=harmonics) for harmonics in (24, 48)]
+    batch = jaxhb.solve_speeds(engine, rpm=[1500.0, 1600.0, 1700.0], harmonics=24)
+    both = stack([alone[1], (batch, 2), alone[0], (batch, 0)])
+    assert both.harmonics == 48
+    assert both.highest_harmonic.tolist() == [r.highest_harmonic for r in (alone[1], batch[2], alone[0], batch[0])]
+    assert [float(rpm) for rpm in both.rpm] == [1500.0, 1700.0, 1500.0, 1500.0]
+    np.testing.assert_array_equal(both[1].angles[:, :25], batch[2].angles)
+    np.testing.assert_allclose(both[2].torques, both[3].torques, rtol=1e-12, atol=1e-9)
+    assert both.path[1] == batch.path[2]
 
 
 @pytest.mark.parametrize(
