@@ -77,7 +77,7 @@ def places(parent):
     return Places(np.array(own, dtype=np.int32), np.array(above, dtype=np.int32), np.arange(count, dtype=np.int32))
 
 
-def scalar_sweep(at, near, far, link, node, load):
+def scalar_sweep(at, near, far, link, node, load, forces=None):
     """Solve a tree of scalar links for all harmonics and several loads.
 
     Parameters
@@ -90,10 +90,12 @@ def scalar_sweep(at, near, far, link, node, load):
     node : complex array ``(S, H)``
         Dynamic stiffness of the node itself, ground included.
     load : complex array ``(S, R, H)``
+    forces : int, optional
+        Of how many loads, the first ones, the forces are wanted; default all R.
 
     Returns
     -------
-    displacement, force : complex arrays ``(S, R, H)``
+    displacement, force : complex arrays ``(S, R, H)``, ``(S, forces, H)``
         ``force`` of the link to the parent, positive for ``alpha x_s > beta x_p``; zero at the root.
     """
 
@@ -122,14 +124,14 @@ def scalar_sweep(at, near, far, link, node, load):
         own, above, inverse, psi, follow = item
         up = motion[above]
         below = inverse * psi + follow * up
-        return motion.at[own].set(below), (below, up)
+        return motion.at[own].set(below), (below, up[:forces])
 
     motion = nothing[1].at[at.own[-1]].set(root)
     items = jax.tree.map(lambda a: a[:-1], (at.own, at.above, inverse, psi, follow))
     _, (below, up) = lax.scan(substitute, motion, items, reverse=True)
     hand = near[:, None] * link * inverse
-    force = hand[:-1, None] * psi[:-1] - transfer[:-1, None] * up
-    return jnp.concatenate([below, root[None]]), jnp.concatenate([force, jnp.zeros_like(root)[None]])
+    force = hand[:-1, None] * psi[:-1, :forces] - transfer[:-1, None] * up
+    return jnp.concatenate([below, root[None]]), jnp.concatenate([force, jnp.zeros_like(root)[None, :forces]])
 
 
 def block_sweep(parent, near, far, link, node, load):

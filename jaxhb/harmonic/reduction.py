@@ -15,9 +15,13 @@ from dataclasses import dataclass, field
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 
 from . import backlash, exact, fourier
 from .block_sweep import scalar_sweep
+
+CHUNK = 64
+"""Harmonics swept at a time: even a finely divided train then stays in the cache of a processor."""
 
 
 def frequencies(frequency, harmonics):
@@ -37,11 +41,10 @@ def node_stiffness(system, omega):
     A floating train is held at its root for the mean; without mean imbalance nothing flows through that support.
     """
     Z = -(omega**2) * system.mass[:, None] + 1j * omega * system.damping[:, None] + system.ground[:, None]
-    root = system.tree.node[-1]
-    return Z.at[root, 0].add(jnp.where(system.floating, 1.0, 0.0))
+    return Z.at[system.tree.node[-1]].add(jnp.where(system.floating & (omega == 0), 1.0, 0.0))
 
 
-def solve_linear(system, omega, load):
+def solve_linear(system, omega, load, forces=None):
     """Displacements and link forces of the linear train for given loads.
 
     Parameters
@@ -49,18 +52,20 @@ def solve_linear(system, omega, load):
     system : System
     omega : array ``(H,)`` rad/s
     load : complex array ``(S, R, H)`` N, R loads in disk order
+    forces : int, optional
+        Of how many loads, the first ones, the link forces are wanted; default all R.
 
     Returns
     -------
     displacement : complex array ``(S, R, H)`` m
-    force : complex array ``(L, R, H)`` N
+    force : complex array ``(L, forces, H)`` N
         Transmitted force of every link (elastic, viscous and loss-factor part), positive for ``a x_a > b x_b``.
     """
     tree = system.tree
     C = link_stiffness(system, omega)
     node = node_stiffness(system, omega)[tree.node]
     if not len(C):
-        return load / node[:, None], jnp.zeros((0, *load.shape[1:]), load.dtype)
+        return load / node[:, None], jnp.zeros((0, *load[:, :forces].shape[1:]), load.dtype)
     near = jnp.where(tree.from_a, system.arm_a[tree.link], system.arm_b[tree.link])
     far = jnp.where(tree.from_a, system.arm_b[tree.link], system.arm_a[tree.link])
     loops = len(tree.loops)
@@ -68,8 +73,9 @@ def solve_linear(system, omega, load):
     if loops:
         unit = incidence(system, tree.loops)[:, :, None]
         unit = jnp.broadcast_to(unit, (len(unit), loops, load.shape[2]))
-        extended = jnp.concatenate([load, unit.astype(load.dtype)], axis=1)
-    displacement, force = scalar_sweep(tree.places, near, far, C[tree.link], node, extended[tree.node])
+        extended = jnp.concatenate([unit.astype(load.dtype), load], axis=1)
+    wanted = loops + (load.shape[1] if forces is None else forces)
+    displacement, force = scalar_sweep(tree.places, near, far, C[tree.link], node, extended[tree.node], wanted)
     displacement = jnp.zeros_like(displacement).at[tree.node].set(displacement)
     signed = jnp.where(tree.from_a, 1.0, -1.0)[:, None, None] * force
     link_force = jnp.zeros((C.shape[0], *force.shape[1:]), force.dtype).at[tree.link[:-1]].set(signed[:-1])
@@ -80,14 +86,15 @@ def solve_linear(system, omega, load):
 
 def _close_loops(system, C, displacement, link_force, loops):
     """Add the forces of the links outside the tree: (I + C G) f = C D x_tree at every harmonic."""
-    given, unit = displacement[:, :-loops], displacement[:, -loops:]
+    unit, given = displacement[:, :loops], displacement[:, loops:]
     gap = system.deflections(given, system.tree.loops)
     receptance = system.deflections(unit, system.tree.loops)
     C_loop = C[system.tree.loops].T[:, :, None]
     matrix = jnp.eye(loops) + C_loop * receptance.transpose(2, 0, 1)
     closing = jnp.linalg.solve(matrix, C_loop * gap.transpose(2, 0, 1))
     displacement = given - jnp.einsum("slh,hlr->srh", unit, closing)
-    force = link_force[:, :-loops] - jnp.einsum("klh,hlr->krh", link_force[:, -loops:], closing)
+    closing = closing[..., : link_force.shape[1] - loops]
+    force = link_force[:, loops:] - jnp.einsum("klh,hlr->krh", link_force[:, :loops], closing)
     return displacement, force.at[system.tree.loops].set(closing.transpose(1, 2, 0))
 
 
@@ -185,22 +192,26 @@ def truncate(reduced, harmonics):
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Folded:
-    """Motion and link forces of the linear train under its load (column 0) and unit forces at the active meshes.
+    """The linear train under its load, and under forces at the active meshes as well.
 
-    displacement : complex ``(S, 1+G, N+1)`` m; force : complex ``(L, 1+G, N+1)`` N.
+    system : System; omega ``(N+1,)`` rad/s; load : complex ``(S, N+1)`` N; columns ``(S, G)`` of D^T of the active
+    meshes. Under the load alone: mean_displacement ``(S,)`` m, mean_force ``(L,)`` N and the loudest link force N.
     """
 
-    displacement: jax.Array
-    force: jax.Array
+    system: object
+    omega: jax.Array
+    load: jax.Array
+    columns: jax.Array
+    mean_displacement: jax.Array
+    mean_force: jax.Array
+    loudest: jax.Array
 
     def combine(self, excess):
         """Displacements ``(S, n+1)`` and link forces ``(L, n+1)`` with excess forces ``(G, n+1)`` at the meshes."""
         kept = excess.shape[-1]
-
-        def total(columns):
-            return columns[:, 0, :kept] - jnp.einsum("sgn,gn->sn", columns[:, 1:, :kept], excess)
-
-        return total(self.displacement), total(self.force)
+        load = self.load[:, :kept] - self.columns @ excess
+        displacement, force = solve_linear(self.system, self.omega[:kept], load[:, None])
+        return displacement[:, 0], force[:, 0]
 
 
 def reduce(system, frequency, load, active, active_index, law, viscous, contact_damping):
@@ -219,11 +230,24 @@ def reduce(system, frequency, load, active, active_index, law, viscous, contact_
     -------
     Reduced, Folded
     """
-    omega = frequencies(frequency, load.shape[-1] - 1)
+    count = load.shape[-1]
     columns = incidence(system, active_index) * active
-    unit = jnp.broadcast_to(columns[:, :, None], (*columns.shape, load.shape[1])).astype(load.dtype)
-    folded = Folded(*solve_linear(system, omega, jnp.concatenate([load[:, None], unit], axis=1)))
-    deflection = system.deflections(folded.displacement, active_index) * active[:, None, None]
+    chunks = -(-count // CHUNK)
+    size = -(-count // chunks)
+    omega = frequencies(frequency, chunks * size - 1)
+
+    def sweep(part):
+        omega, load = part
+        unit = jnp.broadcast_to(columns[:, :, None], (*columns.shape, size)).astype(load.dtype)
+        loads = jnp.concatenate([load[:, None], unit], axis=1)
+        displacement, force = solve_linear(system, omega, loads, forces=1)
+        deflection = system.deflections(displacement, active_index) * active[:, None, None]
+        loudest = jnp.max(jnp.abs(force[:, 0]), initial=0.0)
+        return deflection, displacement[:, 0, 0].real, force[:, 0, 0].real, loudest
+
+    padded = jnp.pad(load, ((0, 0), (0, chunks * size - count))).reshape(-1, chunks, size)
+    deflection, displacement, force, loudest = lax.map(sweep, (omega.reshape(chunks, size), padded.transpose(1, 0, 2)))
+    deflection = deflection.transpose(1, 2, 0, 3).reshape(*deflection.shape[1:3], chunks * size)[..., :count]
     reduced = Reduced(
         linear=deflection[:, 0],
         receptance=deflection[:, 1:].transpose(2, 0, 1),
@@ -232,4 +256,4 @@ def reduce(system, frequency, load, active, active_index, law, viscous, contact_
         viscous=viscous,
         contact_damping=contact_damping,
     )
-    return reduced, folded
+    return reduced, Folded(system, omega[:count], load, columns, displacement[0], force[0], jnp.max(loudest))

@@ -172,8 +172,7 @@ def _failure(problem, choice, folded, found, error, stalled, passages, sizes):
     finite = jnp.isfinite(error) & jnp.all(jnp.isfinite(found.angles.real + found.angles.imag))
     given = [leaf for leaf in jax.tree.leaves(problem) if jnp.issubdtype(leaf.dtype, jnp.inexact)]
     sound = jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in given]))
-    loudest = jnp.max(jnp.abs(folded.force[:, 0]), initial=0.0)
-    singular = sound & ~(loudest <= SINGULAR * jnp.max(jnp.abs(problem.load), initial=0.0))
+    singular = sound & ~(folded.loudest <= SINGULAR * jnp.max(jnp.abs(problem.load), initial=0.0))
     held = held_in_contact(problem, found.deflections, choice.flank, sizes.samples)
     balanced = _balanced(problem, choice, folded)
     unsolved = jnp.where(stalled, Status.STALLED, Status.MAX_STEPS)
@@ -188,7 +187,7 @@ def _failure(problem, choice, folded, found, error, stalled, passages, sizes):
 def _balanced(problem, choice, folded):
     """Whether the mean torques are taken: no disk is left with a mean force that no link, ground or load takes."""
     system, every = problem.system, jnp.arange(len(problem.system.stiffness))
-    position, force = folded.displacement[:, 0, 0].real, folded.force[:, 0, 0].real
+    position, force = folded.mean_displacement, folded.mean_force
     load = offset_load(problem, choice.flank)[:, 0].real
     left = load - system.ground * position - reduction.incidence(system, every) @ force
     size = jnp.max(jnp.abs(load), initial=0.0) + jnp.max(jnp.abs(force), initial=0.0)

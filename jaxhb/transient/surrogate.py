@@ -96,7 +96,7 @@ def _basis(system, mass, links, frequency, instants):
     highest = instants / 6
     omega = frequency * highest ** (jnp.arange(SHIFTS) / (SHIFTS - 1.0))
     unit = jnp.broadcast_to(incidence(system, links)[:, :, None], (disks, len(links), SHIFTS))
-    motion, _ = solve_linear(system, omega, unit.astype(complex))
+    motion, _ = solve_linear(system, omega, unit.astype(complex), forces=0)
     columns = root * jnp.concatenate([motion.real, motion.imag], axis=-1).reshape(disks, -1)
     columns = columns / jnp.linalg.norm(columns, axis=0)
     q, _ = jnp.linalg.qr(columns)
