@@ -16,6 +16,9 @@ TRIALS, EXPANSIONS = 12, 2
 DECREASE, CURVATURE = 1e-4, 0.9
 """Of the line search: Armijo's and Wolfe's conditions."""
 
+AGAIN = 2
+"""Times that the last width is taken up again where peaks are followed."""
+
 FLAT = 1e-7
 """Largest slope, as a share of the objective, at which nothing is left to win."""
 
@@ -75,6 +78,7 @@ class Descent:
             raise SceneError(_nothing_solved(bench, point.status[0]))
         while bench.finer_plans(point, point.solved):
             point = bench.at(z, point, point.solved)
+        point = bench.at(z, bench.replanned(bench.follow(point)), point.solved) if bench.peaks else point
         self.counted = point.solved
         chosen = zip(bench.task.objectives, point.readings, strict=False)
         bench.scales = np.array([_size(objective, values[0][point.solved[0]]) for objective, values in chosen])
@@ -90,11 +94,12 @@ class Descent:
 
     def _stages(self, steps):
         """Each width in turn until nothing is won or the steps are used up."""
-        number = 0
-        for width in self.widths:
-            if width != self.share:
-                self.best = self.bench.replanned(self.best)
+        number, again = 0, self.widths[-1:] * AGAIN if self.bench.peaks else ()
+        for stage, width in enumerate((*self.widths, *again)):
+            self.sharpened = stage > 0
+            if stage:
                 self._sharpen(width, self.best)
+                self.best = self.bench.replanned(self.bench.follow(self.best))
                 self._renew()
             while True:
                 ended, number = self._descend(number, steps)
@@ -181,11 +186,12 @@ class Descent:
 
     def _renew(self):
         """The best designs under the present plans, widths and speeds, less what finer plans lose for good."""
-        self.point = self.bench.at(self.best.z, self.best, self.counted, ladder=len(self.bench.rpm))
+        self.point = self.bench.at(self.best.z, self.best, self.counted, ladder=len(self.counted[0]))
         self.counted = self.counted & self.point.solved
         self.best = self.point
 
     def _memory(self):
+        self.fresh = np.full(len(self.point.z), self.sharpened)
         return jax.vmap(self.optimizer.init)(self.point.z)
 
     def _direction(self, memory):
@@ -195,6 +201,9 @@ class Descent:
         uphill = np.sum(direction * self.point.gradient, axis=1) >= 0
         if self.searching:
             direction = np.where(uphill[:, None], -self.point.gradient, direction)
+            square = np.maximum(np.sum(self.point.gradient**2, axis=1), 1e-300)
+            promised = np.minimum(1.0, 2 * self.share * np.abs(self.point.value) / square)  # a kink is as wide as that
+            direction *= np.where(self.fresh, promised, 1.0)[:, None]
         longest = np.maximum(np.abs(direction).max(1), 1e-300)
         return direction * np.minimum(1.0, LONGEST / longest)[:, None], memory
 
@@ -205,6 +214,7 @@ class Descent:
         change = (self.point.z - before.z) * (self.point.gradient - before.gradient)
         bad = ~moved | ~(change.sum(1) > 0)
         fresh = self._memory()
+        self.fresh &= bad
         return jax.tree.map(
             lambda new, old: np.where(bad.reshape(-1, *[1] * (np.ndim(old) - 1)), new, old), fresh, memory
         )
@@ -221,7 +231,7 @@ class Descent:
             objective=float(self.best.value[best]),
             parameters=bench.values(self.best.z[best]),
             gradient_norm=float(np.linalg.norm(self.best.gradient[best])),
-            valid=int(self.best.solved[best].sum()),
+            valid=int(self.best.solved[best, : len(bench.rpm)].sum()),
             width=self.share,
             start=best,
             evaluations=bench.calls,

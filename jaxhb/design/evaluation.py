@@ -123,12 +123,17 @@ class Bench:
     Attributes
     ----------
     kinds : list of Plan, the loudest first; scales, widths : of the objectives; calls : evaluations so far
+    speeds : ``(A, n)`` rpm, those asked for and behind them those that follow peaks
     """
 
-    def __init__(self, train, rpm, task, planner, *, fixed):
-        """``planner``: train -> what :func:`plan_designs` returns; ``fixed``: harmonics stay as it says."""
+    def __init__(self, train, rpm, task, planner, *, fixed, peaks=0):
+        """``planner``: (train, rpm) -> what :func:`plan_designs` returns; ``fixed``: harmonics stay as it says;
+        ``peaks``: speeds added for every objective that is a maximum, to follow its highest peaks.
+        """
         self.train, self.rpm, self.task, self.planner, self.fixed = train, rpm, task, planner, fixed
-        loudest, plans = planner(train)
+        self.followed = [j for j, objective in enumerate(task.objectives) if objective.over == "worst"]
+        self.peaks, self.speeds = peaks, rpm[None]
+        loudest, plans = planner(train, rpm)
         self.kinds = [loudest]
         self.scales = np.ones(len(task.objectives))
         self.widths = 0.1 * self.scales
@@ -139,19 +144,45 @@ class Bench:
 
     def first(self, z):
         """The Point of designs without motions, lost speeds up the ladder."""
-        meshes = len(self.train.topology.mesh_names)
-        motion = np.zeros((len(z), len(self.rpm), meshes, 1), dtype=complex)
+        meshes, added = len(self.train.topology.mesh_names), self.peaks * len(self.followed)
+        spread = np.linspace(0, len(self.rpm) - 1, added).round().astype(int)
+        self.speeds = np.tile(np.concatenate([self.rpm, self.rpm[spread]]), (len(z), 1))
+        motion = np.zeros((*self.speeds.shape, meshes, 1), dtype=complex)
         kind = self._planned(z)
         near = Point(z, None, None, np.full(kind.shape, Status.MAX_STEPS), kind, motion, None)
-        return self.at(z, near, np.ones(kind.shape, dtype=bool), ladder=len(self.rpm))
+        return self.at(z, near, np.ones(kind.shape, dtype=bool), ladder=self.speeds.shape[1])
 
     def replanned(self, point):
         """The same designs, their speeds planned anew."""
         return dataclasses.replace(point, kind=self._planned(point.z))
 
+    def follow(self, point):
+        """Move the added speeds to the highest peaks of the curves through all: the Point to start there from."""
+        self.speeds, into = self.speeds.copy(), len(self.rpm)
+        near = np.tile(np.arange(self.speeds.shape[1]), (len(point.z), 1))
+        for j in self.followed if self.peaks else ():
+            values = self.weights()[..., j] * point.readings[j]
+            for a, good in enumerate(point.solved):
+                places, speeds = summits(self.speeds[a][good], values[a][good], self.peaks)
+                near[a, into : into + len(places)] = np.flatnonzero(good)[places]
+                self.speeds[a, into : into + len(places)] = speeds
+            into += self.peaks
+        rows = np.arange(len(near))[:, None]
+        return dataclasses.replace(point, status=point.status[rows, near], motion=point.motion[rows, near])
+
+    def weights(self):
+        """Factors of the objectives at all speeds ``(A, n, objectives)``, interpolated at the added ones."""
+        order, columns = np.argsort(self.rpm, kind="stable"), []
+        for objective in self.task.objectives:
+            given = np.array(objective.weights or np.ones(len(self.rpm)))
+            columns.append(np.interp(self.speeds, self.rpm[order], given[order]))
+            columns[-1][:, : len(self.rpm)] = given
+        return np.stack(columns, axis=-1)
+
     def _planned(self, z):
         """Numbers of the plans ``(A, n)``: those of the present harmonics where they do the same."""
-        plans = [self.planner(self.train.replace(self.values(one)))[1] for one in z]
+        trains = [self.train.replace(self.values(one)) for one in z]
+        plans = [self.planner(train, rpm)[1] for train, rpm in zip(trains, self.speeds, strict=True)]
         return np.array([[self._kind(plan) for plan in row] for row in plans])
 
     def _kind(self, plan):
@@ -211,15 +242,16 @@ class Bench:
         return short
 
     def _pose(self, z):
-        numbers, pull = pose_designs(self.train, self.rpm, z, task=self.task, excited=self.excited, form=self.form)
+        numbers, pull = pose_designs(self.train, self.speeds, z, task=self.task, excited=self.excited, form=self.form)
         return [np.asarray(leaf) for leaf in numbers], pull
 
     def reading(self, point, best):
         """The :class:`Reading` of one design."""
-        solved, readings = point.solved[best], {}
+        solved, readings = point.solved[best, : len(self.rpm)], {}
         for chosen, values in zip((*self.task.objectives, *self.task.penalties), point.readings, strict=True):
             at = values[best]
-            readings[label(chosen)] = float(at) if chosen.quantity in OF_DESIGN else np.where(solved, at, np.nan)
+            alone = chosen.quantity in OF_DESIGN
+            readings[label(chosen)] = float(at) if alone else np.where(solved, at[: len(solved)], np.nan)
         return Reading(self.values(point.z[best]), solved, readings)
 
     def values(self, z):
@@ -271,7 +303,7 @@ class _Trial:
         (smooth, pull, aux) = read_lanes(
             [leaf[at] for leaf in self.numbers],
             bench.integers,
-            bench.rpm[padded[:, 1]],
+            bench.speeds[at],
             start,
             plan.choice,
             form=bench.form,
@@ -291,7 +323,7 @@ class _Trial:
         bench, plan, found = self.bench, self.bench.kinds[0], np.zeros_like(lanes)
         for a, i in np.argwhere(lanes) if plan.active else ():
             train = bench.train.replace(bench.values(self.z[a]))
-            response = solve(train, rpm=float(bench.rpm[i]), harmonics=plan.harmonics, integrals=plan.integrals)
+            response = solve(train, rpm=float(bench.speeds[a, i]), harmonics=plan.harmonics, integrals=plan.integrals)
             if response.status <= Status.TOLERANCE_NOT_MET:
                 found[a, i] = True
                 self.kind[a, i] = 0
@@ -304,7 +336,8 @@ class _Trial:
         bench, task = self.bench, self.bench.task
         while True:
             kept = self.wanted[:, None] & self.counted & (self.status <= Status.TOLERANCE_NOT_MET)
-            combined = combine(bench.train, self.z, self.smooth, kept, bench.widths, bench.scales, task=task)
+            numbers = bench.weights(), bench.widths, bench.scales
+            combined = combine(bench.train, self.z, self.smooth, kept, *numbers, task=task, own=len(bench.rpm))
             value, of_design, by_z, by_smooth = jax.tree.map(np.asarray, combined)
             steep = self.wanted & (value <= most)
             lanes = self._pulled(np.where(steep[:, None, None], by_smooth, 0.0))
@@ -341,6 +374,22 @@ class _Trial:
                 for total, part in zip(by_numbers, pull_back(pull, cotangent), strict=True):
                     total[into] += np.asarray(part)[: len(chunk)]
         return by_numbers
+
+
+def summits(speeds, values, most):
+    """The highest local maxima of a curve: their places in ``speeds``, and where the parabolas through them culminate.
+
+    At most ``most``; a speed given twice counts once, and ends of the curve are no summits. Nor are peaks narrower than
+    the spacing of the speeds: one speed in such a peak would only be fled from.
+    """
+    _, places = np.unique(speeds, return_index=True)
+    x, y = speeds[places], values[places]
+    middle = np.flatnonzero((y[1:-1] >= y[:-2]) & (y[1:-1] > y[2:])) + 1
+    middle = middle[np.minimum(y[middle - 1], y[middle + 1]) > 0.5 * y[middle]]
+    middle = middle[np.argsort(-y[middle], kind="stable")][:most]
+    left, right = x[middle] - x[middle - 1], x[middle + 1] - x[middle]
+    rise, fall = (y[middle] - y[middle - 1]) / left, (y[middle + 1] - y[middle]) / right
+    return places[middle], x[middle] + (rise * right + fall * left) / (2 * (rise - fall))
 
 
 def _chunks(lanes, plan):

@@ -88,13 +88,16 @@ def _changed(train, z, task):
 
 @partial(jax.jit, static_argnames=("task", "excited", "form"))
 def pose_designs(train, rpm, z, *, task, excited, form):
-    """The numbers of train and problem of every lane, leaves ``(A, n, ...)``, and their pullback to z ``(A, P)``."""
+    """The numbers of train and problem of every lane, leaves ``(A, n, ...)``, and their pullback to z ``(A, P)``.
+
+    ``rpm`` ``(A, n)``.
+    """
 
     def lane(z, speed):
         changed = _changed(train, z, task)
         return form.numbers((changed, pose(changed, speed, excited)))
 
-    return jax.vjp(lambda z: jax.vmap(jax.vmap(lane, (None, 0)), (0, None))(z, rpm), z)
+    return jax.vjp(lambda z: jax.vmap(jax.vmap(lane, (None, 0)))(z, rpm), z)
 
 
 @partial(jax.jit, static_argnames=("form", "asked", "plan"))
@@ -150,8 +153,8 @@ def pull_back(pull, cotangent):
     return pull(cotangent)[0]
 
 
-@partial(jax.jit, static_argnames="task")
-def combine(train, z, smooth, kept, widths, scales, *, task):
+@partial(jax.jit, static_argnames=("task", "own"))
+def combine(train, z, smooth, kept, weights, widths, scales, *, task, own):
     """The objective of every design.
 
     Parameters
@@ -159,9 +162,10 @@ def combine(train, z, smooth, kept, widths, scales, *, task):
     train : DriveTrain, at the start
     z : array ``(A, P)``
     smooth : array ``(A, n, J)``; kept : bool array ``(A, n)``, the speeds that enter
+    weights : array ``(A, n, objectives)``
     widths, scales : arrays, of every objective: width of its smooth maximum and unit of its values; the latter in its
         own unit, the former in this one
-    task : static
+    task, own : static; the first ``own`` speeds enter means and penalties, all of them the smooth maxima
 
     Returns
     -------
@@ -169,11 +173,16 @@ def combine(train, z, smooth, kept, widths, scales, *, task):
     by_z ``(A, P)``, by_smooth ``(A, n, J)`` : derivatives of the value
     """
 
-    def cost(z, smooth, kept):
+    def cost(z, smooth, kept, weights):
         changed, total, told = _changed(train, z, task), jnp.zeros(()), []
         values = iter(smooth.T)
-        for objective, scale, width in zip(task.objectives, scales, widths, strict=True):
-            total += objective.weight * _over_speeds(objective, next(values) / scale, kept, width)
+        for objective, share, scale, width in zip(task.objectives, weights.T, scales, widths, strict=True):
+            weighted = share * next(values) / scale
+            if objective.over == "worst":
+                total += objective.weight * objectives.smooth_maximum(weighted, kept, width)
+            else:
+                count = jnp.maximum(kept[:own].sum(), 1)
+                total += objective.weight * objectives.masked_sum(weighted[:own], kept[:own]) / count
         for penalty in task.penalties:
             if penalty.quantity in OF_DESIGN:
                 reading = _of_design(penalty, changed, train, task.heavy)
@@ -181,19 +190,11 @@ def combine(train, z, smooth, kept, widths, scales, *, task):
                 total += penalty.weight * _excess(penalty, reading) ** 2
             else:
                 excess = penalty.weight * _excess(penalty, next(values)) ** 2
-                total += objectives.masked_sum(excess, kept)
+                total += objectives.masked_sum(excess[:own], kept[:own])
         return total, tuple(told)
 
-    (value, told), slopes = jax.vmap(jax.value_and_grad(cost, (0, 1), has_aux=True))(z, smooth, kept)
+    (value, told), slopes = jax.vmap(jax.value_and_grad(cost, (0, 1), has_aux=True))(z, smooth, kept, weights)
     return value, told, *slopes
-
-
-def _over_speeds(objective, values, kept, width):
-    """One number of values ``(n,)``: their smooth maximum or their mean over the valid speeds."""
-    weights = jnp.array(objective.weights or (1.0,) * values.shape[0])
-    if objective.over == "worst":
-        return objectives.smooth_maximum(weights * values, kept, width)
-    return objectives.masked_sum(weights * values, kept) / jnp.maximum(kept.sum(), 1)
 
 
 def _of_design(penalty, train, start, heavy):

@@ -11,7 +11,7 @@ from ..model.topology import suggestion
 from .quantities import Objective, Parameter, Penalty
 
 _ROWS = {"parameter": Parameter, "objective": Objective, "penalty": Penalty}
-_NUMBERS = {"steps": int, "starts": int, "seed": int, "harmonics": int, "tolerance": float, "rate": float}
+_NUMBERS = {"steps": int, "starts": int, "seed": int, "harmonics": int, "peaks": int, "tolerance": float, "rate": float}
 _OWN = ("rpm", "optimizer", "widths")
 
 

@@ -54,6 +54,7 @@ def tune(
     harmonics=None,
     tolerance=0.01,
     integrals="sampled",
+    peaks=0,
     on_step=None,
 ):
     """Change numbers of a train so that response quantities become small over a range of speeds.
@@ -92,6 +93,9 @@ def tune(
         A width is done when ``patience`` steps in a row each win less than this share.
     harmonics, tolerance, integrals
         As in :func:`jaxhb.solve_speeds`; with ``harmonics`` none are added.
+    peaks : int
+        Speeds added for each objective that is a maximum: whenever a width is done they move to its highest peaks, so
+        that no peak hides between two of the speeds asked for.
     on_step : callable, optional
         Called with every :class:`Step`.
 
@@ -122,15 +126,15 @@ def tune(
     parameters, penalties = tuple(parameters), tuple(penalties)
     check_speed(train, rpm, many=True)
     check_all(train, parameters, given, penalties, rpm)
-    _check_numbers(train, optimizer, steps, starts, widths)
+    _check_numbers(train, optimizer, steps, starts, peaks, widths)
     decide.check_tolerance(train, tolerance)
     decide.check_integrals(integrals, "reduced")
     if harmonics is not None:
         decide.check_harmonics(train, harmonics, "reduced")
     heavy = np.concatenate([train.disks.inertia, train.dampers.inertia]) > 0
     task = Task(parameters, given, penalties, tuple(heavy.tolist()))
-    planner = partial(plan_designs, rpm=rpm, tolerance=tolerance, harmonics=harmonics, integrals=integrals)
-    bench = Bench(train, rpm, task, planner, fixed=harmonics is not None)
+    planner = partial(plan_designs, tolerance=tolerance, harmonics=harmonics, integrals=integrals)
+    bench = Bench(train, rpm, task, planner, fixed=harmonics is not None, peaks=peaks)
     descent = Descent(
         bench,
         OPTIMIZERS[optimizer](),
@@ -150,20 +154,21 @@ def tune(
         after=after,
         history=tuple(descent.history),
         outcomes=tuple(
-            (float(best.value[i]), bench.values(best.z[i]), int(best.solved[i].sum())) for i in range(starts)
+            (float(value), bench.values(z), int(solved[: len(rpm)].sum()))
+            for value, z, solved in zip(best.value, best.z, best.solved, strict=True)
         ),
         stopped=stopped,
         interrupted=interrupted,
     )
 
 
-def _check_numbers(train, optimizer, steps, starts, widths):
+def _check_numbers(train, optimizer, steps, starts, peaks, widths):
     where, faults = train.topology.name or "scene", []
     if optimizer not in OPTIMIZERS:
         faults.append(f"{where}: optimizer is {optimizer!r}, must be 'lbfgs' or 'adam'.")
-    for name, value in (("steps", steps), ("starts", starts)):
-        if value != int(value) or value < 1:
-            faults.append(f"{where}: {name} is {value:g}, must be a whole number of at least 1.")
+    for name, value, least in (("steps", steps, 1), ("starts", starts, 1), ("peaks", peaks, 0)):
+        if value != int(value) or value < least:
+            faults.append(f"{where}: {name} is {value:g}, must be a whole number of at least {least}.")
     if not widths or any(not 0 < width < 10 for width in widths):
         faults.append(f"{where}: widths is {widths}, must be numbers between 0 and 1, shares of the worst value.")
     if faults:

@@ -54,20 +54,21 @@ def tuned_main_mass(train, parameters, ratios):
         rpm=ratios * NATURAL * 60 / (2 * np.pi),
         objective=Objective(quantity="angle order", of="main", order=1.0),
         steps=300,
+        peaks=2,
         widths=(1.0, 0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5),
         improvement=1e-7,
     )
 
 
-@pytest.mark.parametrize("row", [0, 1])
-def test_a_tuned_damper_is_found_to_the_exact_optimum_from_a_factor_ten_away_in_both(row):
+@pytest.mark.parametrize(("row", "stiffer", "stronger"), [(0, 0.1, 10.0), (1, 10.0, 0.1)])
+def test_a_tuned_damper_is_found_to_the_exact_optimum_from_a_factor_ten_away_in_both(row, stiffer, stronger):
     entry = reference("damper_optima")["tuned_damper_Den_Hartog"]["rows"][row]
     mu, exact = entry["mu"], entry["exact_Hinf"]
     stiffness, damping = (exact["f"] * NATURAL) ** 2 * mu * INERTIA, 2 * exact["zeta"] * mu * INERTIA * NATURAL
     names = ("damper.stiffness", "damper.damping")
     bounds = [Parameter(name=n, low=v / 100, high=v * 100) for n, v in zip(names, (stiffness, damping), strict=True)]
     ratios = np.concatenate([np.linspace(0.5, 0.8, 31), np.linspace(0.8, 1.2, 401)[1:], np.linspace(1.2, 2, 81)[1:]])
-    found = tuned_main_mass(main_mass(mu * INERTIA, 10 * stiffness, damping / 10), bounds, ratios)
+    found = tuned_main_mass(main_mass(mu * INERTIA, stiffer * stiffness, stronger * damping), bounds, ratios)
     at = [found.after.parameters[name] for name in names]
     assert exact_peak(mu * INERTIA, *at) == pytest.approx(exact["peak"], abs=5e-4)  # four digits
     assert at[1] / (2 * mu * INERTIA * NATURAL) == pytest.approx(exact["zeta"], abs=5e-4)  # three digits
@@ -85,6 +86,15 @@ def test_a_viscous_damper_is_found_to_the_exact_optimum_from_a_factor_ten_away(a
     at = found.after.parameters["damper.damping"]
     assert exact_peak(mu * INERTIA, 0.0, at) == pytest.approx((2 + mu) / mu, abs=5e-4)
     assert at / (2 * INERTIA * NATURAL) == pytest.approx(optimum, abs=5e-4)
+
+
+def test_summits_are_where_the_parabola_culminates_and_resolved_by_the_speeds():
+    x = np.array([0.0, 1.0, 2.0, 2.0, 4.0, 5.0, 6.0, 7.0])
+    places, at = evaluation.summits(x, 5.0 - (x - 2.7) ** 2 + 20.0 * (x > 4.5), 3)
+    np.testing.assert_array_equal(places, [5, 2])
+    assert at[1] == pytest.approx(2.7, abs=1e-12)
+    narrow = np.array([1.0, 1.0, 9.0, 1.0, 1.0])
+    assert not len(evaluation.summits(np.arange(5.0), narrow, 3)[0])
 
 
 SPEEDS = np.array([1480.0, 1500.0, 1520.0, 900.0])
@@ -243,7 +253,7 @@ class Bowl:
 
     def __init__(self):
         self.task, self.widths, self.scales = lanes.Task((), (), (), ()), np.ones(0), np.ones(0)
-        self.calls, self.rpm, self.train = 0, np.ones(2), hammering()
+        self.calls, self.rpm, self.train, self.peaks = 0, np.ones(2), hammering(), 0
 
     def first(self, z):
         self.calls += 1
