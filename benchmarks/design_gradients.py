@@ -1,7 +1,7 @@
 """Gradients for design: what they cost, against differences of a compiled integrator, and what a tuning wins.
 
     python benchmarks/design_gradients.py                      all figures, about 15 minutes on one core
-    python benchmarks/design_gradients.py cost rivals          some of: cost, rivals, tuning
+    python benchmarks/design_gradients.py cost rivals          some of: cost, rivals, tuning, derivatives, dampers
     python benchmarks/design_gradients.py --json rows.jsonl
     python benchmarks/design_gradients.py --quick              few speeds, few steps
 
@@ -9,34 +9,42 @@ The train is ``engine_with_damper`` with its loss factors turned into viscous da
 mode: loss factors cannot be integrated in time. The quantity is the tooth force between crank gear and idler, half
 peak-to-peak, its smooth maximum over the speeds. One core, run time without compilation, medians of repeats.
 
-- ``cost``: value and gradient over value, for 1, 10 and 100 parameters; cold (from a march at every speed) and warm
+- ``cost``: value and gradient over value, for 1, 10 and 100 parameters; cold (nothing known but the plans) and warm
   (from the solution).
 - ``rivals``: the gradient over 50 speeds by central differences, two sweeps per parameter, of Runge-Kutta from the
-  linear motion on the flanks until two cycles agree within 1 % (at most 100 cycles; that is enough for the force, not
-  for accurate differences). One sweep is timed, and counted twice per parameter.
+  linear motion on the flanks until two cycles agree within 1 % (at most 100 cycles), and to closer limits, with how
+  far the gradient so found is from ours. The ratio of times is given for each limit.
+- ``derivatives``: every path of the solve and every kind of parameter, see ``derivatives.py``.
+- ``dampers``: the exact optimum of a tuned damper on one mass, from a factor of ten away in each of two parameters.
 - ``tuning``: worst tooth force over 600 to 2600 rpm before and after, and the tuned train at five speeds that the
   tuning did not see, against Runge-Kutta until two cycles agree within 1e-4.
 """
 
 import argparse
+import dataclasses
+import itertools
 from functools import partial
 
-import jax
 import numpy as np
+from derivatives import PLANS, table
 from marches import march
 from records import run_parts, timed
 from tasks import fastest_rate, prepare
 
 import jaxhb
 from jaxhb.design import evaluation
+from jaxhb.design.lanes import Task
 from jaxhb.design.quantities import Objective, Parameter, Penalty
-from jaxhb.periodic import harmonics as decide
-from jaxhb.periodic.program import Start
 
 MESH = "crank gear|idler"
 FORCE = Objective(quantity="tooth force", of=MESH)
 STABLE = 2.7
 LEAST_STEPS = 4000
+OPTIMA = (
+    (0.05, 6.40792076358149, 0.9523721673403432, 0.12755677461876358),
+    (0.1, 4.58916556594907, 0.9090586036856317, 0.1685997616105898),
+)
+"""Mass ratio, exact H-infinity peak, tuning and damping ratio of a damper on one mass."""
 UNSEEN = (1130.0, 1710.0, 2035.0, 2265.0, 2440.0)
 COLUMNS = {
     "what": "<10s",
@@ -88,41 +96,34 @@ class Case:
 
     def __init__(self, train, parameters, rpm):
         heavy = tuple((np.concatenate([train.disks.inertia, train.dampers.inertia]) > 0).tolist())
-        self.task = evaluation.Task(parameters, (FORCE,), (), heavy)
-        self.plan = evaluation.first_plan(train, rpm, 0.01, None)
-        self.train, self.rpm = train, rpm
+        planner = partial(evaluation.plan_designs, tolerance=0.01, harmonics=None)
+        self.bench = evaluation.Bench(train, rpm, Task(parameters, (FORCE,), (), heavy), planner, fixed=False)
+        self.bench.scales, self.bench.widths = np.array([6000.0]), np.array([0.02])
         self.z = np.zeros((1, len(parameters)))  # the middle of the bounds: the train as it is
-        shape = (1, len(rpm), len(self.plan.active), self.plan.harmonics + 1)
-        on = np.ones(shape[:2], dtype=bool)
-        self.cold = Start(np.zeros(shape, dtype=complex), ~on, decide.MARCH_CYCLES * on)
-        self.counted, self.sizes = on, (np.array([0.02]), np.array([6000.0]))
+        self.counted = np.ones((1, len(rpm)), dtype=bool)
+        self.point = self.bench.first(self.z)
+        unknown = np.full_like(self.point.status, jaxhb.Status.MAX_STEPS)
+        self.cold = dataclasses.replace(self.point, status=unknown)
 
-    def gradient(self, start):
-        arguments = (self.train, self.rpm, self.z, start, self.counted, *self.sizes)
-        return jax.block_until_ready(evaluation.assess(*arguments, task=self.task, plan=self.plan))
+    def gradient(self, near, away=0.0):
+        """Value and gradient from the motions of ``near``, every parameter ``away`` of its range from there."""
+        return self.bench.at(self.z + 4 * away, near, self.counted)
 
-    def value(self, start):
-        arguments = (self.train, self.rpm, self.z[0], jax.tree.map(lambda a: a[0], start), self.counted[0], *self.sizes)
-        return jax.block_until_ready(_value(*arguments, task=self.task, plan=self.plan))
-
-
-@partial(jax.jit, static_argnames=("task", "plan"))
-def _value(train, rpm, z, start, counted, widths, scales, *, task, plan):
-    return evaluation.cost(z, train, rpm, start, counted, widths, scales, task, plan)[0]
+    def value(self, near):
+        """The value alone."""
+        return self.bench.at(self.z, near, self.counted, most=-np.inf)
 
 
 def cost(recorder, options):
     """Value and gradient over value."""
-    train, rpm = viscous_engine(), np.linspace(600, 2600, 5 if options.quick else 20)
+    train, rpm = viscous_engine(), np.linspace(600, 2600, 5 if options.quick else 50)
     for count in (1, 10, 100):
         case = Case(train, many_parameters(train, count), rpm)
-        point = case.gradient(case.cold)
-        warm = Start(np.asarray(point.motion), np.asarray(point.solved), 0 * case.cold.cycles)
-        solved = f"{int(np.sum(point.solved))} speeds solved"
-        for said, start in (("cold", case.cold), ("warm", warm)):
-            _, _, alone, _ = timed(partial(case.value, start), options.repeats)
-            _, _, both, spread = timed(partial(case.gradient, start), options.repeats)
-            row = {"parameters": len(case.task.parameters), "speeds": len(rpm), "seconds": both, "spread": spread}
+        solved = f"{int(np.sum(case.point.solved))} speeds solved; {case.bench.described(case.point, 0)}"
+        for said, near in (("cold", case.cold), ("warm", case.point)):
+            _, _, alone, _ = timed(partial(case.value, near), options.repeats)
+            _, _, both, spread = timed(partial(case.gradient, near), options.repeats)
+            row = {"parameters": count, "speeds": len(rpm), "seconds": both, "spread": spread}
             recorder.add(what="cost", setting=said, ratio=both / alone, value_seconds=alone, notes=solved, **row)
 
 
@@ -133,23 +134,61 @@ def settled(train, rpm, aim):
     return march(task, "rk4", steps, aim=aim), task
 
 
+def smooth_worst(marches, mesh):
+    """The objective of :class:`Case` from tooth forces in time."""
+    sizes = []
+    for marched in marches:
+        swing = marched.force[mesh] - marched.force[mesh].mean()
+        parts = np.maximum(swing, 0.0), np.maximum(-swing, 0.0)
+        sizes.append(sum(part.max() * np.mean((part / part.max()) ** 64) ** (1 / 64) for part in parts) / 2)
+    scaled = np.array(sizes) / 6000.0 / 0.02
+    return 0.02 * (scaled.max() + np.log(np.exp(scaled - scaled.max()).sum()))
+
+
 def rivals(recorder, options):
     """The same gradient by differences of compiled Runge-Kutta."""
     train, rpm = viscous_engine(), np.linspace(600, 2600, 5 if options.quick else 50)
+    mesh = train.topology.mesh_names.index(MESH)
     settled(train, rpm[0], 1.0)  # compiles
-    marches = [settled(train, speed, 1e-2)[0] for speed in rpm]
-    sweep, open_cycles = sum(m.seconds for m in marches), sum(m.closure > 1e-2 for m in marches)
-    for count in (10, 100):
-        case = Case(train, many_parameters(train, count), rpm)
-        point = case.gradient(case.cold)
-        _, _, cold, _ = timed(partial(case.gradient, case.cold), options.repeats)
-        warm = Start(np.asarray(point.motion), np.asarray(point.solved), 0 * case.cold.cycles)
-        _, _, again, _ = timed(partial(case.gradient, warm), options.repeats)
-        notes = f"{int(np.sum(point.solved))} solved; {open_cycles} of the marches did not settle"
-        row = {"parameters": len(case.task.parameters), "speeds": len(rpm), "notes": notes, "sweep_seconds": sweep}
-        recorder.add(what="rivals", setting="differences of Runge-Kutta", seconds=2 * count * sweep, **row)
-        for said, seconds in (("gradient, cold", cold), ("gradient, warm", again)):
-            recorder.add(what="rivals", setting=said, seconds=seconds, ratio=2 * count * sweep / seconds, **row)
+    cases = {count: Case(train, many_parameters(train, count), rpm) for count in (10, 100)}
+    own, sweeps = cases[10].point.gradient[0], {}
+    for aim in (1e-2, 1e-4) if options.quick else (1e-2, 1e-4, 1e-6):
+        found, times, open_cycles = [], [], 0
+        for k in range(options.differences):
+            values = []
+            for sign in (1, -1):
+                z = cases[10].z[0].copy()
+                z[k] = sign * 4e-3  # a thousandth of the range
+                marches = [settled(train.replace(cases[10].bench.values(z)), speed, aim)[0] for speed in rpm]
+                values.append(smooth_worst(marches, mesh))
+                times.append(sum(marched.seconds for marched in marches))
+                open_cycles += sum(marched.closure > aim for marched in marches)
+            found.append((values[0] - values[1]) / 8e-3)
+        sweeps[aim] = float(np.median(times))
+        apart = np.abs(np.array(found) - own[: len(found)]).max() / np.abs(own[: len(found)]).max()
+        recorder.add(
+            what="rivals",
+            setting=f"one sweep of Runge-Kutta, cycles agree to {aim:g}",
+            parameters=len(found),
+            speeds=len(rpm),
+            seconds=sweeps[aim],
+            apart=apart,
+            notes=f"gradient {apart:.0e} from ours; {open_cycles / len(times):g} marches a sweep do not settle",
+        )
+    for count, case in cases.items():
+        settings = (
+            ("cold", partial(case.gradient, case.cold)),
+            ("warm", partial(case.gradient, case.point)),
+            ("from a design a hundredth of the range away", partial(case.gradient, case.point, 0.01)),
+        )
+        for said, call in settings:
+            _, _, seconds, spread = timed(call, options.repeats)
+            row = {"parameters": count, "speeds": len(rpm), "seconds": seconds, "spread": spread}
+            ratios = {f"{aim:g}": 2 * count * sweep / seconds for aim, sweep in sweeps.items()}
+            words = ", ".join(f"{ratio:.3g} ({aim})" for aim, ratio in ratios.items())
+            recorder.add(
+                what="rivals", setting=f"gradient, {said}", ratio=ratios["0.01"], ratios=ratios, notes=words, **row
+            )
 
 
 def tuning(recorder, options):
@@ -203,14 +242,86 @@ def tuning(recorder, options):
         )
 
 
-PARTS = {"cost": cost, "rivals": rivals, "tuning": tuning}
+def derivatives(recorder, options):
+    """Every path, every kind of parameter: against differences, forwards against backwards, sampled against exact."""
+    paths = ("linear", "contact") if options.quick else tuple(PLANS)
+    exact = {} if options.quick else {row["kind"]: row["gradient"] for row in table("exact")}
+    for path in paths:
+        rows = table(path)
+        largest = max(abs(row["gradient"]) for row in rows)
+        for row in rows:
+            off = {"sampling": abs(row["gradient"] - exact[row["kind"]]) / largest} if path == "reduced" else {}
+            notes = f"{row['gradient']:.5g}, differences {row['error']:.0e}, transpose {row['transpose']:.0e}"
+            notes += "".join(f", 16 N against exact {error:.0e}" for error in off.values())
+            numbers = {"error": row["error"], "transpose": row["transpose"]}
+            recorder.add(
+                what="derivative",
+                setting=f"{path}: {row['kind']}",
+                notes=notes,
+                **numbers,
+                **off,
+                gradient=row["gradient"],
+            )
+
+
+def dampers(recorder, options):
+    """The exact optimum of a damper on one mass (Den Hartog), from a factor ten away in each parameter."""
+    inertia, stiffness = 2.0, 8e4
+    natural = np.sqrt(stiffness / inertia)
+    ratios = np.concatenate([np.linspace(0.5, 0.8, 31), np.linspace(0.8, 1.2, 401)[1:], np.linspace(1.2, 2, 81)[1:]])
+    omega = natural * np.linspace(0.3, 2.0, 400_001)
+    exact = OPTIMA[:1] if options.quick else OPTIMA
+    corners = [(10.0, 0.1)] if options.quick else [(a, b) for a in (10.0, 0.1) for b in (10.0, 0.1)]
+    for (mu, peak, tuned, zeta), (stiffer, stronger) in itertools.product(exact, corners):
+        own = (tuned * natural) ** 2 * mu * inertia, 2 * zeta * mu * inertia * natural
+        parts = [
+            jaxhb.Disk(name="main", inertia=inertia),
+            jaxhb.Ground(disk="main", stiffness=stiffness),
+            jaxhb.Torque(disk="main", harmonics=((1.0, 10.0, 0.0),)),
+            jaxhb.Damper(
+                name="damper", disk="main", inertia=mu * inertia, stiffness=stiffer * own[0], damping=stronger * own[1]
+            ),
+        ]
+        names = ("damper.stiffness", "damper.damping")
+        found = jaxhb.tune(
+            jaxhb.build(parts, name="one mass"),
+            parameters=[Parameter(name=n, low=v / 100, high=v * 100) for n, v in zip(names, own, strict=True)],
+            rpm=ratios * natural * 60 / (2 * np.pi),
+            objective=Objective(quantity="angle order", of="main", order=1.0),
+            steps=300,
+            peaks=2,
+            widths=(1.0, 0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5),
+            improvement=1e-7,
+        )
+        k, b = (found.after.parameters[name] for name in names)
+        link = k + 1j * omega * b
+        behind = -link * mu * inertia * omega**2 / (link - mu * inertia * omega**2)
+        reached = np.abs(stiffness / (stiffness - inertia * omega**2 + behind)).max()
+        excess = reached / peak - 1
+        last, damping = found.history[-1], b / (2 * mu * inertia * natural)
+        recorder.add(
+            what="damper",
+            setting=f"mass ratio {mu:g}, {stiffer:g} x stiffness, {stronger:g} x damping",
+            parameters=2,
+            speeds=len(ratios),
+            seconds=last.seconds,
+            value=reached,
+            other=peak,
+            excess=excess,
+            notes=f"peak {excess:.0e} too high, damping off by {damping / zeta - 1:.1e}; {last.number} steps",
+            damping=damping,
+        )
+
+
+PARTS = {"cost": cost, "rivals": rivals, "tuning": tuning, "derivatives": derivatives, "dampers": dampers}
 
 
 def main(argv=None):
     """Print the rows, and write them."""
     reader = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    reader.add_argument("parts", nargs="*", metavar="PART", help="cost, rivals, tuning; default: all")
+    reader.add_argument("parts", nargs="*", metavar="PART", help=f"{', '.join(PARTS)}; default: all")
     reader.add_argument("--repeats", type=int, default=5)
+    reader.add_argument("--differences", type=int, default=4, help="parameters of which Runge-Kutta is differenced")
     reader.add_argument("--quick", action="store_true")
     reader.add_argument("--core", type=int, default=0, help="-1: wherever the system puts it")
     reader.add_argument("--json", metavar="FILE")
