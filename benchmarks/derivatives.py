@@ -92,7 +92,7 @@ def train(path):
 
 def parameters(path):
     """Kinds of parameters that the path has."""
-    absent = {"linear": ("backlash", "transition", "gap stiffness"), "contact": ("gap stiffness",)}
+    absent = {"linear": ("backlash", "transition", "gap stiffness"), "contact": ("transition",)}
     return [kind for kind in KINDS if kind not in absent.get(path, ())]
 
 
