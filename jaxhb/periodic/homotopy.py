@@ -1,52 +1,126 @@
-"""From a gentler train to the wanted one: more tooth damping, a wider transition, a stiffer gap, taken away in steps.
+"""From a linear law with strong tooth damping to the wanted train, along the curve of its periodic motions.
 
-Where teeth hammer with little damping, time integration may wander for ever though a periodic motion exists. With four
-times the damping and a soft law the motion is easily found; it is followed while the train is made what it was, with
-steps that grow where Newton's method succeeds and shrink where it fails. Folds on the way end it.
+Where teeth hammer with little damping, time integration may wander for ever though periodic motions exist. With a gap
+as stiff as the contact the law is linear and its motion unique. On the way to the wanted law,
+
+    epsilon^p,     damping r w^(1 - p),     transition tau v^(1 - p),     p = 0 .. 1,
+
+the motion stays bounded, so that the curve of motions that begins at p = 0 has nowhere to end but at p = 1, however
+often it turns back (homotopies of this kind succeed for almost all their parameters: Chow, Mallet-Paret and Yorke,
+Math. Comp. 32 (1978) 887). It is followed by arclength (:mod:`jaxhb.periodic.arclength`) in the states at the
+beginnings of the segments of a cycle. How long it is nobody knows beforehand: the work is bounded.
 """
 
-import dataclasses
+from dataclasses import dataclass, fields
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
-DAMPING, TRANSITION, EPSILON = 4.0, 0.4, 0.03
-FIRST, SMALLEST, MOST = 0.25, 0.01, 14
+from ..harmonic import backlash
+from ..transient import segments
+from ..transient.stepper import Stepper
+from ..transient.surrogate import LARGEST
+from . import arclength
+from .orbits import stepper_of
+from .problem import pose
+
+BEGINNINGS = ((20.0, 20.0, False), (6.0, 4.5, True), (20.0, 7.0, False))
+"""Tooth damping and transition at p = 0 over the wanted ones, as far as the steps carry the damping and the backlash
+holds the transition: one curve after another."""
+
+LEAST_EPSILON = 1e-4
+"""Stiffness in the gap below which it changes linearly in p: of no consequence, and zero has no logarithm."""
+
+WORK, MOST = 1e9, 700
+"""Of all curves: Jacobians times instants times (states^2 + 15^2), ten seconds; Jacobians of one curve."""
 
 
-def gentle(train, share):
-    """``train`` for share 0, the gentlest for share 1; geometric between, so that all signs and zeros stay."""
-    meshes = train.meshes
-    wide = np.maximum(TRANSITION / np.asarray(meshes.transition), 1.0)
-    stiff = np.maximum(EPSILON / np.maximum(np.asarray(meshes.epsilon), 1e-12), 1.0)
-    changed = dataclasses.replace(
-        meshes,
-        damping=meshes.damping * DAMPING**share,
-        transition=meshes.transition * wide**share,
-        epsilon=meshes.epsilon * stiff**share,
-    )
-    return dataclasses.replace(train, meshes=changed)
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Towards(Stepper):
+    """A Stepper whose meshes are a share p on the way from the linear law; heavier w and wider v at p = 0."""
+
+    share: jax.Array = 1.0
+    heavier: jax.Array = 1.0
+    wider: jax.Array = 1.0
+    late: jax.Array = False
+
+    def excess(self, w):
+        """phi ``(G,)`` N of deflections and rates ``w`` ``(2G,)``; that of the train itself for a share of 1."""
+        law, left = self.law, 1 - self.share
+        kept = jnp.maximum(law.epsilon, LEAST_EPSILON)
+        geometric = kept**self.share - self.share * (kept - law.epsilon)
+        epsilon = jnp.where(self.late, 1 - self.share * (1 - law.epsilon), geometric)
+        widest = jnp.minimum(law.transition * self.wider, jnp.maximum(law.transition, 1.0))
+        law = backlash.Law(law.stiffness, epsilon, law.transition * (widest / law.transition) ** left, law.backlash)
+        deflection, rate = jnp.split(w, 2)
+        gated = jnp.where(self.contact_damping, (1 - epsilon) / jnp.maximum(1 - self.law.epsilon, 1e-300), 0.0)
+        damping = self.viscous * self._damping() ** left * (1 - gated * (1 - backlash.engagement(law, deflection)))
+        return backlash.force(law, deflection) - law.stiffness * deflection + (damping - self.viscous) * rate
+
+    def _damping(self):
+        """Tooth damping at p = 0 over the wanted one: at most what the steps carry."""
+        rows, columns = self.space.observation[len(self.viscous) :], self.space.forcing
+        step = 4 * jnp.pi / self.frequency / self.linear.shape[0]
+        decay = step * self.viscous * -jnp.einsum("gn,ng->g", rows, columns)
+        return jnp.clip(0.5 / jnp.where(decay > 0, decay, 1.0), 1.0, self.heavier)
 
 
-def follow(train, solve):
-    """Follow the motion of the gentlest train to that of ``train``.
+@jax.jit
+def _followed(stepper, beginning, most):
+    """The Followed of one curve; nodes ``(K, n)`` and deflections ``(G, instants)`` where it ends."""
+    parts = {f.name: getattr(stepper, f.name) for f in fields(Stepper)}
+    shape = (segments.SEGMENTS, len(stepper.flank_state))
+    size = (jnp.linalg.norm(stepper.flank_state) + 1e-300) * np.sqrt(segments.SEGMENTS)
 
-    Parameters
-    ----------
-    train : DriveTrain
-    solve : (train, start or None) -> (whether the equations are solved, deflections)
+    def towards(share):
+        return Towards(**parts, share=share, heavier=beginning[0], wider=beginning[1], late=beginning[2])
 
-    Returns
-    -------
-    deflections or None, where the path was lost; number of solves
+    def nodes(y):
+        return size * y[:-1].reshape(shape)
+
+    def linearize(y):
+        gap, slope, share_slope = segments.linearize(towards, nodes(y), y[-1])
+        return gap / size, slope, share_slope / size
+
+    def evaluate(y):
+        return segments.gaps(towards(y[-1]), nodes(y)) / size
+
+    def correct(gap, slopes):
+        return segments.correct(gap, *slopes)
+
+    followed = arclength.follow(linearize, evaluate, correct, jnp.zeros(shape[0] * shape[1] + 1), most=most)
+    return followed, nodes(followed.y), segments.deflection(stepper, nodes(followed.y))
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """What the curves led to.
+
+    coefficients : ``(G, n+1)`` deflections in m, None where no curve arrives; state ``(n,)`` m of that motion at t = 0;
+    curves : followed; steps, folds : of the last one.
     """
-    solved, motion = solve(gentle(train, 1.0), None)
-    share, step, solves = 1.0, FIRST, 1
-    while solved and share > 0 and step > SMALLEST and solves < MOST:
-        ahead = max(share - step, 0.0)
-        found, nearer = solve(gentle(train, ahead), motion)
-        solves += 1
-        if found:
-            share, motion, step = ahead, nearer, 1.6 * step
-        else:
-            step /= 2.5
-    return (motion if solved and share == 0 else None), solves
+
+    coefficients: np.ndarray | None
+    state: np.ndarray | None
+    curves: int
+    steps: int
+    folds: int
+
+
+def find(train, rpm, plan):
+    """The :class:`Arrival` at a train, with the meshes and instants of a Plan."""
+    excited = plan.sizes.excited
+    stepper = stepper_of(pose(train, rpm, excited), plan.choice, plan.instants, excited)
+    states = 2 * min(train.topology.n_disks, LARGEST)
+    left, curves = int(WORK / (plan.instants * (states**2 + 15**2))), 0
+    while True:
+        followed, nodes, deflection = _followed(stepper, BEGINNINGS[curves], min(left, MOST))
+        left, curves = left - int(followed.jacobians), curves + 1
+        told = {"curves": curves, "steps": int(followed.steps), "folds": int(followed.folds)}
+        if bool(followed.arrived):
+            kept = np.fft.rfft(np.asarray(deflection), norm="forward")[:, : (plan.instants - 1) // 2 + 1]
+            return Arrival(kept, np.asarray(nodes[0]), **told)
+        if curves == len(BEGINNINGS) or left < MOST // 4:
+            return Arrival(None, None, **told)

@@ -37,7 +37,8 @@ SETTLED = 1e-6
 
 
 @partial(jax.jit, static_argnames=("instants", "excited"))
-def _stepper(problem, choice, instants, excited):
+def stepper_of(problem, choice, instants, excited):
+    """The Stepper of a problem."""
     links = jnp.asarray(problem.meshes.link)[choice.chosen]
     harmonics = problem.load.shape[-1] - 1
     reduced, _ = reduced_equation(problem, harmonics, choice.active, choice.chosen, choice.flank)
@@ -93,7 +94,7 @@ class Search:
     def __init__(self, train, rpm, plan):
         excited = plan.sizes.excited
         self.instants = plan.instants
-        self.stepper = _stepper(pose(train, rpm, excited), plan.choice, plan.instants, excited)
+        self.stepper = stepper_of(pose(train, rpm, excited), plan.choice, plan.instants, excited)
         self.states, self.closures = None, None
 
     def march(self, until=0.0):
@@ -106,7 +107,7 @@ class Search:
         return Orbit(found, float(closure), self.states[max(marched, 1) - 1], marched)
 
     def shoot(self, seed=None):
-        """The :class:`Orbit` that Newton's method closes from ``seed`` or the cycles of a march that close best."""
+        """The :class:`Orbit` that Newton's method closes from ``seed``, or the cycles of a march that close best."""
         best, tries = Orbit(None, np.inf, None, 0), 0
         for first in self._seeds(seed):
             tries += 1
@@ -120,6 +121,7 @@ class Search:
     def _seeds(self, seed):
         if seed is not None:
             yield seed
+            return
         if self.states is None:
             self.march()
         most = np.clip(WORK / (self.instants * (self.states.shape[1] ** 2 + 30**2)), *TRIES)

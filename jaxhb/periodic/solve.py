@@ -29,6 +29,9 @@ SETTLED = 1e-5
 CLOSER = 30
 """Times better than the march before it that a longer march has to close."""
 
+FINER = 4
+"""Times the instants of the march, up to which a closed orbit that Newton's method does not take is found again."""
+
 _UNSOLVED = (Status.MAX_STEPS, Status.STALLED, Status.NONFINITE)
 
 
@@ -367,26 +370,44 @@ def _starts(train, rpm, plan, closure, path):
 
     Each is found when asked for, and told in ``path``.
     """
-    state, finest = None, min(2 * plan.instants, march.INSTANT_COUNTS[-1])
-    for instants in dict.fromkeys((plan.instants, finest)):
-        if instants == plan.instants and closure <= SETTLED:
+    finest = min(FINER * plan.instants, march.INSTANT_COUNTS[-1])
+
+    def search(instants):
+        return orbits.Search(train, rpm, dataclasses.replace(plan, instants=instants))
+
+    def shot(search, seed=None):
+        orbit = search.shoot(seed)
+        path.append(f"shooting from {orbit.tries} cycles of {search.instants} steps (closure {orbit.closure:.1e})")
+        return orbit
+
+    def finer(motion, instants):
+        """The motion, then with shorter and shorter steps as long as its cycle closes."""
+        while motion.coefficients is not None:
+            yield motion.coefficients, instants
+            instants *= 2
+            if instants > finest:
+                return
+            motion = shot(search(instants), motion.state)
+
+    closed, marched = False, False
+    for instants in dict.fromkeys((plan.instants, min(2 * plan.instants, finest))):
+        if closed or (instants == plan.instants and closure <= SETTLED):
             continue
-        search = orbits.Search(train, rpm, dataclasses.replace(plan, instants=instants))
-        if state is None:
-            steady = search.march(min(orbits.STEADY, closure / CLOSER))
+        cycles = search(instants)
+        if not marched:
+            marched, steady = True, cycles.march(min(orbits.STEADY, closure / CLOSER))
             path.append(f"march of {steady.tries} cycles of {instants} steps (closure {steady.closure:.1e})")
             if steady.coefficients is not None:
                 yield steady.coefficients, instants
-        orbit = search.shoot(state)
-        state = orbit.state
-        path.append(f"shooting from {orbit.tries} cycles of {instants} steps (closure {orbit.closure:.1e})")
-        if orbit.coefficients is not None:
-            yield orbit.coefficients, instants
+        orbit = shot(cycles)
+        closed = orbit.coefficients is not None
+        yield from finer(orbit, instants)
     if closure > SETTLED:
-        found, solves = homotopy.follow(train, partial(_solved, rpm=rpm, plan=plan, cycles=plan.cycles))
-        path.append(f"homotopy in damping and law: {'lost' if found is None else 'found'}, {solves} solves")
-        if found is not None:
-            yield found, plan.instants
+        arrival = homotopy.find(train, rpm, plan)
+        outcome = "lost" if arrival.coefficients is None else "found"
+        told = f"curve no. {arrival.curves}, {arrival.steps} steps, {arrival.folds} folds"
+        path.append(f"homotopy from the linear law: {outcome}, {told}")
+        yield from finer(arrival, plan.instants)
 
 
 def _attempt(train, rpm, plan, given, cycles):
@@ -394,12 +415,6 @@ def _attempt(train, rpm, plan, given, cycles):
     problem = pose(train, rpm, plan.harmonics, plan.excited)
     outcome = solve_problem(problem, plan.choice, _start(plan, given, cycles), plan.limit, plan.sizes)
     return _host(respond(train, rpm, problem, outcome, plan)), outcome
-
-
-def _solved(train, given, *, rpm, plan, cycles):
-    """Whether Newton's method solves the equations from ``given`` or a march, and the deflections."""
-    response, outcome = _attempt(train, rpm, plan, given, cycles)
-    return int(response.status) <= Status.TOLERANCE_NOT_MET, np.asarray(outcome.deflection)
 
 
 def _start(plan, given, cycles):

@@ -1,0 +1,102 @@
+"""A cycle cut into segments: the states at their beginnings, what is missing between them, and what corrects them.
+
+Over a whole cycle an unstable motion multiplies an error by the largest Floquet multiplier, a million where lightly
+damped teeth hammer; over a segment by its root. Newton's method on the states of all segments (multiple shooting) sees
+the motion as a whole, and the segments run side by side.
+
+A motion here belongs to a share p of a change of the train: ``stepper`` is a function of p.
+"""
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+SEGMENTS = 32
+"""Divides every number of instants; more of them cost no less."""
+
+
+def _grid(stepper, segments):
+    """w of the linear train at half and full steps ahead and at the beginning, segment by segment."""
+    steps = stepper.linear.shape[0] // 2
+    middle = stepper.linear[1::2].reshape(segments, steps // segments, -1)
+    ahead = jnp.roll(stepper.linear, -2, axis=0)[::2].reshape(segments, steps // segments, -1)
+    return middle, ahead, stepper.linear[::2].reshape(segments, steps // segments, -1)[:, 0]
+
+
+def _run(stepper, state, middle, ahead, first):
+    """State at the end of one segment, and w ``(steps, 2G)`` on the way."""
+
+    def step(carry, known):
+        return stepper.advance(*carry, *known), carry[1]
+
+    (end, _), seen = lax.scan(step, (state, first + stepper.space.observation @ state), (middle, ahead))
+    return end, seen
+
+
+def moving(space):
+    """``(n,)`` 1, or 0 for states that move no mesh and return whatever they are: free rotation, undamped its rate."""
+    half = space.transition.shape[0] // 2
+    stiffness = -jnp.diag(space.transition[half:, :half])
+    free = stiffness <= 1e-10 * jnp.max(stiffness)
+    drag = jnp.abs(space.transition[half:, half:])
+    undamped = jnp.max(drag, axis=1) <= 1e-9 * jnp.max(drag)
+    return 1.0 - jnp.concatenate([free, free & undamped])
+
+
+def gaps(stepper, nodes):
+    """End of each segment less the beginning of the next, ``(K, n)``, of nodes ``(K, n)``."""
+    end, _ = jax.vmap(lambda *segment: _run(stepper, *segment))(nodes, *_grid(stepper, len(nodes)))
+    return (end - jnp.roll(nodes, -1, axis=0)) * moving(stepper.space)
+
+
+def deflection(stepper, nodes):
+    """Deflections ``(G, steps)`` m over the cycle."""
+    _, seen = jax.vmap(lambda *segment: _run(stepper, *segment))(nodes, *_grid(stepper, len(nodes)))
+    return jnp.split(seen.reshape(-1, seen.shape[-1]).T, 2)[0]
+
+
+def linearize(stepper, nodes, share):
+    """Gaps ``(K, n)``, their derivatives: of each end in its beginning ``(K, n, n)``, and in the share ``(K, n)``."""
+    free = moving(stepper(share).space)
+
+    def end(node_and_share, *known):
+        reached, _ = _run(stepper(node_and_share[-1]), node_and_share[:-1], *known)
+        return reached, reached
+
+    both = jnp.concatenate([nodes, jnp.full((len(nodes), 1), share)], axis=1)
+    slopes, reached = jax.vmap(jax.jacfwd(end, has_aux=True))(both, *_grid(stepper(share), len(nodes)))
+    gap = (reached - jnp.roll(nodes, -1, axis=0)) * free
+    return gap, slopes[:, :, :-1] * free[:, None] * free, slopes[:, :, -1] * free
+
+
+def correct(gap, slope, share_slope):
+    """Changes of nodes and share that close all gaps to first order, and those that keep them: the tangent.
+
+    The cycle is condensed on its first node; the tangent is oriented by the sign of the determinant, which no fold and
+    no corner of the curve changes.
+
+    Returns
+    -------
+    array ``(K n + 1, 2)``: the shortest closing change (at the first node), and the tangent, not normalised
+    """
+    size = gap.shape[1]
+    identity = jnp.eye(size)
+
+    def through(carry, segment):
+        slope, gap, share_slope = segment
+        return (slope @ carry).at[:, size].add(gap).at[:, size + 1].add(share_slope), None
+
+    begin = jnp.concatenate([identity, jnp.zeros((size, 2))], axis=1)
+    whole, _ = lax.scan(through, begin, (slope, gap, share_slope))
+    condensed = jnp.concatenate([whole[:, :size] - identity, whole[:, size + 1 :]], axis=1)
+    left, values, right = jnp.linalg.svd(condensed, full_matrices=True)
+    closing = right[:size].T @ (left.T @ -whole[:, size] / values)
+    tangent = right[size] * jnp.sign(jnp.linalg.det(left) * jnp.linalg.det(right))
+    first = jnp.stack([closing, tangent], axis=1)
+
+    def unfold(node, segment):
+        slope, gap, share_slope = segment
+        return (slope @ node + share_slope[:, None] * first[size]).at[:, 0].add(gap), node
+
+    _, nodes = lax.scan(unfold, first[:size], (slope, gap, share_slope))
+    return jnp.concatenate([nodes.reshape(-1, 2), first[size:]])

@@ -1,0 +1,69 @@
+"""Curves with folds, corners and no end, followed by arclength."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxhb.periodic import arclength
+
+
+def correct(value, slopes):
+    """Shortest change and oriented tangent for one equation in (x, p): the determinant with (-b, a) is a^2 + b^2."""
+    ((a, b),) = slopes[0]
+    return jnp.stack([-value[0] * jnp.array([a, b]) / (a**2 + b**2), jnp.array([-b, a])], axis=1)
+
+
+def follow(share, start, most=400):
+    """Follow the curve on which p is the function ``share`` of x."""
+
+    def evaluate(y):
+        return jnp.array([share(y[0]) - y[1]])
+
+    def linearize(y):
+        return evaluate(y), jax.jacfwd(evaluate)(y)
+
+    return jax.jit(lambda y: arclength.follow(linearize, evaluate, correct, y, most=most))(jnp.array([start, 0.0]))
+
+
+def s_curve(x):
+    return 0.5 + x**3 - x
+
+
+def zigzag(x):
+    """Rises to 0.8 at x = 0.8, falls to 0.3 at x = 1.3, rises again, with sharp corners."""
+    return jnp.where(x < 0.8, x, jnp.where(x < 1.3, 1.6 - x, x - 1.0))
+
+
+def late(x):
+    """Comes back from 0.9 to -0.1 before it reaches 1."""
+    return 0.4 + 0.5 * jnp.sin(3 * x) + jnp.maximum(x - 4, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("share", "start", "end", "folds"),
+    [
+        (s_curve, -1.2, np.roots([1, 0, -1, -0.5])[0].real, 2),
+        (zigzag, 0.1, 2.0, 2),
+    ],
+)
+def test_folds_and_corners_are_passed(share, start, end, folds):
+    found = follow(share, start)
+    assert found.arrived and found.folds == folds
+    np.testing.assert_allclose(found.y, [end, 1.0], atol=10 * arclength.CLOSED)
+
+
+def test_a_curve_that_leaves_backwards_and_returns_is_followed_to_the_end():
+    found = follow(late, 0.0)
+    assert found.arrived and found.folds >= 2
+    np.testing.assert_allclose(late(found.y[0]), 1.0, atol=10 * arclength.CLOSED)
+
+
+def test_a_curve_that_never_arrives_costs_what_it_may_and_no_more():
+    found = follow(lambda x: 0.5 * jnp.sin(x), 0.1, most=90)
+    assert not found.arrived and found.jacobians == 90 and found.folds > 3
+
+
+def test_a_start_from_which_no_motion_is_found_is_told():
+    found = follow(lambda x: jnp.sqrt(x), -1.0)
+    assert not found.arrived and found.steps == 0
