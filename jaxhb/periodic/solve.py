@@ -402,7 +402,7 @@ def _starts(train, rpm, plan, closure, path):
         orbit = shot(cycles)
         closed = orbit.coefficients is not None
         yield from finer(orbit, instants)
-    if closure > SETTLED:
+    if closure > SETTLED and not closed:
         arrival = homotopy.find(train, rpm, plan)
         outcome = "lost" if arrival.coefficients is None else "found"
         told = f"curve no. {arrival.curves}, {arrival.steps} steps, {arrival.folds} folds"
