@@ -23,7 +23,6 @@ from ..transient.stepper import Stepper
 from ..transient.surrogate import LARGEST
 from . import arclength
 from .orbits import stepper_of
-from .problem import pose
 
 BEGINNINGS = ((20.0, 20.0, False), (6.0, 4.5, True), (20.0, 7.0, False))
 """Tooth damping and transition at p = 0 over the wanted ones, as far as the steps carry the damping and the backlash
@@ -46,15 +45,14 @@ class Towards(Stepper):
     wider: jax.Array = 1.0
     late: jax.Array = False
 
-    def excess(self, w):
-        """phi ``(G,)`` N of deflections and rates ``w`` ``(2G,)``; that of the train itself for a share of 1."""
+    def phi(self, deflection, rate):
+        """Force ``(G,)`` N of the meshes less its linear part; that of the train itself for a share of 1."""
         law, left = self.law, 1 - self.share
         kept = jnp.maximum(law.epsilon, LEAST_EPSILON)
         geometric = kept**self.share - self.share * (kept - law.epsilon)
         epsilon = jnp.where(self.late, 1 - self.share * (1 - law.epsilon), geometric)
         widest = jnp.minimum(law.transition * self.wider, jnp.maximum(law.transition, 1.0))
         law = backlash.Law(law.stiffness, epsilon, law.transition * (widest / law.transition) ** left, law.backlash)
-        deflection, rate = jnp.split(w, 2)
         gated = jnp.where(self.contact_damping, (1 - epsilon) / jnp.maximum(1 - self.law.epsilon, 1e-300), 0.0)
         damping = self.viscous * self._damping() ** left * (1 - gated * (1 - backlash.engagement(law, deflection)))
         return backlash.force(law, deflection) - law.stiffness * deflection + (damping - self.viscous) * rate
@@ -111,8 +109,7 @@ class Arrival:
 
 def find(train, rpm, plan):
     """The :class:`Arrival` at a train, with the meshes and instants of a Plan."""
-    excited = plan.sizes.excited
-    stepper = stepper_of(pose(train, rpm, excited), plan.choice, plan.instants, excited)
+    stepper = stepper_of(train, rpm, plan)
     states = 2 * min(train.topology.n_disks, LARGEST)
     left, curves = int(WORK / (plan.instants * (states**2 + 15**2))), 0
     while True:

@@ -23,7 +23,7 @@ def on_flank(reduced):
     return reduced.linear - reduced.respond(held)
 
 
-def begin(reduced, space, instants):
+def begin(reduced, space, instants, static=None):
     """The :class:`~jaxhb.transient.stepper.Stepper` of a reduced equation, ``instants`` steps per cycle."""
     return cut(
         space,
@@ -35,6 +35,7 @@ def begin(reduced, space, instants):
         contact_damping=reduced.contact_damping,
         linear_state=jnp.zeros(len(space.transition)),
         flank_state=resting_on_flank(space, flank_excess(reduced.law, reduced.linear)),
+        static=static,
     )
 
 

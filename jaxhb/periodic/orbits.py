@@ -26,7 +26,7 @@ CYCLES = 64
 STEADY = 1e-3
 """Closure of a cycle from which Newton's method on the harmonics usually succeeds; the march ends there."""
 
-TRIES, WORK = (4, 24), 3e7
+TRIES, WORK = (1, 24), 4e7
 """Fewest and most cycles shot from: as many as ``WORK`` pays for, counted in instants times (states^2 + 30^2)."""
 
 STEPS = 25
@@ -36,14 +36,25 @@ SETTLED = 1e-6
 """Closure of a cycle that counts as periodic: far below what the steps themselves leave."""
 
 
+FLEXIBLE = 1e-6
+"""Share of the compliance of a mesh below which modes too fast for the steps are left out."""
+
+
 @partial(jax.jit, static_argnames=("instants", "excited"))
-def stepper_of(problem, choice, instants, excited):
-    """The Stepper of a problem."""
+def _stepper(problem, choice, instants, excited):
     links = jnp.asarray(problem.meshes.link)[choice.chosen]
     harmonics = problem.load.shape[-1] - 1
     reduced, _ = reduced_equation(problem, harmonics, choice.active, choice.chosen, choice.flank)
     train = surrogate(problem.system, links, choice.active, problem.frequency, instants, excited)
-    return begin(reduced, train.space, instants)
+    return begin(reduced, train.space, instants, train.static)
+
+
+def stepper_of(train, rpm, plan):
+    """The Stepper of a train with the meshes and instants of a Plan."""
+    excited = plan.sizes.excited
+    stepper = _stepper(pose(train, rpm, excited), plan.choice, plan.instants, excited)
+    flexible = np.abs(np.diag(stepper.static)) * np.asarray(stepper.law.stiffness) > FLEXIBLE
+    return stepper if flexible.any() else replace(stepper, static=None)
 
 
 @jax.jit
@@ -92,9 +103,8 @@ class Search:
     """Closed orbits of a train at a speed, with the meshes and instants of a Plan."""
 
     def __init__(self, train, rpm, plan):
-        excited = plan.sizes.excited
         self.instants = plan.instants
-        self.stepper = stepper_of(pose(train, rpm, excited), plan.choice, plan.instants, excited)
+        self.stepper = stepper_of(train, rpm, plan)
         self.states, self.closures = None, None
 
     def march(self, until=0.0):

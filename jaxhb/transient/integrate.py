@@ -48,7 +48,7 @@ def cycle(stepper, state):
 
     start = stepper.observe(state)
     (state, end), samples = lax.scan(step, (state, start), (stepper.linear[1::2], ahead), unroll=2)
-    deflection, rate = jnp.split(samples.T, 2)
+    deflection, rate = jax.vmap(stepper.flexed)(samples).T, jnp.split(samples.T, 2)[1]
     return state, Trace(deflection, rate, _closure(stepper, start, end, deflection, rate))
 
 

@@ -52,7 +52,7 @@ def gaps(stepper, nodes):
 def deflection(stepper, nodes):
     """Deflections ``(G, steps)`` m over the cycle."""
     _, seen = jax.vmap(lambda *segment: _run(stepper, *segment))(nodes, *_grid(stepper, len(nodes)))
-    return jnp.split(seen.reshape(-1, seen.shape[-1]).T, 2)[0]
+    return jax.vmap(stepper.flexed)(seen.reshape(-1, seen.shape[-1])).T
 
 
 def linearize(stepper, nodes, share):

@@ -38,7 +38,8 @@ class Stepper:
     sum of the two in the middle, last); first, second, third : stage weights ``(2G, G)``, ``(2G, 2G)``, ``(2G, 2G)``;
     linear ``(2 steps, 2G)``: w of the linear train every half step; linear_state ``(n,)`` its state at t = 0;
     flank_state ``(n,)``: deviation for which every mesh carries its linear force on its drive side; space : the
-    equations; law, viscous, contact_damping : of the meshes ``(G,)``; frequency : rad/s.
+    equations; law, viscous, contact_damping : of the meshes ``(G,)``; frequency : rad/s; static ``(G, G)`` m/N : answer
+    of modes that are no states, too fast for the steps.
     """
 
     propagate: jax.Array
@@ -54,12 +55,31 @@ class Stepper:
     viscous: jax.Array
     contact_damping: jax.Array
     frequency: jax.Array
+    static: jax.Array | None = None
 
-    def excess(self, w):
-        """phi ``(G,)`` N of deflections and rates ``w`` ``(2G,)``."""
-        deflection, rate = jnp.split(w, 2)
+    def phi(self, deflection, rate):
+        """Force ``(G,)`` N of the meshes less its linear part."""
         total = backlash.mesh_force(self.law, self.viscous, self.contact_damping, deflection, rate)
         return total - self.law.stiffness * deflection - self.viscous * rate
+
+    def excess(self, w):
+        """phi ``(G,)`` N at ``w`` ``(2G,)``, deflections and rates of the states."""
+        return self.phi(self.flexed(w), jnp.split(w, 2)[1])
+
+    def flexed(self, w):
+        """Deflections ``(G,)`` with the answer of the fast modes, ``l + static phi(l) = l of the states``.
+
+        Two steps of Newton's method mesh by mesh: the fast modes have a small part of the compliance of a mesh. Their
+        part of the rate is left out.
+        """
+        given, rate = jnp.split(w, 2)
+        if self.static is None:
+            return given
+        deflection, own = given, jnp.diag(self.static)
+        for _ in range(2):
+            force, slope = jax.jvp(lambda l: self.phi(l, rate), (deflection,), (jnp.ones_like(given),))
+            deflection = deflection - (deflection + self.static @ force - given) / (1 + own * slope)
+        return deflection
 
     def advance(self, state, w, middle, last):
         """Deviation and w one step later; ``middle`` and ``last`` are w_linear half a step and one step ahead."""
@@ -129,7 +149,7 @@ def flank_excess(law, linear):
     return -backlash.offset(law) * jnp.where(linear[:, 0].real < 0, -1.0, 1.0)
 
 
-def cut(space, linear, frequency, steps, *, law, viscous, contact_damping, linear_state, flank_state):
+def cut(space, linear, frequency, steps, *, law, viscous, contact_damping, linear_state, flank_state, static=None):
     """The :class:`Stepper` of a state space and the deflections ``(G, N+1)`` of its linear response."""
     seen = jnp.concatenate([linear, fourier.derivative(linear, frequency)])
     return Stepper(
@@ -142,6 +162,7 @@ def cut(space, linear, frequency, steps, *, law, viscous, contact_damping, linea
         viscous=viscous,
         contact_damping=contact_damping,
         frequency=frequency,
+        static=static,
     )
 
 

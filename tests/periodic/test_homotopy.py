@@ -42,7 +42,7 @@ def no_shooting(monkeypatch):
 
 
 def towards(train, rpm, share):
-    stepper = orbits.stepper_of(pose(train, rpm, 20), PLAN.choice, PLAN.instants, PLAN.sizes.excited)
+    stepper = orbits.stepper_of(train, rpm, PLAN)
     parts = {f.name: getattr(stepper, f.name) for f in dataclasses.fields(Stepper)}
     return stepper, homotopy.Towards(**parts, share=share, **BEGINNING)
 

@@ -1,10 +1,16 @@
 """Closed orbits found by shooting, where a march of a few cycles does not settle."""
 
+import dataclasses
+
 import numpy as np
+from trains import ONE_RADIAN_PER_SECOND, build
 
 import jaxhb
+from jaxhb import Disk, Mesh, Shaft, Torque
 from jaxhb.periodic import orbits
 from jaxhb.periodic.harmonics import Plan
+from jaxhb.periodic.newton import relative_residual
+from jaxhb.periodic.problem import pose, reduced_equation
 
 RPM = 2320.0
 PLAN = Plan(harmonics=384, active=(0, 1, 2, 3), flank=(0,) * 4, start="march", instants=1536, excited=24)
@@ -26,3 +32,36 @@ def test_shooting_closes_an_orbit_that_a_march_leaves_open_for_ever():
 def test_a_march_that_is_not_finite_gives_no_orbit():
     orbit = orbits.Search(jaxhb.load_scene("gear_train_30"), float("nan"), PLAN).shoot()
     assert orbit.coefficients is None and orbit.tries == 0
+
+
+def test_modes_too_fast_for_the_steps_answer_statically():
+    """A light gear on a shaft five times as stiff as its teeth, and a mode forty times too fast for the steps.
+
+    The equations of the harmonics know the shaft: what is left of them at the orbit is the error of the steps, with the
+    static answer and without. The teeth are not damped: the rate of the static answer is neglected.
+    """
+    parts = [
+        Disk(name="driver", inertia=1.0, radius=1.0, damping=0.6),
+        Disk(name="gear", inertia=1e-6, radius=1.0),
+        Disk(name="driven", inertia=1.0, damping=0.6),
+        Mesh(between=("driver", "gear"), stiffness=4.0, backlash=0.5, epsilon=0.01, transition=0.2),
+        Shaft(between=("gear", "driven"), stiffness=20.0),
+        Torque(disk="driver", mean=0.4, harmonics=[(1.0, 1.5, 0.0)]),
+        Torque(disk="driven", mean=-0.4),
+    ]
+    train = build(parts, reference="driver")
+    plan = Plan(harmonics=32, active=(0,), flank=(0,), start="march", instants=256, excited=1)
+    rpm = 2.0 * ONE_RADIAN_PER_SECOND
+    search = orbits.Search(train, rpm, plan)
+    problem = pose(train, rpm, plan.harmonics, plan.excited)
+    reduced, _ = reduced_equation(problem, plan.harmonics, plan.choice.active, plan.choice.chosen, plan.choice.flank)
+    left = []
+    for static in (search.stepper.static, None):
+        search.stepper = dataclasses.replace(search.stepper, static=static)
+        orbit = search.march(1e-9)
+        assert orbit.coefficients is not None
+        value = reduced.residual(orbit.coefficients[:, : plan.harmonics + 1], plan.sizes.samples)
+        left.append(float(relative_residual(reduced, value)))
+    motion = np.fft.irfft(orbit.coefficients, n=plan.instants, norm="forward")
+    assert motion.min() < 0 < motion.max()
+    assert left[0] < 1e-4 < 1e-2 < left[1]

@@ -7,7 +7,6 @@ from trains import branched_parts, build
 
 from jaxhb.periodic import orbits
 from jaxhb.periodic.harmonics import Plan
-from jaxhb.periodic.problem import pose
 from jaxhb.transient import segments, shooting
 from jaxhb.transient.integrate import cycle
 
@@ -16,7 +15,7 @@ PLAN = Plan(harmonics=32, active=(0, 1), flank=(0, 0), instants=1024, excited=3)
 
 def stepper():
     train = build(branched_parts(), reference="flywheel")
-    return orbits.stepper_of(pose(train, 1500.0, 3), PLAN.choice, PLAN.instants, PLAN.sizes.excited)
+    return orbits.stepper_of(train, 1500.0, PLAN)
 
 
 def nodes_of(stepper, state):
