@@ -7,7 +7,7 @@ as stiff as the contact the law is linear and its motion unique. On the way to t
 
 the motion stays bounded, so that the curve of motions that begins at p = 0 has nowhere to end but at p = 1, however
 often it turns back (homotopies of this kind succeed for almost all their parameters: Chow, Mallet-Paret and Yorke,
-Math. Comp. 32 (1978) 887). It is followed by arclength (:mod:`jaxhb.periodic.arclength`) in the states at the
+Math. Comp. 32 (1978) 887). It is followed by arclength (:mod:`jaxhb.periodic.continuation`) in the states at the
 beginnings of the segments of a cycle. How long it is nobody knows beforehand: the work is bounded.
 """
 
@@ -21,8 +21,8 @@ from ..harmonic import backlash
 from ..transient import segments
 from ..transient.stepper import Stepper
 from ..transient.surrogate import LARGEST
-from . import arclength
-from .orbits import stepper_of
+from . import continuation
+from .orbits import coefficients, stepper_of
 
 BEGINNINGS = ((20.0, 20.0, False), (6.0, 4.5, True), (20.0, 7.0, False))
 """Tooth damping and transition at p = 0 over the wanted ones, as far as the steps carry the damping and the backlash
@@ -88,7 +88,7 @@ def _followed(stepper, beginning, most):
     def correct(gap, slopes):
         return segments.correct(gap, *slopes)
 
-    followed = arclength.follow(linearize, evaluate, correct, jnp.zeros(shape[0] * shape[1] + 1), most=most)
+    followed = continuation.follow(linearize, evaluate, correct, jnp.zeros(shape[0] * shape[1] + 1), most=most)
     return followed, nodes(followed.y), segments.deflection(stepper, nodes(followed.y))
 
 
@@ -117,7 +117,6 @@ def find(train, rpm, plan):
         left, curves = left - int(followed.jacobians), curves + 1
         told = {"curves": curves, "steps": int(followed.steps), "folds": int(followed.folds)}
         if bool(followed.arrived):
-            kept = np.fft.rfft(np.asarray(deflection), norm="forward")[:, : (plan.instants - 1) // 2 + 1]
-            return Arrival(kept, np.asarray(nodes[0]), **told)
+            return Arrival(coefficients(deflection), np.asarray(nodes[0]), **told)
         if curves == len(BEGINNINGS) or left < MOST // 4:
             return Arrival(None, None, **told)

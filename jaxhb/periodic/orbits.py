@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from ..harmonic import fourier
 from ..transient.integrate import cycle
 from ..transient.shooting import shoot
 from ..transient.surrogate import surrogate
@@ -99,6 +100,11 @@ class Orbit:
     tries: int
 
 
+def coefficients(deflection):
+    """Coefficients ``(G, n+1)`` of deflections ``(G, instants)`` over a cycle, all that the instants tell apart."""
+    return np.asarray(fourier.analyze(deflection, (deflection.shape[-1] - 1) // 2))
+
+
 class Search:
     """Closed orbits of a train at a speed, with the meshes and instants of a Plan."""
 
@@ -113,7 +119,7 @@ class Search:
         marched = int(np.isfinite(closures).sum())
         self.closures = np.nan_to_num(closures, nan=np.inf)
         closure = self.closures[max(marched, 1) - 1]
-        found = self._coefficients(deflection) if closure <= until else None
+        found = coefficients(deflection) if closure <= until else None
         return Orbit(found, float(closure), self.states[max(marched, 1) - 1], marched)
 
     def shoot(self, seed=None):
@@ -125,7 +131,7 @@ class Search:
             if closure < best.closure:
                 best = Orbit(None, float(closure), np.asarray(state), tries)
             if closure <= SETTLED:
-                return replace(best, coefficients=self._coefficients(deflection))
+                return replace(best, coefficients=coefficients(deflection))
         return replace(best, tries=tries)
 
     def _seeds(self, seed):
@@ -138,6 +144,3 @@ class Search:
         for first in np.argsort(self.closures)[: int(most)]:
             if np.isfinite(self.closures[first]):
                 yield self.states[first]
-
-    def _coefficients(self, deflection):
-        return np.fft.rfft(np.asarray(deflection), norm="forward")[:, : (self.instants - 1) // 2 + 1]

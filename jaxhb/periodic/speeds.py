@@ -111,18 +111,12 @@ def _placed(found):
 
 def _again(train, rpm, place, found, status, harmonics, tolerance, integrals):
     """The response at one speed from its own motion or the nearest that converged; up the ladder where that fails."""
-    good = np.flatnonzero(status == Status.CONVERGED)
-    near, fixed = None, harmonics
-    if status[place] == Status.TOLERANCE_NOT_MET:
-        near = found[place]
-    elif len(good):
-        near = found[good[np.argmin(np.abs(rpm[good] - rpm[place]))]]
-    if isinstance(near, tuple):
-        near = near[0][near[1]]
-    if near is not None and status[place] != Status.TOLERANCE_NOT_MET:
-        fixed = harmonics or near.harmonics
+    own, good = status[place] == Status.TOLERANCE_NOT_MET, np.flatnonzero(status == Status.CONVERGED)
     asked = {"tolerance": tolerance, "integrals": integrals}
-    if near is not None:
+    if own or len(good):
+        batch, row = _placed(found[place if own else good[np.argmin(np.abs(rpm[good] - rpm[place]))]])
+        near = batch[row] if np.ndim(batch.rpm) else batch
+        fixed = harmonics if own else harmonics or near.harmonics
         response = solve(train, rpm=float(rpm[place]), harmonics=fixed, start=near, **asked)
         if int(response.status) == Status.CONVERGED:
             return response

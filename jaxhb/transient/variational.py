@@ -9,8 +9,8 @@ freely through its gap (l linear in time), so that six instants per period of th
 from the slowest modes alone, whose memory outlasts the cycle. Work per instant is that of one small matrix product,
 whatever the number of harmonics; it replaces the factorisation of a Jacobian in which all harmonics are coupled.
 
-The cycle is cut into blocks that are swept side by side from rest, some thirty instants each instead of thousands one
-after another. What the state at the beginning of a block adds is known beforehand: its forces solve a triangular system
+The cycle is cut into blocks that are swept side by side from rest, 8 to 32 instants each instead of thousands one after
+another. What the state at the beginning of a block adds is known beforehand: its forces solve a triangular system
 of the block, as the train itself does not change from instant to instant.
 """
 

@@ -51,6 +51,20 @@ def test_receptances_are_those_of_the_dense_train_in_angles(case):
         np.testing.assert_allclose(reduced.linear[:, n], linear, rtol=0, atol=1e-9 * np.abs(reduced.linear).max())
 
 
+def test_harmonics_swept_in_several_chunks_are_those_of_the_dense_train(case):
+    parts, problem, few, _, _ = case
+    harmonics = 2 * reduction.CHUNK + 20
+    reduced, _ = reduce(
+        pose(build(parts, reference="flywheel"), RPM, harmonics), harmonics, np.ones(2), np.arange(2), np.zeros(2)
+    )
+    np.testing.assert_allclose(reduced.linear[:, : HARMONICS + 1], few.linear, rtol=0, atol=ALGEBRAIC)
+    assert not np.asarray(reduced.linear[:, HARMONICS + 1 :]).any()
+    rows = np.array([row for _, row in dense.links(parts)[-2:]])
+    for n in (0, 1, reduction.CHUNK - 1, reduction.CHUNK, reduction.CHUNK + 1, harmonics):
+        wanted = rows @ np.linalg.solve(dense.dynamic_stiffness(parts, n * float(problem.frequency)), rows.T)
+        np.testing.assert_allclose(reduced.receptance[n], wanted, rtol=0, atol=1e-10 * np.abs(wanted).max())
+
+
 def test_receptance_is_symmetric(case):
     G = np.asarray(case[2].receptance)
     np.testing.assert_allclose(G, G.transpose(0, 2, 1), rtol=0, atol=ALGEBRAIC * np.abs(G).max())

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxhb.periodic import arclength
+from jaxhb.periodic import continuation
 
 
 def correct(value, slopes):
@@ -23,7 +23,7 @@ def follow(share, start, most=400):
     def linearize(y):
         return evaluate(y), jax.jacfwd(evaluate)(y)
 
-    return jax.jit(lambda y: arclength.follow(linearize, evaluate, correct, y, most=most))(jnp.array([start, 0.0]))
+    return jax.jit(lambda y: continuation.follow(linearize, evaluate, correct, y, most=most))(jnp.array([start, 0.0]))
 
 
 def s_curve(x):
@@ -50,13 +50,13 @@ def late(x):
 def test_folds_and_corners_are_passed(share, start, end, folds):
     found = follow(share, start)
     assert found.arrived and found.folds == folds
-    np.testing.assert_allclose(found.y, [end, 1.0], atol=10 * arclength.CLOSED)
+    np.testing.assert_allclose(found.y, [end, 1.0], atol=10 * continuation.CLOSED)
 
 
 def test_a_curve_that_leaves_backwards_and_returns_is_followed_to_the_end():
     found = follow(late, 0.0)
     assert found.arrived and found.folds >= 2
-    np.testing.assert_allclose(late(found.y[0]), 1.0, atol=10 * arclength.CLOSED)
+    np.testing.assert_allclose(late(found.y[0]), 1.0, atol=10 * continuation.CLOSED)
 
 
 def test_a_curve_that_never_arrives_costs_what_it_may_and_no_more():
