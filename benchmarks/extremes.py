@@ -333,7 +333,7 @@ def extremes():
         Extreme("2 disks", "two gears that stay in contact", lambda: two_disks(50.0), CONVERGED),
         Extreme("2 disks, apart", "two gears that hammer", lambda: two_disks(5.0), RESOLVED, quick=False),
         Extreme("3000 disks", "2994 massless pieces of a shaft", pieces_change_nothing, CONVERGED, quick=False),
-        Extreme("2048 harmonics", "harmonics = 2048", solved(options={"harmonics": 2048}), CONVERGED, quick=False),
+        Extreme("4096 harmonics", "harmonics = 4096", solved(options={"harmonics": 4096}), CONVERGED, quick=False),
         Extreme("2049 harmonics", "harmonics = 2049", solved(options={"harmonics": 2049}), "more than the limit"),
         Extreme("resonance", "undamped, linear", lambda: at_resonance(False), frozenset({"NEAR_SINGULAR"})),
         Extreme("resonance of teeth", "undamped, with backlash", lambda: at_resonance(True), HONEST, quick=False),

@@ -13,8 +13,8 @@ from ..model.engine import highest_harmonic
 from . import march
 from .program import Choice, Sizes
 
-LEVELS = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024, 1536, 2048)
-MOST = {"reduced": 2048, "chain": 128}
+LEVELS = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024, 1536, 2048, 3072, 4096)
+MOST = {"reduced": 4096, "chain": 128}
 DENSE_MODES, GEARS_ALONE = 400, 1.1
 """Disks up to which all modes are computed; what the shafts add to the frequencies of the gears alone."""
 

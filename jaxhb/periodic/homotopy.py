@@ -96,12 +96,12 @@ def _followed(stepper, beginning, most):
 class Arrival:
     """What the curves led to.
 
-    coefficients : ``(G, n+1)`` deflections in m, None where no curve arrives; state ``(n,)`` m of that motion at t = 0;
+    coefficients : ``(G, n+1)`` deflections in m, None where no curve arrives; nodes ``(K, n)`` of that motion;
     curves : followed; steps, folds : of the last one.
     """
 
     coefficients: np.ndarray | None
-    state: np.ndarray | None
+    nodes: np.ndarray | None
     curves: int
     steps: int
     folds: int
@@ -117,6 +117,6 @@ def find(train, rpm, plan):
         left, curves = left - int(followed.jacobians), curves + 1
         told = {"curves": curves, "steps": int(followed.steps), "folds": int(followed.folds)}
         if bool(followed.arrived):
-            return Arrival(coefficients(deflection), np.asarray(nodes[0]), **told)
+            return Arrival(coefficients(deflection), np.asarray(nodes), **told)
         if curves == len(BEGINNINGS) or left < MOST // 4:
             return Arrival(None, None, **told)

@@ -8,7 +8,7 @@ from ..transient.stepper import cut, flank_excess
 from ..transient.surrogate import resting_on_flank
 
 INSTANTS_PER_MODE_PERIOD = 6
-INSTANT_COUNTS = tuple(n * 2**k for k in range(5, 12) for n in (2, 3)) + (8192,)
+INSTANT_COUNTS = tuple(n * 2**k for k in range(5, 13) for n in (2, 3)) + (16384,)
 
 
 def instants_for(harmonic):

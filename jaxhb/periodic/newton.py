@@ -1,4 +1,11 @@
-"""Newton-Kantorovich iteration with line search in ``lax.while_loop``, and the status of a solve."""
+"""Newton-Kantorovich iteration, damped by the natural level, in ``lax.while_loop``, and the status of a solve.
+
+A step ``x - lambda J^-1 F`` counts as good if the residual falls by half of what its linear model promises. Where the
+tangent is nearly singular, beside a grazing impact, good steps let the residual rise, and a search for smaller ones
+creeps. There the natural level decides, which does not depend on how the equations are scaled: the simplified
+correction ``J^-1 F(x - lambda J^-1 F)`` must be shorter than the correction (Deuflhard, Newton Methods for Nonlinear
+Problems, Springer 2004, sec. 3.3, algorithm NLEQ-ERR).
+"""
 
 from enum import IntEnum
 from typing import NamedTuple
@@ -15,6 +22,12 @@ from . import correction
 KRYLOV_STEPS = 20
 WORN = 12
 """Krylov steps of a Newton step above which the preconditioner is made anew."""
+
+SHORTEST = 1e-3
+"""Length of a step, as a share of the correction, below which there is none."""
+
+LEVEL_FORCING = 1e-2
+"""Share of the residual that a simplified correction may leave."""
 
 
 class Status(IntEnum):
@@ -46,7 +59,7 @@ _SENTENCES = {
     Status.PLAN_VIOLATED: "a mesh that the plan held on one flank leaves it, or passes the knots of its law more "
     "often than exact integrals have room for: plan again, solve without a plan, or with sampled integrals",
     Status.MAX_STEPS: "Newton's method needed more steps than allowed: " + _REMEDY,
-    Status.STALLED: "Newton's method found no step that lowers the residual: " + _REMEDY,
+    Status.STALLED: "Newton's method found no step that leads closer: " + _REMEDY,
     Status.UNBALANCED: "the mean torques do not balance and nothing takes the difference: add a [[load]] or correct "
     "the mean torques",
     Status.NEAR_SINGULAR: "the equations are singular here (an undamped resonance): add damping or move the speed",
@@ -55,13 +68,31 @@ _SENTENCES = {
 
 
 class Iterate(NamedTuple):
-    """Unknowns, residual norm, Newton steps, Krylov steps, and whether no step lowers the residual."""
+    """Unknowns, residual norm, linear solves, Krylov steps, and whether no step leads closer."""
 
     x: jax.Array
     error: jax.Array
     steps: jax.Array
     krylov: jax.Array
     stalled: jax.Array
+
+
+class _State(NamedTuple):
+    """value : residual at the iterate; given : residual that the next linear solve is for, the same or, while a step
+    is on trial, that of the trial; correction : at the iterate, or the last simplified one; length : of the trial;
+    gain : from which the length of the next step is predicted; work : Krylov steps of the last solve; age : of
+    ``prepared`` in steps of the iterate."""
+
+    iterate: Iterate
+    value: jax.Array
+    given: jax.Array
+    correction: jax.Array
+    length: jax.Array
+    gain: jax.Array
+    trying: jax.Array
+    work: jax.Array
+    age: jax.Array
+    prepared: object
 
 
 def newton(evaluate, prepare, direction, norm, start, *, tolerance, max_steps, worn=0):
@@ -71,19 +102,20 @@ def newton(evaluate, prepare, direction, norm, start, *, tolerance, max_steps, w
     ----------
     evaluate : x -> residual
     prepare : x -> whatever ``direction`` needs and is worth keeping for several steps
-    direction : (prepared, x, residual, error) -> (correction, work)
-        Solves ``J correction = residual``; ``work`` is added up in ``Iterate.krylov``.
-    norm : residual -> float
+    direction : (prepared, x, residual, error, forcing) -> (correction, work)
+        Solves ``J(x) correction = residual``, to ``forcing`` if this is not nan; ``work`` is added up in
+        ``Iterate.krylov``.
+    norm : residual or correction -> float
     start : array
-    tolerance : float, on ``norm``
-    max_steps : int
+    tolerance : float, on ``norm`` of the residual
+    max_steps : int, linear solves
     worn : int
         Work of a step above which the next one is prepared anew; so is a step after one that found no descent.
 
     Returns
     -------
     iterate : Iterate
-        With the smallest residual met; finite if the start was.
+        The last one; finite if the start was.
     prepared
         What was prepared last.
     """
@@ -91,50 +123,72 @@ def newton(evaluate, prepare, direction, norm, start, *, tolerance, max_steps, w
     def unsolved(iterate):
         return (iterate.error > tolerance) & (iterate.steps < max_steps)
 
-    def step(state):
-        iterate, value, _, age, prepared = state
-        correction, work = direction(prepared, iterate.x, value, iterate.error)
-        moved, after, error = _line_search(evaluate, norm, iterate, value, correction)
-        stalled = ~(error < iterate.error)
+    def solve(state):
+        """One linear solve: for a correction and the first trial of its length, or for the level of the trial."""
+        iterate, trying = state.iterate, state.trying
+        forcing = jnp.where(trying, LEVEL_FORCING, jnp.nan)
+        found, work = direction(state.prepared, iterate.x, state.given, iterate.error, forcing)
+        correction = jnp.where(trying, state.correction, found)
+        size = norm(correction)
+        lower = trying & (norm(found) < (1 - state.length / 4) * size)
+        predicted = state.gain / (norm(state.correction - found) * size + 1e-300)
+        curved = size * state.length**2 / (2 * norm(found - (1 - state.length) * correction) + 1e-300)
+        shorter = jnp.maximum(jnp.fmin(curved, state.length / 2), state.length / 10)
+        length = jnp.where(trying, jnp.where(lower, state.length, shorter), jnp.clip(predicted, SHORTEST, 1.0))
+        moved = iterate.x - length * correction
+        after = evaluate(moved)
+        error = norm(after)
+        good = lower | (error < (1 - length / 2) * iterate.error)
         following = Iterate(
-            jnp.where(stalled, iterate.x, moved),
-            jnp.where(stalled, iterate.error, error),
+            jnp.where(good, moved, iterate.x),
+            jnp.where(good, error, iterate.error),
             iterate.steps + 1,
             iterate.krylov + work,
-            stalled,
+            ~good & (length < SHORTEST),
         )
-        return following, jnp.where(stalled, value, after), work, age + 1, prepared
+        return _State(
+            following,
+            value=jnp.where(good, after, state.value),
+            given=after,
+            correction=jnp.where(lower, found, correction),
+            length=length,
+            gain=jnp.where(lower, size * norm(found) * length, jnp.where(good, jnp.inf, state.gain)),
+            trying=~good,
+            work=work,
+            age=state.age + good,
+            prepared=state.prepared,
+        )
 
     def fresh(state):
-        iterate, value, _, _, _ = state
-        state = (iterate, value, jnp.array(0), jnp.array(0), prepare(iterate.x))
-        return lax.while_loop(lambda s: unsolved(s[0]) & ~s[0].stalled & (s[2] <= worn), step, state)
+        """Solves with what is prepared at the iterate; a step that stalled with an older one begins again."""
+        again = state.iterate.stalled
+        state = state._replace(
+            iterate=state.iterate._replace(stalled=jnp.array(False)),
+            given=jnp.where(again, state.value, state.given),
+            gain=jnp.where(again, jnp.inf, state.gain),
+            trying=state.trying & ~again,
+            work=jnp.array(0),
+            age=jnp.array(0),
+            prepared=prepare(state.iterate.x),
+        )
+
+        def useful(state):
+            return unsolved(state.iterate) & ~state.iterate.stalled & ((state.work <= worn) | (state.age == 0))
+
+        return lax.while_loop(useful, solve, state)
 
     def unfinished(state):
-        iterate, _, _, age, _ = state
-        return (age < 0) | unsolved(iterate) & ~(iterate.stalled & (age <= 1))
+        iterate, age = state.iterate, state.age
+        return (age < 0) | unsolved(iterate) & ~(iterate.stalled & (age == 0))
 
     value = evaluate(start)
     first = Iterate(start, norm(value), jnp.array(0), jnp.array(0), jnp.array(False))
     empty = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(prepare, start))
-    state = lax.while_loop(unfinished, fresh, (first, value, jnp.array(0), jnp.array(-1), empty))
-    return state[0], state[-1]
-
-
-def _line_search(evaluate, norm, iterate, value, correction):
-    """Halve the step until the residual falls by the Armijo share, at most ten times."""
-
-    def poor(state):
-        length, _, _, error = state
-        return ~(error < (1 - 1e-4 * length) * iterate.error) & (length > 1e-3)
-
-    def halve(state):
-        length = state[0] / 2
-        moved = iterate.x - length * correction
-        value = evaluate(moved)
-        return length, moved, value, norm(value)
-
-    return lax.while_loop(poor, halve, (jnp.array(2.0), iterate.x, value, jnp.array(jnp.inf)))[1:]
+    one, no = jnp.array(1.0), jnp.array(False)
+    nothing, zero = jnp.zeros_like(start), jnp.array(0)
+    begin = _State(first, value, value, nothing, one, jnp.array(jnp.inf), no, zero, jnp.array(-1), empty)
+    state = lax.while_loop(unfinished, fresh, begin)
+    return state.iterate, state.prepared
 
 
 def relative_residual(reduced, value):
@@ -161,9 +215,9 @@ def solve_reduced(reduced, train, start, *, samples, instants, tolerance, max_st
     def prepare(deflection):
         return correction.prepare(reduced, train, deflection, samples, instants)
 
-    def direction(variation, deflection, value, error):
-        forcing = jnp.clip(0.05 * tolerance / error, 1e-10, 1e-2)
-        forcing = jnp.maximum(forcing, jnp.minimum(1e-2, 0.1 * error))
+    def direction(variation, deflection, value, error, forcing):
+        wanted = jnp.clip(0.05 * tolerance / error, 1e-10, 1e-2)
+        forcing = jnp.fmax(forcing, jnp.maximum(wanted, jnp.minimum(1e-2, 0.1 * error)))
         change, _, used = correction.correct(reduced, variation, deflection, value, samples, forcing, KRYLOV_STEPS)
         return change, used
 
@@ -198,7 +252,7 @@ def solve_chain(system, meshes, frequency, load, start, *, samples, tolerance, m
         value = residual(packed, system, meshes, frequency, load, samples)
         return value.at[root, 0].add(hold * packed[root, 0])
 
-    def direction(_, packed, value, error):
+    def direction(_, packed, value, error, forcing):
         blocks = link_blocks(packed, system, meshes, frequency, samples)[tree.link]
         x, _ = block_sweep(tree.parent, near, far, blocks, node[tree.node], value[tree.node])
         return jnp.zeros_like(x).at[tree.node].set(x), 1

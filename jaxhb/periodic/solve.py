@@ -29,8 +29,9 @@ SETTLED = 1e-5
 CLOSER = 30
 """Times better than the march before it that a longer march has to close."""
 
-FINER = 4
-"""Times the instants of the march, up to which a closed orbit that Newton's method does not take is found again."""
+FINER, FINEST = 4, 2 * march.INSTANT_COUNTS[-1]
+"""A closed orbit that Newton's method does not take is found again with up to so many times its steps, and so many
+steps a cycle; harmonics follow the steps."""
 
 _UNSOLVED = (Status.MAX_STEPS, Status.STALLED, Status.NONFINITE)
 
@@ -53,7 +54,7 @@ def solve(train, *, rpm, plan=None, harmonics=None, tolerance=None, method=None,
         From :func:`plan`: nothing is decided by value, the call is valid under ``jit``, ``vmap`` and ``grad``. What the
         plan assumed is verified; if it does not hold the status is PLAN_VIOLATED.
     harmonics : int, optional
-        Harmonics of the cycle, fixed; default: as many as ``tolerance`` needs, up to 2048.
+        Harmonics of the cycle, fixed; default: as many as ``tolerance`` needs, up to 4096.
     tolerance : float, optional
         Largest truncation error of the elastic tooth force over the largest tooth force; default 1 %.
     method : str, optional
@@ -328,66 +329,69 @@ def _climb(train, rpm, plan, modes, adaptive, begins):
         if adaptive and int(begins.status) == Status.TOLERANCE_NOT_MET:
             above = decide.next_level(begins.harmonics, plan.method) or decide.MOST[plan.method]
             plan = dataclasses.replace(plan, harmonics=max(plan.harmonics, above))
-    path, starts, raised = [], None, False
+    path, starts, least = [], None, plan.harmonics
     plan = dataclasses.replace(plan, start="march" if begins in ("march", "further") else "linear")
     while True:
         marching = plan.start == "march"
         enough = resolving if marching else march.instants_for(2 * plan.harmonics)
         instants = max(instants, min(resolving, enough))
-        plan = dataclasses.replace(plan, trust=decide.trust_in(plan.harmonics, modes), instants=instants)
+        plan = dataclasses.replace(plan, instants=instants)
         if begins == "further" and starts is None:
-            starts = _starts(train, rpm, plan, np.inf, path)
-            given, instants = next(starts, (None, instants))
-            plan = dataclasses.replace(plan, instants=instants)
+            starts = _starts(train, rpm, plan, adaptive, np.inf, path)
+            given, plan = next(starts, (None, plan))
+        plan = dataclasses.replace(plan, trust=decide.trust_in(plan.harmonics, modes))
         response, outcome = _attempt(train, rpm, plan, given, plan.cycles if marching else 0)
         status = Status(int(response.status))
         if marching and given is None:
             closure = float(outcome.closure)
             path.append(f"march of {plan.cycles} cycles of {plan.instants} steps (closure {closure:.1e})")
-            starts = starts or _starts(train, rpm, plan, closure, path)
+            starts = starts or _starts(train, rpm, plan, adaptive, closure, path)
         path.append(f"Newton with {plan.described}: {status.name}, {int(response.steps)} steps")
         higher = decide.next_level(plan.harmonics, plan.method) if adaptive else None
         if status == Status.PLAN_VIOLATED and any(plan.flank):
             given, starts = None, None
             plan = dataclasses.replace(plan, active=_all_backlash(train), flank=(0,) * len(plan.flank))
         elif status == Status.TOLERANCE_NOT_MET and higher:
-            given = np.asarray(outcome.deflection)
+            given, least = np.asarray(outcome.deflection), higher
             plan = dataclasses.replace(plan, harmonics=higher)
         elif status in _UNSOLVED and begins == "flank" and not marching:
             given = None
             plan = dataclasses.replace(plan, start="march")
         elif status in _UNSOLVED and starts and (another := next(starts, None)) is not None:
-            given, instants = another
-        elif status in _UNSOLVED and starts and higher and not raised and (given is not None or closure <= SETTLED):
-            raised = True
-            plan = dataclasses.replace(plan, harmonics=higher)
+            given, plan = another
+            plan = dataclasses.replace(plan, harmonics=max(plan.harmonics, least))
+            instants = plan.instants
         else:
             return dataclasses.replace(response, path=tuple(path)), plan
 
 
-def _starts(train, rpm, plan, closure, path):
-    """Deflections from which to try again after a march of that ``closure``, and the instants they were found with.
+def _starts(train, rpm, plan, adaptive, closure, path):
+    """Deflections from which to try again after a march of that ``closure``, each with the Plan to try them with.
 
-    Each is found when asked for, and told in ``path``.
+    Each is found when asked for, and told in ``path``. What was found with shorter steps is solved with as many more
+    harmonics, if these are free: below their reach there may be no solution near the motion.
     """
-    finest = min(FINER * plan.instants, march.INSTANT_COUNTS[-1])
+    finest = max(plan.instants, min(FINER * plan.instants, FINEST))
 
     def search(instants):
         return orbits.Search(train, rpm, dataclasses.replace(plan, instants=instants))
 
-    def shot(search, seed=None):
-        orbit = search.shoot(seed)
-        path.append(f"shooting from {orbit.tries} cycles of {search.instants} steps (closure {orbit.closure:.1e})")
-        return orbit
+    def beginning(motion, instants):
+        wanted = min(plan.harmonics * instants // plan.instants, decide.MOST[plan.method])
+        harmonics = decide.level_at_least(wanted) if adaptive else plan.harmonics
+        steps = min(instants, march.INSTANT_COUNTS[-1])
+        return motion.coefficients, dataclasses.replace(plan, harmonics=harmonics, instants=steps)
 
     def finer(motion, instants):
-        """The motion, then with shorter and shorter steps as long as its cycle closes."""
+        """The motion, then with ever shorter steps as long as its cycle closes; returns whether it always did."""
         while motion.coefficients is not None:
-            yield motion.coefficients, instants
+            yield beginning(motion, instants)
             instants *= 2
             if instants > finest:
-                return
-            motion = shot(search(instants), motion.state)
+                return True
+            motion = search(instants).close(motion.nodes)
+            path.append(f"shooting in segments, cycle of {instants} steps (closure {motion.closure:.1e})")
+        return False
 
     closed, marched = False, False
     for instants in dict.fromkeys((plan.instants, min(2 * plan.instants, finest))):
@@ -398,10 +402,10 @@ def _starts(train, rpm, plan, closure, path):
             marched, steady = True, cycles.march(min(orbits.STEADY, closure / CLOSER))
             path.append(f"march of {steady.tries} cycles of {instants} steps (closure {steady.closure:.1e})")
             if steady.coefficients is not None:
-                yield steady.coefficients, instants
-        orbit = shot(cycles)
-        closed = orbit.coefficients is not None
-        yield from finer(orbit, instants)
+                yield beginning(steady, instants)
+        orbit = cycles.shoot()
+        path.append(f"shooting from {orbit.tries} cycles of {instants} steps (closure {orbit.closure:.1e})")
+        closed = yield from finer(orbit, instants)
     if closure > SETTLED and not closed:
         arrival = homotopy.find(train, rpm, plan)
         outcome = "lost" if arrival.coefficients is None else "found"

@@ -14,6 +14,9 @@ from jax import lax
 SEGMENTS = 32
 """Divides every number of instants; more of them cost no less."""
 
+LENGTHS = (1.0, 0.5, 0.2, 0.05, 0.01)
+"""Shares of a Newton step that are tried."""
+
 
 def _grid(stepper, segments):
     """w of the linear train at half and full steps ahead and at the beginning, segment by segment."""
@@ -41,6 +44,15 @@ def moving(space):
     drag = jnp.abs(space.transition[half:, half:])
     undamped = jnp.max(drag, axis=1) <= 1e-9 * jnp.max(drag)
     return 1.0 - jnp.concatenate([free, free & undamped])
+
+
+def beginnings(stepper, state):
+    """States ``(SEGMENTS, n)`` that a cycle from ``state`` goes through at the beginnings of its segments."""
+
+    def through(state, segment):
+        return _run(stepper, state, *segment)[0], state
+
+    return lax.scan(through, state, _grid(stepper, SEGMENTS))[1]
 
 
 def gaps(stepper, nodes):
@@ -100,3 +112,47 @@ def correct(gap, slope, share_slope):
 
     _, nodes = lax.scan(unfold, first[:size], (slope, gap, share_slope))
     return jnp.concatenate([nodes.reshape(-1, 2), first[size:]])
+
+
+def close(stepper, nodes, *, tolerance, most):
+    """Newton's method on the nodes ``(K, n)`` of one train, until the gaps are small.
+
+    Parameters
+    ----------
+    stepper : Stepper
+    nodes : array ``(K, n)``, of a near motion
+    tolerance : float, on the norm of the gaps over that of the state on the flanks, at K nodes
+    most : int, Newton steps; each is the longest of LENGTHS that lowers the natural level (the norm of what the same
+        Jacobian would still correct), and they end where none does
+
+    Returns
+    -------
+    nodes ``(K, n)``, their relative gap
+    """
+    size = (jnp.linalg.norm(stepper.flank_state) + 1e-300) * len(nodes) ** 0.5
+    lengths = jnp.array(LENGTHS)
+
+    def unfinished(carry):
+        _, gap, done, closer = carry
+        return (gap > tolerance) & (done < most) & closer
+
+    def step(carry):
+        nodes, gap, done, _ = carry
+        missing, slope, none = linearize(lambda _: stepper, nodes, 1.0)
+
+        def closing(missing):
+            return correct(missing, slope, none)[:-1, 0].reshape(nodes.shape)
+
+        def judge(length):
+            after = gaps(stepper, nodes - length * change)
+            level = jnp.linalg.norm(closing(after)) / jnp.linalg.norm(change)
+            return level < 1 - length / 4, jnp.linalg.norm(after) / size
+
+        change = -closing(missing)
+        lower, left = lax.map(judge, lengths)
+        best = jnp.argmax(lower)
+        moved = nodes - jnp.where(lower[best], lengths[best], 0.0) * change
+        return moved, jnp.where(lower[best], left[best], gap), done + 1, lower[best]
+
+    first = jnp.linalg.norm(gaps(stepper, nodes)) / size
+    return lax.while_loop(unfinished, step, (nodes, first, jnp.array(0), jnp.array(True)))[:2]

@@ -109,7 +109,7 @@ def test_a_curve_that_is_too_long_ends_in_a_status_that_tells_the_path(hammering
     monkeypatch.setattr(homotopy, "MOST", 30)
     train, rpm = hammering
     response = jaxhb.solve(train, rpm=rpm)
-    assert response.status == Status.STALLED
+    assert response.status in (Status.STALLED, Status.MAX_STEPS)
     assert any(entry.startswith("homotopy from the linear law: lost, curve no. 3") for entry in response.path)
 
 

@@ -141,7 +141,7 @@ def test_a_sweep_tells_the_harmonics_of_every_speed_though_it_pads_them():
             {"rpm": 1500.0, "harmonics": 8},
             "8 harmonics of the cycle are below the excitation, which reaches harmonic 24",
         ),
-        ({"rpm": 1500.0, "harmonics": 3000}, "3000 harmonics are more than the limit of 2048"),
+        ({"rpm": 1500.0, "harmonics": 5000}, "5000 harmonics are more than the limit of 4096"),
         ({"rpm": 1500.0, "harmonics": 200, "method": "chain"}, "GiB at 200 harmonics"),
     ],
 )

@@ -18,20 +18,9 @@ def stepper():
     return orbits.stepper_of(train, 1500.0, PLAN)
 
 
-def nodes_of(stepper, state):
-    """States ``(K, n)`` that a cycle from ``state`` goes through at the beginnings of its segments."""
-    middle, ahead, _ = segments._grid(stepper, segments.SEGMENTS)
-
-    def through(carry, known):
-        end, _ = jax.lax.scan(lambda c, k: (stepper.advance(*c, *k), None), carry, known)
-        return end, carry[0]
-
-    return jax.lax.scan(through, (state, stepper.observe(state)), (middle, ahead))[1]
-
-
 @jax.jit
 def both_ways(stepper, state):
-    nodes = nodes_of(stepper, state)
+    nodes = segments.beginnings(stepper, state)
     end, trace = cycle(stepper, state)
     pieces = segments.linearize(lambda share: stepper, nodes, 0.0)
     whole = shooting.monodromy(stepper, state)
