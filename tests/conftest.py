@@ -5,6 +5,7 @@ Most of the time is compilation: programs are kept for all processes of the run,
 compiler optimises less, which halves it and doubles the run times.
 """
 
+import gc
 import os
 import tempfile
 from pathlib import Path
@@ -15,7 +16,10 @@ kept = None
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     kept = tempfile.TemporaryDirectory(prefix="jaxhb-tests-")
     os.environ["JAX_COMPILATION_CACHE_DIR"] = kept.name
-os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.3")
+os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+gc.set_threshold(100_000, 20, 100)
 
 import jax  # noqa: E402
 
