@@ -1,8 +1,10 @@
 """Makes the modules of ``tests`` (``tolerances``, ``reference_data``, ``dense``, ``trains``) importable by all tests.
 
 The directory of a conftest.py is put on the path by pytest; the double precision of every test comes with the package.
-Most of the time is compilation: programs are kept for all processes of the run, those that tests start too, and the
-compiler optimises less, which halves it and doubles the run times.
+Most of the time is compilation: programs are kept for all processes of the run, those that tests start too; the
+compiler optimises less, which halves it and doubles the run times, and emits kernels without its fusion dialects, which
+halves it again. Threads of OpenBLAS wait actively for matrices that take less time than the waiting. Tracing makes so
+many objects that collecting garbage as often as by default takes a third of it.
 """
 
 import gc
@@ -16,7 +18,6 @@ kept = None
 if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     kept = tempfile.TemporaryDirectory(prefix="jaxhb-tests-")
     os.environ["JAX_COMPILATION_CACHE_DIR"] = kept.name
-os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.3")
 os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 gc.set_threshold(100_000, 20, 100)
@@ -25,8 +26,8 @@ import jax  # noqa: E402
 
 import jaxhb._x64  # noqa: E402, F401
 
-MOST_MAPS = 30_000
-"""Memory maps of a process above which its programs are dropped: a solve takes 1200, and Linux gives 65530."""
+MOST_MAPS = 40_000
+"""Memory maps of a process above which its programs are dropped: a solve takes 600 to 900, and Linux gives 65530."""
 
 
 @pytest.fixture(scope="module", autouse=True)

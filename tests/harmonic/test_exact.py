@@ -144,13 +144,17 @@ def packed(law, viscous, l):
 
 def test_first_and_second_derivatives_are_those_of_differences():
     """In deflections, stiffness, epsilon, transition, backlash and damping; fourth-order differences: 1e-9 at worst."""
-    theta = packed(*motion(3))
-    steps = np.full(len(theta), 1e-4)
-    first = differences(lambda at: gradient(at, True)[0], theta, steps)
-    found = gradient(theta[None], True)[1][0]
+    theta, gradients = packed(*motion(3)), []
+
+    def value(at):
+        found, slopes = gradient(at, True)
+        gradients.append(np.asarray(slopes))
+        return found
+
+    first = differences(value, theta, np.full(len(theta), 1e-4))
+    near, back, far, farther = np.split(gradients[0], 4)
+    found = gradient(np.tile(theta, (4 * len(theta), 1)), True)[1][0]  # the batch of the differences: one program
     np.testing.assert_allclose(found, first, rtol=0, atol=1e-9 * np.abs(first).max())
-    away = np.diag(steps)
-    near, back, far, farther = (np.asarray(gradient(theta + k * away, True)[1]) for k in (1, -1, 2, -2))
     second = (8 * (near - back) - (far - farther)) / 12e-4
     np.testing.assert_allclose(hessian(theta, True), second, rtol=0, atol=1e-8 * np.abs(second).max())
 

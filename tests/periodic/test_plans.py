@@ -23,12 +23,12 @@ def pair():
 
 @pytest.fixture(scope="module")
 def plan(pair):
-    return jaxhb.plan(pair, rpm=HAMMERING_RPM, harmonics=48)
+    return jaxhb.plan(pair, rpm=HAMMERING_RPM, harmonics=50)
 
 
 def test_a_planned_solve_finds_the_same_motion(pair, plan):
     """Both converge to a residual of 1e-10 from nearly the same march."""
-    free = jaxhb.solve(pair, rpm=HAMMERING_RPM, harmonics=48)
+    free = jaxhb.solve(pair, rpm=HAMMERING_RPM, harmonics=50)
     planned = jaxhb.solve(pair, rpm=HAMMERING_RPM, plan=plan)
     assert int(planned.status) == jaxhb.Status.CONVERGED
     assert np.allclose(planned.deflections, free.deflections, atol=1e-9 * np.abs(free.deflections).max())
@@ -72,7 +72,7 @@ def test_new_numbers_compile_nothing(pair, plan):
 
 def test_a_plan_is_hashable_and_small(plan):
     assert hash(plan) == hash(dataclasses.replace(plan))
-    assert "48 harmonics" in str(plan)
+    assert "50 harmonics" in str(plan)
 
 
 def test_a_mesh_that_leaves_its_flank_violates_the_plan(pair):
@@ -102,16 +102,17 @@ def test_nan_gives_a_status_not_an_exception(pair, plan):
     def solve(damping):
         return jaxhb.solve(pair.replace({"gear a|gear b.damping": damping}), rpm=HAMMERING_RPM, plan=plan).status
 
-    assert int(jax.jit(solve)(np.nan)) == jaxhb.Status.NONFINITE
+    found = jax.vmap(solve)(np.array([np.nan, 1200.0]))
+    assert found.tolist() == [jaxhb.Status.NONFINITE, jaxhb.Status.CONVERGED]
 
 
 def test_a_sweep_is_its_single_solves(pair, plan):
     rpm = np.array([3000.0, 5500.0, HAMMERING_RPM])
-    sweep = jaxhb.solve_speeds(pair, rpm=rpm, harmonics=48)
+    sweep = jaxhb.solve_speeds(pair, rpm=rpm, harmonics=50)
     assert sweep.converged.all()
     assert len(sweep) == 3
     for i, speed in enumerate(rpm):
-        single = jaxhb.solve(pair, rpm=speed, harmonics=48)
+        single = jaxhb.solve(pair, rpm=speed, harmonics=50)
         assert sweep[i].force("gear a", "gear b").max == pytest.approx(
             float(single.force("gear a", "gear b").max), rel=1e-8
         )
