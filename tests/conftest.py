@@ -20,13 +20,13 @@ if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
     os.environ["JAX_COMPILATION_CACHE_DIR"] = kept.name
 os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-gc.set_threshold(100_000, 20, 100)
+gc.set_threshold(50_000)
 
 import jax  # noqa: E402
 
 import jaxhb._x64  # noqa: E402, F401
 
-MOST_MAPS = 40_000
+MOST_MAPS = 30_000
 """Memory maps of a process above which its programs are dropped: a solve takes 600 to 900, and Linux gives 65530."""
 
 
