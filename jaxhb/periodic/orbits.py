@@ -1,9 +1,9 @@
 """Starts for Newton's method where a march of a few cycles does not settle: closed orbits, found by shooting.
 
 Light damping makes time integration settle slowly, and strong hammering makes the wanted motion unstable or one of
-many that the march visits. Newton's method on the state at the beginning of the cycle finds it all the same, from one
-or another of the cycles that a short march went through. Motions found here are those of the steps taken; the
-harmonics correct them.
+many that the march visits. Newton's method on the state at the beginning of the cycle, then on the states of all its
+segments, finds it all the same, from one or another of the cycles that a short march went through. Motions found here
+are those of the steps taken; the harmonics correct them.
 """
 
 from dataclasses import dataclass, replace
@@ -35,10 +35,11 @@ LANES, SMALL = 8, 24
 """Cycles shot from side by side, where there are that many, and states up to which this is cheaper."""
 
 STEPS = 15
-"""Newton steps of one shooting: of those that succeed within 40, nine out of ten take no more than 12."""
+"""Newton steps of one shooting, in one piece and then in segments: of those that succeed in one piece within 40, nine
+out of ten take no more than 12."""
 
 SETTLED, CLOSED = 1e-6, 1e-8
-"""Closure of a cycle, and of its segments, that counts as periodic: far below what the steps themselves leave."""
+"""Closure of a cycle that counts as periodic, far below what the steps themselves leave; of its segments, aimed at."""
 
 
 FLEXIBLE = 1e-6
@@ -86,17 +87,18 @@ def _visited(stepper, until):
 
 @jax.jit
 def _shot(stepper, states):
-    """Nodes ``(lanes, K, n)``, deflections and closures reached from ``(lanes, n)`` states."""
+    """What :func:`_closed` makes of the cycles that shooting reaches from ``(lanes, n)`` states."""
 
     def one(state):
         shot = shoot(stepper, state, steps_newton=STEPS, tolerance=SETTLED, persistent=True)
-        return segments.beginnings(stepper, shot.state), shot.trace.deflection, shot.closure_after
+        return _closed(stepper, segments.beginnings(stepper, shot.state))
 
     return jax.vmap(one)(states)
 
 
 @jax.jit
 def _closed(stepper, nodes):
+    """Nodes ``(K, n)`` with smaller gaps, the deflections ``(G, instants)`` of their motion, and the gap left."""
     nodes, gap = segments.close(stepper, nodes, tolerance=CLOSED, most=STEPS)
     return nodes, segments.deflection(stepper, nodes), gap
 
@@ -145,10 +147,10 @@ class Search:
         for first in range(0, len(seeds), lanes):
             begin = seeds[first : first + lanes]
             padded = np.concatenate([begin, np.repeat(begin[-1:], lanes - len(begin), axis=0)])
-            nodes, deflections, closures = _shot(self.stepper, padded)
+            nodes, deflections, closures = jax.tree.map(np.asarray, _shot(self.stepper, padded))
             lane = int(np.argmin(np.nan_to_num(closures, nan=np.inf)))
             if closures[lane] < best.closure:
-                best = Orbit(None, float(closures[lane]), np.asarray(nodes[lane]), 0)
+                best = Orbit(None, float(closures[lane]), nodes[lane], 0)
             best = replace(best, tries=first + len(begin))
             if best.closure <= SETTLED:
                 return replace(best, coefficients=coefficients(deflections[lane]))
@@ -157,7 +159,7 @@ class Search:
     def close(self, nodes):
         """The :class:`Orbit` near the nodes of another one, which other steps found."""
         nodes, deflection, gap = jax.tree.map(np.asarray, _closed(self.stepper, nodes))
-        found = coefficients(deflection) if gap <= CLOSED else None
+        found = coefficients(deflection) if gap <= SETTLED else None
         return Orbit(found, float(gap), nodes, 1)
 
     def _seeds(self):
