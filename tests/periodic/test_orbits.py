@@ -55,6 +55,10 @@ def test_modes_too_fast_for_the_steps_answer_statically():
     search = orbits.Search(train, rpm, plan)
     problem = pose(train, rpm, plan.harmonics, plan.excited)
     reduced, _ = reduced_equation(problem, plan.harmonics, plan.choice.active, plan.choice.chosen, plan.choice.flank)
+    settled, closed = search.march(1e-9), search.shoot()
+    size = np.abs(settled.coefficients).max()
+    assert closed.closure <= orbits.SETTLED and len(search._seeds()) >= orbits.LANES  # side by side
+    np.testing.assert_allclose(closed.coefficients, settled.coefficients, atol=1e-5 * size)  # ten times SETTLED
     left = []
     for static in (search.stepper.static, None):
         search.stepper = dataclasses.replace(search.stepper, static=static)

@@ -39,6 +39,17 @@ def test_segments_in_a_row_are_the_cycle():
     np.testing.assert_array_equal(share_slope, 0.0)
 
 
+def test_segments_closed_one_by_one_are_a_periodic_cycle():
+    train = stepper()
+    nodes, left = jax.jit(lambda nodes: segments.close(train, nodes, tolerance=1e-10, most=15))(
+        segments.beginnings(train, train.flank_state)
+    )
+    _, begun = cycle(train, train.flank_state)
+    _, closed = cycle(train, nodes[0])
+    assert left <= 1e-10 < 1e-6 < begun.closure
+    assert closed.closure < 1e-8  # no Floquet multiplier of this train is large
+
+
 def test_correction_and_tangent_solve_the_linearised_equations():
     rng = np.random.default_rng(3)
     count, size = 8, 4

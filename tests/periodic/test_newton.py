@@ -1,0 +1,44 @@
+"""Damped Newton's method on equations whose answer is known."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxhb.periodic.newton import newton
+
+
+def solve(evaluate, start, max_steps=24):
+    def direction(_, x, residual, error, forcing):
+        return jnp.linalg.solve(jax.jacfwd(evaluate)(x), residual), 1
+
+    @jax.jit
+    def run(start):
+        return newton(evaluate, lambda x: (), direction, jnp.linalg.norm, start, tolerance=1e-12, max_steps=max_steps)
+
+    return run(jnp.asarray(start))[0]
+
+
+@pytest.mark.parametrize("scale", [10.0, 1e3, 1e6])
+def test_steps_along_a_curved_valley_do_not_depend_on_how_the_equations_are_scaled(scale):
+    """Rosenbrock's valley: the residual rises on the way, by as much as ``scale`` wants, the natural level does not."""
+    found = solve(lambda x: jnp.array([scale * (x[1] - x[0] ** 2), 1 - x[0]]), [-1.2, 1.0])
+    np.testing.assert_allclose(found.x, [1.0, 1.0], atol=1e-12)
+    assert found.error <= 1e-12 and found.steps <= 12
+
+
+def test_a_start_that_solves_the_equations_is_kept():
+    found = solve(lambda x: x**2 - 1, [1.0, -1.0])
+    np.testing.assert_array_equal(found.x, [1.0, -1.0])
+    assert found.steps == 0
+
+
+def test_equations_without_a_root_stall():
+    found = solve(lambda x: x**2 + 1, [0.5], max_steps=100)
+    assert found.stalled and found.steps < 100 and np.isfinite(found.x).all()
+
+
+def test_residuals_that_are_not_finite_shorten_the_step():
+    """log(x) from 3: the whole step goes to a negative number."""
+    found = solve(jnp.log, [3.0])
+    np.testing.assert_allclose(found.x, 1.0, atol=1e-12)
