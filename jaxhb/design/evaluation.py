@@ -7,6 +7,7 @@ all; it is verified, and where a changed design shakes a tooth off the speed is 
 
 import dataclasses
 from dataclasses import dataclass
+from functools import partial
 
 import jax
 import numpy as np
@@ -19,14 +20,17 @@ from ..periodic.problem import pose
 from ..periodic.program import Start
 from ..periodic.solve import solve
 from ..periodic.speeds import CHUNK, HEAVY, plan_speeds
-from .lanes import Form, combine, estimate_lanes, pose_designs, pull_back, read_lanes, to_values
+from .lanes import Form, combine, estimate_lanes, pose_designs, pull_back, pull_lanes, read_lanes, to_values
 from .quantities import OF_DESIGN
 
 LADDER = 3
 """Lost speeds of a trial that are taken up the ladder of :func:`jaxhb.solve`; with more of them it went too far."""
 
-NEGLIGIBLE = 1e-13
+NEGLIGIBLE = 1e-10
 """Share of the largest derivative of the objective by a reading below which no gradient is taken through it."""
+
+SETTLED = 1e-4
+"""Closure at which a march ends; what its steps leave of the equations is as much."""
 
 FARTHEST = 6.9
 """|z| of a start on a bound: a thousandth of the range inside it, where the share still has a slope."""
@@ -208,7 +212,9 @@ class Bench:
         self.calls += 1
         trial = _Trial(self, z, near, counted, np.broadcast_to(wanted, len(z)))
         trial.solve(np.broadcast_to(trial.wanted[:, None], counted.shape), near.solved)
-        trial.solve(trial.lost() & near.solved & (trial.status != Status.PLAN_VIOLATED), False)
+        again = trial.lost() & near.solved & (trial.status != Status.PLAN_VIOLATED)
+        trial.solve(again & ~trial.resumed, True, other=False)
+        trial.solve(again & trial.resumed, False)
         violated = trial.lost() & (trial.status == Status.PLAN_VIOLATED)
         trial.kind[violated] = 0
         trial.solve(violated, False)
@@ -232,10 +238,10 @@ class Bench:
             higher = decide.next_level(plan.harmonics, plan.method)
             lanes = np.argwhere(counted & (point.kind == number)) if plan.active and higher else ()
             for chunk, padded in _chunks(lanes, plan):
-                numbers = numbers or self._pose(point.z)[0]
+                numbers = self._pose(point.z)[0] if numbers is None else numbers
                 motion = _active(point.motion[tuple(padded.T)], plan)
-                given = [leaf[tuple(padded.T)] for leaf in numbers]
-                errors = estimate_lanes(given, self.integers, motion, plan.choice, form=self.form, plan=_shape(plan))
+                lanes = numbers[tuple(padded.T)], self.integers
+                errors = estimate_lanes(*lanes, motion, plan.choice, form=self.form, plan=_shape(plan))
                 if (np.asarray(errors)[: len(chunk)] > plan.limit).any():
                     short.add(number)
                     break
@@ -243,7 +249,7 @@ class Bench:
 
     def _pose(self, z):
         numbers, pull = pose_designs(self.train, self.speeds, z, task=self.task, excited=self.excited, form=self.form)
-        return [np.asarray(leaf) for leaf in numbers], pull
+        return np.asarray(numbers), pull
 
     def reading(self, point, best):
         """The :class:`Reading` of one design."""
@@ -272,7 +278,8 @@ class _Trial:
         task, shape = bench.task, near.status.shape
         self.bench, self.z, self.counted, self.wanted = bench, z, counted, wanted
         self.numbers, self.pull = bench._pose(z)
-        self.kind, self.status = near.kind.copy(), near.status.copy()
+        self.kind, self.status, self.resumed = near.kind.copy(), near.status.copy(), np.zeros(shape, dtype=bool)
+        self.unmoved = (z == near.z).all(1, keepdims=True)
         harmonics = max(plan.harmonics for plan in bench.kinds)
         self.motion = np.zeros((*near.motion.shape[:3], harmonics + 1), dtype=complex)
         kept = min(self.motion.shape[-1], near.motion.shape[-1])
@@ -285,36 +292,36 @@ class _Trial:
         """Lanes that count and are not solved."""
         return self.wanted[:, None] & self.counted & (self.status > Status.TOLERANCE_NOT_MET)
 
-    def solve(self, lanes, given):
-        """Solve ``lanes`` ``(A, n)``, from the motion at hand where it is ``given``."""
+    def solve(self, lanes, given, other=True):
+        """Solve ``lanes`` ``(A, n)``, from the motion at hand where it is ``given`` and no ``other`` start is better.
+
+        A march is where the motion at hand leaves more of the equations; teeth in contact are, where none separates,
+        once the design has changed.
+        """
         given = np.broadcast_to(given, lanes.shape)
         for number in np.unique(self.kind[lanes]):
             plan = self.bench.kinds[number]
+            marching = plan.start == "march"
+            own = given & (marching | self.unmoved | (not other))
             for chunk, padded in _chunks(np.argwhere(lanes & (self.kind == number)), plan):
-                self._read(plan, chunk, padded, given[tuple(padded.T)])
+                self._read(plan, chunk, padded, own[tuple(padded.T)], plan.cycles if marching and other else 0)
 
-    def _read(self, plan, chunk, padded, given):
+    def _read(self, plan, chunk, padded, given, cycles):
         bench, at, into = self.bench, tuple(padded.T), tuple(chunk.T)
         start = Start(
             _active(self.motion[at], plan) if plan.active else np.zeros((len(padded), 0, plan.harmonics + 1), complex),
             given,
-            np.where(given, 0, plan.cycles if plan.start == "march" else 0),
+            np.full(len(padded), cycles),
+            np.full(len(padded), SETTLED),
         )
-        (smooth, pull, aux) = read_lanes(
-            [leaf[at] for leaf in self.numbers],
-            bench.integers,
-            bench.speeds[at],
-            start,
-            plan.choice,
-            form=bench.form,
-            asked=bench.task.asked,
-            plan=_shape(plan),
-        )
-        status, motion, exact = (np.asarray(a)[: len(chunk)] for a in aux)
+        lanes = self.numbers[at], bench.integers, bench.speeds[at]
+        shape = {"form": bench.form, "asked": bench.task.asked, "plan": _shape(plan)}
+        smooth, found, told = read_lanes(*lanes, start, plan.choice, **shape)
+        status, closure, motion, exact = (np.asarray(a)[: len(chunk)] for a in told)
         self.owner[into] = len(self.pulls)
-        self.pulls.append((pull, chunk, len(padded)))
+        self.pulls.append((chunk, padded, partial(pull_lanes, *lanes, found, plan.choice, **shape)))
         self.smooth[into], self.exact[into] = np.asarray(smooth)[: len(chunk)], exact
-        self.status[into] = status
+        self.status[into], self.resumed[into] = status, given[: len(chunk)] & (closure == 0)
         self.motion[into] = 0.0
         self.motion[(*into, slice(None), slice(0, motion.shape[-1]))] = motion
 
@@ -329,7 +336,7 @@ class _Trial:
                 self.kind[a, i] = 0
                 self.motion[a, i] = 0.0
                 self.motion[a, i, :, : response.deflections.shape[-1]] = response.deflections
-        self.solve(found, True)
+        self.solve(found, True, other=False)
 
     def point(self, most):
         """The Point, with gradients where the value is at most ``most``; a speed without one counts as lost."""
@@ -341,9 +348,7 @@ class _Trial:
             value, of_design, by_z, by_smooth = jax.tree.map(np.asarray, combined)
             steep = self.wanted & (value <= most)
             lanes = self._pulled(np.where(steep[:, None, None], by_smooth, 0.0))
-            whole = np.ones(kept.shape, dtype=bool)
-            for leaf in lanes:
-                whole &= np.isfinite(leaf).all(axis=tuple(range(2, leaf.ndim)))
+            whole = np.isfinite(lanes).all(axis=-1)
             if (whole | ~kept).all():
                 break
             self.status[kept & ~whole] = Status.STALLED
@@ -362,17 +367,16 @@ class _Trial:
 
     def _pulled(self, by_smooth):
         """The derivative of the objective by the numbers of every lane, from that by its readings."""
-        by_numbers = [np.zeros_like(leaf) for leaf in self.numbers]
+        by_numbers = np.zeros_like(self.numbers)
         size = np.abs(by_smooth * self.smooth)
         counts = size.max(axis=(1, 2), keepdims=True) * NEGLIGIBLE < size
-        for number, (pull, chunk, width) in enumerate(self.pulls):
+        for number, (chunk, padded, pull) in enumerate(self.pulls):
             into = tuple(chunk.T)
             own = (self.owner[into] == number)[:, None] & counts[into]
             if own.any():
-                cotangent = np.zeros((width, by_smooth.shape[-1]))
+                cotangent = np.zeros((len(padded), by_smooth.shape[-1]))
                 cotangent[: len(chunk)] = np.where(own, by_smooth[into], 0.0)
-                for total, part in zip(by_numbers, pull_back(pull, cotangent), strict=True):
-                    total[into] += np.asarray(part)[: len(chunk)]
+                by_numbers[into] += np.asarray(pull(cotangent))[: len(chunk)]
         return by_numbers
 
 

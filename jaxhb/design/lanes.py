@@ -7,6 +7,7 @@ taken only where the value turned out to be worth it, and only through the speed
 """
 
 import dataclasses
+import math
 from dataclasses import dataclass
 from functools import partial
 
@@ -18,7 +19,7 @@ from jax import lax
 from ..harmonic import fourier
 from ..periodic.derivative import only_if_finite
 from ..periodic.problem import pose
-from ..periodic.program import estimate, solve_problem
+from ..periodic.program import differentiable, estimate, find
 from ..periodic.solve import respond
 from . import objectives
 from .quantities import OF_DESIGN, QUANTITIES, frequencies_hz, inertia_added
@@ -48,26 +49,43 @@ class Task:
 
 @dataclass(frozen=True)
 class Form:
-    """How a train and its problem are made of their numbers, and of the integers that no design changes."""
+    """How a train and its problem are made of a vector of their numbers, and of the integers that no design changes.
+
+    leaves : shape and kind ("f", "c", "i") of each leaf. One vector, as a program with few arguments starts sooner.
+    """
 
     structure: object
-    is_number: tuple
+    leaves: tuple
 
     @classmethod
     def of(cls, tree):
-        """The form of a tree, and its integers."""
+        """The form of a tree, and its integers on the device."""
         leaves, structure = jax.tree.flatten(tree)
-        is_number = tuple(jnp.issubdtype(jnp.result_type(leaf), jnp.inexact) for leaf in leaves)
-        return cls(structure, is_number), [leaf for leaf, number in zip(leaves, is_number, strict=True) if not number]
+        kinds = [jnp.result_type(leaf).kind for leaf in leaves]
+        form = cls(structure, tuple((np.shape(leaf), kind) for leaf, kind in zip(leaves, kinds, strict=True)))
+        return form, [jnp.asarray(leaf) for leaf, kind in zip(leaves, kinds, strict=True) if kind not in "fc"]
 
     def numbers(self, tree):
-        """The leaves that are numbers."""
-        return [leaf for leaf, number in zip(jax.tree.leaves(tree), self.is_number, strict=True) if number]
+        """The leaves that are numbers as one real vector ``(K,)``."""
+        flat = []
+        for leaf, (_, kind) in zip(jax.tree.leaves(tree), self.leaves, strict=True):
+            if kind in "fc":
+                flat += [jnp.ravel(leaf.real), jnp.ravel(leaf.imag)] if kind == "c" else [jnp.ravel(leaf)]
+        return jnp.concatenate(flat)
 
     def build(self, numbers, integers):
         """The tree."""
-        numbers, integers = iter(numbers), iter(integers)
-        return jax.tree.unflatten(self.structure, [next(numbers if number else integers) for number in self.is_number])
+        at, integers, leaves = 0, iter(integers), []
+
+        def take(shape):
+            nonlocal at
+            at += math.prod(shape)
+            return numbers[at - math.prod(shape) : at].reshape(shape)
+
+        for shape, kind in self.leaves:
+            number = take(shape) if kind in "fc" else next(integers)
+            leaves.append(number + 1j * take(shape) if kind == "c" else number)
+        return jax.tree.unflatten(self.structure, leaves)
 
 
 def to_values(z, parameters):
@@ -88,7 +106,7 @@ def _changed(train, z, task):
 
 @partial(jax.jit, static_argnames=("task", "excited", "form"))
 def pose_designs(train, rpm, z, *, task, excited, form):
-    """The numbers of train and problem of every lane, leaves ``(A, n, ...)``, and their pullback to z ``(A, P)``.
+    """The numbers of train and problem of every lane ``(A, n, K)``, and their pullback to z ``(A, P)``.
 
     ``rpm`` ``(A, n)``.
     """
@@ -106,7 +124,7 @@ def read_lanes(numbers, integers, rpm, start, choice, *, form, asked, plan):
 
     Parameters
     ----------
-    numbers : list of arrays ``(c, ...)``; integers : list of arrays
+    numbers : array ``(c, K)``; integers : list of arrays
     rpm : array ``(c,)``
     start : Start of leaves ``(c, ...)``
     choice : Choice
@@ -115,24 +133,58 @@ def read_lanes(numbers, integers, rpm, start, choice, *, form, asked, plan):
     Returns
     -------
     smooth : array ``(c, J)``
-    pull : pullback of ``smooth`` to ``numbers``
-    status ``(c,)``, deflections of all meshes ``(c, M, N+1)``, readings not smoothed ``(c, J)``
+    found : the solutions, for :func:`pull_lanes`
+    status ``(c,)``, closure of the march or 0 ``(c,)``, deflections of all meshes ``(c, M, N+1)``, readings not smoothed ``(c, J)``
     """
 
     def lane(numbers, speed, start):
-        changed, problem = form.build(only_if_finite(numbers), integers)
-        problem = dataclasses.replace(problem, load=fourier.resize(problem.load, plan.harmonics))
-        sizes = dataclasses.replace(plan.sizes, max_steps=NEWTON_STEPS, estimated=False)
-        return respond(changed, speed, problem, solve_problem(problem, choice, start, 1.0, sizes), plan)
-
-    def every(numbers):
-        response = jax.vmap(lane)(numbers, rpm, start)
-        smooth = [QUANTITIES[quantity].read(response, of, order) for quantity, of, order in asked]
+        train, problem = _problem(form, numbers, integers, plan)
+        found = find(problem, choice, start, 1.0, _sizes(plan))
+        response = respond(train, speed, problem, found[0], plan)
         exact = [QUANTITIES[quantity].tell(response, of, order) for quantity, of, order in asked]
-        aux = jnp.asarray(response.status), response.deflections, jnp.stack(exact, axis=-1)
-        return jnp.stack(smooth, axis=-1), lax.stop_gradient(aux)
+        told = jnp.asarray(response.status), found[0].closure, response.deflections, jnp.stack(exact)
+        return _smooth(response, asked), found, told
 
-    return jax.vjp(every, numbers, has_aux=True)
+    return _each(lane, numbers, rpm, start)
+
+
+@partial(jax.jit, static_argnames=("form", "asked", "plan"))
+def pull_lanes(numbers, integers, rpm, found, choice, cotangent, *, form, asked, plan):
+    """What a derivative by the readings ``(c, J)`` of solved lanes is by their numbers ``(c, K)``.
+
+    Arguments as in :func:`read_lanes`, ``found`` from there.
+    """
+
+    def lane(numbers, speed, found, cotangent):
+        def read(numbers):
+            train, problem = _problem(form, only_if_finite(numbers), integers, plan)
+            outcome = differentiable(problem, choice, found, _sizes(plan))
+            return _smooth(respond(train, speed, problem, outcome, plan), asked)
+
+        return jax.vjp(read, numbers)[1](cotangent)[0]
+
+    return _each(lane, numbers, rpm, found, cotangent)
+
+
+def _problem(form, numbers, integers, plan):
+    """Train and problem of a lane with the harmonics of its plan."""
+    train, problem = form.build(numbers, integers)
+    return train, dataclasses.replace(problem, load=fourier.resize(problem.load, plan.harmonics))
+
+
+def _sizes(plan):
+    return dataclasses.replace(plan.sizes, max_steps=NEWTON_STEPS, estimated=False)
+
+
+def _smooth(response, asked):
+    return jnp.stack([QUANTITIES[quantity].read(response, of, order) for quantity, of, order in asked])
+
+
+def _each(lane, *batch):
+    """``lane`` of every lane; of a single one without ``vmap``, under which a condition runs both its branches."""
+    if len(jax.tree.leaves(batch)[0]) > 1:
+        return jax.vmap(lane)(*batch)
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], lane(*jax.tree.map(lambda leaf: leaf[0], batch)))
 
 
 @partial(jax.jit, static_argnames=("form", "plan"))
@@ -140,11 +192,9 @@ def estimate_lanes(numbers, integers, motion, choice, *, form, plan):
     """Truncation errors ``(c,)`` of solved lanes, ``motion`` ``(c, G, N+1)`` of the active meshes."""
 
     def lane(numbers, motion):
-        _, problem = form.build(numbers, integers)
-        problem = dataclasses.replace(problem, load=fourier.resize(problem.load, plan.harmonics))
-        return estimate(problem, choice, motion, plan.sizes)
+        return estimate(_problem(form, numbers, integers, plan)[1], choice, motion, plan.sizes)
 
-    return jax.vmap(lane)(numbers, motion)
+    return _each(lane, numbers, motion)
 
 
 @jax.jit

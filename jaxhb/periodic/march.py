@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 
 from ..harmonic import fourier
-from ..transient.integrate import march
+from ..transient.integrate import settle
 from ..transient.stepper import cut, flank_excess
 from ..transient.surrogate import resting_on_flank
 
@@ -39,8 +39,10 @@ def begin(reduced, space, instants, static=None):
     )
 
 
-def marched(reduced, space, instants, cycles):
+def marched(reduced, space, instants, cycles, enough=0.0):
     """Deflections over the last of ``cycles`` cycles of ``instants`` steps, begun with every mesh on its drive side.
+
+    The march ends earlier where a cycle closes to ``enough``.
 
     Returns
     -------
@@ -48,7 +50,7 @@ def marched(reduced, space, instants, cycles):
     that cycle
     """
     stepper = begin(reduced, space, instants)
-    _, trace = march(stepper, stepper.flank_state, cycles)
+    trace = settle(stepper, stepper.flank_state, tolerance=enough, max_cycles=cycles).trace
     harmonics = reduced.linear.shape[-1] - 1
     kept = fourier.analyze(trace.deflection, min(harmonics, (instants - 1) // 2))
     finite = jnp.all(jnp.isfinite(trace.deflection))

@@ -19,6 +19,9 @@ from .problem import fields, held_in_contact, offset_load, reduced_equation
 SINGULAR = 1e11
 """Link force over load beyond which the linear train is at an undamped resonance: rounding alone is left there."""
 
+NEAR = 3e-4
+"""Relative residual, a few times that of a settled march, from which Newton's method takes longer than a march."""
+
 
 @dataclass(frozen=True)
 class Sizes:
@@ -43,11 +46,16 @@ class Sizes:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Start:
-    """Where Newton starts: coefficients ``(G, N+1)`` where ``given``, else teeth in contact and ``cycles`` marched."""
+    """Where Newton starts: coefficients ``(G, N+1)`` where ``given``, else teeth in contact and ``cycles`` marched.
+
+    Where a given motion leaves more than NEAR of the equations unsolved cycles are marched as well, and the better of
+    the two is the start. A march ends early where a cycle closes to ``enough``.
+    """
 
     coefficients: jax.Array
     given: jax.Array
     cycles: jax.Array
+    enough: jax.Array | float = 0.0
 
 
 @jax.tree_util.register_dataclass
@@ -94,12 +102,17 @@ def solve_problem(problem, choice, start, tolerance, sizes):
     Outcome
     """
     frozen = lax.stop_gradient((problem, start, tolerance))
-    outcome, at, solved = _find(frozen[0], choice, *frozen[1:], sizes)
-    found, deflection = attach(sizes, problem, choice, at, solved, outcome.fields, outcome.deflection)
-    return dataclasses.replace(outcome, fields=found, deflection=deflection)
+    return differentiable(problem, choice, find(frozen[0], choice, *frozen[1:], sizes), sizes)
 
 
-def _find(problem, choice, start, tolerance, sizes):
+def differentiable(problem, choice, found, sizes):
+    """The Outcome that :func:`find` found, with its derivative with respect to ``problem``."""
+    outcome, at, solved = found
+    fields, deflection = attach(sizes, problem, choice, at, solved, outcome.fields, outcome.deflection)
+    return dataclasses.replace(outcome, fields=fields, deflection=deflection)
+
+
+def find(problem, choice, start, tolerance, sizes):
     """The Outcome without derivatives, what :func:`attach` needs of its motion, whether it solves."""
     harmonics = problem.load.shape[-1] - 1
     none = len(choice.active) == 0
@@ -138,15 +151,23 @@ def _find(problem, choice, start, tolerance, sizes):
 
 
 def _first(reduced, space, start, sizes):
-    """Where Newton starts, coefficients ``(G, N+1)``, and the closure of the march."""
+    """Where Newton starts, coefficients ``(G, N+1)``, and the closure of the march, 0 without."""
+
+    sampled = dataclasses.replace(reduced, integrals="sampled")
+    begun = jnp.where(start.given, start.coefficients, on_flank(reduced))
+
+    def left(deflection):
+        return relative_residual(sampled, sampled.residual(deflection, sizes.samples))
 
     def march():
-        return marched(reduced, space, sizes.instants, start.cycles)
+        found, closure = marched(reduced, space, sizes.instants, start.cycles, start.enough)
+        worse = start.given & ~(left(found) < remaining)
+        return jnp.where(worse, begun, found), jnp.where(worse, 0.0, closure)
 
-    def stand():
-        return jnp.where(start.given, start.coefficients, on_flank(reduced)), jnp.zeros(())
-
-    return lax.cond(start.cycles > 0, march, stand)
+    given = start.given & (start.cycles > 0)
+    remaining = lax.cond(given, left, lambda _: jnp.inf, begun)
+    marching = (start.cycles > 0) & (remaining > NEAR)
+    return lax.cond(marching, march, lambda: (begun, jnp.zeros(())))
 
 
 def _by_chain(problem, choice, reduced, folded, start, sizes):
