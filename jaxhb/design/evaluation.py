@@ -26,7 +26,7 @@ from .quantities import OF_DESIGN
 LADDER = 3
 """Lost speeds of a trial that are taken up the ladder of :func:`jaxhb.solve`; with more of them it went too far."""
 
-NEGLIGIBLE = 1e-10
+NEGLIGIBLE = 1e-8
 """Share of the largest derivative of the objective by a reading below which no gradient is taken through it."""
 
 SETTLED = 1e-4
@@ -144,7 +144,11 @@ class Bench:
         self.calls = 0
         excited = listed_harmonic(train.topology)
         self.excited = excited or max(plan.harmonics for plan in (loudest, *plans))
-        self.form, self.integers = Form.of((train, pose(train, float(rpm[0]), self.excited)))
+        moved = train.replace({p.name: train.value(p.name) for p in task.parameters})
+        problem = pose(train, float(rpm[0]), self.excited)
+        same = [old is new for old, new in zip(jax.tree.leaves(train), jax.tree.leaves(moved), strict=True)]
+        same += [False] * len(jax.tree.leaves(problem))
+        self.form, self.held = Form.of((train, problem), same)
 
     def first(self, z):
         """The Point of designs without motions, lost speeds up the ladder."""
@@ -240,7 +244,7 @@ class Bench:
             for chunk, padded in _chunks(lanes, plan):
                 numbers = self._pose(point.z)[0] if numbers is None else numbers
                 motion = _active(point.motion[tuple(padded.T)], plan)
-                lanes = numbers[tuple(padded.T)], self.integers
+                lanes = numbers[tuple(padded.T)], self.held
                 errors = estimate_lanes(*lanes, motion, plan.choice, form=self.form, plan=_shape(plan))
                 if (np.asarray(errors)[: len(chunk)] > plan.limit).any():
                     short.add(number)
@@ -314,7 +318,7 @@ class _Trial:
             np.full(len(padded), cycles),
             np.full(len(padded), SETTLED),
         )
-        lanes = self.numbers[at], bench.integers, bench.speeds[at]
+        lanes = self.numbers[at], bench.held, bench.speeds[at]
         shape = {"form": bench.form, "asked": bench.task.asked, "plan": _shape(plan)}
         smooth, found, told = read_lanes(*lanes, start, plan.choice, **shape)
         status, closure, motion, exact = (np.asarray(a)[: len(chunk)] for a in told)

@@ -2,7 +2,7 @@
 
 A lane is one design at one speed. What depends on the parameters is done for all designs at once and ends in the
 numbers of the lanes' problems; what is expensive, a solve per lane, knows no parameters: its program serves any of
-them, and a gradient passes it once whatever their number. Each program hands out its pullback, so that a gradient is
+them, and a gradient passes it once whatever their number. Solving and differentiating are two programs: a gradient is
 taken only where the value turned out to be worth it, and only through the speeds that matter.
 """
 
@@ -14,7 +14,6 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
 
 from ..harmonic import fourier
 from ..periodic.derivative import only_if_finite
@@ -49,33 +48,33 @@ class Task:
 
 @dataclass(frozen=True)
 class Form:
-    """How a train and its problem are made of a vector of their numbers, and of the integers that no design changes.
+    """How a train and its problem are made of a vector of their numbers and of what no design or speed changes.
 
-    leaves : shape and kind ("f", "c", "i") of each leaf. One vector, as a program with few arguments starts sooner.
+    leaves : shape and kind of each leaf, "f" real, "c" complex, "h" held. Tables of pressures would fill the vectors.
     """
 
     structure: object
     leaves: tuple
 
     @classmethod
-    def of(cls, tree):
-        """The form of a tree, and its integers on the device."""
+    def of(cls, tree, held):
+        """The form of a tree and the leaves, on the device, that are ``held`` (bool of each leaf) or integers."""
         leaves, structure = jax.tree.flatten(tree)
         kinds = [jnp.result_type(leaf).kind for leaf in leaves]
+        kinds = [kind if kind in "fc" and not keep else "h" for kind, keep in zip(kinds, held, strict=True)]
         form = cls(structure, tuple((np.shape(leaf), kind) for leaf, kind in zip(leaves, kinds, strict=True)))
-        return form, [jnp.asarray(leaf) for leaf, kind in zip(leaves, kinds, strict=True) if kind not in "fc"]
+        return form, [jnp.asarray(leaf) for leaf, kind in zip(leaves, kinds, strict=True) if kind == "h"]
 
     def numbers(self, tree):
-        """The leaves that are numbers as one real vector ``(K,)``."""
+        """The leaves that change as one real vector ``(K,)``."""
         flat = []
         for leaf, (_, kind) in zip(jax.tree.leaves(tree), self.leaves, strict=True):
-            if kind in "fc":
-                flat += [jnp.ravel(leaf.real), jnp.ravel(leaf.imag)] if kind == "c" else [jnp.ravel(leaf)]
-        return jnp.concatenate(flat)
+            flat += {"f": (leaf,), "c": (leaf.real, leaf.imag), "h": ()}[kind]
+        return jnp.concatenate([jnp.ravel(leaf) for leaf in flat])
 
-    def build(self, numbers, integers):
+    def build(self, numbers, held):
         """The tree."""
-        at, integers, leaves = 0, iter(integers), []
+        at, held, leaves = 0, iter(held), []
 
         def take(shape):
             nonlocal at
@@ -83,7 +82,7 @@ class Form:
             return numbers[at - math.prod(shape) : at].reshape(shape)
 
         for shape, kind in self.leaves:
-            number = take(shape) if kind in "fc" else next(integers)
+            number = next(held) if kind == "h" else take(shape)
             leaves.append(number + 1j * take(shape) if kind == "c" else number)
         return jax.tree.unflatten(self.structure, leaves)
 
@@ -119,12 +118,12 @@ def pose_designs(train, rpm, z, *, task, excited, form):
 
 
 @partial(jax.jit, static_argnames=("form", "asked", "plan"))
-def read_lanes(numbers, integers, rpm, start, choice, *, form, asked, plan):
+def read_lanes(numbers, held, rpm, start, choice, *, form, asked, plan):
     """Solve lanes of one plan and read their responses.
 
     Parameters
     ----------
-    numbers : array ``(c, K)``; integers : list of arrays
+    numbers : array ``(c, K)``; held : list of arrays, from :meth:`Form.of`
     rpm : array ``(c,)``
     start : Start of leaves ``(c, ...)``
     choice : Choice
@@ -134,11 +133,12 @@ def read_lanes(numbers, integers, rpm, start, choice, *, form, asked, plan):
     -------
     smooth : array ``(c, J)``
     found : the solutions, for :func:`pull_lanes`
-    status ``(c,)``, closure of the march or 0 ``(c,)``, deflections of all meshes ``(c, M, N+1)``, readings not smoothed ``(c, J)``
+    status ``(c,)``, closure of the march or 0 ``(c,)``, deflections of all meshes ``(c, M, N+1)``, readings not
+    smoothed ``(c, J)``
     """
 
     def lane(numbers, speed, start):
-        train, problem = _problem(form, numbers, integers, plan)
+        train, problem = _problem(form, numbers, held, plan)
         found = find(problem, choice, start, 1.0, _sizes(plan))
         response = respond(train, speed, problem, found[0], plan)
         exact = [QUANTITIES[quantity].tell(response, of, order) for quantity, of, order in asked]
@@ -149,7 +149,7 @@ def read_lanes(numbers, integers, rpm, start, choice, *, form, asked, plan):
 
 
 @partial(jax.jit, static_argnames=("form", "asked", "plan"))
-def pull_lanes(numbers, integers, rpm, found, choice, cotangent, *, form, asked, plan):
+def pull_lanes(numbers, held, rpm, found, choice, cotangent, *, form, asked, plan):
     """What a derivative by the readings ``(c, J)`` of solved lanes is by their numbers ``(c, K)``.
 
     Arguments as in :func:`read_lanes`, ``found`` from there.
@@ -157,7 +157,7 @@ def pull_lanes(numbers, integers, rpm, found, choice, cotangent, *, form, asked,
 
     def lane(numbers, speed, found, cotangent):
         def read(numbers):
-            train, problem = _problem(form, only_if_finite(numbers), integers, plan)
+            train, problem = _problem(form, only_if_finite(numbers), held, plan)
             outcome = differentiable(problem, choice, found, _sizes(plan))
             return _smooth(respond(train, speed, problem, outcome, plan), asked)
 
@@ -166,9 +166,9 @@ def pull_lanes(numbers, integers, rpm, found, choice, cotangent, *, form, asked,
     return _each(lane, numbers, rpm, found, cotangent)
 
 
-def _problem(form, numbers, integers, plan):
+def _problem(form, numbers, held, plan):
     """Train and problem of a lane with the harmonics of its plan."""
-    train, problem = form.build(numbers, integers)
+    train, problem = form.build(numbers, held)
     return train, dataclasses.replace(problem, load=fourier.resize(problem.load, plan.harmonics))
 
 
@@ -188,11 +188,11 @@ def _each(lane, *batch):
 
 
 @partial(jax.jit, static_argnames=("form", "plan"))
-def estimate_lanes(numbers, integers, motion, choice, *, form, plan):
+def estimate_lanes(numbers, held, motion, choice, *, form, plan):
     """Truncation errors ``(c,)`` of solved lanes, ``motion`` ``(c, G, N+1)`` of the active meshes."""
 
     def lane(numbers, motion):
-        return estimate(_problem(form, numbers, integers, plan)[1], choice, motion, plan.sizes)
+        return estimate(_problem(form, numbers, held, plan)[1], choice, motion, plan.sizes)
 
     return _each(lane, numbers, motion)
 

@@ -105,8 +105,8 @@ def scalar_sweep(at, near, far, link, node, load, forces=None):
         P, psi = P + stiffness[own], psi + moment[own]
         pivot = _regular(P + alpha**2 * C, alpha**2 * C)
         gain = beta * _divide(C, pivot)
-        stiffness = stiffness.at[own].set(0.0).at[above].add(beta * gain * P)
-        moment = moment.at[own].set(0.0).at[above].add(alpha * gain * psi)
+        stiffness = stiffness.at[own].set(0.0, unique_indices=True).at[above].add(beta * gain * P)
+        moment = moment.at[own].set(0.0, unique_indices=True).at[above].add(alpha * gain * psi)
         return (stiffness, moment), (P, psi)
 
     nothing = [jnp.zeros((len(at.every), *a.shape[1:]), a.dtype) for a in (node, load)]
@@ -124,9 +124,9 @@ def scalar_sweep(at, near, far, link, node, load, forces=None):
         own, above, inverse, psi, follow = item
         up = motion[above]
         below = inverse * psi + follow * up
-        return motion.at[own].set(below), (below, up[:forces])
+        return motion.at[own].set(below, unique_indices=True), (below, up[:forces])
 
-    motion = nothing[1].at[at.own[-1]].set(root)
+    motion = nothing[1].at[at.own[-1]].set(root, unique_indices=True)
     items = jax.tree.map(lambda a: a[:-1], (at.own, at.above, inverse, psi, follow))
     _, (below, up) = lax.scan(substitute, motion, items, reverse=True)
     hand = near[:, None] * link * inverse

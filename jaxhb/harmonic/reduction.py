@@ -12,6 +12,7 @@ other node is folded in by scalar sweeps, one for all harmonics.
 
 import dataclasses
 from dataclasses import dataclass, field
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -44,8 +45,12 @@ def node_stiffness(system, omega):
     return Z.at[system.tree.node[-1]].add(jnp.where(system.floating & (omega == 0), 1.0, 0.0))
 
 
+@partial(jax.custom_jvp, nondiff_argnums=(3,))
 def solve_linear(system, omega, load, forces=None):
-    """Displacements and link forces of the linear train for given loads.
+    """Displacements and link forces of the linear train for given loads: ``Z x = q``, ``f = C D x``.
+
+    A change of the train acts like a load: ``Z dx = dq - dZ x``, one more sweep forwards and one backwards instead of
+    the derivative of every step of the elimination.
 
     Parameters
     ----------
@@ -61,6 +66,35 @@ def solve_linear(system, omega, load, forces=None):
     force : complex array ``(L, forces, H)`` N
         Transmitted force of every link (elastic, viscous and loss-factor part), positive for ``a x_a > b x_b``.
     """
+    return _sweep(system, omega, load, forces)
+
+
+@solve_linear.defjvp
+def _solve_linear_jvp(forces, primals, tangents):
+    (system, omega, load), (system_dot, omega_dot, load_dot) = primals, tangents
+    displacement, force = solve_linear(system, omega, load)
+
+    def stiffnesses(system, omega):
+        return link_stiffness(system, omega), node_stiffness(system, omega)
+
+    def bent(a, b):
+        return a[:, None, None] * displacement[system.tree.end_a] - b[:, None, None] * displacement[system.tree.end_b]
+
+    def spread(a, b, force):
+        ends = jnp.zeros_like(displacement).at[system.tree.end_a].add(a[:, None, None] * force)
+        return ends.at[system.tree.end_b].add(-b[:, None, None] * force)
+
+    arms, arms_dot = (system.arm_a, system.arm_b), (system_dot.arm_a, system_dot.arm_b)
+    (C, _), (C_dot, node_dot) = jax.jvp(stiffnesses, (system, omega), (system_dot, omega_dot))
+    deflection = force / jnp.where(C == 0, 1.0, C)[:, None]
+    held = C_dot[:, None] * deflection + C[:, None] * jax.jvp(bent, arms, arms_dot)[1]
+    _, ends_dot = jax.jvp(spread, (*arms, force), (*arms_dot, held))
+    change = solve_linear(system, omega, load_dot - node_dot[:, None] * displacement - ends_dot, forces)
+    return (displacement, force[:, :forces]), (change[0], change[1] + held[:, :forces])
+
+
+def _sweep(system, omega, load, forces):
+    """The elimination of the tree, closed by the links outside it."""
     tree = system.tree
     C = link_stiffness(system, omega)
     node = node_stiffness(system, omega)[tree.node]
@@ -76,9 +110,10 @@ def solve_linear(system, omega, load, forces=None):
         extended = jnp.concatenate([unit.astype(load.dtype), load], axis=1)
     wanted = loops + (load.shape[1] if forces is None else forces)
     displacement, force = scalar_sweep(tree.places, near, far, C[tree.link], node, extended[tree.node], wanted)
-    displacement = jnp.zeros_like(displacement).at[tree.node].set(displacement)
+    displacement = jnp.zeros_like(displacement).at[tree.node].set(displacement, unique_indices=True)
     signed = jnp.where(tree.from_a, 1.0, -1.0)[:, None, None] * force
-    link_force = jnp.zeros((C.shape[0], *force.shape[1:]), force.dtype).at[tree.link[:-1]].set(signed[:-1])
+    link_force = jnp.zeros((C.shape[0], *force.shape[1:]), force.dtype)
+    link_force = link_force.at[tree.link[:-1]].set(signed[:-1], unique_indices=True)
     if not loops:
         return displacement, link_force
     return _close_loops(system, C, displacement, link_force, loops)
@@ -95,7 +130,7 @@ def _close_loops(system, C, displacement, link_force, loops):
     displacement = given - jnp.einsum("slh,hlr->srh", unit, closing)
     closing = closing[..., : link_force.shape[1] - loops]
     force = link_force[:, loops:] - jnp.einsum("klh,hlr->krh", link_force[:, :loops], closing)
-    return displacement, force.at[system.tree.loops].set(closing.transpose(1, 2, 0))
+    return displacement, force.at[system.tree.loops].set(closing.transpose(1, 2, 0), unique_indices=True)
 
 
 def incidence(system, links):

@@ -175,12 +175,12 @@ def test_a_speed_without_a_derivative_counts_as_lost(assessed, monkeypatch):
     made, point = assessed
     pulls = []
 
-    def broken(pull, cotangent):
-        pulls.append(pull)
-        found = lanes.pull_back(pull, cotangent)
-        return [part.at[1].set(np.nan) for part in found] if len(pulls) == 1 else found
+    def broken(*given, **static):
+        pulls.append(given)
+        found = lanes.pull_lanes(*given, **static)
+        return found.at[1].set(np.nan) if len(pulls) == 1 else found
 
-    monkeypatch.setattr("jaxhb.design.evaluation.pull_back", broken)
+    monkeypatch.setattr("jaxhb.design.evaluation.pull_lanes", broken)
     again = made.at(point.z, point, point.solved)
     np.testing.assert_array_equal(again.status[0] == jaxhb.Status.STALLED, [False, True, False, False])
     assert np.isfinite(again.gradient).all()
@@ -236,6 +236,33 @@ def test_a_tuning_lowers_the_tooth_force_and_keeps_every_speed(same_plan, optimi
         assert parameter.low < found.after.parameters[parameter.name] < parameter.high
     check = jaxhb.solve(found.train, rpm=1500.0, plan=PLAN).force("crank gear", "idler").order(1.0)
     assert after[1] == pytest.approx(float(check), rel=PATHS)
+
+
+@pytest.mark.parametrize("found_again", [True, False])
+def test_a_speed_lost_on_the_way_is_found_by_the_ladder_or_the_step_halved_and_the_tuning_goes_on(
+    same_plan, monkeypatch, found_again
+):
+    """Every solve at 1500 rpm fails after the first step, until the ladder was asked for it."""
+    armed, asked = [], []
+
+    def ladder(train, rpm, **options):
+        asked.append(rpm)
+        return jaxhb.solve(train, rpm=rpm, **options) if found_again and rpm == SPEEDS[1] else LOST
+
+    def failing(numbers, held, rpm, *rest, **static):
+        smooth, found, (status, *told) = lanes.read_lanes(numbers, held, rpm, *rest, **static)
+        fails = bool(armed) and SPEEDS[1] not in asked
+        return smooth, found, (np.where(fails & (rpm == SPEEDS[1]), jaxhb.Status.STALLED, status), *told)
+
+    monkeypatch.setattr("jaxhb.design.evaluation.solve", ladder)
+    monkeypatch.setattr("jaxhb.design.evaluation.read_lanes", failing)
+    found = tuned(steps=3, on_step=lambda step: armed.append(step) if step.number == 1 else None)
+    assert SPEEDS[1] in asked and [step.number for step in found.history] == [0, 1, 2, 3]
+    assert found.history[3].objective < found.history[2].objective < found.history[1].objective
+    assert found.after.solved[:3].all()
+    told = found.after.readings["tooth force order 1 of crank gear|idler"][1]
+    check = jaxhb.solve(found.train, rpm=SPEEDS[1], plan=PLAN).force("crank gear", "idler").order(1.0)
+    assert told == pytest.approx(float(check), rel=PATHS)
 
 
 def test_ctrl_c_returns_the_best_design_so_far_and_its_history(same_plan):
