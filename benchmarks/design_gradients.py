@@ -7,7 +7,9 @@
 
 The train is ``engine_with_damper`` with its loss factors turned into viscous damping at 217 Hz, its first crankshaft
 mode: loss factors cannot be integrated in time. The quantity is the tooth force between crank gear and idler, half
-peak-to-peak, its smooth maximum over the speeds. One core, run time without compilation, medians of repeats.
+peak-to-peak, its smooth maximum over the speeds. One core, without compilation; processor time, so that other work on
+the machine counts little. What is compared is measured in turns: seconds are medians, ratios medians of the ratios
+within a turn.
 
 - ``cost``: value and gradient over value, for 1, 10 and 100 parameters; cold (nothing known but the plans) and warm
   (from the solution).
@@ -23,12 +25,13 @@ peak-to-peak, its smooth maximum over the speeds. One core, run time without com
 import argparse
 import dataclasses
 import itertools
+import time
 from functools import partial
 
 import numpy as np
 from derivatives import PLANS, table
 from marches import march
-from records import run_parts, timed
+from records import run_parts
 from tasks import fastest_rate, prepare
 
 import jaxhb
@@ -40,6 +43,8 @@ MESH = "crank gear|idler"
 FORCE = Objective(quantity="tooth force", of=MESH)
 STABLE = 2.7
 LEAST_STEPS = 4000
+AIMS = (1e-6, 1e-2)
+"""How well two cycles of Runge-Kutta agree."""
 OPTIMA = (
     (0.05, 6.40792076358149, 0.9523721673403432, 0.12755677461876358),
     (0.1, 4.58916556594907, 0.9090586036856317, 0.1685997616105898),
@@ -114,6 +119,24 @@ class Case:
         return self.bench.at(self.z, near, self.counted, most=-np.inf)
 
 
+def in_turns(calls, repeats):
+    """Seconds of processor time of each call ``{name: (repeats,)}``, one after the other in every turn."""
+    for call in calls.values():
+        call()
+    seconds = {name: [] for name in calls}
+    for _ in range(repeats):
+        for name, call in calls.items():
+            begin = time.process_time()
+            told = call()
+            seconds[name].append(told if isinstance(told, float) else time.process_time() - begin)
+    return {name: np.array(values) for name, values in seconds.items()}
+
+
+def spread_of(seconds):
+    """Median and spread of what :func:`in_turns` gives for one call."""
+    return {"seconds": float(np.median(seconds)), "spread": float(np.ptp(seconds))}
+
+
 def cost(recorder, options):
     """Value and gradient over value."""
     train, rpm = viscous_engine(), np.linspace(600, 2600, 5 if options.quick else 50)
@@ -121,17 +144,34 @@ def cost(recorder, options):
         case = Case(train, many_parameters(train, count), rpm)
         solved = f"{int(np.sum(case.point.solved))} speeds solved; {case.bench.described(case.point, 0)}"
         for said, near in (("cold", case.cold), ("warm", case.point)):
-            _, _, alone, _ = timed(partial(case.value, near), options.repeats)
-            _, _, both, spread = timed(partial(case.gradient, near), options.repeats)
-            row = {"parameters": count, "speeds": len(rpm), "seconds": both, "spread": spread}
-            recorder.add(what="cost", setting=said, ratio=both / alone, value_seconds=alone, notes=solved, **row)
+            calls = {"value": partial(case.value, near), "both": partial(case.gradient, near)}
+            taken = in_turns(calls, options.repeats)
+            recorder.add(
+                what="cost",
+                setting=said,
+                parameters=count,
+                speeds=len(rpm),
+                **spread_of(taken["both"]),
+                ratio=float(np.median(taken["both"] / taken["value"])),
+                value_seconds=float(np.median(taken["value"])),
+                notes=solved,
+            )
 
 
 def settled(train, rpm, aim):
     """Runge-Kutta at one speed: the Marched, its task."""
     task = prepare(train, rpm)
+    return _march(task, aim), task
+
+
+def swept(tasks, aim):
+    """Seconds of a sweep of Runge-Kutta, its steps alone."""
+    return sum(_march(task, aim).seconds for task in tasks)
+
+
+def _march(task, aim):
     steps = max(LEAST_STEPS, int(np.ceil(task.period * fastest_rate(task) / STABLE / 100)) * 100)
-    return march(task, "rk4", steps, aim=aim), task
+    return march(task, "rk4", steps, aim=aim, clock=time.process_time)
 
 
 def smooth_worst(marches, mesh):
@@ -149,11 +189,10 @@ def rivals(recorder, options):
     """The same gradient by differences of compiled Runge-Kutta."""
     train, rpm = viscous_engine(), np.linspace(600, 2600, 5 if options.quick else 50)
     mesh = train.topology.mesh_names.index(MESH)
-    settled(train, rpm[0], 1.0)  # compiles
     cases = {count: Case(train, many_parameters(train, count), rpm) for count in (10, 100)}
-    gradients, sweeps = {}, {}
-    for aim in (1e-6, 1e-2):
-        found, times, open_cycles = [], [], 0
+    tasks, gradients, calls = [settled(train, speed, 1.0)[1] for speed in rpm], {}, {}
+    for aim in AIMS:
+        found, open_cycles = [], 0
         for k in range(options.differences):
             values = []
             for sign in (1, -1):
@@ -161,34 +200,30 @@ def rivals(recorder, options):
                 z[k] = sign * 4e-3  # a thousandth of the range
                 marches = [settled(train.replace(cases[10].bench.values(z)), speed, aim)[0] for speed in rpm]
                 values.append(smooth_worst(marches, mesh))
-                times.append(sum(marched.seconds for marched in marches))
                 open_cycles += sum(marched.closure > aim for marched in marches)
             found.append((values[0] - values[1]) / 8e-3)
-        gradients[aim], sweeps[aim] = np.array(found), float(np.median(times))
-        apart = np.abs(gradients[aim] - gradients[1e-6]).max() / np.abs(gradients[1e-6]).max()
-        recorder.add(
-            what="rivals",
-            setting=f"one sweep of Runge-Kutta, cycles agree to {aim:g}",
-            parameters=len(found),
-            speeds=len(rpm),
-            seconds=sweeps[aim],
-            apart=apart,
-            notes=f"gradient {apart:.0e} from the finest; {open_cycles / len(times):g} marches a sweep stay open",
-        )
+        gradients[aim] = np.array(found)
+        apart = np.abs(gradients[aim] - gradients[AIMS[0]]).max() / np.abs(gradients[AIMS[0]]).max()
+        notes = f"gradient {apart:.0e} from the finest; {open_cycles / 2 / len(found):g} marches a sweep stay open"
+        calls[aim] = partial(swept, tasks, aim), {"parameters": len(found), "apart": apart, "notes": notes}
     for count, case in cases.items():
-        settings = (
-            ("cold", partial(case.gradient, case.cold)),
-            ("warm", partial(case.gradient, case.point)),
-            ("from a design a hundredth of the range away", partial(case.gradient, case.point, 0.01)),
-        )
-        for said, call in settings:
-            _, _, seconds, spread = timed(call, options.repeats)
-            row = {"parameters": count, "speeds": len(rpm), "seconds": seconds, "spread": spread}
-            ratios = {f"{aim:g}": 2 * count * sweep / seconds for aim, sweep in sweeps.items()}
-            words = ", ".join(f"{ratio:.3g} ({aim})" for aim, ratio in ratios.items())
-            recorder.add(
-                what="rivals", setting=f"gradient, {said}", ratio=ratios["0.01"], ratios=ratios, notes=words, **row
-            )
+        calls |= {
+            (count, "cold"): (partial(case.gradient, case.cold), {}),
+            (count, "warm"): (partial(case.gradient, case.point), {}),
+            (count, "from a design a hundredth of the range away"): (partial(case.gradient, case.point, 0.01), {}),
+        }
+    taken = in_turns({name: call for name, (call, _) in calls.items()}, options.repeats)
+    for name, seconds in taken.items():
+        row = {"what": "rivals", "speeds": len(rpm), **spread_of(seconds)}
+        if name in AIMS:
+            setting = f"one sweep of Runge-Kutta, cycles agree to {name:g}"
+            recorder.add(**row, **calls[name][1], setting=setting)
+            continue
+        count, said = name
+        ratios = {f"{aim:g}": float(np.median(2 * count * taken[aim] / seconds)) for aim in AIMS}
+        words = ", ".join(f"{ratio:.3g} ({aim})" for aim, ratio in ratios.items())
+        row |= {"parameters": count, "ratio": ratios["0.01"], "ratios": ratios, "notes": words}
+        recorder.add(**row, setting=f"gradient, {said}")
 
 
 def tuning(recorder, options):
