@@ -11,9 +11,10 @@ from functools import cache, partial
 
 import jax
 import numpy as np
+from known_trains import branched_parts
 
 import jaxhb
-from jaxhb import Cylinder, Damper, Disk, Ground, Mesh, Shaft, Torque
+from jaxhb import Cylinder, Mesh, Torque
 
 KINDS = {
     "inertia": "flywheel.inertia",
@@ -60,20 +61,10 @@ PLANS = {
 def train(path):
     """Of a path: pressed by a load 50 times as large where teeth stay in contact."""
     pressed = 50.0 if path == "contact" else 1.0
-    common = {"stiffness": 2e8, "damping": 1500.0, "epsilon": 0.02, "transition": 0.3}
-    common |= {} if path == "linear" else {"backlash": 1e-4}
-    parts = [
-        Disk(name="flywheel", inertia=0.8, damping=0.4),
-        Disk(name="crank gear", inertia=0.01, radius=0.05),
-        Disk(name="idler", inertia=0.008, radius=0.06, damping=0.3),
-        Disk(name="pump gear", inertia=0.004, radius=0.04),
-        Disk(name="pump", inertia=0.02, damping=0.1),
-        Shaft(between=("flywheel", "crank gear"), stiffness=2e5, damping=20.0),
-        Shaft(between=("pump gear", "pump"), stiffness=3e4, damping=2.0, loss_factor=0.03),
-        Damper(name="ring", disk="crank gear", inertia=0.02, damping=6.0, stiffness=4e3),
-        Mesh(between=("crank gear", "idler"), **common),
-        Mesh(between=("pump gear", "idler"), damping_law="always", **common),
-        Ground(disk="flywheel", stiffness=50.0),
+    parts = branched_parts()[:-2]
+    if path == "linear":
+        parts = [dataclasses.replace(part, backlash=None) if isinstance(part, Mesh) else part for part in parts]
+    parts += [
         Cylinder(
             name="cylinder",
             disk="flywheel",

@@ -30,6 +30,7 @@ from functools import partial
 
 import numpy as np
 from derivatives import PLANS, table
+from known_trains import INERTIA, NATURAL, around_optimum, exact_peak, main_mass, tuned_main_mass
 from marches import march
 from records import run_parts
 from tasks import fastest_rate, prepare
@@ -301,39 +302,19 @@ def derivatives(recorder, options):
 
 def dampers(recorder, options):
     """The exact optimum of a damper on one mass (Den Hartog), from a factor ten away in each parameter."""
-    inertia, stiffness = 2.0, 8e4
-    natural = np.sqrt(stiffness / inertia)
-    ratios = np.concatenate([np.linspace(0.5, 0.8, 31), np.linspace(0.8, 1.2, 401)[1:], np.linspace(1.2, 2, 81)[1:]])
-    omega = natural * np.linspace(0.3, 2.0, 400_001)
     exact = OPTIMA[:1] if options.quick else OPTIMA
     corners = [(10.0, 0.1)] if options.quick else [(a, b) for a in (10.0, 0.1) for b in (10.0, 0.1)]
+    ratios = around_optimum()
     for (mu, peak, tuned, zeta), (stiffer, stronger) in itertools.product(exact, corners):
-        own = (tuned * natural) ** 2 * mu * inertia, 2 * zeta * mu * inertia * natural
-        parts = [
-            jaxhb.Disk(name="main", inertia=inertia),
-            jaxhb.Ground(disk="main", stiffness=stiffness),
-            jaxhb.Torque(disk="main", harmonics=((1.0, 10.0, 0.0),)),
-            jaxhb.Damper(
-                name="damper", disk="main", inertia=mu * inertia, stiffness=stiffer * own[0], damping=stronger * own[1]
-            ),
-        ]
+        ring = mu * INERTIA
+        own = (tuned * NATURAL) ** 2 * ring, 2 * zeta * ring * NATURAL
         names = ("damper.stiffness", "damper.damping")
-        found = jaxhb.tune(
-            jaxhb.build(parts, name="one mass"),
-            parameters=[Parameter(name=n, low=v / 100, high=v * 100) for n, v in zip(names, own, strict=True)],
-            rpm=ratios * natural * 60 / (2 * np.pi),
-            objective=Objective(quantity="angle order", of="main", order=1.0),
-            steps=300,
-            peaks=2,
-            widths=(1.0, 0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5),
-            improvement=1e-7,
-        )
+        bounds = [Parameter(name=n, low=v / 100, high=v * 100) for n, v in zip(names, own, strict=True)]
+        found = tuned_main_mass(main_mass(ring, stiffer * own[0], stronger * own[1]), bounds, ratios)
         k, b = (found.after.parameters[name] for name in names)
-        link = k + 1j * omega * b
-        behind = -link * mu * inertia * omega**2 / (link - mu * inertia * omega**2)
-        reached = np.abs(stiffness / (stiffness - inertia * omega**2 + behind)).max()
+        reached = exact_peak(ring, k, b)
         excess = reached / peak - 1
-        last, damping = found.history[-1], b / (2 * mu * inertia * natural)
+        last, damping = found.history[-1], b / (2 * ring * NATURAL)
         recorder.add(
             what="damper",
             setting=f"mass ratio {mu:g}, {stiffer:g} x stiffness, {stronger:g} x damping",

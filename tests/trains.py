@@ -1,7 +1,15 @@
-"""Small drive trains for the tests, as lists of elements."""
+"""Small drive trains for the tests, as lists of elements; some of them are those of the benchmarks."""
+
+import sys
+from pathlib import Path
 
 import jaxhb
 from jaxhb import Damper, Disk, Ground, Mesh, Shaft, Torque
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+from known_trains import INERTIA, NATURAL, around_optimum, branched_parts, exact_peak, main_mass, tuned_main_mass  # noqa: F401
+
+sys.path.pop(0)
 
 ONE_RADIAN_PER_SECOND = 60 / (2 * 3.141592653589793)
 """rpm at which Omega = 1 rad/s for one revolution per cycle."""
@@ -27,26 +35,6 @@ def one_mass_parts(*, m, b, c, eps, h, q0, q1, transition=0.2):
 
 def build(parts, *, cycle=1, reference=None):
     return jaxhb.build(parts, revolutions_per_cycle=cycle, reference=reference, name="test train")
-
-
-def branched_parts(laws=("contact", "always")):
-    """A crank with a flywheel and a ring, an idler, and an accessory behind it: two meshes that hammer at 1500 rpm."""
-    common = {"stiffness": 2e8, "damping": 1500.0, "backlash": 1e-4, "epsilon": 0.02, "transition": 0.3}
-    return [
-        Disk(name="flywheel", inertia=0.8, damping=0.4),
-        Disk(name="crank gear", inertia=0.01, radius=0.05),
-        Disk(name="idler", inertia=0.008, radius=0.06, damping=0.3),
-        Disk(name="pump gear", inertia=0.004, radius=0.04),
-        Disk(name="pump", inertia=0.02, damping=0.1),
-        Shaft(between=("flywheel", "crank gear"), stiffness=2e5, damping=20.0),
-        Shaft(between=("pump gear", "pump"), stiffness=3e4, damping=2.0, loss_factor=0.03),
-        Damper(name="ring", disk="crank gear", inertia=0.02, damping=6.0, stiffness=4e3),
-        Mesh(between=("crank gear", "idler"), damping_law=laws[0], **common),
-        Mesh(between=("pump gear", "idler"), damping_law=laws[1], **common),
-        Ground(disk="flywheel", stiffness=50.0),
-        Torque(disk="flywheel", mean=12.0, harmonics=((1.0, 300.0, -80.0), (2.0, 60.0, 90.0))),
-        Torque(disk="pump", mean=-8.0, harmonics=((1.0, 3.0, 5.0), (3.0, 4.0, 0.0))),
-    ]
 
 
 def pinions_parts(pump):

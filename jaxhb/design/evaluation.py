@@ -19,12 +19,15 @@ from ..periodic.newton import Status
 from ..periodic.problem import pose
 from ..periodic.program import Start
 from ..periodic.solve import solve
-from ..periodic.speeds import CHUNK, HEAVY, plan_speeds
+from ..periodic.speeds import CHUNK, plan_speeds
 from .lanes import Form, combine, estimate_lanes, pose_designs, pull_back, pull_lanes, read_lanes, to_values
 from .quantities import OF_DESIGN
 
 LADDER = 3
 """Lost speeds of a trial that are taken up the ladder of :func:`jaxhb.solve`; with more of them it went too far."""
+
+ALONE = 48
+"""Harmonics from which a processor solves lanes one by one: in a batch each waits for the slowest."""
 
 NEGLIGIBLE = 1e-8
 """Share of the largest derivative of the objective by a reading below which no gradient is taken through it."""
@@ -406,7 +409,7 @@ def _chunks(lanes, plan):
         return
     size = len(lanes)
     if jax.default_backend() == "cpu" and plan.active:
-        size = 1 if plan.harmonics >= HEAVY else CHUNK
+        size = 1 if plan.harmonics >= ALONE else CHUNK
     few = CHUNK if size <= 8 * CHUNK else 8 * CHUNK
     size = -(-size // few) * few if size > 1 else 1
     for first in range(0, len(lanes), size):
