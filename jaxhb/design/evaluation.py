@@ -93,6 +93,7 @@ def plan_designs(train, rpm, tolerance, harmonics, integrals="sampled"):
     plans : list of Plan, one for each speed
     """
     plans = plan_speeds(train, rpm, harmonics, tolerance, integrals)
+    plans = [plan if harmonics else _with_room(plan) for plan in plans]
     gaps = tuple(i for i, gap in enumerate(train.topology.mesh_backlash) if gap)
     finest = max((plan for plan in plans if plan.active), key=lambda plan: plan.harmonics, default=plans[0])
     if not gaps:
@@ -109,6 +110,12 @@ def plan_designs(train, rpm, tolerance, harmonics, integrals="sampled"):
         instants=max(finest.instants, least) if finest.active else least,
     )
     return loudest, plans
+
+
+def _with_room(plan):
+    """The next level where teeth leave contact without separating: cheaper than programs for two levels."""
+    higher = decide.next_level(plan.harmonics, plan.method) if plan.active and plan.start == "linear" else None
+    return dataclasses.replace(plan, harmonics=higher) if higher else plan
 
 
 @dataclass(frozen=True)
@@ -244,7 +251,7 @@ class Bench:
         for number, plan in enumerate(self.kinds):
             higher = decide.next_level(plan.harmonics, plan.method)
             lanes = np.argwhere(counted & (point.kind == number)) if plan.active and higher else ()
-            for chunk, padded in _chunks(lanes, plan):
+            for chunk, padded in _chunks(lanes, plan, counted.size):
                 numbers = self._pose(point.z)[0] if numbers is None else numbers
                 motion = _active(point.motion[tuple(padded.T)], plan)
                 lanes = numbers[tuple(padded.T)], self.held
@@ -310,7 +317,7 @@ class _Trial:
             plan = self.bench.kinds[number]
             marching = plan.start == "march"
             own = given & (marching | self.unmoved | (not other))
-            for chunk, padded in _chunks(np.argwhere(lanes & (self.kind == number)), plan):
+            for chunk, padded in _chunks(np.argwhere(lanes & (self.kind == number)), plan, lanes.size):
                 self._read(plan, chunk, padded, own[tuple(padded.T)], plan.cycles if marching and other else 0)
 
     def _read(self, plan, chunk, padded, given, cycles):
@@ -403,15 +410,11 @@ def summits(speeds, values, most):
     return places[middle], x[middle] + (rise * right + fall * left) / (2 * (rise - fall))
 
 
-def _chunks(lanes, plan):
-    """Batches of ``lanes`` ``(k, 2)`` and the same padded to one of few sizes."""
-    if not len(lanes):
-        return
-    size = len(lanes)
+def _chunks(lanes, plan, most):
+    """Batches of ``lanes`` ``(k, 2)`` out of ``most``, and the same padded to one size, so that one program does."""
+    size = min(-(-most // CHUNK), CHUNK) * CHUNK
     if jax.default_backend() == "cpu" and plan.active:
         size = 1 if plan.harmonics >= ALONE else CHUNK
-    few = CHUNK if size <= 8 * CHUNK else 8 * CHUNK
-    size = -(-size // few) * few if size > 1 else 1
     for first in range(0, len(lanes), size):
         chunk = lanes[first : first + size]
         yield chunk, np.concatenate([chunk, np.repeat(chunk[-1:], size - len(chunk), axis=0)])
