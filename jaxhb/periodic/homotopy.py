@@ -89,7 +89,7 @@ def _followed(stepper, beginning, most):
         return segments.correct(gap, *slopes)
 
     followed = continuation.follow(linearize, evaluate, correct, jnp.zeros(shape[0] * shape[1] + 1), most=most)
-    return followed, nodes(followed.y), segments.deflection(stepper, nodes(followed.y))
+    return followed, nodes(followed.y), segments.motion(stepper, nodes(followed.y)).deflection
 
 
 @dataclass(frozen=True)

@@ -98,9 +98,10 @@ def _shot(stepper, states):
 
 @jax.jit
 def _closed(stepper, nodes):
-    """Nodes ``(K, n)`` with smaller gaps, the deflections ``(G, instants)`` of their motion, and the gap left."""
-    nodes, gap = segments.close(stepper, nodes, tolerance=CLOSED, most=STEPS)
-    return nodes, segments.deflection(stepper, nodes), gap
+    """Nodes ``(K, n)`` with smaller gaps, the deflections ``(G, instants)`` of their motion, and its closure."""
+    nodes, _ = segments.close(stepper, nodes, tolerance=CLOSED, most=STEPS)
+    found = segments.motion(stepper, nodes)
+    return nodes, found.deflection, found.closure
 
 
 @dataclass(frozen=True)
@@ -158,9 +159,9 @@ class Search:
 
     def close(self, nodes):
         """The :class:`Orbit` near the nodes of another one, which other steps found."""
-        nodes, deflection, gap = jax.tree.map(np.asarray, _closed(self.stepper, nodes))
-        found = coefficients(deflection) if gap <= SETTLED else None
-        return Orbit(found, float(gap), nodes, 1)
+        nodes, deflection, closure = jax.tree.map(np.asarray, _closed(self.stepper, nodes))
+        found = coefficients(deflection) if closure <= SETTLED else None
+        return Orbit(found, float(closure), nodes, 1)
 
     def _seeds(self):
         """Beginnings ``(tries, n)`` of the cycles of a march that close best."""

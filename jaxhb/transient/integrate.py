@@ -49,11 +49,12 @@ def cycle(stepper, state):
     start = stepper.observe(state)
     (state, end), samples = lax.scan(step, (state, start), (stepper.linear[1::2], ahead), unroll=2)
     deflection, rate = jax.vmap(stepper.flexed)(samples).T, jnp.split(samples.T, 2)[1]
-    return state, Trace(deflection, rate, _closure(stepper, start, end, deflection, rate))
+    return state, Trace(deflection, rate, closure(stepper, end - start, deflection, rate))
 
 
-def _closure(stepper, start, end, deflection, rate):
-    change_l, change_v = jnp.split(jnp.abs(end - start), 2)
+def closure(stepper, change, deflection, rate):
+    """Trace.closure of a cycle after which ``(l, l')`` has changed by ``change`` ``(2G,)``."""
+    change_l, change_v = jnp.split(jnp.abs(change), 2)
     gap = (1 - stepper.law.epsilon) * stepper.law.backlash + 1e-300
     size_l = jnp.abs(deflection).max(axis=1) + gap
     size_v = jnp.abs(rate).max(axis=1) + stepper.frequency * gap

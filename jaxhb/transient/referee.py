@@ -6,17 +6,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..harmonic import backlash, chain
+from ..harmonic import backlash, chain, fourier
 from ..harmonic.residual import backlash_meshes
 from ..model.engine import excitation, highest_harmonic
+from . import segments
 from .integrate import march, settle
-from .shooting import shoot
-from .statespace import _host_matrices, partition
+from .statespace import _host_matrices, linear_response, partition
 from .stepper import discretize, on_flank, state_from_harmonics
 
 STEPS_PER_PERIOD = 40
 MOST_STEPS_PER_PERIOD = 400
 MESH_SHARE = 0.01
+MOST_CORRECTIONS = 10
 
 _discretize = jax.jit(discretize, static_argnames=("steps", "parts"))
 _settle = jax.jit(settle)
@@ -24,10 +25,18 @@ _march = jax.jit(march)
 
 
 @jax.jit
-def _shoot(stepper, state, tolerance):
-    """Shooting without the last monodromy matrix."""
-    shot = shoot(stepper, state, tolerance=tolerance)
-    return shot.state, shot.trace, shot.steps
+def _close(stepper, system, load, coefficients, tolerance):
+    """First state, cycle and Newton steps of the motion that closes next to displacements ``(S, N+1)`` m."""
+    system, load = jax.tree.map(jnp.asarray, (system, load))
+    linear = linear_response(system, stepper.frequency, load)
+    harmonics = max(coefficients.shape[-1], linear.shape[-1]) - 1
+    deviation = fourier.resize(coefficients, harmonics) - fourier.resize(linear, harmonics)
+    both = jnp.concatenate([deviation, fourier.derivative(deviation, stepper.frequency)])
+    turned = np.outer(np.arange(1, harmonics + 1), np.arange(segments.SEGMENTS)) % segments.SEGMENTS
+    turn = np.exp(2j * np.pi / segments.SEGMENTS * turned)
+    nodes = (stepper.space.coordinates @ (both[:, :1].real + 2 * (both[:, 1:] @ turn).real)).T
+    nodes, steps = segments.close(stepper, nodes, tolerance=tolerance, most=MOST_CORRECTIONS)
+    return nodes[0], segments.motion(stepper, nodes), steps
 
 
 @dataclass(frozen=True)
@@ -127,10 +136,11 @@ def referee(
         Omega in rad/s.
     load : complex array ``(S, N+1)`` N
     start_coefficients : complex array ``(S, N+1)`` m, optional
-        Displacements of a motion to check: it is corrected by shooting, which also holds unstable motions. Without it,
-        or with ``cycles``, the train is marched: from these displacements or from the drive sides of the teeth.
+        Displacements of a motion to check: it is corrected by shooting in segments of the cycle, which also holds
+        unstable motions. Without it, or with ``cycles``, the train is marched: from these displacements or from the
+        drive sides of the teeth.
     steps : int, optional
-        Steps per cycle; :func:`resolving_steps` without.
+        Steps per cycle; :func:`resolving_steps` without. The next multiple of 32 for a motion to check.
     cycles : int, optional
         March exactly so many cycles.
     tolerance : float
@@ -150,14 +160,16 @@ def referee(
     parts = partition(system, meshes)
     if steps is None:
         steps = max(resolving_steps(system, meshes, frequency), 4 * np.shape(load)[-1])
-    stepper = _discretize(system, meshes, frequency, load, steps=steps, parts=parts)
     given = start_coefficients is not None
+    if given:
+        steps += -steps % segments.SEGMENTS
+    stepper = _discretize(system, meshes, frequency, load, steps=steps, parts=parts)
     state = state_from_harmonics(stepper, jnp.asarray(start_coefficients)) if given else on_flank(stepper)
     newton = 0
     if cycles is not None:
         state, trace = _march(stepper, state, cycles)
     elif given:
-        state, trace, newton = _shoot(stepper, state, tolerance)
+        state, trace, newton = _close(stepper, system, load, jnp.asarray(start_coefficients), tolerance)
         cycles = 0
     else:
         found = _settle(stepper, state, tolerance=tolerance, max_cycles=max_cycles)
@@ -271,14 +283,15 @@ class Correction:
 def shooting_correction(response, *, steps=None, tolerance=1e-9):
     """Start at a harmonic solution, integrate one cycle, correct by Newton: the change is the solution's true error.
 
-    Valid on unstable motions too. The answer is as good as the integration: see :func:`resolving_steps`.
+    The cycle is cut into 32 segments that Newton's method joins (multiple shooting): valid on unstable motions too. The
+    answer is as good as the integration: see :func:`resolving_steps`.
 
     Parameters
     ----------
     response : Response
         At one speed.
     steps : int, optional
-        Steps per cycle; :func:`resolving_steps` without.
+        Steps per cycle, rounded up to a multiple of 32; :func:`resolving_steps` without.
     tolerance : float
         Closure to reach.
 

@@ -11,6 +11,8 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from .integrate import Trace, closure
+
 SEGMENTS = 32
 """Divides every number of instants; more of them cost no less."""
 
@@ -57,14 +59,21 @@ def beginnings(stepper, state):
 
 def gaps(stepper, nodes):
     """End of each segment less the beginning of the next, ``(K, n)``, of nodes ``(K, n)``."""
-    end, _ = jax.vmap(lambda *segment: _run(stepper, *segment))(nodes, *_grid(stepper, len(nodes)))
-    return (end - jnp.roll(nodes, -1, axis=0)) * moving(stepper.space)
+    return _driven(stepper, nodes)[0]
 
 
-def deflection(stepper, nodes):
-    """Deflections ``(G, steps)`` m over the cycle."""
-    _, seen = jax.vmap(lambda *segment: _run(stepper, *segment))(nodes, *_grid(stepper, len(nodes)))
-    return jax.vmap(stepper.flexed)(seen.reshape(-1, seen.shape[-1])).T
+def motion(stepper, nodes):
+    """The :class:`~jaxhb.transient.integrate.Trace` of a cycle in segments; its closure is that of the widest gap."""
+    gap, seen = _driven(stepper, nodes)
+    deflection, rate = jax.vmap(stepper.flexed)(seen).T, jnp.split(seen.T, 2)[1]
+    change = jnp.max(jnp.abs(gap @ stepper.space.observation.T), axis=0)
+    return Trace(deflection, rate, closure(stepper, change, deflection, rate))
+
+
+def _driven(stepper, nodes):
+    """Gaps ``(K, n)`` and w ``(steps, 2G)`` over the cycle."""
+    end, seen = jax.vmap(lambda *segment: _run(stepper, *segment))(nodes, *_grid(stepper, len(nodes)))
+    return (end - jnp.roll(nodes, -1, axis=0)) * moving(stepper.space), seen.reshape(-1, seen.shape[-1])
 
 
 def linearize(stepper, nodes, share):
@@ -115,44 +124,43 @@ def correct(gap, slope, share_slope):
 
 
 def close(stepper, nodes, *, tolerance, most):
-    """Newton's method on the nodes ``(K, n)`` of one train, until the gaps are small.
+    """Newton's method on the nodes ``(K, n)`` of one train, until the gaps are small; valid under jit and vmap.
 
     Parameters
     ----------
     stepper : Stepper
     nodes : array ``(K, n)``, of a near motion
-    tolerance : float, on the norm of the gaps over that of the state on the flanks, at K nodes
+    tolerance : float, on the closure of :func:`motion`
     most : int, Newton steps; each is the longest of LENGTHS that lowers the natural level (the norm of what the same
         Jacobian would still correct), and they end where none does
 
     Returns
     -------
-    nodes ``(K, n)``, their relative gap
+    nodes ``(K, n)``, Newton steps taken
     """
-    size = (jnp.linalg.norm(stepper.flank_state) + 1e-300) * len(nodes) ** 0.5
     lengths = jnp.array(LENGTHS)
 
     def unfinished(carry):
-        _, gap, done, closer = carry
-        return (gap > tolerance) & (done < most) & closer
+        _, left, done, closer = carry
+        return (left > tolerance) & (done < most) & closer
 
     def step(carry):
-        nodes, gap, done, _ = carry
-        missing, slope, none = linearize(lambda _: stepper, nodes, 1.0)
+        nodes, left, done, _ = carry
+        gap, slope, none = linearize(lambda _: stepper, nodes, 1.0)
 
-        def closing(missing):
-            return correct(missing, slope, none)[:-1, 0].reshape(nodes.shape)
+        def closing(gap):
+            return -correct(gap, slope, none)[:-1, 0].reshape(nodes.shape)
 
-        def judge(length):
-            after = gaps(stepper, nodes - length * change)
-            level = jnp.linalg.norm(closing(after)) / jnp.linalg.norm(change)
-            return level < 1 - length / 4, jnp.linalg.norm(after) / size
+        def lowers(length):
+            return jnp.linalg.norm(closing(gaps(stepper, nodes - length * change))) < (1 - length / 4) * size
 
-        change = -closing(missing)
-        lower, left = lax.map(judge, lengths)
-        best = jnp.argmax(lower)
-        moved = nodes - jnp.where(lower[best], lengths[best], 0.0) * change
-        return moved, jnp.where(lower[best], left[best], gap), done + 1, lower[best]
+        change = closing(gap)
+        size = jnp.linalg.norm(change)
+        lower = lax.map(lowers, lengths)
+        closer = jnp.any(lower)
+        moved = nodes - jnp.where(closer, lengths[jnp.argmax(lower)], 0.0) * change
+        return moved, jnp.where(closer, motion(stepper, moved).closure, left), done + 1, closer
 
-    first = jnp.linalg.norm(gaps(stepper, nodes)) / size
-    return lax.while_loop(unfinished, step, (nodes, first, jnp.array(0), jnp.array(True)))[:2]
+    start = (nodes, motion(stepper, nodes).closure, jnp.array(0), jnp.array(True))
+    nodes, _, done, _ = lax.while_loop(unfinished, step, start)
+    return nodes, done

@@ -24,7 +24,7 @@ def both_ways(stepper, state):
     end, trace = cycle(stepper, state)
     pieces = segments.linearize(lambda share: stepper, nodes, 0.0)
     whole = shooting.monodromy(stepper, state)
-    return nodes, end, trace.deflection, segments.deflection(stepper, nodes), pieces, whole
+    return nodes, end, trace.deflection, segments.motion(stepper, nodes).deflection, pieces, whole
 
 
 def test_segments_in_a_row_are_the_cycle():
@@ -41,9 +41,10 @@ def test_segments_in_a_row_are_the_cycle():
 
 def test_segments_closed_one_by_one_are_a_periodic_cycle():
     train = stepper()
-    nodes, left = jax.jit(lambda nodes: segments.close(train, nodes, tolerance=1e-10, most=15))(
+    nodes, _ = jax.jit(lambda nodes: segments.close(train, nodes, tolerance=1e-10, most=15))(
         segments.beginnings(train, train.flank_state)
     )
+    left = segments.motion(train, nodes).closure
     _, begun = cycle(train, train.flank_state)
     _, closed = cycle(train, nodes[0])
     assert left <= 1e-10 < 1e-6 < begun.closure
