@@ -251,7 +251,7 @@ class Bench:
         for number, plan in enumerate(self.kinds):
             higher = decide.next_level(plan.harmonics, plan.method)
             lanes = np.argwhere(counted & (point.kind == number)) if plan.active and higher else ()
-            for chunk, padded in _chunks(lanes, plan, counted.size):
+            for chunk, padded in _chunks(lanes, plan):
                 numbers = self._pose(point.z)[0] if numbers is None else numbers
                 motion = _active(point.motion[tuple(padded.T)], plan)
                 lanes = numbers[tuple(padded.T)], self.held
@@ -317,7 +317,7 @@ class _Trial:
             plan = self.bench.kinds[number]
             marching = plan.start == "march"
             own = given & (marching | self.unmoved | (not other))
-            for chunk, padded in _chunks(np.argwhere(lanes & (self.kind == number)), plan, lanes.size):
+            for chunk, padded in _chunks(np.argwhere(lanes & (self.kind == number)), plan):
                 self._read(plan, chunk, padded, own[tuple(padded.T)], plan.cycles if marching and other else 0)
 
     def _read(self, plan, chunk, padded, given, cycles):
@@ -410,12 +410,13 @@ def summits(speeds, values, most):
     return places[middle], x[middle] + (rise * right + fall * left) / (2 * (rise - fall))
 
 
-def _chunks(lanes, plan, most):
-    """Batches of ``lanes`` ``(k, 2)`` out of ``most``, and the same padded to one size, so that one program does."""
-    size = min(-(-most // CHUNK), CHUNK) * CHUNK
+def _chunks(lanes, plan):
+    """Batches of ``lanes`` ``(k, 2)`` and the same padded to one of few sizes: a size is a program."""
+    few = 2 * CHUNK
+    size = min(-(-len(lanes) // few), 4) * few
     if jax.default_backend() == "cpu" and plan.active:
         size = 1 if plan.harmonics >= ALONE else CHUNK
-    for first in range(0, len(lanes), size):
+    for first in range(0, len(lanes), max(size, 1)):
         chunk = lanes[first : first + size]
         yield chunk, np.concatenate([chunk, np.repeat(chunk[-1:], size - len(chunk), axis=0)])
 

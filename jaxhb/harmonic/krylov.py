@@ -3,6 +3,9 @@
 import jax.numpy as jnp
 from jax import lax
 
+ROWS = 10
+"""Directions against which a new one is made orthogonal at once."""
+
 
 def minimise_residual(apply, precondition, b, *, tolerance, steps):
     """Solve ``apply(x) = b`` over the Krylov space of ``apply(precondition(.))``.
@@ -32,7 +35,13 @@ def minimise_residual(apply, precondition, b, *, tolerance, steps):
     ([1.0, 2.0], 1)
     """
     norm = jnp.linalg.norm(b)
-    room = jnp.zeros((steps, b.shape[0]))
+    room = jnp.zeros((-(-steps // ROWS) * ROWS, b.shape[0]))
+
+    def aside(block, state, images, directions):
+        q, z = state
+        rows = lax.dynamic_slice_in_dim(images, block * ROWS, ROWS)
+        h = rows @ q
+        return q - h @ rows, z - h @ lax.dynamic_slice_in_dim(directions, block * ROWS, ROWS)
 
     def unfinished(state):
         k, _, r, _, _ = state
@@ -42,9 +51,9 @@ def minimise_residual(apply, precondition, b, *, tolerance, steps):
         k, x, r, images, directions = state
         z = precondition(r)
         q = apply(z)
+        blocks = (k + ROWS - 1) // ROWS  # those in use: most solves leave most of the room empty
         for _ in range(2):
-            h = images @ q
-            q, z = q - h @ images, z - h @ directions
+            q, z = lax.fori_loop(0, blocks, lambda i, state: aside(i, state, images, directions), (q, z))
         size = jnp.linalg.norm(q)
         scale = 1 / jnp.where(size > 0, size, 1.0)
         q, z = scale * q, scale * z

@@ -194,6 +194,20 @@ def tuned(**options):
     return jaxhb.tune(hammering(), **what, harmonics=32, starts=2, seed=1, **options)
 
 
+def assert_solves_tell_the_same(found):
+    """Tooth forces of the tuned design are those of solves that know nothing of the tuning, where a march finds one.
+
+    With 32 harmonics, below the mesh modes, it may find another one beside it at one of these close speeds.
+    """
+    after = found.after.readings["tooth force order 1 of crank gear|idler"]
+    sweep = jaxhb.solve_speeds(found.train, rpm=SPEEDS, plan=PLAN)
+    both = (sweep.status == jaxhb.Status.CONVERGED) & found.after.solved
+    same = np.isclose(after, sweep.force("crank gear", "idler").order(1.0), rtol=PATHS, atol=0)[both]
+    assert same.any() and same.sum() >= len(same) - 1
+    near = after[found.after.solved]
+    assert np.ptp(near) < 0.02 * near.max()
+
+
 @pytest.mark.parametrize("optimizer", ["lbfgs", "adam"])
 def test_a_tuning_lowers_the_tooth_force_and_keeps_every_speed(same_plan, optimizer):
     found = tuned(optimizer=optimizer, steps=3)
@@ -204,12 +218,14 @@ def test_a_tuning_lowers_the_tooth_force_and_keeps_every_speed(same_plan, optimi
     pairs = zip(found.history, found.history[1:], strict=False)
     assert all(b.valid > a.valid or (b.valid == a.valid and b.objective <= a.objective) for a, b in pairs)
     assert len(found.outcomes) == 2
-    assert found.outcomes[found.history[-1].start][0] == min(outcome[0] for outcome in found.outcomes)
+    most = max(solved for *_, solved in found.outcomes)
+    best = min(objective for objective, _, solved in found.outcomes if solved == most)
+    winner, _, solved = found.outcomes[found.history[-1].start]
+    assert (winner, solved) == (best, most)
     for parameter in PARAMETERS:
         assert found.train.value(parameter.name) == found.after.parameters[parameter.name]
         assert parameter.low < found.after.parameters[parameter.name] < parameter.high
-    check = jaxhb.solve(found.train, rpm=1500.0, plan=PLAN).force("crank gear", "idler").order(1.0)
-    assert after[1] == pytest.approx(float(check), rel=PATHS)
+    assert_solves_tell_the_same(found)
 
 
 @pytest.mark.parametrize("found_again", [True, False])
@@ -234,9 +250,7 @@ def test_a_speed_lost_on_the_way_is_found_by_the_ladder_or_the_step_halved_and_t
     assert SPEEDS[1] in asked and [step.number for step in found.history] == [0, 1, 2, 3]
     assert found.history[3].objective < found.history[2].objective < found.history[1].objective
     assert found.after.solved[:3].all()
-    told = found.after.readings["tooth force order 1 of crank gear|idler"][1]
-    check = jaxhb.solve(found.train, rpm=SPEEDS[1], plan=PLAN).force("crank gear", "idler").order(1.0)
-    assert told == pytest.approx(float(check), rel=PATHS)
+    assert_solves_tell_the_same(found)
 
 
 def test_ctrl_c_returns_the_best_design_so_far_and_its_history(same_plan):
