@@ -254,8 +254,8 @@ class Bench:
             for chunk, padded in _chunks(lanes, plan):
                 numbers = self._pose(point.z)[0] if numbers is None else numbers
                 motion = _active(point.motion[tuple(padded.T)], plan)
-                lanes = numbers[tuple(padded.T)], self.held
-                errors = estimate_lanes(*lanes, motion, plan.choice, form=self.form, plan=_shape(plan))
+                own = numbers[tuple(padded.T)]
+                errors = estimate_lanes(own, self.held, motion, plan.choice, form=self.form, plan=_shape(plan))
                 if (np.asarray(errors)[: len(chunk)] > plan.limit).any():
                     short.add(number)
                     break

@@ -41,7 +41,6 @@ out of ten take no more than 12."""
 SETTLED, CLOSED = 1e-6, 1e-8
 """Closure of a cycle that counts as periodic, far below what the steps themselves leave; of its segments, aimed at."""
 
-
 FLEXIBLE = 1e-6
 """Share of the compliance of a mesh below which modes too fast for the steps are left out."""
 
@@ -99,9 +98,8 @@ def _shot(stepper, states):
 @jax.jit
 def _closed(stepper, nodes):
     """Nodes ``(K, n)`` with smaller gaps, the deflections ``(G, instants)`` of their motion, and its closure."""
-    nodes, _ = segments.close(stepper, nodes, tolerance=CLOSED, most=STEPS)
-    found = segments.motion(stepper, nodes)
-    return nodes, found.deflection, found.closure
+    nodes, trace, _ = segments.close(stepper, nodes, tolerance=CLOSED, most=STEPS)
+    return nodes, trace.deflection, trace.closure
 
 
 @dataclass(frozen=True)

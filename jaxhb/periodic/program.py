@@ -161,7 +161,7 @@ def _first(reduced, space, start, sizes):
 
     def march():
         found, closure = marched(reduced, space, sizes.instants, start.cycles, start.enough)
-        worse = start.given & ~(left(found) < remaining)
+        worse = lax.cond(given, lambda found: ~(left(found) < remaining), lambda _: False, found)
         return jnp.where(worse, begun, found), jnp.where(worse, 0.0, closure)
 
     given = start.given & (start.cycles > 0)

@@ -323,7 +323,7 @@ def _climb(train, rpm, plan, modes, adaptive, begins):
     ``begins`` : a Response, "linear", or the start of the ladder, "march" or (where no tooth separates) "flank";
     "further" for the rungs above a march of a few cycles.
     """
-    resolving, instants, given = march.instants_for(max(modes, 2 * plan.excited)), 0, None
+    resolving, given = march.instants_for(max(modes, 2 * plan.excited)), None
     if isinstance(begins, Response):
         given = np.asarray(begins.deflections)[plan.choice.chosen] * plan.choice.active[:, None]
         if adaptive and int(begins.status) == Status.TOLERANCE_NOT_MET:
@@ -334,8 +334,7 @@ def _climb(train, rpm, plan, modes, adaptive, begins):
     while True:
         marching = plan.start == "march"
         enough = resolving if marching else march.instants_for(2 * plan.harmonics)
-        instants = max(instants, min(resolving, enough))
-        plan = dataclasses.replace(plan, instants=instants)
+        plan = dataclasses.replace(plan, instants=max(plan.instants, min(resolving, enough)))
         if begins == "further" and starts is None:
             starts = _starts(train, rpm, plan, adaptive, np.inf, path)
             given, plan = next(starts, (None, plan))
@@ -360,7 +359,6 @@ def _climb(train, rpm, plan, modes, adaptive, begins):
         elif status in _UNSOLVED and starts and (another := next(starts, None)) is not None:
             given, plan = another
             plan = dataclasses.replace(plan, harmonics=max(plan.harmonics, least))
-            instants = plan.instants
         else:
             return dataclasses.replace(response, path=tuple(path)), plan
 

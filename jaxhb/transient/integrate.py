@@ -48,17 +48,18 @@ def cycle(stepper, state):
 
     start = stepper.observe(state)
     (state, end), samples = lax.scan(step, (state, start), (stepper.linear[1::2], ahead), unroll=2)
+    return state, traced(stepper, samples, end - start)
+
+
+def traced(stepper, samples, change):
+    """The Trace of a cycle from w ``(steps, 2G)``, (l, l') of the states, and its change ``(2G,)`` over the cycle."""
     deflection, rate = jax.vmap(stepper.flexed)(samples).T, jnp.split(samples.T, 2)[1]
-    return state, Trace(deflection, rate, closure(stepper, end - start, deflection, rate))
-
-
-def closure(stepper, change, deflection, rate):
-    """Trace.closure of a cycle after which ``(l, l')`` has changed by ``change`` ``(2G,)``."""
     change_l, change_v = jnp.split(jnp.abs(change), 2)
     gap = (1 - stepper.law.epsilon) * stepper.law.backlash + 1e-300
     size_l = jnp.abs(deflection).max(axis=1) + gap
     size_v = jnp.abs(rate).max(axis=1) + stepper.frequency * gap
-    return jnp.concatenate([change_l / size_l, change_v / size_v]).max(initial=0.0)
+    closure = jnp.concatenate([change_l / size_l, change_v / size_v]).max(initial=0.0)
+    return Trace(deflection, rate, closure)
 
 
 def march(stepper, state, cycles):

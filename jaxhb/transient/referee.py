@@ -35,8 +35,8 @@ def _close(stepper, system, load, coefficients, tolerance):
     turned = np.outer(np.arange(1, harmonics + 1), np.arange(segments.SEGMENTS)) % segments.SEGMENTS
     turn = np.exp(2j * np.pi / segments.SEGMENTS * turned)
     nodes = (stepper.space.coordinates @ (both[:, :1].real + 2 * (both[:, 1:] @ turn).real)).T
-    nodes, steps = segments.close(stepper, nodes, tolerance=tolerance, most=MOST_CORRECTIONS)
-    return nodes[0], segments.motion(stepper, nodes), steps
+    nodes, trace, steps = segments.close(stepper, nodes, tolerance=tolerance, most=MOST_CORRECTIONS)
+    return nodes[0], trace, steps
 
 
 @dataclass(frozen=True)
@@ -164,15 +164,15 @@ def referee(
     if given:
         steps += -steps % segments.SEGMENTS
     stepper = _discretize(system, meshes, frequency, load, steps=steps, parts=parts)
-    state = state_from_harmonics(stepper, jnp.asarray(start_coefficients)) if given else on_flank(stepper)
     newton = 0
     if cycles is not None:
-        state, trace = _march(stepper, state, cycles)
+        begin = state_from_harmonics(stepper, jnp.asarray(start_coefficients)) if given else on_flank(stepper)
+        state, trace = _march(stepper, begin, cycles)
     elif given:
         state, trace, newton = _close(stepper, system, load, jnp.asarray(start_coefficients), tolerance)
         cycles = 0
     else:
-        found = _settle(stepper, state, tolerance=tolerance, max_cycles=max_cycles)
+        found = _settle(stepper, on_flank(stepper), tolerance=tolerance, max_cycles=max_cycles)
         state, trace, cycles = found.state, found.trace, found.cycles
     return _orbit(meshes, stepper, state, trace, tolerance, cycles=int(cycles), newton_steps=int(newton))
 

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from .integrate import Trace, closure
+from .integrate import traced
 
 SEGMENTS = 32
 """Divides every number of instants; more of them cost no less."""
@@ -65,9 +65,7 @@ def gaps(stepper, nodes):
 def motion(stepper, nodes):
     """The :class:`~jaxhb.transient.integrate.Trace` of a cycle in segments; its closure is that of the widest gap."""
     gap, seen = _driven(stepper, nodes)
-    deflection, rate = jax.vmap(stepper.flexed)(seen).T, jnp.split(seen.T, 2)[1]
-    change = jnp.max(jnp.abs(gap @ stepper.space.observation.T), axis=0)
-    return Trace(deflection, rate, closure(stepper, change, deflection, rate))
+    return traced(stepper, seen, jnp.max(jnp.abs(gap @ stepper.space.observation.T), axis=0))
 
 
 def _driven(stepper, nodes):
@@ -136,16 +134,16 @@ def close(stepper, nodes, *, tolerance, most):
 
     Returns
     -------
-    nodes ``(K, n)``, Newton steps taken
+    nodes ``(K, n)``, the Trace of their motion, Newton steps taken
     """
     lengths = jnp.array(LENGTHS)
 
     def unfinished(carry):
-        _, left, done, closer = carry
-        return (left > tolerance) & (done < most) & closer
+        _, trace, done, closer = carry
+        return (trace.closure > tolerance) & (done < most) & closer
 
     def step(carry):
-        nodes, left, done, _ = carry
+        nodes, _, done, _ = carry
         gap, slope, none = linearize(lambda _: stepper, nodes, 1.0)
 
         def closing(gap):
@@ -158,9 +156,8 @@ def close(stepper, nodes, *, tolerance, most):
         size = jnp.linalg.norm(change)
         lower = lax.map(lowers, lengths)
         closer = jnp.any(lower)
-        moved = nodes - jnp.where(closer, lengths[jnp.argmax(lower)], 0.0) * change
-        return moved, jnp.where(closer, motion(stepper, moved).closure, left), done + 1, closer
+        nodes = jnp.where(closer, nodes - lengths[jnp.argmax(lower)] * change, nodes)
+        return nodes, motion(stepper, nodes), done + 1, closer
 
-    start = (nodes, motion(stepper, nodes).closure, jnp.array(0), jnp.array(True))
-    nodes, _, done, _ = lax.while_loop(unfinished, step, start)
-    return nodes, done
+    start = (nodes, motion(stepper, nodes), jnp.array(0), jnp.array(True))
+    return lax.while_loop(unfinished, step, start)[:3]

@@ -102,6 +102,11 @@ def test_a_motion_is_found_without_shooting_and_confirmed_by_time_integration(ha
     assert response.converged
     assert any(entry.startswith("homotopy from the linear law: found") for entry in response.path)
     assert gaps_in_time(response, 64, 2**14) < 0.01  # the asked truncation error
+    judged = jaxhb.shooting_correction(response)
+    assert judged.orbit.settled and judged.error < 0.01
+    adrift = dataclasses.replace(response, angles=1.5 * response.angles, deflections=1.5 * response.deflections)
+    doubted = jaxhb.shooting_correction(adrift)
+    assert not doubted.orbit.settled or doubted.error > 0.1
 
 
 def test_a_curve_that_is_too_long_ends_in_a_status_that_tells_the_path(hammering, no_shooting, monkeypatch):
