@@ -1,6 +1,6 @@
 """Stress: random drive trains solved from a cold start, judged by time integration, and the extremes of every number.
 
-    python benchmarks/stress.py [--cases 1000] [--seed 0] [--json F] [--jobs 1]     random trains
+    python benchmarks/stress.py [--cases 1000] [--seed 0] [--json F] [--jobs 1] [--once]     random trains
     python benchmarks/stress.py --only 17 [--seed 0]                                one of them, with its path
     python benchmarks/stress.py extremes [--json F] [--quick]                       the table of extremes.py
 
@@ -11,6 +11,9 @@ drawn from ``numpy.random.default_rng([s, i])`` whatever the number of cases.
 The referee is one cycle of time integration from the harmonic solution, closed by Newton's method (shooting). *Wrong*
 is a converged status with a tooth force that this correction changes by more than three times the tolerance; a referee
 that does not close says nothing and is listed. Convergence to an unstable motion is right.
+
+A thousand cases take hours. Those of the same seed that the file of ``--json`` already holds are not run again but
+reported with the others: a run that was cut off goes on, and more cases can be asked for later.
 """
 
 import argparse
@@ -107,10 +110,10 @@ def rung(path):
     return " > ".join(h for i, h in enumerate(heads) if i == 0 or h != heads[i - 1])
 
 
-def run_case(seed, index):
-    """Record of case ``index``."""
+def run_case(seed, index, again=True):
+    """Record of case ``index``, solved ``again`` for its time without compilation."""
     train, rpm, facts = random_case(np.random.default_rng([seed, index]))
-    return {"seed": seed, "case": index} | examine(train, rpm, facts)
+    return {"seed": seed, "case": index} | examine(train, rpm, facts, again=again)
 
 
 def examine(train, rpm, facts, *, harmonics=None, again=True):
@@ -140,9 +143,9 @@ def skeleton_of(seed, index):
 
 def run_group(task):
     """Yield the records of the cases of one skeleton; their programs are dropped afterwards."""
-    seed, indices = task
+    seed, indices, again = task
     for i in indices:
-        yield run_case(seed, i)
+        yield run_case(seed, i, again)
     jax.clear_caches()
 
 
@@ -236,13 +239,21 @@ def write(file, record):
             stream.write(json.dumps(record) + "\n")
 
 
-def random_records(arguments):
-    """Records of the asked cases, skeleton by skeleton, in one process or several."""
-    indices = [arguments.only] if arguments.only is not None else range(arguments.cases)
+def known_records(arguments):
+    """Records of the asked cases that the file already holds."""
+    if not arguments.json or arguments.only is not None or not Path(arguments.json).exists():
+        return []
+    rows = [json.loads(text) for text in Path(arguments.json).read_text().splitlines()]
+    return [r for r in rows if r.get("seed") == arguments.seed and r.get("case", arguments.cases) < arguments.cases]
+
+
+def random_records(arguments, known):
+    """Records of the asked cases that are not ``known``, skeleton by skeleton, in one process or several."""
+    asked = [arguments.only] if arguments.only is not None else range(arguments.cases)
     groups = collections.defaultdict(list)
-    for i in indices:
+    for i in sorted(set(asked) - {r["case"] for r in known}):
         groups[skeleton_of(arguments.seed, i)].append(i)
-    tasks = [(arguments.seed, groups[key]) for key in sorted(groups)]
+    tasks = [(arguments.seed, groups[key], not arguments.once) for key in sorted(groups)]
     if arguments.jobs == 1:
         yield from (record for task in tasks for record in run_group(task))
         return
@@ -276,14 +287,15 @@ def main():
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", type=int, help="this case alone, with its path")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
-    parser.add_argument("--json", help="append JSON lines to this file")
+    parser.add_argument("--once", action="store_true", help="solve once: no times without compilation")
+    parser.add_argument("--json", help="append JSON lines to this file; cases that it holds are not run again")
     parser.add_argument("--quick", action="store_true", help="extremes: those that take less than 2 s")
     arguments = parser.parse_args()
     write(arguments.json, settings(arguments))
     if arguments.part == "extremes":
         raise SystemExit(not all(row["as_expected"] for row in extreme_rows(arguments)))
-    records = []
-    for record in random_records(arguments):
+    records = known_records(arguments)
+    for record in random_records(arguments, known=records.copy()):
         records.append(record)
         write(arguments.json, record)
         print(line(record), flush=True)
