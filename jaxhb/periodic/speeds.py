@@ -24,6 +24,9 @@ BATCH_STEPS = 8
 HEAVY = 192
 """Harmonics from which one speed fills a processor: there a batch is no faster, and waits for its slowest speed."""
 
+MANY = 8
+"""Heavy speeds that are worth a program of their own."""
+
 
 def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=None, integrals=None, progress=None):
     """Periodic responses at many speeds.
@@ -116,8 +119,7 @@ def _again(train, rpm, place, found, status, harmonics, tolerance, integrals):
     if own or len(good):
         batch, row = _placed(found[place if own else good[np.argmin(np.abs(rpm[good] - rpm[place]))]])
         near = batch[row] if np.ndim(batch.rpm) else batch
-        fixed = harmonics if own else harmonics or near.harmonics
-        response = solve(train, rpm=float(rpm[place]), harmonics=fixed, start=near, **asked)
+        response = solve(train, rpm=float(rpm[place]), harmonics=harmonics, start=near, **asked)
         if int(response.status) == Status.CONVERGED:
             return response
     return solve_further(train, float(rpm[place]), harmonics=harmonics, **asked)
@@ -177,6 +179,24 @@ class _Loads:
     load_power: jax.Array
 
 
+def _alike(places, modes, excited):
+    """``places`` of speeds cut where the mesh modes want fewer steps a cycle, if there are MANY speeds on each side.
+
+    One speed after another costs what its steps cost, and every number of steps is one more program: that pays with
+    many speeds. Those solved in batches stay together.
+    """
+    heavy = jax.default_backend() == "cpu" and len(places)
+    heavy = heavy and decide.first_level(excited, float(np.median(modes[places]))) >= HEAVY
+    groups, left = [], places
+    steps = np.array([march.instants_for(max(mode, 2 * excited)) for mode in modes])
+    for count in sorted(set(steps[places].tolist())) if heavy else ():
+        alike = left[steps[left] <= count]
+        if len(alike) >= MANY and len(left) - len(alike) >= MANY:
+            groups.append(alike)
+            left = left[steps[left] > count]
+    return [*groups, left]
+
+
 def plan_speeds(train, rpm, harmonics, tolerance, integrals="sampled"):
     """A plan for every speed, few distinct ones: teeth in contact, leaving contact, separating."""
     excited = decide.excited_harmonic(train, "reduced")
@@ -198,10 +218,9 @@ def plan_speeds(train, rpm, harmonics, tolerance, integrals="sampled"):
     modes = decide.mesh_mode_harmonic(train, train.topology.cycle_frequency(1.0)) / rpm
     resting = {flank: dataclasses.replace(contact, flank=flank) for flank in set(map(tuple, flanks.tolist()))}
     plans = [resting[tuple(flank)] for flank in flanks.tolist()]
-    for separating in (False, True):
-        group = np.flatnonzero(leaves.any(axis=-1) & (apart == separating))
-        if not len(group):
-            continue
+    separate = leaves.any(axis=-1) & apart
+    groups = [np.flatnonzero(leaves.any(axis=-1) & ~apart), *_alike(np.flatnonzero(separate), modes, excited)]
+    for separating, group in [(number > 0, group) for number, group in enumerate(groups) if len(group)]:
         slowest, usual = np.max(modes[group]), float(np.median(modes[group]))
         level = harmonics or decide.first_level(excited, usual if separating else 0.0)
         own = flanks[group]
