@@ -41,6 +41,9 @@ out of ten take no more than 12."""
 SETTLED, CLOSED = 1e-6, 1e-8
 """Closure of a cycle that counts as periodic, far below what the steps themselves leave; of its segments, aimed at."""
 
+SAME = 1e-4
+"""Difference of the deflections, as a share of the largest, below which two orbits are one, found twice."""
+
 FLEXIBLE = 1e-6
 """Share of the compliance of a mesh below which modes too fast for the steps are left out."""
 
@@ -117,6 +120,10 @@ class Orbit:
     tries: int
 
 
+def _same(deflection, other):
+    return np.max(np.abs(deflection - other)) <= SAME * np.max(np.abs(deflection))
+
+
 def coefficients(deflection):
     """Coefficients ``(G, n+1)`` of deflections ``(G, instants)`` over a cycle, all that the instants tell apart."""
     return np.asarray(fourier.analyze(deflection, (deflection.shape[-1] - 1) // 2))
@@ -140,20 +147,25 @@ class Search:
         return Orbit(found, float(closure), None, marched)
 
     def shoot(self):
-        """The :class:`Orbit` that Newton's method closes from the cycles of a march that close best."""
-        best, seeds = Orbit(None, np.inf, None, 0), self._seeds()
+        """Yield the Orbits that Newton's method closes from the cycles of a march that close best, each once.
+
+        Where none closes, the best of all is yielded at last, open.
+        """
+        best, seeds, known = Orbit(None, np.inf, None, 0), self._seeds(), []
         lanes = LANES if len(seeds) >= LANES and seeds.shape[1] <= SMALL else 1
         for first in range(0, len(seeds), lanes):
             begin = seeds[first : first + lanes]
             padded = np.concatenate([begin, np.repeat(begin[-1:], lanes - len(begin), axis=0)])
-            nodes, deflections, closures = jax.tree.map(np.asarray, _shot(self.stepper, padded))
-            lane = int(np.argmin(np.nan_to_num(closures, nan=np.inf)))
-            if closures[lane] < best.closure:
-                best = Orbit(None, float(closures[lane]), nodes[lane], 0)
+            found = jax.tree.map(np.asarray, _shot(self.stepper, padded))
             best = replace(best, tries=first + len(begin))
-            if best.closure <= SETTLED:
-                return replace(best, coefficients=coefficients(deflections[lane]))
-        return best
+            for nodes, deflection, closure in zip(*found, strict=True):
+                if closure <= SETTLED and not any(_same(deflection, other) for other in known):
+                    known.append(deflection)
+                    yield Orbit(coefficients(deflection), float(closure), nodes, best.tries)
+                elif closure < best.closure:
+                    best = Orbit(None, float(closure), nodes, best.tries)
+        if not known:
+            yield best
 
     def close(self, nodes):
         """The :class:`Orbit` near the nodes of another one, which other steps found."""

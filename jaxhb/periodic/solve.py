@@ -5,6 +5,7 @@ harmonics the asked tolerance needs. With a plan nothing is decided, and ``solve
 """
 
 import dataclasses
+import itertools
 from functools import partial
 
 import jax
@@ -32,6 +33,9 @@ CLOSER = 30
 FINER, FINEST = 4, 2 * march.INSTANT_COUNTS[-1]
 """A closed orbit that Newton's method does not take is found again with up to so many times its steps, and so many
 steps a cycle; harmonics follow the steps."""
+
+ORBITS = 16
+"""Closed orbits that are tried: some have no harmonics near them, or lie beyond a fold that the steps displaced."""
 
 _UNSOLVED = (Status.MAX_STEPS, Status.STALLED, Status.NONFINITE)
 
@@ -391,25 +395,36 @@ def _starts(train, rpm, plan, adaptive, closure, path):
             path.append(f"shooting in segments, cycle of {instants} steps (closure {motion.closure:.1e})")
         return False
 
-    closed, marched = False, False
+    searches, closed = {}, False
     for instants in dict.fromkeys((plan.instants, min(2 * plan.instants, finest))):
-        if closed or (instants == plan.instants and closure <= SETTLED):
-            continue
-        cycles = search(instants)
-        if not marched:
-            marched, steady = True, cycles.march(min(orbits.STEADY, closure / CLOSER))
-            path.append(f"march of {steady.tries} cycles of {instants} steps (closure {steady.closure:.1e})")
-            if steady.coefficients is not None:
-                yield beginning(steady, instants)
-        orbit = cycles.shoot()
+        if instants > plan.instants or closure > SETTLED:
+            searches[instants] = search(instants)
+    for instants, cycles in list(searches.items())[:1]:
+        steady = cycles.march(min(orbits.STEADY, closure / CLOSER))
+        path.append(f"march of {steady.tries} cycles of {instants} steps (closure {steady.closure:.1e})")
+        if steady.coefficients is not None:
+            yield beginning(steady, instants)
+    shots = {instants: cycles.shoot() for instants, cycles in searches.items()}
+    for instants, orbit in itertools.islice(_in_turn(shots), ORBITS):
         path.append(f"shooting from {orbit.tries} cycles of {instants} steps (closure {orbit.closure:.1e})")
-        closed = yield from finer(orbit, instants)
+        closed |= yield from finer(orbit, instants)
     if closure > SETTLED and not closed:
         arrival = homotopy.find(train, rpm, plan)
         outcome = "lost" if arrival.coefficients is None else "found"
         told = f"curve no. {arrival.curves}, {arrival.steps} steps, {arrival.folds} folds"
         path.append(f"homotopy from the linear law: {outcome}, {told}")
         yield from finer(arrival, plan.instants)
+
+
+def _in_turn(iterators):
+    """``(key, item)`` of ``{key: iterator}``, one item of each by turns until none has another."""
+    while iterators:
+        for key, iterator in list(iterators.items()):
+            item = next(iterator, None)
+            if item is None:
+                del iterators[key]
+            else:
+                yield key, item
 
 
 def _attempt(train, rpm, plan, given, cycles):

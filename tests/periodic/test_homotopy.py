@@ -37,7 +37,7 @@ def hammering():
 @pytest.fixture
 def no_shooting(monkeypatch):
     """Shooting left out, to stand on the rung above it."""
-    monkeypatch.setattr(orbits.Search, "shoot", lambda *_: orbits.Orbit(None, np.inf, None, 0))
+    monkeypatch.setattr(orbits.Search, "shoot", lambda *_: iter([orbits.Orbit(None, np.inf, None, 0)]))
 
 
 def towards(train, rpm, share):

@@ -18,7 +18,7 @@ PLAN = Plan(harmonics=384, active=(0, 1, 2, 3), flank=(0,) * 4, start="march", i
 
 def test_shooting_closes_an_orbit_that_a_march_leaves_open_for_ever():
     train = jaxhb.load_scene("gear_train_30")
-    orbit = orbits.Search(train, RPM, PLAN).shoot()
+    orbit = next(orbits.Search(train, RPM, PLAN).shoot())
     assert orbit.closure <= orbits.SETTLED and orbit.tries >= 1
     response = jaxhb.solve(train, rpm=RPM)
     assert response.converged and any(entry.startswith("shooting") for entry in response.path)
@@ -30,7 +30,7 @@ def test_shooting_closes_an_orbit_that_a_march_leaves_open_for_ever():
 
 
 def test_a_march_that_is_not_finite_gives_no_orbit():
-    orbit = orbits.Search(jaxhb.load_scene("gear_train_30"), float("nan"), PLAN).shoot()
+    orbit = next(orbits.Search(jaxhb.load_scene("gear_train_30"), float("nan"), PLAN).shoot())
     assert orbit.coefficients is None and orbit.tries == 0
 
 
@@ -55,7 +55,7 @@ def test_modes_too_fast_for_the_steps_answer_statically():
     search = orbits.Search(train, rpm, plan)
     problem = pose(train, rpm, plan.harmonics, plan.excited)
     reduced, _ = reduced_equation(problem, plan.harmonics, plan.choice.active, plan.choice.chosen, plan.choice.flank)
-    settled, closed = search.march(1e-9), search.shoot()
+    settled, closed = search.march(1e-9), next(search.shoot())
     size = np.abs(settled.coefficients).max()
     assert closed.closure <= orbits.SETTLED and len(search._seeds()) >= orbits.LANES  # side by side
     np.testing.assert_allclose(closed.coefficients, settled.coefficients, atol=1e-5 * size)  # ten times SETTLED
