@@ -1,5 +1,6 @@
 """The fast part of ``benchmarks/stress.py``: random trains of two sizes and the extremes that take little time."""
 
+import argparse
 import sys
 from pathlib import Path
 
@@ -54,6 +55,17 @@ def test_cases_are_drawn_from_their_seeds():
     first, second = (random_trains.random_case(np.random.default_rng([3, 5])) for _ in range(2))
     assert first[1:] == second[1:]
     np.testing.assert_array_equal(first[0].meshes.stiffness, second[0].meshes.stiffness)
+
+
+def test_a_run_goes_on_where_its_file_ends(tmp_path, monkeypatch):
+    file = tmp_path / "records.jsonl"
+    for record in ({"benchmark": "stress"}, {"seed": 7, "case": 0}, {"seed": 7, "case": 2}, {"seed": 8, "case": 1}):
+        stress.write(file, record)
+    monkeypatch.setattr(stress, "run_case", lambda seed, index, again: {"seed": seed, "case": index, "again": again})
+    asked = argparse.Namespace(seed=7, cases=3, only=None, json=str(file), jobs=1, once=True)
+    known = stress.known_records(asked)
+    assert known == [{"seed": 7, "case": 0}, {"seed": 7, "case": 2}]
+    assert list(stress.random_records(asked, known)) == [{"seed": 7, "case": 1, "again": False}]
 
 
 @pytest.mark.parametrize("extreme", [e for e in extremes.extremes() if e.quick], ids=lambda extreme: extreme.name)

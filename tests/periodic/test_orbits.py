@@ -1,16 +1,23 @@
 """Closed orbits found by shooting, where a march of a few cycles does not settle."""
 
 import dataclasses
+import itertools
+import sys
+from pathlib import Path
 
 import numpy as np
 from trains import ONE_RADIAN_PER_SECOND, build
 
 import jaxhb
 from jaxhb import Disk, Mesh, Shaft, Torque
-from jaxhb.periodic import orbits
+from jaxhb.periodic import orbits, solve
 from jaxhb.periodic.harmonics import Plan
 from jaxhb.periodic.newton import relative_residual
 from jaxhb.periodic.problem import pose, reduced_equation
+
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
+
+import random_trains
 
 RPM = 2320.0
 PLAN = Plan(harmonics=384, active=(0, 1, 2, 3), flank=(0,) * 4, start="march", instants=1536, excited=24)
@@ -32,6 +39,33 @@ def test_shooting_closes_an_orbit_that_a_march_leaves_open_for_ever():
 def test_a_march_that_is_not_finite_gives_no_orbit():
     orbit = next(orbits.Search(jaxhb.load_scene("gear_train_30"), float("nan"), PLAN).shoot())
     assert orbit.coefficients is None and orbit.tries == 0
+
+
+def test_every_closed_orbit_is_found_once():
+    """Three disks with hardly any mean load on two meshes: many unstable motions, several in one batch of cycles."""
+    train, rpm, facts = random_trains.random_case(np.random.default_rng([0, 90]))
+    assert facts["load"] < 0.1 and train.topology.n_disks == 3
+    plan = Plan(harmonics=384, active=(0, 1), flank=(0, 0), start="march", instants=1536, excited=20)
+    found = list(itertools.islice(orbits.Search(train, rpm, plan).shoot(), 6))
+    motions = [np.fft.irfft(orbit.coefficients, n=plan.instants, norm="forward") for orbit in found]
+    assert all(orbit.closure <= orbits.SETTLED for orbit in found)
+    apart = [np.abs(one - other).max() / np.abs(one).max() for one, other in itertools.combinations(motions, 2)]
+    assert len(found) == 6 and min(apart) > orbits.SAME
+
+
+def test_another_orbit_is_tried_where_the_harmonics_do_not_take_the_first(monkeypatch):
+    shoot = orbits.Search.shoot
+
+    def misled(search):
+        found = next(shoot(search))
+        yield dataclasses.replace(found, coefficients=0.3 * found.coefficients)
+        yield found
+
+    monkeypatch.setattr(orbits.Search, "shoot", misled)
+    monkeypatch.setattr(solve, "FINER", 1)
+    response = jaxhb.solve(jaxhb.load_scene("gear_train_30"), rpm=RPM)
+    assert response.converged
+    assert sum(entry.startswith("shooting from") for entry in response.path) == 2
 
 
 def test_modes_too_fast_for_the_steps_answer_statically():

@@ -11,6 +11,7 @@ from trains import build, pinions_parts
 import jaxhb
 from jaxhb.linear.response import stack
 from jaxhb.periodic import harmonics as decide
+from jaxhb.periodic import march, speeds
 from jaxhb.periodic.program import solve_problem
 
 HAMMERING_RPM = 5625.0
@@ -189,6 +190,19 @@ def test_every_entry_refuses_a_speed_that_is_none(pair, plan, rpm):
     for call in calls:
         with pytest.raises(ValueError, match="must be greater than 0 rpm"):
             call()
+
+
+def test_many_heavy_speeds_of_a_sweep_take_the_steps_that_their_own_modes_want():
+    train, rpm = jaxhb.load_scene("gear_train_30"), np.linspace(1300.0, 2450.0, 60)
+    plans = speeds.plan_speeds(train, rpm, None, 0.01)
+    modes = np.array([decide.mesh_mode_harmonic(train, train.topology.cycle_frequency(speed)) for speed in rpm])
+    marched = np.array([plan.start == "march" for plan in plans])
+    instants = np.array([plan.instants for plan in plans])
+    assert np.all(instants[marched] >= march.INSTANTS_PER_MODE_PERIOD * modes[marched])
+    counts = np.unique(instants[marched], return_counts=True)[1]
+    assert len(counts) >= 2 and counts.min() >= speeds.MANY
+    few = speeds.plan_speeds(train, rpm[::8], None, 0.01)
+    assert len({plan for plan in few if plan.start == "march"}) == 1
 
 
 def test_several_speeds_in_one_solve_are_sent_to_solve_speeds(pair):
