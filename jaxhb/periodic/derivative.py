@@ -69,10 +69,14 @@ def _attach_jvp(sizes, primals, tangents):
     return (found, deflection), _where(solved, (found_dot, deflection_dot), None)
 
 
+def all_finite(tree):
+    """Whether every number is: an infinite knot of a table may give a finite problem, but not the one meant."""
+    return jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(tree)]))
+
+
 def only_if_finite(tree):
     """The same numbers, without derivatives where one of them is not finite: nothing else of a batch then is nan."""
-    finite = [jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(tree)]
-    return _where(jnp.all(jnp.stack(finite)), tree, lax.stop_gradient(tree))
+    return _where(all_finite(tree), tree, lax.stop_gradient(tree))
 
 
 def _where(solved, values, others):

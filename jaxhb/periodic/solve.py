@@ -213,9 +213,11 @@ def _solve_planned(train, rpm, plan, start):
 @partial(jax.jit, static_argnames="plan")
 def _solve_traced(train, rpm, begin, plan):
     """One program for all of it: piece by piece, differentiation outside ``jit`` compiles a hundred small ones."""
+    finite = derivative.all_finite((train, rpm))
     train, rpm = derivative.only_if_finite((train, rpm))
     problem = pose(train, rpm, plan.harmonics, plan.excited)
     outcome = solve_problem(problem, plan.choice, begin, plan.limit, plan.sizes)
+    outcome = dataclasses.replace(outcome, status=jnp.where(finite, outcome.status, Status.NONFINITE))
     return respond(train, rpm, problem, outcome, plan)
 
 

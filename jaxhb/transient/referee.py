@@ -18,6 +18,8 @@ STEPS_PER_PERIOD = 40
 MOST_STEPS_PER_PERIOD = 400
 MESH_SHARE = 0.01
 MOST_CORRECTIONS = 10
+ROUNDED = 1e-11
+"""Share of a displacement that the coordinates of the integration may lose."""
 
 _discretize = jax.jit(discretize, static_argnames=("steps", "parts"))
 _settle = jax.jit(settle)
@@ -302,7 +304,8 @@ def shooting_correction(response, *, steps=None, tolerance=1e-9):
     Raises
     ------
     ValueError
-        For scenes that cannot be integrated in time, see :func:`integrate`.
+        For scenes that cannot be integrated in time, see :func:`integrate`, and where a soft ground lets the mean
+        torques turn the train so far that rounding hides the backlash.
 
     Examples
     --------
@@ -316,6 +319,12 @@ def shooting_correction(response, *, steps=None, tolerance=1e-9):
         raise ValueError(f"{train.topology.name or 'scene'} has no mesh with backlash: its response is exact")
     system, meshes, frequency, load = _equations(train, rpm)
     start = np.asarray(response.angles) * np.asarray(system.radius)[:, None]
+    farthest, least = np.abs(start[:, 0]).max(), np.min(meshes.law.backlash)
+    if ROUNDED * farthest > least:
+        raise ValueError(
+            f"{train.topology.name or 'scene'}: the mean torques turn a gear by {farthest:.1e} m along its teeth, and "
+            f"time integration keeps no digits for a backlash of {least:.1e} m: add a [[load]] or a stiffer [[ground]]."
+        )
     orbit = referee(system, meshes, frequency, load, start, steps=steps, tolerance=tolerance)
     own = np.flatnonzero(np.array(train.topology.mesh_backlash, dtype=bool))
     deflection = response.deflection_samples(orbit.elastic.shape[1])[own]

@@ -16,6 +16,9 @@ from .integrate import traced
 SEGMENTS = 32
 """Divides every number of instants; more of them cost no less."""
 
+SINGULAR = 1e-11
+"""Share of the largest singular value of a condensed cycle below which a motion returns whatever it is."""
+
 LENGTHS = (1.0, 0.5, 0.2, 0.05, 0.01)
 """Shares of a Newton step that are tried."""
 
@@ -39,13 +42,11 @@ def _run(stepper, state, middle, ahead, first):
 
 
 def moving(space):
-    """``(n,)`` 1, or 0 for states that move no mesh and return whatever they are: free rotation, undamped its rate."""
-    half = space.transition.shape[0] // 2
-    stiffness = -jnp.diag(space.transition[half:, :half])
-    free = stiffness <= 1e-10 * jnp.max(stiffness)
-    drag = jnp.abs(space.transition[half:, half:])
-    undamped = jnp.max(drag, axis=1) <= 1e-9 * jnp.max(drag)
-    return 1.0 - jnp.concatenate([free, free & undamped])
+    """``(n,)`` 1, or 0 for states that return whatever they are: those that move nothing (free rotation, modes left
+    out), and those that move only these (the undamped rate of a free rotation)."""
+    nothing = jnp.abs(space.transition) <= 1e-10 * jnp.max(jnp.abs(space.transition))
+    free = jnp.all(nothing, axis=0)
+    return 1.0 - jnp.all(nothing | free[:, None], axis=0)
 
 
 def beginnings(stepper, state):
@@ -109,7 +110,8 @@ def correct(gap, slope, share_slope):
     whole, _ = lax.scan(through, begin, (slope, gap, share_slope))
     condensed = jnp.concatenate([whole[:, :size] - identity, whole[:, size + 1 :]], axis=1)
     left, values, right = jnp.linalg.svd(condensed, full_matrices=True)
-    closing = right[:size].T @ (left.T @ -whole[:, size] / values)
+    known = values > SINGULAR * values[0]
+    closing = right[:size].T @ (jnp.where(known, left.T @ -whole[:, size], 0.0) / jnp.where(known, values, 1.0))
     tangent = right[size] * jnp.sign(jnp.linalg.det(left) * jnp.linalg.det(right))
     first = jnp.stack([closing, tangent], axis=1)
 

@@ -22,6 +22,9 @@ LIGHT = 1e-6
 LARGEST = 64
 """Disks, and modes of a larger train, that are kept."""
 
+ROUNDED = 1e-14
+"""Share of the highest squared frequency that is free rotation, as far as rounding lets it be seen."""
+
 SHIFTS = 12
 """Frequencies at which the answers to mesh forces of a larger train are taken."""
 
@@ -65,7 +68,7 @@ def surrogate(system, links, active, frequency, instants, excited):
     static = (rows * jnp.where(slow, 0.0, 1 / jnp.where(slow, 1.0, squares))) @ rows.T
     vectors = jnp.where(slow, vectors, 0.0)[:, :kept]
     rows = jnp.where(slow, rows, 0.0)[:, :kept]
-    squares = jnp.clip(squares[:kept], 0.0, fastest**2)
+    squares = jnp.where(slow & (squares > ROUNDED * squares[-1]), squares, 0.0)[:kept]
     scale = jnp.sqrt(jnp.maximum(squares, frequency**2))
     modal = vectors.T @ basis.T * mass
     zero, none = jnp.zeros((kept, kept)), jnp.zeros_like(rows)

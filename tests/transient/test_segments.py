@@ -3,8 +3,9 @@
 import jax
 import numpy as np
 from tolerances import PATHS
-from trains import branched_parts, build
+from trains import ONE_RADIAN_PER_SECOND, branched_parts, build
 
+from jaxhb import Disk, Ground, Mesh, Shaft, Torque
 from jaxhb.periodic import orbits
 from jaxhb.periodic.harmonics import Plan
 from jaxhb.transient import segments, shooting
@@ -66,6 +67,35 @@ def test_correction_and_tangent_solve_the_linearised_equations():
     np.testing.assert_allclose(left(tangent), 0.0, atol=PATHS * np.abs(tangent).max())
 
 
-def test_free_rotation_is_left_out():
-    space = stepper().space
-    assert np.all(segments.moving(space) == 1)  # a ground spring holds this train
+def test_what_moves_nothing_is_left_out():
+    """Free rotation and its undamped rate, and a mode forty times too fast for the steps, which answers statically."""
+    held, floating = floating_pair(grounded=True), floating_pair(grounded=False)
+    assert np.sum(segments.moving(held.space) == 0) == 2  # the fast mode and its rate
+    still = np.flatnonzero(np.asarray(segments.moving(floating.space)) == 0)
+    assert len(still) == 4
+    nodes = segments.beginnings(floating, floating.flank_state)
+    change, tangent = np.asarray(direction(floating, nodes)).T
+    assert np.abs(tangent).max() > 0
+    by_state = [part[:-1].reshape(nodes.shape)[:, still] for part in (change, tangent)]
+    np.testing.assert_allclose(by_state, 0.0, atol=PATHS * np.abs(nodes).max())
+
+
+@jax.jit
+def direction(stepper, nodes):
+    gap, slope, _ = segments.linearize(lambda share: stepper, nodes, 1.0)
+    return segments.correct(gap, slope, nodes)
+
+
+def floating_pair(grounded):
+    parts = [
+        Disk(name="driver", inertia=1.0, radius=1.0),
+        Disk(name="gear", inertia=1e-6, radius=1.0),
+        Disk(name="driven", inertia=1.0),
+        Mesh(between=("driver", "gear"), stiffness=4.0, damping=0.1, backlash=0.5, epsilon=0.01, transition=0.2),
+        Shaft(between=("gear", "driven"), stiffness=20.0, damping=0.1),
+        Torque(disk="driver", mean=0.4, harmonics=[(1.0, 1.5, 0.0)]),
+        Torque(disk="driven", mean=-0.4),
+        *([Ground(disk="driven", stiffness=0.1)] if grounded else []),
+    ]
+    plan = Plan(harmonics=32, active=(0,), flank=(0,), instants=256, excited=1)
+    return orbits.stepper_of(build(parts, reference="driver"), 2 * ONE_RADIAN_PER_SECOND, plan)
