@@ -113,7 +113,7 @@ def rung(path):
 def run_case(seed, index, again=True):
     """Record of case ``index``, solved ``again`` for its time without compilation."""
     train, rpm, facts = random_case(np.random.default_rng([seed, index]))
-    return {"seed": seed, "case": index} | examine(train, rpm, facts, again=again)
+    return {"benchmark": "stress", "seed": seed, "case": index} | examine(train, rpm, facts, again=again)
 
 
 def examine(train, rpm, facts, *, harmonics=None, again=True):
