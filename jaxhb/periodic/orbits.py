@@ -7,7 +7,7 @@ are those of the steps taken; the harmonics correct them.
 """
 
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import jax
 import jax.numpy as jnp
@@ -133,9 +133,13 @@ class Search:
     """Closed orbits of a train at a speed, with the meshes and instants of a Plan."""
 
     def __init__(self, train, rpm, plan):
-        self.instants = plan.instants
-        self.stepper = stepper_of(train, rpm, plan)
+        self.train, self.rpm, self.plan = train, rpm, plan
         self.states, self.closures = None, None
+
+    @cached_property
+    def stepper(self):
+        """The Stepper, made (and its program compiled) when something is searched with it."""
+        return stepper_of(self.train, self.rpm, self.plan)
 
     def march(self, until=0.0):
         """The :class:`Orbit` of the first cycle, from the flanks, that closes to ``until``; the cycles are kept."""
@@ -177,6 +181,6 @@ class Search:
         """Beginnings ``(tries, n)`` of the cycles of a march that close best."""
         if self.states is None:
             self.march()
-        most = int(np.clip(WORK / (self.instants * (self.states.shape[1] ** 2 + 15**2)), *TRIES))
+        most = int(np.clip(WORK / (self.plan.instants * (self.states.shape[1] ** 2 + 15**2)), *TRIES))
         best = np.argsort(self.closures)[:most]
         return self.states[best[np.isfinite(self.closures[best])]]

@@ -6,7 +6,7 @@ harmonics the asked tolerance needs. With a plan nothing is decided, and ``solve
 
 import dataclasses
 import itertools
-from functools import partial
+from functools import cache, partial
 
 import jax
 import jax.numpy as jnp
@@ -377,6 +377,7 @@ def _starts(train, rpm, plan, adaptive, closure, path):
     """
     finest = max(plan.instants, min(FINER * plan.instants, FINEST))
 
+    @cache
     def search(instants):
         return orbits.Search(train, rpm, dataclasses.replace(plan, instants=instants))
 
@@ -397,16 +398,14 @@ def _starts(train, rpm, plan, adaptive, closure, path):
             path.append(f"shooting in segments, cycle of {instants} steps (closure {motion.closure:.1e})")
         return False
 
-    searches, closed = {}, False
-    for instants in dict.fromkeys((plan.instants, min(2 * plan.instants, finest))):
-        if instants > plan.instants or closure > SETTLED:
-            searches[instants] = search(instants)
-    for instants, cycles in list(searches.items())[:1]:
-        steady = cycles.march(min(orbits.STEADY, closure / CLOSER))
-        path.append(f"march of {steady.tries} cycles of {instants} steps (closure {steady.closure:.1e})")
+    counts = dict.fromkeys((plan.instants, min(2 * plan.instants, finest)))
+    counts, closed = [n for n in counts if n > plan.instants or closure > SETTLED], False
+    if counts:
+        steady = search(counts[0]).march(min(orbits.STEADY, closure / CLOSER))
+        path.append(f"march of {steady.tries} cycles of {counts[0]} steps (closure {steady.closure:.1e})")
         if steady.coefficients is not None:
-            yield beginning(steady, instants)
-    shots = {instants: cycles.shoot() for instants, cycles in searches.items()}
+            yield beginning(steady, counts[0])
+    shots = {instants: search(instants).shoot() for instants in counts}
     for instants, orbit in itertools.islice(_in_turn(shots), ORBITS):
         path.append(f"shooting from {orbit.tries} cycles of {instants} steps (closure {orbit.closure:.1e})")
         closed |= yield from finer(orbit, instants)

@@ -86,9 +86,8 @@ def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=None, integ
     found = [None] * len(rpm)
     for shared in dict.fromkeys(plans):
         places = [i for i, own in enumerate(plans) if own == shared]
-        alone = shared.harmonics >= HEAVY and jax.default_backend() == "cpu"
         size = LINEAR_CHUNK if not shared.active and len(places) >= LINEAR_CHUNK else CHUNK
-        size = 1 if alone or len(places) == 1 else size
+        size = 1 if _alone(shared.harmonics) or len(places) == 1 else size
         for first in range(0, len(places), size):
             chunk = places[first : first + size]
             if size == 1:
@@ -179,17 +178,20 @@ class _Loads:
     load_power: jax.Array
 
 
+def _alone(harmonics):
+    """Whether speeds with so many harmonics are solved one by one."""
+    return harmonics >= HEAVY and jax.default_backend() == "cpu"
+
+
 def _alike(places, modes, excited):
     """``places`` of speeds cut where the mesh modes want fewer steps a cycle, if there are MANY speeds on each side.
 
     One speed after another costs what its steps cost, and every number of steps is one more program: that pays with
-    many speeds. Those solved in batches stay together.
+    many speeds.
     """
-    heavy = jax.default_backend() == "cpu" and len(places)
-    heavy = heavy and decide.first_level(excited, float(np.median(modes[places]))) >= HEAVY
     groups, left = [], places
     steps = np.array([march.instants_for(max(mode, 2 * excited)) for mode in modes])
-    for count in sorted(set(steps[places].tolist())) if heavy else ():
+    for count in sorted(set(steps[places].tolist())):
         alike = left[steps[left] <= count]
         if len(alike) >= MANY and len(left) - len(alike) >= MANY:
             groups.append(alike)
@@ -218,11 +220,18 @@ def plan_speeds(train, rpm, harmonics, tolerance, integrals="sampled"):
     modes = decide.mesh_mode_harmonic(train, train.topology.cycle_frequency(1.0)) / rpm
     resting = {flank: dataclasses.replace(contact, flank=flank) for flank in set(map(tuple, flanks.tolist()))}
     plans = [resting[tuple(flank)] for flank in flanks.tolist()]
-    separate = leaves.any(axis=-1) & apart
-    groups = [np.flatnonzero(leaves.any(axis=-1) & ~apart), *_alike(np.flatnonzero(separate), modes, excited)]
-    for separating, group in [(number > 0, group) for number, group in enumerate(groups) if len(group)]:
-        slowest, usual = np.max(modes[group]), float(np.median(modes[group]))
-        level = harmonics or decide.first_level(excited, usual if separating else 0.0)
+
+    def level_of(group, separating):
+        return harmonics or decide.first_level(excited, float(np.median(modes[group])) if separating else 0.0)
+
+    touching, hammering = (np.flatnonzero(leaves.any(axis=-1) & (apart == kind)) for kind in (False, True))
+    cut = len(hammering) and _alone(level_of(hammering, True))
+    groups = [(False, touching)]
+    groups += [(True, group) for group in (_alike(hammering, modes, excited) if cut else [hammering])]
+    for separating, group in groups:
+        if not len(group):
+            continue
+        slowest, level = np.max(modes[group]), level_of(group, separating)
         own = flanks[group]
         flank = tuple(np.where((own == own[0]).all(axis=0), own[0], 0).tolist())
         shared = dataclasses.replace(

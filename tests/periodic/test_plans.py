@@ -203,6 +203,8 @@ def test_many_heavy_speeds_of_a_sweep_take_the_steps_that_their_own_modes_want()
     assert len(counts) >= 2 and counts.min() >= speeds.MANY
     few = speeds.plan_speeds(train, rpm[::8], None, 0.01)
     assert len({plan for plan in few if plan.start == "march"}) == 1
+    light = speeds.plan_speeds(train, rpm, 96, 0.01)  # solved in batches, which stay together
+    assert len({plan for plan in light if plan.start == "march"}) == 1
 
 
 def test_several_speeds_in_one_solve_are_sent_to_solve_speeds(pair):
