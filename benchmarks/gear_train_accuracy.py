@@ -143,7 +143,7 @@ def times(train):
     print("harmonics   rpm  compile s  run s  Newton steps  status")
     for harmonics, rpm in ((64, 1200.0), (256, 2450.0)):
         plan = jaxhb.plan(train, rpm=rpm, harmonics=harmonics)
-        problem = pose(train, rpm, harmonics, plan.excited)
+        problem = pose(train, rpm, plan.sizes.excited)
         nothing = jnp.zeros((len(plan.choice.active), harmonics + 1), dtype=complex)
         start = Start(nothing, np.array(False), np.array(plan.cycles))
         jax.clear_caches()

@@ -15,7 +15,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..harmonic import fourier
 from ..periodic.derivative import only_if_finite
 from ..periodic.problem import pose
 from ..periodic.program import differentiable, estimate, find
@@ -138,7 +137,7 @@ def read_lanes(numbers, held, rpm, start, choice, *, form, asked, plan):
     """
 
     def lane(numbers, speed, start):
-        train, problem = _problem(form, numbers, held, plan)
+        train, problem = form.build(numbers, held)
         found = find(problem, choice, start, 1.0, _sizes(plan))
         response = respond(train, speed, problem, found[0], plan)
         exact = [QUANTITIES[quantity].tell(response, of, order) for quantity, of, order in asked]
@@ -157,19 +156,13 @@ def pull_lanes(numbers, held, rpm, found, choice, cotangent, *, form, asked, pla
 
     def lane(numbers, speed, found, cotangent):
         def read(numbers):
-            train, problem = _problem(form, only_if_finite(numbers), held, plan)
+            train, problem = form.build(only_if_finite(numbers), held)
             outcome = differentiable(problem, choice, found, _sizes(plan))
             return _smooth(respond(train, speed, problem, outcome, plan), asked)
 
         return jax.vjp(read, numbers)[1](cotangent)[0]
 
     return _each(lane, numbers, rpm, found, cotangent)
-
-
-def _problem(form, numbers, held, plan):
-    """Train and problem of a lane with the harmonics of its plan."""
-    train, problem = form.build(numbers, held)
-    return train, dataclasses.replace(problem, load=fourier.resize(problem.load, plan.harmonics))
 
 
 def _sizes(plan):
@@ -192,7 +185,7 @@ def estimate_lanes(numbers, held, motion, choice, *, form, plan):
     """Truncation errors ``(c,)`` of solved lanes, ``motion`` ``(c, G, N+1)`` of the active meshes."""
 
     def lane(numbers, motion):
-        return estimate(_problem(form, numbers, held, plan)[1], choice, motion, plan.sizes)
+        return estimate(form.build(numbers, held)[1], choice, motion, plan.sizes)
 
     return _each(lane, numbers, motion)
 

@@ -21,18 +21,22 @@ import numpy as np
 from jax import lax
 
 
-def _divide(numerator, denominator):
-    """Quotient, 0 where the denominator is 0 (a ring behind a purely viscous link at the mean)."""
-    singular = denominator == 0
-    return jnp.where(singular, 0.0, numerator / jnp.where(singular, 1.0, denominator))
+def divide(numerator, denominator):
+    """Complex quotient, 0 where the denominator is 0 (a ring behind a purely viscous link at the mean).
+
+    Written out: the library's division is safe from overflow beyond 1e154 and costs as much as the rest of a sweep.
+    """
+    square = denominator.real**2 + denominator.imag**2
+    return numerator * jnp.conj(denominator) * jnp.where(square == 0, 0.0, 1 / jnp.where(square == 0, 1.0, square))
 
 
-def _regular(pivot, link):
+def regular(pivot, link):
     """A pivot that vanishes exactly (an undamped part at resonance with its upper node held) moved by rounding.
 
     The whole train need not be singular there; a pivot that vanishes together with its link stays zero.
     """
-    return jnp.where(pivot == 0, jnp.finfo(float).eps * jnp.abs(link), pivot)
+    size = jnp.abs(link.real) + jnp.abs(link.imag)
+    return jnp.where(pivot == 0, jnp.finfo(float).eps * size, pivot)
 
 
 class Places(NamedTuple):
@@ -99,39 +103,35 @@ def scalar_sweep(at, near, far, link, node, load, forces=None):
         ``force`` of the link to the parent, positive for ``alpha x_s > beta x_p``; zero at the root.
     """
 
+    kept = slice(load.shape[1] if forces is None else forces)
+
     def eliminate(collected, item):
         own, above, alpha, beta, C, P, psi = item
         stiffness, moment = collected
         P, psi = P + stiffness[own], psi + moment[own]
-        pivot = _regular(P + alpha**2 * C, alpha**2 * C)
-        gain = beta * _divide(C, pivot)
-        stiffness = stiffness.at[own].set(0.0, unique_indices=True).at[above].add(beta * gain * P)
-        moment = moment.at[own].set(0.0, unique_indices=True).at[above].add(alpha * gain * psi)
-        return (stiffness, moment), (P, psi)
+        pivot = regular(P + alpha**2 * C, alpha**2 * C)
+        inverse = divide(1.0, pivot)
+        hand = C * inverse
+        stiffness = stiffness.at[own].set(0.0, unique_indices=True).at[above].add(beta**2 * hand * P)
+        moment = moment.at[own].set(0.0, unique_indices=True).at[above].add(alpha * beta * hand * psi)
+        follow = jnp.where(pivot == 0, beta / alpha, alpha * beta * hand)
+        alone = inverse * psi, alpha * hand * psi[kept]
+        return (stiffness, moment), (follow, beta * hand * P, *alone)
 
     nothing = [jnp.zeros((len(at.every), *a.shape[1:]), a.dtype) for a in (node, load)]
-    order = (at.own, at.above, near, far)
-    _, (P, psi) = lax.scan(eliminate, tuple(nothing), (*order, link, node, load))
-    square = near[:, None] ** 2
-    pivot = _regular(P + square * link, square * link)
-    inverse = _divide(1.0, pivot)
-    arms = near[:, None] * far[:, None]
-    follow = jnp.where(pivot == 0, (far / near)[:, None], arms * link * inverse)
-    transfer = far[:, None] * link * P * inverse
-    root = psi[-1] / P[-1]
+    below_root = jax.tree.map(lambda a: a[:-1], (at.own, at.above, near, far, link, node, load))
+    (stiffness, moment), held = lax.scan(eliminate, tuple(nothing), below_root)
+    root = (load[-1] + moment[at.own[-1]]) / (node[-1] + stiffness[at.own[-1]])
 
     def substitute(motion, item):
-        own, above, inverse, psi, follow = item
+        own, above, follow, transfer, free, push = item
         up = motion[above]
-        below = inverse * psi + follow * up
-        return motion.at[own].set(below, unique_indices=True), (below, up[:forces])
+        below = free + follow * up
+        return motion.at[own].set(below, unique_indices=True), (below, push - transfer * up[kept])
 
     motion = nothing[1].at[at.own[-1]].set(root, unique_indices=True)
-    items = jax.tree.map(lambda a: a[:-1], (at.own, at.above, inverse, psi, follow))
-    _, (below, up) = lax.scan(substitute, motion, items, reverse=True)
-    hand = near[:, None] * link * inverse
-    force = hand[:-1, None] * psi[:-1, :forces] - transfer[:-1, None] * up
-    return jnp.concatenate([below, root[None]]), jnp.concatenate([force, jnp.zeros_like(root)[None, :forces]])
+    _, (below, force) = lax.scan(substitute, motion, (at.own[:-1], at.above[:-1], *held), reverse=True)
+    return jnp.concatenate([below, root[None]]), jnp.concatenate([force, jnp.zeros_like(root)[None, kept]])
 
 
 def block_sweep(parent, near, far, link, node, load):

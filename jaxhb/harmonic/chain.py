@@ -10,6 +10,7 @@ numbered from their free ends, a fictitious node wherever the main chain jumps o
 the same tree: :func:`seed_numbering` produces it, :func:`parents_from_seed` reads it.
 """
 
+import dataclasses
 import functools
 from dataclasses import dataclass
 
@@ -23,12 +24,38 @@ from .block_sweep import Places, places
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
+class Folding:
+    """Chains of disks without teeth and without branches, folded into one link each; integer arrays, no names.
+
+    Of the n disks folded, chain after chain: disk, chain, before and after (the links on both sides), first (whether
+    the chain begins here), joined (whether ``before`` holds its beginning, or it has a free end there). Of the c
+    chains, those between two disks first: begin ``(t,)`` and end ``(c,)``, what they hang on. kept ``(K,)``: the other
+    disks; begin, end and ``tree`` count these. The links of ``tree`` are the t chains and after them ``plain``, links
+    between disks that are kept.
+    """
+
+    disk: np.ndarray
+    chain: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    first: np.ndarray
+    joined: np.ndarray
+    begin: np.ndarray
+    end: np.ndarray
+    kept: np.ndarray
+    plain: np.ndarray
+    tree: "Tree"
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
 class Tree:
     """Elimination order of S nodes joined by tree links, leaves first, root last; integer arrays, no names.
 
     node : ``(S,)`` disk of each position; parent : ``(S,)`` position of the parent, S at the root;
     places : of the sweep; link : ``(S,)`` link to the parent, 0 at the root; from_a : ``(S,)`` whether the node is the
-    link's first end; loops : ``(n,)`` links outside the tree; end_a, end_b : ``(L,)`` disks that each link joins.
+    link's first end; loops : ``(n,)`` links outside the tree; end_a, end_b : ``(L,)`` disks that each link joins;
+    folding : what is left of it between the teeth, if that is known.
     """
 
     node: np.ndarray
@@ -39,6 +66,7 @@ class Tree:
     loops: np.ndarray
     end_a: np.ndarray
     end_b: np.ndarray
+    folding: Folding | None = None
 
 
 @jax.tree_util.register_dataclass
@@ -78,7 +106,53 @@ def span(topology):
     ends = topology.link_ends
     disks = len(topology.disk_names)
     root = topology.ground_disk[0] if topology.ground_disk else 0
-    return span_links(ends, disks, root)
+    tree = span_links(ends, disks, root)
+    teeth = {disk for pair in topology.mesh_ends for disk in pair}
+    return dataclasses.replace(tree, folding=fold_chains(tree, root, teeth))
+
+
+def fold_chains(tree, root, teeth):
+    """The :class:`Folding` of a tree in which the disks ``teeth`` and ``root`` are kept, and all that branch."""
+    ends = list(zip(tree.end_a.tolist(), tree.end_b.tolist(), strict=True))
+    disks, at = len(tree.node), [[] for _ in tree.node]
+    for index, pair in enumerate(ends):
+        for disk in pair:
+            at[disk].append(index)
+    wanted = {root, *teeth, *(disk for index in tree.loops for disk in ends[index])}
+    kept = [disk for disk in range(disks) if disk in wanted or len(at[disk]) > 2]
+    number = {disk: i for i, disk in enumerate(kept)}
+
+    def walk(disk, link):
+        """Disks and links from ``disk`` over ``link`` to a free end or, last of the disks, one that is kept."""
+        passed, links = [], [link]
+        while True:
+            disk = sum(ends[links[-1]]) - disk
+            passed.append(disk)
+            onward = [index for index in at[disk] if index != links[-1]]
+            if disk in number or not onward:
+                return passed, links
+            links += onward
+
+    through, hanging, plain = [], [], []
+    for begin in kept:
+        for link in at[begin]:
+            passed, links = walk(begin, link)
+            if passed[-1] not in number:
+                hanging.append((passed[::-1], links[0], links[::-1], begin))
+            elif len(passed) == 1:
+                plain.append(link)
+            elif (begin, links[0]) < (passed[-1], links[-1]):
+                through.append((passed[:-1], links[0], links[1:], passed[-1], begin))
+    plain = sorted(set(plain))
+    rows = []
+    for chain, (passed, before, links, *_) in enumerate(through + hanging):
+        for i, (disk, after) in enumerate(zip(passed, links, strict=True)):
+            rows.append((disk, chain, before, after, i == 0, chain < len(through)))
+    columns = np.array(rows, dtype=np.int32).reshape(-1, 6).T
+    begin, end = _index([number[c[4]] for c in through]), _index([number[c[3]] for c in through + hanging])
+    joints = list(zip(begin.tolist(), end.tolist(), strict=False)) + [tuple(number[d] for d in ends[i]) for i in plain]
+    small = span_links(joints, len(kept), number[root])
+    return Folding(*columns[:4], *columns[4:].astype(bool), begin, end, _index(kept), _index(plain), small)
 
 
 def span_links(ends, disks, root):

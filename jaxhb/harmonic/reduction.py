@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from . import backlash, exact, fourier
-from .block_sweep import scalar_sweep
+from .block_sweep import divide, regular, scalar_sweep
 
 CHUNK = 64
 """Harmonics swept at a time: even a finely divided train then stays in the cache of a processor."""
@@ -32,8 +32,7 @@ def frequencies(frequency, harmonics):
 
 def link_stiffness(system, omega):
     """Complex stiffness ``(L, N+1)`` of every link: k (1 + i eta) + i omega r, without loss factor at the mean."""
-    elastic = system.stiffness[:, None] * (1 + 1j * system.loss[:, None] * (omega > 0))
-    return elastic + 1j * omega * system.viscous[:, None]
+    return _of_link(omega, system.stiffness[:, None], system.loss[:, None], system.viscous[:, None])
 
 
 def node_stiffness(system, omega):
@@ -41,8 +40,16 @@ def node_stiffness(system, omega):
 
     A floating train is held at its root for the mean; without mean imbalance nothing flows through that support.
     """
-    Z = -(omega**2) * system.mass[:, None] + 1j * omega * system.damping[:, None] + system.ground[:, None]
+    Z = _of_disk(omega, system.mass[:, None], system.damping[:, None], system.ground[:, None])
     return Z.at[system.tree.node[-1]].add(jnp.where(system.floating & (omega == 0), 1.0, 0.0))
+
+
+def _of_link(omega, stiffness, loss, viscous):
+    return stiffness * (1 + 1j * loss * (omega > 0)) + 1j * omega * viscous
+
+
+def _of_disk(omega, mass, damping, ground):
+    return -(omega**2) * mass + 1j * omega * damping + ground
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(3,))
@@ -66,7 +73,7 @@ def solve_linear(system, omega, load, forces=None):
     force : complex array ``(L, forces, H)`` N
         Transmitted force of every link (elastic, viscous and loss-factor part), positive for ``a x_a > b x_b``.
     """
-    return _sweep(system, omega, load, forces)
+    return _sweep(system, link_stiffness(system, omega), node_stiffness(system, omega), load, forces)
 
 
 @solve_linear.defjvp
@@ -93,11 +100,9 @@ def _solve_linear_jvp(forces, primals, tangents):
     return (displacement, force[:, :forces]), (change[0], change[1] + held[:, :forces])
 
 
-def _sweep(system, omega, load, forces):
-    """The elimination of the tree, closed by the links outside it."""
+def _sweep(system, C, node, load, forces):
+    """The elimination of the tree with links ``C`` and disks ``node``, closed by the links outside it."""
     tree = system.tree
-    C = link_stiffness(system, omega)
-    node = node_stiffness(system, omega)[tree.node]
     if not len(C):
         return load / node[:, None], jnp.zeros((0, *load[:, :forces].shape[1:]), load.dtype)
     near = jnp.where(tree.from_a, system.arm_a[tree.link], system.arm_b[tree.link])
@@ -109,7 +114,9 @@ def _sweep(system, omega, load, forces):
         unit = jnp.broadcast_to(unit, (len(unit), loops, load.shape[2]))
         extended = jnp.concatenate([unit.astype(load.dtype), load], axis=1)
     wanted = loops + (load.shape[1] if forces is None else forces)
-    displacement, force = scalar_sweep(tree.places, near, far, C[tree.link], node, extended[tree.node], wanted)
+    displacement, force = scalar_sweep(
+        tree.places, near, far, C[tree.link], node[tree.node], extended[tree.node], wanted
+    )
     displacement = jnp.zeros_like(displacement).at[tree.node].set(displacement, unique_indices=True)
     signed = jnp.where(tree.from_a, 1.0, -1.0)[:, None, None] * force
     link_force = jnp.zeros((C.shape[0], *force.shape[1:]), force.dtype)
@@ -131,6 +138,73 @@ def _close_loops(system, C, displacement, link_force, loops):
     closing = closing[..., : link_force.shape[1] - loops]
     force = link_force[:, loops:] - jnp.einsum("klh,hlr->krh", link_force[:, :loops], closing)
     return displacement, force.at[system.tree.loops].set(closing.transpose(1, 2, 0), unique_indices=True)
+
+
+def folded_chains(system, omega):
+    """The train with its chains of disks without teeth as single links (:class:`~jaxhb.harmonic.chain.Folding`).
+
+    A disk of dynamic stiffness g between links k and c is a link kc/(k+c+g) between its neighbours, and stiffnesses
+    kg/(k+c+g) and cg/(k+c+g) of these: sums without differences, so that a soft ground costs no digits.
+
+    Returns
+    -------
+    system : System
+        Its tree and arms alone are those of the K disks that are kept.
+    link, node : complex arrays ``(L, H)``, ``(K, H)`` N/m
+    """
+    folding = system.tree.folding
+
+    def numbers(*fields, at):
+        return tuple(jnp.asarray(getattr(system, name))[at] for name in fields)
+
+    elastic = "stiffness", "loss", "viscous"
+
+    def take_out(state, item):
+        (link, begin, end), chains = state
+        chain, first, joined, before, after, disk = item
+        link = jnp.where(first, jnp.where(joined, _of_link(omega, *before), 0.0), link)
+        begin, end = jnp.where(first, 0.0, begin), jnp.where(first, 0.0, end)
+        onward, own = _of_link(omega, *after), _of_disk(omega, *disk) + end
+        inverse = divide(1.0, regular(link + onward + own, link + onward))
+        now = (link * onward * inverse, begin + link * own * inverse, onward * own * inverse)
+        chains = tuple(lax.dynamic_update_index_in_dim(c, new, chain, 0) for c, new in zip(chains, now, strict=True))
+        return (now, chains), None
+
+    items = (folding.chain, folding.first, folding.joined)
+    items += (numbers(*elastic, at=folding.before), numbers(*elastic, at=folding.after))
+    items += (numbers("mass", "damping", "ground", at=folding.disk),)
+    nothing = (jnp.zeros(len(omega), complex),) * 3
+    chains = (jnp.zeros((len(folding.end), len(omega)), complex),) * 3
+    if len(folding.end):
+        (_, chains), _ = lax.scan(take_out, (nothing, chains), items)
+    joined, plain = len(folding.begin), folding.plain
+    link = jnp.concatenate([chains[0][:joined], _of_link(omega, *(a[:, None] for a in numbers(*elastic, at=plain)))])
+    node = node_stiffness(system, omega)[folding.kept]
+    node = node.at[folding.begin].add(chains[1][:joined]).at[folding.end].add(chains[2])
+    arms = {name: jnp.concatenate([jnp.ones(joined), *numbers(name, at=plain)]) for name in ("arm_a", "arm_b")}
+    return dataclasses.replace(system, tree=folding.tree, mass=system.mass[folding.kept], **arms), link, node
+
+
+@jax.custom_jvp
+def receptance(system, omega, columns):
+    """Deflections per unit force ``(H, G, G)`` m/N, ``D Z^{-1} D^T``, of meshes with ``columns`` ``(S, G)`` of D^T."""
+    small, link, node = folded_chains(system, omega)
+    own = columns[system.tree.folding.kept]
+    unit = jnp.broadcast_to(own[:, :, None], (*own.shape, len(omega))).astype(complex)
+    motion, _ = _sweep(small, link, node, unit, 0)
+    return jnp.einsum("sg,srh->hgr", own, motion)
+
+
+@receptance.defjvp
+def _receptance_jvp(primals, tangents):
+    return jax.jvp(_receptance_of_all_disks, primals, tangents)
+
+
+def _receptance_of_all_disks(system, omega, columns):
+    """The same by a sweep over all disks, whose derivative is known."""
+    unit = jnp.broadcast_to(columns[:, :, None], (*columns.shape, len(omega))).astype(complex)
+    motion, _ = solve_linear(system, omega, unit, forces=0)
+    return jnp.einsum("sg,srh->hgr", columns, motion)
 
 
 def incidence(system, links):
@@ -229,12 +303,12 @@ def truncate(reduced, harmonics):
 class Folded:
     """The linear train under its load, and under forces at the active meshes as well.
 
-    system : System; omega ``(N+1,)`` rad/s; load : complex ``(S, N+1)`` N; columns ``(S, G)`` of D^T of the active
+    system : System; frequency : rad/s; load : complex ``(S, E+1)`` N; columns ``(S, G)`` of D^T of the active
     meshes. Under the load alone: mean_displacement ``(S,)`` m, mean_force ``(L,)`` N and the loudest link force N.
     """
 
     system: object
-    omega: jax.Array
+    frequency: jax.Array
     load: jax.Array
     columns: jax.Array
     mean_displacement: jax.Array
@@ -243,20 +317,22 @@ class Folded:
 
     def combine(self, excess):
         """Displacements ``(S, n+1)`` and link forces ``(L, n+1)`` with excess forces ``(G, n+1)`` at the meshes."""
-        kept = excess.shape[-1]
-        load = self.load[:, :kept] - self.columns @ excess
-        displacement, force = solve_linear(self.system, self.omega[:kept], load[:, None])
+        harmonics = excess.shape[-1] - 1
+        load = fourier.resize(self.load, harmonics) - self.columns @ excess
+        displacement, force = solve_linear(self.system, frequencies(self.frequency, harmonics), load[:, None])
         return displacement[:, 0], force[:, 0]
 
 
-def reduce(system, frequency, load, active, active_index, law, viscous, contact_damping):
+def reduce(system, frequency, load, harmonics, active, active_index, law, viscous, contact_damping):
     """Fold the linear train onto the active meshes.
 
     Parameters
     ----------
     system : System
     frequency : float, Omega in rad/s
-    load : complex array ``(S, N+1)`` N, forces of the excitation and of meshes held on one flank
+    load : complex array ``(S, E+1)`` N, forces of the excitation and of meshes held on one flank; those above N are
+        dropped
+    harmonics : int, N
     active : array ``(G,)``, 1 for an active mesh and 0 for padding
     active_index : int array ``(G,)``, link of each active mesh
     law, viscous, contact_damping : ``(G,)`` entries of the active meshes
@@ -265,30 +341,21 @@ def reduce(system, frequency, load, active, active_index, law, viscous, contact_
     -------
     Reduced, Folded
     """
-    count = load.shape[-1]
+    load = load[:, : harmonics + 1]
     columns = incidence(system, active_index) * active
-    chunks = -(-count // CHUNK)
-    size = -(-count // chunks)
-    omega = frequencies(frequency, chunks * size - 1)
-
-    def sweep(part):
-        omega, load = part
-        unit = jnp.broadcast_to(columns[:, :, None], (*columns.shape, size)).astype(load.dtype)
-        loads = jnp.concatenate([load[:, None], unit], axis=1)
-        displacement, force = solve_linear(system, omega, loads, forces=1)
-        deflection = system.deflections(displacement, active_index) * active[:, None, None]
-        loudest = jnp.max(jnp.abs(force[:, 0]), initial=0.0)
-        return deflection, displacement[:, 0, 0].real, force[:, 0, 0].real, loudest
-
-    padded = jnp.pad(load, ((0, 0), (0, chunks * size - count))).reshape(-1, chunks, size)
-    deflection, displacement, force, loudest = lax.map(sweep, (omega.reshape(chunks, size), padded.transpose(1, 0, 2)))
-    deflection = deflection.transpose(1, 2, 0, 3).reshape(*deflection.shape[1:3], chunks * size)[..., :count]
+    displacement, force = solve_linear(system, frequencies(frequency, load.shape[-1] - 1), load[:, None])
+    linear = system.deflections(displacement[:, 0], active_index) * active[:, None]
+    chunks = -(-(harmonics + 1) // CHUNK)
+    omega = frequencies(frequency, chunks * -(-(harmonics + 1) // chunks) - 1).reshape(chunks, -1)
+    answers = lax.map(lambda omega: receptance(system, omega, columns), omega)
     reduced = Reduced(
-        linear=deflection[:, 0],
-        receptance=deflection[:, 1:].transpose(2, 0, 1),
+        linear=fourier.resize(linear, harmonics),
+        receptance=answers.reshape(omega.size, *answers.shape[2:])[: harmonics + 1],
         frequency=frequency,
         law=law,
         viscous=viscous,
         contact_damping=contact_damping,
     )
-    return reduced, Folded(system, omega[:count], load, columns, displacement[0], force[0], jnp.max(loudest))
+    loudest = jnp.max(jnp.abs(force), initial=0.0)
+    mean = displacement[:, 0, 0].real, force[:, 0, 0].real
+    return reduced, Folded(system, frequency, load, columns, *mean, loudest)

@@ -17,7 +17,7 @@ class Problem:
     """A train at one speed: linear system, all its meshes, excitation.
 
     system : System; meshes : Nonlinear over all meshes (a mesh without backlash has epsilon 1, which makes its law
-    linear); frequency : Omega in rad/s; load : complex ``(S, N+1)`` N; rigid : ``(S,)`` displacements of the rigid
+    linear); frequency : Omega in rad/s; load : complex ``(S, E+1)`` N; rigid : ``(S,)`` displacements of the rigid
     rotation; load_torque N m; load_power W.
     """
 
@@ -30,20 +30,19 @@ class Problem:
     load_power: jax.Array
 
 
-def pose(train, rpm, harmonics, excited=None):
-    """The :class:`Problem` of ``train`` at ``rpm`` with ``harmonics`` harmonics, excited up to ``excited`` of them."""
+def pose(train, rpm, excited):
+    """The :class:`Problem` of ``train`` at ``rpm``, excited up to the harmonic ``excited`` of the cycle."""
     xp = namespace(train, rpm)
     train = jax.tree.map(lambda a: xp.asarray(a, dtype=float), train)
     system = chain.assemble(train)
-    torque, load_torque, _ = excitation(train, rpm, min(harmonics, excited or harmonics))
+    torque, load_torque, _ = excitation(train, rpm, excited)
     rpm = xp.asarray(rpm, dtype=float)
     topology = train.topology
-    torque = xp.pad(xp.asarray(torque), ((0, 0), (0, harmonics + 1 - torque.shape[1])))
     return Problem(
         system=system,
         meshes=all_meshes(train),
         frequency=topology.cycle_frequency(rpm),
-        load=torque / system.radius[:, None],
+        load=xp.asarray(torque) / system.radius[:, None],
         rigid=chain.rigid_shape(train, system.radius),
         load_torque=load_torque,
         load_power=1e3 * load_power_kW(train, rpm, load_torque),
@@ -51,7 +50,7 @@ def pose(train, rpm, harmonics, excited=None):
 
 
 def offset_load(problem, flank):
-    """Load ``(S, N+1)`` with the constant forces of meshes held on one flank (+1, -1; 0: not held) added."""
+    """Load ``(S, E+1)`` with the constant forces of meshes held on one flank (+1, -1; 0: not held) added."""
     constant = -jnp.asarray(flank) * backlash.offset(problem.meshes.law)
     columns = reduction.incidence(problem.system, problem.meshes.link)
     return jnp.asarray(problem.load).at[:, 0].add(-columns @ constant)
@@ -65,7 +64,8 @@ def reduced_equation(problem, harmonics, active, chosen, flank):
     return reduction.reduce(
         problem.system,
         problem.frequency,
-        fourier.resize(offset_load(problem, flank), harmonics),
+        offset_load(problem, flank),
+        harmonics,
         active,
         jnp.asarray(meshes.link)[chosen],
         law,

@@ -114,7 +114,7 @@ def differentiable(problem, choice, found, sizes):
 
 def find(problem, choice, start, tolerance, sizes):
     """The Outcome without derivatives, what :func:`attach` needs of its motion, whether it solves."""
-    harmonics = problem.load.shape[-1] - 1
+    harmonics = start.coefficients.shape[-1] - 1
     none = len(choice.active) == 0
     reach = 2 * harmonics if sizes.estimated and not none else harmonics
     fine, folded = reduced_equation(problem, reach, choice.active, choice.chosen, choice.flank)
@@ -178,7 +178,7 @@ def _by_chain(problem, choice, reduced, folded, start, sizes):
         system,
         meshes,
         problem.frequency,
-        jnp.asarray(problem.load),
+        fourier.resize(jnp.asarray(problem.load), displacement.shape[-1] - 1),
         fourier.pack(displacement),
         samples=sizes.samples,
         tolerance=1e-13,

@@ -205,7 +205,7 @@ def _solve_planned(train, rpm, plan, start):
         begin = Start(given * choice.active[:, None], np.array(True), np.array(0))
     if traced(train, rpm, begin):
         return _solve_traced(train, rpm, begin, plan)
-    problem = pose(train, rpm, plan.harmonics, plan.excited)
+    problem = pose(train, rpm, plan.sizes.excited)
     outcome = solve_problem(problem, choice, begin, plan.limit, plan.sizes)
     return _host(respond(train, rpm, problem, outcome, plan))
 
@@ -215,7 +215,7 @@ def _solve_traced(train, rpm, begin, plan):
     """One program for all of it: piece by piece, differentiation outside ``jit`` compiles a hundred small ones."""
     finite = derivative.all_finite((train, rpm))
     train, rpm = derivative.only_if_finite((train, rpm))
-    problem = pose(train, rpm, plan.harmonics, plan.excited)
+    problem = pose(train, rpm, plan.sizes.excited)
     outcome = solve_problem(problem, plan.choice, begin, plan.limit, plan.sizes)
     outcome = dataclasses.replace(outcome, status=jnp.where(finite, outcome.status, Status.NONFINITE))
     return respond(train, rpm, problem, outcome, plan)
@@ -430,7 +430,7 @@ def _in_turn(iterators):
 
 def _attempt(train, rpm, plan, given, cycles):
     """One solve from coefficients ``given`` (None: from the motion with all teeth in contact, marched on)."""
-    problem = pose(train, rpm, plan.harmonics, plan.excited)
+    problem = pose(train, rpm, plan.sizes.excited)
     outcome = solve_problem(problem, plan.choice, _start(plan, given, cycles), plan.limit, plan.sizes)
     return _host(respond(train, rpm, problem, outcome, plan)), outcome
 

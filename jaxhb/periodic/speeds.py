@@ -142,9 +142,9 @@ def _axes():
     )
 
 
-@partial(jax.jit, static_argnames=("harmonics", "excited"))
-def _pose_all(train, rpm, harmonics, excited):
-    return jax.vmap(lambda speed: pose(train, speed, harmonics, excited), out_axes=_axes())(rpm)
+@partial(jax.jit, static_argnames="excited")
+def _pose_all(train, rpm, excited):
+    return jax.vmap(lambda speed: pose(train, speed, excited), out_axes=_axes())(rpm)
 
 
 @partial(jax.jit, static_argnames="sizes")
@@ -158,7 +158,7 @@ def _solve_all(problem, choice, start, tolerance, sizes):
 def _solve_chunk(train, rpm, plan, size):
     """Response at up to ``size`` speeds under one plan, padded to a batch of that size."""
     padded = np.concatenate([rpm, np.full(size - len(rpm), rpm[-1])])
-    problem = _pose_all(train, jnp.asarray(padded), plan.harmonics, plan.excited)
+    problem = _pose_all(train, jnp.asarray(padded), plan.sizes.excited)
     choice = plan.choice
     coefficients = np.zeros((len(choice.active), plan.harmonics + 1), dtype=complex)
     start = Start(coefficients, np.array(False), np.array(plan.cycles if plan.start == "march" else 0))

@@ -19,8 +19,8 @@ from .statespace import StateSpace
 LIGHT = 1e-6
 """Share of the mean inertia that a disk without inertia may be given at most."""
 
-LARGEST = 64
-"""Disks, and modes of a larger train, that are kept."""
+LARGEST, MODES = 64, 48
+"""Disks of a train whose modes are all kept, and modes of a larger one."""
 
 ROUNDED = 1e-14
 """Share of the highest squared frequency that is free rotation, as far as rounding lets it be seen."""
@@ -39,7 +39,7 @@ class Surrogate:
 
 
 def surrogate(system, links, active, frequency, instants, excited):
-    """The train as first-order equations of at most LARGEST modes.
+    """The train as first-order equations of at most LARGEST modes; of a larger train MODES, those that meshes see most.
 
     Parameters
     ----------
@@ -62,16 +62,21 @@ def surrogate(system, links, active, frequency, instants, excited):
     K = basis.T @ (system.ground[:, None] * basis) + bend.T @ (system.stiffness[:, None] * bend)
     B = basis.T @ (system.damping[:, None] * basis) + bend.T @ (viscous[:, None] * bend)
     squares, vectors = jnp.linalg.eigh(K)
-    kept = min(LARGEST, len(squares))
-    slow = (jnp.arange(len(squares)) < kept) & (squares <= fastest**2)
+    slow = squares <= fastest**2
     rows = active[:, None] * (bend[links] @ vectors)
-    static = (rows * jnp.where(slow, 0.0, 1 / jnp.where(slow, 1.0, squares))) @ rows.T
-    vectors = jnp.where(slow, vectors, 0.0)[:, :kept]
-    rows = jnp.where(slow, rows, 0.0)[:, :kept]
-    squares = jnp.where(slow & (squares > ROUNDED * squares[-1]), squares, 0.0)[:kept]
+    free = ROUNDED * squares[-1]
+    kept = np.arange(len(squares))
+    if len(system.mass) > LARGEST:
+        seen = jnp.max(rows**2, axis=0, initial=0.0) / (squares + frequency**2)
+        kept = jnp.sort(jnp.argsort(jnp.where(slow, -seen, 1.0))[:MODES])
+        slow = slow & jnp.zeros(len(squares), bool).at[kept].set(True)
+    apart = ~slow & (squares > free)
+    static = (rows * jnp.where(apart, 1 / jnp.where(apart, squares, 1.0), 0.0)) @ rows.T
+    vectors, rows = (jnp.where(slow, a, 0.0)[:, kept] for a in (vectors, rows))
+    squares = jnp.where(slow & (squares > free), squares, 0.0)[kept]
     scale = jnp.sqrt(jnp.maximum(squares, frequency**2))
     modal = vectors.T @ basis.T * mass
-    zero, none = jnp.zeros((kept, kept)), jnp.zeros_like(rows)
+    zero, none = jnp.zeros((len(kept), len(kept))), jnp.zeros_like(rows)
     space = StateSpace(
         transition=jnp.block([[zero, jnp.diag(scale)], [-jnp.diag(squares / scale), -vectors.T @ B @ vectors]]),
         forcing=jnp.concatenate([none.T, -rows.T]),

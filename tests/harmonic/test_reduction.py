@@ -3,16 +3,18 @@
 import dataclasses
 import doctest
 import importlib
+import itertools
 
 import dense
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from tolerances import ALGEBRAIC
 from trains import branched_parts, build, gearbox_parts
 
-from jaxhb import Mesh
-from jaxhb.harmonic import fourier, reduction
+from jaxhb import Damper, Disk, Mesh, Shaft
+from jaxhb.harmonic import chain, fourier, reduction
 from jaxhb.harmonic.krylov import minimise_residual
 from jaxhb.harmonic.residual import residual
 from jaxhb.periodic.problem import pose, reduced_equation
@@ -63,6 +65,39 @@ def test_harmonics_swept_in_several_chunks_are_those_of_the_dense_train(case):
     for n in (0, 1, reduction.CHUNK - 1, reduction.CHUNK, reduction.CHUNK + 1, harmonics):
         wanted = rows @ np.linalg.solve(dense.dynamic_stiffness(parts, n * float(problem.frequency)), rows.T)
         np.testing.assert_allclose(reduced.receptance[n], wanted, rtol=0, atol=1e-10 * np.abs(wanted).max())
+
+
+def sliced_parts():
+    """A shaft in slices between flywheel and crank gear, another behind the idler, with a ring that nothing holds."""
+    names = [f"slice {i}" for i in range(4)]
+    parts = [p for p in branched_parts() if not (isinstance(p, Shaft) and p.between == ("flywheel", "crank gear"))]
+    parts += [Disk(name=name, inertia=0.002 * (i != 1), damping=0.1) for i, name in enumerate(names)]
+    for shaft in (("flywheel", *names[:2], "crank gear"), ("idler", *names[2:])):
+        parts += [Shaft(between=b, stiffness=1e5, damping=2.0, loss_factor=0.01) for b in itertools.pairwise(shaft)]
+    return [*parts, Damper(name="free ring", disk=names[3], inertia=0.03, damping=1.5, stiffness=0.0)]
+
+
+def test_disks_with_teeth_branches_and_the_grounded_one_are_kept():
+    train = build(sliced_parts(), reference="flywheel")
+    folding = chain.span(train.topology).folding
+    assert [train.topology.disk_names[i] for i in folding.kept] == ["flywheel", "crank gear", "idler", "pump gear"]
+    kept = len(folding.kept)
+    assert sorted([*folding.disk, *folding.kept]) == list(range(train.topology.n_disks))
+    assert (len(folding.begin), len(folding.end), len(folding.plain)) == (1, 4, 2)  # pump, ring, slices with ring hang
+    assert folding.first.sum() == 4 and len(folding.tree.node) == kept and not len(folding.tree.loops)
+
+
+@pytest.mark.parametrize("parts", [branched_parts, sliced_parts, gearbox_parts, lambda: gearbox_parts(grounded=False)])
+def test_receptances_with_chains_of_disks_folded_are_those_of_all_disks(parts):
+    parts = parts()
+    reference = "motor" if any(getattr(p, "name", "") == "motor" for p in parts) else "flywheel"
+    problem = pose(build(parts, reference=reference), RPM, HARMONICS)
+    system, omega = jax.tree.map(jnp.asarray, problem.system), reduction.frequencies(problem.frequency, 40)
+    columns = reduction.incidence(system, jnp.asarray(problem.meshes.link))
+    found = jax.jit(reduction.receptance)(system, omega, columns)
+    wanted = jax.jit(reduction._receptance_of_all_disks)(system, omega, columns)
+    size = np.abs(wanted).max(axis=(1, 2), keepdims=True)
+    np.testing.assert_allclose(found / size, wanted / size, rtol=0, atol=ALGEBRAIC)
 
 
 def test_receptance_is_symmetric(case):

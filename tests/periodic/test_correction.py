@@ -14,6 +14,7 @@ from jaxhb import Disk, Shaft
 from jaxhb.harmonic import fourier
 from jaxhb.periodic import correction
 from jaxhb.periodic.problem import pose, reduced_equation
+from jaxhb.transient import surrogate as surrogates
 from jaxhb.transient.statespace import partition, state_space
 from jaxhb.transient.surrogate import resting_on_flank, surrogate
 
@@ -134,24 +135,49 @@ def test_massless_and_lossy_trains_have_a_surrogate_close_to_them(case):
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(space))
 
 
-@pytest.mark.parametrize("harmonic", [3, 9, 15])
-def test_few_modes_stand_for_a_shaft_of_many_disks(harmonic):
+def sliced(pieces):
+    """The first shaft of the train in ``pieces``, its problem and its true receptances."""
     parts = branched_parts()
     shaft = next(p for p in parts if isinstance(p, Shaft))
-    pieces = 150
     names = [shaft.between[0], *(f"slice {i}" for i in range(pieces - 1)), shaft.between[1]]
     fine = [p for p in parts if p is not shaft] + [Disk(name=name, inertia=1e-4) for name in names[1:-1]]
     fine += [Shaft(between=pair, stiffness=pieces * shaft.stiffness, damping=1.0) for pair in itertools.pairwise(names)]
     problem = pose(build(fine, reference="flywheel"), RPM, HARMONICS)
     reduced, _ = reduce(problem, HARMONICS, np.ones(2), np.arange(2), np.zeros(2))
+    return problem, np.asarray(reduced.receptance)
+
+
+def receptance_of(train, frequency, harmonic):
+    """Of a Surrogate, ``(2, 2)``."""
+    A, E, L = (np.asarray(a) for a in (train.space.transition, train.space.forcing, train.space.observation))
+    return -L[:2] @ np.linalg.solve(1j * harmonic * float(frequency) * np.eye(len(A)) - A, E) + train.static
+
+
+@pytest.mark.parametrize("harmonic", [3, 9, 15])
+def test_few_modes_stand_for_a_shaft_of_many_disks(harmonic):
+    problem, wanted = sliced(150)
     train = surrogate_of(problem, 256)
-    space = train.space
-    A, E, L = (np.asarray(a) for a in (space.transition, space.forcing, space.observation))
-    found = -L[:2] @ np.linalg.solve(1j * harmonic * float(problem.frequency) * np.eye(len(A)) - A, E) + train.static
-    wanted = np.asarray(reduced.receptance[harmonic])
-    assert len(A) == 96
+    assert len(train.space.transition) == 2 * surrogates.MODES
     # a loss factor of this train is viscous damping in time: a few percent at the resonances
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=0.05 * np.abs(wanted).max())
+    error = np.abs(receptance_of(train, problem.frequency, harmonic) - wanted[harmonic]).max()
+    assert error < 0.05 * np.abs(wanted[harmonic]).max()
+
+
+def test_of_many_slow_modes_those_are_kept_that_meshes_see(monkeypatch):
+    # slices of 0.2 kg m^2: the mode of the meshes, at harmonic 12, is only the 36th
+    problem, _ = sliced(150)
+    slice_mass = np.median(problem.system.mass)
+    heavy = np.where(np.isclose(problem.system.mass, slice_mass), 2000 * slice_mass, problem.system.mass)
+    problem = dataclasses.replace(problem, system=dataclasses.replace(problem.system, mass=heavy))
+    every = surrogate_of(problem, 256)
+    monkeypatch.setattr(surrogates, "MODES", 24)
+    few = jax.jit(lambda *a: surrogate(*a, 256, HARMONICS))
+    train = few(problem.system, problem.meshes.link, np.ones(2), problem.frequency)
+    assert len(every.space.transition) == 96 and len(train.space.transition) == 48
+    for harmonic in (11, 12, 13):
+        wanted = receptance_of(every, problem.frequency, harmonic)
+        found = receptance_of(train, problem.frequency, harmonic)
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=0.02 * np.abs(wanted).max())
 
 
 def test_resting_on_the_flank_balances_constant_forces(case):

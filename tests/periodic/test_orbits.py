@@ -87,7 +87,7 @@ def test_modes_too_fast_for_the_steps_answer_statically():
     plan = Plan(harmonics=32, active=(0,), flank=(0,), start="march", instants=256, excited=1)
     rpm = 2.0 * ONE_RADIAN_PER_SECOND
     search = orbits.Search(train, rpm, plan)
-    problem = pose(train, rpm, plan.harmonics, plan.excited)
+    problem = pose(train, rpm, plan.sizes.excited)
     reduced, _ = reduced_equation(problem, plan.harmonics, plan.choice.active, plan.choice.chosen, plan.choice.flank)
     settled, closed = search.march(1e-9), next(search.shoot())
     size = np.abs(settled.coefficients).max()
