@@ -99,7 +99,7 @@ def plan_designs(train, rpm, tolerance, harmonics, integrals="sampled"):
     if not gaps:
         return finest, plans
     excited = decide.excited_harmonic(train, "reduced")
-    modes = decide.mesh_mode_harmonic(train, train.topology.cycle_frequency(float(np.max(rpm))))
+    modes, _ = decide.mesh_mode_harmonics(train, train.topology.cycle_frequency(float(np.max(rpm))))
     least = march.instants_for(max(modes, 2 * excited))
     loudest = dataclasses.replace(
         finest,

@@ -18,6 +18,9 @@ MOST = {"reduced": 4096, "chain": 128}
 DENSE_MODES, GEARS_ALONE = 400, 1.1
 """Disks up to which all modes are computed; what the shafts add to the frequencies of the gears alone."""
 
+STRAINED = 0.05, 0.01
+"""Share of the strain energy of a mode that tooth meshes hold noticeably, and faintly."""
+
 MARCH_CYCLES = 3
 
 HAMMERED = 2.0
@@ -187,18 +190,23 @@ def next_level(harmonics, method):
     return MOST[method] if harmonics < MOST[method] else None
 
 
-def mesh_mode_harmonic(train, frequency):
-    """Harmonic of the cycle at the highest natural frequency that strains a tooth mesh noticeably.
+def mesh_mode_harmonics(train, frequency):
+    """Harmonics of the cycle at the highest natural frequencies that strain tooth meshes noticeably and faintly.
 
-    Of a finely divided train, whose modes would take longer than its solve, that of the gears and meshes alone.
+    Noticeably: a motion is resolved from there on. Faintly: little damping makes such a mode loud, and an estimate of
+    the truncation error that does not reach it misses that. Of a finely divided train, whose modes would take longer
+    than its solve, that of the gears and meshes alone.
+
+    Returns
+    -------
+    array ``(2,)``
     """
     cycle_hz = frequency / (2 * np.pi)
     if train.topology.n_disks > DENSE_MODES:
-        return GEARS_ALONE * _gear_mode_hz(train) / cycle_hz
+        return np.full(2, GEARS_ALONE * _gear_mode_hz(train) / cycle_hz)
     modes = natural_frequencies(train)
     share = modes.mesh_energy_share
-    counted = modes.frequencies_hz[share > 0.05]
-    return float(np.max(counted, initial=0.0)) / cycle_hz
+    return np.array([np.max(modes.frequencies_hz[share > least], initial=0.0) for least in STRAINED]) / cycle_hz
 
 
 def _gear_mode_hz(train):
@@ -264,6 +272,6 @@ def first_level(excited, mesh_modes):
     return level_at_least(max(2 * excited, 1.5 * mesh_modes))
 
 
-def trust_in(harmonics, mesh_modes):
-    """How much of the tolerance an estimate may use: a tenth while the mesh modes lie above the 2 N that it sees."""
-    return 1.0 if 2 * harmonics >= 1.2 * mesh_modes else 0.1
+def trust_in(harmonics, faint):
+    """How much of the tolerance an estimate may use: a tenth while modes of meshes lie above the 2 N that it sees."""
+    return 1.0 if 2 * harmonics >= 1.2 * faint else 0.1

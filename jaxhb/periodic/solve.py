@@ -274,9 +274,9 @@ def _solve_deciding(train, rpm, harmonics, tolerance, method, integrals, start):
         if int(response.status) != Status.PLAN_VIOLATED:
             return response, base
         base = dataclasses.replace(base, active=_all_backlash(train), flank=(0,) * len(flank))
-    modes = decide.mesh_mode_harmonic(train, train.topology.cycle_frequency(float(rpm)))
+    modes = decide.mesh_mode_harmonics(train, train.topology.cycle_frequency(float(rpm)))
     if harmonics is None:
-        first = decide.first_level(excited, modes if separates else 0.0)
+        first = decide.first_level(excited, modes[0] if separates else 0.0)
         base = dataclasses.replace(base, harmonics=min(first, decide.MOST[method]))
     if start is None or start == "further":
         lower, upper = ("march", "further") if separates else ("flank", "march")
@@ -327,9 +327,9 @@ def _climb(train, rpm, plan, modes, adaptive, begins):
     """Solve with rising numbers of harmonics, from one start after another, until the status is good or none is left.
 
     ``begins`` : a Response, "linear", or the start of the ladder, "march" or (where no tooth separates) "flank";
-    "further" for the rungs above a march of a few cycles.
+    "further" for the rungs above a march of a few cycles. ``modes`` : of :func:`~.harmonics.mesh_mode_harmonics`.
     """
-    resolving, given = march.instants_for(max(modes, 2 * plan.excited)), None
+    resolving, given = march.instants_for(max(modes[0], 2 * plan.excited)), None
     if isinstance(begins, Response):
         given = np.asarray(begins.deflections)[plan.choice.chosen] * plan.choice.active[:, None]
         if adaptive and int(begins.status) == Status.TOLERANCE_NOT_MET:
@@ -344,7 +344,7 @@ def _climb(train, rpm, plan, modes, adaptive, begins):
         if begins == "further" and starts is None:
             starts = _starts(train, rpm, plan, adaptive, np.inf, path)
             given, plan = next(starts, (None, plan))
-        plan = dataclasses.replace(plan, trust=decide.trust_in(plan.harmonics, modes))
+        plan = dataclasses.replace(plan, trust=decide.trust_in(plan.harmonics, modes[1]))
         response, outcome = _attempt(train, rpm, plan, given, plan.cycles if marching else 0)
         status = Status(int(response.status))
         if marching and given is None:

@@ -217,7 +217,7 @@ def plan_speeds(train, rpm, harmonics, tolerance, integrals="sampled"):
     straight = solve_speeds(decide.without_backlash(train), rpm=rpm, plan=contact)
     samples = np.fft.irfft(straight.elastic_forces, n=16 * straight.elastic_forces.shape[-1], norm="forward")
     flanks, leaves, apart = decide.contact_demand(train, samples)
-    modes = decide.mesh_mode_harmonic(train, train.topology.cycle_frequency(1.0)) / rpm
+    modes, faint = decide.mesh_mode_harmonics(train, train.topology.cycle_frequency(1.0))[:, None] / rpm
     resting = {flank: dataclasses.replace(contact, flank=flank) for flank in set(map(tuple, flanks.tolist()))}
     plans = [resting[tuple(flank)] for flank in flanks.tolist()]
 
@@ -241,7 +241,7 @@ def plan_speeds(train, rpm, harmonics, tolerance, integrals="sampled"):
             flank=flank,
             start="march" if separating else "linear",
             instants=march.instants_for(max(slowest, 2 * contact.excited) if separating else 2 * level),
-            trust=decide.trust_in(level, slowest),
+            trust=decide.trust_in(level, np.max(faint[group])),
         )
         for i in group:
             plans[i] = shared

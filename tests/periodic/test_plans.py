@@ -195,7 +195,7 @@ def test_every_entry_refuses_a_speed_that_is_none(pair, plan, rpm):
 def test_many_heavy_speeds_of_a_sweep_take_the_steps_that_their_own_modes_want():
     train, rpm = jaxhb.load_scene("gear_train_30"), np.linspace(1300.0, 2450.0, 60)
     plans = speeds.plan_speeds(train, rpm, None, 0.01)
-    modes = np.array([decide.mesh_mode_harmonic(train, train.topology.cycle_frequency(speed)) for speed in rpm])
+    modes = np.array([decide.mesh_mode_harmonics(train, train.topology.cycle_frequency(speed))[0] for speed in rpm])
     marched = np.array([plan.start == "march" for plan in plans])
     instants = np.array([plan.instants for plan in plans])
     assert np.all(instants[marched] >= march.INSTANTS_PER_MODE_PERIOD * modes[marched])
