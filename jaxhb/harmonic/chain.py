@@ -27,19 +27,17 @@ from .block_sweep import Places, places
 class Folding:
     """Chains of disks without teeth and without branches, folded into one link each; integer arrays, no names.
 
-    Of the n disks folded, chain after chain: disk, chain, before and after (the links on both sides), first (whether
-    the chain begins here), joined (whether ``before`` holds its beginning, or it has a free end there). Of the c
-    chains, those between two disks first: begin ``(t,)`` and end ``(c,)``, what they hang on. kept ``(K,)``: the other
-    disks; begin, end and ``tree`` count these. The links of ``tree`` are the t chains and after them ``plain``, links
-    between disks that are kept.
+    Of the n disks folded, chain after chain: disk, chain, after (the link onwards) and before (the link by which the
+    chain begins, if it lies between two disks). Of the c chains: begin and end, the disks that they lie between, first
+    the t that do, and end of those with one free end: ``(t,)`` and ``(c,)``. kept ``(K,)``: the other disks; begin, end
+    and ``tree`` count these. The links of ``tree`` are the t chains and after them ``plain``, links between disks that
+    are kept.
     """
 
     disk: np.ndarray
     chain: np.ndarray
     before: np.ndarray
     after: np.ndarray
-    first: np.ndarray
-    joined: np.ndarray
     begin: np.ndarray
     end: np.ndarray
     kept: np.ndarray
@@ -138,21 +136,21 @@ def fold_chains(tree, root, teeth):
         for link in at[begin]:
             passed, links = walk(begin, link)
             if passed[-1] not in number:
-                hanging.append((passed[::-1], links[0], links[::-1], begin))
-            elif len(passed) == 1:
-                plain.append(link)
-            elif (begin, links[0]) < (passed[-1], links[-1]):
-                through.append((passed[:-1], links[0], links[1:], passed[-1], begin))
-    plain = sorted(set(plain))
-    rows = []
+                hanging.append((passed[::-1], link, links[::-1], begin, begin))
+            elif (begin, link) < (passed[-1], links[-1]):  # seen from both ends
+                if links[1:]:
+                    through.append((passed[:-1], link, links[1:], begin, passed[-1]))
+                else:
+                    plain.append(link)
+    rows, plain = [], sorted(plain)
     for chain, (passed, before, links, *_) in enumerate(through + hanging):
-        for i, (disk, after) in enumerate(zip(passed, links, strict=True)):
-            rows.append((disk, chain, before, after, i == 0, chain < len(through)))
-    columns = np.array(rows, dtype=np.int32).reshape(-1, 6).T
-    begin, end = _index([number[c[4]] for c in through]), _index([number[c[3]] for c in through + hanging])
-    joints = list(zip(begin.tolist(), end.tolist(), strict=False)) + [tuple(number[d] for d in ends[i]) for i in plain]
+        rows += [(disk, chain, before, after) for disk, after in zip(passed, links, strict=True)]
+    begin = [number[begin] for *_, begin, _ in through]
+    end = [number[end] for *_, end in through + hanging]
+    joints = [*zip(begin, end, strict=False), *(tuple(number[d] for d in ends[i]) for i in plain)]
     small = span_links(joints, len(kept), number[root])
-    return Folding(*columns[:4], *columns[4:].astype(bool), begin, end, _index(kept), _index(plain), small)
+    columns = np.array(rows, dtype=np.int32).reshape(-1, 4).T
+    return Folding(*columns, _index(begin), _index(end), _index(kept), _index(plain), small)
 
 
 def span_links(ends, disks, root):

@@ -40,7 +40,7 @@ def node_stiffness(system, omega):
 
     A floating train is held at its root for the mean; without mean imbalance nothing flows through that support.
     """
-    Z = _of_disk(omega, system.mass[:, None], system.damping[:, None], system.ground[:, None])
+    Z = disk_stiffness(omega, system.mass[:, None], system.damping[:, None], system.ground[:, None])
     return Z.at[system.tree.node[-1]].add(jnp.where(system.floating & (omega == 0), 1.0, 0.0))
 
 
@@ -48,7 +48,8 @@ def _of_link(omega, stiffness, loss, viscous):
     return stiffness * (1 + 1j * loss * (omega > 0)) + 1j * omega * viscous
 
 
-def _of_disk(omega, mass, damping, ground):
+def disk_stiffness(omega, mass, damping, ground):
+    """Dynamic stiffness of a disk with nothing else to hold it: -omega^2 m + i omega b + ground."""
     return -(omega**2) * mass + 1j * omega * damping + ground
 
 
@@ -161,23 +162,24 @@ def folded_chains(system, omega):
 
     def take_out(state, item):
         (link, begin, end), chains = state
-        chain, first, joined, before, after, disk = item
-        link = jnp.where(first, jnp.where(joined, _of_link(omega, *before), 0.0), link)
+        chain, first, held, before, after, disk = item
+        link = jnp.where(first, jnp.where(held, _of_link(omega, *before), 0.0), link)
         begin, end = jnp.where(first, 0.0, begin), jnp.where(first, 0.0, end)
-        onward, own = _of_link(omega, *after), _of_disk(omega, *disk) + end
+        onward, own = _of_link(omega, *after), disk_stiffness(omega, *disk) + end
         inverse = divide(1.0, regular(link + onward + own, link + onward))
         now = (link * onward * inverse, begin + link * own * inverse, onward * own * inverse)
         chains = tuple(lax.dynamic_update_index_in_dim(c, new, chain, 0) for c, new in zip(chains, now, strict=True))
         return (now, chains), None
 
-    items = (folding.chain, folding.first, folding.joined)
+    joined = len(folding.begin)
+    items = (folding.chain, jnp.diff(folding.chain, prepend=-1) != 0, folding.chain < joined)
     items += (numbers(*elastic, at=folding.before), numbers(*elastic, at=folding.after))
     items += (numbers("mass", "damping", "ground", at=folding.disk),)
     nothing = (jnp.zeros(len(omega), complex),) * 3
     chains = (jnp.zeros((len(folding.end), len(omega)), complex),) * 3
     if len(folding.end):
         (_, chains), _ = lax.scan(take_out, (nothing, chains), items)
-    joined, plain = len(folding.begin), folding.plain
+    plain = folding.plain
     link = jnp.concatenate([chains[0][:joined], _of_link(omega, *(a[:, None] for a in numbers(*elastic, at=plain)))])
     node = node_stiffness(system, omega)[folding.kept]
     node = node.at[folding.begin].add(chains[1][:joined]).at[folding.end].add(chains[2])

@@ -15,7 +15,7 @@ import numpy as np
 
 from .._arrays import namespace
 from . import backlash, fourier, toeplitz
-from .reduction import frequencies, incidence, link_stiffness
+from .reduction import disk_stiffness, frequencies, incidence, link_stiffness
 
 
 @jax.tree_util.register_dataclass
@@ -76,7 +76,7 @@ def residual(packed, system, meshes, frequency, load, samples):
     harmonics = x.shape[-1] - 1
     tree = system.tree
     omega = frequencies(frequency, harmonics)
-    node = -(omega**2) * system.mass[:, None] + 1j * omega * system.damping[:, None] + system.ground[:, None]
+    node = disk_stiffness(omega, system.mass[:, None], system.damping[:, None], system.ground[:, None])
     links = np.arange(system.stiffness.shape[0])
     deflection = system.deflections(x, links)
     force = link_stiffness(system, omega) * deflection
@@ -120,7 +120,7 @@ def link_blocks(packed, system, meshes, frequency, samples):
 def node_blocks(system, frequency, harmonics):
     """Diagonal blocks ``(S, P, P)`` of the disks: inertia, damping to ground and ground."""
     omega = frequencies(frequency, harmonics)
-    node = -(omega**2) * system.mass[:, None] + 1j * omega * system.damping[:, None] + system.ground[:, None]
+    node = disk_stiffness(omega, system.mass[:, None], system.damping[:, None], system.ground[:, None])
     return fourier.packed_diagonal(node + 0j)
 
 

@@ -17,8 +17,8 @@ class Problem:
     """A train at one speed: linear system, all its meshes, excitation.
 
     system : System; meshes : Nonlinear over all meshes (a mesh without backlash has epsilon 1, which makes its law
-    linear); frequency : Omega in rad/s; load : complex ``(S, E+1)`` N; rigid : ``(S,)`` displacements of the rigid
-    rotation; load_torque N m; load_power W.
+    linear); frequency : Omega in rad/s; load : complex ``(S, E+1)`` N, E the highest harmonic excited; rigid : ``(S,)``
+    displacements of the rigid rotation; load_torque N m; load_power W.
     """
 
     system: chain.System

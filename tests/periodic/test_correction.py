@@ -157,7 +157,7 @@ def receptance_of(train, frequency, harmonic):
 def test_few_modes_stand_for_a_shaft_of_many_disks(harmonic):
     problem, wanted = sliced(150)
     train = surrogate_of(problem, 256)
-    assert len(train.space.transition) == 2 * surrogates.MODES
+    assert len(train.space.transition) == 96
     # a loss factor of this train is viscous damping in time: a few percent at the resonances
     error = np.abs(receptance_of(train, problem.frequency, harmonic) - wanted[harmonic]).max()
     assert error < 0.05 * np.abs(wanted[harmonic]).max()
