@@ -20,7 +20,6 @@ import numpy as np
 from ..harmonic import backlash
 from ..transient import segments
 from ..transient.stepper import Stepper
-from ..transient.surrogate import LARGEST
 from . import continuation
 from .orbits import coefficients, stepper_of
 
@@ -31,8 +30,9 @@ holds the transition: one curve after another."""
 LEAST_EPSILON = 1e-4
 """Stiffness in the gap below which it changes linearly in p: of no consequence, and zero has no logarithm."""
 
-WORK, MOST = 1e9, 700
-"""Of all curves: Jacobians times instants times (states^2 + 15^2), ten seconds; Jacobians of one curve."""
+WORK, LEAST, MOST = 2e9, 50, 700
+"""Of all curves: Jacobians times instants times (states^2 + 15^2), twenty seconds; Jacobians below which none arrives,
+and of one curve at most."""
 
 
 @jax.tree_util.register_dataclass
@@ -108,10 +108,11 @@ class Arrival:
 
 
 def find(train, rpm, plan):
-    """The :class:`Arrival` at a train, with the meshes and instants of a Plan."""
+    """The :class:`Arrival` at a train, with the meshes and instants of a Plan; of no curve where WORK is too little."""
     stepper = stepper_of(train, rpm, plan)
-    states = 2 * min(train.topology.n_disks, LARGEST)
-    left, curves = int(WORK / (plan.instants * (states**2 + 15**2))), 0
+    left, curves = int(WORK / (plan.instants * (len(stepper.flank_state) ** 2 + 15**2))), 0
+    if left < LEAST:
+        return Arrival(None, None, 0, 0, 0)
     while True:
         followed, nodes, deflection = _followed(stepper, BEGINNINGS[curves], min(left, MOST))
         left, curves = left - int(followed.jacobians), curves + 1

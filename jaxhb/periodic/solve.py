@@ -398,7 +398,7 @@ def _starts(train, rpm, plan, adaptive, closure, path):
             path.append(f"shooting in segments, cycle of {instants} steps (closure {motion.closure:.1e})")
         return False
 
-    counts = dict.fromkeys((plan.instants, min(2 * plan.instants, finest)))
+    counts = dict.fromkeys(min(n * plan.instants, finest) for n in (1, 2, FINER))
     counts, closed = [n for n in counts if n > plan.instants or closure > SETTLED], False
     if counts:
         steady = search(counts[0]).march(min(orbits.STEADY, closure / CLOSER))
@@ -410,11 +410,13 @@ def _starts(train, rpm, plan, adaptive, closure, path):
         path.append(f"shooting from {orbit.tries} cycles of {instants} steps (closure {orbit.closure:.1e})")
         closed |= yield from finer(orbit, instants)
     if closure > SETTLED and not closed:
-        arrival = homotopy.find(train, rpm, plan)
+        instants = min(2 * plan.instants, finest)
+        arrival = homotopy.find(train, rpm, dataclasses.replace(plan, instants=instants))
         outcome = "lost" if arrival.coefficients is None else "found"
-        told = f"curve no. {arrival.curves}, {arrival.steps} steps, {arrival.folds} folds"
-        path.append(f"homotopy from the linear law: {outcome}, {told}")
-        yield from finer(arrival, plan.instants)
+        told = f"{outcome}, curve no. {arrival.curves}, {arrival.steps} steps, {arrival.folds} folds"
+        told = told if arrival.curves else "not tried, too long"
+        path.append(f"homotopy from the linear law: {told}, cycle of {instants} steps")
+        yield from finer(arrival, instants)
 
 
 def _in_turn(iterators):

@@ -117,6 +117,15 @@ def test_a_curve_that_is_too_long_ends_in_a_status_that_tells_the_path(hammering
     assert any(entry.startswith("homotopy from the linear law: lost, curve no. 3") for entry in response.path)
 
 
+def test_a_curve_that_costs_too_much_is_not_begun(hammering, no_shooting, monkeypatch):
+    train, rpm = hammering
+    monkeypatch.setattr(homotopy, "WORK", 1e6)
+    monkeypatch.setattr(homotopy, "_followed", lambda *_: pytest.fail("followed"))
+    response = jaxhb.solve(train, rpm=rpm)
+    assert response.status in (Status.STALLED, Status.MAX_STEPS)
+    assert any(entry.startswith("homotopy from the linear law: not tried, too long") for entry in response.path)
+
+
 def test_numbers_that_are_not_finite_end_the_curve_at_once(hammering):
     train, rpm = hammering
     torques = dataclasses.replace(train.torques, mean=np.nan * train.torques.mean)
