@@ -21,7 +21,7 @@ from ..harmonic import backlash
 from ..transient import segments
 from ..transient.stepper import Stepper
 from . import continuation
-from .orbits import coefficients, stepper_of
+from .orbits import coefficients, stepper_of, work_of_cycle
 
 BEGINNINGS = ((20.0, 20.0, False), (6.0, 4.5, True), (20.0, 7.0, False))
 """Tooth damping and transition at p = 0 over the wanted ones, as far as the steps carry the damping and the backlash
@@ -31,7 +31,7 @@ LEAST_EPSILON = 1e-4
 """Stiffness in the gap below which it changes linearly in p: of no consequence, and zero has no logarithm."""
 
 WORK, LEAST, MOST = 2e9, 50, 700
-"""Of all curves: Jacobians times instants times (states^2 + 15^2), twenty seconds; Jacobians below which none arrives,
+"""Of all curves: Jacobians times :func:`work_of_cycle`, twenty seconds; Jacobians below which none arrives,
 and of one curve at most."""
 
 
@@ -109,10 +109,10 @@ class Arrival:
 
 def find(train, rpm, plan):
     """The :class:`Arrival` at a train, with the meshes and instants of a Plan; of no curve where WORK is too little."""
-    stepper = stepper_of(train, rpm, plan)
-    left, curves = int(WORK / (plan.instants * (len(stepper.flank_state) ** 2 + 15**2))), 0
+    left, curves = int(WORK / work_of_cycle(train, plan.instants)), 0
     if left < LEAST:
         return Arrival(None, None, 0, 0, 0)
+    stepper = stepper_of(train, rpm, plan)
     while True:
         followed, nodes, deflection = _followed(stepper, BEGINNINGS[curves], min(left, MOST))
         left, curves = left - int(followed.jacobians), curves + 1

@@ -18,7 +18,7 @@ from ..harmonic import fourier
 from ..transient import segments
 from ..transient.integrate import cycle
 from ..transient.shooting import shoot
-from ..transient.surrogate import surrogate
+from ..transient.surrogate import states_of, surrogate
 from .march import begin
 from .problem import pose, reduced_equation
 
@@ -29,7 +29,7 @@ STEADY = 1e-3
 """Closure of a cycle from which Newton's method on the harmonics usually succeeds; the march ends there."""
 
 TRIES, WORK = (1, CYCLES), 6e7
-"""Fewest and most cycles shot from: as many as ``WORK`` pays for, counted in instants times (states^2 + 15^2)."""
+"""Fewest and most cycles shot from: as many as ``WORK`` pays for, see :func:`work_of_cycle`."""
 
 LANES, SMALL = 8, 24
 """Cycles shot from side by side, where there are that many, and states up to which this is cheaper."""
@@ -55,6 +55,11 @@ def _stepper(problem, choice, instants, excited):
     reduced, _ = reduced_equation(problem, harmonics, choice.active, choice.chosen, choice.flank)
     train = surrogate(problem.system, links, choice.active, problem.frequency, instants, excited)
     return begin(reduced, train.space, instants, train.static)
+
+
+def work_of_cycle(train, instants):
+    """What the Jacobian of a cycle costs: instants times (states^2 + 15^2)."""
+    return instants * (states_of(train.topology.n_disks) ** 2 + 15**2)
 
 
 def stepper_of(train, rpm, plan):
@@ -181,6 +186,6 @@ class Search:
         """Beginnings ``(tries, n)`` of the cycles of a march that close best."""
         if self.states is None:
             self.march()
-        most = int(np.clip(WORK / (self.plan.instants * (self.states.shape[1] ** 2 + 15**2)), *TRIES))
+        most = int(np.clip(WORK / work_of_cycle(self.train, self.plan.instants), *TRIES))
         best = np.argsort(self.closures)[:most]
         return self.states[best[np.isfinite(self.closures[best])]]

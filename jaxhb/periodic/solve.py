@@ -398,8 +398,10 @@ def _starts(train, rpm, plan, adaptive, closure, path):
             path.append(f"shooting in segments, cycle of {instants} steps (closure {motion.closure:.1e})")
         return False
 
-    counts = dict.fromkeys(min(n * plan.instants, finest) for n in (1, 2, FINER))
-    counts, closed = [n for n in counts if n > plan.instants or closure > SETTLED], False
+    twice = min(2 * plan.instants, finest)
+    counts = [plan.instants] * (closure > SETTLED) + [twice] * (twice > plan.instants)
+    counts += [finest] * (finest > twice and orbits.work_of_cycle(train, finest) <= orbits.WORK)
+    closed = False
     if counts:
         steady = search(counts[0]).march(min(orbits.STEADY, closure / CLOSER))
         path.append(f"march of {steady.tries} cycles of {counts[0]} steps (closure {steady.closure:.1e})")
@@ -410,13 +412,12 @@ def _starts(train, rpm, plan, adaptive, closure, path):
         path.append(f"shooting from {orbit.tries} cycles of {instants} steps (closure {orbit.closure:.1e})")
         closed |= yield from finer(orbit, instants)
     if closure > SETTLED and not closed:
-        instants = min(2 * plan.instants, finest)
-        arrival = homotopy.find(train, rpm, dataclasses.replace(plan, instants=instants))
+        arrival = homotopy.find(train, rpm, dataclasses.replace(plan, instants=twice))
         outcome = "lost" if arrival.coefficients is None else "found"
         told = f"{outcome}, curve no. {arrival.curves}, {arrival.steps} steps, {arrival.folds} folds"
         told = told if arrival.curves else "not tried, too long"
-        path.append(f"homotopy from the linear law: {told}, cycle of {instants} steps")
-        yield from finer(arrival, instants)
+        path.append(f"homotopy from the linear law: {told}, cycle of {twice} steps")
+        yield from finer(arrival, twice)
 
 
 def _in_turn(iterators):

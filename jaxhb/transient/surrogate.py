@@ -38,6 +38,11 @@ class Surrogate:
     static: jax.Array
 
 
+def states_of(disks):
+    """Number of states of a surrogate, at most."""
+    return 2 * (disks if disks <= LARGEST else MODES)
+
+
 def surrogate(system, links, active, frequency, instants, excited):
     """The train as first-order equations of at most LARGEST modes; of a larger train MODES, those that meshes see most.
 

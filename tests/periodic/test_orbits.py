@@ -68,6 +68,24 @@ def test_another_orbit_is_tried_where_the_harmonics_do_not_take_the_first(monkey
     assert sum(entry.startswith("shooting from") for entry in response.path) == 2
 
 
+def test_shorter_steps_are_tried_where_longer_ones_close_no_orbit(monkeypatch):
+    shoot, begun = orbits.Search.shoot, []
+
+    def blind(search):
+        begun.append(search.plan.instants)
+        yield from shoot(search) if search.plan.instants == 4 * begun[0] else [orbits.Orbit(None, 1.0, None, 0)]
+
+    monkeypatch.setattr(orbits.Search, "shoot", blind)
+    response = jaxhb.solve(jaxhb.load_scene("gear_train_30"), rpm=RPM)
+    assert begun == [begun[0], 2 * begun[0], 4 * begun[0]]
+    assert response.converged and response.harmonics == 4 * PLAN.harmonics
+    begun.clear()
+    monkeypatch.setattr(orbits, "WORK", 1e6)
+    monkeypatch.setattr(solve.homotopy, "WORK", 1e6)
+    assert not jaxhb.solve(jaxhb.load_scene("gear_train_30"), rpm=RPM).converged
+    assert begun == [begun[0], 2 * begun[0]]  # one shot of four times the steps is more than WORK
+
+
 def test_modes_too_fast_for_the_steps_answer_statically():
     """A light gear on a shaft five times as stiff as its teeth, and a mode forty times too fast for the steps.
 
