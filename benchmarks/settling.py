@@ -57,10 +57,12 @@ def settling(train, rpm):
         return {"steps": int(wanted), "verdict": "too long"}
     orbit = jaxhb.integrate(train, rpm=rpm, cycles=CYCLES - WATCHED, steps=steps)
     seen, largest = (np.asarray(a) for a in watched(orbit.stepper, orbit.state))
-    change = [float(np.max(np.abs(seen[-1] - seen[-1 - k]) / largest)) for k in range(1, LONGEST + 1)]
-    period = 1 if change[0] <= RETURNED else 1 + int(np.argmin(change))
-    verdict = "irregular" if change[period - 1] > RETURNED else "settles" if period == 1 else "longer period"
-    return {"steps": steps, "closure": change[0], "period": period, "change": change[period - 1], "verdict": verdict}
+    change = np.array([np.max(np.abs(seen[-1] - seen[-1 - k]) / largest) for k in range(1, LONGEST + 1)])
+    back = change <= RETURNED
+    period = 1 + int(np.argmax(back) if back.any() else np.argmin(change))
+    verdict = "irregular" if not back.any() else "settles" if period == 1 else "longer period"
+    found = {"steps": steps, "closure": float(change[0]), "period": period, "change": float(change[period - 1])}
+    return found | {"verdict": verdict}
 
 
 def main():

@@ -11,6 +11,7 @@ sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 
 import extremes
 import random_trains
+import settling
 import stress
 
 from jaxhb.periodic import harmonics
@@ -51,6 +52,14 @@ def test_an_estimate_that_misses_a_faint_mode_of_the_meshes_is_trusted_less():
     loud, faint = harmonics.mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))
     assert 200 < loud < 230 and 950 < faint < 1000
     assert harmonics.trust_in(384, faint) == 0.1 and harmonics.trust_in(768, faint) == 1.0
+
+
+@pytest.mark.parametrize(("index", "verdict", "period"), [(445, "settles", 1), (771, "longer period", 3)])
+def test_long_time_integration_tells_periodic_motion(index, verdict, period):
+    train, rpm, _ = random_trains.random_case(np.random.default_rng([0, index]))
+    found = settling.settling(train, rpm)
+    assert (found["verdict"], found["period"]) == (verdict, period), found
+    assert found["change"] <= settling.RETURNED and (period == 1 or found["closure"] > 100 * settling.RETURNED)
 
 
 def test_skeletons_fix_what_is_compiled():

@@ -31,8 +31,8 @@ CLOSER = 30
 """Times better than the march before it that a longer march has to close."""
 
 FINER, FINEST = 4, 2 * march.INSTANT_COUNTS[-1]
-"""A closed orbit that Newton's method does not take is found again with up to so many times its steps, and so many
-steps a cycle; harmonics follow the steps."""
+"""Orbits are searched with up to so many times the steps of the march, and so many steps a cycle, as coarse ones bend
+them; one that Newton's method does not take is found again with more steps. Harmonics follow the steps."""
 
 ORBITS = 16
 """Closed orbits that are tried: some have no harmonics near them, or lie beyond a fold that the steps displaced."""
