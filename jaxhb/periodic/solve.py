@@ -34,6 +34,9 @@ FINER, FINEST = 4, 2 * march.INSTANT_COUNTS[-1]
 """Orbits are searched with up to so many times the steps of the march, and so many steps a cycle, as coarse ones bend
 them; one that Newton's method does not take is found again with more steps. Harmonics follow the steps."""
 
+FEWEST = 4
+"""Shots of the finest steps that orbits.WORK has to pay for: of larger trains fewer closed none."""
+
 ORBITS = 16
 """Closed orbits that are tried: some have no harmonics near them, or lie beyond a fold that the steps displaced."""
 
@@ -400,7 +403,7 @@ def _starts(train, rpm, plan, adaptive, closure, path):
 
     twice = min(2 * plan.instants, finest)
     counts = [plan.instants] * (closure > SETTLED) + [twice] * (twice > plan.instants)
-    counts += [finest] * (finest > twice and orbits.work_of_cycle(train, finest) <= orbits.WORK)
+    counts += [finest] * (finest > twice and FEWEST * orbits.work_of_cycle(train, finest) <= orbits.WORK)
     closed = False
     if counts:
         steady = search(counts[0]).march(min(orbits.STEADY, closure / CLOSER))

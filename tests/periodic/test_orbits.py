@@ -76,6 +76,7 @@ def test_shorter_steps_are_tried_where_longer_ones_close_no_orbit(monkeypatch):
         yield from shoot(search) if search.plan.instants == 4 * begun[0] else [orbits.Orbit(None, 1.0, None, 0)]
 
     monkeypatch.setattr(orbits.Search, "shoot", blind)
+    monkeypatch.setattr(orbits, "WORK", 1e8)
     response = jaxhb.solve(jaxhb.load_scene("gear_train_30"), rpm=RPM)
     assert begun == [begun[0], 2 * begun[0], 4 * begun[0]]
     assert response.converged and response.harmonics == 4 * PLAN.harmonics
@@ -83,7 +84,7 @@ def test_shorter_steps_are_tried_where_longer_ones_close_no_orbit(monkeypatch):
     monkeypatch.setattr(orbits, "WORK", 1e6)
     monkeypatch.setattr(solve.homotopy, "WORK", 1e6)
     assert not jaxhb.solve(jaxhb.load_scene("gear_train_30"), rpm=RPM).converged
-    assert begun == [begun[0], 2 * begun[0]]  # one shot of four times the steps is more than WORK
+    assert begun == [begun[0], 2 * begun[0]]  # four shots of four times the steps are more than WORK
 
 
 def test_modes_too_fast_for_the_steps_answer_statically():
