@@ -39,7 +39,7 @@ WRONG = 3.0
 """Times the tolerance."""
 CLASSES = {">= 5 %": (0.05, 1.0), "1-5 %": (0.01, 0.05), "< 1 %": (0.0, 0.01)}
 STEPS_PER_PERIOD = 20
-"""Of the highest mesh mode, in the referee; four times as many, and again, where its verdict is bad."""
+"""Of the highest mesh mode, in the referee; four times as many, and again, where it does not close or finds fault."""
 STEP_COUNTS = tuple(n * 2**k for k in range(8, 22) for n in (2, 3))
 MOST_WORK = 4e9
 """Of the referee: steps times states squared; about a minute and a half on one core."""
@@ -79,9 +79,13 @@ def referee(response, *, per_period=STEPS_PER_PERIOD):
 
 
 def judge(record, response):
-    """Add the referee's findings to a record; a bad verdict is checked with four times the steps until it stays."""
+    """Add the referee's findings to a record; none, or bad ones, are checked with more steps until they stay."""
     record |= referee(response)
     per_period = STEPS_PER_PERIOD
+    while record["referee"] == "open" and per_period < 16 * STEPS_PER_PERIOD:
+        per_period *= 4
+        finer = referee(response, per_period=per_period)
+        record |= finer if finer["referee"] != "too long" else {}
     while record["referee"] == "closed" and _looks_bad(record):
         per_period *= 4
         finer = referee(response, per_period=per_period)
