@@ -271,12 +271,18 @@ def difference(first, second):
 
 
 def settled_correction(response):
-    """The shooting correction; a bad one with four times the steps, up to 16 times: undamped teeth need them."""
+    """The shooting correction; a bad one again with 4 and 16 times the steps, as undamped teeth need them.
+
+    Only a correction that closes overrules it: a bad verdict is not lost where shorter steps give none.
+    """
     found = jaxhb.shooting_correction(response)
     for _ in range(2):
         if not found.orbit.settled or found.error <= AGREEMENT:
             break
-        found = jaxhb.shooting_correction(response, steps=4 * found.orbit.elastic.shape[1])
+        finer = jaxhb.shooting_correction(response, steps=4 * found.orbit.elastic.shape[1])
+        if not finer.orbit.settled:
+            break
+        found = finer
     return found
 
 

@@ -13,11 +13,12 @@ import time
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from random_trains import random_case
 from records import Recorder, pin
-from stress import STEP_COUNTS, mode_harmonic
+from stress import mode_harmonic, steps_for
 
 import jaxhb
 from jaxhb.periodic.harmonics import STRAINED
@@ -42,7 +43,7 @@ def watched(stepper, state):
 
     def one(state, _):
         after, trace = cycle(stepper, state)
-        largest = jax.numpy.concatenate([abs(trace.deflection).max(axis=1), abs(trace.rate).max(axis=1)])
+        largest = jnp.concatenate([abs(trace.deflection).max(axis=1), abs(trace.rate).max(axis=1)])
         return after, (stepper.observe(state), largest)
 
     seen, largest = lax.scan(one, state, None, length=WATCHED)[1]
@@ -52,7 +53,7 @@ def watched(stepper, state):
 def settling(train, rpm):
     """Steps a cycle, change after one cycle, the period that changes least, its change, and a verdict."""
     wanted = max(512, STEPS_PER_PERIOD * mode_harmonic(train, rpm, STRAINED[0]))
-    steps = next((n for n in STEP_COUNTS if n >= wanted), None)
+    steps = steps_for(wanted)
     if steps is None or steps * 2 * train.topology.n_disks > MOST_WORK:
         return {"steps": int(wanted), "verdict": "too long"}
     orbit = jaxhb.integrate(train, rpm=rpm, cycles=CYCLES - WATCHED, steps=steps)

@@ -54,6 +54,11 @@ def mode_harmonic(train, rpm, share=0.01):
     return float(highest * 2 * np.pi / train.topology.cycle_frequency(rpm))
 
 
+def steps_for(wanted):
+    """Steps a cycle of at least ``wanted``, one of STEP_COUNTS; None beyond them."""
+    return next((n for n in STEP_COUNTS if n >= wanted), None)
+
+
 def referee(response, *, per_period=STEPS_PER_PERIOD):
     """Shooting from a response, in one of a few step counts.
 
@@ -67,7 +72,7 @@ def referee(response, *, per_period=STEPS_PER_PERIOD):
     sharpest = np.pi / (2 * np.min(train.meshes.transition[np.array(train.topology.mesh_backlash)]))
     per_period = max(per_period, min(sharpest, 400) * per_period / 40)
     wanted = max(512, 4 * response.harmonics, per_period * mode_harmonic(train, float(response.rpm)))
-    steps = next((n for n in STEP_COUNTS if n >= wanted), None)
+    steps = steps_for(wanted)
     if steps is None or steps * (2 * train.topology.n_disks) ** 2 > MOST_WORK:
         return {"referee": "too long", "referee_steps": float(wanted)}
     try:
@@ -85,7 +90,9 @@ def judge(record, response):
     while record["referee"] == "open" and per_period < 16 * STEPS_PER_PERIOD:
         per_period *= 4
         finer = referee(response, per_period=per_period)
-        record |= finer if finer["referee"] != "too long" else {}
+        if finer["referee"] == "too long":
+            break
+        record |= finer
     while record["referee"] == "closed" and _looks_bad(record):
         per_period *= 4
         finer = referee(response, per_period=per_period)

@@ -3,6 +3,7 @@
 import argparse
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ import random_trains
 import settling
 import stress
 
+import jaxhb
 from jaxhb.periodic import harmonics
 
 CASES = [((3, 1, 0), index) for index in (0, *range(2, 10))] + [((6, 1, 1), index) for index in (0, 2, 3)]
@@ -21,6 +23,12 @@ MODES_AT, HARMONICS = 30, 128
 """Harmonic of the highest mesh mode, by choice of the speed, and of all solves: the cases share a few programs."""
 
 records = {}
+
+
+def hammering_response():
+    """What a judge looks at: a train with backlash, its speed and harmonics."""
+    train, rpm, _ = random_trains.random_case(np.random.default_rng([7, 0]), (3, 1, 0))
+    return SimpleNamespace(train=train, topology=train.topology, rpm=rpm, harmonics=HARMONICS)
 
 
 def examined(size, index):
@@ -52,6 +60,46 @@ def test_an_estimate_that_misses_a_faint_mode_of_the_meshes_is_trusted_less():
     loud, faint = harmonics.mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))
     assert 200 < loud < 230 and 950 < faint < 1000
     assert harmonics.trust_in(384, faint) == 0.1 and harmonics.trust_in(768, faint) == 1.0
+
+
+def corrections(monkeypatch, *found):
+    """Let shooting find these (error, settled) one after another; returns the steps that were asked for."""
+    asked, left = [], iter(found)
+
+    def shoot(response, steps=None):
+        error, settled = next(left)
+        asked.append(steps)
+        orbit = SimpleNamespace(settled=settled, elastic=np.zeros((1, steps or 100)), closure=1.0 - settled)
+        return SimpleNamespace(error=error, orbit=orbit)
+
+    monkeypatch.setattr(jaxhb, "shooting_correction", shoot)
+    return asked
+
+
+@pytest.mark.parametrize(
+    ("found", "error", "steps"),
+    [
+        ([(0.001, True)], 0.001, [None]),
+        ([(0.2, True), (0.001, True)], 0.001, [None, 400]),
+        ([(0.2, True), (0.2, True), (0.2, True)], 0.2, [None, 400, 1600]),
+        ([(0.2, True), (0.001, False)], 0.2, [None, 400]),
+    ],
+)
+def test_only_shorter_steps_that_close_overrule_a_bad_verdict_on_an_extreme(monkeypatch, found, error, steps):
+    asked = corrections(monkeypatch, *found)
+    assert extremes.second_way(hammering_response(), "shooting")[0] == error
+    assert asked == steps
+
+
+def test_a_referee_that_does_not_close_is_asked_with_shorter_steps(monkeypatch):
+    response, record = hammering_response(), {"status": "CONVERGED", "truncation_error": 1e-3}
+    asked = corrections(monkeypatch, (0.5, False), (0.2, True), (0.2, True))
+    assert stress.judge(record.copy(), response)["wrong"] and sorted(asked) == asked and len(set(asked)) == 3
+    corrections(monkeypatch, (0.5, False), (0.001, True))
+    judged = stress.judge(record.copy(), response)
+    assert judged["referee"] == "closed" and not judged["wrong"]
+    corrections(monkeypatch, *[(0.5, False)] * 3)
+    assert stress.judge(record.copy(), response)["referee"] == "open"
 
 
 @pytest.mark.parametrize(("index", "verdict", "period"), [(445, "settles", 1), (771, "longer period", 3)])

@@ -402,9 +402,9 @@ def _starts(train, rpm, plan, adaptive, closure, path):
         return False
 
     twice = min(2 * plan.instants, finest)
-    counts = [plan.instants] * (closure > SETTLED) + [twice] * (twice > plan.instants)
-    counts += [finest] * (finest > twice and FEWEST * orbits.work_of_cycle(train, finest) <= orbits.WORK)
-    closed = False
+    affordable = FEWEST * orbits.work_of_cycle(train, finest) <= orbits.WORK
+    counts = dict.fromkeys((plan.instants, twice, finest if affordable else twice))
+    counts, closed = [n for n in counts if n > plan.instants or closure > SETTLED], False
     if counts:
         steady = search(counts[0]).march(min(orbits.STEADY, closure / CLOSER))
         path.append(f"march of {steady.tries} cycles of {counts[0]} steps (closure {steady.closure:.1e})")
