@@ -66,7 +66,7 @@ def follow(linearize, evaluate, correct, start, *, most):
     ----------
     linearize : y -> (H, slopes), a tuple
     evaluate : y -> H
-    correct : (H, slopes) -> array ``(m+1, 2)``: a change that makes H zero to first order, and the oriented tangent
+    correct : (H, slopes) -> a change ``(m+1,)`` that makes H zero to first order, and the oriented tangent ``(m+1,)``
     start : array ``(m+1,)``, from which Newton's method reaches the curve at p = 0
     most : int, Jacobians at most
 
@@ -76,7 +76,7 @@ def follow(linearize, evaluate, correct, start, *, most):
     """
 
     def both(value, slopes):
-        change, tangent = correct(value, slopes).T
+        change, tangent = correct(value, slopes)
         return change, tangent / jnp.linalg.norm(tangent)
 
     def across(change, tangent, normal):

@@ -60,14 +60,14 @@ class Towards(Stepper):
     def _damping(self):
         """Tooth damping at p = 0 over the wanted one: at most what the steps carry."""
         rows, columns = self.space.observation[len(self.viscous) :], self.space.forcing
-        step = 4 * jnp.pi / self.frequency / self.linear.shape[0]
+        step = 2 * jnp.pi / self.frequency / self.steps
         decay = step * self.viscous * -jnp.einsum("gn,ng->g", rows, columns)
         return jnp.clip(0.5 / jnp.where(decay > 0, decay, 1.0), 1.0, self.heavier)
 
 
 @jax.jit
 def _followed(stepper, beginning, most):
-    """The Followed of one curve; nodes ``(K, n)`` and deflections ``(G, instants)`` where it ends."""
+    """The Followed of one curve; nodes ``(K, n)`` and deflections ``(G, room)`` where it ends."""
     parts = {f.name: getattr(stepper, f.name) for f in fields(Stepper)}
     shape = (segments.SEGMENTS, len(stepper.flank_state))
     size = (jnp.linalg.norm(stepper.flank_state) + 1e-300) * np.sqrt(segments.SEGMENTS)
@@ -80,13 +80,15 @@ def _followed(stepper, beginning, most):
 
     def linearize(y):
         gap, slope, share_slope = segments.linearize(towards, nodes(y), y[-1])
-        return gap / size, slope, share_slope / size
+        condensed = segments.condense(slope, share_slope / size)
+        return gap / size, condensed, segments.tangent(condensed)
 
     def evaluate(y):
         return segments.gaps(towards(y[-1]), nodes(y)) / size
 
     def correct(gap, slopes):
-        return segments.correct(gap, *slopes)
+        condensed, tangent = slopes
+        return segments.closing(condensed, gap), tangent
 
     followed = continuation.follow(linearize, evaluate, correct, jnp.zeros(shape[0] * shape[1] + 1), most=most)
     return followed, nodes(followed.y), segments.motion(stepper, nodes(followed.y)).deflection
@@ -118,6 +120,6 @@ def find(train, rpm, plan):
         left, curves = left - int(followed.jacobians), curves + 1
         told = {"curves": curves, "steps": int(followed.steps), "folds": int(followed.folds)}
         if bool(followed.arrived):
-            return Arrival(coefficients(deflection), np.asarray(nodes), **told)
+            return Arrival(coefficients(deflection, plan.instants), np.asarray(nodes), **told)
         if curves == len(BEGINNINGS) or left < MOST // 4:
             return Arrival(None, None, **told)

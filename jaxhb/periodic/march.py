@@ -4,7 +4,7 @@ import jax.numpy as jnp
 
 from ..harmonic import fourier
 from ..transient.integrate import settle
-from ..transient.stepper import cut, flank_excess
+from ..transient.stepper import cut, flank_excess, seen
 from ..transient.surrogate import resting_on_flank
 
 INSTANTS_PER_MODE_PERIOD = 6
@@ -23,11 +23,11 @@ def on_flank(reduced):
     return reduced.linear - reduced.respond(held)
 
 
-def begin(reduced, space, instants, static=None):
+def begin(reduced, space, instants, linear, static=None):
     """The :class:`~jaxhb.transient.stepper.Stepper` of a reduced equation, ``instants`` steps per cycle."""
     return cut(
         space,
-        reduced.linear,
+        linear,
         reduced.frequency,
         instants,
         law=reduced.law,
@@ -49,7 +49,8 @@ def marched(reduced, space, instants, cycles, enough=0.0):
     coefficients ``(G, N+1)``, of the motion on the flanks where the steps were too long for the train; closure of
     that cycle
     """
-    stepper = begin(reduced, space, instants)
+    linear = fourier.synthesize(seen(reduced.linear, reduced.frequency), 2 * instants).T
+    stepper = begin(reduced, space, instants, linear)
     trace = settle(stepper, stepper.flank_state, tolerance=enough, max_cycles=cycles).trace
     harmonics = reduced.linear.shape[-1] - 1
     kept = fourier.analyze(trace.deflection, min(harmonics, (instants - 1) // 2))

@@ -14,10 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from ..harmonic import fourier
 from ..transient import segments
 from ..transient.integrate import cycle
 from ..transient.shooting import shoot
+from ..transient.stepper import seen
 from ..transient.surrogate import states_of, surrogate
 from .march import begin
 from .problem import pose, reduced_equation
@@ -31,9 +31,6 @@ STEADY = 1e-3
 TRIES, WORK = (1, CYCLES), 6e7
 """Fewest and most cycles shot from: as many as ``WORK`` pays for, see :func:`work_of_cycle`."""
 
-LANES, SMALL = 8, 24
-"""Cycles shot from side by side, where there are that many, and states up to which this is cheaper."""
-
 STEPS = 15
 """Newton steps of one shooting, in one piece and then in segments: of those that succeed in one piece within 40, nine
 out of ten take no more than 12."""
@@ -44,17 +41,22 @@ SETTLED, CLOSED = 1e-6, 1e-8
 SAME = 1e-4
 """Difference of the deflections, as a share of the largest, below which two orbits are one, found twice."""
 
+ROOMS = (2048, 8192, 32768)
+"""Steps for which arrays have room: programs are compiled for these, not for every number of steps."""
+
 FLEXIBLE = 1e-6
 """Share of the compliance of a mesh below which modes too fast for the steps are left out."""
 
 
-@partial(jax.jit, static_argnames=("instants", "excited"))
-def _stepper(problem, choice, instants, excited):
+@partial(jax.jit, static_argnames="excited")
+def _equations(problem, choice, instants, excited):
+    """A Stepper without samples of its linear response, and the coefficients ``(2G, N+1)`` of these."""
     links = jnp.asarray(problem.meshes.link)[choice.chosen]
     harmonics = problem.load.shape[-1] - 1
     reduced, _ = reduced_equation(problem, harmonics, choice.active, choice.chosen, choice.flank)
     train = surrogate(problem.system, links, choice.active, problem.frequency, instants, excited)
-    return begin(reduced, train.space, instants, train.static)
+    response = seen(reduced.linear, reduced.frequency)
+    return begin(reduced, train.space, instants, jnp.zeros((0, len(response))), train.static), response
 
 
 def work_of_cycle(train, instants):
@@ -65,7 +67,11 @@ def work_of_cycle(train, instants):
 def stepper_of(train, rpm, plan):
     """The Stepper of a train with the meshes and instants of a Plan."""
     excited = plan.sizes.excited
-    stepper = _stepper(pose(train, rpm, excited), plan.choice, plan.instants, excited)
+    stepper, response = _equations(pose(train, rpm, excited), plan.choice, plan.instants, excited)
+    room = next(room for room in ROOMS if room >= plan.instants)
+    linear = np.zeros((2 * room, len(response)))
+    linear[: 2 * plan.instants] = np.fft.irfft(response, 2 * plan.instants, norm="forward").T
+    stepper = replace(stepper, linear=linear, count=np.array(plan.instants))
     flexible = np.abs(np.diag(stepper.static)) * np.asarray(stepper.law.stiffness) > FLEXIBLE
     return stepper if flexible.any() else replace(stepper, static=None)
 
@@ -88,24 +94,20 @@ def _visited(stepper, until):
 
     state = stepper.flank_state
     empty = jnp.zeros((CYCLES, len(state))), jnp.full(CYCLES, jnp.nan)
-    none = jnp.zeros((len(stepper.viscous), len(stepper.linear) // 2))
+    none = jnp.zeros((len(stepper.viscous), stepper.room))
     return lax.while_loop(unfinished, visit, (jnp.array(0), state, *empty, none))[2:]
 
 
 @jax.jit
-def _shot(stepper, states):
-    """What :func:`_closed` makes of the cycles that shooting reaches from ``(lanes, n)`` states."""
-
-    def one(state):
-        shot = shoot(stepper, state, steps_newton=STEPS, tolerance=SETTLED, persistent=True)
-        return _closed(stepper, segments.beginnings(stepper, shot.state))
-
-    return jax.vmap(one)(states)
+def _shot(stepper, state):
+    """What :func:`_closed` makes of the cycle that shooting reaches from a state ``(n,)``."""
+    found = shoot(stepper, state, most=STEPS, tolerance=SETTLED)[0]
+    return _closed(stepper, segments.beginnings(stepper, found))
 
 
 @jax.jit
 def _closed(stepper, nodes):
-    """Nodes ``(K, n)`` with smaller gaps, the deflections ``(G, instants)`` of their motion, and its closure."""
+    """Nodes ``(K, n)`` with smaller gaps, the deflections ``(G, room)`` of their motion, and its closure."""
     nodes, trace, _ = segments.close(stepper, nodes, tolerance=CLOSED, most=STEPS)
     return nodes, trace.deflection, trace.closure
 
@@ -129,9 +131,9 @@ def _same(deflection, other):
     return np.max(np.abs(deflection - other)) <= SAME * np.max(np.abs(deflection))
 
 
-def coefficients(deflection):
-    """Coefficients ``(G, n+1)`` of deflections ``(G, instants)`` over a cycle, all that the instants tell apart."""
-    return np.asarray(fourier.analyze(deflection, (deflection.shape[-1] - 1) // 2))
+def coefficients(deflection, instants):
+    """Coefficients ``(G, n+1)`` of deflections ``(G, room)`` over a cycle, all that the instants tell apart."""
+    return np.fft.rfft(deflection[:, :instants], norm="forward")[:, : (instants - 1) // 2 + 1]
 
 
 class Search:
@@ -152,7 +154,7 @@ class Search:
         marched = int(np.isfinite(closures).sum())
         self.closures = np.nan_to_num(closures, nan=np.inf)
         closure = self.closures[max(marched, 1) - 1]
-        found = coefficients(deflection) if closure <= until else None
+        found = coefficients(deflection, self.plan.instants) if closure <= until else None
         return Orbit(found, float(closure), None, marched)
 
     def shoot(self):
@@ -160,26 +162,22 @@ class Search:
 
         Where none closes, the best of all is yielded at last, open.
         """
-        best, seeds, known = Orbit(None, np.inf, None, 0), self._seeds(), []
-        lanes = LANES if len(seeds) >= LANES and seeds.shape[1] <= SMALL else 1
-        for first in range(0, len(seeds), lanes):
-            begin = seeds[first : first + lanes]
-            padded = np.concatenate([begin, np.repeat(begin[-1:], lanes - len(begin), axis=0)])
-            found = jax.tree.map(np.asarray, _shot(self.stepper, padded))
-            best = replace(best, tries=first + len(begin))
-            for nodes, deflection, closure in zip(*found, strict=True):
-                if closure <= SETTLED and not any(_same(deflection, other) for other in known):
-                    known.append(deflection)
-                    yield Orbit(coefficients(deflection), float(closure), nodes, best.tries)
-                elif closure < best.closure:
-                    best = Orbit(None, float(closure), nodes, best.tries)
+        best, known = Orbit(None, np.inf, None, 0), []
+        for tries, seed in enumerate(self._seeds(), 1):
+            nodes, deflection, closure = jax.tree.map(np.asarray, _shot(self.stepper, seed))
+            best = replace(best, tries=tries)
+            if closure <= SETTLED and not any(_same(deflection, other) for other in known):
+                known.append(deflection)
+                yield Orbit(coefficients(deflection, self.plan.instants), float(closure), nodes, tries)
+            elif closure < best.closure:
+                best = Orbit(None, float(closure), nodes, tries)
         if not known:
             yield best
 
     def close(self, nodes):
         """The :class:`Orbit` near the nodes of another one, which other steps found."""
         nodes, deflection, closure = jax.tree.map(np.asarray, _closed(self.stepper, nodes))
-        found = coefficients(deflection) if closure <= SETTLED else None
+        found = coefficients(deflection, self.plan.instants) if closure <= SETTLED else None
         return Orbit(found, float(closure), nodes, 1)
 
     def _seeds(self):

@@ -10,9 +10,9 @@ from jax import lax
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Trace:
-    """One cycle of the meshes, sampled at ``t_j = 2 pi j / (Omega steps)``.
+    """One cycle of the meshes, sampled at ``t_j = 2 pi j / (Omega steps)``, above zeros where there is room for more.
 
-    deflection ``(G, steps)`` m; rate ``(G, steps)`` m/s; closure : change of (l, l') from the beginning of that cycle
+    deflection ``(G, room)`` m; rate ``(G, room)`` m/s; closure : change of (l, l') from the beginning of that cycle
     to its end, the largest over the meshes relative to ``max|l| + g`` and ``max|l'| + Omega g``, g = (1 - epsilon) h.
     Motion that moves no mesh (rotation of a floating or softly grounded train) does not count.
     """
@@ -33,6 +33,39 @@ class Settled:
     cycles: jax.Array
 
 
+def run(stepper, state, first, count, keep=lambda seen, k, w: seen, seen=(), even=False):
+    """``count`` steps on from the deviation ``state`` at the beginning of step ``first``; valid under jit and vmap.
+
+    Parameters
+    ----------
+    keep : function
+        ``seen = keep(seen, k, w)`` before each step k = 0, 1, .. of them; w ``(2G,)`` is (l, l') of the states.
+    even : bool
+        The count is even: two steps are taken at once, which is faster where trains are small.
+
+    Returns
+    -------
+    state ``(n,)`` and w ``(2G,)`` at the end, and what was seen
+    """
+
+    def step(k, carry):
+        state, w, seen = carry
+        return *stepper.advance(state, w, *stepper.known(first + k)), keep(seen, k, w)
+
+    begin = lax.dynamic_index_in_dim(stepper.linear, 2 * first, keepdims=False) + stepper.space.observation @ state
+    start = (state, begin, seen)
+    if even:
+        return lax.fori_loop(0, count // 2, lambda k, carry: step(2 * k + 1, step(2 * k, carry)), start)
+    return lax.fori_loop(0, count, step, start)
+
+
+def _whole(stepper, state, keep, seen):
+    """State after one cycle, the change of w ``(2G,)``, and what was seen."""
+    even = stepper.count is not None or stepper.steps % 2 == 0
+    end, w, seen = run(stepper, state, 0, stepper.steps, keep, seen, even)
+    return end, w - stepper.observe(state), seen
+
+
 def cycle(stepper, state):
     """One cycle from the deviation ``state`` at t = 0.
 
@@ -41,30 +74,52 @@ def cycle(stepper, state):
     state : array ``(n,)``
     trace : Trace
     """
-    ahead = jnp.roll(stepper.linear, -2, axis=0)[::2]
+    end, change, samples = _whole(stepper, state, put, no_samples(stepper, stepper.room))
+    return end, traced(stepper, samples, change)
 
-    def step(carry, known):
-        return stepper.advance(*carry, *known), carry[1]
 
-    start = stepper.observe(state)
-    (state, end), samples = lax.scan(step, (state, start), (stepper.linear[1::2], ahead), unroll=2)
-    return state, traced(stepper, samples, end - start)
+def cycle_closure(stepper, state):
+    """Closure of the cycle from the deviation ``state``, as in its :class:`Trace`; no samples are kept."""
+    _, change, largest = _whole(stepper, state, *watch(stepper))
+    return closure(stepper, change, largest)
+
+
+def put(samples, k, w):
+    """``keep`` of :func:`run` for samples ``(room, 2G)``."""
+    return lax.dynamic_update_index_in_dim(samples, w, k, axis=0)
+
+
+def no_samples(stepper, room):
+    """Zeros ``(room, 2G)``, to :func:`put` samples over."""
+    return jnp.zeros((room, stepper.linear.shape[1]))
+
+
+def watch(stepper):
+    """``keep`` and ``seen`` of :func:`run` for the largest deflections and rates ``(2G,)``."""
+
+    def keep(largest, _, w):
+        motion = jnp.concatenate([stepper.flexed(w), jnp.split(w, 2)[1]])
+        return jnp.maximum(largest, jnp.abs(motion))
+
+    return keep, jnp.zeros(stepper.linear.shape[1])
+
+
+def closure(stepper, change, largest):
+    """Closure, see :class:`Trace`, of a change and the largest of deflections and rates, ``(2G,)`` each."""
+    gap = (1 - stepper.law.epsilon) * stepper.law.backlash + 1e-300
+    return jnp.max(jnp.abs(change) / (largest + jnp.concatenate([gap, stepper.frequency * gap])), initial=0.0)
 
 
 def traced(stepper, samples, change):
-    """The Trace of a cycle from w ``(steps, 2G)``, (l, l') of the states, and its change ``(2G,)`` over the cycle."""
+    """The Trace of a cycle from w ``(room, 2G)``, (l, l') of the states, and its change ``(2G,)`` over the cycle."""
     deflection, rate = jax.vmap(stepper.flexed)(samples).T, jnp.split(samples.T, 2)[1]
-    change_l, change_v = jnp.split(jnp.abs(change), 2)
-    gap = (1 - stepper.law.epsilon) * stepper.law.backlash + 1e-300
-    size_l = jnp.abs(deflection).max(axis=1) + gap
-    size_v = jnp.abs(rate).max(axis=1) + stepper.frequency * gap
-    closure = jnp.concatenate([change_l / size_l, change_v / size_v]).max(initial=0.0)
-    return Trace(deflection, rate, closure)
+    largest = jnp.abs(jnp.concatenate([deflection, rate])).max(axis=1)
+    return Trace(deflection, rate, closure(stepper, change, largest))
 
 
 def _no_trace(stepper):
     """The Trace before the first cycle, open: loops that begin with it hold one copy of a cycle, and compile faster."""
-    empty = jnp.zeros((len(stepper.viscous), stepper.linear.shape[0] // 2))
+    empty = jnp.zeros((len(stepper.viscous), stepper.room))
     return Trace(empty, empty, jnp.array(jnp.inf))
 
 

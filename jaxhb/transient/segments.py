@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from .integrate import traced
+from .integrate import closure, no_samples, put, run, traced, watch
 
 SEGMENTS = 32
 """Divides every number of instants; more of them cost no less."""
@@ -23,22 +23,10 @@ LENGTHS = (1.0, 0.5, 0.2, 0.05, 0.01)
 """Shares of a Newton step that are tried."""
 
 
-def _grid(stepper, segments):
-    """w of the linear train at half and full steps ahead and at the beginning, segment by segment."""
-    steps = stepper.linear.shape[0] // 2
-    middle = stepper.linear[1::2].reshape(segments, steps // segments, -1)
-    ahead = jnp.roll(stepper.linear, -2, axis=0)[::2].reshape(segments, steps // segments, -1)
-    return middle, ahead, stepper.linear[::2].reshape(segments, steps // segments, -1)[:, 0]
-
-
-def _run(stepper, state, middle, ahead, first):
-    """State at the end of one segment, and w ``(steps, 2G)`` on the way."""
-
-    def step(carry, known):
-        return stepper.advance(*carry, *known), carry[1]
-
-    (end, _), seen = lax.scan(step, (state, first + stepper.space.observation @ state), (middle, ahead))
-    return end, seen
+def _end(stepper, state, segment, segments):
+    """State at the end of one of ``segments`` from that at its beginning."""
+    count = stepper.steps // segments
+    return run(stepper, state, segment * count, count)[0]
 
 
 def moving(space):
@@ -49,13 +37,13 @@ def moving(space):
     return 1.0 - jnp.all(nothing | free[:, None], axis=0)
 
 
-def beginnings(stepper, state):
-    """States ``(SEGMENTS, n)`` that a cycle from ``state`` goes through at the beginnings of its segments."""
+def beginnings(stepper, state, segments=SEGMENTS):
+    """States ``(segments, n)`` that a cycle from ``state`` goes through at the beginnings of its segments."""
 
     def through(state, segment):
-        return _run(stepper, state, *segment)[0], state
+        return _end(stepper, state, segment, segments), state
 
-    return lax.scan(through, state, _grid(stepper, SEGMENTS))[1]
+    return lax.scan(through, state, jnp.arange(segments))[1]
 
 
 def gaps(stepper, nodes):
@@ -63,64 +51,98 @@ def gaps(stepper, nodes):
     return _driven(stepper, nodes)[0]
 
 
+def gaps_and_closure(stepper, nodes):
+    """Gaps ``(K, n)``, and the closure of :func:`motion`."""
+    gap, largest = _driven(stepper, nodes, *watch(stepper))
+    return gap, closure(stepper, _widest(stepper, gap), largest.max(axis=0))
+
+
 def motion(stepper, nodes):
     """The :class:`~jaxhb.transient.integrate.Trace` of a cycle in segments; its closure is that of the widest gap."""
-    gap, seen = _driven(stepper, nodes)
-    return traced(stepper, seen, jnp.max(jnp.abs(gap @ stepper.space.observation.T), axis=0))
+    segments, step = len(nodes), jnp.arange(stepper.room)
+    count = stepper.steps // segments
+    gap, samples = _driven(stepper, nodes, put, no_samples(stepper, stepper.room // segments))
+    samples = samples[jnp.minimum(step // count, segments - 1), step % count]
+    return traced(stepper, jnp.where((step < stepper.steps)[:, None], samples, 0.0), _widest(stepper, gap))
 
 
-def _driven(stepper, nodes):
-    """Gaps ``(K, n)`` and w ``(steps, 2G)`` over the cycle."""
-    end, seen = jax.vmap(lambda *segment: _run(stepper, *segment))(nodes, *_grid(stepper, len(nodes)))
-    return (end - jnp.roll(nodes, -1, axis=0)) * moving(stepper.space), seen.reshape(-1, seen.shape[-1])
+def _driven(stepper, nodes, *kept):
+    """Gaps ``(K, n)``, and what was seen on the way, segment by segment."""
+    count = stepper.steps // len(nodes)
+
+    def through(node, segment):
+        end, _, seen = run(stepper, node, segment * count, count, *kept)
+        return end, seen
+
+    end, seen = jax.vmap(through)(nodes, jnp.arange(len(nodes)))
+    return _gaps(stepper, nodes, end), seen
+
+
+def _gaps(stepper, nodes, end):
+    return (end - jnp.roll(nodes, -1, axis=0)) * moving(stepper.space)
+
+
+def _widest(stepper, gap):
+    """Largest of the gaps ``(K, n)`` in deflections and rates, ``(2G,)``."""
+    return jnp.max(jnp.abs(gap @ stepper.space.observation.T), axis=0)
 
 
 def linearize(stepper, nodes, share):
     """Gaps ``(K, n)``, their derivatives: of each end in its beginning ``(K, n, n)``, and in the share ``(K, n)``."""
     free = moving(stepper(share).space)
+    end, slope, share_slope = ends(stepper, nodes, share)
+    return _gaps(stepper(share), nodes, end), slope * free[:, None] * free, share_slope * free
 
-    def end(node_and_share, *known):
-        reached, _ = _run(stepper(node_and_share[-1]), node_and_share[:-1], *known)
+
+def ends(stepper, nodes, share):
+    """End ``(K, n)`` of each segment and its derivatives, as in :func:`linearize`, of all states."""
+
+    def end(node_and_share, segment):
+        reached = _end(stepper(node_and_share[-1]), node_and_share[:-1], segment, len(nodes))
         return reached, reached
 
     both = jnp.concatenate([nodes, jnp.full((len(nodes), 1), share)], axis=1)
-    slopes, reached = jax.vmap(jax.jacfwd(end, has_aux=True))(both, *_grid(stepper(share), len(nodes)))
-    gap = (reached - jnp.roll(nodes, -1, axis=0)) * free
-    return gap, slopes[:, :, :-1] * free[:, None] * free, slopes[:, :, -1] * free
+    slopes, reached = jax.vmap(jax.jacfwd(end, has_aux=True))(both, jnp.arange(len(nodes)))
+    return reached, slopes[:, :, :-1], slopes[:, :, -1]
 
 
-def correct(gap, slope, share_slope):
-    """Changes of nodes and share that close all gaps to first order, and those that keep them: the tangent.
+def condense(slope, share_slope):
+    """A cycle condensed on its first node: what :func:`closing` and :func:`tangent` need of its derivatives.
 
-    The cycle is condensed on its first node; the tangent is oriented by the sign of the determinant, which no fold and
-    no corner of the curve changes.
-
-    Returns
-    -------
-    array ``(K n + 1, 2)``: the shortest closing change (at the first node), and the tangent, not normalised
+    slope ``(K, n, n)``, share_slope ``(K, n)``, and the singular value decomposition of the condensed equations
+    ``(n, n+1)``.
     """
-    size = gap.shape[1]
-    identity = jnp.eye(size)
+    size = slope.shape[1]
 
     def through(carry, segment):
-        slope, gap, share_slope = segment
-        return (slope @ carry).at[:, size].add(gap).at[:, size + 1].add(share_slope), None
+        slope, share_slope = segment
+        return (slope @ carry).at[:, size].add(share_slope), None
 
-    begin = jnp.concatenate([identity, jnp.zeros((size, 2))], axis=1)
-    whole, _ = lax.scan(through, begin, (slope, gap, share_slope))
-    condensed = jnp.concatenate([whole[:, :size] - identity, whole[:, size + 1 :]], axis=1)
-    left, values, right = jnp.linalg.svd(condensed, full_matrices=True)
+    whole, _ = lax.scan(through, jnp.eye(size, size + 1), (slope, share_slope))
+    return slope, share_slope, *jnp.linalg.svd(whole - jnp.eye(size, size + 1), full_matrices=True)
+
+
+def closing(condensed, gap):
+    """``(K n + 1,)``: the change of nodes and share, shortest at the first, that closes all gaps to first order."""
+    slope, share_slope, left, values, right = condensed
+    gathered, _ = lax.scan(lambda carry, known: (known[0] @ carry + known[1], None), 0.0 * gap[0], (slope, gap))
     known = values > SINGULAR * values[0]
-    closing = right[:size].T @ (jnp.where(known, left.T @ -whole[:, size], 0.0) / jnp.where(known, values, 1.0))
-    tangent = right[size] * jnp.sign(jnp.linalg.det(left) * jnp.linalg.det(right))
-    first = jnp.stack([closing, tangent], axis=1)
+    first = right[:-1].T @ (jnp.where(known, left.T @ -gathered, 0.0) / jnp.where(known, values, 1.0))
+    return _unfolded(slope, gap + share_slope * first[-1], first)
 
-    def unfold(node, segment):
-        slope, gap, share_slope = segment
-        return (slope @ node + share_slope[:, None] * first[size]).at[:, 0].add(gap), node
 
-    _, nodes = lax.scan(unfold, first[:size], (slope, gap, share_slope))
-    return jnp.concatenate([nodes.reshape(-1, 2), first[size:]])
+def tangent(condensed):
+    """``(K n + 1,)``: the change of nodes and share that keeps all gaps, not normalised; oriented by the sign of the
+    determinant, which no fold and no corner of the curve changes."""
+    slope, share_slope, left, _, right = condensed
+    first = right[-1] * jnp.sign(jnp.linalg.det(left) * jnp.linalg.det(right))
+    return _unfolded(slope, share_slope * first[-1], first)
+
+
+def _unfolded(slope, added, first):
+    """Changes of all nodes, and of the share, from those of the first node and the share."""
+    _, nodes = lax.scan(lambda node, known: (known[0] @ node + known[1], node), first[:-1], (slope, added))
+    return jnp.append(nodes, first[-1])
 
 
 def close(stepper, nodes, *, tolerance, most):
@@ -141,25 +163,28 @@ def close(stepper, nodes, *, tolerance, most):
     lengths = jnp.array(LENGTHS)
 
     def unfinished(carry):
-        _, trace, done, closer = carry
-        return (trace.closure > tolerance) & (done < most) & closer
+        _, closure, done, closer = carry
+        return ~(closure <= tolerance) & (done < most) & closer
 
     def step(carry):
-        nodes, _, done, _ = carry
+        nodes, closure, done, _ = carry
         gap, slope, none = linearize(lambda _: stepper, nodes, 1.0)
+        condensed = condense(slope, none)
 
-        def closing(gap):
-            return -correct(gap, slope, none)[:-1, 0].reshape(nodes.shape)
+        def change(gap):
+            return closing(condensed, gap)[:-1].reshape(nodes.shape)
 
-        def lowers(length):
-            return jnp.linalg.norm(closing(gaps(stepper, nodes - length * change))) < (1 - length / 4) * size
+        def tried(length):
+            gap, closure = gaps_and_closure(stepper, nodes + length * whole)
+            return jnp.linalg.norm(change(gap)) < (1 - length / 4) * size, closure
 
-        change = closing(gap)
-        size = jnp.linalg.norm(change)
-        lower = lax.map(lowers, lengths)
-        closer = jnp.any(lower)
-        nodes = jnp.where(closer, nodes - lengths[jnp.argmax(lower)] * change, nodes)
-        return nodes, motion(stepper, nodes), done + 1, closer
+        whole = change(gap)
+        size = jnp.linalg.norm(whole)
+        lower, closures = lax.map(tried, lengths)
+        best, closer = jnp.argmax(lower), jnp.any(lower)
+        nodes = jnp.where(closer, nodes + lengths[best] * whole, nodes)
+        return nodes, jnp.where(closer, closures[best], closure), done + 1, closer
 
-    start = (nodes, motion(stepper, nodes), jnp.array(0), jnp.array(True))
-    return lax.while_loop(unfinished, step, start)[:3]
+    start = (nodes, jnp.array(jnp.inf), jnp.array(0), jnp.array(True))
+    nodes, _, done, _ = lax.while_loop(unfinished, step, start)
+    return nodes, motion(stepper, nodes), done

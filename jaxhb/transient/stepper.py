@@ -36,7 +36,8 @@ class Stepper:
 
     propagate ``(n + 4G, n)``: exp(A dt), L exp(A dt), L exp(A dt/2); weights ``(n + 2G, 3G)`` of the forces (first,
     sum of the two in the middle, last); first, second, third : stage weights ``(2G, G)``, ``(2G, 2G)``, ``(2G, 2G)``;
-    linear ``(2 steps, 2G)``: w of the linear train every half step; linear_state ``(n,)`` its state at t = 0;
+    linear ``(2 steps, 2G)``: w of the linear train every half step, or more rows, whose rest is not used, if ``count``
+    holds the number of steps (one program for many numbers); linear_state ``(n,)`` its state at t = 0;
     flank_state ``(n,)``: deviation for which every mesh carries its linear force on its drive side; space : the
     equations; law, viscous, contact_damping : of the meshes ``(G,)``; frequency : rad/s; static ``(G, G)`` m/N : answer
     of modes that are no states, too fast for the steps.
@@ -56,6 +57,22 @@ class Stepper:
     contact_damping: jax.Array
     frequency: jax.Array
     static: jax.Array | None = None
+    count: jax.Array | None = None
+
+    @property
+    def room(self):
+        """Steps of a cycle that arrays have room for."""
+        return self.linear.shape[0] // 2
+
+    @property
+    def steps(self):
+        """Steps of a cycle; traced where there is room for more."""
+        return self.room if self.count is None else self.count
+
+    def known(self, step):
+        """w of the linear train ``(2G,)`` half a step and one step after the beginning of a step."""
+        ahead = jnp.where(step + 1 < self.steps, 2 * step + 2, 0)
+        return tuple(lax.dynamic_index_in_dim(self.linear, row, keepdims=False) for row in (2 * step + 1, ahead))
 
     def phi(self, deflection, rate):
         """Force ``(G,)`` N of the meshes less its linear part."""
@@ -133,7 +150,7 @@ def discretize(system, meshes, frequency, load, steps, parts=None):
     shift = _static(matrices(system)[1], _spread(system, meshes, -flank_excess(meshes.law, deflection)))
     return cut(
         space,
-        deflection,
+        fourier.synthesize(seen(deflection, frequency), 2 * steps).T,
         frequency,
         steps,
         law=meshes.law,
@@ -149,12 +166,16 @@ def flank_excess(law, linear):
     return -backlash.offset(law) * jnp.where(linear[:, 0].real < 0, -1.0, 1.0)
 
 
+def seen(deflection, frequency):
+    """Coefficients ``(2G, N+1)`` of w = (l, l') from those of l."""
+    return jnp.concatenate([deflection, fourier.derivative(deflection, frequency)])
+
+
 def cut(space, linear, frequency, steps, *, law, viscous, contact_damping, linear_state, flank_state, static=None):
-    """The :class:`Stepper` of a state space and the deflections ``(G, N+1)`` of its linear response."""
-    seen = jnp.concatenate([linear, fourier.derivative(linear, frequency)])
+    """The :class:`Stepper` of a state space and the samples ``(2 steps, 2G)`` of its linear response."""
     return Stepper(
         **_weights(space, 2 * jnp.pi / frequency / steps),
-        linear=fourier.synthesize(seen, 2 * steps).T,
+        linear=linear,
         linear_state=linear_state,
         flank_state=flank_state,
         space=space,

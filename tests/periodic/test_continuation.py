@@ -11,7 +11,7 @@ from jaxhb.periodic import continuation
 def correct(value, slopes):
     """Shortest change and oriented tangent for one equation in (x, p): the determinant with (-b, a) is a^2 + b^2."""
     ((a, b),) = slopes[0]
-    return jnp.stack([-value[0] * jnp.array([a, b]) / (a**2 + b**2), jnp.array([-b, a])], axis=1)
+    return -value[0] * jnp.array([a, b]) / (a**2 + b**2), jnp.array([-b, a])
 
 
 def follow(share, start, most=400):

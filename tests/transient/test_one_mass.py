@@ -9,13 +9,15 @@ import numpy as np
 import pytest
 from transient_cases import REFERENCE, method_case, one_mass
 
-from jaxhb.transient.integrate import settle
-from jaxhb.transient.shooting import shoot
+from jaxhb.transient.integrate import cycle, settle
+from jaxhb.transient.shooting import monodromy, shoot
 from jaxhb.transient.statespace import partition
 from jaxhb.transient.stepper import discretize, on_flank, state_from_motion
 
 cut = jax.jit(discretize, static_argnames=("steps", "parts"))
 correct = jax.jit(shoot)
+multiply = jax.jit(monodromy)
+run = jax.jit(cycle)
 
 
 def stepper_of(case, frequency, load, steps):
@@ -27,14 +29,10 @@ def exact(steps):
     """Errors of x(0), x'(0), trace and determinant of the monodromy matrix of the case of method.md A7."""
     case = one_mass(mass=1, damping=0.2, stiffness=4, epsilon=0.05, transition=0.2, backlash=0.2)
     stepper = stepper_of(case, 1.0, [0.3, 0.5], steps)
-    shot = correct(stepper, jax.jit(settle)(stepper, on_flank(stepper)).state)
-    assert shot.closure_after < 1e-11
-    found = [
-        shot.trace.deflection[0, 0],
-        shot.trace.rate[0, 0],
-        jnp.trace(shot.monodromy),
-        jnp.linalg.det(shot.monodromy),
-    ]
+    state, closure, _ = correct(stepper, jax.jit(settle)(stepper, on_flank(stepper)).state)
+    assert closure < 1e-11
+    (_, trace), (matrix, _) = run(stepper, state), multiply(stepper, state)
+    found = [trace.deflection[0, 0], trace.rate[0, 0], jnp.trace(matrix), jnp.linalg.det(matrix)]
     expected = method_case("A7_true_periodic_one_mass")["expected"]
     return np.abs(np.array(found) - [float(expected[k]) for k in ("x0", "v0", "monodromy_trace", "monodromy_det")])
 
@@ -62,11 +60,11 @@ def test_sharp_dead_zone_solutions_are_approached_quadratically_in_the_transitio
         load = [0.1, -0.5j * 0.05 * row["Omega"] ** 2]
         stepper = stepper_of(case, row["Omega"], load, 4096)
         x, v = row["y0"]
-        shot = correct(stepper, state_from_motion(stepper, jnp.array([x]), jnp.array([v])))
-        values = np.asarray(shot.trace.deflection[0])
+        state = correct(stepper, state_from_motion(stepper, jnp.array([x]), jnp.array([v])))[0]
+        values = np.asarray(run(stepper, state)[1].deflection[0])
         amplitudes = 2 * np.abs(np.fft.rfft(values)[1:4]) / values.size
         errors[transition].append(np.abs(amplitudes - row["amp_h"][:3]).max())
-        multipliers = np.sort(np.abs(np.linalg.eigvals(shot.monodromy)))
+        multipliers = np.sort(np.abs(np.linalg.eigvals(multiply(stepper, state)[0])))
         np.testing.assert_allclose(multipliers, np.sort(row["floquet_abs"]), atol=1e-11)
         assert abs(values.max() - row["max"]) < 3 * transition**2
     assert max(errors[0.01]) < 3e-4
@@ -80,12 +78,11 @@ def coexisting():
     stepper = stepper_of(case, 1.0, [0.1, 0.1], 512)
     x, v = (g.ravel() for g in np.meshgrid(np.linspace(-1.5, 1.5, 5), np.linspace(-1, 1, 3)))
     starts = jax.vmap(lambda a, b: state_from_motion(stepper, a[None], b[None]))(x, v)
-    shots = jax.jit(jax.vmap(lambda z: shoot(stepper, z, steps_newton=20)))(starts)
-    closed = np.asarray(shots.closure_after) < 1e-10
+    states, closures, _ = jax.jit(jax.vmap(lambda z: shoot(stepper, z)))(starts)
     found = {}
-    for state, matrix in zip(shots.state[closed], shots.monodromy[closed], strict=True):
+    for state in states[np.asarray(closures) < 1e-10]:
         key = tuple(np.round(np.asarray(state), 6) + 0.0)
-        found[key] = np.abs(np.linalg.eigvals(np.asarray(matrix))).max()
+        found[key] = np.abs(np.linalg.eigvals(multiply(stepper, state)[0])).max()
     return found
 
 

@@ -1,5 +1,7 @@
 """A cycle in segments against the same cycle in one piece."""
 
+import dataclasses
+
 import jax
 import numpy as np
 from tolerances import PATHS
@@ -9,7 +11,7 @@ from jaxhb import Disk, Ground, Mesh, Shaft, Torque
 from jaxhb.periodic import orbits
 from jaxhb.periodic.harmonics import Plan
 from jaxhb.transient import segments, shooting
-from jaxhb.transient.integrate import cycle
+from jaxhb.transient.integrate import cycle, cycle_closure
 
 PLAN = Plan(harmonics=32, active=(0, 1), flank=(0, 0), instants=1024, excited=3)
 
@@ -24,7 +26,7 @@ def both_ways(stepper, state):
     nodes = segments.beginnings(stepper, state)
     end, trace = cycle(stepper, state)
     pieces = segments.linearize(lambda share: stepper, nodes, 0.0)
-    whole = shooting.monodromy(stepper, state)
+    whole, _ = shooting.monodromy(stepper, state)
     return nodes, end, trace.deflection, segments.motion(stepper, nodes).deflection, pieces, whole
 
 
@@ -38,6 +40,29 @@ def test_segments_in_a_row_are_the_cycle():
     product = np.linalg.multi_dot(np.asarray(slope)[::-1])
     np.testing.assert_allclose(product, whole, atol=PATHS * np.abs(whole).max())
     np.testing.assert_array_equal(share_slope, 0.0)
+
+
+def test_room_for_more_steps_changes_nothing():
+    roomy = stepper()
+    steps = int(roomy.count)
+    assert roomy.room > steps == PLAN.instants
+    tight = dataclasses.replace(roomy, linear=roomy.linear[: 2 * steps], count=None)
+    nodes = segments.beginnings(tight, tight.flank_state)
+    for motion in (segments.motion, lambda stepper, nodes: cycle(stepper, nodes[0])[1]):
+        found, wanted = motion(roomy, nodes), motion(tight, nodes)
+        np.testing.assert_array_equal(found.deflection[:, steps:], 0.0)
+        np.testing.assert_allclose(found.deflection[:, :steps], wanted.deflection, rtol=PATHS, atol=0.0)
+        np.testing.assert_allclose(found.closure, wanted.closure, rtol=1e-6)  # a difference of the motion
+
+
+def test_what_closes_a_cycle_is_the_same_with_and_without_samples():
+    train = stepper()
+    nodes = segments.beginnings(train, train.flank_state) * (1 + 1e-3 * np.arange(segments.SEGMENTS)[:, None])
+    gap, closure = segments.gaps_and_closure(train, nodes)
+    np.testing.assert_array_equal(gap, segments.gaps(train, nodes))
+    np.testing.assert_allclose(closure, segments.motion(train, nodes).closure, rtol=PATHS)
+    whole = cycle_closure(train, train.flank_state)
+    np.testing.assert_allclose(whole, cycle(train, train.flank_state)[1].closure, rtol=PATHS)
 
 
 def test_segments_closed_one_by_one_are_a_periodic_cycle():
@@ -56,7 +81,8 @@ def test_correction_and_tangent_solve_the_linearised_equations():
     count, size = 8, 4
     slope, gap = 0.8 * rng.normal(size=(count, size, size)), rng.normal(size=(count, size))
     share_slope = rng.normal(size=(count, size))
-    change, tangent = np.asarray(jax.jit(segments.correct)(gap, slope, share_slope)).T
+    condensed = segments.condense(slope, share_slope)
+    change, tangent = segments.closing(condensed, gap), segments.tangent(condensed)
 
     def left(y):
         nodes = y[:-1].reshape(count, size)
@@ -74,7 +100,7 @@ def test_what_moves_nothing_is_left_out():
     still = np.flatnonzero(np.asarray(segments.moving(floating.space)) == 0)
     assert len(still) == 4
     nodes = segments.beginnings(floating, floating.flank_state)
-    change, tangent = np.asarray(direction(floating, nodes)).T
+    change, tangent = map(np.asarray, direction(floating, nodes))
     assert np.abs(tangent).max() > 0
     by_state = [part[:-1].reshape(nodes.shape)[:, still] for part in (change, tangent)]
     np.testing.assert_allclose(by_state, 0.0, atol=PATHS * np.abs(nodes).max())
@@ -83,7 +109,8 @@ def test_what_moves_nothing_is_left_out():
 @jax.jit
 def direction(stepper, nodes):
     gap, slope, _ = segments.linearize(lambda share: stepper, nodes, 1.0)
-    return segments.correct(gap, slope, nodes)
+    condensed = segments.condense(slope, nodes)
+    return segments.closing(condensed, gap), segments.tangent(condensed)
 
 
 def floating_pair(grounded):
