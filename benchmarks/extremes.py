@@ -270,28 +270,12 @@ def difference(first, second):
     return float(np.abs(a - b).max() / np.abs(a).max())
 
 
-def settled_correction(response):
-    """The shooting correction; a bad one again with 4 and 16 times the steps, as undamped teeth need them.
-
-    Only a correction that closes overrules it: a bad verdict is not lost where shorter steps give none.
-    """
-    found = jaxhb.shooting_correction(response)
-    for _ in range(2):
-        if not found.orbit.settled or found.error <= AGREEMENT:
-            break
-        finer = jaxhb.shooting_correction(response, steps=4 * found.orbit.elastic.shape[1])
-        if not finer.orbit.settled:
-            break
-        found = finer
-    return found
-
-
 def second_way(response, check):
     """(how far the tooth force is from the second way to it, in words), NaN where that fails."""
     if check == "none" or not any(response.topology.mesh_backlash):
         return 0.0, ""
     if check == "shooting":
-        found = settled_correction(response)
+        found = jaxhb.shooting_correction(response)
         closed = found.orbit.settled
         return (found.error if closed else np.nan), f"shooting{'' if closed else ' does not close'}: {found.error:.1e}"
     finer = jaxhb.solve(response.train, rpm=float(response.rpm), start=response, harmonics=2 * response.harmonics)

@@ -18,6 +18,8 @@ STEPS_PER_PERIOD = 40
 MOST_STEPS_PER_PERIOD = 400
 MESH_SHARE = 0.01
 MOST_CORRECTIONS = 10
+CONTRADICTS, SEEN = 3.0, 1e-4
+"""Times the estimate of the truncation error, and what steps leave: a correction above is asked with more steps."""
 ROUNDED = 1e-11
 """Share of a displacement that the coordinates of the integration may lose."""
 
@@ -286,20 +288,24 @@ def shooting_correction(response, *, steps=None, tolerance=1e-9):
     """Start at a harmonic solution, integrate one cycle, correct by Newton: the change is the solution's true error.
 
     The cycle is cut into 32 segments that Newton's method joins (multiple shooting): valid on unstable motions too. The
-    answer is as good as the integration: see :func:`resolving_steps`.
+    answer is as good as the integration: see :func:`resolving_steps`. Teeth without damping need more steps: a change
+    above three times ``response.truncation_error`` is asked with 4 and 16 times as many, which overrule it if they
+    close the cycle.
 
     Parameters
     ----------
     response : Response
         At one speed.
     steps : int, optional
-        Steps per cycle, rounded up to a multiple of 32; :func:`resolving_steps` without.
+        Exactly so many per cycle, rounded up to a multiple of 32; without it :func:`resolving_steps` and, where these
+        contradict the estimate, more.
     tolerance : float
         Closure to reach.
 
     Returns
     -------
     Correction
+        ``orbit.deflection.shape[1]`` steps were taken.
 
     Raises
     ------
@@ -325,7 +331,27 @@ def shooting_correction(response, *, steps=None, tolerance=1e-9):
             f"{train.topology.name or 'scene'}: the mean torques turn a gear by {farthest:.1e} m along its teeth, and "
             f"time integration keeps no digits for a backlash of {least:.1e} m: add a [[load]] or a stiffer [[ground]]."
         )
-    orbit = referee(system, meshes, frequency, load, start, steps=steps, tolerance=tolerance)
+
+    def correction(steps):
+        return _difference(
+            response, meshes, referee(system, meshes, frequency, load, start, steps=steps, tolerance=tolerance)
+        )
+
+    found = correction(steps)
+    believed = CONTRADICTS * max(float(response.truncation_error), SEEN)
+    for _ in range(2 if steps is None else 0):
+        if not found.orbit.settled or found.error <= believed:
+            break
+        finer = correction(4 * found.orbit.deflection.shape[1])
+        if not finer.orbit.settled:
+            break
+        found = finer
+    return found
+
+
+def _difference(response, meshes, orbit):
+    """The Correction of a response by the motion that closes beside it."""
+    train = response.train
     own = np.flatnonzero(np.array(train.topology.mesh_backlash, dtype=bool))
     deflection = response.deflection_samples(orbit.elastic.shape[1])[own]
     force = np.asarray(backlash.force(meshes.law.expand(), deflection))

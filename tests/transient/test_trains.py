@@ -1,6 +1,7 @@
 """Time integration of drive trains against independent integrators and dense harmonic solutions."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +15,7 @@ from jaxhb.harmonic import backlash, fourier, reduction
 from jaxhb.model.drivetrain import build
 from jaxhb.model.elements import Disk, Ground, Mesh, Shaft, Torque
 from jaxhb.model.scene import load_scene
+from jaxhb.transient import referee as referee_module
 from jaxhb.transient.integrate import cycle, march, settle
 from jaxhb.transient.referee import integrate, referee, resolving_steps
 from jaxhb.transient.shooting import monodromy, shoot
@@ -239,6 +241,36 @@ def test_a_floating_train_with_a_damped_massless_disk_is_closed():
     turned = dataclasses.replace(response, angles=response.angles + 1e10 * (np.arange(97) == 0))
     with pytest.raises(ValueError, match=r"massless: the mean torques turn .* no digits for a backlash of 2.0e-04 m"):
         shooting_correction(turned)
+
+
+@pytest.mark.parametrize(
+    ("found", "error", "steps"),
+    [
+        ([(0.001, True)], 0.001, [None]),
+        ([(0.2, True), (0.001, True)], 0.001, [None, 400]),
+        ([(0.2, True), (0.2, True), (0.2, True)], 0.2, [None, 400, 1600]),
+        ([(0.2, True), (0.001, False)], 0.2, [None, 400]),
+        ([(0.2, False)], 0.2, [None]),
+    ],
+)
+def test_only_more_steps_that_close_overrule_a_correction_that_contradicts_the_estimate(
+    monkeypatch, found, error, steps
+):
+    response = solve(pair(), rpm=HAMMERING_RPM)
+    asked, left = [], iter(found)
+    assert 0.001 <= 3 * response.truncation_error < 0.2
+
+    def shot(*_, steps, tolerance):
+        asked.append(steps)
+        error, settled = next(left)
+        return SimpleNamespace(settled=settled, deflection=np.zeros((1, steps or 100)), error=error)
+
+    monkeypatch.setattr(referee_module, "referee", shot)
+    monkeypatch.setattr(
+        referee_module, "_difference", lambda *given: SimpleNamespace(error=given[-1].error, orbit=given[-1])
+    )
+    assert shooting_correction(response).error == error
+    assert asked == steps
 
 
 def test_what_cannot_be_integrated_is_refused_with_its_name():
