@@ -15,7 +15,7 @@ import numpy as np
 from jax import lax
 
 from ..transient import segments
-from ..transient.integrate import cycle
+from ..transient.integrate import cycle, cycle_closure
 from ..transient.shooting import shoot
 from ..transient.stepper import seen
 from ..transient.surrogate import states_of, surrogate
@@ -41,8 +41,8 @@ SETTLED, CLOSED = 1e-6, 1e-8
 SAME = 1e-4
 """Difference of the deflections, as a share of the largest, below which two orbits are one, found twice."""
 
-ROOMS = (2048, 8192, 32768)
-"""Steps for which arrays have room: programs are compiled for these, not for every number of steps."""
+ROOM = 32768
+"""Most steps a cycle. Arrays have room for them: programs are compiled once and not for each number of steps."""
 
 FLEXIBLE = 1e-6
 """Share of the compliance of a mesh below which modes too fast for the steps are left out."""
@@ -68,8 +68,7 @@ def stepper_of(train, rpm, plan):
     """The Stepper of a train with the meshes and instants of a Plan."""
     excited = plan.sizes.excited
     stepper, response = _equations(pose(train, rpm, excited), plan.choice, plan.instants, excited)
-    room = next(room for room in ROOMS if room >= plan.instants)
-    linear = np.zeros((2 * room, len(response)))
+    linear = np.zeros((2 * ROOM, len(response)))
     linear[: 2 * plan.instants] = np.fft.irfft(response, 2 * plan.instants, norm="forward").T
     stepper = replace(stepper, linear=linear, count=np.array(plan.instants))
     flexible = np.abs(np.diag(stepper.static)) * np.asarray(stepper.law.stiffness) > FLEXIBLE
@@ -84,18 +83,18 @@ def _visited(stepper, until):
     """
 
     def unfinished(carry):
-        done, _, _, closures, _ = carry
+        done, _, _, closures = carry
         return (done < CYCLES) & ~(closures[done - 1] <= until)
 
     def visit(carry):
-        done, state, states, closures, _ = carry
-        after, trace = cycle(stepper, state)
-        return done + 1, after, states.at[done].set(state), closures.at[done].set(trace.closure), trace.deflection
+        done, state, states, closures = carry
+        after, closure = cycle_closure(stepper, state)
+        return done + 1, after, states.at[done].set(state), closures.at[done].set(closure)
 
     state = stepper.flank_state
     empty = jnp.zeros((CYCLES, len(state))), jnp.full(CYCLES, jnp.nan)
-    none = jnp.zeros((len(stepper.viscous), stepper.room))
-    return lax.while_loop(unfinished, visit, (jnp.array(0), state, *empty, none))[2:]
+    done, _, states, closures = lax.while_loop(unfinished, visit, (jnp.array(0), state, *empty))
+    return states, closures, cycle(stepper, states[done - 1])[1].deflection
 
 
 @jax.jit

@@ -30,9 +30,9 @@ SETTLED = 1e-5
 CLOSER = 30
 """Times better than the march before it that a longer march has to close."""
 
-FINER, FINEST = 4, 2 * march.INSTANT_COUNTS[-1]
-"""Orbits are searched with up to so many times the steps of the march, and so many steps a cycle, as coarse ones bend
-them; one that Newton's method does not take is found again with more steps. Harmonics follow the steps."""
+FINER = 4
+"""Orbits are searched with up to so many times the steps of the march, as coarse ones bend them; one that Newton's
+method does not take is found again with more steps. Harmonics follow the steps."""
 
 FEWEST = 4
 """Shots of the finest steps that orbits.WORK has to pay for: of larger trains fewer closed none."""
@@ -378,7 +378,7 @@ def _starts(train, rpm, plan, adaptive, closure, path):
     Each is found when asked for, and told in ``path``. What was found with shorter steps is solved with as many more
     harmonics, if these are free: below their reach there may be no solution near the motion.
     """
-    finest = max(plan.instants, min(FINER * plan.instants, FINEST))
+    finest = max(plan.instants, min(FINER * plan.instants, orbits.ROOM))
 
     @cache
     def search(instants):

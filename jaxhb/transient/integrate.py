@@ -79,9 +79,9 @@ def cycle(stepper, state):
 
 
 def cycle_closure(stepper, state):
-    """Closure of the cycle from the deviation ``state``, as in its :class:`Trace`; no samples are kept."""
-    _, change, largest = _whole(stepper, state, *watch(stepper))
-    return closure(stepper, change, largest)
+    """State after one cycle from ``state``, and the closure of its :class:`Trace`; no samples are kept."""
+    end, change, largest = _whole(stepper, state, *watch(stepper))
+    return end, closure(stepper, change, largest)
 
 
 def put(samples, k, w):

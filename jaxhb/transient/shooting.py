@@ -59,7 +59,7 @@ def shoot(stepper, state, *, most=20, tolerance=1e-11, cutoff=1e-10):
         matrix, end = monodromy(stepper, state)
         direction = jnp.linalg.pinv(identity - matrix, rtol=cutoff) @ (end - state)
         tried = state + lengths[:, None] * direction
-        closures = jax.vmap(lambda state: cycle_closure(stepper, state))(tried)
+        closures = jax.vmap(lambda state: cycle_closure(stepper, state)[1])(tried)
         best = jnp.nanargmin(closures)
         return tried[best], closures[best], done + 1
 
