@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from ..harmonic import fourier
 from ..transient import segments
 from ..transient.integrate import cycle, cycle_closure
 from ..transient.shooting import shoot
@@ -69,7 +70,7 @@ def stepper_of(train, rpm, plan):
     excited = plan.sizes.excited
     stepper, response = _equations(pose(train, rpm, excited), plan.choice, plan.instants, excited)
     linear = np.zeros((2 * ROOM, len(response)))
-    linear[: 2 * plan.instants] = np.fft.irfft(response, 2 * plan.instants, norm="forward").T
+    linear[: 2 * plan.instants] = fourier.synthesize(response, 2 * plan.instants).T
     stepper = replace(stepper, linear=linear, count=np.array(plan.instants))
     flexible = np.abs(np.diag(stepper.static)) * np.asarray(stepper.law.stiffness) > FLEXIBLE
     return stepper if flexible.any() else replace(stepper, static=None)
@@ -132,7 +133,7 @@ def _same(deflection, other):
 
 def coefficients(deflection, instants):
     """Coefficients ``(G, n+1)`` of deflections ``(G, room)`` over a cycle, all that the instants tell apart."""
-    return np.fft.rfft(deflection[:, :instants], norm="forward")[:, : (instants - 1) // 2 + 1]
+    return np.asarray(fourier.analyze(deflection[:, :instants], (instants - 1) // 2))
 
 
 class Search:

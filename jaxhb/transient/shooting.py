@@ -17,7 +17,8 @@ def monodromy(stepper, state):
     """Derivative ``(n, n)`` of the state after one cycle with respect to the state before, and that state ``(n,)``.
 
     In the coordinates of the state; the eigenvalues are the Floquet multipliers of a periodic motion. Found from as
-    many of the segments, side by side, as divide the steps: up to six times faster than along the cycle.
+    many of the segments, side by side, as divide the steps: 2.4 times faster than along the cycle with 6 states, twice
+    with 24, no faster with 120.
     """
     nodes = segments.beginnings(stepper, state, math.gcd(stepper.room, segments.SEGMENTS))
     end, slope, _ = segments.ends(lambda _: stepper, nodes, 1.0)
