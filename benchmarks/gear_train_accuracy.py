@@ -148,12 +148,13 @@ def times(train):
         start = Start(nothing, np.array(False), np.array(plan.cycles))
         jax.clear_caches()
         begin = time.perf_counter()
-        program = solve_problem.lower(problem, plan.choice, start, jnp.asarray(plan.tolerance), plan.sizes).compile()
+        given = problem, plan.choice, start, jnp.asarray(plan.tolerance)
+        program = solve_problem.outermost.lower(*given, plan.sizes).compile()
         compiled = time.perf_counter() - begin
         runs = []
         for _ in range(5):
             begin = time.perf_counter()
-            outcome = jax.block_until_ready(program(problem, plan.choice, start, jnp.asarray(plan.tolerance)))
+            outcome = jax.block_until_ready(program(*given))
             runs.append(time.perf_counter() - begin)
         status = jaxhb.Status(int(outcome.status)).name
         print(

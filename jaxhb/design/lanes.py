@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._program import Program
 from ..periodic.derivative import only_if_finite
 from ..periodic.problem import pose
 from ..periodic.program import differentiable, estimate, find
@@ -102,7 +103,7 @@ def _changed(train, z, task):
     return train.replace({p.name: values[i] for i, p in enumerate(task.parameters)})
 
 
-@partial(jax.jit, static_argnames=("task", "excited", "form"))
+@partial(Program, static_argnames=("task", "excited", "form"))
 def pose_designs(train, rpm, z, *, task, excited, form):
     """The numbers of train and problem of every lane ``(A, n, K)``, and their pullback to z ``(A, P)``.
 
@@ -116,7 +117,7 @@ def pose_designs(train, rpm, z, *, task, excited, form):
     return jax.vjp(lambda z: jax.vmap(jax.vmap(lane, (None, 0)))(z, rpm), z)
 
 
-@partial(jax.jit, static_argnames=("form", "asked", "plan"))
+@partial(Program, static_argnames=("form", "asked", "plan"))
 def read_lanes(numbers, held, rpm, start, choice, *, form, asked, plan):
     """Solve lanes of one plan and read their responses.
 
@@ -147,7 +148,7 @@ def read_lanes(numbers, held, rpm, start, choice, *, form, asked, plan):
     return _each(lane, numbers, rpm, start)
 
 
-@partial(jax.jit, static_argnames=("form", "asked", "plan"))
+@partial(Program, static_argnames=("form", "asked", "plan"))
 def pull_lanes(numbers, held, rpm, found, choice, cotangent, *, form, asked, plan):
     """What a derivative by the readings ``(c, J)`` of solved lanes is by their numbers ``(c, K)``.
 
@@ -180,7 +181,7 @@ def _each(lane, *batch):
     return jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], lane(*jax.tree.map(lambda leaf: leaf[0], batch)))
 
 
-@partial(jax.jit, static_argnames=("form", "plan"))
+@partial(Program, static_argnames=("form", "plan"))
 def estimate_lanes(numbers, held, motion, choice, *, form, plan):
     """Truncation errors ``(c,)`` of solved lanes, ``motion`` ``(c, G, N+1)`` of the active meshes."""
 
@@ -190,13 +191,13 @@ def estimate_lanes(numbers, held, motion, choice, *, form, plan):
     return _each(lane, numbers, motion)
 
 
-@jax.jit
+@Program
 def pull_back(pull, cotangent):
     """What a pullback that a program handed out makes of a cotangent."""
     return pull(cotangent)[0]
 
 
-@partial(jax.jit, static_argnames=("task", "own"))
+@partial(Program, static_argnames=("task", "own"))
 def combine(train, z, smooth, kept, weights, widths, scales, *, task, own):
     """The objective of every design.
 

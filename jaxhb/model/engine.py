@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxhb._arrays import namespace
+from jaxhb._program import Program
 from jaxhb.model.crank import gas_torque_harmonics, inertia_torque_harmonics, slider_crank
 from jaxhb.model.drivetrain import DriveTrain, speed_ratios
 from jaxhb.model.topology import Topology
@@ -76,7 +77,7 @@ def excitation(train: DriveTrain, rpm, harmonics: int):
     return found if xp is jnp else jax.tree.map(np.asarray, found)
 
 
-@partial(jax.jit, static_argnames="harmonics")
+@partial(Program, static_argnames="harmonics")
 def _excitation(train, rpm, harmonics):
     """The program of :func:`excitation`, the same for trains that differ only in their meshes' contact."""
     topology = train.topology
@@ -163,8 +164,9 @@ def highest_harmonic(train: DriveTrain) -> int:
             found.append(round(min(orders, INERTIA_ORDERS_THAT_COUNT) * turn))
     with_gas = _pressure_cylinders(topology)
     if with_gas:
-        for i, row in zip(with_gas, np.abs(_pressure_harmonics(train, with_gas)[0]), strict=True):
-            row = row[1 : topology.cylinder_gas[i] + 1]
+        gas, _ = _pressure_harmonics(train, with_gas)
+        for i, row in zip(with_gas, np.asarray(gas), strict=True):
+            row = np.abs(row[1 : topology.cylinder_gas[i] + 1])
             counts = np.flatnonzero(row > NEGLIGIBLE_GAS * max(row.max(initial=0.0), 1e-300))
             found += [(k + 1) * topology.cylinder_step[i] for k in counts]
     return int(max(found))
@@ -241,14 +243,19 @@ def _pressure_cylinders(topology) -> tuple[int, ...]:
 
 def _pressure_harmonics(train, rows):
     """Harmonics of the gas cycle of p A x' and of p_ambient A x', for the cylinders ``rows``."""
-    rows = np.array(rows, dtype=int)
-    table = train.cylinders
-    bore, stroke, rod = (jnp.asarray(v)[rows] for v in (table.bore, table.stroke, table.rod))
+    rows, table = np.array(rows, dtype=int), train.cylinders
+    xp = namespace(table)
+    given = (table.pressure, table.ambient_pressure, table.bore, table.stroke, table.rod)
     revolutions = np.array(train.topology.cylinder_gas_revolutions)[rows]
-    pressure = jnp.asarray(table.pressure)[rows]
-    ambient = jnp.broadcast_to(jnp.asarray(table.ambient_pressure)[rows][:, None], pressure.shape)
-    both = jnp.stack([pressure, ambient])
-    return gas_torque_harmonics(both, bore, stroke, rod, revolutions=revolutions)
+    return _gas_and_ambient(*(xp.asarray(values)[rows] for values in given), revolutions)
+
+
+@Program
+def _gas_and_ambient(pressure, ambient, bore, stroke, rod, revolutions):
+    """Harmonics of the torques of pressures ``(C, M)`` and of ambient pressures ``(C,)``, each ``(C, M//2 + 1)``."""
+    both = jnp.stack([pressure, jnp.broadcast_to(ambient[:, None], pressure.shape)])
+    gas, ambient = gas_torque_harmonics(both, bore, stroke, rod, revolutions=revolutions)
+    return gas, ambient
 
 
 def _add_gas(torque, train, rpm):

@@ -17,6 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._program import Program
 from ..harmonic import backlash
 from ..transient import segments
 from ..transient.stepper import Stepper
@@ -65,7 +66,7 @@ class Towards(Stepper):
         return jnp.clip(0.5 / jnp.where(decay > 0, decay, 1.0), 1.0, self.heavier)
 
 
-@jax.jit
+@Program
 def _followed(stepper, beginning, most):
     """The Followed of one curve; nodes ``(K, n)`` and deflections ``(G, room)`` where it ends."""
     parts = {f.name: getattr(stepper, f.name) for f in fields(Stepper)}

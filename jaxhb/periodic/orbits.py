@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from .._program import Program
 from ..harmonic import fourier
 from ..transient import segments
 from ..transient.integrate import cycle, cycle_closure
@@ -49,7 +50,7 @@ FLEXIBLE = 1e-6
 """Share of the compliance of a mesh below which modes too fast for the steps are left out."""
 
 
-@partial(jax.jit, static_argnames="excited")
+@partial(Program, static_argnames="excited")
 def _equations(problem, choice, instants, excited):
     """A Stepper without samples of its linear response, and the coefficients ``(2G, N+1)`` of these."""
     links = jnp.asarray(problem.meshes.link)[choice.chosen]
@@ -76,7 +77,7 @@ def stepper_of(train, rpm, plan):
     return stepper if flexible.any() else replace(stepper, static=None)
 
 
-@jax.jit
+@Program
 def _visited(stepper, until):
     """States ``(CYCLES, n)`` at the beginning of cycles from the flanks, their closures, the last cycle's deflection.
 
@@ -98,14 +99,14 @@ def _visited(stepper, until):
     return states, closures, cycle(stepper, states[done - 1])[1].deflection
 
 
-@jax.jit
+@Program
 def _shot(stepper, state):
     """What :func:`_closed` makes of the cycle that shooting reaches from a state ``(n,)``."""
     found = shoot(stepper, state, most=STEPS, tolerance=SETTLED)[0]
     return _closed(stepper, segments.beginnings(stepper, found))
 
 
-@jax.jit
+@Program
 def _closed(stepper, nodes):
     """Nodes ``(K, n)`` with smaller gaps, the deflections ``(G, room)`` of their motion, and its closure."""
     nodes, trace, _ = segments.close(stepper, nodes, tolerance=CLOSED, most=STEPS)

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from .._program import Program
 from ..harmonic import backlash, exact, fourier, reduction
 from ..transient.surrogate import surrogate
 from . import correction
@@ -86,7 +87,7 @@ class Outcome:
     krylov: jax.Array
 
 
-@partial(jax.jit, static_argnames="sizes")
+@partial(Program, static_argnames="sizes")
 def solve_problem(problem, choice, start, tolerance, sizes):
     """Solve one problem.
 
@@ -215,7 +216,7 @@ def _balanced(problem, choice, folded):
     return jnp.max(jnp.abs(left)) <= 1e-9 * size
 
 
-@partial(jax.jit, static_argnames="sizes")
+@partial(Program, static_argnames="sizes")
 def estimate(problem, choice, deflection, sizes):
     """The truncation error of a motion found without it: deflections ``(G, N+1)`` of the active meshes."""
     harmonics = deflection.shape[-1] - 1

@@ -8,11 +8,11 @@ import dataclasses
 import itertools
 from functools import cache, partial
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from .._arrays import concrete, traced
+from .._program import Program
 from ..harmonic import fourier
 from ..linear.response import Response
 from ..model.elements import SceneError
@@ -213,7 +213,7 @@ def _solve_planned(train, rpm, plan, start):
     return _host(respond(train, rpm, problem, outcome, plan))
 
 
-@partial(jax.jit, static_argnames="plan")
+@partial(Program, static_argnames="plan")
 def _solve_traced(train, rpm, begin, plan):
     """One program for all of it: piece by piece, differentiation outside ``jit`` compiles a hundred small ones."""
     finite = derivative.all_finite((train, rpm))

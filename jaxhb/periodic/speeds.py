@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._program import Program
 from ..linear.response import stack
 from ..model.engine import listed_harmonic
 from . import harmonics as decide
@@ -21,8 +22,9 @@ CHUNK, LINEAR_CHUNK = 8, 32
 """Speeds in a batch; more of them where there are so many and no lane waits for another."""
 
 BATCH_STEPS = 8
-HEAVY = 192
-"""Harmonics from which one speed fills a processor: there a batch is no faster, and waits for its slowest speed."""
+HEAVY, LARGE = 192, 24
+"""Harmonics, and disks beside unknown contact, from which one speed fills a processor: there a batch is no faster, as
+it waits for its slowest speed, and takes longer to compile."""
 
 MANY = 8
 """Heavy speeds that are worth a program of their own."""
@@ -87,7 +89,8 @@ def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=None, integ
     for shared in dict.fromkeys(plans):
         places = [i for i, own in enumerate(plans) if own == shared]
         size = LINEAR_CHUNK if not shared.active and len(places) >= LINEAR_CHUNK else CHUNK
-        size = 1 if _alone(shared.harmonics) or len(places) == 1 else size
+        alone = _alone(shared.harmonics, train.topology.n_disks if shared.active else 0)
+        size = 1 if alone or len(places) == 1 else size
         for first in range(0, len(places), size):
             chunk = places[first : first + size]
             if size == 1:
@@ -142,12 +145,12 @@ def _axes():
     )
 
 
-@partial(jax.jit, static_argnames="excited")
+@partial(Program, static_argnames="excited")
 def _pose_all(train, rpm, excited):
     return jax.vmap(lambda speed: pose(train, speed, excited), out_axes=_axes())(rpm)
 
 
-@partial(jax.jit, static_argnames="sizes")
+@partial(Program, static_argnames="sizes")
 def _solve_all(problem, choice, start, tolerance, sizes):
     def one(problem):
         return solve_problem(problem, choice, start, tolerance, sizes)
@@ -178,9 +181,9 @@ class _Loads:
     load_power: jax.Array
 
 
-def _alone(harmonics):
-    """Whether speeds with so many harmonics are solved one by one."""
-    return harmonics >= HEAVY and jax.default_backend() == "cpu"
+def _alone(harmonics, disks):
+    """Whether speeds with so many harmonics, and disks beside unknown contact, are solved one by one."""
+    return (harmonics >= HEAVY or disks >= LARGE) and jax.default_backend() == "cpu"
 
 
 def _alike(places, modes, excited):
@@ -225,7 +228,7 @@ def plan_speeds(train, rpm, harmonics, tolerance, integrals="sampled"):
         return harmonics or decide.first_level(excited, float(np.median(modes[group])) if separating else 0.0)
 
     touching, hammering = (np.flatnonzero(leaves.any(axis=-1) & (apart == kind)) for kind in (False, True))
-    cut = len(hammering) and _alone(level_of(hammering, True))
+    cut = len(hammering) and _alone(level_of(hammering, True), train.topology.n_disks)
     groups = [(False, touching)]
     groups += [(True, group) for group in (_alike(hammering, modes, excited) if cut else [hammering])]
     for separating, group in groups:

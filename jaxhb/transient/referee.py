@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._program import Program
 from ..harmonic import backlash, chain, fourier
 from ..harmonic.residual import backlash_meshes
 from ..model.engine import excitation, highest_harmonic
@@ -23,12 +24,12 @@ CONTRADICTS, SEEN = 3.0, 1e-4
 ROUNDED = 1e-11
 """Share of a displacement that the coordinates of the integration may lose."""
 
-_discretize = jax.jit(discretize, static_argnames=("steps", "parts"))
-_settle = jax.jit(settle)
-_march = jax.jit(march)
+_discretize = Program(discretize, static_argnames=("steps", "parts"))
+_settle = Program(settle)
+_march = Program(march)
 
 
-@jax.jit
+@Program
 def _close(stepper, system, load, coefficients, tolerance):
     """First state, cycle and Newton steps of the motion that closes next to displacements ``(S, N+1)`` m."""
     system, load = jax.tree.map(jnp.asarray, (system, load))
