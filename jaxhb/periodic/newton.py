@@ -19,7 +19,7 @@ from ..harmonic.block_sweep import block_sweep
 from ..harmonic.residual import link_blocks, node_blocks, residual
 from . import correction
 
-KRYLOV_STEPS = 20
+KRYLOV_STEPS = 60
 WORN = 12
 """Krylov steps of a Newton step above which the preconditioner is made anew."""
 

@@ -342,6 +342,9 @@ def _climb(train, rpm, plan, modes, adaptive, begins):
     plan = dataclasses.replace(plan, start="march" if begins in ("march", "further") else "linear")
     while True:
         marching = plan.start == "march"
+        if marching and adaptive:
+            level = min(decide.first_level(0, modes[0]), decide.MOST[plan.method])
+            plan = dataclasses.replace(plan, harmonics=max(plan.harmonics, level))
         enough = resolving if marching else march.instants_for(2 * plan.harmonics)
         plan = dataclasses.replace(plan, instants=max(plan.instants, min(resolving, enough)))
         if begins == "further" and starts is None:

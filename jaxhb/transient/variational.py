@@ -24,7 +24,7 @@ from jax.scipy.linalg import solve_triangular
 
 from .stepper import hold_weights
 
-SLOW_MODES = 8
+SLOW_MODES = 16
 """Modes whose state is carried from the end of the cycle to its beginning."""
 
 LONGEST, SHORTEST, UNKNOWNS = 32, 8, 64

@@ -11,7 +11,7 @@ from trains import build, pinions_parts
 import jaxhb
 from jaxhb.linear.response import stack
 from jaxhb.periodic import harmonics as decide
-from jaxhb.periodic import march, speeds
+from jaxhb.periodic import march, solve, speeds
 from jaxhb.periodic.program import solve_problem
 
 HAMMERING_RPM = 5625.0
@@ -206,6 +206,22 @@ def test_many_heavy_speeds_of_a_sweep_take_the_steps_that_their_own_modes_want(m
     monkeypatch.setattr(speeds, "LARGE", 1000)
     light = speeds.plan_speeds(train, rpm, 96, 0.01)  # solved in batches, which stay together
     assert len({plan for plan in light if plan.start == "march"}) == 1
+
+
+def test_a_march_where_no_tooth_was_expected_to_separate_begins_above_the_mesh_modes(monkeypatch):
+    train, rpm, attempt, tried = jaxhb.load_scene("engine_with_damper"), 1900.0, solve._attempt, []
+
+    def failing_from_the_flank(train, rpm, plan, given, cycles):
+        response, outcome = attempt(train, rpm, plan, given, cycles)
+        tried.append(plan)
+        unsolved = np.array(jaxhb.Status.STALLED)
+        return (response if cycles else dataclasses.replace(response, status=unsolved)), outcome
+
+    monkeypatch.setattr(solve, "_attempt", failing_from_the_flank)
+    response = jaxhb.solve(train, rpm=rpm)
+    modes, _ = decide.mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))
+    assert [plan.start for plan in tried] == ["linear", "march"] and int(response.status) == 0
+    assert tried[0].harmonics < modes < 1.5 * modes <= tried[1].harmonics
 
 
 def test_several_speeds_in_one_solve_are_sent_to_solve_speeds(pair):
