@@ -43,6 +43,8 @@ STEPS_PER_PERIOD = 20
 STEP_COUNTS = tuple(n * 2**k for k in range(8, 22) for n in (2, 3))
 MOST_WORK = 4e9
 """Of the referee: steps times states squared; about a minute and a half on one core."""
+LOT = 8
+"""Cases of a skeleton that one of several processes runs and hands over at once: those that are lost if it is ended."""
 RESOLVED = 1e-3
 """Errors below this are not told from those of the referee, and say nothing about the estimate."""
 
@@ -153,7 +155,7 @@ def skeleton_of(seed, index):
 
 
 def run_group(task):
-    """Yield the records of the cases of one skeleton; their programs are dropped afterwards."""
+    """Yield the records of cases of one skeleton; their programs are dropped afterwards."""
     seed, indices, again = task
     for i in indices:
         yield run_case(seed, i, again)
@@ -161,7 +163,7 @@ def run_group(task):
 
 
 def run_whole_group(task):
-    """Records of one skeleton, from another process."""
+    """Records of cases of one skeleton, from another process."""
     return list(run_group(task))
 
 
@@ -264,7 +266,9 @@ def random_records(arguments, known):
     groups = collections.defaultdict(list)
     for i in sorted(set(asked) - {r["case"] for r in known}):
         groups[skeleton_of(arguments.seed, i)].append(i)
-    tasks = [(arguments.seed, groups[key], not arguments.once) for key in sorted(groups)]
+    lot = arguments.cases if arguments.jobs == 1 else LOT
+    lots = [groups[key][k : k + lot] for key in sorted(groups) for k in range(0, len(groups[key]), lot)]
+    tasks = [(arguments.seed, cases, not arguments.once) for cases in lots]
     if arguments.jobs == 1:
         yield from (record for task in tasks for record in run_group(task))
         return
