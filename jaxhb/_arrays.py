@@ -11,8 +11,9 @@ def namespace(*trees):
 
 
 def traced(*trees):
-    """Whether any leaf is being traced."""
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trees))
+    """Whether any leaf is being traced, or ``jit`` is at work: then results are traced whatever the arguments."""
+    leaves = [*jax.tree.leaves(trees), jax.lax.full((), 0.0)]
+    return any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)
 
 
 def concrete(*trees):

@@ -1,5 +1,7 @@
-"""Compiled programs: ``jax.jit``, with options of the compiler where the host calls."""
+"""Compiled programs: ``jax.jit``, with options of the compiler where the host calls, one at a time."""
 
+import threading
+import weakref
 from functools import cache, cached_property, update_wrapper
 
 import jax
@@ -8,6 +10,28 @@ from ._arrays import traced
 
 OPTIONS = {"xla_cpu_use_fusion_emitters": False}
 """Of the compiler for CPUs: kernels without its fusion dialects run as fast and compile in two thirds of the time."""
+
+
+class _Turn:
+    """Outermost programs run one after another, whatever the thread.
+
+    A batched LAPACK call of jaxlib 0.10 waits on a thread of XLA's pool for others of that pool: two programs at once,
+    of two threads or of one that does not wait, may hold all of them and never return.
+    """
+
+    def __init__(self):
+        self.lock, self.results = threading.RLock(), []
+
+    def run(self, program, args, kwargs):
+        """The program's result, perhaps while it still runs; it begins when the one before has ended."""
+        with self.lock:
+            jax.block_until_ready([result() for result in self.results])
+            found = program(*args, **kwargs)
+            self.results = [weakref.ref(leaf) for leaf in jax.tree.leaves(found)]
+            return found
+
+
+_turn = _Turn()
 
 
 class Program:
@@ -24,8 +48,9 @@ class Program:
         return jax.jit(self.function, compiler_options=_known_options(), **self.static)
 
     def __call__(self, *args, **kwargs):
-        program = self.nested if traced(args, kwargs) else self.outermost
-        return program(*args, **kwargs)
+        if traced(args, kwargs):
+            return self.nested(*args, **kwargs)
+        return _turn.run(self.outermost, args, kwargs)
 
 
 @cache

@@ -34,6 +34,16 @@ def test_the_host_compiles_with_options_that_transformations_do_not_take(asked):
     assert jax.jit(lambda x: program(x) + 1.0)(2.0) == 9.0
     assert np.array_equal(jax.vmap(program)(jnp.arange(3.0)), [0.0, 1.0, 8.0])
     assert np.array_equal(jax.vmap(lambda x: x * program(2.0))(jnp.arange(3.0)), [0.0, 8.0, 16.0])
+    assert jax.jit(lambda x: x * program(2.0))(3.0) == 24.0
+
+
+def test_a_program_begins_when_the_one_before_has_ended():
+    slow = _program.Program(lambda x: jnp.linalg.eigh(jnp.cos(x * jnp.arange(500.0) * jnp.arange(500.0)[:, None]))[0])
+    slow(1.0).block_until_ready()
+    before = slow(2.0)
+    assert not before.is_ready()  # else what follows says nothing
+    after = _program.Program(cube)(3.0)
+    assert before.is_ready() and after == 27.0
 
 
 def test_a_compiler_that_does_not_know_the_options_gets_none(monkeypatch):

@@ -1,6 +1,7 @@
 """The packaged engine with timing gears against an independent integration in time."""
 
 import json
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,24 @@ def test_tooth_forces_and_separation_are_those_of_the_reference_integration(trai
     straight = jaxhb.linear_response(train, rpm=float(rpm))
     moments = [r.gear_torque("crank gear").peak for r in (response, straight)]
     assert np.allclose(moments, row["gear_11_peak_moment_transmitted_Nm"], rtol=2e-3)
+
+
+def test_solves_in_two_threads_return(train):
+    """On two cores they never did: two programs at once wait for each other's threads."""
+    speeds, found = (1790.0, 1800.0), {}
+
+    def solve(rpm):
+        for _ in range(10):
+            found[rpm] = jaxhb.solve(train, rpm=rpm, harmonics=768).deflections
+
+    threads = [threading.Thread(target=solve, args=(rpm,), daemon=True) for rpm in speeds]
+    alone = [jaxhb.solve(train, rpm=rpm, harmonics=768).deflections for rpm in speeds]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(timeout=120)
+    assert not any(thread.is_alive() for thread in threads)
+    assert all(np.array_equal(found[rpm], wanted) for rpm, wanted in zip(speeds, alone, strict=True))
 
 
 def test_error_against_shooting_falls_with_the_harmonics(train):

@@ -47,6 +47,7 @@ def test_jit_vmap_and_their_composition_agree_with_single_solves(pair, plan):
         assert np.array_equal(transformed[1], [status for _, status in single])
         assert np.allclose(transformed[0], [value for value, _ in single], rtol=1e-9)
     assert np.allclose(jax.jit(peak)(rpm[1])[0], single[1][0], rtol=1e-9)
+    assert np.allclose(jax.jit(lambda by: by * peak(HAMMERING_RPM)[0])(2.0), 2 * single[1][0], rtol=1e-9)
 
 
 def test_the_train_may_be_traced(pair, plan):
