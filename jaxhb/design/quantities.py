@@ -273,7 +273,7 @@ def _penalty_faults(train, penalty):
     faults = _element_faults(train, penalty) if penalty.quantity in QUANTITIES else []
     if penalty.quantity == "inertia added" and penalty.of is not None:
         faults += _unknown(penalty.of, train.topology.disk_names, "disk or damper")
-    modes = train.topology.n_disks
+    modes = int(np.count_nonzero(train.disks.inertia) + np.count_nonzero(train.dampers.inertia))
     if penalty.quantity == "natural frequency" and not (penalty.mode and 0 < penalty.mode < modes):
         faults.append(f"mode is {penalty.mode}, must be a mode number of jaxhb modes, 1 to {modes - 1}.")
     limits = [limit for limit in (penalty.most, penalty.least) if limit is not None]

@@ -15,12 +15,14 @@ _NUMBERS = {"steps": int, "starts": int, "seed": int, "harmonics": int, "peaks":
 _OWN = ("rpm", "optimizer", "widths")
 
 
-def read_table(train):
+def read_table(train, instead=None):
     """The arguments of :func:`jaxhb.tune` from the ``[tune]`` table of a scene.
 
     Parameters
     ----------
     train : DriveTrain
+    instead : dict, optional
+        Keys of the table with the values that replace its own.
 
     Returns
     -------
@@ -44,7 +46,9 @@ def read_table(train):
         raise SceneError(
             f"{where}: the scene has no [tune] table. Write [tune] with rpm, [[tune.parameter]] and [[tune.objective]]."
         )
-    faults = []
+    if not isinstance(table, dict):
+        raise SceneError(f"{where}: 'tune' is a list of tables, must be one. Write [tune].")
+    table, faults = table | (instead or {}), []
     known = [*_OWN, *_NUMBERS, *_ROWS]
     faults += [f"{where}, [tune]: unknown key {k!r}.{suggestion(k, known)}" for k in table if k not in known]
     asked = {

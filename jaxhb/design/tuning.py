@@ -126,7 +126,7 @@ def tune(
     parameters, penalties = tuple(parameters), tuple(penalties)
     check_speed(train, rpm, many=True)
     check_all(train, parameters, given, penalties, rpm)
-    _check_numbers(train, optimizer, steps, starts, peaks, widths)
+    _check_numbers(train, optimizer, steps, starts, seed, peaks, widths)
     decide.check_tolerance(train, tolerance)
     decide.check_integrals(integrals, "reduced")
     if harmonics is not None:
@@ -162,15 +162,15 @@ def tune(
     )
 
 
-def _check_numbers(train, optimizer, steps, starts, peaks, widths):
+def _check_numbers(train, optimizer, steps, starts, seed, peaks, widths):
     where, faults = train.topology.name or "scene", []
     if optimizer not in OPTIMIZERS:
         faults.append(f"{where}: optimizer is {optimizer!r}, must be 'lbfgs' or 'adam'.")
-    for name, value, least in (("steps", steps, 1), ("starts", starts, 1), ("peaks", peaks, 0)):
+    for name, value, least in (("steps", steps, 1), ("starts", starts, 1), ("seed", seed, 0), ("peaks", peaks, 0)):
         if value != int(value) or value < least:
             faults.append(f"{where}: {name} is {value:g}, must be a whole number of at least {least}.")
     if not widths or any(not 0 < width < 10 for width in widths):
-        faults.append(f"{where}: widths is {widths}, must be numbers between 0 and 1, shares of the worst value.")
+        faults.append(f"{where}: widths is {widths}, must be numbers between 0 and 10, shares of the worst value.")
     if faults:
         raise SceneError(faults)
 

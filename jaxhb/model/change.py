@@ -122,13 +122,15 @@ def _value_errors(train, key, table, field, index, value) -> list[str]:
 
 def _has_no_effect(topology, table, field, index) -> str:
     """Say why a number has no effect in a train of this topology; empty where it has one."""
-    if table == "mesh" and field == "backlash" and not topology.mesh_backlash[index]:
+    if table == "mesh" and field in ("backlash", "epsilon", "transition") and not topology.mesh_backlash[index]:
         return "the mesh has no backlash, it is always in contact. Build the scene with a backlash."
     if table != "cylinder":
         return ""
     traced, moves = topology.cylinder_source[index] == "pressure", topology.cylinder_inertia[index] > 0
     if field in ("bore", "ambient_pressure", "pressure") and not traced:
         return "it has no effect, as the cylinder has no pressure table. Build the scene with a pressure."
+    if field in ("gas_torque_mean", "gas_torque") and traced:
+        return "the gas torque comes from the pressure table. Change pressure, or build the scene without it."
     if (field == "reciprocating_mass" and not moves) or (field in ("stroke", "rod") and not (moves or traced)):
         return (
             "it has no effect, as the cylinder was built without inertia torque. Build the scene with stroke, rod"
@@ -172,6 +174,12 @@ def _check_ratios(before, after):
             errors.append(
                 f"{where}: the new radii lock the closed loop through mesh {name!r}: its ratios multiply to"
                 f" {slip:.6g}, must be 1. Change all radii of the loop together."
+            )
+        teeth = [topology.teeth[disk] for disk in (a, b)]
+        if all(teeth) and abs(teeth[0] / teeth[1] * radius[b] / radius[a] - 1.0) > RATIO_TOLERANCE:
+            errors.append(
+                f"{where}: the new radii of mesh {name!r} are {radius[a]:g}:{radius[b]:g} m, but its teeth"
+                f" {teeth[0]}:{teeth[1]}. Change both radii alike, or build the scene with other teeth."
             )
     if errors:
         raise SceneError(errors)

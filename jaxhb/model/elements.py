@@ -173,7 +173,10 @@ class Ground:
 
 @dataclass(frozen=True, kw_only=True)
 class Load:
-    """``[[load]]``: the driven machine, whose torque balances the mean power of all other torques."""
+    """``[[load]]``: the driven machine, whose torque balances the mean power of all other torques.
+
+    ``share`` is that of its torque, on its own shaft, relative to the shares of other loads.
+    """
 
     disk: str = _disk()
     share: float = _positive("", 1.0, "Leave out the load that takes no share.")
@@ -199,8 +202,10 @@ class Cylinder:
     The gas torque is either computed from ``pressure`` = rows of (crank angle deg, Pa), or given by
     ``gas_torque_mean`` and ``gas_torque`` = rows of (order, Re, Im) for firing at 0, orders of its own rotor.
     ``orders`` is the largest order of its own rotor that is kept of computed torques. ``ambient_pressure``
-    acts on the other side of the piston. ``kinematics = "mendes2008"`` takes the piston acceleration of the
-    inertia torque from the short series of that paper instead of the exact one.
+    acts on the other side of the piston. A table that goes beyond 360 deg or over more than 360 deg is that of two
+    revolutions and fires at 360 deg, one within fires at 0, unless ``table_firing_tdc`` says otherwise.
+    ``kinematics = "mendes2008"`` takes the piston acceleration of the inertia torque from the short series of that
+    paper instead of the exact one.
     """
 
     disk: str = _disk()

@@ -135,7 +135,7 @@ def _find(name) -> Path:
 def _parse(path: Path) -> dict:
     """Read TOML; a syntax error becomes one sentence."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except tomllib.TOMLDecodeError as error:
         raise SceneError(f"{path.name}: this is no valid TOML: {error}. Correct the line.") from None
     except UnicodeDecodeError:
@@ -199,7 +199,7 @@ def _read_rows(path: Path, columns: tuple[str, ...], read: dict) -> tuple:
     if path in read:
         return read[path]
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
     except FileNotFoundError:
         raise SceneError(f"there is no file {path.name!r} beside the scene. Correct the name.") from None
     except (OSError, UnicodeDecodeError):

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from .elements import SceneError
 from .scene import _find, _parse
+from .tables import FRIDMAN_EPSILON, FRIDMAN_TRANSITION
 
 _CSV = ("harmonics", "gas_torque", "scale", "pressure")
 
@@ -37,7 +38,10 @@ def changed_scene(name, values, *, remark=""):
     path = _find(name)
     content = _parse(path)
     for (table, row, field), value in values.items():
-        content[table][row][field] = value
+        numbers = content[table][row]
+        if table == "mesh" and field in ("epsilon", "transition") and numbers.pop("law", ""):
+            numbers |= {"epsilon": FRIDMAN_EPSILON, "transition": FRIDMAN_TRANSITION}
+        numbers[field] = value
     named = [row.get(key) for rows in content.values() if isinstance(rows, list) for row in rows for key in _CSV]
     beside = {file: path.parent / file for file in named if isinstance(file, str)}
     lines = [f"# {line}" for line in remark.splitlines()]

@@ -69,7 +69,7 @@ class Grounds:
 
 @_table
 class Loads:
-    """Share of the balancing power, [n_loads]."""
+    """Shares of the balancing torque, each on its own shaft, relative to each other, [n_loads]."""
 
     share: Array
 

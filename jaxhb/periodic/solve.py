@@ -165,7 +165,7 @@ def check(response):
     name = response.topology.name or "scene"
     raise NotConverged(
         "\n".join(
-            f"{name} at {rpm:g} rpm: {Status(int(s)).name}, residual {r:.1e}, truncation error {100 * e:.2g} %: "
+            f"{name} at {rpm:g} rpm: {Status(int(s)).name}, residual {r:.1e}, truncation error {100 * e:.3g} %: "
             f"{Status(int(s)).sentence}."
             for rpm, s, r, e in rows
             if s

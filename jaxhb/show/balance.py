@@ -8,6 +8,19 @@ NOTED_SHARE = 0.01
 ROUNDING = 1e-9
 
 
+def plain_number(value, digits=4):
+    """A number with so many digits, without a power of ten where that is readable.
+
+    Examples
+    --------
+    >>> plain_number(12345.0), plain_number(-0.5), plain_number(2e-9)
+    ('12340', '-0.5', '2e-09')
+    """
+    if not 1e-4 <= abs(value) < 1e7:
+        return f"{value:.{digits}g}"
+    return np.format_float_positional(float(f"{value:.{digits}g}"), trim="-")
+
+
 def mean_angles_of(topology):
     """What the absolute mean angles are measured from, as a sentence without its full stop.
 
@@ -62,12 +75,12 @@ def balance_line(response):
     least = max(_rounding(response), ROUNDING * max(map(abs, [*loads.values(), *grounds.values()]), default=0.0))
 
     def said(torque):
-        return f"{torque:.4g} N m" if abs(torque) > least else "0 N m"
+        return f"{plain_number(torque)} N m" if abs(torque) > least else "0 N m"
 
     parts = []
     if loads:
         taken = ", ".join(f"{name} takes {said(-torque)}" for name, torque in loads.items())
-        parts.append(f"load: {taken}" + f", {float(response.load_kW) + 0.0:.4g} kW in all")
+        parts.append(f"load: {taken}" + f", {plain_number(float(response.load_kW) + 0.0)} kW in all")
     if grounds:
         parts.append("ground: " + ", ".join(f"{name} takes {said(torque)}" for name, torque in grounds.items()))
     return "; ".join(parts)
@@ -85,7 +98,7 @@ def ground_notes(responses, speed_of):
         if wrong:
             worst = max(wrong, key=lambda i: reactions[i])
             found.append(
-                f"The ground {name!r} takes {reactions[worst]:.4g} N m{speed_of(responses, worst)}, more than "
-                f"{100 * NOTED_SHARE:g} % of the largest mean torque: is a [[load]] missing?"
+                f"The ground {name!r} takes {plain_number(reactions[worst])} N m{speed_of(responses, worst)}, more "
+                f"than {100 * NOTED_SHARE:g} % of the largest mean torque: is a [[load]] missing?"
             )
     return found

@@ -81,8 +81,6 @@ def main(argv=None):
 def _run(argv):
     try:
         arguments = parser().parse_args(argv)
-        # The compilation cache of jaxlib reports harmless differences of processor features as errors.
-        os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
         return arguments.command(arguments)
     except SystemExit as stop:
         return stop.code
@@ -144,7 +142,7 @@ def parser():
     tune.add_argument("--optimizer", choices=("lbfgs", "adam"), help="default: lbfgs")
     tune.add_argument("--steps", type=whole, metavar="N", help="most steps")
     tune.add_argument("--starts", type=whole, metavar="N", help="designs tuned side by side: the scene and random ones")
-    tune.add_argument("--seed", type=whole, metavar="N", help="of the random designs")
+    tune.add_argument("--seed", type=count, metavar="N", help="of the random designs (default 0)")
     tune.add_argument("--tolerance", type=share, metavar="T", help="as of solve (default 0.01)")
     tune.add_argument("--output", metavar="FILE.toml", help="the tuned scene (default: SCENE_tuned.toml here)")
     tune.add_argument("--json", metavar="FILE", help="parameters, readings, history (default: as --output, .json)")
@@ -224,11 +222,16 @@ def positive(text):
     return value
 
 
-def whole(text):
+def whole(text, least=1):
     """A whole number of at least 1 from the command line."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} must be a whole number of at least 1")
+    if not text.isdecimal() or int(text) < least:
+        raise argparse.ArgumentTypeError(f"{text!r} must be a whole number of at least {least}")
     return int(text)
+
+
+def count(text):
+    """A whole number of at least 0 from the command line."""
+    return whole(text, least=0)
 
 
 def share(text):

@@ -53,7 +53,7 @@ def solve_one(arguments):
     _answer(
         arguments,
         solve_text(response, linear),
-        json=lambda: as_json(response_record(response, orders=arguments.orders)),
+        json=lambda: as_json(_changes(arguments) | response_record(response, orders=arguments.orders)),
         plot=lambda: _cycle_picture(arguments, response, linear),
     )
     _warn([response])
@@ -99,7 +99,8 @@ def report(arguments):
     _check_picture(train, arguments)
     if arguments.at is not None and arguments.at not in arguments.rpm:
         raise OutputError(f"--at: {arguments.at:g} rpm is none of the speeds of --rpm. Add it there.")
-    trains = {"all cylinders firing" if train.topology.cylinder_names else "the scene as given": train}
+    fires = train.topology.cylinder_fires
+    trains = {"all cylinders firing" if fires and all(fires) else "the scene as given": train}
     if arguments.misfire:
         trains[f"{', '.join(arguments.misfire)} not firing"] = train.misfire(*arguments.misfire)
     accuracy = {"harmonics": arguments.harmonics, "tolerance": arguments.tolerance}
@@ -109,7 +110,7 @@ def report(arguments):
     _answer(
         arguments,
         cases_text(cases),
-        json=lambda: as_json(cases_record(cases, orders=arguments.orders)),
+        json=lambda: as_json({"set": dict(arguments.set)} | cases_record(cases, orders=arguments.orders)),
         plot=lambda: _cycle_picture(arguments, cases[0].responses[chosen], cases[0].linear[chosen]),
     )
     every = [response for case in cases for response in case.responses]
@@ -127,7 +128,8 @@ def tune(arguments):
     arguments.json = arguments.json or str(Path(arguments.output).with_suffix(".json"))
     _check_files(arguments)
     train = _train(arguments)
-    asked = read_table(train) | _given(arguments, ("rpm", "optimizer", "steps", "starts", "seed", "tolerance"))
+    given = _given(arguments, ("rpm", "optimizer", "steps", "starts", "seed", "tolerance"))
+    asked = read_table(train, given)
     files = _TunedFiles(arguments, train, asked["rpm"])
     with Progress(asked.get("steps", 0)) as progress:
         progress.say("solving the scene as it is")
@@ -165,6 +167,8 @@ class _TunedFiles:
             values[*elements[name], field] = value
         text, _ = changed_scene(self.arguments.scene, values, remark=f"{self.arguments.scene}, tuned by jaxhb tune.")
         made = {self.arguments.output: [text.encode()], self.arguments.json: as_json(record)}
+        for path in self.copies:
+            Path(path).parent.mkdir(parents=True, exist_ok=True)
         write_files({path: [content] for path, content in self.copies.items()} | made)
 
 
@@ -172,6 +176,11 @@ def _tell(files, progress, step):
     files.note(step)
     progress.advance(1 if step.number else 0)
     progress.say(f"objective {step.objective:.4g} with a smooth maximum of {100 * step.width:g} %")
+
+
+def _changes(arguments):
+    """What was changed in the scene, for the files."""
+    return {"set": dict(arguments.set), "misfire": arguments.misfire}
 
 
 def _given(arguments, names):
@@ -199,8 +208,11 @@ def _sweep_picture(arguments, found, linear):
 
 
 def _sweep_json(arguments, responses):
-    records = (response_record(response, orders=arguments.orders) for response in responses)
-    return as_sweep_json(arguments.rpm, records)
+    records = (
+        response_record(response, orders=arguments.orders) | {"harmonics": int(response.highest_harmonic)}
+        for response in responses
+    )
+    return as_sweep_json(_changes(arguments) | {"rpm": arguments.rpm}, records)
 
 
 def _sweep_table(responses, linear):
@@ -270,7 +282,9 @@ def _row(response, linear):
     for name in response.topology.mesh_names:
         force, contact = response.force(name), contact_at(response, name)
         row |= {f"{name} {what} N": float(getattr(force, what)) for what in ("mean", "max", "min")}
-        row[f"{name} max N without backlash"] = float(linear.force(name).max)
+        row |= {
+            f"{name} {what} N without backlash": float(getattr(linear.force(name), what)) for what in ("max", "min")
+        }
         row[f"{name} separated fraction"] = None if contact is None else contact.separated_fraction
         row[f"{name} reverse fraction"] = None if contact is None else contact.reverse_contact_fraction
         row[f"{name} impacts"] = None if contact is None else len(contact.impacts)

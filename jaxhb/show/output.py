@@ -22,6 +22,8 @@ def check_output(option, name):
         raise OutputError(f"{option}: there is no folder {str(path.parent)!r}. Make it, or give another path.")
     if path.is_dir():
         raise OutputError(f"{option}: {name!r} is a folder. Give the name of a file.")
+    if path.exists() and not path.is_file():
+        raise OutputError(f"{option}: {name!r} is a device or a pipe. Give the name of a file.")
     if not os.access(path.parent, os.W_OK) or (path.exists() and not os.access(path, os.W_OK)):
         raise OutputError(f"{option}: {name!r} cannot be written. Give a path where you may write.")
 
@@ -46,13 +48,13 @@ def write_files(contents):
     beside = {}
     try:
         for name, parts in contents.items():
-            path = Path(name)
+            path = Path(name).resolve()
             beside[name] = path.with_name(f".{path.name}.{os.getpid()}.part")
             with _sentence(name), beside[name].open("wb") as file:
                 file.writelines(parts)
         for name, part in beside.items():
             with _sentence(name):
-                os.replace(part, name)
+                os.replace(part, Path(name).resolve())
     finally:
         for part in beside.values():
             part.unlink(missing_ok=True)
@@ -71,9 +73,9 @@ def as_json(record):
     return [_json(record), b"\n"]
 
 
-def as_sweep_json(rpm, records):
-    """``{"rpm": [...], "responses": [...]}``; ``records`` may be a generator, one record is held at a time."""
-    yield b'{"rpm": ' + _json(rpm) + b', "responses": ['
+def as_sweep_json(head, records):
+    """``{**head, "responses": [...]}``; ``records`` may be a generator, one record is held at a time."""
+    yield _json(head)[:-1] + b', "responses": ['
     for i, record in enumerate(records):
         yield (b", " if i else b"") + _json(record)
     yield b"]}\n"

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..periodic.newton import Status
-from .balance import balance_record, ground_notes
+from .balance import balance_record, ground_notes, plain_number
 
 GAP_SPRING_SHARE = 0.05
 KNEE_SHARE = 0.5
@@ -67,9 +67,14 @@ def _outcome_record(response):
 
 
 def modes_record(modes):
-    """``{"frequencies_hz": [...], "modes": {disk: [angle in mode 0, ...]}}``, what ``modes --json`` writes."""
+    """What ``modes --json`` writes: every value is a list over the modes.
+
+    ``{"frequencies_hz": [...], "mesh_energy_share": [...], "modes": {disk: [angle in mode 0, ...]}}``; the share of the
+    strain energy that lies in the teeth is between 0 and 1.
+    """
     shapes = zip(modes.names, np.asarray(modes.shapes).T.tolist(), strict=True)
-    return finite({"frequencies_hz": np.asarray(modes.frequencies_hz).tolist(), "modes": dict(shapes)})
+    numbers = {name: np.asarray(getattr(modes, name)).tolist() for name in ("frequencies_hz", "mesh_energy_share")}
+    return finite(numbers | {"modes": dict(shapes)})
 
 
 def finite(value):
@@ -188,7 +193,7 @@ def status_line(response):
         return f"{line}, linear" + (": every mesh keeps its flank" if any(response.topology.mesh_backlash) else "")
     return (
         f"{line}, residual {float(response.residual):.1e}, "
-        f"truncation error {100 * float(response.truncation_error):.2g} % of the largest tooth force"
+        f"truncation error {_percent(float(response.truncation_error))} of the largest tooth force"
     )
 
 
@@ -224,7 +229,7 @@ def verdict(response):
     worst = contacts[name]
     if not worst.separated_fraction:
         return doubt + f"{'a' if doubt else 'A'}ll teeth stay in contact at {speed}."
-    share = f"{100 * worst.separated_fraction:.2g} % of the cycle"
+    share = f"{_percent(worst.separated_fraction)} of the cycle"
     if not worst.impacts:
         return doubt + f"{name} is apart {share} at {speed} and never meets."
     count = len(worst.impacts)
@@ -233,6 +238,11 @@ def verdict(response):
         doubt + f"{'t' if doubt else 'T'}he teeth hammer at {speed}: {name} is apart {share}, "
         f"{hits} a cycle, the hardest at {hardest_impact(worst):.2f} m/s."
     )
+
+
+def _percent(share):
+    """Two digits, three from 99.5 % on: never ``1e+02 %``."""
+    return f"{plain_number(100 * share, digits=2 if share < 0.995 else 3)} %"
 
 
 def notes(*responses):

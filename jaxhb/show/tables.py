@@ -229,11 +229,15 @@ def _ranges(speeds, chosen):
 
 def modes_text(modes, name):
     """Natural frequencies, the share of the teeth in their energy, and the disks that move most."""
-    rows = []
+    rows, loose = [], int(np.sum(modes.frequencies_hz == 0))
     for k, hz in enumerate(modes.frequencies_hz):
         shape = modes.shape(k)
         most = sorted(shape, key=lambda disk: -abs(shape[disk]))[:3]
-        moving = "all disks together" if not hz else ", ".join(f"{disk} {shape[disk]:+.2f}" for disk in most)
+        moving = ", ".join(f"{disk} {shape[disk]:+.2f}" for disk in most)
+        if not hz and loose > 1:
+            moving = f"one of {loose} motions that no stiffness opposes"
+        elif not hz and all(shape.values()):
+            moving = "all disks together"
         rows.append([str(k), f"{hz:.2f}", f"{60 * hz:.0f}", f"{100 * modes.mesh_energy_share[k]:.0f}", moving])
     heads = ["mode", "Hz", "per minute", "in teeth %", "largest angles (relative)"]
     title = f"Natural frequencies of {name}: undamped, teeth in contact; share of the strain energy in the teeth"

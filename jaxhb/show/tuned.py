@@ -7,6 +7,7 @@ import numpy as np
 from ..design.evaluation import label
 from ..design.quantities import OF_DESIGN, unit_of
 from ..model.elements import TABLES
+from .balance import plain_number
 from .report import finite
 from .tables import aligned
 
@@ -102,10 +103,10 @@ def _parameter_table(train, asked, result):
     names = [p.name for p in asked["parameters"]]
     columns = [
         names,
-        [_number(result.before.parameters[name]) for name in names],
-        [_number(result.after.parameters[name]) for name in names],
+        [plain_number(result.before.parameters[name]) for name in names],
+        [plain_number(result.after.parameters[name]) for name in names],
         [parameter_unit(train, name) or "-" for name in names],
-        [f"{_number(p.low)} to {_number(p.high)}" for p in asked["parameters"]],
+        [f"{plain_number(p.low)} to {plain_number(p.high)}" for p in asked["parameters"]],
     ]
     return "Parameters\n" + aligned(["parameter", "before", "after", "unit", "bounds"], columns)
 
@@ -133,14 +134,7 @@ def _worst(rpm, values):
 
 
 def _shown(chosen, value):
-    return "-" if not np.isfinite(value) else f"{scaled_unit(chosen.quantity)[0] * value:.3g}"
-
-
-def _number(value):
-    """Four digits, without a power of ten where that is readable."""
-    if not 1e-4 <= abs(value) < 1e7:
-        return f"{value:.4g}"
-    return np.format_float_positional(float(f"{value:.4g}"), trim="-")
+    return "-" if not np.isfinite(value) else plain_number(scaled_unit(chosen.quantity)[0] * value, digits=3)
 
 
 def _limit(chosen):

@@ -250,6 +250,27 @@ def test_a_traced_backlash_on_a_mesh_without_is_refused():
         jax.jit(lambda h: train.replace({"a|b.backlash": h}).meshes.backlash)(1e-4)
 
 
+@pytest.mark.parametrize("field", ["epsilon", "transition"])
+def test_the_law_of_a_mesh_without_backlash_has_no_effect(field):
+    parts = [dataclasses.replace(e, backlash=None) if isinstance(e, Mesh) else e for e in GEARS]
+    with pytest.raises(SceneError, match="it is always in contact"):
+        build(parts, reference="a").replace({f"a|b.{field}": 0.5})
+
+
+def test_a_given_gas_torque_is_not_added_to_that_of_a_pressure():
+    train = load_scene("six_cylinder_diesel")
+    with pytest.raises(SceneError, match="the gas torque comes from the pressure table"):
+        train.replace({f"{train.topology.cylinder_names[0]}.gas_torque_mean": 500.0})
+
+
+def test_radii_that_contradict_the_teeth_are_refused():
+    train = load_scene("spur_pair")
+    radius = train.value("gear a.radius")
+    assert train.replace({"gear a.radius": 2 * radius, "gear b.radius": 2 * radius})
+    with pytest.raises(SceneError, match=r"the new radii of mesh 'gear a\|gear b' are .* but its teeth 32:32"):
+        train.replace({"gear a.radius": 1.1 * radius})
+
+
 def test_a_stiffness_that_holds_a_mean_torque_cannot_be_removed():
     held = build([*GEARS, Ground(disk="ring", stiffness=1.0)], reference="a")
     with pytest.raises(SceneError, match=r"the \[\[ground\]\] on 'ring' holds the train only through links without"):

@@ -295,3 +295,13 @@ def test_a_damper_on_itself_and_a_stranger_are_refused():
         build(parts)
     with pytest.raises(SceneError, match="3 is no element of a drive train"):
         build([3])
+
+
+def test_a_byte_order_mark_is_no_fault(tmp_path):
+    """Spreadsheets and editors that save UTF-8 write it."""
+    table = '[[torque]]\ndisk = "a"\nharmonics = "h.csv"\n[[load]]\ndisk = "b"\n'
+    (tmp_path / "h.csv").write_text("1.0, 2.0, 3.0\n", encoding="utf-8-sig")
+    (tmp_path / "gears.toml").write_text(
+        HEAD.partition('[[disk]]\nname = "c"')[0] + HEAD[HEAD.index("[[shaft]]") :] + table, encoding="utf-8-sig"
+    )
+    assert load_scene(tmp_path / "gears.toml").topology.torque_harmonics == ((2,),)

@@ -52,7 +52,8 @@ def test_modes_are_those_of_python(capsys, tmp_path):
     assert main(["modes", "gear_train_30", "--json", str(file)]) == 0
     modes = jaxhb.natural_frequencies(jaxhb.load_scene("gear_train_30"))
     record = read(file)
-    assert set(record) == {"frequencies_hz", "modes"}
+    assert set(record) == {"frequencies_hz", "mesh_energy_share", "modes"}
+    assert record["mesh_energy_share"] == modes.mesh_energy_share.tolist()
     assert record["frequencies_hz"] == modes.frequencies_hz.tolist()
     assert record["modes"]["crank gear"] == modes.shapes[:, modes.names.index("crank gear")].tolist()
     assert f"{modes.frequencies_hz[1]:.2f}" in capsys.readouterr().out
@@ -170,6 +171,28 @@ def test_a_sweep_writes_one_response_and_one_row_per_speed(capsys, tmp_path):
     assert said.err == ""
 
 
+def test_a_ring_without_stiffness_is_not_called_a_motion_of_all_disks(capsys):
+    """A viscous damper's ring turns freely, and the two motions of 0 Hz mix at will."""
+    assert main(["modes", "engine_with_damper"]) == 0
+    rows = capsys.readouterr().out.splitlines()[2:]
+    assert [row.split(maxsplit=4)[-1] for row in rows[:2]] == ["one of 2 motions that no stiffness opposes"] * 2
+    assert "stiffness" not in rows[2]
+
+
+def test_a_sweep_says_of_each_speed_how_many_harmonics_it_took_and_what_was_changed(tmp_path):
+    files = [tmp_path / "s.json", tmp_path / "s.csv"]
+    command = ["sweep", "spur_pair", "--rpm", "2000,5600", "--set", "gear a.damping=0.01"]
+    assert main([*command, "--json", str(files[0]), "--csv", str(files[1])]) == 0
+    record = read(files[0])
+    assert (record["set"], record["misfire"]) == ({"gear a.damping": 0.01}, [])
+    taken = [row["harmonics"] for row in record["responses"]]
+    with files[1].open() as text:
+        rows = list(csv.DictReader(text))
+    assert [int(row["harmonics"]) for row in rows] == taken
+    assert taken[0] < taken[1]
+    assert all(float(row["gear a|gear b min N without backlash"]) < 0 for row in rows[1:])
+
+
 def test_a_sweep_agrees_with_single_solves(tmp_path):
     file = tmp_path / "s.json"
     assert main(["sweep", "six_cylinder_diesel", "--rpm", "1000,1800,2600", "--json", str(file)]) == 0
@@ -236,6 +259,13 @@ def test_the_report_puts_a_misfire_beside_normal_running(capsys, tmp_path):
     said = capsys.readouterr().out
     assert said.startswith("With all cylinders firing\n  All teeth stay in contact at 1500 rpm.")
     assert files[1].read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_scene_with_a_cylinder_that_does_not_fire_is_not_called_normal(capsys, tmp_path):
+    scene = tmp_path / "small.toml"
+    scene.write_text(SMALL + "fires = false\n")
+    assert main(["report", str(scene), "--rpm", "1500"]) == 0
+    assert capsys.readouterr().out.startswith("With the scene as given\n")
 
 
 BAD = {

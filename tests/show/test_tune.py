@@ -77,7 +77,8 @@ def test_the_tuned_scene_loads_and_the_files_say_what_was_done(scene, tmp_path, 
     assert record["readings"]["inertia added"]["after"] > -0.0063  # a penalty gives way a little
     assert [step["number"] for step in record["history"]] == list(range(len(record["history"])))
     assert record["solved"]["after"] == [True] * 7 and not record["interrupted"]
-    assert f"{max(swing['after']):.3g} N m at {record['rpm'][int(np.argmax(truth))]:g} rpm after" in said
+    worst = record["rpm"][int(np.argmax(truth))]
+    assert f"{round(max(swing['after']), -1):.0f} N m at {worst:g} rpm after" in said
     assert "pulley.inertia" in said and "0.005 to 0.05" in said and "at least -0.006" in said
     assert (tmp_path / "tuned.png").read_bytes().startswith(b"\x89PNG")
     unchanged = tomllib.loads((tmp_path / "better.toml").read_text(encoding="utf-8"))
@@ -125,6 +126,8 @@ WRONG = {
     ("steps = 6", 'steps = "6"'): "[tune]: steps is '6', must be a whole number",
     ("widths = [0.1]", "widths = 0.1"): "[tune]: widths is 0.1, must be a list of numbers",
     ("widths = [0.1]", 'optimizer = "sgd"'): "optimizer is 'sgd', must be 'lbfgs' or 'adam'",
+    ("[tune]", "[[tune]]"): "'tune' is a list of tables, must be one. Write [tune].",
+    ("widths = [0.1]", "seed = -1"): "seed is -1, must be a whole number of at least 0",
     ("low = 0.005", "lowest = 0.005"): "[[tune.parameter]] no. 1: the key 'low' is missing",
     ("low = 0.005", 'low = "a"'): "[[tune.parameter]] no. 1: low is 'a', must be a number",
     ("low = 0.005", "low = 0.03"): "its value 0.017 lies outside its bounds 0.03 to 0.05",
@@ -143,6 +146,33 @@ def test_a_bad_table_is_told_and_nothing_is_written(scene, tmp_path, capsys, cha
     assert tune(scene) == 2
     assert WRONG[change] in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["scene"]
+
+
+def test_speeds_of_the_command_line_stand_in_for_those_of_the_table(scene):
+    scene.write_text(scene.read_text(encoding="utf-8").replace('rpm = "1200:2400:7"', ""), encoding="utf-8")
+    asked = read_table(jaxhb.load_scene(scene), {"rpm": [1500.0, 1800.0], "seed": 0})
+    assert (asked["rpm"].tolist(), asked["seed"], asked["steps"]) == ([1500.0, 1800.0], 0, 6)
+
+
+def test_tables_in_a_folder_of_the_scene_get_one_beside_the_tuned_scene(scene, tmp_path):
+    (scene.parent / "data").mkdir()
+    name = "six_cylinder_diesel_pressure.csv"
+    (scene.parent / name).rename(scene.parent / "data" / name)
+    scene.write_text(scene.read_text(encoding="utf-8").replace(f'"{name}"', f'"data/{name}"'), encoding="utf-8")
+    assert tune(scene, "--steps", "1") == 0
+    assert jaxhb.load_scene(tmp_path / "better.toml").topology == jaxhb.load_scene(scene).topology
+
+
+def test_a_law_gives_way_to_its_numbers(tmp_path):
+    text, _ = changed_scene("spur_pair", {})
+    law = "".join(line for line in text.splitlines(True) if not line.startswith(("epsilon", "transition")))
+    (tmp_path / "law.toml").write_text(law.replace("[[mesh]]", '[[mesh]]\nlaw = "fridman2009"'), encoding="utf-8")
+    for name, path in changed_scene("spur_pair", {})[1].items():
+        (tmp_path / name).write_bytes(path.read_bytes())
+    changed, _ = changed_scene(tmp_path / "law.toml", {("mesh", 0, "epsilon"): 0.01})
+    (tmp_path / "changed.toml").write_text(changed, encoding="utf-8")
+    train = jaxhb.load_scene(tmp_path / "changed.toml")
+    assert (train.value("gear a|gear b.epsilon"), train.value("gear a|gear b.transition")) == (0.01, 0.2)
 
 
 def test_a_scene_without_a_table_is_told(tmp_path, capsys):
