@@ -25,7 +25,8 @@ class _Turn:
     def run(self, program, args, kwargs):
         """The program's result, perhaps while it still runs; it begins when the one before has ended."""
         with self.lock:
-            jax.block_until_ready([result() for result in self.results])
+            before, self.results = self.results, []
+            jax.block_until_ready([result() for result in before])
             found = program(*args, **kwargs)
             self.results = [weakref.ref(leaf) for leaf in jax.tree.leaves(found)]
             return found

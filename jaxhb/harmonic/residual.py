@@ -30,7 +30,7 @@ class Nonlinear:
 
 
 def all_meshes(train):
-    """Every mesh as an entry of :class:`Nonlinear`; linear ones have epsilon 1 and an inert gap of 1 m."""
+    """Every mesh as an entry of :class:`Nonlinear`; linear ones have epsilon 1 and a gap of 1 m."""
     xp = namespace(train)
     topology, meshes = train.topology, train.meshes
     gap = np.array(topology.mesh_backlash, dtype=bool)
@@ -41,7 +41,7 @@ def all_meshes(train):
         law=backlash.Law(
             stiffness=xp.asarray(meshes.stiffness),
             epsilon=xp.where(gap, meshes.epsilon, 1.0),
-            transition=xp.where(gap, meshes.transition, 1.0),
+            transition=xp.where(gap, meshes.transition, 0.5),
             backlash=xp.where(gap, meshes.backlash, 1.0),
         ),
         viscous=xp.asarray(meshes.damping),

@@ -1,1 +1,1 @@
-"""Finding and certifying periodic solutions."""
+"""Finding periodic solutions and estimating their errors."""

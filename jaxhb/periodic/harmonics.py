@@ -38,7 +38,7 @@ class Plan:
     flank : tuple of int, +1 or -1 for a mesh taken to stay on that flank all cycle (verified), 0 otherwise
     method : "reduced" or "chain"
     start : "linear" or "march"
-    cycles : of the march; instants : per cycle, of the march and of the preconditioner
+    cycles : of the march; instants : per cycle, of the march and of the preconditioner, a multiple of 32
     tolerance : float, on the truncation error, relative to the largest tooth force
     trust : float, share of the tolerance that an estimate may use: it sees 2 N harmonics, and mesh modes above them not
     excited : highest harmonic of the excitation, 0 for N
@@ -103,7 +103,7 @@ class Plan:
 def check_harmonics(train, harmonics, method):
     """Refuse a fixed number of harmonics that cannot work, with a sentence."""
     name = train.topology.name or "scene"
-    if not (np.isfinite(harmonics) and harmonics == int(harmonics) and harmonics >= 1):
+    if not (isinstance(harmonics, int | np.integer) and harmonics >= 1):
         raise SceneError(f"{name}: harmonics is {harmonics}, must be a whole number of at least 1.")
     least = highest_harmonic(train)
     if harmonics < least:
@@ -183,7 +183,7 @@ def level_at_least(harmonics):
 
 
 def next_level(harmonics, method):
-    """The number of harmonics to try after ``harmonics``, about 1.5 to 2 times as many; None at the limit."""
+    """The number of harmonics to try after ``harmonics``, about twice as many; None at the limit."""
     higher = [n for n in LEVELS if n >= 1.9 * harmonics and n <= MOST[method]]
     if higher:
         return higher[0]

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from ..harmonic import fourier
+from ..harmonic import backlash, fourier
 from ..harmonic.block_sweep import block_sweep
 from ..harmonic.residual import link_blocks, node_blocks, residual
 from . import correction
@@ -68,12 +68,11 @@ _SENTENCES = {
 
 
 class Iterate(NamedTuple):
-    """Unknowns, residual norm, linear solves, Krylov steps, and whether no step leads closer."""
+    """Unknowns, residual norm, linear solves, and whether no step leads closer."""
 
     x: jax.Array
     error: jax.Array
     steps: jax.Array
-    krylov: jax.Array
     stalled: jax.Array
 
 
@@ -103,8 +102,7 @@ def newton(evaluate, prepare, direction, norm, start, *, tolerance, max_steps, w
     evaluate : x -> residual
     prepare : x -> whatever ``direction`` needs and is worth keeping for several steps
     direction : (prepared, x, residual, error, forcing) -> (correction, work)
-        Solves ``J(x) correction = residual``, to ``forcing`` if this is not nan; ``work`` is added up in
-        ``Iterate.krylov``.
+        Solves ``J(x) correction = residual``, to ``forcing`` if this is not nan; ``work`` as in ``worn``.
     norm : residual or correction -> float
     start : array
     tolerance : float, on ``norm`` of the residual
@@ -143,7 +141,6 @@ def newton(evaluate, prepare, direction, norm, start, *, tolerance, max_steps, w
             jnp.where(good, moved, iterate.x),
             jnp.where(good, error, iterate.error),
             iterate.steps + 1,
-            iterate.krylov + work,
             ~good & (length < SHORTEST),
         )
         return _State(
@@ -182,7 +179,7 @@ def newton(evaluate, prepare, direction, norm, start, *, tolerance, max_steps, w
         return (age < 0) | unsolved(iterate) & ~(iterate.stalled & (age == 0))
 
     value = evaluate(start)
-    first = Iterate(start, norm(value), jnp.array(0), jnp.array(0), jnp.array(False))
+    first = Iterate(start, norm(value), jnp.array(0), jnp.array(False))
     empty = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(prepare, start))
     one, no = jnp.array(1.0), jnp.array(False)
     nothing, zero = jnp.zeros_like(start), jnp.array(0)
@@ -246,7 +243,7 @@ def solve_chain(system, meshes, frequency, load, start, *, samples, tolerance, m
     hold = jnp.where(system.floating, 1.0, 0.0)
     root = tree.node[-1]
     node = node.at[root, 0, 0].add(hold)
-    scale = jnp.linalg.norm(fourier.pack(load)) + jnp.max(meshes.law.stiffness * meshes.law.backlash, initial=0.0)
+    scale = jnp.linalg.norm(fourier.pack(load)) + 2 * jnp.max(backlash.offset(meshes.law), initial=0.0)
 
     def evaluate(packed):
         value = residual(packed, system, meshes, frequency, load, samples)

@@ -74,7 +74,7 @@ class Choice:
 class Outcome:
     """Fields of the solution, deflections ``(G, N+1)`` of the active meshes, and how the solve went.
 
-    closure : of the last cycle marched, 0 without; residual, truncation_error; steps, krylov : of Newton.
+    closure : of the last cycle marched, 0 without; residual, truncation_error; steps : of Newton.
     """
 
     fields: object
@@ -84,7 +84,6 @@ class Outcome:
     residual: jax.Array
     truncation_error: jax.Array
     steps: jax.Array
-    krylov: jax.Array
 
 
 @partial(Program, static_argnames="sizes")
@@ -122,7 +121,7 @@ def find(problem, choice, start, tolerance, sizes):
     reduced = dataclasses.replace(reduction.truncate(fine, harmonics), integrals=sizes.integrals)
     closure, error, truncation = jnp.zeros(()), jnp.zeros(()), jnp.zeros(())
     variation = None
-    steps, krylov, stalled = jnp.array(0), jnp.array(0), jnp.array(False)
+    steps, stalled = jnp.array(0), jnp.array(False)
     deflection = reduced.linear
     if not none:
         links = jnp.asarray(problem.meshes.link)[choice.chosen]
@@ -139,7 +138,7 @@ def find(problem, choice, start, tolerance, sizes):
         error = relative_residual(reduced, reduced.residual(deflection, sizes.samples))
         if sizes.estimated:
             truncation = truncation_error(fine, variation, deflection, sizes.samples)
-        steps, krylov, stalled = iterate.steps, iterate.krylov, iterate.stalled
+        steps, stalled = iterate.steps, iterate.stalled
     reduced, passages = reduced.located(deflection), None
     excess = reduced.excess_coefficients(deflection, sizes.samples)
     found = fields(problem, *folded.combine(excess), sizes)
@@ -148,7 +147,7 @@ def find(problem, choice, start, tolerance, sizes):
     failure = _failure(problem, choice, folded, found, error, stalled, passages, sizes)
     solved = failure == Status.CONVERGED
     status = jnp.where(solved & ~(truncation <= tolerance), Status.TOLERANCE_NOT_MET, failure)
-    return Outcome(found, deflection, status, closure, error, truncation, steps, krylov), (variation, passages), solved
+    return Outcome(found, deflection, status, closure, error, truncation, steps), (variation, passages), solved
 
 
 def _first(reduced, space, start, sizes):

@@ -73,8 +73,8 @@ def solve(train, *, rpm, plan=None, harmonics=None, tolerance=None, method=None,
         gradient 1e-4, and second derivatives more than 10 %: those need "exact", which only "reduced" has.
     start : Response, "linear" or "march", optional
         Where Newton starts: another response, on whose branch the solution then usually lies, or the motion with all
-        teeth in contact. By default that motion if it holds, else a few cycles of time integration from it. Several
-        periodic motions may exist at one speed.
+        teeth in contact ("linear"), or a few cycles of time integration from it ("march"). By default the motion in
+        contact is the answer if it holds, else a march. Several periodic motions may exist at one speed.
 
     Returns
     -------
@@ -128,7 +128,8 @@ def plan(train, *, rpm, harmonics=None, tolerance=0.01, method="reduced", integr
     Returns
     -------
     Plan
-        Small and hashable. Passing it to :func:`solve` solves nearby trains and speeds without decisions.
+        Small and hashable. Passing it to :func:`solve` solves nearby trains and speeds without decisions. It holds no
+        motion: where a march does not settle and the motion was found by shooting, give that response as ``start`` too.
 
     Raises
     ------
@@ -253,7 +254,6 @@ def _solve_deciding(train, rpm, harmonics, tolerance, method, integrals, start):
     decide.check_method(train, method)
     decide.check_integrals(integrals, method)
     decide.check_tolerance(train, tolerance)
-    start = None if isinstance(start, str) and start == "march" else start
     if harmonics is not None:
         decide.check_harmonics(train, harmonics, method)
     excited = decide.excited_harmonic(train, method)
@@ -269,7 +269,8 @@ def _solve_deciding(train, rpm, harmonics, tolerance, method, integrals, start):
         excited=listed_harmonic(train.topology),
         integrals=integrals,
     )
-    if isinstance(start, Response) and any(train.topology.mesh_backlash):
+    chosen = isinstance(start, Response) or start == "march"
+    if chosen and any(train.topology.mesh_backlash):
         active, flank = _all_backlash(train), (0,) * len(flank)
         base = dataclasses.replace(base, active=active, flank=flank)
     if not active:
@@ -289,7 +290,7 @@ def _solve_deciding(train, rpm, harmonics, tolerance, method, integrals, start):
 
 def solve_further(train, rpm, *, harmonics, tolerance, integrals):
     """Response where the first rung of the ladder is known to fail."""
-    return _solve_deciding(train, rpm, harmonics, tolerance, "reduced", integrals or "sampled", "further")[0]
+    return _solve_deciding(train, rpm, harmonics, tolerance, "reduced", integrals, "further")[0]
 
 
 def _solve_in_contact(train, rpm, excited):
@@ -316,13 +317,13 @@ def _host(response):
 
 def check_speed(train, rpm, *, many=False):
     """Refuse a speed that is not a positive number, and several speeds where one is wanted."""
-    values = np.atleast_1d(np.asarray(rpm, dtype=float))
+    values, name = np.atleast_1d(np.asarray(rpm, dtype=float)), train.topology.name or "scene"
     if np.ndim(rpm) and not many:
-        name = train.topology.name or "scene"
         raise SceneError(f"{name}: {values.size} speeds were given where one is solved: use jaxhb.solve_speeds.")
+    if not values.size:
+        raise SceneError(f"{name}: no speed was given, must be at least one in rpm.")
     for value in values:
         if not (np.isfinite(value) and value > 0):
-            name = train.topology.name or "scene"
             raise SceneError(f"{name}: the speed is {value:g} rpm, must be greater than 0 rpm: a running engine.")
 
 
@@ -417,7 +418,7 @@ def _starts(train, rpm, plan, adaptive, closure, path):
     for instants, orbit in itertools.islice(_in_turn(shots), ORBITS):
         path.append(f"shooting from {orbit.tries} cycles of {instants} steps (closure {orbit.closure:.1e})")
         closed |= yield from finer(orbit, instants)
-    if closure > SETTLED and not closed:
+    if not (closure <= SETTLED or closed):  # a march that blew up has a closure of nan
         arrival = homotopy.find(train, rpm, dataclasses.replace(plan, instants=twice))
         outcome = "lost" if arrival.coefficients is None else "found"
         told = f"{outcome}, curve no. {arrival.curves}, {arrival.steps} steps, {arrival.folds} folds"

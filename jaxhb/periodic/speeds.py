@@ -96,7 +96,8 @@ def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=None, integ
             if size == 1:
                 found[chunk[0]] = solve(train, rpm=float(rpm[chunk[0]]), plan=shared)
             else:
-                solved = _solve_chunk(train, rpm[chunk], shared, size)
+                most = shared.sizes.max_steps if plan and plan.active else BATCH_STEPS
+                solved = _solve_chunk(train, rpm[chunk], shared, size, most)
                 for row, place in enumerate(chunk):
                     found[place] = solved, row
             tell(len(chunk))
@@ -115,16 +116,22 @@ def _placed(found):
 
 
 def _again(train, rpm, place, found, status, harmonics, tolerance, integrals):
-    """The response at one speed from its own motion or the nearest that converged; up the ladder where that fails."""
+    """The best response at one speed: from its own motion or the nearest that converged, then up the ladder."""
     own, good = status[place] == Status.TOLERANCE_NOT_MET, np.flatnonzero(status == Status.CONVERGED)
-    asked = {"tolerance": tolerance, "integrals": integrals}
+    asked = {"harmonics": harmonics, "tolerance": tolerance, "integrals": integrals}
+    tried = [_single(found[place])] if own else []
     if own or len(good):
-        batch, row = _placed(found[place if own else good[np.argmin(np.abs(rpm[good] - rpm[place]))]])
-        near = batch[row] if np.ndim(batch.rpm) else batch
-        response = solve(train, rpm=float(rpm[place]), harmonics=harmonics, start=near, **asked)
-        if int(response.status) == Status.CONVERGED:
-            return response
-    return solve_further(train, float(rpm[place]), harmonics=harmonics, **asked)
+        near = tried[0] if own else _single(found[good[np.argmin(np.abs(rpm[good] - rpm[place]))]])
+        tried.append(solve(train, rpm=float(rpm[place]), start=near, **asked))
+    if not tried or int(tried[-1].status) > Status.TOLERANCE_NOT_MET:
+        tried.append(solve_further(train, float(rpm[place]), **asked))
+    return min(reversed(tried), key=lambda response: int(response.status))
+
+
+def _single(found):
+    """The response of one speed."""
+    batch, row = _placed(found)
+    return batch[row] if np.ndim(batch.rpm) else batch
 
 
 def _worth_another_try(status, harmonics):
@@ -158,14 +165,14 @@ def _solve_all(problem, choice, start, tolerance, sizes):
     return jax.vmap(one, in_axes=(_axes(),))(problem)
 
 
-def _solve_chunk(train, rpm, plan, size):
-    """Response at up to ``size`` speeds under one plan, padded to a batch of that size."""
+def _solve_chunk(train, rpm, plan, size, most):
+    """Response at up to ``size`` speeds under one plan, padded to a batch of that size; ``most`` Newton steps."""
     padded = np.concatenate([rpm, np.full(size - len(rpm), rpm[-1])])
     problem = _pose_all(train, jnp.asarray(padded), plan.sizes.excited)
     choice = plan.choice
     coefficients = np.zeros((len(choice.active), plan.harmonics + 1), dtype=complex)
     start = Start(coefficients, np.array(False), np.array(plan.cycles if plan.start == "march" else 0))
-    sizes = dataclasses.replace(plan.sizes, max_steps=BATCH_STEPS)
+    sizes = dataclasses.replace(plan.sizes, max_steps=most)
     outcome = _solve_all(problem, choice, start, plan.limit, sizes)
     loads = _Loads(problem.load_torque, problem.load_power)
     loads, outcome = jax.tree.map(lambda a: np.asarray(a)[: len(rpm)], (loads, outcome))
@@ -217,7 +224,8 @@ def plan_speeds(train, rpm, harmonics, tolerance, integrals="sampled"):
     )
     if not any(train.topology.mesh_backlash):
         return [contact] * len(rpm)
-    straight = solve_speeds(decide.without_backlash(train), rpm=rpm, plan=contact)
+    probing = dataclasses.replace(contact, harmonics=min(level, max(excited, decide.LEVELS[0])))
+    straight = solve_speeds(decide.without_backlash(train), rpm=rpm, plan=probing)
     samples = np.fft.irfft(straight.elastic_forces, n=16 * straight.elastic_forces.shape[-1], norm="forward")
     flanks, leaves, apart = decide.contact_demand(train, samples)
     modes, faint = decide.mesh_mode_harmonics(train, train.topology.cycle_frequency(1.0))[:, None] / rpm

@@ -9,7 +9,7 @@ import numpy as np
 from .._program import Program
 from ..harmonic import backlash, chain, fourier
 from ..harmonic.residual import backlash_meshes
-from ..model.engine import excitation, highest_harmonic
+from ..model.engine import excitation, listed_harmonic
 from . import segments
 from .integrate import march, settle
 from .statespace import _host_matrices, linear_response, partition
@@ -160,8 +160,11 @@ def referee(
     Raises
     ------
     ValueError
-        For loss factors and for massless disks without an equation, see :func:`jaxhb.transient.partition`.
+        For less than one cycle, for loss factors and for massless disks without an equation, see
+        :func:`jaxhb.transient.statespace.partition`.
     """
+    if cycles is not None and cycles < 1:
+        raise ValueError(f"cycles is {cycles}, must be at least 1.")
     parts = partition(system, meshes)
     if steps is None:
         steps = max(resolving_steps(system, meshes, frequency), 4 * np.shape(load)[-1])
@@ -218,11 +221,11 @@ def _extremes(trace, dt):
 
 def _equations(train, rpm):
     """System, backlash meshes, Omega and load of a train at a speed."""
-    if not rpm > 0:
+    if not (np.isfinite(rpm) and rpm > 0):
         raise ValueError(f"{train.topology.name or 'scene'}: the speed is {rpm:g} rpm, must be greater than 0 rpm.")
     system, meshes = chain.assemble(train), backlash_meshes(train)
     partition(system, meshes, train.topology.disk_names, train.topology.link_names)
-    torque, _, _ = excitation(train, rpm, highest_harmonic(train))
+    torque, _, _ = excitation(train, rpm, listed_harmonic(train.topology))
     frequency = train.topology.cycle_frequency(rpm)
     return system, meshes, frequency, torque / jnp.asarray(system.radius)[:, None]
 

@@ -130,7 +130,7 @@ def discretize(system, meshes, frequency, load, steps, parts=None):
     load : complex array ``(S, N+1)``
         Excitation in N, coefficients of :mod:`jaxhb.harmonic.fourier`.
     steps : int
-        Steps per cycle, static; more than N. See :func:`jaxhb.transient.resolving_steps`.
+        Steps per cycle, static; more than N. See :func:`jaxhb.transient.referee.resolving_steps`.
     parts : Partition, optional
         From :func:`partition`; needed where ``system`` is traced.
 

@@ -111,7 +111,8 @@ def _basis(system, mass, links, frequency, instants):
     unit = jnp.broadcast_to(incidence(system, links)[:, :, None], (disks, len(links), SHIFTS))
     motion, _ = solve_linear(system, omega, unit.astype(complex), forces=0)
     columns = root * jnp.concatenate([motion.real, motion.imag], axis=-1).reshape(disks, -1)
-    columns = columns / jnp.linalg.norm(columns, axis=0)
+    sizes = jnp.linalg.norm(columns, axis=0)
+    columns = columns / jnp.where(sizes > 0, sizes, 1.0)  # no damping, no imaginary parts
     q, _ = jnp.linalg.qr(columns)
     return q / root
 

@@ -1,5 +1,6 @@
 """Exact integrals of a mesh force: against closed forms, adaptive quadrature, many samples; their derivatives."""
 
+import dataclasses
 import doctest
 from functools import partial
 
@@ -11,9 +12,12 @@ from differences import differences
 from reference_data import method_case
 from scipy.integrate import quad
 from scipy.optimize import brentq
+from trains import branched_parts, build
 
+from jaxhb import Mesh
 from jaxhb.harmonic import backlash, exact, fourier
 from jaxhb.harmonic.backlash import Law
+from jaxhb.harmonic.residual import all_meshes
 
 EXACT = 1e-13
 """Degree of the polynomials of a cell, for any spectrum of the deflection; relative to the largest force."""
@@ -59,6 +63,16 @@ def test_case_a6_closed_form_of_a_cosine():
     found = turn * coefficients(law, np.zeros(MESHES), False, l)
     for k, value in expected["f_hat"].items():
         np.testing.assert_allclose(found[:, int(k)], float(value), rtol=0, atol=EXACT)
+
+
+def test_a_mesh_without_backlash_has_no_knots_to_pass():
+    """However fast its force changes sign: at harmonic 6 of 6 it would take more room than there is."""
+    parts = [dataclasses.replace(e, backlash=None) if isinstance(e, Mesh) else e for e in branched_parts()]
+    law = all_meshes(build(parts, reference="flywheel")).law
+    l = np.zeros((len(law.stiffness), HARMONICS + 1), complex)
+    l[:, -1] = 1e-4
+    passages = locate(law, l)
+    assert passages.complete and not np.any(passages.gain)
 
 
 @pytest.mark.parametrize("gated", [False, True])

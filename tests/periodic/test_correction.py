@@ -44,6 +44,19 @@ def surrogate_of(problem, instants):
     )
 
 
+def test_a_long_train_without_any_damping_has_a_basis():
+    """Its receptances are real: the imaginary columns of the basis are zero."""
+    count = surrogates.LARGEST + 6
+    parts = [Disk(name=str(k), inertia=0.01, radius=0.1) for k in range(count)]
+    parts += [Shaft(between=(str(k), str(k + 1)), stiffness=1e5) for k in range(count - 1) if k != count // 2]
+    parts.append(Mesh(between=(str(count // 2), str(count // 2 + 1)), stiffness=1e8, backlash=1e-4))
+    problem = pose(build(parts, reference="0"), RPM, HARMONICS)
+    found = approximate(
+        problem.system, problem.meshes.link, np.ones(1), problem.frequency, instants=512, excited=HARMONICS
+    )
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(found))
+
+
 def dense_jacobian(reduced, l):
     def packed(flat):
         value = reduced.residual(fourier.unpack(flat.reshape(2, -1)), SAMPLES)

@@ -1,6 +1,7 @@
 """A plan decides on the host; a planned solve decides nothing and works under transformations."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -121,6 +122,51 @@ def test_a_sweep_is_its_single_solves(pair, plan):
     assert sweep[1].mesh("gear a", "gear b").separated_fraction > 0
 
 
+def test_a_planned_sweep_may_take_as_many_newton_steps_as_a_planned_solve(pair, plan, monkeypatch):
+    monkeypatch.setattr(speeds, "BATCH_STEPS", 1)
+    assert jaxhb.solve_speeds(pair, rpm=[5500.0, HAMMERING_RPM], plan=plan).converged.all()
+
+
+def test_a_second_try_of_a_sweep_never_gives_up_a_solved_speed(pair, monkeypatch):
+    """What the tolerance lacks is told as such, whatever the ladder ends in."""
+    coarse = jaxhb.solve(pair, rpm=HAMMERING_RPM, harmonics=4, tolerance=1e-3)
+    lost = dataclasses.replace(coarse, status=np.array(jaxhb.Status.STALLED))
+    for name in ("solve", "solve_further"):
+        monkeypatch.setattr(speeds, name, lambda *arguments, **options: lost)
+    status = np.array([int(coarse.status)])
+    found = speeds._again(pair, np.array([HAMMERING_RPM]), 0, [coarse], status, None, 1e-3, "sampled")
+    assert int(found.status) == jaxhb.Status.TOLERANCE_NOT_MET
+
+
+def test_contact_is_looked_for_with_the_harmonics_of_the_excitation(pair, monkeypatch):
+    asked, sweep = [], speeds.solve_speeds
+
+    def watched(train, *, plan, **options):
+        asked.append(plan.harmonics)
+        return sweep(train, plan=plan, **options)
+
+    monkeypatch.setattr(speeds, "solve_speeds", watched)
+    plans = speeds.plan_speeds(pair, np.array([3000.0, HAMMERING_RPM]), 1024, 0.01)
+    assert max(asked) < 64 and {plan.harmonics for plan in plans} == {1024}
+
+
+def test_a_march_that_was_asked_for_is_made_where_the_teeth_could_stay_in_contact(pair):
+    marched, plain = jaxhb.solve(pair, rpm=3000.0, start="march"), jaxhb.solve(pair, rpm=3000.0)
+    assert marched.path[0].startswith("march of") and not any("march" in entry for entry in plain.path)
+    force = [float(r.force("gear a", "gear b").max) for r in (marched, plain)]
+    assert force[0] == pytest.approx(force[1], rel=1e-6)
+
+
+def test_a_march_that_blew_up_is_followed_by_the_whole_ladder(pair, plan, monkeypatch):
+    nothing = SimpleNamespace(coefficients=None, closure=np.inf, tries=0, curves=0, steps=0, folds=0)
+    search = SimpleNamespace(march=lambda closure: nothing, shoot=lambda: iter(()))
+    monkeypatch.setattr(solve.orbits, "Search", lambda *arguments: search)
+    monkeypatch.setattr(solve.homotopy, "find", lambda *arguments: nothing)
+    path = []
+    assert not list(solve._starts(pair, HAMMERING_RPM, plan, True, np.nan, path))
+    assert "homotopy" in path[-1]
+
+
 def test_a_sweep_tells_the_harmonics_of_every_speed_though_it_pads_them():
     engine = jaxhb.load_scene("six_cylinder_diesel")
     alone = [jaxhb.solve(engine, rpm=1500.0, harmonics=harmonics) for harmonics in (24, 48)]
@@ -144,6 +190,7 @@ def test_a_sweep_tells_the_harmonics_of_every_speed_though_it_pads_them():
             {"rpm": 1500.0, "harmonics": 8},
             "8 harmonics of the cycle are below the excitation, which reaches harmonic 24",
         ),
+        ({"rpm": 1500.0, "harmonics": 64.0}, "harmonics is 64.0, must be a whole number of at least 1"),
         ({"rpm": 1500.0, "harmonics": 5000}, "5000 harmonics are more than the limit of 4096"),
         ({"rpm": 1500.0, "harmonics": 200, "method": "chain"}, "GiB at 200 harmonics"),
     ],
@@ -179,7 +226,7 @@ def test_arguments_that_belong_to_the_plan_are_refused_beside_it(pair, plan):
         jaxhb.solve_speeds(pair, rpm=[HAMMERING_RPM], plan=plan, harmonics=50)
 
 
-@pytest.mark.parametrize("rpm", [0.0, -100.0, np.nan])
+@pytest.mark.parametrize("rpm", [0.0, -100.0, np.nan, np.inf])
 def test_every_entry_refuses_a_speed_that_is_none(pair, plan, rpm):
     calls = (
         lambda: jaxhb.solve(pair, rpm=rpm, plan=plan),
@@ -223,6 +270,11 @@ def test_a_march_where_no_tooth_was_expected_to_separate_begins_above_the_mesh_m
     modes, _ = decide.mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))
     assert [plan.start for plan in tried] == ["linear", "march"] and int(response.status) == 0
     assert tried[0].harmonics < modes < 1.5 * modes <= tried[1].harmonics
+
+
+def test_a_sweep_of_no_speed_is_refused(pair):
+    with pytest.raises(jaxhb.SceneError, match="no speed was given"):
+        jaxhb.solve_speeds(pair, rpm=[])
 
 
 def test_several_speeds_in_one_solve_are_sent_to_solve_speeds(pair):

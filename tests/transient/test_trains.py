@@ -13,7 +13,8 @@ from transient_cases import pair, posed
 from jaxhb import shooting_correction, solve
 from jaxhb.harmonic import backlash, fourier, reduction
 from jaxhb.model.drivetrain import build
-from jaxhb.model.elements import Disk, Ground, Mesh, Shaft, Torque
+from jaxhb.model.elements import Cylinder, Disk, Ground, Mesh, Shaft, Torque
+from jaxhb.model.engine import highest_harmonic, listed_harmonic
 from jaxhb.model.scene import load_scene
 from jaxhb.transient import referee as referee_module
 from jaxhb.transient.integrate import cycle, march, settle
@@ -293,6 +294,19 @@ def test_what_cannot_be_integrated_is_refused_with_its_name():
     ]
     with pytest.raises(ValueError, match="'a' has no inertia and carries a backlash mesh"):
         integrate(build(light, revolutions_per_cycle=1, reference="a"), rpm=1000.0)
+
+
+def test_less_than_a_cycle_is_refused():
+    with pytest.raises(ValueError, match="cycles is 0, must be at least 1"):
+        integrate(load_scene("spur_pair"), rpm=3000.0, cycles=0)
+
+
+def test_the_referee_is_driven_by_all_harmonics_that_are_listed():
+    """Inertia torques beyond order 6 do not count for the harmonics that are wanted, but are there."""
+    piston = Cylinder(disk="a", stroke=0.1, rod=0.2, reciprocating_mass=1.0, gas_torque=[(1.0, 5.0, 0.0)])
+    train = build([Disk(name="a", inertia=1.0), Ground(disk="a", stiffness=1e4), piston], revolutions_per_cycle=1)
+    *_, load = referee_module._equations(train, 1500.0)
+    assert load.shape[-1] - 1 == listed_harmonic(train.topology) > highest_harmonic(train)
 
 
 def test_a_train_without_backlash_is_integrated():
