@@ -77,14 +77,17 @@ def many_parameters(train, count):
         ("shaft", ("stiffness", "damping")),
         ("mesh", ("stiffness", "damping", "epsilon", "transition", "backlash")),
         ("disk", ("inertia", "damping")),
-        ("cylinder", ("stroke", "rod", "reciprocating_mass", "bore", "firing_angle")),
+        ("cylinder", ("stroke", "rod", "reciprocating_mass", "bore", "firing_angle", "ambient_pressure")),
         ("torque", ("mean",)),
         ("load", ("share",)),
     )
     for kind, fields in kinds:
         of_kind = [name for name, (table, _) in topology.elements.items() if table == kind]
         names += [f"{name}.{field}" for name in of_kind for field in fields]
-    absent = ("viscous damper.stiffness", "idler|cam gear.backlash")
+    absent = [
+        "viscous damper.stiffness",
+        *(f"idler|cam gear.{field}" for field in ("epsilon", "transition", "backlash")),
+    ]
     names = [name for name in names if name not in absent]
     return tuple(_around(name, float(train.value(name))) for name in names[:count])
 

@@ -20,7 +20,7 @@ from ..transient import segments
 from ..transient.integrate import cycle, cycle_closure
 from ..transient.shooting import shoot
 from ..transient.stepper import seen
-from ..transient.surrogate import states_of, surrogate
+from ..transient.surrogate import LARGEST, states_of, surrogate
 from .march import begin
 from .problem import pose, reduced_equation
 
@@ -52,13 +52,13 @@ FLEXIBLE = 1e-6
 
 @partial(Program, static_argnames="excited")
 def _equations(problem, choice, instants, excited):
-    """A Stepper without samples of its linear response, and the coefficients ``(2G, N+1)`` of these."""
+    """A Stepper without samples of its linear response, the coefficients ``(2G, N+1)`` of these, and the Surrogate."""
     links = jnp.asarray(problem.meshes.link)[choice.chosen]
     harmonics = problem.load.shape[-1] - 1
     reduced, _ = reduced_equation(problem, harmonics, choice.active, choice.chosen, choice.flank)
     train = surrogate(problem.system, links, choice.active, problem.frequency, instants, excited)
     response = seen(reduced.linear, reduced.frequency)
-    return begin(reduced, train.space, instants, jnp.zeros((0, len(response))), train.static), response
+    return begin(reduced, train.space, instants, jnp.zeros((0, len(response))), train.static), response, train
 
 
 def work_of_cycle(train, instants):
@@ -68,13 +68,18 @@ def work_of_cycle(train, instants):
 
 def stepper_of(train, rpm, plan):
     """The Stepper of a train with the meshes and instants of a Plan."""
+    return _make(train, rpm, plan)[0]
+
+
+def _make(train, rpm, plan):
+    """A Stepper and the Surrogate that it steps."""
     excited = plan.sizes.excited
-    stepper, response = _equations(pose(train, rpm, excited), plan.choice, plan.instants, excited)
+    stepper, response, modes = _equations(pose(train, rpm, excited), plan.choice, plan.instants, excited)
     linear = np.zeros((2 * ROOM, len(response)))
     linear[: 2 * plan.instants] = fourier.synthesize(response, 2 * plan.instants).T
     stepper = replace(stepper, linear=linear, count=np.array(plan.instants))
     flexible = np.abs(np.diag(stepper.static)) * np.asarray(stepper.law.stiffness) > FLEXIBLE
-    return stepper if flexible.any() else replace(stepper, static=None)
+    return (stepper if flexible.any() else replace(stepper, static=None)), modes
 
 
 @Program
@@ -145,9 +150,14 @@ class Search:
         self.states, self.closures = None, None
 
     @cached_property
+    def _made(self):
+        """Made (and its program compiled) when something is searched with it."""
+        return _make(self.train, self.rpm, self.plan)
+
+    @cached_property
     def stepper(self):
-        """The Stepper, made (and its program compiled) when something is searched with it."""
-        return stepper_of(self.train, self.rpm, self.plan)
+        """The Stepper."""
+        return self._made[0]
 
     def march(self, until=0.0):
         """The :class:`Orbit` of the first cycle, from the flanks, that closes to ``until``; the cycles are kept."""
@@ -175,8 +185,10 @@ class Search:
         if not known:
             yield best
 
-    def close(self, nodes):
-        """The :class:`Orbit` near the nodes of another one, which other steps found."""
+    def close(self, nodes, search):
+        """The :class:`Orbit` near the nodes of another one, which another Search with other steps found."""
+        if self.train.topology.n_disks > LARGEST:  # its modes depend on the steps
+            nodes = nodes @ (self._made[1].space.coordinates @ search._made[1].motion).T
         nodes, deflection, closure = jax.tree.map(np.asarray, _closed(self.stepper, nodes))
         found = coefficients(deflection, self.plan.instants) if closure <= SETTLED else None
         return Orbit(found, float(closure), nodes, 1)

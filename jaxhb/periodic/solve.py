@@ -398,10 +398,10 @@ def _starts(train, rpm, plan, adaptive, closure, path):
         """The motion, then with ever shorter steps as long as its cycle closes; returns whether it always did."""
         while motion.coefficients is not None:
             yield beginning(motion, instants)
-            instants *= 2
+            coarse, instants = search(instants), 2 * instants
             if instants > finest:
                 return True
-            motion = search(instants).close(motion.nodes)
+            motion = search(instants).close(motion.nodes, coarse)
             path.append(f"shooting in segments, cycle of {instants} steps (closure {motion.closure:.1e})")
         return False
 

@@ -32,10 +32,14 @@ SHIFTS = 12
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Surrogate:
-    """Slow modes, ``y = (s q, q')``, s = max(omega, Omega), and the static answer ``(G, G)`` m/N of the fast ones."""
+    """Slow modes, ``y = (s q, q')``, s = max(omega, Omega), and the static answer ``(G, G)`` m/N of the fast ones.
+
+    motion : ``(2S, n)``, displacements and velocities of the disks for each state.
+    """
 
     space: StateSpace
     static: jax.Array
+    motion: jax.Array
 
 
 def states_of(disks):
@@ -80,7 +84,8 @@ def surrogate(system, links, active, frequency, instants, excited):
     vectors, rows = (jnp.where(slow, a, 0.0)[:, kept] for a in (vectors, rows))
     squares = jnp.where(slow & (squares > free), squares, 0.0)[kept]
     scale = jnp.sqrt(jnp.maximum(squares, frequency**2))
-    modal = vectors.T @ basis.T * mass
+    shapes = basis @ vectors
+    modal = shapes.T * mass
     zero, none = jnp.zeros((len(kept), len(kept))), jnp.zeros_like(rows)
     space = StateSpace(
         transition=jnp.block([[zero, jnp.diag(scale)], [-jnp.diag(squares / scale), -vectors.T @ B @ vectors]]),
@@ -88,7 +93,8 @@ def surrogate(system, links, active, frequency, instants, excited):
         observation=jnp.block([[rows / scale, none], [none, rows]]),
         coordinates=jnp.block([[scale[:, None] * modal, 0 * modal], [0 * modal, modal]]),
     )
-    return Surrogate(space, static)
+    motion = jnp.block([[shapes / scale, 0 * shapes], [0 * shapes, shapes]])
+    return Surrogate(space, static, motion)
 
 
 def _inertial(system, fastest):

@@ -51,7 +51,7 @@ def mass_in_time(*, m, b, c, **_):
         observation=np.diag([1 / s, 1.0]) / np.sqrt(m),
         coordinates=np.diag([s, 1.0]) * np.sqrt(m),
     )
-    return Surrogate(space, np.zeros((1, 1)))
+    return Surrogate(space, np.zeros((1, 1)), space.coordinates.T)
 
 
 def solve_by_hand(harmonics, samples):

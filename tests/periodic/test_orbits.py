@@ -9,11 +9,12 @@ import numpy as np
 from trains import ONE_RADIAN_PER_SECOND, build
 
 import jaxhb
-from jaxhb import Disk, Mesh, Shaft, Torque
+from jaxhb import Disk, Load, Mesh, Shaft, Torque
 from jaxhb.periodic import orbits, solve
 from jaxhb.periodic.harmonics import Plan
 from jaxhb.periodic.newton import relative_residual
 from jaxhb.periodic.problem import pose, reduced_equation
+from jaxhb.transient import segments
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 
@@ -96,6 +97,31 @@ def test_shorter_steps_are_tried_where_longer_ones_close_no_orbit(monkeypatch):
     monkeypatch.setattr(solve.homotopy, "WORK", 1e6)
     assert not jaxhb.solve(jaxhb.load_scene("gear_train_30"), rpm=RPM).converged
     assert begun == [begun[0], 2 * begun[0]]  # four shots of four times the steps are more than WORK
+
+
+def test_more_steps_begin_at_the_motion_of_the_disks_whatever_modes_they_keep(monkeypatch):
+    """The modes kept of a long train depend on the steps: the same numbers would be another motion."""
+    half = 40
+    parts = [Disk(name=str(k), inertia=0.01, radius=0.1, damping=0.1) for k in range(2 * half)]
+    parts += [Shaft(between=(str(k), str(k + 1)), stiffness=1e5) for k in range(2 * half - 1) if k != half - 1]
+    parts.append(Mesh(between=(str(half - 1), str(half)), stiffness=1e8, damping=1e3, backlash=1e-4))
+    parts += [Torque(disk="0", mean=5.0, harmonics=[(2.0, 8.0, 0.0)]), Load(disk=str(2 * half - 1))]
+    train = build(parts, reference="0")
+    plan = Plan(harmonics=64, active=(0,), flank=(0,), start="march", instants=512, excited=2)
+    coarse, fine = (orbits.Search(train, 3000.0, dataclasses.replace(plan, instants=n)) for n in (512, 1024))
+    nodes, seen = np.asarray(segments.beginnings(coarse.stepper, coarse.stepper.flank_state)), []
+
+    def closed(stepper, nodes):
+        seen.append(stepper.space.observation @ nodes.T)
+        return nodes, np.zeros((1, orbits.ROOM)), np.array(0.0)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(orbits, "_closed", closed)
+        fine.close(nodes, coarse)
+    before = coarse.stepper.space.observation @ nodes.T
+    np.testing.assert_allclose(seen[0], before, atol=1e-3 * np.abs(before).max())
+    wrong = fine.stepper.space.observation @ nodes.T
+    assert np.abs(wrong - before).max() > 0.02 * np.abs(before).max()
 
 
 def test_modes_too_fast_for_the_steps_answer_statically():
