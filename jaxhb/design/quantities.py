@@ -212,7 +212,6 @@ def check_all(train, parameters, given, penalties, rpm):
     where = train.topology.name or "scene"
     faults = [] if parameters else [f"{where}: there is nothing to tune: name at least one parameter."]
     faults += [] if given else [f"{where}: there is nothing to make small: name at least one objective."]
-    faults += [] if len(rpm) else [f"{where}: no speed is given: name at least one."]
     names = [parameter.name for parameter in parameters]
     twice = sorted({name for name in names if names.count(name) > 1})
     faults += [f"{where}: parameter {name!r} is given twice: leave one out." for name in twice]

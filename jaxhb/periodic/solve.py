@@ -321,7 +321,7 @@ def check_speed(train, rpm, *, many=False):
     if np.ndim(rpm) and not many:
         raise SceneError(f"{name}: {values.size} speeds were given where one is solved: use jaxhb.solve_speeds.")
     if not values.size:
-        raise SceneError(f"{name}: no speed was given, must be at least one in rpm.")
+        raise SceneError(f"{name}: no speed is given: name at least one, in rpm.")
     for value in values:
         if not (np.isfinite(value) and value > 0):
             raise SceneError(f"{name}: the speed is {value:g} rpm, must be greater than 0 rpm: a running engine.")

@@ -273,7 +273,7 @@ def test_a_march_where_no_tooth_was_expected_to_separate_begins_above_the_mesh_m
 
 
 def test_a_sweep_of_no_speed_is_refused(pair):
-    with pytest.raises(jaxhb.SceneError, match="no speed was given"):
+    with pytest.raises(jaxhb.SceneError, match="no speed is given"):
         jaxhb.solve_speeds(pair, rpm=[])
 
 
