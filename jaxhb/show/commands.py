@@ -53,7 +53,7 @@ def solve_one(arguments):
     _answer(
         arguments,
         solve_text(response, linear),
-        json=lambda: as_json(_changes(arguments) | response_record(response, orders=arguments.orders)),
+        json=lambda: as_json(_changes(arguments) | _record(arguments, response, linear)),
         plot=lambda: _cycle_picture(arguments, response, linear),
     )
     _warn([response])
@@ -73,7 +73,7 @@ def sweep(arguments):
         _answer(
             arguments,
             sweep_text(found, linear),
-            json=lambda: _sweep_json(arguments, responses),
+            json=lambda: _sweep_json(arguments, responses, linear),
             csv=lambda: _sweep_table(responses, linear),
             plot=lambda: _sweep_picture(arguments, found, linear),
         )
@@ -207,10 +207,18 @@ def _sweep_picture(arguments, found, linear):
     return as_picture(arguments.plot, plot_sweep(found, linear))
 
 
-def _sweep_json(arguments, responses):
+def _record(arguments, response, linear):
+    """What is written of one speed, under ``without_backlash`` the same with all teeth in contact."""
+    record = response_record(response, orders=arguments.orders)
+    if any(response.topology.mesh_backlash):
+        record["without_backlash"] = response_record(linear, orders=arguments.orders)
+    return record
+
+
+def _sweep_json(arguments, responses, linear):
     records = (
-        response_record(response, orders=arguments.orders) | {"harmonics": int(response.highest_harmonic)}
-        for response in responses
+        _record(arguments, response, linear[i]) | {"harmonics": int(response.highest_harmonic)}
+        for i, response in enumerate(responses)
     )
     return as_sweep_json(_changes(arguments) | {"rpm": arguments.rpm}, records)
 

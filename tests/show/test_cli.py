@@ -77,6 +77,9 @@ def test_a_hammering_pair_exits_0_and_its_file_follows_the_contract(hammering):
     assert set(mesh["elastic"]) == SIGNAL
     assert mesh["separated_fraction"] > 0.1
     assert mesh["drive_side"] == 1
+    without = record["without_backlash"]["meshes"]["gear a|gear b"]
+    assert without["separated_fraction"] == 0 and 0 < without["max"] < mesh["max"]
+    assert (record["set"], record["misfire"]) == ({}, [])
 
 
 def test_the_numbers_of_the_file_are_those_of_python(hammering):
@@ -190,6 +193,8 @@ def test_a_sweep_says_of_each_speed_how_many_harmonics_it_took_and_what_was_chan
         rows = list(csv.DictReader(text))
     assert [int(row["harmonics"]) for row in rows] == taken
     assert taken[0] < taken[1]
+    without = [row["without_backlash"]["meshes"]["gear a|gear b"]["max"] for row in record["responses"]]
+    assert without == [float(row["gear a|gear b max N without backlash"]) for row in rows]
     assert all(float(row["gear a|gear b min N without backlash"]) < 0 for row in rows[1:])
 
 
