@@ -11,9 +11,13 @@ def namespace(*trees):
 
 
 def traced(*trees):
-    """Whether any leaf is being traced, or ``jit`` is at work: then results are traced whatever the arguments."""
-    leaves = [*jax.tree.leaves(trees), jax.lax.full((), 0.0)]
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)
+    """Whether any leaf is being traced."""
+    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trees))
+
+
+def staged():
+    """Whether ``jit`` is at work: what programs return is then traced, whatever their arguments."""
+    return traced(jax.lax.full((), 0.0))
 
 
 def concrete(*trees):

@@ -1,12 +1,13 @@
 """Compiled programs: ``jax.jit``, with options of the compiler where the host calls, one at a time."""
 
+import contextlib
 import threading
 import weakref
 from functools import cache, cached_property, update_wrapper
 
 import jax
 
-from ._arrays import traced
+from ._arrays import staged, traced
 
 OPTIONS = {"xla_cpu_use_fusion_emitters": False}
 """Of the compiler for CPUs: kernels without its fusion dialects run as fast and compile in two thirds of the time."""
@@ -25,10 +26,10 @@ class _Turn:
     def run(self, program, args, kwargs):
         """The program's result, perhaps while it still runs; it begins when the one before has ended."""
         with self.lock:
-            before, self.results = self.results, []
-            jax.block_until_ready([result() for result in before])
+            with contextlib.suppress(RuntimeError):  # whoever holds the result hears of its error
+                jax.block_until_ready([result() for result in self.results])
             found = program(*args, **kwargs)
-            self.results = [weakref.ref(leaf) for leaf in jax.tree.leaves(found)]
+            self.results = [weakref.ref(leaf) for leaf in jax.tree.leaves(found) if isinstance(leaf, jax.Array)]
             return found
 
 
@@ -49,7 +50,7 @@ class Program:
         return jax.jit(self.function, compiler_options=_known_options(), **self.static)
 
     def __call__(self, *args, **kwargs):
-        if traced(args, kwargs):
+        if traced(args, kwargs) or staged():
             return self.nested(*args, **kwargs)
         return _turn.run(self.outermost, args, kwargs)
 

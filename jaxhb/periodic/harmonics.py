@@ -3,6 +3,7 @@
 import dataclasses
 from dataclasses import dataclass
 
+import jax
 import numpy as np
 
 from .._arrays import traced
@@ -143,7 +144,8 @@ def check_plan(train, plan):
     if not known or any(gap and i not in plan.active and not plan.flank[i] for i, gap in enumerate(gaps)):
         raise SceneError(f"{name}: the plan was made for a train without this backlash or other meshes: plan again.")
     if not traced(train):
-        check_harmonics(train, plan.harmonics, plan.method)
+        with jax.ensure_compile_time_eval():  # under jit, too
+            check_harmonics(train, plan.harmonics, plan.method)
 
 
 def check_method(train, method):

@@ -187,7 +187,7 @@ class Search:
 
     def close(self, nodes, search):
         """The :class:`Orbit` near the nodes of another one, which another Search with other steps found."""
-        if self.train.topology.n_disks > LARGEST:  # its modes depend on the steps
+        if self.train.topology.n_disks > LARGEST or not np.all(self.train.disks.inertia):  # modes depend on the steps
             nodes = nodes @ (self._made[1].space.coordinates @ search._made[1].motion).T
         nodes, deflection, closure = jax.tree.map(np.asarray, _closed(self.stepper, nodes))
         found = coefficients(deflection, self.plan.instants) if closure <= SETTLED else None

@@ -11,7 +11,7 @@ from functools import cache, partial
 import jax.numpy as jnp
 import numpy as np
 
-from .._arrays import concrete, traced
+from .._arrays import concrete, staged, traced
 from .._program import Program
 from ..harmonic import fourier
 from ..linear.response import Response
@@ -108,7 +108,7 @@ def solve(train, *, rpm, plan=None, harmonics=None, tolerance=None, method=None,
             raise ValueError("harmonics, tolerance, method and integrals belong to the plan: give them to jaxhb.plan")
         return _solve_planned(train, rpm, plan, start)
     now = concrete(train, rpm)
-    if traced(now):
+    if traced(now) or staged():
         raise TypeError("solve is being traced: pass plan=jaxhb.plan(train, rpm=...), made outside")
     tolerance = 0.01 if tolerance is None else tolerance
     response, found = _solve_deciding(*now, harmonics, tolerance, method or "reduced", integrals or "sampled", start)
@@ -143,7 +143,7 @@ def plan(train, *, rpm, harmonics=None, tolerance=0.01, method="reduced", integr
     >>> jaxhb.plan(train, rpm=1500.0).active
     ()
     """
-    if traced(train, rpm):
+    if traced(train, rpm) or staged():
         raise TypeError("plan decides by value and cannot be traced: call it outside and pass its result to solve")
     response, found = _solve_deciding(train, rpm, harmonics, tolerance, method, integrals, None)
     if int(response.status) > Status.PLAN_VIOLATED:
@@ -207,7 +207,7 @@ def _solve_planned(train, rpm, plan, start):
     if isinstance(start, Response):
         given = fourier.resize(jnp.asarray(start.deflections), plan.harmonics)[choice.chosen]
         begin = Start(given * choice.active[:, None], np.array(True), np.array(0))
-    if traced(train, rpm, begin):
+    if traced(train, rpm, begin) or staged():
         return _solve_traced(train, rpm, begin, plan)
     problem = pose(train, rpm, plan.sizes.excited)
     outcome = solve_problem(problem, choice, begin, plan.limit, plan.sizes)
@@ -230,7 +230,7 @@ def respond(train, rpm, problem, outcome, plan):
     found = outcome.fields
     return Response(
         train=train,
-        rpm=jnp.asarray(rpm, dtype=float) if traced(train, rpm) else np.asarray(rpm, dtype=float),
+        rpm=jnp.asarray(rpm, dtype=float) if traced(train, rpm) or staged() else np.asarray(rpm, dtype=float),
         angles=found.angles,
         torques=found.torques,
         elastic_torques=found.elastic_torques,
@@ -382,7 +382,7 @@ def _starts(train, rpm, plan, adaptive, closure, path):
     Each is found when asked for, and told in ``path``. What was found with shorter steps is solved with as many more
     harmonics, if these are free: below their reach there may be no solution near the motion.
     """
-    finest = max(plan.instants, min(FINER * plan.instants, orbits.ROOM))
+    finest, settled = max(plan.instants, min(FINER * plan.instants, orbits.ROOM)), closure <= SETTLED
 
     @cache
     def search(instants):
@@ -408,7 +408,7 @@ def _starts(train, rpm, plan, adaptive, closure, path):
     twice = min(2 * plan.instants, finest)
     affordable = FEWEST * orbits.work_of_cycle(train, finest) <= orbits.WORK
     counts = dict.fromkeys((plan.instants, twice, finest if affordable else twice))
-    counts, closed = [n for n in counts if n > plan.instants or closure > SETTLED], False
+    counts, closed = [n for n in counts if n > plan.instants or not settled], False
     if counts:
         steady = search(counts[0]).march(min(orbits.STEADY, closure / CLOSER))
         path.append(f"march of {steady.tries} cycles of {counts[0]} steps (closure {steady.closure:.1e})")
@@ -418,7 +418,7 @@ def _starts(train, rpm, plan, adaptive, closure, path):
     for instants, orbit in itertools.islice(_in_turn(shots), ORBITS):
         path.append(f"shooting from {orbit.tries} cycles of {instants} steps (closure {orbit.closure:.1e})")
         closed |= yield from finer(orbit, instants)
-    if not (closure <= SETTLED or closed):  # a march that blew up has a closure of nan
+    if not (settled or closed):
         arrival = homotopy.find(train, rpm, dataclasses.replace(plan, instants=twice))
         outcome = "lost" if arrival.coefficients is None else "found"
         told = f"{outcome}, curve no. {arrival.curves}, {arrival.steps} steps, {arrival.folds} folds"

@@ -13,13 +13,24 @@ from ..periodic.solve import linear_response, solve
 from ..periodic.speeds import solve_speeds
 from .balance import ground_reactions, load_torques
 from .cases import cases_record, cases_text, solve_cases
-from .output import OutputError, as_csv, as_json, as_picture, as_sweep_json, check_output, check_picture, write_files
+from .output import (
+    OutputError,
+    as_csv,
+    as_json,
+    as_picture,
+    as_sweep_json,
+    check_output,
+    check_picture,
+    make_folders,
+    write_files,
+)
 from .progress import Progress
 from .report import contact_at, gears, hardest_impact, modes_record, response_record, shafts_of, status_of
 from .tables import modes_text, most_apart, solve_text, sweep_text
 from .tuned import progress_record, tuned_record, tuned_text
 
 CONVERGED, NOT_CONVERGED, INTERRUPTED = 0, 1, 130
+_CHANGES = {"set": dict, "misfire": list}
 
 
 def scenes():
@@ -36,7 +47,11 @@ def modes(arguments):
     _check_files(arguments)
     train = _train(arguments)
     found = natural_frequencies(train)
-    _answer(arguments, modes_text(found, train.topology.name), json=lambda: as_json(modes_record(found)))
+    _answer(
+        arguments,
+        modes_text(found, train.topology.name),
+        json=lambda: as_json(_changes(arguments) | modes_record(found)),
+    )
     return CONVERGED
 
 
@@ -88,8 +103,8 @@ def _sweep_both(train, arguments, progress):
     found = solve_speeds(train, rpm=rpm, **accuracy, progress=progress.advance)
     if not any(train.topology.mesh_backlash):
         return found, found
-    # With the same harmonics the program is the one that planned the sweep: nothing is compiled anew.
-    return found, solve_speeds(without_backlash(train), rpm=rpm, **accuracy)
+    # The program is the one that planned the sweep: nothing is compiled anew.
+    return found, solve_speeds(without_backlash(train), rpm=rpm)
 
 
 def report(arguments):
@@ -110,7 +125,7 @@ def report(arguments):
     _answer(
         arguments,
         cases_text(cases),
-        json=lambda: as_json({"set": dict(arguments.set)} | cases_record(cases, orders=arguments.orders)),
+        json=lambda: as_json(_changes(arguments) | cases_record(cases, orders=arguments.orders)),
         plot=lambda: _cycle_picture(arguments, cases[0].responses[chosen], cases[0].linear[chosen]),
     )
     every = [response for case in cases for response in case.responses]
@@ -153,6 +168,7 @@ class _TunedFiles:
         self.arguments, self.train, self.rpm, self.history = arguments, train, rpm, []
         _, beside = changed_scene(arguments.scene, {})
         self.copies = copies_beside(beside, Path(arguments.output).parent)
+        make_folders(self.copies)
 
     def note(self, step):
         """One step more."""
@@ -166,9 +182,7 @@ class _TunedFiles:
             name, _, field = key.rpartition(".")
             values[*elements[name], field] = value
         text, _ = changed_scene(self.arguments.scene, values, remark=f"{self.arguments.scene}, tuned by jaxhb tune.")
-        made = {self.arguments.output: [text.encode()], self.arguments.json: as_json(record)}
-        for path in self.copies:
-            Path(path).parent.mkdir(parents=True, exist_ok=True)
+        made = {self.arguments.output: [text.encode()], self.arguments.json: as_json(_changes(self.arguments) | record)}
         write_files({path: [content] for path, content in self.copies.items()} | made)
 
 
@@ -180,7 +194,7 @@ def _tell(files, progress, step):
 
 def _changes(arguments):
     """What was changed in the scene, for the files."""
-    return {"set": dict(arguments.set), "misfire": arguments.misfire}
+    return {option: made(getattr(arguments, option)) for option, made in _CHANGES.items() if hasattr(arguments, option)}
 
 
 def _given(arguments, names):
@@ -252,7 +266,7 @@ def _check_files(arguments):
     files = {option: given[option] for option in ("json", "csv", "output", "plot") if given.get(option)}
     for option, name in files.items():
         (check_picture if option == "plot" else check_output)(f"--{option}", name)
-    if len(set(files.values())) < len(files):
+    if len({Path(name).resolve() for name in files.values()}) < len(files):
         raise OutputError(f"--{' and --'.join(files)} name the same file. Give each its own.")
 
 

@@ -17,7 +17,7 @@ class OutputError(ValueError):
 
 def check_output(option, name):
     """Refuse a path that cannot be written, before the work is done."""
-    path = Path(name)
+    path = Path(name).resolve()
     if not path.parent.is_dir():
         raise OutputError(f"{option}: there is no folder {str(path.parent)!r}. Make it, or give another path.")
     if path.is_dir():
@@ -35,6 +35,13 @@ def check_picture(option, name):
         raise OutputError(f"{option}: {name!r} is no picture. Give a name that ends in {', '.join(PICTURES)}.")
     if importlib.util.find_spec("matplotlib") is None:
         raise OutputError(f'{option}: pictures need matplotlib. Install it: pip install "jaxhb[plot]".')
+
+
+def make_folders(names):
+    """Make the folders in which files of these names will lie."""
+    for name in names:
+        with _sentence(name):
+            Path(name).parent.mkdir(parents=True, exist_ok=True)
 
 
 def write_files(contents):

@@ -11,7 +11,7 @@ NEGLIGIBLE = 1e-12
 
 
 def response_record(response, *, orders=None):
-    """Everything that is reported of one response, as plain numbers in SI units; what ``solve --json`` writes.
+    """Everything that is reported of one response, as plain numbers in SI units; ``solve --json`` writes it.
 
     Parameters
     ----------

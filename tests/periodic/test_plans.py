@@ -63,6 +63,27 @@ def test_the_train_may_be_traced(pair, plan):
 def test_without_a_plan_a_traced_solve_says_what_to_pass(pair):
     with pytest.raises(TypeError, match="solve is being traced: pass plan=jaxhb.plan"):
         jax.jit(lambda rpm: jaxhb.solve(pair, rpm=rpm).angles)(1000.0)
+    with pytest.raises(TypeError, match="solve is being traced: pass plan=jaxhb.plan"):
+        jax.jit(lambda by: by * jaxhb.solve(pair, rpm=1000.0).angles)(2.0)
+    with pytest.raises(TypeError, match="plan decides by value"):
+        jax.jit(lambda by: by * jaxhb.plan(pair, rpm=1000.0).harmonics)(2.0)
+
+
+def test_what_is_constant_is_checked_under_jit_too(pair, plan):
+    def solved(damping, **asked):
+        return jaxhb.solve(pair.replace({"gear a|gear b.damping": damping}), **asked).load_kW
+
+    with pytest.raises(jaxhb.SceneError, match="must be greater than 0 rpm"):
+        jax.jit(lambda damping: solved(damping, rpm=-3000.0, plan=plan))(1.0)
+    engine = jaxhb.load_scene("six_cylinder_diesel")
+    held = jaxhb.plan(engine, rpm=1500.0)
+
+    def mean(rpm, plan):
+        return jaxhb.solve(engine, rpm=rpm, plan=plan).torque("cyl6", "flywheel").mean
+
+    assert float(jax.jit(lambda rpm: mean(rpm, held))(1500.0)) == pytest.approx(float(mean(1500.0, held)), rel=1e-9)
+    with pytest.raises(jaxhb.SceneError, match="ask for at least 24 harmonics"):
+        jax.jit(lambda rpm: mean(rpm, dataclasses.replace(held, harmonics=12)))(1500.0)
 
 
 def test_new_numbers_compile_nothing(pair, plan):
