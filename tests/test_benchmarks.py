@@ -195,6 +195,17 @@ def test_a_curve_has_medians_over_speeds_and_no_setting_that_another_beats():
     assert curves(rows) == {"rk4": [(2.0, 0.2, 3), (4.0, 0.01, 3)]}
 
 
+def test_methods_are_compared_at_the_speeds_that_all_rivals_solved():
+    from figures import compared
+
+    rows = [_row("jaxhb", "tolerance 0.01", 1.0, 1e-3, rpm=r) for r in (1, 2, 3)]
+    assert compared(rows) == {1, 2, 3}
+    rows += [_row("rk4", "steps 10", 1.0, error, rpm=r) for r, error in ((1, 0.9), (2, 1e-3))]
+    rows += [_row("rk4", "steps 10", 1.0, 1e-3, "never settles", rpm=3), _row("chain", "harmonics 64", 1.0, 0.5, rpm=1)]
+    assert compared(rows) == {2}
+    assert compared(rows[-1:]) == {1}
+
+
 def test_the_stored_rows_are_drawn(tmp_path):
     pytest.importorskip("matplotlib")
     from figures import draw, read
