@@ -16,8 +16,8 @@ integrator runs from the linear motion shifted onto its flanks until the tooth f
 ``aim``, at most 100 cycles, and at 6 % damping also for six cycles; of the compiled ones only the steps count. Where
 the stable step of Runge-Kutta is hopeless (3000 disks) its row is a prediction, six cycles from the pace of 256 steps.
 
-The first line takes an hour, 10 minutes of it at 6 %: at 1 and 2 % some speeds are not solved, and each call says so after
-18 s. A speed of 27 disks at 6 % with ``--methods harmonic rk4`` takes 40 s, one of 3000 disks 1 to 2 minutes.
+The first line takes an hour, 10 minutes of it at 6 %: at 1 and 2 % some speeds are not solved, and each call says so
+after 18 s. A speed of 27 disks at 6 % with ``--methods harmonic rk4`` takes 40 s, one of 3000 disks 1 to 2 minutes.
 """
 
 import argparse
