@@ -119,6 +119,8 @@ def _lost(ax, rows):
         if tried - settled:
             what = "finds no motion" if method == "jaxhb" else "never settles"
             notes.append((method, f"{RIVALS[method]} {what} at {len(tried - settled)} of {len(tried)} speeds"))
+    low, high = ax.get_ylim()
+    ax.set_ylim(low, high * (high / low) ** (0.09 * len(notes)))
     for line, (method, note) in enumerate(notes):
         place = {"transform": ax.transAxes, "ha": "right", "va": "top"}
         ax.text(0.97, 0.96 - 0.07 * line, note, **place, fontsize=8, color=METHODS[method][1])
@@ -205,7 +207,7 @@ def _plain(axis):
 
 def _axes(rows, columns, width, height):
     """A figure and its axes as a list; :func:`draw` removes those that stay empty."""
-    figure = Figure(figsize=(columns * width, rows * height + 0.6), layout="constrained", dpi=90)
+    figure = Figure(figsize=(columns * width, rows * height + 0.6), layout="constrained", dpi=80)
     return figure, list(figure.subplots(rows, columns, squeeze=False).flat)
 
 
