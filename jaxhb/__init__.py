@@ -1,53 +1,41 @@
-"""Harmonic balance for the forced periodic vibration of drive trains with gear backlash, in JAX."""
+"""Harmonic balance for the forced periodic vibration of drive trains with gear backlash, in JAX.
 
-from . import _x64  # noqa: F401
-from .linear.modal import natural_frequencies
-from .linear.response import Response
-from .linear.signal import Signal
-from .model.drivetrain import DriveTrain, build
-from .model.elements import Cylinder, Damper, Disk, Ground, Load, Mesh, SceneError, Shaft, Torque
-from .model.scene import load_scene, scene_names
-from .periodic.harmonics import Plan
-from .periodic.newton import Status
-from .periodic.solve import NotConverged, check, linear_response, plan, solve
-from .periodic.speeds import solve_speeds
-from .transient.referee import integrate, shooting_correction
+Names are loaded when they are first used: the command line sets what must be set before jax is imported. Importing
+jaxhb switches jax to double precision, at once where jax is already there and else with the first name that needs it.
+"""
+
+import importlib
+import sys
 
 __version__ = "0.1.0"
-__all__ = [
-    "Cylinder",
-    "Damper",
-    "Disk",
-    "DriveTrain",
-    "Ground",
-    "Load",
-    "Mesh",
-    "NotConverged",
-    "Plan",
-    "Response",
-    "SceneError",
-    "Shaft",
-    "Signal",
-    "Status",
-    "Torque",
-    "build",
-    "check",
-    "integrate",
-    "linear_response",
-    "load_scene",
-    "natural_frequencies",
-    "plan",
-    "scene_names",
-    "shooting_correction",
-    "solve",
-    "solve_speeds",
-    "tune",
-]
+
+_HOMES = {
+    "model.drivetrain": ("DriveTrain", "build"),
+    "model.elements": ("Cylinder", "Damper", "Disk", "Ground", "Load", "Mesh", "SceneError", "Shaft", "Torque"),
+    "model.scene": ("load_scene", "scene_names"),
+    "linear.modal": ("natural_frequencies",),
+    "linear.response": ("Response",),
+    "linear.signal": ("Signal",),
+    "transient.referee": ("integrate", "shooting_correction"),
+    "periodic.harmonics": ("Plan",),
+    "periodic.newton": ("Status",),
+    "periodic.solve": ("NotConverged", "check", "linear_response", "plan", "solve"),
+    "periodic.speeds": ("solve_speeds",),
+    "design": ("tune",),
+}
+_HOME = {name: home for home, names in _HOMES.items() for name in names}
+__all__ = sorted(_HOME)
+
+if "jax" in sys.modules:
+    from . import _x64  # noqa: F401
 
 
 def __getattr__(name):
-    if name == "tune":  # loads optax, which nothing else needs
-        from .design import tune
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    found = globals()[name] = getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)
+    return found
 
-        return tune
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+def __dir__():
+    return sorted([*globals(), *__all__])

@@ -4,6 +4,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from . import _x64  # noqa: F401
+
 
 def namespace(*trees):
     """jax.numpy if any leaf is a tracer or a device array, else numpy: reading results compiles nothing."""

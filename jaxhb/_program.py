@@ -1,39 +1,22 @@
-"""Compiled programs: ``jax.jit``, with options of the compiler where the host calls, one at a time."""
+"""Compiled programs: ``jax.jit``, with options of the compiler where the host calls, and not too many of them."""
 
-import contextlib
-import threading
-import weakref
 from functools import cache, cached_property, update_wrapper
+from pathlib import Path
 
 import jax
 
 from ._arrays import staged, traced
 
-OPTIONS = {"xla_cpu_use_fusion_emitters": False}
-"""Of the compiler for CPUs: kernels without its fusion dialects run as fast and compile in two thirds of the time."""
+OPTIONS = {
+    # Kernels without its fusion dialects run as fast and compile in two thirds of the time (jaxlib 0.9).
+    "xla_cpu_use_fusion_emitters": False,
+    # Sums as trees of kernels: a fifth of the memory maps and a tenth of the compile time, and nothing won.
+    "xla_disable_hlo_passes": "tree_reduction_rewriter",
+}
+"""Of the compiler for CPUs, each passed where it is known."""
 
-
-class _Turn:
-    """Outermost programs run one after another, whatever the thread.
-
-    A batched LAPACK call of jaxlib 0.10 waits on a thread of XLA's pool for others of that pool: two programs at once,
-    of two threads or of one that does not wait, may hold all of them and never return.
-    """
-
-    def __init__(self):
-        self.lock, self.results = threading.RLock(), []
-
-    def run(self, program, args, kwargs):
-        """The program's result, perhaps while it still runs; it begins when the one before has ended."""
-        with self.lock:
-            with contextlib.suppress(RuntimeError):  # whoever holds the result hears of its error
-                jax.block_until_ready([result() for result in self.results])
-            found = program(*args, **kwargs)
-            self.results = [weakref.ref(leaf) for leaf in jax.tree.leaves(found) if isinstance(leaf, jax.Array)]
-            return found
-
-
-_turn = _Turn()
+COMPILED_BETWEEN_COUNTS = 20
+"""Programs compiled, each of up to some hundred memory maps, after which the maps of the process are counted again."""
 
 
 class Program:
@@ -52,16 +35,52 @@ class Program:
     def __call__(self, *args, **kwargs):
         if traced(args, kwargs) or staged():
             return self.nested(*args, **kwargs)
-        return _turn.run(self.outermost, args, kwargs)
+        _held.limit()
+        return self.outermost(*args, **kwargs)
 
 
 @cache
 def _known_options():
-    """OPTIONS, or None where the compiler does not know them."""
+    """Those of OPTIONS that the compiler knows; None for other devices."""
     if jax.default_backend() != "cpu":
         return None
-    try:
-        jax.jit(lambda: 0, compiler_options=OPTIONS).lower().compile()
-    except jax.errors.JaxRuntimeError:
-        return None
-    return OPTIONS
+    known = {}
+    for name, value in OPTIONS.items():
+        try:
+            jax.jit(lambda: 0, compiler_options={name: value}).lower().compile()
+        except jax.errors.JaxRuntimeError:
+            continue
+        known[name] = value
+    return known
+
+
+class Held:
+    """Compiled programs of the process, all of them dropped before their memory maps reach the limit of Linux.
+
+    Beyond that limit a process ends with a segmentation fault. Programs of others are dropped as well: JAX forgets all
+    or none, and compiles again what is called again.
+    """
+
+    def __init__(self):
+        self.programs = self.counted = 0
+        jax.monitoring.register_event_duration_secs_listener(self.listen)
+
+    def listen(self, event, _, **__):
+        """Count the programs that are compiled, by whatever package."""
+        self.programs += event == "/jax/core/compile/backend_compile_duration"
+
+    def limit(self, most=None, between=COMPILED_BETWEEN_COUNTS):
+        """Drop all programs if they take more than ``most`` memory maps, by default half of those that there are."""
+        if self.programs - self.counted < between:
+            return
+        self.counted, maps = self.programs, Path("/proc/self/maps")
+        if maps.exists() and maps.read_bytes().count(b"\n") > (_half_of_all() if most is None else most):
+            jax.clear_caches()
+
+
+@cache
+def _half_of_all():
+    return int(Path("/proc/sys/vm/max_map_count").read_text()) // 2
+
+
+_held = Held()

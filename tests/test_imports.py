@@ -5,6 +5,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
+import jaxhb
+
 ROOT = Path(__file__).parents[1] / "jaxhb"
 LAYERS = ["model", "harmonic", "linear", "transient", "periodic", "design", "show"]
 
@@ -53,7 +57,30 @@ def test_only_one_place_touches_the_configuration_of_jax():
     assert touching == ["_x64.py"]
 
 
+def printed(code):
+    """What a process prints that runs ``code``."""
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
+
+
 def test_the_package_loads_neither_matplotlib_nor_optax():
-    code = "import sys, jaxhb; print([m for m in ('matplotlib', 'optax') if m in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
+    code = "import sys, jaxhb; jaxhb.solve; print([m for m in ('matplotlib', 'optax') if m in sys.modules])"
+    assert printed(code) == "[]"
+
+
+def test_the_command_line_sets_the_environment_before_jax_and_numpy_are_there():
+    code = "import sys, jaxhb.show.cli; print([m for m in ('jax', 'numpy') if m in sys.modules])"
+    assert printed(code) == "[]"
+    code = "import os, jaxhb.show.cli as c; c.main(['scenes']); import jax; print(os.environ['OPENBLAS_NUM_THREADS'])"
+    assert printed(code).splitlines()[-1] == "1"
+
+
+def test_importing_the_package_switches_jax_to_double_precision():
+    assert printed("import jax, jaxhb; print(jax.numpy.ones(1).dtype)") == "float64"
+    assert printed("import jaxhb; jaxhb.solve; import jax; print(jax.numpy.ones(1).dtype)") == "float64"
+
+
+def test_every_public_name_is_there():
+    assert set(jaxhb.__all__) <= set(dir(jaxhb))
+    assert all(getattr(jaxhb, name).__name__ == name for name in jaxhb.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'solv'"):
+        jaxhb.solv  # noqa: B018

@@ -1,1 +1,3 @@
 """Fourier-domain mathematics: arrays in, arrays out."""
+
+from .. import _x64  # noqa: F401

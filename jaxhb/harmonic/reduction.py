@@ -74,7 +74,42 @@ def solve_linear(system, omega, load, forces=None):
     force : complex array ``(L, forces, H)`` N
         Transmitted force of every link (elastic, viscous and loss-factor part), positive for ``a x_a > b x_b``.
     """
-    return _sweep(system, link_stiffness(system, omega), node_stiffness(system, omega), load, forces)
+    C, node = link_stiffness(system, omega), node_stiffness(system, omega)
+    kept = load.shape[1] if forces is None else forces
+
+    def residual(unknown):
+        displacement, force = unknown
+        pushed = C[:, None] * _bend(system, system.arm_a, system.arm_b, displacement)
+        resisted = node[:, None] * displacement + _spread(system, system.arm_a, system.arm_b, pushed)
+        return resisted, force - pushed[:, :kept]
+
+    def solve(_, given):
+        load, shift = given
+        displacement, force = _sweep(system, C, node, load, kept)
+        return displacement, force + shift
+
+    def solve_transposed(_, given):
+        moved, pushed = given
+        load = _spread(system, system.arm_a, system.arm_b, C[:, None] * pushed)
+        return _sweep(system, C, node, moved.at[:, :kept].add(load), 0)[0], pushed
+
+    # The transpose stands here, as versions of jax differ in what they transpose by themselves: not a loop that carries
+    # pivots beside loads. All that is solved for has to be linear in the loads, so are the zeros.
+    nothing = jnp.zeros((len(C), 1, 1)) * load[:1, :kept]
+    return lax.custom_linear_solve(residual, (load, nothing), solve, solve_transposed)
+
+
+def _bend(system, arm_a, arm_b, displacement):
+    """Deflections ``(L, R, H)`` of all links: D x."""
+    ends = system.tree.end_a, system.tree.end_b
+    return arm_a[:, None, None] * displacement[ends[0]] - arm_b[:, None, None] * displacement[ends[1]]
+
+
+def _spread(system, arm_a, arm_b, force):
+    """Forces ``(S, R, H)`` on the disks of forces in all links: D^T f."""
+    ends = jnp.zeros((len(system.mass), *force.shape[1:]), force.dtype)
+    ends = ends.at[system.tree.end_a].add(arm_a[:, None, None] * force)
+    return ends.at[system.tree.end_b].add(-arm_b[:, None, None] * force)
 
 
 @solve_linear.defjvp
@@ -86,11 +121,10 @@ def _solve_linear_jvp(forces, primals, tangents):
         return link_stiffness(system, omega), node_stiffness(system, omega)
 
     def bent(a, b):
-        return a[:, None, None] * displacement[system.tree.end_a] - b[:, None, None] * displacement[system.tree.end_b]
+        return _bend(system, a, b, displacement)
 
     def spread(a, b, force):
-        ends = jnp.zeros_like(displacement).at[system.tree.end_a].add(a[:, None, None] * force)
-        return ends.at[system.tree.end_b].add(-b[:, None, None] * force)
+        return _spread(system, a, b, force)
 
     arms, arms_dot = (system.arm_a, system.arm_b), (system_dot.arm_a, system_dot.arm_b)
     (C, _), (C_dot, node_dot) = jax.jvp(stiffnesses, (system, omega), (system_dot, omega_dot))

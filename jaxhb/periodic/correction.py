@@ -101,7 +101,7 @@ def invert(reduced, variation, deflection, value, samples):
         return jnp.where(left <= LOOSEST, change, jnp.nan)
 
     def solve_transposed(apply, b):
-        transposed = jax.linear_transpose(approximate, b)
+        _, transposed = jax.vjp(approximate, b)  # jax.linear_transpose of a loop fails with jax 0.9
         return solve(apply, b, lambda v: transposed(v)[0])
 
     return _coefficients(lax.custom_linear_solve(product, value, solve, solve_transposed), deflection)

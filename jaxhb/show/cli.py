@@ -40,6 +40,13 @@ the [tune] table of the scene asks (see the README). The tuned scene and the his
 that Ctrl-C leaves the best design so far; the exit status is then 130."""
 
 
+ENVIRONMENT = {
+    "OPENBLAS_NUM_THREADS": "1",  # its threads wait actively: beside a busy process a solve takes ten times as long
+    "TF_CPP_MIN_LOG_LEVEL": "3",  # the compiler warns of cached programs that come from the same machine
+}
+"""Read when numpy and jax are imported, which only commands do; what the user has set stays."""
+
+
 class Parser(argparse.ArgumentParser):
     """An argument parser that says what is wrong in one sentence and where help is."""
 
@@ -68,6 +75,8 @@ def main(argv=None):
     ...
     0
     """
+    for name, value in ENVIRONMENT.items():
+        os.environ.setdefault(name, value)
     try:
         status = _run(argv)
         sys.stdout.flush()
