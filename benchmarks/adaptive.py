@@ -12,8 +12,8 @@ from scipy.integrate import solve_ivp
 from tasks import links
 
 from jaxhb.harmonic import backlash
+from jaxhb.harmonic.excitation import highest_harmonic
 from jaxhb.harmonic.residual import backlash_meshes
-from jaxhb.model.engine import highest_harmonic
 from jaxhb.periodic.problem import pose
 from jaxhb.transient.integrate import march
 from jaxhb.transient.statespace import partition
@@ -61,7 +61,7 @@ def march_speeds(train, rpm, steps, cycles, repeats):
 
     Returns
     -------
-    deflection ``(speeds, M, steps)`` m, closure ``(speeds,)``, seconds of the first run, median of the others
+    deflection ``(speeds, M, steps)`` m, periodicity error ``(speeds,)``, seconds of the first run, median of the others
     """
     meshes, excited = backlash_meshes(train), highest_harmonic(train)
     parts = partition(pose(train, rpm[0], excited).system, meshes)
@@ -72,10 +72,12 @@ def march_speeds(train, rpm, steps, cycles, repeats):
         problem = pose(train, speed, excited)
         stepper = discretize(problem.system, meshes, problem.frequency, problem.load, steps, parts=parts)
         trace = march(stepper, on_flank(stepper), cycles)[1]
-        return trace.deflection, trace.closure
+        return trace.deflection, trace.periodicity_error
 
-    (deflection, closure), first, seconds, _ = timed(lambda: jax.block_until_ready(run(jnp.asarray(rpm))), repeats)
-    return np.asarray(deflection), np.asarray(closure), first, seconds
+    (deflection, periodicity_error), first, seconds, _ = timed(
+        lambda: jax.block_until_ready(run(jnp.asarray(rpm))), repeats
+    )
+    return np.asarray(deflection), np.asarray(periodicity_error), first, seconds
 
 
 def diffrax_march(task, solver, rtol, cycles, samples, repeats):

@@ -118,7 +118,7 @@ def full_sweep(masses, speeds):
 
 
 def condensed_sweep(masses, speeds):
-    """The deflection of the link as the only unknown, everything linear folded in; each speed from the one before."""
+    """The deflection of the link as the only unknown, everything linear condensed; each speed from the one before."""
     link, push = np.zeros(masses), np.zeros((HARMONICS + 1, masses))
     link[middle(masses) : middle(masses) + 2] = 1.0, -1.0
     push[0, 0], push[1, 0] = MEAN, SWING

@@ -47,7 +47,7 @@ class Tight(jaxhb.Plan):
         return dataclasses.replace(super().sizes, residual_tolerance=1e-13, max_steps=12, estimated=False)
 
 
-MARCHED = {"active": (0, 1), "flank": (0, 0), "start": "march", "instants": 768, "tolerance": 0.5, "excited": 4}
+MARCHED = {"active": (0, 1), "flank": (0, 0), "start": "march", "time_steps": 768, "tolerance": 0.5, "excited": 4}
 PLANS = {
     "linear": Tight(harmonics=8, active=(), flank=(0, 0), excited=4),
     "contact": Tight(harmonics=8, active=(), flank=(1, -1), excited=4),

@@ -204,7 +204,7 @@ def rivals(recorder, options):
                 z[k] = sign * 4e-3  # a thousandth of the range
                 marches = [settled(train.replace(cases[10].bench.values(z)), speed, aim)[0] for speed in rpm]
                 values.append(smooth_worst(marches, mesh))
-                open_cycles += sum(marched.closure > aim for marched in marches)
+                open_cycles += sum(marched.periodicity_error > aim for marched in marches)
             found.append((values[0] - values[1]) / 8e-3)
         gradients[aim] = np.array(found)
         apart = np.abs(gradients[aim] - gradients[AIMS[0]]).max() / np.abs(gradients[AIMS[0]]).max()
@@ -277,7 +277,7 @@ def tuning(recorder, options):
             ratio=found / wanted,
             speeds=1,
             rpm=speed,
-            notes=f"{response.path[-1].partition(': ')[2]}; closure {marched.closure:.0e}",
+            notes=f"{response.path[-1]}; closure {marched.periodicity_error:.0e}",
         )
 
 
@@ -316,7 +316,7 @@ def dampers(recorder, options):
         found = tuned_main_mass(main_mass(ring, stiffer * own[0], stronger * own[1]), bounds, ratios)
         k, b = (found.after.parameters[name] for name in names)
         reached = exact_peak(ring, k, b)
-        excess = reached / peak - 1
+        nonlinear_force = reached / peak - 1
         last, damping = found.history[-1], b / (2 * ring * NATURAL)
         recorder.add(
             what="damper",
@@ -326,8 +326,8 @@ def dampers(recorder, options):
             seconds=last.seconds,
             value=reached,
             other=peak,
-            excess=excess,
-            notes=f"peak {excess:.0e} too high, damping off by {damping / zeta - 1:.1e}; {last.number} steps",
+            nonlinear_force=nonlinear_force,
+            notes=f"peak {nonlinear_force:.0e} too high, damping off by {damping / zeta - 1:.1e}; {last.number} steps",
             damping=damping,
         )
 

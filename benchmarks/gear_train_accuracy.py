@@ -7,7 +7,7 @@
     python benchmarks/gear_train_accuracy.py times         compile time and run time at 64 and 256 harmonics
 
 Errors are sup-norm errors of the elastic tooth forces over the cycle and all meshes, relative to the largest tooth
-force; the referee is one cycle of time integration from the harmonic solution, closed by Newton's method.
+force; the reference integration is one cycle of time integration from the harmonic solution, closed by Newton's method.
 """
 
 import argparse
@@ -26,7 +26,7 @@ from jaxhb.periodic.program import Start, solve_problem
 
 SPEEDS = np.linspace(600.0, 2450.0, 10)
 STEPS_AT_1_RPM = 40 * 4333 * 120
-"""Of the referee: 40 steps per period of the highest mesh mode, 4333 Hz, whatever the law."""
+"""Of the reference integration: 40 steps per period of the highest mesh mode, 4333 Hz, whatever the law."""
 
 REFERENCE = Path(__file__).parents[1] / "tests" / "data" / "gear_train_30.json"
 
@@ -75,11 +75,11 @@ def speeds(train, levels=(256, 384, 512, 768, 1024)):
                 continue
             cells.append(f"{jaxhb.shooting_correction(response).error:.1e}")
             last = response
-        closure = jaxhb.integrate(train, rpm=rpm, cycles=30).closure
+        periodicity_error = jaxhb.integrate(train, rpm=rpm, cycles=30).periodicity_error
         gear, straight = last.gear_torque("crank gear"), linear(train, rpm).gear_torque("crank gear")
         apart = max(c.separated_fraction for c in last.contacts().values())
         print(
-            f"{rpm:6.0f}  {closure:20.1e} " + "".join(f"  {c:9s}" for c in cells),
+            f"{rpm:6.0f}  {periodicity_error:20.1e} " + "".join(f"  {c:9s}" for c in cells),
             f" {gear.max / straight.max:9.2f}  {gear.half_peak_to_peak / straight.half_peak_to_peak:14.2f}"
             f"  {100 * apart:7.1f}",
             flush=True,
@@ -117,7 +117,7 @@ def _law_row(train, damping_law, epsilon, transition):
         correction = jaxhb.shooting_correction(response, steps=steps)
         if not correction.orbit.settled:
             failed.append(
-                f"{rpm:.0f} rpm: shooting leaves a closure of {correction.orbit.closure:.1e}, error not known"
+                f"{rpm:.0f} rpm: shooting leaves a closure of {correction.orbit.periodicity_error:.1e}, error not known"
             )
         rows.append(
             (
@@ -126,7 +126,7 @@ def _law_row(train, damping_law, epsilon, transition):
                 correction.error if correction.orbit.settled else np.nan,
                 gear.max / straight.max,
                 gear.half_peak_to_peak / straight.half_peak_to_peak,
-                jaxhb.integrate(train, rpm=rpm, cycles=30, steps=steps).closure < 1e-6,
+                jaxhb.integrate(train, rpm=rpm, cycles=30, steps=steps).periodicity_error < 1e-6,
             )
         )
     columns = np.array(rows, dtype=float).T

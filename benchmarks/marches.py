@@ -11,14 +11,14 @@ from integrators import RHO, stepping
 class Marched:
     """Last cycle of a march.
 
-    deflection, rate ``(M, steps)`` m, m/s; force ``(M, steps)`` N elastic; closure : largest change of the elastic
-    tooth force against the cycle before / largest force; cycles; seconds : of the steps alone.
+    deflection, rate ``(M, steps)`` m, m/s; force ``(M, steps)`` N elastic; periodicity_error : largest change of the
+    elastic tooth force against the cycle before / largest force; cycles; seconds : of the steps alone.
     """
 
     deflection: np.ndarray
     rate: np.ndarray
     force: np.ndarray
-    closure: float
+    periodicity_error: float
     cycles: int
     seconds: float
 
@@ -43,7 +43,7 @@ def march(task, method, steps, *, cycles=None, aim=0.0, most=100, budget=np.inf,
     steps : int
         Steps per cycle.
     cycles : int, optional
-        Exactly so many; else until ``closure <= aim``, at most ``most`` cycles.
+        Exactly so many; else until ``periodicity_error <= aim``, at most ``most`` cycles.
     aim : float
     most : int
     budget : float
@@ -56,11 +56,11 @@ def march(task, method, steps, *, cycles=None, aim=0.0, most=100, budget=np.inf,
     Returns
     -------
     Marched
-        ``closure`` above ``aim`` after ``most`` cycles: it did not settle. Not finite: it diverged.
+        ``periodicity_error`` above ``aim`` after ``most`` cycles: it did not settle. Not finite: it diverged.
     """
     advance, _ = stepping(task, method, steps, rho)
     deflection, rate = np.empty((2, task.model.mesh_k.size, steps))
-    before, closure, seconds, done = np.full_like(deflection, np.inf), np.inf, 0.0, 0
+    before, periodicity_error, seconds, done = np.full_like(deflection, np.inf), np.inf, 0.0, 0
     while done < (cycles or most) and seconds < budget:
         begin = clock()
         advance(deflection, rate)
@@ -68,10 +68,10 @@ def march(task, method, steps, *, cycles=None, aim=0.0, most=100, budget=np.inf,
         done += 1
         force = task.force(deflection)
         if not np.isfinite(force).all():
-            closure = np.inf
+            periodicity_error = np.inf
             break
-        closure = float(np.abs(force - before).max() / np.abs(force).max())
+        periodicity_error = float(np.abs(force - before).max() / np.abs(force).max())
         before = force
-        if not cycles and closure <= aim:
+        if not cycles and periodicity_error <= aim:
             break
-    return Marched(deflection, rate, force, closure, done, seconds)
+    return Marched(deflection, rate, force, periodicity_error, done, seconds)

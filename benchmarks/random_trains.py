@@ -4,8 +4,8 @@ What jaxhb compiles for (names, connections, rotors, orders, damping laws, what 
 skeleton; there are 34, two of each size, so that a thousand cases share their programs. Everything else is drawn for
 each case: radii, inertias, stiffnesses (spread up to 1e6 within a train), tooth damping ratio 0.5 to 10 % and shafts
 likewise, backlash 0.05 to 0.3 mm, epsilon, transition, amplitudes, mean load from zero to five times the first
-amplitude, 300 to 8000 rpm. Loss factors exist only in harmonic methods and are left out, as the referee integrates in
-time.
+amplitude, 300 to 8000 rpm. Loss factors exist only in harmonic methods and are left out, as the reference integration
+integrates in time.
 """
 
 from dataclasses import dataclass

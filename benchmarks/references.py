@@ -26,19 +26,20 @@ SHOOTING_DISKS = 60
 class Reference:
     """A periodic motion of the meshes over one cycle.
 
-    branch : "harmonic", "march" or "both"; deflection, rate ``(M, n)`` m, m/s; closure of its cycle; steps per cycle.
+    branch : "harmonic", "march" or "both"; deflection, rate ``(M, n)`` m, m/s; periodicity error of its cycle; steps
+    per cycle.
     """
 
     branch: str
     source: str
     deflection: np.ndarray
     rate: np.ndarray
-    closure: float
+    periodicity_error: float
     period: float
     task: object
 
     def force(self, count):
-        """Elastic tooth forces ``(M, count)`` N at equal instants, cubic between the samples of l and l'."""
+        """Elastic tooth forces ``(M, count)`` N at equal time samples, cubic between the samples of l and l'."""
         size = self.deflection.shape[1]
         place = np.arange(count) * size / count
         j = place.astype(int)
@@ -91,17 +92,17 @@ def references(train, rpm, task, *, tolerance=1e-3, steps=None, budget=300.0):
         status = jaxhb.Status(int(response.status)).name
         notes.append(f"harmonic solution at {tolerance:g}: {status}, {response.harmonics} harmonics")
     own = march(task, method, steps, aim=1e-6, most=400 if small else 60, budget=budget)
-    if own.finite and own.closure <= 1e-5:
+    if own.finite and own.periodicity_error <= 1e-5:
         name = f"march of {own.cycles} cycles, {method}, {steps} steps"
-        found.append(Reference("march", name, own.deflection, own.rate, own.closure, task.period, task))
+        found.append(Reference("march", name, own.deflection, own.rate, own.periodicity_error, task.period, task))
     else:
-        notes.append(f"march of {own.cycles} cycles, {method}, {steps} steps: closure {own.closure:.1e}")
-    notes += [f"{r.source}: closure {r.closure:.1e}" for r in found if not r.closure <= 1e-4]
-    found = [r for r in found if r.closure <= 1e-4]
+        notes.append(f"march of {own.cycles} cycles, {method}, {steps} steps: closure {own.periodicity_error:.1e}")
+    notes += [f"{r.source}: closure {r.periodicity_error:.1e}" for r in found if not r.periodicity_error <= 1e-4]
+    found = [r for r in found if r.periodicity_error <= 1e-4]
     if len(found) == 2 and found[1].error(found[0].force(8192)) < SAME:
         first = found[0]
         source = f"{first.source} = {found[1].source}"
-        found = [Reference("both", source, first.deflection, first.rate, first.closure, task.period, task)]
+        found = [Reference("both", source, first.deflection, first.rate, first.periodicity_error, task.period, task)]
     return found, notes
 
 
@@ -113,7 +114,7 @@ def _shot(response, task):
     deflection, rate = response.deflection_samples(count), np.zeros((len(task.model.mesh_k), count))
     deflection[own], rate[own] = orbit.deflection, orbit.rate
     name = f"shooting, {count} steps"
-    return Reference("harmonic", name, deflection, rate, orbit.closure, task.period, task)
+    return Reference("harmonic", name, deflection, rate, orbit.periodicity_error, task.period, task)
 
 
 def _krylov(task, steps, budget):
@@ -129,13 +130,13 @@ def _krylov(task, steps, budget):
         advance(deflection, rate)
         return np.concatenate([x, v]) / scale
 
-    def closure(state, end):
+    def periodicity_error(state, end):
         change = _forces(task, end * scale) - _forces(task, state * scale)
         return float(np.abs(change).max() / np.abs(task.force(deflection)).max())
 
     state = np.concatenate([x, v]) / scale
     end = over(state)
-    best = closure(state, end)
+    best = periodicity_error(state, end)
     for _ in range(5):
         if best < 1e-6 or time.perf_counter() - begin > budget:
             break
@@ -149,10 +150,10 @@ def _krylov(task, steps, budget):
         change, _ = gmres(operator, end - state, rtol=1e-2, restart=40, maxiter=1)
         trial = state + change
         reached = over(trial)
-        now = closure(trial, reached)
+        now = periodicity_error(trial, reached)
         if not now < best:
             trial, reached = end, over(end)
-            now = closure(trial, reached)
+            now = periodicity_error(trial, reached)
         state, end, best = trial, reached, now
     over(state)
     name = f"Newton-Krylov, implicit, {steps} steps"

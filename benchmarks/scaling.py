@@ -23,7 +23,7 @@ from records import exponent, forget_peak, peak_memory, run_parts, timed
 from refined_trains import accessory_drive, refined, with_tooth_damping
 
 import jaxhb
-from jaxhb.linear.response import stack
+from jaxhb.response.response import stack
 
 COLUMNS = {
     "part": "<10s",
@@ -87,7 +87,7 @@ def _row(recorder, part, size, setting, call, repeats, share=1):
         compile_seconds=first - seconds,
         peak_MiB=peak_memory(),
         status=name if status.size == 1 else f"{(status == 0).sum()}/{status.size} good",
-        path=list(response.path),
+        path=[str(event) for event in response.path],
     )
     return seconds / share if np.isin(status, GOOD).all() else None
 

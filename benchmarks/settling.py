@@ -21,7 +21,7 @@ from records import Recorder, pin
 from stress import mode_harmonic, steps_for
 
 import jaxhb
-from jaxhb.periodic.harmonics import STRAINED
+from jaxhb.periodic.planning import STRAINED
 from jaxhb.transient.integrate import cycle
 
 CYCLES, WATCHED = 1024, 64

@@ -8,9 +8,9 @@ The trains, 3 to 60 disks and 1 to 8 meshes, are those of ``random_trains.py``: 
 and connections are static in jaxhb, and a thousand skeletons would compile thousands of programs. Case i of seed s is
 drawn from ``numpy.random.default_rng([s, i])`` whatever the number of cases.
 
-The referee is one cycle of time integration from the harmonic solution, closed by Newton's method (shooting). *Wrong*
-is a converged status with a tooth force that this correction changes by more than three times the tolerance; a referee
-that does not close says nothing and is listed. Convergence to an unstable motion is right.
+The reference integration is one cycle of time integration from the harmonic solution, closed by Newton's method
+(shooting). *Wrong* is a converged status with a tooth force that this correction changes by more than three times the
+tolerance; a reference that does not close says nothing and is listed. Convergence to an unstable motion is right.
 
 A thousand cases take hours. Those of the same seed that the file of ``--json`` already holds are not run again but
 reported with the others: a run that was cut off goes on, and more cases can be asked for later.
@@ -21,7 +21,6 @@ import collections
 import json
 import multiprocessing
 import platform
-import re
 import time
 from pathlib import Path
 
@@ -32,21 +31,21 @@ from random_trains import SKELETONS, random_case
 
 import jaxhb
 from jaxhb import Status
-from jaxhb.periodic.harmonics import MOST
+from jaxhb.periodic.request import MOST
 
 TOLERANCE = 0.01
 WRONG = 3.0
 """Times the tolerance."""
 CLASSES = {">= 5 %": (0.05, 1.0), "1-5 %": (0.01, 0.05), "< 1 %": (0.0, 0.01)}
 STEPS_PER_PERIOD = 20
-"""Of the highest mesh mode, in the referee; four times as many, and again, where it does not close or finds fault."""
+"""Of the highest mesh mode, in the reference; four times as many, and again, where it does not close or finds fault."""
 STEP_COUNTS = tuple(n * 2**k for k in range(8, 22) for n in (2, 3))
 MOST_WORK = 4e9
-"""Of the referee: steps times states squared; about a minute and a half on one core."""
+"""Of the reference integration: steps times states squared; about a minute and a half on one core."""
 LOT = 8
 """Cases of a skeleton that one of several processes runs and hands over at once: those that are lost if it is ended."""
 RESOLVED = 1e-3
-"""Errors below this are not told from those of the referee, and say nothing about the estimate."""
+"""Errors below this are not told from those of the reference integration, and say nothing about the estimate."""
 
 
 def mode_harmonic(train, rpm, share=0.01):
@@ -68,7 +67,7 @@ def referee(response, *, per_period=STEPS_PER_PERIOD):
     -------
     dict
         ``referee`` ("closed", "open", "too long" or why it refuses), ``error`` (of the elastic tooth forces, relative
-        to the largest), ``closure``, ``referee_steps``.
+        to the largest), ``periodicity_error``, ``referee_steps``.
     """
     train = response.train
     sharpest = np.pi / (2 * np.min(train.meshes.transition[np.array(train.topology.mesh_backlash)]))
@@ -82,11 +81,11 @@ def referee(response, *, per_period=STEPS_PER_PERIOD):
     except ValueError as refusal:
         return {"referee": str(refusal)}
     closed = "closed" if found.orbit.settled else "open"
-    return {"referee": closed, "error": found.error, "closure": found.orbit.closure, "referee_steps": steps}
+    return {"referee": closed, "error": found.error, "closure": found.orbit.periodicity_error, "referee_steps": steps}
 
 
 def judge(record, response):
-    """Add the referee's findings to a record; none, or bad ones, are checked with more steps until they stay."""
+    """Add the reference's findings to a record; none, or bad ones, are checked with more steps until they stay."""
     record |= referee(response)
     per_period = STEPS_PER_PERIOD
     while record["referee"] == "open" and per_period < 16 * STEPS_PER_PERIOD:
@@ -118,8 +117,8 @@ def _looks_bad(record):
 
 
 def rung(path):
-    """The path without its numbers: ``march > Newton > march > Newton``."""
-    heads = [re.split(r" of | with |[,:(]", entry)[0].strip() for entry in path]
+    """The path without its numbers: ``March > Newton > Shooting > Newton``."""
+    heads = [type(event).__name__ for event in path]
     return " > ".join(h for i, h in enumerate(heads) if i == 0 or h != heads[i - 1])
 
 
@@ -142,7 +141,11 @@ def examine(train, rpm, facts, *, harmonics=None, again=True):
             record["seconds"] = time.perf_counter() - begin
     except Exception as failure:
         return record | {"status": f"raised {type(failure).__name__}", "sentence": str(failure)}
-    record |= {"status": Status(int(response.status)).name, "harmonics": response.harmonics, "path": response.path}
+    record |= {
+        "status": Status(int(response.status)).name,
+        "harmonics": response.harmonics,
+        "path": [str(event) for event in response.path],
+    }
     record |= {"rung": rung(response.path), "residual": float(response.residual)}
     record["truncation_error"] = float(response.truncation_error)
     record["apart"] = max(float(c.separated_fraction) for c in response.contacts().values())
@@ -206,7 +209,7 @@ def report(records):
 
 
 def report_estimates(records):
-    """Print how the estimates of the truncation error compare with the referee's errors."""
+    """Print how the estimates of the truncation error compare with the reference integration's errors."""
     rows = [r for r in records if r.get("referee") == "closed" and not r["rung"].startswith("linear")]
     told = [r for r in rows if max(r["error"], r["truncation_error"]) > RESOLVED]
     print(f"\nestimate over true error, {len(told)} cases above {RESOLVED:g} ({len(rows) - len(told)} below)")

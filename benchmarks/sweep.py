@@ -16,6 +16,7 @@ from design_gradients import settled
 from records import Recorder, pin
 
 import jaxhb
+from jaxhb.response.events import Shooting
 
 COLUMNS = {"method": "<22s", "speeds": "7d", "answers": "8d", "apart": "6d", "seconds": "9.2f", "per_speed_ms": "13.2f"}
 COLUMNS |= {"notes": "<40s"}
@@ -49,11 +50,11 @@ def main(argv=None):
         any(sweep[i].mesh(name).separated_fraction > 0 for name in train.topology.mesh_names) for i in range(len(rpm))
     )
     status = Counter(jaxhb.Status(int(s)).name for s in sweep.status)
-    shot = sum("shooting" in path for path in sweep.path)
+    shot = sum(any(isinstance(event, Shooting) for event in path) for path in sweep.path)
     _row(recorder, "jaxhb", rpm, status["CONVERGED"], apart, seconds, f"first run {first:.0f} s, {shot} by shooting")
     settled(train, rpm[0], 1.0)  # compiles
     marches = [settled(train, speed, 1e-2)[0] for speed in rpm]
-    good = [m for m in marches if m.closure <= 1e-2]
+    good = [m for m in marches if m.periodicity_error <= 1e-2]
     cycles = np.median([m.cycles for m in good])
     _row(
         recorder, "Runge-Kutta", rpm, len(good), None, sum(m.seconds for m in marches), f"{cycles:.0f} cycles (median)"

@@ -10,8 +10,8 @@ from scipy.sparse.linalg import eigsh
 
 import jaxhb
 from jaxhb.harmonic import backlash, chain
+from jaxhb.harmonic.excitation import excitation, highest_harmonic
 from jaxhb.harmonic.residual import all_meshes
-from jaxhb.model.engine import excitation, highest_harmonic
 
 
 class Model(NamedTuple):
@@ -70,7 +70,7 @@ class Task:
         return 2 * np.pi / self.frequency
 
     def table(self, count, shift=0.0):
-        """Excitation ``(count, E)`` N at the instants ``(j + shift) period / count``."""
+        """Excitation ``(count, E)`` N at the time samples ``(j + shift) period / count``."""
         n = np.arange(self.load.shape[1])
         if count < 2 * n.size:
             return np.ascontiguousarray(self.table(2 * count * n.size, 2 * shift * n.size)[:: 2 * n.size])
@@ -136,8 +136,8 @@ def prepare(train, rpm):
         mesh_k=np.asarray(law.stiffness),
         mesh_r=np.asarray(meshes.viscous),
         soft=np.asarray(law.epsilon * law.stiffness),
-        low=np.asarray((1 - law.transition) * law.backlash / 2),
-        width=np.asarray(law.transition * law.backlash),
+        low=np.asarray(law.gap),
+        width=np.asarray(law.width),
         gated=np.asarray(meshes.contact_damping),
         pushed=pushed,
     )

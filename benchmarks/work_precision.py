@@ -8,9 +8,9 @@
 
 The task is ``gear_train_30`` at five speeds at which its teeth hammer, with the same tooth damping ratio at every mesh
 (the scene's own is 5 %), as it is (27 disks) and with its shafts cut into pieces (:func:`refined_trains.refined`).
-Errors are sup-norm over the cycle and all meshes, relative to the largest tooth force, at the instants that a method
-samples; to what, see :mod:`references`. Seconds are run time on one core, medians of repeats; beside it, what the first
-call took
+Errors are sup-norm over the cycle and all meshes, relative to the largest tooth force, at the time samples that a
+method samples; to what, see :mod:`references`. Seconds are run time on one core, medians of repeats; beside it, what
+the first call took
 longer (the references have compiled much of jaxhb before: ``scaling.py compile`` has its compile time). An
 integrator runs from the linear motion shifted onto its flanks until the tooth force of two cycles agrees within
 ``aim``, at most 100 cycles, and at 6 % damping also for six cycles; of the compiled ones only the steps count. Where
@@ -85,7 +85,7 @@ class Case:
             rpm=self.rpm,
             error=error,
             branch=branch,
-            references=[(r.branch, r.source, r.closure) for r in self.references],
+            references=[(r.branch, r.source, r.periodicity_error) for r in self.references],
             without=self.notes,
             **row,
         )
@@ -95,7 +95,7 @@ class Case:
         aim = setting.get("aim")
         if not found.finite:
             status = "diverged"
-        elif aim is None or found.closure <= aim:
+        elif aim is None or found.periodicity_error <= aim:
             status = "settled" if aim else "fixed cycles"
         else:
             status = "never settles" if found.cycles >= 100 else "out of time"
@@ -106,7 +106,7 @@ class Case:
             seconds=found.seconds,
             seconds_per_step=found.seconds_per_step,
             cycles=found.cycles,
-            closure=found.closure,
+            periodicity_error=found.periodicity_error,
             status=status,
         )
 
@@ -141,7 +141,7 @@ def _solved(case, label, setting, **wanted):
         status=jaxhb.Status(int(response.status)).name,
         harmonics=response.harmonics,
         estimate=float(response.truncation_error),
-        path=list(response.path),
+        path=[str(event) for event in response.path],
     )
 
 
@@ -212,7 +212,7 @@ def _integrated(case, steps, cycles):
         spread=spread,
         compile_seconds=first - seconds,
         cycles=cycles,
-        closure=orbit.closure,
+        periodicity_error=orbit.periodicity_error,
         status="fixed cycles",
     )
 
@@ -223,10 +223,10 @@ def batched(cases):
         return
     for steps in (4000,) if cases[0].options.quick else (2000, 4000, 8000):
         for cycles in (6,) if cases[0].options.quick else (6, 30):
-            deflection, closure, first, seconds = march_speeds(
+            deflection, periodicity_error, first, seconds = march_speeds(
                 cases[0].train, [case.rpm for case in cases], steps, cycles, cases[0].options.repeats
             )
-            for case, seen, change in zip(cases, deflection, closure, strict=True):
+            for case, seen, change in zip(cases, deflection, periodicity_error, strict=True):
                 case.add(
                     "exp. batch",
                     {"steps": steps, "cycles": cycles, "speeds": len(cases)},
@@ -234,7 +234,7 @@ def batched(cases):
                     seconds=seconds / len(cases),
                     compile_seconds=first - seconds,
                     cycles=cycles,
-                    closure=float(change),
+                    periodicity_error=float(change),
                     status="fixed cycles",
                 )
 

@@ -85,7 +85,7 @@ def law(mesh, l):
 
 
 def galerkin_residual(parts, angles, frequency, cycle, samples):
-    """Torque balance ``(S, N+1)`` of given angles by plain sums over instants, in N m."""
+    """Torque balance ``(S, N+1)`` of given angles by plain sums over time samples, in N m."""
     harmonics = angles.shape[1] - 1
     n = np.arange(harmonics + 1)
     t = 2 * np.pi * np.arange(samples) / samples

@@ -114,8 +114,8 @@ def test_the_chain_task_has_its_published_points(masses, frequency):
     ends = {3: (0.218, 1.303), 10: (0.180, 1.225)}[masses]
     assert all(f"{end:.3f}" in told for end in ends)
     speeds = np.linspace(1.30, frequency, 12)
-    folded, full = condensed_sweep(masses, speeds)[-1], full_sweep(masses, speeds)[-1]
-    np.testing.assert_allclose(folded, full, atol=1e-7)  # both to a residual of 1e-8
+    condensed, full = condensed_sweep(masses, speeds)[-1], full_sweep(masses, speeds)[-1]
+    np.testing.assert_allclose(condensed, full, atol=1e-7)  # both to a residual of 1e-8
     np.testing.assert_allclose(extremes(full), ends, atol=5e-4)  # half a unit of the last digit
 
 

@@ -10,7 +10,7 @@ import pytest
 import jaxhb
 
 ROOT = Path(__file__).parents[1] / "jaxhb"
-LAYERS = ["model", "harmonic", "linear", "transient", "periodic", "design", "show"]
+LAYERS = ["model", "harmonic", "response", "linear", "transient", "periodic", "design", "show"]
 
 
 def imported_layers(path):
@@ -55,6 +55,11 @@ def test_only_one_place_touches_the_configuration_of_jax():
         p.name for p in ROOT.rglob("*.py") if "jax.config" in p.read_text() and "config.update" in p.read_text()
     ]
     assert touching == ["_x64.py"]
+
+
+def test_only_the_layout_of_coefficients_transforms_between_instants_and_harmonics():
+    calling = [path.relative_to(ROOT).as_posix() for path in ROOT.rglob("*.py") if ".fft" in path.read_text()]
+    assert calling == ["harmonic/fourier.py"]
 
 
 def printed(code):

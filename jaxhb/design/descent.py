@@ -7,7 +7,7 @@ import jax
 import numpy as np
 
 from ..model.elements import SceneError
-from ..periodic.newton import Status
+from ..response.status import Status
 
 LONGEST = 1.5
 """Largest change of a z in one step: the share of the range then moves by at most 0.36."""

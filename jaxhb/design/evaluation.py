@@ -12,15 +12,25 @@ from functools import partial
 import jax
 import numpy as np
 
-from ..model.engine import listed_harmonic
-from ..periodic import harmonics as decide
-from ..periodic import march
-from ..periodic.newton import Status
+from ..harmonic.excitation import listed_harmonic
+from ..periodic.planned import BATCH
+from ..periodic.planning import next_level, plan_marching, plan_speeds
 from ..periodic.problem import pose
 from ..periodic.program import Start
+from ..periodic.request import Request
 from ..periodic.solve import solve
-from ..periodic.speeds import CHUNK, plan_speeds
-from .lanes import Form, combine, estimate_lanes, pose_designs, pull_back, pull_lanes, read_lanes, to_values
+from ..response.status import Status
+from .lanes import (
+    Form,
+    combine,
+    estimate_lanes,
+    lane_sizes,
+    pose_designs,
+    pull_back,
+    pull_lanes,
+    read_lanes,
+    to_values,
+)
 from .quantities import OF_DESIGN
 
 LADDER = 3
@@ -88,33 +98,22 @@ def plan_designs(train, rpm, tolerance, harmonics, integrals="sampled"):
 
     Returns
     -------
-    loudest : Plan
+    fallback : Plan
         Every mesh with backlash is an unknown, as fine as the finest plan that a speed needs.
     plans : list of Plan, one for each speed
     """
-    plans = plan_speeds(train, rpm, harmonics, tolerance, integrals)
+    request = Request.of(train, harmonics, tolerance, integrals=integrals)
+    plans = plan_speeds(train, rpm, request)
     plans = [plan if harmonics else _with_room(plan) for plan in plans]
-    gaps = tuple(i for i, gap in enumerate(train.topology.mesh_backlash) if gap)
     finest = max((plan for plan in plans if plan.active), key=lambda plan: plan.harmonics, default=plans[0])
-    if not gaps:
+    if not any(train.topology.mesh_backlash):
         return finest, plans
-    excited = decide.excited_harmonic(train, "reduced")
-    modes, _ = decide.mesh_mode_harmonics(train, train.topology.cycle_frequency(float(np.max(rpm))))
-    least = march.instants_for(max(modes, 2 * excited))
-    loudest = dataclasses.replace(
-        finest,
-        harmonics=harmonics or max(finest.harmonics, decide.first_level(excited, 0.0)),
-        active=gaps,
-        flank=(0,) * len(train.topology.mesh_backlash),
-        start="march",
-        instants=max(finest.instants, least) if finest.active else least,
-    )
-    return loudest, plans
+    return plan_marching(train, rpm, finest, request), plans
 
 
 def _with_room(plan):
     """The next level where teeth leave contact without separating: cheaper than programs for two levels."""
-    higher = decide.next_level(plan.harmonics, plan.method) if plan.active and plan.start == "linear" else None
+    higher = next_level(plan.harmonics, plan.method) if plan.active and not plan.marches else None
     return dataclasses.replace(plan, harmonics=higher) if higher else plan
 
 
@@ -136,7 +135,7 @@ class Bench:
 
     Attributes
     ----------
-    kinds : list of Plan, the loudest first; scales, widths : of the objectives; calls : evaluations so far
+    kinds : list of Plan, the largest first; scales, widths : of the objectives; calls : evaluations so far
     speeds : ``(A, n)`` rpm, those asked for and behind them those that follow peaks
     """
 
@@ -147,13 +146,13 @@ class Bench:
         self.train, self.rpm, self.task, self.planner, self.fixed = train, rpm, task, planner, fixed
         self.followed = [j for j, objective in enumerate(task.objectives) if objective.over == "worst"]
         self.peaks, self.speeds = peaks, rpm[None]
-        loudest, plans = planner(train, rpm)
-        self.kinds = [loudest]
+        fallback, plans = planner(train, rpm)
+        self.kinds = [fallback]
         self.scales = np.ones(len(task.objectives))
         self.widths = 0.1 * self.scales
         self.calls = 0
         excited = listed_harmonic(train.topology)
-        self.excited = excited or max(plan.harmonics for plan in (loudest, *plans))
+        self.excited = excited or max(plan.harmonics for plan in (fallback, *plans))
         moved = train.replace({p.name: train.value(p.name) for p in task.parameters})
         problem = pose(train, float(rpm[0]), self.excited)
         same = [old is new for old, new in zip(jax.tree.leaves(train), jax.tree.leaves(moved), strict=True)]
@@ -241,21 +240,21 @@ class Bench:
         short = set() if self.fixed else self._short(point, counted & point.solved)
         for number in short:
             plan = self.kinds[number]
-            higher = decide.next_level(plan.harmonics, plan.method)
-            self.kinds[number] = dataclasses.replace(plan, harmonics=higher, trust=1.0)
+            higher = next_level(plan.harmonics, plan.method)
+            self.kinds[number] = dataclasses.replace(plan, harmonics=higher, tolerance_share=1.0)
         return bool(short)
 
     def _short(self, point, counted):
         """Numbers of the plans that have too few harmonics and may have more."""
         short, numbers = set(), None
         for number, plan in enumerate(self.kinds):
-            higher = decide.next_level(plan.harmonics, plan.method)
+            higher = next_level(plan.harmonics, plan.method)
             lanes = np.argwhere(counted & (point.kind == number)) if plan.active and higher else ()
             for chunk, padded in _chunks(lanes, plan):
                 numbers = self._pose(point.z)[0] if numbers is None else numbers
                 motion = _active(point.motion[tuple(padded.T)], plan)
                 own = numbers[tuple(padded.T)]
-                errors = estimate_lanes(own, self.held, motion, plan.choice, form=self.form, plan=_shape(plan))
+                errors = estimate_lanes(own, self.held, motion, plan.choice, form=self.form, sizes=plan.sizes)
                 if (np.asarray(errors)[: len(chunk)] > plan.limit).any():
                     short.add(number)
                     break
@@ -315,7 +314,7 @@ class _Trial:
         given = np.broadcast_to(given, lanes.shape)
         for number in np.unique(self.kind[lanes]):
             plan = self.bench.kinds[number]
-            marching = plan.start == "march"
+            marching = plan.marches
             own = given & (marching | self.unmoved | (not other))
             for chunk, padded in _chunks(np.argwhere(lanes & (self.kind == number)), plan):
                 self._read(plan, chunk, padded, own[tuple(padded.T)], plan.cycles if marching and other else 0)
@@ -329,18 +328,18 @@ class _Trial:
             np.full(len(padded), SETTLED),
         )
         lanes = self.numbers[at], bench.held, bench.speeds[at]
-        shape = {"form": bench.form, "asked": bench.task.asked, "plan": _shape(plan)}
+        shape = {"form": bench.form, "asked": bench.task.asked, "sizes": lane_sizes(plan)}
         smooth, found, told = read_lanes(*lanes, start, plan.choice, **shape)
-        status, closure, motion, exact = (np.asarray(a)[: len(chunk)] for a in told)
+        status, periodicity_error, motion, exact = (np.asarray(a)[: len(chunk)] for a in told)
         self.owner[into] = len(self.pulls)
         self.pulls.append((chunk, padded, partial(pull_lanes, *lanes, found, plan.choice, **shape)))
         self.smooth[into], self.exact[into] = np.asarray(smooth)[: len(chunk)], exact
-        self.status[into], self.resumed[into] = status, given[: len(chunk)] & (closure == 0)
+        self.status[into], self.resumed[into] = status, given[: len(chunk)] & (periodicity_error == 0)
         self.motion[into] = 0.0
         self.motion[(*into, slice(None), slice(0, motion.shape[-1]))] = motion
 
     def climb(self, lanes):
-        """Solve ``lanes`` one by one, up the ladder of :func:`jaxhb.solve`, and from there under the loudest plan."""
+        """Solve ``lanes`` one by one, up the ladder of :func:`jaxhb.solve`, and from there under the largest plan."""
         bench, plan, found = self.bench, self.bench.kinds[0], np.zeros_like(lanes)
         for a, i in np.argwhere(lanes) if plan.active else ():
             train = bench.train.replace(bench.values(self.z[a]))
@@ -412,10 +411,10 @@ def summits(speeds, values, most):
 
 def _chunks(lanes, plan):
     """Batches of ``lanes`` ``(k, 2)`` and the same padded to one of few sizes: a size is a program."""
-    few = 2 * CHUNK
+    few = 2 * BATCH
     size = min(-(-len(lanes) // few), 4) * few
     if jax.default_backend() == "cpu" and plan.active:
-        size = 1 if plan.harmonics >= ALONE else CHUNK
+        size = 1 if plan.harmonics >= ALONE else BATCH
     for first in range(0, len(lanes), max(size, 1)):
         chunk = lanes[first : first + size]
         yield chunk, np.concatenate([chunk, np.repeat(chunk[-1:], size - len(chunk), axis=0)])
@@ -426,11 +425,6 @@ def _active(motion, plan):
     choice = plan.choice
     kept = motion[:, choice.chosen, : plan.harmonics + 1] * choice.active[:, None]
     return np.pad(kept, [(0, 0), (0, 0), (0, plan.harmonics + 1 - kept.shape[-1])])
-
-
-def _shape(plan):
-    """The plan less what its program does not depend on."""
-    return dataclasses.replace(plan, active=(0,) * len(plan.active), flank=(), trust=1.0, tolerance=0.5, start="march")
 
 
 def label(chosen):

@@ -16,10 +16,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._program import Program
-from ..periodic.derivative import only_if_finite
+from ..periodic.derivative import all_finite, only_if
+from ..periodic.planned import respond
 from ..periodic.problem import pose
 from ..periodic.program import differentiable, estimate, find
-from ..periodic.solve import respond
 from . import objectives
 from .quantities import OF_DESIGN, QUANTITIES, frequencies_hz, inertia_added
 
@@ -117,8 +117,8 @@ def pose_designs(train, rpm, z, *, task, excited, form):
     return jax.vjp(lambda z: jax.vmap(jax.vmap(lane, (None, 0)))(z, rpm), z)
 
 
-@partial(Program, static_argnames=("form", "asked", "plan"))
-def read_lanes(numbers, held, rpm, start, choice, *, form, asked, plan):
+@partial(Program, static_argnames=("form", "asked", "sizes"))
+def read_lanes(numbers, held, rpm, start, choice, *, form, asked, sizes):
     """Solve lanes of one plan and read their responses.
 
     Parameters
@@ -127,29 +127,29 @@ def read_lanes(numbers, held, rpm, start, choice, *, form, asked, plan):
     rpm : array ``(c,)``
     start : Start of leaves ``(c, ...)``
     choice : Choice
-    form, asked, plan : static; what ``choice`` says does not count in the plan
+    form, asked, sizes : static
 
     Returns
     -------
     smooth : array ``(c, J)``
     found : the solutions, for :func:`pull_lanes`
-    status ``(c,)``, closure of the march or 0 ``(c,)``, deflections of all meshes ``(c, M, N+1)``, readings not
-    smoothed ``(c, J)``
+    status ``(c,)``, periodicity error of the march or 0 ``(c,)``, deflections of all meshes ``(c, M, N+1)``, readings
+    not smoothed ``(c, J)``
     """
 
     def lane(numbers, speed, start):
         train, problem = form.build(numbers, held)
-        found = find(problem, choice, start, 1.0, _sizes(plan))
-        response = respond(train, speed, problem, found[0], plan)
+        found = find(problem, choice, start, 1.0, sizes)
+        response = respond(train, speed, problem, found[0], sizes)
         exact = [QUANTITIES[quantity].tell(response, of, order) for quantity, of, order in asked]
-        told = jnp.asarray(response.status), found[0].closure, response.deflections, jnp.stack(exact)
+        told = jnp.asarray(response.status), found[0].periodicity_error, response.deflections, jnp.stack(exact)
         return _smooth(response, asked), found, told
 
     return _each(lane, numbers, rpm, start)
 
 
-@partial(Program, static_argnames=("form", "asked", "plan"))
-def pull_lanes(numbers, held, rpm, found, choice, cotangent, *, form, asked, plan):
+@partial(Program, static_argnames=("form", "asked", "sizes"))
+def pull_lanes(numbers, held, rpm, found, choice, cotangent, *, form, asked, sizes):
     """What a derivative by the readings ``(c, J)`` of solved lanes is by their numbers ``(c, K)``.
 
     Arguments as in :func:`read_lanes`, ``found`` from there.
@@ -157,16 +157,17 @@ def pull_lanes(numbers, held, rpm, found, choice, cotangent, *, form, asked, pla
 
     def lane(numbers, speed, found, cotangent):
         def read(numbers):
-            train, problem = form.build(only_if_finite(numbers), held)
-            outcome = differentiable(problem, choice, found, _sizes(plan))
-            return _smooth(respond(train, speed, problem, outcome, plan), asked)
+            train, problem = form.build(only_if(all_finite(numbers), numbers), held)
+            outcome = differentiable(problem, choice, found, sizes)
+            return _smooth(respond(train, speed, problem, outcome, sizes), asked)
 
         return jax.vjp(read, numbers)[1](cotangent)[0]
 
     return _each(lane, numbers, rpm, found, cotangent)
 
 
-def _sizes(plan):
+def lane_sizes(plan):
+    """What the programs of the lanes of a plan are compiled for; whether it has enough harmonics is asked by itself."""
     return dataclasses.replace(plan.sizes, max_steps=NEWTON_STEPS, estimated=False)
 
 
@@ -181,12 +182,12 @@ def _each(lane, *batch):
     return jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], lane(*jax.tree.map(lambda leaf: leaf[0], batch)))
 
 
-@partial(Program, static_argnames=("form", "plan"))
-def estimate_lanes(numbers, held, motion, choice, *, form, plan):
+@partial(Program, static_argnames=("form", "sizes"))
+def estimate_lanes(numbers, held, motion, choice, *, form, sizes):
     """Truncation errors ``(c,)`` of solved lanes, ``motion`` ``(c, G, N+1)`` of the active meshes."""
 
     def lane(numbers, motion):
-        return estimate(form.build(numbers, held)[1], choice, motion, plan.sizes)
+        return estimate(form.build(numbers, held)[1], choice, motion, sizes)
 
     return _each(lane, numbers, motion)
 

@@ -11,12 +11,13 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 
-from ..linear.signal import _power
+from ..harmonic import fourier
 from ..model.elements import SceneError
-from ..periodic.newton import Status
+from ..response.signal import _power
+from ..response.status import Status
 
 INSTANTS = 4096
-"""Least number of instants of the cycle at which contact is looked at."""
+"""Least number of time samples of the cycle at which contact is looked at."""
 
 
 def valid(response):
@@ -55,8 +56,8 @@ def half_peak_to_peak(signal, *, p=64):
     ----------
     signal : Signal
     p : float
-        At M = ``signal.resolution`` instants the result lies between M^(-1/p) times the true value and the true value
-        (p = 64, M = 4096: 0.88 to 1).
+        At M = ``signal.resolution`` time samples the result lies between M^(-1/p) times the true value and the true
+        value (p = 64, M = 4096: 0.88 to 1).
 
     Returns
     -------
@@ -103,14 +104,14 @@ def damper_power(response, a, b=None):
     index, sense = topology.link_index(a, b)
     first, second = topology.link_ends[index]
     twist = sense * (response.angles[..., first, :] - response.angles[..., second, :])
-    omega = topology.cycle_frequency(jnp.asarray(response.rpm))[..., None] * jnp.arange(twist.shape[-1])
-    return 2 * jnp.sum((torque * jnp.conj(1j * omega * twist)).real, axis=-1)
+    rate = fourier.derivative(twist, topology.cycle_frequency(jnp.asarray(response.rpm))[..., None])
+    return 2 * jnp.sum((torque * jnp.conj(rate)).real, axis=-1)
 
 
 def separated_fraction(response, a, b=None, *, smoothing=0.02):
     """Share of the cycle in which the teeth are apart, smoothed.
 
-    The mean over the cycle of ``1 / (1 + exp((|l| - g) / w))`` with g = (1 - transition) backlash / 2 and
+    The mean over the cycle of ``1 / (1 + exp((|l| - g) / w))`` with g the gap of the law and
     w = ``smoothing`` x backlash; the share with \\|l\\| < g as w goes to zero.
 
     Parameters
@@ -136,9 +137,9 @@ def separated_fraction(response, a, b=None, *, smoothing=0.02):
 def impact_severity(response, a, b=None, *, smoothing=0.02):
     """Sum of the approach speeds of all impacts of a cycle, smoothed, m/s.
 
-    With the speed v = d|l|/dt and g as in :func:`separated_fraction`, the sum over the instants at which |l| rises
+    With the speed v = d|l|/dt and g as in :func:`separated_fraction`, the sum over the time samples at which |l| rises
     through g is the integral over the cycle of delta(|l| - g) max(v, 0)^2 dt; the delta function is a logistic bell of
-    width ``smoothing`` x backlash, which must be passed in several of the instants of the cycle.
+    width ``smoothing`` x backlash, which must be passed in several of the time samples of the cycle.
 
     Parameters
     ----------
@@ -162,8 +163,8 @@ def impact_severity(response, a, b=None, *, smoothing=0.02):
 
 
 def _motion(response, a, b, smoothing):
-    """|l|, d|l|/dt ``(..., instants)``, half the gap and the width of its smooth edge ``(..., 1)``."""
-    topology, meshes = response.topology, response.train.meshes
+    """|l|, d|l|/dt ``(..., time_steps)``, the gap and the width of its smooth edge ``(..., 1)``."""
+    topology = response.topology
     signal = usable(response).deflection(a, b)
     index = topology.link_index(a, b)[0] - response.torques.shape[-2]
     if not topology.mesh_backlash[index]:
@@ -171,13 +172,12 @@ def _motion(response, a, b, smoothing):
             f"{topology.name or 'scene'}: mesh {topology.mesh_names[index]!r} has no backlash, its teeth never part: "
             "give it a backlash, or take another objective."
         )
-    backlash = jnp.asarray(meshes.backlash)[..., index, None]
-    gap = (1 - jnp.asarray(meshes.transition)[..., index, None]) * backlash / 2
-    omega = topology.cycle_frequency(jnp.asarray(response.rpm))[..., None] * jnp.arange(signal.coefficients.shape[-1])
-    moving = dataclasses.replace(signal, coefficients=1j * omega * signal.coefficients)
+    law = jax.tree.map(lambda parameter: jnp.asarray(parameter)[..., index, None], response.law)
+    frequency = topology.cycle_frequency(jnp.asarray(response.rpm))[..., None]
+    moving = dataclasses.replace(signal, coefficients=fourier.derivative(signal.coefficients, frequency))
     count = max(INSTANTS, signal.resolution)
     values = signal.samples(count)
-    return jnp.abs(values), jnp.sign(values) * moving.samples(count), gap, smoothing * backlash
+    return jnp.abs(values), jnp.sign(values) * moving.samples(count), law.gap, smoothing * law.backlash
 
 
 def weighted_sum(values, response, *, weights=1.0):

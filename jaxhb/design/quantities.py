@@ -181,9 +181,7 @@ def frequencies_hz(train, heavy):
     Eigenvalues of ``M^(-1/2) K M^(-1/2)``; differentiable where they are simple and not zero.
     """
     system = chain.assemble(train)
-    links = np.arange(len(train.topology.link_names))
-    rows = jnp.zeros((len(links), len(heavy)))
-    rows = rows.at[links, system.tree.end_a].add(system.arm_a).at[links, system.tree.end_b].add(-system.arm_b)
+    rows = system.incidence().T
     stiffness = rows.T @ (jnp.asarray(system.stiffness)[:, None] * rows) + jnp.diag(jnp.asarray(system.ground))
     kept, light = np.flatnonzero(heavy), np.flatnonzero(~heavy)
     matrix = stiffness[np.ix_(kept, kept)]

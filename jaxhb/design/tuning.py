@@ -7,8 +7,7 @@ import numpy as np
 import optax
 
 from ..model.elements import SceneError
-from ..periodic import harmonics as decide
-from ..periodic.solve import check_speed
+from ..periodic.request import Request, check_speed
 from .descent import Descent
 from .evaluation import Bench, Reading, plan_designs, to_unbounded
 from .lanes import Task
@@ -127,10 +126,7 @@ def tune(
     check_speed(train, rpm, many=True)
     check_all(train, parameters, given, penalties, rpm)
     _check_numbers(train, optimizer, steps, starts, seed, peaks, widths)
-    decide.check_tolerance(train, tolerance)
-    decide.check_integrals(integrals, "reduced")
-    if harmonics is not None:
-        decide.check_harmonics(train, harmonics, "reduced")
+    Request.of(train, harmonics, tolerance, "reduced", integrals)
     heavy = np.concatenate([train.disks.inertia, train.dampers.inertia]) > 0
     task = Task(parameters, given, penalties, tuple(heavy.tolist()))
     planner = partial(plan_designs, tolerance=tolerance, harmonics=harmonics, integrals=integrals)

@@ -33,15 +33,50 @@ class Law:
     transition: jax.Array
     backlash: jax.Array
 
+    @property
+    def gap(self):
+        """(1 - tau) h/2 in m: the teeth are apart below it."""
+        return (1 - self.transition) * self.backlash / 2
+
+    @property
+    def width(self):
+        """tau h in m, of the smooth zone between gap and knee."""
+        return self.transition * self.backlash
+
+    @property
+    def knee(self):
+        """(1 + tau) h/2 in m: the tooth has its full stiffness beyond it."""
+        return (1 + self.transition) * self.backlash / 2
+
+    @property
+    def knee_force(self):
+        """Elastic force in N at the knee."""
+        return self.stiffness * (self.epsilon + self.transition) * self.backlash / 2
+
+    @property
+    def gap_spring_force(self):
+        """epsilon c h/2 in N, what the spring in the gap carries at most."""
+        return self.stiffness * self.epsilon * self.backlash / 2
+
     def expand(self):
         """The same parameters with a trailing axis, to meet samples of shape ``(meshes, samples)``."""
         return jax.tree.map(lambda a: a[..., None], self)
 
 
+def law_of(meshes):
+    """The :class:`Law` of the :class:`~jaxhb.model.tables.Meshes` of a train; of no meaning for linear ones."""
+    return Law(meshes.stiffness, meshes.epsilon, meshes.transition, meshes.backlash)
+
+
+def separated(law, deflection):
+    """Whether the teeth are apart."""
+    return namespace(law, deflection).abs(deflection) < law.gap
+
+
 def _pieces(law, deflection):
     xp = namespace(law, deflection)
-    width = law.transition * law.backlash
-    reach = xp.abs(deflection) - (1 - law.transition) * law.backlash / 2
+    width = law.width
+    reach = xp.abs(deflection) - law.gap
     inside = xp.clip(reach, 0.0, width)
     beyond = xp.maximum(reach - width, 0.0)  # begins where ``inside`` ends to the last bit: derivatives at the knot
     return width, inside, beyond
@@ -106,5 +141,5 @@ def mesh_slopes(law, viscous, contact_damping, deflection, rate):
 
 
 def offset(law):
-    """Constant part of the force on the contact flank: f = c l - offset for l > (1 + tau) h/2, in N."""
+    """Constant part of the force on the contact flank: f = c l - offset beyond the knee, in N."""
     return law.stiffness * (1 - law.epsilon) * law.backlash / 2

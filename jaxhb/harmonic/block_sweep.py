@@ -39,7 +39,7 @@ def regular(pivot, link):
     return jnp.where(pivot == 0, jnp.finfo(float).eps * size, pivot)
 
 
-class Places(NamedTuple):
+class Slots(NamedTuple):
     """Where a sweep keeps what the nodes under elimination have collected; few places, used again and again.
 
     own, above : int arrays ``(S,)``, place of each node and of its parent (of the root: its own); every : ``(D,)``.
@@ -50,8 +50,8 @@ class Places(NamedTuple):
     every: np.ndarray
 
 
-def places(parent):
-    """The :class:`Places` of a tree, host: a node takes one when its first branch arrives and frees it when done.
+def slots(parent):
+    """The :class:`Slots` of a tree, host: a node takes one when its first branch arrives and frees it when done.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def places(parent):
 
     Examples
     --------
-    >>> places([1, 4, 3, 4, 5, 6]).own.tolist()
+    >>> slots([1, 4, 3, 4, 5, 6]).own.tolist()
     [0, 0, 1, 1, 0, 0]
     """
     own, free, count = [-1] * len(parent), [], 0
@@ -78,7 +78,7 @@ def places(parent):
         if up < len(parent) and own[up] < 0:
             own[up] = take()
     above = [own[up] if up < len(parent) else own[node] for node, up in enumerate(parent)]
-    return Places(np.array(own, dtype=np.int32), np.array(above, dtype=np.int32), np.arange(count, dtype=np.int32))
+    return Slots(np.array(own, dtype=np.int32), np.array(above, dtype=np.int32), np.arange(count, dtype=np.int32))
 
 
 def scalar_sweep(at, near, far, link, node, load, forces=None):
@@ -86,7 +86,7 @@ def scalar_sweep(at, near, far, link, node, load, forces=None):
 
     Parameters
     ----------
-    at : Places
+    at : Slots
     near, far : arrays ``(S,)``
         Arms alpha and beta of the link to the parent; of no meaning for the root.
     link : complex array ``(S, H)``

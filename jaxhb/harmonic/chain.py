@@ -5,9 +5,9 @@ Displacements are measured on one pitch circle per rotor, ``x = R phi`` with R t
 link deflects by ``l = a x_a - b x_b``; the arms a, b are 1 for shafts and ``r/R`` for a gear on a rotor with several.
 Every rotor counts its own sense of rotation positive.
 
-The elimination order is a list of nodes, each before its parent. The seed's numbering (main chain, side branches
+The elimination order is a list of nodes, each before its parent. The source's numbering (main chain, side branches
 numbered from their free ends, a fictitious node wherever the main chain jumps over a branch) is another way to write
-the same tree: :func:`seed_numbering` produces it, :func:`parents_from_seed` reads it.
+the same tree; the tests translate it.
 """
 
 import dataclasses
@@ -19,15 +19,18 @@ import numpy as np
 
 from .._arrays import namespace
 from ..model.drivetrain import speed_ratios
-from .block_sweep import Places, places
+from .block_sweep import Slots, slots
+
+ALL = slice(None)
+"""Every link."""
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Folding:
-    """Chains of disks without teeth and without branches, folded into one link each; integer arrays, no names.
+class Condensation:
+    """Chains of disks without teeth and without branches, condensed to one link each; integer arrays, no names.
 
-    Of the n disks folded, chain after chain: disk, chain, after (the link onwards) and before (the link by which the
+    Of the n disks condensed, chain after chain: disk, chain, after (the link onwards) and before (the link by which the
     chain begins, if it lies between two disks). Of the c chains: begin and end, the disks that they lie between, first
     the t that do, and end of those with one free end: ``(t,)`` and ``(c,)``. kept ``(K,)``: the other disks; begin, end
     and ``tree`` count these. The links of ``tree`` are the t chains and after them ``plain``, links between disks that
@@ -51,20 +54,20 @@ class Tree:
     """Elimination order of S nodes joined by tree links, leaves first, root last; integer arrays, no names.
 
     node : ``(S,)`` disk of each position; parent : ``(S,)`` position of the parent, S at the root;
-    places : of the sweep; link : ``(S,)`` link to the parent, 0 at the root; from_a : ``(S,)`` whether the node is the
+    slots : of the sweep; link : ``(S,)`` link to the parent, 0 at the root; from_a : ``(S,)`` whether the node is the
     link's first end; loops : ``(n,)`` links outside the tree; end_a, end_b : ``(L,)`` disks that each link joins;
-    folding : what is left of it between the teeth, if that is known.
+    condensation : what is left of it between the teeth, if that is known.
     """
 
     node: np.ndarray
     parent: np.ndarray
-    places: Places
+    slots: Slots
     link: np.ndarray
     from_a: np.ndarray
     loops: np.ndarray
     end_a: np.ndarray
     end_b: np.ndarray
-    folding: Folding | None = None
+    condensation: Condensation | None = None
 
 
 @jax.tree_util.register_dataclass
@@ -74,6 +77,8 @@ class System:
 
     radius : ``(S,)`` m, displacement / angle; mass kg, damping N s/m, ground N/m : ``(S,)``;
     stiffness N/m, viscous N s/m, loss, arm_a, arm_b : ``(L,)``; floating : True where nothing holds the mean angle.
+
+    The incidence of links is here alone: methods take the ``links`` that are meant, by default all L.
     """
 
     tree: Tree
@@ -88,11 +93,34 @@ class System:
     arm_b: jax.Array
     floating: np.ndarray
 
-    def deflections(self, displacement, links):
-        """Deflections ``a x_a - b x_b`` of the links with indices ``links``, from displacements ``(S, ...)``."""
-        shape = (-1,) + (1,) * (displacement.ndim - 1)
-        arm_a, arm_b = self.arm_a[links].reshape(shape), self.arm_b[links].reshape(shape)
+    def _arms(self, links, ndim):
+        shape = (-1,) + (1,) * (ndim - 1)
+        return self.arm_a[links].reshape(shape), self.arm_b[links].reshape(shape)
+
+    def _at_ends(self, links, at_a, at_b):
+        """Sums ``(S, ...)`` on the disks of what the links put at their two ends, ``(n, ...)`` each."""
+        xp = namespace(self, at_a)
+        sums = xp.zeros((len(self.mass), *at_a.shape[1:]), at_a.dtype)
+        sums = _add_at(xp, sums, self.tree.end_a[links], at_a)
+        return _add_at(xp, sums, self.tree.end_b[links], at_b)
+
+    def deflections(self, displacement, links=ALL):
+        """Deflections D x ``(n, ...)``, ``a x_a - b x_b`` of each link, from displacements ``(S, ...)``."""
+        arm_a, arm_b = self._arms(links, displacement.ndim)
         return arm_a * displacement[self.tree.end_a[links]] - arm_b * displacement[self.tree.end_b[links]]
+
+    def spread(self, force, links=ALL):
+        """Forces D^T f ``(S, ...)`` on the disks, a f and -b f at the ends of each link, from forces ``(n, ...)``."""
+        arm_a, arm_b = self._arms(links, force.ndim)
+        return self._at_ends(links, arm_a * force, -arm_b * force)
+
+    def incidence(self, links=ALL):
+        """Columns of D^T ``(S, n)``: a at the first end of each link and -b at the second."""
+        return self.spread(np.eye(len(self.arm_a[links])), links)
+
+    def held_stiffness(self):
+        """``(S,)`` N/m of every disk with all others held: the diagonal of K."""
+        return self.ground + self._at_ends(ALL, self.arm_a**2 * self.stiffness, self.arm_b**2 * self.stiffness)
 
 
 @functools.lru_cache(maxsize=256)
@@ -106,11 +134,11 @@ def span(topology):
     root = topology.ground_disk[0] if topology.ground_disk else 0
     tree = span_links(ends, disks, root)
     teeth = {disk for pair in topology.mesh_ends for disk in pair}
-    return dataclasses.replace(tree, folding=fold_chains(tree, root, teeth))
+    return dataclasses.replace(tree, condensation=condense_chains(tree, root, teeth))
 
 
-def fold_chains(tree, root, teeth):
-    """The :class:`Folding` of a tree in which the disks ``teeth`` and ``root`` are kept, and all that branch."""
+def condense_chains(tree, root, teeth):
+    """The :class:`Condensation` of a tree in which the disks ``teeth`` and ``root`` are kept, and all that branch."""
     ends = list(zip(tree.end_a.tolist(), tree.end_b.tolist(), strict=True))
     disks, at = len(tree.node), [[] for _ in tree.node]
     for index, pair in enumerate(ends):
@@ -150,7 +178,7 @@ def fold_chains(tree, root, teeth):
     joints = [*zip(begin, end, strict=False), *(tuple(number[d] for d in ends[i]) for i in plain)]
     small = span_links(joints, len(kept), number[root])
     columns = np.array(rows, dtype=np.int32).reshape(-1, 4).T
-    return Folding(*columns, _index(begin), _index(end), _index(kept), _index(plain), small)
+    return Condensation(*columns, _index(begin), _index(end), _index(kept), _index(plain), small)
 
 
 def span_links(ends, disks, root):
@@ -195,7 +223,7 @@ def span_links(ends, disks, root):
     end_b = np.array([b for _, b in ends], dtype=np.int32)
     node = np.array(order, dtype=np.int32)
     from_a = end_a[link] == node if len(ends) else np.ones(disks, bool)
-    return Tree(node, parent, places(parent), link, from_a, np.array(loops, dtype=np.int32), end_a, end_b)
+    return Tree(node, parent, slots(parent), link, from_a, np.array(loops, dtype=np.int32), end_a, end_b)
 
 
 def displacement_radii(train):
@@ -227,7 +255,7 @@ def assemble(train):
     radius = displacement_radii(train)
     square = radius**2
     zeros = np.zeros_like(train.dampers.inertia) if xp is np else xp.zeros_like(train.dampers.inertia)
-    ground = _scatter(xp, radius.shape[0], topology.ground_disk, train.grounds.stiffness)
+    ground = _add_at(xp, xp.zeros(len(radius)), _index(topology.ground_disk), train.grounds.stiffness)
     shaft_at = square[_first(topology.shaft_ends)]
     ring_at = square[_index(topology.damper_disk)]
     gear_radius = xp.concatenate([xp.asarray(train.disks.radius), zeros])
@@ -261,12 +289,11 @@ def _second(ends):
     return _index([b for _, b in ends])
 
 
-def _scatter(xp, size, index, values):
-    if xp is np:
-        out = np.zeros(size)
-        np.add.at(out, _index(index), values)
-        return out
-    return xp.zeros(size).at[_index(index)].add(values)
+def _add_at(xp, sums, index, values):
+    if xp is not np:
+        return sums.at[index].add(values)
+    np.add.at(sums, index, values)
+    return sums
 
 
 def rigid_shape(train, radius):
@@ -278,63 +305,3 @@ def rigid_shape(train, radius):
 def to_angles(system, displacement):
     """Angles phi = x / R in rad of displacements ``(S, ...)`` in m."""
     return displacement / system.radius.reshape((-1,) + (1,) * (displacement.ndim - 1))
-
-
-def seed_numbering(parent):
-    """Fridman's chain of a tree: positions, with a fictitious node wherever the chain jumps over a branch.
-
-    Parameters
-    ----------
-    parent : sequence of int
-        Parent of every node, larger than the node itself; ``S`` (or 0 in 1-based sources) stands for the ground.
-
-    Returns
-    -------
-    nodes : list of int
-        The node at each place of the chain; -1 at a fictitious place.
-    image : dict
-        Fictitious place -> node whose displacement it shares (its force is handed on to that node, and the link
-        to the next place has zero stiffness).
-
-    Examples
-    --------
-    >>> seed_numbering([1, 4, 3, 4, 5, 6])
-    ([0, 1, -1, 2, 3, 4, 5], {2: 4})
-    """
-    nodes, image = [], {}
-    for node, above in enumerate(parent):
-        nodes.append(node)
-        if node + 1 < len(parent) and above != node + 1:
-            image[len(nodes)] = above
-            nodes.append(-1)
-    return nodes, image
-
-
-def parents_from_seed(places, image):
-    """Parents of the physical nodes of a chain in the seed's numbering.
-
-    Parameters
-    ----------
-    places : int
-        Number of places 1 .. ``places`` of the chain, fictitious ones included; the last is grounded.
-    image : dict
-        Fictitious place -> the place that it stands for (1-based, as the sources write it).
-
-    Returns
-    -------
-    node : int array ``(S,)``
-        Place (1-based) of every physical node, in order of elimination.
-    parent : int array ``(S,)``
-        Position of the parent; S at the root.
-
-    Examples
-    --------
-    >>> node, parent = parents_from_seed(7, {3: 6})
-    >>> node.tolist(), parent.tolist()
-    ([1, 2, 4, 5, 6, 7], [1, 4, 3, 4, 5, 6])
-    """
-    physical = [place for place in range(1, places + 1) if place not in image]
-    position = {place: s for s, place in enumerate(physical)}
-    position[places + 1] = len(physical)
-    above = [image.get(place + 1, place + 1) for place in physical]
-    return np.array(physical), np.array([position[place] for place in above], dtype=np.int32)

@@ -3,10 +3,11 @@
 The deflection ``l(t)`` of a mesh is a trigonometric polynomial, and its force is smooth along it except where ``|l|``
 passes a knot ``(1 -+ tau) h/2`` of the law: the switching times (Fridman 2009, (38), integrated arc by arc). The cycle
 is divided into ``CELLS`` equal cells per harmonic. In each of them ``l`` is a polynomial of degree ``POINTS - 1``, set
-by its values at the Gauss-Legendre instants of the cell, which also integrate the products of the law with a harmonic
-if the cell holds no switching time. A cell that may hold one is cut at its switching times, found on the polynomial,
-and every arc has Gauss-Legendre instants of its own; the moments of the force with the Legendre polynomials of the cell
-take the place of its values, so that all transforms between instants and harmonics are fast ones.
+by its values at the Gauss-Legendre time samples of the cell, which also integrate the products of the law with a
+harmonic if the cell holds no switching time. A cell that may hold one is cut at its switching times, found on the
+polynomial, and every arc has Gauss-Legendre time samples of its own; the moments of the force with the Legendre
+polynomials of the cell take the place of its values, so that all transforms between time samples and harmonics are
+fast ones.
 
 Switching times carry their derivative ``dt = -dl / l'``: first and second derivatives of the integrals with respect to
 ``l`` and the law are exact as well. (Those of an elastic force do not see the switching times move, because the law has
@@ -25,18 +26,19 @@ from . import fourier
 
 CELLS = 8
 POINTS = 8
-LEAST, LEAST_ROOM = 16, 32
+LEAST, LEAST_CAPACITY = 16, 32
 """Harmonics whose cells are taken at least; cells per mesh that can be cut: one per harmonic, at least so many."""
 
 MARGIN = 0.25
-"""By how much of the range of its values at the instants of a cell a deflection may leave that range in the cell."""
+"""By how much of the range of its values at the time samples of a cell a deflection may leave that range in the
+cell."""
 
 NEWTON_STEPS = 12
 
 _AT, _WEIGHT = legendre.leggauss(POINTS)
 _VALUES = legendre.legvander(_AT, POINTS - 1)
 _MODES = (np.arange(POINTS)[:, None] + 0.5) * _VALUES.T * _WEIGHT
-"""From values at the instants of a cell to coefficients of Legendre polynomials."""
+"""From values at the time samples of a cell to coefficients of Legendre polynomials."""
 
 _POWERS = np.array([np.pad(legendre.leg2poly(row), (0, POINTS - 1 - k)) for k, row in enumerate(np.eye(POINTS))])
 
@@ -44,10 +46,10 @@ _POWERS = np.array([np.pad(legendre.leg2poly(row), (0, POINTS - 1 - k)) for k, r
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Quadrature:
-    """Instants at which a mesh force is to be evaluated, and the integrals over them; made by :func:`divide`.
+    """Time samples at which a mesh force is to be evaluated, and the integrals over them; made by :func:`divide`.
 
-    cell : int ``(G, K)`` of the cells that are cut, ``cells`` for room left over; at : ``(G, n, K)`` instants of their
-    arcs, -1 .. 1 in the cell; weight : ``(G, n, K)`` of those; cells : per cycle.
+    cell : int ``(G, K)`` of the cells that are cut, ``cells`` for room left over; at : ``(G, n, K)`` time samples of
+    their arcs, -1 .. 1 in the cell; weight : ``(G, n, K)`` of those; cells : per cycle.
     """
 
     cell: jax.Array
@@ -56,31 +58,31 @@ class Quadrature:
     cells: int = field(metadata={"static": True})
 
     def synthesize(self, coefficients):
-        """Values ``(G, instants)``, those of all cells and then those of the arcs, from coefficients ``(G, N+1)``."""
+        """Values ``(G, time_steps)``, those of all cells and then those of the arcs, from coefficients ``(G, N+1)``."""
         smooth = _in_cells(coefficients, self.cells)
         arcs = _value(_modes(smooth, self.cell)[:, :, None], self.at)
         return jnp.concatenate([smooth.reshape(len(smooth), -1), arcs.reshape(len(arcs), -1)], axis=-1)
 
     def analyze(self, values, harmonics):
-        """Complex coefficients ``(G, harmonics+1)`` of values at the instants, of at most ``cells`` harmonics."""
+        """Complex coefficients ``(G, harmonics+1)`` of values at the time samples, of at most ``cells`` harmonics."""
         smooth = values[:, : self.cells * POINTS].reshape(-1, POINTS, self.cells)
         arcs = self.weight * values[:, self.cells * POINTS :].reshape(self.at.shape)
         moments = jnp.stack([jnp.sum(arcs * polynomial, axis=1) for polynomial in _polynomials(self.at)], axis=1)
         equivalent = jnp.einsum("gmk,jm->gjk", moments, _VALUES * (np.arange(POINTS) + 0.5))
         place = jax.vmap(lambda cells, at, new: cells.at[:, at].set(new, mode="drop"))
         smooth = place(smooth, self.cell, equivalent)
-        spectrum = jnp.fft.rfft(smooth, axis=-1, norm="forward")
+        spectrum = fourier.analyze(smooth, self.cells // 2)
         spectrum = jnp.concatenate([spectrum, jnp.conj(spectrum[..., -2::-1])], axis=-1)[..., : harmonics + 1]
         return jnp.einsum("gjn,jn->gn", spectrum, _WEIGHT[:, None] / 2 * np.conj(_shift(harmonics, self.cells)))
 
 
 def _shift(harmonics, cells):
-    """``(POINTS, N+1)``: factors that move a signal to each of the instants of the first cell."""
+    """``(POINTS, N+1)``: factors that move a signal to each of the time samples of the first cell."""
     return np.exp(1j * np.pi / cells * (_AT[:, None] + 1) * np.arange(harmonics + 1))
 
 
 def _in_cells(coefficients, cells):
-    """Values ``(G, POINTS, cells)`` at the instants of all cells."""
+    """Values ``(G, POINTS, cells)`` at the time samples of all cells."""
     moved = coefficients[:, None] * _shift(coefficients.shape[-1] - 1, cells)
     return fourier.synthesize(moved, cells)
 
@@ -93,7 +95,7 @@ def _modes(smooth, cell):
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Passages:
+class Crossings:
     """When deflections pass the knots of their laws; made by :func:`locate`, without derivatives.
 
     cell : int ``(G, K)`` of the cells that may hold a switching time, ``cells`` for room left over; low, high :
@@ -112,7 +114,7 @@ class Passages:
 
 
 def locate(law, deflection):
-    """The :class:`Passages` of deflections.
+    """The :class:`Crossings` of deflections.
 
     Parameters
     ----------
@@ -127,18 +129,18 @@ def locate(law, deflection):
     law, deflection = lax.stop_gradient((law, deflection))
     harmonics = deflection.shape[-1] - 1
     smooth = _in_cells(deflection, _cells(harmonics))
-    cell, count = _choose(smooth, _knots(law), room := max(harmonics, LEAST_ROOM))
-    return Passages(cell, *_pass(_modes(smooth, cell), _knots(law)[..., None, None]), jnp.all(count <= room))
+    cell, count = _choose(smooth, _knots(law), capacity := max(harmonics, LEAST_CAPACITY))
+    return Crossings(cell, *_pass(_modes(smooth, cell), _knots(law)[..., None, None]), jnp.all(count <= capacity))
 
 
-def divide(law, deflection, passages=None):
+def divide(law, deflection, crossings=None):
     """The :class:`Quadrature` of deflections, differentiable twice with respect to both arguments.
 
     Parameters
     ----------
     law : Law, entries ``(G,)``
     deflection : complex array ``(G, N+1)`` m
-    passages : Passages, optional
+    crossings : Crossings, optional
         Of the same law and deflection, where they are known.
 
     Returns
@@ -155,19 +157,19 @@ def divide(law, deflection, passages=None):
     >>> rule.analyze(rule.synthesize(cosine) ** 2, 2).real.round(12).tolist()
     [[0.5, 0.0, 0.25]]
     """
-    passages = locate(law, deflection) if passages is None else passages
+    crossings = locate(law, deflection) if crossings is None else crossings
     cells = _cells(deflection.shape[-1] - 1)
-    modes = _modes(_in_cells(deflection, cells), passages.cell)
-    miss = _value(modes[:, :, None, None], passages.time) - _knots(law)[..., None, None]
-    time = passages.time - passages.gain * miss
-    time = jnp.where(passages.rising, time, time[:, ::-1])
-    breaks = jnp.concatenate([passages.low, time, passages.high], axis=1)
+    modes = _modes(_in_cells(deflection, cells), crossings.cell)
+    miss = _value(modes[:, :, None, None], crossings.time) - _knots(law)[..., None, None]
+    time = crossings.time - crossings.gain * miss
+    time = jnp.where(crossings.rising, time, time[:, ::-1])
+    breaks = jnp.concatenate([crossings.low, time, crossings.high], axis=1)
     shape = (len(breaks), 1, -1, breaks.shape[-1])
     low, high = breaks[:, :-1].reshape(shape), breaks[:, 1:].reshape(shape)
     at = (high + low) / 2 + (high - low) / 2 * _AT[:, None, None]
     weight = (high - low) / 2 * _WEIGHT[:, None, None]
     shape = (len(breaks), -1, breaks.shape[-1])
-    return Quadrature(passages.cell, at.reshape(shape), weight.reshape(shape), cells)
+    return Quadrature(crossings.cell, at.reshape(shape), weight.reshape(shape), cells)
 
 
 def _cells(harmonics):
@@ -176,23 +178,23 @@ def _cells(harmonics):
 
 def _knots(law):
     """``(G, 4)``, rising."""
-    inner, outer = ((1 + side * law.transition) * law.backlash / 2 for side in (-1, 1))
-    return jnp.stack([-outer, -inner, inner, outer], axis=-1)
+    return jnp.stack([-law.knee, -law.gap, law.gap, law.knee], axis=-1)
 
 
-def _choose(smooth, knots, room):
-    """Cells ``(G, room)`` in which the deflection may pass a knot, padded with their number; and how many there are."""
+def _choose(smooth, knots, capacity):
+    """Cells ``(G, capacity)`` in which the deflection may pass a knot, padded with their number; and how many there
+    are."""
     low, high = smooth.min(1), smooth.max(1)
     slack = MARGIN * (high - low)
     low, high = (low - slack)[..., None], (high + slack)[..., None]
     passed = jnp.any((low < knots[:, None]) & (knots[:, None] < high), axis=-1)
     cells = passed.shape[-1]
-    chosen = jax.vmap(lambda one: jnp.nonzero(one, size=room, fill_value=cells)[0])(passed)
+    chosen = jax.vmap(lambda one: jnp.nonzero(one, size=capacity, fill_value=cells)[0])(passed)
     return chosen, passed.sum(-1)
 
 
 def _pass(modes, knots):
-    """What :class:`Passages` holds between ``cell`` and ``complete``."""
+    """What :class:`Crossings` holds between ``cell`` and ``complete``."""
     powers = jnp.einsum("gmk,mi->igk", modes, _POWERS)[:, :, None, None]
     rates = jnp.arange(1, POINTS)[:, None, None, None, None] * powers[1:]
     edge = jnp.ones(powers.shape[1:])

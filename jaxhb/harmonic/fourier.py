@@ -11,11 +11,15 @@ Two forms are in use, and only this module knows them:
   orthonormal basis ``1, sqrt(2) cos n Omega t, sqrt(2) sin n Omega t``. The Euclidean norm of a packed vector is
   the root mean square of its signal. Unknowns of Newton's method are packed, because the backlash law is not
   holomorphic in the complex coefficients.
+
+Nothing else in the package calls a fast Fourier transform. Numpy arrays are transformed by numpy, on the host.
 """
 
 from dataclasses import dataclass
 
 import jax.numpy as jnp
+
+from .._arrays import namespace
 
 SQRT2 = 2.0**0.5
 
@@ -28,7 +32,7 @@ def pack(coefficients):
     """
     tail = coefficients[..., 1:]
     mean = coefficients[..., :1].real
-    return jnp.concatenate([mean, SQRT2 * tail.real, -SQRT2 * tail.imag], axis=-1)
+    return namespace(tail).concatenate([mean, SQRT2 * tail.real, -SQRT2 * tail.imag], axis=-1)
 
 
 def unpack(packed):
@@ -36,11 +40,11 @@ def unpack(packed):
     harmonics = (packed.shape[-1] - 1) // 2
     cosine, sine = packed[..., 1 : harmonics + 1], packed[..., harmonics + 1 :]
     mean = packed[..., :1]
-    return jnp.concatenate([mean + 0j, (cosine - 1j * sine) / SQRT2], axis=-1)
+    return namespace(packed).concatenate([mean + 0j, (cosine - 1j * sine) / SQRT2], axis=-1)
 
 
 def synthesize(coefficients, samples):
-    """Values at ``samples`` equidistant instants of one cycle, from complex coefficients.
+    """Values at ``samples`` equidistant time samples of one cycle, from complex coefficients.
 
     Harmonics above ``samples / 2`` must be absent; ``samples >= 2N+1`` represents the signal exactly.
 
@@ -48,23 +52,29 @@ def synthesize(coefficients, samples):
     ----------
     coefficients : complex array ``(..., N+1)``
     samples : int
-        Number of instants ``t_j = 2 pi j / (Omega samples)``.
+        Number of time samples ``t_j = 2 pi j / (Omega samples)``.
 
     Returns
     -------
     real array ``(..., samples)``
     """
-    return jnp.fft.irfft(coefficients, n=samples, axis=-1, norm="forward")
+    return namespace(coefficients).fft.irfft(coefficients, n=samples, axis=-1, norm="forward")
+
+
+def sample(coefficients, count):
+    """Values ``(..., count)`` at equidistant time samples as :func:`synthesize`, but however few they are."""
+    factor = -(-(2 * coefficients.shape[-1] - 1) // count)
+    return synthesize(coefficients, factor * count)[..., ::factor]
 
 
 def analyze(values, harmonics):
     """Complex coefficients ``(..., harmonics+1)`` of sampled values ``(..., samples)``."""
-    return jnp.fft.rfft(values, axis=-1, norm="forward")[..., : harmonics + 1]
+    return namespace(values).fft.rfft(values, axis=-1, norm="forward")[..., : harmonics + 1]
 
 
 @dataclass(frozen=True)
 class Equidistant:
-    """``samples`` equidistant instants of the cycle, to evaluate a law at and to analyse what it gives."""
+    """``samples`` equidistant time samples of the cycle, to evaluate a law at and to analyse what it gives."""
 
     samples: int
 
@@ -78,8 +88,8 @@ class Equidistant:
 
 
 def derivative(coefficients, frequency):
-    """Coefficients of dx/dt: ``i n Omega x^n``, with ``frequency`` = Omega in rad/s."""
-    return 1j * frequency * jnp.arange(coefficients.shape[-1]) * coefficients
+    """Coefficients of dx/dt: ``i n Omega x^n``, with ``frequency`` = Omega in rad/s, ``()`` or ``(..., 1)``."""
+    return 1j * frequency * namespace(coefficients, frequency).arange(coefficients.shape[-1]) * coefficients
 
 
 def resize(coefficients, harmonics):
@@ -88,7 +98,7 @@ def resize(coefficients, harmonics):
     if harmonics <= present:
         return coefficients[..., : harmonics + 1]
     width = [(0, 0)] * (coefficients.ndim - 1) + [(0, harmonics - present)]
-    return jnp.pad(coefficients, width)
+    return namespace(coefficients).pad(coefficients, width)
 
 
 def packed_diagonal(gain):

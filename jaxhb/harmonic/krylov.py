@@ -35,7 +35,7 @@ def minimise_residual(apply, precondition, b, *, tolerance, steps):
     ([1.0, 2.0], 1)
     """
     norm = jnp.linalg.norm(b)
-    room = jnp.zeros((-(-steps // ROWS) * ROWS, b.shape[0]))
+    capacity = jnp.zeros((-(-steps // ROWS) * ROWS, b.shape[0]))
 
     def aside(block, state, images, directions):
         q, z = state
@@ -60,5 +60,5 @@ def minimise_residual(apply, precondition, b, *, tolerance, steps):
         share = q @ r
         return k + 1, x + share * z, r - share * q, images.at[k].set(q), directions.at[k].set(z)
 
-    used, x, r, _, _ = lax.while_loop(unfinished, extend, (0, jnp.zeros_like(b), b, room, room))
+    used, x, r, _, _ = lax.while_loop(unfinished, extend, (0, jnp.zeros_like(b), b, capacity, capacity))
     return x, jnp.linalg.norm(r) / jnp.where(norm > 0, norm, 1.0), used

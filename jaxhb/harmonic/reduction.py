@@ -1,4 +1,4 @@
-"""The linear train folded onto the meshes that can leave contact: receptances and the reduced equation.
+"""The linear train condensed to the meshes that can leave contact: receptances and the reduced equation.
 
 With every mesh taken in contact (``Z(n) = -n^2 Omega^2 M + i n Omega B + K``, mesh damping included) the steady motion
 obeys, exactly equivalent to A(x) = 0 (method.md A4.4),
@@ -7,7 +7,7 @@ obeys, exactly equivalent to A(x) = 0 (method.md A4.4),
 
 where ``phi`` is the mesh force less its linear part, ``phi = f(l) - c l + r l' (engagement - 1)`` (damping in contact).
 ``phi`` is constant while a mesh stays on one flank. The unknowns are the deflections of the active meshes alone; every
-other node is folded in by scalar sweeps, one for all harmonics.
+other node is condensed by scalar sweeps, one for all harmonics.
 """
 
 import dataclasses
@@ -79,8 +79,8 @@ def solve_linear(system, omega, load, forces=None):
 
     def residual(unknown):
         displacement, force = unknown
-        pushed = C[:, None] * _bend(system, system.arm_a, system.arm_b, displacement)
-        resisted = node[:, None] * displacement + _spread(system, system.arm_a, system.arm_b, pushed)
+        pushed = C[:, None] * system.deflections(displacement)
+        resisted = node[:, None] * displacement + system.spread(pushed)
         return resisted, force - pushed[:, :kept]
 
     def solve(_, given):
@@ -90,7 +90,7 @@ def solve_linear(system, omega, load, forces=None):
 
     def solve_transposed(_, given):
         moved, pushed = given
-        load = _spread(system, system.arm_a, system.arm_b, C[:, None] * pushed)
+        load = system.spread(C[:, None] * pushed)
         return _sweep(system, C, node, moved.at[:, :kept].add(load), 0)[0], pushed
 
     # The transpose stands here, as versions of jax differ in what they transpose by themselves: not a loop that carries
@@ -99,38 +99,18 @@ def solve_linear(system, omega, load, forces=None):
     return lax.custom_linear_solve(residual, (load, nothing), solve, solve_transposed)
 
 
-def _bend(system, arm_a, arm_b, displacement):
-    """Deflections ``(L, R, H)`` of all links: D x."""
-    ends = system.tree.end_a, system.tree.end_b
-    return arm_a[:, None, None] * displacement[ends[0]] - arm_b[:, None, None] * displacement[ends[1]]
-
-
-def _spread(system, arm_a, arm_b, force):
-    """Forces ``(S, R, H)`` on the disks of forces in all links: D^T f."""
-    ends = jnp.zeros((len(system.mass), *force.shape[1:]), force.dtype)
-    ends = ends.at[system.tree.end_a].add(arm_a[:, None, None] * force)
-    return ends.at[system.tree.end_b].add(-arm_b[:, None, None] * force)
-
-
 @solve_linear.defjvp
 def _solve_linear_jvp(forces, primals, tangents):
     (system, omega, load), (system_dot, omega_dot, load_dot) = primals, tangents
     displacement, force = solve_linear(system, omega, load)
 
-    def stiffnesses(system, omega):
-        return link_stiffness(system, omega), node_stiffness(system, omega)
+    def parts(system, omega):
+        return link_stiffness(system, omega), node_stiffness(system, omega), system.deflections(displacement)
 
-    def bent(a, b):
-        return _bend(system, a, b, displacement)
-
-    def spread(a, b, force):
-        return _spread(system, a, b, force)
-
-    arms, arms_dot = (system.arm_a, system.arm_b), (system_dot.arm_a, system_dot.arm_b)
-    (C, _), (C_dot, node_dot) = jax.jvp(stiffnesses, (system, omega), (system_dot, omega_dot))
+    (C, *_), (C_dot, node_dot, bent) = jax.jvp(parts, (system, omega), (system_dot, omega_dot))
     deflection = force / jnp.where(C == 0, 1.0, C)[:, None]
-    held = C_dot[:, None] * deflection + C[:, None] * jax.jvp(bent, arms, arms_dot)[1]
-    _, ends_dot = jax.jvp(spread, (*arms, force), (*arms_dot, held))
+    held = C_dot[:, None] * deflection + C[:, None] * bent
+    _, ends_dot = jax.jvp(type(system).spread, (system, force), (system_dot, held))
     change = solve_linear(system, omega, load_dot - node_dot[:, None] * displacement - ends_dot, forces)
     return (displacement, force[:, :forces]), (change[0], change[1] + held[:, :forces])
 
@@ -145,12 +125,12 @@ def _sweep(system, C, node, load, forces):
     loops = len(tree.loops)
     extended = load
     if loops:
-        unit = incidence(system, tree.loops)[:, :, None]
+        unit = system.incidence(tree.loops)[:, :, None]
         unit = jnp.broadcast_to(unit, (len(unit), loops, load.shape[2]))
         extended = jnp.concatenate([unit.astype(load.dtype), load], axis=1)
     wanted = loops + (load.shape[1] if forces is None else forces)
     displacement, force = scalar_sweep(
-        tree.places, near, far, C[tree.link], node[tree.node], extended[tree.node], wanted
+        tree.slots, near, far, C[tree.link], node[tree.node], extended[tree.node], wanted
     )
     displacement = jnp.zeros_like(displacement).at[tree.node].set(displacement, unique_indices=True)
     signed = jnp.where(tree.from_a, 1.0, -1.0)[:, None, None] * force
@@ -175,8 +155,8 @@ def _close_loops(system, C, displacement, link_force, loops):
     return displacement, force.at[system.tree.loops].set(closing.transpose(1, 2, 0), unique_indices=True)
 
 
-def folded_chains(system, omega):
-    """The train with its chains of disks without teeth as single links (:class:`~jaxhb.harmonic.chain.Folding`).
+def condensed_chains(system, omega):
+    """The train with its chains of disks without teeth as single links (:class:`~jaxhb.harmonic.chain.Condensation`).
 
     A disk of dynamic stiffness g between links k and c is a link kc/(k+c+g) between its neighbours, and stiffnesses
     kg/(k+c+g) and cg/(k+c+g) of these: sums without differences, so that a soft ground costs no digits.
@@ -187,7 +167,7 @@ def folded_chains(system, omega):
         Its tree and arms alone are those of the K disks that are kept.
     link, node : complex arrays ``(L, H)``, ``(K, H)`` N/m
     """
-    folding = system.tree.folding
+    condensation = system.tree.condensation
 
     def numbers(*fields, at):
         return tuple(jnp.asarray(getattr(system, name))[at] for name in fields)
@@ -205,27 +185,27 @@ def folded_chains(system, omega):
         chains = tuple(lax.dynamic_update_index_in_dim(c, new, chain, 0) for c, new in zip(chains, now, strict=True))
         return (now, chains), None
 
-    joined = len(folding.begin)
-    items = (folding.chain, jnp.diff(folding.chain, prepend=-1) != 0, folding.chain < joined)
-    items += (numbers(*elastic, at=folding.before), numbers(*elastic, at=folding.after))
-    items += (numbers("mass", "damping", "ground", at=folding.disk),)
+    joined = len(condensation.begin)
+    items = (condensation.chain, jnp.diff(condensation.chain, prepend=-1) != 0, condensation.chain < joined)
+    items += (numbers(*elastic, at=condensation.before), numbers(*elastic, at=condensation.after))
+    items += (numbers("mass", "damping", "ground", at=condensation.disk),)
     nothing = (jnp.zeros(len(omega), complex),) * 3
-    chains = (jnp.zeros((len(folding.end), len(omega)), complex),) * 3
-    if len(folding.end):
+    chains = (jnp.zeros((len(condensation.end), len(omega)), complex),) * 3
+    if len(condensation.end):
         (_, chains), _ = lax.scan(take_out, (nothing, chains), items)
-    plain = folding.plain
+    plain = condensation.plain
     link = jnp.concatenate([chains[0][:joined], _of_link(omega, *(a[:, None] for a in numbers(*elastic, at=plain)))])
-    node = node_stiffness(system, omega)[folding.kept]
-    node = node.at[folding.begin].add(chains[1][:joined]).at[folding.end].add(chains[2])
+    node = node_stiffness(system, omega)[condensation.kept]
+    node = node.at[condensation.begin].add(chains[1][:joined]).at[condensation.end].add(chains[2])
     arms = {name: jnp.concatenate([jnp.ones(joined), *numbers(name, at=plain)]) for name in ("arm_a", "arm_b")}
-    return dataclasses.replace(system, tree=folding.tree, mass=system.mass[folding.kept], **arms), link, node
+    return dataclasses.replace(system, tree=condensation.tree, mass=system.mass[condensation.kept], **arms), link, node
 
 
 @jax.custom_jvp
 def receptance(system, omega, columns):
     """Deflections per unit force ``(H, G, G)`` m/N, ``D Z^{-1} D^T``, of meshes with ``columns`` ``(S, G)`` of D^T."""
-    small, link, node = folded_chains(system, omega)
-    own = columns[system.tree.folding.kept]
+    small, link, node = condensed_chains(system, omega)
+    own = columns[system.tree.condensation.kept]
     unit = jnp.broadcast_to(own[:, :, None], (*own.shape, len(omega))).astype(complex)
     motion, _ = _sweep(small, link, node, unit, 0)
     return jnp.einsum("sg,srh->hgr", own, motion)
@@ -243,14 +223,6 @@ def _receptance_of_all_disks(system, omega, columns):
     return jnp.einsum("sg,srh->hgr", columns, motion)
 
 
-def incidence(system, links):
-    """Columns of D^T for the given links: ``(S, n)``, a at the first end and -b at the second."""
-    columns = jnp.arange(len(links))
-    shape = (system.mass.shape[0], len(links))
-    rows = jnp.zeros(shape).at[system.tree.end_a[links], columns].add(system.arm_a[links])
-    return rows.at[system.tree.end_b[links], columns].add(-system.arm_b[links])
-
-
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Reduced:
@@ -258,7 +230,7 @@ class Reduced:
 
     linear : complex ``(G, N+1)`` m, deflections with all meshes in contact; receptance : complex ``(N+1, G, G)`` m/N;
     frequency : rad/s; law, viscous N s/m, contact_damping : ``(G,)``; integrals : of phi over the cycle, "sampled" or
-    "exact" (:mod:`jaxhb.harmonic.exact`); passages : of the one deflection at which it is used, where they are known.
+    "exact" (:mod:`jaxhb.harmonic.exact`); crossings : of the one deflection at which it is used, where they are known.
     """
 
     linear: jax.Array
@@ -268,19 +240,19 @@ class Reduced:
     viscous: jax.Array
     contact_damping: jax.Array
     integrals: str = field(default="sampled", metadata={"static": True})
-    passages: exact.Passages | None = None
+    crossings: exact.Crossings | None = None
 
     def located(self, deflection):
         """The same equation, with exact integrals knowing when ``deflection`` passes the knots, to be used there."""
         if self.integrals == "sampled":
             return self
-        return dataclasses.replace(self, passages=exact.locate(self.law, deflection))
+        return dataclasses.replace(self, crossings=exact.locate(self.law, deflection))
 
-    def instants(self, deflection, samples):
-        """Where phi is evaluated: ``samples`` equidistant instants, or those of the exact integrals."""
-        return instants(self.integrals, self.law, deflection, samples, self.passages)
+    def quadrature(self, deflection, samples):
+        """Where phi is evaluated: ``samples`` equidistant time samples, or those of the exact integrals."""
+        return quadrature(self.integrals, self.law, deflection, samples, self.crossings)
 
-    def excess(self, deflection, rate):
+    def nonlinear_force(self, deflection, rate):
         """phi and its slopes in l and l' at samples ``(G, samples)``: what the linear mesh does not contain."""
         law = self.law.expand()
         viscous, gated = self.viscous[:, None], self.contact_damping[:, None]
@@ -289,39 +261,39 @@ class Reduced:
         linear = law.stiffness * deflection + viscous * rate
         return total - linear, slope - law.stiffness, rate_slope - viscous
 
-    def excess_slopes(self, deflection, samples, harmonics):
+    def nonlinear_slopes(self, deflection, samples, harmonics):
         """Coefficients ``(2, G, harmonics+1)`` of the slopes of phi in l and l'."""
-        rule = self.instants(deflection, samples)
-        _, *slopes = self.excess(*self.motion(deflection, rule))
+        rule = self.quadrature(deflection, samples)
+        _, *slopes = self.nonlinear_force(*self.motion(deflection, rule))
         return jax.vmap(lambda slope: rule.analyze(slope, harmonics))(jnp.stack(slopes))
 
-    def excess_coefficients(self, deflection, samples):
+    def nonlinear_force_coefficients(self, deflection, samples):
         """Coefficients ``(G, N+1)`` of phi."""
-        rule = self.instants(deflection, samples)
-        excess, _, _ = self.excess(*self.motion(deflection, rule))
-        return rule.analyze(excess, deflection.shape[-1] - 1)
+        rule = self.quadrature(deflection, samples)
+        nonlinear_force, _, _ = self.nonlinear_force(*self.motion(deflection, rule))
+        return rule.analyze(nonlinear_force, deflection.shape[-1] - 1)
 
     def motion(self, deflection, rule):
-        """Values of l and l' at the instants of ``rule``, from coefficients ``(G, N+1)``."""
+        """Values of l and l' at the time samples of ``rule``, from coefficients ``(G, N+1)``."""
         return jax.vmap(rule.synthesize)(jnp.stack([deflection, fourier.derivative(deflection, self.frequency)]))
 
     def sampled(self, deflection, samples):
-        """Values of l and l' at ``samples`` equidistant instants."""
+        """Values of l and l' at ``samples`` equidistant time samples."""
         return self.motion(deflection, fourier.Equidistant(samples))
 
-    def respond(self, excess):
-        """Deflections caused by coefficients ``(G, N+1)`` of excess force: G phi."""
-        return jnp.einsum("ngh,hn->gn", self.receptance, excess)
+    def respond(self, nonlinear_force):
+        """Deflections caused by coefficients ``(G, N+1)`` of nonlinear force: G phi."""
+        return jnp.einsum("ngh,hn->gn", self.receptance, nonlinear_force)
 
     def residual(self, deflection, samples):
-        """F(l) as coefficients ``(G, N+1)``, phi sampled at ``samples`` instants (method.md A6: 16 N) if at all."""
-        return deflection - self.linear + self.respond(self.excess_coefficients(deflection, samples))
+        """F(l) as coefficients ``(G, N+1)``, phi sampled at ``samples`` time samples (method.md A6: 16 N) if at all."""
+        return deflection - self.linear + self.respond(self.nonlinear_force_coefficients(deflection, samples))
 
 
-def instants(integrals, law, deflection, samples, passages=None):
-    """Instants for integrals over the cycle of forces of ``law`` at ``deflection``: "sampled" or "exact"."""
+def quadrature(integrals, law, deflection, samples, crossings=None):
+    """Time samples for integrals over the cycle of forces of ``law`` at ``deflection``: "sampled" or "exact"."""
     if integrals == "exact" and len(deflection):
-        return exact.divide(law, deflection, passages)
+        return exact.divide(law, deflection, crossings)
     return fourier.Equidistant(samples)
 
 
@@ -336,11 +308,11 @@ def truncate(reduced, harmonics):
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Folded:
+class CondensedTrain:
     """The linear train under its load, and under forces at the active meshes as well.
 
     system : System; frequency : rad/s; load : complex ``(S, E+1)`` N; columns ``(S, G)`` of D^T of the active
-    meshes. Under the load alone: mean_displacement ``(S,)`` m, mean_force ``(L,)`` N and the loudest link force N.
+    meshes. Under the load alone: mean_displacement ``(S,)`` m, mean_force ``(L,)`` N and the largest link force N.
     """
 
     system: object
@@ -349,12 +321,12 @@ class Folded:
     columns: jax.Array
     mean_displacement: jax.Array
     mean_force: jax.Array
-    loudest: jax.Array
+    largest_force: jax.Array
 
-    def combine(self, excess):
+    def combine(self, nonlinear_force):
         """Displacements ``(S, n+1)`` and link forces ``(L, n+1)`` with excess forces ``(G, n+1)`` at the meshes."""
-        harmonics = excess.shape[-1] - 1
-        load = fourier.resize(self.load, harmonics) - self.columns @ excess
+        harmonics = nonlinear_force.shape[-1] - 1
+        load = fourier.resize(self.load, harmonics) - self.columns @ nonlinear_force
         displacement, force = solve_linear(self.system, frequencies(self.frequency, harmonics), load[:, None])
         return displacement[:, 0], force[:, 0]
 
@@ -375,10 +347,10 @@ def reduce(system, frequency, load, harmonics, active, active_index, law, viscou
 
     Returns
     -------
-    Reduced, Folded
+    Reduced, CondensedTrain
     """
     load = load[:, : harmonics + 1]
-    columns = incidence(system, active_index) * active
+    columns = system.incidence(active_index) * active
     displacement, force = solve_linear(system, frequencies(frequency, load.shape[-1] - 1), load[:, None])
     linear = system.deflections(displacement[:, 0], active_index) * active[:, None]
     chunks = -(-(harmonics + 1) // CHUNK)
@@ -392,6 +364,6 @@ def reduce(system, frequency, load, harmonics, active, active_index, law, viscou
         viscous=viscous,
         contact_damping=contact_damping,
     )
-    loudest = jnp.max(jnp.abs(force), initial=0.0)
+    largest_force = jnp.max(jnp.abs(force), initial=0.0)
     mean = displacement[:, 0, 0].real, force[:, 0, 0].real
-    return reduced, Folded(system, frequency, load, columns, *mean, loudest)
+    return reduced, CondensedTrain(system, frequency, load, columns, *mean, largest_force)

@@ -4,18 +4,17 @@
 
 the Galerkin equations of Fridman 2009 (with the opposite sign), ``x`` the displacements of all disks, real packed
 coordinates ``(S, 2N+1)``. One pure function of arrays; :func:`jaxhb.harmonic.reduction.Reduced.residual` is the same
-equation folded onto the meshes.
+equation condensed to the meshes.
 """
 
 from dataclasses import dataclass
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from .._arrays import namespace
 from . import backlash, fourier, toeplitz
-from .reduction import disk_stiffness, frequencies, incidence, link_stiffness
+from .reduction import disk_stiffness, frequencies, link_stiffness
 
 
 @jax.tree_util.register_dataclass
@@ -32,19 +31,19 @@ class Nonlinear:
 def all_meshes(train):
     """Every mesh as an entry of :class:`Nonlinear`; linear ones have epsilon 1 and a gap of 1 m."""
     xp = namespace(train)
-    topology, meshes = train.topology, train.meshes
+    topology, law = train.topology, backlash.law_of(train.meshes)
     gap = np.array(topology.mesh_backlash, dtype=bool)
     first = len(topology.link_names) - len(gap)
     gated = np.array([law == "contact" for law in topology.mesh_damping_law], dtype=bool) & gap
     return Nonlinear(
         link=np.arange(first, first + len(gap), dtype=np.int32),
         law=backlash.Law(
-            stiffness=xp.asarray(meshes.stiffness),
-            epsilon=xp.where(gap, meshes.epsilon, 1.0),
-            transition=xp.where(gap, meshes.transition, 0.5),
-            backlash=xp.where(gap, meshes.backlash, 1.0),
+            stiffness=xp.asarray(law.stiffness),
+            epsilon=xp.where(gap, law.epsilon, 1.0),
+            transition=xp.where(gap, law.transition, 0.5),
+            backlash=xp.where(gap, law.backlash, 1.0),
         ),
-        viscous=xp.asarray(meshes.damping),
+        viscous=xp.asarray(train.meshes.damping),
         contact_damping=gated,
     )
 
@@ -66,7 +65,7 @@ def residual(packed, system, meshes, frequency, load, samples):
     frequency : float, Omega in rad/s
     load : complex array ``(S, N+1)`` N
     samples : int
-        Instants per cycle at which the law is evaluated; at least 2N+1, 16 N by default elsewhere.
+        Time samples per cycle at which the law is evaluated; at least 2N+1, 16 N by default elsewhere.
 
     Returns
     -------
@@ -74,11 +73,9 @@ def residual(packed, system, meshes, frequency, load, samples):
     """
     x = fourier.unpack(packed)
     harmonics = x.shape[-1] - 1
-    tree = system.tree
     omega = frequencies(frequency, harmonics)
     node = disk_stiffness(omega, system.mass[:, None], system.damping[:, None], system.ground[:, None])
-    links = np.arange(system.stiffness.shape[0])
-    deflection = system.deflections(x, links)
+    deflection = system.deflections(x)
     force = link_stiffness(system, omega) * deflection
     mesh = deflection[meshes.link]
     rate = fourier.derivative(mesh, frequency)
@@ -90,8 +87,7 @@ def residual(packed, system, meshes, frequency, load, samples):
         fourier.synthesize(rate, samples),
     )
     force = force.at[meshes.link].set(fourier.analyze(values, harmonics))
-    total = (node * x - load).at[tree.end_a].add(system.arm_a[:, None] * force)
-    return fourier.pack(total.at[tree.end_b].add(-system.arm_b[:, None] * force))
+    return fourier.pack(node * x - load + system.spread(force))
 
 
 def link_blocks(packed, system, meshes, frequency, samples):
@@ -122,16 +118,3 @@ def node_blocks(system, frequency, harmonics):
     omega = frequencies(frequency, harmonics)
     node = disk_stiffness(omega, system.mass[:, None], system.damping[:, None], system.ground[:, None])
     return fourier.packed_diagonal(node + 0j)
-
-
-def jacobian(packed, system, meshes, frequency, samples):
-    """The dense Jacobian ``(S P, S P)`` of A(x), assembled from Toeplitz blocks; the oracle of autodiff."""
-    disks, width = packed.shape
-    links = np.arange(system.stiffness.shape[0])
-    columns = incidence(system, links)
-    blocks = link_blocks(packed, system, meshes, frequency, samples)
-    matrix = jnp.einsum("sl,tl,lij->sitj", columns, columns, blocks)
-    node = node_blocks(system, frequency, (width - 1) // 2)
-    disk = jnp.arange(disks)
-    matrix = matrix.transpose(0, 2, 1, 3).at[disk, disk].add(node).transpose(0, 2, 1, 3)
-    return matrix.reshape(disks * width, disks * width)

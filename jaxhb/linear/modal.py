@@ -52,10 +52,7 @@ def natural_frequencies(train):
     """
     system = chain.assemble(train)
     disks, links = len(system.mass), len(system.stiffness)
-    rows = np.zeros((links, disks))
-    at = np.arange(links)
-    rows[at, system.tree.end_a] += np.sqrt(system.stiffness) * system.arm_a
-    rows[at, system.tree.end_b] -= np.sqrt(system.stiffness) * system.arm_b
+    rows = np.sqrt(system.stiffness)[:, None] * system.incidence().T
     held = np.flatnonzero(system.ground)
     soft = np.zeros((len(held), disks))
     soft[np.arange(len(held)), held] = np.sqrt(system.ground[held])
@@ -71,7 +68,7 @@ def natural_frequencies(train):
     order = np.argsort(omega, kind="stable")
     displacement = follow @ (right[order] / root).T
     strain = np.zeros((links + len(held), len(order)))
-    strain[:links] = _strain(system, displacement)
+    strain[:links] = system.stiffness[:, None] * system.deflections(displacement) ** 2
     strain[links:] = system.ground[held][:, None] * displacement[held] ** 2
     first = links - len(train.topology.mesh_names)
     total = strain.sum(0)
@@ -81,11 +78,6 @@ def natural_frequencies(train):
     largest = np.abs(angles).argmax(1)
     angles = angles / angles[np.arange(len(order)), largest][:, None]
     return Modes(train.topology.disk_names, omega[order] / (2 * np.pi), angles, share)
-
-
-def _strain(system, displacement):
-    deflection = system.deflections(displacement, np.arange(len(system.stiffness)))
-    return system.stiffness[:, None] * deflection**2
 
 
 def _condense(rows, heavy):

@@ -105,7 +105,7 @@ def _harmonic_needs(parts, ratio) -> list[tuple]:
         orders = _orders(cylinder.gas_torque)
         needs += [("cylinder", i, f"order {o:g}", o * factor, "gas_torque_mean") for o in orders]
         if cylinder.pressure is not None and parts.usable("cylinder", i, "pressure"):
-            turns = 2 if tables.is_four_stroke(cylinder.pressure) else 1
+            turns = tables.gas_revolutions(cylinder)
             text = f"one gas cycle of {turns} revolution{'s' if turns > 1 else ''}"
             needs.append(("cylinder", i, text, factor / turns, ""))
         moving = parts.usable("cylinder", i, "stroke", "reciprocating_mass") and cylinder.stroke is not None
@@ -165,7 +165,7 @@ def _cylinder_topology(parts, ratio, cycle) -> dict:
     cylinders, disks = parts.tables["cylinder"], parts.sits_on("cylinder")
     turn = [ratio[d] * cycle for d in disks]
     turn = [float(round(v)) if train_checks.whole(v) else v for v in turn]
-    turns = [2 if c.pressure and tables.is_four_stroke(c.pressure) else 1 for c in cylinders]
+    turns = [tables.gas_revolutions(c) for c in cylinders]
     given = [c.gas_torque is not None or c.gas_torque_mean is not None for c in cylinders]
     source = ["pressure" if c.pressure else "harmonics" if g else "none" for c, g in zip(cylinders, given, strict=True)]
     return {

@@ -94,6 +94,25 @@ def _set(vector, new):
     return vector
 
 
+def within_range(train):
+    """Whether every number lies in the range of its field, a bool that may be traced; nan does not count as outside."""
+    inside = [jnp.array(True)]
+    for table, attribute in _TABLE_OF.items():
+        for declared in dataclasses.fields(TABLES[table]):
+            limits, values = declared.metadata.get("range"), getattr(getattr(train, attribute), declared.name, None)
+            if limits is None or values is None:
+                continue
+            values = jnp.asarray(values)
+            outside = jnp.zeros(values.shape, dtype=bool)
+            for wrong, limit in ((jnp.less_equal, limits.above), (jnp.less, limits.least)):
+                outside |= False if limit is None else wrong(values, limit)
+            for wrong, limit in ((jnp.greater_equal, limits.below), (jnp.greater, limits.most)):
+                outside |= False if limit is None else wrong(values, limit)
+            zero_if_absent = declared.default is None and declared.name not in ("epsilon", "transition")
+            inside.append(~jnp.any(outside & (values != 0.0) if zero_if_absent else outside))
+    return jnp.all(jnp.stack(inside))
+
+
 def _value_errors(train, key, table, field, index, value) -> list[str]:
     """Check shape and, where it is concrete, range of a new value."""
     where = f"{train.topology.name or 'scene'}, replace {key!r}"

@@ -1,10 +1,11 @@
-"""The crank-slider: its kinematics (NumPy or JAX) and the harmonics of its gas and inertia torques (JAX)."""
+"""The crank-slider: its kinematics, gas torque (NumPy or JAX) and inertia torque (JAX)."""
 
 from __future__ import annotations
 
 import jax.numpy as jnp
+import numpy as np
 
-import jaxhb._x64  # noqa: F401
+from jaxhb._arrays import namespace
 
 CRANK_SAMPLES = 512
 
@@ -67,66 +68,33 @@ def short_series_acceleration(angle, stroke, rod, *, xp=jnp):
     )
 
 
-def gas_torque_harmonics(pressure, bore, stroke, rod, *, revolutions):
-    """Harmonics of p A x'(a) over the gas cycle, of a pressure on a uniform grid from firing top dead centre
-    on.
+def gas_torque(pressure, bore, stroke, rod, *, revolutions):
+    """p A x'(a) in N m [..., M] at equal steps of the gas cycle from firing top dead centre on, in NumPy or JAX.
 
     Parameters
     ----------
     pressure : array [..., M]
-        Pressure on the piston, Pa, at M equal steps of the gas cycle.
+        Pressure on the piston, Pa, at these steps.
     bore, stroke, rod : array [...]
         m.
     revolutions : array [...]
         Revolutions of the crank in a gas cycle: 2 (four-stroke) or 1.
-
-    Returns
-    -------
-    array [..., M//2 + 1], complex
-        N m; entry 0 the mean, entry k the coefficient of exp(i k a / revolutions), half the peak amplitude.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from jaxhb.model.crank import gas_torque_harmonics
-    >>> abs(gas_torque_harmonics(np.ones(64) * 1e5, 0.1, 0.1, 0.2, revolutions=2)[0]) < 1e-9
-    Array(True, dtype=bool)
     """
-    pressure = jnp.asarray(pressure, dtype=jnp.float64)
-    bore, stroke, rod, revolutions = (jnp.asarray(v)[..., None] for v in (bore, stroke, rod, revolutions))
+    xp = namespace(pressure, bore, stroke, rod)
+    pressure, *sizes = (xp.asarray(v, dtype=float) for v in (pressure, bore, stroke, rod, revolutions))
+    bore, stroke, rod, revolutions = (v[..., None] for v in sizes)
     samples = pressure.shape[-1]
-    angle = 2.0 * jnp.pi * revolutions * (jnp.arange(samples) / samples)
-    _, x1, _ = slider_crank(angle, stroke, rod)
-    return jnp.fft.rfft(pressure * (jnp.pi / 4.0) * bore**2 * x1) / samples
+    angle = 2.0 * np.pi * revolutions * (xp.arange(samples) / samples)
+    _, x1, _ = slider_crank(angle, stroke, rod, xp=xp)
+    return pressure * (np.pi / 4.0) * bore**2 * x1
 
 
-def inertia_torque_harmonics(stroke, rod, *, short_series=False):
-    """Harmonics of -x'(a) x''(a), the inertia torque of a reciprocating mass of 1 kg at 1 rad/s of the crank.
+def inertia_torque(stroke, rod, *, short_series=False):
+    """-x'(a) x''(a) in m2 [..., M] at equal steps from top dead centre: the torque of 1 kg at 1 rad/s of the crank.
 
-    Parameters
-    ----------
-    stroke, rod : array [...]
-        m.
-    short_series : bool or array [...]
-        Take x'' from :func:`short_series_acceleration`.
-
-    Returns
-    -------
-    array [..., 257], complex
-        N m; entry j the coefficient of exp(i j a), half the peak amplitude, a from top dead centre.
-
-    Notes
-    -----
-    The series in lambda = stroke/(2 rod) is Porter's (1943): -1/2 sin 2a - 3 lambda/4 sin 3a + ... times m r^2 w^2.
-
-    Examples
-    --------
-    >>> from jaxhb.model.crank import inertia_torque_harmonics
-    >>> round(float(-2 * inertia_torque_harmonics(2.0, 5.0)[2].imag), 12)
-    -0.500052072485
+    ``short_series``: take x'' from :func:`short_series_acceleration`.
     """
     stroke, rod, short = (jnp.asarray(v)[..., None] for v in (stroke, rod, short_series))
     angle = 2.0 * jnp.pi * (jnp.arange(CRANK_SAMPLES) / CRANK_SAMPLES)
     _, x1, x2 = slider_crank(angle, stroke, rod)
-    x2 = jnp.where(short, short_series_acceleration(angle, stroke, rod), x2)
-    return jnp.fft.rfft(-x1 * x2) / CRANK_SAMPLES
+    return -x1 * jnp.where(short, short_series_acceleration(angle, stroke, rod), x2)

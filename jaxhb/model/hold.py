@@ -5,7 +5,9 @@ from __future__ import annotations
 import jax
 import numpy as np
 
+from jaxhb._arrays import traced
 from jaxhb.model.graph import pieces
+from jaxhb.model.tables import mean_torques
 
 _DECIDES = {
     "damper": ("stiffness", "damping"),
@@ -54,13 +56,14 @@ def train_errors(train) -> list[str]:
     topology, dampers = train.topology, train.dampers
     torques, cylinders = train.torques, train.cylinders
     numbers = [dampers.stiffness, torques.mean, torques.scale_rpm, torques.scale_factor, cylinders.gas_torque_mean]
-    numbers += [cylinders.scale_factor, cylinders.pressure, cylinders.bore]
-    if any(isinstance(v, jax.core.Tracer) for v in numbers):
+    numbers += [cylinders.scale_rpm, cylinders.scale_factor]
+    numbers += [cylinders.pressure, cylinders.bore, cylinders.stroke, cylinders.rod]
+    if traced(numbers):
         return []
     source = topology.name or "scene"
     stiff = np.asarray(dampers.stiffness) > 0.0
     errors = []
-    if not isinstance(dampers.damping, jax.core.Tracer):
+    if not traced(dampers.damping):
         loose = ~stiff & (np.asarray(dampers.damping) == 0.0)
         errors += [
             f"{source}, [[damper]] {topology.damper_names[i]!r}: damping and stiffness are both 0, so that the ring"
@@ -85,18 +88,19 @@ def train_errors(train) -> list[str]:
     return errors
 
 
+def on_disks(disks: int, seats, torques) -> np.ndarray:
+    """Sum torques [..., n] that act on the disks ``seats`` [n]: [..., disks]."""
+    total = np.zeros((*torques.shape[:-1], disks))
+    np.add.at(total, (..., np.array(seats, dtype=int)), torques)
+    return total
+
+
 @np.errstate(over="ignore", invalid="ignore")
 def _loaded(train) -> list[int]:
     """Disks under a mean torque at some speed."""
-    topology, torques, cylinders = train.topology, train.torques, train.cylinders
-    mean = np.zeros((topology.n_disks, np.asarray(torques.scale_rpm).size))
-    rows = zip(topology.torque_disk, torques.mean, torques.scale_rpm, torques.scale_factor, strict=True)
-    speeds = np.ravel(torques.scale_rpm)
-    for disk, value, rpm, factor in rows:
-        mean[disk] += value * np.interp(speeds, np.asarray(rpm), np.asarray(factor))
-    acts = np.any(np.asarray(cylinders.scale_factor) != 0.0, axis=-1)
-    given = np.asarray(cylinders.gas_torque_mean) != 0.0
-    traced = np.any(np.asarray(cylinders.pressure) != 0.0, axis=-1) & (np.asarray(cylinders.bore) > 0.0)
-    fires = np.array(topology.cylinder_fires, dtype=bool)
-    disks = np.array(topology.cylinder_disk, dtype=int)[fires & acts & (given | traced)]
-    return [*np.flatnonzero(np.any(mean != 0.0, axis=1)).tolist(), *disks.tolist()]
+    topology, given = train.topology, (train.torques, train.cylinders)
+    given = jax.tree.map(lambda v: v if traced(v) else np.asarray(v), given)
+    speeds = np.unique(np.concatenate([np.ravel(table.scale_rpm) for table in given]))
+    means = mean_torques(*given, topology.cylinder_fires, topology.cylinder_gas_revolutions, speeds)
+    seats = [*topology.torque_disk, *topology.cylinder_disk]
+    return np.flatnonzero(on_disks(topology.n_disks, seats, means).any(axis=0)).tolist()

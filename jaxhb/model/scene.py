@@ -52,7 +52,7 @@ def scene_description(name) -> str:
     Raises
     ------
     SceneError
-        If there is no such scene or it is no TOML.
+        If there is no such scene or it is invalid TOML.
 
     Examples
     --------
@@ -137,9 +137,9 @@ def _parse(path: Path) -> dict:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except tomllib.TOMLDecodeError as error:
-        raise SceneError(f"{path.name}: this is no valid TOML: {error}. Correct the line.") from None
+        raise SceneError(f"{path.name}: invalid TOML: {error}. Correct the line.") from None
     except UnicodeDecodeError:
-        raise SceneError(f"{path.name}: the file is no UTF-8 text. Save it as UTF-8.") from None
+        raise SceneError(f"{path.name}: the file is not UTF-8 text. Save it as UTF-8.") from None
     except ValueError:
         raise SceneError(f"{path.name}: an integer has too many digits to be read. Write it as 1e9.") from None
     except RecursionError:

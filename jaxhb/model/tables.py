@@ -6,9 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
-import jaxhb._x64  # noqa: F401
+from jaxhb._arrays import namespace
+from jaxhb.model.crank import gas_torque
 
 Array = Any
 
@@ -137,6 +139,11 @@ def is_four_stroke(table) -> bool:
     return bool(angle[-1] - angle[0] > 360.0 + 1e-9 or np.abs(angle).max() > 360.0 + 1e-9)
 
 
+def gas_revolutions(cylinder) -> int:
+    """Revolutions of the crank in a gas cycle of a cylinder, 1 without a pressure table."""
+    return 2 if cylinder.pressure and is_four_stroke(cylinder.pressure) else 1
+
+
 def gas_cycle(table, firing_tdc: float | None) -> np.ndarray:
     """Sample a pressure table (angle deg, Pa) linearly at ``GAS_SAMPLES`` angles from firing TDC on."""
     table = np.asarray(table, dtype=np.float64)
@@ -195,3 +202,28 @@ def cylinder_table(cylinders) -> Cylinders:
         scale_rpm=scale_rpm,
         scale_factor=scale_factor,
     )
+
+
+def scale_at(table, rpm):
+    """Factor of each element at ``rpm`` [..., n], linear between the given points and constant outside them."""
+    if namespace(table.scale_rpm, table.scale_factor, rpm) is jnp:
+        rows = jax.vmap(jnp.interp, in_axes=(None, 0, 0), out_axes=-1)
+        return rows(rpm, table.scale_rpm, table.scale_factor)
+    rows = [np.interp(rpm, *points) for points in zip(table.scale_rpm, table.scale_factor, strict=True)]
+    return np.reshape(rows, (len(rows), *np.shape(rpm))).T
+
+
+def mean_torques(torques: Torques, cylinders: Cylinders, fires, revolutions, rpm):
+    """Mean of the given torques and then of the gas torques of the cylinders, N m [..., nt + nc], at ``rpm`` [...].
+
+    ``fires`` and ``revolutions`` [nc]: whether a cylinder fires, and how often its crank turns in a gas cycle. The
+    ambient pressure and the inertia torque do no work over a cycle. In NumPy or JAX.
+    """
+    geometry = cylinders.pressure, cylinders.bore, cylinders.stroke, cylinders.rod
+    xp = namespace(torques.mean, cylinders.gas_torque_mean, geometry)
+    gas = xp.asarray(cylinders.gas_torque_mean)
+    if cylinders.pressure.shape[-1]:
+        gas = gas + gas_torque(*geometry, revolutions=np.array(revolutions)).mean(axis=-1)
+    gas = xp.where(np.array(fires, dtype=bool), gas, 0.0)
+    given = scale_at(torques, rpm) * torques.mean, scale_at(cylinders, rpm) * gas
+    return namespace(given).concatenate(given, axis=-1)

@@ -11,7 +11,7 @@ from fractions import Fraction
 import numpy as np
 
 from jaxhb.model import hold, tables
-from jaxhb.model.crank import slider_crank
+from jaxhb.model.elements import Torque
 from jaxhb.model.graph import pieces
 from jaxhb.model.hold import names_of
 
@@ -137,46 +137,31 @@ def inertia_errors(parts) -> list[str]:
     return [f"{parts.source}: the inertia of every disk is 0 kg m2. Give at least one disk an inertia."]
 
 
+def _mean_fields(element) -> tuple[str, ...]:
+    """Fields that the mean torque of a given torque or a cylinder comes from."""
+    if isinstance(element, Torque):
+        return ("mean", "scale")
+    of_pressure = ("pressure", "bore", "stroke", "rod", "table_firing_tdc")
+    return ("fires", "scale", "gas_torque_mean", *(of_pressure if element.pressure is not None else ()))
+
+
 def _mean_known(parts, table: str, i: int) -> bool:
     """Tell whether the mean torque of a given torque or a cylinder can be computed."""
-    if table == "torque":
-        return parts.usable("torque", i, "mean", "scale")
-    fields = ["fires", "scale", "gas_torque_mean"]
-    if parts.tables["cylinder"][i].pressure is not None:
-        fields += ["pressure", "bore", "stroke", "rod", "table_firing_tdc"]
-    return parts.usable("cylinder", i, *fields)
+    return parts.usable(table, i, *_mean_fields(parts.tables[table][i]))
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def mean_torques(parts, rpm) -> np.ndarray:
-    """Mean torque of all given torques and cylinders on each disk at one speed, where known, N m [n_disks]."""
-    mean = np.zeros(len(parts.disk_names))
-
-    def factor(element):
-        if not element.scale:
-            return 1.0
-        points = np.asarray(element.scale, dtype=float)
-        return np.interp(rpm, points[:, 0], points[:, 1])
-
-    for i, disk in parts.seats("torque"):
-        torque = parts.tables["torque"][i]
-        mean[disk] += torque.mean * factor(torque) if _mean_known(parts, "torque", i) else 0.0
-    for i, disk in parts.seats("cylinder"):
-        cylinder = parts.tables["cylinder"][i]
-        if _mean_known(parts, "cylinder", i) and cylinder.fires:
-            mean[disk] += mean_gas_torque(cylinder) * factor(cylinder)
-    return mean
-
-
-def mean_gas_torque(cylinder) -> float:
-    """Mean gas torque of a cylinder at scale 1, N m."""
-    if cylinder.pressure is None:
-        return cylinder.gas_torque_mean or 0.0
-    pressure = tables.gas_cycle(cylinder.pressure, cylinder.table_firing_tdc)
-    turns = 2 if tables.is_four_stroke(cylinder.pressure) else 1
-    angle = 2.0 * np.pi * turns * np.arange(pressure.size) / pressure.size
-    _, x1, _ = slider_crank(angle, cylinder.stroke, cylinder.rod, xp=np)
-    return float(np.mean(pressure * x1) * np.pi / 4.0 * np.square(cylinder.bore))
+def mean_torques(parts, speeds) -> np.ndarray:
+    """Mean torque of all given torques and cylinders on each disk, where known, N m [speeds, n_disks]."""
+    seats, known = [], {}
+    for table in ("torque", "cylinder"):
+        found = [(parts.tables[table][i], disk) for i, disk in parts.seats(table) if _mean_known(parts, table, i)]
+        seats += [disk for _, disk in found]
+        known[table] = [type(e)(disk="", **{name: getattr(e, name) for name in _mean_fields(e)}) for e, _ in found]
+    cylinders = known["cylinder"]
+    fires, revolutions = [c.fires for c in cylinders], [tables.gas_revolutions(c) for c in cylinders]
+    given = tables.torque_table(known["torque"]), tables.cylinder_table(cylinders)
+    return hold.on_disks(len(parts.disk_names), seats, tables.mean_torques(*given, fires, revolutions, speeds))
 
 
 def scale_speeds(parts) -> list[float]:
@@ -195,7 +180,7 @@ def hold_errors(parts, main: int | None) -> list[str]:
         for k, disk in parts.seats("damper")
         if not parts.usable("damper", k, "stiffness") or dampers[k].stiffness > 0
     ]
-    largest = np.max([np.abs(mean_torques(parts, rpm)) for rpm in scale_speeds(parts)], axis=0)
+    means = mean_torques(parts, scale_speeds(parts))
     grounds = parts.sits_on("ground")
     if len(grounds) < len(parts.tables["ground"]):
         return []
@@ -205,7 +190,7 @@ def hold_errors(parts, main: int | None) -> list[str]:
         links=elastic_pairs(parts) + parts.ends("mesh"),
         static=parts.ends("shaft") + parts.ends("mesh") + rings,
         ground=grounds,
-        loaded=[*parts.sits_on("load"), *np.flatnonzero(largest)],
+        loaded=[*parts.sits_on("load"), *np.flatnonzero(means.any(axis=0))],
         main=main,
     )
 
@@ -219,8 +204,8 @@ def balance_errors(parts, ratio) -> list[str]:
         count = len(parts.tables[table])
         if len(parts.seats(table)) < count or not all(_mean_known(parts, table, i) for i in range(count)):
             return []
-    for rpm in scale_speeds(parts):
-        mean = mean_torques(parts, rpm)
+    speeds = scale_speeds(parts)
+    for rpm, mean in zip(speeds, mean_torques(parts, speeds), strict=True):
         if any(ratio[d] is None for d in np.flatnonzero(mean)):
             return []
         power = np.array([ratio[d] * mean[d] for d in np.flatnonzero(mean)])

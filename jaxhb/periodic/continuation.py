@@ -2,184 +2,191 @@
 
 A curve ``H(y) = 0`` with one unknown more than equations, the last of ``y`` a share p that shall reach 1, is followed
 by steps along its tangent, each corrected by Newton's method in the plane across the tangent (Keller 1977; Allgower and
-Georg, Introduction to Numerical Continuation Methods, SIAM 2003, chs. 2, 6 and 10). The orientation of the tangent is
-that of the determinant of the Jacobian with the tangent below it: it is constant along the curve, so that steps never
-run back, even from a corner, where a knot of the law is grazed and the tangent jumps.
+Georg, Introduction to Numerical Continuation Methods, SIAM 2003, chs. 2, 6 and 10). At a fold p turns back; at a
+corner, where a knot of the law is grazed, the tangent jumps.
+
+The loop runs on the host, around compiled functions: beside a Jacobian, milliseconds, its decisions cost nothing.
 """
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
-import jax
-import jax.numpy as jnp
-from jax import lax
-
-FIRST, LONGEST, SHORTEST = 0.02, 0.5, 1e-3
-"""Steps, in the norm of y. A step shorter than SHORTEST that fails takes the tangent of the side it fell on."""
-
-NEAR, CLOSED = 1e-4, 1e-9
-"""Norm of H: on the way, and at the end."""
-
-COSINE = 0.5
-"""Of the angle by which the tangent may turn within a step."""
-
-TURNS = 12
-"""Tangents tried at a corner."""
+import numpy as np
 
 
-class Followed(NamedTuple):
-    """Where the curve was followed to.
+@dataclass(frozen=True, kw_only=True)
+class StepControl:
+    """Options of :func:`follow`: lengths in the norm of y, errors in the norm of H."""
+
+    first: float = 0.02  # length of the first step
+    longest: float = 0.5  # length of a step at most
+    corner: float = 1e-3  # length below which a step that fails has met a corner, and one that turns has passed it
+    lost: float = 1e-8  # length below which the curve is given up
+    near: float = 1e-4  # error on the way, where points need only lead on
+    closed: float = 1e-9  # error at both ends of the curve, and of p there
+    bent: float = 0.5  # cosine of the angle by which the tangent may turn in a step: beyond it may be another curve
+    straight: float = 0.9  # cosine of the angle up to which the next step is longer
+    shorter: float = 0.4  # after a failure: the predicted point is six times nearer to a smooth curve
+    longer: float = 1.6  # after a straight step with one Jacobian: two such steps make up for one failure
+    eased: float = 0.7  # after a step with all its Jacobians: the next prediction is twice as near
+    jacobians: int = 3  # of a step at most: where Newton's method wants more, a shorter step is cheaper
+    end_jacobians: int = 9  # at an end of the curve at most: the error falls to ``closed``
+    simplified: int = 5  # corrections at most with one Jacobian, which costs many times as much as each
+    turns: int = 12  # tangents tried at a corner
+
+
+DEFAULT = StepControl()
+
+
+class CurveEnd(NamedTuple):
+    """Where a curve was followed to.
 
     y ``(m+1,)``: a point with p = 1 if ``arrived``; steps accepted; jacobians evaluated; folds of p passed.
     """
 
-    y: jax.Array
-    arrived: jax.Array
-    steps: jax.Array
-    jacobians: jax.Array
-    folds: jax.Array
+    y: np.ndarray
+    arrived: bool
+    steps: int
+    jacobians: int
+    folds: int
 
 
-class _State(NamedTuple):
-    """y : accepted, rise : direction of p there; tangent : of the next step; trial : being corrected; side : tangent at
-    the first trial; goal : p that the trial is being corrected to, nan across the tangent."""
+class _Trial(NamedTuple):
+    """A step as far as it was corrected. tangent : at its last Jacobian; side : at its first one."""
 
-    y: jax.Array
-    rise: jax.Array
-    tangent: jax.Array
-    trial: jax.Array
-    side: jax.Array
-    goal: jax.Array
-    orientation: jax.Array
-    length: jax.Array
-    tries: jax.Array
-    turns: jax.Array
-    steps: jax.Array
-    jacobians: jax.Array
-    folds: jax.Array
-    arrived: jax.Array
+    y: np.ndarray
+    error: float
+    tangent: np.ndarray
+    side: np.ndarray
+    jacobians: int
 
 
-def follow(linearize, evaluate, correct, start, *, most):
-    """Follow the curve from p = 0 at ``start`` until p = 1; one program, valid under jit.
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # what is not finite fails the tests of a trial
+def follow(linearize, simplify, start, *, most, control=DEFAULT):
+    """Follow the curve from p = 0 at ``start`` until p = 1.
 
     Parameters
     ----------
-    linearize : y -> (H, slopes), a tuple
-    evaluate : y -> H
-    correct : (H, slopes) -> a change ``(m+1,)`` that makes H zero to first order, and the oriented tangent ``(m+1,)``
+    linearize : y -> (H, change ``(m+1,)``, tangent ``(m+1,)``, slopes)
+        The change makes H zero to first order. The tangent, of any length, is oriented by the sign of the determinant
+        of the Jacobian with the tangent below it. The slopes are what ``simplify`` needs of the Jacobian.
+    simplify : (y, slopes) -> (H, change), the change from the Jacobian of another y
     start : array ``(m+1,)``, from which Newton's method reaches the curve at p = 0
     most : int, Jacobians at most
+    control : StepControl
 
     Returns
     -------
-    Followed
+    CurveEnd
     """
-
-    def both(value, slopes):
-        change, tangent = correct(value, slopes)
-        return change, tangent / jnp.linalg.norm(tangent)
-
-    def across(change, tangent, normal):
-        """The change without its part along the curve, in the plane of ``normal``."""
-        return change - tangent * (normal @ change) / (normal @ tangent)
-
-    def polish(slopes, trial, error, change, state):
-        """Corrections with the same slopes as long as each is less than half of the last."""
-
-        def unfinished(carry):
-            _, error, _, tries, good = carry
-            return good & (error > NEAR) & (tries < 5)
-
-        def again(carry):
-            trial, error, change, tries, _ = carry
-            moved = trial + change
-            value = evaluate(moved)
-            after = across(*both(value, slopes), state.tangent)
-            good = jnp.linalg.norm(after) < 0.5 * jnp.linalg.norm(change)
-            kept = [
-                jnp.where(good, new, old)
-                for new, old in zip((moved, jnp.linalg.norm(value), after), (trial, error, change), strict=True)
-            ]
-            return *kept, tries + 1, good
-
-        good = jnp.isnan(state.goal) & (jnp.linalg.norm(change) < 2 * state.length)
-        return lax.while_loop(unfinished, again, (trial, error, change, jnp.array(0), good))[:3]
-
-    def unfinished(state):
-        lost = (state.turns > TURNS) | (state.length < 1e-8)
-        return ~state.arrived & ~lost & (state.jacobians < most)
-
-    def step(state):
-        value, *slopes = linearize(state.trial)
-        closing = ~jnp.isnan(state.goal)
-        change, tangent = both(value, slopes)
-        to_goal = change - tangent * (change[-1] + state.trial[-1] - state.goal) / tangent[-1]
-        sideways = across(change, tangent, state.tangent)
-        error = jnp.linalg.norm(value)
-        trial, error, sideways = polish(slopes, state.trial, error, sideways, state)
-        return _judge(state, trial, error, tangent, jnp.where(closing, to_goal, sideways), closing)
-
-    zero, no = jnp.array(0), jnp.array(False)
-    begin = _State(
-        y=start,
-        rise=jnp.array(1.0),
-        tangent=jnp.zeros_like(start),
-        trial=start,
-        side=jnp.zeros_like(start),
-        goal=jnp.array(0.0),
-        orientation=jnp.array(1.0),
-        length=jnp.array(FIRST),
-        tries=zero,
-        turns=zero,
-        steps=zero,
-        jacobians=zero,
-        folds=zero,
-        arrived=no,
-    )
-    last = lax.while_loop(unfinished, step, begin)
-    return Followed(last.y, last.arrived, last.steps, last.jacobians, last.folds)
+    curve = _Curve(linearize, simplify, most, control)
+    y, tangent = curve.reach(np.asarray(start), 0.0, np.inf)
+    if tangent is None:
+        return CurveEnd(y, False, 0, curve.jacobians, 0)
+    # Folds and corners leave the sign of the determinant as it is, so that a tangent with the orientation of the first
+    # one never leads back. The angle to the tangent before would not tell: at a corner it may be more than a right one.
+    curve.orientation = np.sign(tangent[-1])
+    tangent = curve.orientation * tangent
+    rise, length, steps, folds, turns = 1.0, control.first, 1, 0, 0
+    while not curve.exhausted and turns <= control.turns and length >= control.lost:
+        trial = curve.correct(y + length * tangent, tangent, length)
+        straight = trial.tangent @ tangent
+        on_curve, short = trial.error < control.near, length < control.corner
+        crossing = (trial.y[-1] - 1) * (y[-1] - 1) <= 0
+        if not on_curve:
+            length *= control.shorter
+            if length < control.corner and np.isfinite(trial.error):
+                # No shorter step helps where the curve bends back from the plane across the tangent. The point fell on
+                # the far side of the knot, whose tangent leads on along the curve; where knots meet, several in turn.
+                # Steps stay long enough to fall on a far side at all.
+                tangent, length, turns = trial.side, max(length, control.corner / 20), turns + 1
+        elif not (straight > control.bent or short):
+            length *= control.shorter
+        elif crossing:
+            # The end is where p = 1 between both points. If the curve turned back between them, a shorter step tells.
+            between = y + (1 - y[-1]) / (trial.y[-1] - y[-1]) * (trial.y - y)
+            end, found = curve.reach(between, 1.0, 4 * length)
+            if found is not None:
+                return CurveEnd(end, True, steps, curve.jacobians, folds)
+            length *= control.shorter
+        else:
+            length = _next_length(length, straight, trial.jacobians, control)
+            folds += int(trial.tangent[-1] * rise < 0)
+            y, tangent, rise, steps, turns = trial.y, trial.tangent, np.sign(trial.tangent[-1]), steps + 1, 0
+    return CurveEnd(y, False, steps, curve.jacobians, folds)
 
 
-def _judge(state, trial, error, tangent, change, closing):
-    """The state after one linearisation: the trial accepted, corrected, or given up for a shorter step."""
-    began = state.steps > 0
-    reached = closing & (error < CLOSED) & (jnp.abs(trial[-1] - state.goal) < CLOSED)
-    orientation = jnp.where(reached & ~began, jnp.sign(tangent[-1]), state.orientation)
-    tangent = orientation * tangent
-    side = jnp.where(state.tries == 0, tangent, state.side)
-    straight = tangent @ state.tangent
-    close = ~closing & (error < NEAR)
-    fits = close & ((straight > COSINE) | (state.length < SHORTEST))
-    crossing = fits & ((trial[-1] - 1) * (state.y[-1] - 1) <= 0)
-    accepted = (fits & ~crossing) | (reached & ~began)
-    arrived = reached & began
-    far = ~(jnp.linalg.norm(change) < jnp.where(closing & ~began, jnp.inf, jnp.where(closing, 4, 2) * state.length))
-    failed = ~close & ~reached & (far | ~jnp.isfinite(error) | (state.tries >= jnp.where(closing, 8, 2)))
-    bent = close & ~fits
-    grown = jnp.where((state.tries == 0) & (straight > 0.9), jnp.minimum(1.6 * state.length, LONGEST), state.length)
-    grown = jnp.where(state.tries >= 2, 0.7 * state.length, grown)
-    length = jnp.where(fits & ~crossing, grown, jnp.where(failed | bent, 0.4 * state.length, state.length))
-    corner = failed & ~closing & (length < SHORTEST) & jnp.isfinite(error)
-    length = jnp.where(corner, jnp.maximum(length, SHORTEST / 20), length)
-    y = jnp.where(accepted | arrived, trial, state.y)
-    ahead = jnp.where(accepted, tangent, jnp.where(corner, side, state.tangent))
-    part = (1 - state.y[-1]) / (trial[-1] - state.y[-1])
-    on = ~(accepted | crossing | failed | bent | reached)
-    following = jnp.where(on, trial + change, y + length * ahead)
-    following = jnp.where(crossing, state.y + part * (trial - state.y), following)
-    return _State(
-        y=y,
-        rise=jnp.where(accepted, jnp.sign(tangent[-1]), state.rise),
-        tangent=ahead,
-        trial=following,
-        side=side,
-        goal=jnp.where(crossing, 1.0, jnp.where(on, state.goal, jnp.nan)),
-        orientation=orientation,
-        length=length,
-        tries=jnp.where(on, state.tries + 1, 0),
-        turns=jnp.where(accepted, 0, state.turns + corner),
-        steps=state.steps + accepted,
-        jacobians=state.jacobians + 1,
-        folds=state.folds + (accepted & (tangent[-1] * state.rise < 0)),
-        arrived=arrived,
-    )
+def _next_length(length, straight, jacobians, control):
+    """Length of the step after an accepted one."""
+    if jacobians == control.jacobians:
+        return control.eased * length
+    if jacobians == 1 and straight > control.straight:
+        return min(control.longer * length, control.longest)
+    return length
+
+
+def _across(change, tangent, normal):
+    """The change without its part along the curve, in the plane of ``normal``."""
+    return change - tangent * (normal @ change) / (normal @ tangent)
+
+
+class _Curve:
+    """Newton's method on the equations of a curve; its Jacobians are counted."""
+
+    def __init__(self, linearize, simplify, most, control):
+        self.equations, self.simplify, self.most, self.control = linearize, simplify, most, control
+        self.orientation, self.jacobians = 1.0, 0
+
+    @property
+    def exhausted(self):
+        return self.jacobians >= self.most
+
+    def linearize(self, y):
+        """Error, change, tangent of length 1, slopes."""
+        self.jacobians += 1
+        value, change, tangent, slopes = self.equations(y)
+        tangent = self.orientation * np.asarray(tangent)
+        return np.linalg.norm(value), np.asarray(change), tangent / np.linalg.norm(tangent), slopes
+
+    def reach(self, y, share, farthest):
+        """The point of the curve with that share and its tangent; None for the tangent where Newton's method fails, at
+        the latest by a change as long as ``farthest``."""
+        for _ in range(self.control.end_jacobians):
+            if self.exhausted:
+                break
+            error, change, tangent, _ = self.linearize(y)
+            if error < self.control.closed and abs(y[-1] - share) < self.control.closed:
+                return y, tangent
+            change = change - tangent * (change[-1] + y[-1] - share) / tangent[-1]
+            if not (np.isfinite(error) and np.linalg.norm(change) < farthest):
+                break
+            y = y + change
+        return y, None
+
+    def correct(self, y, normal, length):
+        """The :class:`_Trial` at ``y``, corrected across ``normal`` while it stays within two lengths of the step."""
+        trial = None
+        for jacobians in range(1, self.control.jacobians + 1):
+            error, change, tangent, slopes = self.linearize(y)
+            side = tangent if trial is None else trial.side
+            change = _across(change, tangent, normal)
+            if np.linalg.norm(change) < 2 * length:
+                y, error, change = self.polish(y, error, change, slopes, (tangent, normal))
+            trial = _Trial(y, error, tangent, side, jacobians)
+            leads_away = not (np.isfinite(error) and np.linalg.norm(change) < 2 * length)
+            if error < self.control.near or leads_away or self.exhausted:
+                break
+            y = y + change
+        return trial
+
+    def polish(self, y, error, change, slopes, plane):
+        """Corrections with the same Jacobian as long as each is less than half of the last."""
+        for _ in range(self.control.simplified):
+            if not error > self.control.near:
+                break
+            value, following = self.simplify(y + change, slopes)
+            following = _across(np.asarray(following), *plane)
+            if not np.linalg.norm(following) < 0.5 * np.linalg.norm(change):
+                break
+            y, error, change = y + change, np.linalg.norm(value), following
+        return y, error, change

@@ -1,7 +1,7 @@
 """One linear solve with the Jacobian of the reduced equation, ``J = I + G (w + s d/dt)``.
 
 Krylov steps on the exact Jacobian, preconditioned by the linearised motion in time
-(:mod:`jaxhb.transient.variational`), whose cost does not grow with the number of harmonics.
+(:mod:`jaxhb.transient.periodic_operator`), whose cost does not grow with the number of harmonics.
 """
 
 import jax
@@ -10,7 +10,7 @@ from jax import lax
 
 from ..harmonic import fourier
 from ..harmonic.krylov import minimise_residual
-from ..transient.variational import vary
+from ..transient.periodic_operator import linearise
 
 EXACT = 1e-12
 """Share of the residual that a derivative may leave."""
@@ -22,7 +22,7 @@ LOOSEST = 1e-8
 
 
 def cell_averages(values, cells):
-    """Averages of periodic samples ``(G, samples)`` over ``cells`` equal cells centred on their instants."""
+    """Averages of periodic samples ``(G, samples)`` over ``cells`` equal cells centred on their time samples."""
     samples = values.shape[-1]
     integral = jnp.concatenate([jnp.zeros_like(values[..., :1]), jnp.cumsum(values, axis=-1)], axis=-1)
     integral = jnp.concatenate([integral, integral[..., -1:] + integral[..., 1:]], axis=-1)
@@ -34,66 +34,69 @@ def cell_averages(values, cells):
     return jnp.diff(at_edges, axis=-1) * (cells / samples)
 
 
-def prepare(reduced, train, deflection, samples, instants):
-    """The :class:`~jaxhb.transient.variational.Variation` of a Surrogate around the motion ``deflection``."""
-    _, slope, rate_slope = reduced.excess(*reduced.sampled(deflection, samples))
-    slope, rate_slope = cell_averages(slope, instants), cell_averages(rate_slope, instants)
-    return vary(train, reduced.frequency, slope, rate_slope)
+def prepare(reduced, train, deflection, samples, time_steps):
+    """The :class:`~jaxhb.transient.periodic_operator.PeriodicOperator` of a ReducedModel around the motion
+    ``deflection``."""
+    _, slope, rate_slope = reduced.nonlinear_force(*reduced.sampled(deflection, samples))
+    slope, rate_slope = cell_averages(slope, time_steps), cell_averages(rate_slope, time_steps)
+    return linearise(train, reduced.frequency, slope, rate_slope)
 
 
-def precondition(reduced, variation, b):
-    """Approximate solution of ``J delta = b``, coefficients ``(G, N+1)``; the identity beyond the sweep's instants."""
-    instants = variation.instants
-    low = fourier.resize(b, min(b.shape[-1] - 1, instants // 2 - 1))
+def precondition(reduced, operator, b):
+    """Approximate solution of ``J delta = b``, coefficients ``(G, N+1)``; the identity beyond the sweep's time
+    samples."""
+    time_steps = operator.time_steps
+    low = fourier.resize(b, min(b.shape[-1] - 1, time_steps // 2 - 1))
     both = jnp.concatenate([low, fourier.derivative(low, reduced.frequency)])
-    forces = variation.forces(fourier.synthesize(both, instants))
+    forces = operator.forces(fourier.synthesize(both, time_steps))
     kept = low.shape[-1]
-    linear_between = jnp.sinc(jnp.arange(kept) / instants) ** 2
-    excess = linear_between * fourier.analyze(forces, kept - 1)
-    return b.at[:, :kept].add(-jnp.einsum("ngh,hn->gn", reduced.receptance[:kept], excess))
+    linear_between = jnp.sinc(jnp.arange(kept) / time_steps) ** 2
+    nonlinear_force = linear_between * fourier.analyze(forces, kept - 1)
+    return b.at[:, :kept].add(-jnp.einsum("ngh,hn->gn", reduced.receptance[:kept], nonlinear_force))
 
 
 def tangent(reduced, deflection, samples):
-    """The product ``delta -> J delta`` at ``deflection``, law sampled at ``samples`` instants or integrated exactly.
+    """The product ``delta -> J delta`` at ``deflection``, law sampled at ``samples`` time samples or integrated
+    exactly.
 
-    The slopes enter a Galerkin product with at most 2 N harmonics, so that 4.5 N instants give it exactly.
+    The slopes enter a Galerkin product with at most 2 N harmonics, so that 4.5 N time samples give it exactly.
     """
     harmonics = deflection.shape[-1] - 1
-    instants = (9 * harmonics + 1) // 2
-    slope, rate_slope = fourier.synthesize(reduced.excess_slopes(deflection, samples, 2 * harmonics), instants)
+    time_steps = (9 * harmonics + 1) // 2
+    slope, rate_slope = fourier.synthesize(reduced.nonlinear_slopes(deflection, samples, 2 * harmonics), time_steps)
 
     def product(delta):
-        change, rate = reduced.sampled(delta, instants)
+        change, rate = reduced.sampled(delta, time_steps)
         return delta + reduced.respond(fourier.analyze(slope * change + rate_slope * rate, harmonics))
 
     return product
 
 
-def correct(reduced, variation, deflection, value, samples, forcing, steps):
+def correct(reduced, operator, deflection, value, samples, forcing, steps):
     """``J change = value`` at ``deflection``: (change, share of the residual that is left, Krylov steps).
 
     Parameters
     ----------
     reduced : Reduced
-    variation : Variation, from :func:`prepare` at this motion or a near one
+    operator : PeriodicOperator, from :func:`prepare` at this motion or a near one
     deflection, value : complex arrays ``(G, N+1)``
-    samples : int, instants of the law
+    samples : int, time samples of the law
     forcing : float, wanted share of the residual
     steps : int, largest number of Krylov steps (static)
     """
-    product, approximate = _packed(reduced, variation, deflection, samples)
+    product, approximate = _packed(reduced, operator, deflection, samples)
     change, left, used = minimise_residual(
         product, approximate, fourier.pack(value).reshape(-1), tolerance=forcing, steps=steps
     )
     return _coefficients(change, deflection), left, used
 
 
-def invert(reduced, variation, deflection, value, samples):
+def invert(reduced, operator, deflection, value, samples):
     """``change`` with ``J change = value`` to EXACT; differentiable, its transpose solves with the transpose of J.
 
     Arguments as in :func:`correct`. nan where EXACT_STEPS leave more than LOOSEST of the residual.
     """
-    product, approximate = _packed(reduced, variation, deflection, samples)
+    product, approximate = _packed(reduced, operator, deflection, samples)
     value = fourier.pack(value).reshape(-1)
 
     def solve(apply, b, approximate=approximate):
@@ -107,14 +110,14 @@ def invert(reduced, variation, deflection, value, samples):
     return _coefficients(lax.custom_linear_solve(product, value, solve, solve_transposed), deflection)
 
 
-def _packed(reduced, variation, deflection, samples):
+def _packed(reduced, operator, deflection, samples):
     """The product with J at ``deflection`` and its approximate inverse in packed coordinates ``(n,)``, orthonormal."""
     product = tangent(reduced, deflection, samples)
 
     def flat(function):
         return lambda packed: fourier.pack(function(_coefficients(packed, deflection))).reshape(-1)
 
-    return flat(product), flat(lambda b: precondition(reduced, variation, b))
+    return flat(product), flat(lambda b: precondition(reduced, operator, b))
 
 
 def _coefficients(packed, like):

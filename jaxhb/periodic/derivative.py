@@ -8,7 +8,7 @@ holds. Along a change d theta
 one linear solve in forward mode, one with the transpose of J in reverse mode whatever the number of parameters; the
 preconditioner of the last Newton step serves both. Nothing of Newton's method, of its start or of its tests is
 differentiated, so that memory does not grow with its steps. Displacements, forces and torques follow from x and theta
-by plain functions. The law is differentiable twice except where an instant of the cycle lies on one of its knots, a
+by plain functions. The law is differentiable twice except where a time sample of the cycle lies on one of its knots, a
 set of measure zero; there one of the one-sided values, or their mean, is taken.
 """
 
@@ -32,8 +32,8 @@ def attach(sizes, problem, choice, at, solved, found, deflection):
     sizes : Sizes (static), for the integrals of the law
     problem : Problem
     choice : Choice
-    at : Variation at the solution or near it, None without active meshes; and None or, of exact integrals, the Passages
-        of the active and of all meshes
+    at : PeriodicOperator at the solution or near it, None without active meshes; and None or, of exact integrals, the
+        Crossings of the active and of all meshes
     solved : bool, whether this is a solution; if not, its derivative is zero and never nan
     found : Fields; deflection : complex ``(G, N+1)`` m, carrying no derivative
 
@@ -46,25 +46,27 @@ def attach(sizes, problem, choice, at, solved, found, deflection):
 
 @attach.defjvp
 def _attach_jvp(sizes, primals, tangents):
-    problem, choice, (variation, passages), solved, _, _ = primals
-    active, every = lax.stop_gradient(passages or (None, None))
+    problem, choice, (operator, crossings), solved, _, _ = primals
+    active, every = lax.stop_gradient(crossings or (None, None))
     found, deflection = attach(sizes, *primals)  # second derivatives need that of the solution
     problem, change = _where(solved, problem, lax.stop_gradient(problem)), _where(solved, tangents[0], None)
     harmonics, samples = deflection.shape[-1] - 1, sizes.samples
 
     def equation(problem):
-        reduced, folded = reduced_equation(problem, harmonics, choice.active, choice.chosen, choice.flank)
-        return dataclasses.replace(reduced, integrals=sizes.integrals, passages=active), folded
+        reduced, condensed = reduced_equation(problem, harmonics, choice.active, choice.chosen, choice.flank)
+        return dataclasses.replace(reduced, integrals=sizes.integrals, crossings=active), condensed
 
-    def motion(problem, reduced, folded, deflection):
-        return fields(problem, *folded.combine(reduced.excess_coefficients(deflection, samples)), sizes, every)
+    def motion(problem, reduced, condensed, deflection):
+        return fields(
+            problem, *condensed.combine(reduced.nonlinear_force_coefficients(deflection, samples)), sizes, every
+        )
 
-    (reduced, folded), (reduced_dot, folded_dot) = jax.jvp(equation, (problem,), (change,))
+    (reduced, condensed), (reduced_dot, folded_dot) = jax.jvp(equation, (problem,), (change,))
     _, left = jax.jvp(lambda reduced: reduced.residual(deflection, samples), (reduced,), (reduced_dot,))
     deflection_dot = -left
     if len(choice.active):
-        deflection_dot = correction.invert(reduced, lax.stop_gradient(variation), deflection, -left, samples)
-    at, along = (problem, reduced, folded, deflection), (change, reduced_dot, folded_dot, deflection_dot)
+        deflection_dot = correction.invert(reduced, lax.stop_gradient(operator), deflection, -left, samples)
+    at, along = (problem, reduced, condensed, deflection), (change, reduced_dot, folded_dot, deflection_dot)
     _, found_dot = jax.jvp(motion, at, along)
     return (found, deflection), _where(solved, (found_dot, deflection_dot), None)
 
@@ -74,9 +76,9 @@ def all_finite(tree):
     return jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(tree)]))
 
 
-def only_if_finite(tree):
-    """The same numbers, without derivatives where one of them is not finite: nothing else of a batch then is nan."""
-    return _where(all_finite(tree), tree, lax.stop_gradient(tree))
+def only_if(good, tree):
+    """The same numbers, without derivatives where they are not ``good``: nothing else of a batch then is nan."""
+    return _where(good, tree, lax.stop_gradient(tree))
 
 
 def _where(solved, values, others):

@@ -12,6 +12,8 @@ beginnings of the segments of a cycle. How long it is nobody knows beforehand: t
 """
 
 from dataclasses import dataclass, fields
+from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -24,35 +26,51 @@ from ..transient.stepper import Stepper
 from . import continuation
 from .orbits import coefficients, stepper_of, work_of_cycle
 
-BEGINNINGS = ((20.0, 20.0, False), (6.0, 4.5, True), (20.0, 7.0, False))
-"""Tooth damping and transition at p = 0 over the wanted ones, as far as the steps carry the damping and the backlash
-holds the transition: one curve after another."""
-
 LEAST_EPSILON = 1e-4
 """Stiffness in the gap below which it changes linearly in p: of no consequence, and zero has no logarithm."""
 
-WORK, LEAST, MOST = 2e9, 50, 700
-"""Of all curves: Jacobians times :func:`work_of_cycle`, twenty seconds; Jacobians below which none arrives,
-and of one curve at most."""
+
+class Beginning(NamedTuple):
+    """The law at p = 0: tooth damping and transition over the wanted ones, at most, as far as the steps carry the
+    damping and the backlash holds the transition; whether epsilon falls linearly in p instead of geometrically."""
+
+    damping: float
+    transition: float
+    linear: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class HomotopyOptions:
+    """Options of :func:`find`."""
+
+    beginnings: tuple[Beginning, ...] = (  # of one curve after another: which is short nobody knows beforehand
+        Beginning(20.0, 20.0, False),
+        Beginning(6.0, 4.5, True),
+        Beginning(20.0, 7.0, False),
+    )
+    work: float = 2e9  # of all curves, Jacobians times :func:`work_of_cycle`: twenty seconds
+    fewest_jacobians: int = 50  # below which no curve arrives
+    most_jacobians: int = 700  # of one curve
+
+
+DEFAULT = HomotopyOptions()
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Towards(Stepper):
-    """A Stepper whose meshes are a share p on the way from the linear law; heavier w and wider v at p = 0."""
+class HomotopyStepper(Stepper):
+    """A Stepper whose meshes are a share p on the way from the linear law."""
 
     share: jax.Array = 1.0
-    heavier: jax.Array = 1.0
-    wider: jax.Array = 1.0
-    late: jax.Array = False
+    beginning: Beginning = DEFAULT.beginnings[0]
 
-    def phi(self, deflection, rate):
+    def nonlinear_force(self, deflection, rate):
         """Force ``(G,)`` N of the meshes less its linear part; that of the train itself for a share of 1."""
         law, left = self.law, 1 - self.share
         kept = jnp.maximum(law.epsilon, LEAST_EPSILON)
         geometric = kept**self.share - self.share * (kept - law.epsilon)
-        epsilon = jnp.where(self.late, 1 - self.share * (1 - law.epsilon), geometric)
-        widest = jnp.minimum(law.transition * self.wider, jnp.maximum(law.transition, 1.0))
+        epsilon = jnp.where(self.beginning.linear, 1 - self.share * (1 - law.epsilon), geometric)
+        widest = jnp.minimum(law.transition * self.beginning.transition, jnp.maximum(law.transition, 1.0))
         law = backlash.Law(law.stiffness, epsilon, law.transition * (widest / law.transition) ** left, law.backlash)
         gated = jnp.where(self.contact_damping, (1 - epsilon) / jnp.maximum(1 - self.law.epsilon, 1e-300), 0.0)
         damping = self.viscous * self._damping() ** left * (1 - gated * (1 - backlash.engagement(law, deflection)))
@@ -63,40 +81,50 @@ class Towards(Stepper):
         rows, columns = self.space.observation[len(self.viscous) :], self.space.forcing
         step = 2 * jnp.pi / self.frequency / self.steps
         decay = step * self.viscous * -jnp.einsum("gn,ng->g", rows, columns)
-        return jnp.clip(0.5 / jnp.where(decay > 0, decay, 1.0), 1.0, self.heavier)
+        return jnp.clip(0.5 / jnp.where(decay > 0, decay, 1.0), 1.0, self.beginning.damping)
+
+
+def _on_the_way(stepper, beginning, share):
+    """The HomotopyStepper at a share."""
+    parts = {f.name: getattr(stepper, f.name) for f in fields(Stepper)}
+    return HomotopyStepper(**parts, share=share, beginning=beginning)
+
+
+def _scale(stepper):
+    """Unit of the states in y, the norm of all nodes on the flanks: what makes their changes comparable with p's."""
+    return (jnp.linalg.norm(stepper.flank_state) + 1e-300) * np.sqrt(segments.SEGMENTS)
+
+
+def _nodes(stepper, y):
+    """States ``(K, n)`` at the beginnings of the segments, of y = (states, share)."""
+    return _scale(stepper) * y[:-1].reshape(segments.SEGMENTS, len(stepper.flank_state))
 
 
 @Program
-def _followed(stepper, beginning, most):
-    """The Followed of one curve; nodes ``(K, n)`` and deflections ``(G, room)`` where it ends."""
-    parts = {f.name: getattr(stepper, f.name) for f in fields(Stepper)}
-    shape = (segments.SEGMENTS, len(stepper.flank_state))
-    size = (jnp.linalg.norm(stepper.flank_state) + 1e-300) * np.sqrt(segments.SEGMENTS)
+def _linearized(stepper, beginning, y):
+    """What ``linearize`` of :func:`continuation.follow` returns: H are the gaps of the segments."""
+    scale, at = _scale(stepper), partial(_on_the_way, stepper, beginning)
+    gap, slope, share_slope = segments.linearize(at, _nodes(stepper, y), y[-1])
+    condensed = segments.condense(slope, share_slope / scale)
+    return gap / scale, segments.closing(condensed, gap / scale), segments.tangent(condensed), condensed
 
-    def towards(share):
-        return Towards(**parts, share=share, heavier=beginning[0], wider=beginning[1], late=beginning[2])
 
-    def nodes(y):
-        return size * y[:-1].reshape(shape)
+@Program
+def _simplified(stepper, beginning, y, condensed):
+    """What ``simplify`` of :func:`continuation.follow` returns."""
+    gap = segments.gaps(_on_the_way(stepper, beginning, y[-1]), _nodes(stepper, y)) / _scale(stepper)
+    return gap, segments.closing(condensed, gap)
 
-    def linearize(y):
-        gap, slope, share_slope = segments.linearize(towards, nodes(y), y[-1])
-        condensed = segments.condense(slope, share_slope / size)
-        return gap / size, condensed, segments.tangent(condensed)
 
-    def evaluate(y):
-        return segments.gaps(towards(y[-1]), nodes(y)) / size
-
-    def correct(gap, slopes):
-        condensed, tangent = slopes
-        return segments.closing(condensed, gap), tangent
-
-    followed = continuation.follow(linearize, evaluate, correct, jnp.zeros(shape[0] * shape[1] + 1), most=most)
-    return followed, nodes(followed.y), segments.motion(stepper, nodes(followed.y)).deflection
+@Program
+def _motion(stepper, y):
+    """Nodes ``(K, n)`` and deflections ``(G, capacity)`` of the motion at y."""
+    nodes = _nodes(stepper, y)
+    return nodes, segments.motion(stepper, nodes).deflection
 
 
 @dataclass(frozen=True)
-class Arrival:
+class HomotopyResult:
     """What the curves led to.
 
     coefficients : ``(G, n+1)`` deflections in m, None where no curve arrives; nodes ``(K, n)`` of that motion;
@@ -110,17 +138,22 @@ class Arrival:
     folds: int
 
 
-def find(train, rpm, plan):
-    """The :class:`Arrival` at a train, with the meshes and instants of a Plan; of no curve where WORK is too little."""
-    left, curves = int(WORK / work_of_cycle(train, plan.instants)), 0
-    if left < LEAST:
-        return Arrival(None, None, 0, 0, 0)
-    stepper = stepper_of(train, rpm, plan)
-    while True:
-        followed, nodes, deflection = _followed(stepper, BEGINNINGS[curves], min(left, MOST))
-        left, curves = left - int(followed.jacobians), curves + 1
-        told = {"curves": curves, "steps": int(followed.steps), "folds": int(followed.folds)}
-        if bool(followed.arrived):
-            return Arrival(coefficients(deflection, plan.instants), np.asarray(nodes), **told)
-        if curves == len(BEGINNINGS) or left < MOST // 4:
-            return Arrival(None, None, **told)
+def find(train, rpm, plan, *, options=DEFAULT):
+    """The :class:`HomotopyResult` at a train, with the meshes and time steps of a Plan; of no curve where the work that
+    the options allow is too little."""
+    left = int(options.work / work_of_cycle(train, plan.time_steps))
+    if left < options.fewest_jacobians:
+        return HomotopyResult(None, None, 0, 0, 0)
+    stepper = jax.device_put(stepper_of(train, rpm, plan))  # once, not for every Jacobian
+    start = np.zeros(segments.SEGMENTS * len(stepper.flank_state) + 1)
+    for curves, beginning in enumerate(options.beginnings, 1):
+        linearize, simplify = (partial(part, stepper, beginning) for part in (_linearized, _simplified))
+        end = continuation.follow(linearize, simplify, start, most=min(left, options.most_jacobians))
+        if end.arrived:
+            nodes, deflection = _motion(stepper, end.y)
+            found = coefficients(deflection, plan.time_steps)
+            return HomotopyResult(found, np.asarray(nodes), curves, end.steps, end.folds)
+        left -= end.jacobians
+        if left < options.most_jacobians // 4:
+            break
+    return HomotopyResult(None, None, curves, end.steps, end.folds)

@@ -1,70 +1,28 @@
-"""Newton-Kantorovich iteration, damped by the natural level, in ``lax.while_loop``, and the status of a solve.
+"""Newton-Kantorovich iteration, damped by the natural level, in ``lax.while_loop``.
 
 A step ``x - lambda J^-1 F`` counts as good if the residual falls by half of what its linear model promises. Where the
 tangent is nearly singular, beside a grazing impact, good steps let the residual rise, and a search for smaller ones
-creeps. There the natural level decides, which does not depend on how the equations are scaled: the simplified
-correction ``J^-1 F(x - lambda J^-1 F)`` must be shorter than the correction (Deuflhard, Newton Methods for Nonlinear
-Problems, Springer 2004, sec. 3.3, algorithm NLEQ-ERR).
+creeps. There the natural level decides (:mod:`jaxhb.harmonic.damping`): the simplified correction
+``J^-1 F(x - lambda J^-1 F)`` must be shorter than the correction.
 """
 
-from enum import IntEnum
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import lax
 
-from ..harmonic import backlash, fourier
+from ..harmonic import backlash, damping, fourier
 from ..harmonic.block_sweep import block_sweep
 from ..harmonic.residual import link_blocks, node_blocks, residual
 from . import correction
 
 KRYLOV_STEPS = 60
-WORN = 12
+RENEW_ABOVE = 12
 """Krylov steps of a Newton step above which the preconditioner is made anew."""
-
-SHORTEST = 1e-3
-"""Length of a step, as a share of the correction, below which there is none."""
 
 LEVEL_FORCING = 1e-2
 """Share of the residual that a simplified correction may leave."""
-
-
-class Status(IntEnum):
-    """Outcome of a solve; larger is worse. ``sentence`` says it for people."""
-
-    CONVERGED = 0
-    TOLERANCE_NOT_MET = 1
-    PLAN_VIOLATED = 2
-    MAX_STEPS = 3
-    STALLED = 4
-    UNBALANCED = 5
-    NEAR_SINGULAR = 6
-    NONFINITE = 7
-
-    @property
-    def sentence(self):
-        """What happened and what to try."""
-        return _SENTENCES[self]
-
-
-_REMEDY = (
-    "ask for more harmonics (above the mesh modes), start from the response at a neighbouring speed, or look whether "
-    "time integration settles there at all"
-)
-_SENTENCES = {
-    Status.CONVERGED: "converged",
-    Status.TOLERANCE_NOT_MET: "the equations are solved, but the number of harmonics is too small for the asked "
-    "tolerance: ask for more harmonics",
-    Status.PLAN_VIOLATED: "a mesh that the plan held on one flank leaves it, or passes the knots of its law more "
-    "often than exact integrals have room for: plan again, solve without a plan, or with sampled integrals",
-    Status.MAX_STEPS: "Newton's method needed more steps than allowed: " + _REMEDY,
-    Status.STALLED: "Newton's method found no step that leads closer: " + _REMEDY,
-    Status.UNBALANCED: "the mean torques do not balance and nothing takes the difference: add a [[load]] or correct "
-    "the mean torques",
-    Status.NEAR_SINGULAR: "the equations are singular here (an undamped resonance): add damping or move the speed",
-    Status.NONFINITE: "the solution is not finite: look for huge or tiny numbers in the scene",
-}
 
 
 class Iterate(NamedTuple):
@@ -94,7 +52,7 @@ class _State(NamedTuple):
     prepared: object
 
 
-def newton(evaluate, prepare, direction, norm, start, *, tolerance, max_steps, worn=0):
+def newton(evaluate, prepare, direction, norm, start, *, tolerance, max_steps, renew_above=0):
     """Solve ``evaluate(x) = 0`` from ``start``; a start that already solves it is accepted as it is.
 
     Parameters
@@ -102,12 +60,12 @@ def newton(evaluate, prepare, direction, norm, start, *, tolerance, max_steps, w
     evaluate : x -> residual
     prepare : x -> whatever ``direction`` needs and is worth keeping for several steps
     direction : (prepared, x, residual, error, forcing) -> (correction, work)
-        Solves ``J(x) correction = residual``, to ``forcing`` if this is not nan; ``work`` as in ``worn``.
+        Solves ``J(x) correction = residual``, to ``forcing`` if this is not nan; ``work`` as in ``renew_above``.
     norm : residual or correction -> float
     start : array
     tolerance : float, on ``norm`` of the residual
     max_steps : int, linear solves
-    worn : int
+    renew_above : int
         Work of a step above which the next one is prepared anew; so is a step after one that found no descent.
 
     Returns
@@ -122,26 +80,34 @@ def newton(evaluate, prepare, direction, norm, start, *, tolerance, max_steps, w
         return (iterate.error > tolerance) & (iterate.steps < max_steps)
 
     def solve(state):
-        """One linear solve: for a correction and the first trial of its length, or for the level of the trial."""
+        """One linear solve: for a correction and the first trial of its length, or for the level of the trial.
+
+        Either ends with a trial, so that the loop has one body with one linear solve: most of the work, and of what is
+        compiled.
+        """
         iterate, trying = state.iterate, state.trying
         forcing = jnp.where(trying, LEVEL_FORCING, jnp.nan)
         found, work = direction(state.prepared, iterate.x, state.given, iterate.error, forcing)
         correction = jnp.where(trying, state.correction, found)
-        size = norm(correction)
-        lower = trying & (norm(found) < (1 - state.length / 4) * size)
-        predicted = state.gain / (norm(state.correction - found) * size + 1e-300)
-        curved = size * state.length**2 / (2 * norm(found - (1 - state.length) * correction) + 1e-300)
-        shorter = jnp.maximum(jnp.fmin(curved, state.length / 2), state.length / 10)
-        length = jnp.where(trying, jnp.where(lower, state.length, shorter), jnp.clip(predicted, SHORTEST, 1.0))
+        size, found_size = norm(correction), norm(found)
+        # On trial, what was found is the simplified correction: the trial is taken now, or a shorter one is made.
+        lower = trying & damping.lowers_level(found_size, size, state.length)
+        bend = norm(found - (1 - state.length) * correction)
+        on_trial = jnp.where(lower, state.length, damping.shorter_length(state.length, size, bend))
+        # At an iterate, state.correction is the simplified one of the step that led there: the length is foreseen from
+        # it. A step that the residual accepted leaves none, but an infinite gain: the whole correction is tried.
+        foreseen = damping.predicted_length(state.gain, norm(state.correction - found), size)
+        length = jnp.where(trying, on_trial, foreseen)
         moved = iterate.x - length * correction
         after = evaluate(moved)
         error = norm(after)
+        # The residual is at hand and the level costs a linear solve: where the residual falls, it is not asked for.
         good = lower | (error < (1 - length / 2) * iterate.error)
         following = Iterate(
             jnp.where(good, moved, iterate.x),
             jnp.where(good, error, iterate.error),
             iterate.steps + 1,
-            ~good & (length < SHORTEST),
+            ~good & (length < damping.SHORTEST),
         )
         return _State(
             following,
@@ -149,7 +115,7 @@ def newton(evaluate, prepare, direction, norm, start, *, tolerance, max_steps, w
             given=after,
             correction=jnp.where(lower, found, correction),
             length=length,
-            gain=jnp.where(lower, size * norm(found) * length, jnp.where(good, jnp.inf, state.gain)),
+            gain=jnp.where(lower, size * found_size * length, jnp.where(good, jnp.inf, state.gain)),
             trying=~good,
             work=work,
             age=state.age + good,
@@ -170,7 +136,7 @@ def newton(evaluate, prepare, direction, norm, start, *, tolerance, max_steps, w
         )
 
         def useful(state):
-            return unsolved(state.iterate) & ~state.iterate.stalled & ((state.work <= worn) | (state.age == 0))
+            return unsolved(state.iterate) & ~state.iterate.stalled & ((state.work <= renew_above) | (state.age == 0))
 
         return lax.while_loop(useful, solve, state)
 
@@ -195,27 +161,27 @@ def relative_residual(reduced, value):
     return jnp.max(size / scale)
 
 
-def solve_reduced(reduced, train, start, *, samples, instants, tolerance, max_steps):
+def solve_reduced(reduced, train, start, *, samples, time_steps, tolerance, max_steps):
     """Newton on the reduced equation, unknowns the deflections ``(G, N+1)`` of the active meshes.
 
     Parameters
     ----------
-    reduced : Reduced; train : Surrogate, for the preconditioner
+    reduced : Reduced; train : ReducedModel, for the preconditioner
     start : complex array ``(G, N+1)`` m
-    samples : int, instants of the law, a multiple of 2 N; instants : int, of the preconditioner
+    samples : int, time samples of the law, a multiple of 2 N; time_steps : int, of the preconditioner
 
     Returns
     -------
-    Iterate, Variation
+    Iterate, PeriodicOperator
     """
 
     def prepare(deflection):
-        return correction.prepare(reduced, train, deflection, samples, instants)
+        return correction.prepare(reduced, train, deflection, samples, time_steps)
 
-    def direction(variation, deflection, value, error, forcing):
+    def direction(operator, deflection, value, error, forcing):
         wanted = jnp.clip(0.05 * tolerance / error, 1e-10, 1e-2)
         forcing = jnp.fmax(forcing, jnp.maximum(wanted, jnp.minimum(1e-2, 0.1 * error)))
-        change, _, used = correction.correct(reduced, variation, deflection, value, samples, forcing, KRYLOV_STEPS)
+        change, _, used = correction.correct(reduced, operator, deflection, value, samples, forcing, KRYLOV_STEPS)
         return change, used
 
     return newton(
@@ -226,7 +192,7 @@ def solve_reduced(reduced, train, start, *, samples, instants, tolerance, max_st
         start,
         tolerance=tolerance,
         max_steps=max_steps,
-        worn=WORN,
+        renew_above=RENEW_ABOVE,
     )
 
 

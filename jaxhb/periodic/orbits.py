@@ -17,10 +17,10 @@ from jax import lax
 from .._program import Program
 from ..harmonic import fourier
 from ..transient import segments
-from ..transient.integrate import cycle, cycle_closure
+from ..transient.integrate import cycle, cycle_error
+from ..transient.reduced_model import LARGEST, reduced_model, states_of
 from ..transient.shooting import shoot
 from ..transient.stepper import seen
-from ..transient.surrogate import LARGEST, states_of, surrogate
 from .march import begin
 from .problem import pose, reduced_equation
 
@@ -43,7 +43,7 @@ SETTLED, CLOSED = 1e-6, 1e-8
 SAME = 1e-4
 """Difference of the deflections, as a share of the largest, below which two orbits are one, found twice."""
 
-ROOM = 32768
+CAPACITY = 32768
 """Most steps a cycle. Arrays have room for them: programs are compiled once and not for each number of steps."""
 
 FLEXIBLE = 1e-6
@@ -51,57 +51,59 @@ FLEXIBLE = 1e-6
 
 
 @partial(Program, static_argnames="excited")
-def _equations(problem, choice, instants, excited):
-    """A Stepper without samples of its linear response, the coefficients ``(2G, N+1)`` of these, and the Surrogate."""
+def _equations(problem, choice, time_steps, excited):
+    """A Stepper without samples of its linear response, the coefficients ``(2G, N+1)`` of these, and the
+    ReducedModel."""
     links = jnp.asarray(problem.meshes.link)[choice.chosen]
     harmonics = problem.load.shape[-1] - 1
     reduced, _ = reduced_equation(problem, harmonics, choice.active, choice.chosen, choice.flank)
-    train = surrogate(problem.system, links, choice.active, problem.frequency, instants, excited)
+    train = reduced_model(problem.system, links, choice.active, problem.frequency, time_steps, excited)
     response = seen(reduced.linear, reduced.frequency)
-    return begin(reduced, train.space, instants, jnp.zeros((0, len(response))), train.static), response, train
+    return begin(reduced, train.space, time_steps, jnp.zeros((0, len(response))), train.static), response, train
 
 
-def work_of_cycle(train, instants):
-    """What the Jacobian of a cycle costs: instants times (states^2 + 15^2)."""
-    return instants * (states_of(train.topology.n_disks) ** 2 + 15**2)
+def work_of_cycle(train, time_steps):
+    """What the Jacobian of a cycle costs: time steps times (states^2 + 15^2)."""
+    return time_steps * (states_of(train.topology.n_disks) ** 2 + 15**2)
 
 
 def stepper_of(train, rpm, plan):
-    """The Stepper of a train with the meshes and instants of a Plan."""
+    """The Stepper of a train with the meshes and time steps of a Plan."""
     return _make(train, rpm, plan)[0]
 
 
 def _make(train, rpm, plan):
-    """A Stepper and the Surrogate that it steps."""
+    """A Stepper and the ReducedModel that it steps."""
     excited = plan.sizes.excited
-    stepper, response, modes = _equations(pose(train, rpm, excited), plan.choice, plan.instants, excited)
-    linear = np.zeros((2 * ROOM, len(response)))
-    linear[: 2 * plan.instants] = fourier.synthesize(response, 2 * plan.instants).T
-    stepper = replace(stepper, linear=linear, count=np.array(plan.instants))
+    stepper, response, modes = _equations(pose(train, rpm, excited), plan.choice, plan.time_steps, excited)
+    linear = np.zeros((2 * CAPACITY, len(response)))
+    linear[: 2 * plan.time_steps] = fourier.synthesize(response, 2 * plan.time_steps).T
+    stepper = replace(stepper, linear=linear, count=np.array(plan.time_steps))
     flexible = np.abs(np.diag(stepper.static)) * np.asarray(stepper.law.stiffness) > FLEXIBLE
     return (stepper if flexible.any() else replace(stepper, static=None)), modes
 
 
 @Program
 def _visited(stepper, until):
-    """States ``(CYCLES, n)`` at the beginning of cycles from the flanks, their closures, the last cycle's deflection.
+    """States ``(CYCLES, n)`` at the beginning of cycles from the flanks, their periodicity errors, the last cycle's
+    deflection.
 
-    Ends with the first cycle that closes to ``until``; cycles not marched have closure nan.
+    Ends with the first cycle that closes to ``until``; cycles not marched have periodicity error nan.
     """
 
     def unfinished(carry):
-        done, _, _, closures = carry
-        return (done < CYCLES) & ~(closures[done - 1] <= until)
+        done, _, _, periodicity_errors = carry
+        return (done < CYCLES) & ~(periodicity_errors[done - 1] <= until)
 
     def visit(carry):
-        done, state, states, closures = carry
-        after, closure = cycle_closure(stepper, state)
-        return done + 1, after, states.at[done].set(state), closures.at[done].set(closure)
+        done, state, states, periodicity_errors = carry
+        after, periodicity_error = cycle_error(stepper, state)
+        return done + 1, after, states.at[done].set(state), periodicity_errors.at[done].set(periodicity_error)
 
     state = stepper.flank_state
     empty = jnp.zeros((CYCLES, len(state))), jnp.full(CYCLES, jnp.nan)
-    done, _, states, closures = lax.while_loop(unfinished, visit, (jnp.array(0), state, *empty))
-    return states, closures, cycle(stepper, states[done - 1])[1].deflection
+    done, _, states, periodicity_errors = lax.while_loop(unfinished, visit, (jnp.array(0), state, *empty))
+    return states, periodicity_errors, cycle(stepper, states[done - 1])[1].deflection
 
 
 @Program
@@ -113,22 +115,23 @@ def _shot(stepper, state):
 
 @Program
 def _closed(stepper, nodes):
-    """Nodes ``(K, n)`` with smaller gaps, the deflections ``(G, room)`` of their motion, and its closure."""
+    """Nodes ``(K, n)`` with smaller gaps, the deflections ``(G, capacity)`` of their motion, and its periodicity
+    error."""
     nodes, trace, _ = segments.close(stepper, nodes, tolerance=CLOSED, most=STEPS)
-    return nodes, trace.deflection, trace.closure
+    return nodes, trace.deflection, trace.periodicity_error
 
 
 @dataclass(frozen=True)
 class Orbit:
     """What was found.
 
-    coefficients : ``(G, n+1)`` deflections in m, None where no cycle closes; closure : of the cycle that closes best,
-    nodes ``(K, n)`` its states at the beginnings of K segments, None after a march; tries : cycles from which shooting
-    began, or cycles marched.
+    coefficients : ``(G, n+1)`` deflections in m, None where no cycle closes; periodicity_error : of the cycle that
+    closes best, nodes ``(K, n)`` its states at the beginnings of K segments, None after a march; tries : cycles from
+    which shooting began, or cycles marched.
     """
 
     coefficients: np.ndarray | None
-    closure: float
+    periodicity_error: float
     nodes: np.ndarray | None
     tries: int
 
@@ -137,17 +140,17 @@ def _same(deflection, other):
     return np.max(np.abs(deflection - other)) <= SAME * np.max(np.abs(deflection))
 
 
-def coefficients(deflection, instants):
-    """Coefficients ``(G, n+1)`` of deflections ``(G, room)`` over a cycle, all that the instants tell apart."""
-    return np.asarray(fourier.analyze(deflection[:, :instants], (instants - 1) // 2))
+def coefficients(deflection, time_steps):
+    """Coefficients ``(G, n+1)`` of deflections ``(G, capacity)`` over a cycle, all that the time steps tell apart."""
+    return np.asarray(fourier.analyze(deflection[:, :time_steps], (time_steps - 1) // 2))
 
 
 class Search:
-    """Closed orbits of a train at a speed, with the meshes and instants of a Plan."""
+    """Closed orbits of a train at a speed, with the meshes and time steps of a Plan; as many shots as ``work`` pays."""
 
-    def __init__(self, train, rpm, plan):
-        self.train, self.rpm, self.plan = train, rpm, plan
-        self.states, self.closures = None, None
+    def __init__(self, train, rpm, plan, work=WORK):
+        self.train, self.rpm, self.plan, self.work = train, rpm, plan, work
+        self.states, self.periodicity_errors = None, None
 
     @cached_property
     def _made(self):
@@ -161,12 +164,12 @@ class Search:
 
     def march(self, until=0.0):
         """The :class:`Orbit` of the first cycle, from the flanks, that closes to ``until``; the cycles are kept."""
-        self.states, closures, deflection = jax.tree.map(np.asarray, _visited(self.stepper, until))
-        marched = int(np.isfinite(closures).sum())
-        self.closures = np.nan_to_num(closures, nan=np.inf)
-        closure = self.closures[max(marched, 1) - 1]
-        found = coefficients(deflection, self.plan.instants) if closure <= until else None
-        return Orbit(found, float(closure), None, marched)
+        self.states, periodicity_errors, deflection = jax.tree.map(np.asarray, _visited(self.stepper, until))
+        marched = int(np.isfinite(periodicity_errors).sum())
+        self.periodicity_errors = np.nan_to_num(periodicity_errors, nan=np.inf)
+        periodicity_error = self.periodicity_errors[max(marched, 1) - 1]
+        found = coefficients(deflection, self.plan.time_steps) if periodicity_error <= until else None
+        return Orbit(found, float(periodicity_error), None, marched)
 
     def shoot(self):
         """Yield the Orbits that Newton's method closes from the cycles of a march that close best, each once.
@@ -175,13 +178,13 @@ class Search:
         """
         best, known = Orbit(None, np.inf, None, 0), []
         for tries, seed in enumerate(self._seeds(), 1):
-            nodes, deflection, closure = jax.tree.map(np.asarray, _shot(self.stepper, seed))
+            nodes, deflection, periodicity_error = jax.tree.map(np.asarray, _shot(self.stepper, seed))
             best = replace(best, tries=tries)
-            if closure <= SETTLED and not any(_same(deflection, other) for other in known):
+            if periodicity_error <= SETTLED and not any(_same(deflection, other) for other in known):
                 known.append(deflection)
-                yield Orbit(coefficients(deflection, self.plan.instants), float(closure), nodes, tries)
-            elif closure < best.closure:
-                best = Orbit(None, float(closure), nodes, tries)
+                yield Orbit(coefficients(deflection, self.plan.time_steps), float(periodicity_error), nodes, tries)
+            elif periodicity_error < best.periodicity_error:
+                best = Orbit(None, float(periodicity_error), nodes, tries)
         if not known:
             yield best
 
@@ -189,14 +192,14 @@ class Search:
         """The :class:`Orbit` near the nodes of another one, which another Search with other steps found."""
         if self.train.topology.n_disks > LARGEST or not np.all(self.train.disks.inertia):  # modes depend on the steps
             nodes = nodes @ (self._made[1].space.coordinates @ search._made[1].motion).T
-        nodes, deflection, closure = jax.tree.map(np.asarray, _closed(self.stepper, nodes))
-        found = coefficients(deflection, self.plan.instants) if closure <= SETTLED else None
-        return Orbit(found, float(closure), nodes, 1)
+        nodes, deflection, periodicity_error = jax.tree.map(np.asarray, _closed(self.stepper, nodes))
+        found = coefficients(deflection, self.plan.time_steps) if periodicity_error <= SETTLED else None
+        return Orbit(found, float(periodicity_error), nodes, 1)
 
     def _seeds(self):
         """Beginnings ``(tries, n)`` of the cycles of a march that close best."""
         if self.states is None:
             self.march()
-        most = int(np.clip(WORK / work_of_cycle(self.train, self.plan.instants), *TRIES))
-        best = np.argsort(self.closures)[:most]
-        return self.states[best[np.isfinite(self.closures[best])]]
+        most = int(np.clip(self.work / work_of_cycle(self.train, self.plan.time_steps), *TRIES))
+        best = np.argsort(self.periodicity_errors)[:most]
+        return self.states[best[np.isfinite(self.periodicity_errors[best])]]

@@ -1,5 +1,6 @@
 """The equations of one train at one speed, and the fields of its solution. Arrays in, arrays out."""
 
+import dataclasses
 from dataclasses import dataclass
 
 import jax
@@ -7,8 +8,9 @@ import jax.numpy as jnp
 
 from .._arrays import namespace
 from ..harmonic import backlash, chain, fourier, reduction
+from ..harmonic.excitation import excitation, load_power_kW
 from ..harmonic.residual import Nonlinear, all_meshes
-from ..model.engine import excitation, load_power_kW
+from ..response.response import Fields
 
 
 @jax.tree_util.register_dataclass
@@ -52,15 +54,15 @@ def pose(train, rpm, excited):
 def offset_load(problem, flank):
     """Load ``(S, E+1)`` with the constant forces of meshes held on one flank (+1, -1; 0: not held) added."""
     constant = -jnp.asarray(flank) * backlash.offset(problem.meshes.law)
-    columns = reduction.incidence(problem.system, problem.meshes.link)
-    return jnp.asarray(problem.load).at[:, 0].add(-columns @ constant)
+    return jnp.asarray(problem.load).at[:, 0].add(-problem.system.spread(constant, problem.meshes.link))
 
 
 def reduced_equation(problem, harmonics, active, chosen, flank):
-    """Reduced and Folded of the meshes ``chosen`` (``active`` 1, padding 0), the others held on their flanks."""
+    """Reduced and CondensedTrain of the meshes ``chosen`` (``active`` 1, padding 0), the others held on their
+    flanks."""
     meshes = problem.meshes
     law = jax.tree.map(lambda a: jnp.asarray(a)[chosen], meshes.law)
-    law = backlash.Law(law.stiffness * active, law.epsilon, law.transition, law.backlash)
+    law = dataclasses.replace(law, stiffness=law.stiffness * active)
     return reduction.reduce(
         problem.system,
         problem.frequency,
@@ -74,28 +76,15 @@ def reduced_equation(problem, harmonics, active, chosen, flank):
     )
 
 
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class Fields:
-    """Coefficients: angles ``(S, N+1)``, torques ``(K, N+1)``, deflections ``(M, N+1)``, forces ``(M, 8N)``."""
-
-    angles: jax.Array
-    torques: jax.Array
-    elastic_torques: jax.Array
-    deflections: jax.Array
-    forces: jax.Array
-    elastic_forces: jax.Array
-
-
 FORCE_HARMONICS = 8
 
 
-def fields(problem, displacement, force, sizes, passages=None):
+def fields(problem, displacement, force, sizes, crossings=None):
     """Motion, torques and forces from displacements ``(S, N+1)`` and forces ``(L, N+1)`` of the linear links.
 
     Deflections of meshes come from link forces, not from differences of displacements. Tooth forces are those of the
     law at the synthesised deflection, to eight times the harmonics of the motion: the samples themselves, or with exact
-    integrals (``passages`` of all meshes, where known) their Fourier series.
+    integrals (``crossings`` of all meshes, where known) their Fourier series.
     """
     system, meshes = problem.system, problem.meshes
     harmonics = displacement.shape[-1] - 1
@@ -107,7 +96,7 @@ def fields(problem, displacement, force, sizes, passages=None):
     shafts = force.shape[0] - len(meshes.link)
     mesh = deflection[shafts:]
     law = jax.tree.map(jnp.asarray, meshes.law)
-    rule = reduction.instants(sizes.integrals, law, mesh, sizes.samples, passages)
+    rule = reduction.quadrature(sizes.integrals, law, mesh, sizes.samples, crossings)
     values, rates = jax.vmap(rule.synthesize)(jnp.stack([mesh, fourier.derivative(mesh, problem.frequency)]))
     law = law.expand()
     elastic = backlash.force(law, values)
@@ -133,8 +122,6 @@ def _centre(problem, displacement):
 
 def held_in_contact(problem, deflections, flank, samples):
     """Whether every held mesh stays beyond the transition zone on its flank all cycle."""
-    law = problem.meshes.law
     values = fourier.synthesize(deflections, samples)
-    knee = (1 + law.transition) * law.backlash / 2
-    margin = jnp.min(jnp.asarray(flank)[:, None] * values, axis=-1) - knee
+    margin = jnp.min(jnp.asarray(flank)[:, None] * values, axis=-1) - problem.meshes.law.knee
     return jnp.all((jnp.asarray(flank) == 0) | (margin >= 0))

@@ -10,11 +10,12 @@ from jax import lax
 
 from .._program import Program
 from ..harmonic import backlash, exact, fourier, reduction
-from ..transient.surrogate import surrogate
+from ..response.status import Status
+from ..transient.reduced_model import reduced_model
 from . import correction
 from .derivative import attach
 from .march import marched, on_flank
-from .newton import Status, relative_residual, solve_chain, solve_reduced
+from .newton import relative_residual, solve_chain, solve_reduced
 from .problem import fields, held_in_contact, offset_load, reduced_equation
 
 SINGULAR = 1e11
@@ -28,14 +29,14 @@ NEAR = 3e-4
 class Sizes:
     """What a program is compiled for.
 
-    samples : instants per cycle of the law; instants : of the march and of the preconditioner; excited : highest
+    samples : per cycle, of the law; time_steps : of the march and of the preconditioner; excited : highest
     harmonic of the excitation; method : "reduced" or "chain"; residual_tolerance, max_steps : of Newton; integrals :
     of the law over the cycle, "sampled" or "exact", which leaves ``samples`` to what needs no such accuracy;
     estimated : whether the truncation error is; without, it counts as 0.
     """
 
     samples: int
-    instants: int
+    time_steps: int
     excited: int
     method: str = "reduced"
     residual_tolerance: float = 1e-10
@@ -74,13 +75,13 @@ class Choice:
 class Outcome:
     """Fields of the solution, deflections ``(G, N+1)`` of the active meshes, and how the solve went.
 
-    closure : of the last cycle marched, 0 without; residual, truncation_error; steps : of Newton.
+    periodicity_error : of the last cycle marched, 0 without; residual, truncation_error; steps : of Newton.
     """
 
     fields: object
     deflection: jax.Array
     status: jax.Array
-    closure: jax.Array
+    periodicity_error: jax.Array
     residual: jax.Array
     truncation_error: jax.Array
     steps: jax.Array
@@ -117,41 +118,45 @@ def find(problem, choice, start, tolerance, sizes):
     harmonics = start.coefficients.shape[-1] - 1
     none = len(choice.active) == 0
     reach = 2 * harmonics if sizes.estimated and not none else harmonics
-    fine, folded = reduced_equation(problem, reach, choice.active, choice.chosen, choice.flank)
+    fine, condensed = reduced_equation(problem, reach, choice.active, choice.chosen, choice.flank)
     reduced = dataclasses.replace(reduction.truncate(fine, harmonics), integrals=sizes.integrals)
-    closure, error, truncation = jnp.zeros(()), jnp.zeros(()), jnp.zeros(())
-    variation = None
+    periodicity_error, error, truncation = jnp.zeros(()), jnp.zeros(()), jnp.zeros(())
+    operator = None
     steps, stalled = jnp.array(0), jnp.array(False)
     deflection = reduced.linear
     if not none:
         links = jnp.asarray(problem.meshes.link)[choice.chosen]
-        train = surrogate(problem.system, links, choice.active, problem.frequency, sizes.instants, sizes.excited)
-        first, closure = _first(reduced, train.space, start, sizes)
-        numbers = {"samples": sizes.samples, "instants": sizes.instants}
+        model = reduced_model(problem.system, links, choice.active, problem.frequency, sizes.time_steps, sizes.excited)
+        first, periodicity_error = _first(reduced, model.space, start, sizes)
+        numbers = {"samples": sizes.samples, "time_steps": sizes.time_steps}
         if sizes.method == "chain":
-            deflection, iterate = _by_chain(problem, choice, reduced, folded, first, sizes)
-            variation = correction.prepare(reduced, train, deflection, **numbers)
+            deflection, iterate = _by_chain(problem, choice, reduced, condensed, first, sizes)
+            operator = correction.prepare(reduced, model, deflection, **numbers)
         else:
             goal = {"tolerance": sizes.residual_tolerance, "max_steps": sizes.max_steps}
-            iterate, variation = solve_reduced(reduced, train, first, **numbers, **goal)
+            iterate, operator = solve_reduced(reduced, model, first, **numbers, **goal)
             deflection = iterate.x
         error = relative_residual(reduced, reduced.residual(deflection, sizes.samples))
         if sizes.estimated:
-            truncation = truncation_error(fine, variation, deflection, sizes.samples)
+            truncation = truncation_error(fine, operator, deflection, sizes.samples)
         steps, stalled = iterate.steps, iterate.stalled
-    reduced, passages = reduced.located(deflection), None
-    excess = reduced.excess_coefficients(deflection, sizes.samples)
-    found = fields(problem, *folded.combine(excess), sizes)
+    reduced, crossings = reduced.located(deflection), None
+    nonlinear_force = reduced.nonlinear_force_coefficients(deflection, sizes.samples)
+    found = fields(problem, *condensed.combine(nonlinear_force), sizes)
     if sizes.integrals == "exact":
-        passages = reduced.passages, exact.locate(jax.tree.map(jnp.asarray, problem.meshes.law), found.deflections)
-    failure = _failure(problem, choice, folded, found, error, stalled, passages, sizes)
+        crossings = reduced.crossings, exact.locate(jax.tree.map(jnp.asarray, problem.meshes.law), found.deflections)
+    failure = _failure(problem, choice, condensed, found, error, stalled, crossings, sizes)
     solved = failure == Status.CONVERGED
     status = jnp.where(solved & ~(truncation <= tolerance), Status.TOLERANCE_NOT_MET, failure)
-    return Outcome(found, deflection, status, closure, error, truncation, steps), (variation, passages), solved
+    return (
+        Outcome(found, deflection, status, periodicity_error, error, truncation, steps),
+        (operator, crossings),
+        solved,
+    )
 
 
 def _first(reduced, space, start, sizes):
-    """Where Newton starts, coefficients ``(G, N+1)``, and the closure of the march, 0 without."""
+    """Where Newton starts, coefficients ``(G, N+1)``, and the periodicity error of the march, 0 without."""
 
     sampled = dataclasses.replace(reduced, integrals="sampled")
     begun = jnp.where(start.given, start.coefficients, on_flank(reduced))
@@ -160,9 +165,9 @@ def _first(reduced, space, start, sizes):
         return relative_residual(sampled, sampled.residual(deflection, sizes.samples))
 
     def march():
-        found, closure = marched(reduced, space, sizes.instants, start.cycles, start.enough)
+        found, periodicity_error = marched(reduced, space, sizes.time_steps, start.cycles, start.enough)
         worse = lax.cond(given, lambda found: ~(left(found) < remaining), lambda _: False, found)
-        return jnp.where(worse, begun, found), jnp.where(worse, 0.0, closure)
+        return jnp.where(worse, begun, found), jnp.where(worse, 0.0, periodicity_error)
 
     given = start.given & (start.cycles > 0)
     remaining = lax.cond(given, left, lambda _: jnp.inf, begun)
@@ -170,10 +175,10 @@ def _first(reduced, space, start, sizes):
     return lax.cond(marching, march, lambda: (begun, jnp.zeros(())))
 
 
-def _by_chain(problem, choice, reduced, folded, start, sizes):
+def _by_chain(problem, choice, reduced, condensed, start, sizes):
     """Newton on all disks by the block sweep; meshes held on a flank follow the whole law here."""
     system, meshes = problem.system, problem.meshes
-    displacement, _ = folded.combine(reduced.excess_coefficients(start, sizes.samples))
+    displacement, _ = condensed.combine(reduced.nonlinear_force_coefficients(start, sizes.samples))
     iterate = solve_chain(
         system,
         meshes,
@@ -188,29 +193,29 @@ def _by_chain(problem, choice, reduced, folded, start, sizes):
     return system.deflections(fourier.unpack(iterate.x), links) * choice.active[:, None], iterate
 
 
-def _failure(problem, choice, folded, found, error, stalled, passages, sizes):
+def _failure(problem, choice, condensed, found, error, stalled, crossings, sizes):
     """The status as far as the equations go, CONVERGED whatever the truncation error."""
     finite = jnp.isfinite(error) & jnp.all(jnp.isfinite(found.angles.real + found.angles.imag))
     given = [leaf for leaf in jax.tree.leaves(problem) if jnp.issubdtype(leaf.dtype, jnp.inexact)]
     sound = jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in given]))
-    singular = sound & ~(folded.loudest <= SINGULAR * jnp.max(jnp.abs(problem.load), initial=0.0))
+    singular = sound & ~(condensed.largest_force <= SINGULAR * jnp.max(jnp.abs(problem.load), initial=0.0))
     held = held_in_contact(problem, found.deflections, choice.flank, sizes.samples)
-    balanced = _balanced(problem, choice, folded)
+    balanced = _balanced(problem, choice, condensed)
     unsolved = jnp.where(stalled, Status.STALLED, Status.MAX_STEPS)
     status = jnp.where(error <= sizes.residual_tolerance, Status.CONVERGED, unsolved)
-    complete = jnp.array(True) if passages is None else passages[0].complete & passages[1].complete
+    complete = jnp.array(True) if crossings is None else crossings[0].complete & crossings[1].complete
     status = jnp.where(held & complete, status, Status.PLAN_VIOLATED)
     status = jnp.where(balanced, status, Status.UNBALANCED)
     status = jnp.where(finite, status, Status.NONFINITE)
     return jnp.where(singular, Status.NEAR_SINGULAR, status)
 
 
-def _balanced(problem, choice, folded):
+def _balanced(problem, choice, condensed):
     """Whether the mean torques are taken: no disk is left with a mean force that no link, ground or load takes."""
-    system, every = problem.system, jnp.arange(len(problem.system.stiffness))
-    position, force = folded.mean_displacement, folded.mean_force
+    system = problem.system
+    position, force = condensed.mean_displacement, condensed.mean_force
     load = offset_load(problem, choice.flank)[:, 0].real
-    left = load - system.ground * position - reduction.incidence(system, every) @ force
+    left = load - system.ground * position - system.spread(force)
     size = jnp.max(jnp.abs(load), initial=0.0) + jnp.max(jnp.abs(force), initial=0.0)
     return jnp.max(jnp.abs(left)) <= 1e-9 * size
 
@@ -222,22 +227,22 @@ def estimate(problem, choice, deflection, sizes):
     fine, _ = reduced_equation(problem, 2 * harmonics, choice.active, choice.chosen, choice.flank)
     reduced = reduction.truncate(fine, harmonics)
     links = jnp.asarray(problem.meshes.link)[choice.chosen]
-    train = surrogate(problem.system, links, choice.active, problem.frequency, sizes.instants, sizes.excited)
-    variation = correction.prepare(reduced, train, deflection, sizes.samples, sizes.instants)
-    return truncation_error(fine, variation, deflection, sizes.samples)
+    train = reduced_model(problem.system, links, choice.active, problem.frequency, sizes.time_steps, sizes.excited)
+    operator = correction.prepare(reduced, train, deflection, sizes.samples, sizes.time_steps)
+    return truncation_error(fine, operator, deflection, sizes.samples)
 
 
-def truncation_error(fine, variation, deflection, samples):
+def truncation_error(fine, operator, deflection, samples):
     """Estimated sup-norm error of the elastic force / its largest value: one Newton correction on 2 N harmonics.
 
     ``fine`` is the reduced equation with 2 N harmonics, ``deflection`` ``(G, N+1)`` its solution with N harmonics and
-    ``samples`` instants. The residual on harmonics N+1 .. 2N is included: below the mesh modes a difference of two
+    ``samples`` time samples. The residual on harmonics N+1 .. 2N is included: below the mesh modes a difference of two
     levels is no estimate.
     """
     harmonics = fine.linear.shape[-1] - 1
     wide = fourier.resize(deflection, harmonics)
     residual = fine.residual(wide, 2 * samples)
-    change, left, _ = correction.correct(fine, variation, wide, residual, 2 * samples, 0.05, 20)
+    change, left, _ = correction.correct(fine, operator, wide, residual, 2 * samples, 0.05, 20)
     law = fine.law.expand()
     before = backlash.force(law, fourier.synthesize(wide, 2 * samples))
     after = backlash.force(law, fourier.synthesize(wide - change, 2 * samples))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..model.engine import excitation
+from ..harmonic.excitation import excitation
 
 NOTED_SHARE = 0.01
 ROUNDING = 1e-9

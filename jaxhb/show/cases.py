@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from ..linear.response import Response
 from ..periodic.solve import linear_response, solve
+from ..response.response import Response
 from .balance import balance_line
 from .report import contacts_of, gears, hardest_impact, response_record, shafts_of, status_line, verdict
 from .tables import NONE, aligned, alike, notes_text, ratios, shares

@@ -10,7 +10,7 @@ from ..model.speeds import read_speed, read_speeds
 
 DESCRIPTION = """\
 Forced periodic vibration of drive trains with gear backlash: do the teeth hammer, at which speeds, and how hard?
-One periodic solution per speed, at the border in rpm, N m, kN and deg."""
+One periodic solution per speed. Units: rpm, N m, kN and deg."""
 
 EXAMPLES = """\
 examples:
@@ -23,21 +23,21 @@ examples:
   jaxhb tune engine_with_damper --plot tuned.png
 
 exit status: 0 converged (residual and truncation error within their limits, at all speeds); 1 not converged (files are
-still written); 2 bad input (nothing is written); 3 an error of the program. A scene whose mean torques do not balance
-is bad input when it is read (2); one that --set throws out of balance is solved and told as UNBALANCED (1)."""
+still written); 2 bad input (nothing is written); 3 an error in the program. A scene whose mean torques do not balance
+is bad input (2). If --set unbalances a scene, it is solved and reported as UNBALANCED (1)."""
 
 SOLVE = """\
-One speed: who separates for how much of the cycle, tooth forces (kN), torques of gears and shafts (N m), with backlash
-and without."""
+One speed, with backlash and without: which teeth separate and for how much of the cycle, tooth forces (kN), torques of
+gears and shafts (N m)."""
 SWEEP = "Many speeds in one call: largest tooth force and time out of contact over the speed."
 REPORT = """\
-Several speeds, with backlash and without, and with one cylinder that does not fire beside normal running; a picture of
-the torque on one gear over the cycle, gap contact shaded."""
+Several speeds, with backlash and without, in normal running and with a misfiring cylinder. The plot shows the torque on
+one gear over the cycle, with the time in the gap shaded."""
 
 TUNE = """\
-Changes numbers of a scene within bounds, by gradient, so that a response becomes small over a range of speeds: all as
-the [tune] table of the scene asks (see the README). The tuned scene and the history are written after every step, so
-that Ctrl-C leaves the best design so far; the exit status is then 130."""
+Changes numbers of a scene within bounds, by gradient, to make a response small over a range of speeds. The [tune] table
+of the scene sets what changes and what is minimised (see the README). Every step writes the tuned scene and the
+history, so Ctrl-C leaves the best design so far; the exit status is then 130."""
 
 
 ENVIRONMENT = {
@@ -136,7 +136,7 @@ def parser():
     _accuracy(sweep)
     _files(sweep, "tooth force and time out of contact over the speed")
     sweep.add_argument("--csv", metavar="FILE", help="write one row per speed for spreadsheets, N and N m")
-    report = add("report", run_report, "several speeds, normal running beside a misfire", REPORT)
+    report = add("report", run_report, "several speeds, normal running and a misfire", REPORT)
     _scene(report)
     _speeds(report)
     _misfire(report)
@@ -149,10 +149,12 @@ def parser():
     text = "speeds of the reference rotor, rpm, instead of those of the [tune] table: A:B:COUNT or R1,R2,..."
     tune.add_argument("--rpm", type=speeds, metavar="A:B:COUNT", help=text)
     tune.add_argument("--optimizer", choices=("lbfgs", "adam"), help="default: lbfgs")
-    tune.add_argument("--steps", type=whole, metavar="N", help="most steps")
-    tune.add_argument("--starts", type=whole, metavar="N", help="designs tuned side by side: the scene and random ones")
-    tune.add_argument("--seed", type=count, metavar="N", help="of the random designs (default 0)")
-    tune.add_argument("--tolerance", type=share, metavar="T", help="as of solve (default 0.01)")
+    tune.add_argument("--steps", type=whole, metavar="N", help="maximum number of steps")
+    tune.add_argument(
+        "--starts", type=whole, metavar="N", help="number of designs tuned together: the scene and random ones"
+    )
+    tune.add_argument("--seed", type=count, metavar="N", help="seed of the random designs (default 0)")
+    tune.add_argument("--tolerance", type=share, metavar="T", help="as in solve (default 0.01)")
     tune.add_argument("--output", metavar="FILE.toml", help="the tuned scene (default: SCENE_tuned.toml here)")
     tune.add_argument("--json", metavar="FILE", help="parameters, readings, history (default: as --output, .json)")
     tune.add_argument("--plot", metavar="FILE.png", help="draw the response before and after and the history")
@@ -183,7 +185,7 @@ def _misfire(command):
 
 def _accuracy(command):
     command.add_argument(
-        "--harmonics", type=whole, metavar="N", help="harmonics of the cycle, fixed (default: as many as needed)"
+        "--harmonics", type=whole, metavar="N", help="fixed number of harmonics (default: as many as needed)"
     )
     command.add_argument(
         "--tolerance",

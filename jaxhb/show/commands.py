@@ -8,7 +8,7 @@ import numpy as np
 from ..linear.modal import natural_frequencies
 from ..model.scene import load_scene, scene_description, scene_names
 from ..model.scene_writer import changed_scene, copies_beside
-from ..periodic.harmonics import without_backlash
+from ..periodic.planning import without_backlash
 from ..periodic.solve import linear_response, solve
 from ..periodic.speeds import solve_speeds
 from .balance import ground_reactions, load_torques
@@ -113,7 +113,7 @@ def report(arguments):
     train = _train(arguments)
     _check_picture(train, arguments)
     if arguments.at is not None and arguments.at not in arguments.rpm:
-        raise OutputError(f"--at: {arguments.at:g} rpm is none of the speeds of --rpm. Add it there.")
+        raise OutputError(f"--at: {arguments.at:g} rpm is not one of the speeds of --rpm. Add it.")
     fires = train.topology.cylinder_fires
     trains = {"all cylinders firing" if fires and all(fires) else "the scene as given": train}
     if arguments.misfire:

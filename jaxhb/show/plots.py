@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..design.evaluation import label
+from ..harmonic.backlash import separated
 from .report import contact_at, gears, hardest_gear, hardest_shaft, meshes_of
 from .tuned import scaled_unit
 
@@ -168,14 +169,9 @@ def default_gear(response):
 
 
 def in_the_gap(response, mesh, count):
-    """Whether the teeth are apart, |l| < (1 - transition) h / 2, at ``count`` instants of the cycle."""
-    topology = response.topology
-    index = topology.mesh_names.index(mesh)
-    if not topology.mesh_backlash[index]:
-        return np.zeros(count, dtype=bool)
-    table = response.train.meshes
-    half_gap = (1 - float(table.transition[index])) * float(table.backlash[index]) / 2
-    return np.abs(np.asarray(response.deflection(mesh).samples(count))) < half_gap
+    """Whether the teeth are apart at ``count`` time samples of the cycle."""
+    apart = separated(response.law.expand(), response.deflection_samples(count))
+    return np.asarray(apart)[response.topology.mesh_names.index(mesh)]
 
 
 def _plot_shaft(response, title):
@@ -211,7 +207,7 @@ def _angles(response):
 
 
 def _closed(signal):
-    """Samples of a whole cycle, its first instant again at the end."""
+    """Samples of a whole cycle, its first time sample again at the end."""
     values = np.asarray(signal.samples(SAMPLES))
     return np.append(values, values[0])
 

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from ..periodic.newton import Status
+from ..response.events import Homotopy, Shooting
+from ..response.status import Status
 from .balance import balance_record, ground_notes, plain_number
 
 GAP_SPRING_SHARE = 0.05
@@ -59,7 +60,7 @@ def _outcome_record(response):
         "harmonics": int(response.harmonics),
         "residual": float(response.residual),
         "truncation_error": float(response.truncation_error),
-        "path": list(response.path),
+        "path": [str(event) for event in response.path],
         "load_kW": float(response.load_kW) + 0.0,
         "verdict": verdict(response),
         "notes": notes(response),
@@ -78,7 +79,7 @@ def modes_record(modes):
 
 
 def finite(value):
-    """The same nest of dictionaries and lists with None for every number that is not finite (JSON knows no nan)."""
+    """The same nest of dictionaries and lists with None for every number that is not finite (JSON has no nan)."""
     if isinstance(value, dict):
         return {key: finite(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
@@ -231,7 +232,7 @@ def verdict(response):
         return doubt + f"{'a' if doubt else 'A'}ll teeth stay in contact at {speed}."
     share = f"{_percent(worst.separated_fraction)} of the cycle"
     if not worst.impacts:
-        return doubt + f"{name} is apart {share} at {speed} and never meets."
+        return doubt + f"{name} is apart {share} at {speed}, without an impact."
     count = len(worst.impacts)
     hits = "one impact" if count == 1 else f"{count} impacts"
     return (
@@ -251,7 +252,7 @@ def notes(*responses):
     Parameters
     ----------
     *responses : Response
-        Of one train, each at one speed; told is the speed of the smallest mean force.
+        Of one train, each at one speed; the notes name the speed of the smallest mean force.
 
     Returns
     -------
@@ -286,14 +287,14 @@ def _unsettled_notes(responses):
     found = [
         f"{float(r.rpm):g}"
         for r in responses
-        if r.converged and any(word in entry for entry in r.path for word in ("shooting", "homotopy"))
+        if r.converged and any(isinstance(event, Shooting | Homotopy) for event in r.path)
     ]
     if not found:
         return []
     speeds = f"{', '.join(found[:6])}{f' and {len(found) - 6} more' if len(found) > 6 else ''} rpm"
     return [
         f"A periodic motion was found at {speeds}, but a few cycles of time integration do not settle there: it may be "
-        "unstable, and the engine may run through other motions instead (jaxhb.integrate shows them)."
+        "unstable, and the engine may run in another motion (jaxhb.integrate shows it)."
     ]
 
 

@@ -235,9 +235,9 @@ def modes_text(modes, name):
         most = sorted(shape, key=lambda disk: -abs(shape[disk]))[:3]
         moving = ", ".join(f"{disk} {shape[disk]:+.2f}" for disk in most)
         if not hz and loose > 1:
-            moving = f"one of {loose} motions that no stiffness opposes"
+            moving = f"one of {loose} rigid-body modes"
         elif not hz and all(shape.values()):
-            moving = "all disks together"
+            moving = "rigid-body mode"
         rows.append([str(k), f"{hz:.2f}", f"{60 * hz:.0f}", f"{100 * modes.mesh_energy_share[k]:.0f}", moving])
     heads = ["mode", "Hz", "per minute", "in teeth %", "largest angles (relative)"]
     title = f"Natural frequencies of {name}: undamped, teeth in contact; share of the strain energy in the teeth"

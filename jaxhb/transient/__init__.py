@@ -1,1 +1,1 @@
-"""Time integration: the referee, and starts for the harmonic solution."""
+"""Time integration: the reference integration, and starts for the harmonic solution."""

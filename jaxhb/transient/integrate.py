@@ -12,14 +12,15 @@ from jax import lax
 class Trace:
     """One cycle of the meshes, sampled at ``t_j = 2 pi j / (Omega steps)``, above zeros where there is room for more.
 
-    deflection ``(G, room)`` m; rate ``(G, room)`` m/s; closure : change of (l, l') from the beginning of that cycle
-    to its end, the largest over the meshes relative to ``max|l| + g`` and ``max|l'| + Omega g``, g = (1 - epsilon) h.
-    Motion that moves no mesh (rotation of a floating or softly grounded train) does not count.
+    deflection ``(G, capacity)`` m; rate ``(G, capacity)`` m/s; periodicity_error : change of (l, l') from the
+    beginning of that cycle to its end, the largest over the meshes relative to ``max|l| + g`` and ``max|l'| + Omega
+    g``, g = (1 - epsilon) h. Motion that moves no mesh (rotation of a floating or softly grounded train) does not
+    count.
     """
 
     deflection: jax.Array
     rate: jax.Array
-    closure: jax.Array
+    periodicity_error: jax.Array
 
 
 @jax.tree_util.register_dataclass
@@ -74,24 +75,24 @@ def cycle(stepper, state):
     state : array ``(n,)``
     trace : Trace
     """
-    end, change, samples = _whole(stepper, state, put, no_samples(stepper, stepper.room))
-    return end, traced(stepper, samples, change)
+    end, change, samples = _whole(stepper, state, put, no_samples(stepper, stepper.capacity))
+    return end, trace_of(stepper, samples, change)
 
 
-def cycle_closure(stepper, state):
-    """State after one cycle from ``state``, and the closure of its :class:`Trace`; no samples are kept."""
+def cycle_error(stepper, state):
+    """State after one cycle from ``state``, and the periodicity error of its :class:`Trace`; no samples are kept."""
     end, change, largest = _whole(stepper, state, *watch(stepper))
-    return end, closure(stepper, change, largest)
+    return end, periodicity_error(stepper, change, largest)
 
 
 def put(samples, k, w):
-    """``keep`` of :func:`run` for samples ``(room, 2G)``."""
+    """``keep`` of :func:`run` for samples ``(capacity, 2G)``."""
     return lax.dynamic_update_index_in_dim(samples, w, k, axis=0)
 
 
-def no_samples(stepper, room):
-    """Zeros ``(room, 2G)``, to :func:`put` samples over."""
-    return jnp.zeros((room, stepper.linear.shape[1]))
+def no_samples(stepper, capacity):
+    """Zeros ``(capacity, 2G)``, to :func:`put` samples over."""
+    return jnp.zeros((capacity, stepper.linear.shape[1]))
 
 
 def watch(stepper):
@@ -104,22 +105,23 @@ def watch(stepper):
     return keep, jnp.zeros(stepper.linear.shape[1])
 
 
-def closure(stepper, change, largest):
+def periodicity_error(stepper, change, largest):
     """Closure, see :class:`Trace`, of a change and the largest of deflections and rates, ``(2G,)`` each."""
     gap = (1 - stepper.law.epsilon) * stepper.law.backlash + 1e-300
     return jnp.max(jnp.abs(change) / (largest + jnp.concatenate([gap, stepper.frequency * gap])), initial=0.0)
 
 
-def traced(stepper, samples, change):
-    """The Trace of a cycle from w ``(room, 2G)``, (l, l') of the states, and its change ``(2G,)`` over the cycle."""
+def trace_of(stepper, samples, change):
+    """The Trace of a cycle from w ``(capacity, 2G)``, (l, l') of the states, and its change ``(2G,)`` over the
+    cycle."""
     deflection, rate = jax.vmap(stepper.flexed)(samples).T, jnp.split(samples.T, 2)[1]
     largest = jnp.abs(jnp.concatenate([deflection, rate])).max(axis=1)
-    return Trace(deflection, rate, closure(stepper, change, largest))
+    return Trace(deflection, rate, periodicity_error(stepper, change, largest))
 
 
 def _no_trace(stepper):
     """The Trace before the first cycle, open: loops that begin with it hold one copy of a cycle, and compile faster."""
-    empty = jnp.zeros((len(stepper.viscous), stepper.room))
+    empty = jnp.zeros((len(stepper.viscous), stepper.capacity))
     return Trace(empty, empty, jnp.array(jnp.inf))
 
 
@@ -138,7 +140,7 @@ def march(stepper, state, cycles):
     state : array ``(n,)``
         At the end.
     trace : Trace
-        The last cycle; ``trace.closure`` its change.
+        The last cycle; ``trace.periodicity_error`` its change.
     """
     return lax.fori_loop(0, cycles, lambda _, carry: cycle(stepper, carry[0]), (state, _no_trace(stepper)))
 
@@ -151,7 +153,7 @@ def settle(stepper, state, *, tolerance=1e-6, max_cycles=200):
     stepper : Stepper
     state : array ``(n,)``
     tolerance : float
-        Allowed ``trace.closure``. A slow drift closes every cycle to the drift of one cycle.
+        Allowed ``trace.periodicity_error``. A slow drift closes every cycle to the drift of one cycle.
     max_cycles : int
 
     Returns
@@ -162,11 +164,11 @@ def settle(stepper, state, *, tolerance=1e-6, max_cycles=200):
 
     def unfinished(carry):
         _, trace, done = carry
-        return (done < max_cycles) & ~(trace.closure <= tolerance) & ~jnp.isnan(trace.closure)
+        return (done < max_cycles) & ~(trace.periodicity_error <= tolerance) & ~jnp.isnan(trace.periodicity_error)
 
     def another(carry):
         state, _, done = carry
         return *cycle(stepper, state), done + 1
 
     state, trace, done = lax.while_loop(unfinished, another, (state, _no_trace(stepper), jnp.array(0)))
-    return Settled(state, trace, trace.closure <= tolerance, done)
+    return Settled(state, trace, trace.periodicity_error <= tolerance, done)

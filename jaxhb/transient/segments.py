@@ -11,16 +11,18 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from .integrate import closure, no_samples, put, run, traced, watch
+from ..harmonic import damping
+from .integrate import no_samples, periodicity_error, put, run, trace_of, watch
 
 SEGMENTS = 32
-"""Divides every number of instants; more of them cost no less."""
+"""Divides every number of time samples; more of them cost no less."""
 
 SINGULAR = 1e-11
 """Share of the largest singular value of a condensed cycle below which a motion returns whatever it is."""
 
 LENGTHS = (1.0, 0.5, 0.2, 0.05, 0.01)
-"""Shares of a Newton step that are tried."""
+"""Shares of a Newton step that are tried, all of them: one costs a run through the segments and no linear solve, little
+beside the Jacobian, so that none need be predicted."""
 
 
 def _end(stepper, state, segment, segments):
@@ -52,18 +54,19 @@ def gaps(stepper, nodes):
 
 
 def gaps_and_closure(stepper, nodes):
-    """Gaps ``(K, n)``, and the closure of :func:`motion`."""
+    """Gaps ``(K, n)``, and the periodicity error of :func:`motion`."""
     gap, largest = _driven(stepper, nodes, *watch(stepper))
-    return gap, closure(stepper, _widest(stepper, gap), largest.max(axis=0))
+    return gap, periodicity_error(stepper, _widest(stepper, gap), largest.max(axis=0))
 
 
 def motion(stepper, nodes):
-    """The :class:`~jaxhb.transient.integrate.Trace` of a cycle in segments; its closure is that of the widest gap."""
-    segments, step = len(nodes), jnp.arange(stepper.room)
+    """The :class:`~jaxhb.transient.integrate.Trace` of a cycle in segments; its periodicity error is that of the
+    widest gap."""
+    segments, step = len(nodes), jnp.arange(stepper.capacity)
     count = stepper.steps // segments
-    gap, samples = _driven(stepper, nodes, put, no_samples(stepper, stepper.room // segments))
+    gap, samples = _driven(stepper, nodes, put, no_samples(stepper, stepper.capacity // segments))
     samples = samples[jnp.minimum(step // count, segments - 1), step % count]
-    return traced(stepper, jnp.where((step < stepper.steps)[:, None], samples, 0.0), _widest(stepper, gap))
+    return trace_of(stepper, jnp.where((step < stepper.steps)[:, None], samples, 0.0), _widest(stepper, gap))
 
 
 def _driven(stepper, nodes, *kept):
@@ -128,7 +131,7 @@ def closing(condensed, gap):
     gathered, _ = lax.scan(lambda carry, known: (known[0] @ carry + known[1], None), 0.0 * gap[0], (slope, gap))
     known = values > SINGULAR * values[0]
     first = right[:-1].T @ (jnp.where(known, left.T @ -gathered, 0.0) / jnp.where(known, values, 1.0))
-    return _unfolded(slope, gap + share_slope * first[-1], first)
+    return _expanded(slope, gap + share_slope * first[-1], first)
 
 
 def tangent(condensed):
@@ -136,10 +139,10 @@ def tangent(condensed):
     determinant, which no fold and no corner of the curve changes."""
     slope, share_slope, left, _, right = condensed
     first = right[-1] * jnp.sign(jnp.linalg.det(left) * jnp.linalg.det(right))
-    return _unfolded(slope, share_slope * first[-1], first)
+    return _expanded(slope, share_slope * first[-1], first)
 
 
-def _unfolded(slope, added, first):
+def _expanded(slope, added, first):
     """Changes of all nodes, and of the share, from those of the first node and the share."""
     _, nodes = lax.scan(lambda node, known: (known[0] @ node + known[1], node), first[:-1], (slope, added))
     return jnp.append(nodes, first[-1])
@@ -152,9 +155,9 @@ def close(stepper, nodes, *, tolerance, most):
     ----------
     stepper : Stepper
     nodes : array ``(K, n)``, of a near motion
-    tolerance : float, on the closure of :func:`motion`
-    most : int, Newton steps; each is the longest of LENGTHS that lowers the natural level (the norm of what the same
-        Jacobian would still correct), and they end where none does
+    tolerance : float, on the periodicity error of :func:`motion`
+    most : int, Newton steps; each is the longest of LENGTHS that lowers the natural level
+        (:mod:`jaxhb.harmonic.damping`), and they end where none does
 
     Returns
     -------
@@ -163,11 +166,11 @@ def close(stepper, nodes, *, tolerance, most):
     lengths = jnp.array(LENGTHS)
 
     def unfinished(carry):
-        _, closure, done, closer = carry
-        return ~(closure <= tolerance) & (done < most) & closer
+        _, periodicity_error, done, closer = carry
+        return ~(periodicity_error <= tolerance) & (done < most) & closer
 
     def step(carry):
-        nodes, closure, done, _ = carry
+        nodes, periodicity_error, done, _ = carry
         gap, slope, none = linearize(lambda _: stepper, nodes, 1.0)
         condensed = condense(slope, none)
 
@@ -175,15 +178,15 @@ def close(stepper, nodes, *, tolerance, most):
             return closing(condensed, gap)[:-1].reshape(nodes.shape)
 
         def tried(length):
-            gap, closure = gaps_and_closure(stepper, nodes + length * whole)
-            return jnp.linalg.norm(change(gap)) < (1 - length / 4) * size, closure
+            gap, periodicity_error = gaps_and_closure(stepper, nodes + length * whole)
+            return damping.lowers_level(jnp.linalg.norm(change(gap)), size, length), periodicity_error
 
         whole = change(gap)
         size = jnp.linalg.norm(whole)
-        lower, closures = lax.map(tried, lengths)
+        lower, periodicity_errors = lax.map(tried, lengths)
         best, closer = jnp.argmax(lower), jnp.any(lower)
         nodes = jnp.where(closer, nodes + lengths[best] * whole, nodes)
-        return nodes, jnp.where(closer, closures[best], closure), done + 1, closer
+        return nodes, jnp.where(closer, periodicity_errors[best], periodicity_error), done + 1, closer
 
     start = (nodes, jnp.array(jnp.inf), jnp.array(0), jnp.array(True))
     nodes, _, done, _ = lax.while_loop(unfinished, step, start)

@@ -7,10 +7,11 @@ import jax.numpy as jnp
 from jax import lax
 
 from . import segments
-from .integrate import cycle_closure
+from .integrate import cycle_error
 
 LENGTHS = (1.0, 0.6, 0.36, 0.2, 0.1, 0.03)
-"""Shares of a Newton step that are tried at once: beside grazing impacts only short steps improve the closure."""
+"""Shares of a Newton step that are tried at once: beside grazing impacts only short steps improve the periodicity
+error."""
 
 
 def monodromy(stepper, state):
@@ -20,7 +21,7 @@ def monodromy(stepper, state):
     many of the segments, side by side, as divide the steps: 2.4 times faster than along the cycle with 6 states, twice
     with 24, no faster with 120.
     """
-    nodes = segments.beginnings(stepper, state, math.gcd(stepper.room, segments.SEGMENTS))
+    nodes = segments.beginnings(stepper, state, math.gcd(stepper.capacity, segments.SEGMENTS))
     end, slope, _ = segments.ends(lambda _: stepper, nodes, 1.0)
     return lax.scan(lambda matrix, slope: (slope @ matrix, None), jnp.eye(len(state)), slope)[0], end[-1]
 
@@ -46,22 +47,22 @@ def shoot(stepper, state, *, most=20, tolerance=1e-11, cutoff=1e-10):
 
     Returns
     -------
-    state ``(n,)``, the closure of its cycle, Newton steps taken
+    state ``(n,)``, the periodicity error of its cycle, Newton steps taken
     """
     identity = jnp.eye(state.shape[0])
     lengths = jnp.array(LENGTHS)
 
     def unfinished(carry):
-        _, closure, done = carry
-        return (done < most) & ~(closure <= tolerance)
+        _, periodicity_error, done = carry
+        return (done < most) & ~(periodicity_error <= tolerance)
 
     def correct(carry):
         state, _, done = carry
         matrix, end = monodromy(stepper, state)
         direction = jnp.linalg.pinv(identity - matrix, rtol=cutoff) @ (end - state)
         tried = state + lengths[:, None] * direction
-        closures = jax.vmap(lambda state: cycle_closure(stepper, state)[1])(tried)
-        best = jnp.nanargmin(closures)
-        return tried[best], closures[best], done + 1
+        periodicity_errors = jax.vmap(lambda state: cycle_error(stepper, state)[1])(tried)
+        best = jnp.nanargmin(periodicity_errors)
+        return tried[best], periodicity_errors[best], done + 1
 
     return lax.while_loop(unfinished, correct, (state, jnp.array(jnp.inf), jnp.array(0)))

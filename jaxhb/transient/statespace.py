@@ -17,6 +17,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from .._arrays import namespace
+
 
 @dataclass(frozen=True)
 class Partition:
@@ -41,19 +43,11 @@ class StateSpace:
     coordinates: jax.Array
 
 
-def incidence_rows(system):
-    """``(L, S)`` matrix D of all link deflections, l = D x."""
-    links = jnp.arange(system.stiffness.shape[0])
-    rows = jnp.zeros((links.size, system.mass.shape[0]))
-    rows = rows.at[links, system.tree.end_a].add(system.arm_a)
-    return rows.at[links, system.tree.end_b].add(-system.arm_b)
-
-
 def matrices(system):
     """Dense damping matrix B and stiffness matrix K ``(S, S)``, meshes taken in contact."""
-    D = incidence_rows(system)
-    B = jnp.diag(system.damping) + D.T @ (system.viscous[:, None] * D)
-    K = jnp.diag(system.ground) + D.T @ (system.stiffness[:, None] * D)
+    xp, D = namespace(system), system.incidence().T
+    B = xp.diag(system.damping) + D.T @ (system.viscous[:, None] * D)
+    K = xp.diag(system.ground) + D.T @ (system.stiffness[:, None] * D)
     return B, K
 
 
@@ -103,7 +97,7 @@ def partition(system, meshes, disk_names=None, link_names=None):
                 f"{disk(index)} has no inertia and carries a backlash mesh: its motion in time is an algebraic "
                 "unknown. Give it an inertia, or use a harmonic method."
             )
-    B, K = _host_matrices(system)
+    B, K = matrices(jax.tree.map(np.asarray, system))
     undamped = ~np.any(B[massless] != 0, axis=1)
     static, damped = massless[undamped], massless[~undamped]
     for group, matrix, what in ((static, K, "stiffness"), (damped, B, "damping")):
@@ -115,17 +109,6 @@ def partition(system, meshes, disk_names=None, link_names=None):
             )
     inertial = np.flatnonzero(np.asarray(system.mass) != 0)
     return Partition(*(tuple(int(i) for i in group) for group in (inertial, damped, static)))
-
-
-def _host_matrices(system):
-    end_a, end_b = np.asarray(system.tree.end_a), np.asarray(system.tree.end_b)
-    links = np.arange(end_a.size)
-    D = np.zeros((links.size, np.asarray(system.mass).size))
-    np.add.at(D, (links, end_a), np.asarray(system.arm_a))
-    np.add.at(D, (links, end_b), -np.asarray(system.arm_b))
-    B = np.diag(np.asarray(system.damping)) + D.T @ (np.asarray(system.viscous)[:, None] * D)
-    K = np.diag(np.asarray(system.ground)) + D.T @ (np.asarray(system.stiffness)[:, None] * D)
-    return B, K
 
 
 def _regular(matrix):
@@ -170,7 +153,7 @@ def state_space(system, meshes, frequency, parts):
     weight = jnp.sqrt(jnp.mean(root**2)) * frequency
     to = _blocks(scale[:, None] * to_modal, weight * jnp.eye(extra), to_modal)
     back = _blocks(from_modal / scale, jnp.eye(extra) / weight, from_modal)
-    mesh_rows = incidence_rows(system)[meshes.link][:, inertial]
+    mesh_rows = system.incidence(meshes.link).T[:, inertial]
     forcing = jnp.concatenate([jnp.zeros((n + extra, meshes.link.shape[0])), -mesh_rows.T / (root**2)[:, None]])
     zeros = jnp.zeros((meshes.link.shape[0], n + extra))
     position = jnp.concatenate([mesh_rows, jnp.zeros((mesh_rows.shape[0], extra + n))], axis=1)

@@ -60,28 +60,28 @@ class Stepper:
     count: jax.Array | None = None
 
     @property
-    def room(self):
+    def capacity(self):
         """Steps of a cycle that arrays have room for."""
         return self.linear.shape[0] // 2
 
     @property
     def steps(self):
         """Steps of a cycle; traced where there is room for more."""
-        return self.room if self.count is None else self.count
+        return self.capacity if self.count is None else self.count
 
     def known(self, step):
         """w of the linear train ``(2G,)`` half a step and one step after the beginning of a step."""
         ahead = jnp.where(step + 1 < self.steps, 2 * step + 2, 0)
         return tuple(lax.dynamic_index_in_dim(self.linear, row, keepdims=False) for row in (2 * step + 1, ahead))
 
-    def phi(self, deflection, rate):
+    def nonlinear_force(self, deflection, rate):
         """Force ``(G,)`` N of the meshes less its linear part."""
         total = backlash.mesh_force(self.law, self.viscous, self.contact_damping, deflection, rate)
         return total - self.law.stiffness * deflection - self.viscous * rate
 
-    def excess(self, w):
+    def nonlinear_force_at(self, w):
         """phi ``(G,)`` N at ``w`` ``(2G,)``, deflections and rates of the states."""
-        return self.phi(self.flexed(w), jnp.split(w, 2)[1])
+        return self.nonlinear_force(self.flexed(w), jnp.split(w, 2)[1])
 
     def flexed(self, w):
         """Deflections ``(G,)`` with the answer of the fast modes, ``l + static phi(l) = l of the states``.
@@ -94,7 +94,7 @@ class Stepper:
             return given
         deflection, own = given, jnp.diag(self.static)
         for _ in range(2):
-            force, slope = jax.jvp(lambda l: self.phi(l, rate), (deflection,), (jnp.ones_like(given),))
+            force, slope = jax.jvp(lambda l: self.nonlinear_force(l, rate), (deflection,), (jnp.ones_like(given),))
             deflection = deflection - (deflection + self.static @ force - given) / (1 + own * slope)
         return deflection
 
@@ -104,10 +104,10 @@ class Stepper:
         size, seen = state.shape[0], w.shape[0]
         ahead = last + moved[size : size + seen]
         half = middle + moved[size + seen :]
-        f0 = self.excess(w)
-        fa = self.excess(half + self.first @ f0)
-        fb = self.excess(half + self.second @ jnp.concatenate([f0, fa]))
-        fc = self.excess(ahead + self.third @ jnp.concatenate([f0, fb]))
+        f0 = self.nonlinear_force_at(w)
+        fa = self.nonlinear_force_at(half + self.first @ f0)
+        fb = self.nonlinear_force_at(half + self.second @ jnp.concatenate([f0, fa]))
+        fc = self.nonlinear_force_at(ahead + self.third @ jnp.concatenate([f0, fb]))
         change = self.weights @ jnp.concatenate([f0, fa + fb, fc])
         return moved[:size] + change[:size], ahead + change[size:]
 
@@ -130,7 +130,7 @@ def discretize(system, meshes, frequency, load, steps, parts=None):
     load : complex array ``(S, N+1)``
         Excitation in N, coefficients of :mod:`jaxhb.harmonic.fourier`.
     steps : int
-        Steps per cycle, static; more than N. See :func:`jaxhb.transient.referee.resolving_steps`.
+        Steps per cycle, static; more than N. See :func:`jaxhb.transient.reference.resolving_steps`.
     parts : Partition, optional
         From :func:`partition`; needed where ``system`` is traced.
 
@@ -147,7 +147,7 @@ def discretize(system, meshes, frequency, load, steps, parts=None):
     response = linear_response(system, frequency, load)
     speed = fourier.derivative(response, frequency)
     deflection = system.deflections(response, meshes.link)
-    shift = _static(matrices(system)[1], _spread(system, meshes, -flank_excess(meshes.law, deflection)))
+    shift = _static(matrices(system)[1], system.spread(-force_on_flank(meshes.law, deflection), meshes.link))
     return cut(
         space,
         fourier.synthesize(seen(deflection, frequency), 2 * steps).T,
@@ -161,7 +161,7 @@ def discretize(system, meshes, frequency, load, steps, parts=None):
     )
 
 
-def flank_excess(law, linear):
+def force_on_flank(law, linear):
     """phi ``(G,)`` N of meshes on their drive sides, the signs of the means of ``linear`` ``(G, N+1)``."""
     return -backlash.offset(law) * jnp.where(linear[:, 0].real < 0, -1.0, 1.0)
 
@@ -189,15 +189,7 @@ def cut(space, linear, frequency, steps, *, law, viscous, contact_damping, linea
 
 def _instant(displacement, speed):
     """(x, x') at t = 0 of coefficients."""
-    both = jnp.concatenate([displacement, speed])
-    return both[:, 0].real + 2 * both[:, 1:].real.sum(axis=1)
-
-
-def _spread(system, meshes, force):
-    """D_G^T force on the disks."""
-    a, b = system.tree.end_a[meshes.link], system.tree.end_b[meshes.link]
-    out = jnp.zeros(system.mass.shape[0]).at[a].add(system.arm_a[meshes.link] * force)
-    return out.at[b].add(-system.arm_b[meshes.link] * force)
+    return fourier.sample(jnp.concatenate([displacement, speed]), 1)[:, 0]
 
 
 def _weights(space, dt):

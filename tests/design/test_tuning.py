@@ -89,7 +89,7 @@ PENALTIES = (
     Penalty(quantity="natural frequency", mode=2, least=180.0, weight=1.0),
 )
 LOST = SimpleNamespace(status=jaxhb.Status.STALLED)
-PLAN = Tight(harmonics=32, active=(0, 1), flank=(0, 0), start="march", instants=768, tolerance=0.5, excited=3)
+PLAN = Tight(harmonics=32, active=(0, 1), flank=(0, 0), start="march", time_steps=768, tolerance=0.5, excited=3)
 
 
 @cache
@@ -140,9 +140,9 @@ def test_a_speed_that_fails_is_told_and_neither_counts_nor_spoils_the_others(ass
     forces, angles, power, added, frequency = point.readings
     smooth = 0.05 * np.log(np.where(solved, np.exp(forces / 700.0 / 0.05), 0.0).sum(1))
     mean = (np.where(solved, angles, 0.0) / 1e-3 * [1.0, 2.0, 0.5, 1.0]).sum(1) / solved.sum(1)
-    excess = np.where(solved, np.maximum(power - 1.0, 0.0) ** 2, 0.0).sum(1)
+    nonlinear_force = np.where(solved, np.maximum(power - 1.0, 0.0) ** 2, 0.0).sum(1)
     limits = np.maximum(added / 1e-3 - 1, 0.0) ** 2 + np.maximum(1 - frequency / 180.0, 0.0) ** 2
-    np.testing.assert_allclose(point.value, smooth + 0.3 * mean + 1e-3 * excess + limits, rtol=PATHS)
+    np.testing.assert_allclose(point.value, smooth + 0.3 * mean + 1e-3 * nonlinear_force + limits, rtol=PATHS)
 
 
 def test_a_speed_without_a_derivative_counts_as_lost(assessed, monkeypatch):

@@ -70,6 +70,17 @@ def test_force_and_slope_are_those_of_the_law_written_piece_by_piece():
         np.testing.assert_allclose(backlash.slope(law, sweep_of(law)), slope, rtol=0, atol=ALGEBRAIC * law.stiffness)
 
 
+def test_teeth_part_below_the_gap_and_are_stiff_beyond_the_knee():
+    assert (DYADIC.gap, DYADIC.knee, DYADIC.knee - DYADIC.gap) == (0.1875, 0.3125, DYADIC.width)
+    for law in random_laws():
+        l = sweep_of(law)
+        np.testing.assert_array_equal(backlash.separated(law, l), np.abs(l) < (1 - law.transition) * law.backlash / 2)
+        share = backlash.engagement(law, np.array([law.gap, law.knee]))
+        np.testing.assert_allclose(share, [0.0, 1.0], rtol=0, atol=ALGEBRAIC)
+        np.testing.assert_allclose(law.knee_force, backlash.force(law, law.knee), rtol=ALGEBRAIC)
+        np.testing.assert_allclose(law.gap_spring_force, law.epsilon * law.stiffness * law.backlash / 2, rtol=ALGEBRAIC)
+
+
 def test_law_is_odd_with_even_slope_and_energy():
     for law in random_laws(5):
         l = sweep_of(law)
@@ -133,7 +144,7 @@ def test_hand_written_slopes_of_the_mesh_force_are_those_of_autodiff(in_contact)
         l, rate = sweep_of(law), draw.normal(size=101)
         stiffness, damping = backlash.mesh_slopes(law, 0.7, in_contact, l, rate)
         by_autodiff = slopes(law, 0.7, in_contact, l, rate)
-        scale = law.stiffness + 0.7 * np.abs(rate).max() / (law.transition * law.backlash)
+        scale = law.stiffness + 0.7 * np.abs(rate).max() / law.width
         np.testing.assert_allclose(stiffness, by_autodiff[0], rtol=0, atol=ALGEBRAIC * scale)
         np.testing.assert_allclose(damping, by_autodiff[1], rtol=0, atol=ALGEBRAIC)
 

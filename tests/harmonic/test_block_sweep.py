@@ -4,10 +4,11 @@ import jax
 import numpy as np
 import pytest
 from reference_data import complex_numbers, method_case, numbers
+from seed_numbering import parents_from_seed, seed_numbering
 from tolerances import ALGEBRAIC
 
 from jaxhb.harmonic import chain, fourier, toeplitz
-from jaxhb.harmonic.block_sweep import block_sweep, places, scalar_sweep
+from jaxhb.harmonic.block_sweep import block_sweep, scalar_sweep, slots
 
 solve = jax.jit(scalar_sweep)
 sweep_blocks = jax.jit(block_sweep)
@@ -23,7 +24,7 @@ def random_tree(draw, size):
 
 def sweep(parent, near, far, link, node, load):
     """Displacements and forces ``(S, H, R)``."""
-    found = solve(places(parent), near, far, link, node, load.transpose(0, 2, 1))
+    found = solve(slots(parent), near, far, link, node, load.transpose(0, 2, 1))
     return [np.asarray(a).transpose(0, 2, 1) for a in found]
 
 
@@ -47,11 +48,11 @@ def dense_solution(parent, near, far, link, node, load):
 
 def sweep_with_relays(parent, link, node, load):
     """Method.md A2 in its own words: the seed's chain with fictitious nodes, one harmonic, arms 1."""
-    places, image = chain.seed_numbering(list(parent))
+    slots, image = seed_numbering(list(parent))
     stash = {s: [0.0, 0.0] for s in range(len(parent))}
     Y = pi = 0.0
     kept = {}
-    for place, s in enumerate(places):
+    for place, s in enumerate(slots):
         if s < 0:  # hands stiffness and load on to its image; the next place is a new free end
             stash[image[place]][0] += Y
             stash[image[place]][1] += pi
@@ -62,15 +63,15 @@ def sweep_with_relays(parent, link, node, load):
         kept[s] = (P, psi)
         Y, pi = C * P / (P + C), C * psi / (P + C)
     x = np.zeros(len(parent), complex)
-    for place in reversed(range(len(places))):
-        s = places[place]
+    for place in reversed(range(len(slots))):
+        s = slots[place]
         if s < 0:
             continue
         P, psi = kept[s]
         if s == len(parent) - 1:
             x[s] = psi / P
             continue
-        above = places[place + 1]
+        above = slots[place + 1]
         up = x[image[place + 1]] if above < 0 else x[above]
         x[s] = (psi + link[s] * up) / (P + link[s])
     return x
@@ -109,10 +110,10 @@ def test_seed_numbering_is_read_back_as_the_same_tree():
     draw = np.random.default_rng(8)
     for _ in range(60):
         parent = random_tree(draw, int(draw.integers(2, 14)))
-        places, image = chain.seed_numbering(parent.tolist())
-        place_of = {s: place + 1 for place, s in enumerate(places) if s >= 0}
+        slots, image = seed_numbering(parent.tolist())
+        place_of = {s: place + 1 for place, s in enumerate(slots) if s >= 0}
         one_based = {place + 1: place_of[s] for place, s in image.items()}
-        node, again = chain.parents_from_seed(len(places), one_based)
+        node, again = parents_from_seed(len(slots), one_based)
         np.testing.assert_array_equal(again, parent)
         np.testing.assert_array_equal(node, [place_of[s] for s in range(len(parent))])
 
@@ -122,12 +123,12 @@ def test_a_shaft_with_rings_needs_two_places_however_long():
     shaft = [(i, i + 1) for i in range(disks - 1)]
     rings = [(i, disks + i) for i in range(disks)]
     tree = chain.span_links(shaft + rings, 2 * disks, 0)
-    assert len(tree.places.every) == 2
+    assert len(tree.slots.every) == 2
 
 
 def test_only_a_jump_over_a_branch_needs_a_relay():
-    assert chain.seed_numbering([1, 2, 3, 4]) == ([0, 1, 2, 3], {})
-    _, image = chain.seed_numbering([1, 4, 3, 4, 5, 6])
+    assert seed_numbering([1, 2, 3, 4]) == ([0, 1, 2, 3], {})
+    _, image = seed_numbering([1, 4, 3, 4, 5, 6])
     assert image == {2: 4}
 
 
@@ -194,24 +195,24 @@ def test_case_a1_soft_ground_costs_no_digits_of_displacements_and_forces():
     np.testing.assert_allclose(-c[-1] * x[-1, 0, 0], tension[3], rtol=ALGEBRAIC)
 
 
-def tree_case(parent, places, harmonics):
+def tree_case(parent, slots, harmonics):
     """The dimensionless trees of A2: m_s = 1 + s/10, b = 1/5, c_s = 10 + s, p_s = 1/s, soft ground 1/2 at the root."""
-    n, s = np.array(harmonics), np.asarray(places, float)
+    n, s = np.array(harmonics), np.asarray(slots, float)
     node = -np.outer(1 + s / 10, n**2) + 0.2j * n
     node[-1] += 0.5
     link = np.repeat((10 + s)[:, None] + 0j, len(n), axis=1)
     load = np.repeat((1 / s)[:, None, None] + 0j, len(n), axis=1)
     x, _ = sweep(parent, np.ones(len(s)), np.ones(len(s)), link, node, load)
-    return dict(zip(places, np.asarray(x[..., 0]), strict=True))
+    return dict(zip(slots, np.asarray(x[..., 0]), strict=True))
 
 
 def test_case_a2_tree_of_seven_with_a_fictitious_node():
     params, expected = method_case("A2_tree7_fictitious")
-    places, parent = chain.parents_from_seed(7, {int(k): v for k, v in params["fictitious"].items()})
-    link = {str(p): int(places[q]) if q < len(places) else 0 for p, q in zip(places, parent, strict=True)}
+    slots, parent = parents_from_seed(7, {int(k): v for k, v in params["fictitious"].items()})
+    link = {str(p): int(slots[q]) if q < len(slots) else 0 for p, q in zip(slots, parent, strict=True)}
     assert link == params["links"]
     harmonics = [int(n) for n in expected["a"]]
-    found = tree_case(parent, places.tolist(), harmonics)
+    found = tree_case(parent, slots.tolist(), harmonics)
     for k, n in enumerate(expected["a"]):
         for place, value in expected["a"][n].items():
             np.testing.assert_allclose(found[int(place)][k], complex_numbers(value), rtol=ALGEBRAIC)
@@ -219,11 +220,11 @@ def test_case_a2_tree_of_seven_with_a_fictitious_node():
 
 def test_case_a2_thirty_node_tree_of_figure_2_in_the_numbering_of_the_seed():
     params, expected = method_case("A2_fig2_topology")
-    places, parent = chain.parents_from_seed(30, {8: 11, 12: 15, 16: 24})
-    link = {str(p): int(places[q]) if q < len(places) else 0 for p, q in zip(places, parent, strict=True)}
+    slots, parent = parents_from_seed(30, {8: 11, 12: 15, 16: 24})
+    link = {str(p): int(slots[q]) if q < len(slots) else 0 for p, q in zip(slots, parent, strict=True)}
     assert link == params["parent"]
     harmonics = [int(n) for n in expected["a"]]
-    found = tree_case(parent, places.tolist(), harmonics)
+    found = tree_case(parent, slots.tolist(), harmonics)
     for k, n in enumerate(expected["a"]):
         for place, value in expected["a"][n].items():
             np.testing.assert_allclose(found[int(place)][k], complex_numbers(value), rtol=ALGEBRAIC)

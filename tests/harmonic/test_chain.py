@@ -2,16 +2,18 @@
 
 import dense
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from reference_data import method_case, numbers
+from toeplitz_jacobian import jacobian
 from tolerances import ALGEBRAIC
 from trains import branched_parts, build, chain_parts, gearbox_parts
 
 import jaxhb
 from jaxhb import Disk, Ground, Mesh, Shaft, Torque
 from jaxhb.harmonic import backlash, chain, fourier, reduction
-from jaxhb.harmonic.residual import Nonlinear, jacobian
+from jaxhb.harmonic.residual import Nonlinear
 from jaxhb.periodic.problem import pose
 
 OMEGA = np.array([0.0, 40.0, 333.0, 1500.0, 9000.0])
@@ -52,6 +54,25 @@ def in_angles(train, T):
 def largest_error(found, exact, floor=0.0):
     """Largest error over the rows of a harmonic, relative to the largest entry of that harmonic."""
     return (np.abs(found - exact).max(0) / np.maximum(np.abs(exact).max(0), floor)).max()
+
+
+def test_forces_spread_by_the_transpose_of_deflections_on_the_host_and_the_device():
+    system = chain.assemble(build(gearbox_parts(), reference="motor"))
+    draw, disks, links = np.random.default_rng(8), len(system.mass), len(system.stiffness)
+    x, f, some = draw.normal(size=(disks, 3)), draw.normal(size=(links, 3)), np.array([links - 1, 2])
+    rows = np.zeros((links, disks))
+    for link, (a, b) in enumerate(zip(system.tree.end_a, system.tree.end_b, strict=True)):
+        rows[link, a], rows[link, b] = system.arm_a[link], -system.arm_b[link]
+    held = np.diag(np.diag(system.ground) + rows.T @ np.diag(system.stiffness) @ rows)
+    for place in (system, jax.tree.map(jnp.asarray, system)):
+        np.testing.assert_array_equal(place.incidence(), rows.T)
+        np.testing.assert_array_equal(place.incidence(some), rows[some].T)
+        np.testing.assert_allclose(place.deflections(x), rows @ x, rtol=0, atol=ALGEBRAIC)
+        np.testing.assert_allclose(place.deflections(x, some), rows[some] @ x, rtol=0, atol=ALGEBRAIC)
+        np.testing.assert_allclose(place.spread(f), rows.T @ f, rtol=0, atol=ALGEBRAIC)
+        np.testing.assert_allclose(place.spread(f[some], some), rows[some].T @ f[some], rtol=0, atol=ALGEBRAIC)
+        np.testing.assert_allclose(place.held_stiffness(), held, rtol=ALGEBRAIC)
+    assert isinstance(system.spread(f), np.ndarray)
 
 
 def test_closed_loop_massless_disks_and_a_viscous_ring_equal_a_dense_solve_in_angles():

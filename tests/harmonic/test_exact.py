@@ -71,8 +71,8 @@ def test_a_mesh_without_backlash_has_no_knots_to_pass():
     law = all_meshes(build(parts, reference="flywheel")).law
     l = np.zeros((len(law.stiffness), HARMONICS + 1), complex)
     l[:, -1] = 1e-4
-    passages = locate(law, l)
-    assert passages.complete and not np.any(passages.gain)
+    crossings = locate(law, l)
+    assert crossings.complete and not np.any(crossings.gain)
 
 
 @pytest.mark.parametrize("gated", [False, True])
@@ -91,7 +91,7 @@ def test_integrals_are_those_of_adaptive_quadrature_between_the_switching_times(
             return part(np.exp(-4j * t)) * float(backlash.mesh_force(own, r, gated, x(t), rate)) / (2 * np.pi)
 
         grid = np.linspace(0, 2 * np.pi, 401)
-        knots = [side * (1 + way * own.transition) * own.backlash / 2 for side in (-1, 1) for way in (-1, 1)]
+        knots = [-own.knee, -own.gap, own.gap, own.knee]
         times = [0.0, 2 * np.pi]
         for knot in knots:
             apart = np.array([deflection(t) for t in grid]) - knot
@@ -176,10 +176,9 @@ def test_first_and_second_derivatives_are_those_of_differences():
 @pytest.mark.parametrize("mean", [0.0, 0.14, 0.26])
 def test_derivatives_are_finite_at_rest_on_a_knot_and_at_a_grazing_passage(mean):
     law, viscous, l = motion(3)
-    inner = (1 - law.transition) * law.backlash / 2
     for amplitude in (0.0, 0.1):
         resting = np.zeros_like(l)
-        resting[:, 0], resting[:, 1] = (mean or inner) - amplitude, amplitude / 2  # touches l = mean at t = 0
+        resting[:, 0], resting[:, 1] = (mean or law.gap) - amplitude, amplitude / 2  # touches l = mean at t = 0
         theta = packed(law, viscous, resting)
         value, first = gradient(theta[None], True)
         assert np.isfinite(value).all() and np.isfinite(first).all() and np.isfinite(hessian(theta, True)).all()

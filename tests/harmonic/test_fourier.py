@@ -73,6 +73,22 @@ def test_resizing_keeps_the_harmonics_that_fit(signals):
     np.testing.assert_array_equal(fourier.resize(signals, 2), signals[:, :3])
 
 
+def test_host_arrays_are_transformed_on_the_host_with_the_same_result(signals):
+    functions = [
+        lambda x: fourier.synthesize(x, SAMPLES),
+        lambda x: fourier.sample(x, 4),
+        lambda x: fourier.analyze(x.real, 3),
+        lambda x: fourier.derivative(x, 3.0),
+        lambda x: fourier.resize(x, N + 2),
+        fourier.pack,
+        lambda x: fourier.unpack(x.real),
+    ]
+    for function in functions:
+        found, wanted = function(signals[:, :-1]), function(jnp.asarray(signals[:, :-1]))
+        assert type(found) is np.ndarray and not isinstance(wanted, np.ndarray)
+        np.testing.assert_allclose(found, wanted, rtol=0, atol=ALGEBRAIC * 30)
+
+
 def test_packed_diagonal_multiplies_every_harmonic_by_its_gain(signals):
     draw = np.random.default_rng(2)
     gain = draw.normal(size=(3, N + 1)) + 1j * draw.normal(size=(3, N + 1))

@@ -23,9 +23,9 @@ HARMONICS, SAMPLES, RPM = 6, 96, 1500.0
 
 evaluate = jax.jit(residual, static_argnames="samples")
 reduce = jax.jit(reduced_equation, static_argnums=1)
-excess_at = jax.jit(reduction.Reduced.excess_coefficients, static_argnums=2)
+excess_at = jax.jit(reduction.Reduced.nonlinear_force_coefficients, static_argnums=2)
 reduced_residual = jax.jit(reduction.Reduced.residual, static_argnums=2)
-combine = jax.jit(reduction.Folded.combine)
+combine = jax.jit(reduction.CondensedTrain.combine)
 
 
 @pytest.fixture(scope="module")
@@ -33,11 +33,11 @@ def case():
     """Train, problem, its reduced equation on both meshes, and random deflections that cross the gap."""
     parts = branched_parts()
     problem = pose(build(parts, reference="flywheel"), RPM, HARMONICS)
-    reduced, folded = reduce(problem, HARMONICS, np.ones(2), np.arange(2), np.zeros(2))
+    reduced, condensed = reduce(problem, HARMONICS, np.ones(2), np.arange(2), np.zeros(2))
     draw = np.random.default_rng(14)
     l = 1e-4 * (draw.normal(size=(2, HARMONICS + 1)) + 1j * draw.normal(size=(2, HARMONICS + 1)))
     l[:, 0] = l[:, 0].real
-    return parts, problem, reduced, folded, l / (1 + np.arange(HARMONICS + 1))
+    return parts, problem, reduced, condensed, l / (1 + np.arange(HARMONICS + 1))
 
 
 def test_receptances_are_those_of_the_dense_train_in_angles(case):
@@ -79,12 +79,20 @@ def sliced_parts():
 
 def test_disks_with_teeth_branches_and_the_grounded_one_are_kept():
     train = build(sliced_parts(), reference="flywheel")
-    folding = chain.span(train.topology).folding
-    assert [train.topology.disk_names[i] for i in folding.kept] == ["flywheel", "crank gear", "idler", "pump gear"]
-    kept = len(folding.kept)
-    assert sorted([*folding.disk, *folding.kept]) == list(range(train.topology.n_disks))
-    assert (len(folding.begin), len(folding.end), len(folding.plain)) == (1, 4, 2)  # pump, ring, slices with ring hang
-    assert len(np.unique(folding.chain)) == 4 and len(folding.tree.node) == kept and not len(folding.tree.loops)
+    condensation = chain.span(train.topology).condensation
+    assert [train.topology.disk_names[i] for i in condensation.kept] == ["flywheel", "crank gear", "idler", "pump gear"]
+    kept = len(condensation.kept)
+    assert sorted([*condensation.disk, *condensation.kept]) == list(range(train.topology.n_disks))
+    assert (len(condensation.begin), len(condensation.end), len(condensation.plain)) == (
+        1,
+        4,
+        2,
+    )  # pump, ring, slices with ring hang
+    assert (
+        len(np.unique(condensation.chain)) == 4
+        and len(condensation.tree.node) == kept
+        and not len(condensation.tree.loops)
+    )
 
 
 @pytest.mark.parametrize("parts", [branched_parts, sliced_parts, gearbox_parts, lambda: gearbox_parts(grounded=False)])
@@ -93,7 +101,7 @@ def test_receptances_with_chains_of_disks_folded_are_those_of_all_disks(parts):
     reference = "motor" if any(getattr(p, "name", "") == "motor" for p in parts) else "flywheel"
     problem = pose(build(parts, reference=reference), RPM, HARMONICS)
     system, omega = jax.tree.map(jnp.asarray, problem.system), reduction.frequencies(problem.frequency, 40)
-    columns = reduction.incidence(system, jnp.asarray(problem.meshes.link))
+    columns = system.incidence(problem.meshes.link)
     found = jax.jit(reduction.receptance)(system, omega, columns)
     wanted = jax.jit(reduction._receptance_of_all_disks)(system, omega, columns)
     size = np.abs(wanted).max(axis=(1, 2), keepdims=True)
@@ -105,23 +113,25 @@ def test_receptance_is_symmetric(case):
     np.testing.assert_allclose(G, G.transpose(0, 2, 1), rtol=0, atol=ALGEBRAIC * np.abs(G).max())
 
 
-def assert_same_equation(problem, reduced, folded, l):
+def assert_same_equation(problem, reduced, condensed, l):
     """Take any l: x = Z^-1 (q - D^T phi(l)) has F(l) = l - D x, and leaves A(x) = D^T (phi(D x) - phi(l))."""
-    excess = excess_at(reduced, l, SAMPLES)
-    x, _ = combine(folded, excess)
+    nonlinear_force = excess_at(reduced, l, SAMPLES)
+    x, _ = combine(condensed, nonlinear_force)
     full = evaluate(fourier.pack(x), problem.system, problem.meshes, problem.frequency, problem.load, samples=SAMPLES)
     meshes = np.asarray(problem.meshes.link)[: len(l)]
     moved = problem.system.deflections(np.asarray(x), meshes)
     # D x as a difference of displacements loses some digits
     found = reduced_residual(reduced, l, SAMPLES)
     np.testing.assert_allclose(found, l - moved, rtol=0, atol=1e-10 * np.abs(l).max())
-    left = reduction.incidence(problem.system, meshes) @ (excess_at(reduced, moved, SAMPLES) - excess)
-    np.testing.assert_allclose(fourier.unpack(full), left, rtol=0, atol=1e-9 * np.abs(np.asarray(excess)).max())
+    left = problem.system.incidence(meshes) @ (excess_at(reduced, moved, SAMPLES) - nonlinear_force)
+    np.testing.assert_allclose(
+        fourier.unpack(full), left, rtol=0, atol=1e-9 * np.abs(np.asarray(nonlinear_force)).max()
+    )
 
 
 def test_reduced_and_full_residual_are_the_same_equation(case):
-    _, problem, reduced, folded, l = case
-    assert_same_equation(problem, reduced, folded, l)
+    _, problem, reduced, condensed, l = case
+    assert_same_equation(problem, reduced, condensed, l)
 
 
 def test_reduced_and_full_residual_are_the_same_equation_where_two_meshes_close_a_loop(case):
@@ -131,8 +141,8 @@ def test_reduced_and_full_residual_are_the_same_equation_where_two_meshes_close_
     ]
     problem = pose(build(parts, reference="motor"), RPM, HARMONICS)
     assert len(problem.system.tree.loops) == 1
-    reduced, folded = reduce(problem, HARMONICS, np.ones(3), np.arange(3), np.zeros(3))
-    assert_same_equation(problem, reduced, folded, np.concatenate([case[-1], case[-1][:1]]))
+    reduced, condensed = reduce(problem, HARMONICS, np.ones(3), np.arange(3), np.zeros(3))
+    assert_same_equation(problem, reduced, condensed, np.concatenate([case[-1], case[-1][:1]]))
 
 
 def test_padding_with_idle_meshes_changes_nothing(case):
@@ -157,10 +167,10 @@ def test_excess_is_constant_while_a_mesh_stays_on_one_flank(case):
     _, problem, reduced, _, _ = case
     l = np.zeros((2, HARMONICS + 1), complex)
     l[:, 0], l[:, 1] = 2e-4, 2e-5
-    excess = np.asarray(excess_at(reduced, l, SAMPLES))
+    nonlinear_force = np.asarray(excess_at(reduced, l, SAMPLES))
     offset = -0.98 * 2e8 * 1e-4 / 2
-    np.testing.assert_allclose(excess[:, 0], offset, rtol=ALGEBRAIC)
-    np.testing.assert_allclose(excess[:, 1:], 0.0, rtol=0, atol=ALGEBRAIC * abs(offset))
+    np.testing.assert_allclose(nonlinear_force[:, 0], offset, rtol=ALGEBRAIC)
+    np.testing.assert_allclose(nonlinear_force[:, 1:], 0.0, rtol=0, atol=ALGEBRAIC * abs(offset))
 
 
 def test_conjugate_residuals_solve_a_system_in_as_many_steps_as_it_has_unknowns():
@@ -186,7 +196,7 @@ def test_nothing_to_solve_takes_no_step():
     assert used == 0 and left == 0 and not np.asarray(x).any()
 
 
-@pytest.mark.parametrize("name", ["backlash", "fourier", "chain", "krylov"])
+@pytest.mark.parametrize("name", ["backlash", "block_sweep", "excitation", "fourier", "krylov"])
 def test_examples_in_the_docstrings_hold(name):
     failures, tests = doctest.testmod(importlib.import_module(f"jaxhb.harmonic.{name}"))
     assert tests and not failures

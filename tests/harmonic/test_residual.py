@@ -1,14 +1,15 @@
-"""The residual A(x) against plain sums over instants, its Jacobian against autodiff."""
+"""The residual A(x) against plain sums over time samples, its Jacobian against autodiff."""
 
 import dense
 import jax
 import numpy as np
 import pytest
+from toeplitz_jacobian import jacobian
 from tolerances import ALGEBRAIC, TANGENT
 from trains import branched_parts, build
 
 from jaxhb.harmonic import fourier
-from jaxhb.harmonic.residual import jacobian, residual
+from jaxhb.harmonic.residual import residual
 from jaxhb.periodic.problem import pose
 
 HARMONICS, SAMPLES, RPM = 6, 96, 1500.0

@@ -12,8 +12,8 @@ import jaxhb
 from jaxhb import Mesh
 from jaxhb.harmonic import fourier
 from jaxhb.harmonic.residual import residual
-from jaxhb.periodic.newton import Status
 from jaxhb.periodic.problem import pose
+from jaxhb.response.status import Status
 
 RPM, HARMONICS = 12000.0, 32
 """Both meshes are separated for a fifth and more of the cycle; the mesh modes lie at harmonics 7 and 13."""

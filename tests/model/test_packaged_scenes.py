@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from jaxhb.harmonic.excitation import excitation, highest_harmonic, load_power_kW
 from jaxhb.model.drivetrain import inertias, speed_ratios
-from jaxhb.model.engine import excitation, highest_harmonic, load_power_kW
 from jaxhb.model.scene import load_scene, scene_description, scene_names
 
 REFERENCE = Path(__file__).parents[1] / "data"
@@ -49,7 +49,7 @@ def natural_frequencies(train):
 
 
 def test_all_examples_in_the_docstrings_hold():
-    for name in ("elements", "drivetrain", "engine", "crank", "scene", "scene_writer", "topology"):
+    for name in ("elements", "drivetrain", "crank", "scene", "scene_writer", "topology"):
         failures, tests = doctest.testmod(importlib.import_module(f"jaxhb.model.{name}"))
         assert tests and not failures
 

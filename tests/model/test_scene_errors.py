@@ -223,7 +223,7 @@ def test_a_csv_stands_for_its_rows(tmp_path):
 
 
 def test_a_syntax_error_names_file_and_line(tmp_path):
-    with pytest.raises(SceneError, match=r"gears.toml: this is no valid TOML: .*line 2.*Correct the line\."):
+    with pytest.raises(SceneError, match=r"gears.toml: invalid TOML: .*line 2.*Correct the line\."):
         load(tmp_path, "[scene]\nname = = 3\n")
 
 

@@ -8,22 +8,27 @@ import pytest
 from jaxhb.periodic import continuation
 
 
-def correct(value, slopes):
-    """Shortest change and oriented tangent for one equation in (x, p): the determinant with (-b, a) is a^2 + b^2."""
-    ((a, b),) = slopes[0]
-    return -value[0] * jnp.array([a, b]) / (a**2 + b**2), jnp.array([-b, a])
+def shortest(value, slope):
+    """Shortest change for one equation in (x, p)."""
+    return -value[0] * slope / (slope @ slope)
 
 
 def follow(share, start, most=400):
-    """Follow the curve on which p is the function ``share`` of x."""
+    """Follow the curve on which p is the function ``share`` of x; the determinant with (-b, a) below is a^2 + b^2."""
 
     def evaluate(y):
         return jnp.array([share(y[0]) - y[1]])
 
+    @jax.jit
     def linearize(y):
-        return evaluate(y), jax.jacfwd(evaluate)(y)
+        value, (slope,) = evaluate(y), jax.jacfwd(evaluate)(y)
+        return value, shortest(value, slope), jnp.array([-slope[1], slope[0]]), slope
 
-    return jax.jit(lambda y: continuation.follow(linearize, evaluate, correct, y, most=most))(jnp.array([start, 0.0]))
+    @jax.jit
+    def simplify(y, slope):
+        return evaluate(y), shortest(evaluate(y), slope)
+
+    return continuation.follow(linearize, simplify, np.array([start, 0.0]), most=most)
 
 
 def s_curve(x):
@@ -50,13 +55,13 @@ def late(x):
 def test_folds_and_corners_are_passed(share, start, end, folds):
     found = follow(share, start)
     assert found.arrived and found.folds == folds
-    np.testing.assert_allclose(found.y, [end, 1.0], atol=10 * continuation.CLOSED)
+    np.testing.assert_allclose(found.y, [end, 1.0], atol=10 * continuation.DEFAULT.closed)
 
 
 def test_a_curve_that_leaves_backwards_and_returns_is_followed_to_the_end():
     found = follow(late, 0.0)
     assert found.arrived and found.folds >= 2
-    np.testing.assert_allclose(late(found.y[0]), 1.0, atol=10 * continuation.CLOSED)
+    np.testing.assert_allclose(late(found.y[0]), 1.0, atol=10 * continuation.DEFAULT.closed)
 
 
 def test_a_curve_that_never_arrives_costs_what_it_may_and_no_more():
@@ -64,6 +69,6 @@ def test_a_curve_that_never_arrives_costs_what_it_may_and_no_more():
     assert not found.arrived and found.jacobians == 90 and found.folds > 3
 
 
-def test_a_start_from_which_no_motion_is_found_is_told():
+def test_a_start_from_which_no_motion_is_found_ends_at_once():
     found = follow(lambda x: jnp.sqrt(x), -1.0)
-    assert not found.arrived and found.steps == 0
+    assert not found.arrived and found.steps == 0 and found.jacobians == 1

@@ -14,15 +14,15 @@ from jaxhb import Disk, Mesh, Shaft
 from jaxhb.harmonic import fourier
 from jaxhb.periodic import correction
 from jaxhb.periodic.problem import pose, reduced_equation
-from jaxhb.transient import surrogate as surrogates
+from jaxhb.transient import reduced_model as reduced_models
+from jaxhb.transient.reduced_model import reduced_model, resting_on_flank
 from jaxhb.transient.statespace import partition, state_space
-from jaxhb.transient.surrogate import resting_on_flank, surrogate
 
 HARMONICS, SAMPLES, RPM = 48, 768, 12000.0
 """The mesh modes lie at harmonic 13: the sweep in time knows no truncation, and below them it would matter."""
 
 reduce = jax.jit(reduced_equation, static_argnums=1)
-approximate = jax.jit(surrogate, static_argnames="instants")
+approximate = jax.jit(reduced_model, static_argnames="time_steps")
 prepare = jax.jit(correction.prepare, static_argnums=(3, 4))
 precondition = jax.jit(correction.precondition)
 
@@ -38,21 +38,21 @@ def case():
     return problem, reduced, l / (1 + np.arange(HARMONICS + 1)) ** 1.5
 
 
-def surrogate_of(problem, instants):
+def surrogate_of(problem, time_steps):
     return approximate(
-        problem.system, problem.meshes.link, np.ones(2), problem.frequency, instants=instants, excited=HARMONICS
+        problem.system, problem.meshes.link, np.ones(2), problem.frequency, time_steps=time_steps, excited=HARMONICS
     )
 
 
 def test_a_long_train_without_any_damping_has_a_basis():
     """Its receptances are real: the imaginary columns of the basis are zero."""
-    count = surrogates.LARGEST + 6
+    count = reduced_models.LARGEST + 6
     parts = [Disk(name=str(k), inertia=0.01, radius=0.1) for k in range(count)]
     parts += [Shaft(between=(str(k), str(k + 1)), stiffness=1e5) for k in range(count - 1) if k != count // 2]
     parts.append(Mesh(between=(str(count // 2), str(count // 2 + 1)), stiffness=1e8, backlash=1e-4))
     problem = pose(build(parts, reference="0"), RPM, HARMONICS)
     found = approximate(
-        problem.system, problem.meshes.link, np.ones(1), problem.frequency, instants=512, excited=HARMONICS
+        problem.system, problem.meshes.link, np.ones(1), problem.frequency, time_steps=512, excited=HARMONICS
     )
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(found))
 
@@ -70,9 +70,9 @@ def test_correction_solves_the_jacobian_of_autodiff(case):
     problem, reduced, l = case
     matrix, value = dense_jacobian(reduced, l)
     wanted = np.linalg.solve(np.asarray(matrix), value)
-    variation = prepare(reduced, surrogate_of(problem, 512), l, SAMPLES, 512)
+    operator = prepare(reduced, surrogate_of(problem, 512), l, SAMPLES, 512)
     solver = jax.jit(correction.correct, static_argnums=(4, 6))
-    found, left, used = solver(reduced, variation, l, fourier.unpack(value.reshape(2, -1)), SAMPLES, 1e-11, 60)
+    found, left, used = solver(reduced, operator, l, fourier.unpack(value.reshape(2, -1)), SAMPLES, 1e-11, 60)
     np.testing.assert_allclose(
         np.asarray(fourier.pack(found)).reshape(-1), wanted, rtol=0, atol=RESIDUAL * np.abs(wanted).max()
     )
@@ -81,11 +81,11 @@ def test_correction_solves_the_jacobian_of_autodiff(case):
 
 def test_a_derivative_that_is_not_reached_is_nan(case, monkeypatch):
     problem, reduced, l = case
-    variation = prepare(reduced, surrogate_of(problem, 512), l, SAMPLES, 512)
+    operator = prepare(reduced, surrogate_of(problem, 512), l, SAMPLES, 512)
 
     def both(steps):
         monkeypatch.setattr(correction, "EXACT_STEPS", steps)
-        solver = jax.jit(lambda value: correction.invert(reduced, variation, l, value, SAMPLES))
+        solver = jax.jit(lambda value: correction.invert(reduced, operator, l, value, SAMPLES))
         found, pull = jax.vjp(solver, reduced.linear)
         return np.concatenate([found, pull(jnp.conj(reduced.linear))[0]])
 
@@ -109,9 +109,9 @@ def test_preconditioner_tends_to_the_inverse_with_the_instants(case):
     wanted[:, 0] = wanted[:, 0].real
     given = jax.jit(lambda at, d: correction.tangent(reduced, at, SAMPLES)(d))(l, wanted)
     errors = []
-    for instants in (128, 256, 512, 1024):
-        variation = prepare(reduced, surrogate_of(problem, instants), l, SAMPLES, instants)
-        found = precondition(reduced, variation, given)
+    for time_steps in (128, 256, 512, 1024):
+        operator = prepare(reduced, surrogate_of(problem, time_steps), l, SAMPLES, time_steps)
+        found = precondition(reduced, operator, given)
         errors.append(np.linalg.norm(found - wanted) / np.linalg.norm(wanted))
     assert np.log2(errors[0] / errors[1]) > 1.7  # second order
     assert errors[-1] < 5e-3  # what the harmonics above 48 leave
@@ -125,13 +125,13 @@ def test_modes_that_outlast_the_cycle_are_carried_into_the_next():
     parts += [Mesh(between=("6", "7"), stiffness=2e8, damping=200.0, backlash=1e-4, epsilon=0.02)]
     problem = pose(build(parts, reference="0"), RPM, 1)
     reduced, _ = reduce(problem, HARMONICS, np.ones(1), np.arange(1), np.zeros(1))
-    train = approximate(problem.system, problem.meshes.link, np.ones(1), problem.frequency, instants=512, excited=1)
+    train = approximate(problem.system, problem.meshes.link, np.ones(1), problem.frequency, time_steps=512, excited=1)
     draw = np.random.default_rng(14)
     l = 1e-4 * draw.normal(size=(1, HARMONICS + 1)) / (1 + np.arange(HARMONICS + 1)) ** 1.5 + 0j
-    variation = prepare(reduced, train, l, SAMPLES, 512)
+    operator = prepare(reduced, train, l, SAMPLES, 512)
     value = draw.normal(size=(1, HARMONICS + 1)) + 0j
     solver = jax.jit(correction.correct, static_argnums=(4, 6))
-    _, left, used = solver(reduced, variation, l, value, SAMPLES, 1e-8, 20)
+    _, left, used = solver(reduced, operator, l, value, SAMPLES, 1e-8, 20)
     assert left <= 1e-8 and used <= 5
 
 
@@ -144,8 +144,8 @@ def test_a_train_of_inertial_disks_is_its_own_surrogate(case):
         problem.frequency,
         partition(problem.system, problem.meshes),
     )
-    instants = 2**16
-    space = surrogate_of(problem, instants).space
+    time_steps = 2**16
+    space = surrogate_of(problem, time_steps).space
 
     def receptance(space, n):
         A, E, L = (np.asarray(a) for a in (space.transition, space.forcing, space.observation))
@@ -179,7 +179,7 @@ def sliced(pieces):
 
 
 def receptance_of(train, frequency, harmonic):
-    """Of a Surrogate, ``(2, 2)``."""
+    """Of a ReducedModel, ``(2, 2)``."""
     A, E, L = (np.asarray(a) for a in (train.space.transition, train.space.forcing, train.space.observation))
     return -L[:2] @ np.linalg.solve(1j * harmonic * float(frequency) * np.eye(len(A)) - A, E) + train.static
 
@@ -201,8 +201,8 @@ def test_of_many_slow_modes_those_are_kept_that_meshes_see(monkeypatch):
     heavy = np.where(np.isclose(problem.system.mass, slice_mass), 2000 * slice_mass, problem.system.mass)
     problem = dataclasses.replace(problem, system=dataclasses.replace(problem.system, mass=heavy))
     every = surrogate_of(problem, 256)
-    monkeypatch.setattr(surrogates, "MODES", 24)
-    few = jax.jit(lambda *a: surrogate(*a, 256, HARMONICS))
+    monkeypatch.setattr(reduced_models, "MODES", 24)
+    few = jax.jit(lambda *a: reduced_model(*a, 256, HARMONICS))
     train = few(problem.system, problem.meshes.link, np.ones(2), problem.frequency)
     assert len(every.space.transition) == 96 and len(train.space.transition) == 48
     for harmonic in (11, 12, 13):

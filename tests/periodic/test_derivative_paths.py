@@ -87,7 +87,8 @@ def test_the_memory_of_a_gradient_does_not_grow_with_the_newton_steps():
 
 @pytest.mark.parametrize("deflection", [0.0, 0.2, 0.3])
 def test_derivatives_on_the_knots_of_the_law_are_finite_and_right(second, deflection):
-    """At rest on a knot at every instant of the cycle: slope 0.2 at l = 0 and 0.2, 4 at l = 0.3; and no amplitude."""
+    """At rest on a knot at every time sample of the cycle: slope 0.2 at l = 0 and 0.2, 4 at l = 0.3; and no
+    amplitude."""
     force = 0.2 * deflection + (3.8 * 0.05 if deflection == 0.3 else 0.0)
     hessian, (gradient, status) = second(np.array([4.0, 0.6, 0.5, force, 0.0]))
     assert status == jaxhb.Status.CONVERGED

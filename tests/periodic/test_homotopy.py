@@ -12,18 +12,19 @@ from tolerances import ALGEBRAIC
 import jaxhb
 from jaxhb import Status
 from jaxhb.harmonic import backlash
-from jaxhb.periodic import homotopy, orbits
-from jaxhb.periodic.harmonics import Plan
+from jaxhb.periodic import homotopy, ladder, orbits, planning
+from jaxhb.periodic.plan import Plan
 from jaxhb.periodic.problem import pose
-from jaxhb.transient.statespace import incidence_rows
+from jaxhb.periodic.request import Request
+from jaxhb.response.events import Homotopy
 from jaxhb.transient.stepper import Stepper
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 
 import random_trains
 
-PLAN = Plan(harmonics=384, active=(0, 1), flank=(0, 0), start="march", instants=1536, excited=20)
-BEGINNING = {"heavier": 20.0, "wider": 20.0, "late": False}
+PLAN = Plan(harmonics=384, active=(0, 1), flank=(0, 0), start="march", time_steps=1536, excited=20)
+BEGINNING = homotopy.Beginning(damping=20.0, transition=20.0, linear=False)
 
 
 @pytest.fixture(scope="module")
@@ -34,24 +35,30 @@ def hammering():
     return train, rpm
 
 
-@pytest.fixture
-def no_shooting(monkeypatch):
-    """Shooting left out, to stand on the rung above it."""
-    monkeypatch.setattr(orbits.Search, "shoot", lambda *_: iter([orbits.Orbit(None, np.inf, None, 0)]))
+def climbed(train, rpm, **options):
+    """The response of the ladder without shooting, to stand on the rung above it."""
+    (plan,) = planning.plan_speeds(train, np.array([rpm]), Request())
+    effort = ladder.Effort(homotopy=homotopy.HomotopyOptions(**options))
+    case = ladder.Case(train, rpm, Request(), plan, effort=effort)
+    return ladder.climb(case, (ladder.short_march, ladder.long_march, ladder.from_linear_law)).response
 
 
-def towards(train, rpm, share):
+def homotopies(response):
+    return [event for event in response.path if isinstance(event, Homotopy)]
+
+
+def on_the_way(train, rpm, share):
     stepper = orbits.stepper_of(train, rpm, PLAN)
     parts = {f.name: getattr(stepper, f.name) for f in dataclasses.fields(Stepper)}
-    return stepper, homotopy.Towards(**parts, share=share, **BEGINNING)
+    return stepper, homotopy.HomotopyStepper(**parts, share=share, beginning=BEGINNING)
 
 
 def test_the_path_begins_at_a_linear_law_and_ends_at_the_wanted_one(hammering):
     motion = np.random.default_rng(0).normal(size=(50, 4)) * [2e-4, 2e-4, 0.3, 0.3]
-    stepper, end = towards(*hammering, 1.0)
-    wanted, found = (np.asarray(jax.vmap(s.excess)(motion)) for s in (stepper, end))
+    stepper, end = on_the_way(*hammering, 1.0)
+    wanted, found = (np.asarray(jax.vmap(s.nonlinear_force_at)(motion)) for s in (stepper, end))
     np.testing.assert_allclose(found, wanted, atol=ALGEBRAIC * np.abs(wanted).max())
-    slope = jax.vmap(jax.jacfwd(towards(*hammering, 0.0)[1].excess))(motion)
+    slope = jax.vmap(jax.jacfwd(on_the_way(*hammering, 0.0)[1].nonlinear_force_at))(motion)
     scale = np.asarray(stepper.viscous).max()
     np.testing.assert_allclose(slope - slope[0], 0.0, atol=ALGEBRAIC * np.abs(slope).max())
     np.testing.assert_allclose(slope[:, :, :2], 0.0, atol=ALGEBRAIC * np.asarray(stepper.law.stiffness).max())
@@ -66,7 +73,7 @@ def gaps_in_time(response, segments, steps):
     """
     problem = pose(response.train, float(response.rpm), response.harmonics)
     system, meshes, omega = problem.system, problem.meshes, float(problem.frequency)
-    rows, law = np.asarray(incidence_rows(system)), jax.tree.map(np.asarray, meshes.law.expand())
+    rows, law = np.asarray(system.incidence().T), jax.tree.map(np.asarray, meshes.law.expand())
     link = np.asarray(meshes.link)
     shafts = np.setdiff1d(np.arange(len(rows)), link)
     B = np.diag(system.damping) + rows[shafts].T @ (np.asarray(system.viscous)[shafts, None] * rows[shafts])
@@ -96,11 +103,9 @@ def gaps_in_time(response, segments, steps):
     return np.abs(rows[link] @ state[:disks] - wanted).max() / np.ptp(wanted)
 
 
-def test_a_motion_is_found_without_shooting_and_confirmed_by_time_integration(hammering, no_shooting):
-    train, rpm = hammering
-    response = jaxhb.solve(train, rpm=rpm)
-    assert response.converged
-    assert any(entry.startswith("homotopy from the linear law: found") for entry in response.path)
+def test_a_motion_is_found_without_shooting_and_confirmed_by_time_integration(hammering):
+    response = climbed(*hammering)
+    assert response.converged and homotopies(response)[0].found
     assert gaps_in_time(response, 64, 2**14) < 0.01  # the asked truncation error
     judged = jaxhb.shooting_correction(response)
     assert judged.orbit.settled and judged.error < 0.01
@@ -109,25 +114,32 @@ def test_a_motion_is_found_without_shooting_and_confirmed_by_time_integration(ha
     assert not doubted.orbit.settled or doubted.error > 0.1
 
 
-def test_a_curve_that_is_too_long_ends_in_a_status_that_tells_the_path(hammering, no_shooting, monkeypatch):
-    monkeypatch.setattr(homotopy, "MOST", 30)
-    train, rpm = hammering
-    response = jaxhb.solve(train, rpm=rpm)
+def test_a_curve_that_is_too_long_ends_in_a_status_that_tells_the_path(hammering):
+    response = climbed(*hammering, most_jacobians=30)
     assert response.status in (Status.STALLED, Status.MAX_STEPS)
-    assert any(entry.startswith("homotopy from the linear law: lost, curve no. 3") for entry in response.path)
+    (event,) = homotopies(response)
+    assert not event.found and event.curves == 3
+    assert str(event).startswith("homotopy from the linear law: lost, curve no. 3")
 
 
-def test_a_curve_that_costs_too_much_is_not_begun(hammering, no_shooting, monkeypatch):
-    train, rpm = hammering
-    monkeypatch.setattr(homotopy, "WORK", 1e6)
-    monkeypatch.setattr(homotopy, "_followed", lambda *_: pytest.fail("followed"))
-    response = jaxhb.solve(train, rpm=rpm)
+def test_a_curve_that_costs_too_much_is_not_begun(hammering):
+    response = climbed(*hammering, work=1e6)
     assert response.status in (Status.STALLED, Status.MAX_STEPS)
-    assert any(entry.startswith("homotopy from the linear law: not tried, too long") for entry in response.path)
+    assert [str(event) for event in homotopies(response)] == ["homotopy from the linear law: not tried, too long"]
 
 
 def test_numbers_that_are_not_finite_end_the_curve_at_once(hammering):
     train, rpm = hammering
     torques = dataclasses.replace(train.torques, mean=np.nan * train.torques.mean)
-    arrival = homotopy.find(dataclasses.replace(train, torques=torques), rpm, PLAN)
-    assert arrival.coefficients is None and arrival.steps == 0
+    found = homotopy.find(dataclasses.replace(train, torques=torques), rpm, PLAN)
+    assert found.coefficients is None and found.steps == 0
+
+
+def test_another_speed_and_other_options_compile_nothing(hammering):
+    train, rpm = hammering
+    compiled = []
+    for speed, most in ((rpm, 10), (1.1 * rpm, 12)):
+        found = homotopy.find(train, speed, PLAN, options=homotopy.HomotopyOptions(most_jacobians=most))
+        assert found.steps > 1
+        compiled.append([program.outermost._cache_size() for program in (homotopy._linearized, homotopy._simplified)])
+    assert compiled[0] == compiled[1]

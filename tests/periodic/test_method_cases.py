@@ -11,16 +11,17 @@ from trains import ONE_RADIAN_PER_SECOND, build, one_mass_parts
 
 import jaxhb
 from jaxhb.harmonic import backlash, fourier, reduction
-from jaxhb.periodic.newton import Status, solve_reduced
+from jaxhb.periodic.newton import solve_reduced
 from jaxhb.periodic.problem import pose, reduced_equation
+from jaxhb.response.status import Status
+from jaxhb.transient.reduced_model import ReducedModel
 from jaxhb.transient.statespace import StateSpace
-from jaxhb.transient.surrogate import Surrogate
 
 SAMPLES = 2**16
-"""The cases are exact Galerkin solutions. Sampling errs by Nt^-3: 16 N instants give 1e-6, 2^16 give 1e-12."""
+"""The cases are exact Galerkin solutions. Sampling errs by Nt^-3: 16 N time samples give 1e-6, 2^16 give 1e-12."""
 
-solver = jax.jit(partial(solve_reduced, tolerance=1e-14, max_steps=30), static_argnames=("samples", "instants"))
-excess = jax.jit(reduction.Reduced.excess)
+solver = jax.jit(partial(solve_reduced, tolerance=1e-14, max_steps=30), static_argnames=("samples", "time_steps"))
+nonlinear_force = jax.jit(reduction.Reduced.nonlinear_force)
 evaluate = jax.jit(reduction.Reduced.residual, static_argnums=2)
 reduce = jax.jit(reduced_equation, static_argnums=1)
 
@@ -51,13 +52,13 @@ def mass_in_time(*, m, b, c, **_):
         observation=np.diag([1 / s, 1.0]) / np.sqrt(m),
         coordinates=np.diag([s, 1.0]) * np.sqrt(m),
     )
-    return Surrogate(space, np.zeros((1, 1)), space.coordinates.T)
+    return ReducedModel(space, np.zeros((1, 1)), space.coordinates.T)
 
 
 def solve_by_hand(harmonics, samples):
     """Iterate of the one-mass problem from its linear solution."""
     reduced, mass = by_hand(harmonics, **parameters()), mass_in_time(**parameters())
-    return solver(reduced, mass, reduced.linear, samples=samples, instants=256)[0]
+    return solver(reduced, mass, reduced.linear, samples=samples, time_steps=256)[0]
 
 
 @cache
@@ -71,7 +72,7 @@ def one_mass(**changes):
 
 
 def cubic_root_crossings(x, levels):
-    """Instants at which a trigonometric polynomial passes +-levels, by bisection on a fine grid."""
+    """Time samples at which a trigonometric polynomial passes +-levels, by bisection on a fine grid."""
     n = np.arange(1, len(x))
 
     def value(t):
@@ -133,7 +134,7 @@ def test_pair_of_gears_reduces_to_the_one_mass_equation():
     np.testing.assert_allclose(reduced.linear, hand.linear, rtol=ALGEBRAIC, atol=ALGEBRAIC)
     np.testing.assert_allclose(reduced.frequency, 1.0, rtol=ALGEBRAIC)
     l = np.linspace(-0.3, 0.3, 32)[None]
-    for found, wanted in zip(excess(reduced, l, l), excess(hand, l, l), strict=True):
+    for found, wanted in zip(nonlinear_force(reduced, l, l), nonlinear_force(hand, l, l), strict=True):
         np.testing.assert_allclose(found, wanted, rtol=0, atol=ALGEBRAIC)
 
 

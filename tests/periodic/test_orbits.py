@@ -10,10 +10,12 @@ from trains import ONE_RADIAN_PER_SECOND, build
 
 import jaxhb
 from jaxhb import Disk, Load, Mesh, Shaft, Torque
-from jaxhb.periodic import orbits, solve
-from jaxhb.periodic.harmonics import Plan
+from jaxhb.periodic import ladder, orbits, planning
 from jaxhb.periodic.newton import relative_residual
+from jaxhb.periodic.plan import Plan
 from jaxhb.periodic.problem import pose, reduced_equation
+from jaxhb.periodic.request import Request
+from jaxhb.response.events import Shooting
 from jaxhb.transient import segments
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
@@ -21,17 +23,17 @@ sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 import random_trains
 
 RPM = 2320.0
-PLAN = Plan(harmonics=384, active=(0, 1, 2, 3), flank=(0,) * 4, start="march", instants=1536, excited=24)
+PLAN = Plan(harmonics=384, active=(0, 1, 2, 3), flank=(0,) * 4, start="march", time_steps=1536, excited=24)
 
 
 def test_shooting_closes_an_orbit_that_a_march_leaves_open_for_ever():
     train = jaxhb.load_scene("gear_train_30")
     orbit = next(orbits.Search(train, RPM, PLAN).shoot())
-    assert orbit.closure <= orbits.SETTLED and orbit.tries >= 1
+    assert orbit.periodicity_error <= orbits.SETTLED and orbit.tries >= 1
     response = jaxhb.solve(train, rpm=RPM)
-    assert response.converged and any(entry.startswith("shooting") for entry in response.path)
+    assert response.converged and any(isinstance(event, Shooting) for event in response.path)
     open_for_ever = jaxhb.integrate(train, rpm=RPM, cycles=30)
-    assert open_for_ever.closure > 100 * orbits.SETTLED
+    assert open_for_ever.periodicity_error > 100 * orbits.SETTLED
     harmonic = np.fft.irfft(np.asarray(response.deflections), n=1536, norm="forward")
     shot = np.fft.irfft(orbit.coefficients, n=1536, norm="forward")
     assert np.abs(harmonic - shot).max() < 0.1 * np.abs(harmonic).max()  # 1536 steps leave some percent
@@ -46,10 +48,10 @@ def test_every_closed_orbit_is_found_once():
     """Three disks with hardly any mean load on two meshes: many unstable motions."""
     train, rpm, facts = random_trains.random_case(np.random.default_rng([0, 90]))
     assert facts["load"] < 0.1 and train.topology.n_disks == 3
-    plan = Plan(harmonics=384, active=(0, 1), flank=(0, 0), start="march", instants=1536, excited=20)
+    plan = Plan(harmonics=384, active=(0, 1), flank=(0, 0), start="march", time_steps=1536, excited=20)
     found = list(itertools.islice(orbits.Search(train, rpm, plan).shoot(), 6))
-    motions = [np.fft.irfft(orbit.coefficients, n=plan.instants, norm="forward") for orbit in found]
-    assert all(orbit.closure <= orbits.SETTLED for orbit in found)
+    motions = [np.fft.irfft(orbit.coefficients, n=plan.time_steps, norm="forward") for orbit in found]
+    assert all(orbit.periodicity_error <= orbits.SETTLED for orbit in found)
     apart = [np.abs(one - other).max() / np.abs(one).max() for one, other in itertools.combinations(motions, 2)]
     assert len(found) == 6 and min(apart) > orbits.SAME
 
@@ -57,46 +59,54 @@ def test_every_closed_orbit_is_found_once():
 def test_another_number_of_steps_compiles_nothing():
     train, programs = jaxhb.load_scene("gear_train_30"), (orbits._equations, orbits._visited, orbits._shot)
     compiled = []
-    for instants in (64, 96, 4096):
-        search = orbits.Search(train, RPM, dataclasses.replace(PLAN, instants=instants))
+    for time_steps in (64, 96, 4096):
+        search = orbits.Search(train, RPM, dataclasses.replace(PLAN, time_steps=time_steps))
         search.march(np.inf)
         next(search.shoot())
         compiled.append([program.outermost._cache_size() for program in programs])
     assert compiled[0] == compiled[1] == compiled[2]
 
 
-def test_another_orbit_is_tried_where_the_harmonics_do_not_take_the_first(monkeypatch):
-    shoot = orbits.Search.shoot
+class Misled(orbits.Search):
+    """Its first orbit is far from the motion."""
 
-    def misled(search):
-        found = next(shoot(search))
+    def shoot(self):
+        found = next(super().shoot())
         yield dataclasses.replace(found, coefficients=0.3 * found.coefficients)
         yield found
 
-    monkeypatch.setattr(orbits.Search, "shoot", misled)
-    monkeypatch.setattr(solve, "FINER", 1)
-    response = jaxhb.solve(jaxhb.load_scene("gear_train_30"), rpm=RPM)
-    assert response.converged
-    assert sum(entry.startswith("shooting from") for entry in response.path) == 2
+
+class Blind(orbits.Search):
+    """Sees orbits only with four times the time steps of the plan."""
+
+    def shoot(self):
+        seeing = self.plan.time_steps == 4 * PLAN.time_steps
+        yield from super().shoot() if seeing else [orbits.Orbit(None, 1.0, None, 0)]
 
 
-def test_shorter_steps_are_tried_where_longer_ones_close_no_orbit(monkeypatch):
-    shoot, begun = orbits.Search.shoot, []
+def climbed(search, rungs, **effort):
+    """The Result of rungs with another search, and the time steps that were searched with."""
+    train = jaxhb.load_scene("gear_train_30")
+    (plan,) = planning.plan_speeds(train, np.array([RPM]), Request())
+    case = ladder.Case(train, RPM, Request(), plan, effort=ladder.Effort(**effort), search_with=search)
+    found = ladder.climb(case, rungs)
+    return found, sorted({steps for _, _, steps in case.searches})
 
-    def blind(search):
-        begun.append(search.plan.instants)
-        yield from shoot(search) if search.plan.instants == 4 * begun[0] else [orbits.Orbit(None, 1.0, None, 0)]
 
-    monkeypatch.setattr(orbits.Search, "shoot", blind)
-    monkeypatch.setattr(orbits, "WORK", 1e8)
-    response = jaxhb.solve(jaxhb.load_scene("gear_train_30"), rpm=RPM)
-    assert begun == [begun[0], 2 * begun[0], 4 * begun[0]]
-    assert response.converged and response.harmonics == 4 * PLAN.harmonics
-    begun.clear()
-    monkeypatch.setattr(orbits, "WORK", 1e6)
-    monkeypatch.setattr(solve.homotopy, "WORK", 1e6)
-    assert not jaxhb.solve(jaxhb.load_scene("gear_train_30"), rpm=RPM).converged
-    assert begun == [begun[0], 2 * begun[0]]  # four shots of four times the steps are more than WORK
+def test_another_orbit_is_tried_where_the_harmonics_do_not_take_the_first():
+    found, _ = climbed(Misled, (ladder.short_march, ladder.shooting), finer=1)
+    assert found.response.converged
+    assert sum(isinstance(event, Shooting) for event in found.response.path) == 2
+
+
+def test_shorter_steps_are_tried_where_longer_ones_close_no_orbit():
+    rungs = (ladder.short_march, ladder.shooting)
+    found, steps = climbed(Blind, rungs, work=1e8)
+    assert steps == [PLAN.time_steps, 2 * PLAN.time_steps, 4 * PLAN.time_steps]
+    assert found.response.converged and found.response.harmonics == 4 * PLAN.harmonics
+    found, steps = climbed(Blind, rungs, work=1e6)
+    assert not found.response.converged
+    assert steps == [PLAN.time_steps, 2 * PLAN.time_steps]  # four shots of four times the steps are more than the work
 
 
 def test_more_steps_begin_at_the_motion_of_the_disks_whatever_modes_they_keep(monkeypatch):
@@ -107,13 +117,13 @@ def test_more_steps_begin_at_the_motion_of_the_disks_whatever_modes_they_keep(mo
     parts.append(Mesh(between=(str(half - 1), str(half)), stiffness=1e8, damping=1e3, backlash=1e-4))
     parts += [Torque(disk="0", mean=5.0, harmonics=[(2.0, 8.0, 0.0)]), Load(disk=str(2 * half - 1))]
     train = build(parts, reference="0")
-    plan = Plan(harmonics=64, active=(0,), flank=(0,), start="march", instants=512, excited=2)
-    coarse, fine = (orbits.Search(train, 3000.0, dataclasses.replace(plan, instants=n)) for n in (512, 1024))
+    plan = Plan(harmonics=64, active=(0,), flank=(0,), start="march", time_steps=512, excited=2)
+    coarse, fine = (orbits.Search(train, 3000.0, dataclasses.replace(plan, time_steps=n)) for n in (512, 1024))
     nodes, seen = np.asarray(segments.beginnings(coarse.stepper, coarse.stepper.flank_state)), []
 
     def closed(stepper, nodes):
         seen.append(stepper.space.observation @ nodes.T)
-        return nodes, np.zeros((1, orbits.ROOM)), np.array(0.0)
+        return nodes, np.zeros((1, orbits.CAPACITY)), np.array(0.0)
 
     with monkeypatch.context() as patched:
         patched.setattr(orbits, "_closed", closed)
@@ -140,14 +150,14 @@ def test_modes_too_fast_for_the_steps_answer_statically():
         Torque(disk="driven", mean=-0.4),
     ]
     train = build(parts, reference="driver")
-    plan = Plan(harmonics=32, active=(0,), flank=(0,), start="march", instants=256, excited=1)
+    plan = Plan(harmonics=32, active=(0,), flank=(0,), start="march", time_steps=256, excited=1)
     rpm = 2.0 * ONE_RADIAN_PER_SECOND
     search = orbits.Search(train, rpm, plan)
     problem = pose(train, rpm, plan.sizes.excited)
     reduced, _ = reduced_equation(problem, plan.harmonics, plan.choice.active, plan.choice.chosen, plan.choice.flank)
     settled, closed = search.march(1e-9), next(search.shoot())
     size = np.abs(settled.coefficients).max()
-    assert closed.closure <= orbits.SETTLED
+    assert closed.periodicity_error <= orbits.SETTLED
     np.testing.assert_allclose(closed.coefficients, settled.coefficients, atol=1e-5 * size)  # ten times SETTLED
     left = []
     for static in (search.stepper.static, None):
@@ -156,6 +166,6 @@ def test_modes_too_fast_for_the_steps_answer_statically():
         assert orbit.coefficients is not None
         value = reduced.residual(orbit.coefficients[:, : plan.harmonics + 1], plan.sizes.samples)
         left.append(float(relative_residual(reduced, value)))
-    motion = np.fft.irfft(orbit.coefficients, n=plan.instants, norm="forward")
+    motion = np.fft.irfft(orbit.coefficients, n=plan.time_steps, norm="forward")
     assert motion.min() < 0 < motion.max()
     assert left[0] < 1e-4 < 1e-2 < left[1]

@@ -1,7 +1,6 @@
 """A plan decides on the host; a planned solve decides nothing and works under transformations."""
 
 import dataclasses
-from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -10,10 +9,13 @@ import pytest
 from trains import build, pinions_parts
 
 import jaxhb
-from jaxhb.linear.response import stack
-from jaxhb.periodic import harmonics as decide
-from jaxhb.periodic import march, solve, speeds
+from jaxhb.model.change import within_range
+from jaxhb.periodic import ladder, planning, speeds
 from jaxhb.periodic.program import solve_problem
+from jaxhb.periodic.request import Request
+from jaxhb.periodic.time_steps import PER_MODE_PERIOD
+from jaxhb.response.events import March
+from jaxhb.response.response import stack
 
 HAMMERING_RPM = 5625.0
 
@@ -112,7 +114,7 @@ def test_too_few_harmonics_are_told_as_such(pair):
     response = jaxhb.solve(pair, rpm=HAMMERING_RPM, harmonics=4, tolerance=1e-3)
     assert int(response.status) == jaxhb.Status.TOLERANCE_NOT_MET
     assert response.residual < 1e-10
-    with pytest.raises(jaxhb.NotConverged, match="ask for more harmonics"):
+    with pytest.raises(jaxhb.NotConverged, match="use more harmonics"):
         jaxhb.check(response)
 
 
@@ -143,56 +145,75 @@ def test_a_sweep_is_its_single_solves(pair, plan):
     assert sweep[1].mesh("gear a", "gear b").separated_fraction > 0
 
 
-def test_a_planned_sweep_may_take_as_many_newton_steps_as_a_planned_solve(pair, plan, monkeypatch):
-    monkeypatch.setattr(speeds, "BATCH_STEPS", 1)
-    assert jaxhb.solve_speeds(pair, rpm=[5500.0, HAMMERING_RPM], plan=plan).converged.all()
+def test_a_planned_sweep_may_take_as_many_newton_steps_as_a_planned_solve(pair, plan):
+    far = dataclasses.replace(plan, cycles=1)  # more Newton steps than a batch without a plan takes
+    sweep = jaxhb.solve_speeds(pair, rpm=[5500.0, HAMMERING_RPM], plan=far)
+    assert sweep.steps.max() > speeds.BATCH_STEPS or sweep.converged.all()
 
 
-def test_a_second_try_of_a_sweep_never_gives_up_a_solved_speed(pair, monkeypatch):
-    """What the tolerance lacks is told as such, whatever the ladder ends in."""
+def test_a_second_try_of_a_sweep_never_gives_up_a_solved_speed(pair):
+    """What the tolerance lacks is reported as such, whatever the ladder ends in."""
     coarse = jaxhb.solve(pair, rpm=HAMMERING_RPM, harmonics=4, tolerance=1e-3)
     lost = dataclasses.replace(coarse, status=np.array(jaxhb.Status.STALLED))
-    for name in ("solve", "solve_further"):
-        monkeypatch.setattr(speeds, name, lambda *arguments, **options: lost)
-    status = np.array([int(coarse.status)])
-    found = speeds._again(pair, np.array([HAMMERING_RPM]), 0, [coarse], status, None, 1e-3, "sampled")
+
+    def losing(*arguments, **options):
+        return lost
+
+    found = speeds.try_again(pair, 0, [coarse], Request(tolerance=1e-3), solve=losing, further=losing)
     assert int(found.status) == jaxhb.Status.TOLERANCE_NOT_MET
 
 
-def test_contact_is_looked_for_with_the_harmonics_of_the_excitation(pair, monkeypatch):
-    asked, sweep = [], speeds.solve_speeds
-
-    def watched(train, *, plan, **options):
-        asked.append(plan.harmonics)
-        return sweep(train, plan=plan, **options)
-
-    monkeypatch.setattr(speeds, "solve_speeds", watched)
-    plans = speeds.plan_speeds(pair, np.array([3000.0, HAMMERING_RPM]), 1024, 0.01)
-    assert max(asked) < 64 and {plan.harmonics for plan in plans} == {1024}
+def test_contact_is_looked_for_with_the_harmonics_of_the_excitation(pair):
+    """And not with those asked for, which may be a thousand."""
+    before = solve_problem.outermost._cache_size()
+    plans = planning.plan_speeds(pair, np.array([3000.0]), Request(harmonics=1024))
+    planning.plan_speeds(pair, np.array([HAMMERING_RPM]), Request(harmonics=512))
+    assert solve_problem.outermost._cache_size() <= before + 1
+    assert plans[0].harmonics == 1024
 
 
 def test_a_march_that_was_asked_for_is_made_where_the_teeth_could_stay_in_contact(pair):
     marched, plain = jaxhb.solve(pair, rpm=3000.0, start="march"), jaxhb.solve(pair, rpm=3000.0)
-    assert marched.path[0].startswith("march of") and not any("march" in entry for entry in plain.path)
+    assert isinstance(marched.path[0], March) and not any(isinstance(event, March) for event in plain.path)
     force = [float(r.force("gear a", "gear b").max) for r in (marched, plain)]
     assert force[0] == pytest.approx(force[1], rel=1e-6)
 
 
-def test_a_march_that_blew_up_is_followed_by_the_whole_ladder(pair, plan, monkeypatch):
-    nothing = SimpleNamespace(coefficients=None, closure=np.inf, tries=0, curves=0, steps=0, folds=0)
-    search = SimpleNamespace(march=lambda closure: nothing, shoot=lambda: iter(()))
-    monkeypatch.setattr(solve.orbits, "Search", lambda *arguments: search)
-    monkeypatch.setattr(solve.homotopy, "find", lambda *arguments: nothing)
-    path = []
-    assert not list(solve._starts(pair, HAMMERING_RPM, plan, True, np.nan, path))
-    assert "homotopy" in path[-1]
+def test_a_march_that_blew_up_is_followed_by_the_whole_ladder(pair):
+    """Its periodicity error is not finite: no rung above takes that for a settled march."""
+    case = case_of(pair, HAMMERING_RPM)
+    blown_up = ladder.Result(None, case.plan, np.nan, 0)
+    assert ladder.march_error(blown_up) == np.inf
+    assert len(ladder.search_steps(case, case.marching(blown_up), blown_up)) > 1
+
+
+def case_of(train, rpm, **asked):
+    request = Request(**asked)
+    return ladder.Case(train, rpm, request, planning.plan_speeds(train, np.array([rpm]), request)[0])
+
+
+def test_the_ladder_asks_for_the_next_attempt_until_one_is_solved(pair):
+    """Rungs are functions: those that must fail come first here, and the last one is never asked."""
+    case, asked = case_of(pair, HAMMERING_RPM, harmonics=50), []
+
+    def hopeless(case, last):
+        for number in (1, 2):
+            asked.append(number)
+            yield ladder.Attempt(dataclasses.replace(case.plan, start="linear"), np.full((1, 51), np.nan + 0j))
+
+    def never(case, last):
+        pytest.fail("asked for though the attempt before was solved")
+
+    found = ladder.climb(case, (hopeless, ladder.short_march, never))
+    assert asked == [1, 2] and found.response.converged
+    assert [type(event).__name__ for event in found.response.path] == ["Newton", "Newton", "March", "Newton"]
 
 
 def test_a_sweep_tells_the_harmonics_of_every_speed_though_it_pads_them():
     engine = jaxhb.load_scene("six_cylinder_diesel")
     alone = [jaxhb.solve(engine, rpm=1500.0, harmonics=harmonics) for harmonics in (24, 48)]
     batch = jaxhb.solve_speeds(engine, rpm=[1500.0, 1600.0, 1700.0], harmonics=24)
-    both = stack([alone[1], (batch, 2), alone[0], (batch, 0)])
+    both = stack([alone[1], batch[2], alone[0], batch[0]])
     assert both.harmonics == 48
     assert both.highest_harmonic.tolist() == [r.highest_harmonic for r in (alone[1], batch[2], alone[0], batch[0])]
     assert [float(rpm) for rpm in both.rpm] == [1500.0, 1700.0, 1500.0, 1500.0]
@@ -261,36 +282,28 @@ def test_every_entry_refuses_a_speed_that_is_none(pair, plan, rpm):
             call()
 
 
-def test_many_heavy_speeds_of_a_sweep_take_the_steps_that_their_own_modes_want(monkeypatch):
+def test_many_heavy_speeds_of_a_sweep_take_the_steps_that_their_own_modes_want():
     train, rpm = jaxhb.load_scene("gear_train_30"), np.linspace(1300.0, 2450.0, 60)
-    plans = speeds.plan_speeds(train, rpm, None, 0.01)
-    modes = np.array([decide.mesh_mode_harmonics(train, train.topology.cycle_frequency(speed))[0] for speed in rpm])
-    marched = np.array([plan.start == "march" for plan in plans])
-    instants = np.array([plan.instants for plan in plans])
-    assert np.all(instants[marched] >= march.INSTANTS_PER_MODE_PERIOD * modes[marched])
-    counts = np.unique(instants[marched], return_counts=True)[1]
-    assert len(counts) >= 2 and counts.min() >= speeds.MANY
-    few = speeds.plan_speeds(train, rpm[::8], None, 0.01)
-    assert len({plan for plan in few if plan.start == "march"}) == 1
-    monkeypatch.setattr(speeds, "LARGE", 1000)
-    light = speeds.plan_speeds(train, rpm, 96, 0.01)  # solved in batches, which stay together
-    assert len({plan for plan in light if plan.start == "march"}) == 1
+    plans = planning.plan_speeds(train, rpm, Request())
+    modes = np.array([planning.mesh_mode_harmonics(train, train.topology.cycle_frequency(speed))[0] for speed in rpm])
+    marched = np.array([plan.marches for plan in plans])
+    steps = np.array([plan.time_steps for plan in plans])
+    assert np.all(steps[marched] >= PER_MODE_PERIOD * modes[marched])
+    counts = np.unique(steps[marched], return_counts=True)[1]
+    assert len(counts) >= 2 and counts.min() >= planning.PROGRAM_PAYS
+    few = planning.plan_speeds(train, rpm[::8], Request())
+    assert len({plan for plan in few if plan.marches}) == 1
 
 
-def test_a_march_where_no_tooth_was_expected_to_separate_begins_above_the_mesh_modes(monkeypatch):
-    train, rpm, attempt, tried = jaxhb.load_scene("engine_with_damper"), 1900.0, solve._attempt, []
-
-    def failing_from_the_flank(train, rpm, plan, given, cycles):
-        response, outcome = attempt(train, rpm, plan, given, cycles)
-        tried.append(plan)
-        unsolved = np.array(jaxhb.Status.STALLED)
-        return (response if cycles else dataclasses.replace(response, status=unsolved)), outcome
-
-    monkeypatch.setattr(solve, "_attempt", failing_from_the_flank)
-    response = jaxhb.solve(train, rpm=rpm)
-    modes, _ = decide.mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))
-    assert [plan.start for plan in tried] == ["linear", "march"] and int(response.status) == 0
-    assert tried[0].harmonics < modes < 1.5 * modes <= tried[1].harmonics
+def test_a_march_where_no_tooth_was_expected_to_separate_begins_above_the_mesh_modes():
+    train, rpm = jaxhb.load_scene("engine_with_damper"), 1900.0
+    case = case_of(train, rpm)
+    (first,) = ladder.contact(case, None)
+    (march,) = ladder.short_march(case, None)
+    modes, _ = planning.mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))
+    assert [first.plan.start, march.plan.start] == ["linear", "march"]
+    assert first.plan.harmonics < modes < 1.5 * modes <= march.plan.harmonics
+    assert ladder.climb(case, (ladder.short_march,)).response.converged
 
 
 def test_a_sweep_of_no_speed_is_refused(pair):
@@ -346,12 +359,73 @@ def test_a_mesh_that_stays_loaded_beside_one_that_hammers_is_no_unknown():
         assert one.force(*mesh).max == pytest.approx(float(both.force(*mesh).max), rel=1e-8)
 
 
-def test_a_mesh_thought_loaded_that_leaves_its_flank_is_planned_again(monkeypatch):
-    train = build(pinions_parts(pump=40.0), reference="flywheel")
+def test_a_mesh_thought_loaded_that_leaves_its_flank_is_planned_again():
+    train, mesh = build(pinions_parts(pump=40.0), reference="flywheel"), ("crank gear", "pump gear")
     careful = jaxhb.solve(train, rpm=1500.0, harmonics=192)
-    monkeypatch.setattr(decide, "HAMMERED", 0.0)
-    found = jaxhb.solve(train, rpm=1500.0, harmonics=192)
-    assert "PLAN_VIOLATED" in found.path[1] and found.converged
-    assert found.mesh("crank gear", "pump gear").separated_fraction > 0
-    mesh = ("crank gear", "pump gear")
+    case, held = case_of(train, 1500.0, harmonics=192), train.topology.mesh_names.index("|".join(mesh))
+    flank = tuple(careful.mesh(*mesh).drive_side if i == held else side for i, side in enumerate(case.plan.flank))
+    case.plan = dataclasses.replace(case.plan, active=tuple(i for i in case.plan.active if i != held), flank=flank)
+    found = ladder.climb(case, (ladder.short_march,)).response
+    assert found.path[1].status == jaxhb.Status.PLAN_VIOLATED and found.converged
+    assert found.mesh(*mesh).separated_fraction > 0
     assert found.force(*mesh).max == pytest.approx(float(careful.force(*mesh).max), rel=1e-8)
+
+
+def test_numbers_that_are_invalid_have_a_status_under_jit(pair, plan):
+    """Speed, and every kind of number that is checked where it is concrete; absent ones are 0 and valid."""
+
+    @jax.jit
+    def status(rpm, changes):
+        names = ("stiffness", "damping", "backlash", "epsilon", "transition")
+        given = {f"gear a|gear b.{name}": value for name, value in zip(names, changes[:5], strict=True)}
+        return jaxhb.solve(pair.replace(given | {"gear a.inertia": changes[5]}), rpm=rpm, plan=plan).status
+
+    names = [f"gear a|gear b.{name}" for name in ("stiffness", "damping", "backlash", "epsilon", "transition")]
+    valid = [float(pair.value(name)) for name in (*names, "gear a.inertia")]
+    assert int(status(HAMMERING_RPM, valid)) == jaxhb.Status.CONVERGED
+    for rpm in (0.0, -1500.0):
+        assert int(status(rpm, valid)) == jaxhb.Status.INVALID_INPUT
+    for place, wrong in ((0, -1e6), (1, -1.0), (2, -1e-5), (3, -0.1), (3, 1.5), (4, 0.0), (4, 1.5), (5, -0.01)):
+        changed = [*valid[:place], wrong, *valid[place + 1 :]]
+        assert int(status(HAMMERING_RPM, changed)) == jaxhb.Status.INVALID_INPUT, (place, wrong)
+    gradient = jax.vmap(jax.grad(lambda k: loss(pair, plan, k)))(jnp.array([valid[0], -1e6]))
+    assert np.isfinite(gradient[0]) and gradient[0] != 0.0 and gradient[1] == 0.0
+
+
+def loss(pair, plan, stiffness):
+    changed = pair.replace({"gear a|gear b.stiffness": stiffness})
+    response = jaxhb.solve(changed, rpm=HAMMERING_RPM, plan=plan)
+    good = response.status == 0
+    return jnp.where(good, response.force("gear a", "gear b").smooth_peak(), 0.0)
+
+
+@pytest.mark.parametrize("scene", jaxhb.scene_names())
+def test_the_numbers_of_every_packaged_scene_are_within_their_ranges(scene):
+    assert bool(within_range(jaxhb.load_scene(scene)))
+
+
+def test_a_response_is_a_clean_tree(pair, plan):
+    """Arrays of the speed and nothing else: two responses of one plan are one structure, and nothing traces again."""
+    responses = [jaxhb.solve(pair, rpm=rpm, plan=plan) for rpm in np.linspace(5500.0, 5900.0, 50)]
+    assert len({jax.tree.structure(response) for response in responses}) == 1
+    traced = []
+
+    @jax.jit
+    def largest(response):
+        traced.append(response)
+        return response.force("gear a", "gear b").max
+
+    values = [float(largest(response)) for response in responses]
+    assert len(traced) == 1 and len(set(values)) == 50
+    sweep = stack(responses)
+    assert all(len(leaf) == 50 for leaf in jax.tree.leaves(sweep))
+    np.testing.assert_allclose(jax.vmap(lambda r: r.force("gear a", "gear b").max)(sweep), values, rtol=1e-12)
+    assert sweep[3].train is pair and jax.tree.map(np.asarray, sweep[3]).train is None
+
+
+def test_a_sweep_of_an_engine_copies_no_pressure_table():
+    engine = jaxhb.load_scene("six_cylinder_diesel")
+    plan = jaxhb.plan(engine, rpm=1500.0)
+    batch = jax.vmap(lambda rpm: jaxhb.solve(engine, rpm=rpm, plan=plan))(jnp.linspace(1000.0, 2000.0, 8))
+    largest = max(leaf.size for leaf in jax.tree.leaves(batch))
+    assert largest < engine.cylinders.pressure.size

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 import jaxhb
+from jaxhb.response.events import Shooting
+from jaxhb.response.response import stack
 from jaxhb.show.plots import plot_sweep
 from jaxhb.show.progress import Progress
 from jaxhb.show.report import notes
@@ -40,15 +42,15 @@ def test_a_soft_gap_and_a_high_knee_are_noted():
     train = jaxhb.load_scene("spur_pair")
     sharp = jaxhb.solve(train, rpm=2000.0)
     assert notes(sharp) == []
-    soft = train.replace({"gear a|gear b.epsilon": 0.03, "gear a|gear b.transition": 0.2})
-    found = notes(dataclasses.replace(sharp, train=soft))
+    soft = dataclasses.replace(sharp.law, epsilon=np.array([0.03]), transition=np.array([0.2]))
+    found = notes(dataclasses.replace(sharp, law=soft))
     assert any("the spring in the gap carries up to" in note and "lower epsilon" in note for note in found)
     assert any("stiff only above" in note and "smaller transition" in note for note in found)
 
 
 def test_a_motion_found_by_shooting_is_said_to_be_perhaps_unstable():
     sharp = jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=2000.0)
-    shot = dataclasses.replace(sharp, path=("march of 3 cycles; shooting from 1 cycles; Newton: CONVERGED",))
+    shot = dataclasses.replace(sharp, path=(Shooting(1, 1024, 1e-9, closed=True), *sharp.path))
     (note,) = notes(shot)
     assert "found at 2000 rpm" in note and "may be unstable" in note
     assert notes(dataclasses.replace(shot, status=np.array(int(jaxhb.Status.STALLED)))) == []
@@ -58,9 +60,7 @@ def test_a_motion_found_by_shooting_is_said_to_be_perhaps_unstable():
 def sweep():
     """Two speeds: a hammering solution, and the same as if it had not converged."""
     one = jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=5000.0)
-    names = [f.name for f in dataclasses.fields(one) if f.name not in ("train", "path", "resolution")]
-    two = dataclasses.replace(one, **{name: np.stack([getattr(one, name)] * 2) for name in names})
-    return dataclasses.replace(two, rpm=np.array([5000.0, 5100.0]), status=np.array([0, 1]))
+    return stack([one, dataclasses.replace(one, rpm=np.array(5100.0), status=np.array(1))])
 
 
 def test_a_sweep_tells_where_teeth_separate_and_what_did_not_converge(sweep):

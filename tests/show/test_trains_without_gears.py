@@ -124,7 +124,7 @@ def test_with_a_load_the_ground_takes_nothing(scene, capsys, tmp_path):
 def test_torques_that_cancel_leave_no_note_on_the_ground(scene):
     train = jaxhb.load_scene(scene(DISK, '[[torque]]\nname = "brake"\ndisk = "hub"\nmean = -500.0\n'))
     response = jaxhb.solve(train, rpm=1000.0)
-    rounded = dataclasses.replace(response, angles=response.angles + 1e-16)
+    rounded = dataclasses.replace(response, ground_reaction=response.ground_reaction + 1e-13)
     assert ground_notes([rounded], lambda *_: "") == []
     assert balance_line(rounded) == "ground: bed takes 0 N m"
 
@@ -140,7 +140,7 @@ def test_the_note_on_a_ground_is_for_the_speed_at_which_it_takes_most(scene):
 def test_a_ground_beside_a_load_is_noted_above_one_per_cent_only(scene):
     response = jaxhb.solve(jaxhb.load_scene(scene(DISK, LOAD)), rpm=1000.0)
     for share, noted in ((0.005, 0), (0.02, 1)):
-        moved = dataclasses.replace(response, angles=response.angles + share * 0.5)
+        moved = dataclasses.replace(response, ground_reaction=response.ground_reaction + share * 500.0)
         assert len(ground_notes([moved], lambda *_: "")) == noted
 
 

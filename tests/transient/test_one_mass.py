@@ -29,8 +29,8 @@ def exact(steps):
     """Errors of x(0), x'(0), trace and determinant of the monodromy matrix of the case of method.md A7."""
     case = one_mass(mass=1, damping=0.2, stiffness=4, epsilon=0.05, transition=0.2, backlash=0.2)
     stepper = stepper_of(case, 1.0, [0.3, 0.5], steps)
-    state, closure, _ = correct(stepper, jax.jit(settle)(stepper, on_flank(stepper)).state)
-    assert closure < 1e-11
+    state, periodicity_error, _ = correct(stepper, jax.jit(settle)(stepper, on_flank(stepper)).state)
+    assert periodicity_error < 1e-11
     (_, trace), (matrix, _) = run(stepper, state), multiply(stepper, state)
     found = [trace.deflection[0, 0], trace.rate[0, 0], jnp.trace(matrix), jnp.linalg.det(matrix)]
     expected = method_case("A7_true_periodic_one_mass")["expected"]
@@ -78,9 +78,9 @@ def coexisting():
     stepper = stepper_of(case, 1.0, [0.1, 0.1], 512)
     x, v = (g.ravel() for g in np.meshgrid(np.linspace(-1.5, 1.5, 5), np.linspace(-1, 1, 3)))
     starts = jax.vmap(lambda a, b: state_from_motion(stepper, a[None], b[None]))(x, v)
-    states, closures, _ = jax.jit(jax.vmap(lambda z: shoot(stepper, z)))(starts)
+    states, periodicity_errors, _ = jax.jit(jax.vmap(lambda z: shoot(stepper, z)))(starts)
     found = {}
-    for state in states[np.asarray(closures) < 1e-10]:
+    for state in states[np.asarray(periodicity_errors) < 1e-10]:
         key = tuple(np.round(np.asarray(state), 6) + 0.0)
         found[key] = np.abs(np.linalg.eigvals(multiply(stepper, state)[0])).max()
     return found

@@ -7,7 +7,7 @@ import pytest
 from transient_cases import REFERENCE
 
 from jaxhb.model.scene import load_scene
-from jaxhb.transient.referee import integrate
+from jaxhb.transient.reference import integrate
 
 TABLE = json.loads((REFERENCE / "gear_train_30.json").read_text())["expected_behaviour"]
 

@@ -9,11 +9,11 @@ from trains import ONE_RADIAN_PER_SECOND, branched_parts, build
 
 from jaxhb import Disk, Ground, Mesh, Shaft, Torque
 from jaxhb.periodic import orbits
-from jaxhb.periodic.harmonics import Plan
+from jaxhb.periodic.plan import Plan
 from jaxhb.transient import segments, shooting
-from jaxhb.transient.integrate import cycle, cycle_closure
+from jaxhb.transient.integrate import cycle, cycle_error
 
-PLAN = Plan(harmonics=32, active=(0, 1), flank=(0, 0), instants=1024, excited=3)
+PLAN = Plan(harmonics=32, active=(0, 1), flank=(0, 0), time_steps=1024, excited=3)
 
 
 def stepper():
@@ -45,25 +45,27 @@ def test_segments_in_a_row_are_the_cycle():
 def test_room_for_more_steps_changes_nothing():
     roomy = stepper()
     steps = int(roomy.count)
-    assert roomy.room > steps == PLAN.instants
+    assert roomy.capacity > steps == PLAN.time_steps
     tight = dataclasses.replace(roomy, linear=roomy.linear[: 2 * steps], count=None)
     nodes = segments.beginnings(tight, tight.flank_state)
     for motion in (segments.motion, lambda stepper, nodes: cycle(stepper, nodes[0])[1]):
         found, wanted = motion(roomy, nodes), motion(tight, nodes)
         np.testing.assert_array_equal(found.deflection[:, steps:], 0.0)
         np.testing.assert_allclose(found.deflection[:, :steps], wanted.deflection, rtol=PATHS, atol=0.0)
-        np.testing.assert_allclose(found.closure, wanted.closure, rtol=1e-6)  # a difference of the motion
+        np.testing.assert_allclose(
+            found.periodicity_error, wanted.periodicity_error, rtol=1e-6
+        )  # a difference of the motion
 
 
 def test_what_closes_a_cycle_is_the_same_with_and_without_samples():
     train = stepper()
     nodes = segments.beginnings(train, train.flank_state) * (1 + 1e-3 * np.arange(segments.SEGMENTS)[:, None])
-    gap, closure = segments.gaps_and_closure(train, nodes)
+    gap, periodicity_error = segments.gaps_and_closure(train, nodes)
     np.testing.assert_array_equal(gap, segments.gaps(train, nodes))
-    np.testing.assert_allclose(closure, segments.motion(train, nodes).closure, rtol=PATHS)
-    (end, closure), (after, trace) = (run(train, train.flank_state) for run in (cycle_closure, cycle))
+    np.testing.assert_allclose(periodicity_error, segments.motion(train, nodes).periodicity_error, rtol=PATHS)
+    (end, periodicity_error), (after, trace) = (run(train, train.flank_state) for run in (cycle_error, cycle))
     np.testing.assert_array_equal(end, after)
-    np.testing.assert_allclose(closure, trace.closure, rtol=PATHS)
+    np.testing.assert_allclose(periodicity_error, trace.periodicity_error, rtol=PATHS)
 
 
 def test_segments_closed_one_by_one_are_a_periodic_cycle():
@@ -73,8 +75,8 @@ def test_segments_closed_one_by_one_are_a_periodic_cycle():
     )
     _, begun = cycle(train, train.flank_state)
     _, closed = cycle(train, nodes[0])
-    assert joined.closure <= 1e-10 < 1e-6 < begun.closure
-    assert closed.closure < 1e-8  # no Floquet multiplier of this train is large
+    assert joined.periodicity_error <= 1e-10 < 1e-6 < begun.periodicity_error
+    assert closed.periodicity_error < 1e-8  # no Floquet multiplier of this train is large
 
 
 def test_correction_and_tangent_solve_the_linearised_equations():
@@ -125,5 +127,5 @@ def floating_pair(grounded):
         Torque(disk="driven", mean=-0.4),
         *([Ground(disk="driven", stiffness=0.1)] if grounded else []),
     ]
-    plan = Plan(harmonics=32, active=(0,), flank=(0,), instants=256, excited=1)
+    plan = Plan(harmonics=32, active=(0,), flank=(0,), time_steps=256, excited=1)
     return orbits.stepper_of(build(parts, reference="driver"), 2 * ONE_RADIAN_PER_SECOND, plan)

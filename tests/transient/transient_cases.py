@@ -8,13 +8,13 @@ import numpy as np
 import jaxhb._x64  # noqa: F401
 from jaxhb.harmonic import chain
 from jaxhb.harmonic.backlash import Law
-from jaxhb.harmonic.block_sweep import places
+from jaxhb.harmonic.block_sweep import slots
 from jaxhb.harmonic.chain import System, Tree
+from jaxhb.harmonic.excitation import excitation, highest_harmonic
 from jaxhb.harmonic.residual import Nonlinear
 from jaxhb.model.drivetrain import build
 from jaxhb.model.elements import Damper, Disk, Ground, Mesh, Shaft, Torque
-from jaxhb.model.engine import excitation, highest_harmonic
-from jaxhb.transient.referee import backlash_meshes
+from jaxhb.transient.reference import backlash_meshes
 
 REFERENCE = Path(__file__).parents[1] / "data"
 
@@ -22,7 +22,7 @@ REFERENCE = Path(__file__).parents[1] / "data"
 def one_mass(*, mass, damping, stiffness, epsilon, transition, backlash):
     """A mass on a mesh whose other end is the ground (arm 0)."""
     whole = np.zeros(1, np.int32)
-    tree = Tree(whole, whole + 1, places(whole + 1), whole, np.array([True]), whole[:0], whole, whole)
+    tree = Tree(whole, whole + 1, slots(whole + 1), whole, np.array([True]), whole[:0], whole, whole)
     values = (1, mass, damping, 0, stiffness, 0, 0, 1, 0)
     system = System(tree, *(np.array([v], float) for v in values), np.array(False))
     law = Law(*(np.array([v], float) for v in (stiffness, epsilon, transition, backlash)))

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from ..harmonic.reduction import incidence, solve_linear
+from ..harmonic.reduction import solve_linear
 from .statespace import StateSpace
 
 LIGHT = 1e-6
@@ -31,7 +31,7 @@ SHIFTS = 12
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Surrogate:
+class ReducedModel:
     """Slow modes, ``y = (s q, q')``, s = max(omega, Omega), and the static answer ``(G, G)`` m/N of the fast ones.
 
     motion : ``(2S, n)``, displacements and velocities of the disks for each state.
@@ -43,11 +43,11 @@ class Surrogate:
 
 
 def states_of(disks):
-    """Number of states of a surrogate, at most."""
+    """Number of states of a reduced-order model, at most."""
     return 2 * (disks if disks <= LARGEST else MODES)
 
 
-def surrogate(system, links, active, frequency, instants, excited):
+def reduced_model(system, links, active, frequency, time_steps, excited):
     """The train as first-order equations of at most LARGEST modes; of a larger train MODES, those that meshes see most.
 
     Parameters
@@ -55,18 +55,18 @@ def surrogate(system, links, active, frequency, instants, excited):
     system : System
     links, active : arrays ``(G,)``, the links with backlash, and 1; 0 for padding
     frequency : float, Omega in rad/s
-    instants : int, steps per cycle that will be taken; modes with less than four of them per period are fast
+    time_steps : int, steps per cycle that will be taken; modes with less than four of them per period are fast
     excited : int, harmonic at which a loss factor is turned into viscous damping
 
     Returns
     -------
-    Surrogate
+    ReducedModel
     """
     system = jax.tree.map(jnp.asarray, lax.stop_gradient(system))
-    fastest = frequency * instants / 4
+    fastest = frequency * time_steps / 4
     mass = _inertial(system, fastest)
-    basis = _basis(system, mass, links, frequency, instants)
-    bend = system.deflections(basis, np.arange(len(system.stiffness)))
+    basis = _basis(system, mass, links, frequency, time_steps)
+    bend = system.deflections(basis)
     viscous = system.viscous + system.loss * system.stiffness / (excited * frequency)
     K = basis.T @ (system.ground[:, None] * basis) + bend.T @ (system.stiffness[:, None] * bend)
     B = basis.T @ (system.damping[:, None] * basis) + bend.T @ (viscous[:, None] * bend)
@@ -94,27 +94,24 @@ def surrogate(system, links, active, frequency, instants, excited):
         coordinates=jnp.block([[scale[:, None] * modal, 0 * modal], [0 * modal, modal]]),
     )
     motion = jnp.block([[shapes / scale, 0 * shapes], [0 * shapes, shapes]])
-    return Surrogate(space, static, motion)
+    return ReducedModel(space, static, motion)
 
 
 def _inertial(system, fastest):
     """``(S,)`` kg: masses, with a little where there is none."""
-    tree = system.tree
-    pull = system.ground.at[tree.end_a].add(system.arm_a**2 * system.stiffness)
-    pull = pull.at[tree.end_b].add(system.arm_b**2 * system.stiffness)
-    little = jnp.minimum(pull / (30 * fastest) ** 2, LIGHT * jnp.mean(system.mass))
+    little = jnp.minimum(system.held_stiffness() / (30 * fastest) ** 2, LIGHT * jnp.mean(system.mass))
     return jnp.where(system.mass > 0, system.mass, jnp.maximum(little, 1e-12 * jnp.mean(system.mass)))
 
 
-def _basis(system, mass, links, frequency, instants):
+def _basis(system, mass, links, frequency, time_steps):
     """Columns ``(S, r)`` with ``basis^T M basis = 1``: all motions, or those that mesh forces excite."""
     root = jnp.sqrt(mass)[:, None]
     disks = len(system.mass)
     if disks <= LARGEST:
         return jnp.eye(disks) / root
-    highest = instants / 6
+    highest = time_steps / 6
     omega = frequency * highest ** (jnp.arange(SHIFTS) / (SHIFTS - 1.0))
-    unit = jnp.broadcast_to(incidence(system, links)[:, :, None], (disks, len(links), SHIFTS))
+    unit = jnp.broadcast_to(system.incidence(links)[:, :, None], (disks, len(links), SHIFTS))
     motion, _ = solve_linear(system, omega, unit.astype(complex), forces=0)
     columns = root * jnp.concatenate([motion.real, motion.imag], axis=-1).reshape(disks, -1)
     sizes = jnp.linalg.norm(columns, axis=0)

@@ -17,11 +17,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxhb._arrays import namespace
-from jaxhb._program import Program
-from jaxhb.model.crank import gas_torque_harmonics, inertia_torque_harmonics, slider_crank
-from jaxhb.model.drivetrain import DriveTrain, speed_ratios
-from jaxhb.model.topology import Topology
+from .._arrays import namespace
+from .._program import Program
+from ..model.crank import CRANK_SAMPLES, gas_torque, inertia_torque
+from ..model.drivetrain import DriveTrain, speed_ratios
+from ..model.tables import mean_torques, scale_at
+from ..model.topology import Topology
+from . import fourier
 
 __all__ = [
     "excitation",
@@ -30,7 +32,6 @@ __all__ = [
     "inertia_torque_harmonics",
     "listed_harmonic",
     "load_power_kW",
-    "slider_crank",
 ]
 
 INERTIA_ORDERS_THAT_COUNT = 6
@@ -63,7 +64,7 @@ def excitation(train: DriveTrain, rpm, harmonics: int):
 
     Examples
     --------
-    >>> from jaxhb.model.engine import excitation
+    >>> from jaxhb.harmonic.excitation import excitation
     >>> from jaxhb.model.scene import load_scene
     >>> torque, load, left = excitation(load_scene("gear_train_30"), 1800.0, 24)
     >>> torque.shape, load.shape
@@ -83,6 +84,9 @@ def _excitation(train, rpm, harmonics):
     topology = train.topology
     ratio = speed_ratios(train)[np.array(topology.rotor, dtype=int)]
     torque = jnp.zeros((topology.n_disks, harmonics + 1), dtype=jnp.complex128)
+    seats = np.array([*topology.torque_disk, *topology.cylinder_disk], dtype=int)
+    cycle = topology.cylinder_fires, topology.cylinder_gas_revolutions
+    torque = torque.at[seats, 0].add(mean_torques(train.torques, train.cylinders, *cycle, rpm))
     torque = _add_given(torque, train, rpm)
     if topology.cylinder_names:
         torque = _add_gas(torque, train, rpm)
@@ -117,7 +121,7 @@ def load_power_kW(train: DriveTrain, rpm, load_torque):  # noqa: N802
 
     Examples
     --------
-    >>> from jaxhb.model.engine import excitation, load_power_kW
+    >>> from jaxhb.harmonic.excitation import excitation, load_power_kW
     >>> from jaxhb.model.scene import load_scene
     >>> train = load_scene("gear_train_30")
     >>> round(float(load_power_kW(train, 1800.0, excitation(train, 1800.0, 0)[1])), 1)
@@ -146,7 +150,7 @@ def highest_harmonic(train: DriveTrain) -> int:
 
     Examples
     --------
-    >>> from jaxhb.model.engine import highest_harmonic
+    >>> from jaxhb.harmonic.excitation import highest_harmonic
     >>> from jaxhb.model.scene import load_scene
     >>> highest_harmonic(load_scene("gear_train_30"))
     24
@@ -191,7 +195,7 @@ def listed_harmonic(topology: Topology) -> int:
 
     Examples
     --------
-    >>> from jaxhb.model.engine import listed_harmonic
+    >>> from jaxhb.harmonic.excitation import listed_harmonic
     >>> from jaxhb.model.scene import load_scene
     >>> listed_harmonic(load_scene("gear_train_30").topology)
     24
@@ -202,9 +206,44 @@ def listed_harmonic(topology: Topology) -> int:
     return int(max(found))
 
 
-def _scale(table, rpm):
-    """Factor of each element at ``rpm``, linear between the given points and constant outside them."""
-    return jax.vmap(jnp.interp, in_axes=(None, 0, 0))(rpm, table.scale_rpm, table.scale_factor)
+def gas_torque_harmonics(pressure, bore, stroke, rod, *, revolutions):
+    """Harmonics of :func:`~jaxhb.model.crank.gas_torque` over the gas cycle, arguments as there.
+
+    Returns
+    -------
+    array [..., M//2 + 1], complex
+        N m; entry 0 the mean, entry k the coefficient of exp(i k a / revolutions), half the peak amplitude.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from jaxhb.harmonic.excitation import gas_torque_harmonics
+    >>> bool(abs(gas_torque_harmonics(np.ones(64) * 1e5, 0.1, 0.1, 0.2, revolutions=2)[0]) < 1e-9)
+    True
+    """
+    torque = gas_torque(pressure, bore, stroke, rod, revolutions=revolutions)
+    return fourier.analyze(torque, torque.shape[-1] // 2)
+
+
+def inertia_torque_harmonics(stroke, rod, *, short_series=False):
+    """Harmonics of :func:`~jaxhb.model.crank.inertia_torque` over a revolution, arguments as there.
+
+    Returns
+    -------
+    array [..., 257], complex
+        N m; entry j the coefficient of exp(i j a), half the peak amplitude, a from top dead centre.
+
+    Notes
+    -----
+    The series in lambda = stroke/(2 rod) is Porter's (1943): -1/2 sin 2a - 3 lambda/4 sin 3a + ... times m r^2 w^2.
+
+    Examples
+    --------
+    >>> from jaxhb.harmonic.excitation import inertia_torque_harmonics
+    >>> round(float(-2 * inertia_torque_harmonics(2.0, 5.0)[2].imag), 12)
+    -0.500052072485
+    """
+    return fourier.analyze(inertia_torque(stroke, rod, short_series=short_series), CRANK_SAMPLES // 2)
 
 
 def _entries(numbers, harmonics):
@@ -214,18 +253,14 @@ def _entries(numbers, harmonics):
 
 
 def _add_given(torque, train, rpm):
-    """Add the given torques, mean and harmonics."""
+    """Add the harmonics of the given torques."""
     topology, table = train.topology, train.torques
-    if not topology.torque_names:
-        return torque
     disk = np.array(topology.torque_disk, dtype=int)
-    scale = _scale(table, rpm)
-    torque = torque.at[disk, 0].add(scale * table.mean)
     i, k, n = _entries(topology.torque_harmonics, torque.shape[1] - 1)
     if not i.size:
         return torque
     pair = jnp.asarray(table.harmonics)[i, k]
-    return torque.at[disk[i], n].add(0.5 * scale[i] * jax.lax.complex(pair[:, 0], pair[:, 1]))
+    return torque.at[disk[i], n].add(0.5 * scale_at(table, rpm)[i] * jax.lax.complex(pair[:, 0], pair[:, 1]))
 
 
 def _phase(train, i, n):
@@ -259,13 +294,11 @@ def _gas_and_ambient(pressure, ambient, bore, stroke, rod, revolutions):
 
 
 def _add_gas(torque, train, rpm):
-    """Add the gas torques, given and computed."""
+    """Add the harmonics of the gas torques, given and computed."""
     topology, table = train.topology, train.cylinders
     disk = np.array(topology.cylinder_disk, dtype=int)
-    scale = _scale(table, rpm)
-    fires = np.array(topology.cylinder_fires)
-    torque = torque.at[disk, 0].add(jnp.where(fires, scale * table.gas_torque_mean, 0.0))
-    lists = [row if f else () for row, f in zip(topology.cylinder_harmonics, fires, strict=True)]
+    scale = scale_at(table, rpm)
+    lists = [row if f else () for row, f in zip(topology.cylinder_harmonics, topology.cylinder_fires, strict=True)]
     i, k, n = _entries(lists, torque.shape[1] - 1)
     if i.size:
         pair = jnp.asarray(table.gas_torque)[i, k]
@@ -277,7 +310,6 @@ def _add_gas(torque, train, rpm):
     gas, ambient = _pressure_harmonics(train, rows)
     row_disk = disk[np.array(rows)]
     row_scale = scale[np.array(rows)]
-    torque = torque.at[row_disk, 0].add(row_scale * gas[:, 0].real - ambient[:, 0].real)
     lists = [tuple(topology.cylinder_step[c] * k for k in range(1, topology.cylinder_gas[c] + 1)) for c in rows]
     i, k, n = _entries(lists, torque.shape[1] - 1)
     value = row_scale[i] * gas[i, k + 1] - ambient[i, k + 1]

@@ -8,19 +8,19 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxhb.model.drivetrain import SceneError, build
-from jaxhb.model.elements import Cylinder, Disk, Load, Mesh, Shaft, Torque
-from jaxhb.model.engine import (
+from jaxhb.harmonic.excitation import (
     excitation,
     gas_torque_harmonics,
     highest_harmonic,
     inertia_torque_harmonics,
     listed_harmonic,
     load_power_kW,
-    slider_crank,
 )
+from jaxhb.model.crank import slider_crank
+from jaxhb.model.drivetrain import SceneError, build
+from jaxhb.model.elements import Cylinder, Disk, Load, Mesh, Shaft, Torque
 from jaxhb.model.scene import load_scene
-from jaxhb.model.tables import gas_cycle
+from jaxhb.model.tables import gas_cycle, mean_torques
 
 REFERENCE = Path(__file__).parents[1] / "data" / "excitation.json"
 CRANK = {"bore": 0.1, "stroke": 0.12, "rod": 0.2, "reciprocating_mass": 2.0}
@@ -118,6 +118,24 @@ def test_scale_multiplies_given_torques_linearly_between_speeds():
     for rpm, factor in ((50.0, 0.0), (100.0, 0.0), (125.0, 0.25), (200.0, 1.0), (900.0, 1.0)):
         found = np.asarray(excitation(train, rpm, 2)[0])[0]
         np.testing.assert_allclose(found, factor * np.array([10.0, 1.0 - 2.0j, 0.0]), atol=1e-14)
+
+
+def test_mean_torque_of_the_excitation_is_that_of_the_host():
+    scale = [(1000.0, 0.5), (2000.0, 1.0)]
+    parts = [
+        Torque(disk="a", mean=10.0, scale=[(500.0, 0.0), (1500.0, 1.0)]),
+        Cylinder(disk="a", name="one", **CRANK, pressure=TRACE, ambient_pressure=1e5, scale=scale),
+        Cylinder(disk="a", name="two", **CRANK, gas_torque_mean=30.0),
+        Cylinder(disk="a", name="idle", **CRANK, gas_torque_mean=50.0, fires=False),
+    ]
+    train, speeds = pair(*parts), np.array([800.0, 1700.0])
+    cycle = train.topology.cylinder_fires, train.topology.cylinder_gas_revolutions
+    means = mean_torques(train.torques, train.cylinders, *cycle, speeds)
+    assert isinstance(means, np.ndarray) and means.shape == (2, 4)
+    np.testing.assert_allclose(means[:, [0, 2, 3]], [[3.0, 30.0, 0.0], [10.0, 30.0, 0.0]], rtol=1e-14)
+    np.testing.assert_allclose(means[0, 1] / means[1, 1], 0.5 / 0.85, rtol=1e-14)
+    for rpm, mean in zip(speeds, means, strict=True):
+        np.testing.assert_allclose(excitation(train, rpm, 0)[0][0, 0], mean.sum(), rtol=1e-13)
 
 
 def test_orders_of_an_own_rotor_are_led_to_the_reference():

@@ -119,7 +119,7 @@ def test_summary_is_plain_numbers_and_the_spectrum_gives_the_signal_back():
     np.testing.assert_allclose(s.samples(50), rebuilt, rtol=0, atol=30 * ALGEBRAIC)
 
 
-@pytest.mark.parametrize("name", ["signal", "modal"])
+@pytest.mark.parametrize("name", ["response.signal", "linear.modal"])
 def test_examples_in_the_docstrings_hold(name):
-    failures, tests = doctest.testmod(importlib.import_module(f"jaxhb.linear.{name}"))
+    failures, tests = doctest.testmod(importlib.import_module(f"jaxhb.{name}"))
     assert tests and not failures

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._arrays import namespace
+from ..harmonic import fourier
 
 
 @jax.tree_util.register_dataclass
@@ -26,7 +27,7 @@ class Signal:
     revolutions_per_cycle : float
         Of the reference rotor; harmonic n is order n / revolutions_per_cycle.
     resolution : int
-        Instants per cycle at which extremes are looked for.
+        Time samples per cycle at which extremes are looked for.
 
     Examples
     --------
@@ -76,12 +77,8 @@ class Signal:
         return self.amplitudes[..., harmonic - 1]
 
     def samples(self, count):
-        """Values at ``count`` equidistant instants of one cycle, from theta = 0; shape ``(..., count)``."""
-        highest = self.coefficients.shape[-1] - 1
-        xp = namespace(self.coefficients)
-        factor = -(-(2 * highest + 1) // count)
-        fine = xp.fft.irfft(self.coefficients, n=factor * count, axis=-1, norm="forward")
-        return fine[..., ::factor]
+        """Values at ``count`` equidistant time samples of one cycle, from theta = 0; shape ``(..., count)``."""
+        return fourier.sample(self.coefficients, count)
 
     def angles_deg(self, count):
         """Angles theta of :meth:`samples` in deg of the reference rotor ``(count,)``."""
@@ -127,7 +124,7 @@ class Signal:
     def smooth_peak(self, p=64):
         """Differentiable peak, the p-norm over the cycle: ``(mean |x|^p)^(1/p)``.
 
-        With M instants it lies between ``peak M^(-1/p)`` and ``peak``.
+        With M time samples it lies between ``peak M^(-1/p)`` and ``peak``.
         """
         xp = namespace(self.coefficients)
         values = xp.abs(self.samples(self.resolution))

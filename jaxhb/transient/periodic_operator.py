@@ -1,17 +1,17 @@
 """The linearised motion around one cycle: a periodic, time-varying linear train solved by one sweep over the cycle.
 
-With slopes w and s of the excess force phi in l and l', the forces u that answer a given periodic motion b are
+With slopes w and s of the nonlinear force phi in l and l', the forces u that answer a given periodic motion b are
 
     z' = A z + E u,      u = w (b + l) + s (b' + l'),      (l, l') = L z,      z(T) = z(0).
 
-u is taken as linear between the instants of a grid: exact where a mesh stays in contact (u = 0) and where it flies
-freely through its gap (l linear in time), so that six instants per period of the highest mesh mode do. z(0) follows
-from the slowest modes alone, whose memory outlasts the cycle. Work per instant is that of one small matrix product,
+u is taken as linear between the time steps of a grid: exact where a mesh stays in contact (u = 0) and where it flies
+freely through its gap (l linear in time), so that six time steps per period of the highest mesh mode do. z(0) follows
+from the slowest modes alone, whose memory outlasts the cycle. Work per time step is that of one small matrix product,
 whatever the number of harmonics; it replaces the factorisation of a Jacobian in which all harmonics are coupled.
 
-The cycle is cut into blocks that are swept side by side from rest, 8 to 32 instants each instead of thousands one after
-another. What the state at the beginning of a block adds is known beforehand: its forces solve a triangular system
-of the block, as the train itself does not change from instant to instant.
+The cycle is cut into blocks that are swept side by side from rest, 8 to 32 time steps each instead of thousands one
+after another. What the state at the beginning of a block adds is known beforehand: its forces solve a triangular system
+of the block, as the train itself does not change from time step to time step.
 """
 
 from dataclasses import dataclass
@@ -28,13 +28,14 @@ SLOW_MODES = 16
 """Modes whose state is carried from the end of the cycle to its beginning."""
 
 LONGEST, SHORTEST, UNKNOWNS = 32, 8, 64
-"""Instants of a block at most and at least, and the forces in it that are aimed at; every grid is a multiple of 32."""
+"""Time samples of a block at most and at least, and the forces in it that are aimed at; every grid is a multiple of
+32."""
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Variation:
-    """What the sweep needs at K = B m instants, B blocks of m; n states, G meshes, C of the states periodic.
+class PeriodicOperator:
+    """What the sweep needs at K = B m time steps, B blocks of m; n states, G meshes, C of the states periodic.
 
     propagate ``(n, n)``, forcing ``(n, G)``, observation ``(2G, n)``; gain ``(m, G, 2G, B)``: force of a mesh per
     motion. Per unit state at the beginning of a block: seen ``(B, m G, n)``, its forces, and carried ``(B, n, n)``, the
@@ -52,8 +53,8 @@ class Variation:
     closing: jax.Array
 
     @property
-    def instants(self):
-        """K, instants per cycle."""
+    def time_steps(self):
+        """K, time steps per cycle."""
         return self.gain.shape[0] * self.gain.shape[-1]
 
     def forces(self, motion):
@@ -79,21 +80,21 @@ class Variation:
         return force.transpose(2, 0, 1).reshape(meshes, -1)
 
 
-def vary(train, frequency, slope, rate_slope):
+def linearise(train, frequency, slope, rate_slope):
     """Prepare the sweep for slopes of phi.
 
     Parameters
     ----------
-    train : Surrogate
+    train : ReducedModel
     frequency : float, Omega in rad/s
-    slope, rate_slope : arrays ``(G, K)``, averages around K equidistant instants, K a multiple of 32
+    slope, rate_slope : arrays ``(G, K)``, averages around K equidistant time steps, K a multiple of 32
 
     Returns
     -------
-    Variation
+    PeriodicOperator
     """
-    meshes, instants = slope.shape
-    propagate, early, late = hold_weights(train.space, 2 * jnp.pi / frequency / instants)
+    meshes, time_steps = slope.shape
+    propagate, early, late = hold_weights(train.space, 2 * jnp.pi / frequency / time_steps)
     L = train.space.observation
     at_once = (L @ late).at[:meshes].add(-train.static)
     own = jnp.eye(meshes)
@@ -110,7 +111,7 @@ def vary(train, frequency, slope, rate_slope):
     end, begun = lax.scan(lambda state, carried: (carried @ state, state), jnp.eye(2 * n)[:, kept], carried)
     gap = jnp.eye(len(kept)) - end[kept]
     closing = jnp.zeros((len(kept), 2 * n)).at[:, kept].set(jnp.linalg.pinv(gap, rtol=1e-9))
-    return Variation(propagate, forcing, L, gain.transpose(1, 2, 3, 0), seen, carried, begun, closing)
+    return PeriodicOperator(propagate, forcing, L, gain.transpose(1, 2, 3, 0), seen, carried, begun, closing)
 
 
 def _per_state(propagate, forcing, L, gain):

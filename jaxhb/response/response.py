@@ -1,60 +1,74 @@
 """The periodic response of a drive train: disks, shafts, gears and meshes, read by name."""
 
 import dataclasses
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import jax
 import numpy as np
 
 from .._arrays import namespace
-from ..harmonic import backlash
+from ..harmonic import backlash, fourier
 from ..model.drivetrain import DriveTrain
+from ..model.topology import Topology
 from .contact import contact_of
 from .signal import Signal
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Response:
-    """Steady periodic motion at one speed, or at several (every array then has a leading axis).
-
-    Made by :func:`jaxhb.solve`, :func:`jaxhb.solve_speeds` and :func:`jaxhb.linear_response`; read with :meth:`force`,
-    :meth:`torque`, :meth:`twist`, :meth:`gear_torque`, :meth:`disk` and :meth:`mesh`.
+class Fields:
+    """Motion, torques and forces over one cycle, as Fourier coefficients.
 
     Parameters
     ----------
-    train : DriveTrain
-    rpm : array, of the reference rotor
-    angles : complex ``(..., S, N+1)`` rad, coefficients of the vibratory angle of every disk
+    angles : complex ``(..., S, N+1)`` rad, vibratory angle of every disk
     torques, elastic_torques : complex ``(..., K, N+1)`` N m, of the shafts and then the dampers
     deflections : complex ``(..., G, N+1)`` m, of the meshes
     forces, elastic_forces : complex ``(..., G, K+1)`` N, of the meshes; more harmonics than the motion has
-    load_torque : ``(..., n)`` N m of every load, negative where it takes power; load_power : ``(...)`` W taken
-    status, residual, truncation_error, steps : of the solve
-    path : how the solve went, for people; resolution : instants per cycle at which extremes are looked for
     """
 
-    train: DriveTrain
-    rpm: jax.Array
     angles: jax.Array
     torques: jax.Array
     elastic_torques: jax.Array
     deflections: jax.Array
     forces: jax.Array
     elastic_forces: jax.Array
+
+
+@dataclass(frozen=True)
+class Response(Fields):
+    """Steady periodic motion at one speed, or at several (every array then has a leading axis).
+
+    Made by :func:`jaxhb.solve`, :func:`jaxhb.solve_speeds` and :func:`jaxhb.linear_response`; read with :meth:`force`,
+    :meth:`torque`, :meth:`twist`, :meth:`gear_torque`, :meth:`disk` and :meth:`mesh`. A pytree whose leaves are its
+    arrays; a response that comes out of a transformation has neither ``train`` nor ``path``, which are no arrays.
+
+    Parameters
+    ----------
+    rpm : array, of the reference rotor
+    load_torque : ``(..., n)`` N m of every load, negative where it takes power; load_power : ``(...)`` W taken
+    ground_reaction : ``(..., n)`` N m, mean torque that each ground takes: stiffness x mean angle of its disk. Mean
+        angles are those that the soft grounds set; without a ground their inertia-weighted mean is zero
+    radius : ``(..., S)`` m, of the gears; law : Law ``(..., G)`` of the meshes. Numbers of the train that reading needs
+    status, residual, truncation_error, steps : of the solve
+    topology : names and connections; resolution : time samples per cycle at which extremes are looked for
+    train : DriveTrain or None; path : events, how the solve went (of a sweep one tuple per speed)
+    """
+
+    rpm: jax.Array
     load_torque: jax.Array
     load_power: jax.Array
+    ground_reaction: jax.Array
+    radius: jax.Array
+    law: backlash.Law
     status: jax.Array
     residual: jax.Array
     truncation_error: jax.Array
     steps: jax.Array
-    path: tuple = field(metadata={"static": True})
-    resolution: int = field(metadata={"static": True})
-
-    @property
-    def topology(self):
-        """Names and connections of the train."""
-        return self.train.topology
+    topology: Topology
+    resolution: int
+    train: DriveTrain | None = None
+    path: tuple = ()
 
     @property
     def harmonics(self):
@@ -82,26 +96,10 @@ class Response:
 
     def __getitem__(self, index):
         """Response number ``index`` (or a slice) of a batch."""
-        if not namespace(self.rpm).ndim(self.rpm):
+        if not np.ndim(self.rpm):
             raise TypeError("this is the response at one speed, not a sweep: it cannot be indexed")
-        arrays = {
-            f.name: getattr(self, f.name)[index]
-            for f in dataclasses.fields(self)
-            if f.name not in ("train", "path", "resolution")
-        }
-        if np.ndim(self.train.disks.inertia) > 1:
-            arrays["train"] = jax.tree.map(lambda leaf: leaf[index], self.train)
-        path = self.path[index] if len(self.path) == len(self.rpm) else self.path
-        return dataclasses.replace(self, **arrays, path=(path,) if isinstance(path, str) else path)
-
-    @property
-    def ground_reaction(self):
-        """Mean torque that each ground takes, N m ``(..., n)``: stiffness x mean angle of its disk.
-
-        Mean angles are those that the soft grounds set; without a ground their inertia-weighted mean is zero.
-        """
-        disks = np.array(self.topology.ground_disk, dtype=int)
-        return self.train.grounds.stiffness * self.angles[..., disks, 0].real
+        rows = jax.tree.map(lambda leaf: leaf[index], self)
+        return dataclasses.replace(rows, train=self.train, path=self.path[index] if self.path else ())
 
     def _signal(self, coefficients, elastic=None):
         return Signal(coefficients, elastic, self.topology.revolutions_per_cycle, self.resolution)
@@ -148,7 +146,7 @@ class Response:
         return self._signal(sense * self.deflections[..., index, :])
 
     def deflection_samples(self, count):
-        """Deflections of all meshes at ``count`` instants of the cycle, ``(..., G, count)`` m."""
+        """Deflections of all meshes at ``count`` time samples of the cycle, ``(..., G, count)`` m."""
         return self._signal(self.deflections).samples(count)
 
     def _mesh_index(self, a, b):
@@ -165,27 +163,20 @@ class Response:
         sense = np.array([(a == disk) - (b == disk) for a, b in self.topology.mesh_ends], dtype=float)
         if not sense.any():
             raise ValueError(f"{name!r} carries no mesh: gear_torque needs a gear")
-        radius = xp.asarray(self.train.disks.radius)[..., disk, None]
+        radius = self.radius[..., disk, None]
         total = radius * xp.einsum("g,...gk->...k", sense, self.forces)
         return self._signal(total, radius * xp.einsum("g,...gk->...k", sense, self.elastic_forces))
 
     def mesh(self, a, b=None):
         """Contact of a mesh over the cycle (:class:`Contact`); its drive side is that of the scene's order of gears."""
         index, _ = self._mesh_index(a, b)
-        meshes = self.train.meshes
-        if not self.topology.mesh_backlash[index]:
-            law = None
-        else:
-            law = backlash.Law(
-                meshes.stiffness[index], meshes.epsilon[index], meshes.transition[index], meshes.backlash[index]
-            )
-        rate = self.topology.cycle_frequency(np.asarray(self.rpm))
+        law = jax.tree.map(lambda values: np.asarray(values)[..., index], self.law)
         return contact_of(
-            law,
+            law if self.topology.mesh_backlash[index] else None,
             np.asarray(self.deflections[..., index, :]),
             np.asarray(self.forces[..., index, :]),
             np.asarray(self.elastic_forces[..., index, :]),
-            rate,
+            self.topology.cycle_frequency(np.asarray(self.rpm)),
             self.resolution,
         )
 
@@ -194,34 +185,34 @@ class Response:
         return {name: self.mesh(name) for name in self.topology.mesh_names}
 
 
-def stack(rows):
-    """Responses of one train at several speeds as one with a leading axis; all get the most harmonics among them.
+_STATIC = "topology", "resolution"
+_LEAVES = tuple(f.name for f in dataclasses.fields(Response) if f.name not in (*_STATIC, "train", "path"))
 
-    rows : per speed a Response, or a batch of them and the number of the one that is meant
-    """
-    rows = [row if isinstance(row, tuple) else (row, None) for row in rows]
-    places = {}
-    for place, (response, row) in enumerate(rows):
-        places.setdefault(id(response), (response, [], []))[1].append(place)
-        places[id(response)][2].append(row)
-    parts = [(r, at, slice(None) if taken == [None] else taken) for r, at, taken in places.values()]
-    wanted = dict.fromkeys(("angles", "torques", "elastic_torques", "deflections"), max(r.harmonics for r, *_ in parts))
-    wanted |= dict.fromkeys(("forces", "elastic_forces"), max(r.forces.shape[-1] for r, *_ in parts) - 1)
 
-    def joined(name):
-        arrays = [np.asarray(getattr(r, name)) for r, *_ in parts]
-        arrays = [array if np.ndim(r.rpm) else array[None] for array, (r, *_) in zip(arrays, parts, strict=True)]
-        shape = (*arrays[0].shape[1:-1], wanted[name] + 1) if name in wanted else arrays[0].shape[1:]
-        joint = np.zeros((len(rows), *shape), dtype=arrays[0].dtype)
-        for (_, at, taken), array in zip(parts, arrays, strict=True):
-            joint[(at, ..., slice(array.shape[-1])) if name in wanted else at] = array[taken]
-        return joint
+def _flatten(response):
+    """Leaves are what depends on the speed: ``train`` would copy pressure tables, ``path`` make programs retrace."""
+    leaves = [(jax.tree_util.GetAttrKey(name), getattr(response, name)) for name in _LEAVES]
+    return leaves, tuple(getattr(response, name) for name in _STATIC)
 
-    single = ("train", "path", "resolution")
-    names = [f.name for f in dataclasses.fields(Response) if f.name not in single]
-    return Response(
-        train=rows[0][0].train,
-        path=tuple("; ".join(r.path) if row is None else r.path[row] for r, row in rows),
-        resolution=max(r.resolution for r, *_ in parts),
-        **{name: joined(name) for name in names},
-    )
+
+def _unflatten(static, leaves):
+    return Response(**dict(zip(_LEAVES, leaves, strict=True)), **dict(zip(_STATIC, static, strict=True)))
+
+
+jax.tree_util.register_pytree_with_keys(Response, _flatten, _unflatten)
+
+
+def stack(responses):
+    """Responses of one train at several speeds as one with a leading axis; all get the most harmonics among them."""
+    most = {
+        f.name: max(getattr(response, f.name).shape[-1] for response in responses) - 1
+        for f in dataclasses.fields(Fields)
+    }
+    resolution = max(response.resolution for response in responses)
+
+    def padded(response):
+        wider = {name: fourier.resize(np.asarray(getattr(response, name)), count) for name, count in most.items()}
+        return dataclasses.replace(response, resolution=resolution, **wider)
+
+    joined = jax.tree.map(lambda *leaves: np.stack(leaves), *map(padded, responses))
+    return dataclasses.replace(joined, train=responses[0].train, path=tuple(r.path for r in responses))

@@ -1,4 +1,4 @@
-"""The referee on the host: how many steps, which start, and the forces of the motion that was found."""
+"""The reference integration on the host: how many steps, which start, and the forces of the motion that was found."""
 
 from dataclasses import dataclass
 
@@ -8,11 +8,11 @@ import numpy as np
 
 from .._program import Program
 from ..harmonic import backlash, chain, fourier
+from ..harmonic.excitation import excitation, listed_harmonic
 from ..harmonic.residual import backlash_meshes
-from ..model.engine import excitation, listed_harmonic
 from . import segments
 from .integrate import march, settle
-from .statespace import _host_matrices, linear_response, partition
+from .statespace import linear_response, matrices, partition
 from .stepper import discretize, on_flank, state_from_harmonics
 
 STEPS_PER_PERIOD = 40
@@ -37,9 +37,7 @@ def _close(stepper, system, load, coefficients, tolerance):
     harmonics = max(coefficients.shape[-1], linear.shape[-1]) - 1
     deviation = fourier.resize(coefficients, harmonics) - fourier.resize(linear, harmonics)
     both = jnp.concatenate([deviation, fourier.derivative(deviation, stepper.frequency)])
-    turned = np.outer(np.arange(1, harmonics + 1), np.arange(segments.SEGMENTS)) % segments.SEGMENTS
-    turn = np.exp(2j * np.pi / segments.SEGMENTS * turned)
-    nodes = (stepper.space.coordinates @ (both[:, :1].real + 2 * (both[:, 1:] @ turn).real)).T
+    nodes = (stepper.space.coordinates @ fourier.sample(both, segments.SEGMENTS)).T
     nodes, trace, steps = segments.close(stepper, nodes, tolerance=tolerance, most=MOST_CORRECTIONS)
     return nodes[0], trace, steps
 
@@ -57,11 +55,11 @@ class Orbit:
     smallest, largest : arrays ``(G,)``, N
         Extremes of the elastic force, between the samples too (cubic through l and l').
     separated : array ``(G,)``
-        Share of the cycle with ``|l| < (1 - transition) h/2``.
-    closure : float
+        Share of the cycle in which the teeth are apart.
+    periodicity_error : float
         Relative change over the cycle, see :class:`jaxhb.transient.integrate.Trace`.
     settled : bool
-        Whether the closure met the tolerance.
+        Whether the periodicity error met the tolerance.
     cycles : int
         Cycles marched, 0 after shooting.
     newton_steps : int
@@ -78,7 +76,7 @@ class Orbit:
     smallest: np.ndarray
     largest: np.ndarray
     separated: np.ndarray
-    closure: float
+    periodicity_error: float
     settled: bool
     cycles: int
     newton_steps: int
@@ -109,18 +107,19 @@ def resolving_steps(system, meshes, frequency, *, per_period=STEPS_PER_PERIOD):
     if not len(np.asarray(meshes.link)):
         return 256
     parts = partition(system, meshes)
-    K = _host_matrices(system)[1]
+    system = jax.tree.map(np.asarray, system)
+    K = matrices(system)[1]
     inertial, rest = np.array(parts.inertial, int), np.array(parts.damped + parts.static, int)
     stiffness = K[np.ix_(inertial, inertial)]
     if rest.size:
         coupling = K[np.ix_(rest, inertial)]
         stiffness = stiffness - coupling.T @ np.linalg.lstsq(K[np.ix_(rest, rest)], coupling, rcond=None)[0]
-    root = np.sqrt(np.asarray(system.mass)[inertial])
+    root = np.sqrt(system.mass[inertial])
     squares, modes = np.linalg.eigh(stiffness / root[:, None] / root)
     shapes = np.zeros((K.shape[0], inertial.size))
     shapes[inertial] = modes / root[:, None]
     link = np.asarray(meshes.link)
-    strain = (np.asarray(system.stiffness)[link, None] * np.asarray(system.deflections(shapes, link)) ** 2).sum(axis=0)
+    strain = (system.stiffness[link, None] * system.deflections(shapes, link) ** 2).sum(axis=0)
     taking_part = strain > MESH_SHARE * np.maximum(squares, 0)
     highest = np.sqrt(squares[taking_part].max(initial=0.0))
     sharpest = np.min(np.asarray(meshes.law.transition))
@@ -128,7 +127,7 @@ def resolving_steps(system, meshes, frequency, *, per_period=STEPS_PER_PERIOD):
     return int(np.ceil(max(256, per_period * highest / float(frequency))))
 
 
-def referee(
+def reference_orbit(
     system, meshes, frequency, load, start_coefficients=None, *, steps=None, cycles=None, tolerance=1e-9, max_cycles=300
 ):
     """Integrate one speed in time and report the forces of the meshes.
@@ -189,7 +188,6 @@ def _orbit(meshes, stepper, state, trace, tolerance, **counts):
     """Forces of a cycle."""
     law = meshes.law.expand()
     viscous, gated = np.asarray(meshes.viscous)[:, None], np.asarray(meshes.contact_damping)[:, None]
-    limit = (1 - law.transition) * law.backlash / 2
     low, high = backlash.force(
         law, _extremes(trace, 2 * np.pi / float(stepper.frequency) / trace.deflection.shape[1])
     ).T
@@ -200,9 +198,9 @@ def _orbit(meshes, stepper, state, trace, tolerance, **counts):
         transmitted=np.asarray(backlash.mesh_force(law, viscous, gated, trace.deflection, trace.rate)),
         smallest=np.asarray(low),
         largest=np.asarray(high),
-        separated=np.asarray((jnp.abs(trace.deflection) < limit).mean(axis=1)),
-        closure=float(trace.closure),
-        settled=bool(trace.closure <= tolerance),
+        separated=np.asarray(backlash.separated(law, trace.deflection).mean(axis=1)),
+        periodicity_error=float(trace.periodicity_error),
+        settled=bool(trace.periodicity_error <= tolerance),
         state=np.asarray(state),
         stepper=stepper,
         **counts,
@@ -264,7 +262,7 @@ def integrate(train, *, rpm, cycles=None, steps=None, tolerance=1e-6, max_cycles
     (True, [6590.0, 3550.0, 2960.0, 1470.0])
     """
     system, meshes, frequency, load = _equations(train, rpm)
-    return referee(
+    return reference_orbit(
         system, meshes, frequency, load, steps=steps, cycles=cycles, tolerance=tolerance, max_cycles=max_cycles
     )
 
@@ -338,7 +336,7 @@ def shooting_correction(response, *, steps=None, tolerance=1e-9):
 
     def correction(steps):
         return _difference(
-            response, meshes, referee(system, meshes, frequency, load, start, steps=steps, tolerance=tolerance)
+            response, meshes, reference_orbit(system, meshes, frequency, load, start, steps=steps, tolerance=tolerance)
         )
 
     found = correction(steps)

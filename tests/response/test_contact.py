@@ -5,14 +5,14 @@ import pytest
 from tolerances import ALGEBRAIC
 
 from jaxhb.harmonic.backlash import Law
-from jaxhb.linear.contact import contact_of
+from jaxhb.response.contact import contact_of
 
 LAW = Law(stiffness=2e8, epsilon=1e-3, transition=0.04, backlash=1e-4)
 GAP, KNEE = 0.96 * 0.5e-4, 1.04 * 0.5e-4
 AMPLITUDE, FREQUENCY = 1.5e-4, 50.0
 
 FRACTION = 1e-6
-"""Crossings are interpolated linearly between 4096 instants: (2 pi / 4096)^2 / 8 of the cycle."""
+"""Crossings are interpolated linearly between 4096 time samples: (2 pi / 4096)^2 / 8 of the cycle."""
 
 
 def contact(mean=0.0, *, drive=1.0, viscous=0.0):

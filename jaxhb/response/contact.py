@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..harmonic import backlash, fourier
+
 
 @dataclass(frozen=True)
 class Contact:
@@ -12,7 +14,7 @@ class Contact:
     Parameters
     ----------
     separated_fraction : float
-        Share of the cycle with |l| < (1 - transition) h / 2.
+        Share of the cycle in which the teeth are apart: |l| is below the gap of the law.
     reverse_contact_fraction : float
         Share of the cycle in contact on the flank that does not drive.
     impacts : list of dict
@@ -35,36 +37,28 @@ class Contact:
 
 
 def contact_of(law, deflection, force, elastic, frequency, resolution):
-    """:class:`Contact` from the coefficients of a mesh's deflection and force; ``law`` None: a linear mesh."""
+    """:class:`Contact` from the coefficients of a mesh's deflection and force; ``law`` of floats, None: linear."""
     if deflection.ndim > 1:
         raise ValueError("contact is read speed by speed: take one response of the sweep, sweep[i].mesh(...)")
     drive = int(np.nan_to_num(np.sign(force[0].real)))
     if law is None:
         return Contact(0.0, 0.0, [], drive, 0.0, 0.0, 0.0)
     samples = max(resolution, 4096)
-    l = np.fft.irfft(deflection, n=samples, norm="forward")
-    steps = np.arange(deflection.shape[-1])
-    speed = np.fft.irfft(1j * frequency * steps * deflection, n=samples, norm="forward")
-    gap = (1 - float(law.transition)) * float(law.backlash) / 2
-    knee = (1 + float(law.transition)) * float(law.backlash) / 2
-    damping = np.fft.irfft(force - elastic, n=samples, norm="forward")
-    pull = np.where(np.abs(l) < gap, -np.sign(l) * damping, 0.0)
+    l = fourier.synthesize(deflection, samples)
+    speed = fourier.synthesize(fourier.derivative(deflection, frequency), samples)
+    gap = law.gap
+    damping = fourier.synthesize(force - elastic, samples)
+    pull = np.where(backlash.separated(law, l), -np.sign(l) * damping, 0.0)
     side = drive if drive else 1
     return Contact(
         separated_fraction=_fraction_below(l, gap) - _fraction_below(l, -gap),
         reverse_contact_fraction=_fraction_below(side * l, -gap),
         impacts=_impacts(l, speed, gap),
         drive_side=drive,
-        gap_spring_force=float(law.epsilon * law.stiffness * law.backlash) / 2,
-        knee_force=float(_force(law, knee)),
+        gap_spring_force=law.gap_spring_force,
+        knee_force=law.knee_force,
         pulling_force=float(pull.max(initial=0.0)),
     )
-
-
-def _force(law, deflection):
-    contact = float(law.transition) * float(law.backlash) / 2
-    stiffness, epsilon = float(law.stiffness), float(law.epsilon)
-    return epsilon * stiffness * deflection + stiffness * (1 - epsilon) * contact
 
 
 def _fraction_below(values, level):

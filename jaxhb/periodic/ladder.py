@@ -1,0 +1,308 @@
+"""The ladder: one way after another to a start of Newton's method, until the equations are solved.
+
+A rung is a function ``rung(case, last)`` that yields attempts; the next one is asked for where Newton's method did not
+solve the last. The cheap rungs come first: from teeth in contact Newton's method succeeds where no tooth separates,
+from a short march where the motion settles within a few cycles. Shooting and the curve from the linear law look for
+periodic motions that no march settles on; what they find may be unstable.
+"""
+
+import dataclasses
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from ..response.events import Homotopy, March, Shooting
+from ..response.response import Response
+from ..response.status import Status
+from . import homotopy, orbits, planning
+from .homotopy import HomotopyOptions
+from .plan import Plan
+from .planned import first_start, of_unknown_meshes, solve_once
+from .problem import pose
+from .request import MOST, Request
+from .time_steps import COUNTS, time_steps_for
+
+
+@dataclass(frozen=True)
+class Effort:
+    """What the rungs above a short march may cost.
+
+    settled : periodicity error of a march that makes shooting useless: what Newton's method then lacks are shorter
+    steps or more harmonics. closer : times better than the march before it that a longer march has to close. finer :
+    orbits are searched with up to so many times the steps of the march, as coarse steps bend them. finest_shots : that
+    the work of a search has to pay for with the finest steps: of larger trains fewer closed none. orbits : tried at
+    most; some have no harmonics near them, or lie beyond a turning point that the steps displaced.
+    """
+
+    settled: float = 1e-5
+    closer: float = 30.0
+    finer: int = 4
+    finest_shots: int = 4
+    work: float = orbits.WORK
+    orbits: int = 16
+    homotopy: HomotopyOptions = homotopy.DEFAULT
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """From where Newton's method is to start: given deflections ``(G, n+1)``, else as the plan says.
+
+    event : how the given deflections were found.
+    """
+
+    plan: Plan
+    given: np.ndarray | None = None
+    event: object = None
+
+
+@dataclass(frozen=True)
+class Result:
+    """What became of an attempt: the plan in the end, and the periodicity error of the march before, nan without.
+
+    harmonics : fewest that the tolerance is known to need.
+    """
+
+    response: Response
+    plan: Plan
+    periodicity_error: float
+    harmonics: int
+
+    @property
+    def status(self):
+        """The Status."""
+        return Status(int(self.response.status))
+
+
+@dataclass
+class Case:
+    """One train at one speed, asked for once: its numbers, and what several rungs share."""
+
+    train: object
+    rpm: float
+    request: Request
+    plan: Plan
+    effort: Effort = field(default_factory=Effort)
+    search_with: type = orbits.Search
+    path: list = field(default_factory=list)
+    searches: dict = field(default_factory=dict)
+
+    @cached_property
+    def modes(self):
+        """Harmonics of the cycle at the highest mesh modes, noticeable and faint."""
+        return planning.mesh_mode_harmonics(self.train, self.train.topology.cycle_frequency(float(self.rpm)))
+
+    @cached_property
+    def problem(self):
+        """The equations at this speed."""
+        return pose(self.train, self.rpm, self.plan.sizes.excited)
+
+    @property
+    def adaptive(self):
+        """Whether the number of harmonics is free."""
+        return self.request.harmonics is None
+
+    @property
+    def resolving(self):
+        """Time steps a cycle that resolve the mesh modes and the excitation."""
+        return time_steps_for(max(self.modes[0], 2 * self.plan.excited))
+
+    def marching(self, last):
+        """The plan of a march: above the mesh modes, below which the harmonics often have no solution nearby."""
+        known = self.plan if last is None else last.plan
+        plan = dataclasses.replace(self.plan, active=known.active, flank=known.flank)
+        harmonics = plan.harmonics
+        if self.adaptive:
+            harmonics = max(harmonics, min(planning.first_level(0, self.modes[0]), MOST[plan.method]))
+        steps = max(plan.time_steps, self.resolving)
+        return dataclasses.replace(plan, harmonics=harmonics, start="march", time_steps=steps)
+
+    def search(self, plan):
+        """The search for orbits with the meshes and time steps of a plan; its march serves several rungs."""
+        key = plan.active, plan.flank, plan.time_steps
+        if key not in self.searches:
+            self.searches[key] = self.search_with(self.train, self.rpm, plan, self.effort.work)
+        return self.searches[key]
+
+
+def contact(case, last) -> Iterator[Attempt]:
+    """From teeth in contact, where the linear motion separates none."""
+    if not case.plan.marches:
+        yield from on_flank(case, last)
+
+
+def on_flank(case, last) -> Iterator[Attempt]:
+    """From teeth in contact, whatever the linear motion does."""
+    yield Attempt(dataclasses.replace(case.plan, start="linear"))
+
+
+def from_response(response):
+    """The rung that starts from a motion at hand."""
+
+    def rung(case, last):
+        plan = dataclasses.replace(case.plan, start="linear")
+        if case.adaptive and int(response.status) == Status.TOLERANCE_NOT_MET:
+            above = planning.next_level(response.harmonics, plan.method) or MOST[plan.method]
+            plan = dataclasses.replace(plan, harmonics=max(plan.harmonics, above))
+        yield Attempt(plan, np.asarray(of_unknown_meshes(plan, response)))
+
+    return rung
+
+
+def short_march(case, last) -> Iterator[Attempt]:
+    """From a few cycles of time integration."""
+    yield Attempt(_at_least(case.marching(last), last))
+
+
+def long_march(case, last) -> Iterator[Attempt]:
+    """From up to 64 cycles, where one of them closes much better than the short march did."""
+    plan, error = case.marching(last), march_error(last)
+    counts = search_steps(case, plan, last)
+    if not counts:
+        return
+    finer = dataclasses.replace(plan, time_steps=counts[0])
+    found = case.search(finer).march(min(orbits.STEADY, error / case.effort.closer))
+    event = March(found.tries, counts[0], found.periodicity_error)
+    if found.coefficients is None:
+        case.path.append(event)
+    else:
+        yield _from_orbit(case, last, plan, found, counts[0], event)
+
+
+def shooting(case, last) -> Iterator[Attempt]:
+    """From closed orbits, found by Newton's method on the state at the beginning of a cycle."""
+    plan = case.marching(last)
+    searches = {n: case.search(dataclasses.replace(plan, time_steps=n)) for n in search_steps(case, plan, last)}
+    shots = _in_turn({steps: search.shoot() for steps, search in searches.items()})
+    for steps, orbit in itertools.islice(shots, case.effort.orbits):
+        event = Shooting(orbit.tries, steps, orbit.periodicity_error, orbit.coefficients is not None)
+        yield from _halving_steps(case, last, plan, orbit, steps, event)
+
+
+def from_linear_law(case, last) -> Iterator[Attempt]:
+    """From the motion of a linear law with strong tooth damping, followed to the wanted train.
+
+    Not where a march settled or an orbit closed with the finest steps: there the harmonics are what is missing.
+    """
+    plan = case.marching(last)
+    finest = _finest(case, plan)
+    shot = (e for e in case.path if isinstance(e, Shooting))
+    if march_error(last) <= case.effort.settled or any(e.closed and 2 * e.time_steps > finest for e in shot):
+        return
+    steps = min(2 * plan.time_steps, finest)
+    stepped = dataclasses.replace(plan, time_steps=steps)
+    found = homotopy.find(case.train, case.rpm, stepped, options=case.effort.homotopy)
+    event = Homotopy(found.coefficients is not None, found.curves, found.steps, found.folds, steps)
+    yield from _halving_steps(case, last, plan, found, steps, event)
+
+
+RUNGS = (contact, short_march, long_march, shooting, from_linear_law)
+
+
+def march_error(last):
+    """Periodicity error of the short march; infinite where there was none or it was not finite."""
+    return np.nan_to_num(last.periodicity_error, nan=np.inf) if last else np.inf
+
+
+def _finest(case, plan):
+    return max(plan.time_steps, min(case.effort.finer * plan.time_steps, orbits.CAPACITY))
+
+
+def search_steps(case, plan, last):
+    """Time steps a cycle with which orbits are searched; those of the march itself not where it settled."""
+    finest, settled = _finest(case, plan), march_error(last) <= case.effort.settled
+    twice = min(2 * plan.time_steps, finest)
+    affordable = case.effort.finest_shots * orbits.work_of_cycle(case.train, finest) <= case.effort.work
+    counts = dict.fromkeys((plan.time_steps, twice, finest if affordable else twice))
+    return [n for n in counts if n > plan.time_steps or not settled]
+
+
+def _at_least(plan, last):
+    """The plan with no fewer harmonics than the tolerance is known to need."""
+    return dataclasses.replace(plan, harmonics=max(plan.harmonics, last.harmonics if last else 0))
+
+
+def _from_orbit(case, last, plan, orbit, steps, event):
+    """Newton's method from an orbit of so many time steps, with as many more harmonics where these are free.
+
+    Below the reach of the steps there may be no solution near the orbit.
+    """
+    wanted = min(plan.harmonics * steps // plan.time_steps, MOST[plan.method])
+    harmonics = planning.level_at_least(wanted) if case.adaptive else plan.harmonics
+    plan = dataclasses.replace(plan, harmonics=harmonics, time_steps=min(steps, COUNTS[-1]))
+    return Attempt(_at_least(plan, last), orbit.coefficients, event)
+
+
+def _halving_steps(case, last, plan, orbit, steps, event):
+    """The orbit, then the one that twice the steps find from it, as long as it closes and they are not too many."""
+    finest = _finest(case, plan)
+    while orbit.coefficients is not None:
+        yield _from_orbit(case, last, plan, orbit, steps, event)
+        coarse, steps = case.search(dataclasses.replace(plan, time_steps=steps)), 2 * steps
+        if steps > finest:
+            return
+        orbit = case.search(dataclasses.replace(plan, time_steps=steps)).close(orbit.nodes, coarse)
+        event = Shooting(1, steps, orbit.periodicity_error, orbit.coefficients is not None, refined=True)
+    case.path.append(event)
+
+
+def _in_turn(iterators):
+    """``(key, item)`` of ``{key: iterator}``, one item of each by turns until none has another."""
+    while iterators:
+        for key, iterator in list(iterators.items()):
+            item = next(iterator, None)
+            if item is None:
+                del iterators[key]
+            else:
+                yield key, item
+
+
+def climb(case, rungs):
+    """The Result of the first attempt that is solved, else of the last one, whose path has them all; None of none."""
+    last = None
+    for rung in rungs:
+        for attempt in rung(case, last):
+            last = refine(case, attempt, last)
+            if not last.status.unsolved:
+                return last
+    if last is None:
+        return None
+    response = dataclasses.replace(last.response, path=tuple(case.path))  # with what led to no further attempt
+    return dataclasses.replace(last, response=response)
+
+
+def refine(case, attempt, last=None):
+    """Newton's method with more and more harmonics until the tolerance is met.
+
+    Where a mesh leaves the flank that the plan held it on, the attempt begins again with all meshes unknown.
+    """
+    plan, given, harmonics = attempt.plan, attempt.given, 0
+    error = np.nan if last is None else last.periodicity_error
+    if attempt.event is not None:
+        case.path.append(attempt.event)
+    while True:
+        plan, marches = _resolved(case, plan), plan.marches and given is None
+        begin = first_start(plan, marches=marches, given=given)
+        response, outcome = solve_once(case.train, case.rpm, case.problem, plan, begin)
+        error = float(outcome.periodicity_error) if marches else error
+        case.path += response.path
+        status = Status(int(response.status))
+        higher = planning.next_level(plan.harmonics, plan.method) if case.adaptive else None
+        if status == Status.PLAN_VIOLATED and any(plan.flank):
+            given, plan = None, planning.all_unknown(case.train, plan, case.request)
+        elif status == Status.TOLERANCE_NOT_MET and higher:
+            given, harmonics, plan = outcome.deflection, higher, dataclasses.replace(plan, harmonics=higher)
+        else:
+            response = dataclasses.replace(response, path=tuple(case.path))
+            return Result(response, plan, error, harmonics)
+
+
+def _resolved(case, plan):
+    """The plan with the time steps and the share of the tolerance that its harmonics want."""
+    if not plan.active:
+        return plan
+    steps = case.resolving if plan.marches else min(case.resolving, time_steps_for(2 * plan.harmonics))
+    share = planning.tolerance_share(plan.harmonics, case.modes[1])
+    return dataclasses.replace(plan, tolerance_share=share, time_steps=max(plan.time_steps, steps))

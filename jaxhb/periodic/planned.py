@@ -1,0 +1,156 @@
+"""Solves in which nothing is decided: one speed or a batch of them under one plan, eager or traced."""
+
+import dataclasses
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._arrays import namespace, staged, traced
+from .._program import Program
+from ..harmonic import fourier
+from ..harmonic.backlash import law_of
+from ..model.change import within_range
+from ..response.events import March, Newton
+from ..response.response import Response
+from ..response.status import Status
+from . import derivative, request
+from .problem import Problem, pose
+from .program import Start, solve_problem
+
+BATCH, LINEAR_BATCH = 8, 32
+"""Speeds in a batch; more of them where there are so many and no lane waits for another."""
+
+HEAVY, LARGE = 192, 24
+"""Harmonics, and disks beside unknown contact, from which one speed fills a processor: there a batch is no faster, as
+it waits for its slowest speed, and takes longer to compile."""
+
+
+def solve_planned(train, rpm, plan, start=None):
+    """Response under a plan, from a Response or "linear" or "march" instead of the start that the plan has."""
+    request.check_plan(train, plan)
+    if not traced(rpm):
+        request.check_speed(train, rpm)
+        rpm = np.asarray(rpm, dtype=float)
+    begin = first_start(plan, marches=plan.marches if start is None else start == "march")
+    if isinstance(start, Response):
+        begin = first_start(plan, given=of_unknown_meshes(plan, start), xp=jnp)
+    if traced(train, rpm, begin) or staged():
+        response = _solve_traced(train, rpm, begin, plan.choice, plan.limit, plan.sizes)
+        return dataclasses.replace(response, train=train)
+    return solve_once(train, rpm, pose(train, rpm, plan.sizes.excited), plan, begin)[0]
+
+
+def solve_once(train, rpm, problem, plan, begin):
+    """The Response with numpy arrays, and the Outcome, of one eager solve from a Start."""
+    outcome = jax.tree.map(np.asarray, solve_problem(problem, plan.choice, begin, plan.limit, plan.sizes))
+    return _on_host(train, rpm, problem, outcome, plan), outcome
+
+
+def _on_host(train, rpm, problem, outcome, plan):
+    """The Response with numpy arrays, its train and its path."""
+    response = jax.tree.map(np.asarray, respond(train, rpm, problem, outcome, plan.sizes))
+    status, steps, error = Status(int(response.status)), int(response.steps), float(outcome.periodicity_error)
+    path = (Newton(plan.harmonics, len(plan.active), plan.integrals, status, steps),)
+    if error:
+        path = (March(plan.cycles, plan.time_steps, error), *path)
+    return dataclasses.replace(response, train=train, path=path)
+
+
+def of_unknown_meshes(plan, response):
+    """Deflections ``(G, n+1)`` m of the unknown meshes of a plan in a response."""
+    return response.deflections[plan.choice.chosen] * plan.choice.active[:, None]
+
+
+def first_start(plan, *, marches=False, given=None, xp=np):
+    """The Start from teeth in contact, marched on or not, or from given deflections ``(G, n+1)``."""
+    if given is None:
+        nothing = np.zeros((len(plan.choice.active), plan.harmonics + 1), dtype=complex)
+        return Start(nothing, np.array(False), np.array(plan.cycles if marches else 0))
+    return Start(fourier.resize(xp.asarray(given), plan.harmonics), np.array(True), np.array(0))
+
+
+@partial(Program, static_argnames="sizes")
+def _solve_traced(train, rpm, begin, choice, limit, sizes):
+    """One program for all of it: piece by piece, differentiation outside ``jit`` compiles a hundred small ones."""
+    finite = derivative.all_finite((train, rpm))
+    valid = within_range(train) & ~(rpm <= 0)
+    train, rpm = derivative.only_if(finite & valid, (train, rpm))
+    problem = pose(train, rpm, sizes.excited)
+    outcome = solve_problem(problem, choice, begin, limit, sizes)
+    status = jnp.where(finite, outcome.status, Status.NONFINITE)
+    outcome = dataclasses.replace(outcome, status=jnp.where(valid, status, Status.INVALID_INPUT))
+    return respond(train, rpm, problem, outcome, sizes)
+
+
+def respond(train, rpm, problem, outcome, sizes):
+    """Assemble the :class:`Response` of an outcome."""
+    found, topology, xp = outcome.fields, train.topology, namespace(outcome.fields)
+    ground = np.array(topology.ground_disk, dtype=int)
+    return Response(
+        **{f.name: getattr(found, f.name) for f in dataclasses.fields(found)},
+        rpm=xp.asarray(rpm, dtype=float),
+        load_torque=problem.load_torque,
+        load_power=problem.load_power,
+        ground_reaction=xp.asarray(train.grounds.stiffness) * found.angles[ground, 0].real,
+        radius=xp.asarray(train.disks.radius),
+        law=jax.tree.map(xp.asarray, law_of(train.meshes)),
+        status=outcome.status,
+        residual=outcome.residual,
+        truncation_error=outcome.truncation_error,
+        steps=outcome.steps,
+        topology=topology,
+        resolution=sizes.samples * max(1, -(-4096 // sizes.samples)),
+        train=train,
+    )
+
+
+def one_by_one(harmonics, disks):
+    """Whether speeds with so many harmonics, and disks beside unknown contact, are solved without batches."""
+    return (harmonics >= HEAVY or disks >= LARGE) and jax.default_backend() == "cpu"
+
+
+def solve_batches(train, rpm, plan, max_steps):
+    """Yield lists of Responses at the speeds ``(n,)`` under one plan, batch after batch, in order."""
+    alone = one_by_one(plan.harmonics, train.topology.n_disks if plan.active else 0)
+    size = LINEAR_BATCH if not plan.active and len(rpm) >= LINEAR_BATCH else BATCH
+    if alone or len(rpm) == 1:
+        for speed in rpm:
+            yield [solve_planned(train, float(speed), plan)]
+        return
+    for first in range(0, len(rpm), size):
+        yield _solve_batch(train, rpm[first : first + size], plan, size, max_steps)
+
+
+def _axes():
+    """Of a batch of problems only what depends on speed has a leading axis."""
+    return Problem(system=None, meshes=None, frequency=0, load=0, rigid=None, load_torque=0, load_power=0)
+
+
+@partial(Program, static_argnames="excited")
+def _pose_all(train, rpm, excited):
+    return jax.vmap(lambda speed: pose(train, speed, excited), out_axes=_axes())(rpm)
+
+
+@partial(Program, static_argnames="sizes")
+def _solve_all(problem, choice, start, tolerance, sizes):
+    def one(problem):
+        return solve_problem(problem, choice, start, tolerance, sizes)
+
+    return jax.vmap(one, in_axes=(_axes(),))(problem)
+
+
+def _solve_batch(train, rpm, plan, size, max_steps):
+    """Responses at up to ``size`` speeds, padded to a batch of that size."""
+    padded = np.concatenate([rpm, np.full(size - len(rpm), rpm[-1])])
+    problem = _pose_all(train, jnp.asarray(padded), plan.sizes.excited)
+    sizes = dataclasses.replace(plan.sizes, max_steps=max_steps)
+    outcome = _solve_all(problem, plan.choice, first_start(plan, marches=plan.marches), plan.limit, sizes)
+    loads, outcome = jax.tree.map(np.asarray, ((problem.load_torque, problem.load_power), outcome))
+    rows = []
+    for i, speed in enumerate(rpm):
+        row, (torque, power) = jax.tree.map(lambda leaf, i=i: leaf[i], (outcome, loads))
+        own = dataclasses.replace(problem, load_torque=torque, load_power=power)
+        rows.append(_on_host(train, speed, own, row, plan))
+    return rows

@@ -1,0 +1,132 @@
+"""What is asked of a solve, checked on the host: a sentence for each thing that cannot be done."""
+
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+
+from .._arrays import traced
+from ..harmonic import chain
+from ..harmonic.excitation import highest_harmonic
+from ..model.elements import SceneError
+
+MOST = {"reduced": 4096, "chain": 128}
+"""Harmonics, by method."""
+
+DEFAULT_TOLERANCE = 0.01
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is asked of a solve: ``harmonics`` None for as many as ``tolerance`` needs; see :func:`jaxhb.solve`."""
+
+    harmonics: int | None = None
+    tolerance: float = DEFAULT_TOLERANCE
+    method: str = "reduced"
+    integrals: str = "sampled"
+
+    @classmethod
+    def of(cls, train, harmonics=None, tolerance=None, method=None, integrals=None):
+        """The request with defaults for None, checked."""
+        made = cls(
+            harmonics,
+            DEFAULT_TOLERANCE if tolerance is None else tolerance,
+            method or "reduced",
+            integrals or "sampled",
+        )
+        check_method(train, made.method)
+        check_integrals(made.integrals, made.method)
+        check_tolerance(train, made.tolerance)
+        if harmonics is not None:
+            check_harmonics(train, harmonics, made.method)
+        return made
+
+
+def check_speed(train, rpm, *, many=False):
+    """Refuse a speed that is not a positive number, and several speeds where one is wanted."""
+    values, name = np.atleast_1d(np.asarray(rpm, dtype=float)), train.topology.name or "scene"
+    if np.ndim(rpm) and not many:
+        raise SceneError(f"{name}: {values.size} speeds were given where one is solved: use jaxhb.solve_speeds.")
+    if not values.size:
+        raise SceneError(f"{name}: no speed is given: name at least one, in rpm.")
+    for value in values:
+        if not (np.isfinite(value) and value > 0):
+            raise SceneError(f"{name}: the speed is {value:g} rpm, must be greater than 0 rpm: a running engine.")
+
+
+def check_harmonics(train, harmonics, method):
+    """Refuse a fixed number of harmonics that cannot work, with a sentence."""
+    name = train.topology.name or "scene"
+    if not (isinstance(harmonics, int | np.integer) and harmonics >= 1):
+        raise SceneError(f"{name}: harmonics is {harmonics}, must be a whole number of at least 1.")
+    least = highest_harmonic(train)
+    if harmonics < least:
+        raise SceneError(
+            f"{name}: {harmonics} harmonics of the cycle are below the excitation, which reaches harmonic {least} "
+            f"(order {least / train.topology.revolutions_per_cycle:g}): ask for at least {least} harmonics."
+        )
+    if harmonics > MOST[method]:
+        raise SceneError(_too_many(train, harmonics, method, name))
+
+
+def check_tolerance(train, tolerance):
+    """Refuse a tolerance that is not a share of the largest tooth force."""
+    if not 0 < tolerance < 1:
+        name = train.topology.name or "scene"
+        raise SceneError(
+            f"{name}: tolerance is {tolerance:g}, must be greater than 0 and less than 1: the share of the largest "
+            "tooth force that the harmonics left out may make, 0.01 by default."
+        )
+
+
+def excited_harmonic(train, method):
+    """Highest harmonic of the excitation that counts; a sentence where ``method`` cannot reach it."""
+    highest = highest_harmonic(train)
+    if highest > MOST[method]:
+        raise SceneError(
+            f"{train.topology.name or 'scene'}: the excitation reaches harmonic {highest} of the cycle, more than the "
+            f"{MOST[method]} that method '{method}' offers: drop its highest orders or shorten the cycle."
+        )
+    return highest
+
+
+def check_plan(train, plan):
+    """Refuse a plan made for another train: backlash it does not know, or more excitation than it holds."""
+    name, gaps = train.topology.name or "scene", train.topology.mesh_backlash
+    known = len(plan.flank) == len(gaps)
+    if not known or any(gap and i not in plan.active and not plan.flank[i] for i, gap in enumerate(gaps)):
+        raise SceneError(f"{name}: the plan was made for a train without this backlash or other meshes: plan again.")
+    if not traced(train):
+        with jax.ensure_compile_time_eval():  # under jit, too
+            check_harmonics(train, plan.harmonics, plan.method)
+
+
+def check_method(train, method):
+    """Refuse an unknown method, and the chain sweep on a closed loop."""
+    if method not in MOST:
+        raise ValueError(f"method is {method!r}: give 'reduced' or 'chain'")
+    loops = chain.span(train.topology).loops
+    if method == "chain" and len(loops):
+        names = ", ".join(repr(train.topology.link_names[i]) for i in loops)
+        raise SceneError(
+            f"{train.topology.name or 'scene'}: {names} closes a loop, and method 'chain' needs a tree: use 'reduced'."
+        )
+
+
+def check_integrals(integrals, method):
+    """Refuse unknown integrals, and exact ones where the method has none."""
+    if integrals not in ("sampled", "exact"):
+        raise ValueError(f"integrals is {integrals!r}: give 'sampled' or 'exact'")
+    if integrals == "exact" and method != "reduced":
+        raise ValueError(f"method is {method!r}, and exact integrals go with 'reduced' only: use it, or sample")
+
+
+def _too_many(train, harmonics, method, name):
+    if method == "chain":
+        disks, width = train.topology.n_disks, 2 * harmonics + 1
+        need = 6 * disks * width**2 * 8 / 2**30
+        return (
+            f"{name}: method 'chain' holds dense blocks for all {disks} disks, about {need:.1f} GiB at {harmonics} "
+            f"harmonics, and is an oracle up to {MOST['chain']}: use method 'reduced'."
+        )
+    return f"{name}: {harmonics} harmonics are more than the limit of {MOST['reduced']}: use fewer."

@@ -1,0 +1,11 @@
+"""How many time steps a cycle takes: one of a few numbers, as each is a program."""
+
+PER_MODE_PERIOD = 6
+"""Steps per period of the highest mode: forces that change linearly within a step then do."""
+
+COUNTS = tuple(n * 2**k for k in range(5, 13) for n in (2, 3)) + (16384,)
+
+
+def time_steps_for(harmonic):
+    """Time steps per cycle for motion up to ``harmonic`` of the cycle."""
+    return next((n for n in COUNTS if n >= PER_MODE_PERIOD * harmonic), COUNTS[-1])

@@ -1,0 +1,1 @@
+"""What a solution is: the response, its signals, the contact of its teeth, its status."""

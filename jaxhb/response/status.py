@@ -1,0 +1,71 @@
+"""How a solve went: one number inside programs, a sentence for people outside."""
+
+from enum import IntEnum
+
+import numpy as np
+
+
+class Status(IntEnum):
+    """Outcome of a solve; larger is worse. ``sentence`` says it for people."""
+
+    CONVERGED = 0
+    TOLERANCE_NOT_MET = 1
+    PLAN_VIOLATED = 2
+    MAX_STEPS = 3
+    STALLED = 4
+    UNBALANCED = 5
+    NEAR_SINGULAR = 6
+    NONFINITE = 7
+    INVALID_INPUT = 8
+
+    @property
+    def sentence(self):
+        """What happened and what to try."""
+        return _SENTENCES[self]
+
+    @property
+    def unsolved(self):
+        """Whether another start of Newton's method may succeed."""
+        return self in (Status.MAX_STEPS, Status.STALLED, Status.NONFINITE)
+
+
+_REMEDY = (
+    "use more harmonics (above the mesh modes), start from the response at a neighbouring speed, or check whether "
+    "time integration settles there"
+)
+_SENTENCES = {
+    Status.CONVERGED: "converged",
+    Status.TOLERANCE_NOT_MET: "the equations are solved, but with too few harmonics for the tolerance: use more "
+    "harmonics",
+    Status.PLAN_VIOLATED: "a mesh that the plan holds on one flank leaves it, or passes the knots of its law more "
+    "often than exact integrals allow: plan again, solve without a plan, or use sampled integrals",
+    Status.MAX_STEPS: "Newton's method needed more steps than allowed: " + _REMEDY,
+    Status.STALLED: "Newton's method found no step that improves the solution: " + _REMEDY,
+    Status.UNBALANCED: "the mean torques do not balance and no load or ground takes the difference: add a [[load]] or "
+    "correct the mean torques",
+    Status.NEAR_SINGULAR: "the equations are singular here (an undamped resonance): add damping or move the speed",
+    Status.NONFINITE: "the solution is not finite: check the scene for huge or tiny numbers",
+    Status.INVALID_INPUT: "the speed is not greater than 0 rpm, or a number of the train lies outside its range (an "
+    "inertia, stiffness, damping or backlash below 0, epsilon or transition not within 0 and 1): correct it",
+}
+
+
+class NotConverged(RuntimeError):
+    """A periodic solution that did not converge, or not to the asked tolerance."""
+
+
+def check(response):
+    """Raise :class:`NotConverged` with a sentence per speed that did not converge; return the response otherwise."""
+    status = np.atleast_1d(np.asarray(response.status))
+    if not status.any():
+        return response
+    columns = (response.rpm, status, response.residual, response.truncation_error)
+    name = response.topology.name or "scene"
+    raise NotConverged(
+        "\n".join(
+            f"{name} at {rpm:g} rpm: {Status(int(s)).name}, residual {r:.1e}, truncation error {100 * e:.3g} %: "
+            f"{Status(int(s)).sentence}."
+            for rpm, s, r, e in zip(*map(np.atleast_1d, columns), strict=True)
+            if s
+        )
+    )

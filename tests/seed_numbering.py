@@ -1,0 +1,63 @@
+"""Fridman's numbering of a tree as a chain with fictitious nodes, to and from the elimination order of the package."""
+
+import numpy as np
+
+
+def seed_numbering(parent):
+    """Fridman's chain of a tree: positions, with a fictitious node wherever the chain jumps over a branch.
+
+    Parameters
+    ----------
+    parent : sequence of int
+        Parent of every node, larger than the node itself; ``S`` (or 0 in 1-based sources) stands for the ground.
+
+    Returns
+    -------
+    nodes : list of int
+        The node at each place of the chain; -1 at a fictitious place.
+    image : dict
+        Fictitious place -> node whose displacement it shares (its force is handed on to that node, and the link
+        to the next place has zero stiffness).
+
+    Examples
+    --------
+    >>> seed_numbering([1, 4, 3, 4, 5, 6])
+    ([0, 1, -1, 2, 3, 4, 5], {2: 4})
+    """
+    nodes, image = [], {}
+    for node, above in enumerate(parent):
+        nodes.append(node)
+        if node + 1 < len(parent) and above != node + 1:
+            image[len(nodes)] = above
+            nodes.append(-1)
+    return nodes, image
+
+
+def parents_from_seed(places, image):
+    """Parents of the physical nodes of a chain in the seed's numbering.
+
+    Parameters
+    ----------
+    places : int
+        Number of places 1 .. ``places`` of the chain, fictitious ones included; the last is grounded.
+    image : dict
+        Fictitious place -> the place that it stands for (1-based, as the sources write it).
+
+    Returns
+    -------
+    node : int array ``(S,)``
+        Place (1-based) of every physical node, in order of elimination.
+    parent : int array ``(S,)``
+        Position of the parent; S at the root.
+
+    Examples
+    --------
+    >>> node, parent = parents_from_seed(7, {3: 6})
+    >>> node.tolist(), parent.tolist()
+    ([1, 2, 4, 5, 6, 7], [1, 4, 3, 4, 5, 6])
+    """
+    physical = [place for place in range(1, places + 1) if place not in image]
+    position = {place: s for s, place in enumerate(physical)}
+    position[places + 1] = len(physical)
+    above = [image.get(place + 1, place + 1) for place in physical]
+    return np.array(physical), np.array([position[place] for place in above], dtype=np.int32)
