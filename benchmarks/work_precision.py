@@ -8,10 +8,9 @@
 
 The task is ``gear_train_30`` at five speeds at which its teeth hammer, with the same tooth damping ratio at every mesh
 (the scene's own is 5 %), as it is (27 disks) and with its shafts cut into pieces (:func:`refined_trains.refined`).
-Errors are sup-norm over the cycle and all meshes, relative to the largest tooth force, at the time samples that a
-method samples; to what, see :mod:`references`. Seconds are run time on one core, medians of repeats; beside it, what
-the first call took
-longer (the references have compiled much of jaxhb before: ``scaling.py compile`` has its compile time). An
+Errors are sup-norm over the cycle and all meshes, relative to the largest tooth force, at the times that a method
+samples; to what, see :mod:`references`. Seconds are run time on one core, medians of repeats; beside it, what the first
+call took longer (the references have compiled much of jaxhb before: ``scaling.py compile`` has its compile time). An
 integrator runs from the linear motion shifted onto its flanks until the tooth force of two cycles agrees within
 ``aim``, at most 100 cycles, and at 6 % damping also for six cycles; of the compiled ones only the steps count. Where
 the stable step of Runge-Kutta is hopeless (3000 disks) its row is a prediction, six cycles from the pace of 256 steps.
