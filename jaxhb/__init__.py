@@ -1,7 +1,7 @@
 """Harmonic balance for the forced periodic vibration of drive trains with gear backlash, in JAX.
 
 Names are loaded when they are first used: the command line sets what must be set before jax is imported. Importing
-jaxhb switches jax to double precision, at once where jax is already there and else with the first name that needs it.
+jaxhb switches jax to double precision, at once where jax is already there and else with the first name.
 """
 
 import importlib
@@ -10,6 +10,7 @@ import sys
 __version__ = "0.1.0"
 
 _HOMES = {
+    "_program": ("cache_programs",),
     "model.drivetrain": ("DriveTrain", "build"),
     "model.elements": ("Cylinder", "Damper", "Disk", "Ground", "Load", "Mesh", "SceneError", "Shaft", "Torque"),
     "model.scene": ("load_scene", "scene_names"),
@@ -33,6 +34,8 @@ if "jax" in sys.modules:
 def __getattr__(name):
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from . import _x64  # noqa: F401
+
     found = globals()[name] = getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)
     return found
 

@@ -1,30 +1,63 @@
-"""Where arithmetic runs: numpy on the host, jax.numpy under a transformation."""
+"""Where arithmetic runs: numpy on the host, jax.numpy under a transformation. Scenes are read without jax."""
 
-import jax
-import jax.numpy as jnp
+import sys
+
 import numpy as np
 
-from . import _x64  # noqa: F401
+_waiting = []
+
+
+def pytree(cls):
+    """Make a dataclass of arrays a pytree, at once or when jax is there."""
+    _waiting.append(cls)
+    if f"{__package__}._x64" in sys.modules:
+        register_waiting()
+    return cls
+
+
+def register_waiting():
+    """Register what :func:`pytree` was given before jax was there."""
+    while _waiting:
+        _jax().tree_util.register_dataclass(_waiting.pop())
+
+
+def _jax():
+    """jax in double precision if anything has imported it, else None: then no array is one of jax."""
+    if "jax" not in sys.modules:
+        return None
+    from . import _x64
+
+    return _x64.jax
 
 
 def namespace(*trees):
     """jax.numpy if any leaf is a tracer or a device array, else numpy: reading results compiles nothing."""
-    return jnp if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(trees)) else np
+    jax = _jax()
+    return jax.numpy if jax and any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(trees)) else np
 
 
 def traced(*trees):
     """Whether any leaf is being traced."""
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trees))
+    jax = _jax()
+    return bool(jax) and any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trees))
 
 
 def staged():
     """Whether ``jit`` is at work: what programs return is then traced, whatever their arguments."""
-    return traced(jax.lax.full((), 0.0))
+    jax = _jax()
+    return bool(jax) and traced(jax.lax.full((), 0.0))
 
 
 def concrete(*trees):
     """The values, as numpy arrays where differentiation outside ``jit`` and ``vmap`` holds them; else still traced."""
     if not traced(trees):
         return trees
+    jax = _jax()
     values = jax.lax.stop_gradient(trees)
     return values if traced(values) else jax.tree.map(np.asarray, values)
+
+
+def on_host(tree):
+    """The tree with numpy arrays for its leaves, except those that are traced."""
+    jax = _jax()
+    return jax.tree.map(lambda leaf: leaf if traced(leaf) else np.asarray(leaf), tree) if jax else tree

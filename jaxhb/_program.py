@@ -1,15 +1,23 @@
-"""Compiled programs: ``jax.jit``, with options of the compiler where the host calls, and not too many of them."""
+"""Compiled programs: ``jax.jit``, with options of the compiler and a store on disk where the host calls, and not too
+many of them."""
 
-from functools import cache, cached_property, update_wrapper
+import inspect
+from functools import cache, update_wrapper
 from pathlib import Path
 
 import jax
+import numpy as np
+from jax.sharding import SingleDeviceSharding
 
+from . import _store as _disk
+from . import _x64
 from ._arrays import staged, traced
 
 OPTIONS = {
     # Kernels without its fusion dialects run as fast and compile in two thirds of the time (jaxlib 0.9).
     "xla_cpu_use_fusion_emitters": False,
+    # The second and third level of optimisation take a seventh more time to compile, and programs run as fast.
+    "xla_backend_optimization_level": 1,
     # Sums as trees of kernels: a fifth of the memory maps and a tenth of the compile time, and nothing won.
     "xla_disable_hlo_passes": "tree_reduction_rewriter",
 }
@@ -20,30 +28,112 @@ COMPILED_BETWEEN_COUNTS = 20
 
 
 class Program:
-    """``jax.jit`` of a function. Only an outermost program has options: called under a transformation it has none."""
+    """``jax.jit`` of a function. Only an outermost program has options, and a place in the store on disk."""
 
-    def __init__(self, function, **static):
-        self.function, self.static = function, static
-        self.nested = jax.jit(function, **static)
+    def __init__(self, function, static_argnames=()):
+        self.function, self.signature = function, inspect.signature(function)
+        self.static = (static_argnames,) if isinstance(static_argnames, str) else tuple(static_argnames)
+        self.nested = jax.jit(function, static_argnames=static_argnames)
         update_wrapper(self, function)
 
-    @cached_property
-    def outermost(self):
-        """The program that the host calls."""
-        return jax.jit(self.function, compiler_options=_known_options(), **self.static)
-
     def __call__(self, *args, **kwargs):
-        if traced(args, kwargs) or staged():
+        if traced(args, kwargs) or staged() or not _plain(args, kwargs):
             return self.nested(*args, **kwargs)
         _held.limit()
-        return self.outermost(*args, **kwargs)
+        arguments = self.signature.bind(*args, **kwargs).arguments
+        static = {name: arguments.pop(name) for name in self.static if name in arguments}
+        leaves, tree = jax.tree.flatten(arguments)
+        key = self, tuple(static.items()), tree, tuple(map(_kind, leaves))
+        if key not in _compiled:
+            _compiled[key] = self._outermost(static, arguments, key)
+        return _compiled[key](arguments)
+
+    @property
+    def executables(self):
+        """Number of executables that the process holds of it: one for each kind of arguments."""
+        return sum(key[0] is self for key in _compiled)
+
+    def _outermost(self, static, arguments, key):
+        """The executable of a program that the host calls, from the store or new."""
+        options = _known_options()
+        name = repr((self.__module__, self.__qualname__, static, str(key[2]), key[3], options))
+        found = _store.load(name, arguments)
+        if found is not None:
+            _held.programs += 1
+            return found
+
+        def call(arguments):
+            return self.function(**arguments, **static)
+
+        call.__name__ = self.__name__
+        made = jax.jit(call, compiler_options=options).lower(arguments).compile()
+        _store.save(name, made)
+        return made
+
+
+_compiled = {}
+"""Executables of the process by program, static arguments, structure, shapes and types."""
+
+_store = _disk.Store()
+
+
+def cache_programs(folder=None, *, limit=_disk.LIMIT):
+    """Keep compiled programs on disk, so that other processes start with what this one has compiled.
+
+    The command line does so by itself. A solve of ``gear_train_30`` compiles for some seconds; from the disk its
+    programs are there in some tenths of one. What ``jax.jit`` of your own compiles around a solve goes into jax's
+    persistent cache in the same folder, unless you have set one: it is traced again, but not compiled.
+
+    Parameters
+    ----------
+    folder : path, optional
+        Made with mode 0700 if it is not there; it must be yours alone, as programs in it are run. Default: that of the
+        command line, ``jaxhb`` in the user's cache folder or what the environment variable JAXHB_CACHE says; "off"
+        there turns this call off.
+    limit : int
+        Bytes that programs may take (default 1 GiB). Those not used for longest are removed.
+
+    Returns
+    -------
+    pathlib.Path or None
+        The folder, None where nothing is kept.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> folder = jaxhb.cache_programs()  # doctest: +SKIP
+    """
+    found = keep_programs(_disk.user_folder() if folder is None else Path(folder), limit)
+    if found is not None:
+        _x64.keep_compiled(found / "jax")
+    return found
+
+
+def keep_programs(folder, limit=_disk.LIMIT):
+    """Keep what a Program compiles in ``folder``; the folder, None where nothing can be kept."""
+    global _store
+    _store = _disk.Store(folder, limit)
+    return _store.own_folder
+
+
+def _plain(*trees):
+    """Whether all arrays lie where programs run by default."""
+    device = jax.devices()[0]
+    if device.platform != "cpu" or jax.config.jax_disable_jit:
+        return False
+    arrays = (leaf for leaf in jax.tree.leaves(trees) if isinstance(leaf, jax.Array))
+    return all(array.sharding == SingleDeviceSharding(device) for array in arrays)
+
+
+def _kind(leaf):
+    """Shape and type of an argument, and whether its type gives way to others."""
+    weak = getattr(leaf, "weak_type", False)
+    return np.shape(leaf), str(leaf.dtype) if hasattr(leaf, "dtype") else type(leaf).__name__, weak
 
 
 @cache
 def _known_options():
-    """Those of OPTIONS that the compiler knows; None for other devices."""
-    if jax.default_backend() != "cpu":
-        return None
+    """Those of OPTIONS that the compiler knows."""
     known = {}
     for name, value in OPTIONS.items():
         try:
@@ -75,6 +165,7 @@ class Held:
             return
         self.counted, maps = self.programs, Path("/proc/self/maps")
         if maps.exists() and maps.read_bytes().count(b"\n") > (_half_of_all() if most is None else most):
+            _compiled.clear()
             jax.clear_caches()
 
 

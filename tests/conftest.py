@@ -24,6 +24,7 @@ if version("jaxlib").startswith("0.9."):  # a flag that it does not know ends th
     flags += " --xla_cpu_use_fusion_emitters=false"
 os.environ.setdefault("XLA_FLAGS", flags)
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ["JAXHB_CACHE"] = "off"
 gc.set_threshold(50_000)
 
 import jax  # noqa: E402

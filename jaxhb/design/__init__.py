@@ -1,5 +1,6 @@
 """Design: objectives to be differentiated, and tuning by gradient (``tune``, which loads optax when first used)."""
 
+from .. import _x64  # noqa: F401
 from .quantities import Objective, Parameter, Penalty
 
 __all__ = ["Objective", "Parameter", "Penalty", "tune"]

@@ -10,15 +10,10 @@ exp(i n Omega t)) gives T^n = A/2. The number of operations does not grow with t
 
 from __future__ import annotations
 
-import dataclasses
-from functools import partial
-
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 from .._arrays import namespace
-from .._program import Program
 from ..model.crank import CRANK_SAMPLES, gas_torque, inertia_torque
 from ..model.drivetrain import DriveTrain, speed_ratios
 from ..model.tables import mean_torques, scale_at
@@ -70,23 +65,13 @@ def excitation(train: DriveTrain, rpm, harmonics: int):
     >>> torque.shape, load.shape
     ((27, 25), (1,))
     """
-    xp = namespace(train, rpm)
-    topology = train.topology
-    count = len(topology.mesh_names)
-    alike = dataclasses.replace(topology, name="", mesh_backlash=(True,) * count, mesh_damping_law=("always",) * count)
-    found = _excitation(dataclasses.replace(train, topology=alike), xp.asarray(rpm, dtype=float), harmonics)
-    return found if xp is jnp else jax.tree.map(np.asarray, found)
-
-
-@partial(Program, static_argnames="harmonics")
-def _excitation(train, rpm, harmonics):
-    """The program of :func:`excitation`, the same for trains that differ only in their meshes' contact."""
-    topology = train.topology
+    xp, topology = namespace(train, rpm), train.topology
+    rpm = xp.asarray(rpm, dtype=float)
     ratio = speed_ratios(train)[np.array(topology.rotor, dtype=int)]
-    torque = jnp.zeros((topology.n_disks, harmonics + 1), dtype=jnp.complex128)
+    torque = xp.zeros((topology.n_disks, harmonics + 1), dtype=complex)
     seats = np.array([*topology.torque_disk, *topology.cylinder_disk], dtype=int)
     cycle = topology.cylinder_fires, topology.cylinder_gas_revolutions
-    torque = torque.at[seats, 0].add(mean_torques(train.torques, train.cylinders, *cycle, rpm))
+    torque = _add(torque, seats, 0, mean_torques(train.torques, train.cylinders, *cycle, rpm))
     torque = _add_given(torque, train, rpm)
     if topology.cylinder_names:
         torque = _add_gas(torque, train, rpm)
@@ -94,11 +79,19 @@ def _excitation(train, rpm, harmonics):
     load_disk = np.array(topology.load_disk, dtype=int)
     power = ratio @ torque[:, 0].real
     if not topology.load_disk:
-        return torque, jnp.zeros(0), power
-    share = jnp.asarray(train.loads.share)
+        return torque, xp.zeros(0), power
+    share = xp.asarray(train.loads.share)
     load_torque = -power * share / (share @ ratio[load_disk])
-    torque = torque.at[load_disk, 0].add(load_torque)
+    torque = _add(torque, load_disk, 0, load_torque)
     return torque, load_torque, ratio @ torque[:, 0].real
+
+
+def _add(torque, disks, harmonics, values):
+    """``torque`` with ``values`` added at ``[disks, harmonics]``, where indices may repeat."""
+    if isinstance(torque, np.ndarray) and namespace(values) is np:
+        np.add.at(torque, (disks, harmonics), values)
+        return torque
+    return jnp.asarray(torque).at[disks, harmonics].add(values)
 
 
 def load_power_kW(train: DriveTrain, rpm, load_torque):  # noqa: N802
@@ -259,15 +252,15 @@ def _add_given(torque, train, rpm):
     i, k, n = _entries(topology.torque_harmonics, torque.shape[1] - 1)
     if not i.size:
         return torque
-    pair = jnp.asarray(table.harmonics)[i, k]
-    return torque.at[disk[i], n].add(0.5 * scale_at(table, rpm)[i] * jax.lax.complex(pair[:, 0], pair[:, 1]))
+    pair = table.harmonics[i, k]
+    return _add(torque, disk[i], n, 0.5 * scale_at(table, rpm)[i] * (pair[:, 0] + 1j * pair[:, 1]))
 
 
 def _phase(train, i, n):
     """exp(-i order alpha) of cylinder i at harmonic n of the cycle; order in revolutions of its own rotor."""
     order = n / np.array(train.topology.cylinder_turn)[i]
-    alpha = jnp.deg2rad(jnp.asarray(train.cylinders.firing_angle))[i]
-    return jnp.exp(-1j * order * alpha)
+    xp, angle = namespace(train.cylinders.firing_angle), train.cylinders.firing_angle
+    return xp.exp(-1j * order * xp.deg2rad(angle)[i])
 
 
 def _pressure_cylinders(topology) -> tuple[int, ...]:
@@ -282,15 +275,9 @@ def _pressure_harmonics(train, rows):
     xp = namespace(table)
     given = (table.pressure, table.ambient_pressure, table.bore, table.stroke, table.rod)
     revolutions = np.array(train.topology.cylinder_gas_revolutions)[rows]
-    return _gas_and_ambient(*(xp.asarray(values)[rows] for values in given), revolutions)
-
-
-@Program
-def _gas_and_ambient(pressure, ambient, bore, stroke, rod, revolutions):
-    """Harmonics of the torques of pressures ``(C, M)`` and of ambient pressures ``(C,)``, each ``(C, M//2 + 1)``."""
-    both = jnp.stack([pressure, jnp.broadcast_to(ambient[:, None], pressure.shape)])
-    gas, ambient = gas_torque_harmonics(both, bore, stroke, rod, revolutions=revolutions)
-    return gas, ambient
+    pressure, ambient, *geometry = (xp.asarray(values)[rows] for values in given)
+    both = xp.stack([pressure, xp.broadcast_to(ambient[:, None], pressure.shape)])
+    return gas_torque_harmonics(both, *geometry, revolutions=revolutions)
 
 
 def _add_gas(torque, train, rpm):
@@ -301,9 +288,9 @@ def _add_gas(torque, train, rpm):
     lists = [row if f else () for row, f in zip(topology.cylinder_harmonics, topology.cylinder_fires, strict=True)]
     i, k, n = _entries(lists, torque.shape[1] - 1)
     if i.size:
-        pair = jnp.asarray(table.gas_torque)[i, k]
-        value = 0.5 * scale[i] * jax.lax.complex(pair[:, 0], pair[:, 1])
-        torque = torque.at[disk[i], n].add(value * _phase(train, i, n))
+        pair = table.gas_torque[i, k]
+        value = 0.5 * scale[i] * (pair[:, 0] + 1j * pair[:, 1])
+        torque = _add(torque, disk[i], n, value * _phase(train, i, n))
     rows = _pressure_cylinders(topology)
     if not rows:
         return torque
@@ -313,14 +300,14 @@ def _add_gas(torque, train, rpm):
     lists = [tuple(topology.cylinder_step[c] * k for k in range(1, topology.cylinder_gas[c] + 1)) for c in rows]
     i, k, n = _entries(lists, torque.shape[1] - 1)
     value = row_scale[i] * gas[i, k + 1] - ambient[i, k + 1]
-    return torque.at[row_disk[i], n].add(value * _phase(train, np.array(rows)[i], n))
+    return _add(torque, row_disk[i], n, value * _phase(train, np.array(rows)[i], n))
 
 
 def _add_inertia(torque, train, rpm, ratio):
     """Add the inertia torques of the reciprocating masses."""
     topology, table = train.topology, train.cylinders
     lists = [
-        tuple(round(j * turn) for j in range(1, orders + 1))
+        tuple(round(j * turn) for j in range(1, min(orders, CRANK_SAMPLES // 2) + 1))
         for orders, turn in zip(topology.cylinder_inertia, topology.cylinder_turn, strict=True)
     ]
     i, k, n = _entries(lists, torque.shape[1] - 1)
@@ -328,7 +315,7 @@ def _add_inertia(torque, train, rpm, ratio):
         return torque
     disk = np.array(topology.cylinder_disk, dtype=int)
     short = np.array(topology.cylinder_series)
-    speed = ratio[disk] * (2.0 * jnp.pi / 60.0) * rpm
+    speed = ratio[disk] * (2.0 * np.pi / 60.0) * rpm
     unit = inertia_torque_harmonics(table.stroke, table.rod, short_series=short)
     value = (table.reciprocating_mass * speed**2)[i] * unit[i, k + 1]
-    return torque.at[disk[i], n].add(value * _phase(train, i, n))
+    return _add(torque, disk[i], n, value * _phase(train, i, n))

@@ -1,1 +1,3 @@
 """Modal analysis and the response as the engineer reads it."""
+
+from .. import _x64  # noqa: F401

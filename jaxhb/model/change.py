@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
+from jaxhb._arrays import traced
 from jaxhb.model import checks, hold
 from jaxhb.model.elements import TABLES, SceneError
 from jaxhb.model.graph import RATIO_TOLERANCE
@@ -78,13 +77,15 @@ def replace(train, values):
 def _set(vector, new):
     """Put values at their indices: on the host by a copy, under tracing in one scatter."""
     indices = np.array(list(new))
-    plain = isinstance(vector, np.ndarray) and not any(isinstance(v, jax.core.Tracer) for v in new.values())
+    plain = isinstance(vector, np.ndarray) and not traced(new)
     if plain:
         vector = vector.copy()
         for index, value in new.items():
             value = np.asarray(value, dtype=np.float64)
             vector[(index, *(slice(n) for n in value.shape))] = value
         return vector
+    import jax.numpy as jnp
+
     vector = jnp.asarray(vector)
     if vector.ndim == 1:
         return vector.at[indices].set(jnp.stack([jnp.asarray(v, dtype=jnp.float64) for v in new.values()]))
@@ -96,6 +97,8 @@ def _set(vector, new):
 
 def within_range(train):
     """Whether every number lies in the range of its field, a bool that may be traced; nan does not count as outside."""
+    import jax.numpy as jnp
+
     inside = [jnp.array(True)]
     for table, attribute in _TABLE_OF.items():
         for declared in dataclasses.fields(TABLES[table]):
@@ -124,7 +127,7 @@ def _value_errors(train, key, table, field, index, value) -> list[str]:
     if found != wanted:
         return [f"{where}: the value has shape {found}, must have {wanted}. Map over a batch with jax.vmap."]
     missing = _has_no_effect(train.topology, table, field, index)
-    if isinstance(value, jax.core.Tracer):
+    if traced(value):
         return [f"{where}: {missing}"] if missing else []
     number = np.asarray(value)
     if number.dtype.kind not in "fiu" or not np.all(np.isfinite(number)):
@@ -161,19 +164,19 @@ def _has_no_effect(topology, table, field, index) -> str:
 def _is_same(train, table, field, index, number) -> bool:
     """Tell whether a concrete value is the present one."""
     row = _row(train, table, field, index)
-    return not isinstance(row, jax.core.Tracer) and bool(np.all(np.asarray(row) == number))
+    return not traced(row) and bool(np.all(np.asarray(row) == number))
 
 
 def _is_absent(train, table, field, index) -> bool:
     """Tell whether the scene gave no such number (it stands as 0)."""
     row = _row(train, table, field, index)
-    return not isinstance(row, jax.core.Tracer) and bool(row == 0.0)
+    return not traced(row) and bool(row == 0.0)
 
 
 def _check_ratios(before, after):
     """Refuse concrete radii that lock a loop or change the speed of a rotor with orders of its own."""
     topology, radius = after.topology, after.disks.radius
-    if isinstance(radius, jax.core.Tracer):
+    if traced(radius):
         return
     old, new = (_host_ratios(topology, np.asarray(train.disks.radius)) for train in (before, after))
     errors, where = [], topology.name or "scene"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import jax.numpy as jnp
 import numpy as np
 
 from jaxhb._arrays import namespace
@@ -10,7 +9,7 @@ from jaxhb._arrays import namespace
 CRANK_SAMPLES = 512
 
 
-def slider_crank(angle, stroke, rod, *, xp=jnp):
+def slider_crank(angle, stroke, rod):
     """Piston travel of a centric crank-slider and its two derivatives by the crank angle, exact.
 
     With r = stroke/2, lambda = r/rod and q = sqrt(1 - lambda^2 sin^2 a): x = r (1 - cos a) + rod (1 - q), x'
@@ -23,8 +22,6 @@ def slider_crank(angle, stroke, rod, *, xp=jnp):
         Crank angle from top dead centre, rad.
     stroke, rod : array
         Stroke and length of the connecting rod, m; broadcast against ``angle``; rod > stroke/2.
-    xp : module
-        ``jax.numpy`` or ``numpy``.
 
     Returns
     -------
@@ -41,7 +38,7 @@ def slider_crank(angle, stroke, rod, *, xp=jnp):
     >>> [round(float(v), 6) for v in slider_crank(0.0, 0.1, 0.2)]
     [0.0, 0.0, 0.0625]
     """
-    r = 0.5 * stroke
+    xp, r = namespace(angle, stroke, rod), 0.5 * stroke
     ratio = r / rod
     s, c = xp.sin(angle), xp.cos(angle)
     q = xp.sqrt(1.0 - (ratio * s) ** 2)
@@ -51,14 +48,14 @@ def slider_crank(angle, stroke, rod, *, xp=jnp):
     return x, x1, x2
 
 
-def short_series_acceleration(angle, stroke, rod, *, xp=jnp):
+def short_series_acceleration(angle, stroke, rod):
     """x'' by the short series of Mendes, Meirelles and Zampieri 2008 (about 3 % of lambda from the exact
     one).
 
     x'' = r (cos a + lambda cos 2a - lambda^3/4 cos 4a + 9 lambda^5/128 cos 6a), in m/rad2; arguments as for
     :func:`slider_crank`.
     """
-    r = 0.5 * stroke
+    xp, r = namespace(angle, stroke, rod), 0.5 * stroke
     ratio = r / rod
     return r * (
         xp.cos(angle)
@@ -85,7 +82,7 @@ def gas_torque(pressure, bore, stroke, rod, *, revolutions):
     bore, stroke, rod, revolutions = (v[..., None] for v in sizes)
     samples = pressure.shape[-1]
     angle = 2.0 * np.pi * revolutions * (xp.arange(samples) / samples)
-    _, x1, _ = slider_crank(angle, stroke, rod, xp=xp)
+    _, x1, _ = slider_crank(angle, stroke, rod)
     return pressure * (np.pi / 4.0) * bore**2 * x1
 
 
@@ -94,7 +91,8 @@ def inertia_torque(stroke, rod, *, short_series=False):
 
     ``short_series``: take x'' from :func:`short_series_acceleration`.
     """
-    stroke, rod, short = (jnp.asarray(v)[..., None] for v in (stroke, rod, short_series))
-    angle = 2.0 * jnp.pi * (jnp.arange(CRANK_SAMPLES) / CRANK_SAMPLES)
+    xp = namespace(stroke, rod)
+    stroke, rod, short = (xp.asarray(v)[..., None] for v in (stroke, rod, short_series))
+    angle = 2.0 * np.pi * (np.arange(CRANK_SAMPLES) / CRANK_SAMPLES)
     _, x1, x2 = slider_crank(angle, stroke, rod)
-    return -x1 * jnp.where(short, short_series_acceleration(angle, stroke, rod), x2)
+    return -x1 * xp.where(short, short_series_acceleration(angle, stroke, rod), x2)

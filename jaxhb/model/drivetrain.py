@@ -19,11 +19,9 @@ import json
 from dataclasses import dataclass, field
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
-from jaxhb._arrays import namespace
+from jaxhb._arrays import namespace, pytree, traced
 from jaxhb.model import assembly, change
 from jaxhb.model.elements import SceneError
 from jaxhb.model.tables import Cylinders, Dampers, Disks, Grounds, Loads, Meshes, Shafts, Torques
@@ -32,7 +30,7 @@ from jaxhb.model.topology import Topology, suggestion
 __all__ = ["DriveTrain", "SceneError", "Topology", "build", "inertias", "speed_ratios"]
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DriveTrain:
     """A drive train: a pytree of float64 vectors (one for each field of each kind of element) and static
@@ -137,7 +135,7 @@ class DriveTrain:
         >>> round(float(train.value("cyl6|flywheel.damping")), 2)
         110.07
         """
-        if not isinstance(hz, jax.core.Tracer) and not np.all(np.asarray(hz) > 0.0):
+        if not traced(hz) and not np.all(np.asarray(hz) > 0.0):
             raise SceneError(f"with_viscous_damping: hz is {hz}, must be greater than 0 Hz. Give the main frequency.")
         omega = 2.0 * np.pi * hz
 
@@ -276,4 +274,5 @@ def inertias(train: DriveTrain):
     >>> inertias(load_scene("gear_train_30")).shape
     (27,)
     """
-    return jnp.concatenate([jnp.asarray(train.disks.inertia), jnp.asarray(train.dampers.inertia)])
+    inertia = train.disks.inertia, train.dampers.inertia
+    return namespace(inertia).concatenate(inertia)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import jax
 import numpy as np
 
-from jaxhb._arrays import traced
+from jaxhb._arrays import on_host, traced
 from jaxhb.model.graph import pieces
 from jaxhb.model.tables import mean_torques
 
@@ -98,8 +97,7 @@ def on_disks(disks: int, seats, torques) -> np.ndarray:
 @np.errstate(over="ignore", invalid="ignore")
 def _loaded(train) -> list[int]:
     """Disks under a mean torque at some speed."""
-    topology, given = train.topology, (train.torques, train.cylinders)
-    given = jax.tree.map(lambda v: v if traced(v) else np.asarray(v), given)
+    topology, given = train.topology, on_host((train.torques, train.cylinders))
     speeds = np.unique(np.concatenate([np.ravel(table.scale_rpm) for table in given]))
     means = mean_torques(*given, topology.cylinder_fires, topology.cylinder_gas_revolutions, speeds)
     seats = [*topology.torque_disk, *topology.cylinder_disk]

@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
-from jaxhb._arrays import namespace
+from jaxhb._arrays import namespace, pytree
 from jaxhb.model.crank import gas_torque
 
 Array = Any
@@ -20,7 +18,7 @@ FRIDMAN_EPSILON, FRIDMAN_TRANSITION = 0.03, 0.2
 
 
 def _table(cls):
-    return jax.tree_util.register_dataclass(dataclass(frozen=True, kw_only=True, eq=False)(cls))
+    return pytree(dataclass(frozen=True, kw_only=True, eq=False)(cls))
 
 
 @_table
@@ -206,7 +204,10 @@ def cylinder_table(cylinders) -> Cylinders:
 
 def scale_at(table, rpm):
     """Factor of each element at ``rpm`` [..., n], linear between the given points and constant outside them."""
-    if namespace(table.scale_rpm, table.scale_factor, rpm) is jnp:
+    if namespace(table.scale_rpm, table.scale_factor, rpm) is not np:
+        import jax
+        import jax.numpy as jnp
+
         rows = jax.vmap(jnp.interp, in_axes=(None, 0, 0), out_axes=-1)
         return rows(rpm, table.scale_rpm, table.scale_factor)
     rows = [np.interp(rpm, *points) for points in zip(table.scale_rpm, table.scale_factor, strict=True)]

@@ -23,7 +23,7 @@ from .plan import Plan
 from .planned import first_start, of_unknown_meshes, solve_once
 from .problem import pose
 from .request import MOST, Request
-from .time_steps import COUNTS, time_steps_for
+from .time_steps import COUNTS, time_steps_for, time_steps_of
 
 
 @dataclass(frozen=True)
@@ -104,6 +104,11 @@ class Case:
         """Whether the number of harmonics is free."""
         return self.request.harmonics is None
 
+    def next_level(self, harmonics):
+        """The number of harmonics to try after ``harmonics``; None at the limit."""
+        ratio = planning.SPARSE if self.request.many else planning.DENSE
+        return planning.next_level(harmonics, self.plan.method, ratio)
+
     @property
     def resolving(self):
         """Time steps a cycle that resolve the mesh modes and the excitation."""
@@ -142,9 +147,9 @@ def from_response(response):
     """The rung that starts from a motion at hand."""
 
     def rung(case, last):
-        plan = dataclasses.replace(case.plan, start="linear")
+        plan = dataclasses.replace(planning.all_unknown(case.train, case.plan, case.request), start="linear")
         if case.adaptive and int(response.status) == Status.TOLERANCE_NOT_MET:
-            above = planning.next_level(response.harmonics, plan.method) or MOST[plan.method]
+            above = case.next_level(response.harmonics) or MOST[plan.method]
             plan = dataclasses.replace(plan, harmonics=max(plan.harmonics, above))
         yield Attempt(plan, np.asarray(of_unknown_meshes(plan, response)))
 
@@ -289,7 +294,7 @@ def refine(case, attempt, last=None):
         error = float(outcome.periodicity_error) if marches else error
         case.path += response.path
         status = Status(int(response.status))
-        higher = planning.next_level(plan.harmonics, plan.method) if case.adaptive else None
+        higher = case.next_level(plan.harmonics) if case.adaptive else None
         if status == Status.PLAN_VIOLATED and any(plan.flank):
             given, plan = None, planning.all_unknown(case.train, plan, case.request)
         elif status == Status.TOLERANCE_NOT_MET and higher:
@@ -303,6 +308,6 @@ def _resolved(case, plan):
     """The plan with the time steps and the share of the tolerance that its harmonics want."""
     if not plan.active:
         return plan
-    steps = case.resolving if plan.marches else min(case.resolving, time_steps_for(2 * plan.harmonics))
+    steps = max(time_steps_of(plan.harmonics), case.resolving if plan.marches else 0, plan.time_steps)
     share = planning.tolerance_share(plan.harmonics, case.modes[1])
-    return dataclasses.replace(plan, tolerance_share=share, time_steps=max(plan.time_steps, steps))
+    return dataclasses.replace(plan, tolerance_share=share, time_steps=steps)

@@ -8,9 +8,9 @@ from ..harmonic import backlash, chain, fourier
 from ..harmonic.excitation import listed_harmonic
 from ..linear.modal import natural_frequencies
 from .plan import Plan
-from .planned import one_by_one, solve_batches
+from .planned import solve_batches
 from .request import MOST, excited_harmonic
-from .time_steps import time_steps_for
+from .time_steps import time_steps_for, time_steps_of
 
 LEVELS = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024, 1536, 2048, 3072, 4096)
 DENSE_MODES, GEARS_ALONE = 400, 1.1
@@ -22,8 +22,9 @@ STRAINED = 0.05, 0.01
 HAMMERED = 2.0
 """Linear half swings of the hardest mesh that separates, by which another must stay loaded to be no unknown."""
 
-PROGRAM_PAYS = 8
-"""Heavy speeds that are worth a program of their own."""
+DENSE, SPARSE = 2.0, 4.0
+"""How far apart the levels of harmonics lie that are tried one after another, at one speed and in a sweep: a program
+more costs as much as a hundred speeds with twice the harmonics."""
 
 
 def level_at_least(harmonics):
@@ -31,9 +32,9 @@ def level_at_least(harmonics):
     return next((n for n in LEVELS if n >= harmonics), LEVELS[-1])
 
 
-def next_level(harmonics, method):
-    """The number of harmonics to try after ``harmonics``, about twice as many; None at the limit."""
-    higher = [n for n in LEVELS if n >= 1.9 * harmonics and n <= MOST[method]]
+def next_level(harmonics, method, ratio=DENSE):
+    """The number of harmonics to try after ``harmonics``, about ``ratio`` times as many; None at the limit."""
+    higher = [n for n in LEVELS if n >= 0.95 * ratio * harmonics and n <= MOST[method]]
     if higher:
         return higher[0]
     return MOST[method] if harmonics < MOST[method] else None
@@ -167,16 +168,13 @@ def plan_speeds(train, rpm, request):
     plans = [dataclasses.replace(contact, flank=tuple(flank)) for flank in flanks.tolist()]
 
     def level_of(group, separating):
-        wanted = first_level(excited, float(np.median(modes[group])) if separating else 0.0)
+        wanted = first_level(excited, np.max(modes[group]) if separating else 0.0)
         return request.harmonics or min(wanted, MOST[request.method])
 
     touching, hammering = (np.flatnonzero(leaves.any(axis=-1) & (apart == kind)) for kind in (False, True))
-    cut = len(hammering) and one_by_one(level_of(hammering, True), train.topology.n_disks)
-    groups = [(False, touching)]
-    groups += [(True, group) for group in (_alike(hammering, modes, excited) if cut else [hammering])]
+    groups = [(False, touching)] if len(touching) else []
+    groups += [(True, group) for group in _alike(hammering, modes)]
     for separating, group in groups:
-        if not len(group):
-            continue
         level, own = level_of(group, separating), flanks[group]
         flank = tuple(np.where((own == own[0]).all(axis=0), own[0], 0).tolist())
         resolving = time_steps_for(max(np.max(modes[group]), 2 * contact.excited))
@@ -186,7 +184,7 @@ def plan_speeds(train, rpm, request):
             active=tuple(i for i, gap in enumerate(train.topology.mesh_backlash) if gap and not flank[i]),
             flank=flank,
             start="march" if separating else "linear",
-            time_steps=resolving if separating else min(resolving, time_steps_for(2 * level)),
+            time_steps=max(time_steps_of(level), resolving if separating else 0),
             tolerance_share=tolerance_share(level, np.max(faint[group])),
         )
         for i in group:
@@ -194,20 +192,14 @@ def plan_speeds(train, rpm, request):
     return plans
 
 
-def _alike(places, modes, excited):
-    """``places`` of speeds cut where the mesh modes want fewer steps a cycle, if a program pays on each side.
-
-    One speed after another costs what its steps cost, and every number of steps is one more program: that pays with
-    many speeds.
-    """
-    groups, left = [], places
-    steps = np.array([time_steps_for(max(mode, 2 * excited)) for mode in modes])
-    for count in sorted(set(steps[places].tolist())):
-        alike = left[steps[left] <= count]
-        if len(alike) >= PROGRAM_PAYS and len(left) - len(alike) >= PROGRAM_PAYS:
-            groups.append(alike)
-            left = left[steps[left] > count]
-    return [*groups, left]
+def _alike(places, modes):
+    """``places`` of speeds in groups whose mesh modes lie within a factor of SPARSE: each is one level, one program."""
+    groups = []
+    while len(places):
+        near = SPARSE * modes[places] > modes[places].max()
+        groups.append(places[near])
+        places = places[~near]
+    return groups
 
 
 def plan_marching(train, rpm, plan, request):

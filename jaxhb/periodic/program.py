@@ -32,7 +32,8 @@ class Sizes:
     samples : per cycle, of the law; time_steps : of the march and of the preconditioner; excited : highest
     harmonic of the excitation; method : "reduced" or "chain"; residual_tolerance, max_steps : of Newton; integrals :
     of the law over the cycle, "sampled" or "exact", which leaves ``samples`` to what needs no such accuracy;
-    estimated : whether the truncation error is; without, it counts as 0.
+    estimated : whether the truncation error is; without, it counts as 0; either : whether a start may both be given
+    and march cycles.
     """
 
     samples: int
@@ -43,6 +44,7 @@ class Sizes:
     max_steps: int = 24
     integrals: str = "sampled"
     estimated: bool = True
+    either: bool = False
 
 
 @jax.tree_util.register_dataclass
@@ -50,8 +52,8 @@ class Sizes:
 class Start:
     """Where Newton starts: coefficients ``(G, N+1)`` where ``given``, else teeth in contact and ``cycles`` marched.
 
-    Where a given motion leaves more than NEAR of the equations unsolved cycles are marched as well, and the better of
-    the two is the start. A march ends early where a cycle closes to ``enough``.
+    With ``Sizes.either`` cycles are marched as well where a given motion leaves more than NEAR of the equations
+    unsolved, and the better of the two is the start. A march ends early where a cycle closes to ``enough``.
     """
 
     coefficients: jax.Array
@@ -132,11 +134,11 @@ def find(problem, choice, start, tolerance, sizes):
         if sizes.method == "chain":
             deflection, iterate = _by_chain(problem, choice, reduced, condensed, first, sizes)
             operator = correction.prepare(reduced, model, deflection, **numbers)
+            error = relative_residual(reduced, reduced.residual(deflection, sizes.samples))
         else:
             goal = {"tolerance": sizes.residual_tolerance, "max_steps": sizes.max_steps}
             iterate, operator = solve_reduced(reduced, model, first, **numbers, **goal)
-            deflection = iterate.x
-        error = relative_residual(reduced, reduced.residual(deflection, sizes.samples))
+            deflection, error = iterate.x, iterate.error
         if sizes.estimated:
             truncation = truncation_error(fine, operator, deflection, sizes.samples)
         steps, stalled = iterate.steps, iterate.stalled
@@ -157,22 +159,27 @@ def find(problem, choice, start, tolerance, sizes):
 
 def _first(reduced, space, start, sizes):
     """Where Newton starts, coefficients ``(G, N+1)``, and the periodicity error of the march, 0 without."""
-
-    sampled = dataclasses.replace(reduced, integrals="sampled")
     begun = jnp.where(start.given, start.coefficients, on_flank(reduced))
+
+    def march():
+        return marched(reduced, space, sizes.time_steps, start.cycles, start.enough)
+
+    if not sizes.either:
+        return lax.cond(start.cycles > 0, march, lambda: (begun, jnp.zeros(())))
+    sampled = dataclasses.replace(reduced, integrals="sampled")
 
     def left(deflection):
         return relative_residual(sampled, sampled.residual(deflection, sizes.samples))
 
-    def march():
-        found, periodicity_error = marched(reduced, space, sizes.time_steps, start.cycles, start.enough)
+    def better():
+        found, periodicity_error = march()
         worse = lax.cond(given, lambda found: ~(left(found) < remaining), lambda _: False, found)
         return jnp.where(worse, begun, found), jnp.where(worse, 0.0, periodicity_error)
 
     given = start.given & (start.cycles > 0)
     remaining = lax.cond(given, left, lambda _: jnp.inf, begun)
     marching = (start.cycles > 0) & (remaining > NEAR)
-    return lax.cond(marching, march, lambda: (begun, jnp.zeros(())))
+    return lax.cond(marching, better, lambda: (begun, jnp.zeros(())))
 
 
 def _by_chain(problem, choice, reduced, condensed, start, sizes):

@@ -18,21 +18,26 @@ DEFAULT_TOLERANCE = 0.01
 
 @dataclass(frozen=True)
 class Request:
-    """What is asked of a solve: ``harmonics`` None for as many as ``tolerance`` needs; see :func:`jaxhb.solve`."""
+    """What is asked of a solve: ``harmonics`` None for as many as ``tolerance`` needs; see :func:`jaxhb.solve`.
+
+    many : whether other speeds are solved with it, which programs that serve all of them pay for.
+    """
 
     harmonics: int | None = None
     tolerance: float = DEFAULT_TOLERANCE
     method: str = "reduced"
     integrals: str = "sampled"
+    many: bool = False
 
     @classmethod
-    def of(cls, train, harmonics=None, tolerance=None, method=None, integrals=None):
+    def of(cls, train, harmonics=None, tolerance=None, method=None, integrals=None, many=False):
         """The request with defaults for None, checked."""
         made = cls(
             harmonics,
             DEFAULT_TOLERANCE if tolerance is None else tolerance,
             method or "reduced",
             integrals or "sampled",
+            many,
         )
         check_method(train, made.method)
         check_integrals(made.integrals, made.method)

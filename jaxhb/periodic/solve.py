@@ -144,28 +144,25 @@ def linear_response(train, *, rpm, harmonics=None):
     return solve_planned(planning.without_backlash(train), rpm, plan)
 
 
-def solve_further(train, rpm, request):
-    """Response where the plan's own start of Newton's method is known to fail; None where no other is found."""
-    case = _case(train, rpm, request)
-    first = ladder.short_march if case.plan.marches else ladder.contact
-    found = ladder.climb(case, ladder.RUNGS[ladder.RUNGS.index(first) + 1 :])
+def solve_again(train, rpm, request, plan, start=None):
+    """Response where the plan's own start of Newton's method has failed: from another motion, then up the ladder."""
+    case = ladder.Case(train, rpm, request, plan)
+    failed = ladder.short_march if plan.marches else ladder.contact
+    rungs = ladder.RUNGS[ladder.RUNGS.index(failed) + 1 :]
+    found = ladder.climb(case, (ladder.from_response(start), *rungs) if start is not None else rungs)
     return found and found.response
-
-
-def _case(train, rpm, request):
-    (plan,) = planning.plan_speeds(train, np.array([float(rpm)]), request)
-    return ladder.Case(train, rpm, request, plan)
 
 
 def _decide(train, rpm, request, start):
     """The Result of the ladder for one speed, or of the one rung that ``start`` names."""
     check_speed(train, rpm)
-    case, rungs = _case(train, rpm, request), ladder.RUNGS
+    (plan,) = planning.plan_speeds(train, np.array([float(rpm)]), request)
+    case, rungs = ladder.Case(train, rpm, request, plan), ladder.RUNGS
     if start is None:
         return ladder.climb(case, rungs)
     if start == "linear" or not any(train.topology.mesh_backlash):
         return ladder.climb(case, (ladder.on_flank,))
-    case.plan = planning.all_unknown(train, case.plan, request)
     if start == "march":
+        case.plan = planning.all_unknown(train, case.plan, request)
         return ladder.climb(case, rungs[rungs.index(ladder.short_march) :])
     return ladder.climb(case, (ladder.from_response(start),))

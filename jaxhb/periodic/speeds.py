@@ -7,7 +7,7 @@ from ..response.status import Status
 from .planned import solve_batches
 from .planning import plan_speeds
 from .request import Request, check_plan, check_speed
-from .solve import solve, solve_further
+from .solve import solve_again
 
 BATCH_STEPS = 8
 """Newton steps of a batch, which waits for its slowest speed: one that needs more is solved again by itself."""
@@ -59,7 +59,7 @@ def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=None, integ
     check_speed(train, rpm, many=True)
     if plan and not (harmonics is None and tolerance is None and integrals is None):
         raise ValueError("harmonics, tolerance and integrals belong to the plan: give them to jaxhb.plan")
-    request = Request.of(train, harmonics, tolerance, "reduced", integrals)
+    request = Request.of(train, harmonics, tolerance, "reduced", integrals, many=len(rpm) > 1)
     if plan:
         check_plan(train, plan)
     plans = [plan] * len(rpm) if plan else plan_speeds(train, rpm, request)
@@ -75,7 +75,7 @@ def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=None, integ
     if plan is None:
         for place in range(len(rpm)):
             if worth_another_try(found[place], request):
-                found[place] = try_again(train, place, found, request)
+                found[place] = try_again(train, place, found, request, plans[place])
     return stack(found)
 
 
@@ -86,17 +86,12 @@ def worth_another_try(response, request):
     return status not in hopeless and not (request.harmonics and status == Status.TOLERANCE_NOT_MET)
 
 
-def try_again(train, place, found, request, solve=solve, further=solve_further):
+def try_again(train, place, found, request, plan, solve=solve_again):
     """The best response at one speed: from its own motion or the nearest that converged, then up the ladder."""
     response = found[place]
-    own, tried = int(response.status) == Status.TOLERANCE_NOT_MET, []
-    near = [other for other in found if other.converged]
-    if own:
-        tried.append(response)
-    if own or near:
-        start = response if own else min(near, key=lambda other: abs(other.rpm - response.rpm))
-        tried.append(solve(train, rpm=float(response.rpm), start=start, **vars(request)))
-    if not tried or int(tried[-1].status) > Status.TOLERANCE_NOT_MET:
-        found_further = further(train, float(response.rpm), request)
-        tried.append(response if found_further is None else found_further)
-    return min(reversed(tried), key=lambda response: int(response.status))
+    start = response
+    if int(response.status) != Status.TOLERANCE_NOT_MET:
+        near = [other for other in found if other.converged]
+        start = min(near, key=lambda other: abs(other.rpm - response.rpm), default=None)
+    again = solve(train, float(response.rpm), request, plan, start)
+    return response if again is None or again.status > response.status else again

@@ -1,11 +1,13 @@
 """The command line: ``jaxhb scenes | modes | solve | sweep | report | tune``; commands import the heavy modules."""
 
 import argparse
+import gc
 import math
 import os
 import sys
 import traceback
 
+from .. import __version__
 from ..model.speeds import read_speed, read_speeds
 
 DESCRIPTION = """\
@@ -45,6 +47,9 @@ ENVIRONMENT = {
     "TF_CPP_MIN_LOG_LEVEL": "3",  # the compiler warns of cached programs that come from the same machine
 }
 """Read when numpy and jax are imported, which only commands do; what the user has set stays."""
+
+NEW_OBJECTS = 50_000
+"""Objects between collections of garbage: with Python's 700 or so they take a third of the time of tracing."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -110,6 +115,7 @@ def parser():
     """The argument parser."""
     raw = argparse.RawDescriptionHelpFormatter
     top = Parser("jaxhb", description=DESCRIPTION, epilog=EXAMPLES, formatter_class=raw, allow_abbrev=False)
+    top.add_argument("--version", action="version", version=f"jaxhb {__version__}")
     commands = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
 
     def add(name, command, short, text=""):
@@ -119,24 +125,24 @@ def parser():
         return made
 
     add("scenes", run_scenes, "the packaged scenes and what they are")
-    modes = add("modes", run_modes, "natural frequencies in Hz, undamped, teeth in contact; mode shapes")
+    modes = add("modes", _runner("modes"), "natural frequencies in Hz, undamped, teeth in contact; mode shapes")
     _scene(modes)
     modes.add_argument("--json", metavar="FILE", help="write frequencies and shapes for programs")
-    solve = add("solve", run_solve, "one speed: do the teeth hammer? forces, torques, contact", SOLVE)
+    solve = add("solve", _runner("solve_one"), "one speed: do the teeth hammer? forces, torques, contact", SOLVE)
     _scene(solve)
     solve.add_argument("--rpm", required=True, type=speed, metavar="R", help="speed of the reference rotor, rpm")
     _misfire(solve)
     _accuracy(solve)
     _files(solve, "the gear torque and the tooth forces over the cycle")
     _gear(solve)
-    sweep = add("sweep", run_sweep, "many speeds in one call: at which speeds do they hammer?", SWEEP)
+    sweep = add("sweep", _runner("sweep"), "many speeds in one call: at which speeds do they hammer?", SWEEP)
     _scene(sweep)
     _speeds(sweep)
     _misfire(sweep)
     _accuracy(sweep)
     _files(sweep, "tooth force and time out of contact over the speed")
     sweep.add_argument("--csv", metavar="FILE", help="write one row per speed for spreadsheets, N and N m")
-    report = add("report", run_report, "several speeds, normal running and a misfire", REPORT)
+    report = add("report", _runner("report"), "several speeds, normal running and a misfire", REPORT)
     _scene(report)
     _speeds(report)
     _misfire(report)
@@ -144,7 +150,7 @@ def parser():
     _files(report, "the torque on one gear over the cycle, in normal running")
     _gear(report)
     report.add_argument("--at", type=speed, metavar="R", help="speed of the picture, rpm (default: longest apart)")
-    tune = add("tune", run_tune, "find the dampers (or any numbers) that cure it, by gradient", TUNE)
+    tune = add("tune", _runner("tune"), "find the dampers (or any numbers) that cure it, by gradient", TUNE)
     _scene(tune)
     text = "speeds of the reference rotor, rpm, instead of those of the [tune] table: A:B:COUNT or R1,R2,..."
     tune.add_argument("--rpm", type=speeds, metavar="A:B:COUNT", help=text)
@@ -272,39 +278,27 @@ def _number(text):
 
 
 def run_scenes(_):
-    from .commands import scenes
+    from .inputs import scenes
 
     return scenes()
 
 
-def run_modes(arguments):
-    from .commands import modes
+def _runner(name):
+    """What runs a command: it reads its inputs first, which takes a fraction of the time of importing jax."""
 
-    return modes(arguments)
+    def run(arguments):
+        from .inputs import read
 
+        train = read(arguments)
+        from .._program import keep_programs
+        from .._store import user_folder
+        from . import commands
 
-def run_solve(arguments):
-    from .commands import solve_one
+        keep_programs(user_folder())
+        gc.set_threshold(NEW_OBJECTS)
+        return getattr(commands, name)(train, arguments)
 
-    return solve_one(arguments)
-
-
-def run_sweep(arguments):
-    from .commands import sweep
-
-    return sweep(arguments)
-
-
-def run_report(arguments):
-    from .commands import report
-
-    return report(arguments)
-
-
-def run_tune(arguments):
-    from .commands import tune
-
-    return tune(arguments)
+    return run
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What each command of the command line does: read the scene, compute, print for people, write for programs."""
+"""What each command of the command line does: compute, print for people, write for programs."""
 
 import sys
 from pathlib import Path
@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 
 from ..linear.modal import natural_frequencies
-from ..model.scene import load_scene, scene_description, scene_names
 from ..model.scene_writer import changed_scene, copies_beside
 from ..periodic.planning import without_backlash
 from ..periodic.solve import linear_response, solve
@@ -19,8 +18,6 @@ from .output import (
     as_json,
     as_picture,
     as_sweep_json,
-    check_output,
-    check_picture,
     make_folders,
     write_files,
 )
@@ -33,19 +30,8 @@ CONVERGED, NOT_CONVERGED, INTERRUPTED = 0, 1, 130
 _CHANGES = {"set": dict, "misfire": list}
 
 
-def scenes():
-    """List the packaged scenes."""
-    names = scene_names()
-    width = max(map(len, names))
-    for name in names:
-        print(f"{name.ljust(width)}  {scene_description(name)}")
-    return CONVERGED
-
-
-def modes(arguments):
+def modes(train, arguments):
     """Natural frequencies of a scene."""
-    _check_files(arguments)
-    train = _train(arguments)
     found = natural_frequencies(train)
     _answer(
         arguments,
@@ -55,10 +41,8 @@ def modes(arguments):
     return CONVERGED
 
 
-def solve_one(arguments):
+def solve_one(train, arguments):
     """One speed."""
-    _check_files(arguments)
-    train = _train(arguments)
     _check_picture(train, arguments)
     train = train.misfire(*arguments.misfire)
     with Progress() as progress:
@@ -75,10 +59,8 @@ def solve_one(arguments):
     return CONVERGED if response.converged else NOT_CONVERGED
 
 
-def sweep(arguments):
+def sweep(train, arguments):
     """Many speeds."""
-    _check_files(arguments)
-    train = _train(arguments)
     _check_picture(train, arguments)
     train = train.misfire(*arguments.misfire)
     with Progress(len(arguments.rpm)) as progress:
@@ -107,10 +89,8 @@ def _sweep_both(train, arguments, progress):
     return found, solve_speeds(without_backlash(train), rpm=rpm)
 
 
-def report(arguments):
+def report(train, arguments):
     """Several speeds, normal and misfiring, with backlash and without."""
-    _check_files(arguments)
-    train = _train(arguments)
     _check_picture(train, arguments)
     if arguments.at is not None and arguments.at not in arguments.rpm:
         raise OutputError(f"--at: {arguments.at:g} rpm is not one of the speeds of --rpm. Add it.")
@@ -133,16 +113,11 @@ def report(arguments):
     return CONVERGED if all(response.converged for response in every) else NOT_CONVERGED
 
 
-def tune(arguments):
+def tune(train, arguments):
     """Change the numbers of a scene so that a response becomes small, as its [tune] table asks."""
     from ..design.table import read_table
     from ..design.tuning import tune as search
 
-    stem = Path(arguments.scene).stem
-    arguments.output = arguments.output or f"{stem}_tuned.toml"
-    arguments.json = arguments.json or str(Path(arguments.output).with_suffix(".json"))
-    _check_files(arguments)
-    train = _train(arguments)
     given = _given(arguments, ("rpm", "optimizer", "steps", "starts", "seed", "tolerance"))
     asked = read_table(train, given)
     files = _TunedFiles(arguments, train, asked["rpm"])
@@ -253,21 +228,6 @@ def _longest_apart(response):
     contacts = {name: contact_at(response, name) for name in response.topology.mesh_names}
     name = most_apart(contacts)
     return contacts[name].separated_fraction if name else 0.0
-
-
-def _train(arguments):
-    train = load_scene(arguments.scene)
-    return train.replace(dict(arguments.set)) if arguments.set else train
-
-
-def _check_files(arguments):
-    """Refuse what cannot be written before anything is computed."""
-    given = vars(arguments)
-    files = {option: given[option] for option in ("json", "csv", "output", "plot") if given.get(option)}
-    for option, name in files.items():
-        (check_picture if option == "plot" else check_output)(f"--{option}", name)
-    if len({Path(name).resolve() for name in files.values()}) < len(files):
-        raise OutputError(f"--{' and --'.join(files)} name the same file. Give each its own.")
 
 
 def _check_picture(train, arguments):

@@ -1,1 +1,3 @@
 """Time integration: the reference integration, and starts for the harmonic solution."""
+
+from .. import _x64  # noqa: F401

@@ -79,7 +79,7 @@ def test_cylinder_torque_is_the_direct_sum_of_gas_and_inertia(ambient):
     own = theta - np.deg2rad(alpha)
     table = np.array(TRACE)
     pressure = np.interp(np.mod(np.rad2deg(own) + 360.0, 720.0), *table.T)
-    _, x1, x2 = slider_crank(own, 0.12, 0.2, xp=np)
+    _, x1, x2 = slider_crank(own, 0.12, 0.2)
     gas = (0.75 * pressure - ambient) * np.pi / 4 * 0.1**2 * x1
     wanted = gas - 2.0 * x1 * x2 * (2 * np.pi * rpm / 60) ** 2
     np.testing.assert_allclose(synthesis(torque[0], theta / 2), wanted, atol=5e-4 * np.abs(wanted).max())

@@ -141,5 +141,5 @@ def test_another_speed_and_other_options_compile_nothing(hammering):
     for speed, most in ((rpm, 10), (1.1 * rpm, 12)):
         found = homotopy.find(train, speed, PLAN, options=homotopy.HomotopyOptions(most_jacobians=most))
         assert found.steps > 1
-        compiled.append([program.outermost._cache_size() for program in (homotopy._linearized, homotopy._simplified)])
+        compiled.append([program.executables for program in (homotopy._linearized, homotopy._simplified)])
     assert compiled[0] == compiled[1]

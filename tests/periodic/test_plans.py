@@ -10,7 +10,7 @@ from trains import build, pinions_parts
 
 import jaxhb
 from jaxhb.model.change import within_range
-from jaxhb.periodic import ladder, planning, speeds
+from jaxhb.periodic import ladder, planned, planning, speeds
 from jaxhb.periodic.program import solve_problem
 from jaxhb.periodic.request import Request
 from jaxhb.periodic.time_steps import PER_MODE_PERIOD
@@ -90,10 +90,10 @@ def test_what_is_constant_is_checked_under_jit_too(pair, plan):
 
 def test_new_numbers_compile_nothing(pair, plan):
     jaxhb.solve(pair, rpm=HAMMERING_RPM, plan=plan)
-    before = solve_problem.outermost._cache_size()
+    before = solve_problem.executables
     for rpm, damping in ((5700.0, 1100.0), (5650, 1000)):
         jaxhb.solve(pair.replace({"gear a|gear b.damping": damping}), rpm=rpm, plan=plan)
-    assert solve_problem.outermost._cache_size() == before
+    assert solve_problem.executables == before
 
 
 def test_a_plan_is_hashable_and_small(plan):
@@ -155,19 +155,16 @@ def test_a_second_try_of_a_sweep_never_gives_up_a_solved_speed(pair):
     coarse = jaxhb.solve(pair, rpm=HAMMERING_RPM, harmonics=4, tolerance=1e-3)
     lost = dataclasses.replace(coarse, status=np.array(jaxhb.Status.STALLED))
 
-    def losing(*arguments, **options):
-        return lost
-
-    found = speeds.try_again(pair, 0, [coarse], Request(tolerance=1e-3), solve=losing, further=losing)
+    found = speeds.try_again(pair, 0, [coarse], Request(tolerance=1e-3), None, solve=lambda *_: lost)
     assert int(found.status) == jaxhb.Status.TOLERANCE_NOT_MET
 
 
 def test_contact_is_looked_for_with_the_harmonics_of_the_excitation(pair):
     """And not with those asked for, which may be a thousand."""
-    before = solve_problem.outermost._cache_size()
+    before = solve_problem.executables
     plans = planning.plan_speeds(pair, np.array([3000.0]), Request(harmonics=1024))
     planning.plan_speeds(pair, np.array([HAMMERING_RPM]), Request(harmonics=512))
-    assert solve_problem.outermost._cache_size() <= before + 1
+    assert solve_problem.executables <= before + 1
     assert plans[0].harmonics == 1024
 
 
@@ -281,17 +278,30 @@ def test_every_entry_refuses_a_speed_that_is_none(pair, plan, rpm):
             call()
 
 
-def test_many_heavy_speeds_of_a_sweep_take_the_steps_that_their_own_modes_want():
-    train, rpm = jaxhb.load_scene("gear_train_30"), np.linspace(1300.0, 2450.0, 60)
-    plans = planning.plan_speeds(train, rpm, Request())
-    modes = np.array([planning.mesh_mode_harmonics(train, train.topology.cycle_frequency(speed))[0] for speed in rpm])
-    marched = np.array([plan.marches for plan in plans])
-    steps = np.array([plan.time_steps for plan in plans])
-    assert np.all(steps[marched] >= PER_MODE_PERIOD * modes[marched])
-    counts = np.unique(steps[marched], return_counts=True)[1]
-    assert len(counts) >= 2 and counts.min() >= planning.PROGRAM_PAYS
-    few = planning.plan_speeds(train, rpm[::8], Request())
-    assert len({plan for plan in few if plan.marches}) == 1
+def test_speeds_that_hammer_share_a_plan_that_resolves_the_mesh_modes_of_all():
+    """Those of speeds within a factor of four: each plan is a program."""
+    train = jaxhb.load_scene("gear_train_30")
+    for rpm, most in ((np.linspace(1300.0, 2450.0, 20), 1), (np.linspace(1300.0, 12000.0, 20), 2)):
+        plans = planning.plan_speeds(train, rpm, Request(many=True))
+        modes = [planning.mesh_mode_harmonics(train, train.topology.cycle_frequency(speed))[0] for speed in rpm]
+        marched = np.array([plan.marches for plan in plans])
+        steps, levels = (np.array([getattr(plan, name) for plan in plans]) for name in ("time_steps", "harmonics"))
+        assert np.all(steps[marched] >= PER_MODE_PERIOD * np.array(modes)[marched])
+        assert np.all(levels[marched] >= 1.5 * np.array(modes)[marched])
+        assert len({plan for plan in plans if plan.marches}) == most
+
+
+def test_a_sweep_has_at_most_four_large_programs():
+    """Of any of the scenes, whatever its speeds do: those of Newton's method, one for each level of harmonics."""
+    for scene, rpm in (
+        ("gear_train_30", np.linspace(1000.0, 1900.0, 7)),
+        ("spur_pair", np.linspace(1500.0, 6000.0, 9)),
+    ):
+        train = jaxhb.load_scene(scene)
+        assert jaxhb.solve_speeds(planning.without_backlash(train), rpm=rpm).converged.all()
+        before = solve_problem.executables + planned._solve_all.executables
+        assert jaxhb.solve_speeds(train, rpm=rpm).converged.all()
+        assert solve_problem.executables + planned._solve_all.executables - before <= 4
 
 
 def test_a_march_where_no_tooth_was_expected_to_separate_begins_above_the_mesh_modes():

@@ -1,0 +1,158 @@
+"""Compiled programs on disk: a process that finds its programs there neither traces nor compiles.
+
+An entry is an executable for one kind of processor, whose name is a hash of all that went into it: the sources of the
+package, versions, flags, the processor, the function, its static arguments, and structure, shapes and types of the
+others. What is damaged is made again, what is foreign is never looked at, and a file appears whole or not at all, so
+that processes share a folder. Loading an executable runs what the file says: the folder belongs to the user alone.
+"""
+
+import contextlib
+import hashlib
+import os
+import pickle
+import stat
+import sys
+import tempfile
+from functools import cached_property
+from pathlib import Path
+
+import jax
+import jaxlib.version
+import numpy as np
+from jax.experimental import serialize_executable
+from jaxlib import lapack
+
+VARIABLE = "JAXHB_CACHE"
+"""Environment variable: another folder for programs, or "off"."""
+
+LIMIT = 1 << 30
+"""Bytes that all programs may take; those not used for longest are removed. A sweep of one train takes some 20 MB."""
+
+_DIGEST = 32
+
+
+class Store:
+    """A folder of executables; nothing is stored where ``folder`` is None or not the user's own."""
+
+    def __init__(self, folder=None, limit=LIMIT):
+        self.folder, self.limit = folder, limit
+
+    @cached_property
+    def origin(self):
+        """Hash of what all entries of this process have in common."""
+        sources = sorted(Path(__file__).parent.rglob("*.py"))
+        versions = sys.version, jax.__version__, jaxlib.version.__version__
+        flags = tuple(os.environ.get(name, "") for name in ("XLA_FLAGS", "LIBTPU_INIT_ARGS"))
+        return _hash(*(path.read_bytes() for path in sources), repr((versions, flags, _processor())).encode())
+
+    def load(self, key, arguments):
+        """The executable of ``key`` for ``arguments``, a jax.stages.Compiled; None where there is none that works."""
+        path = self._path(key)
+        if path is None:
+            return None
+        try:
+            content = path.read_bytes()
+            if _hash(content[_DIGEST:]) != content[:_DIGEST]:
+                raise ValueError("damaged")
+            lapack.prepare_lapack_call("potrf", np.float64)  # else a loaded program that calls LAPACK crashes
+            executable, result = pickle.loads(content[_DIGEST:])
+            structures = jax.tree.structure(((arguments,), {})), jax.tree.structure(result)
+            loaded = serialize_executable.deserialize_and_load(executable, *structures, execution_devices=_device())
+            os.utime(path)
+        except FileNotFoundError:
+            return None
+        except Exception:  # whatever is wrong with a file, the program can be made again
+            with contextlib.suppress(OSError):
+                path.unlink()
+            return None
+        return loaded
+
+    def save(self, key, compiled):
+        """Keep an executable, unless it cannot be or the disk is full: then the next process makes it again."""
+        path = self._path(key)
+        if path is None:
+            return
+        with contextlib.suppress(OSError, ValueError, RuntimeError):
+            executable, _, tree = serialize_executable.serialize(compiled)
+            content = pickle.dumps((executable, jax.tree.unflatten(tree, range(tree.num_leaves))))
+            self._make_room(len(content))
+            with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
+                try:
+                    file.write(_hash(content) + content)
+                    file.close()
+                    os.replace(file.name, path)
+                except OSError:
+                    os.unlink(file.name)
+
+    def _path(self, key):
+        folder = self.own_folder
+        return folder and folder / (_hash(self.origin, key.encode()).hex() + ".program")
+
+    @cached_property
+    def own_folder(self):
+        """The folder as a Path, made if need be; None where others could have written what is in it."""
+        if self.folder is None:
+            return None
+        folder = Path(self.folder)
+        try:
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            found = folder.stat()
+        except OSError:
+            return None
+        if hasattr(os, "getuid") and (found.st_uid != os.getuid() or found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)):
+            print(
+                f"jaxhb: programs are not kept in {folder}, which others may write. Make it yours alone (chmod 700), "
+                f"or give another folder in {VARIABLE}.",
+                file=sys.stderr,
+            )
+            return None
+        return folder
+
+    def _make_room(self, size):
+        """Remove files until ``size`` more bytes fit, those not used for longest first."""
+        found = []
+        for path in filter(Path.is_file, self.own_folder.rglob("*")):
+            with contextlib.suppress(OSError):
+                found.append((path.stat().st_mtime, path.stat().st_size, path))
+        total = size + sum(size for _, size, _ in found)
+        for _, own, path in sorted(found):
+            if total <= self.limit:
+                return
+            with contextlib.suppress(OSError):
+                path.unlink()
+                total -= own
+
+
+def user_folder():
+    """Where the user wants programs kept: the folder in JAXHB_CACHE, None if it is "off", else in the user's cache."""
+    chosen = os.environ.get(VARIABLE)
+    if chosen:
+        return None if chosen.lower() in ("off", "0", "none") else Path(chosen)
+    home = Path.home()
+    base = {
+        "win32": Path(os.environ.get("LOCALAPPDATA") or home / "AppData" / "Local"),
+        "darwin": home / "Library" / "Caches",
+    }.get(sys.platform, Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache"))
+    return base / "jaxhb"
+
+
+def _hash(*parts):
+    """BLAKE2 of several byte strings."""
+    found = hashlib.blake2b(digest_size=_DIGEST)
+    for part in parts:
+        found.update(len(part).to_bytes(8, "little") + part)
+    return found.digest()
+
+
+def _processor():
+    """What an executable depends on: another processor may lack its instructions."""
+    with contextlib.suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text().split("\n\n")[0].splitlines()
+        return [line for line in lines if line.startswith(("model name", "flags", "Features", "CPU part"))]
+    import platform
+
+    return platform.machine(), platform.processor(), platform.version()
+
+
+def _device():
+    return jax.devices("cpu")[:1]

@@ -1,0 +1,35 @@
+"""What a command is given, read and checked before anything heavy is imported: the scene and the names of files."""
+
+from pathlib import Path
+
+from ..model.scene import load_scene, scene_description, scene_names
+from .output import OutputError, check_output, check_picture
+
+_FILES = ("json", "csv", "output", "plot")
+
+
+def scenes():
+    """List the packaged scenes."""
+    names = scene_names()
+    width = max(map(len, names))
+    for name in names:
+        print(f"{name.ljust(width)}  {scene_description(name)}")
+    return 0
+
+
+def read(arguments):
+    """The train of a command, after files that cannot be written are refused; file names that have defaults are set."""
+    if hasattr(arguments, "output"):
+        arguments.output = arguments.output or f"{Path(arguments.scene).stem}_tuned.toml"
+        arguments.json = arguments.json or str(Path(arguments.output).with_suffix(".json"))
+    _check_files(vars(arguments))
+    train = load_scene(arguments.scene)
+    return train.replace(dict(arguments.set)) if arguments.set else train
+
+
+def _check_files(given):
+    files = {option: given[option] for option in _FILES if given.get(option)}
+    for option, name in files.items():
+        (check_picture if option == "plot" else check_output)(f"--{option}", name)
+    if len({Path(name).resolve() for name in files.values()}) < len(files):
+        raise OutputError(f"--{' and --'.join(files)} name the same file. Give each its own.")

@@ -1,0 +1,170 @@
+"""Programs on disk: found by other processes, made again where damaged, never looked at where foreign."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxhb
+from jaxhb import _program, _store
+
+CODE = """
+import jax, jax.numpy as jnp
+from jaxhb import _program
+compiled = []
+jax.monitoring.register_event_duration_secs_listener(lambda *_, fun_name="", **__: compiled.append(fun_name))
+_program.keep_programs(_program._disk.user_folder())
+def spectrum(matrix):
+    return {"values": jnp.linalg.eigvalsh(matrix), "sum": jnp.sum(matrix)}
+found = _program.Program(spectrum)(jnp.diag(jnp.arange(1.0, 4.0)).__array__())
+print(compiled.count("jit(spectrum)") // 2, found["values"].tolist(), float(found["sum"]))
+"""
+RESULT = "[1.0, 2.0, 3.0] 6.0"
+
+
+def process(folder):
+    """A process that runs CODE, its programs kept in ``folder``."""
+    environment = os.environ | {"JAXHB_CACHE": str(folder)}
+    return subprocess.Popen([sys.executable, "-c", CODE], stdout=-1, stderr=-1, text=True, env=environment)
+
+
+def told(running):
+    """How many programs it compiled, and what it found."""
+    output, errors = running.communicate(timeout=120)
+    assert running.returncode == 0, errors
+    return output.split(maxsplit=1)
+
+
+@pytest.fixture
+def kept(tmp_path):
+    """A store in an empty folder of the test, in use while the test runs."""
+    before = _program._store
+    _program.keep_programs(tmp_path / "programs")
+    yield _program._store
+    _program._store = before
+
+
+def double(x):
+    return {"twice": 2.0 * x, "nothing": None}
+
+
+def run(x=3.0):
+    """A fresh program's result, as a process that has compiled nothing would get it."""
+    return _program.Program(double)(np.asarray(x))
+
+
+def files(store):
+    return sorted(Path(store.folder).glob("*.program"))
+
+
+def compiled(call):
+    """Programs compiled in a call, and what it returns."""
+    before = _program._held.programs
+    names = []
+    jax.monitoring.register_event_duration_secs_listener(lambda *_, fun_name="", **__: names.append(fun_name))
+    result = call()
+    assert _program._held.programs > before
+    return names.count("jit(double)") // 2, result  # lowered and compiled
+
+
+def test_a_process_runs_what_another_compiled_lapack_included(tmp_path):
+    """Loaded before anything else calls LAPACK, such a program crashes where its kernels are not set up."""
+    first = told(process(tmp_path))
+    assert first == ["1", RESULT + "\n"]
+    assert told(process(tmp_path)) == ["0", RESULT + "\n"]
+
+
+def test_processes_that_start_together_share_a_folder(tmp_path):
+    running = [process(tmp_path) for _ in range(3)]
+    assert {told(one)[1] for one in running} == {RESULT + "\n"}
+    assert len(list(tmp_path.iterdir())) == 1
+    assert told(process(tmp_path))[0] == "0"
+
+
+def test_a_program_is_found_by_its_function_its_static_arguments_and_the_kinds_of_the_others(kept):
+    assert compiled(run)[0] == 1 and compiled(run)[0] == 0
+    assert compiled(lambda: run(np.float32(3.0)))[0] == 1
+    assert compiled(lambda: run([1.0, 2.0]))[0] == 1
+    assert len(files(kept)) == 3
+    powers = [_program.Program(lambda x, n: x**n, static_argnames="n")(np.asarray(3.0), n=n) for n in (2, 3, 2)]
+    assert [float(power) for power in powers] == [9.0, 27.0, 9.0]
+    assert len(files(kept)) == 5
+
+
+@pytest.mark.parametrize("damage", [lambda b: b[:-7], lambda b: b"", lambda b: b[:60] + b"?" + b[61:]])
+def test_a_damaged_program_is_made_again(kept, damage):
+    assert run()["twice"] == 6.0
+    (file,) = files(kept)
+    whole = file.read_bytes()
+    file.write_bytes(damage(whole))
+    count, result = compiled(run)
+    assert (count, float(result["twice"]), result["nothing"]) == (1, 6.0, None)
+    assert compiled(run)[0] == 0
+
+
+def test_a_program_that_does_not_load_is_made_again(kept):
+    run()
+    (file,) = files(kept)
+    content = b"no pickle at all"
+    file.write_bytes(_store._hash(content) + content)
+    assert compiled(run)[0] == 1
+
+
+def test_programs_of_other_sources_versions_and_flags_are_not_looked_at(kept, monkeypatch):
+    run()
+    monkeypatch.setenv("XLA_FLAGS", os.environ["XLA_FLAGS"] + " ")
+    _program.keep_programs(kept.folder)
+    assert compiled(run)[0] == 1
+    monkeypatch.setattr(jax, "__version__", "0.0.0")
+    _program.keep_programs(kept.folder)
+    assert compiled(run)[0] == 1
+    assert len(files(kept)) == 3
+
+
+def test_programs_not_used_for_longest_give_way(kept):
+    run()
+    (first,) = files(kept)
+    os.utime(first, (1.0, 1.0))
+    kept.limit = int(2.5 * first.stat().st_size)
+    run([1.0])
+    assert first in files(kept)
+    run([1.0, 2.0])
+    assert first not in files(kept) and len(files(kept)) == 2
+
+
+def test_a_folder_that_others_may_write_is_refused_with_a_sentence(tmp_path, capsys):
+    tmp_path.chmod(0o777)
+    assert _store.Store(tmp_path).own_folder is None
+    assert "which others may write. Make it yours alone (chmod 700)" in capsys.readouterr().err
+
+
+def test_a_folder_that_cannot_be_made_keeps_nothing(tmp_path):
+    (tmp_path / "file").write_text("")
+    store = _store.Store(tmp_path / "file" / "programs")
+    assert store.own_folder is None and store.load("key", ()) is None
+    store.save("key", None)
+
+
+def test_the_folder_is_in_the_cache_of_the_user_unless_the_environment_says_otherwise(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "platform", "linux")
+    monkeypatch.delenv("JAXHB_CACHE")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    assert _store.user_folder() == tmp_path / "jaxhb"
+    monkeypatch.setenv("JAXHB_CACHE", str(tmp_path / "here"))
+    assert _store.user_folder() == tmp_path / "here"
+    monkeypatch.setenv("JAXHB_CACHE", "off")
+    assert _store.user_folder() is None and jaxhb.cache_programs() is None
+
+
+def test_arguments_that_the_program_was_not_compiled_for_are_left_to_jit(kept):
+    """Traced ones and those spread over devices have no executable of their own."""
+    program = _program.Program(double)
+    assert jax.jit(lambda x: program(x)["twice"])(2.0) == 4.0
+    assert not files(kept)
+    assert program(jnp.asarray(2.0))["twice"] == 4.0
+    assert len(files(kept)) == 1
