@@ -33,6 +33,33 @@ def one_mass_parts(*, m, b, c, eps, h, q0, q1, transition=0.2):
     return [*parts, Torque(disk="a", mean=q0, harmonics=rows), Torque(disk="b", mean=-q0, harmonics=((1.0, -q1, 0.0),))]
 
 
+def pair_train(pair, *, transition, stiffness=1.0, backlash=2.0, natural_frequency=1.0):
+    """The :class:`event_exact.Pair` as two equal gears of radius 1, driven against each other; see :func:`pair_rpm`.
+
+    With x = l / (h/2), time t = tau / w0 and m = c / w0^2, the pair is ``m l'' + 2 zeta m w0 l' + f(l) = q(t)`` with
+    q = c h/2 (mean + Re(alternating e^{i Omega tau})). The deflection l = phi_a - phi_b of gears of inertia 2 m under
+    torques +-q obeys twice this. A damper that always acts is one of the disks, 4 zeta m w0 each, so that the rotation
+    of the pair as one is damped too; else one of the mesh, 2 zeta m w0 with damping law "contact". Tooth forces are in
+    units of c h/2. The numbers by default are the units: l is x.
+    """
+    mass, force = stiffness / natural_frequency**2, stiffness * backlash / 2
+    damping = 2 * pair.damping_ratio * mass * natural_frequency
+    always = pair.damped_gap
+    parts = [Disk(name=name, inertia=2 * mass, damping=2 * damping * always, radius=1.0) for name in "ab"]
+    law = {"epsilon": pair.epsilon, "transition": transition, "damping": damping * (not always)}
+    parts.append(Mesh(between=("a", "b"), stiffness=stiffness, backlash=backlash, damping_law="contact", **law))
+    wave = force * complex(pair.alternating)
+    for name, sign in (("a", 1), ("b", -1)):
+        rows = ((1.0, sign * wave.real, sign * wave.imag),)
+        parts.append(Torque(disk=name, mean=sign * force * pair.mean, harmonics=rows))
+    return build(parts, reference="a")
+
+
+def pair_rpm(pair, natural_frequency=1.0):
+    """rpm at which Omega of a pair is that of one revolution per cycle."""
+    return pair.frequency * natural_frequency * ONE_RADIAN_PER_SECOND
+
+
 def build(parts, *, cycle=1, reference=None):
     return jaxhb.build(parts, revolutions_per_cycle=cycle, reference=reference, name="test train")
 

@@ -1,0 +1,217 @@
+"""The event-exact oracle of a pair of gears: published motions, adaptive integration, and its table."""
+
+import functools
+import json
+import math
+
+import numpy as np
+import pytest
+from event_exact import Arc, Pair, advance, cycle, march, multipliers, next_turn, orbit, product, samples
+from lightly_loaded import SPEEDS, TABLE, label, lightly_loaded, sweep, up_and_down
+from reference_data import reference
+from scipy.integrate import solve_ivp
+from trains import pair_rpm, pair_train
+
+import jaxhb
+
+PUBLISHED = reference("backlash_one_mass_exact")["kahraman_singh_form"]["rows"]
+
+
+def published_pair(row):
+    """The pair of a row: force Fa Omega^2 sin."""
+    return Pair(row["Omega"], mean=0.1, alternating=-0.05j * row["Omega"] ** 2)
+
+
+@pytest.mark.parametrize("row", PUBLISHED, ids=lambda row: f"{row['Omega']} {row['sweep']}")
+def test_published_motions_are_found_with_their_multipliers_extremes_and_amplitudes(row):
+    pair = published_pair(row)
+    (found,) = orbit(pair, row["y0"])
+    np.testing.assert_allclose(found.state, row["y0"], atol=1e-13)
+    np.testing.assert_allclose(np.sort(np.abs(multipliers([found]))), np.sort(row["floquet_abs"]), atol=1e-13)
+    # the published extremes are those of samples: up to 5e-8 inside the true ones
+    assert -1e-13 < found.maximum - row["max"] < 5e-8
+    assert -1e-13 < row["min"] - found.minimum < 5e-8
+    amplitudes = 2 * np.abs(np.fft.rfft(samples(pair, found.state, 512)))[1:7] / 512
+    np.testing.assert_allclose(amplitudes, row["amp_h"], atol=1e-6)  # aliases of 512 samples: a spectrum like n^-3
+
+
+def test_sweeps_find_the_published_branches():
+    up = [row for row in PUBLISHED if row["sweep"] == "up"]
+    down = [row for row in PUBLISHED if row["sweep"] == "down"]
+    motions = sweep([published_pair(row) for row in up + down], (1.1, 0.0))
+    for row, motion in zip(up + down, motions, strict=True):
+        np.testing.assert_allclose(motion.state, row["y0"], atol=1e-12)
+        assert motion.kind == ("contact" if row["regime"].startswith("linear") else "periodic")
+
+
+def adaptive(pair, state, end):
+    """State at ``end`` by an adaptive integration that stops at the knots."""
+
+    def field(t, z, piece):
+        force = pair.stiffness(piece) * z[0] - piece * (1 - pair.epsilon) + 2 * pair.damping(piece) * z[1]
+        return [z[1], pair.mean + (pair.alternating * np.exp(1j * pair.frequency * t)).real - force]
+
+    def knot(level, towards):
+        def event(t, z, piece):
+            return z[0] - level
+
+        event.terminal, event.direction = True, towards
+        return event
+
+    t, state = 0.0, np.array(state, float)
+    piece = int(np.sign(state[0])) if abs(state[0]) > 1 else 0
+    while t < end:
+        events = [knot(piece, -piece)] if piece else [knot(1, 1), knot(-1, -1)]
+        options = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13, "max_step": 0.1}  # no two crossings in a step
+        run = solve_ivp(field, (t, end), state, args=(piece,), events=events, **options)
+        t, state = run.t[-1], run.y[:, -1]
+        if run.status == 1:
+            piece = 0 if piece else (1 if len(run.t_events[0]) else -1)
+    return state
+
+
+@pytest.mark.parametrize("epsilon", [0.0, 1e-3, 0.3])
+@pytest.mark.parametrize("damped_gap", [True, False])
+@pytest.mark.parametrize("frequency", [0.4, 1.1])
+def test_irregular_motion_follows_an_adaptive_integration(frequency, damped_gap, epsilon):
+    pair = Pair(frequency, epsilon=epsilon, damped_gap=damped_gap)
+    found = march(pair, (0.3, -0.2), 5)[-1].state
+    # errors of 1e-11 a cycle grow at most tenfold a cycle
+    np.testing.assert_allclose(found, adaptive(pair, (0.3, -0.2), 5 * pair.cycle), atol=1e-7)
+
+
+@pytest.mark.parametrize("epsilon", [0.0, 1e-3, 2.5e-3, 0.3])  # 2.5e-3: critical damping in the gap
+@pytest.mark.parametrize("damped_gap", [True, False])
+def test_the_tangent_map_is_the_derivative_of_the_motion(epsilon, damped_gap):
+    pair, state, step = Pair(0.7, epsilon=epsilon, damped_gap=damped_gap), np.array([0.3, -0.2]), 1e-6
+    ahead = [np.subtract(cycle(pair, state + d).state, cycle(pair, state - d).state) for d in step * np.eye(2)]
+    found = cycle(pair, state)
+    np.testing.assert_allclose(found.tangent, np.transpose(ahead) / (2 * step), atol=1e-6)
+    damped = 1.0 if damped_gap else 1 - found.separated
+    expected = math.exp(-2 * pair.damping_ratio * damped * pair.cycle)  # Liouville
+    assert np.linalg.det(found.tangent) == pytest.approx(expected, rel=1e-11)
+
+
+@pytest.mark.parametrize("beyond", [1e-3, 1e-6, 1e-10, 1e-13, -1e-13, -1e-10])
+def test_a_knot_that_is_barely_passed_is_crossed_twice(beyond):
+    """A throw in the gap from x = 0 whose top is just beyond the knot, or just below it."""
+    pair = Pair(2.0, damping_ratio=0.0, mean=-0.1, alternating=0.0)
+    speed = math.sqrt(0.2 * (1 + beyond))
+    found = advance(pair, (0.0, speed), 0.0, 8.0)
+    assert found.impacts == (beyond > 0)
+    error = abs(beyond) + 1e-14  # the contact takes less than this from the throw
+    assert found.maximum == pytest.approx(1 + beyond, abs=error)
+    assert found.state[0] == pytest.approx(speed * 8 - 0.05 * 64, abs=error)
+
+
+def test_no_turning_point_is_passed():
+    """Against signs of x' at dense samples, on arcs of all pieces with several turns."""
+    rng = np.random.default_rng(5)
+    for _ in range(200):
+        pair = Pair(rng.uniform(0.2, 5), mean=rng.uniform(-0.5, 0.5), alternating=complex(*rng.normal(0, 1, 2)))
+        arc = Arc(pair, int(rng.integers(-1, 2)), rng.uniform(0, 6), *rng.normal(0, 1, 2))
+        tau, sign = next_turn(arc, 20.0)
+        before = [sign * arc.at(t)[1] for t in np.linspace(0, tau, 500)]
+        assert min(before) > -1e-8
+        assert tau == 20.0 or sign * arc.at(tau + 1e-4)[1] < 0
+
+
+def smooth(pair, transition, state, cycles):
+    """State, smallest and largest x of the last cycle under the law with a transition, by adaptive integration."""
+
+    def field(t, z):
+        reach = abs(z[0]) - (1 - transition)
+        inside, beyond = min(max(reach, 0.0), 2 * transition), max(reach - 2 * transition, 0.0)
+        contact = math.copysign(inside**2 / (4 * transition) + beyond, z[0])
+        force = pair.epsilon * z[0] + (1 - pair.epsilon) * contact + 2 * pair.damping_ratio * z[1]
+        return [z[1], pair.mean + pair.alternating * math.cos(pair.frequency * t) - force]
+
+    for _ in range(cycles):
+        run = solve_ivp(field, (0, pair.cycle), state, method="DOP853", rtol=1e-10, atol=1e-11, dense_output=True)
+        state = run.y[:, -1]
+    x = run.sol(np.linspace(0, pair.cycle, 4001))[0]
+    return state, x.min(), x.max()
+
+
+def test_the_sharp_law_is_approached_quadratically_in_the_transition():
+    pair = Pair(0.7, epsilon=1e-3)
+    (sharp,) = orbit(pair, cycle(pair, (3.5, 0.0)).state)
+    errors = []
+    for transition in (0.16, 0.04):
+        _, least, most = smooth(pair, transition, sharp.state, 40)  # 0.64^40 = 2e-8
+        errors.append([abs(least - sharp.minimum), abs(most - sharp.maximum)])
+    ratio = np.divide(*errors)
+    assert ratio.min() > 12
+    assert ratio.max() < 20
+    assert np.max(errors[1]) < 1e-4 * sharp.maximum
+
+
+@functools.cache
+def table():
+    return {law["epsilon"]: law["rows"] for law in json.loads(TABLE.read_text())["laws"]}
+
+
+def attractors(epsilon):
+    """(pair, attractor) of all rows of a law."""
+    rows = zip(lightly_loaded(epsilon), table()[epsilon], strict=True)
+    return [(pair, motion) for pair, row in rows for motion in row["attractors"]]
+
+
+@pytest.mark.parametrize("epsilon", [0.0, 1e-3])
+def test_periodic_rows_of_the_table_close_and_attract(epsilon):
+    rows = [(pair, motion) for pair, motion in attractors(epsilon) if motion["period"]]
+    assert len(rows) > 15
+    for pair, motion in rows:
+        cycles = march(pair, motion["state"], motion["period"])
+        closed = [np.abs(np.subtract(one.state, motion["state"])).max() for one in cycles]
+        assert closed[-1] < 1e-11
+        assert min([*closed[:-1], 1.0]) > 1e-3  # no shorter period
+        found = [[value.real, value.imag] for value in map(complex, multipliers(cycles))]
+        np.testing.assert_allclose(found, motion["multipliers"], atol=1e-9)
+        assert abs(complex(*motion["multipliers"][0])) < 1
+        assert max(one.maximum for one in cycles) == pytest.approx(motion["maximum"], abs=1e-10)
+        assert min(one.minimum for one in cycles) == pytest.approx(motion["minimum"], abs=1e-10)
+
+
+@pytest.mark.parametrize("epsilon", [0.0, 1e-3])
+def test_rows_without_a_period_have_a_positive_exponent(epsilon):
+    rows = [motion for _, motion in attractors(epsilon) if not motion["period"]]
+    assert rows
+    # one exponent over 512 cycles scatters by about 0.02
+    assert min(motion["lyapunov_exponent"] for motion in rows) > 0.03
+
+
+@pytest.mark.parametrize("epsilon", [0.0, 1e-3])
+def test_sweeps_arrive_at_the_rows_of_the_table(epsilon):
+    for direction in up_and_down(lightly_loaded(epsilon), transient=6000, record=200):
+        for motion, row in zip(direction, table()[epsilon], strict=True):
+            known = [(one["period"], round(one["maximum"], 6), round(one["minimum"], 6)) for one in row["attractors"]]
+            assert (label(motion) or (0,)) in [key if key[0] else (0,) for key in known]
+
+
+def test_the_pair_as_a_train_moves_alike_whatever_its_units():
+    pair = Pair(0.6, epsilon=1e-3)
+    row = table()[1e-3][SPEEDS.index(0.6)]["attractors"][0]
+    for units in ({}, {"stiffness": 2e8, "backlash": 1.2e-4, "natural_frequency": 900.0}):
+        train = pair_train(pair, transition=0.01, **units)
+        response = jaxhb.solve(train, rpm=pair_rpm(pair, units.get("natural_frequency", 1.0)), tolerance=1e-3)
+        jaxhb.check(response)
+        x = np.asarray(response.twist("a", "b").samples(4096)) / (units.get("backlash", 2.0) / 2)
+        np.testing.assert_allclose([x.min(), x.max()], [row["minimum"], row["maximum"]], rtol=1e-3)
+        assert x[0] == pytest.approx(row["state"][0], rel=1e-3)
+
+
+def test_no_motion_of_period_one_attracts_at_nine_of_the_fifteen_speeds():
+    unstable = []
+    starts = [(x, v) for x in np.linspace(-4, 4, 9) for v in np.linspace(-3, 3, 5)]  # for Newton's method
+    for pair in lightly_loaded():
+        largest = [abs(multipliers(found)[0]) for found in (orbit(pair, start) for start in starts) if found]
+        unstable += [pair.frequency] if min(largest) > 1 else []
+    assert unstable == [0.4, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6]
+
+
+def test_growth_over_several_cycles_is_the_product_of_their_tangent_maps():
+    pair = Pair(1.1)
+    cycles = march(pair, (1.2, 0.1), 3)
+    whole = advance(pair, cycles[0].state, 0.0, 2 * pair.cycle)
+    np.testing.assert_allclose(product(cycles[1:]), whole.tangent, atol=1e-9)
