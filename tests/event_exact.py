@@ -283,7 +283,7 @@ def long_run(pair, state, *, transient=8192, record=4096):
     """March from a state until it is periodic, ``transient + record`` cycles at most; the record if it never is.
 
     A periodic motion is the one to which Newton's method goes from there, if it is near and its multipliers lie within
-    the unit circle. A period-doubling cascade may be as slow as it likes: a record with an exponent below 0 tells.
+    the unit circle. A record whose exponent is not above 0 tells that the march was too short for its period.
     """
     states, cycles = [tuple(state)], []
     for count in range(1, transient + record + 1):

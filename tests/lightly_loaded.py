@@ -6,6 +6,7 @@ and of 1e-3 (the default of a scene) and each speed:
 
     attractors : motions in the long run, those of the sweeps and those from a grid of 25 starts (``starts`` of them
         each), with the cycles marched until the state returned within 1e-9, median and most: transients may be long
+    orbits : the motions of one cycle that Newton's method finds from a grid of starts, stable or not
     up, down : which of them a sweep is on that begins at rest on the flank, goes up, and then down again
 
 Beside an irregular motion the sweep hands on a point of it, and if several motions exist at the next speed it is chance
@@ -17,7 +18,7 @@ import json
 from pathlib import Path
 
 import numpy as np
-from event_exact import Pair, long_run, multipliers
+from event_exact import Pair, long_run, multipliers, orbit
 
 SPEEDS = tuple(round(0.2 + 0.1 * j, 1) for j in range(15))
 """Over the natural frequency."""
@@ -51,6 +52,22 @@ def from_a_grid(pair, points, **lengths):
     return [long_run(pair, start, **lengths) for start in grid]
 
 
+def orbits_of_one_cycle(pair):
+    """The motions of one cycle, stable or not, as numbers for the table."""
+    starts = [(x, v) for x in np.linspace(-4, 4, 9) for v in np.linspace(-3, 3, 5)]
+    found = [one for (one,) in filter(None, (orbit(pair, start) for start in starts))]
+    different = {round(one.maximum, 6): one for one in reversed(found)}
+    return [
+        {"minimum": one.minimum, "maximum": one.maximum, "state": one.state, "multipliers": pairs(multipliers([one]))}
+        for _, one in sorted(different.items())
+    ]
+
+
+def pairs(values):
+    """Complex numbers as [real, imaginary]."""
+    return [[complex(value).real, complex(value).imag] for value in values]
+
+
 def label(motion):
     """Two motions are the same if this is; all that have no period count as one."""
     return motion.period and (motion.period, round(motion.maximum, 6), round(motion.minimum, 6))
@@ -79,8 +96,7 @@ def described(motion, starts, marched):
         "marched": [int(np.median(marched)), max(marched)],
     }
     if motion.period:
-        values = [complex(value) for value in multipliers(cycles)]
-        return numbers | {"multipliers": [[value.real, value.imag] for value in values]}
+        return numbers | {"multipliers": pairs(multipliers(cycles))}
     windows = [n for n in (1, 64, 256, 1024, 4096) if n <= len(cycles)]
     most, least = [one.maximum for one in cycles], [-one.minimum for one in cycles]
     return numbers | {
@@ -102,7 +118,9 @@ def tabulated(pairs, points=5, record=16384):
         for key in order:
             marched = [motion.marched for motion in motions if label(motion) == key]
             attractors.append(described(motions[labels.index(key)], labels[2:].count(key), marched))
-        rows.append({"speed": pair.frequency, "attractors": attractors, "up": 0, "down": order.index(labels[1])})
+        directions = {"up": 0, "down": order.index(labels[1])}
+        orbits = orbits_of_one_cycle(pair)
+        rows.append({"speed": pair.frequency, "attractors": attractors, **directions, "orbits": orbits})
     return rows
 
 

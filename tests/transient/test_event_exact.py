@@ -1,13 +1,11 @@
 """The event-exact oracle of a pair of gears: published motions, adaptive integration, and its table."""
 
-import functools
-import json
 import math
 
 import numpy as np
 import pytest
-from event_exact import Arc, Pair, advance, cycle, march, multipliers, next_turn, orbit, product, samples
-from lightly_loaded import SPEEDS, TABLE, label, lightly_loaded, sweep, up_and_down
+from event_exact import Arc, Pair, advance, cycle, long_run, march, multipliers, next_turn, orbit, product, samples
+from lightly_loaded import label, lightly_loaded, pairs, sweep, up_and_down
 from reference_data import reference
 from scipy.integrate import solve_ivp
 from trains import pair_rpm, pair_train
@@ -146,9 +144,8 @@ def test_the_sharp_law_is_approached_quadratically_in_the_transition():
     assert np.max(errors[1]) < 1e-4 * sharp.maximum
 
 
-@functools.cache
 def table():
-    return {law["epsilon"]: law["rows"] for law in json.loads(TABLE.read_text())["laws"]}
+    return {law["epsilon"]: law["rows"] for law in reference("lightly_loaded_pair")["laws"]}
 
 
 def attractors(epsilon):
@@ -166,8 +163,7 @@ def test_periodic_rows_of_the_table_close_and_attract(epsilon):
         closed = [np.abs(np.subtract(one.state, motion["state"])).max() for one in cycles]
         assert closed[-1] < 1e-11
         assert min([*closed[:-1], 1.0]) > 1e-3  # no shorter period
-        found = [[value.real, value.imag] for value in map(complex, multipliers(cycles))]
-        np.testing.assert_allclose(found, motion["multipliers"], atol=1e-9)
+        np.testing.assert_allclose(pairs(multipliers(cycles)), motion["multipliers"], atol=1e-9)
         assert abs(complex(*motion["multipliers"][0])) < 1
         assert max(one.maximum for one in cycles) == pytest.approx(motion["maximum"], abs=1e-10)
         assert min(one.minimum for one in cycles) == pytest.approx(motion["minimum"], abs=1e-10)
@@ -189,23 +185,29 @@ def test_sweeps_arrive_at_the_rows_of_the_table(epsilon):
             assert (label(motion) or (0,)) in [key if key[0] else (0,) for key in known]
 
 
-def test_the_pair_as_a_train_moves_alike_whatever_its_units():
-    pair = Pair(0.6, epsilon=1e-3)
-    row = table()[1e-3][SPEEDS.index(0.6)]["attractors"][0]
-    for units in ({}, {"stiffness": 2e8, "backlash": 1.2e-4, "natural_frequency": 900.0}):
-        train = pair_train(pair, transition=0.01, **units)
-        response = jaxhb.solve(train, rpm=pair_rpm(pair, units.get("natural_frequency", 1.0)), tolerance=1e-3)
-        jaxhb.check(response)
-        x = np.asarray(response.twist("a", "b").samples(4096)) / (units.get("backlash", 2.0) / 2)
-        np.testing.assert_allclose([x.min(), x.max()], [row["minimum"], row["maximum"]], rtol=1e-3)
-        assert x[0] == pytest.approx(row["state"][0], rel=1e-3)
+@pytest.mark.parametrize("damped_gap", [True, False])
+@pytest.mark.parametrize("units", [{}, {"stiffness": 2e8, "backlash": 1.2e-4, "natural_frequency": 900.0}])
+def test_the_pair_as_a_train_moves_alike_whatever_its_units(units, damped_gap):
+    pair = Pair(0.6, epsilon=1e-3, damped_gap=damped_gap)
+    motion = long_run(pair, (1.25, 0.0))
+    assert motion.period == 1
+    train = pair_train(pair, transition=0.01, **units)
+    response = jaxhb.solve(train, rpm=pair_rpm(pair, units.get("natural_frequency", 1.0)), tolerance=1e-3)
+    jaxhb.check(response)
+    x = np.asarray(response.twist("a", "b").samples(4096)) / (units.get("backlash", 2.0) / 2)
+    found = [x.min(), x.max(), x[0]]
+    np.testing.assert_allclose(found, [motion.minimum, motion.maximum, motion.state[0]], rtol=1e-3)
 
 
-def test_no_motion_of_period_one_attracts_at_nine_of_the_fifteen_speeds():
+@pytest.mark.parametrize("epsilon", [0.0, 1e-3])
+def test_no_motion_of_one_cycle_attracts_at_nine_of_the_fifteen_speeds(epsilon):
     unstable = []
-    starts = [(x, v) for x in np.linspace(-4, 4, 9) for v in np.linspace(-3, 3, 5)]  # for Newton's method
-    for pair in lightly_loaded():
-        largest = [abs(multipliers(found)[0]) for found in (orbit(pair, start) for start in starts) if found]
+    for pair, row in zip(lightly_loaded(epsilon), table()[epsilon], strict=True):
+        for motion in row["orbits"]:
+            (found,) = orbit(pair, motion["state"])
+            assert found.maximum == pytest.approx(motion["maximum"], abs=1e-10)
+            np.testing.assert_allclose(pairs(multipliers([found])), motion["multipliers"], atol=1e-9)
+        largest = [abs(complex(*motion["multipliers"][0])) for motion in row["orbits"]]
         unstable += [pair.frequency] if min(largest) > 1 else []
     assert unstable == [0.4, 0.9, 1.0, 1.1, 1.2, 1.3, 1.4, 1.5, 1.6]
 
