@@ -104,6 +104,7 @@ def work_precision(rows):
         ax.axhline(1, color="0.7", linewidth=0.8, zorder=0)
     for ax in axes[::columns]:
         ax.set_ylabel("error in % of the largest tooth force")
+    figure.suptitle("each panel: the speeds that all of its methods solve", fontsize=9)
     handles = {label: h for ax in axes for h, label in zip(*ax.get_legend_handles_labels(), strict=True)}
     figure.legend(handles.values(), handles, loc="outside lower center", ncols=min(4, len(handles)), fontsize=8)
     return figure
