@@ -22,6 +22,7 @@ _HOMES = {
     "periodic.plan": ("Plan",),
     "periodic.solve": ("linear_response", "plan", "solve"),
     "periodic.speeds": ("solve_speeds",),
+    "periodic.stability": ("Stability", "largest_multiplier", "stability"),
     "design": ("tune",),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}

@@ -22,6 +22,7 @@ import numpy as np
 from jax import lax
 from numpy.polynomial import legendre
 
+from .._program import Program
 from . import fourier
 
 CELLS = 8
@@ -113,13 +114,15 @@ class Crossings:
     complete: jax.Array
 
 
-def locate(law, deflection):
+def locate(law, deflection, capacity=None):
     """The :class:`Crossings` of deflections.
 
     Parameters
     ----------
     law : Law, entries ``(G,)``
     deflection : complex array ``(G, N+1)`` m
+    capacity : int, optional
+        Cells per mesh that there is room for; default one per harmonic, at least LEAST_CAPACITY.
 
     Notes
     -----
@@ -129,8 +132,25 @@ def locate(law, deflection):
     law, deflection = lax.stop_gradient((law, deflection))
     harmonics = deflection.shape[-1] - 1
     smooth = _in_cells(deflection, _cells(harmonics))
-    cell, count = _choose(smooth, _knots(law), capacity := max(harmonics, LEAST_CAPACITY))
+    capacity = capacity or max(harmonics, LEAST_CAPACITY)
+    cell, count = _choose(smooth, _knots(law), capacity)
     return Crossings(cell, *_pass(_modes(smooth, cell), _knots(law)[..., None, None]), jnp.all(count <= capacity))
+
+
+_locate = Program(locate, static_argnames="capacity")
+
+
+def switching_times(law, deflection):
+    """Shares of the cycle ``(K,)``, in no order, at which one of the deflections ``(G, N+1)`` passes a knot of its law;
+    on the host."""
+    if not len(deflection):
+        return np.zeros(0)
+    cells = _cells(deflection.shape[-1] - 1)
+    found = _locate(law, deflection)
+    if not found.complete:
+        found = _locate(law, deflection, capacity=cells)
+    share = (np.asarray(found.cell)[:, None, None] + (np.asarray(found.time) + 1) / 2) / cells
+    return share[np.asarray(found.gain) != 0]
 
 
 def divide(law, deflection, crossings=None):

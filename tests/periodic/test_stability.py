@@ -1,0 +1,214 @@
+"""Floquet multipliers against exact cases, Liouville's formula and Hill's matrix."""
+
+import dataclasses
+from functools import cache
+
+import numpy as np
+import pytest
+from reference_data import method_case, reference
+from trains import ONE_RADIAN_PER_SECOND, build, one_mass_parts
+
+import jaxhb
+from jaxhb import Disk, Ground, Mesh, NotConverged, Shaft, Stability, Torque
+from jaxhb.harmonic import backlash, chain
+from jaxhb.harmonic.residual import backlash_meshes
+
+
+def one_mass(**changes):
+    """The case of method.md A7 as a pair of gears: its two multipliers beside the two of the free rotation."""
+    params = {key: float(value) for key, value in method_case("A7_true_periodic_one_mass")[0].items()}
+    return build(one_mass_parts(**(params | changes)), reference="a")
+
+
+def of_teeth(response):
+    found = jaxhb.stability(response)
+    assert abs(found.liouville) < 1e-10
+    return found.multipliers[~found.rotation]
+
+
+@cache
+def error_of_trace(harmonics):
+    train = one_mass()
+    response = jaxhb.solve(train, rpm=ONE_RADIAN_PER_SECOND, harmonics=harmonics, integrals="exact")
+    _, expected = method_case("A7_true_periodic_one_mass")
+    multipliers = of_teeth(response)
+    assert abs(np.prod(multipliers) - float(expected["monodromy_det"])) < 1e-11
+    return abs(np.sum(multipliers) - float(expected["monodromy_trace"]))
+
+
+def test_multipliers_converge_to_those_of_the_true_periodic_motion():
+    """Fourth order, as the largest error of the motion does."""
+    assert error_of_trace(128) < 2e-7
+    assert np.log2(error_of_trace(32) / error_of_trace(128)) / 2 > 3
+
+
+def test_moduli_and_labels_of_the_sharp_dead_zone_up_and_down():
+    """Each speed from its neighbour, or marched where the branch ends. Moduli are those of a damped mass whatever the
+    transition of the law is; the motion is off by its square, and tells the two branches apart."""
+    rows = reference("backlash_one_mass_exact")["kahraman_singh_form"]["rows"]
+    train = one_mass(m=1.0, b=0.1, c=1.0, eps=0.0, h=2.0, q0=0.1, q1=0.05)
+    train = train.replace({"a|b.transition": 0.01})
+    response, compared = None, 0
+    for row in rows:
+        swing = 0.05 * row["Omega"] ** 2  # a sine: a quarter of a cycle later
+        here = train.replace({"a:torque.harmonics": [[0.0, -swing]], "b:torque.harmonics": [[0.0, swing]]})
+        for begin in ("linear" if response is None else response, "march"):
+            response = jaxhb.solve(here, rpm=row["Omega"] * ONE_RADIAN_PER_SECOND, harmonics=64, start=begin)
+            if response.status <= 1:
+                break
+        assert response.status <= 1 and abs(response.deflection("a", "b").max - row["max"]) < 1e-3
+        moduli = np.sort(np.abs(of_teeth(response)))
+        np.testing.assert_allclose(moduli, np.sort(row["floquet_abs"]), rtol=0, atol=1e-9)
+        assert jaxhb.stability(response).stable == row["stable"]
+        compared += 1
+    assert compared == len(rows) == 26
+
+
+def test_one_of_three_coexisting_motions_is_stable():
+    """Case (ii) of method.md A4.2: m = 1, b = 0.05, c = 2, epsilon = 0.05, h = 1, q = 0.1 + 0.2 cos t."""
+    train = one_mass(b=0.05, c=2.0, h=1.0, q0=0.1, q1=0.2)
+    rpm = ONE_RADIAN_PER_SECOND
+    begin = jaxhb.solve(train, rpm=rpm, harmonics=48, start="march")
+    found = {}
+    for mean in np.linspace(-1.0, 1.0, 9):
+        for swing in np.linspace(-1.2, 1.2, 7):
+            deflections = np.zeros((1, 49), dtype=complex)
+            deflections[0, :2] = mean, swing / 2
+            start = dataclasses.replace(begin, deflections=deflections)
+            response = jaxhb.solve(train, rpm=rpm, harmonics=48, start=start)
+            if response.status <= 1:
+                found[round(response.deflection("a", "b").max, 4)] = response
+    assert len(found) == 3
+    assert sorted(jaxhb.stability(r).stable for r in found.values()) == [False, False, True]
+
+
+SCENES = [("gear_train_30", 600.0), ("gear_train_30", 1800.0), ("spur_pair", 3000.0)]
+SCENES += [("engine_with_damper", 1500.0), ("six_cylinder_diesel", 1500.0)]
+
+
+@cache
+def packaged(name, rpm):
+    return jaxhb.solve(jaxhb.load_scene(name).with_viscous_damping(hz=200.0), rpm=rpm)
+
+
+@pytest.mark.parametrize(("name", "rpm"), SCENES)
+def test_the_determinant_is_that_of_liouville_on_every_packaged_scene(name, rpm):
+    assert abs(jaxhb.stability(packaged(name, rpm)).liouville) < 1e-10
+
+
+def test_the_cheap_multiplier_is_near_the_exact_one():
+    """At 2350 rpm the teeth of gear_train_30 hammer hard, and what was found is far from stable."""
+    train = jaxhb.load_scene("gear_train_30")
+    for response, error in ((packaged("gear_train_30", 1800.0), 1e-3), (jaxhb.solve(train, rpm=2350.0), 0.1)):
+        exact = jaxhb.stability(response).largest
+        assert abs(jaxhb.largest_multiplier(response) - exact) < error * exact
+    diesel = packaged("six_cylinder_diesel", 1500.0)
+    assert abs(jaxhb.largest_multiplier(diesel) - jaxhb.stability(diesel).largest) < 1e-6
+
+
+def hill(response, harmonics):
+    """Multipliers from Hill's matrix in displacements and speeds, slopes sampled; dense and slow.
+
+    Of the eigenvalues of ``[A_(n-m)] - i n Omega`` those whose vector has its middle near the mean: each multiplier
+    once or twice.
+    """
+    train, rpm = response.train, float(response.rpm)
+    system, meshes = chain.assemble(train), backlash_meshes(train)
+    omega, size = train.topology.cycle_frequency(rpm), len(system.mass)
+    rows = np.asarray(system.incidence().T)
+    shafts = np.setdiff1d(np.arange(len(rows)), meshes.link)
+    inner, teeth = rows[shafts], rows[meshes.link]
+    viscous = np.diag(system.damping) + inner.T @ (np.asarray(system.viscous)[shafts, None] * inner)
+    elastic = np.diag(system.ground) + inner.T @ (np.asarray(system.stiffness)[shafts, None] * inner)
+    samples = 2**15
+    rates = 1j * omega * np.arange(response.harmonics + 1) * response.deflections
+    l, rate = (np.fft.irfft(c, n=samples, axis=-1, norm="forward") for c in (response.deflections, rates))
+    gated = np.asarray(meshes.contact_damping)[:, None]
+    slopes = backlash.mesh_slopes(meshes.law.expand(), meshes.viscous[:, None], gated, l, rate)
+    coefficients = np.fft.fft(np.stack(slopes), axis=-1, norm="forward")
+    blocks = np.zeros((samples, 2 * size, 2 * size), dtype=complex)
+    blocks[:, size:, :size] = -np.einsum("gi,gt,gj->tij", teeth, coefficients[0], teeth)
+    blocks[:, size:, size:] = -np.einsum("gi,gt,gj->tij", teeth, coefficients[1], teeth)
+    blocks[0, size:] -= np.concatenate([elastic, viscous], axis=1)
+    blocks[:, size:] /= np.asarray(system.mass)[:, None]
+    blocks[0, :size, size:] = np.eye(size)
+    number = np.arange(-harmonics, harmonics + 1)
+    whole = blocks[number[:, None] - number].transpose(0, 2, 1, 3).reshape(2 * size * len(number), -1)
+    exponents, vectors = np.linalg.eig(whole - 1j * omega * np.diag(np.repeat(number, 2 * size)))
+    weight = (np.abs(vectors.reshape(len(number), 2 * size, -1)) ** 2).sum(axis=1)
+    middle = np.abs(number @ (weight / weight.sum(axis=0)))
+    return np.exp(2 * np.pi / omega * exponents[middle < 1])
+
+
+def light_pair():
+    """Lightly loaded gears driven through a shaft, on a soft ground."""
+    parts = [
+        Disk(name="motor", inertia=0.02, damping=0.5),
+        Disk(name="pinion", inertia=0.01, radius=0.05),
+        Disk(name="wheel", inertia=0.05, radius=0.1, damping=0.4),
+        Shaft(between=("motor", "pinion"), stiffness=2e3, damping=2.0),
+        Mesh(between=("pinion", "wheel"), stiffness=2e6, damping=500.0, backlash=2e-4, epsilon=1e-2, transition=0.3),
+        Ground(disk="motor", stiffness=0.5),
+        Torque(disk="motor", mean=10.0, harmonics=[(1.0, 20.0, -10.0)]),
+        Torque(disk="wheel", mean=-20.0, harmonics=[(2.0, 25.0, 30.0)]),
+    ]
+    return build(parts, reference="motor")
+
+
+@cache
+def rattling():
+    response = jaxhb.check(jaxhb.solve(light_pair(), rpm=1500.0, harmonics=128))
+    assert response.mesh("pinion", "wheel").separated_fraction > 0.05
+    return response
+
+
+def test_the_multipliers_are_those_of_hills_matrix():
+    """Damping in contact lets slopes jump: the error falls as the inverse square of the harmonics, 100 here."""
+    expected, found = hill(rattling(), 100), jaxhb.stability(rattling()).multipliers
+    apart = np.abs(found[:, None] - expected)
+    assert apart.min(axis=1).max() < 1e-4 and apart.min(axis=0).max() < 1e-4
+
+
+def test_the_rotation_against_a_soft_ground_is_labelled():
+    """The whole train as one disk: J s^2 + b s + c = 0, gears of half the speed with a quarter of their share."""
+    found = jaxhb.stability(rattling())
+    inertia, damping = 0.03 + 0.05 / 4, 0.5 + 0.4 / 4
+    expected = np.exp(60 / 1500 * np.roots([inertia, damping, 0.5]))
+    np.testing.assert_allclose(found.multipliers[found.rotation], np.sort(expected)[::-1], rtol=1e-3)
+
+
+def test_a_floating_train_has_two_multipliers_of_one_that_are_labelled():
+    found = jaxhb.stability(packaged("spur_pair", 3000.0))
+    np.testing.assert_allclose(found.multipliers[found.rotation], 1.0, atol=1e-6)  # a double root keeps half the digits
+    assert found.rotation.sum() == 2 and found.stable and "stable" in str(found)
+
+
+@pytest.mark.parametrize(
+    ("critical", "name", "words"),
+    [
+        ([0.5], None, "left with 0.5"),
+        ([2.0], "fold", "grows 2 times"),
+        ([-3.0], "period doubling", "two cycles differ"),
+        ([1 + 1j, 1 - 1j], "Neimark-Sacker", "second frequency"),
+    ],
+)
+def test_how_stability_is_lost_is_named(critical, name, words):
+    multipliers = np.array([5.0, *critical, 0.1], dtype=complex)
+    rotation = np.arange(len(multipliers)) == 0
+    found = Stability(multipliers, rotation, 0.0)
+    assert found.loses_by == name and found.stable == (name is None) and words in str(found)
+    assert found.largest == abs(critical[0])
+
+
+def test_what_has_no_multipliers_is_refused_with_a_sentence():
+    train = jaxhb.load_scene("spur_pair")
+    with pytest.raises(ValueError, match="sweep of 2 speeds"):
+        jaxhb.stability(jaxhb.solve_speeds(train, rpm=[1000.0, 1100.0]))
+    response = packaged("spur_pair", 3000.0)
+    with pytest.raises(ValueError, match="without its train"):
+        jaxhb.stability(dataclasses.replace(response, train=None))
+    with pytest.raises(NotConverged, match="3000 rpm is no periodic motion"):
+        jaxhb.stability(dataclasses.replace(response, status=np.array(4)))
+    lossy = jaxhb.load_scene("engine_with_damper")
+    with pytest.raises(ValueError, match="with_viscous_damping"):
+        jaxhb.stability(jaxhb.solve(lossy, rpm=1500.0))

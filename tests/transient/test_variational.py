@@ -1,0 +1,113 @@
+"""The variational equation around motions that are given, and around a motion of a train that is integrated in time."""
+
+from functools import cache
+
+import jax
+import numpy as np
+import pytest
+from transient_cases import method_case, one_mass, posed
+
+import jaxhb
+from jaxhb import Disk, Ground, Mesh, Shaft, Torque
+from jaxhb.harmonic import exact, fourier
+from jaxhb.transient import variational
+from jaxhb.transient.integrate import cycle_error
+from jaxhb.transient.reference import reference_orbit
+from jaxhb.transient.statespace import partition, state_space
+
+space_of = jax.jit(state_space, static_argnames="parts")
+after_cycle = jax.jit(jax.vmap(lambda stepper, state: cycle_error(stepper, state)[0], in_axes=(None, 0)))
+
+
+def in_displacements(matrix, space):
+    """A monodromy matrix of one mass in x and x'."""
+    return np.linalg.solve(space.coordinates, matrix @ space.coordinates)
+
+
+@cache
+def mathieu(steps):
+    """Error of the monodromy matrix of ``x'' + b x' + (c0 + a cos 2t) x = 0``, slope of a law in its smooth zone."""
+    case = method_case("A7_damped_mathieu_monodromy")
+    b, c0, a = (float(case["params"][k]) for k in ("b", "c0", "a"))
+    contact, gap = 3.0, 0.3
+    mass = one_mass(mass=1, damping=b, stiffness=contact, epsilon=gap / contact, transition=0.2, backlash=1.0)
+    middle, swing = 0.4 + 0.2 * (c0 - gap) / (contact - gap), 0.2 * a / (contact - gap)
+    deflection = np.array([[middle, 0.0, swing / 2]], dtype=complex)
+    space = jax.tree.map(np.asarray, space_of(*mass, 1.0, parts=partition(*mass)))
+    found = variational.monodromy(space, mass[1], deflection, 1.0, np.arange(steps) / steps)
+    assert abs(found.log_determinant + 2 * np.pi * b) < 1e-6
+    expected = np.array(case["expected"]["Phi"], dtype=float)
+    return np.abs(in_displacements(found.matrix, space) - expected).max()
+
+
+def test_the_damped_mathieu_equation_is_solved_to_rounding():
+    assert mathieu(1) < 1e-9  # as many steps as the norm of the matrix asks for, five a cycle
+    assert mathieu(16) < 1e-12
+
+
+def test_collocation_has_twice_the_order_of_its_nodes(monkeypatch):
+    """Sixteen with eight nodes: at steps that are far longer than those taken, as errors are soon lost in rounding."""
+    monkeypatch.setattr(variational, "REACH", 1e3)
+    mathieu.cache_clear()
+    order = np.log2(mathieu(3) / mathieu(6))
+    mathieu.cache_clear()
+    assert order > 2 * variational.NODES - 2
+
+
+def test_a_motion_is_known_between_its_samples():
+    rng = np.random.default_rng(0)
+    deflection = (rng.normal(size=(2, 41)) + 1j * rng.normal(size=(2, 41))) / (1 + np.arange(41)) ** 2
+    deflection[:, 0] = deflection[:, 0].real
+    share = rng.uniform(size=30)
+    wave = np.exp(2j * np.pi * np.outer(np.arange(41), share)) * np.append(1.0, np.full(40, 2.0))[:, None]
+    rate = fourier.derivative(deflection, 3.0)
+    expected = np.stack([(deflection @ wave).real, (rate @ wave).real])
+    np.testing.assert_allclose(variational.motion(deflection, 3.0, share), expected, rtol=0, atol=1e-10)
+
+
+def three_disks(damping_law):
+    """A lightly loaded pair of gears driven through a shaft: the teeth separate and strike at 900 rpm."""
+    parts = [
+        Disk(name="motor", inertia=0.5, damping=0.5),
+        Disk(name="pinion", inertia=0.01, radius=0.05),
+        Disk(name="wheel", inertia=0.05, radius=0.1, damping=0.4),
+        Shaft(between=("motor", "pinion"), stiffness=2e4, damping=6.0),
+        Mesh(
+            between=("pinion", "wheel"),
+            stiffness=2e7,
+            damping=1200.0,
+            damping_law=damping_law,
+            backlash=2e-4,
+            epsilon=1e-2,
+            transition=0.1,
+        ),
+        Ground(disk="motor", stiffness=20.0),
+        Torque(disk="motor", mean=10.0, harmonics=[(1.0, 20.0, -10.0), (3.0, 0.0, 8.0)]),
+        Torque(disk="wheel", mean=-20.0, harmonics=[(2.0, 25.0, 30.0)]),
+    ]
+    return jaxhb.build(parts, revolutions_per_cycle=1, reference="motor", name="three disks")
+
+
+@pytest.mark.parametrize("damping_law", ["contact", "always"])
+def test_the_monodromy_matrix_is_the_derivative_of_the_exact_period_map(damping_law):
+    """Central differences over one cycle of the reference integration, from the motion that closes there.
+
+    A cycle multiplies a disturbance by about one, and the motion has 1e-5 of error from 384 harmonics and 16384 steps:
+    tooth contact of a few per cent of the cycle makes that 1e-3 in the matrix at most.
+    """
+    train = three_disks(damping_law)
+    response = jaxhb.check(jaxhb.solve(train, rpm=900.0, harmonics=384))
+    assert response.mesh("pinion", "wheel").separated_fraction > 0.05
+    system, meshes, frequency, load = posed(train, 900.0)
+    start = np.asarray(response.angles) * np.asarray(system.radius)[:, None]
+    orbit = reference_orbit(system, meshes, frequency, load, start, steps=16384)
+    assert orbit.settled
+    size = 1e-6 * np.abs(orbit.state).max()
+    shifts = size * np.eye(len(orbit.state))
+    ahead, behind = (np.asarray(after_cycle(orbit.stepper, orbit.state + sign * shifts)) for sign in (1, -1))
+    expected = ((ahead - behind) / (2 * size)).T
+    space = space_of(system, meshes, frequency, parts=partition(system, meshes))
+    deflection = np.asarray(response.deflections)
+    found = variational.monodromy(space, meshes, deflection, frequency, exact.switching_times(meshes.law, deflection))
+    np.testing.assert_allclose(found.matrix, expected, rtol=0, atol=1e-3 * np.abs(expected).max())
+    assert abs(np.expm1(found.log_determinant - found.trace)) < 1e-10
