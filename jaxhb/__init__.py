@@ -23,6 +23,8 @@ _HOMES = {
     "periodic.solve": ("linear_response", "plan", "solve"),
     "periodic.speeds": ("solve_speeds",),
     "periodic.stability": ("Stability", "largest_multiplier", "stability"),
+    "periodic.steady_state": ("Cycles", "steady_state"),
+    "response.steady": ("SteadyState", "SteadySweep"),
     "design": ("tune",),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}

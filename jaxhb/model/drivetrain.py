@@ -145,6 +145,35 @@ class DriveTrain:
 
         return dataclasses.replace(self, shafts=viscous(self.shafts), dampers=viscous(self.dampers))
 
+    def repeated(self, cycles: int) -> DriveTrain:
+        """Return the same train with a cycle ``cycles`` times as long, for motions with a period of several cycles.
+
+        Parameters
+        ----------
+        cycles : int
+            At least 1.
+
+        Returns
+        -------
+        DriveTrain
+            Same excitation over time; its responses have orders that are multiples of ``1 / (cycles x
+            revolutions_per_cycle)``.
+
+        Raises
+        ------
+        SceneError
+            If ``cycles`` is not a whole number of at least 1.
+
+        Examples
+        --------
+        >>> from jaxhb.model.scene import load_scene
+        >>> load_scene("gear_train_30").repeated(2).topology.revolutions_per_cycle
+        4.0
+        """
+        if not (isinstance(cycles, int) and cycles >= 1):
+            raise SceneError(f"repeated: cycles is {cycles}, must be a whole number of at least 1.")
+        return dataclasses.replace(self, topology=self.topology.repeated(cycles))
+
     def misfire(self, *cylinders: str) -> DriveTrain:
         """Return the train with some cylinders that do not fire: no gas torque, the inertia torque stays.
 

@@ -6,6 +6,7 @@ compared.
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
 import math
 from dataclasses import dataclass
@@ -99,6 +100,20 @@ class Topology:
     def cycle_frequency(self, rpm):
         """Omega = 2 pi rpm / (60 revolutions_per_cycle) in rad/s, of the cycle at ``rpm`` of the reference rotor."""
         return 2 * math.pi * rpm / 60 / self.revolutions_per_cycle
+
+    def repeated(self, cycles: int) -> Topology:
+        """The same with a cycle ``cycles`` times as long; harmonic n of the cycle becomes harmonic ``cycles n``."""
+        numbers = {
+            name: tuple(tuple(cycles * n for n in row) for row in getattr(self, name))
+            for name in ("torque_harmonics", "cylinder_harmonics")
+        }
+        return dataclasses.replace(
+            self,
+            revolutions_per_cycle=cycles * self.revolutions_per_cycle,
+            cylinder_step=tuple(cycles * step for step in self.cylinder_step),
+            cylinder_turn=tuple(cycles * turn for turn in self.cylinder_turn),
+            **numbers,
+        )
 
     @property
     def n_disks(self) -> int:

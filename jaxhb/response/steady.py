@@ -1,0 +1,332 @@
+"""What a train does after it has run long enough: the kind of its motion, and the numbers of that motion."""
+
+import dataclasses
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from ..model.topology import Topology
+from .response import Response
+from .signal import Signal
+
+KINDS = "contact", "periodic", "subharmonic", "irregular", "unknown"
+
+PERCENT = 5, 50, 95
+"""Percentiles that are given of a distribution over cycles."""
+
+
+class PerCycle(NamedTuple):
+    """Distribution over the cycles of the largest and the smallest value of each: percentiles 5, 50, 95."""
+
+    max: np.ndarray
+    min: np.ndarray
+
+
+@dataclass(frozen=True)
+class SteadySignal(Signal):
+    """The :class:`Signal` of a motion whose period is ``cycles`` cycles of the excitation."""
+
+    cycles: int = dataclasses.field(default=1, metadata={"static": True})
+
+    @property
+    def elastic(self):
+        """The elastic part alone."""
+        return SteadySignal(**vars(super().elastic) | {"cycles": self.cycles})
+
+    @property
+    def per_cycle(self):
+        """Largest and smallest value of each cycle, as :class:`PerCycle`."""
+        count = -(-self.resolution // self.cycles)
+        values = self.samples(count * self.cycles).reshape(self.cycles, count)
+        closed = np.concatenate([values, np.roll(values, -1, axis=0)[:, :1]], axis=1)
+        return PerCycle(np.percentile(closed.max(axis=1), PERCENT), np.percentile(closed.min(axis=1), PERCENT))
+
+
+@dataclass(frozen=True)
+class RecordedSignal:
+    """A quantity over C recorded cycles that do not repeat.
+
+    Parameters
+    ----------
+    highest, lowest : arrays ``(C,)``, largest and smallest value of each cycle
+    mean, rms : float, over the record
+    amplitudes : array ``(K,)``
+        One-sided peak amplitudes of the orders: quadratic mean over the cycles.
+    revolutions_per_cycle : float
+    elastic_part : RecordedSignal or None
+    """
+
+    highest: np.ndarray
+    lowest: np.ndarray
+    mean: float
+    rms: float
+    amplitudes: np.ndarray
+    revolutions_per_cycle: float
+    elastic_part: "RecordedSignal | None" = None
+
+    @property
+    def elastic(self):
+        """The elastic part alone, a :class:`RecordedSignal`."""
+        if self.elastic_part is None:
+            raise AttributeError("this signal is not a force or torque: it has no elastic part")
+        return self.elastic_part
+
+    @property
+    def max(self):
+        """Largest value of the record."""
+        return self.highest.max()
+
+    @property
+    def min(self):
+        """Smallest value of the record."""
+        return self.lowest.min()
+
+    @property
+    def peak(self):
+        """Largest absolute value of the record."""
+        return max(self.max, -self.min)
+
+    @property
+    def half_peak_to_peak(self):
+        """(max - min) / 2 of the record."""
+        return (self.max - self.min) / 2
+
+    @property
+    def sum_of_amplitudes(self):
+        """Sum of the amplitudes."""
+        return self.amplitudes.sum()
+
+    @property
+    def per_cycle(self):
+        """Distribution of the largest and the smallest value of a cycle, as :class:`PerCycle`."""
+        return PerCycle(np.percentile(self.highest, PERCENT), np.percentile(self.lowest, PERCENT))
+
+    @property
+    def orders(self):
+        """Orders of the amplitudes, per revolution of the reference rotor ``(K,)``."""
+        return np.arange(1, len(self.amplitudes) + 1) / self.revolutions_per_cycle
+
+    def order(self, order):
+        """Amplitude of one order of the cycle: quadratic mean over the cycles."""
+        harmonic = round(order * self.revolutions_per_cycle)
+        if abs(harmonic - order * self.revolutions_per_cycle) > 1e-9 or not 0 < harmonic <= len(self.amplitudes):
+            raise ValueError(
+                f"order {order:g} is not among those recorded: use a multiple of {1 / self.revolutions_per_cycle:g} "
+                f"up to {len(self.amplitudes) / self.revolutions_per_cycle:g}"
+            )
+        return self.amplitudes[harmonic - 1]
+
+    def reversed(self):
+        """The quantity with the other sign."""
+        elastic = self.elastic_part and self.elastic_part.reversed()
+        changed = {"highest": -self.lowest, "lowest": -self.highest, "mean": -self.mean, "elastic_part": elastic}
+        return dataclasses.replace(self, **changed)
+
+    def scaled(self, factor):
+        """The quantity times a factor above 0."""
+        changed = {name: factor * getattr(self, name) for name in ("highest", "lowest", "mean", "rms", "amplitudes")}
+        return dataclasses.replace(self, **changed)
+
+    def summary(self):
+        """Plain numbers for programs, as :meth:`jaxhb.Signal.summary` with ``[[order, A], ...]``."""
+        names = "mean", "min", "max", "rms", "half_peak_to_peak", "sum_of_amplitudes"
+        spectrum = [[float(o), float(a)] for o, a in zip(self.orders, self.amplitudes, strict=True)]
+        return {name: float(getattr(self, name)) for name in names} | {"amplitudes": spectrum}
+
+
+@dataclass(frozen=True)
+class SteadyContact:
+    """Contact of one mesh over a steady motion.
+
+    separated_fraction, reverse_contact_fraction : shares of the time, teeth apart, and on the flank that does not
+    drive; impacts_per_cycle : entries from separation to contact; hardest_impact : largest approach speed, m/s;
+    drive_side : sign of the mean force.
+    """
+
+    separated_fraction: float
+    reverse_contact_fraction: float
+    impacts_per_cycle: float
+    hardest_impact: float
+    drive_side: int
+
+
+@dataclass(frozen=True)
+class Record:
+    """Signals of every disk, link and gear over recorded cycles, and the contact of every mesh.
+
+    disks, twists, torques, deflections, forces, gears : tuples of :class:`RecordedSignal` in the order of the topology
+    (twists and torques of shafts, then dampers); gears : by disk index; contacts : of the meshes.
+    """
+
+    cycles: int
+    disks: tuple
+    twists: tuple
+    torques: tuple
+    deflections: tuple
+    forces: tuple
+    gears: dict
+    contacts: tuple
+
+
+@dataclass(frozen=True)
+class SteadyState:
+    """What a train does at one speed after it has run long enough; made by :func:`jaxhb.steady_state`.
+
+    Parameters
+    ----------
+    rpm : float
+    kind : str
+        "contact" : no teeth part. "periodic" : period one cycle. "subharmonic" : ``period`` cycles. "irregular" : none
+        of these within the cycles marched. "unknown" : ``notes`` tell why.
+    period : int
+        In cycles of the excitation; 0 for irregular and unknown motion.
+    response : Response or None
+        The harmonic solution of a periodic or subharmonic motion; of a subharmonic one over ``period`` cycles, whose
+        orders are multiples of ``1 / (period x revolutions_per_cycle)``.
+    record : Record or None
+        Numbers of the recorded cycles where there is no response.
+    cycles : int
+        Cycles marched.
+    notes : tuple of str
+        What to know about the answer: loss factors turned into viscous damping, why a kind is unknown.
+    motion : array ``(2S,)`` or None
+        Displacements in m and velocities in m/s of the disks at the end of the march, at the beginning of a cycle: where
+        a neighbouring speed starts.
+    topology : Topology
+    """
+
+    rpm: float
+    kind: str
+    period: int
+    response: Response | None
+    record: Record | None
+    cycles: int
+    notes: tuple
+    motion: np.ndarray | None
+    topology: Topology
+
+    @property
+    def known(self):
+        """Whether the kind of motion is known."""
+        return self.kind != "unknown"
+
+    def _signal(self, name, *args):
+        found = getattr(self.response, name)(*args)
+        return SteadySignal(**vars(found), cycles=max(self.period, 1))
+
+    def _read(self):
+        """Whether the record is what to read; a sentence where there is nothing."""
+        if self.response is None and self.record is None:
+            raise ValueError(f"the motion at {self.rpm:g} rpm is unknown: {' '.join(self.notes)}")
+        return self.response is None
+
+    def disk(self, name):
+        """Vibratory angle of a disk or damper ring, rad."""
+        if self._read():
+            return self.record.disks[self.topology.disk_index(name)]
+        return self._signal("disk", name)
+
+    def twist(self, a, b):
+        """Angle of disk a less angle of disk b, rad; of a record only where a shaft or damper joins them."""
+        if not self._read():
+            return self._signal("twist", a, b)
+        index, sense = self.topology.link_index(a, b)
+        if index >= len(self.record.twists):
+            raise ValueError(f"a record holds the twists of shafts and dampers, and a mesh joins {a!r} and {b!r}")
+        return _sensed(self.record.twists[index], sense)
+
+    def torque(self, a, b=None):
+        """Torque transmitted by a shaft or damper in N m, positive when a is ahead of b."""
+        if not self._read():
+            return self._signal("torque", a, b)
+        index, sense = self.topology.link_index(a, b)
+        if index >= len(self.record.torques):
+            raise ValueError(f"{self.topology.link_names[index]!r} is a mesh, not a shaft: use force(...)")
+        return _sensed(self.record.torques[index], sense)
+
+    def _mesh(self, a, b):
+        index, sense = self.topology.link_index(a, b)
+        index -= len(self.topology.link_names) - len(self.topology.mesh_names)
+        if index < 0:
+            raise ValueError(f"{a!r}{f' and {b!r} join' if b else ' is'} a shaft or damper: use torque(...)")
+        return index, sense
+
+    def force(self, a, b=None):
+        """Tooth force transmitted by a mesh in N, positive when a drives b; ``.elastic`` for f(l) alone."""
+        if not self._read():
+            return self._signal("force", a, b)
+        index, sense = self._mesh(a, b)
+        return _sensed(self.record.forces[index], sense)
+
+    def deflection(self, a, b=None):
+        """Deflection of a mesh, m."""
+        if not self._read():
+            return self._signal("deflection", a, b)
+        index, sense = self._mesh(a, b)
+        return _sensed(self.record.deflections[index], sense)
+
+    def gear_torque(self, name):
+        """Torque that a gear passes to its mates, N m."""
+        if not self._read():
+            return self._signal("gear_torque", name)
+        disk = self.topology.disk_index(name)
+        if disk not in self.record.gears:
+            raise ValueError(f"{name!r} carries no mesh: gear_torque needs a gear")
+        return self.record.gears[disk]
+
+    def mesh(self, a, b=None):
+        """:class:`SteadyContact` of a mesh."""
+        index, _ = self._mesh(a, b)
+        if self._read():
+            return self.record.contacts[index]
+        found = self.response.mesh(self.topology.mesh_names[index])
+        speeds = [impact["speed"] for impact in found.impacts]
+        shares = found.separated_fraction, found.reverse_contact_fraction
+        return SteadyContact(*shares, len(speeds) / max(self.period, 1), max(speeds, default=0.0), found.drive_side)
+
+    def __str__(self):
+        what = f"{self.kind}, period {self.period} cycles" if self.kind == "subharmonic" else self.kind
+        return f"{self.rpm:g} rpm: {what}" + "".join(f"; {note}" for note in self.notes)
+
+
+def _sensed(signal, sense):
+    return signal if sense > 0 else signal.reversed()
+
+
+@dataclass(frozen=True)
+class SteadySweep:
+    """Steady states at several speeds, one after another as a sequence; :attr:`kind` and the like as arrays."""
+
+    states: tuple
+    direction: str
+
+    def __len__(self):
+        return len(self.states)
+
+    def __getitem__(self, index):
+        return dataclasses.replace(self, states=self.states[index]) if isinstance(index, slice) else self.states[index]
+
+    @property
+    def rpm(self):
+        """Speeds ``(n,)``."""
+        return np.array([state.rpm for state in self.states])
+
+    @property
+    def kind(self):
+        """Kinds ``(n,)``."""
+        return np.array([state.kind for state in self.states])
+
+    @property
+    def period(self):
+        """Periods in cycles ``(n,)``."""
+        return np.array([state.period for state in self.states])
+
+
+for _kind in (SteadySignal,):
+    jax.tree_util.register_dataclass(
+        _kind,
+        data_fields=["coefficients", "elastic_coefficients"],
+        meta_fields=["revolutions_per_cycle", "resolution", "cycles"],
+    )

@@ -1,0 +1,103 @@
+"""The equations of a march in modal form: every mode by itself, so that lanes of other speeds share all but rates.
+
+The state space of :mod:`jaxhb.transient.statespace`, ``y' = A y + E phi``, in its damped modes ``A V = V diag(rates)``:
+
+    z' = rates z + forcing phi,     (l, l') = Re(observation z),     (x, x') = Re(motion z).
+
+One mode of each conjugate pair is kept and counted twice. Free rotation and rings without spring have a Jordan block,
+which no eigenvectors span: a spring far below the cycle frequency parts it, which no mesh notices. Damping at which
+eigenvectors coincide is parted by changes of its last digits.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .._program import Program
+from .statespace import matrices, state_space
+
+FREE = 1e-4
+"""Frequency given to free rotation, as a share of that of the cycle."""
+
+CONDITION, PARTING = 1e7, 1e-9
+"""Condition of the eigenvectors above which damping is changed, and by what share."""
+
+ROUNDED = 1e-14
+"""Share of the highest squared frequency that is free rotation."""
+
+_state_space = Program(state_space, static_argnames="parts")
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Host arrays of m modes, G meshes, S disks; complex.
+
+    rates ``(m,)`` 1/s; forcing ``(m, G)``; observation ``(2G, m)``; motion ``(2S, m)``; coordinates ``(m, 2S)``: z of
+    (x, x').
+    """
+
+    rates: np.ndarray
+    forcing: np.ndarray
+    observation: np.ndarray
+    motion: np.ndarray
+    coordinates: np.ndarray
+
+
+def damped_modes(system, meshes, frequency, parts):
+    """The :class:`Modes` of a train.
+
+    Parameters
+    ----------
+    system : System
+    meshes : Nonlinear, the backlash meshes
+    frequency : float, Omega in rad/s, scales the slow modes
+    parts : Partition
+
+    Returns
+    -------
+    Modes
+    """
+    space = _state_space(system, meshes, frequency, parts=parts)
+    A, E, L, T = (np.array(a) for a in (space.transition, space.forcing, space.observation, space.coordinates))
+    _hold_free_rotation(A, len(parts.inertial), frequency)
+    back = _motion(system, A, T, parts)
+    rates, vectors = _eigen(A, len(parts.inertial))
+    one = rates.imag >= 0
+    inverse = np.linalg.inv(vectors)[one]
+    rates, vectors = rates[one], np.where(rates[one].imag > 0, 2.0, 1.0) * vectors[:, one]
+    return Modes(rates, inverse @ E, L @ vectors, back @ vectors, inverse @ T)
+
+
+def _hold_free_rotation(A, inertial, frequency):
+    """Give modes without stiffness a spring, in place."""
+    position, speed = np.arange(inertial), len(A) - inertial + np.arange(inertial)
+    scale = A[position, speed]
+    squares = -A[speed, position] * scale
+    free = squares <= ROUNDED * squares.max(initial=0.0)
+    A[np.ix_(speed[free], position)] = 0.0
+    A[speed[free], position[free]] = -((FREE * frequency) ** 2) / scale[free]
+
+
+def _eigen(A, inertial):
+    """Eigenvalues and well-conditioned eigenvectors of A, whose last ``inertial`` rows hold modal damping."""
+    rates, vectors = np.linalg.eig(A)
+    if np.linalg.cond(vectors) > CONDITION:
+        speed = np.arange(len(A) - inertial, len(A))
+        parted = A.copy()
+        size = np.abs(A[np.ix_(speed, speed)]).max(initial=0.0)
+        parted[speed, speed] -= PARTING * size * (1 + np.arange(inertial)) / inertial
+        rates, vectors = np.linalg.eig(parted)
+    return rates, vectors
+
+
+def _motion(system, A, T, parts):
+    """(x, x') ``(2S, n)`` of all disks from the state."""
+    inertial, kept = np.array(parts.inertial, int), np.array(parts.inertial + parts.damped, int)
+    static, disks = np.array(parts.static, int), len(system.mass)
+    inverse = np.linalg.inv(T[:, np.concatenate([kept, disks + inertial])])
+    x = np.zeros((disks, len(A)))
+    x[kept] = inverse[: len(kept)]
+    if static.size:
+        K = np.asarray(matrices(system)[1])
+        x[static] = -np.linalg.solve(K[np.ix_(static, static)], K[np.ix_(static, kept)] @ x[kept])
+    return np.concatenate([x, x @ A])
