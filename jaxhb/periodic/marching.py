@@ -86,13 +86,18 @@ class Equations:
 
 @dataclass
 class March:
-    """One speed on its way: state ``(2m,)``, cycles done, what was seen of them, the trace of the last, its record."""
+    """One speed on its way: state ``(2m,)``, cycles done, what was seen of them, the trace of the last, its record.
+
+    again : cycles from which a period counts again, after one that harmonic balance did not find.
+    """
 
     place: int
     rpm: float
     state: np.ndarray
     returns: Returns
     cycles: int = 0
+    again: int = 0
+    done: bool = False
     trace: np.ndarray | None = None
     reduced: list = dataclasses.field(default_factory=list)
     teeth: list = dataclasses.field(default_factory=list)

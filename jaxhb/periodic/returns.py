@@ -5,12 +5,13 @@ import numpy as np
 PERIODS = tuple(range(1, 9))
 """Cycles after which a return is looked for."""
 
-SETTLED, NEAR = 1e-6, 1e-3
+SETTLED, NEAR = 1e-6, 3e-4
 """Return error at which a motion has a period whatever its trend, and below which it has one that it approaches."""
 
-APPROACHING, DECAYING = 0.5, 0.95
-"""Share to which the return error falls from one window of cycles to the next where a motion approaches a period, and
-may still do so."""
+APPROACHING, FALLING, DECAYING = 0.5, 0.8, 0.95
+"""Share to which the return error falls from one window of cycles to the next where a motion approaches a period, the
+share one window before (past a motion that repels in one direction the fall slows down), and that where it may still
+do so."""
 
 SMALL = 0.3
 """Return error above which a decay tells nothing."""
@@ -28,8 +29,8 @@ class Returns:
 
     A cycle is known by (l, l') ``(I, 2G)`` of its meshes at I equidistant instants, a reconstruction of the state by
     delays: motion that no mesh sees, free rotation above all, does not count. The return error after k cycles is the
-    largest difference from the cycle k before, relative to the largest of that quantity and the gap (``floor``, ``(2G,)``
-    in m and m/s).
+    largest difference from the cycle k before, relative to the largest of that quantity and the gap (``floor``,
+    ``(2G,)`` in m and m/s).
     """
 
     def __init__(self, floor):
@@ -51,7 +52,7 @@ class Returns:
         return np.abs(np.array(self.cycles[-2 * PERIODS[-1] :])).max(axis=(0, 1)) + self.floor
 
     def errors(self, k):
-        """Largest return error after k cycles in each of the last three windows, the latest first; inf where unknown."""
+        """Largest return error after k cycles in each of the last three windows, the latest first; else inf."""
         window = max(WINDOW, k)
         found = []
         for last in (len(self.cycles) - i * window for i in range(3)):
@@ -72,7 +73,8 @@ class Returns:
         errors = {k: self.errors(k) for k in PERIODS}
         for k, (now, before, first) in errors.items():
             slow = len(self.cycles) >= PATIENCE and now <= DECAYING**0.1 * before and before <= DECAYING**0.1 * first
-            near = now <= NEAR and (now <= APPROACHING * before < np.inf or slow)
+            falls = now <= APPROACHING * before and before <= FALLING * first < np.inf
+            near = now <= NEAR and (falls or slow)
             waits = any(k % j == 0 and decaying(errors[j]) for j in PERIODS if j < k)
             if now <= SETTLED or (near and not waits):
                 return k

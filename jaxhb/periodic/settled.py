@@ -17,6 +17,9 @@ MARGIN = 0.05
 SAME = 0.05
 """Difference of deflections, relative to the largest and the gap, up to which a solution is the motion marched."""
 
+REPEATS = 1e-4
+"""Share of the sum of all amplitudes below which those of longer periods are none."""
+
 LOSS_SHARES = (1.0,), (0.5, 1.0), (0.25, 0.5, 0.75, 1.0)
 """Shares of the loss factors stepped through, from a solution with viscous damping, until all steps succeed."""
 
@@ -129,3 +132,14 @@ def partly_lossy(train, hz, share):
     return dataclasses.replace(
         train, shafts=shared(train.shafts, viscous.shafts), dampers=shared(train.dampers, viscous.dampers)
     )
+
+
+def shortest_period(response, period):
+    """The smallest divisor of a number of cycles after which the motion over so many cycles repeats."""
+    deflections = np.abs(np.asarray(response.deflections))
+    for divisor in range(1, period):
+        if period % divisor == 0:
+            others = np.arange(deflections.shape[-1]) % (period // divisor) != 0
+            if deflections[:, others].sum() <= REPEATS * deflections[:, 1:].sum():
+                return divisor
+    return period

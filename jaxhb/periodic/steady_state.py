@@ -1,6 +1,5 @@
 """What a train does after it has run long enough: contact, a period of one or several cycles, or none."""
 
-import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,12 +14,18 @@ from .marching import Batch, Equations, record_of
 from .planned import solve_batches
 from .planning import plan_speeds
 from .request import Request, check_speed
-from .settled import solve_settled
+from .settled import shortest_period, solve_settled
 
 DIRECTIONS = "up", "down", "both"
 
 FIRST_CYCLES = 8
 """Cycles of the march that tells at which frequency meshes move, where loss factors become viscous damping."""
+
+AGAIN = 32
+"""Cycles that a march goes on where harmonic balance did not find its motion."""
+
+RETURNED = 5e-3
+"""Return error below which a motion may have the shorter period that its solution has."""
 
 LEVEL = 0.05
 """Difference of largest deflections of neighbouring speeds, beside the change that their distance explains, from which
@@ -230,9 +235,15 @@ class _Search:
             if place in motions:
                 batch.begin(i, motions[place])
         found = {}
-        for march, period in _settle(batch, self.cycles):
-            place = places[march.place]
-            found[place] = self._state_of(place, batch, march, period, hz)
+        while len(found) < len(places):
+            for march, period in _ended(batch, self.cycles):
+                place = places[march.place]
+                state = self._state_of(place, batch, march, period, hz)
+                if state is None:
+                    march.again = march.cycles + AGAIN
+                else:
+                    found[place] = state
+                    march.done = True
         return found
 
     def _main_hz(self, place):
@@ -250,47 +261,64 @@ class _Search:
         return float(cycle_hz * (n**2 * power).sum() / (n * power).sum())
 
     def _state_of(self, place, batch, march, period, hz):
-        """The steady state of a march that has ended: with a period, or with a record where it has none."""
+        """The steady state of a march that may have ended; None where it has to go on."""
         notes = [] if hz is None else [f"the march takes loss factors as viscous damping at {hz:.4g} Hz"]
         if not march.returns.finite:
             return self._unknown(place, "the march is not finite: check the scene for huge or tiny numbers")
-        common = {"cycles": march.cycles, "motion": batch.motion(march)}
         if not period:
-            record = record_of(batch.equations, march)
-            return self._state(place, "irregular", 0, record=record, notes=notes, **common)
-        trace = batch.traced(march, period)
+            record, motion = record_of(batch.equations, march), batch.motion(march)
+            return self._state(place, "irregular", 0, record=record, cycles=march.cycles, notes=notes, motion=motion)
+        response, note, period = self._solved(batch, march, period, hz)
+        kind, notes = "periodic" if period == 1 else "subharmonic", notes + [note] * bool(note)
         common = {"cycles": march.cycles, "motion": batch.motion(march)}
-        meshes = batch.equations.meshes
-        response, note = solve_settled(
-            self.train, march, trace, period, self.request, steps=batch.steps, meshes=meshes, hz=hz
-        )
-        notes += [note] * bool(note)
-        kind = "periodic" if period == 1 else "subharmonic"
         if response is not None:
             apart = any(contact.separated_fraction > 0 for contact in response.contacts().values())
             kind = kind if apart or period > 1 else "contact"
             return self._state(place, kind, period, response=response, notes=notes, **common)
+        if march.recorded < self.cycles.recorded:
+            return None
         notes.append("harmonic balance did not find the motion marched: the numbers are those of recorded cycles")
-        while march.recorded < max(period, 8):
-            batch.run([march], record=True)
         return self._state(place, kind, period, record=record_of(batch.equations, march), notes=notes, **common)
 
+    def _solved(self, batch, march, period, hz):
+        """Response (None where harmonic balance did not find the motion), note and period of a march that returns."""
+        while True:
+            trace = batch.traced(march, period)
+            given = {"steps": batch.steps, "meshes": batch.equations.meshes, "hz": hz}
+            response, note = solve_settled(self.train, march, trace, period, self.request, **given)
+            shorter = period if response is None else shortest_period(response, period)
+            if shorter == period:
+                return response, note, period
+            if march.returns.errors(shorter)[0] > RETURNED:
+                return None, "", period
+            period = shorter
 
-def _settle(batch, cycles):
-    """``(march, period)`` of a batch, each as soon as it has a period, or ends without (0)."""
-    running = list(batch.marches)
-    while running:
-        recording = [march for march in running if march.cycles >= cycles.transient]
-        for group, record in (([m for m in running if m.cycles < cycles.transient], False), (recording, True)):
-            if group:
-                batch.run(group, record and all(m.recorded < cycles.recorded for m in group))
-        for march in list(running):
-            period = march.returns.period() if march.returns.finite else 0
-            long_enough = march.recorded >= cycles.recorded
-            over = long_enough and (march.cycles >= cycles.most or not march.returns.undecided())
-            if period or over or not march.returns.finite:
-                running.remove(march)
-                yield march, period
+
+def _ended(batch, cycles):
+    """``(march, period)`` of those of a batch that have a period, or go on without (0) no longer, after more cycles."""
+    running = [march for march in batch.marches if not march.done]
+    while True:
+        first = [march for march in running if march.cycles < cycles.transient]
+        later = [march for march in running if march.cycles >= cycles.transient]
+        recording = [march for march in later if march.recorded < cycles.recorded]
+        further = [march for march in later if march.recorded >= cycles.recorded]
+        for group, record in ((first + further, False), (recording, True)):
+            batch.run(group, record)
+        ended = [(march, _period(march, cycles)) for march in running]
+        if any(period is not None for _, period in ended):
+            return [(march, period) for march, period in ended if period is not None]
+
+
+def _period(march, cycles):
+    """The period of a march, 0 where it ends without, None where it goes on."""
+    if not march.returns.finite:
+        return 0
+    complete = march.recorded >= cycles.recorded
+    period = march.returns.period()
+    if period and (complete or march.cycles >= march.again):
+        return period
+    over = complete and (march.cycles >= cycles.most or not march.returns.undecided())
+    return 0 if over else None
 
 
 def _motion_of(train, start):

@@ -1,7 +1,7 @@
 """What a train does after it has run long enough: the kind of its motion, and the numbers of that motion."""
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import jax
@@ -24,11 +24,12 @@ class PerCycle(NamedTuple):
     min: np.ndarray
 
 
+@jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class SteadySignal(Signal):
     """The :class:`Signal` of a motion whose period is ``cycles`` cycles of the excitation."""
 
-    cycles: int = dataclasses.field(default=1, metadata={"static": True})
+    cycles: int = field(default=1, metadata={"static": True})
 
     @property
     def elastic(self):
@@ -192,8 +193,8 @@ class SteadyState:
     notes : tuple of str
         What to know about the answer: loss factors turned into viscous damping, why a kind is unknown.
     motion : array ``(2S,)`` or None
-        Displacements in m and velocities in m/s of the disks at the end of the march, at the beginning of a cycle: where
-        a neighbouring speed starts.
+        Displacements in m and velocities in m/s of the disks at the end of the march, at the beginning of a cycle:
+        where a neighbouring speed starts.
     topology : Topology
     """
 
@@ -322,11 +323,3 @@ class SteadySweep:
     def period(self):
         """Periods in cycles ``(n,)``."""
         return np.array([state.period for state in self.states])
-
-
-for _kind in (SteadySignal,):
-    jax.tree_util.register_dataclass(
-        _kind,
-        data_fields=["coefficients", "elastic_coefficients"],
-        meta_fields=["revolutions_per_cycle", "resolution", "cycles"],
-    )

@@ -223,9 +223,15 @@ def linear_start(posed):
     return fourier.sample(np.concatenate([posed.displacement, speed], axis=1), 1)[..., 0]
 
 
+DISTURBED = 0.02
+"""Share of the motion in contact that a start from there lacks: a motion that repels would be kept for long."""
+
+
 def on_flank(posed):
-    """Motions (x, x') ``(L, 2S)`` at t = 0 with every mesh on its drive side, carrying its linear force."""
-    return linear_start(posed) + np.concatenate([posed.flank, 0 * posed.flank], axis=1)
+    """Motions (x, x') ``(L, 2S)`` at t = 0 with every mesh on its drive side, carrying nearly its linear force."""
+    rest = np.concatenate([posed.displacement[..., 0].real + posed.flank, 0 * posed.flank], axis=1)
+    moving = linear_start(posed) + np.concatenate([posed.flank, 0 * posed.flank], axis=1)
+    return moving + DISTURBED * (rest - moving)
 
 
 def cycle(lanes, state, states=False):
