@@ -25,8 +25,11 @@ PER_MODE_PERIOD = 8
 LEAST = 256
 """Steps of a cycle, at least."""
 
-MARCHED, RECORDED = (1, 4, 16, 64), (1, 4, 16)
+MARCHED, RECORDED = (16, 64), (16,)
 """Lanes of a batch: few numbers, as each is a program."""
+
+ALONE = 8
+"""Lanes up to which one after another is faster than a batch."""
 
 CHUNK = 8
 """Cycles that are marched at a time."""
@@ -134,11 +137,13 @@ class Batch:
     def run(self, marches, record=False):
         """CHUNK cycles of some marches, recorded or not."""
         sizes = RECORDED if record else MARCHED
-        for first in range(0, len(marches), sizes[-1]):
-            self._run(marches[first : first + sizes[-1]], sizes, record)
+        left = list(marches)
+        while left:
+            size = 1 if len(left) <= ALONE else next((n for n in sizes if n >= len(left)), sizes[-1])
+            self._run(left[:size], size, record)
+            left = left[size:]
 
-    def _run(self, marches, sizes, record):
-        size = next(n for n in sizes if n >= len(marches))
+    def _run(self, marches, size, record):
         places = [march.place for march in marches] + [marches[-1].place] * (size - len(marches))
         lanes, blank = _lanes(self.lanes, places), np.zeros(CHUNK)
         state = np.stack([self.marches[place].state for place in places], axis=1)

@@ -8,10 +8,9 @@ PERIODS = tuple(range(1, 9))
 SETTLED, NEAR = 1e-6, 3e-4
 """Return error at which a motion has a period whatever its trend, and below which it has one that it approaches."""
 
-APPROACHING, FALLING, DECAYING = 0.5, 0.8, 0.95
-"""Share to which the return error falls from one window of cycles to the next where a motion approaches a period, the
-share one window before (past a motion that repels in one direction the fall slows down), and that where it may still
-do so."""
+FALLING, DECAYING = 0.8, 0.95
+"""Share to which the return error falls from one window of cycles to the next, twice, where a motion approaches a
+period (past a motion that repels in one direction the fall slows down), and where it may still do so."""
 
 SMALL = 0.3
 """Return error above which a decay tells nothing."""
@@ -73,7 +72,7 @@ class Returns:
         errors = {k: self.errors(k) for k in PERIODS}
         for k, (now, before, first) in errors.items():
             slow = len(self.cycles) >= PATIENCE and now <= DECAYING**0.1 * before and before <= DECAYING**0.1 * first
-            falls = now <= APPROACHING * before and before <= FALLING * first < np.inf
+            falls = now <= FALLING * before and before <= FALLING * first < np.inf
             near = now <= NEAR and (falls or slow)
             waits = any(k % j == 0 and decaying(errors[j]) for j in PERIODS if j < k)
             if now <= SETTLED or (near and not waits):

@@ -17,6 +17,10 @@ MARGIN = 0.05
 SAME = 0.05
 """Difference of deflections, relative to the largest and the gap, up to which a solution is the motion marched."""
 
+LEVELS_TRIED = 3
+"""Numbers of harmonics, each twice the one before, from which Newton's method is started: with too few of them there
+may be no solution near the motion."""
+
 REPEATS = 1e-4
 """Share of the sum of all amplitudes below which those of longer periods are none."""
 
@@ -65,12 +69,17 @@ def _solve(train, rpm, request, trace, steps, meshes, event):
     own = np.flatnonzero(np.array(train.topology.mesh_backlash, dtype=bool))
     given = np.zeros((len(train.topology.mesh_names), (steps - 1) // 2 + 1), dtype=complex)
     given[own] = fourier.analyze(deflection, (steps - 1) // 2)
-    case = ladder.Case(train, rpm, request, plan)
     given = given[plan.choice.chosen] * plan.choice.active[:, None]
-    result = ladder.refine(case, ladder.Attempt(plan, given, event))
-    if result.status > Status.TOLERANCE_NOT_MET:
-        return None, None
-    return result.response, result.plan
+    case = ladder.Case(train, rpm, request, plan)
+    for _ in range(LEVELS_TRIED):
+        result = ladder.refine(case, ladder.Attempt(plan, given, event))
+        higher = planning.next_level(plan.harmonics, plan.method)
+        if result.status <= Status.TOLERANCE_NOT_MET:
+            return result.response, result.plan
+        if request.harmonics or not higher:
+            break
+        plan, event = dataclasses.replace(plan, harmonics=higher), None
+    return None, None
 
 
 def _plan(train, rpm, request, deflection, meshes):

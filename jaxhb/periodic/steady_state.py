@@ -18,8 +18,8 @@ from .settled import shortest_period, solve_settled
 
 DIRECTIONS = "up", "down", "both"
 
-FIRST_CYCLES = 8
-"""Cycles of the march that tells at which frequency meshes move, where loss factors become viscous damping."""
+TRANSIENT, WORK = (64, 192), 4e6
+"""Cycles before a record, fewest and most, and steps times modes that they may take."""
 
 AGAIN = 32
 """Cycles that a march goes on where harmonic balance did not find its motion."""
@@ -36,13 +36,17 @@ the one may have another motion when it starts from the other."""
 class Cycles:
     """How long a march is at most.
 
-    transient : cycles before the record; recorded : cycles of the record of a motion that does not return; most :
-    cycles while return errors still fall.
+    transient : cycles before the record, by default 64 to 192, more of them for trains whose cycles are cheap;
+    recorded : cycles of the record of a motion that does not return; most : cycles while return errors still fall.
     """
 
-    transient: int = 64
+    transient: int | None = None
     recorded: int = 64
     most: int = 256
+
+    def before_record(self, work):
+        """Cycles before the record, for ``work`` steps times modes a cycle."""
+        return int(np.clip(WORK / work, *TRANSIENT)) if self.transient is None else self.transient
 
 
 def steady_state(train, *, rpm, direction="up", start=None, tolerance=None, cycles=None, progress=None):
@@ -297,9 +301,10 @@ class _Search:
 def _ended(batch, cycles):
     """``(march, period)`` of those of a batch that have a period, or go on without (0) no longer, after more cycles."""
     running = [march for march in batch.marches if not march.done]
+    transient = cycles.before_record(batch.steps * len(batch.equations.modes.rates))
     while True:
-        first = [march for march in running if march.cycles < cycles.transient]
-        later = [march for march in running if march.cycles >= cycles.transient]
+        first = [march for march in running if march.cycles < transient]
+        later = [march for march in running if march.cycles >= transient]
         recording = [march for march in later if march.recorded < cycles.recorded]
         further = [march for march in later if march.recorded >= cycles.recorded]
         for group, record in ((first + further, False), (recording, True)):

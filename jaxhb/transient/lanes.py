@@ -17,11 +17,11 @@ import numpy as np
 from jax import lax
 
 from .._program import Program
-from ..harmonic import backlash, fourier
+from ..harmonic import fourier
 from ..harmonic.backlash import Law
 from ..harmonic.excitation import excitation
 from .statespace import _static, linear_response, matrices
-from .stepper import force_on_flank
+from .stepper import Stepper, force_on_flank
 
 INSTANTS = 32
 """Of a cycle at which its motion is compared with that of other cycles; divides every number of steps."""
@@ -71,28 +71,64 @@ class Lanes:
         return self.linear.shape[0] // 2
 
     def phi(self, w):
-        """Force ``(G, L)`` N of the meshes less its linear part at (l, l') ``(2G, L)``."""
-        deflection, rate = jnp.split(w, 2)
-        total = backlash.mesh_force(self.law, self.viscous, self.contact_damping, deflection, rate)
-        return total - self.law.stiffness * deflection - self.viscous * rate
+        """Force ``(G, L)`` N of the meshes less its linear part at (l, l') ``(2G, L)``: the mesh force of
+        :func:`jaxhb.harmonic.backlash.mesh_force`, written for speed."""
+        law, (deflection, rate) = self.law, jnp.split(w, 2)
+        reach = jnp.abs(deflection) - law.gap
+        inside = jnp.clip(reach, 0.0, law.width)
+        beyond, share = jnp.maximum(reach - law.width, 0.0), inside * (1 / law.width)
+        drop = law.stiffness * (1 - law.epsilon)
+        elastic = drop * (jnp.sign(deflection) * (share * inside / 2 + beyond) - deflection)
+        return elastic + self.viscous * rate * jnp.where(self.contact_damping, share - 1, 0.0)
 
     def advance(self, state, w, k):
         """State ``(2m, L)`` and w ``(2G, L)`` one step after step ``k`` of the cycle."""
-        lanes = w.shape[1]
         moved, midway = _turned(self.full, state), _turned(self.half, state)
-        seen = self.observation @ jnp.concatenate([moved, midway], axis=1)
+        ahead, middle = self.observation @ moved, self.observation @ midway
+        forces, end = self._stages(w, k, ahead, middle)
+        change = (_turned(weight, self.forcing @ force) for weight, force in zip(self.weights, forces, strict=True))
+        return moved + sum(change), end
+
+    def _stages(self, w, k, ahead, middle):
+        """The three forces ``(G, L)`` and w at the end of step ``k``; ``ahead``, ``middle``: what the state alone does
+        to w at the end of the step and in its middle."""
         following = jnp.where(k + 1 < self.steps, 2 * k + 2, 0)
-        ahead = seen[:, :lanes] + lax.dynamic_index_in_dim(self.linear, following, keepdims=False)
-        middle = seen[:, lanes:] + lax.dynamic_index_in_dim(self.linear, 2 * k + 1, keepdims=False)
+        ahead = ahead + lax.dynamic_index_in_dim(self.linear, following, keepdims=False)
+        middle = middle + lax.dynamic_index_in_dim(self.linear, 2 * k + 1, keepdims=False)
         f0 = self.phi(w)
         fa = self.phi(middle + _sum(self.first, f0))
-        fb = self.phi(middle + _sum(self.second, jnp.concatenate([f0, fa])))
-        fc = self.phi(ahead + _sum(self.third, jnp.concatenate([f0, fb])))
+        fb = self.phi(middle + _sum(self.second, f0, fa))
+        fc = self.phi(ahead + _sum(self.third, f0, fb))
         forces = f0, fa + fb, fc
-        pushed = self.forcing @ jnp.concatenate(forces, axis=1)
-        parts = [pushed[:, i * lanes : (i + 1) * lanes] for i in range(3)]
-        change = sum(_turned(weight, part) for weight, part in zip(self.weights, parts, strict=True))
-        return moved + change, ahead + _sum(self.end, jnp.concatenate(forces))
+        return forces, ahead + _sum(self.end, *forces)
+
+    def single(self):
+        """``advance`` for one lane, where dense products with its own matrices are faster: that of a Stepper."""
+        whole, half = (_matrix(factor[..., 0]) for factor in (self.full, self.half))
+        push = jnp.concatenate([_matrix(weight[..., 0]) @ self.forcing for weight in self.weights], axis=1)
+        stepper = Stepper(
+            propagate=jnp.concatenate([whole, self.observation @ whole, self.observation @ half]),
+            weights=jnp.concatenate([push, self.end[..., 0].T]),
+            **{name: getattr(self, name)[..., 0].T for name in ("first", "second", "third")},
+            **{name: getattr(self, name)[..., 0] for name in ("linear", "viscous", "contact_damping")},
+            law=jax.tree.map(lambda a: a[:, 0], self.law),
+            linear_state=None,
+            flank_state=None,
+            space=None,
+            frequency=None,
+        )
+
+        def advance(state, w, k):
+            state, w = stepper.advance(state[:, 0], w[:, 0], *stepper.known(k))
+            return state[:, None], w[:, None]
+
+        return advance
+
+
+def _matrix(factor):
+    """The dense matrix ``(2m, 2m)`` of :func:`_turned`."""
+    real, imag = jnp.diag(factor[0]), jnp.diag(factor[1])
+    return jnp.block([[real, -imag], [imag, real]])
 
 
 def _turned(factor, state):
@@ -104,11 +140,13 @@ def _turned(factor, state):
 UNROLLED = 16
 
 
-def _sum(matrix, values):
-    """Sum over the first axis of ``matrix`` ``(j, i, L)`` times ``values`` ``(j, L)``; short sums are vectorised."""
-    if len(values) > UNROLLED:
-        return jnp.einsum("jil,jl->il", matrix, values)
-    return sum(matrix[j] * values[j] for j in range(len(values)))
+def _sum(matrix, *values):
+    """Sum over the first axis of ``matrix`` ``(j, i, L)`` times the rows ``(j, L)`` of all values; short sums are
+    vectorised."""
+    if len(matrix) > UNROLLED:
+        return jnp.einsum("jil,jl->il", matrix, jnp.concatenate(values))
+    rows = (row for block in values for row in block)
+    return sum(part * row for part, row in zip(matrix, rows, strict=True))
 
 
 def _linear_motion(train, rpm, system, meshes, harmonics):
@@ -247,8 +285,9 @@ def cycle(lanes, state, states=False):
 
     def step(k, carry):
         state, w, kept = carry
-        return *lanes.advance(state, w, k), keep(kept, k, w, state)
+        return *advance(state, w, k), keep(kept, k, w, state)
 
+    advance = lanes.single() if w.shape[1] == 1 else lanes.advance
     state, w, kept = lax.fori_loop(0, lanes.steps, step, (state, w, kept))
     return state, *keep(kept, lanes.steps, w, state)
 

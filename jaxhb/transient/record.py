@@ -15,17 +15,24 @@ HARMONICS = 256
 """Of the cycle, of which amplitudes are kept at most."""
 
 
+STRIDE = 2
+"""Steps between the samples of shafts and disks, which follow the teeth with less than these."""
+
+
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Outputs:
     """Quantities that are linear in the motion, and gear torques.
 
-    modal ``(Q, 2m)`` of the deviation from the linear train, which adds linear ``(L, Q, steps)``; sums ``(P, R)``: gear
-    torques as sums of the R forces, those of linear meshes (the last of the Q) and then those of the others.
+    modal ``(Q, 2m)`` of the deviation from the linear train, which adds linear ``(L, Q, steps / STRIDE)``: disks and
+    shafts; mesh_modal ``(2R, 2m)`` and mesh_linear ``(L, 2R, steps)``: deflections and forces of the R meshes without
+    backlash; sums ``(P, R + G)``: gear torques as sums of the forces of these and of the others.
     """
 
     modal: jax.Array
     linear: jax.Array
+    mesh_modal: jax.Array
+    mesh_linear: jax.Array
     sums: jax.Array
 
 
@@ -35,8 +42,8 @@ class Reduced:
     """Cycles of quantities: max, min, mean, square (mean of squares) ``(cycles, L, quantities)``, power ``(L,
     quantities, H+1)``: sum over the cycles of |x^n|^2.
 
-    The quantities are those of Outputs, deflections, elastic and transmitted forces of the backlash meshes,
-    transmitted and elastic gear torques.
+    The quantities are angles of the disks, twists and torques of shafts and dampers, deflections and forces of meshes
+    without backlash, deflections, elastic and transmitted forces of the others, transmitted and elastic gear torques.
     """
 
     max: jax.Array
@@ -71,23 +78,25 @@ def outputs_of(modes, system, shafts, linear_meshes, gears, posed, steps):
     posed : Posed
     steps : int, per cycle
     """
-    rows = _rows(system, shafts, linear_meshes)
-    modal = rows @ modes.motion
     speed = fourier.derivative(posed.displacement, posed.frequency[:, None, None])
-    linear = rows @ np.concatenate([posed.displacement, speed], axis=1)
-    return Outputs(np.concatenate([modal.real, -modal.imag], axis=1), fourier.synthesize(linear, steps), gears)
+    motion = np.concatenate([posed.displacement, speed], axis=1)
+    parts = []
+    for rows, samples in zip(_rows(system, shafts, linear_meshes), (steps // STRIDE, steps), strict=True):
+        modal = rows @ modes.motion
+        parts += [np.concatenate([modal.real, -modal.imag], axis=1), fourier.synthesize(rows @ motion, samples)]
+    return Outputs(*parts, gears)
 
 
 def _rows(system, shafts, linear_meshes):
-    """What the quantities take of (x, x'), ``(Q, 2S)``: angles, twists, torques, deflections and forces of meshes."""
-    disks, radius = len(system.mass), np.asarray(system.radius)
-    bend, nothing = system.incidence().T, np.zeros((0, len(system.mass)))
+    """What quantities take of (x, x'), two arrays ``(Q, 2S)``: of angles, twists and torques, and of deflections and
+    forces of meshes."""
+    radius, bend = np.asarray(system.radius), system.incidence().T
     ends = radius[system.tree.end_a][:, None]
     spring, damper = (np.asarray(a)[:, None] * bend for a in (system.stiffness, system.viscous))
-    first, mesh = slice(None, shafts), np.asarray(linear_meshes, int)
-    position = [np.eye(disks) / radius[:, None], (bend / ends)[first], (spring * ends)[first], bend[mesh], spring[mesh]]
-    speed = [0 * position[0], 0 * position[1], (damper * ends)[first], 0 * bend[mesh], damper[mesh]]
-    return np.concatenate([np.concatenate([*position, nothing]), np.concatenate([*speed, nothing])], axis=1)
+    angle, first, mesh = np.eye(len(radius)) / radius[:, None], slice(None, shafts), np.asarray(linear_meshes, int)
+    shaft = [angle, (bend / ends)[first], (spring * ends)[first]], [0 * angle, 0 * bend[first], (damper * ends)[first]]
+    teeth = [bend[mesh], spring[mesh]], [0 * bend[mesh], damper[mesh]]
+    return [np.concatenate([np.concatenate(x), np.concatenate(v)], axis=1) for x, v in (shaft, teeth)]
 
 
 @Program
@@ -109,12 +118,12 @@ def record(lanes, outputs, state, blank):
         state, trace, states = cycle(lanes, carry[0], states=True)
         reduced, teeth = lax.map(
             lambda one: _reduce(lanes, outputs, *one),
-            (jnp.moveaxis(trace, 2, 0), jnp.moveaxis(states, 2, 0), outputs.linear),
+            (jnp.moveaxis(trace, 2, 0), jnp.moveaxis(states, 2, 0), outputs.linear, outputs.mesh_linear),
         )
         power = carry[2] + reduced.pop("power")
         return (state, trace, power), (trace[:-1:stride], reduced, teeth)
 
-    quantities = len(outputs.modal) + 3 * len(lanes.viscous) + 2 * len(outputs.sums)
+    quantities = len(outputs.modal) + len(outputs.mesh_modal) + 3 * len(lanes.viscous) + 2 * len(outputs.sums)
     power = jnp.zeros((state.shape[1], quantities, harmonics_of(lanes.steps) + 1))
     (state, trace, power), (seen, reduced, teeth) = lax.scan(another, (state, empty, power), blank)
     return state, seen, trace, Reduced(power=power, **reduced), teeth
@@ -122,28 +131,39 @@ def record(lanes, outputs, state, blank):
 
 def harmonics_of(steps):
     """Harmonics whose amplitudes are kept."""
-    return min(HARMONICS, steps // 4)
+    return min(HARMONICS, steps // STRIDE // 2)
 
 
-def _reduce(lanes, outputs, w, states, linear):
-    """One cycle of one lane: w ``(steps + 1, 2G)``, states ``(steps + 1, 2m)``, linear ``(Q, steps)``."""
-    law = jax.tree.map(lambda a: a, lanes.law)
+def _reduce(lanes, outputs, w, states, linear, mesh_linear):
+    """One cycle of one lane: w ``(steps + 1, 2G)``, states ``(steps + 1, 2m)``, what the linear train adds."""
+    law = lanes.law
     deflection, rate = jnp.split(w.T, 2)
     elastic = backlash.force(law, deflection)
     total = backlash.mesh_force(law, lanes.viscous, lanes.contact_damping, deflection, rate)
-    values = outputs.modal @ states.T + jnp.concatenate([linear, linear[:, :1]], axis=1)
-    straight = values[len(values) - (outputs.sums.shape[1] - len(total)) :]
-    gears = [outputs.sums @ jnp.concatenate([straight, forces]) for forces in (total, elastic)]
-    values = jnp.concatenate([values, deflection, elastic, total, *gears])
-    spectrum = fourier.analyze(values[:, :-1], harmonics_of(lanes.steps))
-    numbers = {
+    straight = outputs.mesh_modal @ states.T + _closed(mesh_linear)
+    held = jnp.split(straight, 2)[1]
+    gears = [outputs.sums @ jnp.concatenate([held, forces]) for forces in (total, elastic)]
+    shafts = outputs.modal @ states[::STRIDE].T + _closed(linear)
+    teeth = jnp.concatenate([straight, deflection, elastic, total, *gears])
+    parts = [_numbers(values, harmonics_of(lanes.steps)) for values in (shafts, teeth)]
+    return jax.tree.map(lambda *a: jnp.concatenate(a), *parts), _teeth(law, deflection, rate)
+
+
+def _closed(values):
+    """Samples ``(Q, samples + 1)`` of a cycle, the first of which comes again at its end."""
+    return jnp.concatenate([values, values[:, :1]], axis=1)
+
+
+def _numbers(values, harmonics):
+    """The numbers of one cycle, from ``(Q, samples + 1)``."""
+    spectrum = fourier.analyze(values[:, :-1], harmonics)
+    return {
         "max": _highest(values),
         "min": -_highest(-values),
         "mean": values[:, :-1].mean(axis=1),
         "square": (values[:, :-1] ** 2).mean(axis=1),
         "power": spectrum.real**2 + spectrum.imag**2,
     }
-    return numbers, _teeth(law, deflection, rate)
 
 
 def _highest(values):
