@@ -9,6 +9,7 @@ which no eigenvectors span: a spring far below the cycle frequency parts it, whi
 eigenvectors coincide is parted by changes of its last digits.
 """
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,14 +17,12 @@ import numpy as np
 from .._program import Program
 from .statespace import matrices, state_space
 
-FREE = 1e-4
-"""Frequency given to free rotation, as a share of that of the cycle."""
+FREE, ROUNDED = 1e-5, 1e-15
+"""Frequency given to free rotation, as a share of that of the cycle, by springs in proportion to the inertias; its
+square is at least this share of the highest, which rounding leaves."""
 
 CONDITION, PARTING = 1e7, 1e-9
 """Condition of the eigenvectors above which damping is changed, and by what share."""
-
-ROUNDED = 1e-14
-"""Share of the highest squared frequency that is free rotation."""
 
 _state_space = Program(state_space, static_argnames="parts")
 
@@ -57,25 +56,18 @@ def damped_modes(system, meshes, frequency, parts):
     -------
     Modes
     """
-    space = _state_space(system, meshes, frequency, parts=parts)
+    inertial = np.array(parts.inertial, int)
+    highest = np.max(np.asarray(system.held_stiffness())[inertial] / system.mass[inertial])
+    soft = max((FREE * frequency) ** 2, ROUNDED * highest)
+    held = dataclasses.replace(system, ground=system.ground + soft * system.mass)
+    space = _state_space(held, meshes, frequency, parts=parts)
     A, E, L, T = (np.array(a) for a in (space.transition, space.forcing, space.observation, space.coordinates))
-    _hold_free_rotation(A, len(parts.inertial), frequency)
     back = _motion(system, A, T, parts)
     rates, vectors = _eigen(A, len(parts.inertial))
     one = rates.imag >= 0
     inverse = np.linalg.inv(vectors)[one]
     rates, vectors = rates[one], np.where(rates[one].imag > 0, 2.0, 1.0) * vectors[:, one]
     return Modes(rates, inverse @ E, L @ vectors, back @ vectors, inverse @ T)
-
-
-def _hold_free_rotation(A, inertial, frequency):
-    """Give modes without stiffness a spring, in place."""
-    position, speed = np.arange(inertial), len(A) - inertial + np.arange(inertial)
-    scale = A[position, speed]
-    squares = -A[speed, position] * scale
-    free = squares <= ROUNDED * squares.max(initial=0.0)
-    A[np.ix_(speed[free], position)] = 0.0
-    A[speed[free], position[free]] = -((FREE * frequency) ** 2) / scale[free]
 
 
 def _eigen(A, inertial):

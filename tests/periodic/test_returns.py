@@ -1,0 +1,53 @@
+"""The period of a marched motion, from made-up motions whose period is known."""
+
+import numpy as np
+
+from jaxhb.periodic.returns import Returns
+
+
+def returns_of(motion, cycles):
+    """Returns of ``motion(c, t)``, t in cycles, over so many cycles."""
+    found = Returns(np.array([1e-3, 1e-3]))
+    t = np.arange(32) / 32
+    found.add(np.stack([np.stack([motion(c, t), motion(c, t + 0.25)], axis=1) for c in range(cycles)]))
+    return found
+
+
+def test_a_motion_that_repeats_has_the_period_of_its_repetition():
+    for period in range(1, 9):
+        found = returns_of(lambda c, t, k=period: np.cos(2 * np.pi * t) + 0.1 * np.cos(2 * np.pi * (c + t) / k), 40)
+        assert found.period() == period
+
+
+def test_a_slow_approach_has_the_period_that_it_approaches():
+    found = returns_of(lambda c, t: np.cos(2 * np.pi * t) + 0.1 * 0.9**c, 60)
+    assert found.period() == 1
+
+
+def test_an_alternating_approach_beside_a_period_doubling_is_no_doubling():
+    for cycles in range(8, 200, 4):
+        assert returns_of(lambda c, t: np.cos(2 * np.pi * t) + 0.3 * (-0.95) ** c, cycles).period() in (0, 1)
+    assert returns_of(lambda c, t: np.cos(2 * np.pi * t) + 0.3 * (-0.95) ** c, 240).period() == 1
+
+
+def test_a_small_lasting_alternation_has_a_period_of_two():
+    found = returns_of(lambda c, t: np.cos(2 * np.pi * t) + 1e-3 * (-1.0) ** c + 0.2 * 0.8**c, 96)
+    assert found.period() == 2
+
+
+def test_a_motion_that_leaves_a_repelling_one_has_no_period():
+    for cycles in range(8, 40, 4):
+        found = returns_of(lambda c, t: np.cos(2 * np.pi * t) + 1e-5 * (-1.3) ** c, cycles)
+        assert cycles < 16 or found.period() == 0
+
+
+def test_an_irregular_motion_has_no_period_and_is_decided():
+    noise = np.random.default_rng(0).normal(size=200)
+    found = returns_of(lambda c, t: np.cos(2 * np.pi * t) * noise[c], 128)
+    assert found.period() == 0
+    assert not found.undecided()
+
+
+def test_a_quasi_periodic_motion_has_no_period():
+    found = returns_of(lambda c, t: np.cos(2 * np.pi * t) + 0.5 * np.cos(2 * np.pi * (c + t) / 2**0.5), 200)
+    assert found.period() == 0

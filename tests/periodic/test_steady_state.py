@@ -1,0 +1,297 @@
+"""What trains do after they have run long enough: kinds of motion and their numbers, against exact motions and long
+integrations."""
+
+import functools
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+import trains
+from reference_data import reference
+
+import jaxhb
+from jaxhb import Disk, Mesh, Torque
+from jaxhb.harmonic import backlash
+from jaxhb.harmonic.excitation import excitation, highest_harmonic
+from jaxhb.periodic.settled import partly_lossy, shortest_period
+from jaxhb.periodic.steady_state import Cycles
+
+HALF_GAP = 1.0
+
+
+def one_mass(*, zeta, mean, alternating, transition=1e-3):
+    """``x'' + 2 zeta x' + f(x) = mean + alternating cos(t)``, f with a dead zone of +-1 and stiffness 1, as two gears."""
+    parts = [Disk(name=name, inertia=2.0, damping=4 * zeta, radius=1.0) for name in "ab"]
+    parts.append(Mesh(between=("a", "b"), stiffness=1.0, epsilon=0.0, transition=transition, backlash=2 * HALF_GAP))
+    for sign, name in ((1, "a"), (-1, "b")):
+        parts.append(Torque(disk=name, mean=sign * mean, harmonics=((1.0, *(sign * v for v in alternating)),)))
+    return trains.build(parts, reference="a")
+
+
+def rpm(omega):
+    """Speeds at which the excitation has angular frequencies in units of the natural one."""
+    return np.asarray(omega) * trains.ONE_RADIAN_PER_SECOND
+
+
+def test_teeth_that_the_linear_motion_holds_stay_in_contact():
+    for name, speed in (("six_cylinder_diesel", 1500.0), ("gear_train_30", 600.0)):
+        train = jaxhb.load_scene(name)
+        found, linear = jaxhb.steady_state(train, rpm=speed), jaxhb.linear_response(train, rpm=speed)
+        assert (found.kind, found.period, found.cycles, found.notes) == ("contact", 1, 0, ())
+        shaft = train.topology.shaft_names[0]
+        np.testing.assert_allclose(float(found.torque(shaft).max), float(linear.torque(shaft).max), rtol=1e-9)
+
+
+def test_a_cycle_several_times_as_long_has_the_same_excitation_at_multiples_of_its_harmonics():
+    for name in ("gear_train_30", "six_cylinder_diesel"):
+        train = jaxhb.load_scene(name)
+        for cycles in (2, 3):
+            harmonics = highest_harmonic(train)
+            long = train.repeated(cycles)
+            assert highest_harmonic(long) == cycles * harmonics
+            once, often = excitation(train, 1500.0, harmonics)[0], excitation(long, 1500.0, cycles * harmonics)[0]
+            np.testing.assert_allclose(often[:, ::cycles], once, rtol=1e-12)
+            others = np.arange(often.shape[1]) % cycles != 0
+            assert not often[:, others].any()
+
+
+def test_responses_over_a_longer_cycle_have_the_same_forces_at_the_same_orders():
+    train = jaxhb.load_scene("gear_train_30")
+    once, twice = (jaxhb.solve(t, rpm=1200.0) for t in (train, train.repeated(2)))
+    one, two = (r.force("crank gear", "idler") for r in (once, twice))
+    assert two.order(1.5) == pytest.approx(one.order(1.5), rel=1e-3)  # truncation errors of other numbers of harmonics
+    assert two.max == pytest.approx(one.max, rel=3e-3)
+    assert shortest_period(twice, 2) == 1
+
+
+@functools.cache
+def hysteresis():
+    """Up and down sweeps of the pair with exact coexisting motions, and the rows of these."""
+    rows = reference("backlash_one_mass_exact")["kahraman_singh_form"]["rows"]
+    omegas = sorted({row["Omega"] for row in rows})
+    found = {}
+    for way in ("up", "down"):
+        before = None
+        for omega in omegas if way == "up" else omegas[::-1]:
+            train = one_mass(zeta=0.05, mean=0.1, alternating=(0.0, 0.05 * omega**2))
+            before = jaxhb.steady_state(train, rpm=rpm(omega), start=before)
+            found[way, omega] = before
+    return rows, omegas, found
+
+
+def test_sweeps_up_and_down_follow_the_exact_stable_branches():
+    rows, omegas, found = hysteresis()
+    stable = {omega: [r for r in rows if r["Omega"] == omega and max(r["floquet_abs"]) < 1] for omega in omegas}
+    matched = set()
+    for (_, omega), state in found.items():
+        deflection = state.deflection("a", "b")
+        errors = [abs(float(deflection.max) - row["max"]) for row in stable[omega]]
+        assert state.period == 1
+        assert min(errors) < 2e-3  # the transition zone moves extremes by a few of its squares, 1 % harmonics are left
+        matched.add((omega, int(np.argmin(errors))))
+    both = [omega for omega in omegas if len(stable[omega]) == 2]
+    assert all({(omega, 0), (omega, 1)} <= matched for omega in both if any((omega, 1) in matched for omega in both))
+
+
+PAIR = {"zeta": 0.05, "mean": 0.25, "alternating": (0.5, 0.0)}
+
+KNOWN = {0.3: 1, 0.6: 1, 0.8: 1, 1.0: 2, 1.3: 4}
+"""Periods in cycles of the lightly loaded pair, from the integration below over 1500 cycles."""
+
+
+def integrated(omega, cycles, steps=1024):
+    """Largest and smallest deflection and the return errors of the last cycles, by classical Runge-Kutta in numpy."""
+    zeta, mean, drive = PAIR["zeta"], PAIR["mean"], PAIR["alternating"][0]
+    law, dt = backlash.Law(1.0, 0.0, 1e-3, 2 * HALF_GAP), 2 * np.pi / omega / steps
+    force = mean + drive * np.cos(np.pi * np.arange(2 * steps + 1) / steps)
+
+    def rate(x, v, q):
+        beyond = abs(x) - law.gap
+        inside = min(max(beyond, 0.0), law.width)
+        elastic = inside**2 / (2 * law.width) + max(beyond - law.width, 0.0)
+        return v, q - 2 * zeta * v - (elastic if x > 0 else -elastic)
+
+    x, v, states, extremes = 1.25, 0.0, [], []
+    for _ in range(cycles):
+        low, high = np.inf, -np.inf
+        for k in range(steps):
+            q0, q1, q2 = force[2 * k : 2 * k + 3]
+            a = rate(x, v, q0)
+            b = rate(x + dt / 2 * a[0], v + dt / 2 * a[1], q1)
+            c = rate(x + dt / 2 * b[0], v + dt / 2 * b[1], q1)
+            d = rate(x + dt * c[0], v + dt * c[1], q2)
+            x += dt / 6 * (a[0] + 2 * b[0] + 2 * c[0] + d[0])
+            v += dt / 6 * (a[1] + 2 * b[1] + 2 * c[1] + d[1])
+            low, high = min(low, x), max(high, x)
+        states.append((x, v))
+        extremes.append((low, high))
+    extremes, states = np.array(extremes[-16:]), np.array(states)
+    returned = [np.abs(states[-8:] - states[-8 - k : -k]).max() for k in range(1, 9)]
+    return extremes[:, 0].min(), extremes[:, 1].max(), np.array(returned)
+
+
+@pytest.mark.parametrize("omega", KNOWN)
+def test_the_lightly_loaded_pair_has_the_period_and_extremes_of_a_long_integration(omega):
+    state = jaxhb.steady_state(one_mass(**PAIR), rpm=rpm(omega), tolerance=1e-3)
+    low, high, returned = integrated(omega, 150)
+    period = 1 + int(np.argmax(returned < 1e-4))
+    assert state.period == period == KNOWN[omega]
+    assert state.kind == ("periodic" if period == 1 else "subharmonic")
+    deflection = state.deflection("a", "b")
+    size = max(high, -low)
+    # 0.1 %: Runge-Kutta of 1024 steps crosses the corner of the law with an error of second order
+    assert abs(float(deflection.max) - high) < 1e-3 * size
+    assert abs(float(deflection.min) - low) < 1e-3 * size
+    assert deflection.per_cycle.max[2] <= deflection.max + 1e-9
+
+
+def test_where_the_lightly_loaded_pair_never_repeats_its_record_has_the_extremes_of_a_long_integration():
+    state = jaxhb.steady_state(one_mass(**PAIR), rpm=rpm(0.9))
+    assert (state.kind, state.period, state.response) == ("irregular", 0, None)
+    assert state.record.cycles >= 64
+    omega = 0.9
+    _, high, returned = integrated(omega, 300)
+    assert returned.min() > 1e-2
+    assert abs(state.deflection("a", "b").max - high) < 0.05 * high
+
+
+@functools.cache
+def irregular():
+    return jaxhb.steady_state(jaxhb.load_scene("gear_train_30"), rpm=2400.0)
+
+
+def test_the_packaged_train_hammers_irregularly_with_the_statistics_of_a_finer_integration():
+    state, train = irregular(), jaxhb.load_scene("gear_train_30")
+    assert (state.kind, state.period) == ("irregular", 0)
+    force = state.force("crank gear", "idler")
+    assert force.min <= force.per_cycle.min[0] <= force.mean <= force.per_cycle.max[2] <= force.max
+    orbit = jaxhb.integrate(train, rpm=2400.0, steps=4096, cycles=64)
+    highest = np.empty((64, 4))
+    from jaxhb.transient.integrate import cycle
+
+    run, z = jax.jit(cycle), orbit.state
+    for c in range(64):
+        z, trace = run(orbit.stepper, z)
+        law = jax.tree.map(lambda a: np.asarray(a)[:, None], orbit.stepper.law)
+        highest[c] = np.asarray(backlash.force(law, np.asarray(trace.deflection))).max(axis=1)
+    for g, name in enumerate(train.topology.mesh_names):
+        found = state.force(name).elastic
+        # two records of 64 cycles of the same irregular motion: their largest, and the middle of their distributions
+        assert abs(found.max - highest[:, g].max()) < 0.05 * found.max
+        assert abs(found.per_cycle.max[1] - np.median(highest[:, g])) < 0.03 * found.max
+
+
+def test_the_record_is_read_as_a_response_is():
+    state, response = irregular(), jaxhb.solve(jaxhb.load_scene("gear_train_30"), rpm=1800.0)
+    for read in (
+        lambda r: r.force("crank gear", "idler"),
+        lambda r: r.gear_torque("idler"),
+        lambda r: r.torque("throw 1", "throw 2"),
+        lambda r: r.torque("cam damper A"),
+        lambda r: r.twist("throw 1", "throw 2"),
+        lambda r: r.disk("flywheel"),
+        lambda r: r.deflection("crank gear", "idler"),
+    ):
+        signal, other = read(state), read(response)
+        assert signal.min <= signal.mean <= signal.max
+        assert signal.rms <= signal.peak
+        assert signal.half_peak_to_peak == pytest.approx((signal.max - signal.min) / 2)
+        assert signal.order(1.0) > 0
+        assert 0.2 < signal.rms / other.rms < 5  # the same quantity in the same unit, at another speed
+    forward, back = state.force("crank gear", "idler"), state.force("idler", "crank gear")
+    assert (back.max, back.min, back.mean) == (-forward.min, -forward.max, -forward.mean)
+    contact = state.mesh("crank gear", "idler")
+    assert contact.impacts_per_cycle > 1
+    assert contact.hardest_impact > 0.1
+    with pytest.raises(ValueError, match="use torque"):
+        state.force("throw 1", "throw 2")
+    with pytest.raises(ValueError, match="carries no mesh"):
+        state.gear_torque("flywheel")
+
+
+def test_the_same_start_gives_the_same_record_to_the_last_bit():
+    again = jaxhb.steady_state(jaxhb.load_scene("gear_train_30"), rpm=2400.0)
+    for name in again.topology.mesh_names:
+        np.testing.assert_array_equal(again.force(name).highest, irregular().force(name).highest)
+    np.testing.assert_array_equal(again.motion, irregular().motion)
+
+
+def test_a_sweep_keeps_the_motion_of_its_neighbour_where_two_are_possible():
+    train = one_mass(zeta=0.05, mean=0.1, alternating=(0.0, 0.05 * 0.85**2))
+    speeds = rpm(np.linspace(0.6, 1.1, 11))
+    up, down = jaxhb.steady_state(train, rpm=speeds, direction="both")
+    assert up.kind.shape == up.period.shape == (11,)
+    np.testing.assert_allclose(up.rpm, speeds)
+    differ = [
+        i
+        for i in range(11)
+        if abs(float(up[i].deflection("a", "b").max) - float(down[i].deflection("a", "b").max)) > 0.1
+    ]
+    assert differ
+    assert (up.kind[0], down.kind[0]) == ("contact", "contact")
+
+
+def test_a_massless_gear_with_backlash_is_unknown_with_its_reason():
+    parts = [p for p in trains.pinions_parts(2.0)]
+    import dataclasses
+
+    parts = [
+        dataclasses.replace(p, inertia=0.0) if getattr(p, "name", "") == "cam gear" and hasattr(p, "radius") else p
+        for p in parts
+    ]
+    train = trains.build(parts, reference="crank gear")
+    state = jaxhb.steady_state(train, rpm=1500.0)
+    assert state.kind == "unknown"
+    assert not state.known
+    assert "'cam gear' has no inertia and carries a backlash mesh" in state.notes[0]
+    with pytest.raises(ValueError, match="no inertia"):
+        state.force("crank gear", "cam gear")
+
+
+def test_loss_factors_are_damping_in_the_march_and_themselves_in_the_answer():
+    import dataclasses
+
+    def lossy(part):
+        return dataclasses.replace(part, loss_factor=0.03, damping=0.0) if isinstance(part, jaxhb.Shaft) else part
+
+    train = trains.build([lossy(p) for p in trains.pinions_parts(10.0)], reference="crank gear")
+    state = jaxhb.steady_state(train, rpm=1500.0)
+    assert state.kind == "periodic"
+    assert "viscous damping at" in state.notes[0]
+    assert state.response.train is not None
+    found = jaxhb.solve(train, rpm=1500.0, start=state.response)
+    assert found.converged
+    mesh = ("crank gear", "cam gear")
+    assert float(state.force(*mesh).max) == pytest.approx(float(found.force(*mesh).max), rel=0.01)
+
+
+def test_trains_between_viscous_damping_and_loss_factors_end_in_both():
+    train = jaxhb.load_scene("six_cylinder_diesel")
+    viscous = train.with_viscous_damping(hz=80.0)
+    ends = {0.0: viscous, 1.0: train}
+    for share, expected in ends.items():
+        found = partly_lossy(train, 80.0, share)
+        for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+            np.testing.assert_allclose(one, other)
+
+
+def test_what_cannot_be_done_is_a_sentence():
+    train = jaxhb.load_scene("gear_train_30")
+    with pytest.raises(ValueError, match="direction is 'left'"):
+        jaxhb.steady_state(train, rpm=[1000.0], direction="left")
+    with pytest.raises(jaxhb.SceneError, match="must be greater than 0 rpm"):
+        jaxhb.steady_state(train, rpm=[1000.0, -1.0])
+    with pytest.raises(TypeError, match="pass|differentiate"):
+        jax.jit(lambda speed: jaxhb.steady_state(train, rpm=speed))(1000.0)
+    other = jaxhb.steady_state(jaxhb.load_scene("spur_pair"), rpm=1000.0)
+    with pytest.raises(jaxhb.SceneError, match="another train"):
+        jaxhb.steady_state(train, rpm=1000.0, start=other)
+
+
+def test_a_short_march_is_what_was_asked():
+    state = jaxhb.steady_state(jaxhb.load_scene("gear_train_30"), rpm=2400.0, cycles=Cycles(transient=8, recorded=16))
+    assert (state.record.cycles, state.cycles) == (16, 24)
+
+
+assert Path
