@@ -9,6 +9,7 @@ from transient_cases import pair
 
 import jaxhb
 from jaxhb import Disk, Mesh, Shaft
+from jaxhb.harmonic.excitation import excitation, listed_harmonic
 from jaxhb.periodic.marching import Batch, Equations, record_of
 from jaxhb.transient import lanes as marching
 from jaxhb.transient.reference import _discretize, _march
@@ -22,7 +23,7 @@ def dense(equations, batch, place, cycles):
     posed, train = batch.posed, equations.train
     rpm = float(batch.marches[place].rpm)
     system, meshes = equations.system, equations.meshes
-    load = np.asarray(_load(train, rpm)) / np.asarray(system.radius)[:, None]
+    load = np.asarray(excitation(train, rpm, listed_harmonic(train.topology))[0]) / np.asarray(system.radius)[:, None]
     stepper = _discretize(system, meshes, float(posed.frequency[place]), load, steps=STEPS, parts=equations.parts)
     x, v = np.split(batch.motion(batch.marches[place]), 2)
     return np.asarray(_march(stepper, state_from_motion(stepper, x, v), cycles)[1].deflection)
@@ -32,12 +33,6 @@ def pushed(equations, rpm):
     """Speeds in m/s that a start gets in addition, ``(2S,)``."""
     kick = np.random.default_rng(int(rpm)).normal(size=len(equations.system.mass))
     return np.concatenate([0 * kick, np.where(equations.system.mass > 0, kick, 0.0)])
-
-
-def _load(train, rpm):
-    from jaxhb.harmonic.excitation import excitation, listed_harmonic
-
-    return excitation(train, rpm, listed_harmonic(train.topology))[0]
 
 
 def gearbox():
