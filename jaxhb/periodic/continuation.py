@@ -1,9 +1,9 @@
 """Pseudo-arclength continuation: along a curve of solutions through its folds and corners.
 
-A curve ``H(y) = 0`` with one unknown more than equations, the last of ``y`` a share p that shall reach 1, is followed
-by steps along its tangent, each corrected by Newton's method in the plane across the tangent (Keller 1977; Allgower and
-Georg, Introduction to Numerical Continuation Methods, SIAM 2003, chs. 2, 6 and 10). At a fold p turns back; at a
-corner, where a knot of the law is grazed, the tangent jumps.
+A curve ``H(y) = 0`` with one unknown more than equations, the last of ``y`` a parameter p, is followed by steps along
+its tangent, each corrected by Newton's method in the plane across the tangent (Keller 1977; Allgower and Georg,
+Introduction to Numerical Continuation Methods, SIAM 2003, chs. 2, 6 and 10), until p leaves its range. At a fold p
+turns back; at a corner, where a knot of the law is grazed, the tangent jumps.
 
 The loop runs on the host, around compiled functions: beside a Jacobian, milliseconds, its decisions cost nothing.
 """
@@ -41,10 +41,12 @@ DEFAULT = StepControl()
 class CurveEnd(NamedTuple):
     """Where a curve was followed to.
 
-    y ``(m+1,)``: a point with p = 1 if ``arrived``; steps accepted; jacobians evaluated; folds of p passed.
+    y ``(m+1,)``: a point with p at an end of its range if ``arrived``, and the tangent there; steps accepted; jacobians
+    evaluated; folds of p passed.
     """
 
     y: np.ndarray
+    tangent: np.ndarray | None
     arrived: bool
     steps: int
     jacobians: int
@@ -62,37 +64,47 @@ class _Trial(NamedTuple):
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # what is not finite fails the tests of a trial
-def follow(linearize, simplify, start, *, most, control=DEFAULT):
-    """Follow the curve from p = 0 at ``start`` until p = 1.
+def follow(linearize, simplify, start, *, most, within=(-np.inf, 1.0), onward=None, visit=None, control=DEFAULT):
+    """Follow the curve from ``start`` until p leaves its range.
 
     Parameters
     ----------
-    linearize : y -> (H, change ``(m+1,)``, tangent ``(m+1,)``, slopes)
+    linearize : (y, normal) -> (H, change ``(m+1,)``, tangent ``(m+1,)``, slopes)
         The change makes H zero to first order. The tangent, of any length, is oriented by the sign of the determinant
-        of the Jacobian with the tangent below it. The slopes are what ``simplify`` needs of the Jacobian.
+        of the Jacobian with the tangent below it, or by a positive product with ``normal``, the tangent before. The
+        slopes are what ``simplify`` needs of the Jacobian.
     simplify : (y, slopes) -> (H, change), the change from the Jacobian of another y
-    start : array ``(m+1,)``, from which Newton's method reaches the curve at p = 0
+    start : array ``(m+1,)``, from which Newton's method reaches the curve with p as it is
     most : int, Jacobians at most
+    within : two floats, the range of p
+    onward : array ``(m+1,)``, optional
+        Tangent on from ``start``, which is on the curve; without it p rises.
+    visit : (y, tangent) -> None, optional, called at the start, after every step and at the end
     control : StepControl
 
     Returns
     -------
     CurveEnd
     """
-    curve = _Curve(linearize, simplify, most, control)
-    y, tangent = curve.reach(np.asarray(start), 0.0, np.inf)
-    if tangent is None:
-        return CurveEnd(y, False, 0, curve.jacobians, 0)
-    # Folds and corners leave the sign of the determinant as it is, so that a tangent with the orientation of the first
-    # one never leads back. The angle to the tangent before would not tell: at a corner it may be more than a right one.
-    curve.orientation = np.sign(tangent[-1])
-    tangent = curve.orientation * tangent
-    rise, length, steps, folds, turns = 1.0, control.first, 1, 0, 0
+    curve, visit = _Curve(linearize, simplify, most, control), visit or _ignore
+    y, tangent = np.asarray(start), onward
+    if onward is None:
+        y, tangent = curve.reach(y, y[-1], np.inf)
+        if tangent is None:
+            return CurveEnd(y, None, False, 0, curve.jacobians, 0)
+        # Folds and corners leave the sign of the determinant as it is, so that a tangent with the orientation of the
+        # first one never leads back. The angle to the tangent before would not tell: at a corner it may be more than a
+        # right one.
+        curve.orientation = np.sign(tangent[-1])
+        tangent = curve.orientation * tangent
+    visit(y, tangent)
+    rise, length, steps, folds, turns = np.sign(tangent[-1]), control.first, 1, 0, 0
     while not curve.exhausted and turns <= control.turns and length >= control.lost:
         trial = curve.correct(y + length * tangent, tangent, length)
         straight = trial.tangent @ tangent
         on_curve, short = trial.error < control.near, length < control.corner
-        crossing = (trial.y[-1] - 1) * (y[-1] - 1) <= 0
+        end = within[0] if trial.y[-1] <= within[0] else within[1]
+        crossing = trial.y[-1] <= within[0] or trial.y[-1] >= within[1]
         if not on_curve:
             length *= control.shorter
             if length < control.corner and np.isfinite(trial.error):
@@ -103,17 +115,46 @@ def follow(linearize, simplify, start, *, most, control=DEFAULT):
         elif not (straight > control.bent or short):
             length *= control.shorter
         elif crossing:
-            # The end is where p = 1 between both points. If the curve turned back between them, a shorter step tells.
-            between = y + (1 - y[-1]) / (trial.y[-1] - y[-1]) * (trial.y - y)
-            end, found = curve.reach(between, 1.0, 4 * length)
+            # The end is between both points. If the curve turned back between them, a shorter step tells.
+            between = y + (end - y[-1]) / (trial.y[-1] - y[-1]) * (trial.y - y)
+            last, found = curve.reach(between, end, 4 * length)
             if found is not None:
-                return CurveEnd(end, True, steps, curve.jacobians, folds)
+                found = found * np.sign(found @ tangent)
+                visit(last, found)
+                return CurveEnd(last, found, True, steps, curve.jacobians, folds)
             length *= control.shorter
         else:
             length = _next_length(length, straight, trial.jacobians, control)
             folds += int(trial.tangent[-1] * rise < 0)
             y, tangent, rise, steps, turns = trial.y, trial.tangent, np.sign(trial.tangent[-1]), steps + 1, 0
-    return CurveEnd(y, False, steps, curve.jacobians, folds)
+            visit(y, tangent)
+    return CurveEnd(y, tangent, False, steps, curve.jacobians, folds)
+
+
+def locate(linearize, simplify, before, after, test, *, closed=1e-9, most=30, control=DEFAULT):
+    """The point ``(y, tangent)`` between two others of a curve where ``test(y, tangent)`` changes its sign.
+
+    By the method of false position (Illinois) in the distance along the first tangent, until p moves by less than
+    ``closed``. The test of a fold is the last entry of the tangent.
+    """
+    curve = _Curve(linearize, simplify, np.inf, control)
+    (y, tangent), found = before, after
+    near, far = 0.0, (after[0] - y) @ tangent
+    low, high, whole = test(*before), test(*after), abs(far)
+    for _ in range(most):
+        length, last = (near * high - far * low) / (high - low), found
+        trial = curve.correct(y + length * tangent, tangent, whole)
+        found = trial.y, curve.linearize(trial.y, tangent)[2]
+        value = test(*found)
+        if value == 0 or abs(found[0][-1] - last[0][-1]) < closed:
+            break
+        near, low = (far, high) if value * high < 0 else (near, low / 2)
+        far, high = length, value
+    return found
+
+
+def _ignore(*_):
+    """Nobody looks."""
 
 
 def _next_length(length, straight, jacobians, control):
@@ -141,20 +182,22 @@ class _Curve:
     def exhausted(self):
         return self.jacobians >= self.most
 
-    def linearize(self, y):
+    def linearize(self, y, normal):
         """Error, change, tangent of length 1, slopes."""
         self.jacobians += 1
-        value, change, tangent, slopes = self.equations(y)
+        value, change, tangent, slopes = self.equations(y, normal)
         tangent = self.orientation * np.asarray(tangent)
         return np.linalg.norm(value), np.asarray(change), tangent / np.linalg.norm(tangent), slopes
 
     def reach(self, y, share, farthest):
         """The point of the curve with that share and its tangent; None for the tangent where Newton's method fails, at
         the latest by a change as long as ``farthest``."""
+        upwards = np.zeros_like(y)
+        upwards[-1] = 1.0
         for _ in range(self.control.end_jacobians):
             if self.exhausted:
                 break
-            error, change, tangent, _ = self.linearize(y)
+            error, change, tangent, _ = self.linearize(y, upwards)
             if error < self.control.closed and abs(y[-1] - share) < self.control.closed:
                 return y, tangent
             change = change - tangent * (change[-1] + y[-1] - share) / tangent[-1]
@@ -167,7 +210,7 @@ class _Curve:
         """The :class:`_Trial` at ``y``, corrected across ``normal`` while it stays within two lengths of the step."""
         trial = None
         for jacobians in range(1, self.control.jacobians + 1):
-            error, change, tangent, slopes = self.linearize(y)
+            error, change, tangent, slopes = self.linearize(y, normal)
             side = tangent if trial is None else trial.side
             change = _across(change, tangent, normal)
             if np.linalg.norm(change) < 2 * length:

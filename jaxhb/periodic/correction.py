@@ -17,6 +17,9 @@ EXACT = 1e-12
 
 EXACT_STEPS = 60
 
+BORDERED = 1e-9
+"""Share of the residual that a bordered solve may leave: of tangents, and of Newton's method, which gains digits."""
+
 LOOSEST = 1e-8
 """Share beyond which a derivative is no derivative, and nan: where the tangent is nearly singular, as at a fold."""
 
@@ -108,6 +111,36 @@ def invert(reduced, operator, deflection, value, samples):
         return solve(apply, b, lambda v: transposed(v)[0])
 
     return _coefficients(lax.custom_linear_solve(product, value, solve, solve_transposed), deflection)
+
+
+def correct_bordered(reduced, operator, deflection, border, right, samples, steps):
+    """Solve ``J x + column p = f,  row . (x, p) = g`` for several right sides, to BORDERED: regular at a fold, too.
+
+    Parameters
+    ----------
+    reduced, operator, deflection, samples, steps
+        As in :func:`correct`.
+    border : column ``(n,)`` packed, row ``(n+1,)``
+    right : tuple of arrays ``(n+1,)``, f packed above g
+
+    Returns
+    -------
+    list of arrays ``(n+1,)``
+    """
+    product, approximate = _packed(reduced, operator, deflection, samples)
+    column, row = border
+    answered = approximate(column)
+    pivot = row[-1] - row[:-1] @ answered
+
+    def whole(z):
+        return jnp.append(product(z[:-1]) + column * z[-1], row @ z)
+
+    def approximately(b):
+        alone = approximate(b[:-1])
+        p = (b[-1] - row[:-1] @ alone) / jnp.where(pivot == 0, 1.0, pivot)
+        return jnp.append(alone - p * answered, p)
+
+    return [minimise_residual(whole, approximately, b, tolerance=BORDERED, steps=steps)[0] for b in right]
 
 
 def _packed(reduced, operator, deflection, samples):

@@ -101,8 +101,9 @@ def _nodes(stepper, y):
 
 
 @Program
-def _linearized(stepper, beginning, y):
-    """What ``linearize`` of :func:`continuation.follow` returns: H are the gaps of the segments."""
+def _linearized(stepper, beginning, y, normal):
+    """What ``linearize`` of :func:`continuation.follow` returns: H are the gaps of the segments, and the determinant
+    orients the tangent, not ``normal``."""
     scale, at = _scale(stepper), partial(_on_the_way, stepper, beginning)
     gap, slope, share_slope = segments.linearize(at, _nodes(stepper, y), y[-1])
     condensed = segments.condense(slope, share_slope / scale)

@@ -28,8 +28,8 @@ from .planning import mesh_mode_harmonics
 from .problem import pose, reduced_equation
 from .time_steps import time_steps_for
 
-ROTATION = 0.9
-"""Share of the energy of a disturbance in rotation that bends nothing, from which it says nothing about the teeth."""
+SOFT = 0.1
+"""Natural frequency over Omega of a rotation against grounds below which those are soft: no support, but a hold."""
 
 NEUTRAL = 1e-8
 """By how much a multiplier of a train without damping, 1 in modulus, may be off."""
@@ -143,7 +143,7 @@ def stability(response):
     deflection = np.asarray(response.deflections)[np.flatnonzero(topology.mesh_backlash)]
     space = jax.tree.map(np.asarray, _state_space(system, meshes, frequency, parts=parts))
     found = monodromy(space, meshes, deflection, frequency, exact.switching_times(meshes.law, deflection))
-    multipliers, rotation = _multipliers(found.matrix, space.coordinates, system)
+    multipliers, rotation = _multipliers(found.matrix, space.coordinates, system, frequency)
     return Stability(multipliers, rotation, float(np.expm1(found.log_determinant - found.trace)))
 
 
@@ -189,7 +189,7 @@ def largest_multiplier(response):
     problem = pose(train, rpm, excited)
     sizes = replace(plan.sizes, samples=SAMPLES * response.harmonics)
     found = _linearised(problem, plan.choice, of_unknown_meshes(plan, response), sizes)
-    multipliers, rotation = _multipliers(*jax.tree.map(np.asarray, found), problem.system)
+    multipliers, rotation = _multipliers(*jax.tree.map(np.asarray, found), problem.system, problem.frequency)
     return float(np.max(np.abs(multipliers[~rotation]), initial=0.0))
 
 
@@ -220,18 +220,22 @@ def _train_of(response):
     return response.train
 
 
-def _multipliers(matrix, coordinates, system):
+def _multipliers(matrix, coordinates, system, frequency):
     """Eigenvalues of a monodromy matrix ``(n, n)``, the largest first, and which are those of rotation."""
     own = np.any(coordinates != 0, axis=1)  # a reduced-order model leaves room for modes that it has not
     matrix, coordinates = matrix[np.ix_(own, own)], coordinates[own]
     multipliers, disturbance = np.linalg.eig(matrix)
     order = np.argsort(-np.abs(multipliers), kind="stable")
-    basis, _ = np.linalg.qr(coordinates @ np.kron(np.eye(2), _rotations(system)))
-    return multipliers[order], (np.linalg.norm(basis.T @ disturbance, axis=0) ** 2 > ROTATION)[order]
+    basis, _ = np.linalg.qr(coordinates @ np.kron(np.eye(2), _rotations(system, frequency)))
+    share = np.linalg.norm(basis.T @ disturbance[:, order], axis=0)
+    return multipliers[order], np.isin(np.arange(len(order)), np.argsort(-share, kind="stable")[: basis.shape[1]])
 
 
-def _rotations(system):
-    """Motions ``(S, d)`` of the disks that bend no link, meshes taken in contact and grounds away."""
+def _rotations(system, frequency):
+    """Motions ``(S, d)`` of the disks that bend no link, meshes taken in contact, held by soft grounds at most."""
     rows = (system.incidence() * (np.asarray(system.stiffness) > 0)).T
     _, values, right = np.linalg.svd(rows)
-    return right[np.count_nonzero(values > 1e-10 * values.max(initial=1e-300)) :].T
+    free = right[np.count_nonzero(values > 1e-10 * values.max(initial=1e-300)) :].T
+    inertia, held = (free.T @ (np.asarray(a)[:, None] * free) for a in (system.mass, system.ground))
+    squares, shapes = np.linalg.eig(np.linalg.pinv(inertia) @ held)
+    return free @ shapes.real[:, squares.real < (SOFT * frequency) ** 2]

@@ -20,7 +20,7 @@ def follow(share, start, most=400):
         return jnp.array([share(y[0]) - y[1]])
 
     @jax.jit
-    def linearize(y):
+    def linearize(y, normal):
         value, (slope,) = evaluate(y), jax.jacfwd(evaluate)(y)
         return value, shortest(value, slope), jnp.array([-slope[1], slope[0]]), slope
 

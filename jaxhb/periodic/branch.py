@@ -1,0 +1,361 @@
+"""A branch of periodic motions over one number of the train: followed by arclength through its folds, with stability.
+
+The curve is that of the reduced harmonic equations with a fixed number of harmonics
+(:mod:`jaxhb.periodic.harmonic_curve`), followed by :mod:`jaxhb.periodic.continuation` on the host.
+"""
+
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+
+from ..harmonic import fourier
+from ..harmonic.excitation import listed_harmonic
+from ..response.status import NotConverged, Status, check
+from . import continuation, planning
+from .harmonic_curve import HarmonicCurve, linearized, simplified
+from .plan import Plan
+from .planned import first_start, of_unknown_meshes, solve_once
+from .problem import pose
+from .request import Request, check_speed, excited_harmonic
+from .solve import solve
+from .stability import stability
+from .time_steps import time_steps_for
+
+
+@dataclass(frozen=True, kw_only=True)
+class BranchOptions:
+    """Options of :func:`follow`: steps as shares of the range of the parameter, deflections counted alike."""
+
+    first: float = 0.01  # length of the first step
+    longest: float = 0.05  # length of a step at most
+    jacobians: int = 4000  # of a branch at most
+    fold: float = 1e-7  # error of the parameter at a fold, as a share of its range
+    stability: float = 1e-5  # the same where the stability changes, which multipliers tell at some cost
+
+
+DEFAULT = BranchOptions()
+
+
+@dataclass(frozen=True)
+class SpecialPoint:
+    """Where a branch turns back or changes its stability.
+
+    kind : "fold", "branch point", "period doubling" or "Neimark-Sacker"; value : of the parameter; after : number of
+    the point of the branch before it.
+    """
+
+    kind: str
+    value: float
+    after: int
+
+    def __str__(self):
+        return f"{self.kind} at {self.value:.8g}"
+
+
+@dataclass(frozen=True)
+class Branch:
+    """A branch of periodic motions as a table of P points, made by :func:`follow`; M meshes.
+
+    Parameters
+    ----------
+    parameter : "rpm" or "NAME.FIELD"
+    value : ``(P,)`` of the parameter, in its unit
+    largest_deflection, smallest_deflection : ``(P, M)`` m
+    largest_force, smallest_force : ``(P, M)`` N, transmitted tooth forces
+    multiplier : complex ``(P,)``, the critical one of :class:`~jaxhb.Stability`
+    stable : bool ``(P,)``
+    truncation_error : ``(P,)``, as of a response
+    special : tuple of SpecialPoint, in the order of the branch
+    ended : sentence, why the branch ends where it does
+    """
+
+    parameter: str
+    value: np.ndarray
+    largest_deflection: np.ndarray
+    smallest_deflection: np.ndarray
+    largest_force: np.ndarray
+    smallest_force: np.ndarray
+    multiplier: np.ndarray
+    stable: np.ndarray
+    truncation_error: np.ndarray
+    special: tuple
+    ended: str
+    _curve: HarmonicCurve = field(repr=False)
+    _plan: Plan = field(repr=False)
+    _path: list = field(repr=False)
+
+    def __len__(self):
+        return len(self.value)
+
+    @property
+    def folds(self):
+        """Values of the parameter at which the branch turns back, ``(F,)``."""
+        return np.array([point.value for point in self.special if point.kind == "fold"])
+
+    def response(self, number):
+        """The Response at a point."""
+        return _response(self._curve, self._plan, self._path[number][0])
+
+    def resume(self, number=-1, *, to=None, backwards=False, options=DEFAULT):
+        """Follow on from a point of this branch, or back from it; the range is extended to ``to``.
+
+        Returns
+        -------
+        Branch
+            Beginning with that point.
+        """
+        curve = self._curve
+        shares = [0.0, 1.0] if to is None else [0.0, 1.0, (float(to) - float(curve.begin)) / float(curve.span)]
+        y, tangent = self._path[number]
+        return _followed(curve, self._plan, y, -tangent if backwards else tangent, (min(shares), max(shares)), options)
+
+    def __str__(self):
+        shares = f"{np.count_nonzero(self.stable)} of {len(self)} points stable"
+        points = "; ".join(map(str, self.special)) or "no special points"
+        left = f"truncation error up to {100 * self.truncation_error.max():.2g} %"
+        return f"{self.parameter} {self.value[0]:g} to {self.value[-1]:g}: {shares}, {left}; {points}. {self.ended}"
+
+
+def follow(train, parameter, *, start, to, rpm=None, harmonics=None, tolerance=0.01, begin=None, options=DEFAULT):
+    """Follow a branch of periodic motions over the speed or a number of the train, through its folds.
+
+    Pseudo-arclength continuation (Keller 1977) of the harmonic equations F(l, p) = 0 from a motion at ``start``. Every
+    point has its stability. Ends where the parameter leaves ``start`` .. ``to`` on either side.
+
+    Parameters
+    ----------
+    train : DriveTrain
+    parameter : str
+        "rpm", or "NAME.FIELD" of a number of the train.
+    start, to : float
+        Range of the parameter, in its unit; the branch begins at ``start`` towards ``to``.
+    rpm : float, optional
+        Speed, where that is not the parameter.
+    harmonics : int, optional
+        Of all motions. Default: as many as the motion at ``start`` needs, at least what the mesh modes need there.
+    tolerance : float
+        Truncation error that the first motion is solved to; that of each point is in the table.
+    begin : Response, optional
+        A motion at ``start`` to begin with, where several exist; default: :func:`jaxhb.solve`.
+    options : BranchOptions
+
+    Returns
+    -------
+    Branch
+
+    Raises
+    ------
+    SceneError
+        No such element or field, a value out of its range, a speed that is not positive.
+    ValueError
+        An empty range, a missing or superfluous ``rpm``, a train without backlash, or one without multipliers
+        (:func:`jaxhb.stability`: loss factors, massless disks).
+    NotConverged
+        No motion found at ``start``.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> train = jaxhb.load_scene("spur_pair")
+    >>> branch = jaxhb.follow(train, "rpm", start=2000.0, to=3000.0)
+    >>> round(float(branch.value[-1])), bool(branch.stable.all())
+    (3000, True)
+    """
+    ends = [_at(train, rpm, parameter, float(value)) for value in (start, to)]
+    _check(train, parameter, start, to, rpm, [speed for _, speed in ends])
+    first, speed = ends[0]
+    if begin is None:
+        begin = solve(first, rpm=speed, harmonics=harmonics, tolerance=tolerance)
+    if begin.status > Status.TOLERANCE_NOT_MET:
+        check(begin)
+    stability(replace(begin, train=first))  # its sentences come before the work
+    plan = _plan(first, min(speed for _, speed in ends), harmonics, tolerance, begin.harmonics)
+    deflection = fourier.resize(of_unknown_meshes(plan, begin), plan.harmonics)
+    sizes = np.asarray(first.meshes.backlash)[list(plan.active)]
+    scale = np.min(sizes + np.linalg.norm(fourier.pack(deflection), axis=-1)[: len(sizes)])
+    arrays = (float(speed), float(start), float(to) - float(start), float(scale))
+    curve = HarmonicCurve(train, *map(np.asarray, arrays), plan.choice, parameter, plan.sizes)
+    y = np.append(fourier.pack(deflection).ravel() / scale, 0.0)
+    return _followed(curve, plan, y, None, (0.0, 1.0), options)
+
+
+def _at(train, rpm, parameter, value):
+    """Train and speed with a value of the parameter."""
+    return (train, value) if parameter == "rpm" else (train.replace({parameter: value}), rpm)
+
+
+def _check(train, parameter, start, to, rpm, speeds):
+    """Refuse what cannot be followed, with a sentence."""
+    name = train.topology.name or "scene"
+    if parameter == "rpm" and rpm is not None:
+        raise ValueError(f"{name}: rpm is the parameter: give start and to, and no rpm={rpm:g}.")
+    if parameter != "rpm" and rpm is None:
+        raise ValueError(f"{name}: {parameter} is followed at one speed: give rpm=...")
+    for speed in speeds:
+        check_speed(train, speed)
+    if not (np.isfinite([start, to]).all() and start != to):
+        raise ValueError(f"{name}: {parameter} from {start:g} to {to:g} is no range: give two different numbers.")
+    if not any(train.topology.mesh_backlash):
+        raise ValueError(f"{name} has no mesh with backlash: one motion at each speed, use jaxhb.solve_speeds.")
+
+
+def _plan(train, slowest, harmonics, tolerance, found):
+    """The Plan of all points of a branch."""
+    request = Request.of(train, harmonics, tolerance)
+    excited = listed_harmonic(train.topology)
+    modes, _ = planning.mesh_mode_harmonics(train, train.topology.cycle_frequency(slowest))
+    level = planning.first_level(excited_harmonic(train, request.method), modes)
+    steps = time_steps_for(max(modes, 2 * excited))
+    plan = replace(planning.contact_plan(train, request), time_steps=steps)
+    return replace(planning.all_unknown(train, plan, request), harmonics=harmonics or max(level, found))
+
+
+def _response(curve, plan, y):
+    """The Response at a point of the curve, which solves it already."""
+    train, rpm = _at(curve.train, float(curve.rpm), curve.parameter, float(curve.begin + y[-1] * curve.span))
+    given = first_start(plan, given=np.asarray(curve.deflection(y)))
+    return solve_once(train, rpm, pose(train, rpm, curve.sizes.excited), plan, given)[0]
+
+
+def _followed(curve, plan, y, onward, within, options):
+    """The :class:`Branch` from a point on."""
+    control = continuation.StepControl(
+        first=options.first, longest=options.longest, corner=1e-7, near=CLOSED, closed=CLOSED, bent=0.8, straight=0.95
+    )
+    path, name = [], curve.train.topology.name or "scene"
+    equations = partial(linearized, curve), partial(simplified, curve)
+    end = continuation.follow(
+        *equations,
+        y,
+        most=options.jacobians,
+        within=within,
+        onward=onward,
+        visit=lambda y, tangent: path.append((y, tangent)),
+        control=control,
+    )
+    if not path:
+        value = f"{curve.parameter} = {float(curve.begin + y[-1] * curve.span):g}"
+        raise NotConverged(f"{name}: Newton's method finds no motion with {plan.harmonics} harmonics at {value}.")
+    points = [_Point.at(curve, plan, *point) for point in path]
+    locate = partial(continuation.locate, *equations, control=control)
+    special = _special_points(curve, plan, points, locate, options)
+    columns = {name: np.array([getattr(point, name) for point in points]) for name in _COLUMNS}
+    ended = _sentence(curve, end, within, options)
+    return Branch(curve.parameter, **columns, special=special, ended=ended, _curve=curve, _plan=plan, _path=path)
+
+
+@dataclass(frozen=True)
+class _Point:
+    """A point of a branch: y and tangent of its curve, its row of the table, the multipliers of its teeth."""
+
+    y: np.ndarray
+    tangent: np.ndarray
+    value: float
+    largest_deflection: np.ndarray
+    smallest_deflection: np.ndarray
+    largest_force: np.ndarray
+    smallest_force: np.ndarray
+    multiplier: complex
+    stable: bool
+    truncation_error: float
+    multipliers: np.ndarray
+
+    @classmethod
+    def at(cls, curve, plan, y, tangent):
+        """The point with its row."""
+        response = _response(curve, plan, y)
+        found, names = stability(response), response.topology.mesh_names
+        deflections, forces = ([read(name) for name in names] for read in (response.deflection, response.force))
+        return cls(
+            y,
+            tangent,
+            value=float(curve.begin + y[-1] * curve.span),
+            largest_deflection=[signal.max for signal in deflections],
+            smallest_deflection=[signal.min for signal in deflections],
+            largest_force=[signal.max for signal in forces],
+            smallest_force=[signal.min for signal in forces],
+            multiplier=found.critical,
+            stable=found.stable,
+            truncation_error=float(response.truncation_error),
+            multipliers=found.multipliers[~found.rotation],
+        )
+
+    def beyond(self, place):
+        """Product of ``1 - place x multiplier``: its sign changes where a real one passes ``place``, +1 or -1."""
+        return float(np.prod(1 - place * self.multipliers).real)
+
+    @property
+    def pairs(self):
+        """Products of two multipliers, less 1, and whether those are complex: zero for a pair of modulus 1."""
+        first, second = np.triu_indices(len(self.multipliers), 1)
+        products = self.multipliers[first] * self.multipliers[second] - 1
+        return products, self.multipliers[first].imag != 0
+
+
+_COLUMNS = (
+    "value",
+    "largest_deflection",
+    "smallest_deflection",
+    "largest_force",
+    "smallest_force",
+    "multiplier",
+    "stable",
+    "truncation_error",
+)
+
+
+_TESTS = {
+    "branch point": lambda point: point.beyond(1),
+    "period doubling": lambda point: point.beyond(-1),
+    "Neimark-Sacker": lambda point: float(np.prod(point.pairs[0]).real),
+}
+"""Functions of a point whose sign changes (Kuznetsov, Elements of Applied Bifurcation Theory, 2004, ch. 10)."""
+
+
+def _rise(y, tangent):
+    """Zero at a fold."""
+    return tangent[-1]
+
+
+def _special_points(curve, plan, points, locate, options):
+    """The SpecialPoints of a branch, in its order."""
+
+    def on_point(test):
+        return lambda y, tangent: test(_Point.at(curve, plan, y, tangent))
+
+    found = {kind: [test(point) for point in points] for kind, test in _TESTS.items()}
+    found = {"fold": [point.tangent[-1] for point in points]} | found
+    changes = {kind: np.sign(values[:-1]) * np.sign(values[1:]) < 0 for kind, values in found.items()}
+    passed = changes["branch point"]
+    for number in np.flatnonzero(changes["fold"]):
+        # At a fold a multiplier passes +1, but not where that of the harmonics lies: the truncation error is between.
+        beside = [k for k in (number, number - 1, number + 1) if 0 <= k < len(passed) and passed[k]]
+        passed[beside[:1]] = False
+    special = []
+    for kind, where in changes.items():
+        for number in np.flatnonzero(where):
+            ends = [(point.y, point.tangent) for point in points[number : number + 2]]
+            test, closed = (_rise, options.fold) if kind == "fold" else (on_point(_TESTS[kind]), options.stability)
+            at = _Point.at(curve, plan, *locate(*ends, test, closed=closed))
+            products, turning = at.pairs
+            if kind != "Neimark-Sacker" or turning[np.argmin(np.abs(products))]:
+                length = (at.y - ends[0][0]) @ ends[0][1]
+                special.append((number, length, SpecialPoint(kind, at.value, int(number))))
+    return tuple(point for *_, point in sorted(special, key=lambda entry: entry[:2]))
+
+
+def _sentence(curve, end, within, options):
+    """Why a branch ended."""
+    value = f"{curve.parameter} = {float(curve.begin + end.y[-1] * curve.span):g}"
+    if end.arrived and end.y[-1] > sum(within) / 2:
+        return f"It reaches the end of the range, {value}."
+    if end.arrived:
+        return f"It turns back and leaves the range where that begins, {value}."
+    if end.jacobians >= options.jacobians:
+        return f"Stopped at {value} after {end.jacobians} Jacobians: resume, or allow more."
+    return f"Lost at {value}: no step, however short, leads on."
+
+
+CLOSED = 3e-11
+"""Error of a point, relative to the first motion: below that at which a solve counts as solved."""

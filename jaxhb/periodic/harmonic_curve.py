@@ -1,0 +1,80 @@
+"""The curve of the reduced harmonic equations F(l, p) = 0 over a number p of the train or the speed.
+
+Unknowns are scaled: deflections over the size of the first motion, and p as a share of its range. Linear systems are
+bordered by the tangent, and so regular at a fold; Krylov steps with the preconditioner of Newton's method solve them.
+"""
+
+from dataclasses import dataclass, field
+
+import jax
+import jax.numpy as jnp
+
+from .._program import Program
+from ..harmonic import fourier
+from ..transient.reduced_model import reduced_model
+from . import correction
+from .newton import KRYLOV_STEPS
+from .problem import pose, reduced_equation
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class HarmonicCurve:
+    """What does not change along a branch: begin and span of the parameter, scale in m, the meshes (Choice)."""
+
+    train: object
+    rpm: jax.Array
+    begin: jax.Array
+    span: jax.Array
+    scale: jax.Array
+    choice: object
+    parameter: str = field(metadata={"static": True})
+    sizes: object = field(metadata={"static": True})
+
+    def at(self, share):
+        """Train and speed at a share of the range."""
+        value = self.begin + share * self.span
+        if self.parameter == "rpm":
+            return self.train, value
+        return self.train.replace({self.parameter: value}), self.rpm
+
+    def deflection(self, y):
+        """Coefficients ``(G, N+1)`` m of the unknown meshes at a point."""
+        return fourier.unpack(self.scale * y[:-1].reshape(len(self.choice.active), -1))
+
+    def equation(self, y):
+        """F packed ``(n,)``, over the scale; the Problem and the Reduced."""
+        problem = jax.tree.map(jnp.asarray, pose(*self.at(y[-1]), self.sizes.excited))
+        deflection = self.deflection(y)
+        choice, harmonics = self.choice, deflection.shape[-1] - 1
+        reduced, _ = reduced_equation(problem, harmonics, choice.active, choice.chosen, choice.flank)
+        value = fourier.pack(reduced.residual(deflection, self.sizes.samples)).reshape(-1) / self.scale
+        return value, (problem, reduced)
+
+
+@Program
+def linearized(curve, y, normal):
+    """What ``linearize`` of :func:`continuation.follow` returns."""
+    rising = jnp.zeros_like(y).at[-1].set(1.0)
+    value, column, (problem, reduced) = jax.jvp(curve.equation, (y,), (rising,), has_aux=True)
+    choice, sizes, deflection = curve.choice, curve.sizes, curve.deflection(y)
+    links = jnp.asarray(problem.meshes.link)[choice.chosen]
+    train = reduced_model(problem.system, links, choice.active, problem.frequency, sizes.time_steps, sizes.excited)
+    operator = correction.prepare(reduced, train, deflection, sizes.samples, sizes.time_steps)
+    right = jnp.append(-value, 0.0), rising
+    border = column, normal
+    change, tangent = correction.correct_bordered(
+        reduced, operator, deflection, border, right, sizes.samples, KRYLOV_STEPS
+    )
+    return value, change, tangent, (operator, border)
+
+
+@Program
+def simplified(curve, y, slopes):
+    """What ``simplify`` of :func:`continuation.follow` returns: with the Jacobian of this point, but the preconditioner
+    and the derivative in the parameter of another."""
+    value, (_, reduced) = curve.equation(y)
+    right = (jnp.append(-value, 0.0),)
+    deflection, samples = curve.deflection(y), curve.sizes.samples
+    (change,) = correction.correct_bordered(reduced, *slopes[:1], deflection, slopes[1], right, samples, KRYLOV_STEPS)
+    return value, change

@@ -1,0 +1,171 @@
+"""Branches through folds: the chain of public harmonic-balance codes against dense equations written down in numpy."""
+
+import sys
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize_scalar
+
+import jaxhb
+from jaxhb.periodic.branch import BranchOptions
+
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
+
+import chain_task
+from peers import chain_train, rpm_of
+
+PUBLISHED = chain_task.published()["main_folds_w_S3"]
+
+
+@cache
+def chain(longest):
+    options = BranchOptions(longest=longest)
+    ends = {"start": float(rpm_of(1.30)), "to": float(rpm_of(0.70))}
+    return jaxhb.follow(chain_train(3), "rpm", **ends, harmonics=15, tolerance=0.5, options=options)
+
+
+def dense_residual(x, w):
+    """The equation of the link with 15 harmonics at a frequency, dense, and its Jacobian; [mean, cosines, sines]."""
+    link, push = np.zeros(3), np.zeros((16, 3))
+    link[1:] = 1.0, -1.0
+    push[:2, 0] = chain_task.MEAN, chain_task.SWING
+    right = np.stack([np.broadcast_to(link, push.shape), push], axis=-1)
+    answer = link @ np.linalg.solve(chain_task.dynamic_stiffness(3, w, 1.0), right)
+    receptance = chain_task._real(answer[:, 0][:, None, None])
+    linear = np.concatenate([answer[:, 1].real, -answer[1:, 1].imag])
+    l = chain_task.SYNTHESIS @ x
+    force, slope = chain_task.law(l)
+    matrix = np.eye(x.size) + receptance @ (chain_task.ANALYSIS * (slope - 1.0)) @ chain_task.SYNTHESIS
+    return x - linear + receptance @ (chain_task.ANALYSIS @ (force - l)), matrix
+
+
+def dense_fold(before, after):
+    """Extreme frequency of the dense equations between two points ``(x, w)`` of their curve.
+
+    Along the curve x is held by its part along the line through both points, and w is free: what is left is the extreme
+    of a function of one number.
+    """
+    (x0, w0), (x1, w1) = before, after
+    along = (x1 - x0) / np.linalg.norm(x1 - x0)
+
+    def frequency(share):
+        x, w, place = x0 + share * (x1 - x0), w0 + share * (w1 - w0), along @ (x0 + share * (x1 - x0))
+        for _ in range(12):
+            value, matrix = dense_residual(x, w)
+            by_w = (dense_residual(x, w + 1e-6)[0] - dense_residual(x, w - 1e-6)[0]) / 2e-6
+            whole = np.block([[matrix, by_w[:, None]], [along, np.zeros(1)]])
+            change = np.linalg.solve(whole, np.append(value, along @ x - place))
+            x, w = x - change[:-1], w - change[-1]
+        return w
+
+    sense = np.sign(frequency(0.5) - (w0 + w1) / 2)
+    found = minimize_scalar(
+        lambda share: -sense * frequency(share), bounds=(0, 1), method="bounded", options={"xatol": 1e-6}
+    )
+    return frequency(found.x)
+
+
+def dense_point(branch, number):
+    """``(x, w)`` of the dense equations at a point of a branch."""
+    deflection = branch.response(number).deflections[0]
+    rest = deflection[1:]
+    return np.concatenate([deflection[:1].real, 2 * rest.real, -2 * rest.imag]), branch.value[number] * 2 * np.pi / 60
+
+
+@pytest.mark.parametrize("longest", [0.1, 0.05, 0.025])
+def test_the_eight_folds_of_the_chain_are_found_at_any_limit_of_the_steps(longest):
+    """Published are extremes of sampled curves: within 1e-3, the last within 1.5e-3 (the dense equations decide)."""
+    branch = chain(longest)
+    folds = branch.folds * 2 * np.pi / 60
+    assert len(folds) == 8 and "end of the range" in branch.ended
+    np.testing.assert_allclose(folds, PUBLISHED, atol=1.5e-3)
+    points = [point for point in branch.special if point.kind == "fold"]
+    for point, w in zip(points, folds, strict=True):
+        ends = [dense_point(branch, point.after + shift) for shift in (-1, 2)]
+        assert abs(dense_fold(*ends) - w) < 1e-6 * w
+
+
+def test_every_change_of_stability_has_its_name():
+    branch = chain(0.05)
+    changes = np.flatnonzero(np.diff(branch.stable.astype(int)))
+    near = {point.after + shift for point in branch.special for shift in (-1, 0, 1)}
+    assert len(changes) >= 6 and set(changes.tolist()) <= near
+    assert {"fold", "period doubling", "Neimark-Sacker"} == {point.kind for point in branch.special}
+    assert np.all(branch.stable == (np.abs(branch.multiplier) <= 1 + 1e-8))
+
+
+def test_a_branch_never_turns_back_on_itself():
+    """Distance along the branch only grows: no point comes near one that is more than a few steps before it."""
+    branch = chain(0.05)
+    y = np.array([point for point, _ in branch._path])
+    distance = np.linalg.norm(y[:, None] - y, axis=-1)
+    apart = np.abs(np.subtract.outer(np.arange(len(y)), np.arange(len(y)))) > 1
+    steps = np.linalg.norm(np.diff(y, axis=0), axis=1)
+    assert np.all(distance[apart] > 0) and distance[1:][:, :-1][apart[1:, :-1]].min() > 0.5 * steps.min()
+    tangents = np.array([tangent for _, tangent in branch._path])
+    assert np.all(np.einsum("ij,ij->i", np.diff(y, axis=0), tangents[:-1]) > 0)
+
+
+def test_a_branch_is_resumed_from_any_of_its_points_forwards_and_backwards():
+    branch = chain(0.1)
+    middle = len(branch) // 2
+    onward = branch.resume(middle, options=BranchOptions(longest=0.1))
+    assert onward.value[0] == branch.value[middle] and abs(onward.value[-1] - branch.value[-1]) < 1e-6
+    kept = branch.folds[[point.after >= middle for point in branch.special if point.kind == "fold"]]
+    np.testing.assert_allclose(onward.folds, kept, rtol=1e-6)
+    back = branch.resume(10, backwards=True, to=1.05 * branch.value[0])
+    assert abs(back.value[-1] - 1.05 * branch.value[0]) < 1e-6 and len(back.folds) == 0
+
+
+def test_points_are_solutions_of_the_harmonic_equations():
+    branch = chain(0.1)
+    number = int(np.argmax(branch.largest_deflection[:, 0]))
+    response = branch.response(number)
+    assert response.residual < 1e-10 and response.steps == 0
+    again = jaxhb.solve(chain_train(3), rpm=float(branch.value[number]), harmonics=15, tolerance=0.5, start=response)
+    assert abs(again.deflection("m1", "m2").max - branch.largest_deflection[number, 0]) < 1e-6
+    assert abs(again.force("m1", "m2").max - branch.largest_force[number, 0]) < 1e-6
+
+
+def test_a_number_of_the_train_is_followed_at_one_speed():
+    """More drive closes the gap: the end of the branch is what a solve finds there."""
+    train, rpm = chain_train(3), float(rpm_of(1.2))
+    values = {"start": 1.0, "to": 1.3}
+    branch = jaxhb.follow(train, "m1|m2.stiffness", **values, rpm=rpm, harmonics=15, tolerance=0.5)
+    assert branch.value[-1] == pytest.approx(1.3, abs=1e-8)
+    there = train.replace({"m1|m2.stiffness": 1.3})
+    response = jaxhb.solve(there, rpm=rpm, harmonics=15, tolerance=0.5, start=branch.response(-1))
+    assert abs(response.deflection("m1", "m2").max - branch.largest_deflection[-1, 0]) < 1e-7
+
+
+def test_a_branch_that_turns_back_leaves_the_range_with_a_sentence():
+    branch = chain(0.1)
+    number = next(point.after for point in branch.special if point.kind == "fold")
+    first = branch.response(number - 3)
+    ends = {"start": float(first.rpm), "to": 0.9 * float(first.rpm)}
+    back = jaxhb.follow(chain_train(3), "rpm", **ends, harmonics=15, tolerance=0.5, begin=first)
+    assert len(back.folds) == 1 and "turns back and leaves the range" in back.ended
+    assert back.value[-1] == pytest.approx(back.value[0])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"parameter": "rpm", "start": -5.0, "to": 10.0}, "-5 rpm"),
+        ({"parameter": "rpm", "start": 10.0, "to": 10.0}, "no range"),
+        ({"parameter": "rpm", "start": 10.0, "to": 12.0, "rpm": 3.0}, "rpm is the parameter"),
+        ({"parameter": "m1.inertia", "start": 1.0, "to": 2.0}, "give rpm"),
+        ({"parameter": "m1.inertai", "start": 1.0, "to": 2.0, "rpm": 10.0}, "inertia"),
+        ({"parameter": "m1.inertia", "start": 1.0, "to": -2.0, "rpm": 10.0}, "-2"),
+    ],
+)
+def test_what_cannot_be_followed_is_refused_with_a_sentence(arguments, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        jaxhb.follow(chain_train(3), **arguments)
+
+
+def test_a_train_without_backlash_has_no_branch_to_follow():
+    with pytest.raises(ValueError, match="solve_speeds"):
+        jaxhb.follow(jaxhb.load_scene("six_cylinder_diesel"), "rpm", start=1000.0, to=1500.0)
