@@ -1,0 +1,239 @@
+"""What random trains do in the long run: ``steady_state`` against a long classical Runge-Kutta integration.
+
+    python benchmarks/kinds.py [--cases 200] [--seed 20261122] [--json F]      two hours; goes on where the file ends
+    python benchmarks/kinds.py --only 17                                       one of them
+
+Cases are those of ``random_trains.py``, drawn as ``stress.py`` draws them. The integration is independent of jaxhb's:
+explicit, on disks and links, in numba, ``STEPS_PER_PERIOD`` steps per period of the fastest mode of all. It begins where
+the march of ``steady_state`` ended, goes through SETTLING cycles and watches as many more, so that a motion that does not
+attract is left and a transient has died. *Wrong* is another kind or period, or a largest tooth force of any mesh that
+differs by more than 2 % of the largest of all (periodic) or lies more than 5 % beyond those of all windows of as many
+cycles as were recorded (irregular). Cases whose integration would take more than MOST_WORK link steps say nothing.
+"""
+
+import argparse
+import collections
+import json
+import time
+from pathlib import Path
+
+import jax
+import numpy as np
+from numba import njit
+from random_trains import random_case
+from records import device, versions
+from stress import skeleton_of
+
+import jaxhb
+from jaxhb.harmonic import chain, fourier
+from jaxhb.harmonic.backlash import law_of
+from jaxhb.harmonic.excitation import excitation, highest_harmonic
+from jaxhb.harmonic.residual import all_meshes
+from jaxhb.transient.statespace import matrices
+
+STEPS_PER_PERIOD, SETTLING, WATCHED = 20, 256, 256
+MOST_WORK = 6e8
+"""Steps times links, about a minute."""
+RETURNED = 2e-4
+"""Largest change of a deflection, over the largest of all and the gap, that counts as a return."""
+PERIODS = tuple(range(1, 9))
+TOLERANCE = {"periodic": 0.02, "irregular": 0.05}
+
+
+@njit(error_model="numpy")
+def accelerate(x, v, load, out, disk, link, mesh):
+    """Accelerations of the disks; ``disk``: damping, ground, inverse mass; ``link``: ends, arms, stiffness, damping;
+    ``mesh``: of each link, its law, or a backlash of -1 where it is linear."""
+    damping, ground, inverse = disk
+    for s in range(x.size):
+        out[s] = load[s] - damping[s] * v[s] - ground[s] * x[s]
+    for k in range(link.shape[1]):
+        a, b = int(link[0, k]), int(link[1, k])
+        l = link[2, k] * x[a] - link[3, k] * x[b]
+        rate = link[2, k] * v[a] - link[3, k] * v[b]
+        force = tooth_force(l, rate, link[4, k], link[5, k], mesh[0, k], mesh[1, k], mesh[2, k], mesh[3, k])
+        out[a] -= link[2, k] * force
+        out[b] += link[3, k] * force
+    for s in range(x.size):
+        out[s] *= inverse[s]
+
+
+@njit(error_model="numpy")
+def tooth_force(l, rate, stiffness, damping, backlash, epsilon, transition, gated):
+    """Law (18) and damping of a mesh, or a linear link where ``backlash`` is negative; N."""
+    if backlash < 0:
+        return stiffness * l + damping * rate
+    width = transition * backlash
+    beyond = abs(l) - (1 - transition) * backlash / 2
+    u = min(max(beyond, 0.0), width)
+    w = max(beyond - width, 0.0)
+    contact = (1 - epsilon) * stiffness * (u * u / (2 * width) + w)
+    share = u / width if gated else 1.0
+    return epsilon * stiffness * l + (contact if l > 0 else -contact) + damping * rate * share
+
+
+@njit(error_model="numpy")
+def runge_kutta(x, v, loads, dt, cycles, disk, link, mesh, kept):
+    """``cycles`` on, in place: deflections at ``kept`` instants ``(cycles, kept, L)`` and largest and smallest link
+    forces ``(cycles, 2, L)``; ``loads`` ``(2 steps, S)`` at half steps."""
+    steps, links = loads.shape[0] // 2, link.shape[1]
+    seen, extremes = np.zeros((cycles, kept, links)), np.zeros((cycles, 2, links))
+    a1, a2, a3, a4 = np.empty_like(x), np.empty_like(x), np.empty_like(x), np.empty_like(x)
+    extremes[:, 0], extremes[:, 1] = -np.inf, np.inf
+    for c in range(cycles):
+        for j in range(steps):
+            for k in range(links):
+                a, b = int(link[0, k]), int(link[1, k])
+                l = link[2, k] * x[a] - link[3, k] * x[b]
+                rate = link[2, k] * v[a] - link[3, k] * v[b]
+                f = tooth_force(l, rate, link[4, k], link[5, k], mesh[0, k], mesh[1, k], mesh[2, k], mesh[3, k])
+                extremes[c, 0, k] = max(extremes[c, 0, k], f)
+                extremes[c, 1, k] = min(extremes[c, 1, k], f)
+                if (j * kept) % steps < kept:
+                    seen[c, j * kept // steps, k] = l
+            last = loads[2 * j + 2] if j + 1 < steps else loads[0]
+            accelerate(x, v, loads[2 * j], a1, disk, link, mesh)
+            accelerate(x + dt / 2 * v, v + dt / 2 * a1, loads[2 * j + 1], a2, disk, link, mesh)
+            accelerate(x + dt / 2 * v + dt * dt / 4 * a1, v + dt / 2 * a2, loads[2 * j + 1], a3, disk, link, mesh)
+            accelerate(x + dt * v + dt * dt / 2 * a2, v + dt * a3, last, a4, disk, link, mesh)
+            x += dt * v + dt * dt / 6 * (a1 + a2 + a3)
+            v += dt / 6 * (a1 + 2 * (a2 + a3) + a4)
+    return seen, extremes
+
+
+class Integration:
+    """A train at one speed for :func:`runge_kutta`."""
+
+    def __init__(self, train, rpm):
+        system, law, meshes = chain.assemble(train), law_of(train.meshes), all_meshes(train)
+        count, first = len(system.stiffness), len(system.stiffness) - len(meshes.link)
+        self.disk = np.stack([system.damping, system.ground, 1 / np.asarray(system.mass)])
+        self.link = np.zeros((6, count))
+        self.link[:2] = np.asarray(system.tree.end_a), np.asarray(system.tree.end_b)
+        self.link[2:] = system.arm_a, system.arm_b, system.stiffness, system.viscous
+        self.mesh = np.zeros((4, count))
+        self.mesh[0] = -1.0
+        gaps = np.array(train.topology.mesh_backlash, dtype=bool)
+        for g in np.flatnonzero(gaps):
+            numbers = law.stiffness[g], meshes.viscous[g], law.backlash[g], law.epsilon[g], law.transition[g]
+            self.link[4:, first + g], self.mesh[:3, first + g] = numbers[:2], numbers[2:]
+            self.mesh[3, first + g] = bool(meshes.contact_damping[g])
+        self.first = first
+        K = np.asarray(matrices(system)[1])
+        root = np.sqrt(np.asarray(system.mass))
+        fastest = np.sqrt(np.linalg.eigvalsh(K / root[:, None] / root).max())
+        self.omega = train.topology.cycle_frequency(rpm)
+        harmonics = highest_harmonic(train)
+        self.steps = int(np.ceil(max(STEPS_PER_PERIOD * fastest / self.omega, 8 * harmonics, 256) / 32)) * 32
+        torque = np.asarray(excitation(train, rpm, harmonics)[0]) / np.asarray(system.radius)[:, None]
+        self.torque = torque
+
+    @property
+    def work(self):
+        """Link steps of all cycles."""
+        return self.steps * self.link.shape[1] * (SETTLING + WATCHED)
+
+    def run(self, motion):
+        """(deflections at 32 instants, extremes of the forces) of the watched cycles, of the meshes."""
+        x, v = (np.array(part) for part in np.split(motion, 2))
+        loads = np.ascontiguousarray(fourier.synthesize(self.torque, 2 * self.steps).T)
+        dt = 2 * np.pi / self.omega / self.steps
+        shared = self.disk, self.link, self.mesh, 32
+        runge_kutta(x, v, loads, dt, SETTLING, *shared)
+        seen, extremes = runge_kutta(x, v, loads, dt, WATCHED, *shared)
+        return seen[..., self.first :], extremes[..., self.first :]
+
+
+def period_of(seen, floor):
+    """The smallest number of cycles after which the deflections ``(cycles, instants, M)`` return, 0 for none."""
+    scale = np.abs(seen).max(axis=(0, 1)) + floor
+    for k in PERIODS:
+        if (np.abs(seen[k:] - seen[:-k])[-16:] / scale).max() <= RETURNED:
+            return k
+    return 0
+
+
+def judge(train, state):
+    """Verdict of the integration: right, wrong (with what was found), or why nothing is said."""
+    integration = Integration(train, state.rpm)
+    if integration.work > MOST_WORK:
+        return {"verdict": "too long"}
+    seen, extremes = integration.run(state.motion)
+    if not np.isfinite(extremes).all():
+        return {"verdict": "not finite"}
+    floor = np.asarray(train.meshes.backlash)
+    period = period_of(seen, floor)
+    names = train.topology.mesh_names
+    told = np.array([[float(state.force(n).max), float(state.force(n).min)] for n in names]).T
+    width = state.record.cycles if state.record is not None else WATCHED
+    windows = [extremes[i : i + width] for i in range(0, WATCHED - width + 1, 16)]
+    high = np.array([w[:, 0].max(axis=0) for w in windows])
+    low = np.array([w[:, 1].min(axis=0) for w in windows])
+    size = np.abs(extremes).max()
+    beyond = np.maximum(told - np.array([high.max(axis=0), low.max(axis=0)]), 0)
+    beyond = np.maximum(beyond, np.array([high.min(axis=0), low.min(axis=0)]) - told)
+    off = float(beyond.max() / size)
+    claimed = 0 if state.kind == "irregular" else state.period
+    allowed = TOLERANCE["irregular" if state.kind == "irregular" else "periodic"]
+    verdict = "right" if period == claimed and off <= allowed else "wrong"
+    return {"verdict": verdict, "found_period": period, "off": off, "steps": integration.steps}
+
+
+def run_case(seed, index):
+    """The record of one case."""
+    train, rpm, facts = random_case(np.random.default_rng([seed, index]))
+    begin = time.perf_counter()
+    state = jaxhb.steady_state(train, rpm=rpm)
+    seconds = time.perf_counter() - begin
+    record = {"seed": seed, "case": index} | facts | {"rpm": rpm, "kind": state.kind, "period": state.period}
+    record |= {"cycles": state.cycles, "solved": state.response is not None, "notes": list(state.notes)}
+    record |= {"seconds_first": seconds}
+    if state.known:
+        record |= judge(train, state)
+    return record
+
+
+def report(records):
+    """Print kinds and verdicts."""
+    kinds = collections.Counter(r["kind"] for r in records)
+    print(f"\n{len(records)} cases: " + ", ".join(f"{count} {kind}" for kind, count in kinds.most_common()))
+    for kind in kinds:
+        told = collections.Counter(
+            r.get("verdict", "no reason" if not r["notes"] else "a reason") for r in records if r["kind"] == kind
+        )
+        print(f"  {kind}: " + ", ".join(f"{count} {verdict}" for verdict, count in told.most_common()))
+
+
+def main():
+    read = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    read.add_argument("--cases", type=int, default=200)
+    read.add_argument("--seed", type=int, default=20261122)
+    read.add_argument("--only", type=int)
+    read.add_argument("--json", help="append JSON lines to this file; cases that it holds are not run again")
+    asked = read.parse_args()
+    file = Path(asked.json) if asked.json else None
+    rows = [json.loads(text) for text in file.read_text().splitlines()] if file and file.exists() else []
+    records = [r for r in rows if r.get("seed") == asked.seed]
+    known = {r["case"] for r in records}
+    wanted = (
+        [asked.only] if asked.only is not None else sorted(range(asked.cases), key=lambda i: skeleton_of(asked.seed, i))
+    )
+    if file and not rows:
+        file.write_text(json.dumps({"benchmark": "kinds", "device": device(), "versions": versions()}) + "\n")
+    last = None
+    for index in wanted:
+        if index in known:
+            continue
+        if (own := skeleton_of(asked.seed, index)) != last:
+            jax.clear_caches()
+            last = own
+        records.append(run_case(asked.seed, index))
+        print(json.dumps(records[-1]), flush=True)
+        if file:
+            with file.open("a") as stream:
+                stream.write(json.dumps(records[-1]) + "\n")
+    report(records)
+
+
+if __name__ == "__main__":
+    main()
