@@ -4,9 +4,9 @@
     python benchmarks/kinds.py --only 17                                       one of them
 
 Cases are those of ``random_trains.py``, drawn as ``stress.py`` draws them. The integration is independent of jaxhb's:
-explicit, on disks and links, in numba, ``STEPS_PER_PERIOD`` steps per period of the fastest mode of all. It begins where
-the march of ``steady_state`` ended, goes through SETTLING cycles and watches as many more, so that a motion that does not
-attract is left and a transient has died. *Wrong* is another kind or period, or a largest tooth force of any mesh that
+explicit, on disks and links, in numba, ``STEPS_PER_PERIOD`` steps per period of the fastest mode of all. It begins
+where the march of ``steady_state`` ended, goes through SETTLING cycles and watches as many more, so that a motion that
+does not attract is left and a transient has died. *Wrong* is another kind or period, or a largest tooth force of any mesh that
 differs by more than 2 % of the largest of all (periodic) or lies more than 5 % beyond those of all windows of as many
 cycles as were recorded (irregular). Cases whose integration would take more than MOST_WORK link steps say nothing.
 """
@@ -215,9 +215,8 @@ def main():
     rows = [json.loads(text) for text in file.read_text().splitlines()] if file and file.exists() else []
     records = [r for r in rows if r.get("seed") == asked.seed]
     known = {r["case"] for r in records}
-    wanted = (
-        [asked.only] if asked.only is not None else sorted(range(asked.cases), key=lambda i: skeleton_of(asked.seed, i))
-    )
+    wanted = range(asked.cases) if asked.only is None else [asked.only]
+    wanted = sorted(wanted, key=lambda index: skeleton_of(asked.seed, index))
     if file and not rows:
         file.write_text(json.dumps({"benchmark": "kinds", "device": device(), "versions": versions()}) + "\n")
     last = None
