@@ -22,7 +22,7 @@ _HOMES = {
     "periodic.plan": ("Plan",),
     "periodic.solve": ("linear_response", "plan", "solve"),
     "periodic.speeds": ("solve_speeds",),
-    "periodic.branch": ("Branch", "follow"),
+    "periodic.branch": ("Branch", "BranchOptions", "follow"),
     "periodic.stability": ("Stability", "largest_multiplier", "stability"),
     "periodic.steady_state": ("Cycles", "steady_state"),
     "response.steady": ("SteadyState", "SteadySweep"),

@@ -30,7 +30,7 @@ class BranchOptions:
     first: float = 0.01  # length of the first step
     longest: float = 0.05  # length of a step at most
     jacobians: int = 4000  # of a branch at most
-    fold: float = 1e-7  # error of the parameter at a fold, as a share of its range
+    fold: float = 1e-9  # error of the parameter at a fold, as a share of its range
     stability: float = 1e-5  # the same where the stability changes, which multipliers tell at some cost
 
 
@@ -98,15 +98,30 @@ class Branch:
         return _response(self._curve, self._plan, self._path[number][0])
 
     def resume(self, number=-1, *, to=None, backwards=False, options=DEFAULT):
-        """Follow on from a point of this branch, or back from it; the range is extended to ``to``.
+        """Follow on from a point of this branch, or back from it.
+
+        Parameters
+        ----------
+        number : int, of the point
+        to : float, optional
+            Extends the range, which is otherwise that of this branch.
+        backwards : bool
+        options : BranchOptions
 
         Returns
         -------
         Branch
             Beginning with that point.
+
+        Raises
+        ------
+        SceneError, ValueError
+            ``to`` is not a value that the parameter can have.
         """
-        curve = self._curve
-        shares = [0.0, 1.0] if to is None else [0.0, 1.0, (float(to) - float(curve.begin)) / float(curve.span)]
+        curve, shares = self._curve, [0.0, 1.0]
+        if to is not None:
+            _at(curve.train, float(curve.rpm), curve.parameter, float(to))
+            shares.append((float(to) - float(curve.begin)) / float(curve.span))
         y, tangent = self._path[number]
         return _followed(curve, self._plan, y, -tangent if backwards else tangent, (min(shares), max(shares)), options)
 
@@ -133,7 +148,8 @@ def follow(train, parameter, *, start, to, rpm=None, harmonics=None, tolerance=0
     rpm : float, optional
         Speed, where that is not the parameter.
     harmonics : int, optional
-        Of all motions. Default: as many as the motion at ``start`` needs, at least what the mesh modes need there.
+        Of all motions. Default: as many as the motion at ``start`` needs, at least what the mesh modes need in the
+        middle of the range.
     tolerance : float
         Truncation error that the first motion is solved to; that of each point is in the table.
     begin : Response, optional
@@ -162,15 +178,15 @@ def follow(train, parameter, *, start, to, rpm=None, harmonics=None, tolerance=0
     >>> round(float(branch.value[-1])), bool(branch.stable.all())
     (3000, True)
     """
+    _check(train, parameter, start, to, rpm)
     ends = [_at(train, rpm, parameter, float(value)) for value in (start, to)]
-    _check(train, parameter, start, to, rpm, [speed for _, speed in ends])
     first, speed = ends[0]
     if begin is None:
         begin = solve(first, rpm=speed, harmonics=harmonics, tolerance=tolerance)
     if begin.status > Status.TOLERANCE_NOT_MET:
         check(begin)
     stability(replace(begin, train=first))  # its sentences come before the work
-    plan = _plan(first, min(speed for _, speed in ends), harmonics, tolerance, begin.harmonics)
+    plan = _plan(first, sum(speed for _, speed in ends) / 2, harmonics, tolerance, begin.harmonics)
     deflection = fourier.resize(of_unknown_meshes(plan, begin), plan.harmonics)
     sizes = np.asarray(first.meshes.backlash)[list(plan.active)]
     scale = np.min(sizes + np.linalg.norm(fourier.pack(deflection), axis=-1)[: len(sizes)])
@@ -181,30 +197,30 @@ def follow(train, parameter, *, start, to, rpm=None, harmonics=None, tolerance=0
 
 
 def _at(train, rpm, parameter, value):
-    """Train and speed with a value of the parameter."""
-    return (train, value) if parameter == "rpm" else (train.replace({parameter: value}), rpm)
+    """Train and speed with a value of the parameter, checked."""
+    speed = value if parameter == "rpm" else rpm
+    check_speed(train, speed)
+    return train if parameter == "rpm" else train.replace({parameter: value}), speed
 
 
-def _check(train, parameter, start, to, rpm, speeds):
+def _check(train, parameter, start, to, rpm):
     """Refuse what cannot be followed, with a sentence."""
     name = train.topology.name or "scene"
     if parameter == "rpm" and rpm is not None:
         raise ValueError(f"{name}: rpm is the parameter: give start and to, and no rpm={rpm:g}.")
     if parameter != "rpm" and rpm is None:
         raise ValueError(f"{name}: {parameter} is followed at one speed: give rpm=...")
-    for speed in speeds:
-        check_speed(train, speed)
     if not (np.isfinite([start, to]).all() and start != to):
         raise ValueError(f"{name}: {parameter} from {start:g} to {to:g} is no range: give two different numbers.")
     if not any(train.topology.mesh_backlash):
         raise ValueError(f"{name} has no mesh with backlash: one motion at each speed, use jaxhb.solve_speeds.")
 
 
-def _plan(train, slowest, harmonics, tolerance, found):
+def _plan(train, rpm, harmonics, tolerance, found):
     """The Plan of all points of a branch."""
     request = Request.of(train, harmonics, tolerance)
     excited = listed_harmonic(train.topology)
-    modes, _ = planning.mesh_mode_harmonics(train, train.topology.cycle_frequency(slowest))
+    modes, _ = planning.mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))
     level = planning.first_level(excited_harmonic(train, request.method), modes)
     steps = time_steps_for(max(modes, 2 * excited))
     plan = replace(planning.contact_plan(train, request), time_steps=steps)
@@ -357,5 +373,5 @@ def _sentence(curve, end, within, options):
     return f"Lost at {value}: no step, however short, leads on."
 
 
-CLOSED = 3e-11
-"""Error of a point, relative to the first motion: below that at which a solve counts as solved."""
+CLOSED = 1e-11
+"""Error of a point, relative to the first motion: well below that at which a solve counts as solved."""

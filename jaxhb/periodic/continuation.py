@@ -135,18 +135,21 @@ def locate(linearize, simplify, before, after, test, *, closed=1e-9, most=30, co
     """The point ``(y, tangent)`` between two others of a curve where ``test(y, tangent)`` changes its sign.
 
     By the method of false position (Illinois) in the distance along the first tangent, until p moves by less than
-    ``closed``. The test of a fold is the last entry of the tangent.
+    ``closed``: the distance moved times the slope of p, the larger one at both ends, as p itself hardly moves at a
+    fold. The test of a fold is that slope, the last entry of the tangent.
     """
     curve = _Curve(linearize, simplify, np.inf, control)
-    (y, tangent), found = before, after
+    y, tangent = before
     near, far = 0.0, (after[0] - y) @ tangent
-    low, high, whole = test(*before), test(*after), abs(far)
+    # A step leaves the tangent of its last Jacobian, not of its end: the change of sign may lie beside the two points.
+    start, found = ((at, curve.linearize(at, tangent)[2]) for at in (y, after[0]))
+    low, high, whole = test(*start), test(*found), abs(far)
     for _ in range(most):
-        length, last = (near * high - far * low) / (high - low), found
+        length, last = (near * high - far * low) / (high - low), found[1]
         trial = curve.correct(y + length * tangent, tangent, whole)
         found = trial.y, curve.linearize(trial.y, tangent)[2]
         value = test(*found)
-        if value == 0 or abs(found[0][-1] - last[0][-1]) < closed:
+        if value == 0 or abs(length - far) * max(abs(found[1][-1]), abs(last[-1])) < closed:
             break
         near, low = (far, high) if value * high < 0 else (near, low / 2)
         far, high = length, value

@@ -49,8 +49,8 @@ class Stability:
     multipliers : complex array ``(n,)``, the largest modulus first
         Factors by which disturbances of the state grow over one cycle of the response.
     rotation : bool array ``(n,)``
-        Those of the rotation of the whole train against a soft ground, or none, and of rings without a spring: near
-        1, and they say nothing about the teeth. A floating train has two that are 1.
+        Those of the rotation of the whole train, floating or against a soft ground (SOFT), and of rings without a
+        spring: they say nothing about the teeth. A floating train without damping has two that are 1.
     liouville : float
         Determinant of the monodromy matrix over its value by Liouville's formula, less 1: what the integration leaves.
     """
@@ -125,9 +125,10 @@ def stability(response):
 
     Notes
     -----
-    Multipliers are as good as the motion: its truncation error enters them, more where teeth graze. Small multipliers
-    have the absolute accuracy of the largest. Work grows with the cube of the number of states and with the number of
-    switching times: 0.08 s for the 54 states and 424 times of ``gear_train_30`` at 1800 rpm.
+    Multipliers are as good as the motion, and less: on ``gear_train_30`` a truncation error of 0.5 % makes 6 % at 2300
+    rpm (a multiplier of -1.18) and 16 % at 2350 rpm (-27). Small multipliers have the absolute accuracy of the largest.
+    Work grows with the cube of the number of states and with the number of switching times: 0.08 s for the 54 states
+    and 424 times of ``gear_train_30`` at 1800 rpm.
 
     Examples
     --------

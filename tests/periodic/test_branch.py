@@ -84,7 +84,7 @@ def test_the_eight_folds_of_the_chain_are_found_at_any_limit_of_the_steps(longes
     points = [point for point in branch.special if point.kind == "fold"]
     for point, w in zip(points, folds, strict=True):
         ends = [dense_point(branch, point.after + shift) for shift in (-1, 2)]
-        assert abs(dense_fold(*ends) - w) < 1e-6 * w
+        assert abs(dense_fold(*ends) - w) < 1e-8 * w
 
 
 def test_every_change_of_stability_has_its_name():
@@ -164,6 +164,18 @@ def test_a_branch_that_turns_back_leaves_the_range_with_a_sentence():
 def test_what_cannot_be_followed_is_refused_with_a_sentence(arguments, sentence):
     with pytest.raises(ValueError, match=sentence):
         jaxhb.follow(chain_train(3), **arguments)
+
+
+def test_a_branch_is_not_resumed_to_a_speed_that_is_none():
+    with pytest.raises(ValueError, match="-3 rpm"):
+        chain(0.1).resume(-1, to=-3.0)
+
+
+def test_a_train_with_loss_factors_is_refused_before_the_work():
+    train = chain_train(3)
+    lossy = train.replace({"m0|m1.loss_factor": 0.02})
+    with pytest.raises(ValueError, match="with_viscous_damping"):
+        jaxhb.follow(lossy, "rpm", start=12.0, to=11.0, harmonics=15, tolerance=0.5)
 
 
 def test_a_train_without_backlash_has_no_branch_to_follow():

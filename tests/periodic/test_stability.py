@@ -3,10 +3,12 @@
 import dataclasses
 from functools import cache
 
+import dense
 import numpy as np
 import pytest
+import scipy.linalg
 from reference_data import method_case, reference
-from trains import ONE_RADIAN_PER_SECOND, build, one_mass_parts
+from trains import ONE_RADIAN_PER_SECOND, build, gearbox_parts, one_mass_parts
 
 import jaxhb
 from jaxhb import Disk, Ground, Mesh, NotConverged, Shaft, Stability, Torque
@@ -175,6 +177,51 @@ def test_the_rotation_against_a_soft_ground_is_labelled():
     inertia, damping = 0.03 + 0.05 / 4, 0.5 + 0.4 / 4
     expected = np.exp(60 / 1500 * np.roots([inertia, damping, 0.5]))
     np.testing.assert_allclose(found.multipliers[found.rotation], np.sort(expected)[::-1], rtol=1e-3)
+
+
+def test_a_cycle_of_two_revolutions_has_the_squares_of_the_multipliers_of_one():
+    once, twice = (
+        jaxhb.stability(jaxhb.solve(build(parts, reference="a", cycle=cycle), rpm=60.0, harmonics=64 * cycle))
+        for parts in [one_mass_parts(m=0.02, b=0.03, c=4.0, eps=0.05, h=0.2, q0=0.3, q1=1.0)]
+        for cycle in (1, 2)
+    )
+    assert 0.01 < once.largest < 1
+    np.testing.assert_allclose(
+        np.sort_complex(twice.multipliers[~twice.rotation]),
+        np.sort_complex(once.multipliers[~once.rotation] ** 2),
+        atol=1e-8,
+    )
+
+
+def with_viscous_damping(part, hz):
+    """The element with its loss factor as viscous damping at a frequency."""
+    if not getattr(part, "loss_factor", 0.0):
+        return part
+    damping = part.damping + part.loss_factor * part.stiffness / (2 * np.pi * hz)
+    return dataclasses.replace(part, loss_factor=0.0, damping=damping)
+
+
+def test_a_train_in_contact_has_the_multipliers_of_its_damped_modes():
+    """Loops, gears without inertia on damped and undamped shafts, a ring without a spring: against the dense pencil
+    ``K + s B + s^2 M``, whose infinite roots are the massless disks'."""
+    parts = [with_viscous_damping(part, 50.0) for part in gearbox_parts()]
+    response = jaxhb.solve(build(parts, reference="motor"), rpm=900.0)
+    found = jaxhb.stability(response)
+    at_one = dense.dynamic_stiffness(parts, 1.0)
+    elastic, viscous = dense.dynamic_stiffness(parts, 0.0).real, at_one.imag
+    one, none = np.eye(len(elastic)), np.zeros_like(elastic)
+    first, second = (
+        np.block([[none, one], [-elastic, -viscous]]),
+        np.block([[one, none], [none, elastic - at_one.real]]),
+    )
+    roots = scipy.linalg.eigvals(first, second)
+    expected = np.exp(60 / 900 * roots[np.isfinite(roots) & (np.abs(roots) < 1e8)])
+    seen = [multipliers[np.abs(multipliers) > 1e-6] for multipliers in (found.multipliers, expected)]
+    assert len(seen[0]) == len(seen[1]) >= 6
+    np.testing.assert_allclose(np.sort_complex(seen[0]), np.sort_complex(seen[1]), atol=1e-7)
+    assert abs(found.liouville) < 1e-10 and found.stable
+    lossy = jaxhb.solve(build(gearbox_parts(), reference="motor"), rpm=900.0)
+    assert abs(jaxhb.largest_multiplier(lossy) - found.largest) < 0.2 * found.largest  # losses at another frequency
 
 
 def test_a_floating_train_has_two_multipliers_of_one_that_are_labelled():
