@@ -4,11 +4,11 @@
     python benchmarks/kinds.py --only 17                                       one of them
 
 Cases are those of ``random_trains.py``, drawn as ``stress.py`` draws them. The integration is independent of jaxhb's:
-explicit, on disks and links, in numba, ``STEPS_PER_PERIOD`` steps per period of the fastest mode of all. It begins
-where the march of ``steady_state`` ended, goes through SETTLING cycles and watches as many more, so that a motion that
-does not attract is left and a transient has died. *Wrong* is another kind or period, or a largest tooth force of any
-mesh that differs by more than 2 % of the largest of all (periodic) or lies more than 5 % beyond those of all windows of
-as many cycles as were recorded (irregular). Cases whose integration would take more than MOST_WORK link steps say nothing.
+explicit, on disks and links, in numba, STEPS_PER_PERIOD steps per period of the fastest mode of all. It begins where
+the march of ``steady_state`` ended, goes through SETTLING cycles and watches as many more, so that a motion that does
+not attract is left and a transient has died. *Wrong* is another kind or period, or a largest tooth force of any mesh
+that differs by more than 2 % of the largest of all (periodic) or lies more than 5 % beyond those of all windows of as
+many cycles as were recorded (irregular). Cases whose integration would take more than MOST_WORK link steps say nothing.
 """
 
 import argparse
