@@ -5,22 +5,24 @@ import numpy as np
 PERIODS = tuple(range(1, 9))
 """Cycles after which a return is looked for."""
 
-SETTLED, NEAR = 1e-6, 3e-4
-"""Return error at which a motion has a period whatever its trend, and below which it has one that it approaches."""
+SETTLED, NEAR = 5e-5, 3e-4
+"""Return error at which a motion that does not leave it has a period, and below which it has one that it approaches.
+
+Soft springs to ground and heavy disks on soft shafts settle over hundreds of cycles, of which the teeth see little:
+what is left is solved by harmonic balance, whatever the rate of decay."""
 
 FALLING, DECAYING = 0.8, 0.95
 """Share to which the return error falls from one window of cycles to the next, twice, where a motion approaches a
 period (past a motion that repels in one direction the fall slows down), and where it may still do so."""
+
+LEAVING, ROUNDED = 1.05, 1e-9
+"""Growth of the return error from one window to the next that still is none; return error that rounding leaves."""
 
 SMALL = 0.3
 """Return error above which a decay tells nothing."""
 
 WINDOW = 3
 """Cycles in a window at least; as many as the period has."""
-
-PATIENCE = 64
-"""Cycles after which a return error that is small and falls slowly counts as well: what is left is solved by harmonic
-balance, whatever the rate of decay."""
 
 
 class Returns:
@@ -63,19 +65,20 @@ class Returns:
     def _error(self, one, other):
         return float((np.abs(self.cycles[one] - self.cycles[other]) / self.scale).max())
 
-    def period(self):
+    def period(self, last=False):
         """The smallest period in cycles that the motion has or approaches; 0 where there is none yet.
+
+        ``last``: the march ends here, and however slow an approach counts.
 
         Where the motion still approaches a divisor of a period it may well have that one: beside a period doubling it
         nearly returns after two cycles while it settles on the period of one.
         """
-        errors = {k: self.errors(k) for k in PERIODS}
+        errors, falling = {k: self.errors(k) for k in PERIODS}, 1.0 if last else FALLING
         for k, (now, before, first) in errors.items():
-            slow = len(self.cycles) >= PATIENCE and now <= DECAYING**0.1 * before and before <= DECAYING**0.1 * first
-            falls = now <= FALLING * before and before <= FALLING * first < np.inf
-            near = now <= NEAR and (falls or slow)
-            waits = any(k % j == 0 and decaying(errors[j]) for j in PERIODS if j < k)
-            if now <= SETTLED or (near and not waits):
+            settled = now <= SETTLED and now <= LEAVING * before < np.inf or now <= ROUNDED
+            near = now <= NEAR and now <= falling * before and before <= falling * first < np.inf
+            waits = not last and any(k % j == 0 and decaying(errors[j]) for j in PERIODS if j < k)
+            if settled or (near and not waits):
                 return k
         return 0
 

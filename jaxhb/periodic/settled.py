@@ -94,7 +94,8 @@ def _plan(train, rpm, request, deflection, meshes):
     contact = planning.contact_plan(train, request)
     modes = planning.mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))
     active = tuple(int(i) for i in own[~stays])
-    wanted = planning.first_level(contact.excited, modes[0]) if active else contact.harmonics
+    apart = (np.abs(deflection) < law.gap[:, None]).any()
+    wanted = planning.first_level(contact.excited, modes[0] if apart else 0.0) if active else contact.harmonics
     return dataclasses.replace(
         contact,
         harmonics=request.harmonics or min(wanted, MOST[request.method]),
@@ -104,14 +105,14 @@ def _plan(train, rpm, request, deflection, meshes):
     )
 
 
-def same_motion(response, trace, meshes, train):
+def same_motion(response, trace, meshes, train, most=SAME):
     """Whether a response is the motion of a marched period ``(2G, steps)``."""
     own = np.flatnonzero(np.array(train.topology.mesh_backlash, dtype=bool))
     deflection = np.split(trace, 2)[0]
     found = response.deflection_samples(deflection.shape[1])[own]
     gap = (1 - meshes.law.epsilon) * meshes.law.backlash
     size = np.abs(deflection).max(axis=1) + gap
-    return bool((np.abs(found - deflection).max(axis=1) <= SAME * size).all())
+    return bool((np.abs(found - deflection).max(axis=1) <= most * size).all())
 
 
 def _step_up(train, response, plan, request, hz):

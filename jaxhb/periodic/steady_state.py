@@ -14,7 +14,7 @@ from .marching import Batch, Equations, record_of
 from .planned import solve_batches
 from .planning import plan_speeds
 from .request import Request, check_speed
-from .settled import shortest_period, solve_settled
+from .settled import same_motion, shortest_period, solve_settled
 
 DIRECTIONS = "up", "down", "both"
 
@@ -27,9 +27,13 @@ AGAIN = 32
 RETURNED = 5e-3
 """Return error below which a motion may have the shorter period that its solution has."""
 
-LEVEL = 0.05
-"""Difference of largest deflections of neighbouring speeds, beside the change that their distance explains, from which
-the one may have another motion when it starts from the other."""
+AGREES = 0.02
+"""Difference of deflections, relative to the largest and the gap, up to which a march arrives at a motion known from
+another start."""
+
+LEVEL = 0.1
+"""Difference of the largest deflections of neighbouring speeds from which the one may have another motion when it
+starts from the other."""
 
 
 @dataclass(frozen=True)
@@ -272,7 +276,7 @@ class _Search:
         if not period:
             record, motion = record_of(batch.equations, march), batch.motion(march)
             return self._state(place, "irregular", 0, record=record, cycles=march.cycles, notes=notes, motion=motion)
-        response, note, period = self._solved(batch, march, period, hz)
+        response, note, period = self._solved(place, batch, march, period, hz)
         kind, notes = "periodic" if period == 1 else "subharmonic", notes + [note] * bool(note)
         common = {"cycles": march.cycles, "motion": batch.motion(march)}
         if response is not None:
@@ -284,10 +288,14 @@ class _Search:
         notes.append("harmonic balance did not find the motion marched: the numbers are those of recorded cycles")
         return self._state(place, kind, period, record=record_of(batch.equations, march), notes=notes, **common)
 
-    def _solved(self, batch, march, period, hz):
+    def _solved(self, place, batch, march, period, hz):
         """Response (None where harmonic balance did not find the motion), note and period of a march that returns."""
         while True:
             trace = batch.traced(march, period)
+            known = self.known.get(place)
+            common = known is not None and known.response is not None and known.period == period
+            if common and same_motion(known.response, trace, batch.equations.meshes, self.train, AGREES):
+                return known.response, "", period
             given = {"steps": batch.steps, "meshes": batch.equations.meshes, "hz": hz}
             response, note = solve_settled(self.train, march, trace, period, self.request, **given)
             shorter = period if response is None else shortest_period(response, period)
@@ -323,7 +331,7 @@ def _period(march, cycles):
     if period and (complete or march.cycles >= march.again):
         return period
     over = complete and (march.cycles >= cycles.most or not march.returns.undecided())
-    return 0 if over else None
+    return march.returns.period(last=True) if over else None
 
 
 def _motion_of(train, start):
