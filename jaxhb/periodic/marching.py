@@ -13,7 +13,8 @@ from ..harmonic.residual import backlash_meshes
 from ..response.steady import Record, RecordedSignal, SteadyContact
 from ..transient import lanes as marching
 from ..transient import record as recording
-from ..transient.modes import damped_modes
+from ..transient.modes import damped_modes, modes_of
+from ..transient.reduced_model import reduced_model
 from ..transient.statespace import partition
 from .planning import mesh_mode_harmonics
 from .returns import Returns
@@ -27,6 +28,10 @@ LEAST = 256
 
 MARCHED, RECORDED = (16, 64), (16,)
 """Lanes of a batch: few numbers, as each is a program."""
+
+DENSE_MODES, REACH = 300, 6
+"""Disks up to which a march takes all modes; beyond, frequencies up to 1.5 times the highest mesh mode (a quarter of so
+many steps per period of it) are kept as far as meshes see them."""
 
 ALONE = 8
 """Lanes up to which one after another is faster than a batch."""
@@ -52,11 +57,31 @@ class Equations:
         self.linear = np.flatnonzero(~np.array(topology.mesh_backlash, dtype=bool))
         self.shafts = len(topology.link_names) - len(topology.mesh_names)
         self.gears = sorted({disk for ends in topology.mesh_ends for disk in ends})
+        self.small = topology.n_disks <= DENSE_MODES
 
     @cached_property
     def modes(self):
-        """The damped :class:`~jaxhb.transient.modes.Modes`."""
-        return damped_modes(self.system, self.meshes, self.train.topology.cycle_frequency(1000.0), self.parts)
+        """The damped :class:`~jaxhb.transient.modes.Modes`: all of them, or of a finely divided train the slow ones
+        that its meshes see most."""
+        frequency = self.train.topology.cycle_frequency(1000.0)
+        if self.small:
+            return damped_modes(self.system, self.meshes, frequency, self.parts)
+        return self._reduced[0]
+
+    @cached_property
+    def missing(self):
+        """Share of a mesh's own compliance that modes have which a march leaves out, the largest."""
+        return 0.0 if self.small else self._reduced[1]
+
+    @cached_property
+    def _reduced(self):
+        frequency = self.train.topology.cycle_frequency(1000.0)
+        steps = next(n for n in COUNTS if n >= min(REACH * self.highest_hz * 2 * np.pi / frequency, COUNTS[-1]))
+        active = np.ones(len(self.own))
+        links = np.asarray(self.meshes.link)
+        model = reduced_model(self.system, links, active, frequency, steps, listed_harmonic(self.train.topology))
+        stiff = np.abs(np.diag(np.asarray(model.static))) * np.asarray(self.meshes.law.stiffness)
+        return modes_of(model.space, np.asarray(model.motion)), float(stiff.max(initial=0.0))
 
     @cached_property
     def highest_hz(self):
@@ -143,9 +168,13 @@ class Batch:
             self._run(left[:size], size, record)
             left = left[size:]
 
-    def _run(self, marches, size, record):
+    def record(self, march, cycles):
+        """Some more cycles of one march, recorded."""
+        self._run([march], 1, True, cycles)
+
+    def _run(self, marches, size, record, cycles=CHUNK):
         places = [march.place for march in marches] + [marches[-1].place] * (size - len(marches))
-        lanes, blank = _lanes(self.lanes, places), np.zeros(CHUNK)
+        lanes, blank = _lanes(self.lanes, places), np.zeros(cycles)
         state = np.stack([self.marches[place].state for place in places], axis=1)
         if record:
             outputs = self.equations.outputs(_of(self.posed, places), self.steps)
@@ -157,7 +186,7 @@ class Batch:
         for i, march in enumerate(marches):
             march.state, march.trace = state[:, i], trace[..., i]
             march.returns.add(seen[..., i])
-            march.cycles += CHUNK
+            march.cycles += cycles
             if record:
                 march.reduced.append(_of_lane(reduced, i))
                 march.teeth.append(_of_lane(teeth, i))

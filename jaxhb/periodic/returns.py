@@ -78,7 +78,7 @@ class Returns:
             settled = now <= SETTLED and now <= LEAVING * before < np.inf or now <= ROUNDED
             near = now <= NEAR and now <= falling * before and before <= falling * first < np.inf
             waits = not last and any(k % j == 0 and decaying(errors[j]) for j in PERIODS if j < k)
-            if settled or (near and not waits):
+            if (settled or near) and not waits:
                 return k
         return 0
 

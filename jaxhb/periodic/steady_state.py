@@ -53,7 +53,7 @@ class Cycles:
         return int(np.clip(WORK / work, *TRANSIENT)) if self.transient is None else self.transient
 
 
-def steady_state(train, *, rpm, direction="up", start=None, tolerance=None, cycles=None, progress=None):
+def steady_state(train, *, rpm, direction="up", start=None, tolerance=None, exact=True, cycles=None, progress=None):
     """What a drive train does at each speed after it has run long enough.
 
     Teeth that stay in contact are known from the linear motion. Otherwise the train is marched through cycles of the
@@ -73,6 +73,9 @@ def steady_state(train, *, rpm, direction="up", start=None, tolerance=None, cycl
         Motion from which the first speed starts; by default teeth rest on their drive sides.
     tolerance : float, optional
         On the truncation error of periodic motions, as in :func:`jaxhb.solve`.
+    exact : bool
+        Whether periodic and subharmonic motions are solved by harmonic balance. Without, they too are read from
+        recorded cycles, good to about 1 %, in a fraction of the time.
     cycles : Cycles, optional
         How long a march is at most.
     progress : callable, optional
@@ -113,7 +116,7 @@ def steady_state(train, *, rpm, direction="up", start=None, tolerance=None, cycl
         raise ValueError(f"direction is {direction!r}: give 'up', 'down' or 'both'")
     check_speed(train, rpm, many=True)
     speeds, request = np.atleast_1d(np.asarray(rpm, dtype=float)), Request.of(train, tolerance=tolerance)
-    search = _Search(train, speeds, request, cycles or Cycles(), start, progress)
+    search = _Search(train, speeds, request, exact, cycles or Cycles(), start, progress)
     if not np.ndim(rpm):
         return search.alone(0)
     order = np.argsort(speeds, kind="stable")
@@ -127,8 +130,8 @@ def steady_state(train, *, rpm, direction="up", start=None, tolerance=None, cycl
 class _Search:
     """One call: a train, its speeds, and what is known of them."""
 
-    def __init__(self, train, speeds, request, cycles, start, progress):
-        self.train, self.speeds, self.request, self.cycles = train, speeds, request, cycles
+    def __init__(self, train, speeds, request, exact, cycles, start, progress):
+        self.train, self.speeds, self.request, self.exact, self.cycles = train, speeds, request, exact, cycles
         self.progress = progress or (lambda count: None)
         self.lossy = bool(np.any(train.shafts.loss_factor) or np.any(train.dampers.loss_factor))
         self.start = None if start is None else _motion_of(train, start)
@@ -270,12 +273,18 @@ class _Search:
 
     def _state_of(self, place, batch, march, period, hz):
         """The steady state of a march that may have ended; None where it has to go on."""
-        notes = [] if hz is None else [f"the march takes loss factors as viscous damping at {hz:.4g} Hz"]
+        notes, missing = [], batch.equations.missing
+        if hz is not None:
+            notes.append(f"the march takes loss factors as viscous damping at {hz:.4g} Hz")
+        if missing:
+            notes.append(f"the march leaves out modes that hold {100 * missing:.2g} % of the compliance of a mesh")
         if not march.returns.finite:
             return self._unknown(place, "the march is not finite: check the scene for huge or tiny numbers")
         if not period:
             record, motion = record_of(batch.equations, march), batch.motion(march)
             return self._state(place, "irregular", 0, record=record, cycles=march.cycles, notes=notes, motion=motion)
+        if not self.exact:
+            return self._recorded(place, batch, march, period, notes)
         response, note, period = self._solved(place, batch, march, period, hz)
         kind, notes = "periodic" if period == 1 else "subharmonic", notes + [note] * bool(note)
         common = {"cycles": march.cycles, "motion": batch.motion(march)}
@@ -286,7 +295,17 @@ class _Search:
         if march.recorded < self.cycles.recorded:
             return None
         notes.append("harmonic balance did not find the motion marched: the numbers are those of recorded cycles")
-        return self._state(place, kind, period, record=record_of(batch.equations, march), notes=notes, **common)
+        return self._recorded(place, batch, march, period, notes)
+
+    def _recorded(self, place, batch, march, period, notes):
+        """The steady state of a motion with a period, read from its record."""
+        if not march.recorded:
+            batch.record(march, period)
+        record = record_of(batch.equations, march)
+        apart = any(contact.separated_fraction > 0 for contact in record.contacts)
+        kind = "subharmonic" if period > 1 else "periodic" if apart else "contact"
+        common = {"cycles": march.cycles, "notes": notes, "motion": batch.motion(march)}
+        return self._state(place, kind, period, record=record, **common)
 
     def _solved(self, place, batch, march, period, hz):
         """Response (None where harmonic balance did not find the motion), note and period of a march that returns."""

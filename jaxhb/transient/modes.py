@@ -5,8 +5,8 @@ The state space of :mod:`jaxhb.transient.statespace`, ``y' = A y + E phi``, in i
     z' = rates z + forcing phi,     (l, l') = Re(observation z),     (x, x') = Re(motion z).
 
 One mode of each conjugate pair is kept and counted twice. Free rotation and rings without spring have a Jordan block,
-which no eigenvectors span: a spring far below the cycle frequency parts it, which no mesh notices. Damping at which
-eigenvectors coincide is parted by changes of its last digits.
+which no eigenvectors span: a spring far below the cycle frequency parts it, which no mesh notices. Rates at
+which eigenvectors coincide are parted by a little more damping.
 """
 
 import dataclasses
@@ -22,7 +22,7 @@ FREE, ROUNDED = 1e-5, 1e-15
 square is at least this share of the highest, which rounding leaves."""
 
 CONDITION, PARTING = 1e7, 1e-9
-"""Condition of the eigenvectors above which damping is changed, and by what share."""
+"""Condition of the eigenvectors above which damping is added, and what share of the largest."""
 
 _state_space = Program(state_space, static_argnames="parts")
 
@@ -61,24 +61,26 @@ def damped_modes(system, meshes, frequency, parts):
     soft = max((FREE * frequency) ** 2, ROUNDED * highest)
     held = dataclasses.replace(system, ground=system.ground + soft * system.mass)
     space = _state_space(held, meshes, frequency, parts=parts)
-    A, E, L, T = (np.array(a) for a in (space.transition, space.forcing, space.observation, space.coordinates))
-    back = _motion(system, A, T, parts)
-    rates, vectors = _eigen(A, len(parts.inertial))
+    A, T = np.asarray(space.transition), np.asarray(space.coordinates)
+    return modes_of(space, _motion(system, A, T, parts))
+
+
+def modes_of(space, motion):
+    """The :class:`Modes` of a StateSpace; ``motion`` ``(2S, n)``: (x, x') of its states."""
+    A, E, L, T = (np.asarray(a) for a in (space.transition, space.forcing, space.observation, space.coordinates))
+    rates, vectors = _eigen(A)
     one = rates.imag >= 0
     inverse = np.linalg.inv(vectors)[one]
     rates, vectors = rates[one], np.where(rates[one].imag > 0, 2.0, 1.0) * vectors[:, one]
-    return Modes(rates, inverse @ E, L @ vectors, back @ vectors, inverse @ T)
+    return Modes(rates, inverse @ E, L @ vectors, motion @ vectors, inverse @ T)
 
 
-def _eigen(A, inertial):
-    """Eigenvalues and well-conditioned eigenvectors of A, whose last ``inertial`` rows hold modal damping."""
+def _eigen(A):
+    """Eigenvalues and well-conditioned eigenvectors of a matrix."""
     rates, vectors = np.linalg.eig(A)
     if np.linalg.cond(vectors) > CONDITION:
-        speed = np.arange(len(A) - inertial, len(A))
-        parted = A.copy()
-        size = np.abs(A[np.ix_(speed, speed)]).max(initial=0.0)
-        parted[speed, speed] -= PARTING * size * (1 + np.arange(inertial)) / inertial
-        rates, vectors = np.linalg.eig(parted)
+        shares = (1 + np.arange(len(A))) / len(A)
+        rates, vectors = np.linalg.eig(A - np.diag(PARTING * np.abs(np.diag(A)).max() * shares))
     return rates, vectors
 
 
