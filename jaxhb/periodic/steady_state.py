@@ -96,7 +96,7 @@ def steady_state(train, *, rpm, direction="up", start=None, tolerance=None, exac
 
     Notes
     -----
-    The march is exponential integration around the linear train, eight steps per period of the highest mesh mode or
+    The march is exponential integration around the linear train, five steps per period of the highest mesh mode or
     more; kinds and records are those of its steps. Two motions with nearly the same deflections are not told apart in
     a sweep, and a transient that outlasts the march counts as irregular.
 
