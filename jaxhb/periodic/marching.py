@@ -21,8 +21,9 @@ from .returns import Returns
 from .time_steps import COUNTS
 
 PER_MODE_PERIOD = 5
-"""Steps per period of the highest mesh mode, at least. On ``gear_train_30``, five speeds from 1422 to 2039 rpm, extremes
-of the elastic tooth forces are then good to 0.7 % (5.3 steps), with 4 to 1.2 %, with 3.5 to 1.8 %, with 8 to 0.2 %."""
+"""Steps per period of the highest mesh mode, at least. On ``gear_train_30``, five speeds from 1422 to 2039 rpm,
+extremes of the elastic tooth forces are then good to 0.7 % (5.3 steps), with 4 to 1.2 %, with 3.5 to 1.8 %, with 8 to
+0.2 %."""
 
 LEAST = 256
 """Steps of a cycle, at least."""
