@@ -48,7 +48,9 @@ def solve_settled(train, march, trace, period, request, *, steps, meshes, hz=Non
         None where no harmonics close to the motion solve the equations.
     note : str, what is to be known about it; "" for nothing
     """
-    train = train.repeated(period) if period > 1 else train
+    if period > 1:
+        train = train.repeated(period)
+        request = dataclasses.replace(request, harmonics=request.harmonics and period * request.harmonics)
     viscous = train if hz is None else train.with_viscous_damping(hz=hz)
     event = March(march.cycles, steps, max(march.returns.errors(period)[0], 1e-300))
     found, plan = _solve(viscous, march.rpm, request, trace, period * steps, meshes, event)

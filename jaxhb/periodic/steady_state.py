@@ -53,7 +53,18 @@ class Cycles:
         return int(np.clip(WORK / work, *TRANSIENT)) if self.transient is None else self.transient
 
 
-def steady_state(train, *, rpm, direction="up", start=None, tolerance=None, exact=True, cycles=None, progress=None):
+def steady_state(
+    train,
+    *,
+    rpm,
+    direction="up",
+    start=None,
+    harmonics=None,
+    tolerance=None,
+    exact=True,
+    cycles=None,
+    progress=None,
+):
     """What a drive train does at each speed after it has run long enough.
 
     Teeth that stay in contact are known from the linear motion. Otherwise the train is marched through cycles of the
@@ -71,8 +82,8 @@ def steady_state(train, *, rpm, direction="up", start=None, tolerance=None, exac
         decides which one the train has.
     start : SteadyState or Response, optional
         Motion from which the first speed starts; by default teeth rest on their drive sides.
-    tolerance : float, optional
-        On the truncation error of periodic motions, as in :func:`jaxhb.solve`.
+    harmonics, tolerance : optional
+        Of periodic motions, per cycle of the excitation, as in :func:`jaxhb.solve`.
     exact : bool
         Whether periodic and subharmonic motions are solved by harmonic balance. Without, they too are read from
         recorded cycles, good to about 1 %, in a fraction of the time.
@@ -115,7 +126,7 @@ def steady_state(train, *, rpm, direction="up", start=None, tolerance=None, exac
     if direction not in DIRECTIONS:
         raise ValueError(f"direction is {direction!r}: give 'up', 'down' or 'both'")
     check_speed(train, rpm, many=True)
-    speeds, request = np.atleast_1d(np.asarray(rpm, dtype=float)), Request.of(train, tolerance=tolerance)
+    speeds, request = np.atleast_1d(np.asarray(rpm, dtype=float)), Request.of(train, harmonics, tolerance)
     search = _Search(train, speeds, request, exact, cycles or Cycles(), start, progress)
     if not np.ndim(rpm):
         return search.alone(0)

@@ -2,44 +2,44 @@
 
 from dataclasses import dataclass
 
-from ..periodic.solve import linear_response, solve
-from ..response.response import Response
+from .answer import Answer
 from .balance import balance_line
-from .report import contacts_of, gears, hardest_impact, response_record, shafts_of, status_line, verdict
-from .tables import NONE, aligned, alike, notes_text, ratios, shares
+from .choose import gears, shafts_of
+from .columns import aligned, alike, ratios, shares
+from .compute import answer_one
+from .record import answer_record
+from .tables import hardest_text, notes_text, peak_table
+from .words import status_lines, verdict
 
 
 @dataclass(frozen=True)
 class Case:
-    """A train as it runs (``title``), solved at every speed with backlash and without."""
+    """A train as it runs (``title``), and its answers at every speed."""
 
     title: str
-    responses: list[Response]
-    linear: list[Response]
+    answers: list[Answer]
 
 
-def solve_cases(trains, speeds, *, harmonics=None, tolerance=0.01, step=lambda text: None):
-    """Solve every train of ``{title: train}`` at every speed; ``step`` is told what comes next."""
+def solve_cases(trains, speeds, asked, *, say=lambda text: None, advance=lambda count: None):
+    """Answer every train of ``{title: train}`` at every speed; ``say`` is told what comes next."""
     cases = []
     for title, train in trains.items():
-        responses, linear = [], []
+        answers = []
         for rpm in speeds:
-            step(f"{rpm:g} rpm, {title}")
-            responses.append(solve(train, rpm=rpm, harmonics=harmonics, tolerance=tolerance))
-            toothed = any(train.topology.mesh_backlash)
-            linear.append(linear_response(train, rpm=rpm) if toothed else responses[-1])
-        cases.append(Case(title, responses, linear))
+            advance(1)
+            answers.append(answer_one(train, rpm, asked, lambda text, title=title: say(f"{text} ({title})")))
+        cases.append(Case(title, answers))
     return cases
 
 
 def cases_record(cases, *, orders=None):
-    """What ``report --json`` writes: per case the response objects with and without backlash."""
-    speeds = [float(response.rpm) for response in cases[0].responses]
+    """What ``report --json`` writes: per case the objects of all speeds with and without backlash."""
+    speeds = [answer.rpm for answer in cases[0].answers]
     rows = [
         {
             "title": case.title,
-            "responses": [response_record(response, orders=orders) for response in case.responses],
-            "without_backlash": [response_record(response, orders=orders) for response in case.linear],
+            "responses": [answer_record(answer, orders=orders) for answer in case.answers],
+            "without_backlash": [answer_record(answer.without_backlash, orders=orders) for answer in case.answers],
         }
         for case in cases
     ]
@@ -48,81 +48,68 @@ def cases_record(cases, *, orders=None):
 
 def cases_text(cases):
     """Verdicts of all cases and speeds, then per speed the tooth forces and gear torques side by side."""
-    first = cases[0].responses
-    parts = [
-        f"With {case.title}\n" + "\n".join(f"  {verdict(response)}" for response in case.responses) for case in cases
-    ]
-    for number, response in enumerate(first):
+    parts = [f"With {case.title}\n" + "\n".join(f"  {verdict(answer)}" for answer in case.answers) for case in cases]
+    for number, answer in enumerate(cases[0].answers):
         parts.append(_heading(cases, number))
-        if response.topology.mesh_names:
-            parts += [_force_table(cases, number), _gear_table(cases, number)]
+        if answer.topology.mesh_names:
+            parts += [_force_table(cases, number), *_peak_tables(cases, number), _gear_table(cases, number)]
         else:
             parts.append(_shaft_table(cases, number))
-    parts += notes_text(*(response for case in cases for response in case.responses))
+    parts += notes_text(*(answer for case in cases for answer in case.answers))
     return "\n\n".join(parts)
 
 
 def _heading(cases, number):
-    lines = [f"==== {float(cases[0].responses[number].rpm):g} rpm ===="]
+    lines = [f"==== {cases[0].answers[number].rpm:g} rpm ===="]
     for case in cases:
-        response = case.responses[number]
-        means = balance_line(response)
-        lines += [f"  {case.title}", f"    {status_line(response)}", *([f"    {means}"] if means else [])]
+        answer = case.answers[number]
+        means = balance_line(answer.balance)
+        lines += [f"  {case.title}", *(f"    {line}" for line in [*status_lines(answer), *([means] if means else [])])]
     return "\n".join(lines)
 
 
 def _force_table(cases, number):
-    names = cases[0].responses[0].topology.mesh_names
+    names = cases[0].answers[0].topology.mesh_names
     columns = []
     for case in cases:
-        contacts = contacts_of(case.responses[number]).values()
+        answer = case.answers[number]
+        contacts = [answer.contacts[name] for name in names]
         columns += [
-            *alike(*([r[number].force(name).peak / 1e3 for name in names] for r in (case.responses, case.linear))),
-            shares([contact and contact.separated_fraction for contact in contacts]),
-            shares([contact and contact.reverse_contact_fraction for contact in contacts]),
-            [NONE if not contact or not contact.impacts else f"{hardest_impact(contact):.2f}" for contact in contacts],
+            *alike(*([r.force(name).peak / 1e3 for name in names] for r in (answer, answer.linear))),
+            shares([contact.separated_fraction for contact in contacts]),
+            shares([contact.reverse_contact_fraction for contact in contacts]),
+            [hardest_text(contact) for contact in contacts],
         ]
     heads = ["mesh", *["with", "without", "apart %", "reverse %", "hit m/s"] * len(cases)]
-    title = "Largest tooth force, kN, with and without backlash; share of the cycle apart and on the reverse flank"
+    title = "Largest tooth force, kN, with and without backlash; share of the time apart and on the reverse flank"
     return title + "\n" + aligned(heads, [names, *columns], _groups(cases, 5))
 
 
+def _peak_tables(cases, number):
+    return [text for case in cases for text in peak_table(case.answers[number], f"With {case.title}: l")]
+
+
 def _gear_table(cases, number):
-    names = gears(cases[0].responses[0])
-    swings = [
-        [[response.gear_torque(name).half_peak_to_peak for name in names] for response in pair]
-        for pair in _pairs(cases, number)
-    ]
-    return "Gear torque, half peak-to-peak, N m\n" + _swing_table("gear", names, swings, cases)
+    names = gears(cases[0].answers[0].topology)
+    return "Gear torque, half peak-to-peak, N m\n" + _swing_table("gear", names, "gear_torque", cases, number)
 
 
 def _shaft_table(cases, number):
-    topology = cases[0].responses[0].topology
+    topology = cases[0].answers[0].topology
     names = shafts_of(topology)
-    if not names:
-        return _disk_table(cases, number)
-    swings = [
-        [[response.torque(name).half_peak_to_peak for name in names] for response in pair]
-        for pair in _pairs(cases, number)
-    ]
-    return "Torque of shafts and dampers, half peak-to-peak, N m\n" + _swing_table("shaft", names, swings, cases)
+    if names:
+        title = "Torque of shafts and dampers, half peak-to-peak, N m\n"
+        return title + _swing_table("shaft", names, "torque", cases, number)
+    title = "Vibratory angle of disks, half peak-to-peak, mrad\n"
+    return title + _swing_table("disk", topology.disk_names, "disk", cases, number, 1e3)
 
 
-def _disk_table(cases, number):
-    names = cases[0].responses[0].topology.disk_names
-    swings = [
-        [[1e3 * response.disk(name).half_peak_to_peak for name in names] for response in pair]
-        for pair in _pairs(cases, number)
-    ]
-    return "Vibratory angle of disks, half peak-to-peak, mrad\n" + _swing_table("disk", names, swings, cases)
-
-
-def _pairs(cases, number):
-    return [(case.responses[number], case.linear[number]) for case in cases]
-
-
-def _swing_table(what, names, swings, cases):
-    columns = [c for pair in swings for c in (*alike(*pair), ratios(*pair))]
+def _swing_table(what, names, read, cases, number, factor=1.0):
+    columns = []
+    for case in cases:
+        both = case.answers[number], case.answers[number].linear
+        pair = [[factor * getattr(r, read)(name).half_peak_to_peak for name in names] for r in both]
+        columns += [*alike(*pair), ratios(*pair)]
     heads = [what, *["with", "without", "ratio"] * len(cases)]
     return aligned(heads, [names, *columns], _groups(cases, 3))
 

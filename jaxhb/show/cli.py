@@ -11,8 +11,9 @@ from .. import __version__
 from ..model.speeds import read_speed, read_speeds
 
 DESCRIPTION = """\
-Forced periodic vibration of drive trains with gear backlash: do the teeth hammer, at which speeds, and how hard?
-One periodic solution per speed. Units: rpm, N m, kN and deg."""
+Forced vibration of drive trains with gear backlash: do the teeth hammer, at which speeds, and how hard?
+Each speed is told as the train runs there after long enough: teeth in contact, periodic, with a period of several
+cycles, or irregular. Units: rpm, N m, kN and deg."""
 
 EXAMPLES = """\
 examples:
@@ -24,14 +25,19 @@ examples:
   jaxhb report gear_train_30 --rpm 600,1200,1800,2450 --misfire "cylinder A1" --plot crank_gear.png
   jaxhb tune engine_with_damper --plot tuned.png
 
-exit status: 0 converged (residual and truncation error within their limits, at all speeds); 1 not converged (files are
-still written); 2 bad input (nothing is written); 3 an error in the program. A scene whose mean torques do not balance
-is bad input (2). If --set unbalances a scene, it is solved and reported as UNBALANCED (1)."""
+exit status: 0 the kind of motion is known at all speeds, and what is periodic has converged (residual and truncation
+error within their limits); 1 not so (files are still written); 2 bad input (nothing is written); 3 an error in the
+program. With --orbit: 0 converged at all speeds, 1 not; an unstable orbit is told. A scene whose mean torques do not
+balance is bad input (2). If --set unbalances a scene, it is reported as such (1)."""
 
 SOLVE = """\
-One speed, with backlash and without: which teeth separate and for how much of the cycle, tooth forces (kN), torques of
-gears and shafts (N m)."""
-SWEEP = "Many speeds in one call: largest tooth force and time out of contact over the speed."
+One speed, with backlash and without: the kind of motion, which teeth separate and for how long, tooth forces (kN),
+torques of gears and shafts (N m). Of a motion that never repeats the numbers are extremes over recorded cycles, and the
+largest tooth force of a cycle is given as 5, 50 and 95 % of the cycles have it."""
+SWEEP = """\
+Many speeds in one call: kind of motion, largest tooth force and time out of contact over the speed. Where several
+motions are possible the train has the one it comes from: each speed starts from its neighbour below (--direction up),
+above (down), or is reached both ways."""
 REPORT = """\
 Several speeds, with backlash and without, in normal running and with a misfiring cylinder. The plot shows the torque on
 one gear over the cycle, with the time in the gap shaded."""
@@ -70,8 +76,8 @@ def main(argv=None):
     Returns
     -------
     int
-        0 converged, 1 not converged, 2 bad input, 3 an error of the program (its traceback is shown), 130 stopped by
-        the user, 141 the reader of the output closed it.
+        0 answered, 1 a speed without an answer, 2 bad input, 3 an error of the program (its traceback is shown),
+        130 stopped by the user, 141 the reader of the output closed it.
 
     Examples
     --------
@@ -133,6 +139,7 @@ def parser():
     solve.add_argument("--rpm", required=True, type=speed, metavar="R", help="speed of the reference rotor, rpm")
     _misfire(solve)
     _accuracy(solve)
+    _orbit(solve)
     _files(solve, "the gear torque and the tooth forces over the cycle")
     _gear(solve)
     sweep = add("sweep", _runner("sweep"), "many speeds in one call: at which speeds do they hammer?", SWEEP)
@@ -140,6 +147,9 @@ def parser():
     _speeds(sweep)
     _misfire(sweep)
     _accuracy(sweep)
+    _orbit(sweep)
+    text = "which neighbour a speed starts from: the one below (up, default), above (down), or one after the other"
+    sweep.add_argument("--direction", choices=("up", "down", "both"), help=text)
     _files(sweep, "tooth force and time out of contact over the speed")
     sweep.add_argument("--csv", metavar="FILE", help="write one row per speed for spreadsheets, N and N m")
     report = add("report", _runner("report"), "several speeds, normal running and a misfire", REPORT)
@@ -147,6 +157,7 @@ def parser():
     _speeds(report)
     _misfire(report)
     _accuracy(report)
+    _orbit(report)
     _files(report, "the torque on one gear over the cycle, in normal running")
     _gear(report)
     report.add_argument("--at", type=speed, metavar="R", help="speed of the picture, rpm (default: longest apart)")
@@ -200,6 +211,11 @@ def _accuracy(command):
         metavar="T",
         help="largest truncation error, as a share of the largest tooth force (default 0.01)",
     )
+
+
+def _orbit(command):
+    text = "a periodic solution instead of what the train does; it need not be stable, and a note says whether it is"
+    command.add_argument("--orbit", action="store_true", help=text)
 
 
 def _files(command, picture):

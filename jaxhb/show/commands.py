@@ -3,15 +3,13 @@
 import sys
 from pathlib import Path
 
-import numpy as np
-
 from ..linear.modal import natural_frequencies
 from ..model.scene_writer import changed_scene, copies_beside
-from ..periodic.planning import without_backlash
-from ..periodic.solve import linear_response, solve
-from ..periodic.speeds import solve_speeds
+from ..response.steady import PERCENT
 from .balance import ground_reactions, load_torques
 from .cases import cases_record, cases_text, solve_cases
+from .choose import gears, most_apart, shafts_of
+from .compute import Asked, answer_one, answer_speeds
 from .output import (
     OutputError,
     as_csv,
@@ -22,11 +20,13 @@ from .output import (
     write_files,
 )
 from .progress import Progress
-from .report import contact_at, gears, hardest_impact, modes_record, response_record, shafts_of, status_of
-from .tables import modes_text, most_apart, solve_text, sweep_text
+from .record import answer_record, finite, modes_record
+from .sweep_tables import sweep_text
+from .tables import modes_text, solve_text
 from .tuned import progress_record, tuned_record, tuned_text
+from .words import warnings
 
-CONVERGED, NOT_CONVERGED, INTERRUPTED = 0, 1, 130
+ANSWERED, NOT_ANSWERED, INTERRUPTED = 0, 1, 130
 _CHANGES = {"set": dict, "misfire": list}
 
 
@@ -38,7 +38,7 @@ def modes(train, arguments):
         modes_text(found, train.topology.name),
         json=lambda: as_json(_changes(arguments) | modes_record(found)),
     )
-    return CONVERGED
+    return ANSWERED
 
 
 def solve_one(train, arguments):
@@ -46,47 +46,36 @@ def solve_one(train, arguments):
     _check_picture(train, arguments)
     train = train.misfire(*arguments.misfire)
     with Progress() as progress:
-        progress.step(f"solving at {arguments.rpm:g} rpm")
-        response = solve(train, rpm=arguments.rpm, harmonics=arguments.harmonics, tolerance=arguments.tolerance)
-        linear = linear_response(train, rpm=arguments.rpm) if any(train.topology.mesh_backlash) else response
+        answer = answer_one(train, arguments.rpm, Asked.of(arguments), progress.say)
     _answer(
         arguments,
-        solve_text(response, linear),
-        json=lambda: as_json(_changes(arguments) | _record(arguments, response, linear)),
-        plot=lambda: _cycle_picture(arguments, response, linear),
+        solve_text(answer),
+        json=lambda: as_json(_changes(arguments) | _record(arguments, answer)),
+        plot=lambda: _cycle_picture(arguments, answer),
     )
-    _warn([response])
-    return CONVERGED if response.converged else NOT_CONVERGED
+    return _status([answer])
 
 
 def sweep(train, arguments):
     """Many speeds."""
     _check_picture(train, arguments)
-    train = train.misfire(*arguments.misfire)
+    train, asked = train.misfire(*arguments.misfire), Asked.of(arguments)
+    direction = arguments.direction or "up"
+    if asked.orbit and arguments.direction:
+        raise OutputError("--direction: periodic solutions (--orbit) do not depend on it. Leave one of them out.")
     with Progress(len(arguments.rpm)) as progress:
-        found, linear = _sweep_both(train, arguments, progress)
+        found = answer_speeds(
+            train, arguments.rpm, asked, direction=direction, progress=progress.advance, say=progress.say
+        )
         progress.say("reading the results")
-        responses = [found[i] for i in range(len(found))]
         _answer(
             arguments,
-            sweep_text(found, linear),
-            json=lambda: _sweep_json(arguments, responses, linear),
-            csv=lambda: _sweep_table(responses, linear),
-            plot=lambda: _sweep_picture(arguments, found, linear),
+            sweep_text(found),
+            json=lambda: _sweep_json(arguments, found),
+            csv=lambda: _sweep_table(found),
+            plot=lambda: _sweep_picture(arguments, found),
         )
-    _warn(responses)
-    return CONVERGED if bool(np.all(found.converged)) else NOT_CONVERGED
-
-
-def _sweep_both(train, arguments, progress):
-    """The sweep, and the same with all teeth in contact; one and the same where no mesh has backlash."""
-    rpm, accuracy = np.array(arguments.rpm), {"harmonics": arguments.harmonics, "tolerance": arguments.tolerance}
-    progress.say("speeds solved")
-    found = solve_speeds(train, rpm=rpm, **accuracy, progress=progress.advance)
-    if not any(train.topology.mesh_backlash):
-        return found, found
-    # The program is the one that planned the sweep: nothing is compiled anew.
-    return found, solve_speeds(without_backlash(train), rpm=rpm)
+    return _status([answer for answers in found.values() for answer in answers])
 
 
 def report(train, arguments):
@@ -98,19 +87,17 @@ def report(train, arguments):
     trains = {"all cylinders firing" if fires and all(fires) else "the scene as given": train}
     if arguments.misfire:
         trains[f"{', '.join(arguments.misfire)} not firing"] = train.misfire(*arguments.misfire)
-    accuracy = {"harmonics": arguments.harmonics, "tolerance": arguments.tolerance}
     with Progress(len(trains) * len(arguments.rpm)) as progress:
-        cases = solve_cases(trains, arguments.rpm, step=progress.step, **accuracy)
+        tell = {"say": progress.say, "advance": progress.advance}
+        cases = solve_cases(trains, arguments.rpm, Asked.of(arguments), **tell)
     chosen = _picture_of(cases[0], arguments.at)
     _answer(
         arguments,
         cases_text(cases),
         json=lambda: as_json(_changes(arguments) | cases_record(cases, orders=arguments.orders)),
-        plot=lambda: _cycle_picture(arguments, cases[0].responses[chosen], cases[0].linear[chosen]),
+        plot=lambda: _cycle_picture(arguments, chosen),
     )
-    every = [response for case in cases for response in case.responses]
-    _warn(every)
-    return CONVERGED if all(response.converged for response in every) else NOT_CONVERGED
+    return _status([answer for case in cases for answer in case.answers])
 
 
 def tune(train, arguments):
@@ -133,7 +120,7 @@ def tune(train, arguments):
     print(f"\nThe tuned scene is {arguments.output}, all numbers are in {arguments.json}.")
     if result.interrupted:
         return INTERRUPTED
-    return CONVERGED if result.after.solved.all() else NOT_CONVERGED
+    return ANSWERED if result.after.solved.all() else NOT_ANSWERED
 
 
 class _TunedFiles:
@@ -184,50 +171,51 @@ def _answer(arguments, text, **makers):
     print(text)
 
 
-def _cycle_picture(arguments, response, linear):
+def _cycle_picture(arguments, answer):
     from .plots import plot_cycle
 
-    return as_picture(arguments.plot, plot_cycle(response, linear, arguments.gear))
+    return as_picture(arguments.plot, plot_cycle(answer, arguments.gear))
 
 
-def _sweep_picture(arguments, found, linear):
-    from .plots import plot_sweep
+def _sweep_picture(arguments, found):
+    from .sweep_plots import plot_sweep
 
-    return as_picture(arguments.plot, plot_sweep(found, linear))
+    return as_picture(arguments.plot, plot_sweep(found))
 
 
-def _record(arguments, response, linear):
+def _record(arguments, answer):
     """What is written of one speed, under ``without_backlash`` the same with all teeth in contact."""
-    record = response_record(response, orders=arguments.orders)
-    if any(response.topology.mesh_backlash):
-        record["without_backlash"] = response_record(linear, orders=arguments.orders)
+    record = answer_record(answer, orders=arguments.orders)
+    if any(answer.topology.mesh_backlash):
+        record["without_backlash"] = answer_record(answer.without_backlash, orders=arguments.orders)
     return record
 
 
-def _sweep_json(arguments, responses, linear):
-    records = (
-        _record(arguments, response, linear[i]) | {"harmonics": int(response.highest_harmonic)}
-        for i, response in enumerate(responses)
-    )
-    return as_sweep_json(_changes(arguments) | {"rpm": arguments.rpm}, records)
+def _sweep_json(arguments, found):
+    """One list of answers is called responses, two by their directions."""
+    lists = {
+        way if len(found) > 1 else "responses": (_record(arguments, answer) for answer in answers)
+        for way, answers in found.items()
+    }
+    head = {"rpm": arguments.rpm, "direction": None if "orbit" in found else "both" if len(found) > 1 else [*found][0]}
+    return as_sweep_json(_changes(arguments) | head, lists)
 
 
-def _sweep_table(responses, linear):
-    rows = [_row(response, linear[i]) for i, response in enumerate(responses)]
+def _sweep_table(found):
+    rows = [finite(_row(answer, way)) for way, answers in found.items() for answer in answers]
     return as_csv(list(rows[0]), [list(row.values()) for row in rows])
 
 
 def _picture_of(case, rpm):
-    """Number of the speed to draw: the asked one, or that at which teeth are apart longest."""
+    """The answer to draw: that of the asked speed, or of that at which teeth are apart longest."""
     if rpm is not None:
-        return [float(response.rpm) for response in case.responses].index(rpm)
-    return max(range(len(case.responses)), key=lambda i: _longest_apart(case.responses[i]))
+        return next(answer for answer in case.answers if answer.rpm == rpm)
+    return max(case.answers, key=_longest_apart)
 
 
-def _longest_apart(response):
-    contacts = {name: contact_at(response, name) for name in response.topology.mesh_names}
-    name = most_apart(contacts)
-    return contacts[name].separated_fraction if name else 0.0
+def _longest_apart(answer):
+    name = most_apart(answer)
+    return answer.contacts[name].separated_fraction if name else 0.0
 
 
 def _check_picture(train, arguments):
@@ -237,44 +225,54 @@ def _check_picture(train, arguments):
     if getattr(arguments, "gear", None):
         index = train.topology.disk_index(arguments.gear)
         if not any(index in ends for ends in train.topology.mesh_ends):
-            known = ", ".join(repr(name) for name in gears(train))
+            known = ", ".join(repr(name) for name in gears(train.topology))
             raise OutputError(f"--gear: {arguments.gear!r} carries no mesh. Gears: {known or 'none'}.")
 
 
-def _warn(responses):
-    """Say on stderr what did not converge, and what to try."""
-    for response in responses:
-        if not response.converged:
-            status = status_of(response)
-            print(f"{float(response.rpm):g} rpm: {status.name}, {status.sentence}.", file=sys.stderr)
+def _status(answers):
+    """The exit status; stderr is told what has no answer, and what to try."""
+    for warning in dict.fromkeys(warnings(answers)):
+        print(warning, file=sys.stderr)
+    return ANSWERED if all(answer.answered for answer in answers) else NOT_ANSWERED
 
 
-def _row(response, linear):
+def _row(answer, way):
     """One speed as a row of the CSV file, by its heading."""
+    solved, linear = answer.response, answer.linear
     row = {
-        "rpm": float(response.rpm),
-        "status": status_of(response).name,
-        "harmonics": int(response.highest_harmonic),
-        "residual": float(response.residual),
-        "truncation error": float(response.truncation_error),
-        "load kW": float(response.load_kW),
+        "rpm": answer.rpm,
+        "direction": way,
+        "motion": answer.state.kind,
+        "period cycles": answer.state.period,
+        "stable": answer.growth.stable,
+        "largest multiplier": answer.growth.multiplier,
+        "status": None if solved is None else answer.status.name,
+        "harmonics": answer.harmonics,
+        "residual": None if solved is None else float(solved.residual),
+        "truncation error": None if solved is None else float(solved.truncation_error),
+        "load kW": float(answer.balance.load_kW),
     }
-    row |= {f"{name} load torque N m": torque for name, torque in load_torques(response).items()}
-    row |= {f"{name} ground reaction N m": torque for name, torque in ground_reactions(response).items()}
-    for name in response.topology.mesh_names:
-        force, contact = response.force(name), contact_at(response, name)
-        row |= {f"{name} {what} N": float(getattr(force, what)) for what in ("mean", "max", "min")}
-        row |= {
-            f"{name} {what} N without backlash": float(getattr(linear.force(name), what)) for what in ("max", "min")
-        }
-        row[f"{name} separated fraction"] = None if contact is None else contact.separated_fraction
-        row[f"{name} reverse fraction"] = None if contact is None else contact.reverse_contact_fraction
-        row[f"{name} impacts"] = None if contact is None else len(contact.impacts)
-        row[f"{name} hardest impact m/s"] = None if contact is None else hardest_impact(contact)
-    for gear in gears(response):
-        row[f"{gear} torque half peak-to-peak N m"] = float(response.gear_torque(gear).half_peak_to_peak)
+    row |= {f"{name} load torque N m": torque for name, torque in load_torques(answer.balance).items()}
+    row |= {f"{name} ground reaction N m": torque for name, torque in ground_reactions(answer.balance).items()}
+    for name in answer.topology.mesh_names:
+        row |= _mesh_cells(name, answer.force(name), linear.force(name), answer.contacts[name])
+    for gear in gears(answer.topology):
+        row[f"{gear} torque half peak-to-peak N m"] = float(answer.gear_torque(gear).half_peak_to_peak)
         without = float(linear.gear_torque(gear).half_peak_to_peak)
         row[f"{gear} torque half peak-to-peak N m without backlash"] = without
-    for shaft in shafts_of(response.topology):
-        row[f"{shaft} torque half peak-to-peak N m"] = float(response.torque(shaft).half_peak_to_peak)
+    for shaft in shafts_of(answer.topology):
+        row[f"{shaft} torque half peak-to-peak N m"] = float(answer.torque(shaft).half_peak_to_peak)
     return row
+
+
+def _mesh_cells(name, force, linear, contact):
+    cells = {f"{name} {what} N": float(getattr(force, what)) for what in ("mean", "max", "min")}
+    peaks = zip(PERCENT, force.per_cycle.max.tolist(), strict=True)
+    cells |= {f"{name} max of a cycle {percent} % N": peak for percent, peak in peaks}
+    cells |= {f"{name} {what} N without backlash": float(getattr(linear, what)) for what in ("max", "min")}
+    return cells | {
+        f"{name} separated fraction": contact.separated_fraction,
+        f"{name} reverse fraction": contact.reverse_contact_fraction,
+        f"{name} impacts per cycle": contact.impacts_per_cycle,
+        f"{name} hardest impact m/s": contact.hardest_impact,
+    }

@@ -76,16 +76,19 @@ def _sentence(name):
 
 
 def as_json(record):
-    """A record (see :func:`jaxhb.show.report.response_record`) in full precision."""
+    """A record (see :func:`jaxhb.show.record.answer_record`) in full precision."""
     return [_json(record), b"\n"]
 
 
-def as_sweep_json(head, records):
-    """``{**head, "responses": [...]}``; ``records`` may be a generator, one record is held at a time."""
-    yield _json(head)[:-1] + b', "responses": ['
-    for i, record in enumerate(records):
-        yield (b", " if i else b"") + _json(record)
-    yield b"]}\n"
+def as_sweep_json(head, lists):
+    """``{**head, key: [...], ...}``; each list may be a generator, one record is held at a time."""
+    yield _json(head)[:-1]
+    for key, records in lists.items():
+        yield b", " + _json(key) + b": ["
+        for i, record in enumerate(records):
+            yield (b", " if i else b"") + _json(record)
+        yield b"]"
+    yield b"}\n"
 
 
 def _json(record):

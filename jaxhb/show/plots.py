@@ -1,25 +1,34 @@
-"""Pictures of one cycle and of a sweep. The only importer of matplotlib; figures without pyplot, for any backend."""
+"""Pictures of a cycle, of a record and of a tuning. The only importer of matplotlib; figures without pyplot, for any
+backend."""
+
+import textwrap
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from ..design.evaluation import label
 from ..harmonic.backlash import separated
-from .report import contact_at, gears, hardest_gear, hardest_shaft, meshes_of
+from ..response.steady import PERCENT
+from .choose import default_gear, hardest_shaft, meshes_of
 from .tuned import scaled_unit
+from .words import motion_text
 
 SAMPLES = 4320
 WITH, WITHOUT, GAP = "#b3261e", "#1f4e79", "#e3e3e3"
 MESH_COLOURS = ("#b3261e", "#2e7d32", "#6a1b9a", "#ef6c00", "#00838f", "#5d4037")
 
 
-def plot_cycle(response, linear, gear=None):
-    """Torque on a gear over one cycle, with and without backlash; below it the tooth forces of its meshes.
+def new_figure(height):
+    """An empty figure of the usual width."""
+    return Figure(figsize=(9.0, height), layout="constrained")
+
+
+def plot_cycle(answer, gear=None):
+    """Torque on a gear over the period of the motion, with and without backlash; below it the forces of its meshes.
 
     Parameters
     ----------
-    response, linear : Response
-        With backlash and with all teeth in contact, at the same speed.
+    answer : Answer
     gear : str, optional
         Default: the gear of the reference rotor whose torque has the largest half peak-to-peak. A train without gears
         shows its hardest worked shaft or damper.
@@ -27,99 +36,109 @@ def plot_cycle(response, linear, gear=None):
     Returns
     -------
     matplotlib.figure.Figure
-        Shaded where a mesh of the gear is in the gap; angles in deg of the reference rotor.
+        Shaded where a mesh of the gear is in the gap; angles in deg of the reference rotor. A motion of several cycles
+        is drawn with all of them. One that never repeats has no cycle to draw: extremes of the torque in each recorded
+        cycle, and below the share of cycles whose largest tooth force stays below a value. An unknown one has its
+        reason in the picture.
 
     Examples
     --------
     >>> import jaxhb
-    >>> train = jaxhb.load_scene("spur_pair")
-    >>> figure = plot_cycle(jaxhb.solve(train, rpm=2000.0), jaxhb.linear_response(train, rpm=2000.0))
-    >>> figure.axes[0].get_ylabel()
+    >>> from jaxhb.show.compute import Asked, answer_one
+    >>> plot_cycle(answer_one(jaxhb.load_scene("spur_pair"), 2000.0, Asked())).axes[0].get_ylabel()
     'torque, N m'
     """
-    gear = gear or default_gear(response)
-    title = f"{response.topology.name or 'scene'}, {float(response.rpm):g} rpm"
+    gear = gear or default_gear(answer)
     if gear is None:
-        return _plot_shaft(response, title)
-    figure = Figure(figsize=(9.0, 6.2), layout="constrained")
-    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
-    names = meshes_of(response, gear)
-    apart = np.any([in_the_gap(response, name, SAMPLES) for name in names], axis=0)
-    after, before = response.gear_torque(gear), linear.gear_torque(gear)
-    angles = _angles(response)
-    above.plot(angles, _closed(after), color=WITH, linewidth=1.1, label="with backlash")
-    above.plot(angles, _closed(before), color=WITHOUT, linewidth=1.3, linestyle="--", label="without backlash")
-    above.set_title(
-        f"{title}: torque that {gear} passes on, half peak-to-peak {float(after.half_peak_to_peak):.0f} N m "
-        f"(without backlash {float(before.half_peak_to_peak):.0f})",
-        fontsize="medium",
-    )
+        return _plot_shaft(answer)
+    figure = new_figure(6.2)
+    recorded = answer.known and answer.response is None
+    above, below = figure.subplots(2, 1, sharex=not recorded, height_ratios=(3, 2))
+    swings = [f"{float(r.gear_torque(gear).half_peak_to_peak):.0f}" for r in (answer, answer.linear)]
+    subject = f"torque that {gear} passes on, half peak-to-peak {swings[0] if answer.known else '-'} N m"
+    kind = textwrap.fill(motion_text(answer), 110) if answer.known else ""
+    title = f"{_title(answer)}: {subject} (without backlash {swings[1]})\n{kind}"
+    above.set_title(title, fontsize="medium")
     above.set_ylabel("torque, N m")
-    for number, name in enumerate(names):
-        colour = MESH_COLOURS[number % len(MESH_COLOURS)]
-        below.plot(angles, _closed(response.force(name)) / 1e3, color=colour, linewidth=1.0, label=_plain(name))
-        below.plot(angles, _closed(linear.force(name)) / 1e3, color=colour, linewidth=0.9, linestyle="--", alpha=0.6)
-    below.plot([], [], color="grey", linewidth=0.9, linestyle="--", label="without backlash")
-    below.set_ylabel("tooth force, kN")
-    _shade(above, angles, apart)
-    _shade(below, angles, apart)
-    _finish(below, response)
-    above.axhline(0.0, color="black", linewidth=0.6)
-    below.axhline(0.0, color="black", linewidth=0.6)
+    if recorded:
+        _draw_record(answer, above, answer.gear_torque(gear), answer.linear.gear_torque(gear))
+        _draw_peaks(answer, below, meshes_of(answer.topology, gear))
+    else:
+        _draw_period(answer, above, answer.gear_torque(gear), answer.linear.gear_torque(gear))
+        _draw_forces(answer, below, meshes_of(answer.topology, gear))
+        apart = [in_the_gap(answer, name, _count(answer)) for name in meshes_of(answer.topology, gear)]
+        for axes in (above, below):
+            _shade(axes, _angles(answer), np.any(apart, axis=0))
+        _finish(below, answer)
     for axes in (above, below):
         low, high = axes.get_ylim()
-        axes.set_ylim(low, high + 0.15 * (high - low))  # room for the legend
-        axes.legend(loc="upper right", fontsize="small", ncols=3)
+        axes.set_ylim(low, high + 0.15 * (high - low) * (not recorded or axes is above))  # room for the legend
+        axes.legend(loc="lower right" if recorded and axes is below else "upper right", fontsize="small", ncols=3)
     return figure
 
 
-def plot_sweep(sweep, linear):
-    """Largest tooth force and share of the cycle out of contact, mesh by mesh, over the speed.
+def _draw_period(answer, axes, after, before):
+    """A signal over the period of the motion, and without backlash."""
+    angles = _angles(answer)
+    if answer.known:
+        axes.plot(angles, _closed(answer, after), color=WITH, linewidth=1.1, label="with backlash")
+    else:
+        _say_unknown(answer, axes)
+    label = "without backlash"
+    axes.plot(angles, _closed(answer, before), color=WITHOUT, linewidth=1.3, linestyle="--", label=label)
+    axes.axhline(0.0, color="black", linewidth=0.6)
 
-    Parameters
-    ----------
-    sweep, linear : Response
-        Of many speeds (:func:`jaxhb.solve_speeds`), with backlash and with all teeth in contact.
 
-    Returns
-    -------
-    matplotlib.figure.Figure
-        A cross marks a speed that did not converge. A train without gears shows its hardest worked shaft or damper.
-
-    Examples
-    --------
-    >>> import jaxhb
-    >>> sweep = jaxhb.solve_speeds(jaxhb.load_scene("six_cylinder_diesel"), rpm=[1000.0, 1500.0, 2000.0])
-    >>> len(plot_sweep(sweep, sweep).axes)
-    1
-    """
-    name = sweep.topology.name or "scene"
-    if not sweep.topology.mesh_names:
-        return _plot_shaft_sweep(sweep, name)
-    rpm, failed = np.asarray(sweep.rpm), ~np.asarray(sweep.converged)
-    figure = Figure(figsize=(9.0, 6.2), layout="constrained")
-    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
-    marker = "o" if len(rpm) <= 60 else None
-    for number, mesh in enumerate(sweep.topology.mesh_names):
+def _draw_forces(answer, axes, names):
+    """Tooth forces of meshes over the period of the motion, and without backlash."""
+    angles = _angles(answer)
+    for number, name in enumerate(names):
         colour = MESH_COLOURS[number % len(MESH_COLOURS)]
-        largest = np.asarray(sweep.force(mesh).peak) / 1e3
-        above.plot(rpm, largest, color=colour, marker=marker, markersize=3, linewidth=1.1, label=_plain(mesh))
-        above.plot(rpm, np.asarray(linear.force(mesh).peak) / 1e3, color=colour, linewidth=1.0, linestyle="--")
-        above.plot(rpm[failed], largest[failed], "x", color="black")
-        contacts = [contact_at(sweep[i], mesh) for i in range(len(rpm))]
-        apart = [np.nan if contact is None else 100 * contact.separated_fraction for contact in contacts]
-        below.plot(rpm, apart, color=colour, marker=marker, markersize=3, linewidth=1.1)
-    above.plot([], [], color="grey", linestyle="--", label="without backlash")
-    if failed.any():
-        above.plot([], [], "x", color="black", label="not converged")
-    above.set_title(f"{name}: largest tooth force over the cycle", fontsize="medium")
-    above.set_ylabel("tooth force, kN")
-    above.set_ylim(bottom=0.0)
-    above.legend(loc="upper left", fontsize="small")
-    below.set_ylabel("teeth apart, % of the cycle")
-    below.set_ylim(bottom=0.0)
-    below.set_xlabel("speed, rpm")
-    return figure
+        if answer.known:
+            force = _closed(answer, answer.force(name)) / 1e3
+            axes.plot(angles, force, color=colour, linewidth=1.0, label=plain(name))
+        before = _closed(answer, answer.linear.force(name)) / 1e3
+        axes.plot(angles, before, color=colour, linewidth=0.9, linestyle="--", alpha=0.6)
+    axes.plot([], [], color="grey", linewidth=0.9, linestyle="--", label="without backlash")
+    axes.axhline(0.0, color="black", linewidth=0.6)
+    axes.set_ylabel("tooth force, kN")
+
+
+def _draw_record(answer, axes, after, before):
+    """Largest and smallest value in each recorded cycle, their percentiles, and the extremes without backlash."""
+    cycles = np.arange(1, len(after.highest) + 1)
+    axes.plot(cycles, after.highest, "^", color=WITH, markersize=4, label="largest of a cycle")
+    axes.plot(cycles, after.lowest, "v", color=WITH, markersize=4, label="smallest of a cycle")
+    for extremes in after.per_cycle:
+        for share, value in zip(PERCENT, extremes, strict=True):
+            axes.axhline(value, color=WITH, linewidth=0.7 if share != 50 else 1.2, alpha=0.5)
+    for value in (float(before.max), float(before.min)):
+        axes.axhline(value, color=WITHOUT, linewidth=1.3, linestyle="--")
+    axes.plot([], [], color=WITH, linewidth=0.9, alpha=0.5, label="5, 50, 95 % of the cycles")
+    axes.plot([], [], color=WITHOUT, linewidth=1.3, linestyle="--", label="extremes without backlash")
+    axes.axhline(0.0, color="black", linewidth=0.6)
+    axes.set_xlabel("recorded cycle")
+    axes.set_xlim(0.0, len(cycles) + 1.0)
+
+
+def _draw_peaks(answer, axes, names):
+    """Share of the recorded cycles whose largest tooth force stays below a value."""
+    for number, name in enumerate(names):
+        colour = MESH_COLOURS[number % len(MESH_COLOURS)]
+        peaks = np.sort(answer.force(name).highest) / 1e3
+        shares = 100 * np.arange(1, len(peaks) + 1) / len(peaks)
+        axes.step(peaks, shares, where="post", color=colour, linewidth=1.2, label=plain(name))
+        before = float(answer.linear.force(name).max) / 1e3
+        axes.axvline(before, color=colour, linewidth=0.9, linestyle="--", alpha=0.6)
+    axes.plot([], [], color="grey", linewidth=0.9, linestyle="--", label="without backlash")
+    axes.set_xlabel("largest tooth force of a cycle, kN")
+    axes.set_ylabel("cycles below it, %")
+    axes.set_ylim(0.0, 103.0)
+
+
+def _say_unknown(answer, axes):
+    text = textwrap.fill(f"unknown: {'; '.join(answer.state.notes)}", 70)
+    axes.text(0.5, 0.5, text, ha="center", va="center", transform=axes.transAxes)
 
 
 def plot_tuning(objectives, result):
@@ -137,14 +156,14 @@ def plot_tuning(objectives, result):
         1 at the start but for smoothing, with a line where the smooth maximum was sharpened.
     """
     count = len(objectives)
-    figure = Figure(figsize=(9.0, 2.2 + 2.8 * count), layout="constrained")
+    figure = new_figure(2.2 + 2.8 * count)
     *panels, below = figure.subplots(count + 1, 1)
     for axes, objective in zip(panels, objectives, strict=True):
         name, (factor, unit) = label(objective), scaled_unit(objective.quantity)
         for reading, colour, said in ((result.before, WITH, "before"), (result.after, WITHOUT, "after")):
             axes.plot(result.rpm, factor * reading.readings[name], color=colour, marker="o", markersize=3, label=said)
         axes.set_ylabel(f"{objective.quantity}{', ' + unit if unit else ''}")
-        axes.set_title(f"{result.train.topology.name or 'scene'}: {_plain(name)}", fontsize="medium")
+        axes.set_title(f"{result.train.topology.name or 'scene'}: {plain(name)}", fontsize="medium")
         axes.set_ylim(bottom=0.0)
         axes.legend(loc="upper left", fontsize="small")
     panels[-1].set_xlabel("speed, rpm")
@@ -159,56 +178,51 @@ def plot_tuning(objectives, result):
     return figure
 
 
-def default_gear(response):
-    """Of the gears of the reference rotor (of all, if it has none) the one whose torque swings most, or None."""
-    topology = response.topology
-    near = [g for g in gears(response) if topology.rotor[topology.disk_index(g)] == topology.reference_rotor]
-    if not near:
-        return hardest_gear(response)
-    return max(near, key=lambda name: float(response.gear_torque(name).half_peak_to_peak))
+def in_the_gap(answer, mesh, count):
+    """Whether the teeth are apart at ``count`` time samples of the period; nowhere where the motion is unknown."""
+    if not answer.known:
+        return np.zeros(count, dtype=bool)
+    apart = separated(answer.response.law.expand(), answer.response.deflection_samples(count))
+    return np.asarray(apart)[answer.topology.mesh_names.index(mesh)]
 
 
-def in_the_gap(response, mesh, count):
-    """Whether the teeth are apart at ``count`` time samples of the cycle."""
-    apart = separated(response.law.expand(), response.deflection_samples(count))
-    return np.asarray(apart)[response.topology.mesh_names.index(mesh)]
-
-
-def _plot_shaft(response, title):
-    figure = Figure(figsize=(9.0, 3.8), layout="constrained")
+def _plot_shaft(answer):
+    figure = new_figure(3.8)
     axes = figure.subplots()
-    shaft = hardest_shaft(response)
-    axes.plot(_angles(response), _closed(response.torque(shaft)), color=WITHOUT, linewidth=1.3)
-    axes.axhline(0.0, color="black", linewidth=0.6)
-    swing = float(response.torque(shaft).half_peak_to_peak)
-    axes.set_title(f"{title}: torque of {_plain(shaft)}, half peak-to-peak {swing:.0f} N m", fontsize="medium")
+    shaft = hardest_shaft([answer])
+    swing = float(answer.torque(shaft).half_peak_to_peak)
+    _draw_period(answer, axes, answer.torque(shaft), answer.linear.torque(shaft))
+    if answer.known:
+        axes.get_lines()[1].remove()  # a train without gears has no backlash
+    title = f"{_title(answer)}: torque of {plain(shaft)}, half peak-to-peak {swing:.0f} N m"
+    axes.set_title(title, fontsize="medium")
     axes.set_ylabel("torque, N m")
-    _finish(axes, response)
+    _finish(axes, answer)
     return figure
 
 
-def _plot_shaft_sweep(sweep, name):
-    figure = Figure(figsize=(9.0, 4.2), layout="constrained")
-    axes = figure.subplots()
-    shaft = hardest_shaft(sweep)
-    signal, rpm = sweep.torque(shaft), np.asarray(sweep.rpm)
-    axes.plot(rpm, np.asarray(signal.half_peak_to_peak), color=WITHOUT, label="half peak-to-peak")
-    axes.plot(rpm, np.asarray(signal.sum_of_amplitudes), color=WITHOUT, linestyle=":", label="sum of amplitudes")
-    axes.set_title(f"{name}: vibratory torque of {_plain(shaft)}", fontsize="medium")
-    axes.set_ylabel("torque, N m")
-    axes.set_xlabel("speed, rpm")
-    axes.set_ylim(bottom=0.0)
-    axes.legend(fontsize="small")
-    return figure
+def _title(answer):
+    return f"{answer.topology.name or 'scene'}, {answer.rpm:g} rpm"
 
 
-def _angles(response):
-    return np.linspace(0.0, 360.0 * response.topology.revolutions_per_cycle, SAMPLES + 1)
+def _periods(answer):
+    """Cycles that are drawn."""
+    return max(answer.state.period, 1)
 
 
-def _closed(signal):
-    """Samples of a whole cycle, its first time sample again at the end."""
-    values = np.asarray(signal.samples(SAMPLES))
+def _count(answer):
+    return SAMPLES * _periods(answer)
+
+
+def _angles(answer):
+    return np.linspace(0.0, answer.cycle_deg * _periods(answer), _count(answer) + 1)
+
+
+def _closed(answer, signal):
+    """Samples of the whole period, its first time sample again at the end; a cycle comes as often as there is room."""
+    turns = signal.revolutions_per_cycle / answer.topology.revolutions_per_cycle
+    times = round(_periods(answer) / turns)
+    values = np.tile(np.asarray(signal.samples(_count(answer) // times)), times)
     return np.append(values, values[0])
 
 
@@ -227,15 +241,18 @@ def _shade(axes, angles, apart):
         )
 
 
-def _finish(axes, response):
-    cycle = 360.0 * response.topology.revolutions_per_cycle
-    axes.set_xlim(0.0, cycle)
-    if cycle % 90 == 0:
+def _finish(axes, answer):
+    cycle, periods = answer.cycle_deg, _periods(answer)
+    axes.set_xlim(0.0, periods * cycle)
+    if periods > 1:
+        axes.set_xticks(np.linspace(0.0, periods * cycle, periods + 1))
+        axes.grid(axis="x", linewidth=0.8, linestyle=":", color="black")
+    elif cycle % 90 == 0:
         axes.set_xticks(np.arange(0.0, cycle + 1, 90.0))
-    zero = " (0: firing top dead centre of a cylinder with firing angle 0)" if response.topology.cylinder_names else ""
+    zero = " (0: firing top dead centre of a cylinder with firing angle 0)" if answer.topology.cylinder_names else ""
     axes.set_xlabel(f"angle of the reference rotor, deg{zero}")
 
 
-def _plain(name):
+def plain(name):
     """``a|b`` as a label."""
     return name.replace("|", " - ")

@@ -8,8 +8,8 @@ from ..design.evaluation import label
 from ..design.quantities import OF_DESIGN, unit_of
 from ..model.elements import TABLES
 from .balance import plain_number
-from .report import finite
-from .tables import aligned
+from .columns import aligned
+from .record import finite
 
 SCALES = {"N": (1e-3, "kN"), "rad": (1e3, "mrad")}
 """Units in which people read quantities."""

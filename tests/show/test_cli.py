@@ -1,6 +1,7 @@
 """The command line: exit status, files, sentences, and the same numbers as from Python."""
 
 import csv
+import dataclasses
 import importlib.util
 import json
 import math
@@ -9,7 +10,11 @@ import numpy as np
 import pytest
 
 import jaxhb
+from jaxhb.show.answer import Answer, orbit_state
 from jaxhb.show.cli import main
+from jaxhb.show.output import as_json, write_files
+from jaxhb.show.record import answer_record
+from jaxhb.show.words import verdict
 
 SIGNAL = {"mean", "min", "max", "rms", "half_peak_to_peak", "sum_of_amplitudes", "amplitudes"}
 CONTACT = {
@@ -17,6 +22,8 @@ CONTACT = {
     "separated_fraction",
     "reverse_contact_fraction",
     "impacts",
+    "impacts_per_cycle",
+    "hardest_impact",
     "drive_side",
     "gap_spring_force",
     "knee_force",
@@ -62,7 +69,7 @@ def test_modes_are_those_of_python(capsys, tmp_path):
 def test_a_hammering_pair_exits_0_and_its_file_follows_the_contract(hammering):
     status, _, record = hammering
     assert status == 0
-    keys = ["rpm", "converged", "status", "harmonics", "residual", "truncation_error", "path", "load_kW"]
+    keys = ["rpm", "motion", "converged", "status", "harmonics", "residual", "truncation_error", "path", "load_kW"]
     keys += ["load_torque_Nm", "ground_reaction_Nm", "mean_angles"]
     assert set(keys) | {"disks", "shafts", "gears", "meshes"} <= set(record)
     assert record["rpm"] == 5000.0
@@ -84,7 +91,7 @@ def test_a_hammering_pair_exits_0_and_its_file_follows_the_contract(hammering):
 
 def test_the_numbers_of_the_file_are_those_of_python(hammering):
     record = hammering[2]
-    response = jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=5000.0)
+    response = jaxhb.steady_state(jaxhb.load_scene("spur_pair"), rpm=5000.0).response
     force, contact = response.force("gear a", "gear b"), response.mesh("gear a", "gear b")
     mesh = record["meshes"]["gear a|gear b"]
     assert mesh["max"] == float(force.max)
@@ -331,7 +338,7 @@ def test_all_errors_of_a_scene_are_told_one_a_line(capsys, tmp_path):
 
 @pytest.mark.parametrize("option", ["--json", "--csv", "--plot"])
 def test_a_path_that_cannot_be_written_is_refused_before_anything_is_computed(option, capsys, tmp_path, monkeypatch):
-    monkeypatch.setattr("jaxhb.show.commands.solve_speeds", lambda *_, **__: pytest.fail("computed"))
+    monkeypatch.setattr("jaxhb.show.compute.solve_speeds", lambda *_, **__: pytest.fail("computed"))
     missing = tmp_path / "nowhere" / "r.png"
     assert main(["sweep", "spur_pair", "--rpm", "9", option, str(missing)]) == 2
     assert capsys.readouterr().err.startswith(f"{option}: there is no folder ")
@@ -347,7 +354,7 @@ def test_two_outputs_to_one_file_are_refused(capsys, tmp_path):
 
 def test_without_matplotlib_a_picture_is_refused_with_the_name_of_the_extra(capsys, tmp_path, monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    monkeypatch.setattr("jaxhb.show.commands.solve", lambda *_, **__: pytest.fail("computed"))
+    monkeypatch.setattr("jaxhb.show.compute.steady_state", lambda *_, **__: pytest.fail("computed"))
     assert main(["solve", "spur_pair", "--rpm", "2000", "--plot", str(tmp_path / "r.png")]) == 2
     assert "jaxhb[plot]" in capsys.readouterr().err
 
@@ -361,18 +368,15 @@ def test_help_shows_examples_and_exits_0(command, capsys):
 
 
 def test_numbers_that_are_not_finite_become_null(tmp_path):
-    import dataclasses
-
-    from jaxhb.show.output import as_json, write_files
-    from jaxhb.show.report import response_record, verdict
-
-    response = jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=2000.0)
+    train = jaxhb.load_scene("spur_pair")
+    response = jaxhb.solve(train, rpm=2000.0)
     nothing = {name: np.full_like(getattr(response, name), np.nan) for name in ("forces", "elastic_forces", "angles")}
     broken = dataclasses.replace(response, **nothing, residual=np.array(math.inf), status=np.array(7))
-    write_files({tmp_path / "r.json": as_json(response_record(broken))})
+    answer = Answer(train, orbit_state(broken), jaxhb.linear_response(train, rpm=2000.0), orbit=True)
+    write_files({tmp_path / "r.json": as_json(answer_record(answer))})
     record = read(tmp_path / "r.json")
     assert record["residual"] is None
     assert record["status"] == "NONFINITE"
     assert record["meshes"]["gear a|gear b"]["max"] is None
     assert record["meshes"]["gear a|gear b"]["separated_fraction"] is None
-    assert verdict(broken).startswith("No answer at 2000 rpm")
+    assert verdict(answer).startswith("No answer at 2000 rpm")

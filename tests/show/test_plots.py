@@ -4,14 +4,17 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.show.plots import default_gear, in_the_gap, plot_cycle, plot_sweep
+from jaxhb.show.answer import Answer, orbit_state
+from jaxhb.show.choose import default_gear
+from jaxhb.show.compute import Asked, answer_one, answer_speeds
+from jaxhb.show.plots import in_the_gap, plot_cycle
+from jaxhb.show.sweep_plots import plot_sweep
 
 
 @pytest.fixture(scope="module")
 def pair():
-    """A hammering pair with and without backlash."""
-    train = jaxhb.load_scene("spur_pair")
-    return jaxhb.solve(train, rpm=5000.0), jaxhb.linear_response(train, rpm=5000.0)
+    """A hammering pair."""
+    return answer_one(jaxhb.load_scene("spur_pair"), 5000.0, Asked())
 
 
 def shaded(axes):
@@ -22,15 +25,15 @@ def shaded(axes):
 
 
 def test_gap_contact_is_shaded_for_the_share_of_the_cycle_that_the_teeth_are_apart(pair):
-    figure = plot_cycle(*pair)
-    share = pair[0].mesh("gear a", "gear b").separated_fraction
+    figure = plot_cycle(pair)
+    share = pair.response.mesh("gear a", "gear b").separated_fraction
     for axes in figure.axes:
         assert shaded(axes) == pytest.approx(share, abs=2e-3)
 
 
 def test_the_curves_are_the_moment_in_newton_metres_and_the_force_in_kilonewtons(pair):
-    response, linear = pair
-    above, below = plot_cycle(response, linear, "gear b").axes
+    response, linear = pair.response, pair.linear
+    above, below = plot_cycle(pair, "gear b").axes
     after, before = above.get_lines()[:2]
     assert after.get_ydata().max() == pytest.approx(float(response.gear_torque("gear b").max), rel=1e-3)
     assert before.get_ydata().max() == pytest.approx(float(linear.gear_torque("gear b").max), rel=1e-3)
@@ -46,26 +49,27 @@ def test_the_curves_are_the_moment_in_newton_metres_and_the_force_in_kilonewtons
 
 
 def test_nothing_is_shaded_where_all_teeth_stay_in_contact(pair):
-    linear = pair[1]
-    assert not plot_cycle(linear, linear).axes[0].collections
+    linear = pair.without_backlash
+    assert not plot_cycle(linear).axes[0].collections
     assert not in_the_gap(linear, "gear a|gear b", 64).any()
 
 
 def test_the_picture_shows_the_gear_of_the_reference_rotor():
-    linear = jaxhb.linear_response(jaxhb.load_scene("gear_train_30"), rpm=1800.0)
-    assert default_gear(linear) == "crank gear"
+    train = jaxhb.load_scene("gear_train_30")
+    linear = jaxhb.linear_response(train, rpm=1800.0)
+    assert default_gear(Answer(train, orbit_state(linear), linear, orbit=True)) == "crank gear"
 
 
 def test_a_train_without_teeth_shows_its_hardest_shaft():
     train = jaxhb.load_scene("six_cylinder_diesel")
+    (axes,) = plot_cycle(answer_one(train, 1500.0, Asked())).axes
     response = jaxhb.solve(train, rpm=1500.0)
-    (axes,) = plot_cycle(response, response).axes
     peaks = [float(response.torque(name).max) for name in train.topology.shaft_names]
     assert axes.get_lines()[0].get_ydata().max() == pytest.approx(max(peaks), rel=1e-3)
 
 
 def test_a_sweep_without_teeth_shows_both_measures_of_a_torque():
-    sweep = jaxhb.solve_speeds(jaxhb.load_scene("six_cylinder_diesel"), rpm=[1000.0, 1800.0, 2600.0])
-    (axes,) = plot_sweep(sweep, sweep).axes
+    train = jaxhb.load_scene("six_cylinder_diesel")
+    (axes,) = plot_sweep(answer_speeds(train, [1000.0, 1800.0, 2600.0], Asked())).axes
     swing, total = (line.get_ydata() for line in axes.get_lines())
     assert (total > swing).all()

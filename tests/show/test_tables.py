@@ -8,11 +8,15 @@ import pytest
 
 import jaxhb
 from jaxhb.response.events import Shooting
-from jaxhb.response.response import stack
-from jaxhb.show.plots import plot_sweep
+from jaxhb.show.answer import Answer, orbit_state
+from jaxhb.show.columns import aligned, alike, ratios, shares
+from jaxhb.show.compute import Asked, answer_one
+from jaxhb.show.floquet import Growth
 from jaxhb.show.progress import Progress
-from jaxhb.show.report import notes
-from jaxhb.show.tables import _ranges, aligned, alike, ratios, shares, sweep_text
+from jaxhb.show.sweep_plots import plot_sweep
+from jaxhb.show.sweep_tables import ranges, sweep_text
+from jaxhb.show.tables import solve_text
+from jaxhb.show.words import notes
 
 
 def test_numbers_that_are_compared_share_their_decimals():
@@ -35,50 +39,73 @@ def test_columns_line_up_under_their_groups():
 
 
 def test_speeds_that_follow_each_other_are_told_as_a_range():
-    assert _ranges([1, 2, 3, 4, 5], {2, 3, 5}) == "2-3, 5"
+    assert ranges([1, 2, 3, 4, 5], {2, 3, 5}) == "2-3, 5"
 
 
 def test_a_soft_gap_and_a_high_knee_are_noted():
     train = jaxhb.load_scene("spur_pair")
-    sharp = jaxhb.solve(train, rpm=2000.0)
-    assert notes(sharp) == []
-    soft = dataclasses.replace(sharp.law, epsilon=np.array([0.03]), transition=np.array([0.2]))
-    found = notes(dataclasses.replace(sharp, law=soft))
+    assert notes(answer_one(train, 2000.0, Asked())) == []
+    soft = train.replace({"gear a|gear b.epsilon": 0.03, "gear a|gear b.transition": 0.2})
+    found = notes(answer_one(soft, 2000.0, Asked()))
     assert any("the spring in the gap carries up to" in note and "lower epsilon" in note for note in found)
     assert any("stiff only above" in note and "smaller transition" in note for note in found)
 
 
-def test_a_motion_found_by_shooting_is_said_to_be_perhaps_unstable():
+def as_orbit(response, growth=None):
+    """A response as the answer of --orbit."""
+    linear = jaxhb.linear_response(response.train, rpm=response.rpm)
+    return Answer(response.train, orbit_state(response), linear, growth or Growth(), orbit=True)
+
+
+def test_an_orbit_found_by_shooting_whose_stability_is_not_known_is_said_to_be_perhaps_unstable():
     sharp = jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=2000.0)
     shot = dataclasses.replace(sharp, path=(Shooting(1, 1024, 1e-9, closed=True), *sharp.path))
-    (note,) = notes(shot)
+    (note,) = notes(as_orbit(shot))
     assert "found at 2000 rpm" in note and "may be unstable" in note
-    assert notes(dataclasses.replace(shot, status=np.array(int(jaxhb.Status.STALLED)))) == []
+    assert notes(as_orbit(shot, Growth(0.5, True))) == []
+    assert notes(as_orbit(dataclasses.replace(shot, status=np.array(int(jaxhb.Status.STALLED))))) == []
+
+
+def test_no_unstable_motion_goes_without_the_word():
+    orbit = as_orbit(jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=5000.0), Growth(2.5, False, "fold"))
+    said = solve_text(orbit).splitlines()
+    assert said[0].startswith("Unstable, the train does not run in this motion: the teeth hammer at 5000 rpm")
+    assert "UNSTABLE (fold): a disturbance grows 2.5 times in a cycle" in said[3]
+    assert any("The periodic motion at 5000 rpm is UNSTABLE" in note for note in notes(orbit))
+    assert sweep_text({"orbit": [orbit]}).splitlines()[3].split()[-2:] == ["converged,", "UNSTABLE"]
+    # Where loss factors refuse a multiplier, the one with viscous damping in their place gives the word.
+    lossy = dataclasses.replace(orbit, growth=Growth(refused="a loss factor", nearly=1.4))
+    assert "unstable" in solve_text(lossy).splitlines()[0].lower()
 
 
 @pytest.fixture(scope="module")
 def sweep():
-    """Two speeds: a hammering solution, and the same as if it had not converged."""
+    """Two periodic solutions: a hammering one, and the same as if its truncation error were too large."""
     one = jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=5000.0)
-    return stack([one, dataclasses.replace(one, rpm=np.array(5100.0), status=np.array(1))])
+    return [as_orbit(one), as_orbit(dataclasses.replace(one, rpm=np.array(5100.0), status=np.array(1)))]
 
 
 def test_a_sweep_tells_where_teeth_separate_and_what_did_not_converge(sweep):
-    lines = sweep_text(sweep, sweep).splitlines()
+    lines = sweep_text({"orbit": sweep}).splitlines()
     assert lines[0] == (
         "Teeth separate at 2 of 2 speeds between 5000 and 5100 rpm: 5000-5100 rpm; "
-        "1 did not converge, do not rely on those."
+        "1 without an answer, do not rely on those."
     )
     assert [line.split()[-1] for line in lines[3:5]] == ["converged", "met"]
     assert any(line.startswith("TOLERANCE_NOT_MET at 5100 rpm: ") for line in lines)
 
 
-def test_a_picture_of_a_sweep_marks_what_did_not_converge(sweep):
-    above, below = plot_sweep(sweep, sweep).axes
-    crosses = next(line for line in above.get_lines() if line.get_marker() == "x")
-    assert crosses.get_xdata().tolist() == [5100.0]
-    share = 100 * sweep[0].mesh("gear a", "gear b").separated_fraction
-    assert below.get_lines()[0].get_ydata() == pytest.approx([share, share])
+def test_an_unknown_motion_is_dashes_in_a_table_and_a_gap_with_a_cross_in_a_picture(sweep):
+    stalled = dataclasses.replace(sweep[0].response, rpm=np.array(5200.0), status=np.array(int(jaxhb.Status.STALLED)))
+    answers = [*sweep, as_orbit(stalled)]
+    row = sweep_text({"orbit": answers}).splitlines()[5].split()
+    assert row == ["5200", "-", "-", "-", "-", "-", "-", "16", "stalled"]
+    above, below = plot_sweep({"orbit": answers}).axes
+    (cross,) = [line for line in above.get_lines() if line.get_marker() == "x" and len(line.get_xdata())]
+    assert cross.get_xdata().tolist() == [5200.0]
+    share = 100 * sweep[0].contacts["gear a|gear b"].separated_fraction
+    np.testing.assert_allclose(below.get_lines()[0].get_ydata(), [share, share, np.nan])
+    assert np.isnan(above.get_lines()[0].get_ydata()).tolist() == [False, False, True]
 
 
 class Terminal(io.StringIO):

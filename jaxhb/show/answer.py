@@ -1,0 +1,165 @@
+"""What is told of one speed, as every report reads it: the motion of the train, beside it that without backlash."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..harmonic.backlash import law_of
+from ..model.drivetrain import DriveTrain
+from ..response.response import Response
+from ..response.status import Status
+from ..response.steady import PerCycle, SteadyContact, SteadyState
+from .floquet import Growth
+
+
+class NoSignal:
+    """The signal of a motion that is not known: numbers that are none, which tables show as dashes."""
+
+    mean = min = max = rms = peak = half_peak_to_peak = sum_of_amplitudes = float("nan")
+    per_cycle = PerCycle(np.full(3, np.nan), np.full(3, np.nan))
+
+    @property
+    def elastic(self):
+        """The elastic part is as unknown."""
+        return self
+
+    def summary(self):
+        """As :meth:`jaxhb.Signal.summary`."""
+        names = "mean", "min", "max", "rms", "half_peak_to_peak", "sum_of_amplitudes"
+        return {name: getattr(self, name) for name in names} | {"amplitudes": []}
+
+
+NO_SIGNAL = NoSignal()
+NO_CONTACT = SteadyContact(*[float("nan")] * 4, 0)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One speed: what the train does there, or with ``--orbit`` a periodic solution, stable or not.
+
+    Parameters
+    ----------
+    train : DriveTrain
+    state : SteadyState
+        What the train does after it has run long enough; of an orbit what it would do if the orbit were stable.
+    linear : Response
+        The same train with all teeth in contact.
+    growth : Growth
+        What becomes of a small disturbance of the motion.
+    orbit : bool
+        Whether the state is that of a periodic solution which the train need not run in.
+    """
+
+    train: DriveTrain
+    state: SteadyState
+    linear: Response
+    growth: Growth = Growth()
+    orbit: bool = False
+
+    @property
+    def topology(self):
+        """Names and connections."""
+        return self.train.topology
+
+    @property
+    def rpm(self):
+        """Speed of the reference rotor."""
+        return self.state.rpm
+
+    @property
+    def known(self):
+        """Whether the kind of motion is known, so that there are numbers."""
+        return self.state.known
+
+    @property
+    def response(self):
+        """The harmonic solution; None where there is none."""
+        return self.state.response
+
+    @property
+    def status(self):
+        """The :class:`jaxhb.Status` of the harmonic solution; None without."""
+        return None if self.response is None else Status(int(self.response.status))
+
+    @property
+    def harmonics(self):
+        """Highest harmonic of the solution over its own period; None without one."""
+        return None if self.response is None else int(self.response.highest_harmonic)
+
+    @property
+    def converged(self):
+        """Whether the harmonic solution is within its limits; None for a motion that can have none."""
+        if self.state.kind == "irregular":
+            return None
+        return self.response is not None and bool(self.response.converged)
+
+    @property
+    def answered(self):
+        """Whether the kind of motion is known, and converged if it is periodic."""
+        return self.known and self.converged is not False
+
+    @property
+    def cycle_deg(self):
+        """Angle of the reference rotor in one cycle of the excitation, deg."""
+        return 360.0 * self.topology.revolutions_per_cycle
+
+    @property
+    def balance(self):
+        """The response that tells what loads and grounds take: mean torques balance in every motion."""
+        return self.linear if self.response is None else self.response
+
+    @cached_property
+    def without_backlash(self):
+        """The linear motion as an answer of its own."""
+        return Answer(self.linear.train, orbit_state(self.linear), self.linear, orbit=True)
+
+    def force(self, mesh):
+        """Tooth force of a mesh, N."""
+        return self._read("force", mesh)
+
+    def torque(self, name):
+        """Torque of a shaft or damper, N m."""
+        return self._read("torque", name)
+
+    def gear_torque(self, name):
+        """Torque that a gear passes to its mates, N m."""
+        return self._read("gear_torque", name)
+
+    def disk(self, name):
+        """Vibratory angle of a disk, rad."""
+        return self._read("disk", name)
+
+    def _read(self, what, name):
+        return getattr(self.state, what)(name) if self.known else NO_SIGNAL
+
+    @cached_property
+    def contacts(self):
+        """:class:`SteadyContact` of every mesh by name."""
+        return {name: self._read("mesh", name) if self.known else NO_CONTACT for name in self.topology.mesh_names}
+
+    @cached_property
+    def details(self):
+        """:class:`jaxhb.response.contact.Contact` of every mesh, impact by impact; empty without a solution."""
+        return self.response.contacts() if self.known and self.response is not None else {}
+
+    def law(self, mesh):
+        """The :class:`Law` of one mesh in floats; None where it has no backlash."""
+        index = self.topology.mesh_names.index(mesh)
+        if not self.topology.mesh_backlash[index]:
+            return None
+        law = law_of(self.train.meshes)
+        return type(law)(**{name: float(np.asarray(values)[index]) for name, values in vars(law).items()})
+
+
+def orbit_state(response):
+    """A periodic solution as the steady state that it would be; "unknown" where it solves no equations."""
+    status, topology, notes = Status(int(response.status)), response.topology, ()
+    contacts = {}
+    if status <= Status.TOLERANCE_NOT_MET:
+        contacts = response.contacts()
+        kind = "periodic" if any(contact.separated_fraction for contact in contacts.values()) else "contact"
+    else:
+        kind, notes = "unknown", (status.sentence,)
+    period = int(kind != "unknown")
+    return SteadyState(float(response.rpm), kind, period, response, None, 0, notes, None, topology)

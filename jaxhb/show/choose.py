@@ -1,0 +1,54 @@
+"""Which elements of a train are shown: gears, shafts, and those that work hardest."""
+
+import math
+
+
+def gears(topology):
+    """Names of the disks that carry a mesh, in the order of the meshes."""
+    return tuple(dict.fromkeys(topology.disk_names[disk] for ends in topology.mesh_ends for disk in ends))
+
+
+def shafts_of(topology):
+    """Names of the links that transmit a torque: shafts, then dampers."""
+    return topology.shaft_names + topology.damper_names
+
+
+def meshes_of(topology, gear):
+    """Names of the meshes of a gear."""
+    disk = topology.disk_index(gear)
+    return tuple(name for name, ends in zip(topology.mesh_names, topology.mesh_ends, strict=True) if disk in ends)
+
+
+def largest(names, value):
+    """The name with the largest value; None where none is a number."""
+    numbers = {name: float(value(name)) for name in names}
+    known = {name: number for name, number in numbers.items() if not math.isnan(number)}
+    return max(known, key=known.get, default=None)
+
+
+def worst_mesh(answer):
+    """The mesh with the largest tooth force; None where the motion is unknown."""
+    return largest(answer.topology.mesh_names, lambda name: answer.force(name).peak)
+
+
+def most_apart(answer):
+    """The mesh that is apart for the largest share of the time; None where all stay in contact or nothing is known."""
+    name = largest(answer.topology.mesh_names, lambda mesh: answer.contacts[mesh].separated_fraction)
+    return name if name is not None and answer.contacts[name].separated_fraction else None
+
+
+def hardest_shaft(answers):
+    """The shaft or damper whose torque has the largest half peak-to-peak in any answer; None without."""
+    return largest(shafts_of(answers[0].topology), lambda name: _most(answers, name))
+
+
+def _most(answers, name):
+    return max((float(a.torque(name).half_peak_to_peak) for a in answers if a.known), default=0.0)
+
+
+def default_gear(answer):
+    """Of the gears of the reference rotor (of all, if it has none) the one whose torque swings most, or None."""
+    topology, all_of = answer.topology, gears(answer.topology)
+    near = [gear for gear in all_of if topology.rotor[topology.disk_index(gear)] == topology.reference_rotor]
+    swinging, near = answer if answer.known else answer.linear, near or all_of
+    return largest(near, lambda name: swinging.gear_torque(name).half_peak_to_peak) or next(iter(near), None)

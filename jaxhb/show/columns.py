@@ -1,0 +1,58 @@
+"""Numbers in columns of text."""
+
+import math
+
+import numpy as np
+
+NONE = "-"
+
+
+def aligned(heads, columns, groups=(), left=()):
+    """Columns of strings under their heads; the first flush left, as those numbered in ``left``, the others right."""
+    columns = [[head, *map(str, column)] for head, column in zip(heads, columns, strict=True)]
+    widths = [max(map(len, column)) for column in columns]
+    for title, first, last in groups:
+        room = sum(widths[first : last + 1]) + 2 * (last - first)
+        widths[first] += max(0, len(title) - room)
+    flush = [str.ljust if i == 0 or i in left else str.rjust for i in range(len(columns))]
+    rows = [
+        "  ".join(put(cell, width) for put, cell, width in zip(flush, row, widths, strict=True)).rstrip()
+        for row in zip(*columns, strict=True)
+    ]
+    return "\n".join("  " + row for row in [*_group_line(groups, widths), *rows])
+
+
+def _group_line(groups, widths):
+    line = ""
+    for title, first, last in groups:
+        begin = sum(widths[:first]) + 2 * first
+        room = sum(widths[first : last + 1]) + 2 * (last - first)
+        line = line.ljust(begin) + f" {title} ".center(room, "-")
+    return [line] if groups else []
+
+
+def alike(*columns, digits=4):
+    """Columns of numbers with the same decimals: ``digits`` significant ones for the largest of all."""
+    numbers = [[float(value) for value in column] for column in columns]
+    largest = max((abs(x) for column in numbers for x in column if math.isfinite(x)), default=0.0)
+    places = 0 if largest == 0 else min(max(digits - 1 - math.floor(math.log10(largest)), 0), 12)
+    # Adding 0.0 after rounding turns -0.0 into 0.0.
+    return [
+        [f"{round(x, places) + 0.0:.{places}f}" if math.isfinite(x) else NONE for x in column] for column in numbers
+    ]
+
+
+def shares(fractions):
+    """Fractions of the cycle in %; a small one is not shown as 0."""
+    return [NONE if share is None or not math.isfinite(share) else percent(share) for share in fractions]
+
+
+def percent(share):
+    """A share in %, a small one not as 0."""
+    return "<0.1" if 0 < share < 5e-4 else f"{100 * share:.1f}"
+
+
+def ratios(numbers, before):
+    """Quotients with two decimals, ``-`` where nothing is compared."""
+    quotient = [float(a) / float(b) if b else np.nan for a, b in zip(numbers, before, strict=True)]
+    return [f"{value:.2f}" if math.isfinite(value) else NONE for value in quotient]

@@ -1,0 +1,159 @@
+"""What a program reads of an answer: one plain dictionary."""
+
+import numpy as np
+
+from .balance import balance_record
+from .choose import gears, shafts_of
+from .words import notes, verdict
+
+NEGLIGIBLE = 1e-12
+KEPT_OF_DISKS = "mean", "half_peak_to_peak", "amplitudes"
+
+
+def answer_record(answer, *, orders=None):
+    """Everything that is reported of one speed, as plain numbers in SI units; ``solve --json`` writes it.
+
+    Parameters
+    ----------
+    answer : Answer
+    orders : float, optional
+        Highest order whose amplitude is listed; default: all.
+
+    Returns
+    -------
+    dict
+        ``rpm``, ``motion`` (see :func:`motion_record`), ``converged``, ``status``, ``harmonics``, ``residual``,
+        ``truncation_error`` (of the harmonic solution, None without one), ``path``, ``load_kW``;
+        ``load_torque_Nm`` and ``ground_reaction_Nm`` by name, ``mean_angles`` (what sets the means of the disks);
+        ``disks`` (rad), ``shafts`` with the dampers (N m), ``gears`` (N m) and ``meshes`` (N) by name, each a signal
+        ``{"mean", "min", "max", "rms", "half_peak_to_peak", "sum_of_amplitudes", "amplitudes"}`` with amplitudes
+        ``[[order, A, phase in deg], ...]`` from the first harmonic of the motion's period on (disks without min, max
+        and rms). Of a motion that does not repeat these are extremes over the record and amplitudes in the quadratic
+        mean over its cycles, with phase None. The list ends where all amplitudes that follow are below 1e-12 of the
+        largest. Tooth forces have eight times the harmonics of the motion. Numbers that are not finite are None.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> from jaxhb.show.compute import Asked, answer_one
+    >>> record = answer_record(answer_one(jaxhb.load_scene("six_cylinder_diesel"), 1500.0, Asked()))
+    >>> record["motion"]["kind"], record["status"], round(record["shafts"]["cyl6|flywheel"]["mean"], 1)
+    ('contact', 'CONVERGED', 1046.8)
+    """
+    topology = answer.topology
+    names = {"shafts": shafts_of(topology), "gears": gears(topology)}
+    read = {"shafts": answer.torque, "gears": answer.gear_torque}
+    return finite(
+        _outcome_record(answer)
+        | balance_record(answer.balance)
+        | {"disks": {name: _disk_record(answer.disk(name), orders) for name in topology.disk_names}}
+        | {kind: {name: _signal_record(read[kind](name), orders) for name in names[kind]} for kind in names}
+        | {"meshes": {name: _mesh_record(answer, name, orders) for name in topology.mesh_names}}
+    )
+
+
+def motion_record(answer):
+    """What kind of motion it is.
+
+    ``kind``, one of "contact", "periodic", "subharmonic", "irregular" and "unknown"; ``period`` in cycles, 0 where
+    there is none; ``orbit``: whether it is a periodic solution that the train need not run in; ``stable`` and
+    ``multiplier`` (modulus of the largest Floquet multiplier), None where they are not known; ``cycles`` marched;
+    ``per_cycle``: percentiles 5, 50 and 95 of the largest tooth force of a cycle, N, by mesh.
+    """
+    peaks = {name: answer.force(name).per_cycle.max.tolist() for name in answer.topology.mesh_names}
+    return {
+        "kind": answer.state.kind,
+        "period": answer.state.period,
+        "orbit": answer.orbit,
+        "stable": answer.growth.stable,
+        "multiplier": answer.growth.multiplier,
+        "cycles": answer.state.cycles,
+        "per_cycle": {name: {"max": percentiles} for name, percentiles in peaks.items()},
+    }
+
+
+def _outcome_record(answer):
+    response, solved = answer.response, dict.fromkeys(("status", "residual", "truncation_error", "path"))
+    if response is not None:
+        solved = {
+            "status": answer.status.name,
+            "residual": float(response.residual),
+            "truncation_error": float(response.truncation_error),
+            "path": [str(event) for event in response.path],
+        }
+    return {
+        "scene": answer.topology.name,
+        "rpm": answer.rpm,
+        "motion": motion_record(answer),
+        "converged": answer.converged,
+        "harmonics": answer.harmonics,
+        "load_kW": float(answer.balance.load_kW) + 0.0,
+        "verdict": verdict(answer),
+        "notes": notes(answer),
+    } | solved
+
+
+def modes_record(modes):
+    """What ``modes --json`` writes: every value is a list over the modes.
+
+    ``{"frequencies_hz": [...], "mesh_energy_share": [...], "modes": {disk: [angle in mode 0, ...]}}``; the share of the
+    strain energy that lies in the teeth is between 0 and 1.
+    """
+    shapes = zip(modes.names, np.asarray(modes.shapes).T.tolist(), strict=True)
+    numbers = {name: np.asarray(getattr(modes, name)).tolist() for name in ("frequencies_hz", "mesh_energy_share")}
+    return finite(numbers | {"modes": dict(shapes)})
+
+
+def finite(value):
+    """The same nest of dictionaries and lists with None for every number that is not finite (JSON has no nan)."""
+    if isinstance(value, dict):
+        return {key: finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(item) for item in value]
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
+
+
+def _signal_record(signal, orders):
+    summary = signal.summary()
+    return summary | {"amplitudes": _listed(summary["amplitudes"], orders)}
+
+
+def _disk_record(signal, orders):
+    record = _signal_record(signal, orders)
+    return {name: record[name] for name in KEPT_OF_DISKS}
+
+
+def _listed(rows, orders):
+    """Rows up to the last that is not negligible, with three entries; order k of the cycle stays at place k - 1."""
+    sizes = np.array([row[1] for row in rows])
+    counted = ~(sizes <= NEGLIGIBLE * sizes.max(initial=0.0))
+    if orders is not None:
+        counted &= np.array([row[0] for row in rows]) <= orders
+    last = np.flatnonzero(counted)
+    # A motion that does not repeat has no phases.
+    return [[*row, None][:3] for row in rows[: last[-1] + 1]] if len(last) else []
+
+
+def _mesh_record(answer, name, orders):
+    force, contact, law = answer.force(name), answer.contacts[name], answer.law(name)
+    details = answer.details.get(name)
+    return _signal_record(force, orders) | {
+        "elastic": _signal_record(force.elastic, orders),
+        "separated_fraction": contact.separated_fraction,
+        "reverse_contact_fraction": contact.reverse_contact_fraction,
+        "impacts": details and _impacts(details, 360.0 * answer.response.topology.revolutions_per_cycle),
+        "impacts_per_cycle": contact.impacts_per_cycle,
+        "hardest_impact": contact.hardest_impact,
+        "drive_side": contact.drive_side if answer.known else None,
+        "gap_spring_force": law.gap_spring_force if law else 0.0,
+        "knee_force": law.knee_force if law else 0.0,
+        "pulling_force": details and details.pulling_force,
+    }
+
+
+def _impacts(details, period_deg):
+    return [
+        {"theta_deg": period_deg * hit["cycle"], "speed": hit["speed"], "side": hit["side"]} for hit in details.impacts
+    ]

@@ -1,0 +1,128 @@
+"""Pictures over the speed: forces or torques, and the kind of motion at every speed."""
+
+import numpy as np
+
+from .choose import hardest_shaft
+from .plots import MESH_COLOURS, WITHOUT, new_figure, plain
+
+MARKS = {
+    "contact": ("o", "teeth in contact"),
+    "periodic": ("s", "periodic, one cycle"),
+    "subharmonic": ("D", "period of several cycles"),
+    "irregular": ("*", "irregular (bar: 5 to 95 % of the cycles)"),
+    "unstable": ("v", "unstable: the train does not run there"),
+    "unknown": ("x", "unknown"),
+}
+"""Marker and words of every kind of motion."""
+
+WAYS = {"up": ("-", "full"), "down": (":", "none"), "orbit": ("-", "full")}
+"""Line and filling of markers by direction."""
+
+
+def plot_sweep(sweeps):
+    """Largest tooth force and share of the time out of contact, mesh by mesh, over the speed.
+
+    Parameters
+    ----------
+    sweeps : dict
+        Answers by direction, from :func:`jaxhb.show.compute.answer_speeds`.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Markers tell the kind of motion; an unknown one is a gap in the lines and a cross at the bottom. Downwards lines
+        are dotted and markers open. A train without gears shows its hardest worked shaft or damper.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> from jaxhb.show.compute import Asked, answer_speeds
+    >>> train = jaxhb.load_scene("six_cylinder_diesel")
+    >>> len(plot_sweep(answer_speeds(train, [1000.0, 1500.0, 2000.0], Asked())).axes)
+    1
+    """
+    first = next(iter(sweeps.values()))
+    name = first[0].topology.name or "scene"
+    if not first[0].topology.mesh_names:
+        return _plot_shaft_sweep(first, name)
+    figure = new_figure(6.2)
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    rpm = [answer.rpm for answer in first]
+    for number, mesh in enumerate(first[0].topology.mesh_names):
+        colour = MESH_COLOURS[number % len(MESH_COLOURS)]
+        for way, answers in sweeps.items():
+            line, fill = WAYS[way]
+            style = {"color": colour, "linestyle": line, "linewidth": 1.1}
+            largest = [float(answer.force(mesh).peak) / 1e3 for answer in answers]
+            above.plot(rpm, largest, **style, label=plain(mesh) if answers is first else None)
+            below.plot(rpm, [100 * answer.contacts[mesh].separated_fraction for answer in answers], **style)
+            _draw_kinds(above, answers, largest, colour, fill)
+            _draw_distributions(above, answers, mesh, colour)
+        before = [float(answer.linear.force(mesh).peak) / 1e3 for answer in first]
+        above.plot(rpm, before, color=colour, linewidth=1.0, linestyle="--", alpha=0.6)
+    above.plot([], [], color="grey", linestyle="--", label="without backlash")
+    if len(sweeps) > 1:
+        above.plot([], [], color="grey", linestyle=":", marker="o", fillstyle="none", label="downwards")
+    above.set_title(f"{name}: largest tooth force, and the kind of motion", fontsize="medium")
+    above.set_ylabel("tooth force, kN")
+    above.set_ylim(bottom=0.0)
+    below.set_ylabel("teeth apart, % of the time")
+    below.set_ylim(bottom=0.0)
+    below.set_xlabel("speed, rpm")
+    _mark_unknown(above, sweeps)
+    _legend_of_kinds(above, sweeps)
+    above.legend(loc="upper left", fontsize="x-small", ncols=2)
+    return figure
+
+
+def _kind(answer):
+    return "unstable" if answer.growth.unstable else answer.state.kind
+
+
+def _draw_kinds(axes, answers, values, colour, fill):
+    """A marker for the kind of motion at every speed."""
+    size = 4 if len(answers) <= 60 else 2.5
+    for kind, (marker, _) in MARKS.items():
+        there = [(answer.rpm, y) for answer, y in zip(answers, values, strict=True) if _kind(answer) == kind]
+        if there and kind != "unknown":
+            larger = size * (1.8 if marker == "*" else 1.0)
+            axes.plot(*zip(*there, strict=True), marker, color=colour, markersize=larger, fillstyle=fill)
+
+
+def _draw_distributions(axes, answers, mesh, colour):
+    """Of motions that never repeat, from 5 to 95 % of the largest forces of a cycle."""
+    for answer in answers:
+        if answer.state.kind == "irregular":
+            low, _, high = answer.force(mesh).per_cycle.max / 1e3
+            axes.plot([answer.rpm] * 2, [low, high], color=colour, linewidth=3.0, alpha=0.35)
+
+
+def _mark_unknown(axes, sweeps):
+    """Crosses at the bottom."""
+    unknown = sorted({answer.rpm for answers in sweeps.values() for answer in answers if not answer.known})
+    if unknown:
+        bottom = np.full(len(unknown), 0.02)
+        axes.plot(unknown, bottom, "x", color="black", transform=axes.get_xaxis_transform(), clip_on=False)
+
+
+def _legend_of_kinds(axes, sweeps):
+    met = {_kind(answer) for answers in sweeps.values() for answer in answers}
+    for kind, (marker, said) in MARKS.items():
+        if kind in met:
+            axes.plot([], [], marker, color="black", markersize=5, label=said)
+
+
+def _plot_shaft_sweep(answers, name):
+    figure = new_figure(4.2)
+    axes = figure.subplots()
+    shaft = hardest_shaft(answers)
+    signals, rpm = [answer.torque(shaft) for answer in answers], [answer.rpm for answer in answers]
+    axes.plot(rpm, [float(s.half_peak_to_peak) for s in signals], color=WITHOUT, label="half peak-to-peak")
+    sums = [float(s.sum_of_amplitudes) for s in signals]
+    axes.plot(rpm, sums, color=WITHOUT, linestyle=":", label="sum of amplitudes")
+    axes.set_title(f"{name}: vibratory torque of {plain(shaft)}", fontsize="medium")
+    axes.set_ylabel("torque, N m")
+    axes.set_xlabel("speed, rpm")
+    axes.set_ylim(bottom=0.0)
+    axes.legend(fontsize="small")
+    return figure

@@ -1,0 +1,276 @@
+"""The sentences that an engineer reads first: do the teeth hammer, in what motion, and what to be careful about."""
+
+import re
+
+import numpy as np
+
+from ..response.events import Homotopy, Shooting
+from .balance import ground_notes, plain_number
+from .choose import most_apart
+from .floquet import growth_text
+
+GAP_SPRING_SHARE = 0.05
+KNEE_SHARE = 0.5
+SHOWN_SPEEDS = 6
+
+
+def motion_text(answer):
+    """The kind of motion in the words of an engineer.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> from jaxhb.show.compute import Asked, answer_one
+    >>> motion_text(answer_one(jaxhb.load_scene("spur_pair"), 5000.0, Asked()))
+    'periodic, period one cycle; stable: a disturbance is left with 0.7 of its size after a cycle'
+    """
+    state, growth = answer.state, growth_text(answer.growth, answer.state.period)
+    kind = {
+        "contact": "the teeth stay in contact",
+        "periodic": "periodic, period one cycle",
+        "subharmonic": f"period of {state.period} cycles (of {_turns(answer)})",
+        "irregular": "irregular: the motion never repeats",
+        "unknown": f"unknown: {'; '.join(state.notes)}",
+    }[state.kind]
+    if not answer.topology.mesh_names:
+        kind = "periodic, period one cycle" if state.known else kind
+    if state.known and answer.response is None:
+        kind += f"; numbers are the extremes over {state.record.cycles} recorded cycles"
+    return "; ".join(filter(None, [kind, growth]))
+
+
+def _turns(answer):
+    turns = answer.state.period * answer.topology.revolutions_per_cycle
+    return f"{turns:g} revolution{'s' * (turns != 1)}"
+
+
+def motion_word(answer):
+    """The kind of motion in a word or two, for a column of a table."""
+    state, parts = answer.state, []
+    if answer.orbit:
+        parts.append(status_word(answer.status))
+    else:
+        parts.append(f"period {state.period}" if state.kind == "subharmonic" else state.kind)
+        if answer.known and answer.converged is False:
+            parts.append("not solved" if answer.status is None else status_word(answer.status))
+    return ", ".join([*parts, *["UNSTABLE"] * answer.growth.unstable])
+
+
+def status_word(status):
+    """A Status in small letters."""
+    return status.name.lower().replace("_", " ")
+
+
+def solution_text(answer):
+    """How the harmonic solution went: status with what to try, harmonics, residual, truncation error; "" without."""
+    response, status = answer.response, answer.status
+    if response is None:
+        return ""
+    said = "converged" if answer.converged else f"NOT CONVERGED, {status.name}: {status.sentence}"
+    period = answer.state.period
+    line = f"{said}; {answer.harmonics} harmonics of {'the cycle' if period <= 1 else f'{period} cycles'}"
+    if not float(response.residual) and not float(response.truncation_error):
+        return f"{line}, linear" + (": every mesh keeps its flank" if any(response.topology.mesh_backlash) else "")
+    return (
+        f"{line}, residual {float(response.residual):.1e}, "
+        f"truncation error {_percent(float(response.truncation_error))} of the largest tooth force"
+    )
+
+
+def status_lines(answer):
+    """The kind of motion and, where there is one, how its harmonic solution went."""
+    head = "orbit" if answer.orbit else "motion"
+    return [f"{head}: {motion_text(answer)}", *filter(None, [solution_text(answer)])]
+
+
+def verdict(answer):
+    """The answer in one sentence: do the teeth hammer at this speed?
+
+    Parameters
+    ----------
+    answer : Answer
+
+    Returns
+    -------
+    str
+        Names the mesh that is apart for the largest share of the time.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> from jaxhb.show.compute import Asked, answer_one
+    >>> verdict(answer_one(jaxhb.load_scene("six_cylinder_diesel"), 1500.0, Asked()))
+    'No teeth mesh in this train.'
+    """
+    topology, speed = answer.topology, f"{answer.rpm:g} rpm"
+    if not answer.known:
+        return f"No answer at {speed}: {'; '.join(answer.state.notes)}."
+    if not topology.mesh_names:
+        return "No teeth mesh in this train."
+    if not any(topology.mesh_backlash):
+        return "No mesh has backlash: the teeth cannot separate."
+    said = _hammering(answer, speed)
+    doubts = []
+    if answer.converged is False and answer.response is not None:
+        doubts.append("not converged, do not rely on this")
+    if answer.growth.unstable:
+        doubts.append("unstable, the train does not run in this motion")
+    if not doubts:
+        return said
+    doubt = "; ".join(doubts)
+    return f"{doubt[0].upper()}{doubt[1:]}: {said[0].lower()}{said[1:]}"
+
+
+def _hammering(answer, speed):
+    name = most_apart(answer)
+    if name is None:
+        return f"All teeth stay in contact at {speed}."
+    contact = answer.contacts[name]
+    apart = f"{name} is apart {_percent(contact.separated_fraction)} of the time"
+    if not contact.impacts_per_cycle:
+        return f"Teeth separate at {speed}: {apart}, without an impact."
+    manner = {"irregular": " irregularly", "subharmonic": f" with a period of {answer.state.period} cycles"}
+    return (
+        f"The teeth hammer{manner.get(answer.state.kind, '')} at {speed}: {apart}, "
+        f"{impacts_text(contact.impacts_per_cycle)} a cycle, the hardest at {contact.hardest_impact:.2f} m/s."
+    )
+
+
+def impacts_text(count):
+    """``one impact``, ``2.5 impacts``."""
+    return "one impact" if count == 1 else f"{plain_number(count, digits=3)} impacts"
+
+
+def _percent(share):
+    """Two digits, three from 99.5 % on: never ``1e+02 %``."""
+    return f"{plain_number(100 * share, digits=2 if share < 0.995 else 3)} %"
+
+
+def speeds_text(answers):
+    """``600, 1200 and 4 more rpm``."""
+    found = [f"{answer.rpm:g}" for answer in answers]
+    more = f" and {len(found) - SHOWN_SPEEDS} more" if len(found) > SHOWN_SPEEDS else ""
+    return f"{', '.join(found[:SHOWN_SPEEDS])}{more} rpm"
+
+
+def notes(*answers):
+    """Sentences on unstable motions, grounds that take a mean torque, and large traits of the tooth law.
+
+    Parameters
+    ----------
+    *answers : Answer
+        Of one train; the notes name the speed of the smallest mean force.
+
+    Returns
+    -------
+    list of str
+        Unstable motions; what a steady state tells of itself; orbits on which time integration did not settle; a ground
+        that takes above 1 % of the largest mean torque; a gap spring above 5 % of the mean force, a knee above 50 % of
+        it, damping in the gap above 5 % of it.
+    """
+    found = _unstable_notes(answers) + _own_notes(answers) + _unsettled_notes(answers)
+    found += ground_notes([answer.balance for answer in answers], _speed_of)
+    known, through = [answer for answer in answers if answer.known], []
+    for name in answers[0].topology.mesh_names if known else ():
+        law = answers[0].law(name)
+        if law is None:
+            continue
+        means = [abs(float(answer.force(name).mean)) for answer in known]
+        least = int(np.argmin(means))
+        found += _law_notes(name, law, means[least], _speed_of(known, least))
+        pulling = [answer.details[name].pulling_force if answer.details else 0.0 for answer in known]
+        hardest = int(np.argmax(pulling))
+        if pulling[hardest] > GAP_SPRING_SHARE * means[hardest]:
+            through.append(f"{_kN(pulling[hardest])}{_speed_of(known, hardest)} in {name}")
+    if through:
+        found.append(
+            'Damping law "always" transmits force while the teeth are apart ("contact" does not): up to '
+            f"{', '.join(through)}."
+        )
+    return found
+
+
+def _unstable_notes(answers):
+    found = [answer for answer in answers if answer.growth.unstable]
+    if not found:
+        return []
+    worst = max(found, key=lambda answer: answer.growth.multiplier or answer.growth.nearly)
+    size = worst.growth.multiplier or worst.growth.nearly
+    about = ", with loss factors as viscous damping" if worst.growth.refused else ""
+    instead = "leave out --orbit for what it does" if worst.orbit else "compare with jaxhb.integrate"
+    return [
+        f"The periodic motion at {speeds_text(found)} is UNSTABLE (a disturbance grows up to {size:.3g} times in a "
+        f"period{about}): the train does not run in it; {instead}."
+    ]
+
+
+def _own_notes(answers):
+    """What steady states tell of themselves, once for notes that differ in their numbers alone."""
+    alike = {}
+    for answer in answers:
+        for note in answer.state.notes if answer.known else ():
+            alike.setdefault(re.sub(r"\d[\d.e+]*", "#", note), []).append((answer, note))
+    found = []
+    for told in alike.values():
+        others = f" (alike at {speeds_text([answer for answer, _ in told[1:]])})" if len(told) > 1 else ""
+        note = told[0][1]
+        found.append(f"At {told[0][0].rpm:g} rpm {note}{others}.")
+    return found
+
+
+def _unsettled_notes(answers):
+    """Of converged orbits of unknown stability that a march of a few cycles did not settle on."""
+    found = [
+        answer
+        for answer in answers
+        if answer.orbit and answer.converged and answer.growth.stable is None and not answer.growth.unstable
+        if any(isinstance(event, Shooting | Homotopy) for event in answer.response.path)
+    ]
+    if not found:
+        return []
+    return [
+        f"A periodic motion was found at {speeds_text(found)}, but a few cycles of time integration do not settle "
+        "there: it may be unstable, and the engine may run in another motion (leave out --orbit for what it does)."
+    ]
+
+
+def _speed_of(told, number):
+    return f" at {float(told[number].rpm):g} rpm" if len(told) > 1 else ""
+
+
+def _law_notes(name, law, mean, speed):
+    said = f"the mean tooth force of {_kN(mean)}{speed}"
+    found = []
+    if law.gap_spring_force > GAP_SPRING_SHARE * mean:
+        found.append(
+            f"{name}: the spring in the gap carries up to {_kN(law.gap_spring_force)}, more than "
+            f"{100 * GAP_SPRING_SHARE:g} % of {said}: lower epsilon."
+        )
+    if law.knee_force > KNEE_SHARE * mean:
+        found.append(
+            f"{name}: the teeth are stiff only above {_kN(law.knee_force)}, more than {100 * KNEE_SHARE:g} % of "
+            f"{said}: a smaller transition makes contact sharper."
+        )
+    return found
+
+
+def _kN(force):
+    return f"{force / 1e3:.3g} kN"
+
+
+def warnings(answers):
+    """What stderr says of speeds without an answer: what happened, and what to try."""
+    found = []
+    for answer in answers:
+        if answer.orbit and not answer.converged:
+            found.append(f"{answer.rpm:g} rpm: {answer.status.name}, {answer.status.sentence}.")
+        elif not answer.known:
+            found.append(f"{answer.rpm:g} rpm: the kind of motion is unknown: {'; '.join(answer.state.notes)}.")
+        elif answer.converged is False:
+            said = "no harmonic solution" if answer.status is None else _status_text(answer.status)
+            found.append(f"{answer.rpm:g} rpm: {said}.")
+    return found
+
+
+def _status_text(status):
+    return f"{status.name}, {status.sentence}"

@@ -1,0 +1,196 @@
+"""What the command line tells of every kind of motion: the same as Python, in words, tables, files and pictures."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+import jaxhb
+from jaxhb.show import compute
+from jaxhb.show.cli import main
+from jaxhb.show.compute import Asked, answer_one, answer_speeds
+from jaxhb.show.plots import plot_cycle
+from jaxhb.show.sweep_plots import plot_sweep
+
+MESH = "gear a|gear b"
+DAMPING = f"{MESH}.damping"
+LIGHT, LIGHTER = 106.1, 31.8
+"""Tooth damping in N s/m with which the pair at 6000 rpm has a period of two cycles, and none."""
+
+
+def read(path):
+    return json.loads(path.read_text(encoding="utf-8"))
+
+
+def pair(damping):
+    return jaxhb.load_scene("spur_pair").replace({DAMPING: damping})
+
+
+@pytest.fixture(scope="module", params=[LIGHT, LIGHTER], ids=["two cycles", "irregular"])
+def told(request, tmp_path_factory):
+    """The steady state from Python, and what the command line told and wrote of it."""
+    folder, said = tmp_path_factory.mktemp("told"), pytest.MonkeyPatch()
+    lines = []
+    said.setattr("builtins.print", lambda text, **_: lines.append(text))
+    files = ["--json", str(folder / "r.json"), "--plot", str(folder / "r.png")]
+    status = main(["solve", "spur_pair", "--rpm", "6000", "--set", f"{DAMPING}={request.param}", *files])
+    said.undo()
+    state = jaxhb.steady_state(pair(request.param), rpm=6000.0)
+    return state, status, "\n".join(lines), read(folder / "r.json"), folder / "r.png"
+
+
+def test_the_kind_and_the_numbers_are_those_of_the_motion(told):
+    state, status, said, record, picture = told
+    assert status == 0
+    motion, mesh, force = record["motion"], record["meshes"][MESH], state.force(MESH)
+    assert (motion["kind"], motion["period"], motion["cycles"]) == (state.kind, state.period, state.cycles)
+    assert (mesh["max"], mesh["min"], mesh["rms"]) == (float(force.max), float(force.min), float(force.rms))
+    assert motion["per_cycle"][MESH]["max"] == force.per_cycle.max.tolist()
+    contact = state.mesh(MESH)
+    assert (mesh["impacts_per_cycle"], mesh["hardest_impact"]) == (contact.impacts_per_cycle, contact.hardest_impact)
+    assert mesh["separated_fraction"] == contact.separated_fraction
+    gear = record["gears"]["gear a"]
+    assert gear["half_peak_to_peak"] == float(state.gear_torque("gear a").half_peak_to_peak)
+    assert record["disks"]["gear b"]["half_peak_to_peak"] == float(state.disk("gear b").half_peak_to_peak)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert "at 6000 rpm: gear a|gear b is apart 71 % of the time" in said
+
+
+def test_a_motion_of_two_cycles_has_impacts_over_both_and_a_multiplier(told):
+    state, _, said, record, _ = told
+    if state.kind != "subharmonic":
+        pytest.skip("a motion that does not repeat has none")
+    motion, mesh = record["motion"], record["meshes"][MESH]
+    found = jaxhb.stability(state.response)
+    assert (motion["stable"], motion["multiplier"]) == (True, found.largest)
+    assert record["converged"] and record["status"] == "CONVERGED"
+    # One impact in two cycles of 11.25 deg, in the second of them.
+    assert [11.25 < hit["theta_deg"] < 22.5 for hit in mesh["impacts"]] == [True]
+    assert mesh["impacts_per_cycle"] == 0.5
+    assert mesh["amplitudes"][0][0] == 16.0  # half the tooth frequency
+    assert "motion: period of 2 cycles (of 0.0625 revolutions); stable" in said
+
+
+def test_a_motion_that_never_repeats_has_a_distribution_and_no_solution(told):
+    state, _, said, record, _ = told
+    if state.kind != "irregular":
+        pytest.skip("a motion that repeats is solved")
+    mesh = record["meshes"][MESH]
+    keys = "converged", "status", "harmonics", "residual", "truncation_error", "path"
+    assert [record[key] for key in keys] == [None] * 6
+    assert [record["motion"][key] for key in ("stable", "multiplier")] == [None, None]
+    assert mesh["impacts"] is None
+    assert all(phase is None for _, _, phase in mesh["amplitudes"])
+    assert "irregular: the motion never repeats; numbers are the extremes over 64 recorded cycles" in said
+    low, middle, high = state.force(MESH).per_cycle.max / 1e3
+    line = said[said.index("Largest tooth force of a cycle") :].splitlines()[2]
+    assert line.split()[-3:] == [f"{low:.3f}", f"{middle:.3f}", f"{high:.3f}"]
+
+
+def test_an_orbit_is_the_solution_of_solve_and_the_word_for_its_stability(tmp_path, capsys):
+    file = tmp_path / "r.json"
+    command = ["solve", "spur_pair", "--rpm", "6000", "--set", f"{DAMPING}={LIGHTER}"]
+    assert main([*command, "--orbit", "--json", str(file)]) == 0
+    record, response = read(file), jaxhb.solve(pair(LIGHTER), rpm=6000.0)
+    assert record["meshes"][MESH]["max"] == float(response.force(MESH).max)
+    assert record["motion"]["orbit"] and record["motion"]["kind"] == "periodic"
+    found = jaxhb.stability(response)
+    assert (record["motion"]["stable"], record["motion"]["multiplier"]) == (found.stable, found.largest)
+    assert f"orbit: periodic, period one cycle; {'stable' if found.stable else 'UNSTABLE'}" in capsys.readouterr().out
+
+
+def test_a_sweep_both_ways_tells_hysteresis(tmp_path, capsys):
+    """At 4500 rpm the pair hammers when it comes from above and stays in contact from below (published branches)."""
+    files = [tmp_path / name for name in ("s.json", "s.csv", "s.png")]
+    options = [part for kind, file in zip(("json", "csv", "plot"), files, strict=True) for part in (f"--{kind}", file)]
+    command = ["sweep", "spur_pair", "--rpm", "4500,5000", "--direction", "both", *map(str, options)]
+    assert main(command) == 0
+    said, record = capsys.readouterr().out, read(files[0])
+    assert said.startswith("Upwards: Teeth separate at 1 of 2 speeds between 4500 and 5000 rpm: 5000 rpm.")
+    assert "Downwards: Teeth separate at 2 of 2 speeds" in said
+    assert "Upwards and downwards differ at 4500 rpm" in said
+    assert record["direction"] == "both" and "responses" not in record
+    kinds = {way: [row["motion"]["kind"] for row in record[way]] for way in ("up", "down")}
+    assert kinds == {"up": ["contact", "periodic"], "down": ["periodic", "periodic"]}
+    with files[1].open() as text:
+        rows = list(csv.DictReader(text))
+    assert [(row["direction"], row["rpm"], row["motion"]) for row in rows] == [
+        ("up", "4500.0", "contact"),
+        ("up", "5000.0", "periodic"),
+        ("down", "4500.0", "periodic"),
+        ("down", "5000.0", "periodic"),
+    ]
+    assert files[2].read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_direction_is_none_of_an_orbit(capsys):
+    assert main(["sweep", "spur_pair", "--rpm", "4500,5000", "--orbit", "--direction", "down"]) == 2
+    assert "--direction: periodic solutions (--orbit) do not depend on it" in capsys.readouterr().err
+
+
+def test_a_sweep_of_orbits_says_which_are_unstable_where_the_train_does_something_else(capsys):
+    """Speeds over the natural frequency 1.0, where the lightly loaded pair has a period of two cycles."""
+    settings = {"drive.mean": 12.5, "brake.mean": -12.5}
+    train = jaxhb.load_scene("spur_pair").replace(settings)
+    orbits = answer_speeds(train, [5400.0, 5625.0], Asked(orbit=True))["orbit"]
+    for answer in orbits:
+        truth = jaxhb.stability(jaxhb.solve(train, rpm=answer.rpm))
+        assert answer.growth.stable == truth.stable
+        # The cheap multiplier of a sweep is good to 10 % (its docstring).
+        assert answer.growth.multiplier == pytest.approx(truth.largest, rel=0.1)
+
+
+def test_the_picture_of_several_cycles_shows_them_all():
+    answer = answer_one(pair(LIGHT), 6000.0, Asked())
+    above, below = plot_cycle(answer).axes
+    after, before = above.get_lines()[:2]
+    assert after.get_xdata()[-1] == before.get_xdata()[-1] == pytest.approx(22.5)
+    assert after.get_ydata().max() == pytest.approx(float(answer.gear_torque("gear a").max), rel=1e-3)
+    # Without backlash both cycles are alike.
+    one, other = np.split(before.get_ydata()[:-1], 2)
+    np.testing.assert_allclose(one, other)
+
+
+def test_the_picture_of_an_irregular_motion_shows_the_distribution_over_the_cycles():
+    answer = answer_one(pair(LIGHTER), 6000.0, Asked())
+    above, below = plot_cycle(answer).axes
+    highest = answer.gear_torque("gear a").highest
+    np.testing.assert_array_equal(above.get_lines()[0].get_ydata(), highest)
+    peaks, shares = below.get_lines()[0].get_data()
+    assert peaks.max() == answer.force(MESH).max / 1e3 and shares.max() == 100
+    low, _, high = answer.force(MESH).per_cycle.max / 1e3
+    above, _ = plot_sweep({"up": [answer]}).axes
+    bars = [line.get_ydata() for line in above.get_lines() if list(line.get_xdata()) == [6000.0, 6000.0]]
+    np.testing.assert_allclose(bars, [[low, high]])
+    assert {"irregular (bar: 5 to 95 % of the cycles)"} < {t.get_text() for t in above.get_legend().get_texts()}
+
+
+def test_what_is_not_known_exits_1_with_the_reason_and_no_numbers(tmp_path, capsys):
+    file = tmp_path / "s.csv"
+    command = ["sweep", "spur_pair", "--rpm", "2000,5000", "--set", "drive.mean=70", "--csv", str(file)]
+    assert main([*command, "--plot", str(tmp_path / "s.png")]) == 1
+    said = capsys.readouterr()
+    assert "Unknown, the mean torques do not balance" in said.out
+    assert [line.split()[1:7] for line in said.out.splitlines()[4:6]] == [["-"] * 6] * 2
+    assert len(said.err.splitlines()) == 2 and "add a [[load]]" in said.err
+    with file.open() as text:
+        assert all(row[f"{MESH} max N"] == "" for row in csv.DictReader(text))
+
+
+def test_what_is_periodic_and_not_converged_exits_1(monkeypatch, capsys):
+    """As where too few harmonics are asked for: the kind is known, the solution is not within its tolerance."""
+    command = ["solve", "spur_pair", "--rpm", "5000", "--harmonics", "16", "--tolerance", "1e-12"]
+    assert main(command) == 1
+    said = capsys.readouterr()
+    assert "motion: periodic, period one cycle" in said.out
+    assert "TOLERANCE_NOT_MET" in said.err
+
+
+def test_a_sweep_tells_how_many_speeds_are_done(monkeypatch):
+    done = []
+    answer_speeds(pair(LIGHT), [4000.0, 4500.0], Asked(), progress=done.append, say=done.append)
+    assert sum(count for count in done if isinstance(count, int)) == 2
+    assert "speeds marched until the motion settles" in done
+    monkeypatch.setattr(compute, "solve", lambda *_, **__: pytest.fail("an orbit nobody asked for"))
+    answer_one(pair(LIGHT), 4000.0, Asked())
