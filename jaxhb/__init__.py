@@ -23,8 +23,9 @@ _HOMES = {
     "periodic.solve": ("linear_response", "plan", "solve"),
     "periodic.speeds": ("solve_speeds",),
     "periodic.branch": ("Branch", "BranchOptions", "follow"),
+    "periodic.returns": ("Cycles",),
     "periodic.stability": ("Stability", "largest_multiplier", "stability"),
-    "periodic.steady_state": ("Cycles", "steady_state"),
+    "periodic.steady_state": ("steady_state",),
     "response.steady": ("SteadyState", "SteadySweep"),
     "design": ("tune",),
 }

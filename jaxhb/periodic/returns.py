@@ -1,4 +1,6 @@
-"""Whether a marched motion returns: the period that it has, approaches, or does not have. Host arithmetic."""
+"""When a march ends: the period that its motion has, approaches, or does not have. Host arithmetic."""
+
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,6 +25,27 @@ SMALL = 0.3
 
 WINDOW = 3
 """Cycles in a window at least; as many as the period has."""
+
+
+TRANSIENT, WORK = (64, 192), 4e6
+"""Cycles before a record, fewest and most, and steps times modes that they may take."""
+
+
+@dataclass(frozen=True)
+class Cycles:
+    """How long a march is at most.
+
+    transient : cycles before the record, by default 64 to 192, more of them for trains whose cycles are cheap;
+    recorded : cycles of the record of a motion that does not return; most : cycles while return errors still fall.
+    """
+
+    transient: int | None = None
+    recorded: int = 64
+    most: int = 256
+
+    def before_record(self, work):
+        """Cycles before the record, for ``work`` steps times modes a cycle."""
+        return int(np.clip(WORK / work, *TRANSIENT)) if self.transient is None else self.transient
 
 
 class Returns:
@@ -91,3 +114,31 @@ def decaying(errors):
     """Whether return errors of successive windows, the latest first, fall."""
     now, before, first = errors
     return now <= SMALL and now <= DECAYING * before and before <= DECAYING * first < np.inf
+
+
+def ended(batch, cycles):
+    """``(march, period)`` of those of a batch that have a period, or go on without (0) no longer, after more cycles."""
+    running = [march for march in batch.marches if not march.done]
+    transient = cycles.before_record(batch.steps * len(batch.equations.modes.rates))
+    while True:
+        first = [march for march in running if march.cycles < transient]
+        later = [march for march in running if march.cycles >= transient]
+        recording = [march for march in later if march.recorded < cycles.recorded]
+        further = [march for march in later if march.recorded >= cycles.recorded]
+        for group, record in ((first + further, False), (recording, True)):
+            batch.run(group, record)
+        ended = [(march, _period(march, cycles)) for march in running]
+        if any(period is not None for _, period in ended):
+            return [(march, period) for march, period in ended if period is not None]
+
+
+def _period(march, cycles):
+    """The period of a march, 0 where it ends without, None where it goes on."""
+    if not march.returns.finite:
+        return 0
+    complete = march.recorded >= cycles.recorded
+    period = march.returns.period()
+    if period and (complete or march.cycles >= march.again):
+        return period
+    over = complete and (march.cycles >= cycles.most or not march.returns.undecided())
+    return march.returns.period(last=True) if over else None

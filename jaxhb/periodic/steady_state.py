@@ -1,7 +1,5 @@
 """What a train does after it has run long enough: contact, a period of one or several cycles, or none."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from .._arrays import staged, traced
@@ -14,12 +12,10 @@ from .marching import Batch, Equations, record_of
 from .planned import solve_batches
 from .planning import plan_speeds
 from .request import Request, check_speed
+from .returns import Cycles, ended
 from .settled import same_motion, shortest_period, solve_settled
 
 DIRECTIONS = "up", "down", "both"
-
-TRANSIENT, WORK = (64, 192), 4e6
-"""Cycles before a record, fewest and most, and steps times modes that they may take."""
 
 AGAIN = 32
 """Cycles that a march goes on where harmonic balance did not find its motion."""
@@ -34,23 +30,6 @@ another start."""
 LEVEL = 0.1
 """Difference of the largest deflections of neighbouring speeds from which the one may have another motion when it
 starts from the other."""
-
-
-@dataclass(frozen=True)
-class Cycles:
-    """How long a march is at most.
-
-    transient : cycles before the record, by default 64 to 192, more of them for trains whose cycles are cheap;
-    recorded : cycles of the record of a motion that does not return; most : cycles while return errors still fall.
-    """
-
-    transient: int | None = None
-    recorded: int = 64
-    most: int = 256
-
-    def before_record(self, work):
-        """Cycles before the record, for ``work`` steps times modes a cycle."""
-        return int(np.clip(WORK / work, *TRANSIENT)) if self.transient is None else self.transient
 
 
 def steady_state(
@@ -258,7 +237,7 @@ class _Search:
                 batch.begin(i, motions[place])
         found = {}
         while len(found) < len(places):
-            for march, period in _ended(batch, self.cycles):
+            for march, period in ended(batch, self.cycles):
                 place = places[march.place]
                 state = self._state_of(place, batch, march, period, hz)
                 if state is None:
@@ -334,34 +313,6 @@ class _Search:
             if march.returns.errors(shorter)[0] > RETURNED:
                 return None, "", period
             period = shorter
-
-
-def _ended(batch, cycles):
-    """``(march, period)`` of those of a batch that have a period, or go on without (0) no longer, after more cycles."""
-    running = [march for march in batch.marches if not march.done]
-    transient = cycles.before_record(batch.steps * len(batch.equations.modes.rates))
-    while True:
-        first = [march for march in running if march.cycles < transient]
-        later = [march for march in running if march.cycles >= transient]
-        recording = [march for march in later if march.recorded < cycles.recorded]
-        further = [march for march in later if march.recorded >= cycles.recorded]
-        for group, record in ((first + further, False), (recording, True)):
-            batch.run(group, record)
-        ended = [(march, _period(march, cycles)) for march in running]
-        if any(period is not None for _, period in ended):
-            return [(march, period) for march, period in ended if period is not None]
-
-
-def _period(march, cycles):
-    """The period of a march, 0 where it ends without, None where it goes on."""
-    if not march.returns.finite:
-        return 0
-    complete = march.recorded >= cycles.recorded
-    period = march.returns.period()
-    if period and (complete or march.cycles >= march.again):
-        return period
-    over = complete and (march.cycles >= cycles.most or not march.returns.undecided())
-    return march.returns.period(last=True) if over else None
 
 
 def _motion_of(train, start):

@@ -14,8 +14,8 @@ import jaxhb
 from jaxhb import Disk, Mesh, Torque
 from jaxhb.harmonic import backlash
 from jaxhb.harmonic.excitation import excitation, highest_harmonic
+from jaxhb.periodic.returns import Cycles
 from jaxhb.periodic.settled import partly_lossy, shortest_period
-from jaxhb.periodic.steady_state import Cycles
 from jaxhb.transient.integrate import cycle
 
 HALF_GAP = 1.0
