@@ -102,9 +102,11 @@ def _verdict(answers):
 
 
 def _kinds(answers):
-    """A line for each kind of motion other than contact and one cycle."""
+    """A line for each kind of motion other than contact and one stable cycle."""
     speeds, alike_in = [answer.rpm for answer in answers], {}
     for answer in answers:
+        if answer.growth.unstable:
+            alike_in.setdefault("UNSTABLE, the train does not run in these motions,", []).append(answer.rpm)
         period = answer.state.period
         said = {
             "subharmonic": f"The motion has a period of {period} cycles",

@@ -12,6 +12,7 @@ from jaxhb.show.cli import main
 from jaxhb.show.compute import Asked, answer_one, answer_speeds
 from jaxhb.show.plots import plot_cycle
 from jaxhb.show.sweep_plots import plot_sweep
+from jaxhb.show.sweep_tables import sweep_text
 
 MESH = "gear a|gear b"
 DAMPING = f"{MESH}.damping"
@@ -129,16 +130,21 @@ def test_a_direction_is_none_of_an_orbit(capsys):
     assert "--direction: periodic solutions (--orbit) do not depend on it" in capsys.readouterr().err
 
 
-def test_a_sweep_of_orbits_says_which_are_unstable_where_the_train_does_something_else(capsys):
-    """Speeds over the natural frequency 1.0, where the lightly loaded pair has a period of two cycles."""
-    settings = {"drive.mean": 12.5, "brake.mean": -12.5}
-    train = jaxhb.load_scene("spur_pair").replace(settings)
-    orbits = answer_speeds(train, [5400.0, 5625.0], Asked(orbit=True))["orbit"]
-    for answer in orbits:
+def test_a_sweep_of_orbits_says_which_are_unstable():
+    """A lightly loaded pair, which does something else at the second speed."""
+    train = jaxhb.load_scene("spur_pair").replace({"drive.mean": 12.5, "brake.mean": -12.5})
+    sweep = answer_speeds(train, [4000.0, 6000.0], Asked(orbit=True))
+    for answer, stable in zip(sweep["orbit"], (True, False), strict=True):
         truth = jaxhb.stability(jaxhb.solve(train, rpm=answer.rpm))
-        assert answer.growth.stable == truth.stable
+        assert answer.growth.stable == truth.stable == stable
         # The cheap multiplier of a sweep is good to 10 % (its docstring).
         assert answer.growth.multiplier == pytest.approx(truth.largest, rel=0.1)
+    said = sweep_text(sweep)
+    assert "UNSTABLE, the train does not run in these motions, at 6000 rpm." in said
+    assert "The periodic motion at 6000 rpm is UNSTABLE (a disturbance grows" in said
+    markers = {line.get_marker() for line in plot_sweep(sweep).axes[0].get_lines() if len(line.get_xdata()) == 1}
+    assert markers == {"s", "v"}
+    assert answer_one(train, 6000.0, Asked()).state.kind != "periodic"
 
 
 def test_the_picture_of_several_cycles_shows_them_all():

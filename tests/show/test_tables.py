@@ -72,7 +72,7 @@ def test_no_unstable_motion_goes_without_the_word():
     assert said[0].startswith("Unstable, the train does not run in this motion: the teeth hammer at 5000 rpm")
     assert "UNSTABLE (fold): a disturbance grows 2.5 times in a cycle" in said[3]
     assert any("The periodic motion at 5000 rpm is UNSTABLE" in note for note in notes(orbit))
-    assert sweep_text({"orbit": [orbit]}).splitlines()[3].split()[-2:] == ["converged,", "UNSTABLE"]
+    assert sweep_text({"orbit": [orbit]}).splitlines()[4].split()[-2:] == ["converged,", "UNSTABLE"]
     # Where loss factors refuse a multiplier, the one with viscous damping in their place gives the word.
     lossy = dataclasses.replace(orbit, growth=Growth(refused="a loss factor", nearly=1.4))
     assert "unstable" in solve_text(lossy).splitlines()[0].lower()
