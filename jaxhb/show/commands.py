@@ -24,6 +24,7 @@ from .record import answer_record, finite, modes_record
 from .sweep_tables import sweep_text
 from .tables import modes_text, solve_text
 from .tuned import progress_record, tuned_record, tuned_text
+from .tuned_check import check_designs, check_text
 from .words import warnings
 
 ANSWERED, NOT_ANSWERED, INTERRUPTED = 0, 1, 130
@@ -111,12 +112,18 @@ def tune(train, arguments):
     with Progress(asked.get("steps", 0)) as progress:
         progress.say("solving the scene as it is")
         result = search(train, **asked, on_step=lambda step: _tell(files, progress, step))
-    files.write(result.after.parameters, tuned_record(train, asked, result))
+    record = tuned_record(train, asked, result)
+    files.write(result.after.parameters, record)
     if arguments.plot:
         from .plots import plot_tuning
 
         write_files({arguments.plot: as_picture(arguments.plot, plot_tuning(asked["objective"], result))})
     print(tuned_text(train, asked, result))
+    if not result.interrupted:  # who stops a tuning does not wait for more
+        with Progress() as progress:
+            checked = check_designs(train, asked, result, progress.say)
+        files.write(result.after.parameters, record | {"steady_state": finite(checked)})
+        print(f"\n{check_text(checked)}")
     print(f"\nThe tuned scene is {arguments.output}, all numbers are in {arguments.json}.")
     if result.interrupted:
         return INTERRUPTED

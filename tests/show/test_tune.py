@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 import jaxhb
+from jaxhb.design import Objective, Parameter
 from jaxhb.design.table import read_table
 from jaxhb.model.scene_writer import changed_scene
 from jaxhb.show import commands
 from jaxhb.show.cli import main
 from jaxhb.show.plots import plot_tuning
+from jaxhb.show.tuned_check import check_designs, check_text
 
 TABLE = """
 [tune]
@@ -81,6 +83,11 @@ def test_the_tuned_scene_loads_and_the_files_say_what_was_done(scene, tmp_path, 
     assert f"{round(max(swing['after']), -1):.0f} N m at {worst:g} rpm after" in said
     assert "pulley.inertia" in said and "0.005 to 0.05" in said and "at least -0.006" in said
     assert (tmp_path / "tuned.png").read_bytes().startswith(b"\x89PNG")
+    # A linear train does what was tuned.
+    checked = record["steady_state"]["after"]
+    assert (checked["kind"], checked["differences"]) == (["contact"] * 7, [])
+    np.testing.assert_allclose(checked["readings"]["shaft torque of cyl6|flywheel"], truth, rtol=1e-9)
+    assert "Both designs do at all speeds what was tuned" in said
     unchanged = tomllib.loads((tmp_path / "better.toml").read_text(encoding="utf-8"))
     assert unchanged["tune"] == tomllib.loads(TABLE)["tune"]
 
@@ -199,3 +206,26 @@ def test_every_packaged_scene_is_written_anew_as_it_was(name, tmp_path):
     for table in ("disks", "shafts", "meshes", "dampers", "torques", "cylinders"):
         for field, values in vars(getattr(before, table)).items():
             np.testing.assert_array_equal(getattr(getattr(after, table), field), values)
+
+
+def test_a_design_whose_tuned_orbit_is_not_what_the_train_does_is_told():
+    """A lightly loaded pair: attracted to one cycle at 4000 rpm, irregular at 6000 rpm, where an orbit exists too."""
+    mesh = "gear a|gear b"
+    train = jaxhb.load_scene("spur_pair").replace({"drive.mean": 12.5, "brake.mean": -12.5})
+    asked = {
+        "rpm": np.array([4000.0, 6000.0]),
+        "parameters": [Parameter(name=f"{mesh}.damping", low=900.0, high=1200.0)],
+        "objective": [Objective(quantity="tooth force peak", of=mesh)],
+        "penalties": [],
+    }
+    result = jaxhb.tune(train, **asked, steps=1)
+    found = check_designs(train, asked, result)
+    state = jaxhb.steady_state(train, rpm=asked["rpm"])[1]
+    orbit = result.before.readings[f"tooth force peak of {mesh}"][1]
+    assert found["before"]["kind"] == ["periodic", "irregular"]
+    (said,) = found["before"]["differences"]
+    assert said == (
+        f"The first design at 6000 rpm is irregular: tooth force peak of {mesh} "
+        f"{state.force(mesh).peak / 1e3:.3g} kN instead of {orbit / 1e3:.3g} kN."
+    )
+    assert said in check_text(found)
