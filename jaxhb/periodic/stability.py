@@ -18,7 +18,7 @@ from ..harmonic.excitation import listed_harmonic
 from ..harmonic.residual import backlash_meshes
 from ..response.status import NotConverged, Status
 from ..transient.reduced_model import reduced_model
-from ..transient.statespace import partition, state_space
+from ..transient.statespace import partition, state_space_on_host
 from ..transient.stepper import exponential
 from ..transient.variational import monodromy
 from . import correction
@@ -36,8 +36,6 @@ NEUTRAL = 1e-8
 
 SAMPLES = 64
 """Time samples per harmonic at which slopes are taken for averages: damping in contact gives them short peaks."""
-
-_state_space = Program(state_space, static_argnames="parts")
 
 
 @dataclass(frozen=True)
@@ -142,7 +140,7 @@ def stability(response):
     parts = partition(system, meshes, topology.disk_names, topology.link_names)
     frequency = topology.cycle_frequency(float(response.rpm))
     deflection = np.asarray(response.deflections)[np.flatnonzero(topology.mesh_backlash)]
-    space = jax.tree.map(np.asarray, _state_space(system, meshes, frequency, parts=parts))
+    space = jax.tree.map(np.asarray, state_space_on_host(system, meshes, frequency, parts=parts))
     found = monodromy(space, meshes, deflection, frequency, exact.switching_times(meshes.law, deflection))
     multipliers, rotation = _multipliers(found.matrix, space.coordinates, system, frequency)
     return Stability(multipliers, rotation, float(np.expm1(found.log_determinant - found.trace)))

@@ -153,21 +153,16 @@ def _linear_motion(train, rpm, system, meshes, harmonics):
     """The :class:`Posed` of one speed."""
     torque, load_torque, _ = excitation(train, rpm, harmonics)
     frequency = train.topology.cycle_frequency(rpm)
-    displacement = linear_response(system, frequency, torque / jnp.asarray(system.radius)[:, None])
+    displacement = linear_response(system, frequency, torque / system.radius[:, None])
     force = force_on_flank(meshes.law, system.deflections(displacement, meshes.link))
     shift = _static(matrices(system)[1], system.spread(-force, meshes.link))
     return Posed(frequency, displacement, shift, load_torque)
 
 
-@Program
-def _posed(train, rpm, system, meshes, blank):
-    train, system, meshes = jax.tree.map(jnp.asarray, (train, system, meshes))
-    return jax.vmap(lambda one: _linear_motion(train, one, system, meshes, len(blank) - 1))(rpm)
-
-
 def pose(train, rpm, system, meshes, harmonics):
     """The :class:`Posed` of the speeds ``(L,)``, on the host."""
-    return jax.tree.map(np.asarray, _posed(train, np.asarray(rpm, float), system, meshes, np.zeros(harmonics + 1)))
+    every = [_linear_motion(train, speed, system, meshes, harmonics) for speed in np.asarray(rpm, float)]
+    return jax.tree.map(lambda *values: np.stack(values), *every)
 
 
 def lanes_of(modes, system, meshes, posed, steps):

@@ -14,8 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._program import Program
-from .statespace import matrices, state_space
+from .statespace import matrices, state_space_on_host
 
 FREE, ROUNDED = 1e-5, 1e-15
 """Frequency given to free rotation, as a share of that of the cycle, by springs in proportion to the inertias; its
@@ -23,8 +22,6 @@ square is at least this share of the highest, which rounding leaves."""
 
 CONDITION, PARTING = 1e7, 1e-9
 """Condition of the eigenvectors above which damping is added, and what share of the largest."""
-
-_state_space = Program(state_space, static_argnames="parts")
 
 
 @dataclass(frozen=True)
@@ -60,7 +57,7 @@ def damped_modes(system, meshes, frequency, parts):
     highest = np.max(np.asarray(system.held_stiffness())[inertial] / system.mass[inertial])
     soft = max((FREE * frequency) ** 2, ROUNDED * highest)
     held = dataclasses.replace(system, ground=system.ground + soft * system.mass)
-    space = _state_space(held, meshes, frequency, parts=parts)
+    space = state_space_on_host(held, meshes, frequency, parts=parts)
     A, T = np.asarray(space.transition), np.asarray(space.coordinates)
     return modes_of(space, _motion(system, A, T, parts))
 

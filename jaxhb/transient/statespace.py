@@ -18,6 +18,7 @@ import numpy as np
 from jax import lax
 
 from .._arrays import namespace
+from .._program import Program
 
 
 @dataclass(frozen=True)
@@ -179,6 +180,10 @@ def _blocks(*blocks):
     return jax.scipy.linalg.block_diag(*blocks)
 
 
+state_space_on_host = Program(state_space, static_argnames="parts")
+"""The program of :func:`state_space` for those that need nothing else of it."""
+
+
 def linear_response(system, frequency, load):
     """Steady displacements of the train with all meshes in contact, one dense solve per harmonic.
 
@@ -193,19 +198,20 @@ def linear_response(system, frequency, load):
     complex array ``(S, N+1)`` m
         Displacements that no force opposes (the rotation of a floating train, rings without spring) have mean zero.
     """
-    B, K = matrices(system)
+    xp, (B, K) = namespace(system, frequency, load), matrices(system)
     mean = _static(K, load[:, 0].real)
-    omega = frequency * jnp.arange(1, load.shape[-1])
-    Z = K + 1j * omega[:, None, None] * B - omega[:, None, None] ** 2 * jnp.diag(system.mass)
-    harmonics = jnp.linalg.solve(Z, load[:, 1:].T[..., None])[..., 0].T
-    return jnp.concatenate([mean[:, None] + 0j, harmonics], axis=1)
+    omega = frequency * xp.arange(1, load.shape[-1])
+    Z = K + 1j * omega[:, None, None] * B - omega[:, None, None] ** 2 * xp.diag(system.mass)
+    harmonics = xp.linalg.solve(Z, load[:, 1:].T[..., None])[..., 0].T
+    return xp.concatenate([mean[:, None] + 0j, harmonics], axis=1)
 
 
 def _static(K, force):
     """K^-1 force, without the motions that meet no stiffness (the load is balanced on them)."""
-    diagonal = jnp.diag(K)
-    scale = jnp.sqrt(jnp.where(diagonal > 0, diagonal, 1.0))
-    values, vectors = jnp.linalg.eigh(K / scale[:, None] / scale)
+    xp = namespace(K, force)
+    diagonal = xp.diag(K)
+    scale = xp.sqrt(xp.where(diagonal > 0, diagonal, 1.0))
+    values, vectors = xp.linalg.eigh(K / scale[:, None] / scale)
     held = values > 1e-13
-    inverse = jnp.where(held, 1.0, 0.0) / jnp.where(held, values, 1.0)
+    inverse = xp.where(held, 1.0, 0.0) / xp.where(held, values, 1.0)
     return (vectors @ (inverse * (vectors.T @ (force / scale)))) / scale

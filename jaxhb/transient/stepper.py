@@ -24,6 +24,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from .._arrays import namespace
 from ..harmonic import backlash, fourier
 from ..harmonic.backlash import Law
 from .statespace import StateSpace, _static, linear_response, matrices, partition, state_space
@@ -163,7 +164,7 @@ def discretize(system, meshes, frequency, load, steps, parts=None):
 
 def force_on_flank(law, linear):
     """phi ``(G,)`` N of meshes on their drive sides, the signs of the means of ``linear`` ``(G, N+1)``."""
-    return -backlash.offset(law) * jnp.where(linear[:, 0].real < 0, -1.0, 1.0)
+    return -backlash.offset(law) * namespace(linear).where(linear[:, 0].real < 0, -1.0, 1.0)
 
 
 def seen(deflection, frequency):
