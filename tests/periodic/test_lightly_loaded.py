@@ -1,0 +1,61 @@
+"""The lightly loaded pair: what it does in the long run, and which of its orbits are unstable, against exact motions.
+
+``benchmarks/pair_motions.py`` compares all 15 speeds in both directions.
+"""
+
+import json
+
+import numpy as np
+import pytest
+from event_exact import Pair
+from lightly_loaded import TABLE
+from trains import pair_rpm, pair_train
+
+import jaxhb
+
+EPSILON = 1e-3
+ROWS = {row["speed"]: row for row in json.loads(TABLE.read_text())["laws"][1]["rows"]}
+
+
+@pytest.fixture(scope="module")
+def train():
+    """With a transition zone that moves extremes by 0.1 % of what a sharp gap gives."""
+    return pair_train(Pair(1.0, epsilon=EPSILON), transition=0.01)
+
+
+def rpm(speed):
+    return pair_rpm(Pair(speed, epsilon=EPSILON))
+
+
+def test_the_table_is_that_of_this_stiffness_in_the_gap():
+    assert json.loads(TABLE.read_text())["laws"][1]["epsilon"] == EPSILON
+
+
+@pytest.mark.parametrize("speed", [0.6, 1.0, 1.3, 1.6])
+def test_a_steady_state_is_an_exact_motion_of_the_long_run(train, speed):
+    state = jaxhb.steady_state(train, rpm=rpm(speed), tolerance=1e-3)
+    deflection = state.deflection("a", "b")
+    found = np.array([deflection.max, deflection.min])
+    exact = [(a["period"], np.array([a["maximum"], a["minimum"]])) for a in ROWS[speed]["attractors"]]
+    # 0.2 %: the transition zone, and 0.1 % of truncation
+    assert any(period == state.period and np.abs(found - m).max() < 2e-3 * np.abs(m).max() for period, m in exact)
+
+
+def test_where_no_motion_repeats_the_record_reaches_what_the_exact_motion_reaches_in_as_many_cycles(train):
+    state, (exact,) = jaxhb.steady_state(train, rpm=rpm(1.1)), ROWS[1.1]["attractors"]
+    assert state.kind == exact["kind"] == "irregular"
+    low, _, high = exact["largest_over"][str(state.record.cycles)]
+    assert 0.97 * low < state.deflection("a", "b").max < 1.03 * high
+
+
+@pytest.mark.parametrize("speed", [0.4, 0.8, 1.0, 1.5])
+def test_an_orbit_of_one_cycle_is_as_stable_as_the_exact_one(train, speed):
+    orbit = jaxhb.solve(train, rpm=rpm(speed), tolerance=1e-3)
+    assert orbit.converged
+    told, top = jaxhb.stability(orbit), float(orbit.deflection("a", "b").max)
+    exact = min(ROWS[speed]["orbits"], key=lambda one: abs(one["maximum"] - top))
+    wanted = max((complex(*pair) for pair in exact["multipliers"]), key=abs)
+    wanted = wanted.conjugate() if wanted.imag * told.critical.imag < 0 else wanted
+    assert abs(told.critical - wanted) < 2e-3 * abs(wanted)  # the law is smooth there, and the motion cut off
+    assert told.stable == (abs(wanted) < 1)
+    assert told.loses_by == (None if told.stable else "period doubling")
