@@ -72,7 +72,9 @@ class Store:
         path = self._path(key)
         if path is None:
             return
-        with contextlib.suppress(OSError, ValueError, RuntimeError):
+        # A pullback among the results holds functions of jax that no file can.
+        unpickled = AttributeError, TypeError, pickle.PicklingError
+        with contextlib.suppress(OSError, ValueError, RuntimeError, *unpickled):
             executable, _, tree = serialize_executable.serialize(compiled)
             content = pickle.dumps((executable, jax.tree.unflatten(tree, range(tree.num_leaves))))
             self._make_room(len(content))

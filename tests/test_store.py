@@ -168,3 +168,12 @@ def test_arguments_that_the_program_was_not_compiled_for_are_left_to_jit(kept):
     assert not files(kept)
     assert program(jnp.asarray(2.0))["twice"] == 4.0
     assert len(files(kept)) == 1
+
+
+def test_a_program_whose_result_holds_functions_is_not_kept_and_runs(kept):
+    def pulled(x):
+        return jax.vjp(lambda x: jax.jit(jnp.sin)(x) ** 2, x)
+
+    value, pull = _program.Program(pulled)(np.asarray(1.0))
+    assert float(pull(np.asarray(1.0))[0]) == pytest.approx(np.sin(2.0), rel=1e-12)  # d sin2 = sin 2x
+    assert float(value) == pytest.approx(np.sin(1.0) ** 2, rel=1e-12)
