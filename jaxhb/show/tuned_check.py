@@ -93,7 +93,7 @@ def _difference(state, pairs):
     ]
     if not kind and not apart:
         return ""
-    motion = kind or "does something else"
+    motion = kind or "is in another motion"
     return f"at {state.rpm:g} rpm {motion}{': ' if apart else ''}{', '.join(apart)}."
 
 
