@@ -7,6 +7,7 @@ steps are timed. Mesh law and damping are those of :mod:`jaxhb.harmonic.backlash
 - :func:`implicit_tree`: generalized-alpha (Chung and Hulbert 1993; ``rho = 1`` is the trapezoidal rule in its midpoint
   form), second order. The linear train with all teeth in contact is factorised once along the tree; a step is one
   solve with the factor, then Newton's method for the deflections of the meshes alone.
+- :func:`runge_kutta_links`: the classical method once more, for trains of any form.
 """
 
 import numpy as np
@@ -285,3 +286,69 @@ def stepping(task, method, steps, rho=RHO):
     a = np.empty_like(x)
     accelerate(m, x, v, task.table(2), a)
     return lambda deflection, rate: implicit_tree(m, scheme, factor, x, v, a, table, dt, deflection, rate), (x, v)
+
+
+@njit(error_model="numpy")
+def _accelerate_links(x, v, load, out, disk, link, mesh):
+    """Accelerations of the disks; ``disk``: damping, ground, inverse mass; ``link``: ends, arms, stiffness, damping;
+    ``mesh``: of each link, its law, or a backlash of -1 where it is linear."""
+    damping, ground, inverse = disk
+    for s in range(x.size):
+        out[s] = load[s] - damping[s] * v[s] - ground[s] * x[s]
+    for k in range(link.shape[1]):
+        a, b = int(link[0, k]), int(link[1, k])
+        l = link[2, k] * x[a] - link[3, k] * x[b]
+        rate = link[2, k] * v[a] - link[3, k] * v[b]
+        force = _link_force(l, rate, link[4, k], link[5, k], mesh[0, k], mesh[1, k], mesh[2, k], mesh[3, k])
+        out[a] -= link[2, k] * force
+        out[b] += link[3, k] * force
+    for s in range(x.size):
+        out[s] *= inverse[s]
+
+
+@njit(error_model="numpy")
+def _link_force(l, rate, stiffness, damping, backlash, epsilon, transition, gated):
+    """Law (18) and damping of a mesh, or a linear link where ``backlash`` is negative; N."""
+    if backlash < 0:
+        return stiffness * l + damping * rate
+    width = transition * backlash
+    beyond = abs(l) - (1 - transition) * backlash / 2
+    u = min(max(beyond, 0.0), width)
+    w = max(beyond - width, 0.0)
+    contact = (1 - epsilon) * stiffness * (u * u / (2 * width) + w)
+    share = u / width if gated else 1.0
+    return epsilon * stiffness * l + (contact if l > 0 else -contact) + damping * rate * share
+
+
+@njit(error_model="numpy")
+def runge_kutta_links(x, v, loads, dt, cycles, disk, link, mesh, kept):
+    """Classical Runge-Kutta through the links of any train, ``cycles`` on, in place.
+
+    Returns deflections at ``kept`` instants ``(cycles, kept, L)`` and the largest and smallest force of each link
+    ``(cycles, 2, L)``; ``loads`` ``(2 steps, S)`` at half steps, the others as in :func:`_accelerate_links`.
+    """
+    steps, links = loads.shape[0] // 2, link.shape[1]
+    seen, extremes = np.zeros((cycles, kept, links)), np.zeros((cycles, 2, links))
+    a1, a2, a3, a4 = np.empty_like(x), np.empty_like(x), np.empty_like(x), np.empty_like(x)
+    extremes[:, 0], extremes[:, 1] = -np.inf, np.inf
+    for c in range(cycles):
+        for j in range(steps):
+            for k in range(links):
+                a, b = int(link[0, k]), int(link[1, k])
+                l = link[2, k] * x[a] - link[3, k] * x[b]
+                rate = link[2, k] * v[a] - link[3, k] * v[b]
+                f = _link_force(l, rate, link[4, k], link[5, k], mesh[0, k], mesh[1, k], mesh[2, k], mesh[3, k])
+                extremes[c, 0, k] = max(extremes[c, 0, k], f)
+                extremes[c, 1, k] = min(extremes[c, 1, k], f)
+                if (j * kept) % steps < kept:
+                    seen[c, j * kept // steps, k] = l
+            last = loads[2 * j + 2] if j + 1 < steps else loads[0]
+            _accelerate_links(x, v, loads[2 * j], a1, disk, link, mesh)
+            _accelerate_links(x + dt / 2 * v, v + dt / 2 * a1, loads[2 * j + 1], a2, disk, link, mesh)
+            _accelerate_links(
+                x + dt / 2 * v + dt * dt / 4 * a1, v + dt / 2 * a2, loads[2 * j + 1], a3, disk, link, mesh
+            )
+            _accelerate_links(x + dt * v + dt * dt / 2 * a2, v + dt * a3, last, a4, disk, link, mesh)
+            x += dt * v + dt * dt / 6 * (a1 + a2 + a3)
+            v += dt / 6 * (a1 + 2 * (a2 + a3) + a4)
+    return seen, extremes

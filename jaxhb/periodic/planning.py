@@ -32,6 +32,13 @@ def level_at_least(harmonics):
     return next((n for n in LEVELS if n >= harmonics), LEVELS[-1])
 
 
+def shared_level(harmonics):
+    """The smallest of few numbers of harmonics, SPARSE apart, that is not below ``harmonics``: for speeds that are not
+    known beforehand and share programs."""
+    few = LEVELS[LEVELS.index(48) :: 4]
+    return next((n for n in few if n >= harmonics), LEVELS[-1])
+
+
 def next_level(harmonics, method, ratio=DENSE):
     """The number of harmonics to try after ``harmonics``, about ``ratio`` times as many; None at the limit."""
     higher = [n for n in LEVELS if n >= 0.95 * ratio * harmonics and n <= MOST[method]]

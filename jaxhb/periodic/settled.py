@@ -95,9 +95,12 @@ def _plan(train, rpm, request, deflection, meshes):
     flank[own] = np.where(stays, side, 0)
     contact = planning.contact_plan(train, request)
     modes = planning.mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))
+    if request.many and not stays.all():
+        stays[:] = flank[:] = 0  # one program whatever meshes leave contact
     active = tuple(int(i) for i in own[~stays])
     apart = (np.abs(deflection) < law.gap[:, None]).any()
     wanted = planning.first_level(contact.excited, modes[0] if apart else 0.0) if active else contact.harmonics
+    wanted = planning.shared_level(wanted) if request.many and active else wanted
     return dataclasses.replace(
         contact,
         harmonics=request.harmonics or min(wanted, MOST[request.method]),

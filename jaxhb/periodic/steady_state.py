@@ -105,7 +105,8 @@ def steady_state(
     if direction not in DIRECTIONS:
         raise ValueError(f"direction is {direction!r}: give 'up', 'down' or 'both'")
     check_speed(train, rpm, many=True)
-    speeds, request = np.atleast_1d(np.asarray(rpm, dtype=float)), Request.of(train, harmonics, tolerance)
+    speeds = np.atleast_1d(np.asarray(rpm, dtype=float))
+    request = Request.of(train, harmonics, tolerance, many=len(speeds) > 1)
     search = _Search(train, speeds, request, exact, cycles or Cycles(), start, progress)
     if not np.ndim(rpm):
         return search.alone(0)
