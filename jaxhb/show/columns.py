@@ -28,7 +28,7 @@ def _group_line(groups, widths):
         begin = sum(widths[:first]) + 2 * first
         room = sum(widths[first : last + 1]) + 2 * (last - first)
         line = line.ljust(begin) + f" {title} ".center(room, "-")
-    return [line] if groups else []
+    return [line.rstrip()] if groups else []
 
 
 def alike(*columns, digits=4):

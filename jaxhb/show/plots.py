@@ -73,7 +73,7 @@ def plot_cycle(answer, gear=None):
     for axes in (above, below):
         low, high = axes.get_ylim()
         axes.set_ylim(low, high + 0.15 * (high - low) * (not recorded or axes is above))  # room for the legend
-        axes.legend(loc="lower right" if recorded and axes is below else "upper right", fontsize="small", ncols=3)
+        axes.legend(loc="best" if recorded and axes is below else "upper right", fontsize="small", ncols=3)
     return figure
 
 

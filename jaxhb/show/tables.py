@@ -36,11 +36,13 @@ def solve_text(answer):
 
 def notes_text(*answers):
     """The notes as one paragraph in a list; an empty list where there are none."""
-    remarks = [
-        textwrap.fill(remark, 116, initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False)
-        for remark in notes(*answers)
-    ]
+    remarks = [paragraph(remark) for remark in notes(*answers)]
     return ["\n".join(["Notes", *remarks])] if remarks else []
+
+
+def paragraph(text):
+    """A sentence of a list, in lines."""
+    return textwrap.fill(text, 116, initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False)
 
 
 def _mesh_table(answer):

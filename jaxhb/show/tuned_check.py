@@ -5,6 +5,7 @@ import numpy as np
 from ..design.evaluation import label
 from ..periodic.steady_state import steady_state
 from .balance import plain_number
+from .tables import paragraph
 from .tuned import scaled_unit
 
 APART = 0.02
@@ -67,7 +68,7 @@ def check_text(found):
     if not differences:
         return "Both designs do at all speeds what was tuned: their steady states are the periodic motions tuned."
     head = "Steady states that are not the periodic motions tuned"
-    return "\n".join([head, *(f"  {said}" for said in differences)])
+    return "\n".join([head, *map(paragraph, differences)])
 
 
 def _reading(state, chosen):
@@ -94,7 +95,8 @@ def _difference(state, pairs):
     if not kind and not apart:
         return ""
     motion = kind or "is in another motion"
-    return f"at {state.rpm:g} rpm {motion}{': ' if apart else ''}{', '.join(apart)}."
+    about = f" ({'; '.join(state.notes)})" if state.known and state.notes else ""
+    return f"at {state.rpm:g} rpm {motion}{': ' if apart else ''}{', '.join(apart)}{about}."
 
 
 def _shown(chosen, value):
