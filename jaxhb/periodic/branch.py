@@ -89,6 +89,11 @@ class Branch:
         return len(self.value)
 
     @property
+    def train(self):
+        """The train that was followed, with its own value of the parameter."""
+        return self._curve.train
+
+    @property
     def folds(self):
         """Values of the parameter at which the branch turns back, ``(F,)``."""
         return np.array([point.value for point in self.special if point.kind == "fold"])

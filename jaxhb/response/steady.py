@@ -37,12 +37,25 @@ class SteadySignal(Signal):
         return SteadySignal(**vars(super().elastic) | {"cycles": self.cycles})
 
     @property
+    def highest(self):
+        """Largest value of each cycle ``(cycles,)``."""
+        return self._by_cycle().max(axis=1)
+
+    @property
+    def lowest(self):
+        """Smallest value of each cycle ``(cycles,)``."""
+        return self._by_cycle().min(axis=1)
+
+    @property
     def per_cycle(self):
         """Largest and smallest value of each cycle, as :class:`PerCycle`."""
+        return PerCycle(np.percentile(self.highest, PERCENT), np.percentile(self.lowest, PERCENT))
+
+    def _by_cycle(self):
+        """Samples of each cycle and the first of the next ``(cycles, n + 1)``."""
         count = -(-self.resolution // self.cycles)
-        values = self.samples(count * self.cycles).reshape(self.cycles, count)
-        closed = np.concatenate([values, np.roll(values, -1, axis=0)[:, :1]], axis=1)
-        return PerCycle(np.percentile(closed.max(axis=1), PERCENT), np.percentile(closed.min(axis=1), PERCENT))
+        values = np.reshape(self.samples(count * self.cycles), (self.cycles, count))
+        return np.concatenate([values, np.roll(values, -1, axis=0)[:, :1]], axis=1)
 
 
 @dataclass(frozen=True)
