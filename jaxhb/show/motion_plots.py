@@ -136,7 +136,7 @@ def plot_cycle_peaks(*sweeps, mesh=None):
     return figure
 
 
-def plot_waterfall(sweep, mesh=None, *, highest=12.0):
+def plot_waterfall(sweep, mesh=None, *, highest=None):
     """Amplitudes of the orders of a tooth force, speed above speed.
 
     Parameters
@@ -144,8 +144,8 @@ def plot_waterfall(sweep, mesh=None, *, highest=12.0):
     sweep : SteadySweep
     mesh : str, optional
         Default: the one with the largest force.
-    highest : float
-        Order up to which is drawn.
+    highest : float, optional
+        Order up to which is drawn. Default: the last with a tenth of the largest amplitude at some speed.
 
     Returns
     -------
@@ -169,17 +169,21 @@ def plot_waterfall(sweep, mesh=None, *, highest=12.0):
     mesh = mesh or hardest_mesh(sweep)
     figure, axes = one_panel(_title(sweep, mesh, "orders of the tooth force"), "speed, rpm", height=6.2)
     axes.set_xlabel("order, per revolution of the reference rotor")
-    signals = [(state, state.force(mesh)) for state in sweep if state.known]
-    largest = max((signal.amplitudes[signal.orders <= highest].max() for _, signal in signals), default=1.0)
+    known = [state for state in sweep if state.known]
+    signals = [state.force(mesh) for state in known]
+    largest = max((float(np.max(signal.amplitudes)) for signal in signals), default=1.0)
+    if highest is None:
+        seen = [signal.orders[np.asarray(signal.amplitudes) > largest / 10] for signal in signals]
+        highest = float(max((orders.max(initial=1.0) for orders in seen), default=1.0))
     distance = np.min(np.diff(np.sort(sweep.rpm)), initial=np.ptp(sweep.rpm) or sweep.rpm.max())
-    scale = STEM * distance / float(largest)
-    for state, signal in signals:
+    scale = STEM * distance / largest
+    for state, signal in zip(known, signals, strict=True):
         drawn = signal.orders <= highest
-        orders, tips = signal.orders[drawn], state.rpm + scale * np.asarray(signal.amplitudes)[drawn]
+        orders, heights = signal.orders[drawn], scale * np.asarray(signal.amplitudes)[drawn]
         axes.axhline(state.rpm, color="0.85", linewidth=0.7, zorder=1)
-        axes.vlines(orders, state.rpm, tips, color=COLOURS[state.kind], linewidth=1.5, zorder=2)
-        seen = tips - state.rpm > SEEN * scale * largest
-        axes.plot(orders[seen], tips[seen], ".", color=COLOURS[state.kind], markersize=4)
+        axes.vlines(orders, state.rpm, state.rpm + heights, color=COLOURS[state.kind], linewidth=1.5, zorder=2)
+        tips = heights > SEEN * scale * largest
+        axes.plot(orders[tips], (state.rpm + heights)[tips], ".", color=COLOURS[state.kind], markersize=4)
     nothing = sweep.rpm[sweep.kind == "unknown"]
     axes.plot(np.full(len(nothing), highest / 100), nothing, linestyle="none", **_style("unknown", False))
     axes.set_xlim(0.0, 1.02 * highest)
