@@ -16,12 +16,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._program import Program
+from ..linear.sensitivity import frequencies_hz
 from ..periodic.derivative import all_finite, only_if
 from ..periodic.planned import respond
 from ..periodic.problem import pose
 from ..periodic.program import differentiable, estimate, find
 from . import objectives
-from .quantities import OF_DESIGN, QUANTITIES, frequencies_hz, inertia_added
+from .quantities import OF_DESIGN, QUANTITIES, inertia_added
 
 NEWTON_STEPS = 15
 

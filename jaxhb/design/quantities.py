@@ -3,10 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import jax.numpy as jnp
 import numpy as np
 
-from ..harmonic import chain
 from ..model.drivetrain import inertias
 from ..model.elements import SceneError
 from ..model.topology import suggestion
@@ -166,32 +164,6 @@ def inertia_added(train, start, of=None):
     """Inertia of ``train`` beyond that of ``start``, kg m2: of all disks and rings, or of one."""
     difference = inertias(train) - inertias(start)
     return difference.sum() if of is None else difference[train.topology.disk_index(of)]
-
-
-def frequencies_hz(train, heavy):
-    """Natural frequencies ``(m,)`` in Hz, rising, as :func:`jaxhb.natural_frequencies`, but differentiable.
-
-    Parameters
-    ----------
-    train : DriveTrain, may be traced
-    heavy : bool array ``(S,)``, disks with inertia; the others are condensed statically
-
-    Notes
-    -----
-    Eigenvalues of ``M^(-1/2) K M^(-1/2)``; differentiable where they are simple and not zero.
-    """
-    system = chain.assemble(train)
-    rows = system.incidence().T
-    stiffness = rows.T @ (jnp.asarray(system.stiffness)[:, None] * rows) + jnp.diag(jnp.asarray(system.ground))
-    kept, light = np.flatnonzero(heavy), np.flatnonzero(~heavy)
-    matrix = stiffness[np.ix_(kept, kept)]
-    if len(light):
-        across = stiffness[np.ix_(light, kept)]
-        matrix = matrix - across.T @ jnp.linalg.pinv(stiffness[np.ix_(light, light)]) @ across
-    root = jnp.sqrt(jnp.asarray(system.mass)[kept])
-    squares = jnp.linalg.eigvalsh(matrix / (root[:, None] * root))
-    moving = squares > 1e-12 * squares[-1]
-    return jnp.where(moving, jnp.sqrt(jnp.where(moving, squares, 1.0)), 0.0) / (2 * np.pi)
 
 
 def check_all(train, parameters, given, penalties, rpm):

@@ -5,6 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..harmonic import chain
+from .incidence import factor, singular_values, singular_vectors
+
+AT_REST = 1e-10
+"""Ordinate over the largest one below which a disk lies in a node: rounding of a mode shape."""
 
 
 @dataclass(frozen=True)
@@ -17,28 +21,47 @@ class Modes:
     frequencies_hz : ``(m,)`` Hz, rising; a free train begins with 0
     shapes : ``(m, S)`` angles of the disks, largest absolute value 1
     mesh_energy_share : ``(m,)`` share of the strain energy that lies in tooth meshes
+    link_names : tuple of str, the L links
+    generalised_mass : ``(m,)`` kg m2, sum of J phi^2 over the disks
+    node_count : ``(m,)`` int, links whose ends move against each other, where ordinates exceed 1e-10 of the largest;
+        on a chain the number of the mode, unless the mode is confined to a few disks
+    kinetic_share : ``(m, S)`` share of each disk in the kinetic energy; each row has sum 1
+    strain_share : ``(m, L)`` share of each link in the strain energy; ground springs have the rest, rigid modes none
     """
 
     names: tuple
     frequencies_hz: np.ndarray
     shapes: np.ndarray
     mesh_energy_share: np.ndarray
+    link_names: tuple
+    generalised_mass: np.ndarray
+    node_count: np.ndarray
+    kinetic_share: np.ndarray
+    strain_share: np.ndarray
 
     def shape(self, number):
         """Mode ``number`` as a dictionary disk -> angle."""
         return dict(zip(self.names, self.shapes[number].tolist(), strict=True))
 
+    @property
+    def generalised_stiffness(self):
+        """``(m,)`` N m/rad: omega^2 times the generalised mass, twice the strain energy of the shape."""
+        return (2 * np.pi * self.frequencies_hz) ** 2 * self.generalised_mass
 
-def natural_frequencies(train):
+
+def natural_frequencies(train, *, count=None):
     """Natural frequencies in Hz with mode shapes, undamped, meshes in contact.
 
     Solves ``K v = omega^2 M v`` (Lashko, (3.4)) through the singular values of ``C^{1/2} D M^{-1/2}``, which keeps the
-    relative accuracy of soft modes beside stiff links and gives exact zeros to rigid motions. Disks without inertia
-    are condensed statically; a purely viscous link does not count.
+    digits of soft modes beside stiff links and gives exact zeros to rigid motions, one for each part of the train that
+    no spring holds. Disks without inertia are condensed statically; a purely viscous link does not count.
 
     Parameters
     ----------
     train : DriveTrain, concrete
+    count : int, optional
+        Of how many modes, the lowest ones; default all. A chain of more than 500 disks should ask for few: n modes of
+        S disks take n S numbers.
 
     Returns
     -------
@@ -51,42 +74,60 @@ def natural_frequencies(train):
     [0.0, 216.6, 592.7]
     """
     system = chain.assemble(train)
-    disks, links = len(system.mass), len(system.stiffness)
-    rows = np.sqrt(system.stiffness)[:, None] * system.incidence().T
-    held = np.flatnonzero(system.ground)
-    soft = np.zeros((len(held), disks))
-    soft[np.arange(len(held)), held] = np.sqrt(system.ground[held])
-    rows = np.concatenate([rows, soft])
-    heavy = system.mass > 0
-    rows, follow = _condense(rows, heavy)
-    root = np.sqrt(system.mass[heavy])
-    _, singular, right = np.linalg.svd(rows / root, full_matrices=True)
-    omega = np.zeros(len(root))
-    omega[: len(singular)] = singular
-    floor = 1e-13 * max(omega.max(initial=0.0), 1e-300) * max(rows.shape)
-    omega[omega < floor] = 0.0
-    order = np.argsort(omega, kind="stable")
-    displacement = follow @ (right[order] / root).T
-    strain = np.zeros((links + len(held), len(order)))
-    strain[:links] = system.stiffness[:, None] * system.deflections(displacement) ** 2
-    strain[links:] = system.ground[held][:, None] * displacement[held] ** 2
-    first = links - len(train.topology.mesh_names)
-    total = strain.sum(0)
-    share = np.divide(strain[first:links].sum(0), total, out=np.zeros_like(total), where=total > 0)
-    share[omega[order] == 0] = 0.0
-    angles = displacement.T / system.radius
-    largest = np.abs(angles).argmax(1)
-    angles = angles / angles[np.arange(len(order)), largest][:, None]
-    return Modes(train.topology.disk_names, omega[order] / (2 * np.pi), angles, share)
+    rows = factor(system)
+    omega, vectors = singular_vectors(rows, count)
+    displacement = rows.displacements(vectors / np.sqrt(system.mass[rows.heavy])[:, None])
+    links = len(system.stiffness)
+    strain = system.stiffness[:, None] * system.deflections(displacement) ** 2
+    total = strain.sum(0) + (system.ground[:, None] * displacement**2).sum(0)
+    strain = np.divide(strain, total, out=np.zeros_like(strain), where=(total > 0) & (omega > 0))
+    angles = displacement / system.radius[:, None]
+    largest = angles[np.abs(angles).argmax(0), np.arange(len(omega))]
+    shapes = (angles / largest).T
+    kinetic = shapes**2 * (system.mass * system.radius**2)
+    mass = kinetic.sum(1)
+    return Modes(
+        names=train.topology.disk_names,
+        frequencies_hz=omega / (2 * np.pi),
+        shapes=shapes,
+        mesh_energy_share=strain[links - len(train.topology.mesh_names) :].sum(0),
+        link_names=train.topology.link_names,
+        generalised_mass=mass,
+        node_count=_sign_changes(system.tree, shapes),
+        kinetic_share=kinetic / mass[:, None],
+        strain_share=strain.T,
+    )
 
 
-def _condense(rows, heavy):
-    """Least-energy positions of massless disks: reduced rows, and the matrix from heavy disks to all."""
-    disks = len(heavy)
-    follow = np.zeros((disks, int(heavy.sum())))
-    follow[heavy] = np.eye(follow.shape[1])
-    if heavy.all():
-        return rows, follow
-    light = -np.linalg.pinv(rows[:, ~heavy], rcond=1e-12) @ rows[:, heavy]
-    follow[~heavy] = light
-    return rows[:, heavy] + rows[:, ~heavy] @ light, follow
+def all_frequencies(train):
+    """Natural frequencies in Hz alone: of a chain of thousands of disks in seconds.
+
+    Parameters
+    ----------
+    train : DriveTrain, concrete
+        A chain (shafts and single gears in a row, one ground at most) of more than 500 disks is solved by its
+        Golub-Kahan tridiagonal in O(S^2), any other train by the dense factor in O(S^3).
+
+    Returns
+    -------
+    array ``(m,)``
+        Hz, rising, one for each disk with inertia.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> jaxhb.linear.modal.all_frequencies(jaxhb.load_scene("six_cylinder_diesel"))[:3].round(1).tolist()
+    [0.0, 216.6, 592.7]
+    """
+    return singular_values(factor(chain.assemble(train))) / (2 * np.pi)
+
+
+def _sign_changes(tree, shapes):
+    """``(m,)`` links over which the sign changes; a disk at rest goes with a neighbour: a node counts once."""
+    sign = np.where(np.abs(shapes) > AT_REST, np.sign(shapes), 0.0).T
+    way = list(zip(tree.node[:-1].tolist(), tree.node[tree.parent[:-1]].tolist(), strict=True))
+    for disk, above in way:
+        sign[above] = np.where(sign[above] == 0, sign[disk], sign[above])
+    for disk, above in reversed(way):
+        sign[disk] = np.where(sign[disk] == 0, sign[above], sign[disk])
+    return (sign[tree.end_a] != sign[tree.end_b]).sum(0)

@@ -26,7 +26,7 @@ import jaxhb
 from jaxhb import Disk, Shaft, Torque
 from jaxhb.design import Objective, Parameter, Penalty, evaluation, lanes, table
 from jaxhb.design.descent import Descent
-from jaxhb.design.quantities import frequencies_hz
+from jaxhb.linear.sensitivity import frequencies_hz
 
 
 def test_the_example_of_the_table_holds():

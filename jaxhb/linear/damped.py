@@ -1,0 +1,105 @@
+"""Free vibration with damping: complex frequencies, damping ratios and shapes; host."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import eig
+
+from ..harmonic import chain
+
+CREEPING = 0.01
+"""Im lambda / |lambda| up to which a mode counts as not oscillating (damping ratio 0.99995): a loss factor turns the
+eigenvalues of motions that creep back a little off the real axis."""
+AT_REST = 1e-10
+"""Modulus, over the largest one, that is rounding of a motion without force."""
+
+
+@dataclass(frozen=True)
+class DampedModes:
+    """Complex modes ``e^{lambda t}`` of a damped train, meshes in contact.
+
+    Parameters
+    ----------
+    names : tuple of str, the S disks
+    eigenvalues : complex ``(m,)`` 1/s, lambda of the modes that oscillate, by rising imaginary part
+    shapes : complex ``(m, S)`` angles of the disks, the largest is 1
+    decay_rates : ``(n,)`` 1/s, -Re lambda of motions that creep back without oscillation, rising; not of rest
+    """
+
+    names: tuple
+    eigenvalues: np.ndarray
+    shapes: np.ndarray
+    decay_rates: np.ndarray
+
+    @property
+    def frequencies_hz(self):
+        """``(m,)`` Hz, Im lambda / 2 pi: of the decaying oscillation."""
+        return self.eigenvalues.imag / (2 * np.pi)
+
+    @property
+    def damping_ratio(self):
+        """``(m,)`` Lehr's damping ratio, -Re lambda / |lambda|: 1 at critical damping."""
+        return -self.eigenvalues.real / np.abs(self.eigenvalues)
+
+
+def damped_modes(train):
+    """Modes of free vibration with all viscous damping and loss factors, meshes in contact.
+
+    With velocities v and link deflections l as unknowns, ``M v' = -(B + D^T R D) v - D^T C l``, ``l' = D v``: rigid
+    rotation is a state at rest, so that a free train has no double eigenvalue zero. A loss factor gives the link the
+    stiffness ``k (1 + i eta)``, which holds for the modes with positive imaginary part, the ones returned.
+
+    Parameters
+    ----------
+    train : DriveTrain, concrete
+
+    Returns
+    -------
+    DampedModes
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> parts = [jaxhb.Disk(name=name, inertia=2.0) for name in "ab"]
+    >>> parts.append(jaxhb.Shaft(between=("a", "b"), stiffness=100.0, damping=2.0))
+    >>> modes = jaxhb.linear.damped.damped_modes(jaxhb.build(parts))
+    >>> modes.eigenvalues.round(6).tolist(), modes.damping_ratio.round(6).tolist()
+    ([(-1+9.949874j)], [0.1])
+    """
+    system = chain.assemble(train)
+    values, velocity = _eigenpairs(system)
+    largest = np.abs(values).max(initial=0.0)
+    order = np.argsort(values.imag, kind="stable")
+    order = order[np.abs(values[order]) > AT_REST * largest]
+    slant = values.imag[order] / np.abs(values[order])
+    oscillating, creeping = order[slant > CREEPING], order[np.abs(slant) <= CREEPING]
+    angles = velocity[:, oscillating] / system.radius[:, None]
+    at = np.abs(angles).argmax(0)
+    shapes = (angles / angles[at, np.arange(len(at))]).T
+    return DampedModes(train.topology.disk_names, values[oscillating], shapes, np.sort(-values.real[creeping]))
+
+
+def _eigenpairs(system):
+    """Finite eigenvalues with the displacements' velocities ``(S, n)`` of the first-order equations in v and l."""
+    elastic, held = np.flatnonzero(system.stiffness), np.flatnonzero(system.ground)
+    incidence = system.incidence().T
+    rows = np.concatenate([incidence[elastic], np.eye(len(system.mass))[held]])
+    stiffness = np.concatenate([system.stiffness[elastic], system.ground[held]])
+    complex_stiffness = stiffness * (1 + 1j * np.concatenate([system.loss[elastic], np.zeros(len(held))]))
+    resistance = np.diag(system.damping) + incidence.T @ (system.viscous[:, None] * incidence)
+    # disks without inertia are scaled by what resists them; one that nothing resists takes no part
+    weight = np.where(system.mass > 0, system.mass, (stiffness[:, None] * rows**2).sum(0) + np.diag(resistance))
+    taken = np.flatnonzero(weight)
+    scale = 1 / np.sqrt(weight[taken])
+    E = np.sqrt(stiffness)[:, None] * rows[:, taken] * scale
+    disks, size = len(taken), len(taken) + len(stiffness)
+    left, right = np.zeros((size, size), complex), np.eye(size)
+    left[:disks, :disks] = -scale[:, None] * resistance[np.ix_(taken, taken)] * scale
+    left[:disks, disks:] = -E.T * (complex_stiffness / stiffness)
+    left[disks:, :disks] = E
+    right[:disks, :disks] = np.diag((system.mass[taken] > 0).astype(float))
+    (alpha, beta), vectors = eig(left, right, homogeneous_eigvals=True)
+    finite = np.abs(beta) > 1e-12 * np.abs(alpha)
+    velocity = np.zeros((len(system.mass), int(finite.sum())), complex)
+    velocity[taken] = scale[:, None] * vectors[:disks, finite]
+    return alpha[finite] / beta[finite], velocity

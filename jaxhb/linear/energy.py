@@ -1,0 +1,87 @@
+"""Kinetic and strain energy of the train as quadratic forms of its angles, and the matrices that follow from them.
+
+Lashko, (3.1) and (3.2): ``T = 1/2 sum J_i phi_i'^2``, ``Pi = 1/2 sum c_i (phi_(i+1) - phi_i)^2``; here with meshes,
+whose deflection is ``r_a phi_a - r_b phi_b``, and ground springs. The equations (3.3), (3.4) of free vibration are
+``J phi'' + C phi = 0`` with ``J`` and ``C`` the second derivatives.
+"""
+
+import jax
+import jax.numpy as jnp
+
+from ..harmonic import chain
+
+
+def kinetic_energy(train, velocity):
+    """Kinetic energy T of the disks, (3.1).
+
+    Parameters
+    ----------
+    train : DriveTrain
+    velocity : array ``(S,)`` rad/s, rings of dampers last
+
+    Returns
+    -------
+    scalar array, J
+
+    Examples
+    --------
+    >>> import jax.numpy as jnp, jaxhb
+    >>> from jaxhb.linear.energy import kinetic_energy
+    >>> train = jaxhb.build([jaxhb.Disk(name="a", inertia=2.0)])
+    >>> float(kinetic_energy(train, jnp.array([3.0])))
+    9.0
+    """
+    system = chain.assemble(train)
+    return jnp.sum(system.mass * (system.radius * velocity) ** 2) / 2
+
+
+def strain_energy(train, angle):
+    """Strain energy Pi of shafts, damper springs, meshes in contact and ground springs, (3.2).
+
+    Parameters
+    ----------
+    train : DriveTrain
+    angle : array ``(S,)`` rad, rings of dampers last
+
+    Returns
+    -------
+    scalar array, J
+
+    Examples
+    --------
+    >>> import jax.numpy as jnp, jaxhb
+    >>> from jaxhb.linear.energy import strain_energy
+    >>> parts = [jaxhb.Disk(name="a", inertia=2.0), jaxhb.Disk(name="b", inertia=1.0)]
+    >>> train = jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
+    >>> float(strain_energy(train, jnp.array([0.3, 0.1]))).__round__(12)
+    2.0
+    """
+    system = chain.assemble(train)
+    displacement = system.radius * jnp.asarray(angle)
+    links = jnp.sum(system.stiffness * system.deflections(displacement) ** 2)
+    return (links + jnp.sum(system.ground * displacement**2)) / 2
+
+
+def inertia_and_stiffness(train):
+    """Matrices J and C of ``J phi'' + C phi = 0``, (3.4), from the energies by automatic differentiation.
+
+    Parameters
+    ----------
+    train : DriveTrain
+
+    Returns
+    -------
+    inertia : array ``(S, S)`` kg m2
+    stiffness : array ``(S, S)`` N m/rad
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> from jaxhb.linear.energy import inertia_and_stiffness
+    >>> parts = [jaxhb.Disk(name="a", inertia=2.0), jaxhb.Disk(name="b", inertia=1.0)]
+    >>> train = jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
+    >>> inertia_and_stiffness(train)[1].tolist()
+    [[100.0, -100.0], [-100.0, 100.0]]
+    """
+    rest = jnp.zeros(train.topology.n_disks)
+    return jax.hessian(lambda v: kinetic_energy(train, v))(rest), jax.hessian(lambda a: strain_energy(train, a))(rest)

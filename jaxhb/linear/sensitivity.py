@@ -1,0 +1,157 @@
+"""Natural frequencies that can be differentiated, in any mode of jax.
+
+A simple eigenvalue with mass-normalised shape y has ``d lambda = y^T (dK - lambda dM) y``. Where eigenvalues repeat,
+neither the shapes nor the derivative of each are unique; the first derivative of their sum is: shapes are not turned
+among themselves there. Higher derivatives hold for simple eigenvalues. Masses and stiffnesses enter as they are, never
+as roots, so that a stiffness of 0 has a derivative too.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from .._arrays import concrete, traced
+from ..harmonic import chain
+
+CLUSTER = 1e-9
+"""Relative distance of squares below which eigenvalues count as one: some rounding of a repeated one."""
+RIGID = 1e-13
+"""Frequency over the highest one, for each disk, that is rounding of a rigid motion."""
+
+
+def frequencies_hz(train, heavy=None):
+    """Natural frequencies, undamped, meshes in contact: those of :func:`jaxhb.natural_frequencies`, differentiable.
+
+    Parameters
+    ----------
+    train : DriveTrain, may be traced
+    heavy : bool array ``(S,)``, optional
+        Disks with inertia, needed where inertias are traced; the others are condensed statically.
+
+    Returns
+    -------
+    array ``(m,)``
+        Hz, rising; 0 with derivative 0 for rigid motions.
+
+    Examples
+    --------
+    >>> import jax, jaxhb
+    >>> from jaxhb.linear.sensitivity import frequencies_hz
+    >>> train = jaxhb.build([*(jaxhb.Disk(name=n, inertia=2.0) for n in "ab"),
+    ...                      jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
+    >>> slope = jax.grad(lambda k: frequencies_hz(train.replace({"a|b.stiffness": k}))[1])(100.0)
+    >>> round(float(slope), 12), round(10 / (2 * jax.numpy.pi) / 200.0, 12)  # f is proportional to the root of k
+    (0.007957747155, 0.007957747155)
+    """
+    squares, _ = mode_squares(train, heavy)
+    moving = squares > 0
+    return jnp.where(moving, jnp.sqrt(jnp.where(moving, squares, 1.0)), 0.0) / (2 * np.pi)
+
+
+def cluster_sums_hz(train, clusters, heavy=None):
+    """Sums of natural frequencies that repeat, whose first derivatives exist where those of each do not.
+
+    Parameters
+    ----------
+    train : DriveTrain, may be traced
+    clusters : sequence of sequences of int
+        Numbers of the modes of each cluster, as :func:`clusters_of` finds them.
+    heavy : as in :func:`frequencies_hz`
+
+    Returns
+    -------
+    array ``(clusters,)``, Hz
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> from jaxhb.linear.sensitivity import cluster_sums_hz, clusters_of
+    >>> train = jaxhb.load_scene("six_cylinder_diesel")
+    >>> clusters_of(jaxhb.natural_frequencies(train).frequencies_hz)[:3]
+    ((0,), (1,), (2,))
+    >>> cluster_sums_hz(train, [(1, 2)]).round(1).tolist()
+    [809.3]
+    """
+    found = frequencies_hz(train, heavy)
+    return jnp.stack([found[np.array(numbers)].sum() for numbers in clusters])
+
+
+def clusters_of(frequencies_hz, tolerance=CLUSTER):
+    """Numbers of the modes whose frequencies repeat to a relative ``tolerance``, host.
+
+    Parameters
+    ----------
+    frequencies_hz : array ``(m,)`` Hz, rising
+
+    Returns
+    -------
+    tuple of tuples of int
+
+    Examples
+    --------
+    >>> clusters_of([0.0, 3.0, 3.0, 5.0])
+    ((0,), (1, 2), (3,))
+    """
+    found = np.asarray(frequencies_hz)
+    starts = np.flatnonzero(np.diff(found, prepend=-np.inf) > tolerance * np.abs(found)).tolist()
+    return tuple(tuple(range(a, b)) for a, b in zip(starts, [*starts[1:], len(found)], strict=True))
+
+
+def mode_squares(train, heavy=None):
+    """omega^2 ``(m,)`` in 1/s2, rising, and mass-normalised displacements ``(S, m)`` in kg^(-1/2), differentiable.
+
+    Parameters
+    ----------
+    train, heavy : as in :func:`frequencies_hz`
+    """
+    system = chain.assemble(train)
+    kept = np.flatnonzero(_heavy(train) if heavy is None else heavy)
+    light = np.setdiff1d(np.arange(len(system.mass)), kept)
+    disks, held = len(system.mass), np.array(sorted(set(train.topology.ground_disk)), dtype=int)
+    rows = jnp.concatenate([jnp.asarray(system.incidence()).T, jnp.eye(disks)[held]])
+    stiffness = jnp.concatenate([jnp.asarray(system.stiffness), jnp.asarray(system.ground)[held]])
+    follow = jnp.eye(disks)[:, kept]
+    if len(light):
+        weighted = rows[:, light].T * stiffness
+        follow = follow.at[light].set(-jnp.linalg.pinv(weighted @ rows[:, light]) @ weighted @ rows[:, kept])
+    squares, shapes = modal_basis(stiffness, rows @ follow, jnp.asarray(system.mass)[kept])
+    return squares, follow @ shapes
+
+
+def _heavy(train):
+    """Which disks have inertia, from the values."""
+    inertia = concrete(train.disks.inertia, train.dampers.inertia)
+    if traced(inertia):
+        raise ValueError(
+            "frequencies_hz: inertias are traced by jit or vmap, and which are zero decides how many modes there are. "
+            "Give heavy, true for every disk with inertia."
+        )
+    return np.concatenate(inertia) > 0
+
+
+@jax.custom_jvp
+def modal_basis(stiffness, rows, mass):
+    """omega^2 ``(H,)`` rising and mass-normalised shapes ``(H, H)`` of links ``(L,)`` with deflections ``rows @ x``."""
+    root = jnp.sqrt(mass)
+    E = jnp.sqrt(stiffness)[:, None] * rows / root
+    E = jnp.pad(E, ((0, max(0, len(mass) - len(stiffness))), (0, 0)))
+    _, singular, right = jnp.linalg.svd(E, full_matrices=False)
+    shapes = right[::-1].T / root[:, None]
+    rigid = singular[::-1] <= RIGID * len(mass) * singular[0]
+    return jnp.where(rigid, 0.0, (stiffness[:, None] * (rows @ shapes) ** 2).sum(0)), shapes
+
+
+@modal_basis.defjvp
+def _modal_basis_jvp(primals, tangents):
+    (stiffness, rows, mass), (stiffness_dot, rows_dot, mass_dot) = primals, tangents
+    squares, shapes = modal_basis(stiffness, rows, mass)
+    bent, bent_dot = rows @ shapes, rows_dot @ shapes
+    across = bent_dot.T @ (stiffness[:, None] * bent)
+    stiffer = bent.T @ (stiffness_dot[:, None] * bent) + across + across.T
+    heavier = shapes.T @ (mass_dot[:, None] * shapes)
+    change = stiffer - squares * heavier
+    gap = squares - squares[:, None]
+    same = jnp.abs(gap) <= CLUSTER * jnp.maximum(squares, squares[:, None])
+    turn = jnp.where(same, -heavier / 2, change / jnp.where(same, 1.0, gap))
+    squares_dot = jnp.where(squares > 0, jnp.diagonal(change), 0.0)
+    return (squares, shapes), (squares_dot, shapes @ turn)

@@ -1,0 +1,133 @@
+"""Quadratic forms against the assembled matrices, damped modes against the companion form of dense ones."""
+
+import dense
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from reference_data import method_case, numbers
+from scipy.linalg import eigvals
+from tolerances import ALGEBRAIC
+from trains import branched_parts, build, chain_parts, gearbox_parts
+
+import jaxhb
+from jaxhb import Damper, Disk, Shaft
+from jaxhb.linear.damped import damped_modes
+from jaxhb.linear.energy import inertia_and_stiffness, kinetic_energy, strain_energy
+
+TRAINS = {
+    "branched": (branched_parts(), "flywheel"),
+    "gearbox": (gearbox_parts(), "motor"),
+    "free gearbox": (gearbox_parts(grounded=False), "motor"),
+}
+
+
+def inertia_of(parts):
+    return np.array([p.inertia for p in dense.of_kind(parts, Disk) + dense.of_kind(parts, Damper)])
+
+
+@pytest.mark.parametrize("case", TRAINS)
+def test_matrices_of_lashko_are_second_derivatives_of_the_energies(case):
+    parts, reference = TRAINS[case]
+    J, C = inertia_and_stiffness(build(parts, reference=reference))
+    np.testing.assert_allclose(J, np.diag(inertia_of(parts)), rtol=ALGEBRAIC)
+    K = dense.dynamic_stiffness(parts, 0.0).real
+    np.testing.assert_allclose(C, K, rtol=0, atol=ALGEBRAIC * np.abs(K).max())
+
+
+def test_quadratic_forms_are_those_of_the_document():
+    J, c = np.array([2.0, 1.0, 3.0]), np.array([40.0, 90.0])
+    train, angle, speed = build(chain_parts(J, c)), np.array([0.3, -0.1, 0.4]), np.array([1.0, -2.0, 0.5])
+    assert float(kinetic_energy(train, speed)) == pytest.approx(0.5 * (J * speed**2).sum(), rel=ALGEBRAIC)
+    assert float(strain_energy(train, angle)) == pytest.approx(0.5 * (c * np.diff(angle) ** 2).sum(), rel=ALGEBRAIC)
+
+
+def test_a_mode_satisfies_the_equations_of_lagrange():
+    params, expected = method_case("B_three_disc_free_free")
+    train = build(chain_parts(numbers(params["J"]), numbers(params["c"])))
+    for square, mode in zip(numbers(expected["omega2"]), numbers(expected["modes"]), strict=True):
+        momentum = jax.grad(lambda v: kinetic_energy(train, v))(
+            -square * jnp.array(mode)
+        )  # d/dt dT/dv, phi'' = -w2 phi
+        force = jax.grad(lambda a: strain_energy(train, a))(jnp.array(mode))
+        np.testing.assert_allclose(momentum + force, 0.0, atol=2000 * ALGEBRAIC)  # of terms up to 1600
+
+
+def companion(parts):
+    """Finite eigenvalues of (lambda^2 M + lambda B + K), K complex by loss factors, of disks that all have inertia."""
+    M, K = np.diag(inertia_of(parts)), dense.dynamic_stiffness(parts, 1e-30).real
+    loss = dense.dynamic_stiffness(parts, 1e-30).imag
+    B = dense.dynamic_stiffness(parts, 1.0).imag - loss
+    n = len(M)
+    return eigvals(
+        np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K + 1j * loss), -np.linalg.solve(M, B)]])
+    )
+
+
+def heavy_gearbox(**change):
+    """The gearbox with inertia in every disk."""
+    return [Disk(name=p.name, inertia=0.003, radius=p.radius) if getattr(p, "inertia", 1) == 0 else p
+            for p in gearbox_parts(**change)]  # fmt: skip
+
+
+@pytest.mark.parametrize("grounded", [True, False])
+def test_damped_modes_are_the_eigenvalues_of_the_dense_companion(grounded):
+    parts = heavy_gearbox(grounded=grounded)
+    modes = damped_modes(build(parts, reference="motor"))
+    wanted = companion(parts)
+    wanted = wanted[wanted.imag > 0.01 * np.abs(wanted).clip(min=1.0)]
+    np.testing.assert_allclose(modes.eigenvalues, wanted[np.argsort(wanted.imag)], rtol=1e-9)  # condition of both
+    M = np.diag(inertia_of(parts))
+    for value, shape in zip(modes.eigenvalues, modes.shapes, strict=True):
+        Z = dense.dynamic_stiffness(parts, 1e-30)  # with the loss factors, at a frequency that is not the mean
+        B = (dense.dynamic_stiffness(parts, 1.0) - Z).imag
+        rest = value**2 * (M @ shape) + value * (B @ shape) + Z @ shape
+        assert np.abs(rest).max() < 1e-10 * (np.abs(Z) @ np.abs(shape)).max()
+    assert np.abs(np.abs(modes.shapes).max(1) - 1).max() < ALGEBRAIC
+
+
+def test_massless_disks_behind_dampers_are_the_limit_of_light_ones():
+    def parts(inertia):
+        light = Disk(name="light", inertia=inertia, damping=0.3)
+        disks = [Disk(name="a", inertia=1.0), light, Disk(name="b", inertia=2.0)]
+        ends = (
+            Shaft(between=("a", "light"), stiffness=100.0, damping=4.0),
+            Shaft(between=("light", "b"), stiffness=50.0),
+        )
+        return [*disks, *ends]
+
+    found = damped_modes(build(parts(0.0)))
+    limit = companion(parts(1e-9))
+    nearest = [limit[np.abs(limit - value).argmin()] for value in found.eigenvalues]
+    assert len(found.eigenvalues) == 1
+    np.testing.assert_allclose(found.eigenvalues, nearest, rtol=1e-7)  # first order in the inertia left out
+    for rate in found.decay_rates:
+        assert np.abs(limit + rate).min() < 1e-6 * rate
+
+
+def test_damping_ratios_and_decay_rates_are_those_of_the_closed_form():
+    J, k = 2.0, 100.0
+    for r, ratio in ((2.0, 0.1), (10.0, 0.5)):
+        ends = Shaft(between=("a", "b"), stiffness=k, damping=r)
+        modes = damped_modes(build([Disk(name="a", inertia=J), Disk(name="b", inertia=J), ends]))
+        np.testing.assert_allclose(modes.damping_ratio, [ratio], rtol=ALGEBRAIC)  # r / sqrt(2 k J)
+        np.testing.assert_allclose(2 * np.pi * modes.frequencies_hz, 10 * np.sqrt(1 - ratio**2), rtol=ALGEBRAIC)
+    ends = Shaft(between=("a", "b"), stiffness=k, damping=40.0)
+    slow = damped_modes(build([Disk(name="a", inertia=J), Disk(name="b", inertia=J), ends]))
+    assert not len(slow.eigenvalues)
+    np.testing.assert_allclose(slow.decay_rates, 20 + np.array([-1, 1]) * np.sqrt(300), rtol=1e-11)
+
+
+def test_loss_factor_makes_half_of_it_as_damping_ratio():
+    eta = 0.02
+    ends = Shaft(between=("a", "b"), stiffness=100.0, loss_factor=eta)
+    modes = damped_modes(build([Disk(name="a", inertia=2.0), Disk(name="b", inertia=2.0), ends]))
+    np.testing.assert_allclose(modes.eigenvalues, 1j * 10 * np.sqrt(1 + 1j * eta), rtol=ALGEBRAIC)
+
+
+def test_undamped_modes_have_the_natural_frequencies_and_no_damping():
+    parts = chain_parts([1.0, 2.0, 0.5, 3.0], [100.0, 300.0, 50.0])
+    modes, undamped = damped_modes(build(parts)), jaxhb.natural_frequencies(build(parts))
+    np.testing.assert_allclose(modes.frequencies_hz, undamped.frequencies_hz[1:], rtol=1e-12)
+    assert np.abs(modes.damping_ratio).max() < ALGEBRAIC and not len(modes.decay_rates)
+    np.testing.assert_allclose(modes.shapes, undamped.shapes[1:], rtol=0, atol=1e-11)
