@@ -1,0 +1,196 @@
+"""Holzer's table of a train without closed loops, as engineers print it, and its residual over frequency; host.
+
+From a free end with ordinate 1, the torque sum ``sum J omega^2 theta`` of the disks passed twists the next shaft,
+``theta_(i+1) = theta_i - sum / c_i``; what is left behind the last disk is the residual, zero at a natural frequency.
+Where branches meet, each is scaled by the product of what the others ask for at the common disk, which is division-free
+(method.md C3): a branch that has a node there does no harm. Torques cross a mesh by the radii of its gears.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..harmonic import chain
+from ..model.elements import SceneError
+
+
+@dataclass(frozen=True)
+class HolzerTable:
+    """One table, disks in the order of calculation; each row ends with the link to the disk that comes later.
+
+    Parameters
+    ----------
+    hz : float, Hz
+    names : tuple of str, the S disks, last the one at which the residual is read
+    inertia : ``(S,)`` kg m2
+    ordinate : ``(S,)`` rad, of the disk's own shaft; 1 at the first disk of the scene, or at the first row where that
+        disk lies in a node
+    torque : ``(S,)`` N m, J omega^2 theta less the torque of a ground spring
+    torque_sum : ``(S,)`` N m, of the disk and all that it carries, transmitted by the link
+    links : tuple of str, link to the next disk; "" in the last row
+    stiffness : ``(S,)`` of that link, N m/rad, of a mesh N/m; 0 in the last row
+    twist : ``(S,)`` deflection of that link, rad, of a mesh m
+    """
+
+    hz: float
+    names: tuple
+    inertia: np.ndarray
+    ordinate: np.ndarray
+    torque: np.ndarray
+    torque_sum: np.ndarray
+    links: tuple
+    stiffness: np.ndarray
+    twist: np.ndarray
+
+    @property
+    def residual(self):
+        """N m: torque that must be applied to the last disk for this motion."""
+        return float(self.torque_sum[-1])
+
+    def __str__(self):
+        width = max(len(name) for name in (*self.names, "disk"))
+        head = f"{'disk':{width}} {'J':>11} {'theta':>11} {'J w^2 theta':>11} {'sum':>11} {'c':>11} {'sum/c':>11}"
+        columns = (self.inertia, self.ordinate, self.torque, self.torque_sum, self.stiffness, self.twist)
+        rows = [
+            f"{name:{width}} " + " ".join(f"{value:11.4e}" for value in row)
+            for name, *row in zip(self.names, *columns, strict=True)
+        ]
+        return "\n".join([f"Holzer table at {self.hz:.6g} Hz, residual {self.residual:.4e} N m", head, *rows])
+
+
+def holzer_table(train, *, hz):
+    """Holzer's table at one frequency, undamped, meshes in contact.
+
+    Parameters
+    ----------
+    train : DriveTrain, concrete
+    hz : float, Hz
+
+    Returns
+    -------
+    HolzerTable
+        A part behind a link without stiffness (the ring of a viscous damper) rests.
+
+    Raises
+    ------
+    SceneError
+        If the train has a closed loop.
+
+    Examples
+    --------
+    Thomson's three disks of 5, 11, 22 kg m2 at 20 rad/s.
+
+    >>> import jaxhb
+    >>> from jaxhb.linear.holzer import holzer_table
+    >>> parts = [jaxhb.Disk(name=n, inertia=J) for n, J in zip("abc", (5.0, 11.0, 22.0))]
+    >>> parts += [jaxhb.Shaft(between=e, stiffness=k) for e, k in ((("a", "b"), 1e5), (("b", "c"), 2e5))]
+    >>> table = holzer_table(jaxhb.build(parts), hz=20 / 6.283185307179586)
+    >>> table.ordinate.round(4).tolist(), round(table.residual)
+    ([1.0, 0.98, 0.9484], 14658)
+    """
+    tree, system = _tree(train)
+    balance, ordinate, others = _eliminate(tree, system, np.array([2 * np.pi * hz]))
+    scale = np.ones_like(balance)
+    for s in range(len(tree.node) - 2, -1, -1):
+        scale[s] = scale[tree.parent[s]] * others[s]
+    displacement, force = (scale * ordinate)[:, 0], -(scale * balance)[:, 0]
+    radius, mass = system.radius[tree.node], system.mass[tree.node]
+    angle = displacement / radius
+    first = int(np.flatnonzero(tree.node == 0)[0])
+    unit = angle[first] or angle[0] or 1.0
+    link, near = tree.link[:-1], np.where(tree.from_a, system.arm_a[tree.link], system.arm_b[tree.link])[:-1]
+    pushed = force[:-1] / near / unit  # what the link carries, positive where it slows the disk
+    shaft = np.array([name not in train.topology.mesh_names for name in train.topology.link_names], dtype=bool)[link]
+    square = np.where(shaft, radius[:-1] ** 2, 1.0)  # of shafts, from displacements to angles
+    stiffness = system.stiffness[link]
+    twist = np.divide(pushed, stiffness, out=np.zeros_like(pushed), where=stiffness > 0)
+    return HolzerTable(
+        hz=float(hz),
+        names=tuple(train.topology.disk_names[disk] for disk in tree.node),
+        inertia=mass * radius**2,
+        ordinate=angle / unit,
+        torque=((2 * np.pi * hz) ** 2 * mass - system.ground[tree.node]) * displacement * radius / unit,
+        torque_sum=force * radius / unit,
+        links=(*(train.topology.link_names[name] for name in link), ""),
+        stiffness=np.append(stiffness * square, 0.0),
+        twist=np.append(twist / np.where(shaft, radius[:-1], 1.0), 0.0),
+    )
+
+
+def holzer_residual(train, *, hz):
+    """Residual of Holzer's method over frequency, every branch begun with ordinate 1 at its free end.
+
+    Parameters
+    ----------
+    train : DriveTrain, concrete
+    hz : array ``(n,)`` Hz
+
+    Returns
+    -------
+    array ``(n,)``
+        N m at the last disk of :func:`holzer_table`: a polynomial in omega^2, zero at the natural frequencies. It
+        overflows on long chains far above them; ``linear.polynomial`` does not.
+
+    Raises
+    ------
+    SceneError
+        If the train has a closed loop.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> from jaxhb.linear.holzer import holzer_residual
+    >>> train = jaxhb.load_scene("six_cylinder_diesel")
+    >>> f = jaxhb.natural_frequencies(train).frequencies_hz[1]
+    >>> below, above = holzer_residual(train, hz=[0.99 * f, 1.01 * f])
+    >>> bool(below > 0 > above)
+    True
+    """
+    tree, system = _tree(train)
+    balance, *_ = _eliminate(tree, system, 2 * np.pi * np.asarray(hz, float))
+    return -balance[-1] * system.radius[tree.node[-1]]
+
+
+def _tree(train):
+    """Elimination from the free ends, the first disk's first, to a ground or to the disk farthest from the first."""
+    system = chain.assemble(train)
+    if len(system.tree.loops):
+        name = train.topology.link_names[system.tree.loops[0]]
+        where = train.topology.name or "scene"
+        raise SceneError(
+            f"{where}: link {name!r} closes a loop, and Holzer's table is for trains without. Use natural_frequencies."
+        )
+    ends = train.topology.link_ends
+    away, at = [0], {0: -1}
+    for disk in away:
+        for a, b in ends:
+            for here, there in ((a, b), (b, a)):
+                if here == disk and there not in at:
+                    at[there] = disk
+                    away.append(there)
+    root = train.topology.ground_disk[0] if train.topology.ground_disk else away[-1]
+    return chain.span_links(ends, len(system.mass), root), system
+
+
+def _eliminate(tree, system, omega):
+    """Balance sum Z x ``(S, n)`` and ordinate of each subtree, free ends at 1, and its scale below the parent."""
+    node = tree.node
+    balance = system.ground[node, None] - system.mass[node, None] * omega**2
+    ordinate, others = np.ones_like(balance), np.ones_like(balance)
+    wanted = {}
+    for s, up in enumerate(tree.parent[:-1].tolist()):
+        alpha, beta = system.arm_a[tree.link[s]], system.arm_b[tree.link[s]]
+        if not tree.from_a[s]:
+            alpha, beta = beta, alpha
+        stiffness = system.stiffness[tree.link[s]]
+        if stiffness == 0:
+            others[s] = 0.0
+            continue
+        asked = (alpha * ordinate[s] + balance[s] / (alpha * stiffness)) / beta
+        others[s] = ordinate[up]
+        for earlier in wanted.setdefault(up, []):
+            others[earlier] *= asked
+        wanted[up].append(s)
+        balance[up] = balance[up] * asked + ordinate[up] * beta / alpha * balance[s]
+        ordinate[up] = ordinate[up] * asked
+    return balance, ordinate, others

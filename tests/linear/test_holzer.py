@@ -1,0 +1,105 @@
+"""Holzer's tables against published ones and against dense solutions of the same motion."""
+
+import dense
+import numpy as np
+import pytest
+from reference_data import torsional_model
+from tolerances import ALGEBRAIC
+from trains import branched_parts, build, chain_parts, gearbox_parts
+
+import jaxhb
+from jaxhb import Disk, Mesh, Shaft
+from jaxhb.linear.holzer import holzer_residual, holzer_table
+
+
+def test_published_tables_of_three_disks():
+    entry = torsional_model("thomson_12_4_1")
+    train = build(chain_parts(entry["model"]["J"], entry["model"]["k"]))
+    for printed in entry["published_holzer"]:
+        table = holzer_table(train, hz=printed["omega"] / (2 * np.pi))
+        np.testing.assert_allclose(table.ordinate, printed["theta"], rtol=0, atol=5.1e-4)  # three digits
+        np.testing.assert_allclose(table.torque_sum, printed["torque"], rtol=5e-4)
+        assert table.names == ("1", "2", "3") and table.links == ("1|2", "2|3", "")
+
+
+def test_published_table_of_a_six_cylinder_diesel_of_1939():
+    entry = torsional_model("malychevitch_1939_six_cyl_diesel")
+    published = entry["published"]
+    train = build(chain_parts(entry["model"]["J"], entry["model"]["k"]))
+    table = holzer_table(train, hz=np.sqrt(published["omega2_squared"]) / (2 * np.pi))
+    np.testing.assert_allclose(table.ordinate, published["mode2"], rtol=0, atol=1.5e-3)  # slide rule
+    sums = np.array(published["sum_torque_lbin"])
+    np.testing.assert_allclose(table.torque_sum[:-1], sums[:-1], rtol=0, atol=0.01 * np.abs(sums).max())
+    # the last sum is a difference with the flywheel's 9e6, whose ordinate was read to 5e-4 of 0.031
+    assert abs(table.residual) < 0.02 * np.abs(sums).max()
+
+
+def tooth_tree():
+    """A branched train over two meshes without loop, one of its branches held and one viscous ring at rest."""
+    return [
+        Disk(name="a", inertia=2.0),
+        Disk(name="b", inertia=0.3, radius=0.1),
+        Disk(name="c", inertia=0.2, radius=0.05),
+        Disk(name="d", inertia=0.7),
+        Disk(name="e", inertia=0.1, radius=0.07),
+        Disk(name="f", inertia=0.4),
+        Shaft(between=("b", "a"), stiffness=3e4),
+        Shaft(between=("c", "d"), stiffness=2e4),
+        Shaft(between=("e", "f"), stiffness=4e4),
+        Mesh(between=("c", "b"), stiffness=4e6),
+        Mesh(between=("b", "e"), stiffness=3e6),
+        jaxhb.Damper(name="ring", disk="a", inertia=0.5, damping=3.0),
+    ]
+
+
+@pytest.mark.parametrize("parts", [tooth_tree(), chain_parts([1.0, 2.0, 3.0], [50.0, 70.0], ground=20.0)])
+def test_the_residual_is_the_torque_that_makes_the_motion(parts):
+    train = build(parts, reference="a" if parts[0].name == "a" else None)
+    names = dense.disk_names(parts)
+    for hz in (0.3, 11.0, 47.0):
+        table = holzer_table(train, hz=hz)
+        motion = np.zeros(len(names))
+        motion[[names.index(name) for name in table.names]] = table.ordinate
+        torque = dense.dynamic_stiffness(parts, 2 * np.pi * hz).real @ motion
+        wanted = np.zeros(len(names))
+        wanted[names.index(table.names[-1])] = -table.residual
+        np.testing.assert_allclose(torque, wanted, rtol=1e-11, atol=1e-11 * np.abs(table.torque).max())
+        deflection = {getattr(p, "name", None) or "|".join(p.between): row @ motion for p, row in dense.links(parts)}
+        for link, twist in zip(table.links[:-1], table.twist, strict=False):
+            if link != "ring":
+                np.testing.assert_allclose(abs(twist), abs(deflection[link]), rtol=1e-9)  # a difference there
+        assert table.ordinate[table.names.index(names[0])] == pytest.approx(1.0)
+
+
+def test_rows_of_a_table_add_up_along_a_chain():
+    J, k = [2.0, 1.0, 3.0, 0.5], [40.0, 90.0, 10.0]
+    table = holzer_table(build(chain_parts(J, k)), hz=0.8)
+    np.testing.assert_allclose(table.torque, np.array(J) * (1.6 * np.pi) ** 2 * table.ordinate, rtol=ALGEBRAIC)
+    np.testing.assert_allclose(table.torque_sum, np.cumsum(table.torque), rtol=1e-11)
+    np.testing.assert_allclose(table.twist[:-1], -np.diff(table.ordinate), rtol=1e-11)
+    np.testing.assert_allclose(table.stiffness[:-1], k)
+    assert str(table).splitlines()[2].split()[:2] == ["1", "2.0000e+00"]
+
+
+def test_residual_vanishes_at_every_natural_frequency_and_is_a_polynomial_without_poles():
+    train = build(tooth_tree(), reference="a")
+    found = jaxhb.natural_frequencies(train).frequencies_hz[2:]
+    around = np.sort(np.concatenate([0.999 * found, 1.001 * found]))
+    sign = np.sign(holzer_residual(train, hz=around)).reshape(-1, 2)
+    assert (sign[:, 0] == -sign[:, 1]).all() and (sign[:-1, 1] == sign[1:, 0]).all()
+
+
+def test_branches_with_a_node_where_they_meet_keep_the_table_finite():
+    # two equal branches move against each other, the hub rests
+    hub = [Disk(name=name, inertia=1.0) for name in ("left", "hub", "right")]
+    shafts = [Shaft(between=("left", "hub"), stiffness=9.0), Shaft(between=("hub", "right"), stiffness=9.0)]
+    more = [Disk(name="tail", inertia=2.0), Shaft(between=("hub", "tail"), stiffness=5.0)]
+    table = holzer_table(build([*hub, *shafts, *more]), hz=3.0 / (2 * np.pi))
+    values = dict(zip(table.names, table.ordinate, strict=True))
+    assert np.isfinite(table.ordinate).all() and abs(values["hub"]) < ALGEBRAIC and abs(table.residual) < 1e-11
+
+
+def test_a_closed_loop_is_refused_by_name():
+    with pytest.raises(jaxhb.SceneError, match="closes a loop, and Holzer's table is for trains without"):
+        holzer_table(build(gearbox_parts(), reference="motor"), hz=10.0)
+    assert holzer_table(build(branched_parts(), reference="flywheel"), hz=10.0).names
