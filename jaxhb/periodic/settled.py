@@ -53,7 +53,7 @@ def solve_settled(train, march, trace, period, request, *, steps, meshes, hz=Non
         request = dataclasses.replace(request, harmonics=request.harmonics and period * request.harmonics)
     viscous = train if hz is None else train.with_viscous_damping(hz=hz)
     event = March(march.cycles, steps, max(march.returns.errors(period)[0], 1e-300))
-    found, plan = _solve(viscous, march.rpm, request, trace, period * steps, meshes, event)
+    found, plan = _solve(viscous, march.rpm, request, trace, meshes, event, period)
     if found is None or not same_motion(found, trace, meshes, viscous):
         return None, ""
     if hz is None:
@@ -64,13 +64,14 @@ def solve_settled(train, march, trace, period, request, *, steps, meshes, hz=Non
     return lossy, ""
 
 
-def _solve(train, rpm, request, trace, steps, meshes, event):
+def _solve(train, rpm, request, trace, meshes, event, period):
     """Response and plan from the deflections of a period, or None and None."""
     deflection = np.split(trace, 2)[0]
-    plan = _plan(train, rpm, request, deflection, meshes)
+    plan = _plan(train, rpm, request, deflection, meshes, period)
     own = np.flatnonzero(np.array(train.topology.mesh_backlash, dtype=bool))
-    given = np.zeros((len(train.topology.mesh_names), (steps - 1) // 2 + 1), dtype=complex)
-    given[own] = fourier.analyze(deflection, (steps - 1) // 2)
+    reach = (deflection.shape[1] - 1) // 2
+    given = np.zeros((len(train.topology.mesh_names), reach + 1), dtype=complex)
+    given[own] = fourier.analyze(deflection, reach)
     given = given[plan.choice.chosen] * plan.choice.active[:, None]
     case = ladder.Case(train, rpm, request, plan)
     for _ in range(LEVELS_TRIED):
@@ -84,7 +85,7 @@ def _solve(train, rpm, request, trace, steps, meshes, event):
     return None, None
 
 
-def _plan(train, rpm, request, deflection, meshes):
+def _plan(train, rpm, request, deflection, meshes, period):
     """The plan whose unknowns are the meshes that come near their gap."""
     law = meshes.law
     side = np.where(deflection.mean(axis=1) < 0, -1, 1)
@@ -101,6 +102,8 @@ def _plan(train, rpm, request, deflection, meshes):
     apart = (np.abs(deflection) < law.gap[:, None]).any()
     wanted = planning.first_level(contact.excited, modes[0] if apart else 0.0) if active else contact.harmonics
     wanted = planning.shared_level(wanted) if request.many and active else wanted
+    # What few harmonics a cycle cut off of a motion of one cycle would make it one of several.
+    wanted = max(wanted, planning.level_at_least(period * planning.LEVELS[0]))
     return dataclasses.replace(
         contact,
         harmonics=request.harmonics or min(wanted, MOST[request.method]),

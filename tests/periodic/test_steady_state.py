@@ -286,3 +286,13 @@ def test_what_cannot_be_done_is_a_sentence():
 def test_a_short_march_is_what_was_asked():
     state = jaxhb.steady_state(jaxhb.load_scene("gear_train_30"), rpm=2400.0, cycles=Cycles(transient=8, recorded=16))
     assert (state.record.cycles, state.cycles) == (16, 24)
+
+
+def test_a_motion_of_one_cycle_that_is_approached_in_turns_is_no_subharmonic_one():
+    """Its multipliers, 0.97 at 104 degrees, let seven cycles nearly return long before one does."""
+    train = jaxhb.load_scene("spur_pair").replace({"gear a|gear b.damping": 106.1})
+    state = jaxhb.steady_state(train, rpm=6500.0)
+    assert (state.kind, state.period) == ("periodic", 1)
+    assert float(state.force("gear a", "gear b").max) == pytest.approx(
+        float(jaxhb.solve(train, rpm=6500.0).force("gear a", "gear b").max), rel=5e-3
+    )
