@@ -1,0 +1,364 @@
+"""Coefficients of characteristic polynomials by equivalent transformation, the splitting of Moliboshko; host, exact.
+
+A polynomial is a tuple of coefficients, highest power first, in whatever numbers the links carry: with fractions all is
+exact. ``k_i = c_i + r_i p``; the polynomial R of a piece is monic, of a free tree without the factor p^2, of a piece
+that is held or has a loop the whole determinant over the inertias. Chapter 3 of the source, Table 1, as it must read
+(method.md C2, proved with random rationals), gamma_ij = k_i k_j / I_m^2 at the mass m shared by the links i and j:
+
+====  ================  ===========================================================================================
+row   system            equivalent
+====  ================  ===========================================================================================
+1     chain 1-4         R_1 R_24 - gamma_12 R_34 = R_12 R_34 - gamma_23 R_1 R_4
+2     branch 5-6 at 3   R_12 R_36 - gamma_23 R_1 R_4 R_56(3) - gamma_25 R_1 R_6 R_34(3); printed: gamma_35, wrong
+3     ring 1-4          R_14 opened at mass 2 - gamma_12 R_34 - 2 prod k_i/I_i; printed: prod c_i/I_i, if undamped
+4     ring 3-6, tail    R_1 R0_26 - gamma_12 R0_36, or opened at mass 4:
+                        R_16 - gamma_34 R_1256 - 2 R_12(3) prod k_i/I_i;
+                        printed: R_1 R_26 - gamma_12 R0_36 - 2 prod c_i/I_i, whose last term has a wrong dimension
+====  ================  ===========================================================================================
+
+The two misprints are those of rows 2 and 4; c for k in rows 3 and 4 leaves damping out. :func:`split_at_mass` is the
+rule of rows 1 and 2 for any tree, :func:`open_ring` that of rows 3 and 4 for any system with one loop. Coefficients in
+double precision lose all digits from some 20 disks on: values at any size are in ``linear.polynomial``.
+"""
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+from ..harmonic import chain
+from ..model.elements import SceneError
+
+LARGEST = 12
+"""Disks up to which coefficients in double precision mean something (method.md C5)."""
+
+
+@dataclass(frozen=True)
+class Links:
+    """A small system of masses and links, numbers of any exact or inexact kind.
+
+    inertia, damping, ground : dict mass -> I, b, stiffness to ground
+    ends : dict link -> (mass, mass); arms : dict link -> (arm, arm); stiffness : dict link -> (c, r)
+    """
+
+    inertia: dict
+    damping: dict
+    ground: dict
+    ends: dict
+    arms: dict
+    stiffness: dict
+
+    def over(self, mass, link):
+        """``k a^2 / I_m`` of a link at one of its masses, as a polynomial."""
+        arm = self.arms[link][self.ends[link].index(mass)]
+        return _times(self.spring(link), (arm**2 / self.inertia[mass],))
+
+    def spring(self, link):
+        """``r p + c``."""
+        c, r = self.stiffness[link]
+        return (r, c) if r else (c,)
+
+    def at(self, mass, links):
+        """Those of ``links`` that end at a mass."""
+        return [link for link in links if mass in self.ends[link]]
+
+
+def links_of(train, *, exact=True):
+    """The :class:`Links` of a train, masses and links by their names; shafts in angles, meshes with radii as arms.
+
+    Parameters
+    ----------
+    train : DriveTrain, concrete, without loss factors
+    exact : bool
+        Fractions of the decimals as they print, 0.1 as 1/10; else floats.
+
+    Raises
+    ------
+    SceneError
+        If a link has a loss factor, which is no polynomial in p.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> from jaxhb.linear.splitting import links_of
+    >>> parts = [jaxhb.Disk(name="a", inertia=0.1), jaxhb.Disk(name="b", inertia=2.0)]
+    >>> links_of(jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=3.0)])).inertia["a"]
+    Fraction(1, 10)
+    """
+    topology, system = train.topology, chain.assemble(train)
+    lossy = [name for name, eta in zip(topology.link_names, system.loss, strict=True) if eta]
+    if lossy:
+        raise SceneError(
+            f"{topology.name or 'scene'}: link {lossy[0]!r} has a loss factor, which is no polynomial in p. "
+            "Use with_viscous_damping."
+        )
+
+    def number(value):
+        return Fraction(repr(float(value))) if exact else float(value)
+
+    inertia = [*train.disks.inertia, *train.dampers.inertia]
+    damping = [*train.disks.damping, *(0.0 for _ in topology.damper_names)]
+    ground = dict.fromkeys(topology.disk_names, number(0.0))
+    for disk, k in zip(topology.ground_disk, train.grounds.stiffness, strict=True):
+        ground[topology.disk_names[disk]] += number(k)
+    tables = (train.shafts, train.dampers, train.meshes)
+    springs = [pair for table in tables for pair in zip(table.stiffness, table.damping, strict=True)]
+    turning = len(topology.link_names) - len(topology.mesh_names)
+    arms = [(1.0, 1.0)] * turning + [tuple(train.disks.radius[list(ends)]) for ends in topology.mesh_ends]
+    names = topology.disk_names
+    return Links(
+        inertia={name: number(J) for name, J in zip(names, inertia, strict=True)},
+        damping={name: number(b) for name, b in zip(names, damping, strict=True)},
+        ground=ground,
+        ends={n: (names[a], names[b]) for n, (a, b) in zip(topology.link_names, topology.link_ends, strict=True)},
+        arms={n: tuple(map(number, pair)) for n, pair in zip(topology.link_names, arms, strict=True)},
+        stiffness={n: tuple(map(number, pair)) for n, pair in zip(topology.link_names, springs, strict=True)},
+    )
+
+
+def characteristic_coefficients(train, *, exact=False):
+    """Coefficients of ``det(p^2 M + p B + K) / prod I``, highest power first.
+
+    Parameters
+    ----------
+    train : DriveTrain, concrete
+        At most one closed loop, no disk without inertia, no loss factor.
+    exact : bool
+        Fractions, for any number of disks; else floats, for at most 12.
+
+    Returns
+    -------
+    tuple of Fraction or float, 2 S + 1 of them
+
+    Raises
+    ------
+    SceneError
+        If the train is none of these.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> from jaxhb.linear.splitting import characteristic_coefficients
+    >>> parts = [jaxhb.Disk(name="a", inertia=1.0), jaxhb.Disk(name="b", inertia=1.5)]
+    >>> train = jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=3.0, damping=0.1)])
+    >>> [str(value) for value in characteristic_coefficients(train, exact=True)]
+    ['1', '1/6', '5', '0', '0']
+    """
+    where, links = train.topology.name or "scene", links_of(train, exact=exact)
+    light = [name for name, inertia in links.inertia.items() if not inertia]
+    faults = [f"{where}: disk {name!r} has no inertia: give it some, or use linear.polynomial." for name in light]
+    if len(links.inertia) > LARGEST and not exact:
+        faults.append(
+            f"{where}: coefficients of {len(links.inertia)} disks in double precision have no digits beyond {LARGEST}. "
+            "Ask for exact ones, or for values by linear.polynomial."
+        )
+    loops = chain.span(train.topology).loops
+    if len(loops) > 1:
+        faults.append(f"{where}: {len(loops)} closed loops, and coefficients are for one at most. Take links out.")
+    if faults:
+        raise SceneError(faults)
+    return determinant(links, list(links.ends), list(links.inertia))
+
+
+def determinant(links, chosen, masses, held=()):
+    """``det / prod I`` of the chosen links on masses, those ``held`` grounded and left out; any graph with one loop.
+
+    Parameters
+    ----------
+    links : Links
+    chosen, masses, held : sequences of names
+
+    Returns
+    -------
+    tuple, of degree twice the number of free masses
+    """
+    free = [mass for mass in masses if mass not in held]
+    diagonal = {}
+    for mass in free:
+        value = (links.inertia[mass], links.damping[mass], links.ground[mass])
+        value = tuple(number / links.inertia[mass] for number in value)
+        for link in links.at(mass, chosen):
+            value = _plus(value, links.over(mass, link))
+        diagonal[mass] = value
+    between = [link for link in chosen if all(mass in diagonal for mass in links.ends[link])]
+    return _expand(links, diagonal, between, tuple(free), {(): (1,)})
+
+
+def _expand(links, diagonal, between, masses, known):
+    """Determinant of some masses, by the one with fewest links, a leaf if there is one; ``known`` by masses."""
+    if masses in known:
+        return known[masses]
+    between = [link for link in between if all(mass in masses for mass in links.ends[link])]
+    mass = min(masses, key=lambda mass: len(links.at(mass, between)))
+    others = links.at(mass, between)
+    without = [link for link in between if link not in others]
+
+    def rest(*passed):
+        return _expand(links, diagonal, without, tuple(m for m in masses if m != mass and m not in passed), known)
+
+    total = _times(diagonal[mass], rest())
+    for link in others:  # over a link and back, and the two ways round the ring
+        for other in others:
+            a, b = _far(links, link, mass), _far(links, other, mass)
+            for way, passed in [((), (a,))] if a == b else _ways(links, without, a, b):
+                steps = _over_all(links, (link, *way, other), (mass, *passed))
+                total = _less(total, _times(steps, rest(*passed)))
+    known[masses] = total
+    return total
+
+
+def _over_all(links, chosen, masses):
+    """Product of ``k a b`` over links, each as often as it is named, and of 1/I over masses."""
+    product = (1,)
+    for link in chosen:
+        product = _times(_times(links.spring(link), (links.arms[link][0] * links.arms[link][1],)), product)
+    for mass in masses:
+        product = _times(product, (1 / links.inertia[mass],))
+    return product
+
+
+def _ways(links, chosen, a, b, passed=()):
+    """Paths over chosen links from mass a to b as (links, masses passed)."""
+    if a == b:
+        return [((), (*passed, a))]
+    found = []
+    for link in links.at(a, chosen):
+        far = _far(links, link, a)
+        if far not in passed:
+            found += [((link, *way), masses) for way, masses in _ways(links, chosen, far, b, (*passed, a))]
+    return found
+
+
+def piece(links, chosen, held=()):
+    """R of the piece made of some links: of a free tree without p^2, else the whole determinant.
+
+    Parameters
+    ----------
+    links : Links
+    chosen : sequence of links, possibly none (R = 1)
+    held : sequence of masses that are held
+
+    Returns
+    -------
+    tuple, monic
+
+    Examples
+    --------
+    >>> from fractions import Fraction as F
+    >>> none, ends = {1: 0, 2: 0}, {1: (1, 2)}
+    >>> links = Links({1: F(1), 2: F(3, 2)}, none, none, ends, {1: (1, 1)}, {1: (F(3), F(1, 10))})
+    >>> [str(value) for value in piece(links, [1])]
+    ['1', '1/6', '5']
+    """
+    masses = list(dict.fromkeys(mass for link in chosen for mass in links.ends[link]))
+    found = determinant(links, chosen, masses, held)
+    loose = not any(links.ground[mass] or links.damping[mass] or mass in held for mass in masses)
+    return found[:-2] if chosen and loose and len(masses) == len(chosen) + 1 else found
+
+
+def split_at_mass(links, mass, part):
+    """R of a free tree split at a mass: ``R_A R_B - sum gamma_ij x (what is behind i, j) x (the rest, held)``.
+
+    Parameters
+    ----------
+    links : Links, a free tree
+    mass : where it is split
+    part : sequence of links, those of one side A; the others are B
+
+    Returns
+    -------
+    tuple, the same as :func:`piece` of all links
+
+    Examples
+    --------
+    >>> from fractions import Fraction as F
+    >>> n = range(1, 4)
+    >>> links = Links({i: F(i) for i in n}, dict.fromkeys(n, 0), dict.fromkeys(n, 0), {1: (1, 2), 2: (2, 3)},
+    ...               {1: (1, 1), 2: (1, 1)}, {1: (F(3), 0), 2: (F(5), 0)})
+    >>> split_at_mass(links, 2, [1]) == piece(links, [1, 2])
+    True
+    """
+    other = [link for link in links.ends if link not in part]
+    branches = {link: _behind(links, mass, link) for link in links.at(mass, links.ends)}
+    total = _times(piece(links, part), piece(links, other))
+    for i in links.at(mass, part):
+        for j in links.at(mass, other):
+            term = _times(links.over(mass, i), links.over(mass, j))
+            for branch in (i, j):
+                term = _times(term, piece(links, [link for link in branches[branch] if link != branch]))
+            for branch in branches.keys() - {i, j}:
+                term = _times(term, piece(links, branches[branch], held=[mass]))
+            total = _less(total, term)
+    return total
+
+
+def open_ring(links, mass, link):
+    """R^0 of a free system with one loop, opened at a mass of the ring that carries nothing else.
+
+    ``R^0 = R_open - gamma_ij R_rest - 2 R_outside prod k/I``: ``link`` (j) is moved to a second mass as heavy as the
+    first; rest is without both links of the mass; outside is all but the ring with its masses held.
+
+    Parameters
+    ----------
+    links : Links
+    mass : where the ring is opened
+    link : one of its two links
+
+    Returns
+    -------
+    tuple, the same as :func:`piece` of all links
+
+    Examples
+    --------
+    >>> from fractions import Fraction as F
+    >>> n = range(1, 4)
+    >>> links = Links({i: F(i) for i in n}, dict.fromkeys(n, 0), dict.fromkeys(n, 0), {1: (1, 2), 2: (2, 3), 3: (3, 1)},
+    ...               {i: (1, 1) for i in n}, {i: (F(i), F(i, 10)) for i in n})
+    >>> open_ring(links, 2, 2) == piece(links, [1, 2, 3])
+    True
+    """
+    kept, copy = next(l for l in links.at(mass, links.ends) if l != link), (mass, "again")
+    ends = {**links.ends, link: tuple(copy if m == mass else m for m in links.ends[link])}
+    more = {
+        name: {**getattr(links, name), copy: getattr(links, name)[mass]} for name in ("inertia", "damping", "ground")
+    }
+    opened = Links(**more, ends=ends, arms=links.arms, stiffness=links.stiffness)
+    rest = [l for l in links.ends if l not in (link, kept)]
+    around, passed = _ways(links, rest, _far(links, kept, mass), _far(links, link, mass))[0]
+    ring = (kept, *around, link)
+    outside = piece(links, [l for l in links.ends if l not in ring], held=[mass, *passed])
+    pair = _times(_times(links.over(mass, kept), links.over(mass, link)), piece(links, rest))
+    twice = _times((2,), _times(_over_all(links, ring, (mass, *passed)), outside))
+    return _less(_less(piece(opened, list(ends)), pair), twice)
+
+
+def _behind(links, mass, link):
+    """Links of the branch that begins with ``link`` at a mass."""
+    found, masses = [link], [_far(links, link, mass)]
+    for here in masses:
+        for onward in links.at(here, links.ends):
+            if onward not in found:
+                found.append(onward)
+                masses.append(_far(links, onward, here))
+    return found
+
+
+def _far(links, link, mass):
+    a, b = links.ends[link]
+    return b if a == mass else a
+
+
+def _times(a, b):
+    product = [0] * (len(a) + len(b) - 1)
+    for i, x in enumerate(a):
+        for j, y in enumerate(b):
+            product[i + j] += x * y
+    return tuple(product)
+
+
+def _less(a, b):
+    return _plus(a, tuple(-value for value in b))
+
+
+def _plus(a, b):
+    size = max(len(a), len(b))
+    a, b = (0,) * (size - len(a)) + tuple(a), (0,) * (size - len(b)) + tuple(b)
+    return tuple(x + y for x, y in zip(a, b, strict=True))
