@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import eig
 
+from .._arrays import on_host
 from ..harmonic import chain
 
 CREEPING = 0.01
@@ -66,7 +67,7 @@ def damped_modes(train):
     >>> modes.eigenvalues.round(6).tolist(), modes.damping_ratio.round(6).tolist()
     ([(-1+9.949874j)], [0.1])
     """
-    system = chain.assemble(train)
+    system = on_host(chain.assemble(train))
     values, velocity = _eigenpairs(system)
     largest = np.abs(values).max(initial=0.0)
     order = np.argsort(values.imag, kind="stable")

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .._arrays import on_host
 from ..harmonic import chain
 from ..model.elements import SceneError
 
@@ -153,7 +154,7 @@ def holzer_residual(train, *, hz):
 
 def _tree(train):
     """Elimination from the free ends, the first disk's first, to a ground or to the disk farthest from the first."""
-    system = chain.assemble(train)
+    system = on_host(chain.assemble(train))
     if len(system.tree.loops):
         name = train.topology.link_names[system.tree.loops[0]]
         where = train.topology.name or "scene"

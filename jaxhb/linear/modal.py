@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .._arrays import on_host
 from ..harmonic import chain
 from .incidence import factor, singular_values, singular_vectors
 
@@ -73,7 +74,7 @@ def natural_frequencies(train, *, count=None):
     >>> jaxhb.natural_frequencies(jaxhb.load_scene("six_cylinder_diesel")).frequencies_hz[:3].round(1).tolist()
     [0.0, 216.6, 592.7]
     """
-    system = chain.assemble(train)
+    system = on_host(chain.assemble(train))
     rows = factor(system)
     omega, vectors = singular_vectors(rows, count)
     displacement = rows.displacements(vectors / np.sqrt(system.mass[rows.heavy])[:, None])
@@ -119,7 +120,7 @@ def all_frequencies(train):
     >>> jaxhb.linear.modal.all_frequencies(jaxhb.load_scene("six_cylinder_diesel"))[:3].round(1).tolist()
     [0.0, 216.6, 592.7]
     """
-    return singular_values(factor(chain.assemble(train))) / (2 * np.pi)
+    return singular_values(factor(on_host(chain.assemble(train)))) / (2 * np.pi)
 
 
 def _sign_changes(tree, shapes):
