@@ -141,6 +141,27 @@ def test_values_are_differentiable_over_frequencies_and_designs():
     np.testing.assert_allclose(batch, np.stack([value(60.0), value(70.0)]), rtol=ALGEBRAIC)
 
 
+def test_responses_and_the_error_of_the_approximation_have_the_derivatives_of_differences():
+    parts = chain_parts([1.0, 2.0, 0.5], [50.0, 80.0], damping=0.2)[:3]
+    parts += [
+        Shaft(between=("1", "2"), stiffness=50.0, damping=0.3),
+        Shaft(between=("2", "3"), stiffness=80.0, damping=0.9),
+    ]
+    train, hz = build(parts), jnp.array([0.4, 1.1])
+
+    def quantities(k, J):
+        changed = train.replace({"1|2.stiffness": k, "3.inertia": J})
+        response = frequency_response(changed, "1", "3", hz)
+        return jnp.concatenate([jnp.abs(response), damped_approximation(changed, 2 * jnp.pi * hz).relative_error])
+
+    value, h = jax.jit(quantities), 1e-5
+    for number, slope in enumerate(jax.jacrev(quantities, (0, 1))(50.0, 0.5)):
+        step = np.eye(2)[number] * h * np.array([50.0, 0.5])
+        at = np.array([50.0, 0.5])
+        wanted = (value(*(at + step)) - value(*(at - step))) / (2 * step.sum())
+        np.testing.assert_allclose(slope, wanted, rtol=GRADIENT, atol=1e-9 * np.abs(wanted).max())
+
+
 def test_loops_beyond_what_the_rules_hold_for_are_refused_by_name():
     two = [*ring_with_tails(), Shaft(between=("2", "4"), stiffness=5.0)]
     with pytest.raises(jaxhb.SceneError, match="close 2 loops"):

@@ -45,6 +45,18 @@ def test_gradients_to_every_kind_of_number_are_those_of_differences():
         np.testing.assert_allclose(slopes[key], wanted, rtol=GRADIENT, atol=noise)
 
 
+def test_gradients_to_radii_of_gears_are_those_of_differences():
+    heavy = np.concatenate([BRANCHED.disks.inertia, BRANCHED.dampers.inertia]) > 0
+    highest = jaxhb.natural_frequencies(BRANCHED).frequencies_hz[-1]
+    for gear in {BRANCHED.topology.disk_names[disk] for disk in BRANCHED.topology.mesh_ends[-1]}:
+        key = gear + ".radius"
+        slope = jax.jacfwd(lambda r, key=key: frequencies_hz(BRANCHED.replace({key: r}), heavy))(
+            float(BRANCHED.value(key))
+        )
+        noise = 1e-15 * highest / (1e-5 * float(BRANCHED.value(key)))
+        np.testing.assert_allclose(slope, by_differences(BRANCHED, key), rtol=GRADIENT, atol=noise)
+
+
 def test_forward_and_reverse_derivatives_agree_under_jit_and_vmap():
     def value(k):
         return frequencies_hz(BRANCHED.replace({BRANCHED.topology.shaft_names[0] + ".stiffness": k}))
