@@ -66,8 +66,10 @@ class Program:
             return self.function(**arguments, **static)
 
         call.__name__ = self.__name__
+        retrieved = _held.retrieved
         made = jax.jit(call, compiler_options=options).lower(arguments).compile()
-        _store.save(name, made)
+        if _held.retrieved == retrieved:  # one out of jax's cache does not run any more when it is stored again
+            _store.save(name, made)
         return made
 
 
@@ -152,12 +154,13 @@ class Held:
     """
 
     def __init__(self):
-        self.programs = self.counted = 0
+        self.programs = self.counted = self.retrieved = 0
         jax.monitoring.register_event_duration_secs_listener(self.listen)
 
     def listen(self, event, _, **__):
-        """Count the programs that are compiled, by whatever package."""
+        """Count the programs that are compiled, by whatever package, and those that jax's cache had."""
         self.programs += event == "/jax/core/compile/backend_compile_duration"
+        self.retrieved += event == "/jax/compilation_cache/cache_retrieval_time_sec"
 
     def limit(self, most=None, between=COMPILED_BETWEEN_COUNTS):
         """Drop all programs if they take more than ``most`` memory maps, by default half of those that there are."""

@@ -118,7 +118,7 @@ class Equations:
 class March:
     """One speed on its way: state ``(2m,)``, cycles done, what was seen of them, the trace of the last, its record.
 
-    again : cycles from which a period counts again, after one that harmonic balance did not find.
+    again : cycles from which a period counts again, after one that harmonic balance did not find, or that repels.
     """
 
     place: int

@@ -136,9 +136,10 @@ def _period(march, cycles):
     """The period of a march, 0 where it ends without, None where it goes on."""
     if not march.returns.finite:
         return 0
-    complete = march.recorded >= cycles.recorded
-    period = march.returns.period()
-    if period and (complete or march.cycles >= march.again):
+    if march.cycles < march.again:
+        return None
+    complete, period = march.recorded >= cycles.recorded, march.returns.period()
+    if period:
         return period
     over = complete and (march.cycles >= cycles.most or not march.returns.undecided())
     return march.returns.period(last=True) if over else None

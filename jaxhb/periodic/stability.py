@@ -192,6 +192,21 @@ def largest_multiplier(response):
     return float(np.max(np.abs(multipliers[~rotation]), initial=0.0))
 
 
+DENSE_DISKS, ESTIMATED = 100, 1.1
+"""Disks up to which all multipliers are computed where only the largest is asked for; largest estimate that counts as
+stable beyond that, and where loss factors leave no multipliers."""
+
+
+def attracts(response):
+    """Whether a train that is near a periodic motion runs into it, as far as multipliers can be told."""
+    if response.train.topology.n_disks <= DENSE_DISKS:
+        try:
+            return bool(stability(response).stable)
+        except ValueError:  # loss factors, or a massless disk without an equation
+            pass
+    return largest_multiplier(response) <= ESTIMATED
+
+
 @partial(Program, static_argnames="sizes")
 def _linearised(problem, choice, deflection, sizes):
     """Monodromy matrix ``(n, n)`` of the linearised periodic operator, and the coordinates of its states."""

@@ -14,6 +14,7 @@ from .planning import plan_speeds
 from .request import Request, check_speed
 from .returns import Cycles, ended
 from .settled import same_motion, shortest_period, solve_settled
+from .stability import attracts
 
 DIRECTIONS = "up", "down", "both"
 
@@ -242,7 +243,7 @@ class _Search:
                 place = places[march.place]
                 state = self._state_of(place, batch, march, period, hz)
                 if state is None:
-                    march.again = march.cycles + AGAIN
+                    march.again = max(march.again, march.cycles + AGAIN)
                 else:
                     found[place] = state
                     march.done = True
@@ -277,6 +278,8 @@ class _Search:
         if not self.exact:
             return self._recorded(place, batch, march, period, notes)
         response, note, period = self._solved(place, batch, march, period, hz)
+        if response is not None and not attracts(response):
+            return self._passed_by(place, batch, march, notes)
         kind, notes = "periodic" if period == 1 else "subharmonic", notes + [note] * bool(note)
         common = {"cycles": march.cycles, "motion": batch.motion(march)}
         if response is not None:
@@ -287,6 +290,14 @@ class _Search:
             return None
         notes.append("harmonic balance did not find the motion marched: the numbers are those of recorded cycles")
         return self._recorded(place, batch, march, period, notes)
+
+    def _passed_by(self, place, batch, march, notes):
+        """The steady state of a march that came near a motion that repels; None where it may still leave it."""
+        if march.recorded < self.cycles.recorded or march.cycles < self.cycles.most:
+            march.again = self.cycles.most  # it takes cycles to leave it, and solving it again tells nothing
+            return None
+        record, motion = record_of(batch.equations, march), batch.motion(march)
+        return self._state(place, "irregular", 0, record=record, cycles=march.cycles, notes=notes, motion=motion)
 
     def _recorded(self, place, batch, march, period, notes):
         """The steady state of a motion with a period, read from its record."""

@@ -296,3 +296,11 @@ def test_a_motion_of_one_cycle_that_is_approached_in_turns_is_no_subharmonic_one
     assert float(state.force("gear a", "gear b").max) == pytest.approx(
         float(jaxhb.solve(train, rpm=6500.0).force("gear a", "gear b").max), rel=5e-3
     )
+
+
+def test_a_motion_that_repels_is_not_what_the_train_does():
+    """A march passes near it for long, and harmonic balance solves it: its multiplier is -1.1."""
+    train = jaxhb.load_scene("gear_train_30")
+    state = jaxhb.steady_state(train, rpm=2300.0)
+    assert not jaxhb.stability(jaxhb.solve(train, rpm=2300.0)).stable
+    assert state.response is None or jaxhb.stability(state.response).stable
