@@ -25,7 +25,7 @@ import time, numpy, jaxhb
 train, rpm = jaxhb.load_scene("gear_train_30"), numpy.linspace(700.0, 2450.0, 60)
 for _ in range(2):
     begin = time.perf_counter()
-    jaxhb.solve_speeds(train, rpm=rpm)
+    jaxhb.steady_state(train, rpm=rpm)
     seconds = time.perf_counter() - begin
 print(seconds)
 """
