@@ -44,9 +44,10 @@ class Program:
         static = {name: arguments.pop(name) for name in self.static if name in arguments}
         leaves, tree = jax.tree.flatten(arguments)
         key = self, tuple(static.items()), tree, tuple(map(_kind, leaves))
-        if key not in _compiled:
-            _compiled[key] = self._outermost(static, arguments, key)
-        return _compiled[key](arguments)
+        found = _compiled.get(key)  # hashed once: that of a large train takes a tenth of a millisecond
+        if found is None:
+            found = _compiled[key] = self._outermost(static, arguments, key)
+        return found(arguments)
 
     @property
     def executables(self):

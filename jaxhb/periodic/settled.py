@@ -102,7 +102,7 @@ def _plan(train, rpm, request, deflection, meshes, period):
     apart = (np.abs(deflection) < law.gap[:, None]).any()
     wanted = planning.first_level(contact.excited, modes[0] if apart else 0.0) if active else contact.harmonics
     wanted = planning.shared_level(wanted) if request.many and active else wanted
-    # What few harmonics a cycle cut off of a motion of one cycle would make it one of several.
+    # With fewer harmonics a cycle than one cycle has, a motion of one cycle is solved as a subharmonic one.
     wanted = max(wanted, planning.level_at_least(period * planning.LEVELS[0]))
     return dataclasses.replace(
         contact,

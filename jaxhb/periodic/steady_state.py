@@ -273,8 +273,7 @@ class _Search:
         if not march.returns.finite:
             return self._unknown(place, "the march is not finite: check the scene for huge or tiny numbers")
         if not period:
-            record, motion = record_of(batch.equations, march), batch.motion(march)
-            return self._state(place, "irregular", 0, record=record, cycles=march.cycles, notes=notes, motion=motion)
+            return self._irregular(place, batch, march, notes)
         if not self.exact:
             return self._recorded(place, batch, march, period, notes)
         response, note, period = self._solved(place, batch, march, period, hz)
@@ -296,6 +295,10 @@ class _Search:
         if march.recorded < self.cycles.recorded or march.cycles < self.cycles.most:
             march.again = self.cycles.most  # it takes cycles to leave it, and solving it again tells nothing
             return None
+        return self._irregular(place, batch, march, notes)
+
+    def _irregular(self, place, batch, march, notes):
+        """The steady state of a motion without a period, read from its record."""
         record, motion = record_of(batch.equations, march), batch.motion(march)
         return self._state(place, "irregular", 0, record=record, cycles=march.cycles, notes=notes, motion=motion)
 
