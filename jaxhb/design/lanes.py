@@ -169,7 +169,7 @@ def pull_lanes(numbers, held, rpm, found, choice, cotangent, *, form, asked, siz
 
 def lane_sizes(plan):
     """What the programs of the lanes of a plan are compiled for; whether it has enough harmonics is asked by itself."""
-    return dataclasses.replace(plan.sizes, max_steps=NEWTON_STEPS, estimated=False, either=True)
+    return dataclasses.replace(plan.sizes, max_steps=NEWTON_STEPS, estimated=False, marches=True, either=True)
 
 
 def _smooth(response, asked):

@@ -22,7 +22,7 @@ import numpy as np
 from jax import lax
 from numpy.polynomial import legendre
 
-from .._program import Program
+from .._arrays import namespace, on_host
 from . import fourier
 
 CELLS = 8
@@ -137,20 +137,16 @@ def locate(law, deflection, capacity=None):
     return Crossings(cell, *_pass(_modes(smooth, cell), _knots(law)[..., None, None]), jnp.all(count <= capacity))
 
 
-_locate = Program(locate, static_argnames="capacity")
-
-
 def switching_times(law, deflection):
     """Shares of the cycle ``(K,)``, in no order, at which one of the deflections ``(G, N+1)`` passes a knot of its law;
     on the host."""
-    if not len(deflection):
-        return np.zeros(0)
+    law, deflection = on_host((law, deflection))
     cells = _cells(deflection.shape[-1] - 1)
-    found = _locate(law, deflection)
-    if not found.complete:
-        found = _locate(law, deflection, capacity=cells)
-    share = (np.asarray(found.cell)[:, None, None] + (np.asarray(found.time) + 1) / 2) / cells
-    return share[np.asarray(found.gain) != 0]
+    smooth = _in_cells(deflection, cells)
+    mesh, cell = np.nonzero(_passed(smooth, _knots(law)))
+    knots = _knots(law)[mesh].T[None, :, None]
+    *_, time, gain, _ = _pass(np.einsum("mj,kj->mk", _MODES, smooth[mesh, :, cell])[None], knots)
+    return ((cell + (time + 1) / 2) / cells)[gain != 0]
 
 
 def divide(law, deflection, crossings=None):
@@ -198,55 +194,67 @@ def _cells(harmonics):
 
 def _knots(law):
     """``(G, 4)``, rising."""
-    return jnp.stack([-law.knee, -law.gap, law.gap, law.knee], axis=-1)
+    return namespace(law).stack([-law.knee, -law.gap, law.gap, law.knee], axis=-1)
 
 
 def _choose(smooth, knots, capacity):
     """Cells ``(G, capacity)`` in which the deflection may pass a knot, padded with their number; and how many there
     are."""
-    low, high = smooth.min(1), smooth.max(1)
-    slack = MARGIN * (high - low)
-    low, high = (low - slack)[..., None], (high + slack)[..., None]
-    passed = jnp.any((low < knots[:, None]) & (knots[:, None] < high), axis=-1)
+    passed = _passed(smooth, knots)
     cells = passed.shape[-1]
     chosen = jax.vmap(lambda one: jnp.nonzero(one, size=capacity, fill_value=cells)[0])(passed)
     return chosen, passed.sum(-1)
 
 
+def _passed(smooth, knots):
+    """Whether ``(G, cells)`` the deflection may pass a knot in a cell."""
+    low, high = smooth.min(1), smooth.max(1)
+    slack = MARGIN * (high - low)
+    low, high = (low - slack)[..., None], (high + slack)[..., None]
+    return ((low < knots[:, None]) & (knots[:, None] < high)).any(axis=-1)
+
+
 def _pass(modes, knots):
     """What :class:`Crossings` holds between ``cell`` and ``complete``."""
-    powers = jnp.einsum("gmk,mi->igk", modes, _POWERS)[:, :, None, None]
-    rates = jnp.arange(1, POINTS)[:, None, None, None, None] * powers[1:]
-    edge = jnp.ones(powers.shape[1:])
+    xp = namespace(modes)
+    powers = xp.einsum("gmk,mi->igk", modes, _POWERS)[:, :, None, None]
+    rates = np.arange(1, POINTS)[:, None, None, None, None] * powers[1:]
+    edge = xp.ones(powers.shape[1:])
     turns = _horner(rates, -edge) * _horner(rates, edge) < 0
-    turn = jnp.where(turns, _root(rates, 0.0, -edge, edge), 0.0)
-    low, high = jnp.concatenate([-edge, turn], axis=2), jnp.concatenate([turn, edge], axis=2)
+    turn = xp.where(turns, _root(rates, 0.0, -edge, edge), 0.0)
+    low, high = xp.concatenate([-edge, turn], axis=2), xp.concatenate([turn, edge], axis=2)
     first, last = _horner(powers, low), _horner(powers, high)
     rising = first <= last
-    sense = jnp.where(rising, 1.0, -1.0)
+    sense = xp.where(rising, 1.0, -1.0)
     ahead, before = sense * (knots - first) > 0, sense * (last - knots) > 0
-    time = _root(powers, knots, *(jnp.broadcast_to(end, ahead.shape) for end in (low, high)))
+    time = _root(powers, knots, *(xp.broadcast_to(end, ahead.shape) for end in (low, high)))
     rate = _horner(rates, time)
-    grazing = jnp.abs(rate) <= 1e-7 * jnp.max(jnp.abs(rates), axis=0)
-    gain = jnp.where(ahead & before & ~grazing, 1 / jnp.where(grazing, 1.0, rate), 0.0)
-    return low, high, jnp.where(ahead, jnp.where(before, time, high), low), gain, rising
+    grazing = xp.abs(rate) <= 1e-7 * xp.max(xp.abs(rates), axis=0)
+    gain = xp.where(ahead & before & ~grazing, 1 / xp.where(grazing, 1.0, rate), 0.0)
+    return low, high, xp.where(ahead, xp.where(before, time, high), low), gain, rising
 
 
 def _root(powers, level, low, high):
     """Where a polynomial, monotonic from ``low`` to ``high``, has the value ``level``: Newton's method, bracketed."""
-    rates = jnp.arange(1, len(powers)).reshape(-1, *[1] * (powers.ndim - 1)) * powers[1:]
-    sense = jnp.sign(_horner(powers, high) - _horner(powers, low))
+    xp = namespace(powers)
+    rates = np.arange(1, len(powers)).reshape(-1, *[1] * (powers.ndim - 1)) * powers[1:]
+    sense = xp.sign(_horner(powers, high) - _horner(powers, low))
 
     def step(_, state):
         low, high, x = state
         value = _horner(powers, x) - level
-        low, high = jnp.where(sense * value <= 0, x, low), jnp.where(sense * value <= 0, high, x)
+        low, high = xp.where(sense * value <= 0, x, low), xp.where(sense * value <= 0, high, x)
         rate = _horner(rates, x)
-        ahead = x - value / jnp.where(rate == 0, 1.0, rate)
+        ahead = x - value / xp.where(rate == 0, 1.0, rate)
         inside = (rate != 0) & (ahead >= low) & (ahead <= high)
-        return low, high, jnp.where(inside, ahead, (low + high) / 2)
+        return low, high, xp.where(inside, ahead, (low + high) / 2)
 
-    return lax.fori_loop(0, NEWTON_STEPS, step, (low, high, (low + high) / 2))[2]
+    state = low, high, (low + high) / 2
+    if xp is not np:
+        return lax.fori_loop(0, NEWTON_STEPS, step, state)[2]
+    for k in range(NEWTON_STEPS):
+        state = step(k, state)
+    return state[2]
 
 
 def _horner(powers, x):

@@ -147,7 +147,7 @@ def from_response(response):
     """The rung that starts from a motion at hand."""
 
     def rung(case, last):
-        plan = dataclasses.replace(planning.all_unknown(case.train, case.plan, case.request), start="linear")
+        plan = planning.all_unknown(case.train, case.plan, case.request)
         if case.adaptive and int(response.status) == Status.TOLERANCE_NOT_MET:
             above = case.next_level(response.harmonics) or MOST[plan.method]
             plan = dataclasses.replace(plan, harmonics=max(plan.harmonics, above))

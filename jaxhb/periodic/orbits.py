@@ -7,7 +7,7 @@ are those of the steps taken; the harmonics correct them.
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import jax
 import jax.numpy as jnp
@@ -50,14 +50,14 @@ FLEXIBLE = 1e-6
 """Share of the compliance of a mesh below which modes too fast for the steps are left out."""
 
 
-@partial(Program, static_argnames="excited")
-def _equations(problem, choice, time_steps, excited):
+@Program
+def _equations(problem, choice, time_steps):
     """A Stepper without samples of its linear response, the coefficients ``(2G, N+1)`` of these, and the
     ReducedModel."""
     links = jnp.asarray(problem.meshes.link)[choice.chosen]
     harmonics = problem.load.shape[-1] - 1
     reduced, _ = reduced_equation(problem, harmonics, choice.active, choice.chosen, choice.flank)
-    train = reduced_model(problem.system, links, choice.active, problem.frequency, time_steps, excited)
+    train = reduced_model(problem.system, links, choice.active, problem.frequency, time_steps, problem.excited)
     response = seen(reduced.linear, reduced.frequency)
     return begin(reduced, train.space, time_steps, jnp.zeros((0, len(response))), train.static), response, train
 
@@ -74,8 +74,8 @@ def stepper_of(train, rpm, plan):
 
 def _make(train, rpm, plan):
     """A Stepper and the ReducedModel that it steps."""
-    excited = plan.sizes.excited
-    stepper, response, modes = _equations(pose(train, rpm, excited), plan.choice, plan.time_steps, excited)
+    problem = pose(train, rpm, plan.sizes.excited)
+    stepper, response, modes = _equations(problem, plan.choice, plan.time_steps)
     linear = np.zeros((2 * CAPACITY, len(response)))
     linear[: 2 * plan.time_steps] = fourier.synthesize(response, 2 * plan.time_steps).T
     stepper = replace(stepper, linear=linear, count=np.array(plan.time_steps))

@@ -27,7 +27,7 @@ class Plan:
     tolerance : float, on the truncation error, relative to the largest tooth force
     tolerance_share : float, share of the tolerance that an estimate may use: it sees 2 N harmonics, and mesh modes
         above them not
-    excited : highest harmonic of the excitation, 0 for N
+    excited : harmonics of the excitation that programs have room for, 0 for N
     integrals : of the tooth law over the cycle, "sampled" at 16 N times or "exact" between the switching times
     """
 
@@ -67,6 +67,7 @@ class Plan:
             excited=self.excited or self.harmonics,
             method=self.method,
             integrals=self.integrals,
+            marches=self.marches,
         )
 
     @property

@@ -34,6 +34,8 @@ def solve_planned(train, rpm, plan, start=None):
         request.check_speed(train, rpm)
         rpm = np.asarray(rpm, dtype=float)
     begin = first_start(plan, marches=plan.marches if start is None else start == "march")
+    if start == "march":
+        plan = dataclasses.replace(plan, start=start)
     if isinstance(start, Response):
         begin = first_start(plan, given=of_unknown_meshes(plan, start), xp=jnp)
     if traced(train, rpm, begin) or staged():

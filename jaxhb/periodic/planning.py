@@ -1,6 +1,7 @@
 """Decisions taken on the host: which meshes are unknowns, where to start, how many harmonics."""
 
 import dataclasses
+import math
 
 import numpy as np
 
@@ -35,16 +36,18 @@ def level_at_least(harmonics):
 def shared_level(harmonics):
     """The smallest of few numbers of harmonics, SPARSE apart, that is not below ``harmonics``: for speeds that are not
     known beforehand and share programs."""
-    few = LEVELS[LEVELS.index(48) :: 4]
+    few = LEVELS[LEVELS.index(48) : -4 : 4]
     return next((n for n in few if n >= harmonics), LEVELS[-1])
 
 
 def next_level(harmonics, method, ratio=DENSE):
-    """The number of harmonics to try after ``harmonics``, about ``ratio`` times as many; None at the limit."""
-    higher = [n for n in LEVELS if n >= 0.95 * ratio * harmonics and n <= MOST[method]]
-    if higher:
-        return higher[0]
-    return MOST[method] if harmonics < MOST[method] else None
+    """The number of harmonics to try after ``harmonics``, about ``ratio`` times as many; None at the limit.
+
+    A level nearer to the limit than to the one before is the limit.
+    """
+    most = MOST[method]
+    higher = [n for n in LEVELS if 0.95 * ratio * harmonics <= n <= most / math.sqrt(ratio)]
+    return higher[0] if higher else most if harmonics < most else None
 
 
 def mesh_mode_harmonics(train, frequency):

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from .._arrays import namespace
 from ..harmonic import backlash, chain, fourier, reduction
-from ..harmonic.excitation import excitation, load_power_kW
+from ..harmonic.excitation import excitation, listed_harmonic, load_power_kW
 from ..harmonic.residual import Nonlinear, all_meshes
 from ..response.response import Fields
 
@@ -31,20 +31,27 @@ class Problem:
     load_torque: jax.Array
     load_power: jax.Array
 
+    @property
+    def excited(self):
+        """Highest harmonic with a load, at least 1."""
+        loaded = jnp.any(jnp.asarray(self.load) != 0, axis=0)
+        return jnp.max(jnp.where(loaded, jnp.arange(len(loaded)), 1))
+
 
 def pose(train, rpm, excited):
-    """The :class:`Problem` of ``train`` at ``rpm``, excited up to the harmonic ``excited`` of the cycle."""
+    """The :class:`Problem` of ``train`` at ``rpm``, with room for ``excited`` harmonics of the excitation."""
     xp = namespace(train, rpm)
     train = jax.tree.map(lambda a: xp.asarray(a, dtype=float), train)
     system = chain.assemble(train)
-    torque, load_torque, _ = excitation(train, rpm, excited)
+    torque, load_torque, _ = excitation(train, rpm, min(excited, listed_harmonic(train.topology)))
+    torque = fourier.resize(xp.asarray(torque), excited)
     rpm = xp.asarray(rpm, dtype=float)
     topology = train.topology
     return Problem(
         system=system,
         meshes=all_meshes(train),
         frequency=topology.cycle_frequency(rpm),
-        load=xp.asarray(torque) / system.radius[:, None],
+        load=torque / system.radius[:, None],
         rigid=chain.rigid_shape(train, system.radius),
         load_torque=load_torque,
         load_power=1e3 * load_power_kW(train, rpm, load_torque),

@@ -29,11 +29,11 @@ NEAR = 3e-4
 class Sizes:
     """What a program is compiled for.
 
-    samples : per cycle, of the law; time_steps : of the march and of the preconditioner; excited : highest
-    harmonic of the excitation; method : "reduced" or "chain"; residual_tolerance, max_steps : of Newton; integrals :
-    of the law over the cycle, "sampled" or "exact", which leaves ``samples`` to what needs no such accuracy;
-    estimated : whether the truncation error is; without, it counts as 0; either : whether a start may both be given
-    and march cycles.
+    samples : per cycle, of the law; time_steps : of the march and of the preconditioner; excited : harmonics of the
+    excitation that there is room for; method : "reduced" or "chain"; residual_tolerance, max_steps : of Newton;
+    integrals : of the law over the cycle, "sampled" or "exact", which leaves ``samples`` to what needs no such
+    accuracy; estimated : whether the truncation error is; without, it counts as 0; marches : whether a start may march
+    cycles (a sixth of the program), either : and be given as well.
     """
 
     samples: int
@@ -44,6 +44,7 @@ class Sizes:
     max_steps: int = 24
     integrals: str = "sampled"
     estimated: bool = True
+    marches: bool = True
     either: bool = False
 
 
@@ -128,7 +129,9 @@ def find(problem, choice, start, tolerance, sizes):
     deflection = reduced.linear
     if not none:
         links = jnp.asarray(problem.meshes.link)[choice.chosen]
-        model = reduced_model(problem.system, links, choice.active, problem.frequency, sizes.time_steps, sizes.excited)
+        model = reduced_model(
+            problem.system, links, choice.active, problem.frequency, sizes.time_steps, problem.excited
+        )
         first, periodicity_error = _first(reduced, model.space, start, sizes)
         numbers = {"samples": sizes.samples, "time_steps": sizes.time_steps}
         if sizes.method == "chain":
@@ -164,6 +167,8 @@ def _first(reduced, space, start, sizes):
     def march():
         return marched(reduced, space, sizes.time_steps, start.cycles, start.enough)
 
+    if not sizes.marches:
+        return begun, jnp.zeros(())
     if not sizes.either:
         return lax.cond(start.cycles > 0, march, lambda: (begun, jnp.zeros(())))
     sampled = dataclasses.replace(reduced, integrals="sampled")
@@ -234,7 +239,7 @@ def estimate(problem, choice, deflection, sizes):
     fine, _ = reduced_equation(problem, 2 * harmonics, choice.active, choice.chosen, choice.flank)
     reduced = reduction.truncate(fine, harmonics)
     links = jnp.asarray(problem.meshes.link)[choice.chosen]
-    train = reduced_model(problem.system, links, choice.active, problem.frequency, sizes.time_steps, sizes.excited)
+    train = reduced_model(problem.system, links, choice.active, problem.frequency, sizes.time_steps, problem.excited)
     operator = correction.prepare(reduced, train, deflection, sizes.samples, sizes.time_steps)
     return truncation_error(fine, operator, deflection, sizes.samples)
 

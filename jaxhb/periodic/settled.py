@@ -10,6 +10,7 @@ from ..response.status import Status
 from . import ladder, planning
 from .planned import of_unknown_meshes
 from .request import MOST
+from .returns import PERIODS
 
 MARGIN = 0.05
 """Share of the backlash beyond the knee that a mesh keeps which is taken to stay on its flank (verified)."""
@@ -18,8 +19,8 @@ SAME = 0.05
 """Difference of deflections, relative to the largest and the gap, up to which a solution is the motion marched."""
 
 LEVELS_TRIED = 3
-"""Numbers of harmonics, each twice the one before, from which Newton's method is started: with too few of them there
-may be no solution near the motion."""
+"""Numbers of harmonics, one higher than the other, from which Newton's method is started: with too few there may
+be no solution near the motion."""
 
 REPEATS = 1e-4
 """Share of the sum of all amplitudes below which those of longer periods are none."""
@@ -76,7 +77,7 @@ def _solve(train, rpm, request, trace, meshes, event, period):
     case = ladder.Case(train, rpm, request, plan)
     for _ in range(LEVELS_TRIED):
         result = ladder.refine(case, ladder.Attempt(plan, given, event))
-        higher = planning.next_level(plan.harmonics, plan.method)
+        higher = case.next_level(plan.harmonics)
         if result.status <= Status.TOLERANCE_NOT_MET:
             return result.response, result.plan
         if request.harmonics or not higher:
@@ -109,7 +110,8 @@ def _plan(train, rpm, request, deflection, meshes, period):
         harmonics=request.harmonics or min(wanted, MOST[request.method]),
         active=active,
         flank=tuple(flank.tolist()),
-        start="march" if active else "linear",
+        start="march" if active and flank.any() else "linear",  # beside a flank that does not hold there is no start
+        excited=contact.excited // period * PERIODS[-1] if request.many else contact.excited,
     )
 
 

@@ -66,7 +66,7 @@ def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=None, integ
     found = [None] * len(rpm)
     for shared in dict.fromkeys(plans):
         places = [i for i, own in enumerate(plans) if own == shared]
-        steps, free = shared.sizes.max_steps if plan and plan.active else BATCH_STEPS, iter(places)
+        steps, free = BATCH_STEPS if plan is None and shared.active else shared.sizes.max_steps, iter(places)
         for batch in solve_batches(train, rpm[places], shared, steps):
             for response in batch:
                 found[next(free)] = response

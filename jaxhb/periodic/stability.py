@@ -4,6 +4,7 @@ Over a cycle a disturbance y of the state is multiplied by the monodromy matrix;
 away (method.md A7). A motion that is unstable solves the equations and does not occur.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -12,13 +13,14 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from .._arrays import on_host
 from .._program import Program
 from ..harmonic import chain, exact
 from ..harmonic.excitation import listed_harmonic
 from ..harmonic.residual import backlash_meshes
 from ..response.status import NotConverged, Status
 from ..transient.reduced_model import reduced_model
-from ..transient.statespace import partition, state_space_on_host
+from ..transient.statespace import partition, state_space
 from ..transient.stepper import exponential
 from ..transient.variational import monodromy
 from . import correction
@@ -140,7 +142,7 @@ def stability(response):
     parts = partition(system, meshes, topology.disk_names, topology.link_names)
     frequency = topology.cycle_frequency(float(response.rpm))
     deflection = np.asarray(response.deflections)[np.flatnonzero(topology.mesh_backlash)]
-    space = jax.tree.map(np.asarray, state_space_on_host(system, meshes, frequency, parts=parts))
+    space = state_space(*on_host((system, meshes)), frequency, parts)
     found = monodromy(space, meshes, deflection, frequency, exact.switching_times(meshes.law, deflection))
     multipliers, rotation = _multipliers(found.matrix, space.coordinates, system, frequency)
     return Stability(multipliers, rotation, float(np.expm1(found.log_determinant - found.trace)))
@@ -198,13 +200,13 @@ stable beyond that, and where loss factors leave no multipliers."""
 
 
 def attracts(response):
-    """Whether a train that is near a periodic motion runs into it, as far as multipliers can be told."""
+    """Whether a train that is near a periodic motion runs into it, as far as multipliers can be told; and its
+    :class:`Stability`, None where that is refused or takes too long."""
     if response.train.topology.n_disks <= DENSE_DISKS:
-        try:
-            return bool(stability(response).stable)
-        except ValueError:  # loss factors, or a massless disk without an equation
-            pass
-    return largest_multiplier(response) <= ESTIMATED
+        with suppress(ValueError):  # loss factors, or a massless disk without an equation
+            found = stability(response)
+            return bool(found.stable), found
+    return largest_multiplier(response) <= ESTIMATED, None
 
 
 @partial(Program, static_argnames="sizes")
@@ -212,7 +214,7 @@ def _linearised(problem, choice, deflection, sizes):
     """Monodromy matrix ``(n, n)`` of the linearised periodic operator, and the coordinates of its states."""
     harmonics = deflection.shape[-1] - 1
     links = jnp.asarray(problem.meshes.link)[choice.chosen]
-    model = reduced_model(problem.system, links, choice.active, problem.frequency, sizes.time_steps, sizes.excited)
+    model = reduced_model(problem.system, links, choice.active, problem.frequency, sizes.time_steps, problem.excited)
     if not len(deflection):
         return exponential(2 * jnp.pi / problem.frequency * model.space.transition), model.space.coordinates
     reduced, _ = reduced_equation(problem, harmonics, choice.active, choice.chosen, choice.flank)

@@ -88,8 +88,9 @@ def steady_state(
     Notes
     -----
     The march is exponential integration around the linear train, five steps per period of the highest mesh mode or
-    more; kinds and records are those of its steps. Two motions with nearly the same deflections are not told apart in
-    a sweep, and a transient that outlasts the march counts as irregular.
+    more; kinds and records are those of its steps. A solution from which disturbances grow is not what the train does,
+    however long a march stays near it: the march goes on. Two motions with nearly the same deflections are not told
+    apart in a sweep, and a transient that outlasts the march counts as irregular.
 
     Examples
     --------
@@ -223,9 +224,9 @@ class _Search:
     def _unknown(self, place, reason):
         return self._state(place, "unknown", 0, notes=(reason,))
 
-    def _state(self, place, kind, period, *, response=None, record=None, cycles=0, notes=(), motion=None):
+    def _state(self, place, kind, period, *, response=None, record=None, cycles=0, notes=(), motion=None, **found):
         rpm, topology = float(self.speeds[place]), self.train.topology
-        return SteadyState(rpm, kind, period, response, record, cycles, tuple(notes), motion, topology)
+        return SteadyState(rpm, kind, period, response, record, cycles, tuple(notes), motion, topology, **found)
 
     def _march(self, places, motions):
         """Steady states of speeds that share steps and equations, from motions or from teeth in contact."""
@@ -277,18 +278,25 @@ class _Search:
         if not self.exact:
             return self._recorded(place, batch, march, period, notes)
         response, note, period = self._solved(place, batch, march, period, hz)
-        if response is not None and not attracts(response):
-            return self._passed_by(place, batch, march, notes)
-        kind, notes = "periodic" if period == 1 else "subharmonic", notes + [note] * bool(note)
-        common = {"cycles": march.cycles, "motion": batch.motion(march)}
         if response is not None:
+            stays, found = self._attracts(place, response)
+            if not stays:
+                return self._passed_by(place, batch, march, notes)
             apart = any(contact.separated_fraction > 0 for contact in response.contacts().values())
-            kind = kind if apart or period > 1 else "contact"
-            return self._state(place, kind, period, response=response, notes=notes, **common)
+            kind = "subharmonic" if period > 1 else "periodic" if apart else "contact"
+            common = {"cycles": march.cycles, "motion": batch.motion(march), "notes": notes + [note] * bool(note)}
+            return self._state(place, kind, period, response=response, stability=found, **common)
         if march.recorded < self.cycles.recorded:
             return None
         notes.append("harmonic balance did not find the motion marched: the numbers are those of recorded cycles")
         return self._recorded(place, batch, march, period, notes)
+
+    def _attracts(self, place, response):
+        """What :func:`attracts` says of a response, asked once."""
+        known = self.known.get(place)
+        if known is not None and known.response is response:
+            return True, known.stability
+        return attracts(response)
 
     def _passed_by(self, place, batch, march, notes):
         """The steady state of a march that came near a motion that repels; None where it may still leave it."""

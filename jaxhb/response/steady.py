@@ -209,6 +209,9 @@ class SteadyState:
         Displacements in m and velocities in m/s of the disks at the end of the march, at the beginning of a cycle:
         where a neighbouring speed starts.
     topology : Topology
+    stability : Stability or None
+        Of ``response``, as :func:`jaxhb.stability` gives it; None for teeth in contact, which loses nothing, for loss
+        factors, and for more than 100 disks.
     """
 
     rpm: float
@@ -220,6 +223,7 @@ class SteadyState:
     notes: tuple
     motion: np.ndarray | None
     topology: Topology
+    stability: object = None
 
     @property
     def known(self):

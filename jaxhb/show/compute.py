@@ -90,7 +90,7 @@ def answer_speeds(train, rpm, asked, *, direction="up", progress=None, say=lambd
     say("is each motion stable?")
     # A speed that does the same upwards and downwards has one state.
     own = {id(state): state for states in found.values() for state in states}
-    growths = {key: growth_of(state, orbit=asked.orbit, quick=True) for key, state in own.items()}
+    growths = {key: growth_of(state, orbit=asked.orbit) for key, state in own.items()}
     return {
         way: [Answer(train, state, linear[i], growths[id(state)], asked.orbit) for i, state in enumerate(states)]
         for way, states in found.items()

@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 
-from ..periodic.stability import largest_multiplier, stability
+from ..periodic.stability import DENSE_DISKS, largest_multiplier, stability
 
 DECIDED = 0.15
-"""Distance from 1 beyond which the nearly known multiplier of a sweep decides: it is good to 10 %."""
+"""Distance from 1 beyond which the nearly known multiplier of a large train decides: it is good to 10 %."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Growth:
         return self.stable is False or (self.nearly is not None and self.nearly > 1 + DECIDED)
 
 
-def growth_of(state, *, orbit, quick=False):
+def growth_of(state, *, orbit):
     """The :class:`Growth` of the motion of a steady state or orbit.
 
     Parameters
@@ -39,17 +39,16 @@ def growth_of(state, *, orbit, quick=False):
     state : SteadyState
     orbit : bool
         A march did not find it: where its stability is refused, the nearly known multiplier is taken.
-    quick : bool
-        The nearly known multiplier serves where it decides: for sweeps.
     """
     response = state.response
     if response is None or not state.known:
         return Growth()
     try:
-        largest = largest_multiplier(response) if quick and not _lossy(response.train) else 1.0
+        large = response.topology.n_disks > DENSE_DISKS and not _lossy(response.train)
+        largest = largest_multiplier(response) if large else 1.0
         if abs(largest - 1) > DECIDED:
             return Growth(largest, largest < 1)
-        found = stability(response)
+        found = state.stability or stability(response)
         return Growth(found.largest, found.stable, found.loses_by or "")
     except ValueError as refusal:
         return Growth(refused=str(refusal), nearly=largest_multiplier(response) if orbit else None)

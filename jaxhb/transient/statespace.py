@@ -15,10 +15,10 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.linalg
 from jax import lax
 
 from .._arrays import namespace
-from .._program import Program
 
 
 @dataclass(frozen=True)
@@ -131,57 +131,55 @@ def state_space(system, meshes, frequency, parts):
     -------
     StateSpace
     """
-    B, K = matrices(system)
+    xp, (B, K) = namespace(system, meshes, frequency), matrices(system)
     inertial, damped, static = (np.array(g, dtype=int) for g in (parts.inertial, parts.damped, parts.static))
     kept = np.concatenate([inertial, damped])
     stiffness = K[np.ix_(kept, kept)]
     if static.size:
         coupling = K[np.ix_(static, kept)]
-        stiffness = stiffness - coupling.T @ jnp.linalg.solve(K[np.ix_(static, static)], coupling)
+        stiffness = stiffness - coupling.T @ xp.linalg.solve(K[np.ix_(static, static)], coupling)
     n, extra = inertial.size, damped.size
-    root = jnp.sqrt(system.mass[inertial])
+    root = xp.sqrt(system.mass[inertial])
     to_modal, from_modal, scale = _modes(stiffness[:n, :n], root, frequency)
     drag = B[np.ix_(kept, kept)]
     # x' of the damped massless disks from x and v: B x' + K x = 0
-    follow = jnp.zeros((extra, 2 * n + extra))
+    follow = xp.zeros((extra, 2 * n + extra))
     if extra:
-        right = jnp.concatenate([stiffness[n:], drag[n:, :n]], axis=1)
-        follow = -jnp.linalg.solve(drag[n:, n:], right)
-    motion = jnp.concatenate([jnp.zeros((n, n + extra)), jnp.eye(n)], axis=1)
-    pull = jnp.concatenate([stiffness[:n], drag[:n, :n]], axis=1) + drag[:n, n:] @ follow
-    physical = jnp.concatenate([motion, follow, -pull / (root**2)[:, None]])
+        right = xp.concatenate([stiffness[n:], drag[n:, :n]], axis=1)
+        follow = -xp.linalg.solve(drag[n:, n:], right)
+    motion = xp.concatenate([xp.zeros((n, n + extra)), xp.eye(n)], axis=1)
+    pull = xp.concatenate([stiffness[:n], drag[:n, :n]], axis=1) + drag[:n, n:] @ follow
+    physical = xp.concatenate([motion, follow, -pull / (root**2)[:, None]])
 
-    weight = jnp.sqrt(jnp.mean(root**2)) * frequency
-    to = _blocks(scale[:, None] * to_modal, weight * jnp.eye(extra), to_modal)
-    back = _blocks(from_modal / scale, jnp.eye(extra) / weight, from_modal)
+    weight = xp.sqrt(xp.mean(root**2)) * frequency
+    to = _blocks(scale[:, None] * to_modal, weight * xp.eye(extra), to_modal)
+    back = _blocks(from_modal / scale, xp.eye(extra) / weight, from_modal)
     mesh_rows = system.incidence(meshes.link).T[:, inertial]
-    forcing = jnp.concatenate([jnp.zeros((n + extra, meshes.link.shape[0])), -mesh_rows.T / (root**2)[:, None]])
-    zeros = jnp.zeros((meshes.link.shape[0], n + extra))
-    position = jnp.concatenate([mesh_rows, jnp.zeros((mesh_rows.shape[0], extra + n))], axis=1)
-    speed = jnp.concatenate([zeros, mesh_rows], axis=1)
+    forcing = xp.concatenate([xp.zeros((n + extra, meshes.link.shape[0])), -mesh_rows.T / (root**2)[:, None]])
+    zeros = xp.zeros((meshes.link.shape[0], n + extra))
+    position = xp.concatenate([mesh_rows, xp.zeros((mesh_rows.shape[0], extra + n))], axis=1)
+    speed = xp.concatenate([zeros, mesh_rows], axis=1)
     disks = system.mass.shape[0]
-    coordinates = jnp.zeros((2 * n + extra, 2 * disks)).at[:, np.concatenate([kept, disks + inertial])].set(to)
     return StateSpace(
         transition=to @ physical @ back,
         forcing=to @ forcing,
-        observation=jnp.concatenate([position, speed]) @ back,
-        coordinates=coordinates,
+        observation=xp.concatenate([position, speed]) @ back,
+        coordinates=to @ np.eye(2 * disks)[np.concatenate([kept, disks + inertial])],
     )
 
 
 def _modes(stiffness, root, frequency):
     """Modal coordinates of the inertial disks; any orthonormal basis is exact, hence no derivative through it."""
-    values, vectors = jnp.linalg.eigh(lax.stop_gradient(stiffness / root[:, None] / root))
-    scale = lax.stop_gradient(jnp.sqrt(jnp.maximum(values, frequency**2)))
+    xp = namespace(stiffness, root, frequency)
+    constant = lax.stop_gradient if xp is jnp else lambda a: a
+    values, vectors = xp.linalg.eigh(constant(stiffness / root[:, None] / root))
+    scale = constant(xp.sqrt(xp.maximum(values, frequency**2)))
     return vectors.T * root, vectors / root[:, None], scale
 
 
 def _blocks(*blocks):
-    return jax.scipy.linalg.block_diag(*blocks)
-
-
-state_space_on_host = Program(state_space, static_argnames="parts")
-"""The program of :func:`state_space` for those that need nothing else of it."""
+    joined = scipy.linalg.block_diag if namespace(blocks) is np else jax.scipy.linalg.block_diag
+    return joined(*blocks)
 
 
 def linear_response(system, frequency, load):
