@@ -152,6 +152,11 @@ class Batch:
             for i, (speed, omega) in enumerate(zip(rpm, self.posed.frequency, strict=True))
         ]
 
+    @property
+    def work(self):
+        """Steps times modes of a cycle."""
+        return self.steps * len(self.equations.modes.rates)
+
     def begin(self, place, motion):
         """Let a march begin at a motion (x, x') ``(2S,)``."""
         one = _of(self.posed, [place])

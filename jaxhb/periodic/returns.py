@@ -119,7 +119,7 @@ def decaying(errors):
 def ended(batch, cycles):
     """``(march, period)`` of those of a batch that have a period, or go on without (0) no longer, after more cycles."""
     running = [march for march in batch.marches if not march.done]
-    transient = cycles.before_record(batch.steps * len(batch.equations.modes.rates))
+    transient = cycles.before_record(batch.work)
     while True:
         first = [march for march in running if march.cycles < transient]
         later = [march for march in running if march.cycles >= transient]
@@ -127,18 +127,19 @@ def ended(batch, cycles):
         further = [march for march in later if march.recorded >= cycles.recorded]
         for group, record in ((first + further, False), (recording, True)):
             batch.run(group, record)
-        ended = [(march, _period(march, cycles)) for march in running]
+        ended = [(march, _period(march, cycles, transient)) for march in running]
         if any(period is not None for _, period in ended):
             return [(march, period) for march, period in ended if period is not None]
 
 
-def _period(march, cycles):
+def _period(march, cycles, transient):
     """The period of a march, 0 where it ends without, None where it goes on."""
     if not march.returns.finite:
         return 0
     if march.cycles < march.again:
         return None
-    complete, period = march.recorded >= cycles.recorded, march.returns.period()
+    complete = march.cycles >= transient and march.recorded >= cycles.recorded
+    period = march.returns.period()
     if period:
         return period
     over = complete and (march.cycles >= cycles.most or not march.returns.undecided())

@@ -29,7 +29,7 @@ LOSS_SHARES = (1.0,), (0.5, 1.0), (0.25, 0.5, 0.75, 1.0)
 """Shares of the loss factors stepped through, from a solution with viscous damping, until all steps succeed."""
 
 
-def solve_settled(train, march, trace, period, request, *, steps, meshes, hz=None):
+def solve_settled(train, march, trace, period, request, *, steps, meshes, hz=None, levels=LEVELS_TRIED):
     """The Response of a motion with a period of some cycles, from one marched period.
 
     Parameters
@@ -42,6 +42,7 @@ def solve_settled(train, march, trace, period, request, *, steps, meshes, hz=Non
     steps : int, per cycle
     meshes : Nonlinear, the backlash meshes
     hz : float or None, where loss factors were turned into viscous damping
+    levels : int, numbers of harmonics that are tried at most
 
     Returns
     -------
@@ -54,7 +55,7 @@ def solve_settled(train, march, trace, period, request, *, steps, meshes, hz=Non
         request = dataclasses.replace(request, harmonics=request.harmonics and period * request.harmonics)
     viscous = train if hz is None else train.with_viscous_damping(hz=hz)
     event = March(march.cycles, steps, max(march.returns.errors(period)[0], 1e-300))
-    found, plan = _solve(viscous, march.rpm, request, trace, meshes, event, period)
+    found, plan = _solve(viscous, march.rpm, request, trace, meshes, event, period, levels)
     if found is None or not same_motion(found, trace, meshes, viscous):
         return None, ""
     if hz is None:
@@ -65,7 +66,7 @@ def solve_settled(train, march, trace, period, request, *, steps, meshes, hz=Non
     return lossy, ""
 
 
-def _solve(train, rpm, request, trace, meshes, event, period):
+def _solve(train, rpm, request, trace, meshes, event, period, levels):
     """Response and plan from the deflections of a period, or None and None."""
     deflection = np.split(trace, 2)[0]
     plan = _plan(train, rpm, request, deflection, meshes, period)
@@ -75,7 +76,7 @@ def _solve(train, rpm, request, trace, meshes, event, period):
     given[own] = fourier.analyze(deflection, reach)
     given = given[plan.choice.chosen] * plan.choice.active[:, None]
     case = ladder.Case(train, rpm, request, plan)
-    for _ in range(LEVELS_TRIED):
+    for _ in range(levels):
         result = ladder.refine(case, ladder.Attempt(plan, given, event))
         higher = case.next_level(plan.harmonics)
         if result.status <= Status.TOLERANCE_NOT_MET:

@@ -1,36 +1,26 @@
 """What a train does after it has run long enough: contact, a period of one or several cycles, or none."""
 
+import itertools
+
 import numpy as np
 
 from .._arrays import staged, traced
-from ..harmonic import fourier
+from ..harmonic import chain, fourier
 from ..model.elements import SceneError
 from ..response.response import Response
 from ..response.status import Status
 from ..response.steady import SteadyState, SteadySweep
-from .marching import Batch, Equations, record_of
+from .judged import AGREES, Judge, state_of, unknown
 from .planned import solve_batches
 from .planning import plan_speeds
 from .request import Request, check_speed
-from .returns import Cycles, ended
-from .settled import same_motion, shortest_period, solve_settled
-from .stability import attracts
+from .returns import Cycles
 
 DIRECTIONS = "up", "down", "both"
 
-AGAIN = 32
-"""Cycles that a march goes on where harmonic balance did not find its motion."""
-
-RETURNED = 5e-3
-"""Return error below which a motion may have the shorter period that its solution has."""
-
-AGREES = 0.02
-"""Difference of deflections, relative to the largest and the gap, up to which a march arrives at a motion known from
-another start."""
-
 LEVEL = 0.1
 """Difference of the largest deflections of neighbouring speeds from which the one may have another motion when it
-starts from the other."""
+starts from the other; and up to which records of irregular motion are of one."""
 
 
 def steady_state(
@@ -88,9 +78,10 @@ def steady_state(
     Notes
     -----
     The march is exponential integration around the linear train, five steps per period of the highest mesh mode or
-    more; kinds and records are those of its steps. A solution from which disturbances grow is not what the train does,
-    however long a march stays near it: the march goes on. Two motions with nearly the same deflections are not told
-    apart in a sweep, and a transient that outlasts the march counts as irregular.
+    more. Where harmonic balance does not confirm what it shows, or disturbances of the solution grow, or the march does
+    not settle, it goes on with twice and four times as many steps: beside a bifurcation the kind of motion is that of
+    the steps. Two motions with nearly the same deflections are not told apart in a sweep, and a transient that outlasts
+    the march counts as irregular.
 
     Examples
     --------
@@ -124,13 +115,11 @@ class _Search:
     """One call: a train, its speeds, and what is known of them."""
 
     def __init__(self, train, speeds, request, exact, cycles, start, progress):
-        self.train, self.speeds, self.request, self.exact, self.cycles = train, speeds, request, exact, cycles
+        self.train, self.speeds, self.request = train, speeds, request
+        self.judge = Judge(train, speeds, request, exact, cycles)
         self.progress = progress or (lambda count: None)
-        self.lossy = bool(np.any(train.shafts.loss_factor) or np.any(train.dampers.loss_factor))
         self.start = None if start is None else _motion_of(train, start)
         self.contact = self._in_contact()
-        self.equations = {}
-        self.known = {}
 
     def _in_contact(self):
         """Responses of the speeds at which the linear motion holds the teeth in contact, by place."""
@@ -146,196 +135,77 @@ class _Search:
 
     def alone(self, place):
         """The steady state of one speed, from the start that was given or from teeth in contact."""
-        if place not in self.known:
-            self.many([place])
-        return self.known[place]
+        self._many([place], {} if self.start is None else {place: self.start})
+        return self.judge.known[place]
 
-    def many(self, places):
-        """Find steady states of some speeds side by side."""
-        marching = []
+    def _many(self, places, motions):
+        """Find steady states of some speeds side by side, from motions or from teeth in contact."""
+        known, marching = self.judge.known, []
         for place in places:
-            if place in self.contact and self.start is None:
-                self.known[place] = self._contact(place)
+            if place in self.contact and place not in motions:
+                known[place] = self._contact(place)
                 self.progress(1)
             else:
                 marching.append(place)
-        for group in self._groups(marching):
-            self.known |= self._march(group, {place: self.start for place in group if self.start is not None})
-            self.progress(len(group))
+        known |= self.judge.settle(marching, motions, self.progress)
 
     def along(self, order):
-        """Steady states by place, each reached from the one before it in ``order``."""
+        """Steady states by place, each reached from the one before it in ``order``.
+
+        Speeds that may have another motion from there are marched side by side, again where the one before changed.
+        """
+        known = self.judge.known
         if self.start is not None:
-            self.known[order[0]] = self._from(order[0], self.start)
-        first, self.start = self.start, None
-        self.many([place for place in range(len(self.speeds)) if place not in self.known])
-        self.start = first
-        found, before = {}, None
-        for place in order:
-            state = self.known[place]
-            if before is not None and before.motion is not None and self._differs(before, state):
-                state = self._from(place, before.motion)
-            found[place] = before = state
-        return found
-
-    def _differs(self, before, state):
-        """Whether a speed may have another motion when it starts from the one before."""
-        if before.kind != state.kind or before.period != state.period:
-            return True
-        if state.kind == "contact":
-            return False
-        one, other = (_largest_deflections(s) for s in (before, state))
-        return bool(np.any(np.abs(one - other) > LEVEL * np.maximum(one, other)))
-
-    def _from(self, place, motion):
-        return self._march([place], {place: motion})[place]
-
-    def _groups(self, places):
-        """Places of speeds that take the same steps of the same equations."""
-        if self.lossy:
-            return [[place] for place in places]
-        if not places:
-            return []
-        equations = self._equations(None)
-        if isinstance(equations, str):
-            return [places]
-        groups = {}
-        for place in places:
-            groups.setdefault(equations.steps(self.speeds[place]), []).append(place)
-        return list(groups.values())
-
-    def _equations(self, hz):
-        """The Equations with loss factors as damping at ``hz``, or the sentence that refuses them."""
-        if hz not in self.equations:
-            train = self.train if hz is None else self.train.with_viscous_damping(hz=hz)
-            try:
-                self.equations[hz] = Equations(train)
-            except ValueError as refusal:
-                self.equations[hz] = str(refusal)
-        return self.equations[hz]
+            self._many(order[:1], {order[0]: self.start})
+        self._many([place for place in range(len(self.speeds)) if place not in known], {})
+        found, reached_from = dict(known), {}
+        while True:
+            motions = {}
+            for last, place in itertools.pairwise(order):
+                before = found[last]
+                if reached_from.get(place) is before:
+                    continue
+                reached_from[place] = before
+                if before.motion is not None and _differs(before, known[place]):
+                    motions[place] = before.motion
+                else:
+                    found[place] = known[place]
+            if not motions:
+                return found
+            for place, state in self.judge.settle(list(motions), motions).items():
+                same = (other for other in (known[place], found[place]) if _alike(state, other))
+                found[place] = next(same, state)
 
     def _contact(self, place):
         """The steady state of teeth in contact."""
-        response = self.contact[place]
+        response, rpm = self.contact[place], self.speeds[place]
         if int(response.status) > Status.TOLERANCE_NOT_MET:
-            return self._unknown(place, Status(int(response.status)).sentence)
-        return self._state(place, "contact", 1, response=response, motion=_motion_of(self.train, response))
+            return unknown(self.train, rpm, Status(int(response.status)).sentence)
+        return state_of(self.train, rpm, "contact", 1, response=response, motion=_motion_of(self.train, response))
 
-    def _unknown(self, place, reason):
-        return self._state(place, "unknown", 0, notes=(reason,))
 
-    def _state(self, place, kind, period, *, response=None, record=None, cycles=0, notes=(), motion=None, **found):
-        rpm, topology = float(self.speeds[place]), self.train.topology
-        return SteadyState(rpm, kind, period, response, record, cycles, tuple(notes), motion, topology, **found)
+def _differs(before, state):
+    """Whether a speed may have another motion when it starts from the one before."""
+    return _kind(before) != _kind(state) or state.kind != "contact" and _apart(before, state) > LEVEL
 
-    def _march(self, places, motions):
-        """Steady states of speeds that share steps and equations, from motions or from teeth in contact."""
-        hz = self._main_hz(places[0]) if self.lossy else None
-        equations = self._equations(hz)
-        if isinstance(equations, str):
-            return {place: self._unknown(place, equations) for place in places}
-        batch = Batch(equations, self.speeds[places], equations.steps(self.speeds[places].min()))
-        for i, place in enumerate(places):
-            if place in motions:
-                batch.begin(i, motions[place])
-        found = {}
-        while len(found) < len(places):
-            for march, period in ended(batch, self.cycles):
-                place = places[march.place]
-                state = self._state_of(place, batch, march, period, hz)
-                if state is None:
-                    march.again = max(march.again, march.cycles + AGAIN)
-                else:
-                    found[place] = state
-                    march.done = True
-        return found
 
-    def _main_hz(self, place):
-        """Frequency at which viscous damping takes as much from the tooth deflections as loss factors do."""
-        rpm = self.speeds[place]
-        cycle_hz = self.train.topology.cycle_frequency(rpm) / (2 * np.pi)
-        equations = self._equations(float(cycle_hz * 8))
-        if isinstance(equations, str):
-            return float(cycle_hz * 8)
-        batch = Batch(equations, np.array([rpm]), equations.steps(rpm))
-        batch.run(batch.marches)
-        deflection = np.split(batch.traced(batch.marches[0], 1), 2)[0]
-        power = np.abs(fourier.analyze(deflection, deflection.shape[1] // 2 - 1)[:, 1:]) ** 2
-        n = np.arange(1, power.shape[1] + 1)
-        return float(cycle_hz * (n**2 * power).sum() / (n * power).sum())
+def _alike(one, other):
+    """Whether two steady states of one speed are the same motion."""
+    return _kind(one) == _kind(other) and _apart(one, other) <= (LEVEL if one.kind == "irregular" else AGREES)
 
-    def _state_of(self, place, batch, march, period, hz):
-        """The steady state of a march that may have ended; None where it has to go on."""
-        notes, missing = [], batch.equations.missing
-        if hz is not None:
-            notes.append(f"the march takes loss factors as viscous damping at {hz:.4g} Hz")
-        if missing:
-            notes.append(f"the march leaves out modes that hold {100 * missing:.2g} % of the compliance of a mesh")
-        if not march.returns.finite:
-            return self._unknown(place, "the march is not finite: check the scene for huge or tiny numbers")
-        if not period:
-            return self._irregular(place, batch, march, notes)
-        if not self.exact:
-            return self._recorded(place, batch, march, period, notes)
-        response, note, period = self._solved(place, batch, march, period, hz)
-        if response is not None:
-            stays, found = self._attracts(place, response)
-            if not stays:
-                return self._passed_by(place, batch, march, notes)
-            apart = any(contact.separated_fraction > 0 for contact in response.contacts().values())
-            kind = "subharmonic" if period > 1 else "periodic" if apart else "contact"
-            common = {"cycles": march.cycles, "motion": batch.motion(march), "notes": notes + [note] * bool(note)}
-            return self._state(place, kind, period, response=response, stability=found, **common)
-        if march.recorded < self.cycles.recorded:
-            return None
-        notes.append("harmonic balance did not find the motion marched: the numbers are those of recorded cycles")
-        return self._recorded(place, batch, march, period, notes)
 
-    def _attracts(self, place, response):
-        """What :func:`attracts` says of a response, asked once."""
-        known = self.known.get(place)
-        if known is not None and known.response is response:
-            return True, known.stability
-        return attracts(response)
+def _kind(state):
+    return state.kind, state.period
 
-    def _passed_by(self, place, batch, march, notes):
-        """The steady state of a march that came near a motion that repels; None where it may still leave it."""
-        if march.recorded < self.cycles.recorded or march.cycles < self.cycles.most:
-            march.again = self.cycles.most  # it takes cycles to leave it, and solving it again tells nothing
-            return None
-        return self._irregular(place, batch, march, notes)
 
-    def _irregular(self, place, batch, march, notes):
-        """The steady state of a motion without a period, read from its record."""
-        record, motion = record_of(batch.equations, march), batch.motion(march)
-        return self._state(place, "irregular", 0, record=record, cycles=march.cycles, notes=notes, motion=motion)
-
-    def _recorded(self, place, batch, march, period, notes):
-        """The steady state of a motion with a period, read from its record."""
-        if not march.recorded:
-            batch.record(march, period)
-        record = record_of(batch.equations, march)
-        apart = any(contact.separated_fraction > 0 for contact in record.contacts)
-        kind = "subharmonic" if period > 1 else "periodic" if apart else "contact"
-        common = {"cycles": march.cycles, "notes": notes, "motion": batch.motion(march)}
-        return self._state(place, kind, period, record=record, **common)
-
-    def _solved(self, place, batch, march, period, hz):
-        """Response (None where harmonic balance did not find the motion), note and period of a march that returns."""
-        while True:
-            trace = batch.traced(march, period)
-            known = self.known.get(place)
-            common = known is not None and known.response is not None and known.period == period
-            if common and same_motion(known.response, trace, batch.equations.meshes, self.train, AGREES):
-                return known.response, "", period
-            given = {"steps": batch.steps, "meshes": batch.equations.meshes, "hz": hz}
-            response, note = solve_settled(self.train, march, trace, period, self.request, **given)
-            shorter = period if response is None else shortest_period(response, period)
-            if shorter == period:
-                return response, note, period
-            if march.returns.errors(shorter)[0] > RETURNED:
-                return None, "", period
-            period = shorter
+def _apart(one, other):
+    """Difference of the largest deflections of two steady states of one kind, relative."""
+    if not one.known:
+        return 0.0
+    one, other = (
+        np.array([float(state.deflection(name).peak) for name in state.topology.mesh_names]) for state in (one, other)
+    )
+    return float((np.abs(one - other) / np.maximum(np.maximum(one, other), 1e-300)).max(initial=0.0))
 
 
 def _motion_of(train, start):
@@ -344,8 +214,6 @@ def _motion_of(train, start):
     if isinstance(start, Response):
         if np.ndim(start.rpm):
             raise ValueError("start is a sweep: give the response at one speed, sweep[i]")
-        from ..harmonic import chain
-
         radius = np.asarray(chain.assemble(train).radius)[:, None]
         angles = np.asarray(start.angles) * radius
         omega = start.topology.cycle_frequency(float(start.rpm))
@@ -355,8 +223,3 @@ def _motion_of(train, start):
     if len(motion) != 2 * train.topology.n_disks:
         raise SceneError("start is a motion of another train: give one with the same disks.")
     return motion
-
-
-def _largest_deflections(state):
-    """Largest absolute deflection ``(M,)`` of every mesh."""
-    return np.array([float(state.deflection(name).peak) for name in state.topology.mesh_names])

@@ -219,7 +219,7 @@ def test_a_train_in_contact_has_the_multipliers_of_its_damped_modes():
     seen = [multipliers[np.abs(multipliers) > 1e-6] for multipliers in (found.multipliers, expected)]
     assert len(seen[0]) == len(seen[1]) >= 6
     np.testing.assert_allclose(np.sort_complex(seen[0]), np.sort_complex(seen[1]), atol=1e-7)
-    assert abs(found.liouville) < 1e-10 and found.stable
+    assert abs(found.liouville) < 1e-9 and found.stable  # rounding of a logarithm of -29,000
     lossy = jaxhb.solve(build(gearbox_parts(), reference="motor"), rpm=900.0)
     assert abs(jaxhb.largest_multiplier(lossy) - found.largest) < 0.2 * found.largest  # losses at another frequency
 

@@ -1,0 +1,237 @@
+"""What marches show: harmonic balance of a motion that returns, a record of one that does not, and what kind it is."""
+
+import dataclasses
+
+import numpy as np
+
+from ..harmonic import fourier
+from ..response.steady import SteadyState
+from .marching import Batch, Equations, record_of
+from .returns import ended
+from .settled import LEVELS_TRIED, same_motion, shortest_period, solve_settled
+from .stability import attracts
+
+FIRST = 24
+"""Cycles with the fewest steps after which what has not settled is marched with shorter ones."""
+
+FINEST = 4
+"""Times the steps of a march, at most, where twice as many did not confirm what it shows."""
+
+AGAIN = 32
+"""Cycles that a march with the finest steps goes on where harmonic balance did not find its motion."""
+
+RETURNED = 5e-3
+"""Return error below which a motion may have the shorter period that its solution has."""
+
+AGREES = 0.02
+"""Difference of deflections, relative to the largest and the gap, up to which a march arrives at a motion known from
+another start."""
+
+
+class Judge:
+    """The steady states of one train, from marches of its speeds ``(n,)``; ``known`` are those at hand, by place.
+
+    A march begins with few steps. What harmonic balance confirms is exact whatever the steps. The rest, irregular
+    motion above all, is marched on with twice the steps: on ``gear_train_30`` three of sixty speeds had another kind
+    of motion with the fewest steps than with any others.
+    """
+
+    def __init__(self, train, speeds, request, exact, cycles):
+        self.train, self.speeds, self.request, self.exact, self.cycles = train, speeds, request, exact, cycles
+        self.lossy = bool(np.any(train.shafts.loss_factor) or np.any(train.dampers.loss_factor))
+        self.equations, self.known = {}, {}
+
+    def settle(self, places, motions, progress=lambda count: None):
+        """Steady states of some speeds by place, side by side, from motions ``{place: (x, x')}`` or from teeth in
+        contact; ``progress`` is told how many more are known."""
+        found, spent, finer = {}, dict.fromkeys(places, 0), 1
+        while places:
+            unsure = {}
+            for group in self._groups(places):
+                states, further = self._march(group, motions, spent, finer)
+                progress(len(states))
+                found |= states
+                unsure |= further
+            places, motions, finer = list(unsure), unsure, 2 * finer
+        return found
+
+    def _groups(self, places):
+        """Places of speeds that take the same steps of the same equations."""
+        if self.lossy:
+            return [[place] for place in places]
+        equations = self._equations(None)
+        if isinstance(equations, str):
+            return [places]
+        groups = {}
+        for place in places:
+            groups.setdefault(equations.steps(self.speeds[place]), []).append(place)
+        return list(groups.values())
+
+    def _equations(self, hz):
+        """The Equations with loss factors as damping at ``hz``, or the sentence that refuses them."""
+        if hz not in self.equations:
+            train = self.train if hz is None else self.train.with_viscous_damping(hz=hz)
+            try:
+                self.equations[hz] = Equations(train)
+            except ValueError as refusal:
+                self.equations[hz] = str(refusal)
+        return self.equations[hz]
+
+    def _march(self, places, motions, spent, finer):
+        """Steady states of speeds that share steps and equations, and motions of those that need shorter steps.
+
+        ``spent``: cycles marched before, by place, to which these are added; ``finer``: times the fewest steps.
+        """
+        hz = self._main_hz(places[0]) if self.lossy else None
+        equations = self._equations(hz)
+        if isinstance(equations, str):
+            return {place: unknown(self.train, self.speeds[place], equations) for place in places}, {}
+        batch = Batch(equations, self.speeds[places], finer * equations.steps(self.speeds[places].min()))
+        for i, place in enumerate(places):
+            if place in motions:
+                batch.begin(i, motions[place])
+        found, further, cycles = {}, {}, self._cycles(batch, min(spent[place] for place in places), finer)
+        while len(found) + len(further) < len(places):
+            for march, period in ended(batch, cycles):
+                place = places[march.place]
+                verdict = _Verdict(self, place, batch, march, hz, spent[place], finer)
+                state = verdict.state(period)
+                march.done = state is not None or verdict.unsure
+                if state is not None:
+                    found[place] = state
+                elif verdict.unsure:
+                    further[place] = batch.motion(march)
+                    spent[place] += march.cycles
+        return found, further
+
+    def _cycles(self, batch, spent, finer):
+        """How long marches of a batch are at most, of which ``spent`` cycles are behind."""
+        before = max(self.cycles.before_record(batch.work) - spent, 0)
+        if finer > 1 or not self.exact:
+            return dataclasses.replace(self.cycles, transient=before)
+        return dataclasses.replace(self.cycles, transient=min(before, FIRST), recorded=0)
+
+    def _main_hz(self, place):
+        """Frequency at which viscous damping takes as much from the tooth deflections as loss factors do."""
+        rpm = self.speeds[place]
+        cycle_hz = self.train.topology.cycle_frequency(rpm) / (2 * np.pi)
+        equations = self._equations(float(cycle_hz * 8))
+        if isinstance(equations, str):
+            return float(cycle_hz * 8)
+        batch = Batch(equations, np.array([rpm]), equations.steps(rpm))
+        batch.run(batch.marches)
+        deflection = np.split(batch.traced(batch.marches[0], 1), 2)[0]
+        power = np.abs(fourier.analyze(deflection, deflection.shape[1] // 2 - 1)[:, 1:]) ** 2
+        n = np.arange(1, power.shape[1] + 1)
+        return float(cycle_hz * (n**2 * power).sum() / (n * power).sum())
+
+
+class _Verdict:
+    """What one march says that may have ended; ``unsure`` where shorter steps have to decide."""
+
+    def __init__(self, judge, place, batch, march, hz, spent, finer):
+        self.judge, self.place, self.batch, self.march, self.hz = judge, place, batch, march, hz
+        self.finer, self.spent, self.unsure = finer, spent, False
+        self.notes, missing = [], batch.equations.missing
+        if hz is not None:
+            self.notes.append(f"the march takes loss factors as viscous damping at {hz:.4g} Hz")
+        if missing:
+            share = f"{100 * missing:.2g} %"
+            self.notes.append(f"the march leaves out modes that hold {share} of the compliance of a mesh")
+
+    def state(self, period):
+        """The steady state; None where the march has to go on, or is not sure."""
+        judge, march = self.judge, self.march
+        if not march.returns.finite:
+            reason = "the march is not finite: check the scene for huge or tiny numbers"
+            return unknown(judge.train, judge.speeds[self.place], reason)
+        if not period:
+            return self._irregular() if self.finer > 1 or not judge.exact else self._further()
+        if not judge.exact:
+            return self._recorded(period)
+        response, note, period = self._solved(period)
+        if response is None:
+            return self._unsolved(period)
+        stays, stability = self._attracts(response)
+        if not stays:
+            return self._passed_by()
+        apart = any(contact.separated_fraction > 0 for contact in response.contacts().values())
+        kind = "subharmonic" if period > 1 else "periodic" if apart else "contact"
+        self.notes += [note] * bool(note)
+        return self._made(kind, period, response=response, stability=stability)
+
+    def _made(self, kind, period, **found):
+        cycles, motion = self.spent + self.march.cycles, self.batch.motion(self.march)
+        judge = self.judge
+        rpm, known = judge.speeds[self.place], {"cycles": cycles, "notes": self.notes, "motion": motion}
+        return state_of(judge.train, rpm, kind, period, **known, **found)
+
+    def _further(self):
+        self.unsure = True
+
+    def _solved(self, period):
+        """Response (None where harmonic balance did not find the motion), note and period of a march that returns."""
+        judge, batch, march = self.judge, self.batch, self.march
+        while True:
+            trace, meshes = batch.traced(march, period), batch.equations.meshes
+            known = judge.known.get(self.place)
+            common = known is not None and known.response is not None and known.period == period
+            if common and same_motion(known.response, trace, meshes, judge.train, AGREES):
+                return known.response, "", period
+            given = {"steps": batch.steps, "meshes": meshes, "hz": self.hz}
+            levels = LEVELS_TRIED if self.finer == FINEST else 1
+            response, note = solve_settled(judge.train, march, trace, period, judge.request, levels=levels, **given)
+            shorter = period if response is None else shortest_period(response, period)
+            if shorter == period:
+                return response, note, period
+            if march.returns.errors(shorter)[0] > RETURNED:
+                return None, "", period
+            period = shorter
+
+    def _attracts(self, response):
+        """What :func:`attracts` says of a response, asked once."""
+        known = self.judge.known.get(self.place)
+        return (True, known.stability) if known is not None and known.response is response else attracts(response)
+
+    def _unsolved(self, period):
+        """Where harmonic balance did not find the motion."""
+        if self.finer < FINEST:
+            return self._further()
+        if self.march.recorded < self.judge.cycles.recorded:
+            self.march.again = self.march.cycles + AGAIN
+            return None
+        self.notes.append("harmonic balance did not find the motion marched: the numbers are those of recorded cycles")
+        return self._recorded(period)
+
+    def _passed_by(self):
+        """Where a march came near a motion that repels, which with these steps may attract."""
+        if self.finer < FINEST:
+            return self._further()
+        if self.march.recorded < self.judge.cycles.recorded or self.march.cycles < self.judge.cycles.most:
+            self.march.again = self.judge.cycles.most  # it takes cycles to leave it, and solving again tells nothing
+            return None
+        return self._irregular()
+
+    def _irregular(self):
+        """Motion without a period, read from its record."""
+        return self._made("irregular", 0, record=record_of(self.batch.equations, self.march))
+
+    def _recorded(self, period):
+        """Motion with a period, read from its record."""
+        if not self.march.recorded:
+            self.batch.record(self.march, period)
+        record = record_of(self.batch.equations, self.march)
+        apart = any(contact.separated_fraction > 0 for contact in record.contacts)
+        kind = "subharmonic" if period > 1 else "periodic" if apart else "contact"
+        return self._made(kind, period, record=record)
+
+
+def state_of(train, rpm, kind, period, *, response=None, record=None, cycles=0, notes=(), motion=None, stability=None):
+    """The :class:`SteadyState` of a train at a speed."""
+    known = float(rpm), kind, period, response, record, cycles, tuple(notes), motion
+    return SteadyState(*known, train.topology, stability)
+
+
+def unknown(train, rpm, reason):
+    """The SteadyState of a motion that is not known."""
+    return state_of(train, rpm, "unknown", 0, notes=(reason,))
