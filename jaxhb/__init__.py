@@ -24,6 +24,7 @@ _HOMES = {
     "periodic.speeds": ("solve_speeds",),
     "periodic.branch": ("Branch", "BranchOptions", "follow"),
     "periodic.returns": ("Cycles",),
+    "periodic.search": ("PeriodicMotion", "solve_all"),
     "periodic.stability": ("Stability", "largest_multiplier", "stability"),
     "periodic.steady_state": ("steady_state",),
     "response.steady": ("SteadyState", "SteadySweep"),

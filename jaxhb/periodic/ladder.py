@@ -3,7 +3,7 @@
 A rung is a function ``rung(case, last)`` that yields attempts; the next one is asked for where Newton's method did not
 solve the last. The cheap rungs come first: from teeth in contact Newton's method succeeds where no tooth separates,
 from a short march where the motion settles within a few cycles. Shooting and the curve from the linear law look for
-periodic motions that no march settles on; what they find may be unstable.
+periodic motions that no march settles on; what they find may be unstable. A solve takes few shots and no curve.
 """
 
 import dataclasses
@@ -28,22 +28,27 @@ from .time_steps import COUNTS, time_steps_for, time_steps_of
 
 @dataclass(frozen=True)
 class Effort:
-    """What the rungs above a short march may cost.
+    """What the rungs above a short march may cost: by default what a solve takes unasked, about a second for 27 disks.
 
     settled : periodicity error of a march that makes shooting useless: what Newton's method then lacks are shorter
     steps or more harmonics. closer : times better than the march before it that a longer march has to close. finer :
     orbits are searched with up to so many times the steps of the march, as coarse steps bend them. finest_shots : that
-    the work of a search has to pay for with the finest steps: of larger trains fewer closed none. orbits : tried at
-    most; some have no harmonics near them, or lie beyond a turning point that the steps displaced.
+    the work of a search has to pay for with the finest steps: of larger trains fewer closed none. work : of the shots
+    of a search. orbits : tried at most; some have no harmonics near them, or lie beyond a turning point that the steps
+    displaced.
     """
 
     settled: float = 1e-5
     closer: float = 30.0
-    finer: int = 4
+    finer: int = 1
     finest_shots: int = 4
-    work: float = orbits.WORK
-    orbits: int = 16
+    work: float = 5e6
+    orbits: int = 2
     homotopy: HomotopyOptions = homotopy.DEFAULT
+
+
+LONG = Effort(finer=4, work=orbits.WORK, orbits=16)
+"""What searches may cost that are asked for: minutes."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +92,7 @@ class Case:
     effort: Effort = field(default_factory=Effort)
     search_with: type = orbits.Search
     path: list = field(default_factory=list)
+    solved: bool = False
     searches: dict = field(default_factory=dict)
 
     @cached_property
@@ -203,7 +209,8 @@ def from_linear_law(case, last) -> Iterator[Attempt]:
     yield from _halving_steps(case, last, plan, found, steps, event)
 
 
-RUNGS = (contact, short_march, long_march, shooting, from_linear_law)
+RUNGS = (contact, short_march, long_march, shooting)
+"""Of a solve; :func:`jaxhb.solve_all` has others besides."""
 
 
 def march_error(last):
@@ -245,6 +252,8 @@ def _halving_steps(case, last, plan, orbit, steps, event):
     finest = _finest(case, plan)
     while orbit.coefficients is not None:
         yield _from_orbit(case, last, plan, orbit, steps, event)
+        if case.solved:
+            return
         coarse, steps = case.search(dataclasses.replace(plan, time_steps=steps)), 2 * steps
         if steps > finest:
             return
@@ -301,6 +310,7 @@ def refine(case, attempt, last=None):
             given, harmonics, plan = outcome.deflection, higher, dataclasses.replace(plan, harmonics=higher)
         else:
             response = dataclasses.replace(response, path=tuple(case.path))
+            case.solved = not status.unsolved
             return Result(response, plan, error, harmonics)
 
 

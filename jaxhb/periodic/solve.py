@@ -44,7 +44,8 @@ def solve(train, *, rpm, plan=None, harmonics=None, tolerance=None, method=None,
     start : Response, "linear" or "march", optional
         Where Newton starts: another response, on whose branch the solution then usually lies, or the motion with all
         teeth in contact ("linear"), or a few cycles of time integration from it ("march"). By default the motion in
-        contact is the answer if it holds, else a march. Several periodic motions may exist at one speed.
+        contact is the answer if it holds, else a march, at last a few shots. Several periodic motions may exist at one
+        speed: :func:`jaxhb.solve_all` searches for them.
 
     Returns
     -------

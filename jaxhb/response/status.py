@@ -30,8 +30,8 @@ class Status(IntEnum):
 
 
 _REMEDY = (
-    "use more harmonics (above the mesh modes), start from the response at a neighbouring speed, or check whether "
-    "time integration settles there"
+    "ask for the steady state, use more harmonics (above the mesh modes), start from the response at a neighbouring "
+    "speed, or search longer with jaxhb.solve_all"
 )
 _SENTENCES = {
     Status.CONVERGED: "converged",

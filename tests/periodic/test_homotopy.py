@@ -38,7 +38,7 @@ def hammering():
 def climbed(train, rpm, **options):
     """The response of the ladder without shooting, to stand on the rung above it."""
     (plan,) = planning.plan_speeds(train, np.array([rpm]), Request())
-    effort = ladder.Effort(homotopy=homotopy.HomotopyOptions(**options))
+    effort = dataclasses.replace(ladder.LONG, homotopy=homotopy.HomotopyOptions(**options))
     case = ladder.Case(train, rpm, Request(), plan, effort=effort)
     return ladder.climb(case, (ladder.short_march, ladder.long_march, ladder.from_linear_law)).response
 

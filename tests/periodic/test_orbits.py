@@ -88,7 +88,9 @@ def climbed(search, rungs, **effort):
     """The Result of rungs with another search, and the time steps that were searched with."""
     train = jaxhb.load_scene("gear_train_30")
     (plan,) = planning.plan_speeds(train, np.array([RPM]), Request())
-    case = ladder.Case(train, RPM, Request(), plan, effort=ladder.Effort(**effort), search_with=search)
+    case = ladder.Case(
+        train, RPM, Request(), plan, effort=dataclasses.replace(ladder.LONG, **effort), search_with=search
+    )
     found = ladder.climb(case, rungs)
     return found, sorted({steps for _, _, steps in case.searches})
 

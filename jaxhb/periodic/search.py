@@ -1,0 +1,181 @@
+"""Every periodic motion of a train at one speed that searches find: those it may run in, and those that repel."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .._arrays import staged, traced
+from ..response.response import Response
+from ..response.status import Status
+from . import ladder, orbits
+from .judged import Judge
+from .marching import Equations
+from .planning import plan_speeds
+from .request import Request, check_speed
+from .returns import Cycles
+from .stability import Stability, attracts
+
+NEIGHBOURS = 0.9, 0.95, 0.98, 1.02, 1.05, 1.1
+"""Speeds, over the one asked for, from whose motions the train is brought there."""
+
+SAME = 0.01
+"""Difference of the deflections, as a share of the largest, up to which two solutions are one motion."""
+
+SCATTERED, AWAY = 24, 2.5
+"""Starts of marches, and how far off they are at most: in shifts of the teeth from mid-gap to their flanks."""
+
+SEARCHES = (ladder.on_flank, ladder.short_march, ladder.long_march, ladder.shooting, ladder.from_linear_law)
+"""Rungs all of whose attempts are made."""
+
+
+@dataclass(frozen=True)
+class PeriodicMotion:
+    """A periodic motion and whether the train runs in it; made by :func:`solve_all`.
+
+    Parameters
+    ----------
+    response : Response
+        Of one cycle of the excitation, or over ``period`` cycles as one.
+    period : int, in cycles of the excitation
+    attracts : bool
+        Whether disturbances die away, as far as multipliers can be told.
+    stability : Stability or None
+        None where multipliers are refused (loss factors) or take too long (more than 100 disks).
+    """
+
+    response: Response
+    period: int
+    attracts: bool
+    stability: Stability | None
+
+    @property
+    def largest_force(self):
+        """Largest tooth force of all meshes, N."""
+        forces = (self.response.force(name).peak for name in self.response.topology.mesh_names)
+        return float(max(forces, default=0.0))
+
+    def __str__(self):
+        span = "one cycle" if self.period == 1 else f"{self.period} cycles"
+        how = "attracts" if self.attracts else "repels"
+        if self.stability is not None:
+            how += f" ({self.stability.loses_by or 'stable'}, multiplier {self.stability.largest:.3g})"
+        return f"period of {span}, largest tooth force {self.largest_force / 1e3:.4g} kN, {how}"
+
+
+def solve_all(train, *, rpm, harmonics=None, tolerance=None):
+    """The periodic motions of a drive train at one speed, as many as several searches find.
+
+    Teeth that hammer allow several motions at one speed; the train runs in one that attracts, which one depends on
+    where it comes from. Marches begin with teeth on their drive sides, in the middle of their gaps, on the other
+    flanks, at scattered places, and from the motions at neighbouring speeds; they find what attracts, over one or
+    several cycles. Shooting from many cycles and from scattered states, and the curve from a linear law, find motions
+    of one cycle that repel, too.
+
+    Parameters
+    ----------
+    train : DriveTrain
+    rpm : float
+        Speed of the reference rotor.
+    harmonics, tolerance : optional
+        As in :func:`jaxhb.solve`.
+
+    Returns
+    -------
+    tuple of PeriodicMotion
+        Those that attract first, the largest tooth force first among them; empty where none is found. That no other
+        exists is not claimed.
+
+    Raises
+    ------
+    SceneError
+        A speed that is not positive.
+    TypeError
+        Under ``jit``, ``vmap`` or ``grad``.
+
+    Notes
+    -----
+    Takes seconds to minutes. :func:`jaxhb.steady_state` tells in a fraction of a second what the train does,
+    :func:`jaxhb.follow` where a motion goes with the speed.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> found = jaxhb.solve_all(jaxhb.load_scene("spur_pair"), rpm=2000.0)
+    >>> [(motion.period, motion.attracts) for motion in found]
+    [(1, True)]
+    """
+    if traced(train, rpm) or staged():
+        raise TypeError("solve_all decides by value and cannot be traced: call it outside")
+    check_speed(train, rpm)
+    rpm, request = float(rpm), Request.of(train, harmonics, tolerance)
+    (plan,) = plan_speeds(train, np.array([rpm]), request)
+    found = []
+    if any(train.topology.mesh_backlash):
+        _add(found, _settled(train, rpm, request))
+    _add(found, _searched(ladder.Case(train, rpm, request, plan, effort=ladder.LONG, search_with=_Scattered)))
+    motions = (PeriodicMotion(response, period, *attracts(response)) for response, period in found)
+    return tuple(sorted(motions, key=lambda motion: (not motion.attracts, -motion.largest_force)))
+
+
+def _settled(train, rpm, request):
+    """(Response, period) of motions on which marches settle, from several starts side by side."""
+    near = rpm * np.array(NEIGHBOURS)
+    states = Judge(train, near, request, True, Cycles()).settle(list(range(len(near))), {})
+    starts = _starts(train, rpm) + [state.motion for state in states.values() if state.motion is not None]
+    judge = Judge(train, np.full(len(starts) + 1, rpm), request, True, Cycles())
+    states = judge.settle(list(range(len(starts) + 1)), dict(enumerate(starts, 1)))  # the first: on the drive sides
+    return [(state.response, state.period) for state in states.values() if state.response is not None]
+
+
+def _starts(train, rpm):
+    """Motions ``(2S,)`` with the teeth in the middle of their gaps, on the flanks that do not drive, and scattered."""
+    try:
+        posed = Equations(train if not _lossy(train) else train.with_viscous_damping(hz=rpm / 60)).pose([rpm])
+    except ValueError:  # a massless disk leaves no equation: nothing can be marched
+        return []
+    flank, rest, power = posed.flank[0], posed.displacement[0, :, 0].real, np.abs(posed.displacement[0, :, 1:]) ** 2
+    n = np.arange(1, power.shape[1] + 1)
+    omega = posed.frequency[0] * np.sqrt((n**2 * power).sum() / max(power.sum(), 1e-300))
+    shares = np.random.default_rng(0).uniform(-AWAY, AWAY, (SCATTERED, 2))
+    shares = np.concatenate([[[0.0, 0.0], [-1.0, 0.0]], shares])
+    return [np.concatenate([rest + position * flank, speed * omega * flank]) for position, speed in shares]
+
+
+class _Scattered(orbits.Search):
+    """Shoots from as many states besides, anywhere within twice the reach of a march."""
+
+    def _seeds(self):
+        seeds = super()._seeds()
+        size = np.abs(seeds).max(axis=0, initial=0.0)
+        return np.concatenate([seeds, size * np.random.default_rng(0).uniform(-2, 2, seeds.shape)])
+
+
+def _lossy(train):
+    return bool(np.any(train.shafts.loss_factor) or np.any(train.dampers.loss_factor))
+
+
+def _searched(case):
+    """(Response, 1) of all attempts that Newton's method solves; each keeps the path that led to it."""
+    last = None
+    for rung in SEARCHES if any(case.train.topology.mesh_backlash) else SEARCHES[:1]:
+        for attempt in rung(case, last):
+            case.path.clear()
+            last = ladder.refine(case, attempt, last)
+            if last.status <= Status.TOLERANCE_NOT_MET:
+                yield last.response, 1
+
+
+def _add(found, others):
+    """Put (Response, period) beside those at hand that are other motions."""
+    for response, period in others:
+        if not any(period == known and _same(response, other, period) for other, known in found):
+            found.append((response, period))
+
+
+def _same(one, other, period):
+    """Whether two responses over ``period`` cycles are one motion, begun in the same cycle or in another."""
+    samples = period * 16 * max(one.harmonics, other.harmonics)
+    one, other = (response.deflection_samples(samples) for response in (one, other))
+    size = SAME * max(np.abs(one).max(initial=0.0), 1e-300)
+    shifted = (np.roll(other, k * samples // period, axis=-1) for k in range(period))
+    return any(np.abs(one - moved).max(initial=0.0) <= size for moved in shifted)

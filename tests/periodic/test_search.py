@@ -1,0 +1,61 @@
+"""All periodic motions of a train at one speed, against the exact motions of the lightly loaded pair."""
+
+import json
+
+import numpy as np
+import pytest
+from event_exact import Pair
+from lightly_loaded import TABLE
+from trains import pair_rpm, pair_train
+
+import jaxhb
+from jaxhb.periodic import ladder
+
+EPSILON = 1e-3
+ROWS = {row["speed"]: row for row in json.loads(TABLE.read_text())["laws"][1]["rows"]}
+
+
+def reaches(motion):
+    deflection = motion.response.deflection("a", "b")
+    return np.array([float(deflection.max), float(deflection.min)])
+
+
+@pytest.fixture(scope="module", params=[0.8, 1.0])
+def searched(request):
+    """Speed over the natural frequency, and the motions there: three of one cycle; one of one, two, three cycles."""
+    train = pair_train(Pair(1.0, epsilon=EPSILON), transition=0.01)
+    rpm = pair_rpm(Pair(request.param, epsilon=EPSILON))
+    return request.param, jaxhb.solve_all(train, rpm=rpm, tolerance=1e-3)
+
+
+def test_every_exact_motion_is_found_with_its_stability(searched):
+    """0.2 %: the transition zone, and 0.1 % of truncation."""
+    speed, found = searched
+    row = ROWS[speed]
+    exact = [(1, one, max(abs(complex(*pair)) for pair in one["multipliers"]) < 1) for one in row["orbits"]]
+    exact += [(one["period"], one, True) for one in row["attractors"] if one["period"] > 0]
+    for period, one, attracts in exact:
+        wanted = np.array([one["maximum"], one["minimum"]])
+        near = [m for m in found if m.period == period and np.abs(reaches(m) - wanted).max() < 2e-3 * abs(wanted).max()]
+        assert near and near[0].attracts == attracts, (period, wanted)
+
+
+def test_no_motion_is_told_twice_and_those_that_attract_come_first(searched):
+    _, found = searched
+    tops = [(m.period, *reaches(m).round(3)) for m in found]
+    assert len(set(tops)) == len(tops)
+    order = [motion.attracts for motion in found]
+    assert order == sorted(order, reverse=True)
+    assert ("attracts" if order[0] else "repels") in str(found[0]) and "kN" in str(found[0])
+
+
+def test_a_train_without_backlash_has_one_motion():
+    (only,) = jaxhb.solve_all(jaxhb.load_scene("six_cylinder_diesel"), rpm=1500.0)
+    assert only.period == 1 and only.attracts and only.response.converged
+
+
+def test_a_solve_searches_no_longer_than_it_was_asked_to():
+    """Irregular motion: a few shots and no curve from the linear law; what is left is a status."""
+    response = jaxhb.solve(jaxhb.load_scene("gear_train_30"), rpm=2361.0)
+    assert sum("shooting from" in str(event) for event in response.path) <= ladder.Effort().orbits
+    assert not any("homotopy" in str(event) for event in response.path)
