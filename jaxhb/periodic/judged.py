@@ -92,7 +92,10 @@ class Judge:
                 batch.begin(i, motions[place])
         found, further, cycles = {}, {}, self._cycles(batch, min(spent[place] for place in places), finer)
         while len(found) + len(further) < len(places):
-            for march, period in ended(batch, cycles):
+            over = ended(batch, cycles)
+            if not self.exact:
+                _record(batch, over)
+            for march, period in over:
                 place = places[march.place]
                 verdict = _Verdict(self, place, batch, march, hz, spent[place], finer)
                 state = verdict.state(period)
@@ -124,6 +127,12 @@ class Judge:
         power = np.abs(fourier.analyze(deflection, deflection.shape[1] // 2 - 1)[:, 1:]) ** 2
         n = np.arange(1, power.shape[1] + 1)
         return float(cycle_hz * (n**2 * power).sum() / (n * power).sum())
+
+
+def _record(batch, over):
+    """Record a period of the marches that have one, ``(march, period)``, side by side those with the same."""
+    for period in {period for march, period in over if not march.recorded} - {0}:
+        batch.run([march for march, own in over if own == period and not march.recorded], True, period)
 
 
 class _Verdict:
@@ -218,8 +227,6 @@ class _Verdict:
 
     def _recorded(self, period):
         """Motion with a period, read from its record."""
-        if not self.march.recorded:
-            self.batch.record(self.march, period)
         record = record_of(self.batch.equations, self.march)
         apart = any(contact.separated_fraction > 0 for contact in record.contacts)
         kind = "subharmonic" if period > 1 else "periodic" if apart else "contact"

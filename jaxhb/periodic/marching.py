@@ -166,19 +166,15 @@ class Batch:
         """(x, x') ``(2S,)`` where a march stands, at the beginning of a cycle."""
         return marching.motion_of(self.equations.modes, march.state[:, None], _of(self.posed, [march.place]))[0]
 
-    def run(self, marches, record=False):
-        """CHUNK cycles of some marches, recorded or not."""
+    def run(self, marches, record=False, cycles=CHUNK):
+        """Some more cycles of some marches, recorded or not."""
         left, most = list(marches), RECORDED if record else BATCHES[0][0]
         while left:
             size = next(size for size, least in BATCHES if size <= most and len(left) >= least)
-            self._run(left[:size], size, record)
+            self._run(left[:size], size, record, cycles)
             left = left[size:]
 
-    def record(self, march, cycles):
-        """Some more cycles of one march, recorded."""
-        self._run([march], 1, True, cycles)
-
-    def _run(self, marches, size, record, cycles=CHUNK):
+    def _run(self, marches, size, record, cycles):
         places = [march.place for march in marches] + [marches[-1].place] * (size - len(marches))
         lanes, blank = _lanes(self.lanes, places), np.zeros(cycles)
         state = np.stack([self.marches[place].state for place in places], axis=1)

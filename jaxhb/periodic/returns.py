@@ -75,18 +75,13 @@ class Returns:
         """Size ``(2G,)`` of deflections and rates."""
         return np.abs(np.array(self.cycles[-2 * PERIODS[-1] :])).max(axis=(0, 1)) + self.floor
 
-    def errors(self, k):
+    def errors(self, k, scale=None):
         """Largest return error after k cycles in each of the last three windows, the latest first; else inf."""
-        window = max(WINDOW, k)
-        found = []
-        for last in (len(self.cycles) - i * window for i in range(3)):
-            pairs = [(c, c - k) for c in range(last - window, last)]
-            known = pairs[0][1] >= 0
-            found.append(max(self._error(*pair) for pair in pairs) if known else np.inf)
-        return found
-
-    def _error(self, one, other):
-        return float((np.abs(self.cycles[one] - self.cycles[other]) / self.scale).max())
+        window, scale = max(WINDOW, k), self.scale if scale is None else scale
+        last = np.array(self.cycles[-3 * window - k :])
+        change = (np.abs(last[k:] - last[:-k]) / scale).max(axis=(1, 2))[::-1]
+        windows = (change[i * window : (i + 1) * window] for i in range(3))
+        return [float(part.max()) if len(part) == window else np.inf for part in windows]
 
     def period(self, last=False):
         """The smallest period in cycles that the motion has or approaches; 0 where there is none yet.
@@ -96,7 +91,8 @@ class Returns:
         Where the motion still approaches a divisor of a period it may well have that one: beside a period doubling it
         nearly returns after two cycles while it settles on the period of one.
         """
-        errors, falling = {k: self.errors(k) for k in PERIODS}, 1.0 if last else FALLING
+        scale, falling = self.scale, 1.0 if last else FALLING
+        errors = {k: self.errors(k, scale) for k in PERIODS}
         for k, (now, before, first) in errors.items():
             settled = now <= SETTLED and now <= LEAVING * before < np.inf or now <= ROUNDED
             near = now <= NEAR and now <= falling * before and before <= falling * first < np.inf
@@ -107,7 +103,8 @@ class Returns:
 
     def undecided(self):
         """Whether the motion may still settle on a period: a return error is small and keeps falling."""
-        return any(decaying(self.errors(k)) for k in PERIODS)
+        scale = self.scale
+        return any(decaying(self.errors(k, scale)) for k in PERIODS)
 
 
 def decaying(errors):

@@ -65,7 +65,7 @@ def test_lanes_march_as_the_dense_integration_does(name, count):
     if count > 1:
         batch.run(batch.marches)
     else:
-        batch._run(batch.marches, 1, False)
+        batch._run(batch.marches, 1, False, 8)
     for place, deflection in zip((0, count - 1), expected, strict=True):
         found = np.split(batch.marches[place].trace[:-1].T, 2)[0]
         gap = equations.meshes.law.backlash.max()
