@@ -15,6 +15,7 @@ from pathlib import Path
 from jaxhb.model.assembly import assemble
 from jaxhb.model.drivetrain import DriveTrain
 from jaxhb.model.elements import TABLES, SceneError, Unread
+from jaxhb.model.engine import Engine
 from jaxhb.model.topology import suggestion
 
 _SCENE_KEYS = ("name", "description", "revolutions_per_cycle", "reference")
@@ -154,8 +155,9 @@ def _read_elements(path: Path, content: dict, errors: list[str]) -> tuple[list, 
     for table, rows in content.items():
         if table in ("scene", "tune"):
             continue
-        if table not in TABLES:
-            known = ["scene", *TABLES, "tune"]
+        rows = [rows] if table == "engine" and isinstance(rows, dict) else rows
+        if table not in TABLES and table != "engine":
+            known = ["scene", *TABLES, "engine", "tune"]
             errors.append(f"{path.name}: unknown table {table!r}.{suggestion(table, known)}")
             complete = False
             continue
@@ -164,10 +166,11 @@ def _read_elements(path: Path, content: dict, errors: list[str]) -> tuple[list, 
             complete = False
             continue
         for i, row in enumerate(rows):
-            where = f"{path.name}, [[{table}]] no. {i + 1}"
+            where = f"{path.name}, [engine]" if table == "engine" else f"{path.name}, [[{table}]] no. {i + 1}"
             if isinstance(row.get("name"), str):
                 where += f" {row['name']!r}"
-            elements.append(_read_element(TABLES[table], row, where, path.parent, read, errors))
+            cls = Engine if table == "engine" else TABLES[table]
+            elements.append(_read_element(cls, row, where, path.parent, read, errors))
     return elements, complete
 
 
@@ -185,6 +188,8 @@ def _read_element(cls, row: dict, where: str, folder: Path, read: dict, errors: 
             values[key] = row[key]
         elif f.default is dataclasses.MISSING:
             values.setdefault(key, None)
+        if f.metadata["kind"] in ("table", "tables"):
+            values |= _read_inner(f, row, where, folder, read, errors)
         if f.metadata["kind"] == "rows" and isinstance(row.get(key), str):
             try:
                 values[key] = _read_rows(folder / row[key], f.metadata["columns"], read)
@@ -192,6 +197,18 @@ def _read_element(cls, row: dict, where: str, folder: Path, read: dict, errors: 
                 errors += [f"{where}: {key}: {text}" for text in error.sentences]
                 values[key] = Unread()
     return cls(**values)
+
+
+def _read_inner(f, row: dict, where: str, folder: Path, read: dict, errors: list[str]) -> dict:
+    """Make the table, or the list of tables, that a key of an element holds; what is none is found by the checks."""
+    found, cls = row.get(f.name), f.metadata["of"]
+    if f.metadata["kind"] == "table" and isinstance(found, dict):
+        return {f.name: _read_element(cls, found, f"{where}, {f.name}", folder, read, errors)}
+    if f.metadata["kind"] == "tables" and isinstance(found, list) and all(isinstance(v, dict) for v in found):
+        places = [f"{where}, {f.name} no. {k + 1}" for k in range(len(found))]
+        both = zip(found, places, strict=True)
+        return {f.name: tuple(_read_element(cls, v, place, folder, read, errors) for v, place in both)}
+    return {}
 
 
 def _read_rows(path: Path, columns: tuple[str, ...], read: dict) -> tuple:
