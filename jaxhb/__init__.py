@@ -35,6 +35,7 @@ _HOMES = {
     "periodic.plan": ("Plan",),
     "periodic.solve": ("linear_response", "plan", "solve"),
     "periodic.speeds": ("solve_speeds",),
+    "periodic.misfires": ("misfire_each",),
     "periodic.branch": ("Branch", "BranchOptions", "follow"),
     "periodic.returns": ("Cycles",),
     "periodic.stability": ("Stability", "largest_multiplier", "stability"),

@@ -33,6 +33,12 @@ def locate(topology, key: str):
     return table, field, index
 
 
+def declared_field(table: str, field: str):
+    """The field of an element, with its unit and range, of a field of a table; None where there is none."""
+    outer, _, inner = field.rpartition(".")
+    return {f.name: f for f in dataclasses.fields(_INNER.get(outer, TABLES[table]))}.get(inner)
+
+
 def _locate(train, key: str):
     """Find table, field and index of ``"NAME.FIELD"`` that the train has."""
     table, field, index = locate(train.topology, key)
@@ -178,8 +184,7 @@ def _value_errors(train, key, table, field, index, value) -> list[str]:
         return [f"{where}: the value is {value!r}, must be finite and real."]
     if missing and not _is_same(train, table, field, index, number):
         return [f"{where}: {missing}"]
-    outer, _, inner = field.rpartition(".")
-    declared = {f.name: f for f in dataclasses.fields(_INNER.get(outer, TABLES[table]))}.get(inner)
+    declared = declared_field(table, field)
     if declared is None or wanted or declared.metadata["kind"] != "number":
         return []
     if declared.default is None and number == 0.0 and _is_absent(train, table, field, index):

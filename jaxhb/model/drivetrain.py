@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from jaxhb._arrays import namespace, pytree, traced
-from jaxhb.model import assembly, change
+from jaxhb.model import assembly, change, gas
 from jaxhb.model.elements import SceneError
 from jaxhb.model.tables import Cylinders, Dampers, Disks, Grounds, Loads, Meshes, Shafts, Torques
 from jaxhb.model.topology import Topology, suggestion
@@ -206,6 +206,46 @@ class DriveTrain:
         both = zip(names, self.topology.cylinder_fires, strict=True)
         fires = tuple(fires and name not in cylinders for name, fires in both)
         return dataclasses.replace(self, topology=dataclasses.replace(self.topology, cylinder_fires=fires))
+
+    def misfires(self) -> dict[str, DriveTrain]:
+        """Return the trains in which each cylinder that fires in turn does not, by the name of this cylinder.
+
+        Returns
+        -------
+        dict
+            Trains whose gas factors differ alone: they share all that is compiled, and can be stacked to a batch. Their
+            torques are those of :meth:`misfire`.
+
+        Examples
+        --------
+        >>> from jaxhb.model.scene import load_scene
+        >>> trains = load_scene("six_cylinder_diesel").misfires()
+        >>> list(trains)[2], trains["cylinder 3"].cylinders.gas_factor
+        ('cylinder 3', array([1., 1., 0., 1., 1., 1.]))
+        """
+        both = zip(self.topology.cylinder_names, self.topology.cylinder_fires, strict=True)
+        return {name: self.replace({f"{name}.gas_factor": 0.0}) for name, fires in both if fires}
+
+    def outside_traces(self, rpm: float) -> list[str]:
+        """Say where the pressure traces of cylinders do not cover a speed or its load, so that the nearest is used.
+
+        Parameters
+        ----------
+        rpm : float
+            Speed of the reference rotor.
+
+        Returns
+        -------
+        list of str
+            One sentence for all cylinders with the same traces; empty where all is covered.
+
+        Examples
+        --------
+        >>> from jaxhb.model.scene import load_scene
+        >>> load_scene("six_cylinder_diesel").outside_traces(900.0)
+        []
+        """
+        return gas.outside_traces(self, rpm)
 
 
 def build(elements, *, name="", reference=None, revolutions_per_cycle=2, tune=None, source="scene") -> DriveTrain:

@@ -50,6 +50,7 @@ class Engine(CrankSlider):
 
 
 _COMMON = {f.name: f for f in dataclasses.fields(CrankSlider) if f.name not in ("name", "firing_angle")}
+_OWN = ("cylinders", "disks", "firing_order", "bank_angle", "stroke_cycle", "firing", "firing_intervals")
 _DEFAULTS = {f.name: f.default for f in dataclasses.fields(Engine)}
 
 
@@ -132,18 +133,22 @@ def _apart(a, b, cycle):
 
 def engine_errors(engine: Engine, where: str, disk_names) -> list[str]:
     """Find what is wrong with an engine by itself; ``disk_names`` are the disks there are."""
-    errors = []
-    for f in dataclasses.fields(engine):
-        errors += _field_errors(engine, where, f)
-    if errors:
+    found = {f.name: _field_errors(engine, where, f) for f in dataclasses.fields(engine)}
+    errors = [text for sentences in found.values() for text in sentences]
+    if any(found[name] for name in _OWN):
         return errors
+    return errors + [f"{where}: {text}" for text in _own_errors(engine, disk_names)]
+
+
+def _own_errors(engine, disk_names) -> list[str]:
+    """Check what makes the cylinders of an engine whose own fields are sound by themselves."""
     texts = []
     if engine.stroke_cycle not in (2, 4):
         texts.append(f"stroke_cycle is {engine.stroke_cycle:g}, must be 2 or 4. Correct it.")
     if engine.bank_angle is not None and engine.cylinders % 2:
         texts.append(f"bank_angle is given for {engine.cylinders:g} cylinders, must be for an even number of them.")
     if texts:
-        return [f"{where}: {text}" for text in texts]
+        return texts
     labels = _labels(vars(engine))
     texts += _disk_errors(engine, len(labels), disk_names)
     found = _order_errors([str(label) for label in engine.firing_order], labels)
@@ -152,7 +157,7 @@ def engine_errors(engine: Engine, where: str, disk_names) -> list[str]:
     inner = engine.combustion if isinstance(engine.combustion, Combustion) else None
     if inner is not None and inner.stroke_cycle not in (4, engine.stroke_cycle):
         texts.append(f"combustion: stroke_cycle is {inner.stroke_cycle:g}, that of the engine {engine.stroke_cycle:g}.")
-    return [f"{where}: {text}" for text in texts]
+    return texts
 
 
 def _field_errors(engine, where, f) -> list[str]:

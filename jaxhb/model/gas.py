@@ -243,20 +243,7 @@ def _per_share(cylinders, rows, revolutions):
 
 
 def outside_traces(train, rpm) -> list[str]:
-    """Say where a speed or its load is outside what the traces of cylinders cover, so that the nearest trace holds.
-
-    Parameters
-    ----------
-    train : DriveTrain
-        With concrete numbers.
-    rpm : float
-        Speed of the reference rotor.
-
-    Returns
-    -------
-    list of str
-        One sentence for all cylinders with the same traces; empty where all is covered.
-    """
+    """Sentences on speeds and loads outside of what traces cover; see :meth:`DriveTrain.outside_traces`."""
     cylinders, names = train.cylinders, train.topology.cylinder_names
     traces, alike = cylinders.traces, {}
     if traces is None:
@@ -269,6 +256,8 @@ def outside_traces(train, rpm) -> list[str]:
         for what, value, grid, unit in asked:
             low, high = float(grid[0]), float(grid[-1])
             if not low <= value <= high:
-                text = f"the {what} of {value:g}{unit} lies outside the pressure traces ({low:g} to {high:g}{unit})"
-                alike.setdefault(text, []).append(names[i])
-    return [f"{text} of {', '.join(map(repr, own))}: the nearest is used" for text, own in alike.items()]
+                alike.setdefault((what, f"({low:g} to {high:g}{unit}): the nearest is used"), []).append(names[i])
+    return [
+        f"the {what} lies outside the pressure traces of {', '.join(map(repr, own))} {covered}"
+        for (what, covered), own in alike.items()
+    ]

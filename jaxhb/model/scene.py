@@ -1,5 +1,6 @@
 """Scene files: TOML and CSV to a drive train. Everything wrong with a file is raised at once, in sentences.
 
+Files of other programs are read by their endings, see :mod:`jaxhb.model.exchange`.
 Any list of rows (``harmonics``, ``gas_torque``, ``scale``, ``pressure``) may be the name of a CSV file beside
 the scene, one row a line: so that long tables need not be repeated. Lines that start with ``#`` are comments.
 """
@@ -16,8 +17,10 @@ from jaxhb.model.assembly import assemble
 from jaxhb.model.drivetrain import DriveTrain
 from jaxhb.model.elements import TABLES, SceneError, Unread
 from jaxhb.model.engine import Engine
+from jaxhb.model.exchange import csv_content, tors_content
 from jaxhb.model.topology import suggestion
 
+_READERS = {".json": tors_content, ".csv": csv_content}
 _SCENE_KEYS = ("name", "description", "revolutions_per_cycle", "reference")
 
 
@@ -72,7 +75,8 @@ def load_scene(name) -> DriveTrain:
     Parameters
     ----------
     name : str or path
-        Packaged scene (see :func:`scene_names`), or a path to a ``.toml`` in the scene format, SI units.
+        Packaged scene (see :func:`scene_names`), or a path: a ``.toml`` in the scene format, SI units, a ``.json`` in
+        the TORS format of openTorsion, or a ``.csv`` with a table of inertias and one of links.
 
     Returns
     -------
@@ -123,7 +127,7 @@ def _folder():
 def _find(name) -> Path:
     """Path of a packaged scene or of a file."""
     text = str(name)
-    if isinstance(name, Path) or text.endswith(".toml") or "/" in text or "\\" in text:
+    if isinstance(name, Path) or text.endswith((".toml", *_READERS)) or "/" in text or "\\" in text:
         path = Path(text).expanduser()
         if not path.is_file():
             raise SceneError(f"{text}: there is no such file. Give the path of a .toml, or a packaged scene.")
@@ -136,7 +140,10 @@ def _find(name) -> Path:
 def _parse(path: Path) -> dict:
     """Read TOML; a syntax error becomes one sentence."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        text = path.read_text(encoding="utf-8-sig")
+        return _READERS[path.suffix](text, path.name) if path.suffix in _READERS else tomllib.loads(text)
+    except SceneError:
+        raise
     except tomllib.TOMLDecodeError as error:
         raise SceneError(f"{path.name}: invalid TOML: {error}. Correct the line.") from None
     except UnicodeDecodeError:
