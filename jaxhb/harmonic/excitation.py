@@ -323,11 +323,11 @@ def _add_gas(torque, train, rpm):
         return torque
     parts, ambient = _pressure_harmonics(train, rows)
     rows = np.array(rows)
-    gas = (weights(table, rpm)[:, rows, None] * parts).sum(axis=0)
     row_scale = scale[rows]
     lists = [tuple(topology.cylinder_step[c] * k for k in range(1, topology.cylinder_gas[c] + 1)) for c in rows]
     i, k, n = _entries(lists, torque.shape[1] - 1)
-    value = factor[rows[i]] * (row_scale[i] * gas[i, k + 1] - ambient[i, k + 1])
+    gas = (weights(table, rpm)[:, rows[i]] * parts[:, i, k + 1]).sum(axis=0)
+    value = factor[rows[i]] * (row_scale[i] * gas - ambient[i, k + 1])
     return _add(torque, disk[rows[i]], n, value * _phase(train, rows[i], n))
 
 

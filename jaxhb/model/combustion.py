@@ -26,7 +26,7 @@ Examples
 ...     expansion_exponent=np.array([1.28]), revolutions=2, samples=7200,
 ... )
 >>> round(float(motored[0, 0] / 1e5), 1), round(float((motored + 2000 * per_joule).max() / 1e5))
-(42.2, 109)
+(42.2, 69)
 """
 
 from __future__ import annotations

@@ -92,9 +92,7 @@ class _Tors:
         found = [name for name in self.components if name not in reached]
         if len(found) != 1:
             which = ", ".join(map(repr, found)) or "none"
-            raise SceneError(
-                f"{self.source}: the train must begin at one component, here {which}. Correct 'structure'."
-            )
+            raise SceneError(f"{self.source}: the train must begin at one component, not {which}. Correct 'structure'.")
         return found[0]
 
     def walk(self, name, node, above):

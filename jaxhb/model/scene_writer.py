@@ -37,8 +37,8 @@ def scene_text(name, *, expand=False):
     Examples
     --------
     >>> text, beside = scene_text("spur_pair")
-    >>> text.splitlines()[6:9], sorted(beside)
-    (['[[disk]]', 'name = "gear a"', 'inertia = 0.125'], ['spur_pair_omega_squared.csv'])
+    >>> text.splitlines()[6:8], sorted(beside)
+    (['[[disk]]', 'name = "gear a"'], ['spur_pair_omega_squared.csv'])
     """
     load_scene(name)
     path = _find(name)
