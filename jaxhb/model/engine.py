@@ -14,7 +14,7 @@ import math
 from collections import Counter
 from dataclasses import dataclass, field
 
-from jaxhb.model.elements import Combustion, CrankSlider, Cylinder, Range
+from jaxhb.model.elements import CrankSlider, Cylinder, Range
 from jaxhb.model.topology import suggestion
 from jaxhb.model.value_checks import field_errors, number_like, shown
 
@@ -38,7 +38,7 @@ class Engine(CrankSlider):
     ``firing_angle`` are added to the angles of the firing order.
     """
 
-    cylinders: int = field(metadata={"kind": "count", "range": Range(least=1.0)})
+    cylinders: int = field(metadata={"kind": "count", "range": Range(least=1.0, most=1000.0)})
     disks: tuple = _list(dataclasses.MISSING)
     firing_order: tuple = _list(dataclasses.MISSING)
     bank_angle: float | None = field(
@@ -154,9 +154,11 @@ def _own_errors(engine, disk_names) -> list[str]:
     found = _order_errors([str(label) for label in engine.firing_order], labels)
     found += _interval_errors(engine, len(labels))
     texts += found or _bank_errors(engine)
-    inner = engine.combustion if isinstance(engine.combustion, Combustion) else None
-    if inner is not None and inner.stroke_cycle not in (4, engine.stroke_cycle):
-        texts.append(f"combustion: stroke_cycle is {inner.stroke_cycle:g}, that of the engine {engine.stroke_cycle:g}.")
+    strokes = getattr(engine.combustion, "stroke_cycle", 4)
+    if number_like(strokes) and strokes not in (4, engine.stroke_cycle):
+        texts.append(
+            f"combustion: stroke_cycle is {strokes:g}, that of the engine {engine.stroke_cycle:g}. Leave it out."
+        )
     return texts
 
 
@@ -174,6 +176,8 @@ def _values_errors(engine, where, f, holder) -> list[str]:
     per_cylinder = f.name in _COMMON or f.name == "firing_angle" or holder is not engine
     if not (per_cylinder and f.metadata["kind"] in ("number", "flag") and isinstance(value, tuple | list)):
         return field_errors(where, f, value) or []
+    if not number_like(engine.cylinders):
+        return []
     if len(value) != engine.cylinders:
         return [
             f"{where}: {f.name} has {len(value)} values, must have one, or {engine.cylinders}: one for each cylinder."
@@ -188,7 +192,8 @@ def _disk_errors(engine, count, disk_names) -> list[str]:
         one = f"{count // 2} (one for each throw) or {count} (one for each cylinder)" if vee else f"{count}"
         return [f"disks has {len(engine.disks)} names, must have {one}."]
     unknown = [name for name in engine.disks if name not in disk_names]
-    return [f"disks: there is no disk {shown(name)}.{suggestion(name, disk_names)}" for name in dict.fromkeys(unknown)]
+    said = [f"disks: there is no disk {shown(name)}.{suggestion(name, disk_names)}" for name in unknown]
+    return list(dict.fromkeys(said))
 
 
 def _order_errors(order, labels) -> list[str]:

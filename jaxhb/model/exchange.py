@@ -67,7 +67,9 @@ def tors_content(text: str, source: str) -> dict:
         if reader.errors:
             raise SceneError(dict.fromkeys(reader.errors))
         return reader.content()
-    except (KeyError, TypeError, AttributeError, IndexError):
+    except SceneError:
+        raise
+    except (KeyError, TypeError, AttributeError, IndexError, ValueError):
         raise SceneError(
             f"{source}: this is not TORS, which has 'components', each with 'name' and 'elements', and 'structure', a"
             " list of pairs 'component.element'. Give such a file."
@@ -130,8 +132,10 @@ class _Tors:
                 self.meshes.append((parent, own))
             self._load(node, own, self._need(own, number, "inertia"), 0.0)
             toothed = "teeth" in number
-            size = number["teeth"] if toothed else self._need(own, number, "diameter")
-            self.gears[own] = {"node": node, "toothed": toothed, "size": float(size)}
+            size = self._need(own, number, "teeth" if toothed else "diameter")
+            if not size > 0.0:
+                self.errors.append(f"{self.source}, {own!r}: teeth or diameter is {size:g}, must be greater than 0.")
+            self.gears[own] = {"node": node, "toothed": toothed, "size": size}
         else:
             known = ["Disk", "ShaftDiscrete", "ShaftContinuous", "GearElement"]
             self.errors.append(f"{self.source}, {own!r}: unknown type {kind!r}.{suggestion(kind, known)}")
@@ -196,7 +200,7 @@ class _Tors:
 
 
 def _number(value):
-    return isinstance(value, int | float) and not isinstance(value, bool)
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
 
 
 def _sparse(row):
