@@ -1,5 +1,4 @@
-"""The drive train: arrays of numbers over a fixed topology, built from elements and checked once, on the
-host.
+"""The drive train: arrays of numbers over a fixed topology, built from elements and checked once, on the host.
 
 Examples
 --------
@@ -33,8 +32,7 @@ __all__ = ["DriveTrain", "SceneError", "Topology", "build", "inertias", "speed_r
 @pytree
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DriveTrain:
-    """A drive train: a pytree of float64 vectors (one for each field of each kind of element) and static
-    topology.
+    """A drive train: a pytree of float64 vectors (one for each field of each kind of element) and static topology.
 
     The fields are described in :mod:`jaxhb.model.tables`, the topology in :mod:`jaxhb.model.topology`. Make
     one with :func:`build` or :func:`jaxhb.model.scene.load_scene`; change it with :meth:`replace`.
@@ -61,12 +59,14 @@ class DriveTrain:
         Parameters
         ----------
         key : str
-            ``"NAME.FIELD"``, split at the last dot; a damper's ring has the damper's fields.
+            ``"NAME.FIELD"``, split at the last dot; a damper's ring has the damper's fields, and those of a table
+            inside an element are ``"NAME.combustion.start"``.
 
         Returns
         -------
         float, numpy array or traced array
-            In the unit of the scene format; ``harmonics`` and ``gas_torque`` are [n, 2] (Re, Im).
+            In the unit of the scene format; ``harmonics`` and ``gas_torque`` are [n, 2] (Re, Im), ``traces.rpm`` [R],
+            ``traces.load`` [S], ``traces.pressure`` [R, S, 7200] from firing top dead centre on.
 
         Raises
         ------
@@ -83,6 +83,8 @@ class DriveTrain:
 
     def replace(self, values: dict[str, Any]) -> DriveTrain:
         """Return the train with some numbers changed; the topology stays, so that nothing is compiled anew.
+
+        ``gas_factor`` can be changed in any train: where the scene gives none, the train gets a vector of ones first.
 
         Parameters
         ----------

@@ -216,7 +216,7 @@ def _on_cylinders(values, seats, count, *, axis):
 
 def _burning(cylinders):
     """Pressures without load and per load share of the cylinders with a combustion, [2, n, M]."""
-    revolutions, found = np.array(cylinders.combustion.revolutions), []
+    revolutions = np.array(cylinders.combustion.revolutions)
     groups = [np.flatnonzero(revolutions == r) for r in sorted(set(revolutions.tolist()))]
     found = [_per_share(cylinders, rows, int(revolutions[rows[0]])) for rows in groups]
     return namespace(found).concatenate(found, axis=1)[:, np.argsort(np.concatenate(groups))]
