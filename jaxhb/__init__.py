@@ -26,6 +26,7 @@ _HOMES = {
         "Trace",
     ),
     "model.engine": ("Engine",),
+    "model.scene_writer": ("elements_text", "scene_text"),
     "model.scene": ("load_scene", "scene_names"),
     "linear.modal": ("natural_frequencies",),
     "transient.reference": ("integrate", "shooting_correction"),

@@ -330,3 +330,13 @@ def test_the_torque_is_differentiable_and_mapped_over_the_speed():
     mapped = jax.vmap(lambda rpm: excitation(train, rpm, 8)[0])(speeds)
     for one, rpm in zip(mapped, speeds, strict=True):
         close(np.asarray(one), np.asarray(excitation(train, rpm, 8)[0]))
+
+
+def test_the_program_does_not_grow_with_the_number_of_cylinders():
+    def operations(count):
+        burning = Combustion(heat=2000.0, **BURNING)
+        parts = [cylinder(f"c{k}", traces=traces(1000.0, 2000.0)) for k in range(count)]
+        train = pair(*parts, *(cylinder(f"b{k}", combustion=burning, gas_factor=0.9) for k in range(count)))
+        return str(jax.make_jaxpr(lambda rpm: excitation(train, rpm, 12)[0])(1000.0)).count(" = ")
+
+    assert operations(6) == operations(2)
