@@ -82,7 +82,7 @@ def misfire_each(train, *, rpm, harmonics=None, tolerance=None) -> Misfires:
     >>> found = jaxhb.misfire_each(jaxhb.load_scene("six_cylinder_diesel"), rpm=[1200.0, 1800.0])
     >>> worst = found.worst(lambda r: r.torque("cyl6", "flywheel").half_peak_to_peak)
     >>> worst.cylinder, worst.rpm, round(worst.value / worst.firing, 1)
-    ('cylinder 1', 1200.0, 1.3)
+    ('cylinder 4', 1800.0, 1.1)
     """
     trains = train.misfires()
     if not trains:
