@@ -1,10 +1,11 @@
 """Excitation: the torque of cylinders, given torques and loads as harmonics of the cycle. Pure functions on
 arrays.
 
-A cylinder's gas torque is T = (scale(rpm) p - p_ambient) A x'(a), its inertia torque at constant speed w of
+A cylinder's gas torque is T = gas_factor (scale(rpm) p - p_ambient) A x'(a), its inertia torque at constant speed w of
 its own rotor T = -m x'(a) x''(a) w^2, with the travel x from top dead centre
 (:func:`~jaxhb.model.crank.slider_crank`). The scale over rpm multiplies gas torques and given torques, never
-inertia torques. Coefficients are those of T(t) = sum_{n=-N..N} T^n exp(i n Omega t); an amplitude A in Re(A
+inertia torques. The pressure p is a sum of functions of the angle, weighted by speed and load
+(:mod:`jaxhb.model.gas`). Coefficients are those of T(t) = sum_{n=-N..N} T^n exp(i n Omega t); an amplitude A in Re(A
 exp(i n Omega t)) gives T^n = A/2. The number of operations does not grow with the number of elements.
 """
 
@@ -16,6 +17,7 @@ import numpy as np
 from .._arrays import namespace
 from ..model.crank import CRANK_SAMPLES, gas_torque, inertia_torque
 from ..model.drivetrain import DriveTrain, speed_ratios
+from ..model.gas import COMPUTED, components, weights
 from ..model.tables import mean_torques, scale_at
 from ..model.topology import Topology
 from . import fourier
@@ -36,7 +38,8 @@ NEGLIGIBLE_GAS = 1e-6
 def excitation(train: DriveTrain, rpm, harmonics: int):
     """Torque on every disk as harmonics of the cycle, the loads that balance it, and what is left unbalanced.
 
-    The loads satisfy: sum over disks of speed ratio x mean torque = 0, each taking its share. The angle 0 of
+    The loads satisfy: sum over disks of speed ratio x mean torque = 0, each taking its share; their pulsation is in
+    proportion to the torque that each takes. The angle 0 of
     the reference rotor is firing top dead centre of a cylinder with ``firing_angle`` 0; an event later by
     alpha of its own rotor multiplies by exp(-i order alpha).
 
@@ -83,6 +86,7 @@ def excitation(train: DriveTrain, rpm, harmonics: int):
     share = xp.asarray(train.loads.share)
     load_torque = -power * share / (share @ ratio[load_disk])
     torque = _add(torque, load_disk, 0, load_torque)
+    torque = _add_pulsation(torque, train, load_torque)
     return torque, load_torque, ratio @ torque[:, 0].real
 
 
@@ -151,6 +155,8 @@ def highest_harmonic(train: DriveTrain) -> int:
     topology, found = train.topology, [1]
     given = [(topology.torque_harmonics, train.torques.harmonics)]
     given.append((topology.cylinder_harmonics, train.cylinders.gas_torque))
+    if train.loads.harmonics is not None:
+        given.append((topology.load_harmonics, train.loads.harmonics))
     for numbers, values in given:
         present = (np.asarray(values) != 0.0).any(axis=-1).tolist()
         for row, counts in zip(numbers, present, strict=True):
@@ -162,8 +168,8 @@ def highest_harmonic(train: DriveTrain) -> int:
     with_gas = _pressure_cylinders(topology)
     if with_gas:
         gas, _ = _pressure_harmonics(train, with_gas)
-        for i, row in zip(with_gas, np.asarray(gas), strict=True):
-            row = np.abs(row[1 : topology.cylinder_gas[i] + 1])
+        for i, row in zip(with_gas, np.abs(np.asarray(gas)).max(axis=0), strict=True):
+            row = row[1 : topology.cylinder_gas[i] + 1]
             counts = np.flatnonzero(row > NEGLIGIBLE_GAS * max(row.max(initial=0.0), 1e-300))
             found += [(k + 1) * topology.cylinder_step[i] for k in counts]
     return int(max(found))
@@ -193,7 +199,8 @@ def listed_harmonic(topology: Topology) -> int:
     >>> listed_harmonic(load_scene("gear_train_30").topology)
     24
     """
-    found = [1, *(n for row in (*topology.torque_harmonics, *topology.cylinder_harmonics) for n in row)]
+    listed = *topology.torque_harmonics, *topology.cylinder_harmonics, *topology.load_harmonics
+    found = [1, *(n for row in listed for n in row)]
     found += [kept * step for kept, step in zip(topology.cylinder_gas, topology.cylinder_step, strict=True)]
     found += [round(kept * turn) for kept, turn in zip(topology.cylinder_inertia, topology.cylinder_turn, strict=True)]
     return int(max(found))
@@ -256,6 +263,20 @@ def _add_given(torque, train, rpm):
     return _add(torque, disk[i], n, 0.5 * scale_at(table, rpm)[i] * (pair[:, 0] + 1j * pair[:, 1]))
 
 
+def _add_pulsation(torque, train, load_torque):
+    """Add what the loads pulsate, in proportion to their mean torques."""
+    i, k, n = _entries(train.topology.load_harmonics, torque.shape[1] - 1)
+    if not i.size:
+        return torque
+    pair = train.loads.harmonics[i, k]
+    return _add(
+        torque,
+        np.array(train.topology.load_disk, dtype=int)[i],
+        n,
+        0.5 * load_torque[i] * (pair[:, 0] + 1j * pair[:, 1]),
+    )
+
+
 def _phase(train, i, n):
     """exp(-i order alpha) of cylinder i at harmonic n of the cycle; order in revolutions of its own rotor."""
     order = n / np.array(train.topology.cylinder_turn)[i]
@@ -266,18 +287,23 @@ def _phase(train, i, n):
 def _pressure_cylinders(topology) -> tuple[int, ...]:
     """Indices of the cylinders whose gas torque is computed."""
     both = zip(topology.cylinder_source, topology.cylinder_fires, strict=True)
-    return tuple(i for i, (source, fires) in enumerate(both) if source == "pressure" and fires)
+    return tuple(i for i, (source, fires) in enumerate(both) if source in COMPUTED and fires)
 
 
 def _pressure_harmonics(train, rows):
-    """Harmonics of the gas cycle of p A x' and of p_ambient A x', for the cylinders ``rows``."""
+    """Harmonics of the gas cycle of p A x' [J, n, K], one for each component of p, and of p_ambient A x' [n, K].
+
+    ``rows`` are the n cylinders.
+    """
     rows, table = np.array(rows, dtype=int), train.cylinders
     xp = namespace(table)
-    given = (table.pressure, table.ambient_pressure, table.bore, table.stroke, table.rod)
+    given = (table.ambient_pressure, table.bore, table.stroke, table.rod)
     revolutions = np.array(train.topology.cylinder_gas_revolutions)[rows]
-    pressure, ambient, *geometry = (xp.asarray(values)[rows] for values in given)
-    both = xp.stack([pressure, xp.broadcast_to(ambient[:, None], pressure.shape)])
-    return gas_torque_harmonics(both, *geometry, revolutions=revolutions)
+    pressure = xp.asarray(components(table))[:, rows]
+    ambient, *geometry = (xp.asarray(values)[rows] for values in given)
+    all_of = xp.concatenate([pressure, xp.broadcast_to(ambient[None, :, None], (1, *pressure.shape[1:]))])
+    harmonics = gas_torque_harmonics(all_of, *geometry, revolutions=revolutions)
+    return harmonics[:-1], harmonics[-1]
 
 
 def _add_gas(torque, train, rpm):
@@ -285,22 +311,24 @@ def _add_gas(torque, train, rpm):
     topology, table = train.topology, train.cylinders
     disk = np.array(topology.cylinder_disk, dtype=int)
     scale = scale_at(table, rpm)
+    factor = table.gas_factor if table.gas_factor is not None else np.ones(len(disk))
     lists = [row if f else () for row, f in zip(topology.cylinder_harmonics, topology.cylinder_fires, strict=True)]
     i, k, n = _entries(lists, torque.shape[1] - 1)
     if i.size:
         pair = table.gas_torque[i, k]
         value = 0.5 * scale[i] * (pair[:, 0] + 1j * pair[:, 1])
-        torque = _add(torque, disk[i], n, value * _phase(train, i, n))
+        torque = _add(torque, disk[i], n, factor[i] * value * _phase(train, i, n))
     rows = _pressure_cylinders(topology)
     if not rows:
         return torque
-    gas, ambient = _pressure_harmonics(train, rows)
-    row_disk = disk[np.array(rows)]
-    row_scale = scale[np.array(rows)]
+    parts, ambient = _pressure_harmonics(train, rows)
+    rows = np.array(rows)
+    row_scale = scale[rows]
     lists = [tuple(topology.cylinder_step[c] * k for k in range(1, topology.cylinder_gas[c] + 1)) for c in rows]
     i, k, n = _entries(lists, torque.shape[1] - 1)
-    value = row_scale[i] * gas[i, k + 1] - ambient[i, k + 1]
-    return _add(torque, row_disk[i], n, value * _phase(train, np.array(rows)[i], n))
+    gas = (weights(table, rpm)[:, rows[i]] * parts[:, i, k + 1]).sum(axis=0)
+    value = factor[rows[i]] * (row_scale[i] * gas - ambient[i, k + 1])
+    return _add(torque, disk[rows[i]], n, value * _phase(train, rows[i], n))
 
 
 def _add_inertia(torque, train, rpm, ratio):

@@ -6,7 +6,7 @@ import dataclasses
 import json
 import math
 
-from jaxhb.model import checks, graph, tables, train_checks
+from jaxhb.model import checks, gas, graph, tables, train_checks
 from jaxhb.model.elements import SceneError
 from jaxhb.model.topology import Topology
 
@@ -19,7 +19,7 @@ def assemble(elements, *, name, reference, revolutions_per_cycle, tune, source, 
     """
     parts = checks.Parts(elements, source, complete=complete)
     cycle = revolutions_per_cycle
-    errors = [*findings, *checks.element_errors(parts), *checks.name_errors(parts)]
+    errors = [*findings, *parts.engine_errors, *checks.element_errors(parts), *checks.name_errors(parts)]
     cycle_errors = _cycle_value_errors(source, cycle)
     errors += cycle_errors + checks.reference_errors(parts, reference)
     errors += train_checks.connection_errors(parts)
@@ -37,7 +37,7 @@ def assemble(elements, *, name, reference, revolutions_per_cycle, tune, source, 
     errors += train_checks.hold_errors(parts, main)
     errors += train_checks.balance_errors(parts, ratio) if not locked else []
     if errors:
-        raise SceneError(errors)
+        raise SceneError(dict.fromkeys(errors))  # what cylinders of one engine share is said once
     disks = parts.tables["disk"]
     parts.tables["disk"] = [dataclasses.replace(d, radius=r) for d, r in zip(disks, radii, strict=False)]
     topology = _topology(parts, rotors, main, name=name, cycle=float(cycle), tune=tune, ratio=ratio)
@@ -98,14 +98,17 @@ def _harmonic_needs(parts, ratio) -> list[tuple]:
         factor = (ratio[seat[i]] if i in seat else None) if own else 1.0
         if factor is not None and parts.usable("torque", i, "orders_of"):
             needs += [("torque", i, f"order {o:g}", o * factor, "mean") for o in _orders(torque.harmonics)]
+    for i, disk in parts.seats("load"):
+        factor, orders = ratio[disk], _orders(parts.tables["load"][i].harmonics)
+        needs += [("load", i, f"order {o:g}", o * factor, "") for o in orders if factor is not None]
     for i, disk in parts.seats("cylinder"):
         cylinder, factor = parts.tables["cylinder"][i], ratio[disk]
         if factor is None:
             continue
         orders = _orders(cylinder.gas_torque)
         needs += [("cylinder", i, f"order {o:g}", o * factor, "gas_torque_mean") for o in orders]
-        if cylinder.pressure is not None and parts.usable("cylinder", i, "pressure"):
-            turns = tables.gas_revolutions(cylinder)
+        if gas.source(cylinder) and parts.usable("cylinder", i, *gas.COMPUTED):
+            turns = gas.gas_revolutions(cylinder)
             text = f"one gas cycle of {turns} revolution{'s' if turns > 1 else ''}"
             needs.append(("cylinder", i, text, factor / turns, ""))
         moving = parts.usable("cylinder", i, "stroke", "reciprocating_mass") and cylinder.stroke is not None
@@ -155,6 +158,10 @@ def _topology(parts, rotors, reference_disk, *, name, cycle, tune, ratio) -> Top
         torque_harmonics=tuple(
             tuple(round(row[0] * f * cycle) for row in e.harmonics) for e, f in zip(t["torque"], own, strict=True)
         ),
+        load_harmonics=tuple(
+            tuple(round(row[0] * ratio[d] * cycle) for row in e.harmonics)
+            for d, e in zip(seats["load"], t["load"], strict=True)
+        ),
         tune=json.dumps(tune or {}, default=str),
         **_cylinder_topology(parts, ratio, cycle),
     )
@@ -165,9 +172,10 @@ def _cylinder_topology(parts, ratio, cycle) -> dict:
     cylinders, disks = parts.tables["cylinder"], parts.sits_on("cylinder")
     turn = [ratio[d] * cycle for d in disks]
     turn = [float(round(v)) if train_checks.whole(v) else v for v in turn]
-    turns = [tables.gas_revolutions(c) for c in cylinders]
+    turns = [gas.gas_revolutions(c) for c in cylinders]
+    computed = [gas.source(c) for c in cylinders]
     given = [c.gas_torque is not None or c.gas_torque_mean is not None for c in cylinders]
-    source = ["pressure" if c.pressure else "harmonics" if g else "none" for c, g in zip(cylinders, given, strict=True)]
+    source = [name or ("harmonics" if g else "none") for name, g in zip(computed, given, strict=True)]
     return {
         "cylinder_names": tuple(parts.names["cylinder"]),
         "cylinder_disk": tuple(disks),
@@ -175,13 +183,12 @@ def _cylinder_topology(parts, ratio, cycle) -> dict:
         "cylinder_harmonics": tuple(
             tuple(round(row[0] * v) for row in c.gas_torque or ()) for c, v in zip(cylinders, turn, strict=True)
         ),
-        "cylinder_step": tuple(
-            round(v / k) if c.pressure else 0 for c, v, k in zip(cylinders, turn, turns, strict=True)
-        ),
+        "cylinder_step": tuple(round(v / k) if name else 0 for name, v, k in zip(computed, turn, turns, strict=True)),
         "cylinder_turn": tuple(turn),
         "cylinder_gas_revolutions": tuple(turns),
         "cylinder_gas": tuple(
-            math.floor(c.orders * k + 1e-9) if c.pressure else 0 for c, k in zip(cylinders, turns, strict=True)
+            math.floor(c.orders * k + 1e-9) if name else 0
+            for c, name, k in zip(cylinders, computed, turns, strict=True)
         ),
         "cylinder_inertia": tuple(
             math.floor(c.orders + 1e-9) if None not in (c.stroke, c.rod) and train_checks.whole(v) else 0
@@ -205,7 +212,7 @@ def _tables(parts) -> dict:
         "meshes": tables.mesh_table(t["mesh"]),
         "dampers": plain(tables.Dampers, "damper"),
         "grounds": plain(tables.Grounds, "ground"),
-        "loads": plain(tables.Loads, "load"),
+        "loads": tables.load_table(t["load"]),
         "torques": tables.torque_table(t["torque"]),
         "cylinders": tables.cylinder_table(t["cylinder"]),
     }

@@ -7,36 +7,80 @@ import dataclasses
 import numpy as np
 
 from jaxhb._arrays import traced
-from jaxhb.model import checks, hold
-from jaxhb.model.elements import TABLES, SceneError
+from jaxhb.model import checks, gas, hold
+from jaxhb.model.elements import TABLES, Combustion, SceneError, Trace
 from jaxhb.model.graph import RATIO_TOLERANCE
 from jaxhb.model.topology import suggestion
 
 _TABLE_OF = {table: f"{table}s" for table in TABLES} | {"mesh": "meshes"}
 _LISTS = {("torque", "harmonics"): "torque_harmonics", ("cylinder", "gas_torque"): "cylinder_harmonics"}
+_LISTS |= {("load", "harmonics"): "load_harmonics"}
+_INNER = {"traces": Trace, "combustion": Combustion}
 
 
-def _locate(train, key: str):
-    """Find table, field and index of ``"NAME.FIELD"``."""
-    topology = train.topology
+def locate(topology, key: str):
+    """Find table, field and index of ``"NAME.FIELD"``; a field may be ``"combustion.start"``."""
     where = topology.name or "scene"
     name, dot, field = key.rpartition(".")
     if not dot:
         raise SceneError(f"{where}: {key!r} names no field. Write 'NAME.FIELD', as 'hub.inertia'.")
+    outer, _, inner = name.rpartition(".")
+    if name not in topology.elements and inner in _INNER and outer in topology.elements:
+        name, field = outer, f"{inner}.{field}"
     if name not in topology.elements:
         raise SceneError(f"{where}: there is no element {name!r} in {key!r}.{suggestion(name, topology.elements)}")
     table, index = topology.elements[name]
-    fields = [f.name for f in dataclasses.fields(getattr(train, _TABLE_OF[table]))]
-    if field not in fields:
-        raise SceneError(f"{where}, [[{table}]] {name!r}: there is no field {field!r}.{suggestion(field, fields)}")
     return table, field, index
 
 
+def declared_field(table: str, field: str):
+    """The field of an element, with its unit and range, of a field of a table; None where there is none."""
+    outer, _, inner = field.rpartition(".")
+    return {f.name: f for f in dataclasses.fields(_INNER.get(outer, TABLES[table]))}.get(inner)
+
+
+def _locate(train, key: str):
+    """Find table, field and index of ``"NAME.FIELD"`` that the train has."""
+    table, field, index = locate(train.topology, key)
+    numbers, inner = getattr(train, _TABLE_OF[table]), field
+    where = f"{train.topology.name or 'scene'}, [[{table}]] {key[: -len(field) - 1]!r}"
+    if "." in field:
+        outer, _, inner = field.partition(".")
+        numbers = getattr(numbers, outer, None)
+        if numbers is None or index not in numbers.seats:
+            raise SceneError(f"{where}: it has no {outer}. Build the scene with one.")
+    fields = [f.name for f in dataclasses.fields(numbers) if f.name not in _INNER and not f.metadata.get("static")]
+    if inner not in fields:
+        raise SceneError(f"{where}: there is no field {inner!r}.{suggestion(inner, fields)}")
+    if _vector(train, table, field) is None:
+        raise SceneError(f"{where}: nothing in the scene has {inner}. Build the scene with it.")
+    return table, field, index
+
+
+def _vector(train, table, field):
+    """A field of a table over its elements; gas factors that nobody gave are 1."""
+    numbers = getattr(train, _TABLE_OF[table])
+    outer, _, inner = field.rpartition(".")
+    vector = getattr(getattr(numbers, outer) if outer else numbers, inner)
+    return np.ones(len(train.topology.cylinder_names)) if vector is None and field == "gas_factor" else vector
+
+
+def _place(train, field, index):
+    """Where an element stands in the vector of a field."""
+    outer = field.rpartition(".")[0]
+    return getattr(train.cylinders, outer).seats.index(index) if outer else index
+
+
 def _row(train, table, field, index):
-    """The part of a row that the scene gave (harmonics are padded by zeros)."""
-    row = getattr(getattr(train, _TABLE_OF[table]), field)[index]
+    """The part of a row that the scene gave (harmonics and traces are padded)."""
+    place = _place(train, field, index)
+    row = _vector(train, table, field)[place]
     if (table, field) in _LISTS:
         return row[: len(getattr(train.topology, _LISTS[table, field])[index])]
+    if field.startswith("traces."):
+        speeds, loads = train.cylinders.traces.sizes[place]
+        parts = {"traces.rpm": np.s_[:speeds], "traces.load": np.s_[:loads], "traces.pressure": np.s_[:speeds, :loads]}
+        return row[parts[field]]
     return row
 
 
@@ -56,22 +100,27 @@ def replace(train, values):
             errors += error.sentences
             continue
         errors += _value_errors(train, key, table, field, index, value)
-        changes.setdefault((table, field), {})[index] = value
+        changes.setdefault((table, field), {})[_place(train, field, index)] = value
     if errors:
         raise SceneError(errors)
-    tables = {}
+    changed = train
     for (table, field), new in changes.items():
-        attribute = _TABLE_OF[table]
-        old = tables.get(attribute, getattr(train, attribute))
-        vector = _set(getattr(old, field), new)
-        tables[attribute] = dataclasses.replace(old, **{field: vector})
-    changed = dataclasses.replace(train, **tables)
+        changed = _with(changed, table, field, _set(_vector(changed, table, field), new))
     if ("disk", "radius") in changes:
         _check_ratios(train, changed)
     errors = hold.train_errors(changed) if hold.touches(changes) else []
     if errors:
         raise SceneError(errors)
     return changed
+
+
+def _with(train, table, field, vector):
+    """The train with another vector for one field."""
+    attribute, (outer, _, inner) = _TABLE_OF[table], field.rpartition(".")
+    numbers = getattr(train, attribute)
+    if outer:
+        inner, vector = outer, dataclasses.replace(getattr(numbers, outer), **{inner: vector})
+    return dataclasses.replace(train, **{attribute: dataclasses.replace(numbers, **{inner: vector})})
 
 
 def _set(vector, new):
@@ -100,9 +149,10 @@ def within_range(train):
     import jax.numpy as jnp
 
     inside = [jnp.array(True)]
-    for table, attribute in _TABLE_OF.items():
-        for declared in dataclasses.fields(TABLES[table]):
-            limits, values = declared.metadata.get("range"), getattr(getattr(train, attribute), declared.name, None)
+    given = [(TABLES[table], getattr(train, attribute)) for table, attribute in _TABLE_OF.items()]
+    for cls, numbers in [*given, (Combustion, train.cylinders.combustion)]:
+        for declared in dataclasses.fields(cls):
+            limits, values = declared.metadata.get("range"), getattr(numbers, declared.name, None)
             if limits is None or values is None:
                 continue
             values = jnp.asarray(values)
@@ -126,7 +176,7 @@ def _value_errors(train, key, table, field, index, value) -> list[str]:
         found = None
     if found != wanted:
         return [f"{where}: the value has shape {found}, must have {wanted}. Map over a batch with jax.vmap."]
-    missing = _has_no_effect(train.topology, table, field, index)
+    missing = _has_no_effect(train, table, field, index)
     if traced(value):
         return [f"{where}: {missing}"] if missing else []
     number = np.asarray(value)
@@ -134,7 +184,7 @@ def _value_errors(train, key, table, field, index, value) -> list[str]:
         return [f"{where}: the value is {value!r}, must be finite and real."]
     if missing and not _is_same(train, table, field, index, number):
         return [f"{where}: {missing}"]
-    declared = {f.name: f for f in dataclasses.fields(TABLES[table])}.get(field)
+    declared = declared_field(table, field)
     if declared is None or wanted or declared.metadata["kind"] != "number":
         return []
     if declared.default is None and number == 0.0 and _is_absent(train, table, field, index):
@@ -142,18 +192,27 @@ def _value_errors(train, key, table, field, index, value) -> list[str]:
     return [f"{where}: {text}" for text in checks.value_errors(declared, float(number))]
 
 
-def _has_no_effect(topology, table, field, index) -> str:
+def _has_no_effect(train, table, field, index) -> str:
     """Say why a number has no effect in a train of this topology; empty where it has one."""
+    topology = train.topology
     if table == "mesh" and field in ("backlash", "epsilon", "transition") and not topology.mesh_backlash[index]:
         return "the mesh has no backlash, it is always in contact. Build the scene with a backlash."
     if table != "cylinder":
         return ""
-    traced, moves = topology.cylinder_source[index] == "pressure", topology.cylinder_inertia[index] > 0
-    if field in ("bore", "ambient_pressure", "pressure") and not traced:
+    source, moves = topology.cylinder_source[index], topology.cylinder_inertia[index] > 0
+    computed = source in gas.COMPUTED
+    if (field in ("bore", "ambient_pressure") and not computed) or (field == "pressure" and source != "pressure"):
         return "it has no effect, as the cylinder has no pressure table. Build the scene with a pressure."
-    if field in ("gas_torque_mean", "gas_torque") and traced:
-        return "the gas torque comes from the pressure table. Change pressure, or build the scene without it."
-    if (field == "reciprocating_mass" and not moves) or (field in ("stroke", "rod") and not (moves or traced)):
+    if field in ("load_rpm", "load_share") and source not in ("traces", "combustion"):
+        return "it has no effect, as the cylinder has neither traces nor combustion. Build the scene with one of them."
+    if field in ("combustion.heat", "combustion.imep"):
+        by_work = train.cylinders.combustion.by_work[_place(train, field, index)]
+        if by_work != (field == "combustion.imep"):
+            return f"it has no effect, as the scene gives {'imep' if by_work else 'heat'} instead. Change that."
+    if field in ("gas_torque_mean", "gas_torque") and computed:
+        name = "pressure table" if source == "pressure" else source
+        return f"the gas torque comes from the {name}. Change {source}, or build the scene without it."
+    if (field == "reciprocating_mass" and not moves) or (field in ("stroke", "rod") and not (moves or computed)):
         return (
             "it has no effect, as the cylinder was built without inertia torque. Build the scene with stroke, rod"
             " and reciprocating_mass (orders at least 1, whole harmonics of the cycle)."

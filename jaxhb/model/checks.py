@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections import Counter
 
-import numpy as np
-
-from jaxhb.model import tables
-from jaxhb.model.elements import TABLES, SceneError, Unread, table_of
+from jaxhb.model.cylinder_checks import cylinder_errors
+from jaxhb.model.elements import TABLES, SceneError, table_of
+from jaxhb.model.engine import Engine, cylinders, engine_errors
 from jaxhb.model.topology import suggestion
+from jaxhb.model.value_checks import field_errors, number_like, shown, value_errors
+
+__all__ = ["Parts", "element_errors", "name_errors", "number_like", "reference_errors", "shown", "value_errors"]
 
 LINKS = ("shaft", "mesh")
 
@@ -19,21 +20,47 @@ class Parts:
     """The elements of a scene by table, with the names and places that sentences use.
 
     ``bad`` collects (table, index, field) of what a sentence was said about; the checks of the whole train leave
-    it out. ``complete`` is False where some table of the scene could not be read.
+    it out. ``complete`` is False where some table of the scene could not be read. Engines are replaced by their
+    cylinders, which come last; ``engine_errors`` are sentences on those that cannot be.
     """
 
     def __init__(self, elements, source: str, *, complete: bool = True):
         self.source, self.complete, self.bad = source, complete, set()
         self.tables = {table: [] for table in TABLES}
+        engines = [element for element in elements if isinstance(element, Engine)]
         for element in elements:
+            if isinstance(element, Engine):
+                continue
             if table_of(element) not in TABLES or not isinstance(element, TABLES[table_of(element)]):
                 raise SceneError(f"{source}: {element!r} is no element of a drive train.{suggestion('', TABLES)}")
             self.tables[table_of(element)].append(element)
+        self._put_engines(engines)
         self.names = {table: [getattr(e, "name", None) for e in rows] for table, rows in self.tables.items()}
         self._give_names()
         self.disk_names = [*self.names["disk"], *self.names["damper"]]
         self.disk_of = {name: i for i, name in enumerate(self.disk_names) if isinstance(name, str)}
         self._count = Counter(name for name in self.disk_names if isinstance(name, str))
+
+    def _put_engines(self, engines):
+        """Put the cylinders of engines behind those of the scene."""
+        given, self.engine_errors = list(self.tables["cylinder"]), []
+        self._engine_of = [""] * len(given)
+        known = [e.name for table in ("disk", "damper") for e in self.tables[table] if isinstance(e.name, str)]
+        for engine in engines:
+            where = f"{self.source}, [engine]{f' {engine.name!r}' if isinstance(engine.name, str) else ''}"
+            errors = engine_errors(engine, where, known)
+            disks = engine.disks if isinstance(engine.disks, tuple | list) else ()
+            for i, cylinder in enumerate(given):
+                if cylinder.disk in disks:
+                    text = f"it sits on {cylinder.disk!r}, a disk of an [engine], which makes its cylinders"
+                    errors.append(f"{self.where('cylinder', i)}: {text}. Remove one of them.")
+            if errors:
+                self.complete = False
+                self.engine_errors += errors
+                continue
+            made = cylinders(engine)
+            self.tables["cylinder"] += made
+            self._engine_of += [where] * len(made)
 
     def _give_names(self):
         count = Counter()
@@ -51,6 +78,8 @@ class Parts:
 
     def where(self, table: str, i: int) -> str:
         """Say which element: ``gears.toml, [[shaft]] no. 3 'coupling'``."""
+        if table == "cylinder" and self._engine_of[i]:
+            return self._engine_of[i]
         name = getattr(self.tables[table][i], "name", None)
         return f"{self.source}, [[{table}]] no. {i + 1}{f' {name!r}' if isinstance(name, str) else ''}"
 
@@ -95,38 +124,16 @@ class Parts:
         return self.complete and known and all(self.disk(name) is not None for name in self.disk_names)
 
 
-def shown(value) -> str:
-    """Write a value into a sentence, in short."""
-    if isinstance(value, int) and value.bit_length() > 1023:
-        return f"an integer of about {int(value.bit_length() * math.log10(2.0)) + 1} digits"
-    try:
-        text = repr(value)
-    except ValueError:
-        return "a value too long to be written"
-    return text if len(text) <= 100 else f"{text[:100]}…"
-
-
-def number_like(value) -> bool:
-    """Tell whether a value is a number and no truth value."""
-    if isinstance(value, bool):
-        return False
-    try:
-        float(value)
-    except (TypeError, ValueError, OverflowError):
-        return False
-    return not isinstance(value, str)
-
-
 def element_errors(parts: Parts) -> list[str]:
     """Find what is wrong with each element by itself: keys, values, rows; and mark it in ``parts.bad``."""
     errors = []
-    special = {"mesh": (_mesh_errors, "law"), "cylinder": (_cylinder_errors, "fires")}
-    special["damper"] = (_damper_errors, "stiffness")
+    special = {"mesh": (_mesh_errors, "law"), "cylinder": (cylinder_errors, "fires")}
+    special |= {"damper": (_damper_errors, "stiffness"), "torque": (_torque_errors, "speed_exponent")}
     for table, rows in parts.tables.items():
         for i, element in enumerate(rows):
             where = parts.where(table, i)
             for f in dataclasses.fields(element):
-                found = _field_errors(where, f, getattr(element, f.name))
+                found = field_errors(where, f, getattr(element, f.name))
                 if found is not None:
                     parts.bad.add((table, i, f.name))
                     errors += found
@@ -137,116 +144,6 @@ def element_errors(parts: Parts) -> list[str]:
                     parts.bad.add((table, i, field))
                     errors += [f"{where}: {text}" for text in found]
     return errors
-
-
-def _field_errors(where, f, value) -> list[str] | None:
-    """Sentences on one field; None where it is sound, none where they have been said already."""
-    if isinstance(value, Unread):
-        return []
-    if value is None:
-        return [_missing(where, f)] if f.default is not None else None
-    return [f"{where}: {text}" for text in _value_errors(f, value)] or None
-
-
-def _missing(where, f) -> str:
-    """Sentence for a key that is not there."""
-    limits = f.metadata.get("range")
-    kinds = {
-        "name": "a text, unique over all tables",
-        "disk": "the name of a disk",
-        "pair": "the names of two disks",
-    }
-    wanted = limits.words() if limits else kinds.get(f.metadata["kind"], "a value")
-    return f"{where}: the key {f.name!r} is missing. Give {wanted}."
-
-
-def _value_errors(f, value) -> list[str]:
-    """Check one value against the kind and the range of its field."""
-    kind = f.metadata["kind"]
-    if kind in ("number", "count"):
-        return value_errors(f, value)
-    if kind in ("name", "disk") and not (isinstance(value, str) and value):
-        return [f"{f.name} is {shown(value)}, must be a text."]
-    if kind == "pair":
-        good = isinstance(value, tuple | list) and len(value) == 2 and all(isinstance(v, str) for v in value)
-        return [] if good else [f"{f.name} is {shown(value)}, must be the names of two disks."]
-    if kind == "flag" and not isinstance(value, bool):
-        return [f"{f.name} is {shown(value)}, must be true or false."]
-    if kind == "choice" and value not in f.metadata["words"]:
-        words = [w for w in f.metadata["words"] if w]
-        return [f"{f.name} is {shown(value)}, must be {' or '.join(repr(w) for w in words)}.{suggestion(value, words)}"]
-    if kind == "rows":
-        return _row_errors(f.name, f.metadata["columns"], value)
-    return []
-
-
-def value_errors(f, value) -> list[str]:
-    """Check a number against the range in its field's metadata; sentences without the element."""
-    limits = f.metadata["range"]
-    unit = f" {limits.unit}" if limits.unit else ""
-    if isinstance(value, int) and not isinstance(value, bool) and not number_like(value):
-        return [f"{f.name} is {shown(value)}{unit}, must be a finite number."]
-    if not number_like(value):
-        return [f"{f.name} is {shown(value)}, must be a number{f' in {limits.unit}' if limits.unit else ''}."]
-    number = float(value)
-    if not math.isfinite(number):
-        return [f"{f.name} is {number}{unit}, must be a finite number."]
-    if f.metadata["kind"] == "count" and number != int(number):
-        return [f"{f.name} is {number:g}, must be a whole number."]
-    if not limits.contains(number):
-        remedy = f" {limits.remedy}" if limits.remedy else " Correct the value or leave the key out."
-        if f.default is dataclasses.MISSING and not limits.remedy:
-            remedy = " Correct the value."
-        return [f"{f.name} is {number:g}{unit}, must be {limits.words()}.{remedy}"]
-    return []
-
-
-def _row_errors(name, columns, rows) -> list[str]:
-    """Check a table of numbers: its columns, finiteness, and the growth of its first column."""
-    wanted = ", ".join(columns)
-    if not isinstance(rows, tuple | list):
-        return [f"{name} is {shown(rows)}, must be a list of rows [{wanted}]."]
-    for k, row in enumerate(rows):
-        good = isinstance(row, tuple | list) and len(row) == len(columns) and all(number_like(v) for v in row)
-        if not good:
-            return [f"{name}, row {k + 1} is {shown(row)}, must be {len(columns)} numbers [{wanted}]."]
-        if not all(math.isfinite(float(v)) for v in row):
-            return [f"{name}, row {k + 1} is {shown(list(row))}, must be finite numbers."]
-    first = [float(row[0]) for row in rows]
-    if columns[0] == "order":
-        errors = [
-            f"{name}, row {k + 1}: order is {order:g}, must be greater than 0. Give the mean by its own key."
-            for k, order in enumerate(first)
-            if order <= 0.0
-        ]
-        errors += [f"{name}: order {o:g} stands {n} times. Add the rows." for o, n in Counter(first).items() if n > 1]
-        return errors
-    for k in range(1, len(first)):
-        if first[k] <= first[k - 1]:
-            text = f"{columns[0]} {first[k]:g} after {first[k - 1]:g}; must increase. Sort the rows."
-            return [f"{name}, row {k + 1}: {text}"]
-    if columns[0] == "rpm" and first and first[0] < 0.0:
-        return [f"{name}, row 1: rpm is {first[0]:g}, must be at least 0. Speeds are positive; correct the row."]
-    return _span_errors(name, first, rows) if columns[0] == "angle" else []
-
-
-def _span_errors(name, angle, rows) -> list[str]:
-    """Check that a pressure table covers one gas cycle, but for one step at the most."""
-    if len(angle) < 2:
-        return [f"{name} has {len(angle)} rows, needs at least 2."]
-    span = angle[-1] - angle[0]
-    if span > 720.0 + 1e-9:
-        return [f"{name} spans {span:g} deg, must span at most 720 deg. Give one gas cycle."]
-    period = 720.0 if tables.is_four_stroke(rows) else 360.0
-    steps = np.diff(angle)
-    step = min(max(float(np.median(steps)), steps[0], steps[-1]), period / 8.0)
-    if span >= period - step - 1e-6:
-        return []
-    return [
-        f"{name} covers {angle[0]:g} to {angle[-1]:g} deg, must cover a whole gas cycle of {period:g} deg but for one"
-        f" step ({step:g} deg). Add the missing angles; four-stroke tables span 720 deg, two-stroke tables 360 deg"
-        " within -360 to 360 deg."
-    ]
 
 
 def _mesh_errors(mesh) -> list[str]:
@@ -264,28 +161,11 @@ def _damper_errors(damper) -> list[str]:
     return []
 
 
-def _cylinder_errors(cylinder) -> list[str]:
-    """Check that a cylinder has one source of its gas torque and the geometry this source needs."""
-    given = cylinder.gas_torque is not None or cylinder.gas_torque_mean is not None
-    errors = []
-    if cylinder.pressure is not None and given:
-        errors.append("pressure and gas_torque are both given. Keep one of them.")
-    if cylinder.fires is True and cylinder.pressure is None and not given:
-        errors.append("neither pressure nor gas_torque is given. Give one of them, or set fires = false.")
-    needed = []
-    if cylinder.pressure is not None:
-        needed = ["bore", "stroke", "rod"]
-    elif number_like(cylinder.reciprocating_mass) and cylinder.reciprocating_mass > 0:
-        needed = ["stroke", "rod"]
-    why = "pressure" if cylinder.pressure is not None else "reciprocating_mass"
-    missing = [key for key in needed if getattr(cylinder, key) is None]
-    errors += [f"the key {key!r} is missing; {why} needs it. Give it in m." for key in missing]
-    if number_like(cylinder.rod) and number_like(cylinder.stroke) and cylinder.rod <= cylinder.stroke / 2:
-        errors.append(
-            f"rod is {cylinder.rod:g} m, must be longer than half the stroke ({cylinder.stroke / 2:g} m)."
-            " Correct rod or stroke."
-        )
-    return errors
+def _torque_errors(torque) -> list[str]:
+    """Check that a power of the speed has a speed at which the torque holds."""
+    if torque.speed_exponent is not None and torque.rated_rpm is None:
+        return ["speed_exponent is given without rated_rpm. Give the speed at which the torque has this size."]
+    return []
 
 
 def name_errors(parts: Parts) -> list[str]:

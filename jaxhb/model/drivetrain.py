@@ -1,5 +1,4 @@
-"""The drive train: arrays of numbers over a fixed topology, built from elements and checked once, on the
-host.
+"""The drive train: arrays of numbers over a fixed topology, built from elements and checked once, on the host.
 
 Examples
 --------
@@ -22,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from jaxhb._arrays import namespace, pytree, traced
-from jaxhb.model import assembly, change
+from jaxhb.model import assembly, change, gas
 from jaxhb.model.elements import SceneError
 from jaxhb.model.tables import Cylinders, Dampers, Disks, Grounds, Loads, Meshes, Shafts, Torques
 from jaxhb.model.topology import Topology, suggestion
@@ -33,8 +32,7 @@ __all__ = ["DriveTrain", "SceneError", "Topology", "build", "inertias", "speed_r
 @pytree
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DriveTrain:
-    """A drive train: a pytree of float64 vectors (one for each field of each kind of element) and static
-    topology.
+    """A drive train: a pytree of float64 vectors (one for each field of each kind of element) and static topology.
 
     The fields are described in :mod:`jaxhb.model.tables`, the topology in :mod:`jaxhb.model.topology`. Make
     one with :func:`build` or :func:`jaxhb.model.scene.load_scene`; change it with :meth:`replace`.
@@ -61,12 +59,14 @@ class DriveTrain:
         Parameters
         ----------
         key : str
-            ``"NAME.FIELD"``, split at the last dot; a damper's ring has the damper's fields.
+            ``"NAME.FIELD"``, split at the last dot; a damper's ring has the damper's fields, and those of a table
+            inside an element are ``"NAME.combustion.start"``.
 
         Returns
         -------
         float, numpy array or traced array
-            In the unit of the scene format; ``harmonics`` and ``gas_torque`` are [n, 2] (Re, Im).
+            In the unit of the scene format; ``harmonics`` and ``gas_torque`` are [n, 2] (Re, Im), ``traces.rpm`` [R],
+            ``traces.load`` [S], ``traces.pressure`` [R, S, 7200] from firing top dead centre on.
 
         Raises
         ------
@@ -83,6 +83,8 @@ class DriveTrain:
 
     def replace(self, values: dict[str, Any]) -> DriveTrain:
         """Return the train with some numbers changed; the topology stays, so that nothing is compiled anew.
+
+        ``gas_factor`` can be changed in any train: where the scene gives none, the train gets a vector of ones first.
 
         Parameters
         ----------
@@ -206,6 +208,46 @@ class DriveTrain:
         both = zip(names, self.topology.cylinder_fires, strict=True)
         fires = tuple(fires and name not in cylinders for name, fires in both)
         return dataclasses.replace(self, topology=dataclasses.replace(self.topology, cylinder_fires=fires))
+
+    def misfires(self) -> dict[str, DriveTrain]:
+        """Return the trains in which each cylinder that fires in turn does not, by the name of this cylinder.
+
+        Returns
+        -------
+        dict
+            Trains whose gas factors differ alone: they share all that is compiled, and can be stacked to a batch. Their
+            torques are those of :meth:`misfire`.
+
+        Examples
+        --------
+        >>> from jaxhb.model.scene import load_scene
+        >>> trains = load_scene("six_cylinder_diesel").misfires()
+        >>> list(trains)[2], trains["cylinder 3"].cylinders.gas_factor
+        ('cylinder 3', array([1., 1., 0., 1., 1., 1.]))
+        """
+        both = zip(self.topology.cylinder_names, self.topology.cylinder_fires, strict=True)
+        return {name: self.replace({f"{name}.gas_factor": 0.0}) for name, fires in both if fires}
+
+    def outside_traces(self, rpm: float) -> list[str]:
+        """Say where the pressure traces of cylinders do not cover a speed or its load, so that the nearest is used.
+
+        Parameters
+        ----------
+        rpm : float
+            Speed of the reference rotor.
+
+        Returns
+        -------
+        list of str
+            One sentence for all cylinders with the same traces; empty where all is covered.
+
+        Examples
+        --------
+        >>> from jaxhb.model.scene import load_scene
+        >>> load_scene("six_cylinder_diesel").outside_traces(900.0)
+        []
+        """
+        return gas.outside_traces(self, rpm)
 
 
 def build(elements, *, name="", reference=None, revolutions_per_cycle=2, tune=None, source="scene") -> DriveTrain:

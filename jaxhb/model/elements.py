@@ -90,6 +90,18 @@ def _rows(columns: tuple[str, ...], default: Any = ()) -> Any:
     return field(default=default, metadata={"kind": "rows", "columns": columns})
 
 
+def _flag(default: bool) -> Any:
+    return field(default=default, metadata={"kind": "flag"})
+
+
+def _table(cls) -> Any:
+    return field(default=None, metadata={"kind": "table", "of": cls})
+
+
+def _tables(cls) -> Any:
+    return field(default=None, metadata={"kind": "tables", "of": cls})
+
+
 def _name(required: bool = False) -> Any:
     metadata = {"kind": "name", "required": required}
     return field(metadata=metadata) if required else field(default=None, metadata=metadata)
@@ -105,6 +117,7 @@ def _pair() -> Any:
 
 _SCALE = ("rpm", "factor")
 _HARMONICS = ("order", "Re", "Im")
+_PRESSURE = ("angle", "pressure")
 _STRAIGHT = "Leave the key out for a mesh that is always in contact."
 
 
@@ -175,55 +188,108 @@ class Ground:
 class Load:
     """``[[load]]``: the driven machine, whose torque balances the mean power of all other torques.
 
-    ``share`` is that of its torque, on its own shaft, relative to the shares of other loads.
+    ``share`` is that of its torque, on its own shaft, relative to the shares of other loads. ``harmonics`` make the
+    torque pulsate, as the blades of a propeller and the pistons of a pump do: rows of (order of its own rotor, Re, Im),
+    so that it is its mean x (1 + sum Re((Re + i Im) exp(i order theta))).
     """
 
     disk: str = _disk()
     share: float = _positive("", 1.0, "Leave out the load that takes no share.")
+    harmonics: tuple = _rows(_HARMONICS)
     name: str | None = _name()
 
 
 @dataclass(frozen=True, kw_only=True)
 class Torque:
-    """``[[torque]]``: mean + sum Re((Re + i Im) exp(i order theta)) in N m, times ``scale`` over rpm."""
+    """``[[torque]]``: mean + sum Re((Re + i Im) exp(i order theta)) in N m, times ``scale`` over rpm.
+
+    With ``rated_rpm``, a speed of the reference rotor, all of it grows as (rpm / rated_rpm)^speed_exponent, 2 unless
+    given: the law of propellers, fans and inertia torques.
+    """
 
     disk: str = _disk()
     mean: float = _quantity("N m", 0.0)
     harmonics: tuple = _rows(_HARMONICS)
     orders_of: str = _choice("reference", "own")
     scale: tuple = _rows(_SCALE)
+    rated_rpm: float | None = _positive("rpm", None)
+    speed_exponent: float | None = _not_negative("", None)
     name: str | None = _name()
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cylinder:
-    """``[[cylinder]]``: the gas torque and the inertia torque of a crank-slider.
+class Trace:
+    """``[[cylinder.traces]]``: a pressure table, and the speed of the reference rotor and the load it holds for."""
 
-    The gas torque is either computed from ``pressure`` = rows of (crank angle deg, Pa), or given by
-    ``gas_torque_mean`` and ``gas_torque`` = rows of (order, Re, Im) for firing at 0, orders of its own rotor.
-    ``orders`` is the largest order of its own rotor that is kept of computed torques. ``ambient_pressure``
-    acts on the other side of the piston. A table that goes beyond 360 deg or over more than 360 deg is that of two
-    revolutions and fires at 360 deg, one within fires at 0, unless ``table_firing_tdc`` says otherwise.
-    ``kinematics = "mendes2008"`` takes the piston acceleration of the inertia torque from the short series of that
-    paper instead of the exact one.
+    rpm: float = _positive("rpm")
+    load: float = _not_negative("", 1.0)
+    pressure: tuple = _rows(_PRESSURE, REQUIRED)
+    table_firing_tdc: float | None = _quantity("deg", None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Combustion:
+    """``[cylinder.combustion]``: the numbers of :func:`jaxhb.model.combustion.pressures`, at full load.
+
+    Angles count from firing top dead centre. Either ``heat``, released per cycle, or ``imep``, the indicated mean
+    effective pressure of the whole cycle, is given. ``exhaust_pressure`` is ``charge_pressure`` unless given.
     """
 
-    disk: str = _disk()
+    compression_ratio: float = _quantity("", above=1.0)
+    charge_pressure: float = _positive("Pa")
+    exhaust_pressure: float | None = _positive("Pa", None)
+    start: float = _quantity("deg", above=-180.0, below=180.0)
+    duration: float = _quantity("deg", above=0.0, most=360.0)
+    shape: float = _quantity("", 1.0, above=0.0, most=20.0)
+    heat: float | None = _not_negative("J", None)
+    imep: float | None = _quantity("Pa", None)
+    compression_exponent: float = _quantity("", 1.35, above=1.0, most=5.0 / 3.0)
+    expansion_exponent: float = _quantity("", 1.28, above=1.0, most=5.0 / 3.0)
+    stroke_cycle: int = field(default=4, metadata={"kind": "count", "range": Range(least=1.0)})
+
+
+@dataclass(frozen=True, kw_only=True)
+class CrankSlider:
+    """What a ``[[cylinder]]`` and an ``[engine]`` have in common: geometry, gas and what is kept of the torques."""
+
     bore: float | None = _positive("m", None)
     stroke: float | None = _positive("m", None)
     rod: float | None = _positive("m", None)
     reciprocating_mass: float = _not_negative("kg", 0.0)
     firing_angle: float = _quantity("deg", 0.0)
-    pressure: tuple | None = _rows(("angle", "pressure"), None)
+    pressure: tuple | None = _rows(_PRESSURE, None)
     table_firing_tdc: float | None = _quantity("deg", None)
+    traces: tuple | None = _tables(Trace)
+    combustion: Combustion | None = _table(Combustion)
+    load: tuple = _rows(("rpm", "share"))
     ambient_pressure: float = _not_negative("Pa", 0.0)
     gas_torque_mean: float | None = _quantity("N m", None)
     gas_torque: tuple | None = _rows(_HARMONICS, None)
+    gas_factor: float | None = _not_negative("", None, "0 is allowed: a misfire.")
     orders: float = _positive("", 12.0)
     kinematics: str = _choice("exact", "mendes2008")
-    fires: bool = field(default=True, metadata={"kind": "flag"})
+    fires: bool = _flag(True)
     scale: tuple = _rows(_SCALE)
     name: str | None = _name()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cylinder(CrankSlider):
+    """``[[cylinder]]``: the gas torque and the inertia torque of a crank-slider.
+
+    The gas torque is computed from ``pressure`` = rows of (crank angle deg, Pa), from several such tables over speed
+    and load (``traces``), or from a model (``combustion``); or it is given by ``gas_torque_mean`` and ``gas_torque`` =
+    rows of (order, Re, Im) for firing at 0, orders of its own rotor.
+    ``orders`` is the largest order of its own rotor that is kept of computed torques. ``ambient_pressure``
+    acts on the other side of the piston. A table that goes beyond 360 deg or over more than 360 deg is that of two
+    revolutions and fires at 360 deg, one within fires at 0, unless ``table_firing_tdc`` says otherwise.
+    ``load`` = rows of (rpm, share of full load) says which of the ``traces`` hold, and multiplies ``heat`` or ``imep``.
+    ``gas_factor`` multiplies the gas torque: the scatter from cylinder to cylinder.
+    ``kinematics = "mendes2008"`` takes the piston acceleration of the inertia torque from the short series of that
+    paper instead of the exact one.
+    """
+
+    disk: str = _disk()
 
 
 TABLES = {

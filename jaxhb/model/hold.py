@@ -11,7 +11,7 @@ from jaxhb.model.tables import mean_torques
 _DECIDES = {
     "damper": ("stiffness", "damping"),
     "torque": ("mean",),
-    "cylinder": ("gas_torque_mean", "pressure", "bore"),
+    "cylinder": ("gas_torque_mean", "pressure", "bore", "gas_factor", "combustion.heat", "combustion.imep"),
 }
 
 
@@ -55,8 +55,9 @@ def train_errors(train) -> list[str]:
     topology, dampers = train.topology, train.dampers
     torques, cylinders = train.torques, train.cylinders
     numbers = [dampers.stiffness, torques.mean, torques.scale_rpm, torques.scale_factor, cylinders.gas_torque_mean]
-    numbers += [cylinders.scale_rpm, cylinders.scale_factor]
+    numbers += [cylinders.scale_rpm, cylinders.scale_factor, cylinders.gas_factor, torques.rated_rpm]
     numbers += [cylinders.pressure, cylinders.bore, cylinders.stroke, cylinders.rod]
+    numbers += [cylinders.traces, cylinders.combustion, cylinders.load_rpm, cylinders.load_share]
     if traced(numbers):
         return []
     source = topology.name or "scene"
@@ -98,7 +99,9 @@ def on_disks(disks: int, seats, torques) -> np.ndarray:
 def _loaded(train) -> list[int]:
     """Disks under a mean torque at some speed."""
     topology, given = train.topology, on_host((train.torques, train.cylinders))
-    speeds = np.unique(np.concatenate([np.ravel(table.scale_rpm) for table in given]))
+    points = [table.scale_rpm for table in given] + [given[0].rated_rpm, given[1].load_rpm]
+    points += [given[1].traces.rpm] if given[1].traces is not None else []
+    speeds = np.unique(np.concatenate([np.ravel(rpm) for rpm in points if rpm is not None]))
     means = mean_torques(*given, topology.cylinder_fires, topology.cylinder_gas_revolutions, speeds)
     seats = [*topology.torque_disk, *topology.cylinder_disk]
     return np.flatnonzero(on_disks(topology.n_disks, seats, means).any(axis=0)).tolist()

@@ -1,5 +1,6 @@
 """Scene files: TOML and CSV to a drive train. Everything wrong with a file is raised at once, in sentences.
 
+Files of other programs are read by their endings, see :mod:`jaxhb.model.exchange`.
 Any list of rows (``harmonics``, ``gas_torque``, ``scale``, ``pressure``) may be the name of a CSV file beside
 the scene, one row a line: so that long tables need not be repeated. Lines that start with ``#`` are comments.
 """
@@ -15,8 +16,11 @@ from pathlib import Path
 from jaxhb.model.assembly import assemble
 from jaxhb.model.drivetrain import DriveTrain
 from jaxhb.model.elements import TABLES, SceneError, Unread
+from jaxhb.model.engine import Engine
+from jaxhb.model.exchange import csv_content, tors_content
 from jaxhb.model.topology import suggestion
 
+_READERS = {".json": tors_content, ".csv": csv_content}
 _SCENE_KEYS = ("name", "description", "revolutions_per_cycle", "reference")
 
 
@@ -71,7 +75,8 @@ def load_scene(name) -> DriveTrain:
     Parameters
     ----------
     name : str or path
-        Packaged scene (see :func:`scene_names`), or a path to a ``.toml`` in the scene format, SI units.
+        Packaged scene (see :func:`scene_names`), or a path: a ``.toml`` in the scene format, SI units, a ``.json`` in
+        the TORS format of openTorsion, or a ``.csv`` with a table of inertias and one of links.
 
     Returns
     -------
@@ -122,7 +127,7 @@ def _folder():
 def _find(name) -> Path:
     """Path of a packaged scene or of a file."""
     text = str(name)
-    if isinstance(name, Path) or text.endswith(".toml") or "/" in text or "\\" in text:
+    if isinstance(name, Path) or text.endswith((".toml", *_READERS)) or "/" in text or "\\" in text:
         path = Path(text).expanduser()
         if not path.is_file():
             raise SceneError(f"{text}: there is no such file. Give the path of a .toml, or a packaged scene.")
@@ -135,7 +140,10 @@ def _find(name) -> Path:
 def _parse(path: Path) -> dict:
     """Read TOML; a syntax error becomes one sentence."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        text = path.read_text(encoding="utf-8-sig")
+        return _READERS[path.suffix](text, path.name) if path.suffix in _READERS else tomllib.loads(text)
+    except SceneError:
+        raise
     except tomllib.TOMLDecodeError as error:
         raise SceneError(f"{path.name}: invalid TOML: {error}. Correct the line.") from None
     except UnicodeDecodeError:
@@ -154,8 +162,9 @@ def _read_elements(path: Path, content: dict, errors: list[str]) -> tuple[list, 
     for table, rows in content.items():
         if table in ("scene", "tune"):
             continue
-        if table not in TABLES:
-            known = ["scene", *TABLES, "tune"]
+        rows = [rows] if table == "engine" and isinstance(rows, dict) else rows
+        if table not in TABLES and table != "engine":
+            known = ["scene", *TABLES, "engine", "tune"]
             errors.append(f"{path.name}: unknown table {table!r}.{suggestion(table, known)}")
             complete = False
             continue
@@ -164,10 +173,11 @@ def _read_elements(path: Path, content: dict, errors: list[str]) -> tuple[list, 
             complete = False
             continue
         for i, row in enumerate(rows):
-            where = f"{path.name}, [[{table}]] no. {i + 1}"
+            where = f"{path.name}, [engine]" if table == "engine" else f"{path.name}, [[{table}]] no. {i + 1}"
             if isinstance(row.get("name"), str):
                 where += f" {row['name']!r}"
-            elements.append(_read_element(TABLES[table], row, where, path.parent, read, errors))
+            cls = Engine if table == "engine" else TABLES[table]
+            elements.append(_read_element(cls, row, where, path.parent, read, errors))
     return elements, complete
 
 
@@ -185,6 +195,8 @@ def _read_element(cls, row: dict, where: str, folder: Path, read: dict, errors: 
             values[key] = row[key]
         elif f.default is dataclasses.MISSING:
             values.setdefault(key, None)
+        if f.metadata["kind"] in ("table", "tables"):
+            values |= _read_inner(f, row, where, folder, read, errors)
         if f.metadata["kind"] == "rows" and isinstance(row.get(key), str):
             try:
                 values[key] = _read_rows(folder / row[key], f.metadata["columns"], read)
@@ -192,6 +204,18 @@ def _read_element(cls, row: dict, where: str, folder: Path, read: dict, errors: 
                 errors += [f"{where}: {key}: {text}" for text in error.sentences]
                 values[key] = Unread()
     return cls(**values)
+
+
+def _read_inner(f, row: dict, where: str, folder: Path, read: dict, errors: list[str]) -> dict:
+    """Make the table, or the list of tables, that a key of an element holds; what is none is found by the checks."""
+    found, cls = row.get(f.name), f.metadata["of"]
+    if f.metadata["kind"] == "table" and isinstance(found, dict):
+        return {f.name: _read_element(cls, found, f"{where}, {f.name}", folder, read, errors)}
+    if f.metadata["kind"] == "tables" and isinstance(found, list) and all(isinstance(v, dict) for v in found):
+        places = [f"{where}, {f.name} no. {k + 1}" for k in range(len(found))]
+        both = zip(found, places, strict=True)
+        return {f.name: tuple(_read_element(cls, v, place, folder, read, errors) for v, place in both)}
+    return {}
 
 
 def _read_rows(path: Path, columns: tuple[str, ...], read: dict) -> tuple:

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from jaxhb._arrays import namespace, pytree
+from jaxhb._arrays import namespace
+from jaxhb.model import gas
 from jaxhb.model.crank import gas_torque
+from jaxhb.model.gas import GAS_SAMPLES, Combustions, Traces, gas_cycle
+from jaxhb.model.gas import table as _table
 
 Array = Any
 
-GAS_SAMPLES = 7200
 DEFAULT_EPSILON, DEFAULT_TRANSITION = 1e-3, 0.04
 FRIDMAN_EPSILON, FRIDMAN_TRANSITION = 0.03, 0.2
-
-
-def _table(cls):
-    return pytree(dataclass(frozen=True, kw_only=True, eq=False)(cls))
 
 
 @_table
@@ -69,19 +66,28 @@ class Grounds:
 
 @_table
 class Loads:
-    """Shares of the balancing torque, each on its own shaft, relative to each other, [n_loads]."""
+    """Shares of the balancing torque, each on its own shaft, relative to each other, [n_loads].
+
+    ``harmonics`` [n_loads, K, 2]: Re, Im of its pulsation over its mean; None where no load pulsates.
+    """
 
     share: Array
+    harmonics: Array | None = None
 
 
 @_table
 class Torques:
-    """Mean [nt] (N m), harmonics [nt, K, 2] (Re, Im of the peak amplitude, N m), scale over rpm [nt, L]."""
+    """Mean [nt] (N m), harmonics [nt, K, 2] (Re, Im of the peak amplitude, N m), scale over rpm [nt, L].
+
+    ``rated_rpm`` [nt], 0 for torques without, and ``speed_exponent`` [nt]; None where no torque has a rated speed.
+    """
 
     mean: Array
     harmonics: Array
     scale_rpm: Array
     scale_factor: Array
+    rated_rpm: Array | None = None
+    speed_exponent: Array | None = None
 
 
 @_table
@@ -91,6 +97,8 @@ class Cylinders:
     ``gas_torque_mean`` [nc] and ``gas_torque`` [nc, K, 2] (N m, for firing at 0); ``pressure`` [nc, M] (Pa)
     on the uniform grid of the gas cycle counted from firing top dead centre, zeros where none is given;
     ``scale_rpm`` and ``scale_factor`` [nc, L]. A rod that is not given is 1 m, a bore or stroke 0 m.
+    None where no cylinder has them: ``traces``, ``combustion``, ``load_rpm`` and ``load_share`` [nc, L] of either, and
+    ``gas_factor`` [nc], 1 for a cylinder without.
     """
 
     bore: Array
@@ -104,6 +112,11 @@ class Cylinders:
     pressure: Array
     scale_rpm: Array
     scale_factor: Array
+    traces: Traces | None = None
+    combustion: Combustions | None = None
+    load_rpm: Array | None = None
+    load_share: Array | None = None
+    gas_factor: Array | None = None
 
 
 def column(elements, name: str, absent: float = 0.0) -> np.ndarray:
@@ -131,32 +144,6 @@ def _scales(elements) -> tuple[np.ndarray, np.ndarray]:
     return out[..., 0].copy(), out[..., 1].copy()
 
 
-def is_four_stroke(table) -> bool:
-    """Tell whether a pressure table (angle deg, Pa) is that of two revolutions: it extends beyond 360 deg."""
-    angle = np.asarray(table, dtype=np.float64)[:, 0]
-    return bool(angle[-1] - angle[0] > 360.0 + 1e-9 or np.abs(angle).max() > 360.0 + 1e-9)
-
-
-def gas_revolutions(cylinder) -> int:
-    """Revolutions of the crank in a gas cycle of a cylinder, 1 without a pressure table."""
-    return 2 if cylinder.pressure and is_four_stroke(cylinder.pressure) else 1
-
-
-def gas_cycle(table, firing_tdc: float | None) -> np.ndarray:
-    """Sample a pressure table (angle deg, Pa) linearly at ``GAS_SAMPLES`` angles from firing TDC on."""
-    table = np.asarray(table, dtype=np.float64)
-    period = 720.0 if is_four_stroke(table) else 360.0
-    if firing_tdc is None:
-        firing_tdc = 360.0 if period == 720.0 else 0.0
-    angle, pressure = table[:, 0], table[:, 1]
-    if angle[-1] - angle[0] < period - 1e-9:
-        angle = np.append(angle, angle[0] + period)
-        pressure = np.append(pressure, pressure[0])
-    grid = firing_tdc + np.arange(GAS_SAMPLES) * (period / GAS_SAMPLES)
-    turned = angle[0] + np.mod(np.round(grid - angle[0], 9), period)
-    return np.interp(turned, angle, pressure)
-
-
 def mesh_table(meshes) -> Meshes:
     """Collect the meshes, with the defaults of the law (18) and of ``law = "fridman2009"``."""
     fridman = [m.law == "fridman2009" for m in meshes]
@@ -176,7 +163,22 @@ def torque_table(torques) -> Torques:
     """Collect the given torques."""
     scale_rpm, scale_factor = _scales(torques)
     harmonics = _harmonics([t.harmonics for t in torques])
-    return Torques(mean=column(torques, "mean"), harmonics=harmonics, scale_rpm=scale_rpm, scale_factor=scale_factor)
+    rated = any(t.rated_rpm is not None for t in torques)
+    return Torques(
+        mean=column(torques, "mean"),
+        harmonics=harmonics,
+        scale_rpm=scale_rpm,
+        scale_factor=scale_factor,
+        rated_rpm=column(torques, "rated_rpm") if rated else None,
+        speed_exponent=column(torques, "speed_exponent", absent=2.0) if rated else None,
+    )
+
+
+def load_table(loads) -> Loads:
+    """Collect the loads."""
+    pulsating = any(load.harmonics for load in loads)
+    harmonics = _harmonics([load.harmonics for load in loads]) if pulsating else None
+    return Loads(share=column(loads, "share"), harmonics=harmonics)
 
 
 def cylinder_table(cylinders) -> Cylinders:
@@ -187,6 +189,8 @@ def cylinder_table(cylinders) -> Cylinders:
         if c.pressure:
             pressure[i] = gas_cycle(c.pressure, c.table_firing_tdc)
     scale_rpm, scale_factor = _scales(cylinders)
+    load_rpm, load_share = gas.load_table(cylinders)
+    scattered = any(c.gas_factor is not None for c in cylinders)
     return Cylinders(
         bore=column(cylinders, "bore"),
         stroke=column(cylinders, "stroke"),
@@ -199,19 +203,34 @@ def cylinder_table(cylinders) -> Cylinders:
         pressure=pressure,
         scale_rpm=scale_rpm,
         scale_factor=scale_factor,
+        traces=gas.trace_table(cylinders),
+        combustion=gas.combustion_table(cylinders),
+        load_rpm=load_rpm,
+        load_share=load_share,
+        gas_factor=column(cylinders, "gas_factor", absent=1.0) if scattered else None,
     )
 
 
 def scale_at(table, rpm):
-    """Factor of each element at ``rpm`` [..., n], linear between the given points and constant outside them."""
+    """Factor of each element at ``rpm`` [..., n]: its scale, linear between the points and constant outside them.
+
+    Of torques with a rated speed times the power of the speed.
+    """
     if namespace(table.scale_rpm, table.scale_factor, rpm) is not np:
         import jax
         import jax.numpy as jnp
 
         rows = jax.vmap(jnp.interp, in_axes=(None, 0, 0), out_axes=-1)
-        return rows(rpm, table.scale_rpm, table.scale_factor)
-    rows = [np.interp(rpm, *points) for points in zip(table.scale_rpm, table.scale_factor, strict=True)]
-    return np.reshape(rows, (len(rows), *np.shape(rpm))).T
+        factor = rows(rpm, table.scale_rpm, table.scale_factor)
+    else:
+        rows = [np.interp(rpm, *points) for points in zip(table.scale_rpm, table.scale_factor, strict=True)]
+        factor = np.reshape(rows, (len(rows), *np.shape(rpm))).T
+    if getattr(table, "rated_rpm", None) is None:
+        return factor
+    xp = namespace(table, rpm)
+    rated = xp.where(table.rated_rpm > 0.0, table.rated_rpm, 1.0)
+    power = (xp.asarray(rpm, dtype=float)[..., None] / rated) ** table.speed_exponent
+    return factor * xp.where(table.rated_rpm > 0.0, power, 1.0)
 
 
 def mean_torques(torques: Torques, cylinders: Cylinders, fires, revolutions, rpm):
@@ -220,11 +239,14 @@ def mean_torques(torques: Torques, cylinders: Cylinders, fires, revolutions, rpm
     ``fires`` and ``revolutions`` [nc]: whether a cylinder fires, and how often its crank turns in a gas cycle. The
     ambient pressure and the inertia torque do no work over a cycle. In NumPy or JAX.
     """
-    geometry = cylinders.pressure, cylinders.bore, cylinders.stroke, cylinders.rod
-    xp = namespace(torques.mean, cylinders.gas_torque_mean, geometry)
-    gas = xp.asarray(cylinders.gas_torque_mean)
-    if cylinders.pressure.shape[-1]:
-        gas = gas + gas_torque(*geometry, revolutions=np.array(revolutions)).mean(axis=-1)
-    gas = xp.where(np.array(fires, dtype=bool), gas, 0.0)
-    given = scale_at(torques, rpm) * torques.mean, scale_at(cylinders, rpm) * gas
+    geometry = cylinders.bore, cylinders.stroke, cylinders.rod
+    mean = namespace(cylinders.gas_torque_mean).asarray(cylinders.gas_torque_mean)
+    pressures = gas.components(cylinders)
+    if pressures.shape[-1]:
+        computed = gas_torque(pressures, *geometry, revolutions=np.array(revolutions)).mean(axis=-1)
+        mean = mean + (gas.weights(cylinders, rpm) * computed).sum(axis=-2)
+    mean = namespace(mean).where(np.array(fires, dtype=bool), mean, 0.0)
+    if cylinders.gas_factor is not None:
+        mean = cylinders.gas_factor * mean
+    given = scale_at(torques, rpm) * torques.mean, scale_at(cylinders, rpm) * mean
     return namespace(given).concatenate(given, axis=-1)

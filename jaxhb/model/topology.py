@@ -32,8 +32,9 @@ class Topology:
     """The static half of a :class:`~jaxhb.model.drivetrain.DriveTrain`.
 
     Disk indices run over the disks of the scene and then over the rings of the dampers. Links are the shafts,
-    then the dampers (from the disk they sit on to the ring), then the meshes. ``torque_harmonics`` and
-    ``cylinder_harmonics`` hold the harmonics n of the cycle of each given order; ``cylinder_step`` the
+    then the dampers (from the disk they sit on to the ring), then the meshes. ``torque_harmonics``,
+    ``load_harmonics`` and ``cylinder_harmonics`` hold the harmonics n of the cycle of each given order;
+    ``cylinder_source`` what the gas torque of each cylinder comes from; ``cylinder_step`` the
     harmonics of the cycle per harmonic of the gas cycle (0 where no pressure is given) and ``cylinder_turn``
     per order of the own rotor; ``cylinder_gas`` and ``cylinder_inertia`` how many harmonics of the gas cycle
     and how many orders of the own rotor are computed. ``rotor_path`` holds for each rotor the pairs (driving
@@ -77,6 +78,7 @@ class Topology:
     cylinder_inertia: tuple[int, ...]
     cylinder_series: tuple[bool, ...]
     cylinder_fires: tuple[bool, ...]
+    load_harmonics: tuple[tuple[int, ...], ...] = ()
     tune: str = "{}"
 
     def __eq__(self, other):
@@ -105,7 +107,7 @@ class Topology:
         """The same with a cycle ``cycles`` times as long; harmonic n of the cycle becomes harmonic ``cycles n``."""
         numbers = {
             name: tuple(tuple(cycles * n for n in row) for row in getattr(self, name))
-            for name in ("torque_harmonics", "cylinder_harmonics")
+            for name in ("torque_harmonics", "cylinder_harmonics", "load_harmonics")
         }
         return dataclasses.replace(
             self,

@@ -10,7 +10,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from jaxhb.model import hold, tables
+from jaxhb.model import gas, hold, tables
 from jaxhb.model.elements import Torque
 from jaxhb.model.graph import pieces
 from jaxhb.model.hold import names_of
@@ -140,9 +140,9 @@ def inertia_errors(parts) -> list[str]:
 def _mean_fields(element) -> tuple[str, ...]:
     """Fields that the mean torque of a given torque or a cylinder comes from."""
     if isinstance(element, Torque):
-        return ("mean", "scale")
-    of_pressure = ("pressure", "bore", "stroke", "rod", "table_firing_tdc")
-    return ("fires", "scale", "gas_torque_mean", *(of_pressure if element.pressure is not None else ()))
+        return ("mean", "scale", "rated_rpm", "speed_exponent")
+    of_pressure = (*gas.COMPUTED, "load", "bore", "stroke", "rod", "table_firing_tdc")
+    return ("fires", "scale", "gas_factor", "gas_torque_mean", *(of_pressure if gas.source(element) else ()))
 
 
 def _mean_known(parts, table: str, i: int) -> bool:
@@ -159,15 +159,24 @@ def mean_torques(parts, speeds) -> np.ndarray:
         seats += [disk for _, disk in found]
         known[table] = [type(e)(disk="", **{name: getattr(e, name) for name in _mean_fields(e)}) for e, _ in found]
     cylinders = known["cylinder"]
-    fires, revolutions = [c.fires for c in cylinders], [tables.gas_revolutions(c) for c in cylinders]
+    fires, revolutions = [c.fires for c in cylinders], [gas.gas_revolutions(c) for c in cylinders]
     given = tables.torque_table(known["torque"]), tables.cylinder_table(cylinders)
     return hold.on_disks(len(parts.disk_names), seats, tables.mean_torques(*given, fires, revolutions, speeds))
 
 
 def scale_speeds(parts) -> list[float]:
-    """Speeds (rpm) at which some scale has a point: balanced there is balanced everywhere."""
-    elements = [(table, i, e) for table in ("torque", "cylinder") for i, e in enumerate(parts.tables[table])]
-    return sorted({float(r[0]) for t, i, e in elements if parts.usable(t, i, "scale") for r in e.scale}) or [0.0]
+    """Speeds (rpm) at which a scale, a load or traces have a point, or a torque its rated speed."""
+    found = set()
+    for table in ("torque", "cylinder"):
+        for i, element in enumerate(parts.tables[table]):
+            for name in ("scale", "load"):
+                rows = getattr(element, name, ()) if parts.usable(table, i, name) else ()
+                found |= {float(row[0]) for row in rows}
+            traces = getattr(element, "traces", None) if parts.usable(table, i, "traces") else None
+            found |= {float(trace.rpm) for trace in traces or ()}
+            rated = getattr(element, "rated_rpm", None) if parts.usable(table, i, "rated_rpm") else None
+            found |= {float(rated)} if rated is not None else set()
+    return sorted(found) or [0.0]
 
 
 def hold_errors(parts, main: int | None) -> list[str]:

@@ -1,4 +1,4 @@
-"""The command line: ``jaxhb scenes | modes | solve | sweep | report | tune``; commands import the heavy modules."""
+"""The command line: ``jaxhb scenes | scene | modes | solve | ...``; commands import the heavy modules."""
 
 import argparse
 import gc
@@ -18,6 +18,7 @@ cycles, or irregular. Units: rpm, N m, kN and deg."""
 EXAMPLES = """\
 examples:
   jaxhb scenes
+  jaxhb scene six_cylinder_diesel --expand
   jaxhb modes six_cylinder_diesel
   jaxhb solve gear_train_30 --rpm 1800 --plot cycle.png
   jaxhb solve gear_train_30 --rpm 1800 --misfire "cylinder A1" --set "crank damper.damping=300" --json result.json
@@ -39,8 +40,13 @@ Many speeds in one call: kind of motion, largest tooth force and time out of con
 motions are possible the train has the one it comes from: each speed starts from its neighbour below (--direction up),
 above (down), or is reached both ways."""
 REPORT = """\
-Several speeds, with backlash and without, in normal running and with a misfiring cylinder. The plot shows the torque on
+Several speeds, with backlash and without, in normal running and with a misfiring cylinder, or with every cylinder in
+turn (--misfire each). The plot shows the torque on
 one gear over the cycle, with the time in the gap shaded."""
+
+SCENE = """\
+Checks a scene and writes it as TOML. Files of other programs are read by their endings: .json in the TORS format of
+openTorsion, .csv with a table of inertias (name, inertia, radius, ...) and one of links (from, to, stiffness, ...)."""
 
 TUNE = """\
 Changes numbers of a scene within bounds, by gradient, to make a response small over a range of speeds. The [tune] table
@@ -131,6 +137,10 @@ def parser():
         return made
 
     add("scenes", run_scenes, "the packaged scenes and what they are")
+    scene = add("scene", run_scene, "check a scene and write it as TOML, from files of other programs too", SCENE)
+    scene.add_argument("scene", metavar="SCENE", help="a packaged scene, or the path of a .toml, .json or .csv")
+    scene.add_argument("--expand", action="store_true", help="write the cylinders that an [engine] makes")
+    scene.add_argument("--out", metavar="FILE.toml", help="write it there, its tables beside it (default: print it)")
     modes = add("modes", _runner("modes"), "natural frequencies in Hz, undamped, teeth in contact; mode shapes")
     _scene(modes)
     modes.add_argument("--json", metavar="FILE", help="write frequencies and shapes for programs")
@@ -155,7 +165,7 @@ def parser():
     report = add("report", _runner("report"), "several speeds, normal running and a misfire", REPORT)
     _scene(report)
     _speeds(report)
-    _misfire(report)
+    _misfire(report, "; each: every cylinder in turn, and which is the worst")
     _accuracy(report)
     _orbit(report)
     _files(report, "the torque on one gear over the cycle, in normal running")
@@ -179,7 +189,7 @@ def parser():
 
 
 def _scene(command):
-    command.add_argument("scene", metavar="SCENE", help="a packaged scene (jaxhb scenes) or the path of a .toml")
+    command.add_argument("scene", metavar="SCENE", help="a packaged scene (jaxhb scenes) or the path of a file")
     command.add_argument(
         "--set",
         action="append",
@@ -195,8 +205,8 @@ def _speeds(command):
     command.add_argument("--rpm", required=True, type=speeds, metavar="A:B:COUNT", help=text)
 
 
-def _misfire(command):
-    text = "this cylinder does not fire; may be repeated"
+def _misfire(command, more=""):
+    text = f"this cylinder does not fire; may be repeated{more}"
     command.add_argument("--misfire", action="append", default=[], metavar="CYLINDER", help=text)
 
 
@@ -297,6 +307,12 @@ def run_scenes(_):
     from .inputs import scenes
 
     return scenes()
+
+
+def run_scene(arguments):
+    from .inputs import scene
+
+    return scene(arguments)
 
 
 def _runner(name):

@@ -4,12 +4,14 @@ import sys
 from pathlib import Path
 
 from ..linear.modal import natural_frequencies
+from ..model.change import locate
 from ..model.scene_writer import changed_scene, copies_beside
 from ..response.steady import PERCENT
 from .balance import ground_reactions, load_torques
 from .cases import cases_record, cases_text, solve_cases
 from .choose import gears, most_apart, shafts_of
 from .compute import Asked, answer_one, answer_speeds
+from .misfire_cases import misfire_trains, misfires_text, worst_misfire
 from .output import (
     OutputError,
     as_csv,
@@ -28,6 +30,7 @@ from .tuned_check import check_designs, check_text
 from .words import warnings
 
 ANSWERED, NOT_ANSWERED, INTERRUPTED = 0, 1, 130
+EACH = "each"
 _CHANGES = {"set": dict, "misfire": list}
 
 
@@ -85,17 +88,23 @@ def report(train, arguments):
     if arguments.at is not None and arguments.at not in arguments.rpm:
         raise OutputError(f"--at: {arguments.at:g} rpm is not one of the speeds of --rpm. Add it.")
     fires = train.topology.cylinder_fires
-    trains = {"all cylinders firing" if fires and all(fires) else "the scene as given": train}
-    if arguments.misfire:
+    title = "all cylinders firing" if fires and all(fires) else "the scene as given"
+    trains, each = {title: train}, EACH in arguments.misfire and EACH not in train.topology.cylinder_names
+    if each and len(arguments.misfire) > 1:
+        raise OutputError(f"--misfire {EACH}: takes every cylinder in turn. Leave out the other --misfire.")
+    if each:
+        trains = misfire_trains(train, title)
+    elif arguments.misfire:
         trains[f"{', '.join(arguments.misfire)} not firing"] = train.misfire(*arguments.misfire)
     with Progress(len(trains) * len(arguments.rpm)) as progress:
         tell = {"say": progress.say, "advance": progress.advance}
         cases = solve_cases(trains, arguments.rpm, Asked.of(arguments), **tell)
     chosen = _picture_of(cases[0], arguments.at)
+    worst = {"worst_misfire": finite(worst_misfire(cases))} if each else {}
     _answer(
         arguments,
-        cases_text(cases),
-        json=lambda: as_json(_changes(arguments) | cases_record(cases, orders=arguments.orders)),
+        misfires_text(cases) if each else cases_text(cases),
+        json=lambda: as_json(_changes(arguments) | cases_record(cases, orders=arguments.orders) | worst),
         plot=lambda: _cycle_picture(arguments, chosen),
     )
     return _status([answer for case in cases for answer in case.answers])
@@ -146,10 +155,10 @@ class _TunedFiles:
 
     def write(self, parameters, record):
         """The scene with these parameters, and a record."""
-        values, elements = {}, self.train.topology.elements
+        values = {}
         for key, value in {**dict(self.arguments.set), **parameters}.items():
-            name, _, field = key.rpartition(".")
-            values[*elements[name], field] = value
+            table, field, row = locate(self.train.topology, key)
+            values[table, row, field] = value
         text, _ = changed_scene(self.arguments.scene, values, remark=f"{self.arguments.scene}, tuned by jaxhb tune.")
         made = {self.arguments.output: [text.encode()], self.arguments.json: as_json(_changes(self.arguments) | record)}
         write_files({path: [content] for path, content in self.copies.items()} | made)

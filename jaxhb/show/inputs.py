@@ -3,7 +3,8 @@
 from pathlib import Path
 
 from ..model.scene import load_scene, scene_description, scene_names
-from .output import OutputError, check_output, check_picture
+from ..model.scene_writer import copies_beside, scene_text
+from .output import OutputError, check_output, check_picture, write_files
 
 _FILES = ("json", "csv", "output", "plot")
 
@@ -14,6 +15,22 @@ def scenes():
     width = max(map(len, names))
     for name in names:
         print(f"{name.ljust(width)}  {scene_description(name)}")
+    return 0
+
+
+def scene(arguments):
+    """Print a scene as TOML, or write it with the tables it names."""
+    if arguments.out:
+        if Path(arguments.out).suffix != ".toml":
+            raise OutputError(f"--out: {arguments.out!r} is no scene. Give a name that ends in .toml.")
+        check_output("--out", arguments.out)
+    text, beside = scene_text(arguments.scene, expand=arguments.expand)
+    if not arguments.out:
+        print(text, end="")
+        return 0
+    copies = copies_beside(beside, Path(arguments.out).parent, "--out")
+    write_files({path: [content] for path, content in copies.items()} | {arguments.out: [text.encode()]})
+    print("\n".join(f"{name} is written." for name in [arguments.out, *copies]))
     return 0
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..design.evaluation import label
 from ..design.quantities import OF_DESIGN, unit_of
-from ..model.elements import TABLES
+from ..model.change import declared_field, locate
 from .balance import plain_number
 from .columns import aligned
 from .record import finite
@@ -155,10 +155,8 @@ def scaled_unit(quantity):
 
 def parameter_unit(train, name):
     """Unit of a parameter ``"NAME.FIELD"``."""
-    element, _, field = name.rpartition(".")
-    table, _ = train.topology.elements[element]
-    declared = {f.name: f for f in dataclasses.fields(TABLES[table])}[field]
-    return declared.metadata["range"].unit
+    table, field, _ = locate(train.topology, name)
+    return declared_field(table, field).metadata["range"].unit
 
 
 def _plain(values):

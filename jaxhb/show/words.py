@@ -164,11 +164,11 @@ def notes(*answers):
     Returns
     -------
     list of str
-        Unstable motions; what a steady state tells of itself; orbits on which time integration did not settle; a ground
-        that takes above 1 % of the largest mean torque; a gap spring above 5 % of the mean force, a knee above 50 % of
-        it, damping in the gap above 5 % of it.
+        Unstable motions; what a steady state tells of itself; orbits on which time integration did not settle; speeds
+        outside of pressure traces; a ground that takes above 1 % of the largest mean torque; a gap spring above 5 % of
+        the mean force, a knee above 50 % of it, damping in the gap above 5 % of it.
     """
-    found = _unstable_notes(answers) + _own_notes(answers) + _unsettled_notes(answers)
+    found = _unstable_notes(answers) + _own_notes(answers) + _unsettled_notes(answers) + _trace_notes(answers)
     found += ground_notes([answer.balance for answer in answers], _speed_of)
     known, through = [answer for answer in answers if answer.known], []
     for name in answers[0].topology.mesh_names if known else ():
@@ -205,12 +205,20 @@ def _unstable_notes(answers):
 
 
 def _own_notes(answers):
-    """What steady states tell of themselves, once for notes that differ in their numbers alone."""
-    alike = {}
-    for answer in answers:
-        for note in answer.state.notes if answer.known else ():
-            alike.setdefault(re.sub(r"\d[\d.e+]*", "#", note), []).append((answer, note))
-    found = []
+    """What steady states tell of themselves."""
+    return _alike((answer, note) for answer in answers if answer.known for note in answer.state.notes)
+
+
+def _trace_notes(answers):
+    """Speeds and loads that pressure traces do not cover."""
+    return _alike((answer, note) for answer in answers for note in answer.train.outside_traces(answer.rpm))
+
+
+def _alike(notes_of):
+    """Notes (answer, text), once for those that differ in their numbers alone."""
+    alike, found = {}, []
+    for answer, note in notes_of:
+        alike.setdefault(re.sub(r"\d[\d.e+]*", "#", note), []).append((answer, note))
     for told in alike.values():
         others = f" (alike at {speeds_text([answer for answer, _ in told[1:]])})" if len(told) > 1 else ""
         note = told[0][1]

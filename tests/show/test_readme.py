@@ -36,6 +36,19 @@ def test_the_scene_of_the_readme_is_a_scene(tmp_path):
     assert train.topology.cylinder_names == ("cylinder 1",)
 
 
+def test_the_engine_and_the_two_tables_of_the_readme_are_trains(tmp_path):
+    (engine,) = [block for block in blocks("text") if block.startswith("[engine]")]
+    throws = [f"throw {k}" for k in range(1, 6)]
+    parts = [f'[[disk]]\nname = "{name}"\ninertia = 0.1\n' for name in throws]
+    parts += [f"[[shaft]]\nbetween = {list(pair)}\nstiffness = 1e6\n" for pair in zip(throws, throws[1:], strict=False)]
+    file = tmp_path / "engine.toml"
+    file.write_text("".join([*parts, '[[load]]\ndisk = "throw 5"\n', engine]), encoding="utf-8")
+    assert len(jaxhb.load_scene(file).topology.cylinder_names) == 10
+    (table,) = [block for block in blocks("text") if block.startswith("name,")]
+    (tmp_path / "pump.csv").write_text(table, encoding="utf-8")
+    assert jaxhb.load_scene(tmp_path / "pump.csv").topology.mesh_names == ("crank gear|pump gear",)
+
+
 def test_the_python_of_the_readme_uses_names_that_exist():
     code = "\n".join(blocks("python"))
     used = [node for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Attribute)]

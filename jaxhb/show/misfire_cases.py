@@ -1,0 +1,83 @@
+"""Every cylinder in turn not firing, beside normal running: what ``jaxhb report --misfire each`` prints and writes."""
+
+from ..periodic.misfires import same_factor
+from .choose import hardest_shaft, worst_mesh
+from .columns import NONE, aligned, alike, ratios
+from .output import OutputError
+from .tables import notes_text
+from .words import motion_word
+
+_KINDS = {"tooth force": ("N", "kN", 1e-3), "torque": ("N m", "N m", 1.0), "angle": ("rad", "mrad", 1e3)}
+_CALLED = {"tooth force": "Largest tooth force", "torque": "Torque, half peak-to-peak", "angle": "Angle"}
+
+
+def misfire_trains(train, title):
+    """``{title: train}`` of normal running and of every cylinder that does not fire; they share their programs."""
+    trains = train.misfires()
+    if not trains:
+        raise OutputError("--misfire each: no cylinder of the train fires. Name what misfires, or leave it out.")
+    return {title: train.replace(same_factor(train))} | {f"{name} not firing": own for name, own in trains.items()}
+
+
+def hardest(answer):
+    """What is hit hardest at one speed: kind of quantity, its element, its value in SI units (nan: not known)."""
+    if answer.topology.mesh_names:
+        name = worst_mesh(answer)
+        return "tooth force", name, float(answer.force(name).peak) if name else float("nan")
+    if answer.topology.link_names:
+        name = hardest_shaft([answer])
+        known = name and answer.known
+        return "torque", name, float(answer.torque(name).half_peak_to_peak) if known else float("nan")
+    swings = {name: float(answer.disk(name).half_peak_to_peak) for name in answer.topology.disk_names}
+    name = max(swings, key=swings.get)
+    return "angle", name, swings[name]
+
+
+def worst_misfire(cases):
+    """The misfire and the speed with the largest value, as it is written; None where no motion is known."""
+    found = [(*hardest(answer), case, k) for case in cases[1:] for k, answer in enumerate(case.answers)]
+    found = [row for row in found if row[2] == row[2]]
+    if not found:
+        return None
+    quantity, name, value, case, speed = max(found, key=lambda row: row[2])
+    return {
+        "cylinder": case.title.removesuffix(" not firing"),
+        "rpm": case.answers[speed].rpm,
+        "quantity": quantity,
+        "of": name,
+        "unit": _KINDS[quantity][0],
+        "value": value,
+        "firing": hardest(cases[0].answers[speed])[2],
+    }
+
+
+def misfires_text(cases):
+    """The worst misfire, then per speed what each misfire hits hardest, against normal running."""
+    parts, worst = ["No motion with a misfire is known."], worst_misfire(cases)
+    if worst is not None:
+        _, unit, factor = _KINDS[worst["quantity"]]
+        value, firing = (f"{factor * worst[key]:.4g} {unit}" for key in ("value", "firing"))
+        parts = [
+            f"The worst misfire is that of {worst['cylinder']}: {worst['quantity']} of {value} in {worst['of']} at"
+            f" {worst['rpm']:g} rpm, {firing} with {cases[0].title}."
+        ]
+    parts += [_speed_table(cases, number) for number in range(len(cases[0].answers))]
+    return "\n\n".join([*parts, *notes_text(*(answer for case in cases for answer in case.answers))])
+
+
+def _speed_table(cases, number):
+    rows = [hardest(case.answers[number]) for case in cases]
+    quantity, unit, factor = rows[0][0], *_KINDS[rows[0][0]][1:]
+    values = [factor * value for *_, value in rows]
+    columns = [
+        [case.title for case in cases],
+        *alike(values),
+        ratios(values, [values[0]] * len(values)),
+        [name or NONE for _, name, _ in rows],
+    ]
+    heads = ["", unit, "ratio", "in"]
+    if quantity == "tooth force":
+        columns.append([motion_word(case.answers[number]) for case in cases])
+        heads.append("motion")
+    title = f"{_CALLED[quantity]} at {cases[0].answers[number].rpm:g} rpm, {unit}"
+    return title + "\n" + aligned(heads, columns, left=(3, 4))

@@ -1,0 +1,342 @@
+"""Excitation from several traces, from the combustion model, with scatter, misfires, pulsating loads and speed laws."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from differences import compare, differences
+from tolerances import ALGEBRAIC, GRADIENT
+
+from jaxhb.harmonic.excitation import excitation, highest_harmonic, listed_harmonic
+from jaxhb.model.drivetrain import SceneError, build
+from jaxhb.model.elements import Combustion, Cylinder, Disk, Ground, Load, Mesh, Shaft, Torque, Trace
+
+CRANK = {"bore": 0.1, "stroke": 0.12, "rod": 0.2, "reciprocating_mass": 2.0}
+BURNING = {"compression_ratio": 16.0, "charge_pressure": 2e5, "start": -5.3, "duration": 61.0}
+SWEPT = np.pi / 4 * 0.1**2 * 0.12
+
+
+def trace(peak):
+    """A pressure table of a four-stroke cycle."""
+    return [(0.0, 1e5), (300.0, 2e6), (370.0, peak), (500.0, 4e5), (720.0, 1e5)]
+
+
+def traces(*speeds, loads=(1.0,)):
+    return [Trace(rpm=r, load=s, pressure=trace(1e3 * r * (1 + 4 * s))) for r in speeds for s in loads]
+
+
+def pair(*more, **options):
+    """Two disks on a shaft, with a load on the second."""
+    parts = [Disk(name="a", inertia=1.0), Disk(name="b", inertia=2.0), Load(disk="b")]
+    return build([*parts, Shaft(between=("a", "b"), stiffness=1e5), *more], **options)
+
+
+def cylinder(name="c", **more):
+    return Cylinder(**({"disk": "a", "name": name} | CRANK | more))
+
+
+def torque(train, rpm, harmonics=24):
+    return np.asarray(excitation(train, rpm, harmonics)[0])[0]
+
+
+def single(peak, rpm, **more):
+    """Torque of a cylinder with one pressure table."""
+    return torque(pair(cylinder(pressure=trace(peak), **more)), rpm)
+
+
+def close(found, wanted):
+    np.testing.assert_allclose(found, wanted, atol=ALGEBRAIC * np.abs(wanted).max())
+
+
+def test_at_the_speed_of_a_trace_it_alone_holds():
+    train = pair(cylinder(traces=traces(1000.0, 1500.0, 2400.0)))
+    for rpm in (1000.0, 1500.0, 2400.0):
+        close(torque(train, rpm), single(5e3 * rpm, rpm))
+
+
+def test_between_two_traces_the_pressure_is_linear_in_the_speed():
+    train = pair(cylinder(traces=traces(2400.0, 1000.0, 1500.0)))
+    close(torque(train, 1800.0), single(5e3 * 1800.0, 1800.0))
+
+
+@pytest.mark.parametrize("rpm, nearest", [(600.0, 1000.0), (3000.0, 2400.0)])
+def test_outside_the_traces_the_nearest_holds_and_is_told(rpm, nearest):
+    train = pair(cylinder(traces=traces(1000.0, 2400.0)))
+    close(torque(train, rpm), single(5e3 * nearest, rpm))
+    said = "the speed lies outside the pressure traces of 'c' (1000 to 2400 rpm): the nearest is used"
+    assert train.outside_traces(rpm) == [said]
+    assert train.outside_traces(1000.0) == train.outside_traces(1700.0) == []
+
+
+def test_between_loads_the_pressure_is_linear_in_the_load_of_that_speed():
+    parts = traces(1000.0, 2000.0, loads=(0.5, 1.0))
+    train = pair(cylinder(traces=parts, load=[(1000.0, 0.5), (2000.0, 0.9)]))
+    # at 1500 rpm the load is 0.7; the peak is bilinear: 1e3 rpm (1 + 4 load)
+    close(torque(train, 1500.0), single(1e3 * 1500.0 * 3.8, 1500.0))
+    low = pair(cylinder(traces=parts, load=[(1000.0, 0.2)]))
+    close(torque(low, 1500.0), single(1e3 * 1500.0 * 3.0, 1500.0))
+    assert low.outside_traces(1500.0)[0].startswith("the load share lies outside the pressure traces of 'c' (0.5 to 1)")
+
+
+def test_cylinders_with_different_sources_do_not_disturb_each_other():
+    sources = {
+        "two": {"traces": traces(1000.0, 2000.0)},
+        "three": {"traces": traces(800.0, 1500.0, 2200.0, loads=(0.5, 1.0)), "load": [(0.0, 0.8)]},
+        "burning": {"combustion": Combustion(imep=1e6, **BURNING), "load": [(1000.0, 0.4), (2000.0, 1.0)]},
+        "two-stroke": {"combustion": Combustion(heat=900.0, stroke_cycle=2, **BURNING), "ambient_pressure": 1e5},
+        "table": {"pressure": trace(8e6), "gas_factor": 0.9},
+        "given": {"gas_torque_mean": 20.0, "gas_torque": [(0.5, 3.0, 1.0)], "gas_factor": 1.1},
+    }
+    for rpm in (700.0, 1700.0):
+        alone = [torque(pair(cylinder(key, **more)), rpm) for key, more in sources.items()]
+        together = pair(*(cylinder(key, **more) for key, more in sources.items()))
+        close(torque(together, rpm), sum(alone))
+
+
+def test_the_mean_torque_of_a_combustion_is_that_of_its_imep_times_the_load():
+    burning = Combustion(imep=1.2e6, exhaust_pressure=1.5e5, **BURNING)
+    train = pair(cylinder(combustion=burning, load=[(600.0, 0.25), (2000.0, 1.0)]))
+    for rpm, share in ((600.0, 0.25), (1300.0, 0.625), (2500.0, 1.0)):
+        np.testing.assert_allclose(torque(train, rpm)[0].real, share * 1.2e6 * SWEPT / (4 * np.pi), rtol=ALGEBRAIC)
+    two = pair(cylinder(combustion=Combustion(imep=1.2e6, stroke_cycle=2, **BURNING)))
+    np.testing.assert_allclose(torque(two, 900.0)[0].real, 1.2e6 * SWEPT / (2 * np.pi), rtol=ALGEBRAIC)
+
+
+def test_heat_and_imep_of_the_same_cycle_give_the_same_torque():
+    by_heat = pair(cylinder(combustion=Combustion(heat=2500.0, **BURNING)))
+    imep = float(torque(by_heat, 1000.0)[0].real) * 4 * np.pi / SWEPT
+    close(torque(pair(cylinder(combustion=Combustion(imep=imep, **BURNING))), 1000.0), torque(by_heat, 1000.0))
+    with pytest.raises(SceneError, match="it has no effect, as the scene gives heat instead"):
+        by_heat.replace({"c.combustion.imep": 1e6})
+
+
+def test_a_train_without_the_additions_has_no_more_leaves():
+    plain = pair(cylinder(pressure=trace(8e6)), Torque(disk="a", harmonics=[(1.0, 1.0, 0.0)]))
+    assert len(jax.tree.leaves(plain)) == 32
+    cylinders = plain.cylinders
+    absent = (cylinders.traces, cylinders.combustion, cylinders.load_rpm, cylinders.load_share, cylinders.gas_factor)
+    assert {*absent, plain.loads.harmonics, plain.torques.rated_rpm} == {None}
+
+
+def test_each_misfire_of_the_batch_is_the_misfire_of_that_cylinder():
+    given = {"gas_torque_mean": 20.0, "gas_torque": [(0.5, 3.0, 1.0)]}
+    parts = [cylinder("one", pressure=trace(8e6), ambient_pressure=1e5), cylinder("two", firing_angle=360.0, **given)]
+    train = pair(*parts, cylinder("off", fires=False))
+    trains = train.misfires()
+    assert list(trains) == ["one", "two"] and {t.topology for t in trains.values()} == {train.topology}
+    batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), *trains.values())
+    mapped = jax.vmap(lambda t: excitation(t, 1500.0, 24)[0][0])(batch)
+    for name, row in zip(trains, mapped, strict=True):
+        close(torque(trains[name], 1500.0), torque(train.misfire(name), 1500.0))
+        close(np.asarray(row), torque(train.misfire(name), 1500.0))
+
+
+def test_scatter_can_be_put_on_a_train_without_it():
+    train = pair(cylinder("one", pressure=trace(8e6)), cylinder("two", pressure=trace(8e6)))
+    assert train.value("one.gas_factor") == 1.0
+    strong = train.replace({"one.gas_factor": 1.04, "one.firing_angle": 0.5})
+    weak = train.replace({"one.gas_factor": 0.0})
+    wanted = 1.04 * torque(train, 900.0) - 0.04 * torque(weak, 900.0)
+    close(torque(strong.replace({"one.firing_angle": 0.0}), 900.0), wanted)
+
+
+def test_a_load_pulsates_in_proportion_to_the_torque_it_takes():
+    parts = [
+        Disk(name="a", inertia=1.0, radius=0.1),
+        Disk(name="b", inertia=1.0, radius=0.2),
+        Mesh(between=("a", "b"), stiffness=1e8),
+        Load(name="propeller", disk="b", harmonics=[(4.0, 0.06, -0.08), (8.0, 0.01, 0.0)]),
+        Torque(disk="a", mean=100.0, scale=[(600.0, 0.25), (1200.0, 1.0)]),
+    ]
+    train = build(parts, reference="a")
+    assert train.topology.load_harmonics == ((4, 8),)  # four blades at half the speed: order 2 of the reference
+    for rpm, mean in ((600.0, -50.0), (1200.0, -200.0)):
+        found, load, _ = excitation(train, rpm, 8)
+        np.testing.assert_allclose(load, [mean])
+        np.testing.assert_allclose(found[1, [4, 8]], [mean * 0.5 * (0.06 - 0.08j), mean * 0.5 * 0.01])
+    assert highest_harmonic(train) == listed_harmonic(train.topology) == 8
+    assert train.repeated(2).topology.load_harmonics == ((8, 16),)
+    assert train.value("propeller.harmonics").tolist() == [[0.06, -0.08], [0.01, 0.0]]
+
+
+def test_a_torque_with_a_rated_speed_grows_with_a_power_of_the_speed():
+    propeller = Torque(name="p", disk="b", mean=-900.0, harmonics=[(4.0, 30.0, 0.0)], rated_rpm=1500.0)
+    cubic = Torque(name="q", disk="a", harmonics=[(1.0, 8.0, 0.0)], rated_rpm=1000.0, speed_exponent=3.0)
+    plain = Torque(name="r", disk="a", harmonics=[(2.0, 5.0, 0.0)])
+    train = pair(propeller, cubic, plain, Ground(disk="a", stiffness=10.0))
+    for rpm in (750.0, 1500.0, 2000.0):
+        found = np.asarray(excitation(train, rpm, 8)[0])
+        np.testing.assert_allclose(found[1, 8], 15.0 * (rpm / 1500.0) ** 2)
+        np.testing.assert_allclose(found[0, [2, 4]], [4.0 * (rpm / 1000.0) ** 3, 2.5])
+    load = excitation(train, 750.0, 0)[1]
+    np.testing.assert_allclose(load, [225.0])
+
+
+BAD = {
+    "an exponent without a speed": (Torque(disk="a", speed_exponent=2.0), "speed_exponent is given without rated_rpm"),
+    "an order between harmonics": (Load(disk="a", harmonics=[(0.3, 1.0, 0.0)]), "order 0.3 is harmonic 0.6 of a cycle"),
+    "a doubled order": (Load(disk="a", harmonics=[(1.0, 1, 0), (1.0, 1, 0)]), "harmonics: order 1 stands 2 times"),
+    "two traces of a speed": (
+        cylinder(traces=[*traces(1e3), *traces(1e3)]),
+        "traces: 2 of them are for 1000 rpm and load 1",
+    ),
+    "a hole in the grid": (
+        cylinder(traces=traces(1e3, 2e3, loads=(0.5, 1.0))[:-1]),
+        "traces: there is none for 2000 rpm and load 1, but for this speed and for this load",
+    ),
+    "a trace of a part": (
+        cylinder(traces=[Trace(rpm=1e3, pressure=trace(1e6)[:3])]),
+        "traces no. 1: pressure covers 0 to 370 deg, must cover a whole gas cycle of 720 deg",
+    ),
+    "unsorted rows": (
+        cylinder(traces=[Trace(rpm=1e3, pressure=trace(1e6)[::-1])]),
+        "traces no. 1: pressure, row 2: angle 500 after 720; must increase. Sort the rows.",
+    ),
+    "a doubled row": (
+        cylinder(traces=[Trace(rpm=1e3, pressure=[*trace(1e6)[:1], *trace(1e6)])]),
+        "traces no. 1: pressure, row 2: angle 0 after 0; must increase.",
+    ),
+    "a trace without speed": (
+        cylinder(traces=[Trace(rpm=None, pressure=trace(1e6))]),
+        "traces no. 1: the key 'rpm' is missing",
+    ),
+    "two cycles": (
+        cylinder(traces=[*traces(1e3), Trace(rpm=2e3, pressure=[(0.0, 1e5), (180.0, 1e6), (360.0, 1e5)])]),
+        "traces: some span 720 deg, some 360 deg.",
+    ),
+    "no traces": (cylinder(traces=[]), "traces is [], must be one table or more. Write [[….traces]]."),
+    "no table": (cylinder(combustion=3.0), "combustion is 3.0, must be a table. Write [….combustion]."),
+    "traces and pressure": (
+        cylinder(traces=traces(1e3), pressure=trace(1e6)),
+        "pressure and traces are both given. Keep one of them.",
+    ),
+    "no bore": (cylinder(traces=traces(1e3), bore=None), "the key 'bore' is missing; traces needs it."),
+    "heat and imep": (
+        cylinder(combustion=Combustion(heat=1.0, imep=1.0, **BURNING)),
+        "combustion: heat and imep are both given.",
+    ),
+    "no heat": (cylinder(combustion=Combustion(**BURNING)), "combustion: neither heat nor imep is given."),
+    "a ratio of 1": (
+        cylinder(combustion=Combustion(heat=1.0, **(BURNING | {"compression_ratio": 1.0}))),
+        "combustion: compression_ratio is 1, must be greater than 1.",
+    ),
+    "three strokes": (
+        cylinder(combustion=Combustion(heat=1.0, stroke_cycle=3, **BURNING)),
+        "combustion: stroke_cycle is 3, must be 2 or 4.",
+    ),
+    "a load of a table": (
+        cylinder(pressure=trace(1e6), load=[(0.0, 0.5)]),
+        "load is given without traces or combustion, which it acts on. Give scale instead.",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_each_fault_is_one_sentence(case):
+    element, sentence = BAD[case]
+    with pytest.raises(SceneError) as caught:
+        pair(element)
+    assert len(caught.value.sentences) == 1, caught.value
+    assert sentence in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "key, value, sentence",
+    [
+        ("two.combustion.start", 1.0, "'two': it has no combustion. Build the scene with one."),
+        ("one.traces.rpm", 1.0, "'one': it has no traces"),
+        ("one.combustion.strt", 1.0, "there is no field 'strt'. Did you mean 'start'?"),
+        ("one.combustion.duration", -1.0, "duration is -1 deg, must be greater than 0 deg"),
+        ("two.load_share", [0.5], "the cylinder has neither traces nor combustion"),
+        ("one.pressure", np.ones(7200), "the cylinder has no pressure table"),
+        ("one.gas_torque_mean", 1.0, "the gas torque comes from the combustion. Change combustion"),
+        ("t.rated_rpm", 1.0, "nothing in the scene has rated_rpm. Build the scene with it."),
+    ],
+)
+def test_what_a_train_lacks_cannot_be_changed(key, value, sentence):
+    burning, table = Combustion(heat=1e3, **BURNING), trace(8e6)
+    train = pair(cylinder("one", combustion=burning), cylinder("two", pressure=table), Torque(disk="a", name="t"))
+    with pytest.raises(SceneError, match="scene") as caught:
+        train.replace({key: value})
+    assert sentence in str(caught.value)
+
+
+def slopes_agree(train, numbers, rpm):
+    """Gradient of a sum over torque harmonics with respect to numbers (name: step) against differences."""
+    weight = jnp.exp(1j * jnp.arange(17))
+    names, steps = list(numbers), np.array(list(numbers.values()))
+    at = np.concatenate([np.ravel(train.value(name)) for name in names])
+    sizes = [np.shape(train.value(name)) for name in names]
+    steps = np.concatenate([np.full(int(np.prod(size)), step) for size, step in zip(sizes, steps, strict=True)])
+
+    def size(values):
+        parts = jnp.split(values, np.cumsum([int(np.prod(size)) for size in sizes])[:-1])
+        changed = train.replace({n: p.reshape(s) for n, p, s in zip(names, parts, sizes, strict=True)})
+        torque, load, _ = excitation(changed, rpm, 16)
+        return jnp.sum((torque * weight).real) + 1e-3 * jnp.sum(jnp.abs(torque) ** 2) + load[0]
+
+    slopes = np.asarray(jax.jit(jax.grad(size))(jnp.asarray(at)))
+    compare(slopes, differences(jax.jit(jax.vmap(size)), jnp.asarray(at), steps), GRADIENT)
+    assert np.all(slopes != 0.0)
+
+
+def test_derivatives_to_the_numbers_of_a_combustion():
+    steps = {"compression_ratio": 1e-3, "charge_pressure": 20.0, "exhaust_pressure": 20.0, "start": 1e-3}
+    steps |= {"duration": 1e-2, "shape": 1e-4, "compression_exponent": 1e-5, "expansion_exponent": 1e-5}
+    numbers = {f"c.combustion.{name}": step for name, step in steps.items()}
+    numbers |= {"c.gas_factor": 1e-4, "c.load_share": 1e-4, "c.bore": 1e-5, "c.stroke": 1e-5, "c.rod": 1e-5}
+    load = [(600.0, 0.3), (2000.0, 1.0)]
+    for given in ({"heat": 2000.0}, {"imep": 1e6}):
+        train = pair(cylinder(combustion=Combustion(**given, **BURNING), load=load))
+        slopes_agree(train, numbers | {f"c.combustion.{name}": 1e-4 * value for name, value in given.items()}, 1330.0)
+
+
+def test_derivatives_to_speeds_and_loads_of_traces():
+    load = [(600.0, 0.6), (2000.0, 0.9)]
+    train = pair(cylinder(traces=traces(1000.0, 2000.0, loads=(0.5, 1.0)), load=load))
+    numbers = {"c.traces.rpm": 1e-1, "c.traces.load": 1e-4, "c.load_share": 1e-4, "c.load_rpm": 1e-1}
+    slopes_agree(train, numbers, 1330.0)
+
+
+def test_the_derivative_to_the_pressure_of_a_trace_is_its_weight():
+    train = pair(cylinder(traces=traces(1000.0, 2000.0)))
+    direction = np.random.default_rng(0).normal(size=(2, 1, 7200))
+
+    def mean(step):
+        changed = train.replace({"c.traces.pressure": train.value("c.traces.pressure") + step * direction})
+        return excitation(changed, 1250.0, 0)[0][0, 0].real
+
+    slope = jax.grad(mean)(0.0)
+    first = (mean(jnp.array(1e6)) - mean(jnp.array(0.0))) / 1e6  # the torque is linear in the pressure
+    np.testing.assert_allclose(slope, first, rtol=1e-9)
+
+
+def test_derivatives_to_pulsations_and_speed_laws():
+    load = Load(disk="b", name="l", harmonics=[(2.0, 0.1, 0.2), (4.0, 0.05, 0.0)])
+    law = Torque(disk="a", name="t", mean=300.0, harmonics=[(1.0, 8.0, 2.0)], rated_rpm=1000.0, speed_exponent=2.5)
+    disks = [Disk(name="a", inertia=1.0), Disk(name="b", inertia=2.0), Shaft(between=("a", "b"), stiffness=1e5)]
+    numbers = {"l.harmonics": 1e-4, "t.rated_rpm": 1e-1, "t.speed_exponent": 1e-4, "t.mean": 1e-2}
+    slopes_agree(build([*disks, load, law]), numbers, 1330.0)
+
+
+def test_the_torque_is_differentiable_and_mapped_over_the_speed():
+    burning = cylinder("burning", combustion=Combustion(heat=2000.0, **BURNING), load=[(600.0, 0.3), (2000.0, 1.0)])
+    train = pair(cylinder(traces=traces(1000.0, 2000.0)), burning)
+    value = jax.jit(lambda rpm: jnp.sum(jnp.abs(excitation(train, rpm, 8)[0]) ** 2))
+    slope = jax.grad(value)(1330.0)
+    wanted = differences(jax.vmap(lambda v: value(v[0])), np.array([1330.0]), np.array([0.5]))
+    np.testing.assert_allclose(slope, wanted[0], rtol=GRADIENT)
+    speeds = jnp.array([700.0, 1500.0, 2300.0])
+    mapped = jax.vmap(lambda rpm: excitation(train, rpm, 8)[0])(speeds)
+    for one, rpm in zip(mapped, speeds, strict=True):
+        close(np.asarray(one), np.asarray(excitation(train, rpm, 8)[0]))
+
+
+def test_the_program_does_not_grow_with_the_number_of_cylinders():
+    def operations(count):
+        burning = Combustion(heat=2000.0, **BURNING)
+        parts = [cylinder(f"c{k}", traces=traces(1000.0, 2000.0)) for k in range(count)]
+        train = pair(*parts, *(cylinder(f"b{k}", combustion=burning, gas_factor=0.9) for k in range(count)))
+        return str(jax.make_jaxpr(lambda rpm: excitation(train, rpm, 12)[0])(1000.0)).count(" = ")
+
+    assert operations(6) == operations(2)

@@ -1,0 +1,132 @@
+"""The combustion model against closed forms and an integration of its equation in small steps."""
+
+import doctest
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from tolerances import ALGEBRAIC
+
+from jaxhb.model import combustion, engine, exchange, gas
+from jaxhb.model.combustion import burnt_share, pressures
+from jaxhb.model.crank import slider_crank
+
+BORE, STROKE, ROD = 0.1, 0.12, 0.2
+SWEPT = np.pi / 4 * BORE**2 * STROKE
+NUMBERS = {
+    "compression_ratio": 16.0,
+    "charge_pressure": 1.8e5,
+    "exhaust_pressure": 1.4e5,
+    "start": -7.3,
+    "duration": 55.0,
+    "shape": 1.1,
+    "compression_exponent": 1.36,
+    "expansion_exponent": 1.27,
+}
+
+
+def one(samples=7200, revolutions=2, **changes):
+    """Pressures of one cylinder, [samples] each."""
+    given = {key: np.array([value]) for key, value in (NUMBERS | changes).items()}
+    size = (np.array([v]) for v in (BORE, STROKE, ROD))
+    return [p[0] for p in pressures(*size, **given, revolutions=revolutions, samples=samples)]
+
+
+def volume(degrees):
+    return np.pi / 4 * BORE**2 * (STROKE / 15.0 + slider_crank(np.deg2rad(degrees), STROKE, ROD)[0])
+
+
+@pytest.mark.parametrize("module", [combustion, engine, exchange])
+def test_examples_in_the_docstrings_hold(module):
+    failures, tests = doctest.testmod(module)
+    assert tests and not failures
+
+
+def test_without_heat_compression_and_expansion_are_one_polytrope():
+    motored, _ = one(expansion_exponent=1.36)
+    angle = np.arange(7200) * 0.1
+    closed = (angle < 180) | (angle >= 540)
+    work = (motored * volume(angle) ** 1.36)[closed]
+    np.testing.assert_allclose(work, 1.8e5 * volume(180.0) ** 1.36, rtol=ALGEBRAIC)
+    assert set(motored[1800:3600]) == {1.4e5} and set(motored[3600:5400]) == {1.8e5}
+
+
+def test_the_burnt_share_is_0_before_the_start_and_999_per_mille_after_the_duration():
+    angle = np.array([-50.0, -7.3, 47.7, 180.0])
+    found = burnt_share(angle, -7.3, 55.0, 1.1)
+    np.testing.assert_allclose(found, [0.0, 0.0, 0.999, 1.0], atol=1e-9)
+
+
+def integrated(heat, steps=72_000):
+    """The pressure at -180, -179, ..., 180 deg by Runge-Kutta's method on the equation of the docstring."""
+    n = NUMBERS
+    area = np.pi / 4 * BORE**2
+
+    def slope(a, p):
+        passed = max(a - n["start"], 0.0) / n["duration"]
+        share = 1 - np.exp(np.log(0.001) * passed ** (n["shape"] + 1))
+        burning = -np.log(0.001) * (n["shape"] + 1) * passed ** n["shape"] / n["duration"] * (1 - share)
+        exponent = n["compression_exponent"] + (n["expansion_exponent"] - n["compression_exponent"]) * share
+        grown = area * slider_crank(np.deg2rad(a), STROKE, ROD)[1] * np.pi / 180
+        return (-exponent * p * grown + (exponent - 1) * heat * burning) / volume(a)
+
+    h, p, found = 360.0 / steps, n["charge_pressure"], [n["charge_pressure"]]
+    for k in range(steps):
+        a = -180.0 + k * h
+        k1 = slope(a, p)
+        k2 = slope(a + h / 2, p + h / 2 * k1)
+        k3 = slope(a + h / 2, p + h / 2 * k2)
+        k4 = slope(a + h, p + h * k3)
+        p += h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        if (k + 1) % (steps // 360) == 0:
+            found.append(p)
+    return np.array(found)
+
+
+def test_the_pressure_solves_its_equation_and_converges_with_the_square_of_the_step():
+    wanted, errors = integrated(2500.0, steps=7200), []
+    for samples in (1440, 2880, 5760):
+        motored, per_joule = one(samples)
+        pressure = motored + 2500.0 * per_joule
+        degree = samples // 720
+        found = np.concatenate([pressure[540 * degree :: degree], pressure[: 180 * degree : degree]])
+        errors.append(np.max(np.abs(found - wanted[:-1])) / wanted.max())
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert errors[-1] < 1e-5
+    np.testing.assert_allclose(orders, 2.0, atol=0.2)
+
+
+def test_a_two_stroke_cycle_has_no_gas_exchange_strokes():
+    two, four = one(revolutions=1, samples=7200)[0], one(revolutions=2, samples=14400)[0]
+    np.testing.assert_allclose(two[:3600], four[:3600], rtol=ALGEBRAIC)
+    np.testing.assert_allclose(two[3600:], four[10800:], rtol=ALGEBRAIC)
+
+
+def test_all_numbers_have_derivatives():
+    names = list(NUMBERS)
+
+    def pressure(values):
+        given = {key: values[None, i] for i, key in enumerate(names)}
+        size = (jnp.array([v]) for v in (BORE, STROKE, ROD))
+        motored, per_joule = pressures(*size, **given, revolutions=2, samples=720)
+        return (motored + 2500.0 * per_joule)[0]
+
+    at = jnp.array(list(NUMBERS.values()))
+    slopes = jax.jacfwd(pressure)(at)
+    for i in range(len(names)):
+        step = 1e-4 * abs(at[i])
+        away = jnp.zeros(len(names)).at[i].set(step)
+        wanted = (
+            8 * (pressure(at + away) - pressure(at - away)) - pressure(at + 2 * away) + pressure(at - 2 * away)
+        ) / (12 * step)
+        assert np.max(np.abs(slopes[:, i] - wanted)) < 1e-6 * np.max(np.abs(wanted)), names[i]
+
+
+def test_hats_are_linear_interpolation_with_the_nearest_value_outside():
+    grid = gas.padded([[1.0, 2.0, 4.0], [3.0]])
+    x = np.array([[0.0, 0.0], [1.25, 3.0], [4.0, 5.0], [9.0, 9.0]])
+    values = np.array([[10.0, 20.0, 60.0], [5.0, 0.0, 0.0]])
+    found = (gas.hats(x, grid) * values).sum(axis=-1)
+    np.testing.assert_allclose(found[:, 0], np.interp(x[:, 0], [1.0, 2.0, 4.0], values[0]), rtol=ALGEBRAIC)
+    np.testing.assert_allclose(found[:, 1], 5.0, rtol=ALGEBRAIC)

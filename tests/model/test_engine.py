@@ -1,0 +1,237 @@
+"""One [engine] table against the cylinders written out, the packaged engines and the published vee-bank factors."""
+
+import dataclasses
+import re
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+from reference_data import reference
+
+from jaxhb.harmonic.excitation import excitation
+from jaxhb.model.drivetrain import SceneError, build
+from jaxhb.model.elements import Combustion, Cylinder, Disk, Load, Shaft
+from jaxhb.model.engine import Engine, cylinders, firing_angles
+from jaxhb.model.scene import load_scene
+from jaxhb.model.scene_writer import changed_scene, scene_text
+
+SCENES = Path(__file__).parents[2] / "jaxhb" / "model" / "scenes"
+SIX = """
+[engine]
+cylinders = 6
+disks = ["cyl1", "cyl2", "cyl3", "cyl4", "cyl5", "cyl6"]
+firing_order = [1, 5, 3, 6, 2, 4]
+bore = 0.105
+stroke = 0.137
+rod = 0.207
+reciprocating_mass = 2.521
+pressure = "six_cylinder_diesel_pressure.csv"
+scale = "six_cylinder_diesel_peak_pressure.csv"
+kinematics = "mendes2008"
+"""
+TRAIN = [Disk(name="a", inertia=1.0), Disk(name="b", inertia=1.0), Shaft(between=("a", "b"), stiffness=1e6)]
+TRAIN.append(Load(disk="b"))
+UNIT = {"gas_torque": [(n / 2, 1.0, 0.0) for n in range(1, 15)]}
+BURNING = {"compression_ratio": 16.0, "charge_pressure": 2e5, "start": -5.0, "duration": 60.0}
+MISPRINTS = ((80, 5), (90, 3), (90, 5))
+"""The scan has 0.684 for 1.879, and 1.42 for the square root of 2."""
+
+SIZES = {"bore": 0.1, "stroke": 0.12, "rod": 0.2}
+
+
+def engine(**changes):
+    """A vee four with common crank pins."""
+    given = {"cylinders": 4, "disks": ["a", "b"], "firing_order": ["A1", "B2", "A2", "B1"], "bank_angle": 180.0}
+    return Engine(**(given | UNIT | changes))
+
+
+def angles(**changes):
+    return firing_angles(vars(engine(**changes)))
+
+
+@pytest.fixture
+def six(tmp_path):
+    """The packaged six-cylinder diesel with its cylinders written as one engine."""
+    text = (SCENES / "six_cylinder_diesel.toml").read_text()
+    for name in ("pressure", "peak_pressure"):
+        table = f"six_cylinder_diesel_{name}.csv"
+        (tmp_path / table).write_bytes((SCENES / table).read_bytes())
+    path = tmp_path / "six.toml"
+    path.write_text("".join(part for part in re.split(r"(?m)^(?=\[)", text) if "[[cylinder]]" not in part) + SIX)
+    return path
+
+
+def same(one, two):
+    """Two trains are equal but for their names."""
+    alike = dataclasses.replace(one.topology, name=two.topology.name)
+    leaves = zip(jax.tree.leaves(one), jax.tree.leaves(two), strict=True)
+    return alike == two.topology and all(np.array_equal(a, b) for a, b in leaves)
+
+
+def test_the_packaged_diesel_is_one_engine(six):
+    assert same(load_scene(six), load_scene("six_cylinder_diesel"))
+
+
+def test_an_expanded_scene_is_the_same_train(six, tmp_path):
+    text, beside = scene_text(six, expand=True)
+    assert text.count("[[cylinder]]") == 6 and "[engine]" not in text and len(beside) == 2
+    (tmp_path / "expanded.toml").write_text(text)
+    assert same(load_scene(tmp_path / "expanded.toml"), load_scene(six))
+    assert 'pressure = "six_cylinder_diesel_pressure.csv"' in text
+
+
+def test_a_combustion_in_an_engine_is_expanded_with_a_value_for_each_cylinder(tmp_path):
+    head = "".join(f'[[disk]]\nname = "{d}"\ninertia = 1.0\n' for d in "ab")
+    head += '[[shaft]]\nbetween = ["a", "b"]\nstiffness = 1e6\n[[load]]\ndisk = "b"\n'
+    own = '[engine]\nname = "port"\ncylinders = 2\ndisks = ["a", "b"]\nfiring_order = [1, 2]\nstroke_cycle = 2\n'
+    own += "bore = 0.1\nstroke = 0.12\nrod = [0.2, 0.21]\nfires = [true, false]\nfiring_angle = [0.0, 1.5]\n"
+    own += "[engine.combustion]\ncompression_ratio = 16\ncharge_pressure = 2e5\nstart = [-5, -4.5]\nduration = 60\n"
+    path, out = tmp_path / "two.toml", tmp_path / "out.toml"
+    path.write_text(head + own + "heat = 900\n")
+    train = load_scene(path)
+    assert train.topology.cylinder_names == ("port 1", "port 2") and train.topology.cylinder_fires == (True, False)
+    assert train.topology.cylinder_gas_revolutions == (1, 1)
+    assert (train.value("port 2.combustion.start"), train.value("port 2.rod")) == (-4.5, 0.21)
+    assert train.value("port 2.firing_angle") == 181.5
+    out.write_text(scene_text(path, expand=True)[0])
+    assert same(load_scene(out), train)
+    text, _ = changed_scene(path, {("cylinder", 1, "combustion.start"): -3.0})
+    out.write_text(text)
+    assert same(load_scene(out), train.replace({"port 2.combustion.start": -3.0}))
+
+
+def test_a_vee_ten_fires_as_its_crank_and_bank_angle_say():
+    """The packaged 90 degree vee fires every 90 and 54 degrees in turn."""
+    order = ["A1", "B1", "A2", "B2", "A4", "B4", "A5", "B5", "A3", "B3"]
+    found = angles(cylinders=10, disks=["a"] * 5, firing_order=order, bank_angle=90.0)
+    train = load_scene("gear_train_30")
+    names = train.topology.cylinder_names
+    assert {f"cylinder {label}": angle for label, angle in found.items()} == {
+        name: train.value(f"{name}.firing_angle") for name in names
+    }
+
+
+@pytest.mark.parametrize("alpha", [30, 45, 60, 80, 90])
+def test_vee_banks_add_up_as_published(alpha):
+    """Z = |1 + exp(i p (360 - alpha))| multiplies the vector sum of one bank at order p."""
+    vee = Engine(cylinders=2, disks=["a"], firing_order=["A1", "B1"], bank_angle=float(alpha), **UNIT)
+    torque = np.abs(2 * excitation(build([*TRAIN, vee]), 1000.0, 14)[0][0])
+    rows = reference("excitation")["vee_bank_phasing"]["rows_alpha_order_published_computed"]
+    rows = [row for row in rows if row[0] == alpha]
+    assert rows
+    for _, order, published, computed in rows:
+        assert abs(torque[round(2 * order)] - computed) < 1e-12
+        if (alpha, order) not in MISPRINTS:
+            assert abs(torque[round(2 * order)] - published) <= 0.0021
+
+
+def test_an_odd_firing_vee_six_fires_at_150_and_90_degrees():
+    given = {"cylinders": 6, "disks": ["a"] * 3, "bank_angle": 90.0}
+    order = ["A1", "B1", "A2", "B2", "A3", "B3"]
+    crank = list(angles(firing_order=order, **given).values())
+    assert crank == [0.0, 90.0, 240.0, 330.0, 480.0, 570.0]
+    assert list(angles(firing_order=order, firing="even", **given).values()) == [0.0, 120.0, 240.0, 360.0, 480.0, 600.0]
+
+
+def test_firing_intervals_are_those_given():
+    found = angles(bank_angle=None, firing_order=[1, 3, 4, 2], firing_intervals=[180, 200, 160, 180], disks=["a"] * 4)
+    assert found == {"1": 0.0, "3": 180.0, "4": 380.0, "2": 540.0}
+
+
+def test_a_two_stroke_engine_fires_every_cylinder_in_a_revolution():
+    given = {"cylinders": 3, "disks": ["a", "a", "b"], "firing_order": [1, 3, 2], "bank_angle": None}
+    assert angles(stroke_cycle=2, **given) == {"1": 0.0, "3": 120.0, "2": 240.0}
+
+
+def test_an_engine_of_python_makes_cylinders():
+    made = cylinders(engine(firing_angle=10.0, gas_factor=[1.0, 0.9, 1.1, 1.0]))
+    assert [c.name for c in made] == ["cylinder A1", "cylinder A2", "cylinder B1", "cylinder B2"]
+    assert [c.gas_factor for c in made] == [1.0, 0.9, 1.1, 1.0]
+    assert [c.disk for c in made] == ["a", "b", "a", "b"] and made[0].firing_angle == 10.0
+    own = {"cylinders": 1, "disks": ["a"], "firing_order": [1], "bank_angle": None}
+    plain = Cylinder(name="cylinder 1", disk="a", **UNIT)
+    assert same(build([*TRAIN, engine(**own)]), build([*TRAIN, plain]))
+
+
+BAD = {
+    "no such cylinder": (
+        {"firing_order": ["A1", "B2", "A2", "B3"]},
+        ["names 'B3', which is no cylinder", "leaves out 'B1'"],
+    ),
+    "twice": ({"firing_order": ["A1", "B2", "A2", "A1"]}, ["names 'A1' 2 times", "leaves out 'B1'"]),
+    "numbers in a vee": (
+        {"firing_order": [1, "B2", "A2", "B1"]},
+        ["they are A1 to A2 and B1 to B2", "leaves out 'A1'"],
+    ),
+    "missing": ({"firing_order": None}, ["the key 'firing_order' is missing. Give a list."]),
+    "no list": ({"firing_order": 1342}, ["firing_order is 1342, must be a list."]),
+    "disks": ({"disks": ["a", "b", "b"]}, ["disks has 3 names, must have 2 (one for each throw) or 4"]),
+    "unknown disk": ({"disks": ["a", "c"]}, ["[engine]: disks: there is no disk 'c'. Known: 'a', 'b'."]),
+    "odd vee": ({"cylinders": 5}, ["bank_angle is given for 5 cylinders, must be for an even number"]),
+    "strokes": ({"stroke_cycle": 3}, ["stroke_cycle is 3, must be 2 or 4"]),
+    "order against crank": (
+        {"bank_angle": 60.0, "firing_order": ["A1", "B1", "B2", "A2"]},
+        ["with the bank angle of 60 deg the cylinders fire in the order A1, B1, A2, B2, not in that of firing_order"],
+    ),
+    "intervals": ({"firing_intervals": [180, 180, 180, 170]}, ["firing_intervals add up to 710 deg, must be 720 deg"]),
+    "too few intervals": ({"firing_intervals": [360, 360]}, ["must be 4 angles of at least 0 deg"]),
+    "even and intervals": (
+        {"firing_intervals": [180] * 4, "firing": "even"},
+        ["firing_intervals and firing = 'even' are both given"],
+    ),
+    "too few values": ({"gas_factor": [1.0, 0.9]}, ["gas_factor has 2 values, must have one, or 4: one for each"]),
+    "one bad value": ({"reciprocating_mass": [1.0, 1.0, -1.0, 1.0]}, ["value 3: reciprocating_mass is -1 kg, must be"]),
+    "no gas": ({"gas_torque": None}, ["neither pressure nor gas_torque is given"]),
+    "several faults": (
+        {"disks": ["a", "c"], "firing_order": ["A1"], "stroke": -1.0},
+        ["stroke is -1 m", "no disk 'c'", "leaves out"],
+    ),
+    "two sources": (
+        {"combustion": Combustion(imep=1e6, **BURNING)} | SIZES,
+        ["combustion and gas_torque are both given. Keep one of them."],
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_each_fault_of_an_engine_is_said_once(case):
+    changes, wanted = BAD[case]
+    with pytest.raises(SceneError) as caught:
+        build([*TRAIN, engine(**changes)])
+    assert len(caught.value.sentences) == len(wanted), caught.value
+    for text in wanted:
+        assert sum(text in sentence for sentence in caught.value.sentences) == 1, caught.value
+    assert all(sentence.startswith("scene, [engine]") for sentence in caught.value.sentences)
+
+
+def test_an_engine_beside_a_cylinder_on_its_disk_is_refused():
+    other = Cylinder(name="extra", disk="a", **UNIT)
+    with pytest.raises(SceneError, match=r"\[\[cylinder\]\] no. 1 'extra': it sits on 'a', a disk of an \[engine\]"):
+        build([*TRAIN, other, engine()])
+    single = {"cylinders": 1, "disks": ["b"], "firing_order": [1], "bank_angle": None}
+    assert build([*TRAIN, other, engine(**single)]).topology.cylinder_names == ("extra", "cylinder 1")
+
+
+def test_two_engines_of_one_train_have_their_names():
+    own = {"cylinders": 1, "firing_order": [1], "bank_angle": None}
+    train = build([*TRAIN, engine(name="port", disks=["a"], **own), engine(name="starboard", disks=["b"], **own)])
+    assert train.topology.cylinder_names == ("port 1", "starboard 1")
+
+
+def test_unknown_keys_of_an_engine_and_its_combustion_are_told(tmp_path):
+    path = tmp_path / "gears.toml"
+    head = '[[disk]]\nname = "a"\ninertia = 1.0\n[[load]]\ndisk = "a"\n'
+    path.write_text(head + "[engine]\ncylinder = 1\n[engine.combustion]\nstrt = 3\n")
+    with pytest.raises(SceneError) as caught:
+        load_scene(path)
+    said = "\n".join(caught.value.sentences)
+    for text in (
+        "[engine]: unknown key 'cylinder'. Did you mean 'cylinders'?",
+        "unknown key 'strt'. Did you mean 'start'?",
+    ):
+        assert text in said
+    for key in ("disks", "firing_order"):
+        assert f"[engine]: the key {key!r} is missing" in said
+    for key in ("compression_ratio", "charge_pressure", "duration"):
+        assert f"[engine], combustion: the key {key!r} is missing" in said
