@@ -14,6 +14,7 @@ _HOMES = {
     "model.drivetrain": ("DriveTrain", "build"),
     "model.elements": ("Cylinder", "Damper", "Disk", "Ground", "Load", "Mesh", "SceneError", "Shaft", "Torque"),
     "model.scene": ("load_scene", "scene_names"),
+    "linear.forced": ("ForcedResponse", "forced_response"),
     "linear.modal": ("natural_frequencies",),
     "transient.reference": ("integrate", "shooting_correction"),
     "response.response": ("Response",),

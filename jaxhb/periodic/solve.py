@@ -9,12 +9,13 @@ import dataclasses
 import numpy as np
 
 from .._arrays import concrete, staged, traced
+from ..model.speeds import check_speed
 from ..response.response import Response
 from ..response.status import Status, check
 from . import ladder, planning
 from .plan import Plan
 from .planned import solve_planned
-from .request import Request, check_harmonics, check_speed, excited_harmonic
+from .request import Request, check_harmonics, excited_harmonic
 
 
 def solve(train, *, rpm, plan=None, harmonics=None, tolerance=None, method=None, integrals=None, start=None):

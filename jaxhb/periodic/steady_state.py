@@ -5,13 +5,14 @@ import numpy as np
 from .._arrays import staged, traced
 from ..harmonic import fourier
 from ..model.elements import SceneError
+from ..model.speeds import check_speed
 from ..response.response import Response
 from ..response.status import Status
 from ..response.steady import SteadyState, SteadySweep
 from .marching import Batch, Equations, record_of
 from .planned import solve_batches
 from .planning import plan_speeds
-from .request import Request, check_speed
+from .request import Request
 from .returns import Cycles, ended
 from .settled import same_motion, shortest_period, solve_settled
 from .stability import attracts
