@@ -19,6 +19,7 @@ import numpy as np
 
 from .._arrays import namespace
 from ..model.drivetrain import speed_ratios
+from ..model.varying import refuse_varying
 from .block_sweep import Slots, slots
 
 ALL = slice(None)
@@ -250,7 +251,13 @@ def assemble(train):
     Returns
     -------
     System
+
+    Raises
+    ------
+    SceneError
+        If a link varies with frequency, amplitude or speed, naming it.
     """
+    refuse_varying(train.topology)
     xp = namespace(train)
     topology, tree = train.topology, span(train.topology)
     radius = displacement_radii(train)

@@ -27,8 +27,10 @@ from ..harmonic.excitation import excitation, listed_harmonic, load_power_kW
 from ..model.change import within_range
 from ..model.elements import SceneError
 from ..model.speeds import check_speed
+from ..model.varying import varying, without_tables
 from ..response.response import Response, register
 from ..response.status import Status
+from .varying_links import is_settled, settled_amplitudes, twist_amplitude, varied
 
 LANES, CELLS = 500, 500_000
 """Speeds times harmonics swept together, and times disks: what a sweep holds then stays in the cache of a processor."""
@@ -84,7 +86,8 @@ def forced_response(train, *, rpm, harmonics=None):
     """Linear forced response of any train at many speeds, teeth in contact.
 
     Trees, closed loops, several gears on a shaft; loss factors, damping of links and to ground, grounds, disks without
-    inertia. A thousand speeds of a train of 30 disks with 24 orders take some hundredths of a second.
+    inertia; links that vary over frequency or amplitude, order-tuned absorbers. A thousand speeds of a train of 30
+    disks with 24 orders take some hundredths of a second.
 
     Parameters
     ----------
@@ -101,7 +104,8 @@ def forced_response(train, *, rpm, harmonics=None):
         Of one speed, or with a leading axis of n: amplitudes by order, half peak-to-peak of the synthesis and sum of
         amplitudes of every disk (rad), shaft and damper (N m) and mesh (N), torques with their damping part, and powers
         (W). Tooth forces are linear and may pull. ``status`` is UNBALANCED where mean torques accelerate a train that
-        nothing holds, NEAR_SINGULAR at an undamped resonance; ``residual`` is the largest force left on a disk over
+        nothing holds, NEAR_SINGULAR at an undamped resonance, MAX_STEPS where no amplitude of a link with
+        ``over_amplitude`` was found that leads to itself; ``residual`` is the largest force left on a disk over
         the largest force. Every number has derivatives with respect to the train and the speeds, in any mode of jax.
 
     Raises
@@ -152,7 +156,7 @@ def _respond(train, rpm, harmonics):
     """The ForcedResponse at speeds ``(n,)``."""
     valid = within_range(train) & (rpm > 0)
     train = jax.tree.map(lambda a: jnp.asarray(a, dtype=float), train)
-    system, topology = chain.assemble(train), train.topology
+    system, topology = chain.assemble(without_tables(train)), train.topology
     torque, load_torque, _ = jax.vmap(lambda speed: excitation(train, speed, harmonics))(rpm)
     together = _together(topology.n_disks, harmonics, len(rpm))
     groups = -(-len(rpm) // together)
@@ -162,7 +166,7 @@ def _respond(train, rpm, harmonics):
         return jnp.concatenate([values, padding]).reshape(groups, together, *values.shape[1:])
 
     rigid = chain.rigid_shape(train, system.radius)
-    answers = lax.map(lambda group: _answer(system, topology, rigid, *group), (grouped(rpm), grouped(torque)))
+    answers = lax.map(lambda group: _answer(train, system, rigid, *group), (grouped(rpm), grouped(torque)))
     fields = jax.tree.map(lambda a: a.reshape(groups * together, *a.shape[2:])[: len(rpm)], answers)
     status = jnp.where(valid, fields.pop("status"), Status.INVALID_INPUT)
     ground = np.array(topology.ground_disk, dtype=int)
@@ -188,12 +192,16 @@ def _together(disks, harmonics, speeds):
     return min(range(most, most // 2, -1), key=lambda size: -speeds % size)
 
 
-def _answer(system, topology, rigid, rpm, torque):
+def _answer(train, system, rigid, rpm, torque):
     """Fields of the response, by name, of a group of speeds ``(m,)`` under torques ``(m, S, N+1)``."""
     speeds, disks, width = torque.shape
-    shape = speeds, width
+    topology, shape = train.topology, (speeds, width)
     omega = (topology.cycle_frequency(rpm)[:, None] * jnp.arange(width)).reshape(-1)
     load = torque.transpose(1, 0, 2).reshape(disks, -1) / system.radius[:, None]
+    if varying(topology):
+        own = bool(topology.amplitude_links)
+        amplitude = settled_amplitudes((train, system, rpm, omega, load)) if own else jnp.zeros((speeds, 0))
+        system = varied(train, system, rpm, omega, amplitude)
     displacement, force = (a[:, 0] for a in reduction.solve_linear(system, omega, load[:, None]))
     residual, status = _outcome(system, omega, load, displacement, force, shape)
     mean = (omega == 0) * chain.drift(system, rigid, displacement.real)
@@ -202,6 +210,9 @@ def _answer(system, topology, rigid, rpm, torque):
     C = reduction.link_stiffness(system, omega)
     deflection = force / jnp.where(C == 0, 1.0, C)
     elastic = C.real * deflection
+    if topology.amplitude_links:
+        settled = is_settled(amplitude, twist_amplitude(train, system, deflection, speeds))
+        status = jnp.where(settled, status, jnp.maximum(status, Status.MAX_STEPS))
     ends = system.radius[system.tree.end_a][:, None]
     shafts = len(force) - len(topology.mesh_names)
 

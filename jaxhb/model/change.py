@@ -11,8 +11,10 @@ from jaxhb.model import checks, hold
 from jaxhb.model.elements import TABLES, SceneError
 from jaxhb.model.graph import RATIO_TOLERANCE
 from jaxhb.model.topology import suggestion
+from jaxhb.model.varying import NEEDS
 
 _TABLE_OF = {table: f"{table}s" for table in TABLES} | {"mesh": "meshes"}
+_VARYING = {key: links for links, (key, _) in NEEDS.items()}
 _LISTS = {("torque", "harmonics"): "torque_harmonics", ("cylinder", "gas_torque"): "cylinder_harmonics"}
 
 
@@ -146,6 +148,10 @@ def _has_no_effect(topology, table, field, index) -> str:
     """Say why a number has no effect in a train of this topology; empty where it has one."""
     if table == "mesh" and field in ("backlash", "epsilon", "transition") and not topology.mesh_backlash[index]:
         return "the mesh has no backlash, it is always in contact. Build the scene with a backlash."
+    if field in _VARYING:
+        links = _VARYING[field]
+        if index + (len(topology.shaft_names) if table == "damper" else 0) not in getattr(topology, links):
+            return f"it has no effect, as the {table} was built without {field}. Build the scene with it."
     if table != "cylinder":
         return ""
     traced, moves = topology.cylinder_source[index] == "pressure", topology.cylinder_inertia[index] > 0

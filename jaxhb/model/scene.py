@@ -107,6 +107,7 @@ def load_scene(name) -> DriveTrain:
         reference=head.get("reference"),
         revolutions_per_cycle=head.get("revolutions_per_cycle", 2),
         tune=content.get("tune"),
+        scenarios=content.get("scenario"),
         source=path.name,
         findings=errors,
         complete=complete,
@@ -152,10 +153,10 @@ def _read_elements(path: Path, content: dict, errors: list[str]) -> tuple[list, 
     """Make the elements, and tell whether every table was read; sentences go to ``errors``."""
     elements, read, complete = [], {}, True
     for table, rows in content.items():
-        if table in ("scene", "tune"):
+        if table in ("scene", "scenario", "tune"):
             continue
         if table not in TABLES:
-            known = ["scene", *TABLES, "tune"]
+            known = ["scene", *TABLES, "scenario", "tune"]
             errors.append(f"{path.name}: unknown table {table!r}.{suggestion(table, known)}")
             complete = False
             continue

@@ -7,7 +7,7 @@ from .elements import SceneError
 from .scene import _find, _parse
 from .tables import FRIDMAN_EPSILON, FRIDMAN_TRANSITION
 
-_CSV = ("harmonics", "gas_torque", "scale", "pressure")
+_CSV = ("harmonics", "gas_torque", "scale", "pressure", "over_hz", "over_amplitude")
 
 
 def changed_scene(name, values, *, remark=""):
