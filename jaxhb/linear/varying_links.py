@@ -87,8 +87,8 @@ def _linearised(equations, amplitude):
     """g - A ``(m, A)``, and 1 - dg/dA ``(m, A, A)``."""
     found, push = jax.linearize(lambda a: _next(equations, a), amplitude)
     basis = jnp.eye(amplitude.shape[1])
-    columns = [push(jnp.broadcast_to(row, amplitude.shape)) for row in basis]
-    return found - amplitude, basis - jnp.stack(columns, axis=-1)
+    columns = jax.vmap(push)(jnp.broadcast_to(basis[:, None], (len(basis), *amplitude.shape)))
+    return found - amplitude, basis - columns.transpose(1, 2, 0)
 
 
 @jax.custom_jvp

@@ -24,6 +24,8 @@ def read(arguments):
         arguments.json = arguments.json or str(Path(arguments.output).with_suffix(".json"))
     _check_files(vars(arguments))
     train = load_scene(arguments.scene)
+    if getattr(arguments, "scenario", None) is not None:
+        train = train.scenario(arguments.scenario)
     return train.replace(dict(arguments.set)) if arguments.set else train
 
 

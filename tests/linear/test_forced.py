@@ -1,7 +1,5 @@
 """Forced response of linear trains against dense matrices, periodic solutions, published curves and differences."""
 
-import doctest
-
 import dense
 import jax
 import jax.numpy as jnp
@@ -221,8 +219,3 @@ def test_a_branched_train_of_thirty_disks_agrees_with_numpy():
     rpm = np.linspace(*data["speeds"][:2], 40)
     found, wanted = jaxhb.forced_response(train, rpm=rpm).angles[..., 1:], numpy_angles(train, rpm)
     assert np.abs(found - wanted).max() <= ALGEBRAIC * np.abs(wanted).max()
-
-
-def test_examples_in_the_docstrings_hold():
-    failures, tests = doctest.testmod(forced)
-    assert tests and not failures
