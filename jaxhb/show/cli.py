@@ -1,7 +1,4 @@
-"""The command line: ``jaxhb scenes | modes | forced | solve | sweep | report | tune``.
-
-Commands import the heavy modules.
-"""
+"""The command line: ``jaxhb scenes | modes | solve | ...``; its commands import the heavy modules."""
 
 import argparse
 import gc
@@ -198,6 +195,8 @@ def _scene(command, scenarios=True):
     command.add_argument("scene", metavar="SCENE", help="a packaged scene (jaxhb scenes) or the path of a .toml")
     if scenarios:
         command.add_argument("--scenario", metavar="NAME", help="take the values of [scenario.NAME] of the scene")
+        text = "make links that vary constant: as they are at this frequency (hz), amplitude (rad) or speed (rpm)"
+        command.add_argument("--links-at", action="append", default=[], type=place, metavar="hz=VALUE", help=text)
     command.add_argument(
         "--set",
         action="append",
@@ -300,6 +299,17 @@ def setting(text):
     if not equals or not math.isfinite(value):
         raise argparse.ArgumentTypeError(f'{text!r} is not NAME.FIELD=VALUE, as "crank damper.damping=300"')
     return key.strip(), value
+
+
+def place(text):
+    """``(hz | amplitude | rpm, VALUE)`` from the command line."""
+    name, _, number = text.partition("=")
+    value = _number(number)
+    if name not in ("hz", "amplitude", "rpm") or not value >= 0:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is none of hz=VALUE, amplitude=VALUE and rpm=VALUE, VALUE at least 0"
+        )
+    return name, value
 
 
 def _number(text):

@@ -30,7 +30,7 @@ from .tuned_check import check_designs, check_text
 from .words import warnings
 
 ANSWERED, NOT_ANSWERED, INTERRUPTED = 0, 1, 130
-_CHANGES = {"scenario": lambda name: name, "set": dict, "misfire": list}
+_CHANGES = {"scenario": lambda name: name, "set": dict, "links_at": dict, "misfire": list}
 
 
 def modes(train, arguments):

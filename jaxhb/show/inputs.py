@@ -26,7 +26,9 @@ def read(arguments):
     train = load_scene(arguments.scene)
     if getattr(arguments, "scenario", None) is not None:
         train = train.scenario(arguments.scenario)
-    return train.replace(dict(arguments.set)) if arguments.set else train
+    train = train.replace(dict(arguments.set)) if arguments.set else train
+    at = dict(getattr(arguments, "links_at", ()))
+    return train.with_constant_links(**at) if at else train
 
 
 def _check_files(given):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import jaxhb
+from jaxhb.model.scene_writer import changed_scene
 from jaxhb.show.cli import main
 from jaxhb.show.forced import SHOWN, forced_rows, readings
 from jaxhb.show.forced_plots import plot_forced
@@ -150,6 +151,16 @@ def test_a_scenario_is_taken_and_noted(soft, tmp_path):
     np.testing.assert_allclose(found, wanted, rtol=1e-12)
 
 
+def test_a_scene_written_anew_keeps_tables_and_scenarios(soft, tmp_path):
+    text, beside = changed_scene(soft, {("shaft", 0, "stiffness"): 90.0})
+    (tmp_path / "again.toml").write_text(text)
+    again, before = (jaxhb.load_scene(tmp_path / name) for name in ("again.toml", "soft.toml"))
+    assert again.topology == before.topology and list(beside) == ["stiffness.csv"]
+    assert again.value("coupling.stiffness") == 90.0
+    assert again.scenario("hot").value("coupling.stiffness") == 64.0
+    np.testing.assert_array_equal(again.shafts.over_hz, before.shafts.over_hz)
+
+
 def test_a_resonance_without_damping_exits_1_with_its_speed(soft, capsys):
     at = repr(10 * 30 / np.pi)
     assert main(["forced", soft, "--rpm", f"50,{at}", "--element", "coupling"]) == 1
@@ -160,6 +171,9 @@ def test_a_resonance_without_damping_exits_1_with_its_speed(soft, capsys):
 def test_other_commands_refuse_links_that_vary_by_name(soft, command, capsys):
     assert main([command[0], soft, *command[1:]]) == 2
     assert "soft: 'coupling' has over_hz, which only the forced response takes" in capsys.readouterr().err
+    assert main([command[0], soft, *command[1:], "--links-at", "hz=50"]) == 0
+    assert main([command[0], soft, *command[1:], "--links-at", "Hz=50"]) == 2
+    assert "'Hz=50' is none of hz=VALUE" in capsys.readouterr().err
 
 
 def test_an_unknown_scenario_is_bad_input(soft, capsys):
