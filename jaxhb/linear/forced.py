@@ -24,7 +24,7 @@ from .._program import Program
 from ..harmonic import chain, reduction
 from ..harmonic.backlash import law_of
 from ..harmonic.excitation import excitation, listed_harmonic, load_power_kW
-from ..model.change import within_range
+from ..model.change import within_range, without_backlash
 from ..model.elements import SceneError
 from ..model.speeds import check_speed
 from ..model.varying import varying, without_tables
@@ -103,10 +103,10 @@ def forced_response(train, *, rpm, harmonics=None):
     ForcedResponse
         Of one speed, or with a leading axis of n: amplitudes by order, half peak-to-peak of the synthesis and sum of
         amplitudes of every disk (rad), shaft and damper (N m) and mesh (N), torques with their damping part, and powers
-        (W). Tooth forces are linear and may pull. ``status`` is UNBALANCED where mean torques accelerate a train that
-        nothing holds, NEAR_SINGULAR at an undamped resonance, MAX_STEPS where no amplitude of a link with
-        ``over_amplitude`` was found that leads to itself; ``residual`` is the largest force left on a disk over
-        the largest force. Every number has derivatives with respect to the train and the speeds, in any mode of jax.
+        (W). Its train has no backlash: tooth forces are linear and may pull. ``status`` is UNBALANCED where mean
+        torques accelerate a train that nothing holds, NEAR_SINGULAR at an undamped resonance, MAX_STEPS where no
+        amplitude of a link with ``over_amplitude`` was found that leads to itself. ``residual`` is the largest force
+        left on a disk over the largest force. Every number has derivatives with respect to the train and the speeds.
 
     Raises
     ------
@@ -131,7 +131,7 @@ def forced_response(train, *, rpm, harmonics=None):
     >>> r.power("a", "b").round(6).tolist(), r.input_power.round(6).tolist()
     ([0.004444, 3.77522], [0.004444, 3.77522])
     """
-    harmonics = _checked_harmonics(train, harmonics)
+    train, harmonics = without_backlash(train), _checked_harmonics(train, harmonics)
     if not traced(rpm):
         check_speed(train, rpm, many=True)
     speeds = jnp.atleast_1d(jnp.asarray(rpm, dtype=float))

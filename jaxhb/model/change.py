@@ -76,6 +76,17 @@ def replace(train, values):
     return changed
 
 
+def without_backlash(train):
+    """The same train with every mesh in contact all cycle."""
+    topology, meshes = train.topology, train.meshes
+    linear = (False,) * len(topology.mesh_names)
+    return dataclasses.replace(
+        train,
+        topology=dataclasses.replace(topology, mesh_backlash=linear),
+        meshes=dataclasses.replace(meshes, backlash=0.0 * meshes.backlash),
+    )
+
+
 def _set(vector, new):
     """Put values at their indices: on the host by a copy, under tracing in one scatter."""
     indices = np.array(list(new))

@@ -1,7 +1,8 @@
 """Scene files: TOML and CSV to a drive train. Everything wrong with a file is raised at once, in sentences.
 
-Any list of rows (``harmonics``, ``gas_torque``, ``scale``, ``pressure``) may be the name of a CSV file beside
-the scene, one row a line: so that long tables need not be repeated. Lines that start with ``#`` are comments.
+Any list of rows (``harmonics``, ``gas_torque``, ``scale``, ``pressure``, ``over_hz``, ``over_amplitude``) may be the
+name of a CSV file beside the scene, one row a line: so that long tables need not be repeated. Lines that start with
+``#`` are comments.
 """
 
 from __future__ import annotations

@@ -123,8 +123,8 @@ def forced_text(response, found, *, each):
     str
     """
     topology, rpm = response.topology, response.rpm
-    speeds = f"{len(rpm)} speed{'s' if len(rpm) > 1 else ''} from {rpm.min():g} to {rpm.max():g} rpm"
-    parts = [f"{topology.name or 'scene'}: linear forced response, teeth in contact, {speeds}"]
+    speeds = f"{len(rpm)} speeds from {rpm.min():g} to {rpm.max():g}" if len(rpm) > 1 else f"{rpm[0]:g}"
+    parts = [f"{topology.name or 'scene'}: linear forced response, teeth in contact, {speeds} rpm"]
     if each:
         parts += [_speed_table(rpm, one) for one in found]
     else:
@@ -200,7 +200,7 @@ def forced_record(response, found, *, orders=None):
         "rpm": response.rpm.tolist(),
         "status": [Status(int(s)).name for s in response.status],
         "residual": response.residual.tolist(),
-        "load_kW": response.load_kW.tolist(),
+        "load_kW": (response.load_kW + 0.0).tolist(),
         "input_power_W": response.input_power.tolist(),
         "orders": listed[kept].tolist(),
     }
@@ -224,7 +224,7 @@ def _summary(signal):
 def forced_rows(response, found):
     """Heads and rows of ``forced --csv``: one row per speed, SI units."""
     columns = {"rpm": response.rpm.tolist(), "status": [Status(int(s)).name for s in response.status]}
-    columns |= {"load kW": response.load_kW.tolist(), "input power W": response.input_power.tolist()}
+    columns |= {"load kW": (response.load_kW + 0.0).tolist(), "input power W": response.input_power.tolist()}
     for one in found:
         name = f"{one.name} angle" if one.kind == "disks" and one.name in response.topology.damper_names else one.name
         columns[f"{name} half peak-to-peak {one.unit}"] = one.signal.half_peak_to_peak.tolist()

@@ -139,6 +139,13 @@ def soft(tmp_path):
     return str(tmp_path / "soft.toml")
 
 
+def test_a_train_that_nothing_excites_rests(tmp_path, capsys):
+    (tmp_path / "one.toml").write_text('[[disk]]\nname = "hub"\ninertia = 1.0\ndamping = 1.0\n')
+    files = ["--csv", str(tmp_path / "r.csv"), "--plot", str(tmp_path / "r.png")]
+    assert main(["forced", str(tmp_path / "one.toml"), "--rpm", "1000", *files]) == 0
+    assert capsys.readouterr().out.splitlines()[-1].split() == ["hub", "0", "-", "0", "-", "-", "0", "-", "0"]
+
+
 def test_a_scenario_is_taken_and_noted(soft, tmp_path):
     file, rpm = tmp_path / "r.json", 2.5 * 30 / np.pi
     found = []
