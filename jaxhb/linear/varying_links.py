@@ -5,7 +5,8 @@ The amplitude A of a link that depends on it is that of the sine with the mean s
 linear response. It is where ``dA/dt = g(A) - A`` comes to rest from A = 0, by implicit steps that grow into those of
 Newton's method (pseudo-transient continuation: C. T. Kelley, D. E. Keyes, SIAM J. Numer. Anal. 35 (1998) 508). With one
 such link that is the smallest fixed point, which always exists; with several the path need not come to rest. The
-derivative is that of the implicit function, ``(1 - dg/dA) dA = dg``.
+derivative is that of the implicit function, ``(1 - dg/dA) dA = dg``; second ones forwards over backwards, not twice
+backwards.
 """
 
 import dataclasses
