@@ -7,7 +7,8 @@ import numpy as np
 import optax
 
 from ..model.elements import SceneError
-from ..periodic.request import Request, check_speed
+from ..model.speeds import check_speed
+from ..periodic.request import Request
 from .descent import Descent
 from .evaluation import Bench, Reading, plan_designs, to_unbounded
 from .lanes import Task

@@ -19,6 +19,7 @@ import numpy as np
 
 from .._arrays import namespace
 from ..model.drivetrain import speed_ratios
+from ..model.varying import refuse_varying
 from .block_sweep import Slots, slots
 
 ALL = slice(None)
@@ -76,7 +77,8 @@ class System:
     """Arrays of the linear train in circumferential displacements (meshes taken in contact).
 
     radius : ``(S,)`` m, displacement / angle; mass kg, damping N s/m, ground N/m : ``(S,)``;
-    stiffness N/m, viscous N s/m, loss, arm_a, arm_b : ``(L,)``; floating : True where nothing holds the mean angle.
+    stiffness N/m, viscous N s/m, loss, arm_a, arm_b : ``(L,)``, the first three ``(L, H)`` where links have their own
+    numbers at each of H frequencies; floating : True where nothing holds the mean angle.
 
     The incidence of links is here alone: methods take the ``links`` that are meant, by default all L.
     """
@@ -249,7 +251,13 @@ def assemble(train):
     Returns
     -------
     System
+
+    Raises
+    ------
+    SceneError
+        If a link varies with frequency, amplitude or speed, naming it.
     """
+    refuse_varying(train.topology)
     xp = namespace(train)
     topology, tree = train.topology, span(train.topology)
     radius = displacement_radii(train)
@@ -300,6 +308,14 @@ def rigid_shape(train, radius):
     """``(S,)`` displacements of the motion in which no link deflects: speed ratio x R of each disk's rotor."""
     ratios = speed_ratios(train)
     return ratios[_index(train.topology.rotor)] * radius
+
+
+def drift(system, rigid, mean):
+    """What mean displacements ``(S, ...)`` of a floating train hold of its rigid rotation, weighted by inertia."""
+    xp = namespace(mean)
+    mass, rigid = xp.asarray(system.mass), xp.asarray(rigid)
+    share = (mass * rigid) @ mean / (mass @ rigid**2)
+    return xp.where(system.floating, rigid.reshape((-1,) + (1,) * (mean.ndim - 1)) * share, 0.0)
 
 
 def to_angles(system, displacement):

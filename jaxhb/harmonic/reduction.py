@@ -31,8 +31,9 @@ def frequencies(frequency, harmonics):
 
 
 def link_stiffness(system, omega):
-    """Complex stiffness ``(L, N+1)`` of every link: k (1 + i eta) + i omega r, without loss factor at the mean."""
-    return _of_link(omega, system.stiffness[:, None], system.loss[:, None], system.viscous[:, None])
+    """Complex stiffness ``(L, H)`` of every link: k (1 + i eta) + i omega r, without loss factor at the mean."""
+    fields = system.stiffness, system.loss, system.viscous
+    return _of_link(omega, *(field if field.ndim == 2 else field[:, None] for field in fields))
 
 
 def node_stiffness(system, omega):

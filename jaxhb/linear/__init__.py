@@ -1,3 +1,3 @@
-"""Modal analysis and the response as the engineer reads it."""
+"""The engineer's linear toolbox: modes, Holzer's table, characteristic polynomials, forced response."""
 
 from .. import _x64  # noqa: F401

@@ -57,13 +57,19 @@ def damped_modes(train):
     Returns
     -------
     DampedModes
+        lambda in 1/s, shapes as angles.
+
+    Notes
+    -----
+    Eigenvalues of ``(lambda^2 M + lambda B + K) v = 0``, solved as a pencil of first order by the QZ method (C. B.
+    Moler, G. W. Stewart, SIAM J. Numer. Anal. 10 (1973) 241); disks without inertia have no eigenvalue of their own.
 
     Examples
     --------
     >>> import jaxhb
     >>> parts = [jaxhb.Disk(name=name, inertia=2.0) for name in "ab"]
     >>> parts.append(jaxhb.Shaft(between=("a", "b"), stiffness=100.0, damping=2.0))
-    >>> modes = jaxhb.linear.damped.damped_modes(jaxhb.build(parts))
+    >>> modes = jaxhb.damped_modes(jaxhb.build(parts))
     >>> modes.eigenvalues.round(6).tolist(), modes.damping_ratio.round(6).tolist()
     ([(-1+9.949874j)], [0.1])
     """

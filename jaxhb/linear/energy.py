@@ -12,7 +12,7 @@ from ..harmonic import chain
 
 
 def kinetic_energy(train, velocity):
-    """Kinetic energy T of the disks, (3.1).
+    """Kinetic energy of the disks, ``T = 1/2 sum J_i phi_i'^2`` (Lashko, (3.1)).
 
     Parameters
     ----------
@@ -26,9 +26,8 @@ def kinetic_energy(train, velocity):
     Examples
     --------
     >>> import jax.numpy as jnp, jaxhb
-    >>> from jaxhb.linear.energy import kinetic_energy
     >>> train = jaxhb.build([jaxhb.Disk(name="a", inertia=2.0)])
-    >>> float(kinetic_energy(train, jnp.array([3.0])))
+    >>> float(jaxhb.kinetic_energy(train, jnp.array([3.0])))
     9.0
     """
     system = chain.assemble(train)
@@ -36,7 +35,7 @@ def kinetic_energy(train, velocity):
 
 
 def strain_energy(train, angle):
-    """Strain energy Pi of shafts, damper springs, meshes in contact and ground springs, (3.2).
+    """Strain energy ``Pi = 1/2 sum c_i l_i^2`` of shafts, damper springs, meshes and grounds (Lashko, (3.2)).
 
     Parameters
     ----------
@@ -50,10 +49,9 @@ def strain_energy(train, angle):
     Examples
     --------
     >>> import jax.numpy as jnp, jaxhb
-    >>> from jaxhb.linear.energy import strain_energy
     >>> parts = [jaxhb.Disk(name="a", inertia=2.0), jaxhb.Disk(name="b", inertia=1.0)]
     >>> train = jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
-    >>> float(strain_energy(train, jnp.array([0.3, 0.1]))).__round__(12)
+    >>> float(jaxhb.strain_energy(train, jnp.array([0.3, 0.1]))).__round__(12)
     2.0
     """
     system = chain.assemble(train)
@@ -63,7 +61,7 @@ def strain_energy(train, angle):
 
 
 def inertia_and_stiffness(train):
-    """Matrices J and C of ``J phi'' + C phi = 0``, (3.4), from the energies by automatic differentiation.
+    """Matrices J and C of ``J phi'' + C phi = 0`` (Lashko, (3.4)), second derivatives of the energies.
 
     Parameters
     ----------
@@ -77,10 +75,9 @@ def inertia_and_stiffness(train):
     Examples
     --------
     >>> import jaxhb
-    >>> from jaxhb.linear.energy import inertia_and_stiffness
     >>> parts = [jaxhb.Disk(name="a", inertia=2.0), jaxhb.Disk(name="b", inertia=1.0)]
     >>> train = jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
-    >>> inertia_and_stiffness(train)[1].tolist()
+    >>> jaxhb.inertia_and_stiffness(train)[1].tolist()
     [[100.0, -100.0], [-100.0, 100.0]]
     """
     rest = jnp.zeros(train.topology.n_disks)

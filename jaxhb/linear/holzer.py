@@ -77,15 +77,19 @@ def holzer_table(train, *, hz):
     SceneError
         If the train has a closed loop.
 
+    Notes
+    -----
+    ``theta_(i+1) = theta_i - (sum_(j<=i) J_j omega^2 theta_j) / c_i`` (H. Holzer, Die Berechnung der Drehschwingungen,
+    Springer 1921).
+
     Examples
     --------
     Thomson's three disks of 5, 11, 22 kg m2 at 20 rad/s.
 
     >>> import jaxhb
-    >>> from jaxhb.linear.holzer import holzer_table
     >>> parts = [jaxhb.Disk(name=n, inertia=J) for n, J in zip("abc", (5.0, 11.0, 22.0))]
     >>> parts += [jaxhb.Shaft(between=e, stiffness=k) for e, k in ((("a", "b"), 1e5), (("b", "c"), 2e5))]
-    >>> table = holzer_table(jaxhb.build(parts), hz=20 / 6.283185307179586)
+    >>> table = jaxhb.holzer_table(jaxhb.build(parts), hz=20 / 6.283185307179586)
     >>> table.ordinate.round(4).tolist(), round(table.residual)
     ([1.0, 0.98, 0.9484], 14658)
     """
@@ -130,20 +134,23 @@ def holzer_residual(train, *, hz):
     -------
     array ``(n,)``
         N m at the last disk of :func:`holzer_table`: a polynomial in omega^2, zero at the natural frequencies. It
-        overflows on long chains far above them; ``linear.polynomial`` does not.
+        overflows on long chains far above them; ``jaxhb.characteristic`` does not.
 
     Raises
     ------
     SceneError
         If the train has a closed loop.
 
+    Notes
+    -----
+    As :func:`holzer_table`; where branches meet each is scaled by the others (method.md C3): nothing is divided.
+
     Examples
     --------
     >>> import jaxhb
-    >>> from jaxhb.linear.holzer import holzer_residual
     >>> train = jaxhb.load_scene("six_cylinder_diesel")
     >>> f = jaxhb.natural_frequencies(train).frequencies_hz[1]
-    >>> below, above = holzer_residual(train, hz=[0.99 * f, 1.01 * f])
+    >>> below, above = jaxhb.holzer_residual(train, hz=[0.99 * f, 1.01 * f])
     >>> bool(below > 0 > above)
     True
     """

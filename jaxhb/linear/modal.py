@@ -112,12 +112,12 @@ def all_frequencies(train):
     Returns
     -------
     array ``(m,)``
-        Hz, rising, one for each disk with inertia.
+        Hz, rising, one for each disk with inertia: ``det(K - omega^2 M) = 0`` (Lashko, (3.4)).
 
     Examples
     --------
     >>> import jaxhb
-    >>> jaxhb.linear.modal.all_frequencies(jaxhb.load_scene("six_cylinder_diesel"))[:3].round(1).tolist()
+    >>> jaxhb.all_frequencies(jaxhb.load_scene("six_cylinder_diesel"))[:3].round(1).tolist()
     [0.0, 216.6, 592.7]
     """
     return singular_values(factor(on_host(chain.assemble(train)))) / (2 * np.pi)

@@ -85,10 +85,9 @@ def characteristic(train, p):
     Examples
     --------
     >>> import jaxhb, jax.numpy as jnp
-    >>> from jaxhb.linear.polynomial import characteristic
     >>> train = jaxhb.build([*(jaxhb.Disk(name=n, inertia=2.0) for n in "ab"),
     ...                      jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
-    >>> characteristic(train, 1j * jnp.array([0.0, 5.0])).value().real.tolist()  # p^2 (p^2 + 100)
+    >>> jaxhb.characteristic(train, 1j * jnp.array([0.0, 5.0])).value().real.tolist()  # p^2 (p^2 + 100)
     [0.0, -1875.0]
     """
     return _determinant(chain.assemble(train), _spine(train), jnp.asarray(p, complex))
@@ -118,10 +117,9 @@ def frequency_response(train, disk, at, hz):
     Examples
     --------
     >>> import jaxhb, jax.numpy as jnp
-    >>> from jaxhb.linear.polynomial import frequency_response
     >>> train = jaxhb.build([*(jaxhb.Disk(name=n, inertia=2.0) for n in "ab"),
     ...                      jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
-    >>> H = frequency_response(train, "a", "b", jnp.array([5.0 / (2 * jnp.pi)]))  # 100 / (p^2 (p^2 + 100) 2 2)
+    >>> H = jaxhb.frequency_response(train, "a", "b", jnp.array([5.0 / (2 * jnp.pi)]))  # 100 / (p^2 (p^2 + 100) 2 2)
     >>> [round(float(value), 9) for value in H.real]
     [-0.013333333]
     """
@@ -176,10 +174,9 @@ def damped_approximation(train, omega):
     Examples
     --------
     >>> import jaxhb, jax.numpy as jnp
-    >>> from jaxhb.linear.polynomial import damped_approximation
     >>> train = jaxhb.build([*(jaxhb.Disk(name=n, inertia=2.0) for n in "ab"),
     ...                      jaxhb.Shaft(between=("a", "b"), stiffness=100.0, damping=1.0)])
-    >>> bool(damped_approximation(train, jnp.array([5.0])).relative_error[0] < 1e-15)  # exact for one link
+    >>> bool(jaxhb.damped_approximation(train, jnp.array([5.0])).relative_error[0] < 1e-15)  # exact for one link
     True
     """
     system, spine = chain.assemble(train), _spine(train)

@@ -33,13 +33,17 @@ def frequencies_hz(train, heavy=None):
     array ``(m,)``
         Hz, rising; 0 with derivative 0 for rigid motions.
 
+    Notes
+    -----
+    ``d(omega^2) = y^T (dK - omega^2 dM) y`` with y the mass-normalised shape (R. L. Fox, M. P. Kapoor, AIAA J. 6 (1968)
+    2426). Of frequencies that repeat only the sum has a derivative: :func:`cluster_sums_hz`.
+
     Examples
     --------
     >>> import jax, jaxhb
-    >>> from jaxhb.linear.sensitivity import frequencies_hz
     >>> train = jaxhb.build([*(jaxhb.Disk(name=n, inertia=2.0) for n in "ab"),
     ...                      jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
-    >>> slope = jax.grad(lambda k: frequencies_hz(train.replace({"a|b.stiffness": k}))[1])(100.0)
+    >>> slope = jax.grad(lambda k: jaxhb.frequencies_hz(train.replace({"a|b.stiffness": k}))[1])(100.0)
     >>> round(float(slope), 12), round(10 / (2 * jax.numpy.pi) / 200.0, 12)  # f is proportional to the root of k
     (0.007957747155, 0.007957747155)
     """
@@ -65,11 +69,10 @@ def cluster_sums_hz(train, clusters, heavy=None):
     Examples
     --------
     >>> import jaxhb
-    >>> from jaxhb.linear.sensitivity import cluster_sums_hz, clusters_of
     >>> train = jaxhb.load_scene("six_cylinder_diesel")
-    >>> clusters_of(jaxhb.natural_frequencies(train).frequencies_hz)[:3]
+    >>> jaxhb.clusters_of(jaxhb.natural_frequencies(train).frequencies_hz)[:3]
     ((0,), (1,), (2,))
-    >>> round(float(cluster_sums_hz(train, [(1, 2)])[0]), 1)
+    >>> round(float(jaxhb.cluster_sums_hz(train, [(1, 2)])[0]), 1)
     809.3
     """
     found = frequencies_hz(train, heavy)

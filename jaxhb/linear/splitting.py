@@ -133,22 +133,26 @@ def characteristic_coefficients(train, *, exact=False):
     SceneError
         If the train is none of these.
 
+    Notes
+    -----
+    Moliboshko's splitting at masses and opening of the ring (method.md C2, C3): the source's R of a free tree is this
+    polynomial over p^2.
+
     Examples
     --------
     >>> import jaxhb
-    >>> from jaxhb.linear.splitting import characteristic_coefficients
     >>> parts = [jaxhb.Disk(name="a", inertia=1.0), jaxhb.Disk(name="b", inertia=1.5)]
     >>> train = jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=3.0, damping=0.1)])
-    >>> [str(value) for value in characteristic_coefficients(train, exact=True)]
+    >>> [str(value) for value in jaxhb.characteristic_coefficients(train, exact=True)]
     ['1', '1/6', '5', '0', '0']
     """
     where, links = train.topology.name or "scene", links_of(train, exact=exact)
     light = [name for name, inertia in links.inertia.items() if not inertia]
-    faults = [f"{where}: disk {name!r} has no inertia: give it some, or use linear.polynomial." for name in light]
+    faults = [f"{where}: disk {name!r} has no inertia: give it some, or use jaxhb.characteristic." for name in light]
     if len(links.inertia) > LARGEST and not exact:
         faults.append(
             f"{where}: coefficients of {len(links.inertia)} disks in double precision have no digits beyond {LARGEST}. "
-            "Ask for exact ones, or for values by linear.polynomial."
+            "Ask for exact ones, or for values by jaxhb.characteristic."
         )
     loops = chain.span(train.topology).loops
     if len(loops) > 1:

@@ -8,10 +8,13 @@ import math
 
 from jaxhb.model import checks, gas, graph, tables, train_checks
 from jaxhb.model.elements import SceneError
+from jaxhb.model.scenarios import read_scenarios
 from jaxhb.model.topology import Topology
 
 
-def assemble(elements, *, name, reference, revolutions_per_cycle, tune, source, findings=(), complete=True) -> dict:
+def assemble(
+    elements, *, name, reference, revolutions_per_cycle, tune, source, scenarios=None, findings=(), complete=True
+) -> dict:
     """Check the elements and make the fields of a drive train.
 
     ``findings`` are sentences found before; ``complete`` is False where tables of the scene could not be read.
@@ -36,11 +39,14 @@ def assemble(elements, *, name, reference, revolutions_per_cycle, tune, source, 
         errors += train_checks.cycle_errors(parts, _harmonic_needs(parts, ratio), cycle)
     errors += train_checks.hold_errors(parts, main)
     errors += train_checks.balance_errors(parts, ratio) if not locked else []
+    scenarios, unknown = read_scenarios(parts, scenarios)
+    errors += unknown
     if errors:
         raise SceneError(dict.fromkeys(errors))  # what cylinders of one engine share is said once
     disks = parts.tables["disk"]
     parts.tables["disk"] = [dataclasses.replace(d, radius=r) for d, r in zip(disks, radii, strict=False)]
     topology = _topology(parts, rotors, main, name=name, cycle=float(cycle), tune=tune, ratio=ratio)
+    topology = dataclasses.replace(topology, scenarios=json.dumps(scenarios))
     return {"topology": topology} | _tables(parts)
 
 
@@ -163,8 +169,19 @@ def _topology(parts, rotors, reference_disk, *, name, cycle, tune, ratio) -> Top
             for d, e in zip(seats["load"], t["load"], strict=True)
         ),
         tune=json.dumps(tune or {}, default=str),
+        **_varying_links(t),
         **_cylinder_topology(parts, ratio, cycle),
     )
+
+
+def _varying_links(t) -> dict:
+    """Collect the links that vary (:mod:`jaxhb.model.varying`)."""
+    links = [*t["shaft"], *t["damper"]]
+    return {
+        "hz_links": tuple(i for i, e in enumerate(links) if e.over_hz),
+        "amplitude_links": tuple(i for i, e in enumerate(links) if e.over_amplitude),
+        "order_links": tuple(i for i, e in enumerate(links) if getattr(e, "order", None) is not None),
+    }
 
 
 def _cylinder_topology(parts, ratio, cycle) -> dict:
@@ -204,7 +221,8 @@ def _tables(parts) -> dict:
     t, column = parts.tables, tables.column
 
     def plain(cls, table):
-        return cls(**{f.name: column(t[table], f.name) for f in dataclasses.fields(cls)})
+        names = [f.name for f in dataclasses.fields(cls)]
+        return cls(**{n: (tables.factor_rows if n.startswith("over_") else column)(t[table], n) for n in names})
 
     return {
         "disks": plain(tables.Disks, "disk"),

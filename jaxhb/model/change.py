@@ -11,8 +11,10 @@ from jaxhb.model import checks, gas, hold
 from jaxhb.model.elements import TABLES, Combustion, SceneError, Trace
 from jaxhb.model.graph import RATIO_TOLERANCE
 from jaxhb.model.topology import suggestion
+from jaxhb.model.varying import NEEDS
 
 _TABLE_OF = {table: f"{table}s" for table in TABLES} | {"mesh": "meshes"}
+_VARYING = {key: links for links, (key, _) in NEEDS.items()}
 _LISTS = {("torque", "harmonics"): "torque_harmonics", ("cylinder", "gas_torque"): "cylinder_harmonics"}
 _LISTS |= {("load", "harmonics"): "load_harmonics"}
 _INNER = {"traces": Trace, "combustion": Combustion}
@@ -123,6 +125,17 @@ def _with(train, table, field, vector):
     return dataclasses.replace(train, **{attribute: dataclasses.replace(numbers, **{inner: vector})})
 
 
+def without_backlash(train):
+    """The same train with every mesh in contact all cycle."""
+    topology, meshes = train.topology, train.meshes
+    linear = (False,) * len(topology.mesh_names)
+    return dataclasses.replace(
+        train,
+        topology=dataclasses.replace(topology, mesh_backlash=linear),
+        meshes=dataclasses.replace(meshes, backlash=0.0 * meshes.backlash),
+    )
+
+
 def _set(vector, new):
     """Put values at their indices: on the host by a copy, under tracing in one scatter."""
     indices = np.array(list(new))
@@ -197,6 +210,10 @@ def _has_no_effect(train, table, field, index) -> str:
     topology = train.topology
     if table == "mesh" and field in ("backlash", "epsilon", "transition") and not topology.mesh_backlash[index]:
         return "the mesh has no backlash, it is always in contact. Build the scene with a backlash."
+    if field in _VARYING:
+        links = _VARYING[field]
+        if index + (len(topology.shaft_names) if table == "damper" else 0) not in getattr(topology, links):
+            return f"it has no effect, as the {table} was built without {field}. Build the scene with it."
     if table != "cylinder":
         return ""
     source, moves = topology.cylinder_source[index], topology.cylinder_inertia[index] > 0

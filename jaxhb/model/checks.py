@@ -156,7 +156,7 @@ def _mesh_errors(mesh) -> list[str]:
 
 def _damper_errors(damper) -> list[str]:
     """Check that a damper's ring is held by something."""
-    if damper.stiffness == 0 and damper.damping == 0:
+    if damper.stiffness == 0 and damper.damping == 0 and damper.order is None:
         return ["damping and stiffness are both 0, so that the ring is loose. Give at least one of them."]
     return []
 

@@ -20,9 +20,10 @@ from typing import Any
 
 import numpy as np
 
-from jaxhb._arrays import namespace, pytree, traced
-from jaxhb.model import assembly, change, gas
+from jaxhb._arrays import pytree, traced
+from jaxhb.model import assembly, change, gas, varying
 from jaxhb.model.elements import SceneError
+from jaxhb.model.ratios import inertias, speed_ratios
 from jaxhb.model.tables import Cylinders, Dampers, Disks, Grounds, Loads, Meshes, Shafts, Torques
 from jaxhb.model.topology import Topology, suggestion
 
@@ -128,7 +129,7 @@ class DriveTrain:
         Raises
         ------
         SceneError
-            If ``hz`` is not greater than 0.
+            If ``hz`` is not greater than 0, or a link varies.
 
         Examples
         --------
@@ -137,6 +138,7 @@ class DriveTrain:
         >>> round(float(train.value("cyl6|flywheel.damping")), 2)
         110.07
         """
+        varying.refuse_varying(self.topology)
         if not traced(hz) and not np.all(np.asarray(hz) > 0.0):
             raise SceneError(f"with_viscous_damping: hz is {hz}, must be greater than 0 Hz. Give the main frequency.")
         omega = 2.0 * np.pi * hz
@@ -146,6 +148,44 @@ class DriveTrain:
             return dataclasses.replace(table, damping=damping, loss_factor=0.0 * table.loss_factor)
 
         return dataclasses.replace(self, shafts=viscous(self.shafts), dampers=viscous(self.dampers))
+
+    def with_constant_links(self, *, hz=None, amplitude=None, rpm=None) -> DriveTrain:
+        """Return the train with its varying links as they are at one frequency, amplitude and speed.
+
+        Needed for everything but the linear forced response, such as natural frequencies and motions with backlash.
+
+        Parameters
+        ----------
+        hz : float, scalar array, optional
+            Frequency for links with ``over_hz``, Hz.
+        amplitude : float, scalar array, optional
+            Amplitude of the vibratory twist for links with ``over_amplitude``, rad.
+        rpm : float, scalar array, optional
+            Speed of the reference rotor for dampers with ``order``.
+
+        Returns
+        -------
+        DriveTrain
+            Stiffness ``(k + J (order Omega)^2) s``, damping ``r d``, loss factor ``eta d`` with the factors s and d
+            of the tables; nothing varies any more.
+
+        Raises
+        ------
+        SceneError
+            If a number is needed that is not given, naming the links; or one is below 0.
+
+        Examples
+        --------
+        >>> from jaxhb.model.drivetrain import build
+        >>> from jaxhb.model.elements import Disk, Shaft
+        >>> rows = [(0.0, 1.0, 1.0), (100.0, 1.5, 0.5)]
+        >>> coupling = Shaft(between=("a", "b"), stiffness=1e4, loss_factor=0.2, over_hz=rows)
+        >>> train = build([Disk(name="a", inertia=1.0), Disk(name="b", inertia=2.0), coupling])
+        >>> stiffer = train.with_constant_links(hz=50.0)
+        >>> stiffer.value("a|b.stiffness"), round(stiffer.value("a|b.loss_factor"), 12)
+        (12500.0, 0.15)
+        """
+        return varying.with_constant_links(self, speed_ratios(self), hz=hz, amplitude=amplitude, rpm=rpm)
 
     def repeated(self, cycles: int) -> DriveTrain:
         """Return the same train with a cycle ``cycles`` times as long, for motions with a period of several cycles.
@@ -175,6 +215,42 @@ class DriveTrain:
         if not (isinstance(cycles, int) and cycles >= 1):
             raise SceneError(f"repeated: cycles is {cycles}, must be a whole number of at least 1.")
         return dataclasses.replace(self, topology=self.topology.repeated(cycles))
+
+    @property
+    def scenarios(self) -> dict[str, dict[str, float]]:
+        """Values of every ``[scenario.NAME]`` of the scene."""
+        return json.loads(self.topology.scenarios)
+
+    def scenario(self, name: str) -> DriveTrain:
+        """Return the train with the values of one of its scenarios, as by :meth:`replace`.
+
+        Parameters
+        ----------
+        name : str
+            ``NAME`` of a ``[scenario.NAME]``.
+
+        Returns
+        -------
+        DriveTrain
+
+        Raises
+        ------
+        SceneError
+            If there is no such scenario, or as :meth:`replace`.
+
+        Examples
+        --------
+        >>> from jaxhb.model.drivetrain import build
+        >>> from jaxhb.model.elements import Disk, Shaft
+        >>> parts = [Disk(name="a", inertia=1.0), Disk(name="b", inertia=2.0)]
+        >>> parts += [Shaft(between=("a", "b"), stiffness=1e4)]
+        >>> build(parts, scenarios={"hot": {"a|b.stiffness": 8e3}}).scenario("hot").value("a|b.stiffness")
+        8000.0
+        """
+        if name not in self.scenarios:
+            where = self.topology.name or "scene"
+            raise SceneError(f"{where}: there is no scenario {name!r}.{suggestion(name, self.scenarios)}")
+        return self.replace(self.scenarios[name])
 
     def misfire(self, *cylinders: str) -> DriveTrain:
         """Return the train with some cylinders that do not fire: no gas torque, the inertia torque stays.
@@ -250,7 +326,9 @@ class DriveTrain:
         return gas.outside_traces(self, rpm)
 
 
-def build(elements, *, name="", reference=None, revolutions_per_cycle=2, tune=None, source="scene") -> DriveTrain:
+def build(
+    elements, *, name="", reference=None, revolutions_per_cycle=2, tune=None, scenarios=None, source="scene"
+) -> DriveTrain:
     """Check elements and put them together to a drive train.
 
     Parameters
@@ -265,6 +343,8 @@ def build(elements, *, name="", reference=None, revolutions_per_cycle=2, tune=No
         Period of the excitation in revolutions of the reference rotor.
     tune : dict, optional
         Passed on untouched.
+    scenarios : dict, optional
+        ``{name: {"NAME.FIELD": value}}`` for :meth:`DriveTrain.scenario`.
     source : str
         Where the elements come from, for the sentences of errors.
 
@@ -290,60 +370,7 @@ def build(elements, *, name="", reference=None, revolutions_per_cycle=2, tune=No
             reference=reference,
             revolutions_per_cycle=revolutions_per_cycle,
             tune=tune,
+            scenarios=scenarios,
             source=source,
         )
     )
-
-
-def speed_ratios(train: DriveTrain):
-    """Speed of each rotor over that of the reference rotor, from the pitch radii: r_a Omega_a = r_b Omega_b.
-
-    Parameters
-    ----------
-    train : DriveTrain
-
-    Returns
-    -------
-    array [n_rotors]
-        Positive (each rotor has its own sense); 1 for the reference rotor.
-
-    Examples
-    --------
-    >>> from jaxhb.model.drivetrain import speed_ratios
-    >>> from jaxhb.model.scene import load_scene
-    >>> train = load_scene("gear_train_30")
-    >>> float(speed_ratios(train)[train.topology.rotor[train.topology.disk_index("cam A1")]])
-    0.5
-    """
-    paths = train.topology.rotor_path
-    depth = max((len(p) for p in paths), default=0)
-    xp = namespace(train.disks.radius)
-    if depth == 0:
-        return xp.ones(train.topology.n_rotors)
-    gear = paths[max(range(len(paths)), key=lambda k: len(paths[k]))][0][0]
-    steps = np.array([[*p, *([(gear, gear)] * (depth - len(p)))] for p in paths])
-    radius = xp.asarray(train.disks.radius)
-    return xp.prod(radius[steps[..., 0]] / radius[steps[..., 1]], axis=1)
-
-
-def inertias(train: DriveTrain):
-    """Inertia of every disk, the rings of the dampers last.
-
-    Parameters
-    ----------
-    train : DriveTrain
-
-    Returns
-    -------
-    array [n_disks]
-        kg m2.
-
-    Examples
-    --------
-    >>> from jaxhb.model.drivetrain import inertias
-    >>> from jaxhb.model.scene import load_scene
-    >>> inertias(load_scene("gear_train_30")).shape
-    (27,)
-    """
-    inertia = train.disks.inertia, train.dampers.inertia
-    return namespace(inertia).concatenate(inertia)

@@ -116,6 +116,8 @@ def _pair() -> Any:
 
 
 _SCALE = ("rpm", "factor")
+_OVER_HZ = ("hz", "factor of stiffness", "factor of damping")
+_OVER_AMPLITUDE = ("amplitude", "factor of stiffness", "factor of damping")
 _HARMONICS = ("order", "Re", "Im")
 _PRESSURE = ("angle", "pressure")
 _STRAIGHT = "Leave the key out for a mesh that is always in contact."
@@ -134,12 +136,19 @@ class Disk:
 
 @dataclass(frozen=True, kw_only=True)
 class Shaft:
-    """``[[shaft]]``: an elastic link between two disks of one rotor."""
+    """``[[shaft]]``: an elastic link between two disks of one rotor.
+
+    ``over_hz`` = rows of (frequency in Hz, factor of stiffness, factor of damping and loss factor) and
+    ``over_amplitude`` = the same over the amplitude of its vibratory twist in rad make it vary
+    (:mod:`jaxhb.model.varying`); only the linear forced response takes that.
+    """
 
     between: tuple[str, str] = _pair()
     stiffness: float = _positive("N m/rad")
     damping: float = _not_negative("N m s/rad", 0.0)
     loss_factor: float = _not_negative("", 0.0)
+    over_hz: tuple = _rows(_OVER_HZ)
+    over_amplitude: tuple = _rows(_OVER_AMPLITUDE)
     name: str | None = _name()
 
 
@@ -165,7 +174,11 @@ class Mesh:
 
 @dataclass(frozen=True, kw_only=True)
 class Damper:
-    """``[[damper]]``: an inertia ring behind a viscous or rubber link; the ring is a disk of this name."""
+    """``[[damper]]``: an inertia ring behind a viscous or rubber link; the ring is a disk of this name.
+
+    With ``order`` it is an order-tuned absorber (a pendulum): inertia x (order x speed of its rotor)^2 adds to its
+    stiffness. ``over_hz`` and ``over_amplitude`` as of a :class:`Shaft`.
+    """
 
     name: str = _name(required=True)
     disk: str = _disk()
@@ -173,6 +186,9 @@ class Damper:
     damping: float = _not_negative("N m s/rad", 0.0)
     stiffness: float = _not_negative("N m/rad", 0.0, "0 is allowed: a viscous damper.")
     loss_factor: float = _not_negative("", 0.0)
+    order: float | None = _positive("", None, "Leave the key out for a damper that is not tuned to an order.")
+    over_hz: tuple = _rows(_OVER_HZ)
+    over_amplitude: tuple = _rows(_OVER_AMPLITUDE)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -62,6 +62,7 @@ def train_errors(train) -> list[str]:
         return []
     source = topology.name or "scene"
     stiff = np.asarray(dampers.stiffness) > 0.0
+    stiff |= np.isin(len(topology.shaft_names) + np.arange(len(stiff)), topology.order_links)
     errors = []
     if not traced(dampers.damping):
         loose = ~stiff & (np.asarray(dampers.damping) == 0.0)

@@ -1,8 +1,9 @@
 """Scene files: TOML and CSV to a drive train. Everything wrong with a file is raised at once, in sentences.
 
 Files of other programs are read by their endings, see :mod:`jaxhb.model.exchange`.
-Any list of rows (``harmonics``, ``gas_torque``, ``scale``, ``pressure``) may be the name of a CSV file beside
-the scene, one row a line: so that long tables need not be repeated. Lines that start with ``#`` are comments.
+Any list of rows (``harmonics``, ``gas_torque``, ``scale``, ``pressure``, ``over_hz``, ``over_amplitude``) may be the
+name of a CSV file beside the scene, one row a line: so that long tables need not be repeated. Lines that start with
+``#`` are comments.
 """
 
 from __future__ import annotations
@@ -112,6 +113,7 @@ def load_scene(name) -> DriveTrain:
         reference=head.get("reference"),
         revolutions_per_cycle=head.get("revolutions_per_cycle", 2),
         tune=content.get("tune"),
+        scenarios=content.get("scenario"),
         source=path.name,
         findings=errors,
         complete=complete,
@@ -160,11 +162,11 @@ def _read_elements(path: Path, content: dict, errors: list[str]) -> tuple[list, 
     """Make the elements, and tell whether every table was read; sentences go to ``errors``."""
     elements, read, complete = [], {}, True
     for table, rows in content.items():
-        if table in ("scene", "tune"):
+        if table in ("scene", "scenario", "tune"):
             continue
         rows = [rows] if table == "engine" and isinstance(rows, dict) else rows
         if table not in TABLES and table != "engine":
-            known = ["scene", *TABLES, "engine", "tune"]
+            known = ["scene", *TABLES, "engine", "scenario", "tune"]
             errors.append(f"{path.name}: unknown table {table!r}.{suggestion(table, known)}")
             complete = False
             continue

@@ -9,7 +9,7 @@ from .engine import cylinder_rows
 from .scene import _find, _parse, load_scene
 from .tables import FRIDMAN_EPSILON, FRIDMAN_TRANSITION
 
-_CSV = ("harmonics", "gas_torque", "scale", "load", "pressure")
+_CSV = ("harmonics", "gas_torque", "scale", "load", "pressure", "over_hz", "over_amplitude")
 
 
 def scene_text(name, *, expand=False):

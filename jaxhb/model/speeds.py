@@ -1,6 +1,8 @@
-"""Speeds as text, the same on the command line and in scene files."""
+"""Speeds as text, the same on the command line and in scene files; and as numbers that are refused."""
 
 import math
+
+from .elements import SceneError
 
 
 def read_speed(text):
@@ -45,3 +47,17 @@ def read_speeds(text):
     if count == 1 and first != last:
         raise ValueError(f"{text!r} asks for one speed between two: give a COUNT of at least 2")
     return [first + (last - first) * i / max(count - 1, 1) for i in range(count)]
+
+
+def check_speed(train, rpm, *, many=False):
+    """Refuse a speed that is not a positive number, and several speeds where one is wanted."""
+    import numpy as np  # the command line reads speeds before it imports anything heavy
+
+    values, name = np.atleast_1d(np.asarray(rpm, dtype=float)), train.topology.name or "scene"
+    if np.ndim(rpm) and not many:
+        raise SceneError(f"{name}: {values.size} speeds were given where one is solved: use jaxhb.solve_speeds.")
+    if not values.size:
+        raise SceneError(f"{name}: no speed is given: name at least one, in rpm.")
+    for value in values:
+        if not (np.isfinite(value) and value > 0):
+            raise SceneError(f"{name}: the speed is {value:g} rpm, must be greater than 0 rpm: a running engine.")

@@ -29,11 +29,17 @@ class Disks:
 
 @_table
 class Shafts:
-    """Stiffness (N m/rad), damping (N m s/rad) and loss factor, each [n_shafts]."""
+    """Stiffness (N m/rad), damping (N m s/rad) and loss factor, each [n_shafts].
+
+    ``over_hz`` and ``over_amplitude`` [n_shafts, K, 3]: Hz or rad, factor of stiffness, factor of damping; K is 0
+    where no shaft has such rows.
+    """
 
     stiffness: Array
     damping: Array
     loss_factor: Array
+    over_hz: Array
+    over_amplitude: Array
 
 
 @_table
@@ -49,12 +55,18 @@ class Meshes:
 
 @_table
 class Dampers:
-    """Ring inertia (kg m2), damping (N m s/rad), stiffness (N m/rad), loss factor, each [n_dampers]."""
+    """Ring inertia (kg m2), damping (N m s/rad), stiffness (N m/rad), loss factor, order (0 where absent), [n_dampers].
+
+    ``over_hz`` and ``over_amplitude`` as of :class:`Shafts`.
+    """
 
     inertia: Array
     damping: Array
     stiffness: Array
     loss_factor: Array
+    order: Array
+    over_hz: Array
+    over_amplitude: Array
 
 
 @_table
@@ -142,6 +154,16 @@ def _scales(elements) -> tuple[np.ndarray, np.ndarray]:
     out = np.array([[*row, *([row[-1]] * (longest - len(row)))] for row in rows], dtype=np.float64)
     out = out.reshape(len(rows), longest, 2)
     return out[..., 0].copy(), out[..., 1].copy()
+
+
+def factor_rows(elements, name: str) -> np.ndarray:
+    """Stack rows (point, factor, factor) [n, K, 3], padded by their last one; K is 0 where no element has any."""
+    rows = [getattr(e, name) for e in elements]
+    longest = max((len(r) for r in rows), default=0)
+    longest = longest and max(longest, 2)
+    rows = [r or ((0.0, 1.0, 1.0),) for r in rows]
+    padded = [[*row, *([row[-1]] * longest)][:longest] for row in rows]
+    return np.array(padded, dtype=np.float64).reshape(len(rows), longest, 3)
 
 
 def mesh_table(meshes) -> Meshes:

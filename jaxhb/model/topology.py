@@ -38,7 +38,8 @@ class Topology:
     harmonics of the cycle per harmonic of the gas cycle (0 where no pressure is given) and ``cylinder_turn``
     per order of the own rotor; ``cylinder_gas`` and ``cylinder_inertia`` how many harmonics of the gas cycle
     and how many orders of the own rotor are computed. ``rotor_path`` holds for each rotor the pairs (driving
-    disk, driven disk) that lead to it from the reference rotor.
+    disk, driven disk) that lead to it from the reference rotor. ``hz_links``, ``amplitude_links`` and
+    ``order_links`` are the links that vary over the frequency, over their amplitude and with the speed.
     """
 
     name: str
@@ -79,6 +80,10 @@ class Topology:
     cylinder_series: tuple[bool, ...]
     cylinder_fires: tuple[bool, ...]
     load_harmonics: tuple[tuple[int, ...], ...] = ()
+    hz_links: tuple[int, ...] = ()
+    amplitude_links: tuple[int, ...] = ()
+    order_links: tuple[int, ...] = ()
+    scenarios: str = "{}"
     tune: str = "{}"
 
     def __eq__(self, other):

@@ -187,7 +187,7 @@ def hold_errors(parts, main: int | None) -> list[str]:
     rings = [
         (disk, n + k)
         for k, disk in parts.seats("damper")
-        if not parts.usable("damper", k, "stiffness") or dampers[k].stiffness > 0
+        if not parts.usable("damper", k, "stiffness") or dampers[k].stiffness > 0 or dampers[k].order is not None
     ]
     means = mean_torques(parts, scale_speeds(parts))
     grounds = parts.sits_on("ground")

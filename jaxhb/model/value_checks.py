@@ -142,9 +142,22 @@ def row_errors(name, columns, rows) -> list[str]:
         if first[k] <= first[k - 1]:
             text = f"{columns[0]} {first[k]:g} after {first[k - 1]:g}; must increase. Sort the rows."
             return [f"{name}, row {k + 1}: {text}"]
+    if columns[0] in ("hz", "amplitude"):
+        return _factor_errors(name, columns, rows)
     if columns[0] == "rpm" and first and first[0] < 0.0:
         return [f"{name}, row 1: rpm is {first[0]:g}, must be at least 0. Speeds are positive; correct the row."]
     return _span_errors(name, first, rows) if columns[0] == "angle" else []
+
+
+def _factor_errors(name, columns, rows) -> list[str]:
+    """Check the signs of rows (frequency or amplitude, factor of stiffness, factor of damping)."""
+    limits = {columns[0]: ("at least 0", 0.0), columns[2]: ("at least 0", 0.0), columns[1]: ("greater than 0", 5e-324)}
+    return [
+        f"{name}, row {k + 1}: {column} is {row[columns.index(column)]:g}, must be {words}. Correct the row."
+        for k, row in enumerate(rows)
+        for column, (words, least) in limits.items()
+        if not row[columns.index(column)] >= least
+    ]
 
 
 def _span_errors(name, angle, rows) -> list[str]:

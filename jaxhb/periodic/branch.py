@@ -11,13 +11,14 @@ import numpy as np
 
 from ..harmonic import fourier
 from ..harmonic.excitation import listed_harmonic
+from ..model.speeds import check_speed
 from ..response.status import NotConverged, Status, check
 from . import continuation, planning
 from .harmonic_curve import HarmonicCurve, linearized, simplified
 from .plan import Plan
 from .planned import first_start, of_unknown_meshes, solve_once
 from .problem import pose
-from .request import Request, check_speed, excited_harmonic
+from .request import Request, excited_harmonic
 from .solve import solve
 from .stability import stability
 from .time_steps import time_steps_for

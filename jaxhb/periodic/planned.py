@@ -12,6 +12,7 @@ from .._program import Program
 from ..harmonic import fourier
 from ..harmonic.backlash import law_of
 from ..model.change import within_range
+from ..model.speeds import check_speed
 from ..response.events import March, Newton
 from ..response.response import Response
 from ..response.status import Status
@@ -31,7 +32,7 @@ def solve_planned(train, rpm, plan, start=None):
     """Response under a plan, from a Response or "linear" or "march" instead of the start that the plan has."""
     request.check_plan(train, plan)
     if not traced(rpm):
-        request.check_speed(train, rpm)
+        check_speed(train, rpm)
         rpm = np.asarray(rpm, dtype=float)
     begin = first_start(plan, marches=plan.marches if start is None else start == "march")
     if start == "march":

@@ -8,6 +8,7 @@ import numpy as np
 from ..harmonic import backlash, chain, fourier
 from ..harmonic.excitation import listed_harmonic
 from ..linear.modal import natural_frequencies
+from ..model.change import without_backlash
 from .plan import Plan
 from .planned import solve_batches
 from .request import MOST, excited_harmonic
@@ -107,17 +108,6 @@ def contact_demand(train, forces):
     spare = HAMMERED * np.max(swing, axis=-1, initial=0.0, keepdims=True)
     leaves = gap & ~(least > backlash.law_of(train.meshes).knee_force + spare)
     return np.where(gap & ~leaves, side, 0), leaves, apart.any(axis=-1)
-
-
-def without_backlash(train):
-    """The same train with every mesh in contact all cycle."""
-    topology, meshes = train.topology, train.meshes
-    linear = (False,) * len(topology.mesh_names)
-    return dataclasses.replace(
-        train,
-        topology=dataclasses.replace(topology, mesh_backlash=linear),
-        meshes=dataclasses.replace(meshes, backlash=0.0 * meshes.backlash),
-    )
 
 
 def first_level(excited, mesh_modes):

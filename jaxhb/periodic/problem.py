@@ -96,7 +96,7 @@ def fields(problem, displacement, force, sizes, crossings=None):
     system, meshes = problem.system, problem.meshes
     harmonics = displacement.shape[-1] - 1
     omega = reduction.frequencies(problem.frequency, harmonics)
-    displacement = _centre(problem, displacement)
+    displacement = displacement.at[:, 0].add(-chain.drift(system, problem.rigid, displacement[:, 0].real))
     stiffness = reduction.link_stiffness(system, omega)
     deflection = force / jnp.where(stiffness == 0, 1.0, stiffness)
     ends = jnp.asarray(system.radius)[system.tree.end_a][:, None]
@@ -118,13 +118,6 @@ def fields(problem, displacement, force, sizes, crossings=None):
         forces=total,
         elastic_forces=elastic,
     )
-
-
-def _centre(problem, displacement):
-    """A floating train: no mean motion along the rigid rotation, weighted by inertia."""
-    rigid, mass = jnp.asarray(problem.rigid), jnp.asarray(problem.system.mass)
-    share = (mass * rigid) @ displacement[:, 0].real / (mass @ rigid**2)
-    return displacement.at[:, 0].add(-jnp.where(problem.system.floating, share, 0.0) * rigid)
 
 
 def held_in_contact(problem, deflections, flank, samples):

@@ -47,18 +47,6 @@ class Request:
         return made
 
 
-def check_speed(train, rpm, *, many=False):
-    """Refuse a speed that is not a positive number, and several speeds where one is wanted."""
-    values, name = np.atleast_1d(np.asarray(rpm, dtype=float)), train.topology.name or "scene"
-    if np.ndim(rpm) and not many:
-        raise SceneError(f"{name}: {values.size} speeds were given where one is solved: use jaxhb.solve_speeds.")
-    if not values.size:
-        raise SceneError(f"{name}: no speed is given: name at least one, in rpm.")
-    for value in values:
-        if not (np.isfinite(value) and value > 0):
-            raise SceneError(f"{name}: the speed is {value:g} rpm, must be greater than 0 rpm: a running engine.")
-
-
 def check_harmonics(train, harmonics, method):
     """Refuse a fixed number of harmonics that cannot work, with a sentence."""
     name = train.topology.name or "scene"

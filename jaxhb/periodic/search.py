@@ -5,13 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._arrays import staged, traced
+from ..model.speeds import check_speed
 from ..response.response import Response
 from ..response.status import Status
 from . import ladder, orbits
 from .judged import Judge
 from .marching import Equations
 from .planning import plan_speeds
-from .request import Request, check_speed
+from .request import Request
 from .returns import Cycles
 from .stability import Stability, attracts
 

@@ -9,12 +9,14 @@ import dataclasses
 import numpy as np
 
 from .._arrays import concrete, staged, traced
+from ..model.change import without_backlash
+from ..model.speeds import check_speed
 from ..response.response import Response
 from ..response.status import Status, check
 from . import ladder, planning
 from .plan import Plan
 from .planned import solve_planned
-from .request import Request, check_harmonics, check_speed, excited_harmonic
+from .request import Request, check_harmonics, excited_harmonic
 
 
 def solve(train, *, rpm, plan=None, harmonics=None, tolerance=None, method=None, integrals=None, start=None):
@@ -142,7 +144,7 @@ def linear_response(train, *, rpm, harmonics=None):
         check_harmonics(train, harmonics, "reduced")
     most = harmonics or excited_harmonic(train, "reduced")
     plan = Plan(harmonics=most, active=(), flank=(0,) * len(train.topology.mesh_names))
-    return solve_planned(planning.without_backlash(train), rpm, plan)
+    return solve_planned(without_backlash(train), rpm, plan)
 
 
 def solve_again(train, rpm, request, plan, start=None):

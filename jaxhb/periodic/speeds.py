@@ -2,11 +2,12 @@
 
 import numpy as np
 
+from ..model.speeds import check_speed
 from ..response.response import stack
 from ..response.status import Status
 from .planned import solve_batches
 from .planning import plan_speeds
-from .request import Request, check_plan, check_speed
+from .request import Request, check_plan
 from .solve import solve_again
 
 BATCH_STEPS = 8

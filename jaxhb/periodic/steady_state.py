@@ -7,13 +7,14 @@ import numpy as np
 from .._arrays import staged, traced
 from ..harmonic import chain, fourier
 from ..model.elements import SceneError
+from ..model.speeds import check_speed
 from ..response.response import Response
 from ..response.status import Status
 from ..response.steady import SteadyState, SteadySweep
 from .judged import AGREES, Judge, state_of, unknown
 from .planned import solve_batches
 from .planning import plan_speeds
-from .request import Request, check_speed
+from .request import Request
 from .returns import Cycles
 
 DIRECTIONS = "up", "down", "both"

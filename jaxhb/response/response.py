@@ -186,20 +186,27 @@ class Response(Fields):
 
 
 _STATIC = "topology", "resolution"
-_LEAVES = tuple(f.name for f in dataclasses.fields(Response) if f.name not in (*_STATIC, "train", "path"))
 
 
-def _flatten(response):
-    """Leaves are what depends on the speed: ``train`` would copy pressure tables, ``path`` make programs retrace."""
-    leaves = [(jax.tree_util.GetAttrKey(name), getattr(response, name)) for name in _LEAVES]
-    return leaves, tuple(getattr(response, name) for name in _STATIC)
+def register(cls):
+    """Make :class:`Response`, or a class that extends it, a pytree.
+
+    Leaves are what depends on the speed: ``train`` would copy pressure tables, ``path`` make programs retrace.
+    """
+    names = tuple(f.name for f in dataclasses.fields(cls) if f.name not in (*_STATIC, "train", "path"))
+
+    def flatten(response):
+        leaves = [(jax.tree_util.GetAttrKey(name), getattr(response, name)) for name in names]
+        return leaves, tuple(getattr(response, name) for name in _STATIC)
+
+    def unflatten(static, leaves):
+        return cls(**dict(zip(names, leaves, strict=True)), **dict(zip(_STATIC, static, strict=True)))
+
+    jax.tree_util.register_pytree_with_keys(cls, flatten, unflatten)
+    return cls
 
 
-def _unflatten(static, leaves):
-    return Response(**dict(zip(_LEAVES, leaves, strict=True)), **dict(zip(_STATIC, static, strict=True)))
-
-
-jax.tree_util.register_pytree_with_keys(Response, _flatten, _unflatten)
+register(Response)
 
 
 def stack(responses):

@@ -20,6 +20,7 @@ examples:
   jaxhb scenes
   jaxhb scene six_cylinder_diesel --expand
   jaxhb modes six_cylinder_diesel
+  jaxhb forced six_cylinder_diesel --rpm 1000:2600:65 --element "cyl6|flywheel" --plot orders.png
   jaxhb solve gear_train_30 --rpm 1800 --plot cycle.png
   jaxhb solve gear_train_30 --rpm 1800 --misfire "cylinder A1" --set "crank damper.damping=300" --json result.json
   jaxhb sweep gear_train_30 --rpm 600:2450:20 --csv sweep.csv --plot sweep.png
@@ -31,6 +32,10 @@ error within their limits); 1 not so (files are still written); 2 bad input (not
 program. With --orbit: 0 converged at all speeds, 1 not; an unstable orbit is told. A scene whose mean torques do not
 balance is bad input (2). If --set unbalances a scene, it is reported as such (1)."""
 
+FORCED = """\
+The linear forced response, all teeth in contact: amplitude of every order, half peak-to-peak of the synthesis, sum of
+amplitudes, and power turned into heat, of every disk (deg), shaft and damper (N m) and mesh (kN). Without --element the
+largest values over the speeds. Links may vary over frequency and amplitude."""
 SOLVE = """\
 One speed, with backlash and without: the kind of motion, which teeth separate and for how long, tooth forces (kN),
 torques of gears and shafts (N m). Of a motion that never repeats the numbers are extremes over recorded cycles, and the
@@ -144,6 +149,14 @@ def parser():
     modes = add("modes", _runner("modes"), "natural frequencies in Hz, undamped, teeth in contact; mode shapes")
     _scene(modes)
     modes.add_argument("--json", metavar="FILE", help="write frequencies and shapes for programs")
+    forced = add("forced", _runner("forced"), "linear: amplitudes by order and heat over the speed", FORCED)
+    _scene(forced)
+    _speeds(forced)
+    text = "a disk, shaft, damper or mesh, speed by speed; may be repeated (default: the largest values of all)"
+    forced.add_argument("--element", action="append", default=[], metavar="NAME", help=text)
+    _misfire(forced)
+    _files(forced, "orders and synthesis over the speed, of up to four elements")
+    forced.add_argument("--csv", metavar="FILE", help="write one row per speed for spreadsheets, SI units")
     solve = add("solve", _runner("solve_one"), "one speed: do the teeth hammer? forces, torques, contact", SOLVE)
     _scene(solve)
     solve.add_argument("--rpm", required=True, type=speed, metavar="R", help="speed of the reference rotor, rpm")
@@ -172,7 +185,7 @@ def parser():
     _gear(report)
     report.add_argument("--at", type=speed, metavar="R", help="speed of the picture, rpm (default: longest apart)")
     tune = add("tune", _runner("tune"), "find the dampers (or any numbers) that cure it, by gradient", TUNE)
-    _scene(tune)
+    _scene(tune, scenarios=False)  # the tuned scene would not hold the values of one
     text = "speeds of the reference rotor, rpm, instead of those of the [tune] table: A:B:COUNT or R1,R2,..."
     tune.add_argument("--rpm", type=speeds, metavar="A:B:COUNT", help=text)
     tune.add_argument("--optimizer", choices=("lbfgs", "adam"), help="default: lbfgs")
@@ -188,8 +201,12 @@ def parser():
     return top
 
 
-def _scene(command):
+def _scene(command, scenarios=True):
     command.add_argument("scene", metavar="SCENE", help="a packaged scene (jaxhb scenes) or the path of a file")
+    if scenarios:
+        command.add_argument("--scenario", metavar="NAME", help="take the values of [scenario.NAME] of the scene")
+        text = "make links that vary constant: as they are at this frequency (hz), amplitude (rad) or speed (rpm)"
+        command.add_argument("--links-at", action="append", default=[], type=place, metavar="hz=VALUE", help=text)
     command.add_argument(
         "--set",
         action="append",
@@ -292,6 +309,17 @@ def setting(text):
     if not equals or not math.isfinite(value):
         raise argparse.ArgumentTypeError(f'{text!r} is not NAME.FIELD=VALUE, as "crank damper.damping=300"')
     return key.strip(), value
+
+
+def place(text):
+    """``(hz | amplitude | rpm, VALUE)`` from the command line."""
+    name, _, number = text.partition("=")
+    value = _number(number)
+    if name not in ("hz", "amplitude", "rpm") or not value >= 0:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is none of hz=VALUE, amplitude=VALUE and rpm=VALUE, VALUE at least 0"
+        )
+    return name, value
 
 
 def _number(text):

@@ -3,6 +3,7 @@
 import sys
 from pathlib import Path
 
+from ..linear.forced import forced_response
 from ..linear.modal import natural_frequencies
 from ..model.change import locate
 from ..model.scene_writer import changed_scene, copies_beside
@@ -11,6 +12,7 @@ from .balance import ground_reactions, load_torques
 from .cases import cases_record, cases_text, solve_cases
 from .choose import gears, most_apart, shafts_of
 from .compute import Asked, answer_one, answer_speeds
+from .forced import forced_failures, forced_record, forced_rows, forced_text, readings
 from .misfire_cases import misfire_trains, misfires_text, worst_misfire
 from .output import (
     OutputError,
@@ -31,7 +33,7 @@ from .words import warnings
 
 ANSWERED, NOT_ANSWERED, INTERRUPTED = 0, 1, 130
 EACH = "each"
-_CHANGES = {"set": dict, "misfire": list}
+_CHANGES = {"scenario": lambda name: name, "set": dict, "links_at": dict, "misfire": list}
 
 
 def modes(train, arguments):
@@ -43,6 +45,23 @@ def modes(train, arguments):
         json=lambda: as_json(_changes(arguments) | modes_record(found)),
     )
     return ANSWERED
+
+
+def forced(train, arguments):
+    """Linear forced response over the speed."""
+    response = forced_response(train.misfire(*arguments.misfire), rpm=arguments.rpm)
+    found = readings(response, arguments.element)
+    _answer(
+        arguments,
+        forced_text(response, found, each=bool(arguments.element)),
+        json=lambda: as_json(finite(_changes(arguments) | forced_record(response, found, orders=arguments.orders))),
+        csv=lambda: as_csv(*map(finite, forced_rows(response, found))),
+        plot=lambda: _forced_picture(arguments, response, found),
+    )
+    failures = forced_failures(response)
+    for sentence in failures:
+        print(sentence, file=sys.stderr)
+    return NOT_ANSWERED if failures else ANSWERED
 
 
 def solve_one(train, arguments):
@@ -191,6 +210,12 @@ def _cycle_picture(arguments, answer):
     from .plots import plot_cycle
 
     return as_picture(arguments.plot, plot_cycle(answer, arguments.gear))
+
+
+def _forced_picture(arguments, response, found):
+    from .forced_plots import plot_forced
+
+    return as_picture(arguments.plot, plot_forced(response, found))
 
 
 def _sweep_picture(arguments, found):

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..periodic.planning import without_backlash
+from ..model.change import without_backlash
 from ..periodic.solve import linear_response, solve
 from ..periodic.speeds import solve_speeds
 from ..periodic.steady_state import steady_state

@@ -41,7 +41,11 @@ def read(arguments):
         arguments.json = arguments.json or str(Path(arguments.output).with_suffix(".json"))
     _check_files(vars(arguments))
     train = load_scene(arguments.scene)
-    return train.replace(dict(arguments.set)) if arguments.set else train
+    if getattr(arguments, "scenario", None) is not None:
+        train = train.scenario(arguments.scenario)
+    train = train.replace(dict(arguments.set)) if arguments.set else train
+    at = dict(getattr(arguments, "links_at", ()))
+    return train.with_constant_links(**at) if at else train
 
 
 def _check_files(given):

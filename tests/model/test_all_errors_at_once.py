@@ -167,3 +167,21 @@ def test_an_integer_too_large_for_a_double_is_a_sentence(tmp_path, digits, place
 def test_a_negative_speed_in_a_scale_is_refused():
     with pytest.raises(SceneError, match="scale, row 1: rpm is -600, must be at least 0"):
         build([*AB, Torque(disk="a", scale=[(-600.0, 1.0), (600.0, 1.0)])])
+
+
+def test_faults_of_varying_links_and_scenarios_come_all_at_once():
+    rows = [(-1.0, 1.0, 1.0), (5.0, 0.0, -1.0)]
+    parts = [*disks("a", "b"), shaft("a", "b", over_hz=rows, over_amplitude=[(2.0, 1.0, 1.0), (1.0, 1.0, 1.0)])]
+    with pytest.raises(SceneError) as raised:
+        build([*parts, MISFIT], scenarios={"hot": {"a|b.stiffness": -1.0, "zz.damping": 1.0}})
+    said = str(raised.value)
+    for text in (
+        "over_hz, row 1: hz is -1",
+        "over_hz, row 2: factor of stiffness is 0",
+        "over_hz, row 2: factor of damping is -1",
+        "over_amplitude, row 2: amplitude 1 after 2",
+        ORDER,
+        f"[scenario.hot]: 'a|b': {STIFFNESS}",
+        "there is no element 'zz'",
+    ):
+        assert said.count(text) == 1

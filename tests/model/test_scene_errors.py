@@ -37,7 +37,47 @@ def load(tmp_path, text):
 
 
 SHAFT = "[[shaft]]\n"
+SOFT = SHAFT + 'between = ["a", "b"]\nstiffness = 1.0\n'
 CASES = {
+    "rows over frequency, unsorted": (
+        SOFT + "over_hz = [[10, 1, 1], [5, 1, 1]]",
+        "[[shaft]] no. 2: over_hz, row 2: hz 5 after 10; must increase. Sort the rows.",
+    ),
+    "rows over frequency, doubled": (
+        SOFT + "over_hz = [[10, 1, 1], [10, 2, 1]]",
+        "over_hz, row 2: hz 10 after 10; must increase. Sort the rows.",
+    ),
+    "rows over amplitude, stiffness": (
+        SOFT + "over_amplitude = [[0, 1, 1], [0.01, 0, 1]]",
+        "over_amplitude, row 2: factor of stiffness is 0, must be greater than 0. Correct the row.",
+    ),
+    "rows over amplitude, damping": (
+        SOFT + "over_amplitude = [[0, 1, -1]]",
+        "over_amplitude, row 1: factor of damping is -1, must be at least 0. Correct the row.",
+    ),
+    "rows over amplitude, negative": (
+        SOFT + "over_amplitude = [[-0.01, 1, 1]]",
+        "over_amplitude, row 1: amplitude is -0.01, must be at least 0. Correct the row.",
+    ),
+    "rows over frequency, columns": (SOFT + "over_hz = [[10, 1]]", "over_hz, row 1 is [10, 1], must be 3 numbers [hz,"),
+    "order of a damper": (
+        "[[damper]]\nname = 'd'\ndisk = 'a'\ninertia = 1\norder = -1",
+        "[[damper]] no. 1 'd': order is -1, must be greater than 0. Leave the key out",
+    ),
+    "scenario of no element": (
+        "[scenario.hot]\n'a|bb.stiffness' = 1.0",
+        "[scenario.hot]: there is no element 'a|bb' in 'a|bb.stiffness'. Did you mean 'a|b'?",
+    ),
+    "scenario of no field": (
+        "[scenario.hot]\n'a|b.stifness' = 1.0",
+        "[scenario.hot]: a [[shaft]] as 'a|b' has no number 'stifness'. Did you mean 'stiffness'?",
+    ),
+    "scenario out of range": (
+        "[scenario.hot]\n'a|b.stiffness' = -1.0",
+        "[scenario.hot]: 'a|b': stiffness is -1 N m/rad, must be greater than 0 N m/rad.",
+    ),
+    "scenario without field": ("[scenario.hot]\nstiffness = 1.0", "'stiffness' names no field. Write 'NAME.FIELD'"),
+    "no table of scenarios": ("[scenario]\n'a|b.stiffness' = 1.0", "'scenario' must hold a table for each scenario."),
     "unknown key": (
         SHAFT + 'between = ["a", "b"]\nstifness = 1.0',
         "gears.toml, [[shaft]] no. 2: unknown key 'stifness'. Did you mean 'stiffness'?",

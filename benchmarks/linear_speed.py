@@ -1,0 +1,114 @@
+"""Linear forced response: 1000 speeds x 24 orders of a branched train of 30 disks beside batched numpy; long chains.
+
+    python benchmarks/linear_speed.py                      both parts, a minute
+    python benchmarks/linear_speed.py sweep chain          some of them
+    python benchmarks/linear_speed.py --json rows.jsonl
+
+One core, medians of repeats after a first call that compiles. ``error`` is the largest difference of an angle from the
+dense solution refined in extended precision, over the largest angle; ``balance`` the power that is not turned into
+heat, over what is brought in. The chain is free at both ends, 64 harmonics at one speed; the exponent is the slope of
+log time over log size.
+"""
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+from branched_thirty import branched_thirty, numpy_angles
+from records import exponent, run_parts, timed
+
+import jaxhb
+
+DATA = Path(__file__).parents[1] / "tests" / "data" / "branched_30_disk_linear.json"
+COLUMNS = {
+    "part": "<6s",
+    "method": "<24s",
+    "disks": "6d",
+    "speeds": "6d",
+    "harmonics": "9d",
+    "seconds": "8.4f",
+    "spread": "7.4f",
+    "first_seconds": "13.2f",
+    "build_seconds": "13.2f",
+    "error": "8.1e",
+    "balance": "8.1e",
+}
+SIZES = 1250, 2500, 5000, 10_000, 20_000, 40_000
+LONG = 5000
+"""Disks from which the exponent is taken: shorter chains stay in the cache of a processor."""
+
+
+def unbalanced(response):
+    """Largest share of the power brought in that the elements do not turn into heat."""
+    heat = response.disk_power.sum(-1) + response.link_power.sum(-1)
+    return float(np.max(np.abs(heat / response.input_power - 1)))
+
+
+def sweep(recorder, options):
+    """1000 speeds, by the forced response and by numpy."""
+    data = json.loads(DATA.read_text())
+    train, rpm = branched_thirty(data), np.linspace(*data["speeds"])
+    refined = numpy_angles(train, rpm, refinements=3)
+    sizes = {"part": "sweep", "disks": 30, "speeds": len(rpm), "harmonics": len(data["orders"])}
+    found, first, seconds, spread = timed(lambda: jaxhb.forced_response(train, rpm=rpm), options.repeats)
+    dense, _, dense_seconds, dense_spread = timed(lambda: numpy_angles(train, rpm), min(options.repeats, 3))
+    angles, largest = found.angles[..., 1:], np.abs(refined).max()
+    recorder.add(
+        **sizes,
+        method="forced_response",
+        seconds=seconds,
+        spread=spread,
+        first_seconds=first,
+        error=float(np.abs(angles - refined).max() / largest),
+        balance=unbalanced(found),
+        apart_from_numpy=float(np.abs(angles - dense).max() / largest),
+    )
+    error = float(np.abs(dense - refined).max() / largest)
+    recorder.add(**sizes, method="numpy, batched solve", seconds=dense_seconds, spread=dense_spread, error=error)
+
+
+def chain(recorder, options):
+    """Free chains of many disks."""
+    found = {}
+    for disks in SIZES:
+        parts = [jaxhb.Disk(name=str(i), inertia=1.0, damping=0.01) for i in range(disks)]
+        parts += [jaxhb.Shaft(between=(str(i), str(i + 1)), stiffness=1e6, damping=2.0) for i in range(disks - 1)]
+        parts.append(jaxhb.Torque(disk="0", harmonics=[(float(n), 1.0 / n, 0.3) for n in range(1, 65)]))
+        train, built, *_ = timed(lambda parts=parts: jaxhb.build(parts, revolutions_per_cycle=1), 1)
+        response, first, seconds, spread = timed(
+            lambda train=train: jaxhb.forced_response(train, rpm=60.0), options.repeats
+        )
+        found[disks] = seconds
+        recorder.add(
+            part="chain",
+            method="forced_response",
+            disks=disks,
+            speeds=1,
+            harmonics=64,
+            seconds=seconds,
+            spread=spread,
+            first_seconds=first,
+            build_seconds=built,
+            balance=unbalanced(response),
+            residual=float(response.residual),
+        )
+    long = [disks for disks in SIZES if disks >= LONG]
+    print(f"seconds grow with the disks to the power {exponent(long, [found[disks] for disks in long]):.2f}")
+
+
+PARTS = {"sweep": sweep, "chain": chain}
+
+
+def main():
+    """Run what the command line asks for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("parts", nargs="*", metavar="part", help=", ".join(PARTS), default=[])
+    parser.add_argument("--repeats", type=int, default=9)
+    parser.add_argument("--core", type=int, default=0, help="the core to stay on; -1: any")
+    parser.add_argument("--json", help="file for JSON lines")
+    run_parts("linear_speed", parser, PARTS, COLUMNS, parser.parse_args())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,260 @@
+"""Forced response of the linear train: all speeds and all orders at once, meshes in contact.
+
+At every speed and harmonic n of the cycle ``Z(n) x^n = q^n``, ``Z = -n^2 Omega^2 M + i n Omega B + K`` with loss
+factors and link damping in K (method.md A1). Speeds and harmonics are one axis of the scalar sweep along the tree, O(S)
+each and without fill; links that close a loop add as many unknowns (:func:`jaxhb.harmonic.reduction.solve_linear`,
+which has the derivatives as well).
+
+Power is exact from the harmonics: a link of complex stiffness C that transmits f turns ``sum_n 2 n Omega Im(C)
+|f^n / C|^2`` into heat, a disk with damping b ``sum_n 2 (n Omega)^2 b |x^n|^2``; the torques of the excitation bring in
+``sum_n 2 Re(q^n conj(i n Omega x^n))``, n > 0.
+"""
+
+import dataclasses
+from dataclasses import dataclass
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from .._arrays import on_host, staged, traced
+from .._program import Program
+from ..harmonic import chain, reduction
+from ..harmonic.backlash import law_of
+from ..harmonic.excitation import excitation, listed_harmonic, load_power_kW
+from ..model.change import within_range, without_backlash
+from ..model.elements import SceneError
+from ..model.speeds import check_speed
+from ..model.varying import varying, without_tables
+from ..response.response import Response, register
+from ..response.status import Status
+from .varying_links import is_settled, settled_amplitudes, twist_amplitude, varied
+
+LANES, CELLS = 500, 500_000
+"""Speeds times harmonics swept together, and times disks: what a sweep holds then stays in the cache of a processor."""
+
+SINGULAR = 1e11
+"""Link force over load beyond which rounding alone is left: an undamped resonance."""
+
+UNSOLVED = 1e-6
+"""Force left on a disk, over the largest force, from which the equations count as singular."""
+
+UNBALANCED = 1e-9
+"""The same of the mean, over mean loads and forces, from which mean torques count as unbalanced."""
+
+SAMPLES = 4096
+"""Time samples per cycle, at least, and 16 per harmonic, at which extremes are looked for."""
+
+
+@register
+@dataclass(frozen=True)
+class ForcedResponse(Response):
+    """A :class:`~jaxhb.Response` of the linear train, with powers; made by :func:`forced_response`.
+
+    Parameters
+    ----------
+    disk_power : ``(..., S)`` W, that damping to ground turns into heat; link_power : ``(..., L)`` W, of shafts, dampers
+        and meshes
+    input_power : ``(...)`` W, that the alternating torques bring in: the sum of what is turned into heat
+    """
+
+    disk_power: jax.Array = None
+    link_power: jax.Array = None
+    input_power: jax.Array = None
+
+    def power(self, a, b=None):
+        """Power in W that a disk, shaft, damper or mesh turns into heat.
+
+        Parameters
+        ----------
+        a, b : str
+            Name of a disk or of a link; or the two disks that a link joins. A damper is its link.
+
+        Returns
+        -------
+        array ``(...)``
+        """
+        topology = self.topology
+        if b is None and a in topology.disk_names and a not in topology.damper_names:
+            return self.disk_power[..., topology.disk_index(a)]
+        return self.link_power[..., topology.link_index(a, b)[0]]
+
+
+def forced_response(train, *, rpm, harmonics=None):
+    """Linear forced response of any train at many speeds, teeth in contact.
+
+    Trees, closed loops, several gears on a shaft; loss factors, damping of links and to ground, grounds, disks without
+    inertia; links that vary over frequency or amplitude, order-tuned absorbers. A thousand speeds of a train of 30
+    disks with 24 orders take some hundredths of a second.
+
+    Parameters
+    ----------
+    train : DriveTrain
+        May be traced.
+    rpm : float or array ``(n,)``
+        Speeds of the reference rotor.
+    harmonics : int, optional
+        Harmonics of the cycle; orders above are left out. Default: all that the excitation has.
+
+    Returns
+    -------
+    ForcedResponse
+        Of one speed, or with a leading axis of n: amplitudes by order, half peak-to-peak of the synthesis and sum of
+        amplitudes of every disk (rad), shaft and damper (N m) and mesh (N), torques with their damping part, and powers
+        (W). Its train has no backlash: tooth forces are linear and may pull. ``status`` is UNBALANCED where mean
+        torques accelerate a train that nothing holds, NEAR_SINGULAR at an undamped resonance, MAX_STEPS where no
+        amplitude of a link with ``over_amplitude`` was found that leads to itself. ``residual`` is the largest force
+        left on a disk over the largest force. Every number has derivatives with respect to the train and the speeds.
+
+    Raises
+    ------
+    SceneError
+        If a speed is not greater than 0 or ``harmonics`` is no whole number of at least 1.
+
+    Notes
+    -----
+    ``Z(n) x^n = q^n``, method.md A1; eliminated along the tree as in Fridman 2009, (10)-(12), one harmonic at a time.
+
+    Examples
+    --------
+    Two disks under 10 N m of order 1 at a quarter of their natural frequency of 10 rad/s.
+
+    >>> import jaxhb, math
+    >>> parts = [jaxhb.Disk(name=name, inertia=2.0) for name in "ab"]
+    >>> parts += [jaxhb.Shaft(between=("a", "b"), stiffness=100.0, damping=0.5)]
+    >>> parts += [jaxhb.Torque(disk="a", harmonics=[(1.0, 10.0, 0.0)])]
+    >>> r = jaxhb.forced_response(jaxhb.build(parts, revolutions_per_cycle=1), rpm=[2.5 * 30 / math.pi, 90.0])
+    >>> r.torque("a", "b").order(1.0).round(4).tolist(), r.status.tolist()
+    ([5.3333, 41.2773], [0, 0])
+    >>> r.power("a", "b").round(6).tolist(), r.input_power.round(6).tolist()
+    ([0.004444, 3.77522], [0.004444, 3.77522])
+    """
+    train, harmonics = without_backlash(train), _checked_harmonics(train, harmonics)
+    if not traced(rpm):
+        check_speed(train, rpm, many=True)
+    speeds = jnp.atleast_1d(jnp.asarray(rpm, dtype=float))
+    found = _respond(train, speeds, harmonics)
+    if not (traced(found) or staged()):
+        found = on_host(found)
+    found = dataclasses.replace(found, train=train)
+    return found if np.ndim(rpm) else found[0]
+
+
+def _checked_harmonics(train, harmonics):
+    if harmonics is None:
+        return listed_harmonic(train.topology)
+    if not (isinstance(harmonics, int | np.integer) and harmonics >= 1):
+        name = train.topology.name or "scene"
+        raise SceneError(f"{name}: harmonics is {harmonics}, must be a whole number of at least 1.")
+    return int(harmonics)
+
+
+@partial(Program, static_argnames="harmonics")
+def _respond(train, rpm, harmonics):
+    """The ForcedResponse at speeds ``(n,)``."""
+    valid = within_range(train) & (rpm > 0)
+    train = jax.tree.map(lambda a: jnp.asarray(a, dtype=float), train)
+    system, topology = chain.assemble(without_tables(train)), train.topology
+    torque, load_torque, _ = jax.vmap(lambda speed: excitation(train, speed, harmonics))(rpm)
+    together = _together(topology.n_disks, harmonics, len(rpm))
+    groups = -(-len(rpm) // together)
+
+    def grouped(values):
+        padding = jnp.repeat(values[-1:], groups * together - len(rpm), axis=0)
+        return jnp.concatenate([values, padding]).reshape(groups, together, *values.shape[1:])
+
+    rigid = chain.rigid_shape(train, system.radius)
+    answers = lax.map(lambda group: _answer(train, system, rigid, *group), (grouped(rpm), grouped(torque)))
+    fields = jax.tree.map(lambda a: a.reshape(groups * together, *a.shape[2:])[: len(rpm)], answers)
+    status = jnp.where(valid, fields.pop("status"), Status.INVALID_INPUT)
+    ground = np.array(topology.ground_disk, dtype=int)
+    numbers = {"radius": train.disks.radius, "law": law_of(train.meshes)}
+    return ForcedResponse(
+        **fields,
+        **jax.tree.map(lambda a: jnp.broadcast_to(a, (len(rpm), *jnp.shape(a))), numbers),
+        rpm=rpm,
+        load_torque=load_torque,
+        load_power=1e3 * load_power_kW(train, rpm, load_torque),
+        ground_reaction=train.grounds.stiffness * fields["angles"][:, ground, 0].real,
+        status=status,
+        truncation_error=jnp.zeros(len(rpm)),
+        steps=jnp.zeros(len(rpm), dtype=int),
+        topology=topology,
+        resolution=16 * harmonics * max(1, -(-SAMPLES // (16 * harmonics))),
+    )
+
+
+def _together(disks, harmonics, speeds):
+    """Speeds of a group: with little padding, as what is padded is copied to be cut off."""
+    most = min(speeds, max(1, min(LANES, CELLS // disks) // (harmonics + 1)))
+    return min(range(most, most // 2, -1), key=lambda size: -speeds % size)
+
+
+def _answer(train, system, rigid, rpm, torque):
+    """Fields of the response, by name, of a group of speeds ``(m,)`` under torques ``(m, S, N+1)``."""
+    speeds, disks, width = torque.shape
+    topology, shape = train.topology, (speeds, width)
+    omega = (topology.cycle_frequency(rpm)[:, None] * jnp.arange(width)).reshape(-1)
+    load = torque.transpose(1, 0, 2).reshape(disks, -1) / system.radius[:, None]
+    if varying(topology):
+        own = bool(topology.amplitude_links)
+        amplitude = settled_amplitudes((train, system, rpm, omega, load)) if own else jnp.zeros((speeds, 0))
+        system = varied(train, system, rpm, omega, amplitude)
+    displacement, force = (a[:, 0] for a in reduction.solve_linear(system, omega, load[:, None]))
+    residual, status = _outcome(system, omega, load, displacement, force, shape)
+    mean = (omega == 0) * chain.drift(system, rigid, displacement.real)
+    angle = chain.to_angles(system, displacement - mean)
+
+    C = reduction.link_stiffness(system, omega)
+    deflection = force / jnp.where(C == 0, 1.0, C)
+    elastic = C.real * deflection
+    if topology.amplitude_links:
+        settled = is_settled(amplitude, twist_amplitude(train, system, deflection, speeds))
+        status = jnp.where(settled, status, jnp.maximum(status, Status.MAX_STEPS))
+    ends = system.radius[system.tree.end_a][:, None]
+    shafts = len(force) - len(topology.mesh_names)
+
+    def by_speed(values):
+        return values.reshape(len(values), *shape).transpose(1, 0, 2)
+
+    def power(values):
+        return (2 * omega * values).reshape(len(values), *shape).sum(-1).T
+
+    return {
+        "angles": by_speed(angle),
+        "torques": by_speed((force * ends)[:shafts]),
+        "elastic_torques": by_speed((elastic * ends)[:shafts]),
+        "deflections": by_speed(deflection[shafts:]),
+        "forces": by_speed(force[shafts:]),
+        "elastic_forces": by_speed(elastic[shafts:]),
+        "residual": residual,
+        "status": status,
+        "disk_power": power(omega * system.damping[:, None] * _square(displacement)),
+        "link_power": power(C.imag * _square(deflection)),
+        "input_power": power((load * jnp.conj(1j * displacement)).real.sum(0)[None])[:, 0],
+    }
+
+
+def _square(values):
+    """Square of the modulus, whose derivative at 0 is 0."""
+    return values.real**2 + values.imag**2
+
+
+def _outcome(system, omega, load, displacement, force, shape):
+    """Residual and status of each speed, from what the links leave of the load on the disks."""
+    columns = (a[:, None] for a in (system.mass, system.damping, system.ground))
+    left = load - reduction.disk_stiffness(omega, *columns) * displacement - system.spread(force)
+    left, loads, forces = (jnp.max(_size(a), axis=0, initial=0.0).reshape(shape) for a in (left, load, force))
+    size = jnp.max(loads, axis=1) + jnp.max(forces, axis=1)
+    residual = jnp.max(left[:, 1:], axis=1, initial=0.0) / jnp.where(size > 0, size, 1.0)
+    solved = (residual <= UNSOLVED) & (jnp.max(forces, axis=1) <= SINGULAR * jnp.max(loads, axis=1))
+    status = jnp.where(solved, Status.CONVERGED, Status.NEAR_SINGULAR)
+    balanced = left[:, 0] <= UNBALANCED * (loads[:, 0] + forces[:, 0])
+    status = jnp.where(balanced, status, Status.UNBALANCED)
+    return residual, jnp.where(jnp.isfinite(size), status, Status.NONFINITE)
+
+
+def _size(values):
+    return jnp.abs(values.real) + jnp.abs(values.imag)

@@ -1,0 +1,57 @@
+"""Picture of the linear forced response: orders and synthesis of some elements over the speed."""
+
+import numpy as np
+
+from .forced import KINDS
+from .plots import WITH, new_figure, plain
+
+MOST = 4
+"""Elements in one picture."""
+
+
+def plot_forced(response, found):
+    """Half peak-to-peak, sum of amplitudes and the largest orders of up to four elements over the speed.
+
+    Parameters
+    ----------
+    response : ForcedResponse, of several speeds
+    found : list of Reading
+        Of more than four, and of all elements, the shaft and the mesh that swing most are drawn.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> from jaxhb.show.forced import readings
+    >>> sweep = jaxhb.forced_response(jaxhb.load_scene("six_cylinder_diesel"), rpm=[1000.0, 1500.0, 2000.0])
+    >>> len(plot_forced(sweep, readings(sweep)).axes)
+    1
+    """
+    drawn = found if len(found) <= MOST else _hardest(found)
+    figure = new_figure(1.2 + 3.0 * len(drawn))
+    panels = figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, one in zip(panels, drawn, strict=True):
+        _, _, _, unit, factor = KINDS[one.kind]
+        signal = one.signal
+        axes.plot(response.rpm, factor * signal.half_peak_to_peak, color=WITH, linewidth=1.8, label="half peak-to-peak")
+        axes.plot(response.rpm, factor * signal.sum_of_amplitudes, color=WITH, linestyle=":", label="sum of amplitudes")
+        for k in one.main():
+            axes.plot(
+                response.rpm, factor * signal.amplitudes[:, k], linewidth=1.0, label=f"order {signal.orders[k]:g}"
+            )
+        axes.set_ylabel(f"{plain(one.name)}, {unit}")
+        axes.set_ylim(bottom=0.0)
+        axes.legend(fontsize="x-small", ncols=2)
+    panels[0].set_title(f"{response.topology.name or 'scene'}: linear forced response", fontsize="medium")
+    panels[-1].set_xlabel("speed, rpm")
+    return figure
+
+
+def _hardest(found):
+    """The shaft and the mesh with the largest half peak-to-peak, without either the disk."""
+    kinds = {kind: [one for one in found if one.kind == kind] for kind in ("shafts", "meshes")}
+    kinds = [own for own in kinds.values() if own] or [found]
+    return [max(own, key=lambda one: np.max(one.signal.half_peak_to_peak)) for own in kinds]

@@ -1,0 +1,231 @@
+"""Forced response of linear trains against dense matrices, periodic solutions, published curves and differences."""
+
+import dataclasses
+
+import dense
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from differences import compare, differences
+from reference_data import reference
+from tolerances import ALGEBRAIC, GRADIENT, TANGENT
+from trains import branched_parts, branched_thirty, build, chain_parts, gearbox_parts, numpy_angles
+
+import jaxhb
+from jaxhb import Damper, Disk, Ground, Mesh, SceneError, Shaft, Status, Torque
+from jaxhb.linear import forced
+
+TRAINS = {
+    "branched": (branched_parts(), "flywheel"),
+    "closed loop, grounded": (gearbox_parts(), "motor"),
+    "closed loop, free": (gearbox_parts(grounded=False), "motor"),
+}
+SPEEDS = np.array([200.0, 431.0, 900.0, 1500.0, 3333.0])
+BALANCE = 1e-10
+"""Power brought in less power turned into heat, over the first."""
+
+
+def linear_parts(parts):
+    """The same parts with meshes that never leave contact."""
+    keep = "between", "stiffness", "damping"
+    return [Mesh(**{key: getattr(p, key) for key in keep}) if isinstance(p, Mesh) else p for p in parts]
+
+
+def exact(parts, omega, torque):
+    """Angles ``(S,)`` by a dense solve; what no stiffness holds stays where it is."""
+    Z = dense.dynamic_stiffness(parts, omega)
+    return np.linalg.solve(Z, torque) if omega else np.linalg.lstsq(Z, torque, rcond=1e-13)[0]
+
+
+@pytest.fixture(params=TRAINS)
+def case(request):
+    parts, name = TRAINS[request.param]
+    parts = linear_parts(parts)
+    train = build(parts, reference=name, cycle=2)
+    return parts, train, jaxhb.forced_response(train, rpm=SPEEDS)
+
+
+def test_amplitudes_are_those_of_dense_matrices(case):
+    parts, train, found = case
+    torques = dense.torques(parts, found.harmonics, 2)
+    for row, rpm in enumerate(SPEEDS):
+        omega = float(train.topology.cycle_frequency(rpm))
+        wanted = np.array([exact(parts, n * omega, torques[:, n]) for n in range(1, found.harmonics + 1)]).T
+        np.testing.assert_allclose(
+            found.angles[row][:, 1:], wanted, rtol=0, atol=30 * ALGEBRAIC * np.abs(wanted).max()
+        )  # condition
+        links = {(p.disk, p.name) if isinstance(p, Damper) else p.between: (p, r) for p, r in dense.links(parts)}
+        for ends, (part, incidence) in links.items():
+            stiffness = np.array([dense.link_stiffness(part, n * omega) for n in range(1, found.harmonics + 1)])
+            force = stiffness * (incidence @ wanted)
+            signal = (found.force if isinstance(part, Mesh) else found.torque)(*ends)
+            size = ALGEBRAIC * 30 * np.abs(stiffness).max() * (np.abs(incidence) @ np.abs(wanted)).max()
+            np.testing.assert_allclose(signal.coefficients[row, 1:], force, rtol=0, atol=size)
+            elastic = part.stiffness * (incidence @ wanted)
+            np.testing.assert_allclose(signal.elastic.coefficients[row, 1:], elastic, rtol=0, atol=size)
+
+
+def test_power_of_the_torques_is_what_all_elements_turn_into_heat(case):
+    _, train, found = case
+    heat = found.disk_power.sum(-1) + found.link_power.sum(-1)
+    np.testing.assert_allclose(heat, found.input_power, rtol=BALANCE)
+    assert (found.link_power >= 0).all() and (found.disk_power >= 0).all()
+
+
+def test_power_is_the_mean_of_torque_times_speed_over_the_cycle(case):
+    parts, train, found = case
+    omega = np.array(train.topology.cycle_frequency(SPEEDS))[:, None] * np.arange(found.harmonics + 1)
+    for part, _ in dense.links(parts):
+        ends = (part.disk, part.name) if isinstance(part, Damper) else part.between
+        if isinstance(part, Mesh):
+            force, deflection = found.force(*ends), found.deflection(*ends)
+        else:
+            force, deflection = found.torque(*ends), found.twist(*ends)
+        rate = 1j * omega * deflection.coefficients
+        mean = 2 * (force.coefficients * np.conj(rate)).real[:, 1:].sum(-1)
+        apparent = 2 * np.abs(force.coefficients * rate)[:, 1:].sum(-1)
+        np.testing.assert_array_less(np.abs(found.power(*ends) - mean), 1e-8 * apparent + 1e-12)
+
+
+def test_it_is_the_periodic_response_of_the_same_train(case):
+    _, train, found = case
+    for row in (0, 3):
+        one = jaxhb.linear_response(train, rpm=SPEEDS[row])
+        for name in ("angles", "torques", "elastic_torques", "deflections"):
+            a, b = getattr(found[row], name), np.asarray(getattr(one, name))
+            np.testing.assert_allclose(a, b[..., : a.shape[-1]], rtol=0, atol=1e-11 * np.abs(b).max())
+        np.testing.assert_allclose(found[row].load_power, one.load_power, rtol=ALGEBRAIC)
+        forces = np.asarray(one.forces)[..., : found.harmonics + 1]
+        if forces.size:
+            np.testing.assert_allclose(found[row].forces, forces, rtol=0, atol=1e-11 * np.abs(forces).max())
+    assert found.converged.all() and found.residual.max() < 1e-11
+
+
+def test_one_speed_is_a_row_of_many(case):
+    _, train, found = case
+    one = jaxhb.forced_response(train, rpm=SPEEDS[2])
+    assert one.angles.ndim == 2 and one.train.topology == train.topology
+    for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(found[2]), strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=ALGEBRAIC * np.abs(b).max(initial=0.0) + 1e-14)
+
+
+def test_speeds_beyond_a_group_are_those_of_one_by_one():
+    train = jaxhb.load_scene("six_cylinder_diesel")
+    rpm = np.linspace(600.0, 2600.0, 47)  # 24 half orders: groups of 19, the last one padded
+    sweep = jaxhb.forced_response(train, rpm=rpm)
+    for row in (0, 18, 19, 46):
+        one = jaxhb.forced_response(train, rpm=rpm[row])
+        np.testing.assert_allclose(sweep.angles[row], one.angles, rtol=0, atol=ALGEBRAIC * np.abs(one.angles).max())
+
+
+def test_loss_factor_dissipates_pi_eta_times_the_peak_energy_in_a_period():
+    eta, k, omega = 0.1, 100.0, 7.0
+    parts = [Disk(name=n, inertia=2.0) for n in "ab"]
+    parts += [Shaft(between=("a", "b"), stiffness=k, loss_factor=eta), Torque(disk="a", harmonics=((1.0, 3.0, 4.0),))]
+    r = jaxhb.forced_response(build(parts), rpm=omega * 60 / (2 * np.pi))
+    amplitude = r.twist("a", "b").order(1.0)
+    np.testing.assert_allclose(r.power("a|b"), eta * k * amplitude**2 * omega / 2, rtol=ALGEBRAIC)
+    torque = r.torque("a", "b")
+    np.testing.assert_allclose(torque.order(1.0), abs(k * (1 + 1j * eta)) * amplitude, rtol=ALGEBRAIC)
+    np.testing.assert_allclose(torque.elastic.order(1.0), k * amplitude, rtol=ALGEBRAIC)
+
+
+def test_an_optimal_viscous_damper_halves_no_more_than_the_closed_form_says():
+    # Den Hartog: with mass ratio mu all curves pass one point, the peak of the best one is (2 + mu) / mu
+    mu, J, k = 0.2, 1.0, 1.0
+    zeta = 1 / np.sqrt(2 * (1 + mu) * (2 + mu))
+    parts = [Disk(name="hub", inertia=J), Ground(disk="hub", stiffness=k), Torque(disk="hub", harmonics=((1, 1, 0),))]
+    parts += [Damper(name="ring", disk="hub", inertia=mu * J, damping=2 * zeta * mu * np.sqrt(k * J))]
+    omega = np.linspace(0.6, 1.2, 2001)
+    r = jaxhb.forced_response(build(parts), rpm=omega * 60 / (2 * np.pi))
+    assert r.disk("hub").order(1.0).max() == pytest.approx((2 + mu) / mu, rel=1e-6)
+    assert omega[r.disk("hub").order(1.0).argmax()] == pytest.approx(np.sqrt(2 / (2 + mu)), abs=4e-4)
+    np.testing.assert_allclose(r.power("ring"), r.input_power, rtol=BALANCE)
+
+
+def test_an_undamped_resonance_is_told_and_its_neighbours_are_not_spoilt():
+    train = build([*chain_parts([2.0, 2.0], [100.0]), Torque(disk="1", harmonics=((1.0, 1.0, 0.0),))])
+    rpm = np.array([5.0, 10.0, 20.0]) * 60 / (2 * np.pi)
+    r = jaxhb.forced_response(train, rpm=rpm)
+    assert r.status.tolist() == [Status.CONVERGED, Status.NEAR_SINGULAR, Status.CONVERGED]
+    with pytest.raises(jaxhb.NotConverged, match="undamped resonance"):
+        jaxhb.check(r)
+
+
+def test_mean_torques_that_nothing_takes_are_unbalanced():
+    train = build([*chain_parts([2.0, 2.0], [100.0], damping=1.0), Torque(disk="1"), Torque(disk="2")])
+    means = {"1:torque.mean": 4.0, "2:torque.mean": -4.0}
+    assert jaxhb.forced_response(train.replace(means), rpm=90.0).status == Status.CONVERGED
+
+    def status(mean):
+        return jaxhb.forced_response(train.replace({"1:torque.mean": mean}), rpm=90.0).status
+
+    assert jax.jit(status)(4.0) == Status.UNBALANCED
+
+
+def test_teeth_with_backlash_count_as_in_contact():
+    parts = gearbox_parts()
+    gaps = [dataclasses.replace(p, backlash=1e-4) if isinstance(p, Mesh) else p for p in parts]
+    found, wanted = (jaxhb.forced_response(build(p, reference="motor"), rpm=900.0) for p in (gaps, parts))
+    np.testing.assert_array_equal(found.forces, wanted.forces)
+    assert found.mesh("lay 3", "output").separated_fraction == 0.0
+
+
+def test_a_traced_speed_that_is_not_positive_is_invalid():
+    train = jaxhb.load_scene("six_cylinder_diesel")
+    assert jax.jit(lambda rpm: jaxhb.forced_response(train, rpm=rpm).status)(-100.0) == Status.INVALID_INPUT
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        ({"rpm": 0.0}, "must be greater than 0 rpm"),
+        ({"rpm": [900.0, float("nan")]}, "must be greater than 0 rpm"),
+        ({"rpm": []}, "no speed is given"),
+        ({"rpm": 900.0, "harmonics": 0}, "harmonics is 0, must be a whole number"),
+    ],
+)
+def test_bad_requests_are_refused_in_a_sentence(given, sentence):
+    with pytest.raises(SceneError, match=sentence):
+        jaxhb.forced_response(jaxhb.load_scene("six_cylinder_diesel"), **given)
+
+
+KEYS = ["lay 1.inertia", "input 1|input 2.stiffness", "output|mill.loss_factor", "viscous ring.damping",
+        "input 1|lay 1.stiffness", "mill.damping", "lay 2:ground.stiffness"]  # fmt: skip
+
+
+def test_derivatives_of_amplitudes_and_powers_are_those_of_differences():
+    train = build(linear_parts(gearbox_parts()), reference="motor", cycle=2)
+    at = np.array([train.value(key) for key in KEYS] + [900.0])
+
+    def numbers(values):
+        changed = train.replace(dict(zip(KEYS, values[:-1], strict=True)))
+        r = jaxhb.forced_response(changed, rpm=values[-1] * jnp.array([1.0, 1.3]))
+        own = [r.torque("coupling", "motor").order(1.0), r.force("lay 3", "output").sum_of_amplitudes]
+        own += [r.disk("mill").smooth_peak(), r.power("rubber ring"), r.power("output", "mill"), r.input_power]
+        return jnp.concatenate(own)
+
+    jacobian = jax.jacfwd(numbers)(at)
+    wanted = np.array([
+        differences(jax.vmap(lambda v, i=i: numbers(v)[i]), at, 1e-4 * np.abs(at)) for i in range(len(jacobian))
+    ])  # fmt: skip
+    for found, expected in zip(np.asarray(jacobian) * at, wanted * at, strict=True):
+        compare(found, expected, GRADIENT)
+    np.testing.assert_allclose(jax.jacrev(numbers)(at), jacobian, rtol=0, atol=TANGENT * np.abs(jacobian).max())
+
+
+def test_other_numbers_and_speeds_do_not_compile_anew():
+    train = jaxhb.load_scene("six_cylinder_diesel")
+    jaxhb.forced_response(train, rpm=SPEEDS)
+    before = forced._respond.executables
+    jaxhb.forced_response(train.replace({"cyl1.inertia": 0.05}), rpm=SPEEDS + 1.0)
+    assert forced._respond.executables == before
+
+
+def test_a_branched_train_of_thirty_disks_agrees_with_numpy():
+    data = reference("branched_30_disk_linear")
+    train = branched_thirty(data)
+    rpm = np.linspace(*data["speeds"][:2], 40)
+    found, wanted = jaxhb.forced_response(train, rpm=rpm).angles[..., 1:], numpy_angles(train, rpm)
+    assert np.abs(found - wanted).max() <= ALGEBRAIC * np.abs(wanted).max()
