@@ -11,8 +11,8 @@ from .returns import ended
 from .settled import LEVELS_TRIED, same_motion, shortest_period, solve_settled
 from .stability import attracts
 
-FIRST = 24
-"""Cycles with the fewest steps after which what has not settled is marched with shorter ones."""
+LATER = 32
+"""Cycles after which a march with shorter steps is recorded, once it has settled on those of longer ones."""
 
 FINEST = 4
 """Times the steps of a march, at most, where twice as many did not confirm what it shows."""
@@ -92,7 +92,7 @@ class Judge:
                 batch.begin(i, motions[place])
         found, further, cycles = {}, {}, self._cycles(batch, min(spent[place] for place in places), finer)
         while len(found) + len(further) < len(places):
-            over = ended(batch, cycles)
+            over = ended(batch, cycles, verified=self.exact)
             if not self.exact:
                 _record(batch, over)
             for march, period in over:
@@ -109,10 +109,12 @@ class Judge:
 
     def _cycles(self, batch, spent, finer):
         """How long marches of a batch are at most, of which ``spent`` cycles are behind."""
-        before = max(self.cycles.before_record(batch.work) - spent, 0)
-        if finer > 1 or not self.exact:
+        before = self.cycles.before_record(batch.work)
+        if not self.exact:
             return dataclasses.replace(self.cycles, transient=before)
-        return dataclasses.replace(self.cycles, transient=min(before, FIRST), recorded=0)
+        if finer == 1:
+            return dataclasses.replace(self.cycles, transient=before, recorded=0)
+        return dataclasses.replace(self.cycles, transient=max(min(before - spent, LATER), 0))
 
     def _main_hz(self, place):
         """Frequency at which viscous damping takes as much from the tooth deflections as loss factors do."""
@@ -209,6 +211,8 @@ class _Verdict:
         if self.march.recorded < self.judge.cycles.recorded:
             self.march.again = self.march.cycles + AGAIN
             return None
+        if not self.march.returns.period(last=True):  # it was only worth the question
+            return self._irregular()
         self.notes.append("harmonic balance did not find the motion marched: the numbers are those of recorded cycles")
         return self._recorded(period)
 

@@ -20,6 +20,10 @@ period (past a motion that repels in one direction the fall slows down), and whe
 LEAVING, ROUNDED = 1.05, 1e-9
 """Growth of the return error from one window to the next that still is none; return error that rounding leaves."""
 
+CLOSE = 0.02
+"""Return error that keeps falling below which, where a march ends, it may be near a motion to which it goes on: worth
+the question of whether there is one that attracts."""
+
 SMALL = 0.3
 """Return error above which a decay tells nothing."""
 
@@ -83,19 +87,19 @@ class Returns:
         windows = (change[i * window : (i + 1) * window] for i in range(3))
         return [float(part.max()) if len(part) == window else np.inf for part in windows]
 
-    def period(self, last=False):
+    def period(self, last=False, close=NEAR):
         """The smallest period in cycles that the motion has or approaches; 0 where there is none yet.
 
-        ``last``: the march ends here, and however slow an approach counts.
+        ``last``: the march ends here, and however slow an approach counts, from a return error of ``close`` on.
 
         Where the motion still approaches a divisor of a period it may well have that one: beside a period doubling it
         nearly returns after two cycles while it settles on the period of one.
         """
-        scale, falling = self.scale, 1.0 if last else FALLING
+        scale, falling, close = self.scale, 1.0 if last else FALLING, close if last else NEAR
         errors = {k: self.errors(k, scale) for k in PERIODS}
         for k, (now, before, first) in errors.items():
             settled = now <= SETTLED and now <= LEAVING * before < np.inf or now <= ROUNDED
-            near = now <= NEAR and now <= falling * before and before <= falling * first < np.inf
+            near = now <= close and now <= falling * before and before <= falling * first < np.inf
             waits = not last and any(k % j == 0 and decaying(errors[j]) for j in PERIODS if j < k)
             if (settled or near) and not waits:
                 return k
@@ -113,8 +117,12 @@ def decaying(errors):
     return now <= SMALL and now <= DECAYING * before and before <= DECAYING * first < np.inf
 
 
-def ended(batch, cycles):
-    """``(march, period)`` of those of a batch that have a period, or go on without (0) no longer, after more cycles."""
+def ended(batch, cycles, verified=False):
+    """``(march, period)`` of those of a batch that have a period, or go on without (0) no longer, after more cycles.
+
+    ``verified``: the motion is asked for, so that a march that ends may still be some way off.
+    """
+    close = CLOSE if verified else NEAR
     running = [march for march in batch.marches if not march.done]
     transient = cycles.before_record(batch.work)
     while True:
@@ -124,20 +132,20 @@ def ended(batch, cycles):
         further = [march for march in later if march.recorded >= cycles.recorded]
         for group, record in ((first + further, False), (recording, True)):
             batch.run(group, record)
-        ended = [(march, _period(march, cycles, transient)) for march in running]
+        ended = [(march, _period(march, cycles, transient, close)) for march in running]
         if any(period is not None for _, period in ended):
             return [(march, period) for march, period in ended if period is not None]
 
 
-def _period(march, cycles, transient):
+def _period(march, cycles, transient, close):
     """The period of a march, 0 where it ends without, None where it goes on."""
     if not march.returns.finite:
         return 0
     if march.cycles < march.again:
         return None
     complete = march.cycles >= transient and march.recorded >= cycles.recorded
-    period = march.returns.period()
+    period = march.returns.period(last=complete and close > NEAR, close=close)
     if period:
         return period
     over = complete and (march.cycles >= cycles.most or not march.returns.undecided())
-    return march.returns.period(last=True) if over else None
+    return march.returns.period(last=True, close=close) if over else None

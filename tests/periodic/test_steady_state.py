@@ -148,10 +148,10 @@ def test_the_lightly_loaded_pair_has_the_period_and_extremes_of_a_long_integrati
 
 
 def test_where_the_lightly_loaded_pair_never_repeats_its_record_has_the_extremes_of_a_long_integration():
-    state = jaxhb.steady_state(one_mass(**PAIR), rpm=rpm(0.9))
+    state = jaxhb.steady_state(one_mass(**PAIR), rpm=rpm(1.1))
     assert (state.kind, state.period, state.response) == ("irregular", 0, None)
     assert state.record.cycles >= 64
-    omega = 0.9
+    omega = 1.1
     _, high, returned = integrated(omega, 300)
     assert returned.min() > 1e-3
     assert abs(state.deflection("a", "b").max - high) < 0.05 * high
