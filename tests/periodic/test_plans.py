@@ -178,6 +178,7 @@ def test_a_march_that_was_asked_for_is_made_where_the_teeth_could_stay_in_contac
 def test_a_march_that_blew_up_is_followed_by_the_whole_ladder(pair):
     """Its periodicity error is not finite: no rung above takes that for a settled march."""
     case = case_of(pair, HAMMERING_RPM)
+    case.effort = ladder.LONG
     blown_up = ladder.Result(None, case.plan, np.nan, 0)
     assert ladder.march_error(blown_up) == np.inf
     assert len(ladder.search_steps(case, case.marching(blown_up), blown_up)) > 1
