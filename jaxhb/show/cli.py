@@ -14,11 +14,15 @@ from .options import (
     add_gear,
     add_misfire,
     add_orbit,
+    add_plot,
     add_scene,
     add_speeds,
     count,
+    orders,
+    positive,
     share,
     speed,
+    speed_range,
     speeds,
     whole,
 )
@@ -34,6 +38,8 @@ examples:
   jaxhb scene six_cylinder_diesel --expand
   jaxhb modes six_cylinder_diesel
   jaxhb forced six_cylinder_diesel --rpm 1000:2600:65 --element "cyl6|flywheel" --plot orders.png
+  jaxhb campbell six_cylinder_diesel --rpm 600:2600 --orders 3,4.5,6,9 --plot campbell.png
+  jaxhb holzer six_cylinder_diesel --mode 1 2
   jaxhb solve gear_train_30 --rpm 1800 --plot cycle.png
   jaxhb solve gear_train_30 --rpm 1800 --misfire "cylinder A1" --set "crank damper.damping=300" --json result.json
   jaxhb sweep gear_train_30 --rpm 600:2450:20 --csv sweep.csv --plot sweep.png
@@ -49,6 +55,13 @@ FORCED = """\
 The linear forced response, all teeth in contact: amplitude of every order, half peak-to-peak of the synthesis, sum of
 amplitudes, and power turned into heat, of every disk (deg), shaft and damper (N m) and mesh (kN). Without --element the
 largest values over the speeds. Links may vary over frequency and amplitude."""
+HOLZER = """\
+Holzer's table as engineers print it: inertia, ordinate, torque sum and twist from the free ends to the last disk, with
+the energies of disks and links in % of the kinetic energy. Undamped, teeth in contact. At a natural frequency the
+residual is 0 but for rounding."""
+CAMPBELL = """\
+The Campbell diagram: natural frequencies over the speed, orders of the excitation as rays, and the critical speeds
+where they meet, order x rpm / 60 = Hz. Undamped, teeth in contact; order-tuned absorbers follow the speed."""
 SOLVE = """\
 One speed, with backlash and without: the kind of motion, which teeth separate and for how long, tooth forces (kN),
 torques of gears and shafts (N m). Of a motion that never repeats the numbers are extremes over recorded cycles, and the
@@ -166,6 +179,27 @@ def parser():
     )
     add_scene(modes)
     modes.add_argument("--json", metavar="FILE", help="write frequencies and shapes for programs")
+    holzer = add("holzer", _runner("holzer", "linear_commands"), "Holzer's table of a train without loops", HOLZER)
+    add_scene(holzer)
+    chosen = holzer.add_mutually_exclusive_group()
+    text = "frequencies of the tables, Hz (default: the first three natural frequencies that strain links)"
+    chosen.add_argument("--hz", nargs="+", type=positive, metavar="F", help=text)
+    chosen.add_argument("--mode", nargs="+", type=count, metavar="K", help="modes, numbered as by jaxhb modes")
+    holzer.add_argument("--json", metavar="FILE", help="write the tables in full precision, SI units")
+    add_plot(holzer, "the residual over the frequency")
+    campbell = add("campbell", _runner("campbell", "linear_commands"), "natural frequencies and orders", CAMPBELL)
+    campbell.set_defaults(by_speed=True)
+    add_scene(campbell)
+    text = "range of speeds of the reference rotor, rpm; COUNT matters where frequencies depend on the speed"
+    campbell.add_argument("--rpm", required=True, type=speed_range, metavar="A:B[:COUNT]", help=text)
+    text = "orders of the reference rotor (default: those that the torques have)"
+    campbell.add_argument("--orders", type=orders, metavar="N1,N2,...", help=text)
+    text = "how many of the modes that strain links, the lowest (default 6)"
+    campbell.add_argument("--modes", type=whole, default=6, metavar="N", help=text)
+    add_misfire(campbell)
+    campbell.add_argument("--json", metavar="FILE", help="write frequencies and critical speeds in full precision")
+    campbell.add_argument("--csv", metavar="FILE", help="write one row per critical speed for spreadsheets")
+    add_plot(campbell, "the Campbell diagram")
     forced = add(
         "forced", _runner("forced", "linear_commands"), "linear: amplitudes by order and heat over the speed", FORCED
     )

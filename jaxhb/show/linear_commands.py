@@ -2,9 +2,14 @@
 
 import sys
 
+from ..linear.critical import ELASTIC, mode_kinds
+from ..linear.critical import campbell as campbell_of
 from ..linear.forced import forced_response
+from ..linear.holzer import holzer_residual, holzer_table
 from ..linear.modal import natural_frequencies
+from .campbell import campbell_record, campbell_rows, campbell_text
 from .forced import forced_failures, forced_record, forced_rows, forced_text, readings
+from .holzer import chosen_modes, holzer_record, holzer_text
 from .output import ANSWERED, NOT_ANSWERED, as_csv, as_json, as_picture, changes, deliver
 from .record import finite, modes_record
 from .tables import modes_text
@@ -17,6 +22,52 @@ def modes(train, arguments):
         arguments,
         modes_text(found, train.topology.name),
         json=lambda: as_json(changes(arguments) | modes_record(found)),
+    )
+    return ANSWERED
+
+
+def holzer(train, arguments):
+    """Holzer's tables."""
+    name = train.topology.name or "scene"
+    found = natural_frequencies(train)
+    kinds = mode_kinds(found, train.topology.damper_names)
+    at = [(None, hz) for hz in arguments.hz or ()]
+    at = at or [(k, float(found.frequencies_hz[k])) for k in chosen_modes(kinds, name, arguments.mode)]
+    tables = [(mode, holzer_table(train, hz=hz)) for mode, hz in at]
+    natural = {k: hz for k, hz in enumerate(found.frequencies_hz) if kinds[k] == ELASTIC}
+
+    def picture():
+        from .linear_plots import plot_holzer
+
+        return plot_holzer(lambda hz: holzer_residual(train, hz=hz), tables, natural, name)
+
+    deliver(
+        arguments,
+        holzer_text(tables, name),
+        json=lambda: as_json(finite(changes(arguments) | holzer_record(tables, name))),
+        plot=lambda: as_picture(arguments.plot, picture()),
+    )
+    return ANSWERED
+
+
+def campbell(train, arguments):
+    """Natural frequencies over the speed, orders and critical speeds."""
+    name, count = train.topology.name or "scene", arguments.modes
+    train = train.misfire(*arguments.misfire)
+    links_at = dict(arguments.links_at)
+    found = campbell_of(train, rpm=arguments.rpm, orders=arguments.orders, count=count, links_at=links_at)
+
+    def picture():
+        from .linear_plots import plot_campbell
+
+        return plot_campbell(found, count, name)
+
+    deliver(
+        arguments,
+        campbell_text(found, count, name),
+        json=lambda: as_json(finite(changes(arguments) | campbell_record(found, count, name))),
+        csv=lambda: as_csv(*campbell_rows(found)),
+        plot=lambda: as_picture(arguments.plot, picture()),
     )
     return ANSWERED
 

@@ -5,6 +5,9 @@ import math
 
 from ..model.speeds import read_speed, read_speeds
 
+RANGE_COUNT = 33
+"""Speeds of a range that has no count."""
+
 
 def add_scene(command, scenarios=True):
     """The scene and what is changed in it."""
@@ -61,6 +64,11 @@ def add_files(command, picture):
     command.add_argument(
         "--orders", type=positive, metavar="M", help="list amplitudes in the JSON up to this order (default: all)"
     )
+    add_plot(command, picture)
+
+
+def add_plot(command, picture):
+    """A picture."""
     command.add_argument("--plot", metavar="FILE.png", help=f"draw {picture} (.png, .svg, .pdf; needs jaxhb[plot])")
 
 
@@ -77,6 +85,16 @@ def speed(text):
 def speeds(text):
     """Speeds in rpm from ``A:B:COUNT`` or ``R1,R2,...``."""
     return _read(read_speeds, text)
+
+
+def speed_range(text):
+    """Speeds in rpm from ``A:B[:COUNT]`` or ``R1,R2,...``."""
+    return speeds(f"{text}:{RANGE_COUNT}" if text.count(":") == 1 else text)
+
+
+def orders(text):
+    """Orders from ``N1,N2,...``."""
+    return [positive(word) for word in text.split(",")]
 
 
 def _read(reader, text):
