@@ -175,10 +175,14 @@ def parser():
     modes = add(
         "modes",
         _runner("modes", "linear_commands"),
-        "natural frequencies in Hz, undamped, teeth in contact; mode shapes",
+        "natural frequencies in Hz, undamped; mode shapes",
     )
     add_scene(modes)
+    text = "meshes with backlash with their tangent stiffness at the mean load of this speed, rpm (default: in contact)"
+    modes.add_argument("--at", type=speed, metavar="R", help=text)
+    modes.set_defaults(by_speed=True)
     modes.add_argument("--json", metavar="FILE", help="write frequencies and shapes for programs")
+    add_plot(modes, "shapes of the first six modes that strain links, with nodes and damping ratios")
     holzer = add("holzer", _runner("holzer", "linear_commands"), "Holzer's table of a train without loops", HOLZER)
     add_scene(holzer)
     chosen = holzer.add_mutually_exclusive_group()

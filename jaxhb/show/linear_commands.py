@@ -2,28 +2,59 @@
 
 import sys
 
+import numpy as np
+
 from ..linear.critical import ELASTIC, mode_kinds
 from ..linear.critical import campbell as campbell_of
+from ..linear.damped import damping_ratios
 from ..linear.forced import forced_response
 from ..linear.holzer import holzer_residual, holzer_table
 from ..linear.modal import natural_frequencies
+from ..linear.tangent import at_mean_load
 from .campbell import campbell_record, campbell_rows, campbell_text
 from .forced import forced_failures, forced_record, forced_rows, forced_text, readings
 from .holzer import chosen_modes, holzer_record, holzer_text
-from .output import ANSWERED, NOT_ANSWERED, as_csv, as_json, as_picture, changes, deliver
+from .mean_load import mean_load_record, mean_load_text
+from .output import ANSWERED, NOT_ANSWERED, OutputError, as_csv, as_json, as_picture, changes, deliver
 from .record import finite, modes_record
 from .tables import modes_text
+
+DAMPED = 300
+"""Disks up to which damping ratios take seconds."""
 
 
 def modes(train, arguments):
     """Natural frequencies of a scene."""
-    found = natural_frequencies(train)
+    rpm, links_at, name = arguments.at, dict(arguments.links_at), train.topology.name
+    if rpm is None:
+        train = train.with_constant_links(**links_at) if links_at else train
+        found = natural_frequencies(train)
+        text, more = modes_text(found, name), {}
+    else:
+        load = at_mean_load(train.with_constant_links(**{"rpm": rpm} | links_at), rpm=rpm)
+        train = load.train
+        found = natural_frequencies(train)
+        text = modes_text(found, name, f"teeth at the mean load of {rpm:g} rpm")
+        text, more = f"{text}\n\n{mean_load_text(load, rpm)}", mean_load_record(load, rpm)
     deliver(
         arguments,
-        modes_text(found, train.topology.name),
-        json=lambda: as_json(changes(arguments) | modes_record(found)),
+        text,
+        json=lambda: as_json(finite(changes(arguments) | modes_record(found) | more)),
+        plot=lambda: as_picture(arguments.plot, _modes_picture(train, found)),
     )
     return ANSWERED
+
+
+def _modes_picture(train, found):
+    from .mode_plots import plot_modes
+
+    kinds = mode_kinds(found, train.topology.damper_names)
+    elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC]
+    if not elastic:
+        raise OutputError("--plot: no mode strains a link, so there is no shape to draw.")
+    few = train.topology.n_disks <= DAMPED
+    ratios = damping_ratios(train, found) if few else np.full(len(kinds), np.nan)
+    return plot_modes(train, found, elastic, ratios)
 
 
 def holzer(train, arguments):
