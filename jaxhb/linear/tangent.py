@@ -19,6 +19,8 @@ from ..model.speeds import check_speed
 STEPS, HALVINGS = 200, 40
 LEFT = 1e-10
 """Force left over the largest mean force at which the equilibrium is found."""
+IDLE = 1e-9
+"""Tooth force over the largest mean force below which a mesh begins in the middle of its gap."""
 UNBALANCED = 1e-9
 """Mean torque left over the largest from which the train does not run steadily."""
 
@@ -104,14 +106,21 @@ def _equilibrium(system, load, law, links):
         energy[links] = backlash.energy(law, l[links])
         return force, slope, energy.sum() + (system.ground * x**2).sum() / 2 - load @ x
 
-    x, size = np.zeros(len(load)), np.abs(load).max(initial=0.0)
-    slope = system.stiffness  # the first step: all teeth in contact
-    force, _, energy = held(x)
+    def solved(slope, force):
+        return np.linalg.lstsq((incidence * slope) @ incidence.T + np.diag(system.ground), force, rcond=1e-14)[0]
+
+    # begin on the flanks that all teeth in contact would press: in a gap without stiffness nothing pulls back to them
+    size = np.abs(load).max(initial=0.0)
+    x = solved(system.stiffness, load)
+    pressed = (system.stiffness * system.deflections(x))[links]
+    flank = np.where(np.abs(pressed) > IDLE * size, np.sign(pressed), 0.0) * backlash.offset(law)
+    x = solved(system.stiffness, load + incidence[:, links] @ flank)
+    force, slope, energy = held(x)
     for _ in range(STEPS):
         left = load - incidence @ force - system.ground * x
         if np.abs(left).max(initial=0.0) <= LEFT * max(size, np.abs(force).max(initial=0.0)):
             return system.deflections(x)[links]
-        step = np.linalg.lstsq((incidence * slope) @ incidence.T + np.diag(system.ground), left, rcond=1e-14)[0]
+        step = solved(slope, left)
         share = 1.0
         for _ in range(HALVINGS):
             force, slope, new = held(x + share * step)

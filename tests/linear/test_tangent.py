@@ -11,15 +11,15 @@ GAP, STIFFNESS = 1e-4, 1e8
 EPSILON, TRANSITION = 1e-3, 0.04
 
 
-def mesh(a, b, backlash=GAP):
-    numbers = {"stiffness": STIFFNESS, "backlash": backlash, "epsilon": EPSILON, "transition": TRANSITION}
+def mesh(a, b, backlash=GAP, epsilon=EPSILON):
+    numbers = {"stiffness": STIFFNESS, "backlash": backlash, "epsilon": epsilon, "transition": TRANSITION}
     return jaxhb.Mesh(between=(a, b), **numbers)
 
 
-def pair(force):
+def pair(force, **law):
     """A gear of 0.1 m that drives another with ``force`` in N."""
     parts = [jaxhb.Disk(name=name, inertia=0.1, radius=0.1) for name in "ab"]
-    parts += [jaxhb.Torque(disk="a", mean=0.1 * force), jaxhb.Load(disk="b"), mesh("a", "b")]
+    parts += [jaxhb.Torque(disk="a", mean=0.1 * force), jaxhb.Load(disk="b"), mesh("a", "b", **law)]
     return jaxhb.build(parts, reference="a")
 
 
@@ -34,6 +34,14 @@ def test_a_loaded_mesh_has_its_full_stiffness_an_idle_one_that_of_the_gap():
     between = at_mean_load(pair(force), rpm=1000.0)
     assert between.engagement == pytest.approx([0.3], rel=1e-6)
     assert between.stiffness == pytest.approx([EPSILON * STIFFNESS + drop * u / width], rel=1e-6)
+
+
+@pytest.mark.parametrize("force", [0.0, 1e-3, 5.0, -300.0, 1e5])
+def test_a_gap_without_stiffness_carries_nothing_and_its_flank_the_load(force):
+    found = at_mean_load(pair(force, epsilon=0.0), rpm=1000.0)
+    u = min(math.sqrt(2 * TRANSITION * GAP * abs(force) / STIFFNESS), TRANSITION * GAP)  # F = c u^2 / (2 tau h)
+    assert found.force == pytest.approx([force], rel=1e-9)
+    assert found.stiffness == pytest.approx([STIFFNESS * u / (TRANSITION * GAP)], rel=1e-6)
 
 
 def test_the_natural_frequency_at_mean_load_is_that_of_the_slope():
