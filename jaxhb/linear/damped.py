@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import eig
+from scipy.optimize import linear_sum_assignment
 
 from .._arrays import on_host
 from ..harmonic import chain
@@ -11,6 +12,8 @@ from ..harmonic import chain
 CREEPING = 0.01
 """Im lambda / |lambda| up to which a mode counts as not oscillating (damping ratio 0.99995): a loss factor turns the
 eigenvalues of motions that creep back a little off the real axis."""
+ALIKE = 0.5
+"""Least modal assurance criterion of a damped and an undamped mode that count as the same."""
 AT_REST = 1e-10
 """Modulus, over the largest one, that is rounding of a motion without force."""
 
@@ -84,6 +87,44 @@ def damped_modes(train):
     at = np.abs(angles).argmax(0)
     shapes = (angles / angles[at, np.arange(len(at))]).T
     return DampedModes(train.topology.disk_names, values[oscillating], shapes, np.sort(-values.real[creeping]))
+
+
+def damping_ratios(train, modes):
+    """Damping ratio of each undamped mode: that of the damped mode with a shape like it.
+
+    Parameters
+    ----------
+    train : DriveTrain, concrete
+    modes : Modes, of the same train
+
+    Returns
+    -------
+    array ``(m,)``
+        Lehr's damping ratio; nan of rigid modes and where heavy damping leaves no mode like it.
+
+    Notes
+    -----
+    Pairs have the largest sum of the modal assurance criterion ``|phi^T J psi|^2 / (phi^T J phi psi^* J psi)`` (R. J.
+    Allemang, D. L. Brown, Proc. IMAC 1 (1982) 110), here weighted with the inertias.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> train = jaxhb.load_scene("spur_pair")
+    >>> damping_ratios(train, jaxhb.natural_frequencies(train)).round(3).tolist()
+    [nan, 0.05]
+    """
+    system, damped = on_host(chain.assemble(train)), damped_modes(train)
+    inertia = system.mass * system.radius**2
+    moving = np.flatnonzero(modes.frequencies_hz)
+    phi, psi = modes.shapes[moving], damped.shapes
+    size = np.outer((inertia * phi**2).sum(1), (inertia * np.abs(psi) ** 2).sum(1))
+    alike = np.abs((phi * inertia) @ psi.T) ** 2 / size
+    ratios = np.full(len(modes.frequencies_hz), np.nan)
+    for row, column in zip(*linear_sum_assignment(alike, maximize=True), strict=True):
+        if alike[row, column] > ALIKE:
+            ratios[moving[row]] = damped.damping_ratio[column]
+    return ratios
 
 
 def _eigenpairs(system):

@@ -48,6 +48,16 @@ class HolzerTable:
         """N m: torque that must be applied to the last disk for this motion."""
         return float(self.torque_sum[-1])
 
+    @property
+    def kinetic_energy(self):
+        """``(S,)`` J of each disk, J omega^2 theta^2 / 2."""
+        return self.inertia * (2 * np.pi * self.hz * self.ordinate) ** 2 / 2
+
+    @property
+    def strain_energy(self):
+        """``(S,)`` J of each link to the next disk; with grounds all equal the kinetic ones in a mode."""
+        return self.stiffness * self.twist**2 / 2
+
     def __str__(self):
         width = max(len(name) for name in (*self.names, "disk"))
         head = f"{'disk':{width}} {'J':>11} {'theta':>11} {'J w^2 theta':>11} {'sum':>11} {'c':>11} {'sum/c':>11}"

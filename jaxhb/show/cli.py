@@ -2,13 +2,30 @@
 
 import argparse
 import gc
-import math
+import importlib
 import os
 import sys
 import traceback
 
 from .. import __version__
-from ..model.speeds import read_speed, read_speeds
+from .options import (
+    add_accuracy,
+    add_files,
+    add_gear,
+    add_misfire,
+    add_orbit,
+    add_plot,
+    add_scene,
+    add_speeds,
+    count,
+    orders,
+    positive,
+    share,
+    speed,
+    speed_range,
+    speeds,
+    whole,
+)
 
 DESCRIPTION = """\
 Forced vibration of drive trains with gear backlash: do the teeth hammer, at which speeds, and how hard?
@@ -21,6 +38,8 @@ examples:
   jaxhb scene six_cylinder_diesel --expand
   jaxhb modes six_cylinder_diesel
   jaxhb forced six_cylinder_diesel --rpm 1000:2600:65 --element "cyl6|flywheel" --plot orders.png
+  jaxhb campbell six_cylinder_diesel --rpm 600:2600 --orders 3,4.5,6,9 --plot campbell.png
+  jaxhb holzer six_cylinder_diesel --mode 1 2
   jaxhb solve gear_train_30 --rpm 1800 --plot cycle.png
   jaxhb solve gear_train_30 --rpm 1800 --misfire "cylinder A1" --set "crank damper.damping=300" --json result.json
   jaxhb sweep gear_train_30 --rpm 600:2450:20 --csv sweep.csv --plot sweep.png
@@ -36,6 +55,13 @@ FORCED = """\
 The linear forced response, all teeth in contact: amplitude of every order, half peak-to-peak of the synthesis, sum of
 amplitudes, and power turned into heat, of every disk (deg), shaft and damper (N m) and mesh (kN). Without --element the
 largest values over the speeds. Links may vary over frequency and amplitude."""
+HOLZER = """\
+Holzer's table as engineers print it: inertia, ordinate, torque sum and twist from the free ends to the last disk, with
+the energies of disks and links in % of the kinetic energy. Undamped, teeth in contact. At a natural frequency the
+residual is 0 but for rounding."""
+CAMPBELL = """\
+The Campbell diagram: natural frequencies over the speed, orders of the excitation as rays, and the critical speeds
+where they meet, order x rpm / 60 = Hz. Undamped, teeth in contact; order-tuned absorbers follow the speed."""
 SOLVE = """\
 One speed, with backlash and without: the kind of motion, which teeth separate and for how long, tooth forces (kN),
 torques of gears and shafts (N m). Of a motion that never repeats the numbers are extremes over recorded cycles, and the
@@ -146,46 +172,77 @@ def parser():
     scene.add_argument("scene", metavar="SCENE", help="a packaged scene, or the path of a .toml, .json or .csv")
     scene.add_argument("--expand", action="store_true", help="write the cylinders that an [engine] makes")
     scene.add_argument("--out", metavar="FILE.toml", help="write it there, its tables beside it (default: print it)")
-    modes = add("modes", _runner("modes"), "natural frequencies in Hz, undamped, teeth in contact; mode shapes")
-    _scene(modes)
+    modes = add(
+        "modes",
+        _runner("modes", "linear_commands"),
+        "natural frequencies in Hz, undamped; mode shapes",
+    )
+    add_scene(modes)
+    text = "meshes with backlash with their tangent stiffness at the mean load of this speed, rpm (default: in contact)"
+    modes.add_argument("--at", type=speed, metavar="R", help=text)
+    modes.set_defaults(by_speed=True)
     modes.add_argument("--json", metavar="FILE", help="write frequencies and shapes for programs")
-    forced = add("forced", _runner("forced"), "linear: amplitudes by order and heat over the speed", FORCED)
-    _scene(forced)
-    _speeds(forced)
+    add_plot(modes, "shapes of the first six modes that strain links, with nodes and damping ratios")
+    holzer = add("holzer", _runner("holzer", "linear_commands"), "Holzer's table of a train without loops", HOLZER)
+    add_scene(holzer)
+    chosen = holzer.add_mutually_exclusive_group()
+    text = "frequencies of the tables, Hz (default: the first three natural frequencies that strain links)"
+    chosen.add_argument("--hz", nargs="+", type=positive, metavar="F", help=text)
+    chosen.add_argument("--mode", nargs="+", type=count, metavar="K", help="modes, numbered as by jaxhb modes")
+    holzer.add_argument("--json", metavar="FILE", help="write the tables in full precision, SI units")
+    add_plot(holzer, "the residual over the frequency")
+    campbell = add("campbell", _runner("campbell", "linear_commands"), "natural frequencies and orders", CAMPBELL)
+    campbell.set_defaults(by_speed=True)
+    add_scene(campbell)
+    text = "range of speeds of the reference rotor, rpm; COUNT matters where frequencies depend on the speed"
+    campbell.add_argument("--rpm", required=True, type=speed_range, metavar="A:B[:COUNT]", help=text)
+    text = "orders of the reference rotor (default: those that the torques have)"
+    campbell.add_argument("--orders", type=orders, metavar="N1,N2,...", help=text)
+    text = "how many of the modes that strain links, the lowest (default 6)"
+    campbell.add_argument("--modes", type=whole, default=6, metavar="N", help=text)
+    add_misfire(campbell)
+    campbell.add_argument("--json", metavar="FILE", help="write frequencies and critical speeds in full precision")
+    campbell.add_argument("--csv", metavar="FILE", help="write one row per critical speed for spreadsheets")
+    add_plot(campbell, "the Campbell diagram")
+    forced = add(
+        "forced", _runner("forced", "linear_commands"), "linear: amplitudes by order and heat over the speed", FORCED
+    )
+    add_scene(forced)
+    add_speeds(forced)
     text = "a disk, shaft, damper or mesh, speed by speed; may be repeated (default: the largest values of all)"
     forced.add_argument("--element", action="append", default=[], metavar="NAME", help=text)
-    _misfire(forced)
-    _files(forced, "orders and synthesis over the speed, of up to four elements")
+    add_misfire(forced)
+    add_files(forced, "orders and synthesis over the speed, of up to four elements")
     forced.add_argument("--csv", metavar="FILE", help="write one row per speed for spreadsheets, SI units")
     solve = add("solve", _runner("solve_one"), "one speed: do the teeth hammer? forces, torques, contact", SOLVE)
-    _scene(solve)
+    add_scene(solve)
     solve.add_argument("--rpm", required=True, type=speed, metavar="R", help="speed of the reference rotor, rpm")
-    _misfire(solve)
-    _accuracy(solve)
-    _orbit(solve)
-    _files(solve, "the gear torque and the tooth forces over the cycle")
-    _gear(solve)
+    add_misfire(solve)
+    add_accuracy(solve)
+    add_orbit(solve)
+    add_files(solve, "the gear torque and the tooth forces over the cycle")
+    add_gear(solve)
     sweep = add("sweep", _runner("sweep"), "many speeds in one call: at which speeds do they hammer?", SWEEP)
-    _scene(sweep)
-    _speeds(sweep)
-    _misfire(sweep)
-    _accuracy(sweep)
-    _orbit(sweep)
+    add_scene(sweep)
+    add_speeds(sweep)
+    add_misfire(sweep)
+    add_accuracy(sweep)
+    add_orbit(sweep)
     text = "which neighbour a speed starts from: the one below (up, default), above (down), or one after the other"
     sweep.add_argument("--direction", choices=("up", "down", "both"), help=text)
-    _files(sweep, "tooth force and time out of contact over the speed")
+    add_files(sweep, "tooth force and time out of contact over the speed")
     sweep.add_argument("--csv", metavar="FILE", help="write one row per speed for spreadsheets, N and N m")
     report = add("report", _runner("report"), "several speeds, normal running and a misfire", REPORT)
-    _scene(report)
-    _speeds(report)
-    _misfire(report, "; each: every cylinder in turn, and which is the worst")
-    _accuracy(report)
-    _orbit(report)
-    _files(report, "the torque on one gear over the cycle, in normal running")
-    _gear(report)
+    add_scene(report)
+    add_speeds(report)
+    add_misfire(report, "; each: every cylinder in turn, and which is the worst")
+    add_accuracy(report)
+    add_orbit(report)
+    add_files(report, "the torque on one gear over the cycle, in normal running")
+    add_gear(report)
     report.add_argument("--at", type=speed, metavar="R", help="speed of the picture, rpm (default: longest apart)")
     tune = add("tune", _runner("tune"), "find the dampers (or any numbers) that cure it, by gradient", TUNE)
-    _scene(tune, scenarios=False)  # the tuned scene would not hold the values of one
+    add_scene(tune, scenarios=False)  # the tuned scene would not hold the values of one
     text = "speeds of the reference rotor, rpm, instead of those of the [tune] table: A:B:COUNT or R1,R2,..."
     tune.add_argument("--rpm", type=speeds, metavar="A:B:COUNT", help=text)
     tune.add_argument("--optimizer", choices=("lbfgs", "adam"), help="default: lbfgs")
@@ -201,136 +258,6 @@ def parser():
     return top
 
 
-def _scene(command, scenarios=True):
-    command.add_argument("scene", metavar="SCENE", help="a packaged scene (jaxhb scenes) or the path of a file")
-    if scenarios:
-        command.add_argument("--scenario", metavar="NAME", help="take the values of [scenario.NAME] of the scene")
-        text = "make links that vary constant: as they are at this frequency (hz), amplitude (rad) or speed (rpm)"
-        command.add_argument("--links-at", action="append", default=[], type=place, metavar="hz=VALUE", help=text)
-    command.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        type=setting,
-        metavar="NAME.FIELD=VALUE",
-        help='change a number of the scene, SI units, e.g. "crank damper.damping=300"; may be repeated',
-    )
-
-
-def _speeds(command):
-    text = "speeds of the reference rotor, rpm: from A to B in COUNT equal steps, or a list R1,R2,..."
-    command.add_argument("--rpm", required=True, type=speeds, metavar="A:B:COUNT", help=text)
-
-
-def _misfire(command, more=""):
-    text = f"this cylinder does not fire; may be repeated{more}"
-    command.add_argument("--misfire", action="append", default=[], metavar="CYLINDER", help=text)
-
-
-def _accuracy(command):
-    command.add_argument(
-        "--harmonics", type=whole, metavar="N", help="fixed number of harmonics (default: as many as needed)"
-    )
-    command.add_argument(
-        "--tolerance",
-        type=share,
-        default=0.01,
-        metavar="T",
-        help="largest truncation error, as a share of the largest tooth force (default 0.01)",
-    )
-
-
-def _orbit(command):
-    text = "a periodic solution instead of what the train does; it need not be stable, and a note says whether it is"
-    command.add_argument("--orbit", action="store_true", help=text)
-
-
-def _files(command, picture):
-    command.add_argument("--json", metavar="FILE", help="write all numbers in full precision, SI units")
-    command.add_argument(
-        "--orders", type=positive, metavar="M", help="list amplitudes in the JSON up to this order (default: all)"
-    )
-    command.add_argument("--plot", metavar="FILE.png", help=f"draw {picture} (.png, .svg, .pdf; needs jaxhb[plot])")
-
-
-def _gear(command):
-    command.add_argument("--gear", metavar="NAME", help="gear of the picture (default: of the reference rotor)")
-
-
-def speed(text):
-    """A speed in rpm from the command line."""
-    return _read(read_speed, text)
-
-
-def speeds(text):
-    """Speeds in rpm from ``A:B:COUNT`` or ``R1,R2,...``."""
-    return _read(read_speeds, text)
-
-
-def _read(reader, text):
-    try:
-        return reader(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-
-
-def positive(text):
-    """A number greater than 0 from the command line."""
-    value = _number(text)
-    if not value > 0:
-        raise argparse.ArgumentTypeError(f"{text!r} must be a number greater than 0")
-    return value
-
-
-def whole(text, least=1):
-    """A whole number of at least 1 from the command line."""
-    if not text.isdecimal() or int(text) < least:
-        raise argparse.ArgumentTypeError(f"{text!r} must be a whole number of at least {least}")
-    return int(text)
-
-
-def count(text):
-    """A whole number of at least 0 from the command line."""
-    return whole(text, least=0)
-
-
-def share(text):
-    """A number between 0 and 1 from the command line."""
-    value = _number(text)
-    if not 0 < value < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} must be a number greater than 0 and less than 1, as 0.01 for 1 %")
-    return value
-
-
-def setting(text):
-    """``(NAME.FIELD, VALUE)`` from the command line."""
-    key, equals, number = text.rpartition("=")
-    value = _number(number)
-    if not equals or not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f'{text!r} is not NAME.FIELD=VALUE, as "crank damper.damping=300"')
-    return key.strip(), value
-
-
-def place(text):
-    """``(hz | amplitude | rpm, VALUE)`` from the command line."""
-    name, _, number = text.partition("=")
-    value = _number(number)
-    if name not in ("hz", "amplitude", "rpm") or not value >= 0:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is none of hz=VALUE, amplitude=VALUE and rpm=VALUE, VALUE at least 0"
-        )
-    return name, value
-
-
-def _number(text):
-    """A finite number, or nan."""
-    try:
-        value = float(text)
-    except ValueError:
-        return math.nan
-    return value if math.isfinite(value) else math.nan
-
-
 def run_scenes(_):
     from .inputs import scenes
 
@@ -343,7 +270,7 @@ def run_scene(arguments):
     return scene(arguments)
 
 
-def _runner(name):
+def _runner(name, module="commands"):
     """What runs a command: it reads its inputs first, which takes a fraction of the time of importing jax."""
 
     def run(arguments):
@@ -352,8 +279,8 @@ def _runner(name):
         train = read(arguments)
         from .._program import keep_programs
         from .._store import user_folder
-        from . import commands
 
+        commands = importlib.import_module(f".{module}", __package__)
         keep_programs(user_folder())
         gc.set_threshold(NEW_OBJECTS)
         return getattr(commands, name)(train, arguments)

@@ -3,8 +3,6 @@
 import sys
 from pathlib import Path
 
-from ..linear.forced import forced_response
-from ..linear.modal import natural_frequencies
 from ..model.change import locate
 from ..model.scene_writer import changed_scene, copies_beside
 from ..response.steady import PERCENT
@@ -12,56 +10,30 @@ from .balance import ground_reactions, load_torques
 from .cases import cases_record, cases_text, solve_cases
 from .choose import gears, most_apart, shafts_of
 from .compute import Asked, answer_one, answer_speeds
-from .forced import forced_failures, forced_record, forced_rows, forced_text, readings
 from .misfire_cases import misfire_trains, misfires_text, worst_misfire
 from .output import (
+    ANSWERED,
+    NOT_ANSWERED,
     OutputError,
     as_csv,
     as_json,
     as_picture,
     as_sweep_json,
+    changes,
+    deliver,
     make_folders,
     write_files,
 )
 from .progress import Progress
-from .record import answer_record, finite, modes_record
+from .record import answer_record, finite
 from .sweep_tables import sweep_text
-from .tables import modes_text, solve_text
+from .tables import solve_text
 from .tuned import progress_record, tuned_record, tuned_text
 from .tuned_check import check_designs, check_text
 from .words import warnings
 
-ANSWERED, NOT_ANSWERED, INTERRUPTED = 0, 1, 130
+INTERRUPTED = 130
 EACH = "each"
-_CHANGES = {"scenario": lambda name: name, "set": dict, "links_at": dict, "misfire": list}
-
-
-def modes(train, arguments):
-    """Natural frequencies of a scene."""
-    found = natural_frequencies(train)
-    _answer(
-        arguments,
-        modes_text(found, train.topology.name),
-        json=lambda: as_json(_changes(arguments) | modes_record(found)),
-    )
-    return ANSWERED
-
-
-def forced(train, arguments):
-    """Linear forced response over the speed."""
-    response = forced_response(train.misfire(*arguments.misfire), rpm=arguments.rpm)
-    found = readings(response, arguments.element)
-    _answer(
-        arguments,
-        forced_text(response, found, each=bool(arguments.element)),
-        json=lambda: as_json(finite(_changes(arguments) | forced_record(response, found, orders=arguments.orders))),
-        csv=lambda: as_csv(*map(finite, forced_rows(response, found))),
-        plot=lambda: _forced_picture(arguments, response, found),
-    )
-    failures = forced_failures(response)
-    for sentence in failures:
-        print(sentence, file=sys.stderr)
-    return NOT_ANSWERED if failures else ANSWERED
 
 
 def solve_one(train, arguments):
@@ -70,10 +42,10 @@ def solve_one(train, arguments):
     train = train.misfire(*arguments.misfire)
     with Progress() as progress:
         answer = answer_one(train, arguments.rpm, Asked.of(arguments), progress.say)
-    _answer(
+    deliver(
         arguments,
         solve_text(answer),
-        json=lambda: as_json(_changes(arguments) | _record(arguments, answer)),
+        json=lambda: as_json(changes(arguments) | _record(arguments, answer)),
         plot=lambda: _cycle_picture(arguments, answer),
     )
     return _status([answer])
@@ -91,7 +63,7 @@ def sweep(train, arguments):
             train, arguments.rpm, asked, direction=direction, progress=progress.advance, say=progress.say
         )
         progress.say("reading the results")
-        _answer(
+        deliver(
             arguments,
             sweep_text(found),
             json=lambda: _sweep_json(arguments, found),
@@ -120,10 +92,10 @@ def report(train, arguments):
         cases = solve_cases(trains, arguments.rpm, Asked.of(arguments), **tell)
     chosen = _picture_of(cases[0], arguments.at)
     worst = {"worst_misfire": finite(worst_misfire(cases))} if each else {}
-    _answer(
+    deliver(
         arguments,
         misfires_text(cases) if each else cases_text(cases),
-        json=lambda: as_json(_changes(arguments) | cases_record(cases, orders=arguments.orders) | worst),
+        json=lambda: as_json(changes(arguments) | cases_record(cases, orders=arguments.orders) | worst),
         plot=lambda: _cycle_picture(arguments, chosen),
     )
     return _status([answer for case in cases for answer in case.answers])
@@ -179,7 +151,7 @@ class _TunedFiles:
             table, field, row = locate(self.train.topology, key)
             values[table, row, field] = value
         text, _ = changed_scene(self.arguments.scene, values, remark=f"{self.arguments.scene}, tuned by jaxhb tune.")
-        made = {self.arguments.output: [text.encode()], self.arguments.json: as_json(_changes(self.arguments) | record)}
+        made = {self.arguments.output: [text.encode()], self.arguments.json: as_json(changes(self.arguments) | record)}
         write_files({path: [content] for path, content in self.copies.items()} | made)
 
 
@@ -189,33 +161,15 @@ def _tell(files, progress, step):
     progress.say(f"objective {step.objective:.4g} with a smooth maximum of {100 * step.width:g} %")
 
 
-def _changes(arguments):
-    """What was changed in the scene, for the files."""
-    return {option: made(getattr(arguments, option)) for option, made in _CHANGES.items() if hasattr(arguments, option)}
-
-
 def _given(arguments, names):
     """Options that were given, by name."""
     return {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
-
-
-def _answer(arguments, text, **makers):
-    """Make all that was asked for, then write it, then print: what fails on the way leaves no file."""
-    given = vars(arguments)
-    write_files({given[option]: make() for option, make in makers.items() if given.get(option)})
-    print(text)
 
 
 def _cycle_picture(arguments, answer):
     from .plots import plot_cycle
 
     return as_picture(arguments.plot, plot_cycle(answer, arguments.gear))
-
-
-def _forced_picture(arguments, response, found):
-    from .forced_plots import plot_forced
-
-    return as_picture(arguments.plot, plot_forced(response, found))
 
 
 def _sweep_picture(arguments, found):
@@ -239,7 +193,7 @@ def _sweep_json(arguments, found):
         for way, answers in found.items()
     }
     head = {"rpm": arguments.rpm, "direction": None if "orbit" in found else "both" if len(found) > 1 else [*found][0]}
-    return as_sweep_json(_changes(arguments) | head, lists)
+    return as_sweep_json(changes(arguments) | head, lists)
 
 
 def _sweep_table(found):

@@ -45,7 +45,8 @@ def read(arguments):
         train = train.scenario(arguments.scenario)
     train = train.replace(dict(arguments.set)) if arguments.set else train
     at = dict(getattr(arguments, "links_at", ()))
-    return train.with_constant_links(**at) if at else train
+    by_speed = getattr(arguments, "by_speed", False)  # the command takes links as they are at its own speeds
+    return train.with_constant_links(**at) if at and not by_speed else train
 
 
 def _check_files(given):

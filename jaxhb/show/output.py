@@ -9,6 +9,8 @@ import os
 from pathlib import Path
 
 PICTURES = (".png", ".svg", ".pdf")
+ANSWERED, NOT_ANSWERED = 0, 1
+_CHANGES = {"scenario": lambda name: name, "set": dict, "links_at": dict, "misfire": list}
 
 
 class OutputError(ValueError):
@@ -109,3 +111,15 @@ def as_picture(name, figure):
     content = io.BytesIO()
     figure.savefig(content, format=Path(name).suffix.lower()[1:], dpi=100)
     return [content.getvalue()]
+
+
+def changes(arguments):
+    """What was changed in the scene, for the files."""
+    return {option: made(getattr(arguments, option)) for option, made in _CHANGES.items() if hasattr(arguments, option)}
+
+
+def deliver(arguments, text, **makers):
+    """Make all that was asked for, then write it, then print: what fails on the way leaves no file."""
+    given = vars(arguments)
+    write_files({given[option]: make() for option, make in makers.items() if given.get(option)})
+    print(text)

@@ -140,7 +140,7 @@ def _torque_columns(what, names, after, before):
     return aligned(heads, [names, *columns], [("with backlash", 1, 3), ("without", 4, 5)])
 
 
-def modes_text(modes, name):
+def modes_text(modes, name, teeth="teeth in contact"):
     """Natural frequencies, the share of the teeth in their energy, and the disks that move most."""
     rows, loose = [], int(np.sum(modes.frequencies_hz == 0))
     for k, hz in enumerate(modes.frequencies_hz):
@@ -153,5 +153,5 @@ def modes_text(modes, name):
             moving = "rigid-body mode"
         rows.append([str(k), f"{hz:.2f}", f"{60 * hz:.0f}", f"{100 * modes.mesh_energy_share[k]:.0f}", moving])
     heads = ["mode", "Hz", "per minute", "in teeth %", "largest angles (relative)"]
-    title = f"Natural frequencies of {name}: undamped, teeth in contact; share of the strain energy in the teeth"
+    title = f"Natural frequencies of {name}: undamped, {teeth}; share of the strain energy in the teeth"
     return title + "\n" + aligned(heads, list(zip(*rows, strict=True)), left=(4,))

@@ -11,7 +11,7 @@ from trains import build, chain_parts, gearbox_parts
 
 import jaxhb
 from jaxhb import Disk, Shaft
-from jaxhb.linear import damped, energy, forced, holzer, modal, polynomial, sensitivity, splitting
+from jaxhb.linear import critical, damped, energy, forced, holzer, modal, polynomial, sensitivity, splitting, tangent
 from jaxhb.linear.splitting import Links, _plus, _times, characteristic_coefficients, open_ring, piece, split_at_mass
 
 CHAIN = {i: (i, i + 1) for i in range(1, 5)}
@@ -153,7 +153,10 @@ def test_what_has_no_coefficients_is_refused_all_at_once():
     assert "disk '1' has no inertia" in str(error.value) and "14 disks in double precision" in str(error.value)
 
 
-@pytest.mark.parametrize("module", [damped, energy, forced, holzer, modal, polynomial, sensitivity, splitting])
+MODULES = [critical, damped, energy, forced, holzer, modal, polynomial, sensitivity, splitting, tangent]
+
+
+@pytest.mark.parametrize("module", MODULES)
 def test_the_examples_of_the_toolbox_hold(module):
     failures, tests = doctest.testmod(module)
     assert tests and not failures

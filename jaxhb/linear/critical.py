@@ -1,0 +1,215 @@
+"""Critical speeds: where an order of the excitation meets a natural frequency, order x rpm / 60 = Hz; host.
+
+Order-tuned absorbers make natural frequencies depend on the speed. Critical speeds are then roots of
+``f_k(rpm) - order x rpm / 60``, looked for between speeds and refined with the modes at the root itself.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+
+from ..harmonic.excitation import excitation, listed_harmonic
+from ..model.elements import SceneError
+from ..model.speeds import check_speed
+from ..model.varying import varying
+from .modal import natural_frequencies
+
+ELASTIC, RIGID, RING = "elastic", "rigid", "ring only"
+STRAINED = 0.01
+"""Share of the strain energy in links below which a mode is rigid: on ground springs, or at 0 Hz."""
+ALONE = 0.99
+"""Share of the kinetic energy in the rings of dampers from which a rigid mode is that of rings only."""
+EXCITED = 1e-3
+"""Torque of an order over the largest from which it counts as excited."""
+
+
+@dataclass(frozen=True)
+class Critical:
+    """One critical speed.
+
+    Parameters
+    ----------
+    rpm : float; order : float; hz : float, Hz
+    mode : int, number of the mode among all, as natural_frequencies counts them
+    torque : float, N m, modal torque ``|sum phi T|`` of the order, amplitude, largest angle of the shape 1
+    """
+
+    rpm: float
+    order: float
+    mode: int
+    hz: float
+    torque: float
+
+
+@dataclass(frozen=True)
+class Campbell:
+    """Natural frequencies over the speed and where orders meet them; made by :func:`campbell`.
+
+    Parameters
+    ----------
+    rpm : ``(n,)`` of the reference rotor, rising
+    orders : ``(o,)`` of the reference rotor
+    kinds : tuple of str, of each of m modes "elastic", "rigid" or "ring only"
+    frequencies_hz : ``(n, m)`` Hz
+    critical : tuple of Critical, elastic modes only, by rising speed
+    """
+
+    rpm: np.ndarray
+    orders: np.ndarray
+    kinds: tuple
+    frequencies_hz: np.ndarray
+    critical: tuple
+
+    def elastic(self, count):
+        """Numbers of the first ``count`` elastic modes."""
+        return [k for k, kind in enumerate(self.kinds) if kind == ELASTIC][:count]
+
+
+def mode_kinds(modes, rings):
+    """Of each mode "elastic", "rigid" (no link is strained) or "ring only" (rigid, and only rings of dampers move).
+
+    Parameters
+    ----------
+    modes : Modes
+    rings : collection of str, names of the rings
+
+    Returns
+    -------
+    tuple of str
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> train = jaxhb.load_scene("engine_with_damper")
+    >>> mode_kinds(jaxhb.natural_frequencies(train, count=3), train.topology.damper_names)
+    ('rigid', 'ring only', 'elastic')
+    """
+    ring = modes.kinetic_share[:, [name in rings for name in modes.names]].sum(1)
+    loose = modes.strain_share.sum(1) < STRAINED
+    return tuple(
+        ELASTIC if not free else RING if share > ALONE else RIGID for free, share in zip(loose, ring, strict=True)
+    )
+
+
+def excited_orders(train, *, rpm):
+    """Orders of the reference rotor that the excitation has at any of the speeds, above 1e-3 of the largest.
+
+    Parameters
+    ----------
+    train : DriveTrain, concrete
+    rpm : sequence of float
+
+    Returns
+    -------
+    list of float, rising
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> excited_orders(jaxhb.load_scene("spur_pair"), rpm=[1000.0])
+    [32.0]
+    """
+    harmonics = listed_harmonic(train.topology)
+    torque = [np.abs(np.asarray(excitation(train, speed, harmonics)[0])).max(0) for speed in rpm]
+    largest = np.max(torque, axis=0)[1:]
+    there = np.flatnonzero(largest > EXCITED * largest.max(initial=0.0)) + 1
+    return (there / train.topology.revolutions_per_cycle).tolist()
+
+
+def campbell(train, *, rpm, orders=None, count=6, links_at=()):
+    """Natural frequencies over the speed, undamped, teeth in contact, and the critical speeds between them.
+
+    Parameters
+    ----------
+    train : DriveTrain, concrete
+    rpm : sequence of float, rising
+        Speeds at which frequencies are computed; critical speeds lie between the first and the last. Where frequencies
+        depend on the speed, two crossings between neighbours are not seen.
+    orders : sequence of float, optional
+        Default: :func:`excited_orders`.
+    count : int
+        Elastic modes that are taken, the lowest.
+    links_at : mapping, optional
+        ``hz`` and ``amplitude`` at which links that vary are taken, see :meth:`DriveTrain.with_constant_links`.
+
+    Returns
+    -------
+    Campbell
+
+    Raises
+    ------
+    SceneError
+        If speeds or orders are not greater than 0, or speeds do not rise.
+
+    Examples
+    --------
+    Two disks of 2 kg m2 on 100 N m/rad, 10 rad/s.
+
+    >>> import jaxhb
+    >>> parts = [jaxhb.Disk(name=name, inertia=2.0) for name in "ab"]
+    >>> train = jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
+    >>> [round(c.rpm, 3) for c in campbell(train, rpm=[20.0, 100.0], orders=[1.0, 2.0]).critical]
+    [47.746, 95.493]
+    """
+    _check(train, rpm, orders)
+    orders = excited_orders(train, rpm=rpm) if orders is None else sorted(set(orders))
+    constant = not (train.topology.order_links and "rpm" not in dict(links_at))
+
+    def modes_at(speed):
+        at = {"rpm": speed} | dict(links_at)
+        return natural_frequencies(train.with_constant_links(**at) if varying(train.topology) else train)
+
+    modes = [modes_at(rpm[0])] if constant else [modes_at(speed) for speed in rpm]
+    hz = np.array([one.frequencies_hz for one in modes])
+    hz = np.repeat(hz, len(rpm), axis=0) if constant else hz
+    kinds = mode_kinds(modes[len(modes) // 2], train.topology.damper_names)
+    found = Campbell(np.array(rpm, float), np.array(orders, float), kinds, hz, ())
+    critical = []
+    for k in found.elastic(count):
+        for order in orders:
+            for speed in _crossings(modes_at, found.rpm, hz[:, k], k, order, constant):
+                at = modes[0] if constant else modes_at(speed)
+                torque = _modal_torque(train, at.shapes[k], speed, order)
+                critical.append(Critical(float(speed), float(order), k, order * float(speed) / 60, torque))
+    critical.sort(key=lambda c: (c.rpm, c.order, c.mode))
+    return Campbell(found.rpm, found.orders, kinds, hz, tuple(critical))
+
+
+def _crossings(modes_at, rpm, hz, mode, order, constant):
+    """Speeds at which ``order`` has the frequency of ``mode``, given at ``rpm``."""
+    if constant:
+        speed = 60 * hz[0] / order
+        return [speed] if rpm[0] <= speed <= rpm[-1] else []
+    distance = hz - order * rpm / 60
+    exact = rpm[distance == 0].tolist()
+    changes = np.flatnonzero(distance[:-1] * distance[1:] < 0)
+
+    def left(speed):
+        return modes_at(speed).frequencies_hz[mode] - order * speed / 60
+
+    return exact + [brentq(left, rpm[i], rpm[i + 1], rtol=1e-12) for i in changes]
+
+
+def _modal_torque(train, shape, rpm, order):
+    """Amplitude in N m of what the torques of an order do on a mode shape; 0 for orders that nothing has."""
+    harmonic = order * train.topology.revolutions_per_cycle
+    if abs(harmonic - round(harmonic)) > 1e-9:
+        return 0.0
+    torque = np.asarray(excitation(train, rpm, round(harmonic))[0])[:, round(harmonic)]
+    return float(2 * np.abs(shape @ torque))
+
+
+def _check(train, rpm, orders):
+    name = train.topology.name or "scene"
+    check_speed(train, rpm, many=True)
+    errors = []
+    if len(rpm) < 2 or np.any(np.diff(rpm) <= 0):
+        errors.append(f"{name}: a Campbell diagram needs at least two speeds, in rising order.")
+    errors += [
+        f"{name}: the order is {order}, must be greater than 0."
+        for order in (() if orders is None else orders)
+        if not (np.isfinite(order) and order > 0)
+    ]
+    if errors:
+        raise SceneError(errors)

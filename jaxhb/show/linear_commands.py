@@ -1,0 +1,126 @@
+"""What the commands of the linear train do: compute, print for people, write for programs."""
+
+import sys
+
+import numpy as np
+
+from ..linear.critical import ELASTIC, mode_kinds
+from ..linear.critical import campbell as campbell_of
+from ..linear.damped import damping_ratios
+from ..linear.forced import forced_response
+from ..linear.holzer import holzer_residual, holzer_table
+from ..linear.modal import natural_frequencies
+from ..linear.tangent import at_mean_load
+from .campbell import campbell_record, campbell_rows, campbell_text
+from .forced import forced_failures, forced_record, forced_rows, forced_text, readings
+from .holzer import chosen_modes, holzer_record, holzer_text
+from .mean_load import mean_load_record, mean_load_text
+from .output import ANSWERED, NOT_ANSWERED, OutputError, as_csv, as_json, as_picture, changes, deliver
+from .record import finite, modes_record
+from .tables import modes_text
+
+DAMPED = 300
+"""Disks up to which damping ratios take seconds."""
+
+
+def modes(train, arguments):
+    """Natural frequencies of a scene."""
+    rpm, links_at, name = arguments.at, dict(arguments.links_at), train.topology.name
+    if rpm is None:
+        train = train.with_constant_links(**links_at) if links_at else train
+        found = natural_frequencies(train)
+        text, more = modes_text(found, name), {}
+    else:
+        load = at_mean_load(train.with_constant_links(**{"rpm": rpm} | links_at), rpm=rpm)
+        train = load.train
+        found = natural_frequencies(train)
+        text = modes_text(found, name, f"teeth at the mean load of {rpm:g} rpm")
+        text, more = f"{text}\n\n{mean_load_text(load, rpm)}", mean_load_record(load, rpm)
+    deliver(
+        arguments,
+        text,
+        json=lambda: as_json(finite(changes(arguments) | modes_record(found) | more)),
+        plot=lambda: as_picture(arguments.plot, _modes_picture(train, found)),
+    )
+    return ANSWERED
+
+
+def _modes_picture(train, found):
+    from .mode_plots import plot_modes
+
+    kinds = mode_kinds(found, train.topology.damper_names)
+    elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC]
+    if not elastic:
+        raise OutputError("--plot: no mode strains a link, so there is no shape to draw.")
+    few = train.topology.n_disks <= DAMPED
+    ratios = damping_ratios(train, found) if few else np.full(len(kinds), np.nan)
+    return plot_modes(train, found, elastic, ratios)
+
+
+def holzer(train, arguments):
+    """Holzer's tables."""
+    name = train.topology.name or "scene"
+    found = natural_frequencies(train)
+    kinds = mode_kinds(found, train.topology.damper_names)
+    at = [(None, hz) for hz in arguments.hz or ()]
+    at = at or [(k, float(found.frequencies_hz[k])) for k in chosen_modes(kinds, name, arguments.mode)]
+    tables = [(mode, holzer_table(train, hz=hz)) for mode, hz in at]
+    natural = {k: hz for k, hz in enumerate(found.frequencies_hz) if kinds[k] == ELASTIC}
+
+    def picture():
+        from .linear_plots import plot_holzer
+
+        return plot_holzer(lambda hz: holzer_residual(train, hz=hz), tables, natural, name)
+
+    deliver(
+        arguments,
+        holzer_text(tables, name),
+        json=lambda: as_json(finite(changes(arguments) | holzer_record(tables, name))),
+        plot=lambda: as_picture(arguments.plot, picture()),
+    )
+    return ANSWERED
+
+
+def campbell(train, arguments):
+    """Natural frequencies over the speed, orders and critical speeds."""
+    name, count = train.topology.name or "scene", arguments.modes
+    train = train.misfire(*arguments.misfire)
+    links_at = dict(arguments.links_at)
+    found = campbell_of(train, rpm=arguments.rpm, orders=arguments.orders, count=count, links_at=links_at)
+
+    def picture():
+        from .linear_plots import plot_campbell
+
+        return plot_campbell(found, count, name)
+
+    deliver(
+        arguments,
+        campbell_text(found, count, name),
+        json=lambda: as_json(finite(changes(arguments) | campbell_record(found, count, name))),
+        csv=lambda: as_csv(*campbell_rows(found)),
+        plot=lambda: as_picture(arguments.plot, picture()),
+    )
+    return ANSWERED
+
+
+def forced(train, arguments):
+    """Linear forced response over the speed."""
+    response = forced_response(train.misfire(*arguments.misfire), rpm=arguments.rpm)
+    found = readings(response, arguments.element)
+    deliver(
+        arguments,
+        forced_text(response, found, each=bool(arguments.element)),
+        json=lambda: as_json(finite(changes(arguments) | forced_record(response, found, orders=arguments.orders))),
+        csv=lambda: as_csv(*map(finite, forced_rows(response, found))),
+        plot=lambda: _forced_picture(arguments, response, found),
+    )
+    failures = forced_failures(response)
+    for sentence in failures:
+        print(sentence, file=sys.stderr)
+    return NOT_ANSWERED if failures else ANSWERED
+
+
+def _forced_picture(arguments, response, found):
+    from .forced_plots import plot_forced
+
+    return as_picture(arguments.plot, plot_forced(response, found))

@@ -1,0 +1,161 @@
+"""Options that several commands take, and how their values are read; light, before anything heavy is imported."""
+
+import argparse
+import math
+
+from ..model.speeds import read_speed, read_speeds
+
+RANGE_COUNT = 33
+"""Speeds of a range that has no count."""
+
+
+def add_scene(command, scenarios=True):
+    """The scene and what is changed in it."""
+    command.add_argument("scene", metavar="SCENE", help="a packaged scene (jaxhb scenes) or the path of a file")
+    if scenarios:
+        command.add_argument("--scenario", metavar="NAME", help="take the values of [scenario.NAME] of the scene")
+        text = "make links that vary constant: as they are at this frequency (hz), amplitude (rad) or speed (rpm)"
+        command.add_argument("--links-at", action="append", default=[], type=place, metavar="hz=VALUE", help=text)
+    command.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        type=setting,
+        metavar="NAME.FIELD=VALUE",
+        help='change a number of the scene, SI units, e.g. "crank damper.damping=300"; may be repeated',
+    )
+
+
+def add_speeds(command):
+    """Speeds in rpm."""
+    text = "speeds of the reference rotor, rpm: from A to B in COUNT equal steps, or a list R1,R2,..."
+    command.add_argument("--rpm", required=True, type=speeds, metavar="A:B:COUNT", help=text)
+
+
+def add_misfire(command, more=""):
+    """Cylinders that do not fire."""
+    text = f"this cylinder does not fire; may be repeated{more}"
+    command.add_argument("--misfire", action="append", default=[], metavar="CYLINDER", help=text)
+
+
+def add_accuracy(command):
+    """How exactly the periodic solution is computed."""
+    command.add_argument(
+        "--harmonics", type=whole, metavar="N", help="fixed number of harmonics (default: as many as needed)"
+    )
+    command.add_argument(
+        "--tolerance",
+        type=share,
+        default=0.01,
+        metavar="T",
+        help="largest truncation error, as a share of the largest tooth force (default 0.01)",
+    )
+
+
+def add_orbit(command):
+    """A periodic solution whether or not the train runs in it."""
+    text = "a periodic solution instead of what the train does; it need not be stable, and a note says whether it is"
+    command.add_argument("--orbit", action="store_true", help=text)
+
+
+def add_files(command, picture):
+    """Files of numbers and a picture."""
+    command.add_argument("--json", metavar="FILE", help="write all numbers in full precision, SI units")
+    command.add_argument(
+        "--orders", type=positive, metavar="M", help="list amplitudes in the JSON up to this order (default: all)"
+    )
+    add_plot(command, picture)
+
+
+def add_plot(command, picture):
+    """A picture."""
+    command.add_argument("--plot", metavar="FILE.png", help=f"draw {picture} (.png, .svg, .pdf; needs jaxhb[plot])")
+
+
+def add_gear(command):
+    """The gear of the picture."""
+    command.add_argument("--gear", metavar="NAME", help="gear of the picture (default: of the reference rotor)")
+
+
+def speed(text):
+    """A speed in rpm from the command line."""
+    return _read(read_speed, text)
+
+
+def speeds(text):
+    """Speeds in rpm from ``A:B:COUNT`` or ``R1,R2,...``."""
+    return _read(read_speeds, text)
+
+
+def speed_range(text):
+    """Speeds in rpm from ``A:B[:COUNT]`` or ``R1,R2,...``."""
+    return speeds(f"{text}:{RANGE_COUNT}" if text.count(":") == 1 else text)
+
+
+def orders(text):
+    """Orders from ``N1,N2,...``."""
+    return [positive(word) for word in text.split(",")]
+
+
+def _read(reader, text):
+    try:
+        return reader(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def positive(text):
+    """A number greater than 0 from the command line."""
+    value = _number(text)
+    if not value > 0:
+        raise argparse.ArgumentTypeError(f"{text!r} must be a number greater than 0")
+    return value
+
+
+def whole(text, least=1):
+    """A whole number of at least 1 from the command line."""
+    if not text.isdecimal() or int(text) < least:
+        raise argparse.ArgumentTypeError(f"{text!r} must be a whole number of at least {least}")
+    return int(text)
+
+
+def count(text):
+    """A whole number of at least 0 from the command line."""
+    return whole(text, least=0)
+
+
+def share(text):
+    """A number between 0 and 1 from the command line."""
+    value = _number(text)
+    if not 0 < value < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} must be a number greater than 0 and less than 1, as 0.01 for 1 %")
+    return value
+
+
+def setting(text):
+    """``(NAME.FIELD, VALUE)`` from the command line."""
+    key, equals, number = text.rpartition("=")
+    value = _number(number)
+    if not equals or not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f'{text!r} is not NAME.FIELD=VALUE, as "crank damper.damping=300"')
+    return key.strip(), value
+
+
+def place(text):
+    """``(hz | amplitude | rpm, VALUE)`` from the command line."""
+    name, _, number = text.partition("=")
+    value = _number(number)
+    if name not in ("hz", "amplitude", "rpm") or not value >= 0:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is none of hz=VALUE, amplitude=VALUE and rpm=VALUE, VALUE at least 0"
+        )
+    return name, value
+
+
+def _number(text):
+    """A finite number, or nan."""
+    try:
+        value = float(text)
+    except ValueError:
+        return math.nan
+    return value if math.isfinite(value) else math.nan

@@ -1,0 +1,69 @@
+"""Critical speeds against calculation by hand."""
+
+import math
+
+import numpy as np
+import pytest
+
+import jaxhb
+from jaxhb.linear.critical import campbell, excited_orders, mode_kinds
+
+PENDULUM = {"crank": 1.0, "load": 3.0, "stiffness": 4e5, "ring": 0.1, "order": 3.0}
+
+
+def pendulum():
+    """An order-tuned ring on the crank of two disks."""
+    parts = [jaxhb.Disk(name=name, inertia=PENDULUM[name]) for name in ("crank", "load")]
+    parts += [jaxhb.Shaft(between=("crank", "load"), stiffness=PENDULUM["stiffness"])]
+    parts += [jaxhb.Damper(name="ring", disk="crank", inertia=PENDULUM["ring"], order=PENDULUM["order"])]
+    parts += [jaxhb.Torque(disk="load", harmonics=[(1.5, 30.0, 0.0), (3.0, 0.0, 100.0)])]
+    return jaxhb.build(parts, revolutions_per_cycle=2)
+
+
+def test_a_critical_speed_is_sixty_times_the_frequency_over_the_order():
+    train = jaxhb.load_scene("six_cylinder_diesel")
+    (_, first, second), orders = jaxhb.natural_frequencies(train, count=3).frequencies_hz, (3.0, 6.0, 9.0, 12.0)
+    found = campbell(train, rpm=[1000.0, 5000.0], orders=orders)
+    wanted = sorted((60 * hz / n, n, k) for k, hz in ((1, first), (2, second)) for n in orders)
+    wanted = [row for row in wanted if 1000 <= row[0] <= 5000]
+    lower = [c for c in found.critical if c.mode <= 2]
+    np.testing.assert_allclose([(c.rpm, c.order, c.mode) for c in lower], wanted, rtol=1e-12)
+
+
+def test_an_order_tuned_ring_holds_its_disk_still_where_the_rest_vibrates_at_its_order():
+    """The crank rests, so the load swings on the shaft as if clamped: sqrt(k / J_load) = 3 x speed."""
+    found = campbell(pendulum(), rpm=np.linspace(600.0, 4000.0, 5).tolist())
+    (at,) = [c for c in found.critical if c.order == 3.0]
+    hz = math.sqrt(PENDULUM["stiffness"] / PENDULUM["load"]) / (2 * math.pi)
+    assert at.hz == pytest.approx(hz, rel=1e-9) and at.rpm == pytest.approx(20 * hz, rel=1e-9)
+    modes = jaxhb.natural_frequencies(pendulum().with_constant_links(rpm=at.rpm))
+    assert modes.frequencies_hz[at.mode] == pytest.approx(hz, rel=1e-9)
+    assert abs(modes.shape(at.mode)["crank"]) < 1e-8
+    assert at.torque == pytest.approx(100.0 * abs(modes.shape(at.mode)["load"]), rel=1e-6)
+
+
+def test_links_held_at_one_speed_have_horizontal_lines():
+    found = campbell(pendulum(), rpm=[600.0, 4000.0], links_at={"rpm": 1000.0})
+    assert np.ptp(found.frequencies_hz, axis=0).max() == 0
+    held = jaxhb.natural_frequencies(pendulum().with_constant_links(rpm=1000.0)).frequencies_hz
+    np.testing.assert_array_equal(found.frequencies_hz[0], held)
+
+
+def test_excited_orders_are_those_of_the_torques():
+    assert excited_orders(pendulum(), rpm=[1000.0]) == [1.5, 3.0]
+
+
+def test_rigid_modes_and_rings_alone_have_no_critical_speed():
+    train = jaxhb.load_scene("gear_train_30")  # a soft ground makes its rigid mode one of 0.02 Hz
+    found = campbell(train, rpm=[1.0, 30.0], orders=[0.1, 1.0])
+    assert found.kinds[0] == "rigid" and 0 < found.frequencies_hz[0, 0] < 0.1
+    assert all(c.mode > 0 for c in found.critical)
+    train = jaxhb.load_scene("engine_with_damper")
+    kinds = mode_kinds(jaxhb.natural_frequencies(train), train.topology.damper_names)
+    assert kinds[:3] == ("rigid", "ring only", "elastic") and set(kinds[2:]) == {"elastic"}
+
+
+@pytest.mark.parametrize("rpm, orders", [([1000.0], None), ([1000.0, 900.0], None), ([900.0, 1000.0], [0.0])])
+def test_ranges_that_do_not_rise_and_orders_of_0_are_refused(rpm, orders):
+    with pytest.raises(jaxhb.SceneError, match="rising order|greater than 0"):
+        campbell(pendulum(), rpm=rpm, orders=orders)

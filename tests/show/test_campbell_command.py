@@ -1,0 +1,97 @@
+"""``jaxhb campbell``: critical speeds that a calculation by hand gives, in the table, the files and the picture."""
+
+import csv
+import json
+
+import pytest
+
+import jaxhb
+from jaxhb.linear.critical import campbell
+from jaxhb.show.cli import main
+from jaxhb.show.linear_plots import plot_campbell
+
+SCENE = "six_cylinder_diesel"
+PENDULUM = """
+[scene]
+name = "pendulum"
+revolutions_per_cycle = 1
+[[disk]]
+name = "crank"
+inertia = 1.0
+[[disk]]
+name = "load"
+inertia = 3.0
+[[shaft]]
+name = "shaft"
+between = ["crank", "load"]
+stiffness = 4e5
+over_hz = [[0, 1.0, 1.0], [100, 1.0, 1.0]]
+[[damper]]
+name = "ring"
+disk = "crank"
+inertia = 0.1
+order = 3
+[[torque]]
+disk = "load"
+harmonics = [[3, 100.0, 0.0]]
+"""
+
+
+def test_the_table_and_the_files_hold_sixty_times_hz_over_the_order_by_rising_speed(capsys, tmp_path):
+    files = [f"--json={tmp_path / 'c.json'}", f"--csv={tmp_path / 'c.csv'}", f"--plot={tmp_path / 'c.png'}"]
+    assert main(["campbell", SCENE, "--rpm", "1000:2600", "--orders", "6,9,3", *files]) == 0
+    hz = jaxhb.natural_frequencies(jaxhb.load_scene(SCENE)).frequencies_hz[1]
+    record = json.loads((tmp_path / "c.json").read_text())
+    found = [(c["rpm"], c["order"], c["mode"], c["hz"]) for c in record["critical_speeds"]]
+    assert found == [(60 * hz / 9, 9.0, 1, hz), (60 * hz / 6, 6.0, 1, hz)]
+    assert record["orders"] == [3.0, 6.0, 9.0] and record["rpm"][0] == 1000.0 and record["rpm"][-1] == 2600.0
+    assert [m["kind"] for m in record["modes"]] == ["rigid"] + ["elastic"] * 6
+    with (tmp_path / "c.csv").open() as text:
+        rows = list(csv.DictReader(text))
+    assert [float(row["rpm"]) for row in rows] == [row[0] for row in found]
+    said = capsys.readouterr().out
+    assert [line.split()[:4] for line in said.splitlines()[-2:]] == [
+        ["1443.9", "9", "1", "216.58"],
+        ["2165.8", "6", "1", "216.58"],
+    ]
+    assert (tmp_path / "c.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_orders_are_those_of_the_torques_unless_given(tmp_path, capsys):
+    (tmp_path / "p.toml").write_text(PENDULUM)
+    assert main(["campbell", str(tmp_path / "p.toml"), "--rpm", "600:4000:9", "--links-at", "hz=50"]) == 0
+    said = capsys.readouterr().out
+    assert "Orders: 3." in said and "Hz at 600 rpm  at 4000 rpm" in said
+    assert said.splitlines()[-1].split()[:4] == ["1162.3", "3", "1", "58.12"]  # sqrt(4e5 / 3) / 2 pi, times 60 / 3
+
+
+def test_a_link_that_varies_with_the_frequency_must_be_made_constant(tmp_path, capsys):
+    (tmp_path / "p.toml").write_text(PENDULUM)
+    assert main(["campbell", str(tmp_path / "p.toml"), "--rpm", "600:4000"]) == 2
+    assert "'shaft' has over_hz" in capsys.readouterr().err
+
+
+def test_the_picture_has_modes_rays_and_circles_at_the_critical_speeds():
+    found = campbell(jaxhb.load_scene(SCENE), rpm=[1000.0, 2600.0], orders=[3.0, 6.0])
+    (axes,) = plot_campbell(found, 6, SCENE).axes
+    lines = axes.get_lines()
+    (ray,) = [line for line in lines if line.get_linestyle() == "--" and line.get_ydata()[1] == 260.0]
+    assert ray.get_ydata()[0] == 100.0
+    circles = [line for line in lines if line.get_marker() == "o" and line.get_fillstyle() == "none"]
+    assert circles[0].get_xdata() == pytest.approx([c.rpm for c in found.critical])
+    said = [text.get_text().strip() for text in axes.texts]
+    assert {"mode 0: rigid", "mode 1: 216.6 Hz", "3", "6"} == set(said)
+
+
+@pytest.mark.parametrize(
+    "options, why",
+    [
+        (["--rpm", "1000"], "at least two speeds, in rising order"),
+        (["--rpm", "2000:1000"], "at least two speeds, in rising order"),
+        (["--rpm", "900:1000", "--orders", "3,x"], "'x' must be a number greater than 0"),
+        (["--rpm", "900:1000", "--modes", "0"], "a whole number of at least 1"),
+    ],
+)
+def test_bad_input_exits_2_with_a_sentence(options, why, capsys):
+    assert main(["campbell", SCENE, *options]) == 2
+    assert why in capsys.readouterr().err
