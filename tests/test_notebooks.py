@@ -26,8 +26,10 @@ def test_a_notebook_runs_in_quick_mode(path, monkeypatch):
     pytest.importorskip("numba")
     pytest.importorskip("matplotlib")
     monkeypatch.setenv("JAXHB_QUICK", "1")
-    search = [str(FOLDER.parent), os.environ.get("PYTHONPATH", "")]
+    search = [str(FOLDER.parent), str(FOLDER.parent / "tests"), os.environ.get("PYTHONPATH", "")]
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, search)))
     notebook = nbformat.read(path, 4)
     resources = {"metadata": {"path": str(FOLDER)}}
-    nbclient.NotebookClient(notebook, timeout=300, kernel_name="python3", resources=resources).execute()
+    client = nbclient.NotebookClient(notebook, timeout=300, kernel_name="python3", resources=resources)
+    client.extra_arguments = ["--IPKernelApp.exec_lines=import compiling"]
+    client.execute()

@@ -99,9 +99,9 @@ def test_the_determinant_is_that_of_liouville_on_every_packaged_scene(name, rpm)
 
 
 def test_the_cheap_multiplier_is_near_the_exact_one():
-    """At 2350 rpm the teeth of gear_train_30 hammer hard, and what was found is far from stable."""
+    """At 2375 rpm the teeth of gear_train_30 hammer hard; what is found, whatever the rounding, is far from stable."""
     train = jaxhb.load_scene("gear_train_30")
-    for response, error in ((packaged("gear_train_30", 1800.0), 1e-3), (jaxhb.solve(train, rpm=2350.0), 0.1)):
+    for response, error in ((packaged("gear_train_30", 1800.0), 1e-3), (jaxhb.solve(train, rpm=2375.0), 0.1)):
         exact = jaxhb.stability(response).largest
         assert abs(jaxhb.largest_multiplier(response) - exact) < error * exact
     diesel = packaged("six_cylinder_diesel", 1500.0)

@@ -162,8 +162,12 @@ def test_moduli_of_multipliers_have_the_limit_marked_and_how_stability_is_lost(s
 
 
 def test_the_mesh_shown_is_the_hardest_and_a_train_without_one_is_refused():
-    sweep = jaxhb.steady_state(jaxhb.load_scene("gear_train_30"), rpm=[1000.0, 1200.0])
-    assert hardest_mesh(sweep) == "crank gear|idler"
-    bare = jaxhb.steady_state(jaxhb.load_scene("six_cylinder_diesel"), rpm=[1500.0])
+    """Of the two, the pump gear's, which carries the load, not the first: the cam gear's."""
+    train = trains.build(trains.pinions_parts(300.0), reference="flywheel")
+    sweep = jaxhb.steady_state(train, rpm=[1500.0])
+    cam, pump = (float(sweep[0].force(mesh).peak) for mesh in train.topology.mesh_names)
+    assert hardest_mesh(sweep) == "crank gear|pump gear" and pump > cam
+    disks = [*trains.chain_parts([1.0, 1.0], [50.0]), jaxhb.Torque(disk="1", harmonics=((1.0, 10.0, 0.0),))]
+    bare = jaxhb.steady_state(trains.build(disks), rpm=[1500.0])
     with pytest.raises(ValueError, match="has no mesh"):
         plot_motions(bare)
