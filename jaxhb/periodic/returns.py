@@ -40,7 +40,8 @@ class Cycles:
     """How long a march is at most.
 
     transient : cycles before the record, by default 64 to 192, more of them for trains whose cycles are cheap;
-    recorded : cycles of the record of a motion that does not return; most : cycles while return errors still fall.
+    recorded : cycles of the record of a motion that does not return; most : cycles while return errors still fall, with
+    each length of steps.
     """
 
     transient: int | None = None
