@@ -194,9 +194,10 @@ def refused_when_built():
 def refused_when_replaced():
     """NaN and infinities through ``train.replace``."""
     train, let_through, count = jaxhb.build(one_of_each(), reference="motor"), [], 0
-    for name, (table, _) in train.topology.elements.items():
-        attribute = {"mesh": "meshes"}.get(table, f"{table}s")
-        for f in dataclasses.fields(getattr(train, attribute)):
+    for name, (kind, _) in train.topology.elements.items():
+        attribute = {"mesh": "meshes"}.get(kind, f"{kind}s")
+        table = getattr(train, attribute)
+        for f in (f for f in dataclasses.fields(table) if getattr(table, f.name) is not None):  # None: nothing has it
             shape = np.shape(train.value(f"{name}.{f.name}"))
             for bad in (np.nan, np.inf, -np.inf) if np.prod(shape) else ():
                 count += 1
