@@ -46,19 +46,13 @@ def one_mass_peak(values, integrals="sampled", kind=Tight, cycles=12):
 
 @pytest.fixture(scope="module")
 def second():
-    """Of one mass: values -> (Hessian, (gradient, status)), a column at a time: a batch takes longer to trace."""
-    gradient = jax.grad(partial(one_mass_peak, integrals="exact"), has_aux=True)
+    """Of one mass: values -> (Hessian, (gradient, status))."""
 
-    @jax.jit
-    def column(values, along):
-        found, change, status = jax.jvp(gradient, (values,), (along,), has_aux=True)
-        return change, (found, status)
+    def gradient(values):
+        found, status = jax.grad(one_mass_peak, has_aux=True)(values, integrals="exact")
+        return found, (found, status)
 
-    def hessian(values):
-        columns = [column(values, along) for along in np.eye(len(values))]
-        return np.stack([change for change, _ in columns], axis=1), columns[0][1]
-
-    return hessian
+    return jax.jit(jax.jacfwd(gradient, has_aux=True))
 
 
 def test_second_derivatives_with_exact_integrals_are_those_of_differences_of_gradients(second):

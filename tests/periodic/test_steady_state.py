@@ -60,7 +60,7 @@ def test_a_cycle_several_times_as_long_has_the_same_excitation_at_multiples_of_i
 
 def test_responses_over_a_longer_cycle_have_the_same_forces_at_the_same_orders():
     train = jaxhb.load_scene("gear_train_30")
-    once, twice = (jaxhb.solve(train.repeated(k), rpm=1200.0, harmonics=96 * k) for k in (1, 2))
+    once, twice = (jaxhb.solve(t, rpm=1200.0) for t in (train, train.repeated(2)))
     one, two = (r.force("crank gear", "idler") for r in (once, twice))
     assert two.order(1.5) == pytest.approx(one.order(1.5), rel=1e-3)  # truncation errors of other numbers of harmonics
     assert two.max == pytest.approx(one.max, rel=3e-3)
