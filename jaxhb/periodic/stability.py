@@ -163,8 +163,8 @@ def largest_multiplier(response):
     Returns
     -------
     float
-        On ``gear_train_30`` within 0.1 % of ``stability(response).largest`` up to 2000 rpm; above, where the teeth hammer
-        hardest, up to 11 % off at the speeds tried: what is nearer to 1 is for :func:`stability` to decide.
+        On ``gear_train_30`` within 0.1 % of ``stability(response).largest`` up to 2000 rpm; above, where the teeth
+        hammer hardest, up to 11 % off at the speeds tried: what is nearer to 1 is for :func:`stability` to decide.
 
     Raises
     ------
