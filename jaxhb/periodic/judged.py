@@ -38,7 +38,7 @@ class Judge:
 
     def __init__(self, train, speeds, request, exact, cycles):
         self.train, self.speeds, self.request, self.exact, self.cycles = train, speeds, request, exact, cycles
-        self.lossy = bool(np.any(train.shafts.loss_factor) or np.any(train.dampers.loss_factor))
+        self.lossy = lossy(train)
         self.equations, self.known = {}, {}
 
     def settle(self, places, motions, progress=lambda count: None):
@@ -235,6 +235,11 @@ class _Verdict:
         apart = any(contact.separated_fraction > 0 for contact in record.contacts)
         kind = "subharmonic" if period > 1 else "periodic" if apart else "contact"
         return self._made(kind, period, record=record)
+
+
+def lossy(train):
+    """Whether a train has loss factors."""
+    return bool(np.any(train.shafts.loss_factor) or np.any(train.dampers.loss_factor))
 
 
 def state_of(train, rpm, kind, period, *, response=None, record=None, cycles=0, notes=(), motion=None, stability=None):

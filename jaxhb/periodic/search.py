@@ -9,7 +9,7 @@ from ..model.speeds import check_speed
 from ..response.response import Response
 from ..response.status import Status
 from . import ladder, orbits
-from .judged import Judge
+from .judged import Judge, lossy
 from .marching import Equations
 from .planning import plan_speeds
 from .request import Request
@@ -131,7 +131,7 @@ def _settled(train, rpm, request):
 def _starts(train, rpm):
     """Motions ``(2S,)`` with the teeth in the middle of their gaps, on the flanks that do not drive, and scattered."""
     try:
-        posed = Equations(train if not _lossy(train) else train.with_viscous_damping(hz=rpm / 60)).pose([rpm])
+        posed = Equations(train if not lossy(train) else train.with_viscous_damping(hz=rpm / 60)).pose([rpm])
     except ValueError:  # a massless disk leaves no equation: nothing can be marched
         return []
     flank, rest, power = posed.flank[0], posed.displacement[0, :, 0].real, np.abs(posed.displacement[0, :, 1:]) ** 2
@@ -149,10 +149,6 @@ class _Scattered(orbits.Search):
         seeds = super()._seeds()
         size = np.abs(seeds).max(axis=0, initial=0.0)
         return np.concatenate([seeds, size * np.random.default_rng(0).uniform(-2, 2, seeds.shape)])
-
-
-def _lossy(train):
-    return bool(np.any(train.shafts.loss_factor) or np.any(train.dampers.loss_factor))
 
 
 def _searched(case):

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from ..periodic.judged import lossy
 from ..periodic.stability import DENSE_DISKS, largest_multiplier, stability
 
 DECIDED = 0.15
@@ -44,7 +45,7 @@ def growth_of(state, *, orbit):
     if response is None or not state.known:
         return Growth()
     try:
-        large = response.topology.n_disks > DENSE_DISKS and not _lossy(response.train)
+        large = response.topology.n_disks > DENSE_DISKS and not lossy(response.train)
         largest = largest_multiplier(response) if large else 1.0
         if abs(largest - 1) > DECIDED:
             return Growth(largest, largest < 1)
@@ -52,10 +53,6 @@ def growth_of(state, *, orbit):
         return Growth(found.largest, found.stable, found.loses_by or "")
     except ValueError as refusal:
         return Growth(refused=str(refusal), nearly=largest_multiplier(response) if orbit else None)
-
-
-def _lossy(train):
-    return bool(train.shafts.loss_factor.any() or train.dampers.loss_factor.any())
 
 
 def growth_text(growth, period=1):
