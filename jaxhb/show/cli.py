@@ -171,7 +171,10 @@ def parser():
     scene = add("scene", run_scene, "check a scene and write it as TOML, from files of other programs too", SCENE)
     scene.add_argument("scene", metavar="SCENE", help="a packaged scene, or the path of a .toml, .json or .csv")
     scene.add_argument("--expand", action="store_true", help="write the cylinders that an [engine] makes")
-    scene.add_argument("--out", metavar="FILE.toml", help="write it there, its tables beside it (default: print it)")
+    instead = scene.add_mutually_exclusive_group()
+    instead.add_argument("--out", metavar="FILE.toml", help="write it there, its tables beside it (default: print it)")
+    text = "print inertias, stiffnesses and dampings instead, actual and referred to the reference rotor"
+    instead.add_argument("--referred", action="store_true", help=text)
     modes = add(
         "modes",
         _runner("modes", "linear_commands"),

@@ -26,6 +26,7 @@ from .output import (
 )
 from .progress import Progress
 from .record import answer_record, finite
+from .strength import answers_strength, strength_record
 from .sweep_tables import sweep_text
 from .tables import solve_text
 from .tuned import progress_record, tuned_record, tuned_text
@@ -193,6 +194,9 @@ def _sweep_json(arguments, found):
         for way, answers in found.items()
     }
     head = {"rpm": arguments.rpm, "direction": None if "orbit" in found else "both" if len(found) > 1 else [*found][0]}
+    judged = {way: finite(strength_record(answers_strength(answers))) for way, answers in found.items()}
+    if any(judged.values()):
+        head["strength"] = judged if len(found) > 1 else [*judged.values()][0]
     return as_sweep_json(changes(arguments) | head, lists)
 
 

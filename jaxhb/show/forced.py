@@ -9,8 +9,7 @@ from ..model.topology import suggestion
 from ..response.signal import Signal
 from ..response.status import Status
 from .choose import shafts_of
-from .columns import NONE, aligned, alike
-from .sweep_tables import ranges
+from .columns import NONE, aligned, alike, ranges
 
 SHOWN = 6
 """Orders in a table or picture, those with the largest amplitudes."""

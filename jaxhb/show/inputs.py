@@ -5,6 +5,7 @@ from pathlib import Path
 from ..model.scene import load_scene, scene_description, scene_names
 from ..model.scene_writer import copies_beside, scene_text
 from .output import OutputError, check_output, check_picture, write_files
+from .referred import referred_text
 
 _FILES = ("json", "csv", "output", "plot")
 
@@ -19,7 +20,10 @@ def scenes():
 
 
 def scene(arguments):
-    """Print a scene as TOML, or write it with the tables it names."""
+    """Print a scene as TOML or its referred numbers, or write it with the tables it names."""
+    if arguments.referred:
+        print(referred_text(load_scene(arguments.scene)))
+        return 0
     if arguments.out:
         if Path(arguments.out).suffix != ".toml":
             raise OutputError(f"--out: {arguments.out!r} is no scene. Give a name that ends in .toml.")
