@@ -69,9 +69,8 @@ class Strength:
     @property
     def barred(self) -> dict[str, tuple[BarredRange, ...]]:
         """Barred speed ranges of every shaft with limits, see :func:`jaxhb.barred_ranges`; of several speeds."""
-        return {
-            name: barred_ranges(self.rpm, *row) for name, row in self.stresses.items() if row.continuous is not None
-        }
+        limited = {name: row for name, row in self.stresses.items() if row.continuous is not None}
+        return {name: barred_ranges(self.rpm, *row) for name, row in limited.items()}
 
 
 class _OfResponse:

@@ -128,12 +128,9 @@ class Parts:
 def element_errors(parts: Parts) -> list[str]:
     """Find what is wrong with each element by itself: keys, values, rows; and mark it in ``parts.bad``."""
     errors = []
-    special = {
-        "shaft": (shaft_errors, "stiffness"),
-        "mesh": (mesh_errors, "law"),
-        "damper": (damper_errors, "stiffness"),
-    }
-    special |= {"cylinder": (cylinder_errors, "fires"), "torque": (_torque_errors, "speed_exponent")}
+    special = {"mesh": (mesh_errors, "law"), "cylinder": (cylinder_errors, "fires")}
+    special |= {"shaft": (shaft_errors, "stiffness"), "damper": (damper_errors, "stiffness")}
+    special["torque"] = _torque_errors, "speed_exponent"
     for table, rows in parts.tables.items():
         for i, element in enumerate(rows):
             where = parts.where(table, i)

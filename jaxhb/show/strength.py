@@ -148,11 +148,9 @@ def _range_text(name, one, rated):
     low, high = (f"{speed:.4g}" for speed in (one.low, one.high))
     low, high = f"{low} or below" if one.open_below else low, f"{high} or above" if one.open_above else high
     said = f"  {name}: {low} to {high} rpm, {one.share:.2f} of the continuous limit at {one.at:g} rpm"
-    transient = (
-        "within the transient limit" if one.passable else f"ABOVE THE TRANSIENT LIMIT, {one.transient_share:.2f}"
-    )
-    above = f"; not accepted above {NOT_ABOVE:g} of the rated speed" if one.high > NOT_ABOVE * rated else ""
-    return f"{said}, {transient}{above}"
+    beyond = f"ABOVE THE TRANSIENT LIMIT ({one.transient_share:.2f} of it)"
+    late = f"; not accepted above {NOT_ABOVE:g} of the rated speed" if one.high > NOT_ABOVE * rated else ""
+    return f"{said}, {'within the transient limit' if one.passable else beyond}{late}"
 
 
 def strength_record(found):
