@@ -84,7 +84,7 @@ def permissible_stress(*, diameter, stress_concentration, tensile_strength, spee
     >>> form = {"diameter": 0.4, "stress_concentration": 1.0, "tensile_strength": 6e8}
     >>> limits = permissible_stress(**form, speed_ratio=np.array([0.5, 0.9, 1.0]))
     >>> [(limit / 1e6).round(2).tolist() for limit in limits]
-    [[66.56, 36.74, 36.74], [113.15, 62.46, 62.46]]
+    [[66.56, 36.74, 36.74], [113.16, 62.46, 62.46]]
     """
     xp = namespace(diameter, stress_concentration, tensile_strength, speed_ratio)
     ratio = xp.asarray(speed_ratio, dtype=float)
