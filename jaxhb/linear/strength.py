@@ -42,7 +42,7 @@ def torsional_stress(torque, *, diameter, bore=0.0):
     Examples
     --------
     >>> round(float(torsional_stress(1000.0, diameter=0.1, bore=0.05)))
-    5432488
+    5432489
     """
     return 16.0 * torque * diameter / (math.pi * (diameter**4 - bore**4))
 

@@ -116,7 +116,7 @@ def _worst(values, limit):
 
 def _at(values, i):
     """A number at one speed, nan where there is none."""
-    return float("nan") if values is None or i is None else float(np.broadcast_to(values, (i + 1,))[i])
+    return float("nan") if values is None or i is None else float(np.ravel(values)[i if np.size(values) > 1 else 0])
 
 
 def _speeds(rpm, places):

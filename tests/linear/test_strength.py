@@ -36,10 +36,12 @@ GEARED = [
     Damper(
         name="ring", disk="engine", inertia=0.1, stiffness=2e4, damping_ratio=0.1, damping_hz=50.0, power_limit=20.0
     ),
-    Torque(disk="engine", mean=150.0, harmonics=((0.5, 120.0, 30.0), (1.0, -60.0, 20.0), (2.0, 15.0, 40.0))),
+    Torque(disk="engine", mean=1e3, harmonics=((0.5, 2400.0, 600.0), (1.0, -1200.0, 400.0), (2.0, 300.0, 800.0))),
     Load(disk="mill"),
 ]
 RPM = np.linspace(500.0, 3300.0, 29)
+SAMPLED = 1e-5
+"""Extremes among 4096 samples of the cycle against those among 20,000."""
 
 
 def geared(parts=GEARED):
@@ -111,10 +113,10 @@ def test_stresses_tooth_torques_and_heat_are_those_of_the_samples(response):
         samples = signal.samples(20_000)
         polar = np.pi / 32 * (d**4 - b**4)
         wanted = np.ptp(samples, axis=-1) / 2 * (d / 2) / polar
-        np.testing.assert_allclose(found.stresses[name].stress, wanted, rtol=1e-6)
+        np.testing.assert_allclose(found.stresses[name].stress, wanted, rtol=SAMPLED)
     force = response.force("pinion|wheel").samples(20_000)
     tooth = found.tooth_torques["pinion|wheel"]
-    np.testing.assert_allclose(tooth.vibratory, 0.05 * np.ptp(force, axis=-1) / 2, rtol=1e-6)
+    np.testing.assert_allclose(tooth.vibratory, 0.05 * np.ptp(force, axis=-1) / 2, rtol=SAMPLED)
     np.testing.assert_allclose(tooth.mean, 0.05 * force.mean(-1), rtol=1e-9)
     np.testing.assert_array_equal(tooth.reverses, (force.min(-1) < 0) & (force.max(-1) > 0))
     assert tooth.limit == pytest.approx(100.0) and 0 < tooth.reverses.sum() < len(RPM)
@@ -155,7 +157,6 @@ def test_a_scene_without_such_keys_has_nothing_to_be_judged_by_and_no_arrays_mor
 def test_a_response_without_a_train_needs_one():
     train = geared()
     bare = jax.vmap(lambda rpm: jaxhb.forced_response(train, rpm=rpm))(RPM[:2])
-    bare = jax.tree.map(lambda a: a, bare)
     with pytest.raises(ValueError, match="has no train: give train="):
         jaxhb.strength(bare)
     given = jaxhb.strength(bare, train=train).stresses["coupling"]
@@ -200,7 +201,7 @@ def test_gradients_to_every_number_are_those_of_differences(rpm):
     slopes = jax.jit(jax.jacrev(judged))(at)
     batched = jax.jit(jax.vmap(judged))
     for row, slope in enumerate(slopes):
-        wanted = differences(lambda several, row=row: batched(several)[:, row], at, 1e-4 * at)
+        wanted = differences(lambda several, row=row: batched(several)[:, row], at, 1e-5 * at)
         compare(np.asarray(slope) * at, wanted * at, GRADIENT)
 
 
