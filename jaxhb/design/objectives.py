@@ -145,7 +145,7 @@ def stress_over_limit(response, name, *, transient=False, train=None, swing=half
     >>> train = jaxhb.build(parts, revolutions_per_cycle=1, rated_rpm=50.0)
     >>> r = jaxhb.linear_response(train, rpm=25.0)
     >>> round(float(stress_over_limit(r, "a|b", swing=lambda signal: signal.half_peak_to_peak)), 4)
-    0.2752
+    0.2765
     """
     train = limits.train_of(response, train)
     limit = limits.stress_limits(train, name, jnp.asarray(response.rpm))[int(transient)]

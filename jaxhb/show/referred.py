@@ -18,8 +18,8 @@ def referred_text(train):
     Examples
     --------
     >>> from jaxhb.model.scene import load_scene
-    >>> print(referred_text(load_scene("spur_pair")).splitlines()[1])
-      disk    speed ratio i  J kg m2  J i^2
+    >>> print(referred_text(load_scene("spur_pair")).splitlines()[2].split())
+    ['gear', 'a', '1', '0.00281448', '0.00281448']
     """
     found = referred(train)
     disks = [found.disks, *map(_numbers, (found.factor, found.inertia, found.inertia_referred))]

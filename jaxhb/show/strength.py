@@ -9,11 +9,10 @@ from .columns import NONE, aligned, alike, ranges
 
 AID = "evaluation aid, no class approval"
 
-RULE = (
-    "Limits after IACS UR M68 for intermediate, thrust and propeller shafts, lambda = speed / {rated:g} rpm: check them"
-    " against its current text.\nTensile strengths count up to 800 MPa; of carbon steels and propeller shafts the rule"
-    " counts 600 MPa at the most."
-)
+RULE = """\
+Limits after IACS UR M68 for intermediate, thrust and propeller shafts, lambda = speed / {rated:g} rpm: check them against
+its current text. Tensile strengths count up to 800 MPa; of carbon steels and of propeller shafts the rule counts at most
+600 MPa."""
 
 
 class _OfAnswers:
@@ -65,35 +64,38 @@ def strength_text(found, title=""):
 
 def _stress_table(rpm, rows):
     places = [_worst(row.stress, row.continuous) for row in rows.values()]
-    both = list(zip(rows.values(), places, strict=True))
-    limits = [[_at(limit, i) / 1e6 for limit in (row.continuous, row.transient)] for row, i in both]
-    stress = [_at(row.stress, i) / 1e6 for row, i in both]
-    columns = alike(stress, [pair[0] for pair in limits], [pair[1] for pair in limits])
-    shares = _shares(stress, [pair[0] for pair in limits])
+    stress, continuous, transient = (
+        _picked(rows, places, name, 1e-6) for name in ("stress", "continuous", "transient")
+    )
+    columns = alike(stress, continuous, transient)
     heads = ["shaft", "stress", "at rpm", "continuous limit", "transient limit", "share"]
+    cells = [list(rows), columns[0], _speeds(rpm, places), *columns[1:], _shares(stress, continuous)]
     title = f"Torsional stress of shafts, MPa: half of peak-to-peak torque / W_p ({AID})"
-    return f"{title}\n" + _table(rpm, heads, [list(rows), columns[0], _speeds(rpm, places), *columns[1:], shares])
+    return f"{title}\n" + _table(rpm, heads, cells)
 
 
 def _tooth_table(rpm, rows):
     places = [_worst(row.vibratory, row.limit) for row in rows.values()]
-    both = list(zip(rows.values(), places, strict=True))
-    values = [[_at(values, i) for row, i in both for values in (getattr(row, name),)] for name in _TOOTH]
-    columns = alike(*values)
-    heads = ["mesh", "vibratory", "at rpm", "limit", "mean", "share", "reverses at rpm"]
-    reverses = [ranges(list(rpm), [s for s, turns in zip(rpm, row.reverses, strict=True) if turns]) for row, _ in both]
-    cells = [list(rows), columns[0], _speeds(rpm, places), *columns[1:], _shares(*values[:2])]
-    title = f"Torque of meshes on the first gear, N m: half peak-to-peak beside a third of the rated torque ({AID})"
-    return f"{title}\n" + _table(rpm, heads, [*cells, [said or NONE for said in reverses]])
+    vibratory, limit, mean = (_picked(rows, places, name) for name in ("vibratory", "limit", "mean"))
+    columns = alike(vibratory, limit, mean)
+    heads = ["mesh", "vibratory", "at rpm", "limit", "mean", "share", "reverses"]
+    reverses = [_where(rpm, row.reverses) for row in rows.values()]
+    cells = [list(rows), columns[0], _speeds(rpm, places), *columns[1:], _shares(vibratory, limit), reverses]
+    title = f"Torque of meshes on the first gear, N m: half peak-to-peak, limit a third of the rated torque ({AID})"
+    return f"{title}\n" + _table(rpm, heads, cells)
 
 
-_TOOTH = "vibratory", "limit", "mean"
+def _where(rpm, happens):
+    """Speeds at which something happens; of one speed whether it does."""
+    if len(rpm) == 1:
+        return "yes" if happens[0] else "no"
+    said = ranges(list(rpm), [speed for speed, does in zip(rpm, happens, strict=True) if does])
+    return f"at {said} rpm" if said else NONE
 
 
 def _heat_table(rpm, rows):
     places = [_worst(row.power, row.limit) for row in rows.values()]
-    both = list(zip(rows.values(), places, strict=True))
-    power, limit = ([_at(getattr(row, name), i) for row, i in both] for name in ("power", "limit"))
+    power, limit = (_picked(rows, places, name) for name in ("power", "limit"))
     columns = alike(power, limit)
     heads = ["shaft or damper", "heat", "at rpm", "limit", "share"]
     cells = [list(rows), columns[0], _speeds(rpm, places), columns[1], _shares(power, limit)]
@@ -114,9 +116,15 @@ def _worst(values, limit):
     return int(np.nanargmax(shares)) if np.isfinite(shares).any() else None
 
 
-def _at(values, i):
-    """A number at one speed, nan where there is none."""
-    return float("nan") if values is None or i is None else float(np.ravel(values)[i if np.size(values) > 1 else 0])
+def _picked(rows, places, name, factor=1.0):
+    """A number of every row at its place, nan where there is none."""
+    both = [(getattr(row, name), i) for row, i in zip(rows.values(), places, strict=True)]
+    return [
+        float("nan")
+        if values is None or i is None
+        else factor * float(np.ravel(values)[i if np.size(values) > 1 else 0])
+        for values, i in both
+    ]
 
 
 def _speeds(rpm, places):

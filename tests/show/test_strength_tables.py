@@ -65,7 +65,7 @@ disk = "propeller"
 [[torque]]
 disk = "engine"
 mean = 1200.0
-harmonics = [[0.5, 100.0, 0.0], [1.5, 700.0, 200.0], [3.0, 150.0, 0.0]]
+harmonics = [[0.5, 100.0, 0.0], [1.5, 1100.0, 300.0], [3.0, 150.0, 0.0]]
 scale = [[300, 0.4], [900, 1.0]]
 """
 SPEEDS = "300:960:23"
@@ -96,7 +96,7 @@ def test_the_example_holds():
 
 def test_forced_lists_what_is_worst_over_the_speeds_and_bars_ranges(scene, wanted, capsys):
     said, record = run(scene, capsys, "forced", "--rpm", SPEEDS)
-    assert said.count(AID) == 4 and "IACS UR M68" in said and "check them against its current text" in said
+    assert said.count(AID) == 4 and "IACS UR M68" in said and "check them against\nits current text" in said
     found, stress = record["strength"], wanted.stresses["line shaft"]
     line = found["stresses"]["line shaft"]
     assert line["stress_Pa"] == stress.stress.tolist() and line["continuous_Pa"][0] == stress.continuous[0]
@@ -109,9 +109,7 @@ def test_forced_lists_what_is_worst_over_the_speeds_and_bars_ranges(scene, wante
     assert found["tooth_torques"]["pinion|wheel"]["limit_Nm"] == pytest.approx(500.0)
     assert found["tooth_torques"]["pinion|wheel"]["reverses"] == tooth.reverses.tolist()
     assert list(found["heat"]) == ["coupling", "ring"] and found["heat"]["ring"]["limit_W"] == 40.0
-    row = next(line for line in said.splitlines() if line.split()[:2] == ["line", "shaft"] and "MPa" not in line)
     worst = int(np.argmax(np.where(np.isfinite(stress.continuous), stress.stress / stress.continuous, 0)))
-    del row
     table = said[said.index("Torsional stress") :].split("\n\n")[0].splitlines()
     cells = table[2].split()
     assert float(cells[2]) == pytest.approx(stress.stress[worst] / 1e6, abs=0.01)
@@ -120,8 +118,11 @@ def test_forced_lists_what_is_worst_over_the_speeds_and_bars_ranges(scene, wante
 
 
 def test_one_speed_has_its_limits_and_no_ranges(scene, wanted, capsys):
+    assert "pinion|wheel       3873    500   624   7.75       yes" in run(scene, capsys, "solve", "--rpm", "420")[0]
     said, record = run(scene, capsys, "solve", "--rpm", "600")
-    assert said.count(AID) == 3 and "arred" not in said and "at rpm" not in said
+    assert (
+        said.count(AID) == 3 and "Barred" not in said and "barred" not in record["strength"]["stresses"]["line shaft"]
+    )
     found = record["strength"]["stresses"]["line shaft"]
     at = int(np.argmin(np.abs(wanted.rpm - 600.0)))
     assert found["stress_Pa"] == pytest.approx(wanted.stresses["line shaft"].stress[at], rel=1e-6)
@@ -162,7 +163,7 @@ def test_referred_numbers_are_printed_beside_the_actual_ones(scene, capsys):
 
 TUNE = """
 [tune]
-rpm = "450:750:13"
+rpm = "360:480:9"
 steps = 8
 widths = [0.1]
 [[tune.parameter]]
@@ -190,6 +191,6 @@ def test_a_tuning_keeps_the_stress_within_its_limit(scene, tmp_path, capsys):
     assert max(found["before"]) > 1.2 and max(found["after"]) < 1.01
     tuned = jaxhb.load_scene(out / "tuned.toml")
     judged = jaxhb.strength(jaxhb.forced_response(tuned, rpm=record["rpm"])).stresses["line shaft"]
-    np.testing.assert_allclose(judged.stress / judged.continuous, found["after"], rtol=1e-6)
+    np.testing.assert_allclose(judged.stress / judged.continuous, found["after"], rtol=1e-5)
     said = capsys.readouterr().out
     assert "stress over continuous limit of line shaft" in said and "at most 1" in said
