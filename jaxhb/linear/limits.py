@@ -73,14 +73,19 @@ class Strength:
         return {name: barred_ranges(self.rpm, *row) for name, row in limited.items()}
 
 
-class _OfResponse:
-    """How a response is read: signals of links, and their heat."""
+class _OfMotion:
+    """How a response or a steady state is read: signals of links, and their heat."""
 
-    def __init__(self, response):
-        self.torque, self.force, self._response = response.torque, response.force, response
+    def __init__(self, motion):
+        self.torque, self.force, self._response = motion.torque, motion.force, _harmonic(motion)
 
     def power(self, name):
-        return link_power(self._response, name)
+        return np.nan if self._response is None else link_power(self._response, name)
+
+
+def _harmonic(motion):
+    """The harmonic solution of a response or a steady state; None of a motion that never repeats."""
+    return getattr(motion, "response", motion)
 
 
 def link_power(response, a, b=None):
@@ -98,9 +103,10 @@ def strength(response, *, train=None):
 
     Parameters
     ----------
-    response : Response or ForcedResponse, of one speed or of several
+    response : Response, ForcedResponse or SteadyState, the first two of one speed or of several
     train : DriveTrain, optional
-        What is judged; default: that of the response. A response that comes out of a jax transformation has none.
+        What is judged; default: that of the response. A response that comes out of a jax transformation has none, nor
+        has a motion that never repeats.
 
     Returns
     -------
@@ -108,7 +114,7 @@ def strength(response, *, train=None):
         Of every shaft with a ``diameter`` (or ``outer``) half of the peak-to-peak torque over W_p, in Pa, and with a
         ``tensile_strength`` its limits at this speed over ``rated_rpm``; of every mesh with a ``rated_torque`` half of
         the peak-to-peak torque on its first gear and a third of the rated torque, in N m; of every shaft and damper
-        with a ``power_limit`` its heat, in W. Differentiable.
+        with a ``power_limit`` its heat, in W, nan of a motion that never repeats. Differentiable.
 
     Raises
     ------
@@ -131,14 +137,14 @@ def strength(response, *, train=None):
     >>> round(float(found.stresses["a|b"].stress) / 1e6, 4), found.stresses["a|b"].continuous
     (27.1624, None)
     """
-    return judged(train_of(response, train), response.rpm, _OfResponse(response))
+    return judged(train_of(response, train), response.rpm, _OfMotion(response))
 
 
 def train_of(response, train=None):
-    """The train that is given, or that of the response, which has none if it comes out of a transformation."""
-    train = response.train if train is None else train
+    """The train that is given, or that of the response."""
+    train = getattr(_harmonic(response), "train", None) if train is None else train
     if train is None:
-        raise ValueError("this response comes out of a jax transformation and has no train: give train=")
+        raise ValueError("this response comes out of a jax transformation or of a record and has no train: give train=")
     return train
 
 
@@ -166,7 +172,7 @@ def judged(train, rpm, motion) -> Strength:
 
 def having(topology, table, *keys):
     """Names of the links of a table that were built with one of the keys."""
-    names = getattr(topology, f"{table}_names")
+    names = getattr(topology, f"{table}_names") if topology.link_keys else ()
     links = [link_number(topology, table, i) for i in range(len(names))]
     return [n for n, link in zip(names, links, strict=True) if any(topology.has_key(link, key) for key in keys)]
 

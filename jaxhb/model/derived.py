@@ -100,8 +100,8 @@ def link_keys(links) -> tuple[tuple[str, ...], ...]:
 
 def link_number(topology, table: str, index: int) -> int:
     """Number among the links of element ``index`` of a table."""
-    before = {"shaft": (), "damper": topology.shaft_names, "mesh": topology.shaft_names + topology.damper_names}
-    return index + len(before[table])
+    before = {"shaft": 0, "damper": len(topology.shaft_names)}
+    return index + before.get(table, len(topology.link_names) - len(topology.mesh_names))
 
 
 def no_effect(topology, table: str, field: str, index: int) -> str:

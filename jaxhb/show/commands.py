@@ -26,7 +26,7 @@ from .output import (
 )
 from .progress import Progress
 from .record import answer_record, finite
-from .strength import answers_strength, strength_record
+from .strength import answers_strength, strength_columns, strength_record
 from .sweep_tables import sweep_text
 from .tables import solve_text
 from .tuned import progress_record, tuned_record, tuned_text
@@ -261,7 +261,7 @@ def _row(answer, way):
         row[f"{gear} torque half peak-to-peak N m without backlash"] = without
     for shaft in shafts_of(answer.topology):
         row[f"{shaft} torque half peak-to-peak N m"] = float(answer.torque(shaft).half_peak_to_peak)
-    return row
+    return row | {head: values[0] for head, values in strength_columns(answers_strength([answer])).items()}
 
 
 def _mesh_cells(name, force, linear, contact):

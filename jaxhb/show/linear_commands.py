@@ -18,7 +18,7 @@ from .holzer import chosen_modes, holzer_record, holzer_text
 from .mean_load import mean_load_record, mean_load_text
 from .output import ANSWERED, NOT_ANSWERED, OutputError, as_csv, as_json, as_picture, changes, deliver
 from .record import finite, modes_record
-from .strength import strength_record, strength_text
+from .strength import strength_columns, strength_record, strength_text
 from .tables import modes_text
 
 DAMPED = 300
@@ -116,7 +116,7 @@ def forced(train, arguments):
         json=lambda: as_json(
             finite(changes(arguments) | forced_record(response, found, orders=arguments.orders) | more)
         ),
-        csv=lambda: as_csv(*map(finite, forced_rows(response, found))),
+        csv=lambda: as_csv(*map(finite, forced_rows(response, found, strength_columns(judged)))),
         plot=lambda: _forced_picture(arguments, response, found),
     )
     failures = forced_failures(response)

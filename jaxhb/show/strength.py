@@ -10,8 +10,8 @@ from .columns import NONE, aligned, alike, ranges
 AID = "evaluation aid, no class approval"
 
 RULE = """\
-Limits after IACS UR M68 for intermediate, thrust and propeller shafts, lambda = speed / {rated:g} rpm: check them against
-its current text. Tensile strengths count up to 800 MPa; of carbon steels and of propeller shafts the rule counts at most
+Limits after IACS UR M68 for intermediate, thrust and propeller shafts, lambda = speed / {rated:g} rpm: check them with
+its current text. Tensile strengths count up to 800 MPa; of carbon steels and propeller shafts the rule counts at most
 600 MPa."""
 
 
@@ -195,6 +195,26 @@ def _record(row, unit):
         name if name == "reverses" else f"{name}_{unit}": None if values is None else np.asarray(values).tolist()
         for name, values in row._asdict().items()
     }
+
+
+def strength_columns(found):
+    """Columns of the CSV files by their heads, SI units, a list over the speeds each."""
+    kinds = {"stresses": "Pa", "tooth_torques": "N m", "heat": "W"}
+    columns = {}
+    for kind, unit in kinds.items():
+        for name, row in getattr(found, kind).items():
+            for what, values in row._asdict().items():
+                head = f"{name} {_CALLED[kind].get(what, what)}{'' if what == 'reverses' else f' {unit}'}"
+                columns |= {} if values is None else {head: np.broadcast_to(values, np.shape(found.rpm)).tolist()}
+    return columns
+
+
+_CALLED = {
+    "stresses": {"continuous": "continuous limit", "transient": "transient limit"},
+    "tooth_torques": {"vibratory": "vibratory torque", "limit": "limit of vibratory torque", "mean": "mean torque"},
+    "heat": {"power": "heat", "limit": "limit of heat"},
+}
+"""What the heads of columns call the numbers."""
 
 
 def strength_entry(answer):

@@ -1,5 +1,6 @@
 """Stresses, tooth torques and heat beside their limits: values of the rule by hand, energies, differences."""
 
+import dataclasses
 import doctest
 
 import jax
@@ -12,6 +13,7 @@ from trains import build
 import jaxhb
 from jaxhb import Damper, Disk, Load, Mesh, SceneError, Shaft, Torque
 from jaxhb.linear import limits, strength
+from jaxhb.response.steady import Record, RecordedSignal
 
 RULE = (  # d mm, sigma_B MPa, C_K, lambda; tau_C and tau_T in MPa, worked out with 30 digits from the text of the rule
     (400, 600, 1.0, 0.5, 66.562193, 113.155729),
@@ -232,6 +234,28 @@ def test_a_motion_with_backlash_is_judged_by_its_own_torques():
     assert found.stresses["coupling"].stress == pytest.approx(float(wanted), rel=ALGEBRAIC)
     flat = jaxhb.strength(jaxhb.forced_response(geared(loose), rpm=1500.0))
     assert abs(found.stresses["coupling"].stress / flat.stresses["coupling"].stress - 1) > 0.01
+
+
+def test_a_steady_state_is_judged_as_the_motion_that_it_is(response):
+    state = jaxhb.steady_state(geared(), rpm=RPM[4])
+    found, wanted = jaxhb.strength(state), jaxhb.strength(response)
+    assert found.stresses["coupling"].stress == pytest.approx(wanted.stresses["coupling"].stress[4], rel=SAMPLED)
+    assert found.heat["ring"].power == pytest.approx(wanted.heat["ring"].power[4], rel=1e-9)
+    recorded = jaxhb.strength(dataclasses.replace(state, response=None, record=record_of(state)), train=geared())
+    assert recorded.stresses["coupling"].stress == pytest.approx(found.stresses["coupling"].stress, rel=SAMPLED)
+    assert np.isnan(recorded.heat["ring"].power)
+
+
+def record_of(state):
+    """A record in which the torques and tooth forces of a steady state are those of one recorded cycle."""
+
+    def recorded(signal):
+        return RecordedSignal(signal.highest, signal.lowest, signal.mean, signal.rms, signal.amplitudes, 2.0)
+
+    topology = state.topology
+    torques = tuple(recorded(state.torque(name)) for name in topology.shaft_names + topology.damper_names)
+    forces = tuple(recorded(state.force(name)) for name in topology.mesh_names)
+    return Record(1, (), (), torques, (), forces, {}, ())
 
 
 def test_a_limit_without_the_rated_speed_is_refused():

@@ -1,5 +1,6 @@
 """Limits in what the commands print and write: forced, solve, sweep, report, tune; nothing where a scene has none."""
 
+import csv
 import doctest
 import json
 
@@ -96,7 +97,7 @@ def test_the_example_holds():
 
 def test_forced_lists_what_is_worst_over_the_speeds_and_bars_ranges(scene, wanted, capsys):
     said, record = run(scene, capsys, "forced", "--rpm", SPEEDS)
-    assert said.count(AID) == 4 and "IACS UR M68" in said and "check them against\nits current text" in said
+    assert said.count(AID) == 4 and "IACS UR M68" in said and "check them with\nits current text" in said
     found, stress = record["strength"], wanted.stresses["line shaft"]
     line = found["stresses"]["line shaft"]
     assert line["stress_Pa"] == stress.stress.tolist() and line["continuous_Pa"][0] == stress.continuous[0]
@@ -140,6 +141,21 @@ def test_a_sweep_and_a_report_bar_ranges_too(scene, wanted, capsys):
         assert (
             "Barred speed ranges between 300 and 960 rpm" in said and f"{barred.low:.4g} to {barred.high:.4g}" in said
         )
+
+
+@pytest.mark.parametrize("command", ["forced", "sweep"])
+def test_the_csv_has_columns_of_the_limits(scene, wanted, command):
+    file = scene.with_name("r.csv")
+    assert main([command, str(scene), "--rpm", "420,600", "--csv", str(file)]) == 0
+    with file.open() as text:
+        rows = list(csv.DictReader(text))
+    stress, tooth = wanted.stresses["line shaft"], wanted.tooth_torques["pinion|wheel"]
+    for row, at in zip(rows, (4, 10), strict=True):
+        found = [float(row[f"line shaft {what} Pa"]) for what in ("stress", "continuous limit", "transient limit")]
+        assert found == pytest.approx([values[at] for values in stress], rel=1e-6)
+        assert float(row["pinion|wheel vibratory torque N m"]) == pytest.approx(tooth.vibratory[at], rel=1e-6)
+        assert row["pinion|wheel reverses"] == str(bool(tooth.reverses[at]))
+        assert float(row["ring limit of heat W"]) == 40.0
 
 
 @pytest.mark.parametrize("command", ["forced", "solve"])
