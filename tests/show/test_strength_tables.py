@@ -152,8 +152,8 @@ def test_the_csv_has_columns_of_the_limits(scene, wanted, command):
     stress, tooth = wanted.stresses["line shaft"], wanted.tooth_torques["pinion|wheel"]
     for row, at in zip(rows, (4, 10), strict=True):
         found = [float(row[f"line shaft {what} Pa"]) for what in ("stress", "continuous limit", "transient limit")]
-        assert found == pytest.approx([values[at] for values in stress], rel=1e-6)
-        assert float(row["pinion|wheel vibratory torque N m"]) == pytest.approx(tooth.vibratory[at], rel=1e-6)
+        assert found == pytest.approx([values[at] for values in stress], rel=1e-5)
+        assert float(row["pinion|wheel vibratory torque N m"]) == pytest.approx(tooth.vibratory[at], rel=1e-5)
         assert row["pinion|wheel reverses"] == str(bool(tooth.reverses[at]))
         assert float(row["ring limit of heat W"]) == 40.0
 
