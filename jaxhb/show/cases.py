@@ -64,7 +64,7 @@ def cases_text(cases):
 
 def cases_strength(cases):
     """Stresses, tooth torques and heat of every case in a list; empty where the scene gives no limits."""
-    return [part for c in cases for part in strength_text(answers_strength(c.answers), f"With {c.title}: ")]
+    return strength_text({f"With {case.title}": answers_strength(case.answers) for case in cases})
 
 
 def _strength_record(case):

@@ -112,7 +112,7 @@ def forced(train, arguments):
     more = {"strength": strength_record(judged)} if judged else {}
     deliver(
         arguments,
-        "\n\n".join([forced_text(response, found, each=bool(arguments.element)), *strength_text(judged)]),
+        "\n\n".join([forced_text(response, found, each=bool(arguments.element)), *strength_text({"": judged})]),
         json=lambda: as_json(
             finite(changes(arguments) | forced_record(response, found, orders=arguments.orders) | more)
         ),

@@ -10,9 +10,9 @@ from .columns import NONE, aligned, alike, ranges
 AID = "evaluation aid, no class approval"
 
 RULE = """\
-Limits after IACS UR M68 for intermediate, thrust and propeller shafts, lambda = speed / {rated:g} rpm: check them with
-its current text. Tensile strengths count up to 800 MPa; of carbon steels and propeller shafts the rule counts at most
-600 MPa."""
+Limits after IACS UR M68 for intermediate, thrust and propeller shafts, lambda = speed / {rated:g} rpm: to be checked
+against its current text. Tensile strengths count up to 800 MPa; of carbon steels and propeller shafts the rule counts
+at most 600 MPa."""
 
 
 class _OfAnswers:
@@ -46,20 +46,27 @@ def answers_strength(answers):
     return judged(answers[0].train, np.array([answer.rpm for answer in answers]), _OfAnswers(answers))
 
 
-def strength_text(found, title=""):
-    """Tables for people in a list: of several speeds the worst of each element; empty where the scene gives no numbers.
+def strength_text(judged):
+    """Tables for people in a list: of several speeds the worst of each element; empty where scenes give no numbers.
 
     Parameters
     ----------
-    found : Strength, of a list of speeds
-    title : str, said before each table
+    judged : dict
+        :class:`jaxhb.Strength` of lists of speeds, by headings; one without heading has the key "".
 
     Returns
     -------
     list of str
     """
-    tables = (_stress_table, found.stresses), (_tooth_table, found.tooth_torques), (_heat_table, found.heat)
-    return [f"{title}{table(found.rpm, rows)}" for table, rows in tables if rows] + _barred_text(found, title)
+    parts, limited = [], ""
+    for title, found in judged.items():
+        tables = (_stress_table, found.stresses), (_tooth_table, found.tooth_torques), (_heat_table, found.heat)
+        own = [table(found.rpm, rows) for table, rows in tables if rows]
+        if any(row.continuous is not None for row in found.stresses.values()):
+            limited = RULE.format(rated=found.rated_rpm)
+            own += [_barred_text(found)] if len(found.rpm) > 1 else []
+        parts += ([f"{title}\n{own[0]}"] if title and own else own[:1]) + own[1:]
+    return [*parts, limited] if limited else parts
 
 
 def _stress_table(rpm, rows):
@@ -137,18 +144,12 @@ def _shares(values, limits):
     return [f"{value / limit:.2f}" if np.isfinite(value) and np.isfinite(limit) else NONE for value, limit in both]
 
 
-def _barred_text(found, title):
-    """What is barred, and what the limits are, in a list; empty without limits."""
-    if not any(row.continuous is not None for row in found.stresses.values()):
-        return []
-    lines = [RULE.format(rated=found.rated_rpm)]
-    if len(found.rpm) > 1:
-        barred = [(name, one) for name, several in found.barred.items() for one in several]
-        span = f"between {min(found.rpm):g} and {max(found.rpm):g} rpm"
-        head = "Barred speed ranges" if barred else "No barred speed range"
-        lines = [f"{title}{head} {span} ({AID})", *(_range_text(name, one, found.rated_rpm) for name, one in barred)]
-        lines += [RULE.format(rated=found.rated_rpm)]
-    return ["\n".join(lines)]
+def _barred_text(found):
+    """What is barred of several speeds, one range a line."""
+    barred = [(name, one) for name, several in found.barred.items() for one in several]
+    span = f"between {min(found.rpm):g} and {max(found.rpm):g} rpm"
+    head = "Barred speed ranges" if barred else "No barred speed range"
+    return "\n".join([f"{head} {span} ({AID})", *(_range_text(name, one, found.rated_rpm) for name, one in barred)])
 
 
 def _range_text(name, one, rated):

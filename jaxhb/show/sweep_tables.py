@@ -28,8 +28,8 @@ def sweep_text(sweeps):
         lines = [_verdict(answers), *_kinds(answers), "", _table(answers)]
         parts.append("\n".join([*([f"{BLOCKS[way]}: {lines[0]}"] if len(sweeps) > 1 else lines[:1]), *lines[1:]]))
         parts += _failures(answers)
-        parts += strength_text(answers_strength(answers), f"{BLOCKS[way]}: " if len(sweeps) > 1 else "")
-    parts += _hysteresis(sweeps)
+    ways = {BLOCKS[way] if len(sweeps) > 1 else "": answers_strength(answers) for way, answers in sweeps.items()}
+    parts += strength_text(ways) + _hysteresis(sweeps)
     every = {id(answer): answer for answers in sweeps.values() for answer in answers}
     return "\n\n".join([*parts, *notes_text(*every.values())])
 

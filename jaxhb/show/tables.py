@@ -32,7 +32,7 @@ def solve_text(answer):
         parts.append(_shaft_table(answer))
     if not topology.link_names:
         parts.append(_disk_table(answer))
-    parts += strength_text(answers_strength([answer]))
+    parts += strength_text({"": answers_strength([answer])})
     return "\n\n".join([*parts, *notes_text(answer)])
 
 

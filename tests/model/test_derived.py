@@ -118,7 +118,7 @@ FAULTS = {
     ),
     "millimetres": (
         SIZE | {"outer": 100.0, "inner": 0.0},
-        "outer is 100 m, must be greater than 0 m and at most 10 m.",
+        "outer is 100 m, must be greater than 0 m and at most 5 m.",
     ),
     "two dampings": (
         {"stiffness": 1e3, "damping": 60.0, "magnifier": 40.0, "damping_hz": 9.0},
