@@ -102,17 +102,22 @@ def damper_power(response, a, b=None):
     return limits.link_power(usable(response), a, b)
 
 
+def close_half_peak_to_peak(signal):
+    """:func:`half_peak_to_peak` with p = 1024, for limits: at 4096 time samples at most 0.8 % below the true value."""
+    return half_peak_to_peak(signal, p=1024)
+
+
 def power_over_limit(response, name, *, train=None):
     """:func:`damper_power` of a shaft or damper over its ``power_limit``; arguments as of :func:`stress_over_limit`."""
     return damper_power(response, name) / limits.power_limit(limits.train_of(response, train), name)
 
 
-def stress(response, name, *, train=None, swing=half_peak_to_peak):
+def stress(response, name, *, train=None, swing=close_half_peak_to_peak):
     """Amplitude of the nominal torsional stress of a shaft, Pa; see :func:`stress_over_limit`."""
     return limits.stress_of(limits.train_of(response, train), name, swing(usable(response).torque(name)))
 
 
-def stress_over_limit(response, name, *, transient=False, train=None, swing=half_peak_to_peak):
+def stress_over_limit(response, name, *, transient=False, train=None, swing=close_half_peak_to_peak):
     """Stress of a shaft over its limit after IACS UR M68 at the speed of the response.
 
     Parameters
@@ -125,7 +130,7 @@ def stress_over_limit(response, name, *, transient=False, train=None, swing=half
     train : DriveTrain, optional
         Default: that of the response, which has none if it comes out of a jax transformation.
     swing : callable
-        The half peak-to-peak of a Signal, smooth by default.
+        The half peak-to-peak of a Signal; by default smooth, and at most 0.8 % too small.
 
     Returns
     -------
@@ -152,14 +157,14 @@ def stress_over_limit(response, name, *, transient=False, train=None, swing=half
     return stress(response, name, train=train, swing=swing) / limit
 
 
-def tooth_torque_over_limit(response, name, *, train=None, swing=half_peak_to_peak):
+def tooth_torque_over_limit(response, name, *, train=None, swing=close_half_peak_to_peak):
     """Vibratory torque of a mesh over a third of its ``rated_torque``; arguments as of :func:`stress_over_limit`."""
     train = limits.train_of(response, train)
     torque = limits.first_radius(train, name) * swing(usable(response).force(name))
     return torque / limits.tooth_torque_limit(train, name)
 
 
-def tooth_torque_over_mean(response, name, *, swing=half_peak_to_peak):
+def tooth_torque_over_mean(response, name, *, swing=close_half_peak_to_peak):
     """Vibratory torque of a mesh over its mean: above about 1 it reverses; 0 where there is no mean torque."""
     force = usable(response).force(name)
     mean = jnp.abs(force.mean)

@@ -179,20 +179,24 @@ def test_referred_numbers_are_printed_beside_the_actual_ones(scene, capsys):
 
 TUNE = """
 [tune]
-rpm = "360:480:9"
-steps = 8
-widths = [0.1]
+rpm = "390:450:13"
+steps = 12
+widths = [0.02]
+[[tune.parameter]]
+name = "ring.damping"
+low = 10
+high = 400
 [[tune.parameter]]
 name = "line shaft.outer"
-low = 0.10
-high = 0.16
+low = 0.109
+high = 0.111
 [[tune.objective]]
-quantity = "angle"
-of = "engine"
+quantity = "power over limit"
+of = "ring"
 [[tune.penalty]]
 quantity = "stress over continuous limit"
 of = "line shaft"
-most = 1.0
+most = 1.6
 """
 
 
@@ -204,9 +208,11 @@ def test_a_tuning_keeps_the_stress_within_its_limit(scene, tmp_path, capsys):
     assert main(["tune", str(path), "--output", str(out / "tuned.toml")]) == 0
     record = json.loads((out / "tuned.json").read_text())
     found = record["readings"]["stress over continuous limit of line shaft"]
-    assert max(found["before"]) > 1.2 and max(found["after"]) < 1.01
+    heat = record["readings"]["power over limit of ring"]
+    assert max(found["before"]) < 1.5 and max(heat["after"]) < 0.96 * max(heat["before"])
+    assert max(found["after"]) == pytest.approx(1.6, rel=0.01)  # the limit holds back the objective
     tuned = jaxhb.load_scene(out / "tuned.toml")
     judged = jaxhb.strength(jaxhb.forced_response(tuned, rpm=record["rpm"])).stresses["line shaft"]
     np.testing.assert_allclose(judged.stress / judged.continuous, found["after"], rtol=1e-5)
     said = capsys.readouterr().out
-    assert "stress over continuous limit of line shaft" in said and "at most 1" in said
+    assert "stress over continuous limit of line shaft" in said and "at most 1.6" in said
