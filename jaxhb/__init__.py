@@ -43,6 +43,7 @@ _HOMES = {
     "periodic.plan": ("Plan",),
     "periodic.solve": ("linear_response", "plan", "solve"),
     "periodic.speeds": ("solve_speeds",),
+    "periodic.checkpoint": ("CheckpointError",),
     "periodic.misfires": ("misfire_each",),
     "periodic.branch": ("Branch", "BranchOptions", "follow"),
     "periodic.returns": ("Cycles",),

@@ -29,14 +29,16 @@ another start."""
 
 
 class Judge:
-    """The steady states of one train, from marches of its speeds ``(n,)``; ``known`` are those at hand, by place.
+    """The steady states of one train, from marches of its speeds ``(n,)``, on one device or across several; ``known``
+    are those at hand, by place.
 
     A march begins with few steps. What harmonic balance confirms is exact whatever the steps. The rest, irregular
     motion above all, is marched on with twice the steps: on ``gear_train_30`` three of sixty speeds had another kind
     of motion with the fewest steps than with any others.
     """
 
-    def __init__(self, train, speeds, request, exact, cycles):
+    def __init__(self, train, speeds, request, exact, cycles, devices=()):
+        self.devices = devices
         self.train, self.speeds, self.request, self.exact, self.cycles = train, speeds, request, exact, cycles
         self.lossy = lossy(train)
         self.equations, self.known = {}, {}
@@ -86,7 +88,8 @@ class Judge:
         equations = self._equations(hz)
         if isinstance(equations, str):
             return {place: unknown(self.train, self.speeds[place], equations) for place in places}, {}
-        batch = Batch(equations, self.speeds[places], finer * equations.steps(self.speeds[places].min()))
+        steps = finer * equations.steps(self.speeds[places].min())
+        batch = Batch(equations, self.speeds[places], steps, self.devices)
         for i, place in enumerate(places):
             if place in motions:
                 batch.begin(i, motions[place])

@@ -136,18 +136,21 @@ def main(argv=None):
 
 
 def _run(argv):
+    folder = None
     try:
         arguments = parser().parse_args(argv)
+        folder = getattr(arguments, "folder", None)
         return arguments.command(arguments)
     except SystemExit as stop:
         return stop.code
     except KeyboardInterrupt:
-        print("stopped; nothing more is written", file=sys.stderr)
+        stays = f"what is in {folder!r} stays: the same command goes on from there" if folder else ""
+        print(f"stopped; {stays or 'nothing more is written'}", file=sys.stderr)
         return 130
     except BrokenPipeError:
         raise
     except Exception as error:
-        if type(error).__name__ in ("SceneError", "OutputError"):
+        if type(error).__name__ in ("SceneError", "OutputError", "CheckpointError"):
             print(error, file=sys.stderr)
             return 2
         traceback.print_exc()
@@ -232,6 +235,10 @@ def parser():
     sweep.add_argument("--direction", choices=("up", "down", "both"), help=text)
     add_files(sweep, "tooth force and time out of contact over the speed")
     sweep.add_argument("--csv", metavar="FILE", help="write one row per speed for spreadsheets, N and N m")
+    text = "keep what is found in this folder as it goes; the same command goes on where it was stopped"
+    sweep.add_argument("--out", dest="folder", metavar="DIR", help=text)
+    text = "with --out, speeds that are computed and kept together (default 64); fewer lose less, and take longer"
+    sweep.add_argument("--chunk", type=whole, metavar="N", help=text)
     report = add("report", _runner("report"), "several speeds, normal running and a misfire", REPORT)
     add_scene(report)
     add_speeds(report)
