@@ -3,6 +3,7 @@
 import dataclasses
 import enum
 import importlib
+import json
 
 import numpy as np
 
@@ -13,7 +14,7 @@ def pack(value):
     """A value as ``(index, arrays)``: what JSON can hold, and numpy arrays that it refers to by number.
 
     Holds None, bool, int, float, str, arrays, tuples, lists, dicts, and dataclasses and enumerations of this package.
-    What is the same object in several places is stored once.
+    Equal parts are stored once, so that equal values are stored alike.
 
     Examples
     --------
@@ -21,7 +22,26 @@ def pack(value):
     >>> unpack(index, arrays)
     (1.5, 'six', array([0, 1, 2]))
     """
-    arrays, seen, shared = [], {}, []
+    arrays, shared, places, known = [], [], {}, {}
+
+    def once(key, make):
+        """The number of a part, made if there is none like it."""
+        if key not in places:
+            places[key] = len(shared)
+            shared.append(make())
+        return {"shared": places[key]}
+
+    def array_of(value):
+        array = np.asarray(value)
+        if array.dtype.hasobject:
+            raise TypeError(f"a {type(value).__name__} cannot be kept")
+        scalar = isinstance(value, np.generic)
+
+        def make():
+            arrays.append(array)
+            return {"array": len(arrays) - 1, "scalar": scalar}
+
+        return once((scalar, array.dtype.str, array.shape, array.tobytes()), make)
 
     def plain(value):
         if value is None or isinstance(value, bool | str) or type(value) in (int, float):
@@ -34,19 +54,13 @@ def pack(value):
             return {type(value).__name__: [plain(item) for item in value]}
         if isinstance(value, dict):
             return {"dict": [[plain(key), plain(item)] for key, item in value.items()]}
-        if id(value) not in seen:
-            if dataclasses.is_dataclass(value):
-                made = {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
-                made = {"class": _name(type(value)), "of": made}
-            else:
-                array = np.asarray(value)
-                if array.dtype.hasobject:
-                    raise TypeError(f"a {type(value).__name__} cannot be kept")
-                made = {"array": len(arrays), "scalar": isinstance(value, np.generic)}
-                arrays.append(array)
-            seen[id(value)] = len(shared), value  # held, so that no other object takes its place
-            shared.append(made)
-        return {"shared": seen[id(value)][0]}
+        if not dataclasses.is_dataclass(value):
+            return array_of(value)
+        if id(value) not in known:
+            made = {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+            made = {"class": _name(type(value)), "of": made}
+            known[id(value)] = once(json.dumps(made), lambda: made), value  # held: its number stays its own
+        return known[id(value)][0]
 
     return {"value": plain(value), "shared": shared}, arrays
 

@@ -45,7 +45,7 @@ CHUNK = 8
 
 
 class Equations:
-    """A train without loss factors as a march takes it.
+    """A train as a march takes it; loss factors damp each mode at its own frequency.
 
     Raises
     ------
@@ -56,7 +56,7 @@ class Equations:
     def __init__(self, train):
         self.train, topology = train, train.topology
         self.system, self.meshes = chain.assemble(train), backlash_meshes(train)
-        self.parts = partition(self.system, self.meshes, topology.disk_names, topology.link_names)
+        self.parts = partition(self.system, self.meshes, topology.disk_names, topology.link_names, lossy=True)
         self.own = np.flatnonzero(np.array(topology.mesh_backlash, dtype=bool))
         self.linear = np.flatnonzero(~np.array(topology.mesh_backlash, dtype=bool))
         self.shafts = len(topology.link_names) - len(topology.mesh_names)
@@ -83,7 +83,7 @@ class Equations:
         steps = next(n for n in COUNTS if n >= min(REACH * self.highest_hz * 2 * np.pi / frequency, COUNTS[-1]))
         active = np.ones(len(self.own))
         links = np.asarray(self.meshes.link)
-        model = reduced_model(self.system, links, active, frequency, steps, listed_harmonic(self.train.topology))
+        model = reduced_model(self.system, links, active, frequency, steps)
         stiff = np.abs(np.diag(np.asarray(model.static))) * np.asarray(self.meshes.law.stiffness)
         return modes_of(model.space, np.asarray(model.motion)), float(stiff.max(initial=0.0))
 

@@ -50,7 +50,7 @@ def steady_state(
     Parameters
     ----------
     train : DriveTrain
-        Loss factors become viscous damping in the march, at the main frequency of the tooth deflections; a note tells.
+        Loss factors damp each mode at its own frequency in the march, and are themselves in the solution; a note tells.
     rpm : float or array ``(n,)``
         Speeds of the reference rotor.
     direction : "up", "down" or "both"
