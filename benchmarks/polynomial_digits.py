@@ -74,11 +74,12 @@ def plot_digits(omega, found, axes):
     """Draw the relative errors over the frequency."""
     shown = sorted(WAYS, key=lambda name: -np.median(found[name]))
     for name, grey in zip(shown, ("0.6", "0.35", "0.0"), strict=True):
-        axes.semilogy(omega, np.maximum(found[name], 1e-17), WAYS[name], color=grey, linewidth=1.0, label=name)
+        label = f"{name}, largest {found[name].max():.0e}"
+        axes.semilogy(omega, np.maximum(found[name], 1e-17), WAYS[name], color=grey, linewidth=1.0, label=label)
     axes.axhline(1e-12, color="black", linewidth=0.6)
     axes.set(xlabel="frequency, rad/s (uniform chain of 100 links, natural frequencies up to 2)", xlim=(0, HIGHEST))
-    axes.set_ylabel("relative error of the polynomial")
-    axes.legend(fontsize="small", loc="center left")
+    axes.set(ylabel="relative error of the polynomial", ylim=(1e-18, 1e4))
+    axes.legend(fontsize="small", loc="center right", bbox_to_anchor=(1.0, 0.62))
 
 
 def main():
