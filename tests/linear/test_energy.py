@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from reference_data import method_case, numbers
 from scipy.linalg import eigvals
-from tolerances import ALGEBRAIC
+from tolerances import ALGEBRAIC, GRADIENT
 from trains import branched_parts, build, chain_parts, gearbox_parts
 
 import jaxhb
@@ -51,6 +51,26 @@ def test_a_mode_satisfies_the_equations_of_lagrange():
         )  # d/dt dT/dv, phi'' = -w2 phi
         force = jax.grad(lambda a: strain_energy(train, a))(jnp.array(mode))
         np.testing.assert_allclose(momentum + force, 0.0, atol=2000 * ALGEBRAIC)  # of terms up to 1600
+
+
+def test_energies_have_the_derivatives_of_differences_to_every_kind_of_number():
+    train = build(gearbox_parts(), reference="motor")
+    random = np.random.default_rng(2)
+    angle, speed = random.normal(size=(2, train.topology.n_disks))
+    keys = ["motor.inertia", "viscous ring.inertia", "coupling|motor.stiffness", "rubber ring.stiffness",
+            "input 1|lay 1.stiffness", "lay 3.radius", "lay 2:ground.stiffness"]  # fmt: skip
+    at = np.array([float(train.value(key)) for key in keys])
+
+    @jax.jit
+    def energies(values):
+        changed = train.replace(dict(zip(keys, values, strict=True)))
+        return jnp.stack([kinetic_energy(changed, speed), strain_energy(changed, angle)])
+
+    steps = 1e-4 * at  # the energies are polynomials of second degree: differences have rounding alone
+    wanted = np.array([(energies(at + h) - energies(at - h)) / (2 * h.sum()) for h in np.diag(steps)]).T
+    slopes = np.asarray(jax.jacrev(energies)(jnp.asarray(at)))
+    size = np.abs(wanted * at).max(1, keepdims=True)
+    np.testing.assert_allclose(slopes * at / size, wanted * at / size, rtol=0, atol=GRADIENT)
 
 
 def companion(parts):
