@@ -64,7 +64,9 @@ def test_energies_have_the_derivatives_of_differences_to_every_kind_of_number():
     @jax.jit
     def energies(values):
         changed = train.replace(dict(zip(keys, values, strict=True)))
-        return jnp.stack([kinetic_energy(changed, speed), strain_energy(changed, angle)])
+        inertia, stiffness = inertia_and_stiffness(changed)
+        return jnp.stack([kinetic_energy(changed, speed), strain_energy(changed, angle), inertia.trace(),
+                          angle @ stiffness @ speed])  # fmt: skip
 
     steps = 1e-4 * at  # the energies are polynomials of second degree: differences have rounding alone
     wanted = np.array([(energies(at + h) - energies(at - h)) / (2 * h.sum()) for h in np.diag(steps)]).T
