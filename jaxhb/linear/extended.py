@@ -3,8 +3,8 @@
 Between natural frequencies a characteristic polynomial is a small difference of large products, and double precision
 leaves it digits in proportion to the distance to the nearest root. :class:`Doubled` has some 24 digits: sums keep what
 they round off (D. E. Knuth, The Art of Computer Programming 2, 4.2.2), products are made of halves whose products are
-exact (T. J. Dekker, Numer. Math. 18 (1971) 224). As no rounded product is ever subtracted, a compiler that joins a
-product and a sum in one instruction changes nothing.
+exact (T. J. Dekker, Numer. Math. 18 (1971) 224): a compiler that joins a product and a sum in one instruction changes
+nothing.
 """
 
 from dataclasses import dataclass
@@ -42,7 +42,7 @@ class Doubled:
         return Doubled(self.high[at], self.low[at])
 
     def scaled(self, real):
-        """Times a real number, rounded to single precision unless it is a power of two."""
+        """Times a real number, rounded as float64 unless it is a power of two."""
         return Doubled(self.high * real, self.low * real)
 
     def put(self, at, value):
@@ -76,7 +76,7 @@ def _product(a, b):
     return _joined(total, (lost + more) + (a2 * b2 + (a.high * b.low + a.low * b.high)))
 
 
-# derivatives have single precision: no difference is small in them that is not small in the answer
+# derivatives are as exact as float64: beside a root the value is a small difference, its derivative is none
 
 
 @_total.defjvp
@@ -152,3 +152,15 @@ def rescaled(number, exponent):
     """``number 2^exponent`` as :class:`Scaled`."""
     (number,), shift = shifted((number,))
     return Scaled(number, exponent + shift)
+
+
+def scaled_product(numbers):
+    """Product of positive numbers ``(n,)`` as :class:`Scaled`, one after the other."""
+
+    def extend(state, number):
+        product, exponent = state
+        (product,), shift = shifted((product * number,))
+        return (product, exponent + shift), None
+
+    (mantissa, exponent), _ = lax.scan(extend, (jnp.array(1.0), jnp.array(0.0)), numbers)
+    return Scaled(mantissa, exponent)

@@ -22,7 +22,7 @@ from .._program import Program
 from ..harmonic import chain
 from ..harmonic.block_sweep import slots
 from ..model.elements import SceneError
-from .extended import Scaled, doubled, rescaled, shifted
+from .extended import Scaled, doubled, rescaled, scaled_product, shifted
 
 
 @dataclass(frozen=True)
@@ -314,7 +314,7 @@ def _determinant(system, parts, p):
     """D(p), each row of a disk with inertia divided by it, other rows in angles."""
     mass = jnp.asarray(system.mass)
     heavy = mass > 0
-    weight = _product(jnp.where(heavy, 1 / jnp.where(heavy, mass, 1.0), system.radius**2))
+    weight = scaled_product(jnp.where(heavy, 1 / jnp.where(heavy, mass, 1.0), system.radius**2))
     F, G, exponent, alpha, beta, k = _pairs(system, parts, p)
     if not parts.joints:
         return rescaled(F[0].high * weight.mantissa, exponent[0] + weight.exponent)
@@ -340,15 +340,3 @@ def _determinant(system, parts, p):
     last = coupling[-1]
     closed = whole - last * last * G[0] * G[-1] * inner_last - last * ring * 2.0
     return rescaled(closed.high * weight.mantissa, total + weight.exponent)
-
-
-def _product(numbers):
-    """Product of positive numbers, one after the other."""
-
-    def extend(state, number):
-        product, exponent = state
-        (product,), shift = shifted((product * number,))
-        return (product, exponent + shift), None
-
-    (mantissa, exponent), _ = lax.scan(extend, (jnp.array(1.0), jnp.array(0.0)), numbers)
-    return Scaled(mantissa, exponent)
