@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from differences import differences
 from reference_data import method_case, numbers
 from scipy.linalg import eigvals
 from tolerances import ALGEBRAIC, GRADIENT
@@ -106,6 +107,24 @@ def test_damped_modes_are_the_eigenvalues_of_the_dense_companion(grounded):
         rest = value**2 * (M @ shape) + value * (B @ shape) + Z @ shape
         assert np.abs(rest).max() < 1e-10 * (np.abs(Z) @ np.abs(shape)).max()
     assert np.abs(np.abs(modes.shapes).max(1) - 1).max() < ALGEBRAIC
+
+
+def test_damped_eigenvalues_have_the_derivatives_of_differences():
+    keys = ["motor.inertia", "viscous ring.damping", "rubber ring.loss_factor", "output|mill.stiffness",
+            "input 1|lay 1.stiffness", "lay 3.radius", "mill.damping", "lay 2:ground.stiffness"]  # fmt: skip
+    train = build(gearbox_parts(), reference="motor")
+    at, modes = np.array([float(train.value(key)) for key in keys]), damped_modes(train)
+
+    def changed(values):
+        return train.replace(dict(zip(keys, values, strict=True)))
+
+    np.testing.assert_allclose(jaxhb.damped_eigenvalues(train, modes), modes.eigenvalues, rtol=1e-10)
+    slopes = jax.jacfwd(lambda x: jaxhb.damped_eigenvalues(changed(x), modes))(at) * at
+    many = lambda batch: np.array([damped_modes(changed(values)).eigenvalues for values in batch])  # noqa: E731
+    for k, value in enumerate(modes.eigenvalues):
+        wanted = differences(lambda batch, k=k: many(batch)[:, k], at, 1e-3 * at) * at
+        noise = 1e-15 * np.abs(modes.eigenvalues[-1]) ** 2 / abs(value) / 1e-3  # of the QZ method
+        np.testing.assert_allclose(slopes[k], wanted, rtol=0, atol=GRADIENT * np.abs(wanted).max() + noise)
 
 
 def test_massless_disks_behind_dampers_are_the_limit_of_light_ones():
