@@ -40,8 +40,9 @@ def scene(arguments):
 def _sketch(arguments):
     from .sketch_plots import plot_train
 
+    train = load_scene(arguments.scene)
     try:
-        return as_picture(arguments.plot, plot_train(load_scene(arguments.scene)))
+        return as_picture(arguments.plot, plot_train(train))
     except ValueError as error:
         raise OutputError(f"--plot: {error}") from None
 

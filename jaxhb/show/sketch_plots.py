@@ -30,7 +30,7 @@ def plot_train(train):
         Circles are disks, dark where a torque acts, their radius grows with the fourth root of the inertia (as it
         stands in the scene, not referred); the smallest ones have none. Dash-dotted are pitch circles, in proportion,
         with a white dot where teeth with backlash touch, a black one without. Gears in mesh for which no place was free
-        beside each other are joined by a dotted line.
+        beside each other are joined by a dotted line. Internal meshes touch from outside too, as the legend says.
 
     Raises
     ------

@@ -120,11 +120,10 @@ def test_damped_eigenvalues_have_the_derivatives_of_differences():
 
     np.testing.assert_allclose(jaxhb.damped_eigenvalues(train, modes), modes.eigenvalues, rtol=1e-10)
     slopes = jax.jacfwd(lambda x: jaxhb.damped_eigenvalues(changed(x), modes))(at) * at
-    many = lambda batch: np.array([damped_modes(changed(values)).eigenvalues for values in batch])  # noqa: E731
-    for k, value in enumerate(modes.eigenvalues):
-        wanted = differences(lambda batch, k=k: many(batch)[:, k], at, 1e-3 * at) * at
+    wanted = differences(lambda batch: [damped_modes(changed(one)).eigenvalues for one in batch], at, 1e-3 * at).T * at
+    for value, slope, expected in zip(modes.eigenvalues, slopes, wanted, strict=True):
         noise = 1e-15 * np.abs(modes.eigenvalues[-1]) ** 2 / abs(value) / 1e-3  # of the QZ method
-        np.testing.assert_allclose(slopes[k], wanted, rtol=0, atol=GRADIENT * np.abs(wanted).max() + noise)
+        np.testing.assert_allclose(slope, expected, rtol=0, atol=GRADIENT * np.abs(expected).max() + noise)
 
 
 def test_massless_disks_behind_dampers_are_the_limit_of_light_ones():
