@@ -28,7 +28,7 @@ _HOMES = {
     "model.engine": ("Engine",),
     "model.scene_writer": ("elements_text", "scene_text"),
     "model.scene": ("load_scene", "scene_names"),
-    "linear.damped": ("DampedModes", "damped_modes"),
+    "linear.damped": ("DampedModes", "damped_eigenvalues", "damped_modes"),
     "linear.energy": ("inertia_and_stiffness", "kinetic_energy", "strain_energy"),
     "linear.forced": ("ForcedResponse", "forced_response"),
     "linear.holzer": ("HolzerTable", "holzer_residual", "holzer_table"),

@@ -36,6 +36,7 @@ EXAMPLES = """\
 examples:
   jaxhb scenes
   jaxhb scene six_cylinder_diesel --expand
+  jaxhb scene gear_train_30 --plot train.png
   jaxhb modes six_cylinder_diesel
   jaxhb forced six_cylinder_diesel --rpm 1000:2600:65 --element "cyl6|flywheel" --plot orders.png
   jaxhb campbell six_cylinder_diesel --rpm 600:2600 --orders 3,4.5,6,9 --plot campbell.png
@@ -175,6 +176,7 @@ def parser():
     scene.add_argument("scene", metavar="SCENE", help="a packaged scene, or the path of a .toml, .json or .csv")
     scene.add_argument("--expand", action="store_true", help="write the cylinders that an [engine] makes")
     scene.add_argument("--out", metavar="FILE.toml", help="write it there, its tables beside it (default: print it)")
+    add_plot(scene, "a sketch of the train instead of printing it: disks, shafts, gears in mesh, dampers, grounds")
     modes = add(
         "modes",
         _runner("modes", "linear_commands"),
