@@ -1,4 +1,4 @@
-"""Linear forced response: 1000 speeds x 24 orders of a branched train of 30 disks beside batched numpy; long chains.
+"""Linear forced response: 1000 speeds x 24 orders of 30 disks beside numpy and openTorsion; long chains.
 
     python benchmarks/linear_speed.py                      both parts, a minute
     python benchmarks/linear_speed.py sweep chain          some of them
@@ -6,8 +6,9 @@
 
 One core, medians of repeats after a first call that compiles. ``error`` is the largest difference of an angle from the
 dense solution refined in extended precision, over the largest angle; ``balance`` the power that is not turned into
-heat, over what is brought in. The chain is free at both ends, 64 harmonics at one speed; the exponent is the slope of
-log time over log size.
+heat, over what is brought in. openTorsion gets the meshes as its ElasticGear and all frequencies in one call of its
+``ss_response``: it gives angles, jaxhb torques, powers and residuals as well. The chain is free at both ends, 64
+harmonics at one speed; the exponent is the slope of log time over log size.
 """
 
 import argparse
@@ -15,10 +16,11 @@ import json
 from pathlib import Path
 
 import numpy as np
-from branched_thirty import branched_thirty, numpy_angles
+from branched_thirty import MESH, branched_thirty, numpy_angles
 from records import exponent, run_parts, timed
 
 import jaxhb
+from jaxhb.harmonic.excitation import excitation
 
 DATA = Path(__file__).parents[1] / "tests" / "data" / "branched_30_disk_linear.json"
 COLUMNS = {
@@ -66,6 +68,42 @@ def sweep(recorder, options):
     )
     error = float(np.abs(dense - refined).max() / largest)
     recorder.add(**sizes, method="numpy, batched solve", seconds=dense_seconds, spread=dense_spread, error=error)
+    try:
+        call = opentorsion_angles(data, train, rpm)
+    except ImportError:
+        print("openTorsion is not installed: pip install opentorsion")
+        return
+    peer, _, peer_seconds, peer_spread = timed(call, min(options.repeats, 3))
+    error = float(np.abs(np.abs(peer) - np.abs(refined)).max() / largest)  # its gears turn against each other
+    recorder.add(**sizes, method="openTorsion, ss_response", seconds=peer_seconds, spread=peer_spread, error=error)
+
+
+def opentorsion_angles(data, train, rpm):
+    """A function that computes the angles ``(n, S, orders)`` by openTorsion."""
+    from opentorsion.assembly import Assembly
+    from opentorsion.elements.disk_element import Disk
+    from opentorsion.elements.elastic_gear_element import ElasticGear
+    from opentorsion.elements.shaft_element import Shaft
+
+    gears = {}
+    for row in data["gears"]:  # teeth of N/m are springs of N m/rad on the parent's radius; radii in mm
+        parent = gears.get(row["parent"])
+        square = 0.0 if parent is None else (1e-3 * parent.R) ** 2
+        own = {"k": MESH["stiffness"] * square, "c": MESH["damping"] * square}
+        gears[row["node"]] = ElasticGear(row["node"], 0.0, row["R"], parent=parent, **own)
+    shafts = [Shaft(s["n1"], s["n2"], k=s["k"], c=s["c"]) for s in data["shafts"]]
+    disks = [Disk(d["node"], d["J"], c=d["c"]) for d in data["disks"]]
+    model = Assembly(shafts, disks, elastic_gear_elements=list(gears.values()))
+    orders = len(data["orders"])
+    omega = (np.array(train.topology.cycle_frequency(rpm))[:, None] * np.arange(1, orders + 1)).ravel()
+    torque = np.asarray(excitation(train, float(rpm[0]), orders)[0])[:, 1:]  # the same at all speeds
+    loads = np.tile(torque, len(rpm))
+
+    def call():
+        angles, _ = model.ss_response(loads, omega)
+        return angles.reshape(len(disks), len(rpm), orders).transpose(1, 0, 2)
+
+    return call
 
 
 def chain(recorder, options):

@@ -34,7 +34,7 @@ def pin(core):
 def versions():
     """Versions of what is compared, "" where a package is not installed."""
     found = {"python": platform.python_version()}
-    for package in ("jax", "jaxlib", "jaxhb", "numba", "numpy", "scipy", "diffrax"):
+    for package in ("jax", "jaxlib", "jaxhb", "numba", "numpy", "scipy", "diffrax", "opentorsion"):
         try:
             found[package] = metadata.version(package)
         except metadata.PackageNotFoundError:

@@ -2,12 +2,12 @@
 many of them."""
 
 import inspect
-from functools import cache, update_wrapper
+from functools import cache, partial, update_wrapper
 from pathlib import Path
 
 import jax
 import numpy as np
-from jax.sharding import SingleDeviceSharding
+from jax.sharding import Mesh, PartitionSpec, SingleDeviceSharding
 
 from . import _store as _disk
 from . import _x64
@@ -72,6 +72,33 @@ class Program:
         if _held.retrieved == retrieved:  # one out of jax's cache does not run any more when it is stored again
             _store.save(name, made)
         return made
+
+
+LANES = "lanes"
+WHOLE = PartitionSpec()
+"""Of an array that every device has."""
+
+
+def along(axis):
+    """Of an array whose lanes lie along an axis, the :class:`~jax.sharding.PartitionSpec`."""
+    return PartitionSpec(*[None] * axis, LANES)
+
+
+@cache
+def across(program, devices, given, made, **static):
+    """A Program whose lanes are cut into equal parts, one for each device, which runs its part by itself.
+
+    Parameters
+    ----------
+    program : Program
+    devices : tuple of jax devices
+    given, made : what :func:`along` gives, or WHOLE, for the arrays of the positional arguments and of the result
+    static : the static arguments
+    """
+    mesh = Mesh(np.array(devices), (LANES,))
+    function = partial(program.function, **static)
+    cut = jax.shard_map(function, mesh=mesh, in_specs=given, out_specs=made, check_vma=False)
+    return jax.jit(cut, compiler_options=_known_options() if devices[0].platform == "cpu" else None)
 
 
 _compiled = {}

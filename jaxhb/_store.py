@@ -13,7 +13,7 @@ import pickle
 import stat
 import sys
 import tempfile
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 
 import jax
@@ -40,10 +40,9 @@ class Store:
     @cached_property
     def origin(self):
         """Hash of what all entries of this process have in common."""
-        sources = sorted(Path(__file__).parent.rglob("*.py"))
         versions = sys.version, jax.__version__, jaxlib.version.__version__
         flags = tuple(os.environ.get(name, "") for name in ("XLA_FLAGS", "LIBTPU_INIT_ARGS"))
-        return _hash(*(path.read_bytes() for path in sources), repr((versions, flags, _processor())).encode())
+        return _hash(package_hash(), repr((versions, flags, _processor())).encode())
 
     def load(self, key, arguments):
         """The executable of ``key`` for ``arguments``, a jax.stages.Compiled; None where there is none that works."""
@@ -136,6 +135,13 @@ def user_folder():
         "darwin": home / "Library" / "Caches",
     }.get(sys.platform, Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache"))
     return base / "jaxhb"
+
+
+@cache
+def package_hash():
+    """Hash of the sources of the package."""
+    sources = sorted(Path(__file__).parent.rglob("*.py"))
+    return _hash(*(path.read_bytes() for path in sources))
 
 
 def _hash(*parts):

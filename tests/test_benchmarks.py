@@ -234,3 +234,23 @@ def test_a_hundred_numbers_of_the_engine_can_be_tuned():
     parameters = many_parameters(train, 100)
     assert len({parameter.name for parameter in parameters}) == 100
     check_all(train, parameters, (FORCE,), (), np.array([1000.0]))
+
+
+def test_values_of_a_long_chain_keep_the_digits_that_coefficients_lose():
+    from polynomial_digits import errors, roots
+
+    found = errors(np.concatenate([[0.3, 1.1, 1.7, 2.1], roots()[[20, 70]] * (1 + 1e-9)]))
+    assert found["jaxhb.characteristic"].max() < 1e-14
+    assert found["coefficients"][1:3].min() > 1e3
+    assert found["recursion in double precision"][:4].max() < 1e-12 < found["recursion in double precision"][4:].min()
+
+
+def test_random_geared_trees_have_the_frequencies_that_mpmath_finds():
+    pytest.importorskip("opentorsion")
+    mpmath = pytest.importorskip("mpmath")
+    from opentorsion_trees import OURS, compared, random_tree
+
+    random = np.random.default_rng(1)
+    with mpmath.workdps(50):
+        found = [compared(random_tree(random), rigid)[OURS] for rigid in (False, True)]
+    assert max(errors.max() for errors, *_ in found) < 1e-12 and {rigid for _, rigid, _ in found} == {0.0}

@@ -4,51 +4,25 @@ For a complex p, ``D(p) = det(p^2 M + p B + K(p)) / prod I`` over the disks with
 ``k = c + r p``. The source's R of a free train is ``D / p^2``. Every part of the train is a pair (method.md C3): F, its
 determinant while free, and G, while it is held where it meets the rest. A part on link k with arms a and b multiplies
 the other's pair: ``W = F + a^2 k G``, then ``F' <- F' W + G' b^2 k F``, ``G' <- G' W``. Pairs are rescaled by powers of
-two, which is exact, so that nothing overflows. In one closed loop the pairs hang on a ring, summed by continuants.
+two, which is exact, so that nothing overflows. In one closed loop the pairs hang on a ring, summed by continuants. All
+of it has twice the precision (:mod:`~jaxhb.linear.extended`), as little is left of large terms beside a root. Only
+damping times p, and what radii of gears enter, is rounded: as if these numbers of the train had another last digit.
 """
 
 import dataclasses
 from dataclasses import dataclass
+from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from .._program import Program
 from ..harmonic import chain
 from ..harmonic.block_sweep import slots
 from ..model.elements import SceneError
-
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class Scaled:
-    """Complex numbers ``mantissa 2^exponent`` beyond the range of float64.
-
-    mantissa : complex array; exponent : float array of whole numbers, same shape
-    """
-
-    mantissa: jax.Array
-    exponent: jax.Array
-
-    @property
-    def log_modulus(self):
-        """Natural logarithm of the modulus."""
-        return jnp.log(jnp.abs(self.mantissa)) + self.exponent * np.log(2.0)
-
-    @property
-    def phase(self):
-        """Phase in rad, -pi to pi."""
-        return jnp.angle(self.mantissa)
-
-    def value(self):
-        """The complex numbers; infinite or zero where they leave the range."""
-        half = jnp.clip(self.exponent // 2, -1100, 1100).astype(int)
-        rest = jnp.clip(self.exponent - half, -1100, 1100).astype(int)
-        return self.mantissa * jnp.ldexp(1.0, half) * jnp.ldexp(1.0, rest)
-
-    def __truediv__(self, other):
-        return _rescaled((self.mantissa / other.mantissa,), self.exponent - other.exponent)
+from .extended import Scaled, doubled, rescaled, scaled_product, shifted
 
 
 @dataclass(frozen=True)
@@ -90,7 +64,12 @@ def characteristic(train, p):
     >>> jaxhb.characteristic(train, 1j * jnp.array([0.0, 5.0])).value().real.tolist()  # p^2 (p^2 + 100)
     [0.0, -1875.0]
     """
-    return _determinant(chain.assemble(train), _spine(train), jnp.asarray(p, complex))
+    return _characteristic(train, jnp.asarray(p, complex))
+
+
+@Program
+def _characteristic(train, p):
+    return _determinant(chain.assemble(train), _spine(train), p)
 
 
 def frequency_response(train, disk, at, hz):
@@ -123,21 +102,30 @@ def frequency_response(train, disk, at, hz):
     >>> [round(float(value), 9) for value in H.real]
     [-0.013333333]
     """
-    system, topology = chain.assemble(train), train.topology
-    a, b = topology.disk_index(disk), topology.disk_index(at)
-    parts = _hang(system.tree, _path(_without_loops(train), a, b))
-    p = 2j * np.pi * jnp.asarray(hz, float)
-    F, G, exponent, alpha, beta, k = _pairs(system, parts, p, jnp.ones(len(system.mass)))
-    whole = Scaled(F[0], exponent[0])
-    held, passed = G[0], Scaled(G[0], exponent[0])
-    for i in range(len(parts.spine) - 1):  # parts along the way, one after the other
-        W = whole.mantissa + alpha[i] ** 2 * k[i] * held
-        free = F[i + 1] * W + G[i + 1] * beta[i] ** 2 * k[i] * whole.mantissa
-        (free, held), shift = _shifted((free, G[i + 1] * W))
-        product = alpha[i] * beta[i] * k[i] * G[i + 1] * passed.mantissa
-        passed = _rescaled((product,), passed.exponent + exponent[i + 1])
-        whole = Scaled(free, whole.exponent + exponent[i + 1] + shift)
-    return (passed / whole).value() / (system.radius[a] * system.radius[b])
+    ends = train.topology.disk_index(disk), train.topology.disk_index(at)
+    return _receptance(train, 2j * np.pi * jnp.asarray(hz, float), ends)
+
+
+@partial(Program, static_argnames="ends")
+def _receptance(train, p, ends):
+    """Receptance ``(n,)`` between two disks."""
+    system = chain.assemble(train)
+    F, G, exponent, alpha, beta, k = _pairs(system, _hang(system.tree, _path(_without_loops(train), *ends)), p)
+
+    def extend(state, item):  # parts along the way, one after the other
+        (whole, held), power, passed, passed_power = state
+        F, G, more, near, far, k = item
+        W = whole + held * k.scaled(near * near)
+        pair, shift = shifted((F * W + G * (whole * k.scaled(far * far)), G * W))
+        (passed,), less = shifted((passed * (G * k.scaled(near * far)),))
+        return (pair, power + more + shift, passed, passed_power + more + less), None
+
+    state = (F[0], G[0]), exponent[0], G[0], exponent[0]
+    if len(alpha):
+        state, _ = lax.scan(extend, state, (F[1:], G[1:], exponent[1:], alpha, beta, k))
+    (whole, _), power, passed, passed_power = state
+    response = Scaled(passed.high, passed_power) / Scaled(whole.high, power)
+    return response.value() / (system.radius[ends[0]] * system.radius[ends[1]])
 
 
 @jax.tree_util.register_dataclass
@@ -179,13 +167,21 @@ def damped_approximation(train, omega):
     >>> bool(jaxhb.damped_approximation(train, jnp.array([5.0])).relative_error[0] < 1e-15)  # exact for one link
     True
     """
+    return _approximation(train, jnp.asarray(omega, float))
+
+
+@Program
+def _approximation(train, omega):
     system, spine = chain.assemble(train), _spine(train)
-    omega = jnp.asarray(omega, float)
     none = jnp.zeros_like(jnp.asarray(system.viscous))
-    viscous = dataclasses.replace(system, loss=none)
-    without = dataclasses.replace(viscous, viscous=none)
-    stiffer = dataclasses.replace(without, stiffness=system.stiffness + system.viscous)
-    exact, low, high = (_determinant(kind, spine, 1j * omega) for kind in (viscous, without, stiffer))
+
+    def value(stiffness, viscous):
+        changed = dataclasses.replace(system, stiffness=stiffness, viscous=viscous, loss=none)
+        return _determinant(changed, spine, 1j * omega)
+
+    stiffness = jnp.stack([system.stiffness, system.stiffness, system.stiffness + system.viscous])
+    found = jax.vmap(value)(stiffness, jnp.stack([system.viscous, none, none]))
+    exact, low, high = (Scaled(*pair) for pair in zip(found.mantissa, found.exponent, strict=True))
     approximate = _combined((1 - 1j * omega, low), (1j * omega, high))
     difference = _combined((1.0, approximate), (-1.0, exact)) / exact
     return DampedApproximation(exact, approximate, jnp.abs(difference.value()))
@@ -198,20 +194,7 @@ def _combined(*terms):
         factor * number.mantissa * jnp.ldexp(1.0, jnp.maximum(number.exponent - exponent, -2000).astype(int))
         for factor, number in terms
     ]
-    return _rescaled((sum(shares),), exponent)
-
-
-def _shifted(numbers):
-    """Numbers with their largest modulus between 1/2 and 1, and the power of two taken out."""
-    sizes = [jnp.maximum(jnp.abs(z.real), jnp.abs(z.imag)) for z in map(lax.stop_gradient, numbers)]
-    shift = jnp.frexp(jnp.max(jnp.stack(sizes), axis=0))[1]
-    factor = jnp.ldexp(1.0, -shift)
-    return tuple(z * factor for z in numbers), shift.astype(float)
-
-
-def _rescaled(numbers, exponent):
-    (number,), shift = _shifted(numbers)
-    return Scaled(number, exponent + shift)
+    return rescaled(sum(shares), exponent)
 
 
 def _without_loops(train):
@@ -290,16 +273,16 @@ def _hang(tree, spine, closing=None):
     )
 
 
-def _pairs(system, parts, p, weight):
+def _pairs(system, parts, p):
     """Pairs F, G ``(m, n)`` of the disks of the spine with all that hangs on them, their exponents, and the joints.
 
-    weight : ``(S,)`` by which the row of each disk is multiplied. Joints are arms ``(j,)`` at the disk before and at
-    the one behind, and stiffnesses ``(j, n)``.
+    Joints are arms ``(j,)`` at the disk before and at the one behind, and stiffnesses ``(j, n)``.
     """
     stiffness, loss, viscous = (jnp.asarray(a)[:, None] for a in (system.stiffness, system.loss, system.viscous))
-    C = stiffness * (1 + 1j * loss * jnp.sign(p.imag)) + viscous * p
     mass, damping, ground = (jnp.asarray(a)[:, None] for a in (system.mass, system.damping, system.ground))
-    Z = p**2 * mass + p * damping + ground
+    p, turned = doubled(p), jnp.sign(p.imag)
+    C = doubled(stiffness * (1 + 1j * loss * turned)) + p.scaled(viscous)
+    Z = p * p * mass + (p.scaled(damping) + ground)
 
     def arms(link, disk):
         first = system.tree.end_a[link] == disk
@@ -308,51 +291,52 @@ def _pairs(system, parts, p, weight):
 
     def take(state, item):
         A, P, exponent = state
-        own, above, near, far, k, z, w = item
-        F, G = w * (z * P[own] + A[own]), w * P[own]
-        W = F + near**2 * k * G
+        own, above, near, far, k, z = item
+        F, G = z * P[own] + A[own], P[own]
+        W = F + G * k.scaled(near * near)
         moved = exponent[own]
-        A, P, exponent = A.at[own].set(0.0), P.at[own].set(1.0), exponent.at[own].set(0.0)
-        (a, b), shift = _shifted((A[above] * W + P[above] * far**2 * k * F, P[above] * W))
-        return (A.at[above].set(a), P.at[above].set(b), exponent.at[above].add(moved + shift)), None
+        A, P, exponent = A.put(own, 0.0), P.put(own, 1.0), exponent.at[own].set(0.0)
+        (a, b), shift = shifted((A[above] * W + P[above] * (F * k.scaled(far * far)), P[above] * W))
+        return (A.put(above, a), P.put(above, b), exponent.at[above].add(moved + shift)), None
 
-    shape = (parts.places, len(p))
-    state = (jnp.zeros(shape, complex), jnp.ones(shape, complex), jnp.zeros(shape))
+    shape = (parts.places, *p.high.shape)
+    state = (doubled(jnp.zeros(shape)), doubled(jnp.ones(shape)), jnp.zeros(shape))
     if len(parts.order):
         items = (parts.own, parts.above, *arms(parts.link, parts.order), C[parts.link], Z[parts.order])
-        state, _ = lax.scan(take, state, (*items, weight[parts.order]))
+        state, _ = lax.scan(take, state, items)
     spine, joints = np.array(parts.spine), np.array(parts.joints, dtype=int)
     A, P, exponent = (array[-len(spine) :] for array in state)
-    w = weight[spine, None]
     alpha, beta = arms(joints, spine[: len(joints)])
-    return w * (Z[spine] * P + A), w * P, exponent, alpha, beta, C[joints]
+    return Z[spine] * P + A, P, exponent, alpha, beta, C[joints]
 
 
 def _determinant(system, parts, p):
     """D(p), each row of a disk with inertia divided by it, other rows in angles."""
     mass = jnp.asarray(system.mass)
     heavy = mass > 0
-    weight = jnp.where(heavy, 1 / jnp.where(heavy, mass, 1.0), system.radius**2)
-    F, G, exponent, alpha, beta, k = _pairs(system, parts, p, weight)
+    weight = scaled_product(jnp.where(heavy, 1 / jnp.where(heavy, mass, 1.0), system.radius**2))
+    F, G, exponent, alpha, beta, k = _pairs(system, parts, p)
     if not parts.joints:
-        return Scaled(F[0], exponent[0])
+        return rescaled(F[0].high * weight.mantissa, exponent[0] + weight.exponent)
     # det = K(1..m) - c_m^2 w_1 w_m K(2..m-1) - 2 prod c prod w with diagonals d, couplings c = a b k (method.md C3)
-    along, behind = alpha[:, None] ** 2 * k, beta[:, None] ** 2 * k
-    diagonal = F + G * (along + jnp.roll(behind, 1, axis=0))
-    coupling = (alpha * beta)[:, None] * k
-    zero, one = jnp.zeros_like(p), jnp.ones_like(p)
+    alpha, beta = alpha[:, None], beta[:, None]
+    behind = k * beta * beta
+    diagonal = F + G * (k * alpha * alpha + jax.tree.map(lambda a: jnp.roll(a, 1, axis=0), behind))
+    coupling = k * alpha * beta
+    zero, one = (doubled(jnp.full(p.shape, value)) for value in (0.0, 1.0))
 
     def extend(state, item):
         (whole, last, inner, inner_last, ring), exponent = state
         d, w, c, w_before, more = item
-        step = c**2 * w * w_before
+        step = c * c * w * w_before
         state = (d * whole - step * last, whole, d * inner - step * inner_last, inner, ring * c * w)
-        state, shift = _shifted(state)
+        state, shift = shifted(state)
         return (state, exponent + shift + more), None
 
-    (first, shift) = _shifted((diagonal[0], one, one, zero, G[0]))
+    first, shift = shifted((diagonal[0], one, one, zero, G[0]))
     items = (diagonal[1:], G[1:], coupling[:-1], G[:-1], exponent[1:])
     (state, total), _ = lax.scan(extend, (first, exponent[0] + shift), items)
     whole, _, _, inner_last, ring = state
-    closing = coupling[-1] ** 2 * G[0] * G[-1] * inner_last
-    return _rescaled((whole - closing - 2 * coupling[-1] * ring,), total)
+    last = coupling[-1]
+    closed = whole - last * last * G[0] * G[-1] * inner_last - last * ring * 2.0
+    return rescaled(closed.high * weight.mantissa, total + weight.exponent)

@@ -172,7 +172,7 @@ def follow(train, parameter, *, start, to, rpm=None, harmonics=None, tolerance=0
         No such element or field, a value out of its range, a speed that is not positive.
     ValueError
         An empty range, a missing or superfluous ``rpm``, a train without backlash, or one without multipliers
-        (:func:`jaxhb.stability`: loss factors, massless disks).
+        (:func:`jaxhb.stability`: massless disks).
     NotConverged
         No motion found at ``start``.
 

@@ -59,7 +59,7 @@ def linearized(curve, y, normal):
     value, column, (problem, reduced) = jax.jvp(curve.equation, (y,), (rising,), has_aux=True)
     choice, sizes, deflection = curve.choice, curve.sizes, curve.deflection(y)
     links = jnp.asarray(problem.meshes.link)[choice.chosen]
-    train = reduced_model(problem.system, links, choice.active, problem.frequency, sizes.time_steps, problem.excited)
+    train = reduced_model(problem.system, links, choice.active, problem.frequency, sizes.time_steps)
     operator = correction.prepare(reduced, train, deflection, sizes.samples, sizes.time_steps)
     right = jnp.append(-value, 0.0), rising
     border = column, normal

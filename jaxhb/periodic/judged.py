@@ -1,10 +1,10 @@
 """What marches show: harmonic balance of a motion that returns, a record of one that does not, and what kind it is."""
 
 import dataclasses
+from functools import cached_property
 
 import numpy as np
 
-from ..harmonic import fourier
 from ..response.steady import SteadyState
 from .marching import Batch, Equations, record_of
 from .returns import ended
@@ -29,17 +29,18 @@ another start."""
 
 
 class Judge:
-    """The steady states of one train, from marches of its speeds ``(n,)``; ``known`` are those at hand, by place.
+    """The steady states of one train, from marches of its speeds ``(n,)``, on one device or across several; ``known``
+    are those at hand, by place.
 
     A march begins with few steps. What harmonic balance confirms is exact whatever the steps. The rest, irregular
     motion above all, is marched on with twice the steps: on ``gear_train_30`` three of sixty speeds had another kind
     of motion with the fewest steps than with any others.
     """
 
-    def __init__(self, train, speeds, request, exact, cycles):
+    def __init__(self, train, speeds, request, exact, cycles, devices=()):
+        self.devices = devices
         self.train, self.speeds, self.request, self.exact, self.cycles = train, speeds, request, exact, cycles
-        self.lossy = lossy(train)
-        self.equations, self.known = {}, {}
+        self.known = {}
 
     def settle(self, places, motions, progress=lambda count: None):
         """Steady states of some speeds by place, side by side, from motions ``{place: (x, x')}`` or from teeth in
@@ -55,38 +56,33 @@ class Judge:
             places, motions, finer = list(unsure), unsure, 2 * finer
         return found
 
+    @cached_property
+    def equations(self):
+        """The Equations of the train, or the sentence that refuses it."""
+        try:
+            return Equations(self.train)
+        except ValueError as refusal:
+            return str(refusal)
+
     def _groups(self, places):
-        """Places of speeds that take the same steps of the same equations."""
-        if self.lossy:
-            return [[place] for place in places]
-        equations = self._equations(None)
-        if isinstance(equations, str):
+        """Places of speeds that take the same steps."""
+        if isinstance(self.equations, str):
             return [places]
         groups = {}
         for place in places:
-            groups.setdefault(equations.steps(self.speeds[place]), []).append(place)
+            groups.setdefault(self.equations.steps(self.speeds[place]), []).append(place)
         return list(groups.values())
 
-    def _equations(self, hz):
-        """The Equations with loss factors as damping at ``hz``, or the sentence that refuses them."""
-        if hz not in self.equations:
-            train = self.train if hz is None else self.train.with_viscous_damping(hz=hz)
-            try:
-                self.equations[hz] = Equations(train)
-            except ValueError as refusal:
-                self.equations[hz] = str(refusal)
-        return self.equations[hz]
-
     def _march(self, places, motions, spent, finer):
-        """Steady states of speeds that share steps and equations, and motions of those that need shorter steps.
+        """Steady states of speeds that share steps, and motions of those that need shorter steps.
 
         ``spent``: cycles marched before, by place, to which these are added; ``finer``: times the fewest steps.
         """
-        hz = self._main_hz(places[0]) if self.lossy else None
-        equations = self._equations(hz)
+        equations = self.equations
         if isinstance(equations, str):
             return {place: unknown(self.train, self.speeds[place], equations) for place in places}, {}
-        batch = Batch(equations, self.speeds[places], finer * equations.steps(self.speeds[places].min()))
+        steps = finer * equations.steps(self.speeds[places].min())
+        batch = Batch(equations, self.speeds[places], steps, self.devices)
         for i, place in enumerate(places):
             if place in motions:
                 batch.begin(i, motions[place])
@@ -97,7 +93,7 @@ class Judge:
                 _record(batch, over)
             for march, period in over:
                 place = places[march.place]
-                verdict = _Verdict(self, place, batch, march, hz, spent[place], finer)
+                verdict = _Verdict(self, place, batch, march, spent[place], finer)
                 state = verdict.state(period)
                 march.done = state is not None or verdict.unsure
                 if state is not None:
@@ -116,20 +112,6 @@ class Judge:
             return dataclasses.replace(self.cycles, transient=before, recorded=0)
         return dataclasses.replace(self.cycles, transient=max(min(before - spent, LATER), 0))
 
-    def _main_hz(self, place):
-        """Frequency at which viscous damping takes as much from the tooth deflections as loss factors do."""
-        rpm = self.speeds[place]
-        cycle_hz = self.train.topology.cycle_frequency(rpm) / (2 * np.pi)
-        equations = self._equations(float(cycle_hz * 8))
-        if isinstance(equations, str):
-            return float(cycle_hz * 8)
-        batch = Batch(equations, np.array([rpm]), equations.steps(rpm))
-        batch.run(batch.marches)
-        deflection = np.split(batch.traced(batch.marches[0], 1), 2)[0]
-        power = np.abs(fourier.analyze(deflection, deflection.shape[1] // 2 - 1)[:, 1:]) ** 2
-        n = np.arange(1, power.shape[1] + 1)
-        return float(cycle_hz * (n**2 * power).sum() / (n * power).sum())
-
 
 def _record(batch, over):
     """Record a period of the marches that have one, ``(march, period)``, side by side those with the same."""
@@ -140,12 +122,12 @@ def _record(batch, over):
 class _Verdict:
     """What one march says that may have ended; ``unsure`` where shorter steps have to decide."""
 
-    def __init__(self, judge, place, batch, march, hz, spent, finer):
-        self.judge, self.place, self.batch, self.march, self.hz = judge, place, batch, march, hz
+    def __init__(self, judge, place, batch, march, spent, finer):
+        self.judge, self.place, self.batch, self.march = judge, place, batch, march
         self.finer, self.spent, self.unsure = finer, spent, False
         self.notes, missing = [], batch.equations.missing
-        if hz is not None:
-            self.notes.append(f"the march takes loss factors as viscous damping at {hz:.4g} Hz")
+        if lossy(judge.train):
+            self.notes.append("the march takes loss factors as damping of each mode at its natural frequency")
         if missing:
             share = f"{100 * missing:.2g} %"
             self.notes.append(f"the march leaves out modes that hold {share} of the compliance of a mesh")
@@ -160,7 +142,7 @@ class _Verdict:
             return self._irregular() if self.finer > 1 or not judge.exact else self._further()
         if not judge.exact:
             return self._recorded(period)
-        response, note, period = self._solved(period)
+        response, period = self._solved(period)
         if response is None:
             return self._unsolved(period)
         stays, stability = self._attracts(response)
@@ -168,7 +150,6 @@ class _Verdict:
             return self._passed_by()
         apart = any(contact.separated_fraction > 0 for contact in response.contacts().values())
         kind = "subharmonic" if period > 1 else "periodic" if apart else "contact"
-        self.notes += [note] * bool(note)
         return self._made(kind, period, response=response, stability=stability)
 
     def _made(self, kind, period, **found):
@@ -181,22 +162,22 @@ class _Verdict:
         self.unsure = True
 
     def _solved(self, period):
-        """Response (None where harmonic balance did not find the motion), note and period of a march that returns."""
+        """Response (None where harmonic balance did not find the motion) and period of a march that returns."""
         judge, batch, march = self.judge, self.batch, self.march
         while True:
             trace, meshes = batch.traced(march, period), batch.equations.meshes
             known = judge.known.get(self.place)
             common = known is not None and known.response is not None and known.period == period
             if common and same_motion(known.response, trace, meshes, judge.train, AGREES):
-                return known.response, "", period
-            given = {"steps": batch.steps, "meshes": meshes, "hz": self.hz}
+                return known.response, period
+            given = {"steps": batch.steps, "meshes": meshes}
             levels = LEVELS_TRIED if self.finer == FINEST else 1
-            response, note = solve_settled(judge.train, march, trace, period, judge.request, levels=levels, **given)
+            response = solve_settled(judge.train, march, trace, period, judge.request, levels=levels, **given)
             shorter = period if response is None else shortest_period(response, period)
             if shorter == period:
-                return response, note, period
+                return response, period
             if march.returns.errors(shorter)[0] > RETURNED:
-                return None, "", period
+                return None, period
             period = shorter
 
     def _attracts(self, response):

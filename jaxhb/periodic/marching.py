@@ -7,6 +7,7 @@ from functools import cached_property
 import jax
 import numpy as np
 
+from .._program import WHOLE, across, along
 from ..harmonic import chain
 from ..harmonic.excitation import listed_harmonic
 from ..harmonic.residual import backlash_meshes
@@ -29,7 +30,8 @@ LEAST = 256
 """Steps of a cycle, at least."""
 
 BATCHES = (64, 41), (16, 8), (1, 1)
-"""Lanes of a batch, each a program, and how many speeds at least it is faster for than smaller batches."""
+"""Lanes of a batch, each a program, and how many speeds at least it is faster for than smaller batches; on each
+device."""
 
 RECORDED = 16
 """Lanes of a recorded batch at most, for the sake of memory."""
@@ -43,7 +45,7 @@ CHUNK = 8
 
 
 class Equations:
-    """A train without loss factors as a march takes it.
+    """A train as a march takes it; loss factors damp each mode at its own frequency.
 
     Raises
     ------
@@ -54,7 +56,7 @@ class Equations:
     def __init__(self, train):
         self.train, topology = train, train.topology
         self.system, self.meshes = chain.assemble(train), backlash_meshes(train)
-        self.parts = partition(self.system, self.meshes, topology.disk_names, topology.link_names)
+        self.parts = partition(self.system, self.meshes, topology.disk_names, topology.link_names, lossy=True)
         self.own = np.flatnonzero(np.array(topology.mesh_backlash, dtype=bool))
         self.linear = np.flatnonzero(~np.array(topology.mesh_backlash, dtype=bool))
         self.shafts = len(topology.link_names) - len(topology.mesh_names)
@@ -81,7 +83,7 @@ class Equations:
         steps = next(n for n in COUNTS if n >= min(REACH * self.highest_hz * 2 * np.pi / frequency, COUNTS[-1]))
         active = np.ones(len(self.own))
         links = np.asarray(self.meshes.link)
-        model = reduced_model(self.system, links, active, frequency, steps, listed_harmonic(self.train.topology))
+        model = reduced_model(self.system, links, active, frequency, steps)
         stiff = np.abs(np.diag(np.asarray(model.static))) * np.asarray(self.meshes.law.stiffness)
         return modes_of(model.space, np.asarray(model.motion)), float(stiff.max(initial=0.0))
 
@@ -139,10 +141,10 @@ class March:
 
 
 class Batch:
-    """Marches of some speeds with equal numbers of steps."""
+    """Marches of some speeds with equal numbers of steps, on one device or side by side on several."""
 
-    def __init__(self, equations, rpm, steps):
-        self.equations, self.steps = equations, steps
+    def __init__(self, equations, rpm, steps, devices=()):
+        self.equations, self.steps, self.devices = equations, steps, devices
         self.posed = equations.pose(rpm)
         self.lanes = marching.lanes_of(equations.modes, equations.system, equations.meshes, self.posed, steps)
         gap = (1 - equations.meshes.law.epsilon) * equations.meshes.law.backlash
@@ -168,9 +170,10 @@ class Batch:
 
     def run(self, marches, record=False, cycles=CHUNK):
         """Some more cycles of some marches, recorded or not."""
-        left, most = list(marches), RECORDED if record else BATCHES[0][0]
+        left, most, count = list(marches), RECORDED if record else BATCHES[0][0], max(len(self.devices), 1)
         while left:
-            size = next(size for size, least in BATCHES if size <= most and len(left) >= least)
+            fits = (size for size, least in BATCHES if size <= most and len(left) >= least * count)
+            size = next(fits, BATCHES[-1][0]) * count
             self._run(left[:size], size, record, cycles)
             left = left[size:]
 
@@ -180,10 +183,10 @@ class Batch:
         state = np.stack([self.marches[place].state for place in places], axis=1)
         if record:
             outputs = self.equations.outputs(_of(self.posed, places), self.steps)
-            state, seen, trace, reduced, teeth = recording.record(lanes, outputs, state, blank)
+            state, seen, trace, reduced, teeth = self._recording(lanes, outputs)(lanes, outputs, state, blank)
             reduced, teeth = jax.tree.map(np.asarray, (reduced, teeth))
         else:
-            state, seen, trace = marching.march(lanes, state, blank)
+            state, seen, trace = self._marching(lanes)(lanes, state, blank)
         state, seen, trace = (np.asarray(a) for a in (state, seen, trace))
         for i, march in enumerate(marches):
             march.state, march.trace = state[:, i], trace[..., i]
@@ -192,6 +195,21 @@ class Batch:
             if record:
                 march.reduced.append(_of_lane(reduced, i))
                 march.teeth.append(_of_lane(teeth, i))
+
+    def _marching(self, lanes):
+        """The program that marches lanes."""
+        if len(self.devices) < 2:
+            return marching.march
+        given = _specs(lanes, _PER_LANE, last=True), along(1), WHOLE
+        return across(marching.march, self.devices, given, (along(1), along(3), along(2)))
+
+    def _recording(self, lanes, outputs):
+        """The program that marches and records lanes."""
+        if len(self.devices) < 2:
+            return recording.record
+        given = _specs(lanes, _PER_LANE, last=True), _specs(outputs, ("linear", "mesh_linear")), along(1), WHOLE
+        reduced = recording.Reduced(*[along(1)] * 4, power=along(0))
+        return across(recording.record, self.devices, given, (along(1), along(3), along(2), reduced, along(1)))
 
     def traced(self, march, cycles):
         """(l, l') ``(2G, cycles x steps)`` of the next cycles, which the march goes through; of the last one if 1."""
@@ -218,6 +236,13 @@ _PER_LANE = "full", "half", "weights", "first", "second", "third", "end", "linea
 def _lanes(lanes, places):
     """The Lanes at some places."""
     return dataclasses.replace(lanes, **{name: getattr(lanes, name)[..., places] for name in _PER_LANE})
+
+
+def _specs(tree, per_lane, last=False):
+    """How the arrays of a dataclass are cut: those of the names along their first or last axis."""
+    named = {f.name: getattr(tree, f.name) for f in dataclasses.fields(tree)}
+    cut = {name: along(np.ndim(named[name]) - 1 if last else 0) for name in per_lane}
+    return dataclasses.replace(tree, **dict.fromkeys(named, WHOLE) | cut)
 
 
 def _of_lane(numbers, i):

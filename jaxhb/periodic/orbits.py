@@ -57,7 +57,7 @@ def _equations(problem, choice, time_steps):
     links = jnp.asarray(problem.meshes.link)[choice.chosen]
     harmonics = problem.load.shape[-1] - 1
     reduced, _ = reduced_equation(problem, harmonics, choice.active, choice.chosen, choice.flank)
-    train = reduced_model(problem.system, links, choice.active, problem.frequency, time_steps, problem.excited)
+    train = reduced_model(problem.system, links, choice.active, problem.frequency, time_steps)
     response = seen(reduced.linear, reduced.frequency)
     return begin(reduced, train.space, time_steps, jnp.zeros((0, len(response))), train.static), response, train
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .._arrays import namespace, staged, traced
-from .._program import Program
+from .._program import WHOLE, Program, across, along
 from ..harmonic import fourier
 from ..harmonic.backlash import law_of
 from ..model.change import within_range
@@ -114,16 +114,21 @@ def one_by_one(harmonics, disks):
     return (harmonics >= HEAVY or disks >= LARGE) and jax.default_backend() == "cpu"
 
 
-def solve_batches(train, rpm, plan, max_steps):
-    """Yield lists of Responses at the speeds ``(n,)`` under one plan, batch after batch, in order."""
+def solve_batches(train, rpm, plan, max_steps, devices=()):
+    """Yield lists of Responses at the speeds ``(n,)`` under one plan, batch after batch, in order.
+
+    Across several devices, each has as many speeds of a batch as one has alone.
+    """
+    count = max(len(devices), 1)
     alone = one_by_one(plan.harmonics, train.topology.n_disks if plan.active else 0)
     size = LINEAR_BATCH if not plan.active and len(rpm) >= LINEAR_BATCH else BATCH
-    if alone or len(rpm) == 1:
+    size = count * (1 if alone else size)
+    if (alone and count == 1) or len(rpm) == 1:
         for speed in rpm:
             yield [solve_planned(train, float(speed), plan)]
         return
     for first in range(0, len(rpm), size):
-        yield _solve_batch(train, rpm[first : first + size], plan, size, max_steps)
+        yield _solve_batch(train, rpm[first : first + size], plan, size, max_steps, devices)
 
 
 def _axes():
@@ -144,12 +149,19 @@ def _solve_all(problem, choice, start, tolerance, sizes):
     return jax.vmap(one, in_axes=(_axes(),))(problem)
 
 
-def _solve_batch(train, rpm, plan, size, max_steps):
+def _across(devices, sizes):
+    """The program of a batch whose speeds are shared among devices."""
+    given = jax.tree.map(lambda axis: WHOLE if axis is None else along(axis), _axes(), is_leaf=lambda a: a is None)
+    return across(_solve_all, devices, (given, WHOLE, WHOLE, WHOLE), along(0), sizes=sizes)
+
+
+def _solve_batch(train, rpm, plan, size, max_steps, devices):
     """Responses at up to ``size`` speeds, padded to a batch of that size."""
     padded = np.concatenate([rpm, np.full(size - len(rpm), rpm[-1])])
     problem = _pose_all(train, jnp.asarray(padded), plan.sizes.excited)
     sizes = dataclasses.replace(plan.sizes, max_steps=max_steps)
-    outcome = _solve_all(problem, plan.choice, first_start(plan, marches=plan.marches), plan.limit, sizes)
+    given = problem, plan.choice, first_start(plan, marches=plan.marches), plan.limit
+    outcome = _across(devices, sizes)(*given) if len(devices) > 1 else _solve_all(*given, sizes)
     loads, outcome = jax.tree.map(np.asarray, ((problem.load_torque, problem.load_power), outcome))
     rows = []
     for i, speed in enumerate(rpm):

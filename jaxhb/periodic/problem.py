@@ -31,12 +31,6 @@ class Problem:
     load_torque: jax.Array
     load_power: jax.Array
 
-    @property
-    def excited(self):
-        """Highest harmonic with a load, at least 1."""
-        loaded = jnp.any(jnp.asarray(self.load) != 0, axis=0)
-        return jnp.max(jnp.where(loaded, jnp.arange(len(loaded)), 1))
-
 
 def pose(train, rpm, excited):
     """The :class:`Problem` of ``train`` at ``rpm``, with room for ``excited`` harmonics of the excitation."""

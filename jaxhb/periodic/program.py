@@ -129,9 +129,7 @@ def find(problem, choice, start, tolerance, sizes):
     deflection = reduced.linear
     if not none:
         links = jnp.asarray(problem.meshes.link)[choice.chosen]
-        model = reduced_model(
-            problem.system, links, choice.active, problem.frequency, sizes.time_steps, problem.excited
-        )
+        model = reduced_model(problem.system, links, choice.active, problem.frequency, sizes.time_steps)
         first, periodicity_error = _first(reduced, model.space, start, sizes)
         numbers = {"samples": sizes.samples, "time_steps": sizes.time_steps}
         if sizes.method == "chain":
@@ -239,7 +237,7 @@ def estimate(problem, choice, deflection, sizes):
     fine, _ = reduced_equation(problem, 2 * harmonics, choice.active, choice.chosen, choice.flank)
     reduced = reduction.truncate(fine, harmonics)
     links = jnp.asarray(problem.meshes.link)[choice.chosen]
-    train = reduced_model(problem.system, links, choice.active, problem.frequency, sizes.time_steps, problem.excited)
+    train = reduced_model(problem.system, links, choice.active, problem.frequency, sizes.time_steps)
     operator = correction.prepare(reduced, train, deflection, sizes.samples, sizes.time_steps)
     return truncation_error(fine, operator, deflection, sizes.samples)
 

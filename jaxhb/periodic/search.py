@@ -9,7 +9,7 @@ from ..model.speeds import check_speed
 from ..response.response import Response
 from ..response.status import Status
 from . import ladder, orbits
-from .judged import Judge, lossy
+from .judged import Judge
 from .marching import Equations
 from .planning import plan_speeds
 from .request import Request
@@ -41,7 +41,7 @@ class PeriodicMotion:
     attracts : bool
         Whether disturbances die away, as far as multipliers can be told.
     stability : Stability or None
-        None where multipliers are refused (loss factors) or take too long (more than 100 disks).
+        None where multipliers are refused (massless disks) or take too long (more than 100 disks).
     """
 
     response: Response
@@ -131,7 +131,7 @@ def _settled(train, rpm, request):
 def _starts(train, rpm):
     """Motions ``(2S,)`` with the teeth in the middle of their gaps, on the flanks that do not drive, and scattered."""
     try:
-        posed = Equations(train if not lossy(train) else train.with_viscous_damping(hz=rpm / 60)).pose([rpm])
+        posed = Equations(train).pose([rpm])
     except ValueError:  # a massless disk leaves no equation: nothing can be marched
         return []
     flank, rest, power = posed.flank[0], posed.displacement[0, :, 0].real, np.abs(posed.displacement[0, :, 1:]) ** 2

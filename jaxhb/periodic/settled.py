@@ -8,7 +8,6 @@ from ..harmonic import fourier
 from ..response.events import March
 from ..response.status import Status
 from . import ladder, planning
-from .planned import of_unknown_meshes
 from .request import MOST
 from .returns import PERIODS
 
@@ -25,11 +24,8 @@ be no solution near the motion."""
 REPEATS = 1e-4
 """Share of the sum of all amplitudes below which those of longer periods are none."""
 
-LOSS_SHARES = (1.0,), (0.5, 1.0), (0.25, 0.5, 0.75, 1.0)
-"""Shares of the loss factors stepped through, from a solution with viscous damping, until all steps succeed."""
 
-
-def solve_settled(train, march, trace, period, request, *, steps, meshes, hz=None, levels=LEVELS_TRIED):
+def solve_settled(train, march, trace, period, request, *, steps, meshes, levels=LEVELS_TRIED):
     """The Response of a motion with a period of some cycles, from one marched period.
 
     Parameters
@@ -41,33 +37,23 @@ def solve_settled(train, march, trace, period, request, *, steps, meshes, hz=Non
     request : Request
     steps : int, per cycle
     meshes : Nonlinear, the backlash meshes
-    hz : float or None, where loss factors were turned into viscous damping
     levels : int, numbers of harmonics that are tried at most
 
     Returns
     -------
     Response or None
         None where no harmonics close to the motion solve the equations.
-    note : str, what is to be known about it; "" for nothing
     """
     if period > 1:
         train = train.repeated(period)
         request = dataclasses.replace(request, harmonics=request.harmonics and period * request.harmonics)
-    viscous = train if hz is None else train.with_viscous_damping(hz=hz)
     event = March(march.cycles, steps, max(march.returns.errors(period)[0], 1e-300))
-    found, plan = _solve(viscous, march.rpm, request, trace, meshes, event, period, levels)
-    if found is None or not same_motion(found, trace, meshes, viscous):
-        return None, ""
-    if hz is None:
-        return found, ""
-    lossy = _step_up(train, found, plan, request, hz)
-    if lossy is None:
-        return found, f"loss factors are viscous damping at {hz:.4g} Hz: the equations with them were not solved"
-    return lossy, ""
+    found = _solve(train, march.rpm, request, trace, meshes, event, period, levels)
+    return found if found is not None and same_motion(found, trace, meshes, train) else None
 
 
 def _solve(train, rpm, request, trace, meshes, event, period, levels):
-    """Response and plan from the deflections of a period, or None and None."""
+    """The Response from the deflections of a period, or None."""
     deflection = np.split(trace, 2)[0]
     plan = _plan(train, rpm, request, deflection, meshes, period)
     own = np.flatnonzero(np.array(train.topology.mesh_backlash, dtype=bool))
@@ -80,11 +66,11 @@ def _solve(train, rpm, request, trace, meshes, event, period, levels):
         result = ladder.refine(case, ladder.Attempt(plan, given, event))
         higher = case.next_level(plan.harmonics)
         if result.status <= Status.TOLERANCE_NOT_MET:
-            return result.response, result.plan
+            return result.response
         if request.harmonics or not higher:
             break
         plan, event = dataclasses.replace(plan, harmonics=higher), None
-    return None, None
+    return None
 
 
 def _plan(train, rpm, request, deflection, meshes, period):
@@ -124,35 +110,6 @@ def same_motion(response, trace, meshes, train, most=SAME):
     gap = (1 - meshes.law.epsilon) * meshes.law.backlash
     size = np.abs(deflection).max(axis=1) + gap
     return bool((np.abs(found - deflection).max(axis=1) <= most * size).all())
-
-
-def _step_up(train, response, plan, request, hz):
-    """The Response with all loss factors from one with viscous damping, or None."""
-    for shares in LOSS_SHARES:
-        found = response
-        for share in shares:
-            partly = partly_lossy(train, hz, share)
-            given = np.asarray(of_unknown_meshes(plan, found))
-            result = ladder.refine(ladder.Case(partly, float(response.rpm), request, plan), ladder.Attempt(plan, given))
-            if result.status > Status.TOLERANCE_NOT_MET:
-                break
-            found, plan = result.response, result.plan
-        else:
-            return dataclasses.replace(found, path=response.path + found.path)
-    return None
-
-
-def partly_lossy(train, hz, share):
-    """The train with a share of its loss factors, and the rest as viscous damping at ``hz``."""
-
-    def shared(table, viscous):
-        damping = share * table.damping + (1 - share) * viscous.damping
-        return dataclasses.replace(table, damping=damping, loss_factor=share * table.loss_factor)
-
-    viscous = train.with_viscous_damping(hz=hz)
-    return dataclasses.replace(
-        train, shafts=shared(train.shafts, viscous.shafts), dampers=shared(train.dampers, viscous.dampers)
-    )
 
 
 def shortest_period(response, period):

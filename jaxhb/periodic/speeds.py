@@ -14,7 +14,7 @@ BATCH_STEPS = 8
 """Newton steps of a batch, which waits for its slowest speed: one that needs more is solved again by itself."""
 
 
-def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=None, integrals=None, progress=None):
+def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=None, integrals=None, progress=None, devices=()):
     """Periodic responses at many speeds.
 
     The linear motion tells at which speeds teeth leave contact or separate; speeds with the same needs share a plan
@@ -36,6 +36,8 @@ def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=None, integ
         Of the tooth law over the cycle, "sampled" (default) or "exact", as in :func:`jaxhb.solve`.
     progress : callable, optional
         Called with the number of speeds done since the last call.
+    devices : sequence of jax devices
+        Across which batches are shared, as ``jax.devices()``; by default one does it all.
 
     Returns
     -------
@@ -68,7 +70,7 @@ def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=None, integ
     for shared in dict.fromkeys(plans):
         places = [i for i, own in enumerate(plans) if own == shared]
         steps, free = BATCH_STEPS if plan is None and shared.active else shared.sizes.max_steps, iter(places)
-        for batch in solve_batches(train, rpm[places], shared, steps):
+        for batch in solve_batches(train, rpm[places], shared, steps, tuple(devices)):
             for response in batch:
                 found[next(free)] = response
             if progress:

@@ -20,7 +20,7 @@ from ..harmonic.excitation import listed_harmonic
 from ..harmonic.residual import backlash_meshes
 from ..response.status import NotConverged, Status
 from ..transient.reduced_model import reduced_model
-from ..transient.statespace import partition, state_space
+from ..transient.statespace import loss_damping, partition, state_space
 from ..transient.stepper import exponential
 from ..transient.variational import monodromy
 from . import correction
@@ -104,7 +104,8 @@ def stability(response):
 
     Solves the variational equation around the motion of the harmonics, not around an integration of its own, in steps
     that end where teeth pass the knots of their law (method.md A7; :mod:`jaxhb.transient.variational`). All states of
-    the train take part; massless disks are condensed.
+    the train take part; massless disks are condensed. Loss factors, which have no equation in time, damp each mode at
+    its natural frequency (:func:`jaxhb.transient.statespace.loss_damping`).
 
     Parameters
     ----------
@@ -120,8 +121,7 @@ def stability(response):
     NotConverged
         If the response solves no equations.
     ValueError
-        For the response of a sweep or of a transformation; for loss factors, naming the links (solve and ask with
-        ``train.with_viscous_damping(hz=...)``); for massless disks that leave no equation.
+        For the response of a sweep or of a transformation; for massless disks that leave no equation.
 
     Notes
     -----
@@ -139,10 +139,10 @@ def stability(response):
     """
     train = _train_of(response)
     system, meshes, topology = chain.assemble(train), backlash_meshes(train), train.topology
-    parts = partition(system, meshes, topology.disk_names, topology.link_names)
+    parts = partition(system, meshes, topology.disk_names, topology.link_names, lossy=True)
     frequency = topology.cycle_frequency(float(response.rpm))
     deflection = np.asarray(response.deflections)[np.flatnonzero(topology.mesh_backlash)]
-    space = state_space(*on_host((system, meshes)), frequency, parts)
+    space = state_space(*on_host((system, meshes)), frequency, parts, loss_damping(on_host(system)))
     found = monodromy(space, meshes, deflection, frequency, exact.switching_times(meshes.law, deflection))
     multipliers, rotation = _multipliers(found.matrix, space.coordinates, system, frequency)
     return Stability(multipliers, rotation, float(np.expm1(found.log_determinant - found.trace)))
@@ -152,8 +152,7 @@ def largest_multiplier(response):
     """Modulus of the largest Floquet multiplier, rotation left out, nearly, in a quarter of the time: for sweeps.
 
     From the linearised periodic operator that preconditions Newton's method, with twice its time steps: forces change
-    linearly in a step, and a large train has 48 modes. Loss factors act as viscous damping there, and disks without
-    inertia do no harm.
+    linearly in a step, and a large train has 48 modes. Disks without inertia do no harm.
 
     Parameters
     ----------
@@ -169,7 +168,7 @@ def largest_multiplier(response):
     Raises
     ------
     NotConverged, ValueError
-        As :func:`stability`, but not for loss factors and massless disks.
+        As :func:`stability`, but not for massless disks.
 
     Examples
     --------
@@ -196,14 +195,14 @@ def largest_multiplier(response):
 
 DENSE_DISKS, ESTIMATED = 100, 1.1
 """Disks up to which all multipliers are computed where only the largest is asked for; largest estimate that counts as
-stable beyond that, and where loss factors leave no multipliers."""
+stable beyond that, and where massless disks leave no multipliers."""
 
 
 def attracts(response):
     """Whether a train that is near a periodic motion runs into it, as far as multipliers can be told; and its
     :class:`Stability`, None where that is refused or takes too long."""
     if response.train.topology.n_disks <= DENSE_DISKS:
-        with suppress(ValueError):  # loss factors, or a massless disk without an equation
+        with suppress(ValueError):  # a massless disk without an equation
             found = stability(response)
             return bool(found.stable), found
     return largest_multiplier(response) <= ESTIMATED, None
@@ -214,7 +213,7 @@ def _linearised(problem, choice, deflection, sizes):
     """Monodromy matrix ``(n, n)`` of the linearised periodic operator, and the coordinates of its states."""
     harmonics = deflection.shape[-1] - 1
     links = jnp.asarray(problem.meshes.link)[choice.chosen]
-    model = reduced_model(problem.system, links, choice.active, problem.frequency, sizes.time_steps, problem.excited)
+    model = reduced_model(problem.system, links, choice.active, problem.frequency, sizes.time_steps)
     if not len(deflection):
         return exponential(2 * jnp.pi / problem.frequency * model.space.transition), model.space.coordinates
     reduced, _ = reduced_equation(problem, harmonics, choice.active, choice.chosen, choice.flank)

@@ -1,6 +1,7 @@
 """What a train does after it has run long enough: contact, a period of one or several cycles, or none."""
 
 import itertools
+from functools import partial
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from ..model.speeds import check_speed
 from ..response.response import Response
 from ..response.status import Status
 from ..response.steady import SteadyState, SteadySweep
+from .checkpoint import CHUNK, Checkpoint
 from .judged import AGREES, Judge, state_of, unknown
 from .planned import solve_batches
 from .planning import plan_speeds
@@ -35,6 +37,9 @@ def steady_state(
     exact=True,
     cycles=None,
     progress=None,
+    out=None,
+    chunk=CHUNK,
+    devices=(),
 ):
     """What a drive train does at each speed after it has run long enough.
 
@@ -45,7 +50,7 @@ def steady_state(
     Parameters
     ----------
     train : DriveTrain
-        Loss factors become viscous damping in the march, at the main frequency of the tooth deflections; a note tells.
+        Loss factors damp each mode at its own frequency in the march, and are themselves in the solution; a note tells.
     rpm : float or array ``(n,)``
         Speeds of the reference rotor.
     direction : "up", "down" or "both"
@@ -62,6 +67,13 @@ def steady_state(
         How long a march is at most.
     progress : callable, optional
         Called with the number of speeds done since the last call.
+    out : path, optional
+        A folder in which the steady states of marched speeds are kept as they are found: the same call goes on where
+        it was stopped, with the same numbers to the last bit.
+    chunk : int
+        With ``out``, how many speeds are marched together, and kept; less is lost with fewer, and it takes longer.
+    devices : sequence of jax devices
+        Across which marches and batches of a sweep are shared, as ``jax.devices()``; by default one does it all.
 
     Returns
     -------
@@ -72,7 +84,8 @@ def steady_state(
     SceneError
         A speed that is not positive.
     ValueError
-        An unknown direction.
+        An unknown direction. A :class:`CheckpointError` is one, too: ``out`` holds answers for another train, another
+        version or other options, or cannot be written.
     TypeError
         Under ``jit``, ``vmap`` or ``grad``.
 
@@ -101,7 +114,12 @@ def steady_state(
     check_speed(train, rpm, many=True)
     speeds = np.atleast_1d(np.asarray(rpm, dtype=float))
     request = Request.of(train, harmonics, tolerance, many=len(speeds) > 1)
-    search = _Search(train, speeds, request, exact, cycles or Cycles(), start, progress)
+    cycles = cycles or Cycles()
+    settle, judge = None, Judge(train, speeds, request, exact, cycles, tuple(devices))
+    if out is not None:
+        asked = {name: value for name, value in vars(request).items() if name != "many"} | {"exact": exact}
+        settle = partial(Checkpoint(out, train, asked | vars(cycles), chunk).settle, judge)
+    search = _Search(judge, settle or judge.settle, start, progress)
     if not np.ndim(rpm):
         return search.alone(0)
     order = np.argsort(speeds, kind="stable")
@@ -113,13 +131,13 @@ def steady_state(
 
 
 class _Search:
-    """One call: a train, its speeds, and what is known of them."""
+    """One call: a train, its speeds, what is known of them, and what settles the others as :meth:`Judge.settle`."""
 
-    def __init__(self, train, speeds, request, exact, cycles, start, progress):
-        self.train, self.speeds, self.request = train, speeds, request
-        self.judge = Judge(train, speeds, request, exact, cycles)
+    def __init__(self, judge, settle, start, progress):
+        self.judge, self.settle = judge, settle
+        self.train, self.speeds, self.request = judge.train, judge.speeds, judge.request
         self.progress = progress or (lambda count: None)
-        self.start = None if start is None else _motion_of(train, start)
+        self.start = None if start is None else _motion_of(self.train, start)
         self.contact = self._in_contact()
 
     def _in_contact(self):
@@ -127,7 +145,7 @@ class _Search:
         plans, found = plan_speeds(self.train, self.speeds, self.request), {}
         for shared in {plan for plan in plans if not plan.active}:
             places = [i for i, plan in enumerate(plans) if plan == shared]
-            batches = solve_batches(self.train, self.speeds[places], shared, shared.sizes.max_steps)
+            batches = solve_batches(self.train, self.speeds[places], shared, shared.sizes.max_steps, self.judge.devices)
             responses = (response for batch in batches for response in batch)
             for place, response in zip(places, responses, strict=True):
                 if int(response.status) != Status.PLAN_VIOLATED:
@@ -148,7 +166,7 @@ class _Search:
                 self.progress(1)
             else:
                 marching.append(place)
-        known |= self.judge.settle(marching, motions, self.progress)
+        known |= self.settle(marching, motions, self.progress)
 
     def along(self, order):
         """Steady states by place, each reached from the one before it in ``order``.
@@ -173,7 +191,7 @@ class _Search:
                     found[place] = known[place]
             if not motions:
                 return found
-            for place, state in self.judge.settle(list(motions), motions).items():
+            for place, state in self.settle(list(motions), motions, lambda count: None).items():
                 same = (other for other in (known[place], found[place]) if _alike(state, other))
                 found[place] = next(same, state)
 

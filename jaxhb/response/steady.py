@@ -204,14 +204,14 @@ class SteadyState:
     cycles : int
         Cycles marched.
     notes : tuple of str
-        What to know about the answer: loss factors turned into viscous damping, why a kind is unknown.
+        What to know about the answer: how the march takes loss factors, why a kind is unknown.
     motion : array ``(2S,)`` or None
         Displacements in m and velocities in m/s of the disks at the end of the march, at the beginning of a cycle:
         where a neighbouring speed starts.
     topology : Topology
     stability : Stability or None
-        Of ``response``, as :func:`jaxhb.stability` gives it; None for teeth in contact, which loses nothing, for loss
-        factors, and for more than 100 disks.
+        Of ``response``, as :func:`jaxhb.stability` gives it; None for teeth in contact all the time, and for more than
+        100 disks.
     """
 
     rpm: float

@@ -36,6 +36,7 @@ EXAMPLES = """\
 examples:
   jaxhb scenes
   jaxhb scene six_cylinder_diesel --expand
+  jaxhb scene gear_train_30 --plot train.png
   jaxhb modes six_cylinder_diesel
   jaxhb forced six_cylinder_diesel --rpm 1000:2600:65 --element "cyl6|flywheel" --plot orders.png
   jaxhb campbell six_cylinder_diesel --rpm 600:2600 --orders 3,4.5,6,9 --plot campbell.png
@@ -136,18 +137,21 @@ def main(argv=None):
 
 
 def _run(argv):
+    folder = None
     try:
         arguments = parser().parse_args(argv)
+        folder = getattr(arguments, "folder", None)
         return arguments.command(arguments)
     except SystemExit as stop:
         return stop.code
     except KeyboardInterrupt:
-        print("stopped; nothing more is written", file=sys.stderr)
+        stays = f"what is in {folder!r} stays: the same command goes on from there" if folder else ""
+        print(f"stopped; {stays or 'nothing more is written'}", file=sys.stderr)
         return 130
     except BrokenPipeError:
         raise
     except Exception as error:
-        if type(error).__name__ in ("SceneError", "OutputError"):
+        if type(error).__name__ in ("SceneError", "OutputError", "CheckpointError"):
             print(error, file=sys.stderr)
             return 2
         traceback.print_exc()
@@ -171,10 +175,10 @@ def parser():
     scene = add("scene", run_scene, "check a scene and write it as TOML, from files of other programs too", SCENE)
     scene.add_argument("scene", metavar="SCENE", help="a packaged scene, or the path of a .toml, .json or .csv")
     scene.add_argument("--expand", action="store_true", help="write the cylinders that an [engine] makes")
-    instead = scene.add_mutually_exclusive_group()
-    instead.add_argument("--out", metavar="FILE.toml", help="write it there, its tables beside it (default: print it)")
+    scene.add_argument("--out", metavar="FILE.toml", help="write it there, its tables beside it (default: print it)")
     text = "print inertias, stiffnesses and dampings instead, actual and referred to the reference rotor"
-    instead.add_argument("--referred", action="store_true", help=text)
+    scene.add_argument("--referred", action="store_true", help=text)
+    add_plot(scene, "a sketch of the train instead of printing it: disks, shafts, gears in mesh, dampers, grounds")
     modes = add(
         "modes",
         _runner("modes", "linear_commands"),
@@ -235,6 +239,10 @@ def parser():
     sweep.add_argument("--direction", choices=("up", "down", "both"), help=text)
     add_files(sweep, "tooth force and time out of contact over the speed")
     sweep.add_argument("--csv", metavar="FILE", help="write one row per speed for spreadsheets, N and N m")
+    text = "keep what is found in this folder as it goes; the same command goes on where it was stopped"
+    sweep.add_argument("--out", dest="folder", metavar="DIR", help=text)
+    text = "with --out, speeds that are computed and kept together (default 64); fewer lose less, and take longer"
+    sweep.add_argument("--chunk", type=whole, metavar="N", help=text)
     report = add("report", _runner("report"), "several speeds, normal running and a misfire", REPORT)
     add_scene(report)
     add_speeds(report)

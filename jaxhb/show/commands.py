@@ -5,6 +5,7 @@ from pathlib import Path
 
 from ..model.change import locate
 from ..model.scene_writer import changed_scene, copies_beside
+from ..periodic.checkpoint import CHUNK
 from ..response.steady import PERCENT
 from .balance import ground_reactions, load_torques
 from .cases import cases_record, cases_text, solve_cases
@@ -59,10 +60,14 @@ def sweep(train, arguments):
     direction = arguments.direction or "up"
     if asked.orbit and arguments.direction:
         raise OutputError("--direction: periodic solutions (--orbit) do not depend on it. Leave one of them out.")
+    if asked.orbit and arguments.folder:
+        raise OutputError("--out: a folder keeps steady states, and --orbit asks for none. Leave one of them out.")
+    if arguments.chunk and not arguments.folder:
+        raise OutputError("--chunk: it says how many speeds are kept together. Add --out DIR, or leave it out.")
+    kept = {"out": arguments.folder, "chunk": arguments.chunk or CHUNK}
     with Progress(len(arguments.rpm)) as progress:
-        found = answer_speeds(
-            train, arguments.rpm, asked, direction=direction, progress=progress.advance, say=progress.say
-        )
+        tell = {"progress": progress.advance, "say": progress.say}
+        found = answer_speeds(train, arguments.rpm, asked, direction=direction, kept=kept, **tell)
         progress.say("reading the results")
         deliver(
             arguments,

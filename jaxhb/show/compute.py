@@ -60,7 +60,7 @@ def answer_one(train, rpm, asked, say=lambda text: None):
     return Answer(train, state, linear, growth_of(state, orbit=asked.orbit), asked.orbit)
 
 
-def answer_speeds(train, rpm, asked, *, direction="up", progress=None, say=lambda text: None):
+def answer_speeds(train, rpm, asked, *, direction="up", kept=None, progress=None, say=lambda text: None):
     """Answers at many speeds, by the direction in which the sweep went.
 
     Parameters
@@ -69,6 +69,7 @@ def answer_speeds(train, rpm, asked, *, direction="up", progress=None, say=lambd
     rpm : sequence of float
     asked : Asked
     direction : "up", "down" or "both", of no meaning for orbits
+    kept : dict, ``out`` and ``chunk`` of :func:`jaxhb.steady_state`
     progress : callable, called with the number of speeds done since the last call
     say : callable, told what is done
 
@@ -86,7 +87,7 @@ def answer_speeds(train, rpm, asked, *, direction="up", progress=None, say=lambd
         found = {"orbit": _orbits(train, rpm, linear, asked, progress)}
     else:
         say("speeds marched until the motion settles")
-        found = _swept(train, rpm, linear, asked, direction, progress)
+        found = _swept(train, rpm, linear, asked, direction, kept or {}, progress)
     say("is each motion stable?")
     # A speed that does the same upwards and downwards has one state.
     own = {id(state): state for states in found.values() for state in states}
@@ -106,12 +107,12 @@ def _orbits(train, rpm, linear, asked, progress):
     return [orbit_state(sweep[i]) for i in range(len(sweep))]
 
 
-def _swept(train, rpm, linear, asked, direction, progress):
+def _swept(train, rpm, linear, asked, direction, kept, progress):
     """Steady states by direction."""
     if _unbalanced(linear[0]):
         ways = ("up", "down") if direction == "both" else (direction,)
         return {way: [_no_state(linear[i]) for i in range(len(rpm))] for way in ways}
-    found = steady_state(train, rpm=rpm, direction=direction, **asked.accuracy, progress=progress)
+    found = steady_state(train, rpm=rpm, direction=direction, **asked.accuracy, **kept, progress=progress)
     sweeps = found if direction == "both" else (found,)
     return {sweep.direction: list(sweep.states) for sweep in sweeps}
 

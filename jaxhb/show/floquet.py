@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-from ..periodic.judged import lossy
 from ..periodic.stability import DENSE_DISKS, largest_multiplier, stability
 
 DECIDED = 0.15
@@ -17,7 +16,7 @@ class Growth:
     stable : bool or None, whether disturbances die away
     loses_by : str, how stability is lost, "" where that is not known
     refused : str, why there is no multiplier, "" where there is one or nothing to tell
-    nearly : float or None, the multiplier with loss factors as viscous damping and massless disks held, where refused
+    nearly : float or None, the multiplier with a little inertia in massless disks, where refused
     """
 
     multiplier: float | None = None
@@ -45,7 +44,7 @@ def growth_of(state, *, orbit):
     if response is None or not state.known:
         return Growth()
     try:
-        large = response.topology.n_disks > DENSE_DISKS and not lossy(response.train)
+        large = response.topology.n_disks > DENSE_DISKS
         largest = largest_multiplier(response) if large else 1.0
         if abs(largest - 1) > DECIDED:
             return Growth(largest, largest < 1)
@@ -61,7 +60,7 @@ def growth_text(growth, period=1):
     size = growth.nearly if growth.multiplier is None else growth.multiplier
     if size is None:
         return ""
-    about = ", with loss factors as viscous damping" if growth.refused else ""
+    about = ", with a little inertia in massless disks" if growth.refused else ""
     if growth.unstable:
         how = f" ({growth.loses_by})" if growth.loses_by else ""
         return f"UNSTABLE{how}: a disturbance grows {size:.3g} times in {span}{about}; the train does not run in it"

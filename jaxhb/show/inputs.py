@@ -4,7 +4,7 @@ from pathlib import Path
 
 from ..model.scene import load_scene, scene_description, scene_names
 from ..model.scene_writer import copies_beside, scene_text
-from .output import OutputError, check_output, check_picture, write_files
+from .output import OutputError, as_picture, check_output, check_picture, write_files
 from .referred import referred_text
 
 _FILES = ("json", "csv", "output", "plot")
@@ -20,22 +20,35 @@ def scenes():
 
 
 def scene(arguments):
-    """Print a scene as TOML or its referred numbers, or write it with the tables it names."""
-    if arguments.referred:
-        print(referred_text(load_scene(arguments.scene)))
-        return 0
+    """Print a scene as TOML or its referred numbers, or write it with the tables it names, or draw the train."""
     if arguments.out:
         if Path(arguments.out).suffix != ".toml":
             raise OutputError(f"--out: {arguments.out!r} is no scene. Give a name that ends in .toml.")
         check_output("--out", arguments.out)
+    if arguments.plot:
+        check_picture("--plot", arguments.plot)
     text, beside = scene_text(arguments.scene, expand=arguments.expand)
-    if not arguments.out:
-        print(text, end="")
+    files = {arguments.plot: _sketch(arguments)} if arguments.plot else {}
+    if arguments.out:
+        copies = copies_beside(beside, Path(arguments.out).parent, "--out")
+        files |= {arguments.out: [text.encode()]} | {path: [content] for path, content in copies.items()}
+    write_files(files)
+    if arguments.referred:
+        print(referred_text(load_scene(arguments.scene)))
         return 0
-    copies = copies_beside(beside, Path(arguments.out).parent, "--out")
-    write_files({path: [content] for path, content in copies.items()} | {arguments.out: [text.encode()]})
-    print("\n".join(f"{name} is written." for name in [arguments.out, *copies]))
+    printed = not arguments.out and (arguments.expand or not arguments.plot)
+    print(text if printed else "".join(f"{name} is written.\n" for name in files), end="")
     return 0
+
+
+def _sketch(arguments):
+    from .sketch_plots import plot_train
+
+    train = load_scene(arguments.scene)
+    try:
+        return as_picture(arguments.plot, plot_train(train))
+    except ValueError as error:
+        raise OutputError(f"--plot: {error}") from None
 
 
 def read(arguments):

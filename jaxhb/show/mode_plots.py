@@ -6,6 +6,7 @@ from ..harmonic.chain import span
 from ..linear.modal import AT_REST
 from ..model.drivetrain import speed_ratios
 from .plots import WITH, WITHOUT, new_figure
+from .sketch import longest_way
 
 MOST = 6
 """Modes in one picture."""
@@ -41,30 +42,15 @@ def train_lines(topology):
         if index not in loops:
             near[a].append(b)
             near[b].append(a)
-    first = _longest(near, _longest(near, 0)[-1])
+    first = longest_way(near, longest_way(near, 0)[-1])
     found = [first if first[0] < first[-1] else first[::-1]]
     placed = set(first)
     for way in found:
         for disk in way:
-            while branches := [_longest(near, other, placed) for other in near[disk] if other not in placed]:
+            while branches := [longest_way(near, other, placed) for other in near[disk] if other not in placed]:
                 found.append([disk, *max(branches, key=len)])
                 placed.update(found[-1])
     return found + [list(topology.link_ends[index]) for index in loops]
-
-
-def _longest(near, start, taken=()):
-    """Disks from ``start`` to the one farthest from it, without those taken."""
-    above, way = {start: None}, [start]
-    for disk in way:
-        for other in near[disk]:
-            if other not in above and other not in taken:
-                above[other] = disk
-                way.append(other)
-    path, disk = [], way[-1]
-    while disk is not None:
-        path.append(disk)
-        disk = above[disk]
-    return path[::-1]
 
 
 def plot_modes(train, modes, chosen, ratios):

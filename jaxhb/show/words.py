@@ -196,7 +196,7 @@ def _unstable_notes(answers):
         return []
     worst = max(found, key=lambda answer: answer.growth.multiplier or answer.growth.nearly)
     size = worst.growth.multiplier or worst.growth.nearly
-    about = ", with loss factors as viscous damping" if worst.growth.refused else ""
+    about = ", with a little inertia in massless disks" if worst.growth.refused else ""
     instead = "leave out --orbit for what it does" if worst.orbit else "compare with jaxhb.integrate"
     return [
         f"The periodic motion at {speeds_text(found)} is UNSTABLE (a disturbance grows up to {size:.3g} times in a "

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._arrays import on_host
-from .statespace import matrices, state_space
+from .statespace import loss_damping, matrices, state_space
 
 FREE, ROUNDED = 1e-5, 1e-15
 """Frequency given to free rotation, as a share of that of the cycle, by springs in proportion to the inertias; its
@@ -58,7 +58,7 @@ def damped_modes(system, meshes, frequency, parts):
     highest = np.max(np.asarray(system.held_stiffness())[inertial] / system.mass[inertial])
     soft = max((FREE * frequency) ** 2, ROUNDED * highest)
     held = dataclasses.replace(system, ground=system.ground + soft * system.mass)
-    space = state_space(*on_host((held, meshes)), frequency, parts)
+    space = state_space(*on_host((held, meshes)), frequency, parts, loss_damping(held))
     A, T = np.asarray(space.transition), np.asarray(space.coordinates)
     return modes_of(space, _motion(system, A, T, parts))
 

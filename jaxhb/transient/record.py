@@ -92,7 +92,8 @@ def _rows(system, shafts, linear_meshes):
     forces of meshes."""
     radius, bend = np.asarray(system.radius), system.incidence().T
     ends = radius[system.tree.end_a][:, None]
-    spring, damper = (np.asarray(a)[:, None] * bend for a in (system.stiffness, system.viscous))
+    elastic = np.asarray(system.stiffness) * (1 + 1j * np.asarray(system.loss))  # of what turns with positive frequency
+    spring, damper = (np.asarray(a)[:, None] * bend for a in (elastic, system.viscous))
     angle, first, mesh = np.eye(len(radius)) / radius[:, None], slice(None, shafts), np.asarray(linear_meshes, int)
     shaft = [angle, (bend / ends)[first], (spring * ends)[first]], [0 * angle, 0 * bend[first], (damper * ends)[first]]
     teeth = [bend[mesh], spring[mesh]], [0 * bend[mesh], damper[mesh]]

@@ -1,7 +1,8 @@
 """A train that starts and preconditioners may use in place of the true one: inertial, without losses, of few modes.
 
 What the harmonics of a solve cannot see need not be integrated: modes faster than the steps answer statically, a disk
-without inertia (beside a backlash mesh an algebraic unknown) has a fast mode, loss factors become viscous damping, and
+without inertia (beside a backlash mesh an algebraic unknown) has a fast mode, loss factors damp each mode at its own
+frequency (:func:`jaxhb.transient.statespace.loss_damping`), and
 a finely divided train is projected on its answers to forces at the meshes over the frequencies that matter (rational
 Krylov, Galerkin). Errors made here cost iterations, never accuracy.
 """
@@ -14,16 +15,10 @@ import numpy as np
 from jax import lax
 
 from ..harmonic.reduction import solve_linear
-from .statespace import StateSpace
-
-LIGHT = 1e-6
-"""Share of the mean inertia that a disk without inertia may be given at most."""
+from .statespace import LIGHT, ROUNDED, StateSpace
 
 LARGEST, MODES = 64, 48
 """Disks of a train whose modes are all kept, and modes of a larger one."""
-
-ROUNDED = 1e-14
-"""Share of the highest squared frequency that is free rotation, as far as rounding lets it be seen."""
 
 SHIFTS = 12
 """Frequencies at which the answers to mesh forces of a larger train are taken."""
@@ -47,7 +42,7 @@ def states_of(disks):
     return 2 * (disks if disks <= LARGEST else MODES)
 
 
-def reduced_model(system, links, active, frequency, time_steps, excited):
+def reduced_model(system, links, active, frequency, time_steps):
     """The train as first-order equations of at most LARGEST modes; of a larger train MODES, those that meshes see most.
 
     Parameters
@@ -56,7 +51,6 @@ def reduced_model(system, links, active, frequency, time_steps, excited):
     links, active : arrays ``(G,)``, the links with backlash, and 1; 0 for padding
     frequency : float, Omega in rad/s
     time_steps : int, steps per cycle that will be taken; modes with less than four of them per period are fast
-    excited : int, harmonic at which a loss factor is turned into viscous damping
 
     Returns
     -------
@@ -67,9 +61,9 @@ def reduced_model(system, links, active, frequency, time_steps, excited):
     mass = _inertial(system, fastest)
     basis = _basis(system, mass, links, frequency, time_steps)
     bend = system.deflections(basis)
-    viscous = system.viscous + system.loss * system.stiffness / (excited * frequency)
     K = basis.T @ (system.ground[:, None] * basis) + bend.T @ (system.stiffness[:, None] * bend)
-    B = basis.T @ (system.damping[:, None] * basis) + bend.T @ (viscous[:, None] * bend)
+    B = basis.T @ (system.damping[:, None] * basis) + bend.T @ (system.viscous[:, None] * bend)
+    H = bend.T @ ((system.loss * system.stiffness)[:, None] * bend)
     squares, vectors = jnp.linalg.eigh(K)
     slow = squares <= fastest**2
     rows = active[:, None] * (bend[links] @ vectors)
@@ -81,14 +75,18 @@ def reduced_model(system, links, active, frequency, time_steps, excited):
         slow = slow & jnp.zeros(len(squares), bool).at[kept].set(True)
     apart = ~slow & (squares > free)
     static = (rows * jnp.where(apart, 1 / jnp.where(apart, squares, 1.0), 0.0)) @ rows.T
+    moving = squares > free  # as in statespace.loss_damping
+    root = jnp.where(moving, jnp.where(moving, squares, 1.0) ** -0.25, 0.0)
+    drag = vectors.T @ B @ vectors + root[:, None] * (vectors.T @ H @ vectors) * root
     vectors, rows = (jnp.where(slow, a, 0.0)[:, kept] for a in (vectors, rows))
+    drag = jnp.where(slow[:, None] & slow, drag, 0.0)[kept][:, kept]
     squares = jnp.where(slow & (squares > free), squares, 0.0)[kept]
     scale = jnp.sqrt(jnp.maximum(squares, frequency**2))
     shapes = basis @ vectors
     modal = shapes.T * mass
     zero, none = jnp.zeros((len(kept), len(kept))), jnp.zeros_like(rows)
     space = StateSpace(
-        transition=jnp.block([[zero, jnp.diag(scale)], [-jnp.diag(squares / scale), -vectors.T @ B @ vectors]]),
+        transition=jnp.block([[zero, jnp.diag(scale)], [-jnp.diag(squares / scale), -drag]]),
         forcing=jnp.concatenate([none.T, -rows.T]),
         observation=jnp.block([[rows / scale, none], [none, rows]]),
         coordinates=jnp.block([[scale[:, None] * modal, 0 * modal], [0 * modal, modal]]),

@@ -20,6 +20,10 @@ from jax import lax
 
 from .._arrays import namespace
 
+LIGHT, ROUNDED = 1e-6, 1e-14
+"""Share of the mean inertia of a disk without, whose mode is far above all others then; of the highest squared
+frequency that is free rotation, as far as rounding lets it be seen."""
+
 
 @dataclass(frozen=True)
 class Partition:
@@ -52,7 +56,32 @@ def matrices(system):
     return B, K
 
 
-def partition(system, meshes, disk_names=None, link_names=None):
+def loss_stiffness(system):
+    """The imaginary part ``(S, S)`` N/m that loss factors add to K for harmonics above 0."""
+    D = system.incidence().T
+    return D.T @ ((system.loss * system.stiffness)[:, None] * D)
+
+
+def loss_damping(system):
+    """Damping matrix ``(S, S)`` N s/m, on the host, that takes as much from every mode as loss factors do.
+
+    A loss factor has no equation in time. With the undamped modes (``Phi^T M Phi = 1``, ``Phi^T K Phi = W^2``) and the
+    imaginary stiffness H, the matrix C of ``Phi^T C Phi = W^-1/2 Phi^T H Phi W^-1/2`` is symmetric, takes energy from
+    all motions, and gives each mode the damping ratio that H gives it at its own frequency; off its resonance a mode is
+    hardly damped by either.
+    """
+    if not np.any(system.loss):
+        return np.zeros((len(system.mass),) * 2)
+    mass = np.where(system.mass > 0, system.mass, LIGHT * np.mean(system.mass))
+    scale = np.sqrt(mass)[:, None]
+    squares, shapes = np.linalg.eigh(matrices(system)[1] / scale / scale.T)
+    moving = squares > ROUNDED * squares[-1]
+    root = np.where(moving, np.where(moving, squares, 1.0) ** -0.25, 0.0)
+    left = scale * shapes * root
+    return left @ ((shapes / scale).T @ loss_stiffness(system) @ (shapes / scale)) @ left.T
+
+
+def partition(system, meshes, disk_names=None, link_names=None, lossy=False):
     """Sort the disks by the order of their equation of motion, on the host.
 
     Parameters
@@ -62,6 +91,7 @@ def partition(system, meshes, disk_names=None, link_names=None):
         Backlash meshes.
     disk_names, link_names : sequence of str, optional
         For the sentences of errors; "disk 3" and "link 5" without.
+    lossy : bool, whether loss factors are served, by :func:`loss_damping`
 
     Returns
     -------
@@ -83,10 +113,10 @@ def partition(system, meshes, disk_names=None, link_names=None):
     def link(index):
         return repr(link_names[index]) if link_names else f"link {index}"
 
-    lossy = np.flatnonzero(np.asarray(system.loss))
-    if lossy.size:
+    refused = [] if lossy else np.flatnonzero(np.asarray(system.loss))
+    if len(refused):
         raise ValueError(
-            f"{', '.join(link(i) for i in lossy)}: loss factors exist only in harmonic methods: "
+            f"{', '.join(link(i) for i in refused)}: loss factors exist only in harmonic methods: "
             "apply train.with_viscous_damping(hz=...)."
         )
     massless = np.flatnonzero(np.asarray(system.mass) == 0)
@@ -117,7 +147,7 @@ def _regular(matrix):
     return np.linalg.eigvalsh(matrix / scale[:, None] / scale)[0] > 1e-10
 
 
-def state_space(system, meshes, frequency, parts):
+def state_space(system, meshes, frequency, parts, damping=0.0):
     """First-order equations of the train in energy coordinates.
 
     Parameters
@@ -126,12 +156,14 @@ def state_space(system, meshes, frequency, parts):
     meshes : Nonlinear
     frequency : float, Omega in rad/s, only to scale the slow modes
     parts : Partition
+    damping : array ``(S, S)`` N s/m, beside that of the system
 
     Returns
     -------
     StateSpace
     """
     xp, (B, K) = namespace(system, meshes, frequency), matrices(system)
+    B = B + damping
     inertial, damped, static = (np.array(g, dtype=int) for g in (parts.inertial, parts.damped, parts.static))
     kept = np.concatenate([inertial, damped])
     stiffness = K[np.ix_(kept, kept)]
@@ -199,6 +231,7 @@ def linear_response(system, frequency, load):
     xp, (B, K) = namespace(system, frequency, load), matrices(system)
     mean = _static(K, load[:, 0].real)
     omega = frequency * xp.arange(1, load.shape[-1])
+    K = K + 1j * loss_stiffness(system)
     Z = K + 1j * omega[:, None, None] * B - omega[:, None, None] ** 2 * xp.diag(system.mass)
     harmonics = xp.linalg.solve(Z, load[:, 1:].T[..., None])[..., 0].T
     return xp.concatenate([mean[:, None] + 0j, harmonics], axis=1)

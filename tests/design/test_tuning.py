@@ -71,8 +71,8 @@ def test_summits_are_where_the_parabola_culminates_and_resolved_by_the_speeds():
     assert not len(evaluation.summits(np.arange(5.0), narrow, 3)[0])
 
 
-SPEEDS = np.array([1480.0, 1500.0, 1520.0, 1350.0])
-"""Two meshes part at all of them; at 1350 rpm the train as it is is not solved."""
+SPEEDS = np.array([1480.0, 1500.0, 1520.0, 1550.0])
+"""Two meshes part at all of them; at 1550 rpm the train as it is is not solved."""
 
 PARAMETERS = (
     Parameter(name="ring.damping", low=1.0, high=30.0),
@@ -184,7 +184,7 @@ def test_frequencies_for_penalties_are_the_natural_frequencies():
 
 @pytest.fixture
 def same_plan(monkeypatch):
-    """The plan of the tests above, so that nothing is compiled twice, and a ladder on which 1350 rpm stays lost."""
+    """The plan of the tests above, so that nothing is compiled twice, and a ladder on which 1550 rpm stays lost."""
     monkeypatch.setattr("jaxhb.design.tuning.plan_designs", planned)
     monkeypatch.setattr("jaxhb.design.evaluation.solve", lambda *_, **__: LOST)
 
@@ -195,15 +195,15 @@ def tuned(**options):
 
 
 def assert_solves_tell_the_same(found):
-    """Tooth forces of the tuned design are those of solves that know nothing of the tuning, where a march finds one.
+    """Tooth forces of the tuned design are those of solves that know nothing of the tuning.
 
-    With 32 harmonics, below the mesh modes, it may find another one beside it at one of these close speeds.
+    With 32 harmonics, below the mesh modes, a solve may find another one beside it at one of these close speeds.
     """
     after = found.after.readings["tooth force order 1 of crank gear|idler"]
-    sweep = jaxhb.solve_speeds(found.train, rpm=SPEEDS, plan=PLAN)
-    both = (sweep.status == jaxhb.Status.CONVERGED) & found.after.solved
-    same = np.isclose(after, sweep.force("crank gear", "idler").order(1.0), rtol=PATHS, atol=0)[both]
-    assert same.any() and same.sum() >= len(same) - 1
+    solves = [jaxhb.solve(found.train, rpm=speed, harmonics=32) for speed in SPEEDS[found.after.solved]]
+    forces = [float(solve.force("crank gear", "idler").order(1.0)) for solve in solves]
+    assert all(solve.status <= jaxhb.Status.TOLERANCE_NOT_MET for solve in solves)
+    assert np.isclose(after[found.after.solved], forces, rtol=PATHS, atol=0).sum() >= len(solves) - 1
     near = after[found.after.solved]
     assert np.ptp(near) < 0.02 * near.max()
 

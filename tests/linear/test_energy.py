@@ -5,9 +5,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from differences import differences
 from reference_data import method_case, numbers
 from scipy.linalg import eigvals
-from tolerances import ALGEBRAIC
+from tolerances import ALGEBRAIC, GRADIENT
 from trains import branched_parts, build, chain_parts, gearbox_parts
 
 import jaxhb
@@ -53,6 +54,28 @@ def test_a_mode_satisfies_the_equations_of_lagrange():
         np.testing.assert_allclose(momentum + force, 0.0, atol=2000 * ALGEBRAIC)  # of terms up to 1600
 
 
+def test_energies_have_the_derivatives_of_differences_to_every_kind_of_number():
+    train = build(gearbox_parts(), reference="motor")
+    random = np.random.default_rng(2)
+    angle, speed = random.normal(size=(2, train.topology.n_disks))
+    keys = ["motor.inertia", "viscous ring.inertia", "coupling|motor.stiffness", "rubber ring.stiffness",
+            "input 1|lay 1.stiffness", "lay 3.radius", "lay 2:ground.stiffness"]  # fmt: skip
+    at = np.array([float(train.value(key)) for key in keys])
+
+    @jax.jit
+    def energies(values):
+        changed = train.replace(dict(zip(keys, values, strict=True)))
+        inertia, stiffness = inertia_and_stiffness(changed)
+        return jnp.stack([kinetic_energy(changed, speed), strain_energy(changed, angle), inertia.trace(),
+                          angle @ stiffness @ speed])  # fmt: skip
+
+    steps = 1e-4 * at  # the energies are polynomials of second degree: differences have rounding alone
+    wanted = np.array([(energies(at + h) - energies(at - h)) / (2 * h.sum()) for h in np.diag(steps)]).T
+    slopes = np.asarray(jax.jacrev(energies)(jnp.asarray(at)))
+    size = np.abs(wanted * at).max(1, keepdims=True)
+    np.testing.assert_allclose(slopes * at / size, wanted * at / size, rtol=0, atol=GRADIENT)
+
+
 def companion(parts):
     """Finite eigenvalues of (lambda^2 M + lambda B + K), K complex by loss factors, of disks that all have inertia."""
     M, K = np.diag(inertia_of(parts)), dense.dynamic_stiffness(parts, 1e-30).real
@@ -84,6 +107,23 @@ def test_damped_modes_are_the_eigenvalues_of_the_dense_companion(grounded):
         rest = value**2 * (M @ shape) + value * (B @ shape) + Z @ shape
         assert np.abs(rest).max() < 1e-10 * (np.abs(Z) @ np.abs(shape)).max()
     assert np.abs(np.abs(modes.shapes).max(1) - 1).max() < ALGEBRAIC
+
+
+def test_damped_eigenvalues_have_the_derivatives_of_differences():
+    keys = ["motor.inertia", "viscous ring.damping", "rubber ring.loss_factor", "output|mill.stiffness",
+            "input 1|lay 1.stiffness", "lay 3.radius", "mill.damping", "lay 2:ground.stiffness"]  # fmt: skip
+    train = build(gearbox_parts(), reference="motor")
+    at, modes = np.array([float(train.value(key)) for key in keys]), damped_modes(train)
+
+    def changed(values):
+        return train.replace(dict(zip(keys, values, strict=True)))
+
+    np.testing.assert_allclose(jaxhb.damped_eigenvalues(train, modes), modes.eigenvalues, rtol=1e-10)
+    slopes = jax.jacfwd(lambda x: jaxhb.damped_eigenvalues(changed(x), modes))(at) * at
+    wanted = differences(lambda batch: [damped_modes(changed(one)).eigenvalues for one in batch], at, 1e-3 * at).T * at
+    for value, slope, expected in zip(modes.eigenvalues, slopes, wanted, strict=True):
+        noise = 1e-15 * np.abs(modes.eigenvalues[-1]) ** 2 / abs(value) / 1e-3  # of the QZ method
+        np.testing.assert_allclose(slope, expected, rtol=0, atol=GRADIENT * np.abs(expected).max() + noise)
 
 
 def test_massless_disks_behind_dampers_are_the_limit_of_light_ones():

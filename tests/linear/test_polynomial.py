@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from differences import compare, differences
 from reference_data import complex_numbers, method_case, numbers
 from tolerances import ALGEBRAIC, GRADIENT
 from trains import branched_parts, build, chain_parts, gearbox_parts
@@ -63,23 +64,42 @@ def test_values_of_long_uniform_chains_are_those_of_the_closed_form():
         np.testing.assert_allclose(value.real / -float(x), float(wanted), rtol=1e-11)  # of the case
 
 
-def test_values_of_a_hundred_links_keep_twelve_digits_of_exact_rationals():
-    # free chain of 101 disks with unequal dyadic numbers: the continuant of K - omega^2 M in exact arithmetic
+def continuant(J, k, square):
+    """det(K - omega^2 M) / prod J of a free chain in exact arithmetic."""
+    left, last = Fraction(1), Fraction(0)
+    for s, inertia in enumerate(J):
+        held = Fraction(0) if s == 0 else Fraction(k[s - 1])
+        diagonal = held + (Fraction(k[s]) if s < len(k) else 0) - square * Fraction(inertia)
+        left, last = (diagonal * left - held**2 * last) / Fraction(inertia), left / Fraction(inertia)
+    return left
+
+
+def test_values_of_a_hundred_links_keep_twelve_digits_of_exact_rationals_beside_roots_too():
+    # free chain of 101 disks with unequal dyadic numbers
     random = np.random.default_rng(5)
     J, k = random.integers(3, 9, 101) / 4, random.integers(5, 50, 100) / 8
-    squares = np.array([0.25, 1.5, 4.0, 20.0, 1e4])
-    found = characteristic(build(chain_parts(J.tolist(), k.tolist())), 1j * np.sqrt(squares))
-    for i, square in enumerate(squares):
-        root = Fraction(float(np.sqrt(square))) ** 2  # what the square of the rounded frequency is
-        left, last = Fraction(1), Fraction(0)
-        for s in range(101):
-            held = Fraction(0) if s == 0 else Fraction(k[s - 1])
-            diagonal = held + (Fraction(k[s]) if s < 100 else 0) - root * Fraction(J[s])
-            left, last = diagonal * left - held**2 * last, left
-        for inertia in J:
-            left /= Fraction(inertia)
-        mantissa = left / Fraction(2) ** int(found.exponent[i])
+    train = build(chain_parts(J.tolist(), k.tolist()))
+    roots = 2 * np.pi * jaxhb.natural_frequencies(train).frequencies_hz[[1, 40, 99]]
+    beside = [roots * (1 + near) for near in (0.0, 1e-6, 1e-12)]
+    omega = np.concatenate([[0.5, 1.25, 2.0, 4.5, 100.0], *beside])
+    found = characteristic(train, 1j * omega)
+    for i, one in enumerate(omega):
+        exact = continuant(J, k, Fraction(one) ** 2)
+        mantissa = exact / Fraction(2) ** int(found.exponent[i])
         np.testing.assert_allclose(found.mantissa[i], complex(float(mantissa)), rtol=ALGEBRAIC, atol=0)
+
+
+def test_a_closed_loop_keeps_its_digits_beside_a_double_root():
+    # uniform ring of 40: det(K + x) = 2 T_40(1 + x/2) - 2, near a double root the square of the distance
+    size = 40
+    train = build([*chain_parts([1.0] * size, [1.0] * (size - 1)), Shaft(between=("1", str(size)), stiffness=1.0)])
+    omega = 2 * np.sin(np.pi * 7 / size) * (1 + np.array([1e-3, 1e-5, 1e-7]))
+    found = characteristic(train, 1j * omega).value().real
+    for one, number in zip(omega, found, strict=True):
+        now, last = 1 - Fraction(one) ** 2 / 2, Fraction(1)
+        for _ in range(size - 1):
+            now, last = 2 * (1 - Fraction(one) ** 2 / 2) * now - last, now
+        np.testing.assert_allclose(number, float(2 * now - 2), rtol=ALGEBRAIC, atol=0)
 
 
 def test_a_chain_whose_determinant_overflows_has_a_modulus_and_a_phase():
@@ -95,8 +115,9 @@ def test_case_c_receptances_of_three_disks():
     params, expected = method_case("C_receptance_3disc")
     train = build(chain_parts(numbers(params["J"]), numbers(params["c"])))
     hz = np.array([float(params["omega"]) / (2 * np.pi)])
-    found = [[frequency_response(train, a, b, hz)[0] for b in "123"] for a in "123"]
-    np.testing.assert_allclose(found, numbers(expected["H"]), rtol=1e-12)
+    pairs = [(0, 0), (0, 1), (0, 2), (2, 1)]
+    found = [frequency_response(train, "123"[a], "123"[b], hz)[0] for a, b in pairs]
+    np.testing.assert_allclose(found, numbers(expected["H"])[tuple(np.transpose(pairs))], rtol=1e-12)
     determinant = characteristic(train, 2j * np.pi * hz).value()[0] * numbers(params["J"]).prod()
     np.testing.assert_allclose(determinant, float(expected["det"]), rtol=1e-12)
 
@@ -127,18 +148,35 @@ def test_case_c_damped_approximation_and_its_error():
     np.testing.assert_allclose(found.relative_error, abs(approximate - exact) / abs(exact), rtol=1e-9)
 
 
-def test_values_are_differentiable_over_frequencies_and_designs():
-    parts = ring_with_tails()
-    train, omega = build(parts), jnp.array([3.0, 20.0])
+def test_values_have_the_derivatives_of_differences_over_frequencies_and_designs():
+    keys = ["1|5.stiffness", "1|5.loss_factor", "s|t.damping", "3.inertia", "ring.inertia", "ring.stiffness"]
+    train = build(ring_with_tails())
+    at = np.array([*(float(train.value(key)) for key in keys), 20.0])
 
-    def value(k):
-        return characteristic(train.replace({"1|5.stiffness": k}), 1j * omega).log_modulus
+    @jax.jit
+    @jax.vmap
+    def values(numbers):
+        changed = train.replace(dict(zip(keys, numbers[:-1], strict=True)))
+        found = characteristic(changed, 1j * jnp.array([3.0, 1.0]) * numbers[-1])
+        return jnp.concatenate([found.log_modulus, found.phase])
 
-    h = 1e-3
-    wanted = (np.asarray(value(60.0 + h)) - np.asarray(value(60.0 - h))) / (2 * h)
-    np.testing.assert_allclose(jax.jacrev(value)(60.0), wanted, rtol=GRADIENT)
-    batch = jax.jit(jax.vmap(value))(jnp.array([60.0, 70.0]))
-    np.testing.assert_allclose(batch, np.stack([value(60.0), value(70.0)]), rtol=ALGEBRAIC)
+    slopes = np.asarray(jax.jacrev(lambda x: values(x[None])[0])(at))
+    for slope, wanted in zip(slopes, differences(values, at, 1e-3 * at).T, strict=True):
+        compare(slope * at, wanted * at, GRADIENT)
+    np.testing.assert_allclose(values(np.array([at, at]))[1], values(at[None])[0], rtol=0, atol=ALGEBRAIC)
+
+
+def test_derivatives_beside_a_root_are_those_of_two_disks():
+    # D = p^2 (p^2 + k (1/J1 + 1/J2)): linear in k, and D / p^2 has a root at p = i omega
+    train = build(chain_parts([2.0, 3.0], [120.0]))
+    omega = 10.0 * (1 + 1e-9)
+
+    def value(k, w):
+        return characteristic(train.replace({"1|2.stiffness": k}), 1j * jnp.array([w])).value().real[0]
+
+    slopes = jax.grad(value, (0, 1))(120.0, omega)
+    wanted = (-(omega**2) * 5 / 6, 4 * omega**3 - 2 * omega * 100.0)  # D = omega^4 - omega^2 k 5/6
+    np.testing.assert_allclose(slopes, wanted, rtol=ALGEBRAIC)
 
 
 def test_responses_and_the_error_of_the_approximation_have_the_derivatives_of_differences():

@@ -39,9 +39,7 @@ def case():
 
 
 def surrogate_of(problem, time_steps):
-    return approximate(
-        problem.system, problem.meshes.link, np.ones(2), problem.frequency, time_steps=time_steps, excited=HARMONICS
-    )
+    return approximate(problem.system, problem.meshes.link, np.ones(2), problem.frequency, time_steps=time_steps)
 
 
 def test_a_long_train_without_any_damping_has_a_basis():
@@ -51,9 +49,7 @@ def test_a_long_train_without_any_damping_has_a_basis():
     parts += [Shaft(between=(str(k), str(k + 1)), stiffness=1e5) for k in range(count - 1) if k != count // 2]
     parts.append(Mesh(between=(str(count // 2), str(count // 2 + 1)), stiffness=1e8, backlash=1e-4))
     problem = pose(build(parts, reference="0"), RPM, HARMONICS)
-    found = approximate(
-        problem.system, problem.meshes.link, np.ones(1), problem.frequency, time_steps=512, excited=HARMONICS
-    )
+    found = approximate(problem.system, problem.meshes.link, np.ones(1), problem.frequency, time_steps=512)
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(found))
 
 
@@ -125,7 +121,7 @@ def test_modes_that_outlast_the_cycle_are_carried_into_the_next():
     parts += [Mesh(between=("6", "7"), stiffness=2e8, damping=200.0, backlash=1e-4, epsilon=0.02)]
     problem = pose(build(parts, reference="0"), RPM, 1)
     reduced, _ = reduce(problem, HARMONICS, np.ones(1), np.arange(1), np.zeros(1))
-    train = approximate(problem.system, problem.meshes.link, np.ones(1), problem.frequency, time_steps=512, excited=1)
+    train = approximate(problem.system, problem.meshes.link, np.ones(1), problem.frequency, time_steps=512)
     draw = np.random.default_rng(14)
     l = 1e-4 * draw.normal(size=(1, HARMONICS + 1)) / (1 + np.arange(HARMONICS + 1)) ** 1.5 + 0j
     operator = prepare(reduced, train, l, SAMPLES, 512)
@@ -202,7 +198,7 @@ def test_of_many_slow_modes_those_are_kept_that_meshes_see(monkeypatch):
     problem = dataclasses.replace(problem, system=dataclasses.replace(problem.system, mass=heavy))
     every = surrogate_of(problem, 256)
     monkeypatch.setattr(reduced_models, "MODES", 24)
-    few = jax.jit(lambda *a: reduced_model(*a, 256, HARMONICS))
+    few = jax.jit(lambda *a: reduced_model(*a, 256))
     train = few(problem.system, problem.meshes.link, np.ones(2), problem.frequency)
     assert len(every.space.transition) == 96 and len(train.space.transition) == 48
     for harmonic in (11, 12, 13):

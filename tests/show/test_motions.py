@@ -200,3 +200,23 @@ def test_a_sweep_tells_how_many_speeds_are_done(monkeypatch):
     assert "speeds marched until the motion settles" in done
     monkeypatch.setattr(compute, "solve", lambda *_, **__: pytest.fail("an orbit nobody asked for"))
     answer_one(pair(LIGHT), 4000.0, Asked())
+
+
+def test_a_sweep_that_is_kept_goes_on_and_a_folder_of_another_sweep_is_refused(tmp_path, capsys):
+    folder, file = tmp_path / "kept", tmp_path / "numbers.json"
+    command = ["sweep", "spur_pair", "--rpm", "4500,5000", "--out", str(folder), "--json", str(file)]
+    assert main([*command, "--chunk", "1"]) == 0
+    first, told = file.read_bytes(), capsys.readouterr().out
+    assert len(list(folder.glob("*.npz"))) == 2
+    assert main([*command, "--chunk", "1"]) == 0
+    assert file.read_bytes() == first and capsys.readouterr().out == told
+    refused = {
+        "other options: speeds of a chunk 1 there, 64 now": command,
+        "the same scene with other numbers": [*command, "--chunk", "1", "--set", "gear a.inertia=0.02"],
+        "--chunk: it says how many speeds are kept together": [*command[:4], "--chunk", "4"],
+        "--out: a folder keeps steady states, and --orbit asks for none": [*command, "--orbit"],
+    }
+    for words, wrong in refused.items():
+        assert main(wrong) == 2
+        assert words in capsys.readouterr().err
+    assert file.read_bytes() == first

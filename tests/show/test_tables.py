@@ -73,9 +73,9 @@ def test_no_unstable_motion_goes_without_the_word():
     assert "UNSTABLE (fold): a disturbance grows 2.5 times in a cycle" in said[3]
     assert any("The periodic motion at 5000 rpm is UNSTABLE" in note for note in notes(orbit))
     assert sweep_text({"orbit": [orbit]}).splitlines()[4].split()[-2:] == ["converged,", "UNSTABLE"]
-    # Where loss factors refuse a multiplier, the one with viscous damping in their place gives the word.
-    lossy = dataclasses.replace(orbit, growth=Growth(refused="a loss factor", nearly=1.4))
-    assert "unstable" in solve_text(lossy).splitlines()[0].lower()
+    # Where a massless disk refuses a multiplier, the one with a little inertia in its place gives the word.
+    massless = dataclasses.replace(orbit, growth=Growth(refused="a massless disk", nearly=1.4))
+    assert "unstable" in solve_text(massless).splitlines()[0].lower()
 
 
 @pytest.fixture(scope="module")

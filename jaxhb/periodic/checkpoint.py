@@ -1,0 +1,175 @@
+"""Steady states kept in a folder as a sweep goes, chunk by chunk: a sweep that was stopped goes on where it was.
+
+A sweep asks for steady states of some speeds at a time, from given motions. What it asks for and what it gets is one
+file, whose name is a hash of the question; asked again, the answer is read. As the questions follow from the answers
+alone, a sweep that goes on gives the same numbers to the last bit. A file appears whole or not at all.
+"""
+
+import contextlib
+import hashlib
+import io
+import json
+import os
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from .. import __version__
+from .._store import package_hash
+from ..model.saved import pack, unpack
+
+MANIFEST = "sweep.json"
+
+PART = ".part"
+"""Ends the name of a file that is being written, after the number of its process."""
+
+CHUNK = 64
+"""Speeds of a chunk by default: as many as are marched side by side."""
+
+
+class CheckpointError(ValueError):
+    """A folder that holds something else, or that cannot be written: a sentence for the user."""
+
+
+class Checkpoint:
+    """A folder of steady states of one train, for one way of asking.
+
+    Parameters
+    ----------
+    folder : path, made if it is not there
+    train : DriveTrain
+    asked : dict of plain values
+        What the answers depend on beside the train, by the name under which a sentence speaks of it.
+    chunk : int, speeds that are computed, and kept, together
+
+    Raises
+    ------
+    CheckpointError
+        For a folder that holds other things, or answers for another train, another version or other options, and for
+        one that cannot be written.
+    """
+
+    def __init__(self, folder, train, asked, chunk=CHUNK):
+        if not (isinstance(chunk, int | np.integer) and chunk >= 1):
+            raise CheckpointError(f"chunk is {chunk!r}: give a whole number of speeds, at least 1.")
+        self.folder, self.chunk = Path(folder), int(chunk)
+        versions = {"jaxhb": __version__, "jax": jax.__version__, "numpy": np.__version__}
+        versions["sources of jaxhb"] = package_hash().hex()[:16]
+        options = {"speeds of a chunk": self.chunk, **asked}
+        now = {"scene": train.topology.name, "numbers": _hash_of(train), "versions": versions, "options": options}
+        with self._sentence():
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._clear()
+            if not (self.folder / MANIFEST).exists():
+                if any(not path.name.startswith(".") for path in self.folder.iterdir()):
+                    raise CheckpointError(f"{str(folder)!r} holds other files. Give this sweep a folder of its own.")
+                self._write(MANIFEST, json.dumps(now, indent=1, ensure_ascii=False).encode())
+        self._compare(now)
+
+    def _compare(self, now):
+        """Refuse a folder whose answers are to other questions."""
+        place, other = repr(str(self.folder)), "Give another folder, or remove this one."
+        try:
+            kept = json.loads((self.folder / MANIFEST).read_text())
+            parts = kept["scene"], kept["numbers"], kept["versions"].items(), kept["options"].items()
+        except (ValueError, KeyError, TypeError, AttributeError, OSError):
+            raise CheckpointError(f"{place} has no readable {MANIFEST}: it is no folder of a sweep. {other}") from None
+        if parts[:2] != (now["scene"], now["numbers"]):
+            what = "the same scene with other numbers" if kept["scene"] == now["scene"] else f"scene {kept['scene']!r}"
+            raise CheckpointError(f"{place} holds a sweep of {what}. {other}")
+        for kind in ("versions", "options"):
+            for name, value in now[kind].items():
+                if kept[kind].get(name) != value:
+                    was = f"{name} {kept[kind].get(name)} there, {value} now"
+                    raise CheckpointError(f"{place} holds a sweep with other {kind}: {was}. {other}")
+
+    def settle(self, judge, places, motions, progress):
+        """What ``judge.settle`` gives, chunk by chunk, from the folder where it is there."""
+        found = {}
+        for first in range(0, len(places), self.chunk):
+            chunk = places[first : first + self.chunk]
+            given = {place: motions[place] for place in chunk if place in motions}
+            name = f"{_hash(judge.speeds[chunk], [place in given for place in chunk], *given.values())}.npz"
+            states = self._read(name)
+            if states is None:
+                states = list(judge.settle(chunk, given, progress).items())
+                states = [state for _, state in sorted(states, key=lambda item: chunk.index(item[0]))]
+                self._write(name, _as_file(states))
+            else:
+                progress(len(chunk))
+            found |= dict(zip(chunk, states, strict=True))
+        return found
+
+    def _read(self, name):
+        """The states of a file; None where it is not there, or not readable: then they are computed again."""
+        try:
+            content = io.BytesIO((self.folder / name).read_bytes())
+            with np.load(content, allow_pickle=False) as file:
+                index = json.loads(file["index"].tobytes())
+                return unpack(index, [file[f"a{i}"] for i in range(len(file.files) - 1)])
+        except FileNotFoundError:
+            return None
+        except Exception:  # whatever a damaged file does to its reader
+            return None
+
+    def _write(self, name, content):
+        """Write a file beside its place and move it there."""
+        part = self.folder / f".{name}.{os.getpid()}{PART}"
+        with self._sentence():
+            try:
+                with part.open("wb") as file:
+                    file.write(content)
+                    file.flush()
+                    os.fsync(file.fileno())
+                os.replace(part, self.folder / name)
+            finally:
+                part.unlink(missing_ok=True)
+
+    def _clear(self):
+        """Remove half-written files of processes that were killed."""
+        for part in self.folder.glob(f".*{PART}"):
+            owner = part.name.removesuffix(PART).rpartition(".")[2]
+            if owner.isdecimal() and not _runs(int(owner)):
+                part.unlink(missing_ok=True)
+
+    @contextlib.contextmanager
+    def _sentence(self):
+        try:
+            yield
+        except OSError as error:
+            raise CheckpointError(
+                f"{str(self.folder)!r} cannot be written: {error.strerror}. What is in it stays: mend that, and the "
+                "same sweep goes on."
+            ) from None
+
+
+def _as_file(states):
+    """Bytes of a file that holds steady states."""
+    index, arrays = pack(states)
+    content, text = io.BytesIO(), np.frombuffer(json.dumps(index).encode(), dtype=np.uint8)
+    np.savez(content, index=text, **{f"a{i}": array for i, array in enumerate(arrays)})
+    return content.getvalue()
+
+
+def _runs(process):
+    """Whether a process of this machine runs."""
+    try:
+        os.kill(process, 0)
+    except OSError as error:
+        return isinstance(error, PermissionError)
+    return True
+
+
+def _hash_of(train):
+    """Hash of all that a train is: its numbers, names and connections."""
+    leaves, tree = jax.tree.flatten(train)
+    return _hash(*leaves, np.frombuffer(repr(tree).encode(), dtype=np.uint8))
+
+
+def _hash(*arrays):
+    """Hash of arrays, in hexadecimal digits."""
+    found = hashlib.blake2b(digest_size=16)
+    for array in map(np.ascontiguousarray, arrays):
+        found.update(repr((array.shape, array.dtype.str)).encode() + array.tobytes())
+    return found.hexdigest()

@@ -1,0 +1,146 @@
+"""Sweeps that are stopped and go on: nothing is computed twice, and the numbers are the same to the last bit."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+import trains
+from event_exact import Pair
+
+import jaxhb
+from jaxhb.model.saved import pack, unpack
+from jaxhb.periodic.checkpoint import MANIFEST, CheckpointError
+
+OMEGA = np.array([0.5, 0.7, 0.9, 1.1, 1.3, 1.5])
+"""Over the natural frequency: motions with a period of one cycle and of two, and an irregular one."""
+
+
+@pytest.fixture(scope="module")
+def pair():
+    return trains.pair_train(Pair(1.0), transition=1e-3)
+
+
+def swept(train, folder, **given):
+    return jaxhb.steady_state(
+        train, rpm=OMEGA * trains.ONE_RADIAN_PER_SECOND, out=folder, **{"chunk": 2, "harmonics": 64} | given
+    )
+
+
+def same(one, other):
+    """Whether two sweeps hold the same numbers to the last bit."""
+    for state, wanted in zip(one, other, strict=True):
+        (index, arrays), (wanted_index, wanted_arrays) = pack(state), pack(wanted)
+        assert index == wanted_index
+        for array, wanted_array in zip(arrays, wanted_arrays, strict=True):
+            np.testing.assert_array_equal(array, wanted_array)
+
+
+@pytest.fixture(scope="module")
+def kept(pair, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sweep") / "whole"
+    return folder, swept(pair, folder)
+
+
+def test_a_sweep_that_was_stopped_goes_on_with_the_same_numbers(pair, kept, tmp_path):
+    folder, whole = kept
+    assert len(set(whole.kind)) > 1
+
+    def stop(count, done=[0]):  # noqa: B006
+        done[0] += count
+        if done[0] > 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        swept(pair, tmp_path, progress=stop)
+    before = {path.name: path.stat().st_mtime_ns for path in tmp_path.glob("*.npz")}
+    assert 0 < len(before) < len(list(folder.glob("*.npz")))
+    same(swept(pair, tmp_path), whole)
+    after = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+    assert before.items() <= after.items()
+    assert sorted(after) == sorted(path.name for path in folder.iterdir())
+
+
+def test_a_sweep_that_is_done_is_only_read(pair, kept):
+    folder, whole = kept
+    before = {path: path.stat().st_mtime_ns for path in folder.iterdir()}
+    again = swept(pair, folder)
+    same(again, whole)
+    assert before == {path: path.stat().st_mtime_ns for path in folder.iterdir()}
+    assert again[0].response is None or jaxhb.stability(again[0].response).stable
+    assert jax.tree.structure(again[0].response) == jax.tree.structure(whole[0].response)
+
+
+def test_a_damaged_file_is_made_again(pair, kept, tmp_path):
+    folder, whole = kept
+    for path in folder.iterdir():
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    first, second, *_ = sorted(tmp_path.glob("*.npz"))
+    (tmp_path / ".half.999999999.part").write_bytes(b"of a process that was killed")
+    first.write_bytes(first.read_bytes()[:500])
+    second.write_bytes(b"")
+    same(swept(pair, tmp_path), whole)
+    assert first.read_bytes() == (folder / first.name).read_bytes()
+    assert not list(tmp_path.glob(".*"))
+
+
+def test_what_a_folder_holds_has_to_be_what_is_asked_for(pair, kept, tmp_path):
+    folder, _ = kept
+    refused = {
+        "the same scene with other numbers": (pair.replace({"a.inertia": 3.0}), {}),
+        "other options: harmonics 64 there, 128 now": (pair, {"harmonics": 128}),
+        "other options: speeds of a chunk 2 there, 3 now": (pair, {"chunk": 3}),
+        "other options: exact True there, False now": (pair, {"exact": False}),
+        "scene 'test train'": (jaxhb.load_scene("spur_pair"), {}),
+    }
+    for words, (train, given) in refused.items():
+        with pytest.raises(CheckpointError, match=words):
+            swept(train, folder, **given)
+    with pytest.raises(CheckpointError, match="chunk is 0"):
+        swept(pair, folder, chunk=0)
+    other = json.loads((folder / MANIFEST).read_text())
+    other["versions"]["jax"] = "0.1"
+    (tmp_path / MANIFEST).write_text(json.dumps(other))
+    with pytest.raises(CheckpointError, match="other versions: jax 0.1 there"):
+        swept(pair, tmp_path)
+    (tmp_path / MANIFEST).write_text("[")
+    with pytest.raises(CheckpointError, match="no readable"):
+        swept(pair, tmp_path)
+    (tmp_path / MANIFEST).rename(tmp_path / "notes.txt")
+    with pytest.raises(CheckpointError, match="holds other files"):
+        swept(pair, tmp_path)
+    with pytest.raises(CheckpointError, match="cannot be written: .* What is in it stays"):
+        swept(pair, tmp_path / "notes.txt")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+def test_a_full_disk_is_told_and_leaves_no_half_file(pair, tmp_path):
+    code = f"""
+import resource, signal, sys
+sys.path[:0] = {[str(Path(trains.__file__).parent)]}
+import compiling, trains, jaxhb
+from event_exact import Pair
+train = trains.pair_train(Pair(1.0), transition=1e-3)
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+try:
+    jaxhb.steady_state(train, rpm=[14.0, 15.0], out={str(tmp_path / "full")!r}, harmonics=64)
+except jaxhb.CheckpointError as error:
+    print(error)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=os.environ, check=True)
+    assert "cannot be written" in done.stdout and "the same sweep goes on" in done.stdout
+    assert [path.name for path in (tmp_path / "full").iterdir()] == [MANIFEST]
+
+
+def test_values_of_other_packages_are_not_kept_and_no_other_class_is_called():
+    for value in (object(), {"a": Path()}, np.array([None])):
+        with pytest.raises(TypeError, match="cannot be kept"):
+            pack(value)
+    for name in ("os:system", "jaxhb.model.saved:pack", "subprocess:Popen"):
+        with pytest.raises((TypeError, AttributeError)):
+            unpack({"value": {"shared": 0}, "shared": [{"class": name, "of": {}}]}, [])

@@ -1,0 +1,101 @@
+"""The sketch of a train: gears in mesh touch, nothing lies on anything else, names can be read."""
+
+import doctest
+import itertools
+
+import numpy as np
+import pytest
+from trains import build, gearbox_parts
+
+import jaxhb
+from jaxhb.show import sketch, sketch_plots
+from jaxhb.show.cli import main
+from jaxhb.show.sketch import disk_radii, layout
+from jaxhb.show.sketch_plots import plot_train
+
+SCENES = ["gear_train_30", "engine_with_damper", "six_cylinder_diesel", "spur_pair"]
+
+
+def branched():
+    """A crankshaft with branches of shafts at one disk, two rotors in mesh with branches of their own, and a ring."""
+    disks = {"crank": 2.0, "flywheel": 9.0, "dynamo": 0.1, "fan": 0.2, "wheel": 0.0, "pump": 0.05, "cam": 0.01}
+    parts = [jaxhb.Disk(name=name, inertia=inertia) for name, inertia in disks.items()]
+    parts += [jaxhb.Disk(name=f"gear {i}", inertia=0.02, radius=r) for i, r in enumerate((0.05, 0.1, 0.02, 0.3))]
+    ends = [("crank", "flywheel"), ("crank", "dynamo"), ("crank", "fan"), ("crank", "gear 0"), ("gear 0", "wheel")]
+    ends += [("gear 1", "pump"), ("gear 2", "cam")]
+    parts += [jaxhb.Shaft(between=pair, stiffness=1e5) for pair in ends]
+    parts += [jaxhb.Mesh(between=(f"gear {a}", f"gear {b}"), stiffness=1e8) for a, b in ((0, 1), (0, 2), (1, 3))]
+    parts += [jaxhb.Damper(name="ring", disk="crank", inertia=0.3, damping=5.0), jaxhb.Ground(disk="fan", stiffness=1)]
+    return jaxhb.build(parts, reference="crank", name="branched")
+
+
+def trains():
+    yield from ((name, jaxhb.load_scene(name)) for name in SCENES)
+    yield "branched", branched()
+    yield "loop", build(gearbox_parts(), reference="motor")
+
+
+@pytest.mark.parametrize("train", [pytest.param(train, id=name) for name, train in trains()])
+def test_gears_in_mesh_touch_and_other_circles_lie_apart(train):
+    found, topology = layout(train), train.topology
+    assert np.isfinite([found.x, found.y]).all()
+    mates = {frozenset(topology.link_ends[link]) for link in found.touching}
+    assert len(mates) == len(topology.mesh_names) or topology.name not in SCENES
+    size = np.maximum(found.disk, found.pitch)
+    for a, b in itertools.combinations(range(topology.n_disks), 2):
+        distance = np.hypot(found.x[a] - found.x[b], found.y[a] - found.y[b])
+        if frozenset((a, b)) in mates:
+            np.testing.assert_allclose(distance, found.pitch[a] + found.pitch[b], rtol=1e-9)
+        else:
+            assert distance > size[a] + size[b]
+
+
+@pytest.mark.parametrize("train", [pytest.param(train, id=name) for name, train in trains()])
+def test_every_disk_has_its_name_and_no_name_lies_on_another_or_on_a_disk(train):
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    figure = plot_train(train)
+    renderer = FigureCanvasAgg(figure).get_renderer()
+    (axes,) = figure.axes
+    assert sorted(t.get_text() for t in axes.texts) == sorted([*train.topology.disk_names, train.topology.name])
+    boxes = [text.get_window_extent(renderer) for text in axes.texts] + [axes.get_legend().get_window_extent(renderer)]
+    assert not [(a, b) for a, b in itertools.combinations(boxes, 2) if a.overlaps(b)]
+    disks = [patch.get_window_extent(renderer) for patch in axes.patches]
+    assert len(disks) == train.topology.n_disks
+    assert not [(a, b) for a in boxes for b in disks if a.overlaps(b)]
+    inside = figure.bbox
+    assert all(inside.x0 <= b.x0 and b.x1 <= inside.x1 and inside.y0 <= b.y0 and b.y1 <= inside.y1 for b in boxes)
+
+
+def test_radii_grow_with_the_fourth_root_of_inertias_and_in_proportion_to_gears():
+    disk, pitch = disk_radii(branched())
+    names = branched().topology.disk_names
+    assert disk[names.index("crank")] / disk[names.index("flywheel")] == pytest.approx((2 / 9) ** 0.25)
+    assert pitch[names.index("gear 1")] / pitch[names.index("gear 3")] == pytest.approx(1 / 3)
+    assert disk.argmin() == names.index("wheel") and not pitch[names.index("crank")]
+
+
+def test_scene_draws_the_train_and_prints_it_only_if_asked(tmp_path, capsys):
+    picture, copy = tmp_path / "train.png", tmp_path / "copy.toml"
+    assert main(["scene", "spur_pair", "--plot", str(picture)]) == 0
+    assert capsys.readouterr().out == f"{picture} is written.\n"
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert main(["scene", "spur_pair", "--plot", str(picture), "--expand"]) == 0
+    assert "[[mesh]]" in capsys.readouterr().out
+    assert main(["scene", "spur_pair", "--plot", str(picture), "--out", str(copy)]) == 0
+    assert jaxhb.load_scene(copy).topology.n_disks == 2
+
+
+def test_a_sketch_that_nobody_can_read_is_refused(tmp_path, capsys):
+    rows = "".join(f"d{i},1\n" for i in range(401))
+    links = "".join(f"d{i},d{i + 1},1e5\n" for i in range(400))
+    (tmp_path / "long.csv").write_text(f"name,inertia\n{rows}\nfrom,to,stiffness\n{links}")
+    assert main(["scene", str(tmp_path / "long.csv"), "--plot", str(tmp_path / "long.png")]) == 2
+    assert "a sketch of 401 disks cannot be read; at most 400 are drawn" in capsys.readouterr().err
+    assert not (tmp_path / "long.png").exists()
+
+
+@pytest.mark.parametrize("module", [sketch, sketch_plots])
+def test_the_examples_of_the_sketch_hold(module):
+    failures, tests = doctest.testmod(module)
+    assert tests and not failures
