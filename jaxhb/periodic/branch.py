@@ -11,13 +11,12 @@ import numpy as np
 
 from ..harmonic import fourier
 from ..harmonic.excitation import listed_harmonic
-from ..model.speeds import check_speed
 from ..response.status import NotConverged, Status, check
 from . import continuation, planning
-from .harmonic_curve import HarmonicCurve, linearized, simplified
+from .branch_points import Point, response_at, special_points, train_at
+from .harmonic_curve import HarmonicCurve, linearized, null_direction, simplified
 from .plan import Plan
-from .planned import first_start, of_unknown_meshes, solve_once
-from .problem import pose
+from .planned import of_unknown_meshes
 from .request import Request, excited_harmonic
 from .solve import solve
 from .stability import stability
@@ -36,22 +35,6 @@ class BranchOptions:
 
 
 DEFAULT = BranchOptions()
-
-
-@dataclass(frozen=True)
-class SpecialPoint:
-    """Where a branch turns back or changes its stability.
-
-    kind : "fold", "branch point", "period doubling" or "Neimark-Sacker"; value : of the parameter; after : number of
-    the point of the branch before it.
-    """
-
-    kind: str
-    value: float
-    after: int
-
-    def __str__(self):
-        return f"{self.kind} at {self.value:.8g}"
 
 
 @dataclass(frozen=True)
@@ -101,7 +84,7 @@ class Branch:
 
     def response(self, number):
         """The Response at a point."""
-        return _response(self._curve, self._plan, self._path[number][0])
+        return response_at(self._curve, self._plan, self._path[number][0])
 
     def resume(self, number=-1, *, to=None, backwards=False, options=DEFAULT):
         """Follow on from a point of this branch, or back from it.
@@ -126,10 +109,45 @@ class Branch:
         """
         curve, shares = self._curve, [0.0, 1.0]
         if to is not None:
-            _at(curve.train, float(curve.rpm), curve.parameter, float(to))
+            train_at(curve.train, float(curve.rpm), curve.parameter, float(to))
             shares.append((float(to) - float(curve.begin)) / float(curve.span))
         y, tangent = self._path[number]
         return _followed(curve, self._plan, y, -tangent if backwards else tangent, (min(shares), max(shares)), options)
+
+    def doubled(self, number=0, *, options=DEFAULT):
+        """The branch of motions of twice the period that leaves this one at a period doubling.
+
+        Begins in the direction in which the harmonic equations over two periods are singular there; a motion and the
+        one a period later are the same.
+
+        Parameters
+        ----------
+        number : int, among the period doublings of :attr:`special`
+        options : BranchOptions
+
+        Returns
+        -------
+        Branch
+            Of ``train.repeated(2)``, in the same range, beginning at the period doubling.
+
+        Raises
+        ------
+        ValueError
+            There is no such period doubling.
+
+        Examples
+        --------
+        >>> import jaxhb
+        >>> branch = jaxhb.follow(train, "rpm", start=4800.0, to=3900.0)  # doctest: +SKIP
+        >>> branch.doubled().doubled()  # doctest: +SKIP
+        """
+        places = [point for point in self.special if point.kind == "period doubling"]
+        if not -len(places) <= number < len(places):
+            raise ValueError(f"period doubling no. {number} is asked for, and this branch has {len(places)} of them.")
+        found = _followed(*_doubled(self._curve, self._plan, places[number].y), (0.0, 1.0), options)
+        # Where it begins a multiplier is 1, rounded to either side: no branch point.
+        special = tuple(point for point in found.special if point.after or point.kind != "branch point")
+        return replace(found, special=special)
 
     def __str__(self):
         shares = f"{np.count_nonzero(self.stable)} of {len(self)} points stable"
@@ -185,7 +203,7 @@ def follow(train, parameter, *, start, to, rpm=None, harmonics=None, tolerance=0
     (3000, True)
     """
     _check(train, parameter, start, to, rpm)
-    ends = [_at(train, rpm, parameter, float(value)) for value in (start, to)]
+    ends = [train_at(train, rpm, parameter, float(value)) for value in (start, to)]
     first, speed = ends[0]
     if begin is None:
         begin = solve(first, rpm=speed, harmonics=harmonics, tolerance=tolerance)
@@ -200,13 +218,6 @@ def follow(train, parameter, *, start, to, rpm=None, harmonics=None, tolerance=0
     curve = HarmonicCurve(train, *map(np.asarray, arrays), plan.choice, parameter, plan.sizes)
     y = np.append(fourier.pack(deflection).ravel() / scale, 0.0)
     return _followed(curve, plan, y, None, (0.0, 1.0), options)
-
-
-def _at(train, rpm, parameter, value):
-    """Train and speed with a value of the parameter, checked."""
-    speed = value if parameter == "rpm" else rpm
-    check_speed(train, speed)
-    return train if parameter == "rpm" else train.replace({parameter: value}), speed
 
 
 def _check(train, parameter, start, to, rpm):
@@ -233,11 +244,19 @@ def _plan(train, rpm, harmonics, tolerance, found):
     return replace(planning.all_unknown(train, plan, request), harmonics=harmonics or max(level, found))
 
 
-def _response(curve, plan, y):
-    """The Response at a point of the curve, which solves it already."""
-    train, rpm = _at(curve.train, float(curve.rpm), curve.parameter, float(curve.begin + y[-1] * curve.span))
-    given = first_start(plan, given=np.asarray(curve.deflection(y)))
-    return solve_once(train, rpm, pose(train, rpm, curve.sizes.excited), plan, given)[0]
+def _doubled(curve, plan, y):
+    """Curve, plan, point and tangent over two periods, at a period doubling ``y``."""
+    train = curve.train.repeated(2)
+    _, rpm = train_at(train, float(curve.rpm), curve.parameter, float(curve.begin + y[-1] * curve.span))
+    plan = _plan(train, rpm, 2 * plan.harmonics, plan.tolerance, 0)
+    curve, once = replace(curve, train=train, choice=plan.choice, sizes=plan.sizes), np.asarray(curve.deflection(y))
+    twice = np.zeros((len(once), plan.harmonics + 1), dtype=complex)
+    odd = np.zeros_like(twice)
+    twice[:, ::2] = once
+    draw = np.random.default_rng(0).normal(size=(2, *odd[:, 1::2].shape))
+    odd[:, 1::2] = (draw[0] + 1j * draw[1]) / np.arange(1, plan.harmonics + 1, 2) ** 2
+    y = np.append(fourier.pack(twice).ravel() / curve.scale, y[-1])
+    return curve, plan, y, np.append(null_direction(curve, y, fourier.pack(odd).ravel()), 0.0)
 
 
 def _followed(curve, plan, y, onward, within, options):
@@ -259,60 +278,12 @@ def _followed(curve, plan, y, onward, within, options):
     if not path:
         value = f"{curve.parameter} = {float(curve.begin + y[-1] * curve.span):g}"
         raise NotConverged(f"{name}: Newton's method finds no motion with {plan.harmonics} harmonics at {value}.")
-    points = [_Point.at(curve, plan, *point) for point in path]
+    points = [Point.at(curve, plan, *point) for point in path]
     locate = partial(continuation.locate, *equations, control=control)
-    special = _special_points(curve, plan, points, locate, options)
+    special = special_points(curve, plan, points, locate, options)
     columns = {name: np.array([getattr(point, name) for point in points]) for name in _COLUMNS}
     ended = _sentence(curve, end, within, options)
     return Branch(curve.parameter, **columns, special=special, ended=ended, _curve=curve, _plan=plan, _path=path)
-
-
-@dataclass(frozen=True)
-class _Point:
-    """A point of a branch: y and tangent of its curve, its row of the table, the multipliers of its teeth."""
-
-    y: np.ndarray
-    tangent: np.ndarray
-    value: float
-    largest_deflection: np.ndarray
-    smallest_deflection: np.ndarray
-    largest_force: np.ndarray
-    smallest_force: np.ndarray
-    multiplier: complex
-    stable: bool
-    truncation_error: float
-    multipliers: np.ndarray
-
-    @classmethod
-    def at(cls, curve, plan, y, tangent):
-        """The point with its row."""
-        response = _response(curve, plan, y)
-        found, names = stability(response), response.topology.mesh_names
-        deflections, forces = ([read(name) for name in names] for read in (response.deflection, response.force))
-        return cls(
-            y,
-            tangent,
-            value=float(curve.begin + y[-1] * curve.span),
-            largest_deflection=[signal.max for signal in deflections],
-            smallest_deflection=[signal.min for signal in deflections],
-            largest_force=[signal.max for signal in forces],
-            smallest_force=[signal.min for signal in forces],
-            multiplier=found.critical,
-            stable=found.stable,
-            truncation_error=float(response.truncation_error),
-            multipliers=found.multipliers[~found.rotation],
-        )
-
-    def beyond(self, place):
-        """Product of ``1 - place x multiplier``: its sign changes where a real one passes ``place``, +1 or -1."""
-        return float(np.prod(1 - place * self.multipliers).real)
-
-    @property
-    def pairs(self):
-        """Products of two multipliers, less 1, and whether those are complex: zero for a pair of modulus 1."""
-        first, second = np.triu_indices(len(self.multipliers), 1)
-        products = self.multipliers[first] * self.multipliers[second] - 1
-        return products, self.multipliers[first].imag != 0
 
 
 _COLUMNS = (
@@ -325,46 +296,6 @@ _COLUMNS = (
     "stable",
     "truncation_error",
 )
-
-
-_TESTS = {
-    "branch point": lambda point: point.beyond(1),
-    "period doubling": lambda point: point.beyond(-1),
-    "Neimark-Sacker": lambda point: float(np.prod(point.pairs[0]).real),
-}
-"""Functions of a point whose sign changes (Kuznetsov, Elements of Applied Bifurcation Theory, 2004, ch. 10)."""
-
-
-def _rise(y, tangent):
-    """Zero at a fold."""
-    return tangent[-1]
-
-
-def _special_points(curve, plan, points, locate, options):
-    """The SpecialPoints of a branch, in its order."""
-
-    def on_point(test):
-        return lambda y, tangent: test(_Point.at(curve, plan, y, tangent))
-
-    found = {kind: [test(point) for point in points] for kind, test in _TESTS.items()}
-    found = {"fold": [point.tangent[-1] for point in points]} | found
-    changes = {kind: np.sign(values[:-1]) * np.sign(values[1:]) < 0 for kind, values in found.items()}
-    passed = changes["branch point"]
-    for number in np.flatnonzero(changes["fold"]):
-        # At a fold a multiplier passes +1, but not where that of the harmonics lies: the truncation error is between.
-        beside = [k for k in (number, number - 1, number + 1) if 0 <= k < len(passed) and passed[k]]
-        passed[beside[:1]] = False
-    special = []
-    for kind, where in changes.items():
-        for number in np.flatnonzero(where):
-            ends = [(point.y, point.tangent) for point in points[number : number + 2]]
-            test, closed = (_rise, options.fold) if kind == "fold" else (on_point(_TESTS[kind]), options.stability)
-            at = _Point.at(curve, plan, *locate(*ends, test, closed=closed))
-            products, turning = at.pairs
-            if kind != "Neimark-Sacker" or turning[np.argmin(np.abs(products))]:
-                length = (at.y - ends[0][0]) @ ends[0][1]
-                special.append((number, length, SpecialPoint(kind, at.value, int(number))))
-    return tuple(point for *_, point in sorted(special, key=lambda entry: entry[:2]))
 
 
 def _sentence(curve, end, within, options):

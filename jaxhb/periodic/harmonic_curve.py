@@ -56,17 +56,40 @@ class HarmonicCurve:
 def linearized(curve, y, normal):
     """What ``linearize`` of :func:`continuation.follow` returns."""
     rising = jnp.zeros_like(y).at[-1].set(1.0)
-    value, column, (problem, reduced) = jax.jvp(curve.equation, (y,), (rising,), has_aux=True)
+    value, column, posed = jax.jvp(curve.equation, (y,), (rising,), has_aux=True)
+    at, border = _prepared(curve, y, *posed), (column, normal)
+    right = jnp.append(-value, 0.0), rising
+    change, tangent = correction.correct_bordered(*at, border, right, curve.sizes.samples, KRYLOV_STEPS)
+    return value, change, tangent, (at[1], border)
+
+
+def _prepared(curve, y, problem, reduced):
+    """The equations, their preconditioner and the deflections at a point."""
     choice, sizes, deflection = curve.choice, curve.sizes, curve.deflection(y)
     links = jnp.asarray(problem.meshes.link)[choice.chosen]
     train = reduced_model(problem.system, links, choice.active, problem.frequency, sizes.time_steps)
-    operator = correction.prepare(reduced, train, deflection, sizes.samples, sizes.time_steps)
-    right = jnp.append(-value, 0.0), rising
-    border = column, normal
-    change, tangent = correction.correct_bordered(
-        reduced, operator, deflection, border, right, sizes.samples, KRYLOV_STEPS
-    )
-    return value, change, tangent, (operator, border)
+    return reduced, correction.prepare(reduced, train, deflection, sizes.samples, sizes.time_steps), deflection
+
+
+INVERSIONS = 3
+"""Of the bordered Jacobian: each leaves of the rest of a direction what the singular value at a point leaves."""
+
+
+@Program
+def null_direction(curve, y, direction):
+    """The direction ``(n,)``, of length 1, in which F stays zero to first order where its Jacobian is singular.
+
+    By inverse iteration on the Jacobian bordered with the last direction, the first one given: it keeps what symmetry
+    the first one has.
+    """
+    value, posed = curve.equation(y)
+    at, one = _prepared(curve, y, *posed), jnp.append(jnp.zeros_like(value), 1.0)
+    for _ in range(INVERSIONS):
+        direction = direction / jnp.linalg.norm(direction)
+        border = direction, jnp.append(direction, 0.0)
+        (found,) = correction.correct_bordered(*at, border, (one,), curve.sizes.samples, KRYLOV_STEPS)
+        direction = found[:-1]
+    return direction / jnp.linalg.norm(direction)
 
 
 @Program

@@ -14,6 +14,7 @@ from .marching import Equations
 from .planning import plan_speeds
 from .request import Request
 from .returns import Cycles
+from .settled import difference
 from .stability import Stability, attracts
 
 NEIGHBOURS = 0.9, 0.95, 0.98, 1.02, 1.05, 1.1
@@ -165,14 +166,5 @@ def _searched(case):
 def _add(found, others):
     """Put (Response, period) beside those at hand that are other motions."""
     for response, period in others:
-        if not any(period == known and _same(response, other, period) for other, known in found):
+        if not any(period == known and difference(response, other, period) <= SAME for other, known in found):
             found.append((response, period))
-
-
-def _same(one, other, period):
-    """Whether two responses over ``period`` cycles are one motion, begun in the same cycle or in another."""
-    samples = period * 16 * max(one.harmonics, other.harmonics)
-    one, other = (response.deflection_samples(samples) for response in (one, other))
-    size = SAME * max(np.abs(one).max(initial=0.0), 1e-300)
-    shifted = (np.roll(other, k * samples // period, axis=-1) for k in range(period))
-    return any(np.abs(one - moved).max(initial=0.0) <= size for moved in shifted)

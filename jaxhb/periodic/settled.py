@@ -21,6 +21,9 @@ LEVELS_TRIED = 3
 """Numbers of harmonics, one higher than the other, from which Newton's method is started: with too few there may
 be no solution near the motion."""
 
+COMPARED = 1024
+"""Samples of a cycle at which motions are compared."""
+
 REPEATS = 1e-4
 """Share of the sum of all amplitudes below which those of longer periods are none."""
 
@@ -121,3 +124,12 @@ def shortest_period(response, period):
             if deflections[:, others].sum() <= REPEATS * deflections[:, 1:].sum():
                 return divisor
     return period
+
+
+def difference(one, other, period):
+    """Largest difference of the deflections of two responses over ``period`` cycles, relative to the largest of all
+    meshes; the motions may begin in different cycles."""
+    one, other = (response.deflection_samples(period * COMPARED) for response in (one, other))
+    shifted = (np.roll(other, k * COMPARED, axis=-1) for k in range(period))
+    least = min(np.abs(one - moved).max(initial=0.0) for moved in shifted)
+    return float(least / max(np.abs(one).max(initial=0.0), np.abs(other).max(initial=0.0), 1e-300))

@@ -18,12 +18,13 @@ from .planned import solve_batches
 from .planning import plan_speeds
 from .request import Request
 from .returns import Cycles
+from .settled import difference
 
 DIRECTIONS = "up", "down", "both"
 
 LEVEL = 0.1
-"""Difference of the largest deflections of neighbouring speeds from which the one may have another motion when it
-starts from the other; and up to which records of irregular motion are of one."""
+"""Difference of the motions of neighbouring speeds from which the one may have another motion when it starts from the
+other; and of largest deflections up to which records of irregular motion are of one."""
 
 
 def steady_state(
@@ -94,8 +95,8 @@ def steady_state(
     The march is exponential integration around the linear train, five steps per period of the highest mesh mode or
     more. Where harmonic balance does not confirm what it shows, or disturbances of the solution grow, or the march does
     not settle, it goes on with twice and four times as many steps: beside a bifurcation the kind of motion is that of
-    the steps. Two motions with nearly the same deflections are not told apart in a sweep, and a transient that outlasts
-    the march counts as irregular.
+    the steps. In a sweep, motions that differ at no instant by more than a tenth of the largest deflection are not told
+    apart, and a transient that outlasts the march counts as irregular.
 
     Examples
     --------
@@ -218,9 +219,12 @@ def _kind(state):
 
 
 def _apart(one, other):
-    """Difference of the largest deflections of two steady states of one kind, relative."""
+    """Difference of two steady states of one kind, relative: of their motions over a period, or of the largest
+    deflections of records."""
     if not one.known:
         return 0.0
+    if one.response is not None and other.response is not None:
+        return difference(one.response, other.response, max(one.period, 1))
     one, other = (
         np.array([float(state.deflection(name).peak) for name in state.topology.mesh_names]) for state in (one, other)
     )

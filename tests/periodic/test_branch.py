@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from event_exact import Pair, long_run, multipliers
 from scipy.optimize import minimize_scalar
+from trains import ONE_RADIAN_PER_SECOND, pair_train
 
 import jaxhb
 from jaxhb.periodic.branch import BranchOptions
@@ -180,3 +182,31 @@ def test_a_train_without_multipliers_is_refused_before_the_work():
 def test_a_train_without_backlash_has_no_branch_to_follow():
     with pytest.raises(ValueError, match="solve_speeds"):
         jaxhb.follow(jaxhb.load_scene("six_cylinder_diesel"), "rpm", start=1000.0, to=1500.0)
+
+
+def test_a_branch_of_twice_the_period_leaves_at_a_period_doubling():
+    """Of the lightly loaded pair: extremes and multipliers of its stable points are those of event-exact motions."""
+    natural = ONE_RADIAN_PER_SECOND
+    train = pair_train(Pair(1.0, epsilon=1e-3), transition=0.01)
+    ends = {"start": 1.7 * natural, "to": 1.5 * natural}
+    branch = jaxhb.follow(train, "rpm", **ends, harmonics=32)
+    (point,) = (point for point in branch.special if point.kind == "period doubling")
+    doubled = branch.doubled()
+    assert doubled.value[0] == pytest.approx(point.value, rel=1e-9)
+    assert doubled.train.topology.revolutions_per_cycle == 2 * train.topology.revolutions_per_cycle
+    compared = 0
+    for i in range(3, len(doubled), 2):
+        # Beside the doubling the motions move with the root of the distance, and the transition zone shifts that.
+        if not doubled.stable[i] or abs(doubled.value[i] / point.value - 1) < 0.01:
+            continue
+        speed, x = doubled.value[i] / natural, doubled.response(i).deflection("a", "b").samples(4096)
+        state = x[0], (x[1] - x[-1]) * 2048 * speed / (4 * np.pi)
+        exact = long_run(Pair(speed, epsilon=1e-3), state)
+        assert exact.period == 2
+        found = doubled.largest_deflection[i, 0], doubled.smallest_deflection[i, 0]
+        np.testing.assert_allclose(found, (exact.maximum, exact.minimum), atol=3e-3)  # the transition zone
+        assert abs(doubled.multiplier[i]) == pytest.approx(abs(multipliers(exact.cycles)[0]), abs=5e-3)
+        compared += 1
+    assert compared >= 3
+    with pytest.raises(ValueError, match="period doubling no. 1 is asked for, and this branch has 1"):
+        branch.doubled(1)
