@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 
 from ..harmonic import fourier
+from ..linear import limits
 from ..model.elements import SceneError
 from ..response.signal import _power
 from ..response.status import Status
@@ -98,14 +99,76 @@ def damper_power(response, a, b=None):
     -------
     array ``(...)`` W
     """
-    response = usable(response)
-    topology = response.topology
-    torque = response.torque(a, b).coefficients
-    index, sense = topology.link_index(a, b)
-    first, second = topology.link_ends[index]
-    twist = sense * (response.angles[..., first, :] - response.angles[..., second, :])
-    rate = fourier.derivative(twist, topology.cycle_frequency(jnp.asarray(response.rpm))[..., None])
-    return 2 * jnp.sum((torque * jnp.conj(rate)).real, axis=-1)
+    return limits.link_power(usable(response), a, b)
+
+
+def close_half_peak_to_peak(signal):
+    """:func:`half_peak_to_peak` with p = 1024, for limits: at 4096 time samples at most 0.8 % below the true value."""
+    return half_peak_to_peak(signal, p=1024)
+
+
+def power_over_limit(response, name, *, train=None):
+    """:func:`damper_power` of a shaft or damper over its ``power_limit``; arguments as of :func:`stress_over_limit`."""
+    return damper_power(response, name) / limits.power_limit(limits.train_of(response, train), name)
+
+
+def stress(response, name, *, train=None, swing=close_half_peak_to_peak):
+    """Amplitude of the nominal torsional stress of a shaft, Pa; see :func:`stress_over_limit`."""
+    return limits.stress_of(limits.train_of(response, train), name, swing(usable(response).torque(name)))
+
+
+def stress_over_limit(response, name, *, transient=False, train=None, swing=close_half_peak_to_peak):
+    """Stress of a shaft over its limit after IACS UR M68 at the speed of the response.
+
+    Parameters
+    ----------
+    response : Response
+    name : str
+        A shaft with a ``tensile_strength``.
+    transient : bool
+        The limit of passing through, instead of continuous running.
+    train : DriveTrain, optional
+        Default: that of the response, which has none if it comes out of a jax transformation.
+    swing : callable
+        The half peak-to-peak of a Signal; by default smooth, and at most 0.8 % too small.
+
+    Returns
+    -------
+    array ``(...)``, 0 above 1.05 of the rated speed, where there is no limit
+
+    Notes
+    -----
+    ``T / W_p / tau``, see :func:`jaxhb.permissible_stress`; an aid to evaluation, no approval by a class.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> parts = [jaxhb.Disk(name=name, inertia=2.0) for name in "ab"]
+    >>> parts += [jaxhb.Torque(disk="a", harmonics=[(1.0, 10.0, 0.0)])]
+    >>> form = {"diameter": 0.01, "stress_concentration": 1.0, "tensile_strength": 6e8}
+    >>> parts += [jaxhb.Shaft(between=("a", "b"), stiffness=100.0, **form)]
+    >>> train = jaxhb.build(parts, revolutions_per_cycle=1, rated_rpm=50.0)
+    >>> r = jaxhb.linear_response(train, rpm=25.0)
+    >>> round(float(stress_over_limit(r, "a|b", swing=lambda signal: signal.half_peak_to_peak)), 4)
+    0.2765
+    """
+    train = limits.train_of(response, train)
+    limit = limits.stress_limits(train, name, jnp.asarray(response.rpm))[int(transient)]
+    return stress(response, name, train=train, swing=swing) / limit
+
+
+def tooth_torque_over_limit(response, name, *, train=None, swing=close_half_peak_to_peak):
+    """Vibratory torque of a mesh over a third of its ``rated_torque``; arguments as of :func:`stress_over_limit`."""
+    train = limits.train_of(response, train)
+    torque = limits.first_radius(train, name) * swing(usable(response).force(name))
+    return torque / limits.tooth_torque_limit(train, name)
+
+
+def tooth_torque_over_mean(response, name, *, swing=close_half_peak_to_peak):
+    """Vibratory torque of a mesh over its mean: above about 1 it reverses; 0 where there is no mean torque."""
+    force = usable(response).force(name)
+    mean = jnp.abs(force.mean)
+    return jnp.where(mean > 0, swing(force) / jnp.where(mean > 0, mean, 1.0), 0.0)
 
 
 def separated_fraction(response, a, b=None, *, smoothing=0.02):

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..linear.limits import having
 from ..model.drivetrain import inertias
 from ..model.elements import SceneError
 from ..model.topology import suggestion
@@ -129,6 +130,15 @@ def _swing(unit, kind, signal):
     return Quantity(unit, kind, read, lambda response, of, _: signal(response, of).half_peak_to_peak)
 
 
+def _judged(unit, kind, value, **more):
+    """What is judged by a swing ``(response, of, swing=...)``."""
+
+    def exact(response, of, _):
+        return value(response, of, swing=lambda signal: signal.half_peak_to_peak, **more)
+
+    return Quantity(unit, kind, lambda response, of, _: value(response, of, **more), exact)
+
+
 def _order(unit, kind, signal):
     """The amplitude of one order of a signal."""
     return Quantity(unit, kind, lambda response, of, order: signal(response, of).order(order), ordered=True)
@@ -148,6 +158,16 @@ QUANTITIES = {
     "separated fraction": Quantity("", "mesh with backlash", lambda r, of, _: objectives.separated_fraction(r, of)),
     "impact severity": Quantity("m/s", "mesh with backlash", lambda r, of, _: objectives.impact_severity(r, of)),
     "damper power": Quantity("W", "shaft or damper", lambda r, of, _: objectives.damper_power(r, of)),
+    "power over limit": Quantity(
+        "", "shaft or damper with a power_limit", lambda r, of, _: objectives.power_over_limit(r, of)
+    ),
+    "stress": _judged("Pa", "shaft with a diameter", objectives.stress),
+    "stress over continuous limit": _judged("", "shaft with a tensile_strength", objectives.stress_over_limit),
+    "stress over transient limit": _judged(
+        "", "shaft with a tensile_strength", objectives.stress_over_limit, transient=True
+    ),
+    "tooth torque over limit": _judged("", "mesh with a rated_torque", objectives.tooth_torque_over_limit),
+    "tooth torque over mean": _judged("", "mesh", objectives.tooth_torque_over_mean),
 }
 """Forces, torques and angles are half peak-to-peak unless called peak or order; all are smooth, none is negative."""
 
@@ -265,6 +285,12 @@ def _element_faults(train, chosen):
         "shaft or damper": topology.shaft_names + topology.damper_names,
         "gear": tuple(gears),
         "disk": topology.disk_names,
+        "shaft with a diameter": having(topology, "shaft", "diameter", "outer"),
+        "shaft with a tensile_strength": having(topology, "shaft", "tensile_strength"),
+        "mesh with a rated_torque": having(topology, "mesh", "rated_torque"),
+        "shaft or damper with a power_limit": [
+            name for table in ("shaft", "damper") for name in having(topology, table, "power_limit")
+        ],
     }[quantity.kind]
     faults = _unknown(chosen.of, names, quantity.kind.removesuffix(" with backlash"))
     gaps = dict(zip(topology.mesh_names, topology.mesh_backlash, strict=True))

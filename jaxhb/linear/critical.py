@@ -123,9 +123,9 @@ def campbell(train, *, rpm, orders=None, count=6, links_at=()):
     Parameters
     ----------
     train : DriveTrain, concrete
-    rpm : sequence of float, rising
-        Speeds at which frequencies are computed; critical speeds lie between the first and the last. Where frequencies
-        depend on the speed, two crossings between neighbours are not seen.
+    rpm : sequence of float ``(n,)``, rising
+        Speeds of the reference rotor at which frequencies are computed; critical speeds lie between the first and the
+        last. Where frequencies depend on the speed, two crossings between neighbours are not seen.
     orders : sequence of float, optional
         Default: :func:`excited_orders`.
     count : int
@@ -136,11 +136,17 @@ def campbell(train, *, rpm, orders=None, count=6, links_at=()):
     Returns
     -------
     Campbell
+        Frequencies of m modes ``(n, m)`` in Hz, and where ``f_k(rpm) = order x rpm / 60``.
 
     Raises
     ------
     SceneError
-        If speeds or orders are not greater than 0, or speeds do not rise.
+        If speeds or orders are not greater than 0, speeds do not rise, or a link varies by what is not given.
+
+    Notes
+    -----
+    The diagram of W. Campbell, Trans. ASME 46 (1924) 31. Critical speeds come from natural frequencies and so have no
+    derivatives; use :func:`jaxhb.frequencies_hz` for those.
 
     Examples
     --------

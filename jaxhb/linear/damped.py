@@ -141,7 +141,8 @@ def damping_ratios(train, modes):
     Returns
     -------
     array ``(m,)``
-        Lehr's damping ratio; nan of rigid modes and where heavy damping leaves no mode like it.
+        Lehr's damping ratio ``-Re lambda / |lambda|`` of each of the m modes, without unit; nan of rigid modes and
+        where heavy damping leaves no mode like it.
 
     Notes
     -----

@@ -54,15 +54,22 @@ def at_mean_load(train, *, rpm):
     ----------
     train : DriveTrain, concrete
     rpm : float
+        Speed of the reference rotor, whose mean torques act.
 
     Returns
     -------
     MeanLoad
+        Of m meshes with backlash the elastic force (N), the slope f'(l) of the law (N/m) and where on the law they are,
+        each ``(m,)``; and the linear train with these slopes.
 
     Raises
     ------
     SceneError
-        If mean torques do not balance, or links vary.
+        If mean torques do not balance, no equilibrium is found, or links vary.
+
+    Notes
+    -----
+    ``D^T f(D x) = q`` with the law (18) of Fridman 2009; in the gap its slope is epsilon c, beyond the knee c.
 
     Examples
     --------

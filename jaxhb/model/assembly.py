@@ -6,14 +6,24 @@ import dataclasses
 import json
 import math
 
-from jaxhb.model import checks, gas, graph, tables, train_checks
+from jaxhb.model import checks, derived, gas, graph, link_checks, tables, train_checks
 from jaxhb.model.elements import SceneError
 from jaxhb.model.scenarios import read_scenarios
 from jaxhb.model.topology import Topology
 
 
 def assemble(
-    elements, *, name, reference, revolutions_per_cycle, tune, source, scenarios=None, findings=(), complete=True
+    elements,
+    *,
+    name,
+    reference,
+    revolutions_per_cycle,
+    tune,
+    source,
+    rated_rpm=None,
+    scenarios=None,
+    findings=(),
+    complete=True,
 ) -> dict:
     """Check the elements and make the fields of a drive train.
 
@@ -39,6 +49,7 @@ def assemble(
         errors += train_checks.cycle_errors(parts, _harmonic_needs(parts, ratio), cycle)
     errors += train_checks.hold_errors(parts, main)
     errors += train_checks.balance_errors(parts, ratio) if not locked else []
+    errors += link_checks.rated_errors(parts, rated_rpm)
     scenarios, unknown = read_scenarios(parts, scenarios)
     errors += unknown
     if errors:
@@ -46,7 +57,10 @@ def assemble(
     disks = parts.tables["disk"]
     parts.tables["disk"] = [dataclasses.replace(d, radius=r) for d, r in zip(disks, radii, strict=False)]
     topology = _topology(parts, rotors, main, name=name, cycle=float(cycle), tune=tune, ratio=ratio)
-    topology = dataclasses.replace(topology, scenarios=json.dumps(scenarios))
+    rated = None if rated_rpm is None else float(rated_rpm)
+    topology = dataclasses.replace(topology, scenarios=json.dumps(scenarios), rated_rpm=rated)
+    for table in derived.LINKS:
+        parts.tables[table] = [derived.completed(link) for link in parts.tables[table]]
     return {"topology": topology} | _tables(parts)
 
 
@@ -169,6 +183,7 @@ def _topology(parts, rotors, reference_disk, *, name, cycle, tune, ratio) -> Top
             for d, e in zip(seats["load"], t["load"], strict=True)
         ),
         tune=json.dumps(tune or {}, default=str),
+        link_keys=derived.link_keys([link for table in derived.LINKS for link in t[table]]),
         **_varying_links(t),
         **_cylinder_topology(parts, ratio, cycle),
     )
@@ -221,8 +236,9 @@ def _tables(parts) -> dict:
     t, column = parts.tables, tables.column
 
     def plain(cls, table):
-        names = [f.name for f in dataclasses.fields(cls)]
-        return cls(**{n: (tables.factor_rows if n.startswith("over_") else column)(t[table], n) for n in names})
+        names = [f.name for f in dataclasses.fields(cls) if f.default is not None]
+        given = {n: (tables.factor_rows if n.startswith("over_") else column)(t[table], n) for n in names}
+        return cls(**given, **tables.optional_columns(t[table], cls))
 
     return {
         "disks": plain(tables.Disks, "disk"),

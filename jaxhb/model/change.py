@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from jaxhb._arrays import traced
-from jaxhb.model import checks, gas, hold
+from jaxhb.model import checks, derived, gas, hold
 from jaxhb.model.elements import TABLES, Combustion, SceneError, Trace
 from jaxhb.model.graph import RATIO_TOLERANCE
 from jaxhb.model.topology import suggestion
@@ -108,6 +108,8 @@ def replace(train, values):
     changed = train
     for (table, field), new in changes.items():
         changed = _with(changed, table, field, _set(_vector(changed, table, field), new))
+    for table, field, new in derived.followers(train, changed, changes):
+        changed = _with(changed, table, field, _set(_vector(changed, table, field), new))
     if ("disk", "radius") in changes:
         _check_ratios(train, changed)
     errors = hold.train_errors(changed) if hold.touches(changes) else []
@@ -174,7 +176,7 @@ def within_range(train):
                 outside |= False if limit is None else wrong(values, limit)
             for wrong, limit in ((jnp.greater_equal, limits.below), (jnp.greater, limits.most)):
                 outside |= False if limit is None else wrong(values, limit)
-            zero_if_absent = declared.default is None and declared.name not in ("epsilon", "transition")
+            zero_if_absent = declared.default is None and declared.name not in ("epsilon", "transition", "stiffness")
             inside.append(~jnp.any(outside & (values != 0.0) if zero_if_absent else outside))
     return jnp.all(jnp.stack(inside))
 
@@ -215,7 +217,7 @@ def _has_no_effect(train, table, field, index) -> str:
         if index + (len(topology.shaft_names) if table == "damper" else 0) not in getattr(topology, links):
             return f"it has no effect, as the {table} was built without {field}. Build the scene with it."
     if table != "cylinder":
-        return ""
+        return derived.no_effect(topology, table, field, index)
     source, moves = topology.cylinder_source[index], topology.cylinder_inertia[index] > 0
     computed = source in gas.COMPUTED
     if (field in ("bore", "ambient_pressure") and not computed) or (field == "pressure" and source != "pressure"):

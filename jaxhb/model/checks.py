@@ -8,6 +8,7 @@ from collections import Counter
 from jaxhb.model.cylinder_checks import cylinder_errors
 from jaxhb.model.elements import TABLES, SceneError, table_of
 from jaxhb.model.engine import Engine, cylinders, engine_errors
+from jaxhb.model.link_checks import damper_errors, mesh_errors, shaft_errors
 from jaxhb.model.topology import suggestion
 from jaxhb.model.value_checks import field_errors, number_like, shown, value_errors
 
@@ -127,8 +128,9 @@ class Parts:
 def element_errors(parts: Parts) -> list[str]:
     """Find what is wrong with each element by itself: keys, values, rows; and mark it in ``parts.bad``."""
     errors = []
-    special = {"mesh": (_mesh_errors, "law"), "cylinder": (cylinder_errors, "fires")}
-    special |= {"damper": (_damper_errors, "stiffness"), "torque": (_torque_errors, "speed_exponent")}
+    special = {"mesh": (mesh_errors, "law"), "cylinder": (cylinder_errors, "fires")}
+    special |= {"shaft": (shaft_errors, "stiffness"), "damper": (damper_errors, "stiffness")}
+    special["torque"] = _torque_errors, "speed_exponent"
     for table, rows in parts.tables.items():
         for i, element in enumerate(rows):
             where = parts.where(table, i)
@@ -144,21 +146,6 @@ def element_errors(parts: Parts) -> list[str]:
                     parts.bad.add((table, i, field))
                     errors += [f"{where}: {text}" for text in found]
     return errors
-
-
-def _mesh_errors(mesh) -> list[str]:
-    """Check what the law of a mesh is made of."""
-    both = [key for key in ("epsilon", "transition") if getattr(mesh, key) is not None]
-    if mesh.law and both:
-        return [f"law = {shown(mesh.law)} is given together with {' and '.join(both)}. Keep one of them."]
-    return []
-
-
-def _damper_errors(damper) -> list[str]:
-    """Check that a damper's ring is held by something."""
-    if damper.stiffness == 0 and damper.damping == 0 and damper.order is None:
-        return ["damping and stiffness are both 0, so that the ring is loose. Give at least one of them."]
-    return []
 
 
 def _torque_errors(torque) -> list[str]:

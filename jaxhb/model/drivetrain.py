@@ -327,7 +327,15 @@ class DriveTrain:
 
 
 def build(
-    elements, *, name="", reference=None, revolutions_per_cycle=2, tune=None, scenarios=None, source="scene"
+    elements,
+    *,
+    name="",
+    reference=None,
+    revolutions_per_cycle=2,
+    rated_rpm=None,
+    tune=None,
+    scenarios=None,
+    source="scene",
 ) -> DriveTrain:
     """Check elements and put them together to a drive train.
 
@@ -341,6 +349,8 @@ def build(
         A disk of the rotor whose rpm is given; needed when there are several rotors.
     revolutions_per_cycle : float
         Period of the excitation in revolutions of the reference rotor.
+    rated_rpm : float, optional
+        Rated speed of the reference rotor; limits of stresses depend on the speed over it.
     tune : dict, optional
         Passed on untouched.
     scenarios : dict, optional
@@ -369,6 +379,7 @@ def build(
             name=name,
             reference=reference,
             revolutions_per_cycle=revolutions_per_cycle,
+            rated_rpm=rated_rpm,
             tune=tune,
             scenarios=scenarios,
             source=source,

@@ -15,9 +15,23 @@ Examples
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass, field
-from typing import Any
+
+from jaxhb.model.fields import (
+    REQUIRED,
+    Range,
+    choice,
+    flag,
+    named,
+    not_negative,
+    of_disk,
+    of_pair,
+    positive,
+    quantity,
+    rows,
+    table,
+    tables,
+)
 
 
 class SceneError(ValueError):
@@ -32,172 +46,125 @@ class Unread:
     """Stands for a value that could not be read and about which a sentence has been said."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Range:
-    """The numbers a field may take, with its unit and what to do about a number outside."""
-
-    unit: str = ""
-    above: float | None = None
-    least: float | None = None
-    below: float | None = None
-    most: float | None = None
-    remedy: str = ""
-
-    def contains(self, value) -> bool:
-        """Tell whether ``value`` (finite) lies in the range."""
-        return not (
-            (self.above is not None and not value > self.above)
-            or (self.least is not None and not value >= self.least)
-            or (self.below is not None and not value < self.below)
-            or (self.most is not None and not value <= self.most)
-        )
-
-    def words(self) -> str:
-        """Say the range: ``greater than 0 N m/rad``."""
-        unit = f" {self.unit}" if self.unit else ""
-        parts = []
-        if self.above is not None:
-            parts.append(f"greater than {self.above:g}{unit}")
-        if self.least is not None:
-            parts.append(f"at least {self.least:g}{unit}")
-        if self.below is not None:
-            parts.append(f"less than {self.below:g}{unit}")
-        if self.most is not None:
-            parts.append(f"at most {self.most:g}{unit}")
-        return " and ".join(parts) or f"a finite number{f' in {self.unit}' if self.unit else ''}"
-
-
-REQUIRED = dataclasses.MISSING
-
-
-def _quantity(unit: str, default: Any = REQUIRED, **limits) -> Any:
-    return field(default=default, metadata={"kind": "number", "range": Range(unit=unit, **limits)})
-
-
-def _positive(unit: str, default: Any = REQUIRED, remedy: str = "") -> Any:
-    return _quantity(unit, default, above=0.0, remedy=remedy)
-
-
-def _not_negative(unit: str, default: Any = REQUIRED, remedy: str = "") -> Any:
-    return _quantity(unit, default, least=0.0, remedy=remedy)
-
-
-def _choice(default: str, *words: str) -> Any:
-    return field(default=default, metadata={"kind": "choice", "words": (default, *words)})
-
-
-def _rows(columns: tuple[str, ...], default: Any = ()) -> Any:
-    return field(default=default, metadata={"kind": "rows", "columns": columns})
-
-
-def _flag(default: bool) -> Any:
-    return field(default=default, metadata={"kind": "flag"})
-
-
-def _table(cls) -> Any:
-    return field(default=None, metadata={"kind": "table", "of": cls})
-
-
-def _tables(cls) -> Any:
-    return field(default=None, metadata={"kind": "tables", "of": cls})
-
-
-def _name(required: bool = False) -> Any:
-    metadata = {"kind": "name", "required": required}
-    return field(metadata=metadata) if required else field(default=None, metadata=metadata)
-
-
-def _disk() -> Any:
-    return field(metadata={"kind": "disk"})
-
-
-def _pair() -> Any:
-    return field(metadata={"kind": "pair"})
-
-
 _SCALE = ("rpm", "factor")
 _OVER_HZ = ("hz", "factor of stiffness", "factor of damping")
 _OVER_AMPLITUDE = ("amplitude", "factor of stiffness", "factor of damping")
 _HARMONICS = ("order", "Re", "Im")
 _PRESSURE = ("angle", "pressure")
 _STRAIGHT = "Leave the key out for a mesh that is always in contact."
+_IN_METRES = {"most": 5.0, "remedy": "Give it in m."}
+_FORM_FACTOR = (
+    "It is the factor C_K of IACS UR M68: 1 for an integral flange, 0.6 for a keyway on a taper; for a notch with"
+    " stress concentration factor scf give 1.45 / scf."
+)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Disk:
     """``[[disk]]``: an inertia (0 is condensed exactly); with a radius it is a gear."""
 
-    name: str = _name(required=True)
-    inertia: float = _not_negative("kg m2", remedy="0 is allowed and is condensed exactly.")
-    radius: float | None = _positive("m", None, "Leave the key out for a disk that is no gear.")
+    name: str = named(required=True)
+    inertia: float = not_negative("kg m2", remedy="0 is allowed and is condensed exactly.")
+    radius: float | None = positive("m", None, "Leave the key out for a disk that is no gear.")
     teeth: int | None = field(default=None, metadata={"kind": "count", "range": Range(least=1.0)})
-    damping: float = _not_negative("N m s/rad", 0.0)
+    damping: float = not_negative("N m s/rad", 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Shaft:
+class Link:
+    """What shafts, dampers and meshes have in common: other ways to give their viscous damping.
+
+    ``magnifier`` M, the dynamic magnifier, or ``damping_ratio`` D, Lehr's, holds at the frequency ``damping_hz``
+    (:func:`jaxhb.viscous_damping`).
+    """
+
+    magnifier: float | None = positive("", None)
+    damping_ratio: float | None = positive("", None)
+    damping_hz: float | None = positive("Hz", None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shaft(Link):
     """``[[shaft]]``: an elastic link between two disks of one rotor.
 
+    ``stiffness`` is given or follows from ``length``, ``outer`` and ``inner`` diameter and ``shear_modulus``
+    (:func:`jaxhb.shaft_stiffness`).
     ``over_hz`` = rows of (frequency in Hz, factor of stiffness, factor of damping and loss factor) and
     ``over_amplitude`` = the same over the amplitude of its vibratory twist in rad make it vary
     (:mod:`jaxhb.model.varying`); only the linear forced response takes that.
+    :func:`jaxhb.strength` alone reads the rest: ``diameter`` and ``bore`` of the section that is judged (``outer`` and
+    ``inner`` unless given), the factor C_K of its form in IACS UR M68 (``stress_concentration``, 1 for an integral
+    flange, less for what concentrates stresses), the ``tensile_strength`` sigma_B, and ``power_limit``, the heat that
+    it can give off.
     """
 
-    between: tuple[str, str] = _pair()
-    stiffness: float = _positive("N m/rad")
-    damping: float = _not_negative("N m s/rad", 0.0)
-    loss_factor: float = _not_negative("", 0.0)
-    over_hz: tuple = _rows(_OVER_HZ)
-    over_amplitude: tuple = _rows(_OVER_AMPLITUDE)
-    name: str | None = _name()
+    between: tuple[str, str] = of_pair()
+    stiffness: float | None = positive("N m/rad", None, "Correct the value.")
+    damping: float = not_negative("N m s/rad", 0.0)
+    loss_factor: float = not_negative("", 0.0)
+    over_hz: tuple = rows(_OVER_HZ)
+    over_amplitude: tuple = rows(_OVER_AMPLITUDE)
+    name: str | None = named()
+    length: float | None = positive("m", None)
+    outer: float | None = quantity("m", None, above=0.0, **_IN_METRES)
+    inner: float = quantity("m", 0.0, least=0.0, **_IN_METRES)
+    shear_modulus: float | None = quantity("Pa", None, least=1e5, remedy="Give it in Pa: steel has about 8e10.")
+    diameter: float | None = quantity("m", None, above=0.0, **_IN_METRES)
+    bore: float = quantity("m", 0.0, least=0.0, **_IN_METRES)
+    stress_concentration: float | None = quantity("", None, above=0.0, most=1.0, remedy=_FORM_FACTOR)
+    tensile_strength: float | None = quantity("Pa", None, least=1e8, most=5e9, remedy="Give it in Pa: 600 MPa is 6e8.")
+    power_limit: float | None = positive("W", None)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Mesh:
+class Mesh(Link):
     """``[[mesh]]``: the tooth contact between two gears.
 
     ``epsilon`` and ``transition`` are 1e-3 and 0.04 when neither they nor ``law = "fridman2009"`` (0.03 and
-    0.2, the law (18) of Fridman 2009) are given.
+    0.2, the law (18) of Fridman 2009) are given. ``rated_torque`` is that of its first gear; :func:`jaxhb.strength`
+    reads it.
     """
 
-    between: tuple[str, str] = _pair()
-    kind: str = _choice("external", "internal")
-    stiffness: float = _positive("N/m")
-    damping: float = _not_negative("N s/m", 0.0)
-    damping_law: str = _choice("contact", "always")
-    backlash: float | None = _positive("m", None, _STRAIGHT)
-    epsilon: float | None = _quantity("", None, least=0.0, below=1.0)
-    transition: float | None = _quantity("", None, above=0.0, most=1.0)
-    law: str = _choice("", "fridman2009")
-    name: str | None = _name()
+    between: tuple[str, str] = of_pair()
+    kind: str = choice("external", "internal")
+    stiffness: float = positive("N/m")
+    damping: float = not_negative("N s/m", 0.0)
+    damping_law: str = choice("contact", "always")
+    backlash: float | None = positive("m", None, _STRAIGHT)
+    epsilon: float | None = quantity("", None, least=0.0, below=1.0)
+    transition: float | None = quantity("", None, above=0.0, most=1.0)
+    law: str = choice("", "fridman2009")
+    rated_torque: float | None = positive("N m", None)
+    name: str | None = named()
 
 
 @dataclass(frozen=True, kw_only=True)
-class Damper:
+class Damper(Link):
     """``[[damper]]``: an inertia ring behind a viscous or rubber link; the ring is a disk of this name.
 
     With ``order`` it is an order-tuned absorber (a pendulum): inertia x (order x speed of its rotor)^2 adds to its
-    stiffness. ``over_hz`` and ``over_amplitude`` as of a :class:`Shaft`.
+    stiffness. ``over_hz``, ``over_amplitude`` and ``power_limit`` as of a :class:`Shaft`.
     """
 
-    name: str = _name(required=True)
-    disk: str = _disk()
-    inertia: float = _positive("kg m2")
-    damping: float = _not_negative("N m s/rad", 0.0)
-    stiffness: float = _not_negative("N m/rad", 0.0, "0 is allowed: a viscous damper.")
-    loss_factor: float = _not_negative("", 0.0)
-    order: float | None = _positive("", None, "Leave the key out for a damper that is not tuned to an order.")
-    over_hz: tuple = _rows(_OVER_HZ)
-    over_amplitude: tuple = _rows(_OVER_AMPLITUDE)
+    name: str = named(required=True)
+    disk: str = of_disk()
+    inertia: float = positive("kg m2")
+    damping: float = not_negative("N m s/rad", 0.0)
+    stiffness: float = not_negative("N m/rad", 0.0, "0 is allowed: a viscous damper.")
+    loss_factor: float = not_negative("", 0.0)
+    order: float | None = positive("", None, "Leave the key out for a damper that is not tuned to an order.")
+    over_hz: tuple = rows(_OVER_HZ)
+    over_amplitude: tuple = rows(_OVER_AMPLITUDE)
+    power_limit: float | None = positive("W", None)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ground:
     """``[[ground]]``: a soft spring from a disk to the ground, which fixes the mean angle."""
 
-    disk: str = _disk()
-    stiffness: float = _positive("N m/rad")
-    name: str | None = _name()
+    disk: str = of_disk()
+    stiffness: float = positive("N m/rad")
+    name: str | None = named()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -209,10 +176,10 @@ class Load:
     so that it is its mean x (1 + sum Re((Re + i Im) exp(i order theta))).
     """
 
-    disk: str = _disk()
-    share: float = _positive("", 1.0, "Leave out the load that takes no share.")
-    harmonics: tuple = _rows(_HARMONICS)
-    name: str | None = _name()
+    disk: str = of_disk()
+    share: float = positive("", 1.0, "Leave out the load that takes no share.")
+    harmonics: tuple = rows(_HARMONICS)
+    name: str | None = named()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -223,24 +190,24 @@ class Torque:
     given: the law of propellers, fans and inertia torques.
     """
 
-    disk: str = _disk()
-    mean: float = _quantity("N m", 0.0)
-    harmonics: tuple = _rows(_HARMONICS)
-    orders_of: str = _choice("reference", "own")
-    scale: tuple = _rows(_SCALE)
-    rated_rpm: float | None = _positive("rpm", None)
-    speed_exponent: float | None = _not_negative("", None)
-    name: str | None = _name()
+    disk: str = of_disk()
+    mean: float = quantity("N m", 0.0)
+    harmonics: tuple = rows(_HARMONICS)
+    orders_of: str = choice("reference", "own")
+    scale: tuple = rows(_SCALE)
+    rated_rpm: float | None = positive("rpm", None)
+    speed_exponent: float | None = not_negative("", None)
+    name: str | None = named()
 
 
 @dataclass(frozen=True, kw_only=True)
 class Trace:
     """``[[cylinder.traces]]``: a pressure table, and the speed of the reference rotor and the load it holds for."""
 
-    rpm: float = _positive("rpm")
-    load: float = _not_negative("", 1.0)
-    pressure: tuple = _rows(_PRESSURE, REQUIRED)
-    table_firing_tdc: float | None = _quantity("deg", None)
+    rpm: float = positive("rpm")
+    load: float = not_negative("", 1.0)
+    pressure: tuple = rows(_PRESSURE, REQUIRED)
+    table_firing_tdc: float | None = quantity("deg", None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -251,16 +218,16 @@ class Combustion:
     effective pressure of the whole cycle, is given. ``exhaust_pressure`` is ``charge_pressure`` unless given.
     """
 
-    compression_ratio: float = _quantity("", above=1.0)
-    charge_pressure: float = _positive("Pa")
-    exhaust_pressure: float | None = _positive("Pa", None)
-    start: float = _quantity("deg", above=-180.0, below=180.0)
-    duration: float = _quantity("deg", above=0.0, most=360.0)
-    shape: float = _quantity("", 1.0, above=0.0, most=20.0)
-    heat: float | None = _not_negative("J", None)
-    imep: float | None = _quantity("Pa", None)
-    compression_exponent: float = _quantity("", 1.35, above=1.0, most=5.0 / 3.0)
-    expansion_exponent: float = _quantity("", 1.28, above=1.0, most=5.0 / 3.0)
+    compression_ratio: float = quantity("", above=1.0)
+    charge_pressure: float = positive("Pa")
+    exhaust_pressure: float | None = positive("Pa", None)
+    start: float = quantity("deg", above=-180.0, below=180.0)
+    duration: float = quantity("deg", above=0.0, most=360.0)
+    shape: float = quantity("", 1.0, above=0.0, most=20.0)
+    heat: float | None = not_negative("J", None)
+    imep: float | None = quantity("Pa", None)
+    compression_exponent: float = quantity("", 1.35, above=1.0, most=5.0 / 3.0)
+    expansion_exponent: float = quantity("", 1.28, above=1.0, most=5.0 / 3.0)
     stroke_cycle: int = field(default=4, metadata={"kind": "count", "range": Range(least=1.0)})
 
 
@@ -268,25 +235,25 @@ class Combustion:
 class CrankSlider:
     """What a ``[[cylinder]]`` and an ``[engine]`` have in common: geometry, gas and what is kept of the torques."""
 
-    bore: float | None = _positive("m", None)
-    stroke: float | None = _positive("m", None)
-    rod: float | None = _positive("m", None)
-    reciprocating_mass: float = _not_negative("kg", 0.0)
-    firing_angle: float = _quantity("deg", 0.0)
-    pressure: tuple | None = _rows(_PRESSURE, None)
-    table_firing_tdc: float | None = _quantity("deg", None)
-    traces: tuple | None = _tables(Trace)
-    combustion: Combustion | None = _table(Combustion)
-    load: tuple = _rows(("rpm", "share"))
-    ambient_pressure: float = _not_negative("Pa", 0.0)
-    gas_torque_mean: float | None = _quantity("N m", None)
-    gas_torque: tuple | None = _rows(_HARMONICS, None)
-    gas_factor: float | None = _not_negative("", None, "0 is allowed: a misfire.")
-    orders: float = _positive("", 12.0)
-    kinematics: str = _choice("exact", "mendes2008")
-    fires: bool = _flag(True)
-    scale: tuple = _rows(_SCALE)
-    name: str | None = _name()
+    bore: float | None = positive("m", None)
+    stroke: float | None = positive("m", None)
+    rod: float | None = positive("m", None)
+    reciprocating_mass: float = not_negative("kg", 0.0)
+    firing_angle: float = quantity("deg", 0.0)
+    pressure: tuple | None = rows(_PRESSURE, None)
+    table_firing_tdc: float | None = quantity("deg", None)
+    traces: tuple | None = tables(Trace)
+    combustion: Combustion | None = table(Combustion)
+    load: tuple = rows(("rpm", "share"))
+    ambient_pressure: float = not_negative("Pa", 0.0)
+    gas_torque_mean: float | None = quantity("N m", None)
+    gas_torque: tuple | None = rows(_HARMONICS, None)
+    gas_factor: float | None = not_negative("", None, "0 is allowed: a misfire.")
+    orders: float = positive("", 12.0)
+    kinematics: str = choice("exact", "mendes2008")
+    fires: bool = flag(True)
+    scale: tuple = rows(_SCALE)
+    name: str | None = named()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -305,7 +272,7 @@ class Cylinder(CrankSlider):
     paper instead of the exact one.
     """
 
-    disk: str = _disk()
+    disk: str = of_disk()
 
 
 TABLES = {

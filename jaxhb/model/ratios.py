@@ -1,10 +1,16 @@
-"""Numbers of a train that follow from its tables: speeds of the rotors, inertias of all disks."""
+"""Numbers of a train that follow from its tables: speeds of the rotors, inertias of all disks, what they are referred
+to the reference rotor."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from jaxhb._arrays import namespace
+
+Array = Any
 
 
 def speed_ratios(train):
@@ -59,3 +65,79 @@ def inertias(train):
     """
     inertia = train.disks.inertia, train.dampers.inertia
     return namespace(inertia).concatenate(inertia)
+
+
+@dataclass(frozen=True)
+class Referred:
+    """Numbers of a train as they are and referred to the reference rotor; made by :func:`referred`.
+
+    Parameters
+    ----------
+    disks : tuple of str, the S disks, rings of dampers last; links : tuple of str, the L links
+    factor : ``(S,)`` i, speed of the disk over that of the reference rotor
+    inertia, inertia_referred : ``(S,)`` kg m2, J and J i^2
+    link_factor : ``(L,)`` i of the rotor of a shaft or damper, of a mesh i r of its first gear in m
+    stiffness : ``(L,)`` N m/rad of shafts and dampers, N/m of meshes; stiffness_referred : ``(L,)`` N m/rad, k factor^2
+    damping, damping_referred : ``(L,)`` the same in N m s/rad and N s/m
+    """
+
+    disks: tuple
+    links: tuple
+    factor: Array
+    inertia: Array
+    inertia_referred: Array
+    link_factor: Array
+    stiffness: Array
+    stiffness_referred: Array
+    damping: Array
+    damping_referred: Array
+
+
+def referred(train) -> Referred:
+    """Inertias, stiffnesses and dampings as they are and referred to the reference rotor, ``J i^2``, ``k i^2``.
+
+    Parameters
+    ----------
+    train : DriveTrain
+        May be traced.
+
+    Returns
+    -------
+    Referred
+
+    Notes
+    -----
+    Angles referred to the reference rotor are ``phi / i``: energies stay the same when each inertia and each torsional
+    stiffness is multiplied by i^2. The deflection of a mesh is ``i r (phi_a / i_a - phi_b / i_b)``, as ``i_a r_a = i_b
+    r_b``, so that its stiffness c along the pitch circle becomes ``c (i r)^2``.
+
+    Examples
+    --------
+    >>> from jaxhb.model.drivetrain import build
+    >>> from jaxhb.model.elements import Disk, Mesh
+    >>> gears = [Disk(name="slow", inertia=1.0, radius=0.2), Disk(name="fast", inertia=0.5, radius=0.1)]
+    >>> found = referred(build([*gears, Mesh(between=("slow", "fast"), stiffness=1e8)], reference="slow"))
+    >>> found.factor.tolist(), found.inertia_referred.tolist(), found.stiffness_referred.round(6).tolist()
+    ([1.0, 2.0], [1.0, 2.0], [4000000.0])
+    """
+    topology, J = train.topology, inertias(train)
+    xp = namespace(train)
+    factor = speed_ratios(train)[np.array(topology.rotor, dtype=int)]
+    first = np.array([a for a, _ in topology.link_ends], dtype=int)
+    meshes = np.arange(len(first)) >= len(first) - len(topology.mesh_names)
+    radius = xp.concatenate([train.disks.radius, np.ones(len(topology.damper_names))])
+    link_factor = factor[first] * xp.where(meshes, radius[first], 1.0)
+    tables = train.shafts, train.dampers, train.meshes
+    stiffness, damping = (xp.concatenate([getattr(t, name) for t in tables]) for name in ("stiffness", "damping"))
+    return Referred(
+        disks=topology.disk_names,
+        links=topology.link_names,
+        factor=factor,
+        inertia=J,
+        inertia_referred=J * factor**2,
+        link_factor=link_factor,
+        stiffness=stiffness,
+        stiffness_referred=stiffness * link_factor**2,
+        damping=damping,
+        damping_referred=damping * link_factor**2,
+    )

@@ -22,7 +22,7 @@ from jaxhb.model.exchange import csv_content, tors_content
 from jaxhb.model.topology import suggestion
 
 _READERS = {".json": tors_content, ".csv": csv_content}
-_SCENE_KEYS = ("name", "description", "revolutions_per_cycle", "reference")
+_SCENE_KEYS = ("name", "description", "revolutions_per_cycle", "reference", "rated_rpm")
 
 
 def scene_names() -> list[str]:
@@ -112,6 +112,7 @@ def load_scene(name) -> DriveTrain:
         name=str(head.get("name", path.stem)),
         reference=head.get("reference"),
         revolutions_per_cycle=head.get("revolutions_per_cycle", 2),
+        rated_rpm=head.get("rated_rpm"),
         tune=content.get("tune"),
         scenarios=content.get("scenario"),
         source=path.name,

@@ -47,7 +47,7 @@ def scene_text(name, *, expand=False):
     return _text(_expanded(content) if expand else content), _beside(content, path.parent)
 
 
-def elements_text(elements, *, name="", reference=None, revolutions_per_cycle=2, tune=None):
+def elements_text(elements, *, name="", reference=None, revolutions_per_cycle=2, rated_rpm=None, tune=None):
     """The text of a scene of elements; arguments as for :func:`jaxhb.build`.
 
     Returns
@@ -69,6 +69,7 @@ def elements_text(elements, *, name="", reference=None, revolutions_per_cycle=2,
     <BLANKLINE>
     """
     head = {"name": name, "reference": reference, "revolutions_per_cycle": revolutions_per_cycle}
+    head["rated_rpm"] = rated_rpm
     content = {"scene": {key: value for key, value in head.items() if value is not None}}
     for element in elements:
         content.setdefault(table_of(element), []).append(_given(element))
@@ -195,6 +196,8 @@ def _table(name, rows):
 def _one(head, name, row):
     inner = {k: v for k, v in row.items() if isinstance(v, dict) or _is_tables(v)}
     lines = ["", head, *(f"{_key(k)} = {_value(v)}" for k, v in row.items() if k not in inner)]
+    if inner and len(lines) == 2 and not head.startswith("[["):
+        lines = []  # the heads of the tables inside say as much
     for key, rows in inner.items():
         lines += _table(f"{name}.{_key(key)}", rows)
     return lines

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -32,7 +33,8 @@ class Shafts:
     """Stiffness (N m/rad), damping (N m s/rad) and loss factor, each [n_shafts].
 
     ``over_hz`` and ``over_amplitude`` [n_shafts, K, 3]: Hz or rad, factor of stiffness, factor of damping; K is 0
-    where no shaft has such rows.
+    where no shaft has such rows. The rest [n_shafts], 0 where absent, None where no shaft has it: what stiffness and
+    damping follow from (:mod:`jaxhb.model.derived`), and what :func:`jaxhb.strength` reads; no solve reads them.
     """
 
     stiffness: Array
@@ -40,24 +42,43 @@ class Shafts:
     loss_factor: Array
     over_hz: Array
     over_amplitude: Array
+    length: Array | None = None
+    outer: Array | None = None
+    inner: Array | None = None
+    shear_modulus: Array | None = None
+    magnifier: Array | None = None
+    damping_ratio: Array | None = None
+    damping_hz: Array | None = None
+    diameter: Array | None = None
+    bore: Array | None = None
+    stress_concentration: Array | None = None
+    tensile_strength: Array | None = None
+    power_limit: Array | None = None
 
 
 @_table
 class Meshes:
-    """Stiffness (N/m), damping (N s/m), backlash (m, 0 where absent), epsilon, transition; each [n_mesh]"""
+    """Stiffness (N/m), damping (N s/m), backlash (m, 0 where absent), epsilon, transition; each [n_mesh].
+
+    The rest, ``rated_torque`` in N m, as of :class:`Shafts`.
+    """
 
     stiffness: Array
     damping: Array
     backlash: Array
     epsilon: Array
     transition: Array
+    magnifier: Array | None = None
+    damping_ratio: Array | None = None
+    damping_hz: Array | None = None
+    rated_torque: Array | None = None
 
 
 @_table
 class Dampers:
     """Ring inertia (kg m2), damping (N m s/rad), stiffness (N m/rad), loss factor, order (0 where absent), [n_dampers].
 
-    ``over_hz`` and ``over_amplitude`` as of :class:`Shafts`.
+    ``over_hz``, ``over_amplitude`` and the rest as of :class:`Shafts`.
     """
 
     inertia: Array
@@ -67,6 +88,10 @@ class Dampers:
     order: Array
     over_hz: Array
     over_amplitude: Array
+    magnifier: Array | None = None
+    damping_ratio: Array | None = None
+    damping_hz: Array | None = None
+    power_limit: Array | None = None
 
 
 @_table
@@ -137,6 +162,12 @@ def column(elements, name: str, absent: float = 0.0) -> np.ndarray:
     return np.array([absent if v is None else v for v in values], dtype=np.float64)
 
 
+def optional_columns(elements, cls) -> dict:
+    """Collect the fields of a table that may be None: those that some element has, 0 for the others."""
+    names = [f.name for f in dataclasses.fields(cls) if f.default is None]
+    return {name: column(elements, name) for name in names if any(getattr(e, name) for e in elements)}
+
+
 def _harmonics(rows) -> np.ndarray:
     """Stack the (Re, Im) of rows (order, Re, Im), padded by zeros."""
     longest = max((len(r) for r in rows), default=0)
@@ -178,6 +209,7 @@ def mesh_table(meshes) -> Meshes:
         backlash=column(meshes, "backlash"),
         epsilon=np.where(given[0], column(meshes, "epsilon"), np.array(epsilon, dtype=np.float64)),
         transition=np.where(given[1], column(meshes, "transition"), np.array(transition, dtype=np.float64)),
+        **optional_columns(meshes, Meshes),
     )
 
 

@@ -39,7 +39,9 @@ class Topology:
     per order of the own rotor; ``cylinder_gas`` and ``cylinder_inertia`` how many harmonics of the gas cycle
     and how many orders of the own rotor are computed. ``rotor_path`` holds for each rotor the pairs (driving
     disk, driven disk) that lead to it from the reference rotor. ``hz_links``, ``amplitude_links`` and
-    ``order_links`` are the links that vary over the frequency, over their amplitude and with the speed.
+    ``order_links`` are the links that vary over the frequency, over their amplitude and with the speed. ``link_keys``
+    names for each link which of the keys that may be absent it has, of those that no solve reads; empty where no link
+    has any. ``rated_rpm`` is the rated speed of the reference rotor.
     """
 
     name: str
@@ -83,6 +85,8 @@ class Topology:
     hz_links: tuple[int, ...] = ()
     amplitude_links: tuple[int, ...] = ()
     order_links: tuple[int, ...] = ()
+    link_keys: tuple[tuple[str, ...], ...] = ()
+    rated_rpm: float | None = None
     scenarios: str = "{}"
     tune: str = "{}"
 
@@ -142,6 +146,10 @@ class Topology:
         """Pairs of disk indices of the links: shafts, dampers (disk, ring), meshes."""
         dampers = tuple(zip(self.damper_disk, self.ring_disks, strict=True))
         return self.shaft_ends + dampers + self.mesh_ends
+
+    def has_key(self, link: int, key: str) -> bool:
+        """Tell whether a link was built with a key that no solve reads."""
+        return bool(self.link_keys) and key in self.link_keys[link]
 
     @cached_property
     def _disk_of(self):

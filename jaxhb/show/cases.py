@@ -7,7 +7,8 @@ from .balance import balance_line
 from .choose import gears, shafts_of
 from .columns import aligned, alike, ratios, shares
 from .compute import answer_one
-from .record import answer_record
+from .record import answer_record, finite
+from .strength import answers_strength, strength_record, strength_text
 from .tables import hardest_text, notes_text, peak_table
 from .words import status_lines, verdict
 
@@ -41,6 +42,7 @@ def cases_record(cases, *, orders=None):
             "responses": [answer_record(answer, orders=orders) for answer in case.answers],
             "without_backlash": [answer_record(answer.without_backlash, orders=orders) for answer in case.answers],
         }
+        | _strength_record(case)
         for case in cases
     ]
     return {"rpm": speeds, "cases": rows}
@@ -55,8 +57,19 @@ def cases_text(cases):
             parts += [_force_table(cases, number), *_peak_tables(cases, number), _gear_table(cases, number)]
         else:
             parts.append(_shaft_table(cases, number))
+    parts += cases_strength(cases)
     parts += notes_text(*(answer for case in cases for answer in case.answers))
     return "\n\n".join(parts)
+
+
+def cases_strength(cases):
+    """Stresses, tooth torques and heat of every case in a list; empty where the scene gives no limits."""
+    return strength_text({f"With {case.title}": answers_strength(case.answers) for case in cases})
+
+
+def _strength_record(case):
+    found = finite(strength_record(answers_strength(case.answers)))
+    return {"strength": found} if found else {}
 
 
 def _heading(cases, number):

@@ -176,6 +176,8 @@ def parser():
     scene.add_argument("scene", metavar="SCENE", help="a packaged scene, or the path of a .toml, .json or .csv")
     scene.add_argument("--expand", action="store_true", help="write the cylinders that an [engine] makes")
     scene.add_argument("--out", metavar="FILE.toml", help="write it there, its tables beside it (default: print it)")
+    text = "print inertias, stiffnesses and dampings instead, actual and referred to the reference rotor"
+    scene.add_argument("--referred", action="store_true", help=text)
     add_plot(scene, "a sketch of the train instead of printing it: disks, shafts, gears in mesh, dampers, grounds")
     modes = add(
         "modes",

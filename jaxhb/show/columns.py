@@ -56,3 +56,16 @@ def ratios(numbers, before):
     """Quotients with two decimals, ``-`` where nothing is compared."""
     quotient = [float(a) / float(b) if b else np.nan for a, b in zip(numbers, before, strict=True)]
     return [f"{value:.2f}" if math.isfinite(value) else NONE for value in quotient]
+
+
+def ranges(speeds, chosen):
+    """``1500-2450`` for speeds that follow each other."""
+    runs, ordered = [], sorted(speeds)
+    for i, speed in enumerate(ordered):
+        if speed not in chosen:
+            continue
+        if runs and i and runs[-1][1] == ordered[i - 1]:
+            runs[-1][1] = speed
+        else:
+            runs.append([speed, speed])
+    return ", ".join(f"{a:g}" if a == b else f"{a:g}-{b:g}" for a, b in runs)

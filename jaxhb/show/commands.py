@@ -27,6 +27,7 @@ from .output import (
 )
 from .progress import Progress
 from .record import answer_record, finite
+from .strength import answers_strength, strength_columns, strength_record
 from .sweep_tables import sweep_text
 from .tables import solve_text
 from .tuned import progress_record, tuned_record, tuned_text
@@ -198,6 +199,9 @@ def _sweep_json(arguments, found):
         for way, answers in found.items()
     }
     head = {"rpm": arguments.rpm, "direction": None if "orbit" in found else "both" if len(found) > 1 else [*found][0]}
+    judged = {way: finite(strength_record(answers_strength(answers))) for way, answers in found.items()}
+    if any(judged.values()):
+        head["strength"] = judged if len(found) > 1 else [*judged.values()][0]
     return as_sweep_json(changes(arguments) | head, lists)
 
 
@@ -262,7 +266,7 @@ def _row(answer, way):
         row[f"{gear} torque half peak-to-peak N m without backlash"] = without
     for shaft in shafts_of(answer.topology):
         row[f"{shaft} torque half peak-to-peak N m"] = float(answer.torque(shaft).half_peak_to_peak)
-    return row
+    return row | {head: values[0] for head, values in strength_columns(answers_strength([answer])).items()}
 
 
 def _mesh_cells(name, force, linear, contact):

@@ -9,8 +9,7 @@ from ..model.topology import suggestion
 from ..response.signal import Signal
 from ..response.status import Status
 from .choose import shafts_of
-from .columns import NONE, aligned, alike
-from .sweep_tables import ranges
+from .columns import NONE, aligned, alike, ranges
 
 SHOWN = 6
 """Orders in a table or picture, those with the largest amplitudes."""
@@ -221,8 +220,8 @@ def _summary(signal):
     return {name: getattr(signal, name).tolist() for name in ("mean", "half_peak_to_peak", "sum_of_amplitudes")}
 
 
-def forced_rows(response, found):
-    """Heads and rows of ``forced --csv``: one row per speed, SI units."""
+def forced_rows(response, found, more=None):
+    """Heads and rows of ``forced --csv``: one row per speed, SI units; ``more`` columns by their heads come last."""
     columns = {"rpm": response.rpm.tolist(), "status": [Status(int(s)).name for s in response.status]}
     columns |= {"load kW": (response.load_kW + 0.0).tolist(), "input power W": response.input_power.tolist()}
     for one in found:
@@ -232,6 +231,7 @@ def forced_rows(response, found):
         for k in one.listed():
             columns[f"{name} order {one.signal.orders[k]:g} {one.unit}"] = one.signal.amplitudes[:, k].tolist()
         columns[f"{name} heat W"] = np.asarray(one.power).tolist()
+    columns |= more or {}
     return list(columns), list(zip(*columns.values(), strict=True))
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from ..model.scene import load_scene, scene_description, scene_names
 from ..model.scene_writer import copies_beside, scene_text
 from .output import OutputError, as_picture, check_output, check_picture, write_files
+from .referred import referred_text
 
 _FILES = ("json", "csv", "output", "plot")
 
@@ -19,7 +20,7 @@ def scenes():
 
 
 def scene(arguments):
-    """Print a scene as TOML, or write it with the tables it names, or draw the train."""
+    """Print a scene as TOML or its referred numbers, or write it with the tables it names, or draw the train."""
     if arguments.out:
         if Path(arguments.out).suffix != ".toml":
             raise OutputError(f"--out: {arguments.out!r} is no scene. Give a name that ends in .toml.")
@@ -32,6 +33,9 @@ def scene(arguments):
         copies = copies_beside(beside, Path(arguments.out).parent, "--out")
         files |= {arguments.out: [text.encode()]} | {path: [content] for path, content in copies.items()}
     write_files(files)
+    if arguments.referred:
+        print(referred_text(load_scene(arguments.scene)))
+        return 0
     printed = not arguments.out and (arguments.expand or not arguments.plot)
     print(text if printed else "".join(f"{name} is written.\n" for name in files), end="")
     return 0

@@ -9,6 +9,7 @@ from ..linear.critical import campbell as campbell_of
 from ..linear.damped import damping_ratios
 from ..linear.forced import forced_response
 from ..linear.holzer import holzer_residual, holzer_table
+from ..linear.limits import strength
 from ..linear.modal import natural_frequencies
 from ..linear.tangent import at_mean_load
 from .campbell import campbell_record, campbell_rows, campbell_text
@@ -17,6 +18,7 @@ from .holzer import chosen_modes, holzer_record, holzer_text
 from .mean_load import mean_load_record, mean_load_text
 from .output import ANSWERED, NOT_ANSWERED, OutputError, as_csv, as_json, as_picture, changes, deliver
 from .record import finite, modes_record
+from .strength import strength_columns, strength_record, strength_text
 from .tables import modes_text
 
 DAMPED = 300
@@ -106,12 +108,15 @@ def campbell(train, arguments):
 def forced(train, arguments):
     """Linear forced response over the speed."""
     response = forced_response(train.misfire(*arguments.misfire), rpm=arguments.rpm)
-    found = readings(response, arguments.element)
+    found, judged = readings(response, arguments.element), strength(response)
+    more = {"strength": strength_record(judged)} if judged else {}
     deliver(
         arguments,
-        forced_text(response, found, each=bool(arguments.element)),
-        json=lambda: as_json(finite(changes(arguments) | forced_record(response, found, orders=arguments.orders))),
-        csv=lambda: as_csv(*map(finite, forced_rows(response, found))),
+        "\n\n".join([forced_text(response, found, each=bool(arguments.element)), *strength_text({"": judged})]),
+        json=lambda: as_json(
+            finite(changes(arguments) | forced_record(response, found, orders=arguments.orders) | more)
+        ),
+        csv=lambda: as_csv(*map(finite, forced_rows(response, found, strength_columns(judged)))),
         plot=lambda: _forced_picture(arguments, response, found),
     )
     failures = forced_failures(response)

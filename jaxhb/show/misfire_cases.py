@@ -1,6 +1,7 @@
 """Every cylinder in turn not firing, beside normal running: what ``jaxhb report --misfire each`` prints and writes."""
 
 from ..periodic.misfires import same_factor
+from .cases import cases_strength
 from .choose import hardest_shaft, worst_mesh
 from .columns import NONE, aligned, alike, ratios
 from .output import OutputError
@@ -62,6 +63,7 @@ def misfires_text(cases):
             f" {worst['rpm']:g} rpm, {firing} with {cases[0].title}."
         ]
     parts += [_speed_table(cases, number) for number in range(len(cases[0].answers))]
+    parts += cases_strength(cases)
     return "\n\n".join([*parts, *notes_text(*(answer for case in cases for answer in case.answers))])
 
 

@@ -4,6 +4,7 @@ import numpy as np
 
 from .balance import balance_record
 from .choose import gears, shafts_of
+from .strength import strength_entry
 from .words import notes, verdict
 
 NEGLIGIBLE = 1e-12
@@ -49,6 +50,7 @@ def answer_record(answer, *, orders=None):
         | {"disks": {name: _disk_record(answer.disk(name), orders) for name in topology.disk_names}}
         | {kind: {name: _signal_record(read[kind](name), orders) for name in names[kind]} for kind in names}
         | {"meshes": {name: _mesh_record(answer, name, orders) for name in topology.mesh_names}}
+        | strength_entry(answer)
     )
 
 

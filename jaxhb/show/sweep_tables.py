@@ -3,7 +3,8 @@
 import numpy as np
 
 from .choose import hardest_shaft, largest, most_apart, shafts_of, worst_mesh
-from .columns import NONE, aligned, alike, shares
+from .columns import NONE, aligned, alike, ranges, shares
+from .strength import answers_strength, strength_text
 from .tables import hardest_text, notes_text
 from .words import motion_word, speeds_text
 
@@ -27,7 +28,8 @@ def sweep_text(sweeps):
         lines = [_verdict(answers), *_kinds(answers), "", _table(answers)]
         parts.append("\n".join([*([f"{BLOCKS[way]}: {lines[0]}"] if len(sweeps) > 1 else lines[:1]), *lines[1:]]))
         parts += _failures(answers)
-    parts += _hysteresis(sweeps)
+    ways = {BLOCKS[way] if len(sweeps) > 1 else "": answers_strength(answers) for way, answers in sweeps.items()}
+    parts += strength_text(ways) + _hysteresis(sweeps)
     every = {id(answer): answer for answers in sweeps.values() for answer in answers}
     return "\n\n".join([*parts, *notes_text(*every.values())])
 
@@ -147,16 +149,3 @@ def differ(one, other):
     peaks = [[float(a.force(name).peak) for name in a.topology.mesh_names] for a in (one, other)]
     highest = [max(values, default=0.0) for values in peaks]
     return bool(abs(highest[0] - highest[1]) > APART * max(highest))
-
-
-def ranges(speeds, chosen):
-    """``1500-2450`` for speeds that follow each other."""
-    runs, ordered = [], sorted(speeds)
-    for i, speed in enumerate(ordered):
-        if speed not in chosen:
-            continue
-        if runs and i and runs[-1][1] == ordered[i - 1]:
-            runs[-1][1] = speed
-        else:
-            runs.append([speed, speed])
-    return ", ".join(f"{a:g}" if a == b else f"{a:g}-{b:g}" for a, b in runs)

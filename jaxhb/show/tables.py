@@ -7,6 +7,7 @@ import numpy as np
 from .balance import balance_line, mean_angles_of, plain_number
 from .choose import gears, shafts_of
 from .columns import NONE, aligned, alike, ratios, shares
+from .strength import answers_strength, strength_text
 from .words import notes, status_lines, verdict
 
 
@@ -31,6 +32,7 @@ def solve_text(answer):
         parts.append(_shaft_table(answer))
     if not topology.link_names:
         parts.append(_disk_table(answer))
+    parts += strength_text({"": answers_strength([answer])})
     return "\n\n".join([*parts, *notes_text(answer)])
 
 

@@ -11,7 +11,7 @@ from .balance import plain_number
 from .columns import aligned
 from .record import finite
 
-SCALES = {"N": (1e-3, "kN"), "rad": (1e3, "mrad")}
+SCALES = {"N": (1e-3, "kN"), "rad": (1e3, "mrad"), "Pa": (1e-6, "MPa")}
 """Units in which people read quantities."""
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..design.evaluation import label
+from ..linear import limits
 from ..periodic.steady_state import steady_state
 from .balance import plain_number
 from .tables import paragraph
@@ -20,8 +21,22 @@ READ = {
     "tooth force order": ("force", "order"),
     "shaft torque order": ("torque", "order"),
     "angle order": ("disk", "order"),
+    "stress": ("torque", "half_peak_to_peak"),
+    "stress over continuous limit": ("torque", "half_peak_to_peak"),
+    "stress over transient limit": ("torque", "half_peak_to_peak"),
+    "tooth torque over limit": ("force", "half_peak_to_peak"),
 }
 """How a steady state tells the quantities that are compared: signal and number."""
+
+FACTORS = {
+    "stress": lambda train, name, _: limits.stress_of(train, name, 1.0),
+    "stress over continuous limit": lambda *where: _share_of_stress(0, *where),
+    "stress over transient limit": lambda *where: _share_of_stress(1, *where),
+    "tooth torque over limit": lambda train, name, _: (
+        limits.first_radius(train, name) / limits.tooth_torque_limit(train, name)
+    ),
+}
+"""By what the number has to be multiplied, from train, element and speed; 1 for the others."""
 
 DESIGNS = {"before": "the first design", "after": "the last design"}
 
@@ -48,7 +63,7 @@ def check_designs(train, asked, result, say=lambda text: None):
         say(f"what does {DESIGNS[when]} do?")
         states = steady_state(design, rpm=np.asarray(asked["rpm"]), tolerance=asked.get("tolerance")).states
         compared = [c for c in (*asked["objective"], *asked["penalties"]) if c.quantity in READ]
-        told = {label(chosen): [_reading(state, chosen) for state in states] for chosen in compared}
+        told = {label(chosen): [_reading(design, state, chosen) for state in states] for chosen in compared}
         differences = (
             _difference(state, {c: (told[label(c)][i], float(reading.readings[label(c)][i])) for c in compared})
             for i, state in enumerate(states)
@@ -71,13 +86,19 @@ def check_text(found):
     return "\n".join([head, *map(paragraph, differences)])
 
 
-def _reading(state, chosen):
-    """A quantity in a steady state, nan where its motion is unknown."""
+def _share_of_stress(limit, train, name, rpm):
+    """Share of a stress limit that a torque of 1 N m takes."""
+    return limits.stress_of(train, name, 1.0) / limits.stress_limits(train, name, rpm)[limit]
+
+
+def _reading(design, state, chosen):
+    """A quantity in a steady state of a design, nan where its motion is unknown."""
     if not state.known:
         return float("nan")
     signal, number = READ[chosen.quantity]
     value = getattr(getattr(state, signal)(chosen.of), number)
-    return float(value(chosen.order) if number == "order" else value)
+    factor = FACTORS[chosen.quantity](design, chosen.of, state.rpm) if chosen.quantity in FACTORS else 1.0
+    return float(factor * (value(chosen.order) if number == "order" else value))
 
 
 def _difference(state, pairs):

@@ -84,7 +84,7 @@ CASES = {
     ),
     "missing key": (
         SHAFT + 'between = ["a", "b"]',
-        "no. 2: the key 'stiffness' is missing. Give greater than 0 N m/rad.",
+        "no. 2: the key 'stiffness' is missing. Give greater than 0 N m/rad, or length,",
     ),
     "missing name": ("[[disk]]\ninertia = 1.0", "[[disk]] no. 4: the key 'name' is missing. Give a text, unique"),
     "missing disk": (

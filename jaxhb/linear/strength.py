@@ -1,0 +1,194 @@
+"""Torsional stresses of shafts and their limits after IACS UR M68, and the heat of a link; arrays in, arrays out.
+
+The rule: IACS Unified Requirement M68, "Dimensions of propulsion shafts and their permissible torsional vibration
+stresses", as far as it is about intermediate, thrust and propeller shafts. To be checked against its current text: what
+is computed here is an aid to evaluation, no approval by a class.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from .._arrays import namespace
+from ..harmonic import fourier
+
+CAP = 800e6
+"""Tensile strength in Pa beyond which the rule gives no higher limit, for alloy steels; for other steels and for
+propeller shafts it says less, which whoever gives the tensile strength has to observe."""
+
+PLATEAU, HIGHEST = 0.9, 1.05
+"""Speed ratios from which the limit is constant, and up to which there is one."""
+
+
+def torsional_stress(torque, *, diameter, bore=0.0):
+    """Nominal torsional stress of a round section, ``tau = T / W_p`` with ``W_p = pi (d^4 - b^4) / (16 d)``.
+
+    Parameters
+    ----------
+    torque : float or array ``(...)`` N m
+        For the amplitude of the stress half of the peak-to-peak torque.
+    diameter, bore : float or array ``(...)`` m
+
+    Returns
+    -------
+    array ``(...)`` Pa
+        Differentiable; numpy on the host.
+
+    Notes
+    -----
+    Saint-Venant's theory of torsion; without stress concentration.
+
+    Examples
+    --------
+    >>> round(float(torsional_stress(1000.0, diameter=0.1, bore=0.05)))
+    5432489
+    """
+    return 16.0 * torque * diameter / (math.pi * (diameter**4 - bore**4))
+
+
+def permissible_stress(*, diameter, stress_concentration, tensile_strength, speed_ratio):
+    """Permissible amplitudes of the torsional vibration stress after IACS UR M68, continuous and transient.
+
+    In MPa and mm::
+
+        tau_C = (sigma_B + 160) / 18 C_K C_D (3 - 2 lambda^2)     lambda < 0.9
+        tau_C = (sigma_B + 160) / 18 C_K C_D 1.38                 0.9 <= lambda <= 1.05
+        C_D   = 0.35 + 0.93 d^-0.2
+        tau_T = 1.7 tau_C / sqrt(C_K)
+
+    Parameters
+    ----------
+    diameter : float or array ``(...)`` m
+        Outer diameter of the shaft.
+    stress_concentration : float or array ``(...)``
+        C_K, the factor of the rule for the form: 1 for an integral flange, 0.6 for a keyway on a taper, 1.45 / scf for
+        a notch with stress concentration factor scf.
+    tensile_strength : float or array ``(...)`` Pa
+        sigma_B, specified minimum; counted up to 800 MPa. Of carbon and carbon-manganese steels and of propeller shafts
+        the rule counts 600 MPa at the most: give no more.
+    speed_ratio : float or array ``(...)``
+        lambda = n / n0, n0 the rated speed.
+
+    Returns
+    -------
+    continuous, transient : arrays ``(...)`` Pa
+        Infinite where lambda is above 1.05, for which the rule says nothing. Differentiable; numpy on the host.
+
+    Notes
+    -----
+    IACS UR M68, M68.5. Check the formulae against its current text.
+
+    Examples
+    --------
+    >>> form = {"diameter": 0.4, "stress_concentration": 1.0, "tensile_strength": 6e8}
+    >>> limits = permissible_stress(**form, speed_ratio=np.array([0.5, 0.9, 1.0]))
+    >>> [(limit / 1e6).round(2).tolist() for limit in limits]
+    [[66.56, 36.74, 36.74], [113.16, 62.46, 62.46]]
+    """
+    xp = namespace(diameter, stress_concentration, tensile_strength, speed_ratio)
+    ratio = xp.asarray(speed_ratio, dtype=float)
+    size = 0.35 + 0.93 * (1e3 * diameter) ** -0.2
+    strength = xp.minimum(tensile_strength, CAP) / 1e6
+    slope = xp.where(ratio < PLATEAU, 3.0 - 2.0 * ratio**2, 3.0 - 2.0 * PLATEAU**2)
+    continuous = 1e6 * (strength + 160.0) / 18.0 * stress_concentration * size * slope
+    # both are masked, not one computed from the other: the derivative of what is infinite would be nan
+    limits = continuous, 1.7 * continuous / stress_concentration**0.5
+    return tuple(xp.where(ratio > HIGHEST, math.inf, limit) for limit in limits)
+
+
+@dataclass(frozen=True)
+class BarredRange:
+    """Speeds at which a stress is above its continuous limit; made by :func:`barred_ranges`.
+
+    Parameters
+    ----------
+    low, high : float, rpm
+    at : float, rpm, of the computed speed with the largest share of the limit
+    share, transient_share : float, stress over the continuous limit there, and the largest over the transient limit
+    open_below, open_above : bool
+        Whether the stress is above its limit at the first or last speed that was computed, so that the range goes on.
+    """
+
+    low: float
+    high: float
+    at: float
+    share: float
+    transient_share: float
+    open_below: bool = False
+    open_above: bool = False
+
+    @property
+    def passable(self):
+        """Whether the stress stays within the transient limit, so that the range may be passed through rapidly."""
+        return self.transient_share <= 1.0
+
+
+def barred_ranges(rpm, stress, continuous, transient):
+    """Speed ranges in which a stress is above its continuous limit; on the host.
+
+    Parameters
+    ----------
+    rpm : array ``(n,)``
+    stress, continuous, transient : arrays ``(n,)`` Pa
+        Speeds without a number or without a limit are left out.
+
+    Returns
+    -------
+    tuple of BarredRange
+        By rising speed. Bounds lie where stress less limit, linear between computed speeds, is zero: what is narrower
+        than their step may be missed.
+
+    Examples
+    --------
+    >>> limit = np.full(4, 30e6)
+    >>> found = barred_ranges([100.0, 200.0, 300.0, 400.0], np.array([10e6, 40e6, 60e6, 20e6]), limit, 1.7 * limit)
+    >>> [(round(r.low, 3), round(r.high, 3), r.share, r.passable) for r in found]
+    [(166.667, 375.0, 2.0, False)]
+    """
+    columns = np.array([np.broadcast_to(a, np.shape(rpm)) for a in (rpm, stress, continuous, transient)], dtype=float)
+    columns = columns[:, np.isfinite(columns).all(axis=0)]
+    speed, stress, continuous, transient = columns[:, np.argsort(columns[0], kind="stable")]
+    excess = stress - continuous
+    above = excess > 0.0
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], above.astype(int), [0]])))
+    found = []
+    for first, end in zip(edges[::2], edges[1::2], strict=True):
+        inside = slice(first, end)
+        worst = first + int(np.argmax((stress / continuous)[inside]))
+        found.append(
+            BarredRange(
+                low=float(speed[0] if first == 0 else _crossing(speed, excess, first - 1)),
+                high=float(speed[-1] if end == len(speed) else _crossing(speed, excess, end - 1)),
+                at=float(speed[worst]),
+                share=float(stress[worst] / continuous[worst]),
+                transient_share=float((stress / transient)[inside].max()),
+                open_below=bool(first == 0),
+                open_above=bool(end == len(speed)),
+            )
+        )
+    return tuple(found)
+
+
+def _crossing(speed, excess, i):
+    """Speed between numbers i and i + 1 at which the excess, linear there, is zero."""
+    return speed[i] + (speed[i + 1] - speed[i]) * excess[i] / (excess[i] - excess[i + 1])
+
+
+def dissipated_power(torque, twist, frequency):
+    """Mean power that a link turns into heat, ``P = sum_{n >= 1} 2 Re(T^n conj(i n Omega theta^n))``.
+
+    Parameters
+    ----------
+    torque, twist : complex ``(..., N+1)`` N m and rad
+        Coefficients of the transmitted torque and of the twist; the elastic part does no work over a cycle.
+    frequency : float or array ``(...)`` rad/s
+        Omega, of the cycle.
+
+    Returns
+    -------
+    array ``(...)`` W
+    """
+    xp = namespace(torque, twist, frequency)
+    rate = fourier.derivative(twist, xp.asarray(frequency)[..., None])
+    return 2 * xp.sum((torque * xp.conj(rate)).real, axis=-1)

@@ -1,0 +1,124 @@
+"""Limits as quantities of a tuning: against the numbers they smooth, gradients against differences, bad names."""
+
+import doctest
+
+import numpy as np
+import pytest
+from differences import compare, differences
+from tolerances import GRADIENT
+from trains import build
+
+import jaxhb
+from jaxhb import Damper, Disk, Load, Mesh, SceneError, Shaft, Torque
+from jaxhb.design import Objective, Parameter, Penalty, evaluation, lanes, objectives
+from jaxhb.design.quantities import QUANTITIES
+
+SPEEDS = np.array([600.0, 900.0, 1150.0])
+STEEL = {"length": 0.4, "outer": 0.06, "shear_modulus": 8e10, "magnifier": 30.0, "damping_hz": 40.0}
+JUDGED = {"stress_concentration": 0.6, "tensile_strength": 6e8}
+PARTS = [
+    Disk(name="engine", inertia=1.0, damping=0.2),
+    Disk(name="pinion", inertia=0.02, radius=0.05),
+    Disk(name="wheel", inertia=0.3, radius=0.15),
+    Shaft(between=("engine", "pinion"), name="coupling", **STEEL, **JUDGED, power_limit=5.0),
+    Mesh(between=("pinion", "wheel"), stiffness=2e8, damping=3e3, rated_torque=300.0),
+    Damper(name="ring", disk="engine", inertia=0.1, stiffness=2e4, damping=10.0, power_limit=20.0),
+    Torque(disk="engine", mean=150.0, harmonics=((0.5, 120.0, 30.0), (1.0, -60.0, 20.0), (2.0, 15.0, 40.0))),
+    Load(disk="wheel"),
+]
+PARAMETERS = (
+    Parameter(name="coupling.outer", low=0.03, high=0.09),
+    Parameter(name="coupling.stress_concentration", low=0.4, high=1.0, scale="linear"),
+    Parameter(name="ring.damping", low=1.0, high=100.0),
+    Parameter(name="pinion|wheel.rated_torque", low=100.0, high=900.0),
+)
+ELEMENTS = {
+    "stress": "coupling",
+    "stress over continuous limit": "coupling",
+    "stress over transient limit": "coupling",
+    "tooth torque over limit": "pinion|wheel",
+    "tooth torque over mean": "pinion|wheel",
+    "power over limit": "ring",
+}
+
+
+def train():
+    return jaxhb.build(PARTS, reference="engine", rated_rpm=1000.0, name="geared")
+
+
+def test_the_examples_hold():
+    failures, tests = doctest.testmod(objectives)
+    assert tests and not failures
+
+
+@pytest.mark.parametrize("quantity", ELEMENTS)
+def test_what_is_told_is_what_the_limits_tell(quantity):
+    r = jaxhb.forced_response(train(), rpm=SPEEDS)
+    found, of = jaxhb.strength(r), ELEMENTS[quantity]
+    stress, tooth, heat = found.stresses["coupling"], found.tooth_torques["pinion|wheel"], found.heat["ring"]
+    wanted = {
+        "stress": stress.stress,
+        "stress over continuous limit": stress.stress / stress.continuous,
+        "stress over transient limit": stress.stress / stress.transient,
+        "tooth torque over limit": tooth.vibratory / tooth.limit,
+        "tooth torque over mean": tooth.vibratory / np.abs(tooth.mean),
+        "power over limit": heat.power / heat.limit,
+    }[quantity]
+    told = QUANTITIES[quantity].tell(r, of, None)
+    np.testing.assert_allclose(told, wanted, rtol=1e-9)
+    smooth = QUANTITIES[quantity].read(r, of, None)
+    assert (smooth <= told * (1 + 1e-12)).all() and (smooth >= 0.99 * told).all()
+    if quantity.startswith("stress over"):
+        assert told[2] == 0  # the rule ends at 1.05 of the rated speed
+
+
+def test_the_gradient_of_limits_is_that_of_differences():
+    penalties = tuple(Penalty(quantity=q, of=of, most=1e6 if q == "stress" else 0.05) for q, of in ELEMENTS.items())
+    objective = Objective(quantity="stress", of="coupling")
+    task = lanes.Task(PARAMETERS, (objective,), penalties, (True,) * 4)
+    plan = jaxhb.plan(train(), rpm=600.0, harmonics=4)
+    made = evaluation.Bench(train(), SPEEDS, task, lambda *_, **__: (plan, [plan] * len(SPEEDS)), fixed=True)
+    made.scales = np.array([1e7])
+    point = made.first(np.array([[0.3, -0.4, 0.2, 0.1]]))
+    assert point.solved.all()
+
+    def values(z):
+        return np.array([made.at(one[None], point, point.solved).value[0] for one in z])
+
+    compare(point.gradient[0], differences(values, point.z[0], np.full(4, 3e-4)), GRADIENT)
+
+
+FAULTS = {
+    "shaft without a strength": (
+        Penalty(quantity="stress over continuous limit", of="plain", most=1.0),
+        "there is no shaft with a tensile_strength 'plain'.",
+    ),
+    "damper without a limit": (
+        Penalty(quantity="power over limit", of="ring", most=1.0),
+        "there is no shaft or damper with a power_limit 'ring'.",
+    ),
+    "mesh without a rated torque": (
+        Penalty(quantity="tooth torque over limit", of="pinion|wheel", most=1.0),
+        "there is no mesh with a rated_torque 'pinion|wheel'.",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", FAULTS)
+def test_limits_that_the_scene_does_not_give_are_named(case):
+    penalty, wanted = FAULTS[case]
+    parts = [p for p in PARTS if isinstance(p, Disk | Torque | Load)]
+    parts += [Shaft(between=("engine", "pinion"), name="plain", stiffness=1e5)]
+    parts += [
+        Mesh(between=("pinion", "wheel"), stiffness=2e8),
+        Damper(name="ring", disk="engine", inertia=1, damping=1),
+    ]
+    what = {"parameters": [Parameter(name="ring.damping", low=0.1, high=9.0)], "rpm": [600.0]}
+    with pytest.raises(SceneError) as caught:
+        jaxhb.tune(
+            build(parts, reference="engine", cycle=2),
+            **what,
+            objective=Objective(quantity="angle", of="engine"),
+            penalties=[penalty],
+        )
+    assert wanted in str(caught.value)

@@ -1,0 +1,263 @@
+"""Stresses, tooth torques and heat beside their limits: values of the rule by hand, energies, differences."""
+
+import dataclasses
+import doctest
+
+import jax
+import numpy as np
+import pytest
+from differences import compare, differences
+from tolerances import ALGEBRAIC, GRADIENT
+from trains import build
+
+import jaxhb
+from jaxhb import Damper, Disk, Load, Mesh, SceneError, Shaft, Torque
+from jaxhb.linear import limits, strength
+from jaxhb.response.steady import Record, RecordedSignal
+
+RULE = (  # d mm, sigma_B MPa, C_K, lambda; tau_C and tau_T in MPa, worked out with 30 digits from the text of the rule
+    (400, 600, 1.0, 0.5, 66.562193, 113.155729),
+    (400, 600, 0.6, 0.9, 22.045398, 48.382828),
+    (55, 600, 0.6, 0.2, 56.757040, 124.564139),
+    (150, 500, 0.45, 0.89, 16.151610, 40.931577),
+    (80, 1000, 1.0, 1.05, 54.253301, 92.230612),  # counted as 800 MPa
+    (800, 400, 0.8, 0.0, 44.371942, 84.335878),
+)
+
+STEEL = {"length": 0.4, "outer": 0.06, "inner": 0.02, "shear_modulus": 8e10, "magnifier": 30.0, "damping_hz": 40.0}
+KEYWAY = {"stress_concentration": 0.6, "tensile_strength": 6e8}
+FLANGE = {"stress_concentration": 1.0, "tensile_strength": 7e8}
+GEARED = [
+    Disk(name="engine", inertia=1.0, damping=0.2),
+    Disk(name="pinion", inertia=0.02, radius=0.05),
+    Disk(name="wheel", inertia=0.3, radius=0.15),
+    Disk(name="mill", inertia=2.0, damping=0.1),
+    Shaft(between=("engine", "pinion"), name="coupling", **STEEL, diameter=0.055, bore=0.02, **KEYWAY, power_limit=5.0),
+    Shaft(between=("wheel", "mill"), stiffness=2e5, damping_ratio=0.01, damping_hz=60.0, diameter=0.08, **FLANGE),
+    Mesh(between=("pinion", "wheel"), stiffness=2e8, magnifier=15.0, damping_hz=800.0, rated_torque=300.0),
+    Damper(
+        name="ring", disk="engine", inertia=0.1, stiffness=2e4, damping_ratio=0.1, damping_hz=50.0, power_limit=20.0
+    ),
+    Torque(disk="engine", mean=1e3, harmonics=((0.5, 2400.0, 600.0), (1.0, -1200.0, 400.0), (2.0, 300.0, 800.0))),
+    Load(disk="mill"),
+]
+RPM = np.linspace(500.0, 3300.0, 29)
+SAMPLED = 1e-5
+"""Extremes among 4096 samples of the cycle against those among 20,000."""
+
+
+def geared(parts=GEARED):
+    return jaxhb.build(parts, reference="engine", rated_rpm=3000.0, name="geared")
+
+
+@pytest.fixture(scope="module")
+def response():
+    return jaxhb.forced_response(geared(), rpm=RPM)
+
+
+@pytest.mark.parametrize("module", [strength, limits])
+def test_the_examples_hold(module):
+    failures, tests = doctest.testmod(module)
+    assert tests and not failures
+
+
+@pytest.mark.parametrize("row", RULE)
+def test_limits_are_those_of_the_rule_worked_out_by_hand(row):
+    d, sigma, form, ratio, *wanted = row
+    given = {"diameter": d / 1e3, "stress_concentration": form, "tensile_strength": 1e6 * sigma}
+    found = jaxhb.permissible_stress(**given, speed_ratio=ratio)
+    np.testing.assert_allclose(np.array(found) / 1e6, wanted, rtol=0, atol=5.1e-7)
+
+
+def test_the_limit_is_continuous_at_its_plateau_and_there_is_none_above():
+    form = {"diameter": 0.2, "stress_concentration": 0.8, "tensile_strength": 5e8}
+    below, plateau, end, above = (
+        jaxhb.permissible_stress(**form, speed_ratio=r) for r in (0.9 - 1e-12, 0.9, 1.05, 1.06)
+    )
+    np.testing.assert_allclose(below, plateau, rtol=1e-11)
+    assert plateau == end and np.isinf(above).all()
+
+
+def test_the_stress_over_the_section_carries_the_torque():
+    d, b, torque = 0.11, 0.04, 1234.5
+    radius = np.linspace(b / 2, d / 2, 100_001)
+    largest = jaxhb.torsional_stress(torque, diameter=d, bore=b)
+    moment = np.trapezoid(largest * radius / (d / 2) * radius * 2 * np.pi * radius, radius)
+    assert moment == pytest.approx(torque, rel=1e-8)
+
+
+def test_bounds_of_barred_ranges_lie_where_the_interpolated_stress_meets_the_limit():
+    rpm = np.array([400.0, 100.0, 200.0, 300.0, 500.0, 600.0, 700.0])
+    stress = np.array([10.0, 50.0, 10.0, 40.0, np.nan, 35.0, 90.0])
+    limit = np.array([20.0, 20.0, 30.0, 20.0, 20.0, 20.0, np.inf])
+    first, middle, last = jaxhb.barred_ranges(rpm, stress, limit, 1.5 * limit)
+    # stress less limit by speed: 30, -20, 20, -10, (none), 15, (no limit)
+    assert (first.low, first.open_below, first.high) == (100.0, True, pytest.approx(160.0))
+    assert (middle.low, middle.high) == (pytest.approx(250.0), pytest.approx(300.0 + 200.0 / 3))
+    assert (last.low, last.high, last.open_above) == (pytest.approx(400.0 + 200.0 * 10 / 25), 600.0, True)
+    assert [one.at for one in (first, middle, last)] == [100.0, 300.0, 600.0]
+    assert [one.share for one in (first, middle, last)] == [2.5, 2.0, 1.75]
+    assert [one.passable for one in (first, middle, last)] == [False, False, False]
+    assert jaxhb.barred_ranges(rpm, stress / 5, limit, limit) == ()
+
+
+def test_a_range_within_the_transient_limit_may_be_passed():
+    limit = np.full(3, 20.0)
+    (found,) = jaxhb.barred_ranges([1.0, 2.0, 3.0], np.array([0.0, 25.0, 0.0]), limit, 1.5 * limit)
+    assert found.passable and not (found.open_below or found.open_above)
+    assert (found.low, found.high) == (pytest.approx(1.8), pytest.approx(2.2))
+
+
+def test_stresses_tooth_torques_and_heat_are_those_of_the_samples(response):
+    found = jaxhb.strength(response)
+    coupling, line = response.torque("coupling"), response.torque("wheel|mill")
+    for name, signal, (d, b) in (("coupling", coupling, (0.055, 0.02)), ("wheel|mill", line, (0.08, 0.0))):
+        samples = signal.samples(20_000)
+        polar = np.pi / 32 * (d**4 - b**4)
+        wanted = np.ptp(samples, axis=-1) / 2 * (d / 2) / polar
+        np.testing.assert_allclose(found.stresses[name].stress, wanted, rtol=SAMPLED)
+    force = response.force("pinion|wheel").samples(20_000)
+    tooth = found.tooth_torques["pinion|wheel"]
+    np.testing.assert_allclose(tooth.vibratory, 0.05 * np.ptp(force, axis=-1) / 2, rtol=SAMPLED)
+    np.testing.assert_allclose(tooth.mean, 0.05 * force.mean(-1), rtol=1e-9)
+    np.testing.assert_array_equal(tooth.reverses, (force.min(-1) < 0) & (force.max(-1) > 0))
+    assert tooth.limit == pytest.approx(100.0) and 0 < tooth.reverses.sum() < len(RPM)
+    for name in ("coupling", "ring"):
+        np.testing.assert_allclose(found.heat[name].power, response.power(name), rtol=1e-9)
+    assert (found.heat["coupling"].limit, found.heat["ring"].limit) == (5.0, 20.0)
+    rest = sum(response.power(name) for name in ("wheel|mill", "pinion|wheel", "engine", "mill"))
+    np.testing.assert_allclose(sum(row.power for row in found.heat.values()) + rest, response.input_power, rtol=1e-9)
+
+
+def test_barred_ranges_enclose_the_speeds_above_the_limit(response):
+    found = jaxhb.strength(response)
+    assert set(found.barred) == {"coupling", "wheel|mill"} and found.barred["coupling"]
+    for name, several in found.barred.items():
+        row = found.stresses[name]
+        inside = np.array([any(one.low <= rpm <= one.high for one in several) for rpm in RPM])
+        limited = RPM <= 1.05 * 3000.0
+        np.testing.assert_array_equal((row.stress > row.continuous)[limited], inside[limited])
+
+
+def test_a_shaft_is_judged_at_its_own_section_or_at_that_of_its_stiffness():
+    parts = [Disk(name=name, inertia=1.0) for name in "abc"]
+    parts += [Shaft(between=("a", "b"), **STEEL), Shaft(between=("b", "c"), stiffness=1e5)]
+    train = build([*parts, Torque(disk="a", harmonics=((1.0, 10.0, 0.0),))])
+    found = jaxhb.strength(jaxhb.forced_response(train, rpm=300.0))
+    assert list(found.stresses) == ["a|b"] and found.stresses["a|b"].continuous is None and not found.barred
+    assert limits.section(train, "a|b") == (0.06, 0.02)
+
+
+def test_a_scene_without_such_keys_has_nothing_to_be_judged_by_and_no_arrays_more():
+    train = jaxhb.load_scene("gear_train_30")
+    assert train.topology.link_keys == () and train.topology.rated_rpm is None
+    assert not jaxhb.strength(jaxhb.forced_response(train, rpm=1500.0))
+    fields = [vars(table) for table in (train.shafts, train.dampers, train.meshes)]
+    assert all(table[key] is None for table in fields for key in table if key in ("outer", "magnifier", "power_limit"))
+
+
+def test_a_response_without_a_train_needs_one():
+    train = geared()
+    bare = jax.vmap(lambda rpm: jaxhb.forced_response(train, rpm=rpm))(RPM[:2])
+    with pytest.raises(ValueError, match="has no train: give train="):
+        jaxhb.strength(bare)
+    given = jaxhb.strength(bare, train=train).stresses["coupling"]
+    both = jaxhb.strength(jaxhb.forced_response(train, rpm=RPM[:2])).stresses["coupling"]
+    for one, other in zip(given, both, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9)
+
+
+NUMBERS = (
+    "coupling.length",
+    "coupling.outer",
+    "coupling.inner",
+    "coupling.shear_modulus",
+    "coupling.magnifier",
+    "coupling.damping_hz",
+    "coupling.diameter",
+    "coupling.bore",
+    "coupling.stress_concentration",
+    "coupling.tensile_strength",
+    "coupling.power_limit",
+    "pinion|wheel.rated_torque",
+    "pinion|wheel.magnifier",
+    "ring.damping_ratio",
+    "ring.stiffness",
+    "engine.inertia",
+)
+"""Numbers of the train; behind them stands the speed."""
+
+
+def judged(values):
+    """Stress over both limits, torque of the mesh over its limit, heat over its limits."""
+    train = geared().replace(dict(zip(NUMBERS, values, strict=False)))
+    found = jaxhb.strength(jaxhb.forced_response(train, rpm=values[-1]), train=train)
+    stress, tooth = found.stresses["coupling"], found.tooth_torques["pinion|wheel"]
+    shares = [stress.stress / stress.continuous, stress.stress / stress.transient, tooth.vibratory / tooth.limit]
+    return jax.numpy.stack([*shares, *(heat.power / heat.limit for heat in found.heat.values())])
+
+
+@pytest.mark.parametrize("rpm", [1730.0, 2950.0])
+def test_gradients_to_every_number_are_those_of_differences(rpm):
+    at = np.array([*(float(geared().value(key)) for key in NUMBERS), rpm])
+    slopes = jax.jit(jax.jacrev(judged))(at)
+    batched = jax.jit(jax.vmap(judged))
+    for row, slope in enumerate(slopes):
+        wanted = differences(lambda several, row=row: batched(several)[:, row], at, 1e-5 * at)
+        compare(np.asarray(slope) * at, wanted * at, GRADIENT)
+
+
+def test_above_the_rule_the_share_and_its_derivative_are_0():
+    def share(rpm):
+        return jaxhb.permissible_stress(diameter=0.1, **KEYWAY, speed_ratio=rpm / 1000.0)
+
+    for limit in (0, 1):
+        value, slope = jax.value_and_grad(lambda rpm, limit=limit: 3e7 / share(rpm)[limit])(1100.0)
+        assert value == 0 and slope == 0
+    form = jax.grad(
+        lambda c: (
+            3e7 / jaxhb.permissible_stress(diameter=0.1, **KEYWAY | {"stress_concentration": c}, speed_ratio=1.1)[1]
+        )
+    )(0.5)
+    assert form == 0
+
+
+def test_a_motion_with_backlash_is_judged_by_its_own_torques():
+    (mesh,) = (p for p in GEARED if isinstance(p, Mesh))
+    loose = [p for p in GEARED if p is not mesh]
+    loose.append(Mesh(between=mesh.between, stiffness=2e8, damping=1500.0, backlash=1e-4, rated_torque=300.0))
+    r = jaxhb.solve(geared(loose), rpm=1500.0)
+    jaxhb.check(r)
+    found = jaxhb.strength(r)
+    assert float(r.mesh("pinion|wheel").separated_fraction) > 0
+    wanted = jaxhb.torsional_stress(r.torque("coupling").half_peak_to_peak, diameter=0.055, bore=0.02)
+    assert found.stresses["coupling"].stress == pytest.approx(float(wanted), rel=ALGEBRAIC)
+    flat = jaxhb.strength(jaxhb.forced_response(geared(loose), rpm=1500.0))
+    assert abs(found.stresses["coupling"].stress / flat.stresses["coupling"].stress - 1) > 0.01
+
+
+def test_a_steady_state_is_judged_as_the_motion_that_it_is(response):
+    state = jaxhb.steady_state(geared(), rpm=RPM[4])
+    found, wanted = jaxhb.strength(state), jaxhb.strength(response)
+    assert found.stresses["coupling"].stress == pytest.approx(wanted.stresses["coupling"].stress[4], rel=SAMPLED)
+    assert found.heat["ring"].power == pytest.approx(wanted.heat["ring"].power[4], rel=1e-9)
+    recorded = jaxhb.strength(dataclasses.replace(state, response=None, record=record_of(state)), train=geared())
+    assert recorded.stresses["coupling"].stress == pytest.approx(found.stresses["coupling"].stress, rel=SAMPLED)
+    assert np.isnan(recorded.heat["ring"].power)
+
+
+def record_of(state):
+    """A record in which the torques and tooth forces of a steady state are those of one recorded cycle."""
+
+    def recorded(signal):
+        return RecordedSignal(signal.highest, signal.lowest, signal.mean, signal.rms, signal.amplitudes, 2.0)
+
+    topology = state.topology
+    torques = tuple(recorded(state.torque(name)) for name in topology.shaft_names + topology.damper_names)
+    forces = tuple(recorded(state.force(name)) for name in topology.mesh_names)
+    return Record(1, (), (), torques, (), forces, {}, ())
+
+
+def test_a_limit_without_the_rated_speed_is_refused():
+    with pytest.raises(SceneError, match="the key 'rated_rpm' is missing; the stress limits of 'coupling' and 'wheel"):
+        jaxhb.build(GEARED, reference="engine")
