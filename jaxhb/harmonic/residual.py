@@ -14,7 +14,7 @@ import numpy as np
 
 from .._arrays import namespace
 from . import backlash, fourier, toeplitz
-from .reduction import disk_stiffness, frequencies, link_stiffness
+from .linear_train import disk_stiffness, frequencies, link_stiffness
 
 
 @jax.tree_util.register_dataclass

@@ -2,7 +2,7 @@
 
 At every speed and harmonic n of the cycle ``Z(n) x^n = q^n``, ``Z = -n^2 Omega^2 M + i n Omega B + K`` with loss
 factors and link damping in K (method.md A1). Speeds and harmonics are one axis of the scalar sweep along the tree, O(S)
-each and without fill; links that close a loop add as many unknowns (:func:`jaxhb.harmonic.reduction.solve_linear`,
+each and without fill; links that close a loop add as many unknowns (:func:`jaxhb.harmonic.linear_train.solve_linear`,
 which has the derivatives as well).
 
 Power is exact from the harmonics: a link of complex stiffness C that transmits f turns ``sum_n 2 n Omega Im(C)
@@ -21,7 +21,7 @@ from jax import lax
 
 from .._arrays import on_host, staged, traced
 from .._program import Program
-from ..harmonic import chain, reduction
+from ..harmonic import chain, linear_train
 from ..harmonic.backlash import law_of
 from ..harmonic.excitation import excitation, listed_harmonic, load_power_kW
 from ..model.change import within_range, without_backlash
@@ -202,12 +202,12 @@ def _answer(train, system, rigid, rpm, torque):
         own = bool(topology.amplitude_links)
         amplitude = settled_amplitudes((train, system, rpm, omega, load)) if own else jnp.zeros((speeds, 0))
         system = varied(train, system, rpm, omega, amplitude)
-    displacement, force = (a[:, 0] for a in reduction.solve_linear(system, omega, load[:, None]))
+    displacement, force = (a[:, 0] for a in linear_train.solve_linear(system, omega, load[:, None]))
     residual, status = _outcome(system, omega, load, displacement, force, shape)
     mean = (omega == 0) * chain.drift(system, rigid, displacement.real)
     angle = chain.to_angles(system, displacement - mean)
 
-    C = reduction.link_stiffness(system, omega)
+    C = linear_train.link_stiffness(system, omega)
     deflection = force / jnp.where(C == 0, 1.0, C)
     elastic = C.real * deflection
     if topology.amplitude_links:
@@ -245,7 +245,7 @@ def _square(values):
 def _outcome(system, omega, load, displacement, force, shape):
     """Residual and status of each speed, from what the links leave of the load on the disks."""
     columns = (a[:, None] for a in (system.mass, system.damping, system.ground))
-    left = load - reduction.disk_stiffness(omega, *columns) * displacement - system.spread(force)
+    left = load - linear_train.disk_stiffness(omega, *columns) * displacement - system.spread(force)
     left, loads, forces = (jnp.max(_size(a), axis=0, initial=0.0).reshape(shape) for a in (left, load, force))
     size = jnp.max(loads, axis=1) + jnp.max(forces, axis=1)
     residual = jnp.max(left[:, 1:], axis=1, initial=0.0) / jnp.where(size > 0, size, 1.0)

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from ..harmonic import reduction
+from ..harmonic import linear_train
 from ..model.drivetrain import speed_ratios
 from ..model.varying import factors, order_stiffness, scaled
 
@@ -79,8 +79,8 @@ def _next(equations, amplitude):
     """g: the amplitudes of the response with links at ``amplitude`` ``(m, A)``."""
     train, system, rpm, omega, load = equations
     system = varied(train, system, rpm, omega, amplitude)
-    _, force = reduction.solve_linear(system, omega, load[:, None])
-    C = reduction.link_stiffness(system, omega)
+    _, force = linear_train.solve_linear(system, omega, load[:, None])
+    C = linear_train.link_stiffness(system, omega)
     return twist_amplitude(train, system, force[:, 0] / jnp.where(C == 0, 1.0, C), len(rpm))
 
 

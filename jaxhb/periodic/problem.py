@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from .._arrays import namespace
-from ..harmonic import backlash, chain, fourier, reduction
+from ..harmonic import backlash, chain, fourier, linear_train, reduction
 from ..harmonic.excitation import excitation, listed_harmonic, load_power_kW
 from ..harmonic.residual import Nonlinear, all_meshes
 from ..response.response import Fields
@@ -89,9 +89,9 @@ def fields(problem, displacement, force, sizes, crossings=None):
     """
     system, meshes = problem.system, problem.meshes
     harmonics = displacement.shape[-1] - 1
-    omega = reduction.frequencies(problem.frequency, harmonics)
+    omega = linear_train.frequencies(problem.frequency, harmonics)
     displacement = displacement.at[:, 0].add(-chain.drift(system, problem.rigid, displacement[:, 0].real))
-    stiffness = reduction.link_stiffness(system, omega)
+    stiffness = linear_train.link_stiffness(system, omega)
     deflection = force / jnp.where(stiffness == 0, 1.0, stiffness)
     ends = jnp.asarray(system.radius)[system.tree.end_a][:, None]
     shafts = force.shape[0] - len(meshes.link)

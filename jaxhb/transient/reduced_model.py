@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from ..harmonic.reduction import solve_linear
+from ..harmonic.linear_train import solve_linear
 from .statespace import LIGHT, ROUNDED, StateSpace
 
 LARGEST, MODES = 64, 48

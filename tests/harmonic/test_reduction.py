@@ -14,7 +14,7 @@ from tolerances import ALGEBRAIC
 from trains import branched_parts, build, gearbox_parts
 
 from jaxhb import Damper, Disk, Mesh, Shaft
-from jaxhb.harmonic import chain, fourier, reduction
+from jaxhb.harmonic import chain, fourier, linear_train, reduction
 from jaxhb.harmonic.krylov import minimise_residual
 from jaxhb.harmonic.residual import residual
 from jaxhb.periodic.problem import pose, reduced_equation
@@ -100,10 +100,10 @@ def test_receptances_with_chains_of_disks_folded_are_those_of_all_disks(parts):
     parts = parts()
     reference = "motor" if any(getattr(p, "name", "") == "motor" for p in parts) else "flywheel"
     problem = pose(build(parts, reference=reference), RPM, HARMONICS)
-    system, omega = jax.tree.map(jnp.asarray, problem.system), reduction.frequencies(problem.frequency, 40)
+    system, omega = jax.tree.map(jnp.asarray, problem.system), linear_train.frequencies(problem.frequency, 40)
     columns = system.incidence(problem.meshes.link)
-    found = jax.jit(reduction.receptance)(system, omega, columns)
-    wanted = jax.jit(reduction._receptance_of_all_disks)(system, omega, columns)
+    found = jax.jit(linear_train.receptance)(system, omega, columns)
+    wanted = jax.jit(linear_train._receptance_of_all_disks)(system, omega, columns)
     size = np.abs(wanted).max(axis=(1, 2), keepdims=True)
     np.testing.assert_allclose(found / size, wanted / size, rtol=0, atol=ALGEBRAIC)
 

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from transient_cases import pair, posed
 
 from jaxhb import shooting_correction, solve
-from jaxhb.harmonic import backlash, fourier, reduction
+from jaxhb.harmonic import backlash, fourier, linear_train
 from jaxhb.harmonic.excitation import highest_harmonic, listed_harmonic
 from jaxhb.model.drivetrain import build
 from jaxhb.model.elements import Cylinder, Disk, Ground, Mesh, Shaft, Torque
@@ -89,8 +89,8 @@ def test_zero_deviation_is_the_motion_of_a_linear_train():
     stepper = stepper_of((system, meshes, frequency, load), 500)
     state, trace = run(stepper, at_rest(stepper), 5)
     assert np.abs(state).max() < 1e-12 * np.abs(stepper.linear_state).max()
-    omega = reduction.frequencies(frequency, load.shape[1] - 1)
-    displacement, _ = reduction.solve_linear(jax.tree.map(jnp.asarray, system), omega, jnp.asarray(load)[:, None])
+    omega = linear_train.frequencies(frequency, load.shape[1] - 1)
+    displacement, _ = linear_train.solve_linear(jax.tree.map(jnp.asarray, system), omega, jnp.asarray(load)[:, None])
     expected = fourier.synthesize(system.deflections(displacement[:, 0], np.asarray(meshes.link)), 500)
     np.testing.assert_allclose(trace.deflection, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
 
