@@ -7,79 +7,24 @@ all; it is verified, and where a changed design shakes a tooth off the speed is 
 
 import dataclasses
 from dataclasses import dataclass
-from functools import partial
 
 import jax
 import numpy as np
 
 from ..harmonic.excitation import listed_harmonic
-from ..periodic.planned import BATCH
 from ..periodic.planning import next_level, plan_marching, plan_speeds
 from ..periodic.problem import pose
-from ..periodic.program import Start
 from ..periodic.request import Request
-from ..periodic.solve import solve
 from ..response.status import Status
-from .lanes import (
-    Form,
-    combine,
-    estimate_lanes,
-    lane_sizes,
-    pose_designs,
-    pull_back,
-    pull_lanes,
-    read_lanes,
-    to_values,
-)
+from .lanes import Form, estimate_lanes, pose_designs, to_values
 from .quantities import OF_DESIGN
+from .trial import Point, Trial, batches, of_active_meshes
 
 LADDER = 3
 """Lost speeds of a trial that are taken up the ladder of :func:`jaxhb.solve`; with more of them it went too far."""
 
-ALONE = 48
-"""Harmonics from which a processor solves lanes one by one: in a batch each waits for the slowest."""
-
-NEGLIGIBLE = 1e-8
-"""Share of the largest derivative of the objective by a reading below which no gradient is taken through it."""
-
-SETTLED = 1e-4
-"""Closure at which a march ends; what its steps leave of the equations is as much."""
-
 FARTHEST = 6.9
 """|z| of a start on a bound: a thousandth of the range inside it, where the share still has a slope."""
-
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class Point:
-    """Designs and how they do: A starts, n speeds, P parameters, M meshes, N harmonics of the finest plan.
-
-    z : ``(A, P)``; value : ``(A,)``; gradient : ``(A, P)``, with respect to z, nan where it was not asked for
-    status : ``(A, n)``; kind : ``(A, n)``, number of the plan; motion : complex ``(A, n, M, N+1)`` m, deflections
-    readings : of each objective and then each penalty, not smoothed, ``(A, n)``; those of the train alone ``(A,)``
-    """
-
-    z: np.ndarray
-    value: np.ndarray
-    gradient: np.ndarray
-    status: np.ndarray
-    kind: np.ndarray
-    motion: np.ndarray
-    readings: tuple
-
-    @property
-    def solved(self):
-        """Whether the equations are solved ``(A, n)``."""
-        return self.status <= Status.TOLERANCE_NOT_MET
-
-    def where(self, chosen, other):
-        """The designs of this point where ``chosen`` ``(A,)``, else of the other."""
-        chosen = np.asarray(chosen)
-
-        def pick(here, there):
-            return np.where(chosen.reshape(-1, *[1] * (np.ndim(here) - 1)), here, there)
-
-        return jax.tree.map(pick, self, other)
 
 
 def to_unbounded(values, parameters):
@@ -223,7 +168,7 @@ class Bench:
         ladder : int, lost speeds of a design that are taken up the ladder
         """
         self.calls += 1
-        trial = _Trial(self, z, near, counted, np.broadcast_to(wanted, len(z)))
+        trial = Trial(self, z, near, counted, np.broadcast_to(wanted, len(z)))
         trial.solve(np.broadcast_to(trial.wanted[:, None], counted.shape), near.solved)
         again = trial.lost() & near.solved & (trial.status != Status.PLAN_VIOLATED)
         trial.solve(again & ~trial.resumed, True, other=False)
@@ -250,9 +195,9 @@ class Bench:
         for number, plan in enumerate(self.kinds):
             higher = next_level(plan.harmonics, plan.method)
             lanes = np.argwhere(counted & (point.kind == number)) if plan.active and higher else ()
-            for chunk, padded in _chunks(lanes, plan):
-                numbers = self._pose(point.z)[0] if numbers is None else numbers
-                motion = _active(point.motion[tuple(padded.T)], plan)
+            for chunk, padded in batches(lanes, plan):
+                numbers = self.posed(point.z)[0] if numbers is None else numbers
+                motion = of_active_meshes(point.motion[tuple(padded.T)], plan)
                 own = numbers[tuple(padded.T)]
                 errors = estimate_lanes(own, self.held, motion, plan.choice, form=self.form, sizes=plan.sizes)
                 if (np.asarray(errors)[: len(chunk)] > plan.limit).any():
@@ -260,7 +205,8 @@ class Bench:
                     break
         return short
 
-    def _pose(self, z):
+    def posed(self, z):
+        """Numbers of all lanes ``(A, n, ...)`` of designs z, and the pullback to z."""
         numbers, pull = pose_designs(self.train, self.speeds, z, task=self.task, excited=self.excited, form=self.form)
         return np.asarray(numbers), pull
 
@@ -284,115 +230,6 @@ class Bench:
         return "; ".join(f"{n} speeds: {self.kinds[k]}" for k, n in zip(numbers, counts, strict=True))
 
 
-class _Trial:
-    """One evaluation under way: lanes are solved, some of them again, and what came of them is put together."""
-
-    def __init__(self, bench, z, near, counted, wanted):
-        task, shape = bench.task, near.status.shape
-        self.bench, self.z, self.counted, self.wanted = bench, z, counted, wanted
-        self.numbers, self.pull = bench._pose(z)
-        self.kind, self.status, self.resumed = near.kind.copy(), near.status.copy(), np.zeros(shape, dtype=bool)
-        self.unmoved = (z == near.z).all(1, keepdims=True)
-        harmonics = max(plan.harmonics for plan in bench.kinds)
-        self.motion = np.zeros((*near.motion.shape[:3], harmonics + 1), dtype=complex)
-        kept = min(self.motion.shape[-1], near.motion.shape[-1])
-        self.motion[..., :kept] = near.motion[..., :kept]
-        self.smooth = np.zeros((*shape, len(task.of_response)))
-        self.exact = np.zeros_like(self.smooth)
-        self.pulls, self.owner = [], np.full(shape, -1)
-
-    def lost(self):
-        """Lanes that count and are not solved."""
-        return self.wanted[:, None] & self.counted & (self.status > Status.TOLERANCE_NOT_MET)
-
-    def solve(self, lanes, given, other=True):
-        """Solve ``lanes`` ``(A, n)``, from the motion at hand where it is ``given`` and no ``other`` start is better.
-
-        A march is where the motion at hand leaves more of the equations; teeth in contact are, where none separates,
-        once the design has changed.
-        """
-        given = np.broadcast_to(given, lanes.shape)
-        for number in np.unique(self.kind[lanes]):
-            plan = self.bench.kinds[number]
-            marching = plan.marches
-            own = given & (marching | self.unmoved | (not other))
-            for chunk, padded in _chunks(np.argwhere(lanes & (self.kind == number)), plan):
-                self._read(plan, chunk, padded, own[tuple(padded.T)], plan.cycles if marching and other else 0)
-
-    def _read(self, plan, chunk, padded, given, cycles):
-        bench, at, into = self.bench, tuple(padded.T), tuple(chunk.T)
-        start = Start(
-            _active(self.motion[at], plan) if plan.active else np.zeros((len(padded), 0, plan.harmonics + 1), complex),
-            given,
-            np.full(len(padded), cycles),
-            np.full(len(padded), SETTLED),
-        )
-        lanes = self.numbers[at], bench.held, bench.speeds[at]
-        shape = {"form": bench.form, "asked": bench.task.asked, "sizes": lane_sizes(plan)}
-        smooth, found, told = read_lanes(*lanes, start, plan.choice, **shape)
-        status, periodicity_error, motion, exact = (np.asarray(a)[: len(chunk)] for a in told)
-        self.owner[into] = len(self.pulls)
-        self.pulls.append((chunk, padded, partial(pull_lanes, *lanes, found, plan.choice, **shape)))
-        self.smooth[into], self.exact[into] = np.asarray(smooth)[: len(chunk)], exact
-        self.status[into], self.resumed[into] = status, given[: len(chunk)] & (periodicity_error == 0)
-        self.motion[into] = 0.0
-        self.motion[(*into, slice(None), slice(0, motion.shape[-1]))] = motion
-
-    def climb(self, lanes):
-        """Solve ``lanes`` one by one, up the ladder of :func:`jaxhb.solve`, and from there under the largest plan."""
-        bench, plan, found = self.bench, self.bench.kinds[0], np.zeros_like(lanes)
-        for a, i in np.argwhere(lanes) if plan.active else ():
-            train = bench.train.replace(bench.values(self.z[a]))
-            response = solve(train, rpm=float(bench.speeds[a, i]), harmonics=plan.harmonics, integrals=plan.integrals)
-            if response.status <= Status.TOLERANCE_NOT_MET:
-                found[a, i] = True
-                self.kind[a, i] = 0
-                self.motion[a, i] = 0.0
-                self.motion[a, i, :, : response.deflections.shape[-1]] = response.deflections
-        self.solve(found, True, other=False)
-
-    def point(self, most):
-        """The Point, with gradients where the value is at most ``most``; a speed without one counts as lost."""
-        bench, task = self.bench, self.bench.task
-        while True:
-            kept = self.wanted[:, None] & self.counted & (self.status <= Status.TOLERANCE_NOT_MET)
-            numbers = bench.weights(), bench.widths, bench.scales
-            combined = combine(bench.train, self.z, self.smooth, kept, *numbers, task=task, own=len(bench.rpm))
-            value, of_design, by_z, by_smooth = jax.tree.map(np.asarray, combined)
-            steep = self.wanted & (value <= most)
-            lanes = self._pulled(np.where(steep[:, None, None], by_smooth, 0.0))
-            whole = np.isfinite(lanes).all(axis=-1)
-            if (whole | ~kept).all():
-                break
-            self.status[kept & ~whole] = Status.STALLED
-        gradient = by_z + np.asarray(pull_back(self.pull, lanes))
-        told, of_design = iter(np.moveaxis(self.exact, -1, 0)), iter(of_design)
-        chosen = (*task.objectives, *task.penalties)
-        return Point(
-            z=self.z,
-            value=value,
-            gradient=np.where(steep[:, None], gradient, np.nan),
-            status=self.status,
-            kind=self.kind,
-            motion=self.motion,
-            readings=tuple(next(of_design if c.quantity in OF_DESIGN else told) for c in chosen),
-        )
-
-    def _pulled(self, by_smooth):
-        """The derivative of the objective by the numbers of every lane, from that by its readings."""
-        by_numbers = np.zeros_like(self.numbers)
-        size = np.abs(by_smooth * self.smooth)
-        counts = size.max(axis=(1, 2), keepdims=True) * NEGLIGIBLE < size
-        for number, (chunk, padded, pull) in enumerate(self.pulls):
-            into = tuple(chunk.T)
-            own = (self.owner[into] == number)[:, None] & counts[into]
-            if own.any():
-                cotangent = np.zeros((len(padded), by_smooth.shape[-1]))
-                cotangent[: len(chunk)] = np.where(own, by_smooth[into], 0.0)
-                by_numbers[into] += np.asarray(pull(cotangent))[: len(chunk)]
-        return by_numbers
-
-
 def summits(speeds, values, most):
     """The highest local maxima of a curve: their places in ``speeds``, and where the parabolas through them culminate.
 
@@ -407,24 +244,6 @@ def summits(speeds, values, most):
     left, right = x[middle] - x[middle - 1], x[middle + 1] - x[middle]
     rise, fall = (y[middle] - y[middle - 1]) / left, (y[middle + 1] - y[middle]) / right
     return places[middle], x[middle] + (rise * right + fall * left) / (2 * (rise - fall))
-
-
-def _chunks(lanes, plan):
-    """Batches of ``lanes`` ``(k, 2)`` and the same padded to one of few sizes: a size is a program."""
-    few = 2 * BATCH
-    size = min(-(-len(lanes) // few), 4) * few
-    if jax.default_backend() == "cpu" and plan.active:
-        size = 1 if plan.harmonics >= ALONE else BATCH
-    for first in range(0, len(lanes), max(size, 1)):
-        chunk = lanes[first : first + size]
-        yield chunk, np.concatenate([chunk, np.repeat(chunk[-1:], size - len(chunk), axis=0)])
-
-
-def _active(motion, plan):
-    """Deflections ``(c, G, N+1)`` of the active meshes of a plan from those of all."""
-    choice = plan.choice
-    kept = motion[:, choice.chosen, : plan.harmonics + 1] * choice.active[:, None]
-    return np.pad(kept, [(0, 0), (0, 0), (0, plan.harmonics + 1 - kept.shape[-1])])
 
 
 def label(chosen):

@@ -24,7 +24,7 @@ from trains import (
 
 import jaxhb
 from jaxhb import Disk, Shaft, Torque
-from jaxhb.design import Objective, Parameter, Penalty, evaluation, lanes, table
+from jaxhb.design import Objective, Parameter, Penalty, evaluation, lanes, table, trial
 from jaxhb.design.descent import Descent
 from jaxhb.linear.sensitivity import frequencies_hz
 
@@ -113,7 +113,7 @@ def assessed():
     """A bench and two designs on it, lost speeds not taken up the ladder."""
     made = bench()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("jaxhb.design.evaluation.solve", lambda *_, **__: LOST)
+        patch.setattr("jaxhb.design.trial.solve", lambda *_, **__: LOST)
         return made, made.first(np.array([[0.1, -0.3, 0.4], [0.8, 0.5, -1.0]]))
 
 
@@ -154,7 +154,7 @@ def test_a_speed_without_a_derivative_counts_as_lost(assessed, monkeypatch):
         found = lanes.pull_lanes(*given, **static)
         return found.at[1].set(np.nan) if len(pulls) == 1 else found
 
-    monkeypatch.setattr("jaxhb.design.evaluation.pull_lanes", broken)
+    monkeypatch.setattr("jaxhb.design.trial.pull_lanes", broken)
     again = made.at(point.z, point, point.solved)
     np.testing.assert_array_equal(again.status[0] == jaxhb.Status.STALLED, [False, True, False, False])
     assert np.isfinite(again.gradient).all()
@@ -186,7 +186,7 @@ def test_frequencies_for_penalties_are_the_natural_frequencies():
 def same_plan(monkeypatch):
     """The plan of the tests above, so that nothing is compiled twice, and a ladder on which 1550 rpm stays lost."""
     monkeypatch.setattr("jaxhb.design.tuning.plan_designs", planned)
-    monkeypatch.setattr("jaxhb.design.evaluation.solve", lambda *_, **__: LOST)
+    monkeypatch.setattr("jaxhb.design.trial.solve", lambda *_, **__: LOST)
 
 
 def tuned(**options):
@@ -244,8 +244,8 @@ def test_a_speed_lost_on_the_way_is_found_by_the_ladder_or_the_step_halved_and_t
         fails = bool(armed) and SPEEDS[1] not in asked
         return smooth, found, (np.where(fails & (rpm == SPEEDS[1]), jaxhb.Status.STALLED, status), *told)
 
-    monkeypatch.setattr("jaxhb.design.evaluation.solve", ladder)
-    monkeypatch.setattr("jaxhb.design.evaluation.read_lanes", failing)
+    monkeypatch.setattr("jaxhb.design.trial.solve", ladder)
+    monkeypatch.setattr("jaxhb.design.trial.read_lanes", failing)
     found = tuned(steps=3, on_step=lambda step: armed.append(step) if step.number == 1 else None)
     assert SPEEDS[1] in asked and [step.number for step in found.history] == [0, 1, 2, 3]
     assert found.history[3].objective < found.history[2].objective < found.history[1].objective
@@ -275,7 +275,7 @@ class Bowl:
         status = np.zeros((len(z), 2), dtype=int)
         status[:, 1] = np.where((z > 1.0).any(1), jaxhb.Status.STALLED, 0)
         motion = np.zeros((len(z), 2, 2, PLAN.harmonics + 1))
-        return evaluation.Point(z, ((z - 3) ** 2).sum(1), 2 * (z - 3), status, 0 * status, motion, ())
+        return trial.Point(z, ((z - 3) ** 2).sum(1), 2 * (z - 3), status, 0 * status, motion, ())
 
     def at(self, z, near, counted, **_):
         return self.first(z)
