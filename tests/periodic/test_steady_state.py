@@ -268,8 +268,13 @@ def test_loss_factors_are_damping_in_the_march_and_themselves_in_the_answer():
     assert state.response.train is not None and state.stability.stable
     found = jaxhb.solve(train, rpm=1500.0, start=state.response)
     assert found.converged
-    mesh = ("crank gear", "cam gear")
+    mesh, shaft = ("crank gear", "cam gear"), ("flywheel", "crank gear")
     assert float(state.force(*mesh).max) == pytest.approx(float(found.force(*mesh).max), rel=0.01)
+    recorded = jaxhb.steady_state(train, rpm=1500.0, exact=False)  # torques with what loss factors transmit
+    assert float(recorded.force(*mesh).max) == pytest.approx(float(state.force(*mesh).max), rel=0.02)
+    wanted = state.torque(*shaft)
+    assert recorded.torque(*shaft).half_peak_to_peak == pytest.approx(float(wanted.half_peak_to_peak), rel=0.02)
+    assert recorded.torque(*shaft).rms == pytest.approx(float(wanted.rms), rel=0.01)
 
 
 def test_what_cannot_be_done_is_a_sentence():
