@@ -45,30 +45,23 @@ def test_a_march_that_is_not_finite_gives_no_orbit():
     assert orbit.coefficients is None and orbit.tries == 0
 
 
-TWO_MESHES = dataclasses.replace(PLAN, active=(0, 1), flank=(0, 0), excited=20)
-
-
-def three_disks():
-    """Three disks with hardly any mean load on two meshes: many unstable motions; and the speed."""
+def test_every_closed_orbit_is_found_once():
+    """Three disks with hardly any mean load on two meshes: many unstable motions."""
     train, rpm, facts = random_trains.random_case(np.random.default_rng([0, 90]))
     assert facts["load"] < 0.1 and train.topology.n_disks == 3
-    return train, rpm
-
-
-def test_every_closed_orbit_is_found_once():
-    train, rpm = three_disks()
-    found = list(itertools.islice(orbits.Search(train, rpm, TWO_MESHES).shoot(), 6))
-    motions = [np.fft.irfft(orbit.coefficients, n=TWO_MESHES.time_steps, norm="forward") for orbit in found]
+    plan = Plan(harmonics=384, active=(0, 1), flank=(0, 0), start="march", time_steps=1536, excited=20)
+    found = list(itertools.islice(orbits.Search(train, rpm, plan).shoot(), 6))
+    motions = [np.fft.irfft(orbit.coefficients, n=plan.time_steps, norm="forward") for orbit in found]
     assert all(orbit.periodicity_error <= orbits.SETTLED for orbit in found)
     apart = [np.abs(one - other).max() / np.abs(one).max() for one, other in itertools.combinations(motions, 2)]
     assert len(found) == 6 and min(apart) > orbits.SAME
 
 
 def test_another_number_of_steps_compiles_nothing():
-    (train, rpm), programs = three_disks(), (orbits._equations, orbits._visited, orbits._shot)
+    train, programs = jaxhb.load_scene("gear_train_30"), (orbits._equations, orbits._visited, orbits._shot)
     compiled = []
     for time_steps in (64, 96, 4096):
-        search = orbits.Search(train, rpm, dataclasses.replace(TWO_MESHES, time_steps=time_steps))
+        search = orbits.Search(train, RPM, dataclasses.replace(PLAN, time_steps=time_steps))
         search.march(np.inf)
         next(search.shoot())
         compiled.append([program.executables for program in programs])
