@@ -22,6 +22,24 @@ import jax  # noqa: E402
 MOST_MAPS = 30_000
 """Memory maps of a process above which its programs are dropped: a solve takes 600 to 900, and Linux gives 65530."""
 
+LONGEST = (
+    "test_notebooks",
+    "test_tuning",
+    "test_gear_train_30",
+    "test_derivative_paths",
+    "test_orbits",
+    "test_derivative_table",
+    "test_homotopy",
+    "test_exact_integrals",
+)
+"""Files that take longest though they have few tests; the others go by folder."""
+
+
+def pytest_collection_modifyitems(items):
+    """The longest files first: a worker that takes one of them last leaves the others idle."""
+    rank = {name: place for place, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: rank.get(item.path.stem, len(rank)))
+
 
 @pytest.fixture(scope="module", autouse=True)
 def few_memory_maps():
