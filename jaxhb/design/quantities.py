@@ -285,14 +285,19 @@ def _element_faults(train, chosen):
         "shaft or damper": topology.shaft_names + topology.damper_names,
         "gear": tuple(gears),
         "disk": topology.disk_names,
+        "shaft": topology.shaft_names,
         "shaft with a diameter": having(topology, "shaft", "diameter", "outer"),
         "shaft with a tensile_strength": having(topology, "shaft", "tensile_strength"),
         "mesh with a rated_torque": having(topology, "mesh", "rated_torque"),
         "shaft or damper with a power_limit": [
             name for table in ("shaft", "damper") for name in having(topology, table, "power_limit")
         ],
-    }[quantity.kind]
-    faults = _unknown(chosen.of, names, quantity.kind.removesuffix(" with backlash"))
+    }
+    kind, _, key = quantity.kind.partition(" with a ")
+    if key and chosen.of in names[kind] and chosen.of not in names[quantity.kind]:
+        faults = [f"{chosen.of!r} has no {key}: give it one in the scene."]
+    else:
+        faults = _unknown(chosen.of, names[quantity.kind], quantity.kind.removesuffix(" with backlash"))
     gaps = dict(zip(topology.mesh_names, topology.mesh_backlash, strict=True))
     if quantity.kind == "mesh with backlash" and not gaps.get(chosen.of, True):
         faults.append(f"mesh {chosen.of!r} has no backlash, its teeth never part: give it one, or take another.")

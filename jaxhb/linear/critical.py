@@ -20,6 +20,8 @@ STRAINED = 0.01
 """Share of the strain energy in links below which a mode is rigid: on ground springs, or at 0 Hz."""
 ALONE = 0.99
 """Share of the kinetic energy in the rings of dampers from which a rigid mode is that of rings only."""
+ROUNDING = 1e-12
+"""Share of all torques of an order below which what they do on a shape is rounding."""
 EXCITED = 1e-3
 """Torque of an order over the largest from which it counts as excited."""
 
@@ -203,7 +205,8 @@ def _modal_torque(train, shape, rpm, order):
     if abs(harmonic - round(harmonic)) > 1e-9:
         return 0.0
     torque = np.asarray(excitation(train, rpm, round(harmonic))[0])[:, round(harmonic)]
-    return float(2 * np.abs(shape @ torque))
+    found = float(2 * np.abs(shape @ torque))
+    return found if found > ROUNDING * 2 * np.abs(torque).sum() else 0.0
 
 
 def _check(train, rpm, orders):

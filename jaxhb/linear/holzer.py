@@ -176,7 +176,8 @@ def _tree(train):
         name = train.topology.link_names[system.tree.loops[0]]
         where = train.topology.name or "scene"
         raise SceneError(
-            f"{where}: link {name!r} closes a loop, and Holzer's table is for trains without. Use natural_frequencies."
+            f"{where}: link {name!r} closes a loop, and Holzer's table is for trains without."
+            " Use jaxhb.natural_frequencies, on the command line jaxhb modes."
         )
     ends = train.topology.link_ends
     away, at = [0], {0: -1}

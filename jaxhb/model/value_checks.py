@@ -140,7 +140,8 @@ def row_errors(name, columns, rows) -> list[str]:
         return errors
     for k in range(1, len(first)):
         if first[k] <= first[k - 1]:
-            text = f"{columns[0]} {first[k]:g} after {first[k - 1]:g}; must increase. Sort the rows."
+            cure = "Leave out one of the two rows" if first[k] == first[k - 1] else "Sort the rows"
+            text = f"{columns[0]} {first[k]:g} after {first[k - 1]:g}; must increase. {cure}."
             return [f"{name}, row {k + 1}: {text}"]
     if columns[0] in ("hz", "amplitude"):
         return _factor_errors(name, columns, rows)

@@ -24,6 +24,13 @@ NEEDS = {
 }
 """Key of the scene that makes a link vary, and the number at which it is constant."""
 
+TAKEN_BY = {
+    "hz_links": "which only the forced response takes. Make it constant",
+    "amplitude_links": "which only the forced response takes. Make it constant",
+    "order_links": "which only the forced response and the Campbell diagram take. Make it constant",
+}
+"""Who takes a link that varies so."""
+
 
 def varying(topology) -> bool:
     """Tell whether any link varies."""
@@ -33,7 +40,7 @@ def varying(topology) -> bool:
 def refuse_varying(topology) -> None:
     """Refuse links that vary, naming each, where constants are needed."""
     if varying(topology):
-        raise SceneError(_sentences(topology, NEEDS, "which only the forced response takes. Make it constant"))
+        raise SceneError([s for field in NEEDS for s in _sentences(topology, [field], TAKEN_BY[field])])
 
 
 def _sentences(topology, fields, why) -> list[str]:

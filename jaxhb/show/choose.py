@@ -2,6 +2,17 @@
 
 import math
 
+from .output import OutputError
+
+EACH = "each"
+
+
+def without_cylinders(train, arguments):
+    """The train in which the cylinders of ``--misfire`` do not fire."""
+    if EACH in arguments.misfire and EACH not in train.topology.cylinder_names:
+        raise OutputError(f"--misfire {EACH}: only jaxhb report takes every cylinder in turn. Name one, or use report.")
+    return train.misfire(*arguments.misfire)
+
 
 def gears(topology):
     """Names of the disks that carry a mesh, in the order of the meshes."""

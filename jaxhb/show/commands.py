@@ -9,7 +9,7 @@ from ..periodic.checkpoint import CHUNK
 from ..response.steady import PERCENT
 from .balance import ground_reactions, load_torques
 from .cases import cases_record, cases_text, solve_cases
-from .choose import gears, most_apart, shafts_of
+from .choose import EACH, gears, most_apart, shafts_of, without_cylinders
 from .compute import Asked, answer_one, answer_speeds
 from .misfire_cases import misfire_trains, misfires_text, worst_misfire
 from .output import (
@@ -35,13 +35,12 @@ from .tuned_check import check_designs, check_text
 from .words import warnings
 
 INTERRUPTED = 130
-EACH = "each"
 
 
 def solve_one(train, arguments):
     """One speed."""
     _check_picture(train, arguments)
-    train = train.misfire(*arguments.misfire)
+    train = without_cylinders(train, arguments)
     with Progress() as progress:
         answer = answer_one(train, arguments.rpm, Asked.of(arguments), progress.say)
     deliver(
@@ -56,7 +55,7 @@ def solve_one(train, arguments):
 def sweep(train, arguments):
     """Many speeds."""
     _check_picture(train, arguments)
-    train, asked = train.misfire(*arguments.misfire), Asked.of(arguments)
+    train, asked = without_cylinders(train, arguments), Asked.of(arguments)
     direction = arguments.direction or "up"
     if asked.orbit and arguments.direction:
         raise OutputError("--direction: periodic solutions (--orbit) do not depend on it. Leave one of them out.")

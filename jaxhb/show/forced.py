@@ -129,7 +129,13 @@ def forced_text(response, found, *, each):
     else:
         kinds = {kind: [one for one in found if one.kind == kind] for kind in KINDS}
         parts += [_worst_table(rpm, kind, own) for kind, own in kinds.items() if own]
+    if not _moves(found) and not _moves(readings(response)):
+        parts.append("Nothing excites the train. Give it a [[torque]] with harmonics, a [[cylinder]] or an [engine].")
     return "\n\n".join(parts)
+
+
+def _moves(found):
+    return any(np.any(one.signal.amplitudes) for one in found)
 
 
 def _speed_table(rpm, reading):

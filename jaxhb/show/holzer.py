@@ -82,7 +82,7 @@ def _table(mode, table):
     heads = ["disk", "J", "theta", "J w2 theta", "sum", "disk %", "link", "c", "sum/c", "link %"]
     cells = [table.names, *columns[:4], energies[0], links, *columns[4:], energies[1]]
     what = "" if mode is None else f"mode {mode}, "
-    return f"{what}{table.hz:.6g} Hz, residual {table.residual:.4g} N m\n" + aligned(heads, cells, left=(6,))
+    return f"{what}{table.hz:.6g} Hz, residual {table.residual + 0.0:.4g} N m\n" + aligned(heads, cells, left=(6,))
 
 
 def _numbers(values):

@@ -13,6 +13,7 @@ from ..linear.limits import strength
 from ..linear.modal import natural_frequencies
 from ..linear.tangent import at_mean_load
 from .campbell import campbell_record, campbell_rows, campbell_text
+from .choose import without_cylinders
 from .forced import forced_failures, forced_record, forced_rows, forced_text, readings
 from .holzer import chosen_modes, holzer_record, holzer_text
 from .mean_load import mean_load_record, mean_load_text
@@ -28,34 +29,32 @@ DAMPED = 300
 def modes(train, arguments):
     """Natural frequencies of a scene."""
     rpm, links_at, name = arguments.at, dict(arguments.links_at), train.topology.name
+    teeth, below, more = "teeth in contact", "", {}
     if rpm is None:
         train = train.with_constant_links(**links_at) if links_at else train
-        found = natural_frequencies(train)
-        text, more = modes_text(found, name), {}
     else:
         load = at_mean_load(train.with_constant_links(**{"rpm": rpm} | links_at), rpm=rpm)
-        train = load.train
-        found = natural_frequencies(train)
-        text = modes_text(found, name, f"teeth at the mean load of {rpm:g} rpm")
-        text, more = f"{text}\n\n{mean_load_text(load, rpm)}", mean_load_record(load, rpm)
+        train, teeth = load.train, f"teeth at the mean load of {rpm:g} rpm"
+        below, more = f"\n\n{mean_load_text(load, rpm)}", mean_load_record(load, rpm)
+    found = natural_frequencies(train)
+    kinds = mode_kinds(found, train.topology.damper_names)
+    few = train.topology.n_disks <= DAMPED
+    ratios = damping_ratios(train, found) if few else np.full(len(kinds), np.nan)
     deliver(
         arguments,
-        text,
-        json=lambda: as_json(finite(changes(arguments) | modes_record(found) | more)),
-        plot=lambda: as_picture(arguments.plot, _modes_picture(train, found)),
+        modes_text(found, name, kinds, ratios, teeth) + below,
+        json=lambda: as_json(finite(changes(arguments) | modes_record(found, kinds, ratios) | more)),
+        plot=lambda: as_picture(arguments.plot, _modes_picture(train, found, kinds, ratios)),
     )
     return ANSWERED
 
 
-def _modes_picture(train, found):
+def _modes_picture(train, found, kinds, ratios):
     from .mode_plots import plot_modes
 
-    kinds = mode_kinds(found, train.topology.damper_names)
     elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC]
     if not elastic:
         raise OutputError("--plot: no mode strains a link, so there is no shape to draw.")
-    few = train.topology.n_disks <= DAMPED
-    ratios = damping_ratios(train, found) if few else np.full(len(kinds), np.nan)
     return plot_modes(train, found, elastic, ratios)
 
 
@@ -86,7 +85,7 @@ def holzer(train, arguments):
 def campbell(train, arguments):
     """Natural frequencies over the speed, orders and critical speeds."""
     name, count = train.topology.name or "scene", arguments.modes
-    train = train.misfire(*arguments.misfire)
+    train = without_cylinders(train, arguments)
     links_at = dict(arguments.links_at)
     found = campbell_of(train, rpm=arguments.rpm, orders=arguments.orders, count=count, links_at=links_at)
 
@@ -107,7 +106,7 @@ def campbell(train, arguments):
 
 def forced(train, arguments):
     """Linear forced response over the speed."""
-    response = forced_response(train.misfire(*arguments.misfire), rpm=arguments.rpm)
+    response = forced_response(without_cylinders(train, arguments), rpm=arguments.rpm)
     found, judged = readings(response, arguments.element), strength(response)
     more = {"strength": strength_record(judged)} if judged else {}
     deliver(

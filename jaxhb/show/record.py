@@ -95,15 +95,19 @@ def _outcome_record(answer):
     } | solved
 
 
-def modes_record(modes):
+def modes_record(modes, kinds, ratios):
     """What ``modes --json`` writes: every value is a list over the modes.
 
-    ``{"frequencies_hz": [...], "mesh_energy_share": [...], "modes": {disk: [angle in mode 0, ...]}}``; the share of the
-    strain energy that lies in the teeth is between 0 and 1.
+    ``{"frequencies_hz": [...], "mesh_energy_share": [...], "kinds": [...], "node_count": [...],
+    "damping_ratios": [...], "generalised_mass": [...], "modes": {disk: [angle in mode 0, ...]}}``; the share of the
+    strain energy that lies in the teeth is between 0 and 1, damping ratios are those of Lehr (None: none is known),
+    masses are in kg m2 for a largest angle of 1.
     """
     shapes = zip(modes.names, np.asarray(modes.shapes).T.tolist(), strict=True)
-    numbers = {name: np.asarray(getattr(modes, name)).tolist() for name in ("frequencies_hz", "mesh_energy_share")}
-    return finite(numbers | {"modes": dict(shapes)})
+    listed = ("frequencies_hz", "mesh_energy_share", "node_count", "generalised_mass")
+    numbers = {name: np.asarray(getattr(modes, name)).tolist() for name in listed}
+    more = {"kinds": list(kinds), "damping_ratios": np.asarray(ratios).tolist()}
+    return finite(numbers | more | {"modes": dict(shapes)})
 
 
 def finite(value):

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from ..linear.limits import NOT_ABOVE, judged, link_power
+from ..linear.strength import HIGHEST
 from .columns import NONE, aligned, alike, ranges
 
 AID = "evaluation aid, no class approval"
@@ -145,11 +146,31 @@ def _shares(values, limits):
 
 
 def _barred_text(found):
-    """What is barred of several speeds, one range a line."""
+    """What is barred of several speeds, one range a line, and where nothing is judged."""
     barred = [(name, one) for name, several in found.barred.items() for one in several]
-    span = f"between {min(found.rpm):g} and {max(found.rpm):g} rpm"
-    head = "Barred speed ranges" if barred else "No barred speed range"
-    return "\n".join([f"{head} {span} ({AID})", *(_range_text(name, one, found.rated_rpm) for name, one in barred)])
+    limited = {name: row for name, row in found.stresses.items() if row.continuous is not None}
+    within = np.isfinite(next(iter(limited.values())).continuous)
+    rpm = np.asarray(found.rpm)
+    said = []
+    if within.any():
+        head = "Barred speed ranges" if barred else "No barred speed range"
+        said = [f"{head} between {rpm[within].min():g} and {rpm[within].max():g} rpm ({AID})"]
+        said += [_range_text(name, one, found.rated_rpm) for name, one in barred]
+    return "\n".join([*said, *_beyond_text(rpm, limited, ~within, found.rated_rpm)])
+
+
+def _beyond_text(rpm, limited, beyond, rated):
+    """What the stresses are at the speeds for which the rule has no limit."""
+    if not beyond.any():
+        return []
+    largest = []
+    for name, row in limited.items():
+        values = np.where(beyond, row.stress, np.nan)
+        if np.isfinite(values).any():
+            place = int(np.nanargmax(values))
+            largest.append(f"{name} {1e-6 * values[place]:.4g} MPa at {rpm[place]:g} rpm")
+    told = f"; largest there: {', '.join(largest)}" if largest else ""
+    return [f"Above {HIGHEST * rated:g} rpm, {HIGHEST:g} of the rated speed, the rule has no limit: NOT judged{told}."]
 
 
 def _range_text(name, one, rated):

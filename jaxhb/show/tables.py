@@ -4,6 +4,7 @@ import textwrap
 
 import numpy as np
 
+from ..linear.critical import ELASTIC, RIGID, RING
 from .balance import balance_line, mean_angles_of, plain_number
 from .choose import gears, shafts_of
 from .columns import NONE, aligned, alike, ratios, shares
@@ -142,18 +143,35 @@ def _torque_columns(what, names, after, before):
     return aligned(heads, [names, *columns], [("with backlash", 1, 3), ("without", 4, 5)])
 
 
-def modes_text(modes, name, teeth="teeth in contact"):
-    """Natural frequencies, the share of the teeth in their energy, and the disks that move most."""
-    rows, loose = [], int(np.sum(modes.frequencies_hz == 0))
+def modes_text(modes, name, kinds, ratios, teeth="teeth in contact"):
+    """Natural frequencies, nodes, damping ratios, the share of the teeth in their energy, what moves most.
+
+    Parameters
+    ----------
+    modes : Modes
+    name : str, of the scene
+    kinds : sequence of str, of each mode, from :func:`jaxhb.linear.critical.mode_kinds`
+    ratios : array ``(m,)``, Lehr's damping ratios, nan where there is none
+    teeth : str, how stiff they are
+
+    Returns
+    -------
+    str
+    """
+    rows, loose = [], sum(kind == RIGID for kind in kinds)
     for k, hz in enumerate(modes.frequencies_hz):
         shape = modes.shape(k)
         most = sorted(shape, key=lambda disk: -abs(shape[disk]))[:3]
         moving = ", ".join(f"{disk} {shape[disk]:+.2f}" for disk in most)
-        if not hz and loose > 1:
-            moving = f"one of {loose} rigid-body modes"
-        elif not hz and all(shape.values()):
-            moving = "rigid-body mode"
-        rows.append([str(k), f"{hz:.2f}", f"{60 * hz:.0f}", f"{100 * modes.mesh_energy_share[k]:.0f}", moving])
-    heads = ["mode", "Hz", "per minute", "in teeth %", "largest angles (relative)"]
+        if kinds[k] == RING:
+            moving = f"ring only: {most[0]} turns freely"
+        elif kinds[k] == RIGID:
+            moving = f"one of {loose} rigid-body modes" if loose > 1 else "rigid-body mode"
+            moving += " on the ground's spring" if hz else ""
+        damping = f"{ratios[k]:.4f}" if np.isfinite(ratios[k]) else NONE
+        nodes = modes.node_count[k] if kinds[k] == ELASTIC else NONE
+        teeth_share = f"{100 * modes.mesh_energy_share[k]:.0f}"
+        rows.append([k, f"{hz:.2f}", f"{60 * hz:.0f}", nodes, damping, teeth_share, moving])
+    heads = ["mode", "Hz", "per minute", "nodes", "damping ratio", "in teeth %", "largest angles (relative)"]
     title = f"Natural frequencies of {name}: undamped, {teeth}; share of the strain energy in the teeth"
-    return title + "\n" + aligned(heads, list(zip(*rows, strict=True)), left=(4,))
+    return title + "\n" + aligned(heads, list(zip(*rows, strict=True)), left=(6,))

@@ -10,9 +10,22 @@ from ..model.change import declared_field, locate
 from .balance import plain_number
 from .columns import aligned
 from .record import finite
+from .strength import AID
 
 SCALES = {"N": (1e-3, "kN"), "rad": (1e3, "mrad"), "Pa": (1e-6, "MPa")}
 """Units in which people read quantities."""
+
+JUDGED = (
+    "stress",
+    "stress over continuous limit",
+    "stress over transient limit",
+    "tooth torque over limit",
+    "power over limit",
+)
+"""Quantities of rules: their table says that it is no approval."""
+
+EXCESS = 0.01
+"""Share of a limit by which a penalty lets it be exceeded before that is told."""
 
 
 def tuned_record(train, asked, result):
@@ -77,7 +90,21 @@ def tuned_text(train, asked, result):
         f"{last.seconds:.0f} s; {result.stopped}",
         f"solved: {result.before.solved.sum()} of {len(rpm)} speeds before, {result.after.solved.sum()} after",
     ]
-    return "\n\n".join(["\n".join(head), _parameter_table(train, asked, result), _quantity_table(asked, rpm, result)])
+    tables = [_parameter_table(train, asked, result), _quantity_table(asked, rpm, result)]
+    return "\n\n".join(["\n".join(head), *tables, *_limits_exceeded(asked, rpm, result)])
+
+
+def _limits_exceeded(asked, rpm, result):
+    """A sentence on the limits that the last design exceeds by more than what a penalty lets through."""
+    said = []
+    for chosen, name, _, after in _readings(asked, result):
+        value, _ = _worst(rpm, after, chosen)
+        most, least = getattr(chosen, "most", None), getattr(chosen, "least", None)
+        over = most is not None and value > most + EXCESS * abs(most)
+        if over or (least is not None and value < least - EXCESS * abs(least)):
+            unit = f" {scaled_unit(chosen.quantity)[1]}".rstrip()
+            said.append(f"{name} is {_shown(chosen, value)}{unit}, {_limit(chosen)}")
+    return [f"NOT within its limits: {'; '.join(said)}."] if said else []
 
 
 def _readings(asked, result, *, limits=True):
@@ -89,7 +116,7 @@ def _readings(asked, result, *, limits=True):
 
 def _won(chosen, rpm, before, after):
     """One sentence on an objective."""
-    (old, old_rpm), (new, new_rpm) = _worst(rpm, before), _worst(rpm, after)
+    (old, old_rpm), (new, new_rpm) = _worst(rpm, before, chosen), _worst(rpm, after, chosen)
     name, unit = label(chosen), scaled_unit(chosen.quantity)[1]
     unit = f" {unit}" if unit else ""
     change = f", {100 * (new / old - 1):+.0f} %" if old else ""
@@ -116,20 +143,23 @@ def _quantity_table(asked, rpm, result):
     for chosen, name, before, after in _readings(asked, result):
         shown = [f"{name}, {scaled_unit(chosen.quantity)[1]}".removesuffix(", ")]
         for values in (before, after):
-            value, at = _worst(rpm, values)
+            value, at = _worst(rpm, values, chosen)
             shown += [_shown(chosen, value), "-" if chosen.quantity in OF_DESIGN else f"{at:g}"]
         rows.append([*shown, _limit(chosen)])
     heads = ["quantity, worst over the speeds", "before", "at rpm", "after", "at rpm", "limit"]
-    title = "Quantities (forces, torques and angles: half peak-to-peak unless called peak or order)\n"
+    title = "Quantities (forces, torques and angles: half peak-to-peak unless called peak or order)"
+    judged = any(chosen.quantity in JUDGED for chosen, *_ in _readings(asked, result))
+    title += f" ({AID})\n" if judged else "\n"
     return title + aligned(heads, [list(column) for column in zip(*rows, strict=True)])
 
 
-def _worst(rpm, values):
-    """Largest value and its speed."""
+def _worst(rpm, values, chosen):
+    """Largest value and its speed; the smallest where only a lower limit is set."""
     values = np.atleast_1d(np.asarray(values, dtype=float))
     if not np.isfinite(values).any():
         return np.nan, np.nan
-    place = int(np.nanargmax(values))
+    lower = getattr(chosen, "least", None) is not None and getattr(chosen, "most", None) is None
+    place = int((np.nanargmin if lower else np.nanargmax)(values))
     return float(values[place]), float(rpm[place])
 
 

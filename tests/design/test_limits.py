@@ -91,15 +91,15 @@ def test_the_gradient_of_limits_is_that_of_differences():
 FAULTS = {
     "shaft without a strength": (
         Penalty(quantity="stress over continuous limit", of="plain", most=1.0),
-        "there is no shaft with a tensile_strength 'plain'.",
+        "'plain' has no tensile_strength: give it one in the scene.",
     ),
     "damper without a limit": (
         Penalty(quantity="power over limit", of="ring", most=1.0),
-        "there is no shaft or damper with a power_limit 'ring'.",
+        "'ring' has no power_limit: give it one in the scene.",
     ),
     "mesh without a rated torque": (
         Penalty(quantity="tooth torque over limit", of="pinion|wheel", most=1.0),
-        "there is no mesh with a rated_torque 'pinion|wheel'.",
+        "'pinion|wheel' has no rated_torque: give it one in the scene.",
     ),
 }
 

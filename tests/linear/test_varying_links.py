@@ -188,7 +188,7 @@ def test_what_needs_constant_links_refuses_others_by_name_and_takes_them_at_one_
     needing += [lambda t: jaxhb.steady_state(t, rpm=1500.0), lambda t: jaxhb.integrate(t, rpm=1500.0, cycles=2)]
     needing += [lambda t: jaxhb.solve(t, rpm=1500.0), lambda t: t.with_viscous_damping(hz=100.0)]
     for call in needing:
-        with pytest.raises(SceneError, match=f"{sentence}, which only the forced response takes"):
+        with pytest.raises(SceneError, match=f"{sentence}, which only the forced response"):
             call(train)
     with pytest.raises(SceneError, match=f"{sentence}.*Give it"):
         train.with_constant_links()

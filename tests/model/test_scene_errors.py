@@ -45,7 +45,7 @@ CASES = {
     ),
     "rows over frequency, doubled": (
         SOFT + "over_hz = [[10, 1, 1], [10, 2, 1]]",
-        "over_hz, row 2: hz 10 after 10; must increase. Sort the rows.",
+        "over_hz, row 2: hz 10 after 10; must increase. Leave out one of the two rows.",
     ),
     "rows over amplitude, stiffness": (
         SOFT + "over_amplitude = [[0, 1, 1], [0.01, 0, 1]]",
@@ -170,7 +170,7 @@ CASES = {
     ),
     "scale": (
         MESH + "[[torque]]\ndisk = 'a'\nscale = [[600, 1], [600, 2]]",
-        "scale, row 2: rpm 600 after 600; must increase. Sort the rows.",
+        "scale, row 2: rpm 600 after 600; must increase. Leave out one of the two rows.",
     ),
     "angles": (
         MESH + CYLINDER + "pressure = [[0, 1e5], [10, 1e5], [9, 1e5]]",

@@ -95,3 +95,13 @@ def test_the_picture_has_modes_rays_and_circles_at_the_critical_speeds():
 def test_bad_input_exits_2_with_a_sentence(options, why, capsys):
     assert main(["campbell", SCENE, *options]) == 2
     assert why in capsys.readouterr().err
+
+
+def test_an_order_that_does_nothing_on_a_shape_has_a_modal_torque_of_zero(tmp_path, capsys):
+    """At the order to which it is tuned an absorber holds its disk, on which alone the torque acts."""
+    (tmp_path / "p.toml").write_text(PENDULUM.replace('[[torque]]\ndisk = "load"', '[[torque]]\ndisk = "crank"'))
+    command = ["campbell", str(tmp_path / "p.toml"), "--rpm", "500:6000:40", "--links-at", "hz=0"]
+    assert main([*command, "--orders", "3", "--json", str(tmp_path / "c.json")]) == 0
+    (only,) = json.loads((tmp_path / "c.json").read_text())["critical_speeds"]
+    assert only["modal_torque"] == 0.0
+    assert capsys.readouterr().out.splitlines()[-1].split()[-1] == "0"

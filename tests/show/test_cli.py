@@ -59,7 +59,8 @@ def test_modes_are_those_of_python(capsys, tmp_path):
     assert main(["modes", "gear_train_30", "--json", str(file)]) == 0
     modes = jaxhb.natural_frequencies(jaxhb.load_scene("gear_train_30"))
     record = read(file)
-    assert set(record) == {"scenario", "set", "links_at", "frequencies_hz", "mesh_energy_share", "modes"}
+    told = {"frequencies_hz", "mesh_energy_share", "modes", "kinds", "node_count", "generalised_mass", "damping_ratios"}
+    assert set(record) == {"scenario", "set", "links_at"} | told
     assert record["mesh_energy_share"] == modes.mesh_energy_share.tolist()
     assert record["frequencies_hz"] == modes.frequencies_hz.tolist()
     assert record["modes"]["crank gear"] == modes.shapes[:, modes.names.index("crank gear")].tolist()
@@ -182,11 +183,14 @@ def test_a_sweep_writes_one_response_and_one_row_per_speed(capsys, tmp_path):
 
 
 def test_a_ring_without_stiffness_is_not_called_a_motion_of_all_disks(capsys):
-    """A viscous damper's ring turns freely, and the two motions of 0 Hz mix at will."""
+    """A viscous damper's ring turns freely: its motion of 0 Hz is told apart from that of the train."""
     assert main(["modes", "engine_with_damper"]) == 0
     rows = capsys.readouterr().out.splitlines()[2:]
-    assert [row.split(maxsplit=4)[-1] for row in rows[:2]] == ["one of 2 rigid-body modes"] * 2
+    said = [row.split(maxsplit=6)[-1] for row in rows[:2]]
+    assert said == ["rigid-body mode", "ring only: viscous damper turns freely"]
     assert "rigid-body" not in rows[2]
+    assert main(["modes", "gear_train_30"]) == 0
+    assert capsys.readouterr().out.splitlines()[2].endswith("rigid-body mode on the ground's spring")
 
 
 def test_a_sweep_says_of_each_speed_how_many_harmonics_it_took_and_what_was_changed(tmp_path):

@@ -143,7 +143,9 @@ def test_a_train_that_nothing_excites_rests(tmp_path, capsys):
     (tmp_path / "one.toml").write_text('[[disk]]\nname = "hub"\ninertia = 1.0\ndamping = 1.0\n')
     files = ["--csv", str(tmp_path / "r.csv"), "--plot", str(tmp_path / "r.png")]
     assert main(["forced", str(tmp_path / "one.toml"), "--rpm", "1000", *files]) == 0
-    assert capsys.readouterr().out.splitlines()[-1].split() == ["hub", "0", "-", "0", "-", "-", "0", "-", "0"]
+    *_, row, _, said = capsys.readouterr().out.splitlines()
+    assert row.split() == ["hub", "0", "-", "0", "-", "-", "0", "-", "0"]
+    assert said.startswith("Nothing excites the train.")
 
 
 def test_a_scenario_is_taken_and_noted(soft, tmp_path):
@@ -186,3 +188,10 @@ def test_other_commands_refuse_links_that_vary_by_name(soft, command, capsys):
 def test_an_unknown_scenario_is_bad_input(soft, capsys):
     assert main(["forced", soft, "--rpm", "50", "--scenario", "hott"]) == 2
     assert "there is no scenario 'hott'. Did you mean 'hot'?" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["forced", "campbell", "sweep"])
+def test_the_misfire_of_each_is_that_of_report(command, capsys):
+    assert main([command, "six_cylinder_diesel", "--rpm", "900:1000:2", "--misfire", "each"]) == 2
+    said = capsys.readouterr().err
+    assert said == "--misfire each: only jaxhb report takes every cylinder in turn. Name one, or use report.\n"

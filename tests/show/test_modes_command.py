@@ -105,6 +105,21 @@ def test_at_a_speed_the_teeth_have_the_stiffness_of_their_mean_load(tmp_path, ca
     assert (tmp_path / "m.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_the_table_and_the_json_tell_nodes_damping_ratios_and_kinds(tmp_path, capsys):
+    file = tmp_path / "m.json"
+    assert main(["modes", "engine_with_damper", "--json", str(file)]) == 0
+    train = jaxhb.load_scene("engine_with_damper")
+    modes = jaxhb.natural_frequencies(train)
+    ratios, record = damping_ratios(train, modes), json.loads(file.read_text())
+    assert record["damping_ratios"] == [None, None, *ratios[2:]]
+    assert record["node_count"] == modes.node_count.tolist()
+    assert record["generalised_mass"] == modes.generalised_mass.tolist()
+    assert record["kinds"][:3] == ["rigid", "ring only", "elastic"]
+    rows = [line.split() for line in capsys.readouterr().out.splitlines()[2:]]
+    assert [row[4] for row in rows] == ["-", "-", *(f"{ratio:.4f}" for ratio in ratios[2:])]
+    assert [row[3] for row in rows] == ["-", "-", *map(str, modes.node_count[2:])]
+
+
 def test_an_order_tuned_ring_is_as_stiff_as_at_the_speed(tmp_path, capsys):
     text = IDLE + '[[damper]]\nname = "ring"\ndisk = "a"\ninertia = 0.01\norder = 2\n'
     (tmp_path / "ring.toml").write_text(text)

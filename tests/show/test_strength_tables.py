@@ -139,7 +139,7 @@ def test_a_sweep_and_a_report_bar_ranges_too(scene, wanted, capsys):
         (found,) = read(record)["stresses"]["line shaft"]["barred"]
         assert (found["low"], found["high"]) == pytest.approx((barred.low, barred.high), rel=1e-6)
         assert (
-            "Barred speed ranges between 300 and 960 rpm" in said and f"{barred.low:.4g} to {barred.high:.4g}" in said
+            "Barred speed ranges between 300 and 930 rpm" in said and f"{barred.low:.4g} to {barred.high:.4g}" in said
         )
 
 
@@ -216,3 +216,17 @@ def test_a_tuning_keeps_the_stress_within_its_limit(scene, tmp_path, capsys):
     np.testing.assert_allclose(judged.stress / judged.continuous, found["after"], rtol=1e-5)
     said = capsys.readouterr().out
     assert "stress over continuous limit of line shaft" in said and "at most 1.6" in said
+
+
+def test_speeds_for_which_the_rule_has_no_limit_are_not_called_free_of_barred_ranges(scene, capsys):
+    beyond = "Above 945 rpm, 1.05 of the rated speed, the rule has no limit: NOT judged; largest there: line shaft "
+    assert main(["forced", str(scene), "--rpm", "900:1200:4"]) == 0
+    said = capsys.readouterr().out
+    stress = jaxhb.strength(jaxhb.forced_response(jaxhb.load_scene(scene), rpm=np.linspace(900.0, 1200.0, 4)))
+    largest = stress.stresses["line shaft"].stress[1:]
+    at = 1000 + 100 * int(largest.argmax())
+    assert "No barred speed range between 900 and 900 rpm" in said
+    assert f"{beyond}{largest.max() / 1e6:.4g} MPa at {at} rpm." in said
+    assert main(["forced", str(scene), "--rpm", "1000:1200:3"]) == 0
+    said = capsys.readouterr().out
+    assert "arred speed range" not in said and beyond in said

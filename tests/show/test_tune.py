@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.design import Objective, Parameter
+from jaxhb.design import Objective, Parameter, Penalty
 from jaxhb.design.table import read_table
 from jaxhb.model.scene_writer import changed_scene
 from jaxhb.show import commands
 from jaxhb.show.cli import main
 from jaxhb.show.plots import plot_tuning
+from jaxhb.show.tuned import _worst
 from jaxhb.show.tuned_check import check_designs, check_text
 
 TABLE = """
@@ -229,3 +230,24 @@ def test_a_design_whose_tuned_orbit_is_not_what_the_train_does_is_told():
         f"{state.force(mesh).peak / 1e3:.3g} kN instead of {orbit / 1e3:.3g} kN."
     )
     assert said in " ".join(check_text(found).split())
+
+
+def test_a_limit_that_the_tuned_design_exceeds_is_told(tmp_path, capsys):
+    penalty = '[[tune.penalty]]\nquantity = "shaft torque"\nof = "cyl6|flywheel"\nmost = 1.0\n'
+    text, beside = changed_scene("six_cylinder_diesel", {})
+    for name, path in beside.items():
+        (tmp_path / name).write_bytes(path.read_bytes())
+    table = TABLE.replace("steps = 6", "steps = 1")
+    for name, more in (("kept", ""), ("missed", penalty)):
+        (tmp_path / f"{name}.toml").write_text(text + table + more, encoding="utf-8")
+        assert main(["tune", str(tmp_path / f"{name}.toml"), "--output", str(tmp_path / f"{name}_better.toml")]) == 0
+        said = capsys.readouterr().out
+        assert ("NOT within its limits: shaft torque of cyl6|flywheel is" in said) == bool(more)
+    assert "N m, at most 1." in said
+
+
+def test_the_worst_of_a_lower_limit_is_the_smallest_value():
+    rpm, values = np.array([1.0, 2.0, 3.0]), np.array([5.0, 4.0, 6.0])
+    lower = Penalty(quantity="damper power", of="ring", least=1.0)
+    upper = Penalty(quantity="damper power", of="ring", most=9.0)
+    assert _worst(rpm, values, lower) == (4.0, 2.0) and _worst(rpm, values, upper) == (6.0, 3.0)
