@@ -15,6 +15,8 @@ LETTERS, SMALLEST = 7.5, 4.0
 EDGE = 0.8
 """Inches kept free at each side, for title and legend."""
 ROUND = np.linspace(0.0, 2 * np.pi, 73)
+BOW = 0.9
+"""Units by which a link that closes a loop passes the disks between its ends."""
 
 
 def plot_train(train):
@@ -103,10 +105,10 @@ def _draw_links(axes, topology, found, once):
     shafts, dampers = len(topology.shaft_names), len(topology.damper_names)
     for link, (a, b) in enumerate(topology.link_ends):
         ends = np.array([[found.x[a], found.y[a]], [found.x[b], found.y[b]]])
-        if link < shafts:
-            axes.plot(*ends.T, color="black", linewidth=2.2, zorder=2, **once("shaft"))
-        elif link < shafts + dampers:
-            axes.plot(*ends.T, color="black", linewidth=1.6, linestyle=(0, (1.5, 1)), zorder=2, **once("damper"))
+        if link < shafts + dampers:
+            damper = {"linewidth": 1.6, "linestyle": (0, (1.5, 1))} | once("damper") if link >= shafts else {}
+            style = damper or {"linewidth": 2.2} | once("shaft")
+            axes.plot(*_clear(ends, found, (a, b)).T, color="black", zorder=2, **style)
         else:
             way = (ends[1] - ends[0]) / np.hypot(*(ends[1] - ends[0]))
             ends += np.array([found.pitch[a] * way, -found.pitch[b] * way])
@@ -118,6 +120,19 @@ def _draw_links(axes, topology, found, once):
             style = {"color": "black", "markersize": 5, "markerfacecolor": "white" if gap else "black", "zorder": 7}
             label = once(f"{kind} with backlash" if gap else kind)
             axes.plot(*ends.mean(axis=0), "o", linestyle="", **style, **label)
+
+
+def _clear(ends, found, own):
+    """The line ``(n, 2)`` of a link between its ends: bowed where it closes a loop through other disks."""
+    way, t = ends[1] - ends[0], np.linspace(0.0, 1.0, 41)[:, None]
+    others = np.setdiff1d(np.arange(len(found.x)), own)
+    centres = np.stack([found.x, found.y], axis=1)[others]
+    along = np.clip((centres - ends[0]) @ way / (way @ way), 0.0, 1.0)[:, None]
+    apart = np.hypot(*(centres - ends[0] - along * way).T)
+    if not (apart < np.asarray(found.disk)[others]).any():
+        return ends
+    across = np.array([-way[1], way[0]]) / np.hypot(*way) * (1.0 if way[0] >= 0 else -1.0)
+    return ends[0] + t * way + 4 * t * (1 - t) * BOW * across
 
 
 def _draw_supports(axes, topology, found, once):

@@ -75,6 +75,15 @@ def test_radii_grow_with_the_fourth_root_of_inertias_and_in_proportion_to_gears(
     assert disk.argmin() == names.index("wheel") and not pitch[names.index("crank")]
 
 
+def test_a_shaft_that_closes_a_loop_passes_the_disks_between_its_ends():
+    parts = [jaxhb.Disk(name=name, inertia=0.1) for name in "abc"]
+    parts += [jaxhb.Shaft(between=ends, stiffness=1e4) for ends in (("a", "b"), ("b", "c"), ("c", "a"))]
+    train = jaxhb.build(parts, revolutions_per_cycle=1)
+    found, lines = sketch.layout(train), sketch_plots.plot_train(train).axes[0].lines
+    points = np.concatenate([line.get_xydata() for line in lines if len(line.get_xydata()) > 2])
+    assert np.hypot(points[:, 0] - found.x[1], points[:, 1] - found.y[1]).min() > found.disk[1]
+
+
 def test_scene_draws_the_train_and_prints_it_only_if_asked(tmp_path, capsys):
     picture, copy = tmp_path / "train.png", tmp_path / "copy.toml"
     assert main(["scene", "spur_pair", "--plot", str(picture)]) == 0
