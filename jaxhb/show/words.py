@@ -50,7 +50,9 @@ def motion_word(answer):
     if answer.orbit:
         parts.append(status_word(answer.status))
     else:
-        parts.append(f"period {state.period}" if state.kind == "subharmonic" else state.kind)
+        toothless = state.known and not answer.topology.mesh_names
+        kind = "periodic" if toothless else state.kind  # as motion_text says
+        parts.append(f"period {state.period}" if state.kind == "subharmonic" else kind)
         if answer.known and answer.converged is False:
             parts.append("not solved" if answer.status is None else status_word(answer.status))
     return ", ".join([*parts, *["UNSTABLE"] * answer.growth.unstable])

@@ -88,6 +88,13 @@ def test_a_train_of_one_disk_is_told_by_its_angle_and_has_no_picture(command, sc
     assert "mrad" in said and "hub" in said
 
 
+def test_the_motion_of_a_train_without_teeth_is_periodic_in_every_command(scene, capsys):
+    for command in ("solve", "sweep"):
+        assert main([command, scene(DISK, DAMPER), "--rpm", SPEEDS[command]]) == 0
+        told = capsys.readouterr().out
+        assert "periodic" in told and "contact" not in told
+
+
 def test_the_hardest_shaft_may_be_a_damper(scene):
     train = jaxhb.load_scene(scene(DISK, DAMPER))
     answer, sweep = answer_one(train, 1000.0, Asked()), answer_speeds(train, [1000.0, 1500.0], Asked())
