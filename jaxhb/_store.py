@@ -42,7 +42,7 @@ class Store:
         """Hash of what all entries of this process have in common."""
         versions = sys.version, jax.__version__, jaxlib.version.__version__
         flags = tuple(os.environ.get(name, "") for name in ("XLA_FLAGS", "LIBTPU_INIT_ARGS"))
-        return _hash(package_hash(), repr((versions, flags, _processor())).encode())
+        return blake2(package_hash(), repr((versions, flags, _processor())).encode())
 
     def load(self, key, arguments):
         """The executable of ``key`` for ``arguments``, a jax.stages.Compiled; None where there is none that works."""
@@ -51,7 +51,7 @@ class Store:
             return None
         try:
             content = path.read_bytes()
-            if _hash(content[_DIGEST:]) != content[:_DIGEST]:
+            if blake2(content[_DIGEST:]) != content[:_DIGEST]:
                 raise ValueError("damaged")
             lapack.prepare_lapack_call("potrf", np.float64)  # else a loaded program that calls LAPACK crashes
             executable, result = pickle.loads(content[_DIGEST:])
@@ -79,7 +79,7 @@ class Store:
             self._make_room(len(content))
             with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
                 try:
-                    file.write(_hash(content) + content)
+                    file.write(blake2(content) + content)
                     file.close()
                     os.replace(file.name, path)
                 except OSError:
@@ -87,7 +87,7 @@ class Store:
 
     def _path(self, key):
         folder = self.own_folder
-        return folder and folder / (_hash(self.origin, key.encode()).hex() + ".program")
+        return folder and folder / (blake2(self.origin, key.encode()).hex() + ".program")
 
     @cached_property
     def own_folder(self):
@@ -141,10 +141,10 @@ def user_folder():
 def package_hash():
     """Hash of the sources of the package."""
     sources = sorted(Path(__file__).parent.rglob("*.py"))
-    return _hash(*(path.read_bytes() for path in sources))
+    return blake2(*(path.read_bytes() for path in sources))
 
 
-def _hash(*parts):
+def blake2(*parts):
     """BLAKE2 of several byte strings."""
     found = hashlib.blake2b(digest_size=_DIGEST)
     for part in parts:

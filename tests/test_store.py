@@ -111,7 +111,7 @@ def test_a_program_that_does_not_load_is_made_again(kept):
     run()
     (file,) = files(kept)
     content = b"no pickle at all"
-    file.write_bytes(_store._hash(content) + content)
+    file.write_bytes(_store.blake2(content) + content)
     assert compiled(run)[0] == 1
 
 

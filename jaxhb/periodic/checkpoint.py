@@ -6,7 +6,6 @@ alone, a sweep that goes on gives the same numbers to the last bit. A file appea
 """
 
 import contextlib
-import hashlib
 import io
 import json
 import os
@@ -16,7 +15,7 @@ import jax
 import numpy as np
 
 from .. import __version__
-from .._store import package_hash
+from .._store import blake2, package_hash
 from ..model.saved import pack, unpack
 
 MANIFEST = "sweep.json"
@@ -93,8 +92,8 @@ class Checkpoint:
             name = f"{_hash(judge.speeds[chunk], [place in given for place in chunk], *given.values())}.npz"
             states = self._read(name)
             if states is None:
-                states = list(judge.settle(chunk, given, progress).items())
-                states = [state for _, state in sorted(states, key=lambda item: chunk.index(item[0]))]
+                settled = judge.settle(chunk, given, progress)
+                states = [settled[place] for place in chunk]
                 self._write(name, _as_file(states))
             else:
                 progress(len(chunk))
@@ -108,8 +107,6 @@ class Checkpoint:
             with np.load(content, allow_pickle=False) as file:
                 index = json.loads(file["index"].tobytes())
                 return unpack(index, [file[f"a{i}"] for i in range(len(file.files) - 1)])
-        except FileNotFoundError:
-            return None
         except Exception:  # whatever a damaged file does to its reader
             return None
 
@@ -169,7 +166,5 @@ def _hash_of(train):
 
 def _hash(*arrays):
     """Hash of arrays, in hexadecimal digits."""
-    found = hashlib.blake2b(digest_size=16)
-    for array in map(np.ascontiguousarray, arrays):
-        found.update(repr((array.shape, array.dtype.str)).encode() + array.tobytes())
-    return found.hexdigest()
+    arrays = [np.asarray(array) for array in arrays]
+    return blake2(*(repr((a.shape, a.dtype.str)).encode() + a.tobytes() for a in arrays)).hex()[:32]

@@ -116,11 +116,12 @@ def steady_state(
     speeds = np.atleast_1d(np.asarray(rpm, dtype=float))
     request = Request.of(train, harmonics, tolerance, many=len(speeds) > 1)
     cycles = cycles or Cycles()
-    settle, judge = None, Judge(train, speeds, request, exact, cycles, tuple(devices))
+    judge = Judge(train, speeds, request, exact, cycles, tuple(devices))
+    settle = judge.settle
     if out is not None:
         asked = {name: value for name, value in vars(request).items() if name != "many"} | {"exact": exact}
         settle = partial(Checkpoint(out, train, asked | vars(cycles), chunk).settle, judge)
-    search = _Search(judge, settle or judge.settle, start, progress)
+    search = _Search(judge, settle, start, progress)
     if not np.ndim(rpm):
         return search.alone(0)
     order = np.argsort(speeds, kind="stable")

@@ -1,10 +1,10 @@
-"""A train that starts and preconditioners may use in place of the true one: inertial, without losses, of few modes.
+"""A train that starts and preconditioners may use in place of the true one: inertial, viscous damping alone, few modes.
 
 What the harmonics of a solve cannot see need not be integrated: modes faster than the steps answer statically, a disk
 without inertia (beside a backlash mesh an algebraic unknown) has a fast mode, loss factors damp each mode at its own
-frequency (:func:`jaxhb.transient.statespace.loss_damping`), and
-a finely divided train is projected on its answers to forces at the meshes over the frequencies that matter (rational
-Krylov, Galerkin). Errors made here cost iterations, never accuracy.
+frequency (:func:`jaxhb.transient.statespace.loss_damping`), and a finely divided train is projected on its answers to
+forces at the meshes over the frequencies that matter (rational Krylov, Galerkin). Errors made here cost iterations,
+never accuracy.
 """
 
 from dataclasses import dataclass
@@ -75,12 +75,10 @@ def reduced_model(system, links, active, frequency, time_steps):
         slow = slow & jnp.zeros(len(squares), bool).at[kept].set(True)
     apart = ~slow & (squares > free)
     static = (rows * jnp.where(apart, 1 / jnp.where(apart, squares, 1.0), 0.0)) @ rows.T
-    moving = squares > free  # as in statespace.loss_damping
-    root = jnp.where(moving, jnp.where(moving, squares, 1.0) ** -0.25, 0.0)
-    drag = vectors.T @ B @ vectors + root[:, None] * (vectors.T @ H @ vectors) * root
     vectors, rows = (jnp.where(slow, a, 0.0)[:, kept] for a in (vectors, rows))
-    drag = jnp.where(slow[:, None] & slow, drag, 0.0)[kept][:, kept]
     squares = jnp.where(slow & (squares > free), squares, 0.0)[kept]
+    root = jnp.where(squares > 0, jnp.where(squares > 0, squares, 1.0) ** -0.25, 0.0)  # as in statespace.loss_damping
+    drag = vectors.T @ B @ vectors + root[:, None] * (vectors.T @ H @ vectors) * root
     scale = jnp.sqrt(jnp.maximum(squares, frequency**2))
     shapes = basis @ vectors
     modal = shapes.T * mass
