@@ -52,6 +52,7 @@ _HOMES = {
     "periodic.checkpoint": ("CheckpointError",),
     "periodic.misfires": ("misfire_each",),
     "periodic.branch": ("Branch", "BranchOptions", "follow"),
+    "periodic.certificate": ("Certificate", "Kantorovich", "certify"),
     "periodic.returns": ("Cycles",),
     "periodic.search": ("PeriodicMotion", "solve_all"),
     "periodic.stability": ("Stability", "largest_multiplier", "stability"),

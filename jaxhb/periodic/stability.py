@@ -137,7 +137,7 @@ def stability(response):
     >>> found.stable, round(found.largest, 2), found.multipliers[found.rotation].real.round(2).tolist()
     (True, 0.15, [1.0, 0.98])
     """
-    train = _train_of(response)
+    train = train_of(response)
     system, meshes, topology = chain.assemble(train), backlash_meshes(train), train.topology
     parts = partition(system, meshes, topology.disk_names, topology.link_names, lossy=True)
     frequency = topology.cycle_frequency(float(response.rpm))
@@ -176,7 +176,7 @@ def largest_multiplier(response):
     >>> round(jaxhb.largest_multiplier(jaxhb.solve(jaxhb.load_scene("gear_train_30"), rpm=1800.0)), 2)
     0.15
     """
-    train, rpm = _train_of(response), float(response.rpm)
+    train, rpm = train_of(response), float(response.rpm)
     gaps, excited = train.topology.mesh_backlash, listed_harmonic(train.topology)
     highest = max(mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))[0], 2 * excited)
     plan = Plan(
@@ -222,8 +222,8 @@ def _linearised(problem, choice, deflection, sizes):
     return matrix, model.space.coordinates
 
 
-def _train_of(response):
-    """The train of a response that can be asked for its stability."""
+def train_of(response):
+    """The train of a response at one speed that solves its equations."""
     name = response.topology.name or "scene"
     if np.ndim(response.rpm):
         raise ValueError(f"{name}: this is a sweep of {len(response)} speeds: take one response of it, sweep[i].")

@@ -1,0 +1,327 @@
+"""The true, untruncated equation of the tooth deflections around a motion, and the sizes of what certifies it.
+
+In units of the backlash, ``y = l / h``, with ``E(y)`` the integral of (engagement - 1) from 0 to y, the force of a mesh
+beside its linear part is ``(1 - epsilon) c h E(y)``, and of damping in contact ``r h d/dt E(y)``, as the engagement
+times ``l'`` is the derivative of its integral. Both damping laws therefore lead to one equation with one nonlinear
+function of the deflections alone (method.md A4.4 has it without damping in contact), in harmonics
+
+    F(y) = y - y_lin + H psi(y) = 0,   H(n) = (1 + H_c m)^{-1} H_c,   H_c(n) = h^{-1} G(n) ((1-eps) c + i n Omega r) h,
+
+``G`` the receptances of the train in contact, m the middle of the range of (engagement - 1) over the motion and
+``psi(y) = E(y) - m y``. Loss factors are part of G. ``H(n)`` falls as n^-2, with damping in contact as n^-1.
+
+Operators here act on coefficients ``(G, n+1)``; norms are of real motions (root mean square, or weighted).
+"""
+
+from copy import copy
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.fft import next_fast_len
+from scipy.linalg import eigvalsh
+from scipy.sparse.linalg import LinearOperator, eigsh, onenormest
+
+from .._arrays import on_host
+from .._program import Program
+from ..harmonic import backlash, exact, fourier
+from ..harmonic.krylov import minimise_residual
+from ..harmonic.reduction import truncate
+from ..harmonic.residual import backlash_meshes
+from ..transient.reduced_model import reduced_model
+from . import correction
+from .problem import reduced_equation
+
+SOLVED, SOLVE_STEPS = 1e-8, 60
+"""Share of a right side that a solve with the linearised equation may leave, and its Krylov steps at most."""
+
+NORM, PROBES = 1e-2, 3
+"""Share of a norm at which its iteration ends; vectors at a time of the estimate of largest absolute row sums."""
+
+MARGIN = 1.1
+"""On computed norms: their iterations come from below."""
+
+PER_HARMONIC = 16
+"""Time samples per harmonic at which largest values are looked for."""
+
+DENSE_DISKS = 2000
+"""Disks up to which the highest natural frequency is computed; beyond, it is bounded."""
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """What programs are compiled for: ``low`` harmonics in which the linearised equation is solved, ``high`` to which
+    it is evaluated, ``reach`` of the receptances, time steps of the preconditioner."""
+
+    low: int
+    high: int
+    reach: int
+    time_steps: int
+
+    @property
+    def samples(self):
+        """Of the slopes that the preconditioner averages."""
+        return max(4 * self.time_steps, 4 * self.low)
+
+
+def highest_frequency(system):
+    """rad/s above which no natural frequency lies, meshes in contact and damping left out; inf without inertia."""
+    mass = np.asarray(system.mass)
+    if not (mass > 0).all():
+        return np.inf
+    if len(mass) > DENSE_DISKS:  # the stiffness matrix is at most twice its diagonal
+        return float(np.sqrt(2 * (np.asarray(system.held_stiffness()) / mass).max()))
+    rows = system.incidence().T / np.sqrt(mass)
+    stiffness = rows.T @ (np.asarray(system.stiffness)[:, None] * rows) + np.diag(np.asarray(system.ground) / mass)
+    return float(np.sqrt(max(eigvalsh(stiffness, subset_by_index=[len(mass) - 1] * 2)[0], 0.0)))
+
+
+@partial(Program, static_argnames="sizes")
+def _answer(problem, chosen, sizes):
+    """What does not depend on the motion: receptances and linear deflections up to ``reach``, those of the low
+    harmonics as :class:`Reduced`, and the train of the preconditioner."""
+    every, links = jnp.ones(len(chosen)), jnp.asarray(problem.meshes.link)[chosen]
+    reduced, _ = reduced_equation(problem, sizes.reach, every, chosen, jnp.zeros(len(problem.meshes.link)))
+    model = reduced_model(problem.system, links, every, problem.frequency, sizes.time_steps)
+    return reduced.receptance, reduced.linear, truncate(reduced, sizes.low), model
+
+
+@partial(Program, static_argnames="sizes")
+def _expand(reduced, model, deflection, sizes):
+    """Of a motion ``(G, low+1)`` m: the preconditioner; in harmonics the integral of (engagement - 1), and itself."""
+    law, meshes = reduced.law, len(deflection)
+    operator = correction.prepare(reduced, model, deflection, sizes.samples, sizes.time_steps)
+    unit = replace(law, stiffness=jnp.ones(meshes), epsilon=jnp.zeros(meshes), backlash=jnp.ones(meshes))
+    wide = fourier.resize(deflection / law.backlash[:, None], sizes.high // 2)
+    crossings = exact.locate(unit, wide, 4 * sizes.low)
+    rule = exact.divide(unit, wide, crossings)
+    values, unit = rule.synthesize(wide), unit.expand()
+    integral = rule.analyze(backlash.force(unit, values) - values, 2 * sizes.high)
+    share = rule.analyze(backlash.engagement(unit, values) - 1, 2 * sizes.high)
+    return operator, integral, share, crossings.complete
+
+
+@partial(Program, static_argnames="transposed")
+def _solve(gain, share, reduced, operator, right, transposed):
+    """``x + gain (share x) = right`` in packed coordinates ``(G, 2n+1)`` m, or with the transpose; and what is left."""
+
+    def product(packed):
+        x = fourier.unpack(packed.reshape(right.shape))
+        pushed = fourier.analyze(share * fourier.synthesize(x, share.shape[-1]), x.shape[-1] - 1)
+        return packed + fourier.pack(jnp.einsum("ngh,hn->gn", gain, pushed)).reshape(-1)
+
+    def approximate(packed):
+        x = fourier.unpack(packed.reshape(right.shape))
+        return fourier.pack(correction.precondition(reduced, operator, x)).reshape(-1)
+
+    def transpose(function):
+        _, back = jax.vjp(function, right.reshape(-1))
+        return lambda v: back(v)[0]
+
+    if transposed:
+        product, approximate = transpose(product), transpose(approximate)
+    x, left, _ = minimise_residual(product, approximate, right.reshape(-1), tolerance=SOLVED, steps=SOLVE_STEPS)
+    return x.reshape(right.shape), left
+
+
+class Linearisation:
+    """The equation of the deflections at one motion, with its derivative solved in ``low`` harmonics.
+
+    The approximate inverse A of ``F'`` is that of its first ``low`` harmonics, and 1 beyond.
+
+    Parameters
+    ----------
+    problem : Problem; train : DriveTrain; deflection : complex ``(G, N+1)`` m of the meshes with backlash
+    sizes : Sizes
+    scale : harmonic at which the weights ``w_n = sqrt(1 + (n/scale)^2)`` begin to rise
+    """
+
+    def __init__(self, problem, train, deflection, sizes, scale):
+        meshes = backlash_meshes(train)
+        self.law, viscous, gated, link = on_host((meshes.law, meshes.viscous, meshes.contact_damping, meshes.link))
+        self.damping = {"viscous": viscous, "gated": gated}
+        self.frequency, self.sizes, self.scale, self.unsolved = float(problem.frequency), sizes, scale, 0.0
+        chosen = np.flatnonzero(train.topology.mesh_backlash).astype(np.int32)
+        receptance, linear, self._reduced, self._model = _answer(problem, chosen, sizes)
+        n, h = np.arange(sizes.reach + 1), self.law.backlash
+        stiffness, viscous = (1 - self.law.epsilon) * self.law.stiffness, np.where(gated, viscous, 0.0)
+        change = stiffness + 1j * n[:, None] * self.frequency * viscous
+        receptance = np.asarray(receptance)
+        self.held = receptance / h[:, None] * (change * h)[:, None, :]
+        self._linear = np.asarray(linear)[:, : sizes.high + 1] / h[:, None]
+        self._gain = (receptance * change[:, None, :])[: sizes.low + 1]
+        self.slopes = stiffness, viscous
+        self._falls = self._fall(problem.system, problem.system.incidence(link))
+        self._place(fourier.resize(np.asarray(deflection), sizes.low))
+
+    def _place(self, deflection):
+        """Take the motion ``(G, low+1)`` m as that around which the equation is linear."""
+        sizes, high = self.sizes, self.sizes.high
+        self._operator, *found = _expand(self._reduced, self._model, deflection, sizes)
+        integral, share, complete = map(np.asarray, found)
+        self.complete, self.deflection = bool(complete), deflection / self.law.backlash[:, None]
+        self._samples = fourier.synthesize(share, self._count(2 * high))
+        low, top = self._samples.min(1), self._samples.max(1)
+        self.middle, self.half_range = (low + top) / 2, float((top - low).max() / 2)
+        self._samples = self._samples - self.middle[:, None]
+        self.integral = integral - self.middle[:, None] * fourier.resize(self.deflection, 2 * high)
+        self.share = share - self.middle[:, None] * (np.arange(share.shape[1]) == 0)
+        self._share = fourier.synthesize(fourier.resize(share, 2 * sizes.low), self._count(2 * sizes.low))
+        self._shift = np.eye(len(self.middle)) + self.held * self.middle
+        self.gain = np.linalg.solve(self._shift, self.held)
+        self.linear = np.linalg.solve(self._shift[: high + 1], self._linear.T[:, :, None])[..., 0].T
+
+    def moved(self, change):
+        """The same at a motion changed by ``(G, low+1)`` backlashes."""
+        there = copy(self)
+        for name in "gain_sizes", "weight":
+            vars(there).pop(name, None)
+        there._place((self.deflection + change) * self.law.backlash[:, None])
+        return there
+
+    @staticmethod
+    def largest(x):
+        """``(G,)``: largest values over the cycle of motions ``(G, n+1)``."""
+        return np.abs(fourier.synthesize(x, PER_HARMONIC * max(x.shape[1] - 1, 1))).max(-1)
+
+    @staticmethod
+    def _count(harmonics):
+        return next_fast_len(2 * harmonics + 2, real=True)
+
+    @cached_property
+    def weight(self):
+        """``(reach+1,)``: w_n."""
+        return np.sqrt(1 + (np.arange(self.sizes.reach + 1) / self.scale) ** 2)
+
+    @property
+    def embedding(self):
+        """Largest value of a motion over its weighted norm, ``sqrt(sum over n of w_n^-2)``."""
+        return float(np.sqrt(np.pi * self.scale / np.tanh(np.pi * self.scale)))
+
+    def residual(self):
+        """F(y) ``(G, high+1)`` of the motion, with exact integrals."""
+        own = fourier.resize(self.deflection, self.sizes.high)
+        return own - self.linear + self.apply_gain(fourier.resize(self.integral, self.sizes.high))
+
+    def apply_gain(self, x, first=0):
+        """H x, of coefficients that begin with harmonic ``first``."""
+        return np.einsum("ngh,hn->gn", self.gain[first : first + x.shape[1]], x)
+
+    def apply_gain_transposed(self, x):
+        """The adjoint of :meth:`apply_gain`."""
+        return np.einsum("ngh,gn->hn", self.gain[: x.shape[1]].conj(), x)
+
+    def times_share(self, x):
+        """Product with the derivative of psi along the motion, coefficients ``(G, high+1)`` of ``(G, n+1)``."""
+        samples = self._samples
+        return fourier.analyze(samples * fourier.synthesize(x, samples.shape[-1]), self.sizes.high)
+
+    def inverse(self, x):
+        """A x."""
+        solved = x.copy()
+        low = self.sizes.low + 1
+        shifted = np.einsum("ngh,hn->gn", self._shift[:low], x[:, :low])
+        solved[:, :low] = self._solve(shifted, False)
+        return solved
+
+    def inverse_transposed(self, x):
+        """The adjoint of :meth:`inverse`."""
+        solved = x.copy()
+        low = self.sizes.low + 1
+        solved[:, :low] = np.einsum("ngh,gn->hn", self._shift[:low].conj(), self._solve(x[:, :low], True))
+        return solved
+
+    def _solve(self, x, transposed):
+        h = self.law.backlash[:, None]
+        right = fourier.pack(x / h if transposed else x * h)
+        found, left = _solve(self._gain, self._share, self._reduced, self._operator, right, transposed)
+        self.unsolved = max(self.unsolved, float(left))
+        found = fourier.unpack(np.asarray(found))
+        return found * h if transposed else found / h
+
+    def _fall(self, system, columns):
+        """k, d, w with ``|H_c(n)| <= (k + n d) / (n^2 - w^2)``, whatever the damping (method.md A4.5)."""
+        root = columns.T / np.sqrt(np.asarray(system.mass))
+        h, squared = self.law.backlash, self.frequency**2
+        left = np.linalg.norm(root / h[:, None], 2)
+        k, d = (left * np.linalg.norm(root * (h * change)[:, None], 2) for change in self.slopes)
+        return k / squared, d / self.frequency, highest_frequency(system) / self.frequency
+
+    def _beyond(self):
+        """:meth:`_fall` for H and harmonics above those of ``gain``."""
+        k, d, highest = self._falls
+        n = self.sizes.reach + 1
+        less = 1 - (k + n * d) / (n**2 - highest**2) * np.abs(self.middle).max()
+        return (k / less, d / less, highest) if less > 0 else (np.inf, np.inf, highest)
+
+    @cached_property
+    def gain_sizes(self):
+        """``(reach+1,)``: largest singular value of H(n)."""
+        return np.linalg.norm(self.gain, 2, axis=(1, 2))
+
+    def largest_gain(self, first):
+        """sup of ``w_n |H(n)|`` over n >= ``first``."""
+        k, d, highest = self._beyond()
+        n = self.sizes.reach + 1
+        beyond = np.sqrt(1 + (n / self.scale) ** 2) * (k + n * d) / (n**2 - highest**2)  # falls with n
+        return float(max((self.weight * self.gain_sizes)[first:].max(initial=0.0), beyond))
+
+    def gain_between(self, first):
+        """``sqrt(sum of |H(n)|^2 over |n| >= first)``: largest value that H gives of harmonics from there on, over
+        their root mean square."""
+        k, d, highest = self._beyond()
+        n = self.sizes.reach
+        factor = 1 / (1 - (highest / (n + 1)) ** 2)
+        beyond = factor**2 * 2 * (k**2 / (3 * n**3) + d**2 / n)
+        return float(np.sqrt(2 * (self.gain_sizes[first:] ** 2).sum() + 2 * beyond))
+
+    def rate_of_gain(self, first, last):
+        """Largest absolute row sum of the kernel of ``d/dt H``, t over the cycle of 2 pi, harmonics ``first`` to
+        ``last``."""
+        n = np.arange(last + 1)
+        rates = 1j * n[:, None, None] * self.gain[: last + 1] * (n >= first)[:, None, None]
+        kernel = fourier.synthesize(np.moveaxis(rates, 0, -1), self._count(4 * last))
+        return float(np.abs(kernel).mean(-1).sum(1).max())
+
+    def galerkin(self, harmonics):
+        """The equation truncated to so many harmonics: the one that was solved."""
+        kept = copy(self)
+        keep = (np.arange(self.sizes.reach + 1) <= harmonics)[:, None, None]
+        kept.gain, kept._shift = self.gain * keep, np.where(keep, self._shift, np.eye(len(self.middle)))
+        kept._gain = self._gain * keep[: self.sizes.low + 1]
+        receptance = self._reduced.receptance * keep[: self.sizes.low + 1]
+        kept._reduced = replace(self._reduced, receptance=receptance)
+        return kept
+
+    def norm(self, apply, apply_transposed, harmonics):
+        """Largest singular value of a map between coefficients ``(G, harmonics+1)``, with MARGIN."""
+        shape = len(self.middle), 2 * harmonics + 1
+
+        def square(v):
+            x = fourier.unpack(v.reshape(shape))
+            return fourier.pack(apply_transposed(apply(x))).reshape(-1)
+
+        size = shape[0] * shape[1]
+        operator = LinearOperator((size, size), matvec=square, dtype=float)
+        start = np.random.default_rng(0).normal(size=size)
+        found = eigsh(operator, 1, which="LA", ncv=6, tol=NORM, v0=start, return_eigenvectors=False)
+        return MARGIN * float(np.sqrt(max(found[0], 0.0)))
+
+    def largest_row_sum(self, apply, apply_transposed, samples):
+        """Largest absolute row sum of a map between motions at ``samples`` time samples ``(G, samples)``, with MARGIN
+        (Higham & Tisseur, SIAM J. Matrix Anal. Appl. 21 (2000) 1185)."""
+        shape = len(self.middle), samples
+        size = shape[0] * samples
+
+        def flat(function):
+            return lambda v: function(v.reshape(shape)).reshape(-1)
+
+        operator = LinearOperator((size, size), matvec=flat(apply_transposed), rmatvec=flat(apply), dtype=float)
+        with np.errstate(all="ignore"):
+            state = np.random.get_state()
+            np.random.seed(0)  # scipy draws its vectors from the global generator
+            found = onenormest(operator, t=PROBES)
+            np.random.set_state(state)
+        return MARGIN * float(found)

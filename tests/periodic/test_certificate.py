@@ -1,0 +1,266 @@
+"""Error bounds: against closed forms, dense norms, true motions and motions that do not exist."""
+
+import dataclasses
+from functools import cache
+
+import jax
+import numpy as np
+import pytest
+from reference_data import method_case, numbers
+from tolerances import ALGEBRAIC
+from trains import ONE_RADIAN_PER_SECOND, build, one_mass_parts
+
+import jaxhb
+from jaxhb.harmonic import backlash, fourier
+from jaxhb.periodic import certificate
+from jaxhb.periodic.certificate import Kantorovich, certify
+from jaxhb.periodic.linearisation import MARGIN, Linearisation
+from jaxhb.periodic.problem import pose
+
+WITHIN = 1.6
+"""A bound over the true error where the error is mostly that of the truncation, which the bound adds up exactly."""
+
+
+def parameters():
+    return {key: float(value) for key, value in method_case("A4_hb_one_mass_N4")[0].items()}
+
+
+def one_mass(transition=0.2, **changes):
+    return build(one_mass_parts(transition=transition, **(parameters() | changes)), reference="a")
+
+
+@cache
+def solved(harmonics, **changes):
+    return jaxhb.solve(one_mass(**changes), rpm=ONE_RADIAN_PER_SECOND, harmonics=harmonics, integrals="exact")
+
+
+def linearisation(response, low, high, scale=1.0):
+    """The equation of a response with the sizes that a test asks for."""
+    problem = pose(response.train, float(response.rpm), 8)
+    sizes = dataclasses.replace(certificate._sizes(low, 2.0, 8), high=high, reach=2 * high)
+    return Linearisation(problem, response.train, np.asarray(response.deflections), sizes, scale)
+
+
+@pytest.mark.parametrize("row", method_case("A4_kantorovich_majorant")[1]["rows"], ids=lambda row: row["h0"])
+def test_case_a4_majorant_radii_and_the_sharp_bound(row):
+    params = method_case("A4_kantorovich_majorant")[0]
+    case = Kantorovich(float(params["H0"]), float(params["delta0"]), float(row["K"]))
+    found = [case.h0, case.radius, case.uniqueness, *(case.bound(n) for n in range(4))]
+    wanted = numbers([row["h0"], row["radius"], row["uniqueness"], *row["newton_errors"]])
+    # the last errors are differences of radii of order 1: exact in the formula, 1e-16 of those in the table
+    np.testing.assert_allclose(found, wanted, rtol=10 * ALGEBRAIC)
+
+
+def test_the_theorem_fails_above_one_half_and_says_so():
+    case = Kantorovich(1.0, 1.0, 0.51)
+    assert not case.holds
+    assert np.isnan(case.radius)
+
+
+@pytest.mark.parametrize("harmonics", [8, 16, 32])
+def test_one_mass_the_true_motion_lies_within_the_bound_and_hardly_nearer(harmonics):
+    response = solved(harmonics)
+    found, h = certify(response), parameters()["h"]
+    fine = solved(384)
+    count = 2**13
+    apart = np.abs(response.deflection_samples(count) - fine.deflection_samples(count)).max()
+    assert found.holds
+    assert found.h0 < 0.5
+    assert apart <= found.deflection_bound[0] <= WITHIN * apart
+    true = float(method_case("A7_true_periodic_one_mass")[1]["x0"])
+    l = np.asarray(response.deflections)[0]
+    assert abs(l[0].real + 2 * l[1:].sum().real - true) <= found.deflection_bound[0]
+    assert found.harmonic_balance.h0 < 1e-6
+    assert found.radius < 1e-2 * h
+
+
+def test_case_a4_small_gain_numbers():
+    _, expected = method_case("A4_small_gain")
+    for key, damping in (("b_0p2", 0.2), ("b_3", 3.0)):
+        found = certify(solved(8, b=damping)).small_gain
+        np.testing.assert_allclose(found, float(expected[key]), rtol=ALGEBRAIC)
+
+
+def test_norms_are_those_of_dense_matrices():
+    lin = linearisation(solved(8), 16, 64)
+    w = lin.weight[:17]
+    columns = fourier.unpack(np.eye(33))[:, None]  # one motion each
+    dense = np.array([fourier.pack(w * lin.inverse(lin.apply_gain(x)))[0] for x in columns]).T
+    np.testing.assert_allclose(certificate._gain_norm(lin, 16), MARGIN * np.linalg.norm(dense, 2), rtol=0.02)
+    count = 64
+    zone = certificate._zone(lin, 0.01, count)
+    assert 0 < zone.mean() < 0.5
+    from_samples = np.array([fourier.pack(fourier.analyze(row, 16)) for row in np.eye(count) * zone[0]])
+    to_samples = np.array([fourier.synthesize(fourier.unpack(row), count) for row in np.eye(33)])
+    kernel = to_samples.T @ (dense / np.r_[w, w[1:]][:, None]) @ from_samples.T
+    wanted = np.abs(kernel).sum(1).max()
+    np.testing.assert_allclose(certificate._row_sum(lin, zone, count, False), MARGIN * wanted, rtol=0.02)
+
+
+def test_the_inverse_and_its_adjoint():
+    lin = linearisation(solved(8), 16, 64)
+    rng = np.random.default_rng(1)
+    x, y = (fourier.unpack(rng.normal(size=(1, 129))) for _ in range(2))
+
+    def dot(a, b):
+        return fourier.pack(a)[0] @ fourier.pack(b)[0]
+
+    np.testing.assert_allclose(dot(y, lin.inverse(x)), dot(lin.inverse_transposed(y), x), rtol=1e-6)
+    x[:, 17:] = 0
+    again = lin.inverse(x)[:, :17]
+    forward = again + lin.apply_gain(lin.times_share(again))[:, :17]
+    np.testing.assert_allclose(forward, x[:, :17], rtol=0, atol=1e-6)
+
+
+def test_residual_vanishes_as_the_motion_converges():
+    """Of the truncated solution F is zero on its harmonics; what is left above falls as n^-5 (c'' jumps in x'''')."""
+    left = []
+    for harmonics in (8, 16, 32):
+        F = linearisation(solved(harmonics), 64, 256).residual()
+        assert np.abs(F[:, : harmonics + 1]).max() < 1e-9
+        left.append(np.linalg.norm(F))
+    assert left[0] / left[1] > 2**3
+    assert left[1] / left[2] > 2**3
+
+
+def test_exact_newton_steps_stay_below_the_corrected_bound():
+    """Of the truncated equations, from a start with h0 <= 1/2, in the weighted norm (method.md A4.3)."""
+    response, harmonics = solved(8), 8
+    start = np.asarray(response.deflections) * 1.0
+    start[0, 1] += 2e-4
+    case = certificate._harmonic_balance(
+        linearisation(dataclasses.replace(response, deflections=start), 16, 64), harmonics
+    )
+    assert 1e-3 < case.h0 <= 0.5
+    w = np.sqrt(1 + np.arange(harmonics + 1.0) ** 2)
+    h, y, errors = parameters()["h"], start, []
+    true = np.asarray(solved(8).deflections)
+    for _ in range(4):
+        errors.append(np.linalg.norm(fourier.pack(w * (y - true)) / h))
+        lin = linearisation(dataclasses.replace(response, deflections=y), 16, 64).galerkin(harmonics)
+        F = fourier.resize(fourier.resize(lin.residual(), harmonics), 16)
+        y = y - h * fourier.resize(lin.inverse(F), harmonics)
+    assert errors[0] > 1e-4
+    for step, error in enumerate(errors):
+        assert error <= case.bound(step) + 1e-10, step
+
+
+def test_three_coexisting_motions_are_certified_apart():
+    """Method.md A4.2 (ii)."""
+    train = one_mass(b=0.05, c=2.0, h=1.0, q0=0.1, q1=0.2)
+    motions = jaxhb.solve_all(train, rpm=ONE_RADIAN_PER_SECOND)
+    own = [m.response for m in motions if m.period == 1]
+    assert len(own) == 3
+    found = [certify(response) for response in own]
+    assert all(c.holds for c in found)
+    samples = [response.deflection_samples(1024)[0] for response in own]
+    for i in range(3):
+        for j in range(i):
+            assert np.abs(samples[i] - samples[j]).max() > found[i].deflection_bound[0] + found[j].deflection_bound[0]
+
+
+def test_a_singular_derivative_is_refused():
+    """Method.md A4.2 (i): a motion inside the transition whose slopes 1 + a cos 2t are in parametric resonance."""
+    a, b, slopes, h = 0.200109342148869, 0.1, (0.05 / 0.7, 1 / 0.7), 2.0
+    c, eps = slopes[1], 0.05
+    kappa = (c - eps * c) / (0.2 * h)
+    x = np.zeros(5, complex)
+    x[0], x[2] = 0.4 * h + (1 - eps * c) / kappa, a / 2 / kappa
+    law = backlash.Law(*(np.array([v]) for v in (c, eps, 0.2, h)))
+    values = fourier.synthesize(x[None], 64)
+    assert (np.abs(values) > law.gap).all()
+    assert (np.abs(values) < law.knee).all()
+    n = np.arange(5)
+    q = (-(n**2) + 1j * b * n) * x + fourier.analyze(backlash.force(law, values), 4)[0]
+    parts = one_mass_parts(m=1.0, b=b, c=c, eps=eps, h=h, q0=q[0].real, q1=0.0)[:-2]
+    rows = [(float(k), 2 * q[k].real, 2 * q[k].imag) for k in range(1, 5) if abs(q[k])]
+    for name, sign in (("a", 1), ("b", -1)):
+        parts.append(
+            jaxhb.Torque(disk=name, mean=sign * q[0].real, harmonics=[(k, sign * u, sign * v) for k, u, v in rows])
+        )
+    train = build(parts, reference="a")
+    base = jaxhb.solve(train, rpm=ONE_RADIAN_PER_SECOND, harmonics=8)
+    given = dataclasses.replace(base, deflections=fourier.resize(x[None], 8), status=np.array(0))
+    lin = linearisation(given, 32, 256)
+    assert np.abs(lin.residual()).max() < 1e-9  # a motion it is
+    found = certificate._prove(lin, train, np.array([0]))
+    assert not found.holds
+
+
+def pair(**changes):
+    """Two gears with shafts: separated teeth, damping in contact."""
+    loss, mean = changes.pop("loss", 0.0), changes.pop("mean", 80.0)
+    law = {"stiffness": 2e8, "damping": 3e3, "damping_law": "contact"} | changes
+    return jaxhb.build(
+        [
+            jaxhb.Disk(name="engine", inertia=0.5),
+            jaxhb.Disk(name="a", inertia=0.02, radius=0.05),
+            jaxhb.Disk(name="b", inertia=0.06, radius=0.08, damping=0.3),
+            jaxhb.Shaft(between=("engine", "a"), stiffness=4e4, damping=0.5, loss_factor=loss),
+            jaxhb.Mesh(between=("a", "b"), backlash=1e-4, transition=0.1, **law),
+            jaxhb.Torque(disk="engine", mean=mean, harmonics=[(2.0, 1500.0, 0.0), (4.0, 0.0, 300.0)]),
+            jaxhb.Load(disk="b"),
+        ],
+        reference="engine",
+    )
+
+
+def forces(response, count=2**14):
+    """Tooth forces of the law along the motion."""
+    train = response.train
+    deflection = np.asarray(response.deflections)
+    frequency = response.topology.cycle_frequency(float(response.rpm))
+    value, rate = (fourier.synthesize(x, count) for x in (deflection, fourier.derivative(deflection, frequency)))
+    law = jax.tree.map(np.asarray, backlash.law_of(train.meshes)).expand()
+    gated = np.array([law == "contact" for law in train.topology.mesh_damping_law])[:, None]
+    return value, backlash.mesh_force(law, np.asarray(train.meshes.damping)[:, None], gated, value, rate)
+
+
+@pytest.mark.parametrize("changes", [{}, {"damping_law": "always"}, {"loss": 0.02}], ids=["contact", "always", "loss"])
+def test_bounds_hold_for_both_laws_of_damping_and_for_loss_factors(changes):
+    train = pair(**changes)
+    response = jaxhb.solve(train, rpm=1500.0)
+    assert response.mesh("a", "b").separated_fraction > 0
+    found = certify(response)
+    assert found.holds, found.reason
+    fine = jaxhb.solve(train, rpm=1500.0, harmonics=2048, integrals="exact", start=response)
+    (value, force), (true_value, true_force) = forces(response), forces(fine)
+    apart, off = np.abs(value - true_value).max(), np.abs(force - true_force).max()
+    assert apart <= found.deflection_bound[0] <= WITHIN * apart
+    assert off <= found.force_bound[0] <= 2 * WITHIN * off
+
+
+def test_teeth_in_contact_are_exact():
+    response = jaxhb.solve(pair(mean=500.0), rpm=1500.0)
+    assert response.mesh("a", "b").separated_fraction == 0
+    found = certify(response)
+    assert found.holds
+    assert found.force_bound[0] < 1e-9 * np.abs(response.force("a", "b").max)
+
+
+def test_gear_train_is_certified_where_its_teeth_begin_to_separate():
+    response = jaxhb.solve(jaxhb.load_scene("gear_train_30"), rpm=1200.0)
+    found = certify(response)
+    assert found.holds
+    largest = np.array([response.force(name).max for name in found.meshes])
+    assert (found.force_bound < 0.02 * largest).all()
+
+
+def test_what_has_no_backlash_needs_no_certificate():
+    found = certify(jaxhb.solve(jaxhb.load_scene("six_cylinder_diesel"), rpm=1500.0))
+    assert found.holds
+    assert "linear" in str(found)
+
+
+def test_a_disk_without_inertia_is_refused_by_name():
+    train = one_mass()
+    train = dataclasses.replace(train, disks=dataclasses.replace(train.disks, inertia=np.array([0.0, 2.0])))
+    response = dataclasses.replace(solved(8), train=train)
+    with pytest.raises(ValueError, match="disk 'a': inertia 0"):
+        certify(response)
+
+
+def test_a_sweep_is_refused():
+    sweep = jaxhb.solve_speeds(one_mass(), rpm=[ONE_RADIAN_PER_SECOND] * 2)
+    with pytest.raises(ValueError, match="sweep"):
+        certify(sweep)
