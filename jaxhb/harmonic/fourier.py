@@ -18,6 +18,7 @@ Nothing else in the package calls a fast Fourier transform. Numpy arrays are tra
 from dataclasses import dataclass
 
 import jax.numpy as jnp
+from scipy.fft import next_fast_len
 
 from .._arrays import namespace
 
@@ -70,6 +71,11 @@ def sample(coefficients, count):
 def analyze(values, harmonics):
     """Complex coefficients ``(..., harmonics+1)`` of sampled values ``(..., samples)``."""
     return namespace(values).fft.rfft(values, axis=-1, norm="forward")[..., : harmonics + 1]
+
+
+def samples_for(harmonics):
+    """A number of time samples that represents so many harmonics and is quick to transform."""
+    return next_fast_len(2 * harmonics + 2, real=True)
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,6 @@ from functools import cached_property, partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.fft import next_fast_len
 from scipy.linalg import eigvalsh
 from scipy.sparse.linalg import LinearOperator, eigsh, onenormest
 
@@ -162,13 +161,13 @@ class Linearisation:
         self._operator, *found = _expand(self._reduced, self._model, deflection, sizes)
         integral, share, complete = map(np.asarray, found)
         self.complete, self.deflection = bool(complete), deflection / self.law.backlash[:, None]
-        self._samples = fourier.synthesize(share, self._count(2 * high))
+        self._samples = fourier.synthesize(share, fourier.samples_for(2 * high))
         low, top = self._samples.min(1), self._samples.max(1)
         self.middle, self.half_range = (low + top) / 2, float((top - low).max() / 2)
         self._samples = self._samples - self.middle[:, None]
         self.integral = integral - self.middle[:, None] * fourier.resize(self.deflection, 2 * high)
         self.share = share - self.middle[:, None] * (np.arange(share.shape[1]) == 0)
-        self._share = fourier.synthesize(fourier.resize(share, 2 * sizes.low), self._count(2 * sizes.low))
+        self._share = fourier.synthesize(fourier.resize(share, 2 * sizes.low), fourier.samples_for(2 * sizes.low))
         self._shift = np.eye(len(self.middle)) + self.held * self.middle
         self.gain = np.linalg.solve(self._shift, self.held)
         self.linear = np.linalg.solve(self._shift[: high + 1], self._linear.T[:, :, None])[..., 0].T
@@ -185,10 +184,6 @@ class Linearisation:
     def largest(x):
         """``(G,)``: largest values over the cycle of motions ``(G, n+1)``."""
         return np.abs(fourier.synthesize(x, PER_HARMONIC * max(x.shape[1] - 1, 1))).max(-1)
-
-    @staticmethod
-    def _count(harmonics):
-        return next_fast_len(2 * harmonics + 2, real=True)
 
     @cached_property
     def weight(self):
@@ -282,7 +277,7 @@ class Linearisation:
         ``last``."""
         n = np.arange(last + 1)
         rates = 1j * n[:, None, None] * self.gain[: last + 1] * (n >= first)[:, None, None]
-        kernel = fourier.synthesize(np.moveaxis(rates, 0, -1), self._count(4 * last))
+        kernel = fourier.synthesize(np.moveaxis(rates, 0, -1), fourier.samples_for(4 * last))
         return float(np.abs(kernel).mean(-1).sum(1).max())
 
     def galerkin(self, harmonics):
