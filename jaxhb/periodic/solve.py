@@ -13,13 +13,15 @@ from ..model.change import without_backlash
 from ..model.speeds import check_speed
 from ..response.response import Response
 from ..response.status import Status, check
-from . import ladder, planning
+from . import certificate, ladder, planning
 from .plan import Plan
 from .planned import solve_planned
 from .request import Request, check_harmonics, excited_harmonic
 
 
-def solve(train, *, rpm, plan=None, harmonics=None, tolerance=None, method=None, integrals=None, start=None):
+def solve(
+    train, *, rpm, plan=None, harmonics=None, tolerance=None, method=None, integrals=None, start=None, certify=False
+):
     """Periodic response of a drive train at one speed.
 
     Solves A(x) = 0 (Fridman 2009, (19)-(32)) for the harmonics of the motion over one cycle.
@@ -48,6 +50,9 @@ def solve(train, *, rpm, plan=None, harmonics=None, tolerance=None, method=None,
         teeth in contact ("linear"), or a few cycles of time integration from it ("march"). By default the motion in
         contact is the answer if it holds, else a march, at last a few shots. Several periodic motions may exist at one
         speed: :func:`jaxhb.solve_all` searches for them.
+    certify : bool, optional
+        Add an error bound, ``response.certificate`` (:func:`jaxhb.certify`); harmonics are raised until it holds, as
+        far as they go. Not beside a plan.
 
     Returns
     -------
@@ -79,6 +84,8 @@ def solve(train, *, rpm, plan=None, harmonics=None, tolerance=None, method=None,
     if plan is not None:
         if not (harmonics is None and tolerance is None and method is None and integrals is None):
             raise ValueError("harmonics, tolerance, method and integrals belong to the plan: give them to jaxhb.plan")
+        if certify:
+            raise ValueError("certify decides by value and a plan does not: pass the response to jaxhb.certify")
         return solve_planned(train, rpm, plan, start)
     now = concrete(train, rpm)
     if traced(now) or staged():
@@ -87,7 +94,22 @@ def solve(train, *, rpm, plan=None, harmonics=None, tolerance=None, method=None,
     if traced(train, rpm):  # by differentiation alone: solved already, the program only adds the derivative
         response = solve_planned(train, rpm, found.plan, found.response)
         return dataclasses.replace(response, path=found.response.path)
-    return found.response
+    return _certified(found.response, method, integrals) if certify else found.response
+
+
+def _certified(response, method, integrals):
+    """The response with its certificate; with more harmonics where that needs them and they are to be had."""
+    while int(response.status) <= Status.TOLERANCE_NOT_MET:
+        response = dataclasses.replace(response, certificate=certificate.certify(response))
+        more = planning.next_level(response.harmonics, method or "reduced")
+        if response.certificate.holds or not more:
+            break
+        asked = {"harmonics": more, "method": method, "integrals": integrals, "start": response}
+        finer = solve(response.train, rpm=float(response.rpm), **asked)
+        if int(finer.status) > Status.TOLERANCE_NOT_MET:
+            break
+        response = finer
+    return response
 
 
 def plan(train, *, rpm, harmonics=None, tolerance=0.01, method="reduced", integrals="sampled"):

@@ -41,7 +41,8 @@ class Response(Fields):
 
     Made by :func:`jaxhb.solve`, :func:`jaxhb.solve_speeds` and :func:`jaxhb.linear_response`; read with :meth:`force`,
     :meth:`torque`, :meth:`twist`, :meth:`gear_torque`, :meth:`disk` and :meth:`mesh`. A pytree whose leaves are its
-    arrays; a response that comes out of a transformation has neither ``train`` nor ``path``, which are no arrays.
+    arrays; a response that comes out of a transformation has no ``train``, ``path`` and ``certificate``, which are no
+    arrays.
 
     Parameters
     ----------
@@ -52,7 +53,8 @@ class Response(Fields):
     radius : ``(..., S)`` m, of the gears; law : Law ``(..., G)`` of the meshes. Numbers of the train that reading needs
     status, residual, truncation_error, steps : of the solve
     topology : names and connections; resolution : time samples per cycle at which extremes are looked for
-    train : DriveTrain or None; path : events, how the solve went (of a sweep one tuple per speed)
+    train : DriveTrain or None; path : events, how the solve went (of a sweep one tuple per speed); certificate :
+        Certificate or None, where it was asked for
     """
 
     rpm: jax.Array
@@ -69,6 +71,7 @@ class Response(Fields):
     resolution: int
     train: DriveTrain | None = None
     path: tuple = ()
+    certificate: object = None
 
     @property
     def harmonics(self):
@@ -185,7 +188,7 @@ class Response(Fields):
         return {name: self.mesh(name) for name in self.topology.mesh_names}
 
 
-_STATIC = "topology", "resolution"
+_STATIC, _KEPT_ASIDE = ("topology", "resolution"), ("train", "path", "certificate")
 
 
 def register(cls):
@@ -193,7 +196,7 @@ def register(cls):
 
     Leaves are what depends on the speed: ``train`` would copy pressure tables, ``path`` make programs retrace.
     """
-    names = tuple(f.name for f in dataclasses.fields(cls) if f.name not in (*_STATIC, "train", "path"))
+    names = tuple(f.name for f in dataclasses.fields(cls) if f.name not in (*_STATIC, *_KEPT_ASIDE))
 
     def flatten(response):
         leaves = [(jax.tree_util.GetAttrKey(name), getattr(response, name)) for name in names]

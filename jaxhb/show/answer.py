@@ -49,6 +49,8 @@ class Answer:
         What becomes of a small disturbance of the motion.
     orbit : bool
         Whether the state is that of a periodic solution which the train need not run in.
+    certificate : Certificate or str, optional
+        The error bound, or why there is none; None where it was not asked for.
     """
 
     train: DriveTrain
@@ -56,6 +58,7 @@ class Answer:
     linear: Response
     growth: Growth = Growth()
     orbit: bool = False
+    certificate: object = None
 
     @property
     def topology(self):

@@ -10,6 +10,7 @@ import traceback
 from .. import __version__
 from .options import (
     add_accuracy,
+    add_certify,
     add_files,
     add_gear,
     add_misfire,
@@ -227,6 +228,7 @@ def parser():
     add_misfire(solve)
     add_accuracy(solve)
     add_orbit(solve)
+    add_certify(solve)
     add_files(solve, "the gear torque and the tooth forces over the cycle")
     add_gear(solve)
     sweep = add("sweep", _runner("sweep"), "many speeds in one call: at which speeds do they hammer?", SWEEP)

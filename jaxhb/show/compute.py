@@ -11,21 +11,25 @@ from ..periodic.speeds import solve_speeds
 from ..periodic.steady_state import steady_state
 from ..response.status import Status
 from .answer import Answer, orbit_state
+from .certified import certificate_of
 from .floquet import growth_of
 
 
 @dataclass(frozen=True)
 class Asked:
-    """What was asked of every speed: the steady state or a periodic solution (``orbit``), and how exactly."""
+    """What was asked of every speed: the steady state or a periodic solution (``orbit``), how exactly, and whether
+    with an error bound."""
 
     orbit: bool = False
     harmonics: int | None = None
     tolerance: float | None = None
+    certify: bool = False
 
     @classmethod
     def of(cls, arguments):
         """As the command line says."""
-        return cls(arguments.orbit, arguments.harmonics, arguments.tolerance)
+        certified = getattr(arguments, "certify", False)
+        return cls(arguments.orbit, arguments.harmonics, arguments.tolerance, certified)
 
     @property
     def accuracy(self):
@@ -57,7 +61,8 @@ def answer_one(train, rpm, asked, say=lambda text: None):
         say(f"{rpm:g} rpm: marching until the motion settles")
         state = _settled(train, rpm, linear, asked)
     say(f"{rpm:g} rpm: is the motion stable?")
-    return Answer(train, state, linear, growth_of(state, orbit=asked.orbit), asked.orbit)
+    answer = Answer(train, state, linear, growth_of(state, orbit=asked.orbit), asked.orbit)
+    return dataclasses.replace(answer, certificate=certificate_of(answer, say)) if asked.certify else answer
 
 
 def answer_speeds(train, rpm, asked, *, direction="up", kept=None, progress=None, say=lambda text: None):

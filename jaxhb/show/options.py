@@ -58,6 +58,12 @@ def add_orbit(command):
     command.add_argument("--orbit", action="store_true", help=text)
 
 
+def add_certify(command):
+    """An error bound."""
+    text = "prove that a true periodic motion exists nearby, and how far off tooth forces can be; half a minute"
+    command.add_argument("--certify", action="store_true", help=text)
+
+
 def add_files(command, picture):
     """Files of numbers and a picture."""
     command.add_argument("--json", metavar="FILE", help="write all numbers in full precision, SI units")

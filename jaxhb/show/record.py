@@ -3,6 +3,7 @@
 import numpy as np
 
 from .balance import balance_record
+from .certified import certificate_record
 from .choose import gears, shafts_of
 from .strength import strength_entry
 from .words import notes, verdict
@@ -31,7 +32,8 @@ def answer_record(answer, *, orders=None):
         ``[[order, A, phase in deg], ...]`` from the first harmonic of the motion's period on (disks without min, max
         and rms). Of a motion that does not repeat these are extremes over the record and amplitudes in the quadratic
         mean over its cycles, with phase None. The list ends where all amplitudes that follow are below 1e-12 of the
-        largest. Tooth forces have eight times the harmonics of the motion. Numbers that are not finite are None.
+        largest. Tooth forces have eight times the harmonics of the motion. ``certificate`` where an error bound was
+        asked for. Numbers that are not finite are None.
 
     Examples
     --------
@@ -51,6 +53,7 @@ def answer_record(answer, *, orders=None):
         | {kind: {name: _signal_record(read[kind](name), orders) for name in names[kind]} for kind in names}
         | {"meshes": {name: _mesh_record(answer, name, orders) for name in topology.mesh_names}}
         | strength_entry(answer)
+        | (certificate_record(answer.certificate) if answer.certificate is not None else {})
     )
 
 

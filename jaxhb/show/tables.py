@@ -6,6 +6,7 @@ import numpy as np
 
 from ..linear.critical import ELASTIC, RIGID, RING
 from .balance import balance_line, mean_angles_of, plain_number
+from .certified import certificate_text
 from .choose import gears, shafts_of
 from .columns import NONE, aligned, alike, ratios, shares
 from .strength import answers_strength, strength_text
@@ -33,6 +34,8 @@ def solve_text(answer):
         parts.append(_shaft_table(answer))
     if not topology.link_names:
         parts.append(_disk_table(answer))
+    if answer.certificate is not None:
+        parts.append(certificate_text(answer, answer.certificate))
     parts += strength_text({"": answers_strength([answer])})
     return "\n\n".join([*parts, *notes_text(answer)])
 

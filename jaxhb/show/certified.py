@@ -1,0 +1,85 @@
+"""The error bound of a solution in words and numbers: how far off its tooth forces and deflections can be."""
+
+import numpy as np
+
+from ..periodic.certificate import certify
+from .balance import plain_number
+from .columns import aligned, alike
+
+CHECK = "a check in double precision, no interval arithmetic"
+
+
+def certificate_of(answer, say=lambda text: None):
+    """The Certificate of an answer's harmonic solution; a sentence where there can be none."""
+    if answer.response is None or not answer.known:
+        return "The motion does not repeat itself: an error bound needs a periodic one (--orbit asks for one)."
+    say(f"{answer.rpm:g} rpm: how far off can it be?")
+    try:
+        return certify(answer.response)
+    except ValueError as refusal:
+        return str(refusal)
+
+
+def certificate_text(answer, found):
+    """What is certain, as a paragraph and a table; what failed where nothing is.
+
+    Parameters
+    ----------
+    answer : Answer
+    found : Certificate or str
+
+    Returns
+    -------
+    str
+    """
+    if isinstance(found, str):
+        return f"Error bound: none. {found}"
+    if not found.holds:
+        return f"Error bound: none shown: {found.reason}"
+    if not found.meshes:
+        return "Error bound: no mesh has backlash: the equations are linear, solved to rounding."
+    forces = np.array([answer.force(name).peak for name in found.meshes]) / 1e3
+    hardest = int(np.argmax(forces))
+    bounds = found.force_bound / 1e3
+    title = (
+        f"Error bound: the largest tooth force is {forces[hardest]:.4g} kN, certainly within "
+        f"{plain_number(_up(bounds[hardest]), 2)} kN: a true periodic motion\nof the train exists within the bounds below "
+        f"({CHECK})."
+    )
+    columns = [
+        found.meshes,
+        *alike(forces),
+        [plain_number(_up(bound), 2) for bound in bounds],
+        [plain_number(_up(1e6 * bound), 2) for bound in found.deflection_bound],
+    ]
+    return title + "\n" + aligned(["mesh", "largest kN", "within kN", "deflection within um"], columns)
+
+
+def _up(bound):
+    """A bound with two digits that is not below it."""
+    if not bound > 0:
+        return bound
+    unit = 10.0 ** (np.floor(np.log10(bound)) - 1)
+    return np.ceil(bound / unit * (1 - 1e-12)) * unit
+
+
+def certificate_record(found):
+    """The same for programs: bounds in N and m by mesh, and the numbers of the theorem."""
+    if isinstance(found, str):
+        return {"certificate": {"holds": False, "reason": found}}
+    by_mesh = {
+        name: {"force_N": force, "elastic_force_N": elastic, "deflection_m": deflection}
+        for name, force, elastic, deflection in zip(
+            found.meshes, *np.broadcast_arrays(*_bounds(found), np.empty(len(found.meshes)))[:3], strict=True
+        )
+    }
+    own = {"holds": found.holds, "reason": found.reason, "meshes": by_mesh}
+    own |= {key: getattr(found, key) for key in ("Y0", "Z1", "Z2", "h0", "radius", "small_gain", "harmonics", "low")}
+    balance = found.harmonic_balance
+    if balance is not None:
+        own["harmonic_balance"] = {key: float(getattr(balance, key)) for key in ("H0", "delta0", "K", "h0", "radius")}
+    return {"certificate": own}
+
+
+def _bounds(found):
+    return found.force_bound, found.elastic_bound, found.deflection_bound
