@@ -2,14 +2,15 @@
 
 import numpy as np
 
-from .forced import KINDS
-from .plots import WITH, new_figure, plain
+from .choose import NOT_FIRING
+from .forced import KINDS, signal_of
+from .plots import WITH, WITHOUT, new_figure, plain
 
 MOST = 4
 """Elements in one picture."""
 
 
-def plot_forced(response, found):
+def plot_forced(response, found, misfires=None, worst=None):
     """Half peak-to-peak, sum of amplitudes and the largest orders of up to four elements over the speed.
 
     Parameters
@@ -17,6 +18,8 @@ def plot_forced(response, found):
     response : ForcedResponse, of several speeds
     found : list of Reading
         Of more than four, and of all elements, the shaft and the mesh that swing most are drawn.
+    misfires : Misfires, worst : dict from :func:`jaxhb.show.forced_misfires.worst_of`, both optional
+        With them each element has the half peak-to-peak of its worst misfire beside it.
 
     Returns
     -------
@@ -38,6 +41,11 @@ def plot_forced(response, found):
         signal = one.signal
         axes.plot(response.rpm, factor * signal.half_peak_to_peak, color=WITH, linewidth=1.8, label="half peak-to-peak")
         axes.plot(response.rpm, factor * signal.sum_of_amplitudes, color=WITH, linestyle=":", label="sum of amplitudes")
+        if misfires is not None:
+            cylinder = worst[one.name].cylinder
+            swing = signal_of(misfires.responses[cylinder], one.name, one.kind).half_peak_to_peak
+            named = {"label": f"half peak-to-peak, {plain(cylinder)}{NOT_FIRING}"}
+            axes.plot(response.rpm, factor * swing, color=WITHOUT, linestyle="--", linewidth=1.8, **named)
         for k in one.main():
             axes.plot(
                 response.rpm, factor * signal.amplitudes[:, k], linewidth=1.0, label=f"order {signal.orders[k]:g}"

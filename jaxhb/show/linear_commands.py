@@ -4,7 +4,7 @@ import sys
 
 import numpy as np
 
-from ..linear.critical import ELASTIC, mode_kinds
+from ..linear.critical import ELASTIC, excited_orders, mode_kinds
 from ..linear.critical import campbell as campbell_of
 from ..linear.damped import damping_ratios
 from ..linear.forced import forced_response
@@ -12,11 +12,14 @@ from ..linear.holzer import holzer_residual, holzer_table
 from ..linear.limits import strength
 from ..linear.modal import natural_frequencies
 from ..linear.tangent import at_mean_load
+from ..periodic.misfires import misfire_each
 from .campbell import campbell_record, campbell_rows, campbell_text
-from .choose import without_cylinders
-from .forced import forced_failures, forced_record, forced_rows, forced_text, readings
+from .choose import asks_each, case_title, without_cylinders
+from .forced import forced_failures, forced_head, forced_record, forced_rows, forced_text, readings
+from .forced_misfires import misfires_record, misfires_rows, misfires_text, worst_of
 from .holzer import chosen_modes, holzer_record, holzer_text
 from .mean_load import mean_load_record, mean_load_text
+from .misfire_cases import misfire_trains
 from .output import ANSWERED, NOT_ANSWERED, OutputError, as_csv, as_json, as_picture, changes, deliver
 from .record import finite, modes_record
 from .strength import strength_columns, strength_record, strength_text
@@ -85,9 +88,11 @@ def holzer(train, arguments):
 def campbell(train, arguments):
     """Natural frequencies over the speed, orders and critical speeds."""
     name, count = train.topology.name or "scene", arguments.modes
-    train = without_cylinders(train, arguments)
-    links_at = dict(arguments.links_at)
-    found = campbell_of(train, rpm=arguments.rpm, orders=arguments.orders, count=count, links_at=links_at)
+    trains = misfire_trains(train) if asks_each(train, arguments) else {"": without_cylinders(train, arguments)}
+    orders = arguments.orders or {order for one in trains.values() for order in excited_orders(one, rpm=arguments.rpm)}
+    asked = {"rpm": arguments.rpm, "orders": orders, "count": count, "links_at": dict(arguments.links_at)}
+    diagrams = {cylinder: campbell_of(one, **asked) for cylinder, one in trains.items()}
+    found, misfires = diagrams.pop(""), diagrams
 
     def picture():
         from .linear_plots import plot_campbell
@@ -96,9 +101,9 @@ def campbell(train, arguments):
 
     deliver(
         arguments,
-        campbell_text(found, count, name),
-        json=lambda: as_json(finite(changes(arguments) | campbell_record(found, count, name))),
-        csv=lambda: as_csv(*campbell_rows(found)),
+        campbell_text(found, count, name, misfires),
+        json=lambda: as_json(finite(changes(arguments) | campbell_record(found, count, name, misfires))),
+        csv=lambda: as_csv(*campbell_rows(found, misfires)),
         plot=lambda: as_picture(arguments.plot, picture()),
     )
     return ANSWERED
@@ -106,6 +111,8 @@ def campbell(train, arguments):
 
 def forced(train, arguments):
     """Linear forced response over the speed."""
+    if asks_each(train, arguments):
+        return _forced_misfires(train, arguments)
     response = forced_response(without_cylinders(train, arguments), rpm=arguments.rpm)
     found, judged = readings(response, arguments.element), strength(response)
     more = {"strength": strength_record(judged)} if judged else {}
@@ -118,13 +125,54 @@ def forced(train, arguments):
         csv=lambda: as_csv(*map(finite, forced_rows(response, found, strength_columns(judged)))),
         plot=lambda: _forced_picture(arguments, response, found),
     )
-    failures = forced_failures(response)
+    return _forced_status(forced_failures(response))
+
+
+def _forced_misfires(train, arguments):
+    """The same with every cylinder in turn not firing beside normal running."""
+    misfires = misfire_each(train, rpm=arguments.rpm, solve=forced_response)
+    response, found = misfires.firing, readings(misfires.firing, arguments.element)
+    responses = {"": response} | misfires.responses
+    failures = [
+        sentence
+        for cylinder, one in responses.items()
+        for sentence in forced_failures(one, case_title(train, cylinder))
+    ]
+    try:
+        worst = worst_of(misfires, found)
+    except ValueError:
+        raise OutputError("\n".join(failures)) from None
+    judged = {cylinder: strength(one) for cylinder, one in responses.items()}
+    titled = {f"With {case_title(train, cylinder)}": one for cylinder, one in judged.items()}
+    orders = arguments.orders
+
+    def record():
+        own = {"strength": strength_record(judged[""])} if judged[""] else {}
+        more = misfires_record(misfires, found, worst, orders=orders)
+        for cylinder, one in more["misfires"].items():
+            one |= {"strength": strength_record(judged[cylinder])} if judged[cylinder] else {}
+        return finite(changes(arguments) | forced_record(response, found, orders=orders) | own | more)
+
+    columns = {cylinder: strength_columns(one) for cylinder, one in judged.items()}
+    text = misfires_text(misfires, found, worst, each=bool(arguments.element))
+    deliver(
+        arguments,
+        "\n\n".join([forced_head(response), text, *strength_text(titled)]),
+        json=lambda: as_json(record()),
+        csv=lambda: as_csv(*map(finite, misfires_rows(misfires, found, columns))),
+        plot=lambda: _forced_picture(arguments, response, found, misfires, worst),
+    )
+    return _forced_status(failures)
+
+
+def _forced_status(failures):
+    """The exit status; stderr is told what has no answer."""
     for sentence in failures:
         print(sentence, file=sys.stderr)
     return NOT_ANSWERED if failures else ANSWERED
 
 
-def _forced_picture(arguments, response, found):
+def _forced_picture(arguments, response, found, misfires=None, worst=None):
     from .forced_plots import plot_forced
 
-    return as_picture(arguments.plot, plot_forced(response, found))
+    return as_picture(arguments.plot, plot_forced(response, found, misfires, worst))

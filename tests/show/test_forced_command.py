@@ -190,8 +190,59 @@ def test_an_unknown_scenario_is_bad_input(soft, capsys):
     assert "there is no scenario 'hott'. Did you mean 'hot'?" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("command", ["forced", "campbell", "sweep"])
-def test_the_misfire_of_each_is_that_of_report(command, capsys):
-    assert main([command, "six_cylinder_diesel", "--rpm", "900:1000:2", "--misfire", "each"]) == 2
-    said = capsys.readouterr().err
-    assert said == "--misfire each: only jaxhb report takes every cylinder in turn. Name one, or use report.\n"
+def test_the_misfire_of_each_is_that_of_report_forced_and_campbell(capsys):
+    for command, rpm in (("sweep", "900:1000:2"), ("solve", "900")):
+        assert main([command, "six_cylinder_diesel", "--rpm", rpm, "--misfire", "each"]) == 2
+        said = capsys.readouterr().err
+        assert "only jaxhb report, forced and campbell take every cylinder in turn" in said
+
+
+DIESEL, NAMED = "six_cylinder_diesel", "cyl6|flywheel"
+
+
+def test_the_worst_of_all_misfires_is_that_of_python(tmp_path, capsys):
+    files = [f"--{kind}={tmp_path / f'r.{end}'}" for kind, end in (("json", "json"), ("csv", "csv"), ("plot", "png"))]
+    assert main(["forced", DIESEL, "--rpm", "1800:2400:4", "--misfire", "each", *files]) == 0
+    said, record = capsys.readouterr().out, json.loads((tmp_path / "r.json").read_text())
+    rpm = np.linspace(1800.0, 2400.0, 4)
+    train = jaxhb.load_scene(DIESEL)
+    misfires = jaxhb.misfire_each(train, rpm=rpm, solve=jaxhb.forced_response)
+    worst = misfires.worst(lambda r: r.torque(NAMED).half_peak_to_peak)
+    assert record["worst_misfires"][NAMED] == {
+        "cylinder": worst.cylinder,
+        "rpm": worst.rpm,
+        "quantity": "torque",
+        "unit": "N m",
+        "value": worst.value,
+        "firing": worst.firing,
+    }
+    values = {name: record["worst_misfires"][name]["value"] for name in train.topology.shaft_names}
+    hardest = record["worst_misfire"]
+    assert hardest["of"] == max(values, key=values.get) and hardest["value"] == max(values.values())
+    assert f"The worst misfire is that of {hardest['cylinder']}: torque of {hardest['value']:.4g} N m" in said
+    assert list(record["misfires"]) == list(train.topology.cylinder_names)
+    alone = jaxhb.forced_response(train.misfire("cylinder 2"), rpm=rpm).torque(NAMED)
+    found = record["misfires"]["cylinder 2"]["shafts"][NAMED]
+    np.testing.assert_allclose(found["half_peak_to_peak"], alone.half_peak_to_peak, rtol=1e-12)
+    with (tmp_path / "r.csv").open() as text:
+        rows = list(csv.DictReader(text))
+    assert [row["misfire"] for row in rows[::4]] == ["", *train.topology.cylinder_names]
+    assert [float(row[f"{NAMED} half peak-to-peak N m"]) for row in rows[8:12]] == found["half_peak_to_peak"]
+    assert (tmp_path / "r.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_of_an_element_every_misfire_is_listed(capsys):
+    call = ["forced", DIESEL, "--rpm", "1800:2400:4", "--misfire", "each", "--element", NAMED, "--element", "flywheel"]
+    assert main(call) == 0
+    said = capsys.readouterr().out
+    assert said.count("The worst misfire is that of") == 2
+    assert said.count("cylinder 4 not firing") == 2 and "cyl1|cyl2" not in said
+
+
+def test_each_stands_alone_and_needs_a_cylinder(capsys):
+    for command in ("forced", "campbell"):
+        call = [command, DIESEL, "--rpm", "900:1000:2", "--misfire", "each", "--misfire", "cylinder 1"]
+        assert main(call) == 2
+        assert "Leave out the other --misfire." in capsys.readouterr().err
+        assert main([command, "spur_pair", "--rpm", "900:1000:2", "--misfire", "each"]) == 2
+        assert "no cylinder" in capsys.readouterr().err
