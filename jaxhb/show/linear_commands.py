@@ -32,7 +32,7 @@ DAMPED = 300
 def modes(train, arguments):
     """Natural frequencies of a scene."""
     rpm, links_at, name = arguments.at, dict(arguments.links_at), train.topology.name
-    teeth, below, more = "teeth in contact", "", {}
+    teeth, below, more = "teeth in contact" if train.topology.mesh_names else "", "", {}
     if rpm is None:
         train = train.with_constant_links(**links_at) if links_at else train
     else:

@@ -1,11 +1,15 @@
 """Numbers of a train as they are and referred to the reference rotor, as text."""
 
+import numpy as np
+
 from ..model.ratios import referred
-from .columns import aligned
+from .columns import NONE, aligned
 
 
 def referred_text(train):
     """Inertias, stiffnesses and dampings, actual and referred, with the factor between them.
+
+    Loss factors, order-tuned dampers and the rows of links that vary are told where the train has any.
 
     Parameters
     ----------
@@ -35,8 +39,49 @@ def referred_text(train):
     if found.links:
         title = "Stiffness k and damping r of links; of meshes in N/m and N s/m, their factor is i x radius in m"
         heads = ["link", "", "factor i", "k N m/rad", "k i^2", "r N m s/rad", "r i^2"]
+        loss = np.concatenate([train.shafts.loss_factor, train.dampers.loss_factor])
+        if loss.any():
+            heads.append("loss factor")
+            links.append(_numbers(loss) + [NONE] * len(train.topology.mesh_names))
         parts.append(f"{title}\n" + aligned(heads, links, left=(1,)))
-    return "\n\n".join(parts)
+    return "\n\n".join([*parts, *_order_table(train, found), *_varying_table(train, found)])
+
+
+def _order_table(train, found):
+    """Order-tuned dampers, in a list; empty without."""
+    tuned = np.flatnonzero(found.order)
+    if not len(tuned):
+        return []
+    first = len(train.topology.shaft_names) + tuned
+    rings = len(train.disks.inertia) + tuned
+    growth = found.inertia[rings] * (found.order_referred[tuned] * 2 * np.pi / 60) ** 2
+    columns = [growth, growth * found.factor[rings] ** 2]
+    cells = [found.order[tuned], found.order_referred[tuned], *columns]
+    title = "Order-tuned dampers: stiffness that is added per square of the speed of the reference rotor"
+    heads = ["link", "order n", "n i", "N m/rad/rpm2", "i^2 of it"]
+    return [f"{title}\n" + aligned(heads, [[found.links[i] for i in first], *map(_numbers, cells)])]
+
+
+def _varying_table(train, found):
+    """Rows of the tables of links that vary, as stiffness and damping, in a list; empty without."""
+    topology, shafts = train.topology, len(train.topology.shaft_names)
+    rows = []
+    for field, numbers in (("over_hz", topology.hz_links), ("over_amplitude", topology.amplitude_links)):
+        for i in numbers:
+            table, k = (train.shafts, i) if i < shafts else (train.dampers, i - shafts)
+            i2 = found.link_factor[i] ** 2
+            for at, stiffer, damped in dict.fromkeys(map(tuple, np.asarray(getattr(table, field)[k]).tolist())):
+                referred_at = at if field == "over_hz" else at / found.link_factor[i]
+                stiffness, damping = stiffer * found.stiffness[i], damped * found.damping[i]
+                values = [at, referred_at, stiffness, stiffness * i2, damping, damping * i2]
+                rows.append([found.links[i], field, *_numbers([*values, damped * table.loss_factor[k]])])
+    if not rows:
+        return []
+    title = (
+        "Links that vary: stiffness, damping and loss factor at the frequencies (Hz) or amplitudes (rad) of their rows"
+    )
+    heads = ["link", "over", "at", "referred", "k N m/rad", "k i^2", "r N m s/rad", "r i^2", "loss factor"]
+    return [f"{title}\n" + aligned(heads, list(zip(*rows, strict=True)), left=(1,))]
 
 
 def _numbers(values):

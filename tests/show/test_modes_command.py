@@ -137,3 +137,40 @@ def test_a_train_in_which_nothing_is_strained_has_no_shape_to_draw(tmp_path, cap
     assert main(["modes", str(tmp_path / "one.toml"), "--plot", str(tmp_path / "m.png")]) == 2
     assert "no mode strains a link" in capsys.readouterr().err and not (tmp_path / "m.png").exists()
     assert main(["modes", "spur_pair", "--at", "0"]) == 2
+
+
+LOOP = """
+[[disk]]
+name = "a"
+inertia = 1.0
+[[disk]]
+name = "b"
+inertia = 2.0
+[[disk]]
+name = "c"
+inertia = 3.0
+[[shaft]]
+between = ["a", "b"]
+stiffness = 1e4
+[[shaft]]
+between = ["b", "c"]
+stiffness = 2e4
+[[shaft]]
+between = ["c", "a"]
+stiffness = 3e4
+"""
+
+
+def test_the_energies_of_a_looped_train_are_in_the_file_and_no_teeth_are_told(tmp_path, capsys):
+    (tmp_path / "loop.toml").write_text(LOOP)
+    assert main(["modes", str(tmp_path / "loop.toml"), "--json", str(tmp_path / "m.json")]) == 0
+    assert "teeth" not in capsys.readouterr().out
+    record = json.loads((tmp_path / "m.json").read_text())
+    shapes = np.array([record["modes"][name] for name in "abc"])
+    kinetic = np.array([1.0, 2.0, 3.0])[:, None] * shapes**2
+    found = np.array([record["kinetic_share"][name] for name in "abc"])
+    np.testing.assert_allclose(found, kinetic / kinetic.sum(0), rtol=1e-12)
+    twist = shapes - np.roll(shapes, -1, axis=0)
+    strain = np.array([1e4, 2e4, 3e4])[:, None] * twist**2
+    found = np.array([record["strain_share"][name] for name in ("a|b", "b|c", "c|a")])
+    np.testing.assert_allclose(found[:, 1:], (strain / strain.sum(0))[:, 1:], rtol=1e-9)
