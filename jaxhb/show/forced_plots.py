@@ -2,8 +2,10 @@
 
 import numpy as np
 
+from ..linear.limits import strength
 from .choose import NOT_FIRING
 from .forced import KINDS, signal_of
+from .limit_plots import draw_limits, judged_elements
 from .plots import WITH, WITHOUT, new_figure, plain
 
 MOST = 4
@@ -11,7 +13,10 @@ MOST = 4
 
 
 def plot_forced(response, found, misfires=None, worst=None):
-    """Half peak-to-peak, sum of amplitudes and the largest orders of up to four elements over the speed.
+    """Half peak-to-peak, sum of amplitudes and the largest orders of up to four elements over the speed; limits.
+
+    What the scene gives limits for has panels below: stresses, tooth torques and heat beside their limits, barred
+    ranges shaded; of the elements drawn if few are given, else of each kind what comes nearest to its limit.
 
     Parameters
     ----------
@@ -34,9 +39,14 @@ def plot_forced(response, found, misfires=None, worst=None):
     1
     """
     drawn = found if len(found) <= MOST else _hardest(found)
-    figure = new_figure(1.2 + 3.0 * len(drawn))
-    panels = figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0]
-    for axes, one in zip(panels, drawn, strict=True):
+    judged = strength(response)
+    limited = judged_elements(judged, {one.name for one in found} if len(found) <= MOST else ())
+    figure = new_figure(1.2 + 3.0 * len(drawn) + 2.2 * len(limited))
+    heights = [3.0] * len(drawn) + [2.2] * len(limited)
+    panels = figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+    for axes, chosen in zip(panels[len(drawn) :], limited, strict=True):
+        draw_limits(axes, [judged], *chosen)
+    for axes, one in zip(panels, drawn, strict=False):
         _, _, _, unit, factor = KINDS[one.kind]
         signal = one.signal
         axes.plot(response.rpm, factor * signal.half_peak_to_peak, color=WITH, linewidth=1.8, label="half peak-to-peak")

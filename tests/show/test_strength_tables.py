@@ -11,7 +11,11 @@ import pytest
 import jaxhb
 from jaxhb.show import referred
 from jaxhb.show.cli import main
+from jaxhb.show.compute import Asked, answer_speeds
+from jaxhb.show.forced import readings
+from jaxhb.show.forced_plots import plot_forced
 from jaxhb.show.strength import AID
+from jaxhb.show.sweep_plots import plot_sweep
 
 SCENE = """
 [scene]
@@ -176,6 +180,39 @@ def test_referred_numbers_are_printed_beside_the_actual_ones(scene, capsys):
     assert rows["propeller"][-3:] == ["0.333333", "90", "10"]
     assert float(rows["line shaft"][-3]) == pytest.approx(float(rows["line shaft"][-4]) / 9, rel=1e-5)
     assert rows["pinion|wheel"][-5:-2] == ["0.1", "5e+08", "5e+06"]
+
+
+def labelled(axes, label):
+    (line,) = [line for line in axes.get_lines() if line.get_label() == label]
+    return line.get_xdata(), line.get_ydata()
+
+
+def test_the_picture_has_stresses_torques_and_heat_beside_their_limits_and_shades_barred_ranges(scene, wanted):
+    response = jaxhb.forced_response(jaxhb.load_scene(scene), rpm=wanted.rpm)
+    stress, tooth, heat = plot_forced(response, readings(response)).axes[-3:]
+    row, rated = wanted.stresses["line shaft"], wanted.tooth_torques["pinion|wheel"]
+    for label, values in (
+        ("stress", row.stress),
+        ("continuous limit", row.continuous),
+        ("transient limit", row.transient),
+    ):
+        np.testing.assert_allclose(labelled(stress, label)[1], 1e-6 * values)
+    (shaded,), (one,) = stress.patches, wanted.barred["line shaft"]
+    assert (shaded.get_x(), shaded.get_x() + shaded.get_width()) == pytest.approx((one.low, one.high))
+    np.testing.assert_allclose(labelled(tooth, "vibratory torque")[1], rated.vibratory)
+    np.testing.assert_allclose(labelled(tooth, "a third of the rated torque")[1], 500.0)
+    assert heat.get_ylabel() == "heat, W\nring"  # nearer to its limit than the coupling
+    np.testing.assert_allclose(labelled(heat, "heat")[1], wanted.heat["ring"].power)
+    drawn = plot_forced(response, readings(response, ["coupling"])).axes
+    assert [axes.get_ylabel() for axes in drawn] == ["coupling, N m", "heat, W\ncoupling"]
+
+
+def test_the_picture_of_a_sweep_has_the_limits_of_the_motion(scene):
+    train, rpm = jaxhb.load_scene(scene), [360.0, 420.0, 480.0]
+    axes = plot_sweep(answer_speeds(train, rpm, Asked())).axes
+    found = jaxhb.strength(jaxhb.solve_speeds(train, rpm=rpm)).stresses["line shaft"].stress
+    np.testing.assert_allclose(labelled(axes[2], "stress")[1], 1e-6 * np.asarray(found), rtol=1e-6)
+    assert len(axes) == 5 and axes[2].patches
 
 
 VARYING = """
