@@ -6,7 +6,7 @@ from .choose import NOT_FIRING
 from .columns import aligned, alike
 
 
-def campbell_text(found, count, name, misfires=()):
+def campbell_text(found, count, name, misfires=(), *, teeth=""):
     """Modes and critical speeds for people.
 
     Parameters
@@ -16,13 +16,15 @@ def campbell_text(found, count, name, misfires=()):
     name : str, of the scene
     misfires : dict, optional
         The :class:`Campbell` of the same speeds and orders by the cylinder that does not fire.
+    teeth : str, how stiff they are; empty of a train without
 
     Returns
     -------
     str
     """
     low, high = found.rpm[0], found.rpm[-1]
-    head = f"{name}: Campbell diagram from {low:g} to {high:g} rpm, undamped, teeth in contact"
+    stiff = ", ".join(filter(None, ["undamped", teeth]))
+    head = f"{name}: Campbell diagram from {low:g} to {high:g} rpm, {stiff}"
     return "\n\n".join([head, _modes(found, count), _critical(found, misfires)])
 
 

@@ -1,5 +1,6 @@
 """What the commands of the linear train do: compute, print for people, write for programs."""
 
+import dataclasses
 import sys
 
 import numpy as np
@@ -12,6 +13,7 @@ from ..linear.holzer import holzer_residual, holzer_table
 from ..linear.limits import strength
 from ..linear.modal import natural_frequencies
 from ..linear.tangent import at_mean_load
+from ..model.change import without_backlash
 from ..periodic.misfires import misfire_each
 from .campbell import campbell_record, campbell_rows, campbell_text
 from .choose import asks_each, case_title, without_cylinders
@@ -31,25 +33,35 @@ DAMPED = 300
 
 def modes(train, arguments):
     """Natural frequencies of a scene."""
-    rpm, links_at, name = arguments.at, dict(arguments.links_at), train.topology.name
-    teeth, below, more = "teeth in contact" if train.topology.mesh_names else "", "", {}
-    if rpm is None:
-        train = train.with_constant_links(**links_at) if links_at else train
-    else:
-        load = at_mean_load(train.with_constant_links(**{"rpm": rpm} | links_at), rpm=rpm)
-        train, teeth = load.train, f"teeth at the mean load of {rpm:g} rpm"
-        below, more = f"\n\n{mean_load_text(load, rpm)}", mean_load_record(load, rpm)
+    name = train.topology.name
+    train, teeth, below, more = _with_teeth(_constant(train, arguments), arguments)
     found = natural_frequencies(train)
     kinds = mode_kinds(found, train.topology.damper_names)
     few = train.topology.n_disks <= DAMPED
     ratios = damping_ratios(train, found) if few else np.full(len(kinds), np.nan)
     deliver(
         arguments,
-        modes_text(found, name, kinds, ratios, teeth) + below,
+        "\n\n".join([modes_text(found, name, kinds, ratios, teeth), *below]),
         json=lambda: as_json(finite(changes(arguments) | modes_record(found, kinds, ratios) | more)),
         plot=lambda: as_picture(arguments.plot, _modes_picture(train, found, kinds, ratios)),
     )
     return ANSWERED
+
+
+def _constant(train, arguments):
+    """The train with links as they are at ``--links-at``, and at the speed of ``--at``."""
+    given = ({} if arguments.at is None else {"rpm": arguments.at}) | dict(arguments.links_at)
+    return train.with_constant_links(**given) if given else train
+
+
+def _with_teeth(train, arguments):
+    """The train with teeth as ``--at`` asks, how stiff they are, a sentence on them in a list, and a record."""
+    rpm = arguments.at
+    if rpm is None:
+        return train, "teeth in contact" if train.topology.mesh_names else "", [], {}
+    load = at_mean_load(_constant(train, arguments), rpm=rpm)
+    train = dataclasses.replace(without_backlash(train), meshes=load.train.meshes)
+    return train, f"teeth at the mean load of {rpm:g} rpm", [mean_load_text(load, rpm)], mean_load_record(load, rpm)
 
 
 def _modes_picture(train, found, kinds, ratios):
@@ -64,6 +76,7 @@ def _modes_picture(train, found, kinds, ratios):
 def holzer(train, arguments):
     """Holzer's tables."""
     name = train.topology.name or "scene"
+    train, teeth, below, more = _with_teeth(_constant(train, arguments), arguments)
     found = natural_frequencies(train)
     kinds = mode_kinds(found, train.topology.damper_names)
     at = [(None, hz) for hz in arguments.hz or ()]
@@ -78,8 +91,8 @@ def holzer(train, arguments):
 
     deliver(
         arguments,
-        holzer_text(tables, name),
-        json=lambda: as_json(finite(changes(arguments) | holzer_record(tables, name))),
+        "\n\n".join([holzer_text(tables, name, teeth), *below]),
+        json=lambda: as_json(finite(changes(arguments) | holzer_record(tables, name) | more)),
         plot=lambda: as_picture(arguments.plot, picture()),
     )
     return ANSWERED
@@ -88,7 +101,9 @@ def holzer(train, arguments):
 def campbell(train, arguments):
     """Natural frequencies over the speed, orders and critical speeds."""
     name, count = train.topology.name or "scene", arguments.modes
-    trains = misfire_trains(train) if asks_each(train, arguments) else {"": without_cylinders(train, arguments)}
+    each = asks_each(train, arguments)
+    train, teeth, below, more = _with_teeth(train if each else without_cylinders(train, arguments), arguments)
+    trains = misfire_trains(train) if each else {"": train}
     orders = arguments.orders or {order for one in trains.values() for order in excited_orders(one, rpm=arguments.rpm)}
     asked = {"rpm": arguments.rpm, "orders": orders, "count": count, "links_at": dict(arguments.links_at)}
     diagrams = {cylinder: campbell_of(one, **asked) for cylinder, one in trains.items()}
@@ -101,8 +116,8 @@ def campbell(train, arguments):
 
     deliver(
         arguments,
-        campbell_text(found, count, name, misfires),
-        json=lambda: as_json(finite(changes(arguments) | campbell_record(found, count, name, misfires))),
+        "\n\n".join([campbell_text(found, count, name, misfires, teeth=teeth), *below]),
+        json=lambda: as_json(finite(changes(arguments) | campbell_record(found, count, name, misfires) | more)),
         csv=lambda: as_csv(*campbell_rows(found, misfires)),
         plot=lambda: as_picture(arguments.plot, picture()),
     )

@@ -174,3 +174,19 @@ def test_the_energies_of_a_looped_train_are_in_the_file_and_no_teeth_are_told(tm
     strain = np.array([1e4, 2e4, 3e4])[:, None] * twist**2
     found = np.array([record["strain_share"][name] for name in ("a|b", "b|c", "c|a")])
     np.testing.assert_allclose(found[:, 1:], (strain / strain.sum(0))[:, 1:], rtol=1e-9)
+
+
+def test_campbell_and_holzer_take_the_teeth_at_a_mean_load_as_modes_does(tmp_path, capsys):
+    (tmp_path / "idle.toml").write_text(IDLE.replace("mean = 0.2", "mean = 0.2\nharmonics = [[2, 1.0, 0.0]]"))
+    scene, found = str(tmp_path / "idle.toml"), {}
+    for command, more in (("modes", []), ("holzer", []), ("campbell", ["--rpm", "100:100000"])):
+        file = tmp_path / f"{command}.json"
+        assert main([command, scene, "--at", "1000", "--json", str(file), *more]) == 0
+        said = capsys.readouterr().out
+        assert "teeth at the mean load of 1000 rpm" in said and "Mean load of 1000 rpm: a|b" in said
+        found[command] = json.loads(file.read_text())
+    hz = found["modes"]["frequencies_hz"][1]
+    assert found["modes"]["mean_load"] == found["holzer"]["mean_load"] == found["campbell"]["mean_load"]
+    assert found["modes"]["mean_load"]["a|b"]["engagement"] < 1.0
+    assert found["holzer"]["tables"][0]["hz"] == found["campbell"]["modes"][1]["frequencies_hz"][0] == hz
+    assert found["campbell"]["critical_speeds"][0]["rpm"] == pytest.approx(30.0 * hz)
