@@ -1,5 +1,7 @@
 """Every cylinder in turn not firing in the linear forced response: what ``jaxhb forced --misfire each`` tells."""
 
+import numpy as np
+
 from .choose import case_title
 from .columns import NONE, aligned, alike, ratios
 from .forced import KINDS, forced_record, forced_rows, readings, signal_of
@@ -73,19 +75,28 @@ def _sentence(element, worst, title):
 def _cylinder_table(misfires, element):
     _, _, _, unit, factor = KINDS[element.kind]
     train, responses = misfires.firing.train, {"": misfires.firing} | misfires.responses
-    swings = [factor * signal_of(r, element.name, element.kind).half_peak_to_peak for r in responses.values()]
-    values = [swing.max() for swing in swings]
-    speeds = [f"{misfires.firing.rpm[swing.argmax()]:g}" if swing.any() else NONE for swing in swings]
+    values, speeds = zip(*(_largest(response, element) for response in responses.values()), strict=True)
+    values = [factor * value for value in values]
+    speeds = [f"{rpm:g}" if value > 0 else NONE for value, rpm in zip(values, speeds, strict=True)]
     titles, ratio = [case_title(train, name) for name in responses], ratios(values, values[:1] * len(values))
     title = f"{element.name}, {unit}: largest half peak-to-peak over the speeds"
     return title + "\n" + aligned(["", "half p-p", "at rpm", "ratio"], [titles, *alike(values), speeds, ratio])
 
 
+def _largest(response, element):
+    """The largest half peak-to-peak of an element over the speeds that have an answer, and its speed; nan without."""
+    swing = signal_of(response, element.name, element.kind).half_peak_to_peak
+    answered = np.flatnonzero(response.converged)
+    if not len(answered):
+        return np.nan, np.nan
+    place = answered[np.argmax(swing[answered])]
+    return swing[place], response.rpm[place]
+
+
 def _element_table(misfires, kind, found, worst):
     head, title, _, _, factor = KINDS[kind]
-    swings = [one.signal.half_peak_to_peak for one in found]
     own = [worst[one.name] for one in found]
-    largest = [factor * swing.max() for swing in swings]
+    largest = [factor * _largest(misfires.firing, one)[0] for one in found]
     values = [factor * one.value for one in own]
     columns = [
         [one.name for one in found],

@@ -128,7 +128,11 @@ def forced(train, arguments):
     """Linear forced response over the speed."""
     if asks_each(train, arguments):
         return _forced_misfires(train, arguments)
-    response = forced_response(without_cylinders(train, arguments), rpm=arguments.rpm)
+    return _forced_alone(forced_response(without_cylinders(train, arguments), rpm=arguments.rpm), arguments)
+
+
+def _forced_alone(response, arguments):
+    """One train."""
     found, judged = readings(response, arguments.element), strength(response)
     more = {"strength": strength_record(judged)} if judged else {}
     deliver(
@@ -148,15 +152,11 @@ def _forced_misfires(train, arguments):
     misfires = misfire_each(train, rpm=arguments.rpm, solve=forced_response)
     response, found = misfires.firing, readings(misfires.firing, arguments.element)
     responses = {"": response} | misfires.responses
-    failures = [
-        sentence
-        for cylinder, one in responses.items()
-        for sentence in forced_failures(one, case_title(train, cylinder))
-    ]
-    try:
-        worst = worst_of(misfires, found)
-    except ValueError:
-        raise OutputError("\n".join(failures)) from None
+    failures = [s for name, one in responses.items() for s in forced_failures(one, case_title(train, name))]
+    if not any(one.converged.any() for one in misfires.responses.values()):
+        _forced_alone(response, arguments)
+        return _forced_status([s for s in failures if s not in forced_failures(response, case_title(train))])
+    worst = worst_of(misfires, found)
     judged = {cylinder: strength(one) for cylinder, one in responses.items()}
     titled = {f"With {case_title(train, cylinder)}": one for cylinder, one in judged.items()}
     orders = arguments.orders

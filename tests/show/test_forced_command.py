@@ -246,3 +246,47 @@ def test_each_stands_alone_and_needs_a_cylinder(capsys):
         assert "Leave out the other --misfire." in capsys.readouterr().err
         assert main([command, "spur_pair", "--rpm", "900:1000:2", "--misfire", "each"]) == 2
         assert "no cylinder" in capsys.readouterr().err
+
+
+RESONANCE = """
+[scene]
+name = "free"
+[[disk]]
+name = "a"
+inertia = 2.0
+[[disk]]
+name = "b"
+inertia = 2.0
+[[shaft]]
+between = ["a", "b"]
+stiffness = 100.0
+[[load]]
+disk = "b"
+"""
+CYLINDER = """
+[[cylinder]]
+name = "NAME"
+disk = "DISK"
+bore = 0.1
+stroke = 0.1
+rod = 0.2
+reciprocating_mass = 1.0
+firing_angle = 0.0
+gas_torque_mean = 10.0
+gas_torque = [[1.0, 5.0, 4.0]]
+"""
+
+
+def test_speeds_without_an_answer_have_no_worst_misfire(tmp_path, capsys):
+    cylinders = [CYLINDER.replace("NAME", name).replace("DISK", disk) for name, disk in (("one", "a"), ("two", "b"))]
+    (tmp_path / "free.toml").write_text(RESONANCE + "".join(cylinders))
+    at, file = repr(10 * 30 / np.pi), tmp_path / "r.json"
+    call = ["forced", str(tmp_path / "free.toml"), "--misfire", "each", "--json", str(file), "--rpm"]
+    assert main([*call, f"50,{at}"]) == 1
+    said = capsys.readouterr()
+    assert json.loads(file.read_text())["worst_misfire"]["rpm"] == 50.0
+    assert "free, one not firing, at 95.493 rpm: NEAR_SINGULAR" in said.err
+    assert main([*call, at]) == 1
+    said = capsys.readouterr()
+    assert "worst misfire" not in said.out and "worst_misfire" not in json.loads(file.read_text())
+    assert said.err.count("NEAR_SINGULAR") == 2  # with both firing the torques of both disks cancel
