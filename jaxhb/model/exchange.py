@@ -92,7 +92,7 @@ class _Tors:
             self._check_ends(begin, end)
             self.connections.setdefault(begin, []).append(end.partition(".")[0])
         self.nodes, self.walked = [], set()
-        self.shafts, self.gears, self.meshes = [], {}, []
+        self.shafts, self.gears, self.meshes, self.excited = [], {}, [], False
 
     def _named(self, component):
         """Elements of a component by their full names, without those that have none."""
@@ -162,6 +162,7 @@ class _Tors:
     def _add(self, component, own, element, node):
         """Put one element at a node; the node at which the component goes on."""
         kind = element.get("type")
+        self.excited = self.excited or "excitation" in element
         if kind == "Disk":
             self._load(node, own, self._take(own, element, "inertia"), self._take(own, element, "damping", 0.0))
         elif kind in ("ShaftDiscrete", "ShaftContinuous"):
@@ -255,7 +256,8 @@ class _Tors:
             ends = [seats[own] for own in pair]
             stiffness = rigid / min(end["radius"] for end in ends) ** 2
             meshes.append({"between": [end["name"] for end in ends], "stiffness": stiffness})
-        said = f"From {self.source}; rigid gears are stiff meshes" if meshes else f"From {self.source}"
+        said = f"From {self.source}" + "; rigid gears are stiff meshes" * bool(meshes)
+        said += "; its excitations are not read" * self.excited
         rows = {"disk": disks, "shaft": shafts, "mesh": meshes}
         tables = {table: [_sparse(row) for row in found] for table, found in rows.items() if found}
         return {"scene": {"description": said, "reference": disks[0]["name"]}} | tables

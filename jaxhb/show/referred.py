@@ -27,14 +27,15 @@ def referred_text(train):
     """
     found = referred(train)
     disks = [found.disks, *map(_numbers, (found.factor, found.inertia, found.inertia_referred))]
+    more_heads, more = _to_ground(train, found.factor)
     kinds = ["shaft"] * len(train.topology.shaft_names) + ["damper"] * len(train.topology.damper_names)
     kinds += ["mesh"] * len(train.topology.mesh_names)
     names = "link_factor", "stiffness", "stiffness_referred", "damping", "damping_referred"
     links = [found.links, kinds, *(_numbers(getattr(found, name)) for name in names)]
     name = train.topology.name or "scene"
     parts = [
-        f"{name}: inertias, actual and referred to the reference rotor\n"
-        + aligned(["disk", "speed ratio i", "J kg m2", "J i^2"], disks)
+        f"{name}: inertias{', damping and stiffness to ground' * bool(more)}, actual and referred to the reference"
+        " rotor\n" + aligned(["disk", "speed ratio i", "J kg m2", "J i^2", *more_heads], [*disks, *map(_numbers, more)])
     ]
     if found.links:
         title = "Stiffness k and damping r of links; of meshes in N/m and N s/m, their factor is i x radius in m"
@@ -45,6 +46,19 @@ def referred_text(train):
             links.append(_numbers(loss) + [NONE] * len(train.topology.mesh_names))
         parts.append(f"{title}\n" + aligned(heads, links, left=(1,)))
     return "\n\n".join([*parts, *_order_table(train, found), *_varying_table(train, found)])
+
+
+def _to_ground(train, factor):
+    """Heads and columns of the damping of disks and the stiffness of grounds, of what the train has."""
+    damping, stiffness = np.zeros((2, len(factor)))
+    damping[: len(train.disks.damping)] = train.disks.damping
+    np.add.at(stiffness, np.array(train.topology.ground_disk, dtype=int), train.grounds.stiffness)
+    heads, columns = [], []
+    for values, own, made in ((damping, "r N m s/rad", "r i^2"), (stiffness, "k N m/rad", "k i^2")):
+        if values.any():
+            heads += [own, made]
+            columns += [values, values * factor**2]
+    return heads, columns
 
 
 def _order_table(train, found):

@@ -71,6 +71,13 @@ def test_a_tors_file_has_its_disks_gears_and_shafts(tmp_path):
     assert train.value("right.long.stiffness") == 7e4 and train.value("left.a.damping") == 0.1
 
 
+def test_an_excitation_that_is_not_read_is_told(tmp_path):
+    motor = [disk("rotor", 4e-4) | {"excitation": {"values": [1.0]}}, shaft("s", 1e4)]
+    text, _ = scene_text(write(tmp_path, "box.json", gearbox(motor=motor)))
+    assert "its excitations are not read" in text
+    assert "excitations" not in scene_text(write(tmp_path, "box.json", gearbox()))[0]
+
+
 def test_disks_of_one_node_are_added_and_gears_of_one_node_joined(tmp_path):
     box = [gear("g1", 20), gear("g2", 30, "g1"), disk("clutch", 1e-4, 0.5), gear("g3", 15), gear("g4", 45, "g3")]
     train = load_scene(

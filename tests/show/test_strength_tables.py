@@ -177,7 +177,7 @@ def test_a_scene_without_limits_tells_of_none(tmp_path, capsys, command):
 def test_referred_numbers_are_printed_beside_the_actual_ones(scene, capsys):
     assert main(["scene", str(scene), "--referred"]) == 0
     rows = {line.split("  ")[1].strip(): line.split() for line in capsys.readouterr().out.splitlines() if "  " in line}
-    assert rows["propeller"][-3:] == ["0.333333", "90", "10"]
+    assert rows["propeller"][-5:] == ["0.333333", "90", "10", "20", "2.22222"]
     assert float(rows["line shaft"][-3]) == pytest.approx(float(rows["line shaft"][-4]) / 9, rel=1e-5)
     assert rows["pinion|wheel"][-5:-2] == ["0.1", "5e+08", "5e+06"]
 
@@ -245,13 +245,20 @@ name = "pendulum"
 disk = "end"
 inertia = 0.05
 order = 4.5
+[[ground]]
+disk = "end"
+stiffness = 50.0
 """
 
 
 def test_referred_numbers_have_loss_factors_orders_and_the_rows_of_links_that_vary(tmp_path, capsys):
     (tmp_path / "v.toml").write_text(VARYING)
     assert main(["scene", str(tmp_path / "v.toml"), "--referred"]) == 0
-    links, orders, rows = capsys.readouterr().out.split("\n\n")[1:]
+    disks, links, orders, rows = capsys.readouterr().out.split("\n\n")
+    assert [line.split() for line in disks.splitlines()[-2:]] == [
+        ["end", "2", "1", "4", "50", "200"],
+        ["pendulum", "2", "0.05", "0.2", "0", "0"],
+    ]
     assert "  ".join(links.split("coupling")[1].split()[:7]) == "shaft  2  20000  80000  3  12  0.1"
     own = 0.05 * (9.0 * 2.0 * math.pi / 60.0) ** 2
     assert orders.splitlines()[-1].split() == ["pendulum", "4.5", "9", f"{own:.6g}", f"{4 * own:.6g}"]
