@@ -40,12 +40,16 @@ def plot_forced(response, found, misfires=None, worst=None):
     """
     drawn = found if len(found) <= MOST else _hardest(found)
     judged = strength(response)
-    limited = judged_elements(judged, {one.name for one in found} if len(found) <= MOST else ())
+    limited = judged_elements(judged, {one.name for one in found}, each=len(found) <= MOST)
     figure = new_figure(1.2 + 3.0 * len(drawn) + 2.2 * len(limited))
     heights = [3.0] * len(drawn) + [2.2] * len(limited)
     panels = figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
     for axes, chosen in zip(panels[len(drawn) :], limited, strict=True):
-        draw_limits(axes, [judged], *chosen)
+        sweeps = {"": judged}
+        if misfires is not None:
+            cylinder = worst[chosen[1]].cylinder
+            sweeps[f", {plain(cylinder)}{NOT_FIRING}"] = strength(misfires.responses[cylinder])
+        draw_limits(axes, sweeps, *chosen)
     for axes, one in zip(panels, drawn, strict=False):
         _, _, _, unit, factor = KINDS[one.kind]
         signal = one.signal

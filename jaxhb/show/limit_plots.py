@@ -15,13 +15,15 @@ LINES = "--", "-."
 WAYS = "-", ":"
 
 
-def judged_elements(found, names=()):
-    """What has a panel: of each kind the element with the largest share of its limit, or all of those named.
+def judged_elements(found, names=None, *, each=False):
+    """What has a panel: of each kind the element with the largest share of its limit, or ``each`` of them.
 
     Parameters
     ----------
     found : Strength, of several speeds
     names : collection of str, optional
+        Elements that are looked at; default all.
+    each : bool
 
     Returns
     -------
@@ -30,11 +32,9 @@ def judged_elements(found, names=()):
     """
     chosen = []
     for kind in PANELS:
-        rows = {name: row for name, row in getattr(found, kind).items() if not names or name in names}
-        kept = (
-            rows if names or not rows else [max(rows, key=lambda name, rows=rows, kind=kind: _share(rows[name], kind))]
-        )
-        chosen += [(kind, name) for name in kept]
+        shares = {name: _share(row, kind) for name, row in getattr(found, kind).items()}
+        shares = {name: share for name, share in shares.items() if names is None or name in names}
+        chosen += [(kind, name) for name in (shares if each or not shares else [max(shares, key=shares.get)])]
     return chosen
 
 
@@ -52,24 +52,23 @@ def draw_limits(axes, sweeps, kind, name):
     Parameters
     ----------
     axes : matplotlib.axes.Axes
-    sweeps : sequence of Strength
-        Of the same train and limits, the second drawn dotted.
+    sweeps : dict
+        One :class:`jaxhb.Strength` or two, the second dotted, of the same limits; the keys are added to their names in
+        the legend.
     kind, name : str, from :func:`judged_elements`
     """
     field, called, factor, unit, limits = PANELS[kind]
-    first = sweeps[0]
-    for found, line in zip(sweeps, WAYS, strict=False):
+    first = next(iter(sweeps.values()))
+    for (said, found), line in zip(sweeps.items(), WAYS, strict=False):
         row = getattr(found, kind)[name]
         values = factor * np.asarray(getattr(row, field), float)
-        axes.plot(
-            found.rpm, values, color=WITH, linestyle=line, linewidth=1.8, label=called if found is first else None
-        )
+        axes.plot(found.rpm, values, color=WITH, linestyle=line, linewidth=1.8, label=f"{called}{said}")
     for (limit, said), line in zip(limits.items(), LINES, strict=False):
         values = getattr(getattr(first, kind)[name], limit)
         if values is not None:
             values = factor * np.broadcast_to(values, np.shape(first.rpm))
             axes.plot(first.rpm, values, color="black", linestyle=line, linewidth=1.1, label=said)
-    barred = [one for found in sweeps for one in found.barred.get(name, ())] if kind == "stresses" else []
+    barred = [one for found in sweeps.values() for one in found.barred.get(name, ())] if kind == "stresses" else []
     for number, one in enumerate(barred):
         axes.axvspan(one.low, one.high, color=GAP, zorder=0, label=None if number else "barred")
     axes.set_ylabel(f"{called}, {unit}\n{plain(name)}")

@@ -17,6 +17,7 @@ MARKS = {
 }
 """Marker and words of every kind of motion."""
 
+DOWNWARDS = ", downwards"
 WAYS = {"up": ("-", "full"), "down": (":", "none"), "orbit": ("-", "full")}
 """Line and filling of markers by direction."""
 
@@ -80,8 +81,8 @@ def plot_sweep(sweeps):
 
 def _figure(sweeps, heights):
     """A figure with panels of these heights for the caller, the panels of limits drawn below them."""
-    judged = [answers_strength(answers) for answers in sweeps.values()]
-    limited = judged_elements(judged[0])
+    judged = {DOWNWARDS * (way == "down"): answers_strength(answers) for way, answers in sweeps.items()}
+    limited = judged_elements(next(iter(judged.values())))
     figure = new_figure(sum(heights) + 2.2 * len(limited))
     heights = [*heights, *[2.2] * len(limited)]
     panels = figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]

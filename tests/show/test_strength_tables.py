@@ -13,6 +13,7 @@ from jaxhb.show import referred
 from jaxhb.show.cli import main
 from jaxhb.show.compute import Asked, answer_speeds
 from jaxhb.show.forced import readings
+from jaxhb.show.forced_misfires import worst_of
 from jaxhb.show.forced_plots import plot_forced
 from jaxhb.show.strength import AID
 from jaxhb.show.sweep_plots import plot_sweep
@@ -182,6 +183,32 @@ def test_referred_numbers_are_printed_beside_the_actual_ones(scene, capsys):
     assert rows["pinion|wheel"][-5:-2] == ["0.1", "5e+08", "5e+06"]
 
 
+ENGINE = """
+[engine]
+cylinders = 2
+disks = ["engine", "engine"]
+firing_order = [1, 2]
+bore = 0.1
+stroke = 0.1
+rod = 0.2
+reciprocating_mass = 1.0
+gas_torque_mean = 100.0
+gas_torque = [[0.5, 90.0, 20.0], [1.0, 150.0, 30.0], [1.5, 80.0, 10.0]]
+"""
+
+
+def test_a_misfire_stands_beside_normal_running_in_the_panels_of_limits(tmp_path):
+    (tmp_path / "e.toml").write_text(SCENE + ENGINE)
+    rpm = np.linspace(300.0, 900.0, 7)
+    misfires = jaxhb.misfire_each(jaxhb.load_scene(tmp_path / "e.toml"), rpm=rpm, solve=jaxhb.forced_response)
+    found = readings(misfires.firing)
+    worst = worst_of(misfires, found)
+    stress = plot_forced(misfires.firing, found, misfires, worst).axes[2]
+    cylinder = worst["line shaft"].cylinder
+    wanted = jaxhb.strength(misfires.responses[cylinder]).stresses["line shaft"].stress
+    np.testing.assert_allclose(labelled(stress, f"stress, {cylinder} not firing")[1], 1e-6 * wanted)
+
+
 def labelled(axes, label):
     (line,) = [line for line in axes.get_lines() if line.get_label() == label]
     return line.get_xdata(), line.get_ydata()
@@ -205,6 +232,8 @@ def test_the_picture_has_stresses_torques_and_heat_beside_their_limits_and_shade
     np.testing.assert_allclose(labelled(heat, "heat")[1], wanted.heat["ring"].power)
     drawn = plot_forced(response, readings(response, ["coupling"])).axes
     assert [axes.get_ylabel() for axes in drawn] == ["coupling, N m", "heat, W\ncoupling"]
+    five = readings(response, ["coupling", "engine", "pinion", "wheel", "propeller"])
+    assert [axes.get_ylabel() for axes in plot_forced(response, five).axes] == ["coupling, N m", "heat, W\ncoupling"]
 
 
 def test_the_picture_of_a_sweep_has_the_limits_of_the_motion(scene):
