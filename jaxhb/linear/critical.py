@@ -1,4 +1,4 @@
-"""Critical speeds: where an order of the excitation meets a natural frequency, order x rpm / 60 = Hz; host.
+"""Critical speeds: where an order of the excitation meets a natural frequency, order x rpm / 60 = Hz.
 
 Order-tuned absorbers make natural frequencies depend on the speed. Critical speeds are then roots of
 ``f_k(rpm) - order x rpm / 60``, looked for between speeds and refined with the modes at the root itself.
@@ -6,6 +6,8 @@ Order-tuned absorbers make natural frequencies depend on the speed. Critical spe
 
 from dataclasses import dataclass
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import brentq
 
@@ -14,6 +16,7 @@ from ..model.elements import SceneError
 from ..model.speeds import check_speed
 from ..model.varying import varying
 from .modal import natural_frequencies
+from .sensitivity import frequencies_hz, mode_shares
 
 ELASTIC, RIGID, RING = "elastic", "rigid", "ring only"
 STRAINED = 0.01
@@ -147,8 +150,7 @@ def campbell(train, *, rpm, orders=None, count=6, links_at=()):
 
     Notes
     -----
-    The diagram of W. Campbell, Trans. ASME 46 (1924) 31. Critical speeds come from natural frequencies and so have no
-    derivatives; use :func:`jaxhb.frequencies_hz` for those.
+    The diagram of W. Campbell, Trans. ASME 46 (1924) 31. :func:`critical_speed` has the derivatives.
 
     Examples
     --------
@@ -184,6 +186,53 @@ def campbell(train, *, rpm, orders=None, count=6, links_at=()):
     return Campbell(found.rpm, found.orders, kinds, hz, tuple(critical))
 
 
+def critical_speed(train, near, *, links_at=(), heavy=None) -> Critical:
+    """A critical speed and its modal torque with their derivatives with respect to the train.
+
+    Parameters
+    ----------
+    train : DriveTrain, may be traced
+    near : Critical
+        One that :func:`campbell` found in this train: the mode, the order, and where to look.
+    links_at : mapping, as in :func:`campbell`
+    heavy : bool array ``(S,)``, as in :func:`jaxhb.frequencies_hz`
+
+    Returns
+    -------
+    Critical
+        With arrays: ``rpm``, ``hz`` and ``torque`` (N m) have first derivatives, of simple natural frequencies.
+
+    Notes
+    -----
+    One step of Newton's method from ``near.rpm`` on ``f(rpm) - order rpm / 60 = 0``; its derivative is that of the
+    root. Where frequencies do not depend on the speed, ``rpm = 60 f / order``.
+
+    Examples
+    --------
+    Two disks of 2 kg m2: the speed grows with the root of the stiffness.
+
+    >>> import jax, jaxhb
+    >>> parts = [jaxhb.Disk(name=name, inertia=2.0) for name in "ab"]
+    >>> train = jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
+    >>> (near,) = jaxhb.campbell(train, rpm=[20.0, 60.0], orders=[2.0]).critical
+    >>> slope = jax.grad(lambda k: jaxhb.critical_speed(train.replace({"a|b.stiffness": k}), near).rpm)(100.0)
+    >>> round(near.rpm, 6), round(float(slope), 9)
+    (47.746483, 0.238732415)
+    """
+
+    def at(speed):
+        given = {"rpm": speed} | dict(links_at)
+        return train.with_constant_links(**given) if varying(train.topology) else train
+
+    def left(speed):
+        return frequencies_hz(at(speed), heavy)[near.mode] - near.order * speed / 60
+
+    miss, slope = jax.value_and_grad(left)(float(near.rpm))
+    rpm = near.rpm - miss / jax.lax.stop_gradient(slope)
+    shape = mode_shares(at(rpm), heavy).shapes[near.mode]
+    return Critical(rpm, near.order, near.mode, near.order * rpm / 60, _order_torque(train, shape, rpm, near.order)[0])
+
+
 def _crossings(modes_at, rpm, hz, mode, order, constant):
     """Speeds at which ``order`` has the frequency of ``mode``, given at ``rpm``."""
     if constant:
@@ -201,12 +250,17 @@ def _crossings(modes_at, rpm, hz, mode, order, constant):
 
 def _modal_torque(train, shape, rpm, order):
     """Amplitude in N m of what the torques of an order do on a mode shape; 0 for orders that nothing has."""
+    found, largest = map(float, _order_torque(train, shape, rpm, order))
+    return found if found > ROUNDING * largest else 0.0
+
+
+def _order_torque(train, shape, rpm, order):
+    """Amplitude in N m of what the torques of an order do on a mode shape, and the sum of those on all disks."""
     harmonic = order * train.topology.revolutions_per_cycle
     if abs(harmonic - round(harmonic)) > 1e-9:
-        return 0.0
-    torque = np.asarray(excitation(train, rpm, round(harmonic))[0])[:, round(harmonic)]
-    found = float(2 * np.abs(shape @ torque))
-    return found if found > ROUNDING * 2 * np.abs(torque).sum() else 0.0
+        return 0.0, 0.0
+    torque = excitation(train, rpm, round(harmonic))[0][:, round(harmonic)]
+    return 2 * jnp.abs(shape @ torque), 2 * jnp.abs(torque).sum()
 
 
 def _check(train, rpm, orders):

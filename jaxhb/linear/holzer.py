@@ -1,4 +1,4 @@
-"""Holzer's table of a train without closed loops, as engineers print it, and its residual over frequency; host.
+"""Holzer's table of a train without closed loops, as engineers print it, and its residual over frequency.
 
 From a free end with ordinate 1, the torque sum ``sum J omega^2 theta`` of the disks passed twists the next shaft,
 ``theta_(i+1) = theta_i - sum / c_i``; what is left behind the last disk is the residual, zero at a natural frequency.
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._arrays import on_host
+from .._arrays import namespace, on_host, traced
 from ..harmonic import chain
 from ..model.elements import SceneError
 
@@ -46,7 +46,7 @@ class HolzerTable:
     @property
     def residual(self):
         """N m: torque that must be applied to the last disk for this motion."""
-        return float(self.torque_sum[-1])
+        return self.torque_sum[-1]
 
     @property
     def kinetic_energy(self):
@@ -74,13 +74,14 @@ def holzer_table(train, *, hz):
 
     Parameters
     ----------
-    train : DriveTrain, concrete
-    hz : float, Hz
+    train : DriveTrain, may be traced
+    hz : float, Hz, may be traced
 
     Returns
     -------
     HolzerTable
-        A part behind a link without stiffness (the ring of a viscous damper) rests.
+        A part behind a link without stiffness (the ring of a viscous damper) rests. Every number has derivatives with
+        respect to the train and the frequency.
 
     Raises
     ------
@@ -104,31 +105,32 @@ def holzer_table(train, *, hz):
     ([1.0, 0.98, 0.9484], 14658)
     """
     tree, system = _tree(train)
-    balance, ordinate, others = _eliminate(tree, system, np.array([2 * np.pi * hz]))
-    scale = np.ones_like(balance)
+    xp = namespace(system, hz)
+    balance, ordinate, others = _eliminate(tree, system, 2 * np.pi * xp.asarray(hz, dtype=float))
+    scale = [xp.ones(())] * len(tree.node)
     for s in range(len(tree.node) - 2, -1, -1):
         scale[s] = scale[tree.parent[s]] * others[s]
-    displacement, force = (scale * ordinate)[:, 0], -(scale * balance)[:, 0]
+    displacement, force = xp.stack(scale) * ordinate, -xp.stack(scale) * balance
     radius, mass = system.radius[tree.node], system.mass[tree.node]
     angle = displacement / radius
     first = int(np.flatnonzero(tree.node == 0)[0])
-    unit = angle[first] or angle[0] or 1.0
-    link, near = tree.link[:-1], np.where(tree.from_a, system.arm_a[tree.link], system.arm_b[tree.link])[:-1]
+    unit = xp.where(angle[first] != 0, angle[first], xp.where(angle[0] != 0, angle[0], 1.0))
+    link, near = tree.link[:-1], xp.where(tree.from_a, system.arm_a[tree.link], system.arm_b[tree.link])[:-1]
     pushed = force[:-1] / near / unit  # what the link carries, positive where it slows the disk
     shaft = np.array([name not in train.topology.mesh_names for name in train.topology.link_names], dtype=bool)[link]
-    square = np.where(shaft, radius[:-1] ** 2, 1.0)  # of shafts, from displacements to angles
+    square = xp.where(shaft, radius[:-1] ** 2, 1.0)  # of shafts, from displacements to angles
     stiffness = system.stiffness[link]
-    twist = np.divide(pushed, stiffness, out=np.zeros_like(pushed), where=stiffness > 0)
+    twist = xp.where(stiffness > 0, pushed / xp.where(stiffness > 0, stiffness, 1.0), 0.0)
     return HolzerTable(
-        hz=float(hz),
+        hz=hz if traced(hz) else float(hz),
         names=tuple(train.topology.disk_names[disk] for disk in tree.node),
         inertia=mass * radius**2,
         ordinate=angle / unit,
         torque=((2 * np.pi * hz) ** 2 * mass - system.ground[tree.node]) * displacement * radius / unit,
         torque_sum=force * radius / unit,
         links=(*(train.topology.link_names[name] for name in link), ""),
-        stiffness=np.append(stiffness * square, 0.0),
-        twist=np.append(twist / np.where(shaft, radius[:-1], 1.0), 0.0),
+        stiffness=xp.append(stiffness * square, 0.0),
+        twist=xp.append(twist / xp.where(shaft, radius[:-1], 1.0), 0.0),
     )
 
 
@@ -137,14 +139,15 @@ def holzer_residual(train, *, hz):
 
     Parameters
     ----------
-    train : DriveTrain, concrete
-    hz : array ``(n,)`` Hz
+    train : DriveTrain, may be traced
+    hz : array ``(n,)`` Hz, may be traced
 
     Returns
     -------
     array ``(n,)``
         N m at the last disk of :func:`holzer_table`: a polynomial in omega^2, zero at the natural frequencies. It
-        overflows on long chains far above them; ``jaxhb.characteristic`` does not.
+        overflows on long chains far above them; ``jaxhb.characteristic`` does not. It has derivatives with respect to
+        the train and the frequencies.
 
     Raises
     ------
@@ -165,7 +168,7 @@ def holzer_residual(train, *, hz):
     True
     """
     tree, system = _tree(train)
-    balance, *_ = _eliminate(tree, system, 2 * np.pi * np.asarray(hz, float))
+    balance, *_ = _eliminate(tree, system, 2 * np.pi * namespace(system, hz).asarray(hz, dtype=float))
     return -balance[-1] * system.radius[tree.node[-1]]
 
 
@@ -177,7 +180,7 @@ def _tree(train):
         where = train.topology.name or "scene"
         raise SceneError(
             f"{where}: link {name!r} closes a loop, and Holzer's table is for trains without."
-            " Use jaxhb.natural_frequencies, on the command line jaxhb modes."
+            " Use jaxhb.natural_frequencies, on the command line jaxhb modes, which has the energies too (--json)."
         )
     ends = train.topology.link_ends
     away, at = [0], {0: -1}
@@ -192,24 +195,23 @@ def _tree(train):
 
 
 def _eliminate(tree, system, omega):
-    """Balance sum Z x ``(S, n)`` and ordinate of each subtree, free ends at 1, and its scale below the parent."""
-    node = tree.node
-    balance = system.ground[node, None] - system.mass[node, None] * omega**2
-    ordinate, others = np.ones_like(balance), np.ones_like(balance)
+    """Balance sum Z x ``(S, ...)`` and ordinate of each subtree, free ends at 1, and its scale below the parent."""
+    xp, node = namespace(system, omega), tree.node
+    balance = [ground - mass * omega**2 for ground, mass in zip(system.ground[node], system.mass[node], strict=True)]
+    ordinate, others = ([xp.ones_like(omega)] * len(node) for _ in range(2))
     wanted = {}
     for s, up in enumerate(tree.parent[:-1].tolist()):
         alpha, beta = system.arm_a[tree.link[s]], system.arm_b[tree.link[s]]
         if not tree.from_a[s]:
             alpha, beta = beta, alpha
         stiffness = system.stiffness[tree.link[s]]
-        if stiffness == 0:
-            others[s] = 0.0
-            continue
-        asked = (alpha * ordinate[s] + balance[s] / (alpha * stiffness)) / beta
-        others[s] = ordinate[up]
+        loose = stiffness == 0  # what hangs there rests and asks for nothing
+        asked = (alpha * ordinate[s] + balance[s] / (alpha * xp.where(loose, 1.0, stiffness))) / beta
+        asked = xp.where(loose, 1.0, asked)
+        others[s] = xp.where(loose, 0.0, ordinate[up])
         for earlier in wanted.setdefault(up, []):
-            others[earlier] *= asked
+            others[earlier] = others[earlier] * asked
         wanted[up].append(s)
-        balance[up] = balance[up] * asked + ordinate[up] * beta / alpha * balance[s]
+        balance[up] = balance[up] * asked + xp.where(loose, 0.0, ordinate[up] * beta / alpha * balance[s])
         ordinate[up] = ordinate[up] * asked
-    return balance, ordinate, others
+    return xp.stack(balance), xp.stack(ordinate), others

@@ -1,15 +1,25 @@
 """Natural frequencies and mode shapes of the undamped train, backlash meshes taken in contact."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from .._arrays import on_host
+from .._arrays import namespace, on_host
 from ..harmonic import chain
 from .incidence import factor, singular_values, singular_vectors
 
 AT_REST = 1e-10
 """Ordinate over the largest one below which a disk lies in a node: rounding of a mode shape."""
+
+
+class ModeShares(NamedTuple):
+    """Shapes of m modes and where their energies lie, as in :class:`Modes`."""
+
+    shapes: np.ndarray
+    generalised_mass: np.ndarray
+    kinetic_share: np.ndarray
+    strain_share: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -78,26 +88,29 @@ def natural_frequencies(train, *, count=None):
     rows = factor(system)
     omega, vectors = singular_vectors(rows, count)
     displacement = rows.displacements(vectors / np.sqrt(system.mass[rows.heavy])[:, None])
-    links = len(system.stiffness)
-    strain = system.stiffness[:, None] * system.deflections(displacement) ** 2
-    total = strain.sum(0) + (system.ground[:, None] * displacement**2).sum(0)
-    strain = np.divide(strain, total, out=np.zeros_like(strain), where=(total > 0) & (omega > 0))
-    angles = displacement / system.radius[:, None]
-    largest = angles[np.abs(angles).argmax(0), np.arange(len(omega))]
-    shapes = (angles / largest).T
-    kinetic = shapes**2 * (system.mass * system.radius**2)
-    mass = kinetic.sum(1)
+    found, links = shares(system, omega, displacement), len(system.stiffness)
     return Modes(
         names=train.topology.disk_names,
         frequencies_hz=omega / (2 * np.pi),
-        shapes=shapes,
-        mesh_energy_share=strain[links - len(train.topology.mesh_names) :].sum(0),
+        mesh_energy_share=found.strain_share[:, links - len(train.topology.mesh_names) :].sum(1),
         link_names=train.topology.link_names,
-        generalised_mass=mass,
-        node_count=_sign_changes(system.tree, shapes),
-        kinetic_share=kinetic / mass[:, None],
-        strain_share=strain.T,
+        node_count=_sign_changes(system.tree, found.shapes),
+        **found._asdict(),
     )
+
+
+def shares(system, omega, displacement) -> ModeShares:
+    """The :class:`ModeShares` of modes of angular frequencies ``(m,)`` and displacements ``(S, m)``, may be traced."""
+    xp = namespace(system, displacement)
+    strain = system.stiffness[:, None] * system.deflections(displacement) ** 2
+    total = strain.sum(0) + (system.ground[:, None] * displacement**2).sum(0)
+    moving = (total > 0) & (omega > 0)
+    strain = xp.where(moving, strain / xp.where(moving, total, 1.0), 0.0)
+    angles = displacement / system.radius[:, None]
+    shapes = (angles / angles[abs(angles).argmax(0), np.arange(len(omega))]).T
+    kinetic = shapes**2 * (system.mass * system.radius**2)
+    mass = kinetic.sum(1)
+    return ModeShares(shapes, mass, kinetic / mass[:, None], strain.T)
 
 
 def all_frequencies(train):

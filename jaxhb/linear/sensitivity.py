@@ -10,8 +10,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._arrays import concrete, traced
+from .._arrays import concrete, on_host, traced
 from ..harmonic import chain
+from .modal import shares
 
 CLUSTER = 1e-9
 """Relative distance of squares below which eigenvalues count as one: some rounding of a repeated one."""
@@ -50,6 +51,39 @@ def frequencies_hz(train, heavy=None):
     squares, _ = mode_squares(train, heavy)
     moving = squares > 0
     return jnp.where(moving, jnp.sqrt(jnp.where(moving, squares, 1.0)), 0.0) / (2 * np.pi)
+
+
+def mode_shares(train, heavy=None):
+    """Mode shapes and where the energy of each mode lies, differentiable.
+
+    Parameters
+    ----------
+    train, heavy : as in :func:`frequencies_hz`
+
+    Returns
+    -------
+    ModeShares
+        ``shapes`` ``(m, S)``, ``generalised_mass`` ``(m,)`` kg m2, ``kinetic_share`` ``(m, S)`` and ``strain_share``
+        ``(m, L)``, as in :class:`jaxhb.Modes`. Where frequencies repeat, derivatives of these do not exist.
+
+    Notes
+    -----
+    ``d y_i = sum_j y_j (y_j^T (dK - lambda_i dM) y_i) / (lambda_i - lambda_j)``, j other than i (Fox and Kapoor, as
+    above).
+
+    Examples
+    --------
+    >>> import jax, jaxhb
+    >>> parts = [*(jaxhb.Disk(name=n, inertia=J) for n, J in zip("abc", (1.0, 2.0, 1.0))),
+    ...          *(jaxhb.Shaft(between=e, stiffness=100.0) for e in (("a", "b"), ("b", "c")))]
+    >>> train = jaxhb.build(parts)
+    >>> share = lambda k: jaxhb.mode_shares(train.replace({"a|b.stiffness": k})).strain_share[1, 0]
+    >>> round(float(share(100.0)), 9), round(float(jax.grad(share)(100.0)), 9)
+    (0.5, -0.0075)
+    """
+    system = on_host(chain.assemble(train))
+    squares, displacement = mode_squares(train, heavy)
+    return shares(system, squares, displacement)
 
 
 def cluster_sums_hz(train, clusters, heavy=None):

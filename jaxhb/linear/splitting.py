@@ -24,6 +24,9 @@ double precision lose all digits from some 20 disks on: values at any size are i
 from dataclasses import dataclass
 from fractions import Fraction
 
+import numpy as np
+
+from .._arrays import concrete, traced
 from ..harmonic import chain
 from ..model.elements import SceneError
 
@@ -66,7 +69,7 @@ def links_of(train, *, exact=True):
 
     Parameters
     ----------
-    train : DriveTrain, concrete, without loss factors
+    train : DriveTrain, without loss factors, may be differentiated where ``exact`` is false
     exact : bool
         Fractions of the decimals as they print, 0.1 as 1/10; else floats.
 
@@ -84,7 +87,8 @@ def links_of(train, *, exact=True):
     Fraction(1, 10)
     """
     topology, system = train.topology, chain.assemble(train)
-    lossy = [name for name, eta in zip(topology.link_names, system.loss, strict=True) if eta]
+    (loss,) = concrete(system.loss)
+    lossy = [name for name, eta in zip(topology.link_names, loss, strict=True) if eta]
     if lossy:
         raise SceneError(
             f"{topology.name or 'scene'}: link {lossy[0]!r} has a loss factor, which is no polynomial in p. "
@@ -92,7 +96,7 @@ def links_of(train, *, exact=True):
         )
 
     def number(value):
-        return Fraction(repr(float(value))) if exact else float(value)
+        return Fraction(repr(float(value))) if exact else value if traced(value) else float(value)
 
     inertia = [*train.disks.inertia, *train.dampers.inertia]
     damping = [*train.disks.damping, *(0.0 for _ in topology.damper_names)]
@@ -102,7 +106,7 @@ def links_of(train, *, exact=True):
     tables = (train.shafts, train.dampers, train.meshes)
     springs = [pair for table in tables for pair in zip(table.stiffness, table.damping, strict=True)]
     turning = len(topology.link_names) - len(topology.mesh_names)
-    arms = [(1.0, 1.0)] * turning + [tuple(train.disks.radius[list(ends)]) for ends in topology.mesh_ends]
+    arms = [(1.0, 1.0)] * turning + [tuple(train.disks.radius[np.array(ends)]) for ends in topology.mesh_ends]
     names = topology.disk_names
     return Links(
         inertia={name: number(J) for name, J in zip(names, inertia, strict=True)},
@@ -119,7 +123,7 @@ def characteristic_coefficients(train, *, exact=False):
 
     Parameters
     ----------
-    train : DriveTrain, concrete
+    train : DriveTrain
         At most one closed loop, no disk without inertia, no loss factor.
     exact : bool
         Fractions, for any number of disks; else floats, for at most 12.
@@ -127,6 +131,7 @@ def characteristic_coefficients(train, *, exact=False):
     Returns
     -------
     tuple of Fraction or float, 2 S + 1 of them
+        Floats have derivatives with respect to the train outside ``jit`` and ``vmap``.
 
     Raises
     ------
@@ -147,7 +152,7 @@ def characteristic_coefficients(train, *, exact=False):
     ['1', '1/6', '5', '0', '0']
     """
     where, links = train.topology.name or "scene", links_of(train, exact=exact)
-    light = [name for name, inertia in links.inertia.items() if not inertia]
+    light = [name for name, inertia in links.inertia.items() if not concrete(inertia)[0]]
     faults = [f"{where}: disk {name!r} has no inertia: give it some, or use jaxhb.characteristic." for name in light]
     if len(links.inertia) > LARGEST and not exact:
         faults.append(

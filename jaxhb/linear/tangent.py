@@ -1,7 +1,8 @@
-"""The train linearised at its mean load: meshes with backlash with the slope f'(l) of law (18) there; host.
+"""The train linearised at its mean load: meshes with backlash with the slope f'(l) of law (18) there.
 
 The static equilibrium ``D^T f(D x) = q`` of the mean torques is the minimum of a convex energy, found by Newton's
-method with steps halved until the energy falls. In the gap the slope is epsilon c, beyond the knee c.
+method with steps halved until the energy falls, on the host. In the gap the slope is epsilon c, beyond the knee c.
+Derivatives are those of one step more from the equilibrium, whose tangent stiffness is held (implicit functions).
 """
 
 import dataclasses
@@ -9,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._arrays import on_host
+from .._arrays import concrete, namespace, on_host, traced
 from ..harmonic import backlash, chain
 from ..harmonic.excitation import excitation
 from ..model.change import without_backlash
@@ -52,7 +53,7 @@ def at_mean_load(train, *, rpm):
 
     Parameters
     ----------
-    train : DriveTrain, concrete
+    train : DriveTrain
     rpm : float
         Speed of the reference rotor, whose mean torques act.
 
@@ -60,7 +61,8 @@ def at_mean_load(train, *, rpm):
     -------
     MeanLoad
         Of m meshes with backlash the elastic force (N), the slope f'(l) of the law (N/m) and where on the law they are,
-        each ``(m,)``; and the linear train with these slopes.
+        each ``(m,)``; and the linear train with these slopes. All have first derivatives with respect to the train and
+        the speed, outside ``jit`` and ``vmap``.
 
     Raises
     ------
@@ -77,60 +79,103 @@ def at_mean_load(train, *, rpm):
     >>> at_mean_load(jaxhb.load_scene("spur_pair"), rpm=2000.0).engagement.tolist()
     [1.0]
     """
-    check_speed(train, rpm)
-    system, topology = on_host(chain.assemble(train)), train.topology
-    name = topology.name or "scene"
-    torque, _, left = (np.asarray(a) for a in excitation(train, rpm, 0))
-    if system.floating and abs(left) > UNBALANCED * np.abs(torque).max():
-        raise SceneError(f"{name} at {rpm:g} rpm: mean torques do not balance, so there is no mean load. Add a load.")
-    law = backlash.Law(*(np.asarray(a) for a in dataclasses.astuple(backlash.law_of(train.meshes))))
-    own = np.flatnonzero(topology.mesh_backlash)
-    law = backlash.Law(*(a[own] for a in dataclasses.astuple(law)))
-    links = len(topology.link_names) - len(topology.mesh_names) + own
-    deflection = _equilibrium(system, torque[:, 0].real / system.radius, law, links)
-    if deflection is None:
-        raise SceneError(f"{name} at {rpm:g} rpm: no equilibrium of the mean torques was found. Leave out --at.")
+    values, at = concrete(train, rpm)
+    check_speed(values, at)
+    topology = train.topology
+    name, own = topology.name or "scene", np.flatnonzero(topology.mesh_backlash)
+    first = len(topology.link_names) - len(topology.mesh_names)
+    links = first + own
+    static = _Static.of(values, at, own, links)
+    if static.system.floating and abs(static.left) > UNBALANCED * np.abs(static.torque).max():
+        raise SceneError(f"{name} at {at:g} rpm: mean torques do not balance, so there is no mean load. Add a load.")
+    x = _equilibrium(static)
+    if x is None:
+        raise SceneError(f"{name} at {at:g} rpm: no equilibrium of the mean torques was found. Leave out --at.")
+    if traced(train, rpm):
+        tangent = static.tangent(static.held(x)[1])
+        static = _Static.of(train, rpm, own, links)
+        x = x + np.linalg.pinv(tangent, rcond=1e-14) @ static.unbalanced(x)
+    law, deflection = static.law, static.system.deflections(x)[links]
     slope = backlash.slope(law, deflection)
-    stiffness = np.array(train.meshes.stiffness, float)
-    stiffness[own] = slope
     bare = without_backlash(train)
+    stiffness = static.put(static.system.stiffness, slope)[first:]
     bare = dataclasses.replace(bare, meshes=dataclasses.replace(bare.meshes, stiffness=stiffness))
     names = tuple(topology.mesh_names[i] for i in own)
     force, engaged = backlash.force(law, deflection), backlash.engagement(law, deflection)
     return MeanLoad(bare, names, force, slope, engaged, slope / law.stiffness)
 
 
-def _equilibrium(system, load, law, links):
-    """Deflections ``(m,)`` in m of the ``links`` of ``law`` under forces ``(S,)``, or None where none was found."""
-    incidence = system.incidence()
+@dataclass(frozen=True)
+class _Static:
+    """The equations of the mean: links, mean torques, and the law of the meshes with backlash, may be traced."""
 
-    def held(x):
-        """Force of every link, its slope, and the energy of all."""
-        l = system.deflections(x)
-        force, slope = system.stiffness * l, system.stiffness.copy()
-        energy = force * l / 2
-        force[links], slope[links] = backlash.force(law, l[links]), backlash.slope(law, l[links])
-        energy[links] = backlash.energy(law, l[links])
-        return force, slope, energy.sum() + (system.ground * x**2).sum() / 2 - load @ x
+    system: chain.System
+    torque: np.ndarray
+    left: np.ndarray
+    law: backlash.Law
+    links: np.ndarray
+
+    @classmethod
+    def of(cls, train, rpm, own, links):
+        """Those of a train at a speed; ``links`` are the numbers of the meshes ``own``."""
+        torque, _, left = excitation(train, rpm, 0)
+        law = backlash.Law(*(a[own] for a in dataclasses.astuple(backlash.law_of(train.meshes))))
+        return cls(*on_host((chain.assemble(train), torque[:, 0].real, left, law)), links)
+
+    @property
+    def load(self):
+        """Forces ``(S,)`` in N of the mean torques."""
+        return self.torque / self.system.radius
+
+    def put(self, values, own):
+        """``values`` of all links with those of the law at their places."""
+        chosen = np.eye(len(values))[:, self.links]
+        return namespace(values, own).where(chosen.any(1), chosen @ own, values)
+
+    def held(self, x):
+        """Force of every link and its slope."""
+        l, stiffness = self.system.deflections(x), self.system.stiffness
+        force, slope = (law(self.law, l[self.links]) for law in (backlash.force, backlash.slope))
+        return self.put(stiffness * l, force), self.put(stiffness, slope)
+
+    def energy(self, x):
+        """Energy in J that is least at the equilibrium."""
+        l = self.system.deflections(x)
+        links = self.put(self.system.stiffness * l**2 / 2, backlash.energy(self.law, l[self.links]))
+        return links.sum() + (self.system.ground * x**2).sum() / 2 - self.load @ x
+
+    def unbalanced(self, x):
+        """Force ``(S,)`` in N that the links and grounds leave of the load."""
+        return self.load - self.system.incidence() @ self.held(x)[0] - self.system.ground * x
+
+    def tangent(self, slope):
+        """Stiffness ``(S, S)`` in N/m of links with these slopes and grounds."""
+        incidence = self.system.incidence()
+        return (incidence * slope) @ incidence.T + np.diag(self.system.ground)
+
+
+def _equilibrium(static):
+    """Displacements ``(S,)`` in m at which the mean torques are in equilibrium, or None where none was found; host."""
+    system, load, links = static.system, static.load, static.links
 
     def solved(slope, force):
-        return np.linalg.lstsq((incidence * slope) @ incidence.T + np.diag(system.ground), force, rcond=1e-14)[0]
+        return np.linalg.lstsq(static.tangent(slope), force, rcond=1e-14)[0]
 
     # begin on the flanks that all teeth in contact would press: in a gap without stiffness nothing pulls back to them
     size = np.abs(load).max(initial=0.0)
     x = solved(system.stiffness, load)
     pressed = (system.stiffness * system.deflections(x))[links]
-    flank = np.where(np.abs(pressed) > IDLE * size, np.sign(pressed), 0.0) * backlash.offset(law)
-    x = solved(system.stiffness, load + incidence[:, links] @ flank)
-    force, slope, energy = held(x)
+    flank = np.where(np.abs(pressed) > IDLE * size, np.sign(pressed), 0.0) * backlash.offset(static.law)
+    x = solved(system.stiffness, load + system.incidence()[:, links] @ flank)
+    energy = static.energy(x)
     for _ in range(STEPS):
-        left = load - incidence @ force - system.ground * x
+        (force, slope), left = static.held(x), static.unbalanced(x)
         if np.abs(left).max(initial=0.0) <= LEFT * max(size, np.abs(force).max(initial=0.0)):
-            return system.deflections(x)[links]
+            return x
         step = solved(slope, left)
         share = 1.0
         for _ in range(HALVINGS):
-            force, slope, new = held(x + share * step)
+            new = static.energy(x + share * step)
             if new <= energy:
                 break
             share /= 2

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import difflib
 import json
 import math
 
@@ -31,7 +32,7 @@ RIGID = 1e5
 """Stiffness of a rigid link over that of the stiffest shaft."""
 
 
-def tors_content(text: str, source: str) -> dict:
+def tors_content(text: str, source: str, errors: list[str]) -> dict:
     """Read TORS.
 
     Parameters
@@ -40,21 +41,25 @@ def tors_content(text: str, source: str) -> dict:
         The JSON.
     source : str
         Name of the file, for errors.
+    errors : list of str
+        Gets a sentence for each thing that cannot be read.
 
     Returns
     -------
     dict
-        The tables of a scene.
+        The tables of a scene. What could not be read has harmless numbers there, so that the checks of a scene find
+        what else is wrong and nothing twice.
 
     Raises
     ------
     SceneError
-        All that cannot be read, one sentence each.
+        If the text is no JSON or no TORS.
 
     Examples
     --------
     >>> parts = [{"type": "Disk", "name": "rotor", "inertia": 2.0}]
-    >>> tors_content(json.dumps({"structure": [], "components": [{"name": "c", "elements": parts}]}), "c.json")["disk"]
+    >>> text = json.dumps({"structure": [], "components": [{"name": "c", "elements": parts}]})
+    >>> tors_content(text, "c.json", [])["disk"]
     [{'name': 'c.rotor', 'inertia': 2.0}]
     """
     try:
@@ -63,12 +68,9 @@ def tors_content(text: str, source: str) -> dict:
         raise SceneError(f"{source}: invalid JSON: {error}. Correct it.") from None
     try:
         reader = _Tors(source, content["components"], content.get("structure", []))
-        reader.walk(reader.first(), 0, ())
-        if reader.errors:
-            raise SceneError(dict.fromkeys(reader.errors))
-        return reader.content()
-    except SceneError:
-        raise
+        found = reader.read()
+        errors += dict.fromkeys(reader.errors)
+        return found
     except (KeyError, TypeError, AttributeError, IndexError, ValueError):
         raise SceneError(
             f"{source}: this is not TORS, which has 'components', each with 'name' and 'elements', and 'structure', a"
@@ -81,64 +83,121 @@ class _Tors:
 
     def __init__(self, source, components, structure):
         self.source, self.errors = source, []
-        self.components = {component["name"]: component for component in components}
+        names = [component["name"] for component in components]
+        twice = [name for name in names if names.count(name) > 1]
+        self.errors += [f"{source}: component {name!r} is given twice. Rename one of them." for name in twice]
+        self.components = {component["name"]: self._named(component) for component in components}
         self.connections = {}
         for begin, end in structure:
+            self._check_ends(begin, end)
             self.connections.setdefault(begin, []).append(end.partition(".")[0])
-        self.nodes = [{"inertia": 0.0, "damping": 0.0}]
-        self.shafts, self.gears, self.meshes = [], {}, []
+        self.nodes, self.walked = [], set()
+        self.shafts, self.gears, self.meshes, self.excited = [], {}, [], False
 
-    def first(self):
-        """The component that no other one leads to."""
+    def _named(self, component):
+        """Elements of a component by their full names, without those that have none."""
+        found = {}
+        for number, element in enumerate(component["elements"]):
+            own = f"{component['name']}.{element.get('name')}"
+            if "name" not in element:
+                where = f"component {component['name']!r}, element no. {number + 1}"
+                self.errors.append(f"{self.source}, {where}: the key 'name' is missing. Give it.")
+            elif own in found:
+                self.errors.append(f"{self.source}, {own!r}: the element is given twice. Rename one of them.")
+            else:
+                found[own] = element
+        return found
+
+    def _check_ends(self, begin, end):
+        """Find what a connection names that is not there; components that are not are found on the way."""
+        for own in (begin, end):
+            elements = self.components.get(own.partition(".")[0])
+            if elements is not None and own not in elements:
+                self.errors.append(
+                    f"{self.source}: 'structure' names {own!r}, which does not exist.{suggestion(own, elements)}"
+                )
+            elif elements is None and own is begin:
+                self._no_component(own.partition(".")[0])
+
+    def _no_component(self, name, why="does not exist"):
+        self.errors.append(f"{self.source}: component {name!r} {why}. Correct 'structure'.")
+
+    def read(self):
+        """Go through the train from the component that no other one leads to; the scene."""
         reached = {end for ends in self.connections.values() for end in ends}
-        found = [name for name in self.components if name not in reached]
-        if len(found) != 1:
-            which = ", ".join(map(repr, found)) or "none"
-            raise SceneError(f"{self.source}: the train must begin at one component, not {which}. Correct 'structure'.")
-        return found[0]
+        first = [name for name in self.components if name not in reached]
+        if len(first) != 1:
+            which = ", ".join(map(repr, first)) or "none"
+            said = f"the train must begin at one component, not {which}. Correct 'structure'."
+            self.errors.append(f"{self.source}: {said}")
+        for name in first:
+            self.walk(name, self._node(), ())
+        left = [name for name in self.components if name not in self.walked]
+        if len(first) == 1:
+            for name in left:
+                self._no_component(name, "is not connected to the others")
+        for name in left:  # what is wrong in them is told too
+            if name not in self.walked:
+                self.walk(name, self._node(), ())
+        return self.content()
+
+    def _node(self):
+        """Make a node; its number."""
+        self.nodes.append({"inertia": 0.0, "damping": 0.0})
+        return len(self.nodes) - 1
 
     def walk(self, name, node, above):
         """Go through a component from a node on, and through those connected to it."""
-        if name not in self.components or name in above:
-            why = "leads back to itself" if name in above else "does not exist"
-            self.errors.append(f"{self.source}: component {name!r} {why}. Correct 'structure'.")
-            return
-        for element in self.components[name]["elements"]:
-            own = f"{name}.{element['name']}"
-            node = self._add(name, own, element, node)
-            for other in self.connections.get(own, ()):
-                self.walk(other, node, (*above, name))
+        if name not in self.components:
+            self._no_component(name)
+        elif name in self.walked:
+            self._no_component(name, "leads back to itself" if name in above else "is connected twice")
+        else:
+            self.walked.add(name)
+            for own, element in self.components[name].items():
+                node = self._add(name, own, element, node)
+                for other in self.connections.get(own, ()):
+                    self.walk(other, node, (*above, name))
 
     def _add(self, component, own, element, node):
         """Put one element at a node; the node at which the component goes on."""
         kind = element.get("type")
-        number = {key: value for key, value in element.items() if _number(value)}
+        self.excited = self.excited or "excitation" in element
         if kind == "Disk":
-            self._load(node, own, self._need(own, number, "inertia"), number.get("damping", 0.0))
+            self._load(node, own, self._take(own, element, "inertia"), self._take(own, element, "damping", 0.0))
         elif kind in ("ShaftDiscrete", "ShaftContinuous"):
-            self.nodes.append({"inertia": 0.0, "damping": 0.0})
+            end = self._node()
             read = self._continuous if kind == "ShaftContinuous" else self._discrete
-            stiffness, inertia = read(own, number)
-            for end in (node, len(self.nodes) - 1):
-                self.nodes[end]["inertia"] += inertia / 2
-            row = {"name": own, "stiffness": stiffness, "damping": float(number.get("damping", 0.0))}
-            self.shafts.append((node, len(self.nodes) - 1, row))
-            return len(self.nodes) - 1
+            stiffness, inertia = read(own, element)
+            for at in (node, end):
+                self.nodes[at]["inertia"] += inertia / 2
+            row = {"name": own, "stiffness": stiffness, "damping": self._take(own, element, "damping", 0.0)}
+            self.shafts.append((node, end, row))
+            return end
         elif kind == "GearElement":
-            parent = f"{component}.{element.get('parent')}"
-            if parent in self.gears:
-                self.nodes.append({"inertia": 0.0, "damping": 0.0})
-                node = len(self.nodes) - 1
-                self.meshes.append((parent, own))
-            self._load(node, own, self._need(own, number, "inertia"), 0.0)
-            toothed = "teeth" in number
-            size = self._need(own, number, "teeth" if toothed else "diameter")
-            if not size > 0.0:
-                self.errors.append(f"{self.source}, {own!r}: teeth or diameter is {size:g}, must be greater than 0.")
-            self.gears[own] = {"node": node, "toothed": toothed, "size": size}
+            return self._gear(component, own, element, node)
         else:
             known = ["Disk", "ShaftDiscrete", "ShaftContinuous", "GearElement"]
             self.errors.append(f"{self.source}, {own!r}: unknown type {kind!r}.{suggestion(kind, known)}")
+        return node
+
+    def _gear(self, component, own, element, node):
+        """Put a gear at a node, one with a parent at a node of its own; this node."""
+        parent = f"{component}.{element.get('parent')}"
+        if parent in self.gears:
+            node = self._node()
+            self.meshes.append((parent, own))
+        elif element.get("parent"):
+            known = [name.partition(".")[2] for name in self.gears if name.startswith(f"{component}.")]
+            said = f"its parent {element['parent']!r} is no gear before it in {component!r}"
+            self.errors.append(f"{self.source}, {own!r}: {said}.{suggestion(element['parent'], known)}")
+        self._load(node, own, self._take(own, element, "inertia"), 0.0)
+        toothed = "teeth" in element
+        size = self._take(own, element, "teeth" if toothed else "diameter")
+        if not size > 0.0:
+            self.errors.append(f"{self.source}, {own!r}: teeth or diameter is {size:g}, must be greater than 0.")
+            size = 1.0
+        self.gears[own] = {"node": node, "toothed": toothed, "size": size}
         return node
 
     def _load(self, node, own, inertia, damping):
@@ -148,23 +207,27 @@ class _Tors:
         at["inertia"] += inertia
         at["damping"] += damping
 
-    def _need(self, own, number, key):
-        if key not in number:
+    def _take(self, own, element, key, default=None):
+        """A number of an element; without a default the key must be there."""
+        value = element.get(key, default)
+        if not _number(value):
             self.errors.append(f"{self.source}, {own!r}: the key {key!r} is missing or no number. Give it.")
-        return float(number.get(key, 1.0))
+            return 1.0
+        return float(value)
 
-    def _discrete(self, own, number):
-        return self._need(own, number, "stiffness"), 0.0
+    def _discrete(self, own, element):
+        return self._take(own, element, "stiffness"), 0.0
 
-    def _continuous(self, own, number):
+    def _continuous(self, own, element):
         """Stiffness and inertia of a round shaft."""
-        length, outer = (1e-3 * self._need(own, number, key) for key in ("length", "outerDiameter"))
-        inner = 1e-3 * float(number.get("innerDiameter", 0.0))
+        length, outer = (1e-3 * self._take(own, element, key) for key in ("length", "outerDiameter"))
+        inner, density = (self._take(own, element, *both) for both in (("innerDiameter", 0.0), ("density", 8000.0)))
+        inner *= 1e-3
         area = math.pi * (outer**4 - inner**4) / 32.0
         if not (length > 0.0 and area > 0.0):
             self.errors.append(f"{self.source}, {own!r}: length and wall must be greater than 0 mm. Correct them.")
             return 1.0, 0.0
-        return SHEAR_MODULUS * area / length, float(number.get("density", 8000.0)) * area * length
+        return SHEAR_MODULUS * area / length, density * area * length
 
     def content(self):
         """The scene."""
@@ -189,11 +252,12 @@ class _Tors:
         for pair in self.meshes:
             if len({self.gears[own]["toothed"] for own in pair}) > 1:
                 text = f"{pair[0]!r} and {pair[1]!r} mesh, one with teeth, one with a diameter"
-                raise SceneError(f"{self.source}: {text}. Give both alike.")
+                self.errors.append(f"{self.source}: {text}. Give both alike.")
             ends = [seats[own] for own in pair]
             stiffness = rigid / min(end["radius"] for end in ends) ** 2
             meshes.append({"between": [end["name"] for end in ends], "stiffness": stiffness})
-        said = f"From {self.source}; rigid gears are stiff meshes" if meshes else f"From {self.source}"
+        said = f"From {self.source}" + "; rigid gears are stiff meshes" * bool(meshes)
+        said += "; its excitations are not read" * self.excited
         rows = {"disk": disks, "shaft": shafts, "mesh": meshes}
         tables = {table: [_sparse(row) for row in found] for table, found in rows.items() if found}
         return {"scene": {"description": said, "reference": disks[0]["name"]}} | tables
@@ -208,54 +272,60 @@ def _sparse(row):
     return {key: value for key, value in row.items() if key != "damping" or value}
 
 
-def csv_content(text: str, source: str) -> dict:
-    """Read two tables, inertias and links; arguments, result and errors as for :func:`tors_content`.
+def csv_content(text: str, source: str, errors: list[str]) -> dict:
+    """Read two tables, inertias and links; arguments and result as for :func:`tors_content`.
+
+    Raises
+    ------
+    SceneError
+        If the first line names no columns, or there is no table of inertias.
 
     Examples
     --------
     >>> text = "name,inertia\\na,1\\nb,2\\n\\nfrom,to,stiffness\\na,b,1e5\\n"
-    >>> csv_content(text, "pair.csv")["shaft"]
+    >>> csv_content(text, "pair.csv", [])["shaft"]
     [{'between': ['a', 'b'], 'stiffness': 100000.0}]
     """
     lines = [line for line in text.splitlines() if line.strip(" ,;") and not line.lstrip().startswith("#")]
     delimiter = ";" if lines and ";" in lines[0] else ","
-    errors, content, heads = [], {}, None
+    content, heads = {}, None
     for number, cells in enumerate(csv.reader(lines, delimiter=delimiter)):
         cells = [cell.strip() for cell in cells]
         if cells[0] in ("name", "from"):
-            heads = cells
-            errors += _head_errors(heads, source)
+            heads = _heads(cells, source, errors)
             continue
         if heads is None:
             begin = "'name', of inertias, or 'from', of links"
             raise SceneError(f"{source}: the first line must name columns, beginning with {begin}. Give the heads.")
         if len(cells) > len(heads):
             errors.append(f"{source}, row {number + 1}: {len(cells)} cells under {len(heads)} heads. Correct the row.")
-            continue
-        row = {head: _cell(head, cell) for head, cell in zip(heads, cells, strict=False) if cell}
+        row = {head: _cell(head, cell) for head, cell in zip(heads, cells, strict=False) if head and cell}
         table = "disk"
         if heads[0] == "from":
             table = row.pop("link", "shaft")
             row = {"between": [row.pop(end) for end in ("from", "to") if end in row]} | row
         if table not in ("disk", "shaft", "mesh"):
             errors.append(f"{source}, row {number + 1}: link is {table!r}, must be 'shaft' or 'mesh'. Correct it.")
+            continue
         content.setdefault(table, []).append(row)
     if not content.get("disk"):
-        errors.append(f"{source}: there is no table of inertias, whose first column is 'name'. Give one.")
-    if errors:
-        raise SceneError(errors)
+        raise SceneError([*errors, f"{source}: there is no table of inertias, whose first column is 'name'. Give one."])
     return {"scene": {"description": f"From {source}", "reference": content["disk"][0].get("name")}} | content
 
 
-def _head_errors(heads, source):
-    """Find columns that are no keys of what the table holds."""
+def _heads(heads, source, errors):
+    """The columns by the keys that they mean; None for one that means no key of what the table holds."""
     if heads[0] == "name":
         known = [f.name for f in dataclasses.fields(Disk)]
     else:
         of_links = {f.name: None for cls in (Shaft, Mesh) for f in dataclasses.fields(cls)}
         known = ["from", "to", "link", *(name for name in of_links if name != "between")]
     wrong = [head for head in heads if head not in known]
-    return [f"{source}: unknown column {head!r}.{suggestion(head, known)}" for head in wrong]
+    errors += [f"{source}: unknown column {head!r}.{suggestion(head, known)}" for head in wrong]
+    errors += [f"{source}: two columns are called {head!r}. Keep one." for head in known if heads.count(head) > 1]
+    free = [key for key in known if key not in heads]
+    meant = {head: next(iter(difflib.get_close_matches(head, free, n=1)), None) for head in wrong}
+    return [meant.get(head, head) for head in heads]
 
 
 def _cell(head, cell):

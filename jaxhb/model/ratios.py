@@ -71,6 +71,8 @@ def inertias(train):
 class Referred:
     """Numbers of a train as they are and referred to the reference rotor; made by :func:`referred`.
 
+    Loss factors are ratios and stay as they are.
+
     Parameters
     ----------
     disks : tuple of str, the S disks, rings of dampers last; links : tuple of str, the L links
@@ -79,6 +81,7 @@ class Referred:
     link_factor : ``(L,)`` i of the rotor of a shaft or damper, of a mesh i r of its first gear in m
     stiffness : ``(L,)`` N m/rad of shafts and dampers, N/m of meshes; stiffness_referred : ``(L,)`` N m/rad, k factor^2
     damping, damping_referred : ``(L,)`` the same in N m s/rad and N s/m
+    order, order_referred : ``(D,)`` of the D dampers, of their own rotor and n i of the reference rotor; 0: not tuned
     """
 
     disks: tuple
@@ -91,6 +94,8 @@ class Referred:
     stiffness_referred: Array
     damping: Array
     damping_referred: Array
+    order: Array
+    order_referred: Array
 
 
 def referred(train) -> Referred:
@@ -140,4 +145,6 @@ def referred(train) -> Referred:
         stiffness_referred=stiffness * link_factor**2,
         damping=damping,
         damping_referred=damping * link_factor**2,
+        order=train.dampers.order,
+        order_referred=train.dampers.order * factor[np.array(topology.damper_disk, dtype=int)],
     )

@@ -66,7 +66,7 @@ def scene_description(name) -> str:
     True
     """
     path = _find(name)
-    head = _parse(path).get("scene", {})
+    head = _parse(path, []).get("scene", {})
     return str(head.get("description", "")) if isinstance(head, dict) else ""
 
 
@@ -97,8 +97,9 @@ def load_scene(name) -> DriveTrain:
     'crank gear|idler'
     """
     path = _find(name)
-    content = _parse(path)
     errors = []
+    content = _parse(path, errors)
+    whole = not errors
     head = content.get("scene", {})
     if not isinstance(head, dict):
         errors.append(f"{path.name}: 'scene' is {head!r}, must be a table. Write [scene].")
@@ -117,7 +118,7 @@ def load_scene(name) -> DriveTrain:
         scenarios=content.get("scenario"),
         source=path.name,
         findings=errors,
-        complete=complete,
+        complete=complete and whole,
     )
     return DriveTrain(**fields)
 
@@ -140,11 +141,11 @@ def _find(name) -> Path:
     return _folder() / f"{text}.toml"
 
 
-def _parse(path: Path) -> dict:
-    """Read TOML; a syntax error becomes one sentence."""
+def _parse(path: Path, errors: list[str]) -> dict:
+    """Read a file; a syntax error becomes one sentence, what else cannot be read goes to ``errors``."""
     try:
         text = path.read_text(encoding="utf-8-sig")
-        return _READERS[path.suffix](text, path.name) if path.suffix in _READERS else tomllib.loads(text)
+        return _READERS[path.suffix](text, path.name, errors) if path.suffix in _READERS else tomllib.loads(text)
     except SceneError:
         raise
     except tomllib.TOMLDecodeError as error:

@@ -42,7 +42,7 @@ def scene_text(name, *, expand=False):
     """
     load_scene(name)
     path = _find(name)
-    content = _parse(path)
+    content = _parse(path, [])
     content = {"scene": None} | content | {"scene": {"name": path.stem} | content.get("scene", {})}
     return _text(_expanded(content) if expand else content), _beside(content, path.parent)
 
@@ -143,7 +143,7 @@ def changed_scene(name, values, *, remark=""):
     (['[[disk]]', 'name = "gear a"', 'inertia = 0.25'], ['spur_pair_omega_squared.csv'])
     """
     path = _find(name)
-    content = _parse(path)
+    content = _parse(path, [])
     if any(table == "cylinder" for table, _, _ in values):
         content = _expanded(content)
     for (table, row, field), value in values.items():

@@ -54,7 +54,7 @@ class Misfires:
         return Worst(names[cylinder], float(self.firing.rpm[speed]), float(rows[cylinder][speed]), float(firing))
 
 
-def misfire_each(train, *, rpm, harmonics=None, tolerance=None) -> Misfires:
+def misfire_each(train, *, rpm, harmonics=None, tolerance=None, solve=solve_speeds) -> Misfires:
     """Solve at many speeds with all cylinders firing, and with each in turn that does not.
 
     The trains differ in one number, so that one compiled program serves all.
@@ -65,7 +65,9 @@ def misfire_each(train, *, rpm, harmonics=None, tolerance=None) -> Misfires:
     rpm : array ``(n,)``
         Speeds of the reference rotor.
     harmonics, tolerance
-        As for :func:`jaxhb.solve_speeds`.
+        As for ``solve``.
+    solve : callable
+        :func:`jaxhb.solve_speeds`, or :func:`jaxhb.forced_response` for the linear train, which has no ``tolerance``.
 
     Returns
     -------
@@ -74,7 +76,7 @@ def misfire_each(train, *, rpm, harmonics=None, tolerance=None) -> Misfires:
     Raises
     ------
     SceneError
-        If no cylinder fires, and as :func:`jaxhb.solve_speeds`.
+        If no cylinder fires, and as ``solve``.
 
     Examples
     --------
@@ -87,9 +89,10 @@ def misfire_each(train, *, rpm, harmonics=None, tolerance=None) -> Misfires:
     trains = train.misfires()
     if not trains:
         raise SceneError(f"{train.topology.name or 'scene'}: no cylinder fires, so that none can misfire.")
-    asked = {"rpm": rpm, "harmonics": harmonics, "tolerance": tolerance}
-    responses = {name: solve_speeds(each, **asked) for name, each in trains.items()}
-    return Misfires(solve_speeds(train.replace(same_factor(train)), **asked), responses)
+    given = {"harmonics": harmonics, "tolerance": tolerance}
+    asked = {"rpm": rpm} | {name: value for name, value in given.items() if value is not None}
+    responses = {name: solve(each, **asked) for name, each in trains.items()}
+    return Misfires(solve(train.replace(same_factor(train)), **asked), responses)
 
 
 def same_factor(train) -> dict:

@@ -2,10 +2,11 @@
 
 import dataclasses
 
+from .choose import NOT_FIRING
 from .columns import aligned, alike
 
 
-def campbell_text(found, count, name):
+def campbell_text(found, count, name, misfires=(), *, teeth=""):
     """Modes and critical speeds for people.
 
     Parameters
@@ -13,14 +14,18 @@ def campbell_text(found, count, name):
     found : Campbell
     count : int, elastic modes that were taken
     name : str, of the scene
+    misfires : dict, optional
+        The :class:`Campbell` of the same speeds and orders by the cylinder that does not fire.
+    teeth : str, how stiff they are; empty of a train without
 
     Returns
     -------
     str
     """
     low, high = found.rpm[0], found.rpm[-1]
-    head = f"{name}: Campbell diagram from {low:g} to {high:g} rpm, undamped, teeth in contact"
-    return "\n\n".join([head, _modes(found, count), _critical(found)])
+    stiff = ", ".join(filter(None, ["undamped", teeth]))
+    head = f"{name}: Campbell diagram from {low:g} to {high:g} rpm, {stiff}"
+    return "\n\n".join([head, _modes(found, count), _critical(found, misfires)])
 
 
 def shown_modes(found, count):
@@ -43,7 +48,22 @@ def _modes(found, count):
     return title + "\n" + aligned([*heads, "kind"], [shown, *columns, kinds], left=(len(heads),))
 
 
-def _critical(found):
+def _worst(misfires, place):
+    """The cylinder whose misfire has the largest modal torque at a critical speed, and this torque."""
+    torques = {cylinder: one.critical[place].torque for cylinder, one in misfires.items()}
+    cylinder = max(torques, key=torques.get)
+    return cylinder, torques[cylinder]
+
+
+def _worst_sentence(found, misfires):
+    """The misfire with the largest modal torque of all."""
+    rows = [(*_worst(misfires, place), c) for place, c in enumerate(found.critical)]
+    cylinder, torque, at = max(rows, key=lambda row: row[1])
+    where = f"order {at.order:g} at {at.rpm:.1f} rpm, mode {at.mode}"
+    return f"The worst misfire is that of {cylinder}: {torque:.4g} N m of {where}, {at.torque:.4g} N m without it."
+
+
+def _critical(found, misfires):
     orders = ", ".join(f"{order:g}" for order in found.orders) or "none"
     if not found.critical:
         return f"No critical speed lies in the range. Orders: {orders}."
@@ -58,10 +78,17 @@ def _critical(found):
         [f"{c.hz:.2f}" for c in found.critical],
         *alike([c.torque for c in found.critical]),
     ]
-    return title + "\n" + aligned(["rpm", "order", "mode", "Hz", "modal torque N m"], columns)
+    heads = ["rpm", "order", "mode", "Hz", "modal torque N m"]
+    if not misfires:
+        return title + "\n" + aligned(heads, columns)
+    worst = [_worst(misfires, place) for place in range(len(found.critical))]
+    columns[-1:] = alike([c.torque for c in found.critical], [torque for _, torque in worst])
+    columns.append([cylinder for cylinder, _ in worst])
+    heads += ["worst misfire N m", "that of"]
+    return f"{title}\n{aligned(heads, columns, left=(6,))}\n\n{_worst_sentence(found, misfires)}"
 
 
-def campbell_record(found, count, name):
+def campbell_record(found, count, name, misfires=()):
     """What ``campbell --json`` writes.
 
     Parameters
@@ -69,13 +96,21 @@ def campbell_record(found, count, name):
     found : Campbell
     count : int, elastic modes that were taken
     name : str, of the scene
+    misfires : dict, as for :func:`campbell_text`
 
     Returns
     -------
     dict
         ``scene``, ``rpm``, ``orders``; ``modes``: ``mode`` (its number), ``kind`` and ``frequencies_hz`` over the
-        speeds; ``critical_speeds``: ``rpm``, ``order``, ``mode``, ``hz``, ``modal_torque`` in N m, by rising speed.
+        speeds; ``critical_speeds``: ``rpm``, ``order``, ``mode``, ``hz``, ``modal_torque`` in N m, by rising speed, and
+        with ``misfires`` by cylinder the modal torque when it does not fire; ``worst_misfire`` then names the
+        ``cylinder`` with the largest of these, with the critical speed it belongs to.
     """
+    speeds = [
+        {"rpm": c.rpm, "order": c.order, "mode": c.mode, "hz": c.hz, "modal_torque": c.torque}
+        | ({"misfires": {name: one.critical[k].torque for name, one in misfires.items()}} if misfires else {})
+        for k, c in enumerate(found.critical)
+    ]
     return {
         "scene": name,
         "rpm": found.rpm.tolist(),
@@ -84,13 +119,25 @@ def campbell_record(found, count, name):
             {"mode": k, "kind": found.kinds[k], "frequencies_hz": found.frequencies_hz[:, k].tolist()}
             for k in shown_modes(found, count)
         ],
-        "critical_speeds": [
-            {"rpm": c.rpm, "order": c.order, "mode": c.mode, "hz": c.hz, "modal_torque": c.torque}
-            for c in found.critical
-        ],
-    }
+        "critical_speeds": speeds,
+    } | _worst_record(speeds, misfires)
 
 
-def campbell_rows(found):
-    """Heads and rows of ``campbell --csv``: one row per critical speed."""
-    return ["rpm", "order", "mode", "Hz", "modal torque N m"], [dataclasses.astuple(c) for c in found.critical]
+def _worst_record(speeds, misfires):
+    """The largest modal torque of all critical speeds and misfires."""
+    if not misfires:
+        return {}
+    rows = [(torque, cylinder, at) for at in speeds for cylinder, torque in at["misfires"].items()]
+    if not rows:
+        return {"worst_misfire": None}
+    torque, cylinder, at = max(rows, key=lambda row: row[0])
+    named = {name: at[name] for name in ("rpm", "order", "mode", "hz")}
+    return {"worst_misfire": {"cylinder": cylinder} | named | {"modal_torque": torque, "firing": at["modal_torque"]}}
+
+
+def campbell_rows(found, misfires=()):
+    """Heads and rows of ``campbell --csv``: one row per critical speed; modal torques with misfires come last."""
+    heads = ["rpm", "order", "mode", "Hz", "modal torque N m"]
+    heads += [f"modal torque N m, {cylinder}{NOT_FIRING}" for cylinder in misfires]
+    own = [[one.critical[k].torque for one in dict(misfires).values()] for k in range(len(found.critical))]
+    return heads, [[*dataclasses.astuple(c), *more] for c, more in zip(found.critical, own, strict=True)]

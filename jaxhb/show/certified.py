@@ -41,10 +41,10 @@ def certificate_text(answer, found):
     forces = np.array([answer.force(name).peak for name in found.meshes]) / 1e3
     hardest = int(np.argmax(forces))
     bounds = found.force_bound / 1e3
+    largest, within = f"{forces[hardest]:.4g} kN", f"{plain_number(_up(bounds[hardest]), 2)} kN"
     title = (
-        f"Error bound: the largest tooth force is {forces[hardest]:.4g} kN, certainly within "
-        f"{plain_number(_up(bounds[hardest]), 2)} kN: a true periodic motion\nof the train exists within the bounds below "
-        f"({CHECK})."
+        f"Error bound: the largest tooth force is {largest}, certainly within {within}: a true periodic motion of the\n"
+        f"train exists within the bounds below ({CHECK})."
     )
     columns = [
         found.meshes,

@@ -5,13 +5,31 @@ import math
 from .output import OutputError
 
 EACH = "each"
+NOT_FIRING, ALL_FIRING, AS_GIVEN = " not firing", "all cylinders firing", "the scene as given"
+
+
+def asks_each(train, arguments):
+    """Whether ``--misfire each`` asks for every cylinder in turn; no other ``--misfire`` may stand beside it."""
+    each = EACH in arguments.misfire and EACH not in train.topology.cylinder_names
+    if each and len(arguments.misfire) > 1:
+        raise OutputError(f"--misfire {EACH}: takes every cylinder in turn. Leave out the other --misfire.")
+    return each
 
 
 def without_cylinders(train, arguments):
     """The train in which the cylinders of ``--misfire`` do not fire."""
-    if EACH in arguments.misfire and EACH not in train.topology.cylinder_names:
-        raise OutputError(f"--misfire {EACH}: only jaxhb report takes every cylinder in turn. Name one, or use report.")
+    if asks_each(train, arguments):
+        with_it = "report, forced and campbell take every cylinder in turn"
+        raise OutputError(f"--misfire {EACH}: only jaxhb {with_it}. Name one, or use one of them.")
     return train.misfire(*arguments.misfire)
+
+
+def case_title(train, cylinders=""):
+    """What the train is called as it runs, or when these cylinders do not fire."""
+    fires = train.topology.cylinder_fires
+    if cylinders:
+        return f"{cylinders}{NOT_FIRING}"
+    return ALL_FIRING if fires and all(fires) else AS_GIVEN
 
 
 def gears(topology):

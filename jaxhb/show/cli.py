@@ -13,6 +13,7 @@ from .options import (
     add_certify,
     add_files,
     add_gear,
+    add_mean_load,
     add_misfire,
     add_orbit,
     add_plot,
@@ -59,11 +60,12 @@ amplitudes, and power turned into heat, of every disk (deg), shaft and damper (N
 largest values over the speeds. Links may vary over frequency and amplitude."""
 HOLZER = """\
 Holzer's table as engineers print it: inertia, ordinate, torque sum and twist from the free ends to the last disk, with
-the energies of disks and links in % of the kinetic energy. Undamped, teeth in contact. At a natural frequency the
-residual is 0 but for rounding."""
+the energies of disks and links in % of the kinetic energy. Undamped; teeth in contact, or as --at says. At a natural
+frequency the residual is 0 but for rounding."""
 CAMPBELL = """\
 The Campbell diagram: natural frequencies over the speed, orders of the excitation as rays, and the critical speeds
-where they meet, order x rpm / 60 = Hz. Undamped, teeth in contact; order-tuned absorbers follow the speed."""
+where they meet, order x rpm / 60 = Hz. Undamped; teeth in contact, or as --at says; order-tuned absorbers follow the
+speed."""
 SOLVE = """\
 One speed, with backlash and without: the kind of motion, which teeth separate and for how long, tooth forces (kN),
 torques of gears and shafts (N m). Of a motion that never repeats the numbers are extremes over recorded cycles, and the
@@ -95,6 +97,8 @@ ENVIRONMENT = {
 
 NEW_OBJECTS = 50_000
 """Objects between collections of garbage: with Python's 700 or so they take a third of the time of tracing."""
+
+EACH_MISFIRE = "; each: every cylinder in turn, and which is the worst"
 
 
 class Parser(argparse.ArgumentParser):
@@ -186,13 +190,12 @@ def parser():
         "natural frequencies in Hz, undamped; mode shapes",
     )
     add_scene(modes)
-    text = "meshes with backlash with their tangent stiffness at the mean load of this speed, rpm (default: in contact)"
-    modes.add_argument("--at", type=speed, metavar="R", help=text)
-    modes.set_defaults(by_speed=True)
+    add_mean_load(modes)
     modes.add_argument("--json", metavar="FILE", help="write frequencies and shapes for programs")
     add_plot(modes, "shapes of the first six modes that strain links, with nodes and damping ratios")
     holzer = add("holzer", _runner("holzer", "linear_commands"), "Holzer's table of a train without loops", HOLZER)
     add_scene(holzer)
+    add_mean_load(holzer)
     chosen = holzer.add_mutually_exclusive_group()
     text = "frequencies of the tables, Hz (default: the first three natural frequencies that strain links)"
     chosen.add_argument("--hz", nargs="+", type=positive, metavar="F", help=text)
@@ -200,15 +203,15 @@ def parser():
     holzer.add_argument("--json", metavar="FILE", help="write the tables in full precision, SI units")
     add_plot(holzer, "the residual over the frequency")
     campbell = add("campbell", _runner("campbell", "linear_commands"), "natural frequencies and orders", CAMPBELL)
-    campbell.set_defaults(by_speed=True)
     add_scene(campbell)
+    add_mean_load(campbell)
     text = "range of speeds of the reference rotor, rpm; COUNT matters where frequencies depend on the speed"
     campbell.add_argument("--rpm", required=True, type=speed_range, metavar="A:B[:COUNT]", help=text)
     text = "orders of the reference rotor (default: those that the torques have)"
     campbell.add_argument("--orders", type=orders, metavar="N1,N2,...", help=text)
     text = "how many of the modes that strain links, the lowest (default 6)"
     campbell.add_argument("--modes", type=whole, default=6, metavar="N", help=text)
-    add_misfire(campbell)
+    add_misfire(campbell, EACH_MISFIRE)
     campbell.add_argument("--json", metavar="FILE", help="write frequencies and critical speeds in full precision")
     campbell.add_argument("--csv", metavar="FILE", help="write one row per critical speed for spreadsheets")
     add_plot(campbell, "the Campbell diagram")
@@ -219,7 +222,7 @@ def parser():
     add_speeds(forced)
     text = "a disk, shaft, damper or mesh, speed by speed; may be repeated (default: the largest values of all)"
     forced.add_argument("--element", action="append", default=[], metavar="NAME", help=text)
-    add_misfire(forced)
+    add_misfire(forced, EACH_MISFIRE)
     add_files(forced, "orders and synthesis over the speed, of up to four elements")
     forced.add_argument("--csv", metavar="FILE", help="write one row per speed for spreadsheets, SI units")
     solve = add("solve", _runner("solve_one"), "one speed: do the teeth hammer? forces, torques, contact", SOLVE)
@@ -248,7 +251,7 @@ def parser():
     report = add("report", _runner("report"), "several speeds, normal running and a misfire", REPORT)
     add_scene(report)
     add_speeds(report)
-    add_misfire(report, "; each: every cylinder in turn, and which is the worst")
+    add_misfire(report, EACH_MISFIRE)
     add_accuracy(report)
     add_orbit(report)
     add_files(report, "the torque on one gear over the cycle, in normal running")

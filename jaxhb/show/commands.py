@@ -9,7 +9,7 @@ from ..periodic.checkpoint import CHUNK
 from ..response.steady import PERCENT
 from .balance import ground_reactions, load_torques
 from .cases import cases_record, cases_text, solve_cases
-from .choose import EACH, gears, most_apart, shafts_of, without_cylinders
+from .choose import asks_each, case_title, gears, most_apart, shafts_of, without_cylinders
 from .compute import Asked, answer_one, answer_speeds
 from .misfire_cases import misfire_trains, misfires_text, worst_misfire
 from .output import (
@@ -83,15 +83,11 @@ def report(train, arguments):
     _check_picture(train, arguments)
     if arguments.at is not None and arguments.at not in arguments.rpm:
         raise OutputError(f"--at: {arguments.at:g} rpm is not one of the speeds of --rpm. Add it.")
-    fires = train.topology.cylinder_fires
-    title = "all cylinders firing" if fires and all(fires) else "the scene as given"
-    trains, each = {title: train}, EACH in arguments.misfire and EACH not in train.topology.cylinder_names
-    if each and len(arguments.misfire) > 1:
-        raise OutputError(f"--misfire {EACH}: takes every cylinder in turn. Leave out the other --misfire.")
-    if each:
-        trains = misfire_trains(train, title)
-    elif arguments.misfire:
-        trains[f"{', '.join(arguments.misfire)} not firing"] = train.misfire(*arguments.misfire)
+    each = asks_each(train, arguments)
+    trains = misfire_trains(train) if each else {"": train}
+    if arguments.misfire and not each:
+        trains[", ".join(arguments.misfire)] = train.misfire(*arguments.misfire)
+    trains = {case_title(train, cylinders): one for cylinders, one in trains.items()}
     with Progress(len(trains) * len(arguments.rpm)) as progress:
         tell = {"say": progress.say, "advance": progress.advance}
         cases = solve_cases(trains, arguments.rpm, Asked.of(arguments), **tell)

@@ -103,9 +103,13 @@ def _reading(response, name, kind):
     if kind == "disks":
         ring = name in topology.damper_names
         power = np.zeros(len(response)) if ring else response.power(name)
-        return Reading(name, kind, response.disk(name), power)
-    signal = (response.torque if kind == "shafts" else response.force)(name)
-    return Reading(name, kind, signal, response.power(name))
+        return Reading(name, kind, signal_of(response, name, kind), power)
+    return Reading(name, kind, signal_of(response, name, kind), response.power(name))
+
+
+def signal_of(response, name, kind):
+    """The angle of a disk, the torque of a shaft or damper, the force of a mesh."""
+    return {"disks": response.disk, "shafts": response.torque, "meshes": response.force}[kind](name)
 
 
 def forced_text(response, found, *, each):
@@ -121,9 +125,7 @@ def forced_text(response, found, *, each):
     -------
     str
     """
-    topology, rpm = response.topology, response.rpm
-    speeds = f"{len(rpm)} speeds from {rpm.min():g} to {rpm.max():g}" if len(rpm) > 1 else f"{rpm[0]:g}"
-    parts = [f"{topology.name or 'scene'}: linear forced response, teeth in contact, {speeds} rpm"]
+    rpm, parts = response.rpm, [forced_head(response)]
     if each:
         parts += [_speed_table(rpm, one) for one in found]
     else:
@@ -132,6 +134,13 @@ def forced_text(response, found, *, each):
     if not _moves(found) and not _moves(readings(response)):
         parts.append("Nothing excites the train. Give it a [[torque]] with harmonics, a [[cylinder]] or an [engine].")
     return "\n\n".join(parts)
+
+
+def forced_head(response):
+    """The scene, what is computed and the speeds, in a line."""
+    topology, rpm = response.topology, response.rpm
+    speeds = f"{len(rpm)} speeds from {rpm.min():g} to {rpm.max():g}" if len(rpm) > 1 else f"{rpm[0]:g}"
+    return f"{topology.name or 'scene'}: linear forced response, teeth in contact, {speeds} rpm"
 
 
 def _moves(found):
@@ -241,9 +250,10 @@ def forced_rows(response, found, more=None):
     return list(columns), list(zip(*columns.values(), strict=True))
 
 
-def forced_failures(response):
-    """A sentence for each status other than converged, with its speeds."""
+def forced_failures(response, case=""):
+    """A sentence for each status other than converged, with its speeds; ``case`` says how the train runs."""
     name, rpm = response.topology.name or "scene", response.rpm.tolist()
+    name = f"{name}, {case}," if case else name
     found = []
     for value in sorted(set(response.status.tolist()) - {0}):
         status = Status(value)

@@ -2,21 +2,29 @@
 
 import numpy as np
 
-from .forced import KINDS
-from .plots import WITH, new_figure, plain
+from ..linear.limits import strength
+from .choose import NOT_FIRING
+from .forced import KINDS, signal_of
+from .limit_plots import draw_limits, judged_elements
+from .plots import WITH, WITHOUT, new_figure, plain
 
 MOST = 4
 """Elements in one picture."""
 
 
-def plot_forced(response, found):
-    """Half peak-to-peak, sum of amplitudes and the largest orders of up to four elements over the speed.
+def plot_forced(response, found, misfires=None, worst=None):
+    """Half peak-to-peak, sum of amplitudes and the largest orders of up to four elements over the speed; limits.
+
+    What the scene gives limits for has panels below: stresses, tooth torques and heat beside their limits, barred
+    ranges shaded; of the elements drawn if few are given, else of each kind what comes nearest to its limit.
 
     Parameters
     ----------
     response : ForcedResponse, of several speeds
     found : list of Reading
         Of more than four, and of all elements, the shaft and the mesh that swing most are drawn.
+    misfires : Misfires, worst : dict from :func:`jaxhb.show.forced_misfires.worst_of`, both optional
+        With them each element has the half peak-to-peak of its worst misfire beside it.
 
     Returns
     -------
@@ -31,13 +39,27 @@ def plot_forced(response, found):
     1
     """
     drawn = found if len(found) <= MOST else _hardest(found)
-    figure = new_figure(1.2 + 3.0 * len(drawn))
-    panels = figure.subplots(len(drawn), 1, sharex=True, squeeze=False)[:, 0]
-    for axes, one in zip(panels, drawn, strict=True):
+    judged = strength(response)
+    limited = judged_elements(judged, {one.name for one in found}, each=len(found) <= MOST)
+    figure = new_figure(1.2 + 3.0 * len(drawn) + 2.2 * len(limited))
+    heights = [3.0] * len(drawn) + [2.2] * len(limited)
+    panels = figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+    for axes, chosen in zip(panels[len(drawn) :], limited, strict=True):
+        sweeps = {"": judged}
+        if misfires is not None:
+            cylinder = worst[chosen[1]].cylinder
+            sweeps[f", {plain(cylinder)}{NOT_FIRING}"] = strength(misfires.responses[cylinder])
+        draw_limits(axes, sweeps, *chosen)
+    for axes, one in zip(panels, drawn, strict=False):
         _, _, _, unit, factor = KINDS[one.kind]
         signal = one.signal
         axes.plot(response.rpm, factor * signal.half_peak_to_peak, color=WITH, linewidth=1.8, label="half peak-to-peak")
         axes.plot(response.rpm, factor * signal.sum_of_amplitudes, color=WITH, linestyle=":", label="sum of amplitudes")
+        if misfires is not None:
+            cylinder = worst[one.name].cylinder
+            swing = signal_of(misfires.responses[cylinder], one.name, one.kind).half_peak_to_peak
+            named = {"label": f"half peak-to-peak, {plain(cylinder)}{NOT_FIRING}"}
+            axes.plot(response.rpm, factor * swing, color=WITHOUT, linestyle="--", linewidth=1.8, **named)
         for k in one.main():
             axes.plot(
                 response.rpm, factor * signal.amplitudes[:, k], linewidth=1.0, label=f"order {signal.orders[k]:g}"

@@ -52,22 +52,24 @@ def chosen_modes(kinds, name, asked=None):
     return list(dict.fromkeys(asked)) if asked else elastic[:FIRST]
 
 
-def holzer_text(tables, name):
+def holzer_text(tables, name, teeth=""):
     """Tables for people.
 
     Parameters
     ----------
     tables : list of (int or None, HolzerTable), number of the mode or None
     name : str, of the scene
+    teeth : str, how stiff they are; empty of a train without
 
     Returns
     -------
     str
     """
+    how = ", ".join(filter(None, ["undamped", teeth]))
+    meshes = "; of a mesh c N/m, sum/c m" if teeth else ""
     parts = [
-        f"{name}: Holzer's table, undamped, teeth in contact. J kg m2, theta rad, torques N m, c N m/rad, sum/c rad;"
-        " of a\nmesh c N/m, sum/c m. Energies of disk and link in % of the kinetic energy. The sum of a row passes"
-        " through its link."
+        f"{name}: Holzer's table, {how}. J kg m2, theta rad, torques N m,\nc N m/rad, sum/c rad{meshes}. Energies of"
+        " disk and link in % of the kinetic energy.\nThe sum of a row passes through its link."
     ]
     return "\n\n".join([*parts, *(_table(*one) for one in tables)])
 

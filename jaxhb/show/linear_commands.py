@@ -1,10 +1,11 @@
 """What the commands of the linear train do: compute, print for people, write for programs."""
 
+import dataclasses
 import sys
 
 import numpy as np
 
-from ..linear.critical import ELASTIC, mode_kinds
+from ..linear.critical import ELASTIC, excited_orders, mode_kinds
 from ..linear.critical import campbell as campbell_of
 from ..linear.damped import damping_ratios
 from ..linear.forced import forced_response
@@ -12,11 +13,15 @@ from ..linear.holzer import holzer_residual, holzer_table
 from ..linear.limits import strength
 from ..linear.modal import natural_frequencies
 from ..linear.tangent import at_mean_load
+from ..model.change import without_backlash
+from ..periodic.misfires import misfire_each
 from .campbell import campbell_record, campbell_rows, campbell_text
-from .choose import without_cylinders
-from .forced import forced_failures, forced_record, forced_rows, forced_text, readings
+from .choose import asks_each, case_title, without_cylinders
+from .forced import forced_failures, forced_head, forced_record, forced_rows, forced_text, readings
+from .forced_misfires import misfires_record, misfires_rows, misfires_text, worst_of
 from .holzer import chosen_modes, holzer_record, holzer_text
 from .mean_load import mean_load_record, mean_load_text
+from .misfire_cases import misfire_trains
 from .output import ANSWERED, NOT_ANSWERED, OutputError, as_csv, as_json, as_picture, changes, deliver
 from .record import finite, modes_record
 from .strength import strength_columns, strength_record, strength_text
@@ -28,25 +33,35 @@ DAMPED = 300
 
 def modes(train, arguments):
     """Natural frequencies of a scene."""
-    rpm, links_at, name = arguments.at, dict(arguments.links_at), train.topology.name
-    teeth, below, more = "teeth in contact", "", {}
-    if rpm is None:
-        train = train.with_constant_links(**links_at) if links_at else train
-    else:
-        load = at_mean_load(train.with_constant_links(**{"rpm": rpm} | links_at), rpm=rpm)
-        train, teeth = load.train, f"teeth at the mean load of {rpm:g} rpm"
-        below, more = f"\n\n{mean_load_text(load, rpm)}", mean_load_record(load, rpm)
+    name = train.topology.name
+    train, teeth, below, more = _with_teeth(_constant(train, arguments), arguments)
     found = natural_frequencies(train)
     kinds = mode_kinds(found, train.topology.damper_names)
     few = train.topology.n_disks <= DAMPED
     ratios = damping_ratios(train, found) if few else np.full(len(kinds), np.nan)
     deliver(
         arguments,
-        modes_text(found, name, kinds, ratios, teeth) + below,
+        "\n\n".join([modes_text(found, name, kinds, ratios, teeth), *below]),
         json=lambda: as_json(finite(changes(arguments) | modes_record(found, kinds, ratios) | more)),
         plot=lambda: as_picture(arguments.plot, _modes_picture(train, found, kinds, ratios)),
     )
     return ANSWERED
+
+
+def _constant(train, arguments):
+    """The train with links as they are at ``--links-at``, and at the speed of ``--at``."""
+    given = ({} if arguments.at is None else {"rpm": arguments.at}) | dict(arguments.links_at)
+    return train.with_constant_links(**given) if given else train
+
+
+def _with_teeth(train, arguments):
+    """The train with teeth as ``--at`` asks, how stiff they are, a sentence on them in a list, and a record."""
+    rpm = arguments.at
+    if rpm is None:
+        return train, "teeth in contact" if train.topology.mesh_names else "", [], {}
+    load = at_mean_load(_constant(train, arguments), rpm=rpm)
+    train = dataclasses.replace(without_backlash(train), meshes=load.train.meshes)
+    return train, f"teeth at the mean load of {rpm:g} rpm", [mean_load_text(load, rpm)], mean_load_record(load, rpm)
 
 
 def _modes_picture(train, found, kinds, ratios):
@@ -61,6 +76,7 @@ def _modes_picture(train, found, kinds, ratios):
 def holzer(train, arguments):
     """Holzer's tables."""
     name = train.topology.name or "scene"
+    train, teeth, below, more = _with_teeth(_constant(train, arguments), arguments)
     found = natural_frequencies(train)
     kinds = mode_kinds(found, train.topology.damper_names)
     at = [(None, hz) for hz in arguments.hz or ()]
@@ -75,8 +91,8 @@ def holzer(train, arguments):
 
     deliver(
         arguments,
-        holzer_text(tables, name),
-        json=lambda: as_json(finite(changes(arguments) | holzer_record(tables, name))),
+        "\n\n".join([holzer_text(tables, name, teeth), *below]),
+        json=lambda: as_json(finite(changes(arguments) | holzer_record(tables, name) | more)),
         plot=lambda: as_picture(arguments.plot, picture()),
     )
     return ANSWERED
@@ -85,9 +101,13 @@ def holzer(train, arguments):
 def campbell(train, arguments):
     """Natural frequencies over the speed, orders and critical speeds."""
     name, count = train.topology.name or "scene", arguments.modes
-    train = without_cylinders(train, arguments)
-    links_at = dict(arguments.links_at)
-    found = campbell_of(train, rpm=arguments.rpm, orders=arguments.orders, count=count, links_at=links_at)
+    each = asks_each(train, arguments)
+    train, teeth, below, more = _with_teeth(train if each else without_cylinders(train, arguments), arguments)
+    trains = misfire_trains(train) if each else {"": train}
+    orders = arguments.orders or {order for one in trains.values() for order in excited_orders(one, rpm=arguments.rpm)}
+    asked = {"rpm": arguments.rpm, "orders": orders, "count": count, "links_at": dict(arguments.links_at)}
+    diagrams = {cylinder: campbell_of(one, **asked) for cylinder, one in trains.items()}
+    found, misfires = diagrams.pop(""), diagrams
 
     def picture():
         from .linear_plots import plot_campbell
@@ -96,9 +116,9 @@ def campbell(train, arguments):
 
     deliver(
         arguments,
-        campbell_text(found, count, name),
-        json=lambda: as_json(finite(changes(arguments) | campbell_record(found, count, name))),
-        csv=lambda: as_csv(*campbell_rows(found)),
+        "\n\n".join([campbell_text(found, count, name, misfires, teeth=teeth), *below]),
+        json=lambda: as_json(finite(changes(arguments) | campbell_record(found, count, name, misfires) | more)),
+        csv=lambda: as_csv(*campbell_rows(found, misfires)),
         plot=lambda: as_picture(arguments.plot, picture()),
     )
     return ANSWERED
@@ -106,7 +126,13 @@ def campbell(train, arguments):
 
 def forced(train, arguments):
     """Linear forced response over the speed."""
-    response = forced_response(without_cylinders(train, arguments), rpm=arguments.rpm)
+    if asks_each(train, arguments):
+        return _forced_misfires(train, arguments)
+    return _forced_alone(forced_response(without_cylinders(train, arguments), rpm=arguments.rpm), arguments)
+
+
+def _forced_alone(response, arguments):
+    """One train."""
     found, judged = readings(response, arguments.element), strength(response)
     more = {"strength": strength_record(judged)} if judged else {}
     deliver(
@@ -118,13 +144,50 @@ def forced(train, arguments):
         csv=lambda: as_csv(*map(finite, forced_rows(response, found, strength_columns(judged)))),
         plot=lambda: _forced_picture(arguments, response, found),
     )
-    failures = forced_failures(response)
+    return _forced_status(forced_failures(response))
+
+
+def _forced_misfires(train, arguments):
+    """The same with every cylinder in turn not firing beside normal running."""
+    misfires = misfire_each(train, rpm=arguments.rpm, solve=forced_response)
+    response, found = misfires.firing, readings(misfires.firing, arguments.element)
+    responses = {"": response} | misfires.responses
+    failures = [s for name, one in responses.items() for s in forced_failures(one, case_title(train, name))]
+    if not any(one.converged.any() for one in misfires.responses.values()):
+        _forced_alone(response, arguments)
+        return _forced_status([s for s in failures if s not in forced_failures(response, case_title(train))])
+    worst = worst_of(misfires, found)
+    judged = {cylinder: strength(one) for cylinder, one in responses.items()}
+    titled = {f"With {case_title(train, cylinder)}": one for cylinder, one in judged.items()}
+    orders = arguments.orders
+
+    def record():
+        own = {"strength": strength_record(judged[""])} if judged[""] else {}
+        more = misfires_record(misfires, found, worst, orders=orders)
+        for cylinder, one in more["misfires"].items():
+            one |= {"strength": strength_record(judged[cylinder])} if judged[cylinder] else {}
+        return finite(changes(arguments) | forced_record(response, found, orders=orders) | own | more)
+
+    columns = {cylinder: strength_columns(one) for cylinder, one in judged.items()}
+    text = misfires_text(misfires, found, worst, each=bool(arguments.element))
+    deliver(
+        arguments,
+        "\n\n".join([forced_head(response), text, *strength_text(titled)]),
+        json=lambda: as_json(record()),
+        csv=lambda: as_csv(*map(finite, misfires_rows(misfires, found, columns))),
+        plot=lambda: _forced_picture(arguments, response, found, misfires, worst),
+    )
+    return _forced_status(failures)
+
+
+def _forced_status(failures):
+    """The exit status; stderr is told what has no answer."""
     for sentence in failures:
         print(sentence, file=sys.stderr)
     return NOT_ANSWERED if failures else ANSWERED
 
 
-def _forced_picture(arguments, response, found):
+def _forced_picture(arguments, response, found, misfires=None, worst=None):
     from .forced_plots import plot_forced
 
-    return as_picture(arguments.plot, plot_forced(response, found))
+    return as_picture(arguments.plot, plot_forced(response, found, misfires, worst))

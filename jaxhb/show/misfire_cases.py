@@ -2,7 +2,7 @@
 
 from ..periodic.misfires import same_factor
 from .cases import cases_strength
-from .choose import hardest_shaft, worst_mesh
+from .choose import NOT_FIRING, largest, shafts_of
 from .columns import NONE, aligned, alike, ratios
 from .output import OutputError
 from .tables import notes_text
@@ -12,26 +12,28 @@ _KINDS = {"tooth force": ("N", "kN", 1e-3), "torque": ("N m", "N m", 1.0), "angl
 _CALLED = {"tooth force": "Largest tooth force", "torque": "Torque, half peak-to-peak", "angle": "Angle"}
 
 
-def misfire_trains(train, title):
-    """``{title: train}`` of normal running and of every cylinder that does not fire; they share their programs."""
+def misfire_trains(train):
+    """The train as it runs under "", and under each cylinder that in which it does not fire; they share programs."""
     trains = train.misfires()
     if not trains:
         raise OutputError("--misfire each: no cylinder of the train fires. Name what misfires, or leave it out.")
-    return {title: train.replace(same_factor(train))} | {f"{name} not firing": own for name, own in trains.items()}
+    return {"": train.replace(same_factor(train))} | trains
+
+
+_READ = {
+    "tooth force": lambda answer, name: answer.force(name).peak,
+    "torque": lambda answer, name: answer.torque(name).half_peak_to_peak,
+    "angle": lambda answer, name: answer.disk(name).half_peak_to_peak,
+}
 
 
 def hardest(answer):
     """What is hit hardest at one speed: kind of quantity, its element, its value in SI units (nan: not known)."""
-    if answer.topology.mesh_names:
-        name = worst_mesh(answer)
-        return "tooth force", name, float(answer.force(name).peak) if name else float("nan")
-    if answer.topology.link_names:
-        name = hardest_shaft([answer])
-        known = name and answer.known
-        return "torque", name, float(answer.torque(name).half_peak_to_peak) if known else float("nan")
-    swings = {name: float(answer.disk(name).half_peak_to_peak) for name in answer.topology.disk_names}
-    name = max(swings, key=swings.get)
-    return "angle", name, swings[name]
+    topology = answer.topology
+    quantity = "tooth force" if topology.mesh_names else "torque" if topology.link_names else "angle"
+    names = {"tooth force": topology.mesh_names, "torque": shafts_of(topology), "angle": topology.disk_names}[quantity]
+    name = largest(names, lambda name: _READ[quantity](answer, name))
+    return quantity, name, float(_READ[quantity](answer, name)) if name else float("nan")
 
 
 def worst_misfire(cases):
@@ -42,13 +44,13 @@ def worst_misfire(cases):
         return None
     quantity, name, value, case, speed = max(found, key=lambda row: row[2])
     return {
-        "cylinder": case.title.removesuffix(" not firing"),
+        "cylinder": case.title.removesuffix(NOT_FIRING),
         "rpm": case.answers[speed].rpm,
         "quantity": quantity,
         "of": name,
         "unit": _KINDS[quantity][0],
         "value": value,
-        "firing": hardest(cases[0].answers[speed])[2],
+        "firing": float(_READ[quantity](cases[0].answers[speed], name)),
     }
 
 

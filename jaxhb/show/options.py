@@ -32,6 +32,13 @@ def add_speeds(command):
     command.add_argument("--rpm", required=True, type=speeds, metavar="A:B:COUNT", help=text)
 
 
+def add_mean_load(command):
+    """Teeth as stiff as they are at the mean load of a speed."""
+    text = "meshes with backlash with their tangent stiffness at the mean load of this speed, rpm (default: in contact)"
+    command.add_argument("--at", type=speed, metavar="R", help=text)
+    command.set_defaults(by_speed=True)
+
+
 def add_misfire(command, more=""):
     """Cylinders that do not fire."""
     text = f"this cylinder does not fire; may be repeated{more}"

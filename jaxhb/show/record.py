@@ -102,15 +102,21 @@ def modes_record(modes, kinds, ratios):
     """What ``modes --json`` writes: every value is a list over the modes.
 
     ``{"frequencies_hz": [...], "mesh_energy_share": [...], "kinds": [...], "node_count": [...],
-    "damping_ratios": [...], "generalised_mass": [...], "modes": {disk: [angle in mode 0, ...]}}``; the share of the
-    strain energy that lies in the teeth is between 0 and 1, damping ratios are those of Lehr (None: none is known),
-    masses are in kg m2 for a largest angle of 1.
+    "damping_ratios": [...], "generalised_mass": [...], "modes": {disk: [angle in mode 0, ...]}, "kinetic_share": {disk:
+    [...]}, "strain_share": {link: [...]}}``; shares of the kinetic and of the strain energy are between 0 and 1 (all of
+    the teeth together: ``mesh_energy_share``), damping ratios are those of Lehr (None: none is known), masses are in
+    kg m2 for a largest angle of 1.
     """
-    shapes = zip(modes.names, np.asarray(modes.shapes).T.tolist(), strict=True)
+    named = {
+        "modes": (modes.names, modes.shapes),
+        "kinetic_share": (modes.names, modes.kinetic_share),
+        "strain_share": (modes.link_names, modes.strain_share),
+    }
     listed = ("frequencies_hz", "mesh_energy_share", "node_count", "generalised_mass")
     numbers = {name: np.asarray(getattr(modes, name)).tolist() for name in listed}
     more = {"kinds": list(kinds), "damping_ratios": np.asarray(ratios).tolist()}
-    return finite(numbers | more | {"modes": dict(shapes)})
+    columns = {key: dict(zip(names, values.T.tolist(), strict=True)) for key, (names, values) in named.items()}
+    return finite(numbers | more | columns)
 
 
 def finite(value):

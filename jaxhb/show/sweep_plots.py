@@ -3,7 +3,9 @@
 import numpy as np
 
 from .choose import hardest_shaft
+from .limit_plots import draw_limits, judged_elements
 from .plots import MESH_COLOURS, WITHOUT, new_figure, plain
+from .strength import answers_strength
 
 MARKS = {
     "contact": ("o", "teeth in contact"),
@@ -15,6 +17,7 @@ MARKS = {
 }
 """Marker and words of every kind of motion."""
 
+DOWNWARDS = ", downwards"
 WAYS = {"up": ("-", "full"), "down": (":", "none"), "orbit": ("-", "full")}
 """Line and filling of markers by direction."""
 
@@ -31,7 +34,8 @@ def plot_sweep(sweeps):
     -------
     matplotlib.figure.Figure
         Markers tell the kind of motion; an unknown one is a gap in the lines and a cross at the bottom. Downwards lines
-        are dotted and markers open. A train without gears shows its hardest worked shaft or damper.
+        are dotted and markers open. A train without gears shows its hardest worked shaft or damper. Below, of stresses,
+        tooth torques and heat what comes nearest to the limits that the scene gives, with barred ranges shaded.
 
     Examples
     --------
@@ -44,9 +48,10 @@ def plot_sweep(sweeps):
     first = next(iter(sweeps.values()))
     name = first[0].topology.name or "scene"
     if not first[0].topology.mesh_names:
-        return _plot_shaft_sweep(first, name)
-    figure = new_figure(6.2)
-    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+        figure, (axes,) = _figure(sweeps, [4.2])
+        _plot_shaft_sweep(axes, first, name)
+        return figure
+    figure, (above, below) = _figure(sweeps, [3.7, 2.5])
     rpm = [answer.rpm for answer in first]
     for number, mesh in enumerate(first[0].topology.mesh_names):
         colour = MESH_COLOURS[number % len(MESH_COLOURS)]
@@ -68,11 +73,24 @@ def plot_sweep(sweeps):
     above.set_ylim(bottom=0.0)
     below.set_ylabel("teeth apart, % of the time")
     below.set_ylim(bottom=0.0)
-    below.set_xlabel("speed, rpm")
     _mark_unknown(above, sweeps)
     _legend_of_kinds(above, sweeps)
     above.legend(loc="upper left", fontsize="x-small", ncols=2)
     return figure
+
+
+def _figure(sweeps, heights):
+    """A figure with panels of these heights for the caller, the panels of limits drawn below them."""
+    judged = {DOWNWARDS * (way == "down"): answers_strength(answers) for way, answers in sweeps.items()}
+    limited = judged_elements(next(iter(judged.values())))
+    figure = new_figure(sum(heights) + 2.2 * len(limited))
+    heights = [*heights, *[2.2] * len(limited)]
+    panels = figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
+    own = len(heights) - len(limited)
+    for axes, chosen in zip(panels[own:], limited, strict=True):
+        draw_limits(axes, judged, *chosen)
+    panels[-1].set_xlabel("speed, rpm")
+    return figure, panels[:own]
 
 
 def _kind(answer):
@@ -112,9 +130,7 @@ def _legend_of_kinds(axes, sweeps):
             axes.plot([], [], marker, color="black", markersize=5, label=said)
 
 
-def _plot_shaft_sweep(answers, name):
-    figure = new_figure(4.2)
-    axes = figure.subplots()
+def _plot_shaft_sweep(axes, answers, name):
     shaft = hardest_shaft(answers)
     signals, rpm = [answer.torque(shaft) for answer in answers], [answer.rpm for answer in answers]
     axes.plot(rpm, [float(s.half_peak_to_peak) for s in signals], color=WITHOUT, label="half peak-to-peak")
@@ -122,7 +138,5 @@ def _plot_shaft_sweep(answers, name):
     axes.plot(rpm, sums, color=WITHOUT, linestyle=":", label="sum of amplitudes")
     axes.set_title(f"{name}: vibratory torque of {plain(shaft)}", fontsize="medium")
     axes.set_ylabel("torque, N m")
-    axes.set_xlabel("speed, rpm")
     axes.set_ylim(bottom=0.0)
     axes.legend(fontsize="small")
-    return figure

@@ -146,7 +146,7 @@ def _torque_columns(what, names, after, before):
     return aligned(heads, [names, *columns], [("with backlash", 1, 3), ("without", 4, 5)])
 
 
-def modes_text(modes, name, kinds, ratios, teeth="teeth in contact"):
+def modes_text(modes, name, kinds, ratios, teeth=""):
     """Natural frequencies, nodes, damping ratios, the share of the teeth in their energy, what moves most.
 
     Parameters
@@ -155,7 +155,7 @@ def modes_text(modes, name, kinds, ratios, teeth="teeth in contact"):
     name : str, of the scene
     kinds : sequence of str, of each mode, from :func:`jaxhb.linear.critical.mode_kinds`
     ratios : array ``(m,)``, Lehr's damping ratios, nan where there is none
-    teeth : str, how stiff they are
+    teeth : str, how stiff they are; empty of a train without
 
     Returns
     -------
@@ -174,7 +174,9 @@ def modes_text(modes, name, kinds, ratios, teeth="teeth in contact"):
         damping = f"{ratios[k]:.4f}" if np.isfinite(ratios[k]) else NONE
         nodes = modes.node_count[k] if kinds[k] == ELASTIC else NONE
         teeth_share = f"{100 * modes.mesh_energy_share[k]:.0f}"
-        rows.append([k, f"{hz:.2f}", f"{60 * hz:.0f}", nodes, damping, teeth_share, moving])
-    heads = ["mode", "Hz", "per minute", "nodes", "damping ratio", "in teeth %", "largest angles (relative)"]
-    title = f"Natural frequencies of {name}: undamped, {teeth}; share of the strain energy in the teeth"
-    return title + "\n" + aligned(heads, list(zip(*rows, strict=True)), left=(6,))
+        rows.append([k, f"{hz:.2f}", f"{60 * hz:.0f}", nodes, damping, *[teeth_share] * bool(teeth), moving])
+    heads = ["mode", "Hz", "per minute", "nodes", "damping ratio", *["in teeth %"] * bool(teeth)]
+    title = f"Natural frequencies of {name}: undamped"
+    title += f", {teeth}; share of the strain energy in the teeth" if teeth else ""
+    columns = list(zip(*rows, strict=True))
+    return f"{title}\n{aligned([*heads, 'largest angles (relative)'], columns, left=(len(heads),))}"

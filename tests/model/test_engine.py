@@ -36,6 +36,8 @@ UNIT = {"gas_torque": [(n / 2, 1.0, 0.0) for n in range(1, 15)]}
 BURNING = {"compression_ratio": 16.0, "charge_pressure": 2e5, "start": -5.0, "duration": 60.0}
 MISPRINTS = ((80, 5), (90, 3), (90, 5))
 """The scan has 0.684 for 1.879, and 1.42 for the square root of 2."""
+SHORT = {(80, 1.5): 0.005}
+"""Half a unit of the last digit where the scan prints two decimals and misses 0.002 by that alone: 1.73 for 1.73205."""
 
 SIZES = {"bore": 0.1, "stroke": 0.12, "rod": 0.2}
 
@@ -123,7 +125,7 @@ def test_vee_banks_add_up_as_published(alpha):
     for _, order, published, computed in rows:
         assert abs(torque[round(2 * order)] - computed) < 1e-12
         if (alpha, order) not in MISPRINTS:
-            assert abs(torque[round(2 * order)] - published) <= 0.0021
+            assert abs(torque[round(2 * order)] - published) <= SHORT.get((alpha, order), 0.002)
 
 
 def test_an_odd_firing_vee_six_fires_at_150_and_90_degrees():

@@ -71,6 +71,13 @@ def test_a_tors_file_has_its_disks_gears_and_shafts(tmp_path):
     assert train.value("right.long.stiffness") == 7e4 and train.value("left.a.damping") == 0.1
 
 
+def test_an_excitation_that_is_not_read_is_told(tmp_path):
+    motor = [disk("rotor", 4e-4) | {"excitation": {"values": [1.0]}}, shaft("s", 1e4)]
+    text, _ = scene_text(write(tmp_path, "box.json", gearbox(motor=motor)))
+    assert "its excitations are not read" in text
+    assert "excitations" not in scene_text(write(tmp_path, "box.json", gearbox()))[0]
+
+
 def test_disks_of_one_node_are_added_and_gears_of_one_node_joined(tmp_path):
     box = [gear("g1", 20), gear("g2", 30, "g1"), disk("clutch", 1e-4, 0.5), gear("g3", 15), gear("g4", 45, "g3")]
     train = load_scene(
@@ -230,3 +237,80 @@ def test_a_file_that_cannot_be_read_is_told(tmp_path, case):
         load_scene(write(tmp_path, name, content))
     assert sentence in str(caught.value)
     assert len(caught.value.sentences) <= 2
+
+
+def sentences(tmp_path, name, content):
+    with pytest.raises(SceneError) as caught:
+        load_scene(write(tmp_path, name, content))
+    return [text.removeprefix(f"{name}: ").removeprefix(f"{name}, ") for text in caught.value.sentences]
+
+
+FAULTY = """name, inertai, radius, colour
+crank, -0.24,, red
+hub, 0.1, 0.08,
+wheel, heavy, 0.16,
+from, to, link, stiffness, backlash
+crank, hub,, -5e6,
+hub, wheel, mesh, 5e8, -1e-4
+hub, wheel, belt, 1, 2
+hub, whel, shaft, 1, 2, 3
+"""
+
+
+def test_wrong_columns_and_numbers_of_a_csv_file_are_told_at_once(tmp_path):
+    said = sentences(tmp_path, "x.csv", FAULTY)
+    begins = [
+        "unknown column 'inertai'. Did you mean 'inertia'?",
+        "unknown column 'colour'.",
+        "row 8: link is 'belt', must be 'shaft' or 'mesh'.",
+        "row 9: 6 cells under 5 heads.",
+        "[[shaft]] no. 2: unknown key 'backlash'.",
+        "[[disk]] no. 1 'crank': inertia is -0.24 kg m2",
+        "[[disk]] no. 3 'wheel': inertia is 'heavy', must be a number in kg m2",
+        "[[shaft]] no. 1: stiffness is -5e+06 N m/rad",
+        "[[mesh]] no. 1: backlash is -0.0001 m",
+        "[[shaft]] no. 2: there is no disk 'whel'. Did you mean 'wheel'?",
+    ]
+    assert len(said) == len(begins)
+    for begin in begins:
+        assert any(text.startswith(begin) for text in said), begin
+
+
+def test_faults_of_structure_elements_and_numbers_of_a_tors_file_are_told_at_once(tmp_path):
+    content = gearbox(
+        motor=[disk("rotor", -4e-4), shaft("s", "stiff")],
+        box=[gear("g1", 20), gear("g2", 30, "g0"), gear("g3", 0, "g1"), {"type": "Disk"}],
+        left=[shaft("a", -5e3), disk("wheel", 7e-4), disk("wheel", 7e-4)],
+    )
+    content["structure"] += [["left.whel", "fan.x"]]
+    said = sentences(tmp_path, "x.json", content)
+    begins = [
+        "'motor.s': the key 'stiffness' is missing or no number.",
+        "'box.g2': its parent 'g0' is no gear before it in 'box'.",
+        "'box.g3': teeth or diameter is 0, must be greater than 0.",
+        "component 'box', element no. 4: the key 'name' is missing.",
+        "'left.wheel': the element is given twice.",
+        "'structure' names 'left.whel', which does not exist. Did you mean 'left.wheel'?",
+        "[[disk]] no. 1 'motor.rotor': inertia is -0.0004 kg m2",
+        "[[shaft]] no. 2 'left.a': stiffness is -5000 N m/rad",
+    ]
+    assert len(said) == len(begins)
+    for begin in begins:
+        assert any(text.startswith(begin) for text in said), begin
+
+
+def test_a_component_that_nothing_leads_to_or_two_lead_to_is_told(tmp_path):
+    joints = gearbox()["structure"]
+    for more, begin in (
+        ([["left.wheel", "right.a"]], "component 'right' is connected twice."),
+        ([["left.wheel", "box.g1"]], "component 'box' leads back to itself."),
+    ):
+        first, *_ = sentences(tmp_path, "x.json", gearbox() | {"structure": joints + more})
+        assert first.startswith(begin)
+    ring = gearbox(one=[shaft("a", 1.0)], two=[shaft("b", 1.0)]) | {
+        "structure": [*joints, ["one.a", "two.b"], ["two.b", "one.a"]]
+    }
+    assert sentences(tmp_path, "x.json", ring)[:2] == [
+        "component 'one' is not connected to the others. Correct 'structure'.",
+        "component 'two' is not connected to the others. Correct 'structure'.",
+    ]

@@ -105,3 +105,41 @@ def test_an_order_that_does_nothing_on_a_shape_has_a_modal_torque_of_zero(tmp_pa
     (only,) = json.loads((tmp_path / "c.json").read_text())["critical_speeds"]
     assert only["modal_torque"] == 0.0
     assert capsys.readouterr().out.splitlines()[-1].split()[-1] == "0"
+
+
+def test_the_modal_torques_of_every_misfire_are_those_of_its_train(tmp_path, capsys):
+    files = [f"--json={tmp_path / 'c.json'}", f"--csv={tmp_path / 'c.csv'}"]
+    assert main(["campbell", SCENE, "--rpm", "1000:2600", "--misfire", "each", *files]) == 0
+    said, record = capsys.readouterr().out, json.loads((tmp_path / "c.json").read_text())
+    assert (
+        main(["campbell", SCENE, "--rpm", "1000:2600", "--misfire", "cylinder 3", f"--json={tmp_path / 'd.json'}"]) == 0
+    )
+    alone = {
+        (c["order"], c["mode"]): c["modal_torque"]
+        for c in json.loads((tmp_path / "d.json").read_text())["critical_speeds"]
+    }
+    speeds = record["critical_speeds"]
+    assert all(c["misfires"]["cylinder 3"] == pytest.approx(alone[c["order"], c["mode"]], rel=1e-12) for c in speeds)
+    worst = record["worst_misfire"]
+    assert worst["modal_torque"] == max(torque for c in speeds for torque in c["misfires"].values())
+    assert f"The worst misfire is that of {worst['cylinder']}" in said
+    with (tmp_path / "c.csv").open() as text:
+        row = next(csv.DictReader(text))
+    assert float(row["modal torque N m, cylinder 3 not firing"]) == speeds[0]["misfires"]["cylinder 3"]
+
+
+def test_a_range_without_critical_speeds_has_no_worst_misfire(tmp_path, capsys):
+    call = [
+        "campbell",
+        SCENE,
+        "--rpm",
+        "900:901",
+        "--orders",
+        "1",
+        "--misfire",
+        "each",
+        f"--json={tmp_path / 'c.json'}",
+    ]
+    assert main(call) == 0
+    assert "No critical speed lies in the range" in capsys.readouterr().out
+    assert json.loads((tmp_path / "c.json").read_text())["worst_misfire"] is None

@@ -60,10 +60,14 @@ def test_modes_are_those_of_python(capsys, tmp_path):
     modes = jaxhb.natural_frequencies(jaxhb.load_scene("gear_train_30"))
     record = read(file)
     told = {"frequencies_hz", "mesh_energy_share", "modes", "kinds", "node_count", "generalised_mass", "damping_ratios"}
-    assert set(record) == {"scenario", "set", "links_at"} | told
+    assert set(record) == {"scenario", "set", "links_at", "kinetic_share", "strain_share"} | told
     assert record["mesh_energy_share"] == modes.mesh_energy_share.tolist()
     assert record["frequencies_hz"] == modes.frequencies_hz.tolist()
     assert record["modes"]["crank gear"] == modes.shapes[:, modes.names.index("crank gear")].tolist()
+    assert (
+        record["strain_share"]["idler|cam gear A"]
+        == modes.strain_share[:, modes.link_names.index("idler|cam gear A")].tolist()
+    )
     assert f"{modes.frequencies_hz[1]:.2f}" in capsys.readouterr().out
 
 

@@ -190,8 +190,103 @@ def test_an_unknown_scenario_is_bad_input(soft, capsys):
     assert "there is no scenario 'hott'. Did you mean 'hot'?" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("command", ["forced", "campbell", "sweep"])
-def test_the_misfire_of_each_is_that_of_report(command, capsys):
-    assert main([command, "six_cylinder_diesel", "--rpm", "900:1000:2", "--misfire", "each"]) == 2
-    said = capsys.readouterr().err
-    assert said == "--misfire each: only jaxhb report takes every cylinder in turn. Name one, or use report.\n"
+def test_the_misfire_of_each_is_that_of_report_forced_and_campbell(capsys):
+    for command, rpm in (("sweep", "900:1000:2"), ("solve", "900")):
+        assert main([command, "six_cylinder_diesel", "--rpm", rpm, "--misfire", "each"]) == 2
+        said = capsys.readouterr().err
+        assert "only jaxhb report, forced and campbell take every cylinder in turn" in said
+
+
+DIESEL, NAMED = "six_cylinder_diesel", "cyl6|flywheel"
+
+
+def test_the_worst_of_all_misfires_is_that_of_python(tmp_path, capsys):
+    files = [f"--{kind}={tmp_path / f'r.{end}'}" for kind, end in (("json", "json"), ("csv", "csv"), ("plot", "png"))]
+    assert main(["forced", DIESEL, "--rpm", "1800:2400:4", "--misfire", "each", *files]) == 0
+    said, record = capsys.readouterr().out, json.loads((tmp_path / "r.json").read_text())
+    rpm = np.linspace(1800.0, 2400.0, 4)
+    train = jaxhb.load_scene(DIESEL)
+    misfires = jaxhb.misfire_each(train, rpm=rpm, solve=jaxhb.forced_response)
+    worst = misfires.worst(lambda r: r.torque(NAMED).half_peak_to_peak)
+    assert record["worst_misfires"][NAMED] == {
+        "cylinder": worst.cylinder,
+        "rpm": worst.rpm,
+        "quantity": "torque",
+        "unit": "N m",
+        "value": worst.value,
+        "firing": worst.firing,
+    }
+    values = {name: record["worst_misfires"][name]["value"] for name in train.topology.shaft_names}
+    hardest = record["worst_misfire"]
+    assert hardest["of"] == max(values, key=values.get) and hardest["value"] == max(values.values())
+    assert f"The worst misfire is that of {hardest['cylinder']}: torque of {hardest['value']:.4g} N m" in said
+    assert list(record["misfires"]) == list(train.topology.cylinder_names)
+    alone = jaxhb.forced_response(train.misfire("cylinder 2"), rpm=rpm).torque(NAMED)
+    found = record["misfires"]["cylinder 2"]["shafts"][NAMED]
+    np.testing.assert_allclose(found["half_peak_to_peak"], alone.half_peak_to_peak, rtol=1e-12)
+    with (tmp_path / "r.csv").open() as text:
+        rows = list(csv.DictReader(text))
+    assert [row["misfire"] for row in rows[::4]] == ["", *train.topology.cylinder_names]
+    assert [float(row[f"{NAMED} half peak-to-peak N m"]) for row in rows[8:12]] == found["half_peak_to_peak"]
+    assert (tmp_path / "r.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_of_an_element_every_misfire_is_listed(capsys):
+    call = ["forced", DIESEL, "--rpm", "1800:2400:4", "--misfire", "each", "--element", NAMED, "--element", "flywheel"]
+    assert main(call) == 0
+    said = capsys.readouterr().out
+    assert said.count("The worst misfire is that of") == 2
+    assert said.count("cylinder 4 not firing") == 2 and "cyl1|cyl2" not in said
+
+
+def test_each_stands_alone_and_needs_a_cylinder(capsys):
+    for command in ("forced", "campbell"):
+        call = [command, DIESEL, "--rpm", "900:1000:2", "--misfire", "each", "--misfire", "cylinder 1"]
+        assert main(call) == 2
+        assert "Leave out the other --misfire." in capsys.readouterr().err
+        assert main([command, "spur_pair", "--rpm", "900:1000:2", "--misfire", "each"]) == 2
+        assert "no cylinder" in capsys.readouterr().err
+
+
+RESONANCE = """
+[scene]
+name = "free"
+[[disk]]
+name = "a"
+inertia = 2.0
+[[disk]]
+name = "b"
+inertia = 2.0
+[[shaft]]
+between = ["a", "b"]
+stiffness = 100.0
+[[load]]
+disk = "b"
+"""
+CYLINDER = """
+[[cylinder]]
+name = "NAME"
+disk = "DISK"
+bore = 0.1
+stroke = 0.1
+rod = 0.2
+reciprocating_mass = 1.0
+firing_angle = 0.0
+gas_torque_mean = 10.0
+gas_torque = [[1.0, 5.0, 4.0]]
+"""
+
+
+def test_speeds_without_an_answer_have_no_worst_misfire(tmp_path, capsys):
+    cylinders = [CYLINDER.replace("NAME", name).replace("DISK", disk) for name, disk in (("one", "a"), ("two", "b"))]
+    (tmp_path / "free.toml").write_text(RESONANCE + "".join(cylinders))
+    at, file = repr(10 * 30 / np.pi), tmp_path / "r.json"
+    call = ["forced", str(tmp_path / "free.toml"), "--misfire", "each", "--json", str(file), "--rpm"]
+    assert main([*call, f"50,{at}"]) == 1
+    said = capsys.readouterr()
+    assert json.loads(file.read_text())["worst_misfire"]["rpm"] == 50.0
+    assert "free, one not firing, at 95.493 rpm: NEAR_SINGULAR" in said.err
+    assert main([*call, at]) == 1
+    said = capsys.readouterr()
+    assert "worst misfire" not in said.out and "worst_misfire" not in json.loads(file.read_text())
+    assert said.err.count("NEAR_SINGULAR") == 2  # with both firing the torques of both disks cancel

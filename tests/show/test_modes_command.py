@@ -137,3 +137,56 @@ def test_a_train_in_which_nothing_is_strained_has_no_shape_to_draw(tmp_path, cap
     assert main(["modes", str(tmp_path / "one.toml"), "--plot", str(tmp_path / "m.png")]) == 2
     assert "no mode strains a link" in capsys.readouterr().err and not (tmp_path / "m.png").exists()
     assert main(["modes", "spur_pair", "--at", "0"]) == 2
+
+
+LOOP = """
+[[disk]]
+name = "a"
+inertia = 1.0
+[[disk]]
+name = "b"
+inertia = 2.0
+[[disk]]
+name = "c"
+inertia = 3.0
+[[shaft]]
+between = ["a", "b"]
+stiffness = 1e4
+[[shaft]]
+between = ["b", "c"]
+stiffness = 2e4
+[[shaft]]
+between = ["c", "a"]
+stiffness = 3e4
+"""
+
+
+def test_the_energies_of_a_looped_train_are_in_the_file_and_no_teeth_are_told(tmp_path, capsys):
+    (tmp_path / "loop.toml").write_text(LOOP)
+    assert main(["modes", str(tmp_path / "loop.toml"), "--json", str(tmp_path / "m.json")]) == 0
+    assert "teeth" not in capsys.readouterr().out
+    record = json.loads((tmp_path / "m.json").read_text())
+    shapes = np.array([record["modes"][name] for name in "abc"])
+    kinetic = np.array([1.0, 2.0, 3.0])[:, None] * shapes**2
+    found = np.array([record["kinetic_share"][name] for name in "abc"])
+    np.testing.assert_allclose(found, kinetic / kinetic.sum(0), rtol=1e-12)
+    twist = shapes - np.roll(shapes, -1, axis=0)
+    strain = np.array([1e4, 2e4, 3e4])[:, None] * twist**2
+    found = np.array([record["strain_share"][name] for name in ("a|b", "b|c", "c|a")])
+    np.testing.assert_allclose(found[:, 1:], (strain / strain.sum(0))[:, 1:], rtol=1e-9)
+
+
+def test_campbell_and_holzer_take_the_teeth_at_a_mean_load_as_modes_does(tmp_path, capsys):
+    (tmp_path / "idle.toml").write_text(IDLE.replace("mean = 0.2", "mean = 0.2\nharmonics = [[2, 1.0, 0.0]]"))
+    scene, found = str(tmp_path / "idle.toml"), {}
+    for command, more in (("modes", []), ("holzer", []), ("campbell", ["--rpm", "100:100000"])):
+        file = tmp_path / f"{command}.json"
+        assert main([command, scene, "--at", "1000", "--json", str(file), *more]) == 0
+        said = capsys.readouterr().out
+        assert "teeth at the mean load of 1000 rpm" in said and "Mean load of 1000 rpm: a|b" in said
+        found[command] = json.loads(file.read_text())
+    hz = found["modes"]["frequencies_hz"][1]
+    assert found["modes"]["mean_load"] == found["holzer"]["mean_load"] == found["campbell"]["mean_load"]
+    assert found["modes"]["mean_load"]["a|b"]["engagement"] < 1.0
+    assert found["holzer"]["tables"][0]["hz"] == found["campbell"]["modes"][1]["frequencies_hz"][0] == hz
+    assert found["campbell"]["critical_speeds"][0]["rpm"] == pytest.approx(30.0 * hz)
