@@ -222,6 +222,8 @@ def _answer(train, system, rigid, rpm, torque):
     def power(values):
         return (2 * omega * values).reshape(len(values), *shape).sum(-1).T
 
+    disks, links = power(omega * system.damping[:, None] * _square(displacement)), power(C.imag * _square(deflection))
+    given = power((load * jnp.conj(1j * displacement)).real.sum(0)[None])[:, 0]
     return {
         "angles": by_speed(angle),
         "torques": by_speed((force * ends)[:shafts]),
@@ -231,9 +233,10 @@ def _answer(train, system, rigid, rpm, torque):
         "elastic_forces": by_speed(elastic[shafts:]),
         "residual": residual,
         "status": status,
-        "disk_power": power(omega * system.damping[:, None] * _square(displacement)),
-        "link_power": power(C.imag * _square(deflection)),
-        "input_power": power((load * jnp.conj(1j * displacement)).real.sum(0)[None])[:, 0],
+        "power_defect": (given - disks.sum(-1) - links.sum(-1)) / jnp.where(given > 0, given, 1.0),
+        "disk_power": disks,
+        "link_power": links,
+        "input_power": given,
     }
 
 

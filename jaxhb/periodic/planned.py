@@ -102,6 +102,7 @@ def respond(train, rpm, problem, outcome, sizes):
         status=outcome.status,
         residual=outcome.residual,
         truncation_error=outcome.truncation_error,
+        power_defect=outcome.power_defect,
         steps=outcome.steps,
         topology=topology,
         resolution=sizes.samples * max(1, -(-4096 // sizes.samples)),

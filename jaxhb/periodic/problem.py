@@ -114,6 +114,31 @@ def fields(problem, displacement, force, sizes, crossings=None):
     )
 
 
+def power_defect(problem, displacement, force, found):
+    """Power of the torques less what dampers, links and teeth take, over what the torques exchange with the train.
+
+    Zero for the exact motion and for every solution of the truncated equations, as elastic forces do no work over a
+    cycle, ``sum of b |x'|^2 = <q, x'>`` (method.md A4.1): what is left comes of unsolved equations, and of the work
+    that sampled elastic tooth forces seem to do.
+
+    Parameters
+    ----------
+    problem : Problem
+    displacement : complex ``(S, N+1)`` m; force : complex ``(L, N+1)`` N of the linear links
+    found : Fields, whose tooth forces are those of the law
+    """
+    system, harmonics = problem.system, displacement.shape[-1] - 1
+    velocity = fourier.derivative(displacement, problem.frequency)
+    load = fourier.resize(jnp.asarray(problem.load), harmonics)
+    teeth = fourier.resize(found.forces - found.elastic_forces, harmonics)
+    force = force.at[problem.meshes.link].set(teeth)
+    given = (load * jnp.conj(velocity)).real
+    taken = (force * jnp.conj(system.deflections(velocity))).real.sum()
+    taken += (jnp.asarray(system.damping)[:, None] * jnp.abs(velocity) ** 2).sum()
+    exchanged = (jnp.abs(load) * jnp.abs(velocity)).sum()
+    return (given.sum() - taken) / jnp.where(exchanged > 0, exchanged, 1.0)
+
+
 def held_in_contact(problem, deflections, flank, samples):
     """Whether every held mesh stays beyond the transition zone on its flank all cycle."""
     values = fourier.synthesize(deflections, samples)

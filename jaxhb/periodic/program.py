@@ -16,7 +16,7 @@ from . import correction
 from .derivative import attach
 from .march import marched, on_flank
 from .newton import relative_residual, solve_chain, solve_reduced
-from .problem import fields, held_in_contact, offset_load, reduced_equation
+from .problem import fields, held_in_contact, offset_load, power_defect, reduced_equation
 
 SINGULAR = 1e11
 """Link force over load beyond which the linear train is at an undamped resonance: rounding alone is left there."""
@@ -78,7 +78,8 @@ class Choice:
 class Outcome:
     """Fields of the solution, deflections ``(G, N+1)`` of the active meshes, and how the solve went.
 
-    periodicity_error : of the last cycle marched, 0 without; residual, truncation_error; steps : of Newton.
+    periodicity_error : of the last cycle marched, 0 without; residual, truncation_error, power_defect; steps : of
+    Newton.
     """
 
     fields: object
@@ -87,6 +88,7 @@ class Outcome:
     periodicity_error: jax.Array
     residual: jax.Array
     truncation_error: jax.Array
+    power_defect: jax.Array
     steps: jax.Array
 
 
@@ -145,14 +147,16 @@ def find(problem, choice, start, tolerance, sizes):
         steps, stalled = iterate.steps, iterate.stalled
     reduced, crossings = reduced.located(deflection), None
     nonlinear_force = reduced.nonlinear_force_coefficients(deflection, sizes.samples)
-    found = fields(problem, *condensed.combine(nonlinear_force), sizes)
+    motion = condensed.combine(nonlinear_force)
+    found = fields(problem, *motion, sizes)
+    defect = power_defect(problem, *motion, found)
     if sizes.integrals == "exact":
         crossings = reduced.crossings, exact.locate(jax.tree.map(jnp.asarray, problem.meshes.law), found.deflections)
     failure = _failure(problem, choice, condensed, found, error, stalled, crossings, sizes)
     solved = failure == Status.CONVERGED
     status = jnp.where(solved & ~(truncation <= tolerance), Status.TOLERANCE_NOT_MET, failure)
     return (
-        Outcome(found, deflection, status, periodicity_error, error, truncation, steps),
+        Outcome(found, deflection, status, periodicity_error, error, truncation, defect, steps),
         (operator, crossings),
         solved,
     )

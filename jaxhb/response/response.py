@@ -51,7 +51,8 @@ class Response(Fields):
     ground_reaction : ``(..., n)`` N m, mean torque that each ground takes: stiffness x mean angle of its disk. Mean
         angles are those that the soft grounds set; without a ground their inertia-weighted mean is zero
     radius : ``(..., S)`` m, of the gears; law : Law ``(..., G)`` of the meshes. Numbers of the train that reading needs
-    status, residual, truncation_error, steps : of the solve
+    status, residual, truncation_error, steps : of the solve; power_defect : power of the torques less what is turned
+        into heat, over the power that they exchange with the train: how far the motion is from conserving energy
     topology : names and connections; resolution : time samples per cycle at which extremes are looked for
     train : DriveTrain or None; path : events, how the solve went (of a sweep one tuple per speed); certificate :
         Certificate or None, where it was asked for
@@ -66,6 +67,7 @@ class Response(Fields):
     status: jax.Array
     residual: jax.Array
     truncation_error: jax.Array
+    power_defect: jax.Array
     steps: jax.Array
     topology: Topology
     resolution: int

@@ -25,7 +25,7 @@ def answer_record(answer, *, orders=None):
     -------
     dict
         ``rpm``, ``motion`` (see :func:`motion_record`), ``converged``, ``status``, ``harmonics``, ``residual``,
-        ``truncation_error`` (of the harmonic solution, None without one), ``path``, ``load_kW``;
+        ``truncation_error``, ``power_defect`` (of the harmonic solution, None without one), ``path``, ``load_kW``;
         ``load_torque_Nm`` and ``ground_reaction_Nm`` by name, ``mean_angles`` (what sets the means of the disks);
         ``disks`` (rad), ``shafts`` with the dampers (N m), ``gears`` (N m) and ``meshes`` (N) by name, each a signal
         ``{"mean", "min", "max", "rms", "half_peak_to_peak", "sum_of_amplitudes", "amplitudes"}`` with amplitudes
@@ -78,12 +78,16 @@ def motion_record(answer):
 
 
 def _outcome_record(answer):
-    response, solved = answer.response, dict.fromkeys(("status", "residual", "truncation_error", "path"))
+    response, solved = (
+        answer.response,
+        dict.fromkeys(("status", "residual", "truncation_error", "power_defect", "path")),
+    )
     if response is not None:
         solved = {
             "status": answer.status.name,
             "residual": float(response.residual),
             "truncation_error": float(response.truncation_error),
+            "power_defect": float(response.power_defect),
             "path": [str(event) for event in response.path],
         }
     return {

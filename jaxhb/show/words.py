@@ -9,6 +9,9 @@ from .balance import ground_notes, plain_number
 from .choose import most_apart
 from .floquet import growth_text
 
+LOST = 1e-3
+"""Share of the power of the torques that may be lost without a note."""
+
 GAP_SPRING_SHARE = 0.05
 KNEE_SHARE = 0.5
 SHOWN_SPEEDS = 6
@@ -166,11 +169,17 @@ def notes(*answers):
     Returns
     -------
     list of str
-        Unstable motions; what a steady state tells of itself; orbits on which time integration did not settle; speeds
-        outside of pressure traces; a ground that takes above 1 % of the largest mean torque; a gap spring above 5 % of
-        the mean force, a knee above 50 % of it, damping in the gap above 5 % of it.
+        Unstable motions; power that is not accounted for; what a steady state tells of itself; orbits on which time
+        integration did not settle; speeds outside of pressure traces; a ground that takes above 1 % of the largest mean
+        torque; a gap spring above 5 % of the mean force, a knee above 50 % of it, damping in the gap above 5 % of it.
     """
-    found = _unstable_notes(answers) + _own_notes(answers) + _unsettled_notes(answers) + _trace_notes(answers)
+    found = (
+        _unstable_notes(answers)
+        + _power_notes(answers)
+        + _own_notes(answers)
+        + _unsettled_notes(answers)
+        + _trace_notes(answers)
+    )
     found += ground_notes([answer.balance for answer in answers], _speed_of)
     known, through = [answer for answer in answers if answer.known], []
     for name in answers[0].topology.mesh_names if known else ():
@@ -190,6 +199,15 @@ def notes(*answers):
             f"{', '.join(through)}."
         )
     return found
+
+
+def _power_notes(answers):
+    off = [answer for answer in answers if answer.response is not None and abs(answer.response.power_defect) > LOST]
+    if not off:
+        return []
+    worst = max(off, key=lambda answer: abs(answer.response.power_defect))
+    share = f"{100 * abs(float(worst.response.power_defect)):.2g}"
+    return [f"At {worst.rpm:g} rpm {share} % of the power of the torques is not accounted for: use more harmonics."]
 
 
 def _unstable_notes(answers):

@@ -264,3 +264,19 @@ def test_a_sweep_is_refused():
     sweep = jaxhb.solve_speeds(one_mass(), rpm=[ONE_RADIAN_PER_SECOND] * 2)
     with pytest.raises(ValueError, match="sweep"):
         certify(sweep)
+
+
+def test_power_of_the_torques_is_turned_into_heat():
+    """Of exact integrals to the residual; sampling leaves its aliasing (method.md A4.1: 3e-7 for 8 harmonics)."""
+    exact = abs(float(solved(16).power_defect))
+    sampled = abs(
+        float(jaxhb.solve(one_mass(), rpm=ONE_RADIAN_PER_SECOND, harmonics=16, integrals="sampled").power_defect)
+    )
+    assert exact < 1e-9
+    assert exact < sampled < 1e-5
+
+
+@pytest.mark.parametrize("changes", [{}, {"damping_law": "always"}, {"loss": 0.02}], ids=["contact", "always", "loss"])
+def test_power_balances_with_every_kind_of_damping(changes):
+    response = jaxhb.solve(pair(**changes), rpm=1500.0)
+    assert 0 < abs(float(response.power_defect)) < 1e-4

@@ -75,6 +75,7 @@ def test_a_hammering_pair_exits_0_and_its_file_follows_the_contract(hammering):
     status, _, record = hammering
     assert status == 0
     keys = ["rpm", "motion", "converged", "status", "harmonics", "residual", "truncation_error", "path", "load_kW"]
+    keys += ["power_defect"]
     keys += ["load_torque_Nm", "ground_reaction_Nm", "mean_angles"]
     assert set(keys) | {"disks", "shafts", "gears", "meshes"} <= set(record)
     assert record["rpm"] == 5000.0

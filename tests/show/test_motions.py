@@ -78,8 +78,8 @@ def test_a_motion_that_never_repeats_has_a_distribution_and_no_solution(told):
     if state.kind != "irregular":
         pytest.skip("a motion that repeats is solved")
     mesh = record["meshes"][MESH]
-    keys = "converged", "status", "harmonics", "residual", "truncation_error", "path"
-    assert [record[key] for key in keys] == [None] * 6
+    keys = "converged", "status", "harmonics", "residual", "truncation_error", "power_defect", "path"
+    assert [record[key] for key in keys] == [None] * 7
     assert [record["motion"][key] for key in ("stable", "multiplier")] == [None, None]
     assert mesh["impacts"] is None
     assert all(phase is None for _, _, phase in mesh["amplitudes"])
