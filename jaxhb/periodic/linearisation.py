@@ -30,6 +30,7 @@ from ..harmonic.krylov import minimise_residual
 from ..harmonic.reduction import truncate
 from ..harmonic.residual import backlash_meshes
 from ..transient.reduced_model import reduced_model
+from ..transient.variational import motion
 from . import correction
 from .problem import reduced_equation
 
@@ -182,8 +183,12 @@ class Linearisation:
 
     @staticmethod
     def largest(x):
-        """``(G,)``: largest values over the cycle of motions ``(G, n+1)``."""
-        return np.abs(fourier.synthesize(x, PER_HARMONIC * max(x.shape[1] - 1, 1))).max(-1)
+        """``(G,)``: largest values over the cycle of motions ``(G, n+1)``: those at M samples, times the factor
+        1/cos(pi n/M) by which a trigonometric polynomial exceeds them at most (Ehlich & Zeller, Math. Z. 86 (1964)
+        41)."""
+        return np.abs(fourier.synthesize(x, PER_HARMONIC * max(x.shape[1] - 1, 1))).max(-1) / np.cos(
+            np.pi / PER_HARMONIC
+        )
 
     @cached_property
     def weight(self):
@@ -194,6 +199,13 @@ class Linearisation:
     def embedding(self):
         """Largest value of a motion over its weighted norm, ``sqrt(sum over n of w_n^-2)``."""
         return float(np.sqrt(np.pi * self.scale / np.tanh(np.pi * self.scale)))
+
+    def near_transition(self, distance, share):
+        """Whether ``(G, K)`` a mesh is within ``distance``, backlashes, of the transition of its law, at shares of the
+        cycle ``(K,)``."""
+        value = np.abs(motion(self.deflection, 1.0, share)[0])
+        gap, knee = (1 - self.law.transition[:, None]) / 2, (1 + self.law.transition[:, None]) / 2
+        return (value > gap - distance) & (value < knee + distance)
 
     def residual(self):
         """F(y) ``(G, high+1)`` of the motion, with exact integrals."""

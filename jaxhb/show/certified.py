@@ -8,6 +8,8 @@ from .columns import aligned, alike
 
 CHECK = "a check in double precision, no interval arithmetic"
 
+_STABLE = {True: "certainly it is", False: "certainly it is not", None: "not decided by the bound"}
+
 
 def certificate_of(answer, say=lambda text: None):
     """The Certificate of an answer's harmonic solution; a sentence where there can be none."""
@@ -44,7 +46,7 @@ def certificate_text(answer, found):
     largest, within = f"{forces[hardest]:.4g} kN", f"{plain_number(_up(bounds[hardest]), 2)} kN"
     title = (
         f"Error bound: the largest tooth force is {largest}, certainly within {within}: a true periodic motion of the\n"
-        f"train exists within the bounds below ({CHECK})."
+        f"train exists within the bounds below ({CHECK}). Whether it is stable: {_STABLE[found.stable]}."
     )
     columns = [
         found.meshes,
@@ -74,7 +76,10 @@ def certificate_record(found):
         )
     }
     own = {"holds": found.holds, "reason": found.reason, "meshes": by_mesh}
-    own |= {key: getattr(found, key) for key in ("Y0", "Z1", "Z2", "h0", "radius", "small_gain", "harmonics", "low")}
+    own |= {
+        key: getattr(found, key)
+        for key in ("stable", "Y0", "Z1", "Z2", "h0", "radius", "small_gain", "harmonics", "low")
+    }
     balance = found.harmonic_balance
     if balance is not None:
         own["harmonic_balance"] = {key: float(getattr(balance, key)) for key in ("H0", "delta0", "K", "h0", "radius")}

@@ -94,6 +94,46 @@ def monodromy(space, meshes, deflection, frequency, switching):
     return Monodromy(matrix, float(log_determinant), _trace(space, steps))
 
 
+@dataclass(frozen=True)
+class Passage:
+    """How a disturbance passes through the cycle, at K shares of it, 0 and 1 among them; matrix ``(n, n)`` of it all.
+
+    seen ``(K, G, n)`` m: deflections at a time per unit state at the beginning; left ``(K, n, G)``: the state at the
+    end of the cycle per unit impulse (m s) at a time of the integral of (engagement - 1) over the deflection of a mesh.
+    """
+
+    share: np.ndarray
+    seen: np.ndarray
+    left: np.ndarray
+    matrix: np.ndarray
+
+
+def passage(space, meshes, deflection, frequency, share):
+    """The :class:`Passage` of disturbances; arguments as of :func:`monodromy`, times where teeth pass knots among
+    ``share``.
+
+    The force of a mesh is ``k I + r dI/dt``, k = (1 - epsilon) c and r its damping if that acts in contact, of the
+    integral I. As A + E S L takes a state on, an impulse of I leaves ``(E k + (A + E S L) E r)`` behind.
+    """
+    space, meshes, deflection = jax.tree.map(np.asarray, (space, meshes, deflection))
+    trains, frequency = _Trains(space), float(frequency)
+    steps = _steps(trains, meshes, deflection, frequency, share)
+    ends = np.concatenate([[0.0], np.cumsum(steps.length)]) * frequency / (2 * np.pi)
+    chunks = [np.arange(i, min(i + CHUNK, len(steps.length))) for i in range(0, len(steps.length), CHUNK)]
+    propagators = np.concatenate([_propagators(trains, steps, chunk)[0] for chunk in chunks])
+    E, L, count = space.forcing, space.observation, space.forcing.shape[1]
+    slope = _slopes(meshes, *motion(deflection, frequency, ends))
+    gated = np.where(meshes.contact_damping, meshes.viscous, 0.0)
+    changed = slope[:, :count, None] * L[:count] + slope[:, count:, None] * L[count:]  # S L
+    impulse = E * ((1 - meshes.law.epsilon) * meshes.law.stiffness) + (space.transition @ E + E @ (changed @ E)) * gated
+    seen, left, ahead, behind = [L[:count]], [impulse[-1]], np.eye(len(E)), np.eye(len(E))
+    for propagator, backwards, pushed in zip(propagators, propagators[::-1], impulse[-2::-1], strict=True):
+        ahead, behind = propagator @ ahead, behind @ backwards
+        seen.append(L[:count] @ ahead)
+        left.append(behind @ pushed)
+    return Passage(ends, np.array(seen), np.array(left[::-1]), ahead)
+
+
 def _steps(trains, meshes, deflection, frequency, switching):
     """The :class:`_Steps` of a motion."""
     law, period = meshes.law.expand(), 2 * np.pi / frequency

@@ -11,11 +11,15 @@ from tolerances import ALGEBRAIC
 from trains import ONE_RADIAN_PER_SECOND, build, one_mass_parts
 
 import jaxhb
-from jaxhb.harmonic import backlash, fourier
+from jaxhb._arrays import on_host
+from jaxhb.harmonic import backlash, chain, exact, fourier
+from jaxhb.harmonic.residual import backlash_meshes
 from jaxhb.periodic import certificate
 from jaxhb.periodic.certificate import Kantorovich, certify
 from jaxhb.periodic.linearisation import MARGIN, Linearisation
 from jaxhb.periodic.problem import pose
+from jaxhb.transient.statespace import partition, state_space
+from jaxhb.transient.variational import passage
 
 WITHIN = 1.6
 """A bound over the true error where the error is mostly that of the truncation, which the bound adds up exactly."""
@@ -88,7 +92,7 @@ def test_norms_are_those_of_dense_matrices():
     dense = np.array([fourier.pack(w * lin.inverse(lin.apply_gain(x)))[0] for x in columns]).T
     np.testing.assert_allclose(certificate._gain_norm(lin, 16), MARGIN * np.linalg.norm(dense, 2), rtol=0.02)
     count = 64
-    zone = certificate._zone(lin, 0.01, count)
+    zone = lin.near_transition(0.01, np.arange(count) / count)
     assert 0 < zone.mean() < 0.5
     from_samples = np.array([fourier.pack(fourier.analyze(row, 16)) for row in np.eye(count) * zone[0]])
     to_samples = np.array([fourier.synthesize(fourier.unpack(row), count) for row in np.eye(33)])
@@ -154,6 +158,7 @@ def test_three_coexisting_motions_are_certified_apart():
     found = [certify(response) for response in own]
     assert all(c.holds for c in found)
     samples = [response.deflection_samples(1024)[0] for response in own]
+    assert sorted(c.stable for c in found) == [False, False, True]
     for i in range(3):
         for j in range(i):
             assert np.abs(samples[i] - samples[j]).max() > found[i].deflection_bound[0] + found[j].deflection_bound[0]
@@ -264,6 +269,25 @@ def test_a_sweep_is_refused():
     sweep = jaxhb.solve_speeds(one_mass(), rpm=[ONE_RADIAN_PER_SECOND] * 2)
     with pytest.raises(ValueError, match="sweep"):
         certify(sweep)
+
+
+def test_what_an_impulse_leaves_is_what_the_linearised_equation_answers():
+    """The answer to a smooth periodic integral of (engagement - 1), in harmonics and from what impulses leave."""
+    response = solved(16)
+    lin = linearisation(response, 64, 256)
+    system, meshes = on_host((chain.assemble(response.train), backlash_meshes(response.train)))
+    space = state_space(system, meshes, 1.0, partition(system, meshes, ("a", "b"), ("a|b",)))
+    deflection = np.asarray(response.deflections)
+    times = np.concatenate([exact.switching_times(meshes.law, deflection), np.arange(1, 4096) / 4096])
+    way = passage(space, meshes, deflection, 1.0, np.unique(times))
+    given = np.zeros((1, 65), complex)
+    given[0, 3] = 0.5  # cos 3t
+    answer = -lin.inverse(np.pad(lin.apply_gain(given), ((0, 0), (0, 192))))
+    u = np.cos(3 * 2 * np.pi * way.share)
+    left = np.trapezoid(way.left[..., 0] * u[:, None], 2 * np.pi * way.share, axis=0)
+    begin = np.linalg.lstsq(np.eye(len(left)) - way.matrix, left, rcond=1e-9)[0]
+    expected = answer[0, 0].real + 2 * answer[0, 1:].sum().real
+    np.testing.assert_allclose((way.seen[0] @ begin)[0], expected, rtol=1e-5)
 
 
 def test_power_of_the_torques_is_turned_into_heat():
