@@ -2,6 +2,7 @@
 
     python benchmarks/certificates.py [--cases 200] [--seed 20261125] [--json F]     hours; goes on where the file ends
     python benchmarks/certificates.py --only 17                                     one of them
+    python benchmarks/certificates.py --scenes                                      cost on the packaged scenes
 
 Cases are those of ``random_trains.py`` with up to four meshes; every fourth is solved with a quarter of the harmonics,
 every fourth is disturbed by 0.1 % to 10 % of a backlash in all deflections. The true motion is a solve with exact
@@ -121,11 +122,32 @@ def report(records):
             print(f"  certificate / solve, seconds, median: {cost:.2g}")
 
 
+SCENES = ("spur_pair", 5000.0), ("engine_with_damper", 1800.0), *(("gear_train_30", r) for r in (600.0, 1200.0, 1800.0))
+
+
+def scenes():
+    """Seconds of a solve and of its certificate, with programs to be compiled or from the store and again."""
+    print(f"{'scene':20}{'rpm':>6}{'solve s':>18}{'certificate s':>18}{'force kN':>10}{'within kN':>11}")
+    for name, rpm in SCENES:
+        train, seconds = jaxhb.load_scene(name), []
+        for _ in range(2):
+            begin = time.perf_counter()
+            response = jaxhb.solve(train, rpm=rpm)
+            middle = time.perf_counter()
+            found = jaxhb.certify(response)
+            seconds.append((middle - begin, time.perf_counter() - middle))
+        (first_solve, first), (solve, again) = seconds
+        force = max(response.force(mesh).peak for mesh in found.meshes) / 1e3
+        times = f"{first_solve:9.2f}{solve:9.2f}{first:9.2f}{again:9.2f}"
+        print(f"{name:20}{rpm:6.0f}{times}{force:10.2f}{np.max(found.force_bound) / 1e3:11.2g}", flush=True)
+
+
 def main():
     read = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     read.add_argument("--cases", type=int, default=200)
     read.add_argument("--seed", type=int, default=20261125)
     read.add_argument("--only", type=int)
+    read.add_argument("--scenes", action="store_true")
     read.add_argument("--json", help="append JSON lines to this file; cases that it holds are not run again")
     asked = read.parse_args()
     file = Path(asked.json) if asked.json else None
@@ -135,6 +157,9 @@ def main():
     if file and not rows:
         file.write_text(json.dumps({"benchmark": "certificates", "device": device(), "versions": versions()}) + "\n")
     jaxhb.cache_programs()
+    if asked.scenes:
+        scenes()
+        return
     for index in range(asked.cases) if asked.only is None else [asked.only]:
         if index in known:
             continue
