@@ -341,7 +341,11 @@ def _prove(lin, train, gaps):
     apart = correction + spread * weighted + Z2 * kick
     beside = F - corrected - lin.apply_gain(lin.times_share(corrected))
     slow, fast = lin.rate_of_gain(0, low), lin.rate_of_gain(low + 1, high)
-    rate = lin.largest(_rate(corrected)) + 2 * np.abs(_rate(beside)).sum(-1) + (rate_kernel + fast * root) * kick
+    rate = (
+        lin.largest(_rate(corrected))
+        + 2 * np.abs(_rate(beside)).sum(-1)
+        + (rate_kernel + fast / law.transition.min()) * kick
+    )
     rate += lin.half_range * (slow * missing + fast * (kernel + missing)) * kick
     rate += lin.half_range * (slow + fast) * spread * (weighted + in_zone * root * kick)
     moving = np.where(lin.slopes[1] > 0, (np.abs(rates) * zone).max(-1), 0.0)
@@ -442,18 +446,15 @@ def _gain_norm(lin, harmonics):
 
 
 def _zone_norm(lin, zone, count):
-    """``|A H zone|_w``."""
+    """``|A H zone|_w``, of forces with whatever harmonics: the norm of its adjoint."""
     low = lin.sizes.low
     w = lin.weight[: low + 1]
 
-    def masked(x):
-        return fourier.analyze(zone * fourier.synthesize(x, count), low)
+    def adjoint(x):
+        values = fourier.synthesize(lin.apply_gain_transposed(lin.inverse_transposed(w * x)), count)
+        return fourier.analyze(zone * values, low)  # its square is the share in the zone, as that of a projection
 
-    return lin.norm(
-        lambda x: w * lin.inverse(lin.apply_gain(masked(x))),
-        lambda x: masked(lin.apply_gain_transposed(lin.inverse_transposed(w * x))),
-        low,
-    )
+    return lin.norm(adjoint, lambda x: w * lin.inverse(lin.apply_gain(x)), low)
 
 
 def _row_sum(lin, zone, count, rate):
