@@ -5,6 +5,7 @@ import dataclasses
 import importlib.util
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -121,6 +122,53 @@ def test_the_verdict_comes_first_and_the_table_shows_both_forces(capsys):
     assert said.out.startswith("The teeth hammer at 5000 rpm: gear a|gear b is apart ")
     assert "with backlash" in said.out
     assert said.err == ""
+
+
+def test_an_error_bound_is_told_in_words_and_written_as_from_python(capsys, tmp_path):
+    file = tmp_path / "r.json"
+    assert main([*HAMMERING, "--certify", "--json", str(file)]) == 0
+    said = capsys.readouterr().out
+    response = jaxhb.steady_state(jaxhb.load_scene("spur_pair"), rpm=5000.0).response
+    found = jaxhb.certify(response)
+    told = read(file)["certificate"]
+    assert (told["holds"], told["reason"]) == (True, "")
+    mesh = told["meshes"]["gear a|gear b"]
+    own = {"force_N": found.force_bound, "elastic_force_N": found.elastic_bound, "deflection_m": found.deflection_bound}
+    assert mesh == pytest.approx({key: float(bound[0]) for key, bound in own.items()}, rel=1e-6)
+    assert told["h0"] == pytest.approx(told["Y0"] * told["Z2"]) and told["h0"] <= 0.5
+    (sentence,) = [line for line in said.splitlines() if line.startswith("Error bound: ")]
+    largest, within = re.search(r"largest tooth force is (\S+) kN, certainly within (\S+) kN", sentence).groups()
+    assert float(largest) == pytest.approx(float(response.force("gear a|gear b").peak) / 1e3, rel=1e-3)
+    assert mesh["force_N"] <= 1e3 * float(within) <= 1.12 * mesh["force_N"]  # two digits, rounded up
+    assert "no interval arithmetic" in said
+    (row,) = [line.split() for line in said.partition("Error bound")[2].splitlines() if line.split()[:1] == ["gear"]]
+    assert row[-2] == within
+
+
+@pytest.mark.parametrize("command", [["spur_pair", "--rpm", "2000"], ["six_cylinder_diesel", "--rpm", "1500"]])
+def test_teeth_in_contact_and_trains_without_teeth_have_an_error_bound_too(command, capsys, tmp_path):
+    file = tmp_path / "r.json"
+    assert main(["solve", *command, "--certify", "--json", str(file)]) == 0
+    told, said = read(file)["certificate"], capsys.readouterr().out
+    assert told["holds"]
+    if not told["meshes"]:
+        assert "Error bound: no mesh has backlash" in said
+    for mesh in told["meshes"].values():
+        assert mesh["force_N"] < 1e-3
+
+
+def test_a_motion_that_never_repeats_has_no_error_bound(capsys, tmp_path):
+    file = tmp_path / "r.json"
+    light = ["--set", "gear a|gear b.damping=31.8"]
+    assert main(["solve", "spur_pair", "--rpm", "6000", *light, "--certify", "--json", str(file)]) == 0
+    told = read(file)["certificate"]
+    assert told["holds"] is False
+    assert told["reason"].startswith("The motion does not repeat itself") and "--orbit" in told["reason"]
+    assert f"Error bound: none. {told['reason']}" in capsys.readouterr().out
+
+
+def test_without_the_option_nothing_is_said_of_an_error_bound(hammering):
+    assert "certificate" not in hammering[2]
 
 
 def test_a_solve_that_does_not_converge_exits_1_writes_its_file_and_says_what_to_try(capsys, tmp_path):
