@@ -8,7 +8,7 @@ from .columns import aligned, alike
 
 CHECK = "a check in double precision, no interval arithmetic"
 
-_STABLE = {True: "certainly it is", False: "certainly it is not", None: "not\ndecided by the bound"}
+_STABLE = {True: "certainly it is", False: "certainly it is not", None: "not decided by the bound"}
 
 
 def certificate_of(answer, say=lambda text: None):
@@ -46,8 +46,8 @@ def certificate_text(answer, found):
     largest, within = f"{forces[hardest]:.4g} kN", f"{plain_number(_up(bounds[hardest]), 2)} kN"
     title = (
         f"Error bound: the largest tooth force is {largest}, certainly within {within}: a true periodic motion of the\n"
-        f"train exists within the bounds below ({CHECK}). Whether it is stable:"
-        f" {_STABLE[found.stable]}."
+        f"train exists within the bounds below ({CHECK}).\n"
+        f"Whether it is stable: {_STABLE[found.stable]}."
     )
     columns = [
         found.meshes,
