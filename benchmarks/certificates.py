@@ -6,9 +6,9 @@
 
 Cases are those of ``random_trains.py`` with up to four meshes; every fourth is solved with a quarter of the harmonics,
 every fourth is disturbed by 0.1 % to 10 % of a backlash in all deflections. The true motion is a solve with exact
-integrals and FINE harmonics, eight times those of the response where there are so many, begun at it; its error is what another with
-half as many differs from it. *Unsound*: a certificate whose bound is less than the true error of a deflection or of a
-tooth force of any mesh.
+integrals and FINE harmonics, eight times those of the response where there are so many, begun at it; its error is what
+another with half as many differs from it. *Unsound*: a certificate whose bound is less than the true error of a
+deflection or of a tooth force of any mesh.
 """
 
 import argparse
