@@ -200,12 +200,14 @@ def critical_speed(train, near, *, links_at=(), heavy=None) -> Critical:
     Returns
     -------
     Critical
-        With arrays: ``rpm``, ``hz`` and ``torque`` (N m) have first derivatives, of simple natural frequencies.
+        With arrays: ``rpm``, ``hz`` and ``torque`` (N m) have first, second and third derivatives, of simple natural
+        frequencies.
 
     Notes
     -----
-    One step of Newton's method from ``near.rpm`` on ``f(rpm) - order rpm / 60 = 0``; its derivative is that of the
-    root. Where frequencies do not depend on the speed, ``rpm = 60 f / order``.
+    Two steps of Newton's method from ``near.rpm`` on ``f(rpm) - order rpm / 60 = 0``: as it converges quadratically,
+    the first one has the first derivative of the root, the second one also the second and the third. Where frequencies
+    do not depend on the speed, ``rpm = 60 f / order``.
 
     Examples
     --------
@@ -227,8 +229,10 @@ def critical_speed(train, near, *, links_at=(), heavy=None) -> Critical:
     def left(speed):
         return frequencies_hz(at(speed), heavy)[near.mode] - near.order * speed / 60
 
-    miss, slope = jax.value_and_grad(left)(float(near.rpm))
-    rpm = near.rpm - miss / jax.lax.stop_gradient(slope)
+    rpm = float(near.rpm)
+    for _ in range(2):
+        miss, slope = jax.value_and_grad(left)(rpm)
+        rpm = rpm - miss / slope
     shape = mode_shares(at(rpm), heavy).shapes[near.mode]
     return Critical(rpm, near.order, near.mode, near.order * rpm / 60, _order_torque(train, shape, rpm, near.order)[0])
 

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.linalg import eig
 from scipy.optimize import linear_sum_assignment
 
-from .._arrays import on_host
+from .._arrays import concrete, namespace, on_host, traced
 from ..harmonic import chain
 
 CREEPING = 0.01
@@ -44,7 +44,7 @@ class DampedModes:
     @property
     def damping_ratio(self):
         """``(m,)`` Lehr's damping ratio, -Re lambda / |lambda|: 1 at critical damping."""
-        return -self.eigenvalues.real / np.abs(self.eigenvalues)
+        return _lehr(self.eigenvalues)
 
 
 def damped_modes(train):
@@ -135,14 +135,19 @@ def damping_ratios(train, modes):
 
     Parameters
     ----------
-    train : DriveTrain, concrete
-    modes : Modes, of the same train
+    train : DriveTrain, may be differentiated
+    modes : Modes, of the same train, concrete
 
     Returns
     -------
     array ``(m,)``
         Lehr's damping ratio ``-Re lambda / |lambda|`` of each of the m modes, without unit; nan of rigid modes and
-        where heavy damping leaves no mode like it.
+        where heavy damping leaves no mode like it. First derivatives are those of :func:`damped_eigenvalues`.
+
+    Raises
+    ------
+    ValueError
+        Inside ``jit`` or ``vmap``, as the values decide which modes are alike.
 
     Notes
     -----
@@ -156,17 +161,28 @@ def damping_ratios(train, modes):
     >>> damping_ratios(train, jaxhb.natural_frequencies(train)).round(3).tolist()
     [nan, 0.05]
     """
-    system, damped = on_host(chain.assemble(train)), damped_modes(train)
+    (values,) = concrete(train)
+    if traced(values):
+        raise ValueError(
+            "damping_ratios: jit or vmap traces the train, and its values decide which damped mode is like which "
+            "undamped one. Call it outside, where it has derivatives, or use damped_eigenvalues."
+        )
+    system, damped = on_host(chain.assemble(values)), damped_modes(values)
     inertia = system.mass * system.radius**2
     moving = np.flatnonzero(modes.frequencies_hz)
     phi, psi = modes.shapes[moving], damped.shapes
     size = np.outer((inertia * phi**2).sum(1), (inertia * np.abs(psi) ** 2).sum(1))
     alike = np.abs((phi * inertia) @ psi.T) ** 2 / size
-    ratios = np.full(len(modes.frequencies_hz), np.nan)
-    for row, column in zip(*linear_sum_assignment(alike, maximize=True), strict=True):
-        if alike[row, column] > ALIKE:
-            ratios[moving[row]] = damped.damping_ratio[column]
-    return ratios
+    pairs = zip(*linear_sum_assignment(alike, maximize=True), strict=True)
+    like = {moving[row]: column for row, column in pairs if alike[row, column] > ALIKE}
+    eigenvalues = damped_eigenvalues(train, damped) if traced(train) else damped.eigenvalues
+    ratio, xp = _lehr(eigenvalues), namespace(eigenvalues)
+    return xp.stack([ratio[like[mode]] if mode in like else np.nan for mode in range(len(modes.frequencies_hz))])
+
+
+def _lehr(eigenvalues):
+    """Lehr's damping ratio ``-Re lambda / |lambda|``."""
+    return -eigenvalues.real / abs(eigenvalues)
 
 
 def _eigenpairs(system):

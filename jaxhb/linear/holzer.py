@@ -180,7 +180,7 @@ def _tree(train):
         where = train.topology.name or "scene"
         raise SceneError(
             f"{where}: link {name!r} closes a loop, and Holzer's table is for trains without."
-            " Use jaxhb.natural_frequencies, on the command line jaxhb modes, which has the energies too (--json)."
+            " Use jaxhb.natural_frequencies, on the command line jaxhb modes, which tells the energies too."
         )
     ends = train.topology.link_ends
     away, at = [0], {0: -1}

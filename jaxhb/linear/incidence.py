@@ -13,6 +13,10 @@ from scipy.linalg import eigh_tridiagonal, eigvalsh_tridiagonal, lapack
 
 DENSE = 500
 """Disks above which a dense factor takes longer than a few seconds."""
+SMALL = 1e-3
+"""Singular value over the largest up to which the fast method, exact to rounding of the largest, loses digits."""
+EVERY_DIGIT = 2 * np.finfo(float).tiny
+"""Absolute tolerance that makes LAPACK's bisection (dstebz) stop by its relative one."""
 
 
 @dataclass(frozen=True)
@@ -182,7 +186,12 @@ def singular_values(factor):
         return np.concatenate([np.zeros(zeros), _dense(factor, vectors=False)[0]])
     off, _ = _golub_kahan(factor, path)
     values = eigvalsh_tridiagonal(np.zeros(len(off) + 1), off)
-    return np.concatenate([np.zeros(zeros), np.abs(values[len(values) - len(factor.stiffness) :])])
+    first = len(values) - len(factor.stiffness)
+    small = int(np.searchsorted(values[first:], SMALL * values[-1]))
+    if small:  # bisection: entries of a tridiagonal with zero diagonal fix each eigenvalue to its own last digits
+        few = {"select": "i", "select_range": (first, first + small - 1), "tol": EVERY_DIGIT}
+        values[first : first + small] = eigvalsh_tridiagonal(np.zeros(len(off) + 1), off, **few)
+    return np.concatenate([np.zeros(zeros), np.abs(values[first:])])
 
 
 def singular_vectors(factor, count=None):
@@ -201,7 +210,9 @@ def singular_vectors(factor, count=None):
         off, disks = _golub_kahan(factor, path)
         first = len(off) + 1 - len(factor.stiffness)
         chosen = (first, first + wanted - zeros - 1)
-        values, both = eigh_tridiagonal(np.zeros(len(off) + 1), off, select="i", select_range=chosen)
+        values, both = eigh_tridiagonal(
+            np.zeros(len(off) + 1), off, select="i", select_range=chosen, lapack_driver="stebz", tol=EVERY_DIGIT
+        )
         place = np.full(len(factor.mass), -1)
         place[factor.heavy] = np.arange(len(factor.heavy))
         vectors = np.zeros((len(factor.heavy), len(values)))

@@ -57,7 +57,7 @@ class Links:
     def spring(self, link):
         """``r p + c``."""
         c, r = self.stiffness[link]
-        return (r, c) if r else (c,)
+        return (r, c) if traced(concrete(r)) or r else (c,)
 
     def at(self, mass, links):
         """Those of ``links`` that end at a mass."""
@@ -69,7 +69,7 @@ def links_of(train, *, exact=True):
 
     Parameters
     ----------
-    train : DriveTrain, without loss factors, may be differentiated where ``exact`` is false
+    train : DriveTrain, without loss factors, may be traced where ``exact`` is false, loss factors by ``grad`` alone
     exact : bool
         Fractions of the decimals as they print, 0.1 as 1/10; else floats.
 
@@ -77,6 +77,8 @@ def links_of(train, *, exact=True):
     ------
     SceneError
         If a link has a loss factor, which is no polynomial in p.
+    ValueError
+        If ``jit`` or ``vmap`` traces loss factors.
 
     Examples
     --------
@@ -86,14 +88,22 @@ def links_of(train, *, exact=True):
     >>> links_of(jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=3.0)])).inertia["a"]
     Fraction(1, 10)
     """
-    topology, system = train.topology, chain.assemble(train)
-    (loss,) = concrete(system.loss)
-    lossy = [name for name, eta in zip(topology.link_names, loss, strict=True) if eta]
+    topology, held = train.topology, (train.shafts.loss_factor, train.dampers.loss_factor)
+    loss = concrete(*held)
+    if traced(loss):
+        raise ValueError(
+            "characteristic_coefficients: jit or vmap traces the loss factors, and with one there is no polynomial. "
+            "Close over the train and trace only what changes."
+        )
+    lossy = [name for name, eta in zip(topology.link_names, np.concatenate(loss), strict=False) if eta]
     if lossy:
         raise SceneError(
             f"{topology.name or 'scene'}: link {lossy[0]!r} has a loss factor, which is no polynomial in p. "
             "Use with_viscous_damping."
         )
+
+    if exact and traced(train):
+        raise ValueError("characteristic_coefficients: fractions cannot be traced. Leave out exact.")
 
     def number(value):
         return Fraction(repr(float(value))) if exact else value if traced(value) else float(value)
@@ -131,12 +141,15 @@ def characteristic_coefficients(train, *, exact=False):
     Returns
     -------
     tuple of Fraction or float, 2 S + 1 of them
-        Floats have derivatives with respect to the train outside ``jit`` and ``vmap``.
+        Floats may be traced by any transformation, but for loss factors by ``jit`` and ``vmap``; nan or infinite there
+        where an inertia is 0.
 
     Raises
     ------
     SceneError
         If the train is none of these.
+    ValueError
+        If ``jit`` or ``vmap`` traces loss factors, or anything where ``exact`` is true.
 
     Notes
     -----
@@ -152,7 +165,8 @@ def characteristic_coefficients(train, *, exact=False):
     ['1', '1/6', '5', '0', '0']
     """
     where, links = train.topology.name or "scene", links_of(train, exact=exact)
-    light = [name for name, inertia in links.inertia.items() if not concrete(inertia)[0]]
+    inertias = {name: concrete(inertia)[0] for name, inertia in links.inertia.items()}
+    light = [name for name, inertia in inertias.items() if not traced(inertia) and not inertia]
     faults = [f"{where}: disk {name!r} has no inertia: give it some, or use jaxhb.characteristic." for name in light]
     if len(links.inertia) > LARGEST and not exact:
         faults.append(

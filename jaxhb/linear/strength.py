@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._arrays import namespace
+from .._arrays import concrete, namespace, traced
 from ..harmonic import fourier
 
 CAP = 800e6
@@ -103,7 +103,7 @@ class BarredRange:
 
     Parameters
     ----------
-    low, high : float, rpm
+    low, high : float, rpm; they and what follows are arrays where they are differentiated
     at : float, rpm, of the computed speed with the largest share of the limit
     share, transient_share : float, stress over the continuous limit there, and the largest over the transient limit
     open_below, open_above : bool
@@ -125,7 +125,7 @@ class BarredRange:
 
 
 def barred_ranges(rpm, stress, continuous, transient):
-    """Speed ranges in which a stress is above its continuous limit; on the host.
+    """Speed ranges in which a stress is above its continuous limit, ``tau - tau_C > 0``; on the host.
 
     Parameters
     ----------
@@ -137,7 +137,16 @@ def barred_ranges(rpm, stress, continuous, transient):
     -------
     tuple of BarredRange
         By rising speed. Bounds lie where stress less limit, linear between computed speeds, is zero: what is narrower
-        than their step may be missed.
+        than their step may be missed. The numbers have derivatives, the bounds those of that zero.
+
+    Raises
+    ------
+    ValueError
+        Inside ``jit`` or ``vmap``, as the values decide how many ranges there are.
+
+    Notes
+    -----
+    The ranges of IACS UR M68, M68.5, see :func:`permissible_stress`.
 
     Examples
     --------
@@ -146,28 +155,42 @@ def barred_ranges(rpm, stress, continuous, transient):
     >>> [(round(r.low, 3), round(r.high, 3), r.share, r.passable) for r in found]
     [(166.667, 375.0, 2.0, False)]
     """
-    columns = np.array([np.broadcast_to(a, np.shape(rpm)) for a in (rpm, stress, continuous, transient)], dtype=float)
-    columns = columns[:, np.isfinite(columns).all(axis=0)]
-    speed, stress, continuous, transient = columns[:, np.argsort(columns[0], kind="stable")]
-    excess = stress - continuous
-    above = excess > 0.0
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], above.astype(int), [0]])))
+    given = (rpm, stress, continuous, transient)
+    values = concrete(*given)
+    if traced(values):
+        raise ValueError(
+            "barred_ranges: jit or vmap traces the stresses, and these decide how many ranges there are. Call it "
+            "outside, where it has derivatives."
+        )
+    values = _rows(np, values)
+    counted = np.flatnonzero(np.isfinite(values).all(axis=0))
+    order = counted[np.argsort(values[0, counted], kind="stable")]
+    values = values[:, order]
+    differentiated = traced(given)
+    speed, stress, continuous, transient = _rows(namespace(given), given)[:, order] if differentiated else values
+    number = namespace(given).asarray if differentiated else float
+    excess, share, transient_share = stress - continuous, stress / continuous, stress / transient
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], (values[1] > values[2]).astype(int), [0]])))
     found = []
     for first, end in zip(edges[::2], edges[1::2], strict=True):
-        inside = slice(first, end)
-        worst = first + int(np.argmax((stress / continuous)[inside]))
+        worst = first + int(np.argmax((values[1] / values[2])[first:end]))
         found.append(
             BarredRange(
-                low=float(speed[0] if first == 0 else _crossing(speed, excess, first - 1)),
-                high=float(speed[-1] if end == len(speed) else _crossing(speed, excess, end - 1)),
-                at=float(speed[worst]),
-                share=float(stress[worst] / continuous[worst]),
-                transient_share=float((stress / transient)[inside].max()),
+                low=number(speed[0] if first == 0 else _crossing(speed, excess, first - 1)),
+                high=number(speed[-1] if end == len(order) else _crossing(speed, excess, end - 1)),
+                at=number(speed[worst]),
+                share=number(share[worst]),
+                transient_share=number(transient_share[first:end].max()),
                 open_below=bool(first == 0),
-                open_above=bool(end == len(speed)),
+                open_above=bool(end == len(order)),
             )
         )
     return tuple(found)
+
+
+def _rows(xp, columns):
+    """Columns over the speeds as the rows of one array ``(4, n)``."""
+    return xp.stack([xp.broadcast_to(xp.asarray(column, dtype=float), np.shape(columns[0])) for column in columns])
 
 
 def _crossing(speed, excess, i):

@@ -2,7 +2,7 @@
 
 The static equilibrium ``D^T f(D x) = q`` of the mean torques is the minimum of a convex energy, found by Newton's
 method with steps halved until the energy falls, on the host. In the gap the slope is epsilon c, beyond the knee c.
-Derivatives are those of one step more from the equilibrium, whose tangent stiffness is held (implicit functions).
+Derivatives are those of two steps more from the equilibrium: the first has the first, the second also the second ones.
 """
 
 import dataclasses
@@ -22,6 +22,8 @@ LEFT = 1e-10
 """Force left over the largest mean force at which the equilibrium is found."""
 IDLE = 1e-9
 """Tooth force over the largest mean force below which a mesh begins in the middle of its gap."""
+SINGULAR = 1e-14
+"""Singular value of a tangent stiffness over the largest that is rounding of a rigid motion."""
 UNBALANCED = 1e-9
 """Mean torque left over the largest from which the train does not run steadily."""
 
@@ -61,13 +63,15 @@ def at_mean_load(train, *, rpm):
     -------
     MeanLoad
         Of m meshes with backlash the elastic force (N), the slope f'(l) of the law (N/m) and where on the law they are,
-        each ``(m,)``; and the linear train with these slopes. All have first derivatives with respect to the train and
-        the speed, outside ``jit`` and ``vmap``.
+        each ``(m,)``; and the linear train with these slopes. All have first and second derivatives with respect to the
+        train and the speed; slopes are piecewise linear in the deflection, and so are theirs.
 
     Raises
     ------
     SceneError
         If mean torques do not balance, no equilibrium is found, or links vary.
+    ValueError
+        Inside ``jit`` or ``vmap``, as the equilibrium is looked for on the host.
 
     Notes
     -----
@@ -80,6 +84,11 @@ def at_mean_load(train, *, rpm):
     [1.0]
     """
     values, at = concrete(train, rpm)
+    if traced(values, at):
+        raise ValueError(
+            "at_mean_load: jit or vmap traces the train or the speed, and the equilibrium is looked for on the host. "
+            "Call it outside, where it has derivatives."
+        )
     check_speed(values, at)
     topology = train.topology
     name, own = topology.name or "scene", np.flatnonzero(topology.mesh_backlash)
@@ -92,9 +101,10 @@ def at_mean_load(train, *, rpm):
     if x is None:
         raise SceneError(f"{name} at {at:g} rpm: no equilibrium of the mean torques was found. Leave out --at.")
     if traced(train, rpm):
-        tangent = static.tangent(static.held(x)[1])
         static = _Static.of(train, rpm, own, links)
-        x = x + np.linalg.pinv(tangent, rcond=1e-14) @ static.unbalanced(x)
+        for _ in range(2):
+            tangent = static.tangent(static.held(x)[1])
+            x = x + namespace(tangent).linalg.pinv(tangent, rtol=SINGULAR) @ static.unbalanced(x)
     law, deflection = static.law, static.system.deflections(x)[links]
     slope = backlash.slope(law, deflection)
     bare = without_backlash(train)
@@ -151,7 +161,7 @@ class _Static:
     def tangent(self, slope):
         """Stiffness ``(S, S)`` in N/m of links with these slopes and grounds."""
         incidence = self.system.incidence()
-        return (incidence * slope) @ incidence.T + np.diag(self.system.ground)
+        return (incidence * slope) @ incidence.T + namespace(self.system.ground).diag(self.system.ground)
 
 
 def _equilibrium(static):
@@ -159,7 +169,7 @@ def _equilibrium(static):
     system, load, links = static.system, static.load, static.links
 
     def solved(slope, force):
-        return np.linalg.lstsq(static.tangent(slope), force, rcond=1e-14)[0]
+        return np.linalg.lstsq(static.tangent(slope), force, rcond=SINGULAR)[0]
 
     # begin on the flanks that all teeth in contact would press: in a gap without stiffness nothing pulls back to them
     size = np.abs(load).max(initial=0.0)

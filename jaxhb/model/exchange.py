@@ -275,10 +275,7 @@ def _sparse(row):
 def csv_content(text: str, source: str, errors: list[str]) -> dict:
     """Read two tables, inertias and links; arguments and result as for :func:`tors_content`.
 
-    Raises
-    ------
-    SceneError
-        If the first line names no columns, or there is no table of inertias.
+    Rows above the first heads are left out, and told. Without inertias links have disks with harmless ones.
 
     Examples
     --------
@@ -291,12 +288,11 @@ def csv_content(text: str, source: str, errors: list[str]) -> dict:
     content, heads = {}, None
     for number, cells in enumerate(csv.reader(lines, delimiter=delimiter)):
         cells = [cell.strip() for cell in cells]
-        if cells[0] in ("name", "from"):
+        if _is_head(cells):
             heads = _heads(cells, source, errors)
             continue
         if heads is None:
-            begin = "'name', of inertias, or 'from', of links"
-            raise SceneError(f"{source}: the first line must name columns, beginning with {begin}. Give the heads.")
+            continue
         if len(cells) > len(heads):
             errors.append(f"{source}, row {number + 1}: {len(cells)} cells under {len(heads)} heads. Correct the row.")
         row = {head: _cell(head, cell) for head, cell in zip(heads, cells, strict=False) if head and cell}
@@ -308,9 +304,20 @@ def csv_content(text: str, source: str, errors: list[str]) -> dict:
             errors.append(f"{source}, row {number + 1}: link is {table!r}, must be 'shaft' or 'mesh'. Correct it.")
             continue
         content.setdefault(table, []).append(row)
-    if not content.get("disk"):
-        raise SceneError([*errors, f"{source}: there is no table of inertias, whose first column is 'name'. Give one."])
+    if lines and not _is_head(next(csv.reader(lines, delimiter=delimiter))):
+        begin = "'name', of inertias, or 'from', of links"
+        errors.append(f"{source}: the first line must name columns, beginning with {begin}. Give the heads.")
+    elif "disk" not in content:
+        errors.append(f"{source}: there is no table of inertias, whose first column is 'name'. Give one.")
+    if "disk" not in content:  # the disks of the links, so that these are checked
+        ends = [name for rows in content.values() for row in rows for name in row["between"]]
+        content["disk"] = [{"name": name, "inertia": 1.0} for name in dict.fromkeys(ends or ["disk"])]
     return {"scene": {"description": f"From {source}", "reference": content["disk"][0].get("name")}} | content
+
+
+def _is_head(cells):
+    """Whether a row names columns, of inertias or of links."""
+    return cells[0].strip() in ("name", "from")
 
 
 def _heads(heads, source, errors):

@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 
+from ..harmonic.chain import span
 from ..linear.critical import ELASTIC, excited_orders, mode_kinds
 from ..linear.critical import campbell as campbell_of
 from ..linear.damped import damping_ratios
@@ -25,7 +26,7 @@ from .misfire_cases import misfire_trains
 from .output import ANSWERED, NOT_ANSWERED, OutputError, as_csv, as_json, as_picture, changes, deliver
 from .record import finite, modes_record
 from .strength import strength_columns, strength_record, strength_text
-from .tables import modes_text
+from .tables import energies_text, modes_text
 
 DAMPED = 300
 """Disks up to which damping ratios take seconds."""
@@ -39,9 +40,10 @@ def modes(train, arguments):
     kinds = mode_kinds(found, train.topology.damper_names)
     few = train.topology.n_disks <= DAMPED
     ratios = damping_ratios(train, found) if few else np.full(len(kinds), np.nan)
+    energies = energies_text(found, kinds) if len(span(train.topology).loops) else []
     deliver(
         arguments,
-        "\n\n".join([modes_text(found, name, kinds, ratios, teeth), *below]),
+        "\n\n".join([modes_text(found, name, kinds, ratios, teeth), *energies, *below]),
         json=lambda: as_json(finite(changes(arguments) | modes_record(found, kinds, ratios) | more)),
         plot=lambda: as_picture(arguments.plot, _modes_picture(train, found, kinds, ratios)),
     )

@@ -9,6 +9,7 @@ from .balance import balance_line, mean_angles_of, plain_number
 from .certified import certificate_text
 from .choose import gears, shafts_of
 from .columns import NONE, aligned, alike, ratios, shares
+from .holzer import FIRST
 from .strength import answers_strength, strength_text
 from .words import notes, status_lines, verdict
 
@@ -144,6 +145,33 @@ def _torque_columns(what, names, after, before):
     columns.append(ratios(*swings))
     heads = [what, "mean", "peak", "half p-p", "peak", "half p-p", "ratio of half p-p"]
     return aligned(heads, [names, *columns], [("with backlash", 1, 3), ("without", 4, 5)])
+
+
+def energies_text(modes, kinds):
+    """Where the energies of the first elastic modes lie, in disks and links; Holzer's table has them of trees.
+
+    Parameters
+    ----------
+    modes : Modes
+    kinds : sequence of str, as for :func:`modes_text`
+
+    Returns
+    -------
+    list of str
+        Two tables, none where no mode strains a link.
+    """
+    shown = [k for k, kind in enumerate(kinds) if kind == ELASTIC][:FIRST]
+
+    def table(what, heads, names, share):
+        columns = [shares(share[k]) for k in shown]
+        title = f"{what} energy of the first elastic modes, %"
+        return title + "\n" + aligned([heads, *(f"mode {k}" for k in shown)], [names, *columns])
+
+    tables = (
+        ("Kinetic", "disk", modes.names, modes.kinetic_share),
+        ("Strain", "link", modes.link_names, modes.strain_share),
+    )
+    return [table(*one) for one in tables if shown]
 
 
 def modes_text(modes, name, kinds, ratios, teeth=""):

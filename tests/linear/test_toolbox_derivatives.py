@@ -100,6 +100,16 @@ def test_critical_speeds_and_their_modal_torques_have_the_derivatives_of_differe
         for slope, expected in zip(slopes, wanted.T, strict=True):
             compare(slope * at, expected * at, GRADIENT)
 
+        def twice(values, near=near):
+            found = jaxhb.critical_speed(changed(values), near, heavy=np.ones(6, bool))
+            return jnp.stack([found.rpm, found.torque])
+
+        curvature = jax.jit(jax.hessian(twice))(at) * at * at[:, None]
+        slopes_of = jax.jit(jax.vmap(jax.jacfwd(twice)))
+        wanted = differences(slopes_of, at, 1e-4 * at) * at[:, None, None] * at
+        for found_one, expected in zip(curvature, np.moveaxis(wanted, 0, -1), strict=True):
+            compare(found_one, expected, GRADIENT)
+
 
 def test_coefficients_of_the_characteristic_polynomial_have_the_derivatives_of_differences():
     keys = ["a.inertia", "a|b.stiffness", "ring.damping", "c.radius", "b|c.stiffness"]
@@ -113,6 +123,8 @@ def test_coefficients_of_the_characteristic_polynomial_have_the_derivatives_of_d
     for slope, expected in zip(slopes, wanted.T, strict=True):
         if np.abs(expected).max():
             compare(slope * at, expected * at, GRADIENT)
+    batch = jax.jit(jax.vmap(lambda v: jnp.stack(coefficients(v)[1:-1])))(np.stack([at, 1.1 * at]))
+    np.testing.assert_allclose(batch[1], coefficients(1.1 * at)[1:-1], rtol=1e-14)
 
 
 def test_the_stiffness_of_teeth_at_their_mean_load_has_the_derivatives_of_differences():
@@ -129,6 +141,78 @@ def test_the_stiffness_of_teeth_at_their_mean_load_has_the_derivatives_of_differ
     wanted = differences(lambda several: [numbers(v) for v in several], at, 1e-4 * at)
     for slope, expected in zip(slopes, wanted.T, strict=True):
         compare(slope * at, expected * at, GRADIENT)
+    gradient = jax.jacrev(lambda v: numbers(v)[2:])
+    curvature = np.asarray(jax.jacfwd(gradient)(at)) * at * at[:, None]
+    wanted = differences(lambda several: [gradient(v) for v in several], at, 1e-4 * at) * at[:, None, None] * at
+    for found, expected in zip(curvature, np.moveaxis(wanted, 0, -1), strict=True):
+        compare(found, expected, GRADIENT)
+
+
+def diesel_stress(values):
+    """Stress of the shaft before the flywheel over the speed and its limits, with a lower one than the rule has."""
+    train = jaxhb.load_scene("six_cylinder_diesel")
+    train = train.replace(dict(zip(["cyl6|flywheel.stiffness", "pulley.inertia"], values[:2], strict=True)))
+    rpm = jnp.linspace(1500.0, 3000.0, 16) + values[2]
+    torque = jaxhb.forced_response(train, rpm=rpm).torque("cyl6|flywheel").half_peak_to_peak
+    return rpm, jaxhb.torsional_stress(torque, diameter=values[3])
+
+
+def test_barred_ranges_have_the_derivatives_of_differences():
+    train = jaxhb.load_scene("six_cylinder_diesel")
+    at = [float(train.value("cyl6|flywheel.stiffness")), float(train.value("pulley.inertia")), 0.5, 0.08]
+    limit = float(np.mean(diesel_stress(at)[1]))
+    at = np.array([*at, limit])
+
+    def ranges(values):
+        return jaxhb.barred_ranges(*diesel_stress(values), values[-1], 1.5 * values[-1])
+
+    def numbers(values):
+        found = ranges(values)
+        return jnp.stack([getattr(one, f) for one in found for f in ("low", "high", "at", "share", "transient_share")])
+
+    found = ranges(at)
+    assert found and not found[0].open_below and not found[0].open_above and isinstance(found[0].low, float)
+    slopes = np.asarray(jax.jacfwd(numbers)(at))
+    wanted = differences(lambda several: [numbers(v) for v in several], at, 1e-5 * at)
+    for slope, expected in zip(slopes, wanted.T, strict=True):
+        compare(slope * at, expected * at, GRADIENT)
+    reverse = jax.jacrev(numbers)(at)
+    np.testing.assert_allclose(reverse * at, slopes * at, rtol=1e-9, atol=1e-9 * np.abs(slopes * at).max())
+
+
+def test_damping_ratios_have_the_derivatives_of_differences():
+    train = TRAIN.replace({"a.damping": 9.0, "b.damping": 4.0, "d.damping": 7.0, "e.damping": 5.0})
+    modes = jaxhb.natural_frequencies(train)
+    keys = ["a.inertia", "a|b.stiffness", "ring.damping", "ring.stiffness", "c.radius", "e:ground.stiffness"]
+    at = np.array([float(train.value(key)) for key in keys])
+
+    def ratios(values):
+        return jaxhb.damping_ratios(train.replace(dict(zip(keys, values, strict=True))), modes)
+
+    paired = np.isfinite(ratios(at))
+    assert paired.sum() >= 3
+    slopes = np.asarray(jax.jacfwd(lambda v: ratios(v)[paired])(at))
+    wanted = differences(lambda several: [ratios(v)[paired] for v in several], at, 1e-3 * at)
+    for slope, expected in zip(slopes, wanted.T, strict=True):
+        compare(slope * at, expected * at, GRADIENT)
+    reverse = jax.jacrev(lambda v: ratios(v)[paired])(at)
+    np.testing.assert_allclose(reverse * at, slopes * at, rtol=1e-9, atol=1e-9 * np.abs(slopes * at).max())
+
+
+@pytest.mark.parametrize(
+    "quantity",
+    [
+        lambda train: jaxhb.barred_ranges([1.0, 2.0], train.disks.inertia[:2], 1.0, 2.0)[0].low,
+        lambda train: jaxhb.damping_ratios(train, jaxhb.natural_frequencies(TRAIN)),
+        lambda train: jaxhb.characteristic_coefficients(train)[1],
+        lambda train: jaxhb.at_mean_load(train, rpm=RPM).force,
+    ],
+)
+def test_what_needs_values_on_the_host_is_refused_inside_jit_and_vmap(quantity):
+    with pytest.raises(ValueError, match=r"jit or vmap traces .*\. (Call it|Close over)"):
+        jax.jit(quantity)(TRAIN)
+    with pytest.raises(ValueError, match="jit or vmap traces"):
+        jax.vmap(quantity)(jax.tree.map(lambda leaf: np.stack([leaf, leaf]), TRAIN))
 
 
 def test_the_torque_of_a_misfire_has_the_derivatives_of_differences():

@@ -276,6 +276,18 @@ def test_wrong_columns_and_numbers_of_a_csv_file_are_told_at_once(tmp_path):
         assert any(text.startswith(begin) for text in said), begin
 
 
+def test_faults_of_the_links_of_a_csv_file_without_inertias_or_heads_are_told_too(tmp_path):
+    links = "from, to, link, stiffness, colour\na, b,, -5e6,\nb, c, belt, 1\n"
+    own = ["unknown column 'colour'.", "row 3: link is 'belt', must be"]
+    for begin, row in (("", 3), ("a, 1\nb, 2\n", 5)):
+        said = sentences(tmp_path, "x.csv", begin + links)
+        missing = "the first line must name columns" if begin else "there is no table of inertias"
+        wanted = [own[0], own[1].replace("3", str(row)), missing, "[[shaft]] no. 1: stiffness is -5e+06 N m/rad"]
+        assert len(said) == len(wanted), said
+        assert all(text.startswith(start) for text, start in zip(said, wanted, strict=True)), said
+    assert sentences(tmp_path, "x.csv", "")[0].startswith("there is no table of inertias")
+
+
 def test_faults_of_structure_elements_and_numbers_of_a_tors_file_are_told_at_once(tmp_path):
     content = gearbox(
         motor=[disk("rotor", -4e-4), shaft("s", "stiff")],

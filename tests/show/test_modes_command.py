@@ -164,7 +164,8 @@ stiffness = 3e4
 def test_the_energies_of_a_looped_train_are_in_the_file_and_no_teeth_are_told(tmp_path, capsys):
     (tmp_path / "loop.toml").write_text(LOOP)
     assert main(["modes", str(tmp_path / "loop.toml"), "--json", str(tmp_path / "m.json")]) == 0
-    assert "teeth" not in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "teeth" not in said
     record = json.loads((tmp_path / "m.json").read_text())
     shapes = np.array([record["modes"][name] for name in "abc"])
     kinetic = np.array([1.0, 2.0, 3.0])[:, None] * shapes**2
@@ -174,6 +175,14 @@ def test_the_energies_of_a_looped_train_are_in_the_file_and_no_teeth_are_told(tm
     strain = np.array([1e4, 2e4, 3e4])[:, None] * twist**2
     found = np.array([record["strain_share"][name] for name in ("a|b", "b|c", "c|a")])
     np.testing.assert_allclose(found[:, 1:], (strain / strain.sum(0))[:, 1:], rtol=1e-9)
+    _, disks, links = said.split("\n\n")
+    for table, head, shares in ((disks, "disk", kinetic), (links, "link", strain)):
+        rows = [line.split() for line in table.splitlines()[1:]]
+        assert rows[0] == [head, "mode", "1", "mode", "2"]
+        printed = np.array([[float(cell) for cell in row[1:]] for row in rows[1:]])
+        np.testing.assert_allclose(printed, 100 * (shares / shares.sum(0))[:, 1:], atol=0.0501)
+    assert main(["modes", "engine_with_damper"]) == 0
+    assert "energy of the first" not in capsys.readouterr().out
 
 
 def test_campbell_and_holzer_take_the_teeth_at_a_mean_load_as_modes_does(tmp_path, capsys):
