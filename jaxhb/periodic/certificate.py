@@ -145,8 +145,8 @@ class Certificate:
         difference over the cycle between the computed and the true motion, of the deflection, of the elastic tooth
         force and of the tooth force with its damping; inf where nothing is shown
     Y0, Z1, Z2 : of the theorem, lengths in backlashes, at the motion that Newton's method finds on ``low`` harmonics
-    small_gain : float, below 1 there is one periodic motion at this speed whatever the load (method.md A4.2)
-    harmonic_balance : Kantorovich, of the truncated equations that the response solves, weighted norm, backlashes
+    small_gain : float, below 1 there is one motion of one cycle whatever the load (method.md A4.2)
+    harmonic_balance : Kantorovich, of the truncated equations with exact integrals, weighted norm, backlashes
     stable : bool or None, whether the true motion attracts; None where the bound does not decide it
     harmonics, low, high : of the response, of the inverse, of the equation
     """
@@ -183,7 +183,7 @@ class Certificate:
 
     @property
     def unique_within(self):
-        """Distance from the refined motion within which there is no other, in backlashes."""
+        """Distance from the refined motion within which there is no other of one cycle, in backlashes."""
         return 2 * self.Y0 if self.holds else 0.0
 
     def __str__(self):
@@ -317,7 +317,8 @@ def _prove(lin, train, gaps):
     Y0 = float(correction.max() + spread * weighted)
 
     rates = fourier.synthesize(_rate(lin.deflection), grid)
-    zone = lin.near_transition(2 * Y0 + np.abs(rates) * np.pi / grid, np.arange(grid) / grid)
+    bent = np.abs(fourier.synthesize(_rate(_rate(lin.deflection)), grid)).max() * (np.pi / grid) ** 2 / 2
+    zone = lin.near_transition(2 * Y0 + np.abs(rates) * np.pi / grid + bent, np.arange(grid) / grid)
     root = np.sqrt((zone.mean(-1) / law.transition**2).sum())
     kernel = rate_kernel = in_zone = 0.0
     if zone.any() and np.isfinite(Y0):
@@ -341,11 +342,9 @@ def _prove(lin, train, gaps):
     apart = correction + spread * weighted + Z2 * kick
     beside = F - corrected - lin.apply_gain(lin.times_share(corrected))
     slow, fast = lin.rate_of_gain(0, low), lin.rate_of_gain(low + 1, high)
-    rate = (
-        lin.largest(_rate(corrected))
-        + 2 * np.abs(_rate(beside)).sum(-1)
-        + (rate_kernel + fast / law.transition.min()) * kick
-    )
+    left = np.sqrt(2 * _beyond(_rate(lin.integral), high, 2))
+    rate = lin.largest(_rate(corrected)) + lin.gain_between(high + 1) * left + 2 * np.abs(_rate(beside)).sum(-1)
+    rate += (rate_kernel + fast / law.transition.min()) * kick
     rate += lin.half_range * (slow * missing + fast * (kernel + missing)) * kick
     rate += lin.half_range * (slow + fast) * spread * (weighted + in_zone * root * kick)
     moving = np.where(lin.slopes[1] > 0, (np.abs(rates) * zone).max(-1), 0.0)
@@ -510,7 +509,7 @@ def _reason(lin, Y0, Z1, Z2):
     if lin.unsolved > UNSOLVED or not Z1 < 1:
         return (
             f"the linearised equation could not be inverted well enough (Z1 = {Z1:.2g}, must be below 1): the motion "
-            f"is near a fold, or modes beyond harmonic {low} take part."
+            f"is near a fold, modes beyond harmonic {low} take part, or damping in contact is very strong."
         )
     if not Y0 * Z2 <= 0.5:
         return (

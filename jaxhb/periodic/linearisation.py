@@ -43,6 +43,12 @@ NORM, PROBES = 1e-2, 3
 MARGIN = 1.1
 """On computed norms: their iterations come from below."""
 
+ROW_MARGIN = 1.5
+"""The same on largest row sums, of which the estimate is seldom off and never known to be right."""
+
+DAMPED, BETWEEN = 3.0, 0.01
+"""Scale of the weights over the limit of ``n |H(n)|``; share of the range of the engagement that samples may miss."""
+
 PER_HARMONIC = 16
 """Time samples per harmonic at which largest values are looked for."""
 
@@ -135,14 +141,15 @@ class Linearisation:
     ----------
     problem : Problem; train : DriveTrain; deflection : complex ``(G, N+1)`` m of the meshes with backlash
     sizes : Sizes
-    scale : harmonic at which the weights ``w_n = sqrt(1 + (n/scale)^2)`` begin to rise
+    scale : harmonic at which the weights ``w_n = sqrt(1 + (n/scale)^2)`` begin to rise; later where damping in contact
+        is so strong that ``w_n |H(n)|`` would not fall below one
     """
 
     def __init__(self, problem, train, deflection, sizes, scale):
         meshes = backlash_meshes(train)
         self.law, viscous, gated, link = on_host((meshes.law, meshes.viscous, meshes.contact_damping, meshes.link))
         self.damping = {"viscous": viscous, "gated": gated}
-        self.frequency, self.sizes, self.scale, self.unsolved = float(problem.frequency), sizes, scale, 0.0
+        self.frequency, self.sizes, self.unsolved = float(problem.frequency), sizes, 0.0
         chosen = np.flatnonzero(train.topology.mesh_backlash).astype(np.int32)
         receptance, linear, self._reduced, self._model = _answer(problem, chosen, sizes)
         n, h = np.arange(sizes.reach + 1), self.law.backlash
@@ -154,6 +161,7 @@ class Linearisation:
         self._gain = (receptance * change[:, None, :])[: sizes.low + 1]
         self.slopes = stiffness, viscous
         self._falls = self._fall(problem.system, problem.system.incidence(link))
+        self.scale = max(scale, DAMPED * self._falls[1])
         self._place(fourier.resize(np.asarray(deflection), sizes.low))
 
     def _place(self, deflection):
@@ -164,6 +172,8 @@ class Linearisation:
         self.complete, self.deflection = bool(complete), deflection / self.law.backlash[:, None]
         self._samples = fourier.synthesize(share, fourier.samples_for(2 * high))
         low, top = self._samples.min(1), self._samples.max(1)
+        between = BETWEEN * (top - low)
+        low, top = np.maximum(low - between, -1.0), np.minimum(top + between, 0.0)
         self.middle, self.half_range = (low + top) / 2, float((top - low).max() / 2)
         self._samples = self._samples - self.middle[:, None]
         self.integral = integral - self.middle[:, None] * fourier.resize(self.deflection, 2 * high)
@@ -317,8 +327,8 @@ class Linearisation:
         return MARGIN * float(np.sqrt(max(found[0], 0.0)))
 
     def largest_row_sum(self, apply, apply_transposed, samples):
-        """Largest absolute row sum of a map between motions at ``samples`` time samples ``(G, samples)``, with MARGIN
-        (Higham & Tisseur, SIAM J. Matrix Anal. Appl. 21 (2000) 1185)."""
+        """Largest absolute row sum of a map between motions at ``samples`` time samples ``(G, samples)``, with
+        ROW_MARGIN (Higham & Tisseur, SIAM J. Matrix Anal. Appl. 21 (2000) 1185)."""
         shape = len(self.middle), samples
         size = shape[0] * samples
 
@@ -331,4 +341,4 @@ class Linearisation:
             np.random.seed(0)  # scipy draws its vectors from the global generator
             found = onenormest(operator, t=PROBES)
             np.random.set_state(state)
-        return MARGIN * float(found)
+        return ROW_MARGIN * float(found)

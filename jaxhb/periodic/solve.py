@@ -51,8 +51,8 @@ def solve(
         contact is the answer if it holds, else a march, at last a few shots. Several periodic motions may exist at one
         speed: :func:`jaxhb.solve_all` searches for them.
     certify : bool, optional
-        Add an error bound, ``response.certificate`` (:func:`jaxhb.certify`); harmonics are raised until it holds, as
-        far as they go. Not beside a plan.
+        Add an error bound, ``response.certificate`` (:func:`jaxhb.certify`); harmonics that are not fixed are
+        raised until it holds, as far as they go. Not beside a plan.
 
     Returns
     -------
@@ -87,6 +87,8 @@ def solve(
         if certify:
             raise ValueError("certify decides by value and a plan does not: pass the response to jaxhb.certify")
         return solve_planned(train, rpm, plan, start)
+    if certify and traced(train, rpm):
+        raise ValueError("an error bound has no derivative: leave out certify where solve is differentiated")
     now = concrete(train, rpm)
     if traced(now) or staged():
         raise TypeError("solve is being traced: pass plan=jaxhb.plan(train, rpm=...), made outside")
@@ -94,14 +96,14 @@ def solve(
     if traced(train, rpm):  # by differentiation alone: solved already, the program only adds the derivative
         response = solve_planned(train, rpm, found.plan, found.response)
         return dataclasses.replace(response, path=found.response.path)
-    return _certified(found.response, method, integrals) if certify else found.response
+    return _certified(found.response, harmonics, method, integrals) if certify else found.response
 
 
-def _certified(response, method, integrals):
+def _certified(response, fixed, method, integrals):
     """The response with its certificate; with more harmonics where that needs them and they are to be had."""
     while int(response.status) <= Status.TOLERANCE_NOT_MET:
         response = dataclasses.replace(response, certificate=certificate.certify(response))
-        more = planning.next_level(response.harmonics, method or "reduced")
+        more = None if fixed else planning.next_level(response.harmonics, method or "reduced")
         if response.certificate.holds or not more:
             break
         asked = {"harmonics": more, "method": method, "integrals": integrals, "start": response}

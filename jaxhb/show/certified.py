@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..periodic.certificate import certify
+from ..response.status import NotConverged
 from .balance import plain_number
 from .columns import aligned, alike
 
@@ -13,12 +14,14 @@ _STABLE = {True: "certainly it is", False: "certainly it is not", None: "not dec
 
 def certificate_of(answer, say=lambda text: None):
     """The Certificate of an answer's harmonic solution; a sentence where there can be none."""
-    if answer.response is None or not answer.known:
+    if answer.response is None and answer.known:
         return "The motion does not repeat itself: an error bound needs a periodic one (--orbit asks for one)."
+    if not answer.known:
+        return "There is no solution."
     say(f"{answer.rpm:g} rpm: how far off can it be?")
     try:
         return certify(answer.response)
-    except ValueError as refusal:
+    except (ValueError, NotConverged) as refusal:
         return str(refusal)
 
 
