@@ -153,6 +153,9 @@ class Certificate:
 
     reason: str
     meshes: tuple
+    deflection_bound: np.ndarray
+    elastic_bound: np.ndarray
+    force_bound: np.ndarray
     Y0: float
     Z1: float
     Z2: float
@@ -161,9 +164,6 @@ class Certificate:
     high: int
     harmonics: int = 0
     stable: bool | None = None
-    deflection_bound: np.ndarray = np.inf
-    elastic_bound: np.ndarray = np.inf
-    force_bound: np.ndarray = np.inf
     harmonic_balance: Kantorovich | None = None
 
     @property
@@ -197,7 +197,7 @@ class Certificate:
         )
 
 
-_LINEAR = Certificate(reason="", meshes=(), Y0=0.0, Z1=0.0, Z2=0.0, small_gain=0.0, low=0, high=0)
+_LINEAR = Certificate("", (), *[np.zeros(0)] * 3, Y0=0.0, Z1=0.0, Z2=0.0, small_gain=0.0, low=0, high=0)
 
 
 def certify(response):
@@ -329,6 +329,7 @@ def _prove(lin, train, gaps):
     found = Certificate(
         reason=_reason(lin, Y0, Z1, Z2),
         meshes=tuple(train.topology.mesh_names[i] for i in gaps),
+        **dict.fromkeys(("deflection_bound", "elastic_bound", "force_bound"), np.full(len(gaps), np.inf)),
         Y0=Y0,
         Z1=float(Z1),
         Z2=Z2,
@@ -361,15 +362,13 @@ def _of_response(found, lin, given, balance, harmonics):
     found = replace(found, harmonic_balance=balance, harmonics=harmonics)
     if not found.holds:
         return found
-    count = SAMPLES * lin.sizes.low
-    motions = []
+    count, law, motions = SAMPLES * lin.sizes.low, lin.law.expand(), []
+    gated, viscous = (lin.damping[key][:, None] for key in ("gated", "viscous"))
     for deflection in (given, lin.deflection * lin.law.backlash[:, None]):
         value = fourier.synthesize(deflection, count)
-        law = lin.law.expand()
-        elastic = backlash.force(law, value)
         rate = fourier.synthesize(fourier.derivative(deflection, lin.frequency), count)
-        gated, viscous = (lin.damping[key][:, None] for key in ("gated", "viscous"))
-        motions.append((value, elastic, backlash.mesh_force(law, viscous, gated, value, rate)))
+        force = backlash.mesh_force(law, viscous, gated, value, rate)
+        motions.append((value, backlash.force(law, value), force))
     apart, elastic, total = (_largest(a - b) for a, b in zip(*motions, strict=True))
     return replace(
         found,
@@ -506,7 +505,7 @@ def _reason(lin, Y0, Z1, Z2):
     low = lin.sizes.low
     if not lin.complete:
         return "the teeth pass the knots of their law too often for exact integrals: use more harmonics."
-    if lin.unsolved > UNSOLVED or not Z1 < 1:
+    if lin.unsolved > UNSOLVED or not (Z1 < 1 and np.isfinite(Y0)):
         return (
             f"the linearised equation could not be inverted well enough (Z1 = {Z1:.2g}, must be below 1): the motion "
             f"is near a fold, modes beyond harmonic {low} take part, or damping in contact is very strong."

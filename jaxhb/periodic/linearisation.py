@@ -186,8 +186,7 @@ class Linearisation:
     def moved(self, change):
         """The same at a motion changed by ``(G, low+1)`` backlashes."""
         there = copy(self)
-        for name in "gain_sizes", "weight":
-            vars(there).pop(name, None)
+        vars(there).pop("gain_sizes", None)  # those of this motion, where they are known
         there._place((self.deflection + change) * self.law.backlash[:, None])
         return there
 
@@ -222,9 +221,9 @@ class Linearisation:
         own = fourier.resize(self.deflection, self.sizes.high)
         return own - self.linear + self.apply_gain(fourier.resize(self.integral, self.sizes.high))
 
-    def apply_gain(self, x, first=0):
-        """H x, of coefficients that begin with harmonic ``first``."""
-        return np.einsum("ngh,hn->gn", self.gain[first : first + x.shape[1]], x)
+    def apply_gain(self, x):
+        """H x."""
+        return np.einsum("ngh,hn->gn", self.gain[: x.shape[1]], x)
 
     def apply_gain_transposed(self, x):
         """The adjoint of :meth:`apply_gain`."""

@@ -73,12 +73,9 @@ def certificate_record(found):
     """The same for programs: bounds in N and m by mesh, and the numbers of the theorem."""
     if isinstance(found, str):
         return {"certificate": {"holds": False, "reason": found}}
-    by_mesh = {
-        name: {"force_N": force, "elastic_force_N": elastic, "deflection_m": deflection}
-        for name, force, elastic, deflection in zip(
-            found.meshes, *np.broadcast_arrays(*_bounds(found), np.empty(len(found.meshes)))[:3], strict=True
-        )
-    }
+    bounds = zip(found.meshes, found.force_bound, found.elastic_bound, found.deflection_bound, strict=True)
+    keys = "force_N", "elastic_force_N", "deflection_m"
+    by_mesh = {name: dict(zip(keys, of_mesh, strict=True)) for name, *of_mesh in bounds}
     own = {"holds": found.holds, "reason": found.reason, "meshes": by_mesh}
     own |= {
         key: getattr(found, key)
@@ -88,7 +85,3 @@ def certificate_record(found):
     if balance is not None:
         own["harmonic_balance"] = {key: float(getattr(balance, key)) for key in ("H0", "delta0", "K", "h0", "radius")}
     return {"certificate": own}
-
-
-def _bounds(found):
-    return found.force_bound, found.elastic_bound, found.deflection_bound
