@@ -14,14 +14,12 @@ deflection or of a tooth force of any mesh.
 import argparse
 import collections
 import dataclasses
-import json
 import time
-from pathlib import Path
 
 import jax
 import numpy as np
 from random_trains import random_case
-from records import device, versions
+from records import add_cases, run_cases
 
 import jaxhb
 import jaxhb.harmonic.backlash
@@ -148,31 +146,14 @@ def scenes():
 
 def main():
     read = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    read.add_argument("--cases", type=int, default=200)
-    read.add_argument("--seed", type=int, default=20261125)
-    read.add_argument("--only", type=int)
+    add_cases(read, seed=20261125)
     read.add_argument("--scenes", action="store_true")
-    read.add_argument("--json", help="append JSON lines to this file; cases that it holds are not run again")
     asked = read.parse_args()
-    file = Path(asked.json) if asked.json else None
-    rows = [json.loads(text) for text in file.read_text().splitlines()] if file and file.exists() else []
-    records = [r for r in rows if r.get("seed") == asked.seed]
-    known = {r["case"] for r in records}
-    if file and not rows:
-        file.write_text(json.dumps({"benchmark": "certificates", "device": device(), "versions": versions()}) + "\n")
     jaxhb.cache_programs()
     if asked.scenes:
         scenes()
-        return
-    for index in range(asked.cases) if asked.only is None else [asked.only]:
-        if index in known:
-            continue
-        records.append(run_case(asked.seed, index))
-        print(json.dumps(records[-1]), flush=True)
-        if file:
-            with file.open("a") as stream:
-                stream.write(json.dumps(records[-1]) + "\n")
-    report(records)
+    else:
+        report(run_cases(asked, "certificates", run_case))
 
 
 if __name__ == "__main__":

@@ -15,14 +15,12 @@ stay below is off. Cases whose integration would take more than MOST_WORK link s
 
 import argparse
 import collections
-import json
 import time
-from pathlib import Path
 
 import numpy as np
 from integrators import runge_kutta_links
 from random_trains import random_case
-from records import device, versions
+from records import add_cases, run_cases
 
 import jaxhb
 from jaxhb.harmonic import chain, fourier
@@ -150,28 +148,10 @@ def report(records):
 
 def main():
     read = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    read.add_argument("--cases", type=int, default=200)
-    read.add_argument("--seed", type=int, default=20261123)
-    read.add_argument("--only", type=int)
-    read.add_argument("--json", help="append JSON lines to this file; cases that it holds are not run again")
+    add_cases(read, seed=20261123)
     asked = read.parse_args()
-    file = Path(asked.json) if asked.json else None
-    rows = [json.loads(text) for text in file.read_text().splitlines()] if file and file.exists() else []
-    records = [r for r in rows if r.get("seed") == asked.seed]
-    known = {r["case"] for r in records}
-    wanted = range(asked.cases) if asked.only is None else [asked.only]
-    if file and not rows:
-        file.write_text(json.dumps({"benchmark": "kinds", "device": device(), "versions": versions()}) + "\n")
     jaxhb.cache_programs()
-    for index in wanted:  # in the order in which they are drawn: where a run is cut off, what it has is a fair sample
-        if index in known:
-            continue
-        records.append(run_case(asked.seed, index))
-        print(json.dumps(records[-1]), flush=True)
-        if file:
-            with file.open("a") as stream:
-                stream.write(json.dumps(records[-1]) + "\n")
-    report(records)
+    report(run_cases(asked, "kinds", run_case))
 
 
 if __name__ == "__main__":

@@ -152,3 +152,39 @@ def _plain(value):
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def add_cases(read, seed):
+    """The options of a benchmark whose random cases are run one after another."""
+    read.add_argument("--cases", type=int, default=200)
+    read.add_argument("--seed", type=int, default=seed)
+    read.add_argument("--only", type=int)
+    read.add_argument("--json", help="append JSON lines to this file; cases that it holds are not run again")
+
+
+def run_cases(asked, benchmark, run_case):
+    """Records of the cases asked for, each printed and kept as soon as it is known.
+
+    In the order in which they are drawn: where a run is cut off, what it has is a fair sample.
+
+    Parameters
+    ----------
+    asked : what :func:`add_cases` has read
+    benchmark : str, its name
+    run_case : callable, from seed and number of a case to its record
+    """
+    file = Path(asked.json) if asked.json else None
+    rows = [json.loads(text) for text in file.read_text().splitlines()] if file and file.exists() else []
+    records = [r for r in rows if r.get("seed") == asked.seed]
+    known = {r["case"] for r in records}
+    if file and not rows:
+        file.write_text(json.dumps({"benchmark": benchmark, "device": device(), "versions": versions()}) + "\n")
+    for index in range(asked.cases) if asked.only is None else [asked.only]:
+        if index in known:
+            continue
+        records.append(run_case(asked.seed, index))
+        print(json.dumps(records[-1]), flush=True)
+        if file:
+            with file.open("a") as stream:
+                stream.write(json.dumps(records[-1]) + "\n")
+    return records
