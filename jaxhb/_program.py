@@ -2,6 +2,7 @@
 many of them."""
 
 import inspect
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache, partial, update_wrapper
 from pathlib import Path
 
@@ -23,40 +24,69 @@ OPTIONS = {
 }
 """Of the compiler for CPUs, each passed where it is known."""
 
+UNOPTIMISED = {"xla_backend_optimization_level": 0}
+"""Compiles the largest program in 1.5 s of 3.4 and runs it in 110 ms instead of 37: for what runs once in a process."""
+
 COMPILED_BETWEEN_COUNTS = 20
 """Programs compiled, each of up to some hundred memory maps, after which the maps of the process are counted again."""
 
 
 class Program:
-    """``jax.jit`` of a function. Only an outermost program has options, and a place in the store on disk."""
+    """``jax.jit`` of a function. Only an outermost program has options, and a place in the store on disk.
 
-    def __init__(self, function, static_argnames=()):
+    ``seldom``: it runs once or twice for one answer; see :func:`answer_once`.
+    """
+
+    def __init__(self, function, static_argnames=(), seldom=False):
         self.function, self.signature = function, inspect.signature(function)
         self.static = (static_argnames,) if isinstance(static_argnames, str) else tuple(static_argnames)
         self.nested = jax.jit(function, static_argnames=static_argnames)
+        self.seldom = seldom
         update_wrapper(self, function)
 
     def __call__(self, *args, **kwargs):
         if traced(args, kwargs) or staged() or not _plain(args, kwargs):
             return self.nested(*args, **kwargs)
         _held.limit()
-        arguments = self.signature.bind(*args, **kwargs).arguments
-        static = {name: arguments.pop(name) for name in self.static if name in arguments}
-        leaves, tree = jax.tree.flatten(arguments)
-        key = self, tuple(static.items()), tree, tuple(map(_kind, leaves))
+        static, arguments, key = self._question(args, kwargs)
         found = _compiled.get(key)  # hashed once: that of a large train takes a tenth of a millisecond
+        if isinstance(found, Future):
+            found = _compiled[key] = None if found.cancel() else found.result()
         if found is None:
             found = _compiled[key] = self._outermost(static, arguments, key)
         return found(arguments)
 
+    def prepare(self, *args, **kwargs):
+        """Begin to make what a call with such arguments will run, in a thread of its own; the call waits for it.
+
+        Returns
+        -------
+        concurrent.futures.Future or None
+            To be cancelled where no such call comes; None where the program is there, or cannot be made beforehand.
+        """
+        if traced(args, kwargs) or staged() or not _plain(args, kwargs):
+            return None
+        static, arguments, key = self._question(args, kwargs)
+        if key in _compiled:
+            return None
+        _compiled[key] = made = _beside().submit(self._outermost, static, arguments, key)
+        return made
+
+    def _question(self, args, kwargs):
+        """Static arguments and others by name, and the key of the executable that they want."""
+        arguments = self.signature.bind(*args, **kwargs).arguments
+        static = {name: arguments.pop(name) for name in self.static if name in arguments}
+        leaves, tree = jax.tree.flatten(arguments)
+        return static, arguments, (self, tuple(static.items()), tree, tuple(map(_kind, leaves)))
+
     @property
     def executables(self):
         """Number of executables that the process holds of it: one for each kind of arguments."""
-        return sum(key[0] is self for key in _compiled)
+        return sum(key[0] is self and not _given_up(found) for key, found in _compiled.items())
 
     def _outermost(self, static, arguments, key):
         """The executable of a program that the host calls, from the store or new."""
-        options = _known_options()
+        options = _known_options() | (UNOPTIMISED if self.seldom and _answers_once else {})
         name = repr((self.__module__, self.__qualname__, static, str(key[2]), key[3], options))
         found = _store.load(name, arguments)
         if found is not None:
@@ -72,6 +102,15 @@ class Program:
         if _held.retrieved == retrieved:  # one out of jax's cache does not run any more when it is stored again
             _store.save(name, made)
         return made
+
+
+_answers_once = False
+
+
+def answer_once():
+    """Say that this process gives one answer: what runs seldom for it is not optimised, as that would take longer."""
+    global _answers_once
+    _answers_once = True
 
 
 LANES = "lanes"
@@ -102,7 +141,19 @@ def across(program, devices, given, made, **static):
 
 
 _compiled = {}
-"""Executables of the process by program, static arguments, structure, shapes and types."""
+"""Executables of the process by program, static arguments, structure, shapes and types; of one that is being made, the
+Future."""
+
+
+def _given_up(found):
+    return isinstance(found, Future) and found.cancelled()
+
+
+@cache
+def _beside():
+    """The thread in which programs are made beforehand."""
+    return ThreadPoolExecutor(1, "jaxhb-compiler")
+
 
 _store = _disk.Store()
 

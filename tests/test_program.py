@@ -1,5 +1,7 @@
 """Compiled programs: options of the compiler where the host calls, plain ``jax.jit`` elsewhere."""
 
+import threading
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -34,6 +36,40 @@ def test_the_host_compiles_with_options_that_transformations_do_not_take(asked):
     assert np.array_equal(jax.vmap(program)(jnp.arange(3.0)), [0.0, 1.0, 8.0])
     assert np.array_equal(jax.vmap(lambda x: x * program(2.0))(jnp.arange(3.0)), [0.0, 8.0, 16.0])
     assert jax.jit(lambda x: x * program(2.0))(3.0) == 24.0
+
+
+def test_one_answer_takes_programs_that_are_not_optimised(asked, monkeypatch):
+    monkeypatch.setattr(_program, "_answers_once", False)
+    monkeypatch.setitem(_program.OPTIONS, "xla_backend_optimization_level", 1)
+    _program._known_options.cache_clear()
+    often, seldom = _program.Program(lambda x: x + 1), _program.Program(lambda x: x + 2, seldom=True)
+    level = "xla_backend_optimization_level"
+    assert seldom(1.0) == 3.0 and asked[-1][level] == 1
+    _program.answer_once()
+    assert seldom(np.ones(2)).tolist() == [3.0, 3.0] and asked[-1][level] == 0
+    assert often(1.0) == 2.0 and asked[-1][level] == 1
+    _program._known_options.cache_clear()
+
+
+def test_a_program_prepared_is_the_one_that_is_called(asked):
+    square = _program.Program(lambda x: x * x)
+    made = square.prepare(3.0)
+    assert made.result()({"x": 3.0}) == 9.0
+    compiled = len(asked)
+    assert square(4.0) == 16.0 and len(asked) == compiled and square.executables == 1
+    assert square.prepare(5.0) is None  # it is there
+
+
+def test_a_preparation_given_up_is_made_by_the_call():
+    wait, square = threading.Event(), _program.Program(lambda x: x * x)
+    busy = _program._beside().submit(wait.wait)
+    made = square.prepare(3.0)
+    assert made.cancel() and square.executables == 0
+    assert square(3.0) == 9.0 and square.executables == 1
+    second = square.prepare(np.ones(3))
+    assert square(np.ones(3)).tolist() == [1.0, 1.0, 1.0] and second.cancelled()  # nobody waits for the other thread
+    wait.set()
+    busy.result()
 
 
 def test_programs_are_dropped_before_their_memory_maps_are_too_many():

@@ -22,6 +22,7 @@ from .homotopy import HomotopyOptions
 from .plan import Plan
 from .planned import first_start, of_unknown_meshes, solve_once
 from .problem import pose
+from .program import solve_problem
 from .request import MOST, Request
 from .time_steps import COUNTS, time_steps_for, time_steps_of
 
@@ -312,6 +313,13 @@ def refine(case, attempt, last=None):
             response = dataclasses.replace(response, path=tuple(case.path))
             case.solved = not status.unsolved
             return Result(response, plan, error, harmonics)
+
+
+def prepare(case):
+    """Begin to make the program that :func:`refine` runs first from deflections: the Future, None where it is there."""
+    plan = _resolved(case, case.plan)
+    begin = first_start(plan, given=np.zeros((len(plan.choice.active), 1), dtype=complex))
+    return solve_problem.prepare(case.problem, plan.choice, begin, plan.limit, plan.sizes)
 
 
 def _resolved(case, plan):

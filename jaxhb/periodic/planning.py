@@ -1,14 +1,17 @@
 """Decisions taken on the host: which meshes are unknowns, where to start, how many harmonics."""
 
+import contextlib
 import dataclasses
 import math
 
 import numpy as np
 
+from .._arrays import on_host
 from ..harmonic import backlash, chain, fourier
-from ..harmonic.excitation import listed_harmonic
+from ..harmonic.excitation import excitation, listed_harmonic
 from ..linear.modal import natural_frequencies
 from ..model.change import without_backlash
+from ..transient.statespace import linear_response
 from .plan import Plan
 from .planned import solve_batches
 from .request import MOST, excited_harmonic
@@ -17,6 +20,9 @@ from .time_steps import time_steps_for, time_steps_of
 LEVELS = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024, 1536, 2048, 3072, 4096)
 DENSE_MODES, GEARS_ALONE = 400, 1.1
 """Disks up to which all modes are computed; what the shafts add to the frequencies of the gears alone."""
+
+DENSE_DISKS, DENSE_SPEEDS = 100, 4
+"""Disks and speeds up to which the linear motion is solved with dense matrices, and no program, to plan."""
 
 STRAINED = 0.05, 0.01
 """Share of the strain energy of a mode that tooth meshes hold noticeably, and faintly."""
@@ -159,10 +165,7 @@ def plan_speeds(train, rpm, request):
     excited = excited_harmonic(train, request.method)
     if not any(train.topology.mesh_backlash):
         return [contact] * len(rpm)
-    probing = max(excited, LEVELS[0])
-    linear = dataclasses.replace(contact, harmonics=probing, method="reduced", integrals="sampled")
-    batches = solve_batches(without_backlash(train), rpm, linear, linear.sizes.max_steps)
-    forces = np.stack([response.elastic_forces for batch in batches for response in batch])
+    forces = _linear_mesh_forces(train, rpm, contact, max(excited, LEVELS[0]))
     flanks, leaves, apart = contact_demand(train, fourier.synthesize(forces, 16 * forces.shape[-1]))
     modes, faint = mesh_mode_harmonics(train, train.topology.cycle_frequency(1.0))[:, None] / rpm
     plans = [dataclasses.replace(contact, flank=tuple(flank)) for flank in flanks.tolist()]
@@ -190,6 +193,26 @@ def plan_speeds(train, rpm, request):
         for i in group:
             plans[i] = shared
     return plans
+
+
+def _linear_mesh_forces(train, rpm, contact, harmonics):
+    """Elastic forces ``(n, M, N+1)`` N of the meshes at speeds ``(n,)``, all teeth in contact."""
+    if len(rpm) <= DENSE_SPEEDS and train.topology.n_disks <= DENSE_DISKS:
+        with contextlib.suppress(np.linalg.LinAlgError):  # a singular train, of which the program below says more
+            return np.stack([_dense_mesh_forces(on_host(train), speed, harmonics) for speed in rpm])
+    linear = dataclasses.replace(contact, harmonics=harmonics, method="reduced", integrals="sampled")
+    batches = solve_batches(without_backlash(train), rpm, linear, linear.sizes.max_steps)
+    return np.stack([response.elastic_forces for batch in batches for response in batch])
+
+
+def _dense_mesh_forces(train, rpm, harmonics):
+    """Those of one speed ``(M, N+1)`` without a program, whose compilation takes longer than all else of a first
+    plan."""
+    system = chain.assemble(train)
+    links = np.arange(len(system.stiffness))[-len(train.topology.mesh_names) :]
+    load = excitation(train, rpm, harmonics)[0] / system.radius[:, None]
+    displacement = linear_response(system, train.topology.cycle_frequency(rpm), load)
+    return system.stiffness[links][:, None] * system.deflections(displacement, links)
 
 
 def _alike(places, modes):

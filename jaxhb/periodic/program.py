@@ -92,7 +92,7 @@ class Outcome:
     steps: jax.Array
 
 
-@partial(Program, static_argnames="sizes")
+@partial(Program, static_argnames="sizes", seldom=True)
 def solve_problem(problem, choice, start, tolerance, sizes):
     """Solve one problem.
 

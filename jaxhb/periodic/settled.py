@@ -82,15 +82,21 @@ def _plan(train, rpm, request, deflection, meshes, period):
     side = np.where(deflection.mean(axis=1) < 0, -1, 1)
     least = (side[:, None] * deflection).min(axis=1)
     stays = least > law.knee + MARGIN * law.backlash
-    flank = np.zeros(len(train.topology.mesh_names), dtype=int)
+    apart = (np.abs(deflection) < law.gap[:, None]).any()
+    return _plan_of(train, rpm, request, np.where(stays, side, 0), apart, period)
+
+
+def _plan_of(train, rpm, request, side, apart, period):
+    """The plan for backlash meshes of which some stay on a side ``(G,)``, +1 or -1, and those of side 0 are unknowns;
+    ``apart``: whether any separates."""
     own = np.flatnonzero(np.array(train.topology.mesh_backlash, dtype=bool))
-    flank[own] = np.where(stays, side, 0)
+    if request.many and not side.all():
+        side = np.zeros_like(side)  # one program whatever meshes leave contact
+    flank = np.zeros(len(train.topology.mesh_names), dtype=int)
+    flank[own] = side
     contact = planning.contact_plan(train, request)
     modes = planning.mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))
-    if request.many and not stays.all():
-        stays[:] = flank[:] = 0  # one program whatever meshes leave contact
-    active = tuple(int(i) for i in own[~stays])
-    apart = (np.abs(deflection) < law.gap[:, None]).any()
+    active = tuple(int(i) for i in own[side == 0])
     wanted = planning.first_level(contact.excited, modes[0] if apart else 0.0) if active else contact.harmonics
     wanted = planning.shared_level(wanted) if request.many and active else wanted
     # With fewer harmonics a cycle than one cycle has, a motion of one cycle is solved as a subharmonic one.
@@ -103,6 +109,21 @@ def _plan(train, rpm, request, deflection, meshes, period):
         start="march" if active and flank.any() else "linear",  # beside a flank that does not hold there is no start
         excited=contact.excited // period * PERIODS[-1] if request.many else contact.excited,
     )
+
+
+def prepare(train, speeds, request):
+    """Begin to make the programs that :func:`solve_settled` will run where teeth separate at speeds of a sweep: in
+    another thread, while these are marched.
+
+    Returns
+    -------
+    list of concurrent.futures.Future
+        To be cancelled when the sweep is over.
+    """
+    unknown = np.zeros(sum(train.topology.mesh_backlash), dtype=int)
+    plans = {_plan_of(train, rpm, request, unknown, apart=True, period=1): rpm for rpm in speeds}
+    cases = (ladder.Case(train, rpm, request, plan) for plan, rpm in plans.items())
+    return [made for made in map(ladder.prepare, cases) if made is not None]
 
 
 def same_motion(response, trace, meshes, train, most=SAME):

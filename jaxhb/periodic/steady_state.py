@@ -18,7 +18,7 @@ from .planned import solve_batches
 from .planning import plan_speeds
 from .request import Request
 from .returns import Cycles
-from .settled import difference
+from .settled import difference, prepare
 
 DIRECTIONS = "up", "down", "both"
 
@@ -125,10 +125,14 @@ def steady_state(
     if not np.ndim(rpm):
         return search.alone(0)
     order = np.argsort(speeds, kind="stable")
-    found = {}
-    for way in ("up", "down") if direction == "both" else (direction,):
-        states = search.along(order if way == "up" else order[::-1])
-        found[way] = SteadySweep(tuple(states[place] for place in range(len(speeds))), way)
+    found, programs = {}, prepare(train, speeds[search.apart], request) if exact else []
+    try:
+        for way in ("up", "down") if direction == "both" else (direction,):
+            states = search.along(order if way == "up" else order[::-1])
+            found[way] = SteadySweep(tuple(states[place] for place in range(len(speeds))), way)
+    finally:
+        for program in programs:
+            program.cancel()
     return (found["up"], found["down"]) if direction == "both" else found[direction]
 
 
@@ -140,11 +144,13 @@ class _Search:
         self.train, self.speeds, self.request = judge.train, judge.speeds, judge.request
         self.progress = progress or (lambda count: None)
         self.start = None if start is None else _motion_of(self.train, start)
-        self.contact = self._in_contact()
+        plans = plan_speeds(self.train, self.speeds, self.request)
+        self.apart = [place for place, plan in enumerate(plans) if plan.active and plan.marches]
+        self.contact = self._in_contact(plans)
 
-    def _in_contact(self):
+    def _in_contact(self, plans):
         """Responses of the speeds at which the linear motion holds the teeth in contact, by place."""
-        plans, found = plan_speeds(self.train, self.speeds, self.request), {}
+        found = {}
         for shared in {plan for plan in plans if not plan.active}:
             places = [i for i, plan in enumerate(plans) if plan == shared]
             batches = solve_batches(self.train, self.speeds[places], shared, shared.sizes.max_steps, self.judge.devices)

@@ -3,6 +3,7 @@
 import sys
 from pathlib import Path
 
+from .._program import answer_once
 from ..model.change import locate
 from ..model.scene_writer import changed_scene, copies_beside
 from ..periodic.checkpoint import CHUNK
@@ -41,6 +42,7 @@ def solve_one(train, arguments):
     """One speed."""
     _check_picture(train, arguments)
     train = without_cylinders(train, arguments)
+    answer_once()
     with Progress() as progress:
         answer = answer_one(train, arguments.rpm, Asked.of(arguments), progress.say)
     deliver(

@@ -439,3 +439,12 @@ def test_a_sweep_of_an_engine_copies_no_pressure_table():
     batch = jax.vmap(lambda rpm: jaxhb.solve(engine, rpm=rpm, plan=plan))(jnp.linspace(1000.0, 2000.0, 8))
     largest = max(leaf.size for leaf in jax.tree.leaves(batch))
     assert largest < engine.cylinders.pressure.size
+
+
+def test_mesh_forces_of_the_linear_train_are_those_of_the_program_that_many_speeds_share():
+    train = jaxhb.load_scene("gear_train_30")
+    request = Request.of(train, None, None, many=False)
+    contact, few = planning.contact_plan(train, request), np.array([700.0, 1800.0])
+    dense = planning._linear_mesh_forces(train, few, contact, 24)
+    shared = planning._linear_mesh_forces(train, np.resize(few, planning.DENSE_SPEEDS + 1), contact, 24)[:2]
+    assert np.abs(dense - shared[..., :25]).max() < 1e-12 * np.abs(shared).max()
