@@ -14,10 +14,11 @@ import jaxhb
 from jaxhb._arrays import on_host
 from jaxhb.harmonic import backlash, chain, exact, fourier
 from jaxhb.harmonic.residual import backlash_meshes
-from jaxhb.periodic import certificate
-from jaxhb.periodic.certificate import Kantorovich, certify
+from jaxhb.periodic import certificate, proof
+from jaxhb.periodic.certificate import certify
 from jaxhb.periodic.linearisation import MARGIN, ROW_MARGIN, Linearisation
 from jaxhb.periodic.problem import pose
+from jaxhb.response.certificate import Kantorovich
 from jaxhb.transient.statespace import partition, state_space
 from jaxhb.transient.variational import passage
 
@@ -90,7 +91,7 @@ def test_norms_are_those_of_dense_matrices():
     w = lin.weight[:17]
     columns = fourier.unpack(np.eye(33))[:, None]  # one motion each
     dense = np.array([fourier.pack(w * lin.inverse(lin.apply_gain(x)))[0] for x in columns]).T
-    np.testing.assert_allclose(certificate._gain_norm(lin, 16), MARGIN * np.linalg.norm(dense, 2), rtol=0.02)
+    np.testing.assert_allclose(proof._gain_norm(lin, 16), MARGIN * np.linalg.norm(dense, 2), rtol=0.02)
     count = 64
     zone = lin.near_transition(0.01, np.arange(count) / count)
     assert 0 < zone.mean() < 0.5
@@ -98,7 +99,7 @@ def test_norms_are_those_of_dense_matrices():
     to_samples = np.array([fourier.synthesize(fourier.unpack(row), count) for row in np.eye(33)])
     kernel = to_samples.T @ (dense / np.r_[w, w[1:]][:, None]) @ from_samples.T
     wanted = np.abs(kernel).sum(1).max()
-    np.testing.assert_allclose(certificate._row_sum(lin, zone, count, False), ROW_MARGIN * wanted, rtol=0.02)
+    np.testing.assert_allclose(proof._row_sum(lin, zone, count, False), ROW_MARGIN * wanted, rtol=0.02)
 
 
 def test_the_inverse_and_its_adjoint():
@@ -132,9 +133,7 @@ def test_exact_newton_steps_stay_below_the_corrected_bound():
     response, harmonics = solved(8), 8
     start = np.asarray(response.deflections) * 1.0
     start[0, 1] += 2e-4
-    case = certificate._harmonic_balance(
-        linearisation(dataclasses.replace(response, deflections=start), 16, 64), harmonics
-    )
+    case = proof.harmonic_balance(linearisation(dataclasses.replace(response, deflections=start), 16, 64), harmonics)
     assert 1e-3 < case.h0 <= 0.5
     w = np.sqrt(1 + np.arange(harmonics + 1.0) ** 2)
     h, y, errors = parameters()["h"], start, []
@@ -188,7 +187,7 @@ def test_a_singular_derivative_is_refused():
     given = dataclasses.replace(base, deflections=fourier.resize(x[None], 8), status=np.array(0))
     lin = linearisation(given, 32, 256)
     assert np.abs(lin.residual()).max() < 1e-9  # a motion it is
-    found = certificate._prove(lin, train, np.array([0]))
+    found = proof.prove(lin, train, np.array([0]))
     assert not found.holds
 
 

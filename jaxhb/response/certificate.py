@@ -1,0 +1,131 @@
+"""An error bound: within what distance of a computed motion a true one exists, and what shows it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Kantorovich:
+    """The theorem of Newton and Kantorovich (Kantorovich & Akilov, XVIII.1; method.md A4.3).
+
+    Parameters
+    ----------
+    H0 : norm of the inverse derivative; delta0 : of the first correction; K : Lipschitz constant of the derivative
+
+    Examples
+    --------
+    >>> case = Kantorovich(H0=2.0, delta0=0.7, K=1 / 14)
+    >>> round(case.h0, 12), round(case.radius, 6), round(case.bound(2), 8)
+    (0.1, 0.73901, 0.00012077)
+    """
+
+    H0: float
+    delta0: float
+    K: float
+
+    @property
+    def h0(self):
+        """``H0 K delta0``, at most 1/2 where the theorem holds."""
+        return self.H0 * self.K * self.delta0
+
+    @property
+    def holds(self):
+        """Whether a solution exists within :attr:`radius`."""
+        return self.h0 <= 0.5
+
+    @property
+    def radius(self):
+        """(36): ``(1 - sqrt(1 - 2 h0)) / h0 delta0``, within which a solution exists; nan where the theorem fails."""
+        return 2 * self.delta0 / (1 + self._root)
+
+    @property
+    def uniqueness(self):
+        """Distance within which it is the only one; inf where the derivative does not change."""
+        slope = self.H0 * self.K
+        return (1 + self._root) / slope if slope else np.inf
+
+    @property
+    def _root(self):
+        return np.sqrt(1 - 2 * self.h0) if self.holds else np.nan
+
+    def bound(self, steps):
+        """Largest distance from the solution after so many exact Newton steps: (37) corrected, and sharp (Gragg &
+        Tapia, SIAM J. Numer. Anal. 11 (1974) 10)."""
+        if not self.h0:
+            return 0.0 if steps else self.delta0
+        ratio = self.radius / self.uniqueness
+        if ratio == 1:
+            return self.radius / 2.0**steps
+        power = ratio ** (2.0**steps)
+        return (self.uniqueness - self.radius) * power / (1 - power)
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """How far a true periodic motion is from a computed one, made by :func:`jaxhb.certify`; ``str`` says it.
+
+    A check in double precision after the solve, with norms that are iterated and enlarged by a tenth: no interval
+    arithmetic.
+
+    Parameters
+    ----------
+    reason : str, what failed and what to do; empty where a true motion is shown to exist
+    meshes : names of those with backlash; of each: deflection_bound m, elastic_bound N, force_bound N: largest
+        difference over the cycle between the computed and the true motion, of the deflection, of the elastic tooth
+        force and of the tooth force with its damping; inf where nothing is shown
+    Y0, Z1, Z2 : of the theorem, lengths in backlashes, at the motion that Newton's method finds on ``low`` harmonics
+    small_gain : float, below 1 there is one motion of one cycle whatever the load (method.md A4.2)
+    harmonic_balance : Kantorovich, of the truncated equations with exact integrals, weighted norm, backlashes
+    stable : bool or None, whether the true motion attracts; None where the bound does not decide it
+    harmonics, low, high : of the response, of the inverse, of the equation
+    """
+
+    reason: str
+    meshes: tuple
+    deflection_bound: np.ndarray
+    elastic_bound: np.ndarray
+    force_bound: np.ndarray
+    Y0: float
+    Z1: float
+    Z2: float
+    small_gain: float
+    low: int
+    high: int
+    harmonics: int = 0
+    stable: bool | None = None
+    harmonic_balance: Kantorovich | None = None
+
+    @property
+    def holds(self):
+        """Whether a true motion is shown to exist."""
+        return not self.reason
+
+    @property
+    def h0(self):
+        """``Y0 Z2``, at most 1/2 where a true motion is shown."""
+        return self.Y0 * self.Z2
+
+    @property
+    def radius(self):
+        """Distance of the true motion from the refined one, in backlashes, all the time and at every mesh."""
+        return Kantorovich(self.Z2, self.Y0, 1.0).radius if self.holds else np.inf
+
+    @property
+    def unique_within(self):
+        """Distance from the refined motion within which there is no other of one cycle, in backlashes."""
+        return 2 * self.Y0 if self.holds else 0.0
+
+    def __str__(self):
+        if not self.holds:
+            return f"not certified: {self.reason}"
+        if not len(self.meshes):
+            return "no mesh has backlash: the equations are linear and solved exactly"
+        pairs = zip(self.meshes, self.force_bound, strict=True)
+        return "a true periodic motion exists, its tooth forces within " + ", ".join(
+            f"{bound:.2g} N ({name})" for name, bound in pairs
+        )
+
+
+LINEAR = Certificate("", (), *[np.zeros(0)] * 3, Y0=0.0, Z1=0.0, Z2=0.0, small_gain=0.0, low=0, high=0)
+"""Of equations that are linear and solved exactly."""
