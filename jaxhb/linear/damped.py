@@ -43,7 +43,7 @@ class DampedModes:
 
     @property
     def damping_ratio(self):
-        """``(m,)`` Lehr's damping ratio, -Re lambda / |lambda|: 1 at critical damping."""
+        """``(m,)`` Lehr's damping ratio, ``-Re lambda / |lambda|``: 1 at critical damping."""
         return _lehr(self.eigenvalues)
 
 

@@ -1,7 +1,7 @@
 """Forced response of the linear train: all speeds and all orders at once, meshes in contact.
 
 At every speed and harmonic n of the cycle ``Z(n) x^n = q^n``, ``Z = -n^2 Omega^2 M + i n Omega B + K`` with loss
-factors and link damping in K (method.md A1). Speeds and harmonics are one axis of the scalar sweep along the tree, O(S)
+factors and link damping in K (docs/theory A1). Speeds and harmonics are one axis of the scalar sweep along the tree, O(S)
 each and without fill; links that close a loop add as many unknowns (:func:`jaxhb.harmonic.linear_train.solve_linear`,
 which has the derivatives as well).
 
@@ -115,7 +115,7 @@ def forced_response(train, *, rpm, harmonics=None):
 
     Notes
     -----
-    ``Z(n) x^n = q^n``, method.md A1; eliminated along the tree as in Fridman 2009, (10)-(12), one harmonic at a time.
+    ``Z(n) x^n = q^n``, docs/theory A1; eliminated along the tree as in Fridman 2009, (10)-(12), one harmonic at a time.
 
     Examples
     --------

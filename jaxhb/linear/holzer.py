@@ -3,7 +3,7 @@
 From a free end with ordinate 1, the torque sum ``sum J omega^2 theta`` of the disks passed twists the next shaft,
 ``theta_(i+1) = theta_i - sum / c_i``; what is left behind the last disk is the residual, zero at a natural frequency.
 Where branches meet, each is scaled by the product of what the others ask for at the common disk, which is division-free
-(method.md C3): a branch that has a node there does no harm. Torques cross a mesh by the radii of its gears.
+(docs/theory C3): a branch that has a node there does no harm. Torques cross a mesh by the radii of its gears.
 """
 
 from dataclasses import dataclass
@@ -156,7 +156,7 @@ def holzer_residual(train, *, hz):
 
     Notes
     -----
-    As :func:`holzer_table`; where branches meet each is scaled by the others (method.md C3): nothing is divided.
+    As :func:`holzer_table`; where branches meet each is scaled by the others (docs/theory C3): nothing is divided.
 
     Examples
     --------

@@ -1,7 +1,7 @@
 """Characteristic polynomials and frequency responses by their values, at any size, without quotients (Moliboshko).
 
 For a complex p, ``D(p) = det(p^2 M + p B + K(p)) / prod I`` over the disks with inertia; link stiffnesses are
-``k = c + r p``. The source's R of a free train is ``D / p^2``. Every part of the train is a pair (method.md C3): F, its
+``k = c + r p``. The source's R of a free train is ``D / p^2``. Every part of the train is a pair (docs/theory C3): F, its
 determinant while free, and G, while it is held where it meets the rest. A part on link k with arms a and b multiplies
 the other's pair: ``W = F + a^2 k G``, then ``F' <- F' W + G' b^2 k F``, ``G' <- G' W``. Pairs are rescaled by powers of
 two, which is exact, so that nothing overflows. In one closed loop the pairs hang on a ring, summed by continuants. All
@@ -157,7 +157,7 @@ def damped_approximation(train, omega):
     Notes
     -----
     First order in omega r/c, with a second-order error that depends on the unit of time, as c + r adds N m and N m s
-    (method.md, M5): at most 1 % for omega r/c up to 0.01 and omega much larger than 1. Prefer the exact value.
+    (docs/theory C4): at most 1 % for omega r/c up to 0.01 and omega much larger than 1. Prefer the exact value.
 
     Examples
     --------
@@ -318,7 +318,7 @@ def _determinant(system, parts, p):
     F, G, exponent, alpha, beta, k = _pairs(system, parts, p)
     if not parts.joints:
         return rescaled(F[0].high * weight.mantissa, exponent[0] + weight.exponent)
-    # det = K(1..m) - c_m^2 w_1 w_m K(2..m-1) - 2 prod c prod w with diagonals d, couplings c = a b k (method.md C3)
+    # det = K(1..m) - c_m^2 w_1 w_m K(2..m-1) - 2 prod c prod w with diagonals d, couplings c = a b k (docs/theory C3)
     alpha, beta = alpha[:, None], beta[:, None]
     behind = k * beta * beta
     diagonal = F + G * (k * alpha * alpha + jax.tree.map(lambda a: jnp.roll(a, 1, axis=0), behind))

@@ -3,7 +3,7 @@
 A polynomial is a tuple of coefficients, highest power first, in whatever numbers the links carry: with fractions all is
 exact. ``k_i = c_i + r_i p``; the polynomial R of a piece is monic, of a free tree without the factor p^2, of a piece
 that is held or has a loop the whole determinant over the inertias. Chapter 3 of the source, Table 1, as it must read
-(method.md C2, proved with random rationals), gamma_ij = k_i k_j / I_m^2 at the mass m shared by the links i and j:
+(docs/theory C2, proved with random rationals), gamma_ij = k_i k_j / I_m^2 at the mass m shared by the links i and j:
 
 ====  ================  ===========================================================================================
 row   system            equivalent
@@ -31,7 +31,7 @@ from ..harmonic import chain
 from ..model.elements import SceneError
 
 LARGEST = 12
-"""Disks up to which coefficients in double precision mean something (method.md C5)."""
+"""Disks up to which coefficients in double precision mean something (docs/theory C5)."""
 
 
 @dataclass(frozen=True)
@@ -153,7 +153,7 @@ def characteristic_coefficients(train, *, exact=False):
 
     Notes
     -----
-    Moliboshko's splitting at masses and opening of the ring (method.md C2, C3): the source's R of a free tree is this
+    Moliboshko's splitting at masses and opening of the ring (docs/theory C2, C3): the source's R of a free tree is this
     polynomial over p^2.
 
     Examples

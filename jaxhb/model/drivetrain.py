@@ -36,7 +36,7 @@ class DriveTrain:
     """A drive train: a pytree of float64 vectors (one for each field of each kind of element) and static topology.
 
     The fields are described in :mod:`jaxhb.model.tables`, the topology in :mod:`jaxhb.model.topology`. Make
-    one with :func:`build` or :func:`jaxhb.model.scene.load_scene`; change it with :meth:`replace`.
+    one with :func:`build` or :func:`jaxhb.load_scene`; change it with :meth:`replace`.
     """
 
     topology: Topology = field(metadata={"static": True})
@@ -342,7 +342,7 @@ def build(
     Parameters
     ----------
     elements : iterable
-        Elements of :mod:`jaxhb.model.elements`, in SI units; disks keep their order.
+        Elements such as :class:`jaxhb.Disk`, in SI units; disks keep their order.
     name : str
         Name of the scene.
     reference : str, optional

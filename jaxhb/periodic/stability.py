@@ -1,7 +1,7 @@
 """Whether a train runs in a periodic motion: what becomes of a small disturbance of it (Floquet multipliers).
 
 Over a cycle a disturbance y of the state is multiplied by the monodromy matrix; its eigenvalues tell whether it dies
-away (method.md A7). A motion that is unstable solves the equations and does not occur.
+away (docs/theory A7). A motion that is unstable solves the equations and does not occur.
 """
 
 from contextlib import suppress
@@ -103,7 +103,7 @@ def stability(response):
     """Floquet multipliers of a periodic motion: whether the train runs in it.
 
     Solves the variational equation around the motion of the harmonics, not around an integration of its own, in steps
-    that end where teeth pass the knots of their law (method.md A7; :mod:`jaxhb.transient.variational`). All states of
+    that end where teeth pass the knots of their law (docs/theory A7; :mod:`jaxhb.transient.variational`). All states of
     the train take part; massless disks are condensed. Loss factors, which have no equation in time, damp each mode at
     its natural frequency (:func:`jaxhb.transient.statespace.loss_damping`).
 
