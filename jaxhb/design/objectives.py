@@ -200,9 +200,9 @@ def separated_fraction(response, a, b=None, *, smoothing=0.02):
 def impact_severity(response, a, b=None, *, smoothing=0.02):
     """Sum of the approach speeds of all impacts of a cycle, smoothed, m/s.
 
-    With the speed ``v = d|l|/dt`` and g as in :func:`separated_fraction`, the sum over the time samples at which ``|l|`` rises
-    through g is the integral over the cycle of ``delta(|l| - g) max(v, 0)^2 dt``; the delta function is a logistic bell of
-    width ``smoothing`` x backlash, which must be passed in several of the time samples of the cycle.
+    With the speed ``v = d|l|/dt`` and g as in :func:`separated_fraction`, the sum over the time samples at which
+    ``|l|`` rises through g is the integral over the cycle of ``delta(|l| - g) max(v, 0)^2 dt``; the delta function is a
+    logistic bell of width ``smoothing`` x backlash, which must be passed in several of the time samples of the cycle.
 
     Parameters
     ----------

@@ -87,7 +87,7 @@ class Reduced:
         return jnp.einsum("ngh,hn->gn", self.receptance, nonlinear_force)
 
     def residual(self, deflection, samples):
-        """F(l) as coefficients ``(G, N+1)``, phi sampled at ``samples`` time samples (docs/theory A6: 16 N) if at all."""
+        """F(l) as coefficients ``(G, N+1)``, phi at ``samples`` time samples (docs/theory A6: 16 N) if at all."""
         return deflection - self.linear + self.respond(self.nonlinear_force_coefficients(deflection, samples))
 
 

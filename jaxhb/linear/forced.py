@@ -1,9 +1,9 @@
 """Forced response of the linear train: all speeds and all orders at once, meshes in contact.
 
 At every speed and harmonic n of the cycle ``Z(n) x^n = q^n``, ``Z = -n^2 Omega^2 M + i n Omega B + K`` with loss
-factors and link damping in K (docs/theory A1). Speeds and harmonics are one axis of the scalar sweep along the tree, O(S)
-each and without fill; links that close a loop add as many unknowns (:func:`jaxhb.harmonic.linear_train.solve_linear`,
-which has the derivatives as well).
+factors and link damping in K (docs/theory A1). Speeds and harmonics are one axis of the scalar sweep along the tree,
+O(S) each and without fill; links that close a loop add as many unknowns
+(:func:`jaxhb.harmonic.linear_train.solve_linear`, which has the derivatives as well).
 
 Power is exact from the harmonics: a link of complex stiffness C that transmits f turns ``sum_n 2 n Omega Im(C)
 |f^n / C|^2`` into heat, a disk with damping b ``sum_n 2 (n Omega)^2 b |x^n|^2``; the torques of the excitation bring in

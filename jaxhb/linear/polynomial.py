@@ -1,13 +1,13 @@
 """Characteristic polynomials and frequency responses by their values, at any size, without quotients (Moliboshko).
 
 For a complex p, ``D(p) = det(p^2 M + p B + K(p)) / prod I`` over the disks with inertia; link stiffnesses are
-``k = c + r p``. The source's R of a free train is ``D / p^2``. Every part of the train is a pair (docs/theory C3): F, its
-determinant while free, and G, while it is held where it meets the rest. A part on link k with arms a and b multiplies
-the other's pair: ``W = F + a^2 k G``, then ``F' <- F' W + G' b^2 k F``, ``G' <- G' W``. Pairs are rescaled by powers of
-two, which is exact, so that nothing overflows. In one closed loop the pairs hang on a ring, summed by continuants. All
-of it has twice the precision (:mod:`~jaxhb.linear.extended`), as little is left of large terms beside a root. Only
-damping times p, and what radii of gears enter, is rounded: as if these numbers of the train had another last digit.
-"""
+``k = c + r p``. The source's R of a free train is ``D / p^2``. Every part of the train is a pair (docs/theory C3): F,
+its determinant while free, and G, while it is held where it meets the rest. A part on link k with arms a and b
+multiplies the other's pair: ``W = F + a^2 k G``, then ``F' <- F' W + G' b^2 k F``, ``G' <- G' W``. Pairs are rescaled
+by powers of two, which is exact, so that nothing overflows. In one closed loop the pairs hang on a ring, summed by
+continuants. All of it has twice the precision (:mod:`~jaxhb.linear.extended`), as little is left of large terms beside
+a root. Only damping times p, and what radii of gears enter, is rounded: as if these numbers of the train had another
+last digit. """
 
 import dataclasses
 from dataclasses import dataclass
