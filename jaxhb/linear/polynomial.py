@@ -7,7 +7,8 @@ multiplies the other's pair: ``W = F + a^2 k G``, then ``F' <- F' W + G' b^2 k F
 by powers of two, which is exact, so that nothing overflows. In one closed loop the pairs hang on a ring, summed by
 continuants. All of it has twice the precision (:mod:`~jaxhb.linear.extended`), as little is left of large terms beside
 a root. Only damping times p, and what radii of gears enter, is rounded: as if these numbers of the train had another
-last digit. """
+last digit.
+"""
 
 import dataclasses
 from dataclasses import dataclass

@@ -6,7 +6,8 @@ The theorem of Newton and Kantorovich on the untruncated equation of the deflect
 
 1. ``Z1 = |1 - A F'|_w < 1`` shows that ``F'`` has an inverse, and that it is near A (docs/theory A4.5, where the
    columns beyond ``high`` are parted: those far from the rows they act on meet coefficients of the share that have
-died). 2. ``F'^-1 H = A H + (1 - A F') F'^-1 H``: as H makes bounded motions of forces with bounded root mean square,
+   died).
+2. ``F'^-1 H = A H + (1 - A F') F'^-1 H``: as H makes bounded motions of forces with bounded root mean square,
    the largest value of Newton's correction is at most
 
        Y0 = |A F| + E Z1/(1 - Z1) |A F|_w,
