@@ -9,8 +9,7 @@ import jax
 import numpy as np
 from jax.sharding import Mesh, PartitionSpec, SingleDeviceSharding
 
-from . import _store as _disk
-from . import _x64
+from . import _store as _disk, _x64
 from ._arrays import staged, traced
 
 OPTIONS = {

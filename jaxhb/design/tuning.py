@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 import optax
 
+from .._shown import brief
 from ..model.elements import SceneError
 from ..model.speeds import check_speed
 from ..periodic.request import Request
@@ -17,6 +18,7 @@ from .quantities import check_all
 OPTIMIZERS = {"lbfgs": optax.scale_by_lbfgs, "adam": optax.scale_by_adam}
 
 
+@brief
 @dataclass(frozen=True)
 class Tuning:
     """Result of :func:`tune`.

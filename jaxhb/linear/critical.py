@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import brentq
 
+from .._shown import brief
 from ..harmonic.excitation import excitation, listed_harmonic
 from ..model.elements import SceneError
 from ..model.speeds import check_speed
@@ -47,6 +48,7 @@ class Critical:
     torque: float
 
 
+@brief
 @dataclass(frozen=True)
 class Campbell:
     """Natural frequencies over the speed and where orders meet them; made by :func:`campbell`.

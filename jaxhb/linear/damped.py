@@ -8,6 +8,7 @@ from scipy.linalg import eig
 from scipy.optimize import linear_sum_assignment
 
 from .._arrays import concrete, namespace, on_host, traced
+from .._shown import brief
 from ..harmonic import chain
 
 CREEPING = 0.01
@@ -19,6 +20,7 @@ AT_REST = 1e-10
 """Modulus, over the largest one, that is rounding of a motion without force."""
 
 
+@brief
 @dataclass(frozen=True)
 class DampedModes:
     """Complex modes ``e^{lambda t}`` of a damped train, meshes in contact.

@@ -49,7 +49,7 @@ SAMPLES = 4096
 
 
 @register
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ForcedResponse(Response):
     """A :class:`~jaxhb.Response` of the linear train, with powers; made by :func:`forced_response`.
 

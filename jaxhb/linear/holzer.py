@@ -11,10 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._arrays import namespace, on_host, traced
+from .._shown import brief
 from ..harmonic import chain
 from ..model.elements import SceneError
 
 
+@brief
 @dataclass(frozen=True)
 class HolzerTable:
     """One table, disks in the order of calculation; each row ends with the link to the disk that comes later.

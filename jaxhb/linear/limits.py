@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._arrays import namespace
+from .._shown import brief
 from ..model.derived import link_number
 from .strength import BarredRange, barred_ranges, dissipated_power, permissible_stress, torsional_stress
 
@@ -44,6 +45,7 @@ class Heat(NamedTuple):
     limit: np.ndarray
 
 
+@brief
 @dataclass(frozen=True)
 class Strength:
     """Stresses, tooth torques and heat beside their limits; made by :func:`strength`.

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._arrays import namespace, on_host
+from .._shown import brief
 from ..harmonic import chain
 from .incidence import factor, singular_values, singular_vectors
 
@@ -22,6 +23,7 @@ class ModeShares(NamedTuple):
     strain_share: np.ndarray
 
 
+@brief
 @dataclass(frozen=True)
 class Modes:
     """Natural frequencies and shapes of an undamped train.

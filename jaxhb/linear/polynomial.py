@@ -20,6 +20,7 @@ import numpy as np
 from jax import lax
 
 from .._program import Program
+from .._shown import brief
 from ..harmonic import chain
 from ..harmonic.block_sweep import slots
 from ..model.elements import SceneError
@@ -130,6 +131,7 @@ def _receptance(train, p, ends):
 
 
 @jax.tree_util.register_dataclass
+@brief
 @dataclass(frozen=True)
 class DampedApproximation:
     """The source's approximation of a damped characteristic polynomial beside the exact value.

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._arrays import concrete, namespace, on_host, traced
+from .._shown import brief
 from ..harmonic import backlash, chain
 from ..harmonic.excitation import excitation
 from ..model.change import without_backlash
@@ -28,6 +29,7 @@ UNBALANCED = 1e-9
 """Mean torque left over the largest from which the train does not run steadily."""
 
 
+@brief
 @dataclass(frozen=True)
 class MeanLoad:
     """Meshes at the mean load of a speed, and the train linearised there; made by :func:`at_mean_load`.

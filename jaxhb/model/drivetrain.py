@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from jaxhb._arrays import pytree, traced
+from jaxhb._shown import html_table
 from jaxhb.model import assembly, change, gas, varying
 from jaxhb.model.elements import SceneError
 from jaxhb.model.ratios import inertias, speed_ratios
@@ -35,8 +36,9 @@ __all__ = ["DriveTrain", "SceneError", "Topology", "build", "inertias", "speed_r
 class DriveTrain:
     """A drive train: a pytree of float64 vectors (one for each field of each kind of element) and static topology.
 
-    The fields are described in :mod:`jaxhb.model.tables`, the topology in :mod:`jaxhb.model.topology`. Make
-    one with :func:`build` or :func:`jaxhb.load_scene`; change it with :meth:`replace`.
+    Make one with :func:`build` or :func:`jaxhb.load_scene`. Its arrays are read-only: change numbers with
+    :meth:`replace`, which returns another train. The fields are described in :mod:`jaxhb.model.tables`, the topology in
+    :mod:`jaxhb.model.topology`.
     """
 
     topology: Topology = field(metadata={"static": True})
@@ -48,6 +50,12 @@ class DriveTrain:
     loads: Loads
     torques: Torques
     cylinders: Cylinders
+
+    def __repr__(self):
+        return f"<DriveTrain {self.topology.name or 'without a name'}: {self.topology.parts_text}>"
+
+    def _repr_html_(self):
+        return html_table(repr(self)[1:-1], ["elements", "number", "names"], self.topology.parts_rows)
 
     @property
     def tune(self) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from jaxhb._arrays import namespace
+from jaxhb._shown import brief
 
 Array = Any
 
@@ -67,6 +68,7 @@ def inertias(train):
     return namespace(inertia).concatenate(inertia)
 
 
+@brief
 @dataclass(frozen=True)
 class Referred:
     """Numbers of a train as they are and referred to the reference rotor; made by :func:`referred`.

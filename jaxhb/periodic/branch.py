@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 
+from .._shown import brief
 from ..harmonic import fourier
 from ..harmonic.excitation import listed_harmonic
 from ..response.status import NotConverged, Status, check
@@ -37,6 +38,7 @@ class BranchOptions:
 DEFAULT = BranchOptions()
 
 
+@brief
 @dataclass(frozen=True)
 class Branch:
     """A branch of periodic motions as a table of P points, made by :func:`follow`; M meshes.

@@ -40,6 +40,7 @@ from dataclasses import dataclass, replace
 import jax
 import numpy as np
 
+from .._shown import brief
 from ..harmonic import backlash, fourier
 from ..harmonic.backlash import law_of
 from ..harmonic.excitation import listed_harmonic
@@ -132,6 +133,7 @@ class Kantorovich:
         return (self.uniqueness - self.radius) * power / (1 - power)
 
 
+@brief
 @dataclass(frozen=True)
 class Certificate:
     """How far a true periodic motion is from a computed one, made by :func:`certify`; ``str`` says it.

@@ -15,6 +15,7 @@ from jax import lax
 
 from .._arrays import on_host
 from .._program import Program
+from .._shown import brief
 from ..harmonic import chain, exact
 from ..harmonic.excitation import listed_harmonic
 from ..harmonic.residual import backlash_meshes
@@ -40,6 +41,7 @@ SAMPLES = 64
 """Time samples per harmonic at which slopes are taken for averages: damping in contact gives them short peaks."""
 
 
+@brief
 @dataclass(frozen=True)
 class Stability:
     """Floquet multipliers of a periodic motion, made by :func:`stability`; ``str`` says what they mean.

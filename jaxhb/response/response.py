@@ -7,14 +7,18 @@ import jax
 import numpy as np
 
 from .._arrays import namespace
+from .._shown import brief
 from ..harmonic import backlash, fourier
 from ..model.drivetrain import DriveTrain
 from ..model.topology import Topology
 from .contact import contact_of
+from .shown import response_html, response_line
 from .signal import Signal
+from .status import Status
 
 
 @jax.tree_util.register_dataclass
+@brief
 @dataclass(frozen=True)
 class Fields:
     """Motion, torques and forces over one cycle, as Fourier coefficients.
@@ -92,9 +96,21 @@ class Response(Fields):
         return self.status == 0
 
     @property
+    def status_name(self):
+        """Name of :attr:`status` as :class:`jaxhb.Status` has it, "CONVERGED"; of several speeds an array of names."""
+        names = np.array([status.name for status in Status])[np.asarray(self.status)]
+        return names if np.ndim(names) else str(names)
+
+    @property
     def load_kW(self):
         """Power taken by the loads in kW."""
         return self.load_power / 1e3
+
+    def __repr__(self):
+        return response_line(self)
+
+    def _repr_html_(self):
+        return response_html(self)
 
     def __len__(self):
         return len(self.rpm)
@@ -152,7 +168,7 @@ class Response(Fields):
 
     def deflection_samples(self, count):
         """Deflections of all meshes at ``count`` time samples of the cycle, ``(..., G, count)`` m."""
-        return self._signal(self.deflections).samples(count)
+        return fourier.sample(self.deflections, count)
 
     def _mesh_index(self, a, b):
         index, sense = self.topology.link_index(a, b)

@@ -1,13 +1,18 @@
 """A periodic signal as the engineer reads it: mean, extremes, orders, samples."""
 
+import warnings
 from dataclasses import dataclass, field
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._arrays import namespace
+from .._arrays import namespace, traced
 from ..harmonic import fourier
+from .shown import signal_line
+
+MISSED = 0.01
+"""Share of the peak by which samples may miss it unsaid."""
 
 
 @jax.tree_util.register_dataclass
@@ -40,6 +45,9 @@ class Signal:
     elastic_coefficients: jax.Array | None
     revolutions_per_cycle: float = field(metadata={"static": True})
     resolution: int = field(metadata={"static": True})
+
+    def __repr__(self):
+        return signal_line(self)
 
     @property
     def elastic(self):
@@ -77,8 +85,34 @@ class Signal:
         return self.amplitudes[..., harmonic - 1]
 
     def samples(self, count):
-        """Values at ``count`` equidistant time samples of one cycle, from theta = 0; shape ``(..., count)``."""
+        """Values at ``count`` equidistant time samples of one cycle, from theta = 0; shape ``(..., count)``.
+
+        Warns where the samples miss the peak by more than 1 % of it, and names a count that does not: values between
+        the samples are lost to what is made of them, :attr:`max` and the like are those of the whole signal.
+        """
+        values = self._sampled(count)
+        if count < self.resolution and not traced(values):
+            self._warn_of_missed_peak(values, count)
+        return values
+
+    def _sampled(self, count):
         return fourier.sample(self.coefficients, count)
+
+    def _warn_of_missed_peak(self, values, count):
+        peak = np.asarray(self.peak)
+
+        def missed(values):
+            lost = peak - np.abs(np.asarray(values)).max(axis=-1)
+            return np.max(np.where(peak > 0, lost / np.where(peak > 0, peak, 1.0), 0.0), initial=0.0)
+
+        if missed(values) > MISSED:
+            more = (count << k for k in range(1, 32))
+            enough = next(n for n in more if n >= self.resolution or missed(self._sampled(n)) <= MISSED)
+            warnings.warn(
+                f"{count} samples miss the peak of the signal by {100 * missed(values):.2g} %: take {enough}, or read "
+                ".max, .min and .half_peak_to_peak, which have the whole signal",
+                stacklevel=3,
+            )
 
     def angles_deg(self, count):
         """Angles theta of :meth:`samples` in deg of the reference rotor ``(count,)``."""
@@ -92,22 +126,22 @@ class Signal:
     @property
     def max(self):
         """Largest value over the cycle."""
-        return self.samples(self.resolution).max(axis=-1)
+        return self._sampled(self.resolution).max(axis=-1)
 
     @property
     def min(self):
         """Smallest value over the cycle."""
-        return self.samples(self.resolution).min(axis=-1)
+        return self._sampled(self.resolution).min(axis=-1)
 
     @property
     def peak(self):
         """Largest absolute value over the cycle."""
-        return namespace(self.coefficients).abs(self.samples(self.resolution)).max(axis=-1)
+        return namespace(self.coefficients).abs(self._sampled(self.resolution)).max(axis=-1)
 
     @property
     def half_peak_to_peak(self):
         """(max - min) / 2 of the synthesised signal."""
-        values = self.samples(self.resolution)
+        values = self._sampled(self.resolution)
         return (values.max(axis=-1) - values.min(axis=-1)) / 2
 
     @property
@@ -127,7 +161,7 @@ class Signal:
         With M time samples it lies between ``peak M^(-1/p)`` and ``peak``.
         """
         xp = namespace(self.coefficients)
-        values = xp.abs(self.samples(self.resolution))
+        values = xp.abs(self._sampled(self.resolution))
         scale = values.max(axis=-1)
         scale = jax.lax.stop_gradient(scale) if xp is jnp else scale
         scale = xp.where(scale > 0, scale, 1.0)

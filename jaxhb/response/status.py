@@ -6,7 +6,15 @@ import numpy as np
 
 
 class Status(IntEnum):
-    """Outcome of a solve; larger is worse. ``sentence`` says it for people."""
+    """Outcome of a solve; larger is worse. ``sentence`` says it for people.
+
+    Examples
+    --------
+    >>> print(Status(3))
+    MAX_STEPS
+    >>> Status.NEAR_SINGULAR.sentence
+    'the equations are singular here (an undamped resonance): add damping or move the speed'
+    """
 
     CONVERGED = 0
     TOLERANCE_NOT_MET = 1
@@ -17,6 +25,12 @@ class Status(IntEnum):
     NEAR_SINGULAR = 6
     NONFINITE = 7
     INVALID_INPUT = 8
+
+    def __str__(self):
+        return self.name
+
+    def __format__(self, spec):
+        return format(self.name, spec)
 
     @property
     def sentence(self):

@@ -7,8 +7,10 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
+from .._shown import brief
 from ..model.topology import Topology
 from .response import Response
+from .shown import state_html, state_line, states_html, states_line
 from .signal import Signal
 
 KINDS = "contact", "periodic", "subharmonic", "irregular", "unknown"
@@ -25,7 +27,7 @@ class PerCycle(NamedTuple):
 
 
 @jax.tree_util.register_dataclass
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SteadySignal(Signal):
     """The :class:`Signal` of a motion whose period is ``cycles`` cycles of the excitation."""
 
@@ -54,10 +56,11 @@ class SteadySignal(Signal):
     def _by_cycle(self):
         """Samples of each cycle and the first of the next ``(cycles, n + 1)``."""
         count = -(-self.resolution // self.cycles)
-        values = np.reshape(self.samples(count * self.cycles), (self.cycles, count))
+        values = np.reshape(self._sampled(count * self.cycles), (self.cycles, count))
         return np.concatenate([values, np.roll(values, -1, axis=0)[:, :1]], axis=1)
 
 
+@brief
 @dataclass(frozen=True)
 class RecordedSignal:
     """A quantity over C recorded cycles that do not repeat.
@@ -166,6 +169,7 @@ class SteadyContact:
     drive_side: int
 
 
+@brief
 @dataclass(frozen=True)
 class Record:
     """Signals of every disk, link and gear over recorded cycles, and the contact of every mesh.
@@ -224,6 +228,12 @@ class SteadyState:
     motion: np.ndarray | None
     topology: Topology
     stability: object = None
+
+    def __repr__(self):
+        return state_line(self)
+
+    def _repr_html_(self):
+        return state_html(self)
 
     @property
     def known(self):
@@ -319,6 +329,12 @@ class SteadySweep:
 
     states: tuple
     direction: str
+
+    def __repr__(self):
+        return states_line(self)
+
+    def _repr_html_(self):
+        return states_html(self)
 
     def __len__(self):
         return len(self.states)
