@@ -10,6 +10,8 @@ Power is exact from the harmonics: a link of complex stiffness C that transmits 
 ``sum_n 2 Re(q^n conj(i n Omega x^n))``, n > 0.
 """
 
+from __future__ import annotations
+
 import dataclasses
 from dataclasses import dataclass
 from functools import partial
@@ -19,12 +21,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .._arrays import on_host, staged, traced
+from .._arrays import Array, Numbers, on_host, staged, traced
 from .._program import Program
 from ..harmonic import chain, linear_train
 from ..harmonic.backlash import law_of
 from ..harmonic.excitation import excitation, listed_harmonic, load_power_kW
 from ..model.change import within_range, without_backlash
+from ..model.drivetrain import DriveTrain
 from ..model.elements import SceneError
 from ..model.speeds import check_speed
 from ..model.varying import varying, without_tables
@@ -60,11 +63,11 @@ class ForcedResponse(Response):
     input_power : ``(...)`` W, that the alternating torques bring in: the sum of what is turned into heat
     """
 
-    disk_power: jax.Array = None
-    link_power: jax.Array = None
-    input_power: jax.Array = None
+    disk_power: Array = None  # type: ignore[assignment]  # always given: a default, as they come after defaults
+    link_power: Array = None  # type: ignore[assignment]
+    input_power: Array = None  # type: ignore[assignment]
 
-    def power(self, a, b=None):
+    def power(self, a: str, b: str | None = None) -> Array:
         """Power in W that a disk, shaft, damper or mesh turns into heat.
 
         Parameters
@@ -82,7 +85,7 @@ class ForcedResponse(Response):
         return self.link_power[..., topology.link_index(a, b)[0]]
 
 
-def forced_response(train, *, rpm, harmonics=None):
+def forced_response(train: DriveTrain, *, rpm: Numbers, harmonics: int | None = None) -> ForcedResponse:
     """Linear forced response of any train at many speeds, teeth in contact.
 
     Trees, closed loops, several gears on a shaft; loss factors, damping of links and to ground, grounds, disks without

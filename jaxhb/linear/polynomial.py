@@ -10,6 +10,8 @@ a root. Only damping times p, and what radii of gears enter, is rounded: as if t
 last digit.
 """
 
+from __future__ import annotations
+
 import dataclasses
 from dataclasses import dataclass
 from functools import partial
@@ -19,10 +21,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from .._arrays import Array, Numbers
 from .._program import Program
 from .._shown import brief
 from ..harmonic import chain
 from ..harmonic.block_sweep import slots
+from ..model.drivetrain import DriveTrain
 from ..model.elements import SceneError
 from .extended import Scaled, doubled, rescaled, scaled_product, shifted
 
@@ -40,7 +44,7 @@ class _Parts:
     joints: tuple
 
 
-def characteristic(train, p):
+def characteristic(train: DriveTrain, p: Array) -> Scaled:
     """Characteristic determinant D(p) of a train with at most one closed loop, meshes in contact.
 
     Parameters
@@ -74,7 +78,7 @@ def _characteristic(train, p):
     return _determinant(chain.assemble(train), _spine(train), p)
 
 
-def frequency_response(train, disk, at, hz):
+def frequency_response(train: DriveTrain, disk: str, at: str, hz: Numbers) -> Array:
     """Receptance of a train without closed loops from polynomials of its parts.
 
     ``H = prod k (over the links between the two disks) . D(the rest, the disks between held) / D``.
@@ -144,7 +148,7 @@ class DampedApproximation:
     relative_error: jax.Array
 
 
-def damped_approximation(train, omega):
+def damped_approximation(train: DriveTrain, omega: Array) -> DampedApproximation:
     """The source's ``D(i omega) = D1 + i omega (D2 - D1)``: D1 without link damping, D2 with c + r as stiffness.
 
     Parameters

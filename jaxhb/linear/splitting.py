@@ -21,10 +21,15 @@ rule of rows 1 and 2 for any tree, :func:`open_ring` that of rows 3 and 4 for an
 double precision lose all digits from some 20 disks on: values at any size are in ``linear.polynomial``.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
+
+from jaxhb.model.drivetrain import DriveTrain
 
 from .._arrays import concrete, traced
 from ..harmonic import chain
@@ -128,7 +133,7 @@ def links_of(train, *, exact=True):
     )
 
 
-def characteristic_coefficients(train, *, exact=False):
+def characteristic_coefficients(train: DriveTrain, *, exact: bool = False) -> tuple[Any, ...]:
     """Coefficients of ``det(p^2 M + p B + K) / prod I``, highest power first.
 
     Parameters

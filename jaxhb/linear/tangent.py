@@ -5,16 +5,19 @@ method with steps halved until the energy falls, on the host. In the gap the slo
 Derivatives are those of two steps more from the equilibrium: the first has the first, the second also the second ones.
 """
 
+from __future__ import annotations
+
 import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 
-from .._arrays import concrete, namespace, on_host, traced
+from .._arrays import Number, concrete, namespace, on_host, traced
 from .._shown import brief
 from ..harmonic import backlash, chain
 from ..harmonic.excitation import excitation
 from ..model.change import without_backlash
+from ..model.drivetrain import DriveTrain
 from ..model.elements import SceneError
 from ..model.speeds import check_speed
 
@@ -52,7 +55,7 @@ class MeanLoad:
     share: np.ndarray
 
 
-def at_mean_load(train, *, rpm):
+def at_mean_load(train: DriveTrain, *, rpm: Number) -> MeanLoad:
     """Linearise the meshes with backlash at the mean load of one speed.
 
     Parameters

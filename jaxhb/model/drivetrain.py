@@ -15,12 +15,13 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from jaxhb._arrays import pytree, traced
+from jaxhb._arrays import Number, pytree, traced
 from jaxhb._shown import html_table
 from jaxhb.model import assembly, change, gas, varying
 from jaxhb.model.elements import SceneError
@@ -62,7 +63,7 @@ class DriveTrain:
         """The ``[tune]`` table of the scene, untouched."""
         return json.loads(self.topology.tune)
 
-    def value(self, key: str):
+    def value(self, key: str) -> Any:
         """Read one number of the train.
 
         Parameters
@@ -120,7 +121,7 @@ class DriveTrain:
         """
         return change.replace(self, values)
 
-    def with_viscous_damping(self, *, hz) -> DriveTrain:
+    def with_viscous_damping(self, *, hz: Number) -> DriveTrain:
         """Return the train with every loss factor turned into viscous damping: r += eta k / omega, omega = 2
         pi hz.
 
@@ -157,7 +158,9 @@ class DriveTrain:
 
         return dataclasses.replace(self, shafts=viscous(self.shafts), dampers=viscous(self.dampers))
 
-    def with_constant_links(self, *, hz=None, amplitude=None, rpm=None) -> DriveTrain:
+    def with_constant_links(
+        self, *, hz: Number | None = None, amplitude: Number | None = None, rpm: Number | None = None
+    ) -> DriveTrain:
         """Return the train with its varying links as they are at one frequency, amplitude and speed.
 
         Needed for everything but the linear forced response, such as natural frequencies and motions with backlash.
@@ -335,15 +338,15 @@ class DriveTrain:
 
 
 def build(
-    elements,
+    elements: Iterable[Any],
     *,
-    name="",
-    reference=None,
-    revolutions_per_cycle=2,
-    rated_rpm=None,
-    tune=None,
-    scenarios=None,
-    source="scene",
+    name: str = "",
+    reference: str | None = None,
+    revolutions_per_cycle: float = 2,
+    rated_rpm: float | None = None,
+    tune: dict[str, Any] | None = None,
+    scenarios: dict[str, dict[str, float]] | None = None,
+    source: str = "scene",
 ) -> DriveTrain:
     """Check elements and put them together to a drive train.
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, dataclass_transform
 
 import numpy as np
 
@@ -26,6 +26,7 @@ COMPUTED = ("pressure", "traces", "combustion")
 """Fields of a cylinder whose gas torque is computed from its pressure."""
 
 
+@dataclass_transform(kw_only_default=True, frozen_default=True, eq_default=False)
 def table(cls):
     """Make a class of arrays a frozen dataclass and a pytree; its numpy arrays cannot be changed in place."""
     cls.__post_init__ = _locked

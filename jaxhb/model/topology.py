@@ -11,6 +11,7 @@ import difflib
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 from jaxhb.model.elements import SceneError
 
@@ -133,7 +134,7 @@ class Topology:
 
     def repeated(self, cycles: int) -> Topology:
         """The same with a cycle ``cycles`` times as long; harmonic n of the cycle becomes harmonic ``cycles n``."""
-        numbers = {
+        numbers: dict[str, Any] = {
             name: tuple(tuple(cycles * n for n in row) for row in getattr(self, name))
             for name in ("torque_harmonics", "cylinder_harmonics", "load_harmonics")
         }

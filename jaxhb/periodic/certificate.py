@@ -35,6 +35,8 @@ resonance, docs/theory A4.2: the claim (31) of the source is false) and several 
 certificate of its own.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, replace
 
 import jax
@@ -44,6 +46,7 @@ from .._shown import brief
 from ..harmonic import backlash, fourier
 from ..harmonic.backlash import law_of
 from ..harmonic.excitation import listed_harmonic
+from ..response.response import Response
 from .certified_stability import decide
 from .linearisation import PER_HARMONIC, Linearisation, Sizes, highest_frequency
 from .planning import mesh_mode_harmonics
@@ -97,22 +100,22 @@ class Kantorovich:
     K: float
 
     @property
-    def h0(self):
+    def h0(self) -> float:
         """``H0 K delta0``, at most 1/2 where the theorem holds."""
         return self.H0 * self.K * self.delta0
 
     @property
-    def holds(self):
+    def holds(self) -> bool:
         """Whether a solution exists within :attr:`radius`."""
         return self.h0 <= 0.5
 
     @property
-    def radius(self):
+    def radius(self) -> float:
         """(36): ``(1 - sqrt(1 - 2 h0)) / h0 delta0``, within which a solution exists; nan where the theorem fails."""
         return 2 * self.delta0 / (1 + self._root)
 
     @property
-    def uniqueness(self):
+    def uniqueness(self) -> float:
         """Distance within which it is the only one; inf where the derivative does not change."""
         slope = self.H0 * self.K
         return (1 + self._root) / slope if slope else np.inf
@@ -121,7 +124,7 @@ class Kantorovich:
     def _root(self):
         return np.sqrt(1 - 2 * self.h0) if self.holds else np.nan
 
-    def bound(self, steps):
+    def bound(self, steps: int) -> float:
         """Largest distance from the solution after so many exact Newton steps: (37) corrected, and sharp (Gragg &
         Tapia, SIAM J. Numer. Anal. 11 (1974) 10)."""
         if not self.h0:
@@ -170,22 +173,22 @@ class Certificate:
     harmonic_balance: Kantorovich | None = None
 
     @property
-    def holds(self):
+    def holds(self) -> bool:
         """Whether a true motion is shown to exist."""
         return not self.reason
 
     @property
-    def h0(self):
+    def h0(self) -> float:
         """``Y0 Z2``, at most 1/2 where a true motion is shown."""
         return self.Y0 * self.Z2
 
     @property
-    def radius(self):
+    def radius(self) -> float:
         """Distance of the true motion from the refined one, in backlashes, all the time and at every mesh."""
         return Kantorovich(self.Z2, self.Y0, 1.0).radius if self.holds else np.inf
 
     @property
-    def unique_within(self):
+    def unique_within(self) -> float:
         """Distance from the refined motion within which there is no other of one cycle, in backlashes."""
         return 2 * self.Y0 if self.holds else 0.0
 
@@ -200,10 +203,11 @@ class Certificate:
         )
 
 
-_LINEAR = Certificate("", (), *[np.zeros(0)] * 3, Y0=0.0, Z1=0.0, Z2=0.0, small_gain=0.0, low=0, high=0)
+_NONE = np.zeros(0)
+_LINEAR = Certificate("", (), _NONE, _NONE, _NONE, Y0=0.0, Z1=0.0, Z2=0.0, small_gain=0.0, low=0, high=0)
 
 
-def certify(response):
+def certify(response: Response) -> Certificate:
     """Show that a true periodic motion exists near a computed one, and how near.
 
     Parameters

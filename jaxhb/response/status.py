@@ -1,8 +1,13 @@
 """How a solve went: one number inside programs, a sentence for people outside."""
 
+from __future__ import annotations
+
 from enum import IntEnum
+from typing import Any, TypeVar
 
 import numpy as np
+
+AnyResponse = TypeVar("AnyResponse", bound=Any)
 
 
 class Status(IntEnum):
@@ -33,12 +38,12 @@ class Status(IntEnum):
         return format(self.name, spec)
 
     @property
-    def sentence(self):
+    def sentence(self) -> str:
         """What happened and what to try."""
         return _SENTENCES[self]
 
     @property
-    def unsolved(self):
+    def unsolved(self) -> bool:
         """Whether another start of Newton's method may succeed."""
         return self in (Status.MAX_STEPS, Status.STALLED, Status.NONFINITE)
 
@@ -69,7 +74,7 @@ class NotConverged(RuntimeError):
     """A periodic solution that did not converge, or not to the asked tolerance."""
 
 
-def check(response):
+def check(response: AnyResponse) -> AnyResponse:
     """Raise :class:`NotConverged` with a sentence per speed that did not converge; return the response otherwise."""
     status = np.atleast_1d(np.asarray(response.status))
     if not status.any():
