@@ -3,9 +3,9 @@
     python benchmarks/polynomial_digits.py                     a table, seconds
     python benchmarks/polynomial_digits.py --plot digits.png
 
-Three ways beside a recursion in 50 digits at the same frequencies: coefficients in double precision (method.md C5), the
-continuant recursion in double precision, and ``jaxhb.characteristic``. Free chain of equal disks and shafts, natural
-frequencies up to 2 rad/s; 2000 frequencies, and frequencies 1e-4, 1e-8 and 1e-12 (relative) beside each root.
+Three ways beside a recursion in 50 digits at the same frequencies: coefficients in double precision (docs/theory C5),
+the continuant recursion in double precision, and ``jaxhb.characteristic``. Free chain of equal disks and shafts,
+natural frequencies up to 2 rad/s; 2000 frequencies, and frequencies 1e-4, 1e-8 and 1e-12 (relative) beside each root.
 """
 
 import argparse

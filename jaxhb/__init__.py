@@ -1,67 +1,39 @@
 """Harmonic balance for the forced periodic vibration of drive trains with gear backlash, in JAX.
 
-Names are loaded when they are first used: the command line sets what must be set before jax is imported. Importing
-jaxhb switches jax to double precision, at once where jax is already there and else with the first name.
+A map of the package; ``help(jaxhb.solve)`` and the like have units, shapes, errors and an example.
+
+=====================  ==============================================================================================
+a train                load_scene, scene_names, build from Disk, Shaft, Mesh, Damper, Engine, ...; DriveTrain.replace
+one speed              solve (a Response), check, linear_response, forced_response, plan
+many speeds            solve_speeds, misfire_each, follow (a branch through its folds)
+what the train does    steady_state; stability, solve_all
+linear                 natural_frequencies, damped_modes, campbell, holzer_table, at_mean_load, frequency_response
+judge                  strength, certify (an error bound), shooting_correction (a check by time integration)
+tune                   tune; Objective, Parameter, Penalty and smooth objectives in jaxhb.design
+read                   Response.force, .torque, .gear_torque, .twist, .disk: a Signal; Response.mesh: contact
+start at once          cache_programs
+=====================  ==============================================================================================
+
+Numbers are in SI units, speeds in rpm of the reference rotor. Names are loaded when they are first used: the command
+line sets what must be set before jax is imported. jaxhb computes in double precision and switches jax to it for the
+whole process (``jax_enable_x64``), at import where jax is already there and else with the first name.
 """
 
+import ast
 import importlib
 import sys
+from pathlib import Path
 
 __version__ = "0.1.0"
 
-_HOMES = {
-    "_program": ("cache_programs",),
-    "model.drivetrain": ("DriveTrain", "build"),
-    "model.elements": (
-        "Combustion",
-        "Cylinder",
-        "Damper",
-        "Disk",
-        "Ground",
-        "Load",
-        "Mesh",
-        "SceneError",
-        "Shaft",
-        "Torque",
-        "Trace",
-    ),
-    "model.derived": ("shaft_stiffness", "viscous_damping"),
-    "model.engine": ("Engine",),
-    "model.ratios": ("Referred", "referred"),
-    "model.scene_writer": ("elements_text", "scene_text"),
-    "model.scene": ("load_scene", "scene_names"),
-    "linear.critical": ("Campbell", "Critical", "campbell", "critical_speed"),
-    "linear.damped": ("DampedModes", "damped_eigenvalues", "damped_modes", "damping_ratios"),
-    "linear.energy": ("inertia_and_stiffness", "kinetic_energy", "strain_energy"),
-    "linear.forced": ("ForcedResponse", "forced_response"),
-    "linear.holzer": ("HolzerTable", "holzer_residual", "holzer_table"),
-    "linear.limits": ("Strength", "strength"),
-    "linear.modal": ("Modes", "all_frequencies", "natural_frequencies"),
-    "linear.polynomial": ("characteristic", "damped_approximation", "frequency_response"),
-    "linear.sensitivity": ("cluster_sums_hz", "clusters_of", "frequencies_hz", "mode_shares"),
-    "linear.splitting": ("characteristic_coefficients",),
-    "linear.strength": ("BarredRange", "barred_ranges", "permissible_stress", "torsional_stress"),
-    "linear.tangent": ("MeanLoad", "at_mean_load"),
-    "transient.reference": ("integrate", "shooting_correction"),
-    "response.certificate": ("Certificate", "Kantorovich"),
-    "response.response": ("Response",),
-    "response.signal": ("Signal",),
-    "response.status": ("NotConverged", "Status", "check"),
-    "periodic.plan": ("Plan",),
-    "periodic.solve": ("linear_response", "plan", "solve"),
-    "periodic.speeds": ("solve_speeds",),
-    "periodic.checkpoint": ("CheckpointError",),
-    "periodic.misfires": ("misfire_each",),
-    "periodic.branch": ("Branch", "BranchOptions", "follow"),
-    "periodic.certificate": ("certify",),
-    "periodic.returns": ("Cycles",),
-    "periodic.search": ("PeriodicMotion", "solve_all"),
-    "periodic.stability": ("Stability", "largest_multiplier", "stability"),
-    "periodic.steady_state": ("steady_state",),
-    "response.steady": ("SteadyState", "SteadySweep"),
-    "design": ("tune",),
-}
-_HOME = {name: home for home, names in _HOMES.items() for name in names}
+
+def _homes():
+    """The module of every public name, as the stub for type checkers has it."""
+    stub = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
+    return {alias.name: node.module for node in stub.body if isinstance(node, ast.ImportFrom) for alias in node.names}
+
+
+_HOME = _homes()
 __all__ = sorted(_HOME)
 
 if "jax" in sys.modules:
@@ -69,6 +41,8 @@ if "jax" in sys.modules:
 
 
 def __getattr__(name):
+    if name == "design":
+        return importlib.import_module(".design", __name__)
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from . import _x64  # noqa: F401
@@ -78,4 +52,4 @@ def __getattr__(name):
 
 
 def __dir__():
-    return sorted([*globals(), *__all__])
+    return sorted(["__doc__", "__version__", "design", *__all__])

@@ -1,8 +1,20 @@
 """Where arithmetic runs: numpy on the host, jax.numpy under a transformation. Scenes are read without jax."""
 
 import sys
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import jax
+
+    Array = jax.Array | np.ndarray
+    Number = float | Array
+    Numbers = float | Sequence[float] | Array
+else:
+    Array = Number = Numbers = Any
 
 _waiting = []
 

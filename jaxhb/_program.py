@@ -1,6 +1,8 @@
 """Compiled programs: ``jax.jit``, with options of the compiler and a store on disk where the host calls, and not too
 many of them."""
 
+from __future__ import annotations
+
 import inspect
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache, partial, update_wrapper
@@ -10,8 +12,7 @@ import jax
 import numpy as np
 from jax.sharding import Mesh, PartitionSpec, SingleDeviceSharding
 
-from . import _store as _disk
-from . import _x64
+from . import _store as _disk, _x64
 from ._arrays import staged, traced
 
 OPTIONS = {
@@ -158,7 +159,7 @@ def _beside():
 _store = _disk.Store()
 
 
-def cache_programs(folder=None, *, limit=_disk.LIMIT):
+def cache_programs(folder: str | Path | None = None, *, limit: int = _disk.LIMIT) -> Path | None:
     """Keep compiled programs on disk, so that other processes start with what this one has compiled.
 
     The command line does so by itself. A solve of ``gear_train_30`` compiles for some seconds; from the disk its

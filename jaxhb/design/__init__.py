@@ -1,14 +1,18 @@
 """Design: objectives to be differentiated, and tuning by gradient (``tune``, which loads optax when first used)."""
 
+import importlib
+from typing import TYPE_CHECKING
+
 from .. import _x64  # noqa: F401
 from .quantities import Objective, Parameter, Penalty
+
+if TYPE_CHECKING:
+    from .tuning import tune
 
 __all__ = ["Objective", "Parameter", "Penalty", "tune"]
 
 
 def __getattr__(name):
     if name == "tune":
-        from .tuning import tune
-
-        return tune
+        return importlib.import_module(".tuning", __name__).tune
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

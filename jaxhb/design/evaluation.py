@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import jax
 import numpy as np
 
+from .._shown import brief
 from ..harmonic.excitation import listed_harmonic
 from ..periodic.planning import next_level, plan_marching, plan_speeds
 from ..periodic.problem import pose
@@ -62,6 +63,7 @@ def _with_room(plan):
     return dataclasses.replace(plan, harmonics=higher) if higher else plan
 
 
+@brief
 @dataclass(frozen=True)
 class Reading:
     """What a design does: parameters by name, whether each speed is solved ``(n,)``, readings by label.

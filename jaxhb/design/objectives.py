@@ -6,10 +6,18 @@ failed counts as zero with zero derivative; the number of valid speeds is return
 optimiser is paid for failing.
 """
 
+from __future__ import annotations
+
 import dataclasses
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
+
+from jaxhb._arrays import Array, Number
+from jaxhb.model.drivetrain import DriveTrain
+from jaxhb.response.response import Response
+from jaxhb.response.signal import Signal
 
 from ..harmonic import fourier
 from ..linear import limits
@@ -21,12 +29,12 @@ INSTANTS = 4096
 """Least number of time samples of the cycle at which contact is looked at."""
 
 
-def valid(response):
+def valid(response: Response) -> Array:
     """Whether the equations of each speed are solved ``(...)``, the truncation error aside."""
     return jnp.asarray(response.status) <= Status.TOLERANCE_NOT_MET
 
 
-def usable(response):
+def usable(response: Response) -> Response:
     """The response with zeros at speeds that failed: masked before it is read, so that nan goes nowhere."""
     kept = valid(response)
     names = ("angles", "torques", "elastic_torques", "deflections", "forces", "elastic_forces")
@@ -38,17 +46,17 @@ def usable(response):
     return dataclasses.replace(response, **{name: masked(jnp.asarray(getattr(response, name))) for name in names})
 
 
-def tooth_force(response, a, b=None, *, p=64):
+def tooth_force(response: Response, a: str, b: str | None = None, *, p: float = 64) -> Array:
     """Smooth half peak-to-peak of a tooth force, N; see :func:`half_peak_to_peak`."""
     return half_peak_to_peak(usable(response).force(a, b), p=p)
 
 
-def shaft_torque(response, a, b=None, *, p=64):
+def shaft_torque(response: Response, a: str, b: str | None = None, *, p: float = 64) -> Array:
     """Smooth half peak-to-peak of the torque of a shaft or damper, N m; see :func:`half_peak_to_peak`."""
     return half_peak_to_peak(usable(response).torque(a, b), p=p)
 
 
-def half_peak_to_peak(signal, *, p=64):
+def half_peak_to_peak(signal: Signal, *, p: float = 64) -> Array:
     """Smooth half peak-to-peak of a signal, from p-norms of its parts above and below the mean.
 
         (||max(s - mean, 0)||_p + ||max(mean - s, 0)||_p) / 2,      ||v||_p = (mean over the cycle |v|^p)^(1/p)
@@ -82,7 +90,7 @@ def _norm(values, p):
     return scale * _power(((values / scale[..., None]) ** p).mean(axis=-1), 1 / p)
 
 
-def damper_power(response, a, b=None):
+def damper_power(response: Response, a: str, b: str | None = None) -> Array:
     """Mean power that a damper or shaft turns into heat, W, exact from its harmonics.
 
         P = sum_{n >= 1} 2 Re(T^n conj(i n Omega theta^n)),
@@ -102,22 +110,35 @@ def damper_power(response, a, b=None):
     return limits.link_power(usable(response), a, b)
 
 
-def close_half_peak_to_peak(signal):
+def close_half_peak_to_peak(signal: Signal) -> Array:
     """:func:`half_peak_to_peak` with p = 1024, for limits: at 4096 time samples at most 0.8 % below the true value."""
     return half_peak_to_peak(signal, p=1024)
 
 
-def power_over_limit(response, name, *, train=None):
+def power_over_limit(response: Response, name: str, *, train: DriveTrain | None = None) -> Array:
     """:func:`damper_power` of a shaft or damper over its ``power_limit``; arguments as of :func:`stress_over_limit`."""
     return damper_power(response, name) / limits.power_limit(limits.train_of(response, train), name)
 
 
-def stress(response, name, *, train=None, swing=close_half_peak_to_peak):
+def stress(
+    response: Response,
+    name: str,
+    *,
+    train: DriveTrain | None = None,
+    swing: Callable[[Signal], Array] = close_half_peak_to_peak,
+) -> Array:
     """Amplitude of the nominal torsional stress of a shaft, Pa; see :func:`stress_over_limit`."""
     return limits.stress_of(limits.train_of(response, train), name, swing(usable(response).torque(name)))
 
 
-def stress_over_limit(response, name, *, transient=False, train=None, swing=close_half_peak_to_peak):
+def stress_over_limit(
+    response: Response,
+    name: str,
+    *,
+    transient: bool = False,
+    train: DriveTrain | None = None,
+    swing: Callable[[Signal], Array] = close_half_peak_to_peak,
+) -> Array:
     """Stress of a shaft over its limit after IACS UR M68 at the speed of the response.
 
     Parameters
@@ -157,25 +178,33 @@ def stress_over_limit(response, name, *, transient=False, train=None, swing=clos
     return stress(response, name, train=train, swing=swing) / limit
 
 
-def tooth_torque_over_limit(response, name, *, train=None, swing=close_half_peak_to_peak):
+def tooth_torque_over_limit(
+    response: Response,
+    name: str,
+    *,
+    train: DriveTrain | None = None,
+    swing: Callable[[Signal], Array] = close_half_peak_to_peak,
+) -> Array:
     """Vibratory torque of a mesh over a third of its ``rated_torque``; arguments as of :func:`stress_over_limit`."""
     train = limits.train_of(response, train)
     torque = limits.first_radius(train, name) * swing(usable(response).force(name))
     return torque / limits.tooth_torque_limit(train, name)
 
 
-def tooth_torque_over_mean(response, name, *, swing=close_half_peak_to_peak):
+def tooth_torque_over_mean(
+    response: Response, name: str, *, swing: Callable[[Signal], Array] = close_half_peak_to_peak
+) -> Array:
     """Vibratory torque of a mesh over its mean: above about 1 it reverses; 0 where there is no mean torque."""
     force = usable(response).force(name)
     mean = jnp.abs(force.mean)
     return jnp.where(mean > 0, swing(force) / jnp.where(mean > 0, mean, 1.0), 0.0)
 
 
-def separated_fraction(response, a, b=None, *, smoothing=0.02):
+def separated_fraction(response: Response, a: str, b: str | None = None, *, smoothing: float = 0.02) -> Array:
     """Share of the cycle in which the teeth are apart, smoothed.
 
     The mean over the cycle of ``1 / (1 + exp((|l| - g) / w))`` with g the gap of the law and
-    w = ``smoothing`` x backlash; the share with \\|l\\| < g as w goes to zero.
+    w = ``smoothing`` x backlash; the share with ``|l| < g`` as w goes to zero.
 
     Parameters
     ----------
@@ -197,12 +226,12 @@ def separated_fraction(response, a, b=None, *, smoothing=0.02):
     return jnp.where(valid(response), jax.nn.sigmoid((gap - distance) / width).mean(axis=-1), 0.0)
 
 
-def impact_severity(response, a, b=None, *, smoothing=0.02):
+def impact_severity(response: Response, a: str, b: str | None = None, *, smoothing: float = 0.02) -> Array:
     """Sum of the approach speeds of all impacts of a cycle, smoothed, m/s.
 
-    With the speed v = d|l|/dt and g as in :func:`separated_fraction`, the sum over the time samples at which |l| rises
-    through g is the integral over the cycle of delta(|l| - g) max(v, 0)^2 dt; the delta function is a logistic bell of
-    width ``smoothing`` x backlash, which must be passed in several of the time samples of the cycle.
+    With the speed ``v = d|l|/dt`` and g as in :func:`separated_fraction`, the sum over the time samples at which
+    ``|l|`` rises through g is the integral over the cycle of ``delta(|l| - g) max(v, 0)^2 dt``; the delta function is a
+    logistic bell of width ``smoothing`` x backlash, which must be passed in several of the time samples of the cycle.
 
     Parameters
     ----------
@@ -243,7 +272,7 @@ def _motion(response, a, b, smoothing):
     return jnp.abs(values), jnp.sign(values) * moving.samples(count), law.gap, smoothing * law.backlash
 
 
-def weighted_sum(values, response, *, weights=1.0):
+def weighted_sum(values: Array, response: Response, *, weights: Number = 1.0) -> tuple[Array, Array]:
     """Sum over the valid speeds of weight x value, and their number.
 
     Parameters
@@ -260,12 +289,12 @@ def weighted_sum(values, response, *, weights=1.0):
     return masked_sum(weights * jnp.where(kept, values, 0.0), kept), kept.sum()
 
 
-def masked_sum(values, kept):
+def masked_sum(values: Array, kept: Array) -> Array:
     """Sum of the values that are ``kept``, whatever the others are."""
     return jnp.sum(jnp.where(kept, values, 0.0))
 
 
-def worst(values, response, *, width):
+def worst(values: Array, response: Response, *, width: Number) -> tuple[Array, Array]:
     """Smooth maximum over the valid speeds, ``width log(sum exp(value / width))``, and their number.
 
     Parameters
@@ -284,7 +313,7 @@ def worst(values, response, *, width):
     return smooth_maximum(values, kept, width), kept.sum()
 
 
-def smooth_maximum(values, kept, width):
+def smooth_maximum(values: Array, kept: Array, width: Number) -> Array:
     """``width log(sum exp(value / width))`` over the values ``(n,)`` that are ``kept``; 0 of none."""
     some = kept.any()
     scaled = jnp.where(kept | ~some, values / width, -jnp.inf)

@@ -1,11 +1,20 @@
 """Tuning: the numbers of a train that make a response small over a range of speeds, by gradient. Imports optax."""
 
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 import optax
 
+from jaxhb._arrays import Numbers
+from jaxhb.design.descent import Step
+from jaxhb.design.quantities import Objective, Parameter, Penalty
+from jaxhb.model.drivetrain import DriveTrain
+
+from .._shown import brief
 from ..model.elements import SceneError
 from ..model.speeds import check_speed
 from ..periodic.request import Request
@@ -17,6 +26,7 @@ from .quantities import check_all
 OPTIMIZERS = {"lbfgs": optax.scale_by_lbfgs, "adam": optax.scale_by_adam}
 
 
+@brief
 @dataclass(frozen=True)
 class Tuning:
     """Result of :func:`tune`.
@@ -26,7 +36,7 @@ class Tuning:
     interrupted : whether the user ended it
     """
 
-    train: object
+    train: DriveTrain
     rpm: np.ndarray
     before: Reading
     after: Reading
@@ -37,26 +47,26 @@ class Tuning:
 
 
 def tune(
-    train,
+    train: DriveTrain,
     *,
-    parameters,
-    rpm,
-    objective,
-    penalties=(),
-    optimizer="lbfgs",
-    steps=40,
-    rate=0.15,
-    starts=1,
-    seed=0,
-    widths=(0.1, 0.02),
-    improvement=1e-3,
-    patience=3,
-    harmonics=None,
-    tolerance=0.01,
-    integrals="sampled",
-    peaks=0,
-    on_step=None,
-):
+    parameters: Sequence[Parameter],
+    rpm: Numbers,
+    objective: Objective | Sequence[Objective],
+    penalties: Sequence[Penalty] = (),
+    optimizer: str = "lbfgs",
+    steps: int = 40,
+    rate: float = 0.15,
+    starts: int = 1,
+    seed: int = 0,
+    widths: Sequence[float] = (0.1, 0.02),
+    improvement: float = 0.001,
+    patience: int = 3,
+    harmonics: int | None = None,
+    tolerance: float = 0.01,
+    integrals: str = "sampled",
+    peaks: int = 0,
+    on_step: Callable[[Step], object] | None = None,
+) -> Tuning:
     """Change numbers of a train so that response quantities become small over a range of speeds.
 
     Minimises, by the derivatives of :func:`jaxhb.solve`,

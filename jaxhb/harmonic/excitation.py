@@ -171,7 +171,7 @@ def highest_harmonic(train: DriveTrain) -> int:
         for i, row in zip(with_gas, np.abs(np.asarray(gas)).max(axis=0), strict=True):
             row = row[1 : topology.cylinder_gas[i] + 1]
             counts = np.flatnonzero(row > NEGLIGIBLE_GAS * max(row.max(initial=0.0), 1e-300))
-            found += [(k + 1) * topology.cylinder_step[i] for k in counts]
+            found += [(k + 1) * topology.cylinder_step[i] for k in counts.tolist()]
     return int(max(found))
 
 

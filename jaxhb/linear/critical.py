@@ -4,6 +4,9 @@ Order-tuned absorbers make natural frequencies depend on the speed. Critical spe
 ``f_k(rpm) - order x rpm / 60``, looked for between speeds and refined with the modes at the root itself.
 """
 
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import jax
@@ -11,7 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import brentq
 
+from .._arrays import Array
+from .._shown import brief
 from ..harmonic.excitation import excitation, listed_harmonic
+from ..model.drivetrain import DriveTrain
 from ..model.elements import SceneError
 from ..model.speeds import check_speed
 from ..model.varying import varying
@@ -47,6 +53,7 @@ class Critical:
     torque: float
 
 
+@brief
 @dataclass(frozen=True)
 class Campbell:
     """Natural frequencies over the speed and where orders meet them; made by :func:`campbell`.
@@ -66,7 +73,7 @@ class Campbell:
     frequencies_hz: np.ndarray
     critical: tuple
 
-    def elastic(self, count):
+    def elastic(self, count: int) -> list[int]:
         """Numbers of the first ``count`` elastic modes."""
         return [k for k, kind in enumerate(self.kinds) if kind == ELASTIC][:count]
 
@@ -122,7 +129,14 @@ def excited_orders(train, *, rpm):
     return (there / train.topology.revolutions_per_cycle).tolist()
 
 
-def campbell(train, *, rpm, orders=None, count=6, links_at=()):
+def campbell(
+    train: DriveTrain,
+    *,
+    rpm: Sequence[float] | Array,
+    orders: Sequence[float] | None = None,
+    count: int = 6,
+    links_at: Mapping[str, float] | tuple[()] = (),
+) -> Campbell:
     """Natural frequencies over the speed, undamped, teeth in contact, and the critical speeds between them.
 
     Parameters
@@ -186,7 +200,9 @@ def campbell(train, *, rpm, orders=None, count=6, links_at=()):
     return Campbell(found.rpm, found.orders, kinds, hz, tuple(critical))
 
 
-def critical_speed(train, near, *, links_at=(), heavy=None) -> Critical:
+def critical_speed(
+    train: DriveTrain, near: Critical, *, links_at: Mapping[str, float] | tuple[()] = (), heavy: Array | None = None
+) -> Critical:
     """A critical speed and its modal torque with their derivatives with respect to the train.
 
     Parameters

@@ -1,5 +1,7 @@
 """Free vibration with damping: complex frequencies, damping ratios and shapes on the host, derivatives anywhere."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import jax.numpy as jnp
@@ -7,8 +9,11 @@ import numpy as np
 from scipy.linalg import eig
 from scipy.optimize import linear_sum_assignment
 
-from .._arrays import concrete, namespace, on_host, traced
+from .._arrays import Array, concrete, namespace, on_host, traced
+from .._shown import brief
 from ..harmonic import chain
+from ..model.drivetrain import DriveTrain
+from .modal import Modes
 
 CREEPING = 0.01
 """Im lambda / |lambda| up to which a mode counts as not oscillating (damping ratio 0.99995): a loss factor turns the
@@ -19,6 +24,7 @@ AT_REST = 1e-10
 """Modulus, over the largest one, that is rounding of a motion without force."""
 
 
+@brief
 @dataclass(frozen=True)
 class DampedModes:
     """Complex modes ``e^{lambda t}`` of a damped train, meshes in contact.
@@ -37,17 +43,17 @@ class DampedModes:
     decay_rates: np.ndarray
 
     @property
-    def frequencies_hz(self):
+    def frequencies_hz(self) -> Array:
         """``(m,)`` Hz, Im lambda / 2 pi: of the decaying oscillation."""
         return self.eigenvalues.imag / (2 * np.pi)
 
     @property
-    def damping_ratio(self):
-        """``(m,)`` Lehr's damping ratio, -Re lambda / |lambda|: 1 at critical damping."""
+    def damping_ratio(self) -> Array:
+        """``(m,)`` Lehr's damping ratio, ``-Re lambda / |lambda|``: 1 at critical damping."""
         return _lehr(self.eigenvalues)
 
 
-def damped_modes(train):
+def damped_modes(train: DriveTrain) -> DampedModes:
     """Modes of free vibration with all viscous damping and loss factors, meshes in contact.
 
     With velocities v and link deflections l as unknowns, ``M v' = -(B + D^T R D) v - D^T C l``, ``l' = D v``: rigid
@@ -90,7 +96,7 @@ def damped_modes(train):
     return DampedModes(train.topology.disk_names, values[oscillating], shapes, np.sort(-values.real[creeping]))
 
 
-def damped_eigenvalues(train, modes):
+def damped_eigenvalues(train: DriveTrain, modes: DampedModes) -> Array:
     """Eigenvalues of damped modes with their first derivatives, in any mode of jax.
 
     Parameters
@@ -130,7 +136,7 @@ def damped_eigenvalues(train, modes):
     return value - (value * (value * inertia + resistance) + stiffness) / (2 * value * inertia + resistance)
 
 
-def damping_ratios(train, modes):
+def damping_ratios(train: DriveTrain, modes: Modes) -> Array:
     """Damping ratio of each undamped mode: that of the damped mode with a shape like it.
 
     Parameters

@@ -5,13 +5,17 @@ whose deflection is ``r_a phi_a - r_b phi_b``, and ground springs. The equations
 ``J phi'' + C phi = 0`` with ``J`` and ``C`` the second derivatives.
 """
 
+from __future__ import annotations
+
 import jax
 import jax.numpy as jnp
 
+from .._arrays import Array
 from ..harmonic import chain
+from ..model.drivetrain import DriveTrain
 
 
-def kinetic_energy(train, velocity):
+def kinetic_energy(train: DriveTrain, velocity: Array) -> Array:
     """Kinetic energy of the disks, ``T = 1/2 sum J_i phi_i'^2`` (Lashko, (3.1)).
 
     Parameters
@@ -34,7 +38,7 @@ def kinetic_energy(train, velocity):
     return jnp.sum(system.mass * (system.radius * velocity) ** 2) / 2
 
 
-def strain_energy(train, angle):
+def strain_energy(train: DriveTrain, angle: Array) -> Array:
     """Strain energy ``Pi = 1/2 sum c_i l_i^2`` of shafts, damper springs, meshes and grounds (Lashko, (3.2)).
 
     Parameters
@@ -60,7 +64,7 @@ def strain_energy(train, angle):
     return (links + jnp.sum(system.ground * displacement**2)) / 2
 
 
-def inertia_and_stiffness(train):
+def inertia_and_stiffness(train: DriveTrain) -> tuple[Array, Array]:
     """Matrices J and C of ``J phi'' + C phi = 0`` (Lashko, (3.4)), second derivatives of the energies.
 
     Parameters

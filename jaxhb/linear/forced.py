@@ -1,14 +1,16 @@
 """Forced response of the linear train: all speeds and all orders at once, meshes in contact.
 
 At every speed and harmonic n of the cycle ``Z(n) x^n = q^n``, ``Z = -n^2 Omega^2 M + i n Omega B + K`` with loss
-factors and link damping in K (method.md A1). Speeds and harmonics are one axis of the scalar sweep along the tree, O(S)
-each and without fill; links that close a loop add as many unknowns (:func:`jaxhb.harmonic.linear_train.solve_linear`,
-which has the derivatives as well).
+factors and link damping in K (docs/theory A1). Speeds and harmonics are one axis of the scalar sweep along the tree,
+O(S) each and without fill; links that close a loop add as many unknowns
+(:func:`jaxhb.harmonic.linear_train.solve_linear`, which has the derivatives as well).
 
 Power is exact from the harmonics: a link of complex stiffness C that transmits f turns ``sum_n 2 n Omega Im(C)
 |f^n / C|^2`` into heat, a disk with damping b ``sum_n 2 (n Omega)^2 b |x^n|^2``; the torques of the excitation bring in
 ``sum_n 2 Re(q^n conj(i n Omega x^n))``, n > 0.
 """
+
+from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
@@ -19,12 +21,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .._arrays import on_host, staged, traced
+from .._arrays import Array, Numbers, on_host, staged, traced
 from .._program import Program
 from ..harmonic import chain, linear_train
 from ..harmonic.backlash import law_of
 from ..harmonic.excitation import excitation, listed_harmonic, load_power_kW
 from ..model.change import within_range, without_backlash
+from ..model.drivetrain import DriveTrain
 from ..model.elements import SceneError
 from ..model.speeds import check_speed
 from ..model.varying import varying, without_tables
@@ -49,7 +52,7 @@ SAMPLES = 4096
 
 
 @register
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ForcedResponse(Response):
     """A :class:`~jaxhb.Response` of the linear train, with powers; made by :func:`forced_response`.
 
@@ -60,11 +63,11 @@ class ForcedResponse(Response):
     input_power : ``(...)`` W, that the alternating torques bring in: the sum of what is turned into heat
     """
 
-    disk_power: jax.Array = None
-    link_power: jax.Array = None
-    input_power: jax.Array = None
+    disk_power: Array = None  # type: ignore[assignment]  # always given: a default, as they come after defaults
+    link_power: Array = None  # type: ignore[assignment]
+    input_power: Array = None  # type: ignore[assignment]
 
-    def power(self, a, b=None):
+    def power(self, a: str, b: str | None = None) -> Array:
         """Power in W that a disk, shaft, damper or mesh turns into heat.
 
         Parameters
@@ -82,7 +85,7 @@ class ForcedResponse(Response):
         return self.link_power[..., topology.link_index(a, b)[0]]
 
 
-def forced_response(train, *, rpm, harmonics=None):
+def forced_response(train: DriveTrain, *, rpm: Numbers, harmonics: int | None = None) -> ForcedResponse:
     """Linear forced response of any train at many speeds, teeth in contact.
 
     Trees, closed loops, several gears on a shaft; loss factors, damping of links and to ground, grounds, disks without
@@ -115,7 +118,7 @@ def forced_response(train, *, rpm, harmonics=None):
 
     Notes
     -----
-    ``Z(n) x^n = q^n``, method.md A1; eliminated along the tree as in Fridman 2009, (10)-(12), one harmonic at a time.
+    ``Z(n) x^n = q^n``, docs/theory A1; eliminated along the tree as in Fridman 2009, (10)-(12), one harmonic at a time.
 
     Examples
     --------

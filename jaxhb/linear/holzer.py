@@ -3,18 +3,23 @@
 From a free end with ordinate 1, the torque sum ``sum J omega^2 theta`` of the disks passed twists the next shaft,
 ``theta_(i+1) = theta_i - sum / c_i``; what is left behind the last disk is the residual, zero at a natural frequency.
 Where branches meet, each is scaled by the product of what the others ask for at the common disk, which is division-free
-(method.md C3): a branch that has a node there does no harm. Torques cross a mesh by the radii of its gears.
+(docs/theory C3): a branch that has a node there does no harm. Torques cross a mesh by the radii of its gears.
 """
+
+from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from .._arrays import namespace, on_host, traced
+from .._arrays import Array, Number, Numbers, namespace, on_host, traced
+from .._shown import brief
 from ..harmonic import chain
+from ..model.drivetrain import DriveTrain
 from ..model.elements import SceneError
 
 
+@brief
 @dataclass(frozen=True)
 class HolzerTable:
     """One table, disks in the order of calculation; each row ends with the link to the disk that comes later.
@@ -33,7 +38,7 @@ class HolzerTable:
     twist : ``(S,)`` deflection of that link, rad, of a mesh m
     """
 
-    hz: float
+    hz: Number
     names: tuple
     inertia: np.ndarray
     ordinate: np.ndarray
@@ -44,17 +49,17 @@ class HolzerTable:
     twist: np.ndarray
 
     @property
-    def residual(self):
+    def residual(self) -> Array:
         """N m: torque that must be applied to the last disk for this motion."""
         return self.torque_sum[-1]
 
     @property
-    def kinetic_energy(self):
+    def kinetic_energy(self) -> Array:
         """``(S,)`` J of each disk, J omega^2 theta^2 / 2."""
         return self.inertia * (2 * np.pi * self.hz * self.ordinate) ** 2 / 2
 
     @property
-    def strain_energy(self):
+    def strain_energy(self) -> Array:
         """``(S,)`` J of each link to the next disk; with grounds all equal the kinetic ones in a mode."""
         return self.stiffness * self.twist**2 / 2
 
@@ -69,7 +74,7 @@ class HolzerTable:
         return "\n".join([f"Holzer table at {self.hz:.6g} Hz, residual {self.residual:.4e} N m", head, *rows])
 
 
-def holzer_table(train, *, hz):
+def holzer_table(train: DriveTrain, *, hz: Number) -> HolzerTable:
     """Holzer's table at one frequency, undamped, meshes in contact.
 
     Parameters
@@ -134,7 +139,7 @@ def holzer_table(train, *, hz):
     )
 
 
-def holzer_residual(train, *, hz):
+def holzer_residual(train: DriveTrain, *, hz: Numbers) -> Array:
     """Residual of Holzer's method over frequency, every branch begun with ordinate 1 at its free end.
 
     Parameters
@@ -156,7 +161,7 @@ def holzer_residual(train, *, hz):
 
     Notes
     -----
-    As :func:`holzer_table`; where branches meet each is scaled by the others (method.md C3): nothing is divided.
+    As :func:`holzer_table`; where branches meet each is scaled by the others (docs/theory C3): nothing is divided.
 
     Examples
     --------

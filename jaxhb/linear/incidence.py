@@ -1,6 +1,6 @@
 """The weighted incidence factor C^(1/2) D M^(-1/2) of a train without damping, and its singular values; host.
 
-With E this factor, E^T E = M^(-1/2) K M^(-1/2): natural frequencies are singular values of E (method.md B). A row has
+With E this factor, E^T E = M^(-1/2) K M^(-1/2): natural frequencies are singular values of E (docs/theory B). A row has
 two entries that differ in sign, which no sum has rounded: stiff and soft links keep their own digits. How many
 frequencies are zero is counted on the graph, never judged by size. Disks without inertia are eliminated first, from a
 star of links to its mesh, by sums of positive numbers.

@@ -4,13 +4,17 @@ The numbers are those of :mod:`jaxhb.linear.strength`, of motions with backlash 
 to evaluation, no approval by a class.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from .._arrays import namespace
+from .._shown import brief
 from ..model.derived import link_number
+from ..model.drivetrain import DriveTrain
 from .strength import BarredRange, barred_ranges, dissipated_power, permissible_stress, torsional_stress
 
 SHARE_OF_RATED = 1.0 / 3.0
@@ -44,6 +48,7 @@ class Heat(NamedTuple):
     limit: np.ndarray
 
 
+@brief
 @dataclass(frozen=True)
 class Strength:
     """Stresses, tooth torques and heat beside their limits; made by :func:`strength`.
@@ -98,7 +103,7 @@ def link_power(response, a, b=None):
     return dissipated_power(torque, twist, topology.cycle_frequency(response.rpm))
 
 
-def strength(response, *, train=None):
+def strength(response: Any, *, train: DriveTrain | None = None) -> Strength:
     """Stresses, tooth torques and heat of a motion beside the limits that the scene gives.
 
     Parameters

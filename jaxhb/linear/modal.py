@@ -1,12 +1,16 @@
 """Natural frequencies and mode shapes of the undamped train, backlash meshes taken in contact."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from .._arrays import namespace, on_host
+from .._arrays import Array, namespace, on_host
+from .._shown import brief
 from ..harmonic import chain
+from ..model.drivetrain import DriveTrain
 from .incidence import factor, singular_values, singular_vectors
 
 AT_REST = 1e-10
@@ -22,6 +26,7 @@ class ModeShares(NamedTuple):
     strain_share: np.ndarray
 
 
+@brief
 @dataclass(frozen=True)
 class Modes:
     """Natural frequencies and shapes of an undamped train.
@@ -50,17 +55,17 @@ class Modes:
     kinetic_share: np.ndarray
     strain_share: np.ndarray
 
-    def shape(self, number):
+    def shape(self, number: int) -> dict[str, float]:
         """Mode ``number`` as a dictionary disk -> angle."""
         return dict(zip(self.names, self.shapes[number].tolist(), strict=True))
 
     @property
-    def generalised_stiffness(self):
+    def generalised_stiffness(self) -> Array:
         """``(m,)`` N m/rad: omega^2 times the generalised mass, twice the strain energy of the shape."""
         return (2 * np.pi * self.frequencies_hz) ** 2 * self.generalised_mass
 
 
-def natural_frequencies(train, *, count=None):
+def natural_frequencies(train: DriveTrain, *, count: int | None = None) -> Modes:
     """Natural frequencies in Hz with mode shapes, undamped, meshes in contact.
 
     Solves ``K v = omega^2 M v`` (Lashko, (3.4)) through the singular values of ``C^{1/2} D M^{-1/2}``, which keeps the
@@ -113,7 +118,7 @@ def shares(system, omega, displacement) -> ModeShares:
     return ModeShares(shapes, mass, kinetic / mass[:, None], strain.T)
 
 
-def all_frequencies(train):
+def all_frequencies(train: DriveTrain) -> Array:
     """Natural frequencies in Hz alone: of a chain of thousands of disks in seconds.
 
     Parameters

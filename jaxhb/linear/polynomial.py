@@ -1,13 +1,16 @@
 """Characteristic polynomials and frequency responses by their values, at any size, without quotients (Moliboshko).
 
 For a complex p, ``D(p) = det(p^2 M + p B + K(p)) / prod I`` over the disks with inertia; link stiffnesses are
-``k = c + r p``. The source's R of a free train is ``D / p^2``. Every part of the train is a pair (method.md C3): F, its
-determinant while free, and G, while it is held where it meets the rest. A part on link k with arms a and b multiplies
-the other's pair: ``W = F + a^2 k G``, then ``F' <- F' W + G' b^2 k F``, ``G' <- G' W``. Pairs are rescaled by powers of
-two, which is exact, so that nothing overflows. In one closed loop the pairs hang on a ring, summed by continuants. All
-of it has twice the precision (:mod:`~jaxhb.linear.extended`), as little is left of large terms beside a root. Only
-damping times p, and what radii of gears enter, is rounded: as if these numbers of the train had another last digit.
+``k = c + r p``. The source's R of a free train is ``D / p^2``. Every part of the train is a pair (docs/theory C3): F,
+its determinant while free, and G, while it is held where it meets the rest. A part on link k with arms a and b
+multiplies the other's pair: ``W = F + a^2 k G``, then ``F' <- F' W + G' b^2 k F``, ``G' <- G' W``. Pairs are rescaled
+by powers of two, which is exact, so that nothing overflows. In one closed loop the pairs hang on a ring, summed by
+continuants. All of it has twice the precision (:mod:`~jaxhb.linear.extended`), as little is left of large terms beside
+a root. Only damping times p, and what radii of gears enter, is rounded: as if these numbers of the train had another
+last digit.
 """
+
+from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
@@ -18,9 +21,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from .._arrays import Array, Numbers
 from .._program import Program
+from .._shown import brief
 from ..harmonic import chain
 from ..harmonic.block_sweep import slots
+from ..model.drivetrain import DriveTrain
 from ..model.elements import SceneError
 from .extended import Scaled, doubled, rescaled, scaled_product, shifted
 
@@ -38,7 +44,7 @@ class _Parts:
     joints: tuple
 
 
-def characteristic(train, p):
+def characteristic(train: DriveTrain, p: Array) -> Scaled:
     """Characteristic determinant D(p) of a train with at most one closed loop, meshes in contact.
 
     Parameters
@@ -72,7 +78,7 @@ def _characteristic(train, p):
     return _determinant(chain.assemble(train), _spine(train), p)
 
 
-def frequency_response(train, disk, at, hz):
+def frequency_response(train: DriveTrain, disk: str, at: str, hz: Numbers) -> Array:
     """Receptance of a train without closed loops from polynomials of its parts.
 
     ``H = prod k (over the links between the two disks) . D(the rest, the disks between held) / D``.
@@ -129,6 +135,7 @@ def _receptance(train, p, ends):
 
 
 @jax.tree_util.register_dataclass
+@brief
 @dataclass(frozen=True)
 class DampedApproximation:
     """The source's approximation of a damped characteristic polynomial beside the exact value.
@@ -141,7 +148,7 @@ class DampedApproximation:
     relative_error: jax.Array
 
 
-def damped_approximation(train, omega):
+def damped_approximation(train: DriveTrain, omega: Array) -> DampedApproximation:
     """The source's ``D(i omega) = D1 + i omega (D2 - D1)``: D1 without link damping, D2 with c + r as stiffness.
 
     Parameters
@@ -157,7 +164,7 @@ def damped_approximation(train, omega):
     Notes
     -----
     First order in omega r/c, with a second-order error that depends on the unit of time, as c + r adds N m and N m s
-    (method.md, M5): at most 1 % for omega r/c up to 0.01 and omega much larger than 1. Prefer the exact value.
+    (docs/theory C4): at most 1 % for omega r/c up to 0.01 and omega much larger than 1. Prefer the exact value.
 
     Examples
     --------
@@ -318,7 +325,7 @@ def _determinant(system, parts, p):
     F, G, exponent, alpha, beta, k = _pairs(system, parts, p)
     if not parts.joints:
         return rescaled(F[0].high * weight.mantissa, exponent[0] + weight.exponent)
-    # det = K(1..m) - c_m^2 w_1 w_m K(2..m-1) - 2 prod c prod w with diagonals d, couplings c = a b k (method.md C3)
+    # det = K(1..m) - c_m^2 w_1 w_m K(2..m-1) - 2 prod c prod w with diagonals d, couplings c = a b k (docs/theory C3)
     alpha, beta = alpha[:, None], beta[:, None]
     behind = k * beta * beta
     diagonal = F + G * (k * alpha * alpha + jax.tree.map(lambda a: jnp.roll(a, 1, axis=0), behind))

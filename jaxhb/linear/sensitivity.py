@@ -6,13 +6,18 @@ among themselves there. Higher derivatives hold for simple eigenvalues. Masses a
 as roots, so that a stiffness of 0 has a derivative too.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._arrays import concrete, on_host, traced
+from .._arrays import Array, Numbers, concrete, on_host, traced
 from ..harmonic import chain
-from .modal import shares
+from ..model.drivetrain import DriveTrain
+from .modal import ModeShares, shares
 
 CLUSTER = 1e-9
 """Relative distance of squares below which eigenvalues count as one: some rounding of a repeated one."""
@@ -20,7 +25,7 @@ RIGID = 1e-13
 """Frequency over the highest one, for each disk, that is rounding of a rigid motion."""
 
 
-def frequencies_hz(train, heavy=None):
+def frequencies_hz(train: DriveTrain, heavy: Array | None = None) -> Array:
     """Natural frequencies, undamped, meshes in contact: those of :func:`jaxhb.natural_frequencies`, differentiable.
 
     Parameters
@@ -53,7 +58,7 @@ def frequencies_hz(train, heavy=None):
     return jnp.where(moving, jnp.sqrt(jnp.where(moving, squares, 1.0)), 0.0) / (2 * np.pi)
 
 
-def mode_shares(train, heavy=None):
+def mode_shares(train: DriveTrain, heavy: Array | None = None) -> ModeShares:
     """Mode shapes and where the energy of each mode lies, differentiable.
 
     Parameters
@@ -86,7 +91,7 @@ def mode_shares(train, heavy=None):
     return shares(system, squares, displacement)
 
 
-def cluster_sums_hz(train, clusters, heavy=None):
+def cluster_sums_hz(train: DriveTrain, clusters: Sequence[Sequence[int]], heavy: Array | None = None) -> Array:
     """Sums of natural frequencies that repeat, whose first derivatives exist where those of each do not.
 
     Parameters
@@ -113,7 +118,7 @@ def cluster_sums_hz(train, clusters, heavy=None):
     return jnp.stack([found[np.array(numbers)].sum() for numbers in clusters])
 
 
-def clusters_of(frequencies_hz, tolerance=CLUSTER):
+def clusters_of(frequencies_hz: Numbers, tolerance: float = CLUSTER) -> tuple[tuple[int, ...], ...]:
     """Numbers of the modes whose frequencies repeat to a relative ``tolerance``, host.
 
     Parameters

@@ -3,7 +3,7 @@
 A polynomial is a tuple of coefficients, highest power first, in whatever numbers the links carry: with fractions all is
 exact. ``k_i = c_i + r_i p``; the polynomial R of a piece is monic, of a free tree without the factor p^2, of a piece
 that is held or has a loop the whole determinant over the inertias. Chapter 3 of the source, Table 1, as it must read
-(method.md C2, proved with random rationals), gamma_ij = k_i k_j / I_m^2 at the mass m shared by the links i and j:
+(docs/theory C2, proved with random rationals), gamma_ij = k_i k_j / I_m^2 at the mass m shared by the links i and j:
 
 ====  ================  ===========================================================================================
 row   system            equivalent
@@ -21,17 +21,22 @@ rule of rows 1 and 2 for any tree, :func:`open_ring` that of rows 3 and 4 for an
 double precision lose all digits from some 20 disks on: values at any size are in ``linear.polynomial``.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
+
+from jaxhb.model.drivetrain import DriveTrain
 
 from .._arrays import concrete, traced
 from ..harmonic import chain
 from ..model.elements import SceneError
 
 LARGEST = 12
-"""Disks up to which coefficients in double precision mean something (method.md C5)."""
+"""Disks up to which coefficients in double precision mean something (docs/theory C5)."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +133,7 @@ def links_of(train, *, exact=True):
     )
 
 
-def characteristic_coefficients(train, *, exact=False):
+def characteristic_coefficients(train: DriveTrain, *, exact: bool = False) -> tuple[Any, ...]:
     """Coefficients of ``det(p^2 M + p B + K) / prod I``, highest power first.
 
     Parameters
@@ -153,7 +158,7 @@ def characteristic_coefficients(train, *, exact=False):
 
     Notes
     -----
-    Moliboshko's splitting at masses and opening of the ring (method.md C2, C3): the source's R of a free tree is this
+    Moliboshko's splitting at masses and opening of the ring (docs/theory C2, C3): the source's R of a free tree is this
     polynomial over p^2.
 
     Examples

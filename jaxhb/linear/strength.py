@@ -5,12 +5,14 @@ stresses", as far as it is about intermediate, thrust and propeller shafts. To b
 is computed here is an aid to evaluation, no approval by a class.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from .._arrays import concrete, namespace, traced
+from .._arrays import Array, Number, concrete, namespace, traced
 from ..harmonic import fourier
 
 CAP = 800e6
@@ -21,7 +23,7 @@ PLATEAU, HIGHEST = 0.9, 1.05
 """Speed ratios from which the limit is constant, and up to which there is one."""
 
 
-def torsional_stress(torque, *, diameter, bore=0.0):
+def torsional_stress(torque: Number, *, diameter: Number, bore: Number = 0.0) -> Number:
     """Nominal torsional stress of a round section, ``tau = T / W_p`` with ``W_p = pi (d^4 - b^4) / (16 d)``.
 
     Parameters
@@ -47,7 +49,9 @@ def torsional_stress(torque, *, diameter, bore=0.0):
     return 16.0 * torque * diameter / (math.pi * (diameter**4 - bore**4))
 
 
-def permissible_stress(*, diameter, stress_concentration, tensile_strength, speed_ratio):
+def permissible_stress(
+    *, diameter: Number, stress_concentration: Number, tensile_strength: Number, speed_ratio: Number
+) -> tuple[Array, Array]:
     """Permissible amplitudes of the torsional vibration stress after IACS UR M68, continuous and transient.
 
     In MPa and mm::
@@ -119,12 +123,12 @@ class BarredRange:
     open_above: bool = False
 
     @property
-    def passable(self):
+    def passable(self) -> bool:
         """Whether the stress stays within the transient limit, so that the range may be passed through rapidly."""
         return self.transient_share <= 1.0
 
 
-def barred_ranges(rpm, stress, continuous, transient):
+def barred_ranges(rpm: Array, stress: Array, continuous: Array, transient: Array) -> tuple[BarredRange, ...]:
     """Speed ranges in which a stress is above its continuous limit, ``tau - tau_C > 0``; on the host.
 
     Parameters

@@ -5,15 +5,19 @@ method with steps halved until the energy falls, on the host. In the gap the slo
 Derivatives are those of two steps more from the equilibrium: the first has the first, the second also the second ones.
 """
 
+from __future__ import annotations
+
 import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 
-from .._arrays import concrete, namespace, on_host, traced
+from .._arrays import Number, concrete, namespace, on_host, traced
+from .._shown import brief
 from ..harmonic import backlash, chain
 from ..harmonic.excitation import excitation
 from ..model.change import without_backlash
+from ..model.drivetrain import DriveTrain
 from ..model.elements import SceneError
 from ..model.speeds import check_speed
 
@@ -28,6 +32,7 @@ UNBALANCED = 1e-9
 """Mean torque left over the largest from which the train does not run steadily."""
 
 
+@brief
 @dataclass(frozen=True)
 class MeanLoad:
     """Meshes at the mean load of a speed, and the train linearised there; made by :func:`at_mean_load`.
@@ -50,7 +55,7 @@ class MeanLoad:
     share: np.ndarray
 
 
-def at_mean_load(train, *, rpm):
+def at_mean_load(train: DriveTrain, *, rpm: Number) -> MeanLoad:
     """Linearise the meshes with backlash at the mean load of one speed.
 
     Parameters

@@ -97,9 +97,9 @@ class Parts:
         found = []
         for i, element in enumerate(self.tables[table]):
             pair = element.between if isinstance(element.between, tuple | list) else ()
-            ends = tuple(self.disk(name) for name in pair)
-            if len(ends) == 2 and None not in ends and ends[0] != ends[1]:
-                found.append((i, ends))
+            ends = [disk for disk in map(self.disk, pair) if disk is not None]
+            if len(pair) == len(ends) == 2 and ends[0] != ends[1]:
+                found.append((i, (ends[0], ends[1])))
         return found
 
     def seats(self, table: str) -> list[tuple[int, int]]:
@@ -119,9 +119,9 @@ class Parts:
     @property
     def connected(self) -> bool:
         """Tell whether it is known what every link joins."""
-        found = [(self.tables[t], self.links(t)) for t in LINKS]
-        found.append((self.tables["damper"], self.seats("damper")))
-        known = all(len(rows) == len(known) for rows, known in found)
+        found = [(self.tables[t], len(self.links(t))) for t in LINKS]
+        found.append((self.tables["damper"], len(self.seats("damper"))))
+        known = all(len(rows) == known for rows, known in found)
         return self.complete and known and all(self.disk(name) is not None for name in self.disk_names)
 
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 import dataclasses
 import math
 
+from .._arrays import Number
+
 LINKS = ("shaft", "damper", "mesh")
 """Tables of links in the order of their numbers."""
 
@@ -21,7 +23,7 @@ OPTIONAL = (*_TOLD, "power_limit", "rated_torque")
 _WITH = {"inner": "outer", "bore": "diameter"}
 
 
-def shaft_stiffness(length, outer, inner=0.0, shear_modulus=8e10):
+def shaft_stiffness(length: Number, outer: Number, inner: Number = 0.0, shear_modulus: Number = 8e10) -> Number:
     """Torsional stiffness of a round shaft, ``k = G pi (d_o^4 - d_i^4) / (32 l)``.
 
     Parameters
@@ -47,7 +49,9 @@ def shaft_stiffness(length, outer, inner=0.0, shear_modulus=8e10):
     return shear_modulus * math.pi * (outer**4 - inner**4) / (32.0 * length)
 
 
-def viscous_damping(stiffness, hz, *, magnifier=None, damping_ratio=None):
+def viscous_damping(
+    stiffness: Number, hz: Number, *, magnifier: Number | None = None, damping_ratio: Number | None = None
+) -> Number:
     """Viscous damping of a link from its dynamic magnifier or damping ratio at one frequency, ``r = k / (M omega)``.
 
     Parameters
@@ -75,9 +79,12 @@ def viscous_damping(stiffness, hz, *, magnifier=None, damping_ratio=None):
     >>> round(viscous_damping(1e6, 50.0, magnifier=25.0), 3), round(viscous_damping(1e6, 50.0, damping_ratio=0.02), 3)
     (127.324, 127.324)
     """
-    if (magnifier is None) == (damping_ratio is None):
+    if damping_ratio is not None and magnifier is None:
+        share = 2.0 * damping_ratio
+    elif magnifier is not None and damping_ratio is None:
+        share = 1.0 / magnifier
+    else:
         raise ValueError("give either magnifier or damping_ratio")
-    share = 2.0 * damping_ratio if magnifier is None else 1.0 / magnifier
     return stiffness * share / (2.0 * math.pi * hz)
 
 

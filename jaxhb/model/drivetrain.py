@@ -15,12 +15,14 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from jaxhb._arrays import pytree, traced
+from jaxhb._arrays import Number, pytree, traced
+from jaxhb._shown import html_table
 from jaxhb.model import assembly, change, gas, varying
 from jaxhb.model.elements import SceneError
 from jaxhb.model.ratios import inertias, speed_ratios
@@ -35,8 +37,9 @@ __all__ = ["DriveTrain", "SceneError", "Topology", "build", "inertias", "speed_r
 class DriveTrain:
     """A drive train: a pytree of float64 vectors (one for each field of each kind of element) and static topology.
 
-    The fields are described in :mod:`jaxhb.model.tables`, the topology in :mod:`jaxhb.model.topology`. Make
-    one with :func:`build` or :func:`jaxhb.model.scene.load_scene`; change it with :meth:`replace`.
+    Make one with :func:`build` or :func:`jaxhb.load_scene`. Its arrays are read-only: change numbers with
+    :meth:`replace`, which returns another train. The fields are described in :mod:`jaxhb.model.tables`, the topology in
+    :mod:`jaxhb.model.topology`.
     """
 
     topology: Topology = field(metadata={"static": True})
@@ -49,12 +52,18 @@ class DriveTrain:
     torques: Torques
     cylinders: Cylinders
 
+    def __repr__(self):
+        return f"<DriveTrain {self.topology.name or 'without a name'}: {self.topology.parts_text}>"
+
+    def _repr_html_(self):
+        return html_table(repr(self)[1:-1], ["elements", "number", "names"], self.topology.parts_rows)
+
     @property
     def tune(self) -> dict[str, Any]:
         """The ``[tune]`` table of the scene, untouched."""
         return json.loads(self.topology.tune)
 
-    def value(self, key: str):
+    def value(self, key: str) -> Any:
         """Read one number of the train.
 
         Parameters
@@ -112,7 +121,7 @@ class DriveTrain:
         """
         return change.replace(self, values)
 
-    def with_viscous_damping(self, *, hz) -> DriveTrain:
+    def with_viscous_damping(self, *, hz: Number) -> DriveTrain:
         """Return the train with every loss factor turned into viscous damping: r += eta k / omega, omega = 2
         pi hz.
 
@@ -149,7 +158,9 @@ class DriveTrain:
 
         return dataclasses.replace(self, shafts=viscous(self.shafts), dampers=viscous(self.dampers))
 
-    def with_constant_links(self, *, hz=None, amplitude=None, rpm=None) -> DriveTrain:
+    def with_constant_links(
+        self, *, hz: Number | None = None, amplitude: Number | None = None, rpm: Number | None = None
+    ) -> DriveTrain:
         """Return the train with its varying links as they are at one frequency, amplitude and speed.
 
         Needed for everything but the linear forced response, such as natural frequencies and motions with backlash.
@@ -327,22 +338,22 @@ class DriveTrain:
 
 
 def build(
-    elements,
+    elements: Iterable[Any],
     *,
-    name="",
-    reference=None,
-    revolutions_per_cycle=2,
-    rated_rpm=None,
-    tune=None,
-    scenarios=None,
-    source="scene",
+    name: str = "",
+    reference: str | None = None,
+    revolutions_per_cycle: float = 2,
+    rated_rpm: float | None = None,
+    tune: dict[str, Any] | None = None,
+    scenarios: dict[str, dict[str, float]] | None = None,
+    source: str = "scene",
 ) -> DriveTrain:
     """Check elements and put them together to a drive train.
 
     Parameters
     ----------
     elements : iterable
-        Elements of :mod:`jaxhb.model.elements`, in SI units; disks keep their order.
+        Elements such as :class:`jaxhb.Disk`, in SI units; disks keep their order.
     name : str
         Name of the scene.
     reference : str, optional

@@ -212,7 +212,7 @@ class Trace:
 
 @dataclass(frozen=True, kw_only=True)
 class Combustion:
-    """``[cylinder.combustion]``: the numbers of :func:`jaxhb.model.combustion.pressures`, at full load.
+    """``[cylinder.combustion]``: the numbers of :mod:`jaxhb.model.combustion`, at full load.
 
     Angles count from firing top dead centre. Either ``heat``, released per cycle, or ``imep``, the indicated mean
     effective pressure of the whole cycle, is given. ``exhaust_pressure`` is ``charge_pressure`` unless given.

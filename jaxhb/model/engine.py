@@ -122,7 +122,8 @@ def firing_angles(given: dict) -> dict[str, float]:
         if label[0] == "B":
             passing = angles["A" + label[1:]] + given["bank_angle"]
             turns = [passing + 360.0 * turn for turn in range(int(given["stroke_cycle"]) // 2)]
-            angles[label] = min(turns, key=lambda a, wanted=even[label]: _apart(a + begin, wanted, cycle))
+            apart = [_apart(turn + begin, even[label], cycle) for turn in turns]
+            angles[label] = turns[apart.index(min(apart))]
     start = angles[order[0]]
     return {label: (angles[label] - start) % cycle for label in order}
 

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, dataclass_transform
 
 import numpy as np
 
 from jaxhb._arrays import namespace, pytree
+from jaxhb._shown import brief
 from jaxhb.model.combustion import pressures
 from jaxhb.model.crank import slider_crank
 from jaxhb.model.elements import Combustion
@@ -25,9 +26,20 @@ COMPUTED = ("pressure", "traces", "combustion")
 """Fields of a cylinder whose gas torque is computed from its pressure."""
 
 
+@dataclass_transform(kw_only_default=True, frozen_default=True, eq_default=False)
 def table(cls):
-    """Make a class of arrays a frozen dataclass and a pytree."""
-    return pytree(dataclass(frozen=True, kw_only=True, eq=False)(cls))
+    """Make a class of arrays a frozen dataclass and a pytree; its numpy arrays cannot be changed in place."""
+    cls.__post_init__ = _locked
+    return pytree(brief(dataclass(frozen=True, kw_only=True, eq=False)(cls)))
+
+
+def _locked(self):
+    """Hold read-only views: what gave the arrays may still write to its own."""
+    for name, value in list(vars(self).items()):
+        if isinstance(value, np.ndarray) and value.flags.writeable:
+            view = value.view()
+            view.flags.writeable = False
+            object.__setattr__(self, name, view)
 
 
 @table

@@ -52,7 +52,8 @@ def find_rotors(n_disks, elastic_pairs, mesh_ends, mesh_internal, radius, refere
     for m, (a, b) in enumerate(mesh_ends):
         at[rotor[a]].append((m, a, b))
         at[rotor[b]].append((m, b, a))
-    path, ratio, sense = [()] * count, [1.0] * count, [1] * count
+    path: list[tuple[tuple[int, int], ...]] = [()] * count
+    ratio, sense = [1.0] * count, [1] * count
     root = rotor[reference]
     seen, queue, used, locked = {root}, deque([root]), set(), []
     while queue:

@@ -92,7 +92,7 @@ def train_errors(train) -> list[str]:
 def on_disks(disks: int, seats, torques) -> np.ndarray:
     """Sum torques [..., n] that act on the disks ``seats`` [n]: [..., disks]."""
     total = np.zeros((*torques.shape[:-1], disks))
-    np.add.at(total, (..., np.array(seats, dtype=int)), torques)
+    np.add.at(total, (..., np.array(seats, dtype=int)), torques)  # type: ignore[arg-type]  # numpy takes ... there
     return total
 
 
@@ -103,6 +103,6 @@ def _loaded(train) -> list[int]:
     points = [table.scale_rpm for table in given] + [given[0].rated_rpm, given[1].load_rpm]
     points += [given[1].traces.rpm] if given[1].traces is not None else []
     speeds = np.unique(np.concatenate([np.ravel(rpm) for rpm in points if rpm is not None]))
-    means = mean_torques(*given, topology.cylinder_fires, topology.cylinder_gas_revolutions, speeds)
+    means = mean_torques(given[0], given[1], topology.cylinder_fires, topology.cylinder_gas_revolutions, speeds)
     seats = [*topology.torque_disk, *topology.cylinder_disk]
     return np.flatnonzero(on_disks(topology.n_disks, seats, means).any(axis=0)).tolist()

@@ -4,11 +4,15 @@ to the reference rotor."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from jaxhb._arrays import namespace
+from jaxhb._shown import brief
+
+if TYPE_CHECKING:
+    from jaxhb.model.drivetrain import DriveTrain
 
 Array = Any
 
@@ -67,6 +71,7 @@ def inertias(train):
     return namespace(inertia).concatenate(inertia)
 
 
+@brief
 @dataclass(frozen=True)
 class Referred:
     """Numbers of a train as they are and referred to the reference rotor; made by :func:`referred`.
@@ -98,7 +103,7 @@ class Referred:
     order_referred: Array
 
 
-def referred(train) -> Referred:
+def referred(train: DriveTrain) -> Referred:
     """Inertias, stiffnesses and dampings as they are and referred to the reference rotor, ``J i^2``, ``k i^2``.
 
     Parameters

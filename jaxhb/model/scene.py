@@ -70,7 +70,7 @@ def scene_description(name) -> str:
     return str(head.get("description", "")) if isinstance(head, dict) else ""
 
 
-def load_scene(name) -> DriveTrain:
+def load_scene(name: str | Path) -> DriveTrain:
     """Read a scene.
 
     Parameters

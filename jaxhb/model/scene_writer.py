@@ -1,8 +1,12 @@
 """Scenes as TOML: of any file that can be read, with some numbers changed, with its engines expanded, of elements."""
 
+from __future__ import annotations
+
 import dataclasses
 import math
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 from .elements import SceneError, table_of
 from .engine import cylinder_rows
@@ -12,7 +16,7 @@ from .tables import FRIDMAN_EPSILON, FRIDMAN_TRANSITION
 _CSV = ("harmonics", "gas_torque", "scale", "load", "pressure", "over_hz", "over_amplitude")
 
 
-def scene_text(name, *, expand=False):
+def scene_text(name: str | Path, *, expand: bool = False) -> tuple[str, dict[str, str]]:
     """The text of a scene, and the tables that lie beside it.
 
     Parameters
@@ -47,7 +51,15 @@ def scene_text(name, *, expand=False):
     return _text(_expanded(content) if expand else content), _beside(content, path.parent)
 
 
-def elements_text(elements, *, name="", reference=None, revolutions_per_cycle=2, rated_rpm=None, tune=None):
+def elements_text(
+    elements: Iterable[Any],
+    *,
+    name: str = "",
+    reference: str | None = None,
+    revolutions_per_cycle: float = 2,
+    rated_rpm: float | None = None,
+    tune: dict[str, Any] | None = None,
+) -> str:
     """The text of a scene of elements; arguments as for :func:`jaxhb.build`.
 
     Returns
@@ -70,7 +82,7 @@ def elements_text(elements, *, name="", reference=None, revolutions_per_cycle=2,
     """
     head = {"name": name, "reference": reference, "revolutions_per_cycle": revolutions_per_cycle}
     head["rated_rpm"] = rated_rpm
-    content = {"scene": {key: value for key, value in head.items() if value is not None}}
+    content: dict[str, Any] = {"scene": {key: value for key, value in head.items() if value is not None}}
     for element in elements:
         content.setdefault(table_of(element), []).append(_given(element))
     return _text(content | ({"tune": tune} if tune else {}))

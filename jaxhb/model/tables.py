@@ -10,8 +10,7 @@ import numpy as np
 from jaxhb._arrays import namespace
 from jaxhb.model import gas
 from jaxhb.model.crank import gas_torque
-from jaxhb.model.gas import GAS_SAMPLES, Combustions, Traces, gas_cycle
-from jaxhb.model.gas import table as _table
+from jaxhb.model.gas import GAS_SAMPLES, Combustions, Traces, gas_cycle, table as _table
 
 Array = Any
 

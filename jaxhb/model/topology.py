@@ -11,6 +11,7 @@ import difflib
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 from jaxhb.model.elements import SceneError
 
@@ -42,6 +43,8 @@ class Topology:
     ``order_links`` are the links that vary over the frequency, over their amplitude and with the speed. ``link_keys``
     names for each link which of the keys that may be absent it has, of those that no solve reads; empty where no link
     has any. ``rated_rpm`` is the rated speed of the reference rotor.
+
+    Its ``repr`` is whole: keys of compiled programs and of kept sweeps are made of it.
     """
 
     name: str
@@ -108,13 +111,30 @@ class Topology:
     def _hash(self):
         return hash(self._key)
 
+    @property
+    def _parts(self):
+        names = {"disk": self.disk_names[: self.n_scene_disks], "shaft": self.shaft_names, "mesh": self.mesh_names}
+        names |= {"damper": self.damper_names, "ground": self.ground_names, "load": self.load_names}
+        return {k: n for k, n in (names | {"torque": self.torque_names, "cylinder": self.cylinder_names}).items() if n}
+
+    @property
+    def parts_text(self):
+        """``26 disks, 4 meshes``: how many elements of each kind there are."""
+        plural = {"mesh": "meshes"}
+        return ", ".join(f"{len(n)} {plural.get(k, f'{k}s') if len(n) > 1 else k}" for k, n in self._parts.items())
+
+    @property
+    def parts_rows(self):
+        """Kind, number and first names of the elements, a row for each kind that there is."""
+        return [[k, len(n), ", ".join(n[:12]) + ", …" * (len(n) > 12)] for k, n in self._parts.items()]
+
     def cycle_frequency(self, rpm):
         """Omega = 2 pi rpm / (60 revolutions_per_cycle) in rad/s, of the cycle at ``rpm`` of the reference rotor."""
         return 2 * math.pi * rpm / 60 / self.revolutions_per_cycle
 
     def repeated(self, cycles: int) -> Topology:
         """The same with a cycle ``cycles`` times as long; harmonic n of the cycle becomes harmonic ``cycles n``."""
-        numbers = {
+        numbers: dict[str, Any] = {
             name: tuple(tuple(cycles * n for n in row) for row in getattr(self, name))
             for name in ("torque_harmonics", "cylinder_harmonics", "load_harmonics")
         }

@@ -57,8 +57,8 @@ def _table_errors(where, f, value) -> list[str] | None:
     for k, row in enumerate(rows):
         inside = f"{where}, {f.name}{f' no. {k + 1}' if several else ''}"
         found += [field_errors(inside, g, getattr(row, g.name)) for g in dataclasses.fields(row)]
-    found = [sentences for sentences in found if sentences is not None]
-    return [text for sentences in found for text in sentences] if found else None
+    said = [sentences for sentences in found if sentences is not None]
+    return [text for sentences in said for text in sentences] if said else None
 
 
 def _missing(where, f) -> str:

@@ -4,13 +4,18 @@ The curve is that of the reduced harmonic equations with a fixed number of harmo
 (:mod:`jaxhb.periodic.harmonic_curve`), followed by :mod:`jaxhb.periodic.continuation` on the host.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
+from .._shown import brief
 from ..harmonic import fourier
 from ..harmonic.excitation import listed_harmonic
+from ..model.drivetrain import DriveTrain
+from ..response.response import Response
 from ..response.status import NotConverged, Status, check
 from . import continuation, planning
 from .branch_points import Point, response_at, special_points, train_at
@@ -37,6 +42,7 @@ class BranchOptions:
 DEFAULT = BranchOptions()
 
 
+@brief
 @dataclass(frozen=True)
 class Branch:
     """A branch of periodic motions as a table of P points, made by :func:`follow`; M meshes.
@@ -69,24 +75,26 @@ class Branch:
     _plan: Plan = field(repr=False)
     _path: list = field(repr=False)
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.value)
 
     @property
-    def train(self):
+    def train(self) -> DriveTrain:
         """The train that was followed, with its own value of the parameter."""
         return self._curve.train
 
     @property
-    def folds(self):
+    def folds(self) -> np.ndarray:
         """Values of the parameter at which the branch turns back, ``(F,)``."""
         return np.array([point.value for point in self.special if point.kind == "fold"])
 
-    def response(self, number):
+    def response(self, number: int) -> Response:
         """The Response at a point."""
         return response_at(self._curve, self._plan, self._path[number][0])
 
-    def resume(self, number=-1, *, to=None, backwards=False, options=DEFAULT):
+    def resume(
+        self, number: int = -1, *, to: float | None = None, backwards: bool = False, options: BranchOptions = DEFAULT
+    ) -> Branch:
         """Follow on from a point of this branch, or back from it.
 
         Parameters
@@ -114,7 +122,7 @@ class Branch:
         y, tangent = self._path[number]
         return _followed(curve, self._plan, y, -tangent if backwards else tangent, (min(shares), max(shares)), options)
 
-    def doubled(self, number=0, *, options=DEFAULT):
+    def doubled(self, number: int = 0, *, options: BranchOptions = DEFAULT) -> Branch:
         """The branch of motions of twice the period that leaves this one at a period doubling.
 
         Begins in the direction in which the harmonic equations over two periods are singular there; a motion and the
@@ -144,7 +152,8 @@ class Branch:
         places = [point for point in self.special if point.kind == "period doubling"]
         if not -len(places) <= number < len(places):
             raise ValueError(f"period doubling no. {number} is asked for, and this branch has {len(places)} of them.")
-        found = _followed(*_doubled(self._curve, self._plan, places[number].y), (0.0, 1.0), options)
+        curve, plan, y, tangent = _doubled(self._curve, self._plan, places[number].y)
+        found = _followed(curve, plan, y, tangent, (0.0, 1.0), options)
         # Where it begins a multiplier is 1, rounded to either side: no branch point.
         special = tuple(point for point in found.special if point.after or point.kind != "branch point")
         return replace(found, special=special)
@@ -156,7 +165,18 @@ class Branch:
         return f"{self.parameter} {self.value[0]:g} to {self.value[-1]:g}: {shares}, {left}; {points}. {self.ended}"
 
 
-def follow(train, parameter, *, start, to, rpm=None, harmonics=None, tolerance=0.01, begin=None, options=DEFAULT):
+def follow(
+    train: DriveTrain,
+    parameter: str,
+    *,
+    start: float,
+    to: float,
+    rpm: float | None = None,
+    harmonics: int | None = None,
+    tolerance: float = 0.01,
+    begin: Response | None = None,
+    options: BranchOptions = DEFAULT,
+) -> Branch:
     """Follow a branch of periodic motions over the speed or a number of the train, through its folds.
 
     Pseudo-arclength continuation (Keller 1977) of the harmonic equations F(l, p) = 0 from a motion at ``start``. Every
@@ -214,8 +234,8 @@ def follow(train, parameter, *, start, to, rpm=None, harmonics=None, tolerance=0
     deflection = fourier.resize(of_unknown_meshes(plan, begin), plan.harmonics)
     sizes = np.asarray(first.meshes.backlash)[list(plan.active)]
     scale = np.min(sizes + np.linalg.norm(fourier.pack(deflection), axis=-1)[: len(sizes)])
-    arrays = (float(speed), float(start), float(to) - float(start), float(scale))
-    curve = HarmonicCurve(train, *map(np.asarray, arrays), plan.choice, parameter, plan.sizes)
+    speed, begins, length, size = map(np.asarray, (float(speed), float(start), float(to) - float(start), float(scale)))
+    curve = HarmonicCurve(train, speed, begins, length, size, plan.choice, parameter, plan.sizes)
     y = np.append(fourier.pack(deflection).ravel() / scale, 0.0)
     return _followed(curve, plan, y, None, (0.0, 1.0), options)
 

@@ -4,6 +4,8 @@ The theorem (:mod:`jaxhb.periodic.proof`) is applied at the motion to which Newt
 harmonics; bounds of the response add how far that is away.
 """
 
+from __future__ import annotations
+
 from dataclasses import replace
 
 import jax
@@ -12,7 +14,8 @@ import numpy as np
 from ..harmonic import backlash, fourier
 from ..harmonic.backlash import law_of
 from ..harmonic.excitation import listed_harmonic
-from ..response.certificate import LINEAR
+from ..response.certificate import LINEAR, Certificate
+from ..response.response import Response
 from .certified_stability import decide
 from .linearisation import PER_HARMONIC, Linearisation, Sizes, highest_frequency
 from .planning import mesh_mode_harmonics
@@ -44,7 +47,7 @@ REACH = 2**18
 """Harmonics up to which receptances are evaluated: beyond twice the highest natural frequency they are bounded."""
 
 
-def certify(response):
+def certify(response: Response) -> Certificate:
     """Show that a true periodic motion exists near a computed one, and how near.
 
     Parameters

@@ -9,12 +9,15 @@ from dataclasses import dataclass, field
 import jax
 import jax.numpy as jnp
 
+from .._arrays import Array
 from .._program import Program
 from ..harmonic import fourier
+from ..model.drivetrain import DriveTrain
 from ..transient.reduced_model import reduced_model
 from . import correction
 from .newton import KRYLOV_STEPS
 from .problem import pose, reduced_equation
+from .program import Choice, Sizes
 
 
 @jax.tree_util.register_dataclass
@@ -22,14 +25,14 @@ from .problem import pose, reduced_equation
 class HarmonicCurve:
     """What does not change along a branch: begin and span of the parameter, scale in m, the meshes (Choice)."""
 
-    train: object
-    rpm: jax.Array
-    begin: jax.Array
-    span: jax.Array
-    scale: jax.Array
-    choice: object
+    train: DriveTrain
+    rpm: Array
+    begin: Array
+    span: Array
+    scale: Array
+    choice: Choice
     parameter: str = field(metadata={"static": True})
-    sizes: object = field(metadata={"static": True})
+    sizes: Sizes = field(metadata={"static": True})
 
     def at(self, share):
         """Train and speed at a share of the range."""

@@ -19,6 +19,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from .._arrays import Array
 from .._program import Program
 from ..harmonic import backlash
 from ..transient import segments
@@ -61,7 +62,7 @@ DEFAULT = HomotopyOptions()
 class HomotopyStepper(Stepper):
     """A Stepper whose meshes are a share p on the way from the linear law."""
 
-    share: jax.Array = 1.0
+    share: Array | float = 1.0
     beginning: Beginning = DEFAULT.beginnings[0]
 
     def nonlinear_force(self, deflection, rate):

@@ -3,7 +3,7 @@
 In units of the backlash, ``y = l / h``, with ``E(y)`` the integral of (engagement - 1) from 0 to y, the force of a mesh
 beside its linear part is ``(1 - epsilon) c h E(y)``, and of damping in contact ``r h d/dt E(y)``, as the engagement
 times ``l'`` is the derivative of its integral. Both damping laws therefore lead to one equation with one nonlinear
-function of the deflections alone (method.md A4.4 has it without damping in contact), in harmonics
+function of the deflections alone (docs/theory A4.4 has it without damping in contact), in harmonics
 
     F(y) = y - y_lin + H psi(y) = 0,   H(n) = (1 + H_c m)^{-1} H_c,   H_c(n) = h^{-1} G(n) ((1-eps) c + i n Omega r) h,
 
@@ -258,7 +258,7 @@ class Linearisation:
         return found * h if transposed else found / h
 
     def _fall(self, system, columns):
-        """k, d, w with ``|H_c(n)| <= (k + n d) / (n^2 - w^2)``, whatever the damping (method.md A4.5)."""
+        """k, d, w with ``|H_c(n)| <= (k + n d) / (n^2 - w^2)``, whatever the damping (docs/theory A4.5)."""
         root = columns.T / np.sqrt(np.asarray(system.mass))
         h, squared = self.law.backlash, self.frequency**2
         left = np.linalg.norm(root / h[:, None], 2)

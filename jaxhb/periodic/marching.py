@@ -12,8 +12,7 @@ from ..harmonic import chain
 from ..harmonic.excitation import listed_harmonic
 from ..harmonic.residual import backlash_meshes
 from ..response.steady import Record, RecordedSignal, SteadyContact
-from ..transient import lanes as marching
-from ..transient import record as recording
+from ..transient import lanes as marching, record as recording
 from ..transient.modes import damped_modes, modes_of
 from ..transient.reduced_model import reduced_model
 from ..transient.statespace import partition

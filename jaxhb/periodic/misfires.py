@@ -1,10 +1,14 @@
 """Every cylinder in turn not firing: the responses of all these trains over speed, and the worst of them."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from .._arrays import Numbers
+from ..model.drivetrain import DriveTrain
 from ..model.elements import SceneError
 from ..response.response import Response
 from .speeds import solve_speeds
@@ -54,7 +58,14 @@ class Misfires:
         return Worst(names[cylinder], float(self.firing.rpm[speed]), float(rows[cylinder][speed]), float(firing))
 
 
-def misfire_each(train, *, rpm, harmonics=None, tolerance=None, solve=solve_speeds) -> Misfires:
+def misfire_each(
+    train: DriveTrain,
+    *,
+    rpm: Numbers,
+    harmonics: int | None = None,
+    tolerance: float | None = None,
+    solve: Callable[..., Response] = solve_speeds,
+) -> Misfires:
     """Solve at many speeds with all cylinders firing, and with each in turn that does not.
 
     The trains differ in one number, so that one compiled program serves all.

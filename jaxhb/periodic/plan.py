@@ -1,5 +1,7 @@
 """What is decided before a solve: one small hashable value, and what a compiled program takes of it."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,22 +46,22 @@ class Plan:
     integrals: str = "sampled"
 
     @property
-    def unknowns(self):
+    def unknowns(self) -> int:
         """Real unknowns of Newton's method; 0 where one linear solve per harmonic is all."""
         return len(self.active) * (2 * self.harmonics + 1)
 
     @property
-    def marches(self):
+    def marches(self) -> bool:
         """Whether Newton's method starts from a march."""
         return self.start == "march"
 
     @property
-    def limit(self):
+    def limit(self) -> np.ndarray:
         """Largest estimate of the truncation error that counts as converged: an array, which programs are given."""
         return np.asarray(self.tolerance_share * self.tolerance)
 
     @property
-    def sizes(self):
+    def sizes(self) -> Sizes:
         """What the program is compiled for: nothing else of a plan makes another program."""
         return Sizes(
             samples=16 * self.harmonics,
@@ -71,7 +73,7 @@ class Plan:
         )
 
     @property
-    def choice(self):
+    def choice(self) -> Choice:
         """The meshes as arrays, padded to 1, 2, 4, 8, ... unknowns."""
         count = len(self.active)
         padded = 1 << (count - 1).bit_length() if count else 0

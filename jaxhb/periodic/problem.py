@@ -118,7 +118,7 @@ def power_defect(problem, displacement, force, found):
     """Power of the torques less what dampers, links and teeth take, over what the torques exchange with the train.
 
     Zero for the exact motion and for every solution of the truncated equations, as elastic forces do no work over a
-    cycle, ``sum of b |x'|^2 = <q, x'>`` (method.md A4.1): what is left comes of unsolved equations, and of the work
+    cycle, ``sum of b |x'|^2 = <q, x'>`` (docs/theory A4.1): what is left comes of unsolved equations, and of the work
     that sampled elastic tooth forces seem to do.
 
     Parameters

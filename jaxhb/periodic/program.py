@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from .._arrays import Array
 from .._program import Program
 from ..harmonic import backlash, exact, fourier, reduction
 from ..response.status import Status
@@ -68,9 +69,9 @@ class Start:
 class Choice:
     """Unknown meshes: active ``(G,)`` 1 or 0 (padding), chosen ``(G,)`` mesh; flank ``(M,)`` +1, -1, or 0."""
 
-    active: jax.Array
-    chosen: jax.Array
-    flank: jax.Array
+    active: Array
+    chosen: Array
+    flank: Array
 
 
 @jax.tree_util.register_dataclass

@@ -4,10 +4,11 @@ The theorem of Newton and Kantorovich on the untruncated equation of the deflect
 ``= 0`` (:mod:`jaxhb.periodic.linearisation`). With A the inverse of ``F'(ybar)`` on the low harmonics and 1 beyond,
 ``|.|_w`` the weighted norm, E the largest value over the weighted norm, ``|.|`` the largest value over the cycle:
 
-1. ``Z1 = |1 - A F'|_w < 1`` shows that ``F'`` has an inverse, and that it is near A (method.md A4.5, where the columns
-   beyond ``high`` are parted: those far from the rows they act on meet coefficients of the share that have died).
-2. ``F'^-1 H = A H + (1 - A F') F'^-1 H``: as H makes bounded motions of forces with bounded root mean square, the
-   largest value of Newton's correction is at most
+1. ``Z1 = |1 - A F'|_w < 1`` shows that ``F'`` has an inverse, and that it is near A (docs/theory A4.5, where the
+   columns beyond ``high`` are parted: those far from the rows they act on meet coefficients of the share that have
+   died).
+2. ``F'^-1 H = A H + (1 - A F') F'^-1 H``: as H makes bounded motions of forces with bounded root mean square,
+   the largest value of Newton's correction is at most
 
        Y0 = |A F| + E Z1/(1 - Z1) |A F|_w,
 
@@ -20,8 +21,8 @@ The theorem of Newton and Kantorovich on the untruncated equation of the deflect
 3. ``h0 = Y0 Z2 <= 1/2``: a true motion exists within ``r = 2 Y0 / (1 + sqrt(1 - 2 h0))`` backlashes of ybar, all the
    time and at every mesh, and no other within 2 Y0. (r <= 2 Y0: the zone is that of 2 Y0.)
 
-Method.md A4.5 has the radius in the weighted norm, whose largest values cost a factor E of 10 to 30 where tooth modes
-lie at harmonics in the hundreds, twice; the largest value has no such factor.
+A radius in the weighted norm would cost the factor E twice, 10 to 30 where tooth modes lie at harmonics in the
+hundreds; the largest value has no such factor.
 
 Forces: elastic ones change at most with the stiffness in contact. Damping asks for the rate of the difference
 ``p = y* - ybar``, ``F' p = q = -F - H Delta``, ``|Delta| <= zone r^2 / 2 tau``: ``p = A q + e`` with ``e = d - H psi'
@@ -30,7 +31,7 @@ e``, ``d = q - F' A q`` and ``|e|_w <= Z1/(1 - Z1) |A q|_w``, all of which can b
 The theorem is applied at the motion to which Newton's method leads on ``low`` harmonics, many more than those of the
 response; bounds of the response add the distance between the two, which is computed. What is true uniformly is only
 the small-gain number: below 1 the equation has one solution for every load. Else ``F'`` may be singular (a parametric
-resonance, method.md A4.2: the claim (31) of the source is false) and several motions may coexist, each with a
+resonance, docs/theory A4.2: the claim (31) of the source is false) and several motions may coexist, each with a
 certificate of its own.
 """
 

@@ -1,5 +1,7 @@
 """When a march ends: the period that its motion has, approaches, or does not have. Host arithmetic."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,7 +50,7 @@ class Cycles:
     recorded: int = 64
     most: int = 256
 
-    def before_record(self, work):
+    def before_record(self, work: float) -> int:
         """Cycles before the record, for ``work`` steps times modes a cycle."""
         return int(np.clip(WORK / work, *TRANSIENT)) if self.transient is None else self.transient
 

@@ -1,10 +1,13 @@
 """Every periodic motion of a train at one speed that searches find: those it may run in, and those that repel."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
 
 from .._arrays import staged, traced
+from ..model.drivetrain import DriveTrain
 from ..model.speeds import check_speed
 from ..response.response import Response
 from ..response.status import Status
@@ -51,7 +54,7 @@ class PeriodicMotion:
     stability: Stability | None
 
     @property
-    def largest_force(self):
+    def largest_force(self) -> float:
         """Largest tooth force of all meshes, N."""
         forces = (self.response.force(name).peak for name in self.response.topology.mesh_names)
         return float(max(forces, default=0.0))
@@ -64,7 +67,9 @@ class PeriodicMotion:
         return f"period of {span}, largest tooth force {self.largest_force / 1e3:.4g} kN, {how}"
 
 
-def solve_all(train, *, rpm, harmonics=None, tolerance=None):
+def solve_all(
+    train: DriveTrain, *, rpm: float, harmonics: int | None = None, tolerance: float | None = None
+) -> tuple[PeriodicMotion, ...]:
     """The periodic motions of a drive train at one speed, as many as several searches find.
 
     Teeth that hammer allow several motions at one speed; the train runs in one that attracts, which one depends on

@@ -4,12 +4,15 @@ Without a plan, the host decides: which meshes can leave contact (from the linea
 harmonics the asked tolerance needs. With a plan nothing is decided, and ``solve`` is valid under ``jit`` and ``vmap``.
 """
 
+from __future__ import annotations
+
 import dataclasses
 
 import numpy as np
 
-from .._arrays import concrete, staged, traced
+from .._arrays import Number, concrete, staged, traced
 from ..model.change import without_backlash
+from ..model.drivetrain import DriveTrain
 from ..model.speeds import check_speed
 from ..response.response import Response
 from ..response.status import Status, check
@@ -20,8 +23,17 @@ from .request import Request, check_harmonics, excited_harmonic
 
 
 def solve(
-    train, *, rpm, plan=None, harmonics=None, tolerance=None, method=None, integrals=None, start=None, certify=False
-):
+    train: DriveTrain,
+    *,
+    rpm: Number,
+    plan: Plan | None = None,
+    harmonics: int | None = None,
+    tolerance: float | None = None,
+    method: str | None = None,
+    integrals: str | None = None,
+    start: Response | str | None = None,
+    certify: bool = False,
+) -> Response:
     """Periodic response of a drive train at one speed.
 
     Solves A(x) = 0 (Fridman 2009, (19)-(32)) for the harmonics of the motion over one cycle.
@@ -92,7 +104,7 @@ def solve(
     now = concrete(train, rpm)
     if traced(now) or staged():
         raise TypeError("solve is being traced: pass plan=jaxhb.plan(train, rpm=...), made outside")
-    found = _decide(*now, Request.of(train, harmonics, tolerance, method, integrals), start)
+    found = _decide(now[0], now[1], Request.of(train, harmonics, tolerance, method, integrals), start)
     if traced(train, rpm):  # by differentiation alone: solved already, the program only adds the derivative
         response = solve_planned(train, rpm, found.plan, found.response)
         return dataclasses.replace(response, path=found.response.path)
@@ -114,7 +126,15 @@ def _certified(response, fixed, method, integrals):
     return response
 
 
-def plan(train, *, rpm, harmonics=None, tolerance=0.01, method="reduced", integrals="sampled"):
+def plan(
+    train: DriveTrain,
+    *,
+    rpm: float,
+    harmonics: int | None = None,
+    tolerance: float = 0.01,
+    method: str = "reduced",
+    integrals: str = "sampled",
+) -> Plan:
     """Decide how to solve a train at a speed: harmonics, active meshes, start; found by solving it.
 
     Parameters
@@ -148,7 +168,7 @@ def plan(train, *, rpm, harmonics=None, tolerance=0.01, method="reduced", integr
     return found.plan
 
 
-def linear_response(train, *, rpm, harmonics=None):
+def linear_response(train: DriveTrain, *, rpm: Number, harmonics: int | None = None) -> Response:
     """Response with every mesh in contact all cycle, as if there were no backlash.
 
     Parameters

@@ -1,10 +1,18 @@
 """Many speeds in one call: planned on the host, solved in compiled batches, the few that fail taken up the ladder."""
 
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
 import numpy as np
 
+from .._arrays import Numbers
+from ..model.drivetrain import DriveTrain
 from ..model.speeds import check_speed
-from ..response.response import stack
+from ..response.response import Response, stack
 from ..response.status import Status
+from .plan import Plan
 from .planned import solve_batches
 from .planning import plan_speeds
 from .request import Request, check_plan
@@ -14,7 +22,17 @@ BATCH_STEPS = 8
 """Newton steps of a batch, which waits for its slowest speed: one that needs more is solved again by itself."""
 
 
-def solve_speeds(train, *, rpm, plan=None, harmonics=None, tolerance=None, integrals=None, progress=None, devices=()):
+def solve_speeds(
+    train: DriveTrain,
+    *,
+    rpm: Numbers,
+    plan: Plan | None = None,
+    harmonics: int | None = None,
+    tolerance: float | None = None,
+    integrals: str | None = None,
+    progress: Callable[[int], object] | None = None,
+    devices: Sequence[Any] = (),
+) -> Response:
     """Periodic responses at many speeds.
 
     The linear motion tells at which speeds teeth leave contact or separate; speeds with the same needs share a plan

@@ -1,8 +1,10 @@
 """Whether a train runs in a periodic motion: what becomes of a small disturbance of it (Floquet multipliers).
 
 Over a cycle a disturbance y of the state is multiplied by the monodromy matrix; its eigenvalues tell whether it dies
-away (method.md A7). A motion that is unstable solves the equations and does not occur.
+away (docs/theory A7). A motion that is unstable solves the equations and does not occur.
 """
+
+from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -15,9 +17,11 @@ from jax import lax
 
 from .._arrays import on_host
 from .._program import Program
+from .._shown import brief
 from ..harmonic import chain, exact
 from ..harmonic.excitation import listed_harmonic
 from ..harmonic.residual import backlash_meshes
+from ..response.response import Response
 from ..response.status import NotConverged, Status
 from ..transient.reduced_model import reduced_model
 from ..transient.statespace import loss_damping, partition, state_space
@@ -40,6 +44,7 @@ SAMPLES = 64
 """Time samples per harmonic at which slopes are taken for averages: damping in contact gives them short peaks."""
 
 
+@brief
 @dataclass(frozen=True)
 class Stability:
     """Floquet multipliers of a periodic motion, made by :func:`stability`; ``str`` says what they mean.
@@ -60,23 +65,23 @@ class Stability:
     liouville: float
 
     @property
-    def critical(self):
+    def critical(self) -> complex:
         """The multiplier of largest modulus, those of rotation left out; 0 where there is no other."""
         own = self.multipliers[~self.rotation]
         return complex(own[0]) if len(own) else 0j
 
     @property
-    def largest(self):
+    def largest(self) -> float:
         """Modulus of :attr:`critical`: from 1 on the motion is not what the train does."""
         return abs(self.critical)
 
     @property
-    def stable(self):
+    def stable(self) -> bool:
         """Whether every disturbance dies away."""
         return self.largest <= 1 + NEUTRAL
 
     @property
-    def loses_by(self):
+    def loses_by(self) -> str | None:
         """How stability is lost: None, "fold" (a multiplier beyond +1), "period doubling" (beyond -1) or
         "Neimark-Sacker" (a complex pair)."""
         if self.stable:
@@ -99,11 +104,11 @@ _MANNER = {
 }
 
 
-def stability(response):
+def stability(response: Response) -> Stability:
     """Floquet multipliers of a periodic motion: whether the train runs in it.
 
     Solves the variational equation around the motion of the harmonics, not around an integration of its own, in steps
-    that end where teeth pass the knots of their law (method.md A7; :mod:`jaxhb.transient.variational`). All states of
+    that end where teeth pass the knots of their law (docs/theory A7; :mod:`jaxhb.transient.variational`). All states of
     the train take part; massless disks are condensed. Loss factors, which have no equation in time, damp each mode at
     its natural frequency (:func:`jaxhb.transient.statespace.loss_damping`).
 
@@ -142,13 +147,14 @@ def stability(response):
     parts = partition(system, meshes, topology.disk_names, topology.link_names, lossy=True)
     frequency = topology.cycle_frequency(float(response.rpm))
     deflection = np.asarray(response.deflections)[np.flatnonzero(topology.mesh_backlash)]
-    space = state_space(*on_host((system, meshes)), frequency, parts, loss_damping(on_host(system)))
+    host = on_host(system)
+    space = state_space(host, on_host(meshes), frequency, parts, loss_damping(host))
     found = monodromy(space, meshes, deflection, frequency, exact.switching_times(meshes.law, deflection))
     multipliers, rotation = _multipliers(found.matrix, space.coordinates, system, frequency)
     return Stability(multipliers, rotation, float(np.expm1(found.log_determinant - found.trace)))
 
 
-def largest_multiplier(response):
+def largest_multiplier(response: Response) -> float:
     """Modulus of the largest Floquet multiplier, rotation left out, nearly, in a quarter of the time: for sweeps.
 
     From the linearised periodic operator that preconditions Newton's method, with twice its time steps: forces change
@@ -189,7 +195,8 @@ def largest_multiplier(response):
     problem = pose(train, rpm, excited)
     sizes = replace(plan.sizes, samples=SAMPLES * response.harmonics)
     found = _linearised(problem, plan.choice, of_unknown_meshes(plan, response), sizes)
-    multipliers, rotation = _multipliers(*jax.tree.map(np.asarray, found), problem.system, problem.frequency)
+    matrix, coordinates = jax.tree.map(np.asarray, found)
+    multipliers, rotation = _multipliers(matrix, coordinates, problem.system, problem.frequency)
     return float(np.max(np.abs(multipliers[~rotation]), initial=0.0))
 
 

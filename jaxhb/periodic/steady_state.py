@@ -1,12 +1,18 @@
 """What a train does after it has run long enough: contact, a period of one or several cycles, or none."""
 
+from __future__ import annotations
+
 import itertools
+from collections.abc import Callable, Sequence
 from functools import partial
+from pathlib import Path
+from typing import Any, Literal, overload
 
 import numpy as np
 
-from .._arrays import staged, traced
+from .._arrays import Array, Numbers, staged, traced
 from ..harmonic import chain, fourier
+from ..model.drivetrain import DriveTrain
 from ..model.elements import SceneError
 from ..model.speeds import check_speed
 from ..response.response import Response
@@ -27,21 +33,75 @@ LEVEL = 0.1
 other; and of largest deflections up to which records of irregular motion are of one."""
 
 
+@overload
 def steady_state(
-    train,
+    train: DriveTrain,
     *,
-    rpm,
-    direction="up",
-    start=None,
-    harmonics=None,
-    tolerance=None,
-    exact=True,
-    cycles=None,
-    progress=None,
-    out=None,
-    chunk=CHUNK,
-    devices=(),
-):
+    rpm: float,
+    direction: Literal["up", "down"] = ...,
+    start: SteadyState | Response | None = ...,
+    harmonics: int | None = ...,
+    tolerance: float | None = ...,
+    exact: bool = ...,
+    cycles: Cycles | None = ...,
+    progress: Callable[[int], object] | None = ...,
+    out: str | Path | None = ...,
+    chunk: int = ...,
+    devices: Sequence[Any] = ...,
+) -> SteadyState: ...
+
+
+@overload
+def steady_state(
+    train: DriveTrain,
+    *,
+    rpm: Sequence[float] | Array,
+    direction: Literal["up", "down"] = ...,
+    start: SteadyState | Response | None = ...,
+    harmonics: int | None = ...,
+    tolerance: float | None = ...,
+    exact: bool = ...,
+    cycles: Cycles | None = ...,
+    progress: Callable[[int], object] | None = ...,
+    out: str | Path | None = ...,
+    chunk: int = ...,
+    devices: Sequence[Any] = ...,
+) -> SteadySweep: ...
+
+
+@overload
+def steady_state(
+    train: DriveTrain,
+    *,
+    rpm: Sequence[float] | Array,
+    direction: Literal["both"],
+    start: SteadyState | Response | None = ...,
+    harmonics: int | None = ...,
+    tolerance: float | None = ...,
+    exact: bool = ...,
+    cycles: Cycles | None = ...,
+    progress: Callable[[int], object] | None = ...,
+    out: str | Path | None = ...,
+    chunk: int = ...,
+    devices: Sequence[Any] = ...,
+) -> tuple[SteadySweep, SteadySweep]: ...
+
+
+def steady_state(
+    train: DriveTrain,
+    *,
+    rpm: Numbers,
+    direction: str = "up",
+    start: SteadyState | Response | None = None,
+    harmonics: int | None = None,
+    tolerance: float | None = None,
+    exact: bool = True,
+    cycles: Cycles | None = None,
+    progress: Callable[[int], object] | None = None,
+    out: str | Path | None = None,
+    chunk: int = CHUNK,
+    devices: Sequence[Any] = (),
+) -> SteadyState | SteadySweep | tuple[SteadySweep, SteadySweep]:
     """What a drive train does at each speed after it has run long enough.
 
     Teeth that stay in contact are known from the linear motion. Otherwise the train is marched through cycles of the

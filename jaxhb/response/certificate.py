@@ -1,13 +1,17 @@
 """An error bound: within what distance of a computed motion a true one exists, and what shows it."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
 
+from .._shown import brief
+
 
 @dataclass(frozen=True)
 class Kantorovich:
-    """The theorem of Newton and Kantorovich (Kantorovich & Akilov, XVIII.1; method.md A4.3).
+    """The theorem of Newton and Kantorovich (Kantorovich & Akilov, XVIII.1; docs/theory A4.3).
 
     Parameters
     ----------
@@ -25,22 +29,22 @@ class Kantorovich:
     K: float
 
     @property
-    def h0(self):
+    def h0(self) -> float:
         """``H0 K delta0``, at most 1/2 where the theorem holds."""
         return self.H0 * self.K * self.delta0
 
     @property
-    def holds(self):
+    def holds(self) -> bool:
         """Whether a solution exists within :attr:`radius`."""
         return self.h0 <= 0.5
 
     @property
-    def radius(self):
+    def radius(self) -> float:
         """(36): ``(1 - sqrt(1 - 2 h0)) / h0 delta0``, within which a solution exists; nan where the theorem fails."""
         return 2 * self.delta0 / (1 + self._root)
 
     @property
-    def uniqueness(self):
+    def uniqueness(self) -> float:
         """Distance within which it is the only one; inf where the derivative does not change."""
         slope = self.H0 * self.K
         return (1 + self._root) / slope if slope else np.inf
@@ -49,7 +53,7 @@ class Kantorovich:
     def _root(self):
         return np.sqrt(1 - 2 * self.h0) if self.holds else np.nan
 
-    def bound(self, steps):
+    def bound(self, steps: int) -> float:
         """Largest distance from the solution after so many exact Newton steps: (37) corrected, and sharp (Gragg &
         Tapia, SIAM J. Numer. Anal. 11 (1974) 10)."""
         if not self.h0:
@@ -61,6 +65,7 @@ class Kantorovich:
         return (self.uniqueness - self.radius) * power / (1 - power)
 
 
+@brief
 @dataclass(frozen=True)
 class Certificate:
     """How far a true periodic motion is from a computed one, made by :func:`jaxhb.certify`; ``str`` says it.
@@ -75,7 +80,7 @@ class Certificate:
         difference over the cycle between the computed and the true motion, of the deflection, of the elastic tooth
         force and of the tooth force with its damping; inf where nothing is shown
     Y0, Z1, Z2 : of the theorem, lengths in backlashes, at the motion that Newton's method finds on ``low`` harmonics
-    small_gain : float, below 1 there is one motion of one cycle whatever the load (method.md A4.2)
+    small_gain : float, below 1 there is one motion of one cycle whatever the load (docs/theory A4.2)
     harmonic_balance : Kantorovich, of the truncated equations with exact integrals, weighted norm, backlashes
     stable : bool or None, whether the true motion attracts; None where the bound does not decide it
     harmonics, low, high : of the response, of the inverse, of the equation
@@ -97,22 +102,22 @@ class Certificate:
     harmonic_balance: Kantorovich | None = None
 
     @property
-    def holds(self):
+    def holds(self) -> bool:
         """Whether a true motion is shown to exist."""
         return not self.reason
 
     @property
-    def h0(self):
+    def h0(self) -> float:
         """``Y0 Z2``, at most 1/2 where a true motion is shown."""
         return self.Y0 * self.Z2
 
     @property
-    def radius(self):
+    def radius(self) -> float:
         """Distance of the true motion from the refined one, in backlashes, all the time and at every mesh."""
         return Kantorovich(self.Z2, self.Y0, 1.0).radius if self.holds else np.inf
 
     @property
-    def unique_within(self):
+    def unique_within(self) -> float:
         """Distance from the refined motion within which there is no other of one cycle, in backlashes."""
         return 2 * self.Y0 if self.holds else 0.0
 
@@ -127,5 +132,6 @@ class Certificate:
         )
 
 
-LINEAR = Certificate("", (), *[np.zeros(0)] * 3, Y0=0.0, Z1=0.0, Z2=0.0, small_gain=0.0, low=0, high=0)
+_NONE = np.zeros(0)
+LINEAR = Certificate("", (), _NONE, _NONE, _NONE, Y0=0.0, Z1=0.0, Z2=0.0, small_gain=0.0, low=0, high=0)
 """Of equations that are linear and solved exactly."""

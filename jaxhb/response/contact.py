@@ -14,7 +14,7 @@ class Contact:
     Parameters
     ----------
     separated_fraction : float
-        Share of the cycle in which the teeth are apart: |l| is below the gap of the law.
+        Share of the cycle in which the teeth are apart: ``|l|`` is below the gap of the law.
     reverse_contact_fraction : float
         Share of the cycle in contact on the flank that does not drive.
     impacts : list of dict

@@ -1,20 +1,27 @@
 """The periodic response of a drive train: disks, shafts, gears and meshes, read by name."""
 
+from __future__ import annotations
+
 import dataclasses
 from dataclasses import dataclass
+from typing import Any, Self
 
 import jax
 import numpy as np
 
-from .._arrays import namespace
+from .._arrays import Array, namespace
+from .._shown import brief
 from ..harmonic import backlash, fourier
 from ..model.drivetrain import DriveTrain
 from ..model.topology import Topology
-from .contact import contact_of
+from .contact import Contact, contact_of
+from .shown import response_html, response_line
 from .signal import Signal
+from .status import Status
 
 
 @jax.tree_util.register_dataclass
+@brief
 @dataclass(frozen=True)
 class Fields:
     """Motion, torques and forces over one cycle, as Fourier coefficients.
@@ -27,12 +34,12 @@ class Fields:
     forces, elastic_forces : complex ``(..., G, K+1)`` N, of the meshes; more harmonics than the motion has
     """
 
-    angles: jax.Array
-    torques: jax.Array
-    elastic_torques: jax.Array
-    deflections: jax.Array
-    forces: jax.Array
-    elastic_forces: jax.Array
+    angles: Array
+    torques: Array
+    elastic_torques: Array
+    deflections: Array
+    forces: Array
+    elastic_forces: Array
 
 
 @dataclass(frozen=True)
@@ -58,17 +65,17 @@ class Response(Fields):
         Certificate or None, where it was asked for
     """
 
-    rpm: jax.Array
-    load_torque: jax.Array
-    load_power: jax.Array
-    ground_reaction: jax.Array
-    radius: jax.Array
+    rpm: Array
+    load_torque: Array
+    load_power: Array
+    ground_reaction: Array
+    radius: Array
     law: backlash.Law
-    status: jax.Array
-    residual: jax.Array
-    truncation_error: jax.Array
-    power_defect: jax.Array
-    steps: jax.Array
+    status: Array
+    residual: Array
+    truncation_error: Array
+    power_defect: Array
+    steps: Array
     topology: Topology
     resolution: int
     train: DriveTrain | None = None
@@ -76,30 +83,42 @@ class Response(Fields):
     certificate: object = None
 
     @property
-    def harmonics(self):
+    def harmonics(self) -> int:
         """Number of harmonics of the motion."""
         return self.angles.shape[-1] - 1
 
     @property
-    def highest_harmonic(self):
+    def highest_harmonic(self) -> Array:
         """Highest harmonic that moves a disk, per speed: of a sweep :attr:`harmonics` is the largest among them."""
         moves = np.any(np.asarray(self.angles) != 0, axis=-2)
         return np.max(np.where(moves, np.arange(moves.shape[-1]), 0), axis=-1)
 
     @property
-    def converged(self):
+    def converged(self) -> Array:
         """True where residual and truncation error are within their limits."""
         return self.status == 0
 
     @property
-    def load_kW(self):
+    def status_name(self) -> str | np.ndarray:
+        """Name of :attr:`status` as :class:`jaxhb.Status` has it, "CONVERGED"; of several speeds an array of names."""
+        names = np.array([status.name for status in Status])[np.asarray(self.status)]
+        return names if np.ndim(names) else str(names)
+
+    @property
+    def load_kW(self) -> Array:
         """Power taken by the loads in kW."""
         return self.load_power / 1e3
 
-    def __len__(self):
+    def __repr__(self):
+        return response_line(self)
+
+    def _repr_html_(self):
+        return response_html(self)
+
+    def __len__(self) -> int:
         return len(self.rpm)
 
-    def __getitem__(self, index):
+    def __getitem__(self, index: Any) -> Self:
         """Response number ``index`` (or a slice) of a batch."""
         if not np.ndim(self.rpm):
             raise TypeError("this is the response at one speed, not a sweep: it cannot be indexed")
@@ -109,16 +128,16 @@ class Response(Fields):
     def _signal(self, coefficients, elastic=None):
         return Signal(coefficients, elastic, self.topology.revolutions_per_cycle, self.resolution)
 
-    def disk(self, name):
+    def disk(self, name: str) -> Signal:
         """Vibratory angle of a disk or damper ring, rad; its own sense of rotation positive."""
         return self._signal(self.angles[..., self.topology.disk_index(name), :])
 
-    def twist(self, a, b):
+    def twist(self, a: str, b: str) -> Signal:
         """Angle of disk a less angle of disk b, rad."""
         first, second = self.topology.disk_index(a), self.topology.disk_index(b)
         return self._signal(self.angles[..., first, :] - self.angles[..., second, :])
 
-    def torque(self, a, b=None):
+    def torque(self, a: str, b: str | None = None) -> Signal:
         """Torque transmitted by a shaft or damper in N m, positive when a is ahead of b.
 
         Parameters
@@ -137,7 +156,7 @@ class Response(Fields):
             raise ValueError(f"{name!r} is a mesh, not a shaft: use force(...) for its tooth force in N")
         return self._signal(sense * self.torques[..., index, :], sense * self.elastic_torques[..., index, :])
 
-    def force(self, a, b=None):
+    def force(self, a: str, b: str | None = None) -> Signal:
         """Tooth force transmitted by the mesh between gears a and b in N, positive when a drives b.
 
         Elastic and damping part together; ``.elastic`` for f(l) alone. ``force(b, a)`` is the negative.
@@ -145,14 +164,14 @@ class Response(Fields):
         index, sense = self._mesh_index(a, b)
         return self._signal(sense * self.forces[..., index, :], sense * self.elastic_forces[..., index, :])
 
-    def deflection(self, a, b=None):
+    def deflection(self, a: str, b: str | None = None) -> Signal:
         """Deflection l = r_a phi_a - r_b phi_b of a mesh, m."""
         index, sense = self._mesh_index(a, b)
         return self._signal(sense * self.deflections[..., index, :])
 
-    def deflection_samples(self, count):
+    def deflection_samples(self, count: int) -> Array:
         """Deflections of all meshes at ``count`` time samples of the cycle, ``(..., G, count)`` m."""
-        return self._signal(self.deflections).samples(count)
+        return fourier.sample(self.deflections, count)
 
     def _mesh_index(self, a, b):
         index, sense = self.topology.link_index(a, b)
@@ -161,7 +180,7 @@ class Response(Fields):
             raise ValueError(f"{name!r} is a shaft or damper, not a mesh: use torque(...) for its torque in N m")
         return index - self.torques.shape[-2], sense
 
-    def gear_torque(self, name):
+    def gear_torque(self, name: str) -> Signal:
         """Torque that a gear passes to its mates, the sum of its mesh forces x radius, N m."""
         disk = self.topology.disk_index(name)
         xp = namespace(self.forces)
@@ -172,7 +191,7 @@ class Response(Fields):
         total = radius * xp.einsum("g,...gk->...k", sense, self.forces)
         return self._signal(total, radius * xp.einsum("g,...gk->...k", sense, self.elastic_forces))
 
-    def mesh(self, a, b=None):
+    def mesh(self, a: str, b: str | None = None) -> Contact:
         """Contact of a mesh over the cycle (:class:`Contact`); its drive side is that of the scene's order of gears."""
         index, _ = self._mesh_index(a, b)
         law = jax.tree.map(lambda values: np.asarray(values)[..., index], self.law)
@@ -185,7 +204,7 @@ class Response(Fields):
             self.resolution,
         )
 
-    def contacts(self):
+    def contacts(self) -> dict[str, Contact]:
         """:class:`Contact` of every mesh by name."""
         return {name: self.mesh(name) for name in self.topology.mesh_names}
 

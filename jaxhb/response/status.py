@@ -1,12 +1,25 @@
 """How a solve went: one number inside programs, a sentence for people outside."""
 
+from __future__ import annotations
+
 from enum import IntEnum
+from typing import Any, TypeVar
 
 import numpy as np
 
+AnyResponse = TypeVar("AnyResponse", bound=Any)
+
 
 class Status(IntEnum):
-    """Outcome of a solve; larger is worse. ``sentence`` says it for people."""
+    """Outcome of a solve; larger is worse. ``sentence`` says it for people.
+
+    Examples
+    --------
+    >>> print(Status(3))
+    MAX_STEPS
+    >>> Status.NEAR_SINGULAR.sentence
+    'the equations are singular here (an undamped resonance): add damping or move the speed'
+    """
 
     CONVERGED = 0
     TOLERANCE_NOT_MET = 1
@@ -18,13 +31,19 @@ class Status(IntEnum):
     NONFINITE = 7
     INVALID_INPUT = 8
 
+    def __str__(self):
+        return self.name
+
+    def __format__(self, spec):
+        return format(self.name, spec)
+
     @property
-    def sentence(self):
+    def sentence(self) -> str:
         """What happened and what to try."""
         return _SENTENCES[self]
 
     @property
-    def unsolved(self):
+    def unsolved(self) -> bool:
         """Whether another start of Newton's method may succeed."""
         return self in (Status.MAX_STEPS, Status.STALLED, Status.NONFINITE)
 
@@ -55,7 +74,7 @@ class NotConverged(RuntimeError):
     """A periodic solution that did not converge, or not to the asked tolerance."""
 
 
-def check(response):
+def check(response: AnyResponse) -> AnyResponse:
     """Raise :class:`NotConverged` with a sentence per speed that did not converge; return the response otherwise."""
     status = np.atleast_1d(np.asarray(response.status))
     if not status.any():

@@ -1,14 +1,19 @@
 """What a train does after it has run long enough: the kind of its motion, and the numbers of that motion."""
 
+from __future__ import annotations
+
 import dataclasses
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import numpy as np
 
+from .._arrays import Array
+from .._shown import brief
 from ..model.topology import Topology
 from .response import Response
+from .shown import state_html, state_line, states_html, states_line
 from .signal import Signal
 
 KINDS = "contact", "periodic", "subharmonic", "irregular", "unknown"
@@ -25,39 +30,40 @@ class PerCycle(NamedTuple):
 
 
 @jax.tree_util.register_dataclass
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SteadySignal(Signal):
     """The :class:`Signal` of a motion whose period is ``cycles`` cycles of the excitation."""
 
     cycles: int = field(default=1, metadata={"static": True})
 
     @property
-    def elastic(self):
+    def elastic(self) -> SteadySignal:
         """The elastic part alone."""
         return SteadySignal(**vars(super().elastic) | {"cycles": self.cycles})
 
     @property
-    def highest(self):
+    def highest(self) -> Array:
         """Largest value of each cycle ``(cycles,)``."""
         return self._by_cycle().max(axis=1)
 
     @property
-    def lowest(self):
+    def lowest(self) -> Array:
         """Smallest value of each cycle ``(cycles,)``."""
         return self._by_cycle().min(axis=1)
 
     @property
-    def per_cycle(self):
+    def per_cycle(self) -> PerCycle:
         """Largest and smallest value of each cycle, as :class:`PerCycle`."""
         return PerCycle(np.percentile(self.highest, PERCENT), np.percentile(self.lowest, PERCENT))
 
     def _by_cycle(self):
         """Samples of each cycle and the first of the next ``(cycles, n + 1)``."""
         count = -(-self.resolution // self.cycles)
-        values = np.reshape(self.samples(count * self.cycles), (self.cycles, count))
+        values = np.reshape(self._sampled(count * self.cycles), (self.cycles, count))
         return np.concatenate([values, np.roll(values, -1, axis=0)[:, :1]], axis=1)
 
 
+@brief
 @dataclass(frozen=True)
 class RecordedSignal:
     """A quantity over C recorded cycles that do not repeat.
@@ -78,51 +84,51 @@ class RecordedSignal:
     rms: float
     amplitudes: np.ndarray
     revolutions_per_cycle: float
-    elastic_part: "RecordedSignal | None" = None
+    elastic_part: RecordedSignal | None = None
 
     @property
-    def elastic(self):
+    def elastic(self) -> RecordedSignal:
         """The elastic part alone, a :class:`RecordedSignal`."""
         if self.elastic_part is None:
             raise AttributeError("this signal is not a force or torque: it has no elastic part")
         return self.elastic_part
 
     @property
-    def max(self):
+    def max(self) -> float:
         """Largest value of the record."""
         return self.highest.max()
 
     @property
-    def min(self):
+    def min(self) -> float:
         """Smallest value of the record."""
         return self.lowest.min()
 
     @property
-    def peak(self):
+    def peak(self) -> float:
         """Largest absolute value of the record."""
         return max(self.max, -self.min)
 
     @property
-    def half_peak_to_peak(self):
+    def half_peak_to_peak(self) -> float:
         """(max - min) / 2 of the record."""
         return (self.max - self.min) / 2
 
     @property
-    def sum_of_amplitudes(self):
+    def sum_of_amplitudes(self) -> float:
         """Sum of the amplitudes."""
         return self.amplitudes.sum()
 
     @property
-    def per_cycle(self):
+    def per_cycle(self) -> PerCycle:
         """Distribution of the largest and the smallest value of a cycle, as :class:`PerCycle`."""
         return PerCycle(np.percentile(self.highest, PERCENT), np.percentile(self.lowest, PERCENT))
 
     @property
-    def orders(self):
+    def orders(self) -> np.ndarray:
         """Orders of the amplitudes, per revolution of the reference rotor ``(K,)``."""
         return np.arange(1, len(self.amplitudes) + 1) / self.revolutions_per_cycle
 
-    def order(self, order):
+    def order(self, order: float) -> float:
         """Amplitude of one order of the cycle: quadratic mean over the cycles."""
         harmonic = round(order * self.revolutions_per_cycle)
         if abs(harmonic - order * self.revolutions_per_cycle) > 1e-9 or not 0 < harmonic <= len(self.amplitudes):
@@ -132,18 +138,20 @@ class RecordedSignal:
             )
         return self.amplitudes[harmonic - 1]
 
-    def reversed(self):
+    def reversed(self) -> RecordedSignal:
         """The quantity with the other sign."""
         elastic = self.elastic_part and self.elastic_part.reversed()
-        changed = {"highest": -self.lowest, "lowest": -self.highest, "mean": -self.mean, "elastic_part": elastic}
-        return dataclasses.replace(self, **changed)
+        turned = dataclasses.replace(self, highest=-self.lowest, lowest=-self.highest, mean=-self.mean)
+        return dataclasses.replace(turned, elastic_part=elastic)
 
-    def scaled(self, factor):
+    def scaled(self, factor: float) -> RecordedSignal:
         """The quantity times a factor above 0."""
-        changed = {name: factor * getattr(self, name) for name in ("highest", "lowest", "mean", "rms", "amplitudes")}
+        changed: dict[str, Any] = {
+            name: factor * getattr(self, name) for name in ("highest", "lowest", "mean", "rms", "amplitudes")
+        }
         return dataclasses.replace(self, **changed)
 
-    def summary(self):
+    def summary(self) -> dict[str, Any]:
         """Plain numbers for programs, as :meth:`jaxhb.Signal.summary` with ``[[order, A], ...]``."""
         names = "mean", "min", "max", "rms", "half_peak_to_peak", "sum_of_amplitudes"
         spectrum = [[float(o), float(a)] for o, a in zip(self.orders, self.amplitudes, strict=True)]
@@ -166,6 +174,7 @@ class SteadyContact:
     drive_side: int
 
 
+@brief
 @dataclass(frozen=True)
 class Record:
     """Signals of every disk, link and gear over recorded cycles, and the contact of every mesh.
@@ -225,8 +234,14 @@ class SteadyState:
     topology: Topology
     stability: object = None
 
+    def __repr__(self):
+        return state_line(self)
+
+    def _repr_html_(self):
+        return state_html(self)
+
     @property
-    def known(self):
+    def known(self) -> bool:
         """Whether the kind of motion is known."""
         return self.kind != "unknown"
 
@@ -234,35 +249,36 @@ class SteadyState:
         found = getattr(self.response, name)(*args)
         return SteadySignal(**vars(found), cycles=max(self.period, 1))
 
-    def _read(self):
-        """Whether the record is what to read; a sentence where there is nothing."""
+    def _read(self) -> Record | None:
+        """The record where that is what to read; a sentence where there is nothing."""
         if self.response is None and self.record is None:
             raise ValueError(f"the motion at {self.rpm:g} rpm is unknown: {' '.join(self.notes)}")
-        return self.response is None
+        return self.record if self.response is None else None
 
-    def disk(self, name):
+    def disk(self, name: str) -> SteadySignal | RecordedSignal:
         """Vibratory angle of a disk or damper ring, rad."""
-        if self._read():
-            return self.record.disks[self.topology.disk_index(name)]
-        return self._signal("disk", name)
+        record = self._read()
+        return record.disks[self.topology.disk_index(name)] if record else self._signal("disk", name)
 
-    def twist(self, a, b):
+    def twist(self, a: str, b: str) -> SteadySignal | RecordedSignal:
         """Angle of disk a less angle of disk b, rad; of a record only where a shaft or damper joins them."""
-        if not self._read():
+        record = self._read()
+        if record is None:
             return self._signal("twist", a, b)
         index, sense = self.topology.link_index(a, b)
-        if index >= len(self.record.twists):
+        if index >= len(record.twists):
             raise ValueError(f"a record holds the twists of shafts and dampers, and a mesh joins {a!r} and {b!r}")
-        return _sensed(self.record.twists[index], sense)
+        return _sensed(record.twists[index], sense)
 
-    def torque(self, a, b=None):
+    def torque(self, a: str, b: str | None = None) -> SteadySignal | RecordedSignal:
         """Torque transmitted by a shaft or damper in N m, positive when a is ahead of b."""
-        if not self._read():
+        record = self._read()
+        if record is None:
             return self._signal("torque", a, b)
         index, sense = self.topology.link_index(a, b)
-        if index >= len(self.record.torques):
+        if index >= len(record.torques):
             raise ValueError(f"{self.topology.link_names[index]!r} is a mesh, not a shaft: use force(...)")
-        return _sensed(self.record.torques[index], sense)
+        return _sensed(record.torques[index], sense)
 
     def _mesh(self, a, b):
         index, sense = self.topology.link_index(a, b)
@@ -271,35 +287,39 @@ class SteadyState:
             raise ValueError(f"{a!r}{f' and {b!r} join' if b else ' is'} a shaft or damper: use torque(...)")
         return index, sense
 
-    def force(self, a, b=None):
+    def force(self, a: str, b: str | None = None) -> SteadySignal | RecordedSignal:
         """Tooth force transmitted by a mesh in N, positive when a drives b; ``.elastic`` for f(l) alone."""
-        if not self._read():
+        record = self._read()
+        if record is None:
             return self._signal("force", a, b)
         index, sense = self._mesh(a, b)
-        return _sensed(self.record.forces[index], sense)
+        return _sensed(record.forces[index], sense)
 
-    def deflection(self, a, b=None):
+    def deflection(self, a: str, b: str | None = None) -> SteadySignal | RecordedSignal:
         """Deflection of a mesh, m."""
-        if not self._read():
+        record = self._read()
+        if record is None:
             return self._signal("deflection", a, b)
         index, sense = self._mesh(a, b)
-        return _sensed(self.record.deflections[index], sense)
+        return _sensed(record.deflections[index], sense)
 
-    def gear_torque(self, name):
+    def gear_torque(self, name: str) -> SteadySignal | RecordedSignal:
         """Torque that a gear passes to its mates, N m."""
-        if not self._read():
+        record = self._read()
+        if record is None:
             return self._signal("gear_torque", name)
         disk = self.topology.disk_index(name)
-        if disk not in self.record.gears:
+        if disk not in record.gears:
             raise ValueError(f"{name!r} carries no mesh: gear_torque needs a gear")
-        return self.record.gears[disk]
+        return record.gears[disk]
 
-    def mesh(self, a, b=None):
+    def mesh(self, a: str, b: str | None = None) -> SteadyContact:
         """:class:`SteadyContact` of a mesh."""
         index, _ = self._mesh(a, b)
-        if self._read():
-            return self.record.contacts[index]
-        found = self.response.mesh(self.topology.mesh_names[index])
+        record = self._read()
+        if record is not None:
+            return record.contacts[index]
+        found = cast(Response, self.response).mesh(self.topology.mesh_names[index])
         speeds = [impact["speed"] for impact in found.impacts]
         shares = found.separated_fraction, found.reverse_contact_fraction
         return SteadyContact(*shares, len(speeds) / max(self.period, 1), max(speeds, default=0.0), found.drive_side)
@@ -320,23 +340,29 @@ class SteadySweep:
     states: tuple
     direction: str
 
-    def __len__(self):
+    def __repr__(self):
+        return states_line(self)
+
+    def _repr_html_(self):
+        return states_html(self)
+
+    def __len__(self) -> int:
         return len(self.states)
 
-    def __getitem__(self, index):
+    def __getitem__(self, index: Any) -> Any:
         return dataclasses.replace(self, states=self.states[index]) if isinstance(index, slice) else self.states[index]
 
     @property
-    def rpm(self):
+    def rpm(self) -> np.ndarray:
         """Speeds ``(n,)``."""
         return np.array([state.rpm for state in self.states])
 
     @property
-    def kind(self):
+    def kind(self) -> np.ndarray:
         """Kinds ``(n,)``."""
         return np.array([state.kind for state in self.states])
 
     @property
-    def period(self):
+    def period(self) -> np.ndarray:
         """Periods in cycles ``(n,)``."""
         return np.array([state.period for state in self.states])

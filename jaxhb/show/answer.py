@@ -31,7 +31,8 @@ class NoSignal:
 
 
 NO_SIGNAL = NoSignal()
-NO_CONTACT = SteadyContact(*[float("nan")] * 4, 0)
+NAN = float("nan")
+NO_CONTACT = SteadyContact(NAN, NAN, NAN, NAN, 0)
 
 
 @dataclass(frozen=True)

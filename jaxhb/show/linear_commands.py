@@ -6,8 +6,7 @@ import sys
 import numpy as np
 
 from ..harmonic.chain import span
-from ..linear.critical import ELASTIC, excited_orders, mode_kinds
-from ..linear.critical import campbell as campbell_of
+from ..linear.critical import ELASTIC, campbell as campbell_of, excited_orders, mode_kinds
 from ..linear.damped import damping_ratios
 from ..linear.forced import forced_response
 from ..linear.holzer import holzer_residual, holzer_table

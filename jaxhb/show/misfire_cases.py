@@ -71,7 +71,8 @@ def misfires_text(cases):
 
 def _speed_table(cases, number):
     rows = [hardest(case.answers[number]) for case in cases]
-    quantity, unit, factor = rows[0][0], *_KINDS[rows[0][0]][1:]
+    quantity = rows[0][0]
+    _, unit, factor = _KINDS[quantity]
     values = [factor * value for *_, value in rows]
     columns = [
         [case.title for case in cases],

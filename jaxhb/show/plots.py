@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..design.evaluation import label
+from ..harmonic import fourier
 from ..harmonic.backlash import separated
 from ..response.steady import PERCENT
 from .choose import default_gear, hardest_shaft, meshes_of
@@ -222,7 +223,7 @@ def _closed(answer, signal):
     """Samples of the whole period, its first time sample again at the end; a cycle comes as often as there is room."""
     turns = signal.revolutions_per_cycle / answer.topology.revolutions_per_cycle
     times = round(_periods(answer) / turns)
-    values = np.tile(np.asarray(signal.samples(_count(answer) // times)), times)
+    values = np.tile(np.asarray(fourier.sample(signal.coefficients, _count(answer) // times)), times)
     return np.append(values, values[0])
 
 

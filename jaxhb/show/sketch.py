@@ -44,8 +44,8 @@ class Layout:
     pitch: np.ndarray
     names: dict = field(default_factory=dict)
     touching: set = field(default_factory=set)
-    low: np.ndarray = None
-    high: np.ndarray = None
+    low: np.ndarray | None = None
+    high: np.ndarray | None = None
 
 
 def layout(train, named=True):

@@ -1,10 +1,15 @@
 """The reference integration on the host: how many steps, which start, and the forces of the motion that was found."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+
+from jaxhb.model.drivetrain import DriveTrain
+from jaxhb.response.response import Response
 
 from .._program import Program
 from ..harmonic import backlash, chain, fourier
@@ -228,7 +233,15 @@ def _equations(train, rpm):
     return system, meshes, frequency, torque / jnp.asarray(system.radius)[:, None]
 
 
-def integrate(train, *, rpm, cycles=None, steps=None, tolerance=1e-6, max_cycles=300):
+def integrate(
+    train: DriveTrain,
+    *,
+    rpm: float,
+    cycles: int | None = None,
+    steps: int | None = None,
+    tolerance: float = 1e-06,
+    max_cycles: int = 300,
+) -> Orbit:
     """Integrate a drive train in time until it is periodic.
 
     Parameters
@@ -286,7 +299,7 @@ class Correction:
     orbit: Orbit
 
 
-def shooting_correction(response, *, steps=None, tolerance=1e-9):
+def shooting_correction(response: Response, *, steps: int | None = None, tolerance: float = 1e-09) -> Correction:
     """Start at a harmonic solution, integrate one cycle, correct by Newton: the change is the solution's true error.
 
     The cycle is cut into 32 segments that Newton's method joins (multiple shooting): valid on unstable motions too. The
@@ -323,6 +336,8 @@ def shooting_correction(response, *, steps=None, tolerance=1e-9):
     True
     """
     train, rpm = response.train, float(response.rpm)
+    if train is None:
+        raise ValueError("the response comes out of a transformation without its train: solve outside of it")
     if not any(train.topology.mesh_backlash):
         raise ValueError(f"{train.topology.name or 'scene'} has no mesh with backlash: its response is exact")
     system, meshes, frequency, load = _equations(train, rpm)

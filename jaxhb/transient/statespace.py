@@ -4,10 +4,10 @@ With every mesh taken in contact the displacements obey ``M x'' + B x' + K x = q
 
     y = (s q, p, v),     q = Q^T M^(1/2) x,     v = q',     p = scaled displacements of damped massless disks,
 
-with Q the undamped modes and ``s = max(omega, Omega)``: |y|^2 is twice the energy of all modes above the excitation, so
-that propagators, monodromy matrices and their singular values are well scaled from the free rotation (s q of a floating
-train) to the stiffest tooth. Massless disks without damping are condensed statically; massless disks whose damping
-matrix is regular have the first-order equation ``B x' + K x = q``.
+with Q the undamped modes and ``s = max(omega, Omega)``: ``|y|^2`` is twice the energy of all modes above the
+excitation, so that propagators, monodromy matrices and their singular values are well scaled from the free rotation (s
+q of a floating train) to the stiffest tooth. Massless disks without damping are condensed statically; massless disks
+whose damping matrix is regular have the first-order equation ``B x' + K x = q``.
 """
 
 from dataclasses import dataclass

@@ -202,7 +202,8 @@ def _weights(space, dt):
     half = exponential(matrix * dt / 2)
     full = half @ half
     E_half, half_1, half_2 = half[:n, :n], half[:n, n : n + G], 4 * half[:n, n + G : n + 2 * G]
-    E_full, full_1, full_2, full_3 = (full[:n, :n], *jnp.split(full[:n, n:], 3, axis=1))
+    E_full = full[:n, :n]
+    full_1, full_2, full_3 = jnp.split(full[:n, n:], 3, axis=1)
     end = jnp.concatenate([full_1 - 3 * full_2 + 4 * full_3, 2 * full_2 - 4 * full_3, 4 * full_3 - full_2], axis=1)
     return {
         "propagate": jnp.concatenate([E_full, L @ E_full, L @ E_half]),

@@ -4,7 +4,7 @@ With the slopes of the nonlinear force phi in l and l' along the motion, a small
 
     y' = (A + E S(t) L) y,     S(t) = (d phi/dl, d phi/dl'),
 
-in the coordinates of :mod:`jaxhb.transient.statespace`. An arc ends where a mesh passes a knot of its law (method.md
+in the coordinates of :mod:`jaxhb.transient.statespace`. An arc ends where a mesh passes a knot of its law (docs/theory
 A7). In an arc, a mesh in contact or in its gap has constant slopes and belongs to the matrix; without others, the arc
 is one exact exponential. Of a mesh in its smooth zone the force u = S w is a polynomial through Gauss nodes
 (collocation), and Duhamel's integral with the constant train around it is exact:

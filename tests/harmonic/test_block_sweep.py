@@ -1,4 +1,4 @@
-"""Sweeps over trees of links against dense solves, and the reference cases of method.md A1 and A2."""
+"""Sweeps over trees of links against dense solves, and the reference cases of docs/theory A1 and A2."""
 
 import jax
 import numpy as np
@@ -155,7 +155,7 @@ def test_block_sweep_with_toeplitz_links_equals_dense_solve():
 
 
 def test_block_sweep_tells_when_a_pivot_breaks_down_though_the_whole_matrix_is_regular():
-    # method.md A2: node 1 with its upper node held is at parametric resonance, m = 1, b = 0.1, c = 1 + a cos 2t
+    # docs/theory A2: node 1 with its upper node held is at parametric resonance, m = 1, b = 0.1, c = 1 + a cos 2t
     m, b, a = 1.0, 0.1, 0.200109342148869
     harmonics = 8
     n = np.arange(harmonics + 1)

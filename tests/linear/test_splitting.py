@@ -134,7 +134,7 @@ def test_coefficients_are_the_determinant_with_meshes_grounds_and_damping_of_dis
 
 
 def test_values_by_coefficients_in_double_precision_are_useless_where_the_recursion_is_exact():
-    # method.md C5: uniform chain of 30 disks, Horner's rule on rounded coefficients against the closed form
+    # docs/theory C5: uniform chain of 30 disks, Horner's rule on rounded coefficients against the closed form
     _, expected = method_case("C_large_chain_recurrence")
     train = build(chain_parts([1.0] * 30, [1.0] * 29))
     coefficients = np.array(characteristic_coefficients(train, exact=True), float)

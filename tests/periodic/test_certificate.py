@@ -129,7 +129,7 @@ def test_residual_vanishes_as_the_motion_converges():
 
 
 def test_exact_newton_steps_stay_below_the_corrected_bound():
-    """Of the truncated equations, from a start with h0 <= 1/2, in the weighted norm (method.md A4.3)."""
+    """Of the truncated equations, from a start with h0 <= 1/2, in the weighted norm (docs/theory A4.3)."""
     response, harmonics = solved(8), 8
     start = np.asarray(response.deflections) * 1.0
     start[0, 1] += 2e-4
@@ -293,7 +293,7 @@ def test_what_an_impulse_leaves_is_what_the_linearised_equation_answers():
 
 
 def test_power_of_the_torques_is_turned_into_heat():
-    """Of exact integrals to the residual; sampling leaves its aliasing (method.md A4.1: 3e-7 for 8 harmonics)."""
+    """Of exact integrals to the residual; sampling leaves its aliasing (docs/theory A4.1: 3e-7 for 8 harmonics)."""
     exact = abs(float(solved(16).power_defect))
     sampled = abs(
         float(jaxhb.solve(one_mass(), rpm=ONE_RADIAN_PER_SECOND, harmonics=16, integrals="sampled").power_defect)

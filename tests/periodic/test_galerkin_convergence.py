@@ -1,6 +1,6 @@
 """How fast Galerkin's method converges: motion, tooth force and tooth stiffness against the number of harmonics.
 
-Where teeth pass the knots of their law the slope of the stiffness jumps, so that coefficients fall (method.md A6) as
+Where teeth pass the knots of their law the slope of the stiffness jumps, so that coefficients fall (docs/theory A6) as
 ``c ~ n^-2``, ``f ~ n^-3``, ``x ~ n^-5`` of disks that carry the mesh, and ``n^-7`` one shaft further. What a series
 with N harmonics omits of ``n^-p`` has the root mean square ``~ N^-(p - 1/2)``. The harmonics that it keeps are wrong by
 ``~ N^-6``, the product of what is missing of x with c; one shaft further that is more than what is missing there.

@@ -1,4 +1,4 @@
-"""The harmonic-balance cases of method.md A4 and A6: one mass on a backlash law, solved as a pair of gears."""
+"""The harmonic-balance cases of docs/theory A4 and A6: one mass on a backlash law, solved as a pair of gears."""
 
 from functools import cache, partial
 
@@ -147,7 +147,7 @@ def pair():
 def test_solving_the_pair_of_gears_gives_the_one_mass_solution(pair):
     assert pair.residual < RESIDUAL
     exact = complex_numbers(method_case("A4_hb_one_mass_N8")[1]["x"])
-    # 128 samples: their error is of the order of 1e-5 (method.md A6)
+    # 128 samples: their error is of the order of 1e-5 (docs/theory A6)
     np.testing.assert_allclose(pair.deflection("a", "b").coefficients, exact, rtol=0, atol=3e-5)
     x = solve_by_hand(8, 128).x[0]
     np.testing.assert_allclose(pair.deflection("a", "b").coefficients, x, rtol=0, atol=PATHS)

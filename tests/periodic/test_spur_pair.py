@@ -58,7 +58,7 @@ def test_a_solution_is_accepted_as_its_own_start(pair):
 
 
 def test_error_falls_with_the_fourth_power_of_the_harmonics(pair):
-    """A law with Lipschitz slope, crossed at speed: sup-norm error of the motion ~ N^-4 (method.md A6)."""
+    """A law with Lipschitz slope, crossed at speed: sup-norm error of the motion ~ N^-4 (docs/theory A6)."""
     smooth = pair.replace(
         {
             f"{MESH}.transition": 0.2,

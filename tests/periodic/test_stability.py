@@ -17,7 +17,7 @@ from jaxhb.harmonic.residual import backlash_meshes
 
 
 def one_mass(**changes):
-    """The case of method.md A7 as a pair of gears: its two multipliers beside the two of the free rotation."""
+    """The case of docs/theory A7 as a pair of gears: its two multipliers beside the two of the free rotation."""
     params = {key: float(value) for key, value in method_case("A7_true_periodic_one_mass")[0].items()}
     return build(one_mass_parts(**(params | changes)), reference="a")
 
@@ -67,7 +67,7 @@ def test_moduli_and_labels_of_the_sharp_dead_zone_up_and_down():
 
 
 def test_one_of_three_coexisting_motions_is_stable():
-    """Case (ii) of method.md A4.2: m = 1, b = 0.05, c = 2, epsilon = 0.05, h = 1, q = 0.1 + 0.2 cos t."""
+    """Case (ii) of docs/theory A4.2: m = 1, b = 0.05, c = 2, epsilon = 0.05, h = 1, q = 0.1 + 0.2 cos t."""
     train = one_mass(b=0.05, c=2.0, h=1.0, q0=0.1, q1=0.2)
     rpm = ONE_RADIAN_PER_SECOND
     begin = jaxhb.solve(train, rpm=rpm, harmonics=48, start="march")

@@ -26,7 +26,7 @@ def stepper_of(case, frequency, load, steps):
 
 @functools.cache
 def exact(steps):
-    """Errors of x(0), x'(0), trace and determinant of the monodromy matrix of the case of method.md A7."""
+    """Errors of x(0), x'(0), trace and determinant of the monodromy matrix of the case of docs/theory A7."""
     case = one_mass(mass=1, damping=0.2, stiffness=4, epsilon=0.05, transition=0.2, backlash=0.2)
     stepper = stepper_of(case, 1.0, [0.3, 0.5], steps)
     state, periodicity_error, _ = correct(stepper, jax.jit(settle)(stepper, on_flank(stepper)).state)
@@ -73,7 +73,7 @@ def test_sharp_dead_zone_solutions_are_approached_quadratically_in_the_transitio
 
 @pytest.fixture(scope="module")
 def coexisting():
-    """Periodic motions of the case of method.md A4.2 (ii), from a grid of starts."""
+    """Periodic motions of the case of docs/theory A4.2 (ii), from a grid of starts."""
     case = one_mass(mass=1, damping=0.05, stiffness=2, epsilon=0.05, transition=0.2, backlash=1)
     stepper = stepper_of(case, 1.0, [0.1, 0.1], 512)
     x, v = (g.ravel() for g in np.meshgrid(np.linspace(-1.5, 1.5, 5), np.linspace(-1, 1, 3)))

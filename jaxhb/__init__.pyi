@@ -1,0 +1,82 @@
+"""The public names and where they live: read by type checkers, and by ``__init__.py`` when a name is first used."""
+
+from ._program import cache_programs as cache_programs
+from .design import tune as tune
+from .linear.critical import (
+    Campbell as Campbell,
+    Critical as Critical,
+    campbell as campbell,
+    critical_speed as critical_speed,
+)
+from .linear.damped import (
+    DampedModes as DampedModes,
+    damped_eigenvalues as damped_eigenvalues,
+    damped_modes as damped_modes,
+    damping_ratios as damping_ratios,
+)
+from .linear.energy import (
+    inertia_and_stiffness as inertia_and_stiffness,
+    kinetic_energy as kinetic_energy,
+    strain_energy as strain_energy,
+)
+from .linear.forced import ForcedResponse as ForcedResponse, forced_response as forced_response
+from .linear.holzer import HolzerTable as HolzerTable, holzer_residual as holzer_residual, holzer_table as holzer_table
+from .linear.limits import Strength as Strength, strength as strength
+from .linear.modal import Modes as Modes, all_frequencies as all_frequencies, natural_frequencies as natural_frequencies
+from .linear.polynomial import (
+    characteristic as characteristic,
+    damped_approximation as damped_approximation,
+    frequency_response as frequency_response,
+)
+from .linear.sensitivity import (
+    cluster_sums_hz as cluster_sums_hz,
+    clusters_of as clusters_of,
+    frequencies_hz as frequencies_hz,
+    mode_shares as mode_shares,
+)
+from .linear.splitting import characteristic_coefficients as characteristic_coefficients
+from .linear.strength import (
+    BarredRange as BarredRange,
+    barred_ranges as barred_ranges,
+    permissible_stress as permissible_stress,
+    torsional_stress as torsional_stress,
+)
+from .linear.tangent import MeanLoad as MeanLoad, at_mean_load as at_mean_load
+from .model.derived import shaft_stiffness as shaft_stiffness, viscous_damping as viscous_damping
+from .model.drivetrain import DriveTrain as DriveTrain, build as build
+from .model.elements import (
+    Combustion as Combustion,
+    Cylinder as Cylinder,
+    Damper as Damper,
+    Disk as Disk,
+    Ground as Ground,
+    Load as Load,
+    Mesh as Mesh,
+    SceneError as SceneError,
+    Shaft as Shaft,
+    Torque as Torque,
+    Trace as Trace,
+)
+from .model.engine import Engine as Engine
+from .model.ratios import Referred as Referred, referred as referred
+from .model.scene import load_scene as load_scene, scene_names as scene_names
+from .model.scene_writer import elements_text as elements_text, scene_text as scene_text
+from .periodic.branch import Branch as Branch, BranchOptions as BranchOptions, follow as follow
+from .periodic.certificate import certify as certify
+from .periodic.checkpoint import CheckpointError as CheckpointError
+from .periodic.misfires import misfire_each as misfire_each
+from .periodic.plan import Plan as Plan
+from .periodic.returns import Cycles as Cycles
+from .periodic.search import PeriodicMotion as PeriodicMotion, solve_all as solve_all
+from .periodic.solve import linear_response as linear_response, plan as plan, solve as solve
+from .periodic.speeds import solve_speeds as solve_speeds
+from .periodic.stability import Stability as Stability, largest_multiplier as largest_multiplier, stability as stability
+from .periodic.steady_state import steady_state as steady_state
+from .response.certificate import Certificate as Certificate, Kantorovich as Kantorovich
+from .response.response import Response as Response
+from .response.signal import Signal as Signal
+from .response.status import NotConverged as NotConverged, Status as Status, check as check
+from .response.steady import SteadyState as SteadyState, SteadySweep as SteadySweep
+from .transient.reference import integrate as integrate, shooting_correction as shooting_correction
+
+__version__: str

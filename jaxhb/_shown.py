@@ -1,0 +1,96 @@
+"""How results show themselves: one line in a session, a small table in a notebook."""
+
+import dataclasses
+import html
+
+import numpy as np
+
+from ._arrays import traced
+
+MOST_ROWS = 20
+"""Rows of a table in a notebook, the first and the last ones of more."""
+
+
+def brief(cls):
+    """Give a dataclass a ``repr`` that tells the shapes of its arrays instead of their numbers.
+
+    Not for classes whose ``repr`` identifies them: static parts of pytrees, which keys of programs are made of.
+
+    Examples
+    --------
+    >>> @brief
+    ... @dataclasses.dataclass
+    ... class Shapes:
+    ...     hz: np.ndarray
+    ...     names: tuple
+    >>> Shapes(np.arange(6.0), tuple("abcdef"))
+    Shapes(hz=float64[6] 0 to 5, names=6 of str)
+    """
+
+    def line(self):
+        fields = [f.name for f in dataclasses.fields(self) if f.repr]
+        parts = ((name, getattr(self, name)) for name in fields)
+        return f"{type(self).__name__}({', '.join(f'{name}={value_text(v)}' for name, v in parts if v is not None)})"
+
+    cls.__repr__ = line
+    return cls
+
+
+def value_text(value):
+    """A value in a few words: scalars as they are, of arrays type, shape and range, of collections the number."""
+    if traced(value):
+        return "traced"
+    if hasattr(value, "dtype") and np.size(value) != 1:
+        return _array_text(np.asarray(value))
+    if hasattr(value, "dtype"):
+        return number(np.asarray(value).item())
+    if isinstance(value, tuple | list | dict) and len(value) > 4:
+        return f"{len(value)} of {type(next(iter(value))).__name__}"
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{key!r}: {value_text(item)}' for key, item in value.items())}}}"
+    if isinstance(value, tuple | list):
+        return f"({', '.join(map(value_text, value))})"
+    return number(value) if isinstance(value, float) else repr(value)
+
+
+def _array_text(values):
+    shape = ", ".join(map(str, values.shape))
+    finite = values[np.isfinite(values)] if values.dtype.kind == "f" else values if values.dtype.kind == "i" else []
+    span = f" {number(finite.min())} to {number(finite.max())}" if len(finite) else ""
+    return f"{values.dtype}[{shape}]{span}"
+
+
+def number(value):
+    """A number with at most four digits."""
+    return f"{value:.4g}" if isinstance(value, int | float | np.number) and not isinstance(value, bool) else str(value)
+
+
+def span(values, unit):
+    """``8 speeds from 700 to 2450 rpm``."""
+    values = np.asarray(values)
+    plural = "s" * (len(values) != 1)
+    ends = f" from {number(values[0])} to {number(values[-1])} {unit}" if len(values) else ""
+    return f"{len(values)} speed{plural}{ends}"
+
+
+def counts(names):
+    """``5 periodic, 3 contact``: how often each name occurs, the most frequent first."""
+    found, often = np.unique(np.asarray(names, dtype=str), return_counts=True)
+    return ", ".join(f"{often[k]} {found[k]}" for k in np.argsort(-often, kind="stable"))
+
+
+def shown_rows(count):
+    """Numbers of the rows to show of so many, None where some are left out."""
+    if count <= MOST_ROWS:
+        return list(range(count))
+    half = MOST_ROWS // 2
+    return [*range(half), None, *range(count - half, count)]
+
+
+def html_table(caption, head, rows):
+    """A table in HTML; a row that is None stands for those left out."""
+    cells = [["…"] * len(head) if row is None else row for row in rows]
+    lines = "".join(f"<tr>{''.join(f'<td>{html.escape(str(c))}</td>' for c in row)}</tr>" for row in cells)
+    titles = "".join(f"<th>{html.escape(title)}</th>" for title in head)
+    table = f"<table><thead><tr>{titles}</tr></thead><tbody>{lines}</tbody></table>" if rows else ""
+    return f"<p>{html.escape(caption)}</p>{table}"

@@ -1,0 +1,146 @@
+"""What the README and the pages of the documentation show is what the package takes."""
+
+import ast
+import dataclasses
+import doctest
+import re
+import shlex
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import jaxhb
+from jaxhb.model.elements import TABLES
+from jaxhb.show.cli import parser
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = {path: path.read_text(encoding="utf-8") for path in (ROOT / "README.md", *sorted(DOCS.rglob("*.md")))}
+INSTALLED = "python3 -m venv .venv && "
+MODULES = {"show", "design", "response"}
+
+
+def blocks(language, text=None):
+    texts = PAGES.values() if text is None else (text,)
+    return [block for page in texts for block in re.findall(rf"```{language}\n(.*?)```", page, re.DOTALL)]
+
+
+def page(name):
+    return PAGES[DOCS / name]
+
+
+def lines_of_shell():
+    kinds = ("sh", "bash", "console", "text")
+    lines = [line.removeprefix("$ ") for kind in kinds for block in blocks(kind) for line in block.splitlines()]
+    return [line.rpartition("&& .venv/bin/")[2] for line in lines]
+
+
+def test_every_command_shown_is_understood():
+    commands = [shlex.split(line, comments=True) for line in lines_of_shell() if line.startswith("jaxhb ")]
+    assert len(commands) >= 30
+    for _, *arguments in commands:
+        parser().parse_args(arguments)
+
+
+def test_every_benchmark_shown_is_there():
+    scripts = re.findall(r"python (benchmarks/\w+\.py)", "\n".join(PAGES.values()))
+    assert len(scripts) >= 9
+    assert all((ROOT / script).is_file() for script in scripts)
+
+
+def test_whole_scenes_load_and_parts_of_scenes_have_keys_that_exist(tmp_path):
+    scenes = 0
+    for block in blocks("toml"):
+        tables = tomllib.loads(block)
+        for name, rows in tables.items():
+            for row in rows if isinstance(rows, list) and name in TABLES else ():
+                assert set(row) <= {field.name for field in dataclasses.fields(TABLES[name])}, block
+        if "disk" in tables:
+            file = tmp_path / "scene.toml"
+            file.write_text(block, encoding="utf-8")
+            jaxhb.load_scene(file)
+            scenes += 1
+    assert scenes
+
+
+def test_the_scene_of_the_reference_is_the_one_that_its_words_describe(tmp_path):
+    (scene,) = [block for block in blocks("toml", page("reference/scene.md")) if "[[disk]]" in block]
+    file = tmp_path / "scene.toml"
+    file.write_text(scene, encoding="utf-8")
+    train = jaxhb.load_scene(file)
+    assert train.topology.mesh_names == ("crank gear|pump gear",)
+    assert train.topology.cylinder_names == ("cylinder 1",)
+
+
+def test_the_engine_and_the_two_tables_are_trains(tmp_path):
+    (engine,) = [block for block in blocks("toml", page("reference/excitation.md")) if block.startswith("[engine]")]
+    throws = [f"throw {k}" for k in range(1, 6)]
+    parts = [f'[[disk]]\nname = "{name}"\ninertia = 0.1\n' for name in throws]
+    parts += [f"[[shaft]]\nbetween = {list(pair)}\nstiffness = 1e6\n" for pair in zip(throws, throws[1:], strict=False)]
+    file = tmp_path / "engine.toml"
+    file.write_text("".join([*parts, '[[load]]\ndisk = "throw 5"\n', engine]), encoding="utf-8")
+    assert len(jaxhb.load_scene(file).topology.cylinder_names) == 10
+    (table,) = [block for block in blocks("text", page("how_to/other_programs.md")) if block.startswith("name,")]
+    (tmp_path / "pump.csv").write_text(table, encoding="utf-8")
+    assert jaxhb.load_scene(tmp_path / "pump.csv").topology.mesh_names == ("crank gear|pump gear",)
+
+
+def statements(block):
+    """A block of Python, or what is typed in a session."""
+    return "".join(example.source for example in doctest.DocTestParser().get_examples(block)) or block
+
+
+def test_python_uses_names_that_exist():
+    code = "\n".join(map(statements, blocks("python")))
+    used = [node for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Attribute)]
+    of_package = {node.attr for node in used if isinstance(node.value, ast.Name) and node.value.id == "jaxhb"}
+    assert of_package - MODULES <= set(jaxhb.__all__)
+    for name, kind in (("r", jaxhb.Response), ("s", jaxhb.SteadyState), ("f", jaxhb.ForcedResponse)):
+        read = {node.attr for node in used if isinstance(node.value, ast.Name) and node.value.id == name}
+        assert read and read <= set(dir(kind)) | {field.name for field in dataclasses.fields(kind)}
+
+
+def test_the_reference_has_every_public_name_once():
+    directive = r"^\.\. auto(?:function|class|exception):: jaxhb\.(?:design\.)?(\w+)$"
+    listed = re.findall(directive, "\n".join(map(Path.read_text, (DOCS / "reference" / "api").glob("*.md"))), re.M)
+    public = {*jaxhb.__all__, "Objective", "Parameter", "Penalty"}
+    assert sorted(listed) == sorted(public)
+
+
+@pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md", "CHANGELOG.md"])
+def test_links_and_pictures_lead_to_files(name):
+    """Those of the pages in ``docs`` are checked where these are built."""
+    text = (ROOT / name).read_text(encoding="utf-8")
+    links = [link for link in re.findall(r"\]\(([^)]+)\)", text) if "://" not in link]
+    assert links or name != "README.md"
+    assert [link for link in links if not (ROOT / link.partition("#")[0]).is_file()] == []
+
+
+def test_pictures_are_small():
+    pictures = [
+        path.parent / link for path, text in PAGES.items() for link in re.findall(r"!\[[^]]*\]\(([^)]+)\)", text)
+    ]
+    assert len(pictures) >= 3
+    for picture in pictures:
+        assert picture.read_bytes().startswith(b"\x89PNG")
+        assert picture.stat().st_size < 400_000
+
+
+def test_ci_runs_the_two_commands_of_the_readme():
+    """It takes the lines that begin so, as they stand there, and says which it ran."""
+    commands = [line for line in README.splitlines() if line.startswith(INSTALLED)]
+    assert [line.rpartition(" && ")[2].split()[0] for line in commands] == [".venv/bin/jaxhb", ".venv/bin/python"]
+    assert commands == [line for block in blocks("sh", README) for line in block.splitlines() if ".venv" in line]
+    script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    assert f"grep '^{INSTALLED}' README.md" in script and 'bash -c "$command"' in script
+
+
+def test_the_papers_of_the_project_agree_with_the_package():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert project["version"] == jaxhb.__version__
+    assert f"\nversion: {jaxhb.__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\n## {jaxhb.__version__}\n" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert "Version 2.0, January 2004" in (ROOT / "LICENSE").read_text(encoding="utf-8")
+    assert project["license"] == "Apache-2.0"

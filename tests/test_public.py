@@ -1,0 +1,179 @@
+"""What a user meets in a session: names, types, short lines for results, tables in notebooks, read-only trains."""
+
+import dataclasses
+import functools
+import html.parser
+import inspect
+import warnings
+
+import jax
+import numpy as np
+import pytest
+
+import jaxhb
+from jaxhb import design
+from jaxhb.design import objectives
+from jaxhb.response.contact import Contact
+from jaxhb.response.shown import response_html
+from jaxhb.response.steady import RecordedSignal, SteadyContact, SteadySignal
+
+RESULTS = (Contact, RecordedSignal, SteadyContact, SteadySignal)
+
+
+def public_functions():
+    """Every public function, method and property with its qualified name."""
+    found = {name: getattr(jaxhb, name) for name in jaxhb.__all__}
+    found |= {name: getattr(design, name) for name in design.__all__} | {cls.__name__: cls for cls in RESULTS}
+    found |= {f"objectives.{name}": f for name, f in vars(objectives).items() if inspect.isfunction(f)}
+    for name, value in found.items():
+        if not inspect.isclass(value):
+            yield name, value
+            continue
+        for member, inner in vars(value).items():
+            if not member.startswith("_") or member in ("__len__", "__getitem__"):
+                inner = inner.func if isinstance(inner, functools.cached_property) else inner
+                inner = inner.fget if isinstance(inner, property) else inner
+                if inspect.isfunction(inner):
+                    yield f"{name}.{member}", inner
+
+
+def test_every_public_function_says_its_types():
+    missing = []
+    for name, function in public_functions():
+        if name.startswith("objectives._") or function.__module__.split(".")[0] != "jaxhb":
+            continue
+        signature = inspect.signature(function)
+        kinds = [p.annotation for p in signature.parameters.values() if p.name != "self"]
+        missing += [name] if inspect.Signature.empty in (*kinds, signature.return_annotation) else []
+    assert missing == []
+
+
+def test_dir_lists_the_public_names_and_help_begins_with_a_map():
+    assert set(dir(jaxhb)) == {*jaxhb.__all__, "__doc__", "__version__", "design"}
+    table = jaxhb.__doc__.split("=====\n")[1]
+    named = {word.strip(".,:;()") for word in table.split()}
+    assert {"load_scene", "solve", "steady_state", "forced_response", "tune", "strength", "certify"} <= named
+
+
+@pytest.fixture(scope="module")
+def train():
+    return jaxhb.load_scene("gear_train_30")
+
+
+@pytest.fixture(scope="module")
+def forced(train):
+    return jaxhb.forced_response(train, rpm=np.linspace(600, 2450, 30))
+
+
+def test_results_print_as_one_short_line(train, forced):
+    modes = jaxhb.natural_frequencies(train)
+    results = [
+        train,
+        forced,
+        forced[3],
+        forced.force("crank gear", "idler"),
+        forced[3].disk("hub"),
+        modes,
+        train.meshes,
+    ]
+    results += [jaxhb.campbell(train, rpm=[600.0, 2450.0]), jaxhb.damped_modes(train), jaxhb.referred(train)]
+    for result in results:
+        assert "\n" not in repr(result) and len(repr(result)) < 700, repr(result)
+    assert repr(train).startswith("<DriveTrain gear_train_30: 24 disks, 19 shafts, 4 meshes, 3 dampers, 1 ground, ")
+    assert repr(forced) == (
+        "<ForcedResponse of gear_train_30 at 30 speeds from 600 to 2450 rpm: 30 CONVERGED, 24 harmonics>"
+    )
+    assert repr(forced[0]).startswith("<ForcedResponse of gear_train_30 at 600 rpm: CONVERGED, 24 harmonics")
+
+
+def test_lines_and_tables_of_steady_states_have_kind_and_numbers():
+    pair = jaxhb.load_scene("six_cylinder_diesel")
+    sweep = jaxhb.steady_state(pair, rpm=[1200.0, 1500.0])
+    assert repr(sweep) == "<SteadySweep up, 2 speeds from 1200 to 1500 rpm: 2 contact>"
+    assert repr(sweep[1]).startswith("<SteadyState of six_cylinder_diesel at 1500 rpm: contact; CONVERGED, ")
+    assert [row[:2] for row in cells(sweep._repr_html_())] == [
+        ["rpm", "motion"],
+        ["1200", "contact"],
+        ["1500", "contact"],
+    ]
+    largest = f"{float(sweep[1].torque('cyl6', 'flywheel').max):.4g}"
+    assert largest in {row[0]: row[3] for row in cells(sweep[1]._repr_html_())}["cyl6|flywheel"]
+
+
+def cells(text):
+    """The cells of the rows of a table in HTML."""
+    rows = []
+
+    class Rows(html.parser.HTMLParser):
+        def handle_starttag(self, tag, attributes):
+            rows.extend([[]] if tag == "tr" else [])
+            self.inside = tag in ("td", "th")
+
+        def handle_endtag(self, tag):
+            self.inside = False
+
+        def handle_data(self, data):
+            if self.inside:
+                rows[-1].append(data)
+
+    Rows().feed(text)
+    return rows
+
+
+def test_tables_in_notebooks_have_the_numbers_of_the_response(forced):
+    one = forced[3]
+    rows = {row[0]: row for row in cells(one._repr_html_())}
+    force = one.force("crank gear", "idler")
+    assert rows["crank gear|idler"][1:4] == [
+        f"{float(v):.4g}" for v in (force.mean, force.half_peak_to_peak, force.max)
+    ]
+    assert rows["crank damper"][4] == "N m"
+    several = cells(forced._repr_html_())
+    assert len(several) == 1 + 20 + 1 and several[11][0] == "…"
+    failed = dataclasses.replace(one, status=np.asarray(4))
+    assert cells(response_html(failed)) and "STALLED" in repr(failed)
+
+
+def test_traced_results_print_without_their_numbers(train):
+    def peak(damping):
+        changed = train.replace({"crank damper.damping": damping})
+        response = jaxhb.linear_response(changed, rpm=1800.0)
+        assert "traced" in repr(response) and "traced" in repr(response.force("crank gear", "idler"))
+        assert "traced" in repr(changed.dampers)
+        return response.load_power
+
+    jax.eval_shape(peak, 220.0)
+
+
+def test_a_status_prints_its_name(forced):
+    assert f"{jaxhb.Status(3)} {jaxhb.Status.CONVERGED:>10}" == "MAX_STEPS  CONVERGED" and jaxhb.Status(3) == 3
+    assert forced[0].status_name == "CONVERGED"
+    assert forced.status_name.tolist() == ["CONVERGED"] * 30
+
+
+def test_arrays_of_a_train_cannot_be_changed_in_place(train):
+    changed = train.replace({"hub.inertia": 0.5, "crank damper.damping": 300.0})
+    for leaf in jax.tree.leaves([train, changed, train.with_viscous_damping(hz=100.0), train.misfire("cylinder A1")]):
+        with pytest.raises(ValueError, match="read-only"):
+            leaf[...] = 0.0
+    given = np.array(train.disks.inertia)
+    held = dataclasses.replace(train.disks, inertia=given)
+    given[0] = 7.0  # an array of the user's own stays his
+    assert held.inertia[0] == 7.0 and not held.inertia.flags.writeable
+
+
+def test_parts_that_keys_of_programs_are_made_of_print_whole(train):
+    other = dataclasses.replace(train.topology, teeth=(*train.topology.teeth[:-1], 99))
+    assert repr(other) != repr(train.topology) and len(repr(train.topology)) > 1000
+
+
+def test_samples_that_miss_the_peak_are_warned_of_with_a_count_that_does_not(forced):
+    signal = forced[20].force("crank gear", "idler")
+    with pytest.warns(UserWarning, match=r"30 samples miss the peak of the signal by [\d.]+ %: take \d+,") as told:
+        coarse = signal.samples(30)
+    assert told[0].filename == __file__
+    enough = int(str(told[0].message).split("take ")[1].split(",")[0])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert abs(signal.samples(enough)).max() >= 0.99 * signal.peak > abs(coarse).max()
+        jax.jit(lambda s: s.samples(30))(signal)
