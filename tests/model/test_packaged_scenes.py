@@ -49,7 +49,7 @@ def natural_frequencies(train):
 
 
 def test_all_examples_in_the_docstrings_hold():
-    for name in ("elements", "drivetrain", "crank", "ratios", "scene", "scene_writer", "topology"):
+    for name in ("elements", "drivetrain", "crank", "ratios", "scene", "scene_writer", "toml_text", "topology"):
         failures, tests = doctest.testmod(importlib.import_module(f"jaxhb.model.{name}"))
         assert tests and not failures
 
