@@ -58,7 +58,12 @@ from .model.elements import (
     Trace as Trace,
 )
 from .model.engine import Engine as Engine
-from .model.ratios import Referred as Referred, referred as referred
+from .model.plausible import plausibility as plausibility
+from .model.ratios import (
+    Referred as Referred,
+    referred as referred,
+    tooth_damping_ratios as tooth_damping_ratios,
+)
 from .model.scene import load_scene as load_scene, scene_names as scene_names
 from .model.scene_writer import elements_text as elements_text, scene_text as scene_text
 from .periodic.branch import Branch as Branch, BranchOptions as BranchOptions, follow as follow

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from jaxhb._arrays import on_host, traced
+from jaxhb.model.gas import FAR
 from jaxhb.model.graph import pieces
 from jaxhb.model.tables import mean_torques
 
@@ -96,13 +97,19 @@ def on_disks(disks: int, seats, torques) -> np.ndarray:
     return total
 
 
+def speeds(train) -> np.ndarray:
+    """Speeds (rpm) at which torques have a point: of scales, load shares, traces and rated speeds; [0] without any."""
+    torques, cylinders = on_host((train.torques, train.cylinders))
+    points = [torques.scale_rpm, cylinders.scale_rpm, torques.rated_rpm, cylinders.load_rpm]
+    points += [cylinders.traces.rpm] if cylinders.traces is not None else []
+    found = np.unique(np.concatenate([np.ravel(rpm) for rpm in points if rpm is not None]))
+    return found[found < FAR] if len(found) else np.zeros(1)
+
+
 @np.errstate(over="ignore", invalid="ignore")
 def _loaded(train) -> list[int]:
     """Disks under a mean torque at some speed."""
     topology, given = train.topology, on_host((train.torques, train.cylinders))
-    points = [table.scale_rpm for table in given] + [given[0].rated_rpm, given[1].load_rpm]
-    points += [given[1].traces.rpm] if given[1].traces is not None else []
-    speeds = np.unique(np.concatenate([np.ravel(rpm) for rpm in points if rpm is not None]))
-    means = mean_torques(given[0], given[1], topology.cylinder_fires, topology.cylinder_gas_revolutions, speeds)
+    means = mean_torques(given[0], given[1], topology.cylinder_fires, topology.cylinder_gas_revolutions, speeds(train))
     seats = [*topology.torque_disk, *topology.cylinder_disk]
     return np.flatnonzero(on_disks(topology.n_disks, seats, means).any(axis=0)).tolist()

@@ -71,6 +71,41 @@ def inertias(train):
     return namespace(inertia).concatenate(inertia)
 
 
+def tooth_damping_ratios(train: DriveTrain) -> Array:
+    """Damping ratio of the teeth of every mesh in contact, of its two gears alone.
+
+    Parameters
+    ----------
+    train : DriveTrain
+        May be traced.
+
+    Returns
+    -------
+    array [n_meshes]
+        ``r / (2 sqrt(c m))``; nan where a gear has no inertia.
+
+    Notes
+    -----
+    Along the pitch circle a gear has the mass ``J / r^2``, and two that are free otherwise vibrate against each other
+    with ``m = m_a m_b / (m_a + m_b)``. Gears that stiff shafts couple to heavier parts have a smaller ratio
+    (:func:`jaxhb.damping_ratios` has those of the modes).
+
+    Examples
+    --------
+    >>> from jaxhb.model.scene import load_scene
+    >>> tooth_damping_ratios(load_scene("gear_train_30")).round(3).tolist()
+    [0.05, 0.05, 0.05, 0.05]
+    """
+    xp, meshes = namespace(train), train.meshes
+    if not len(train.topology.mesh_ends):
+        return xp.zeros(0)
+    a, b = np.array(train.topology.mesh_ends).T
+    mass = xp.asarray(train.disks.inertia) / xp.where(train.disks.radius > 0, train.disks.radius, xp.inf) ** 2
+    heavy = mass[a] * mass[b] > 0
+    reduced = xp.where(heavy, mass[a] * mass[b], 1.0) / xp.where(heavy, mass[a] + mass[b], 1.0)
+    return xp.where(heavy, meshes.damping / (2.0 * xp.sqrt(meshes.stiffness * reduced)), xp.nan)
+
+
 @brief
 @dataclass(frozen=True)
 class Referred:

@@ -1,22 +1,25 @@
-"""Scenes as TOML: of any file that can be read, with some numbers changed, with its engines expanded, of elements."""
+"""Scenes as TOML: of any file that can be read, with some numbers changed, with its engines expanded, of elements.
+
+What a ``.toml`` says is kept as it was written, comments included, but for what changes.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 from .elements import SceneError, table_of
 from .engine import cylinder_rows
-from .scene import _find, _parse, load_scene
+from .scene import _READERS, _find, _parse, load_scene
 from .tables import FRIDMAN_EPSILON, FRIDMAN_TRANSITION
+from .toml_text import TomlText
 
 _CSV = ("harmonics", "gas_torque", "scale", "load", "pressure", "over_hz", "over_amplitude")
 
 
-def scene_text(name: str | Path, *, expand: bool = False) -> tuple[str, dict[str, str]]:
+def scene_text(name: str | Path, *, expand: bool = False, called: str | None = None) -> tuple[str, dict[str, Path]]:
     """The text of a scene, and the tables that lie beside it.
 
     Parameters
@@ -25,11 +28,13 @@ def scene_text(name: str | Path, *, expand: bool = False) -> tuple[str, dict[str
         Packaged scene, or a path as for :func:`jaxhb.load_scene`.
     expand : bool
         Write the ``[[cylinder]]`` entries that an ``[engine]`` makes in its place.
+    called : str, optional
+        Another name for the scene. Default: its own.
 
     Returns
     -------
     text : str
-        TOML; comments of the original are not kept. It loads to the same train.
+        TOML, with the comments and the order of a ``.toml``. It loads to the same train.
     beside : dict
         ``{file name: Path}`` of the CSV files that the scene names, which belong beside it.
 
@@ -41,14 +46,21 @@ def scene_text(name: str | Path, *, expand: bool = False) -> tuple[str, dict[str
     Examples
     --------
     >>> text, beside = scene_text("spur_pair")
-    >>> text.splitlines()[6:8], sorted(beside)
-    (['[[disk]]', 'name = "gear a"'], ['spur_pair_omega_squared.csv'])
+    >>> text.splitlines()[4:6], sorted(beside)
+    (['[scene]', 'name = "spur_pair"'], ['spur_pair_omega_squared.csv'])
     """
     load_scene(name)
     path = _find(name)
     content = _parse(path, [])
-    content = {"scene": None} | content | {"scene": {"name": path.stem} | content.get("scene", {})}
-    return _text(_expanded(content) if expand else content), _beside(content, path.parent)
+    text = _text_of(path, content)
+    if expand:
+        _expand(text, content)
+    head = content.get("scene")
+    if head is None:
+        text.put_first("scene", {"name": called or path.stem})
+    elif called or "name" not in head:
+        text.set("scene", 0, "name", called or path.stem)
+    return str(text), _beside(content, path.parent)
 
 
 def elements_text(
@@ -85,7 +97,7 @@ def elements_text(
     content: dict[str, Any] = {"scene": {key: value for key, value in head.items() if value is not None}}
     for element in elements:
         content.setdefault(table_of(element), []).append(_given(element))
-    return _text(content | ({"tune": tune} if tune else {}))
+    return str(TomlText.of(content | ({"tune": tune} if tune else {})))
 
 
 def _given(element):
@@ -107,13 +119,21 @@ def _plain(value):
     return [_plain(v) for v in value] if isinstance(value, tuple | list) else value
 
 
-def _expanded(content):
-    """The content with the cylinders of its engines behind those it has."""
+def _text_of(path, content):
+    """The text of a file, of other programs that of what was read."""
+    return TomlText.of(content) if path.suffix in _READERS else TomlText(path.read_text(encoding="utf-8-sig"))
+
+
+def _expand(text, content):
+    """Put the cylinders of engines behind those of the scene, or where the first engine is."""
     engines = content.get("engine", [])
     made = [row for engine in ([engines] if isinstance(engines, dict) else engines) for row in cylinder_rows(engine)]
-    rest = {table: rows for table, rows in content.items() if table not in ("engine", "cylinder", "tune")}
-    cylinders = {"cylinder": [*content.get("cylinder", []), *made]} if made or "cylinder" in content else {}
-    return rest | cylinders | {key: content[key] for key in ("tune",) if key in content}
+    if not made:
+        return
+    if content.get("cylinder"):
+        text.append("cylinder", made)
+        made = []
+    text.replace("engine", "cylinder", made)
 
 
 def _beside(content, folder):
@@ -144,36 +164,28 @@ def changed_scene(name, values, *, remark=""):
     Returns
     -------
     text : str
-        TOML; comments of the original are not kept.
+        TOML, with the comments and the order of a ``.toml``.
     beside : dict
         ``{file name: Path}`` of the CSV files that the scene names, which belong beside it.
 
     Examples
     --------
     >>> text, beside = changed_scene("spur_pair", {("disk", 0, "inertia"): 0.25})
-    >>> text.splitlines()[6:9], sorted(beside)
-    (['[[disk]]', 'name = "gear a"', 'inertia = 0.25'], ['spur_pair_omega_squared.csv'])
+    >>> [line for line in text.splitlines() if line.startswith("inertia")], sorted(beside)
+    (['inertia = 0.25', 'inertia = 0.0028144773233982723'], ['spur_pair_omega_squared.csv'])
     """
     path = _find(name)
     content = _parse(path, [])
+    text = _text_of(path, content)
     if any(table == "cylinder" for table, _, _ in values):
-        content = _expanded(content)
+        _expand(text, content)
     for (table, row, field), value in values.items():
-        numbers = content[table][row]
-        outer, _, field = field.rpartition(".")
-        numbers = numbers[outer] if outer else numbers
-        if table == "mesh" and field in ("epsilon", "transition") and numbers.pop("law", ""):
-            numbers |= {"epsilon": FRIDMAN_EPSILON, "transition": FRIDMAN_TRANSITION}
-        numbers[field] = value
-    return _text(content, remark), _beside(content, path.parent)
-
-
-def _text(content, remark=""):
-    """TOML of the tables of a scene."""
-    lines = [f"# {line}" for line in remark.splitlines()]
-    for table, rows in content.items():
-        lines += _table(table, rows)
-    return "\n".join(lines).lstrip("\n") + "\n"
+        if table == "mesh" and field in ("epsilon", "transition") and text.discard(table, row, "law"):
+            text.set(table, row, "epsilon", FRIDMAN_EPSILON)
+            text.set(table, row, "transition", FRIDMAN_TRANSITION)
+        text.set(table, row, field, value)
+    remark = "".join(f"# {line}\n" for line in remark.splitlines())
+    return remark + "\n" * bool(remark) + str(text), _beside(content, path.parent)
 
 
 def copies_beside(beside, folder, option="--output"):
@@ -196,44 +208,3 @@ def copies_beside(beside, folder, option="--output"):
                 f"{'tuned' if option == '--output' else 'written'} one: give {option} in another folder."
             )
     return found
-
-
-def _table(name, rows):
-    """Lines of a table, of a list of tables, and of the tables inside it."""
-    if isinstance(rows, list):
-        return [line for row in rows for line in _one(f"[[{name}]]", name, row)]
-    return _one(f"[{name}]", name, rows)
-
-
-def _one(head, name, row):
-    inner = {k: v for k, v in row.items() if isinstance(v, dict) or _is_tables(v)}
-    lines = ["", head, *(f"{_key(k)} = {_value(v)}" for k, v in row.items() if k not in inner)]
-    if inner and len(lines) == 2 and not head.startswith("[["):
-        lines = []  # the heads of the tables inside say as much
-    for key, rows in inner.items():
-        lines += _table(f"{name}.{_key(key)}", rows)
-    return lines
-
-
-def _is_tables(value):
-    return isinstance(value, list) and bool(value) and all(isinstance(v, dict) for v in value)
-
-
-def _key(key):
-    return key if key.replace("_", "").replace("-", "").isalnum() and key.isascii() else _value(key)
-
-
-def _value(value):
-    """A TOML value; numbers in full precision."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
-        return '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in escaped) + '"'
-    if isinstance(value, tuple | list):
-        return "[" + ", ".join(map(_value, value)) + "]"
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{_key(k)} = {_value(v)}" for k, v in value.items()) + "}"
-    if isinstance(value, float) and math.isfinite(value):
-        return repr(float(value))
-    return str(value)

@@ -102,3 +102,21 @@ def ground_notes(responses, speed_of):
                 f"than {100 * NOTED_SHARE:g} % of the largest mean torque: is a [[load]] missing?"
             )
     return found
+
+
+def load_notes(responses, speed_of):
+    """A sentence per load that drives the train though other torques should, at the speed at which it drives most."""
+    topology, given = responses[0].topology, np.asarray(responses[0].train.torques.mean)
+    if not any(topology.cylinder_fires) and not (given > 0).any():
+        return []  # then the load is the motor
+    found = []
+    for name in topology.load_names:
+        driving = np.array([load_torques(response)[name] for response in responses])
+        most = int(np.argmax(driving))
+        if driving[most] > NOTED_SHARE * largest_mean_torque(responses[most]):
+            found.append(
+                f"[[load]] {name!r}: it drives the train with {plain_number(driving[most])} N m"
+                f"{speed_of(responses, most)}, usual below 0, as a load takes power: do the other torques drive? "
+                "A pressure table that is read from another firing top dead centre brakes."
+            )
+    return found

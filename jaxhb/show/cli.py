@@ -36,6 +36,8 @@ cycles, or irregular. Units: rpm, N m, kN and deg."""
 
 EXAMPLES = """\
 examples:
+  jaxhb new my_engine.toml
+  jaxhb check my_engine.toml
   jaxhb scenes
   jaxhb scene six_cylinder_diesel --expand
   jaxhb scene gear_train_30 --plot train.png
@@ -82,6 +84,15 @@ one gear over the cycle, with the time in the gap shaded."""
 SCENE = """\
 Checks a scene and writes it as TOML. Files of other programs are read by their endings: .json in the TORS format of
 openTorsion, .csv with a table of inertias (name, inertia, radius, ...) and one of links (from, to, stiffness, ...)."""
+
+CHECK = """\
+Reads a scene and tells what it comes to: mean torques and tooth forces, the damping of every mesh, natural frequencies
+with damping ratios. Notes name numbers that are allowed but far from usual, as a pressure in bar or a bore in mm; they
+are no errors, and solve, sweep and report tell them too."""
+
+NEW = """\
+Writes a scene to begin with, every line explained, or a copy of another one with its tables beside it. Never overwrites
+a file."""
 
 TUNE = """\
 Changes numbers of a scene within bounds, by gradient, to make a response small over a range of speeds. The [tune] table
@@ -176,6 +187,10 @@ def parser():
         made.set_defaults(command=command)
         return made
 
+    new = add("new", run_new, "write a small commented scene to begin with, or a copy of another", NEW)
+    new.add_argument("file", metavar="FILE.toml", help="the scene to write")
+    text = "the scene to copy: packaged (jaxhb scenes) or the path of a file (default: first_scene)"
+    new.add_argument("--from", dest="scene", default="first_scene", metavar="SCENE", help=text)
     add("scenes", run_scenes, "the packaged scenes and what they are")
     scene = add("scene", run_scene, "check a scene and write it as TOML, from files of other programs too", SCENE)
     scene.add_argument("scene", metavar="SCENE", help="a packaged scene, or the path of a .toml, .json or .csv")
@@ -184,6 +199,12 @@ def parser():
     text = "print inertias, stiffnesses and dampings instead, actual and referred to the reference rotor"
     scene.add_argument("--referred", action="store_true", help=text)
     add_plot(scene, "a sketch of the train instead of printing it: disks, shafts, gears in mesh, dampers, grounds")
+    check = add("check", _runner("check", "linear_commands"), "is the scene plausible? torques, modes, notes", CHECK)
+    add_scene(check)
+    text = "speeds of the mean torques, rpm (default: the ends of what the scene gives over the speed)"
+    check.add_argument("--rpm", type=speeds, metavar="A:B:COUNT", help=text)
+    check.add_argument("--json", metavar="FILE", help="write all of it for programs, SI units")
+    check.set_defaults(by_speed=True)
     modes = add(
         "modes",
         _runner("modes", "linear_commands"),
@@ -278,6 +299,12 @@ def run_scenes(_):
     from .inputs import scenes
 
     return scenes()
+
+
+def run_new(arguments):
+    from .inputs import new
+
+    return new(arguments)
 
 
 def run_scene(arguments):

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from .._program import answer_once
 from ..model.change import locate
+from ..model.plausible import plausibility
 from ..model.scene_writer import changed_scene, copies_beside
 from ..periodic.checkpoint import CHUNK
 from ..response.steady import PERCENT
@@ -48,7 +49,7 @@ def solve_one(train, arguments):
     deliver(
         arguments,
         solve_text(answer),
-        json=lambda: as_json(changes(arguments) | _record(arguments, answer)),
+        json=lambda: as_json(changes(arguments) | _on_scene(train) | _record(arguments, answer)),
         plot=lambda: _cycle_picture(arguments, answer),
     )
     return _status([answer])
@@ -73,7 +74,7 @@ def sweep(train, arguments):
         deliver(
             arguments,
             sweep_text(found),
-            json=lambda: _sweep_json(arguments, found),
+            json=lambda: _sweep_json(arguments, _on_scene(train), found),
             csv=lambda: _sweep_table(found),
             plot=lambda: _sweep_picture(arguments, found),
         )
@@ -98,7 +99,9 @@ def report(train, arguments):
     deliver(
         arguments,
         misfires_text(cases) if each else cases_text(cases),
-        json=lambda: as_json(changes(arguments) | cases_record(cases, orders=arguments.orders) | worst),
+        json=lambda: as_json(
+            changes(arguments) | _on_scene(train) | cases_record(cases, orders=arguments.orders) | worst
+        ),
         plot=lambda: _cycle_picture(arguments, chosen),
     )
     return _status([answer for case in cases for answer in case.answers])
@@ -181,6 +184,11 @@ def _sweep_picture(arguments, found):
     return as_picture(arguments.plot, plot_sweep(found))
 
 
+def _on_scene(train):
+    """What is noted of the scene itself, once for all speeds."""
+    return {"scene_notes": plausibility(train)}
+
+
 def _record(arguments, answer):
     """What is written of one speed, under ``without_backlash`` the same with all teeth in contact."""
     record = answer_record(answer, orders=arguments.orders)
@@ -189,7 +197,7 @@ def _record(arguments, answer):
     return record
 
 
-def _sweep_json(arguments, found):
+def _sweep_json(arguments, more, found):
     """One list of answers is called responses, two by their directions."""
     lists = {
         way if len(found) > 1 else "responses": (_record(arguments, answer) for answer in answers)
@@ -199,7 +207,7 @@ def _sweep_json(arguments, found):
     judged = {way: finite(strength_record(answers_strength(answers))) for way, answers in found.items()}
     if any(judged.values()):
         head["strength"] = judged if len(found) > 1 else [*judged.values()][0]
-    return as_sweep_json(changes(arguments) | head, lists)
+    return as_sweep_json(changes(arguments) | more | head, lists)
 
 
 def _sweep_table(found):

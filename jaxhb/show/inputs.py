@@ -1,5 +1,6 @@
 """What a command is given, read and checked before anything heavy is imported: the scene and the names of files."""
 
+import shlex
 from pathlib import Path
 
 from ..model.scene import load_scene, scene_description, scene_names
@@ -19,12 +20,31 @@ def scenes():
     return 0
 
 
+def new(arguments):
+    """Write a scene to begin with, and its tables beside it."""
+    path = Path(arguments.file)
+    _check_scene_name("FILE", arguments.file)
+    if path.exists():
+        raise OutputError(f"FILE: {arguments.file!r} is there already, and is not overwritten. Give another name.")
+    text, beside = scene_text(arguments.scene, called=path.stem)
+    copies = copies_beside(beside, path.parent, "FILE")
+    write_files({path: [content] for path, content in copies.items()} | {arguments.file: [text.encode()]})
+    for name in (arguments.file, *copies):
+        print(f"{name} is written.")
+    print(f"Try: jaxhb check {shlex.quote(arguments.file)}")
+    return 0
+
+
+def _check_scene_name(option, name):
+    if Path(name).suffix != ".toml":
+        raise OutputError(f"{option}: {name!r} is no scene. Give a name that ends in .toml.")
+    check_output(option, name)
+
+
 def scene(arguments):
     """Print a scene as TOML or its referred numbers, or write it with the tables it names, or draw the train."""
     if arguments.out:
-        if Path(arguments.out).suffix != ".toml":
-            raise OutputError(f"--out: {arguments.out!r} is no scene. Give a name that ends in .toml.")
-        check_output("--out", arguments.out)
+        _check_scene_name("--out", arguments.out)
     if arguments.plot:
         check_picture("--plot", arguments.plot)
     text, beside = scene_text(arguments.scene, expand=arguments.expand)

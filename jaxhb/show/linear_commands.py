@@ -14,6 +14,7 @@ from ..linear.limits import strength
 from ..linear.modal import natural_frequencies
 from ..linear.tangent import at_mean_load
 from ..model.change import without_backlash
+from ..model.varying import varying
 from ..periodic.misfires import misfire_each
 from .campbell import campbell_record, campbell_rows, campbell_text
 from .choose import asks_each, case_title, without_cylinders
@@ -24,8 +25,9 @@ from .mean_load import mean_load_record, mean_load_text
 from .misfire_cases import misfire_trains
 from .output import ANSWERED, NOT_ANSWERED, OutputError, as_csv, as_json, as_picture, changes, deliver
 from .record import finite, modes_record
+from .scene_check import ANY_SPEED, check_record, check_text, own_speeds, scene_notes
 from .strength import strength_columns, strength_record, strength_text
-from .tables import energies_text, modes_text
+from .tables import energies_text, modes_text, remarks_text
 
 DAMPED = 300
 """Disks up to which damping ratios take seconds."""
@@ -35,10 +37,7 @@ def modes(train, arguments):
     """Natural frequencies of a scene."""
     name = train.topology.name
     train, teeth, below, more = _with_teeth(_constant(train, arguments), arguments)
-    found = natural_frequencies(train)
-    kinds = mode_kinds(found, train.topology.damper_names)
-    few = train.topology.n_disks <= DAMPED
-    ratios = damping_ratios(train, found) if few else np.full(len(kinds), np.nan)
+    found, kinds, ratios = _modes_of(train)
     energies = energies_text(found, kinds) if len(span(train.topology).loops) else []
     deliver(
         arguments,
@@ -51,7 +50,8 @@ def modes(train, arguments):
 
 def _constant(train, arguments):
     """The train with links as they are at ``--links-at``, and at the speed of ``--at``."""
-    given = ({} if arguments.at is None else {"rpm": arguments.at}) | dict(arguments.links_at)
+    at = getattr(arguments, "at", None)
+    given = ({} if at is None else {"rpm": at}) | dict(arguments.links_at)
     return train.with_constant_links(**given) if given else train
 
 
@@ -59,7 +59,7 @@ def _with_teeth(train, arguments):
     """The train with teeth as ``--at`` asks, how stiff they are, a sentence on them in a list, and a record."""
     rpm = arguments.at
     if rpm is None:
-        return train, "teeth in contact" if train.topology.mesh_names else "", [], {}
+        return train, _in_contact(train), [], {}
     load = at_mean_load(_constant(train, arguments), rpm=rpm)
     train = dataclasses.replace(without_backlash(train), meshes=load.train.meshes)
     return train, f"teeth at the mean load of {rpm:g} rpm", [mean_load_text(load, rpm)], mean_load_record(load, rpm)
@@ -72,6 +72,40 @@ def _modes_picture(train, found, kinds, ratios):
     if not elastic:
         raise OutputError("--plot: no mode strains a link, so there is no shape to draw.")
     return plot_modes(train, found, elastic, ratios)
+
+
+def check(train, arguments):
+    """What a scene comes to: mean torques, tooth forces and damping, modes and notes."""
+    speeds = arguments.rpm or own_speeds(train)
+    response = forced_response(train, rpm=speeds or [ANY_SPEED], harmonics=1)
+    responses = [dataclasses.replace(response[k], train=train) for k in range(len(response))]
+    remarks = scene_notes(responses)
+    parts, record = check_text(train, responses, speeds, remarks), check_record(train, responses, remarks)
+    constant = _constant(train, arguments)
+    if varying(constant.topology):
+        parts.append("Links vary: natural frequencies need --links-at, as hz=30.")
+    else:
+        found, kinds, ratios = _modes_of(constant)
+        parts.append(modes_text(found, train.topology.name, kinds, ratios, _in_contact(train)))
+        record |= {"modes": modes_record(found, kinds, ratios)}
+    deliver(
+        arguments,
+        "\n\n".join([*parts, *remarks_text(remarks)]),
+        json=lambda: as_json(finite(changes(arguments) | record)),
+    )
+    return _forced_status(forced_failures(response))
+
+
+def _modes_of(train):
+    """Natural frequencies, the kind of every mode and its damping ratio."""
+    found = natural_frequencies(train)
+    kinds = mode_kinds(found, train.topology.damper_names)
+    few = train.topology.n_disks <= DAMPED
+    return found, kinds, damping_ratios(train, found) if few else np.full(len(kinds), np.nan)
+
+
+def _in_contact(train):
+    return "teeth in contact" if train.topology.mesh_names else ""
 
 
 def holzer(train, arguments):

@@ -5,6 +5,7 @@ import textwrap
 import numpy as np
 
 from ..linear.critical import ELASTIC, RIGID, RING
+from ..model.plausible import plausibility
 from .balance import balance_line, mean_angles_of, plain_number
 from .certified import certificate_text
 from .choose import gears, shafts_of
@@ -42,9 +43,13 @@ def solve_text(answer):
 
 
 def notes_text(*answers):
-    """The notes as one paragraph in a list; an empty list where there are none."""
-    remarks = [paragraph(remark) for remark in notes(*answers)]
-    return ["\n".join(["Notes", *remarks])] if remarks else []
+    """The notes on the scene and on the motions as one paragraph in a list; an empty list where there are none."""
+    return remarks_text([*plausibility(answers[0].train), *notes(*answers)])
+
+
+def remarks_text(remarks):
+    """Sentences as one paragraph in a list; an empty list where there are none."""
+    return ["\n".join(["Notes", *map(paragraph, remarks)])] if remarks else []
 
 
 def paragraph(text):

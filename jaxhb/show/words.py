@@ -5,7 +5,7 @@ import re
 import numpy as np
 
 from ..response.events import Homotopy, Shooting
-from .balance import ground_notes, plain_number
+from .balance import ground_notes, load_notes, plain_number
 from .choose import most_apart
 from .floquet import growth_text
 
@@ -153,13 +153,17 @@ def _percent(share):
 
 def speeds_text(answers):
     """``600, 1200 and 4 more rpm``."""
-    found = [f"{answer.rpm:g}" for answer in answers]
+    return _speeds([answer.rpm for answer in answers])
+
+
+def _speeds(speeds):
+    found = [f"{rpm:g}" for rpm in speeds]
     more = f" and {len(found) - SHOWN_SPEEDS} more" if len(found) > SHOWN_SPEEDS else ""
     return f"{', '.join(found[:SHOWN_SPEEDS])}{more} rpm"
 
 
 def notes(*answers):
-    """Sentences on unstable motions, grounds that take a mean torque, and large traits of the tooth law.
+    """Sentences on unstable motions, grounds that take a mean torque, loads that drive, and traits of the tooth law.
 
     Parameters
     ----------
@@ -171,16 +175,18 @@ def notes(*answers):
     list of str
         Unstable motions; power that is not accounted for; what a steady state tells of itself; orbits on which time
         integration did not settle; speeds outside of pressure traces; a ground that takes above 1 % of the largest mean
-        torque; a gap spring above 5 % of the mean force, a knee above 50 % of it, damping in the gap above 5 % of it.
+        torque, a load that drives; a gap spring above 5 % of the mean force, a knee above 50 % of it, damping in the
+        gap above 5 % of it.
     """
     found = (
         _unstable_notes(answers)
         + _power_notes(answers)
         + _own_notes(answers)
         + _unsettled_notes(answers)
-        + _trace_notes(answers)
+        + trace_notes((answer.train, answer.rpm) for answer in answers)
     )
-    found += ground_notes([answer.balance for answer in answers], _speed_of)
+    balances = [answer.balance for answer in answers]
+    found += ground_notes(balances, speed_of) + load_notes(balances, speed_of)
     known, through = [answer for answer in answers if answer.known], []
     for name in answers[0].topology.mesh_names if known else ():
         law = answers[0].law(name)
@@ -188,11 +194,11 @@ def notes(*answers):
             continue
         means = [abs(float(answer.force(name).mean)) for answer in known]
         least = int(np.argmin(means))
-        found += _law_notes(name, law, means[least], _speed_of(known, least))
+        found += _law_notes(name, law, means[least], speed_of(known, least))
         pulling = [answer.details[name].pulling_force if answer.details else 0.0 for answer in known]
         hardest = int(np.argmax(pulling))
         if pulling[hardest] > GAP_SPRING_SHARE * means[hardest]:
-            through.append(f"{_kN(pulling[hardest])}{_speed_of(known, hardest)} in {name}")
+            through.append(f"{_kN(pulling[hardest])}{speed_of(known, hardest)} in {name}")
     if through:
         found.append(
             'Damping law "always" transmits force while the teeth are apart ("contact" does not): up to '
@@ -226,23 +232,23 @@ def _unstable_notes(answers):
 
 def _own_notes(answers):
     """What steady states tell of themselves."""
-    return _alike((answer, note) for answer in answers if answer.known for note in answer.state.notes)
+    return _alike((answer.rpm, note) for answer in answers if answer.known for note in answer.state.notes)
 
 
-def _trace_notes(answers):
-    """Speeds and loads that pressure traces do not cover."""
-    return _alike((answer, note) for answer in answers for note in answer.train.outside_traces(answer.rpm))
+def trace_notes(points):
+    """Speeds and loads that pressure traces do not cover, of (train, rpm)."""
+    return _alike((rpm, note) for train, rpm in points for note in train.outside_traces(rpm))
 
 
 def _alike(notes_of):
-    """Notes (answer, text), once for those that differ in their numbers alone."""
+    """Notes (rpm, text), once for those that differ in their numbers alone."""
     alike, found = {}, []
-    for answer, note in notes_of:
-        alike.setdefault(re.sub(r"\d[\d.e+]*", "#", note), []).append((answer, note))
+    for rpm, note in notes_of:
+        alike.setdefault(re.sub(r"\d[\d.e+]*", "#", note), []).append((rpm, note))
     for told in alike.values():
-        others = f" (alike at {speeds_text([answer for answer, _ in told[1:]])})" if len(told) > 1 else ""
+        others = f" (alike at {_speeds([rpm for rpm, _ in told[1:]])})" if len(told) > 1 else ""
         note = told[0][1]
-        found.append(f"At {told[0][0].rpm:g} rpm {note}{others}.")
+        found.append(f"At {told[0][0]:g} rpm {note}{others}.")
     return found
 
 
@@ -262,7 +268,8 @@ def _unsettled_notes(answers):
     ]
 
 
-def _speed_of(told, number):
+def speed_of(told, number):
+    """`` at 1800 rpm``, of one of several responses or answers."""
     return f" at {float(told[number].rpm):g} rpm" if len(told) > 1 else ""
 
 

@@ -10,7 +10,7 @@ from tolerances import ALGEBRAIC, GRADIENT
 import jaxhb
 from jaxhb import Damper, Disk, Mesh, SceneError, Shaft, Torque
 from jaxhb.model import derived
-from jaxhb.model.scene_writer import changed_scene, elements_text, scene_text
+from jaxhb.model.scene_writer import changed_scene, elements_text
 
 AB = [Disk(name="a", inertia=2.0, radius=0.1), Disk(name="b", inertia=3.0, radius=0.2)]
 SIZE = {"length": 0.5, "outer": 0.1, "inner": 0.05, "shear_modulus": 8e10}
@@ -200,17 +200,6 @@ def test_a_scene_of_elements_is_read_as_it_was_written(tmp_path):
     path.write_text(text)
     changed = made.replace({"a|b.outer": 0.11}).value("a|b.stiffness")
     assert jaxhb.load_scene(path).value("a|b.stiffness") == pytest.approx(changed, rel=ALGEBRAIC)
-
-
-def test_scenarios_have_no_empty_head(tmp_path):
-    path = tmp_path / "scene.toml"
-    path.write_text(
-        elements_text([*AB, Shaft(between=("a", "b"), stiffness=1e3)]) + "[scenario.hot]\na.inertia = 3.0\n"
-    )
-    text, _ = scene_text(path)
-    assert "[scenario.hot.a]" in text and "[scenario]" not in text and "[scenario.hot]\n" not in text
-    path.write_text(text)
-    assert jaxhb.load_scene(path).scenario("hot").value("a.inertia") == 3.0
 
 
 def test_referred_numbers_keep_the_energies():

@@ -1,0 +1,213 @@
+"""Numbers that the format allows and an engineer would look at twice: each note tells element, value and usual range.
+
+A number far outside of what engines and gears have is nearly always in another unit, has the other sign, or is counted
+from another angle. The ranges are wide: they hold from model engines to ship diesels.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jaxhb._arrays import on_host
+from jaxhb.model import gas, hold
+from jaxhb.model.ratios import tooth_damping_ratios
+from jaxhb.model.tables import mean_torques, scale_at
+
+if TYPE_CHECKING:
+    from jaxhb.model.drivetrain import DriveTrain
+
+USUAL = {
+    "bore": (0.02, 1.2, "m", "is it in m, not in mm?"),
+    "stroke": (0.02, 4.5, "m", "is it in m, not in mm?"),
+    "rod": (0.03, 8.0, "m", "is it in m, not in mm?"),
+    "ambient_pressure": (3e4, 1e6, "Pa", "is it in Pa, not in bar?"),
+    "combustion.charge_pressure": (2e4, 1e6, "Pa", "is it in Pa, not in bar?"),
+    "combustion.imep": (2e4, 6e6, "Pa", "is it in Pa, not in bar?"),
+}
+"""Least and most of fields of cylinders, with their unit and what to ask; a field that is 0 is absent."""
+
+PEAK_PRESSURE = 5e5, 4e7
+"""Pa, largest pressure of a cycle: an engine that is turned without firing, and the strongest diesels."""
+PEAK_ANGLE = -15.0, 45.0
+"""deg after firing top dead centre: the pressure of compression alone is largest just before, late firing after."""
+TOGETHER = 1.0
+"""deg between two firings that count as one."""
+MASS_PER_CUBE = 200.0, 2e4
+"""kg/m3, reciprocating mass over the cube of the bore: about 500 in racing engines, 1500 in cars, 1e4 in crossheads."""
+BACKLASH = 2e-5, 1e-3
+"""m, from precision gears to those of module 20 mm."""
+STIFFNESS_OF_WIDTH = 2e10
+"""N/m per m of face width: c_gamma = 20 N/(mm um), the mean stiffness of steel teeth in ISO 6336-1, method C."""
+WIDTH_OF_DIAMETER = 0.01, 2.0
+"""Face width over the pitch diameter of the smaller gear: 0.05 to 1.5 as built, less where gear bodies yield."""
+TOOTH_DAMPING = 0.005, 0.3
+"""Damping ratio of the two gears alone: 0.03 to 0.17 as measured (Kasuba and Evans 1981; Lin, Huston and Coy 1988)."""
+_EXPONENT = re.compile(r"(?<=\d)e\+?(-?)0*(?=\d)")
+
+
+def plausibility(train: DriveTrain) -> list[str]:
+    """Find numbers of a train that are allowed but far from usual.
+
+    Parameters
+    ----------
+    train : DriveTrain
+        Its numbers must not be traced.
+
+    Returns
+    -------
+    list of str
+        A note for each finding, with the elements, the value and the usual range: sizes and pressures of cylinders in
+        other units than m and Pa, a pressure that is largest far from firing top dead centre, cylinders that fire
+        together, reciprocating masses, torques that drive beside firing cylinders, and of meshes with backlash the
+        backlash, the stiffness and the tooth damping. Empty where there is nothing to look at.
+
+    Examples
+    --------
+    >>> from jaxhb.model.scene import load_scene
+    >>> train = load_scene("gear_train_30")
+    >>> plausibility(train)
+    []
+    >>> print(plausibility(train.replace({"crank gear|idler.backlash": 0.15}))[0])
+    [[mesh]] 'crank gear|idler': backlash is 0.15 m, usual 2e-5 to 0.001 m: is it in m, not in mm?
+    """
+    train = on_host(train)
+    found = [*_sizes(train), *_masses(train), *_pressures(train), *_firings(train), *_drives(train), *_meshes(train)]
+    alike = {}
+    for table, name, text in found:
+        alike.setdefault((table, text), []).append(name)
+    return [f"[[{table}]] {hold.names_of(names, range(len(names)))}: {text}" for (table, text), names in alike.items()]
+
+
+def _far(value, limits):
+    return not limits[0] <= value <= limits[1]
+
+
+def _said(what, value, low, high, unit="", ask=""):
+    unit = f" {unit}" if unit else ""
+    said = f"{what} is {value:.4g}{unit}, usual {low:.2g} to {high:.2g}{unit}"
+    return _EXPONENT.sub(r"e\1", said) + (f": {ask}" if ask else "")
+
+
+def _sizes(train):
+    cylinders, names = train.cylinders, train.topology.cylinder_names
+    for field, (low, high, unit, ask) in USUAL.items():
+        outer, _, inner = field.rpartition(".")
+        table = getattr(cylinders, outer) if outer else cylinders
+        if table is None:
+            continue
+        seats = table.seats if outer else range(len(names))
+        for i, value in zip(seats, getattr(table, inner), strict=True):
+            absent = value == 0 or (field == "rod" and cylinders.stroke[i] == 0)
+            if not absent and _far(abs(value), (low, high)):
+                yield "cylinder", names[i], _said(field, value, low, high, unit, ask)
+
+
+def _masses(train):
+    cylinders = train.cylinders
+    for i, name in enumerate(train.topology.cylinder_names):
+        mass, size = cylinders.reciprocating_mass[i], cylinders.bore[i]
+        if not 0 < size < 2 * USUAL["bore"][1] or not cylinders.stroke[i]:
+            continue  # what is said of a bore in mm says enough
+        low, high = (share * size**3 for share in MASS_PER_CUBE)
+        if _far(mass, (low, high)):
+            ask = "is it in kg, of one cylinder?" if mass else "without it there is no inertia torque"
+            said = _said("reciprocating_mass", mass, low, high, "kg", ask)
+            yield "cylinder", name, said.replace(" kg:", f" kg for a bore of {1e3 * size:.4g} mm:")
+
+
+def _pressures(train):
+    """Size and angle of the largest pressure of every cylinder that computes its torque from one."""
+    topology, cylinders = train.topology, train.cylinders
+    parts = gas.components(cylinders)
+    samples = parts.shape[-1]
+    speeds = hold.speeds(train) if samples else ()
+    pressures = [np.einsum("jn,jnm->nm", gas.weights(cylinders, rpm), parts) for rpm in speeds]
+    scales = scale_at(cylinders, np.array(speeds, dtype=float)) if samples else ()
+    for i, name in enumerate(topology.cylinder_names if samples else ()):
+        peaks = [pressure[i].max() * scale[i] for pressure, scale in zip(pressures, scales, strict=True)]
+        most = int(np.argmax(peaks))
+        if topology.cylinder_source[i] not in gas.COMPUTED or peaks[most] <= 0:
+            continue
+        if _far(peaks[most], PEAK_PRESSURE):
+            said = _said("the largest pressure", peaks[most], *PEAK_PRESSURE, "Pa", "is it in Pa, not in bar or MPa?")
+            yield "cylinder", name, said
+        turns = topology.cylinder_gas_revolutions[i]
+        angles = [360.0 * turns * pressure[i].argmax() / samples for pressure in pressures]
+        angles = [angle - 360.0 * turns * (angle > 180.0 * turns) for angle in angles]
+        angle = max(angles, key=lambda angle: abs(angle - np.mean(PEAK_ANGLE)))
+        if _far(angle, PEAK_ANGLE):
+            where = f"{abs(angle):.4g} deg {'after' if angle > 0 else 'before'}"
+            ask = "do start and duration count from there?"
+            if topology.cylinder_source[i] != "combustion":
+                ask = "is table_firing_tdc the angle at which the table fires?"
+            usual = f"{-PEAK_ANGLE[0]:g} deg before to {PEAK_ANGLE[1]:g} deg after"
+            said = f"the pressure is largest {where} firing top dead centre, usual {usual}: {ask}"
+            yield "cylinder", name, said
+
+
+def _firings(train):
+    """Cylinders of one rotor that fire at the same angle of its cycle."""
+    topology, groups = train.topology, []
+    turns = [
+        revolutions if source in gas.COMPUTED else turn
+        for revolutions, turn, source in zip(
+            topology.cylinder_gas_revolutions, topology.cylinder_turn, topology.cylinder_source, strict=True
+        )
+    ]
+    firing = [i for i, fires in enumerate(topology.cylinder_fires) if fires and _factor(train, i)]
+    for i in firing:
+        rotor, cycle = topology.rotor[topology.cylinder_disk[i]], 360.0 * turns[i]
+        angle = float(train.cylinders.firing_angle[i]) % cycle
+        for group in groups:
+            apart = abs((angle - group["angle"] + cycle / 2) % cycle - cycle / 2)
+            if group["rotor"] == rotor and group["cycle"] == cycle and apart < TOGETHER:
+                group["names"].append(topology.cylinder_names[i])
+                break
+        else:
+            names = [topology.cylinder_names[i]]
+            groups.append({"rotor": rotor, "cycle": cycle, "angle": angle, "names": names})
+    for group in groups:
+        if len(group["names"]) > 1:
+            count = sum(len(other["names"]) for other in groups if other["rotor"] == group["rotor"])
+            usual = f"usual one every {group['cycle']:g} / {count} = {group['cycle'] / count:g} deg"
+            said = f"they fire together, at {group['angle']:g} deg, {usual}: has each its own firing_angle?"
+            yield from (("cylinder", name, said) for name in group["names"])
+
+
+def _factor(train, i):
+    return train.cylinders.gas_factor is None or train.cylinders.gas_factor[i] > 0
+
+
+def _drives(train):
+    """Given torques that drive though cylinders do."""
+    topology = train.topology
+    if not any(topology.cylinder_fires):
+        return
+    cycle = topology.cylinder_fires, topology.cylinder_gas_revolutions
+    means = mean_torques(train.torques, train.cylinders, *cycle, np.array(hold.speeds(train)))
+    count = len(topology.torque_names)
+    if not means[:, count:].sum(axis=1).max() > 0:
+        return
+    for name, mean in zip(topology.torque_names, means[:, :count].max(axis=0, initial=0.0), strict=True):
+        if mean > 0:
+            ask = "what takes power has a negative mean"
+            yield "torque", name, f"it drives with a mean of {mean:.4g} N m, usual below 0 beside cylinders: {ask}"
+
+
+def _meshes(train):
+    topology, meshes = train.topology, train.meshes
+    ratios = tooth_damping_ratios(train)
+    for i in np.flatnonzero(topology.mesh_backlash):
+        name, radius = topology.mesh_names[i], train.disks.radius[list(topology.mesh_ends[i])].min()
+        if _far(meshes.backlash[i], BACKLASH):
+            yield "mesh", name, _said("backlash", meshes.backlash[i], *BACKLASH, "m", "is it in m, not in mm?")
+        low, high = (STIFFNESS_OF_WIDTH * share * 2 * radius for share in WIDTH_OF_DIAMETER)
+        if _far(meshes.stiffness[i], (low, high)):
+            ask = f"steel teeth on a gear of {2e3 * radius:.4g} mm have 20 N/(mm um) of their face width; is it in N/m?"
+            yield "mesh", name, _said("stiffness", meshes.stiffness[i], low, high, "N/m", ask)
+        elif _far(ratios[i], TOOTH_DAMPING) and np.isfinite(ratios[i]):
+            what = f"damping is {meshes.damping[i]:.4g} N s/m: the damping ratio of the two gears alone"
+            yield "mesh", name, _said(what, ratios[i], *TOOTH_DAMPING)

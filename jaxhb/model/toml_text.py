@@ -1,0 +1,185 @@
+"""TOML that stays as it was written: comments, order, blank lines and the digits of whatever is not changed.
+
+tomlkit keeps all this within a table. But it gathers the entries of an array of tables that others stand between
+(python-poetry/tomlkit pull request 601), and scenes mix [[disk]] and [[shaft]] as they like. So a text is cut into
+pieces, one for each head, and tomlkit changes one piece at a time.
+"""
+
+import re
+import tomllib
+from decimal import Decimal
+
+import tomlkit
+
+_HEAD = re.compile(r"(?m)^(?=[ \t]*\[)")
+_TAIL = re.compile(r"(?:^[ \t]*(?:#.*)?\n)*\Z", re.MULTILINE)
+"""Blank lines and comments that end a piece: they belong to the head that follows."""
+DECADES = 2
+"""Powers of ten up to which a number keeps the exponent of the one it replaces: 1.234e-3 and not 1234e-6."""
+
+
+class TomlText:
+    """A TOML text whose values can be changed one by one.
+
+    Parameters
+    ----------
+    text : str
+        Valid TOML.
+
+    Examples
+    --------
+    >>> text = TomlText("[[disk]]\\ninertia = 0.10e-3  # kg m2\\n\\n# the next one\\n[[disk]]\\ninertia = 2\\n")
+    >>> text.set("disk", 0, "inertia", 1.25e-4)
+    >>> text.set("disk", 0, "damping", 3.0)
+    >>> print(text)
+    [[disk]]
+    inertia = 0.125e-3  # kg m2
+    damping = 3.0
+    <BLANKLINE>
+    # the next one
+    [[disk]]
+    inertia = 2
+    <BLANKLINE>
+    """
+
+    def __init__(self, text=""):
+        self._pieces = _cut(text)
+        self._read = [tomllib.loads(piece) for piece in self._pieces]
+
+    @classmethod
+    def of(cls, content):
+        """The text of plain dictionaries, lists and numbers, with a blank line before every head."""
+        made = cls()
+        for table, rows in content.items():
+            made.append(table, rows)
+        return made
+
+    def __str__(self):
+        return "".join(self._pieces)
+
+    def set(self, table, row, field, value):
+        """Change or add one value of a row of ``[[table]]``, or of ``[table]``; ``field`` may be ``"inner.key"``."""
+        outer, _, key = field.rpartition(".")
+        parts = self._rows(table)[row]
+        number, path = next((part for part in parts if outer and outer in self._at(*part)), parts[0])
+        self._change(number, [*path, outer] if outer else path, lambda node: _put(node, key, value))
+
+    def discard(self, table, row, key):
+        """Take out one value, if it is there, and return it."""
+        number, path = self._rows(table)[row][0]
+        found = self._at(number, path).get(key)
+        if found is not None:
+            self._change(number, path, lambda node: node.pop(key))
+        return found
+
+    def append(self, table, rows):
+        """Add rows ``[[table]]``, or one ``[table]``: behind the rows it has, or at the end."""
+        own = [number for parts in self._rows(table) for number, _ in parts]
+        last = own[-1] if own else len(self._pieces) - 1
+        piece = self._pieces[last]
+        tail = _TAIL.search(piece).group() if own else ""
+        self._write(last, piece.removesuffix(tail))
+        self._insert(last + 1, table, rows, tail)
+
+    def replace(self, old, table, rows):
+        """Put rows ``[[table]]`` where ``[old]`` is, with the tables inside it; comments above its head stay."""
+        own = [number for parts in self._rows(old) for number, _ in parts]
+        for number in own:
+            self._write(number, _TAIL.search(self._pieces[number]).group())
+        self._insert(own[0], table, rows)
+
+    def put_first(self, table, row):
+        """Put ``[table]`` before all heads."""
+        self._insert(1, table, row)
+
+    def _insert(self, number, table, rows, tail=""):
+        """Put new pieces before piece ``number``."""
+        before, behind = ("".join(pieces) for pieces in (self._pieces[:number], self._pieces[number:]))
+        made = []
+        for row in [[row] for row in rows] if isinstance(rows, list) else [rows]:
+            made.append(_gap(before) + tomlkit.dumps({table: row}))
+            before = made[-1]
+        self._pieces[number:number] = made
+        self._read[number:number] = [tomllib.loads(piece) for piece in made]
+        if made:
+            self._pieces[number + len(made) - 1] += tail or "\n" * (behind != "" and not behind.startswith("\n"))
+
+    def _rows(self, table):
+        """Of each row of a table its parts: (piece, path in it) of its own head first, then of heads inside it."""
+        rows = []
+        for number, read in enumerate(self._read):
+            found = read.get(table)
+            if isinstance(found, list):
+                rows += [[(number, [table, k])] for k in range(len(found))]
+            elif found is not None and rows:
+                rows[-1].append((number, [table]))
+            elif found is not None:
+                rows.append([(number, [table])])
+        return rows
+
+    def _at(self, number, path):
+        node = self._read[number]
+        for step in path:
+            node = node[step]
+        return node
+
+    def _change(self, number, path, change):
+        """Change a table of a piece; what is added stands before the comments that belong to the next head."""
+        piece = self._pieces[number]
+        tail = _TAIL.search(piece).group()
+        document = tomlkit.parse(piece.removesuffix(tail))
+        node = document
+        for step in path:
+            node = node[step]
+        change(node)
+        self._write(number, tomlkit.dumps(document) + tail)
+
+    def _write(self, number, piece):
+        self._pieces[number], self._read[number] = piece, tomllib.loads(piece)
+
+
+def _cut(text):
+    """The pieces of a text, each with one head, the first without; a line that begins so inside a value is no head."""
+    pieces, piece = [], ""
+    for part in _HEAD.split(text):
+        if _is_whole(piece):
+            pieces.append(piece)
+            piece = ""
+        piece += part
+    return [*pieces, piece]
+
+
+def _gap(before):
+    """What stands between a text and a new head: a blank line, but for the beginning and below a comment."""
+    last = before.splitlines()[-1:]
+    if not before.strip() or before.endswith("\n\n") or last[0].startswith("#"):
+        return ""
+    return "\n" if before.endswith("\n") else "\n\n"
+
+
+def _is_whole(piece):
+    """Whether a piece is TOML by itself: what ends inside a list or a text of several lines is not."""
+    try:
+        tomllib.loads(piece)
+    except tomllib.TOMLDecodeError:
+        return False
+    return True
+
+
+def _put(node, key, value):
+    if not isinstance(value, float | int) or isinstance(value, bool):
+        node[key] = value
+    elif key not in node or float(node[key]) != value:
+        node[key] = tomlkit.value(_like(node[key].as_string() if key in node else "", value))
+
+
+def _like(written, value):
+    """A number in full precision, with the power of ten of the one it replaces where that is near."""
+    text = repr(int(value) if isinstance(value, int) else float(value))
+    exponent = written.lower().partition("e")[2]
+    if not exponent or not value:
+        return text
+    shifted = Decimal(text).scaleb(-int(exponent))
+    if abs(shifted.adjusted()) > DECADES:
+        return text
+    return f"{shifted:f}e{exponent}"

@@ -1,0 +1,161 @@
+"""What a scene comes to before anything vibrates: mean torques, tooth forces and tooth damping, and notes on it."""
+
+import numpy as np
+
+from ..model import hold
+from ..model.plausible import plausibility
+from ..model.ratios import tooth_damping_ratios
+from ..model.tables import mean_torques
+from .balance import ground_notes, ground_reactions, load_notes, load_torques
+from .columns import NONE, aligned, alike
+from .words import speed_of, trace_notes
+
+ANY_SPEED = 1000.0
+"""rpm, where no torque depends on the speed."""
+
+
+def own_speeds(train):
+    """The lowest and the highest speed at which the scene gives a torque, rpm; None where torques do not depend on it.
+
+    Parameters
+    ----------
+    train : DriveTrain
+
+    Returns
+    -------
+    list of float or None
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> own_speeds(jaxhb.load_scene("gear_train_30")), own_speeds(jaxhb.load_scene("first_scene"))
+    ([600.0, 2450.0], None)
+    """
+    speeds = hold.speeds(train)
+    speeds = speeds[speeds > 0.0]
+    return sorted({float(speeds[0]), float(speeds[-1])}) if len(speeds) else None
+
+
+def scene_notes(responses):
+    """All notes on a scene, of its mean motion at some speeds."""
+    train = responses[0].train
+    found = plausibility(train) + load_notes(responses, speed_of) + ground_notes(responses, speed_of)
+    return found + trace_notes([(train, float(response.rpm)) for response in responses])
+
+
+def check_text(train, responses, speeds, notes):
+    """Head, mean torques and teeth as a list of paragraphs.
+
+    Parameters
+    ----------
+    train : DriveTrain
+        With its backlash.
+    responses : list of Response
+        The mean of the linear motion at every speed.
+    speeds : list of float or None
+        None where no torque depends on the speed.
+    notes : list of str
+
+    Returns
+    -------
+    list of str
+    """
+    topology = train.topology
+    heads = [f"at {rpm:g} rpm" for rpm in speeds] if speeds else ["at any speed"]
+    verdict = f"{len(notes)} note{'s' * (len(notes) != 1)} below" if notes else "nothing to note"
+    parts = [f"{topology.name or 'scene'}: {_counts(topology)}; {verdict}."]
+    rows = _torque_rows(train, responses)
+    if rows:
+        columns = [
+            [row[0] for row in rows],
+            [row[1] for row in rows],
+            *alike(*zip(*(row[2] for row in rows), strict=True)),
+        ]
+        title = "Mean torque on the disk's own shaft, N m (positive: drives)"
+        parts.append(f"{title}\n{aligned(['', 'disk', *heads], columns, left=(1,))}")
+    if topology.mesh_names:
+        parts.append(_mesh_table(train, responses, heads))
+    return parts
+
+
+def check_record(train, responses, notes):
+    """What ``check --json`` writes but for the modes.
+
+    ``{"scene", "rpm": [...], "mean_torque_Nm": {name: [...]}, "meshes": {name: {"mean_force": [...], "damping_ratio",
+    "stiffness", "damping", "backlash"}}, "notes": [...]}``; lists are over the speeds, forces in N, the rest in SI
+    units; damping ratios of the two gears alone, None where a gear has no inertia.
+    """
+    topology, meshes = train.topology, train.meshes
+    of_meshes = zip(
+        topology.mesh_names,
+        *(
+            np.asarray(v).tolist()
+            for v in (tooth_damping_ratios(train), meshes.stiffness, meshes.damping, meshes.backlash)
+        ),
+        strict=True,
+    )
+    return {
+        "scene": topology.name,
+        "rpm": [float(response.rpm) for response in responses],
+        "mean_torque_Nm": {name: list(means) for name, _, means in _torque_rows(train, responses)},
+        "meshes": {
+            name: {"mean_force": _means(responses, name), "damping_ratio": ratio}
+            | {"stiffness": stiffness, "damping": damping, "backlash": backlash}
+            for name, ratio, stiffness, damping, backlash in of_meshes
+        },
+        "notes": notes,
+    }
+
+
+def _counts(topology):
+    backlash = sum(topology.mesh_backlash)
+    counted = [
+        (topology.n_scene_disks, "disk", ""),
+        (topology.n_rotors, "rotor", ""),
+        (len(topology.shaft_names), "shaft", ""),
+        (len(topology.mesh_names), "mesh", f" ({backlash} with backlash)"),
+        (len(topology.damper_names), "damper", ""),
+        (len(topology.cylinder_names), "cylinder", ""),
+    ]
+    plural = {"mesh": "meshes"}
+    return ", ".join(
+        f"{count} {word if count == 1 else plural.get(word, word + 's')}{more}"
+        for count, word, more in counted
+        if count
+    )
+
+
+def _torque_rows(train, responses):
+    """(name, disk, means over the speeds) of given torques, cylinders, loads and grounds."""
+    topology = train.topology
+    speeds = np.array([float(response.rpm) for response in responses])
+    cycle = topology.cylinder_fires, topology.cylinder_gas_revolutions
+    means = mean_torques(train.torques, train.cylinders, *cycle, speeds).T.tolist()
+    names = [*topology.torque_names, *topology.cylinder_names]
+    seats = [*topology.torque_disk, *topology.cylinder_disk]
+    rows = list(zip(names, seats, means, strict=True))
+    for names, seats, read, sign in (
+        (topology.load_names, topology.load_disk, load_torques, 1.0),
+        (topology.ground_names, topology.ground_disk, ground_reactions, -1.0),
+    ):
+        taken = [read(response) for response in responses]
+        rows += [(name, seat, [sign * one[name] for one in taken]) for name, seat in zip(names, seats, strict=True)]
+    return [(name, topology.disk_names[seat], means) for name, seat, means in rows]
+
+
+def _means(responses, mesh):
+    return [float(response.force(mesh).mean) for response in responses]
+
+
+def _mesh_table(train, responses, heads):
+    topology, meshes = train.topology, train.meshes
+    names = topology.mesh_names
+    forces = alike(
+        *([1e-3 * force for force in one] for one in zip(*(_means(responses, n) for n in names), strict=True))
+    )
+    ratios = [f"{ratio:.4f}" if np.isfinite(ratio) else NONE for ratio in tooth_damping_ratios(train)]
+    backlash = [
+        f"{1e3 * h:.4g}" if own else NONE for h, own in zip(meshes.backlash, topology.mesh_backlash, strict=True)
+    ]
+    title = "Mean tooth force, kN (positive: the first gear drives), backlash, and damping ratio of the two gears alone"
+    return f"{title}\n{aligned(['mesh', *heads, 'backlash mm', 'damping ratio'], [names, *forces, backlash, ratios])}"

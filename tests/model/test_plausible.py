@@ -1,0 +1,194 @@
+"""Notes on numbers far from usual: none for packaged and published trains, and one for each slip."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from reference_data import reference
+from trains import branched_parts, branched_thirty, build, gearbox_parts, pinions_parts
+
+import jaxhb
+from jaxhb.model.plausible import plausibility
+from jaxhb.model.scene import _folder, load_scene, scene_names
+
+ENGINE = "inline_four_timing_drive"
+TABLE = f"{ENGINE}_pressure.csv"
+ALL_FOUR = "[[cylinder]] 'cylinder 1', 'cylinder 2', 'cylinder 3', 'cylinder 4': "
+STEEL = "usual 1.5e7 to 3e9 N/m: steel teeth on a gear of 75 mm have 20 N/(mm um) of their face width; is it in N/m?"
+
+
+@pytest.mark.parametrize("name", scene_names())
+def test_there_is_nothing_to_note_on_a_packaged_scene(name):
+    assert plausibility(load_scene(name)) == []
+
+
+@pytest.mark.parametrize("name", ["six_cylinder_diesel", "engine_with_damper", ENGINE])
+def test_a_misfire_is_no_slip(name):
+    train = load_scene(name)
+    assert plausibility(train.misfire("cylinder 2")) == []
+    assert all(plausibility(one) == [] for one in train.misfires().values())
+
+
+def test_there_is_nothing_to_note_on_published_and_ordinary_trains():
+    trains = [
+        branched_thirty(reference("branched_30_disk_linear")),
+        build(pinions_parts(10.0), reference="crank gear"),
+        build(gearbox_parts(), reference="motor"),
+        build(branched_parts(), cycle=2, reference="crank gear"),
+        load_scene("gear_train_30").repeated(2),
+    ]
+    assert [plausibility(train) for train in trains] == [[]] * len(trains)
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """Writes the inline four with replaced texts and pressures, and returns its notes."""
+    text = (_folder() / f"{ENGINE}.toml").read_text(encoding="utf-8")
+    rows = np.loadtxt(_folder() / TABLE, delimiter=",")
+
+    def notes(*changes, pressure=lambda angle, p: (angle, p)):
+        changed = text
+        for old, new in changes:
+            assert old in changed
+            changed = changed.replace(old, new)
+        (tmp_path / f"{ENGINE}.toml").write_text(changed, encoding="utf-8")
+        np.savetxt(tmp_path / TABLE, np.stack(pressure(*rows.T), axis=1), delimiter=",")
+        return plausibility(load_scene(tmp_path / f"{ENGINE}.toml"))
+
+    return notes
+
+
+@pytest.mark.parametrize("unit, peak", [(1e5, "160 Pa"), (1e6, "16 Pa")], ids=["bar", "MPa"])
+def test_a_pressure_in_another_unit_is_noted(scene, unit, peak):
+    said = f"the largest pressure is {peak}, usual 5e5 to 4e7 Pa: is it in Pa, not in bar or MPa?"
+    assert scene(pressure=lambda angle, p: (angle, p / unit)) == [ALL_FOUR + said]
+
+
+def test_pressures_count_with_their_scale(scene):
+    bar = {"pressure": lambda angle, p: (angle, p / 1e5)}
+    assert scene(("rod = 0.145", "scale = [[800, 0.5e5], [4500, 1e5]]\nrod = 0.145"), **bar) == []
+
+
+@pytest.mark.parametrize(
+    "change, where",
+    [
+        ("table_firing_tdc = 180.0", "169 deg before"),
+        ("table_firing_tdc = -90.0", "101 deg after"),
+        ("", "349 deg before"),
+    ],
+)
+def test_a_table_read_from_another_dead_centre_is_noted(scene, change, where):
+    said = f"the pressure is largest {where} firing top dead centre, usual 15 deg before to 45 deg after: "
+    said += "is table_firing_tdc the angle at which the table fires?"
+    assert scene(("table_firing_tdc = 0.0", change)) == [ALL_FOUR + said]
+
+
+def test_a_table_may_be_that_of_a_motored_or_of_a_late_firing_cylinder(scene):
+    for turn in (-12, 33):
+        assert scene(pressure=lambda angle, p, turn=turn: (angle, np.roll(p, turn))) == []
+
+
+@pytest.mark.parametrize(
+    "old, new, said",
+    [
+        ("bore = 0.084", "bore = 84.0", "bore is 84 m, usual 0.02 to 1.2 m: is it in m, not in mm?"),
+        ("rod = 0.145", "rod = 145.0", "rod is 145 m, usual 0.03 to 8 m: is it in m, not in mm?"),
+        (
+            "ambient_pressure = 1e5",
+            "ambient_pressure = 1.0",
+            "ambient_pressure is 1 Pa, usual 3e4 to 1e6 Pa: is it in Pa, not in bar?",
+        ),
+        (
+            "reciprocating_mass = 0.85",
+            "reciprocating_mass = 850",
+            "reciprocating_mass is 850 kg, usual 0.12 to 12 kg for a bore of 84 mm: is it in kg, of one cylinder?",
+        ),
+        (
+            "reciprocating_mass = 0.85",
+            "reciprocating_mass = 0",
+            "reciprocating_mass is 0 kg, usual 0.12 to 12 kg for a bore of 84 mm: without it there is no inertia "
+            "torque",
+        ),
+    ],
+)
+def test_sizes_in_other_units_are_noted(scene, old, new, said):
+    assert scene((old, new)) == [ALL_FOUR + said]
+
+
+def test_a_stroke_in_mm_is_noted(scene):
+    said = "stroke is 90 m, usual 0.02 to 4.5 m: is it in m, not in mm?"
+    assert ALL_FOUR + said in scene(("stroke = 0.090", "stroke = 90.0"), ("rod = 0.145", "rod = 145.0"))
+
+
+def test_two_cylinders_that_fire_together_are_noted(scene):
+    together = ("firing_order = [1, 3, 4, 2]", "firing_order = [1, 3, 4, 2]\nfiring_intervals = [180, 0, 360, 180]")
+    said = "they fire together, at 180 deg, usual one every 720 / 4 = 180 deg: has each its own firing_angle?"
+    assert scene(together) == [f"[[cylinder]] 'cylinder 3', 'cylinder 4': {said}"]
+
+
+def test_two_engines_of_a_train_may_fire_together():
+    train = load_scene("gear_train_30")
+    own = tuple(range(len(train.topology.rotor)))
+    apart = dataclasses.replace(train, topology=dataclasses.replace(train.topology, rotor=own))
+    same = {f"{name}.firing_angle": 0.0 for name in ("cylinder A1", "cylinder A2")}
+    assert len(plausibility(train.replace(same))) == 1 and plausibility(apart.replace(same)) == []
+
+
+def test_a_pump_that_drives_is_noted(scene):
+    said = "it drives with a mean of 20 N m, usual below 0 beside cylinders: what takes power has a negative mean"
+    assert scene(("mean = -20.0", "mean = 20.0")) == [f"[[torque]] 'pump plungers': {said}"]
+
+
+@pytest.mark.parametrize(
+    "values, said",
+    [
+        ({"backlash": 0.1}, "backlash is 0.1 m, usual 2e-5 to 0.001 m: is it in m, not in mm?"),
+        (
+            {"stiffness": 120.0},
+            f"stiffness is 120 N/m, {STEEL}",
+        ),
+        (
+            {"stiffness": 1.2e11},
+            f"stiffness is 1.2e11 N/m, {STEEL}",
+        ),
+        (
+            {"damping": 0.8},
+            "damping is 0.8 N s/m: the damping ratio of the two gears alone is 5.701e-5, usual 0.005 to 0.3",
+        ),
+        (
+            {"damping": 1e4},
+            "damping is 1e4 N s/m: the damping ratio of the two gears alone is 0.7126, usual 0.005 to 0.3",
+        ),
+    ],
+)
+def test_meshes_out_of_reach_are_noted(values, said):
+    mesh = "crank gear|idler"
+    train = load_scene(ENGINE).replace({f"{mesh}.{field}": value for field, value in values.items()})
+    assert plausibility(train) == [f"[[mesh]] '{mesh}': {said}"]
+
+
+def test_pressures_of_a_combustion_in_bar_are_noted():
+    train = load_scene("first_scene")
+    for field, value, usual in (("charge_pressure", 1.0, "2e4 to 1e6"), ("imep", 8.0, "2e4 to 6e6")):
+        (note,) = plausibility(train.replace({f"cylinder 1.combustion.{field}": value}))
+        assert f"combustion.{field} is {value:g} Pa, usual {usual} Pa: is it in Pa, not in bar?" in note
+
+
+def test_the_tooth_damping_ratio_is_that_of_two_free_gears():
+    """Two free gears on their teeth: the damped modes of the train have no other ratio."""
+    pair = jaxhb.load_scene("spur_pair")
+    damped = jaxhb.damped_modes(pair).damping_ratio
+    np.testing.assert_allclose(jaxhb.tooth_damping_ratios(pair), damped[-1], rtol=1e-9)
+    assert np.isnan(jaxhb.tooth_damping_ratios(pair.replace({"gear a.inertia": 0.0}))).all()
+    assert jaxhb.tooth_damping_ratios(jaxhb.load_scene("six_cylinder_diesel")).shape == (0,)
+
+
+def test_the_inline_four_is_what_it_says_of_itself():
+    train = load_scene(ENGINE)
+    bore, stroke = train.cylinders.bore, train.cylinders.stroke
+    assert (np.pi / 4 * bore**2 * stroke).sum() == pytest.approx(1.995e-3, rel=1e-3)
+    assert train.cylinders.firing_angle.tolist() == [0.0, 540.0, 180.0, 360.0]  # 1, 3, 4, 2
+    assert train.cylinders.pressure.max() == 1.6e7 and train.cylinders.pressure[0].argmax() == 110
+    np.testing.assert_allclose(jaxhb.tooth_damping_ratios(train), 0.06, atol=0.005)
+    assert Path(_folder() / TABLE).stat().st_size < 10_000

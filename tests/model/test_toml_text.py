@@ -1,0 +1,176 @@
+"""A scene that is written back is the user's: comments, order and digits stay, only what changed is changed."""
+
+import difflib
+import tomllib
+
+import pytest
+
+from jaxhb.model.engine import cylinder_rows
+from jaxhb.model.scene import load_scene, scene_names
+from jaxhb.model.scene_writer import _find, changed_scene, scene_text
+from jaxhb.model.toml_text import TomlText
+
+MIXED = '''# Pump drive of the test bench, measured on the 3rd.
+
+[scene]
+  reference = "crank"   # rpm are those of the crank
+
+# --- crank ---
+[[disk]]
+name = "crank"
+inertia = 1.20e-1       # kg m2, from the drawing
+radius = 0.1
+
+[[shaft]]  # splined
+between = ["crank", "flywheel"]
+stiffness = 2_000_000
+over_hz = [
+[0, 1.0, 1.0],
+[100, 1.5, 0.7]
+]
+
+# --- flywheel ---
+[[disk]]
+inertia = 1             # to be weighed
+name = "flywheel"
+
+[[disk]]
+name = "pump"
+inertia = 0.05
+radius = 0.2
+
+[[mesh]]
+between = ["crank", "pump"]
+stiffness = 1.5E8
+law = "fridman2009"     # (18)
+backlash = 0.10e-3
+[[load]]
+disk = "pump"
+# the two cylinders
+[engine]
+cylinders = 2
+disks = ["crank", "flywheel"]
+firing_order = [1, 2]
+bore = 0.1
+stroke = 0.12
+rod = 0.2
+[engine.combustion]     # full load
+compression_ratio = 16.0
+charge_pressure = 2e5
+start = -5.0
+duration = 60.0
+heat = 900.0
+# what may change
+[tune]
+rpm = "800:2000:5"'''
+
+
+@pytest.fixture
+def mixed(tmp_path):
+    path = tmp_path / "mixed.toml"
+    path.write_text(MIXED, encoding="utf-8")
+    return path
+
+
+def changes(before, after):
+    """Lines that went and lines that came."""
+    lines = [line for line in difflib.ndiff(before.splitlines(), after.splitlines()) if line[0] in "+-"]
+    return [line[2:] for line in lines if line[0] == "-"], [line[2:] for line in lines if line[0] == "+"]
+
+
+def test_only_the_lines_of_changed_values_change(mixed):
+    values = {
+        ("disk", 0, "inertia"): 0.131,
+        ("disk", 1, "inertia"): 1.25,
+        ("disk", 2, "inertia"): 0.05,
+        ("shaft", 0, "damping"): 30.5,
+        ("mesh", 0, "backlash"): 1.2345678901234567e-4,
+    }
+    text, _ = changed_scene(mixed, values, remark="mixed, tuned.")
+    gone, new = changes(MIXED, text)
+    assert gone == [
+        "inertia = 1.20e-1       # kg m2, from the drawing",
+        "inertia = 1             # to be weighed",
+        "backlash = 0.10e-3",
+    ]
+    assert new == [
+        "# mixed, tuned.",
+        "",
+        "inertia = 1.31e-1       # kg m2, from the drawing",
+        "damping = 30.5",
+        "inertia = 1.25             # to be weighed",
+        "backlash = 0.12345678901234567e-3",
+    ]
+    lines = text.splitlines()
+    assert lines[lines.index("damping = 30.5") - 1] == "]" and lines[lines.index("damping = 30.5") + 1] == ""
+    read = tomllib.loads(text)
+    assert all(read[table][row][field] == value for (table, row, field), value in values.items())
+
+
+def test_a_scene_is_written_as_it_is_but_for_its_name(mixed):
+    text, _ = scene_text(mixed)
+    assert changes(MIXED, text) == ([], ['name = "mixed"'])
+    renamed, _ = scene_text("spur_pair", called="my pair")
+    assert changes(_find("spur_pair").read_text(), renamed) == (['name = "spur_pair"'], ['name = "my pair"'])
+
+
+@pytest.mark.parametrize("name", scene_names())
+def test_a_packaged_scene_is_written_byte_for_byte(name):
+    assert scene_text(name)[0] == _find(name).read_text(encoding="utf-8")
+    assert changed_scene(name, {})[0] == _find(name).read_text(encoding="utf-8")
+
+
+def test_an_expanded_engine_stands_where_the_engine_was(mixed):
+    text, _ = scene_text(mixed, expand=True)
+    gone, new = changes(MIXED, text)
+    engine = MIXED[MIXED.index("[engine]") : MIXED.index("# what may change")]
+    assert [line for line in gone if line] == [line for line in engine.splitlines() if line not in text.splitlines()]
+    read, rows = tomllib.loads(text), cylinder_rows(tomllib.loads(MIXED)["engine"])
+    assert read["cylinder"] == rows and "engine" not in read
+    assert text.index("# the two cylinders\n[[cylinder]]") < text.index("# what may change\n[tune]")
+
+
+def test_a_value_of_the_combustion_of_a_cylinder_is_found_behind_its_head(mixed):
+    text, _ = changed_scene(mixed, {("cylinder", 1, "combustion.start"): -3.5})
+    first, second = tomllib.loads(text)["cylinder"]
+    assert (first["combustion"]["start"], second["combustion"]["start"]) == (-5.0, -3.5)
+    train = load_scene(mixed).replace({"cylinder 2.combustion.start": -3.5})
+    mixed.write_text(text, encoding="utf-8")
+    assert load_scene(mixed).value("cylinder 2.combustion.start") == train.value("cylinder 2.combustion.start")
+
+
+def test_cylinders_of_an_engine_come_behind_those_of_the_scene():
+    text = TomlText('[engine]\nx = 1\n# a\n[[cylinder]]\nname = "own"\n# b\n[tune]\n')
+    text.append("cylinder", [{"name": "made"}])
+    text.replace("engine", "cylinder", [])
+    assert str(text) == '# a\n[[cylinder]]\nname = "own"\n\n[[cylinder]]\nname = "made"\n# b\n[tune]\n'
+
+
+def test_a_law_by_name_gives_way_to_its_numbers(mixed):
+    text, _ = changed_scene(mixed, {("mesh", 0, "epsilon"): 0.01})
+    assert changes(MIXED, text) == (['law = "fridman2009"     # (18)'], ["epsilon = 0.01", "transition = 0.2"])
+
+
+def test_heads_inside_values_are_none():
+    text = TomlText('a = """\n[[disk]]\n"""\nb = [\n[1],\n[2]\n]\n[[disk]]\nc = 1\n')
+    text.set("disk", 0, "c", 2)
+    assert str(text) == 'a = """\n[[disk]]\n"""\nb = [\n[1],\n[2]\n]\n[[disk]]\nc = 2\n'
+
+
+@pytest.mark.parametrize(
+    "written, value, wanted",
+    [
+        ("0.10e-3", 1.5e-4, "0.15e-3"),
+        ("2.1E4", 20999.999999999996, "2.0999999999999996e4"),
+        ("1e-3", 5.0, "5.0"),  # far away: no 5000e-3
+        ("3.50", 3.5, "3.50"),  # the same number
+        ("200", 214.5, "214.5"),
+        ("1e3", 0.0, "0.0"),
+        ("7", 8, "8"),
+    ],
+)
+def test_a_number_is_written_like_the_one_it_replaces(written, value, wanted):
+    text = TomlText(f"[[disk]]\nx = {written} # why\n")
+    text.set("disk", 0, "x", value)
+    assert str(text) == f"[[disk]]\nx = {wanted} # why\n"
+    assert tomllib.loads(str(text))["disk"][0]["x"] == value
