@@ -35,6 +35,9 @@ class Table(str):
         made.title, made.heads, made.columns, made.groups, made.left = title, heads, columns, groups, left
         return made
 
+    def __getnewargs__(self):
+        return self.title, self.heads, self.columns, self.groups, self.left
+
 
 def aligned(heads, columns, groups=(), left=()):
     """Columns of strings under their heads; the first flush left, as those numbered in ``left``, the others right."""

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from .. import __version__
 from ..design.table import read_table
-from ..model.scene import _find, load_scene
+from ..model.scene import _find, load_scene, scene_description
 from ..model.scene_writer import scene_text
 from .cases import Case, solve_cases
 from .output import OutputError, changes
@@ -81,7 +81,15 @@ def report_of(arguments, cases: list[Case], place, second, tuning):
     facts["versions"] = f"jaxhb {__version__}, Python {platform.python_version()}, {packages}, {platform.platform()}"
     text, _ = scene_text(arguments.scene)
     chosen = {"place": place, "asked": arguments.at is not None, "gear": arguments.gear}
-    return Report(cases, **chosen, second=second, tuning=tuning, facts=facts, scene=text)
+    return Report(
+        cases,
+        **chosen,
+        second=second,
+        tuning=tuning,
+        facts=facts,
+        description=scene_description(arguments.scene),
+        scene=text,
+    )
 
 
 def _file(name):

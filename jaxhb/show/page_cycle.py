@@ -21,7 +21,8 @@ def cycle_part(report):
         + ("as asked for." if report.asked else "where teeth are apart longest, or else the load is largest.")
     )
     for case, answer in chosen:
-        blocks.append(f"With {case.title}: {verdict(answer)} {'; '.join(status_lines(answer))}.")
+        lines = [f"{said[0].upper()}{said[1:]}." for said in status_lines(answer)]
+        blocks.append("\n".join([f"With {case.title}: {verdict(answer)}", *lines]))
         figure = _cycle(case, answer, report.gear)
         blocks += [figure] if figure else []
     return blocks + speed_tables(cases, report.place)
@@ -62,7 +63,7 @@ def _period(answer, caption, after, before, meshes):
     zero = " (0: firing top dead centre of a cylinder with firing angle 0)" if answer.topology.cylinder_names else ""
     end = answer.cycle_deg * periods_of(answer)
     title = f"angle of the reference rotor, deg{zero}"
-    made = layout(title, panels, traces, x_range=(0.0, end), shapes=bands(edges))
+    made = layout(title, panels, traces, x_range=(0.0, end), heights=[190] * len(panels), shapes=bands(edges))
     if answer.cycle_deg % 90 == 0 and periods_of(answer) == 1:
         made["xaxis"] |= {"dtick": 90}
     shaded = "; grey: teeth of a mesh drawn are apart" if edges else ""

@@ -8,12 +8,13 @@ from ..model.change import declared_field
 from ..model.elements import TABLES
 from .balance import plain_number
 from .certified import certificate_parts
-from .choose import largest, shafts_of
+from .choose import largest
 from .columns import NONE, Table
 from .limit_plots import PANELS, judged_elements, share_of
 from .misfire_cases import worst_misfire
 from .page_figures import Figure, answered, bands, layout, line, speed_range, top_of
 from .page_motion import angles, forces, gear_torques, main_quantity, maxima, over_speed, shaft_torques
+from .page_parts import flowing
 from .plots import plain
 from .strength import AID, answers_strength, strength_text
 from .sweep_tables import motion_sentences
@@ -32,7 +33,8 @@ def result_part(report):
     if len(report.cases) > 2 and (worst := worst_misfire(report.cases)):
         blocks.append(f"Of all {len(report.cases) - 1} misfires that of {worst['cylinder']} is the worst.")
     if report.second is not None:
-        blocks.append(f"With the {report.second.title}: {_largest(quantity, report.second)}")
+        said = " ".join(motion_sentences(report.second.answers))
+        blocks.append(f"With the {report.second.title}: {said} {_largest(quantity, report.second)}")
     return [*blocks, *_shares(report), *_doubts(report)]
 
 
@@ -77,7 +79,8 @@ def limits_part(report):
         return ["The scene gives no limits: no diameter of a shaft, no rated_torque of a mesh, no power_limit."]
     blocks = []
     for title, found in judged.items():
-        blocks += [f"With {title}", *(part for part in strength_text({"": found}) if part not in blocks)]
+        told = [part if hasattr(part, "heads") else flowing(part) for part in strength_text({"": found})]
+        blocks += [f"With {title}", *(part for part in told if part not in blocks)]
     chosen = judged_elements(first, each=True)[: 2 * MOST] if len(report.rpm) > 1 else []
     return blocks + [_limit(judged, kind, name, report.shown) for kind, name in chosen]
 
@@ -111,14 +114,15 @@ def second_part(report):
         return []
     cases = [dataclasses.replace(first, title="first design"), second]
     other = second.answers[0].train
-    blocks = [*report.tuning, *_differences(report.train, other)]
-    for quantity in (forces, gear_torques, shaft_torques, angles):
+    blocks = list(report.tuning or _differences(report.train, other))
+    told = (forces, gear_torques, shaft_torques) if report.train.topology.link_names else (angles,)
+    for quantity in told:
         mine, its = quantity(report.train), quantity(other)
         both = tuple(name for name in mine.names if name in its.names)
-        if not both or (quantity is angles and shafts_of(report.train.topology)):
+        if not both:
             continue
         mine = dataclasses.replace(mine, names=both)
-        blocks.append(maxima(mine, cases))
+        blocks.append(maxima(mine, cases, contact=quantity is forces))
         drawn = mine.hardest(cases)[:MOST] if len(report.rpm) > 1 else []
         blocks += [over_speed(mine, name, cases) for name in drawn]
     return blocks
@@ -163,7 +167,7 @@ def bounds_part(report):
         return [*blocks, "No error bound was asked for: --certify adds one at the speed that is shown in full."]
     for title, answer in certified:
         first, *tables = certificate_parts(answer, answer.certificate)
-        blocks += [f"{answer.rpm:g} rpm, {title}. {first}", *tables]
+        blocks += [f"{answer.rpm:g} rpm, {title}. {flowing(first)}", *tables]
     return blocks
 
 

@@ -8,10 +8,10 @@ import numpy as np
 from .plots import GAP, WITH, WITHOUT
 from .sweep_plots import MARKS
 
-WIDTH, PANEL, EDGES = 680, 210, 70
+WIDTH, PANEL, EDGES = 680, 155, 70
 """Pixels: what an A4 page has between its margins, the height of a panel, and what axes take beside it."""
 
-LEGEND_ROW, LETTER, KEY = 19, 6.2, 52
+LEGEND_ROW, LETTER, KEY = 19, 4.9, 46
 """Pixels of a row of the legend, of a letter in it, and of the line before its name."""
 
 HEADROOM = 1.08
@@ -86,6 +86,7 @@ def layout(x_title, panels, traces, *, x_range=None, heights=None, shapes=(), an
     above, gap = 12 + LEGEND_ROW * rows, 26
     inside = sum(heights) + gap * (len(panels) - 1)
     axis = {"showline": True, "mirror": True, "linecolor": "black", "ticks": "outside", "gridcolor": "#e4e4e4"}
+    axis["exponentformat"] = "none"
     made = {
         "width": WIDTH,
         "height": round(inside + above + EDGES - 15),
@@ -95,7 +96,7 @@ def layout(x_title, panels, traces, *, x_range=None, heights=None, shapes=(), an
         "plot_bgcolor": "white",
         "hovermode": "closest",
         "showlegend": rows > 0,
-        "legend": {"orientation": "h", "x": 0, "y": 1 + 6 / inside, "yanchor": "bottom", "traceorder": "normal"},
+        "legend": {"orientation": "h", "x": 0, "y": 1 + 6 / inside, "yanchor": "bottom", "font": {"size": 10}},
         "xaxis": axis | {"title": {"text": x_title}, "zeroline": False, "anchor": _last("y", len(panels))},
         "shapes": list(shapes),
         "annotations": list(annotations),
@@ -146,6 +147,11 @@ def kind_of(answer):
     return answer.state.kind if answer.topology.mesh_names else "periodic"
 
 
+def kind_word(kind):
+    """A kind of motion in a few words."""
+    return MARKS[kind][1].split(" (")[0]
+
+
 def answered(answers, read):
     """A number of every answer, nan where there is none to rely on."""
     return np.array([float(read(answer)) if answer.answered else np.nan for answer in answers])
@@ -154,7 +160,7 @@ def answered(answers, read):
 def motion_line(answers, values, name, style=0, *, panel=0, hollow=False):
     """A line over the speed with the symbol of the kind of motion at every speed; a gap where there is no answer."""
     symbols = [SYMBOLS.get(kind_of(answer), "circle") + "-open" * hollow for answer in answers]
-    said = [MARKS[kind_of(answer) or "unknown"][1].split(" (")[0] for answer in answers]
+    said = [kind_word(kind_of(answer) or "unknown") for answer in answers]
     more = {"mode": "lines+markers", "text": said, "hovertemplate": "%{x} rpm: %{y}, %{text}"}
     more["marker"] = {"symbol": symbols, "size": 6 if len(answers) <= 80 else 4}
     return line([answer.rpm for answer in answers], values, name, style, panel=panel, **more)
@@ -163,7 +169,7 @@ def motion_line(answers, values, name, style=0, *, panel=0, hollow=False):
 def kind_keys(*lists):
     """Entries of the legend for the kinds of motion that occur, and crosses at the bottom where there is no answer."""
     met = {kind_of(answer) for answers in lists for answer in answers}
-    keys = [marks([np.nan], [np.nan], MARKS[kind][1], symbol) for kind, symbol in SYMBOLS.items() if kind in met]
+    keys = [marks([np.nan], [np.nan], kind_word(kind), symbol) for kind, symbol in SYMBOLS.items() if kind in met]
     speeds = sorted({answer.rpm for answers in lists for answer in answers if not answer.answered})
     if speeds:
         style = {"marker": {"symbol": "x-thin-open", "size": 9, "color": "black", "line": {"width": 2}}}

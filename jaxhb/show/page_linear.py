@@ -1,5 +1,7 @@
 """Parts of the page of the linear train: natural frequencies and shapes, the Campbell diagram, forced orders."""
 
+import dataclasses
+
 import numpy as np
 
 from ..linear.critical import ELASTIC, excited_orders, mode_kinds
@@ -14,13 +16,16 @@ from .forced_plots import hardest_elements
 from .linear_commands import DAMPED
 from .linear_plots import COUNTS, top_frequency
 from .mode_plots import MOST, Ways
-from .page_figures import STYLES, Figure, layout, line, marks, top_of
+from .page_figures import Figure, layout, line, marks, top_of
 from .plots import WITH, WITHOUT, plain
 from .tables import modes_text
 
 CAMPBELL_MODES = 6
 ONE_SPEED = 0.5
 """Range of a Campbell diagram around one speed, below and above as a share of it."""
+
+NEGLIGIBLE = 0.01
+"""Modal torque over the largest below which a critical speed is not in the table."""
 
 SPEEDS = 201
 """Speeds of the linear forced response at least: it costs little and has sharp peaks."""
@@ -54,22 +59,21 @@ def _shapes(train, modes, chosen, ratios):
         panels.append(("", (-1.15, 1.15)))
         damping = "" if np.isnan(ratios[k]) else f", damping ratio {ratios[k]:.3g}"
         text = f"mode {k}: {modes.frequencies_hz[k]:.4g} Hz{damping}"
-        notes.append(_corner(text, panel))
+        notes.append(_above(text, panel))
     places, said = ways.names(modes.names)
     made = layout("", panels, traces, heights=[95] * len(panels), annotations=notes, x_range=(-0.5, ways.last + 0.5))
     longest = max(map(len, said))
     made["xaxis"] |= {"tickvals": places, "ticktext": said, "tickangle": -90, "tickfont": {"size": 9}}
-    made["margin"] |= {"b": 16 + round(5.4 * longest)}
-    made["height"] += round(5.4 * longest) - 30
+    made["margin"] |= {"t": 22, "b": 16 + round(5.4 * longest)}
+    made["height"] += round(5.4 * longest) - 20
     caption = "Mode shapes, angles referred to the reference rotor, the largest is 1; crosses: nodes. "
     branches = "Dashed: branches, each begins at the disk named in brackets." * (len(ways.ways) > 1)
     return Figure(caption + branches, traces, made)
 
 
-def _corner(text, panel):
-    place = {"xref": "paper", "x": 0.01, "yref": f"y{panel + 1 if panel else ''} domain", "y": 0.97}
-    style = {"showarrow": False, "xanchor": "left", "yanchor": "top", "font": {"size": 10}}
-    return place | style | {"text": text, "bgcolor": "rgba(255,255,255,0.8)"}
+def _above(text, panel):
+    place = {"xref": "paper", "x": 0.0, "yref": f"y{panel + 1 if panel else ''} domain", "y": 1.0}
+    return place | {"text": text, "showarrow": False, "xanchor": "left", "yanchor": "bottom", "font": {"size": 10}}
 
 
 def campbell_part(report):
@@ -80,7 +84,11 @@ def campbell_part(report):
     speeds = np.linspace(low, high, 33)
     orders = excited_orders(report.train, rpm=speeds)
     found = campbell_of(report.train, rpm=speeds, orders=orders, count=CAMPBELL_MODES)
-    return [_campbell(found), *campbell_parts(found, CAMPBELL_MODES)]
+    least = NEGLIGIBLE * max((c.torque for c in found.critical), default=0.0)
+    main = dataclasses.replace(found, critical=tuple(c for c in found.critical if c.torque >= least))
+    left = len(found.critical) - len(main.critical)
+    said = f"{left} critical speeds have a modal torque below {100 * NEGLIGIBLE:g} % of the largest: left out here."
+    return [_campbell(found), *campbell_parts(main, CAMPBELL_MODES), *[said] * bool(left)]
 
 
 def _campbell(found):
@@ -149,19 +157,20 @@ def _orders(response, element, misfires):
     _, _, _, unit, factor = KINDS[element.kind]
     signal, rpm = element.signal, response.rpm
     swing = factor * signal.half_peak_to_peak
-    traces = [line(rpm, swing, "half peak-to-peak"), line(rpm, factor * signal.sum_of_amplitudes, "sum", 3)]
+    traces = [
+        line(rpm, swing, "half peak-to-peak"),
+        line(rpm, factor * signal.sum_of_amplitudes, "sum of amplitudes", 3),
+    ]
     traces[0]["line"] |= {"width": 2.4}
     for title, other in misfires.items():
         own = factor * signal_of(other, element.name, element.kind).half_peak_to_peak
         traces.append(line(rpm, own, f"half peak-to-peak, {plain(title)}", 1))
     for number, k in enumerate(element.main()):
-        traces.append(line(rpm, factor * signal.amplitudes[:, k], f"order {signal.orders[k]:g}", 2 + number))
         symbol = ("circle", "square", "diamond", "triangle-up", "cross", "star")[number % 6]
-        every = max(1, len(rpm) // 12)
-        traces[-1] |= {"mode": "lines", "line": traces[-1]["line"] | {"width": 1.0}}
-        own = marks(rpm[::every], (factor * signal.amplitudes[:, k])[::every], "", symbol, size=5, showlegend=False)
-        own["marker"]["color"] = STYLES[(2 + number) % len(STYLES)]["color"]
-        traces.append(own)
+        marker = {"symbol": symbol, "size": 6, "maxdisplayed": 12}
+        more = {"mode": "lines+markers", "marker": marker}
+        traces.append(line(rpm, factor * signal.amplitudes[:, k], f"order {signal.orders[k]:g}", 2 + number, **more))
+        traces[-1]["line"] |= {"width": 1.0}
     panels = [(unit, top_of(*(trace["y"] for trace in traces)))]
-    made = layout("speed, rpm", panels, traces, x_range=(float(rpm[0]), float(rpm[-1])), heights=[260])
+    made = layout("speed, rpm", panels, traces, x_range=(float(rpm[0]), float(rpm[-1])), heights=[220])
     return Figure(f"{plain(element.name)}: linear forced response over the speed, {unit}", traces, made)

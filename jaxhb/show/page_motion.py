@@ -13,6 +13,7 @@ from .page_figures import (
     answered,
     kind_keys,
     kind_of,
+    kind_word,
     layout,
     line,
     marks,
@@ -22,7 +23,6 @@ from .page_figures import (
 )
 from .plots import plain
 from .strength import power_of
-from .sweep_plots import MARKS
 from .sweep_tables import speed_table
 
 MOST = 6
@@ -107,7 +107,7 @@ def _kinds(cases):
         for kind in (*SYMBOLS, None):
             speeds = [answer.rpm for answer in case.answers if kind_of(answer) == kind]
             if speeds:
-                said = MARKS[kind][1] if kind else NO_ANSWER
+                said = kind_word(kind) if kind else NO_ANSWER
                 traces.append(marks(speeds, np.full(len(speeds), -row), said, SYMBOLS.get(kind, "x-thin-open")))
                 traces[-1] |= {"showlegend": all(said != trace["name"] for trace in traces[:-1])}
                 traces[-1] |= {"hovertemplate": "%{x} rpm: " + said + "<extra></extra>"}
@@ -182,8 +182,7 @@ def gears_part(report):
 
 def shafts_part(report):
     """Torques of shafts and dampers; of a train without links the angles of its disks."""
-    quantity = shaft_torques(report.train)
-    return _swings(report, quantity if quantity.names else angles(report.train))
+    return _swings(report, (shaft_torques if report.train.topology.link_names else angles)(report.train))
 
 
 def _swings(report, quantity):
@@ -250,9 +249,10 @@ def over_speed(quantity, name, cases, caption=None):
         known += [values, before] if backlash else [values]
         said = plain(case.title)
         traces.append(motion_line(case.answers, values, said, 2 * number, hollow=number > 0))
-        traces += _cycles(quantity, name, case) if quantity.what == "mesh" and name else []
         if backlash:
             traces.append(line(rpm, before, f"{said}, without backlash", 2 * number + 1))
+    if quantity.what == "mesh" and name:
+        traces += _cycles(quantity, name, cases)
     traces += kind_keys(*(case.answers for case in cases))
     limits = top_of(*known)
     made = layout("speed, rpm", [(quantity.unit, limits)], traces, x_range=speed_range(rpm))
@@ -263,15 +263,15 @@ def _small(title):
     return f"{title[0].lower()}{title[1:]}"
 
 
-def _cycles(quantity, name, case):
+def _cycles(quantity, name, cases):
     """Bars from 5 to 95 % of the largest forces of a cycle, of motions that never repeat."""
     x, y = [], []
-    for answer in case.answers:
+    for answer in (answer for case in cases for answer in case.answers):
         if answer.answered and answer.state.kind == "irregular":
             low, _, high = quantity.factor * np.asarray(answer.force(name).per_cycle.max)
             x += [answer.rpm, answer.rpm, np.nan]
             y += [low, high, np.nan]
-    style = {"showlegend": False, "opacity": 0.45, "hoverinfo": "skip"}
+    style = {"opacity": 0.45, "hoverinfo": "skip"}
     bars = line(x, y, "5 to 95 % of the cycles", **style) | {"line": {"color": "#555555", "width": 5}}
     return [bars] if x else []
 
@@ -315,5 +315,5 @@ def _power(name, cases, columns):
     ]
     traces += kind_keys(*(case.answers for case in cases))
     rpm, limits = [answer.rpm for answer in cases[0].answers], top_of(*columns)
-    made = layout("speed, rpm", [("heat, W", limits)], traces, x_range=speed_range(rpm), heights=[170])
+    made = layout("speed, rpm", [("heat, W", limits)], traces, x_range=speed_range(rpm), heights=[130])
     return Figure(f"{plain(name)}: power turned into heat, W", traces, made)

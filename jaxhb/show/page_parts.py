@@ -45,8 +45,8 @@ class Report:
         Words and tables that tell how the second design was found.
     facts : dict
         Where the page comes from, by what it is: the scene, its changes, the command, versions.
-    scene : str
-        The scene as it was read; empty where there is no file.
+    description, scene : str
+        What the scene says that it is, and its text as it was read.
     """
 
     cases: list[Case]
@@ -56,6 +56,7 @@ class Report:
     second: Case | None = None
     tuning: tuple = ()
     facts: dict | None = None
+    description: str = ""
     scene: str = ""
 
     @property
@@ -81,6 +82,21 @@ class Report:
         worst = worst_misfire(self.cases)
         title = worst["cylinder"] + NOT_FIRING if worst else self.cases[1].title
         return [self.cases[0], next(case for case in self.cases if case.title == title)]
+
+
+def flowing(text):
+    """A text whose lines the page breaks where it likes; lines that are indented stay lines of their own.
+
+    Examples
+    --------
+    >>> flowing("one\\ntwo\\n  three\\nfour")
+    'one two\\n  three\\nfour'
+    """
+    found = ""
+    for before, one in zip(["  ", *text.split("\n")], text.split("\n"), strict=False):
+        alone = one.startswith("  ") or before.startswith("  ")
+        found += ("\n" if alone else " ") * bool(found) + one
+    return found
 
 
 def parts_of(report, builders):
