@@ -3,7 +3,7 @@
 import numpy as np
 
 from .cases import speed_tables
-from .choose import default_gear, hardest_shaft, meshes_of
+from .choose import default_gear, gears, hardest_shaft, meshes_of, most_apart
 from .page_figures import Figure, bands, layout, line, marks, top_of
 from .plots import angles_of, closed, count_of, in_the_gap, periods_of, plain
 from .words import status_lines, verdict
@@ -16,30 +16,26 @@ def cycle_part(report):
     """One speed in full: verdicts, the cycle, tables of forces and torques, normal and misfiring."""
     cases, blocks = report.shown, []
     chosen = [(case, case.answers[report.place]) for case in cases]
-    blocks.append(
-        f"Shown is {chosen[0][1].rpm:g} rpm, "
-        + ("as asked for." if report.asked else "where teeth are apart longest, or else the load is largest.")
-    )
+    first = chosen[0][1]
+    why = "where teeth are apart longest" if most_apart(first) else "where forces or torques are largest"
+    blocks.append(f"Shown is {first.rpm:g} rpm, {'as asked for' if report.asked else why}.")
+    gear = report.gear or default_gear(first)
+    subject = gear or (hardest_shaft([first]) if first.topology.link_names else None)
     for case, answer in chosen:
         lines = [f"{said[0].upper()}{said[1:]}." for said in status_lines(answer)]
         blocks.append("\n".join([f"With {case.title}: {verdict(answer)}", *lines]))
-        figure = _cycle(case, answer, report.gear)
-        blocks += [figure] if figure else []
+        blocks += [_cycle(case, answer, subject)] if subject and answer.answered else []
     return blocks + speed_tables(cases, report.place)
 
 
-def _cycle(case, answer, gear):
-    """Torque of a gear and forces of its meshes over the period, of a train without gears the torque of a shaft."""
-    if not answer.answered or not answer.topology.link_names:
-        return None
-    gear = gear or default_gear(answer)
-    if gear is None:
-        shaft, meshes = hardest_shaft([answer]), ()
-        subject, after, before = f"torque of {plain(shaft)}", answer.torque(shaft), answer.linear.torque(shaft)
+def _cycle(case, answer, subject):
+    """Torque of a gear and forces of its meshes over the period, or the torque of a shaft."""
+    if subject in gears(answer.topology):
+        meshes = meshes_of(answer.topology, subject)
+        after, before = answer.gear_torque(subject), answer.linear.gear_torque(subject)
     else:
-        meshes = meshes_of(answer.topology, gear)
-        subject, after, before = f"torque of {gear}", answer.gear_torque(gear), answer.linear.gear_torque(gear)
-    caption = f"{answer.rpm:g} rpm, {plain(case.title)}: {subject}"
+        meshes, after, before = (), answer.torque(subject), answer.linear.torque(subject)
+    caption = f"{answer.rpm:g} rpm, {plain(case.title)}: torque of {plain(subject)}"
     if answer.response is None:
         return _record(answer, caption, after, before, meshes)
     return _period(answer, caption, after, before, meshes)

@@ -23,6 +23,9 @@ from .words import notes, warnings
 MOST = 4
 """Elements whose two designs are drawn."""
 
+ROUNDING = 1e-9
+"""Share of the power that is lost by rounding."""
+
 
 def result_part(report):
     """What an engineer reads first: do the teeth hammer, how hard, and what of it is in doubt."""
@@ -182,7 +185,8 @@ def _accuracy(answers):
     error = 100 * float(worst.response.truncation_error)
     lost = max(abs(float(answer.response.power_defect)) for answer in solved)
     at = f"{worst.rpm:g}" if error else NONE
-    return [count, f"{residual:.1e}", plain_number(error, 2), at, plain_number(100 * lost, 2)]
+    lost = plain_number(100 * lost, 2) if lost > ROUNDING else "0"
+    return [count, f"{residual:.1e}" if residual else "0", plain_number(error, 2), at, lost]
 
 
 def notes_part(report):

@@ -24,6 +24,9 @@ CAMPBELL_MODES = 6
 ONE_SPEED = 0.5
 """Range of a Campbell diagram around one speed, below and above as a share of it."""
 
+TOGETHER = 3
+"""Mode shapes in a figure: what does not fit on a sheet leaves it empty."""
+
 NEGLIGIBLE = 0.01
 """Modal torque over the largest below which a critical speed is not in the table."""
 
@@ -40,7 +43,8 @@ def modes_part(report):
     ratios = damping_ratios(train, found) if few else np.full(len(kinds), np.nan)
     table = modes_text(found, report.name, kinds, ratios, "teeth in contact" if train.topology.mesh_names else "")
     elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC][:MOST]
-    return [table, *([_shapes(train, found, elastic, ratios)] if elastic else [])]
+    shapes = [elastic[i : i + TOGETHER] for i in range(0, len(elastic), TOGETHER)]
+    return [table, *(_shapes(train, found, some, ratios) for some in shapes)]
 
 
 def _shapes(train, modes, chosen, ratios):

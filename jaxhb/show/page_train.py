@@ -29,6 +29,7 @@ STEADY = (
     " another start another motion may be reached. Of motions that never repeat the numbers are extremes over the"
     " recorded cycles."
 )
+LINEAR = "No mesh has backlash: the train is linear, and every speed is answered by its one periodic motion."
 ORBIT = "Every speed is answered by a periodic solution, whether or not the train runs in it (--orbit)."
 
 
@@ -115,7 +116,8 @@ def assumptions_part(report):
     """What holds for every number of the page, and what made it."""
     train, answer = report.train, report.cases[0].answers[0]
     said = [*ASSUMPTIONS, *(TEETH if train.topology.mesh_names else ())]
-    said.append(ORBIT if answer.orbit else STEADY)
+    linear = not any(train.topology.mesh_backlash)
+    said.append(LINEAR if linear else ORBIT if answer.orbit else STEADY)
     turns = train.topology.revolutions_per_cycle
     said.append(
         f"The excitation repeats after {turns:g} revolution{'s' * (turns != 1)} of the reference rotor. Speeds are"

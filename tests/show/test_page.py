@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from jaxhb.response.status import Status
-from jaxhb.show import page
+from jaxhb.show import page, page_command
 from jaxhb.show.answer import Answer
 from jaxhb.show.cli import main
 from jaxhb.show.columns import Table
@@ -213,6 +213,31 @@ def test_the_page_escapes_names_and_forbids_the_browser_to_load_anything(made):
     assert not re.search(r"(src|href)\s*=\s*[\"']?(https?:)?//|@import|url\(", outside)
     numbers = re.findall(r'<script type="application/json">(.*?)</script>', text)
     assert [json.loads(one)["data"] for one in numbers] == [figure.traces for figure in figures(made[2])]
+
+
+WRONG = {
+    "another ending": (["--html", "page.txt"], "Give a name that ends in .html."),
+    "a second design without a page": (["--tuned", "spur_pair"], "Add --html FILE.html."),
+    "a second design that is not there": (["--html", "page.html", "--tuned", "no.toml"], "there is no such file"),
+    "nothing to tune": (["--html", "page.html", "--tune"], "the scene has no [tune] table"),
+    "two second designs": (["--html", "page.html", "--tune", "--tuned", "a.toml"], "not allowed with"),
+    "one file for two": (["--html", "page.html", "--json", "page.html"], "name the same file"),
+}
+
+
+@pytest.mark.parametrize(("options", "sentence"), WRONG.values(), ids=WRONG)
+def test_what_no_page_can_tell_is_refused_before_anything_is_computed(options, sentence, capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    assert main(["report", "spur_pair", "--rpm", "2000", *options]) == 2
+    said = capsys.readouterr()
+    assert sentence in said.err and said.out == ""
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_page_without_its_libraries_says_what_to_install(capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr(page_command, "NEEDED", ("jinja2", "plotly_of_another_planet"))
+    assert main(["report", "spur_pair", "--rpm", "2000", "--html", str(tmp_path / "page.html")]) == 2
+    assert 'needs plotly_of_another_planet. Install it: pip install "jaxhb[report]".' in capsys.readouterr().err
 
 
 def browse(file, *options):
