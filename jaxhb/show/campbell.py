@@ -3,7 +3,7 @@
 import dataclasses
 
 from .choose import NOT_FIRING
-from .columns import aligned, alike
+from .columns import Table, alike
 
 
 def campbell_text(found, count, name, misfires=(), *, teeth=""):
@@ -25,7 +25,13 @@ def campbell_text(found, count, name, misfires=(), *, teeth=""):
     low, high = found.rpm[0], found.rpm[-1]
     stiff = ", ".join(filter(None, ["undamped", teeth]))
     head = f"{name}: Campbell diagram from {low:g} to {high:g} rpm, {stiff}"
-    return "\n\n".join([head, _modes(found, count), _critical(found, misfires)])
+    return "\n\n".join([head, *campbell_parts(found, count, misfires)])
+
+
+def campbell_parts(found, count, misfires=()):
+    """The tables of :func:`campbell_text`, and a sentence where there is none."""
+    worst = [_worst_sentence(found, misfires)] if found.critical and misfires else []
+    return [_modes(found, count), _critical(found, misfires), *worst]
 
 
 def shown_modes(found, count):
@@ -45,7 +51,7 @@ def _modes(found, count):
         heads = ["mode", f"Hz at {found.rpm[0]:g} rpm", f"at {found.rpm[-1]:g} rpm"]
         columns = [[f"{value:.2f}" for value in hz[i]] for i in (0, -1)]
     title = "Natural frequencies; rigid modes and those of rings only have no critical speeds"
-    return title + "\n" + aligned([*heads, "kind"], [shown, *columns, kinds], left=(len(heads),))
+    return Table(title, [*heads, "kind"], [shown, *columns, kinds], left=(len(heads),))
 
 
 def _worst(misfires, place):
@@ -80,12 +86,12 @@ def _critical(found, misfires):
     ]
     heads = ["rpm", "order", "mode", "Hz", "modal torque N m"]
     if not misfires:
-        return title + "\n" + aligned(heads, columns)
+        return Table(title, heads, columns)
     worst = [_worst(misfires, place) for place in range(len(found.critical))]
     columns[-1:] = alike([c.torque for c in found.critical], [torque for _, torque in worst])
     columns.append([cylinder for cylinder, _ in worst])
     heads += ["worst misfire N m", "that of"]
-    return f"{title}\n{aligned(heads, columns, left=(6,))}\n\n{_worst_sentence(found, misfires)}"
+    return Table(title, heads, columns, left=(6,))
 
 
 def campbell_record(found, count, name, misfires=()):

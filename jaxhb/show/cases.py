@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 from .answer import Answer
 from .balance import balance_line
+from .certified import certificate_text
 from .choose import gears, shafts_of
-from .columns import aligned, alike, ratios, shares
+from .columns import Table, alike, ratios, shares
 from .compute import answer_one
 from .record import answer_record, finite
 from .strength import answers_strength, strength_record, strength_text
@@ -49,17 +50,24 @@ def cases_record(cases, *, orders=None):
 
 
 def cases_text(cases):
-    """Verdicts of all cases and speeds, then per speed the tooth forces and gear torques side by side."""
+    """Verdicts of all cases and speeds, then per speed tooth forces and torques side by side."""
     parts = [f"With {case.title}\n" + "\n".join(f"  {verdict(answer)}" for answer in case.answers) for case in cases]
-    for number, answer in enumerate(cases[0].answers):
-        parts.append(_heading(cases, number))
-        if answer.topology.mesh_names:
-            parts += [_force_table(cases, number), *_peak_tables(cases, number), _gear_table(cases, number)]
-        else:
-            parts.append(_shaft_table(cases, number))
+    for number in range(len(cases[0].answers)):
+        parts += [_heading(cases, number), *speed_tables(cases, number)]
+    parts += [certificate_text(a, a.certificate) for case in cases for a in case.answers if a.certificate is not None]
     parts += cases_strength(cases)
     parts += notes_text(*(answer for case in cases for answer in case.answers))
     return "\n\n".join(parts)
+
+
+def speed_tables(cases, number):
+    """Of one speed the tooth forces, and torques of gears, shafts and dampers; of a train without links its angles."""
+    topology, tables = cases[0].answers[number].topology, []
+    if topology.mesh_names:
+        tables += [_force_table(cases, number), *_peak_tables(cases, number), _gear_table(cases, number)]
+    if shafts_of(topology) or not tables:
+        tables.append(_shaft_table(cases, number))
+    return tables
 
 
 def cases_strength(cases):
@@ -95,7 +103,7 @@ def _force_table(cases, number):
         ]
     heads = ["mesh", *["with", "without", "apart %", "reverse %", "hit m/s"] * len(cases)]
     title = "Largest tooth force, kN, with and without backlash; share of the time apart and on the reverse flank"
-    return title + "\n" + aligned(heads, [names, *columns], _groups(cases, 5))
+    return Table(title, heads, [names, *columns], _groups(cases, 5))
 
 
 def _peak_tables(cases, number):
@@ -104,27 +112,27 @@ def _peak_tables(cases, number):
 
 def _gear_table(cases, number):
     names = gears(cases[0].answers[0].topology)
-    return "Gear torque, half peak-to-peak, N m\n" + _swing_table("gear", names, "gear_torque", cases, number)
+    return _swing_table("Gear torque, half peak-to-peak, N m", "gear", names, "gear_torque", cases, number)
 
 
 def _shaft_table(cases, number):
     topology = cases[0].answers[0].topology
     names = shafts_of(topology)
     if names:
-        title = "Torque of shafts and dampers, half peak-to-peak, N m\n"
-        return title + _swing_table("shaft", names, "torque", cases, number)
-    title = "Vibratory angle of disks, half peak-to-peak, mrad\n"
-    return title + _swing_table("disk", topology.disk_names, "disk", cases, number, 1e3)
+        title = "Torque of shafts and dampers, half peak-to-peak, N m"
+        return _swing_table(title, "shaft", names, "torque", cases, number)
+    title = "Vibratory angle of disks, half peak-to-peak, mrad"
+    return _swing_table(title, "disk", topology.disk_names, "disk", cases, number, 1e3)
 
 
-def _swing_table(what, names, read, cases, number, factor=1.0):
+def _swing_table(title, what, names, read, cases, number, factor=1.0):
     columns = []
     for case in cases:
         both = case.answers[number], case.answers[number].linear
         pair = [[factor * getattr(r, read)(name).half_peak_to_peak for name in names] for r in both]
         columns += [*alike(*pair), ratios(*pair)]
     heads = [what, *["with", "without", "ratio"] * len(cases)]
-    return aligned(heads, [names, *columns], _groups(cases, 3))
+    return Table(title, heads, [names, *columns], _groups(cases, 3))
 
 
 def _groups(cases, width):

@@ -5,7 +5,7 @@ import numpy as np
 from ..periodic.certificate import certify
 from ..response.status import NotConverged
 from .balance import plain_number
-from .columns import aligned, alike
+from .columns import Table, alike
 
 CHECK = "a check in double precision, no interval arithmetic"
 
@@ -26,6 +26,11 @@ def certificate_of(answer, say=lambda text: None):
 
 
 def certificate_text(answer, found):
+    """The parts of :func:`certificate_parts` as one text."""
+    return "\n".join(certificate_parts(answer, found))
+
+
+def certificate_parts(answer, found):
     """What is certain, as a paragraph and a table; what failed where nothing is.
 
     Parameters
@@ -35,19 +40,20 @@ def certificate_text(answer, found):
 
     Returns
     -------
-    str
+    list of str
+        The last is a :class:`Table` where a bound holds.
     """
     if isinstance(found, str):
-        return f"Error bound: none. {found}"
+        return [f"Error bound: none. {found}"]
     if not found.holds:
-        return f"Error bound: none shown: {found.reason}"
+        return [f"Error bound: none shown: {found.reason}"]
     if not found.meshes:
-        return "Error bound: no mesh has backlash: the equations are linear, solved to rounding."
+        return ["Error bound: no mesh has backlash: the equations are linear, solved to rounding."]
     forces = np.array([answer.force(name).peak for name in found.meshes]) / 1e3
     hardest = int(np.argmax(forces))
     bounds = found.force_bound / 1e3
     largest, within = f"{forces[hardest]:.4g} kN", f"{plain_number(_up(bounds[hardest]), 2)} kN"
-    title = (
+    said = (
         f"Error bound: the largest tooth force is {largest}, certainly within {within}: a true periodic motion of the\n"
         f"train exists within the bounds below ({CHECK}).\n"
         f"Whether it is stable: {_STABLE[found.stable]}."
@@ -58,7 +64,7 @@ def certificate_text(answer, found):
         [plain_number(_up(bound), 2) for bound in bounds],
         [plain_number(_up(1e6 * bound), 2) for bound in found.deflection_bound],
     ]
-    return title + "\n" + aligned(["mesh", "largest kN", "within kN", "deflection within um"], columns)
+    return [said, Table("", ["mesh", "largest kN", "within kN", "deflection within um"], columns)]
 
 
 def _up(bound):

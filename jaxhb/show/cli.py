@@ -79,7 +79,8 @@ above (down), or is reached both ways."""
 REPORT = """\
 Several speeds, with backlash and without, in normal running and with a misfiring cylinder, or with every cylinder in
 turn (--misfire each). The plot shows the torque on
-one gear over the cycle, with the time in the gap shaded."""
+one gear over the cycle, with the time in the gap shaded. --html writes a page that is printed and signed: the train and
+its data, natural frequencies, forced orders, what the train does at every speed, limits, accuracy, notes."""
 
 SCENE = """\
 Checks a scene and writes it as TOML. Files of other programs are read by their endings: .json in the TORS format of
@@ -156,6 +157,7 @@ def _run(argv):
     folder = None
     try:
         arguments = parser().parse_args(argv)
+        arguments.words = sys.argv[1:] if argv is None else argv
         folder = getattr(arguments, "folder", None)
         return arguments.command(arguments)
     except SystemExit as stop:
@@ -277,7 +279,16 @@ def parser():
     add_orbit(report)
     add_files(report, "the torque on one gear over the cycle, in normal running")
     add_gear(report)
-    report.add_argument("--at", type=speed, metavar="R", help="speed of the picture, rpm (default: longest apart)")
+    text = "speed of the picture, rpm, on the page that which is shown in full (default: longest apart)"
+    report.add_argument("--at", type=speed, metavar="R", help=text)
+    add_certify(report, ", at the speed of --at")
+    text = "write a page to print and sign: one file, no network (needs jaxhb[report])"
+    report.add_argument("--html", metavar="FILE.html", help=text)
+    second = report.add_mutually_exclusive_group()
+    text = "on the page, another design beside the first: a scene, as jaxhb tune writes it"
+    second.add_argument("--tuned", metavar="SCENE", help=text)
+    text = "on the page, the design tuned as the [tune] table of the scene asks beside the first; takes minutes"
+    second.add_argument("--tune", action="store_true", help=text)
     tune = add("tune", _runner("tune"), "find the dampers (or any numbers) that cure it, by gradient", TUNE)
     add_scene(tune, scenarios=False)  # the tuned scene would not hold the values of one
     text = "speeds of the reference rotor, rpm, instead of those of the [tune] table: A:B:COUNT or R1,R2,..."

@@ -7,6 +7,38 @@ import numpy as np
 NONE = "-"
 
 
+class Table(str):
+    """A table as text, with its cells at hand for other ways to show it.
+
+    Parameters
+    ----------
+    title : str
+        A line or more above it; empty: none.
+    heads, columns, groups, left : as for :func:`aligned`
+
+    Examples
+    --------
+    >>> table = Table("Disks", ["disk", "kg m2"], [["hub", "flywheel"], ["0.1", "2"]])
+    >>> print(table)
+    Disks
+      disk      kg m2
+      hub         0.1
+      flywheel      2
+    >>> table.columns[1]
+    ['0.1', '2']
+    """
+
+    def __new__(cls, title, heads, columns, groups=(), left=()):
+        columns = [[str(cell) for cell in column] for column in columns]
+        text = aligned(heads, columns, groups, left)
+        made = super().__new__(cls, f"{title}\n{text}" if title else text)
+        made.title, made.heads, made.columns, made.groups, made.left = title, heads, columns, groups, left
+        return made
+
+    def __getnewargs__(self):
+        return self.title, self.heads, self.columns, self.groups, self.left
+
+
 def aligned(heads, columns, groups=(), left=()):
     """Columns of strings under their heads; the first flush left, as those numbered in ``left``, the others right."""
     columns = [[head, *map(str, column)] for head, column in zip(heads, columns, strict=True)]

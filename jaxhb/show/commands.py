@@ -1,5 +1,6 @@
 """What each command of the command line does: compute, print for people, write for programs."""
 
+import dataclasses
 import sys
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from .balance import ground_reactions, load_torques
 from .cases import cases_record, cases_text, solve_cases
 from .choose import asks_each, case_title, gears, most_apart, shafts_of, without_cylinders
 from .compute import Asked, answer_one, answer_speeds
-from .misfire_cases import misfire_trains, misfires_text, worst_misfire
+from .misfire_cases import hardest, misfire_trains, misfires_text, worst_misfire
 from .output import (
     ANSWERED,
     NOT_ANSWERED,
@@ -27,6 +28,7 @@ from .output import (
     make_folders,
     write_files,
 )
+from .page_command import certified_at, check_page, report_of, second_case
 from .progress import Progress
 from .record import answer_record, finite
 from .strength import answers_strength, strength_columns, strength_record
@@ -86,15 +88,18 @@ def report(train, arguments):
     _check_picture(train, arguments)
     if arguments.at is not None and arguments.at not in arguments.rpm:
         raise OutputError(f"--at: {arguments.at:g} rpm is not one of the speeds of --rpm. Add it.")
+    other = check_page(train, arguments)
     each = asks_each(train, arguments)
     trains = misfire_trains(train) if each else {"": train}
     if arguments.misfire and not each:
         trains[", ".join(arguments.misfire)] = train.misfire(*arguments.misfire)
     trains = {case_title(train, cylinders): one for cylinders, one in trains.items()}
-    with Progress(len(trains) * len(arguments.rpm)) as progress:
-        tell = {"say": progress.say, "advance": progress.advance}
-        cases = solve_cases(trains, arguments.rpm, Asked.of(arguments), **tell)
-    chosen = _picture_of(cases[0], arguments.at)
+    asked = dataclasses.replace(Asked.of(arguments), certify=False)
+    with Progress((len(trains) + bool(other or arguments.tune)) * len(arguments.rpm)) as progress:
+        cases = solve_cases(trains, arguments.rpm, asked, say=progress.say, advance=progress.advance)
+        place = _place_of(cases[0], arguments.at)
+        cases = certified_at(cases, place, progress.say) if arguments.certify else cases
+        second, tuning = second_case(train, other, arguments, asked, progress)
     worst = {"worst_misfire": finite(worst_misfire(cases))} if each else {}
     deliver(
         arguments,
@@ -102,9 +107,16 @@ def report(train, arguments):
         json=lambda: as_json(
             changes(arguments) | _on_scene(train) | cases_record(cases, orders=arguments.orders) | worst
         ),
-        plot=lambda: _cycle_picture(arguments, chosen),
+        plot=lambda: _cycle_picture(arguments, cases[0].answers[place]),
+        html=lambda: _page(report_of(arguments, cases, place, second, tuning)),
     )
     return _status([answer for case in cases for answer in case.answers])
+
+
+def _page(report):
+    from .page import as_page
+
+    return as_page(report)
 
 
 def tune(train, arguments):
@@ -215,16 +227,17 @@ def _sweep_table(found):
     return as_csv(list(rows[0]), [list(row.values()) for row in rows])
 
 
-def _picture_of(case, rpm):
-    """The answer to draw: that of the asked speed, or of that at which teeth are apart longest."""
+def _place_of(case, rpm):
+    """Number of the asked speed, or of that at which teeth are apart longest, or else at which most is transmitted."""
     if rpm is not None:
-        return next(answer for answer in case.answers if answer.rpm == rpm)
-    return max(case.answers, key=_longest_apart)
+        return next(i for i, answer in enumerate(case.answers) if answer.rpm == rpm)
+    return max(range(len(case.answers)), key=lambda i: _severity(case.answers[i]))
 
 
-def _longest_apart(answer):
-    name = most_apart(answer)
-    return answer.contacts[name].separated_fraction if name else 0.0
+def _severity(answer):
+    name = most_apart(answer) if answer.answered else None
+    value = hardest(answer)[2] if answer.answered else -1.0
+    return (answer.contacts[name].separated_fraction if name else 0.0, value)
 
 
 def _check_picture(train, arguments):

@@ -9,7 +9,7 @@ from ..model.topology import suggestion
 from ..response.signal import Signal
 from ..response.status import Status
 from .choose import shafts_of
-from .columns import NONE, aligned, alike, ranges
+from .columns import NONE, Table, alike, ranges
 
 SHOWN = 6
 """Orders in a table or picture, those with the largest amplitudes."""
@@ -129,8 +129,7 @@ def forced_text(response, found, *, each):
     if each:
         parts += [_speed_table(rpm, one) for one in found]
     else:
-        kinds = {kind: [one for one in found if one.kind == kind] for kind in KINDS}
-        parts += [_worst_table(rpm, kind, own) for kind, own in kinds.items() if own]
+        parts += worst_tables(rpm, found)
     if not _moves(found) and not _moves(readings(response)):
         parts.append("Nothing excites the train. Give it a [[torque]] with harmonics, a [[cylinder]] or an [engine].")
     return "\n\n".join(parts)
@@ -157,7 +156,13 @@ def _speed_table(rpm, reading):
     note = f"; {left_out} smaller orders are left out" if left_out else ""
     title = f"{reading.name}, {unit}: synthesis, sum of amplitudes, amplitudes by order{note}"
     rows = [[f"{speed:g}" for speed in rpm], *columns, *alike(reading.power)]
-    return title + "\n" + aligned(heads, rows)
+    return Table(title, heads, rows)
+
+
+def worst_tables(rpm, found):
+    """The largest values over the speeds, a table for each kind of element."""
+    kinds = {kind: [one for one in found if one.kind == kind] for kind in KINDS}
+    return [_worst_table(rpm, kind, own) for kind, own in kinds.items() if own]
 
 
 def _worst_table(rpm, kind, found):
@@ -186,7 +191,7 @@ def _worst_table(rpm, kind, found):
     ]
     heads = [head, "half p-p", "at rpm", "sum", "at rpm", "order", "amplitude", "at rpm", "heat W"]
     groups = [("synthesis", 1, 2), ("sum of amplitudes", 3, 4), ("largest order", 5, 7)]
-    return f"{title}: largest over the speeds\n" + aligned(heads, rows, groups)
+    return Table(f"{title}: largest over the speeds", heads, rows, groups)
 
 
 def forced_record(response, found, *, orders=None):

@@ -38,7 +38,7 @@ def plot_forced(response, found, misfires=None, worst=None):
     >>> len(plot_forced(sweep, readings(sweep)).axes)
     1
     """
-    drawn = found if len(found) <= MOST else _hardest(found)
+    drawn = found if len(found) <= MOST else hardest_elements(found)
     judged = strength(response)
     limited = judged_elements(judged, {one.name for one in found}, each=len(found) <= MOST)
     figure = new_figure(1.2 + 3.0 * len(drawn) + 2.2 * len(limited))
@@ -72,7 +72,7 @@ def plot_forced(response, found, misfires=None, worst=None):
     return figure
 
 
-def _hardest(found):
+def hardest_elements(found):
     """The shaft and the mesh with the largest half peak-to-peak, without either the disk."""
     kinds = {kind: [one for one in found if one.kind == kind] for kind in ("shafts", "meshes")}
     kinds = [own for own in kinds.values() if own] or [found]

@@ -8,7 +8,7 @@ from ..model.scene_writer import copies_beside, scene_text
 from .output import OutputError, as_picture, check_output, check_picture, write_files
 from .referred import referred_text
 
-_FILES = ("json", "csv", "output", "plot")
+_FILES = ("json", "csv", "output", "plot", "html")
 
 
 def scenes():
@@ -90,5 +90,7 @@ def _check_files(given):
     files = {option: given[option] for option in _FILES if given.get(option)}
     for option, name in files.items():
         (check_picture if option == "plot" else check_output)(f"--{option}", name)
+    if files.get("html") and Path(files["html"]).suffix.lower() not in (".html", ".htm"):
+        raise OutputError(f"--html: {files['html']!r} is no page. Give a name that ends in .html.")
     if len({Path(name).resolve() for name in files.values()}) < len(files):
         raise OutputError(f"--{' and --'.join(files)} name the same file. Give each its own.")

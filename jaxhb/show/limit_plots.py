@@ -32,13 +32,13 @@ def judged_elements(found, names=None, *, each=False):
     """
     chosen = []
     for kind in PANELS:
-        shares = {name: _share(row, kind) for name, row in getattr(found, kind).items()}
+        shares = {name: share_of(row, kind) for name, row in getattr(found, kind).items()}
         shares = {name: share for name, share in shares.items() if names is None or name in names}
         chosen += [(kind, name) for name in (shares if each or not shares else [max(shares, key=shares.get)])]
     return chosen
 
 
-def _share(row, kind):
+def share_of(row, kind):
     """The largest share of the first limit; of a row without, or of nothing known, less than any."""
     field, *_, limits = PANELS[kind]
     limit = getattr(row, next(iter(limits)))

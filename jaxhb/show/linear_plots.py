@@ -77,7 +77,7 @@ def plot_campbell(found, count, name):
     axes = figure.subplots()
     low, high = found.rpm[0], found.rpm[-1]
     elastic = found.elastic(count)
-    top = _top(found, elastic)
+    top = top_frequency(found, elastic)
     shown = [k for k in shown_modes(found, count) if found.frequencies_hz[-1, k] <= top]
     for k in shown:
         style = {"color": WITHOUT, "linewidth": 1.6} if k in elastic else {"color": "grey", "linestyle": ":"}
@@ -120,7 +120,7 @@ def _name_modes(axes, found, shown, top):
         lowest = y + APART * top * (len(said) + 0.5 * (not hz))
 
 
-def _top(found, elastic):
+def top_frequency(found, elastic):
     """Highest frequency: where modes or orders end, and at least the lowest mode."""
     modes = found.frequencies_hz[:, elastic].max(axis=0)
     rays = found.orders * found.rpm[-1] / 60

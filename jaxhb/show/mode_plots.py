@@ -1,5 +1,7 @@
 """Picture of mode shapes along the train: the longest way through it first, its branches behind it."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ..harmonic.chain import span
@@ -69,27 +71,67 @@ def plot_modes(train, modes, chosen, ratios):
         One panel a mode. Each branch is a line of its own right of the main one; it begins at the disk on which it
         hangs, named in brackets. The largest angle is 1.
     """
-    topology, chosen = train.topology, chosen[:MOST]
-    ways = train_lines(topology)
-    starts = np.cumsum([0, *(len(way) + 1 for way in ways[:-1])])
+    topology, chosen, ways = train.topology, chosen[:MOST], Ways.of(train, modes)
     figure = new_figure(1.6 + 1.6 * len(chosen))
     panels = figure.subplots(len(chosen), 1, sharex=True, squeeze=False)[:, 0]
-    referred = modes.shapes / np.asarray(speed_ratios(train))[np.array(topology.rotor)]
     for axes, k in zip(panels, chosen, strict=True):
-        shape = referred[k] / np.abs(referred[k]).max()
         axes.axhline(0.0, color="black", linewidth=0.8)
-        for number, (start, way) in enumerate(zip(starts, ways, strict=True)):
+        for number, (start, way) in enumerate(zip(ways.starts, ways.ways, strict=True)):
             place = start + np.arange(len(way))
             style = STYLES[min(number, 1) + max(number - 1, 0) % 3]
-            axes.plot(place, shape[way], style, color=WITHOUT, marker="o", markersize=3, linewidth=1.4)
-        nodes = mode_nodes(ways, starts, np.where(np.abs(modes.shapes[k]) > AT_REST, shape, 0.0))
+            axes.plot(place, ways.shapes[k][way], style, color=WITHOUT, marker="o", markersize=3, linewidth=1.4)
+        nodes = ways.nodes(k)
         axes.plot(nodes, np.zeros(len(nodes)), "x", color=WITH, markersize=7, markeredgewidth=1.8)
         damping = "" if np.isnan(ratios[k]) else f", damping ratio {ratios[k]:.3g}"
         axes.set_title(f"mode {k}: {modes.frequencies_hz[k]:.4g} Hz{damping}", fontsize="small", loc="left")
         axes.set_ylim(-1.15, 1.15)
-    _name_disks(panels[-1], topology.disk_names, ways, starts)
+    places, said = ways.names(topology.disk_names)
+    panels[-1].set_xticks(places, said, rotation=90, fontsize="x-small" if len(places) > 25 else "small")
+    panels[-1].set_xlim(-0.5, ways.last + 0.5)
     figure.suptitle(f"{topology.name or 'scene'}: angles referred to the reference rotor; x: node", fontsize="medium")
     return figure
+
+
+@dataclass(frozen=True)
+class Ways:
+    """Places of the disks in a picture of shapes: the ways of :func:`train_lines` one behind the other.
+
+    ways : list of lists of disks; starts : their first places; shapes : ``(m, S)`` angles referred to the reference
+    rotor, the largest of a mode 1; resting : ``(m, S)`` bool, disks that do not move
+    """
+
+    ways: list
+    starts: np.ndarray
+    shapes: np.ndarray
+    resting: np.ndarray
+
+    @classmethod
+    def of(cls, train, modes):
+        """Of a train and its modes."""
+        ways = train_lines(train.topology)
+        starts = np.cumsum([0, *(len(way) + 1 for way in ways[:-1])])
+        shapes = modes.shapes / np.asarray(speed_ratios(train))[np.array(train.topology.rotor)]
+        largest = np.abs(shapes).max(axis=1, keepdims=True)
+        return cls(ways, starts, shapes / largest, np.abs(modes.shapes) <= AT_REST)
+
+    @property
+    def last(self):
+        """The last place."""
+        return int(self.starts[-1]) + len(self.ways[-1]) - 1
+
+    def nodes(self, k):
+        """Places of the nodes of a mode."""
+        return mode_nodes(self.ways, self.starts, np.where(self.resting[k], 0.0, self.shapes[k]))
+
+    def names(self, names):
+        """Places and names of the disks that have room; of a branch the disk on which it hangs is in brackets."""
+        places, said = [], []
+        for number, (start, way) in enumerate(zip(self.starts.tolist(), self.ways, strict=True)):
+            for i, disk in enumerate(way):
+                places.append(start + i)
+                said.append(f"({names[disk]})" if number and i == 0 else names[disk])
+        step = -(-len(places) // NAMES)
+        return places[::step], said[::step]
 
 
 def mode_nodes(ways, starts, shape):
@@ -104,14 +146,3 @@ def mode_nodes(ways, starts, shape):
                 signs.setdefault(disk, set()).add(np.sign(shape[other]))
     found += [place[disk] for disk in place if shape[disk] == 0 and {-1.0, 1.0} <= signs[disk]]
     return [float(at) for at in found]
-
-
-def _name_disks(axes, names, ways, starts):
-    places, said = [], []
-    for number, (start, way) in enumerate(zip(starts, ways, strict=True)):
-        for i, disk in enumerate(way):
-            places.append(start + i)
-            said.append(f"({names[disk]})" if number and i == 0 else names[disk])
-    step = -(-len(places) // NAMES)
-    axes.set_xticks(places[::step], said[::step], rotation=90, fontsize="x-small" if len(places) > 25 else "small")
-    axes.set_xlim(-0.5, places[-1] + 0.5)

@@ -65,9 +65,9 @@ def add_orbit(command):
     command.add_argument("--orbit", action="store_true", help=text)
 
 
-def add_certify(command):
+def add_certify(command, where=""):
     """An error bound."""
-    text = "prove that a true periodic motion exists nearby, and how far off tooth forces can be; half a minute"
+    text = f"prove that a true periodic motion exists nearby, and how far off tooth forces can be{where}; half a minute"
     command.add_argument("--certify", action="store_true", help=text)
 
 

@@ -67,9 +67,9 @@ def plot_cycle(answer, gear=None):
     else:
         _draw_period(answer, above, answer.gear_torque(gear), answer.linear.gear_torque(gear))
         _draw_forces(answer, below, meshes_of(answer.topology, gear))
-        apart = [in_the_gap(answer, name, _count(answer)) for name in meshes_of(answer.topology, gear)]
+        apart = [in_the_gap(answer, name, count_of(answer)) for name in meshes_of(answer.topology, gear)]
         for axes in (above, below):
-            _shade(axes, _angles(answer), np.any(apart, axis=0))
+            _shade(axes, angles_of(answer), np.any(apart, axis=0))
         _finish(below, answer)
     for axes in (above, below):
         low, high = axes.get_ylim()
@@ -80,25 +80,25 @@ def plot_cycle(answer, gear=None):
 
 def _draw_period(answer, axes, after, before):
     """A signal over the period of the motion, and without backlash."""
-    angles = _angles(answer)
+    angles = angles_of(answer)
     if answer.known:
-        axes.plot(angles, _closed(answer, after), color=WITH, linewidth=1.1, label="with backlash")
+        axes.plot(angles, closed(answer, after), color=WITH, linewidth=1.1, label="with backlash")
     else:
         _say_unknown(answer, axes)
     label = "without backlash"
-    axes.plot(angles, _closed(answer, before), color=WITHOUT, linewidth=1.3, linestyle="--", label=label)
+    axes.plot(angles, closed(answer, before), color=WITHOUT, linewidth=1.3, linestyle="--", label=label)
     axes.axhline(0.0, color="black", linewidth=0.6)
 
 
 def _draw_forces(answer, axes, names):
     """Tooth forces of meshes over the period of the motion, and without backlash."""
-    angles = _angles(answer)
+    angles = angles_of(answer)
     for number, name in enumerate(names):
         colour = MESH_COLOURS[number % len(MESH_COLOURS)]
         if answer.known:
-            force = _closed(answer, answer.force(name)) / 1e3
+            force = closed(answer, answer.force(name)) / 1e3
             axes.plot(angles, force, color=colour, linewidth=1.0, label=plain(name))
-        before = _closed(answer, answer.linear.force(name)) / 1e3
+        before = closed(answer, answer.linear.force(name)) / 1e3
         axes.plot(angles, before, color=colour, linewidth=0.9, linestyle="--", alpha=0.6)
     axes.plot([], [], color="grey", linewidth=0.9, linestyle="--", label="without backlash")
     axes.axhline(0.0, color="black", linewidth=0.6)
@@ -206,24 +206,24 @@ def _title(answer):
     return f"{answer.topology.name or 'scene'}, {answer.rpm:g} rpm"
 
 
-def _periods(answer):
+def periods_of(answer):
     """Cycles that are drawn."""
     return max(answer.state.period, 1)
 
 
-def _count(answer):
-    return SAMPLES * _periods(answer)
+def count_of(answer):
+    return SAMPLES * periods_of(answer)
 
 
-def _angles(answer):
-    return np.linspace(0.0, answer.cycle_deg * _periods(answer), _count(answer) + 1)
+def angles_of(answer):
+    return np.linspace(0.0, answer.cycle_deg * periods_of(answer), count_of(answer) + 1)
 
 
-def _closed(answer, signal):
+def closed(answer, signal):
     """Samples of the whole period, its first time sample again at the end; a cycle comes as often as there is room."""
     turns = signal.revolutions_per_cycle / answer.topology.revolutions_per_cycle
-    times = round(_periods(answer) / turns)
-    values = np.tile(np.asarray(fourier.sample(signal.coefficients, _count(answer) // times)), times)
+    times = round(periods_of(answer) / turns)
+    values = np.tile(np.asarray(fourier.sample(signal.coefficients, count_of(answer) // times)), times)
     return np.append(values, values[0])
 
 
@@ -243,7 +243,7 @@ def _shade(axes, angles, apart):
 
 
 def _finish(axes, answer):
-    cycle, periods = answer.cycle_deg, _periods(answer)
+    cycle, periods = answer.cycle_deg, periods_of(answer)
     axes.set_xlim(0.0, periods * cycle)
     if periods > 1:
         axes.set_xticks(np.linspace(0.0, periods * cycle, periods + 1))

@@ -3,10 +3,15 @@
 import numpy as np
 
 from ..model.ratios import referred
-from .columns import NONE, aligned
+from .columns import NONE, Table
 
 
 def referred_text(train):
+    """The tables of :func:`referred_tables` as one text."""
+    return "\n\n".join(referred_tables(train))
+
+
+def referred_tables(train):
     """Inertias, stiffnesses and dampings, actual and referred, with the factor between them.
 
     Loss factors, order-tuned dampers and the rows of links that vary are told where the train has any.
@@ -17,13 +22,14 @@ def referred_text(train):
 
     Returns
     -------
-    str
+    list of Table
 
     Examples
     --------
     >>> from jaxhb.model.scene import load_scene
-    >>> print(referred_text(load_scene("spur_pair")).splitlines()[2].split())
-    ['gear', 'a', '1', '0.00281448', '0.00281448']
+    >>> disks, links = referred_tables(load_scene("spur_pair"))
+    >>> disks.columns[2]
+    ['0.00281448', '0.00281448']
     """
     found = referred(train)
     disks = [found.disks, *map(_numbers, (found.factor, found.inertia, found.inertia_referred))]
@@ -33,10 +39,10 @@ def referred_text(train):
     names = "link_factor", "stiffness", "stiffness_referred", "damping", "damping_referred"
     links = [found.links, kinds, *(_numbers(getattr(found, name)) for name in names)]
     name = train.topology.name or "scene"
-    parts = [
-        f"{name}: inertias{', damping and stiffness to ground' * bool(more)}, actual and referred to the reference"
-        " rotor\n" + aligned(["disk", "speed ratio i", "J kg m2", "J i^2", *more_heads], [*disks, *map(_numbers, more)])
-    ]
+    more_said = ", damping and stiffness to ground" * bool(more)
+    title = f"{name}: inertias{more_said}, actual and referred to the reference rotor"
+    heads = ["disk", "speed ratio i", "J kg m2", "J i^2", *more_heads]
+    parts = [Table(title, heads, [*disks, *map(_numbers, more)])]
     if found.links:
         title = "Stiffness k and damping r of links; of meshes in N/m and N s/m, their factor is i x radius in m"
         heads = ["link", "", "factor i", "k N m/rad", "k i^2", "r N m s/rad", "r i^2"]
@@ -44,8 +50,8 @@ def referred_text(train):
         if loss.any():
             heads.append("loss factor")
             links.append(_numbers(loss) + [NONE] * len(train.topology.mesh_names))
-        parts.append(f"{title}\n" + aligned(heads, links, left=(1,)))
-    return "\n\n".join([*parts, *_order_table(train, found), *_varying_table(train, found)])
+        parts.append(Table(title, heads, links, left=(1,)))
+    return [*parts, *_order_table(train, found), *_varying_table(train, found)]
 
 
 def _to_ground(train, factor):
@@ -73,7 +79,7 @@ def _order_table(train, found):
     cells = [found.order[tuned], found.order_referred[tuned], *columns]
     title = "Order-tuned dampers: stiffness that is added per square of the speed of the reference rotor"
     heads = ["link", "order n", "n i", "N m/rad/rpm2", "i^2 of it"]
-    return [f"{title}\n" + aligned(heads, [[found.links[i] for i in first], *map(_numbers, cells)])]
+    return [Table(title, heads, [[found.links[i] for i in first], *map(_numbers, cells)])]
 
 
 def _varying_table(train, found):
@@ -95,7 +101,7 @@ def _varying_table(train, found):
         "Links that vary: stiffness, damping and loss factor at the frequencies (Hz) or amplitudes (rad) of their rows"
     )
     heads = ["link", "over", "at", "referred", "k N m/rad", "k i^2", "r N m s/rad", "r i^2", "loss factor"]
-    return [f"{title}\n" + aligned(heads, list(zip(*rows, strict=True)), left=(1,))]
+    return [Table(title, heads, list(zip(*rows, strict=True)), left=(1,))]
 
 
 def _numbers(values):

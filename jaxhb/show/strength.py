@@ -6,7 +6,7 @@ import numpy as np
 
 from ..linear.limits import NOT_ABOVE, judged, link_power
 from ..linear.strength import HIGHEST
-from .columns import NONE, aligned, alike, ranges
+from .columns import NONE, Table, alike, ranges
 
 AID = "evaluation aid, no class approval"
 
@@ -29,7 +29,7 @@ class _OfAnswers:
         return self._stacked([answer.force(name) for answer in self.answers])
 
     def power(self, name):
-        return np.array([_power(answer, name) for answer in self.answers])
+        return np.array([power_of(answer, name) for answer in self.answers])
 
     @staticmethod
     def _stacked(signals):
@@ -37,7 +37,7 @@ class _OfAnswers:
         return SimpleNamespace(**{name: np.array([float(getattr(s, name)) for s in signals]) for name in names})
 
 
-def _power(answer, name):
+def power_of(answer, name):
     """Heat of a link in W; nan of a motion that is not known or never repeats, which has no harmonics."""
     return float(link_power(answer.response, name)) if answer.known and answer.response is not None else float("nan")
 
@@ -79,7 +79,7 @@ def _stress_table(rpm, rows):
     heads = ["shaft", "stress", "at rpm", "continuous limit", "transient limit", "share"]
     cells = [list(rows), columns[0], _speeds(rpm, places), *columns[1:], _shares(stress, continuous)]
     title = f"Torsional stress of shafts, MPa: half of peak-to-peak torque / W_p ({AID})"
-    return f"{title}\n" + _table(rpm, heads, cells)
+    return _table(title, rpm, heads, cells)
 
 
 def _tooth_table(rpm, rows):
@@ -90,7 +90,7 @@ def _tooth_table(rpm, rows):
     reverses = [_where(rpm, row.reverses) for row in rows.values()]
     cells = [list(rows), columns[0], _speeds(rpm, places), *columns[1:], _shares(vibratory, limit), reverses]
     title = f"Torque of meshes on the first gear, N m: half peak-to-peak, limit a third of the rated torque ({AID})"
-    return f"{title}\n" + _table(rpm, heads, cells)
+    return _table(title, rpm, heads, cells)
 
 
 def _where(rpm, happens):
@@ -107,13 +107,13 @@ def _heat_table(rpm, rows):
     columns = alike(power, limit)
     heads = ["shaft or damper", "heat", "at rpm", "limit", "share"]
     cells = [list(rows), columns[0], _speeds(rpm, places), columns[1], _shares(power, limit)]
-    return f"Heat of shafts and dampers, W ({AID})\n" + _table(rpm, heads, cells)
+    return _table(f"Heat of shafts and dampers, W ({AID})", rpm, heads, cells)
 
 
-def _table(rpm, heads, columns):
+def _table(title, rpm, heads, columns):
     """Columns under their heads, without that of the speeds where there is one speed."""
     kept = [i for i, head in enumerate(heads) if len(rpm) > 1 or head != "at rpm"]
-    return aligned([heads[i] for i in kept], [columns[i] for i in kept])
+    return Table(title, [heads[i] for i in kept], [columns[i] for i in kept])
 
 
 def _worst(values, limit):

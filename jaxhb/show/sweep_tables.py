@@ -3,7 +3,7 @@
 import numpy as np
 
 from .choose import hardest_shaft, largest, most_apart, shafts_of, worst_mesh
-from .columns import NONE, aligned, alike, ranges, shares
+from .columns import NONE, Table, alike, ranges, shares
 from .strength import answers_strength, strength_text
 from .tables import hardest_text, notes_text
 from .words import motion_word, speeds_text
@@ -25,7 +25,7 @@ def sweep_text(sweeps):
     """
     parts = []
     for way, answers in sweeps.items():
-        lines = [_verdict(answers), *_kinds(answers), "", _table(answers)]
+        lines = [*motion_sentences(answers), "", speed_table(answers)]
         parts.append("\n".join([*([f"{BLOCKS[way]}: {lines[0]}"] if len(sweeps) > 1 else lines[:1]), *lines[1:]]))
         parts += _failures(answers)
     ways = {BLOCKS[way] if len(sweeps) > 1 else "": answers_strength(answers) for way, answers in sweeps.items()}
@@ -34,11 +34,17 @@ def sweep_text(sweeps):
     return "\n\n".join([*parts, *notes_text(*every.values())])
 
 
-def _table(answers):
+def motion_sentences(answers):
+    """Where the teeth separate, and where the motion is another than contact and one stable cycle."""
+    return [_verdict(answers), *_kinds(answers)]
+
+
+def speed_table(answers, title=""):
+    """A row for every speed: what is hit hardest, and the kind of motion."""
     heads, columns = (_meshes if answers[0].topology.mesh_names else _shafts)(answers)
     harmonics = [NONE if answer.harmonics is None else str(answer.harmonics) for answer in answers]
     rpm, motions = [f"{answer.rpm:g}" for answer in answers], [motion_word(answer) for answer in answers]
-    return aligned(["rpm", *heads, "harmonics", "motion"], [rpm, *columns, harmonics, motions])
+    return Table(title, ["rpm", *heads, "harmonics", "motion"], [rpm, *columns, harmonics, motions])
 
 
 def _meshes(answers):

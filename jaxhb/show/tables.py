@@ -9,7 +9,7 @@ from ..model.plausible import plausibility
 from .balance import balance_line, mean_angles_of, plain_number
 from .certified import certificate_text
 from .choose import gears, shafts_of
-from .columns import NONE, aligned, alike, ratios, shares
+from .columns import NONE, Table, alike, ratios, shares
 from .holzer import FIRST
 from .strength import answers_strength, strength_text
 from .words import notes, status_lines, verdict
@@ -72,7 +72,7 @@ def _mesh_table(answer):
     heads = ["mesh", "mean", "max", "min", "max", "min", "peak ratio"]
     groups = [("with backlash", 1, 3), ("without", 4, 5)]
     title = "Tooth force, kN (elastic and damping; positive: the first gear drives the second)"
-    return title + "\n" + aligned(heads, [names, *columns], groups)
+    return Table(title, heads, [names, *columns], groups)
 
 
 def peak_table(answer, begin="L"):
@@ -82,7 +82,7 @@ def peak_table(answer, begin="L"):
     names = answer.topology.mesh_names
     columns = alike(*np.array([answer.force(name).per_cycle.max for name in names]).T / 1e3)
     title = f"{begin}argest tooth force of a cycle, kN: 5, 50 and 95 % of the recorded cycles stay below"
-    return [title + "\n" + aligned(["mesh", "5 %", "50 %", "95 %"], [names, *columns])]
+    return [Table(title, ["mesh", "5 %", "50 %", "95 %"], [names, *columns])]
 
 
 def _contact_table(answer):
@@ -97,7 +97,7 @@ def _contact_table(answer):
     ]
     heads = ["mesh", "apart %", "reverse %", "impacts", "hardest m/s", "driven by"]
     title = "Contact, % of the time (apart: in the gap; reverse: on the flank that does not drive), impacts a cycle"
-    return title + "\n" + aligned(heads, [topology.mesh_names, *columns])
+    return Table(title, heads, [topology.mesh_names, *columns])
 
 
 def _count(number):
@@ -120,19 +120,19 @@ def _gear_table(answer):
     names = gears(answer.topology)
     after = [answer.gear_torque(name) for name in names]
     before = [answer.linear.gear_torque(name) for name in names]
-    title = "Torque that a gear passes to its mates, N m"
-    return title + "\n" + _torque_columns("gear", names, after, before)
+    return _torque_table("Torque that a gear passes to its mates, N m", "gear", names, after, before)
 
 
 def _shaft_table(answer):
     names = shafts_of(answer.topology)
     after = [answer.torque(name) for name in names]
     before = [answer.linear.torque(name) for name in names]
+    title = "Torque of shafts and dampers, N m"
     if any(answer.topology.mesh_backlash):
-        return "Torque of shafts and dampers, N m\n" + _torque_columns("shaft", names, after, before)
+        return _torque_table(title, "shaft", names, after, before)
     columns = alike([s.mean for s in after], [s.half_peak_to_peak for s in after], [s.sum_of_amplitudes for s in after])
     heads = ["shaft", "mean", "half peak-to-peak", "sum of amplitudes"]
-    return "Torque of shafts and dampers, N m\n" + aligned(heads, [names, *columns])
+    return Table(title, heads, [names, *columns])
 
 
 def _disk_table(answer):
@@ -140,16 +140,16 @@ def _disk_table(answer):
     signals = [answer.disk(name) for name in names]
     columns = alike(*([1e3 * getattr(s, what) for s in signals] for what in ("half_peak_to_peak", "sum_of_amplitudes")))
     heads = ["disk", "half peak-to-peak", "sum of amplitudes"]
-    return "Vibratory angle of disks, mrad\n" + aligned(heads, [names, *columns])
+    return Table("Vibratory angle of disks, mrad", heads, [names, *columns])
 
 
-def _torque_columns(what, names, after, before):
+def _torque_table(title, what, names, after, before):
     swings = [signal.half_peak_to_peak for signal in after], [signal.half_peak_to_peak for signal in before]
     peaks = [signal.peak for signal in after], [signal.peak for signal in before]
     columns = alike([signal.mean for signal in after], peaks[0], swings[0], peaks[1], swings[1])
     columns.append(ratios(*swings))
     heads = [what, "mean", "peak", "half p-p", "peak", "half p-p", "ratio of half p-p"]
-    return aligned(heads, [names, *columns], [("with backlash", 1, 3), ("without", 4, 5)])
+    return Table(title, heads, [names, *columns], [("with backlash", 1, 3), ("without", 4, 5)])
 
 
 def energies_text(modes, kinds):
@@ -170,7 +170,7 @@ def energies_text(modes, kinds):
     def table(what, heads, names, share):
         columns = [shares(share[k]) for k in shown]
         title = f"{what} energy of the first elastic modes, %"
-        return title + "\n" + aligned([heads, *(f"mode {k}" for k in shown)], [names, *columns])
+        return Table(title, [heads, *(f"mode {k}" for k in shown)], [names, *columns])
 
     tables = (
         ("Kinetic", "disk", modes.names, modes.kinetic_share),
@@ -212,4 +212,4 @@ def modes_text(modes, name, kinds, ratios, teeth=""):
     title = f"Natural frequencies of {name}: undamped"
     title += f", {teeth}; share of the strain energy in the teeth" if teeth else ""
     columns = list(zip(*rows, strict=True))
-    return f"{title}\n{aligned([*heads, 'largest angles (relative)'], columns, left=(len(heads),))}"
+    return Table(title, [*heads, "largest angles (relative)"], columns, left=(len(heads),))

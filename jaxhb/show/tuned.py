@@ -8,7 +8,7 @@ from ..design.evaluation import label
 from ..design.quantities import OF_DESIGN, unit_of
 from ..model.change import declared_field, locate
 from .balance import plain_number
-from .columns import aligned
+from .columns import Table
 from .record import finite
 from .strength import AID
 
@@ -80,6 +80,11 @@ def progress_record(train, rpm, history):
 
 
 def tuned_text(train, asked, result):
+    """The parts of :func:`tuned_parts` as one text."""
+    return "\n\n".join(tuned_parts(train, asked, result))
+
+
+def tuned_parts(train, asked, result):
     """Before and after in the words of an engineer: what was won, parameters, quantities at their worst speeds."""
     rpm, last = np.asarray(asked["rpm"]), result.history[-1]
     span = f"{len(rpm)} speeds from {rpm.min():g} to {rpm.max():g} rpm" if len(rpm) > 1 else f"{rpm[0]:g} rpm"
@@ -91,7 +96,7 @@ def tuned_text(train, asked, result):
         f"solved: {result.before.solved.sum()} of {len(rpm)} speeds before, {result.after.solved.sum()} after",
     ]
     tables = [_parameter_table(train, asked, result), _quantity_table(asked, rpm, result)]
-    return "\n\n".join(["\n".join(head), *tables, *_limits_exceeded(asked, rpm, result)])
+    return ["\n".join(head), *tables, *_limits_exceeded(asked, rpm, result)]
 
 
 def _limits_exceeded(asked, rpm, result):
@@ -135,7 +140,7 @@ def _parameter_table(train, asked, result):
         [parameter_unit(train, name) or "-" for name in names],
         [f"{plain_number(p.low)} to {plain_number(p.high)}" for p in asked["parameters"]],
     ]
-    return "Parameters\n" + aligned(["parameter", "before", "after", "unit", "bounds"], columns)
+    return Table("Parameters", ["parameter", "before", "after", "unit", "bounds"], columns)
 
 
 def _quantity_table(asked, rpm, result):
@@ -149,8 +154,8 @@ def _quantity_table(asked, rpm, result):
     heads = ["quantity, worst over the speeds", "before", "at rpm", "after", "at rpm", "limit"]
     title = "Quantities (forces, torques and angles: half peak-to-peak unless called peak or order)"
     judged = any(chosen.quantity in JUDGED for chosen, *_ in _readings(asked, result))
-    title += f" ({AID})\n" if judged else "\n"
-    return title + aligned(heads, [list(column) for column in zip(*rows, strict=True)])
+    title += f" ({AID})" if judged else ""
+    return Table(title, heads, [list(column) for column in zip(*rows, strict=True)])
 
 
 def _worst(rpm, values, chosen):

@@ -1,0 +1,87 @@
+"""The page of a report: one HTML file without a network, to be printed and signed. The only importer of plotly and
+jinja2."""
+
+import json
+
+from .page_cycle import cycle_part
+from .page_design import bounds_part, limits_part, notes_part, result_part, second_part
+from .page_linear import campbell_part, forced_part, modes_part
+from .page_motion import forces_part, gears_part, map_part, power_part, shafts_part
+from .page_parts import parts_of
+from .page_train import assumptions_part, train_part
+
+PARTS = {
+    "Result": result_part,
+    "Train and data": train_part,
+    "Assumptions and versions": assumptions_part,
+    "Natural frequencies": modes_part,
+    "Campbell diagram and critical speeds": campbell_part,
+    "Linear forced response": forced_part,
+    "Motion over the speed": map_part,
+    "Tooth forces": forces_part,
+    "Torques of gears": gears_part,
+    "Torques of shafts and dampers": shafts_part,
+    "Heat of dampers": power_part,
+    "One speed in full": cycle_part,
+    "Limits": limits_part,
+    "Second design": second_part,
+    "Accuracy and error bounds": bounds_part,
+    "Notes": notes_part,
+}
+"""Functions that make the parts of the page, by their titles, in its order."""
+
+ROWS = 150
+"""Rows of a table that are shown."""
+
+
+def as_page(report):
+    """The page of a :class:`Report`, whole, as the bytes of a file."""
+    return [page_text(report.name, parts_of(report, PARTS), report).encode()]
+
+
+def page_text(name, parts, report):
+    """HTML of parts.
+
+    Parameters
+    ----------
+    name : str, of the scene
+    parts : list of Part
+    report : Report
+
+    Returns
+    -------
+    str
+        Scripts, styles and numbers are inside; nothing is loaded when it is opened.
+    """
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from plotly.offline import get_plotlyjs
+
+    environment = Environment(
+        loader=PackageLoader(__package__, "."), autoescape=True, trim_blocks=True, undefined=StrictUndefined
+    )
+    environment.filters |= {"figure": _figure_json, "rows": _rows, "kind": _kind, "css": _css_text}
+    return environment.get_template("page.html").render(
+        name=name, parts=parts, report=report, script=get_plotlyjs(), most=ROWS
+    )
+
+
+def _kind(block):
+    """Which branch of the template shows a block."""
+    kinds = {"heads": "table", "traces": "figure", "svg": "picture"}
+    return next((kind for attribute, kind in kinds.items() if hasattr(block, attribute)), "words")
+
+
+def _rows(table):
+    """Rows of a table, as many as are shown."""
+    return list(zip(*table.columns, strict=True))[:ROWS]
+
+
+def _figure_json(figure):
+    """A figure inside a script element: nothing in it ends the element."""
+    text = json.dumps({"data": figure.traces, "layout": figure.layout}, allow_nan=False, ensure_ascii=False)
+    return text.replace("<", "\\u003c")
+
+
+def _css_text(text):
+    """A text inside quotes in a style sheet."""
+    return "".join(char if char.isalnum() or char in " .,-()" else f"\\{ord(char):x} " for char in text)

@@ -1,0 +1,130 @@
+"""What ``jaxhb report --html`` computes beyond its tables, and where its page comes from."""
+
+import dataclasses
+import hashlib
+import importlib.util
+import platform
+import shlex
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+from .. import __version__
+from ..design.table import read_table
+from ..model.scene import _find, load_scene, scene_description
+from ..model.scene_writer import scene_text
+from .cases import Case, solve_cases
+from .output import OutputError, changes
+from .page_parts import Report
+from .tuned import tuned_parts
+
+SECOND, TUNED = "second design", "tuned design"
+NEEDED = "jinja2", "plotly", "matplotlib"
+
+
+def check_page(train, arguments):
+    """Refuse what no page can tell, before anything is computed; the second design where its scene is given."""
+    second = arguments.tuned is not None or arguments.tune
+    if second and not arguments.html:
+        option = "--tune" if arguments.tune else "--tuned"
+        raise OutputError(f"{option}: the second design is told on the page only. Add --html FILE.html.")
+    if arguments.html and (missing := [name for name in NEEDED if importlib.util.find_spec(name) is None]):
+        raise OutputError(f'--html: the page needs {", ".join(missing)}. Install it: pip install "jaxhb[report]".')
+    if arguments.tune:
+        read_table(train)
+    return None if arguments.tuned is None else load_scene(arguments.tuned)
+
+
+def second_case(train, second, arguments, asked, progress):
+    """Another design at the same speeds, and words on how it was found; (None, ()) where none is asked for.
+
+    Parameters
+    ----------
+    train : DriveTrain
+        The first design.
+    second : DriveTrain or None
+        From :func:`check_page`.
+    arguments : Namespace
+    asked : Asked
+    progress : Progress
+    """
+    title, found = f"{SECOND} ({Path(arguments.tuned or '').stem})", ()
+    if arguments.tune:
+        title, second, found = TUNED, *_tuned(train, progress)
+    if second is None:
+        return None, ()
+    (case,) = solve_cases({title: second}, arguments.rpm, asked, say=progress.say, advance=progress.advance)
+    return case, found
+
+
+def _tuned(train, progress):
+    """The train tuned as its [tune] table asks, and what is told of that."""
+    from ..design.tuning import tune
+
+    asked = read_table(train)
+    progress.say("tuning, as the [tune] table asks")
+
+    def tell(step):
+        progress.say(f"tuning: step {step.number}, objective {step.objective:.4g}")
+
+    result = tune(train, **asked, on_step=tell)
+    return result.train, tuple(tuned_parts(train, asked, result))
+
+
+def report_of(arguments, cases: list[Case], place, second, tuning):
+    """The :class:`Report` of what was computed."""
+    files = [("scene", arguments.scene)] + ([("second design", arguments.tuned)] if arguments.tuned else [])
+    facts = {"date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")}
+    facts |= {what: _file(name) for what, name in files} | {"changes": _changes(arguments)}
+    facts |= {"command": shlex.join(["jaxhb", *arguments.words]), "accuracy": _accuracy(arguments)}
+    packages = ", ".join(f"{name} {version(name)}" for name in ("jax", "jaxlib", "numpy", "plotly"))
+    facts["versions"] = f"jaxhb {__version__}, Python {platform.python_version()}, {packages}, {platform.platform()}"
+    text, _ = scene_text(arguments.scene)
+    chosen = {"place": place, "asked": arguments.at is not None, "gear": arguments.gear}
+    return Report(
+        cases,
+        **chosen,
+        second=second,
+        tuning=tuning,
+        facts=facts,
+        description=scene_description(arguments.scene),
+        scene=text,
+    )
+
+
+def _file(name):
+    """A file by name and the checksum of what is in it and in the tables that it names."""
+    path = _find(name)
+    digest = hashlib.sha256(path.read_bytes())
+    for _, beside in sorted(scene_text(name)[1].items()):
+        digest.update(beside.read_bytes())
+    return f"{path.name}, SHA-256 {digest.hexdigest()[:32]} (with the tables that it names)"
+
+
+def _changes(arguments):
+    """What --set, --scenario, --links-at and --misfire change."""
+    found = []
+    for option, value in changes(arguments).items():
+        if value:
+            pairs = value.items() if isinstance(value, dict) else [(option, value)]
+            found += [f"{key} = {', '.join(one) if isinstance(one, list) else one}" for key, one in pairs]
+    return "; ".join(found) or "none"
+
+
+def _accuracy(arguments):
+    """What was asked of the solutions."""
+    if arguments.harmonics:
+        return f"{arguments.harmonics} harmonics, as asked"
+    return f"truncation error at most {100 * arguments.tolerance:g} % of the largest tooth force, or not converged"
+
+
+def certified_at(cases, place, say):
+    """The cases with error bounds at one speed."""
+    from .certified import certificate_of
+
+    found = []
+    for case in cases:
+        answers = list(case.answers)
+        answers[place] = dataclasses.replace(answers[place], certificate=certificate_of(answers[place], say))
+        found.append(Case(case.title, answers))
+    return found

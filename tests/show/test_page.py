@@ -1,0 +1,259 @@
+"""The page of ``jaxhb report --html``: what it tells, in plain Python, and how a browser draws it without a network."""
+
+import dataclasses
+import json
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+
+from jaxhb.response.status import Status
+from jaxhb.show import page, page_command
+from jaxhb.show.answer import Answer
+from jaxhb.show.cli import main
+from jaxhb.show.columns import Table
+from jaxhb.show.page_figures import NO_ANSWER, Figure
+from jaxhb.show.page_motion import forces, over_speed
+from jaxhb.show.page_parts import Picture, parts_of
+
+SCENE = """
+[scene]
+name = "Prüfstand <Süd> & Nord"
+revolutions_per_cycle = 2
+reference = "Kurbel"
+rated_rpm = 3000
+[[disk]]
+name = "Kurbel"
+inertia = 0.3
+radius = 0.05
+damping = 2.0
+[[disk]]
+name = "Räder"
+inertia = 0.02
+radius = 0.05
+[[disk]]
+name = "Bremse"
+inertia = 0.2
+damping = 2.0
+[[mesh]]
+between = ["Kurbel", "Räder"]
+stiffness = 2e8
+damping = 3000.0
+backlash = 1e-4
+rated_torque = 900.0
+[[shaft]]
+name = "Welle"
+between = ["Räder", "Bremse"]
+stiffness = 2e4
+damping = 5.0
+diameter = 0.03
+tensile_strength = 6e8
+stress_concentration = 1.0
+[[damper]]
+name = "Dämpfer"
+disk = "Kurbel"
+inertia = 0.05
+damping = 5.0
+power_limit = 500.0
+[[load]]
+disk = "Bremse"
+[[cylinder]]
+name = "one"
+disk = "Kurbel"
+gas_torque_mean = 100.0
+gas_torque = [[0.5, 20.0, 10.0], [1.0, 90.0, -5.0]]
+[[cylinder]]
+name = "two"
+disk = "Kurbel"
+firing_angle = 360.0
+gas_torque_mean = 100.0
+gas_torque = [[0.5, 20.0, 10.0], [1.0, 90.0, -5.0]]
+"""
+SPEEDS = "1500,3000,4000"
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A page from the command line, in a folder with blanks and umlauts: its file, the report and its parts."""
+    folder, kept = tmp_path_factory.mktemp("Prüfstand 2 – größer"), []
+    (folder / "first.toml").write_text(SCENE, encoding="utf-8")
+    other = SCENE.replace("damping = 5.0\npower", "damping = 25.0\npower")
+    (folder / "second.toml").write_text(other, encoding="utf-8")
+    file = folder / "Bericht & Anlage.html"
+    command = ["report", str(folder / "first.toml"), "--rpm", SPEEDS, "--misfire", "two", "--html", str(file)]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(page, "parts_of", lambda *given: kept.append((given[0], parts_of(*given))) or kept[-1][1])
+        assert main([*command, "--tuned", str(folder / "second.toml")]) == 0
+    ((report, parts),) = kept
+    return file, report, {part.title: part for part in parts}
+
+
+def figures(parts):
+    """Every figure, in the order of the page."""
+    return [block for part in parts.values() for block in part.blocks if isinstance(block, Figure)]
+
+
+def tables(part):
+    """Tables of a part."""
+    return [block for block in part.blocks if isinstance(block, Table)]
+
+
+def test_every_part_of_the_report_is_there(made):
+    _, _, parts = made
+    assert list(parts) == list(page.PARTS)
+    assert [title for title, part in parts.items() if part.failed] == []
+    drawn = [title for title, part in parts.items() if figures({title: part})]
+    assert drawn == [
+        "Natural frequencies",
+        "Campbell diagram and critical speeds",
+        "Linear forced response",
+        "Motion over the speed",
+        "Tooth forces",
+        "Torques of gears",
+        "Torques of shafts and dampers",
+        "Heat of dampers",
+        "One speed in full",
+        "Limits",
+        "Second design",
+    ]
+    assert any(isinstance(block, Picture) for block in parts["Train and data"].blocks)
+
+
+def test_tables_tell_the_numbers_of_the_answers(made):
+    _, report, parts = made
+    normal, misfire = report.cases
+    table = tables(parts["Torques of shafts and dampers"])[0]
+    assert [title for title, *_ in table.groups] == ["all cylinders firing", "two not firing"]
+    row = table.columns[0].index("Welle")
+    for case, first in ((normal, 1), (misfire, 5)):
+        swings = [float(answer.torque("Welle").half_peak_to_peak) for answer in case.answers]
+        assert float(table.columns[first][row]) == pytest.approx(max(swings), rel=1e-3)
+        assert table.columns[first + 1][row] == f"{report.rpm[int(np.argmax(swings))]:g}"
+    heat = tables(parts["Heat of dampers"])[0]
+    assert heat.columns[0] == ["Dämpfer"] and float(heat.columns[1][0]) > 0
+
+
+def test_the_second_design_stands_beside_the_first_with_what_differs(made):
+    _, report, parts = made
+    differ, forces_of_both, *_ = tables(parts["Second design"])
+    assert [column[0] for column in differ.columns] == ["Dämpfer.damping", "5", "25", "N m s/rad"]
+    assert len(differ.columns[0]) == 1
+    assert [title for title, *_ in forces_of_both.groups] == ["first design", "second design (second)"]
+    largest = max(float(answer.force("Kurbel|Räder").peak) for answer in report.second.answers)
+    assert float(forces_of_both.columns[7][0]) == pytest.approx(largest / 1e3, rel=1e-3)
+
+
+def test_the_text_tells_torques_of_shafts_where_there_are_gears(made, capsys):
+    file, _, _ = made
+    assert main(["report", str(file.parent / "first.toml"), "--rpm", "1500"]) == 0
+    said = capsys.readouterr().out
+    assert "Gear torque, half peak-to-peak" in said
+    table = said[said.index("Torque of shafts and dampers, half peak-to-peak, N m") :]
+    assert re.search(r"\n  Welle +[\d.]+ +[\d.]+ +[\d.]+\n", table)
+
+
+def without_an_answer(answer):
+    """The same speed with numbers a thousand times as large that have not converged."""
+    response = answer.response
+    wrong = {name: 1e3 * getattr(response, name) for name in ("forces", "torques", "elastic_forces")}
+    response = dataclasses.replace(response, status=np.int32(Status.MAX_STEPS), **wrong)
+    return Answer(answer.train, dataclasses.replace(answer.state, response=response), answer.linear)
+
+
+def test_speeds_that_have_not_converged_are_gaps_with_a_cross_and_do_not_set_the_scale(made):
+    _, report, _ = made
+    case = report.cases[0]
+    answers = [case.answers[0], without_an_answer(case.answers[1]), case.answers[2]]
+    good, bad = (dataclasses.replace(case, answers=chosen) for chosen in (case.answers, answers))
+    assert float(bad.answers[1].force("Kurbel|Räder").peak) > 100 * float(good.answers[1].force("Kurbel|Räder").peak)
+    before, after = (over_speed(forces(report.train), "Kurbel|Räder", [one]) for one in (good, bad))
+    values = after.traces[0]["y"]
+    assert values[1] is None and values[::2] == before.traces[0]["y"][::2]
+    assert after.layout["yaxis"]["range"][1] <= before.layout["yaxis"]["range"][1]
+    (crosses,) = [trace for trace in after.traces if trace["name"] == NO_ANSWER]
+    assert crosses["x"] == [3000.0] and crosses["y"] == [0.0]
+    parts = {part.title: part for part in parts_of(dataclasses.replace(report, cases=[bad]), page.PARTS)}
+    assert "WITHOUT AN ANSWER" in "".join(map(str, parts["Result"].blocks))
+    assert any("MAX_STEPS" in str(block) for block in parts["Notes"].blocks)
+    assert tables(parts["Accuracy and error bounds"])[0].columns[1] == ["2 of 3"]
+
+
+def test_a_part_that_fails_is_a_sentence_and_leaves_the_others(capsys):
+    def broken(_):
+        raise KeyError("no such thing")
+
+    parts = parts_of(None, {"Broken": broken, "Whole": lambda _: ["words"]})
+    assert [(part.title, part.failed) for part in parts] == [("Broken", True), ("Whole", False)]
+    assert parts[0].blocks[0].startswith("This part could not be made: KeyError: ")
+    assert "'Broken' is missing from the page" in capsys.readouterr().err
+
+
+def test_plotly_knows_every_key_of_every_figure(made):
+    graph_objects = pytest.importorskip("plotly.graph_objects")
+    for figure in figures(made[2]):
+        graph_objects.Figure({"data": figure.traces, "layout": figure.layout})
+
+
+def test_lines_differ_without_colour(made):
+    for figure in figures(made[2]):
+        lines = [trace for trace in figure.traces if "lines" in trace["mode"] and trace.get("showlegend", True)]
+        looks = [(t["yaxis"], t["line"].get("dash"), t.get("marker", {}).get("symbol", [""])[0]) for t in lines]
+        assert len(set(looks)) == len(looks), figure.caption
+
+
+def test_the_page_escapes_names_and_forbids_the_browser_to_load_anything(made):
+    text = made[0].read_text(encoding="utf-8")
+    (policy,) = re.findall(r'Content-Security-Policy" content="([^"]*)"', text)
+    assert policy.startswith("default-src 'none';") and "http" not in policy
+    assert "<h1>Prüfstand &lt;Süd&gt; &amp; Nord</h1>" in text
+    outside = re.sub(r"<script>.*?</script>|<svg.*?</svg>", "", text, flags=re.DOTALL)
+    assert not re.search(r"(src|href)\s*=\s*[\"']?(https?:)?//|@import|url\(", outside)
+    numbers = re.findall(r'<script type="application/json">(.*?)</script>', text)
+    assert [json.loads(one)["data"] for one in numbers] == [figure.traces for figure in figures(made[2])]
+
+
+WRONG = {
+    "another ending": (["--html", "page.txt"], "Give a name that ends in .html."),
+    "a second design without a page": (["--tuned", "spur_pair"], "Add --html FILE.html."),
+    "a second design that is not there": (["--html", "page.html", "--tuned", "no.toml"], "there is no such file"),
+    "nothing to tune": (["--html", "page.html", "--tune"], "the scene has no [tune] table"),
+    "two second designs": (["--html", "page.html", "--tune", "--tuned", "a.toml"], "not allowed with"),
+    "one file for two": (["--html", "page.html", "--json", "page.html"], "name the same file"),
+}
+
+
+@pytest.mark.parametrize(("options", "sentence"), WRONG.values(), ids=WRONG)
+def test_what_no_page_can_tell_is_refused_before_anything_is_computed(options, sentence, capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    assert main(["report", "spur_pair", "--rpm", "2000", *options]) == 2
+    said = capsys.readouterr()
+    assert sentence in said.err and said.out == ""
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_page_without_its_libraries_says_what_to_install(capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr(page_command, "NEEDED", ("jinja2", "plotly_of_another_planet"))
+    assert main(["report", "spur_pair", "--rpm", "2000", "--html", str(tmp_path / "page.html")]) == 2
+    assert 'needs plotly_of_another_planet. Install it: pip install "jaxhb[report]".' in capsys.readouterr().err
+
+
+def browse(file, *options):
+    """What Chromium makes of a page without a network."""
+    command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
+    command += ["--host-resolver-rules=MAP * ~NOTFOUND", "--virtual-time-budget=120000", "--enable-logging=stderr"]
+    command += [f"--user-data-dir={file.parent / 'profile'}", *options, file.as_uri()]
+    return subprocess.run(command, capture_output=True, text=True, encoding="utf-8", timeout=300, check=True)
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium is installed: apt-get install chromium")
+def test_a_browser_draws_every_figure_without_a_network_or_an_error(made):
+    file, _, parts = made
+    done = browse(file, "--dump-dom")
+    assert [line for line in done.stderr.splitlines() if "CONSOLE" in line] == []
+    wanted = [sum(any(y is not None for y in trace["y"]) for trace in figure.traces) for figure in figures(parts)]
+    assert re.findall(r'data-figures="(\d+)"', done.stdout) == [str(len(wanted))]
+    drawn = [int(count) for count in re.findall(r'class="plot[^>]*data-traces="(\d+)"', done.stdout)]
+    assert drawn == wanted
