@@ -4,8 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from ..linear.critical import ELASTIC, excited_orders, mode_kinds
-from ..linear.critical import campbell as campbell_of
+from ..linear.critical import ELASTIC, campbell as campbell_of, excited_orders, mode_kinds
 from ..linear.damped import damping_ratios
 from ..linear.forced import forced_response
 from ..linear.modal import natural_frequencies
