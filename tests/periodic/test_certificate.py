@@ -9,6 +9,7 @@ import pytest
 from reference_data import method_case, numbers
 from tolerances import ALGEBRAIC
 from trains import ONE_RADIAN_PER_SECOND, build, one_mass_parts
+from weighted_certificate import weighted_certificate
 
 import jaxhb
 from jaxhb._arrays import on_host
@@ -54,6 +55,18 @@ def test_case_a4_majorant_radii_and_the_sharp_bound(row):
     wanted = numbers([row["h0"], row["radius"], row["uniqueness"], *row["newton_errors"]])
     # the last errors are differences of radii of order 1: exact in the formula, 1e-16 of those in the table
     np.testing.assert_allclose(found, wanted, rtol=10 * ALGEBRAIC)
+
+
+@pytest.mark.parametrize("harmonics", [16, 32])
+def test_case_a4_certificate_in_the_weighted_norm_which_bounds_more_loosely(harmonics):
+    """Its numbers have three digits. Largest values instead of its weighted norm lose a factor E less, twice."""
+    response, wanted = solved(harmonics), method_case("A4_certificate_one_mass")[1][f"N{harmonics}"]
+    deflection = np.asarray(response.deflections)[0] / parameters()["h"]
+    found = weighted_certificate(deflection, 4 * harmonics, 4.0, **parameters())
+    for name, value in wanted.items():
+        np.testing.assert_allclose(found[name], float(value), rtol=5e-3)
+    bound = certify(response).deflection_bound[0] / parameters()["h"]
+    assert bound < found["E"] * found["r"] / 5
 
 
 def test_the_theorem_fails_above_one_half_and_says_so():
