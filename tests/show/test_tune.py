@@ -196,19 +196,6 @@ def test_another_table_of_the_same_name_is_not_overwritten(scene, tmp_path, caps
     assert (tmp_path / "six_cylinder_diesel_pressure.csv").read_text(encoding="utf-8") == "mine"
 
 
-@pytest.mark.parametrize("name", jaxhb.scene_names())
-def test_every_packaged_scene_is_written_anew_as_it_was(name, tmp_path):
-    text, beside = changed_scene(name, {})
-    for file, path in beside.items():
-        (tmp_path / file).write_bytes(path.read_bytes())
-    (tmp_path / "again.toml").write_text(text, encoding="utf-8")
-    before, after = jaxhb.load_scene(name), jaxhb.load_scene(tmp_path / "again.toml")
-    assert before.topology == after.topology
-    for table in ("disks", "shafts", "meshes", "dampers", "torques", "cylinders"):
-        for field, values in vars(getattr(before, table)).items():
-            np.testing.assert_array_equal(getattr(getattr(after, table), field), values)
-
-
 def test_a_design_whose_tuned_orbit_is_not_what_the_train_does_is_told():
     """A lightly loaded pair: attracted to one cycle at 4000 rpm, irregular at 6000 rpm, where an orbit exists too."""
     mesh = "gear a|gear b"
