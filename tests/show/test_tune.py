@@ -1,5 +1,6 @@
 """``jaxhb tune``: the tuned scene loads, the files say what was done, Ctrl-C leaves the best so far, bad tables."""
 
+import difflib
 import json
 import tomllib
 
@@ -89,8 +90,11 @@ def test_the_tuned_scene_loads_and_the_files_say_what_was_done(scene, tmp_path, 
     assert (checked["kind"], checked["differences"]) == (["contact"] * 7, [])
     np.testing.assert_allclose(checked["readings"]["shaft torque of cyl6|flywheel"], truth, rtol=1e-9)
     assert "Both designs do at all speeds what was tuned" in said
-    unchanged = tomllib.loads((tmp_path / "better.toml").read_text(encoding="utf-8"))
-    assert unchanged["tune"] == tomllib.loads(TABLE)["tune"]
+    old, new = (path.read_text(encoding="utf-8") for path in (scene, tmp_path / "better.toml"))
+    assert tomllib.loads(new)["tune"] == tomllib.loads(TABLE)["tune"]
+    lines = [line for line in difflib.ndiff(old.splitlines(), new.splitlines()) if line[0] in "+-"]
+    assert [line for line in lines if line[0] == "-"] == ["- inertia = 0.017", "- damping = 2.0", "- damping = 2.0"]
+    assert lines[:2] == [f"+ # {scene}, tuned by jaxhb tune.", "+ "] and len(lines) == 8
 
 
 def test_ctrl_c_leaves_the_best_design_and_the_history_on_disk(scene, tmp_path, capsys, monkeypatch):
