@@ -3,18 +3,26 @@
     python benchmarks/certificates.py [--cases 200] [--seed 20261126] [--json F]     hours; goes on where the file ends
     python benchmarks/certificates.py --only 17                                     one of them
     python benchmarks/certificates.py --scenes                                      cost on the packaged scenes
+    python benchmarks/certificates.py --spurious                                    minutes: motions that do not exist
 
 Cases are those of ``random_trains.py`` with up to 27 disks and four meshes; every eighth is solved with about a quarter
 of the harmonics, every eighth is disturbed by 0.1 % to 10 % of a backlash in all deflections. The true motion is a
 solve with exact integrals and FINE harmonics, eight times those of the response where there are so many, begun at it;
 its error is what another with half as many differs from it. *Unsound*: a certificate whose bound is less than the true
 error of a deflection or of a tooth force of any mesh.
+
+``--spurious``: all motions that few harmonics give of the lightly loaded pair (one degree of freedom, 15 speeds) from
+random starts, beside the motion to which shooting over one cycle leads from each, on its own time integration. Where
+that is farther away than FAR backlashes, or where shooting leads to none, the computed motion does not exist; its
+certificate has to refuse it, or to give a bound that reaches as far.
 """
 
 import argparse
 import collections
 import dataclasses
+import sys
 import time
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -32,6 +40,7 @@ DISKS, MESHES = 27, 4
 FLOOR = 1e-8
 """Errors below this share of the largest are not judged: the equations of the reference are solved to 1e-10."""
 SAMPLES = 2**16
+FAR, STARTS = 0.1, 4
 
 
 def motion(response):
@@ -146,14 +155,64 @@ def scenes():
         print(f"{name:20}{rpm:6.0f}{times}{force:10.2f}{np.max(found.force_bound) / 1e3:11.2g}", flush=True)
 
 
+def starts(train, rpm, harmonics, rng):
+    """Responses of ``harmonics`` harmonics that solve the truncated equations, from random starts, no two alike."""
+    found = []
+    base = jaxhb.solve(train, rpm=rpm, harmonics=harmonics, method="reduced", start="linear")
+    h = float(train.meshes.backlash[0])
+    for _ in range(STARTS):
+        shape = (rng.normal(size=harmonics + 1) + 1j * rng.normal(size=harmonics + 1)) * h
+        shape[0] = shape[0].real
+        begin = dataclasses.replace(base, deflections=shape[None] / np.arange(1, harmonics + 2) ** 1.5)
+        response = jaxhb.solve(train, rpm=rpm, harmonics=harmonics, integrals="exact", start=begin, tolerance=0.99)
+        values = response.deflection_samples(256)
+        if response.residual < 1e-9 and all(np.abs(values - other).max() > 1e-6 * h for _, other in found):
+            found.append((response, values))
+    return [response for response, _ in found]
+
+
+def spurious():
+    """Whether motions that do not exist are certified."""
+    sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+    from event_exact import Pair
+    from trains import pair_rpm, pair_train
+
+    rng, counts = np.random.default_rng(20261127), collections.Counter()
+    for harmonics in (1, 2, 3, 4, 6, 8):
+        for speed in np.arange(2, 17) / 10:
+            pair = Pair(float(speed), epsilon=1e-3)
+            train, rpm = pair_train(pair, transition=0.04), pair_rpm(pair)
+            h = float(train.meshes.backlash[0])
+            for response in starts(train, rpm, harmonics, rng):
+                orbit, found = jaxhb.shooting_correction(response).orbit, jaxhb.certify(response)
+                own = response.deflection_samples(orbit.deflection.shape[1])
+                away = np.abs(own - orbit.deflection).max() / h if orbit.settled else np.inf
+                exists = "exists" if away < FAR else "does not"
+                bound = found.deflection_bound[0] / h
+                verdict = "refused" if not found.holds else "bound reaches" if bound >= away * (1 - 1e-3) else "CHECK"
+                counts[harmonics, exists, verdict] += 1
+                if exists == "does not" and found.holds:
+                    print(
+                        f"{harmonics} harmonics, {speed:.1f}: shooting {away:.3g}, bound {bound:.3g} h: {verdict}",
+                        flush=True,
+                    )
+    print(f"{'harmonics':>9}  {'motion':9}{'refused':>9}{'bound reaches':>15}{'CHECK':>7}")
+    for harmonics, exists in sorted({key[:2] for key in counts}):
+        row = [counts[harmonics, exists, verdict] for verdict in ("refused", "bound reaches", "CHECK")]
+        print(f"{harmonics:9}  {exists:9}{row[0]:9}{row[1]:15}{row[2]:7}")
+
+
 def main():
     read = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_cases(read, seed=20261126)
     read.add_argument("--scenes", action="store_true")
+    read.add_argument("--spurious", action="store_true")
     asked = read.parse_args()
     jaxhb.cache_programs()
     if asked.scenes:
         scenes()
+    elif asked.spurious:
+        spurious()
     else:
         _program.OPTIONS |= _program.UNOPTIMISED  # most of the time goes into compiling, and each serves a few cases
         report(run_cases(asked, "certificates", run_case))
