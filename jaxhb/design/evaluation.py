@@ -172,6 +172,7 @@ class Bench:
         self.calls += 1
         trial = Trial(self, z, near, counted, np.broadcast_to(wanted, len(z)))
         trial.solve(np.broadcast_to(trial.wanted[:, None], counted.shape), near.solved)
+        # What was lost from a march is tried from the motion of the design nearby, and the other way round.
         again = trial.lost() & near.solved & (trial.status != Status.PLAN_VIOLATED)
         trial.solve(again & ~trial.resumed, True, other=False)
         trial.solve(again & trial.resumed, False)

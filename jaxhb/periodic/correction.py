@@ -29,6 +29,8 @@ def cell_averages(values, cells):
     samples = values.shape[-1]
     integral = jnp.concatenate([jnp.zeros_like(values[..., :1]), jnp.cumsum(values, axis=-1)], axis=-1)
     integral = jnp.concatenate([integral, integral[..., -1:] + integral[..., 1:]], axis=-1)
+    # Sample j stands for the time from j - 1/2 to j + 1/2. Where the first cell begins before the cycle does, all cells
+    # are taken one cycle later: the integral is there for two.
     edges = (jnp.arange(cells + 1) - 0.5) * (samples / cells) + 0.5
     edges = edges + (edges[0] < 0) * samples
     low = jnp.floor(edges).astype(int)
@@ -53,6 +55,7 @@ def precondition(reduced, operator, b):
     both = jnp.concatenate([low, fourier.derivative(low, reduced.frequency)])
     forces = operator.forces(fourier.synthesize(both, time_steps))
     kept = low.shape[-1]
+    # Forces are linear between time steps: a hat function, whose Fourier coefficients are squares of sinc.
     linear_between = jnp.sinc(jnp.arange(kept) / time_steps) ** 2
     nonlinear_force = linear_between * fourier.analyze(forces, kept - 1)
     return b.at[:, :kept].add(-jnp.einsum("ngh,hn->gn", reduced.receptance[:kept], nonlinear_force))
@@ -62,14 +65,15 @@ def tangent(reduced, deflection, samples):
     """The product ``delta -> J delta`` at ``deflection``, law sampled at ``samples`` time samples or integrated
     exactly.
 
-    The slopes enter a Galerkin product with at most 2 N harmonics, so that 4.5 N time samples give it exactly.
+    The slopes enter a Galerkin product with at most 2 N harmonics. With a change of N it has 3 N, of which none is seen
+    at those up to N from 4 N + 1 time samples on: 4.5 N give it exactly.
     """
     harmonics = deflection.shape[-1] - 1
-    time_steps = (9 * harmonics + 1) // 2
-    slope, rate_slope = fourier.synthesize(reduced.nonlinear_slopes(deflection, samples, 2 * harmonics), time_steps)
+    time_samples = (9 * harmonics + 1) // 2
+    slope, rate_slope = fourier.synthesize(reduced.nonlinear_slopes(deflection, samples, 2 * harmonics), time_samples)
 
     def product(delta):
-        change, rate = reduced.sampled(delta, time_steps)
+        change, rate = reduced.sampled(delta, time_samples)
         return delta + reduced.respond(fourier.analyze(slope * change + rate_slope * rate, harmonics))
 
     return product

@@ -15,7 +15,7 @@ from ..harmonic import fourier
 from ..model.drivetrain import DriveTrain
 from ..transient.reduced_model import reduced_model
 from . import correction
-from .newton import KRYLOV_STEPS
+from .newton import NEWTON
 from .problem import pose, reduced_equation
 from .program import Choice, Sizes
 
@@ -62,7 +62,7 @@ def linearized(curve, y, normal):
     value, column, posed = jax.jvp(curve.equation, (y,), (rising,), has_aux=True)
     at, border = _prepared(curve, y, *posed), (column, normal)
     right = jnp.append(-value, 0.0), rising
-    change, tangent = correction.correct_bordered(*at, border, right, curve.sizes.samples, KRYLOV_STEPS)
+    change, tangent = correction.correct_bordered(*at, border, right, curve.sizes.samples, NEWTON.krylov_steps)
     return value, change, tangent, (at[1], border)
 
 
@@ -90,7 +90,7 @@ def null_direction(curve, y, direction):
     for _ in range(INVERSIONS):
         direction = direction / jnp.linalg.norm(direction)
         border = direction, jnp.append(direction, 0.0)
-        (found,) = correction.correct_bordered(*at, border, (one,), curve.sizes.samples, KRYLOV_STEPS)
+        (found,) = correction.correct_bordered(*at, border, (one,), curve.sizes.samples, NEWTON.krylov_steps)
         direction = found[:-1]
     return direction / jnp.linalg.norm(direction)
 
@@ -102,5 +102,7 @@ def simplified(curve, y, slopes):
     value, (_, reduced) = curve.equation(y)
     right = (jnp.append(-value, 0.0),)
     deflection, samples = curve.deflection(y), curve.sizes.samples
-    (change,) = correction.correct_bordered(reduced, *slopes[:1], deflection, slopes[1], right, samples, KRYLOV_STEPS)
+    (change,) = correction.correct_bordered(
+        reduced, *slopes[:1], deflection, slopes[1], right, samples, NEWTON.krylov_steps
+    )
     return value, change

@@ -8,24 +8,8 @@ import numpy as np
 from ..response.steady import SteadyState
 from .marching import Batch, Equations, record_of
 from .returns import ended
-from .settled import LEVELS_TRIED, same_motion, shortest_period, solve_settled
+from .settled import VERDICT, same_motion, shortest_period, solve_settled
 from .stability import attracts
-
-LATER = 32
-"""Cycles after which a march with shorter steps is recorded, once it has settled on those of longer ones."""
-
-FINEST = 4
-"""Times the steps of a march, at most, where twice as many did not confirm what it shows."""
-
-AGAIN = 32
-"""Cycles that a march with the finest steps goes on where harmonic balance did not find its motion."""
-
-RETURNED = 5e-3
-"""Return error below which a motion may have the shorter period that its solution has."""
-
-AGREES = 0.02
-"""Difference of deflections, relative to the largest and the gap, up to which a march arrives at a motion known from
-another start."""
 
 
 class Judge:
@@ -46,7 +30,7 @@ class Judge:
         """Steady states of some speeds by place, side by side, from motions ``{place: (x, x')}`` or from teeth in
         contact; ``progress`` is told how many more are known."""
         found, spent, finer = {}, dict.fromkeys(places, 0), 1
-        while places:
+        while places:  # with the finest steps no verdict is unsure any more
             unsure = {}
             for group in self._groups(places):
                 states, further = self._march(group, motions, spent, finer)
@@ -110,7 +94,7 @@ class Judge:
             return dataclasses.replace(self.cycles, transient=before)
         if finer == 1:
             return dataclasses.replace(self.cycles, transient=before, recorded=0)
-        return dataclasses.replace(self.cycles, transient=max(min(before - spent, LATER), 0))
+        return dataclasses.replace(self.cycles, transient=max(min(before - spent, VERDICT.later), 0))
 
 
 def _record(batch, over):
@@ -168,15 +152,15 @@ class _Verdict:
             trace, meshes = batch.traced(march, period), batch.equations.meshes
             known = judge.known.get(self.place)
             common = known is not None and known.response is not None and known.period == period
-            if common and same_motion(known.response, trace, meshes, judge.train, AGREES):
+            if common and same_motion(known.response, trace, meshes, judge.train, VERDICT.arrived):
                 return known.response, period
             given = {"steps": batch.steps, "meshes": meshes}
-            levels = LEVELS_TRIED if self.finer == FINEST else 1
+            levels = VERDICT.levels if self.finer == VERDICT.finest else 1
             response = solve_settled(judge.train, march, trace, period, judge.request, levels=levels, **given)
             shorter = period if response is None else shortest_period(response, period)
             if shorter == period:
                 return response, period
-            if march.returns.errors(shorter)[0] > RETURNED:
+            if march.returns.errors(shorter)[0] > VERDICT.returned:
                 return None, period
             period = shorter
 
@@ -187,10 +171,10 @@ class _Verdict:
 
     def _unsolved(self, period):
         """Where harmonic balance did not find the motion."""
-        if self.finer < FINEST:
+        if self.finer < VERDICT.finest:
             return self._further()
         if self.march.recorded < self.judge.cycles.recorded:
-            self.march.again = self.march.cycles + AGAIN
+            self.march.again = self.march.cycles + VERDICT.again
             return None
         if not self.march.returns.period(last=True):  # it was only worth the question
             return self._irregular()
@@ -199,7 +183,7 @@ class _Verdict:
 
     def _passed_by(self):
         """Where a march came near a motion that repels, which with these steps may attract."""
-        if self.finer < FINEST:
+        if self.finer < VERDICT.finest:
             return self._further()
         if self.march.recorded < self.judge.cycles.recorded or self.march.cycles < self.judge.cycles.most:
             self.march.again = self.judge.cycles.most  # it takes cycles to leave it, and solving again tells nothing

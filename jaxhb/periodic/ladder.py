@@ -48,7 +48,7 @@ class Effort:
     homotopy: HomotopyOptions = homotopy.DEFAULT
 
 
-LONG = Effort(finer=4, work=orbits.WORK, orbits=16)
+LONG = Effort(finer=4, work=orbits.ORBIT.work, orbits=16)
 """What searches may cost that are asked for: minutes."""
 
 
@@ -175,7 +175,7 @@ def long_march(case, last) -> Iterator[Attempt]:
     if not counts:
         return
     finer = dataclasses.replace(plan, time_steps=counts[0])
-    found = case.search(finer).march(min(orbits.STEADY, error / case.effort.closer))
+    found = case.search(finer).march(min(orbits.ORBIT.steady, error / case.effort.closer))
     event = March(found.tries, counts[0], found.periodicity_error)
     if found.coefficients is None:
         case.path.append(event)
@@ -220,7 +220,7 @@ def march_error(last):
 
 
 def _finest(case, plan):
-    return max(plan.time_steps, min(case.effort.finer * plan.time_steps, orbits.CAPACITY))
+    return max(plan.time_steps, min(case.effort.finer * plan.time_steps, orbits.ORBIT.capacity))
 
 
 def search_steps(case, plan, last):

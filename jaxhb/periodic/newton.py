@@ -6,6 +6,7 @@ creeps. There the natural level decides (:mod:`jaxhb.harmonic.damping`): the sim
 ``J^-1 F(x - lambda J^-1 F)`` must be shorter than the correction.
 """
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import jax
@@ -17,12 +18,24 @@ from ..harmonic.block_sweep import block_sweep
 from ..harmonic.residual import link_blocks, node_blocks, residual
 from . import correction
 
-KRYLOV_STEPS = 60
-RENEW_ABOVE = 12
-"""Krylov steps of a Newton step above which the preconditioner is made anew."""
 
-LEVEL_FORCING = 1e-2
-"""Share of the residual that a simplified correction may leave."""
+@dataclass(frozen=True)
+class NewtonOptions:
+    """How Newton's method solves.
+
+    Parameters
+    ----------
+    krylov_steps : of a Newton step at most
+    renew_above : Krylov steps of a Newton step above which the preconditioner is made anew
+    level_forcing : share of the residual that a simplified correction may leave
+    """
+
+    krylov_steps: int = 60
+    renew_above: int = 12
+    level_forcing: float = 1e-2
+
+
+NEWTON = NewtonOptions()
 
 
 class Iterate(NamedTuple):
@@ -86,7 +99,7 @@ def newton(evaluate, prepare, direction, norm, start, *, tolerance, max_steps, r
         compiled.
         """
         iterate, trying = state.iterate, state.trying
-        forcing = jnp.where(trying, LEVEL_FORCING, jnp.nan)
+        forcing = jnp.where(trying, NEWTON.level_forcing, jnp.nan)
         found, work = direction(state.prepared, iterate.x, state.given, iterate.error, forcing)
         correction = jnp.where(trying, state.correction, found)
         size, found_size = norm(correction), norm(found)
@@ -149,6 +162,7 @@ def newton(evaluate, prepare, direction, norm, start, *, tolerance, max_steps, r
     empty = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(prepare, start))
     one, no = jnp.array(1.0), jnp.array(False)
     nothing, zero = jnp.zeros_like(start), jnp.array(0)
+    # Age -1: nothing is prepared. The operator is made once even where the start solves, as the estimate wants it.
     begin = _State(first, value, value, nothing, one, jnp.array(jnp.inf), no, zero, jnp.array(-1), empty)
     state = lax.while_loop(unfinished, fresh, begin)
     return state.iterate, state.prepared
@@ -179,9 +193,12 @@ def solve_reduced(reduced, train, start, *, samples, time_steps, tolerance, max_
         return correction.prepare(reduced, train, deflection, samples, time_steps)
 
     def direction(operator, deflection, value, error, forcing):
+        # As tight as this step can use: a twentieth of what is left to the goal, and quadratic below. fmax takes no
+        # notice of the nan by which a plain step asks for no forcing of its own.
         wanted = jnp.clip(0.05 * tolerance / error, 1e-10, 1e-2)
         forcing = jnp.fmax(forcing, jnp.maximum(wanted, jnp.minimum(1e-2, 0.1 * error)))
-        change, _, used = correction.correct(reduced, operator, deflection, value, samples, forcing, KRYLOV_STEPS)
+        given = deflection, value, samples, forcing, NEWTON.krylov_steps
+        change, _, used = correction.correct(reduced, operator, *given)
         return change, used
 
     return newton(
@@ -192,7 +209,7 @@ def solve_reduced(reduced, train, start, *, samples, time_steps, tolerance, max_
         start,
         tolerance=tolerance,
         max_steps=max_steps,
-        renew_above=RENEW_ABOVE,
+        renew_above=NEWTON.renew_above,
     )
 
 

@@ -24,30 +24,37 @@ from ..transient.stepper import seen
 from .march import begin
 from .problem import pose, reduced_equation
 
-CYCLES = 64
-"""Cycles marched at most; those that close best are shot from."""
 
-STEADY = 1e-3
-"""Closure of a cycle from which Newton's method on the harmonics usually succeeds; the march ends there."""
+@dataclass(frozen=True)
+class OrbitOptions:
+    """How closed orbits are searched. Periodicity errors are those of a cycle, relative to its motion.
 
-TRIES, WORK = (1, CYCLES), 6e7
-"""Fewest and most cycles shot from: as many as ``WORK`` pays for, see :func:`work_of_cycle`."""
+    Parameters
+    ----------
+    cycles : marched at most; those that close best are shot from
+    work : of the cycles shot from, in units of :func:`work_of_cycle`
+    newton_steps : of one shooting, in one piece and then in segments: of those that succeed in one piece within 40,
+        nine out of ten take no more than 12
+    steady : periodicity error from which Newton's method on the harmonics usually succeeds; the march ends there
+    settled : periodicity error that counts as none, far below what the steps themselves leave
+    closed : the same of the segments of a cycle, aimed at
+    same : difference of the deflections, as a share of the largest, below which two orbits are one, found twice
+    capacity : steps of a cycle at most. Arrays have room for them: programs are compiled once, not for each number
+    flexible : share of the compliance of a mesh below which modes too fast for the steps are left out
+    """
 
-STEPS = 15
-"""Newton steps of one shooting, in one piece and then in segments: of those that succeed in one piece within 40, nine
-out of ten take no more than 12."""
+    cycles: int = 64
+    work: float = 6e7
+    newton_steps: int = 15
+    steady: float = 1e-3
+    settled: float = 1e-6
+    closed: float = 1e-8
+    same: float = 1e-4
+    capacity: int = 32768
+    flexible: float = 1e-6
 
-SETTLED, CLOSED = 1e-6, 1e-8
-"""Closure of a cycle that counts as periodic, far below what the steps themselves leave; of its segments, aimed at."""
 
-SAME = 1e-4
-"""Difference of the deflections, as a share of the largest, below which two orbits are one, found twice."""
-
-CAPACITY = 32768
-"""Most steps a cycle. Arrays have room for them: programs are compiled once and not for each number of steps."""
-
-FLEXIBLE = 1e-6
-"""Share of the compliance of a mesh below which modes too fast for the steps are left out."""
+ORBIT = OrbitOptions()
 
 
 @Program
@@ -76,24 +83,24 @@ def _make(train, rpm, plan):
     """A Stepper and the ReducedModel that it steps."""
     problem = pose(train, rpm, plan.sizes.excited)
     stepper, response, modes = _equations(problem, plan.choice, plan.time_steps)
-    linear = np.zeros((2 * CAPACITY, len(response)))
+    linear = np.zeros((2 * ORBIT.capacity, len(response)))
     linear[: 2 * plan.time_steps] = fourier.synthesize(response, 2 * plan.time_steps).T
     stepper = replace(stepper, linear=linear, count=np.array(plan.time_steps))
-    flexible = np.abs(np.diag(stepper.static)) * np.asarray(stepper.law.stiffness) > FLEXIBLE
+    flexible = np.abs(np.diag(stepper.static)) * np.asarray(stepper.law.stiffness) > ORBIT.flexible
     return (stepper if flexible.any() else replace(stepper, static=None)), modes
 
 
 @Program
 def _visited(stepper, until):
-    """States ``(CYCLES, n)`` at the beginning of cycles from the flanks, their periodicity errors, the last cycle's
-    deflection.
+    """States ``(ORBIT.cycles, n)`` at the beginning of cycles from the flanks, their periodicity errors, the deflection
+    of the last cycle.
 
     Ends with the first cycle that closes to ``until``; cycles not marched have periodicity error nan.
     """
 
     def unfinished(carry):
         done, _, _, periodicity_errors = carry
-        return (done < CYCLES) & ~(periodicity_errors[done - 1] <= until)
+        return (done < ORBIT.cycles) & ~(periodicity_errors[done - 1] <= until)
 
     def visit(carry):
         done, state, states, periodicity_errors = carry
@@ -101,7 +108,7 @@ def _visited(stepper, until):
         return done + 1, after, states.at[done].set(state), periodicity_errors.at[done].set(periodicity_error)
 
     state = stepper.flank_state
-    empty = jnp.zeros((CYCLES, len(state))), jnp.full(CYCLES, jnp.nan)
+    empty = jnp.zeros((ORBIT.cycles, len(state))), jnp.full(ORBIT.cycles, jnp.nan)
     done, _, states, periodicity_errors = lax.while_loop(unfinished, visit, (jnp.array(0), state, *empty))
     return states, periodicity_errors, cycle(stepper, states[done - 1])[1].deflection
 
@@ -109,7 +116,7 @@ def _visited(stepper, until):
 @Program
 def _shot(stepper, state):
     """What :func:`_closed` makes of the cycle that shooting reaches from a state ``(n,)``."""
-    found = shoot(stepper, state, most=STEPS, tolerance=SETTLED)[0]
+    found = shoot(stepper, state, most=ORBIT.newton_steps, tolerance=ORBIT.settled)[0]
     return _closed(stepper, segments.beginnings(stepper, found))
 
 
@@ -117,7 +124,7 @@ def _shot(stepper, state):
 def _closed(stepper, nodes):
     """Nodes ``(K, n)`` with smaller gaps, the deflections ``(G, capacity)`` of their motion, and its periodicity
     error."""
-    nodes, trace, _ = segments.close(stepper, nodes, tolerance=CLOSED, most=STEPS)
+    nodes, trace, _ = segments.close(stepper, nodes, tolerance=ORBIT.closed, most=ORBIT.newton_steps)
     return nodes, trace.deflection, trace.periodicity_error
 
 
@@ -137,7 +144,7 @@ class Orbit:
 
 
 def _same(deflection, other):
-    return np.max(np.abs(deflection - other)) <= SAME * np.max(np.abs(deflection))
+    return np.max(np.abs(deflection - other)) <= ORBIT.same * np.max(np.abs(deflection))
 
 
 def coefficients(deflection, time_steps):
@@ -148,7 +155,7 @@ def coefficients(deflection, time_steps):
 class Search:
     """Closed orbits of a train at a speed, with the meshes and time steps of a Plan; as many shots as ``work`` pays."""
 
-    def __init__(self, train, rpm, plan, work=WORK):
+    def __init__(self, train, rpm, plan, work=ORBIT.work):
         self.train, self.rpm, self.plan, self.work = train, rpm, plan, work
         self.states, self.periodicity_errors = None, None
 
@@ -180,7 +187,7 @@ class Search:
         for tries, seed in enumerate(self._seeds(), 1):
             nodes, deflection, periodicity_error = jax.tree.map(np.asarray, _shot(self.stepper, seed))
             best = replace(best, tries=tries)
-            if periodicity_error <= SETTLED and not any(_same(deflection, other) for other in known):
+            if periodicity_error <= ORBIT.settled and not any(_same(deflection, other) for other in known):
                 known.append(deflection)
                 yield Orbit(coefficients(deflection, self.plan.time_steps), float(periodicity_error), nodes, tries)
             elif periodicity_error < best.periodicity_error:
@@ -193,13 +200,13 @@ class Search:
         if self.train.topology.n_disks > LARGEST or not np.all(self.train.disks.inertia):  # modes depend on the steps
             nodes = nodes @ (self._made[1].space.coordinates @ search._made[1].motion).T
         nodes, deflection, periodicity_error = jax.tree.map(np.asarray, _closed(self.stepper, nodes))
-        found = coefficients(deflection, self.plan.time_steps) if periodicity_error <= SETTLED else None
+        found = coefficients(deflection, self.plan.time_steps) if periodicity_error <= ORBIT.settled else None
         return Orbit(found, float(periodicity_error), nodes, 1)
 
     def _seeds(self):
         """Beginnings ``(tries, n)`` of the cycles of a march that close best."""
         if self.states is None:
             self.march()
-        most = int(np.clip(self.work / work_of_cycle(self.train, self.plan.time_steps), *TRIES))
+        most = int(np.clip(self.work / work_of_cycle(self.train, self.plan.time_steps), 1, ORBIT.cycles))
         best = np.argsort(self.periodicity_errors)[:most]
         return self.states[best[np.isfinite(self.periodicity_errors[best])]]

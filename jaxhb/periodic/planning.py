@@ -43,7 +43,7 @@ def level_at_least(harmonics):
 def shared_level(harmonics):
     """The smallest of few numbers of harmonics, SPARSE apart, that is not below ``harmonics``: for speeds that are not
     known beforehand and share programs."""
-    few = LEVELS[LEVELS.index(48) : -4 : 4]
+    few = LEVELS[LEVELS.index(48) : -4 : 4]  # 48, 192, 768
     return next((n for n in few if n >= harmonics), LEVELS[-1])
 
 
@@ -136,7 +136,7 @@ def all_unknown(train, plan, request):
 
 
 def contact_plan(train, request):
-    """The plan with all teeth in contact, on flanks that nothing verifies."""
+    """The plan with all teeth in contact and no mesh held on a flank, so that nothing is verified."""
     return Plan(
         harmonics=request.harmonics or max(excited_harmonic(train, request.method), LEVELS[0]),
         active=(),

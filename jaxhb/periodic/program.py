@@ -121,6 +121,7 @@ def differentiable(problem, choice, found, sizes):
 
 def find(problem, choice, start, tolerance, sizes):
     """The Outcome without derivatives, what :func:`attach` needs of its motion, whether it solves."""
+    # N is the length of the start; ``sizes.samples`` are 16 N, which the plan sees to.
     harmonics = start.coefficients.shape[-1] - 1
     none = len(choice.active) == 0
     reach = 2 * harmonics if sizes.estimated and not none else harmonics

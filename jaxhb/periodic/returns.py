@@ -9,28 +9,41 @@ import numpy as np
 PERIODS = tuple(range(1, 9))
 """Cycles after which a return is looked for."""
 
-SETTLED, NEAR = 5e-5, 3e-4
-"""Return error at which a motion that does not leave it has a period, and below which it has one that it approaches.
 
-Soft springs to ground and heavy disks on soft shafts settle over hundreds of cycles, of which the teeth see little:
-what is left is solved by harmonic balance, whatever the rate of decay."""
+@dataclass(frozen=True)
+class ReturnOptions:
+    """When a march has a period. Return errors are shares of the largest deflection and the gap.
 
-FALLING, DECAYING = 0.8, 0.95
-"""Share to which the return error falls from one window of cycles to the next, twice, where a motion approaches a
-period (past a motion that repels in one direction the fall slows down), and where it may still do so."""
+    Soft springs to ground and heavy disks on soft shafts settle over hundreds of cycles, of which the teeth see little:
+    what is left is solved by harmonic balance, whatever the rate of decay.
 
-LEAVING, ROUNDED = 1.05, 1e-9
-"""Growth of the return error from one window to the next that still is none; return error that rounding leaves."""
+    Parameters
+    ----------
+    settled : return error at which a motion that does not leave it has a period
+    near : return error below which it has a period that it approaches
+    close : return error that keeps falling below which, where a march ends, it may be near a motion to which it goes
+        on: worth the question of whether there is one that attracts
+    small : return error above which a decay tells nothing
+    rounded : return error that rounding leaves
+    falling : share to which the return error falls from one window of cycles to the next, twice, where a motion
+        approaches a period; past a motion that repels in one direction the fall slows down
+    decaying : the same where it may still do so
+    leaving : growth of the return error from one window to the next that still is none
+    window : cycles in a window at least; as many as the period has
+    """
 
-CLOSE = 0.02
-"""Return error that keeps falling below which, where a march ends, it may be near a motion to which it goes on: worth
-the question of whether there is one that attracts."""
+    settled: float = 5e-5
+    near: float = 3e-4
+    close: float = 0.02
+    small: float = 0.3
+    rounded: float = 1e-9
+    falling: float = 0.8
+    decaying: float = 0.95
+    leaving: float = 1.05
+    window: int = 3
 
-SMALL = 0.3
-"""Return error above which a decay tells nothing."""
 
-WINDOW = 3
-"""Cycles in a window at least; as many as the period has."""
+RETURN = ReturnOptions()
 
 
 TRANSIENT, WORK = (64, 192), 4e6
@@ -84,13 +97,13 @@ class Returns:
 
     def errors(self, k, scale=None):
         """Largest return error after k cycles in each of the last three windows, the latest first; else inf."""
-        window, scale = max(WINDOW, k), self.scale if scale is None else scale
+        window, scale = max(RETURN.window, k), self.scale if scale is None else scale
         last = np.array(self.cycles[-3 * window - k :])
         change = (np.abs(last[k:] - last[:-k]) / scale).max(axis=(1, 2))[::-1]
         windows = (change[i * window : (i + 1) * window] for i in range(3))
         return [float(part.max()) if len(part) == window else np.inf for part in windows]
 
-    def period(self, last=False, close=NEAR):
+    def period(self, last=False, close=RETURN.near):
         """The smallest period in cycles that the motion has or approaches; 0 where there is none yet.
 
         ``last``: the march ends here, and however slow an approach counts, from a return error of ``close`` on.
@@ -98,10 +111,10 @@ class Returns:
         Where the motion still approaches a divisor of a period it may well have that one: beside a period doubling it
         nearly returns after two cycles while it settles on the period of one.
         """
-        scale, falling, close = self.scale, 1.0 if last else FALLING, close if last else NEAR
+        scale, falling, close = self.scale, 1.0 if last else RETURN.falling, close if last else RETURN.near
         errors = {k: self.errors(k, scale) for k in PERIODS}
         for k, (now, before, first) in errors.items():
-            settled = now <= SETTLED and now <= LEAVING * before < np.inf or now <= ROUNDED
+            settled = now <= RETURN.settled and now <= RETURN.leaving * before < np.inf or now <= RETURN.rounded
             near = now <= close and now <= falling * before and before <= falling * first < np.inf
             waits = not last and any(k % j == 0 and decaying(errors[j]) for j in PERIODS if j < k)
             if (settled or near) and not waits:
@@ -117,7 +130,7 @@ class Returns:
 def decaying(errors):
     """Whether return errors of successive windows, the latest first, fall."""
     now, before, first = errors
-    return now <= SMALL and now <= DECAYING * before and before <= DECAYING * first < np.inf
+    return now <= RETURN.small and now <= RETURN.decaying * before and before <= RETURN.decaying * first < np.inf
 
 
 def ended(batch, cycles, verified=False):
@@ -125,7 +138,7 @@ def ended(batch, cycles, verified=False):
 
     ``verified``: the motion is asked for, so that a march that ends may still be some way off.
     """
-    close = CLOSE if verified else NEAR
+    close = RETURN.close if verified else RETURN.near
     running = [march for march in batch.marches if not march.done]
     transient = cycles.before_record(batch.work)
     while True:
@@ -147,7 +160,7 @@ def _period(march, cycles, transient, close):
     if march.cycles < march.again:
         return None
     complete = march.cycles >= transient and march.recorded >= cycles.recorded
-    period = march.returns.period(last=complete and close > NEAR, close=close)
+    period = march.returns.period(last=complete and close > RETURN.near, close=close)
     if period:
         return period
     over = complete and (march.cycles >= cycles.most or not march.returns.undecided())

@@ -1,6 +1,7 @@
 """Harmonic balance of a motion on which a march settled: of one cycle, or of several as one long cycle."""
 
 import dataclasses
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,24 +12,45 @@ from . import ladder, planning
 from .request import MOST
 from .returns import PERIODS
 
-MARGIN = 0.05
-"""Share of the backlash beyond the knee that a mesh keeps which is taken to stay on its flank (verified)."""
 
-SAME = 0.05
-"""Difference of deflections, relative to the largest and the gap, up to which a solution is the motion marched."""
+@dataclass(frozen=True)
+class VerdictOptions:
+    """How a march becomes a steady state. Differences of deflections are relative to the largest and the gap.
 
-LEVELS_TRIED = 3
-"""Numbers of harmonics, one higher than the other, from which Newton's method is started: with too few there may
-be no solution near the motion."""
+    Parameters
+    ----------
+    margin : share of the backlash beyond the knee that a mesh keeps which is taken to stay on its flank (verified)
+    same : difference of deflections up to which a solution is the motion marched
+    arrived : difference of deflections up to which a march arrives at a motion known from another start
+    apart : difference of the motions of neighbouring speeds from which the one may have another motion when it starts
+        from the other; and of largest deflections up to which records of irregular motion are of one
+    returned : return error below which a motion may have the shorter period that its solution has
+    repeats : share of the sum of all amplitudes below which those of longer periods are none
+    levels : numbers of harmonics, one higher than the other, from which Newton's method is started: with too few there
+        may be no solution near the motion
+    compared : time samples of a cycle at which motions are compared
+    finest : times the steps of a march, at most, where twice as many did not confirm what it shows
+    later : cycles after which a march with shorter steps is recorded, once it has settled on those of longer ones
+    again : cycles that a march with the finest steps goes on where harmonic balance did not find its motion
+    """
 
-COMPARED = 1024
-"""Samples of a cycle at which motions are compared."""
+    margin: float = 0.05
+    same: float = 0.05
+    arrived: float = 0.02
+    apart: float = 0.1
+    returned: float = 5e-3
+    repeats: float = 1e-4
+    levels: int = 3
+    compared: int = 1024
+    finest: int = 4
+    later: int = 32
+    again: int = 32
 
-REPEATS = 1e-4
-"""Share of the sum of all amplitudes below which those of longer periods are none."""
+
+VERDICT = VerdictOptions()
 
 
-def solve_settled(train, march, trace, period, request, *, steps, meshes, levels=LEVELS_TRIED):
+def solve_settled(train, march, trace, period, request, *, steps, meshes, levels=VERDICT.levels):
     """The Response of a motion with a period of some cycles, from one marched period.
 
     Parameters
@@ -81,7 +103,7 @@ def _plan(train, rpm, request, deflection, meshes, period):
     law = meshes.law
     side = np.where(deflection.mean(axis=1) < 0, -1, 1)
     least = (side[:, None] * deflection).min(axis=1)
-    stays = least > law.knee + MARGIN * law.backlash
+    stays = least > law.knee + VERDICT.margin * law.backlash
     apart = (np.abs(deflection) < law.gap[:, None]).any()
     return _plan_of(train, rpm, request, np.where(stays, side, 0), apart, period)
 
@@ -106,7 +128,9 @@ def _plan_of(train, rpm, request, side, apart, period):
         harmonics=request.harmonics or min(wanted, MOST[request.method]),
         active=active,
         flank=tuple(flank.tolist()),
-        start="march" if active and flank.any() else "linear",  # beside a flank that does not hold there is no start
+        # Read only where a flank that the plan held did not hold: what was given is no start then.
+        start="march" if active and flank.any() else "linear",
+        # In a sweep room for the longest period whatever the period: equal shapes, one program.
         excited=contact.excited // period * PERIODS[-1] if request.many else contact.excited,
     )
 
@@ -126,7 +150,7 @@ def prepare(train, speeds, request):
     return [made for made in map(ladder.prepare, cases) if made is not None]
 
 
-def same_motion(response, trace, meshes, train, most=SAME):
+def same_motion(response, trace, meshes, train, most=VERDICT.same):
     """Whether a response is the motion of a marched period ``(2G, steps)``."""
     own = np.flatnonzero(np.array(train.topology.mesh_backlash, dtype=bool))
     deflection = np.split(trace, 2)[0]
@@ -142,7 +166,7 @@ def shortest_period(response, period):
     for divisor in range(1, period):
         if period % divisor == 0:
             others = np.arange(deflections.shape[-1]) % (period // divisor) != 0
-            if deflections[:, others].sum() <= REPEATS * deflections[:, 1:].sum():
+            if deflections[:, others].sum() <= VERDICT.repeats * deflections[:, 1:].sum():
                 return divisor
     return period
 
@@ -150,7 +174,7 @@ def shortest_period(response, period):
 def difference(one, other, period):
     """Largest difference of the deflections of two responses over ``period`` cycles, relative to the largest of all
     meshes; the motions may begin in different cycles."""
-    one, other = (response.deflection_samples(period * COMPARED) for response in (one, other))
-    shifted = (np.roll(other, k * COMPARED, axis=-1) for k in range(period))
+    one, other = (response.deflection_samples(period * VERDICT.compared) for response in (one, other))
+    shifted = (np.roll(other, k * VERDICT.compared, axis=-1) for k in range(period))
     least = min(np.abs(one - moved).max(initial=0.0) for moved in shifted)
     return float(least / max(np.abs(one).max(initial=0.0), np.abs(other).max(initial=0.0), 1e-300))

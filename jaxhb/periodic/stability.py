@@ -23,7 +23,7 @@ from ..harmonic.excitation import listed_harmonic
 from ..harmonic.residual import backlash_meshes
 from ..response.response import Response
 from ..response.status import NotConverged, Status
-from ..transient.reduced_model import reduced_model
+from ..transient.reduced_model import LARGEST, reduced_model
 from ..transient.statespace import loss_damping, partition, state_space
 from ..transient.stepper import exponential
 from ..transient.variational import monodromy
@@ -174,7 +174,7 @@ def largest_multiplier(response: Response) -> float:
     Raises
     ------
     NotConverged, ValueError
-        As :func:`stability`, but not for massless disks.
+        As :func:`stability`, but not for massless disks; and for more than 64 disks without a mesh with backlash.
 
     Examples
     --------
@@ -184,6 +184,11 @@ def largest_multiplier(response: Response) -> float:
     """
     train, rpm = train_of(response), float(response.rpm)
     gaps, excited = train.topology.mesh_backlash, listed_harmonic(train.topology)
+    if not reducible(train.topology):
+        raise ValueError(
+            f"{train.topology.name or 'scene'}: no mesh has backlash, and of {train.topology.n_disks} disks only the "
+            "modes that meshes excite are looked at. jaxhb.damped_modes tells how those of a linear train die away."
+        )
     highest = max(mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))[0], 2 * excited)
     plan = Plan(
         harmonics=response.harmonics,
@@ -227,6 +232,11 @@ def _linearised(problem, choice, deflection, sizes):
     carried = correction.prepare(reduced, model, deflection, sizes.samples, sizes.time_steps).carried
     matrix, _ = lax.scan(lambda matrix, block: (block @ matrix, None), jnp.eye(carried.shape[1]), carried)
     return matrix, model.space.coordinates
+
+
+def reducible(topology):
+    """Whether the largest multiplier can be found: of large trains from the modes that meshes with backlash excite."""
+    return any(topology.mesh_backlash) or topology.n_disks <= LARGEST
 
 
 def train_of(response):

@@ -19,18 +19,14 @@ from ..response.response import Response
 from ..response.status import Status
 from ..response.steady import SteadyState, SteadySweep
 from .checkpoint import CHUNK, Checkpoint
-from .judged import AGREES, Judge, state_of, unknown
+from .judged import Judge, state_of, unknown
 from .planned import solve_batches
 from .planning import plan_speeds
 from .request import Request
 from .returns import Cycles
-from .settled import difference, prepare
+from .settled import VERDICT, difference, prepare
 
 DIRECTIONS = "up", "down", "both"
-
-LEVEL = 0.1
-"""Difference of the motions of neighbouring speeds from which the one may have another motion when it starts from the
-other; and of largest deflections up to which records of irregular motion are of one."""
 
 
 @overload
@@ -273,12 +269,13 @@ class _Search:
 
 def _differs(before, state):
     """Whether a speed may have another motion when it starts from the one before."""
-    return _kind(before) != _kind(state) or state.kind != "contact" and _apart(before, state) > LEVEL
+    return _kind(before) != _kind(state) or state.kind != "contact" and _apart(before, state) > VERDICT.apart
 
 
 def _alike(one, other):
     """Whether two steady states of one speed are the same motion."""
-    return _kind(one) == _kind(other) and _apart(one, other) <= (LEVEL if one.kind == "irregular" else AGREES)
+    most = VERDICT.apart if one.kind == "irregular" else VERDICT.arrived
+    return _kind(one) == _kind(other) and _apart(one, other) <= most
 
 
 def _kind(state):

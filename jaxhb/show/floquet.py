@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from ..periodic.stability import DENSE_DISKS, largest_multiplier, stability
+from ..periodic.stability import DENSE_DISKS, largest_multiplier, reducible, stability
 
 DECIDED = 0.15
 """Distance from 1 beyond which the nearly known multiplier of a large train decides: it is good to 10 %."""
@@ -41,8 +41,8 @@ def growth_of(state, *, orbit):
         A march did not find it: where its stability is refused, the nearly known multiplier is taken.
     """
     response = state.response
-    if response is None or not state.known:
-        return Growth()
+    if response is None or not state.known or not reducible(response.topology):
+        return Growth()  # disturbances of a linear train die away as its modes do
     try:
         large = response.topology.n_disks > DENSE_DISKS
         largest = largest_multiplier(response) if large else 1.0

@@ -71,6 +71,7 @@ def reduced_model(system, links, active, frequency, time_steps):
     kept = np.arange(len(squares))
     if len(system.mass) > LARGEST:
         seen = jnp.max(rows**2, axis=0, initial=0.0) / (squares + frequency**2)
+        # The most visible of the slow ones, in rising order again: the periodic operator takes the first as slowest.
         kept = jnp.sort(jnp.argsort(jnp.where(slow, -seen, 1.0))[:MODES])
         slow = slow & jnp.zeros(len(squares), bool).at[kept].set(True)
     apart = ~slow & (squares > free)
@@ -105,7 +106,7 @@ def _basis(system, mass, links, frequency, time_steps):
     disks = len(system.mass)
     if disks <= LARGEST:
         return jnp.eye(disks) / root
-    highest = time_steps / 6
+    highest = time_steps / 6  # harmonic of the fastest mode that so many time steps resolve
     omega = frequency * highest ** (jnp.arange(SHIFTS) / (SHIFTS - 1.0))
     unit = jnp.broadcast_to(system.incidence(links)[:, :, None], (disks, len(links), SHIFTS))
     motion, _ = solve_linear(system, omega, unit.astype(complex), forces=0)

@@ -30,11 +30,11 @@ PLAN = Plan(harmonics=384, active=(0, 1, 2, 3), flank=(0,) * 4, start="march", t
 def test_shooting_closes_an_orbit_that_a_march_leaves_open_for_ever():
     train = jaxhb.load_scene("gear_train_30")
     orbit = next(orbits.Search(train, RPM, PLAN).shoot())
-    assert orbit.periodicity_error <= orbits.SETTLED and orbit.tries >= 1
+    assert orbit.periodicity_error <= orbits.ORBIT.settled and orbit.tries >= 1
     response = jaxhb.solve(train, rpm=RPM)
     assert response.converged and any(isinstance(event, Shooting) for event in response.path)
     open_for_ever = jaxhb.integrate(train, rpm=RPM, cycles=30)
-    assert open_for_ever.periodicity_error > 100 * orbits.SETTLED
+    assert open_for_ever.periodicity_error > 100 * orbits.ORBIT.settled
     harmonic = np.fft.irfft(np.asarray(response.deflections), n=1536, norm="forward")
     shot = np.fft.irfft(orbit.coefficients, n=1536, norm="forward")
     assert np.abs(harmonic - shot).max() < 0.1 * np.abs(harmonic).max()  # 1536 steps leave some percent
@@ -52,9 +52,9 @@ def test_every_closed_orbit_is_found_once():
     plan = Plan(harmonics=384, active=(0, 1), flank=(0, 0), start="march", time_steps=1536, excited=20)
     found = list(itertools.islice(orbits.Search(train, rpm, plan).shoot(), 6))
     motions = [np.fft.irfft(orbit.coefficients, n=plan.time_steps, norm="forward") for orbit in found]
-    assert all(orbit.periodicity_error <= orbits.SETTLED for orbit in found)
+    assert all(orbit.periodicity_error <= orbits.ORBIT.settled for orbit in found)
     apart = [np.abs(one - other).max() / np.abs(one).max() for one, other in itertools.combinations(motions, 2)]
-    assert len(found) == 6 and min(apart) > orbits.SAME
+    assert len(found) == 6 and min(apart) > orbits.ORBIT.same
 
 
 def test_another_number_of_steps_compiles_nothing():
@@ -126,7 +126,7 @@ def test_more_steps_begin_at_the_motion_of_the_disks_whatever_modes_they_keep(mo
 
     def closed(stepper, nodes):
         seen.append(stepper.space.observation @ nodes.T)
-        return nodes, np.zeros((1, orbits.CAPACITY)), np.array(0.0)
+        return nodes, np.zeros((1, orbits.ORBIT.capacity)), np.array(0.0)
 
     with monkeypatch.context() as patched:
         patched.setattr(orbits, "_closed", closed)
@@ -165,7 +165,7 @@ def test_modes_too_fast_for_the_steps_answer_statically():
     problem = pose(train, rpm, plan.sizes.excited)
     settled, closed = search.march(1e-9), next(search.shoot())
     size = np.abs(settled.coefficients).max()
-    assert closed.periodicity_error <= orbits.SETTLED
+    assert closed.periodicity_error <= orbits.ORBIT.settled
     np.testing.assert_allclose(closed.coefficients, settled.coefficients, atol=1e-5 * size)  # ten times SETTLED
     left = []
     for static in (search.stepper.static, None):
