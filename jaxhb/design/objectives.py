@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from ..harmonic import fourier
 from ..linear import limits
 from ..model.elements import SceneError
+from ..response.response import Response
 from ..response.signal import _power
 from ..response.status import Status
 
@@ -99,7 +100,7 @@ def damper_power(response, a, b=None):
     -------
     array ``(...)`` W
     """
-    return limits.link_power(usable(response), a, b)
+    return Response.power(usable(response), a, b)
 
 
 def close_half_peak_to_peak(signal):

@@ -11,7 +11,7 @@ import numpy as np
 
 from .._arrays import namespace
 from ..model.derived import link_number
-from .strength import BarredRange, barred_ranges, dissipated_power, permissible_stress, torsional_stress
+from .strength import BarredRange, barred_ranges, permissible_stress, torsional_stress
 
 SHARE_OF_RATED = 1.0 / 3.0
 """Vibratory torque that a mesh may pass on, over its rated torque."""
@@ -80,22 +80,12 @@ class _OfMotion:
         self.torque, self.force, self._response = motion.torque, motion.force, _harmonic(motion)
 
     def power(self, name):
-        return np.nan if self._response is None else link_power(self._response, name)
+        return np.nan if self._response is None else self._response.power(name)
 
 
 def _harmonic(motion):
     """The harmonic solution of a response or a steady state; None of a motion that never repeats."""
     return getattr(motion, "response", motion)
-
-
-def link_power(response, a, b=None):
-    """Mean power in W ``(...)`` that a shaft or damper turns into heat, exact from the harmonics of a response."""
-    topology = response.topology
-    index, sense = topology.link_index(a, b)
-    first, second = topology.link_ends[index]
-    twist = sense * (response.angles[..., first, :] - response.angles[..., second, :])
-    torque = response.torque(a, b).coefficients
-    return dissipated_power(torque, twist, topology.cycle_frequency(response.rpm))
 
 
 def strength(response, *, train=None):

@@ -135,15 +135,17 @@ class Signal:
 
     def summary(self):
         """Plain numbers for programs: mean, min, max, rms, half_peak_to_peak, sum_of_amplitudes, amplitudes."""
-        return {
-            "mean": float(self.mean),
-            "min": float(self.min),
-            "max": float(self.max),
+        return self.extremes() | {
             "rms": float(self.rms),
-            "half_peak_to_peak": float(self.half_peak_to_peak),
             "sum_of_amplitudes": float(self.sum_of_amplitudes),
             "amplitudes": self.spectrum(),
         }
+
+    def extremes(self):
+        """Plain numbers for programs: mean, min, max and half_peak_to_peak."""
+        values = self.samples(self.resolution)
+        low, high = float(values.min()), float(values.max())
+        return {"mean": float(self.mean), "min": low, "max": high, "half_peak_to_peak": (high - low) / 2}
 
     def spectrum(self):
         """``[[order, A, phase_deg], ...]`` of one signal."""

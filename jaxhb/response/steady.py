@@ -8,6 +8,7 @@ import jax
 import numpy as np
 
 from ..model.topology import Topology
+from .data import to_xarray
 from .response import Response
 from .signal import Signal
 
@@ -246,6 +247,27 @@ class SteadyState:
             return self.record.disks[self.topology.disk_index(name)]
         return self._signal("disk", name)
 
+    def speed(self, name):
+        """Speed of rotation of a disk or damper ring, rad/s; as :meth:`jaxhb.Response.speed`, not of a record."""
+        return self._solved("speed", name)
+
+    def acceleration(self, name):
+        """Angular acceleration of a disk or damper ring, rad/s2; not of a record."""
+        return self._solved("acceleration", name)
+
+    def irregularity(self, name):
+        """Cyclic irregularity of a disk, (largest - smallest speed) / mean speed; nan of a record."""
+        return np.nan if self._read() else self.response.irregularity(name)
+
+    def power(self, a, b=None):
+        """Mean power in W that a shaft, damper or mesh turns into heat; nan of a record."""
+        return np.nan if self._read() else self.response.power(a, b)
+
+    def _solved(self, name, *args):
+        if self._read():
+            raise ValueError(f"the motion at {self.rpm:g} rpm has no period: a record holds angles, torques and forces")
+        return self._signal(name, *args)
+
     def twist(self, a, b):
         """Angle of disk a less angle of disk b, rad; of a record only where a shaft or damper joins them."""
         if not self._read():
@@ -304,6 +326,10 @@ class SteadyState:
         shares = found.separated_fraction, found.reverse_contact_fraction
         return SteadyContact(*shares, len(speeds) / max(self.period, 1), max(speeds, default=0.0), found.drive_side)
 
+    def to_xarray(self, *, orders=None):
+        """The motion as a data set of xarray, as :meth:`SteadySweep.to_xarray`, without the dimension ``rpm``."""
+        return to_xarray([self], self.topology, self.rpm, orders=orders)
+
     def __str__(self):
         what = f"{self.kind}, period {self.period} cycles" if self.kind == "subharmonic" else self.kind
         return f"{self.rpm:g} rpm: {what}" + "".join(f"; {note}" for note in self.notes)
@@ -340,3 +366,12 @@ class SteadySweep:
     def period(self):
         """Periods in cycles ``(n,)``."""
         return np.array([state.period for state in self.states])
+
+    def to_xarray(self, *, orders=None):
+        """The sweep as a data set of xarray (extra ``data``), see :meth:`jaxhb.Response.to_xarray`.
+
+        Also ``kind``, ``period`` and ``source`` of every motion: numbers come from its ``harmonics``, from a ``record``
+        (extremes over the cycles recorded, no phases, speeds and heat) or from ``nothing``, and are then nan. Orders
+        that a motion of a shorter period does not have are 0.
+        """
+        return to_xarray(self.states, self.states[0].topology, self.rpm, orders=orders)
