@@ -4,13 +4,15 @@ from dataclasses import dataclass
 
 from .answer import Answer
 from .balance import balance_line
-from .choose import gears, shafts_of
+from .choose import gears, heaviest, shafts_of
 from .columns import aligned, alike, ratios, shares
 from .compute import answer_one
 from .record import answer_record, finite
 from .strength import answers_strength, strength_record, strength_text
-from .tables import hardest_text, notes_text, peak_table
+from .tables import hardest_text, irregularity_text, notes_text, peak_table
 from .words import status_lines, verdict
+
+DOUBT = ", NOT CONVERGED"
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,7 @@ def cases_text(cases):
             parts += [_force_table(cases, number), *_peak_tables(cases, number), _gear_table(cases, number)]
         else:
             parts.append(_shaft_table(cases, number))
+        parts.append(_turning_table(cases, number))
     parts += cases_strength(cases)
     parts += notes_text(*(answer for case in cases for answer in case.answers))
     return "\n\n".join(parts)
@@ -95,7 +98,7 @@ def _force_table(cases, number):
         ]
     heads = ["mesh", *["with", "without", "apart %", "reverse %", "hit m/s"] * len(cases)]
     title = "Largest tooth force, kN, with and without backlash; share of the time apart and on the reverse flank"
-    return title + "\n" + aligned(heads, [names, *columns], _groups(cases, 5))
+    return title + "\n" + aligned(heads, [names, *columns], _groups(cases, number, 5))
 
 
 def _peak_tables(cases, number):
@@ -117,6 +120,20 @@ def _shaft_table(cases, number):
     return title + _swing_table("disk", topology.disk_names, "disk", cases, number, 1e3)
 
 
+def _turning_table(cases, number):
+    """Irregularity of the heaviest disk of the reference rotor, and heat of the dampers."""
+    train, answers = cases[0].answers[0].train, [case.answers[number] for case in cases]
+    disk = heaviest(train)
+    columns = [[irregularity_text(answer, disk)] for answer in answers]
+    for column, answer in zip(columns, answers, strict=True):
+        column += alike([answer.power(name) for name in train.topology.damper_names])[0]
+    rows = [f"irregularity of {disk}", *(f"heat of {name}, W" for name in train.topology.damper_names)]
+    heads = [case.title + DOUBT * _doubted(answer) for case, answer in zip(cases, answers, strict=True)]
+    return "Cyclic irregularity, (largest - smallest) / mean speed, and dampers\n" + aligned(
+        ["", *heads], [rows, *columns]
+    )
+
+
 def _swing_table(what, names, read, cases, number, factor=1.0):
     columns = []
     for case in cases:
@@ -124,8 +141,13 @@ def _swing_table(what, names, read, cases, number, factor=1.0):
         pair = [[factor * getattr(r, read)(name).half_peak_to_peak for name in names] for r in both]
         columns += [*alike(*pair), ratios(*pair)]
     heads = [what, *["with", "without", "ratio"] * len(cases)]
-    return aligned(heads, [names, *columns], _groups(cases, 3))
+    return aligned(heads, [names, *columns], _groups(cases, number, 3))
 
 
-def _groups(cases, width):
-    return [(case.title, 1 + i * width, (i + 1) * width) for i, case in enumerate(cases)]
+def _groups(cases, number, width):
+    said = [case.title + DOUBT * _doubted(case.answers[number]) for case in cases]
+    return [(title, 1 + i * width, (i + 1) * width) for i, title in enumerate(said)]
+
+
+def _doubted(answer):
+    return answer.known and not answer.answered

@@ -16,6 +16,7 @@ from ..linear.modal import natural_frequencies
 from ..linear.tangent import at_mean_load
 from ..model.change import without_backlash
 from ..periodic.misfires import misfire_each
+from .answer import shown
 from .campbell import campbell_record, campbell_rows, campbell_text
 from .choose import asks_each, case_title, without_cylinders
 from .forced import forced_failures, forced_head, forced_record, forced_rows, forced_text, readings
@@ -135,7 +136,7 @@ def forced(train, arguments):
 
 def _forced_alone(response, arguments):
     """One train."""
-    found, judged = readings(response, arguments.element), strength(response)
+    found, judged = readings(response, arguments.element), strength(shown(response))
     more = {"strength": strength_record(judged)} if judged else {}
     deliver(
         arguments,
@@ -159,7 +160,7 @@ def _forced_misfires(train, arguments):
         _forced_alone(response, arguments)
         return _forced_status([s for s in failures if s not in forced_failures(response, case_title(train))])
     worst = worst_of(misfires, found)
-    judged = {cylinder: strength(one) for cylinder, one in responses.items()}
+    judged = {cylinder: strength(shown(one)) for cylinder, one in responses.items()}
     titled = {f"With {case_title(train, cylinder)}": one for cylinder, one in judged.items()}
     orders = arguments.orders
 
