@@ -1,6 +1,5 @@
 """One evaluation of a tuning under way: lanes solved, some of them again, and put together to an objective."""
 
-import time
 from dataclasses import dataclass
 from functools import partial
 
@@ -20,8 +19,8 @@ ALONE = 48
 NEGLIGIBLE = 1e-8
 """Share of the largest derivative of the objective by a reading below which no gradient is taken through it."""
 
-PATIENCE = 60.0
-"""Seconds that the lost speeds of one evaluation may take up the ladder, together: most have no motion of one cycle."""
+PATIENCE = 30.0
+"""Seconds after which a lost speed gets no further attempt."""
 
 SETTLED = 1e-4
 """Closure at which a march ends; what its steps leave of the equations is as much."""
@@ -119,15 +118,13 @@ class Trial:
     def climb(self, lanes):
         """Solve ``lanes`` one by one, up the ladder of :func:`jaxhb.solve`, and from there under the largest plan.
 
-        Each has its share of the time that is left, and one attempt in any case.
+        Each has a bounded time, and one attempt in any case: most of what is not found soon has no motion of one cycle.
         """
         bench, plan, found = self.bench, self.bench.kinds[0], np.zeros_like(lanes)
-        places, until = np.argwhere(lanes) if plan.active else (), time.monotonic() + PATIENCE
-        for number, (a, i) in enumerate(places):
+        for a, i in np.argwhere(lanes) if plan.active else ():
             train = bench.train.replace(bench.values(self.z[a]))
-            own = {"harmonics": plan.harmonics, "integrals": plan.integrals}
-            seconds = max(until - time.monotonic(), 0.0) / (len(places) - number)
-            response = solve(train, rpm=float(bench.speeds[a, i]), seconds=seconds, **own)
+            own = {"harmonics": plan.harmonics, "integrals": plan.integrals, "seconds": PATIENCE}
+            response = solve(train, rpm=float(bench.speeds[a, i]), **own)
             if response.status <= Status.TOLERANCE_NOT_MET:
                 found[a, i] = True
                 self.kind[a, i] = 0

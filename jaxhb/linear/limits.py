@@ -77,10 +77,7 @@ class _OfMotion:
     """How a response or a steady state is read: signals of links, and their heat."""
 
     def __init__(self, motion):
-        self.torque, self.force, self._response = motion.torque, motion.force, _harmonic(motion)
-
-    def power(self, name):
-        return np.nan if self._response is None else self._response.power(name)
+        self.torque, self.force, self.power = motion.torque, motion.force, motion.power
 
 
 def _harmonic(motion):
@@ -104,7 +101,7 @@ def strength(response, *, train=None):
         Of every shaft with a ``diameter`` (or ``outer``) half of the peak-to-peak torque over W_p, in Pa, and with a
         ``tensile_strength`` its limits at this speed over ``rated_rpm``; of every mesh with a ``rated_torque`` half of
         the peak-to-peak torque on its first gear and a third of the rated torque, in N m; of every shaft and damper
-        with a ``power_limit`` its heat, in W, nan of a motion that never repeats. Differentiable.
+        with a ``power_limit`` its heat, in W. Differentiable.
 
     Raises
     ------

@@ -183,10 +183,10 @@ class _Search:
         for place in places:
             if place in self.contact and place not in motions:
                 known[place] = self._contact(place)
-                self.tell({place: known[place]}, self.way)
                 self.progress(1)
             else:
                 marching.append(place)
+        self.tell({place: known[place] for place in places if place in known}, self.way)
         known |= self.settle(marching, motions, self.progress)
 
     def along(self, order):

@@ -146,12 +146,12 @@ def _numbers(motion, topology):
         for name in ("separated_fraction", "reverse_contact_fraction")
     }
     elements |= {name: np.array(values, dtype=float) for name, values in zip(*_impacts(contacts, motion), strict=True)}
+    elements["irregularity"] = np.array([float(motion.irregularity(name)) for name in names["disk"]])
+    for heat, dim in (("heat", "shaft"), ("mesh_heat", "mesh")):
+        elements[heat] = np.array([float(motion.power(name)) for name in names[dim]])
     if solved:
         elements |= {"load_torque": np.asarray(response.load_torque)}
         elements |= {"ground_reaction": np.asarray(response.ground_reaction)}
-        elements["irregularity"] = np.array([float(response.irregularity(name)) for name in names["disk"]])
-        for heat, dim in (("heat", "shaft"), ("mesh_heat", "mesh")):
-            elements[heat] = np.array([float(response.power(name)) for name in names[dim]])
     statistics = {(n, what): values for n, own in signals.items() for what, values in own["statistics"].items()}
     spectra = {name: own["spectrum"] for name, own in signals.items() if name in WITH_ORDERS}
     about["source"] = "harmonics" if solved else "record"
@@ -195,9 +195,15 @@ def _of_response(response, names):
 
 
 def _of_record(record, names, topology):
-    """The same of recorded cycles, which have amplitudes without phases, and no speeds."""
+    """The same of recorded cycles, which have amplitudes without phases, and no accelerations."""
     gears = [record.gears[topology.disk_index(gear)] for gear in names["gear"]]
-    rows = {"angle": record.disks, "torque": record.torques, "gear_torque": gears, "tooth_force": record.forces}
+    rows = {
+        "angle": record.disks,
+        "speed": record.speeds,
+        "torque": record.torques,
+        "gear_torque": gears,
+        "tooth_force": record.forces,
+    }
     found = {}
     for name, own in rows.items():
         statistics = {what: np.array([float(getattr(signal, what)) for signal in own]) for what in STATISTICS}

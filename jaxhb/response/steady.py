@@ -139,6 +139,16 @@ class RecordedSignal:
         changed = {"highest": -self.lowest, "lowest": -self.highest, "mean": -self.mean, "elastic_part": elastic}
         return dataclasses.replace(self, **changed)
 
+    def shifted(self, by):
+        """The quantity with a constant added."""
+        moved = {name: getattr(self, name) + by for name in ("highest", "lowest", "mean")}
+        rms = float(np.sqrt(self.rms**2 + 2 * by * self.mean + by**2))
+        return dataclasses.replace(self, **moved, rms=rms)
+
+    def extremes(self):
+        """Plain numbers for programs, as :meth:`jaxhb.Signal.extremes`."""
+        return {name: float(getattr(self, name)) for name in ("mean", "min", "max", "half_peak_to_peak")}
+
     def scaled(self, factor):
         """The quantity times a factor above 0."""
         changed = {name: factor * getattr(self, name) for name in ("highest", "lowest", "mean", "rms", "amplitudes")}
@@ -146,9 +156,9 @@ class RecordedSignal:
 
     def summary(self):
         """Plain numbers for programs, as :meth:`jaxhb.Signal.summary` with ``[[order, A], ...]``."""
-        names = "mean", "min", "max", "rms", "half_peak_to_peak", "sum_of_amplitudes"
         spectrum = [[float(o), float(a)] for o, a in zip(self.orders, self.amplitudes, strict=True)]
-        return {name: float(getattr(self, name)) for name in names} | {"amplitudes": spectrum}
+        more = {name: float(getattr(self, name)) for name in ("rms", "sum_of_amplitudes")}
+        return self.extremes() | more | {"amplitudes": spectrum}
 
 
 @dataclass(frozen=True)
@@ -172,7 +182,8 @@ class Record:
     """Signals of every disk, link and gear over recorded cycles, and the contact of every mesh.
 
     disks, twists, torques, deflections, forces, gears : tuples of :class:`RecordedSignal` in the order of the topology
-    (twists and torques of shafts, then dampers); gears : by disk index; contacts : of the meshes.
+    (twists and torques of shafts, then dampers); gears : by disk index; contacts : of the meshes; speeds : of rotation
+    of the disks, rad/s; heat : of shafts, then dampers, W.
     """
 
     cycles: int
@@ -183,6 +194,8 @@ class Record:
     forces: tuple
     gears: dict
     contacts: tuple
+    speeds: tuple = ()
+    heat: tuple = ()
 
 
 @dataclass(frozen=True)
@@ -248,25 +261,28 @@ class SteadyState:
         return self._signal("disk", name)
 
     def speed(self, name):
-        """Speed of rotation of a disk or damper ring, rad/s; as :meth:`jaxhb.Response.speed`, not of a record."""
-        return self._solved("speed", name)
+        """Speed of rotation of a disk or damper ring, rad/s: the mean speed of its rotor and the vibration."""
+        if self._read():
+            return self.record.speeds[self.topology.disk_index(name)]
+        return self._signal("speed", name)
 
     def acceleration(self, name):
-        """Angular acceleration of a disk or damper ring, rad/s2; not of a record."""
-        return self._solved("acceleration", name)
+        """Angular acceleration of a disk or damper ring, rad/s2; a record has none."""
+        if self._read():
+            raise ValueError(f"the motion at {self.rpm:g} rpm has no period: its record holds no accelerations")
+        return self._signal("acceleration", name)
 
     def irregularity(self, name):
-        """Cyclic irregularity of a disk, (largest - smallest speed) / mean speed; nan of a record."""
-        return np.nan if self._read() else self.response.irregularity(name)
+        """Cyclic irregularity of a disk, (largest - smallest speed) / mean speed; of a record over all its cycles."""
+        speed = self.speed(name)
+        return 2 * speed.half_peak_to_peak / speed.mean
 
     def power(self, a, b=None):
-        """Mean power in W that a shaft, damper or mesh turns into heat; nan of a record."""
-        return np.nan if self._read() else self.response.power(a, b)
-
-    def _solved(self, name, *args):
-        if self._read():
-            raise ValueError(f"the motion at {self.rpm:g} rpm has no period: a record holds angles, torques and forces")
-        return self._signal(name, *args)
+        """Mean power in W that a shaft, damper or mesh turns into heat; nan of a mesh of a record."""
+        if not self._read():
+            return self.response.power(a, b)
+        index, _ = self.topology.link_index(a, b)
+        return self.record.heat[index] if index < len(self.record.heat) else np.nan
 
     def twist(self, a, b):
         """Angle of disk a less angle of disk b, rad; of a record only where a shaft or damper joins them."""
@@ -371,7 +387,7 @@ class SteadySweep:
         """The sweep as a data set of xarray (extra ``data``), see :meth:`jaxhb.Response.to_xarray`.
 
         Also ``kind``, ``period`` and ``source`` of every motion: numbers come from its ``harmonics``, from a ``record``
-        (extremes over the cycles recorded, no phases, speeds and heat) or from ``nothing``, and are then nan. Orders
+        (extremes over the cycles recorded, no phases and accelerations) or from ``nothing``, and are then nan. Orders
         that a motion of a shorter period does not have are 0.
         """
         return to_xarray(self.states, self.states[0].topology, self.rpm, orders=orders)

@@ -179,10 +179,10 @@ class Answer:
 
     def speed(self, name):
         """Speed of rotation of a disk, rad/s."""
-        return self._read("speed", name) if self.response is not None else NO_SIGNAL
+        return self._read("speed", name)
 
     def acceleration(self, name):
-        """Angular acceleration of a disk, rad/s2."""
+        """Angular acceleration of a disk, rad/s2; not known of a record."""
         return self._read("acceleration", name) if self.response is not None else NO_SIGNAL
 
     def irregularity(self, name):

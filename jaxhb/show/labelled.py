@@ -32,6 +32,11 @@ def netcdf(found, orders, *, every=False):
     return [as_netcdf(xarray.concat(list(sets.values()), ways, join="outer", combine_attrs="override"))]
 
 
+def forced_netcdf(response, orders):
+    """The NetCDF file of a linear forced response."""
+    return [as_netcdf(response.to_xarray(orders=orders))]
+
+
 def _labelled(answers, orders, every):
     topology, axis = answers[0].topology, answers[0].axis
     if orders is None and not every:

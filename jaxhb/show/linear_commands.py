@@ -22,6 +22,7 @@ from .choose import asks_each, case_title, without_cylinders
 from .forced import forced_failures, forced_head, forced_record, forced_rows, forced_text, readings
 from .forced_misfires import misfires_record, misfires_rows, misfires_text, worst_of
 from .holzer import chosen_modes, holzer_record, holzer_text
+from .labelled import check_labelled, forced_netcdf
 from .mean_load import mean_load_record, mean_load_text
 from .misfire_cases import misfire_trains
 from .output import ANSWERED, NOT_ANSWERED, OutputError, as_csv, as_json, as_picture, changes, deliver
@@ -129,7 +130,10 @@ def campbell(train, arguments):
 
 def forced(train, arguments):
     """Linear forced response over the speed."""
+    check_labelled(arguments)
     if asks_each(train, arguments):
+        if arguments.netcdf:
+            raise OutputError("--netcdf: it holds one train, and --misfire each takes several. Leave one of them out.")
         return _forced_misfires(train, arguments)
     return _forced_alone(forced_response(without_cylinders(train, arguments), rpm=arguments.rpm), arguments)
 
@@ -145,6 +149,7 @@ def _forced_alone(response, arguments):
             finite(changes(arguments) | forced_record(response, found, orders=arguments.orders) | more)
         ),
         csv=lambda: as_csv(*map(finite, forced_rows(response, found, strength_columns(judged)))),
+        netcdf=lambda: forced_netcdf(response, arguments.orders),
         plot=lambda: _forced_picture(arguments, response, found),
     )
     return _forced_status(forced_failures(response))

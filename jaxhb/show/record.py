@@ -32,11 +32,11 @@ def answer_record(answer, *, orders=None):
         ``disks`` (rad), ``shafts`` with the dampers (N m), ``gears`` (N m) and ``meshes`` (N) by name, each a signal
         ``{"mean", "min", "max", "rms", "half_peak_to_peak", "sum_of_amplitudes", "amplitudes"}`` (disks without min,
         max and rms). Of disks also ``speed`` (rad/s, of rotation) and ``acceleration`` (rad/s2), each with mean and
-        extremes, and ``irregularity``; of shafts, dampers and meshes ``power_W``, their heat; these are None of a
-        motion that does not repeat. Amplitudes are ``[[order, A, phase in deg], ...]`` from the first harmonic of the
-        motion's period on. Of a motion that does not repeat they are the quadratic mean over its cycles, with phase
-        None, and extremes are those over the record. The list ends where all amplitudes that follow are below 1e-12 of
-        the largest. Tooth forces have eight times the harmonics of the motion. ``certificate`` where an error bound was
+        extremes, and ``irregularity``; of shafts, dampers and meshes ``power_W``, their heat. Amplitudes are
+        ``[[order, A, phase in deg], ...]`` from the first harmonic of the motion's period on. Of a motion that does not
+        repeat they are the quadratic mean over its cycles, with phase None, extremes are those over the record, and
+        accelerations and the heat of meshes None. The list ends where all amplitudes that follow are below 1e-12 of the
+        largest. Tooth forces have eight times the harmonics of the motion. ``certificate`` where an error bound was
         asked for. Numbers that are not finite are None.
 
     Examples

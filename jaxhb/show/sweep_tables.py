@@ -7,7 +7,7 @@ from .choose import hardest_shaft, heaviest, largest, most_apart, shafts_of, wor
 from .columns import NONE, aligned, alike, ranges, shares
 from .strength import answers_strength, strength_text
 from .tables import hardest_text, irregularity_text, notes_text
-from .words import motion_word, status_word
+from .words import motion_word, status_word, verdict
 
 BLOCKS = {"up": "Upwards", "down": "Downwards", "orbit": "Periodic solutions"}
 """Headings of the ways in which speeds are gone through."""
@@ -123,19 +123,23 @@ def _disks(answers):
 def _verdict(answers):
     """Where the teeth separate, in one sentence."""
     axis, places = answers[0].axis, [answer.place for answer in answers]
+    if len(answers) == 1:
+        return verdict(answers[0])
     first, last = min(places), max(places)
     answered = [answer for answer in answers if answer.answered]
     if not any(answers[0].topology.mesh_backlash):
         return f"No mesh with backlash: {axis.span(places)}."
+    if not answered:
+        return f"No answer at any of {axis.span(places)}."
     doubt = f"; {len(answers) - len(answered)} without an answer" if len(answered) < len(answers) else ""
     hammering = [answer.place for answer in answered if most_apart(answer) is not None]
-    if not hammering and answered:
+    if not hammering:
         some = f"{len(answered)} of {axis.span(places)}" if doubt else f"all {axis.span(places)}"
         return f"All teeth stay in contact at {some}{doubt}."
-    where = f": {axis.said(ranges(places, hammering))}" if hammering else ""
+    where = axis.said(ranges(places, hammering))
     counted = "speeds" if axis == SPEED else f"values of {axis.name}"
     between = f"between {first:g} and {last:g} {axis.unit}".rstrip()
-    return f"Teeth separate at {len(hammering)} of {len(places)} {counted} {between}{where}{doubt}."
+    return f"Teeth separate at {len(hammering)} of {len(places)} {counted} {between}: {where}{doubt}."
 
 
 def _kinds(answers):

@@ -93,6 +93,8 @@ class _Sweep:
     def note(self, found):
         """Write what is known so far."""
         self.found, files = {way: answers for way, answers in found.items() if answers}, {}
+        if not self.found:
+            return
         makers = {"json": lambda: self.json(self.found, complete=False), "csv": lambda: self.csv(self.found)}
         for option, make in makers.items():
             name = getattr(self.arguments, option)
@@ -102,12 +104,13 @@ class _Sweep:
 
     def left(self):
         """What a sweep that is stopped leaves, in a sentence."""
-        done = max(map(len, self.found.values()), default=0)
+        ways = ("up", "down") if self.arguments.direction == "both" else tuple(self.found) or ("",)
+        done = min(len(self.found.get(way, ())) for way in ways)
         files = [name for name in (self.arguments.json, self.arguments.csv) if name and name != "-"]
-        if done and self.arguments.netcdf:
+        if self.found and self.arguments.netcdf:
             write_files({self.arguments.netcdf: self.netcdf(self.found)})
             files.append(self.arguments.netcdf)
-        where = f" in {' and '.join(map(repr, files))}" if done and files else ""
+        where = f" in {' and '.join(map(repr, files))}" if self.found and files else ""
         again = "; the same command goes on from there" if self.folder else ""
         counted = "speeds" if self.axis == SPEED else "values"
         return f"{done} of {len(self.values)} {counted} are done{where}{again}"

@@ -98,7 +98,7 @@ def tuned_text(train, asked, result):
 def _not_solved(rpm, result):
     """A line on the speeds without a solution, which do not count in what was made small."""
     pairs = (("before", result.before.solved), ("after", result.after.solved))
-    said = [f"{', '.join(f'{x:.5g}' for x in rpm[~solved])} rpm {when}" for when, solved in pairs if not solved.all()]
+    said = [f"{', '.join(f'{x:g}' for x in rpm[~solved])} rpm {when}" for when, solved in pairs if not solved.all()]
     if not said:
         return []
     return [

@@ -177,7 +177,9 @@ def test_what_is_not_known_exits_1_with_the_reason_and_no_numbers(tmp_path, caps
     command = ["sweep", "spur_pair", "--rpm", "2000,5000", "--set", "drive.mean=70", "--csv", str(file)]
     assert main([*command, "--plot", str(tmp_path / "s.png")]) == 1
     said = capsys.readouterr()
-    assert "The motion is unknown at 2000-5000 rpm." in said.out
+    assert said.out.startswith(
+        "No answer at any of 2 speeds from 2000 to 5000 rpm.\nThe motion is unknown at 2000-5000"
+    )
     assert [line.split()[1:7] for line in said.out.splitlines()[4:6]] == [["-"] * 6] * 2
     (line,) = said.err.splitlines()  # of both speeds, once
     assert line.startswith("2000, 5000 rpm: the kind of motion is unknown: the mean torques do not balance")
