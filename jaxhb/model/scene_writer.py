@@ -149,6 +149,12 @@ def _beside(content, folder):
     return found
 
 
+def scene_files(name):
+    """Paths of the files that a scene is read from: itself and the tables it names."""
+    path = _find(name)
+    return [path, *(table for table in _beside(_parse(path, []), path.parent).values() if table.is_file())]
+
+
 def changed_scene(name, values, *, remark=""):
     """The text of a scene with some numbers changed, and the tables that lie beside it.
 

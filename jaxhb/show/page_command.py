@@ -50,7 +50,7 @@ def second_case(train, second, arguments, asked, progress):
     """
     title, found = f"{SECOND} ({Path(arguments.tuned or '').stem})", ()
     if arguments.tune:
-        title, second, found = TUNED, *_tuned(train, progress)
+        title, (second, found) = TUNED, _tuned(train, progress)
     if second is None:
         return None, ()
     (case,) = solve_cases({title: second}, arguments.rpm, asked, say=progress.say, advance=progress.advance)

@@ -26,7 +26,7 @@ SYMBOLS = {
 }
 """Symbol of every kind of motion that has numbers."""
 
-NO_ANSWER = "no answer: the motion is unknown, or its numbers have not converged"
+NO_ANSWER = MARKS["unknown"][1]
 STYLES = (
     {"color": WITH, "dash": "solid"},
     {"color": WITHOUT, "dash": "dash"},
@@ -170,11 +170,14 @@ def kind_keys(*lists):
     """Entries of the legend for the kinds of motion that occur, and crosses at the bottom where there is no answer."""
     met = {kind_of(answer) for answers in lists for answer in answers}
     keys = [marks([np.nan], [np.nan], kind_word(kind), symbol) for kind, symbol in SYMBOLS.items() if kind in met]
-    speeds = sorted({answer.rpm for answers in lists for answer in answers if not answer.answered})
-    if speeds:
-        style = {"marker": {"symbol": "x-thin-open", "size": 9, "color": "black", "line": {"width": 2}}}
-        keys.append(marks(speeds, np.zeros(len(speeds)), NO_ANSWER, "", **style, cliponaxis=False))
-    return keys
+    return keys + crosses(sorted({answer.rpm for answers in lists for answer in answers if not answer.answered}))
+
+
+def crosses(speeds):
+    """Crosses at the bottom where there is no answer, in a list."""
+    style = {"marker": {"symbol": "x-thin-open", "size": 9, "color": "black", "line": {"width": 2}}}
+    made = marks(speeds, np.zeros(len(speeds)), NO_ANSWER, "", **style, cliponaxis=False)
+    return [made] if len(speeds) else []
 
 
 def bands(edges, *, rows="paper"):

@@ -22,8 +22,7 @@ from .page_figures import (
     top_of,
 )
 from .plots import plain
-from .strength import power_of
-from .sweep_tables import speed_table
+from .sweep_tables import speed_table, turning_table
 
 MOST = 6
 """Elements of a kind that have a figure, those with the largest numbers; tables tell of all."""
@@ -97,7 +96,8 @@ def map_part(report):
     blocks = [_kinds(cases), _overview(cases, main_quantity(report.train))] if several else []
     if len(report.cases) > 2:
         blocks.append(_misfires(report))
-    return blocks + [speed_table(case.answers, f"Speed by speed, {case.title}") for case in cases]
+    blocks += [speed_table(case.answers, f"Speed by speed, {case.title}") for case in cases]
+    return blocks + [table for case in cases for table in turning_table(case.answers, f", {case.title}")]
 
 
 def _kinds(cases):
@@ -292,7 +292,8 @@ def _apart(case):
 def power_part(report):
     """Power that dampers turn into heat."""
     train, rpm = report.train, report.rpm
-    quantity = Quantity("damper", "Heat of dampers", train.topology.damper_names, power_of, "W")
+    names = train.topology.damper_names
+    quantity = Quantity("damper", "Heat of dampers", names, lambda r, name: r.power(name), "W")
     if not quantity.names:
         return []
     values = {name: [quantity.of(case.answers, name) for case in report.shown] for name in quantity.names}
@@ -303,8 +304,6 @@ def power_part(report):
         heads += ["W", "at rpm"]
     groups = [(case.title, 1 + 2 * i, 2 + 2 * i) for i, case in enumerate(report.shown)]
     blocks = [Table("Largest power that dampers turn into heat over the speeds, W", heads, columns, groups)]
-    irregular = any(a.answered and a.response is None for case in report.shown for a in case.answers)
-    blocks += ["A motion that never repeats has no harmonics, so its heat is not known: a gap."] * irregular
     return blocks + [_power(name, report.shown, values[name]) for name in quantity.names[:MOST] if len(rpm) > 1]
 
 

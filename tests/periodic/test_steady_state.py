@@ -192,6 +192,7 @@ def test_the_record_is_read_as_a_response_is():
         lambda r: r.twist("throw 1", "throw 2"),
         lambda r: r.disk("flywheel"),
         lambda r: r.deflection("crank gear", "idler"),
+        lambda r: r.speed("cam gear A"),
     ):
         signal, other = read(state), read(response)
         assert signal.min <= signal.mean <= signal.max
@@ -199,6 +200,11 @@ def test_the_record_is_read_as_a_response_is():
         assert signal.half_peak_to_peak == pytest.approx((signal.max - signal.min) / 2)
         assert signal.order(1.0) > 0
         assert 0.2 < signal.rms / other.rms < 5  # the same quantity in the same unit, at another speed
+    assert state.speed("cam gear A").mean == pytest.approx(np.pi / 60 * 2400.0, rel=1e-3)  # half the crank's
+    assert 0.2 < state.irregularity("idler") / response.irregularity("idler") < 5
+    for name in ("throw 1|throw 2", "crank damper"):
+        assert 0.2 < state.power(name) / response.power(name) < 20
+    assert np.isnan(state.power("crank gear|idler"))
     forward, back = state.force("crank gear", "idler"), state.force("idler", "crank gear")
     assert (back.max, back.min, back.mean) == (-forward.min, -forward.max, -forward.mean)
     contact = state.mesh("crank gear", "idler")
