@@ -258,7 +258,7 @@ def parser():
     add_orbit(report)
     add_files(report, "the torque on one gear over the cycle, in normal running")
     add_gear(report)
-    text = "speed of the picture, rpm, on the page that which is shown in full (default: longest apart)"
+    text = "speed of the picture and of what the page shows in full, rpm (default: the largest tooth force)"
     report.add_argument("--at", type=speed, metavar="R", help=text)
     add_certify(report, ", at the speed of --at")
     text = "write a page to print and sign: one file, no network (needs jaxhb[report])"

@@ -7,7 +7,7 @@ from .page_cycle import cycle_part
 from .page_design import bounds_part, limits_part, notes_part, result_part, second_part
 from .page_linear import campbell_part, forced_part, modes_part
 from .page_motion import forces_part, gears_part, map_part, power_part, shafts_part
-from .page_parts import parts_of
+from .page_parts import Heading, parts_of
 from .page_train import assumptions_part, train_part
 
 PARTS = {
@@ -67,6 +67,8 @@ def page_text(name, parts, report):
 
 def _kind(block):
     """Which branch of the template shows a block."""
+    if isinstance(block, Heading):
+        return "heading"
     kinds = {"heads": "table", "traces": "figure", "svg": "picture"}
     return next((kind for attribute, kind in kinds.items() if hasattr(block, attribute)), "words")
 

@@ -118,8 +118,8 @@ def _last(name, count):
 def _legend_rows(traces):
     """Rows that the legend takes, from the lengths of its names."""
     widths = [KEY + LETTER * len(trace["name"]) for trace in traces if trace.get("showlegend", True)]
-    if len(widths) < 2:
-        return 0
+    if len(widths) < 2 or sum(widths) <= WIDTH - 76:
+        return len(widths) > 1
     columns = max(1, int((WIDTH - 76) // max(widths)))  # plotly gives every entry the width of the longest
     return -(-len(widths) // columns)
 

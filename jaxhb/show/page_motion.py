@@ -25,6 +25,9 @@ from .plots import plain
 from .strength import power_of
 from .sweep_tables import speed_table
 
+MANY = 40
+"""Speeds above which symbols are small."""
+
 MOST = 6
 """Elements of a kind that have a figure, those with the largest numbers; tables tell of all."""
 
@@ -111,7 +114,10 @@ def _kinds(cases):
                 traces.append(marks(speeds, np.full(len(speeds), -row), said, SYMBOLS.get(kind, "x-thin-open")))
                 traces[-1] |= {"showlegend": all(said != trace["name"] for trace in traces[:-1])}
                 traces[-1] |= {"hovertemplate": "%{x} rpm: " + said + "<extra></extra>"}
-                traces[-1]["marker"] |= {"line": {"width": 0 if kind else 2, "color": "black"}}
+                traces[-1]["marker"] |= {
+                    "size": 8 if len(case.answers) <= MANY else 5,
+                    "line": {"width": 0 if kind else 2, "color": "black"},
+                }
     rpm = [answer.rpm for answer in cases[0].answers]
     panels = [("", (0.6 - len(cases), 0.6))]
     made = layout("speed, rpm", panels, traces, x_range=speed_range(rpm), heights=[22 + 22 * len(cases)])
