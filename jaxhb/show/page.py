@@ -59,7 +59,7 @@ def page_text(name, parts, report):
     environment = Environment(
         loader=PackageLoader(__package__, "."), autoescape=True, trim_blocks=True, undefined=StrictUndefined
     )
-    environment.filters |= {"figure": _figure_json, "rows": _rows, "kind": _kind, "css": _css_text}
+    environment.filters |= {"figure": _figure_json, "rows": _rows, "words": _words, "kind": _kind, "css": _css_text}
     return environment.get_template("page.html").render(
         name=name, parts=parts, report=report, script=get_plotlyjs(), most=ROWS
     )
@@ -76,6 +76,12 @@ def _kind(block):
 def _rows(table):
     """Rows of a table, as many as are shown."""
     return list(zip(*table.columns, strict=True))[:ROWS]
+
+
+def _words(table):
+    """Numbers of the columns that hold words, which stand at the left."""
+    columns = enumerate(table.columns)
+    return {0, *table.left, *(i for i, column in columns if any(cell[:1].isalpha() for cell in column))}
 
 
 def _figure_json(figure):

@@ -181,3 +181,9 @@ def bands(edges, *, rows="paper"):
     """Grey bands between pairs of x, over the whole height."""
     place = {"type": "rect", "xref": "x", "yref": rows, "y0": 0, "y1": 1, "layer": "below"}
     return [place | {"x0": low, "x1": high, "fillcolor": GAP, "line": {"width": 0}} for low, high in edges]
+
+
+def above(text, panel):
+    """A text above a panel, at the left."""
+    place = {"xref": "paper", "x": 0.0, "yref": f"y{panel + 1 if panel else ''} domain", "y": 1.0}
+    return place | {"text": text, "showarrow": False, "xanchor": "left", "yanchor": "bottom", "font": {"size": 10}}

@@ -154,11 +154,11 @@ def _misfires(report):
     quantity, rows = main_quantity(report.train), []
     for case in report.cases:
         values = {name: quantity.of(case.answers, name) for name in quantity.names}
-        name = largest(values, lambda name, values=values: _most(values[name]))
-        rows.append((case.title, name, values[name]))
+        name = largest(values, lambda name, values=values: _or_nan(values[name]))
+        rows.append((case.title, name or NONE, values.get(name, np.array([np.nan]))))
     columns = [
         [title for title, *_ in rows],
-        *alike([_most(values) for *_, values in rows]),
+        *alike([_or_nan(values) for *_, values in rows]),
         [_at(report.rpm, values) for *_, values in rows],
         [name for _, name, _ in rows],
     ]
