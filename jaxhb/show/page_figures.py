@@ -26,7 +26,7 @@ SYMBOLS = {
 }
 """Symbol of every kind of motion that has numbers."""
 
-NO_ANSWER = "no answer: the motion is unknown, or its numbers have not converged"
+NO_ANSWER = "no answer: unknown, or not converged"
 STYLES = (
     {"color": WITH, "dash": "solid"},
     {"color": WITHOUT, "dash": "dash"},
