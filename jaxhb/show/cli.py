@@ -56,6 +56,7 @@ examples:
   jaxhb solve gear_train_30 --rpm 1800 --misfire "cylinder A1" --set "crank damper.damping=300" --json result.json
   jaxhb sweep gear_train_30 --rpm 600:2450:20 --csv sweep.csv --plot sweep.png
   jaxhb report gear_train_30 --rpm 600,1200,1800,2450 --misfire "cylinder A1" --plot crank_gear.png
+  jaxhb report gear_train_30 --rpm 700:2450:8 --misfire "cylinder A1" --html report.html
   jaxhb tune engine_with_damper --plot tuned.png
 
 exit status: 0 the kind of motion is known at all speeds, and what is periodic has converged (residual and truncation
@@ -293,7 +294,7 @@ def parser():
     add_files(report, "the torque on one gear over the cycle, in normal running")
     add_table(report)
     add_gear(report)
-    text = "speed of the picture, rpm, on the page that which is shown in full (default: longest apart)"
+    text = "speed of the picture and of what the page shows in full, rpm (default: the largest tooth force)"
     report.add_argument("--at", type=speed, metavar="R", help=text)
     add_certify(report, ", at the speed of --at")
     text = "write a page to print and sign: one file, no network (needs jaxhb[report])"

@@ -9,7 +9,7 @@ from ..model.change import locate
 from ..model.choices import scene_values
 from ..model.scene_writer import changed_scene, copies_beside
 from .cases import cases_record, cases_text, solve_cases
-from .choose import asks_each, case_title, gears, most_apart, without_cylinders
+from .choose import asks_each, case_title, gears, without_cylinders
 from .compute import Asked, answer_one
 from .labelled import check_labelled, netcdf
 from .misfire_cases import hardest, misfire_trains, misfires_text, worst_misfire
@@ -166,16 +166,11 @@ def _cycle_picture(arguments, answer):
 
 
 def _place_of(case, rpm):
-    """Number of the asked speed, or of that at which teeth are apart longest, or else at which most is transmitted."""
+    """Number of the asked speed, or of that with the largest tooth force, without teeth the largest torque."""
     if rpm is not None:
         return next(i for i, answer in enumerate(case.answers) if answer.rpm == rpm)
-    return max(range(len(case.answers)), key=lambda i: _severity(case.answers[i]))
-
-
-def _severity(answer):
-    name = most_apart(answer) if answer.answered else None
-    value = hardest(answer)[2] if answer.answered else -1.0
-    return (answer.contacts[name].separated_fraction if name else 0.0, value)
+    values = [hardest(answer)[2] if answer.answered else -1.0 for answer in case.answers]
+    return values.index(max(values))
 
 
 def check_picture(train, arguments):

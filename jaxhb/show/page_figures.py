@@ -118,8 +118,8 @@ def _last(name, count):
 def _legend_rows(traces):
     """Rows that the legend takes, from the lengths of its names."""
     widths = [KEY + LETTER * len(trace["name"]) for trace in traces if trace.get("showlegend", True)]
-    if len(widths) < 2:
-        return 0
+    if len(widths) < 2 or sum(widths) <= WIDTH - 76:
+        return len(widths) > 1
     columns = max(1, int((WIDTH - 76) // max(widths)))  # plotly gives every entry the width of the longest
     return -(-len(widths) // columns)
 
@@ -184,3 +184,9 @@ def bands(edges, *, rows="paper"):
     """Grey bands between pairs of x, over the whole height."""
     place = {"type": "rect", "xref": "x", "yref": rows, "y0": 0, "y1": 1, "layer": "below"}
     return [place | {"x0": low, "x1": high, "fillcolor": GAP, "line": {"width": 0}} for low, high in edges]
+
+
+def above(text, panel):
+    """A text above a panel, at the left."""
+    place = {"xref": "paper", "x": 0.0, "yref": f"y{panel + 1 if panel else ''} domain", "y": 1.0}
+    return place | {"text": text, "showarrow": False, "xanchor": "left", "yanchor": "bottom", "font": {"size": 10}}

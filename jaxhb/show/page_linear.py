@@ -15,7 +15,7 @@ from .forced_plots import hardest_elements
 from .linear_commands import DAMPED
 from .linear_plots import COUNTS, top_frequency
 from .mode_plots import MOST, Ways
-from .page_figures import Figure, crosses, layout, line, marks, top_of
+from .page_figures import Figure, above, crosses, layout, line, marks, top_of
 from .plots import WITH, WITHOUT, plain
 from .tables import modes_text
 
@@ -62,7 +62,7 @@ def _shapes(train, modes, chosen, ratios):
         panels.append(("", (-1.15, 1.15)))
         damping = "" if np.isnan(ratios[k]) else f", damping ratio {ratios[k]:.3g}"
         text = f"mode {k}: {modes.frequencies_hz[k]:.4g} Hz{damping}"
-        notes.append(_above(text, panel))
+        notes.append(above(text, panel))
     places, said = ways.names(modes.names)
     made = layout("", panels, traces, heights=[95] * len(panels), annotations=notes, x_range=(-0.5, ways.last + 0.5))
     longest = max(map(len, said))
@@ -72,11 +72,6 @@ def _shapes(train, modes, chosen, ratios):
     caption = "Mode shapes, angles referred to the reference rotor, the largest is 1; crosses: nodes. "
     branches = "Dashed: branches, each begins at the disk named in brackets." * (len(ways.ways) > 1)
     return Figure(caption + branches, traces, made)
-
-
-def _above(text, panel):
-    place = {"xref": "paper", "x": 0.0, "yref": f"y{panel + 1 if panel else ''} domain", "y": 1.0}
-    return place | {"text": text, "showarrow": False, "xanchor": "left", "yanchor": "bottom", "font": {"size": 10}}
 
 
 def campbell_part(report):

@@ -24,6 +24,9 @@ from .page_figures import (
 from .plots import plain
 from .sweep_tables import speed_table, turning_table
 
+MANY = 40
+"""Speeds above which symbols are small."""
+
 MOST = 6
 """Elements of a kind that have a figure, those with the largest numbers; tables tell of all."""
 
@@ -111,7 +114,10 @@ def _kinds(cases):
                 traces.append(marks(speeds, np.full(len(speeds), -row), said, SYMBOLS.get(kind, "x-thin-open")))
                 traces[-1] |= {"showlegend": all(said != trace["name"] for trace in traces[:-1])}
                 traces[-1] |= {"hovertemplate": "%{x} rpm: " + said + "<extra></extra>"}
-                traces[-1]["marker"] |= {"line": {"width": 0 if kind else 2, "color": "black"}}
+                traces[-1]["marker"] |= {
+                    "size": 8 if len(case.answers) <= MANY else 5,
+                    "line": {"width": 0 if kind else 2, "color": "black"},
+                }
     rpm = [answer.rpm for answer in cases[0].answers]
     panels = [("", (0.6 - len(cases), 0.6))]
     made = layout("speed, rpm", panels, traces, x_range=speed_range(rpm), heights=[22 + 22 * len(cases)])
@@ -148,11 +154,11 @@ def _misfires(report):
     quantity, rows = main_quantity(report.train), []
     for case in report.cases:
         values = {name: quantity.of(case.answers, name) for name in quantity.names}
-        name = largest(values, lambda name, values=values: _most(values[name]))
-        rows.append((case.title, name, values[name]))
+        name = largest(values, lambda name, values=values: _or_nan(values[name]))
+        rows.append((case.title, name or NONE, values.get(name, np.array([np.nan]))))
     columns = [
         [title for title, *_ in rows],
-        *alike([_most(values) for *_, values in rows]),
+        *alike([_or_nan(values) for *_, values in rows]),
         [_at(report.rpm, values) for *_, values in rows],
         [name for _, name, _ in rows],
     ]

@@ -181,6 +181,24 @@ def test_speeds_that_have_not_converged_are_gaps_with_a_cross_and_do_not_set_the
     assert tables(parts["Accuracy and error bounds"])[0].columns[1] == ["2 of 3"]
 
 
+def test_a_train_without_a_single_answer_has_a_page_that_says_so(made):
+    _, report, _ = made
+    nothing = {"kind": "unknown", "period": 0, "response": None, "notes": ("it gains speed",)}
+    cases = [
+        dataclasses.replace(
+            case,
+            answers=[Answer(a.train, dataclasses.replace(a.state, **nothing), a.linear) for a in case.answers],
+        )
+        for case in (*report.cases, report.cases[1])
+    ]
+    parts = {part.title: part for part in parts_of(dataclasses.replace(report, cases=cases, second=None), page.PARTS)}
+    assert [title for title, part in parts.items() if part.failed] == []
+    assert "No speed has an answer." in "".join(map(str, parts["Result"].blocks))
+    assert any("it gains speed" in str(block) for block in parts["Notes"].blocks)
+    for figure in figures({title: parts[title] for title in ("Motion over the speed", "Tooth forces")}):
+        assert all(y is None for trace in figure.traces if trace["name"] == "all cylinders firing" for y in trace["y"])
+
+
 def test_a_part_that_fails_is_a_sentence_and_leaves_the_others(capsys):
     def broken(_):
         raise KeyError("no such thing")
