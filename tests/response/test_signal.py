@@ -32,6 +32,7 @@ def values_at(signal, theta_deg):
     return total
 
 
+@pytest.mark.filterwarnings("ignore:.* samples miss the peak")
 @pytest.mark.parametrize("count", [3, 7, 19, 720])
 def test_samples_are_values_of_the_signal_at_their_angles_however_few(signal, count):
     angles = signal.angles_deg(count)
