@@ -29,7 +29,6 @@ linkcheck_timeout = 10
 
 def setup(app):
     app.connect("autodoc-process-docstring", equations_as_they_stand, priority=100)  # before numpydoc reads sections
-    app.add_css_file(None, body="math { font-size: 1.15em }")
     app.add_html_math_renderer("mathml", (_inline_math, None), (_displayed_math, None))
 
 
