@@ -56,16 +56,32 @@ class Response(Fields):
 
     Parameters
     ----------
-    rpm : array, of the reference rotor
-    load_torque : ``(..., n)`` N m of every load, negative where it takes power; load_power : ``(...)`` W taken
-    ground_reaction : ``(..., n)`` N m, mean torque that each ground takes: stiffness x mean angle of its disk. Mean
-        angles are those that the soft grounds set; without a ground their inertia-weighted mean is zero
-    radius : ``(..., S)`` m, of the gears; law : Law ``(..., G)`` of the meshes. Numbers of the train that reading needs
-    status, residual, truncation_error, steps : of the solve; power_defect : power of the torques less what is turned
-        into heat, over the power that they exchange with the train: how far the motion is from conserving energy
-    topology : names and connections; resolution : time samples per cycle at which extremes are looked for
-    train : DriveTrain or None; path : events, how the solve went (of a sweep one tuple per speed); certificate :
-        Certificate or None, where it was asked for
+    rpm : ``(...)`` of the reference rotor
+    load_torque : ``(..., n)`` N m
+        Of every load, negative where it takes power.
+    load_power : ``(...)`` W
+        Taken by the loads.
+    ground_reaction : ``(..., n)`` N m
+        Mean torque that each ground takes: stiffness x mean angle of its disk. Mean angles are those that the soft
+        grounds set; without a ground their inertia-weighted mean is zero.
+    radius : ``(..., S)`` m, of the gears
+    law : Law ``(..., G)`` of the meshes
+    status : ``(...)`` int
+        :class:`jaxhb.Status` of the solve; :attr:`status_name` has its name.
+    residual, truncation_error : ``(...)``
+        What is left of the equations, and the estimated change of the tooth force by omitted harmonics, over the
+        largest tooth force.
+    power_defect : ``(...)``
+        Power of the torques less what is turned into heat, over the power that they exchange with the train: how far
+        the motion is from conserving energy.
+    steps : ``(...)`` int, of Newton's method
+    topology : Topology, names and connections
+    resolution : int, time samples per cycle at which extremes are looked for
+    train : DriveTrain or None
+    path : tuple of events
+        How the solve went; of a sweep one tuple per speed.
+    certificate : Certificate or None
+        Where it was asked for.
     """
 
     rpm: Array
