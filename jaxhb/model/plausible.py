@@ -120,61 +120,58 @@ def _masses(train):
 
 def _pressures(train):
     """Size and angle of the largest pressure of every cylinder that computes its torque from one."""
-    topology, cylinders = train.topology, train.cylinders
-    parts = gas.components(cylinders)
-    samples = parts.shape[-1]
-    speeds = hold.speeds(train) if samples else ()
-    pressures = [np.einsum("jn,jnm->nm", gas.weights(cylinders, rpm), parts) for rpm in speeds]
-    scales = scale_at(cylinders, np.array(speeds, dtype=float)) if samples else ()
-    for i, name in enumerate(topology.cylinder_names if samples else ()):
-        peaks = [pressure[i].max() * scale[i] for pressure, scale in zip(pressures, scales, strict=True)]
-        most = int(np.argmax(peaks))
-        if topology.cylinder_source[i] not in gas.COMPUTED or peaks[most] <= 0:
-            continue
-        if _far(peaks[most], PEAK_PRESSURE):
-            said = _said("the largest pressure", peaks[most], *PEAK_PRESSURE, "Pa", "is it in Pa, not in bar or MPa?")
-            yield "cylinder", name, said
-        turns = topology.cylinder_gas_revolutions[i]
-        angles = [360.0 * turns * pressure[i].argmax() / samples for pressure in pressures]
-        angles = [angle - 360.0 * turns * (angle > 180.0 * turns) for angle in angles]
-        angle = max(angles, key=lambda angle: abs(angle - np.mean(PEAK_ANGLE)))
+    topology = train.topology
+    for i, peak, angle in _largest_pressures(train):
+        name = topology.cylinder_names[i]
+        if _far(peak, PEAK_PRESSURE):
+            ask = "is it in Pa, not in bar or MPa?"
+            yield "cylinder", name, _said("the largest pressure", peak, *PEAK_PRESSURE, "Pa", ask)
         if _far(angle, PEAK_ANGLE):
             where = f"{abs(angle):.4g} deg {'after' if angle > 0 else 'before'}"
-            ask = "do start and duration count from there?"
-            if topology.cylinder_source[i] != "combustion":
-                ask = "is table_firing_tdc the angle at which the table fires?"
             usual = f"{-PEAK_ANGLE[0]:g} deg before to {PEAK_ANGLE[1]:g} deg after"
+            ask = "is table_firing_tdc the angle at which the table fires?"
+            if topology.cylinder_source[i] == "combustion":
+                ask = "do start and duration count from there?"
             said = f"the pressure is largest {where} firing top dead centre, usual {usual}: {ask}"
             yield "cylinder", name, said
 
 
+def _largest_pressures(train):
+    """(cylinder, Pa, deg after firing top dead centre) over the speeds: the largest pressure and the farthest angle."""
+    topology, cylinders, speeds = train.topology, train.cylinders, hold.speeds(train)
+    parts = gas.components(cylinders)
+    samples = parts.shape[-1]
+    if not samples:
+        return
+    cycles = [np.einsum("jn,jnm->nm", gas.weights(cylinders, rpm), parts) for rpm in speeds]
+    peaks = np.array([cycle.max(axis=1) for cycle in cycles]) * scale_at(cylinders, speeds)
+    period = 360.0 * np.array(topology.cylinder_gas_revolutions)
+    angles = np.array([cycle.argmax(axis=1) for cycle in cycles]) * period / samples
+    angles -= period * (angles > period / 2)
+    farthest = np.abs(angles - np.mean(PEAK_ANGLE)).argmax(axis=0)
+    for i, source in enumerate(topology.cylinder_source):
+        if source in gas.COMPUTED and peaks[:, i].max() > 0:
+            yield i, peaks[:, i].max(), angles[farthest[i], i]
+
+
 def _firings(train):
     """Cylinders of one rotor that fire at the same angle of its cycle."""
-    topology, groups = train.topology, []
-    turns = [
-        revolutions if source in gas.COMPUTED else turn
-        for revolutions, turn, source in zip(
-            topology.cylinder_gas_revolutions, topology.cylinder_turn, topology.cylinder_source, strict=True
-        )
-    ]
-    firing = [i for i, fires in enumerate(topology.cylinder_fires) if fires and _factor(train, i)]
-    for i in firing:
-        rotor, cycle = topology.rotor[topology.cylinder_disk[i]], 360.0 * turns[i]
-        angle = float(train.cylinders.firing_angle[i]) % cycle
-        for group in groups:
-            apart = abs((angle - group["angle"] + cycle / 2) % cycle - cycle / 2)
-            if group["rotor"] == rotor and group["cycle"] == cycle and apart < TOGETHER:
-                group["names"].append(topology.cylinder_names[i])
-                break
-        else:
-            names = [topology.cylinder_names[i]]
-            groups.append({"rotor": rotor, "cycle": cycle, "angle": angle, "names": names})
-    for group in groups:
-        if len(group["names"]) > 1:
-            count = sum(len(other["names"]) for other in groups if other["rotor"] == group["rotor"])
-            usual = f"usual one every {group['cycle']:g} / {count} = {group['cycle'] / count:g} deg"
-            said = f"they fire together, at {group['angle']:g} deg, {usual}: has each its own firing_angle?"
-            yield from (("cylinder", name, said) for name in group["names"])
+    topology, cranks = train.topology, {}
+    for i, name in enumerate(topology.cylinder_names):
+        if topology.cylinder_fires[i] and _factor(train, i):
+            computed = topology.cylinder_source[i] in gas.COMPUTED
+            turns = topology.cylinder_gas_revolutions[i] if computed else topology.cylinder_turn[i]
+            crank = cranks.setdefault((topology.rotor[topology.cylinder_disk[i]], 360.0 * turns), [])
+            crank.append((train.cylinders.firing_angle[i] % (360.0 * turns), name))
+    for (_, cycle), firings in cranks.items():
+        together = {}
+        for angle, _ in firings:
+            near = [name for other, name in firings if abs((other - angle + cycle / 2) % cycle - cycle / 2) < TOGETHER]
+            together.setdefault(tuple(near), angle)
+        for names, angle in together.items():
+            even = f"usual one every {cycle:g} / {len(firings)} = {cycle / len(firings):.4g} deg"
+            said = f"they fire together, at {angle:g} deg, {even}: has each its own firing_angle?"
+            yield from (("cylinder", name, said) for name in names if len(names) > 1)
 
 
 def _factor(train, i):

@@ -122,7 +122,7 @@ def test_a_stroke_in_mm_is_noted(scene):
 
 
 def test_two_cylinders_that_fire_together_are_noted(scene):
-    together = ("firing_order = [1, 3, 4, 2]", "firing_order = [1, 3, 4, 2]\nfiring_intervals = [180, 0, 360, 180]")
+    together = ("firing_order = [1, 3, 4, 2]", "firing_order = [1, 3, 4, 2]\nfiring_intervals = [180, 0.5, 359.5, 180]")
     said = "they fire together, at 180 deg, usual one every 720 / 4 = 180 deg: has each its own firing_angle?"
     assert scene(together) == [f"[[cylinder]] 'cylinder 3', 'cylinder 4': {said}"]
 

@@ -151,6 +151,12 @@ def test_a_law_by_name_gives_way_to_its_numbers(mixed):
     assert changes(MIXED, text) == (['law = "fridman2009"     # (18)'], ["epsilon = 0.01", "transition = 0.2"])
 
 
+def test_an_added_value_stands_below_a_comment_that_ends_the_file():
+    text = TomlText("[[disk]]\nx = 1\n# the end")
+    text.set("disk", 0, "y", 2)
+    assert tomllib.loads(str(text)) == {"disk": [{"x": 1, "y": 2}]} and "# the end\n" in str(text)
+
+
 def test_heads_inside_values_are_none():
     text = TomlText('a = """\n[[disk]]\n"""\nb = [\n[1],\n[2]\n]\n[[disk]]\nc = 1\n')
     text.set("disk", 0, "c", 2)

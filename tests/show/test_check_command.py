@@ -74,6 +74,12 @@ def test_what_cannot_be_written_or_copied_is_refused(arguments, sentence, here, 
     assert sentence in capsys.readouterr().err and not list(here.iterdir())
 
 
+@pytest.mark.parametrize("name", jaxhb.scene_names())
+def test_there_is_nothing_to_note_on_a_packaged_scene_and_its_loads(name, capsys):
+    assert main(["check", name]) == 0
+    assert "nothing to note" in said(capsys)
+
+
 def test_check_tells_torques_tooth_forces_and_damping(here, capsys):
     assert main(["check", ENGINE, "--json", "check.json"]) == 0
     text, record = said(capsys), json.loads((here / "check.json").read_text(encoding="utf-8"))
