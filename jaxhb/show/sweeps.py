@@ -79,7 +79,8 @@ class _Sweep:
         except CheckpointError:
             if not self.own:
                 raise
-            self.forget()  # the folder of programs is emptied now and then, file by file
+            self.forget()  # the disk is full, or old files there were removed: nobody asked for it to be kept
+            self.folder = self.own = None
             return self._answers(progress)
 
     def _answers(self, progress):

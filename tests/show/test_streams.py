@@ -216,3 +216,10 @@ def test_a_trace_is_the_motion_over_the_crank_angle(tmp_path, capsys):
     assert main(["solve", "spur_pair", "--rpm", "6000", *light]) == 1
     assert "--trace: no file, the motion never repeats" in capsys.readouterr().err
     assert not (tmp_path / "none.csv").exists()
+
+
+def test_a_sweep_that_cannot_be_kept_goes_on_without(tmp_path, capsys, monkeypatch):
+    (tmp_path / "cache").write_text("no folder")
+    monkeypatch.setattr(sweeps, "user_folder", lambda: tmp_path / "cache")
+    assert main(["sweep", "spur_pair", "--rpm", "5000", "--csv", str(tmp_path / "s.csv")]) == 0
+    assert capsys.readouterr().err == ""
