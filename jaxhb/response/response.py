@@ -2,6 +2,7 @@
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 import numpy as np
@@ -121,18 +122,18 @@ class Response(Fields):
         first, second = self.topology.disk_index(a), self.topology.disk_index(b)
         return self._signal(self.angles[..., first, :] - self.angles[..., second, :])
 
-    def speed(self, name):
+    def speed(self, name: str) -> Signal:
         """Speed of rotation of a disk or damper ring, rad/s: the mean speed of its rotor and the vibration."""
         rate = fourier.derivative(self.angles[..., self.topology.disk_index(name), :], self._frequency)
         mean = self._mean_speed(name)
         return self._signal(namespace(rate, mean).concatenate([mean[..., None] + 0j, rate[..., 1:]], axis=-1))
 
-    def acceleration(self, name):
+    def acceleration(self, name: str) -> Signal:
         """Angular acceleration of a disk or damper ring, rad/s2."""
         angle = self.angles[..., self.topology.disk_index(name), :]
         return self._signal(fourier.derivative(fourier.derivative(angle, self._frequency), self._frequency))
 
-    def irregularity(self, name):
+    def irregularity(self, name: str) -> Any:
         """Cyclic irregularity of a disk: (largest - smallest speed) / mean speed ``(...)``."""
         return 2 * self.speed(name).half_peak_to_peak / self._mean_speed(name)
 
@@ -188,7 +189,7 @@ class Response(Fields):
             raise ValueError(f"{name!r} is a shaft or damper, not a mesh: use torque(...) for its torque in N m")
         return index - self.torques.shape[-2], sense
 
-    def power(self, a, b=None):
+    def power(self, a: str, b: str | None = None) -> Any:
         """Mean power in W ``(...)`` that a shaft, damper or mesh turns into heat, exact from the harmonics.
 
             P = sum_{n >= 1} 2 Re(T^n conj(i n Omega theta^n)),
@@ -238,7 +239,7 @@ class Response(Fields):
         """:class:`Contact` of every mesh by name."""
         return {name: self.mesh(name) for name in self.topology.mesh_names}
 
-    def to_xarray(self, *, orders=None):
+    def to_xarray(self, *, orders: float | None = None) -> Any:
         """The response as a data set of xarray (extra ``data``), with names as labels and units as attributes.
 
         Parameters

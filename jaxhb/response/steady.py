@@ -2,7 +2,7 @@
 
 import dataclasses
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -260,24 +260,24 @@ class SteadyState:
             return self.record.disks[self.topology.disk_index(name)]
         return self._signal("disk", name)
 
-    def speed(self, name):
+    def speed(self, name: str) -> SteadySignal | RecordedSignal:
         """Speed of rotation of a disk or damper ring, rad/s: the mean speed of its rotor and the vibration."""
         if self._read():
             return self.record.speeds[self.topology.disk_index(name)]
         return self._signal("speed", name)
 
-    def acceleration(self, name):
+    def acceleration(self, name: str) -> SteadySignal:
         """Angular acceleration of a disk or damper ring, rad/s2; a record has none."""
         if self._read():
             raise ValueError(f"the motion at {self.rpm:g} rpm has no period: its record holds no accelerations")
         return self._signal("acceleration", name)
 
-    def irregularity(self, name):
+    def irregularity(self, name: str) -> Any:
         """Cyclic irregularity of a disk, (largest - smallest speed) / mean speed; of a record over all its cycles."""
         speed = self.speed(name)
         return 2 * speed.half_peak_to_peak / speed.mean
 
-    def power(self, a, b=None):
+    def power(self, a: str, b: str | None = None) -> Any:
         """Mean power in W that a shaft, damper or mesh turns into heat; nan of a mesh of a record."""
         if not self._read():
             return self.response.power(a, b)
@@ -342,7 +342,7 @@ class SteadyState:
         shares = found.separated_fraction, found.reverse_contact_fraction
         return SteadyContact(*shares, len(speeds) / max(self.period, 1), max(speeds, default=0.0), found.drive_side)
 
-    def to_xarray(self, *, orders=None):
+    def to_xarray(self, *, orders: float | None = None) -> Any:
         """The motion as a data set of xarray, as :meth:`SteadySweep.to_xarray`, without the dimension ``rpm``."""
         return to_xarray([self], self.topology, self.rpm, orders=orders)
 
@@ -383,7 +383,7 @@ class SteadySweep:
         """Periods in cycles ``(n,)``."""
         return np.array([state.period for state in self.states])
 
-    def to_xarray(self, *, orders=None):
+    def to_xarray(self, *, orders: float | None = None) -> Any:
         """The sweep as a data set of xarray (extra ``data``), see :meth:`jaxhb.Response.to_xarray`.
 
         Also ``kind``, ``period`` and ``source`` of every motion: numbers come from its ``harmonics``, from a ``record``
