@@ -183,7 +183,7 @@ def _of_response(response, names):
     coefficients = {
         "angle": response.angles,
         "torque": response.torques,
-        "gear_torque": np.array(gears).reshape(len(gears), -1),
+        "gear_torque": np.stack(gears) if gears else np.zeros((0, response.angles.shape[-1])),
         "tooth_force": response.forces,
     } | {name: np.array([signal.coefficients for signal in own]) for name, own in by_disk.items()}
     turns, moving = response.topology.revolutions_per_cycle, response.angles.shape[-1]

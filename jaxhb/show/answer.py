@@ -56,6 +56,11 @@ class Axis:
         counted = "speeds" if self == SPEED else f"values of {self.name}"
         return f"{len(values)} {counted} from {min(values):g} to {max(values):g} {self.unit}".rstrip()
 
+    @property
+    def to(self):
+        """What stands between the ends of a range."""
+        return "-" if self == SPEED else " to "
+
     def said(self, values):
         """Values as text: ``600, 1200 rpm``, or ``NAME.FIELD = 100, 300 N m s/rad``."""
         told = f"{values} {self.unit}".rstrip()

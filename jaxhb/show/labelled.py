@@ -42,6 +42,7 @@ def _labelled(answers, orders, every):
     if orders is None and not every:
         orders = listed_harmonic(topology) / topology.revolutions_per_cycle
     data = to_xarray([answer.state for answer in answers], topology, [answer.rpm for answer in answers], orders=orders)
+    data.attrs |= {"motions": "periodic solutions" if answers[0].orbit else "steady states"}
     data["stable"] = ("rpm", [_flag(answer.growth.stable) for answer in answers], _STABLE)
     multipliers = [float("nan") if a.growth.multiplier is None else float(a.growth.multiplier) for a in answers]
     data["largest_multiplier"] = ("rpm", multipliers, {"units": "1", "long_name": "modulus over the period"})

@@ -88,8 +88,9 @@ def write_files(contents):
     finally:
         for part in beside.values():
             part.unlink(missing_ok=True)
-    for part in streamed or ():
-        sys.stdout.write(part.decode())
+    if streamed is not None:
+        sys.stdout.flush()
+        sys.stdout.buffer.writelines(streamed)  # UTF-8, whatever the terminal shows
 
 
 @contextlib.contextmanager

@@ -10,6 +10,7 @@ from ..design.evaluation import label
 from ..harmonic import fourier
 from ..harmonic.backlash import separated
 from ..response.steady import PERCENT
+from .branch_plots import crosses
 from .choose import default_gear, hardest_shaft, meshes_of
 from .tuned import scaled_unit
 from .words import motion_text
@@ -154,8 +155,9 @@ def plot_tuning(objectives, result):
     Returns
     -------
     matplotlib.figure.Figure
-        One panel for each objective (speeds that are not solved are left out), and one for the history: the objective,
-        1 at the start but for smoothing, with a line where the smooth maximum was sharpened.
+        One panel for each objective, with gaps at speeds that are not solved and crosses at those that never were, and
+        one for the history: the objective, 1 at the start but for smoothing, with a line where the smooth maximum was
+        sharpened.
     """
     count = len(objectives)
     figure = new_figure(2.2 + 2.8 * count)
@@ -164,6 +166,7 @@ def plot_tuning(objectives, result):
         name, (factor, unit) = label(objective), scaled_unit(objective.quantity)
         for reading, colour, said in ((result.before, WITH, "before"), (result.after, WITHOUT, "after")):
             axes.plot(result.rpm, factor * reading.readings[name], color=colour, marker="o", markersize=3, label=said)
+        crosses(axes, result.rpm[~(result.before.solved | result.after.solved)])
         axes.set_ylabel(f"{objective.quantity}{', ' + unit if unit else ''}")
         axes.set_title(f"{result.train.topology.name or 'scene'}: {plain(name)}", fontsize="medium")
         axes.set_ylim(bottom=0.0)

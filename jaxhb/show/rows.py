@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..harmonic import fourier
+from ..response.signal import MISSED
 from ..response.steady import PERCENT
 from .balance import ground_reactions, load_torques
 from .choose import gears, shafts_of
@@ -11,7 +12,8 @@ from .record import finite
 from .strength import answers_strength, strength_columns
 
 TRACED = 720
-"""Least number of time samples in a period of a trace; there are also four for each harmonic of the motion."""
+"""Time samples in a period of a trace, or twice, four times... as many: at least four for each harmonic of the motion,
+and so many that no tooth force loses its peak."""
 
 
 def answer_row(answer, **first):
@@ -95,13 +97,13 @@ def trace_csv(answer):
     Of an answer that :func:`untraceable` has nothing to say about.
     """
     topology, turns = answer.topology, answer.response.topology.revolutions_per_cycle
-    count = TRACED * max(1, -(-4 * answer.response.harmonics // TRACED))
+    count = _instants(answer)
     part = np.arange(count) / count
     columns = {"angle deg": 360.0 * turns * part, "time s": 60.0 * turns / answer.rpm * part}
 
     def add(read, names, what, unit):
         for name in names:
-            columns[f"{name} {what} {unit}"] = np.asarray(fourier.sample(read(name).coefficients, count))
+            columns[f"{name} {what} {unit}"] = fourier.sample(np.asarray(read(name).coefficients), count)
 
     add(answer.force, topology.mesh_names, "tooth force", "N")
     add(answer.state.deflection, topology.mesh_names, "deflection", "m")
@@ -111,3 +113,17 @@ def trace_csv(answer):
     add(answer.speed, topology.disk_names, "speed", "rad/s")
     add(answer.acceleration, topology.disk_names, "acceleration", "rad/s2")
     return as_csv(list(columns), np.transpose(list(columns.values())).tolist())
+
+
+def _instants(answer):
+    """Number of time samples of a trace."""
+    count = TRACED * max(1, -(-4 * answer.response.harmonics // TRACED))
+    forces = [answer.force(name) for name in answer.topology.mesh_names]
+    while any(_missed(force, count) > MISSED for force in forces):
+        count *= 2
+    return count
+
+
+def _missed(signal, count):
+    peak = float(signal.peak)
+    return 1 - float(np.abs(fourier.sample(np.asarray(signal.coefficients), count)).max()) / peak if peak else 0.0

@@ -147,7 +147,7 @@ def _verdict(answers):
     if not hammering:
         some = f"{len(answered)} of {axis.span(places)}" if doubt else f"all {axis.span(places)}"
         return f"All teeth stay in contact at {some}{doubt}."
-    where = axis.said(ranges(places, hammering))
+    where = axis.said(ranges(places, hammering, axis.to))
     counted = "speeds" if axis == SPEED else f"values of {axis.name}"
     between = f"between {first:g} and {last:g} {axis.unit}".rstrip()
     return f"Teeth separate at {len(hammering)} of {len(places)} {counted} {between}: {where}{doubt}."
@@ -169,7 +169,7 @@ def _kinds(answers):
             said = f"NOT CONVERGED, {status_word(answer.status)},"
         if said:
             alike_in.setdefault(said, []).append(answer.place)
-    return [f"{said} at {axis.said(ranges(places, chosen))}." for said, chosen in alike_in.items()]
+    return [f"{said} at {axis.said(ranges(places, chosen, axis.to))}." for said, chosen in alike_in.items()]
 
 
 def _hysteresis(sweeps):
@@ -181,7 +181,7 @@ def _hysteresis(sweeps):
     found = [one.place for one, other in zip(up, down, strict=True) if differ(one, other)]
     if not found:
         return ["Upwards and downwards the train does the same."]
-    where = up[0].axis.said(ranges(places, found))
+    where = up[0].axis.said(ranges(places, found, up[0].axis.to))
     return [f"Upwards and downwards differ at {where}: the motion depends on what came before."]
 
 

@@ -13,7 +13,7 @@ from .choose import without_cylinders
 from .commands import check_picture, status_of
 from .compute import Asked, answer_speeds, answer_values
 from .labelled import check_labelled, netcdf
-from .output import OutputError, as_bytes, as_picture, as_sweep_json, changes, deliver, write_files
+from .output import STANDARD_OUTPUT, OutputError, as_bytes, as_picture, as_sweep_json, changes, deliver, write_files
 from .progress import Progress
 from .record import NO_ORDERS, both_record, finite, on_scene
 from .rows import answer_row, rows_csv
@@ -79,7 +79,8 @@ class _Sweep:
         except CheckpointError:
             if not self.own:
                 raise
-            self.forget()  # the folder of programs is emptied now and then, file by file
+            self.forget()  # the disk is full, or old files there were removed: nobody asked for it to be kept
+            self.folder = self.own = None
             return self._answers(progress)
 
     def _answers(self, progress):
@@ -91,34 +92,32 @@ class _Sweep:
         return answer_values(self.train, self.arguments.rpm[0], self.axis, self.values, self.asked, kept=kept, **given)
 
     def note(self, found):
-        """Write what is known so far."""
-        self.found, files = {way: answers for way, answers in found.items() if answers}, {}
+        """Write what is known so far; a JSON file of all orders is too large to be written again and again."""
+        self.found = {way: answers for way, answers in found.items() if answers}
         if not self.found:
             return
-        makers = {"json": lambda: self.json(self.found, complete=False), "csv": lambda: self.csv(self.found)}
-        for option, make in makers.items():
-            name = getattr(self.arguments, option)
-            if name and name != "-":
-                files[name] = make()
-        write_files(files)
+        self._write({"csv": self.csv} if self.arguments.full else {"csv": self.csv, "json": self.json})
+
+    def _write(self, makers):
+        given = {option: getattr(self.arguments, option) for option in makers}
+        files = {option: name for option, name in given.items() if name and name != STANDARD_OUTPUT}
+        write_files({name: makers[option](self.found) for option, name in files.items()})
+        return list(files.values())
 
     def left(self):
         """What a sweep that is stopped leaves, in a sentence."""
         ways = ("up", "down") if self.arguments.direction == "both" else tuple(self.found) or ("",)
         done = min(len(self.found.get(way, ())) for way in ways)
-        files = [name for name in (self.arguments.json, self.arguments.csv) if name and name != "-"]
-        if self.found and self.arguments.netcdf:
-            write_files({self.arguments.netcdf: self.netcdf(self.found)})
-            files.append(self.arguments.netcdf)
-        where = f" in {' and '.join(map(repr, files))}" if self.found and files else ""
+        files = self._write({"json": self.json, "csv": self.csv, "netcdf": self.netcdf}) if self.found else []
+        where = f" in {' and '.join(map(repr, files))}" if files else ""
         again = "; the same command goes on from there" if self.folder else ""
         counted = "speeds" if self.axis == SPEED else "values"
         return f"{done} of {len(self.values)} {counted} are done{where}{again}"
 
-    def json(self, found, *, complete):
+    def json(self, found, *, complete=False):
         """One list of answers is called responses, two by their directions."""
-        arguments, first = self.arguments, next(iter(found.values()))
-        lists = {way if len(found) > 1 else "responses": map(self._record, own) for way, own in found.items()}
+        arguments, first, both = self.arguments, next(iter(found.values())), self.arguments.direction == "both"
+        lists = {way if both else "responses": map(self._record, own) for way, own in found.items()}
         direction = None if "orbit" in found else arguments.direction or "up"
         head = {"rpm": [answer.rpm for answer in first], "direction": direction, "complete": complete}
         head["orders"] = _orders(arguments)
@@ -127,11 +126,13 @@ class _Sweep:
         elif complete:
             judged = {way: finite(strength_record(answers_strength(answers))) for way, answers in found.items()}
             if any(judged.values()):
-                head["strength"] = judged if len(found) > 1 else [*judged.values()][0]
+                head["strength"] = judged if both else [*judged.values()][0]
         return as_sweep_json(changes(arguments) | on_scene(self.train) | head, lists)
 
     def _record(self, answer):
-        """The record of an answer as bytes, made once."""
+        """The record of an answer as bytes, made once but for those of all orders."""
+        if self.arguments.full:
+            return as_bytes(both_record(answer))
         if id(answer) not in self.records:
             self.records[id(answer)] = answer, as_bytes(both_record(answer, _orders(self.arguments)))
         return self.records[id(answer)][1]

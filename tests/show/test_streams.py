@@ -62,6 +62,8 @@ def test_names_that_a_terminal_cannot_encode_are_written_with_a_backslash_and_to
     status, said, told = process("scene", str(scene), env=env)
     assert status == 0 and "Zahnrad \\xe4" in said
     assert told == "Some names were written with \\: ascii has no '\\xe4'. PYTHONUTF8=1 helps.\n"
+    status, said, told = process("modes", str(scene), "--json", "-", env=env, encoding="utf-8")
+    assert (status, told) == (0, "") and "Zahnrad ä" in json.loads(said)["modes"]
 
 
 def test_a_signal_ends_a_command_as_ctrl_c_does():
@@ -216,3 +218,18 @@ def test_a_trace_is_the_motion_over_the_crank_angle(tmp_path, capsys):
     assert main(["solve", "spur_pair", "--rpm", "6000", *light]) == 1
     assert "--trace: no file, the motion never repeats" in capsys.readouterr().err
     assert not (tmp_path / "none.csv").exists()
+
+
+def test_a_sweep_that_cannot_be_kept_goes_on_without(tmp_path, capsys, monkeypatch):
+    (tmp_path / "cache").write_text("no folder")
+    monkeypatch.setattr(sweeps, "user_folder", lambda: tmp_path / "cache")
+    assert main(["sweep", "spur_pair", "--rpm", "5000", "--csv", str(tmp_path / "s.csv")]) == 0
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("text", ["disk = 5", "disk = [1, 2]", "[[disk]]\nname = 3", "[[torque]]\nscale = 'none.csv'"])
+def test_a_scene_that_is_none_is_told_as_such_where_files_are_asked_for(text, tmp_path, capsys):
+    scene = tmp_path / "bad.toml"
+    scene.write_text(text)
+    assert main(["solve", str(scene), "--rpm", "9", "--json", str(tmp_path / "r.json")]) == 2
+    assert "bad.toml" in capsys.readouterr().err
