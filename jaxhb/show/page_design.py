@@ -6,6 +6,7 @@ import numpy as np
 
 from ..model.change import declared_field
 from ..model.elements import TABLES
+from ..model.plausible import plausibility
 from .balance import plain_number
 from .certified import certificate_parts
 from .choose import largest
@@ -197,5 +198,5 @@ def _accuracy(answers):
 def notes_part(report):
     """What to be careful about, and speeds without an answer."""
     said = [f"{case.title}: {sentence}" for case in _every(report) for sentence in warnings(case.answers)]
-    own = notes(*(answer for case in report.cases for answer in case.answers))
+    own = plausibility(report.train) + notes(*(answer for case in report.cases for answer in case.answers))
     return [*said, *own] or ["Nothing to note."]

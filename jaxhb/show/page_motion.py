@@ -211,13 +211,15 @@ def _few(report, quantity):
 
 
 def maxima(quantity, cases, *, contact=False):
-    """The largest number of every element over the speeds, with and without backlash; of meshes the worst contact."""
+    """The largest number of every element over the speeds that have an answer, with and without backlash; of meshes the
+    worst contact."""
     rpm, names = [answer.rpm for answer in cases[0].answers], quantity.names
     backlash = any(cases[0].answers[0].topology.mesh_backlash)
     columns, heads = [names], [quantity.what]
     for case in cases:
         values = [quantity.of(case.answers, name) for name in names]
         before = [quantity.without(case.answers, name) for name in names]
+        before = [np.where(np.isfinite(own), other, np.nan) for own, other in zip(values, before, strict=True)]
         pair = [_or_nan(column) for column in values], [_or_nan(column) for column in before]
         shown = alike(*pair)
         columns += [shown[0], [_at(rpm, column) for column in values]]

@@ -118,8 +118,9 @@ def verdict(answer):
         return "No mesh has backlash: the teeth cannot separate."
     said = _hammering(answer, speed)
     doubts = []
-    if answer.converged is False and answer.response is not None:
-        doubts.append("not converged, do not rely on this")
+    if answer.converged is False:
+        unsolved = "not solved by harmonic balance"
+        doubts.append(unsolved if answer.response is None else "not converged, do not rely on this")
     if answer.growth.unstable:
         doubts.append("unstable, the train does not run in this motion")
     if not doubts:
