@@ -77,7 +77,7 @@ def report(train, arguments):
         place = _place_of(cases[0], arguments.at)
         cases = certified_at(cases, place, progress.say) if arguments.certify else cases
         second, tuning = second_case(train, other, arguments, asked, progress)
-    worst = {"worst_misfire": finite(worst_misfire(cases))} if each else {}
+    worst, whole = {"worst_misfire": finite(worst_misfire(cases))} if each else {}, []
     deliver(
         arguments,
         misfires_text(cases) if each else cases_text(cases),
@@ -86,15 +86,19 @@ def report(train, arguments):
         ),
         csv=lambda: rows_csv([answer_row(answer, case=case.title) for case in cases for answer in case.answers]),
         plot=lambda: _cycle_picture(arguments, cases[0].answers[place]),
-        html=lambda: _page(report_of(arguments, cases, place, second, tuning)),
+        html=lambda: _page(report_of(arguments, cases, place, second, tuning), whole),
     )
-    return status_of([answer for case in cases for answer in case.answers])
+    status = status_of([answer for case in cases for answer in case.answers])
+    return status if all(whole) else NOT_ANSWERED
 
 
-def _page(report):
+def _page(report, whole):
+    """The bytes of the page; whether it is whole goes to the list."""
     from .page import as_page
 
-    return as_page(report)
+    content, complete = as_page(report)
+    whole.append(complete)
+    return content
 
 
 def tune(train, arguments):

@@ -35,8 +35,9 @@ ROWS = 150
 
 
 def as_page(report):
-    """The page of a :class:`Report`, whole, as the bytes of a file."""
-    return [page_text(report.name, parts_of(report, PARTS), report).encode()]
+    """The page of a :class:`Report` as the bytes of a file, and whether every part of it could be made."""
+    parts = parts_of(report, PARTS)
+    return [page_text(report.name, parts, report).encode()], not any(part.failed for part in parts)
 
 
 def page_text(name, parts, report):

@@ -23,6 +23,9 @@ CAMPBELL_MODES = 6
 ONE_SPEED = 0.5
 """Range of a Campbell diagram around one speed, below and above as a share of it."""
 
+LOWEST = 60
+"""Natural frequencies of a train of many disks."""
+
 TOGETHER = 3
 """Mode shapes in a figure: what does not fit on a sheet leaves it empty."""
 
@@ -36,9 +39,9 @@ SPEEDS = 201
 def modes_part(report):
     """Natural frequencies and the shapes of the first ones that strain links."""
     train = report.train
-    found = natural_frequencies(train)
-    kinds = mode_kinds(found, train.topology.damper_names)
     few = train.topology.n_disks <= DAMPED
+    found = natural_frequencies(train, count=None if few else LOWEST)
+    kinds = mode_kinds(found, train.topology.damper_names)
     ratios = damping_ratios(train, found) if few else np.full(len(kinds), np.nan)
     table = modes_text(found, report.name, kinds, ratios, "teeth in contact" if train.topology.mesh_names else "")
     elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC][:MOST]

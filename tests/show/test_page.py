@@ -229,6 +229,17 @@ def test_a_part_that_fails_is_a_sentence_and_leaves_the_others(capsys):
     assert "'Broken' is missing from the page" in capsys.readouterr().err
 
 
+def test_a_page_that_is_not_whole_is_written_and_exits_1(made, capsys, monkeypatch):
+    def broken(_):
+        raise ValueError("nothing to draw")
+
+    monkeypatch.setattr(page, "PARTS", page.PARTS | {"Limits": broken})
+    file = made[0].with_name("part.html")
+    assert main(["report", str(made[0].parent / "first.toml"), "--rpm", "1500", "--html", str(file)]) == 1
+    assert "This part could not be made: nothing to draw" in file.read_text(encoding="utf-8")
+    assert "--html: 'Limits' is missing from the page: nothing to draw" in capsys.readouterr().err
+
+
 def test_plotly_knows_every_key_of_every_figure(made):
     graph_objects = pytest.importorskip("plotly.graph_objects")
     for figure in figures(made[2]):
