@@ -2,13 +2,10 @@
 
 import csv
 import dataclasses
-import doctest
-import importlib
 import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -246,15 +243,3 @@ def test_a_reader_that_closes_the_output_early_gets_no_traceback():
     os.close(write_end)
     assert done.returncode == 141
     assert done.stderr == ""
-
-
-MODULES = [path.stem for path in Path(commands.__file__).parent.glob("[a-z]*.py")]
-
-
-def test_all_examples_in_the_docstrings_hold():
-    tried = 0
-    for name in MODULES:
-        failures, tests = doctest.testmod(importlib.import_module(f"jaxhb.show.{name}"))
-        assert not failures, name
-        tried += tests
-    assert tried >= 10
