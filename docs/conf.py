@@ -10,6 +10,7 @@ release = version = jaxhb.__version__
 
 extensions = ["myst_nb", "sphinx.ext.autodoc", "numpydoc", "sphinx.ext.viewcode"]
 exclude_patterns = ["notebooks/.ipynb_checkpoints"]
+highlight_language = "none"
 html_theme = "furo"
 html_title = f"jaxhb {release}"
 html_math_renderer = "mathml"  # which browsers draw without a network

@@ -20,7 +20,7 @@ class Kantorovich:
     Examples
     --------
     >>> case = Kantorovich(H0=2.0, delta0=0.7, K=1 / 14)
-    >>> round(case.h0, 12), round(case.radius, 6), round(case.bound(2), 8)
+    >>> round(case.h0, 12), round(float(case.radius), 6), round(float(case.bound(2)), 8)
     (0.1, 0.73901, 0.00012077)
     """
 
