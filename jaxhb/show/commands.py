@@ -9,6 +9,7 @@ from ..model.scene_writer import changed_scene, copies_beside
 from .cases import cases_record, cases_text, solve_cases
 from .choose import asks_each, case_title, gears, most_apart, without_cylinders
 from .compute import Asked, answer_one
+from .kept import GOES_ON, Kept
 from .labelled import check_labelled, netcdf
 from .misfire_cases import misfire_trains, misfires_text, worst_misfire
 from .output import (
@@ -66,8 +67,14 @@ def report(train, arguments):
         trains[", ".join(arguments.misfire)] = train.misfire(*arguments.misfire)
     trains = {case_title(train, cylinders): one for cylinders, one in trains.items()}
     with Progress(len(trains) * len(arguments.rpm), quiet=arguments.quiet) as progress:
-        tell = {"say": progress.say, "advance": progress.advance}
-        cases = solve_cases(trains, arguments.rpm, Asked.of(arguments), **tell)
+        tell, asked = {"say": progress.say, "advance": progress.advance}, Asked.of(arguments)
+        kept = Kept(trains.values(), ("report", arguments.rpm, asked))
+        try:
+            cases = kept.run(lambda folder: solve_cases(trains, arguments.rpm, asked, folder=folder, **tell))
+        except KeyboardInterrupt as stop:
+            if kept.folder and not asked.orbit:
+                stop.add_note(f"no file is written, but what was found is kept; {GOES_ON}")
+            raise
     chosen = _picture_of(cases[0], arguments.at)
     worst = {"worst_misfire": finite(worst_misfire(cases))} if each else {}
     deliver(
@@ -77,6 +84,7 @@ def report(train, arguments):
         csv=lambda: rows_csv([answer_row(answer, case=case.title) for case in cases for answer in case.answers]),
         plot=lambda: _cycle_picture(arguments, chosen),
     )
+    kept.forget()
     return status_of([answer for case in cases for answer in case.answers])
 
 
