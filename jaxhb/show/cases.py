@@ -1,6 +1,7 @@
 """Normal running beside one cylinder misfiring, over several speeds: what ``jaxhb report`` computes and prints."""
 
 from dataclasses import dataclass
+from functools import partial
 
 from .answer import Answer
 from .balance import balance_line
@@ -24,16 +25,25 @@ class Case:
     answers: list[Answer]
 
 
-def solve_cases(trains, speeds, asked, *, say=lambda text: None, advance=lambda count: None):
-    """Answer every train of ``{title: train}`` at every speed; ``say`` is told what comes next."""
+def solve_cases(trains, speeds, asked, *, folder=None, say=lambda text: None, advance=lambda count: None):
+    """Answer every train of ``{title: train}`` at every speed; ``say`` is told what comes next.
+
+    Steady states are kept in a ``folder`` as they are found, and read from there.
+    """
     cases = []
-    for title, train in trains.items():
+    for number, (title, train) in enumerate(trains.items()):
         answers = []
         for rpm in speeds:
             advance(1)
-            answers.append(answer_one(train, rpm, asked, lambda text, title=title: say(f"{text} ({title})")))
+            kept = {"out": folder / f"{number} {rpm:.17g}"} if folder else None
+            tell = partial(_say_case, say, title)
+            answers.append(answer_one(train, rpm, asked, tell, kept=kept))
         cases.append(Case(title, answers))
     return cases
+
+
+def _say_case(say, title, text):
+    say(f"{text} ({title})")
 
 
 def cases_record(cases, *, orders=None):

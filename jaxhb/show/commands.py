@@ -11,6 +11,7 @@ from ..model.scene_writer import changed_scene, copies_beside
 from .cases import cases_record, cases_text, solve_cases
 from .choose import asks_each, case_title, gears, without_cylinders
 from .compute import Asked, answer_one
+from .kept import GOES_ON, Kept
 from .labelled import check_labelled, netcdf
 from .misfire_cases import hardest, misfire_trains, misfires_text, worst_misfire
 from .output import (
@@ -70,13 +71,16 @@ def report(train, arguments):
     if arguments.misfire and not each:
         trains[", ".join(arguments.misfire)] = train.misfire(*arguments.misfire)
     trains = {case_title(train, cylinders): one for cylinders, one in trains.items()}
-    asked = dataclasses.replace(Asked.of(arguments), certify=False)
-    designs = len(trains) + bool(other or arguments.tune)
-    with Progress(designs * len(arguments.rpm), quiet=arguments.quiet) as progress:
-        cases = solve_cases(trains, arguments.rpm, asked, say=progress.say, advance=progress.advance)
-        place = _place_of(cases[0], arguments.at)
-        cases = certified_at(cases, place, progress.say) if arguments.certify else cases
-        second, tuning = second_case(train, other, arguments, asked, progress)
+    asked, designs = dataclasses.replace(Asked.of(arguments), certify=False), [*trains.values(), *filter(None, [other])]
+    kept = Kept(designs, ("report", arguments.rpm, asked))
+    with Progress((len(designs) + arguments.tune) * len(arguments.rpm), quiet=arguments.quiet) as progress:
+        try:
+            found = kept.run(lambda folder: _reported(train, trains, other, arguments, asked, folder, progress))
+        except KeyboardInterrupt as stop:
+            if kept.folder and not asked.orbit:
+                stop.add_note(f"no file is written, but what was found is kept; {GOES_ON}")
+            raise
+    cases, place, second, tuning = found
     worst, whole = {"worst_misfire": finite(worst_misfire(cases))} if each else {}, []
     deliver(
         arguments,
@@ -88,8 +92,18 @@ def report(train, arguments):
         plot=lambda: _cycle_picture(arguments, cases[0].answers[place]),
         html=lambda: _page(report_of(arguments, cases, place, second, tuning), whole),
     )
+    kept.forget()
     status = status_of([answer for case in cases for answer in case.answers])
     return status if all(whole) else NOT_ANSWERED
+
+
+def _reported(train, trains, other, arguments, asked, folder, progress):
+    """The cases, the number of the speed to show in full, the second design and what is told of how it was found."""
+    tell = {"say": progress.say, "advance": progress.advance}
+    cases = solve_cases(trains, arguments.rpm, asked, folder=folder, **tell)
+    place = _place_of(cases[0], arguments.at)
+    cases = certified_at(cases, place, progress.say) if arguments.certify else cases
+    return cases, place, *second_case(train, other, arguments, asked, folder, progress)
 
 
 def _page(report, whole):

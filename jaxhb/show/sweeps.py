@@ -1,17 +1,11 @@
 """``jaxhb sweep``: many speeds, or many values of a number at one speed; what is found is written as it is found."""
 
-import contextlib
-import shutil
-
-import jax
-
-from .._store import blake2, package_hash, user_folder
 from ..model.change import declared_field, locate
-from ..periodic.checkpoint import CheckpointError, hash_of
 from .answer import SPEED, Axis
 from .choose import without_cylinders
 from .commands import check_picture, status_of
 from .compute import Asked, answer_speeds, answer_values
+from .kept import GOES_ON, Kept
 from .labelled import check_labelled, netcdf
 from .output import STANDARD_OUTPUT, OutputError, as_bytes, as_picture, as_sweep_json, changes, deliver, write_files
 from .progress import Progress
@@ -22,9 +16,6 @@ from .sweep_tables import sweep_text
 
 CHUNK = 16
 """Speeds that are marched, kept and written together by default: a batch of marches."""
-
-FOLDER = "sweeps"
-"""In the folder of programs: steady states of sweeps under way, each under the hash of what was asked."""
 
 
 def sweep(train, arguments):
@@ -49,7 +40,7 @@ def sweep(train, arguments):
             netcdf=lambda: going.netcdf(found),
             plot=lambda: _picture(arguments, found),
         )
-    going.forget()
+    going.kept.forget()
     return status_of([answer for answers in found.values() for answer in answers])
 
 
@@ -69,22 +60,17 @@ class _Sweep:
         self.train, self.arguments, self.asked = train, arguments, asked
         self.axis, self.values = _axis(train, arguments)
         self.found, self.records = {}, {}
-        self.own = None if arguments.folder or arguments.orbit else self._own_folder()
-        self.folder = arguments.folder or self.own
+        question = self.axis, self.values, arguments.rpm, arguments.direction, asked, arguments.chunk
+        self.kept = Kept([train], question)
+        if arguments.folder or arguments.orbit:
+            self.kept.folder = None
 
     def run(self, progress):
         """Answers by direction."""
-        try:
-            return self._answers(progress)
-        except CheckpointError:
-            if not self.own:
-                raise
-            self.forget()  # the disk is full, or old files there were removed: nobody asked for it to be kept
-            self.folder = self.own = None
-            return self._answers(progress)
+        return self.kept.run(lambda folder: self._answers(progress, self.arguments.folder or folder))
 
-    def _answers(self, progress):
-        kept = {"out": self.folder, "chunk": self.arguments.chunk or CHUNK}
+    def _answers(self, progress, folder):
+        kept = {"out": folder, "chunk": self.arguments.chunk or CHUNK}
         given = {"direction": self.arguments.direction or "up", "progress": progress.advance, "told": self.note}
         if self.axis == SPEED:
             return answer_speeds(self.train, self.values, self.asked, kept=kept, say=progress.say, **given)
@@ -110,7 +96,7 @@ class _Sweep:
         done = min(len(self.found.get(way, ())) for way in ways)
         files = self._write({"json": self.json, "csv": self.csv, "netcdf": self.netcdf}) if self.found else []
         where = f" in {' and '.join(map(repr, files))}" if files else ""
-        again = "; the same command goes on from there" if self.folder else ""
+        again = f"; {GOES_ON}" if self.arguments.folder or self.kept.folder else ""
         counted = "speeds" if self.axis == SPEED else "values"
         return f"{done} of {len(self.values)} {counted} are done{where}{again}"
 
@@ -150,21 +136,6 @@ class _Sweep:
     def netcdf(self, found):
         """Labelled arrays."""
         return netcdf(found, self.arguments.orders, every=self.arguments.full)
-
-    def _own_folder(self):
-        """The folder in which this sweep is kept until it is done, None where nothing may be kept."""
-        base, arguments = user_folder(), self.arguments
-        if base is None:
-            return None
-        asked = (self.axis, self.values, arguments.rpm, arguments.direction, self.asked, arguments.chunk)
-        name = blake2(hash_of(self.train).encode(), package_hash(), jax.__version__.encode(), repr(asked).encode())
-        return base / FOLDER / name.hex()[:32]
-
-    def forget(self):
-        """Remove what is kept of a sweep that is done, unless the user asked to keep it."""
-        if self.own:
-            with contextlib.suppress(OSError):
-                shutil.rmtree(self.own)
 
 
 def _orders(arguments):

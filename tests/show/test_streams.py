@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.show import sweeps
+from jaxhb.show import cases, kept, sweeps
 from jaxhb.show.cli import main
 from jaxhb.show.output import write_files
 from jaxhb.show.streams import Ended, guarded
@@ -150,7 +150,7 @@ def test_a_shell_is_told_how_words_go_on():
 
 
 def test_a_sweep_that_is_stopped_leaves_its_rows_and_goes_on_where_it_was(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(sweeps, "user_folder", lambda: tmp_path / "cache")
+    monkeypatch.setattr(kept, "user_folder", lambda: tmp_path / "cache")
     files = {kind: tmp_path / f"s.{kind}" for kind in ("json", "csv")}
     options = [word for kind, file in files.items() for word in (f"--{kind}", str(file))]
     command = ["sweep", "spur_pair", "--rpm", "4600,5000,5400", "--chunk", "1", *options]
@@ -158,7 +158,7 @@ def test_a_sweep_that_is_stopped_leaves_its_rows_and_goes_on_where_it_was(tmp_pa
 
     def stop(self, found):
         note(self, found)
-        folders.append(Path(self.own))
+        folders.append(self.kept.folder)
         if sum(map(len, found.values())) == 2:
             raise Ended(signal.SIGTERM)
 
@@ -170,8 +170,7 @@ def test_a_sweep_that_is_stopped_leaves_its_rows_and_goes_on_where_it_was(tmp_pa
     record = json.loads(files["json"].read_text())
     assert not record["complete"] and record["rpm"] == [row["rpm"] for row in record["responses"]]
     assert len(files["csv"].read_text().splitlines()) == 3
-    kept = len(list(folders[0].glob("*.npz")))
-    assert kept >= 1
+    assert len(list(folders[0].glob("*.npz"))) >= 1
     assert main(command) == 0
     record = json.loads(files["json"].read_text())
     assert record["complete"] and record["rpm"] == [4600.0, 5000.0, 5400.0]
@@ -222,7 +221,7 @@ def test_a_trace_is_the_motion_over_the_crank_angle(tmp_path, capsys):
 
 def test_a_sweep_that_cannot_be_kept_goes_on_without(tmp_path, capsys, monkeypatch):
     (tmp_path / "cache").write_text("no folder")
-    monkeypatch.setattr(sweeps, "user_folder", lambda: tmp_path / "cache")
+    monkeypatch.setattr(kept, "user_folder", lambda: tmp_path / "cache")
     assert main(["sweep", "spur_pair", "--rpm", "5000", "--csv", str(tmp_path / "s.csv")]) == 0
     assert capsys.readouterr().err == ""
 
@@ -233,3 +232,25 @@ def test_a_scene_that_is_none_is_told_as_such_where_files_are_asked_for(text, tm
     scene.write_text(text)
     assert main(["solve", str(scene), "--rpm", "9", "--json", str(tmp_path / "r.json")]) == 2
     assert "bad.toml" in capsys.readouterr().err
+
+
+def test_a_report_that_is_stopped_goes_on_where_it_was(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(kept, "user_folder", lambda: tmp_path / "cache")
+    command, answer_one = (
+        ["report", "spur_pair", "--rpm", "2000,5000", "--json", str(tmp_path / "r.json")],
+        cases.answer_one,
+    )
+
+    def stop(train, rpm, *given, **kept):
+        if rpm == 5000.0:
+            raise KeyboardInterrupt
+        return answer_one(train, rpm, *given, **kept)
+
+    with monkeypatch.context() as stopped:
+        stopped.setattr(cases, "answer_one", stop)
+        assert main(command) == 130
+    assert capsys.readouterr().err.endswith("the same command goes on from there\n")
+    (folder,) = (tmp_path / "cache" / kept.FOLDER).iterdir()
+    assert [path.name for path in folder.iterdir()] == ["0 2000"]
+    assert main(command) == 0
+    assert not folder.exists() and (tmp_path / "r.json").exists()
