@@ -23,6 +23,7 @@ MOST_MAPS = 30_000
 """Memory maps of a process above which its programs are dropped: a solve takes 600 to 900, and Linux gives 65530."""
 
 LONGEST = (
+    "test_examples",
     "test_notebooks",
     "test_tuning",
     "test_gear_train_30",

@@ -177,3 +177,9 @@ def test_samples_that_miss_the_peak_are_warned_of_with_a_count_that_does_not(for
         warnings.simplefilter("error")
         assert abs(signal.samples(enough)).max() >= 0.99 * signal.peak > abs(coarse).max()
         jax.jit(lambda s: s.samples(30))(signal)
+
+
+def test_a_response_that_has_lost_its_train_is_refused_with_a_sentence(forced):
+    lost = jax.tree.map(np.asarray, forced[0])
+    with pytest.raises(ValueError, match="comes out of a transformation without its train: solve outside of it"):
+        jaxhb.shooting_correction(lost)

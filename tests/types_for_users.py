@@ -16,11 +16,13 @@ r = jaxhb.check(jaxhb.solve(train, rpm=1800.0))
 assert_type(r, jaxhb.Response)
 assert_type(r.force("crank gear", "idler"), jaxhb.Signal)
 assert_type(r.force("crank gear", "idler").max, jax.Array | np.ndarray)
+assert_type(r.power("crank damper"), jax.Array | np.ndarray)
 
 sweep = jaxhb.solve_speeds(train, rpm=np.linspace(700, 2450, 8))
 assert_type(sweep[4], jaxhb.Response)
 
 assert_type(jaxhb.steady_state(train, rpm=1800.0).kind, str)
+assert_type(jaxhb.steady_state(train, rpm=1800.0).irregularity("crank gear"), float)
 assert_type(jaxhb.steady_state(train, rpm=[1700.0, 1800.0]), jaxhb.SteadySweep)
 up, down = jaxhb.steady_state(train, rpm=[1700.0, 1800.0], direction="both")
 assert_type(up, jaxhb.SteadySweep)

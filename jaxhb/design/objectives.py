@@ -107,7 +107,7 @@ def damper_power(response: Response, a: str, b: str | None = None) -> Array:
     -------
     array ``(...)`` W
     """
-    return limits.link_power(usable(response), a, b)
+    return Response.power(usable(response), a, b)
 
 
 def close_half_peak_to_peak(signal: Signal) -> Array:

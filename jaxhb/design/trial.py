@@ -19,6 +19,9 @@ ALONE = 48
 NEGLIGIBLE = 1e-8
 """Share of the largest derivative of the objective by a reading below which no gradient is taken through it."""
 
+PATIENCE = 30.0
+"""Seconds after which a lost speed gets no further attempt."""
+
 SETTLED = 1e-4
 """Closure at which a march ends; what its steps leave of the equations is as much."""
 
@@ -113,11 +116,15 @@ class Trial:
         self.motion[(*into, slice(None), slice(0, motion.shape[-1]))] = motion
 
     def climb(self, lanes):
-        """Solve ``lanes`` one by one, up the ladder of :func:`jaxhb.solve`, and from there under the largest plan."""
+        """Solve ``lanes`` one by one, up the ladder of :func:`jaxhb.solve`, and from there under the largest plan.
+
+        Each has a bounded time, and one attempt in any case: most of what is not found soon has no motion of one cycle.
+        """
         bench, plan, found = self.bench, self.bench.kinds[0], np.zeros_like(lanes)
         for a, i in np.argwhere(lanes) if plan.active else ():
             train = bench.train.replace(bench.values(self.z[a]))
-            response = solve(train, rpm=float(bench.speeds[a, i]), harmonics=plan.harmonics, integrals=plan.integrals)
+            own = {"harmonics": plan.harmonics, "integrals": plan.integrals, "seconds": PATIENCE}
+            response = solve(train, rpm=float(bench.speeds[a, i]), **own)
             if response.status <= Status.TOLERANCE_NOT_MET:
                 found[a, i] = True
                 self.kind[a, i] = 0

@@ -15,7 +15,7 @@ from .._arrays import namespace
 from .._shown import brief
 from ..model.derived import link_number
 from ..model.drivetrain import DriveTrain
-from .strength import BarredRange, barred_ranges, dissipated_power, permissible_stress, torsional_stress
+from .strength import BarredRange, barred_ranges, permissible_stress, torsional_stress
 
 SHARE_OF_RATED = 1.0 / 3.0
 """Vibratory torque that a mesh may pass on, over its rated torque."""
@@ -82,25 +82,12 @@ class _OfMotion:
     """How a response or a steady state is read: signals of links, and their heat."""
 
     def __init__(self, motion):
-        self.torque, self.force, self._response = motion.torque, motion.force, _harmonic(motion)
-
-    def power(self, name):
-        return np.nan if self._response is None else link_power(self._response, name)
+        self.torque, self.force, self.power = motion.torque, motion.force, motion.power
 
 
 def _harmonic(motion):
     """The harmonic solution of a response or a steady state; None of a motion that never repeats."""
     return getattr(motion, "response", motion)
-
-
-def link_power(response, a, b=None):
-    """Mean power in W ``(...)`` that a shaft or damper turns into heat, exact from the harmonics of a response."""
-    topology = response.topology
-    index, sense = topology.link_index(a, b)
-    first, second = topology.link_ends[index]
-    twist = sense * (response.angles[..., first, :] - response.angles[..., second, :])
-    torque = response.torque(a, b).coefficients
-    return dissipated_power(torque, twist, topology.cycle_frequency(response.rpm))
 
 
 def strength(response: Any, *, train: DriveTrain | None = None) -> Strength:
@@ -119,7 +106,7 @@ def strength(response: Any, *, train: DriveTrain | None = None) -> Strength:
         Of every shaft with a ``diameter`` (or ``outer``) half of the peak-to-peak torque over W_p, in Pa, and with a
         ``tensile_strength`` its limits at this speed over ``rated_rpm``; of every mesh with a ``rated_torque`` half of
         the peak-to-peak torque on its first gear and a third of the rated torque, in N m; of every shaft and damper
-        with a ``power_limit`` its heat, in W, nan of a motion that never repeats. Differentiable.
+        with a ``power_limit`` its heat, in W. Differentiable.
 
     Raises
     ------

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._arrays import Array, Number, concrete, namespace, traced
-from ..harmonic import fourier
 
 CAP = 800e6
 """Tensile strength in Pa beyond which the rule gives no higher limit, for alloy steels; for other steels and for
@@ -200,22 +199,3 @@ def _rows(xp, columns):
 def _crossing(speed, excess, i):
     """Speed between numbers i and i + 1 at which the excess, linear there, is zero."""
     return speed[i] + (speed[i + 1] - speed[i]) * excess[i] / (excess[i] - excess[i + 1])
-
-
-def dissipated_power(torque, twist, frequency):
-    """Mean power that a link turns into heat, ``P = sum_{n >= 1} 2 Re(T^n conj(i n Omega theta^n))``.
-
-    Parameters
-    ----------
-    torque, twist : complex ``(..., N+1)`` N m and rad
-        Coefficients of the transmitted torque and of the twist; the elastic part does no work over a cycle.
-    frequency : float or array ``(...)`` rad/s
-        Omega, of the cycle.
-
-    Returns
-    -------
-    array ``(...)`` W
-    """
-    xp = namespace(torque, twist, frequency)
-    rate = fourier.derivative(twist, xp.asarray(frequency)[..., None])
-    return 2 * xp.sum((torque * xp.conj(rate)).real, axis=-1)

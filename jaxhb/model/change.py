@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from jaxhb._arrays import traced
-from jaxhb.model import checks, derived, gas, hold
+from jaxhb.model import checks, choices, derived, gas, hold
 from jaxhb.model.elements import TABLES, Combustion, SceneError, Trace
 from jaxhb.model.graph import RATIO_TOLERANCE
 from jaxhb.model.topology import suggestion
@@ -94,7 +94,7 @@ def read(train, key: str):
 
 def replace(train, values):
     """Change numbers; see :meth:`DriveTrain.replace`."""
-    errors, changes = [], {}
+    before, (train, values, errors), changes = train, choices.chosen(train, values, locate), {}
     for key, value in values.items():
         try:
             table, field, index = _locate(train, key)
@@ -111,7 +111,7 @@ def replace(train, values):
     for table, field, new in derived.followers(train, changed, changes):
         changed = _with(changed, table, field, _set(_vector(changed, table, field), new))
     if ("disk", "radius") in changes:
-        _check_ratios(train, changed)
+        _check_ratios(before, changed)
     errors = hold.train_errors(changed) if hold.touches(changes) else []
     if errors:
         raise SceneError(errors)

@@ -94,7 +94,9 @@ class DriveTrain:
     def replace(self, values: dict[str, Any]) -> DriveTrain:
         """Return the train with some numbers changed; the topology stays, so that nothing is compiled anew.
 
-        ``gas_factor`` can be changed in any train: where the scene gives none, the train gets a vector of ones first.
+        Three changes go beyond numbers: ``damping_law`` and ``law`` of a mesh take the words of the scene format, and
+        ``teeth`` of a gear with teeth changes its radius, at the same pitch, and the ratios. ``gas_factor`` can be
+        changed in any train: where the scene gives none, the train gets a vector of ones first.
 
         Parameters
         ----------

@@ -37,15 +37,19 @@ def speed_ratios(train):
     >>> float(speed_ratios(train)[train.topology.rotor[train.topology.disk_index("cam A1")]])
     0.5
     """
-    paths = train.topology.rotor_path
+    return rotor_ratios(train.topology, train.disks.radius)
+
+
+def rotor_ratios(topology, radius):
+    """:func:`speed_ratios` of a topology with pitch radii ``(..., S)`` m: ``(..., n_rotors)``."""
+    paths, xp = topology.rotor_path, namespace(radius)
     depth = max((len(p) for p in paths), default=0)
-    xp = namespace(train.disks.radius)
+    radius = xp.asarray(radius)
     if depth == 0:
-        return xp.ones(train.topology.n_rotors)
+        return xp.ones((*radius.shape[:-1], topology.n_rotors))
     gear = paths[max(range(len(paths)), key=lambda k: len(paths[k]))][0][0]
     steps = np.array([[*p, *([(gear, gear)] * (depth - len(p)))] for p in paths])
-    radius = xp.asarray(train.disks.radius)
-    return xp.prod(radius[steps[..., 0]] / radius[steps[..., 1]], axis=1)
+    return xp.prod(radius[..., steps[..., 0]] / radius[..., steps[..., 1]], axis=-1)
 
 
 def inertias(train):

@@ -140,13 +140,21 @@ def _beside(content, folder):
     """Files that rows of a scene name, in tables and in tables inside them."""
     found = {}
     for table, rows in content.items():
-        inner = [] if table in ("scene", "tune") else rows if isinstance(rows, list) else [rows]
+        inner = [] if table in ("scene", "tune") else list(rows) if isinstance(rows, list) else [rows]
         while inner:
             row = inner.pop()
+            if not isinstance(row, dict):
+                continue
             found |= {row[key]: folder / row[key] for key in _CSV if isinstance(row.get(key), str)}
             for value in row.values():
                 inner += [v for v in (value if isinstance(value, list) else [value]) if isinstance(v, dict)]
     return found
+
+
+def scene_files(name):
+    """Paths of the files that a scene is read from: itself and the tables it names."""
+    path = _find(name)
+    return [path, *(table for table in _beside(_parse(path, []), path.parent).values() if table.is_file())]
 
 
 def changed_scene(name, values, *, remark=""):

@@ -15,13 +15,11 @@ import jax
 import numpy as np
 
 from .. import __version__
+from .._parts import clear_parts, part_of
 from .._store import blake2, package_hash
 from ..model.saved import pack, unpack
 
 MANIFEST = "sweep.json"
-
-PART = ".part"
-"""Ends the name of a file that is being written, after the number of its process."""
 
 CHUNK = 64
 """Speeds of a chunk by default: as many as are marched side by side."""
@@ -56,10 +54,10 @@ class Checkpoint:
         versions = {"jaxhb": __version__, "jax": jax.__version__, "numpy": np.__version__}
         versions["sources of jaxhb"] = package_hash().hex()[:16]
         options = {"speeds of a chunk": self.chunk, **asked}
-        now = {"scene": train.topology.name, "numbers": _hash_of(train), "versions": versions, "options": options}
+        now = {"scene": train.topology.name, "numbers": hash_of(train), "versions": versions, "options": options}
         with self._sentence():
             self.folder.mkdir(parents=True, exist_ok=True)
-            self._clear()
+            clear_parts(self.folder)
             if not (self.folder / MANIFEST).exists():
                 if any(not path.name.startswith(".") for path in self.folder.iterdir()):
                     raise CheckpointError(f"{str(folder)!r} holds other files. Give this sweep a folder of its own.")
@@ -84,21 +82,17 @@ class Checkpoint:
                     raise CheckpointError(f"{place} holds a sweep with other {kind}: {was}. {other}")
 
     def settle(self, judge, places, motions, progress):
-        """What ``judge.settle`` gives, chunk by chunk, from the folder where it is there."""
-        found = {}
-        for first in range(0, len(places), self.chunk):
-            chunk = places[first : first + self.chunk]
-            given = {place: motions[place] for place in chunk if place in motions}
-            name = f"{_hash(judge.speeds[chunk], [place in given for place in chunk], *given.values())}.npz"
-            states = self._read(name)
-            if states is None:
-                settled = judge.settle(chunk, given, progress)
-                states = [settled[place] for place in chunk]
-                self._write(name, _as_file(states))
-            else:
-                progress(len(chunk))
-            found |= dict(zip(chunk, states, strict=True))
-        return found
+        """What ``judge.settle`` gives of the speeds of a chunk, from the folder where it is there."""
+        given = [place in motions for place in places]
+        name = f"{_hash(judge.speeds[places], given, *motions.values())}.npz"
+        states = self._read(name)
+        if states is None:
+            settled = judge.settle(places, motions, progress)
+            states = [settled[place] for place in places]
+            self._write(name, _as_file(states))
+        else:
+            progress(len(places))
+        return dict(zip(places, states, strict=True))
 
     def _read(self, name):
         """The states of a file; None where it is not there, or not readable: then they are computed again."""
@@ -112,7 +106,7 @@ class Checkpoint:
 
     def _write(self, name, content):
         """Write a file beside its place and move it there."""
-        part = self.folder / f".{name}.{os.getpid()}{PART}"
+        part = part_of(self.folder / name)
         with self._sentence():
             try:
                 with part.open("wb") as file:
@@ -121,13 +115,6 @@ class Checkpoint:
                     os.fsync(file.fileno())
                 os.replace(part, self.folder / name)
             finally:
-                part.unlink(missing_ok=True)
-
-    def _clear(self):
-        """Remove half-written files of processes that were killed."""
-        for part in self.folder.glob(f".*{PART}"):
-            owner = part.name.removesuffix(PART).rpartition(".")[2]
-            if owner.isdecimal() and not _runs(int(owner)):
                 part.unlink(missing_ok=True)
 
     @contextlib.contextmanager
@@ -149,17 +136,8 @@ def _as_file(states):
     return content.getvalue()
 
 
-def _runs(process):
-    """Whether a process of this machine runs."""
-    try:
-        os.kill(process, 0)
-    except OSError as error:
-        return isinstance(error, PermissionError)
-    return True
-
-
-def _hash_of(train):
-    """Hash of all that a train is: its numbers, names and connections."""
+def hash_of(train):
+    """Hash of all that a train is: its numbers, names and connections, in hexadecimal digits."""
     leaves, tree = jax.tree.flatten(train)
     return _hash(*leaves, np.frombuffer(repr(tree).encode(), dtype=np.uint8))
 

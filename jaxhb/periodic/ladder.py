@@ -8,6 +8,8 @@ periodic motions that no march settles on; what they find may be unstable. A sol
 
 import dataclasses
 import itertools
+import math
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -84,7 +86,10 @@ class Result:
 
 @dataclass
 class Case:
-    """One train at one speed, asked for once: its numbers, and what several rungs share."""
+    """One train at one speed, asked for once: its numbers, and what several rungs share.
+
+    ``until``, on the monotonic clock, is when no further attempt begins.
+    """
 
     train: object
     rpm: float
@@ -95,6 +100,12 @@ class Case:
     path: list = field(default_factory=list)
     solved: bool = False
     searches: dict = field(default_factory=dict)
+    until: float = math.inf
+
+    @property
+    def late(self):
+        """Whether no further attempt begins."""
+        return time.monotonic() > self.until
 
     @cached_property
     def modes(self):
@@ -275,13 +286,18 @@ def _in_turn(iterators):
 
 
 def climb(case, rungs):
-    """The Result of the first attempt that is solved, else of the last one, whose path has them all; None of none."""
+    """The Result of the first attempt that is solved, else of the last one, whose path has them all; None of none.
+
+    However late it is, one attempt is made.
+    """
     last = None
     for rung in rungs:
-        for attempt in rung(case, last):
+        for attempt in rung(case, last) if last is None or not case.late else ():
             last = refine(case, attempt, last)
             if not last.status.unsolved:
                 return last
+            if case.late:
+                break
     if last is None:
         return None
     response = dataclasses.replace(last.response, path=tuple(case.path))  # with what led to no further attempt

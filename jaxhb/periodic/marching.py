@@ -11,6 +11,7 @@ from .._program import WHOLE, across, along
 from ..harmonic import chain
 from ..harmonic.excitation import listed_harmonic
 from ..harmonic.residual import backlash_meshes
+from ..model.ratios import speed_ratios
 from ..response.steady import Record, RecordedSignal, SteadyContact
 from ..transient import lanes as marching, record as recording
 from ..transient.modes import damped_modes, modes_of
@@ -258,7 +259,8 @@ def record_of(equations, march):
     def take(count):
         return tuple(next(signals) for _ in range(count))
 
-    disks, twists, torques = take(topology.n_disks), take(shafts), take(shafts)
+    disks, rates = take(topology.n_disks), take(topology.n_disks)
+    twists, twist_rates, torques = take(shafts), take(shafts), take(shafts)
     stiffness, radius = np.asarray(equations.system.stiffness), np.asarray(equations.system.radius)
     ends = radius[equations.system.tree.end_a]
     torques = tuple(
@@ -278,7 +280,21 @@ def record_of(equations, march):
     gears = (dataclasses.replace(t, elastic_part=e) for t, e in zip(total, elastic, strict=True))
     contacts = _contacts(equations, march, forces)
     gears = dict(zip(equations.gears, gears, strict=True))
-    return Record(march.recorded, disks, twists, torques, tuple(deflections), tuple(forces), gears, contacts)
+    turning = 2 * np.pi / 60 * march.rpm * speed_ratios(equations.train)[np.array(topology.rotor, dtype=int)]
+    speeds = tuple(rate.shifted(mean) for rate, mean in zip(rates, turning, strict=True))
+    heat = _heat(equations, topology.cycle_frequency(march.rpm), ends[:shafts], twists, twist_rates)
+    found = tuple(deflections), tuple(forces), gears, contacts
+    return Record(march.recorded, disks, twists, torques, *found, speeds, heat)
+
+
+def _heat(equations, frequency, ends, twists, rates):
+    """Mean power in W that shafts and dampers turn into heat: viscous from the rates, loss factors from the orders."""
+    viscous, loss = np.asarray(equations.system.viscous), np.asarray(equations.system.loss * equations.system.stiffness)
+    found = []
+    for k, (radius, twist, rate) in enumerate(zip(ends, twists, rates, strict=True)):
+        lossy = frequency * np.sum(np.arange(1, len(twist.amplitudes) + 1) * twist.amplitudes**2) / 2
+        found.append(float(radius**2 * (viscous[k] * rate.rms**2 + loss[k] * lossy)))
+    return tuple(found)
 
 
 def _signals(march, revolutions):

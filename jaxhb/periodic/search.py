@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from ..response.status import Status
 from . import ladder, orbits
 from .judged import Judge
 from .marching import Equations
-from .planning import plan_speeds
+from .planning import all_unknown, plan_speeds
 from .request import Request
 from .returns import Cycles
 from .settled import difference
@@ -164,6 +164,8 @@ def _searched(case):
         for attempt in rung(case, last):
             case.path.clear()
             last = ladder.refine(case, attempt, last)
+            if not last.plan.active:  # in contact: other motions, if there are any, need all meshes unknown
+                last = replace(last, plan=all_unknown(case.train, last.plan, case.request))
             if last.status <= Status.TOLERANCE_NOT_MET:
                 yield last.response, 1
 

@@ -7,6 +7,8 @@ harmonics the asked tolerance needs. With a plan nothing is decided, and ``solve
 from __future__ import annotations
 
 import dataclasses
+import math
+import time
 
 import numpy as np
 
@@ -33,6 +35,7 @@ def solve(
     integrals: str | None = None,
     start: Response | str | None = None,
     certify: bool = False,
+    seconds: float | None = None,
 ) -> Response:
     """Periodic response of a drive train at one speed.
 
@@ -65,6 +68,8 @@ def solve(
     certify : bool, optional
         Add an error bound, ``response.certificate`` (:func:`jaxhb.certify`); harmonics that are not fixed are
         raised until it holds, as far as they go. Not beside a plan.
+    seconds : float, optional
+        After which no further attempt begins; one is made in any case. Default: all are made. Not beside a plan.
 
     Returns
     -------
@@ -96,6 +101,8 @@ def solve(
     if plan is not None:
         if not (harmonics is None and tolerance is None and method is None and integrals is None):
             raise ValueError("harmonics, tolerance, method and integrals belong to the plan: give them to jaxhb.plan")
+        if seconds is not None:
+            raise ValueError("a plan makes one attempt: leave out seconds")
         if certify:
             raise ValueError("certify decides by value and a plan does not: pass the response to jaxhb.certify")
         return solve_planned(train, rpm, plan, start)
@@ -104,7 +111,7 @@ def solve(
     now = concrete(train, rpm)
     if traced(now) or staged():
         raise TypeError("solve is being traced: pass plan=jaxhb.plan(train, rpm=...), made outside")
-    found = _decide(now[0], now[1], Request.of(train, harmonics, tolerance, method, integrals), start)
+    found = _decide(now[0], now[1], Request.of(train, harmonics, tolerance, method, integrals), start, seconds)
     if traced(train, rpm):  # by differentiation alone: solved already, the program only adds the derivative
         response = solve_planned(train, rpm, found.plan, found.response)
         return dataclasses.replace(response, path=found.response.path)
@@ -200,11 +207,12 @@ def solve_again(train, rpm, request, plan, start=None):
     return found and found.response
 
 
-def _decide(train, rpm, request, start):
+def _decide(train, rpm, request, start, seconds=None):
     """The Result of the ladder for one speed, or of the one rung that ``start`` names."""
     check_speed(train, rpm)
     (plan,) = planning.plan_speeds(train, np.array([float(rpm)]), request)
     case, rungs = ladder.Case(train, rpm, request, plan), ladder.RUNGS
+    case.until = math.inf if seconds is None else time.monotonic() + seconds
     if start is None:
         return ladder.climb(case, rungs)
     if start == "linear" or not any(train.topology.mesh_backlash):

@@ -28,6 +28,9 @@ from .settled import VERDICT, difference, prepare
 
 DIRECTIONS = "up", "down", "both"
 
+OnStates = Callable[[dict[int, SteadyState], str], object]
+"""Told of steady states by the number of their speed, and of the direction in which they were found."""
+
 
 @overload
 def steady_state(
@@ -42,7 +45,8 @@ def steady_state(
     cycles: Cycles | None = ...,
     progress: Callable[[int], object] | None = ...,
     out: str | Path | None = ...,
-    chunk: int = ...,
+    chunk: int | None = ...,
+    on_states: OnStates | None = ...,
     devices: Sequence[Any] = ...,
 ) -> SteadyState: ...
 
@@ -60,7 +64,8 @@ def steady_state(
     cycles: Cycles | None = ...,
     progress: Callable[[int], object] | None = ...,
     out: str | Path | None = ...,
-    chunk: int = ...,
+    chunk: int | None = ...,
+    on_states: OnStates | None = ...,
     devices: Sequence[Any] = ...,
 ) -> SteadySweep: ...
 
@@ -78,7 +83,8 @@ def steady_state(
     cycles: Cycles | None = ...,
     progress: Callable[[int], object] | None = ...,
     out: str | Path | None = ...,
-    chunk: int = ...,
+    chunk: int | None = ...,
+    on_states: OnStates | None = ...,
     devices: Sequence[Any] = ...,
 ) -> tuple[SteadySweep, SteadySweep]: ...
 
@@ -95,7 +101,8 @@ def steady_state(
     cycles: Cycles | None = None,
     progress: Callable[[int], object] | None = None,
     out: str | Path | None = None,
-    chunk: int = CHUNK,
+    chunk: int | None = None,
+    on_states: OnStates | None = None,
     devices: Sequence[Any] = (),
 ) -> SteadyState | SteadySweep | tuple[SteadySweep, SteadySweep]:
     """What a drive train does at each speed after it has run long enough.
@@ -127,8 +134,12 @@ def steady_state(
     out : path, optional
         A folder in which the steady states of marched speeds are kept as they are found: the same call goes on where
         it was stopped, with the same numbers to the last bit.
-    chunk : int
-        With ``out``, how many speeds are marched together, and kept; less is lost with fewer, and it takes longer.
+    chunk : int, optional
+        How many speeds are marched together, told and kept; less is lost with fewer, and it takes longer. Default: 64
+        with ``out``, all without.
+    on_states : callable, optional
+        Called with ``{number of the speed: SteadyState}`` of what was found since the last call, and with "up" or
+        "down". Of several speeds one may be told again, when its neighbour has a motion that it takes over.
     devices : sequence of jax devices
         Across which marches and batches of a sweep are shared, as ``jax.devices()``; by default one does it all.
 
@@ -175,15 +186,17 @@ def steady_state(
     judge = Judge(train, speeds, request, exact, cycles, tuple(devices))
     settle = judge.settle
     if out is not None:
+        chunk = CHUNK if chunk is None else chunk
         asked = {name: value for name, value in vars(request).items() if name != "many"} | {"exact": exact}
         settle = partial(Checkpoint(out, train, asked | vars(cycles), chunk).settle, judge)
-    search = _Search(judge, settle, start, progress)
+    search = _Search(judge, settle, start, progress, chunk, on_states)
     if not np.ndim(rpm):
         return search.alone(0)
     order = np.argsort(speeds, kind="stable")
     found, programs = {}, prepare(train, speeds[search.apart], request) if exact else []
     try:
         for way in ("up", "down") if direction == "both" else (direction,):
+            search.way = way
             states = search.along(order if way == "up" else order[::-1])
             found[way] = SteadySweep(tuple(states[place] for place in range(len(speeds))), way)
     finally:
@@ -195,10 +208,11 @@ def steady_state(
 class _Search:
     """One call: a train, its speeds, what is known of them, and what settles the others as :meth:`Judge.settle`."""
 
-    def __init__(self, judge, settle, start, progress):
-        self.judge, self.settle = judge, settle
+    def __init__(self, judge, settle, start, progress, chunk, on_states):
+        self.judge, self._settle, self.chunk = judge, settle, chunk
         self.train, self.speeds, self.request = judge.train, judge.speeds, judge.request
         self.progress = progress or (lambda count: None)
+        self.tell, self.way = on_states or (lambda states, way: None), "up"
         self.start = None if start is None else _motion_of(self.train, start)
         plans = plan_speeds(self.train, self.speeds, self.request)
         self.apart = [place for place, plan in enumerate(plans) if plan.active and plan.marches]
@@ -216,6 +230,16 @@ class _Search:
                     found[place] = response
         return found
 
+    def settle(self, places, motions, progress):
+        """Steady states of some speeds by place, chunk by chunk."""
+        size, found = self.chunk or max(len(places), 1), {}
+        for first in range(0, len(places), size):
+            chunk = places[first : first + size]
+            states = self._settle(chunk, {place: motions[place] for place in chunk if place in motions}, progress)
+            self.tell(states, self.way)
+            found |= states
+        return found
+
     def alone(self, place):
         """The steady state of one speed, from the start that was given or from teeth in contact."""
         self._many([place], {} if self.start is None else {place: self.start})
@@ -230,6 +254,7 @@ class _Search:
                 self.progress(1)
             else:
                 marching.append(place)
+        self.tell({place: known[place] for place in places if place in known}, self.way)
         known |= self.settle(marching, motions, self.progress)
 
     def along(self, order):

@@ -20,7 +20,7 @@ class Kantorovich:
     Examples
     --------
     >>> case = Kantorovich(H0=2.0, delta0=0.7, K=1 / 14)
-    >>> round(case.h0, 12), round(case.radius, 6), round(case.bound(2), 8)
+    >>> round(case.h0, 12), round(float(case.radius), 6), round(float(case.bound(2)), 8)
     (0.1, 0.73901, 0.00012077)
     """
 
@@ -76,9 +76,10 @@ class Certificate:
     Parameters
     ----------
     reason : str, what failed and what to do; empty where a true motion is shown to exist
-    meshes : names of those with backlash; of each: deflection_bound m, elastic_bound N, force_bound N: largest
-        difference over the cycle between the computed and the true motion, of the deflection, of the elastic tooth
-        force and of the tooth force with its damping; inf where nothing is shown
+    meshes : tuple of str, those with backlash
+    deflection_bound, elastic_bound, force_bound : ``(G,)`` m, N, N
+        Of each mesh the largest difference over the cycle between the computed and the true motion: of the deflection,
+        of the elastic tooth force and of the tooth force with its damping; inf where nothing is shown.
     Y0, Z1, Z2 : of the theorem, lengths in backlashes, at the motion that Newton's method finds on ``low`` harmonics
     small_gain : float, below 1 there is one motion of one cycle whatever the load (docs/theory A4.2)
     harmonic_balance : Kantorovich, of the truncated equations with exact integrals, weighted norm, backlashes

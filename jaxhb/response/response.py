@@ -13,8 +13,10 @@ from .._arrays import Array, namespace
 from .._shown import brief
 from ..harmonic import backlash, fourier
 from ..model.drivetrain import DriveTrain
+from ..model.ratios import rotor_ratios
 from ..model.topology import Topology
 from .contact import Contact, contact_of
+from .data import Dataset, to_xarray
 from .shown import response_html, response_line
 from .signal import Signal
 from .status import Status
@@ -47,22 +49,39 @@ class Response(Fields):
     """Steady periodic motion at one speed, or at several (every array then has a leading axis).
 
     Made by :func:`jaxhb.solve`, :func:`jaxhb.solve_speeds` and :func:`jaxhb.linear_response`; read with :meth:`force`,
-    :meth:`torque`, :meth:`twist`, :meth:`gear_torque`, :meth:`disk` and :meth:`mesh`. A pytree whose leaves are its
+    :meth:`torque`, :meth:`twist`, :meth:`gear_torque`, :meth:`power`, :meth:`disk`, :meth:`speed`,
+    :meth:`acceleration`, :meth:`irregularity` and :meth:`mesh`. A pytree whose leaves are its
     arrays; a response that comes out of a transformation has no ``train``, ``path`` and ``certificate``, which are no
     arrays.
 
     Parameters
     ----------
-    rpm : array, of the reference rotor
-    load_torque : ``(..., n)`` N m of every load, negative where it takes power; load_power : ``(...)`` W taken
-    ground_reaction : ``(..., n)`` N m, mean torque that each ground takes: stiffness x mean angle of its disk. Mean
-        angles are those that the soft grounds set; without a ground their inertia-weighted mean is zero
-    radius : ``(..., S)`` m, of the gears; law : Law ``(..., G)`` of the meshes. Numbers of the train that reading needs
-    status, residual, truncation_error, steps : of the solve; power_defect : power of the torques less what is turned
-        into heat, over the power that they exchange with the train: how far the motion is from conserving energy
-    topology : names and connections; resolution : time samples per cycle at which extremes are looked for
-    train : DriveTrain or None; path : events, how the solve went (of a sweep one tuple per speed); certificate :
-        Certificate or None, where it was asked for
+    rpm : ``(...)`` of the reference rotor
+    load_torque : ``(..., n)`` N m
+        Of every load, negative where it takes power.
+    load_power : ``(...)`` W
+        Taken by the loads.
+    ground_reaction : ``(..., n)`` N m
+        Mean torque that each ground takes: stiffness x mean angle of its disk. Mean angles are those that the soft
+        grounds set; without a ground their inertia-weighted mean is zero.
+    radius : ``(..., S)`` m, of the gears
+    law : Law ``(..., G)`` of the meshes
+    status : ``(...)`` int
+        :class:`jaxhb.Status` of the solve; :attr:`status_name` has its name.
+    residual, truncation_error : ``(...)``
+        What is left of the equations, and the estimated change of the tooth force by omitted harmonics, over the
+        largest tooth force.
+    power_defect : ``(...)``
+        Power of the torques less what is turned into heat, over the power that they exchange with the train: how far
+        the motion is from conserving energy.
+    steps : ``(...)`` int, of Newton's method
+    topology : Topology, names and connections
+    resolution : int, time samples per cycle at which extremes are looked for
+    train : DriveTrain or None
+    path : tuple of events
+        How the solve went; of a sweep one tuple per speed.
+    certificate : Certificate or None
+        Where it was asked for.
     """
 
     rpm: Array
@@ -137,6 +156,30 @@ class Response(Fields):
         first, second = self.topology.disk_index(a), self.topology.disk_index(b)
         return self._signal(self.angles[..., first, :] - self.angles[..., second, :])
 
+    def speed(self, name: str) -> Signal:
+        """Speed of rotation of a disk or damper ring, rad/s: the mean speed of its rotor and the vibration."""
+        rate = fourier.derivative(self.angles[..., self.topology.disk_index(name), :], self._frequency)
+        mean = self._mean_speed(name)
+        return self._signal(namespace(rate, mean).concatenate([mean[..., None] + 0j, rate[..., 1:]], axis=-1))
+
+    def acceleration(self, name: str) -> Signal:
+        """Angular acceleration of a disk or damper ring, rad/s2."""
+        angle = self.angles[..., self.topology.disk_index(name), :]
+        return self._signal(fourier.derivative(fourier.derivative(angle, self._frequency), self._frequency))
+
+    def irregularity(self, name: str) -> Array:
+        """Cyclic irregularity of a disk: (largest - smallest speed) / mean speed ``(...)``."""
+        return 2 * self.speed(name).half_peak_to_peak / self._mean_speed(name)
+
+    @property
+    def _frequency(self):
+        """Omega of the cycle in rad/s, with an axis for the harmonics."""
+        return self.topology.cycle_frequency(namespace(self.rpm).asarray(self.rpm))[..., None]
+
+    def _mean_speed(self, name):
+        ratio = rotor_ratios(self.topology, self.radius)[..., self.topology.rotor[self.topology.disk_index(name)]]
+        return 2 * np.pi / 60 * self.rpm * ratio
+
     def torque(self, a: str, b: str | None = None) -> Signal:
         """Torque transmitted by a shaft or damper in N m, positive when a is ahead of b.
 
@@ -180,6 +223,28 @@ class Response(Fields):
             raise ValueError(f"{name!r} is a shaft or damper, not a mesh: use torque(...) for its torque in N m")
         return index - self.torques.shape[-2], sense
 
+    def power(self, a: str, b: str | None = None) -> Array:
+        """Mean power in W ``(...)`` that a shaft, damper or mesh turns into heat, exact from the harmonics.
+
+            P = sum_{n >= 1} 2 Re(T^n conj(i n Omega theta^n)),
+
+        T the transmitted torque and theta the twist, or tooth force and deflection; the elastic part does no work.
+
+        Parameters
+        ----------
+        a, b : str
+            The two disks (a damper's ring goes by the damper's name), or the link's name alone.
+        """
+        index, _ = self.topology.link_index(a, b)
+        shafts, (first, second) = self.torques.shape[-2], self.topology.link_ends[index]
+        if index < shafts:
+            passed, bent = self.torques[..., index, :], self.angles[..., first, :] - self.angles[..., second, :]
+        else:
+            bent = self.deflections[..., index - shafts, :]
+            passed = self.forces[..., index - shafts, : bent.shape[-1]]
+        xp, rate = namespace(passed, bent), fourier.derivative(bent, self._frequency)
+        return 2 * xp.sum((passed * xp.conj(rate)).real, axis=-1)
+
     def gear_torque(self, name: str) -> Signal:
         """Torque that a gear passes to its mates, the sum of its mesh forces x radius, N m."""
         disk = self.topology.disk_index(name)
@@ -207,6 +272,39 @@ class Response(Fields):
     def contacts(self) -> dict[str, Contact]:
         """:class:`Contact` of every mesh by name."""
         return {name: self.mesh(name) for name in self.topology.mesh_names}
+
+    def to_xarray(self, *, orders: float | None = None) -> Dataset:
+        """The response as a data set of xarray (extra ``data``), with names as labels and units as attributes.
+
+        Parameters
+        ----------
+        orders : float, optional
+            Highest order whose amplitudes and phases are given; default: all of the motion.
+
+        Returns
+        -------
+        xarray.Dataset
+            Dimensions ``rpm`` (of a sweep), ``disk``, ``shaft`` (dampers behind them), ``gear``, ``mesh``, ``load``,
+            ``ground`` and ``order``. Of ``angle``, ``speed``, ``acceleration``, ``torque``, ``gear_torque`` and
+            ``tooth_force`` the variables ``_mean``, ``_min``, ``_max``, ``_half_peak_to_peak``, ``_sum_of_amplitudes``,
+            and but for the second and third ``_amplitude`` and ``_phase``; ``irregularity``, ``heat``, contact, loads.
+            Numbers of speeds that did not converge are nan, and ``status`` tells why.
+
+        Raises
+        ------
+        ImportError
+            Without xarray.
+
+        Examples
+        --------
+        >>> import jaxhb
+        >>> sweep = jaxhb.solve_speeds(jaxhb.load_scene("six_cylinder_diesel"), rpm=[1000.0, 1500.0])
+        >>> swing = sweep.to_xarray(orders=12).torque_half_peak_to_peak.sel(shaft="cyl6|flywheel")
+        >>> swing.sel(rpm=1500).item().__round__(1), swing.attrs["units"]
+        (1069.3, 'N m')
+        """
+        motions = [self[i] for i in range(len(self))] if np.ndim(self.rpm) else [self]
+        return to_xarray(motions, self.topology, np.asarray(self.rpm), orders=orders)
 
 
 _STATIC, _KEPT_ASIDE = ("topology", "resolution"), ("train", "path", "certificate")

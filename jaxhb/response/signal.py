@@ -172,15 +172,17 @@ class Signal:
 
     def summary(self) -> dict[str, Any]:
         """Plain numbers for programs: mean, min, max, rms, half_peak_to_peak, sum_of_amplitudes, amplitudes."""
-        return {
-            "mean": float(self.mean),
-            "min": float(self.min),
-            "max": float(self.max),
+        return self.extremes() | {
             "rms": float(self.rms),
-            "half_peak_to_peak": float(self.half_peak_to_peak),
             "sum_of_amplitudes": float(self.sum_of_amplitudes),
             "amplitudes": self.spectrum(),
         }
+
+    def extremes(self) -> dict[str, float]:
+        """Plain numbers for programs: mean, min, max and half_peak_to_peak."""
+        values = self._sampled(self.resolution)
+        low, high = float(values.min()), float(values.max())
+        return {"mean": float(self.mean), "min": low, "max": high, "half_peak_to_peak": (high - low) / 2}
 
     def spectrum(self) -> list[list[float]]:
         """``[[order, A, phase_deg], ...]`` of one signal."""

@@ -12,6 +12,7 @@ import numpy as np
 from .._arrays import Array
 from .._shown import brief
 from ..model.topology import Topology
+from .data import Dataset, to_xarray
 from .response import Response
 from .shown import state_html, state_line, states_html, states_line
 from .signal import Signal
@@ -144,6 +145,16 @@ class RecordedSignal:
         turned = dataclasses.replace(self, highest=-self.lowest, lowest=-self.highest, mean=-self.mean)
         return dataclasses.replace(turned, elastic_part=elastic)
 
+    def shifted(self, by: float) -> RecordedSignal:
+        """The quantity with a constant added."""
+        moved = {name: getattr(self, name) + by for name in ("highest", "lowest", "mean")}
+        rms = float(np.sqrt(self.rms**2 + 2 * by * self.mean + by**2))
+        return dataclasses.replace(self, **moved, rms=rms)
+
+    def extremes(self) -> dict[str, float]:
+        """Plain numbers for programs, as :meth:`jaxhb.Signal.extremes`."""
+        return {name: float(getattr(self, name)) for name in ("mean", "min", "max", "half_peak_to_peak")}
+
     def scaled(self, factor: float) -> RecordedSignal:
         """The quantity times a factor above 0."""
         changed: dict[str, Any] = {
@@ -153,9 +164,9 @@ class RecordedSignal:
 
     def summary(self) -> dict[str, Any]:
         """Plain numbers for programs, as :meth:`jaxhb.Signal.summary` with ``[[order, A], ...]``."""
-        names = "mean", "min", "max", "rms", "half_peak_to_peak", "sum_of_amplitudes"
         spectrum = [[float(o), float(a)] for o, a in zip(self.orders, self.amplitudes, strict=True)]
-        return {name: float(getattr(self, name)) for name in names} | {"amplitudes": spectrum}
+        more = {name: float(getattr(self, name)) for name in ("rms", "sum_of_amplitudes")}
+        return self.extremes() | more | {"amplitudes": spectrum}
 
 
 @dataclass(frozen=True)
@@ -180,7 +191,8 @@ class Record:
     """Signals of every disk, link and gear over recorded cycles, and the contact of every mesh.
 
     disks, twists, torques, deflections, forces, gears : tuples of :class:`RecordedSignal` in the order of the topology
-    (twists and torques of shafts, then dampers); gears : by disk index; contacts : of the meshes.
+    (twists and torques of shafts, then dampers); gears : by disk index; contacts : of the meshes; speeds : of rotation
+    of the disks, rad/s; heat : of shafts, then dampers, W.
     """
 
     cycles: int
@@ -191,6 +203,8 @@ class Record:
     forces: tuple
     gears: dict
     contacts: tuple
+    speeds: tuple = ()
+    heat: tuple = ()
 
 
 @dataclass(frozen=True)
@@ -260,6 +274,30 @@ class SteadyState:
         record = self._read()
         return record.disks[self.topology.disk_index(name)] if record else self._signal("disk", name)
 
+    def speed(self, name: str) -> SteadySignal | RecordedSignal:
+        """Speed of rotation of a disk or damper ring, rad/s: the mean speed of its rotor and the vibration."""
+        record = self._read()
+        return record.speeds[self.topology.disk_index(name)] if record else self._signal("speed", name)
+
+    def acceleration(self, name: str) -> SteadySignal:
+        """Angular acceleration of a disk or damper ring, rad/s2; a record has none."""
+        if self._read():
+            raise ValueError(f"the motion at {self.rpm:g} rpm has no period: its record holds no accelerations")
+        return self._signal("acceleration", name)
+
+    def irregularity(self, name: str) -> float:
+        """Cyclic irregularity of a disk, (largest - smallest speed) / mean speed; of a record over all its cycles."""
+        speed = self.speed(name)
+        return float(2 * speed.half_peak_to_peak / speed.mean)
+
+    def power(self, a: str, b: str | None = None) -> float:
+        """Mean power in W that a shaft, damper or mesh turns into heat; nan of a mesh of a record."""
+        record = self._read()
+        if record is None:
+            return float(cast(Response, self.response).power(a, b))
+        index, _ = self.topology.link_index(a, b)
+        return record.heat[index] if index < len(record.heat) else float("nan")
+
     def twist(self, a: str, b: str) -> SteadySignal | RecordedSignal:
         """Angle of disk a less angle of disk b, rad; of a record only where a shaft or damper joins them."""
         record = self._read()
@@ -324,6 +362,10 @@ class SteadyState:
         shares = found.separated_fraction, found.reverse_contact_fraction
         return SteadyContact(*shares, len(speeds) / max(self.period, 1), max(speeds, default=0.0), found.drive_side)
 
+    def to_xarray(self, *, orders: float | None = None) -> Dataset:
+        """The motion as a data set of xarray, as :meth:`SteadySweep.to_xarray`, without the dimension ``rpm``."""
+        return to_xarray([self], self.topology, self.rpm, orders=orders)
+
     def __str__(self):
         what = f"{self.kind}, period {self.period} cycles" if self.kind == "subharmonic" else self.kind
         return f"{self.rpm:g} rpm: {what}" + "".join(f"; {note}" for note in self.notes)
@@ -366,3 +408,12 @@ class SteadySweep:
     def period(self) -> np.ndarray:
         """Periods in cycles ``(n,)``."""
         return np.array([state.period for state in self.states])
+
+    def to_xarray(self, *, orders: float | None = None) -> Dataset:
+        """The sweep as a data set of xarray (extra ``data``), see :meth:`jaxhb.Response.to_xarray`.
+
+        Also ``kind``, ``period`` and ``source`` of every motion: numbers come from its ``harmonics``, from a ``record``
+        (extremes over the cycles recorded, no phases and accelerations) or from ``nothing``, and are then nan. Orders
+        that a motion of a shorter period does not have are 0.
+        """
+        return to_xarray(self.states, self.states[0].topology, self.rpm, orders=orders)

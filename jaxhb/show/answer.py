@@ -1,5 +1,6 @@
 """What is told of one speed, as every report reads it: the motion of the train, beside it that without backlash."""
 
+import dataclasses
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -7,7 +8,7 @@ import numpy as np
 
 from ..harmonic.backlash import law_of
 from ..model.drivetrain import DriveTrain
-from ..response.response import Response
+from ..response.response import Fields, Response
 from ..response.status import Status
 from ..response.steady import PerCycle, SteadyContact, SteadyState
 from .floquet import Growth
@@ -26,13 +27,47 @@ class NoSignal:
 
     def summary(self):
         """As :meth:`jaxhb.Signal.summary`."""
-        names = "mean", "min", "max", "rms", "half_peak_to_peak", "sum_of_amplitudes"
-        return {name: getattr(self, name) for name in names} | {"amplitudes": []}
+        return self.extremes() | {"rms": self.rms, "sum_of_amplitudes": self.sum_of_amplitudes, "amplitudes": []}
+
+    def extremes(self):
+        """As :meth:`jaxhb.Signal.extremes`."""
+        return {name: getattr(self, name) for name in ("mean", "min", "max", "half_peak_to_peak")}
 
 
 NO_SIGNAL = NoSignal()
 NAN = float("nan")
 NO_CONTACT = SteadyContact(NAN, NAN, NAN, NAN, 0)
+
+
+@dataclass(frozen=True)
+class Axis:
+    """What changes along a sweep: the speed in rpm, or a number of the scene by its name "NAME.FIELD"."""
+
+    name: str = "rpm"
+    unit: str = "rpm"
+
+    @property
+    def label(self):
+        """For axes of pictures and heads of columns."""
+        return "rpm" if self == SPEED else f"{self.name}, {self.unit}".removesuffix(", ")
+
+    def span(self, values):
+        """``8 speeds from 700 to 2450 rpm``, or ``5 values of NAME.FIELD from 100 to 400 N m s/rad``."""
+        counted = "speeds" if self == SPEED else f"values of {self.name}"
+        return f"{len(values)} {counted} from {min(values):g} to {max(values):g} {self.unit}".rstrip()
+
+    @property
+    def to(self):
+        """What stands between the ends of a range."""
+        return "-" if self == SPEED else " to "
+
+    def said(self, values):
+        """Values as text: ``600, 1200 rpm``, or ``NAME.FIELD = 100, 300 N m s/rad``."""
+        told = f"{values} {self.unit}".rstrip()
+        return told if self == SPEED else f"{self.name} = {told}"
+
+
+SPEED = Axis()
 
 
 @dataclass(frozen=True)
@@ -52,6 +87,8 @@ class Answer:
         Whether the state is that of a periodic solution which the train need not run in.
     certificate : Certificate or str, optional
         The error bound, or why there is none; None where it was not asked for.
+    axis : Axis
+        Along which a sweep goes; value : where on it, for what is not the speed.
     """
 
     train: DriveTrain
@@ -60,6 +97,8 @@ class Answer:
     growth: Growth = Growth()
     orbit: bool = False
     certificate: object = None
+    axis: Axis = SPEED
+    value: float | None = None
 
     @property
     def topology(self):
@@ -70,6 +109,16 @@ class Answer:
     def rpm(self):
         """Speed of the reference rotor."""
         return self.state.rpm
+
+    @property
+    def place(self):
+        """Where it stands in a sweep: the speed, or the number that changes."""
+        return self.rpm if self.value is None else self.value
+
+    @property
+    def at(self):
+        """The same in words."""
+        return self.axis.said(f"{self.place:g}")
 
     @property
     def known(self):
@@ -134,6 +183,22 @@ class Answer:
         """Vibratory angle of a disk, rad."""
         return self._read("disk", name)
 
+    def speed(self, name):
+        """Speed of rotation of a disk, rad/s."""
+        return self._read("speed", name)
+
+    def acceleration(self, name):
+        """Angular acceleration of a disk, rad/s2; not known of a record."""
+        return self._read("acceleration", name) if self.response is not None else NO_SIGNAL
+
+    def irregularity(self, name):
+        """Cyclic irregularity of a disk, nan where it is not known."""
+        return float(self.state.irregularity(name)) if self.known else float("nan")
+
+    def power(self, name):
+        """Heat of a shaft, damper or mesh, W; nan where it is not known."""
+        return float(self.state.power(name)) if self.known else float("nan")
+
     def _read(self, what, name):
         return getattr(self.state, what)(name) if self.known else NO_SIGNAL
 
@@ -154,6 +219,19 @@ class Answer:
             return None
         law = law_of(self.train.meshes)
         return type(law)(**{name: float(np.asarray(values)[index]) for name, values in vars(law).items()})
+
+
+_SHOWN = (*(f.name for f in dataclasses.fields(Fields)), "disk_power", "link_power")
+
+
+def shown(response):
+    """A response of one or several speeds whose motion is nan where the equations have no answer."""
+    failed = np.asarray(response.status) != Status.CONVERGED
+    if not failed.any():
+        return response
+    given = {name: np.asarray(getattr(response, name)) for name in _SHOWN if hasattr(response, name)}
+    axes = {name: failed.reshape(failed.shape + (1,) * (a.ndim - failed.ndim)) for name, a in given.items()}
+    return dataclasses.replace(response, **{name: np.where(axes[name], np.nan, a) for name, a in given.items()})
 
 
 def orbit_state(response):

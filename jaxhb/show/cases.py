@@ -1,17 +1,20 @@
 """Normal running beside one cylinder misfiring, over several speeds: what ``jaxhb report`` computes and prints."""
 
 from dataclasses import dataclass
+from functools import partial
 
 from .answer import Answer
 from .balance import balance_line
 from .certified import certificate_text
-from .choose import gears, shafts_of
+from .choose import gears, heaviest, shafts_of
 from .columns import Table, alike, ratios, shares
 from .compute import answer_one
 from .record import answer_record, finite
 from .strength import answers_strength, strength_record, strength_text
-from .tables import hardest_text, notes_text, peak_table
+from .tables import hardest_text, irregularity_text, notes_text, peak_table
 from .words import status_lines, verdict
+
+DOUBT = ", NOT CONVERGED"
 
 
 @dataclass(frozen=True)
@@ -22,16 +25,25 @@ class Case:
     answers: list[Answer]
 
 
-def solve_cases(trains, speeds, asked, *, say=lambda text: None, advance=lambda count: None):
-    """Answer every train of ``{title: train}`` at every speed; ``say`` is told what comes next."""
+def solve_cases(trains, speeds, asked, *, folder=None, say=lambda text: None, advance=lambda count: None):
+    """Answer every train of ``{title: train}`` at every speed; ``say`` is told what comes next.
+
+    Steady states are kept in a ``folder`` as they are found, and read from there.
+    """
     cases = []
-    for title, train in trains.items():
+    for number, (title, train) in enumerate(trains.items()):
         answers = []
         for rpm in speeds:
             advance(1)
-            answers.append(answer_one(train, rpm, asked, lambda text, title=title: say(f"{text} ({title})")))
+            kept = {"out": folder / f"{number} {rpm:.17g}"} if folder else None
+            tell = partial(_say_case, say, title)
+            answers.append(answer_one(train, rpm, asked, tell, kept=kept))
         cases.append(Case(title, answers))
     return cases
+
+
+def _say_case(say, title, text):
+    say(f"{text} ({title})")
 
 
 def cases_record(cases, *, orders=None):
@@ -61,13 +73,13 @@ def cases_text(cases):
 
 
 def speed_tables(cases, number):
-    """Of one speed the tooth forces, and torques of gears, shafts and dampers; of a train without links its angles."""
+    """Of one speed the tooth forces, torques of gears, shafts and dampers (without links: angles), irregularity."""
     topology, tables = cases[0].answers[number].topology, []
     if topology.mesh_names:
         tables += [_force_table(cases, number), *_peak_tables(cases, number), _gear_table(cases, number)]
     if shafts_of(topology) or not tables:
         tables.append(_shaft_table(cases, number))
-    return tables
+    return [*tables, _turning_table(cases, number)]
 
 
 def cases_strength(cases):
@@ -103,7 +115,7 @@ def _force_table(cases, number):
         ]
     heads = ["mesh", *["with", "without", "apart %", "reverse %", "hit m/s"] * len(cases)]
     title = "Largest tooth force, kN, with and without backlash; share of the time apart and on the reverse flank"
-    return Table(title, heads, [names, *columns], _groups(cases, 5))
+    return Table(title, heads, [names, *columns], _groups(cases, number, 5))
 
 
 def _peak_tables(cases, number):
@@ -125,6 +137,18 @@ def _shaft_table(cases, number):
     return _swing_table(title, "disk", topology.disk_names, "disk", cases, number, 1e3)
 
 
+def _turning_table(cases, number):
+    """Irregularity of the heaviest disk of the reference rotor, and heat of the dampers."""
+    train, answers = cases[0].answers[0].train, [case.answers[number] for case in cases]
+    disk = heaviest(train)
+    columns = [[irregularity_text(answer, disk)] for answer in answers]
+    for column, answer in zip(columns, answers, strict=True):
+        column += alike([answer.power(name) for name in train.topology.damper_names])[0]
+    rows = [f"irregularity of {disk}", *(f"heat of {name}, W" for name in train.topology.damper_names)]
+    heads = [case.title + DOUBT * _doubted(answer) for case, answer in zip(cases, answers, strict=True)]
+    return Table("Cyclic irregularity, (largest - smallest) / mean speed, and dampers", ["", *heads], [rows, *columns])
+
+
 def _swing_table(title, what, names, read, cases, number, factor=1.0):
     columns = []
     for case in cases:
@@ -132,8 +156,13 @@ def _swing_table(title, what, names, read, cases, number, factor=1.0):
         pair = [[factor * getattr(r, read)(name).half_peak_to_peak for name in names] for r in both]
         columns += [*alike(*pair), ratios(*pair)]
     heads = [what, *["with", "without", "ratio"] * len(cases)]
-    return Table(title, heads, [names, *columns], _groups(cases, 3))
+    return Table(title, heads, [names, *columns], _groups(cases, number, 3))
 
 
-def _groups(cases, width):
-    return [(case.title, 1 + i * width, (i + 1) * width) for i, case in enumerate(cases)]
+def _groups(cases, number, width):
+    said = [case.title + DOUBT * _doubted(case.answers[number]) for case in cases]
+    return [(title, 1 + i * width, (i + 1) * width) for i, title in enumerate(said)]
+
+
+def _doubted(answer):
+    return answer.known and not answer.answered

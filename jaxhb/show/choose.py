@@ -2,6 +2,8 @@
 
 import math
 
+import numpy as np
+
 from .output import OutputError
 
 EACH = "each"
@@ -71,8 +73,16 @@ def hardest_shaft(answers):
     return largest(shafts_of(answers[0].topology), lambda name: _most(answers, name))
 
 
+def heaviest(train):
+    """The disk of the reference rotor with the largest inertia, its flywheel."""
+    topology, inertia = train.topology, np.asarray(train.disks.inertia)
+    own = [i for i in range(topology.n_scene_disks) if topology.rotor[i] == topology.reference_rotor]
+    return topology.disk_names[max(own, key=lambda i: inertia[i])]
+
+
 def _most(answers, name):
-    return max((float(a.torque(name).half_peak_to_peak) for a in answers if a.known), default=0.0)
+    certain = [answer for answer in answers if answer.answered] or [answer for answer in answers if answer.known]
+    return max((float(answer.torque(name).half_peak_to_peak) for answer in certain), default=0.0)
 
 
 def default_gear(answer):

@@ -1,5 +1,6 @@
 """The command line: ``jaxhb scenes | scene | modes | solve | ...``; commands import the heavy modules."""
 
+# PYTHON_ARGCOMPLETE_OK
 import argparse
 import gc
 import importlib
@@ -15,12 +16,15 @@ from .options import (
     add_gear,
     add_mean_load,
     add_misfire,
+    add_netcdf,
     add_orbit,
     add_plot,
     add_scene,
     add_speeds,
+    add_table,
     count,
     orders,
+    over,
     positive,
     share,
     speed,
@@ -28,6 +32,9 @@ from .options import (
     speeds,
     whole,
 )
+from .output import INTERRUPTED
+from .parsing import SHELLS, Parser, complete, completion, of_elements, of_scenes
+from .streams import Ended, guarded, tell
 
 DESCRIPTION = """\
 Forced vibration of drive trains with gear backlash: do the teeth hammer, at which speeds, and how hard?
@@ -49,6 +56,7 @@ examples:
   jaxhb solve gear_train_30 --rpm 1800 --misfire "cylinder A1" --set "crank damper.damping=300" --json result.json
   jaxhb sweep gear_train_30 --rpm 600:2450:20 --csv sweep.csv --plot sweep.png
   jaxhb report gear_train_30 --rpm 600,1200,1800,2450 --misfire "cylinder A1" --plot crank_gear.png
+  jaxhb report gear_train_30 --rpm 700:2450:8 --misfire "cylinder A1" --html report.html
   jaxhb tune engine_with_damper --plot tuned.png
 
 exit status: 0 the kind of motion is known at all speeds, and what is periodic has converged (residual and truncation
@@ -82,6 +90,10 @@ turn (--misfire each). The plot shows the torque on
 one gear over the cycle, with the time in the gap shaded. --html writes a page that is printed and signed: the train and
 its data, natural frequencies, forced orders, what the train does at every speed, limits, accuracy, notes."""
 
+COMPLETION = """\
+Prints a script for the shell; needs jaxhb[shell]. In ~/.bashrc: eval "$(jaxhb completion bash)"; for fish:
+jaxhb completion fish | source."""
+
 SCENE = """\
 Checks a scene and writes it as TOML. Files of other programs are read by their endings: .json in the TORS format of
 openTorsion, .csv with a table of inertias (name, inertia, radius, ...) and one of links (from, to, stiffness, ...)."""
@@ -113,13 +125,6 @@ NEW_OBJECTS = 50_000
 EACH_MISFIRE = "; each: every cylinder in turn, and which is the worst"
 
 
-class Parser(argparse.ArgumentParser):
-    """An argument parser that says what is wrong in one sentence and where help is."""
-
-    def error(self, message):
-        self.exit(2, f"{self.prog}: {message.removeprefix('argument ')}. See {self.prog} --help\n")
-
-
 def main(argv=None):
     """Run the command line.
 
@@ -131,8 +136,9 @@ def main(argv=None):
     Returns
     -------
     int
-        0 answered, 1 a speed without an answer, 2 bad input, 3 an error of the program (its traceback is shown),
-        130 stopped by the user, 141 the reader of the output closed it.
+        0 answered, 1 a speed without an answer, 2 bad input or an output that cannot be written, 3 an error of the
+        program (its traceback is shown), 130 stopped by the user, 141 the reader of the output closed it, 143
+        terminated.
 
     Examples
     --------
@@ -143,32 +149,25 @@ def main(argv=None):
     """
     for name, value in ENVIRONMENT.items():
         os.environ.setdefault(name, value)
-    try:
-        status = _run(argv)
-        sys.stdout.flush()
-    except BrokenPipeError:
-        # What reads the output has had enough; the status is that of a program ended by SIGPIPE.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 141
-    return status
+    return guarded(lambda: _run(argv))
 
 
 def _run(argv):
-    folder = None
     try:
-        arguments = parser().parse_args(argv)
+        understood = parser()
+        complete(understood)
+        arguments = understood.parse_args(argv)
         arguments.words = sys.argv[1:] if argv is None else argv
-        folder = getattr(arguments, "folder", None)
         return arguments.command(arguments)
     except SystemExit as stop:
         return stop.code
-    except KeyboardInterrupt:
-        stays = f"what is in {folder!r} stays: the same command goes on from there" if folder else ""
-        print(f"stopped; {stays or 'nothing more is written'}", file=sys.stderr)
-        return 130
-    except BrokenPipeError:
-        raise
+    except KeyboardInterrupt as stop:
+        notes = getattr(stop, "__notes__", None)
+        tell(f"stopped; {' '.join(notes) if notes else 'nothing more is written'}")
+        return stop.status if isinstance(stop, Ended) else INTERRUPTED
     except Exception as error:
+        if isinstance(error, OSError) and error.filename is None:
+            raise  # of standard output: it has no name, and what has one is told by then
         if type(error).__name__ in ("SceneError", "OutputError", "CheckpointError"):
             print(error, file=sys.stderr)
             return 2
@@ -187,6 +186,9 @@ def parser():
         text = {"help": short, "description": text or short, "epilog": EXAMPLES}
         made = commands.add_parser(name, **text, formatter_class=raw, allow_abbrev=False)
         made.set_defaults(command=command)
+        if command not in (run_scenes, completion):
+            text = "print nothing but what is wrong: for files and the exit status"
+            made.add_argument("--quiet", action="store_true", help=text)
         return made
 
     new = add("new", run_new, "write a small commented scene to begin with, or a copy of another", NEW)
@@ -195,7 +197,8 @@ def parser():
     new.add_argument("--from", dest="scene", default="first_scene", metavar="SCENE", help=text)
     add("scenes", run_scenes, "the packaged scenes and what they are")
     scene = add("scene", run_scene, "check a scene and write it as TOML, from files of other programs too", SCENE)
-    scene.add_argument("scene", metavar="SCENE", help="a packaged scene, or the path of a .toml, .json or .csv")
+    text = "a packaged scene, or the path of a .toml, .json or .csv"
+    scene.add_argument("scene", metavar="SCENE", help=text).completer = of_scenes
     scene.add_argument("--expand", action="store_true", help="write the cylinders that an [engine] makes")
     scene.add_argument("--out", metavar="FILE.toml", help="write it there, its tables beside it (default: print it)")
     text = "print inertias, stiffnesses and dampings instead, actual and referred to the reference rotor"
@@ -244,10 +247,12 @@ def parser():
     add_scene(forced)
     add_speeds(forced)
     text = "a disk, shaft, damper or mesh, speed by speed; may be repeated (default: the largest values of all)"
-    forced.add_argument("--element", action="append", default=[], metavar="NAME", help=text)
+    element = forced.add_argument("--element", action="append", default=[], metavar="NAME", help=text)
+    element.completer = of_elements("disk", "shaft", "damper", "mesh")
     add_misfire(forced, EACH_MISFIRE)
     add_files(forced, "orders and synthesis over the speed, of up to four elements")
-    forced.add_argument("--csv", metavar="FILE", help="write one row per speed for spreadsheets, SI units")
+    add_table(forced)
+    add_netcdf(forced)
     solve = add("solve", _runner("solve_one"), "one speed: do the teeth hammer? forces, torques, contact", SOLVE)
     add_scene(solve)
     solve.add_argument("--rpm", required=True, type=speed, metavar="R", help="speed of the reference rotor, rpm")
@@ -256,8 +261,12 @@ def parser():
     add_orbit(solve)
     add_certify(solve)
     add_files(solve, "the gear torque and the tooth forces over the cycle")
+    add_table(solve)
+    add_netcdf(solve)
+    text = "write the motion over its period for spreadsheets: forces, torques, angles, speeds over the crank angle"
+    solve.add_argument("--trace", metavar="FILE.csv", help=text)
     add_gear(solve)
-    sweep = add("sweep", _runner("sweep"), "many speeds in one call: at which speeds do they hammer?", SWEEP)
+    sweep = add("sweep", _runner("sweep", "sweeps"), "many speeds in one call: at which speeds do they hammer?", SWEEP)
     add_scene(sweep)
     add_speeds(sweep)
     add_misfire(sweep)
@@ -266,10 +275,15 @@ def parser():
     text = "which neighbour a speed starts from: the one below (up, default), above (down), or one after the other"
     sweep.add_argument("--direction", choices=("up", "down", "both"), help=text)
     add_files(sweep, "tooth force and time out of contact over the speed")
-    sweep.add_argument("--csv", metavar="FILE", help="write one row per speed for spreadsheets, N and N m")
-    text = "keep what is found in this folder as it goes; the same command goes on where it was stopped"
+    add_table(sweep)
+    add_netcdf(sweep)
+    text = "amplitudes of all orders in the JSON and NetCDF files (default: none and those of the excitation)"
+    sweep.add_argument("--full", action="store_true", help=text)
+    text = "go over a number of the scene at the one speed of --rpm: from A to B in COUNT steps, or V1,V2,..., SI units"
+    sweep.add_argument("--over", type=over, metavar="NAME.FIELD=A:B:COUNT", help=text)
+    text = "keep what is found in this folder for good; without it until the sweep is done, in the folder of programs"
     sweep.add_argument("--out", dest="folder", metavar="DIR", help=text)
-    text = "with --out, speeds that are computed and kept together (default 64); fewer lose less, and take longer"
+    text = "speeds that are computed, kept and written together (default 16); fewer lose less, and take longer"
     sweep.add_argument("--chunk", type=whole, metavar="N", help=text)
     report = add("report", _runner("report"), "several speeds, normal running and a misfire", REPORT)
     add_scene(report)
@@ -278,8 +292,9 @@ def parser():
     add_accuracy(report)
     add_orbit(report)
     add_files(report, "the torque on one gear over the cycle, in normal running")
+    add_table(report)
     add_gear(report)
-    text = "speed of the picture, rpm, on the page that which is shown in full (default: longest apart)"
+    text = "speed of the picture and of what the page shows in full, rpm (default: the largest tooth force)"
     report.add_argument("--at", type=speed, metavar="R", help=text)
     add_certify(report, ", at the speed of --at")
     text = "write a page to print and sign: one file, no network (needs jaxhb[report])"
@@ -303,6 +318,8 @@ def parser():
     tune.add_argument("--output", metavar="FILE.toml", help="the tuned scene (default: SCENE_tuned.toml here)")
     tune.add_argument("--json", metavar="FILE", help="parameters, readings, history (default: as --output, .json)")
     tune.add_argument("--plot", metavar="FILE.png", help="draw the response before and after and the history")
+    shell = add("completion", completion, "what makes a shell complete commands, options, scenes and names", COMPLETION)
+    shell.add_argument("shell", nargs="?", choices=SHELLS, default="bash", metavar="SHELL", help=", ".join(SHELLS))
     return top
 
 

@@ -90,7 +90,7 @@ def ratios(numbers, before):
     return [f"{value:.2f}" if math.isfinite(value) else NONE for value in quotient]
 
 
-def ranges(speeds, chosen):
+def ranges(speeds, chosen, to="-"):
     """``1500-2450`` for speeds that follow each other."""
     runs, ordered = [], sorted(speeds)
     for i, speed in enumerate(ordered):
@@ -100,4 +100,4 @@ def ranges(speeds, chosen):
             runs[-1][1] = speed
         else:
             runs.append([speed, speed])
-    return ", ".join(f"{a:g}" if a == b else f"{a:g}-{b:g}" for a, b in runs)
+    return ", ".join(f"{a:g}" if a == b else f"{a:g}{to}{b:g}" for a, b in runs)

@@ -6,23 +6,21 @@ from pathlib import Path
 
 from .._program import answer_once
 from ..model.change import locate
-from ..model.plausible import plausibility
+from ..model.choices import scene_values
 from ..model.scene_writer import changed_scene, copies_beside
-from ..periodic.checkpoint import CHUNK
-from ..response.steady import PERCENT
-from .balance import ground_reactions, load_torques
 from .cases import cases_record, cases_text, solve_cases
-from .choose import asks_each, case_title, gears, most_apart, shafts_of, without_cylinders
-from .compute import Asked, answer_one, answer_speeds
+from .choose import asks_each, case_title, gears, without_cylinders
+from .compute import Asked, answer_one
+from .kept import GOES_ON, Kept
+from .labelled import check_labelled, netcdf
 from .misfire_cases import hardest, misfire_trains, misfires_text, worst_misfire
 from .output import (
     ANSWERED,
+    INTERRUPTED,
     NOT_ANSWERED,
     OutputError,
-    as_csv,
     as_json,
     as_picture,
-    as_sweep_json,
     changes,
     deliver,
     make_folders,
@@ -30,62 +28,41 @@ from .output import (
 )
 from .page_command import certified_at, check_page, report_of, second_case
 from .progress import Progress
-from .record import answer_record, finite
-from .strength import answers_strength, strength_columns, strength_record
-from .sweep_tables import sweep_text
+from .record import both_record, finite, on_scene
+from .rows import answer_row, rows_csv, trace_csv, untraceable
 from .tables import solve_text
 from .tuned import progress_record, tuned_record, tuned_text
 from .tuned_check import check_designs, check_text
 from .words import warnings
 
-INTERRUPTED = 130
-
 
 def solve_one(train, arguments):
     """One speed."""
-    _check_picture(train, arguments)
+    check_picture(train, arguments)
+    check_labelled(arguments)
     train = without_cylinders(train, arguments)
     answer_once()
-    with Progress() as progress:
+    with Progress(quiet=arguments.quiet) as progress:
         answer = answer_one(train, arguments.rpm, Asked.of(arguments), progress.say)
+    why = untraceable(answer) if arguments.trace else ""
+    arguments.trace = None if why else arguments.trace
     deliver(
         arguments,
         solve_text(answer),
-        json=lambda: as_json(changes(arguments) | _on_scene(train) | _record(arguments, answer)),
+        json=lambda: as_json(changes(arguments) | on_scene(train) | both_record(answer, arguments.orders)),
+        csv=lambda: rows_csv([answer_row(answer)]),
+        netcdf=lambda: netcdf({"": [answer]}, arguments.orders),
+        trace=lambda: trace_csv(answer),
         plot=lambda: _cycle_picture(arguments, answer),
     )
-    return _status([answer])
-
-
-def sweep(train, arguments):
-    """Many speeds."""
-    _check_picture(train, arguments)
-    train, asked = without_cylinders(train, arguments), Asked.of(arguments)
-    direction = arguments.direction or "up"
-    if asked.orbit and arguments.direction:
-        raise OutputError("--direction: periodic solutions (--orbit) do not depend on it. Leave one of them out.")
-    if asked.orbit and arguments.folder:
-        raise OutputError("--out: a folder keeps steady states, and --orbit asks for none. Leave one of them out.")
-    if arguments.chunk and not arguments.folder:
-        raise OutputError("--chunk: it says how many speeds are kept together. Add --out DIR, or leave it out.")
-    kept = {"out": arguments.folder, "chunk": arguments.chunk or CHUNK}
-    with Progress(len(arguments.rpm)) as progress:
-        tell = {"progress": progress.advance, "say": progress.say}
-        found = answer_speeds(train, arguments.rpm, asked, direction=direction, kept=kept, **tell)
-        progress.say("reading the results")
-        deliver(
-            arguments,
-            sweep_text(found),
-            json=lambda: _sweep_json(arguments, _on_scene(train), found),
-            csv=lambda: _sweep_table(found),
-            plot=lambda: _sweep_picture(arguments, found),
-        )
-    return _status([answer for answers in found.values() for answer in answers])
+    if why:
+        print(f"--trace: no file, {why}.", file=sys.stderr)
+    return max(status_of([answer]), NOT_ANSWERED if why else ANSWERED)
 
 
 def report(train, arguments):
     """Several speeds, normal and misfiring, with backlash and without."""
-    _check_picture(train, arguments)
+    check_picture(train, arguments)
     if arguments.at is not None and arguments.at not in arguments.rpm:
         raise OutputError(f"--at: {arguments.at:g} rpm is not one of the speeds of --rpm. Add it.")
     other = check_page(train, arguments)
@@ -94,29 +71,48 @@ def report(train, arguments):
     if arguments.misfire and not each:
         trains[", ".join(arguments.misfire)] = train.misfire(*arguments.misfire)
     trains = {case_title(train, cylinders): one for cylinders, one in trains.items()}
-    asked = dataclasses.replace(Asked.of(arguments), certify=False)
-    with Progress((len(trains) + bool(other or arguments.tune)) * len(arguments.rpm)) as progress:
-        cases = solve_cases(trains, arguments.rpm, asked, say=progress.say, advance=progress.advance)
-        place = _place_of(cases[0], arguments.at)
-        cases = certified_at(cases, place, progress.say) if arguments.certify else cases
-        second, tuning = second_case(train, other, arguments, asked, progress)
-    worst = {"worst_misfire": finite(worst_misfire(cases))} if each else {}
+    asked, designs = dataclasses.replace(Asked.of(arguments), certify=False), [*trains.values(), *filter(None, [other])]
+    kept = Kept(designs, ("report", arguments.rpm, asked))
+    with Progress((len(designs) + arguments.tune) * len(arguments.rpm), quiet=arguments.quiet) as progress:
+        try:
+            found = kept.run(lambda folder: _reported(train, trains, other, arguments, asked, folder, progress))
+        except KeyboardInterrupt as stop:
+            if kept.folder and not asked.orbit:
+                stop.add_note(f"no file is written, but what was found is kept; {GOES_ON}")
+            raise
+    cases, place, second, tuning = found
+    worst, whole = {"worst_misfire": finite(worst_misfire(cases))} if each else {}, []
     deliver(
         arguments,
         misfires_text(cases) if each else cases_text(cases),
         json=lambda: as_json(
-            changes(arguments) | _on_scene(train) | cases_record(cases, orders=arguments.orders) | worst
+            changes(arguments) | on_scene(train) | cases_record(cases, orders=arguments.orders) | worst
         ),
+        csv=lambda: rows_csv([answer_row(answer, case=case.title) for case in cases for answer in case.answers]),
         plot=lambda: _cycle_picture(arguments, cases[0].answers[place]),
-        html=lambda: _page(report_of(arguments, cases, place, second, tuning)),
+        html=lambda: _page(report_of(arguments, cases, place, second, tuning), whole),
     )
-    return _status([answer for case in cases for answer in case.answers])
+    kept.forget()
+    status = status_of([answer for case in cases for answer in case.answers])
+    return status if all(whole) else NOT_ANSWERED
 
 
-def _page(report):
+def _reported(train, trains, other, arguments, asked, folder, progress):
+    """The cases, the number of the speed to show in full, the second design and what is told of how it was found."""
+    tell = {"say": progress.say, "advance": progress.advance}
+    cases = solve_cases(trains, arguments.rpm, asked, folder=folder, **tell)
+    place = _place_of(cases[0], arguments.at)
+    cases = certified_at(cases, place, progress.say) if arguments.certify else cases
+    return cases, place, *second_case(train, other, arguments, asked, folder, progress)
+
+
+def _page(report, whole):
+    """The bytes of the page; whether it is whole goes to the list."""
     from .page import as_page
 
-    return as_page(report)
+    content, complete = as_page(report)
+    whole.append(complete)
+    return content
 
 
 def tune(train, arguments):
@@ -127,7 +123,7 @@ def tune(train, arguments):
     given = _given(arguments, ("rpm", "optimizer", "steps", "starts", "seed", "tolerance"))
     asked = read_table(train, given)
     files = _TunedFiles(arguments, train, asked["rpm"])
-    with Progress(asked.get("steps", 0)) as progress:
+    with Progress(asked.get("steps", 0), quiet=arguments.quiet) as progress:
         progress.say("solving the scene as it is")
         result = search(train, **asked, on_step=lambda step: _tell(files, progress, step))
     record = tuned_record(train, asked, result)
@@ -138,7 +134,7 @@ def tune(train, arguments):
         write_files({arguments.plot: as_picture(arguments.plot, plot_tuning(asked["objective"], result))})
     print(tuned_text(train, asked, result))
     if not result.interrupted:  # who stops a tuning does not wait for more
-        with Progress() as progress:
+        with Progress(quiet=arguments.quiet) as progress:
             checked = check_designs(train, asked, result, progress.say)
         files.write(result.after.parameters, record | {"steady_state": finite(checked)})
         print(f"\n{check_text(checked)}")
@@ -164,10 +160,7 @@ class _TunedFiles:
 
     def write(self, parameters, record):
         """The scene with these parameters, and a record."""
-        values = {}
-        for key, value in {**dict(self.arguments.set), **parameters}.items():
-            table, field, row = locate(self.train.topology, key)
-            values[table, row, field] = value
+        values = scene_values(self.train, dict(self.arguments.set) | parameters, locate)
         text, _ = changed_scene(self.arguments.scene, values, remark=f"{self.arguments.scene}, tuned by jaxhb tune.")
         made = {self.arguments.output: [text.encode()], self.arguments.json: as_json(changes(self.arguments) | record)}
         write_files({path: [content] for path, content in self.copies.items()} | made)
@@ -190,57 +183,15 @@ def _cycle_picture(arguments, answer):
     return as_picture(arguments.plot, plot_cycle(answer, arguments.gear))
 
 
-def _sweep_picture(arguments, found):
-    from .sweep_plots import plot_sweep
-
-    return as_picture(arguments.plot, plot_sweep(found))
-
-
-def _on_scene(train):
-    """What is noted of the scene itself, once for all speeds."""
-    return {"scene_notes": plausibility(train)}
-
-
-def _record(arguments, answer):
-    """What is written of one speed, under ``without_backlash`` the same with all teeth in contact."""
-    record = answer_record(answer, orders=arguments.orders)
-    if any(answer.topology.mesh_backlash):
-        record["without_backlash"] = answer_record(answer.without_backlash, orders=arguments.orders)
-    return record
-
-
-def _sweep_json(arguments, more, found):
-    """One list of answers is called responses, two by their directions."""
-    lists = {
-        way if len(found) > 1 else "responses": (_record(arguments, answer) for answer in answers)
-        for way, answers in found.items()
-    }
-    head = {"rpm": arguments.rpm, "direction": None if "orbit" in found else "both" if len(found) > 1 else [*found][0]}
-    judged = {way: finite(strength_record(answers_strength(answers))) for way, answers in found.items()}
-    if any(judged.values()):
-        head["strength"] = judged if len(found) > 1 else [*judged.values()][0]
-    return as_sweep_json(changes(arguments) | more | head, lists)
-
-
-def _sweep_table(found):
-    rows = [finite(_row(answer, way)) for way, answers in found.items() for answer in answers]
-    return as_csv(list(rows[0]), [list(row.values()) for row in rows])
-
-
 def _place_of(case, rpm):
-    """Number of the asked speed, or of that at which teeth are apart longest, or else at which most is transmitted."""
+    """Number of the asked speed, or of that with the largest tooth force, without teeth the largest torque."""
     if rpm is not None:
         return next(i for i, answer in enumerate(case.answers) if answer.rpm == rpm)
-    return max(range(len(case.answers)), key=lambda i: _severity(case.answers[i]))
+    values = [hardest(answer)[2] if answer.answered else -1.0 for answer in case.answers]
+    return values.index(max(values))
 
 
-def _severity(answer):
-    name = most_apart(answer) if answer.answered else None
-    value = hardest(answer)[2] if answer.answered else -1.0
-    return (answer.contacts[name].separated_fraction if name else 0.0, value)
-
-
-def _check_picture(train, arguments):
+def check_picture(train, arguments):
     """Refuse a picture of nothing before anything is computed."""
     if arguments.plot and not train.topology.link_names:
         raise OutputError("--plot: the train has no gears, shafts or dampers, so there is no torque to draw.")
@@ -251,50 +202,8 @@ def _check_picture(train, arguments):
             raise OutputError(f"--gear: {arguments.gear!r} carries no mesh. Gears: {known or 'none'}.")
 
 
-def _status(answers):
+def status_of(answers):
     """The exit status; stderr is told what has no answer, and what to try."""
     for warning in dict.fromkeys(warnings(answers)):
         print(warning, file=sys.stderr)
     return ANSWERED if all(answer.answered for answer in answers) else NOT_ANSWERED
-
-
-def _row(answer, way):
-    """One speed as a row of the CSV file, by its heading."""
-    solved, linear = answer.response, answer.linear
-    row = {
-        "rpm": answer.rpm,
-        "direction": way,
-        "motion": answer.state.kind,
-        "period cycles": answer.state.period,
-        "stable": answer.growth.stable,
-        "largest multiplier": answer.growth.multiplier,
-        "status": None if solved is None else answer.status.name,
-        "harmonics": answer.harmonics,
-        "residual": None if solved is None else float(solved.residual),
-        "truncation error": None if solved is None else float(solved.truncation_error),
-        "load kW": float(answer.balance.load_kW),
-    }
-    row |= {f"{name} load torque N m": torque for name, torque in load_torques(answer.balance).items()}
-    row |= {f"{name} ground reaction N m": torque for name, torque in ground_reactions(answer.balance).items()}
-    for name in answer.topology.mesh_names:
-        row |= _mesh_cells(name, answer.force(name), linear.force(name), answer.contacts[name])
-    for gear in gears(answer.topology):
-        row[f"{gear} torque half peak-to-peak N m"] = float(answer.gear_torque(gear).half_peak_to_peak)
-        without = float(linear.gear_torque(gear).half_peak_to_peak)
-        row[f"{gear} torque half peak-to-peak N m without backlash"] = without
-    for shaft in shafts_of(answer.topology):
-        row[f"{shaft} torque half peak-to-peak N m"] = float(answer.torque(shaft).half_peak_to_peak)
-    return row | {head: values[0] for head, values in strength_columns(answers_strength([answer])).items()}
-
-
-def _mesh_cells(name, force, linear, contact):
-    cells = {f"{name} {what} N": float(getattr(force, what)) for what in ("mean", "max", "min")}
-    peaks = zip(PERCENT, force.per_cycle.max.tolist(), strict=True)
-    cells |= {f"{name} max of a cycle {percent} % N": peak for percent, peak in peaks}
-    cells |= {f"{name} {what} N without backlash": float(getattr(linear, what)) for what in ("max", "min")}
-    return cells | {
-        f"{name} separated fraction": contact.separated_fraction,
-        f"{name} reverse fraction": contact.reverse_contact_fraction,
-        f"{name} impacts per cycle": contact.impacts_per_cycle,
-        f"{name} hardest impact m/s": contact.hardest_impact,
-    }

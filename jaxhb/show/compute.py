@@ -2,15 +2,17 @@
 
 import dataclasses
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from ..model.change import without_backlash
+from ..periodic.checkpoint import CHUNK
 from ..periodic.solve import linear_response, solve
 from ..periodic.speeds import solve_speeds
 from ..periodic.steady_state import steady_state
 from ..response.status import Status
-from .answer import Answer, orbit_state
+from .answer import Answer, orbit_state, shown
 from .certified import certificate_of
 from .floquet import growth_of
 
@@ -37,7 +39,7 @@ class Asked:
         return {"harmonics": self.harmonics, "tolerance": self.tolerance}
 
 
-def answer_one(train, rpm, asked, say=lambda text: None):
+def answer_one(train, rpm, asked, say=lambda text: None, *, start=None, kept=None):
     """The :class:`Answer` at one speed; ``say`` is told what is done.
 
     Parameters
@@ -45,6 +47,9 @@ def answer_one(train, rpm, asked, say=lambda text: None):
     train : DriveTrain
     rpm : float
     asked : Asked
+    start : SteadyState, optional
+        A neighbour from which the motion starts.
+    kept : dict, ``out`` and ``chunk`` of :func:`jaxhb.steady_state`, optional
 
     Examples
     --------
@@ -57,15 +62,17 @@ def answer_one(train, rpm, asked, say=lambda text: None):
     if asked.orbit:
         say(f"{rpm:g} rpm: solving for a periodic motion")
         state = orbit_state(solve(train, rpm=rpm, **asked.accuracy))
+    elif _unbalanced(linear):
+        state = _no_state(linear)
     else:
         say(f"{rpm:g} rpm: marching until the motion settles")
-        state = _settled(train, rpm, linear, asked)
+        state = steady_state(train, rpm=rpm, **asked.accuracy, start=start, **(kept or {}))
     say(f"{rpm:g} rpm: is the motion stable?")
-    answer = Answer(train, state, linear, growth_of(state, orbit=asked.orbit), asked.orbit)
+    answer = Answer(train, state, shown(linear), growth_of(state, orbit=asked.orbit), asked.orbit)
     return dataclasses.replace(answer, certificate=certificate_of(answer, say)) if asked.certify else answer
 
 
-def answer_speeds(train, rpm, asked, *, direction="up", kept=None, progress=None, say=lambda text: None):
+def answer_speeds(train, rpm, asked, *, direction="up", kept=None, progress=None, say=lambda text: None, told=None):
     """Answers at many speeds, by the direction in which the sweep went.
 
     Parameters
@@ -77,6 +84,7 @@ def answer_speeds(train, rpm, asked, *, direction="up", kept=None, progress=None
     kept : dict, ``out`` and ``chunk`` of :func:`jaxhb.steady_state`
     progress : callable, called with the number of speeds done since the last call
     say : callable, told what is done
+    told : callable, told now and then what is returned in the end, as far as it is known
 
     Returns
     -------
@@ -87,43 +95,93 @@ def answer_speeds(train, rpm, asked, *, direction="up", kept=None, progress=None
     # A train without backlash is its own linear train; the program is the one that planned the sweep.
     flat = without_backlash(train) if any(train.topology.mesh_backlash) else train
     linear = solve_speeds(flat, rpm=rpm)
+    gathered = _Gathered(train, linear, asked.orbit, told)
     if asked.orbit:
         say("speeds solved for a periodic motion")
-        found = {"orbit": _orbits(train, rpm, linear, asked, progress)}
+        found = {"orbit": _orbits(train, rpm, linear, asked, progress, gathered.tell)}
     else:
         say("speeds marched until the motion settles")
-        found = _swept(train, rpm, linear, asked, direction, kept or {}, progress)
+        found = _swept(train, rpm, linear, asked, direction, kept or {}, progress, gathered.tell)
     say("is each motion stable?")
-    # A speed that does the same upwards and downwards has one state.
-    own = {id(state): state for states in found.values() for state in states}
-    growths = {key: growth_of(state, orbit=asked.orbit) for key, state in own.items()}
-    return {
-        way: [Answer(train, state, linear[i], growths[id(state)], asked.orbit) for i, state in enumerate(states)]
-        for way, states in found.items()
-    }
+    return gathered.answers({way: dict(enumerate(states)) for way, states in found.items()})
 
 
-def _orbits(train, rpm, linear, asked, progress):
-    if any(train.topology.mesh_backlash):
-        sweep = solve_speeds(train, rpm=rpm, **asked.accuracy, progress=progress)
-    else:
-        sweep = linear
+class _Gathered:
+    """Answers of a sweep as its states become known."""
+
+    def __init__(self, train, linear, orbit, told):
+        self.train, self.linear, self.orbit, self.told = train, linear, orbit, told
+        self.states, self.made = {}, {}
+
+    def tell(self, states, way):
+        """Some states more, by the number of their speed."""
+        self.states.setdefault(way, {}).update(states)
+        if self.told:
+            self.told(self.answers(self.states))
+
+    def answers(self, states):
+        """Answers by direction, in the order of the speeds."""
+        return {way: [self._answer(i, own[i]) for i in sorted(own)] for way, own in states.items()}
+
+    def _answer(self, place, state):
+        if id(state) not in self.made:  # a speed that does the same upwards and downwards has one state
+            growth = growth_of(state, orbit=self.orbit)
+            self.made[id(state)] = Answer(self.train, state, shown(self.linear[place]), growth, self.orbit)
+        return self.made[id(state)]
+
+
+def answer_values(train, rpm, axis, values, asked, *, direction="up", kept=None, progress=None, told=None):
+    """Answers at one speed for many values of a number of the scene, each from the motion of its neighbour.
+
+    Parameters
+    ----------
+    train, asked, direction, kept, progress, told : as of :func:`answer_speeds`
+    rpm : float
+    axis : Axis, the number that changes
+    values : sequence of float
+
+    Returns
+    -------
+    dict
+        As of :func:`answer_speeds`, in the order of ``values``.
+    """
+    order, found = np.argsort(values, kind="stable"), {}
+    ways = ("orbit",) if asked.orbit else ("up", "down") if direction == "both" else (direction,)
+    for way in ways:
+        own, start = found.setdefault(way, {}), None
+        for place in order[::-1] if way == "down" else order:
+            changed, value = train.replace({axis.name: values[place]}), float(values[place])
+            folder = {"out": Path(kept["out"]) / f"{way} {place}"} if kept and kept["out"] else {}
+            answer = answer_one(changed, rpm, asked, start=start, kept=folder)
+            own[int(place)] = dataclasses.replace(answer, axis=axis, value=value)
+            start = answer.state if answer.state.motion is not None else None
+            progress and progress(1)
+            if told:
+                told({key: [rows[i] for i in sorted(rows)] for key, rows in found.items()})
+    return {way: [own[i] for i in sorted(own)] for way, own in found.items()}
+
+
+def _orbits(train, rpm, linear, asked, progress, tell):
+    if not any(train.topology.mesh_backlash):
         progress and progress(len(rpm))
-    return [orbit_state(sweep[i]) for i in range(len(sweep))]
+        return [orbit_state(linear[i]) for i in range(len(rpm))]
+    states = []
+    for first in range(0, len(rpm), CHUNK):
+        chunk = solve_speeds(train, rpm=rpm[first : first + CHUNK], **asked.accuracy, progress=progress)
+        states += [orbit_state(chunk[i]) for i in range(len(chunk))]
+        tell(dict(enumerate(states)), "orbit")
+    return states
 
 
-def _swept(train, rpm, linear, asked, direction, kept, progress):
+def _swept(train, rpm, linear, asked, direction, kept, progress, tell):
     """Steady states by direction."""
     if _unbalanced(linear[0]):
         ways = ("up", "down") if direction == "both" else (direction,)
         return {way: [_no_state(linear[i]) for i in range(len(rpm))] for way in ways}
-    found = steady_state(train, rpm=rpm, direction=direction, **asked.accuracy, **kept, progress=progress)
+    given = {**asked.accuracy, **kept, "progress": progress, "on_states": tell}
+    found = steady_state(train, rpm=rpm, direction=direction, **given)
     sweeps = found if direction == "both" else (found,)
     return {sweep.direction: list(sweep.states) for sweep in sweeps}
-
-
-def _settled(train, rpm, linear, asked):
-    return _no_state(linear) if _unbalanced(linear) else steady_state(train, rpm=rpm, **asked.accuracy)
 
 
 def _unbalanced(linear):

@@ -1,5 +1,6 @@
 """The linear forced response over the speed as text, as plain numbers and as rows: disks, shafts, dampers, meshes."""
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,13 @@ KINDS = {
 """Head of its column, title, SI unit, unit for people and the factor between them."""
 
 
+ADVICE = {
+    Status.MAX_STEPS: "no amplitude of its links leads to itself: make their tables over the amplitude smoother or add "
+    "damping"
+}
+"""What a status of the linear response means where that differs from the response with backlash."""
+
+
 @dataclass(frozen=True)
 class Reading:
     """One element over the speeds: its signal, and power ``(n,)`` W that it turns into heat."""
@@ -43,6 +51,13 @@ class Reading:
         """Places of the orders that are there, by rising order."""
         largest = self.signal.amplitudes.max(axis=0)
         return np.flatnonzero(largest > NEGLIGIBLE * largest.max(initial=0.0))
+
+    def at(self, speeds):
+        """The same at some of the speeds."""
+        chosen = {"coefficients": self.signal.coefficients[speeds]}
+        if self.signal.elastic_coefficients is not None:
+            chosen["elastic_coefficients"] = self.signal.elastic_coefficients[speeds]
+        return dataclasses.replace(self, signal=dataclasses.replace(self.signal, **chosen), power=self.power[speeds])
 
     def main(self):
         """Places of the orders with the largest amplitudes, by rising order."""
@@ -125,11 +140,13 @@ def forced_text(response, found, *, each):
     -------
     str
     """
-    rpm, parts = response.rpm, [forced_head(response)]
+    parts, good = [forced_head(response)], np.asarray(response.converged)
     if each:
-        parts += [_speed_table(rpm, one) for one in found]
+        parts += [_speed_table(response.rpm, one, good) for one in found]
     else:
-        parts += worst_tables(rpm, found)
+        parts += worst_tables(response, found)
+    if not good.all():
+        parts.append(f"{np.sum(~good)} of {len(good)} speeds have no answer and are left out.")
     if not _moves(found) and not _moves(readings(response)):
         parts.append("Nothing excites the train. Give it a [[torque]] with harmonics, a [[cylinder]] or an [engine].")
     return "\n\n".join(parts)
@@ -146,23 +163,24 @@ def _moves(found):
     return any(np.any(one.signal.amplitudes) for one in found)
 
 
-def _speed_table(rpm, reading):
+def _speed_table(rpm, reading, good):
     _, _, _, unit, factor = KINDS[reading.kind]
-    signal, places = reading.signal, reading.main()
+    signal, places = reading.signal, reading.at(good).main() if good.any() else []
     values = [signal.half_peak_to_peak, signal.sum_of_amplitudes, *signal.amplitudes[:, places].T]
-    columns = alike(*(factor * np.asarray(column) for column in values))
+    columns = alike(*(np.where(good, factor * np.asarray(column), np.nan) for column in values))
     heads = ["rpm", "half p-p", "sum", *(f"order {order:g}" for order in signal.orders[places]), "heat W"]
     left_out = len(reading.listed()) - len(places)
     note = f"; {left_out} smaller orders are left out" if left_out else ""
     title = f"{reading.name}, {unit}: synthesis, sum of amplitudes, amplitudes by order{note}"
-    rows = [[f"{speed:g}" for speed in rpm], *columns, *alike(reading.power)]
+    rows = [[f"{speed:g}" for speed in rpm], *columns, *alike(np.where(good, reading.power, np.nan))]
     return Table(title, heads, rows)
 
 
-def worst_tables(rpm, found):
-    """The largest values over the speeds, a table for each kind of element."""
-    kinds = {kind: [one for one in found if one.kind == kind] for kind in KINDS}
-    return [_worst_table(rpm, kind, own) for kind, own in kinds.items() if own]
+def worst_tables(response, found):
+    """The largest values over the speeds that have an answer, a table for each kind of element."""
+    good = np.asarray(response.converged)
+    kinds = {kind: [one.at(good) for one in found if one.kind == kind] for kind in KINDS if good.any()}
+    return [_worst_table(response.rpm[good], kind, own) for kind, own in kinds.items() if own]
 
 
 def _worst_table(rpm, kind, found):
@@ -252,7 +270,12 @@ def forced_rows(response, found, more=None):
             columns[f"{name} order {one.signal.orders[k]:g} {one.unit}"] = one.signal.amplitudes[:, k].tolist()
         columns[f"{name} heat W"] = np.asarray(one.power).tolist()
     columns |= more or {}
-    return list(columns), list(zip(*columns.values(), strict=True))
+    about, good = ("rpm", "status"), np.asarray(response.converged)
+    told = {
+        head: values if head in about else [v if ok else None for v, ok in zip(values, good, strict=True)]
+        for head, values in columns.items()
+    }
+    return list(told), list(zip(*told.values(), strict=True))
 
 
 def forced_failures(response, case=""):
@@ -263,5 +286,5 @@ def forced_failures(response, case=""):
     for value in sorted(set(response.status.tolist()) - {0}):
         status = Status(value)
         speeds = ranges(rpm, [speed for speed, s in zip(rpm, response.status, strict=True) if s == value])
-        found.append(f"{name} at {speeds} rpm: {status.name}: {status.sentence}.")
+        found.append(f"{name} at {speeds} rpm: {status.name}: {ADVICE.get(status, status.sentence)}.")
     return found

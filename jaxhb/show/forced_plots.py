@@ -3,6 +3,8 @@
 import numpy as np
 
 from ..linear.limits import strength
+from .answer import shown
+from .branch_plots import crosses
 from .choose import NOT_FIRING
 from .forced import KINDS, signal_of
 from .limit_plots import draw_limits, judged_elements
@@ -39,7 +41,7 @@ def plot_forced(response, found, misfires=None, worst=None):
     1
     """
     drawn = found if len(found) <= MOST else hardest_elements(found)
-    judged = strength(response)
+    judged = strength(shown(response))
     limited = judged_elements(judged, {one.name for one in found}, each=len(found) <= MOST)
     figure = new_figure(1.2 + 3.0 * len(drawn) + 2.2 * len(limited))
     heights = [3.0] * len(drawn) + [2.2] * len(limited)
@@ -48,22 +50,25 @@ def plot_forced(response, found, misfires=None, worst=None):
         sweeps = {"": judged}
         if misfires is not None:
             cylinder = worst[chosen[1]].cylinder
-            sweeps[f", {plain(cylinder)}{NOT_FIRING}"] = strength(misfires.responses[cylinder])
+            sweeps[f", {plain(cylinder)}{NOT_FIRING}"] = strength(shown(misfires.responses[cylinder]))
         draw_limits(axes, sweeps, *chosen)
     for axes, one in zip(panels, drawn, strict=False):
         _, _, _, unit, factor = KINDS[one.kind]
-        signal = one.signal
-        axes.plot(response.rpm, factor * signal.half_peak_to_peak, color=WITH, linewidth=1.8, label="half peak-to-peak")
-        axes.plot(response.rpm, factor * signal.sum_of_amplitudes, color=WITH, linestyle=":", label="sum of amplitudes")
+        signal, certain = one.signal, np.where(response.converged, factor, np.nan)
+        swing, total = certain * signal.half_peak_to_peak, certain * signal.sum_of_amplitudes
+        axes.plot(response.rpm, swing, color=WITH, linewidth=1.8, label="half peak-to-peak")
+        axes.plot(response.rpm, total, color=WITH, linestyle=":", label="sum of amplitudes")
         if misfires is not None:
             cylinder = worst[one.name].cylinder
-            swing = signal_of(misfires.responses[cylinder], one.name, one.kind).half_peak_to_peak
+            other = misfires.responses[cylinder]
+            swing = signal_of(other, one.name, one.kind).half_peak_to_peak
             named = {"label": f"half peak-to-peak, {plain(cylinder)}{NOT_FIRING}"}
-            axes.plot(response.rpm, factor * swing, color=WITHOUT, linestyle="--", linewidth=1.8, **named)
-        for k in one.main():
-            axes.plot(
-                response.rpm, factor * signal.amplitudes[:, k], linewidth=1.0, label=f"order {signal.orders[k]:g}"
-            )
+            swing = np.where(other.converged, factor, np.nan) * swing
+            axes.plot(response.rpm, swing, color=WITHOUT, linestyle="--", linewidth=1.8, **named)
+        for k in one.at(np.asarray(response.converged)).main() if response.converged.any() else ():
+            heights = certain * signal.amplitudes[:, k]
+            axes.plot(response.rpm, heights, linewidth=1.0, label=f"order {signal.orders[k]:g}")
+        crosses(axes, response.rpm[~np.asarray(response.converged)])
         axes.set_ylabel(f"{plain(one.name)}, {unit}")
         axes.set_ylim(bottom=0.0)
         axes.legend(fontsize="x-small", ncols=2)

@@ -16,11 +16,13 @@ from ..linear.tangent import at_mean_load
 from ..model.change import without_backlash
 from ..model.varying import varying
 from ..periodic.misfires import misfire_each
+from .answer import shown
 from .campbell import campbell_record, campbell_rows, campbell_text
 from .choose import asks_each, case_title, without_cylinders
 from .forced import forced_failures, forced_head, forced_record, forced_rows, forced_text, readings
 from .forced_misfires import misfires_record, misfires_rows, misfires_text, worst_of
 from .holzer import chosen_modes, holzer_record, holzer_text
+from .labelled import check_labelled, forced_netcdf
 from .mean_load import mean_load_record, mean_load_text
 from .misfire_cases import misfire_trains
 from .output import ANSWERED, NOT_ANSWERED, OutputError, as_csv, as_json, as_picture, changes, deliver
@@ -161,14 +163,17 @@ def campbell(train, arguments):
 
 def forced(train, arguments):
     """Linear forced response over the speed."""
+    check_labelled(arguments)
     if asks_each(train, arguments):
+        if arguments.netcdf:
+            raise OutputError("--netcdf: it holds one train, and --misfire each takes several. Leave one of them out.")
         return _forced_misfires(train, arguments)
     return _forced_alone(forced_response(without_cylinders(train, arguments), rpm=arguments.rpm), arguments)
 
 
 def _forced_alone(response, arguments):
     """One train."""
-    found, judged = readings(response, arguments.element), strength(response)
+    found, judged = readings(response, arguments.element), strength(shown(response))
     more = {"strength": strength_record(judged)} if judged else {}
     deliver(
         arguments,
@@ -177,6 +182,7 @@ def _forced_alone(response, arguments):
             finite(changes(arguments) | forced_record(response, found, orders=arguments.orders) | more)
         ),
         csv=lambda: as_csv(*map(finite, forced_rows(response, found, strength_columns(judged)))),
+        netcdf=lambda: forced_netcdf(response, arguments.orders),
         plot=lambda: _forced_picture(arguments, response, found),
     )
     return _forced_status(forced_failures(response))
@@ -192,7 +198,7 @@ def _forced_misfires(train, arguments):
         _forced_alone(response, arguments)
         return _forced_status([s for s in failures if s not in forced_failures(response, case_title(train))])
     worst = worst_of(misfires, found)
-    judged = {cylinder: strength(one) for cylinder, one in responses.items()}
+    judged = {cylinder: strength(shown(one)) for cylinder, one in responses.items()}
     titled = {f"With {case_title(train, cylinder)}": one for cylinder, one in judged.items()}
     orders = arguments.orders
 

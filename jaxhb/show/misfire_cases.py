@@ -28,11 +28,11 @@ _READ = {
 
 
 def hardest(answer):
-    """What is hit hardest at one speed: kind of quantity, its element, its value in SI units (nan: not known)."""
+    """What is hit hardest at one speed: kind of quantity, its element, its value in SI units (nan: no answer)."""
     topology = answer.topology
     quantity = "tooth force" if topology.mesh_names else "torque" if topology.link_names else "angle"
     names = {"tooth force": topology.mesh_names, "torque": shafts_of(topology), "angle": topology.disk_names}[quantity]
-    name = largest(names, lambda name: _READ[quantity](answer, name))
+    name = largest(names, lambda name: _READ[quantity](answer, name)) if answer.answered else None
     return quantity, name, float(_READ[quantity](answer, name)) if name else float("nan")
 
 

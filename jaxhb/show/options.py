@@ -4,6 +4,9 @@ import argparse
 import math
 
 from ..model.speeds import read_speed, read_speeds
+from .parsing import of_elements, of_scenes
+
+_NO_NUMBER = ("nan", "inf", "infinity")
 
 RANGE_COUNT = 33
 """Speeds of a range that has no count."""
@@ -11,18 +14,21 @@ RANGE_COUNT = 33
 
 def add_scene(command, scenarios=True):
     """The scene and what is changed in it."""
-    command.add_argument("scene", metavar="SCENE", help="a packaged scene (jaxhb scenes) or the path of a file")
+    scene = command.add_argument("scene", metavar="SCENE", help="a packaged scene (jaxhb scenes) or the path of a file")
+    scene.completer = of_scenes
     if scenarios:
         command.add_argument("--scenario", metavar="NAME", help="take the values of [scenario.NAME] of the scene")
         text = "make links that vary constant: as they are at this frequency (hz), amplitude (rad) or speed (rpm)"
         command.add_argument("--links-at", action="append", default=[], type=place, metavar="hz=VALUE", help=text)
+        text = "turn loss factors into viscous damping that takes as much at this frequency, Hz"
+        command.add_argument("--viscous", type=positive, metavar="HZ", help=text)
     command.add_argument(
         "--set",
         action="append",
         default=[],
         type=setting,
         metavar="NAME.FIELD=VALUE",
-        help='change a number of the scene, SI units, e.g. "crank damper.damping=300"; may be repeated',
+        help='change a value of the scene, SI units: "crank damper.damping=300", "idler.teeth=40"; may be repeated',
     )
 
 
@@ -42,7 +48,8 @@ def add_mean_load(command):
 def add_misfire(command, more=""):
     """Cylinders that do not fire."""
     text = f"this cylinder does not fire; may be repeated{more}"
-    command.add_argument("--misfire", action="append", default=[], metavar="CYLINDER", help=text)
+    misfire = command.add_argument("--misfire", action="append", default=[], metavar="CYLINDER", help=text)
+    misfire.completer = of_elements("cylinder")
 
 
 def add_accuracy(command):
@@ -73,11 +80,22 @@ def add_certify(command, where=""):
 
 def add_files(command, picture):
     """Files of numbers and a picture."""
-    command.add_argument("--json", metavar="FILE", help="write all numbers in full precision, SI units")
-    command.add_argument(
-        "--orders", type=positive, metavar="M", help="list amplitudes in the JSON up to this order (default: all)"
-    )
+    text = "write all numbers in full precision, SI units; -: to standard output instead of the tables"
+    command.add_argument("--json", metavar="FILE", help=text)
+    text = "list amplitudes in files up to this order (default: all; of a sweep none, see --full)"
+    command.add_argument("--orders", type=positive, metavar="M", help=text)
     add_plot(command, picture)
+
+
+def add_table(command):
+    """A table of rows."""
+    command.add_argument("--csv", metavar="FILE", help="write one row per answer for spreadsheets, SI units")
+
+
+def add_netcdf(command):
+    """Labelled arrays."""
+    text = "write labelled arrays (xarray, ncview, MATLAB, ...; needs jaxhb[data])"
+    command.add_argument("--netcdf", metavar="FILE.nc", help=text)
 
 
 def add_plot(command, picture):
@@ -87,7 +105,8 @@ def add_plot(command, picture):
 
 def add_gear(command):
     """The gear of the picture."""
-    command.add_argument("--gear", metavar="NAME", help="gear of the picture (default: of the reference rotor)")
+    gear = command.add_argument("--gear", metavar="NAME", help="gear of the picture (default: of the reference rotor)")
+    gear.completer = of_elements("disk")
 
 
 def speed(text):
@@ -146,12 +165,34 @@ def share(text):
 
 
 def setting(text):
-    """``(NAME.FIELD, VALUE)`` from the command line."""
-    key, equals, number = text.rpartition("=")
-    value = _number(number)
-    if not equals or not math.isfinite(value):
+    """``(NAME.FIELD, VALUE)`` from the command line, the value a number or a word."""
+    key, equals, word = text.rpartition("=")
+    value, name = _number(word), word.strip()
+    if math.isnan(value) and name.replace("_", "").isalnum() and name[0].isalpha() and name.lower() not in _NO_NUMBER:
+        value = name
+    if not equals or (isinstance(value, float) and not math.isfinite(value)):
         raise argparse.ArgumentTypeError(f'{text!r} is not NAME.FIELD=VALUE, as "crank damper.damping=300"')
     return key.strip(), value
+
+
+def over(text):
+    """``(NAME.FIELD, [values])`` from the command line."""
+    key, equals, values = text.rpartition("=")
+    words = values.split(":")
+    try:
+        if len(words) == 1:
+            found = [float(word) for word in values.split(",")]
+        else:
+            first, last, steps = float(words[0]), float(words[1]), int(words[2])
+            found = [first + (last - first) * i / (steps - 1) for i in range(steps)]
+    except (ValueError, IndexError, ZeroDivisionError):
+        found = []
+    if not equals or len(words) not in (1, 3) or len(found) < 2 or not all(map(math.isfinite, found)):
+        example = '"crank damper.damping=100:400:13" or =100,200,400'
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not NAME.FIELD=A:B:COUNT with a COUNT of at least 2, as {example}"
+        )
+    return key.strip(), found
 
 
 def place(text):

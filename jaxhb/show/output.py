@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, and refusals before anything is computed."""
+"""Files that appear whole or not at all, standard output among them, and refusals before anything is computed."""
 
 import contextlib
 import csv
@@ -6,11 +6,18 @@ import importlib.util
 import io
 import json
 import os
+import sys
 from pathlib import Path
 
+from .._parts import clear_parts, part_of
+
 PICTURES = (".png", ".svg", ".pdf")
-ANSWERED, NOT_ANSWERED = 0, 1
-_CHANGES = {"scenario": lambda name: name, "set": dict, "links_at": dict, "misfire": list}
+ANSWERED, NOT_ANSWERED, INTERRUPTED = 0, 1, 130
+STANDARD_OUTPUT = "-"
+STREAMED = ("--json", "--csv", "--trace")
+"""Options whose file may be standard output."""
+
+_CHANGES = {"scenario": lambda name: name, "set": dict, "links_at": dict, "viscous": lambda hz: hz, "misfire": list}
 
 
 class OutputError(ValueError):
@@ -19,15 +26,26 @@ class OutputError(ValueError):
 
 def check_output(option, name):
     """Refuse a path that cannot be written, before the work is done."""
+    if name == STANDARD_OUTPUT and option in STREAMED:
+        return
     path = Path(name).resolve()
     if not path.parent.is_dir():
         raise OutputError(f"{option}: there is no folder {str(path.parent)!r}. Make it, or give another path.")
     if path.is_dir():
         raise OutputError(f"{option}: {name!r} is a folder. Give the name of a file.")
     if path.exists() and not path.is_file():
-        raise OutputError(f"{option}: {name!r} is a device or a pipe. Give the name of a file.")
+        instead = f", or {STANDARD_OUTPUT} for standard output" if option in STREAMED else ""
+        raise OutputError(f"{option}: {name!r} is a device or a pipe. Give the name of a file{instead}.")
     if not os.access(path.parent, os.W_OK) or (path.exists() and not os.access(path, os.W_OK)):
         raise OutputError(f"{option}: {name!r} cannot be written. Give a path where you may write.")
+
+
+def check_inputs(option, name, inputs):
+    """Refuse to write over what is read: the scene and its tables."""
+    path = Path(name)
+    for read in inputs:
+        if name != STANDARD_OUTPUT and path.exists() and path.samefile(read):
+            raise OutputError(f"{option}: {name!r} is read by this command and would be lost. Give another name.")
 
 
 def check_picture(option, name):
@@ -49,16 +67,19 @@ def make_folders(names):
 def write_files(contents):
     """Write all files or none: each beside its name first, then moved there; nobody ever sees half a file.
 
+    Under the name "-" the content goes to standard output, after the files.
+
     Parameters
     ----------
     contents : dict
         ``{name: iterable of bytes}``. What fails while a content is made, leaves no file behind.
     """
-    beside = {}
+    streamed, beside = contents.pop(STANDARD_OUTPUT, None), {}
     try:
         for name, parts in contents.items():
             path = Path(name).resolve()
-            beside[name] = path.with_name(f".{path.name}.{os.getpid()}.part")
+            beside[name] = part_of(path)
+            clear_parts(path.parent, path.name)
             with _sentence(name), beside[name].open("wb") as file:
                 file.writelines(parts)
         for name, part in beside.items():
@@ -67,6 +88,9 @@ def write_files(contents):
     finally:
         for part in beside.values():
             part.unlink(missing_ok=True)
+    if streamed is not None:
+        sys.stdout.flush()
+        sys.stdout.buffer.writelines(streamed)  # UTF-8, whatever the terminal shows
 
 
 @contextlib.contextmanager
@@ -79,21 +103,22 @@ def _sentence(name):
 
 def as_json(record):
     """A record (see :func:`jaxhb.show.record.answer_record`) in full precision."""
-    return [_json(record), b"\n"]
+    return [as_bytes(record), b"\n"]
 
 
 def as_sweep_json(head, lists):
-    """``{**head, key: [...], ...}``; each list may be a generator, one record is held at a time."""
-    yield _json(head)[:-1]
+    """``{**head, key: [...], ...}``; each list holds, or generates, records as :func:`as_bytes` makes them."""
+    yield as_bytes(head)[:-1]
     for key, records in lists.items():
-        yield b", " + _json(key) + b": ["
+        yield b", " + as_bytes(key) + b": ["
         for i, record in enumerate(records):
-            yield (b", " if i else b"") + _json(record)
+            yield (b", " if i else b"") + record
         yield b"]"
     yield b"}\n"
 
 
-def _json(record):
+def as_bytes(record):
+    """A record as JSON."""
     return json.dumps(record, allow_nan=False, ensure_ascii=False).encode()
 
 
@@ -119,7 +144,13 @@ def changes(arguments):
 
 
 def deliver(arguments, text, **makers):
-    """Make all that was asked for, then write it, then print: what fails on the way leaves no file."""
+    """Make all that was asked for, then write it, then print: what fails on the way leaves no file.
+
+    Standard output is for programs where a file is "-": then the text is not printed.
+    """
     given = vars(arguments)
-    write_files({given[option]: make() for option, make in makers.items() if given.get(option)})
-    print(text)
+    files = {given[option]: make() for option, make in makers.items() if given.get(option)}
+    silent = arguments.quiet or STANDARD_OUTPUT in files
+    write_files(files)
+    if not silent:
+        print(text)

@@ -7,7 +7,7 @@ from .page_cycle import cycle_part
 from .page_design import bounds_part, limits_part, notes_part, result_part, second_part
 from .page_linear import campbell_part, forced_part, modes_part
 from .page_motion import forces_part, gears_part, map_part, power_part, shafts_part
-from .page_parts import parts_of
+from .page_parts import Heading, parts_of
 from .page_train import assumptions_part, train_part
 
 PARTS = {
@@ -35,8 +35,9 @@ ROWS = 150
 
 
 def as_page(report):
-    """The page of a :class:`Report`, whole, as the bytes of a file."""
-    return [page_text(report.name, parts_of(report, PARTS), report).encode()]
+    """The page of a :class:`Report` as the bytes of a file, and whether every part of it could be made."""
+    parts = parts_of(report, PARTS)
+    return [page_text(report.name, parts, report).encode()], not any(part.failed for part in parts)
 
 
 def page_text(name, parts, report):
@@ -59,7 +60,7 @@ def page_text(name, parts, report):
     environment = Environment(
         loader=PackageLoader(__package__, "."), autoescape=True, trim_blocks=True, undefined=StrictUndefined
     )
-    environment.filters |= {"figure": _figure_json, "rows": _rows, "kind": _kind, "css": _css_text}
+    environment.filters |= {"figure": _figure_json, "rows": _rows, "words": _words, "kind": _kind, "css": _css_text}
     return environment.get_template("page.html").render(
         name=name, parts=parts, report=report, script=get_plotlyjs(), most=ROWS
     )
@@ -67,6 +68,8 @@ def page_text(name, parts, report):
 
 def _kind(block):
     """Which branch of the template shows a block."""
+    if isinstance(block, Heading):
+        return "heading"
     kinds = {"heads": "table", "traces": "figure", "svg": "picture"}
     return next((kind for attribute, kind in kinds.items() if hasattr(block, attribute)), "words")
 
@@ -74,6 +77,12 @@ def _kind(block):
 def _rows(table):
     """Rows of a table, as many as are shown."""
     return list(zip(*table.columns, strict=True))[:ROWS]
+
+
+def _words(table):
+    """Numbers of the columns that hold words, which stand at the left."""
+    columns = enumerate(table.columns)
+    return {0, *table.left, *(i for i, column in columns if any(cell[:1].isalpha() for cell in column))}
 
 
 def _figure_json(figure):

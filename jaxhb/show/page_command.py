@@ -35,7 +35,7 @@ def check_page(train, arguments):
     return None if arguments.tuned is None else load_scene(arguments.tuned)
 
 
-def second_case(train, second, arguments, asked, progress):
+def second_case(train, second, arguments, asked, folder, progress):
     """Another design at the same speeds, and words on how it was found; (None, ()) where none is asked for.
 
     Parameters
@@ -46,14 +46,18 @@ def second_case(train, second, arguments, asked, progress):
         From :func:`check_page`.
     arguments : Namespace
     asked : Asked
+    folder : Path or None
+        Where answers of this command are kept; those of a design that is tuned first are not.
     progress : Progress
     """
     title, found = f"{SECOND} ({Path(arguments.tuned or '').stem})", ()
     if arguments.tune:
-        title, second, found = TUNED, *_tuned(train, progress)
+        title, (second, found) = TUNED, _tuned(train, progress)
     if second is None:
         return None, ()
-    (case,) = solve_cases({title: second}, arguments.rpm, asked, say=progress.say, advance=progress.advance)
+    own = None if folder is None or arguments.tune else folder / SECOND
+    tell = {"say": progress.say, "advance": progress.advance}
+    (case,) = solve_cases({title: second}, arguments.rpm, asked, folder=own, **tell)
     return case, found
 
 

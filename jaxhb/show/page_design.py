@@ -6,6 +6,7 @@ import numpy as np
 
 from ..model.change import declared_field
 from ..model.elements import TABLES
+from ..model.plausible import plausibility
 from .balance import plain_number
 from .certified import certificate_parts
 from .choose import largest
@@ -14,7 +15,7 @@ from .limit_plots import PANELS, judged_elements, share_of
 from .misfire_cases import worst_misfire
 from .page_figures import Figure, answered, bands, layout, line, speed_range, top_of
 from .page_motion import angles, forces, gear_torques, main_quantity, maxima, over_speed, shaft_torques
-from .page_parts import flowing
+from .page_parts import Heading, flowing
 from .plots import plain
 from .strength import AID, answers_strength, strength_text
 from .sweep_tables import motion_sentences
@@ -67,9 +68,14 @@ def _shares(report):
     return [f"Against the limits of the scene ({AID}), {report.cases[0].title}, {over}; shares: {', '.join(said)}."]
 
 
+def _every(report):
+    """All cases, the second design last."""
+    return [*report.cases, *([report.second] if report.second else [])]
+
+
 def _doubts(report):
     """Speeds without an answer, in a list."""
-    missing = {case.title: sum(not answer.answered for answer in case.answers) for case in report.cases}
+    missing = {case.title: sum(not answer.answered for answer in case.answers) for case in _every(report)}
     said = [f"{count} of {len(report.rpm)} ({title})" for title, count in missing.items() if count]
     return [f"Speeds WITHOUT AN ANSWER, left out of all largest values: {', '.join(said)}."] if said else []
 
@@ -83,7 +89,7 @@ def limits_part(report):
     blocks = []
     for title, found in judged.items():
         told = [part if hasattr(part, "heads") else flowing(part) for part in strength_text({"": found})]
-        blocks += [f"With {title}", *(part for part in told if part not in blocks)]
+        blocks += [Heading(f"With {title}"), *(part for part in told if part not in blocks)]
     chosen = judged_elements(first, each=True)[: 2 * MOST] if len(report.rpm) > 1 else []
     return blocks + [_limit(judged, kind, name, report.shown) for kind, name in chosen]
 
@@ -191,7 +197,6 @@ def _accuracy(answers):
 
 def notes_part(report):
     """What to be careful about, and speeds without an answer."""
-    cases = [*report.cases, *([report.second] if report.second else [])]
-    said = [f"{case.title}: {sentence}" for case in cases for sentence in warnings(case.answers)]
-    own = notes(*(answer for case in report.cases for answer in case.answers))
+    said = [f"{case.title}: {sentence}" for case in _every(report) for sentence in warnings(case.answers)]
+    own = plausibility(report.train) + notes(*(answer for case in report.cases for answer in case.answers))
     return [*said, *own] or ["Nothing to note."]

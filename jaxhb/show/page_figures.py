@@ -26,7 +26,7 @@ SYMBOLS = {
 }
 """Symbol of every kind of motion that has numbers."""
 
-NO_ANSWER = "no answer: the motion is unknown, or its numbers have not converged"
+NO_ANSWER = MARKS["unknown"][1]
 STYLES = (
     {"color": WITH, "dash": "solid"},
     {"color": WITHOUT, "dash": "dash"},
@@ -118,8 +118,8 @@ def _last(name, count):
 def _legend_rows(traces):
     """Rows that the legend takes, from the lengths of its names."""
     widths = [KEY + LETTER * len(trace["name"]) for trace in traces if trace.get("showlegend", True)]
-    if len(widths) < 2:
-        return 0
+    if len(widths) < 2 or sum(widths) <= WIDTH - 76:
+        return len(widths) > 1
     columns = max(1, int((WIDTH - 76) // max(widths)))  # plotly gives every entry the width of the longest
     return -(-len(widths) // columns)
 
@@ -170,14 +170,23 @@ def kind_keys(*lists):
     """Entries of the legend for the kinds of motion that occur, and crosses at the bottom where there is no answer."""
     met = {kind_of(answer) for answers in lists for answer in answers}
     keys = [marks([np.nan], [np.nan], kind_word(kind), symbol) for kind, symbol in SYMBOLS.items() if kind in met]
-    speeds = sorted({answer.rpm for answers in lists for answer in answers if not answer.answered})
-    if speeds:
-        style = {"marker": {"symbol": "x-thin-open", "size": 9, "color": "black", "line": {"width": 2}}}
-        keys.append(marks(speeds, np.zeros(len(speeds)), NO_ANSWER, "", **style, cliponaxis=False))
-    return keys
+    return keys + crosses(sorted({answer.rpm for answers in lists for answer in answers if not answer.answered}))
+
+
+def crosses(speeds):
+    """Crosses at the bottom where there is no answer, in a list."""
+    style = {"marker": {"symbol": "x-thin-open", "size": 9, "color": "black", "line": {"width": 2}}}
+    made = marks(speeds, np.zeros(len(speeds)), NO_ANSWER, "", **style, cliponaxis=False)
+    return [made] if len(speeds) else []
 
 
 def bands(edges, *, rows="paper"):
     """Grey bands between pairs of x, over the whole height."""
     place = {"type": "rect", "xref": "x", "yref": rows, "y0": 0, "y1": 1, "layer": "below"}
     return [place | {"x0": low, "x1": high, "fillcolor": GAP, "line": {"width": 0}} for low, high in edges]
+
+
+def above(text, panel):
+    """A text above a panel, at the left."""
+    place = {"xref": "paper", "x": 0.0, "yref": f"y{panel + 1 if panel else ''} domain", "y": 1.0}
+    return place | {"text": text, "showarrow": False, "xanchor": "left", "yanchor": "bottom", "font": {"size": 10}}

@@ -15,13 +15,16 @@ from .forced_plots import hardest_elements
 from .linear_commands import DAMPED
 from .linear_plots import COUNTS, top_frequency
 from .mode_plots import MOST, Ways
-from .page_figures import Figure, layout, line, marks, top_of
+from .page_figures import Figure, above, crosses, layout, line, marks, top_of
 from .plots import WITH, WITHOUT, plain
 from .tables import modes_text
 
 CAMPBELL_MODES = 6
 ONE_SPEED = 0.5
 """Range of a Campbell diagram around one speed, below and above as a share of it."""
+
+LOWEST = 60
+"""Natural frequencies of a train of many disks."""
 
 TOGETHER = 3
 """Mode shapes in a figure: what does not fit on a sheet leaves it empty."""
@@ -36,9 +39,9 @@ SPEEDS = 201
 def modes_part(report):
     """Natural frequencies and the shapes of the first ones that strain links."""
     train = report.train
-    found = natural_frequencies(train)
-    kinds = mode_kinds(found, train.topology.damper_names)
     few = train.topology.n_disks <= DAMPED
+    found = natural_frequencies(train, count=None if few else LOWEST)
+    kinds = mode_kinds(found, train.topology.damper_names)
     ratios = damping_ratios(train, found) if few else np.full(len(kinds), np.nan)
     table = modes_text(found, report.name, kinds, ratios, "teeth in contact" if train.topology.mesh_names else "")
     elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC][:MOST]
@@ -62,7 +65,7 @@ def _shapes(train, modes, chosen, ratios):
         panels.append(("", (-1.15, 1.15)))
         damping = "" if np.isnan(ratios[k]) else f", damping ratio {ratios[k]:.3g}"
         text = f"mode {k}: {modes.frequencies_hz[k]:.4g} Hz{damping}"
-        notes.append(_above(text, panel))
+        notes.append(above(text, panel))
     places, said = ways.names(modes.names)
     made = layout("", panels, traces, heights=[95] * len(panels), annotations=notes, x_range=(-0.5, ways.last + 0.5))
     longest = max(map(len, said))
@@ -72,11 +75,6 @@ def _shapes(train, modes, chosen, ratios):
     caption = "Mode shapes, angles referred to the reference rotor, the largest is 1; crosses: nodes. "
     branches = "Dashed: branches, each begins at the disk named in brackets." * (len(ways.ways) > 1)
     return Figure(caption + branches, traces, made)
-
-
-def _above(text, panel):
-    place = {"xref": "paper", "x": 0.0, "yref": f"y{panel + 1 if panel else ''} domain", "y": 1.0}
-    return place | {"text": text, "showarrow": False, "xanchor": "left", "yanchor": "bottom", "font": {"size": 10}}
 
 
 def campbell_part(report):
@@ -147,33 +145,35 @@ def forced_part(report):
     trains = {case.title: case.answers[0].train for case in report.shown}
     responses = {title: forced_response(train, rpm=speeds) for title, train in trains.items()}
     first = responses[report.cases[0].title]
-    found = readings(first)
-    chosen = [one for one in hardest_elements(found) if len(speeds) > 1]
+    found, good = readings(first), np.asarray(first.converged)
+    chosen = hardest_elements([one.at(good) for one in found]) if len(speeds) > 1 and good.any() else []
     misfires = {title: response for title, response in responses.items() if NOT_FIRING in title}
     figures = [_orders(first, one, misfires) for one in chosen]
     head = f"Linear, teeth in contact, at {len(speeds)} speeds; largest values, {report.cases[0].title}."
-    return [head, *figures, *worst_tables(first.rpm, found), *forced_failures(first)]
+    return [head, *figures, *worst_tables(first, found), *forced_failures(first)]
 
 
 def _orders(response, element, misfires):
-    """Synthesis, sum and main orders of an element over the speed."""
+    """Synthesis, sum and main orders of an element over the speed; gaps and crosses where there is no answer."""
     _, _, _, unit, factor = KINDS[element.kind]
-    signal, rpm = element.signal, response.rpm
-    swing = factor * signal.half_peak_to_peak
+    signal, rpm = signal_of(response, element.name, element.kind), response.rpm
+    certain = np.where(response.converged, factor, np.nan)
     traces = [
-        line(rpm, swing, "half peak-to-peak"),
-        line(rpm, factor * signal.sum_of_amplitudes, "sum of amplitudes", 3),
+        line(rpm, certain * signal.half_peak_to_peak, "half peak-to-peak"),
+        line(rpm, certain * signal.sum_of_amplitudes, "sum of amplitudes", 3),
     ]
     traces[0]["line"] |= {"width": 2.4}
     for title, other in misfires.items():
-        own = factor * signal_of(other, element.name, element.kind).half_peak_to_peak
+        own = signal_of(other, element.name, element.kind).half_peak_to_peak
+        own = np.where(other.converged, factor, np.nan) * own
         traces.append(line(rpm, own, f"half peak-to-peak, {plain(title)}", 1))
     for number, k in enumerate(element.main()):
         symbol = ("circle", "square", "diamond", "triangle-up", "cross", "star")[number % 6]
         marker = {"symbol": symbol, "size": 6, "maxdisplayed": 12}
         more = {"mode": "lines+markers", "marker": marker}
-        traces.append(line(rpm, factor * signal.amplitudes[:, k], f"order {signal.orders[k]:g}", 2 + number, **more))
+        traces.append(line(rpm, certain * signal.amplitudes[:, k], f"order {signal.orders[k]:g}", 2 + number, **more))
         traces[-1]["line"] |= {"width": 1.0}
     panels = [(unit, top_of(*(trace["y"] for trace in traces)))]
+    traces += crosses(rpm[~np.asarray(response.converged)])
     made = layout("speed, rpm", panels, traces, x_range=(float(rpm[0]), float(rpm[-1])), heights=[220])
     return Figure(f"{plain(element.name)}: linear forced response over the speed, {unit}", traces, made)

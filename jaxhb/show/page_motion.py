@@ -22,8 +22,10 @@ from .page_figures import (
     top_of,
 )
 from .plots import plain
-from .strength import power_of
-from .sweep_tables import speed_table
+from .sweep_tables import speed_table, turning_table
+
+MANY = 40
+"""Speeds above which symbols are small."""
 
 MOST = 6
 """Elements of a kind that have a figure, those with the largest numbers; tables tell of all."""
@@ -97,7 +99,8 @@ def map_part(report):
     blocks = [_kinds(cases), _overview(cases, main_quantity(report.train))] if several else []
     if len(report.cases) > 2:
         blocks.append(_misfires(report))
-    return blocks + [speed_table(case.answers, f"Speed by speed, {case.title}") for case in cases]
+    blocks += [speed_table(case.answers, f"Speed by speed, {case.title}") for case in cases]
+    return blocks + [table for case in cases for table in turning_table(case.answers, f", {case.title}")]
 
 
 def _kinds(cases):
@@ -111,7 +114,10 @@ def _kinds(cases):
                 traces.append(marks(speeds, np.full(len(speeds), -row), said, SYMBOLS.get(kind, "x-thin-open")))
                 traces[-1] |= {"showlegend": all(said != trace["name"] for trace in traces[:-1])}
                 traces[-1] |= {"hovertemplate": "%{x} rpm: " + said + "<extra></extra>"}
-                traces[-1]["marker"] |= {"line": {"width": 0 if kind else 2, "color": "black"}}
+                traces[-1]["marker"] |= {
+                    "size": 8 if len(case.answers) <= MANY else 5,
+                    "line": {"width": 0 if kind else 2, "color": "black"},
+                }
     rpm = [answer.rpm for answer in cases[0].answers]
     panels = [("", (0.6 - len(cases), 0.6))]
     made = layout("speed, rpm", panels, traces, x_range=speed_range(rpm), heights=[22 + 22 * len(cases)])
@@ -148,11 +154,11 @@ def _misfires(report):
     quantity, rows = main_quantity(report.train), []
     for case in report.cases:
         values = {name: quantity.of(case.answers, name) for name in quantity.names}
-        name = largest(values, lambda name, values=values: _most(values[name]))
-        rows.append((case.title, name, values[name]))
+        name = largest(values, lambda name, values=values: _or_nan(values[name]))
+        rows.append((case.title, name or NONE, values.get(name, np.array([np.nan]))))
     columns = [
         [title for title, *_ in rows],
-        *alike([_most(values) for *_, values in rows]),
+        *alike([_or_nan(values) for *_, values in rows]),
         [_at(report.rpm, values) for *_, values in rows],
         [name for _, name, _ in rows],
     ]
@@ -205,13 +211,15 @@ def _few(report, quantity):
 
 
 def maxima(quantity, cases, *, contact=False):
-    """The largest number of every element over the speeds, with and without backlash; of meshes the worst contact."""
+    """The largest number of every element over the speeds that have an answer, with and without backlash; of meshes the
+    worst contact."""
     rpm, names = [answer.rpm for answer in cases[0].answers], quantity.names
     backlash = any(cases[0].answers[0].topology.mesh_backlash)
     columns, heads = [names], [quantity.what]
     for case in cases:
         values = [quantity.of(case.answers, name) for name in names]
         before = [quantity.without(case.answers, name) for name in names]
+        before = [np.where(np.isfinite(own), other, np.nan) for own, other in zip(values, before, strict=True)]
         pair = [_or_nan(column) for column in values], [_or_nan(column) for column in before]
         shown = alike(*pair)
         columns += [shown[0], [_at(rpm, column) for column in values]]
@@ -292,7 +300,8 @@ def _apart(case):
 def power_part(report):
     """Power that dampers turn into heat."""
     train, rpm = report.train, report.rpm
-    quantity = Quantity("damper", "Heat of dampers", train.topology.damper_names, power_of, "W")
+    names = train.topology.damper_names
+    quantity = Quantity("damper", "Heat of dampers", names, lambda r, name: r.power(name), "W")
     if not quantity.names:
         return []
     values = {name: [quantity.of(case.answers, name) for case in report.shown] for name in quantity.names}
@@ -303,8 +312,6 @@ def power_part(report):
         heads += ["W", "at rpm"]
     groups = [(case.title, 1 + 2 * i, 2 + 2 * i) for i, case in enumerate(report.shown)]
     blocks = [Table("Largest power that dampers turn into heat over the speeds, W", heads, columns, groups)]
-    irregular = any(a.answered and a.response is None for case in report.shown for a in case.answers)
-    blocks += ["A motion that never repeats has no harmonics, so its heat is not known: a gap."] * irregular
     return blocks + [_power(name, report.shown, values[name]) for name in quantity.names[:MOST] if len(rpm) > 1]
 
 

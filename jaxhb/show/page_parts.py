@@ -7,6 +7,9 @@ from .cases import Case
 from .choose import NOT_FIRING
 from .misfire_cases import worst_misfire
 
+FULL = 95
+"""Letters of a line of text that goes on in the next."""
+
 
 @dataclass(frozen=True)
 class Part:
@@ -15,6 +18,10 @@ class Part:
     title: str
     blocks: list
     failed: bool = False
+
+
+class Heading(str):
+    """A heading inside a part."""
 
 
 @dataclass(frozen=True)
@@ -85,17 +92,19 @@ class Report:
 
 
 def flowing(text):
-    """A text whose lines the page breaks where it likes; lines that are indented stay lines of their own.
+    """A text in which lines that are full are no lines of their own: the page breaks them where it likes.
 
     Examples
     --------
-    >>> flowing("one\\ntwo\\n  three\\nfour")
-    'one two\\n  three\\nfour'
+    >>> flowing(f"{'long ' * 20}\\ngoes on\\n  an item").splitlines()[1:]
+    ['  an item']
     """
-    found = ""
-    for before, one in zip(["  ", *text.split("\n")], text.split("\n"), strict=False):
-        alone = one.startswith("  ") or before.startswith("  ")
-        found += ("\n" if alone else " ") * bool(found) + one
+    first, *lines = text.split("\n")
+    found, before = first.rstrip(), first
+    for one in lines:
+        on = len(before) >= FULL and not before.startswith("  ") and not one.startswith("  ")
+        found += (" " if on else "\n") + one.rstrip()
+        before = one
     return found
 
 

@@ -79,7 +79,8 @@ def _meshes(train):
 
 def _cylinders(train):
     topology, cylinders, rows = train.topology, train.cylinders, []
-    lengths = [(length, 1e3) for length in (cylinders.bore, cylinders.stroke, cylinders.rod)]
+    moving = np.asarray(cylinders.stroke) > 0  # else the rod is one that stands in for none
+    lengths = [(length, 1e3) for length in (cylinders.bore, cylinders.stroke, np.where(moving, cylinders.rod, 0.0))]
     lengths.append((cylinders.reciprocating_mass, 1.0))
     for i, name in enumerate(topology.cylinder_names):
         disk = topology.disk_names[topology.cylinder_disk[i]]

@@ -10,6 +10,7 @@ from ..design.evaluation import label
 from ..harmonic import fourier
 from ..harmonic.backlash import separated
 from ..response.steady import PERCENT
+from .branch_plots import crosses
 from .choose import default_gear, hardest_shaft, meshes_of
 from .tuned import scaled_unit
 from .words import motion_text
@@ -58,6 +59,7 @@ def plot_cycle(answer, gear=None):
     swings = [f"{float(r.gear_torque(gear).half_peak_to_peak):.0f}" for r in (answer, answer.linear)]
     subject = f"torque that {gear} passes on, half peak-to-peak {swings[0] if answer.known else '-'} N m"
     kind = textwrap.fill(motion_text(answer), 110) if answer.known else ""
+    kind = kind if answer.answered or not answer.known else f"NOT CONVERGED: {kind}"
     title = f"{_title(answer)}: {subject} (without backlash {swings[1]})\n{kind}"
     above.set_title(title, fontsize="medium")
     above.set_ylabel("torque, N m")
@@ -153,8 +155,9 @@ def plot_tuning(objectives, result):
     Returns
     -------
     matplotlib.figure.Figure
-        One panel for each objective (speeds that are not solved are left out), and one for the history: the objective,
-        1 at the start but for smoothing, with a line where the smooth maximum was sharpened.
+        One panel for each objective, with gaps at speeds that are not solved and crosses at those that never were, and
+        one for the history: the objective, 1 at the start but for smoothing, with a line where the smooth maximum was
+        sharpened.
     """
     count = len(objectives)
     figure = new_figure(2.2 + 2.8 * count)
@@ -163,6 +166,7 @@ def plot_tuning(objectives, result):
         name, (factor, unit) = label(objective), scaled_unit(objective.quantity)
         for reading, colour, said in ((result.before, WITH, "before"), (result.after, WITHOUT, "after")):
             axes.plot(result.rpm, factor * reading.readings[name], color=colour, marker="o", markersize=3, label=said)
+        crosses(axes, result.rpm[~(result.before.solved | result.after.solved)])
         axes.set_ylabel(f"{objective.quantity}{', ' + unit if unit else ''}")
         axes.set_title(f"{result.train.topology.name or 'scene'}: {plain(name)}", fontsize="medium")
         axes.set_ylim(bottom=0.0)

@@ -1,21 +1,26 @@
-"""One line on the terminal that says what is being computed and for how long; silent when stderr is no terminal."""
+"""One line on the terminal that says what is being computed and for how long; now and then a line in a log."""
 
+import contextlib
 import sys
 import threading
 import time
 
 INTERVAL = 0.5
 
+LOGGED = 30.0
+"""Seconds between lines where stderr is no terminal."""
+
 
 class Progress:
     """A status line on stderr, refreshed twice a second while a block runs.
 
-    Nothing is written where stderr is not a terminal, so that logs and pipes stay clean.
+    Where stderr is no terminal, a line is added every 30 seconds, so that a log tells that something goes on.
 
     Parameters
     ----------
     total : int, number of steps to come (1: no count is shown)
     stream : text stream, by default stderr
+    quiet : bool, whether nothing is written
 
     Examples
     --------
@@ -24,10 +29,11 @@ class Progress:
     ...     progress.step("1200 rpm")
     """
 
-    def __init__(self, total=1, stream=None):
+    def __init__(self, total=1, stream=None, quiet=False):
         self.total = total
         self.stream = sys.stderr if stream is None else stream
-        self.visible = self.stream.isatty()
+        self.visible = not quiet and self.stream is not None
+        self.terminal = self.visible and self.stream.isatty()
         self.done, self.text, self.width = 0, "", 0
         self.begin = time.monotonic()
         self.ended = threading.Event()
@@ -42,6 +48,7 @@ class Progress:
         self.ended.set()
         if self.visible:
             self.thread.join()
+        if self.terminal:
             self._write("")
             self.stream.write("\r")
             self.stream.flush()
@@ -65,10 +72,11 @@ class Progress:
         return f"{count}{self.text} ({time.monotonic() - self.begin:.0f} s)"
 
     def _tick(self):
-        while not self.ended.wait(INTERVAL):
-            self._write(self.line())
+        while not self.ended.wait(INTERVAL if self.terminal else LOGGED):
+            with contextlib.suppress(OSError, ValueError):  # a log that is full or closed ends no computation
+                self._write(self.line())
 
     def _write(self, line):
-        self.stream.write("\r" + line.ljust(self.width))
+        self.stream.write("\r" + line.ljust(self.width) if self.terminal else f"{line}\n")
         self.stream.flush()
         self.width = len(line)

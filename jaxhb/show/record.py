@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..model.plausible import plausibility
 from .balance import balance_record
 from .certified import certificate_record
 from .choose import gears, shafts_of
@@ -10,6 +11,8 @@ from .words import notes, verdict
 
 NEGLIGIBLE = 1e-12
 KEPT_OF_DISKS = "mean", "half_peak_to_peak", "amplitudes"
+NO_ORDERS = 0.0
+"""Highest order listed where amplitudes are left out."""
 
 
 def answer_record(answer, *, orders=None):
@@ -28,10 +31,12 @@ def answer_record(answer, *, orders=None):
         ``truncation_error``, ``power_defect`` (of the harmonic solution, None without one), ``path``, ``load_kW``;
         ``load_torque_Nm`` and ``ground_reaction_Nm`` by name, ``mean_angles`` (what sets the means of the disks);
         ``disks`` (rad), ``shafts`` with the dampers (N m), ``gears`` (N m) and ``meshes`` (N) by name, each a signal
-        ``{"mean", "min", "max", "rms", "half_peak_to_peak", "sum_of_amplitudes", "amplitudes"}`` with amplitudes
-        ``[[order, A, phase in deg], ...]`` from the first harmonic of the motion's period on (disks without min, max
-        and rms). Of a motion that does not repeat these are extremes over the record and amplitudes in the quadratic
-        mean over its cycles, with phase None. The list ends where all amplitudes that follow are below 1e-12 of the
+        ``{"mean", "min", "max", "rms", "half_peak_to_peak", "sum_of_amplitudes", "amplitudes"}`` (disks without min,
+        max and rms). Of disks also ``speed`` (rad/s, of rotation) and ``acceleration`` (rad/s2), each with mean and
+        extremes, and ``irregularity``; of shafts, dampers and meshes ``power_W``, their heat. Amplitudes are
+        ``[[order, A, phase in deg], ...]`` from the first harmonic of the motion's period on. Of a motion that does not
+        repeat they are the quadratic mean over its cycles, with phase None, extremes are those over the record, and
+        accelerations and the heat of meshes None. The list ends where all amplitudes that follow are below 1e-12 of the
         largest. Tooth forces have eight times the harmonics of the motion. ``certificate`` where an error bound was
         asked for. Numbers that are not finite are None.
 
@@ -46,15 +51,32 @@ def answer_record(answer, *, orders=None):
     topology = answer.topology
     names = {"shafts": shafts_of(topology), "gears": gears(topology)}
     read = {"shafts": answer.torque, "gears": answer.gear_torque}
-    return finite(
+    found = (
         _outcome_record(answer)
         | balance_record(answer.balance)
-        | {"disks": {name: _disk_record(answer.disk(name), orders) for name in topology.disk_names}}
+        | {"disks": {name: _disk_record(answer, name, orders) for name in topology.disk_names}}
         | {kind: {name: _signal_record(read[kind](name), orders) for name in names[kind]} for kind in names}
         | {"meshes": {name: _mesh_record(answer, name, orders) for name in topology.mesh_names}}
         | strength_entry(answer)
         | (certificate_record(answer.certificate) if answer.certificate is not None else {})
     )
+    for kind in ("shafts", "meshes"):
+        for name, signal in found[kind].items():
+            signal["power_W"] = answer.power(name)
+    return finite(found)
+
+
+def on_scene(train):
+    """What is noted of the scene itself, once for all speeds."""
+    return {"scene_notes": plausibility(train)}
+
+
+def both_record(answer, orders=None):
+    """The record of an answer, under ``without_backlash`` the same with all teeth in contact."""
+    record = answer_record(answer, orders=orders)
+    if any(answer.topology.mesh_backlash):
+        record["without_backlash"] = answer_record(answer.without_backlash, orders=orders)
+    return record
 
 
 def motion_record(answer):
@@ -62,7 +84,8 @@ def motion_record(answer):
 
     ``kind``, one of "contact", "periodic", "subharmonic", "irregular" and "unknown"; ``period`` in cycles, 0 where
     there is none; ``orbit``: whether it is a periodic solution that the train need not run in; ``stable`` and
-    ``multiplier`` (modulus of the largest Floquet multiplier), None where they are not known; ``cycles`` marched;
+    ``multiplier`` (modulus of the largest Floquet multiplier), None where they are not known; ``reason`` why the kind
+    is unknown, else None; ``cycles`` marched;
     ``per_cycle``: percentiles 5, 50 and 95 of the largest tooth force of a cycle, N, by mesh.
     """
     peaks = {name: answer.force(name).per_cycle.max.tolist() for name in answer.topology.mesh_names}
@@ -72,6 +95,7 @@ def motion_record(answer):
         "orbit": answer.orbit,
         "stable": answer.growth.stable,
         "multiplier": answer.growth.multiplier,
+        "reason": "; ".join(answer.state.notes) if not answer.known else None,
         "cycles": answer.state.cycles,
         "per_cycle": {name: {"max": percentiles} for name, percentiles in peaks.items()},
     }
@@ -139,13 +163,19 @@ def _signal_record(signal, orders):
     return summary | {"amplitudes": _listed(summary["amplitudes"], orders)}
 
 
-def _disk_record(signal, orders):
-    record = _signal_record(signal, orders)
-    return {name: record[name] for name in KEPT_OF_DISKS}
+def _disk_record(answer, name, orders):
+    record = _signal_record(answer.disk(name), orders)
+    return {key: record[key] for key in KEPT_OF_DISKS} | {
+        "speed": answer.speed(name).extremes(),
+        "acceleration": answer.acceleration(name).extremes(),
+        "irregularity": answer.irregularity(name),
+    }
 
 
 def _listed(rows, orders):
     """Rows up to the last that is not negligible, with three entries; order k of the cycle stays at place k - 1."""
+    if orders == NO_ORDERS:
+        return []
     sizes = np.array([row[1] for row in rows])
     counted = ~(sizes <= NEGLIGIBLE * sizes.max(initial=0.0))
     if orders is not None:

@@ -8,7 +8,7 @@ from ..model.ratios import tooth_damping_ratios
 from ..model.tables import mean_torques
 from .balance import ground_notes, ground_reactions, load_notes, load_torques
 from .columns import NONE, aligned, alike
-from .words import speed_of, trace_notes
+from .words import once_alike, speed_of
 
 ANY_SPEED = 1000.0
 """rpm, where no torque depends on the speed."""
@@ -40,7 +40,8 @@ def scene_notes(responses):
     """All notes on a scene, of its mean motion at some speeds."""
     train = responses[0].train
     found = plausibility(train) + load_notes(responses, speed_of) + ground_notes(responses, speed_of)
-    return found + trace_notes([(train, float(response.rpm)) for response in responses])
+    speeds = [float(response.rpm) for response in responses]
+    return found + once_alike((rpm, note) for rpm in speeds for note in train.outside_traces(rpm))
 
 
 def check_text(train, responses, speeds, notes):

@@ -4,8 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from ..linear.limits import NOT_ABOVE, judged, link_power
+from ..linear.limits import NOT_ABOVE, judged
 from ..linear.strength import HIGHEST
+from .answer import NO_SIGNAL
 from .columns import NONE, Table, alike, ranges
 
 AID = "evaluation aid, no class approval"
@@ -17,29 +18,24 @@ at most 600 MPa."""
 
 
 class _OfAnswers:
-    """How answers at several speeds are read, as :func:`jaxhb.linear.limits.judged` asks."""
+    """How answers at several speeds are read, as :func:`jaxhb.linear.limits.judged` asks: nan without an answer."""
 
     def __init__(self, answers):
         self.answers = answers
 
     def torque(self, name):
-        return self._stacked([answer.torque(name) for answer in self.answers])
+        return self._stacked([answer.torque(name) if answer.answered else NO_SIGNAL for answer in self.answers])
 
     def force(self, name):
-        return self._stacked([answer.force(name) for answer in self.answers])
+        return self._stacked([answer.force(name) if answer.answered else NO_SIGNAL for answer in self.answers])
 
     def power(self, name):
-        return np.array([power_of(answer, name) for answer in self.answers])
+        return np.array([answer.power(name) if answer.answered else np.nan for answer in self.answers])
 
     @staticmethod
     def _stacked(signals):
         names = "mean", "min", "max", "half_peak_to_peak"
         return SimpleNamespace(**{name: np.array([float(getattr(s, name)) for s in signals]) for name in names})
-
-
-def power_of(answer, name):
-    """Heat of a link in W; nan of a motion that is not known or never repeats, which has no harmonics."""
-    return float(link_power(answer.response, name)) if answer.known and answer.response is not None else float("nan")
 
 
 def answers_strength(answers):

@@ -2,14 +2,20 @@
 
 import numpy as np
 
-from .choose import hardest_shaft, largest, most_apart, shafts_of, worst_mesh
+from .answer import SPEED
+from .choose import hardest_shaft, heaviest, largest, most_apart, shafts_of, worst_mesh
 from .columns import NONE, Table, alike, ranges, shares
 from .strength import answers_strength, strength_text
-from .tables import hardest_text, notes_text
-from .words import motion_word, speeds_text
+from .tables import hardest_text, irregularity_text, notes_text
+from .words import motion_word, status_word, verdict
 
 BLOCKS = {"up": "Upwards", "down": "Downwards", "orbit": "Periodic solutions"}
 """Headings of the ways in which speeds are gone through."""
+
+WITHOUT = "without kN"
+
+DOUBT = "?"
+"""Behind numbers that are not converged."""
 
 APART = 0.02
 """Difference of largest tooth forces from which two motions are told as different."""
@@ -27,9 +33,9 @@ def sweep_text(sweeps):
     for way, answers in sweeps.items():
         lines = [*motion_sentences(answers), "", speed_table(answers)]
         parts.append("\n".join([*([f"{BLOCKS[way]}: {lines[0]}"] if len(sweeps) > 1 else lines[:1]), *lines[1:]]))
-        parts += _failures(answers)
+        parts += turning_table(answers)
     ways = {BLOCKS[way] if len(sweeps) > 1 else "": answers_strength(answers) for way, answers in sweeps.items()}
-    parts += strength_text(ways) + _hysteresis(sweeps)
+    parts += (strength_text(ways) if answers[0].axis == SPEED else []) + _hysteresis(sweeps)
     every = {id(answer): answer for answers in sweeps.values() for answer in answers}
     return "\n\n".join([*parts, *notes_text(*every.values())])
 
@@ -43,8 +49,42 @@ def speed_table(answers, title=""):
     """A row for every speed: what is hit hardest, and the kind of motion."""
     heads, columns = (_meshes if answers[0].topology.mesh_names else _shafts)(answers)
     harmonics = [NONE if answer.harmonics is None else str(answer.harmonics) for answer in answers]
-    rpm, motions = [f"{answer.rpm:g}" for answer in answers], [motion_word(answer) for answer in answers]
-    return Table(title, ["rpm", *heads, "harmonics", "motion"], [rpm, *columns, harmonics, motions])
+    places, motions = [f"{answer.place:g}" for answer in answers], [motion_word(answer) for answer in answers]
+    columns = [
+        column if head == WITHOUT else _doubted(column, answers) for head, column in zip(heads, columns, strict=True)
+    ]
+    heads = [answers[0].axis.label, *heads, "harmonics", "motion"]
+    return Table(_titled(title, answers), heads, [places, *columns, harmonics, motions])
+
+
+def _titled(title, answers):
+    """A title that explains the mark of numbers that are not converged, where there are any."""
+    doubted = any(answer.known and not answer.answered for answer in answers)
+    return "; ".join(filter(None, [title, f"{DOUBT}: not converged" * doubted]))
+
+
+def _doubted(column, answers):
+    """A column with a mark behind the numbers that are not converged."""
+    return [
+        f"{cell}{DOUBT}" if answer.known and not answer.answered and cell[:1].isdigit() else cell
+        for cell, answer in zip(column, answers, strict=True)
+    ]
+
+
+def turning_table(answers, title=""):
+    """Irregularity of the heaviest disk of the reference rotor and heat of the dampers over the speed, in a list."""
+    topology = answers[0].topology
+    if not topology.damper_names:
+        return []
+    disk = heaviest(answers[0].train)
+    irregular = [irregularity_text(answer, disk) for answer in answers]
+    heat = alike(*([answer.power(name) for answer in answers] for name in topology.damper_names))
+    columns = [_doubted(column, answers) for column in (irregular, *heat)]
+    heads = [answers[0].axis.label, disk, *topology.damper_names]
+    places = [f"{answer.place:g}" for answer in answers]
+    groups = [("irregularity", 1, 1), ("heat, W", 2, len(heads) - 1)]
+    title = f"Cyclic irregularity, (largest - smallest) / mean speed, and heat of dampers{title}"
+    return [Table(_titled(title, answers), heads, [places, *columns], groups)]
 
 
 def _meshes(answers):
@@ -61,7 +101,7 @@ def _meshes(answers):
         shares([_longest(answer, name) for answer, name in zip(answers, apart, strict=True)]),
         [hardest_text(*answer.contacts.values()) for answer in answers],
     ]
-    heads = ["largest tooth force", "with kN", "without kN", "longest apart", "apart %", "hardest m/s"]
+    heads = ["largest tooth force", "with kN", WITHOUT, "longest apart", "apart %", "hardest m/s"]
     return heads, columns
 
 
@@ -93,47 +133,43 @@ def _disks(answers):
 
 def _verdict(answers):
     """Where the teeth separate, in one sentence."""
-    speeds = [answer.rpm for answer in answers]
-    first, last, known = min(speeds), max(speeds), [answer for answer in answers if answer.known]
+    axis, places = answers[0].axis, [answer.place for answer in answers]
+    if len(answers) == 1:
+        return verdict(answers[0])
+    first, last = min(places), max(places)
+    answered = [answer for answer in answers if answer.answered]
     if not any(answers[0].topology.mesh_backlash):
-        return f"No mesh with backlash: {len(speeds)} speeds from {first:g} to {last:g} rpm."
-    failed = sum(not answer.answered for answer in answers)
-    doubt = f"; {failed} without an answer, do not rely on those" if failed else ""
-    hammering = [answer.rpm for answer in known if most_apart(answer) is not None]
-    if not hammering and known:
-        where = f"all {len(speeds)} speeds" if len(known) == len(speeds) else f"{len(known)} of {len(speeds)} speeds"
-        return f"All teeth stay in contact at {where} from {first:g} to {last:g} rpm{doubt}."
-    where = f": {ranges(speeds, hammering)} rpm" if hammering else ""
-    return (
-        f"Teeth separate at {len(hammering)} of {len(speeds)} speeds between {first:g} and {last:g} rpm{where}{doubt}."
-    )
+        return f"No mesh with backlash: {axis.span(places)}."
+    if not answered:
+        return f"No answer at any of {axis.span(places)}."
+    doubt = f"; {len(answers) - len(answered)} without an answer" if len(answered) < len(answers) else ""
+    hammering = [answer.place for answer in answered if most_apart(answer) is not None]
+    if not hammering:
+        some = f"{len(answered)} of {axis.span(places)}" if doubt else f"all {axis.span(places)}"
+        return f"All teeth stay in contact at {some}{doubt}."
+    where = axis.said(ranges(places, hammering, axis.to))
+    counted = "speeds" if axis == SPEED else f"values of {axis.name}"
+    between = f"between {first:g} and {last:g} {axis.unit}".rstrip()
+    return f"Teeth separate at {len(hammering)} of {len(places)} {counted} {between}: {where}{doubt}."
 
 
 def _kinds(answers):
-    """A line for each kind of motion other than contact and one stable cycle."""
-    speeds, alike_in = [answer.rpm for answer in answers], {}
+    """A line for each kind of motion other than contact and one stable cycle, and for each status but converged."""
+    axis, places, alike_in = answers[0].axis, [answer.place for answer in answers], {}
     for answer in answers:
         if answer.growth.unstable:
-            alike_in.setdefault("UNSTABLE, the train does not run in these motions,", []).append(answer.rpm)
+            alike_in.setdefault("UNSTABLE, the train does not run in these motions,", []).append(answer.place)
         period = answer.state.period
         said = {
             "subharmonic": f"The motion has a period of {period} cycles",
             "irregular": "The motion is irregular and never repeats (numbers are the extremes over recorded cycles)",
-            "unknown": f"Unknown, {'; '.join(answer.state.notes)},",
+            "unknown": "The motion is unknown",
         }.get("" if answer.orbit else answer.state.kind)
+        if answer.orbit and not answer.converged:
+            said = f"NOT CONVERGED, {status_word(answer.status)},"
         if said:
-            alike_in.setdefault(said, []).append(answer.rpm)
-    return [f"{said} at {ranges(speeds, chosen)} rpm." for said, chosen in alike_in.items()]
-
-
-def _failures(answers):
-    """A line for each status other than converged."""
-    failed = sorted({a.status for a in answers if a.status is not None and not a.converged})
-    lines = [
-        f"{status.name} at {speeds_text([a for a in answers if a.status == status])}: {status.sentence}."
-        for status in failed
-    ]
-    return ["\n".join(lines)] if lines else []
+            alike_in.setdefault(said, []).append(answer.place)
+    return [f"{said} at {axis.said(ranges(places, chosen, axis.to))}." for said, chosen in alike_in.items()]
 
 
 def _hysteresis(sweeps):
@@ -141,11 +177,12 @@ def _hysteresis(sweeps):
     if len(sweeps) < 2:
         return []
     up, down = sweeps["up"], sweeps["down"]
-    speeds = [answer.rpm for answer in up]
-    found = [one.rpm for one, other in zip(up, down, strict=True) if differ(one, other)]
+    places = [answer.place for answer in up]
+    found = [one.place for one, other in zip(up, down, strict=True) if differ(one, other)]
     if not found:
         return ["Upwards and downwards the train does the same."]
-    return [f"Upwards and downwards differ at {ranges(speeds, found)} rpm: the motion depends on what came before."]
+    where = up[0].axis.said(ranges(places, found, up[0].axis.to))
+    return [f"Upwards and downwards differ at {where}: the motion depends on what came before."]
 
 
 def differ(one, other):

@@ -14,6 +14,9 @@ from .holzer import FIRST
 from .strength import answers_strength, strength_text
 from .words import notes, status_lines, verdict
 
+RPM = 30 / np.pi
+"""rpm per rad/s."""
+
 
 def solve_text(answer):
     """The answer at one speed: verdict, kind of motion, tooth forces, torques of gears and shafts, notes.
@@ -29,13 +32,18 @@ def solve_text(answer):
     topology = answer.topology
     means = "; ".join(filter(None, [balance_line(answer.balance), f"mean angles: {mean_angles_of(topology)}"]))
     head = [verdict(answer), "", f"{topology.name or 'scene'} at {answer.rpm:g} rpm", *status_lines(answer), means]
-    parts = ["\n".join(head)]
+    parts = []
     if topology.mesh_names:
         parts += [_mesh_table(answer), *peak_table(answer), _contact_table(answer), _gear_table(answer)]
     if shafts_of(topology):
         parts.append(_shaft_table(answer))
     if not topology.link_names:
         parts.append(_disk_table(answer))
+    if answer.known and answer.response is not None:
+        parts.append(_speed_table(answer))
+    if answer.known and not answer.answered:
+        parts = [f"NOT CONVERGED: {part}" for part in parts]
+    parts = ["\n".join(head), *parts]
     if answer.certificate is not None:
         parts.append(certificate_text(answer, answer.certificate))
     parts += strength_text({"": answers_strength([answer])})
@@ -127,12 +135,12 @@ def _shaft_table(answer):
     names = shafts_of(answer.topology)
     after = [answer.torque(name) for name in names]
     before = [answer.linear.torque(name) for name in names]
-    title = "Torque of shafts and dampers, N m"
+    title, (heat,) = "Torque of shafts and dampers, N m", alike([answer.power(name) for name in names])
     if any(answer.topology.mesh_backlash):
-        return _torque_table(title, "shaft", names, after, before)
+        return _torque_table(title, "shaft", names, after, before, heat)
     columns = alike([s.mean for s in after], [s.half_peak_to_peak for s in after], [s.sum_of_amplitudes for s in after])
-    heads = ["shaft", "mean", "half peak-to-peak", "sum of amplitudes"]
-    return Table(title, heads, [names, *columns])
+    heads = ["shaft", "mean", "half peak-to-peak", "sum of amplitudes", "heat W"]
+    return Table(title, heads, [names, *columns, heat])
 
 
 def _disk_table(answer):
@@ -143,13 +151,31 @@ def _disk_table(answer):
     return Table("Vibratory angle of disks, mrad", heads, [names, *columns])
 
 
-def _torque_table(title, what, names, after, before):
+def irregularity_text(answer, disk):
+    """Cyclic irregularity of a disk, a dash where it is not known."""
+    value = answer.irregularity(disk)
+    return plain_number(value, digits=3) if np.isfinite(value) else NONE
+
+
+def _speed_table(answer):
+    names = answer.topology.disk_names
+    speeds = [answer.speed(name) for name in names]
+    means = [f"{RPM * float(speed.mean):.6g}" for speed in speeds]
+    (swings,) = alike([RPM * float(speed.half_peak_to_peak) for speed in speeds])
+    irregular = [irregularity_text(answer, name) for name in names]
+    (accelerations,) = alike([answer.acceleration(name).half_peak_to_peak for name in names])
+    title = "Speed of disks, rpm; cyclic irregularity: (largest - smallest) / mean; acceleration, rad/s2, half p-p"
+    heads = ["disk", "mean", "half p-p", "irregularity", "acceleration"]
+    return Table(title, heads, [names, means, swings, irregular, accelerations])
+
+
+def _torque_table(title, what, names, after, before, *more):
     swings = [signal.half_peak_to_peak for signal in after], [signal.half_peak_to_peak for signal in before]
     peaks = [signal.peak for signal in after], [signal.peak for signal in before]
     columns = alike([signal.mean for signal in after], peaks[0], swings[0], peaks[1], swings[1])
     columns.append(ratios(*swings))
-    heads = [what, "mean", "peak", "half p-p", "peak", "half p-p", "ratio of half p-p"]
-    return Table(title, heads, [names, *columns], [("with backlash", 1, 3), ("without", 4, 5)])
+    heads = [what, "mean", "peak", "half p-p", "peak", "half p-p", "ratio of half p-p", *["heat W"] * len(more)]
+    return Table(title, heads, [names, *columns, *more], [("with backlash", 1, 3), ("without", 4, 5)])
 
 
 def energies_text(modes, kinds):

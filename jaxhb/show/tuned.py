@@ -94,9 +94,21 @@ def tuned_parts(train, asked, result):
         f"{train.topology.name or 'scene'} at {span}: {last.number} steps, {last.evaluations} evaluations, "
         f"{last.seconds:.0f} s; {result.stopped}",
         f"solved: {result.before.solved.sum()} of {len(rpm)} speeds before, {result.after.solved.sum()} after",
+        *_not_solved(rpm, result),
     ]
     tables = [_parameter_table(train, asked, result), _quantity_table(asked, rpm, result)]
     return ["\n".join(head), *tables, *_limits_exceeded(asked, rpm, result)]
+
+
+def _not_solved(rpm, result):
+    """A line on the speeds without a solution, which do not count in what was made small."""
+    pairs = (("before", result.before.solved), ("after", result.after.solved))
+    said = [f"{', '.join(f'{x:g}' for x in rpm[~solved])} rpm {when}" for when, solved in pairs if not solved.all()]
+    if not said:
+        return []
+    return [
+        f"NOT solved, and left out of what was made small: {'; '.join(said)}. jaxhb sweep tells what happens there."
+    ]
 
 
 def _limits_exceeded(asked, rpm, result):

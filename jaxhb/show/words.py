@@ -5,6 +5,8 @@ import re
 import numpy as np
 
 from ..response.events import Homotopy, Shooting
+from ..response.status import Status
+from .answer import SPEED
 from .balance import ground_notes, load_notes, plain_number
 from .choose import most_apart
 from .floquet import growth_text
@@ -33,7 +35,7 @@ def motion_text(answer):
         "periodic": "periodic, period one cycle",
         "subharmonic": f"period of {state.period} cycles (of {_turns(answer)})",
         "irregular": "irregular: the motion never repeats",
-        "unknown": f"unknown: {'; '.join(state.notes)}",
+        "unknown": "unknown",
     }[state.kind]
     if not answer.topology.mesh_names:
         kind = "periodic, period one cycle" if state.known else kind
@@ -71,7 +73,7 @@ def solution_text(answer):
     response, status = answer.response, answer.status
     if response is None:
         return ""
-    said = "converged" if answer.converged else f"NOT CONVERGED, {status.name}: {status.sentence}"
+    said = "converged" if answer.converged else f"NOT CONVERGED: {status_word(status)}"
     period = answer.state.period
     line = f"{said}; {answer.harmonics} harmonics of {'the cycle' if period <= 1 else f'{period} cycles'}"
     if not float(response.residual) and not float(response.truncation_error):
@@ -107,17 +109,18 @@ def verdict(answer):
     >>> verdict(answer_one(jaxhb.load_scene("six_cylinder_diesel"), 1500.0, Asked()))
     'No teeth mesh in this train.'
     """
-    topology, speed = answer.topology, f"{answer.rpm:g} rpm"
+    topology, speed = answer.topology, answer.at
     if not answer.known:
-        return f"No answer at {speed}: {'; '.join(answer.state.notes)}."
+        return f"No answer at {speed}."
     if not topology.mesh_names:
         return "No teeth mesh in this train."
     if not any(topology.mesh_backlash):
         return "No mesh has backlash: the teeth cannot separate."
     said = _hammering(answer, speed)
     doubts = []
-    if answer.converged is False and answer.response is not None:
-        doubts.append("not converged, do not rely on this")
+    if answer.converged is False:
+        unsolved = "not solved by harmonic balance"
+        doubts.append(unsolved if answer.response is None else "not converged, do not rely on this")
     if answer.growth.unstable:
         doubts.append("unstable, the train does not run in this motion")
     if not doubts:
@@ -152,14 +155,14 @@ def _percent(share):
 
 
 def speeds_text(answers):
-    """``600, 1200 and 4 more rpm``."""
-    return _speeds([answer.rpm for answer in answers])
+    """``600, 1200 and 4 more rpm``; of another number that a sweep goes over its values."""
+    return _places([answer.place for answer in answers], answers[0].axis)
 
 
-def _speeds(speeds):
-    found = [f"{rpm:g}" for rpm in speeds]
+def _places(places, axis):
+    found = [f"{place:g}" for place in places]
     more = f" and {len(found) - SHOWN_SPEEDS} more" if len(found) > SHOWN_SPEEDS else ""
-    return f"{', '.join(found[:SHOWN_SPEEDS])}{more} rpm"
+    return axis.said(f"{', '.join(found[:SHOWN_SPEEDS])}{more}")
 
 
 def notes(*answers):
@@ -183,7 +186,7 @@ def notes(*answers):
         + _power_notes(answers)
         + _own_notes(answers)
         + _unsettled_notes(answers)
-        + trace_notes((answer.train, answer.rpm) for answer in answers)
+        + _trace_notes(answers)
     )
     balances = [answer.balance for answer in answers]
     found += ground_notes(balances, speed_of) + load_notes(balances, speed_of)
@@ -213,7 +216,7 @@ def _power_notes(answers):
         return []
     worst = max(off, key=lambda answer: abs(answer.response.power_defect))
     share = f"{100 * abs(float(worst.response.power_defect)):.2g}"
-    return [f"At {worst.rpm:g} rpm {share} % of the power of the torques is not accounted for: use more harmonics."]
+    return [f"At {worst.at} {share} % of the power of the torques is not accounted for: use more harmonics."]
 
 
 def _unstable_notes(answers):
@@ -232,23 +235,25 @@ def _unstable_notes(answers):
 
 def _own_notes(answers):
     """What steady states tell of themselves."""
-    return _alike((answer.rpm, note) for answer in answers if answer.known for note in answer.state.notes)
+    told = ((answer.place, note) for answer in answers if answer.known for note in answer.state.notes)
+    return once_alike(told, answers[0].axis)
 
 
-def trace_notes(points):
-    """Speeds and loads that pressure traces do not cover, of (train, rpm)."""
-    return _alike((rpm, note) for train, rpm in points for note in train.outside_traces(rpm))
+def _trace_notes(answers):
+    """Speeds and loads that pressure traces do not cover."""
+    told = ((answer.place, note) for answer in answers for note in answer.train.outside_traces(answer.rpm))
+    return once_alike(told, answers[0].axis)
 
 
-def _alike(notes_of):
-    """Notes (rpm, text), once for those that differ in their numbers alone."""
+def once_alike(notes_of, axis=SPEED):
+    """Notes (place on the axis, text), once for those that differ in their numbers alone."""
     alike, found = {}, []
-    for rpm, note in notes_of:
-        alike.setdefault(re.sub(r"\d[\d.e+]*", "#", note), []).append((rpm, note))
+    for place, note in notes_of:
+        alike.setdefault(re.sub(r"\d[\d.e+]*", "#", note), []).append((place, note))
     for told in alike.values():
-        others = f" (alike at {_speeds([rpm for rpm, _ in told[1:]])})" if len(told) > 1 else ""
+        others = f" (alike at {_places([place for place, _ in told[1:]], axis)})" if len(told) > 1 else ""
         note = told[0][1]
-        found.append(f"At {told[0][0]:g} rpm {note}{others}.")
+        found.append(f"At {axis.said(f'{told[0][0]:g}')} {note}{others}.")
     return found
 
 
@@ -270,7 +275,8 @@ def _unsettled_notes(answers):
 
 def speed_of(told, number):
     """`` at 1800 rpm``, of one of several responses or answers."""
-    return f" at {float(told[number].rpm):g} rpm" if len(told) > 1 else ""
+    one = told[number]
+    return f" at {one.at if hasattr(one, 'at') else f'{float(one.rpm):g} rpm'}" if len(told) > 1 else ""
 
 
 def _law_notes(name, law, mean, speed):
@@ -294,18 +300,33 @@ def _kN(force):
 
 
 def warnings(answers):
-    """What stderr says of speeds without an answer: what happened, and what to try."""
-    found = []
+    """What stderr says of speeds without an answer, once for those that fail alike: what happened, and what helps."""
+    failed = {}
     for answer in answers:
-        if answer.orbit and not answer.converged:
-            found.append(f"{answer.rpm:g} rpm: {answer.status.name}, {answer.status.sentence}.")
-        elif not answer.known:
-            found.append(f"{answer.rpm:g} rpm: the kind of motion is unknown: {'; '.join(answer.state.notes)}.")
-        elif answer.converged is False:
-            said = "no harmonic solution" if answer.status is None else _status_text(answer.status)
-            found.append(f"{answer.rpm:g} rpm: {said}.")
-    return found
+        if not answer.answered:
+            failed.setdefault(_failure(answer), []).append(answer)
+    return [f"{speeds_text(told)}: {said}." for said, told in failed.items()]
 
 
-def _status_text(status):
-    return f"{status.name}, {status.sentence}"
+def _failure(answer):
+    if answer.status is not None and answer.status is not Status.CONVERGED:
+        return f"{answer.status.name}, {_remedy(answer)}"
+    if not answer.known:
+        return f"the kind of motion is unknown: {'; '.join(answer.state.notes)}"
+    return "harmonic balance did not find the motion that was marched: try --tolerance or --harmonics"
+
+
+def _remedy(answer):
+    """What a status means and what the command line can do about it."""
+    if answer.status is Status.TOLERANCE_NOT_MET:
+        return (
+            "the equations are solved, but with too few harmonics for the tolerance: leave out --harmonics or give "
+            "more, or accept the truncation error with --tolerance"
+        )
+    if answer.status in (Status.MAX_STEPS, Status.STALLED) and any(answer.topology.mesh_backlash):
+        own = "leave out --orbit for what the train does, " if answer.orbit else ""
+        return (
+            f"Newton's method found no periodic motion: {own}give --harmonics above those of the mesh modes (jaxhb "
+            "modes), or take another speed nearby"
+        )
+    return answer.status.sentence

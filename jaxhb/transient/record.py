@@ -42,8 +42,9 @@ class Reduced:
     """Cycles of quantities: max, min, mean, square (mean of squares) ``(cycles, L, quantities)``, power ``(L,
     quantities, H+1)``: sum over the cycles of |x^n|^2.
 
-    The quantities are angles of the disks, twists and torques of shafts and dampers, deflections and forces of meshes
-    without backlash, deflections, elastic and transmitted forces of the others, transmitted and elastic gear torques.
+    The quantities are angles and rates of the disks, twists, their rates and torques of shafts and dampers, deflections
+    and forces of meshes without backlash, deflections, elastic and transmitted forces of the others, transmitted and
+    elastic gear torques.
     """
 
     max: jax.Array
@@ -88,14 +89,15 @@ def outputs_of(modes, system, shafts, linear_meshes, gears, posed, steps):
 
 
 def _rows(system, shafts, linear_meshes):
-    """What quantities take of (x, x'), two arrays ``(Q, 2S)``: of angles, twists and torques, and of deflections and
-    forces of meshes."""
+    """What quantities take of (x, x'), two arrays ``(Q, 2S)``: of angles, their rates, twists, their rates and torques,
+    and of deflections and forces of meshes."""
     radius, bend = np.asarray(system.radius), system.incidence().T
     ends = radius[system.tree.end_a][:, None]
     elastic = np.asarray(system.stiffness) * (1 + 1j * np.asarray(system.loss))  # of what turns with positive frequency
     spring, damper = (np.asarray(a)[:, None] * bend for a in (elastic, system.viscous))
     angle, first, mesh = np.eye(len(radius)) / radius[:, None], slice(None, shafts), np.asarray(linear_meshes, int)
-    shaft = [angle, (bend / ends)[first], (spring * ends)[first]], [0 * angle, 0 * bend[first], (damper * ends)[first]]
+    none, twist, still = 0 * angle, (bend / ends)[first], 0 * bend[first]
+    shaft = [angle, none, twist, still, (spring * ends)[first]], [none, angle, still, twist, (damper * ends)[first]]
     teeth = [bend[mesh], spring[mesh]], [0 * bend[mesh], damper[mesh]]
     return [np.concatenate([np.concatenate(x), np.concatenate(v)], axis=1) for x, v in (shaft, teeth)]
 

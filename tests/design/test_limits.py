@@ -1,7 +1,5 @@
 """Limits as quantities of a tuning: against the numbers they smooth, gradients against differences, bad names."""
 
-import doctest
-
 import numpy as np
 import pytest
 from differences import compare, differences
@@ -10,7 +8,7 @@ from trains import build
 
 import jaxhb
 from jaxhb import Damper, Disk, Load, Mesh, SceneError, Shaft, Torque
-from jaxhb.design import Objective, Parameter, Penalty, evaluation, lanes, objectives
+from jaxhb.design import Objective, Parameter, Penalty, evaluation, lanes
 from jaxhb.design.quantities import QUANTITIES
 
 SPEEDS = np.array([600.0, 900.0, 1150.0])
@@ -44,11 +42,6 @@ ELEMENTS = {
 
 def train():
     return jaxhb.build(PARTS, reference="engine", rated_rpm=1000.0, name="geared")
-
-
-def test_the_examples_hold():
-    failures, tests = doctest.testmod(objectives)
-    assert tests and not failures
 
 
 @pytest.mark.parametrize("quantity", ELEMENTS)

@@ -1,7 +1,6 @@
 """Tuning: dampers to their exact optima, gradients against differences, no speed lost, sentences for bad input."""
 
 import dataclasses
-import doctest
 from functools import cache
 from types import SimpleNamespace
 
@@ -24,14 +23,9 @@ from trains import (
 
 import jaxhb
 from jaxhb import Disk, Shaft, Torque
-from jaxhb.design import Objective, Parameter, Penalty, evaluation, lanes, table, trial
+from jaxhb.design import Objective, Parameter, Penalty, evaluation, lanes, trial
 from jaxhb.design.descent import Descent
 from jaxhb.linear.sensitivity import frequencies_hz
-
-
-def test_the_example_of_the_table_holds():
-    failures, tests = doctest.testmod(table)
-    assert tests and not failures
 
 
 @pytest.mark.parametrize(("row", "stiffer", "stronger"), [(0, 0.1, 10.0), (1, 10.0, 0.1)])

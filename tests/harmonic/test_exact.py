@@ -1,7 +1,6 @@
 """Exact integrals of a mesh force: against closed forms, adaptive quadrature, many samples; their derivatives."""
 
 import dataclasses
-import doctest
 from functools import partial
 
 import jax
@@ -48,10 +47,6 @@ def motion(seed, *, decay=1.0):
     l /= np.abs(l).sum(-1, keepdims=True)
     law = Law(np.array([1.0, 2.0]), np.array([0.02, 0.1]), np.array([0.3, 0.1]), np.array([0.4, 0.5]))
     return law, np.array([0.3, 0.2]), l
-
-
-def test_docstring_example():
-    assert doctest.testmod(exact).failed == 0
 
 
 def test_case_a6_closed_form_of_a_cosine():

@@ -1,8 +1,6 @@
 """The reduced equation on the meshes against the whole train, and the Krylov steps of its solution."""
 
 import dataclasses
-import doctest
-import importlib
 import itertools
 
 import dense
@@ -194,9 +192,3 @@ def test_conjugate_residuals_with_the_inverse_as_preconditioner_need_one_step():
 def test_nothing_to_solve_takes_no_step():
     x, left, used = minimise_residual(lambda v: 2 * v, lambda v: v, np.zeros(12), tolerance=1e-12, steps=20)
     assert used == 0 and left == 0 and not np.asarray(x).any()
-
-
-@pytest.mark.parametrize("name", ["backlash", "block_sweep", "excitation", "fourier", "krylov"])
-def test_examples_in_the_docstrings_hold(name):
-    failures, tests = doctest.testmod(importlib.import_module(f"jaxhb.harmonic.{name}"))
-    assert tests and not failures

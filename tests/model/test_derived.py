@@ -1,7 +1,5 @@
 """Stiffness from dimensions, damping from a magnifier or a ratio, referred numbers: energies, resonances, sentences."""
 
-import doctest
-
 import jax
 import numpy as np
 import pytest
@@ -9,7 +7,6 @@ from tolerances import ALGEBRAIC, GRADIENT
 
 import jaxhb
 from jaxhb import Damper, Disk, Mesh, SceneError, Shaft, Torque
-from jaxhb.model import derived
 from jaxhb.model.scene_writer import changed_scene, elements_text
 
 AB = [Disk(name="a", inertia=2.0, radius=0.1), Disk(name="b", inertia=3.0, radius=0.2)]
@@ -18,11 +15,6 @@ SIZE = {"length": 0.5, "outer": 0.1, "inner": 0.05, "shear_modulus": 8e10}
 
 def train(**shaft):
     return jaxhb.build([*AB, Shaft(between=("a", "b"), **shaft)])
-
-
-def test_the_examples_hold():
-    failures, tests = doctest.testmod(derived)
-    assert tests and not failures
 
 
 def test_a_stiffness_from_dimensions_stores_the_shear_energy_of_the_shaft():

@@ -287,3 +287,41 @@ def test_a_ring_cannot_be_left_loose():
     assert train.replace({"ring.stiffness": 0.0}).value("ring.stiffness") == 0.0
     with pytest.raises(SceneError, match="'ring': damping and stiffness are both 0, so that the ring is loose"):
         train.replace({"ring.stiffness": 0.0, "ring.damping": 0.0})
+
+
+def test_teeth_change_the_radius_at_the_same_pitch_and_with_it_the_ratio():
+    pair = load_scene("spur_pair")
+    changed = pair.replace({"gear a.teeth": 40})
+    assert changed.topology.teeth == (40, 32)
+    np.testing.assert_allclose(changed.disks.radius, [0.0625, 0.05], rtol=1e-12)
+    np.testing.assert_allclose(speed_ratios(changed), [1.0, 1.25], rtol=1e-12)
+    both = pair.replace({"gear a.teeth": 40.0, "gear b.teeth": 40})
+    np.testing.assert_allclose(both.disks.radius, [0.0625, 0.0625], rtol=1e-12)
+
+
+def test_laws_of_a_mesh_change_by_their_words():
+    pair, mesh = load_scene("spur_pair"), "gear a|gear b"
+    changed = pair.replace({f"{mesh}.damping_law": "contact", f"{mesh}.law": "fridman2009"})
+    assert changed.topology.mesh_damping_law == ("contact",)
+    assert (changed.value(f"{mesh}.epsilon"), changed.value(f"{mesh}.transition")) == (0.03, 0.2)
+    assert pair.topology.mesh_damping_law == ("always",)
+
+
+@pytest.mark.parametrize(
+    ("values", "sentence"),
+    [
+        ({"gear a.teeth": 4.5}, "teeth is 4.5, must be a whole number of at least 1"),
+        ({"gear a|gear b.damping_law": "contct"}, "Did you mean 'contact'?"),
+        ({"gear a|gear b.law": "fridman"}, "Did you mean 'fridman2009'?"),
+        ({"gear a.inertia": "heavy"}, "'heavy', must be finite and real"),
+    ],
+)
+def test_words_and_teeth_that_cannot_be_are_sentences(values, sentence):
+    with pytest.raises(SceneError) as error:
+        load_scene("spur_pair").replace(values)
+    assert sentence in str(error.value)
+
+
+def test_teeth_need_a_gear_that_has_some():
+    with pytest.raises(SceneError, match="has no teeth in the scene"):
+        load_scene("gear_train_30").replace({"idler.teeth": 40})

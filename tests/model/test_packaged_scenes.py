@@ -1,7 +1,5 @@
 """The packaged scenes against the reference data."""
 
-import doctest
-import importlib
 import json
 from pathlib import Path
 
@@ -46,12 +44,6 @@ def natural_frequencies(train):
     K = dynamic_stiffness(train, 0.0).real
     root = np.sqrt(np.asarray(inertias(train)))
     return np.sqrt(np.abs(np.linalg.eigvalsh(K / np.outer(root, root)))) / (2 * np.pi)
-
-
-def test_all_examples_in_the_docstrings_hold():
-    for name in ("elements", "drivetrain", "crank", "ratios", "scene", "scene_writer", "toml_text", "topology"):
-        failures, tests = doctest.testmod(importlib.import_module(f"jaxhb.model.{name}"))
-        assert tests and not failures
 
 
 def test_every_packaged_scene_loads_and_has_a_description():

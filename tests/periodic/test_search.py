@@ -1,6 +1,8 @@
 """All periodic motions of a train at one speed, against the exact motions of the lightly loaded pair."""
 
+import dataclasses
 import json
+import math
 
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from lightly_loaded import TABLE
 from trains import pair_rpm, pair_train
 
 import jaxhb
+from jaxhb import Status
 from jaxhb.periodic import ladder
 
 EPSILON = 1e-3
@@ -59,3 +62,20 @@ def test_a_solve_searches_no_longer_than_it_was_asked_to():
     response = jaxhb.solve(jaxhb.load_scene("gear_train_30"), rpm=2361.0)
     assert sum("shooting from" in str(event) for event in response.path) <= ladder.Effort().orbits
     assert not any("homotopy" in str(event) for event in response.path)
+
+
+def test_no_attempt_begins_when_the_time_is_up_but_one_is_made(monkeypatch):
+    @dataclasses.dataclass
+    class Found:
+        response: object = None
+        path: tuple = ()
+        status: object = Status.STALLED
+
+    tried = []
+    monkeypatch.setattr(ladder, "refine", lambda case, attempt, last: tried.append(attempt) or Found(Found()))
+    rungs = (lambda case, last: iter(()), lambda case, last: iter("ab"), lambda case, last: iter("c"))
+    train = jaxhb.load_scene("spur_pair")
+    for until, attempts in ((math.inf, ["a", "b", "c"]), (0.0, ["a"])):
+        tried.clear()
+        ladder.climb(ladder.Case(train, 5000.0, None, None, until=until), rungs)
+        assert tried == attempts

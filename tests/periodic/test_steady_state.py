@@ -192,6 +192,7 @@ def test_the_record_is_read_as_a_response_is():
         lambda r: r.twist("throw 1", "throw 2"),
         lambda r: r.disk("flywheel"),
         lambda r: r.deflection("crank gear", "idler"),
+        lambda r: r.speed("cam gear A"),
     ):
         signal, other = read(state), read(response)
         assert signal.min <= signal.mean <= signal.max
@@ -199,6 +200,11 @@ def test_the_record_is_read_as_a_response_is():
         assert signal.half_peak_to_peak == pytest.approx((signal.max - signal.min) / 2)
         assert signal.order(1.0) > 0
         assert 0.2 < signal.rms / other.rms < 5  # the same quantity in the same unit, at another speed
+    assert state.speed("cam gear A").mean == pytest.approx(np.pi / 60 * 2400.0, rel=1e-3)  # half the crank's
+    assert 0.2 < state.irregularity("idler") / response.irregularity("idler") < 5
+    for names in (("throw 1", "throw 2"), ("crank damper",)):
+        assert 0.2 < state.power(*names) / response.power(*names) < 20
+    assert np.isnan(state.power("crank gear|idler"))
     forward, back = state.force("crank gear", "idler"), state.force("idler", "crank gear")
     assert (back.max, back.min, back.mean) == (-forward.min, -forward.max, -forward.mean)
     contact = state.mesh("crank gear", "idler")
@@ -275,6 +281,10 @@ def test_loss_factors_are_damping_in_the_march_and_themselves_in_the_answer():
     wanted = state.torque(*shaft)
     assert recorded.torque(*shaft).half_peak_to_peak == pytest.approx(float(wanted.half_peak_to_peak), rel=0.02)
     assert recorded.torque(*shaft).rms == pytest.approx(float(wanted.rms), rel=0.01)
+    assert recorded.power(*shaft) == pytest.approx(float(state.power(*shaft)), rel=0.02)  # heat of a loss factor
+    for disk in ("flywheel", "cam gear"):
+        assert recorded.irregularity(disk) == pytest.approx(float(state.irregularity(disk)), rel=0.02)
+        assert recorded.speed(disk).mean == pytest.approx(float(state.speed(disk).mean), rel=1e-3)
 
 
 def test_what_cannot_be_done_is_a_sentence():

@@ -48,13 +48,14 @@ def test_orders_that_nothing_excites_are_absent(geared):
         assert geared.torque("sleeve", "pinion").order(order) == 0.0
 
 
+@pytest.mark.filterwarnings("ignore:.* samples miss the peak")
 def test_torque_between_a_and_b_is_minus_that_between_b_and_a(geared):
     for read in ("samples", "elastic"):
         for pair, method in ((("sleeve", "pinion"), geared.torque), (("pinion", "wheel"), geared.force)):
             a, b = method(*pair), method(*pair[::-1])
             if read == "elastic":
                 a, b = a.elastic, b.elastic
-            np.testing.assert_array_equal(a.samples(16), -b.samples(16))
+            np.testing.assert_array_equal(a.samples(a.resolution), -b.samples(b.resolution))
     np.testing.assert_array_equal(geared.deflection("wheel", "pinion").mean, -geared.deflection("pinion", "wheel").mean)
     np.testing.assert_array_equal(geared.twist("sleeve", "wheel").rms, geared.twist("wheel", "sleeve").rms)
 
@@ -185,3 +186,26 @@ def test_unbalanced_free_train_is_reported_not_solved():
     assert r.status == jaxhb.Status.UNBALANCED
     with pytest.raises(jaxhb.NotConverged, match="UNBALANCED.*add a"):
         jaxhb.check(r)
+
+
+def test_speed_and_acceleration_are_the_derivatives_of_the_angle_and_turn_with_the_rotor(geared):
+    count, omega = 720, 2 * np.pi * RPM / 60
+    step = 2 * 2 * np.pi / omega / count  # s, of two revolutions
+    for name, ratio in (("sleeve", 1.0), ("machine", 0.4)):
+        angle, speed = geared.disk(name).samples(count), geared.speed(name)
+        rate = (np.roll(angle, -1) - np.roll(angle, 1)) / (2 * step)
+        np.testing.assert_allclose(speed.mean, ratio * omega, rtol=ALGEBRAIC)
+        np.testing.assert_allclose(speed.samples(count) - speed.mean, rate, atol=1e-3 * np.abs(rate).max())
+        bend = (np.roll(angle, -1) - 2 * angle + np.roll(angle, 1)) / step**2
+        np.testing.assert_allclose(geared.acceleration(name).samples(count), bend, atol=1e-3 * np.abs(bend).max())
+        found = (speed.max - speed.min) / speed.mean
+        np.testing.assert_allclose(geared.irregularity(name), found, rtol=ALGEBRAIC)
+
+
+def test_heat_of_links_is_what_the_torques_bring_in(geared):
+    heat = sum(float(geared.power(name)) for name in geared.topology.link_names)
+    order = 2.0 * 2 * np.pi * RPM / 60
+    torque = 10.0 * np.exp(1j * np.deg2rad(50.0))
+    angle = 2 * geared.disk("sleeve").coefficients[4]
+    assert heat > 0
+    np.testing.assert_allclose(heat, 0.5 * (torque * np.conj(1j * order * angle)).real, rtol=1e-9)

@@ -9,8 +9,9 @@ import subprocess
 import numpy as np
 import pytest
 
+from jaxhb.linear.forced import forced_response
 from jaxhb.response.status import Status
-from jaxhb.show import page, page_command
+from jaxhb.show import page, page_command, page_linear
 from jaxhb.show.answer import Answer
 from jaxhb.show.cli import main
 from jaxhb.show.columns import Table
@@ -179,6 +180,43 @@ def test_speeds_that_have_not_converged_are_gaps_with_a_cross_and_do_not_set_the
     assert "WITHOUT AN ANSWER" in "".join(map(str, parts["Result"].blocks))
     assert any("MAX_STEPS" in str(block) for block in parts["Notes"].blocks)
     assert tables(parts["Accuracy and error bounds"])[0].columns[1] == ["2 of 3"]
+    largest, row = tables(parts["Tooth forces"])[0], tables(parts["Motion over the speed"])[0]
+    without = max(float(answers[i].linear.force("Kurbel|Räder").peak) for i in (0, 2)) / 1e3
+    assert float(largest.columns[largest.heads.index("without")][0]) == pytest.approx(without, rel=1e-3)
+    doubted = [cell.endswith("?") for cell in row.columns[row.heads.index("with kN")]]
+    assert doubted == [False, True, False] and row.title.endswith("?: not converged")
+
+
+def test_linear_speeds_without_an_answer_are_gaps_with_a_cross_too(made, monkeypatch):
+    _, report, _ = made
+
+    def failing(train, *, rpm):
+        found = forced_response(train, rpm=rpm)
+        status = np.where(np.arange(len(found)) == 3, int(Status.MAX_STEPS), np.asarray(found.status))
+        return dataclasses.replace(found, status=status)
+
+    monkeypatch.setattr(page_linear, "forced_response", failing)
+    drawn = next(block for block in page_linear.forced_part(report) if isinstance(block, Figure))
+    assert [i for i, y in enumerate(drawn.traces[0]["y"]) if y is None] == [3]
+    assert drawn.traces[-1]["name"] == NO_ANSWER and drawn.traces[-1]["x"] == [drawn.traces[0]["x"][3]]
+
+
+def test_a_train_without_a_single_answer_has_a_page_that_says_so(made):
+    _, report, _ = made
+    nothing = {"kind": "unknown", "period": 0, "response": None, "notes": ("it gains speed",)}
+    cases = [
+        dataclasses.replace(
+            case,
+            answers=[Answer(a.train, dataclasses.replace(a.state, **nothing), a.linear) for a in case.answers],
+        )
+        for case in (*report.cases, report.cases[1])
+    ]
+    parts = {part.title: part for part in parts_of(dataclasses.replace(report, cases=cases, second=None), page.PARTS)}
+    assert [title for title, part in parts.items() if part.failed] == []
+    assert "No speed has an answer." in "".join(map(str, parts["Result"].blocks))
+    assert any("it gains speed" in str(block) for block in parts["Notes"].blocks)
+    for figure in figures({title: parts[title] for title in ("Motion over the speed", "Tooth forces")}):
+        assert all(y is None for trace in figure.traces if trace["name"] == "all cylinders firing" for y in trace["y"])
 
 
 def test_a_part_that_fails_is_a_sentence_and_leaves_the_others(capsys):
@@ -189,6 +227,17 @@ def test_a_part_that_fails_is_a_sentence_and_leaves_the_others(capsys):
     assert [(part.title, part.failed) for part in parts] == [("Broken", True), ("Whole", False)]
     assert parts[0].blocks[0].startswith("This part could not be made: KeyError: ")
     assert "'Broken' is missing from the page" in capsys.readouterr().err
+
+
+def test_a_page_that_is_not_whole_is_written_and_exits_1(made, capsys, monkeypatch):
+    def broken(_):
+        raise ValueError("nothing to draw")
+
+    monkeypatch.setattr(page, "PARTS", page.PARTS | {"Limits": broken})
+    file = made[0].with_name("part.html")
+    assert main(["report", str(made[0].parent / "first.toml"), "--rpm", "1500", "--html", str(file)]) == 1
+    assert "This part could not be made: nothing to draw" in file.read_text(encoding="utf-8")
+    assert "--html: 'Limits' is missing from the page: nothing to draw" in capsys.readouterr().err
 
 
 def test_plotly_knows_every_key_of_every_figure(made):

@@ -1,6 +1,5 @@
 """``jaxhb scene`` and ``jaxhb report --misfire each``."""
 
-import doctest
 import json
 import subprocess
 import sys
@@ -9,7 +8,6 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.periodic import misfires
 from jaxhb.show.cli import main
 
 ENGINE = """
@@ -140,8 +138,3 @@ def test_a_speed_outside_the_traces_is_told_among_the_notes(scene, capsys):
     assert "(alike at 2500 rpm)" in said
     assert main(["solve", str(scene), "--rpm", "1500"]) == 0
     assert "outside" not in capsys.readouterr().out
-
-
-def test_the_example_of_misfires_holds():
-    failures, tests = doctest.testmod(misfires)
-    assert tests and not failures

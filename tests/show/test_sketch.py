@@ -1,6 +1,5 @@
 """The sketch of a train: gears in mesh touch, nothing lies on anything else, names can be read."""
 
-import doctest
 import itertools
 
 import numpy as np
@@ -102,9 +101,3 @@ def test_a_sketch_that_nobody_can_read_is_refused(tmp_path, capsys):
     assert main(["scene", str(tmp_path / "long.csv"), "--plot", str(tmp_path / "long.png")]) == 2
     assert "a sketch of 401 disks cannot be read; at most 400 are drawn" in capsys.readouterr().err
     assert not (tmp_path / "long.png").exists()
-
-
-@pytest.mark.parametrize("module", [sketch, sketch_plots])
-def test_the_examples_of_the_sketch_hold(module):
-    failures, tests = doctest.testmod(module)
-    assert tests and not failures

@@ -1,7 +1,6 @@
 """Limits in what the commands print and write: forced, solve, sweep, report, tune; nothing where a scene has none."""
 
 import csv
-import doctest
 import json
 import math
 
@@ -9,7 +8,6 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.show import referred
 from jaxhb.show.cli import main
 from jaxhb.show.compute import Asked, answer_speeds
 from jaxhb.show.forced import readings
@@ -94,11 +92,6 @@ def run(scene, capsys, command, *options):
     file = scene.with_name("r.json")
     assert main([command, str(scene), *options, "--json", str(file)]) == 0
     return capsys.readouterr().out, json.loads(file.read_text())
-
-
-def test_the_example_holds():
-    failures, tests = doctest.testmod(referred)
-    assert tests and not failures
 
 
 def test_forced_lists_what_is_worst_over_the_speeds_and_bars_ranges(scene, wanted, capsys):

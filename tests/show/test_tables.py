@@ -87,25 +87,27 @@ def sweep():
 
 def test_a_sweep_tells_where_teeth_separate_and_what_did_not_converge(sweep):
     lines = sweep_text({"orbit": sweep}).splitlines()
-    assert lines[0] == (
-        "Teeth separate at 2 of 2 speeds between 5000 and 5100 rpm: 5000-5100 rpm; "
-        "1 without an answer, do not rely on those."
-    )
-    assert [line.split()[-1] for line in lines[3:5]] == ["converged", "met"]
-    assert any(line.startswith("TOLERANCE_NOT_MET at 5100 rpm: ") for line in lines)
+    assert lines[:2] == [
+        "Teeth separate at 1 of 2 speeds between 5000 and 5100 rpm: 5000 rpm; 1 without an answer.",
+        "NOT CONVERGED, tolerance not met, at 5100 rpm.",
+    ]
+    assert lines[3] == "?: not converged"
+    assert [line.split()[-1] for line in lines[5:7]] == ["converged", "met"]
+    certain, doubted = (line.split() for line in lines[5:7])
+    assert doubted[4] == f"{certain[4]}?" and "?" not in "".join(certain)
 
 
 def test_an_unknown_motion_is_dashes_in_a_table_and_a_gap_with_a_cross_in_a_picture(sweep):
     stalled = dataclasses.replace(sweep[0].response, rpm=np.array(5200.0), status=np.array(int(jaxhb.Status.STALLED)))
     answers = [*sweep, as_orbit(stalled)]
-    row = sweep_text({"orbit": answers}).splitlines()[5].split()
+    row = sweep_text({"orbit": answers}).splitlines()[8].split()
     assert row == ["5200", "-", "-", "-", "-", "-", "-", "16", "stalled"]
     above, below = plot_sweep({"orbit": answers}).axes
     (cross,) = [line for line in above.get_lines() if line.get_marker() == "x" and len(line.get_xdata())]
-    assert cross.get_xdata().tolist() == [5200.0]
+    assert cross.get_xdata().tolist() == [5100.0, 5200.0]
     share = 100 * sweep[0].contacts["gear a|gear b"].separated_fraction
-    np.testing.assert_allclose(below.get_lines()[0].get_ydata(), [share, share, np.nan])
-    assert np.isnan(above.get_lines()[0].get_ydata()).tolist() == [False, False, True]
+    np.testing.assert_allclose(below.get_lines()[0].get_ydata(), [share, np.nan, np.nan])
+    assert np.isnan(above.get_lines()[0].get_ydata()).tolist() == [False, True, True]
 
 
 class Terminal(io.StringIO):
@@ -115,11 +117,23 @@ class Terminal(io.StringIO):
         return True
 
 
-@pytest.mark.parametrize(("stream", "expected"), [(io.StringIO(), False), (Terminal(), True)])
-def test_progress_is_told_on_a_terminal_only(stream, expected, monkeypatch):
+@pytest.mark.parametrize("stream", [io.StringIO(), Terminal()], ids=["log", "terminal"])
+def test_progress_is_one_line_on_a_terminal_and_a_line_now_and_then_in_a_log(stream, monkeypatch):
     monkeypatch.setattr("jaxhb.show.progress.INTERVAL", 0.01)
+    monkeypatch.setattr("jaxhb.show.progress.LOGGED", 0.01)
     with Progress(2, stream) as progress:
         progress.step("600 rpm")
         progress.ended.wait(0.1)
-    assert ("1 of 2: 600 rpm" in stream.getvalue()) is expected
-    assert not expected or stream.getvalue().endswith("\r")
+    said = stream.getvalue()
+    assert "1 of 2: 600 rpm" in said
+    assert (said.endswith("\r"), "\n" in said) == ((True, False) if stream.isatty() else (False, True))
+
+
+def test_a_quick_command_leaves_a_log_clean_and_a_quiet_one_a_terminal(monkeypatch):
+    log, terminal = io.StringIO(), Terminal()
+    with Progress(2, log) as progress:
+        progress.ended.wait(0.05)
+    monkeypatch.setattr("jaxhb.show.progress.INTERVAL", 0.01)
+    with Progress(2, terminal, quiet=True) as progress:
+        progress.ended.wait(0.05)
+    assert (log.getvalue(), terminal.getvalue()) == ("", "")

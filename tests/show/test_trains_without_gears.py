@@ -2,19 +2,13 @@
 
 import csv
 import dataclasses
-import doctest
-import importlib
 import json
-import os
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.show import commands, compute
+from jaxhb.show import compute, sweeps
 from jaxhb.show.balance import balance_line, ground_notes, mean_angles_of
 from jaxhb.show.choose import hardest_shaft
 from jaxhb.show.cli import main
@@ -199,12 +193,12 @@ def test_a_sweep_without_backlash_is_solved_once(scene, monkeypatch):
 def test_a_sweep_tells_the_progress_how_many_speeds_are_done(scene, monkeypatch):
     made = []
 
-    class Kept(commands.Progress):
-        def __init__(self, *arguments):
-            super().__init__(*arguments)
+    class Kept(sweeps.Progress):
+        def __init__(self, *arguments, **given):
+            super().__init__(*arguments, **given)
             made.append(self)
 
-    monkeypatch.setattr(commands, "Progress", Kept)
+    monkeypatch.setattr(sweeps, "Progress", Kept)
     assert main(["sweep", scene(DISK, DAMPER), "--rpm", "1000:1500:11"]) == 0
     assert (made[0].done, made[0].total) == (11, 11)
 
@@ -248,27 +242,3 @@ def test_a_train_thrown_out_of_balance_by_set_exits_1_and_the_help_says_so(capsy
         assert "the mean torques do not balance" in capsys.readouterr().err
     main(["solve", "--help"])
     assert "If --set unbalances a scene" in capsys.readouterr().out
-
-
-@pytest.mark.skipif(os.name != "posix", reason="pipes of a shell")
-def test_a_reader_that_closes_the_output_early_gets_no_traceback():
-    read_end, write_end = os.pipe()
-    os.close(read_end)
-    done = subprocess.run(
-        [sys.executable, "-m", "jaxhb.show.cli", "scenes"], stdout=write_end, stderr=subprocess.PIPE, text=True
-    )
-    os.close(write_end)
-    assert done.returncode == 141
-    assert done.stderr == ""
-
-
-MODULES = [path.stem for path in Path(commands.__file__).parent.glob("[a-z]*.py")]
-
-
-def test_all_examples_in_the_docstrings_hold():
-    tried = 0
-    for name in MODULES:
-        failures, tests = doctest.testmod(importlib.import_module(f"jaxhb.show.{name}"))
-        assert not failures, name
-        tried += tests
-    assert tried >= 10

@@ -3,6 +3,7 @@
 import difflib
 import json
 import tomllib
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from jaxhb.model.scene_writer import changed_scene
 from jaxhb.show import commands
 from jaxhb.show.cli import main
 from jaxhb.show.plots import plot_tuning
-from jaxhb.show.tuned import _worst
+from jaxhb.show.tuned import _not_solved, _worst
 from jaxhb.show.tuned_check import check_designs, check_text
 
 TABLE = """
@@ -242,3 +243,11 @@ def test_the_worst_of_a_lower_limit_is_the_smallest_value():
     lower = Penalty(quantity="damper power", of="ring", least=1.0)
     upper = Penalty(quantity="damper power", of="ring", most=9.0)
     assert _worst(rpm, values, lower) == (4.0, 2.0) and _worst(rpm, values, upper) == (6.0, 3.0)
+
+
+def test_speeds_that_a_tuning_could_not_solve_are_named():
+    rpm, good, bad = np.array([1000.0, 1857.5, 2000.0]), np.array([True] * 3), np.array([True, False, False])
+    result = SimpleNamespace(before=SimpleNamespace(solved=bad), after=SimpleNamespace(solved=good))
+    (line,) = _not_solved(rpm, result)
+    assert line.startswith("NOT solved, and left out of what was made small: 1857.5, 2000 rpm before. ")
+    assert _not_solved(rpm, SimpleNamespace(before=result.after, after=result.after)) == []

@@ -1,0 +1,65 @@
+"""Answers as labelled arrays for NetCDF files: the motions, beside them the same without backlash."""
+
+import importlib.util
+
+from ..harmonic.excitation import listed_harmonic
+from ..response.data import as_netcdf, to_xarray
+from .output import OutputError
+
+COMPARED = ("torque", "gear_torque", "tooth_force")
+"""Signals that are given without backlash too."""
+
+WITHOUT = "_without_backlash"
+
+
+def check_labelled(arguments):
+    """Refuse a NetCDF file without xarray."""
+    if arguments.netcdf and importlib.util.find_spec("xarray") is None:
+        raise OutputError('--netcdf: such files need xarray. Install it: pip install "jaxhb[data]".')
+
+
+def netcdf(found, orders, *, every=False):
+    """The NetCDF file of answers by direction; several directions are a dimension.
+
+    Amplitudes go up to ``orders``, by default the highest of the excitation; ``every``: the highest of the motion.
+    """
+    import xarray
+
+    sets = {way: _labelled(answers, orders, every) for way, answers in found.items()}
+    if len(sets) < 2:
+        return [as_netcdf(next(iter(sets.values())))]
+    ways = xarray.Variable("direction", list(sets), {"long_name": "in which the sweep went"})
+    return [as_netcdf(xarray.concat(list(sets.values()), ways, join="outer", combine_attrs="override"))]
+
+
+def forced_netcdf(response, orders):
+    """The NetCDF file of a linear forced response."""
+    return [as_netcdf(response.to_xarray(orders=orders))]
+
+
+def _labelled(answers, orders, every):
+    topology, axis = answers[0].topology, answers[0].axis
+    if orders is None and not every:
+        orders = listed_harmonic(topology) / topology.revolutions_per_cycle
+    data = to_xarray([answer.state for answer in answers], topology, [answer.rpm for answer in answers], orders=orders)
+    data.attrs |= {"motions": "periodic solutions" if answers[0].orbit else "steady states"}
+    data["stable"] = ("rpm", [_flag(answer.growth.stable) for answer in answers], _STABLE)
+    multipliers = [float("nan") if a.growth.multiplier is None else float(a.growth.multiplier) for a in answers]
+    data["largest_multiplier"] = ("rpm", multipliers, {"units": "1", "long_name": "modulus over the period"})
+    if any(topology.mesh_backlash):
+        linear = to_xarray([answer.linear for answer in answers], topology, data.rpm.values, orders=0)
+        names = [name for name in linear if str(name).startswith(tuple(f"{n}_" for n in COMPARED))]
+        data = data.merge(linear[names].rename({name: f"{name}{WITHOUT}" for name in names}))
+    if answers[0].value is not None:
+        data = data.rename(rpm="value").assign_coords(value=[answer.place for answer in answers])
+        data.value.attrs |= {"units": axis.unit, "long_name": axis.name}
+        data.attrs |= {"rpm": answers[0].rpm}
+    return data
+
+
+_STABLE = {"long_name": "whether disturbances die away", "flag_values": [-1, 0, 1]}
+_STABLE |= {"flag_meanings": "not_known unstable stable"}
+
+
+def _flag(stable):
+    return -1 if stable is None else int(stable)

@@ -1,0 +1,99 @@
+"""Standard output and error as they are found, full, closed or of another encoding, and the signals that end a run."""
+
+import codecs
+import contextlib
+import os
+import signal
+import sys
+
+CLOSED = 141
+"""Exit status where the reader of the output has had enough: that of a program ended by SIGPIPE."""
+
+UNWRITABLE = 2
+"""Exit status where standard output cannot be written."""
+
+_HANDLER = "jaxhb.escape"
+
+
+class Ended(KeyboardInterrupt):
+    """A signal that asks the process to end; commands clean up as after Ctrl-C."""
+
+    def __init__(self, number):
+        super().__init__()
+        self.status = 128 + number
+
+
+def guarded(run):
+    """The exit status of ``run()``, which prints; what is wrong with standard output is told in a sentence.
+
+    Parameters
+    ----------
+    run : callable without arguments that returns the exit status
+
+    Returns
+    -------
+    int
+        That of ``run``; 141 where the output was closed, 2 where it cannot be written.
+    """
+    escaped = _any_name()
+    with _ending_by_signals():
+        try:
+            status = run()
+            if sys.stdout is not None:
+                sys.stdout.flush()
+        except BrokenPipeError:
+            status = _gave_up("standard output was closed before all of it was written.", CLOSED)
+        except OSError as error:
+            status = _gave_up(f"standard output cannot be written: {error.strerror}.", UNWRITABLE)
+    if escaped:
+        tell(f"Some names were written with \\: {sys.stdout.encoding} has no {escaped[0]!a}. PYTHONUTF8=1 helps.")
+    return status
+
+
+def tell(sentence):
+    """Print a sentence on standard error, if that can be written."""
+    with contextlib.suppress(OSError, AttributeError, ValueError):
+        print(sentence, file=sys.stderr)
+        sys.stderr.flush()
+
+
+def _gave_up(sentence, status):
+    with contextlib.suppress(OSError, ValueError):  # else the interpreter tries again when it exits
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    tell(sentence)
+    return status
+
+
+def _any_name():
+    """Let both streams write any name, what their encoding lacks with a backslash: a list that holds what it lacked."""
+    lacking = []
+
+    def escape(error):
+        lacking.append(error.object[error.start : error.end])
+        return codecs.backslashreplace_errors(error)
+
+    codecs.register_error(_HANDLER, escape)
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure") and stream.errors == "strict":
+            stream.reconfigure(errors=_HANDLER)
+    return lacking
+
+
+@contextlib.contextmanager
+def _ending_by_signals():
+    """Raise :class:`Ended` where the system asks the process to end, in the main thread alone."""
+
+    def end(number, _):
+        raise Ended(number)
+
+    before = {}
+    with contextlib.suppress(ValueError):  # another thread than the main one
+        for name in ("SIGTERM", "SIGHUP"):
+            number = getattr(signal, name, None)
+            if number is not None and signal.getsignal(number) == signal.SIG_DFL:
+                before[number] = signal.signal(number, end)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

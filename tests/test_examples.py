@@ -1,0 +1,25 @@
+"""The examples in the docstrings, which the pages of the reference show, give what they say."""
+
+import doctest
+import importlib
+from pathlib import Path
+
+import pytest
+
+import jaxhb
+
+PACKAGE = Path(jaxhb.__file__).parent
+WITH_EXAMPLES = sorted(path for path in PACKAGE.rglob("*.py") if ">>> " in path.read_text(encoding="utf-8"))
+NAMES = [".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts) for path in WITH_EXAMPLES]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_examples_of_a_module_hold(name):
+    if ".show." in name:
+        pytest.importorskip("matplotlib")
+    failures, examples = doctest.testmod(importlib.import_module(name))
+    assert examples and not failures
+
+
+def test_most_modules_have_examples():
+    assert len(NAMES) >= 60
