@@ -82,6 +82,7 @@ from .response.response import Response as Response
 from .response.signal import Signal as Signal
 from .response.status import NotConverged as NotConverged, Status as Status, check as check
 from .response.steady import SteadyState as SteadyState, SteadySweep as SteadySweep
-from .transient.reference import integrate as integrate, shooting_correction as shooting_correction
+from .transient.reference import integrate as integrate
+from .transient.true_error import shooting_correction as shooting_correction
 
 __version__: str

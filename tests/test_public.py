@@ -14,8 +14,8 @@ import jaxhb
 from jaxhb import design
 from jaxhb.design import objectives
 from jaxhb.response.contact import Contact
+from jaxhb.response.record import RecordedSignal, SteadyContact, SteadySignal
 from jaxhb.response.shown import response_html
-from jaxhb.response.steady import RecordedSignal, SteadyContact, SteadySignal
 
 RESULTS = (Contact, RecordedSignal, SteadyContact, SteadySignal)
 

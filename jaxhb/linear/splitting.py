@@ -23,114 +23,17 @@ double precision lose all digits from some 20 disks on: values at any size are i
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from fractions import Fraction
 from typing import Any
-
-import numpy as np
 
 from jaxhb.model.drivetrain import DriveTrain
 
 from .._arrays import concrete, traced
 from ..harmonic import chain
 from ..model.elements import SceneError
+from .links import Links, less, links_of, plus, times
 
 LARGEST = 12
 """Disks up to which coefficients in double precision mean something (docs/theory C5)."""
-
-
-@dataclass(frozen=True)
-class Links:
-    """A small system of masses and links, numbers of any exact or inexact kind.
-
-    inertia, damping, ground : dict mass -> I, b, stiffness to ground
-    ends : dict link -> (mass, mass); arms : dict link -> (arm, arm); stiffness : dict link -> (c, r)
-    """
-
-    inertia: dict
-    damping: dict
-    ground: dict
-    ends: dict
-    arms: dict
-    stiffness: dict
-
-    def over(self, mass, link):
-        """``k a^2 / I_m`` of a link at one of its masses, as a polynomial."""
-        arm = self.arms[link][self.ends[link].index(mass)]
-        return _times(self.spring(link), (arm**2 / self.inertia[mass],))
-
-    def spring(self, link):
-        """``r p + c``."""
-        c, r = self.stiffness[link]
-        return (r, c) if traced(concrete(r)) or r else (c,)
-
-    def at(self, mass, links):
-        """Those of ``links`` that end at a mass."""
-        return [link for link in links if mass in self.ends[link]]
-
-
-def links_of(train, *, exact=True):
-    """The :class:`Links` of a train, masses and links by their names; shafts in angles, meshes with radii as arms.
-
-    Parameters
-    ----------
-    train : DriveTrain, without loss factors, may be traced where ``exact`` is false, loss factors by ``grad`` alone
-    exact : bool
-        Fractions of the decimals as they print, 0.1 as 1/10; else floats.
-
-    Raises
-    ------
-    SceneError
-        If a link has a loss factor, which is no polynomial in p.
-    ValueError
-        If ``jit`` or ``vmap`` traces loss factors.
-
-    Examples
-    --------
-    >>> import jaxhb
-    >>> from jaxhb.linear.splitting import links_of
-    >>> parts = [jaxhb.Disk(name="a", inertia=0.1), jaxhb.Disk(name="b", inertia=2.0)]
-    >>> links_of(jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=3.0)])).inertia["a"]
-    Fraction(1, 10)
-    """
-    topology, held = train.topology, (train.shafts.loss_factor, train.dampers.loss_factor)
-    loss = concrete(*held)
-    if traced(loss):
-        raise ValueError(
-            "characteristic_coefficients: jit or vmap traces the loss factors, and with one there is no polynomial. "
-            "Close over the train and trace only what changes."
-        )
-    lossy = [name for name, eta in zip(topology.link_names, np.concatenate(loss), strict=False) if eta]
-    if lossy:
-        raise SceneError(
-            f"{topology.name or 'scene'}: link {lossy[0]!r} has a loss factor, which is no polynomial in p. "
-            "Use with_viscous_damping."
-        )
-
-    if exact and traced(train):
-        raise ValueError("characteristic_coefficients: fractions cannot be traced. Leave out exact.")
-
-    def number(value):
-        return Fraction(repr(float(value))) if exact else value if traced(value) else float(value)
-
-    inertia = [*train.disks.inertia, *train.dampers.inertia]
-    damping = [*train.disks.damping, *(0.0 for _ in topology.damper_names)]
-    ground = dict.fromkeys(topology.disk_names, number(0.0))
-    for disk, k in zip(topology.ground_disk, train.grounds.stiffness, strict=True):
-        ground[topology.disk_names[disk]] += number(k)
-    tables = (train.shafts, train.dampers, train.meshes)
-    springs = [pair for table in tables for pair in zip(table.stiffness, table.damping, strict=True)]
-    turning = len(topology.link_names) - len(topology.mesh_names)
-    arms = [(1.0, 1.0)] * turning + [tuple(train.disks.radius[np.array(ends)]) for ends in topology.mesh_ends]
-    names = topology.disk_names
-    return Links(
-        inertia={name: number(J) for name, J in zip(names, inertia, strict=True)},
-        damping={name: number(b) for name, b in zip(names, damping, strict=True)},
-        ground=ground,
-        ends={n: (names[a], names[b]) for n, (a, b) in zip(topology.link_names, topology.link_ends, strict=True)},
-        arms={n: tuple(map(number, pair)) for n, pair in zip(topology.link_names, arms, strict=True)},
-        stiffness={n: tuple(map(number, pair)) for n, pair in zip(topology.link_names, springs, strict=True)},
-    )
 
 
 def characteristic_coefficients(train: DriveTrain, *, exact: bool = False) -> tuple[Any, ...]:
@@ -204,7 +107,7 @@ def determinant(links, chosen, masses, held=()):
         value = (links.inertia[mass], links.damping[mass], links.ground[mass])
         value = tuple(number / links.inertia[mass] for number in value)
         for link in links.at(mass, chosen):
-            value = _plus(value, links.over(mass, link))
+            value = plus(value, links.over(mass, link))
         diagonal[mass] = value
     between = [link for link in chosen if all(mass in diagonal for mass in links.ends[link])]
     return _expand(links, diagonal, between, tuple(free), {(): (1,)})
@@ -222,13 +125,13 @@ def _expand(links, diagonal, between, masses, known):
     def rest(*passed):
         return _expand(links, diagonal, without, tuple(m for m in masses if m != mass and m not in passed), known)
 
-    total = _times(diagonal[mass], rest())
+    total = times(diagonal[mass], rest())
     for link in others:  # over a link and back, and the two ways round the ring
         for other in others:
             a, b = _far(links, link, mass), _far(links, other, mass)
             for way, passed in [((), (a,))] if a == b else _ways(links, without, a, b):
                 steps = _over_all(links, (link, *way, other), (mass, *passed))
-                total = _less(total, _times(steps, rest(*passed)))
+                total = less(total, times(steps, rest(*passed)))
     known[masses] = total
     return total
 
@@ -237,9 +140,9 @@ def _over_all(links, chosen, masses):
     """Product of ``k a b`` over links, each as often as it is named, and of 1/I over masses."""
     product = (1,)
     for link in chosen:
-        product = _times(_times(links.spring(link), (links.arms[link][0] * links.arms[link][1],)), product)
+        product = times(times(links.spring(link), (links.arms[link][0] * links.arms[link][1],)), product)
     for mass in masses:
-        product = _times(product, (1 / links.inertia[mass],))
+        product = times(product, (1 / links.inertia[mass],))
     return product
 
 
@@ -306,15 +209,15 @@ def split_at_mass(links, mass, part):
     """
     other = [link for link in links.ends if link not in part]
     branches = {link: _behind(links, mass, link) for link in links.at(mass, links.ends)}
-    total = _times(piece(links, part), piece(links, other))
+    total = times(piece(links, part), piece(links, other))
     for i in links.at(mass, part):
         for j in links.at(mass, other):
-            term = _times(links.over(mass, i), links.over(mass, j))
+            term = times(links.over(mass, i), links.over(mass, j))
             for branch in (i, j):
-                term = _times(term, piece(links, [link for link in branches[branch] if link != branch]))
+                term = times(term, piece(links, [link for link in branches[branch] if link != branch]))
             for branch in branches.keys() - {i, j}:
-                term = _times(term, piece(links, branches[branch], held=[mass]))
-            total = _less(total, term)
+                term = times(term, piece(links, branches[branch], held=[mass]))
+            total = less(total, term)
     return total
 
 
@@ -353,9 +256,9 @@ def open_ring(links, mass, link):
     around, passed = _ways(links, rest, _far(links, kept, mass), _far(links, link, mass))[0]
     ring = (kept, *around, link)
     outside = piece(links, [l for l in links.ends if l not in ring], held=[mass, *passed])
-    pair = _times(_times(links.over(mass, kept), links.over(mass, link)), piece(links, rest))
-    twice = _times((2,), _times(_over_all(links, ring, (mass, *passed)), outside))
-    return _less(_less(piece(opened, list(ends)), pair), twice)
+    pair = times(times(links.over(mass, kept), links.over(mass, link)), piece(links, rest))
+    twice = times((2,), times(_over_all(links, ring, (mass, *passed)), outside))
+    return less(less(piece(opened, list(ends)), pair), twice)
 
 
 def _behind(links, mass, link):
@@ -372,21 +275,3 @@ def _behind(links, mass, link):
 def _far(links, link, mass):
     a, b = links.ends[link]
     return b if a == mass else a
-
-
-def _times(a, b):
-    product = [0] * (len(a) + len(b) - 1)
-    for i, x in enumerate(a):
-        for j, y in enumerate(b):
-            product[i + j] += x * y
-    return tuple(product)
-
-
-def _less(a, b):
-    return _plus(a, tuple(-value for value in b))
-
-
-def _plus(a, b):
-    size = max(len(a), len(b))
-    a, b = (0,) * (size - len(a)) + tuple(a), (0,) * (size - len(b)) + tuple(b)
-    return tuple(x + y for x, y in zip(a, b, strict=True))

@@ -12,7 +12,7 @@ from ..harmonic import chain
 from ..harmonic.excitation import listed_harmonic
 from ..harmonic.residual import backlash_meshes
 from ..model.ratios import speed_ratios
-from ..response.steady import Record, RecordedSignal, SteadyContact
+from ..response.record import Record, RecordedSignal, SteadyContact
 from ..transient import lanes as marching, record as recording
 from ..transient.modes import damped_modes, modes_of
 from ..transient.reduced_model import reduced_model

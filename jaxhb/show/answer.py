@@ -8,9 +8,10 @@ import numpy as np
 
 from ..harmonic.backlash import law_of
 from ..model.drivetrain import DriveTrain
+from ..response.record import PerCycle, SteadyContact
 from ..response.response import Fields, Response
 from ..response.status import Status
-from ..response.steady import PerCycle, SteadyContact, SteadyState
+from ..response.steady import SteadyState
 from .floquet import Growth
 
 

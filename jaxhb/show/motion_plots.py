@@ -6,7 +6,8 @@ absolute value.
 
 import numpy as np
 
-from ..response.steady import KINDS, PERCENT
+from ..response.record import PERCENT
+from ..response.steady import KINDS
 from .branch_plots import GREY, branch_keys, crosses, draw_branch, key, legend, one_panel, plain
 
 COLOURS = {

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from ..design.evaluation import label
 from ..harmonic import fourier
 from ..harmonic.backlash import separated
-from ..response.steady import PERCENT
+from ..response.record import PERCENT
 from .branch_plots import crosses
 from .choose import default_gear, hardest_shaft, meshes_of
 from .tuned import scaled_unit

@@ -3,8 +3,8 @@
 import numpy as np
 
 from ..harmonic import fourier
+from ..response.record import PERCENT
 from ..response.signal import MISSED
-from ..response.steady import PERCENT
 from .balance import ground_reactions, load_torques
 from .choose import gears, shafts_of
 from .output import as_csv

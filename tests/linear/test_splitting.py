@@ -11,7 +11,8 @@ from trains import build, chain_parts, gearbox_parts
 import jaxhb
 from jaxhb import Disk, Shaft
 from jaxhb.linear import polynomial
-from jaxhb.linear.splitting import Links, _plus, _times, characteristic_coefficients, open_ring, piece, split_at_mass
+from jaxhb.linear.links import Links, plus, times
+from jaxhb.linear.splitting import characteristic_coefficients, open_ring, piece, split_at_mass
 
 CHAIN = {i: (i, i + 1) for i in range(1, 5)}
 BRANCHED = {1: (1, 2), 2: (2, 3), 3: (3, 4), 4: (4, 5), 5: (3, 6), 6: (6, 7)}
@@ -33,18 +34,18 @@ def rationals(coefficients):
 
 
 def gamma(links, i, j, mass):
-    return _times(links.over(mass, i), links.over(mass, j))
+    return times(links.over(mass, i), links.over(mass, j))
 
 
 def product(*factors):
     total = (Fraction(1),)
     for factor in factors:
-        total = _times(total, factor)
+        total = times(total, factor)
     return total
 
 
 def minus(total, *factors):
-    return _plus(total, tuple(-value for value in product(*factors)))
+    return plus(total, tuple(-value for value in product(*factors)))
 
 
 def test_case_c_simplest():
@@ -58,8 +59,8 @@ def test_row_1_a_chain_by_either_split():
     links, R = system(CHAIN), lambda *chosen: piece(system(CHAIN), chosen)
     wanted = rationals(method_case("C_chain_R14")[1]["coeffs"])
     assert R(1, 2, 3, 4) == wanted
-    assert minus(_times(R(1), R(2, 3, 4)), gamma(links, 1, 2, 2), R(3, 4)) == wanted
-    assert minus(_times(R(1, 2), R(3, 4)), gamma(links, 2, 3, 3), R(1), R(4)) == wanted
+    assert minus(times(R(1), R(2, 3, 4)), gamma(links, 1, 2, 2), R(3, 4)) == wanted
+    assert minus(times(R(1, 2), R(3, 4)), gamma(links, 2, 3, 3), R(1), R(4)) == wanted
     for mass, part in ((2, [1]), (3, [1, 2]), (4, [4])):
         assert split_at_mass(links, mass, part) == wanted
 
@@ -69,7 +70,7 @@ def test_row_2_a_branch_needs_gamma_25_where_gamma_35_is_printed():
     R = lambda *chosen, held=(): piece(links, chosen, held)  # noqa: E731
     assert R(3, 4, held=[3]) == rationals(expected["R34_grounded3"])
     assert R(5, 6, held=[3]) == rationals(expected["R56_grounded3"])
-    start = minus(_times(R(1, 2), R(3, 4, 5, 6)), gamma(links, 2, 3, 3), R(1), R(4), R(5, 6, held=[3]))
+    start = minus(times(R(1, 2), R(3, 4, 5, 6)), gamma(links, 2, 3, 3), R(1), R(4), R(5, 6, held=[3]))
     rest = R(1), R(6), R(3, 4, held=[3])
     assert minus(start, gamma(links, 2, 5, 3), *rest) == R(*BRANCHED) == rationals(expected["coeffs"])
     printed = minus(start, gamma(links, 3, 5, 3), *rest)
@@ -106,7 +107,7 @@ def test_row_3_a_ring_has_products_of_k_where_c_is_printed():
 def test_row_4_a_ring_with_a_tail_is_neither_of_the_forms_as_printed():
     links = system(TAILED)
     R = lambda *chosen, held=(): piece(links, chosen, held)  # noqa: E731
-    closed = minus(_times(R(1), R(2, 3, 4, 5, 6)), gamma(links, 1, 2, 2), R(3, 4, 5, 6))
+    closed = minus(times(R(1), R(2, 3, 4, 5, 6)), gamma(links, 1, 2, 2), R(3, 4, 5, 6))
     opened = opened_at(links, 4, 4)
     ring = over_all(links, (3, 4, 5, 6), (3, 4, 5, 6))
     form = minus(piece(opened, list(TAILED)), gamma(links, 3, 4, 4), R(1, 2, 5, 6))
@@ -114,7 +115,7 @@ def test_row_4_a_ring_with_a_tail_is_neither_of_the_forms_as_printed():
     assert closed == form == R(*TAILED) == open_ring(links, 4, 4) == open_ring(links, 5, 5)
     as_printed = over_all(links, (3, 4, 5, 6), (3, 4, 5, 6), viscous=False)
     tree = piece(opened, [2, 3, 4, 5, 6])
-    for start in (_times(R(1), tree), _times(R(1), R(2, 3, 4, 5, 6))):
+    for start in (times(R(1), tree), times(R(1), R(2, 3, 4, 5, 6))):
         assert minus(minus(start, gamma(links, 1, 2, 2), R(3, 4, 5, 6)), (2,), as_printed) != closed
 
 

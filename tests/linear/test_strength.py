@@ -12,7 +12,7 @@ from trains import build
 import jaxhb
 from jaxhb import Damper, Disk, Load, Mesh, SceneError, Shaft, Torque
 from jaxhb.linear import limits
-from jaxhb.response.steady import Record, RecordedSignal
+from jaxhb.response.record import Record, RecordedSignal
 
 RULE = (  # d mm, sigma_B MPa, C_K, lambda; tau_C and tau_T in MPa, worked out with 30 digits from the text of the rule
     (400, 600, 1.0, 0.5, 66.562193, 113.155729),
