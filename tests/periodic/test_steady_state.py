@@ -282,8 +282,8 @@ def test_loss_factors_are_damping_in_the_march_and_themselves_in_the_answer():
     assert recorded.torque(*shaft).half_peak_to_peak == pytest.approx(float(wanted.half_peak_to_peak), rel=0.02)
     assert recorded.torque(*shaft).rms == pytest.approx(float(wanted.rms), rel=0.01)
     assert recorded.power(*shaft) == pytest.approx(float(state.power(*shaft)), rel=0.02)  # heat of a loss factor
-    for disk in ("flywheel", "cam gear"):
-        assert recorded.irregularity(disk) == pytest.approx(float(state.irregularity(disk)), rel=0.02)
+    for disk, close in (("flywheel", 0.01), ("cam gear", 0.05)):  # a gear that is hit rings, damped by its modes
+        assert recorded.irregularity(disk) == pytest.approx(float(state.irregularity(disk)), rel=close)
         assert recorded.speed(disk).mean == pytest.approx(float(state.speed(disk).mean), rel=1e-3)
 
 
