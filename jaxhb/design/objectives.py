@@ -25,7 +25,7 @@ from ..model.elements import SceneError
 from ..response.signal import _power
 from ..response.status import Status
 
-INSTANTS = 4096
+TIME_SAMPLES = 4096
 """Least number of time samples of the cycle at which contact is looked at."""
 
 
@@ -267,7 +267,7 @@ def _motion(response, a, b, smoothing):
     law = jax.tree.map(lambda parameter: jnp.asarray(parameter)[..., index, None], response.law)
     frequency = topology.cycle_frequency(jnp.asarray(response.rpm))[..., None]
     moving = dataclasses.replace(signal, coefficients=fourier.derivative(signal.coefficients, frequency))
-    count = max(INSTANTS, signal.resolution)
+    count = max(TIME_SAMPLES, signal.resolution)
     values = signal.samples(count)
     return jnp.abs(values), jnp.sign(values) * moving.samples(count), law.gap, smoothing * law.backlash
 

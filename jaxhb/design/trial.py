@@ -23,7 +23,7 @@ PATIENCE = 30.0
 """Seconds after which a lost speed gets no further attempt."""
 
 SETTLED = 1e-4
-"""Closure at which a march ends; what its steps leave of the equations is as much."""
+"""Periodicity error at which a march ends; what its steps leave of the equations is as much."""
 
 
 @jax.tree_util.register_dataclass

@@ -125,7 +125,7 @@ class CondensedTrain:
     largest_force: jax.Array
 
     def combine(self, nonlinear_force):
-        """Displacements ``(S, n+1)`` and link forces ``(L, n+1)`` with excess forces ``(G, n+1)`` at the meshes."""
+        """Displacements ``(S, n+1)`` and link forces ``(L, n+1)`` with nonlinear forces ``(G, n+1)`` of the meshes."""
         harmonics = nonlinear_force.shape[-1] - 1
         load = fourier.resize(self.load, harmonics) - self.columns @ nonlinear_force
         displacement, force = solve_linear(self.system, frequencies(self.frequency, harmonics), load[:, None])
@@ -133,7 +133,7 @@ class CondensedTrain:
 
 
 def reduce(system, frequency, load, harmonics, active, active_index, law, viscous, contact_damping):
-    """Fold the linear train onto the active meshes.
+    """Condense the linear train onto the active meshes.
 
     Parameters
     ----------

@@ -61,12 +61,12 @@ def _attach_jvp(sizes, primals, tangents):
             problem, *condensed.combine(reduced.nonlinear_force_coefficients(deflection, samples)), sizes, every
         )
 
-    (reduced, condensed), (reduced_dot, folded_dot) = jax.jvp(equation, (problem,), (change,))
+    (reduced, condensed), (reduced_dot, condensed_dot) = jax.jvp(equation, (problem,), (change,))
     _, left = jax.jvp(lambda reduced: reduced.residual(deflection, samples), (reduced,), (reduced_dot,))
     deflection_dot = -left
     if len(choice.active):
         deflection_dot = correction.invert(reduced, lax.stop_gradient(operator), deflection, -left, samples)
-    at, along = (problem, reduced, condensed, deflection), (change, reduced_dot, folded_dot, deflection_dot)
+    at, along = (problem, reduced, condensed, deflection), (change, reduced_dot, condensed_dot, deflection_dot)
     _, found_dot = jax.jvp(motion, at, along)
     return (found, deflection), _where(solved, (found_dot, deflection_dot), None)
 

@@ -294,7 +294,7 @@ def climb(case, rungs):
     for rung in rungs:
         for attempt in rung(case, last) if last is None or not case.late else ():
             last = refine(case, attempt, last)
-            if not last.status.unsolved:
+            if not last.status.another_start_may_help:
                 return last
             if case.late:
                 break
@@ -327,7 +327,7 @@ def refine(case, attempt, last=None):
             given, harmonics, plan = outcome.deflection, higher, dataclasses.replace(plan, harmonics=higher)
         else:
             response = dataclasses.replace(response, path=tuple(case.path))
-            case.solved = not status.unsolved
+            case.solved = not status.another_start_may_help
             return Result(response, plan, error, harmonics)
 
 

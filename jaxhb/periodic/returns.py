@@ -71,8 +71,8 @@ class Cycles:
 class Returns:
     """Return errors of a march, told cycle by cycle.
 
-    A cycle is known by (l, l') ``(I, 2G)`` of its meshes at I equidistant instants, a reconstruction of the state by
-    delays: motion that no mesh sees, free rotation above all, does not count. The return error after k cycles is the
+    A cycle is known by (l, l') ``(I, 2G)`` of its meshes at I equidistant time samples, a reconstruction of the state
+    by delays: motion that no mesh sees, free rotation above all, does not count. The return error after k cycles is the
     largest difference from the cycle k before, relative to the largest of that quantity and the gap (``floor``,
     ``(2G,)`` in m and m/s).
     """

@@ -43,7 +43,7 @@ class Status(IntEnum):
         return _SENTENCES[self]
 
     @property
-    def unsolved(self) -> bool:
+    def another_start_may_help(self) -> bool:
         """Whether another start of Newton's method may succeed."""
         return self in (Status.MAX_STEPS, Status.STALLED, Status.NONFINITE)
 

@@ -97,7 +97,7 @@ def trace_csv(answer):
     Of an answer that :func:`untraceable` has nothing to say about.
     """
     topology, turns = answer.topology, answer.response.topology.revolutions_per_cycle
-    count = _instants(answer)
+    count = _time_samples(answer)
     part = np.arange(count) / count
     columns = {"angle deg": 360.0 * turns * part, "time s": 60.0 * turns / answer.rpm * part}
 
@@ -115,7 +115,7 @@ def trace_csv(answer):
     return as_csv(list(columns), np.transpose(list(columns.values())).tolist())
 
 
-def _instants(answer):
+def _time_samples(answer):
     """Number of time samples of a trace."""
     count = TRACED * max(1, -(-4 * answer.response.harmonics // TRACED))
     forces = [answer.force(name) for name in answer.topology.mesh_names]

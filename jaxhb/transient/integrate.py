@@ -106,7 +106,7 @@ def watch(stepper):
 
 
 def periodicity_error(stepper, change, largest):
-    """Closure, see :class:`Trace`, of a change and the largest of deflections and rates, ``(2G,)`` each."""
+    """Periodicity error, see :class:`Trace`, of a change and the largest of deflections and rates, ``(2G,)`` each."""
     gap = (1 - stepper.law.epsilon) * stepper.law.backlash + 1e-300
     return jnp.max(jnp.abs(change) / (largest + jnp.concatenate([gap, stepper.frequency * gap])), initial=0.0)
 

@@ -23,7 +23,7 @@ from ..harmonic.excitation import excitation
 from .statespace import _static, linear_response, matrices
 from .stepper import Stepper, force_on_flank
 
-INSTANTS = 32
+TIME_SAMPLES = 32
 """Of a cycle at which its motion is compared with that of other cycles; divides every number of steps."""
 
 
@@ -294,11 +294,11 @@ def march(lanes, state, blank):
     Returns
     -------
     state ``(2m, L)``
-    seen ``(cycles, INSTANTS, 2G, L)`` : (l, l') at equidistant instants of each cycle
+    seen ``(cycles, TIME_SAMPLES, 2G, L)`` : (l, l') at equidistant time samples of each cycle
     trace ``(steps + 1, 2G, L)`` : (l, l') of the last cycle
     """
     lanes = jax.tree.map(jnp.asarray, lanes)
-    stride = lanes.steps // INSTANTS
+    stride = lanes.steps // TIME_SAMPLES
     empty = jnp.zeros((lanes.steps + 1, lanes.linear.shape[1], state.shape[1]))
 
     def another(carry, _):

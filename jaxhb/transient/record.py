@@ -9,7 +9,7 @@ from jax import lax
 
 from .._program import Program
 from ..harmonic import backlash, fourier
-from .lanes import INSTANTS, cycle
+from .lanes import TIME_SAMPLES, cycle
 
 HARMONICS = 256
 """Of the cycle, of which amplitudes are kept at most."""
@@ -109,12 +109,12 @@ def record(lanes, outputs, state, blank):
     Returns
     -------
     state ``(2m, L)``
-    seen ``(cycles, INSTANTS, 2G, L)``, trace ``(steps + 1, 2G, L)`` : as :func:`jaxhb.transient.lanes.march`
+    seen ``(cycles, TIME_SAMPLES, 2G, L)``, trace ``(steps + 1, 2G, L)`` : as :func:`jaxhb.transient.lanes.march`
     reduced : Reduced
     teeth : Teeth
     """
     lanes, outputs = jax.tree.map(jnp.asarray, (lanes, outputs))
-    stride = lanes.steps // INSTANTS
+    stride = lanes.steps // TIME_SAMPLES
     empty = jnp.zeros((lanes.steps + 1, lanes.linear.shape[1], state.shape[1]))
 
     def another(carry, _):

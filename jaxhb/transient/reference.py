@@ -148,7 +148,7 @@ def reference_orbit(
     cycles : int, optional
         March exactly so many cycles.
     tolerance : float
-        Closure to reach.
+        Periodicity error to reach.
     max_cycles : int
 
     Returns

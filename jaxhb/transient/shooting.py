@@ -41,7 +41,7 @@ def shoot(stepper, state, *, most=20, tolerance=1e-11, cutoff=1e-10):
     most : int
         At most so many Newton steps, and at least one.
     tolerance : float
-        Closure at which to stop.
+        Periodicity error at which to stop.
     cutoff : float
         Singular values of ``I - Phi`` below this share of the largest are taken as zero.
 

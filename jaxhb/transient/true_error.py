@@ -52,7 +52,7 @@ def shooting_correction(response: Response, *, steps: int | None = None, toleran
         Exactly so many per cycle, rounded up to a multiple of 32; without it :func:`resolving_steps` and, where these
         contradict the estimate, more.
     tolerance : float
-        Closure to reach.
+        Periodicity error to reach.
 
     Returns
     -------
