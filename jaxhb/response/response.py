@@ -301,7 +301,7 @@ class Response(Fields):
         >>> sweep = jaxhb.solve_speeds(jaxhb.load_scene("six_cylinder_diesel"), rpm=[1000.0, 1500.0])
         >>> swing = sweep.to_xarray(orders=12).torque_half_peak_to_peak.sel(shaft="cyl6|flywheel")
         >>> swing.sel(rpm=1500).item().__round__(1), swing.attrs["units"]
-        (1069.3, 'N m')
+        (2900.6, 'N m')
         """
         motions = [self[i] for i in range(len(self))] if np.ndim(self.rpm) else [self]
         return to_xarray(motions, self.topology, np.asarray(self.rpm), orders=orders)
