@@ -268,6 +268,10 @@ class DriveTrain:
     def misfire(self, *cylinders: str) -> DriveTrain:
         """Return the train with some cylinders that do not fire: no gas torque, the inertia torque stays.
 
+        All of the gas torque goes, mean and orders, computed or given, and with it the torque of compression, as in a
+        cylinder whose valves stay open. A cylinder that compresses without burning has ``combustion.imep`` or ``heat``
+        = 0 instead (:meth:`replace`), or the pressure table of a motored cycle.
+
         Parameters
         ----------
         *cylinders : str

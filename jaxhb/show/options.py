@@ -47,7 +47,9 @@ def add_mean_load(command):
 
 def add_misfire(command, more=""):
     """Cylinders that do not fire."""
-    text = f"this cylinder does not fire; may be repeated{more}"
+    text = "this cylinder does not fire: it has no gas torque at all, not that of compression either; its inertia"
+    text += ' torque stays (one that compresses but burns nothing: --set "CYLINDER.combustion.imep=0"); may be repeated'
+    text += more
     misfire = command.add_argument("--misfire", action="append", default=[], metavar="CYLINDER", help=text)
     misfire.completer = of_elements("cylinder")
 
