@@ -33,6 +33,9 @@ PEAK_PRESSURE = 5e5, 4e7
 """Pa, largest pressure of a cycle: an engine that is turned without firing, and the strongest diesels."""
 PEAK_ANGLE = -15.0, 45.0
 """deg after firing top dead centre: the pressure of compression alone is largest just before, late firing after."""
+ATMOSPHERE = 3e4, 2.2e5
+"""Pa, least pressure of a cycle that tells absolute pressures: overpressures fall to 0, and those of a charged engine
+that stay above may be either."""
 TOGETHER = 1.0
 """deg between two firings that count as one."""
 MASS_PER_CUBE = 200.0, 2e4
@@ -60,9 +63,10 @@ def plausibility(train: DriveTrain) -> list[str]:
     -------
     list of str
         A note for each finding, with the elements, the value and the usual range: sizes and pressures of cylinders in
-        other units than m and Pa, a pressure that is largest far from firing top dead centre, cylinders that fire
-        together, reciprocating masses, torques that drive beside firing cylinders, and of meshes with backlash the
-        backlash, the stiffness and the tooth damping. Empty where there is nothing to look at.
+        other units than m and Pa, a pressure that is largest far from firing top dead centre, absolute pressures
+        against none on the other side of the piston, cylinders that fire together, reciprocating masses, torques that
+        drive beside firing cylinders, and of meshes with backlash the backlash, the stiffness and the tooth damping.
+        Empty where there is nothing to look at.
 
     Examples
     --------
@@ -74,7 +78,8 @@ def plausibility(train: DriveTrain) -> list[str]:
     [[mesh]] 'crank gear|idler': backlash is 0.15 m, usual 2e-5 to 0.001 m: is it in m, not in mm?
     """
     train = on_host(train)
-    found = [*_sizes(train), *_masses(train), *_pressures(train), *_firings(train), *_drives(train), *_meshes(train)]
+    found = [*_sizes(train), *_masses(train), *_pressures(train), *_against_nothing(train), *_firings(train)]
+    found += [*_drives(train), *_meshes(train)]
     alike = {}
     for table, name, text in found:
         alike.setdefault((table, text), []).append(name)
@@ -136,17 +141,36 @@ def _pressures(train):
             yield "cylinder", name, said
 
 
+def _against_nothing(train):
+    """Cylinders with absolute pressures and none on the other side of the piston."""
+    topology = train.topology
+    least = np.array([cycle.min(axis=1) for cycle in _cycles(train)]).max(axis=0, initial=0.0)
+    for i, source in enumerate(topology.cylinder_source):
+        known = source == "combustion" or (source in gas.COMPUTED and not _far(least[i], ATMOSPHERE))
+        if known and not train.cylinders.ambient_pressure[i]:
+            low, high, unit, _ = USUAL["ambient_pressure"]
+            ask = "the pressure in the cylinder is absolute, and the crankcase has about 1e5 Pa"
+            yield "cylinder", topology.cylinder_names[i], _said("ambient_pressure", 0.0, low, high, unit, ask)
+
+
+def _cycles(train):
+    """Pressures [cylinder, angle] (Pa) from firing top dead centre on, at every speed at which torques have a point."""
+    cylinders, speeds = train.cylinders, hold.speeds(train)
+    parts, scales = gas.components(cylinders), scale_at(cylinders, speeds)
+    if not parts.shape[-1]:
+        return []
+    both = zip(speeds, scales, strict=True)
+    return [np.einsum("jn,jnm->nm", gas.weights(cylinders, rpm), parts) * scale[:, None] for rpm, scale in both]
+
+
 def _largest_pressures(train):
     """(cylinder, Pa, deg after firing top dead centre) over the speeds: the largest pressure and the farthest angle."""
-    topology, cylinders, speeds = train.topology, train.cylinders, hold.speeds(train)
-    parts = gas.components(cylinders)
-    samples = parts.shape[-1]
-    if not samples:
+    topology, cycles = train.topology, _cycles(train)
+    if not cycles:
         return
-    cycles = [np.einsum("jn,jnm->nm", gas.weights(cylinders, rpm), parts) for rpm in speeds]
-    peaks = np.array([cycle.max(axis=1) for cycle in cycles]) * scale_at(cylinders, speeds)
+    peaks = np.array([cycle.max(axis=1) for cycle in cycles])
     period = 360.0 * np.array(topology.cylinder_gas_revolutions)
-    angles = np.array([cycle.argmax(axis=1) for cycle in cycles]) * period / samples
+    angles = np.array([cycle.argmax(axis=1) for cycle in cycles]) * period / cycles[0].shape[1]
     angles -= period * (angles > period / 2)
     farthest = np.abs(angles - np.mean(PEAK_ANGLE)).argmax(axis=0)
     for i, source in enumerate(topology.cylinder_source):

@@ -116,6 +116,20 @@ def test_sizes_in_other_units_are_noted(scene, old, new, said):
     assert scene((old, new)) == [ALL_FOUR + said]
 
 
+@pytest.mark.parametrize("least, is_absolute", [(0.0, False), (0.98e5, True), (2e5, True), (2.6e5, False)])
+def test_no_crankcase_pressure_beside_absolute_pressures_is_noted(scene, least, is_absolute):
+    pressure = {"pressure": lambda angle, p: (angle, p - p.min() + least)}
+    said = "ambient_pressure is 0 Pa, usual 3e4 to 1e6 Pa: the pressure in the cylinder is absolute, and the crankcase"
+    absent = scene(("ambient_pressure = 1e5", ""), **pressure)
+    assert absent == [f"{ALL_FOUR}{said} has about 1e5 Pa"] * is_absolute
+    assert scene(**pressure) == []
+
+
+def test_a_combustion_is_absolute():
+    (note,) = plausibility(load_scene("first_scene").replace({"cylinder 1.ambient_pressure": 0.0}))
+    assert note.startswith("[[cylinder]] 'cylinder 1': ambient_pressure is 0 Pa")
+
+
 def test_a_stroke_in_mm_is_noted(scene):
     said = "stroke is 90 m, usual 0.02 to 4.5 m: is it in m, not in mm?"
     assert ALL_FOUR + said in scene(("stroke = 0.090", "stroke = 90.0"), ("rod = 0.145", "rod = 145.0"))
