@@ -38,6 +38,16 @@ ATMOSPHERE = 3e4, 2.2e5
 that stay above may be either."""
 TOGETHER = 1.0
 """deg between two firings that count as one."""
+LOAD_SHARE = 2.0
+"""Largest share of full load: overload is 1.1."""
+INERTIA_OF_MEDIAN = 500.0
+"""Inertia over the median of the disks of the rotor: 400 for a car behind its gearbox on a crankshaft."""
+MEDIAN_OF_STIFFNESS = 1000.0
+"""The median of the shafts of a rotor over a stiffness: 560 for a dual-mass flywheel beside crank throws."""
+LOSS_FACTOR = 1.0
+"""Of a link: 0.3 is a soft rubber."""
+RADIUS = 2e-3, 2.0
+"""m, of a gear: from instruments to the bull gears of ships."""
 MASS_PER_CUBE = 200.0, 2e4
 """kg/m3, reciprocating mass over the cube of the bore: about 500 in racing engines, 1500 in cars, 1e4 in crossheads."""
 BACKLASH = 2e-5, 1e-3
@@ -64,9 +74,10 @@ def plausibility(train: DriveTrain) -> list[str]:
     list of str
         A note for each finding, with the elements, the value and the usual range: sizes and pressures of cylinders in
         other units than m and Pa, a pressure that is largest far from firing top dead centre, absolute pressures
-        against none on the other side of the piston, cylinders that fire together, reciprocating masses, torques that
-        drive beside firing cylinders, and of meshes with backlash the backlash, the stiffness and the tooth damping.
-        Empty where there is nothing to look at.
+        against none on the other side of the piston, cylinders that fire together, reciprocating masses, load shares in
+        percent, torques that drive beside firing cylinders, disks and shafts far from the others of their rotor, loss
+        factors in percent, radii of gears in mm, and of meshes with backlash the backlash, the stiffness and the tooth
+        damping. Empty where there is nothing to look at.
 
     Examples
     --------
@@ -79,7 +90,7 @@ def plausibility(train: DriveTrain) -> list[str]:
     """
     train = on_host(train)
     found = [*_sizes(train), *_masses(train), *_pressures(train), *_against_nothing(train), *_firings(train)]
-    found += [*_drives(train), *_meshes(train)]
+    found += [*_loads(train), *_drives(train), *_disks(train), *_links(train), *_meshes(train)]
     alike = {}
     for table, name, text in found:
         alike.setdefault((table, text), []).append(name)
@@ -125,10 +136,10 @@ def _masses(train):
 
 def _pressures(train):
     """Size and angle of the largest pressure of every cylinder that computes its torque from one."""
-    topology = train.topology
+    topology, percent = train.topology, _in_percent(train)
     for i, peak, angle in _largest_pressures(train):
         name = topology.cylinder_names[i]
-        if _far(peak, PEAK_PRESSURE):
+        if _far(peak, PEAK_PRESSURE) and i not in percent:
             ask = "is it in Pa, not in bar or MPa?"
             yield "cylinder", name, _said("the largest pressure", peak, *PEAK_PRESSURE, "Pa", ask)
         if _far(angle, PEAK_ANGLE):
@@ -218,6 +229,61 @@ def _drives(train):
             yield "torque", name, f"it drives with a mean of {mean:.4g} N m, usual below 0 beside cylinders: {ask}"
 
 
+def _loads(train):
+    """Shares of full load that are percentages."""
+    for i, value in _in_percent(train).items():
+        said = _said("load", value, 0.0, LOAD_SHARE, ask="it is a share of full load, not percent")
+        yield "cylinder", train.topology.cylinder_names[i], said
+
+
+def _in_percent(train):
+    """Largest load of the cylinders that have it in percent, by their number; traces may count in percent as well."""
+    cylinders, traces = train.cylinders, train.cylinders.traces
+    if cylinders.load_share is None:
+        return {}
+    alike = set()
+    if traces is not None:
+        sizes = zip(traces.seats, traces.load, traces.sizes, strict=True)
+        alike = {seat for seat, load, (_, loads) in sizes if load[:loads].max() > LOAD_SHARE}
+    largest = enumerate(cylinders.load_share.max(axis=-1).tolist())
+    return {i: value for i, value in largest if value > LOAD_SHARE and i not in alike}
+
+
+def _disks(train):
+    """Inertias far above the others of their rotor, and the radii of gears."""
+    topology, disks = train.topology, train.disks
+    rotor = np.array(topology.rotor)[: topology.n_scene_disks]
+    for own in (np.flatnonzero((rotor == r) & (disks.inertia > 0)) for r in range(topology.n_rotors)):
+        middle = np.median(disks.inertia[own]) if own.size else 0.0
+        for i in own[disks.inertia[own] > INERTIA_OF_MEDIAN * middle]:
+            usual = f"{INERTIA_OF_MEDIAN:g} times the median of its rotor, {middle:.4g} kg m2"
+            said = f"inertia is {disks.inertia[i]:.4g} kg m2, usual up to {usual}: is it in kg m2, not in kg cm2?"
+            yield "disk", topology.disk_names[i], said
+    for i in sorted({disk for ends in topology.mesh_ends for disk in ends}):
+        if _far(disks.radius[i], RADIUS):
+            ask = "is it in m, not in mm?"
+            yield "disk", topology.disk_names[i], _said("radius", disks.radius[i], *RADIUS, "m", ask)
+
+
+def _links(train):
+    """Shafts far softer than the others of their rotor, and loss factors."""
+    topology, stiffness = train.topology, train.shafts.stiffness
+    rotor = np.array([topology.rotor[first] for first, _ in topology.shaft_ends], dtype=int)
+    for own in (np.flatnonzero((rotor == r) & (stiffness > 0)) for r in range(topology.n_rotors)):
+        middle = np.median(stiffness[own]) if own.size else 0.0
+        for i in own[MEDIAN_OF_STIFFNESS * stiffness[own] < middle]:
+            usual = f"at least 1/{MEDIAN_OF_STIFFNESS:g} of the median of its rotor, {middle:.4g} N m/rad"
+            said = f"stiffness is {stiffness[i]:.4g} N m/rad, usual {usual}: is it in N m/rad, not in kN m/rad?"
+            yield "shaft", topology.shaft_names[i], _EXPONENT.sub(r"e\1", said)
+    for table, names, numbers in (
+        ("shaft", topology.shaft_names, train.shafts),
+        ("damper", topology.damper_names, train.dampers),
+    ):
+        for name, value in zip(names, numbers.loss_factor, strict=True):
+            if value > LOSS_FACTOR:
+                yield table, name, _said("loss_factor", value, 0.0, LOSS_FACTOR, ask="is it in percent?")
+
+
 def _meshes(train):
     topology, meshes = train.topology, train.meshes
     ratios = tooth_damping_ratios(train)
@@ -225,6 +291,8 @@ def _meshes(train):
         name, radius = topology.mesh_names[i], train.disks.radius[list(topology.mesh_ends[i])].min()
         if _far(meshes.backlash[i], BACKLASH):
             yield "mesh", name, _said("backlash", meshes.backlash[i], *BACKLASH, "m", "is it in m, not in mm?")
+        if any(_far(train.disks.radius[end], RADIUS) for end in topology.mesh_ends[i]):
+            continue  # what is said of the radius says enough
         low, high = (STIFFNESS_OF_WIDTH * share * 2 * radius for share in WIDTH_OF_DIAMETER)
         if _far(meshes.stiffness[i], (low, high)):
             ask = f"steel teeth on a gear of {2e3 * radius:.4g} mm have 20 N/(mm um) of their face width; is it in N/m?"

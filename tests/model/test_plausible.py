@@ -182,6 +182,45 @@ def test_meshes_out_of_reach_are_noted(values, said):
     assert plausibility(train) == [f"[[mesh]] '{mesh}': {said}"]
 
 
+@pytest.mark.parametrize(
+    "change, said",
+    [
+        (
+            {"crank.inertia": 300.0},
+            "[[disk]] 'crank': inertia is 300 kg m2, usual up to 500 times the median of its rotor, 0.575 kg m2: is it "
+            "in kg m2, not in kg cm2?",
+        ),
+        (
+            {"coupling.stiffness": 5.0},
+            "[[shaft]] 'coupling': stiffness is 5 N m/rad, usual at least 1/1000 of the median of its rotor, 1.2e5 "
+            "N m/rad: is it in N m/rad, not in kN m/rad?",
+        ),
+        (
+            {"rubber damper.loss_factor": 15.0},
+            "[[damper]] 'rubber damper': loss_factor is 15, usual 0 to 1: is it in percent?",
+        ),
+        (
+            {"crank gear.radius": 40.0, "pump gear.radius": 80.0},
+            "[[disk]] 'crank gear': radius is 40 m, usual 0.002 to 2 m: is it in m, not in mm?",
+        ),
+        (
+            {"cylinder 1.load_share": [80.0]},
+            "[[cylinder]] 'cylinder 1': load is 80, usual 0 to 2: it is a share of full load, not percent",
+        ),
+    ],
+)
+def test_disks_shafts_and_loads_far_from_the_others_are_noted(change, said):
+    notes = plausibility(load_scene("first_scene").replace(change))
+    others = [said.replace("crank gear", "pump gear").replace("40", "80")] if "radius" in said else []
+    assert notes == [said, *others]
+
+
+def test_the_median_is_that_of_the_own_rotor():
+    train = load_scene("gear_train_30")
+    gear = {"idler.inertia": 165.0}  # alone on its rotor: behind gears anything may hang
+    assert plausibility(train.replace(gear)) == []
+
+
 def test_pressures_of_a_combustion_in_bar_are_noted():
     train = load_scene("first_scene")
     for field, value, usual in (("charge_pressure", 1.0, "2e4 to 1e6"), ("imep", 8.0, "2e4 to 6e6")):
