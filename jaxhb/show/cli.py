@@ -109,7 +109,7 @@ a file."""
 
 TUNE = """\
 Changes numbers of a scene within bounds, by gradient, to make a response small over a range of speeds. The [tune] table
-of the scene sets what changes and what is minimised (see the README). Every step writes the tuned scene and the
+of the scene sets what changes and what is minimised (docs/how_to/tune.md tells all of it). Every step writes the tuned scene and the
 history, so Ctrl-C leaves the best design so far; the exit status is then 130."""
 
 

@@ -24,8 +24,10 @@ from trains import (
 import jaxhb
 from jaxhb import Disk, Shaft, Torque
 from jaxhb.design import Objective, Parameter, Penalty, evaluation, lanes, trial
-from jaxhb.design.descent import Descent
+from jaxhb.design.descent import Descent, _nothing_solved
 from jaxhb.linear.sensitivity import frequencies_hz
+from jaxhb.model.scene import _folder
+from jaxhb.response.status import Status
 
 
 @pytest.mark.parametrize(("row", "stiffer", "stronger"), [(0, 0.1, 10.0), (1, 10.0, 0.1)])
@@ -376,5 +378,27 @@ def test_a_range_in_which_no_speed_converges_is_told():
     resonance = 10.0 * 60 / (2 * np.pi)
     inertia = [Parameter(name="main.inertia", low=0.5, high=2.0)]
     objective = Objective(quantity="angle", of="main")
-    with pytest.raises(jaxhb.SceneError, match="none of the 2 speeds from 95.4.* rpm converges at the start .2 NEAR_S"):
+    said = "none of the 2 speeds from 95.4.* rpm converges at the start .2 NEAR_S.*: choose other speeds, more damping"
+    with pytest.raises(jaxhb.SceneError, match=said):
         jaxhb.tune(build(parts), parameters=inertia, rpm=[resonance, resonance], objective=objective)
+
+
+def test_a_train_that_hammers_at_all_speeds_is_told_a_way_on():
+    bench = SimpleNamespace(train=jaxhb.load_scene("spur_pair"), rpm=np.array([5000.0, 5600.0]))
+    said = _nothing_solved(bench, [Status.MAX_STEPS, Status.MAX_STEPS])
+    assert "spur_pair: none of the 2 speeds from 5000 to 5600 rpm converges at the start (2 MAX_STEPS)" in said
+    assert "Tune a copy of the scene without the backlash keys" in said and said.endswith("by jaxhb sweep.")
+
+
+def test_the_copy_without_backlash_keys_is_tuned(tmp_path):
+    """The way on that the sentence names: the scene as it is without its lines of backlash."""
+    text = (_folder() / "spur_pair.toml").read_text(encoding="utf-8")
+    for csv in _folder().glob("spur_pair*.csv"):
+        (tmp_path / csv.name).write_bytes(csv.read_bytes())
+    kept = [line for line in text.splitlines() if not line.startswith("backlash")]
+    (tmp_path / "linear.toml").write_text("\n".join(kept), encoding="utf-8")
+    train = jaxhb.load_scene(tmp_path / "linear.toml")
+    damping = [Parameter(name="gear a|gear b.damping", low=200.0, high=2000.0)]
+    objective = Objective(quantity="tooth force", of="gear a|gear b")
+    tuned = jaxhb.tune(train, parameters=damping, rpm=[5000.0, 5600.0], objective=objective, steps=2)
+    assert tuned.after.solved.all() and tuned.history[-1].objective < tuned.history[0].objective
