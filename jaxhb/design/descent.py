@@ -256,8 +256,9 @@ def _nothing_solved(bench, status):
     way = "choose other speeds, more damping, or look at them with jaxhb sweep."
     if any(bench.train.topology.mesh_backlash):
         way = (
-            "where teeth hammer there may be no periodic motion to follow. Tune a copy of the scene without the backlash"
-            " keys, or other speeds, or begin with more damping; then check the result with backlash by jaxhb sweep."
+            "where teeth hammer there may be no periodic motion to follow. Tune a copy of the scene without the"
+            " backlash keys, or other speeds, or begin with more damping; then check the result with backlash by jaxhb"
+            " sweep."
         )
     return (
         f"{name}: none of the {len(rpm)} speeds from {rpm.min():g} to {rpm.max():g} rpm converges at the start "

@@ -116,6 +116,15 @@ def speed(text):
     return _read(read_speed, text)
 
 
+def one_speed(text):
+    """A speed in rpm, where a command takes no more than one."""
+    if not {",", ":"} & set(text):
+        return speed(text)
+    several = len(speed_range(text))
+    commands = "jaxhb sweep and jaxhb report take several"
+    raise argparse.ArgumentTypeError(f"{text!r} are {several} speeds, and this command takes one: {commands}")
+
+
 def speeds(text):
     """Speeds in rpm from ``A:B:COUNT`` or ``R1,R2,...``."""
     return _read(read_speeds, text)
@@ -172,6 +181,8 @@ def setting(text):
     value, name = _number(word), word.strip()
     if math.isnan(value) and name.replace("_", "").isalnum() and name[0].isalpha() and name.lower() not in _NO_NUMBER:
         value = name
+    if equals and name[:1] in "0123456789+-." and name[:1] and math.isnan(value):
+        raise argparse.ArgumentTypeError(f"{text!r}: {name} is no number; values are numbers in SI units, as 3.6e4")
     if not equals or (isinstance(value, float) and not math.isfinite(value)):
         raise argparse.ArgumentTypeError(f'{text!r} is not NAME.FIELD=VALUE, as "crank damper.damping=300"')
     return key.strip(), value

@@ -9,6 +9,12 @@ from .output import OutputError
 
 SHELLS = "bash", "zsh", "fish", "powershell"
 
+SPEEDS = "--rpm", "--speed", "--speeds"
+NO_SPEED = (
+    " Natural frequencies do not depend on the speed; --at R takes the teeth as stiff as they are under the mean load"
+    " of R rpm."
+)
+
 
 class Parser(argparse.ArgumentParser):
     """An argument parser that says what is wrong in one sentence, what was probably meant, and where help is."""
@@ -41,6 +47,11 @@ class Parser(argparse.ArgumentParser):
 
 def meant(word, known, otherwise=""):
     """`` Did you mean --rpm?``"""
+    if word in SPEEDS:
+        if "--rpm" in known:
+            return " Did you mean --rpm?"
+        if "--at" in known:
+            return NO_SPEED
     near = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
     return f" Did you mean {near[0]}?" if near else otherwise
 
