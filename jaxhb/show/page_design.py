@@ -4,8 +4,6 @@ import dataclasses
 
 import numpy as np
 
-from ..model.change import declared_field
-from ..model.elements import TABLES
 from ..model.plausible import plausibility
 from .balance import plain_number
 from .certified import certificate_parts
@@ -13,6 +11,7 @@ from .choose import largest
 from .columns import NONE, Table
 from .limit_plots import PANELS, judged_elements, share_of
 from .misfire_cases import worst_misfire
+from .page_differences import differences
 from .page_figures import Figure, answered, bands, layout, line, speed_range, top_of
 from .page_motion import angles, forces, gear_torques, main_quantity, maxima, over_speed, shaft_torques
 from .page_parts import Heading, flowing
@@ -123,7 +122,7 @@ def second_part(report):
         return []
     cases = [dataclasses.replace(first, title="first design"), second]
     other = second.answers[0].train
-    blocks = list(report.tuning or _differences(report.train, other))
+    blocks = list(report.tuning or differences(report.train, other))
     told = (forces, gear_torques, shaft_torques) if report.train.topology.link_names else (angles,)
     for quantity in told:
         mine, its = quantity(report.train), quantity(other)
@@ -135,30 +134,6 @@ def second_part(report):
         drawn = mine.hardest(cases)[:MOST] if len(report.rpm) > 1 else []
         blocks += [over_speed(mine, name, cases) for name in drawn]
     return blocks
-
-
-def _differences(train, other):
-    """Numbers in which two designs differ, in a list."""
-    if train.topology.elements != other.topology.elements:
-        return ["The designs are made of different elements; what both have is compared by name."]
-    rows = []
-    for name, (table, index) in train.topology.elements.items():
-        for declared in dataclasses.fields(TABLES[table]):
-            values = [_value(one, table, declared.name, index) for one in (train, other)]
-            if None not in values and values[0] != values[1]:
-                unit = declared_field(table, declared.name).metadata["range"].unit
-                rows.append([f"{name}.{declared.name}", *map(plain_number, values), unit or NONE])
-    if not rows:
-        return ["No single number differs between the designs."]
-    heads = ["number of the scene", "first design", "second", "unit"]
-    return [Table("What differs between the designs", heads, list(zip(*rows, strict=True)), left=(3,))]
-
-
-def _value(train, table, field, index):
-    """A single number of an element; None where the field is none, or the train has not got it."""
-    numbers = getattr(train, {"mesh": "meshes"}.get(table, f"{table}s"))
-    vector = getattr(numbers, field, None)
-    return None if vector is None or np.ndim(vector) != 1 or index >= len(vector) else float(vector[index])
 
 
 def bounds_part(report):
