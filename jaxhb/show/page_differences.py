@@ -16,6 +16,7 @@ WORDS = {
     "cylinder_series": ("kinematics", ("exact", "mendes2008")),
     "cylinder_fires": ("fires", ("no", "yes")),
     "cylinder_source": ("gas torque from", None),
+    "cylinder_gas_revolutions": ("revolutions of the gas cycle", None),
     "cylinder_inertia": ("orders of the inertia torque", None),
     "cylinder_gas": ("orders of the gas torque", None),
 }
@@ -59,9 +60,9 @@ def differences(train, other):
     if rows:
         heads = ["number of the scene", "first design", "second", "unit"]
         return [Table("What differs between the designs", heads, list(zip(*rows, strict=True)), left=(3,))]
-    if _equal(train, other):
-        return ["Nothing differs between the designs: no number, no table, no word, no element."]
-    return ["The elements of both designs have the same numbers, tables and words; their order differs."]
+    if unlike := _unlike(train.topology, other.topology):
+        return [f"Same numbers, tables and words of the elements, in another order or with other {', '.join(unlike)}."]
+    return ["Nothing differs between the designs: no number, no table, no word, no element."]
 
 
 def _whole(mine, its):
@@ -176,6 +177,8 @@ def _inner(numbers, outer, index):
         if declared.metadata.get("static"):
             continue
         found[f"{outer}.{declared.name}"] = _fact(getattr(numbers, declared.name)[place])
+    if outer == "combustion":
+        found[f"{outer}.by"] = "imep" if numbers.by_work[place] else "heat"
     if outer == "traces":  # rows that never count fill them up
         speeds, loads = numbers.sizes[place]
         parts = {"rpm": np.s_[:speeds], "load": np.s_[:loads], "pressure": np.s_[:speeds, :loads]}
@@ -202,18 +205,7 @@ def _words(topology, table, index):
     return found
 
 
-def _equal(train, other):
-    """Whether two designs are the same but for the name of the scene and what changes no motion."""
-    same = dict.fromkeys(BESIDE, "")
-    if dataclasses.replace(train.topology, **same) != dataclasses.replace(other.topology, **same):
-        return False
-    return _same(dataclasses.replace(train, topology=None), dataclasses.replace(other, topology=None))
-
-
-def _same(one, other):
-    """Whether two tables of numbers are the same."""
-    if dataclasses.is_dataclass(one) and type(one) is type(other):
-        return all(_same(getattr(one, f.name), getattr(other, f.name)) for f in dataclasses.fields(one))
-    if one is None or other is None:
-        return one is other
-    return bool(np.array_equal(np.asarray(one), np.asarray(other)))
+def _unlike(mine, its):
+    """Fields in which two topologies differ that change a motion."""
+    names = (field.name for field in dataclasses.fields(mine) if field.name not in BESIDE)
+    return [name.replace("_", " ") for name in names if getattr(mine, name) != getattr(its, name)]

@@ -91,6 +91,7 @@ def test_nothing_differs_only_where_everything_is_equal(tmp_path):
     assert differences(first, renamed)[0].startswith("Nothing differs")
     one, two = BURNING.replace("three", "four"), BURNING
     ordered, swapped = scene(tmp_path, SCENE + one + two), scene(tmp_path, SCENE + two + one)
-    assert differences(ordered, swapped) == [
-        "The elements of both designs have the same numbers, tables and words; their order differs."
-    ]
+    (said,) = differences(ordered, swapped)
+    assert said.startswith(
+        "Same numbers, tables and words of the elements, in another order or with other cylinder names"
+    )
