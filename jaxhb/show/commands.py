@@ -26,7 +26,8 @@ from .output import (
     make_folders,
     write_files,
 )
-from .page_command import certified_at, check_page, report_of, second_case
+from .page_command import certified_at, check_page, report_of, second_cases, second_text
+from .page_parts import shown_misfire
 from .progress import Progress
 from .record import both_record, finite, on_scene
 from .rows import answer_row, rows_csv, trace_csv, untraceable
@@ -73,24 +74,25 @@ def report(train, arguments):
     trains = {case_title(train, cylinders): one for cylinders, one in trains.items()}
     asked, designs = dataclasses.replace(Asked.of(arguments), certify=False), [*trains.values(), *filter(None, [other])]
     kept = Kept(designs, ("report", arguments.rpm, asked))
-    with Progress((len(designs) + arguments.tune) * len(arguments.rpm), quiet=arguments.quiet) as progress:
+    runs = len(designs) + arguments.tune + bool(arguments.misfire and (other or arguments.tune))
+    with Progress(runs * len(arguments.rpm), quiet=arguments.quiet) as progress:
         try:
             found = kept.run(lambda folder: _reported(train, trains, other, arguments, asked, folder, progress))
         except KeyboardInterrupt as stop:
             if kept.folder and not asked.orbit:
                 stop.add_note(f"no file is written, but what was found is kept; {GOES_ON}")
             raise
-    cases, place, second, tuning = found
+    cases, place, seconds, tuning = found
     worst, whole = {"worst_misfire": finite(worst_misfire(cases))} if each else {}, []
     deliver(
         arguments,
-        misfires_text(cases) if each else cases_text(cases),
+        "\n\n".join(filter(None, [misfires_text(cases) if each else cases_text(cases), second_text(cases, seconds)])),
         json=lambda: as_json(
             changes(arguments) | on_scene(train) | cases_record(cases, orders=arguments.orders) | worst
         ),
         csv=lambda: rows_csv([answer_row(answer, case=case.title) for case in cases for answer in case.answers]),
         plot=lambda: _cycle_picture(arguments, cases[0].answers[place]),
-        html=lambda: _page(report_of(arguments, cases, place, second, tuning), whole),
+        html=lambda: _page(report_of(arguments, cases, place, seconds, tuning), whole),
     )
     kept.forget()
     status = status_of([answer for case in cases for answer in case.answers])
@@ -103,7 +105,7 @@ def _reported(train, trains, other, arguments, asked, folder, progress):
     cases = solve_cases(trains, arguments.rpm, asked, folder=folder, **tell)
     place = _place_of(cases[0], arguments.at)
     cases = certified_at(cases, place, progress.say) if arguments.certify else cases
-    return cases, place, *second_case(train, other, arguments, asked, folder, progress)
+    return cases, place, *second_cases(train, other, shown_misfire(cases), arguments, asked, folder, progress)
 
 
 def _page(report, whole):

@@ -40,10 +40,16 @@ def judged_elements(found, names=None, *, each=False):
 
 def share_of(row, kind):
     """The largest share of the first limit; of a row without, or of nothing known, less than any."""
+    shares = shares_of(row, kind)
+    return np.nanmax(shares) if np.isfinite(shares).any() else -1.0
+
+
+def shares_of(row, kind):
+    """Shares of the first limit over the speeds, nan where there is none or nothing is known."""
     field, *_, limits = PANELS[kind]
     limit = getattr(row, next(iter(limits)))
-    shares = np.asarray(getattr(row, field), float) / (np.nan if limit is None else limit)
-    return np.nanmax(shares) if np.isfinite(shares).any() else -1.0
+    limit = np.asarray(np.nan if limit is None else limit, float)
+    return np.asarray(getattr(row, field), float) / np.where(np.isfinite(limit), limit, np.nan)
 
 
 def draw_limits(axes, sweeps, kind, name):

@@ -36,6 +36,19 @@ def hardest(answer):
     return quantity, name, float(_READ[quantity](answer, name)) if name else float("nan")
 
 
+def largest_of(case):
+    """What is hit hardest over the speeds of a case: what it is called, its value, and value, element and speed in
+    words; None without an answer."""
+    found = [(*hardest(answer), answer.rpm) for answer in case.answers if answer.answered]
+    found = [row for row in found if row[2] == row[2]]
+    if not found:
+        return None
+    quantity, name, value, rpm = max(found, key=lambda row: row[2])
+    _, unit, factor = _KINDS[quantity]
+    called = _CALLED[quantity][0].lower() + _CALLED[quantity][1:]
+    return called, value, f"{factor * value:.4g} {unit} in {name} at {rpm:g} rpm"
+
+
 def worst_misfire(cases):
     """The misfire and the speed with the largest value, as it is written; None where no motion is known."""
     found = [(*hardest(answer), case, k) for case in cases[1:] for k, answer in enumerate(case.answers)]

@@ -4,10 +4,12 @@ jinja2."""
 import json
 
 from .page_cycle import cycle_part
-from .page_design import bounds_part, limits_part, notes_part, result_part, second_part
+from .page_design import bounds_part, notes_part, result_part
+from .page_limits import limits_part
 from .page_linear import campbell_part, forced_part, modes_part
 from .page_motion import forces_part, gears_part, map_part, power_part, shafts_part
 from .page_parts import Heading, parts_of
+from .page_second import second_part
 from .page_train import assumptions_part, train_part
 
 PARTS = {

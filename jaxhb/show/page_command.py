@@ -13,7 +13,10 @@ from .. import __version__
 from ..design.table import read_table
 from ..model.scene import _find, load_scene, scene_description
 from ..model.scene_writer import scene_text
+from ..periodic.misfires import same_factor
 from .cases import Case, solve_cases
+from .choose import NOT_FIRING, asks_each
+from .misfire_cases import largest_of
 from .output import OutputError, changes
 from .page_parts import Report
 from .tuned import tuned_parts
@@ -35,8 +38,8 @@ def check_page(train, arguments):
     return None if arguments.tuned is None else load_scene(arguments.tuned)
 
 
-def second_case(train, second, arguments, asked, folder, progress):
-    """Another design at the same speeds, and words on how it was found; (None, ()) where none is asked for.
+def second_cases(train, second, misfire, arguments, asked, folder, progress):
+    """Another design at the same speeds, without a misfire and with that of the page, and words on how it was found.
 
     Parameters
     ----------
@@ -44,21 +47,59 @@ def second_case(train, second, arguments, asked, folder, progress):
         The first design.
     second : DriveTrain or None
         From :func:`check_page`.
+    misfire : Case or None
+        The misfire that the page shows of the first design.
     arguments : Namespace
     asked : Asked
     folder : Path or None
         Where answers of this command are kept; those of a design that is tuned first are not.
     progress : Progress
+
+    Returns
+    -------
+    cases : list of Case
+        None, one or two; no misfire of a cylinder that the second design has not got.
+    found : list of str and Table
     """
     title, found = f"{SECOND} ({Path(arguments.tuned or '').stem})", ()
     if arguments.tune:
         title, (second, found) = TUNED, _tuned(train, progress)
     if second is None:
-        return None, ()
+        return [], ()
+    trains = {title: second}
+    if misfire is not None:
+        normal, misfiring = _misfiring(second, misfire.title.removesuffix(NOT_FIRING), arguments)
+        trains = {title: normal} | ({} if misfiring is None else {f"{title}, {misfire.title}": misfiring})
     own = None if folder is None or arguments.tune else folder / SECOND
     tell = {"say": progress.say, "advance": progress.advance}
-    (case,) = solve_cases({title: second}, arguments.rpm, asked, folder=own, **tell)
-    return case, found
+    return solve_cases(trains, arguments.rpm, asked, folder=own, **tell), found
+
+
+def _misfiring(train, cylinders, arguments):
+    """The second design as it runs and with the misfire of the first, None where it has no such cylinder; programs are
+    those of the first design where numbers alone differ."""
+    if asks_each(train, arguments):
+        trains = train.misfires()
+        return train.replace(same_factor(train)) if trains else train, trains.get(cylinders)
+    known = set(arguments.misfire) <= set(train.topology.cylinder_names)
+    return train, train.misfire(*arguments.misfire) if known else None
+
+
+def second_text(cases, seconds):
+    """What a second design does to the largest tooth force (torque, angle), a line for each of its cases."""
+    lines = []
+    for case in seconds:
+        found = largest_of(case)
+        first = cases[0] if case is seconds[0] else next(one for one in cases[1:] if case.title.endswith(one.title))
+        before = largest_of(first)
+        if found is None or before is None:
+            lines.append(f"The {case.title}: no largest value, one of the designs has no answer.")
+            continue
+        called, value, text = found
+        _, was, said = before
+        change = f" ({100 * (value / was - 1):+.1f} %)" if was > 0 and called == before[0] else ""
+        lines.append(f"The {case.title}: {called} {text}; first design: {said}{change}.")
+    return "\n".join(lines)
 
 
 def _tuned(train, progress):
@@ -75,7 +116,7 @@ def _tuned(train, progress):
     return result.train, tuple(tuned_parts(train, asked, result))
 
 
-def report_of(arguments, cases: list[Case], place, second, tuning):
+def report_of(arguments, cases: list[Case], place, seconds, tuning):
     """The :class:`Report` of what was computed."""
     files = [("scene", arguments.scene)] + ([("second design", arguments.tuned)] if arguments.tuned else [])
     facts = {"date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")}
@@ -88,7 +129,8 @@ def report_of(arguments, cases: list[Case], place, second, tuning):
     return Report(
         cases,
         **chosen,
-        second=second,
+        second=seconds[0] if seconds else None,
+        second_misfire=seconds[1] if len(seconds) > 1 else None,
         tuning=tuning,
         facts=facts,
         description=scene_description(arguments.scene),

@@ -1,28 +1,18 @@
-"""Parts of the page on what the design is held against: limits, another design beside it, error bounds, notes."""
-
-import dataclasses
+"""Parts of the page on what was found and how far it can be trusted: the result, error bounds, notes."""
 
 import numpy as np
 
-from ..model.change import declared_field
-from ..model.elements import TABLES
 from ..model.plausible import plausibility
 from .balance import plain_number
 from .certified import certificate_parts
 from .choose import largest
 from .columns import NONE, Table
-from .limit_plots import PANELS, judged_elements, share_of
 from .misfire_cases import worst_misfire
-from .page_figures import Figure, answered, bands, layout, line, speed_range, top_of
-from .page_motion import angles, forces, gear_torques, main_quantity, maxima, over_speed, shaft_torques
-from .page_parts import Heading, flowing
-from .plots import plain
-from .strength import AID, answers_strength, strength_text
+from .page_limits import judged_text
+from .page_motion import main_quantity
+from .page_parts import flowing
 from .sweep_tables import motion_sentences
 from .words import notes, warnings
-
-MOST = 4
-"""Elements whose two designs are drawn."""
 
 ROUNDING = 1e-9
 """Share of the power that is lost by rounding."""
@@ -36,10 +26,11 @@ def result_part(report):
         blocks.append(f"With {case.title}: {said} {_largest(quantity, case)}")
     if len(report.cases) > 2 and (worst := worst_misfire(report.cases)):
         blocks.append(f"Of all {len(report.cases) - 1} misfires that of {worst['cylinder']} is the worst.")
-    if report.second is not None:
-        said = " ".join(motion_sentences(report.second.answers))
-        blocks.append(f"With the {report.second.title}: {said} {_largest(quantity, report.second)}")
-    return [*blocks, *_shares(report), *_doubts(report)]
+    for case in report.seconds:
+        said = " ".join(motion_sentences(case.answers))
+        blocks.append(f"With the {case.title}: {said} {_largest(main_quantity(case.answers[0].train), case)}")
+    judged = judged_text(report.cases) + judged_text(report.seconds, "Second design, against the limits of its scene")
+    return [*blocks, *judged, *_doubts(report)]
 
 
 def _largest(quantity, case):
@@ -56,21 +47,9 @@ def _largest(quantity, case):
     return f"{quantity.title}: {values[name][place]:.4g} {quantity.unit} {where}{less}."
 
 
-def _shares(report):
-    """The largest share of a limit of the scene, in a list."""
-    found = answers_strength(report.cases[0].answers)
-    shares = {(kind, name): share_of(getattr(found, kind)[name], kind) for kind, name in judged_elements(found)}
-    known = {key: share for key, share in shares.items() if share >= 0}
-    if not known:
-        return []
-    said = [f"{PANELS[kind][1]} of {name} {share:.2f}" for (kind, name), share in known.items()]
-    over = "ABOVE A LIMIT" if max(known.values()) > 1 else "within the limits"
-    return [f"Against the limits of the scene ({AID}), {report.cases[0].title}, {over}; shares: {', '.join(said)}."]
-
-
 def _every(report):
     """All cases, the second design last."""
-    return [*report.cases, *([report.second] if report.second else [])]
+    return [*report.cases, *report.seconds]
 
 
 def _doubts(report):
@@ -78,87 +57,6 @@ def _doubts(report):
     missing = {case.title: sum(not answer.answered for answer in case.answers) for case in _every(report)}
     said = [f"{count} of {len(report.rpm)} ({title})" for title, count in missing.items() if count]
     return [f"Speeds WITHOUT AN ANSWER, left out of all largest values: {', '.join(said)}."] if said else []
-
-
-def limits_part(report):
-    """Stresses, tooth torques and heat against the limits of the scene."""
-    judged = {case.title: answers_strength(case.answers) for case in report.shown}
-    first = judged[report.cases[0].title]
-    if not first:
-        return ["The scene gives no limits: no diameter of a shaft, no rated_torque of a mesh, no power_limit."]
-    blocks = []
-    for title, found in judged.items():
-        told = [part if hasattr(part, "heads") else flowing(part) for part in strength_text({"": found})]
-        blocks += [Heading(f"With {title}"), *(part for part in told if part not in blocks)]
-    chosen = judged_elements(first, each=True)[: 2 * MOST] if len(report.rpm) > 1 else []
-    return blocks + [_limit(judged, kind, name, report.shown) for kind, name in chosen]
-
-
-def _limit(judged, kind, name, cases):
-    """One element against its limits, case by case; what is barred of the first is shaded."""
-    field, called, factor, unit, limits = PANELS[kind]
-    traces, rpm = [], [answer.rpm for answer in cases[0].answers]
-    for number, case in enumerate(cases):
-        values = factor * np.asarray(getattr(getattr(judged[case.title], kind)[name], field), float)
-        values = np.where(np.isfinite(answered(case.answers, lambda answer: 0.0)), values, np.nan)
-        traces.append(line(rpm, values, f"{called}, {plain(case.title)}", number, mode="lines+markers"))
-    first = judged[cases[0].title]
-    for number, (limit, said) in enumerate(limits.items()):
-        values = getattr(getattr(first, kind)[name], limit)
-        if values is not None:
-            traces.append(line(rpm, factor * np.broadcast_to(values, np.shape(rpm)), said, 2 + number))
-            traces[-1]["line"] |= {"color": "black"}
-    barred = first.barred.get(name, ()) if kind == "stresses" else ()
-    edges = [(float(one.low), float(one.high)) for one in barred]
-    panels = [(f"{called}, {unit}", top_of(*(trace["y"] for trace in traces)))]
-    made = layout("speed, rpm", panels, traces, x_range=speed_range(rpm), heights=[180], shapes=bands(edges))
-    shaded = "; grey: barred" if edges else ""
-    return Figure(f"{plain(name)}: {called} against its limits, {unit}{shaded}", traces, made)
-
-
-def second_part(report):
-    """Another design beside the first: what differs, and what it does at the same speeds."""
-    second, first = report.second, report.cases[0]
-    if second is None:
-        return []
-    cases = [dataclasses.replace(first, title="first design"), second]
-    other = second.answers[0].train
-    blocks = list(report.tuning or _differences(report.train, other))
-    told = (forces, gear_torques, shaft_torques) if report.train.topology.link_names else (angles,)
-    for quantity in told:
-        mine, its = quantity(report.train), quantity(other)
-        both = tuple(name for name in mine.names if name in its.names)
-        if not both:
-            continue
-        mine = dataclasses.replace(mine, names=both)
-        blocks.append(maxima(mine, cases, contact=quantity is forces))
-        drawn = mine.hardest(cases)[:MOST] if len(report.rpm) > 1 else []
-        blocks += [over_speed(mine, name, cases) for name in drawn]
-    return blocks
-
-
-def _differences(train, other):
-    """Numbers in which two designs differ, in a list."""
-    if train.topology.elements != other.topology.elements:
-        return ["The designs are made of different elements; what both have is compared by name."]
-    rows = []
-    for name, (table, index) in train.topology.elements.items():
-        for declared in dataclasses.fields(TABLES[table]):
-            values = [_value(one, table, declared.name, index) for one in (train, other)]
-            if None not in values and values[0] != values[1]:
-                unit = declared_field(table, declared.name).metadata["range"].unit
-                rows.append([f"{name}.{declared.name}", *map(plain_number, values), unit or NONE])
-    if not rows:
-        return ["No single number differs between the designs."]
-    heads = ["number of the scene", "first design", "second", "unit"]
-    return [Table("What differs between the designs", heads, list(zip(*rows, strict=True)), left=(3,))]
-
-
-def _value(train, table, field, index):
-    """A single number of an element; None where the field is none, or the train has not got it."""
-    numbers = getattr(train, {"mesh": "meshes"}.get(table, f"{table}s"))
-    vector = getattr(numbers, field, None)
-    return None if vector is None or np.ndim(vector) != 1 or index >= len(vector) else float(vector[index])
 
 
 def bounds_part(report):

@@ -87,6 +87,11 @@ def angles(train):
     return Quantity("disk", title, names, lambda r, name: r.disk(name).half_peak_to_peak, "mrad", 1e3)
 
 
+def heat(train):
+    """Power that dampers turn into heat."""
+    return Quantity("damper", "Heat of dampers", train.topology.damper_names, lambda r, name: r.power(name), "W")
+
+
 def main_quantity(train):
     """What tells most of a train: tooth forces, without teeth torques of shafts, without these angles."""
     topology = train.topology
@@ -299,9 +304,7 @@ def _apart(case):
 
 def power_part(report):
     """Power that dampers turn into heat."""
-    train, rpm = report.train, report.rpm
-    names = train.topology.damper_names
-    quantity = Quantity("damper", "Heat of dampers", names, lambda r, name: r.power(name), "W")
+    quantity, rpm = heat(report.train), report.rpm
     if not quantity.names:
         return []
     values = {name: [quantity.of(case.answers, name) for case in report.shown] for name in quantity.names}

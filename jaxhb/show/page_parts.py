@@ -48,6 +48,8 @@ class Report:
         Gear whose torque is shown over the cycle.
     second : Case, optional
         Another design at the same speeds, as it runs.
+    second_misfire : Case, optional
+        The same with the misfire that is shown.
     tuning : list, optional
         Words and tables that tell how the second design was found.
     facts : dict
@@ -61,6 +63,7 @@ class Report:
     asked: bool = False
     gear: str | None = None
     second: Case | None = None
+    second_misfire: Case | None = None
     tuning: tuple = ()
     facts: dict | None = None
     description: str = ""
@@ -82,13 +85,24 @@ class Report:
         return [answer.rpm for answer in self.cases[0].answers]
 
     @property
+    def seconds(self):
+        """All cases of the second design."""
+        return [case for case in (self.second, self.second_misfire) if case is not None]
+
+    @property
     def shown(self):
         """Normal running and one misfire, that which is worst."""
-        if len(self.cases) <= 2:
-            return self.cases
-        worst = worst_misfire(self.cases)
-        title = worst["cylinder"] + NOT_FIRING if worst else self.cases[1].title
-        return [self.cases[0], next(case for case in self.cases if case.title == title)]
+        misfire = shown_misfire(self.cases)
+        return self.cases[:1] if misfire is None else [self.cases[0], misfire]
+
+
+def shown_misfire(cases):
+    """The misfire that the page shows beside normal running, the worst; None without one."""
+    if len(cases) <= 2:
+        return cases[1] if len(cases) == 2 else None
+    worst = worst_misfire(cases)
+    title = worst["cylinder"] + NOT_FIRING if worst else cases[1].title
+    return next(case for case in cases if case.title == title)
 
 
 def flowing(text):

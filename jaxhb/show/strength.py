@@ -11,6 +11,9 @@ from .columns import NONE, Table, alike, ranges
 
 AID = "evaluation aid, no class approval"
 
+ENOUGH, NEAR = 50, 0.01
+"""Speeds from which barred ranges are found; share of the highest speed of the rule that may be missing."""
+
 RULE = """\
 Limits after IACS UR M68 for intermediate, thrust and propeller shafts, lambda = speed / {rated:g} rpm: to be checked
 against its current text. Tensile strengths count up to 800 MPa; of carbon steels and propeller shafts the rule counts
@@ -145,14 +148,24 @@ def _barred_text(found):
     """What is barred of several speeds, one range a line, and where nothing is judged."""
     barred = [(name, one) for name, several in found.barred.items() for one in several]
     limited = {name: row for name, row in found.stresses.items() if row.continuous is not None}
-    within = np.isfinite(next(iter(limited.values())).continuous)
-    rpm = np.asarray(found.rpm)
+    first = next(iter(limited.values()))
+    within, rpm = np.isfinite(first.continuous), np.asarray(found.rpm)
     said = []
     if within.any():
         head = "Barred speed ranges" if barred else "No barred speed range"
         said = [f"{head} between {rpm[within].min():g} and {rpm[within].max():g} rpm ({AID})"]
         said += [_range_text(name, one, found.rated_rpm) for name, one in barred]
+        said += [_judged_from(rpm[within & np.isfinite(first.stress)], HIGHEST * found.rated_rpm)]
     return "\n".join([*said, *_beyond_text(rpm, limited, ~within, found.rated_rpm)])
+
+
+def _judged_from(speeds, highest):
+    """From how many speeds barred ranges were judged, and what that leaves out."""
+    said = f"Judged from {len(speeds)} speed{'s' * (len(speeds) != 1)}"
+    few = f": resonances between them are NOT seen, take {ENOUGH} or more" if len(speeds) < ENOUGH else ""
+    short = len(speeds) and speeds.max() < (1 - NEAR) * highest
+    up = f" The rule looks up to {highest:g} rpm, {HIGHEST:g} of the rated speed: NOT judged there." if short else ""
+    return f"{said}{few}.{up}"
 
 
 def _beyond_text(rpm, limited, beyond, rated):

@@ -15,7 +15,10 @@ from jaxhb.show import page, page_command, page_linear
 from jaxhb.show.answer import Answer
 from jaxhb.show.cli import main
 from jaxhb.show.columns import Table
+from jaxhb.show.page import PARTS
+from jaxhb.show.page_command import second_text
 from jaxhb.show.page_figures import NO_ANSWER, Figure
+from jaxhb.show.page_limits import judged_text
 from jaxhb.show.page_motion import forces, over_speed
 from jaxhb.show.page_parts import Picture, parts_of
 
@@ -147,6 +150,62 @@ def test_the_second_design_stands_beside_the_first_with_what_differs(made):
     assert float(forces_of_both.columns[7][0]) == pytest.approx(largest / 1e3, rel=1e-3)
 
 
+def judged(cases, name, read, limit):
+    """The largest share of a limit of an element over cases and speeds, with its case and speed."""
+    return max((read(a, name) / limit, case.title, a.rpm) for case in cases for a in case.answers)
+
+
+def test_the_result_judges_every_case_and_names_limit_element_case_and_speed_the_largest_share_first(made):
+    _, report, parts = made
+    swings = {"Dämpfer": judged(report.cases, "Dämpfer", lambda a, name: a.power(name), 500.0)}
+    read = (lambda a, name: 0.05 * float(a.force(name).half_peak_to_peak), 300.0)
+    swings["Kurbel|Räder"] = judged(report.cases, "Kurbel|Räder", *read)
+    (said,) = [block for block in parts["Result"].blocks if block.startswith("Against the limits")]
+    for name, called, limit in (
+        ("Dämpfer", "heat", "its limit"),
+        ("Kurbel|Räder", "vibratory torque", "a third of the"),
+    ):
+        share, case, rpm = swings[name]
+        assert re.search(rf"{called} of {re.escape(name)} {share:.2f} of {limit}[^;]*\({case}, {rpm:g} rpm\)", said)
+    shares = [float(share) for share in re.findall(r" (\d+\.\d\d) of ", said)]
+    assert len(shares) == 3 and shares == sorted(shares, reverse=True)
+    alone = dataclasses.replace(report, cases=report.cases[:1], second=None, second_misfire=None)
+    assert judged_text(alone.cases) != judged_text(report.cases)
+
+
+def test_the_second_design_has_its_limits_its_heat_and_the_misfire(made):
+    _, report, parts = made
+    heat = next(table for table in tables(parts["Second design"]) if table.title.startswith("Heat of dampers"))
+    largest = max(answer.power("Dämpfer") for answer in report.second.answers)
+    assert float(heat.columns[5][0]) == pytest.approx(largest, rel=1e-3)
+    shares = tables(parts["Second design"])[-1]
+    titles = [title for title, *_ in shares.groups]
+    assert titles[1:] == [
+        "second design (second)",
+        "first design, two not firing",
+        "second design (second), two not firing",
+    ]
+    assert float(shares.columns[5][shares.columns[0].index("Dämpfer")]) == pytest.approx(largest / 500.0, abs=0.006)
+    misfiring = report.second_misfire.answers[0].train
+    assert misfiring.topology.cylinder_fires == (True, False)
+    assert misfiring.value("Dämpfer.damping") == 25.0
+    assert "was run without a misfire" not in "".join(map(str, parts["Second design"].blocks))
+    told = second_text(report.cases, report.seconds).splitlines()
+    force, first = (
+        max(float(a.force("Kurbel|Räder").peak) for a in c.answers) for c in (report.second, report.cases[0])
+    )
+    assert told[0].startswith(
+        f"The second design (second): largest tooth force {force / 1e3:.4g} kN in Kurbel|Räder at "
+    )
+    assert told[0].endswith(f" rpm ({100 * (force / first - 1):+.1f} %).") and "two not firing" in told[1]
+
+
+def test_a_second_design_without_the_cylinder_is_told_as_run_without_a_misfire(made):
+    _, report, _ = made
+    blocks = PARTS["Second design"](dataclasses.replace(report, second_misfire=None))
+    assert "The second design was run without a misfire: nothing here tells what a misfire does to it." in blocks
+
+
 def test_the_text_tells_torques_of_shafts_where_there_are_gears(made, capsys):
     file, _, _ = made
     assert main(["report", str(file.parent / "first.toml"), "--rpm", "1500"]) == 0
@@ -211,7 +270,10 @@ def test_a_train_without_a_single_answer_has_a_page_that_says_so(made):
         )
         for case in (*report.cases, report.cases[1])
     ]
-    parts = {part.title: part for part in parts_of(dataclasses.replace(report, cases=cases, second=None), page.PARTS)}
+    parts = {
+        part.title: part
+        for part in parts_of(dataclasses.replace(report, cases=cases, second=None, second_misfire=None), page.PARTS)
+    }
     assert [title for title, part in parts.items() if part.failed] == []
     assert "No speed has an answer." in "".join(map(str, parts["Result"].blocks))
     assert any("it gains speed" in str(block) for block in parts["Notes"].blocks)

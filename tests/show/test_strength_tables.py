@@ -342,7 +342,20 @@ def test_speeds_for_which_the_rule_has_no_limit_are_not_called_free_of_barred_ra
     largest = stress.stresses["line shaft"].stress[1:]
     at = 1000 + 100 * int(largest.argmax())
     assert "No barred speed range between 900 and 900 rpm" in said
+    assert (
+        "Judged from 1 speed: resonances between them are NOT seen, take 50 or more. The rule looks up to 945" in said
+    )
     assert f"{beyond}{largest.max() / 1e6:.4g} MPa at {at} rpm." in said
     assert main(["forced", str(scene), "--rpm", "1000:1200:3"]) == 0
     said = capsys.readouterr().out
     assert "arred speed range" not in said and beyond in said
+
+
+def test_barred_ranges_say_from_how_many_speeds_they_were_judged(scene, capsys):
+    assert main(["forced", str(scene), "--rpm", "500:945:60"]) == 0
+    assert "Judged from 60 speeds.\n" in capsys.readouterr().out
+    assert main(["forced", str(scene), "--rpm", "500:800:4"]) == 0
+    said = capsys.readouterr().out
+    assert (
+        "Judged from 4 speeds: resonances between them are NOT seen, take 50 or more. The rule looks up to 945" in said
+    )

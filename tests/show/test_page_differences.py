@@ -1,0 +1,97 @@
+"""What the page says of two designs that differ."""
+
+import pytest
+from test_page import SCENE
+
+import jaxhb
+from jaxhb.show.columns import Table
+from jaxhb.show.page_differences import differences
+
+BURNING = """
+[[cylinder]]
+name = "three"
+disk = "Kurbel"
+bore = 0.1
+stroke = 0.1
+rod = 0.2
+load = [[1000.0, 0.5], [3000.0, 1.0]]
+combustion = { compression_ratio = 16.0, charge_pressure = 2e5, start = -5.0, duration = 60.0, imep = 1e6 }
+"""
+TWO = SCENE + BURNING
+CHANGES = {
+    "a number": ("stiffness = 2e4", "stiffness = 2.5e4", [["Welle.stiffness", "20000", "25000", "N m/rad"]]),
+    "a small number": (
+        "stiffness = 2e4",
+        "stiffness = 20000.001",
+        [["Welle.stiffness", "20000", "20000.001", "N m/rad"]],
+    ),
+    "a number of a combustion": ("imep = 1e6", "imep = 0.0", [["three.combustion.imep", "1000000", "-", "Pa"]]),
+    "a number that is not given": ("rated_torque = 900.0", "", [["Kurbel|Räder.rated_torque", "900", "-", "N m"]]),
+    "the load of a cylinder": (
+        "0.5], [3000.0",
+        "0.6], [3000.0",
+        [["load of three: another table", "given", "given", "-"]],
+    ),
+    "no load of a cylinder": (
+        "load = [[1000.0, 0.5], [3000.0, 1.0]]",
+        "",
+        [["load of three: another table", "given", "-", "-"]],
+    ),
+    "the scale of a torque": (
+        'name = "two"',
+        'name = "two"\nscale = [[500.0, 0.5], [1500.0, 1.0]]',
+        [["scale of two: another table", "-", "given", "-"]],
+    ),
+    "a harmonic": (
+        "[1.0, 90.0, -5.0]",
+        "[1.0, 91.0, -5.0]",
+        [["gas_torque of one: another table", "given", "given", "-"]],
+    ),
+    "its order": (
+        "[1.0, 90.0, -5.0]",
+        "[1.5, 90.0, -5.0]",
+        [["gas_torque of one: another table", "given", "given", "-"]],
+    ),
+    "one harmonic less": (
+        ", [1.0, 90.0, -5.0]",
+        "",
+        [["gas_torque of one: another table", "given", "given", "-"]],
+    ),
+    "a word": (
+        "backlash = 1e-4",
+        'backlash = 1e-4\ndamping_law = "always"',
+        [["Kurbel|Räder.damping_law", "contact", "always", "-"]],
+    ),
+    "an element": (
+        'disk = "Bremse"\n[[cyl',
+        'disk = "Bremse"\n[[ground]]\ndisk = "Bremse"\nstiffness = 10.0\nname = "soft"\n[[cyl',
+        [["soft: in one design only", "-", "ground", "-"]],
+    ),
+    "a place": ('disk = "Kurbel"\ninertia', 'disk = "Bremse"\ninertia', [["Dämpfer.disk", "Kurbel", "Bremse", "-"]]),
+    "the scene as a whole": ("rated_rpm = 3000", "rated_rpm = 2000", [["scene.rated_rpm", "3000", "2000", "rpm"]]),
+}
+
+
+def scene(tmp_path, text):
+    (tmp_path / "scene.toml").write_text(text, encoding="utf-8")
+    return jaxhb.load_scene(tmp_path / "scene.toml")
+
+
+@pytest.mark.parametrize(("before", "after", "rows"), CHANGES.values(), ids=CHANGES)
+def test_whatever_differs_between_two_designs_is_told(tmp_path, before, after, rows):
+    assert before in TWO
+    first, second = scene(tmp_path, TWO), scene(tmp_path, TWO.replace(before, after, 1))
+    (table,) = differences(first, second)
+    assert isinstance(table, Table)
+    assert [list(row) for row in zip(*table.columns, strict=True)] == rows
+
+
+def test_nothing_differs_only_where_everything_is_equal(tmp_path):
+    first, renamed = scene(tmp_path, TWO), scene(tmp_path, TWO.replace("Prüfstand", "Anlage"))
+    assert differences(first, renamed)[0].startswith("Nothing differs")
+    one, two = BURNING.replace("three", "four"), BURNING
+    ordered, swapped = scene(tmp_path, SCENE + one + two), scene(tmp_path, SCENE + two + one)
+    (said,) = differences(ordered, swapped)
+    assert said.startswith(
+        "Same numbers, tables and words of the elements, in another order or with other cylinder names"
+    )
