@@ -16,6 +16,7 @@ from .linear_commands import DAMPED
 from .linear_plots import COUNTS, top_frequency
 from .mode_plots import MOST, Ways
 from .page_figures import Figure, above, crosses, layout, line, marks, top_of
+from .page_parts import Heading
 from .plots import WITH, WITHOUT, plain
 from .tables import modes_text
 
@@ -83,16 +84,24 @@ def campbell_part(report):
     low, high = min(rpm), max(rpm)
     low, high = (low * (1 - ONE_SPEED), high * (1 + ONE_SPEED)) if low == high else (low, high)
     speeds = np.linspace(low, high, 33)
-    orders = excited_orders(report.train, rpm=speeds)
-    found = campbell_of(report.train, rpm=speeds, orders=orders, count=CAMPBELL_MODES)
-    least = NEGLIGIBLE * max((c.torque for c in found.critical), default=0.0)
-    main = dataclasses.replace(found, critical=tuple(c for c in found.critical if c.torque >= least))
-    left = len(found.critical) - len(main.critical)
+    trains = {case.title.removesuffix(NOT_FIRING): case.answers[0].train for case in report.shown}
+    orders = sorted({order for train in trains.values() for order in excited_orders(train, rpm=speeds)})
+    asked = {"rpm": speeds, "orders": orders, "count": CAMPBELL_MODES}
+    found, *others = (campbell_of(train, **asked) for train in trains.values())
+    torques = [max(c.torque for c in same) for same in zip(*(one.critical for one in (found, *others)), strict=True)]
+    least = NEGLIGIBLE * max(torques, default=0.0)
+    chosen = [place for place, torque in enumerate(torques) if torque >= least]
+    main, *others = (
+        dataclasses.replace(one, critical=tuple(one.critical[place] for place in chosen)) for one in (found, *others)
+    )
+    misfires = dict(zip(list(trains)[1:], others, strict=True))
+    left = len(torques) - len(chosen)
     said = f"{left} critical speeds have a modal torque below {100 * NEGLIGIBLE:g} % of the largest: left out here."
-    return [_campbell(found), *campbell_parts(main, CAMPBELL_MODES), *[said] * bool(left)]
+    tables = campbell_parts(main, CAMPBELL_MODES, misfires)
+    return [_campbell(found, report.cases[0].title), *tables, *[said] * bool(left)]
 
 
-def _campbell(found):
+def _campbell(found, title):
     low, high = float(found.rpm[0]), float(found.rpm[-1])
     elastic = found.elastic(CAMPBELL_MODES)
     top = top_frequency(found, elastic)
@@ -120,8 +129,8 @@ def _campbell(found):
         points = [c.rpm for c in own], [c.hz for c in own]
         traces.append(marks(*points, "critical speed", symbol, showlegend=False, **more))
     caption = (
-        "Campbell diagram: modes full, orders dashed (named at their ends), critical speeds circled, filled where the"
-        f" modal torque is above {100 * COUNTS:g} % of the largest"
+        f"Campbell diagram, {title}: modes full, orders dashed (named at their ends), critical speeds circled,"
+        f" filled where the modal torque is above {100 * COUNTS:g} % of the largest"
     )
     panels = [("frequency, Hz", (0.0, top))]
     made = layout("speed, rpm", panels, traces, x_range=(low, high), heights=[400], annotations=names)
@@ -148,12 +157,18 @@ def forced_part(report):
     found, good = readings(first), np.asarray(first.converged)
     chosen = hardest_elements([one.at(good) for one in found]) if len(speeds) > 1 and good.any() else []
     misfires = {title: response for title, response in responses.items() if NOT_FIRING in title}
-    figures = [_orders(first, one, misfires) for one in chosen]
-    head = f"Linear, teeth in contact, at {len(speeds)} speeds; largest values, {report.cases[0].title}."
-    return [head, *figures, *worst_tables(first, found), *forced_failures(first)]
+    figures = [_orders(first, one, misfires, report.cases[0].title) for one in chosen]
+    title = report.cases[0].title
+    dashed = " Lines of a misfire are its half peak-to-peak." * bool(misfires)
+    head = f"Linear, teeth in contact, at {len(speeds)} speeds. Sums and orders in the figures: {title}.{dashed}"
+    tables = [Heading(f"Largest values, {title}"), *worst_tables(first, found), *forced_failures(first)]
+    for other, response in misfires.items():
+        tables += [Heading(f"Largest values, {other}"), *worst_tables(response, readings(response))]
+        tables += forced_failures(response, other)
+    return [head, *figures, *tables]
 
 
-def _orders(response, element, misfires):
+def _orders(response, element, misfires, title):
     """Synthesis, sum and main orders of an element over the speed; gaps and crosses where there is no answer."""
     _, _, _, unit, factor = KINDS[element.kind]
     signal, rpm = signal_of(response, element.name, element.kind), response.rpm
@@ -163,10 +178,10 @@ def _orders(response, element, misfires):
         line(rpm, certain * signal.sum_of_amplitudes, "sum of amplitudes", 3),
     ]
     traces[0]["line"] |= {"width": 2.4}
-    for title, other in misfires.items():
+    for called, other in misfires.items():
         own = signal_of(other, element.name, element.kind).half_peak_to_peak
         own = np.where(other.converged, factor, np.nan) * own
-        traces.append(line(rpm, own, f"half peak-to-peak, {plain(title)}", 1))
+        traces.append(line(rpm, own, f"half peak-to-peak, {plain(called)}", 1))
     for number, k in enumerate(element.main()):
         symbol = ("circle", "square", "diamond", "triangle-up", "cross", "star")[number % 6]
         marker = {"symbol": symbol, "size": 6, "maxdisplayed": 12}
@@ -176,4 +191,4 @@ def _orders(response, element, misfires):
     panels = [(unit, top_of(*(trace["y"] for trace in traces)))]
     traces += crosses(rpm[~np.asarray(response.converged)])
     made = layout("speed, rpm", panels, traces, x_range=(float(rpm[0]), float(rpm[-1])), heights=[220])
-    return Figure(f"{plain(element.name)}: linear forced response over the speed, {unit}", traces, made)
+    return Figure(f"{plain(element.name)}: linear forced response over the speed, {title}, {unit}", traces, made)

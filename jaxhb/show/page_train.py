@@ -29,6 +29,18 @@ STEADY = (
     " another start another motion may be reached. Of motions that never repeat the numbers are extremes over the"
     " recorded cycles."
 )
+MISFIRE = (
+    "A cylinder that does not fire has no gas torque at all: combustion and compression are both absent. Its"
+    " inertia torque remains."
+)
+COMPRESSING = (
+    'Compression without combustion is another calculation: --set "{name}.combustion.{by}=0" keeps the compression of'
+    " this cylinder."
+)
+COMPRESSED = (
+    "Compression without combustion is another calculation: give the cylinder the gas torque or pressure of a motored"
+    " one, or a combustion model, whose heat or imep can be set to 0."
+)
 LINEAR = "No mesh has backlash: the train is linear, and every speed is answered by its one periodic motion."
 ORBIT = "Every speed is answered by a periodic solution, whether or not the train runs in it (--orbit)."
 
@@ -119,6 +131,7 @@ def assumptions_part(report):
     said = [*ASSUMPTIONS, *(TEETH if train.topology.mesh_names else ())]
     linear = not any(train.topology.mesh_backlash)
     said.append(LINEAR if linear else ORBIT if answer.orbit else STEADY)
+    said += _misfiring(train) if train.topology.cylinder_names else []
     turns = train.topology.revolutions_per_cycle
     said.append(
         f"The excitation repeats after {turns:g} revolution{'s' * (turns != 1)} of the reference rotor. Speeds are"
@@ -126,3 +139,12 @@ def assumptions_part(report):
     )
     facts = list((report.facts or {}).items())
     return [*said, *filter(None, [_rows("Where this page comes from", ["", ""], facts, left=(1,))])]
+
+
+def _misfiring(train):
+    """What a misfire is, and how to have one that compresses."""
+    burning = train.cylinders.combustion
+    if burning is None:
+        return [f"{MISFIRE} {COMPRESSED}"]
+    name = train.topology.cylinder_names[burning.seats[0]]
+    return [f"{MISFIRE} {COMPRESSING.format(name=name, by='imep' if burning.by_work[0] else 'heat')}"]

@@ -7,7 +7,7 @@ from .choose import hardest_shaft, heaviest, largest, most_apart, shafts_of, wor
 from .columns import NONE, Table, alike, ranges, shares
 from .strength import answers_strength, strength_text
 from .tables import hardest_text, irregularity_text, notes_text
-from .words import motion_word, status_word, verdict
+from .words import UNCONFIRMED, motion_word, status_word, verdict
 
 BLOCKS = {"up": "Upwards", "down": "Downwards", "orbit": "Periodic solutions"}
 """Headings of the ways in which speeds are gone through."""
@@ -101,7 +101,7 @@ def _meshes(answers):
         shares([_longest(answer, name) for answer, name in zip(answers, apart, strict=True)]),
         [hardest_text(*answer.contacts.values()) for answer in answers],
     ]
-    heads = ["largest tooth force", "with kN", WITHOUT, "longest apart", "apart %", "hardest m/s"]
+    heads = ["largest tooth force", "with kN", WITHOUT, "longest apart", "apart %", "hardest of all m/s"]
     return heads, columns
 
 
@@ -167,6 +167,8 @@ def _kinds(answers):
         }.get("" if answer.orbit else answer.state.kind)
         if answer.orbit and not answer.converged:
             said = f"NOT CONVERGED, {status_word(answer.status)},"
+        if said and not answer.answered and answer.state.kind == "subharmonic" and not answer.orbit:
+            said += f", {UNCONFIRMED}, WITHOUT AN ANSWER,"
         if said:
             alike_in.setdefault(said, []).append(answer.place)
     return [f"{said} at {axis.said(ranges(places, chosen, axis.to))}." for said, chosen in alike_in.items()]

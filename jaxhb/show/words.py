@@ -14,6 +14,9 @@ from .floquet import growth_text
 LOST = 1e-3
 """Share of the power of the torques that may be lost without a note."""
 
+UNCONFIRMED = "not confirmed by harmonic balance"
+"""What is said of a motion that was marched and that no harmonic solution repeats: it is no answer."""
+
 GAP_SPRING_SHARE = 0.05
 KNEE_SHARE = 0.5
 SHOWN_SPEEDS = 6
@@ -40,6 +43,7 @@ def motion_text(answer):
     if not answer.topology.mesh_names:
         kind = "periodic, period one cycle" if state.known else kind
     if state.known and answer.response is None:
+        kind += f"; {UNCONFIRMED}, without an answer" if answer.converged is False else ""
         kind += f"; numbers are the extremes over {state.record.cycles} recorded cycles"
     return "; ".join(filter(None, [kind, growth]))
 
@@ -59,7 +63,7 @@ def motion_word(answer):
         kind = "periodic" if toothless else state.kind  # as motion_text says
         parts.append(f"period {state.period}" if state.kind == "subharmonic" else kind)
         if answer.known and answer.converged is False:
-            parts.append("not solved" if answer.status is None else status_word(answer.status))
+            parts.append("not confirmed" if answer.status is None else status_word(answer.status))
     return ", ".join([*parts, *["UNSTABLE"] * answer.growth.unstable])
 
 
@@ -100,7 +104,7 @@ def verdict(answer):
     Returns
     -------
     str
-        Names the mesh that is apart for the largest share of the time.
+        Names the mesh that is apart for the largest share of the time, and that with the hardest impact.
 
     Examples
     --------
@@ -119,7 +123,7 @@ def verdict(answer):
     said = _hammering(answer, speed)
     doubts = []
     if answer.converged is False:
-        unsolved = "not solved by harmonic balance"
+        unsolved = f"{UNCONFIRMED}, without an answer"
         doubts.append(unsolved if answer.response is None else "not converged, do not rely on this")
     if answer.growth.unstable:
         doubts.append("unstable, the train does not run in this motion")
@@ -135,13 +139,22 @@ def _hammering(answer, speed):
         return f"All teeth stay in contact at {speed}."
     contact = answer.contacts[name]
     apart = f"{name} is apart {_percent(contact.separated_fraction)} of the time"
-    if not contact.impacts_per_cycle:
+    hardest = _hardest_elsewhere(answer, name)
+    if not contact.impacts_per_cycle and not hardest:
         return f"Teeth separate at {speed}: {apart}, without an impact."
     manner = {"irregular": " irregularly", "subharmonic": f" with a period of {answer.state.period} cycles"}
-    return (
-        f"The teeth hammer{manner.get(answer.state.kind, '')} at {speed}: {apart}, "
-        f"{impacts_text(contact.impacts_per_cycle)} a cycle, the hardest at {contact.hardest_impact:.2f} m/s."
-    )
+    own = f"{impacts_text(contact.impacts_per_cycle)} a cycle, the hardest at {contact.hardest_impact:.2f} m/s"
+    own = own if contact.impacts_per_cycle else "without an impact"
+    return f"The teeth hammer{manner.get(answer.state.kind, '')} at {speed}: {apart}, {own}{hardest}."
+
+
+def _hardest_elsewhere(answer, name):
+    """The hardest impact of all where it is at another mesh than this."""
+    speeds = {mesh: float(contact.hardest_impact) for mesh, contact in answer.contacts.items()}
+    mesh = max(speeds, key=speeds.get)
+    if mesh == name or not speeds[mesh] > speeds[name]:
+        return ""
+    return f"; the hardest of all at {speeds[mesh]:.2f} m/s in {mesh}"
 
 
 def impacts_text(count):
@@ -313,7 +326,7 @@ def _failure(answer):
         return f"{answer.status.name}, {_remedy(answer)}"
     if not answer.known:
         return f"the kind of motion is unknown: {'; '.join(answer.state.notes)}"
-    return "harmonic balance did not find the motion that was marched: try --tolerance or --harmonics"
+    return f"{UNCONFIRMED}: the motion was marched, but is not found; try --tolerance or --harmonics"
 
 
 def _remedy(answer):

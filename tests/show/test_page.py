@@ -5,10 +5,12 @@ import json
 import re
 import shutil
 import subprocess
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+import jaxhb
 from jaxhb.linear.forced import forced_response
 from jaxhb.response.status import Status
 from jaxhb.show import page, page_command, page_linear
@@ -21,6 +23,9 @@ from jaxhb.show.page_figures import NO_ANSWER, Figure
 from jaxhb.show.page_limits import judged_text
 from jaxhb.show.page_motion import forces, over_speed
 from jaxhb.show.page_parts import Picture, parts_of
+from jaxhb.show.page_train import _misfiring
+from jaxhb.show.sweep_tables import motion_sentences
+from jaxhb.show.words import motion_text, motion_word, verdict, warnings
 
 SCENE = """
 [scene]
@@ -204,6 +209,86 @@ def test_a_second_design_without_the_cylinder_is_told_as_run_without_a_misfire(m
     _, report, _ = made
     blocks = PARTS["Second design"](dataclasses.replace(report, second_misfire=None))
     assert "The second design was run without a misfire: nothing here tells what a misfire does to it." in blocks
+
+
+def test_the_linear_parts_name_their_case_and_tell_the_misfire_too(made):
+    _, report, parts = made
+    campbell, forced = parts["Campbell diagram and critical speeds"], parts["Linear forced response"]
+    (diagram,) = figures({"": campbell})
+    assert diagram.caption.startswith("Campbell diagram, all cylinders firing: ")
+    critical = tables(campbell)[1]
+    assert critical.heads[-3:] == ["modal torque N m", "worst misfire N m", "that of"]
+    assert set(critical.columns[-1]) == {"two"}
+    one = critical.columns[1].index("1")  # both act alike: half is left
+    assert float(critical.columns[-2][one]) == pytest.approx(float(critical.columns[-3][one]) / 2, rel=0.01)
+    for figure in figures({"": forced}):
+        assert "over the speed, all cylinders firing, " in figure.caption
+    misfiring = [str(block) for block in forced.blocks].index("Largest values, two not firing")
+    table = next(
+        block for block in forced.blocks[misfiring:] if isinstance(block, Table) and "Welle" in block.columns[0]
+    )
+    speeds = np.unique([*report.rpm, *np.linspace(1500, 4000, page_linear.SPEEDS)])
+    swings = forced_response(report.cases[1].answers[0].train, rpm=speeds).torque("Welle").half_peak_to_peak
+    assert float(table.columns[1][table.columns[0].index("Welle")]) == pytest.approx(swings.max(), rel=1e-3)
+
+
+def test_the_assumptions_say_what_a_misfire_is(made):
+    said = "".join(map(str, made[2]["Assumptions and versions"].blocks))
+    assert "has no gas torque at all: combustion and compression are both absent. Its inertia torque remains." in said
+
+
+def test_what_the_assumptions_advise_keeps_the_compression_of_a_cylinder():
+    row = {"disk": "a", "bore": 0.1, "stroke": 0.1, "rod": 0.2, "name": "x"}
+    given = {"compression_ratio": 16.0, "charge_pressure": 2e5, "start": -5.0, "duration": 60.0}
+    for by, much in (("imep", 1e6), ("heat", 2000.0)):
+        parts = [
+            jaxhb.Disk(name="a", inertia=1.0, damping=1.0),
+            jaxhb.Disk(name="b", inertia=1.0),
+            jaxhb.Load(disk="b"),
+        ]
+        parts += [jaxhb.Shaft(between=("a", "b"), stiffness=1e4)]
+        parts += [jaxhb.Cylinder(**row, combustion=jaxhb.Combustion(**given, **{by: much}))]
+        train = jaxhb.build(parts, revolutions_per_cycle=2)
+        (said,) = _misfiring(train)
+        (key,) = re.findall(r'--set "(.*)=0"', said)
+        swings = [
+            float(jaxhb.forced_response(one, rpm=1000.0).torque("a|b").half_peak_to_peak)
+            for one in (train, train.replace({key: 0.0}), train.misfire("x"))
+        ]
+        assert swings[0] > 1.05 * swings[1] and swings[1] > 10.0 and swings[2] < 1e-9
+
+
+def test_a_period_that_harmonic_balance_did_not_confirm_is_told_in_one_way(made):
+    case = made[1].cases[0]
+    one = without_an_answer(case.answers[1])
+    state = dataclasses.replace(
+        one.state, kind="subharmonic", period=2, response=None, record=SimpleNamespace(cycles=50)
+    )
+    unsure = Answer(one.train, state, one.linear)
+    (said,) = motion_sentences([case.answers[0], unsure])[1:]
+    assert said == (
+        "The motion has a period of 2 cycles, not confirmed by harmonic balance, WITHOUT AN ANSWER, at 3000 rpm."
+    )
+    assert motion_word(unsure) == "period 2, not confirmed"
+    assert "period of 2 cycles (of 4 revolutions); not confirmed by harmonic balance, without an answer" in motion_text(
+        unsure
+    )
+    assert "not confirmed by harmonic balance" in warnings([unsure])[0]
+
+
+def test_the_verdict_names_the_hardest_impact_of_all_where_it_is_at_another_mesh(made):
+    answer = made[1].cases[0].answers[2]
+    own, other = answer.contacts["Kurbel|Räder"], dataclasses.replace
+    assert own.impacts_per_cycle and "of all" not in verdict(answer)
+    longest = other(own, separated_fraction=0.5, hardest_impact=0.1)
+    elsewhere = other(own, separated_fraction=0.1, hardest_impact=0.7)
+    told = {"Kurbel|Räder": longest, "other": elsewhere}
+    train = SimpleNamespace(mesh_names=tuple(told), mesh_backlash=(True, True))
+    both = SimpleNamespace(topology=train, contacts=told, at="4000 rpm", known=True, converged=True)
+    both.growth, both.state = answer.growth, answer.state
+    assert verdict(both).endswith(" a cycle, the hardest at 0.10 m/s; the hardest of all at 0.70 m/s in other.")
+    told["Kurbel|Räder"] = other(longest, impacts_per_cycle=0, hardest_impact=0.0)
+    assert verdict(both).endswith("50 % of the time, without an impact; the hardest of all at 0.70 m/s in other.")
 
 
 def test_the_text_tells_torques_of_shafts_where_there_are_gears(made, capsys):
