@@ -16,7 +16,7 @@ from jaxhb.harmonic.excitation import highest_harmonic, listed_harmonic
 from jaxhb.model.drivetrain import build
 from jaxhb.model.elements import Cylinder, Disk, Ground, Mesh, Shaft, Torque
 from jaxhb.model.scene import load_scene
-from jaxhb.transient import reference
+from jaxhb.transient import reference, true_error
 from jaxhb.transient.integrate import cycle, march, settle
 from jaxhb.transient.reference import integrate, reference_orbit, resolving_steps
 from jaxhb.transient.shooting import monodromy, shoot
@@ -266,9 +266,9 @@ def test_only_more_steps_that_close_overrule_a_correction_that_contradicts_the_e
         error, settled = next(left)
         return SimpleNamespace(settled=settled, deflection=np.zeros((1, steps or 100)), error=error)
 
-    monkeypatch.setattr(reference, "reference_orbit", shot)
+    monkeypatch.setattr(true_error, "reference_orbit", shot)
     monkeypatch.setattr(
-        reference, "_difference", lambda *given: SimpleNamespace(error=given[-1].error, orbit=given[-1])
+        true_error, "_difference", lambda *given: SimpleNamespace(error=given[-1].error, orbit=given[-1])
     )
     assert shooting_correction(response).error == error
     assert asked == steps
