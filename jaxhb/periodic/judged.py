@@ -8,13 +8,13 @@ import numpy as np
 from ..response.steady import SteadyState
 from .marching import Batch, Equations, record_of
 from .returns import ended
-from .settled import VERDICT, same_motion, shortest_period, solve_settled
+from .settled import VERDICT, prepare, same_motion, shortest_period, solve_settled
 from .stability import attracts
 
 
 class Judge:
     """The steady states of one train, from marches of its speeds ``(n,)``, on one device or across several; ``known``
-    are those at hand, by place.
+    are those at hand, by place, ``apart`` the places where the linear motion separates teeth.
 
     A march begins with few steps. What harmonic balance confirms is exact whatever the steps. The rest, irregular
     motion above all, is marched on with twice the steps: on ``gear_train_30`` three of sixty speeds had another kind
@@ -24,11 +24,22 @@ class Judge:
     def __init__(self, train, speeds, request, exact, cycles, devices=()):
         self.devices = devices
         self.train, self.speeds, self.request, self.exact, self.cycles = train, speeds, request, exact, cycles
-        self.known = {}
+        self.known, self.apart = {}, set()
 
     def settle(self, places, motions, progress=lambda count: None):
         """Steady states of some speeds by place, side by side, from motions ``{place: (x, x')}`` or from teeth in
         contact; ``progress`` is told how many more are known."""
+        # Of a single speed the program depends on which meshes leave contact, which the march tells.
+        known = self.request.many and self.exact and not isinstance(self.equations, str)
+        separating = [self.speeds[place] for place in places if known and place in self.apart]
+        programs = prepare(self.train, separating, self.request)
+        try:
+            return self._settled(places, motions, progress)
+        finally:
+            for program in programs:
+                program.cancel()
+
+    def _settled(self, places, motions, progress):
         found, spent, finer = {}, dict.fromkeys(places, 0), 1
         while places:  # with the finest steps no verdict is unsure any more
             unsure = {}

@@ -142,7 +142,7 @@ def prepare(train, speeds, request):
     Returns
     -------
     list of concurrent.futures.Future
-        To be cancelled when the sweep is over.
+        To be cancelled when these speeds are done.
     """
     unknown = np.zeros(sum(train.topology.mesh_backlash), dtype=int)
     plans = {_plan_of(train, rpm, request, unknown, apart=True, period=1): rpm for rpm in speeds}

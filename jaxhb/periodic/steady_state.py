@@ -24,7 +24,7 @@ from .planned import solve_batches
 from .planning import plan_speeds
 from .request import Request
 from .returns import Cycles
-from .settled import VERDICT, difference, prepare
+from .settled import VERDICT, difference
 
 DIRECTIONS = "up", "down", "both"
 
@@ -193,15 +193,11 @@ def steady_state(
     if not np.ndim(rpm):
         return search.alone(0)
     order = np.argsort(speeds, kind="stable")
-    found, programs = {}, prepare(train, speeds[search.apart], request) if exact else []
-    try:
-        for way in ("up", "down") if direction == "both" else (direction,):
-            search.way = way
-            states = search.along(order if way == "up" else order[::-1])
-            found[way] = SteadySweep(tuple(states[place] for place in range(len(speeds))), way)
-    finally:
-        for program in programs:
-            program.cancel()
+    found = {}
+    for way in ("up", "down") if direction == "both" else (direction,):
+        search.way = way
+        states = search.along(order if way == "up" else order[::-1])
+        found[way] = SteadySweep(tuple(states[place] for place in range(len(speeds))), way)
     return (found["up"], found["down"]) if direction == "both" else found[direction]
 
 
@@ -215,7 +211,7 @@ class _Search:
         self.tell, self.way = on_states or (lambda states, way: None), "up"
         self.start = None if start is None else _motion_of(self.train, start)
         plans = plan_speeds(self.train, self.speeds, self.request)
-        self.apart = [place for place, plan in enumerate(plans) if plan.active and plan.marches]
+        judge.apart = {place for place, plan in enumerate(plans) if plan.active and plan.marches}
         self.contact = self._in_contact(plans)
 
     def _in_contact(self, plans):
