@@ -182,7 +182,7 @@ def run_cases(asked, benchmark, run_case):
     for index in range(asked.cases) if asked.only is None else [asked.only]:
         if index in known:
             continue
-        records.append(run_case(asked.seed, index))
+        records.append({"benchmark": benchmark} | run_case(asked.seed, index))
         print(json.dumps(records[-1]), flush=True)
         if file:
             with file.open("a") as stream:
