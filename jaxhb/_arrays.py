@@ -1,6 +1,7 @@
 """Where arithmetic runs: numpy on the host, jax.numpy under a transformation. Scenes are read without jax."""
 
 import sys
+from functools import lru_cache, wraps
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -73,3 +74,36 @@ def on_host(tree):
     """The tree with numpy arrays for its leaves, except those that are traced."""
     jax = _jax()
     return jax.tree.map(lambda leaf: leaf if traced(leaf) else np.asarray(leaf), tree) if jax else tree
+
+
+class _Itself:
+    """An array as a key: the array, not its numbers."""
+
+    def __init__(self, array):
+        self.array = array
+
+    def __hash__(self):
+        return id(self.array)
+
+    def __eq__(self, other):
+        return self.array is other.array
+
+
+def kept(function):
+    """Make ``function(tree, *static)`` remember what it gave for the last trees of host arrays, which nobody changes.
+
+    The speeds of a sweep share the arrays of their train: what depends on these alone is computed once.
+    """
+
+    @lru_cache(maxsize=8)
+    def known(leaves, structure, *static):
+        return function(_jax().tree.unflatten(structure, [leaf.array for leaf in leaves]), *static)
+
+    @wraps(function)
+    def called(tree, *static):
+        if namespace(tree) is not np:
+            return function(tree, *static)
+        leaves, structure = _jax().tree.flatten(tree)
+        return known(tuple(map(_Itself, leaves)), structure, *static)
+
+    return called

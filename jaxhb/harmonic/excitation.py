@@ -14,7 +14,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
-from .._arrays import namespace
+from .._arrays import kept, namespace
 from ..model.crank import CRANK_SAMPLES, gas_torque, inertia_torque
 from ..model.drivetrain import DriveTrain, speed_ratios
 from ..model.gas import COMPUTED, components, weights
@@ -167,7 +167,7 @@ def highest_harmonic(train: DriveTrain) -> int:
             found.append(round(min(orders, INERTIA_ORDERS_THAT_COUNT) * turn))
     with_gas = _pressure_cylinders(topology)
     if with_gas:
-        gas, _ = _pressure_harmonics(train, with_gas)
+        gas, _ = _pressure_harmonics(train.cylinders, with_gas, _gas_revolutions(topology, with_gas))
         for i, row in zip(with_gas, np.abs(np.asarray(gas)).max(axis=0), strict=True):
             row = row[1 : topology.cylinder_gas[i] + 1]
             counts = np.flatnonzero(row > NEGLIGIBLE_GAS * max(row.max(initial=0.0), 1e-300))
@@ -290,19 +290,23 @@ def _pressure_cylinders(topology) -> tuple[int, ...]:
     return tuple(i for i, (source, fires) in enumerate(both) if source in COMPUTED and fires)
 
 
-def _pressure_harmonics(train, rows):
+def _gas_revolutions(topology, rows):
+    """Revolutions of the gas cycles of some cylinders."""
+    return tuple(topology.cylinder_gas_revolutions[i] for i in rows)
+
+
+@kept
+def _pressure_harmonics(table, rows, revolutions):
     """Harmonics of the gas cycle of p A x' [J, n, K], one for each component of p, and of p_ambient A x' [n, K].
 
-    ``rows`` are the n cylinders.
+    ``rows`` are the n cylinders of the table, ``revolutions`` those of their gas cycles.
     """
-    rows, table = np.array(rows, dtype=int), train.cylinders
-    xp = namespace(table)
+    xp, rows = namespace(table), np.array(rows, dtype=int)
     given = (table.ambient_pressure, table.bore, table.stroke, table.rod)
-    revolutions = np.array(train.topology.cylinder_gas_revolutions)[rows]
     pressure = xp.asarray(components(table))[:, rows]
     ambient, *geometry = (xp.asarray(values)[rows] for values in given)
     all_of = xp.concatenate([pressure, xp.broadcast_to(ambient[None, :, None], (1, *pressure.shape[1:]))])
-    harmonics = gas_torque_harmonics(all_of, *geometry, revolutions=revolutions)
+    harmonics = gas_torque_harmonics(all_of, *geometry, revolutions=np.array(revolutions))
     return harmonics[:-1], harmonics[-1]
 
 
@@ -321,7 +325,7 @@ def _add_gas(torque, train, rpm):
     rows = _pressure_cylinders(topology)
     if not rows:
         return torque
-    parts, ambient = _pressure_harmonics(train, rows)
+    parts, ambient = _pressure_harmonics(table, rows, _gas_revolutions(topology, rows))
     rows = np.array(rows)
     row_scale = scale[rows]
     lists = [tuple(topology.cylinder_step[c] * k for k in range(1, topology.cylinder_gas[c] + 1)) for c in rows]
@@ -342,8 +346,13 @@ def _add_inertia(torque, train, rpm, ratio):
     if not i.size:
         return torque
     disk = np.array(topology.cylinder_disk, dtype=int)
-    short = np.array(topology.cylinder_series)
     speed = ratio[disk] * (2.0 * np.pi / 60.0) * rpm
-    unit = inertia_torque_harmonics(table.stroke, table.rod, short_series=short)
+    unit = _unit_inertia_harmonics(table, topology.cylinder_series)
     value = (table.reciprocating_mass * speed**2)[i] * unit[i, k + 1]
     return _add(torque, disk[i], n, value * _phase(train, i, n))
+
+
+@kept
+def _unit_inertia_harmonics(table, short_series):
+    """:func:`inertia_torque_harmonics` of the cylinders of a table."""
+    return inertia_torque_harmonics(table.stroke, table.rod, short_series=np.array(short_series))

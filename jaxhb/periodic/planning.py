@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from .._arrays import on_host
+from .._arrays import kept, on_host
 from ..harmonic import backlash, chain, fourier
 from ..harmonic.excitation import excitation, listed_harmonic
 from ..linear.modal import natural_frequencies
@@ -68,12 +68,17 @@ def mesh_mode_harmonics(train, frequency):
     -------
     array ``(2,)``
     """
-    cycle_hz = frequency / (2 * np.pi)
+    return _mesh_modes_hz(train) / (frequency / (2 * np.pi))
+
+
+@kept
+def _mesh_modes_hz(train):
+    """Frequencies ``(2,)`` in Hz of :func:`mesh_mode_harmonics`."""
     if train.topology.n_disks > DENSE_MODES:
-        return np.full(2, GEARS_ALONE * _gear_mode_hz(train) / cycle_hz)
+        return np.full(2, GEARS_ALONE * _gear_mode_hz(train))
     modes = natural_frequencies(train)
     share = modes.mesh_energy_share
-    return np.array([np.max(modes.frequencies_hz[share > least], initial=0.0) for least in STRAINED]) / cycle_hz
+    return np.array([np.max(modes.frequencies_hz[share > least], initial=0.0) for least in STRAINED])
 
 
 def _gear_mode_hz(train):
