@@ -79,7 +79,7 @@ def report(train, arguments):
         try:
             found = kept.run(lambda folder: _reported(train, trains, other, arguments, asked, folder, progress))
         except KeyboardInterrupt as stop:
-            if kept.folder and not asked.orbit:
+            if kept.folder:
                 stop.add_note(f"no file is written, but what was found is kept; {GOES_ON}")
             raise
     cases, place, seconds, tuning = found
