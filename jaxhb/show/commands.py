@@ -64,6 +64,7 @@ def solve_one(train, arguments):
 def report(train, arguments):
     """Several speeds, normal and misfiring, with backlash and without."""
     check_picture(train, arguments)
+    check_labelled(arguments)
     if arguments.at is not None and arguments.at not in arguments.rpm:
         raise OutputError(f"--at: {arguments.at:g} rpm is not one of the speeds of --rpm. Add it.")
     other = check_page(train, arguments)
@@ -91,6 +92,7 @@ def report(train, arguments):
             changes(arguments) | on_scene(train) | cases_record(cases, orders=arguments.orders) | worst
         ),
         csv=lambda: rows_csv([answer_row(answer, case=case.title) for case in cases for answer in case.answers]),
+        netcdf=lambda: netcdf({case.title: case.answers for case in cases}, arguments.orders, along="case"),
         plot=lambda: _cycle_picture(arguments, cases[0].answers[place]),
         html=lambda: _page(report_of(arguments, cases, place, seconds, tuning), whole),
     )

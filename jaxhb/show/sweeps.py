@@ -133,7 +133,8 @@ class _Sweep:
 
     def netcdf(self, found):
         """Labelled arrays."""
-        return netcdf(found, self.arguments.orders, every=self.arguments.full)
+        along = "direction" if len(found) > 1 else None
+        return netcdf(found, self.arguments.orders, along=along, every=self.arguments.full)
 
 
 def _orders(arguments):

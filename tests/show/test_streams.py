@@ -87,6 +87,7 @@ def test_a_signal_ends_a_command_as_ctrl_c_does():
         (["solve", "SCENE", "--rpm", "2000", "--json", "SCENE"], "--json"),
         (["sweep", "SCENE", "--rpm", "2000", "--csv", "TABLE"], "--csv"),
         (["sweep", "SCENE", "--rpm", "2000", "--netcdf", "LINK"], "--netcdf"),
+        (["report", "SCENE", "--rpm", "2000", "--netcdf", "TABLE"], "--netcdf"),
         (["scene", "SCENE", "--out", "SCENE"], "--out"),
         (["tune", "SCENE", "--output", "SCENE"], "--output"),
     ],
