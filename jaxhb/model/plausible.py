@@ -14,7 +14,7 @@ import numpy as np
 from jaxhb._arrays import on_host
 from jaxhb.model import gas, hold
 from jaxhb.model.ratios import tooth_damping_ratios
-from jaxhb.model.tables import mean_torques, scale_at
+from jaxhb.model.tables import gas_pressures, mean_torques
 
 if TYPE_CHECKING:
     from jaxhb.model.drivetrain import DriveTrain
@@ -166,12 +166,8 @@ def _against_nothing(train):
 
 def _cycles(train):
     """Pressures [cylinder, angle] (Pa) from firing top dead centre on, at every speed at which torques have a point."""
-    cylinders, speeds = train.cylinders, hold.speeds(train)
-    parts, scales = gas.components(cylinders), scale_at(cylinders, speeds)
-    if not parts.shape[-1]:
-        return []
-    both = zip(speeds, scales, strict=True)
-    return [np.einsum("jn,jnm->nm", gas.weights(cylinders, rpm), parts) * scale[:, None] for rpm, scale in both]
+    cycles = gas_pressures(train.cylinders, hold.speeds(train))
+    return list(cycles) if cycles.shape[-1] else []
 
 
 def _largest_pressures(train):
