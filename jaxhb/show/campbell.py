@@ -5,6 +5,11 @@ import dataclasses
 from .choose import NOT_FIRING
 from .columns import Table, alike
 
+SCALE = (
+    "Modal torque: amplitude of the order's torques on the shape whose largest angle is 1. Every mode has a scale of"
+    " its own: compare the orders of one mode, not modes."
+)
+
 
 def campbell_text(found, count, name, misfires=(), *, teeth=""):
     """Modes and critical speeds for people.
@@ -32,6 +37,20 @@ def campbell_parts(found, count, misfires=()):
     """The tables of :func:`campbell_text`, and a sentence where there is none."""
     worst = [_worst_sentence(found, misfires)] if found.critical and misfires else []
     return [_modes(found, count), _critical(found, misfires), *worst]
+
+
+def shares_in_mode(critical, torques):
+    """Modal torques over the largest of the same mode, as those of different modes do not compare.
+
+    Parameters
+    ----------
+    critical : sequence of Critical
+    torques : sequence of float, their modal torques, N m
+    """
+    largest = {}
+    for one, torque in zip(critical, torques, strict=True):
+        largest[one.mode] = max(torque, largest.get(one.mode, 0.0))
+    return [torque / (largest[one.mode] or 1.0) for one, torque in zip(critical, torques, strict=True)]
 
 
 def shown_modes(found, count):
@@ -73,10 +92,7 @@ def _critical(found, misfires):
     orders = ", ".join(f"{order:g}" for order in found.orders) or "none"
     if not found.critical:
         return f"No critical speed lies in the range. Orders: {orders}."
-    title = (
-        "Critical speeds, order x rpm / 60 = Hz. Modal torque: amplitude of the order's torques on the shape whose"
-        f" largest angle is 1.\nOrders: {orders}."
-    )
+    title = f"Critical speeds, order x rpm / 60 = Hz. {SCALE}\nOrders: {orders}."
     columns = [
         [f"{c.rpm:.1f}" for c in found.critical],
         [f"{c.order:g}" for c in found.critical],

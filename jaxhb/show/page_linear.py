@@ -8,12 +8,12 @@ from ..linear.critical import ELASTIC, campbell as campbell_of, excited_orders, 
 from ..linear.damped import damping_ratios
 from ..linear.forced import forced_response
 from ..linear.modal import natural_frequencies
-from .campbell import campbell_parts, shown_modes
+from .campbell import campbell_parts, shares_in_mode, shown_modes
 from .choose import NOT_FIRING
 from .forced import KINDS, forced_failures, readings, signal_of, worst_tables
 from .forced_plots import hardest_elements
 from .linear_commands import DAMPED
-from .linear_plots import COUNTS, top_frequency
+from .linear_plots import COUNTS, counting, top_frequency
 from .mode_plots import MOST, Ways
 from .page_figures import Figure, above, crosses, layout, line, marks, top_of
 from .page_parts import Heading
@@ -31,7 +31,7 @@ TOGETHER = 3
 """Mode shapes in a figure: what does not fit on a sheet leaves it empty."""
 
 NEGLIGIBLE = 0.01
-"""Modal torque over the largest below which a critical speed is not in the table."""
+"""Modal torque over the largest of the mode below which a critical speed is not in the table."""
 
 SPEEDS = 201
 """Speeds of the linear forced response at least: it costs little and has sharp peaks."""
@@ -89,14 +89,15 @@ def campbell_part(report):
     asked = {"rpm": speeds, "orders": orders, "count": CAMPBELL_MODES}
     found, *others = (campbell_of(train, **asked) for train in trains.values())
     torques = [max(c.torque for c in same) for same in zip(*(one.critical for one in (found, *others)), strict=True)]
-    least = NEGLIGIBLE * max(torques, default=0.0)
-    chosen = [place for place, torque in enumerate(torques) if torque >= least]
+    shares = shares_in_mode(found.critical, torques)
+    chosen = [place for place, share in enumerate(shares) if share >= NEGLIGIBLE]
     main, *others = (
         dataclasses.replace(one, critical=tuple(one.critical[place] for place in chosen)) for one in (found, *others)
     )
     misfires = dict(zip(list(trains)[1:], others, strict=True))
     left = len(torques) - len(chosen)
-    said = f"{left} critical speeds have a modal torque below {100 * NEGLIGIBLE:g} % of the largest: left out here."
+    said = f"{left} critical speeds have a modal torque below {100 * NEGLIGIBLE:g} % of the largest of their mode:"
+    said += " left out here."
     tables = campbell_parts(main, CAMPBELL_MODES, misfires)
     return [_campbell(found, report.cases[0].title), *tables, *[said] * bool(left)]
 
@@ -120,9 +121,8 @@ def _campbell(found, title):
             said = {"x": 1.0, "xref": "paper", "y": lowest, "text": f" mode {k}: {hz[-1]:.4g} Hz"}
             names.append(said | {"xanchor": "left", "showarrow": False, "font": {"size": 10}})
             lowest += 0.035 * top
-    counts = COUNTS * max((c.torque for c in found.critical), default=0.0)
-    kinds = {"circle": [c for c in found.critical if c.torque > counts]}
-    kinds["circle-open"] = [c for c in found.critical if c.torque <= counts]
+    kinds = {"circle": counting(found)}
+    kinds["circle-open"] = [c for c in found.critical if c not in kinds["circle"]]
     for symbol, own in kinds.items():
         text = [f"order {c.order:g}, mode {c.mode}, modal torque {c.torque:.4g} N m" for c in own]
         more = {"text": text, "hovertemplate": "%{x} rpm, %{y} Hz: %{text}<extra></extra>", "color": WITH}
@@ -130,7 +130,7 @@ def _campbell(found, title):
         traces.append(marks(*points, "critical speed", symbol, showlegend=False, **more))
     caption = (
         f"Campbell diagram, {title}: modes full, orders dashed (named at their ends), critical speeds circled,"
-        f" filled where the modal torque is above {100 * COUNTS:g} % of the largest"
+        f" filled where the modal torque is above {100 * COUNTS:g} % of the largest of the mode"
     )
     panels = [("frequency, Hz", (0.0, top))]
     made = layout("speed, rpm", panels, traces, x_range=(low, high), heights=[400], annotations=names)
