@@ -2,8 +2,9 @@
 
 import dataclasses
 
+from .balance import plain_number
 from .choose import NOT_FIRING
-from .columns import Table, alike
+from .columns import Table
 
 SCALE = (
     "Modal torque: amplitude of the order's torques on the shape whose largest angle is 1. Every mode has a scale of"
@@ -36,7 +37,29 @@ def campbell_text(found, count, name, misfires=(), *, teeth=""):
 def campbell_parts(found, count, misfires=()):
     """The tables of :func:`campbell_text`, and a sentence where there is none."""
     worst = [_worst_sentence(found, misfires)] if found.critical and misfires else []
-    return [_modes(found, count), _critical(found, misfires), *worst]
+    return [_modes(found, count), *_left_out(found, count), _critical(found, misfires), *worst]
+
+
+def reached(found):
+    """How many of the modes that strain links have a frequency that an order reaches within the speeds."""
+    top = max(found.orders, default=0.0) * float(found.rpm[-1]) / 60
+    return sum(float(found.frequencies_hz[:, k].min()) <= top for k in found.elastic(len(found.kinds)))
+
+
+def _left_out(found, count):
+    """A sentence on modes that are not told, in a list."""
+    shown, every, crossed = len(found.elastic(count)), len(found.elastic(len(found.kinds))), reached(found)
+    if shown == every:
+        return []
+    highest, rpm = max(found.orders, default=0.0), float(found.rpm[-1])
+    top = f"order {highest:g} at {rpm:g} rpm is {highest * rpm / 60:.4g} Hz"
+    first = f"These are the {shown} lowest of {every} modes that strain links"
+    if crossed <= shown:
+        return [f"{first}, all that the orders reach: {top}."]
+    return [
+        f"{first}; the orders reach {crossed} of them ({top}). jaxhb campbell SCENE --rpm"
+        f" {found.rpm[0]:g}:{rpm:g} --modes {crossed} tells of all."
+    ]
 
 
 def shares_in_mode(critical, torques):
@@ -98,14 +121,13 @@ def _critical(found, misfires):
         [f"{c.order:g}" for c in found.critical],
         [c.mode for c in found.critical],
         [f"{c.hz:.2f}" for c in found.critical],
-        *alike([c.torque for c in found.critical]),
+        [plain_number(c.torque) for c in found.critical],
     ]
     heads = ["rpm", "order", "mode", "Hz", "modal torque N m"]
     if not misfires:
         return Table(title, heads, columns)
     worst = [_worst(misfires, place) for place in range(len(found.critical))]
-    columns[-1:] = alike([c.torque for c in found.critical], [torque for _, torque in worst])
-    columns.append([cylinder for cylinder, _ in worst])
+    columns += [[plain_number(torque) for _, torque in worst], [cylinder for cylinder, _ in worst]]
     heads += ["worst misfire N m", "that of"]
     return Table(title, heads, columns, left=(6,))
 

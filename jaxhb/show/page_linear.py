@@ -8,7 +8,7 @@ from ..linear.critical import ELASTIC, campbell as campbell_of, excited_orders, 
 from ..linear.damped import damping_ratios
 from ..linear.forced import forced_response
 from ..linear.modal import natural_frequencies
-from .campbell import campbell_parts, shares_in_mode, shown_modes
+from .campbell import campbell_parts, reached, shares_in_mode, shown_modes
 from .choose import NOT_FIRING
 from .forced import KINDS, forced_failures, readings, signal_of, worst_tables
 from .forced_plots import hardest_elements
@@ -20,7 +20,9 @@ from .page_parts import Heading
 from .plots import WITH, WITHOUT, plain
 from .tables import modes_text
 
-CAMPBELL_MODES = 6
+CAMPBELL_MODES = 6, 12
+"""Modes of the Campbell diagram: at least so many, and those that the orders reach up to the second number."""
+
 ONE_SPEED = 0.5
 """Range of a Campbell diagram around one speed, below and above as a share of it."""
 
@@ -86,8 +88,9 @@ def campbell_part(report):
     speeds = np.linspace(low, high, 33)
     trains = {case.title.removesuffix(NOT_FIRING): case.answers[0].train for case in report.shown}
     orders = sorted({order for train in trains.values() for order in excited_orders(train, rpm=speeds)})
-    asked = {"rpm": speeds, "orders": orders, "count": CAMPBELL_MODES}
+    asked = {"rpm": speeds, "orders": orders, "count": CAMPBELL_MODES[1]}
     found, *others = (campbell_of(train, **asked) for train in trains.values())
+    count = min(max(reached(found), CAMPBELL_MODES[0]), CAMPBELL_MODES[1])
     torques = [max(c.torque for c in same) for same in zip(*(one.critical for one in (found, *others)), strict=True)]
     shares = shares_in_mode(found.critical, torques)
     chosen = [place for place, share in enumerate(shares) if share >= NEGLIGIBLE]
@@ -98,13 +101,13 @@ def campbell_part(report):
     left = len(torques) - len(chosen)
     said = f"{left} critical speeds have a modal torque below {100 * NEGLIGIBLE:g} % of the largest of their mode:"
     said += " left out here."
-    tables = campbell_parts(main, CAMPBELL_MODES, misfires)
-    return [_campbell(found, report.cases[0].title), *tables, *[said] * bool(left)]
+    tables = campbell_parts(main, count, misfires)
+    return [_campbell(found, count, report.cases[0].title), *tables, *[said] * bool(left)]
 
 
-def _campbell(found, title):
+def _campbell(found, count, title):
     low, high = float(found.rpm[0]), float(found.rpm[-1])
-    elastic = found.elastic(CAMPBELL_MODES)
+    elastic = found.elastic(count)
     top = top_frequency(found, elastic)
     traces, names = [], []
     for order in found.orders:
@@ -112,7 +115,7 @@ def _campbell(found, title):
         traces[-1]["line"] = {"color": "#6f6f6f", "dash": "dash", "width": 0.8}
         names += [_ray_name(order, high, top)] if order * low / 60 < top else []
     lowest = 0.0
-    for k in [k for k in shown_modes(found, CAMPBELL_MODES) if found.frequencies_hz[-1, k] <= top]:
+    for k in [k for k in shown_modes(found, count) if found.frequencies_hz[-1, k] <= top]:
         hz = found.frequencies_hz[:, k]
         traces.append(line(found.rpm, hz, f"mode {k}", 1, showlegend=False))
         traces[-1]["line"] = {"color": WITHOUT if k in elastic else "grey", "width": 1.8}
