@@ -77,7 +77,7 @@ def plausibility(train: DriveTrain) -> list[str]:
         against none on the other side of the piston, cylinders that fire together, reciprocating masses, load shares in
         percent, torques that drive beside firing cylinders, disks and shafts far from the others of their rotor, loss
         factors in percent, radii of gears in mm, and of meshes with backlash the backlash, the stiffness and the tooth
-        damping. Empty where there is nothing to look at.
+        damping; limits of propulsion shafts on a crank. Empty where there is nothing to look at.
 
     Examples
     --------
@@ -90,7 +90,8 @@ def plausibility(train: DriveTrain) -> list[str]:
     """
     train = on_host(train)
     found = [*_sizes(train), *_masses(train), *_pressures(train), *_against_nothing(train), *_firings(train)]
-    found += [*_loads(train), *_drives(train), *_disks(train), *_links(train), *_meshes(train)]
+    found += [*_loads(train), *_drives(train), *_disks(train), *_links(train), *_crank_limits(train)]
+    found += _meshes(train)
     alike = {}
     for table, name, text in found:
         alike.setdefault((table, text), []).append(name)
@@ -278,6 +279,18 @@ def _links(train):
         for name, value in zip(names, numbers.loss_factor, strict=True):
             if value > LOSS_FACTOR:
                 yield table, name, _said("loss_factor", value, 0.0, LOSS_FACTOR, ask="is it in percent?")
+
+
+def _crank_limits(train):
+    """Shafts between two throws that have the limits of propulsion shafts."""
+    topology, strengths = train.topology, train.shafts.tensile_strength
+    throws = set(topology.cylinder_disk)
+    for i, ends in enumerate(topology.shaft_ends if strengths is not None else ()):
+        if strengths[i] and throws.issuperset(ends):
+            said = (
+                "tensile_strength gives it the limits of IACS UR M68, which are not for crankshafts: UR M53 is theirs,"
+            )
+            yield "shaft", topology.shaft_names[i], f"{said} and it lies between two disks with cylinders"
 
 
 def _meshes(train):
