@@ -2,6 +2,7 @@
 
 import dataclasses
 import sys
+from functools import partial
 from pathlib import Path
 
 from .._program import answer_once
@@ -32,7 +33,7 @@ from .progress import Progress
 from .record import both_record, finite, on_scene
 from .rows import answer_row, rows_csv, trace_csv, untraceable
 from .tables import solve_text
-from .tuned import progress_record, tuned_record, tuned_text
+from .tuned import progress_record, start_record, tuned_record, tuned_text
 from .tuned_check import check_designs, check_text
 from .words import warnings
 
@@ -129,7 +130,12 @@ def tune(train, arguments):
     files = _TunedFiles(arguments, train, asked["rpm"])
     with Progress(asked.get("steps", 0), quiet=arguments.quiet) as progress:
         progress.say("solving the scene as it is")
-        result = search(train, **asked, on_step=lambda step: _tell(files, progress, step))
+        told = {"on_start": partial(_tell_start, files, progress), "on_step": partial(_tell, files, progress)}
+        try:
+            result = search(train, **asked, **told)
+        except KeyboardInterrupt as stop:
+            stop.add_note(files.left())
+            raise
     record = tuned_record(train, asked, result)
     files.write(result.after.parameters, record)
     if arguments.plot:
@@ -152,10 +158,23 @@ class _TunedFiles:
     """The files of a tuning, whole at every moment: what is best so far, and its history."""
 
     def __init__(self, arguments, train, rpm):
-        self.arguments, self.train, self.rpm, self.history = arguments, train, rpm, []
+        self.arguments, self.train, self.rpm, self.history, self.start = arguments, train, rpm, [], None
         _, beside = changed_scene(arguments.scene, {})
         self.copies = copies_beside(beside, Path(arguments.output).parent)
         make_folders(self.copies)
+
+    def left(self):
+        """What a tuning that is stopped before its first step leaves, in a sentence: the scene as it is, as far as it
+        is solved, in the file of numbers."""
+        if self.history:
+            return f"the best design so far is {self.arguments.output!r}"
+        done = 0 if self.start is None else int(self.start.solved.sum())
+        said = f"no design is there yet and no scene is written; {done} of {len(self.rpm)} speeds of the scene as it is"
+        if not done:
+            return f"{said} are solved"
+        record = changes(self.arguments) | start_record(self.train, self.rpm, self.start)
+        write_files({self.arguments.json: as_json(record)})
+        return f"{said} are solved, and their numbers are in {self.arguments.json!r}"
 
     def note(self, step):
         """One step more."""
@@ -168,6 +187,11 @@ class _TunedFiles:
         text, _ = changed_scene(self.arguments.scene, values, remark=f"{self.arguments.scene}, tuned by jaxhb tune.")
         made = {self.arguments.output: [text.encode()], self.arguments.json: as_json(changes(self.arguments) | record)}
         write_files({path: [content] for path, content in self.copies.items()} | made)
+
+
+def _tell_start(files, progress, reading):
+    files.start = reading
+    progress.say(f"solving the scene as it is: {reading.solved.sum()} of {len(files.rpm)} speeds are solved")
 
 
 def _tell(files, progress, step):
