@@ -3,6 +3,7 @@
 import ast
 import dataclasses
 import doctest
+import io
 import re
 import shlex
 import tomllib
@@ -13,6 +14,8 @@ import pytest
 import jaxhb
 from jaxhb.model.elements import TABLES
 from jaxhb.show.cli import parser
+from jaxhb.show.compute import Asked, answer_one
+from jaxhb.show.labelled import netcdf
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -150,14 +153,16 @@ def test_the_papers_of_the_project_agree_with_the_package():
 
 
 def test_every_variable_of_the_guide_on_files_is_in_a_data_set():
-    pytest.importorskip("xarray")
+    xarray = pytest.importorskip("xarray")
     text = page("how_to/data_and_files.md")
     shown = set(re.findall(r"data\.([a-z_]+)", "\n".join(blocks("python", text)))) - {"where", "sel"}
     parts = [jaxhb.Disk(name="a", inertia=1.0), jaxhb.Disk(name="b", inertia=1.0)]
     parts += [jaxhb.Shaft(between=("a", "b"), stiffness=1e4, damping=1.0)]
     parts += [jaxhb.Torque(disk="a", harmonics=[(1.0, 1.0, 0.0)])]
     forced = jaxhb.forced_response(jaxhb.build(parts), rpm=[900.0])
-    sets = forced.to_xarray(), jaxhb.linear_response(jaxhb.load_scene("spur_pair"), rpm=2000.0).to_xarray()
-    assert shown and shown <= set(sets[0]) | set(sets[1])
+    answer = answer_one(jaxhb.load_scene("spur_pair"), 2000.0, Asked())
+    (file,) = netcdf({"one": [answer]}, None, along="case")
+    reported = xarray.open_dataset(io.BytesIO(file))
+    assert shown and shown <= {*forced.to_xarray(), *reported, *reported.coords}
     named = set(re.findall(r"`([a-z_]+)_\*`", text))
-    assert named and all(any(f"{name}_max" in data for data in sets) for name in named)
+    assert named and named <= {head.removesuffix("_max") for data in (forced.to_xarray(), reported) for head in data}

@@ -86,10 +86,12 @@ class Bench:
     speeds : ``(A, n)`` rpm, those asked for and behind them those that follow peaks
     """
 
-    def __init__(self, train, rpm, task, planner, *, fixed, peaks=0):
+    def __init__(self, train, rpm, task, planner, *, fixed, peaks=0, on_start=None):
         """``planner``: (train, rpm) -> what :func:`plan_designs` returns; ``fixed``: harmonics stay as it says;
-        ``peaks``: speeds added for every objective that is a maximum, to follow its highest peaks.
+        ``peaks``: speeds added for every objective that is a maximum, to follow its highest peaks; ``on_start``: told
+        the Reading of the train as it is while it is solved first.
         """
+        self.on_start = on_start
         self.train, self.rpm, self.task, self.planner, self.fixed = train, rpm, task, planner, fixed
         self.followed = [j for j, objective in enumerate(task.objectives) if objective.over == "worst"]
         self.peaks, self.speeds = peaks, rpm[None]
@@ -114,7 +116,18 @@ class Bench:
         motion = np.zeros((*self.speeds.shape, meshes, 1), dtype=complex)
         kind = self._planned(z)
         near = Point(z, None, None, np.full(kind.shape, Status.MAX_STEPS), kind, motion, None)
-        return self.at(z, near, np.ones(kind.shape, dtype=bool), ladder=self.speeds.shape[1])
+        point = self.at(z, near, np.ones(kind.shape, dtype=bool), ladder=self.speeds.shape[1])
+        self.on_start = None
+        return point
+
+    def tell(self, trial):
+        """Tell what a trial has found of the first design so far, while that is the train as it is."""
+        if self.on_start:
+            solved = trial.status[0, : len(self.rpm)] <= Status.TOLERANCE_NOT_MET
+            chosen = [c for c in (*self.task.objectives, *self.task.penalties) if c.quantity not in OF_DESIGN]
+            values = np.where(solved, np.moveaxis(trial.exact[0, : len(self.rpm)], -1, 0), np.nan)
+            readings = dict(zip(map(label, chosen), values, strict=True))
+            self.on_start(Reading(self.values(trial.z[0]), solved, readings))
 
     def replanned(self, point):
         """The same designs, their speeds planned anew."""

@@ -114,6 +114,7 @@ class Trial:
         self.status[into], self.resumed[into] = status, given[: len(chunk)] & (periodicity_error == 0)
         self.motion[into] = 0.0
         self.motion[(*into, slice(None), slice(0, motion.shape[-1]))] = motion
+        bench.tell(self)
 
     def climb(self, lanes):
         """Solve ``lanes`` one by one, up the ladder of :func:`jaxhb.solve`, and from there under the largest plan.

@@ -66,6 +66,7 @@ def tune(
     integrals: str = "sampled",
     peaks: int = 0,
     on_step: Callable[[Step], object] | None = None,
+    on_start: Callable[[Reading], object] | None = None,
 ) -> Tuning:
     """Change numbers of a train so that response quantities become small over a range of speeds.
 
@@ -108,11 +109,15 @@ def tune(
         that no peak hides between two of the speeds asked for.
     on_step : callable, optional
         Called with every :class:`Step`.
+    on_start : callable, optional
+        Called with the :class:`Reading` of the train as it is, again and again while its speeds are solved before the
+        first step.
 
     Returns
     -------
     Tuning
-        Ctrl-C ends the tuning and returns the best design so far, with ``interrupted`` True.
+        Ctrl-C ends the tuning and returns the best design so far, with ``interrupted`` True; before the first step
+        there is none, and it raises KeyboardInterrupt.
 
     Raises
     ------
@@ -141,7 +146,7 @@ def tune(
     heavy = np.concatenate([train.disks.inertia, train.dampers.inertia]) > 0
     task = Task(parameters, given, penalties, tuple(heavy.tolist()))
     planner = partial(plan_designs, tolerance=tolerance, harmonics=harmonics, integrals=integrals)
-    bench = Bench(train, rpm, task, planner, fixed=harmonics is not None, peaks=peaks)
+    bench = Bench(train, rpm, task, planner, fixed=harmonics is not None, peaks=peaks, on_start=on_start)
     descent = Descent(
         bench,
         OPTIMIZERS[optimizer](),

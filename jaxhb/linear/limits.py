@@ -115,8 +115,9 @@ def strength(response: Any, *, train: DriveTrain | None = None) -> Strength:
 
     Notes
     -----
-    Limits of stresses: IACS UR M68, see :func:`jaxhb.permissible_stress`. Gears: the vibratory torque must not exceed a
-    third of the full transmitted torque, and none may reverse. An aid to evaluation, no approval by a class.
+    Limits of stresses: IACS UR M68, see :func:`jaxhb.permissible_stress` (not for crankshafts).
+    Gears: the vibratory torque must not exceed a third of the full transmitted torque, and none may reverse. An
+    aid to evaluation, no approval by a class.
 
     Examples
     --------

@@ -1,7 +1,8 @@
 """Torsional stresses of shafts and their limits after IACS UR M68, and the heat of a link; arrays in, arrays out.
 
 The rule: IACS Unified Requirement M68, "Dimensions of propulsion shafts and their permissible torsional vibration
-stresses", as far as it is about intermediate, thrust and propeller shafts. To be checked against its current text: what
+stresses", as far as it is about intermediate, thrust and propeller shafts. Crankshafts have another one, UR M53, with
+bending, fillets and oil holes: it is not computed here. To be checked against its current text: what
 is computed here is an aid to evaluation, no approval by a class.
 """
 
@@ -80,7 +81,8 @@ def permissible_stress(
 
     Notes
     -----
-    IACS UR M68, M68.5. Check the formulae against its current text.
+    IACS UR M68, M68.5, for intermediate, thrust and propeller shafts; crankshafts have another rule, UR M53. Check the
+    formulae against its current text.
 
     Examples
     --------

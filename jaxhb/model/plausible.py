@@ -14,7 +14,7 @@ import numpy as np
 from jaxhb._arrays import on_host
 from jaxhb.model import gas, hold
 from jaxhb.model.ratios import tooth_damping_ratios
-from jaxhb.model.tables import mean_torques, scale_at
+from jaxhb.model.tables import gas_pressures, mean_torques
 
 if TYPE_CHECKING:
     from jaxhb.model.drivetrain import DriveTrain
@@ -77,7 +77,7 @@ def plausibility(train: DriveTrain) -> list[str]:
         against none on the other side of the piston, cylinders that fire together, reciprocating masses, load shares in
         percent, torques that drive beside firing cylinders, disks and shafts far from the others of their rotor, loss
         factors in percent, radii of gears in mm, and of meshes with backlash the backlash, the stiffness and the tooth
-        damping. Empty where there is nothing to look at.
+        damping; limits of propulsion shafts on a crank. Empty where there is nothing to look at.
 
     Examples
     --------
@@ -90,7 +90,8 @@ def plausibility(train: DriveTrain) -> list[str]:
     """
     train = on_host(train)
     found = [*_sizes(train), *_masses(train), *_pressures(train), *_against_nothing(train), *_firings(train)]
-    found += [*_loads(train), *_drives(train), *_disks(train), *_links(train), *_meshes(train)]
+    found += [*_loads(train), *_drives(train), *_disks(train), *_links(train), *_crank_limits(train)]
+    found += _meshes(train)
     alike = {}
     for table, name, text in found:
         alike.setdefault((table, text), []).append(name)
@@ -166,12 +167,8 @@ def _against_nothing(train):
 
 def _cycles(train):
     """Pressures [cylinder, angle] (Pa) from firing top dead centre on, at every speed at which torques have a point."""
-    cylinders, speeds = train.cylinders, hold.speeds(train)
-    parts, scales = gas.components(cylinders), scale_at(cylinders, speeds)
-    if not parts.shape[-1]:
-        return []
-    both = zip(speeds, scales, strict=True)
-    return [np.einsum("jn,jnm->nm", gas.weights(cylinders, rpm), parts) * scale[:, None] for rpm, scale in both]
+    cycles = gas_pressures(train.cylinders, hold.speeds(train))
+    return list(cycles) if cycles.shape[-1] else []
 
 
 def _largest_pressures(train):
@@ -282,6 +279,18 @@ def _links(train):
         for name, value in zip(names, numbers.loss_factor, strict=True):
             if value > LOSS_FACTOR:
                 yield table, name, _said("loss_factor", value, 0.0, LOSS_FACTOR, ask="is it in percent?")
+
+
+def _crank_limits(train):
+    """Shafts between two throws that have the limits of propulsion shafts."""
+    topology, strengths = train.topology, train.shafts.tensile_strength
+    throws = set(topology.cylinder_disk)
+    for i, ends in enumerate(topology.shaft_ends if strengths is not None else ()):
+        if strengths[i] and throws.issuperset(ends):
+            said = (
+                "tensile_strength gives it the limits of IACS UR M68, which are not for crankshafts: UR M53 is theirs,"
+            )
+            yield "shaft", topology.shaft_names[i], f"{said} and it lies between two disks with cylinders"
 
 
 def _meshes(train):

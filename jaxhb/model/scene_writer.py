@@ -126,14 +126,19 @@ def _text_of(path, content):
 
 def _expand(text, content):
     """Put the cylinders of engines behind those of the scene, or where the first engine is."""
-    engines = content.get("engine", [])
-    made = [row for engine in ([engines] if isinstance(engines, dict) else engines) for row in cylinder_rows(engine)]
+    made = _made(content)
     if not made:
         return
     if content.get("cylinder"):
         text.append("cylinder", made)
         made = []
     text.replace("engine", "cylinder", made)
+
+
+def _made(content):
+    """Rows of the cylinders that the engines of a scene make."""
+    engines = content.get("engine", [])
+    return [row for engine in ([engines] if isinstance(engines, dict) else engines) for row in cylinder_rows(engine)]
 
 
 def _beside(content, folder):
@@ -149,6 +154,31 @@ def _beside(content, folder):
             for value in row.values():
                 inner += [v for v in (value if isinstance(value, list) else [value]) if isinstance(v, dict)]
     return found
+
+
+def element_files(name):
+    """Files that each torque and each cylinder of a scene takes its rows from.
+
+    Returns
+    -------
+    dict
+        By table, "torque" and "cylinder", a list with ``{field: file names}`` of every element, in the order of the
+        train.
+
+    Examples
+    --------
+    >>> element_files("six_cylinder_diesel")["cylinder"][0]["pressure"]
+    'six_cylinder_diesel_pressure.csv'
+    """
+    content = _parse(_find(name), [])
+    rows = {"torque": content.get("torque", []), "cylinder": [*content.get("cylinder", []), *_made(content)]}
+    return {table: [_files_of(row) for row in own] for table, own in rows.items()}
+
+
+def _files_of(row):
+    found = {key: row[key] for key in _CSV if isinstance(row.get(key), str)}
+    of_traces = [trace["pressure"] for trace in row.get("traces", ()) if isinstance(trace.get("pressure"), str)]
+    return found | ({"traces": ", ".join(of_traces)} if of_traces else {})
 
 
 def scene_files(name):

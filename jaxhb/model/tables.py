@@ -286,6 +286,15 @@ def scale_at(table, rpm):
     return factor * xp.where(table.rated_rpm > 0.0, power, 1.0)
 
 
+def gas_pressures(cylinders: Cylinders, rpm):
+    """Pressure [..., nc, M] (Pa) of every cylinder from firing top dead centre on, times its scale, at ``rpm`` [...].
+
+    M is 0 where no cylinder computes its torque from a pressure; zeros stand for those that do not.
+    """
+    summed = np.einsum("...jn,jnm->...nm", gas.weights(cylinders, rpm), gas.components(cylinders))
+    return scale_at(cylinders, rpm)[..., None] * summed
+
+
 def mean_torques(torques: Torques, cylinders: Cylinders, fires, revolutions, rpm):
     """Mean of the given torques and then of the gas torques of the cylinders, N m [..., nt + nc], at ``rpm`` [...].
 

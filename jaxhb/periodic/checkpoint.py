@@ -1,6 +1,6 @@
-"""Steady states kept in a folder as a sweep goes, chunk by chunk: a sweep that was stopped goes on where it was.
+"""Motions kept in a folder as a sweep goes, chunk by chunk: a sweep that was stopped goes on where it was.
 
-A sweep asks for steady states of some speeds at a time, from given motions. What it asks for and what it gets is one
+A sweep asks for the motions of some speeds at a time, from given ones. What it asks for and what it gets is one
 file, whose name is a hash of the question; asked again, the answer is read. As the questions follow from the answers
 alone, a sweep that goes on gives the same numbers to the last bit. A file appears whole or not at all.
 """
@@ -30,7 +30,7 @@ class CheckpointError(ValueError):
 
 
 class Checkpoint:
-    """A folder of steady states of one train, for one way of asking.
+    """A folder of steady states or periodic solutions of one train, for one way of asking.
 
     Parameters
     ----------
@@ -84,15 +84,25 @@ class Checkpoint:
     def settle(self, judge, places, motions, progress):
         """What ``judge.settle`` gives of the speeds of a chunk, from the folder where it is there."""
         given = [place in motions for place in places]
-        name = f"{_hash(judge.speeds[places], given, *motions.values())}.npz"
+
+        def compute():
+            settled = judge.settle(places, motions, progress)
+            return [settled[place] for place in places]
+
+        states = self.keep((judge.speeds[places], given, *motions.values()), compute, progress)
+        return dict(zip(places, states, strict=True))
+
+    def keep(self, question, compute, progress):
+        """The list of states that ``compute()`` gives to a question (arrays), from the folder where it is there; then
+        ``progress`` is told how many were read."""
+        name = f"{_hash(*question)}.npz"
         states = self._read(name)
         if states is None:
-            settled = judge.settle(places, motions, progress)
-            states = [settled[place] for place in places]
+            states = compute()
             self._write(name, _as_file(states))
         else:
-            progress(len(places))
-        return dict(zip(places, states, strict=True))
+            progress(len(states))
+        return states
 
     def _read(self, name):
         """The states of a file; None where it is not there, or not readable: then they are computed again."""

@@ -188,7 +188,8 @@ def steady_state(
     if out is not None:
         chunk = CHUNK if chunk is None else chunk
         asked = {name: value for name, value in vars(request).items() if name != "many"} | {"exact": exact}
-        settle = partial(Checkpoint(out, train, asked | vars(cycles), chunk).settle, judge)
+        asked = {"answers": "steady states"} | asked | vars(cycles)
+        settle = partial(Checkpoint(out, train, asked, chunk).settle, judge)
     search = _Search(judge, settle, start, progress, chunk, on_states)
     if not np.ndim(rpm):
         return search.alone(0)

@@ -2,8 +2,14 @@
 
 import dataclasses
 
+from .balance import plain_number
 from .choose import NOT_FIRING
-from .columns import Table, alike
+from .columns import Table
+
+SCALE = (
+    "Modal torque: amplitude of the order's torques on the shape whose largest angle is 1. Every mode has a scale of"
+    " its own: compare the orders of one mode, not modes."
+)
 
 
 def campbell_text(found, count, name, misfires=(), *, teeth=""):
@@ -31,7 +37,43 @@ def campbell_text(found, count, name, misfires=(), *, teeth=""):
 def campbell_parts(found, count, misfires=()):
     """The tables of :func:`campbell_text`, and a sentence where there is none."""
     worst = [_worst_sentence(found, misfires)] if found.critical and misfires else []
-    return [_modes(found, count), _critical(found, misfires), *worst]
+    return [_modes(found, count), *_left_out(found, count), _critical(found, misfires), *worst]
+
+
+def reached(found):
+    """How many of the modes that strain links have a frequency that an order reaches within the speeds."""
+    top = max(found.orders, default=0.0) * float(found.rpm[-1]) / 60
+    return sum(float(found.frequencies_hz[:, k].min()) <= top for k in found.elastic(len(found.kinds)))
+
+
+def _left_out(found, count):
+    """A sentence on modes that are not told, in a list."""
+    shown, every, crossed = len(found.elastic(count)), len(found.elastic(len(found.kinds))), reached(found)
+    if shown == every:
+        return []
+    highest, rpm = max(found.orders, default=0.0), float(found.rpm[-1])
+    top = f"order {highest:g} at {rpm:g} rpm is {highest * rpm / 60:.4g} Hz"
+    first = f"These are the {shown} lowest of {every} modes that strain links"
+    if crossed <= shown:
+        return [f"{first}, all that the orders reach: {top}."]
+    return [
+        f"{first}; the orders reach {crossed} of them ({top}). jaxhb campbell SCENE --rpm"
+        f" {found.rpm[0]:g}:{rpm:g} --modes {crossed} tells of all."
+    ]
+
+
+def shares_in_mode(critical, torques):
+    """Modal torques over the largest of the same mode, as those of different modes do not compare.
+
+    Parameters
+    ----------
+    critical : sequence of Critical
+    torques : sequence of float, their modal torques, N m
+    """
+    largest = {}
+    for one, torque in zip(critical, torques, strict=True):
+        largest[one.mode] = max(torque, largest.get(one.mode, 0.0))
+    return [torque / (largest[one.mode] or 1.0) for one, torque in zip(critical, torques, strict=True)]
 
 
 def shown_modes(found, count):
@@ -73,23 +115,19 @@ def _critical(found, misfires):
     orders = ", ".join(f"{order:g}" for order in found.orders) or "none"
     if not found.critical:
         return f"No critical speed lies in the range. Orders: {orders}."
-    title = (
-        "Critical speeds, order x rpm / 60 = Hz. Modal torque: amplitude of the order's torques on the shape whose"
-        f" largest angle is 1.\nOrders: {orders}."
-    )
+    title = f"Critical speeds, order x rpm / 60 = Hz. {SCALE}\nOrders: {orders}."
     columns = [
         [f"{c.rpm:.1f}" for c in found.critical],
         [f"{c.order:g}" for c in found.critical],
         [c.mode for c in found.critical],
         [f"{c.hz:.2f}" for c in found.critical],
-        *alike([c.torque for c in found.critical]),
+        [plain_number(c.torque) for c in found.critical],
     ]
     heads = ["rpm", "order", "mode", "Hz", "modal torque N m"]
     if not misfires:
         return Table(title, heads, columns)
     worst = [_worst(misfires, place) for place in range(len(found.critical))]
-    columns[-1:] = alike([c.torque for c in found.critical], [torque for _, torque in worst])
-    columns.append([cylinder for cylinder, _ in worst])
+    columns += [[plain_number(torque) for _, torque in worst], [cylinder for cylinder, _ in worst]]
     heads += ["worst misfire N m", "that of"]
     return Table(title, heads, columns, left=(6,))
 

@@ -6,7 +6,7 @@ from functools import partial
 from .answer import Answer
 from .balance import balance_line
 from .certified import certificate_text
-from .choose import gears, heaviest, shafts_of
+from .choose import gears, shafts_of, turning_disks
 from .columns import Table, alike, ratios, shares
 from .compute import answer_one
 from .record import answer_record, finite
@@ -138,13 +138,16 @@ def _shaft_table(cases, number):
 
 
 def _turning_table(cases, number):
-    """Irregularity of the heaviest disk of the reference rotor, and heat of the dampers."""
+    """Irregularity of the disks that :func:`turning_disks` names, and heat of the dampers."""
     train, answers = cases[0].answers[0].train, [case.answers[number] for case in cases]
-    disk = heaviest(train)
-    columns = [[irregularity_text(answer, disk)] for answer in answers]
+    disks = turning_disks(train)
+    columns = [[irregularity_text(answer, disk) for disk in disks] for answer in answers]
     for column, answer in zip(columns, answers, strict=True):
         column += alike([answer.power(name) for name in train.topology.damper_names])[0]
-    rows = [f"irregularity of {disk}", *(f"heat of {name}, W" for name in train.topology.damper_names)]
+    rows = [
+        *(f"irregularity of {disk}" for disk in disks),
+        *(f"heat of {name}, W" for name in train.topology.damper_names),
+    ]
     heads = [case.title + DOUBT * _doubted(answer) for case, answer in zip(cases, answers, strict=True)]
     return Table("Cyclic irregularity, (largest - smallest) / mean speed, and dampers", ["", *heads], [rows, *columns])
 

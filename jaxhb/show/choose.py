@@ -80,6 +80,13 @@ def heaviest(train):
     return topology.disk_names[max(own, key=lambda i: inertia[i])]
 
 
+def turning_disks(train):
+    """Disks whose irregularity is told: the heaviest of the reference rotor, the gears, and those with a load."""
+    topology = train.topology
+    loaded = [topology.disk_names[disk] for disk in topology.load_disk]
+    return tuple(dict.fromkeys([heaviest(train), *gears(topology), *loaded]))
+
+
 def _most(answers, name):
     certain = [answer for answer in answers if answer.answered] or [answer for answer in answers if answer.known]
     return max((float(answer.torque(name).half_peak_to_peak) for answer in certain), default=0.0)

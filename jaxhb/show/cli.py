@@ -232,6 +232,7 @@ def parser():
     add_orbit(report)
     add_files(report, "the torque on one gear over the cycle, in normal running")
     add_table(report)
+    add_netcdf(report)
     add_gear(report)
     text = "speed of the picture and of what the page shows in full, rpm (default: the largest tooth force)"
     report.add_argument("--at", type=speed, metavar="R", help=text)

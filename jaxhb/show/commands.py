@@ -2,6 +2,7 @@
 
 import dataclasses
 import sys
+from functools import partial
 from pathlib import Path
 
 from .._program import answer_once
@@ -32,7 +33,7 @@ from .progress import Progress
 from .record import both_record, finite, on_scene
 from .rows import answer_row, rows_csv, trace_csv, untraceable
 from .tables import solve_text
-from .tuned import progress_record, tuned_record, tuned_text
+from .tuned import progress_record, start_record, tuned_record, tuned_text
 from .tuned_check import check_designs, check_text
 from .words import warnings
 
@@ -64,6 +65,7 @@ def solve_one(train, arguments):
 def report(train, arguments):
     """Several speeds, normal and misfiring, with backlash and without."""
     check_picture(train, arguments)
+    check_labelled(arguments)
     if arguments.at is not None and arguments.at not in arguments.rpm:
         raise OutputError(f"--at: {arguments.at:g} rpm is not one of the speeds of --rpm. Add it.")
     other = check_page(train, arguments)
@@ -79,7 +81,7 @@ def report(train, arguments):
         try:
             found = kept.run(lambda folder: _reported(train, trains, other, arguments, asked, folder, progress))
         except KeyboardInterrupt as stop:
-            if kept.folder and not asked.orbit:
+            if kept.folder:
                 stop.add_note(f"no file is written, but what was found is kept; {GOES_ON}")
             raise
     cases, place, seconds, tuning = found
@@ -91,6 +93,7 @@ def report(train, arguments):
             changes(arguments) | on_scene(train) | cases_record(cases, orders=arguments.orders) | worst
         ),
         csv=lambda: rows_csv([answer_row(answer, case=case.title) for case in cases for answer in case.answers]),
+        netcdf=lambda: netcdf({case.title: case.answers for case in cases}, arguments.orders, along="case"),
         plot=lambda: _cycle_picture(arguments, cases[0].answers[place]),
         html=lambda: _page(report_of(arguments, cases, place, seconds, tuning), whole),
     )
@@ -127,7 +130,12 @@ def tune(train, arguments):
     files = _TunedFiles(arguments, train, asked["rpm"])
     with Progress(asked.get("steps", 0), quiet=arguments.quiet) as progress:
         progress.say("solving the scene as it is")
-        result = search(train, **asked, on_step=lambda step: _tell(files, progress, step))
+        told = {"on_start": partial(_tell_start, files, progress), "on_step": partial(_tell, files, progress)}
+        try:
+            result = search(train, **asked, **told)
+        except KeyboardInterrupt as stop:
+            stop.add_note(files.left())
+            raise
     record = tuned_record(train, asked, result)
     files.write(result.after.parameters, record)
     if arguments.plot:
@@ -150,10 +158,23 @@ class _TunedFiles:
     """The files of a tuning, whole at every moment: what is best so far, and its history."""
 
     def __init__(self, arguments, train, rpm):
-        self.arguments, self.train, self.rpm, self.history = arguments, train, rpm, []
+        self.arguments, self.train, self.rpm, self.history, self.start = arguments, train, rpm, [], None
         _, beside = changed_scene(arguments.scene, {})
         self.copies = copies_beside(beside, Path(arguments.output).parent)
         make_folders(self.copies)
+
+    def left(self):
+        """What a tuning that is stopped before its first step leaves, in a sentence: the scene as it is, as far as it
+        is solved, in the file of numbers."""
+        if self.history:
+            return f"the best design so far is {self.arguments.output!r}"
+        done = 0 if self.start is None else int(self.start.solved.sum())
+        said = f"no design is there yet and no scene is written; {done} of {len(self.rpm)} speeds of the scene as it is"
+        if not done:
+            return f"{said} are solved"
+        record = changes(self.arguments) | start_record(self.train, self.rpm, self.start)
+        write_files({self.arguments.json: as_json(record)})
+        return f"{said} are solved, and their numbers are in {self.arguments.json!r}"
 
     def note(self, step):
         """One step more."""
@@ -166,6 +187,11 @@ class _TunedFiles:
         text, _ = changed_scene(self.arguments.scene, values, remark=f"{self.arguments.scene}, tuned by jaxhb tune.")
         made = {self.arguments.output: [text.encode()], self.arguments.json: as_json(changes(self.arguments) | record)}
         write_files({path: [content] for path, content in self.copies.items()} | made)
+
+
+def _tell_start(files, progress, reading):
+    files.start = reading
+    progress.say(f"solving the scene as it is: {reading.solved.sum()} of {len(files.rpm)} speeds are solved")
 
 
 def _tell(files, progress, step):

@@ -2,12 +2,13 @@
 
 import dataclasses
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from ..model.change import without_backlash
-from ..periodic.checkpoint import CHUNK
+from ..periodic.checkpoint import CHUNK, Checkpoint
 from ..periodic.solve import linear_response, solve
 from ..periodic.speeds import solve_speeds
 from ..periodic.steady_state import steady_state
@@ -61,7 +62,8 @@ def answer_one(train, rpm, asked, say=lambda text: None, *, start=None, kept=Non
     linear = linear_response(train, rpm=rpm)
     if asked.orbit:
         say(f"{rpm:g} rpm: solving for a periodic motion")
-        state = orbit_state(solve(train, rpm=rpm, **asked.accuracy))
+        keep = _keeper(train, asked, kept or {})
+        (state,) = keep([[rpm]], lambda: [orbit_state(solve(train, rpm=rpm, **asked.accuracy))], lambda count: None)
     elif _unbalanced(linear):
         state = _no_state(linear)
     else:
@@ -98,7 +100,7 @@ def answer_speeds(train, rpm, asked, *, direction="up", kept=None, progress=None
     gathered = _Gathered(train, linear, asked.orbit, told)
     if asked.orbit:
         say("speeds solved for a periodic motion")
-        found = {"orbit": _orbits(train, rpm, linear, asked, progress, gathered.tell)}
+        found = {"orbit": _orbits(train, rpm, linear, asked, kept or {}, progress, gathered.tell)}
     else:
         say("speeds marched until the motion settles")
         found = _swept(train, rpm, linear, asked, direction, kept or {}, progress, gathered.tell)
@@ -161,16 +163,30 @@ def answer_values(train, rpm, axis, values, asked, *, direction="up", kept=None,
     return {way: [own[i] for i in sorted(own)] for way, own in found.items()}
 
 
-def _orbits(train, rpm, linear, asked, progress, tell):
+def _orbits(train, rpm, linear, asked, kept, progress, tell):
+    progress = progress or (lambda count: None)
     if not any(train.topology.mesh_backlash):
-        progress and progress(len(rpm))
+        progress(len(rpm))
         return [orbit_state(linear[i]) for i in range(len(rpm))]
-    states = []
-    for first in range(0, len(rpm), CHUNK):
-        chunk = solve_speeds(train, rpm=rpm[first : first + CHUNK], **asked.accuracy, progress=progress)
-        states += [orbit_state(chunk[i]) for i in range(len(chunk))]
+
+    def solved(speeds):
+        chunk = solve_speeds(train, rpm=speeds, **asked.accuracy, progress=progress)
+        return [orbit_state(chunk[i]) for i in range(len(chunk))]
+
+    keep, size, states = _keeper(train, asked, kept), kept.get("chunk") or CHUNK, []
+    for first in range(0, len(rpm), size):
+        speeds = rpm[first : first + size]
+        states += keep([speeds], partial(solved, speeds), progress)
         tell(dict(enumerate(states)), "orbit")
     return states
+
+
+def _keeper(train, asked, kept):
+    """What keeps periodic solutions, as :meth:`Checkpoint.keep`; without a folder it computes them."""
+    if not kept.get("out"):
+        return lambda question, compute, progress: compute()
+    options = {"answers": "periodic solutions", **asked.accuracy}
+    return Checkpoint(kept["out"], train, options, kept.get("chunk") or CHUNK).keep
 
 
 def _swept(train, rpm, linear, asked, direction, kept, progress, tell):

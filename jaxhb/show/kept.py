@@ -1,4 +1,4 @@
-"""Steady states of a command under way, kept in the folder of programs until it is done: stopped, it goes on there."""
+"""Motions of a command under way, kept in the folder of programs until it is done: stopped, it goes on there."""
 
 import contextlib
 import shutil

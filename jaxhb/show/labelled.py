@@ -2,6 +2,8 @@
 
 import importlib.util
 
+import numpy as np
+
 from ..harmonic.excitation import listed_harmonic
 from ..response.data import as_netcdf, to_xarray
 from .output import OutputError
@@ -18,18 +20,33 @@ def check_labelled(arguments):
         raise OutputError('--netcdf: such files need xarray. Install it: pip install "jaxhb[data]".')
 
 
-def netcdf(found, orders, *, every=False):
-    """The NetCDF file of answers by direction; several directions are a dimension.
+DIMENSIONS = {"direction": "in which the sweep went", "case": "normal running, and with misfires"}
+"""What several lists of answers are called in a file."""
 
-    Amplitudes go up to ``orders``, by default the highest of the excitation; ``every``: the highest of the motion.
+
+def netcdf(found, orders, *, along=None, every=False):
+    """The NetCDF file of answers.
+
+    Parameters
+    ----------
+    found : dict
+        Lists of answers of trains with the same elements, by name.
+    orders : float or None
+        Highest order whose amplitudes are given; None: the highest of the excitation.
+    along : str, optional
+        The dimension of the names of ``found``, one of ``DIMENSIONS``; without it there is one list.
+    every : bool
+        Instead of None for ``orders``: the highest order of the motions.
     """
     import xarray
 
-    sets = {way: _labelled(answers, orders, every) for way, answers in found.items()}
-    if len(sets) < 2:
-        return [as_netcdf(next(iter(sets.values())))]
-    ways = xarray.Variable("direction", list(sets), {"long_name": "in which the sweep went"})
-    return [as_netcdf(xarray.concat(list(sets.values()), ways, join="outer", combine_attrs="override"))]
+    data = _labelled([answer for answers in found.values() for answer in answers], orders, every)
+    if along is None:
+        return [as_netcdf(data)]
+    dim, ends = "value" if "value" in data.dims else "rpm", np.cumsum([0, *map(len, found.values())])
+    sets = [data.isel({dim: slice(*ends[i : i + 2])}) for i in range(len(found))]
+    names = xarray.Variable(along, list(found), {"long_name": DIMENSIONS[along]})
+    return [as_netcdf(xarray.concat(sets, names, join="outer", combine_attrs="override"))]
 
 
 def forced_netcdf(response, orders):

@@ -4,12 +4,12 @@ colour."""
 import numpy as np
 
 from ..linear.critical import ELASTIC
-from .campbell import shown_modes
+from .campbell import shares_in_mode, shown_modes
 from .plots import WITH, WITHOUT, new_figure
 
 POINTS = 2000
 COUNTS = 0.1
-"""Modal torque over the largest from which a critical speed is filled."""
+"""Modal torque over the largest of the mode from which a critical speed is filled."""
 APART = 0.032
 """Share of the height between the names of two modes."""
 LINEAR = 1e-3
@@ -87,17 +87,22 @@ def plot_campbell(found, count, name):
         axes.plot([low, high], [order * low / 60, order * high / 60], color="black", linewidth=0.7, linestyle="--")
         if order * low / 60 < top:
             _name_ray(axes, order, high, top)
-    counts = COUNTS * max((c.torque for c in found.critical), default=0.0)
-    for fill, own in (("full", [c for c in found.critical if c.torque > counts]), ("none", found.critical)):
+    for fill, own in (("full", counting(found)), ("none", found.critical)):
         axes.plot([c.rpm for c in own], [c.hz for c in own], "o", color=WITH, fillstyle=fill, markersize=7)
     axes.set_xlim(low, high)
     axes.set_ylim(0.0, top)
     axes.set_xlabel("speed, rpm")
     axes.set_ylabel("frequency, Hz")
     said = "modes full, orders dashed (named at their ends), critical speeds circled"
-    said += f"\n(filled: modal torque above {100 * COUNTS:g} % of the largest)"
+    said += f"\n(filled: modal torque above {100 * COUNTS:g} % of the largest of the mode)"
     axes.set_title(f"{name}: Campbell diagram\n{said}", fontsize="medium", pad=18)
     return figure
+
+
+def counting(found):
+    """Critical speeds whose modal torque counts beside the largest of their mode."""
+    shares = shares_in_mode(found.critical, [c.torque for c in found.critical])
+    return [c for c, share in zip(found.critical, shares, strict=True) if share > COUNTS]
 
 
 def _name_modes(axes, found, shown, top):

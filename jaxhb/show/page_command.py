@@ -12,7 +12,7 @@ from pathlib import Path
 from .. import __version__
 from ..design.table import read_table
 from ..model.scene import _find, load_scene, scene_description
-from ..model.scene_writer import scene_text
+from ..model.scene_writer import element_files, scene_text
 from ..periodic.misfires import same_factor
 from .cases import Case, solve_cases
 from .choose import NOT_FIRING, asks_each
@@ -135,6 +135,7 @@ def report_of(arguments, cases: list[Case], place, seconds, tuning):
         facts=facts,
         description=scene_description(arguments.scene),
         scene=text,
+        files=element_files(arguments.scene),
     )
 
 

@@ -56,7 +56,7 @@ def differences(train, other):
             cells = [NONE if one is None else one[0] for one in (own, another)]
             rows.append([f"{name}: {'another element' if own and another else 'in one design only'}", *cells, NONE])
         else:
-            rows += _element(name, own[0], [_facts(train, *own), _facts(other, *another)])
+            rows += _element(name, own[0], [facts_of(train, *own), facts_of(other, *another)])
     if rows:
         heads = ["number of the scene", "first design", "second", "unit"]
         return [Table("What differs between the designs", heads, list(zip(*rows, strict=True)), left=(3,))]
@@ -144,7 +144,7 @@ def _neutral(field, rows):
     return np.zeros(0) if alone or not np.size(rows) else rows
 
 
-def _facts(train, table, index):
+def facts_of(train, table, index):
     """All that a train has of an element: numbers (float), tables (array), words (str), by name."""
     numbers = getattr(train, {"mesh": "meshes"}.get(table, f"{table}s"))
     found = {}

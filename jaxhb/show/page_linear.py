@@ -8,19 +8,21 @@ from ..linear.critical import ELASTIC, campbell as campbell_of, excited_orders, 
 from ..linear.damped import damping_ratios
 from ..linear.forced import forced_response
 from ..linear.modal import natural_frequencies
-from .campbell import campbell_parts, shown_modes
+from .campbell import campbell_parts, reached, shares_in_mode, shown_modes
 from .choose import NOT_FIRING
 from .forced import KINDS, forced_failures, readings, signal_of, worst_tables
 from .forced_plots import hardest_elements
 from .linear_commands import DAMPED
-from .linear_plots import COUNTS, top_frequency
+from .linear_plots import COUNTS, counting, top_frequency
 from .mode_plots import MOST, Ways
 from .page_figures import Figure, above, crosses, layout, line, marks, top_of
 from .page_parts import Heading
 from .plots import WITH, WITHOUT, plain
 from .tables import modes_text
 
-CAMPBELL_MODES = 6
+CAMPBELL_MODES = 6, 12
+"""Modes of the Campbell diagram: at least so many, and those that the orders reach up to the second number."""
+
 ONE_SPEED = 0.5
 """Range of a Campbell diagram around one speed, below and above as a share of it."""
 
@@ -31,7 +33,7 @@ TOGETHER = 3
 """Mode shapes in a figure: what does not fit on a sheet leaves it empty."""
 
 NEGLIGIBLE = 0.01
-"""Modal torque over the largest below which a critical speed is not in the table."""
+"""Modal torque over the largest of the mode below which a critical speed is not in the table."""
 
 SPEEDS = 201
 """Speeds of the linear forced response at least: it costs little and has sharp peaks."""
@@ -86,24 +88,26 @@ def campbell_part(report):
     speeds = np.linspace(low, high, 33)
     trains = {case.title.removesuffix(NOT_FIRING): case.answers[0].train for case in report.shown}
     orders = sorted({order for train in trains.values() for order in excited_orders(train, rpm=speeds)})
-    asked = {"rpm": speeds, "orders": orders, "count": CAMPBELL_MODES}
+    asked = {"rpm": speeds, "orders": orders, "count": CAMPBELL_MODES[1]}
     found, *others = (campbell_of(train, **asked) for train in trains.values())
+    count = min(max(reached(found), CAMPBELL_MODES[0]), CAMPBELL_MODES[1])
     torques = [max(c.torque for c in same) for same in zip(*(one.critical for one in (found, *others)), strict=True)]
-    least = NEGLIGIBLE * max(torques, default=0.0)
-    chosen = [place for place, torque in enumerate(torques) if torque >= least]
+    shares = shares_in_mode(found.critical, torques)
+    chosen = [place for place, share in enumerate(shares) if share >= NEGLIGIBLE]
     main, *others = (
         dataclasses.replace(one, critical=tuple(one.critical[place] for place in chosen)) for one in (found, *others)
     )
     misfires = dict(zip(list(trains)[1:], others, strict=True))
     left = len(torques) - len(chosen)
-    said = f"{left} critical speeds have a modal torque below {100 * NEGLIGIBLE:g} % of the largest: left out here."
-    tables = campbell_parts(main, CAMPBELL_MODES, misfires)
-    return [_campbell(found, report.cases[0].title), *tables, *[said] * bool(left)]
+    said = f"{left} critical speeds have a modal torque below {100 * NEGLIGIBLE:g} % of the largest of their mode:"
+    said += " left out here."
+    tables = campbell_parts(main, count, misfires)
+    return [_campbell(found, count, report.cases[0].title), *tables, *[said] * bool(left)]
 
 
-def _campbell(found, title):
+def _campbell(found, count, title):
     low, high = float(found.rpm[0]), float(found.rpm[-1])
-    elastic = found.elastic(CAMPBELL_MODES)
+    elastic = found.elastic(count)
     top = top_frequency(found, elastic)
     traces, names = [], []
     for order in found.orders:
@@ -111,7 +115,7 @@ def _campbell(found, title):
         traces[-1]["line"] = {"color": "#6f6f6f", "dash": "dash", "width": 0.8}
         names += [_ray_name(order, high, top)] if order * low / 60 < top else []
     lowest = 0.0
-    for k in [k for k in shown_modes(found, CAMPBELL_MODES) if found.frequencies_hz[-1, k] <= top]:
+    for k in [k for k in shown_modes(found, count) if found.frequencies_hz[-1, k] <= top]:
         hz = found.frequencies_hz[:, k]
         traces.append(line(found.rpm, hz, f"mode {k}", 1, showlegend=False))
         traces[-1]["line"] = {"color": WITHOUT if k in elastic else "grey", "width": 1.8}
@@ -120,9 +124,8 @@ def _campbell(found, title):
             said = {"x": 1.0, "xref": "paper", "y": lowest, "text": f" mode {k}: {hz[-1]:.4g} Hz"}
             names.append(said | {"xanchor": "left", "showarrow": False, "font": {"size": 10}})
             lowest += 0.035 * top
-    counts = COUNTS * max((c.torque for c in found.critical), default=0.0)
-    kinds = {"circle": [c for c in found.critical if c.torque > counts]}
-    kinds["circle-open"] = [c for c in found.critical if c.torque <= counts]
+    kinds = {"circle": counting(found)}
+    kinds["circle-open"] = [c for c in found.critical if c not in kinds["circle"]]
     for symbol, own in kinds.items():
         text = [f"order {c.order:g}, mode {c.mode}, modal torque {c.torque:.4g} N m" for c in own]
         more = {"text": text, "hovertemplate": "%{x} rpm, %{y} Hz: %{text}<extra></extra>", "color": WITH}
@@ -130,7 +133,7 @@ def _campbell(found, title):
         traces.append(marks(*points, "critical speed", symbol, showlegend=False, **more))
     caption = (
         f"Campbell diagram, {title}: modes full, orders dashed (named at their ends), critical speeds circled,"
-        f" filled where the modal torque is above {100 * COUNTS:g} % of the largest"
+        f" filled where the modal torque is above {100 * COUNTS:g} % of the largest of the mode"
     )
     panels = [("frequency, Hz", (0.0, top))]
     made = layout("speed, rpm", panels, traces, x_range=(low, high), heights=[400], annotations=names)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .choose import gears, largest, shafts_of
+from .choose import gears, largest, shafts_of, turning_disks
 from .columns import NONE, Table, alike, ratios, shares
 from .page_figures import (
     NO_ANSWER,
@@ -92,6 +92,12 @@ def heat(train):
     return Quantity("damper", "Heat of dampers", train.topology.damper_names, lambda r, name: r.power(name), "W")
 
 
+def irregularity(train):
+    """Cyclic irregularity of the disks that count."""
+    title = "Cyclic irregularity, (largest - smallest) / mean speed, of the heaviest disk, the gears and the loads"
+    return Quantity("disk", title, turning_disks(train), lambda r, name: r.irregularity(name), "%", 100.0)
+
+
 def main_quantity(train):
     """What tells most of a train: tooth forces, without teeth torques of shafts, without these angles."""
     topology = train.topology
@@ -99,13 +105,14 @@ def main_quantity(train):
 
 
 def map_part(report):
-    """The kind of motion at every speed, the largest number of all elements, and a row for every speed."""
+    """The kind of motion at every speed, the largest number of all elements, a row for every speed, irregularity."""
     cases, several = report.shown, len(report.rpm) > 1
     blocks = [_kinds(cases), _overview(cases, main_quantity(report.train))] if several else []
     if len(report.cases) > 2:
         blocks.append(_misfires(report))
     blocks += [speed_table(case.answers, f"Speed by speed, {case.title}") for case in cases]
-    return blocks + [table for case in cases for table in turning_table(case.answers, f", {case.title}")]
+    blocks += [table for case in cases for table in turning_table(case.answers, f", {case.title}")]
+    return [*blocks, maxima(irregularity(report.train), cases)]
 
 
 def _kinds(cases):

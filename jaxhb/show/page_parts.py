@@ -56,6 +56,8 @@ class Report:
         Where the page comes from, by what it is: the scene, its changes, the command, versions.
     description, scene : str
         What the scene says that it is, and its text as it was read.
+    files : dict
+        Names of the files that torques and cylinders take their rows from, see :func:`element_files`.
     """
 
     cases: list[Case]
@@ -68,6 +70,7 @@ class Report:
     facts: dict | None = None
     description: str = ""
     scene: str = ""
+    files: dict | None = None
 
     @property
     def train(self):

@@ -7,6 +7,7 @@ import numpy as np
 
 from .balance import mean_angles_of, plain_number
 from .columns import NONE, Table
+from .page_excitation import excitation_tables, gas_words, torque_over_speed
 from .page_parts import Picture
 from .referred import referred_tables
 from .sketch_plots import plot_train
@@ -48,8 +49,8 @@ ORBIT = "Every speed is answered by a periodic solution, whether or not the trai
 def train_part(report):
     """Sketch, numbers as they are and referred, meshes, what excites and what loads the train."""
     train = report.train
-    tables = [*referred_tables(train), _meshes(train), _cylinders(train), _torques(train), _loads(train)]
-    return [*_sketch(train), *(table for table in tables if table)]
+    tables = [*referred_tables(train), _meshes(train), _cylinders(train), _torques(report), _loads(train)]
+    return [*_sketch(train), *(table for table in tables if table), *excitation_tables(report)]
 
 
 def _sketch(train):
@@ -98,21 +99,22 @@ def _cylinders(train):
         disk = topology.disk_names[topology.cylinder_disk[i]]
         own = [_number(values[i], factor) if values[i] else NONE for values, factor in lengths]
         fires = "yes" if topology.cylinder_fires[i] else "no"
-        source = topology.cylinder_source[i] or NONE
+        source = gas_words(topology, i)
         rows.append([name, disk, _number(cylinders.firing_angle[i]), fires, source, *own])
     heads = ["cylinder", "disk", "firing angle deg", "fires", "gas torque from", "bore mm", "stroke mm", "rod mm"]
     return _rows("Cylinders", [*heads, "recip. mass kg"], rows, left=(1, 4))
 
 
-def _torques(train):
-    topology, rows = train.topology, []
+def _torques(report):
+    train, files, rows = report.train, (report.files or {}).get("torque"), []
+    topology = train.topology
     for i, name in enumerate(topology.torque_names):
         disk = topology.disk_names[topology.torque_disk[i]]
         count = len(topology.torque_harmonics[i])
         own = "own" if topology.torque_own[i] else "reference"
-        rows.append([name, disk, _number(train.torques.mean[i]), count, own])
-    heads = ["torque", "disk", "mean N m", "orders", "orders of"]
-    return _rows("Torques given by their orders, before any scaling over the speed", heads, rows, left=(1, 4))
+        rows.append([name, disk, _number(train.torques.mean[i]), count, own, torque_over_speed(train, i, files)])
+    heads = ["torque", "disk", "mean N m", "orders", "orders of", "factor over the speed"]
+    return _rows("Torques given by their orders, before the factor over the speed", heads, rows, left=(1, 4, 5))
 
 
 def _loads(train):

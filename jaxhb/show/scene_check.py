@@ -65,7 +65,7 @@ def check_text(train, responses, speeds, notes):
     heads = [f"at {rpm:g} rpm" for rpm in speeds] if speeds else ["at any speed"]
     verdict = f"{len(notes)} note{'s' * (len(notes) != 1)} below" if notes else "nothing to note"
     parts = [f"{topology.name or 'scene'}: {_counts(topology)}; {verdict}."]
-    rows = _torque_rows(train, responses)
+    rows = torque_rows(train, responses)
     if rows:
         columns = [
             [row[0] for row in rows],
@@ -98,7 +98,7 @@ def check_record(train, responses, notes):
     return {
         "scene": topology.name,
         "rpm": [float(response.rpm) for response in responses],
-        "mean_torque_Nm": {name: list(means) for name, _, means in _torque_rows(train, responses)},
+        "mean_torque_Nm": {name: list(means) for name, _, means in torque_rows(train, responses)},
         "meshes": {
             name: {"mean_force": _means(responses, name), "damping_ratio": ratio}
             | {"stiffness": stiffness, "damping": damping, "backlash": backlash}
@@ -126,7 +126,7 @@ def _counts(topology):
     )
 
 
-def _torque_rows(train, responses):
+def torque_rows(train, responses):
     """(name, disk, means over the speeds) of given torques, cylinders, loads and grounds."""
     topology = train.topology
     speeds = np.array([float(response.rpm) for response in responses])

@@ -17,7 +17,8 @@ ENOUGH, NEAR = 50, 0.01
 RULE = """\
 Limits after IACS UR M68 for intermediate, thrust and propeller shafts, lambda = speed / {rated:g} rpm: to be checked
 against its current text. Tensile strengths count up to 800 MPa; of carbon steels and propeller shafts the rule counts
-at most 600 MPa."""
+at most 600 MPa. They do NOT hold for crankshafts: these have a rule of their own, IACS UR M53, which adds bending,
+fillets and oil holes, and is not computed here."""
 
 
 class _OfAnswers:

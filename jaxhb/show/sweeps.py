@@ -47,8 +47,6 @@ def sweep(train, arguments):
 def _check_options(arguments):
     if arguments.orbit and arguments.direction:
         raise OutputError("--direction: periodic solutions (--orbit) do not depend on it. Leave one of them out.")
-    if arguments.orbit and arguments.folder:
-        raise OutputError("--out: a folder keeps steady states, and --orbit asks for none. Leave one of them out.")
     if arguments.over and len(arguments.rpm) > 1:
         raise OutputError(f"--over: it goes over one number at one speed, and --rpm names {len(arguments.rpm)}.")
 
@@ -62,7 +60,7 @@ class _Sweep:
         self.found, self.records = {}, {}
         question = self.axis, self.values, arguments.rpm, arguments.direction, asked, arguments.chunk
         self.kept = Kept([train], question)
-        if arguments.folder or arguments.orbit:
+        if arguments.folder:
             self.kept.folder = None
 
     def run(self, progress):
@@ -135,7 +133,8 @@ class _Sweep:
 
     def netcdf(self, found):
         """Labelled arrays."""
-        return netcdf(found, self.arguments.orders, every=self.arguments.full)
+        along = "direction" if len(found) > 1 else None
+        return netcdf(found, self.arguments.orders, along=along, every=self.arguments.full)
 
 
 def _orders(arguments):

@@ -238,4 +238,4 @@ def modes_text(modes, name, kinds, ratios, teeth=""):
     title = f"Natural frequencies of {name}: undamped"
     title += f", {teeth}; share of the strain energy in the teeth" if teeth else ""
     columns = list(zip(*rows, strict=True))
-    return Table(title, [*heads, "largest angles (relative)"], columns, left=(len(heads),))
+    return Table(title, [*heads, "largest angles, on own shafts, the largest 1"], columns, left=(len(heads),))

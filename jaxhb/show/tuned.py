@@ -79,6 +79,15 @@ def progress_record(train, rpm, history):
     return finite({"scene": train.topology.name, "rpm": np.asarray(rpm).tolist(), "history": steps})
 
 
+def start_record(train, rpm, reading):
+    """What is known of the scene as it is before the first step: that of :func:`progress_record` without history, and
+    under ``start`` the ``parameters`` by name, ``solved`` and ``readings`` by label over the speeds, None where one is
+    not solved."""
+    found = {name: _plain(values) for name, values in reading.readings.items()}
+    start = {"parameters": reading.parameters, "solved": reading.solved.tolist(), "readings": found}
+    return progress_record(train, rpm, ()) | finite({"start": start, "interrupted": True})
+
+
 def tuned_text(train, asked, result):
     """The parts of :func:`tuned_parts` as one text."""
     return "\n\n".join(tuned_parts(train, asked, result))

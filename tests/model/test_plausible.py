@@ -245,3 +245,16 @@ def test_the_inline_four_is_what_it_says_of_itself():
     assert train.cylinders.pressure.max() == 1.6e7 and train.cylinders.pressure[0].argmax() == 110
     np.testing.assert_allclose(jaxhb.tooth_damping_ratios(train), 0.06, atol=0.005)
     assert Path(_folder() / TABLE).stat().st_size < 10_000
+
+
+def test_limits_of_propulsion_shafts_on_a_crank_are_noted(scene):
+    steel = "diameter = 0.05\nstress_concentration = 1.0\ntensile_strength = 6e8\n"
+    rated = ("[scene]\n", "[scene]\nrated_rpm = 4000\n")
+    throws, behind = (
+        f'between = ["{a}", "{b}"]\n' for a, b in (("throw 2", "throw 3"), ("throw 4", "flywheel primary"))
+    )
+    (note,) = scene(rated, (throws, f"{throws}{steel}"))
+    assert note.startswith(
+        "[[shaft]] 'throw 2|throw 3': tensile_strength gives it the limits of IACS UR M68, which are"
+    )
+    assert scene(rated, (behind, f"{behind}{steel}")) == []

@@ -2,15 +2,19 @@
 
 import csv
 import json
+from types import SimpleNamespace
 
 import pytest
 
 import jaxhb
-from jaxhb.linear.critical import campbell
+from jaxhb.linear.critical import Critical, campbell
+from jaxhb.show.campbell import shares_in_mode
 from jaxhb.show.cli import main
-from jaxhb.show.linear_plots import plot_campbell
+from jaxhb.show.linear_plots import counting, plot_campbell
 
 SCENE = "six_cylinder_diesel"
+TORQUES = (1, 200.0), (1, 1.0), (2, 0.5), (2, 0.25), (3, 0.0)
+"""Modes and modal torques, N m."""
 PENDULUM = """
 [scene]
 name = "pendulum"
@@ -81,6 +85,27 @@ def test_the_picture_has_modes_rays_and_circles_at_the_critical_speeds():
     assert circles[0].get_xdata() == pytest.approx([c.rpm for c in found.critical])
     said = [text.get_text().strip() for text in axes.texts]
     assert {"mode 0: rigid", "mode 1: 216.6 Hz", "3", "6"} == set(said)
+
+
+def test_modes_that_are_left_out_are_counted_with_why_and_how_to_have_them(capsys):
+    command = ["campbell", "gear_train_30", "--rpm", "700:2450", "--orders", "0.5,12"]
+    hz = jaxhb.natural_frequencies(jaxhb.load_scene("gear_train_30")).frequencies_hz[1:]
+    crossed = int((hz <= 12 * 2450 / 60).sum())
+    assert main(command) == 0
+    said = capsys.readouterr().out
+    assert f"These are the 6 lowest of {len(hz)} modes that strain links; the orders reach {crossed} of them" in said
+    assert f"jaxhb campbell SCENE --rpm 700:2450 --modes {crossed} tells of all." in said
+    assert main([*command, "--modes", str(crossed)]) == 0
+    assert "all that the orders reach: order 12 at 2450 rpm is 490 Hz." in capsys.readouterr().out
+
+
+def test_modal_torques_count_beside_those_of_their_mode_alone(capsys):
+    own = [Critical(1000.0 + k, 1.0, mode, 50.0, torque) for k, (mode, torque) in enumerate(TORQUES)]
+    found = SimpleNamespace(critical=own)
+    assert shares_in_mode(own, [c.torque for c in own]) == [1.0, 0.005, 1.0, 0.5, 0.0]
+    assert counting(found) == [own[0], own[2], own[3]]
+    assert main(["campbell", SCENE, "--rpm", "1000:2600"]) == 0
+    assert "Every mode has a scale of its own: compare the orders of one mode, not modes." in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -216,7 +216,7 @@ def test_a_sweep_that_is_kept_goes_on_and_a_folder_of_another_sweep_is_refused(t
     refused = {
         "other options: speeds of a chunk 1 there, 16 now": command,
         "the same scene with other numbers": [*command, "--chunk", "1", "--set", "gear a.inertia=0.02"],
-        "--out: a folder keeps steady states, and --orbit asks for none": [*command, "--orbit"],
+        "answers steady states there, periodic solutions now": [*command, "--chunk", "1", "--orbit"],
     }
     for words, wrong in refused.items():
         assert main(wrong) == 2

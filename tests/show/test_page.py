@@ -145,6 +145,19 @@ def test_tables_tell_the_numbers_of_the_answers(made):
     assert heat.columns[0] == ["Dämpfer"] and float(heat.columns[1][0]) > 0
 
 
+def test_irregularity_is_told_of_the_heaviest_disk_the_gears_and_the_loads(made):
+    _, report, parts = made
+    table = tables(parts["Motion over the speed"])[-1]
+    assert table.title.startswith("Cyclic irregularity") and table.title.endswith(", %, with and without backlash")
+    assert list(table.columns[0]) == ["Kurbel", "Räder", "Bremse"]
+    for first, case in ((1, report.cases[0]), (5, report.cases[1])):
+        for row, disk in enumerate(table.columns[0]):
+            largest = 100 * max(answer.irregularity(disk) for answer in case.answers)
+            assert float(table.columns[first][row]) == pytest.approx(largest, rel=2e-3)
+    one_speed = next(table for table in tables(parts["One speed in full"]) if "irregularity" in table.title)
+    assert one_speed.columns[0][:3] == [f"irregularity of {disk}" for disk in table.columns[0]]
+
+
 def test_the_second_design_stands_beside_the_first_with_what_differs(made):
     _, report, parts = made
     differ, forces_of_both, *_ = tables(parts["Second design"])

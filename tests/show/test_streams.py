@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.show import cases, kept, sweeps
+from jaxhb.show import cases, compute, kept, sweeps
+from jaxhb.show.answer import orbit_state
 from jaxhb.show.cli import main
 from jaxhb.show.output import write_files
 from jaxhb.show.streams import Ended, guarded
@@ -86,6 +87,7 @@ def test_a_signal_ends_a_command_as_ctrl_c_does():
         (["solve", "SCENE", "--rpm", "2000", "--json", "SCENE"], "--json"),
         (["sweep", "SCENE", "--rpm", "2000", "--csv", "TABLE"], "--csv"),
         (["sweep", "SCENE", "--rpm", "2000", "--netcdf", "LINK"], "--netcdf"),
+        (["report", "SCENE", "--rpm", "2000", "--netcdf", "TABLE"], "--netcdf"),
         (["scene", "SCENE", "--out", "SCENE"], "--out"),
         (["tune", "SCENE", "--output", "SCENE"], "--output"),
     ],
@@ -149,11 +151,12 @@ def test_a_shell_is_told_how_words_go_on():
             assert wanted in pipe.read()
 
 
-def test_a_sweep_that_is_stopped_leaves_its_rows_and_goes_on_where_it_was(tmp_path, capsys, monkeypatch):
+@pytest.mark.parametrize("orbit", [[], ["--orbit"]], ids=["steady", "orbit"])
+def test_a_sweep_that_is_stopped_leaves_its_rows_and_goes_on_where_it_was(orbit, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(kept, "user_folder", lambda: tmp_path / "cache")
     files = {kind: tmp_path / f"s.{kind}" for kind in ("json", "csv")}
     options = [word for kind, file in files.items() for word in (f"--{kind}", str(file))]
-    command = ["sweep", "spur_pair", "--rpm", "4600,5000,5400", "--chunk", "1", *options]
+    command = ["sweep", "spur_pair", "--rpm", "4600,5000,5400", "--chunk", "1", *orbit, *options]
     note, folders = sweeps._Sweep.note, []
 
     def stop(self, found):
@@ -171,7 +174,11 @@ def test_a_sweep_that_is_stopped_leaves_its_rows_and_goes_on_where_it_was(tmp_pa
     assert not record["complete"] and record["rpm"] == [row["rpm"] for row in record["responses"]]
     assert len(files["csv"].read_text().splitlines()) == 3
     assert len(list(folders[0].glob("*.npz"))) >= 1
-    assert main(command) == 0
+    with monkeypatch.context() as once:
+        solved = []
+        once.setattr(compute, "orbit_state", lambda response: solved.append(response) or orbit_state(response))
+        assert main(command) == 0
+    assert [response.rpm for response in solved] == ([5400.0] if orbit else [])
     record = json.loads(files["json"].read_text())
     assert record["complete"] and record["rpm"] == [4600.0, 5000.0, 5400.0]
     assert not folders[0].exists()  # what is done is not kept
@@ -234,12 +241,11 @@ def test_a_scene_that_is_none_is_told_as_such_where_files_are_asked_for(text, tm
     assert "bad.toml" in capsys.readouterr().err
 
 
-def test_a_report_that_is_stopped_goes_on_where_it_was(tmp_path, capsys, monkeypatch):
+@pytest.mark.parametrize("orbit", [[], ["--orbit"]], ids=["steady", "orbit"])
+def test_a_report_that_is_stopped_goes_on_where_it_was(orbit, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(kept, "user_folder", lambda: tmp_path / "cache")
-    command, answer_one = (
-        ["report", "spur_pair", "--rpm", "2000,5000", "--json", str(tmp_path / "r.json")],
-        cases.answer_one,
-    )
+    command = ["report", "spur_pair", "--rpm", "2000,5000", *orbit, "--json", str(tmp_path / "r.json")]
+    answer_one = cases.answer_one
 
     def stop(train, rpm, *given, **kept):
         if rpm == 5000.0:

@@ -97,6 +97,7 @@ def run(scene, capsys, command, *options):
 def test_forced_lists_what_is_worst_over_the_speeds_and_bars_ranges(scene, wanted, capsys):
     said, record = run(scene, capsys, "forced", "--rpm", SPEEDS)
     assert said.count(AID) == 4 and "IACS UR M68" in said and "to be checked\nagainst its current text" in said
+    assert "They do NOT hold for crankshafts: these have a rule of their own, IACS UR M53" in said
     found, stress = record["strength"], wanted.stresses["line shaft"]
     line = found["stresses"]["line shaft"]
     assert line["stress_Pa"] == stress.stress.tolist() and line["continuous_Pa"][0] == stress.continuous[0]

@@ -115,6 +115,37 @@ def test_ctrl_c_leaves_the_best_design_and_the_history_on_disk(scene, tmp_path, 
     assert "stopped by the user" in capsys.readouterr().out
 
 
+def test_ctrl_c_before_the_first_step_leaves_the_speeds_that_are_solved(scene, tmp_path, capsys, monkeypatch):
+    tell = commands._tell_start
+
+    def stop(files, progress, reading):
+        tell(files, progress, reading)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as stopped:
+        stopped.setattr(commands, "_tell_start", stop)
+        assert tune(scene) == 130
+    said, record = capsys.readouterr().err, read(tmp_path / "better.json")
+    assert said == (
+        "stopped; no design is there yet and no scene is written; 7 of 7 speeds of the scene as it is are solved, and"
+        f" their numbers are in {str(tmp_path / 'better.json')!r}\n"
+    )
+    assert not (tmp_path / "better.toml").exists()
+    assert record["history"] == [] and record["interrupted"] and record["start"]["solved"] == [True] * 7
+    sweep = jaxhb.solve_speeds(jaxhb.load_scene(scene), rpm=np.array(record["rpm"]))
+    truth = sweep.torque("cyl6|flywheel").half_peak_to_peak
+    np.testing.assert_allclose(record["start"]["readings"]["shaft torque of cyl6|flywheel"], truth, rtol=1e-9)
+    (tmp_path / "better.json").unlink()
+
+    def at_once(files, progress, reading):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(commands, "_tell_start", at_once)
+    assert tune(scene) == 130
+    assert capsys.readouterr().err.endswith("; 0 of 7 speeds of the scene as it is are solved\n")
+    assert not (tmp_path / "better.json").exists()
+
+
 def test_the_picture_shows_the_response_before_and_after_and_the_history(scene):
     train = jaxhb.load_scene(scene)
     asked = read_table(train)

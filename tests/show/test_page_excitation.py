@@ -1,0 +1,100 @@
+"""What the page tells of what excites the train: the scene's numbers, files, pressures, orders and loads."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import jaxhb
+from jaxhb.model.scene_writer import element_files
+from jaxhb.show.columns import NONE
+from jaxhb.show.page_excitation import excitation_tables, torque_over_speed
+
+
+def told(scene, speeds, train=None):
+    """Tables of a scene, by the first word of their titles."""
+    train = train or jaxhb.load_scene(scene)
+    responses = [jaxhb.linear_response(train, rpm=rpm) for rpm in speeds]
+    answers = [SimpleNamespace(linear=one, balance=one, rpm=float(one.rpm)) for one in responses]
+    case = SimpleNamespace(answers=answers)
+    report = SimpleNamespace(train=train, rpm=list(speeds), files=element_files(scene), cases=[case])
+    return {table.title.split(" of ")[0].split(":")[0]: table for table in excitation_tables(report)}
+
+
+def column(table, head):
+    return table.columns[table.heads.index(head)]
+
+
+def test_pressure_tables_are_told_by_file_peak_angle_and_what_changes_them_over_the_speed():
+    tables = told("six_cylinder_diesel", [1000.0, 2000.0])
+    source, over_speed = tables["Combustion"], tables["Gas"]
+    assert [cells[0] for cells in source.columns[:3]] == [
+        "pressure table",
+        "all 6 cylinders",
+        "six_cylinder_diesel_pressure.csv",
+    ]
+    (said,) = column(source, "factor over the speed")
+    assert said.endswith("16 points from 997.847 to 2550.55 rpm, six_cylinder_diesel_peak_pressure.csv")
+    folder = jaxhb.__path__[0] + "/model/scenes/"
+    factor = np.loadtxt(folder + "six_cylinder_diesel_peak_pressure.csv", delimiter=",")
+    pressure = np.loadtxt(folder + "six_cylinder_diesel_pressure.csv", delimiter=",")
+    place = pressure[:, 1].argmax()
+    for row, rpm in enumerate((1000.0, 2000.0)):
+        peak = 1e-5 * pressure[place, 1] * np.interp(rpm, *factor.T)
+        assert float(column(over_speed, "largest pressure bar")[row]) == pytest.approx(peak, rel=1e-3)
+        angle = float(column(over_speed, "deg after firing TDC")[row])
+        assert angle == pytest.approx(pressure[place, 0] - 360.0, abs=0.1)
+        mean = float(column(over_speed, "mean torque N m")[row])
+        swept = np.pi / 4 * 0.105**2 * 0.137
+        assert float(column(over_speed, "imep bar")[row]) == pytest.approx(4e-5 * np.pi * mean / swept, rel=1e-3)
+        load = tables["Mean torques over the speed, N m on the disk's own shaft (positive"].columns[2 + row]
+        assert float(load[1]) == pytest.approx(-6 * mean, rel=1e-2)
+        assert float(load[2]) == pytest.approx(6 * mean * rpm * np.pi / 30e3, rel=1e-2)
+
+
+def test_a_cylinder_that_does_not_fire_has_a_row_of_its_own_and_no_pressure():
+    train = jaxhb.load_scene("six_cylinder_diesel").misfire("cylinder 2")
+    table = told("six_cylinder_diesel", [1000.0], train)["Gas"]
+    row = table.columns[0].index("cylinder 2")
+    assert column(table, "largest pressure bar")[row] == NONE and column(table, "mean torque N m")[row] == "0"
+
+
+def test_given_orders_are_amplitudes_and_phases_of_the_reference_rotor_the_same_amplitudes_in_one_table():
+    scene = "gear_train_30"
+    train = jaxhb.load_scene(scene)
+    responses = [jaxhb.linear_response(train, rpm=1200.0)]
+    answers = [SimpleNamespace(linear=one, balance=one, rpm=1200.0) for one in responses]
+    cases = [SimpleNamespace(answers=answers)]
+    report = SimpleNamespace(train=train, rpm=[1200.0], files=element_files(scene), cases=cases)
+    orders = [table for table in excitation_tables(report) if table.title.startswith("Orders of ")]
+    valves, pump, gas = orders
+    assert valves.title.startswith("Orders of 10 torques with the same amplitudes: ")
+    assert valves.heads[2:] == [f"valves {bank}{k}" for bank in "AB" for k in range(1, 6)]
+    assert pump.columns[0] == ["3", "6"]
+    assert "gear_train_30_gas_torque.csv" in gas.title and "all 10 cylinders" in gas.title
+    given = np.loadtxt(jaxhb.__path__[0] + "/model/scenes/gear_train_30_gas_torque.csv", delimiter=",")
+    for part in range(3):
+        cells = zip(*gas.columns[3 * part : 3 * part + 3], given[8 * part : 8 * part + 8], strict=True)
+        for order, amplitude, phase, (wanted, real, imaginary) in cells:
+            assert float(order) == wanted and float(amplitude) == pytest.approx(abs(real + 1j * imaginary), abs=0.6)
+            assert float(phase) == pytest.approx(np.degrees(np.arctan2(imaginary, real)), abs=0.06)
+
+
+def test_orders_of_a_shaft_of_its_own_are_counted_in_revolutions_of_the_reference_rotor():
+    tables = told("inline_four_timing_drive", [900.0])
+    assert tables["Orders"].columns[0] == ["1.5", "3", "4.5"]  # of the pump, 3, 6 and 9 of its own at half the speed
+    assert column(tables["Combustion"], "crankcase bar") == ["1"]
+
+
+def test_a_torque_tells_how_it_changes_over_the_speed():
+    train = jaxhb.load_scene("spur_pair")
+    files = element_files("spur_pair")["torque"]
+    said = "0.0025 to 9, 60 points from 281.25 to 16875 rpm, spur_pair_omega_squared.csv"
+    assert [torque_over_speed(train, i, files) for i in range(4)] == [NONE, NONE, said, said]
+    fan = jaxhb.build([jaxhb.Disk(name="a", inertia=1.0), jaxhb.Torque(disk="a", harmonics=[(1, 2, 0)], rated_rpm=900)])
+    assert torque_over_speed(fan, 0, None) == "(rpm / 900)^2"
+
+
+def test_a_combustion_model_is_told_by_its_numbers():
+    table = told("first_scene", [2000.0])["Combustion model"]
+    assert table.columns[1] == ["imep 8 bar"] and column(table, "compression ratio") == ["17"]
