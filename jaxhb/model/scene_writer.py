@@ -121,7 +121,7 @@ def _plain(value):
 
 def _text_of(path, content):
     """The text of a file, of other programs that of what was read."""
-    return TomlText.of(content) if path.suffix in _READERS else TomlText(path.read_text(encoding="utf-8-sig"))
+    return TomlText.of(content) if path.suffix in _READERS else TomlText(path.read_bytes().decode("utf-8-sig"))
 
 
 def _expand(text, content):
@@ -222,8 +222,8 @@ def changed_scene(name, values, *, remark=""):
             text.set(table, row, "epsilon", FRIDMAN_EPSILON)
             text.set(table, row, "transition", FRIDMAN_TRANSITION)
         text.set(table, row, field, value)
-    remark = "".join(f"# {line}\n" for line in remark.splitlines())
-    return remark + "\n" * bool(remark) + str(text), _beside(content, path.parent)
+    remark = "".join(f"# {line}{text.newline}" for line in remark.splitlines())
+    return remark + text.newline * bool(remark) + str(text), _beside(content, path.parent)
 
 
 def copies_beside(beside, folder, option="--output"):

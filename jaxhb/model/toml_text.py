@@ -26,6 +26,11 @@ class TomlText:
     text : str
         Valid TOML.
 
+    Attributes
+    ----------
+    newline : str
+        What ends most of its lines, and ends all that are written.
+
     Examples
     --------
     >>> text = TomlText("[[disk]]\\ninertia = 0.10e-3  # kg m2\\n\\n# the next one\\n[[disk]]\\ninertia = 2\\n")
@@ -43,7 +48,8 @@ class TomlText:
     """
 
     def __init__(self, text=""):
-        self._pieces = _cut(text)
+        self.newline = "\r\n" if 2 * text.count("\r\n") > text.count("\n") else "\n"
+        self._pieces = _cut(text.replace("\r\n", "\n"))
         self._read = [tomllib.loads(piece) for piece in self._pieces]
 
     @classmethod
@@ -55,7 +61,7 @@ class TomlText:
         return made
 
     def __str__(self):
-        return "".join(self._pieces)
+        return "".join(self._pieces).replace("\n", self.newline)
 
     def set(self, table, row, field, value):
         """Change or add one value of a row of ``[[table]]``, or of ``[table]``; ``field`` may be ``"inner.key"``."""

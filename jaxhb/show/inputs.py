@@ -61,7 +61,7 @@ def scene(arguments):
         print(referred_text(load_scene(arguments.scene)))
         return 0
     printed = not arguments.out and (arguments.expand or not arguments.plot)
-    print(text if printed else "".join(f"{name} is written.\n" for name in files), end="")
+    print(text.replace("\r\n", "\n") if printed else "".join(f"{name} is written.\n" for name in files), end="")
     return 0
 
 

@@ -9,6 +9,7 @@ from jaxhb.model.engine import cylinder_rows
 from jaxhb.model.scene import load_scene, scene_names
 from jaxhb.model.scene_writer import _find, changed_scene, scene_text
 from jaxhb.model.toml_text import TomlText
+from jaxhb.show.cli import main
 
 MIXED = '''# Pump drive of the test bench, measured on the 3rd.
 
@@ -118,6 +119,29 @@ def test_a_scene_is_written_as_it_is_but_for_its_name(mixed):
 def test_a_packaged_scene_is_written_byte_for_byte(name):
     assert scene_text(name)[0] == _find(name).read_text(encoding="utf-8")
     assert changed_scene(name, {})[0] == _find(name).read_text(encoding="utf-8")
+
+
+def test_the_line_ends_of_the_user_stay(tmp_path, capsys):
+    named = MIXED.replace("[scene]", '[scene]\nname = "mixed"')
+    path, written = tmp_path / "mixed.toml", tmp_path / "out.toml"
+    path.write_bytes(named.replace("\n", "\r\n").encode())
+    assert main(["scene", str(path), "--out", str(written)]) == 0
+    assert written.read_bytes() == path.read_bytes()
+    values = {("disk", 0, "inertia"): 0.131, ("shaft", 0, "damping"): 30.5}
+    for made, wanted in (
+        (changed_scene(path, values, remark="tuned."), changed_scene_of(named, tmp_path, values)),
+        (scene_text(path, expand=True, called="it"), None),
+    ):
+        assert made[0].count("\n") == made[0].count("\r\n") > 40
+        assert wanted is None or made[0].replace("\r\n", "\n") == wanted
+        assert tomllib.loads(made[0])
+    assert main(["scene", str(path)]) == 0
+    assert "\r" not in capsys.readouterr().out
+
+
+def changed_scene_of(text, folder, values):
+    (folder / "lf.toml").write_bytes(text.encode())
+    return changed_scene(folder / "lf.toml", values, remark="tuned.")[0]
 
 
 def test_an_expanded_engine_stands_where_the_engine_was(mixed):
