@@ -1,15 +1,26 @@
 """What marches show: harmonic balance of a motion that returns, a record of one that does not, and what kind it is."""
 
 import dataclasses
+import os
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from contextlib import contextmanager
+from contextvars import copy_context
 from functools import cached_property
 
+import jax
 import numpy as np
 
 from ..response.steady import SteadyState
-from .marching import Batch, Equations, record_of
+from .marching import BATCHES, Batch, Equations, record_of
 from .returns import ended
 from .settled import VERDICT, prepare, same_motion, shortest_period, solve_settled
 from .stability import attracts
+
+SIDE_BY_SIDE = BATCHES[1][1]
+"""Marches from which several are one program: fewer wait for no other."""
+
+MOST_THREADS = 8
+"""In which marches and verdicts run: each holds some memory, and solves take what they need of it."""
 
 
 class Judge:
@@ -29,10 +40,10 @@ class Judge:
     def settle(self, places, motions, progress=lambda count: None):
         """Steady states of some speeds by place, side by side, from motions ``{place: (x, x')}`` or from teeth in
         contact; ``progress`` is told how many more are known."""
+        programs = []
         # Of a single speed the program depends on which meshes leave contact, which the march tells.
-        known = self.request.many and self.exact and not isinstance(self.equations, str)
-        separating = [self.speeds[place] for place in places if known and place in self.apart]
-        programs = prepare(self.train, separating, self.request)
+        if self.request.many and self.exact and not isinstance(self.equations, str):
+            programs = prepare(self.train, {self.speeds[place]: place in self.apart for place in places}, self.request)
         try:
             return self._settled(places, motions, progress)
         finally:
@@ -40,15 +51,22 @@ class Judge:
                 program.cancel()
 
     def _settled(self, places, motions, progress):
+        if isinstance(self.equations, str):
+            progress(len(places))
+            return {place: unknown(self.train, self.speeds[place], self.equations) for place in places}
+        with _side_by_side(self.devices) as ask:
+            groups = [self._until_sure(group, motions, progress, ask) for group in self._groups(places)]
+            return {place: state for found in _driven(groups) for place, state in found.items()}
+
+    def _until_sure(self, places, motions, progress, ask):
+        """Steady states of speeds that share steps, for :func:`_driven`."""
         found, spent, finer = {}, dict.fromkeys(places, 0), 1
         while places:  # with the finest steps no verdict is unsure any more
-            unsure = {}
-            for group in self._groups(places):
-                states, further = self._march(group, motions, spent, finer)
-                progress(len(states))
-                found |= states
-                unsure |= further
-            places, motions, finer = list(unsure), unsure, 2 * finer
+            rounds = _Rounds(self, places, motions, spent, finer, progress, ask)
+            yield from rounds.of(rounds.batch.marches)
+            found |= rounds.found
+            motions = rounds.further
+            places, finer = [place for place in places if place in motions], 2 * finer
         return found
 
     @cached_property
@@ -61,42 +79,10 @@ class Judge:
 
     def _groups(self, places):
         """Places of speeds that take the same steps."""
-        if isinstance(self.equations, str):
-            return [places]
         groups = {}
         for place in places:
             groups.setdefault(self.equations.steps(self.speeds[place]), []).append(place)
         return list(groups.values())
-
-    def _march(self, places, motions, spent, finer):
-        """Steady states of speeds that share steps, and motions of those that need shorter steps.
-
-        ``spent``: cycles marched before, by place, to which these are added; ``finer``: times the fewest steps.
-        """
-        equations = self.equations
-        if isinstance(equations, str):
-            return {place: unknown(self.train, self.speeds[place], equations) for place in places}, {}
-        steps = finer * equations.steps(self.speeds[places].min())
-        batch = Batch(equations, self.speeds[places], steps, self.devices)
-        for i, place in enumerate(places):
-            if place in motions:
-                batch.begin(i, motions[place])
-        found, further, cycles = {}, {}, self._cycles(batch, min(spent[place] for place in places), finer)
-        while len(found) + len(further) < len(places):
-            over = ended(batch, cycles, verified=self.exact)
-            if not self.exact:
-                _record(batch, over)
-            for march, period in over:
-                place = places[march.place]
-                verdict = _Verdict(self, place, batch, march, spent[place], finer)
-                state = verdict.state(period)
-                march.done = state is not None or verdict.unsure
-                if state is not None:
-                    found[place] = state
-                elif verdict.unsure:
-                    further[place] = batch.motion(march)
-                    spent[place] += march.cycles
-        return found, further
 
     def _cycles(self, batch, spent, finer):
         """How long marches of a batch are at most, of which ``spent`` cycles are behind."""
@@ -106,6 +92,64 @@ class Judge:
         if finer == 1:
             return dataclasses.replace(self.cycles, transient=before, recorded=0)
         return dataclasses.replace(self.cycles, transient=max(min(before - spent, VERDICT.later), 0))
+
+
+class _Rounds:
+    """Marches of speeds that share steps, round by round: steady states ``found``, and motions of those that need
+    ``further``, shorter steps, by place.
+
+    ``spent``: cycles marched before, by place, to which these are added; ``finer``: times the fewest steps; ``ask``
+    begins a function in another thread and gives its Future.
+    """
+
+    def __init__(self, judge, places, motions, spent, finer, progress, ask):
+        self.judge, self.places, self.spent, self.finer = judge, places, spent, finer
+        self.progress, self.ask, self.found, self.further = progress, ask, {}, {}
+        speeds = judge.speeds[places]
+        self.batch = Batch(judge.equations, speeds, finer * judge.equations.steps(speeds.min()), judge.devices)
+        for i, place in enumerate(places):
+            if place in motions:
+                self.batch.begin(i, motions[place])
+        self.cycles = judge._cycles(self.batch, min(spent[place] for place in places), finer)
+
+    def of(self, marches, asked=()):
+        """Take marches to their ends, for :func:`_driven`; ``asked``: verdicts on their way, ``(march, verdict,
+        Future)``.
+
+        A verdict takes as long as many cycles: marches wait for theirs while the others go on. Which go on side by side
+        does not depend on how long a verdict takes, so that the same call gives the same bits.
+        """
+        while True:
+            marches = [march for march in marches if not march.done]
+            if 1 < len(marches) < SIDE_BY_SIDE and len(self.judge.devices) < 2:
+                yield [self.of([march], [one for one in asked if one[0] is march]) for march in marches]
+                return
+            if not marches:
+                return
+            waiting = [march for march, _, _ in asked]
+            going = [march for march in marches if not any(march is other for other in waiting)]
+            over = self.ask(ended, self.batch, going, self.cycles, self.judge.exact) if going else None
+            for march, verdict, answer in asked:
+                self._settle(march, verdict, (yield answer))
+            over = (yield over) if going else []
+            if not self.judge.exact:
+                yield self.ask(_record, self.batch, over)
+            asked = [self._question(march, period) for march, period in over]
+
+    def _question(self, march, period):
+        place = self.places[march.place]
+        verdict = _Verdict(self.judge, place, self.batch, march, self.spent[place], self.finer)
+        return march, verdict, self.ask(verdict.state, period)
+
+    def _settle(self, march, verdict, state):
+        place = self.places[march.place]
+        march.done = state is not None or verdict.unsure
+        if state is not None:
+            self.found[place] = state
+            self.progress(1)
+        elif verdict.unsure:
+            self.further[place] = self.batch.motion(march)
+            self.spent[place] += march.cycles
 
 
 def _record(batch, over):
@@ -227,3 +271,51 @@ def state_of(train, rpm, kind, period, *, response=None, record=None, cycles=0, 
 def unknown(train, rpm, reason):
     """The SteadyState of a motion that is not known."""
     return state_of(train, rpm, "unknown", 0, notes=(reason,))
+
+
+@contextmanager
+def _side_by_side(devices):
+    """What begins a function in one of some threads, and gives its Future. Across several devices one at a time."""
+    # More threads than processors: some wait for programs that others make.
+    threads = ThreadPoolExecutor(min(2 * (os.cpu_count() or 1), MOST_THREADS) if len(devices) < 2 else 1, "jaxhb-judge")
+    device = jax.config.jax_default_device
+
+    def run(context, function, *args):
+        with jax.default_device(device):
+            return context.run(function, *args)
+
+    try:
+        yield lambda function, *args: threads.submit(run, copy_context(), function, *args)
+    finally:
+        threads.shutdown(cancel_futures=True)
+
+
+def _driven(generators):
+    """What generators return, side by side: each yields a Future, and is sent its result as soon as it is there, or a
+    list of generators, and goes on when these have returned."""
+    returned, waiting, left = {}, {}, {}
+
+    def go_on(generator, parent, result=None):
+        try:
+            wanted = generator.send(result)
+        except StopIteration as end:
+            returned[generator] = end.value
+            if parent is not None:
+                left[parent[0]] -= 1
+                if not left[parent[0]]:
+                    go_on(*parent)
+            return
+        if isinstance(wanted, list):
+            left[generator] = len(wanted)
+            for one in wanted:
+                go_on(one, (generator, parent))
+        else:
+            waiting.setdefault(wanted, []).append((generator, parent))
+
+    for generator in generators:
+        go_on(generator, None)
+    while waiting:
+        for future in wait(waiting, return_when=FIRST_COMPLETED).done:
+            for generator, parent in waiting.pop(future):
+                go_on(generator, parent, future.result())
+    return [returned[generator] for generator in generators]

@@ -21,8 +21,9 @@ LEVELS = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024, 1536, 2048
 DENSE_MODES, GEARS_ALONE = 400, 1.1
 """Disks up to which all modes are computed; what the shafts add to the frequencies of the gears alone."""
 
-DENSE_DISKS, DENSE_SPEEDS = 100, 4
-"""Disks and speeds up to which the linear motion is solved with dense matrices, and no program, to plan."""
+DENSE_DISKS, DENSE_SPEEDS = 100, 256
+"""Disks and speeds up to which the linear motion is solved with dense matrices, and no program, to plan: 27 disks take
+5 ms a speed, and the program 3 s to compile."""
 
 STRAINED = 0.05, 0.01
 """Share of the strain energy of a mode that tooth meshes hold noticeably, and faintly."""
@@ -43,7 +44,7 @@ def level_at_least(harmonics):
 def shared_level(harmonics):
     """The smallest of few numbers of harmonics, SPARSE apart, that is not below ``harmonics``: for speeds that are not
     known beforehand and share programs."""
-    few = LEVELS[LEVELS.index(48) : -4 : 4]  # 48, 192, 768
+    few = LEVELS[LEVELS.index(192) : -4 : 4]  # 192, 768
     return next((n for n in few if n >= harmonics), LEVELS[-1])
 
 
@@ -204,20 +205,21 @@ def _linear_mesh_forces(train, rpm, contact, harmonics):
     """Elastic forces ``(n, M, N+1)`` N of the meshes at speeds ``(n,)``, all teeth in contact."""
     if len(rpm) <= DENSE_SPEEDS and train.topology.n_disks <= DENSE_DISKS:
         with contextlib.suppress(np.linalg.LinAlgError):  # a singular train, of which the program below says more
-            return np.stack([_dense_mesh_forces(on_host(train), speed, harmonics) for speed in rpm])
+            return _dense_mesh_forces(on_host(train), rpm, harmonics)
     linear = dataclasses.replace(contact, harmonics=harmonics, method="reduced", integrals="sampled")
     batches = solve_batches(without_backlash(train), rpm, linear, linear.sizes.max_steps)
     return np.stack([response.elastic_forces for batch in batches for response in batch])
 
 
 def _dense_mesh_forces(train, rpm, harmonics):
-    """Those of one speed ``(M, N+1)`` without a program, whose compilation takes longer than all else of a first
-    plan."""
-    system = chain.assemble(train)
+    """Those without a program, whose compilation takes longer than all else of a first plan."""
+    system, found = chain.assemble(train), []
     links = np.arange(len(system.stiffness))[-len(train.topology.mesh_names) :]
-    load = excitation(train, rpm, harmonics)[0] / system.radius[:, None]
-    displacement = linear_response(system, train.topology.cycle_frequency(rpm), load)
-    return system.stiffness[links][:, None] * system.deflections(displacement, links)
+    for speed in rpm:
+        load = excitation(train, speed, harmonics)[0] / system.radius[:, None]
+        displacement = linear_response(system, train.topology.cycle_frequency(speed), load)
+        found.append(system.stiffness[links][:, None] * system.deflections(displacement, links))
+    return np.stack(found)
 
 
 def _alike(places, modes):

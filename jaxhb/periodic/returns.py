@@ -133,15 +133,14 @@ def decaying(errors):
     return now <= RETURN.small and now <= RETURN.decaying * before and before <= RETURN.decaying * first < np.inf
 
 
-def ended(batch, cycles, verified=False):
-    """``(march, period)`` of those of a batch that have a period, or go on without (0) no longer, after more cycles.
+def ended(batch, running, cycles, verified=False):
+    """``(march, period)`` of some marches that have a period, or go on without (0) no longer, after more cycles.
 
     ``verified``: the motion is asked for, so that a march that ends may still be some way off.
     """
     close = RETURN.close if verified else RETURN.near
-    running = [march for march in batch.marches if not march.done]
     transient = cycles.before_record(batch.work)
-    while True:
+    while running:
         first = [march for march in running if march.cycles < transient]
         later = [march for march in running if march.cycles >= transient]
         recording = [march for march in later if march.recorded < cycles.recorded]
@@ -151,6 +150,7 @@ def ended(batch, cycles, verified=False):
         ended = [(march, _period(march, cycles, transient, close)) for march in running]
         if any(period is not None for _, period in ended):
             return [(march, period) for march, period in ended if period is not None]
+    return []
 
 
 def _period(march, cycles, transient, close):

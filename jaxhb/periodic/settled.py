@@ -135,9 +135,9 @@ def _plan_of(train, rpm, request, side, apart, period):
     )
 
 
-def prepare(train, speeds, request):
-    """Begin to make the programs that :func:`solve_settled` will run where teeth separate at speeds of a sweep: in
-    another thread, while these are marched.
+def prepare(train, separates, request):
+    """Begin to make the programs that :func:`solve_settled` will run at speeds of a sweep ``{rpm: whether the linear
+    motion separates teeth}``: in other threads, while these are marched.
 
     Returns
     -------
@@ -145,7 +145,7 @@ def prepare(train, speeds, request):
         To be cancelled when these speeds are done.
     """
     unknown = np.zeros(sum(train.topology.mesh_backlash), dtype=int)
-    plans = {_plan_of(train, rpm, request, unknown, apart=True, period=1): rpm for rpm in speeds}
+    plans = {_plan_of(train, rpm, request, unknown, apart, period=1): rpm for rpm, apart in separates.items()}
     cases = (ladder.Case(train, rpm, request, plan) for plan, rpm in plans.items())
     return [made for made in map(ladder.prepare, cases) if made is not None]
 
