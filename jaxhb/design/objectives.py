@@ -261,7 +261,7 @@ def _motion(response, a, b, smoothing):
     index = topology.link_index(a, b)[0] - response.torques.shape[-2]
     if not topology.mesh_backlash[index]:
         raise SceneError(
-            f"{topology.name or 'scene'}: mesh {topology.mesh_names[index]!r} has no backlash, its teeth never part: "
+            f"{topology.title}: mesh {topology.mesh_names[index]!r} has no backlash, its teeth never part: "
             "give it a backlash, or take another objective."
         )
     law = jax.tree.map(lambda parameter: jnp.asarray(parameter)[..., index, None], response.law)

@@ -43,11 +43,11 @@ class Reduced:
     integrals: str = field(default="sampled", metadata={"static": True})
     crossings: exact.Crossings | None = None
 
-    def located(self, deflection):
+    def with_crossings(self, deflection):
         """The same equation, with exact integrals knowing when ``deflection`` passes the knots, to be used there."""
         if self.integrals == "sampled":
             return self
-        return dataclasses.replace(self, crossings=exact.locate(self.law, deflection))
+        return dataclasses.replace(self, crossings=exact.find_crossings(self.law, deflection))
 
     def quadrature(self, deflection, samples):
         """Where phi is evaluated: ``samples`` equidistant time samples, or those of the exact integrals."""
@@ -94,7 +94,7 @@ class Reduced:
 def quadrature(integrals, law, deflection, samples, crossings=None):
     """Time samples for integrals over the cycle of forces of ``law`` at ``deflection``: "sampled" or "exact"."""
     if integrals == "exact" and len(deflection):
-        return exact.divide(law, deflection, crossings)
+        return exact.quadrature(law, deflection, crossings)
     return fourier.Equidistant(samples)
 
 
@@ -127,6 +127,7 @@ class CondensedTrain:
     def combine(self, nonlinear_force):
         """Displacements ``(S, n+1)`` and link forces ``(L, n+1)`` with nonlinear forces ``(G, n+1)`` of the meshes."""
         harmonics = nonlinear_force.shape[-1] - 1
+        # phi acts against the deflection: D^T phi on the side of the loads.
         load = fourier.resize(self.load, harmonics) - self.columns @ nonlinear_force
         displacement, force = solve_linear(self.system, frequencies(self.frequency, harmonics), load[:, None])
         return displacement[:, 0], force[:, 0]
@@ -154,6 +155,7 @@ def reduce(system, frequency, load, harmonics, active, active_index, law, viscou
     columns = system.incidence(active_index) * active
     displacement, force = solve_linear(system, frequencies(frequency, load.shape[-1] - 1), load[:, None])
     linear = system.deflections(displacement[:, 0], active_index) * active[:, None]
+    # Equal chunks make one program; harmonics that fill the last one up are dropped again.
     chunks = -(-(harmonics + 1) // CHUNK)
     omega = frequencies(frequency, chunks * -(-(harmonics + 1) // chunks) - 1).reshape(chunks, -1)
     answers = lax.map(lambda omega: receptance(system, omega, columns), omega)

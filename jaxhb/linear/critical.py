@@ -284,7 +284,7 @@ def _order_torque(train, shape, rpm, order):
 
 
 def _check(train, rpm, orders):
-    name = train.topology.name or "scene"
+    name = train.topology.title
     check_speed(train, rpm, many=True)
     errors = []
     if len(rpm) < 2 or np.any(np.diff(rpm) <= 0):

@@ -149,7 +149,7 @@ def _checked_harmonics(train, harmonics):
     if harmonics is None:
         return listed_harmonic(train.topology)
     if not (isinstance(harmonics, int | np.integer) and harmonics >= 1):
-        name = train.topology.name or "scene"
+        name = train.topology.title
         raise SceneError(f"{name}: harmonics is {harmonics}, must be a whole number of at least 1.")
     return int(harmonics)
 

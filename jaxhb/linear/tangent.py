@@ -96,7 +96,7 @@ def at_mean_load(train: DriveTrain, *, rpm: Number) -> MeanLoad:
         )
     check_speed(values, at)
     topology = train.topology
-    name, own = topology.name or "scene", np.flatnonzero(topology.mesh_backlash)
+    name, own = topology.title, topology.backlash_index
     first = len(topology.link_names) - len(topology.mesh_names)
     links = first + own
     static = _Static.of(values, at, own, links)

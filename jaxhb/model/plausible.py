@@ -296,7 +296,7 @@ def _crank_limits(train):
 def _meshes(train):
     topology, meshes = train.topology, train.meshes
     ratios = tooth_damping_ratios(train)
-    for i in np.flatnonzero(topology.mesh_backlash):
+    for i in topology.backlash_index:
         name, radius = topology.mesh_names[i], train.disks.radius[list(topology.mesh_ends[i])].min()
         if _far(meshes.backlash[i], BACKLASH):
             yield "mesh", name, _said("backlash", meshes.backlash[i], *BACKLASH, "m", "is it in m, not in mm?")

@@ -21,7 +21,7 @@ from . import continuation, planning
 from .branch_points import Point, response_at, special_points, train_at
 from .harmonic_curve import HarmonicCurve, linearized, null_direction, simplified
 from .plan import Plan
-from .planned import of_unknown_meshes
+from .planned import active_deflections
 from .request import Request, excited_harmonic
 from .solve import solve
 from .stability import stability
@@ -231,18 +231,18 @@ def follow(
         check(begin)
     stability(replace(begin, train=first))  # its sentences come before the work
     plan = _plan(first, sum(speed for _, speed in ends) / 2, harmonics, tolerance, begin.harmonics)
-    deflection = fourier.resize(of_unknown_meshes(plan, begin), plan.harmonics)
+    deflection = fourier.resize(active_deflections(plan, begin.deflections), plan.harmonics)
     sizes = np.asarray(first.meshes.backlash)[list(plan.active)]
     scale = np.min(sizes + np.linalg.norm(fourier.pack(deflection), axis=-1)[: len(sizes)])
     speed, begins, length, size = map(np.asarray, (float(speed), float(start), float(to) - float(start), float(scale)))
-    curve = HarmonicCurve(train, speed, begins, length, size, plan.choice, parameter, plan.sizes)
+    curve = HarmonicCurve(train, speed, begins, length, size, plan.active_meshes, parameter, plan.sizes)
     y = np.append(fourier.pack(deflection).ravel() / scale, 0.0)
     return _followed(curve, plan, y, None, (0.0, 1.0), options)
 
 
 def _check(train, parameter, start, to, rpm):
     """Refuse what cannot be followed, with a sentence."""
-    name = train.topology.name or "scene"
+    name = train.topology.title
     if parameter == "rpm" and rpm is not None:
         raise ValueError(f"{name}: rpm is the parameter: give start and to, and no rpm={rpm:g}.")
     if parameter != "rpm" and rpm is None:
@@ -261,7 +261,7 @@ def _plan(train, rpm, harmonics, tolerance, found):
     level = planning.first_level(excited_harmonic(train, request.method), modes)
     steps = time_steps_for(max(modes, 2 * excited))
     plan = replace(planning.contact_plan(train, request), time_steps=steps)
-    return replace(planning.all_unknown(train, plan, request), harmonics=harmonics or max(level, found))
+    return replace(planning.all_active(train, plan, request), harmonics=harmonics or max(level, found))
 
 
 def _doubled(curve, plan, y):
@@ -269,9 +269,14 @@ def _doubled(curve, plan, y):
     train = curve.train.repeated(2)
     _, rpm = train_at(train, float(curve.rpm), curve.parameter, float(curve.begin + y[-1] * curve.span))
     plan = _plan(train, rpm, 2 * plan.harmonics, plan.tolerance, 0)
-    curve, once = replace(curve, train=train, choice=plan.choice, sizes=plan.sizes), np.asarray(curve.deflection(y))
+    curve, once = (
+        replace(curve, train=train, active_meshes=plan.active_meshes, sizes=plan.sizes),
+        np.asarray(curve.deflection(y)),
+    )
     twice = np.zeros((len(once), plan.harmonics + 1), dtype=complex)
     odd = np.zeros_like(twice)
+    # Over two periods harmonic n of the motion is harmonic 2 n. What leaves it at a period doubling has odd harmonics
+    # alone: random ones, falling as smooth motions do, are turned into the null direction.
     twice[:, ::2] = once
     draw = np.random.default_rng(0).normal(size=(2, *odd[:, 1::2].shape))
     odd[:, 1::2] = (draw[0] + 1j * draw[1]) / np.arange(1, plan.harmonics + 1, 2) ** 2
@@ -284,7 +289,7 @@ def _followed(curve, plan, y, onward, within, options):
     control = continuation.StepControl(
         first=options.first, longest=options.longest, corner=1e-7, near=CLOSED, closed=CLOSED, bent=0.8, straight=0.95
     )
-    path, name = [], curve.train.topology.name or "scene"
+    path, name = [], curve.train.topology.title
     equations = partial(linearized, curve), partial(simplified, curve)
     end = continuation.follow(
         *equations,

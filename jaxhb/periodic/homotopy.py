@@ -69,6 +69,7 @@ class HomotopyStepper(Stepper):
         """Force ``(G,)`` N of the meshes less its linear part; that of the train itself for a share of 1."""
         law, left = self.law, 1 - self.share
         kept = jnp.maximum(law.epsilon, LEAST_EPSILON)
+        # epsilon^p for what is not too small, and the little below it linear in p: 1 at p = 0, epsilon at p = 1.
         geometric = kept**self.share - self.share * (kept - law.epsilon)
         epsilon = jnp.where(self.beginning.linear, 1 - self.share * (1 - law.epsilon), geometric)
         widest = jnp.minimum(law.transition * self.beginning.transition, jnp.maximum(law.transition, 1.0))
@@ -81,6 +82,8 @@ class HomotopyStepper(Stepper):
         """Tooth damping at p = 0 over the wanted one: at most what the steps carry."""
         rows, columns = self.space.observation[len(self.viscous) :], self.space.forcing
         step = 2 * jnp.pi / self.frequency / self.steps
+        # The damping force is taken explicitly in a step: with r times the rate of one unit of force times the step
+        # above about a half, the stages of the step would overshoot.
         decay = step * self.viscous * -jnp.einsum("gn,ng->g", rows, columns)
         return jnp.clip(0.5 / jnp.where(decay > 0, decay, 1.0), 1.0, self.beginning.damping)
 
@@ -93,12 +96,12 @@ def _on_the_way(stepper, beginning, share):
 
 def _scale(stepper):
     """Unit of the states in y, the norm of all nodes on the flanks: what makes their changes comparable with p's."""
-    return (jnp.linalg.norm(stepper.flank_state) + 1e-300) * np.sqrt(segments.SEGMENTS)
+    return (jnp.linalg.norm(stepper.flank_state) + 1e-300) * np.sqrt(segments.SHOOTING.segments)
 
 
 def _nodes(stepper, y):
     """States ``(K, n)`` at the beginnings of the segments, of y = (states, share)."""
-    return _scale(stepper) * y[:-1].reshape(segments.SEGMENTS, len(stepper.flank_state))
+    return _scale(stepper) * y[:-1].reshape(segments.SHOOTING.segments, len(stepper.flank_state))
 
 
 @Program
@@ -147,7 +150,7 @@ def find(train, rpm, plan, *, options=DEFAULT):
     if left < options.fewest_jacobians:
         return HomotopyResult(None, None, 0, 0, 0)
     stepper = jax.device_put(stepper_of(train, rpm, plan))  # once, not for every Jacobian
-    start = np.zeros(segments.SEGMENTS * len(stepper.flank_state) + 1)
+    start = np.zeros(segments.SHOOTING.segments * len(stepper.flank_state) + 1)
     for curves, beginning in enumerate(options.beginnings, 1):
         linearize, simplify = (partial(part, stepper, beginning) for part in (_linearized, _simplified))
         end = continuation.follow(linearize, simplify, start, most=min(left, options.most_jacobians))

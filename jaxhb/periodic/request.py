@@ -49,7 +49,7 @@ class Request:
 
 def check_harmonics(train, harmonics, method):
     """Refuse a fixed number of harmonics that cannot work, with a sentence."""
-    name = train.topology.name or "scene"
+    name = train.topology.title
     if not (isinstance(harmonics, int | np.integer) and harmonics >= 1):
         raise SceneError(f"{name}: harmonics is {harmonics}, must be a whole number of at least 1.")
     least = highest_harmonic(train)
@@ -65,7 +65,7 @@ def check_harmonics(train, harmonics, method):
 def check_tolerance(train, tolerance):
     """Refuse a tolerance that is not a share of the largest tooth force."""
     if not 0 < tolerance < 1:
-        name = train.topology.name or "scene"
+        name = train.topology.title
         raise SceneError(
             f"{name}: tolerance is {tolerance:g}, must be greater than 0 and less than 1: the share of the largest "
             "tooth force that the harmonics left out may make, 0.01 by default."
@@ -77,7 +77,7 @@ def excited_harmonic(train, method):
     highest = highest_harmonic(train)
     if highest > MOST[method]:
         raise SceneError(
-            f"{train.topology.name or 'scene'}: the excitation reaches harmonic {highest} of the cycle, more than the "
+            f"{train.topology.title}: the excitation reaches harmonic {highest} of the cycle, more than the "
             f"{MOST[method]} that method '{method}' offers: drop its highest orders or shorten the cycle."
         )
     return highest
@@ -85,7 +85,7 @@ def excited_harmonic(train, method):
 
 def check_plan(train, plan):
     """Refuse a plan made for another train: backlash it does not know, or more excitation than it holds."""
-    name, gaps = train.topology.name or "scene", train.topology.mesh_backlash
+    name, gaps = train.topology.title, train.topology.mesh_backlash
     known = len(plan.flank) == len(gaps)
     if not known or any(gap and i not in plan.active and not plan.flank[i] for i, gap in enumerate(gaps)):
         raise SceneError(f"{name}: the plan was made for a train without this backlash or other meshes: plan again.")
@@ -102,7 +102,7 @@ def check_method(train, method):
     if method == "chain" and len(loops):
         names = ", ".join(repr(train.topology.link_names[i]) for i in loops)
         raise SceneError(
-            f"{train.topology.name or 'scene'}: {names} closes a loop, and method 'chain' needs a tree: use 'reduced'."
+            f"{train.topology.title}: {names} closes a loop, and method 'chain' needs a tree: use 'reduced'."
         )
 
 

@@ -212,12 +212,12 @@ def _decide(train, rpm, request, start, seconds=None):
     check_speed(train, rpm)
     (plan,) = planning.plan_speeds(train, np.array([float(rpm)]), request)
     case, rungs = ladder.Case(train, rpm, request, plan), ladder.RUNGS
-    case.until = math.inf if seconds is None else time.monotonic() + seconds
+    case.deadline = math.inf if seconds is None else time.monotonic() + seconds
     if start is None:
         return ladder.climb(case, rungs)
     if start == "linear" or not any(train.topology.mesh_backlash):
         return ladder.climb(case, (ladder.on_flank,))
     if start == "march":
-        case.plan = planning.all_unknown(train, case.plan, request)
+        case.plan = planning.all_active(train, case.plan, request)
         return ladder.climb(case, rungs[rungs.index(ladder.short_march) :])
     return ladder.climb(case, (ladder.from_response(start),))

@@ -80,7 +80,7 @@ def check(response: AnyResponse) -> AnyResponse:
     if not status.any():
         return response
     columns = (response.rpm, status, response.residual, response.truncation_error)
-    name = response.topology.name or "scene"
+    name = response.topology.title
     raise NotConverged(
         "\n".join(
             f"{name} at {rpm:g} rpm: {Status(int(s)).name}, residual {r:.1e}, truncation error {100 * e:.3g} %: "

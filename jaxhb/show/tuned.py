@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from ..design.evaluation import label
+from ..design.evaluator import label
 from ..design.quantities import OF_DESIGN, unit_of
 from ..model.change import declared_field, locate
 from .balance import plain_number

@@ -27,7 +27,7 @@ HARMONICS, MESHES = 6, 2
 @partial(jax.jit, static_argnames="samples")
 def coefficients(law, viscous, gated, deflection, samples=None):
     """Coefficients of the mesh force, exact or sampled, at 1.3 rad/s."""
-    rule = fourier.Equidistant(samples) if samples else exact.divide(law, deflection)
+    rule = fourier.Equidistant(samples) if samples else exact.quadrature(law, deflection)
     rate = fourier.derivative(deflection, 1.3)
     values = backlash.mesh_force(
         law.expand(), viscous[:, None], gated, rule.synthesize(deflection), rule.synthesize(rate)
@@ -35,7 +35,7 @@ def coefficients(law, viscous, gated, deflection, samples=None):
     return rule.analyze(values, deflection.shape[-1] - 1)
 
 
-locate = jax.jit(exact.locate)
+locate = jax.jit(exact.find_crossings)
 
 
 def motion(seed, *, decay=1.0):

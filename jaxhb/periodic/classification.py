@@ -8,13 +8,14 @@ import numpy as np
 from ..response.steady import SteadyState
 from .marching import Batch, Equations, record_of
 from .returns import ended
-from .settled import VERDICT, prepare, same_motion, shortest_period, solve_settled
+from .settled import CLASSIFICATION, compile_ahead, same_motion, shortest_period, solve_settled
 from .stability import attracts
 
 
-class Judge:
+class Classifier:
     """The steady states of one train, from marches of its speeds ``(n,)``, on one device or across several; ``known``
-    are those at hand, by place, ``apart`` the places where the linear motion separates teeth.
+    are those at hand, by the index of their speed, ``apart`` the indices of speeds
+    where the linear motion separates teeth.
 
     A march begins with few steps. What harmonic balance confirms is exact whatever the steps. The rest, irregular
     motion above all, is marched on with twice the steps: on ``gear_train_30`` three of sixty speeds had another kind
@@ -26,29 +27,29 @@ class Judge:
         self.train, self.speeds, self.request, self.exact, self.cycles = train, speeds, request, exact, cycles
         self.known, self.apart = {}, set()
 
-    def settle(self, places, motions, progress=lambda count: None):
-        """Steady states of some speeds by place, side by side, from motions ``{place: (x, x')}`` or from teeth in
+    def settle(self, indices, motions, progress=lambda count: None):
+        """Steady states of some speeds by index, side by side, from motions ``{index: (x, x')}`` or from teeth in
         contact; ``progress`` is told how many more are known."""
         # Of a single speed the program depends on which meshes leave contact, which the march tells.
         known = self.request.many and self.exact and not isinstance(self.equations, str)
-        separating = [self.speeds[place] for place in places if known and place in self.apart]
-        programs = prepare(self.train, separating, self.request)
+        separating = [self.speeds[index] for index in indices if known and index in self.apart]
+        programs = compile_ahead(self.train, separating, self.request)
         try:
-            return self._settled(places, motions, progress)
+            return self._settled(indices, motions, progress)
         finally:
             for program in programs:
                 program.cancel()
 
-    def _settled(self, places, motions, progress):
-        found, spent, finer = {}, dict.fromkeys(places, 0), 1
-        while places:  # with the finest steps no verdict is unsure any more
+    def _settled(self, indices, motions, progress):
+        found, spent, refinement = {}, dict.fromkeys(indices, 0), 1
+        while indices:  # with the finest steps every motion is classified
             unsure = {}
-            for group in self._groups(places):
-                states, further = self._march(group, motions, spent, finer)
+            for group in self._groups(indices):
+                states, further = self._march(group, motions, spent, refinement)
                 progress(len(states))
                 found |= states
                 unsure |= further
-            places, motions, finer = list(unsure), unsure, 2 * finer
+            indices, motions, refinement = list(unsure), unsure, 2 * refinement
         return found
 
     @cached_property
@@ -59,53 +60,53 @@ class Judge:
         except ValueError as refusal:
             return str(refusal)
 
-    def _groups(self, places):
+    def _groups(self, indices):
         """Places of speeds that take the same steps."""
         if isinstance(self.equations, str):
-            return [places]
+            return [indices]
         groups = {}
-        for place in places:
-            groups.setdefault(self.equations.steps(self.speeds[place]), []).append(place)
+        for index in indices:
+            groups.setdefault(self.equations.steps(self.speeds[index]), []).append(index)
         return list(groups.values())
 
-    def _march(self, places, motions, spent, finer):
+    def _march(self, indices, motions, spent, refinement):
         """Steady states of speeds that share steps, and motions of those that need shorter steps.
 
-        ``spent``: cycles marched before, by place, to which these are added; ``finer``: times the fewest steps.
+        ``spent``: cycles marched before, by index, to which these are added; ``refinement``: times the fewest steps.
         """
         equations = self.equations
         if isinstance(equations, str):
-            return {place: unknown(self.train, self.speeds[place], equations) for place in places}, {}
-        steps = finer * equations.steps(self.speeds[places].min())
-        batch = Batch(equations, self.speeds[places], steps, self.devices)
-        for i, place in enumerate(places):
-            if place in motions:
-                batch.begin(i, motions[place])
-        found, further, cycles = {}, {}, self._cycles(batch, min(spent[place] for place in places), finer)
-        while len(found) + len(further) < len(places):
+            return {index: unknown(self.train, self.speeds[index], equations) for index in indices}, {}
+        steps = refinement * equations.steps(self.speeds[indices].min())
+        batch = Batch(equations, self.speeds[indices], steps, self.devices)
+        for i, index in enumerate(indices):
+            if index in motions:
+                batch.begin(i, motions[index])
+        found, further, cycles = {}, {}, self._cycles(batch, min(spent[index] for index in indices), refinement)
+        while len(found) + len(further) < len(indices):
             over = ended(batch, cycles, verified=self.exact)
             if not self.exact:
                 _record(batch, over)
             for march, period in over:
-                place = places[march.place]
-                verdict = _Verdict(self, place, batch, march, spent[place], finer)
+                index = indices[march.index]
+                verdict = _Classification(self, index, batch, march, spent[index], refinement)
                 state = verdict.state(period)
                 march.done = state is not None or verdict.unsure
                 if state is not None:
-                    found[place] = state
+                    found[index] = state
                 elif verdict.unsure:
-                    further[place] = batch.motion(march)
-                    spent[place] += march.cycles
+                    further[index] = batch.motion(march)
+                    spent[index] += march.cycles
         return found, further
 
-    def _cycles(self, batch, spent, finer):
+    def _cycles(self, batch, spent, refinement):
         """How long marches of a batch are at most, of which ``spent`` cycles are behind."""
         before = self.cycles.before_record(batch.work)
         if not self.exact:
             return dataclasses.replace(self.cycles, transient=before)
-        if finer == 1:
+        if refinement == 1:
             return dataclasses.replace(self.cycles, transient=before, recorded=0)
-        return dataclasses.replace(self.cycles, transient=max(min(before - spent, VERDICT.later), 0))
+        return dataclasses.replace(self.cycles, transient=max(min(before - spent, CLASSIFICATION.later), 0))
 
 
 def _record(batch, over):
@@ -114,14 +115,14 @@ def _record(batch, over):
         batch.run([march for march, own in over if own == period and not march.recorded], True, period)
 
 
-class _Verdict:
+class _Classification:
     """What one march says that may have ended; ``unsure`` where shorter steps have to decide."""
 
-    def __init__(self, judge, place, batch, march, spent, finer):
-        self.judge, self.place, self.batch, self.march = judge, place, batch, march
-        self.finer, self.spent, self.unsure = finer, spent, False
+    def __init__(self, classifier, index, batch, march, spent, refinement):
+        self.classifier, self.index, self.batch, self.march = classifier, index, batch, march
+        self.refinement, self.spent, self.unsure = refinement, spent, False
         self.notes, missing = [], batch.equations.missing
-        if lossy(judge.train):
+        if lossy(classifier.train):
             self.notes.append("the march takes loss factors as damping of each mode at its natural frequency")
         if missing:
             share = f"{100 * missing:.2g} %"
@@ -129,13 +130,13 @@ class _Verdict:
 
     def state(self, period):
         """The steady state; None where the march has to go on, or is not sure."""
-        judge, march = self.judge, self.march
+        classifier, march = self.classifier, self.march
         if not march.returns.finite:
             reason = "the march is not finite: check the scene for huge or tiny numbers"
-            return unknown(judge.train, judge.speeds[self.place], reason)
+            return unknown(classifier.train, classifier.speeds[self.index], reason)
         if not period:
-            return self._irregular() if self.finer > 1 or not judge.exact else self._further()
-        if not judge.exact:
+            return self._irregular() if self.refinement > 1 or not classifier.exact else self._further()
+        if not classifier.exact:
             return self._recorded(period)
         response, period = self._solved(period)
         if response is None:
@@ -149,43 +150,43 @@ class _Verdict:
 
     def _made(self, kind, period, **found):
         cycles, motion = self.spent + self.march.cycles, self.batch.motion(self.march)
-        judge = self.judge
-        rpm, known = judge.speeds[self.place], {"cycles": cycles, "notes": self.notes, "motion": motion}
-        return state_of(judge.train, rpm, kind, period, **known, **found)
+        classifier = self.classifier
+        rpm, known = classifier.speeds[self.index], {"cycles": cycles, "notes": self.notes, "motion": motion}
+        return state_of(classifier.train, rpm, kind, period, **known, **found)
 
     def _further(self):
         self.unsure = True
 
     def _solved(self, period):
         """Response (None where harmonic balance did not find the motion) and period of a march that returns."""
-        judge, batch, march = self.judge, self.batch, self.march
+        classifier, batch, march = self.classifier, self.batch, self.march
         while True:
             trace, meshes = batch.traced(march, period), batch.equations.meshes
-            known = judge.known.get(self.place)
+            known = classifier.known.get(self.index)
             common = known is not None and known.response is not None and known.period == period
-            if common and same_motion(known.response, trace, meshes, judge.train, VERDICT.arrived):
+            if common and same_motion(known.response, trace, meshes, classifier.train, CLASSIFICATION.arrived):
                 return known.response, period
             given = {"steps": batch.steps, "meshes": meshes}
-            levels = VERDICT.levels if self.finer == VERDICT.finest else 1
-            response = solve_settled(judge.train, march, trace, period, judge.request, levels=levels, **given)
+            levels = CLASSIFICATION.levels if self.refinement == CLASSIFICATION.finest else 1
+            response = solve_settled(classifier.train, march, trace, period, classifier.request, levels=levels, **given)
             shorter = period if response is None else shortest_period(response, period)
             if shorter == period:
                 return response, period
-            if march.returns.errors(shorter)[0] > VERDICT.returned:
+            if march.returns.errors(shorter)[0] > CLASSIFICATION.returned:
                 return None, period
             period = shorter
 
     def _attracts(self, response):
         """What :func:`attracts` says of a response, asked once."""
-        known = self.judge.known.get(self.place)
+        known = self.classifier.known.get(self.index)
         return (True, known.stability) if known is not None and known.response is response else attracts(response)
 
     def _unsolved(self, period):
         """Where harmonic balance did not find the motion."""
-        if self.finer < VERDICT.finest:
+        if self.refinement < CLASSIFICATION.finest:
             return self._further()
-        if self.march.recorded < self.judge.cycles.recorded:
-            self.march.again = self.march.cycles + VERDICT.again
+        if self.march.recorded < self.classifier.cycles.recorded:
+            self.march.again = self.march.cycles + CLASSIFICATION.again
             return None
         if not self.march.returns.period(last=True):  # it was only worth the question
             return self._irregular()
@@ -194,10 +195,11 @@ class _Verdict:
 
     def _passed_by(self):
         """Where a march came near a motion that repels, which with these steps may attract."""
-        if self.finer < VERDICT.finest:
+        if self.refinement < CLASSIFICATION.finest:
             return self._further()
-        if self.march.recorded < self.judge.cycles.recorded or self.march.cycles < self.judge.cycles.most:
-            self.march.again = self.judge.cycles.most  # it takes cycles to leave it, and solving again tells nothing
+        if self.march.recorded < self.classifier.cycles.recorded or self.march.cycles < self.classifier.cycles.most:
+            # It takes cycles to leave it, and solving again shows nothing more.
+            self.march.again = self.classifier.cycles.most
             return None
         return self._irregular()
 
