@@ -56,9 +56,9 @@ class Reduced:
     def nonlinear_force(self, deflection, rate):
         """phi and its slopes in l and l' at samples ``(G, samples)``: what the linear mesh does not contain."""
         law = self.law.expand()
-        viscous, gated = self.viscous[:, None], self.contact_damping[:, None]
-        total = backlash.mesh_force(law, viscous, gated, deflection, rate)
-        slope, rate_slope = backlash.mesh_slopes(law, viscous, gated, deflection, rate)
+        viscous, in_contact = self.viscous[:, None], self.contact_damping[:, None]
+        total = backlash.mesh_force(law, viscous, in_contact, deflection, rate)
+        slope, rate_slope = backlash.mesh_slopes(law, viscous, in_contact, deflection, rate)
         linear = law.stiffness * deflection + viscous * rate
         return total - linear, slope - law.stiffness, rate_slope - viscous
 

@@ -34,7 +34,7 @@ def all_meshes(train):
     topology, law = train.topology, backlash.law_of(train.meshes)
     gap = np.array(topology.mesh_backlash, dtype=bool)
     first = len(topology.link_names) - len(gap)
-    gated = np.array([law == "contact" for law in topology.mesh_damping_law], dtype=bool) & gap
+    in_contact = np.array([law == "contact" for law in topology.mesh_damping_law], dtype=bool) & gap
     return MeshParameters(
         link=np.arange(first, first + len(gap), dtype=np.int32),
         law=backlash.Law(
@@ -44,7 +44,7 @@ def all_meshes(train):
             backlash=xp.where(gap, law.backlash, 1.0),
         ),
         viscous=xp.asarray(train.meshes.damping),
-        contact_damping=gated,
+        contact_damping=in_contact,
     )
 
 

@@ -185,7 +185,7 @@ def _tree(train):
         where = train.topology.title
         raise SceneError(
             f"{where}: link {name!r} closes a loop, and Holzer's table is for trains without."
-            " Use jaxhb.natural_frequencies, on the command line jaxhb modes, which tells the energies too."
+            " Use jaxhb.natural_frequencies, on the command line jaxhb modes, which prints the energies, too."
         )
     ends = train.topology.link_ends
     away, at = [0], {0: -1}

@@ -332,7 +332,7 @@ def _sentence(curve, end, within, options):
         return f"It turns back and leaves the range where that begins, {value}."
     if end.jacobians >= options.jacobians:
         return f"Stopped at {value} after {end.jacobians} Jacobians: resume, or allow more."
-    return f"Lost at {value}: no step, however short, leads on."
+    return f"Lost at {value}: even the shortest step finds no further point."
 
 
 CLOSED = 1e-11

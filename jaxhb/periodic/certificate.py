@@ -124,7 +124,7 @@ def _check_inertia(train, system):
     light = [name for name, mass in zip(train.topology.disk_names, system.mass, strict=False) if not mass > 0]
     if light:
         named = ", ".join(map(repr, light))
-        raise ValueError(f"disk {named}: inertia 0; a certificate needs disks with inertia: give it the little it has.")
+        raise ValueError(f"disk {named} has inertia 0, and an error bound needs disks with inertia: give a small one.")
 
 
 def _of_response(found, lin, given, balance, harmonics):
@@ -133,11 +133,11 @@ def _of_response(found, lin, given, balance, harmonics):
     if not found.holds:
         return found
     count, law, motions = CERTIFICATE.compared * lin.sizes.low, lin.law.expand(), []
-    gated, viscous = (lin.damping[key][:, None] for key in ("gated", "viscous"))
+    in_contact, viscous = (lin.damping[key][:, None] for key in ("in_contact", "viscous"))
     for deflection in (given, lin.deflection * lin.law.backlash[:, None]):
         value = fourier.synthesize(deflection, count)
         rate = fourier.synthesize(fourier.derivative(deflection, lin.frequency), count)
-        force = backlash.mesh_force(law, viscous, gated, value, rate)
+        force = backlash.mesh_force(law, viscous, in_contact, value, rate)
         motions.append((value, backlash.force(law, value), force))
     apart, elastic, total = (_largest(a - b) for a, b in zip(*motions, strict=True))
     return replace(

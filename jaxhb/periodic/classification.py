@@ -31,7 +31,7 @@ class Classifier:
         """Steady states of some speeds by index, side by side, from motions ``{index: (x, x')}`` or from teeth in
         contact; ``progress`` is told how many more are known."""
         # Of a single speed the program depends on which meshes leave contact, which the march tells.
-        known = self.request.many and self.exact and not isinstance(self.equations, str)
+        known = self.request.in_sweep and self.exact and not isinstance(self.equations, str)
         separating = [self.speeds[index] for index in indices if known and index in self.apart]
         programs = compile_ahead(self.train, separating, self.request)
         try:
@@ -123,16 +123,16 @@ class _Classification:
         self.refinement, self.spent, self.unsure = refinement, spent, False
         self.notes, missing = [], batch.equations.missing
         if lossy(classifier.train):
-            self.notes.append("the march takes loss factors as damping of each mode at its natural frequency")
+            self.notes.append("time integration replaces loss factors by damping of each mode at its natural frequency")
         if missing:
             share = f"{100 * missing:.2g} %"
-            self.notes.append(f"the march leaves out modes that hold {share} of the compliance of a mesh")
+            self.notes.append(f"time integration leaves out modes that hold {share} of the compliance of a mesh")
 
     def state(self, period):
         """The steady state; None where the march has to go on, or is not sure."""
         classifier, march = self.classifier, self.march
         if not march.returns.finite:
-            reason = "the march is not finite: check the scene for huge or tiny numbers"
+            reason = "time integration gives no finite motion: check the scene for huge or tiny numbers"
             return unknown(classifier.train, classifier.speeds[self.index], reason)
         if not period:
             return self._irregular() if self.refinement > 1 or not classifier.exact else self._further()
@@ -190,7 +190,8 @@ class _Classification:
             return None
         if not self.march.returns.period(last=True):  # it was only worth the question
             return self._irregular()
-        self.notes.append("harmonic balance did not find the motion marched: the numbers are those of recorded cycles")
+        unconfirmed = "harmonic balance did not find the motion that time integration shows"
+        self.notes.append(f"{unconfirmed}: the numbers are those of recorded cycles")
         return self._recorded(period)
 
     def _passed_by(self):

@@ -74,8 +74,8 @@ class HomotopyStepper(Stepper):
         epsilon = jnp.where(self.beginning.linear, 1 - self.share * (1 - law.epsilon), geometric)
         widest = jnp.minimum(law.transition * self.beginning.transition, jnp.maximum(law.transition, 1.0))
         law = backlash.Law(law.stiffness, epsilon, law.transition * (widest / law.transition) ** left, law.backlash)
-        gated = jnp.where(self.contact_damping, (1 - epsilon) / jnp.maximum(1 - self.law.epsilon, 1e-300), 0.0)
-        damping = self.viscous * self._damping() ** left * (1 - gated * (1 - backlash.engagement(law, deflection)))
+        in_contact = jnp.where(self.contact_damping, (1 - epsilon) / jnp.maximum(1 - self.law.epsilon, 1e-300), 0.0)
+        damping = self.viscous * self._damping() ** left * (1 - in_contact * (1 - backlash.engagement(law, deflection)))
         return backlash.force(law, deflection) - law.stiffness * deflection + (damping - self.viscous) * rate
 
     def _damping(self):

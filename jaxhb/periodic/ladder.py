@@ -125,7 +125,7 @@ class Case:
     def next_level(self, harmonics):
         """The number of harmonics to try after ``harmonics``; None at the limit."""
         options = planning.PLANNING
-        ratio = options.sweep_level_ratio if self.request.many else options.level_ratio
+        ratio = options.sweep_level_ratio if self.request.in_sweep else options.level_ratio
         return planning.next_level(harmonics, self.plan.method, ratio)
 
     @property

@@ -129,13 +129,13 @@ class Linearization:
 
     def __init__(self, problem, train, deflection, sizes, scale):
         meshes = backlash_meshes(train)
-        self.law, viscous, gated, link = on_host((meshes.law, meshes.viscous, meshes.contact_damping, meshes.link))
-        self.damping = {"viscous": viscous, "gated": gated}
+        self.law, viscous, in_contact, link = on_host((meshes.law, meshes.viscous, meshes.contact_damping, meshes.link))
+        self.damping = {"viscous": viscous, "in_contact": in_contact}
         self.frequency, self.sizes, self.unsolved = float(problem.frequency), sizes, 0.0
         chosen = train.topology.backlash_index.astype(np.int32)
         receptance, linear, self._reduced, self._model = _linear_response(problem, chosen, sizes)
         n, h = np.arange(sizes.reach + 1), self.law.backlash
-        stiffness, viscous = (1 - self.law.epsilon) * self.law.stiffness, np.where(gated, viscous, 0.0)
+        stiffness, viscous = (1 - self.law.epsilon) * self.law.stiffness, np.where(in_contact, viscous, 0.0)
         change = stiffness + 1j * n[:, None] * self.frequency * viscous
         receptance = np.asarray(receptance)
         self.held = receptance / h[:, None] * (change * h)[:, None, :]

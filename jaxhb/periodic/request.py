@@ -20,24 +20,24 @@ DEFAULT_TOLERANCE = 0.01
 class Request:
     """What is asked of a solve: ``harmonics`` None for as many as ``tolerance`` needs; see :func:`jaxhb.solve`.
 
-    many : whether other speeds are solved with it, which programs that serve all of them pay for.
+    in_sweep : whether other speeds are solved with it, which programs that serve all of them pay for.
     """
 
     harmonics: int | None = None
     tolerance: float = DEFAULT_TOLERANCE
     method: str = "reduced"
     integrals: str = "sampled"
-    many: bool = False
+    in_sweep: bool = False
 
     @classmethod
-    def of(cls, train, harmonics=None, tolerance=None, method=None, integrals=None, many=False):
+    def of(cls, train, harmonics=None, tolerance=None, method=None, integrals=None, in_sweep=False):
         """The request with defaults for None, checked."""
         made = cls(
             harmonics,
             DEFAULT_TOLERANCE if tolerance is None else tolerance,
             method or "reduced",
             integrals or "sampled",
-            many,
+            in_sweep,
         )
         check_method(train, made.method)
         check_integrals(made.integrals, made.method)
@@ -111,7 +111,7 @@ def check_integrals(integrals, method):
     if integrals not in ("sampled", "exact"):
         raise ValueError(f"integrals is {integrals!r}: give 'sampled' or 'exact'")
     if integrals == "exact" and method != "reduced":
-        raise ValueError(f"method is {method!r}, and exact integrals go with 'reduced' only: use it, or sample")
+        raise ValueError(f"exact integrals need method 'reduced', and method is {method!r}: change one of them")
 
 
 def _too_many(train, harmonics, method, name):
@@ -120,6 +120,6 @@ def _too_many(train, harmonics, method, name):
         need = 6 * disks * width**2 * 8 / 2**30
         return (
             f"{name}: method 'chain' holds dense blocks for all {disks} disks, about {need:.1f} GiB at {harmonics} "
-            f"harmonics, and is an oracle up to {MOST['chain']}: use method 'reduced'."
+            f"harmonics, and serves as a check up to {MOST['chain']} harmonics: use method 'reduced'."
         )
     return f"{name}: {harmonics} harmonics are more than the limit of {MOST['reduced']}: use fewer."

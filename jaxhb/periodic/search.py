@@ -113,7 +113,7 @@ def solve_all(
 
     Notes
     -----
-    Takes seconds to minutes. :func:`jaxhb.steady_state` tells in a fraction of a second what the train does,
+    Takes seconds to minutes. :func:`jaxhb.steady_state` finds in a fraction of a second what the train does,
     :func:`jaxhb.follow` where a motion goes with the speed.
 
     Examples
@@ -124,7 +124,7 @@ def solve_all(
     [(1, True)]
     """
     if traced(train, rpm) or staged():
-        raise TypeError("solve_all decides by value and cannot be traced: call it outside")
+        raise TypeError("solve_all depends on values, so jit, vmap and grad cannot trace it: call it outside")
     check_speed(train, rpm)
     rpm, request = float(rpm), Request.of(train, harmonics, tolerance)
     (plan,) = plan_speeds(train, np.array([rpm]), request)

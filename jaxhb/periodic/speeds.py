@@ -32,7 +32,7 @@ def solve_speeds(
 ) -> Response:
     """Periodic responses at many speeds.
 
-    The linear motion tells at which speeds teeth leave contact or separate; speeds with the same needs share a plan
+    The linear motion shows at which speeds teeth leave contact or separate; speeds with the same needs share a plan
     and one compiled program, in batches of fixed size where that is faster. A speed that fails is solved again by
     itself, from the nearest speed that converged, with more harmonics or by shooting.
 
@@ -77,7 +77,7 @@ def solve_speeds(
     check_speed(train, rpm, many=True)
     if plan and not (harmonics is None and tolerance is None and integrals is None):
         raise ValueError("harmonics, tolerance and integrals belong to the plan: give them to jaxhb.plan")
-    request = Request.of(train, harmonics, tolerance, "reduced", integrals, many=len(rpm) > 1)
+    request = Request.of(train, harmonics, tolerance, "reduced", integrals, in_sweep=len(rpm) > 1)
     if plan:
         check_plan(train, plan)
     plans = [plan] * len(rpm) if plan else plan_speeds(train, rpm, request)

@@ -107,7 +107,7 @@ class Stability:
 
     def __str__(self):
         if self.stable:
-            return f"stable: a disturbance is left with {self.largest:.2g} of its size after a cycle."
+            return f"stable: a disturbance falls to {self.largest:.2g} of its size in a cycle."
         grows = f"unstable ({self.loses_by}): a disturbance grows {self.largest:.3g} times a cycle"
         return f"{grows}{_MANNER[self.loses_by]}; the train does not run in this motion."
 
@@ -201,8 +201,8 @@ def largest_multiplier(response: Response) -> float:
     gaps, excited = train.topology.mesh_backlash, listed_harmonic(train.topology)
     if not reducible(train.topology):
         raise ValueError(
-            f"{train.topology.title}: no mesh has backlash, and of {train.topology.n_disks} disks only the "
-            "modes that meshes excite are looked at. jaxhb.damped_modes tells how those of a linear train die away."
+            f"{train.topology.title}: no mesh has backlash, and the multipliers of {train.topology.n_disks} "
+            "disks are those of the modes that such meshes excite. Use jaxhb.damped_modes for a linear train."
         )
     highest = max(mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))[0], 2 * excited)
     plan = Plan(

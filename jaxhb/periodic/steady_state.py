@@ -114,7 +114,8 @@ def steady_state(
     Parameters
     ----------
     train : DriveTrain
-        Loss factors damp each mode at its own frequency in the march, and are themselves in the solution; a note tells.
+        Loss factors damp each mode at its own frequency in the march; the solution has them as they are. A note says
+        so.
     rpm : float or array ``(n,)``
         Speeds of the reference rotor.
     direction : "up", "down" or "both"
@@ -135,11 +136,11 @@ def steady_state(
         A folder in which the steady states of marched speeds are kept as they are found: the same call goes on where
         it was stopped, with the same numbers to the last bit.
     chunk : int, optional
-        How many speeds are marched together, told and kept; less is lost with fewer, and it takes longer. Default: 64
-        with ``out``, all without.
+        How many speeds are marched together, reported and kept; less is lost with fewer, and it takes longer.
+        Default: 64 with ``out``, all without.
     on_states : callable, optional
         Called with ``{number of the speed: SteadyState}`` of what was found since the last call, and with "up" or
-        "down". Of several speeds one may be told again, when its neighbour has a motion that it takes over.
+        "down". Of several speeds one may be reported again, when its neighbour has a motion that it takes over.
     devices : sequence of jax devices
         Across which marches and batches of a sweep are shared, as ``jax.devices()``; by default one does it all.
 
@@ -162,8 +163,8 @@ def steady_state(
     The march is exponential integration around the linear train, five steps per period of the highest mesh mode or
     more. Where harmonic balance does not confirm what it shows, or disturbances of the solution grow, or the march does
     not settle, it goes on with twice and four times as many steps: beside a bifurcation the kind of motion is that of
-    the steps. In a sweep, motions that differ at no instant by more than a tenth of the largest deflection are not told
-    apart, and a transient that outlasts the march counts as irregular.
+    the steps. In a sweep, motions that never differ by more than a tenth of the largest deflection count as one, and a
+    transient that outlasts the march counts as irregular.
 
     Examples
     --------
@@ -174,20 +175,20 @@ def steady_state(
     """
     if traced(train, rpm) or staged():
         raise TypeError(
-            "steady_state decides by value and cannot be traced: call it outside, and differentiate "
+            "steady_state depends on values, so jit, vmap and grad cannot trace it: call it outside, and differentiate "
             "jaxhb.solve(train, rpm=..., plan=..., start=its response)"
         )
     if direction not in DIRECTIONS:
         raise ValueError(f"direction is {direction!r}: give 'up', 'down' or 'both'")
     check_speed(train, rpm, many=True)
     speeds = np.atleast_1d(np.asarray(rpm, dtype=float))
-    request = Request.of(train, harmonics, tolerance, many=len(speeds) > 1)
+    request = Request.of(train, harmonics, tolerance, in_sweep=len(speeds) > 1)
     cycles = cycles or Cycles()
     classifier = Classifier(train, speeds, request, exact, cycles, tuple(devices))
     settle = classifier.settle
     if out is not None:
         chunk = CHUNK if chunk is None else chunk
-        asked = {name: value for name, value in vars(request).items() if name != "many"} | {"exact": exact}
+        asked = {name: value for name, value in vars(request).items() if name != "in_sweep"} | {"exact": exact}
         asked = {"answers": "steady states"} | asked | vars(cycles)
         settle = partial(Checkpoint(out, train, asked, chunk).settle, classifier)
     search = _SpeedSweep(classifier, settle, start, progress, chunk, on_states)

@@ -26,7 +26,7 @@ class SteadyState:
     rpm : float
     kind : str
         "contact" : no teeth part. "periodic" : period one cycle. "subharmonic" : ``period`` cycles. "irregular" : none
-        of these within the cycles marched. "unknown" : ``notes`` tell why.
+        of these within the cycles marched. "unknown" : ``notes`` say why.
     period : int
         In cycles of the excitation; 0 for irregular and unknown motion.
     response : Response or None

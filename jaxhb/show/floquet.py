@@ -65,5 +65,5 @@ def growth_text(growth, period=1):
         how = f" ({growth.loses_by})" if growth.loses_by else ""
         return f"UNSTABLE{how}: a disturbance grows {size:.3g} times in {span}{about}; the train does not run in it"
     if growth.stable is None:
-        return f"stability not certain: a disturbance is left with {size:.2g} of its size after {span}{about}"
-    return f"stable: a disturbance is left with {size:.2g} of its size after {span}"
+        return f"stability not certain: a disturbance falls to {size:.2g} of its size in {span}{about}"
+    return f"stable: a disturbance falls to {size:.2g} of its size in {span}"

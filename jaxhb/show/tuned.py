@@ -116,7 +116,7 @@ def _not_solved(rpm, result):
     if not said:
         return []
     return [
-        f"NOT solved, and left out of what was made small: {'; '.join(said)}. jaxhb sweep tells what happens there."
+        f"NOT solved, and left out of what was made small: {'; '.join(said)}. jaxhb sweep shows what happens there."
     ]
 
 

@@ -181,7 +181,7 @@ def reference_orbit(
     Returns
     -------
     Orbit
-        ``settled`` tells whether the tolerance was met.
+        ``settled`` says whether the tolerance was met.
 
     Raises
     ------
@@ -214,7 +214,7 @@ def reference_orbit(
 def _orbit(meshes, stepper, state, trace, tolerance, **counts):
     """Forces of a cycle."""
     law = meshes.law.expand()
-    viscous, gated = np.asarray(meshes.viscous)[:, None], np.asarray(meshes.contact_damping)[:, None]
+    viscous, in_contact = np.asarray(meshes.viscous)[:, None], np.asarray(meshes.contact_damping)[:, None]
     low, high = backlash.force(
         law, _extremes(trace, 2 * np.pi / float(stepper.frequency) / trace.deflection.shape[1])
     ).T
@@ -222,7 +222,7 @@ def _orbit(meshes, stepper, state, trace, tolerance, **counts):
         deflection=np.asarray(trace.deflection),
         rate=np.asarray(trace.rate),
         elastic=np.asarray(backlash.force(law, trace.deflection)),
-        transmitted=np.asarray(backlash.mesh_force(law, viscous, gated, trace.deflection, trace.rate)),
+        transmitted=np.asarray(backlash.mesh_force(law, viscous, in_contact, trace.deflection, trace.rate)),
         smallest=np.asarray(low),
         largest=np.asarray(high),
         separated=np.asarray(backlash.separated(law, trace.deflection).mean(axis=1)),

@@ -126,7 +126,7 @@ def partition(system, meshes, disk_names=None, link_names=None, lossy=False):
     """
     for leaf in jax.tree.leaves((system, meshes)):
         if isinstance(leaf, jax.core.Tracer):
-            raise ValueError("the train is being traced: pass parts=partition(system, meshes), decided on the host.")
+            raise ValueError("jit or vmap traces the train: pass parts=partition(system, meshes), made outside.")
 
     def disk(index):
         return repr(disk_names[index]) if disk_names else f"disk {index}"
@@ -146,8 +146,8 @@ def partition(system, meshes, disk_names=None, link_names=None, lossy=False):
     for index in massless:
         if int(index) in ends:
             raise ValueError(
-                f"{disk(index)} has no inertia and carries a backlash mesh: its motion in time is an algebraic "
-                "unknown. Give it an inertia, or use a harmonic method."
+                f"{disk(index)} has no inertia and carries a backlash mesh: no equation of motion in time "
+                "is left for it. Give it an inertia, or use a harmonic method."
             )
     B, K = matrices(jax.tree.map(np.asarray, system))
     undamped = ~np.any(B[massless] != 0, axis=1)

@@ -23,7 +23,7 @@ class Correction:
     peak_error : float
         Largest difference of their extremes / largest elastic tooth force.
     orbit : Orbit
-        The corrected motion; ``orbit.settled`` tells whether shooting closed the cycle.
+        The corrected motion; ``orbit.settled`` says whether shooting closed the cycle.
     """
 
     error: float

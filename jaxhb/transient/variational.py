@@ -142,9 +142,10 @@ def propagation(space, meshes, deflection, frequency, share):
     propagators = np.concatenate([_propagators(trains, steps, chunk)[0] for chunk in chunks])
     E, L, count = space.forcing, space.observation, space.forcing.shape[1]
     slope = _slopes(meshes, *motion(deflection, frequency, ends))
-    gated = np.where(meshes.contact_damping, meshes.viscous, 0.0)
+    contact_viscous = np.where(meshes.contact_damping, meshes.viscous, 0.0)
     changed = slope[:, :count, None] * L[:count] + slope[:, count:, None] * L[count:]  # S L
-    impulse = E * ((1 - meshes.law.epsilon) * meshes.law.stiffness) + (space.transition @ E + E @ (changed @ E)) * gated
+    impulse = E * ((1 - meshes.law.epsilon) * meshes.law.stiffness)
+    impulse = impulse + (space.transition @ E + E @ (changed @ E)) * contact_viscous
     deflections, end_states, ahead, behind = [L[:count]], [impulse[-1]], np.eye(len(E)), np.eye(len(E))
     for propagator, backwards, pushed in zip(propagators, propagators[::-1], impulse[-2::-1], strict=True):
         ahead, behind = propagator @ ahead, behind @ backwards
@@ -180,8 +181,8 @@ def _steps(trains, meshes, deflection, frequency, switching):
 
 def _slopes(meshes, deflection, rate):
     """Slopes ``(K, 2G)`` of phi in l and l', at deflections and rates ``(G, K)``."""
-    viscous, gated = meshes.viscous[:, None], meshes.contact_damping[:, None]
-    slope, rate_slope = backlash.mesh_slopes(meshes.law.expand(), viscous, gated, deflection, rate)
+    viscous, in_contact = meshes.viscous[:, None], meshes.contact_damping[:, None]
+    slope, rate_slope = backlash.mesh_slopes(meshes.law.expand(), viscous, in_contact, deflection, rate)
     return np.concatenate([slope - meshes.law.stiffness[:, None], rate_slope - viscous + 0 * rate]).T
 
 

@@ -97,7 +97,7 @@ def test_the_path_tells_of_exact_integrals():
 
 
 def test_exact_integrals_are_refused_where_there_are_none():
-    with pytest.raises(ValueError, match="go with 'reduced' only"):
+    with pytest.raises(ValueError, match="exact integrals need method 'reduced'"):
         jaxhb.plan(train(), rpm=1500.0, method="chain", integrals="exact")
     with pytest.raises(ValueError, match="give 'sampled' or 'exact'"):
         jaxhb.solve(train(), rpm=1500.0, integrals="gauss")
