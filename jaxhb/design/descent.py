@@ -92,7 +92,7 @@ class Descent:
         while evaluator.finer_plans(point, point.solved):
             point = evaluator.at(z, point, point.solved)
         if evaluator.peaks:
-            point = evaluator.at(z, evaluator.replanned(evaluator.follow(point)), point.solved)
+            point = evaluator.at(z, evaluator.replanned(evaluator.follow_peaks(point)), point.solved)
         self.counted = point.solved
         chosen = zip(evaluator.task.objectives, point.readings, strict=False)
         evaluator.scales = np.array([_size(objective, values[0][point.solved[0]]) for objective, values in chosen])
@@ -113,7 +113,7 @@ class Descent:
             self.sharpened = stage > 0
             if stage:
                 self._sharpen(width, self.best)
-                self.best = self.evaluator.replanned(self.evaluator.follow(self.best))
+                self.best = self.evaluator.replanned(self.evaluator.follow_peaks(self.best))
                 self._renew()
             while True:
                 ended, number = self._descend(number, steps)

@@ -127,7 +127,7 @@ class Evaluator:
         """The same designs, their speeds planned anew."""
         return dataclasses.replace(point, plan_number=self._planned(point.z))
 
-    def follow(self, point):
+    def follow_peaks(self, point):
         """Move the added speeds to the highest peaks of the curves through all: the Point to start there from."""
         self.speeds, into = self.speeds.copy(), len(self.rpm)
         near = np.tile(np.arange(self.speeds.shape[1]), (len(point.z), 1))

@@ -36,10 +36,11 @@ class BranchOptions:
     longest: float = 0.05  # length of a step at most
     jacobians: int = 4000  # of a branch at most
     fold: float = 1e-9  # error of the parameter at a fold, as a share of its range
-    stability: float = 1e-5  # the same where the stability changes, which multipliers tell at some cost
+    stability: float = 1e-5  # the same where the stability changes, for which multipliers cost some
+    closed: float = 1e-11  # error of a point, relative to the first motion: well below that of a solve
 
 
-DEFAULT = BranchOptions()
+BRANCH = BranchOptions()
 
 
 @brief
@@ -93,7 +94,7 @@ class Branch:
         return response_at(self._curve, self._plan, self._path[number][0])
 
     def resume(
-        self, number: int = -1, *, to: float | None = None, backwards: bool = False, options: BranchOptions = DEFAULT
+        self, number: int = -1, *, to: float | None = None, backwards: bool = False, options: BranchOptions = BRANCH
     ) -> Branch:
         """Follow on from a point of this branch, or back from it.
 
@@ -122,7 +123,7 @@ class Branch:
         y, tangent = self._path[number]
         return _followed(curve, self._plan, y, -tangent if backwards else tangent, (min(shares), max(shares)), options)
 
-    def doubled(self, number: int = 0, *, options: BranchOptions = DEFAULT) -> Branch:
+    def doubled(self, number: int = 0, *, options: BranchOptions = BRANCH) -> Branch:
         """The branch of motions of twice the period that leaves this one at a period doubling.
 
         Begins in the direction in which the harmonic equations over two periods are singular there; a motion and the
@@ -175,7 +176,7 @@ def follow(
     harmonics: int | None = None,
     tolerance: float = 0.01,
     begin: Response | None = None,
-    options: BranchOptions = DEFAULT,
+    options: BranchOptions = BRANCH,
 ) -> Branch:
     """Follow a branch of periodic motions over the speed or a number of the train, through its folds.
 
@@ -286,12 +287,19 @@ def _doubled(curve, plan, y):
 
 def _followed(curve, plan, y, onward, within, options):
     """The :class:`Branch` from a point on."""
+    # Every point is a solution that is read, not a way to the end: exact, and on a smooth curve steps that turn little.
     control = continuation.StepControl(
-        first=options.first, longest=options.longest, corner=1e-7, near=CLOSED, closed=CLOSED, bent=0.8, straight=0.95
+        first=options.first,
+        longest=options.longest,
+        corner=1e-7,
+        near=options.closed,
+        closed=options.closed,
+        bent=0.8,
+        straight=0.95,
     )
     path, name = [], curve.train.topology.title
     equations = partial(linearized, curve), partial(simplified, curve)
-    end = continuation.follow(
+    end = continuation.follow_curve(
         *equations,
         y,
         most=options.jacobians,
@@ -304,7 +312,7 @@ def _followed(curve, plan, y, onward, within, options):
         value = f"{curve.parameter} = {float(curve.begin + y[-1] * curve.span):g}"
         raise NotConverged(f"{name}: Newton's method finds no motion with {plan.harmonics} harmonics at {value}.")
     points = [Point.at(curve, plan, *point) for point in path]
-    locate = partial(continuation.locate, *equations, control=control)
+    locate = partial(continuation.locate_zero, *equations, control=control)
     special = special_points(curve, plan, points, locate, options)
     columns = {name: np.array([getattr(point, name) for point in points]) for name in _COLUMNS}
     ended = _sentence(curve, end, within, options)
@@ -333,7 +341,3 @@ def _sentence(curve, end, within, options):
     if end.jacobians >= options.jacobians:
         return f"Stopped at {value} after {end.jacobians} Jacobians: resume, or allow more."
     return f"Lost at {value}: even the shortest step finds no further point."
-
-
-CLOSED = 1e-11
-"""Error of a point, relative to the first motion: well below that at which a solve counts as solved."""

@@ -27,9 +27,6 @@ from ..transient.stepper import Stepper
 from . import continuation
 from .orbits import coefficients, stepper_of, work_of_cycle
 
-LEAST_EPSILON = 1e-4
-"""Stiffness in the gap below which it changes linearly in p: of no consequence, and zero has no logarithm."""
-
 
 class Beginning(NamedTuple):
     """The law at p = 0: tooth damping and transition over the wanted ones, at most, as far as the steps carry the
@@ -52,9 +49,10 @@ class HomotopyOptions:
     work: float = 2e9  # of all curves, Jacobians times :func:`work_of_cycle`: twenty seconds
     fewest_jacobians: int = 50  # below which no curve arrives
     most_jacobians: int = 700  # of one curve
+    least_epsilon: float = 1e-4  # below which it changes linearly in p: too soft to matter, and zero has no logarithm
 
 
-DEFAULT = HomotopyOptions()
+HOMOTOPY = HomotopyOptions()
 
 
 @jax.tree_util.register_dataclass
@@ -63,12 +61,12 @@ class HomotopyStepper(Stepper):
     """A Stepper whose meshes are a share p on the way from the linear law."""
 
     share: Array | float = 1.0
-    beginning: Beginning = DEFAULT.beginnings[0]
+    beginning: Beginning = HOMOTOPY.beginnings[0]
 
     def nonlinear_force(self, deflection, rate):
         """Force ``(G,)`` N of the meshes less its linear part; that of the train itself for a share of 1."""
         law, left = self.law, 1 - self.share
-        kept = jnp.maximum(law.epsilon, LEAST_EPSILON)
+        kept = jnp.maximum(law.epsilon, HOMOTOPY.least_epsilon)
         # epsilon^p for what is not too small, and the little below it linear in p: 1 at p = 0, epsilon at p = 1.
         geometric = kept**self.share - self.share * (kept - law.epsilon)
         epsilon = jnp.where(self.beginning.linear, 1 - self.share * (1 - law.epsilon), geometric)
@@ -106,8 +104,8 @@ def _nodes(stepper, y):
 
 @Program
 def _linearized(stepper, beginning, y, normal):
-    """What ``linearize`` of :func:`continuation.follow` returns: H are the gaps of the segments, and the determinant
-    orients the tangent, not ``normal``."""
+    """What ``linearize`` of :func:`continuation.follow_curve` returns: H are the gaps of the segments, and the
+    determinant orients the tangent, not ``normal``."""
     scale, at = _scale(stepper), partial(_on_the_way, stepper, beginning)
     gap, slope, share_slope = segments.linearize(at, _nodes(stepper, y), y[-1])
     condensed = segments.condense(slope, share_slope / scale)
@@ -116,7 +114,7 @@ def _linearized(stepper, beginning, y, normal):
 
 @Program
 def _simplified(stepper, beginning, y, condensed):
-    """What ``simplify`` of :func:`continuation.follow` returns."""
+    """What ``simplify`` of :func:`continuation.follow_curve` returns."""
     gap = segments.gaps(_on_the_way(stepper, beginning, y[-1]), _nodes(stepper, y)) / _scale(stepper)
     return gap, segments.closing(condensed, gap)
 
@@ -143,7 +141,7 @@ class HomotopyResult:
     folds: int
 
 
-def find(train, rpm, plan, *, options=DEFAULT):
+def find(train, rpm, plan, *, options=HOMOTOPY):
     """The :class:`HomotopyResult` at a train, with the meshes and time steps of a Plan; of no curve where the work that
     the options allow is too little."""
     left = int(options.work / work_of_cycle(train, plan.time_steps))
@@ -153,7 +151,7 @@ def find(train, rpm, plan, *, options=DEFAULT):
     start = np.zeros(segments.SHOOTING.segments * len(stepper.flank_state) + 1)
     for curves, beginning in enumerate(options.beginnings, 1):
         linearize, simplify = (partial(part, stepper, beginning) for part in (_linearized, _simplified))
-        end = continuation.follow(linearize, simplify, start, most=min(left, options.most_jacobians))
+        end = continuation.follow_curve(linearize, simplify, start, most=min(left, options.most_jacobians))
         if end.arrived:
             nodes, deflection = _motion(stepper, end.y)
             found = coefficients(deflection, plan.time_steps)

@@ -25,7 +25,7 @@ from .plan import Plan
 from .planned import active_deflections, first_start, solve_once
 from .problem import problem_at
 from .program import solve_problem
-from .request import MOST, Request
+from .request import MOST_HARMONICS, Request
 from .time_steps import TIME_STEPS, time_steps_for, time_steps_of
 
 
@@ -47,7 +47,7 @@ class Effort:
     finest_shots: int = 4
     work: float = 5e6
     orbits: int = 2
-    homotopy: HomotopyOptions = homotopy.DEFAULT
+    homotopy: HomotopyOptions = homotopy.HOMOTOPY
 
 
 LONG = Effort(finer=4, work=orbits.ORBIT.work, orbits=16)
@@ -124,9 +124,8 @@ class Case:
 
     def next_level(self, harmonics):
         """The number of harmonics to try after ``harmonics``; None at the limit."""
-        options = planning.PLANNING
-        ratio = options.sweep_level_ratio if self.request.in_sweep else options.level_ratio
-        return planning.next_level(harmonics, self.plan.method, ratio)
+        one, sweep = planning.PLANNING.level_ratio, planning.PLANNING.sweep_level_ratio
+        return planning.next_level(harmonics, self.plan.method, sweep if self.request.in_sweep else one)
 
     @property
     def resolving(self):
@@ -139,7 +138,7 @@ class Case:
         plan = dataclasses.replace(self.plan, active=known.active, flank=known.flank)
         harmonics = plan.harmonics
         if self.adaptive:
-            harmonics = max(harmonics, min(planning.first_level(0, self.modes[0]), MOST[plan.method]))
+            harmonics = max(harmonics, min(planning.first_level(0, self.modes[0]), MOST_HARMONICS[plan.method]))
         steps = max(plan.time_steps, self.resolving)
         return dataclasses.replace(plan, harmonics=harmonics, start="march", time_steps=steps)
 
@@ -168,7 +167,7 @@ def from_response(response):
     def rung(case, last):
         plan = planning.all_active(case.train, case.plan, case.request)
         if case.adaptive and int(response.status) == Status.TOLERANCE_NOT_MET:
-            above = case.next_level(response.harmonics) or MOST[plan.method]
+            above = case.next_level(response.harmonics) or MOST_HARMONICS[plan.method]
             plan = dataclasses.replace(plan, harmonics=max(plan.harmonics, above))
         yield Attempt(plan, np.asarray(active_deflections(plan, response.deflections)))
 
@@ -254,7 +253,7 @@ def _from_orbit(case, last, plan, orbit, steps, event):
 
     Below the reach of the steps there may be no solution near the orbit.
     """
-    wanted = min(plan.harmonics * steps // plan.time_steps, MOST[plan.method])
+    wanted = min(plan.harmonics * steps // plan.time_steps, MOST_HARMONICS[plan.method])
     harmonics = planning.level_at_least(wanted) if case.adaptive else plan.harmonics
     plan = dataclasses.replace(plan, harmonics=harmonics, time_steps=min(steps, TIME_STEPS.counts[-1]))
     return Attempt(_at_least(plan, last), orbit.coefficients, event)

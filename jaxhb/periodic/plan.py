@@ -12,6 +12,7 @@ from .request import DEFAULT_TOLERANCE
 from .time_steps import TIME_STEPS
 
 MARCH_CYCLES = 3
+"""Cycles of time integration before Newton's method, which then takes 2 to 5 steps on ``gear_train_30``."""
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from ..model.change import without_backlash
 from ..transient.statespace import linear_response
 from .plan import Plan
 from .planned import solve_batches
-from .request import MOST, excited_harmonic
+from .request import MOST_HARMONICS, excited_harmonic
 from .time_steps import time_steps_for, time_steps_of
 
 
@@ -82,7 +82,7 @@ def next_level(harmonics, method, ratio=PLANNING.level_ratio):
 
     A level nearer to the limit than to the one before is the limit.
     """
-    most = MOST[method]
+    most = MOST_HARMONICS[method]
     # 0.95: levels are a ratio of 1.33 or 1.5 apart, and the next one is not to be missed by a little.
     higher = [n for n in PLANNING.levels if 0.95 * ratio * harmonics <= n <= most / math.sqrt(ratio)]
     return higher[0] if higher else most if harmonics < most else None
@@ -169,7 +169,7 @@ def all_active(train, plan, request):
     """The plan with every mesh that has backlash as an unknown, and enough harmonics for that."""
     gaps = train.topology.mesh_backlash
     active = tuple(i for i, gap in enumerate(gaps) if gap)
-    level = min(first_level(excited_harmonic(train, plan.method), 0.0), MOST[plan.method])
+    level = min(first_level(excited_harmonic(train, plan.method), 0.0), MOST_HARMONICS[plan.method])
     harmonics = request.harmonics or max(plan.harmonics, level)
     return dataclasses.replace(plan, harmonics=harmonics, active=active, flank=(0,) * len(gaps))
 
@@ -211,7 +211,7 @@ def plan_speeds(train, rpm, request):
 
     def level_of(group, separating):
         wanted = first_level(excited, np.max(modes[group]) if separating else 0.0)
-        return request.harmonics or min(wanted, MOST[request.method])
+        return request.harmonics or min(wanted, MOST_HARMONICS[request.method])
 
     touching, hammering = (np.flatnonzero(leaves.any(axis=-1) & (apart == kind)) for kind in (False, True))
     groups = [(False, touching)] if len(touching) else []

@@ -10,6 +10,7 @@ from jax import lax
 
 from .._program import Program
 from ..harmonic import backlash, exact, fourier, reduction
+from ..linear.forced import FORCED
 from ..response.status import Status
 from . import correction
 from .derivative import attach
@@ -33,8 +34,8 @@ class SolveOptions:
     unloaded : tooth force, over stiffness x backlash, up to which teeth carry nothing but what solved equations leave
     """
 
-    singular: float = 1e11
-    balanced: float = 1e-9
+    singular: float = FORCED.singular
+    balanced: float = FORCED.unbalanced
     march_above: float = 3e-4
     estimate_forcing: float = 0.05
     estimate_steps: int = 20

@@ -10,8 +10,8 @@ from ..harmonic import chain
 from ..harmonic.excitation import highest_harmonic
 from ..model.elements import SceneError
 
-MOST = {"reduced": 4096, "chain": 128}
-"""Harmonics, by method."""
+MOST_HARMONICS = {"reduced": 4096, "chain": 128}
+"""Harmonics of the cycle at most, by method: work and memory grow with N, for the chain with N^3 and N^2."""
 
 DEFAULT_TOLERANCE = 0.01
 
@@ -58,7 +58,7 @@ def check_harmonics(train, harmonics, method):
             f"{name}: {harmonics} harmonics of the cycle are below the excitation, which reaches harmonic {least} "
             f"(order {least / train.topology.revolutions_per_cycle:g}): ask for at least {least} harmonics."
         )
-    if harmonics > MOST[method]:
+    if harmonics > MOST_HARMONICS[method]:
         raise SceneError(_too_many(train, harmonics, method, name))
 
 
@@ -75,10 +75,10 @@ def check_tolerance(train, tolerance):
 def excited_harmonic(train, method):
     """Highest harmonic of the excitation that counts; a sentence where ``method`` cannot reach it."""
     highest = highest_harmonic(train)
-    if highest > MOST[method]:
+    if highest > MOST_HARMONICS[method]:
         raise SceneError(
             f"{train.topology.title}: the excitation reaches harmonic {highest} of the cycle, more than the "
-            f"{MOST[method]} that method '{method}' offers: drop its highest orders or shorten the cycle."
+            f"{MOST_HARMONICS[method]} that method '{method}' offers: drop its highest orders or shorten the cycle."
         )
     return highest
 
@@ -96,7 +96,7 @@ def check_plan(train, plan):
 
 def check_method(train, method):
     """Refuse an unknown method, and the chain sweep on a closed loop."""
-    if method not in MOST:
+    if method not in MOST_HARMONICS:
         raise ValueError(f"method is {method!r}: give 'reduced' or 'chain'")
     loops = chain.span(train.topology).loops
     if method == "chain" and len(loops):
@@ -120,6 +120,6 @@ def _too_many(train, harmonics, method, name):
         need = 6 * disks * width**2 * 8 / 2**30
         return (
             f"{name}: method 'chain' holds dense blocks for all {disks} disks, about {need:.1f} GiB at {harmonics} "
-            f"harmonics, and serves as a check up to {MOST['chain']} harmonics: use method 'reduced'."
+            f"harmonics, and serves as a check up to {MOST_HARMONICS['chain']} harmonics: use method 'reduced'."
         )
-    return f"{name}: {harmonics} harmonics are more than the limit of {MOST['reduced']}: use fewer."
+    return f"{name}: {harmonics} harmonics are more than the limit of {MOST_HARMONICS['reduced']}: use fewer."

@@ -10,7 +10,7 @@ from ..response.events import March
 from ..response.status import Status
 from . import ladder, planning
 from .planned import active_deflections
-from .request import MOST
+from .request import MOST_HARMONICS
 from .returns import RETURN
 
 
@@ -126,7 +126,7 @@ def _plan_of(train, rpm, request, side, apart, period):
     wanted = max(wanted, planning.level_at_least(period * planning.PLANNING.levels[0]))
     return dataclasses.replace(
         contact,
-        harmonics=request.harmonics or min(wanted, MOST[request.method]),
+        harmonics=request.harmonics or min(wanted, MOST_HARMONICS[request.method]),
         active=active,
         flank=tuple(flank.tolist()),
         # Read only where a flank that the plan held did not hold: what was given is no start then.
