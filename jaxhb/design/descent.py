@@ -128,6 +128,7 @@ class Descent:
         """Steps at one width: (whether the steps are used up, their number)."""
         idle, memory = np.zeros(len(self.point.z), dtype=int), self._memory()
         while number < steps:
+            # A design rests when its last steps won too little or its slope is gone; the others go on beside it.
             steep = np.abs(self.point.gradient).max(1) > DESCENT.flat * np.abs(self.point.value)
             moving = (idle < self.patience) & steep
             if not moving.any():
@@ -141,6 +142,7 @@ class Descent:
             idle = np.where(won > self.improvement * np.abs(self.best.value), 0, idle + 1)
             idle = np.where(moved, idle, np.maximum(idle, self.patience - 1))  # once more, along the gradient
             self.best = self.point.where(won > 0, self.best)
+            # Between plans the objective jumps by its truncation error: such a step says nothing about curvature.
             other = (self.point.plan_number != before.plan_number).any(1)
             memory = self._without_curvature(memory, before, moved & ~other)
             if self._more_speeds():
@@ -174,12 +176,12 @@ class Descent:
         for trial in range(DESCENT.trials):
             if done.all():
                 break
-            z, most = (
-                point.z + np.where(done, 0.0, length)[:, None] * direction,
-                point.value + DESCENT.decrease * length * slope,
-            )
+            z = point.z + np.where(done, 0.0, length)[:, None] * direction
+            most = point.value + DESCENT.decrease * length * slope
             at = self.evaluator.at(z, point, self.counted, wanted=~done, most=most)
             falls = self._kept(at) & (at.value <= most) & ~done
+            # Weak Wolfe conditions by bisection, which ends at the kinks of a worst value, too (Lewis and Overton,
+            # Math. Program. 141 (2013) 135): a step that rises is the new ``high``, one still steep the new ``low``.
             curved = np.sum(at.gradient * direction, axis=1) >= DESCENT.curvature * slope
             best, moved = at.where(falls & (at.value <= best.value), best), moved | falls
             done |= falls & (curved | (trial >= DESCENT.expansions))
@@ -214,6 +216,7 @@ class Descent:
         """Descent directions ``(A, P)``, no component longer than the longest, and the optimiser's memory."""
         updates, memory = self.update(self.point.gradient, memory, self.point.z)
         direction = -np.asarray(updates)
+        # With gradients of two sides of a kink in its memory L-BFGS may point uphill.
         uphill = np.sum(direction * self.point.gradient, axis=1) >= 0
         if self.searching:
             direction = np.where(uphill[:, None], -self.point.gradient, direction)
@@ -228,6 +231,7 @@ class Descent:
         if not self.searching:
             return memory
         change = (self.point.z - before.z) * (self.point.gradient - before.gradient)
+        # L-BFGS needs s . y > 0: without, its matrix is not positive definite any more.
         bad = ~moved | ~(change.sum(1) > 0)
         fresh = self._memory()
         self.fresh &= bad

@@ -131,11 +131,14 @@ class Evaluation:
             numbers = evaluator.weights(), evaluator.widths, evaluator.scales
             combined = combine(evaluator.train, self.z, self.smooth, kept, *numbers, task=task, own=len(evaluator.rpm))
             value, of_design, by_z, by_smooth = jax.tree.map(np.asarray, combined)
+            # A line search rejects higher values without their gradients, which cost as much as the solves.
             steep = self.wanted & (value <= most)
             lanes = self._pulled(np.where(steep[:, None, None], by_smooth, 0.0))
             whole = np.isfinite(lanes).all(axis=-1)
             if (whole | ~kept).all():
                 break
+            # Near a fold the equations are solved and their derivative is not: the speed is lost, and the rest
+            # evaluated without it.
             self.status[kept & ~whole] = Status.STALLED
         gradient = by_z + np.asarray(pull_back(self.pull, lanes))
         exact, of_design = iter(np.moveaxis(self.exact, -1, 0)), iter(of_design)
@@ -154,6 +157,7 @@ class Evaluation:
         """The derivative of the objective by the numbers of every lane, from that by its readings."""
         by_numbers = np.zeros_like(self.numbers)
         size = np.abs(by_smooth * self.smooth)
+        # Of a smooth maximum few speeds have a weight: a gradient is pulled through these alone.
         counts = size.max(axis=(1, 2), keepdims=True) * EVALUATION.negligible < size
         for number, (chunk, padded, pull) in enumerate(self.pulls):
             into = tuple(chunk.T)

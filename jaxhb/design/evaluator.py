@@ -98,6 +98,7 @@ class Evaluator:
         self.excited = excited or max(plan.harmonics for plan in (fallback, *plans))
         moved = train.replace({p.name: train.value(p.name) for p in task.parameters})
         problem = problem_at(train, float(rpm[0]), self.excited)
+        # What no parameter changes is handed to programs once; the rest travels as one vector for each lane.
         same = [old is new for old, new in zip(jax.tree.leaves(train), jax.tree.leaves(moved), strict=True)]
         same += [False] * len(jax.tree.leaves(problem))
         self.form, self.held = VectorForm.of((train, problem), same)
@@ -153,6 +154,8 @@ class Evaluator:
     def _planned(self, z):
         """Numbers of the plans ``(A, n)``: those of the present harmonics where they do the same."""
         trains = [self.train.replace(self.values(one)) for one in z]
+        # A changed design may shake off a tooth: every design is planned by its own numbers, under the plans at hand as
+        # far as they do the same.
         plans = [self.planner(train, rpm)[1] for train, rpm in zip(trains, self.speeds, strict=True)]
         return np.array([[self._plan_number(plan) for plan in row] for row in plans])
 
@@ -254,6 +257,7 @@ def highest_peaks(speeds, values, most):
     middle = middle[np.minimum(y[middle - 1], y[middle + 1]) > 0.5 * y[middle]]
     middle = middle[np.argsort(-y[middle], kind="stable")][:most]
     left, right = x[middle] - x[middle - 1], x[middle + 1] - x[middle]
+    # Vertex of the parabola through three speeds that need not be equidistant.
     rise, fall = (y[middle] - y[middle - 1]) / left, (y[middle + 1] - y[middle]) / right
     return places[middle], x[middle] + (rise * right + fall * left) / (2 * (rise - fall))
 

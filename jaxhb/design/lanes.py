@@ -122,6 +122,7 @@ def to_values(z, parameters):
     low = np.array([p.low for p in parameters])
     high = np.array([p.high for p in parameters])
     log = np.array([p.scale == "log" for p in parameters])
+    # On a log scale the share of the way is that of the logarithm.
     ratio = np.log(np.where(log, high, 1.0) / np.where(log, low, 1.0))
     return xp.where(log, np.where(log, low, 1.0) * xp.exp(share * ratio), low + share * (high - low))
 
@@ -250,6 +251,8 @@ def combine(train, z, smooth, kept, weights, widths, scales, *, task, own):
 
     def cost(z, smooth, kept, weights):
         changed, total, readings = _changed(train, z, task), jnp.zeros(()), []
+        # Readings of the objectives come first, then those of the penalties that read a response, as in
+        # ``Task.of_response``.
         values = iter(smooth.T)
         for objective, share, scale, width in zip(task.objectives, weights.T, scales, widths, strict=True):
             weighted = share * next(values) / scale
