@@ -28,7 +28,11 @@ from jaxhb.model.link_checks import plain_number
 from jaxhb.model.topology import suggestion
 
 SHEAR_MODULUS = 80e9
+"""Pa, of steel: TORS gives none."""
+
 MODULE = 5e-3
+"""m, of a gear of which only the number of teeth is given: ratios are those of the teeth whatever it is."""
+
 RIGID = 1e5
 """Stiffness of a rigid link over that of the stiffest shaft."""
 

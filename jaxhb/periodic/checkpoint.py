@@ -94,7 +94,7 @@ class Checkpoint:
 
     def keep(self, question, compute, progress):
         """The list of states that ``compute()`` gives to a question (arrays), from the folder where it is there; then
-        ``progress`` is told how many were read."""
+        ``progress`` is called with the number of those read."""
         name = f"{_hash(*question)}.npz"
         states = self._read(name)
         if states is None:

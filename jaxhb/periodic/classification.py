@@ -14,8 +14,8 @@ from .stability import attracts
 
 class Classifier:
     """The steady states of one train, from marches of its speeds ``(n,)``, on one device or across several; ``known``
-    are those at hand, by the index of their speed, ``apart`` the indices of speeds
-    where the linear motion separates teeth.
+    are those at hand, by the index of their speed, ``apart`` the indices of speeds where the linear motion separates
+    teeth.
 
     A march begins with few steps. What harmonic balance confirms is exact whatever the steps. The rest, irregular
     motion above all, is marched on with twice the steps: on ``gear_train_30`` three of sixty speeds had another kind
@@ -29,8 +29,8 @@ class Classifier:
 
     def settle(self, indices, motions, progress=lambda count: None):
         """Steady states of some speeds by index, side by side, from motions ``{index: (x, x')}`` or from teeth in
-        contact; ``progress`` is told how many more are known."""
-        # Of a single speed the program depends on which meshes leave contact, which the march tells.
+        contact; ``progress`` is called with the number of those that became known."""
+        # Of a single speed the program depends on which meshes leave contact, which the march shows.
         known = self.request.in_sweep and self.exact and not isinstance(self.equations, str)
         separating = [self.speeds[index] for index in indices if known and index in self.apart]
         programs = compile_ahead(self.train, separating, self.request)
@@ -61,7 +61,7 @@ class Classifier:
             return str(refusal)
 
     def _groups(self, indices):
-        """Places of speeds that take the same steps."""
+        """Indices of speeds that take the same steps."""
         if isinstance(self.equations, str):
             return [indices]
         groups = {}
@@ -88,13 +88,13 @@ class Classifier:
             if not self.exact:
                 _record(batch, over)
             for march, period in over:
-                index = indices[march.index]
-                verdict = _Classification(self, index, batch, march, spent[index], refinement)
-                state = verdict.state(period)
-                march.done = state is not None or verdict.unsure
+                index = indices[march.lane]
+                classification = _Classification(self, index, batch, march, spent[index], refinement)
+                state = classification.state(period)
+                march.done = state is not None or classification.unsure
                 if state is not None:
                     found[index] = state
-                elif verdict.unsure:
+                elif classification.unsure:
                     further[index] = batch.motion(march)
                     spent[index] += march.cycles
         return found, further
@@ -116,7 +116,7 @@ def _record(batch, over):
 
 
 class _Classification:
-    """What one march says that may have ended; ``unsure`` where shorter steps have to decide."""
+    """What the motion of one march is that may have ended; ``unsure`` where shorter steps have to decide."""
 
     def __init__(self, classifier, index, batch, march, spent, refinement):
         self.classifier, self.index, self.batch, self.march = classifier, index, batch, march

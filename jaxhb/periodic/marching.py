@@ -135,7 +135,7 @@ class SpeedMarch:
     again : cycles from which a period counts again, after one that harmonic balance did not find, or that repels.
     """
 
-    index: int
+    lane: int
     rpm: float
     state: np.ndarray
     returns: Returns
@@ -178,7 +178,7 @@ class Batch:
 
     def motion(self, march):
         """(x, x') ``(2S,)`` where a march stands, at the beginning of a cycle."""
-        return marching.motion_of(self.equations.modes, march.state[:, None], _of(self.linear_motion, [march.index]))[0]
+        return marching.motion_of(self.equations.modes, march.state[:, None], _of(self.linear_motion, [march.lane]))[0]
 
     def run(self, marches, record=False, cycles=MARCH.cycles):
         """Some more cycles of some marches, recorded or not."""
@@ -191,7 +191,7 @@ class Batch:
             left = left[size:]
 
     def _run(self, marches, size, record, cycles):
-        indices = [march.index for march in marches] + [marches[-1].index] * (size - len(marches))
+        indices = [march.lane for march in marches] + [marches[-1].lane] * (size - len(marches))
         lanes, blank = _lanes(self.lanes, indices), np.zeros(cycles)
         state = np.stack([self.marches[index].state for index in indices], axis=1)
         if record:
@@ -228,7 +228,7 @@ class Batch:
         """(l, l') ``(2G, cycles x steps)`` of the next cycles, which the march goes through; of the last one if 1."""
         if cycles == 1:
             return march.trace[:-1].T
-        parts, lanes, state = [], _lanes(self.lanes, [march.index]), march.state[:, None]
+        parts, lanes, state = [], _lanes(self.lanes, [march.lane]), march.state[:, None]
         for _ in range(cycles):
             state, samples, trace = marching.march(lanes, state, np.zeros(1))
             march.returns.add(np.asarray(samples)[..., 0])

@@ -14,6 +14,7 @@ MOST_HARMONICS = {"reduced": 4096, "chain": 128}
 """Harmonics of the cycle at most, by method: work and memory grow with N, for the chain with N^3 and N^2."""
 
 DEFAULT_TOLERANCE = 0.01
+"""Truncation error of the elastic tooth force, as a share of the largest tooth force."""
 
 
 @dataclass(frozen=True)

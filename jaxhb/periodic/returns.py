@@ -20,7 +20,7 @@ class ReturnOptions:
     near : return error below which it has a period that it approaches
     close : return error that keeps falling below which, where a march ends, it may be near a motion to which it goes
         on: worth the question of whether there is one that attracts
-    small : return error above which a decay tells nothing
+    small : return error above which a decay shows nothing
     rounded : return error that rounding leaves
     falling : share to which the return error falls from one window of cycles to the next, twice, where a motion
         approaches a period; past a motion that repels in one direction the fall slows down
@@ -73,7 +73,7 @@ class Cycles:
 
 
 class Returns:
-    """Return errors of a march, told cycle by cycle.
+    """Return errors of a march, cycle by cycle.
 
     A cycle is known by (l, l') ``(I, 2G)`` of its meshes at I equidistant time samples, a reconstruction of the state
     by delays: motion that no mesh sees, free rotation above all, does not count. The return error after k cycles is the

@@ -57,7 +57,7 @@ def solve_settled(train, march, trace, period, request, *, steps, meshes, levels
     Parameters
     ----------
     train : DriveTrain, of one cycle, with its loss factors
-    march : March
+    march : SpeedMarch
     trace : array ``(2G, period x steps)``, (l, l') of the backlash meshes
     period : int, cycles
     request : Request
