@@ -158,10 +158,10 @@ def reduce(system, frequency, load, harmonics, active, active_index, law, viscou
     # Equal chunks make one program; harmonics that fill the last one up are dropped again.
     chunks = -(-(harmonics + 1) // CHUNK)
     omega = frequencies(frequency, chunks * -(-(harmonics + 1) // chunks) - 1).reshape(chunks, -1)
-    answers = lax.map(lambda omega: receptance(system, omega, columns), omega)
+    receptances = lax.map(lambda omega: receptance(system, omega, columns), omega)
     reduced = Reduced(
         linear=fourier.resize(linear, harmonics),
-        receptance=answers.reshape(omega.size, *answers.shape[2:])[: harmonics + 1],
+        receptance=receptances.reshape(omega.size, *receptances.shape[2:])[: harmonics + 1],
         frequency=frequency,
         law=law,
         viscous=viscous,

@@ -2,7 +2,7 @@
 
 The share of contact of the true motion differs from that of the refined motion ybar by ``s(t) Delta(t)``, s = 1,
 ``|Delta| <= r zone / tau``. Let s grow from 0 to 1. A multiplier ``z = exp(2 pi i theta)`` on the unit circle would be
-a motion ``exp(i theta t) x periodic`` with ``y + R_z s Delta y = 0``, R_z the answer of the linearised train to
+a motion ``exp(i theta t) x periodic`` with ``y + R_z s Delta y = 0``, R_z the response of the linearised train to
 impulses, in this class of motions: impossible if ``|R_z Delta| < 1`` in the largest value. With the monodromy matrix
 P, the deflections ``l(t)`` of unit states and the states ``e(s)`` after impulses
 

@@ -145,8 +145,8 @@ def correct_bordered(reduced, operator, deflection, border, right, samples, step
     column, row = border
     # Block elimination with the preconditioner in place of J: J^-1 column once, then p from the last row. Its pivot
     # does not vanish at a fold, where J alone is singular.
-    answered = approximate(column)
-    pivot = row[-1] - row[:-1] @ answered
+    column_solved = approximate(column)
+    pivot = row[-1] - row[:-1] @ column_solved
 
     def whole(z):
         return jnp.append(product(z[:-1]) + column * z[-1], row @ z)
@@ -154,7 +154,7 @@ def correct_bordered(reduced, operator, deflection, border, right, samples, step
     def approximately(b):
         alone = approximate(b[:-1])
         p = (b[-1] - row[:-1] @ alone) / jnp.where(pivot == 0, 1.0, pivot)
-        return jnp.append(alone - p * answered, p)
+        return jnp.append(alone - p * column_solved, p)
 
     return [gcr(whole, approximately, b, tolerance=LINEAR_SOLVE.bordered, steps=steps)[0] for b in right]
 

@@ -1,6 +1,6 @@
 """The linearised motion around one cycle: a periodic, time-varying linear train solved by one sweep over the cycle.
 
-With slopes w and s of the nonlinear force phi in l and l', the forces u that answer a given periodic motion b are
+With slopes w and s of the nonlinear force phi in l and l', the forces u in response to a given periodic motion b are
 
     z' = A z + E u,      u = w (b + l) + s (b' + l'),      (l, l') = L z,      z(T) = z(0).
 
@@ -71,7 +71,7 @@ class PeriodicOperator:
         return self.gain.shape[0] * self.gain.shape[-1]
 
     def forces(self, motion):
-        """Forces u ``(G, K)`` that answer the motion ``(2G, K)``: b above b'."""
+        """Forces u ``(G, K)`` in response to the motion ``(2G, K)``: b above b'."""
         length, meshes, _, blocks = self.gain.shape
         motion = motion.reshape(-1, blocks, length).transpose(2, 0, 1)
 
@@ -143,8 +143,8 @@ def _per_state(propagate, forcing, L, gain):
     # A force acts on later steps of its block by L exp(A dt (k - j)) E: lower triangular, solved at once for all unit
     # states.
     delay = np.arange(length)[:, None] - np.arange(length) - 1
-    answer = jnp.where((delay >= 0)[:, :, None, None], (observed @ forcing)[np.maximum(delay, 0)], 0.0)
-    coupling = jnp.einsum("bkgh,kjhf->bkgjf", gain, answer).reshape(blocks, length * meshes, length * meshes)
+    response = jnp.where((delay >= 0)[:, :, None, None], (observed @ forcing)[np.maximum(delay, 0)], 0.0)
+    coupling = jnp.einsum("bkgh,kjhf->bkgjf", gain, response).reshape(blocks, length * meshes, length * meshes)
     alone = jnp.einsum("bkgh,khn->bkgn", gain, observed).reshape(blocks, length * meshes, -1)
     unit = jnp.eye(length * meshes)
     block_forces = solve_triangular(unit - coupling, alone, lower=True, unit_diagonal=True)

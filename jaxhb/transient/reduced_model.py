@@ -1,8 +1,8 @@
 """A train that starts and preconditioners may use in place of the true one: inertial, viscous damping alone, few modes.
 
-What the harmonics of a solve cannot see need not be integrated: modes faster than the steps answer statically, a disk
+What the harmonics of a solve cannot see need not be integrated: modes faster than the steps respond statically, a disk
 without inertia (beside a backlash mesh an algebraic unknown) has a fast mode, loss factors damp each mode at its own
-frequency (:func:`jaxhb.transient.statespace.loss_damping`), and a finely divided train is projected on its answers to
+frequency (:func:`jaxhb.transient.statespace.loss_damping`), and a finely divided train is projected on its responses to
 forces at the meshes over the frequencies that matter (rational Krylov, Galerkin). Errors made here cost iterations,
 never accuracy.
 """
@@ -89,7 +89,7 @@ def reduced_model(system, links, active, frequency, time_steps):
         # The most visible of the slow ones, in rising order again: the periodic operator takes the first as slowest.
         kept = jnp.sort(jnp.argsort(jnp.where(slow, -seen, 1.0))[: REDUCED_MODEL.modes])
         slow = slow & jnp.zeros(len(squares), bool).at[kept].set(True)
-    # Fast modes answer statically: row^2 / omega^2 of each, their residual flexibility.
+    # Fast modes respond statically: row^2 / omega^2 of each, their residual flexibility.
     apart = ~slow & (squares > free)
     residual_flexibility = (rows * jnp.where(apart, 1 / jnp.where(apart, squares, 1.0), 0.0)) @ rows.T
     vectors, rows = (jnp.where(slow, a, 0.0)[:, kept] for a in (vectors, rows))
