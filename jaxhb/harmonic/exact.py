@@ -258,7 +258,7 @@ def _pass(modes, knots):
     sense = xp.where(rising, 1.0, -1.0)
     ahead, before = sense * (knots - first) > 0, sense * (last - knots) > 0
     time = _root(powers, knots, *(xp.broadcast_to(end, ahead.shape) for end in (low, high)))
-    # The time of a graze has no derivative. None is needed: the force of neighbouring arcs agrees there with its slope.
+    # The time of a graze has no derivative, and needs none: on both sides of it lies the same piece of the law.
     rate = _horner(rates, time)
     grazing = xp.abs(rate) <= 1e-7 * xp.max(xp.abs(rates), axis=0)
     inverse_rate = xp.where(ahead & before & ~grazing, 1 / xp.where(grazing, 1.0, rate), 0.0)

@@ -277,7 +277,7 @@ def linear_start(linear_motion):
 def on_flank(linear_motion):
     """Motions (x, x') ``(L, 2S)`` at t = 0 with every mesh on its drive side, carrying nearly its linear force."""
     shift, mean = linear_motion.flank, linear_motion.displacement[..., 0].real
-    # From rest at the mean a little of the motion is missing: the start is near the motion in contact and not on it.
+    # A little on the way from the motion in contact to rest at its mean: near that motion, and not on it.
     rest = np.concatenate([mean + shift, 0 * shift], axis=1)
     moving = linear_start(linear_motion) + np.concatenate([shift, 0 * shift], axis=1)
     return moving + LANES.disturbed * (rest - moving)

@@ -137,7 +137,7 @@ def resolving_steps(system, meshes, frequency, *, per_period=REFERENCE.steps_per
     stiffness = K[np.ix_(inertial, inertial)]
     if rest.size:
         coupling = K[np.ix_(rest, inertial)]
-        # Disks without inertia follow the others: condensed statically (Guyan), which is exact here.
+        # Disks without inertia follow the others: condensed statically, which is exact without damping.
         stiffness = stiffness - coupling.T @ np.linalg.lstsq(K[np.ix_(rest, rest)], coupling, rcond=None)[0]
     root = np.sqrt(system.mass[inertial])
     squares, modes = np.linalg.eigh(stiffness / root[:, None] / root)

@@ -202,8 +202,8 @@ def close(stepper, nodes, *, tolerance, most):
             gap, periodicity_error = gaps_and_error(stepper, nodes + length * whole)
             return damping.lowers_level(jnp.linalg.norm(change(gap)), size, length), periodicity_error
 
-        # All lengths at once, and of those that pass the test the longest: a search that shortens one after another
-        # would run as often, one run behind the other.
+        # Every length is tried, and the longest that passes the test is taken: a run through the segments is little
+        # beside their Jacobian.
         whole = change(gap)
         size = jnp.linalg.norm(whole)
         lower, periodicity_errors = lax.map(tried, lengths)
