@@ -67,7 +67,7 @@ def test_a_mesh_without_backlash_has_no_knots_to_pass():
     l = np.zeros((len(law.stiffness), HARMONICS + 1), complex)
     l[:, -1] = 1e-4
     crossings = locate(law, l)
-    assert crossings.complete and not np.any(crossings.gain)
+    assert crossings.complete and not np.any(crossings.inverse_rate)
 
 
 @pytest.mark.parametrize("gated", [False, True])
