@@ -46,17 +46,10 @@ from .certificate_options import CERTIFICATE
 
 def prove(lin, train, gaps):
     """The numbers of the theorem around the motion of ``lin``, and what follows for the true one."""
-    sizes, law, w = lin.sizes, lin.law, lin.weight
-    low, high = sizes.low, sizes.high
+    law, low, high = lin.law, lin.sizes.low, lin.sizes.high
     E, grid = lin.embedding, CERTIFICATE.samples * low // 4
 
-    F = lin.residual()
-    left = np.sqrt(2 * _beyond(lin.integral, high, 3))  # of psi beyond ``high``, root mean square
-    corrected = lin.inverse(F)
-    correction = lin.largest(corrected) + lin.gain_between(high + 1) * left
-    weighted = np.hypot(np.linalg.norm(fourier.pack(w[: high + 1] * corrected)), lin.largest_gain(high + 1) * left)
-    # Rounding of the terms of F, which cancel, is not in the residual computed from them.
-    correction += CERTIFICATE.rounded * (lin.largest(lin.linear) + lin.largest(F - lin.linear))
+    F, corrected, correction, weighted = _newton_correction(lin)
     Z1 = _defect(lin)
     # Neumann series of 1 - A F': a weighted norm times Z1/(1 - Z1), as a largest value times E.
     spread = E * Z1 / (1 - Z1) if Z1 < 1 else np.inf
@@ -105,6 +98,19 @@ def prove(lin, train, gaps):
     return replace(
         found, deflection_bound=law.backlash * apart, elastic_bound=elastic, force_bound=elastic + viscous * drag
     )
+
+
+def _newton_correction(lin):
+    """F, A F, and what the largest value of each mesh and the weighted norm of Newton's correction are at most."""
+    w, high = lin.weight, lin.sizes.high
+    F = lin.residual()
+    left = np.sqrt(2 * _beyond(lin.integral, high, 3))  # of psi beyond ``high``, root mean square
+    corrected = lin.inverse(F)
+    correction = lin.largest(corrected) + lin.gain_between(high + 1) * left
+    weighted = np.hypot(np.linalg.norm(fourier.pack(w[: high + 1] * corrected)), lin.largest_gain(high + 1) * left)
+    # Rounding of the terms of F, which cancel, is not in the residual computed from them.
+    correction += CERTIFICATE.rounded * (lin.largest(lin.linear) + lin.largest(F - lin.linear))
+    return F, corrected, correction, weighted
 
 
 def _rate(x):
