@@ -57,7 +57,7 @@ class Program:
             found = self._made(static, arguments, key)
         return found(arguments)
 
-    def prepare(self, *args, **kwargs):
+    def compile_ahead(self, *args, **kwargs):
         """Begin to make what a call with such arguments will run, in a thread of its own; the call waits for it.
 
         Returns

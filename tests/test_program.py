@@ -55,21 +55,21 @@ def test_one_answer_takes_programs_that_are_not_optimised(asked, monkeypatch):
 
 def test_a_program_prepared_is_the_one_that_is_called(asked):
     square = _program.Program(lambda x: x * x)
-    made = square.prepare(3.0)
+    made = square.compile_ahead(3.0)
     assert made.result()({"x": 3.0}) == 9.0
     compiled = len(asked)
     assert square(4.0) == 16.0 and len(asked) == compiled and square.executables == 1
-    assert square.prepare(5.0) is None  # it is there
+    assert square.compile_ahead(5.0) is None  # it is there
 
 
 def test_a_preparation_given_up_is_made_by_the_call():
     wait, square = threading.Event(), _program.Program(lambda x: x * x)
     threads = _program._beside()
     busy = [threads.submit(wait.wait) for _ in range(threads._max_workers)]
-    made = square.prepare(3.0)
+    made = square.compile_ahead(3.0)
     assert made.cancel() and square.executables == 0
     assert square(3.0) == 9.0 and square.executables == 1
-    second = square.prepare(np.ones(3))
+    second = square.compile_ahead(np.ones(3))
     assert square(np.ones(3)).tolist() == [1.0, 1.0, 1.0] and second.cancelled()  # nobody waits for the other thread
     wait.set()
     assert all(one.result() for one in busy)

@@ -6,7 +6,7 @@ import textwrap
 import numpy as np
 from matplotlib.figure import Figure
 
-from ..design.evaluation import label
+from ..design.evaluator import label
 from ..harmonic import fourier
 from ..harmonic.backlash import separated
 from ..response.record import PERCENT

@@ -30,7 +30,7 @@ def motion_text(answer):
     >>> import jaxhb
     >>> from jaxhb.show.compute import Asked, answer_one
     >>> motion_text(answer_one(jaxhb.load_scene("spur_pair"), 5000.0, Asked()))
-    'periodic, period one cycle; stable: a disturbance is left with 0.7 of its size after a cycle'
+    'periodic, period one cycle; stable: a disturbance falls to 0.7 of its size in a cycle'
     """
     state, growth = answer.state, growth_text(answer.growth, answer.state.period)
     kind = {
@@ -326,7 +326,7 @@ def _failure(answer):
         return f"{answer.status.name}, {_remedy(answer)}"
     if not answer.known:
         return f"the kind of motion is unknown: {'; '.join(answer.state.notes)}"
-    return f"{UNCONFIRMED}: the motion was marched, but is not found; try --tolerance or --harmonics"
+    return f"{UNCONFIRMED}: only time integration shows this motion; try --tolerance or --harmonics"
 
 
 def _remedy(answer):
