@@ -149,7 +149,7 @@ class SpeedMarch:
     @property
     def recorded(self):
         """Cycles of the record."""
-        return sum(len(part.max) for part in self.reduced)
+        return sum(len(part.max) for part in self.statistics)
 
 
 class Batch:
