@@ -77,5 +77,5 @@ def test_no_attempt_begins_when_the_time_is_up_but_one_is_made(monkeypatch):
     train = jaxhb.load_scene("spur_pair")
     for until, attempts in ((math.inf, ["a", "b", "c"]), (0.0, ["a"])):
         tried.clear()
-        ladder.climb(ladder.Case(train, 5000.0, None, None, until=until), rungs)
+        ladder.climb(ladder.Case(train, 5000.0, None, None, deadline=until), rungs)
         assert tried == attempts
