@@ -9,11 +9,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from page_cases import SCENE, figures, tables, without_an_answer
 
-import jaxhb
 from jaxhb.linear.forced import forced_response
 from jaxhb.response.status import Status
-from jaxhb.show import page, page_command, page_linear
+from jaxhb.show import page, page_linear
 from jaxhb.show.answer import Answer
 from jaxhb.show.cli import main
 from jaxhb.show.columns import Table
@@ -23,63 +23,9 @@ from jaxhb.show.page_figures import NO_ANSWER, Figure
 from jaxhb.show.page_limits import judged_text
 from jaxhb.show.page_motion import forces, over_speed
 from jaxhb.show.page_parts import Picture, parts_of
-from jaxhb.show.page_train import _misfiring
 from jaxhb.show.sweep_tables import motion_sentences
 from jaxhb.show.words import motion_text, motion_word, verdict, warnings
 
-SCENE = """
-[scene]
-name = "Prüfstand <Süd> & Nord"
-revolutions_per_cycle = 2
-reference = "Kurbel"
-rated_rpm = 3000
-[[disk]]
-name = "Kurbel"
-inertia = 0.3
-radius = 0.05
-damping = 2.0
-[[disk]]
-name = "Räder"
-inertia = 0.02
-radius = 0.05
-[[disk]]
-name = "Bremse"
-inertia = 0.2
-damping = 2.0
-[[mesh]]
-between = ["Kurbel", "Räder"]
-stiffness = 2e8
-damping = 3000.0
-backlash = 1e-4
-rated_torque = 900.0
-[[shaft]]
-name = "Welle"
-between = ["Räder", "Bremse"]
-stiffness = 2e4
-damping = 5.0
-diameter = 0.03
-tensile_strength = 6e8
-stress_concentration = 1.0
-[[damper]]
-name = "Dämpfer"
-disk = "Kurbel"
-inertia = 0.05
-damping = 5.0
-power_limit = 500.0
-[[load]]
-disk = "Bremse"
-[[cylinder]]
-name = "one"
-disk = "Kurbel"
-gas_torque_mean = 100.0
-gas_torque = [[0.5, 20.0, 10.0], [1.0, 90.0, -5.0]]
-[[cylinder]]
-name = "two"
-disk = "Kurbel"
-firing_angle = 360.0
-gas_torque_mean = 100.0
-gas_torque = [[0.5, 20.0, 10.0], [1.0, 90.0, -5.0]]
-"""
 SPEEDS = "1500,3000,4000"
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
@@ -98,16 +44,6 @@ def made(tmp_path_factory):
         assert main([*command, "--tuned", str(folder / "second.toml")]) == 0
     ((report, parts),) = kept
     return file, report, {part.title: part for part in parts}
-
-
-def figures(parts):
-    """Every figure, in the order of the page."""
-    return [block for part in parts.values() for block in part.blocks if isinstance(block, Figure)]
-
-
-def tables(part):
-    """Tables of a part."""
-    return [block for block in part.blocks if isinstance(block, Table)]
 
 
 def test_every_part_of_the_report_is_there(made):
@@ -250,27 +186,6 @@ def test_the_assumptions_say_what_a_misfire_is(made):
     assert "has no gas torque at all: combustion and compression are both absent. Its inertia torque remains." in said
 
 
-def test_what_the_assumptions_advise_keeps_the_compression_of_a_cylinder():
-    row = {"disk": "a", "bore": 0.1, "stroke": 0.1, "rod": 0.2, "name": "x"}
-    given = {"compression_ratio": 16.0, "charge_pressure": 2e5, "start": -5.0, "duration": 60.0}
-    for by, much in (("imep", 1e6), ("heat", 2000.0)):
-        parts = [
-            jaxhb.Disk(name="a", inertia=1.0, damping=1.0),
-            jaxhb.Disk(name="b", inertia=1.0),
-            jaxhb.Load(disk="b"),
-        ]
-        parts += [jaxhb.Shaft(between=("a", "b"), stiffness=1e4)]
-        parts += [jaxhb.Cylinder(**row, combustion=jaxhb.Combustion(**given, **{by: much}))]
-        train = jaxhb.build(parts, revolutions_per_cycle=2)
-        (said,) = _misfiring(train)
-        (key,) = re.findall(r'--set "(.*)=0"', said)
-        swings = [
-            float(jaxhb.forced_response(one, rpm=1000.0).torque("a|b").half_peak_to_peak)
-            for one in (train, train.replace({key: 0.0}), train.misfire("x"))
-        ]
-        assert swings[0] > 1.05 * swings[1] and swings[1] > 10.0 and swings[2] < 1e-9
-
-
 def test_a_period_that_harmonic_balance_did_not_confirm_is_told_in_one_way(made):
     case = made[1].cases[0]
     one = without_an_answer(case.answers[1])
@@ -311,14 +226,6 @@ def test_the_text_tells_torques_of_shafts_where_there_are_gears(made, capsys):
     assert "Gear torque, half peak-to-peak" in said
     table = said[said.index("Torque of shafts and dampers, half peak-to-peak, N m") :]
     assert re.search(r"\n  Welle +[\d.]+ +[\d.]+ +[\d.]+\n", table)
-
-
-def without_an_answer(answer):
-    """The same speed with numbers a thousand times as large that have not converged."""
-    response = answer.response
-    wrong = {name: 1e3 * getattr(response, name) for name in ("forces", "torques", "elastic_forces")}
-    response = dataclasses.replace(response, status=np.int32(Status.MAX_STEPS), **wrong)
-    return Answer(answer.train, dataclasses.replace(answer.state, response=response), answer.linear)
 
 
 def test_speeds_that_have_not_converged_are_gaps_with_a_cross_and_do_not_set_the_scale(made):
@@ -379,16 +286,6 @@ def test_a_train_without_a_single_answer_has_a_page_that_says_so(made):
         assert all(y is None for trace in figure.traces if trace["name"] == "all cylinders firing" for y in trace["y"])
 
 
-def test_a_part_that_fails_is_a_sentence_and_leaves_the_others(capsys):
-    def broken(_):
-        raise KeyError("no such thing")
-
-    parts = parts_of(None, {"Broken": broken, "Whole": lambda _: ["words"]})
-    assert [(part.title, part.failed) for part in parts] == [("Broken", True), ("Whole", False)]
-    assert parts[0].blocks[0].startswith("This part could not be made: KeyError: ")
-    assert "'Broken' is missing from the page" in capsys.readouterr().err
-
-
 def test_a_page_that_is_not_whole_is_written_and_exits_1(made, capsys, monkeypatch):
     def broken(_):
         raise ValueError("nothing to draw")
@@ -422,31 +319,6 @@ def test_the_page_escapes_names_and_forbids_the_browser_to_load_anything(made):
     assert not re.search(r"(src|href)\s*=\s*[\"']?(https?:)?//|@import|url\(", outside)
     numbers = re.findall(r'<script type="application/json">(.*?)</script>', text)
     assert [json.loads(one)["data"] for one in numbers] == [figure.traces for figure in figures(made[2])]
-
-
-WRONG = {
-    "another ending": (["--html", "page.txt"], "Give a name that ends in .html."),
-    "a second design without a page": (["--tuned", "spur_pair"], "Add --html FILE.html."),
-    "a second design that is not there": (["--html", "page.html", "--tuned", "no.toml"], "there is no such file"),
-    "nothing to tune": (["--html", "page.html", "--tune"], "the scene has no [tune] table"),
-    "two second designs": (["--html", "page.html", "--tune", "--tuned", "a.toml"], "not allowed with"),
-    "one file for two": (["--html", "page.html", "--json", "page.html"], "name the same file"),
-}
-
-
-@pytest.mark.parametrize(("options", "sentence"), WRONG.values(), ids=WRONG)
-def test_what_no_page_can_tell_is_refused_before_anything_is_computed(options, sentence, capsys, monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
-    assert main(["report", "spur_pair", "--rpm", "2000", *options]) == 2
-    said = capsys.readouterr()
-    assert sentence in said.err and said.out == ""
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_page_without_its_libraries_says_what_to_install(capsys, monkeypatch, tmp_path):
-    monkeypatch.setattr(page_command, "NEEDED", ("jinja2", "plotly_of_another_planet"))
-    assert main(["report", "spur_pair", "--rpm", "2000", "--html", str(tmp_path / "page.html")]) == 2
-    assert 'needs plotly_of_another_planet. Install it: pip install "jaxhb[report]".' in capsys.readouterr().err
 
 
 def browse(file, *options):
