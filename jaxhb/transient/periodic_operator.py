@@ -28,8 +28,8 @@ SLOW_MODES = 16
 """Modes whose state is carried from the end of the cycle to its beginning."""
 
 LONGEST, SHORTEST, UNKNOWNS = 32, 8, 64
-"""Time samples of a block at most and at least, and the forces in it that are aimed at; every grid is a multiple of
-32."""
+"""Time samples of a block at most and at least, powers of two, and the forces in it that are aimed at; every grid is a
+multiple of 32."""
 
 
 @jax.tree_util.register_dataclass
@@ -101,7 +101,7 @@ def linearise(train, frequency, slope, rate_slope):
     slopes = jnp.concatenate([slope.T[:, :, None] * own, rate_slope.T[:, :, None] * own], axis=2)
     gain = jnp.linalg.solve(own - slopes @ at_once, slopes)
     forcing = propagate @ late + early
-    length = min(LONGEST, max(SHORTEST, UNKNOWNS // meshes))
+    length = min(LONGEST, 1 << max(SHORTEST, UNKNOWNS // meshes).bit_length() - 1)
     gain = gain.reshape(-1, length, meshes, 2 * meshes)
     seen, carried = _per_state(propagate, forcing, L, gain)
 
