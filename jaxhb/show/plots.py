@@ -11,7 +11,7 @@ from ..harmonic import fourier
 from ..harmonic.backlash import separated
 from ..response.record import PERCENT
 from .branch_plots import crosses
-from .choose import default_gear, hardest_shaft, meshes_of
+from .choose import default_gear, hardest_shaft, meshes_of, train_name
 from .tuned import scaled_unit
 from .words import motion_text
 
@@ -207,7 +207,7 @@ def _plot_shaft(answer):
 
 
 def _title(answer):
-    return f"{answer.topology.name or 'scene'}, {answer.rpm:g} rpm"
+    return f"{train_name(answer.topology)}, {answer.rpm:g} rpm"
 
 
 def periods_of(answer):

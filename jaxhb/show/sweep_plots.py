@@ -3,7 +3,7 @@
 import numpy as np
 
 from .answer import SPEED
-from .choose import hardest_shaft
+from .choose import hardest_shaft, train_name
 from .limit_plots import draw_limits, judged_elements
 from .plots import MESH_COLOURS, WITHOUT, new_figure, plain
 from .strength import answers_strength
@@ -48,7 +48,7 @@ def plot_sweep(sweeps):
     1
     """
     first = next(iter(sweeps.values()))
-    name = first[0].topology.name or "scene"
+    name = train_name(first[0].topology)
     if not first[0].topology.mesh_names:
         figure, (axes,) = _figure(sweeps, [4.2])
         _plot_shaft_sweep(axes, first, name)
