@@ -1,6 +1,8 @@
-"""A scene with umlauts whose page is looked at, and how the tests read the parts of a page."""
+"""A scene with umlauts whose page is looked at, and how tests and a browser read the parts of a page."""
 
 import dataclasses
+import shutil
+import subprocess
 
 import numpy as np
 
@@ -63,6 +65,13 @@ gas_torque_mean = 100.0
 gas_torque = [[0.5, 20.0, 10.0], [1.0, 90.0, -5.0]]
 """
 
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+WIDE = """
+const wide = [...document.querySelectorAll(".scroll")].filter(one => one.scrollWidth > one.clientWidth + 1);
+document.body.dataset.wide = wide.map(one => one.textContent.trim().slice(0, 60)).join("; ");
+"""
+"""Tables wider than the sheet, for which a browser would print the whole page smaller."""
+
 
 def figures(parts):
     """Every figure, in the order of the page."""
@@ -80,3 +89,11 @@ def without_an_answer(answer):
     wrong = {name: 1e3 * getattr(response, name) for name in ("forces", "torques", "elastic_forces")}
     response = dataclasses.replace(response, status=np.int32(Status.MAX_STEPS), **wrong)
     return Answer(answer.train, dataclasses.replace(answer.state, response=response), answer.linear)
+
+
+def browse(file, *options):
+    """What Chromium makes of a page without a network."""
+    command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
+    command += ["--host-resolver-rules=MAP * ~NOTFOUND", "--virtual-time-budget=120000", "--enable-logging=stderr"]
+    command += [f"--user-data-dir={file.parent / 'profile'}", *options, file.as_uri()]
+    return subprocess.run(command, capture_output=True, text=True, encoding="utf-8", timeout=300, check=True)

@@ -3,13 +3,11 @@
 import dataclasses
 import json
 import re
-import shutil
-import subprocess
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from page_cases import SCENE, figures, tables, without_an_answer
+from page_cases import CHROMIUM, SCENE, WIDE, browse, figures, tables, without_an_answer
 
 from jaxhb.linear.forced import forced_response
 from jaxhb.response.status import Status
@@ -27,7 +25,6 @@ from jaxhb.show.sweep_tables import motion_sentences
 from jaxhb.show.words import motion_text, motion_word, verdict, warnings
 
 SPEEDS = "1500,3000,4000"
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
 
 @pytest.fixture(scope="module")
@@ -297,6 +294,14 @@ def test_a_page_that_is_not_whole_is_written_and_exits_1(made, capsys, monkeypat
     assert "--html: 'Limits' is missing from the page: nothing to draw" in capsys.readouterr().err
 
 
+def test_heads_of_groups_stand_above_their_columns(made):
+    rows = re.findall(r"<tr>(<th colspan.*?)</tr>\s*<tr>(.*?)</tr>", made[0].read_text(encoding="utf-8"), re.DOTALL)
+    wide = [[int(n) for n in re.findall(r'colspan="(\d+)"', groups)] for groups, _ in rows]
+    assert len(wide) > 10 and all(sum(row) <= heads.count("</th>") for row, (_, heads) in zip(wide, rows, strict=True))
+    shares = next(row for row in rows if ">judged<" in row[1])[0]
+    assert re.findall(r'colspan="(\d+)"[^>]*>([^<]*)', shares)[:2] == [("3", ""), ("2", "first design")]
+
+
 def test_plotly_knows_every_key_of_every_figure(made):
     graph_objects = pytest.importorskip("plotly.graph_objects")
     for figure in figures(made[2]):
@@ -321,20 +326,15 @@ def test_the_page_escapes_names_and_forbids_the_browser_to_load_anything(made):
     assert [json.loads(one)["data"] for one in numbers] == [figure.traces for figure in figures(made[2])]
 
 
-def browse(file, *options):
-    """What Chromium makes of a page without a network."""
-    command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
-    command += ["--host-resolver-rules=MAP * ~NOTFOUND", "--virtual-time-budget=120000", "--enable-logging=stderr"]
-    command += [f"--user-data-dir={file.parent / 'profile'}", *options, file.as_uri()]
-    return subprocess.run(command, capture_output=True, text=True, encoding="utf-8", timeout=300, check=True)
-
-
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium is installed: apt-get install chromium")
 def test_a_browser_draws_every_figure_without_a_network_or_an_error(made):
     file, _, parts = made
-    done = browse(file, "--dump-dom")
+    text = file.read_text(encoding="utf-8").replace("</body>", f"<script>{WIDE}</script></body>")
+    file.with_stem("measured").write_text(text, encoding="utf-8")
+    done = browse(file.with_stem("measured"), "--dump-dom")
     assert [line for line in done.stderr.splitlines() if "CONSOLE" in line] == []
     wanted = [sum(any(y is not None for y in trace["y"]) for trace in figure.traces) for figure in figures(parts)]
     assert re.findall(r'data-figures="(\d+)"', done.stdout) == [str(len(wanted))]
     drawn = [int(count) for count in re.findall(r'class="plot[^>]*data-traces="(\d+)"', done.stdout)]
     assert drawn == wanted
+    assert re.findall(r'data-wide="(.*?)"', done.stdout) == [""]
