@@ -5,6 +5,7 @@ import textwrap
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.transforms import ScaledTranslation
 
 from ..design.evaluation import label
 from ..harmonic import fourier
@@ -204,6 +205,11 @@ def _plot_shaft(answer):
     axes.set_ylabel("torque, N m")
     _finish(axes, answer)
     return figure
+
+
+def moved_right(axes, points):
+    """Coordinates of the data, moved to the right by so many points."""
+    return axes.transData + ScaledTranslation(points / 72, 0, axes.figure.dpi_scale_trans)
 
 
 def _title(answer):
