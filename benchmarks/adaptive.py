@@ -14,7 +14,7 @@ from tasks import links
 from jaxhb.harmonic import backlash
 from jaxhb.harmonic.excitation import highest_harmonic
 from jaxhb.harmonic.residual import backlash_meshes
-from jaxhb.periodic.problem import pose
+from jaxhb.periodic.problem import problem_at
 from jaxhb.transient.integrate import march
 from jaxhb.transient.statespace import partition
 from jaxhb.transient.stepper import discretize, on_flank
@@ -64,12 +64,12 @@ def march_speeds(train, rpm, steps, cycles, repeats):
     deflection ``(speeds, M, steps)`` m, periodicity error ``(speeds,)``, seconds of the first run, median of the others
     """
     meshes, excited = backlash_meshes(train), highest_harmonic(train)
-    parts = partition(pose(train, rpm[0], excited).system, meshes)
+    parts = partition(problem_at(train, rpm[0], excited).system, meshes)
 
     @jax.jit
     @jax.vmap
     def run(speed):
-        problem = pose(train, speed, excited)
+        problem = problem_at(train, speed, excited)
         stepper = discretize(problem.system, meshes, problem.frequency, problem.load, steps, parts=parts)
         trace = march(stepper, on_flank(stepper), cycles)[1]
         return trace.deflection, trace.periodicity_error

@@ -36,7 +36,7 @@ from records import run_parts
 from tasks import fastest_rate, prepare
 
 import jaxhb
-from jaxhb.design import evaluation
+from jaxhb.design import evaluator
 from jaxhb.design.lanes import Task
 from jaxhb.design.quantities import Objective, Parameter, Penalty
 
@@ -105,8 +105,8 @@ class Case:
 
     def __init__(self, train, parameters, rpm):
         heavy = tuple((np.concatenate([train.disks.inertia, train.dampers.inertia]) > 0).tolist())
-        planner = partial(evaluation.plan_designs, tolerance=0.01, harmonics=None)
-        self.bench = evaluation.Bench(train, rpm, Task(parameters, (FORCE,), (), heavy), planner, fixed=False)
+        planner = partial(evaluator.plan_designs, tolerance=0.01, harmonics=None)
+        self.bench = evaluator.Evaluator(train, rpm, Task(parameters, (FORCE,), (), heavy), planner, fixed=False)
         self.bench.scales, self.bench.widths = np.array([6000.0]), np.array([0.02])
         self.z = np.zeros((1, len(parameters)))  # the middle of the bounds: the train as it is
         self.counted = np.ones((1, len(rpm)), dtype=bool)

@@ -41,7 +41,7 @@ def branch(longest):
 
 def measured(longest):
     """Branch, seconds, seconds of the curve alone and its Jacobians."""
-    found, follow = [], continuation.follow
+    found, follow = [], continuation.follow_curve
 
     def timed(*args, **options):
         begin = time.perf_counter()
@@ -49,13 +49,13 @@ def measured(longest):
         found.append((time.perf_counter() - begin, end.jacobians))
         return end
 
-    continuation.follow = timed
+    continuation.follow_curve = timed
     try:
         begin = time.perf_counter()
         result = branch(longest)
         return result, time.perf_counter() - begin, *found[0]
     finally:
-        continuation.follow = follow
+        continuation.follow_curve = follow
 
 
 def main():

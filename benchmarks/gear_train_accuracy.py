@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxhb
-from jaxhb.periodic.problem import pose
+from jaxhb.periodic.problem import problem_at
 from jaxhb.periodic.program import Start, solve_problem
 
 SPEEDS = np.linspace(600.0, 2450.0, 10)
@@ -143,12 +143,12 @@ def times(train):
     print("harmonics   rpm  compile s  run s  Newton steps  status")
     for harmonics, rpm in ((64, 1200.0), (256, 2450.0)):
         plan = jaxhb.plan(train, rpm=rpm, harmonics=harmonics)
-        problem = pose(train, rpm, plan.sizes.excited)
-        nothing = jnp.zeros((len(plan.choice.active), harmonics + 1), dtype=complex)
+        problem = problem_at(train, rpm, plan.sizes.excited)
+        nothing = jnp.zeros((len(plan.active_meshes.mask), harmonics + 1), dtype=complex)
         start = Start(nothing, np.array(False), np.array(plan.cycles))
         jax.clear_caches()
         begin = time.perf_counter()
-        given = problem, plan.choice, start, jnp.asarray(plan.tolerance)
+        given = problem, plan.active_meshes, start, jnp.asarray(plan.tolerance)
         program = jax.jit(solve_problem.function, static_argnames="sizes").lower(*given, plan.sizes).compile()
         compiled = time.perf_counter() - begin
         runs = []

@@ -42,8 +42,9 @@ from .linear.strength import (
     torsional_stress as torsional_stress,
 )
 from .linear.tangent import MeanLoad as MeanLoad, at_mean_load as at_mean_load
+from .model.assembly import build as build
 from .model.derived import shaft_stiffness as shaft_stiffness, viscous_damping as viscous_damping
-from .model.drivetrain import DriveTrain as DriveTrain, build as build
+from .model.drivetrain import DriveTrain as DriveTrain
 from .model.elements import (
     Combustion as Combustion,
     Cylinder as Cylinder,

@@ -4,9 +4,11 @@ many of them."""
 from __future__ import annotations
 
 import inspect
+import os
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache, partial, update_wrapper
 from pathlib import Path
+from threading import Lock
 
 import jax
 import numpy as np
@@ -51,13 +53,11 @@ class Program:
         _held.limit()
         static, arguments, key = self._question(args, kwargs)
         found = _compiled.get(key)  # hashed once: that of a large train takes a tenth of a millisecond
-        if isinstance(found, Future):
-            found = _compiled[key] = None if found.cancel() else found.result()
-        if found is None:
-            found = _compiled[key] = self._outermost(static, arguments, key)
+        if found is None or isinstance(found, Future):
+            found = self._made(static, arguments, key)
         return found(arguments)
 
-    def prepare(self, *args, **kwargs):
+    def compile_ahead(self, *args, **kwargs):
         """Begin to make what a call with such arguments will run, in a thread of its own; the call waits for it.
 
         Returns
@@ -68,10 +68,32 @@ class Program:
         if traced(args, kwargs) or staged() or not _plain(args, kwargs):
             return None
         static, arguments, key = self._question(args, kwargs)
-        if key in _compiled:
-            return None
-        _compiled[key] = made = _beside().submit(self._outermost, static, arguments, key)
+        with _making:
+            if key in _compiled:
+                return None
+            _compiled[key] = made = _beside().submit(self._outermost, static, arguments, key)
         return made
+
+    def _made(self, static, arguments, key):
+        """The executable for arguments, made here unless another thread is at it."""
+        with _making:
+            there = _compiled.get(key)
+            if isinstance(there, Future) and there.cancel():  # it waits for another program: sooner here
+                there = None
+            if there is None:
+                made = _compiled[key] = Future()
+                made.set_running_or_notify_cancel()
+        try:
+            if there is None:
+                there = self._outermost(static, arguments, key)
+                made.set_result(there)
+            found = _compiled[key] = there.result() if isinstance(there, Future) else there
+        except BaseException as failure:
+            _compiled.pop(key, None)
+            if there is None:
+                made.set_exception(failure)
+            raise
+        return found
 
     def _question(self, args, kwargs):
         """Static arguments and others by name, and the key of the executable that they want."""
@@ -146,14 +168,18 @@ _compiled = {}
 Future."""
 
 
+_making = Lock()
+"""Held by a thread that looks whether an executable is there or being made."""
+
+
 def _given_up(found):
     return isinstance(found, Future) and found.cancelled()
 
 
 @cache
 def _beside():
-    """The thread in which programs are made beforehand."""
-    return ThreadPoolExecutor(1, "jaxhb-compiler")
+    """The threads in which programs are made beforehand."""
+    return ThreadPoolExecutor(os.cpu_count(), "jaxhb-compiler")
 
 
 _store = _disk.Store()

@@ -29,6 +29,7 @@ LIMIT = 1 << 30
 """Bytes that all programs may take; those not used for longest are removed. A sweep of one train takes some 20 MB."""
 
 _DIGEST = 32
+"""Bytes of the digest that stands before a stored program."""
 
 
 class Store:

@@ -1,6 +1,8 @@
 """Compiled programs: options of the compiler where the host calls, plain ``jax.jit`` elsewhere."""
 
 import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
 
 import jax
 import jax.numpy as jnp
@@ -53,23 +55,46 @@ def test_one_answer_takes_programs_that_are_not_optimised(asked, monkeypatch):
 
 def test_a_program_prepared_is_the_one_that_is_called(asked):
     square = _program.Program(lambda x: x * x)
-    made = square.prepare(3.0)
+    made = square.compile_ahead(3.0)
     assert made.result()({"x": 3.0}) == 9.0
     compiled = len(asked)
     assert square(4.0) == 16.0 and len(asked) == compiled and square.executables == 1
-    assert square.prepare(5.0) is None  # it is there
+    assert square.compile_ahead(5.0) is None  # it is there
 
 
 def test_a_preparation_given_up_is_made_by_the_call():
     wait, square = threading.Event(), _program.Program(lambda x: x * x)
-    busy = _program._beside().submit(wait.wait)
-    made = square.prepare(3.0)
+    threads = _program._beside()
+    busy = [threads.submit(wait.wait) for _ in range(threads._max_workers)]
+    made = square.compile_ahead(3.0)
     assert made.cancel() and square.executables == 0
     assert square(3.0) == 9.0 and square.executables == 1
-    second = square.prepare(np.ones(3))
+    second = square.compile_ahead(np.ones(3))
     assert square(np.ones(3)).tolist() == [1.0, 1.0, 1.0] and second.cancelled()  # nobody waits for the other thread
     wait.set()
-    busy.result()
+    assert all(one.result() for one in busy)
+
+
+def test_threads_that_call_a_program_at_once_make_it_once(asked):
+    _program._known_options()
+
+    def square_of(x):
+        time.sleep(0.2)  # in tracing: the other thread asks meanwhile
+        return x * x
+
+    square = _program.Program(square_of)
+    compiled = len(asked)
+    with ThreadPoolExecutor(2) as threads:
+        assert list(threads.map(square, (3.0, 4.0))) == [9.0, 16.0]
+    assert len(asked) == compiled + 1 and square.executables == 1
+
+
+def test_a_program_that_fails_is_tried_again_by_the_next_call():
+    wrong = _program.Program(lambda x: jnp.reshape(x, (7,)))
+    for _ in range(2):
+        with pytest.raises(TypeError):
+            wrong(np.ones(3))
+    assert wrong.executables == 0
 
 
 def test_programs_are_dropped_before_their_memory_maps_are_too_many():

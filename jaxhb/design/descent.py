@@ -9,18 +9,31 @@ import numpy as np
 from ..model.elements import SceneError
 from ..response.status import Status
 
-LONGEST = 1.5
-"""Largest change of a z in one step: the share of the range then moves by at most 0.36."""
 
-TRIALS, EXPANSIONS = 12, 2
-DECREASE, CURVATURE = 1e-4, 0.9
-"""Of the line search: Armijo's and Wolfe's conditions."""
+@dataclass(frozen=True)
+class DescentOptions:
+    """How designs descend.
 
-AGAIN = 2
-"""Times that the last width is taken up again where peaks are followed."""
+    Parameters
+    ----------
+    longest : largest change of a z in one step: the share of the range then moves by at most 0.36
+    trials : lengths of a step that are tried at most
+    expansions : of these, trials from which on a step is taken that falls without Wolfe's condition
+    decrease, curvature : of the line search: Armijo's and Wolfe's conditions
+    again : times that the last width is taken up again where peaks are followed
+    flat : largest slope, as a share of the objective, at which nothing is left to win
+    """
 
-FLAT = 1e-7
-"""Largest slope, as a share of the objective, at which nothing is left to win."""
+    longest: float = 1.5
+    trials: int = 12
+    expansions: int = 2
+    decrease: float = 1e-4
+    curvature: float = 0.9
+    again: int = 2
+    flat: float = 1e-7
+
+
+DESCENT = DescentOptions()
 
 
 @dataclass(frozen=True)
@@ -48,9 +61,9 @@ class Step:
 class Descent:
     """The designs of all starts as they are now, the best ones, and the history of the best of all."""
 
-    def __init__(self, bench, optimizer, *, searching, rate, widths, improvement, patience, on_step):
+    def __init__(self, evaluator, optimizer, *, searching, rate, widths, improvement, patience, on_step):
         """``optimizer``: an optax transformation; ``searching``: with line search, else strides of ``rate``."""
-        self.bench, self.optimizer, self.searching, self.rate = bench, optimizer, searching, rate
+        self.evaluator, self.optimizer, self.searching, self.rate = evaluator, optimizer, searching, rate
         self.widths, self.improvement, self.patience, self.on_step = widths, improvement, patience, on_step
         self.update = jax.jit(jax.vmap(optimizer.update))
         self.history, self.began = [], time.monotonic()
@@ -72,38 +85,39 @@ class Descent:
 
     def _first(self, z):
         """The starts, solved; objectives from now on are shares of those of the train as it is."""
-        bench = self.bench
-        point = bench.first(z)
+        evaluator = self.evaluator
+        point = evaluator.first(z)
         if not point.solved[0].any():
-            raise SceneError(_nothing_solved(bench, point.status[0]))
-        while bench.finer_plans(point, point.solved):
-            point = bench.at(z, point, point.solved)
-        point = bench.at(z, bench.replanned(bench.follow(point)), point.solved) if bench.peaks else point
+            raise SceneError(_nothing_solved(evaluator, point.status[0]))
+        while evaluator.finer_plans(point, point.solved):
+            point = evaluator.at(z, point, point.solved)
+        if evaluator.peaks:
+            point = evaluator.at(z, evaluator.replanned(evaluator.follow_peaks(point)), point.solved)
         self.counted = point.solved
-        chosen = zip(bench.task.objectives, point.readings, strict=False)
-        bench.scales = np.array([_size(objective, values[0][point.solved[0]]) for objective, values in chosen])
+        chosen = zip(evaluator.task.objectives, point.readings, strict=False)
+        evaluator.scales = np.array([_size(objective, values[0][point.solved[0]]) for objective, values in chosen])
         self._sharpen(self.widths[0], point)
-        return bench.at(z, point, self.counted)
+        return evaluator.at(z, point, self.counted)
 
     def _sharpen(self, share, point):
         """Smooth maxima of the width ``share`` of the worst value of the best design."""
         best, self.share = self._winner(point), share
-        chosen = zip(self.bench.task.objectives, point.readings, strict=False)
+        chosen = zip(self.evaluator.task.objectives, point.readings, strict=False)
         worst = [_size(objective, values[best][point.solved[best]]) for objective, values in chosen]
-        self.bench.widths = share * np.array(worst) / self.bench.scales
+        self.evaluator.widths = share * np.array(worst) / self.evaluator.scales
 
     def _stages(self, steps):
         """Each width in turn until nothing is won or the steps are used up."""
-        number, again = 0, self.widths[-1:] * AGAIN if self.bench.peaks else ()
+        number, again = 0, self.widths[-1:] * DESCENT.again if self.evaluator.peaks else ()
         for stage, width in enumerate((*self.widths, *again)):
             self.sharpened = stage > 0
             if stage:
                 self._sharpen(width, self.best)
-                self.best = self.bench.replanned(self.bench.follow(self.best))
+                self.best = self.evaluator.replanned(self.evaluator.follow_peaks(self.best))
                 self._renew()
             while True:
                 ended, number = self._descend(number, steps)
-                if not self.bench.finer_plans(self.best, self.counted):
+                if not self.evaluator.finer_plans(self.best, self.counted):
                     break
                 self._renew()
             if ended:
@@ -114,7 +128,8 @@ class Descent:
         """Steps at one width: (whether the steps are used up, their number)."""
         idle, memory = np.zeros(len(self.point.z), dtype=int), self._memory()
         while number < steps:
-            steep = np.abs(self.point.gradient).max(1) > FLAT * np.abs(self.point.value)
+            # A design rests when its last steps won too little or its slope is gone; the others go on beside it.
+            steep = np.abs(self.point.gradient).max(1) > DESCENT.flat * np.abs(self.point.value)
             moving = (idle < self.patience) & steep
             if not moving.any():
                 return False, number
@@ -127,7 +142,8 @@ class Descent:
             idle = np.where(won > self.improvement * np.abs(self.best.value), 0, idle + 1)
             idle = np.where(moved, idle, np.maximum(idle, self.patience - 1))  # once more, along the gradient
             self.best = self.point.where(won > 0, self.best)
-            other = (self.point.kind != before.kind).any(1)
+            # Between plans the objective jumps by its truncation error: such a step says nothing about curvature.
+            other = (self.point.plan_number != before.plan_number).any(1)
             memory = self._without_curvature(memory, before, moved & ~other)
             if self._more_speeds():
                 self._renew()
@@ -141,8 +157,10 @@ class Descent:
     def _stride(self, point, direction, moving):
         """One step of Adam, halved while it loses a speed: (Point, whether each design moved)."""
         length, best, moved = np.full(len(point.z), self.rate), point, np.zeros(len(point.z), dtype=bool)
-        for _ in range(TRIALS):
-            trial = self.bench.at(point.z + length[:, None] * direction, point, self.counted, wanted=moving & ~moved)
+        for _ in range(DESCENT.trials):
+            trial = self.evaluator.at(
+                point.z + length[:, None] * direction, point, self.counted, wanted=moving & ~moved
+            )
             good = self._kept(trial) & moving & ~moved
             best, moved = trial.where(good, best), moved | good
             if (moved | ~moving).all():
@@ -155,20 +173,20 @@ class Descent:
         slope = np.sum(point.gradient * direction, axis=1)
         low, high, length = np.zeros(len(slope)), np.full(len(slope), np.inf), np.ones(len(slope))
         best, moved, done = point, np.zeros(len(slope), dtype=bool), ~moving | ~(slope < 0)
-        for trial in range(TRIALS):
+        for trial in range(DESCENT.trials):
             if done.all():
                 break
-            z, most = (
-                point.z + np.where(done, 0.0, length)[:, None] * direction,
-                point.value + DECREASE * length * slope,
-            )
-            at = self.bench.at(z, point, self.counted, wanted=~done, most=most)
+            z = point.z + np.where(done, 0.0, length)[:, None] * direction
+            most = point.value + DESCENT.decrease * length * slope
+            at = self.evaluator.at(z, point, self.counted, wanted=~done, most=most)
             falls = self._kept(at) & (at.value <= most) & ~done
-            curved = np.sum(at.gradient * direction, axis=1) >= CURVATURE * slope
+            # Weak Wolfe conditions by bisection, which ends at the kinks of a worst value, too (Lewis and Overton,
+            # Math. Program. 141 (2013) 135): a step that rises is the new ``high``, one still steep the new ``low``.
+            curved = np.sum(at.gradient * direction, axis=1) >= DESCENT.curvature * slope
             best, moved = at.where(falls & (at.value <= best.value), best), moved | falls
-            done |= falls & (curved | (trial >= EXPANSIONS))
+            done |= falls & (curved | (trial >= DESCENT.expansions))
             high, low = np.where(falls | done, high, length), np.where(falls, length, low)
-            done |= moved & ~falls & (trial >= EXPANSIONS)
+            done |= moved & ~falls & (trial >= DESCENT.expansions)
             length = np.where(np.isinf(high), 2 * length, (low + np.minimum(high, 1e300)) / 2)
         return best, moved
 
@@ -186,7 +204,7 @@ class Descent:
 
     def _renew(self):
         """The best designs under the present plans, widths and speeds, less what finer plans lose for good."""
-        self.point = self.bench.at(self.best.z, self.best, self.counted, ladder=len(self.counted[0]))
+        self.point = self.evaluator.at(self.best.z, self.best, self.counted, ladder=len(self.counted[0]))
         self.counted = self.counted & self.point.solved
         self.best = self.point
 
@@ -195,9 +213,10 @@ class Descent:
         return jax.vmap(self.optimizer.init)(self.point.z)
 
     def _direction(self, memory):
-        """Descent directions ``(A, P)``, no component longer than LONGEST, and the optimiser's memory."""
+        """Descent directions ``(A, P)``, no component longer than the longest, and the optimiser's memory."""
         updates, memory = self.update(self.point.gradient, memory, self.point.z)
         direction = -np.asarray(updates)
+        # With gradients of two sides of a kink in its memory L-BFGS may point uphill.
         uphill = np.sum(direction * self.point.gradient, axis=1) >= 0
         if self.searching:
             direction = np.where(uphill[:, None], -self.point.gradient, direction)
@@ -205,13 +224,14 @@ class Descent:
             promised = np.minimum(1.0, 2 * self.share * np.abs(self.point.value) / square)  # a kink is as wide as that
             direction *= np.where(self.fresh, promised, 1.0)[:, None]
         longest = np.maximum(np.abs(direction).max(1), 1e-300)
-        return direction * np.minimum(1.0, LONGEST / longest)[:, None], memory
+        return direction * np.minimum(1.0, DESCENT.longest / longest)[:, None], memory
 
     def _without_curvature(self, memory, before, moved):
         """L-BFGS begins anew where a step did not turn the gradient the right way."""
         if not self.searching:
             return memory
         change = (self.point.z - before.z) * (self.point.gradient - before.gradient)
+        # L-BFGS needs s . y > 0: without, its matrix is not positive definite any more.
         bad = ~moved | ~(change.sum(1) > 0)
         fresh = self._memory()
         self.fresh &= bad
@@ -225,17 +245,17 @@ class Descent:
         return int(np.lexsort((point.value, -point.solved.sum(1)))[0])
 
     def _note(self, number):
-        bench, best = self.bench, self._winner(self.best)
+        evaluator, best = self.evaluator, self._winner(self.best)
         step = Step(
             number=number,
             objective=float(self.best.value[best]),
-            parameters=bench.values(self.best.z[best]),
+            parameters=evaluator.values(self.best.z[best]),
             gradient_norm=float(np.linalg.norm(self.best.gradient[best])),
-            valid=int(self.best.solved[best, : len(bench.rpm)].sum()),
+            valid=int(self.best.solved[best, : len(evaluator.rpm)].sum()),
             width=self.share,
             start=best,
-            evaluations=bench.calls,
-            plan=bench.described(self.best, best),
+            evaluations=evaluator.calls,
+            plan=evaluator.described(self.best, best),
             seconds=time.monotonic() - self.began,
         )
         self.history.append(step)
@@ -249,12 +269,12 @@ def _size(objective, values):
     return size if size > 0 else 1.0
 
 
-def _nothing_solved(bench, status):
-    name, rpm = bench.train.topology.name or "scene", bench.rpm
+def _nothing_solved(evaluator, status):
+    name, rpm = evaluator.train.topology.title, evaluator.rpm
     names, counts = np.unique([Status(int(s)).name for s in status], return_counts=True)
     found = ", ".join(f"{count} {name}" for name, count in zip(names, counts, strict=True))
     way = "choose other speeds, more damping, or look at them with jaxhb sweep."
-    if any(bench.train.topology.mesh_backlash):
+    if any(evaluator.train.topology.mesh_backlash):
         way = (
             "where teeth hammer there may be no periodic motion to follow. Tune a copy of the scene without the"
             " backlash keys, or other speeds, or begin with more damping; then check the result with backlash by jaxhb"

@@ -19,12 +19,39 @@ from .._program import Program
 from ..linear.sensitivity import frequencies_hz
 from ..periodic.derivative import all_finite, only_if
 from ..periodic.planned import respond
-from ..periodic.problem import pose
+from ..periodic.problem import problem_at
 from ..periodic.program import differentiable, estimate, find
 from . import objectives
 from .quantities import OF_DESIGN, QUANTITIES, inertia_added
 
-NEWTON_STEPS = 15
+
+@dataclass(frozen=True)
+class EvaluationOptions:
+    """How designs are evaluated.
+
+    Parameters
+    ----------
+    newton_steps : of a lane at most
+    settled : periodicity error at which a march ends; what its steps leave of the equations is as much
+    alone : harmonics from which a processor solves lanes one by one: in a batch each waits for the slowest
+    negligible : share of the largest derivative of the objective by a reading below which no gradient is taken through
+        it
+    ladder : lost speeds of an evaluation that are taken up the ladder of :func:`jaxhb.solve`; with more of them the
+        step went too far
+    seconds : after which a lost speed gets no further attempt
+    farthest : |z| of a start on a bound: a thousandth of the range inside it, where the share still has a slope
+    """
+
+    newton_steps: int = 15
+    settled: float = 1e-4
+    alone: int = 48
+    negligible: float = 1e-8
+    ladder: int = 3
+    seconds: float = 30.0
+    farthest: float = 6.9
+
+
+EVALUATION = EvaluationOptions()
 
 
 @dataclass(frozen=True)
@@ -48,7 +75,7 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Form:
+class VectorForm:
     """How a train and its problem are made of a vector of their numbers and of what no design or speed changes.
 
     leaves : shape and kind of each leaf, "f" real, "c" complex, "h" held. Tables of pressures would fill the vectors.
@@ -95,6 +122,7 @@ def to_values(z, parameters):
     low = np.array([p.low for p in parameters])
     high = np.array([p.high for p in parameters])
     log = np.array([p.scale == "log" for p in parameters])
+    # On a log scale the share of the way is that of the logarithm.
     ratio = np.log(np.where(log, high, 1.0) / np.where(log, low, 1.0))
     return xp.where(log, np.where(log, low, 1.0) * xp.exp(share * ratio), low + share * (high - low))
 
@@ -105,7 +133,7 @@ def _changed(train, z, task):
 
 
 @partial(Program, static_argnames=("task", "excited", "form"))
-def pose_designs(train, rpm, z, *, task, excited, form):
+def problems_of_designs(train, rpm, z, *, task, excited, form):
     """The numbers of train and problem of every lane ``(A, n, K)``, and their pullback to z ``(A, P)``.
 
     ``rpm`` ``(A, n)``.
@@ -113,21 +141,21 @@ def pose_designs(train, rpm, z, *, task, excited, form):
 
     def lane(z, speed):
         changed = _changed(train, z, task)
-        return form.numbers((changed, pose(changed, speed, excited)))
+        return form.numbers((changed, problem_at(changed, speed, excited)))
 
     return jax.vjp(lambda z: jax.vmap(jax.vmap(lane, (None, 0)))(z, rpm), z)
 
 
 @partial(Program, static_argnames=("form", "asked", "sizes"))
-def read_lanes(numbers, held, rpm, start, choice, *, form, asked, sizes):
+def read_lanes(numbers, held, rpm, start, active_meshes, *, form, asked, sizes):
     """Solve lanes of one plan and read their responses.
 
     Parameters
     ----------
-    numbers : array ``(c, K)``; held : list of arrays, from :meth:`Form.of`
+    numbers : array ``(c, K)``; held : list of arrays, from :meth:`VectorForm.of`
     rpm : array ``(c,)``
     start : Start of leaves ``(c, ...)``
-    choice : Choice
+    active_meshes : ActiveMeshes
     form, asked, sizes : static
 
     Returns
@@ -140,17 +168,17 @@ def read_lanes(numbers, held, rpm, start, choice, *, form, asked, sizes):
 
     def lane(numbers, speed, start):
         train, problem = form.build(numbers, held)
-        found = find(problem, choice, start, 1.0, sizes)
+        found = find(problem, active_meshes, start, 1.0, sizes)
         response = respond(train, speed, problem, found[0], sizes)
-        exact = [QUANTITIES[quantity].tell(response, of, order) for quantity, of, order in asked]
-        told = jnp.asarray(response.status), found[0].periodicity_error, response.deflections, jnp.stack(exact)
-        return _smooth(response, asked), found, told
+        exact = [QUANTITIES[quantity].exact_value(response, of, order) for quantity, of, order in asked]
+        outcome = jnp.asarray(response.status), found[0].periodicity_error, response.deflections, jnp.stack(exact)
+        return _smooth(response, asked), found, outcome
 
     return _each(lane, numbers, rpm, start)
 
 
 @partial(Program, static_argnames=("form", "asked", "sizes"))
-def pull_lanes(numbers, held, rpm, found, choice, cotangent, *, form, asked, sizes):
+def pull_lanes(numbers, held, rpm, found, active_meshes, cotangent, *, form, asked, sizes):
     """What a derivative by the readings ``(c, J)`` of solved lanes is by their numbers ``(c, K)``.
 
     Arguments as in :func:`read_lanes`, ``found`` from there.
@@ -159,7 +187,7 @@ def pull_lanes(numbers, held, rpm, found, choice, cotangent, *, form, asked, siz
     def lane(numbers, speed, found, cotangent):
         def read(numbers):
             train, problem = form.build(only_if(all_finite(numbers), numbers), held)
-            outcome = differentiable(problem, choice, found, sizes)
+            outcome = differentiable(problem, active_meshes, found, sizes)
             return _smooth(respond(train, speed, problem, outcome, sizes), asked)
 
         return jax.vjp(read, numbers)[1](cotangent)[0]
@@ -169,7 +197,9 @@ def pull_lanes(numbers, held, rpm, found, choice, cotangent, *, form, asked, siz
 
 def lane_sizes(plan):
     """What the programs of the lanes of a plan are compiled for; whether it has enough harmonics is asked by itself."""
-    return dataclasses.replace(plan.sizes, max_steps=NEWTON_STEPS, estimated=False, marches=True, either=True)
+    return dataclasses.replace(
+        plan.sizes, max_steps=EVALUATION.newton_steps, estimated=False, marches=True, compare_starts=True
+    )
 
 
 def _smooth(response, asked):
@@ -184,11 +214,11 @@ def _each(lane, *batch):
 
 
 @partial(Program, static_argnames=("form", "sizes"))
-def estimate_lanes(numbers, held, motion, choice, *, form, sizes):
+def estimate_lanes(numbers, held, motion, active_meshes, *, form, sizes):
     """Truncation errors ``(c,)`` of solved lanes, ``motion`` ``(c, G, N+1)`` of the active meshes."""
 
     def lane(numbers, motion):
-        return estimate(form.build(numbers, held)[1], choice, motion, sizes)
+        return estimate(form.build(numbers, held)[1], active_meshes, motion, sizes)
 
     return _each(lane, numbers, motion)
 
@@ -220,7 +250,9 @@ def combine(train, z, smooth, kept, weights, widths, scales, *, task, own):
     """
 
     def cost(z, smooth, kept, weights):
-        changed, total, told = _changed(train, z, task), jnp.zeros(()), []
+        changed, total, readings = _changed(train, z, task), jnp.zeros(()), []
+        # Readings of the objectives come first, then those of the penalties that read a response, as in
+        # ``Task.of_response``.
         values = iter(smooth.T)
         for objective, share, scale, width in zip(task.objectives, weights.T, scales, widths, strict=True):
             weighted = share * next(values) / scale
@@ -232,15 +264,15 @@ def combine(train, z, smooth, kept, weights, widths, scales, *, task, own):
         for penalty in task.penalties:
             if penalty.quantity in OF_DESIGN:
                 reading = _of_design(penalty, changed, train, task.heavy)
-                told.append(reading)
+                readings.append(reading)
                 total += penalty.weight * _excess(penalty, reading) ** 2
             else:
                 excess = penalty.weight * _excess(penalty, next(values)) ** 2
                 total += objectives.masked_sum(excess[:own], kept[:own])
-        return total, tuple(told)
+        return total, tuple(readings)
 
-    (value, told), slopes = jax.vmap(jax.value_and_grad(cost, (0, 1), has_aux=True))(z, smooth, kept, weights)
-    return value, told, *slopes
+    (value, readings), slopes = jax.vmap(jax.value_and_grad(cost, (0, 1), has_aux=True))(z, smooth, kept, weights)
+    return value, readings, *slopes
 
 
 def _of_design(penalty, train, start, heavy):

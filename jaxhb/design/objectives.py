@@ -85,6 +85,7 @@ def half_peak_to_peak(signal: Signal, *, p: float = 64) -> Array:
 
 
 def _norm(values, p):
+    # Powers of p = 64 overflow where values are large: they are taken of shares, whose unit needs no derivative.
     scale = jax.lax.stop_gradient(values.max(axis=-1))
     scale = jnp.where(scale > 0, scale, 1.0)
     return scale * _power(((values / scale[..., None]) ** p).mean(axis=-1), 1 / p)
@@ -261,7 +262,7 @@ def _motion(response, a, b, smoothing):
     index = topology.link_index(a, b)[0] - response.torques.shape[-2]
     if not topology.mesh_backlash[index]:
         raise SceneError(
-            f"{topology.name or 'scene'}: mesh {topology.mesh_names[index]!r} has no backlash, its teeth never part: "
+            f"{topology.title}: mesh {topology.mesh_names[index]!r} has no backlash, its teeth never part: "
             "give it a backlash, or take another objective."
         )
     law = jax.tree.map(lambda parameter: jnp.asarray(parameter)[..., index, None], response.law)
@@ -316,6 +317,7 @@ def worst(values: Array, response: Response, *, width: Number) -> tuple[Array, A
 def smooth_maximum(values: Array, kept: Array, width: Number) -> Array:
     """``width log(sum exp(value / width))`` over the values ``(n,)`` that are ``kept``; 0 of none."""
     some = kept.any()
+    # Without a valid speed all are -inf, and their gradient nan: finite values stand in for them.
     scaled = jnp.where(kept | ~some, values / width, -jnp.inf)
     scaled = jnp.where(some, scaled, 0.0)
     return jnp.where(some, width * jax.nn.logsumexp(scaled), 0.0)

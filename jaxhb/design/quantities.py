@@ -100,7 +100,7 @@ class Quantity:
     exact: Callable | None = None
     ordered: bool = False
 
-    def tell(self, response, of, order):
+    def exact_value(self, response, of, order):
         """The value for people ``(n,)``."""
         return (self.exact or self.read)(response, of, order)
 
@@ -121,7 +121,7 @@ def _gear_torque(response, of):
     return objectives.usable(response).gear_torque(of)
 
 
-def _swing(unit, kind, signal):
+def _half_peak_to_peak(unit, kind, signal):
     """The half peak-to-peak of a signal ``(response, of) -> Signal``."""
 
     def read(response, of, _):
@@ -130,7 +130,7 @@ def _swing(unit, kind, signal):
     return Quantity(unit, kind, read, lambda response, of, _: signal(response, of).half_peak_to_peak)
 
 
-def _judged(unit, kind, value, **more):
+def _over_limit(unit, kind, value, **more):
     """What is judged by a swing ``(response, of, swing=...)``."""
 
     def exact(response, of, _):
@@ -145,15 +145,15 @@ def _order(unit, kind, signal):
 
 
 QUANTITIES = {
-    "tooth force": _swing("N", "mesh", _force),
+    "tooth force": _half_peak_to_peak("N", "mesh", _force),
     "tooth force peak": Quantity(
         "N", "mesh", lambda r, of, _: _force(r, of).smooth_peak(), lambda r, of, _: _force(r, of).peak
     ),
     "tooth force order": _order("N", "mesh", _force),
-    "shaft torque": _swing("N m", "shaft or damper", _torque),
+    "shaft torque": _half_peak_to_peak("N m", "shaft or damper", _torque),
     "shaft torque order": _order("N m", "shaft or damper", _torque),
-    "gear torque": _swing("N m", "gear", _gear_torque),
-    "angle": _swing("rad", "disk", _angle),
+    "gear torque": _half_peak_to_peak("N m", "gear", _gear_torque),
+    "angle": _half_peak_to_peak("rad", "disk", _angle),
     "angle order": _order("rad", "disk", _angle),
     "separated fraction": Quantity("", "mesh with backlash", lambda r, of, _: objectives.separated_fraction(r, of)),
     "impact severity": Quantity("m/s", "mesh with backlash", lambda r, of, _: objectives.impact_severity(r, of)),
@@ -161,13 +161,13 @@ QUANTITIES = {
     "power over limit": Quantity(
         "", "shaft or damper with a power_limit", lambda r, of, _: objectives.power_over_limit(r, of)
     ),
-    "stress": _judged("Pa", "shaft with a diameter", objectives.stress),
-    "stress over continuous limit": _judged("", "shaft with a tensile_strength", objectives.stress_over_limit),
-    "stress over transient limit": _judged(
+    "stress": _over_limit("Pa", "shaft with a diameter", objectives.stress),
+    "stress over continuous limit": _over_limit("", "shaft with a tensile_strength", objectives.stress_over_limit),
+    "stress over transient limit": _over_limit(
         "", "shaft with a tensile_strength", objectives.stress_over_limit, transient=True
     ),
-    "tooth torque over limit": _judged("", "mesh with a rated_torque", objectives.tooth_torque_over_limit),
-    "tooth torque over mean": _judged("", "mesh", objectives.tooth_torque_over_mean),
+    "tooth torque over limit": _over_limit("", "mesh with a rated_torque", objectives.tooth_torque_over_limit),
+    "tooth torque over mean": _over_limit("", "mesh", objectives.tooth_torque_over_mean),
 }
 """Forces, torques and angles are half peak-to-peak unless called peak or order; all are smooth, none is negative."""
 
@@ -199,7 +199,7 @@ def check_all(train, parameters, given, penalties, rpm):
     ------
     SceneError
     """
-    where = train.topology.name or "scene"
+    where = train.topology.title
     faults = [] if parameters else [f"{where}: there is nothing to tune: name at least one parameter."]
     faults += [] if given else [f"{where}: there is nothing to make small: name at least one objective."]
     names = [parameter.name for parameter in parameters]

@@ -41,7 +41,7 @@ def read_table(train, instead=None):
     >>> asked["parameters"][0].name, len(asked["rpm"])
     ('viscous damper.damping', 41)
     """
-    table, where = train.tune, train.topology.name or "scene"
+    table, where = train.tune, train.topology.title
     if not table:
         raise SceneError(
             f"{where}: the scene has no [tune] table. Write [tune] with rpm, [[tune.parameter]] and [[tune.objective]]."

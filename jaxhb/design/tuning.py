@@ -19,7 +19,7 @@ from ..model.elements import SceneError
 from ..model.speeds import check_speed
 from ..periodic.request import Request
 from .descent import Descent
-from .evaluation import Bench, Reading, plan_designs, to_unbounded
+from .evaluator import Evaluator, Reading, plan_designs, to_unbounded
 from .lanes import Task
 from .quantities import check_all
 
@@ -146,9 +146,9 @@ def tune(
     heavy = np.concatenate([train.disks.inertia, train.dampers.inertia]) > 0
     task = Task(parameters, given, penalties, tuple(heavy.tolist()))
     planner = partial(plan_designs, tolerance=tolerance, harmonics=harmonics, integrals=integrals)
-    bench = Bench(train, rpm, task, planner, fixed=harmonics is not None, peaks=peaks, on_start=on_start)
+    evaluator = Evaluator(train, rpm, task, planner, fixed=harmonics is not None, peaks=peaks, on_start=on_start)
     descent = Descent(
-        bench,
+        evaluator,
         OPTIMIZERS[optimizer](),
         searching=optimizer == "lbfgs",
         rate=rate,
@@ -158,15 +158,15 @@ def tune(
         on_step=on_step or (lambda step: None),
     )
     first, best, winner, stopped, interrupted = descent.run(_first_designs(train, parameters, starts, seed), steps)
-    after = bench.reading(best, winner)
+    after = evaluator.reading(best, winner)
     return Tuning(
         train=train.replace(after.parameters),
         rpm=rpm,
-        before=bench.reading(first, 0),
+        before=evaluator.reading(first, 0),
         after=after,
         history=tuple(descent.history),
         outcomes=tuple(
-            (float(value), bench.values(z), int(solved[: len(rpm)].sum()))
+            (float(value), evaluator.values(z), int(solved[: len(rpm)].sum()))
             for value, z, solved in zip(best.value, best.z, best.solved, strict=True)
         ),
         stopped=stopped,
@@ -175,7 +175,7 @@ def tune(
 
 
 def _check_numbers(train, optimizer, steps, starts, seed, peaks, widths):
-    where, faults = train.topology.name or "scene", []
+    where, faults = train.topology.title, []
     if optimizer not in OPTIMIZERS:
         faults.append(f"{where}: optimizer is {optimizer!r}, must be 'lbfgs' or 'adam'.")
     for name, value, least in (("steps", steps, 1), ("starts", starts, 1), ("seed", seed, 0), ("peaks", peaks, 0)):

@@ -136,6 +136,7 @@ def mesh_slopes(law, viscous, contact_damping, deflection, rate):
     """Partial derivatives of :func:`mesh_force` with respect to l (N/m) and l' (N s/m), written out by hand."""
     xp = namespace(law, deflection, viscous)
     share = xp.where(contact_damping, engagement(law, deflection), 1.0)
+    # Damping that sets in with contact adds to the slope in l: r l' times the slope of the engagement.
     extra = xp.where(contact_damping, viscous * rate * engagement_slope(law, deflection), 0.0)
     return slope(law, deflection) + extra, viscous * share
 

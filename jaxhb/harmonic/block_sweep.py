@@ -21,7 +21,7 @@ import numpy as np
 from jax import lax
 
 
-def divide(numerator, denominator):
+def quotient(numerator, denominator):
     """Complex quotient, 0 where the denominator is 0 (a ring behind a purely viscous link at the mean).
 
     Written out: the library's division is safe from overflow beyond 1e154 and costs as much as the rest of a sweep.
@@ -30,7 +30,7 @@ def divide(numerator, denominator):
     return numerator * jnp.conj(denominator) * jnp.where(square == 0, 0.0, 1 / jnp.where(square == 0, 1.0, square))
 
 
-def regular(pivot, link):
+def nonzero_pivot(pivot, link):
     """A pivot that vanishes exactly (an undamped part at resonance with its upper node held) moved by rounding.
 
     The whole train need not be singular there; a pivot that vanishes together with its link stays zero.
@@ -109,11 +109,13 @@ def scalar_sweep(at, near, far, link, node, load, forces=None):
         own, above, alpha, beta, C, P, psi = item
         stiffness, moment = collected
         P, psi = P + stiffness[own], psi + moment[own]
-        pivot = regular(P + alpha**2 * C, alpha**2 * C)
-        inverse = divide(1.0, pivot)
+        pivot = nonzero_pivot(P + alpha**2 * C, alpha**2 * C)
+        inverse = quotient(1.0, pivot)
         hand = C * inverse
         stiffness = stiffness.at[own].set(0.0, unique_indices=True).at[above].add(beta**2 * hand * P)
         moment = moment.at[own].set(0.0, unique_indices=True).at[above].add(alpha * beta * hand * psi)
+        # A part that nothing holds (a ring without spring, at the mean) has no stiffness and no pivot: it goes with its
+        # parent.
         follow = jnp.where(pivot == 0, beta / alpha, alpha * beta * hand)
         alone = inverse * psi, alpha * hand * psi[kept]
         return (stiffness, moment), (follow, beta * hand * P, *alone)
@@ -121,6 +123,7 @@ def scalar_sweep(at, near, far, link, node, load, forces=None):
     nothing = [jnp.zeros((len(at.every), *a.shape[1:]), a.dtype) for a in (node, load)]
     below_root = jax.tree.map(lambda a: a[:-1], (at.own, at.above, near, far, link, node, load))
     (stiffness, moment), held = lax.scan(eliminate, tuple(nothing), below_root)
+    # All that hangs on the root has arrived: its displacement is known, and with it, parent by parent, all others.
     root = (load[-1] + moment[at.own[-1]]) / (node[-1] + stiffness[at.own[-1]])
 
     def substitute(motion, item):

@@ -196,12 +196,15 @@ def span_links(ends, disks, root):
     neighbours = [[] for _ in range(disks)]
     loops = []
     for index, (a, b) in enumerate(ends):
+        # Kruskal's algorithm: links come in the order of the topology, shafts before meshes, so that meshes close the
+        # loops.
         if find(a) == find(b):
             loops.append(index)
             continue
         group[find(a)] = find(b)
         neighbours[a].append((b, index))
         neighbours[b].append((a, index))
+    # Breadth first from the root: parents and the links to them.
     above, via, outward = {root: -1}, {root: 0}, [root]
     for disk in outward:
         for other, index in neighbours[disk]:

@@ -14,25 +14,26 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 
-from .._arrays import kept, namespace
-from ..model.crank import CRANK_SAMPLES, gas_torque, inertia_torque
+from .._arrays import namespace
+from ..model.crank import CRANK_SAMPLES
 from ..model.drivetrain import DriveTrain, speed_ratios
-from ..model.gas import COMPUTED, components, weights
+from ..model.gas import weights
 from ..model.tables import mean_torques, scale_at
 from ..model.topology import Topology
-from . import fourier
+from .cylinder_torque import gas_revolutions, pressure_cylinders, pressure_harmonics, unit_inertia_harmonics
 
 __all__ = [
     "excitation",
-    "gas_torque_harmonics",
     "highest_harmonic",
-    "inertia_torque_harmonics",
     "listed_harmonic",
     "load_power_kW",
 ]
 
 INERTIA_ORDERS_THAT_COUNT = 6
+"""Orders of the inertia torque per revolution of its own rotor: the next is 0.04 % of the largest."""
+
 NEGLIGIBLE_GAS = 1e-6
+"""Share of the largest harmonic of a computed gas torque below which one does not count."""
 
 
 def excitation(train: DriveTrain, rpm, harmonics: int):
@@ -80,10 +81,12 @@ def excitation(train: DriveTrain, rpm, harmonics: int):
         torque = _add_gas(torque, train, rpm)
         torque = _add_inertia(torque, train, rpm, ratio)
     load_disk = np.array(topology.load_disk, dtype=int)
+    # Power of the mean torques over the speed of the reference rotor: torque x speed ratio, summed.
     power = ratio @ torque[:, 0].real
     if not topology.load_disk:
         return torque, xp.zeros(0), power
     share = xp.asarray(train.loads.share)
+    # Each load takes its share of torque, and all together the power: sum of ratio x load torque = -power.
     load_torque = -power * share / (share @ ratio[load_disk])
     torque = _add(torque, load_disk, 0, load_torque)
     torque = _add_pulsation(torque, train, load_torque)
@@ -165,9 +168,9 @@ def highest_harmonic(train: DriveTrain) -> int:
     for i, (orders, turn) in enumerate(zip(topology.cylinder_inertia, topology.cylinder_turn, strict=True)):
         if orders and mass[i] > 0.0:
             found.append(round(min(orders, INERTIA_ORDERS_THAT_COUNT) * turn))
-    with_gas = _pressure_cylinders(topology)
+    with_gas = pressure_cylinders(topology)
     if with_gas:
-        gas, _ = _pressure_harmonics(train.cylinders, with_gas, _gas_revolutions(topology, with_gas))
+        gas, _ = pressure_harmonics(train.cylinders, with_gas, gas_revolutions(topology, with_gas))
         for i, row in zip(with_gas, np.abs(np.asarray(gas)).max(axis=0), strict=True):
             row = row[1 : topology.cylinder_gas[i] + 1]
             counts = np.flatnonzero(row > NEGLIGIBLE_GAS * max(row.max(initial=0.0), 1e-300))
@@ -204,46 +207,6 @@ def listed_harmonic(topology: Topology) -> int:
     found += [kept * step for kept, step in zip(topology.cylinder_gas, topology.cylinder_step, strict=True)]
     found += [round(kept * turn) for kept, turn in zip(topology.cylinder_inertia, topology.cylinder_turn, strict=True)]
     return int(max(found))
-
-
-def gas_torque_harmonics(pressure, bore, stroke, rod, *, revolutions):
-    """Harmonics of :func:`~jaxhb.model.crank.gas_torque` over the gas cycle, arguments as there.
-
-    Returns
-    -------
-    array [..., M//2 + 1], complex
-        N m; entry 0 the mean, entry k the coefficient of exp(i k a / revolutions), half the peak amplitude.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from jaxhb.harmonic.excitation import gas_torque_harmonics
-    >>> bool(abs(gas_torque_harmonics(np.ones(64) * 1e5, 0.1, 0.1, 0.2, revolutions=2)[0]) < 1e-9)
-    True
-    """
-    torque = gas_torque(pressure, bore, stroke, rod, revolutions=revolutions)
-    return fourier.analyze(torque, torque.shape[-1] // 2)
-
-
-def inertia_torque_harmonics(stroke, rod, *, short_series=False):
-    """Harmonics of :func:`~jaxhb.model.crank.inertia_torque` over a revolution, arguments as there.
-
-    Returns
-    -------
-    array [..., 257], complex
-        N m; entry j the coefficient of exp(i j a), half the peak amplitude, a from top dead centre.
-
-    Notes
-    -----
-    The series in lambda = stroke/(2 rod) is Porter's (1943): -1/2 sin 2a - 3 lambda/4 sin 3a + ... times m r^2 w^2.
-
-    Examples
-    --------
-    >>> from jaxhb.harmonic.excitation import inertia_torque_harmonics
-    >>> round(float(-2 * inertia_torque_harmonics(2.0, 5.0)[2].imag), 12)
-    -0.500052072485
-    """
-    return fourier.analyze(inertia_torque(stroke, rod, short_series=short_series), CRANK_SAMPLES // 2)
 
 
 def _entries(numbers, harmonics):
@@ -284,32 +247,6 @@ def _phase(train, i, n):
     return xp.exp(-1j * order * xp.deg2rad(angle)[i])
 
 
-def _pressure_cylinders(topology) -> tuple[int, ...]:
-    """Indices of the cylinders whose gas torque is computed."""
-    both = zip(topology.cylinder_source, topology.cylinder_fires, strict=True)
-    return tuple(i for i, (source, fires) in enumerate(both) if source in COMPUTED and fires)
-
-
-def _gas_revolutions(topology, rows):
-    """Revolutions of the gas cycles of some cylinders."""
-    return tuple(topology.cylinder_gas_revolutions[i] for i in rows)
-
-
-@kept
-def _pressure_harmonics(table, rows, revolutions):
-    """Harmonics of the gas cycle of p A x' [J, n, K], one for each component of p, and of p_ambient A x' [n, K].
-
-    ``rows`` are the n cylinders of the table, ``revolutions`` those of their gas cycles.
-    """
-    xp, rows = namespace(table), np.array(rows, dtype=int)
-    given = (table.ambient_pressure, table.bore, table.stroke, table.rod)
-    pressure = xp.asarray(components(table))[:, rows]
-    ambient, *geometry = (xp.asarray(values)[rows] for values in given)
-    all_of = xp.concatenate([pressure, xp.broadcast_to(ambient[None, :, None], (1, *pressure.shape[1:]))])
-    harmonics = gas_torque_harmonics(all_of, *geometry, revolutions=np.array(revolutions))
-    return harmonics[:-1], harmonics[-1]
-
-
 def _add_gas(torque, train, rpm):
     """Add the harmonics of the gas torques, given and computed."""
     topology, table = train.topology, train.cylinders
@@ -322,10 +259,10 @@ def _add_gas(torque, train, rpm):
         pair = table.gas_torque[i, k]
         value = 0.5 * scale[i] * (pair[:, 0] + 1j * pair[:, 1])
         torque = _add(torque, disk[i], n, factor[i] * value * _phase(train, i, n))
-    rows = _pressure_cylinders(topology)
+    rows = pressure_cylinders(topology)
     if not rows:
         return torque
-    parts, ambient = _pressure_harmonics(table, rows, _gas_revolutions(topology, rows))
+    parts, ambient = pressure_harmonics(table, rows, gas_revolutions(topology, rows))
     rows = np.array(rows)
     row_scale = scale[rows]
     lists = [tuple(topology.cylinder_step[c] * k for k in range(1, topology.cylinder_gas[c] + 1)) for c in rows]
@@ -347,12 +284,6 @@ def _add_inertia(torque, train, rpm, ratio):
         return torque
     disk = np.array(topology.cylinder_disk, dtype=int)
     speed = ratio[disk] * (2.0 * np.pi / 60.0) * rpm
-    unit = _unit_inertia_harmonics(table, topology.cylinder_series)
+    unit = unit_inertia_harmonics(table, topology.cylinder_series)
     value = (table.reciprocating_mass * speed**2)[i] * unit[i, k + 1]
     return _add(torque, disk[i], n, value * _phase(train, i, n))
-
-
-@kept
-def _unit_inertia_harmonics(table, short_series):
-    """:func:`inertia_torque_harmonics` of the cylinders of a table."""
-    return inertia_torque_harmonics(table.stroke, table.rod, short_series=np.array(short_series))

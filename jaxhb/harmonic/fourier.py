@@ -64,6 +64,7 @@ def synthesize(coefficients, samples):
 
 def sample(coefficients, count):
     """Values ``(..., count)`` at equidistant time samples as :func:`synthesize`, but however few they are."""
+    # Fewer samples than 2 N + 1 would alias: every ``factor``-th of enough of them is taken.
     factor = -(-(2 * coefficients.shape[-1] - 1) // count)
     return synthesize(coefficients, factor * count)[..., ::factor]
 

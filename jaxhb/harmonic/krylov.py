@@ -7,7 +7,7 @@ ROWS = 10
 """Directions against which a new one is made orthogonal at once."""
 
 
-def minimise_residual(apply, precondition, b, *, tolerance, steps):
+def gcr(apply, precondition, b, *, tolerance, steps):
     """Solve ``apply(x) = b`` over the Krylov space of ``apply(precondition(.))``.
 
     In exact arithmetic the iterates are those of GMRES with a right preconditioner (Eisenstat, Elman, Schultz, SIAM J.
@@ -30,7 +30,7 @@ def minimise_residual(apply, precondition, b, *, tolerance, steps):
 
     Examples
     --------
-    >>> x, _, used = minimise_residual(lambda v: 2 * v, lambda v: v, jnp.array([2.0, 4.0]), tolerance=1e-9, steps=5)
+    >>> x, _, used = gcr(lambda v: 2 * v, lambda v: v, jnp.array([2.0, 4.0]), tolerance=1e-9, steps=5)
     >>> x.tolist(), int(used)
     ([1.0, 2.0], 1)
     """
@@ -52,11 +52,14 @@ def minimise_residual(apply, precondition, b, *, tolerance, steps):
         z = precondition(r)
         q = apply(z)
         blocks = (k + ROWS - 1) // ROWS  # those in use: most solves leave most of the room empty
+        # Twice: once leaves what rounding of large components makes, and directions that are not orthogonal cost steps
+        # (Giraud and others, Numer. Math. 101 (2005) 87).
         for _ in range(2):
             q, z = lax.fori_loop(0, blocks, lambda i, state: aside(i, state, images, directions), (q, z))
         size = jnp.linalg.norm(q)
         scale = 1 / jnp.where(size > 0, size, 1.0)
         q, z = scale * q, scale * z
+        # images are orthonormal, so that the residual falls by its component along the last one alone.
         share = q @ r
         return k + 1, x + share * z, r - share * q, images.at[k].set(q), directions.at[k].set(z)
 

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from .block_sweep import divide, regular, scalar_sweep
+from .block_sweep import nonzero_pivot, quotient, scalar_sweep
 
 
 def frequencies(frequency, harmonics):
@@ -97,6 +97,8 @@ def _solve_linear_jvp(forces, primals, tangents):
         return link_stiffness(system, omega), node_stiffness(system, omega), system.deflections(displacement)
 
     (C, *_), (C_dot, node_dot, bent) = jax.jvp(parts, (system, omega), (system_dot, omega_dot))
+    # Deflections from forces, not from differences of displacements, in which stiff links lose the digits that the
+    # sweep has kept.
     deflection = force / jnp.where(C == 0, 1.0, C)[:, None]
     held = C_dot[:, None] * deflection + C[:, None] * bent
     _, ends_dot = jax.jvp(type(system).spread, (system, force), (system_dot, held))
@@ -116,6 +118,8 @@ def _sweep(system, C, node, load, forces):
     if loops:
         unit = system.incidence(tree.loops)[:, :, None]
         unit = jnp.broadcast_to(unit, (len(unit), loops, load.shape[2]))
+        # Beside the given loads, a unit force in each link outside the tree: from the motion that it makes follows how
+        # much of it closes the loop.
         extended = jnp.concatenate([unit.astype(load.dtype), load], axis=1)
     wanted = loops + (load.shape[1] if forces is None else forces)
     displacement, force = scalar_sweep(
@@ -133,6 +137,8 @@ def _sweep(system, C, node, load, forces):
 def _close_loops(system, C, displacement, link_force, loops):
     """Add the forces of the links outside the tree: (I + C G) f = C D x_tree at every harmonic."""
     unit, given = displacement[:, :loops], displacement[:, loops:]
+    # The tree under its loads opens the loops by D x_tree, and a unit force in a link closes them by its receptance
+    # (Woodbury's identity): I + C G is regular where the whole train is.
     gap = system.deflections(given, system.tree.loops)
     receptance = system.deflections(unit, system.tree.loops)
     C_loop = C[system.tree.loops].T[:, :, None]
@@ -169,7 +175,8 @@ def condensed_chains(system, omega):
         link = jnp.where(first, jnp.where(held, _of_link(omega, *before), 0.0), link)
         begin, end = jnp.where(first, 0.0, begin), jnp.where(first, 0.0, end)
         onward, own = _of_link(omega, *after), disk_stiffness(omega, *disk) + end
-        inverse = divide(1.0, regular(link + onward + own, link + onward))
+        inverse = quotient(1.0, nonzero_pivot(link + onward + own, link + onward))
+        # What the chain so far is seen as: a link k = C1 C2 / (C1 + C2 + g), and stiffnesses to ground at its two ends.
         now = (link * onward * inverse, begin + link * own * inverse, onward * own * inverse)
         chains = tuple(lax.dynamic_update_index_in_dim(c, new, chain, 0) for c, new in zip(chains, now, strict=True))
         return (now, chains), None

@@ -43,11 +43,11 @@ class Reduced:
     integrals: str = field(default="sampled", metadata={"static": True})
     crossings: exact.Crossings | None = None
 
-    def located(self, deflection):
+    def with_crossings(self, deflection):
         """The same equation, with exact integrals knowing when ``deflection`` passes the knots, to be used there."""
         if self.integrals == "sampled":
             return self
-        return dataclasses.replace(self, crossings=exact.locate(self.law, deflection))
+        return dataclasses.replace(self, crossings=exact.find_crossings(self.law, deflection))
 
     def quadrature(self, deflection, samples):
         """Where phi is evaluated: ``samples`` equidistant time samples, or those of the exact integrals."""
@@ -56,9 +56,9 @@ class Reduced:
     def nonlinear_force(self, deflection, rate):
         """phi and its slopes in l and l' at samples ``(G, samples)``: what the linear mesh does not contain."""
         law = self.law.expand()
-        viscous, gated = self.viscous[:, None], self.contact_damping[:, None]
-        total = backlash.mesh_force(law, viscous, gated, deflection, rate)
-        slope, rate_slope = backlash.mesh_slopes(law, viscous, gated, deflection, rate)
+        viscous, in_contact = self.viscous[:, None], self.contact_damping[:, None]
+        total = backlash.mesh_force(law, viscous, in_contact, deflection, rate)
+        slope, rate_slope = backlash.mesh_slopes(law, viscous, in_contact, deflection, rate)
         linear = law.stiffness * deflection + viscous * rate
         return total - linear, slope - law.stiffness, rate_slope - viscous
 
@@ -94,7 +94,7 @@ class Reduced:
 def quadrature(integrals, law, deflection, samples, crossings=None):
     """Time samples for integrals over the cycle of forces of ``law`` at ``deflection``: "sampled" or "exact"."""
     if integrals == "exact" and len(deflection):
-        return exact.divide(law, deflection, crossings)
+        return exact.quadrature(law, deflection, crossings)
     return fourier.Equidistant(samples)
 
 
@@ -127,6 +127,7 @@ class CondensedTrain:
     def combine(self, nonlinear_force):
         """Displacements ``(S, n+1)`` and link forces ``(L, n+1)`` with nonlinear forces ``(G, n+1)`` of the meshes."""
         harmonics = nonlinear_force.shape[-1] - 1
+        # phi acts against the deflection: D^T phi on the side of the loads.
         load = fourier.resize(self.load, harmonics) - self.columns @ nonlinear_force
         displacement, force = solve_linear(self.system, frequencies(self.frequency, harmonics), load[:, None])
         return displacement[:, 0], force[:, 0]
@@ -154,12 +155,13 @@ def reduce(system, frequency, load, harmonics, active, active_index, law, viscou
     columns = system.incidence(active_index) * active
     displacement, force = solve_linear(system, frequencies(frequency, load.shape[-1] - 1), load[:, None])
     linear = system.deflections(displacement[:, 0], active_index) * active[:, None]
+    # Equal chunks make one program; harmonics that fill the last one up are dropped again.
     chunks = -(-(harmonics + 1) // CHUNK)
     omega = frequencies(frequency, chunks * -(-(harmonics + 1) // chunks) - 1).reshape(chunks, -1)
-    answers = lax.map(lambda omega: receptance(system, omega, columns), omega)
+    receptances = lax.map(lambda omega: receptance(system, omega, columns), omega)
     reduced = Reduced(
         linear=fourier.resize(linear, harmonics),
-        receptance=answers.reshape(omega.size, *answers.shape[2:])[: harmonics + 1],
+        receptance=receptances.reshape(omega.size, *receptances.shape[2:])[: harmonics + 1],
         frequency=frequency,
         law=law,
         viscous=viscous,

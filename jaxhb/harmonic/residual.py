@@ -19,7 +19,7 @@ from .linear_train import disk_stiffness, frequencies, link_stiffness
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Nonlinear:
+class MeshParameters:
     """The backlash meshes of a train: link indices ``(G,)``, law, damping and damping law."""
 
     link: jax.Array
@@ -29,13 +29,13 @@ class Nonlinear:
 
 
 def all_meshes(train):
-    """Every mesh as an entry of :class:`Nonlinear`; linear ones have epsilon 1 and a gap of 1 m."""
+    """Every mesh as an entry of :class:`MeshParameters`; linear ones have epsilon 1 and a gap of 1 m."""
     xp = namespace(train)
     topology, law = train.topology, backlash.law_of(train.meshes)
     gap = np.array(topology.mesh_backlash, dtype=bool)
     first = len(topology.link_names) - len(gap)
-    gated = np.array([law == "contact" for law in topology.mesh_damping_law], dtype=bool) & gap
-    return Nonlinear(
+    in_contact = np.array([law == "contact" for law in topology.mesh_damping_law], dtype=bool) & gap
+    return MeshParameters(
         link=np.arange(first, first + len(gap), dtype=np.int32),
         law=backlash.Law(
             stiffness=xp.asarray(law.stiffness),
@@ -44,13 +44,13 @@ def all_meshes(train):
             backlash=xp.where(gap, law.backlash, 1.0),
         ),
         viscous=xp.asarray(train.meshes.damping),
-        contact_damping=gated,
+        contact_damping=in_contact,
     )
 
 
 def backlash_meshes(train):
-    """The meshes that have backlash, in the order of the scene, as :class:`Nonlinear`."""
-    index = np.flatnonzero(np.array(train.topology.mesh_backlash, dtype=bool))
+    """The meshes that have backlash, in the order of the scene, as :class:`MeshParameters`."""
+    index = train.topology.backlash_index
     return jax.tree.map(lambda a: a[index], all_meshes(train))
 
 
@@ -61,7 +61,7 @@ def residual(packed, system, meshes, frequency, load, samples):
     ----------
     packed : array ``(S, 2N+1)`` m
     system : System
-    meshes : Nonlinear
+    meshes : MeshParameters
     frequency : float, Omega in rad/s
     load : complex array ``(S, N+1)`` N
     samples : int
@@ -108,6 +108,7 @@ def link_blocks(packed, system, meshes, frequency, samples):
         fourier.synthesize(mesh, samples),
         fourier.synthesize(rate, samples),
     )
+    # A product with a slope couples harmonics n and m by its harmonic n - m: 2 N of them are needed.
     stiffness = toeplitz.product_matrix(fourier.analyze(slope, 2 * harmonics))
     damping = toeplitz.product_matrix(fourier.analyze(rate_slope, 2 * harmonics))
     return blocks.at[meshes.link].set(stiffness + damping @ fourier.packed_diagonal(1j * omega))

@@ -25,14 +25,27 @@ from .modal import natural_frequencies
 from .sensitivity import frequencies_hz, mode_shares
 
 ELASTIC, RIGID, RING = "elastic", "rigid", "ring only"
-STRAINED = 0.01
-"""Share of the strain energy in links below which a mode is rigid: on ground springs, or at 0 Hz."""
-ALONE = 0.99
-"""Share of the kinetic energy in the rings of dampers from which a rigid mode is that of rings only."""
-ROUNDING = 1e-12
-"""Share of all torques of an order below which what they do on a shape is rounding."""
-EXCITED = 1e-3
-"""Torque of an order over the largest from which it counts as excited."""
+
+
+@dataclass(frozen=True)
+class CriticalOptions:
+    """What counts as a rigid mode, as a mode of rings alone, and as excited.
+
+    Parameters
+    ----------
+    strained : share of the strain energy in links below which a mode is rigid: on ground springs, or at 0 Hz
+    rings : share of the kinetic energy in the rings of dampers from which a rigid mode is that of rings only
+    rounded : share of all torques of an order below which what they do on a shape is rounding
+    excited : torque of an order over the largest from which it counts as excited
+    """
+
+    strained: float = 0.01
+    rings: float = 0.99
+    rounded: float = 1e-12
+    excited: float = 1e-3
+
+
+CRITICAL = CriticalOptions()
 
 
 @dataclass(frozen=True)
@@ -98,9 +111,10 @@ def mode_kinds(modes, rings):
     ('rigid', 'ring only', 'elastic')
     """
     ring = modes.kinetic_share[:, [name in rings for name in modes.names]].sum(1)
-    loose = modes.strain_share.sum(1) < STRAINED
+    loose = modes.strain_share.sum(1) < CRITICAL.strained
     return tuple(
-        ELASTIC if not free else RING if share > ALONE else RIGID for free, share in zip(loose, ring, strict=True)
+        ELASTIC if not free else RING if share > CRITICAL.rings else RIGID
+        for free, share in zip(loose, ring, strict=True)
     )
 
 
@@ -125,7 +139,7 @@ def excited_orders(train, *, rpm):
     harmonics = listed_harmonic(train.topology)
     torque = [np.abs(np.asarray(excitation(train, speed, harmonics)[0])).max(0) for speed in rpm]
     largest = np.max(torque, axis=0)[1:]
-    there = np.flatnonzero(largest > EXCITED * largest.max(initial=0.0)) + 1
+    there = np.flatnonzero(largest > CRITICAL.excited * largest.max(initial=0.0)) + 1
     return (there / train.topology.revolutions_per_cycle).tolist()
 
 
@@ -271,7 +285,7 @@ def _crossings(modes_at, rpm, hz, mode, order, constant):
 def _modal_torque(train, shape, rpm, order):
     """Amplitude in N m of what the torques of an order do on a mode shape; 0 for orders that nothing has."""
     found, largest = map(float, _order_torque(train, shape, rpm, order))
-    return found if found > ROUNDING * largest else 0.0
+    return found if found > CRITICAL.rounded * largest else 0.0
 
 
 def _order_torque(train, shape, rpm, order):
@@ -284,7 +298,7 @@ def _order_torque(train, shape, rpm, order):
 
 
 def _check(train, rpm, orders):
-    name = train.topology.name or "scene"
+    name = train.topology.title
     check_speed(train, rpm, many=True)
     errors = []
     if len(rpm) < 2 or np.any(np.diff(rpm) <= 0):

@@ -35,20 +35,30 @@ from ..response.response import Response, register
 from ..response.status import Status
 from .varying_links import is_settled, settled_amplitudes, twist_amplitude, varied
 
-LANES, CELLS = 500, 500_000
-"""Speeds times harmonics swept together, and times disks: what a sweep holds then stays in the cache of a processor."""
 
-SINGULAR = 1e11
-"""Link force over load beyond which rounding alone is left: an undamped resonance."""
+@dataclass(frozen=True)
+class ForcedOptions:
+    """How the linear forced response is swept, and when it is none.
 
-UNSOLVED = 1e-6
-"""Force left on a disk, over the largest force, from which the equations count as singular."""
+    Parameters
+    ----------
+    lanes, cells : speeds times harmonics swept together, and times disks: what a sweep holds then stays in the cache of
+        a processor
+    singular : link force over load beyond which rounding alone is left: an undamped resonance
+    unsolved : force left on a disk, over the largest force, from which the equations count as singular
+    unbalanced : the same of the mean, over mean loads and forces, from which mean torques count as unbalanced
+    samples : time samples per cycle, at least, and 16 per harmonic, at which extremes are looked for
+    """
 
-UNBALANCED = 1e-9
-"""The same of the mean, over mean loads and forces, from which mean torques count as unbalanced."""
+    lanes: int = 500
+    cells: int = 500_000
+    singular: float = 1e11
+    unsolved: float = 1e-6
+    unbalanced: float = 1e-9
+    samples: int = 4096
 
-SAMPLES = 4096
-"""Time samples per cycle, at least, and 16 per harmonic, at which extremes are looked for."""
+
+FORCED: ForcedOptions = ForcedOptions()
 
 
 @register
@@ -149,7 +159,7 @@ def _checked_harmonics(train, harmonics):
     if harmonics is None:
         return listed_harmonic(train.topology)
     if not (isinstance(harmonics, int | np.integer) and harmonics >= 1):
-        name = train.topology.name or "scene"
+        name = train.topology.title
         raise SceneError(f"{name}: harmonics is {harmonics}, must be a whole number of at least 1.")
     return int(harmonics)
 
@@ -185,13 +195,13 @@ def _respond(train, rpm, harmonics):
         truncation_error=jnp.zeros(len(rpm)),
         steps=jnp.zeros(len(rpm), dtype=int),
         topology=topology,
-        resolution=16 * harmonics * max(1, -(-SAMPLES // (16 * harmonics))),
+        resolution=16 * harmonics * max(1, -(-FORCED.samples // (16 * harmonics))),
     )
 
 
 def _together(disks, harmonics, speeds):
     """Speeds of a group: with little padding, as what is padded is copied to be cut off."""
-    most = min(speeds, max(1, min(LANES, CELLS // disks) // (harmonics + 1)))
+    most = min(speeds, max(1, min(FORCED.lanes, FORCED.cells // disks) // (harmonics + 1)))
     return min(range(most, most // 2, -1), key=lambda size: -speeds % size)
 
 
@@ -255,9 +265,9 @@ def _outcome(system, omega, load, displacement, force, shape):
     left, loads, forces = (jnp.max(_size(a), axis=0, initial=0.0).reshape(shape) for a in (left, load, force))
     size = jnp.max(loads, axis=1) + jnp.max(forces, axis=1)
     residual = jnp.max(left[:, 1:], axis=1, initial=0.0) / jnp.where(size > 0, size, 1.0)
-    solved = (residual <= UNSOLVED) & (jnp.max(forces, axis=1) <= SINGULAR * jnp.max(loads, axis=1))
+    solved = (residual <= FORCED.unsolved) & (jnp.max(forces, axis=1) <= FORCED.singular * jnp.max(loads, axis=1))
     status = jnp.where(solved, Status.CONVERGED, Status.NEAR_SINGULAR)
-    balanced = left[:, 0] <= UNBALANCED * (loads[:, 0] + forces[:, 0])
+    balanced = left[:, 0] <= FORCED.unbalanced * (loads[:, 0] + forces[:, 0])
     status = jnp.where(balanced, status, Status.UNBALANCED)
     return residual, jnp.where(jnp.isfinite(size), status, Status.NONFINITE)
 

@@ -182,10 +182,10 @@ def _tree(train):
     system = on_host(chain.assemble(train))
     if len(system.tree.loops):
         name = train.topology.link_names[system.tree.loops[0]]
-        where = train.topology.name or "scene"
+        where = train.topology.title
         raise SceneError(
             f"{where}: link {name!r} closes a loop, and Holzer's table is for trains without."
-            " Use jaxhb.natural_frequencies, on the command line jaxhb modes, which tells the energies too."
+            " Use jaxhb.natural_frequencies, on the command line jaxhb modes, which prints the energies, too."
         )
     ends = train.topology.link_ends
     away, at = [0], {0: -1}

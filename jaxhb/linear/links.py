@@ -75,7 +75,7 @@ def links_of(train, *, exact=True):
     lossy = [name for name, eta in zip(topology.link_names, np.concatenate(loss), strict=False) if eta]
     if lossy:
         raise SceneError(
-            f"{topology.name or 'scene'}: link {lossy[0]!r} has a loss factor, which is no polynomial in p. "
+            f"{topology.title}: link {lossy[0]!r} has a loss factor, which is no polynomial in p. "
             "Use with_viscous_damping."
         )
 

@@ -208,7 +208,7 @@ def _without_loops(train):
     """The elimination tree of a train without closed loops; others are refused."""
     tree = chain.span(train.topology)
     if len(tree.loops):
-        where, link = train.topology.name or "scene", train.topology.link_names[tree.loops[0]]
+        where, link = train.topology.title, train.topology.link_names[tree.loops[0]]
         raise SceneError(
             f"{where}: link {link!r} closes a loop, and responses from polynomials are for trains without. "
             "Use linear_response."
@@ -222,7 +222,7 @@ def _spine(train):
     if not len(tree.loops):
         return _hang(tree, (int(tree.node[-1]),))
     if len(tree.loops) > 1:
-        where = train.topology.name or "scene"
+        where = train.topology.title
         names = ", ".join(repr(train.topology.link_names[link]) for link in tree.loops)
         raise SceneError(
             f"{where}: links {names} close {len(tree.loops)} loops, and characteristic polynomials take one at most. "

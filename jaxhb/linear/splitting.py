@@ -72,7 +72,7 @@ def characteristic_coefficients(train: DriveTrain, *, exact: bool = False) -> tu
     >>> [str(value) for value in jaxhb.characteristic_coefficients(train, exact=True)]
     ['1', '1/6', '5', '0', '0']
     """
-    where, links = train.topology.name or "scene", links_of(train, exact=exact)
+    where, links = train.topology.title, links_of(train, exact=exact)
     inertias = {name: concrete(inertia)[0] for name, inertia in links.inertia.items()}
     light = [name for name, inertia in inertias.items() if not traced(inertia) and not inertia]
     faults = [f"{where}: disk {name!r} has no inertia: give it some, or use jaxhb.characteristic." for name in light]

@@ -21,15 +21,29 @@ from ..model.drivetrain import DriveTrain
 from ..model.elements import SceneError
 from ..model.speeds import check_speed
 
-STEPS, HALVINGS = 200, 40
-LEFT = 1e-10
-"""Force left over the largest mean force at which the equilibrium is found."""
-IDLE = 1e-9
-"""Tooth force over the largest mean force below which a mesh begins in the middle of its gap."""
-SINGULAR = 1e-14
-"""Singular value of a tangent stiffness over the largest that is rounding of a rigid motion."""
-UNBALANCED = 1e-9
-"""Mean torque left over the largest from which the train does not run steadily."""
+
+@dataclass(frozen=True)
+class MeanLoadOptions:
+    """How the equilibrium under the mean torques is found.
+
+    Parameters
+    ----------
+    steps, halvings : of Newton's method at most, and of a step of it
+    solved : force left over the largest mean force at which the equilibrium is found
+    idle : tooth force over the largest mean force below which a mesh begins in the middle of its gap
+    singular : singular value of a tangent stiffness over the largest that is rounding of a rigid motion
+    unbalanced : mean torque left over the largest from which the train does not run steadily
+    """
+
+    steps: int = 200
+    halvings: int = 40
+    solved: float = 1e-10
+    idle: float = 1e-9
+    singular: float = 1e-14
+    unbalanced: float = 1e-9
+
+
+MEAN_LOAD = MeanLoadOptions()
 
 
 @brief
@@ -96,11 +110,11 @@ def at_mean_load(train: DriveTrain, *, rpm: Number) -> MeanLoad:
         )
     check_speed(values, at)
     topology = train.topology
-    name, own = topology.name or "scene", np.flatnonzero(topology.mesh_backlash)
+    name, own = topology.title, topology.backlash_index
     first = len(topology.link_names) - len(topology.mesh_names)
     links = first + own
     static = _Static.of(values, at, own, links)
-    if static.system.floating and abs(static.left) > UNBALANCED * np.abs(static.torque).max():
+    if static.system.floating and abs(static.left) > MEAN_LOAD.unbalanced * np.abs(static.torque).max():
         raise SceneError(f"{name} at {at:g} rpm: mean torques do not balance, so there is no mean load. Add a load.")
     x = _equilibrium(static)
     if x is None:
@@ -109,7 +123,7 @@ def at_mean_load(train: DriveTrain, *, rpm: Number) -> MeanLoad:
         static = _Static.of(train, rpm, own, links)
         for _ in range(2):
             tangent = static.tangent(static.held(x)[1])
-            x = x + namespace(tangent).linalg.pinv(tangent, rtol=SINGULAR) @ static.unbalanced(x)
+            x = x + namespace(tangent).linalg.pinv(tangent, rtol=MEAN_LOAD.singular) @ static.unbalanced(x)
     law, deflection = static.law, static.system.deflections(x)[links]
     slope = backlash.slope(law, deflection)
     bare = without_backlash(train)
@@ -174,22 +188,22 @@ def _equilibrium(static):
     system, load, links = static.system, static.load, static.links
 
     def solved(slope, force):
-        return np.linalg.lstsq(static.tangent(slope), force, rcond=SINGULAR)[0]
+        return np.linalg.lstsq(static.tangent(slope), force, rcond=MEAN_LOAD.singular)[0]
 
     # begin on the flanks that all teeth in contact would press: in a gap without stiffness nothing pulls back to them
     size = np.abs(load).max(initial=0.0)
     x = solved(system.stiffness, load)
     pressed = (system.stiffness * system.deflections(x))[links]
-    flank = np.where(np.abs(pressed) > IDLE * size, np.sign(pressed), 0.0) * backlash.offset(static.law)
+    flank = np.where(np.abs(pressed) > MEAN_LOAD.idle * size, np.sign(pressed), 0.0) * backlash.offset(static.law)
     x = solved(system.stiffness, load + system.incidence()[:, links] @ flank)
     energy = static.energy(x)
-    for _ in range(STEPS):
+    for _ in range(MEAN_LOAD.steps):
         (force, slope), left = static.held(x), static.unbalanced(x)
-        if np.abs(left).max(initial=0.0) <= LEFT * max(size, np.abs(force).max(initial=0.0)):
+        if np.abs(left).max(initial=0.0) <= MEAN_LOAD.solved * max(size, np.abs(force).max(initial=0.0)):
             return x
         step = solved(slope, left)
         share = 1.0
-        for _ in range(HALVINGS):
+        for _ in range(MEAN_LOAD.halvings):
             new = static.energy(x + share * step)
             if new <= energy:
                 break

@@ -10,6 +10,7 @@ backwards.
 """
 
 import dataclasses
+from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
@@ -20,12 +21,26 @@ from ..harmonic import linear_train
 from ..model.drivetrain import speed_ratios
 from ..model.varying import factors, order_stiffness, scaled
 
-STEPS = 100
-SETTLED, ENOUGH = 1e-11, 1e-8
-"""g(A) - A at which the path ends, over g(0); and over A, what is accepted."""
 
-CURVED = 0.5
-"""Share of g(A) - A by which a step may miss what its linearisation says."""
+@dataclass(frozen=True)
+class AmplitudeOptions:
+    """How the amplitudes A = g(A) of links with ``over_amplitude`` are found, along a path from A = 0.
+
+    Parameters
+    ----------
+    steps : of the path at most
+    settled : g(A) - A at which the path ends, over g(0)
+    accepted : the same over A, up to which an amplitude is found
+    curved : share of g(A) - A by which a step may miss what its linearisation says
+    """
+
+    steps: int = 100
+    settled: float = 1e-11
+    accepted: float = 1e-8
+    curved: float = 0.5
+
+
+AMPLITUDE = AmplitudeOptions()
 
 
 def varied(train, system, rpm, omega, amplitude):
@@ -72,7 +87,7 @@ def twist_amplitude(train, system, deflection, speeds):
 
 def is_settled(amplitude, found):
     """Whether every amplitude of a speed ``(m,)`` is the one that it leads to."""
-    return jnp.all(jnp.abs(found - amplitude) <= ENOUGH * found, axis=-1)
+    return jnp.all(jnp.abs(found - amplitude) <= AMPLITUDE.accepted * found, axis=-1)
 
 
 def _next(equations, amplitude):
@@ -108,7 +123,7 @@ def settled_amplitudes(equations):
 
     def going_on(state):
         _, change, _, _, steps = state
-        return (steps < STEPS) & jnp.any(size(change) > SETTLED)
+        return (steps < AMPLITUDE.steps) & jnp.any(size(change) > AMPLITUDE.settled)
 
     def step(state):
         amplitude, change, matrix, time, steps = state
@@ -118,8 +133,8 @@ def settled_amplitudes(equations):
         now, tangent = _linearised(equations, trial)
         predicted = change - jnp.einsum("mij,mj->mi", matrix, trial - amplitude)
         forward = jnp.sum(move * change / scale**2, axis=-1) > 0
-        good = forward & (size(now - predicted) <= CURVED * size(change))
-        taken = good & (size(change) > SETTLED)
+        good = forward & (size(now - predicted) <= AMPLITUDE.curved * size(change))
+        taken = good & (size(change) > AMPLITUDE.settled)
         gain = size(change) / jnp.maximum(size(now), 1e-3 * size(change))
         time = jnp.where(good, time * jnp.clip(gain, 2.0, 1000.0), time / 4)
         amplitude, change = (jnp.where(taken[:, None], new, old) for new, old in ((trial, amplitude), (now, change)))

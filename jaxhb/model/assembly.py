@@ -5,11 +5,80 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+from collections.abc import Iterable
+from typing import Any
 
 from jaxhb.model import checks, derived, gas, graph, link_checks, tables, train_checks
+from jaxhb.model.drivetrain import DriveTrain
 from jaxhb.model.elements import SceneError
 from jaxhb.model.scenarios import read_scenarios
 from jaxhb.model.topology import Topology
+
+
+def build(
+    elements: Iterable[Any],
+    *,
+    name: str = "",
+    reference: str | None = None,
+    revolutions_per_cycle: float = 2,
+    rated_rpm: float | None = None,
+    tune: dict[str, Any] | None = None,
+    scenarios: dict[str, dict[str, float]] | None = None,
+    source: str = "scene",
+) -> DriveTrain:
+    """Check elements and put them together to a drive train.
+
+    Parameters
+    ----------
+    elements : iterable
+        Elements such as :class:`jaxhb.Disk`, in SI units; disks keep their order.
+    name : str
+        Name of the scene.
+    reference : str, optional
+        A disk of the rotor whose rpm is given; needed when there are several rotors.
+    revolutions_per_cycle : float
+        Period of the excitation in revolutions of the reference rotor.
+    rated_rpm : float, optional
+        Rated speed of the reference rotor; limits of stresses depend on the speed over it.
+    tune : dict, optional
+        Passed on untouched.
+    scenarios : dict, optional
+        ``{name: {"NAME.FIELD": value}}`` for :meth:`DriveTrain.scenario`.
+    source : str
+        Where the elements come from, for the sentences of errors.
+
+    Returns
+    -------
+    DriveTrain
+        Where two gears that mesh both have ``teeth``, one of their radii is corrected, by up to 0.1 % a mesh, so that
+        the ratio is that of the teeth.
+
+    Raises
+    ------
+    SceneError
+        Everything that is wrong with the scene, one sentence a line.
+
+    Examples
+    --------
+    >>> from jaxhb.model.elements import Disk, Shaft, Torque
+    >>> parts = [Disk(name="a", inertia=1.0), Disk(name="b", inertia=2.0)]
+    >>> parts += [Shaft(between=("a", "b"), stiffness=1e4)]
+    >>> train = build([*parts, Torque(disk="a", harmonics=[(1.0, 5.0, 0.0)])], revolutions_per_cycle=1)
+    >>> train.value("a|b.stiffness")
+    10000.0
+    """
+    return DriveTrain(
+        **assemble(
+            elements,
+            name=name,
+            reference=reference,
+            revolutions_per_cycle=revolutions_per_cycle,
+            rated_rpm=rated_rpm,
+            tune=tune,
+            scenarios=scenarios,
+            source=source,
+        )
+    )
 
 
 def assemble(

@@ -22,7 +22,7 @@ _INNER = {"traces": Trace, "combustion": Combustion}
 
 def locate(topology, key: str):
     """Find table, field and index of ``"NAME.FIELD"``; a field may be ``"combustion.start"``."""
-    where = topology.name or "scene"
+    where = topology.title
     name, dot, field = key.rpartition(".")
     if not dot:
         raise SceneError(f"{where}: {key!r} names no field. Write 'NAME.FIELD', as 'hub.inertia'.")
@@ -45,7 +45,7 @@ def _locate(train, key: str):
     """Find table, field and index of ``"NAME.FIELD"`` that the train has."""
     table, field, index = locate(train.topology, key)
     numbers, inner = getattr(train, _TABLE_OF[table]), field
-    where = f"{train.topology.name or 'scene'}, [[{table}]] {key[: -len(field) - 1]!r}"
+    where = f"{train.topology.title}, [[{table}]] {key[: -len(field) - 1]!r}"
     if "." in field:
         outer, _, inner = field.partition(".")
         numbers = getattr(numbers, outer, None)
@@ -183,7 +183,7 @@ def within_range(train):
 
 def _value_errors(train, key, table, field, index, value) -> list[str]:
     """Check shape and, where it is concrete, range of a new value."""
-    where = f"{train.topology.name or 'scene'}, replace {key!r}"
+    where = f"{train.topology.title}, replace {key!r}"
     wanted = np.shape(_row(train, table, field, index))
     try:
         found = np.shape(value)
@@ -257,7 +257,7 @@ def _check_ratios(before, after):
     if traced(radius):
         return
     old, new = (_host_ratios(topology, np.asarray(train.disks.radius)) for train in (before, after))
-    errors, where = [], topology.name or "scene"
+    errors, where = [], topology.title
     own = list(zip(topology.cylinder_names, topology.cylinder_disk, strict=True))
     given = zip(topology.torque_names, topology.torque_disk, topology.torque_own, strict=True)
     for name, disk in own + [(name, disk) for name, disk, is_own in given if is_own]:

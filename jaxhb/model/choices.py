@@ -39,7 +39,7 @@ def chosen(train, values, locate):
             table, field, index = locate(topology, key)
         except SceneError:  # told with the numbers
             table, field, index = None, None, None
-        head = f"{topology.name or 'scene'}, replace {key!r}: "
+        head = f"{topology.title}, replace {key!r}: "
         if table == "mesh" and field in ("law", "damping_law"):
             fault = _word_fault(topology, index, field, value)
             if field == "law" and not fault:

@@ -37,6 +37,7 @@ from jaxhb._arrays import namespace
 from jaxhb.model.crank import slider_crank
 
 BURNT_AT_END = 0.999
+"""Share of the fuel that is burnt at the end of the duration: Wiebe's function never reaches 1."""
 
 
 def burnt_share(angle, start, duration, shape):

@@ -7,6 +7,7 @@ import numpy as np
 from jaxhb._arrays import namespace
 
 CRANK_SAMPLES = 512
+"""Angles of a revolution at which inertia torques are taken: their series falls by stroke/(2 rod) per order."""
 
 
 def slider_crank(angle, stroke, rod):

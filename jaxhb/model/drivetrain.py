@@ -1,21 +1,9 @@
-"""The drive train: arrays of numbers over a fixed topology, built from elements and checked once, on the host.
-
-Examples
---------
->>> from jaxhb.model.drivetrain import build
->>> from jaxhb.model.elements import Disk, Shaft, Torque
->>> parts = [Disk(name="a", inertia=1.0), Disk(name="b", inertia=2.0)]
->>> parts += [Shaft(between=("a", "b"), stiffness=1e4)]
->>> train = build([*parts, Torque(disk="a", harmonics=[(1.0, 5.0, 0.0)])], revolutions_per_cycle=1)
->>> train.value("a|b.stiffness")
-10000.0
-"""
+"""The drive train: arrays of numbers over a fixed topology; :func:`jaxhb.model.assembly.build` makes it."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -23,13 +11,13 @@ import numpy as np
 
 from jaxhb._arrays import Number, pytree, traced
 from jaxhb._shown import html_table
-from jaxhb.model import assembly, change, gas, varying
+from jaxhb.model import change, gas, varying
 from jaxhb.model.elements import SceneError
 from jaxhb.model.ratios import inertias, speed_ratios
 from jaxhb.model.tables import Cylinders, Dampers, Disks, Grounds, Loads, Meshes, Shafts, Torques
 from jaxhb.model.topology import Topology, suggestion
 
-__all__ = ["DriveTrain", "SceneError", "Topology", "build", "inertias", "speed_ratios"]
+__all__ = ["DriveTrain", "SceneError", "Topology", "inertias", "speed_ratios"]
 
 
 @pytree
@@ -37,7 +25,7 @@ __all__ = ["DriveTrain", "SceneError", "Topology", "build", "inertias", "speed_r
 class DriveTrain:
     """A drive train: a pytree of float64 vectors (one for each field of each kind of element) and static topology.
 
-    Make one with :func:`build` or :func:`jaxhb.load_scene`. Its arrays are read-only: change numbers with
+    Make one with :func:`jaxhb.build` or :func:`jaxhb.load_scene`. Its arrays are read-only: change numbers with
     :meth:`replace`, which returns another train. The fields are described in :mod:`jaxhb.model.tables`, the topology in
     :mod:`jaxhb.model.topology`.
     """
@@ -189,7 +177,7 @@ class DriveTrain:
 
         Examples
         --------
-        >>> from jaxhb.model.drivetrain import build
+        >>> from jaxhb.model.assembly import build
         >>> from jaxhb.model.elements import Disk, Shaft
         >>> rows = [(0.0, 1.0, 1.0), (100.0, 1.5, 0.5)]
         >>> coupling = Shaft(between=("a", "b"), stiffness=1e4, loss_factor=0.2, over_hz=rows)
@@ -253,7 +241,7 @@ class DriveTrain:
 
         Examples
         --------
-        >>> from jaxhb.model.drivetrain import build
+        >>> from jaxhb.model.assembly import build
         >>> from jaxhb.model.elements import Disk, Shaft
         >>> parts = [Disk(name="a", inertia=1.0), Disk(name="b", inertia=2.0)]
         >>> parts += [Shaft(between=("a", "b"), stiffness=1e4)]
@@ -261,9 +249,8 @@ class DriveTrain:
         8000.0
         """
         if name not in self.scenarios:
-            where = self.topology.name or "scene"
             others = suggestion(name, self.scenarios) if self.scenarios else " The scene has none."
-            raise SceneError(f"{where}: there is no scenario {name!r}.{others}")
+            raise SceneError(f"{self.topology.title}: there is no scenario {name!r}.{others}")
         return self.replace(self.scenarios[name])
 
     def misfire(self, *cylinders: str) -> DriveTrain:
@@ -295,7 +282,7 @@ class DriveTrain:
         (True, True, False, True, True, True)
         """
         names = self.topology.cylinder_names
-        where = self.topology.name or "scene"
+        where = self.topology.title
         unknown = [name for name in cylinders if name not in names]
         if unknown:
             raise SceneError([f"{where}: there is no cylinder {n!r}.{suggestion(n, names)}" for n in unknown])
@@ -342,64 +329,3 @@ class DriveTrain:
         []
         """
         return gas.outside_traces(self, rpm)
-
-
-def build(
-    elements: Iterable[Any],
-    *,
-    name: str = "",
-    reference: str | None = None,
-    revolutions_per_cycle: float = 2,
-    rated_rpm: float | None = None,
-    tune: dict[str, Any] | None = None,
-    scenarios: dict[str, dict[str, float]] | None = None,
-    source: str = "scene",
-) -> DriveTrain:
-    """Check elements and put them together to a drive train.
-
-    Parameters
-    ----------
-    elements : iterable
-        Elements such as :class:`jaxhb.Disk`, in SI units; disks keep their order.
-    name : str
-        Name of the scene.
-    reference : str, optional
-        A disk of the rotor whose rpm is given; needed when there are several rotors.
-    revolutions_per_cycle : float
-        Period of the excitation in revolutions of the reference rotor.
-    rated_rpm : float, optional
-        Rated speed of the reference rotor; limits of stresses depend on the speed over it.
-    tune : dict, optional
-        Passed on untouched.
-    scenarios : dict, optional
-        ``{name: {"NAME.FIELD": value}}`` for :meth:`DriveTrain.scenario`.
-    source : str
-        Where the elements come from, for the sentences of errors.
-
-    Returns
-    -------
-    DriveTrain
-        Where two gears that mesh both have ``teeth``, one of their radii is corrected, by up to 0.1 % a mesh, so that
-        the ratio is that of the teeth.
-
-    Raises
-    ------
-    SceneError
-        Everything that is wrong with the scene, one sentence a line.
-
-    Examples
-    --------
-    See the head of this module.
-    """
-    return DriveTrain(
-        **assembly.assemble(
-            elements,
-            name=name,
-            reference=reference,
-            revolutions_per_cycle=revolutions_per_cycle,
-            rated_rpm=rated_rpm,
-            tune=tune,
-            scenarios=scenarios,
-            source=source,
-        )
-    )

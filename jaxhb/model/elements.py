@@ -2,7 +2,7 @@
 scene.
 
 The elements only hold what was written. Nothing is checked when one is made;
-:func:`jaxhb.model.drivetrain.build` checks all of them together. Every numeric field carries its unit and its
+:func:`jaxhb.model.assembly.build` checks all of them together. Every numeric field carries its unit and its
 allowed range, which the checks and the sentences of the errors read. Units are SI, angles at the border in
 degrees.
 

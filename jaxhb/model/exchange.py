@@ -24,10 +24,15 @@ import json
 import math
 
 from jaxhb.model.elements import Disk, Mesh, SceneError, Shaft
+from jaxhb.model.link_checks import plain_number
 from jaxhb.model.topology import suggestion
 
 SHEAR_MODULUS = 80e9
+"""Pa, of steel: TORS gives none."""
+
 MODULE = 5e-3
+"""m, of a gear of which only the number of teeth is given: ratios are those of the teeth whatever it is."""
+
 RIGID = 1e5
 """Stiffness of a rigid link over that of the stiffest shaft."""
 
@@ -210,7 +215,7 @@ class _Tors:
     def _take(self, own, element, key, default=None):
         """A number of an element; without a default the key must be there."""
         value = element.get(key, default)
-        if not _number(value):
+        if not plain_number(value):
             self.errors.append(f"{self.source}, {own!r}: the key {key!r} is missing or no number. Give it.")
             return 1.0
         return float(value)
@@ -261,10 +266,6 @@ class _Tors:
         rows = {"disk": disks, "shaft": shafts, "mesh": meshes}
         tables = {table: [_sparse(row) for row in found] for table, found in rows.items() if found}
         return {"scene": {"description": said, "reference": disks[0]["name"]}} | tables
-
-
-def _number(value):
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
 
 
 def _sparse(row):

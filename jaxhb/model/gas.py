@@ -21,7 +21,11 @@ from jaxhb.model.elements import Combustion
 Array = Any
 
 GAS_SAMPLES = 7200
+"""Angles of a gas cycle: a tenth of a degree of four strokes."""
+
 FAR = 1e30
+"""Speed or load of points that fill up a grid: interpolation never reaches them."""
+
 COMPUTED = ("pressure", "traces", "combustion")
 """Fields of a cylinder whose gas torque is computed from its pressure."""
 

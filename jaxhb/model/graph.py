@@ -6,6 +6,7 @@ from collections import deque
 from dataclasses import dataclass
 
 RATIO_TOLERANCE = 1e-6
+"""Share by which the ratios around a closed loop may miss 1: radii are given with so many digits."""
 
 
 def pieces(n_disks: int, pairs) -> list[int]:

@@ -61,7 +61,7 @@ def train_errors(train) -> list[str]:
     numbers += [cylinders.traces, cylinders.combustion, cylinders.load_rpm, cylinders.load_share]
     if traced(numbers):
         return []
-    source = topology.name or "scene"
+    source = topology.title
     stiff = np.asarray(dampers.stiffness) > 0.0
     stiff |= np.isin(len(topology.shaft_names) + np.arange(len(stiff)), topology.order_links)
     errors = []

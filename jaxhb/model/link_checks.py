@@ -55,10 +55,11 @@ def _given(link, *keys, **units) -> list[str]:
     found = [(key, getattr(link, key, None)) for key in keys]
     found = [(key, value) for key, value in found if value is not None and not (number_like(value) and value == 0)]
     units = _UNITS | units
-    return [f"{key} = {value:g}{units.get(key, '')}" if _plain(value) else f"{key}" for key, value in found]
+    return [f"{key} = {value:g}{units.get(key, '')}" if plain_number(value) else f"{key}" for key, value in found]
 
 
-def _plain(value) -> bool:
+def plain_number(value) -> bool:
+    """Whether a value is a number that can be printed, no text, no truth value and not infinite."""
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
 
 

@@ -1,4 +1,4 @@
-"""Numbers that the format allows and an engineer would look at twice: each note tells element, value and usual range.
+"""Numbers that the format allows and an engineer would look at twice: each note names element, value and usual range.
 
 A number far outside of what engines and gears have is nearly always in another unit, has the other sign, or is counted
 from another angle. The ranges are wide: they hold from model engines to ship diesels.
@@ -287,16 +287,14 @@ def _crank_limits(train):
     throws = set(topology.cylinder_disk)
     for i, ends in enumerate(topology.shaft_ends if strengths is not None else ()):
         if strengths[i] and throws.issuperset(ends):
-            said = (
-                "tensile_strength gives it the limits of IACS UR M68, which are not for crankshafts: UR M53 is theirs,"
-            )
+            said = "tensile_strength sets the limits of IACS UR M68, which do not hold for crankshafts: UR M53 does,"
             yield "shaft", topology.shaft_names[i], f"{said} and it lies between two disks with cylinders"
 
 
 def _meshes(train):
     topology, meshes = train.topology, train.meshes
     ratios = tooth_damping_ratios(train)
-    for i in np.flatnonzero(topology.mesh_backlash):
+    for i in topology.backlash_index:
         name, radius = topology.mesh_names[i], train.disks.radius[list(topology.mesh_ends[i])].min()
         if _far(meshes.backlash[i], BACKLASH):
             yield "mesh", name, _said("backlash", meshes.backlash[i], *BACKLASH, "m", "is it in m, not in mm?")

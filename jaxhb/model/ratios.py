@@ -162,7 +162,7 @@ def referred(train: DriveTrain) -> Referred:
 
     Examples
     --------
-    >>> from jaxhb.model.drivetrain import build
+    >>> from jaxhb.model.assembly import build
     >>> from jaxhb.model.elements import Disk, Mesh
     >>> gears = [Disk(name="slow", inertia=1.0, radius=0.2), Disk(name="fast", inertia=0.5, radius=0.1)]
     >>> found = referred(build([*gears, Mesh(between=("slow", "fast"), stiffness=1e8)], reference="slow"))

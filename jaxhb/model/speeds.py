@@ -53,7 +53,7 @@ def check_speed(train, rpm, *, many=False):
     """Refuse a speed that is not a positive number, and several speeds where one is wanted."""
     import numpy as np  # the command line reads speeds before it imports anything heavy
 
-    values, name = np.atleast_1d(np.asarray(rpm, dtype=float)), train.topology.name or "scene"
+    values, name = np.atleast_1d(np.asarray(rpm, dtype=float)), train.topology.title
     if np.ndim(rpm) and not many:
         raise SceneError(f"{name}: {values.size} speeds were given where one is solved: use jaxhb.solve_speeds.")
     if not values.size:

@@ -15,7 +15,10 @@ from jaxhb.model.gas import GAS_SAMPLES, Combustions, Traces, gas_cycle, table a
 Array = Any
 
 DEFAULT_EPSILON, DEFAULT_TRANSITION = 1e-3, 0.04
+"""Stiffness in the gap over that in contact, width of the smooth zone over the backlash, where a scene gives none."""
+
 FRIDMAN_EPSILON, FRIDMAN_TRANSITION = 0.03, 0.2
+"""The same of the law (18) of Fridman 2009."""
 
 
 @_table

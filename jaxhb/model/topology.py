@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from jaxhb.model.elements import SceneError
 
 
@@ -145,6 +147,16 @@ class Topology:
             cylinder_turn=tuple(cycles * turn for turn in self.cylinder_turn),
             **numbers,
         )
+
+    @property
+    def title(self) -> str:
+        """Name of the scene as sentences have it."""
+        return self.name or "scene"
+
+    @property
+    def backlash_index(self) -> np.ndarray:
+        """Meshes with backlash ``(G,)``, in the order of the scene."""
+        return np.flatnonzero(self.mesh_backlash)
 
     @property
     def n_disks(self) -> int:

@@ -16,8 +16,13 @@ from jaxhb.model.graph import pieces
 from jaxhb.model.hold import names_of
 
 WHOLE = 1e-6
+"""Distance from a whole number, in harmonics of the cycle, up to which an order fits."""
+
 TEETH_TOLERANCE = 1e-3
+"""Share by which the ratio of radii may miss that of the teeth, which then counts."""
+
 BALANCE_TOLERANCE = 1e-9
+"""Mean torque left over the largest up to which a train without ground balances: rounding of the sums."""
 
 
 def elastic_pairs(parts) -> list[tuple[int, int]]:

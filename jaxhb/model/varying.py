@@ -46,7 +46,7 @@ def refuse_varying(topology) -> None:
 def _sentences(topology, fields, why) -> list[str]:
     """A sentence for each link that varies by one of ``fields``."""
     return [
-        f"{topology.name or 'scene'}: {topology.link_names[i]!r} has {NEEDS[field][0]}, {why}:"
+        f"{topology.title}: {topology.link_names[i]!r} has {NEEDS[field][0]}, {why}:"
         f" train.with_constant_links({NEEDS[field][1]}=...), on the command line --links-at {NEEDS[field][1]}=VALUE."
         for field in fields
         for i in getattr(topology, field)

@@ -21,7 +21,7 @@ from . import continuation, planning
 from .branch_points import Point, response_at, special_points, train_at
 from .harmonic_curve import HarmonicCurve, linearized, null_direction, simplified
 from .plan import Plan
-from .planned import of_unknown_meshes
+from .planned import active_deflections
 from .request import Request, excited_harmonic
 from .solve import solve
 from .stability import stability
@@ -36,10 +36,11 @@ class BranchOptions:
     longest: float = 0.05  # length of a step at most
     jacobians: int = 4000  # of a branch at most
     fold: float = 1e-9  # error of the parameter at a fold, as a share of its range
-    stability: float = 1e-5  # the same where the stability changes, which multipliers tell at some cost
+    stability: float = 1e-5  # the same where the stability changes, for which multipliers cost some
+    closed: float = 1e-11  # error of a point, relative to the first motion: well below that of a solve
 
 
-DEFAULT = BranchOptions()
+BRANCH = BranchOptions()
 
 
 @brief
@@ -93,7 +94,7 @@ class Branch:
         return response_at(self._curve, self._plan, self._path[number][0])
 
     def resume(
-        self, number: int = -1, *, to: float | None = None, backwards: bool = False, options: BranchOptions = DEFAULT
+        self, number: int = -1, *, to: float | None = None, backwards: bool = False, options: BranchOptions = BRANCH
     ) -> Branch:
         """Follow on from a point of this branch, or back from it.
 
@@ -122,7 +123,7 @@ class Branch:
         y, tangent = self._path[number]
         return _followed(curve, self._plan, y, -tangent if backwards else tangent, (min(shares), max(shares)), options)
 
-    def doubled(self, number: int = 0, *, options: BranchOptions = DEFAULT) -> Branch:
+    def doubled(self, number: int = 0, *, options: BranchOptions = BRANCH) -> Branch:
         """The branch of motions of twice the period that leaves this one at a period doubling.
 
         Begins in the direction in which the harmonic equations over two periods are singular there; a motion and the
@@ -175,7 +176,7 @@ def follow(
     harmonics: int | None = None,
     tolerance: float = 0.01,
     begin: Response | None = None,
-    options: BranchOptions = DEFAULT,
+    options: BranchOptions = BRANCH,
 ) -> Branch:
     """Follow a branch of periodic motions over the speed or a number of the train, through its folds.
 
@@ -231,18 +232,18 @@ def follow(
         check(begin)
     stability(replace(begin, train=first))  # its sentences come before the work
     plan = _plan(first, sum(speed for _, speed in ends) / 2, harmonics, tolerance, begin.harmonics)
-    deflection = fourier.resize(of_unknown_meshes(plan, begin), plan.harmonics)
+    deflection = fourier.resize(active_deflections(plan, begin.deflections), plan.harmonics)
     sizes = np.asarray(first.meshes.backlash)[list(plan.active)]
     scale = np.min(sizes + np.linalg.norm(fourier.pack(deflection), axis=-1)[: len(sizes)])
     speed, begins, length, size = map(np.asarray, (float(speed), float(start), float(to) - float(start), float(scale)))
-    curve = HarmonicCurve(train, speed, begins, length, size, plan.choice, parameter, plan.sizes)
+    curve = HarmonicCurve(train, speed, begins, length, size, plan.active_meshes, parameter, plan.sizes)
     y = np.append(fourier.pack(deflection).ravel() / scale, 0.0)
     return _followed(curve, plan, y, None, (0.0, 1.0), options)
 
 
 def _check(train, parameter, start, to, rpm):
     """Refuse what cannot be followed, with a sentence."""
-    name = train.topology.name or "scene"
+    name = train.topology.title
     if parameter == "rpm" and rpm is not None:
         raise ValueError(f"{name}: rpm is the parameter: give start and to, and no rpm={rpm:g}.")
     if parameter != "rpm" and rpm is None:
@@ -261,7 +262,7 @@ def _plan(train, rpm, harmonics, tolerance, found):
     level = planning.first_level(excited_harmonic(train, request.method), modes)
     steps = time_steps_for(max(modes, 2 * excited))
     plan = replace(planning.contact_plan(train, request), time_steps=steps)
-    return replace(planning.all_unknown(train, plan, request), harmonics=harmonics or max(level, found))
+    return replace(planning.all_active(train, plan, request), harmonics=harmonics or max(level, found))
 
 
 def _doubled(curve, plan, y):
@@ -269,9 +270,14 @@ def _doubled(curve, plan, y):
     train = curve.train.repeated(2)
     _, rpm = train_at(train, float(curve.rpm), curve.parameter, float(curve.begin + y[-1] * curve.span))
     plan = _plan(train, rpm, 2 * plan.harmonics, plan.tolerance, 0)
-    curve, once = replace(curve, train=train, choice=plan.choice, sizes=plan.sizes), np.asarray(curve.deflection(y))
+    curve, once = (
+        replace(curve, train=train, active_meshes=plan.active_meshes, sizes=plan.sizes),
+        np.asarray(curve.deflection(y)),
+    )
     twice = np.zeros((len(once), plan.harmonics + 1), dtype=complex)
     odd = np.zeros_like(twice)
+    # Over two periods harmonic n of the motion is harmonic 2 n. What leaves it at a period doubling has odd harmonics
+    # alone: random ones, falling as smooth motions do, are turned into the null direction.
     twice[:, ::2] = once
     draw = np.random.default_rng(0).normal(size=(2, *odd[:, 1::2].shape))
     odd[:, 1::2] = (draw[0] + 1j * draw[1]) / np.arange(1, plan.harmonics + 1, 2) ** 2
@@ -281,12 +287,19 @@ def _doubled(curve, plan, y):
 
 def _followed(curve, plan, y, onward, within, options):
     """The :class:`Branch` from a point on."""
+    # Every point is a solution that is read, not a way to the end: exact, and on a smooth curve steps that turn little.
     control = continuation.StepControl(
-        first=options.first, longest=options.longest, corner=1e-7, near=CLOSED, closed=CLOSED, bent=0.8, straight=0.95
+        first=options.first,
+        longest=options.longest,
+        corner=1e-7,
+        near=options.closed,
+        closed=options.closed,
+        bent=0.8,
+        straight=0.95,
     )
-    path, name = [], curve.train.topology.name or "scene"
+    path, name = [], curve.train.topology.title
     equations = partial(linearized, curve), partial(simplified, curve)
-    end = continuation.follow(
+    end = continuation.follow_curve(
         *equations,
         y,
         most=options.jacobians,
@@ -299,7 +312,7 @@ def _followed(curve, plan, y, onward, within, options):
         value = f"{curve.parameter} = {float(curve.begin + y[-1] * curve.span):g}"
         raise NotConverged(f"{name}: Newton's method finds no motion with {plan.harmonics} harmonics at {value}.")
     points = [Point.at(curve, plan, *point) for point in path]
-    locate = partial(continuation.locate, *equations, control=control)
+    locate = partial(continuation.locate_zero, *equations, control=control)
     special = special_points(curve, plan, points, locate, options)
     columns = {name: np.array([getattr(point, name) for point in points]) for name in _COLUMNS}
     ended = _sentence(curve, end, within, options)
@@ -327,8 +340,4 @@ def _sentence(curve, end, within, options):
         return f"It turns back and leaves the range where that begins, {value}."
     if end.jacobians >= options.jacobians:
         return f"Stopped at {value} after {end.jacobians} Jacobians: resume, or allow more."
-    return f"Lost at {value}: no step, however short, leads on."
-
-
-CLOSED = 1e-11
-"""Error of a point, relative to the first motion: well below that at which a solve counts as solved."""
+    return f"Lost at {value}: even the shortest step finds no further point."

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..model.speeds import check_speed
 from .planned import first_start, solve_once
-from .problem import pose
+from .problem import problem_at
 from .stability import stability
 
 
@@ -38,7 +38,7 @@ def response_at(curve, plan, y):
     """The Response at a point of the curve, which solves it already."""
     train, rpm = train_at(curve.train, float(curve.rpm), curve.parameter, float(curve.begin + y[-1] * curve.span))
     given = first_start(plan, given=np.asarray(curve.deflection(y)))
-    return solve_once(train, rpm, pose(train, rpm, curve.sizes.excited), plan, given)[0]
+    return solve_once(train, rpm, problem_at(train, rpm, curve.sizes.excited), plan, given)[0]
 
 
 @dataclass(frozen=True)
@@ -122,6 +122,7 @@ def special_points(curve, plan, points, locate, options):
             ends = [(point.y, point.tangent) for point in points[number : number + 2]]
             test, closed = (_rise, options.fold) if kind == "fold" else (on_point(TESTS[kind]), options.stability)
             at = Point.at(curve, plan, *locate(*ends, test, closed=closed))
+            # The product of two real multipliers passes 1 as well, where nothing happens: a pair must be complex.
             products, turning = at.pairs
             if kind != "Neimark-Sacker" or turning[np.argmin(np.abs(products))]:
                 length = (at.y - ends[0][0]) @ ends[0][1]

@@ -16,35 +16,14 @@ from ..harmonic.backlash import law_of
 from ..harmonic.excitation import listed_harmonic
 from ..response.certificate import LINEAR, Certificate
 from ..response.response import Response
+from .certificate_options import CERTIFICATE
 from .certified_stability import decide
-from .linearisation import PER_HARMONIC, Linearisation, Sizes, highest_frequency
+from .linearization import CertificateSizes, Linearization, highest_frequency
 from .planning import mesh_mode_harmonics
-from .problem import pose
+from .problem import problem_at
 from .proof import harmonic_balance, prove
 from .stability import train_of
 from .time_steps import time_steps_of
-
-LEAST, MOST = 32, 8192
-"""Harmonics in which the linearised equation is solved: at least, and at most."""
-
-BEYOND, OUTER = 3, 8
-"""Times the harmonics of the tooth modes in which the linearised equation is solved, and times those to which it is
-evaluated."""
-
-REFINEMENTS, EXACT = 6, 1e-10
-"""Newton steps on the low harmonics at most, and size of a correction in backlashes that needs no other."""
-
-NEAR = 0.02
-"""Distance from the knee of a mesh, in backlashes, below which its modes have to be resolved."""
-
-SAMPLES = 64
-"""Time samples per low harmonic at which the response is compared with the refined motion."""
-
-SWEEP_STEPS = 4096
-"""Time steps of the preconditioner at most."""
-
-REACH = 2**18
-"""Harmonics up to which receptances are evaluated: beyond twice the highest natural frequency they are bounded."""
 
 
 def certify(response: Response) -> Certificate:
@@ -80,25 +59,26 @@ def certify(response: Response) -> Certificate:
     True
     """
     train = train_of(response)
-    gaps = np.flatnonzero(train.topology.mesh_backlash)
-    problem = pose(train, float(response.rpm), listed_harmonic(train.topology))
+    gaps = train.topology.backlash_index
+    problem = problem_at(train, float(response.rpm), listed_harmonic(train.topology))
     _check_inertia(train, problem.system)
     given = np.asarray(response.deflections)[gaps]
     if not len(gaps):
         return LINEAR
     modes = mesh_mode_harmonics(train, float(problem.frequency))[0] if _leaves_contact(train, given, gaps) else 0.0
     highest = highest_frequency(problem.system) / float(problem.frequency)
-    low, deflection = _level(max(LEAST, 2 * response.harmonics, BEYOND * modes)), given
+    low, deflection = _level(max(CERTIFICATE.fewest, 2 * response.harmonics, CERTIFICATE.beyond_modes * modes)), given
     balance = None
     while True:
         sizes = _sizes(low, highest, problem.load.shape[-1] - 1)
-        lin = Linearisation(problem, train, deflection, sizes, max(1.0, modes / 3))
+        lin = Linearization(problem, train, deflection, sizes, max(1.0, modes / 3))
+        # The theorem on the truncated equation is applied at the response itself, before the motion is refined.
         balance = balance or harmonic_balance(lin, response.harmonics)
         lin = _refine(lin)
         found = prove(lin, train, gaps)
         if found.holds:
             found = replace(found, stable=decide(lin, train, found))
-        if found.holds or 2 * low > MOST or not lin.complete:
+        if found.holds or 2 * low > CERTIFICATE.most or not lin.complete:
             return _of_response(found, lin, given, balance, response.harmonics)
         low, deflection = 2 * low, lin.deflection * lin.law.backlash[:, None]
 
@@ -106,45 +86,45 @@ def certify(response: Response) -> Certificate:
 def _leaves_contact(train, deflection, gaps):
     """Whether any mesh comes near the knee of its law."""
     law = jax.tree.map(lambda a: np.asarray(a)[gaps], law_of(train.meshes))
-    value = np.abs(fourier.synthesize(deflection, PER_HARMONIC * max(deflection.shape[1] - 1, 1)))
-    return bool((value.min(-1) < law.knee + NEAR * law.backlash).any())
+    value = np.abs(fourier.synthesize(deflection, CERTIFICATE.samples * max(deflection.shape[1] - 1, 1)))
+    return bool((value.min(-1) < law.knee + CERTIFICATE.near_knee * law.backlash).any())
 
 
 def _refine(lin):
     """The linearisation at the motion to which Newton's method leads on the low harmonics: the nearer to a true one,
     the less is to be shown."""
     size = np.inf
-    for _ in range(REFINEMENTS):
+    for _ in range(CERTIFICATE.newton_steps):
         corrected = lin.inverse(lin.residual())
         corrected[:, lin.sizes.low + 1 :] = 0
         last, size = size, lin.largest(corrected).max()
-        if not EXACT < size < last:
+        if not CERTIFICATE.corrected < size < last:
             break
         lin = lin.moved(-corrected[:, : lin.sizes.low + 1])
     return lin
 
 
 def _level(harmonics):
-    """The power of two from ``harmonics`` on, up to MOST: few of them, as each has programs of its own."""
-    return min(1 << int(np.ceil(np.log2(harmonics))), MOST)
+    """The power of two from ``harmonics`` on, up to the most: few of them, as each has programs of its own."""
+    return min(1 << int(np.ceil(np.log2(harmonics))), CERTIFICATE.most)
 
 
 def _sizes(low, highest, excited):
-    high = max(OUTER * low, 1 << max(excited - 1, 1).bit_length())
+    high = max(CERTIFICATE.evaluated * low, 1 << max(excited - 1, 1).bit_length())
     reach = 1 << max(high + 1, int(np.ceil(2 * highest))).bit_length()
-    if reach > REACH:
+    if reach > CERTIFICATE.receptances:
         raise ValueError(
             f"the highest natural frequency lies at harmonic {highest:.0f} of the cycle; the certificate serves up to "
-            f"{REACH // 4}: lump disks that are much lighter than the others."
+            f"{CERTIFICATE.receptances // 4}: lump disks that are much lighter than the others."
         )
-    return Sizes(low=low, high=high, reach=reach, time_steps=min(time_steps_of(low), SWEEP_STEPS))
+    return CertificateSizes(low=low, high=high, reach=reach, time_steps=min(time_steps_of(low), CERTIFICATE.time_steps))
 
 
 def _check_inertia(train, system):
     light = [name for name, mass in zip(train.topology.disk_names, system.mass, strict=False) if not mass > 0]
     if light:
         named = ", ".join(map(repr, light))
-        raise ValueError(f"disk {named}: inertia 0; a certificate needs disks with inertia: give it the little it has.")
+        raise ValueError(f"disk {named} has inertia 0, and an error bound needs disks with inertia: give a small one.")
 
 
 def _of_response(found, lin, given, balance, harmonics):
@@ -152,12 +132,12 @@ def _of_response(found, lin, given, balance, harmonics):
     found = replace(found, harmonic_balance=balance, harmonics=harmonics)
     if not found.holds:
         return found
-    count, law, motions = SAMPLES * lin.sizes.low, lin.law.expand(), []
-    gated, viscous = (lin.damping[key][:, None] for key in ("gated", "viscous"))
+    count, law, motions = CERTIFICATE.compared * lin.sizes.low, lin.law.expand(), []
+    in_contact, viscous = (lin.damping[key][:, None] for key in ("in_contact", "viscous"))
     for deflection in (given, lin.deflection * lin.law.backlash[:, None]):
         value = fourier.synthesize(deflection, count)
         rate = fourier.synthesize(fourier.derivative(deflection, lin.frequency), count)
-        force = backlash.mesh_force(law, viscous, gated, value, rate)
+        force = backlash.mesh_force(law, viscous, in_contact, value, rate)
         motions.append((value, backlash.force(law, value), force))
     apart, elastic, total = (_largest(a - b) for a, b in zip(*motions, strict=True))
     return replace(

@@ -2,11 +2,11 @@
 
 The share of contact of the true motion differs from that of the refined motion ybar by ``s(t) Delta(t)``, s = 1,
 ``|Delta| <= r zone / tau``. Let s grow from 0 to 1. A multiplier ``z = exp(2 pi i theta)`` on the unit circle would be
-a motion ``exp(i theta t) x periodic`` with ``y + R_z s Delta y = 0``, R_z the answer of the linearised train to
+a motion ``exp(i theta t) x periodic`` with ``y + R_z s Delta y = 0``, R_z the response of the linearised train to
 impulses, in this class of motions: impossible if ``|R_z Delta| < 1`` in the largest value. With the monodromy matrix
-P, the deflections ``seen(t)`` of unit states and the states ``left(s)`` after impulses
+P, the deflections ``l(t)`` of unit states and the states ``e(s)`` after impulses
 
-    R_z(t, s) = R_1(t, s) + seen(t) ((z - P)^-1 - (1 - P)^-1) left(s),
+    R_z(t, s) = R_1(t, s) + l(t) ((z - P)^-1 - (1 - P)^-1) e(s),
 
 the first of which is part of the certificate, ``|R_1 Delta| <= Z2 r``, and the second is summed over the eigenvectors
 of P with the largest ``|1/(z - lambda) - 1/(1 - lambda)|`` on the unit circle.
@@ -18,17 +18,8 @@ from .._arrays import on_host
 from ..harmonic import chain, exact
 from ..harmonic.residual import backlash_meshes
 from ..transient.statespace import partition, state_space
-from ..transient.variational import passage
-from .linearisation import MARGIN
-
-UNSEEN = 1e-9
-"""Deflections per unit state, over the largest, of a motion that bends no tooth: the rotation of a train."""
-
-GRID, CIRCLE = 2048, 4096
-"""Times of the cycle besides those at which teeth pass knots; points of the unit circle."""
-
-LARGEST = 200
-"""States of a train beyond which stability is not decided."""
+from ..transient.variational import propagation
+from .certificate_options import CERTIFICATE
 
 
 def decide(lin, train, found):
@@ -36,32 +27,37 @@ def decide(lin, train, found):
 
     Parameters
     ----------
-    lin : Linearisation, at the refined motion
+    lin : Linearization, at the refined motion
     train : DriveTrain
     found : Certificate, that holds
     """
     system, meshes = on_host((chain.assemble(train), backlash_meshes(train)))
-    if np.any(system.loss) or 2 * len(system.mass) > LARGEST:
+    if np.any(system.loss) or 2 * len(system.mass) > CERTIFICATE.states:
         return None  # loss factors have no equation in time
     h, law = lin.law.backlash, meshes.law
     parts = partition(system, meshes, train.topology.disk_names, train.topology.link_names)
     space = state_space(system, meshes, lin.frequency, parts)
     deflection = lin.deflection * h[:, None]
-    times = np.concatenate([exact.switching_times(law, deflection), np.arange(1, GRID) / GRID])
-    way = passage(space, meshes, deflection, lin.frequency, np.unique(times))
-    multipliers, shapes = np.linalg.eig(way.matrix)
-    seen = np.abs(way.seen @ shapes).max(0) / h[:, None]  # of each mesh, per unit state
-    duration = np.diff(way.share) * 2 * np.pi / lin.frequency
-    left = np.abs(np.linalg.inv(shapes) @ way.left)
-    zone = lin.near_transition(found.radius, way.share) / law.transition[:, None] * h[:, None]
-    each = (left * zone.T[:, None]).sum(-1)
-    left = ((each[1:] + each[:-1]) / 2 * duration[:, None]).sum(0)
-    observed = seen.max(0) > UNSEEN * seen.max()
+    times = np.concatenate(
+        [exact.switching_times(law, deflection), np.arange(1, CERTIFICATE.times) / CERTIFICATE.times]
+    )
+    onward = propagation(space, meshes, deflection, lin.frequency, np.unique(times))
+    multipliers, shapes = np.linalg.eig(onward.matrix)
+    # Of each eigenvector the largest deflection of each mesh, and how much of it impulses of the share of contact leave
+    # at the end of the cycle, where that of the true motion may differ: in the zone, by the trapezoidal rule.
+    deflected = np.abs(onward.deflection @ shapes).max(0) / h[:, None]
+    duration = np.diff(onward.share) * 2 * np.pi / lin.frequency
+    zone = lin.near_transition(found.radius, onward.share) / law.transition[:, None] * h[:, None]
+    rate = (np.abs(np.linalg.inv(shapes) @ onward.end_state) * zone.T[:, None]).sum(-1)
+    excited = ((rate[1:] + rate[:-1]) / 2 * duration[:, None]).sum(0)
+    # The rotation of the train has a multiplier of 1, bends no tooth, and says nothing.
+    observed = deflected.max(0) > CERTIFICATE.unseen * deflected.max()
     own = multipliers[observed]
-    z = np.exp(2j * np.pi * (np.arange(CIRCLE) + 0.5) / CIRCLE)[:, None]
+    z = np.exp(2j * np.pi * (np.arange(CERTIFICATE.circle) + 0.5) / CERTIFICATE.circle)[:, None]
     with np.errstate(all="ignore"):
-        change = np.abs((1 - z) / (z - own) / (1 - own)).max(0)
-        closed = (seen[:, observed] * change * left[observed]).sum(-1).max()
-    if not found.radius * (found.Z2 + MARGIN * closed) < 1:
+        change = np.abs((1 - z) / (z - own) / (1 - own)).max(0)  # |1/(z - lambda) - 1/(1 - lambda)|
+        closed = (deflected[:, observed] * change * excited[observed]).sum(-1).max()
+    if not found.radius * (found.Z2 + CERTIFICATE.norm_margin * closed) < 1:
         return None
+    # No multiplier crosses the circle on the way to the true motion: as many lie inside as of the refined one.
     return bool((np.abs(own) < 1).all())

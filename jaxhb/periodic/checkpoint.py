@@ -81,20 +81,20 @@ class Checkpoint:
                     was = f"{name} {kept[kind].get(name)} there, {value} now"
                     raise CheckpointError(f"{place} holds a sweep with other {kind}: {was}. {other}")
 
-    def settle(self, judge, places, motions, progress):
-        """What ``judge.settle`` gives of the speeds of a chunk, from the folder where it is there."""
-        given = [place in motions for place in places]
+    def settle(self, classifier, indices, motions, progress):
+        """What ``classifier.settle`` gives of the speeds of a chunk, from the folder where it is there."""
+        given = [index in motions for index in indices]
 
         def compute():
-            settled = judge.settle(places, motions, progress)
-            return [settled[place] for place in places]
+            settled = classifier.settle(indices, motions, progress)
+            return [settled[index] for index in indices]
 
-        states = self.keep((judge.speeds[places], given, *motions.values()), compute, progress)
-        return dict(zip(places, states, strict=True))
+        states = self.keep((classifier.speeds[indices], given, *motions.values()), compute, progress)
+        return dict(zip(indices, states, strict=True))
 
     def keep(self, question, compute, progress):
         """The list of states that ``compute()`` gives to a question (arrays), from the folder where it is there; then
-        ``progress`` is told how many were read."""
+        ``progress`` is called with the number of those read."""
         name = f"{_hash(*question)}.npz"
         states = self._read(name)
         if states is None:

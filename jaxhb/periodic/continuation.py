@@ -16,7 +16,7 @@ import numpy as np
 
 @dataclass(frozen=True, kw_only=True)
 class StepControl:
-    """Options of :func:`follow`: lengths in the norm of y, errors in the norm of H."""
+    """Options of :func:`follow_curve`: lengths in the norm of y, errors in the norm of H."""
 
     first: float = 0.02  # length of the first step
     longest: float = 0.5  # length of a step at most
@@ -35,7 +35,7 @@ class StepControl:
     turns: int = 12  # tangents tried at a corner
 
 
-DEFAULT = StepControl()
+STEP_CONTROL = StepControl()
 
 
 class CurveEnd(NamedTuple):
@@ -64,7 +64,9 @@ class _Trial(NamedTuple):
 
 
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")  # what is not finite fails the tests of a trial
-def follow(linearize, simplify, start, *, most, within=(-np.inf, 1.0), onward=None, visit=None, control=DEFAULT):
+def follow_curve(
+    linearize, simplify, start, *, most, within=(-np.inf, 1.0), onward=None, visit=None, control=STEP_CONTROL
+):
     """Follow the curve from ``start`` until p leaves its range.
 
     Parameters
@@ -131,7 +133,7 @@ def follow(linearize, simplify, start, *, most, within=(-np.inf, 1.0), onward=No
     return CurveEnd(y, tangent, False, steps, curve.jacobians, folds)
 
 
-def locate(linearize, simplify, before, after, test, *, closed=1e-9, most=30, control=DEFAULT):
+def locate_zero(linearize, simplify, before, after, test, *, closed=1e-9, most=30, control=STEP_CONTROL):
     """The point ``(y, tangent)`` between two others of a curve where ``test(y, tangent)`` changes its sign.
 
     By the method of false position (Illinois) in the distance along the first tangent, until p moves by less than

@@ -4,24 +4,35 @@ Krylov steps on the exact Jacobian, preconditioned by the linearised motion in t
 (:mod:`jaxhb.transient.periodic_operator`), whose cost does not grow with the number of harmonics.
 """
 
+from dataclasses import dataclass
+
 import jax
 import jax.numpy as jnp
 from jax import lax
 
 from ..harmonic import fourier
-from ..harmonic.krylov import minimise_residual
-from ..transient.periodic_operator import linearise
+from ..harmonic.krylov import gcr
+from ..transient.periodic_operator import linearize
 
-EXACT = 1e-12
-"""Share of the residual that a derivative may leave."""
 
-EXACT_STEPS = 60
+@dataclass(frozen=True)
+class LinearSolveOptions:
+    """How exactly linear systems with J are solved: shares of the right side.
 
-BORDERED = 1e-9
-"""Share of the residual that a bordered solve may leave: of tangents, and of Newton's method, which gains digits."""
+    Parameters
+    ----------
+    derivative, derivative_steps : that a derivative may leave, and its Krylov steps at most
+    no_derivative : beyond which it is none, and nan: where the Jacobian is nearly singular, as at a fold
+    bordered : that a bordered solve may leave: of tangents, and of Newton's method, which gains digits
+    """
 
-LOOSEST = 1e-8
-"""Share beyond which a derivative is no derivative, and nan: where the tangent is nearly singular, as at a fold."""
+    derivative: float = 1e-12
+    derivative_steps: int = 60
+    no_derivative: float = 1e-8
+    bordered: float = 1e-9
+
+
+LINEAR_SOLVE = LinearSolveOptions()
 
 
 def cell_averages(values, cells):
@@ -44,7 +55,7 @@ def prepare(reduced, train, deflection, samples, time_steps):
     ``deflection``."""
     _, slope, rate_slope = reduced.nonlinear_force(*reduced.sampled(deflection, samples))
     slope, rate_slope = cell_averages(slope, time_steps), cell_averages(rate_slope, time_steps)
-    return linearise(train, reduced.frequency, slope, rate_slope)
+    return linearize(train, reduced.frequency, slope, rate_slope)
 
 
 def precondition(reduced, operator, b):
@@ -92,23 +103,22 @@ def correct(reduced, operator, deflection, value, samples, forcing, steps):
     steps : int, largest number of Krylov steps (static)
     """
     product, approximate = _packed(reduced, operator, deflection, samples)
-    change, left, used = minimise_residual(
-        product, approximate, fourier.pack(value).reshape(-1), tolerance=forcing, steps=steps
-    )
+    change, left, used = gcr(product, approximate, fourier.pack(value).reshape(-1), tolerance=forcing, steps=steps)
     return _coefficients(change, deflection), left, used
 
 
 def invert(reduced, operator, deflection, value, samples):
-    """``change`` with ``J change = value`` to EXACT; differentiable, its transpose solves with the transpose of J.
+    """``change`` with ``J change = value``; differentiable, its transpose solves with the transpose of J.
 
-    Arguments as in :func:`correct`. nan where EXACT_STEPS leave more than LOOSEST of the residual.
+    Arguments as in :func:`correct`. nan where the Krylov steps leave too much (:class:`LinearSolveOptions`).
     """
     product, approximate = _packed(reduced, operator, deflection, samples)
     value = fourier.pack(value).reshape(-1)
 
     def solve(apply, b, approximate=approximate):
-        change, left, _ = minimise_residual(apply, approximate, b, tolerance=EXACT, steps=EXACT_STEPS)
-        return jnp.where(left <= LOOSEST, change, jnp.nan)
+        options = {"tolerance": LINEAR_SOLVE.derivative, "steps": LINEAR_SOLVE.derivative_steps}
+        change, left, _ = gcr(apply, approximate, b, **options)
+        return jnp.where(left <= LINEAR_SOLVE.no_derivative, change, jnp.nan)
 
     def solve_transposed(apply, b):
         _, transposed = jax.vjp(approximate, b)  # jax.linear_transpose of a loop fails with jax 0.9
@@ -118,7 +128,7 @@ def invert(reduced, operator, deflection, value, samples):
 
 
 def correct_bordered(reduced, operator, deflection, border, right, samples, steps):
-    """Solve ``J x + column p = f,  row . (x, p) = g`` for several right sides, to BORDERED: regular at a fold, too.
+    """Solve ``J x + column p = f,  row . (x, p) = g`` for several right sides: regular at a fold, too.
 
     Parameters
     ----------
@@ -133,8 +143,10 @@ def correct_bordered(reduced, operator, deflection, border, right, samples, step
     """
     product, approximate = _packed(reduced, operator, deflection, samples)
     column, row = border
-    answered = approximate(column)
-    pivot = row[-1] - row[:-1] @ answered
+    # Block elimination with the preconditioner in place of J: J^-1 column once, then p from the last row. Its pivot
+    # does not vanish at a fold, where J alone is singular.
+    column_solved = approximate(column)
+    pivot = row[-1] - row[:-1] @ column_solved
 
     def whole(z):
         return jnp.append(product(z[:-1]) + column * z[-1], row @ z)
@@ -142,9 +154,9 @@ def correct_bordered(reduced, operator, deflection, border, right, samples, step
     def approximately(b):
         alone = approximate(b[:-1])
         p = (b[-1] - row[:-1] @ alone) / jnp.where(pivot == 0, 1.0, pivot)
-        return jnp.append(alone - p * answered, p)
+        return jnp.append(alone - p * column_solved, p)
 
-    return [minimise_residual(whole, approximately, b, tolerance=BORDERED, steps=steps)[0] for b in right]
+    return [gcr(whole, approximately, b, tolerance=LINEAR_SOLVE.bordered, steps=steps)[0] for b in right]
 
 
 def _packed(reduced, operator, deflection, samples):

@@ -24,14 +24,14 @@ from .problem import fields, reduced_equation
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def attach(sizes, problem, choice, at, solved, found, deflection):
+def attach(sizes, problem, active_meshes, at, solved, found, deflection):
     """The solution ``found``, ``deflection`` of ``problem`` with its derivative with respect to ``problem``.
 
     Parameters
     ----------
     sizes : Sizes (static), for the integrals of the law
     problem : Problem
-    choice : Choice
+    active_meshes : ActiveMeshes
     at : PeriodicOperator at the solution or near it, None without active meshes; and None or, of exact integrals, the
         Crossings of the active and of all meshes
     solved : bool, whether this is a solution; if not, its derivative is zero and never nan
@@ -46,14 +46,14 @@ def attach(sizes, problem, choice, at, solved, found, deflection):
 
 @attach.defjvp
 def _attach_jvp(sizes, primals, tangents):
-    problem, choice, (operator, crossings), solved, _, _ = primals
+    problem, active_meshes, (operator, crossings), solved, _, _ = primals
     active, every = lax.stop_gradient(crossings or (None, None))
     found, deflection = attach(sizes, *primals)  # second derivatives need that of the solution
     problem, change = _where(solved, problem, lax.stop_gradient(problem)), _where(solved, tangents[0], None)
     harmonics, samples = deflection.shape[-1] - 1, sizes.samples
 
     def equation(problem):
-        reduced, condensed = reduced_equation(problem, harmonics, choice.active, choice.chosen, choice.flank)
+        reduced, condensed = reduced_equation(problem, harmonics, active_meshes)
         return dataclasses.replace(reduced, integrals=sizes.integrals, crossings=active), condensed
 
     def motion(problem, reduced, condensed, deflection):
@@ -62,9 +62,10 @@ def _attach_jvp(sizes, primals, tangents):
         )
 
     (reduced, condensed), (reduced_dot, condensed_dot) = jax.jvp(equation, (problem,), (change,))
+    # dF/dtheta dtheta at fixed deflections: through l_lin, the receptances and the law.
     _, left = jax.jvp(lambda reduced: reduced.residual(deflection, samples), (reduced,), (reduced_dot,))
     deflection_dot = -left
-    if len(choice.active):
+    if len(active_meshes.mask):
         deflection_dot = correction.invert(reduced, lax.stop_gradient(operator), deflection, -left, samples)
     at, along = (problem, reduced, condensed, deflection), (change, reduced_dot, condensed_dot, deflection_dot)
     _, found_dot = jax.jvp(motion, at, along)

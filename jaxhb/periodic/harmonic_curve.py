@@ -13,24 +13,23 @@ from .._arrays import Array
 from .._program import Program
 from ..harmonic import fourier
 from ..model.drivetrain import DriveTrain
-from ..transient.reduced_model import reduced_model
 from . import correction
 from .newton import NEWTON
-from .problem import pose, reduced_equation
-from .program import Choice, Sizes
+from .problem import ActiveMeshes, model_of, problem_at, reduced_equation
+from .program import Sizes
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class HarmonicCurve:
-    """What does not change along a branch: begin and span of the parameter, scale in m, the meshes (Choice)."""
+    """What does not change along a branch: begin and span of the parameter, scale in m, the meshes (ActiveMeshes)."""
 
     train: DriveTrain
     rpm: Array
     begin: Array
     span: Array
     scale: Array
-    choice: Choice
+    active_meshes: ActiveMeshes
     parameter: str = field(metadata={"static": True})
     sizes: Sizes = field(metadata={"static": True})
 
@@ -43,24 +42,24 @@ class HarmonicCurve:
 
     def deflection(self, y):
         """Coefficients ``(G, N+1)`` m of the unknown meshes at a point."""
-        return fourier.unpack(self.scale * y[:-1].reshape(len(self.choice.active), -1))
+        return fourier.unpack(self.scale * y[:-1].reshape(len(self.active_meshes.mask), -1))
 
     def equation(self, y):
         """F packed ``(n,)``, over the scale; the Problem and the Reduced."""
-        problem = jax.tree.map(jnp.asarray, pose(*self.at(y[-1]), self.sizes.excited))
+        problem = jax.tree.map(jnp.asarray, problem_at(*self.at(y[-1]), self.sizes.excited))
         deflection = self.deflection(y)
-        choice, harmonics = self.choice, deflection.shape[-1] - 1
-        reduced, _ = reduced_equation(problem, harmonics, choice.active, choice.chosen, choice.flank)
+        reduced, _ = reduced_equation(problem, deflection.shape[-1] - 1, self.active_meshes)
         value = fourier.pack(reduced.residual(deflection, self.sizes.samples)).reshape(-1) / self.scale
         return value, (problem, reduced)
 
 
 @Program
 def linearized(curve, y, normal):
-    """What ``linearize`` of :func:`continuation.follow` returns."""
+    """What ``linearize`` of :func:`continuation.follow_curve` returns."""
     rising = jnp.zeros_like(y).at[-1].set(1.0)
-    value, column, posed = jax.jvp(curve.equation, (y,), (rising,), has_aux=True)
-    at, border = _prepared(curve, y, *posed), (column, normal)
+    value, column, equations = jax.jvp(curve.equation, (y,), (rising,), has_aux=True)
+    at, border = _prepared(curve, y, *equations), (column, normal)
+    # Change and tangent are two right sides of one bordered system: across the normal, and one unit along it.
     right = jnp.append(-value, 0.0), rising
     change, tangent = correction.correct_bordered(*at, border, right, curve.sizes.samples, NEWTON.krylov_steps)
     return value, change, tangent, (at[1], border)
@@ -68,10 +67,9 @@ def linearized(curve, y, normal):
 
 def _prepared(curve, y, problem, reduced):
     """The equations, their preconditioner and the deflections at a point."""
-    choice, sizes, deflection = curve.choice, curve.sizes, curve.deflection(y)
-    links = jnp.asarray(problem.meshes.link)[choice.chosen]
-    train = reduced_model(problem.system, links, choice.active, problem.frequency, sizes.time_steps)
-    return reduced, correction.prepare(reduced, train, deflection, sizes.samples, sizes.time_steps), deflection
+    sizes, deflection = curve.sizes, curve.deflection(y)
+    model = model_of(problem, curve.active_meshes, sizes.time_steps)
+    return reduced, correction.prepare(reduced, model, deflection, sizes.samples, sizes.time_steps), deflection
 
 
 INVERSIONS = 3
@@ -85,8 +83,8 @@ def null_direction(curve, y, direction):
     By inverse iteration on the Jacobian bordered with the last direction, the first one given: it keeps what symmetry
     the first one has.
     """
-    value, posed = curve.equation(y)
-    at, one = _prepared(curve, y, *posed), jnp.append(jnp.zeros_like(value), 1.0)
+    value, equations = curve.equation(y)
+    at, one = _prepared(curve, y, *equations), jnp.append(jnp.zeros_like(value), 1.0)
     for _ in range(INVERSIONS):
         direction = direction / jnp.linalg.norm(direction)
         border = direction, jnp.append(direction, 0.0)
@@ -97,8 +95,8 @@ def null_direction(curve, y, direction):
 
 @Program
 def simplified(curve, y, slopes):
-    """What ``simplify`` of :func:`continuation.follow` returns: with the Jacobian of this point, but the preconditioner
-    and the derivative in the parameter of another."""
+    """What ``simplify`` of :func:`continuation.follow_curve` returns: with the Jacobian of this point, but the
+    preconditioner and the derivative in the parameter of another."""
     value, (_, reduced) = curve.equation(y)
     right = (jnp.append(-value, 0.0),)
     deflection, samples = curve.deflection(y), curve.sizes.samples

@@ -27,9 +27,6 @@ from ..transient.stepper import Stepper
 from . import continuation
 from .orbits import coefficients, stepper_of, work_of_cycle
 
-LEAST_EPSILON = 1e-4
-"""Stiffness in the gap below which it changes linearly in p: of no consequence, and zero has no logarithm."""
-
 
 class Beginning(NamedTuple):
     """The law at p = 0: tooth damping and transition over the wanted ones, at most, as far as the steps carry the
@@ -52,9 +49,10 @@ class HomotopyOptions:
     work: float = 2e9  # of all curves, Jacobians times :func:`work_of_cycle`: twenty seconds
     fewest_jacobians: int = 50  # below which no curve arrives
     most_jacobians: int = 700  # of one curve
+    least_epsilon: float = 1e-4  # below which it changes linearly in p: too soft to matter, and zero has no logarithm
 
 
-DEFAULT = HomotopyOptions()
+HOMOTOPY = HomotopyOptions()
 
 
 @jax.tree_util.register_dataclass
@@ -63,24 +61,27 @@ class HomotopyStepper(Stepper):
     """A Stepper whose meshes are a share p on the way from the linear law."""
 
     share: Array | float = 1.0
-    beginning: Beginning = DEFAULT.beginnings[0]
+    beginning: Beginning = HOMOTOPY.beginnings[0]
 
     def nonlinear_force(self, deflection, rate):
         """Force ``(G,)`` N of the meshes less its linear part; that of the train itself for a share of 1."""
         law, left = self.law, 1 - self.share
-        kept = jnp.maximum(law.epsilon, LEAST_EPSILON)
+        kept = jnp.maximum(law.epsilon, HOMOTOPY.least_epsilon)
+        # epsilon^p for what is not too small, and the little below it linear in p: 1 at p = 0, epsilon at p = 1.
         geometric = kept**self.share - self.share * (kept - law.epsilon)
         epsilon = jnp.where(self.beginning.linear, 1 - self.share * (1 - law.epsilon), geometric)
         widest = jnp.minimum(law.transition * self.beginning.transition, jnp.maximum(law.transition, 1.0))
         law = backlash.Law(law.stiffness, epsilon, law.transition * (widest / law.transition) ** left, law.backlash)
-        gated = jnp.where(self.contact_damping, (1 - epsilon) / jnp.maximum(1 - self.law.epsilon, 1e-300), 0.0)
-        damping = self.viscous * self._damping() ** left * (1 - gated * (1 - backlash.engagement(law, deflection)))
+        in_contact = jnp.where(self.contact_damping, (1 - epsilon) / jnp.maximum(1 - self.law.epsilon, 1e-300), 0.0)
+        damping = self.viscous * self._damping() ** left * (1 - in_contact * (1 - backlash.engagement(law, deflection)))
         return backlash.force(law, deflection) - law.stiffness * deflection + (damping - self.viscous) * rate
 
     def _damping(self):
         """Tooth damping at p = 0 over the wanted one: at most what the steps carry."""
         rows, columns = self.space.observation[len(self.viscous) :], self.space.forcing
         step = 2 * jnp.pi / self.frequency / self.steps
+        # The damping force is taken explicitly in a step: with r times the rate of one unit of force times the step
+        # above about a half, the stages of the step would overshoot.
         decay = step * self.viscous * -jnp.einsum("gn,ng->g", rows, columns)
         return jnp.clip(0.5 / jnp.where(decay > 0, decay, 1.0), 1.0, self.beginning.damping)
 
@@ -93,18 +94,18 @@ def _on_the_way(stepper, beginning, share):
 
 def _scale(stepper):
     """Unit of the states in y, the norm of all nodes on the flanks: what makes their changes comparable with p's."""
-    return (jnp.linalg.norm(stepper.flank_state) + 1e-300) * np.sqrt(segments.SEGMENTS)
+    return (jnp.linalg.norm(stepper.flank_state) + 1e-300) * np.sqrt(segments.SHOOTING.segments)
 
 
 def _nodes(stepper, y):
     """States ``(K, n)`` at the beginnings of the segments, of y = (states, share)."""
-    return _scale(stepper) * y[:-1].reshape(segments.SEGMENTS, len(stepper.flank_state))
+    return _scale(stepper) * y[:-1].reshape(segments.SHOOTING.segments, len(stepper.flank_state))
 
 
 @Program
 def _linearized(stepper, beginning, y, normal):
-    """What ``linearize`` of :func:`continuation.follow` returns: H are the gaps of the segments, and the determinant
-    orients the tangent, not ``normal``."""
+    """What ``linearize`` of :func:`continuation.follow_curve` returns: H are the gaps of the segments, and the
+    determinant orients the tangent, not ``normal``."""
     scale, at = _scale(stepper), partial(_on_the_way, stepper, beginning)
     gap, slope, share_slope = segments.linearize(at, _nodes(stepper, y), y[-1])
     condensed = segments.condense(slope, share_slope / scale)
@@ -113,7 +114,7 @@ def _linearized(stepper, beginning, y, normal):
 
 @Program
 def _simplified(stepper, beginning, y, condensed):
-    """What ``simplify`` of :func:`continuation.follow` returns."""
+    """What ``simplify`` of :func:`continuation.follow_curve` returns."""
     gap = segments.gaps(_on_the_way(stepper, beginning, y[-1]), _nodes(stepper, y)) / _scale(stepper)
     return gap, segments.closing(condensed, gap)
 
@@ -140,17 +141,17 @@ class HomotopyResult:
     folds: int
 
 
-def find(train, rpm, plan, *, options=DEFAULT):
+def find(train, rpm, plan, *, options=HOMOTOPY):
     """The :class:`HomotopyResult` at a train, with the meshes and time steps of a Plan; of no curve where the work that
     the options allow is too little."""
     left = int(options.work / work_of_cycle(train, plan.time_steps))
     if left < options.fewest_jacobians:
         return HomotopyResult(None, None, 0, 0, 0)
     stepper = jax.device_put(stepper_of(train, rpm, plan))  # once, not for every Jacobian
-    start = np.zeros(segments.SEGMENTS * len(stepper.flank_state) + 1)
+    start = np.zeros(segments.SHOOTING.segments * len(stepper.flank_state) + 1)
     for curves, beginning in enumerate(options.beginnings, 1):
         linearize, simplify = (partial(part, stepper, beginning) for part in (_linearized, _simplified))
-        end = continuation.follow(linearize, simplify, start, most=min(left, options.most_jacobians))
+        end = continuation.follow_curve(linearize, simplify, start, most=min(left, options.most_jacobians))
         if end.arrived:
             nodes, deflection = _motion(stepper, end.y)
             found = coefficients(deflection, plan.time_steps)

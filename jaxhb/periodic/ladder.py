@@ -22,11 +22,11 @@ from ..response.status import Status
 from . import homotopy, orbits, planning
 from .homotopy import HomotopyOptions
 from .plan import Plan
-from .planned import first_start, of_unknown_meshes, solve_once
-from .problem import pose
+from .planned import active_deflections, first_start, solve_once
+from .problem import problem_at
 from .program import solve_problem
-from .request import MOST, Request
-from .time_steps import COUNTS, time_steps_for, time_steps_of
+from .request import MOST_HARMONICS, Request
+from .time_steps import TIME_STEPS, time_steps_for, time_steps_of
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Effort:
     finest_shots: int = 4
     work: float = 5e6
     orbits: int = 2
-    homotopy: HomotopyOptions = homotopy.DEFAULT
+    homotopy: HomotopyOptions = homotopy.HOMOTOPY
 
 
 LONG = Effort(finer=4, work=orbits.ORBIT.work, orbits=16)
@@ -88,7 +88,7 @@ class Result:
 class Case:
     """One train at one speed, asked for once: its numbers, and what several rungs share.
 
-    ``until``, on the monotonic clock, is when no further attempt begins.
+    ``deadline``, on the monotonic clock, is when no further attempt begins.
     """
 
     train: object
@@ -96,26 +96,26 @@ class Case:
     request: Request
     plan: Plan
     effort: Effort = field(default_factory=Effort)
-    search_with: type = orbits.Search
+    search_with: type = orbits.OrbitSearch
     path: list = field(default_factory=list)
     solved: bool = False
     searches: dict = field(default_factory=dict)
-    until: float = math.inf
+    deadline: float = math.inf
 
     @property
-    def late(self):
+    def overdue(self):
         """Whether no further attempt begins."""
-        return time.monotonic() > self.until
+        return time.monotonic() > self.deadline
 
     @cached_property
     def modes(self):
-        """Harmonics of the cycle at the highest mesh modes, noticeable and faint."""
+        """Harmonics of the cycle at the highest mesh modes, and at those that strain meshes weakly."""
         return planning.mesh_mode_harmonics(self.train, self.train.topology.cycle_frequency(float(self.rpm)))
 
     @cached_property
     def problem(self):
         """The equations at this speed."""
-        return pose(self.train, self.rpm, self.plan.sizes.excited)
+        return problem_at(self.train, self.rpm, self.plan.sizes.excited)
 
     @property
     def adaptive(self):
@@ -124,8 +124,8 @@ class Case:
 
     def next_level(self, harmonics):
         """The number of harmonics to try after ``harmonics``; None at the limit."""
-        ratio = planning.SPARSE if self.request.many else planning.DENSE
-        return planning.next_level(harmonics, self.plan.method, ratio)
+        one, sweep = planning.PLANNING.level_ratio, planning.PLANNING.sweep_level_ratio
+        return planning.next_level(harmonics, self.plan.method, sweep if self.request.in_sweep else one)
 
     @property
     def resolving(self):
@@ -138,7 +138,7 @@ class Case:
         plan = dataclasses.replace(self.plan, active=known.active, flank=known.flank)
         harmonics = plan.harmonics
         if self.adaptive:
-            harmonics = max(harmonics, min(planning.first_level(0, self.modes[0]), MOST[plan.method]))
+            harmonics = max(harmonics, min(planning.first_level(0, self.modes[0]), MOST_HARMONICS[plan.method]))
         steps = max(plan.time_steps, self.resolving)
         return dataclasses.replace(plan, harmonics=harmonics, start="march", time_steps=steps)
 
@@ -165,11 +165,11 @@ def from_response(response):
     """The rung that starts from a motion at hand."""
 
     def rung(case, last):
-        plan = planning.all_unknown(case.train, case.plan, case.request)
+        plan = planning.all_active(case.train, case.plan, case.request)
         if case.adaptive and int(response.status) == Status.TOLERANCE_NOT_MET:
-            above = case.next_level(response.harmonics) or MOST[plan.method]
+            above = case.next_level(response.harmonics) or MOST_HARMONICS[plan.method]
             plan = dataclasses.replace(plan, harmonics=max(plan.harmonics, above))
-        yield Attempt(plan, np.asarray(of_unknown_meshes(plan, response)))
+        yield Attempt(plan, np.asarray(active_deflections(plan, response.deflections)))
 
     return rung
 
@@ -253,9 +253,9 @@ def _from_orbit(case, last, plan, orbit, steps, event):
 
     Below the reach of the steps there may be no solution near the orbit.
     """
-    wanted = min(plan.harmonics * steps // plan.time_steps, MOST[plan.method])
+    wanted = min(plan.harmonics * steps // plan.time_steps, MOST_HARMONICS[plan.method])
     harmonics = planning.level_at_least(wanted) if case.adaptive else plan.harmonics
-    plan = dataclasses.replace(plan, harmonics=harmonics, time_steps=min(steps, COUNTS[-1]))
+    plan = dataclasses.replace(plan, harmonics=harmonics, time_steps=min(steps, TIME_STEPS.counts[-1]))
     return Attempt(_at_least(plan, last), orbit.coefficients, event)
 
 
@@ -288,15 +288,16 @@ def _in_turn(iterators):
 def climb(case, rungs):
     """The Result of the first attempt that is solved, else of the last one, whose path has them all; None of none.
 
-    However late it is, one attempt is made.
+    However overdue, one attempt is made.
     """
     last = None
     for rung in rungs:
-        for attempt in rung(case, last) if last is None or not case.late else ():
+        for attempt in rung(case, last) if last is None or not case.overdue else ():
             last = refine(case, attempt, last)
+            # Solved, or not to be solved from anywhere: a resonance without damping, torques that do not balance.
             if not last.status.another_start_may_help:
                 return last
-            if case.late:
+            if case.overdue:
                 break
     if last is None:
         return None
@@ -322,8 +323,9 @@ def refine(case, attempt, last=None):
         status = Status(int(response.status))
         higher = case.next_level(plan.harmonics) if case.adaptive else None
         if status == Status.PLAN_VIOLATED and any(plan.flank):
-            given, plan = None, planning.all_unknown(case.train, plan, case.request)
+            given, plan = None, planning.all_active(case.train, plan, case.request)
         elif status == Status.TOLERANCE_NOT_MET and higher:
+            # The motion with too few harmonics is the start with more: the low ones change little.
             given, harmonics, plan = outcome.deflection, higher, dataclasses.replace(plan, harmonics=higher)
         else:
             response = dataclasses.replace(response, path=tuple(case.path))
@@ -331,11 +333,11 @@ def refine(case, attempt, last=None):
             return Result(response, plan, error, harmonics)
 
 
-def prepare(case):
+def compile_ahead(case):
     """Begin to make the program that :func:`refine` runs first from deflections: the Future, None where it is there."""
     plan = _resolved(case, case.plan)
-    begin = first_start(plan, given=np.zeros((len(plan.choice.active), 1), dtype=complex))
-    return solve_problem.prepare(case.problem, plan.choice, begin, plan.limit, plan.sizes)
+    begin = first_start(plan, given=np.zeros((len(plan.active_meshes.mask), 1), dtype=complex))
+    return solve_problem.compile_ahead(case.problem, plan.active_meshes, begin, plan.limit, plan.sizes)
 
 
 def _resolved(case, plan):

@@ -19,29 +19,38 @@ from ..transient.reduced_model import reduced_model
 from ..transient.statespace import partition
 from .planning import mesh_mode_harmonics
 from .returns import Returns
-from .time_steps import COUNTS
+from .time_steps import TIME_STEPS
 
-PER_MODE_PERIOD = 5
-"""Steps per period of the highest mesh mode, at least. On ``gear_train_30``, five speeds from 1422 to 2039 rpm,
-extremes of the elastic tooth forces are then good to 0.7 % (5.3 steps), with 4 to 1.2 %, with 3.5 to 1.8 %, with 8 to
-0.2 %."""
 
-LEAST = 256
-"""Steps of a cycle, at least."""
+@dataclass(frozen=True)
+class MarchOptions:
+    """How speeds are marched.
 
-BATCHES = (64, 41), (16, 8), (1, 1)
-"""Lanes of a batch, each a program, and how many speeds at least it is faster for than smaller batches; on each
-device."""
+    Parameters
+    ----------
+    steps_per_mode_period : steps per period of the highest mesh mode, at least. On ``gear_train_30``, five speeds from
+        1422 to 2039 rpm, extremes of the elastic tooth forces are then good to 0.7 % (5.3 steps), with 4 to 1.2 %, with
+        3.5 to 1.8 %, with 8 to 0.2 %
+    steps : of a cycle, at least
+    batches : lanes of a batch, each a program, and how many speeds at least it is faster for than smaller batches; on
+        each device
+    recorded_lanes : of a recorded batch at most, for the sake of memory
+    modal_disks : disks up to which all modes are marched
+    kept_modes : of larger trains, steps per period of the highest mesh mode of which four resolve the highest frequency
+        that is kept, as far as meshes see its mode: 1.5 times that of the mesh mode
+    cycles : that are marched at a time
+    """
 
-RECORDED = 16
-"""Lanes of a recorded batch at most, for the sake of memory."""
+    steps_per_mode_period: float = 5
+    steps: int = 256
+    batches: tuple[tuple[int, int], ...] = ((64, 41), (16, 8), (1, 1))
+    recorded_lanes: int = 16
+    modal_disks: int = 300
+    kept_modes: float = 6
+    cycles: int = 8
 
-DENSE_MODES, REACH = 300, 6
-"""Disks up to which a march takes all modes; beyond, frequencies up to 1.5 times the highest mesh mode (a quarter of so
-many steps per period of it) are kept as far as meshes see them."""
 
-CHUNK = 8
-"""Cycles that are marched at a time."""
+MARCH = MarchOptions()
 
 
 class Equations:
@@ -57,11 +66,11 @@ class Equations:
         self.train, topology = train, train.topology
         self.system, self.meshes = chain.assemble(train), backlash_meshes(train)
         self.parts = partition(self.system, self.meshes, topology.disk_names, topology.link_names, lossy=True)
-        self.own = np.flatnonzero(np.array(topology.mesh_backlash, dtype=bool))
+        self.own = topology.backlash_index
         self.linear = np.flatnonzero(~np.array(topology.mesh_backlash, dtype=bool))
         self.shafts = len(topology.link_names) - len(topology.mesh_names)
         self.gears = sorted({disk for ends in topology.mesh_ends for disk in ends})
-        self.small = topology.n_disks <= DENSE_MODES
+        self.small = topology.n_disks <= MARCH.modal_disks
 
     @cached_property
     def modes(self):
@@ -80,11 +89,13 @@ class Equations:
     @cached_property
     def _reduced(self):
         frequency = self.train.topology.cycle_frequency(1000.0)
-        steps = next(n for n in COUNTS if n >= min(REACH * self.highest_hz * 2 * np.pi / frequency, COUNTS[-1]))
+        wanted = MARCH.kept_modes * self.highest_hz * 2 * np.pi / frequency
+        steps = next(n for n in TIME_STEPS.counts if n >= min(wanted, TIME_STEPS.counts[-1]))
         active = np.ones(len(self.own))
         links = np.asarray(self.meshes.link)
         model = reduced_model(self.system, links, active, frequency, steps)
-        stiff = np.abs(np.diag(np.asarray(model.static))) * np.asarray(self.meshes.law.stiffness)
+        # What is left out is the residual flexibility of a mesh times its stiffness: a share of its own compliance.
+        stiff = np.abs(np.diag(np.asarray(model.residual_flexibility))) * np.asarray(self.meshes.law.stiffness)
         return modes_of(model.space, np.asarray(model.motion)), float(stiff.max(initial=0.0))
 
     @cached_property
@@ -96,12 +107,13 @@ class Equations:
         """Steps of a cycle at a speed."""
         topology = self.train.topology
         highest = 2 * np.pi * self.highest_hz / topology.cycle_frequency(rpm)
-        least = max(PER_MODE_PERIOD * highest, 4 * listed_harmonic(topology), LEAST)
-        return next(n for n in (*COUNTS, *(COUNTS[-1] * 2**k for k in range(1, 20))) if n >= least)
+        least = max(MARCH.steps_per_mode_period * highest, 4 * listed_harmonic(topology), MARCH.steps)
+        more = (TIME_STEPS.counts[-1] * 2**k for k in range(1, 20))
+        return next(n for n in (*TIME_STEPS.counts, *more) if n >= least)
 
-    def pose(self, rpm):
-        """The :class:`~jaxhb.transient.lanes.Posed` of speeds."""
-        return marching.pose(self.train, rpm, self.system, self.meshes, listed_harmonic(self.train.topology))
+    def linear_motion(self, rpm):
+        """The :class:`~jaxhb.transient.lanes.LinearMotion` of speeds."""
+        return marching.linear_motions(self.train, rpm, self.system, self.meshes, listed_harmonic(self.train.topology))
 
     @cached_property
     def gear_sums(self):
@@ -110,20 +122,20 @@ class Equations:
         sense = np.array([[float(a == gear) - float(b == gear) for a, b in ends] for gear in self.gears])
         return sense * np.asarray(self.train.disks.radius)[self.gears][:, None]
 
-    def outputs(self, posed, steps):
-        """The :class:`~jaxhb.transient.record.Outputs` of posed speeds."""
+    def outputs(self, linear_motion, steps):
+        """The :class:`~jaxhb.transient.record.Outputs` of speeds."""
         linear = self.shafts + self.linear
-        return recording.outputs_of(self.modes, self.system, self.shafts, linear, self.gear_sums, posed, steps)
+        return recording.outputs_of(self.modes, self.system, self.shafts, linear, self.gear_sums, linear_motion, steps)
 
 
 @dataclass
-class March:
+class SpeedMarch:
     """One speed on its way: state ``(2m,)``, cycles done, what was seen of them, the trace of the last, its record.
 
     again : cycles from which a period counts again, after one that harmonic balance did not find, or that repels.
     """
 
-    place: int
+    lane: int
     rpm: float
     state: np.ndarray
     returns: Returns
@@ -131,13 +143,13 @@ class March:
     again: int = 0
     done: bool = False
     trace: np.ndarray | None = None
-    reduced: list = dataclasses.field(default_factory=list)
-    teeth: list = dataclasses.field(default_factory=list)
+    statistics: list = dataclasses.field(default_factory=list)
+    contacts: list = dataclasses.field(default_factory=list)
 
     @property
     def recorded(self):
         """Cycles of the record."""
-        return sum(len(part.max) for part in self.reduced)
+        return sum(len(part.max) for part in self.statistics)
 
 
 class Batch:
@@ -145,13 +157,13 @@ class Batch:
 
     def __init__(self, equations, rpm, steps, devices=()):
         self.equations, self.steps, self.devices = equations, steps, devices
-        self.posed = equations.pose(rpm)
-        self.lanes = marching.lanes_of(equations.modes, equations.system, equations.meshes, self.posed, steps)
+        self.linear_motion = equations.linear_motion(rpm)
+        self.lanes = marching.lanes_of(equations.modes, equations.system, equations.meshes, self.linear_motion, steps)
         gap = (1 - equations.meshes.law.epsilon) * equations.meshes.law.backlash
-        begun = marching.state_of(equations.modes, marching.on_flank(self.posed), self.posed)
+        begun = marching.state_of(equations.modes, marching.on_flank(self.linear_motion), self.linear_motion)
         self.marches = [
-            March(i, float(speed), begun[:, i], Returns(np.concatenate([gap, omega * gap])))
-            for i, (speed, omega) in enumerate(zip(rpm, self.posed.frequency, strict=True))
+            SpeedMarch(i, float(speed), begun[:, i], Returns(np.concatenate([gap, omega * gap])))
+            for i, (speed, omega) in enumerate(zip(rpm, self.linear_motion.frequency, strict=True))
         ]
 
     @property
@@ -159,42 +171,43 @@ class Batch:
         """Steps times modes of a cycle."""
         return self.steps * len(self.equations.modes.rates)
 
-    def begin(self, place, motion):
+    def begin(self, index, motion):
         """Let a march begin at a motion (x, x') ``(2S,)``."""
-        one = _of(self.posed, [place])
-        self.marches[place].state = marching.state_of(self.equations.modes, motion[None], one)[:, 0]
+        one = _of(self.linear_motion, [index])
+        self.marches[index].state = marching.state_of(self.equations.modes, motion[None], one)[:, 0]
 
     def motion(self, march):
         """(x, x') ``(2S,)`` where a march stands, at the beginning of a cycle."""
-        return marching.motion_of(self.equations.modes, march.state[:, None], _of(self.posed, [march.place]))[0]
+        return marching.motion_of(self.equations.modes, march.state[:, None], _of(self.linear_motion, [march.lane]))[0]
 
-    def run(self, marches, record=False, cycles=CHUNK):
+    def run(self, marches, record=False, cycles=MARCH.cycles):
         """Some more cycles of some marches, recorded or not."""
-        left, most, count = list(marches), RECORDED if record else BATCHES[0][0], max(len(self.devices), 1)
+        batches, count = MARCH.batches, max(len(self.devices), 1)
+        left, most = list(marches), MARCH.recorded_lanes if record else batches[0][0]
         while left:
-            fits = (size for size, least in BATCHES if size <= most and len(left) >= least * count)
-            size = next(fits, BATCHES[-1][0]) * count
+            fits = (size for size, least in batches if size <= most and len(left) >= least * count)
+            size = next(fits, batches[-1][0]) * count
             self._run(left[:size], size, record, cycles)
             left = left[size:]
 
     def _run(self, marches, size, record, cycles):
-        places = [march.place for march in marches] + [marches[-1].place] * (size - len(marches))
-        lanes, blank = _lanes(self.lanes, places), np.zeros(cycles)
-        state = np.stack([self.marches[place].state for place in places], axis=1)
+        indices = [march.lane for march in marches] + [marches[-1].lane] * (size - len(marches))
+        lanes, blank = _lanes(self.lanes, indices), np.zeros(cycles)
+        state = np.stack([self.marches[index].state for index in indices], axis=1)
         if record:
-            outputs = self.equations.outputs(_of(self.posed, places), self.steps)
-            state, seen, trace, reduced, teeth = self._recording(lanes, outputs)(lanes, outputs, state, blank)
-            reduced, teeth = jax.tree.map(np.asarray, (reduced, teeth))
+            outputs = self.equations.outputs(_of(self.linear_motion, indices), self.steps)
+            state, samples, trace, statistics, contacts = self._recording(lanes, outputs)(lanes, outputs, state, blank)
+            statistics, contacts = jax.tree.map(np.asarray, (statistics, contacts))
         else:
-            state, seen, trace = self._marching(lanes)(lanes, state, blank)
-        state, seen, trace = (np.asarray(a) for a in (state, seen, trace))
+            state, samples, trace = self._marching(lanes)(lanes, state, blank)
+        state, samples, trace = (np.asarray(a) for a in (state, samples, trace))
         for i, march in enumerate(marches):
             march.state, march.trace = state[:, i], trace[..., i]
-            march.returns.add(seen[..., i])
+            march.returns.add(samples[..., i])
             march.cycles += cycles
             if record:
-                march.reduced.append(_of_lane(reduced, i))
-                march.teeth.append(_of_lane(teeth, i))
+                march.statistics.append(_of_lane(statistics, i))
+                march.contacts.append(_of_lane(contacts, i))
 
     def _marching(self, lanes):
         """The program that marches lanes."""
@@ -208,34 +221,35 @@ class Batch:
         if len(self.devices) < 2:
             return recording.record
         given = _specs(lanes, _PER_LANE, last=True), _specs(outputs, ("linear", "mesh_linear")), along(1), WHOLE
-        reduced = recording.Reduced(*[along(1)] * 4, power=along(0))
-        return across(recording.record, self.devices, given, (along(1), along(3), along(2), reduced, along(1)))
+        statistics = recording.CycleStatistics(*[along(1)] * 4, power=along(0))
+        return across(recording.record, self.devices, given, (along(1), along(3), along(2), statistics, along(1)))
 
     def traced(self, march, cycles):
         """(l, l') ``(2G, cycles x steps)`` of the next cycles, which the march goes through; of the last one if 1."""
         if cycles == 1:
             return march.trace[:-1].T
-        parts, lanes, state = [], _lanes(self.lanes, [march.place]), march.state[:, None]
+        parts, lanes, state = [], _lanes(self.lanes, [march.lane]), march.state[:, None]
         for _ in range(cycles):
-            state, seen, trace = marching.march(lanes, state, np.zeros(1))
-            march.returns.add(np.asarray(seen)[..., 0])
+            state, samples, trace = marching.march(lanes, state, np.zeros(1))
+            march.returns.add(np.asarray(samples)[..., 0])
             parts.append(np.asarray(trace)[:-1, :, 0].T)
         march.state, march.cycles = np.asarray(state)[:, 0], march.cycles + cycles
         return np.concatenate(parts, axis=1)
 
 
-def _of(posed, places):
+def _of(linear_motion, indices):
     return dataclasses.replace(
-        posed, **{field.name: getattr(posed, field.name)[places] for field in dataclasses.fields(posed)}
+        linear_motion,
+        **{field.name: getattr(linear_motion, field.name)[indices] for field in dataclasses.fields(linear_motion)},
     )
 
 
 _PER_LANE = "full", "half", "weights", "first", "second", "third", "end", "linear"
 
 
-def _lanes(lanes, places):
-    """The Lanes at some places."""
-    return dataclasses.replace(lanes, **{name: getattr(lanes, name)[..., places] for name in _PER_LANE})
+def _lanes(lanes, indices):
+    """Some of the Lanes."""
+    return dataclasses.replace(lanes, **{name: getattr(lanes, name)[..., indices] for name in _PER_LANE})
 
 
 def _specs(tree, per_lane, last=False):
@@ -300,10 +314,10 @@ def _heat(equations, frequency, ends, twists, rates):
 def _signals(march, revolutions):
     """The quantities of a record, one after another."""
     numbers = {
-        name: np.concatenate([getattr(part, name) for part in march.reduced])
+        name: np.concatenate([getattr(part, name) for part in march.statistics])
         for name in ("max", "min", "mean", "square")
     }
-    power = sum(part.power for part in march.reduced) / march.recorded
+    power = sum(part.power for part in march.statistics) / march.recorded
     for i in range(len(power)):
         yield RecordedSignal(
             highest=numbers["max"][:, i],
@@ -318,7 +332,7 @@ def _signals(march, revolutions):
 def _contacts(equations, march, forces):
     """:class:`SteadyContact` of every mesh."""
     above, below, impacts, hardest = (
-        np.concatenate([getattr(part, name) for part in march.teeth])
+        np.concatenate([getattr(part, name) for part in march.contacts])
         for name in ("above", "below", "impacts", "hardest")
     )
     found = [SteadyContact(0.0, 0.0, 0.0, 0.0, int(np.sign(force.mean))) for force in forces]

@@ -99,7 +99,7 @@ def misfire_each(
     """
     trains = train.misfires()
     if not trains:
-        raise SceneError(f"{train.topology.name or 'scene'}: no cylinder fires, so that none can misfire.")
+        raise SceneError(f"{train.topology.title}: no cylinder fires, so that none can misfire.")
     given = {"harmonics": harmonics, "tolerance": tolerance}
     asked = {"rpm": rpm} | {name: value for name, value in given.items() if value is not None}
     responses = {name: solve(each, **asked) for name, each in trains.items()}

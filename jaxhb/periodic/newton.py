@@ -7,6 +7,7 @@ creeps. There the natural level decides (:mod:`jaxhb.harmonic.damping`): the sim
 """
 
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -28,11 +29,18 @@ class NewtonOptions:
     krylov_steps : of a Newton step at most
     renew_above : Krylov steps of a Newton step above which the preconditioner is made anew
     level_forcing : share of the residual that a simplified correction may leave
+    tightest, loosest : share of the residual that a correction may leave, at least and at most
+    per_goal : share of what is left to the tolerance that a correction may leave
+    per_error : the same over the relative residual: the next error is then quadratic in it
     """
 
     krylov_steps: int = 60
     renew_above: int = 12
     level_forcing: float = 1e-2
+    tightest: float = 1e-10
+    loosest: float = 1e-2
+    per_goal: float = 0.05
+    per_error: float = 0.1
 
 
 NEWTON = NewtonOptions()
@@ -65,6 +73,50 @@ class _State(NamedTuple):
     prepared: object
 
 
+def _solve(evaluate, direction, norm, state):
+    """One linear solve: for a correction and the first trial of its length, or for the level of the trial.
+
+    Either ends with a trial, so that the loop has one body with one linear solve: most of the work, and of what is
+    compiled.
+    """
+    iterate, trying = state.iterate, state.trying
+    forcing = jnp.where(trying, NEWTON.level_forcing, jnp.nan)
+    found, work = direction(state.prepared, iterate.x, state.given, iterate.error, forcing)
+    correction = jnp.where(trying, state.correction, found)
+    size, found_size = norm(correction), norm(found)
+    # On trial, what was found is the simplified correction: the trial is taken now, or a shorter one is made.
+    lower = trying & damping.lowers_level(found_size, size, state.length)
+    curvature = norm(found - (1 - state.length) * correction)
+    on_trial = jnp.where(lower, state.length, damping.shorter_length(state.length, size, curvature))
+    # At an iterate, state.correction is the simplified one of the step that led there: the length is foreseen from
+    # it. A step that the residual accepted leaves none, but an infinite gain: the whole correction is tried.
+    foreseen = damping.predicted_length(state.gain, norm(state.correction - found), size)
+    length = jnp.where(trying, on_trial, foreseen)
+    moved = iterate.x - length * correction
+    after = evaluate(moved)
+    error = norm(after)
+    # The residual is at hand and the level costs a linear solve: where the residual falls, it is not asked for.
+    good = lower | (error < (1 - length / 2) * iterate.error)
+    following = Iterate(
+        jnp.where(good, moved, iterate.x),
+        jnp.where(good, error, iterate.error),
+        iterate.steps + 1,
+        ~good & (length < damping.SHORTEST),
+    )
+    return _State(
+        following,
+        value=jnp.where(good, after, state.value),
+        given=after,
+        correction=jnp.where(lower, found, correction),
+        length=length,
+        gain=jnp.where(lower, size * found_size * length, jnp.where(good, jnp.inf, state.gain)),
+        trying=~good,
+        work=work,
+        age=state.age + good,
+        prepared=state.prepared,
+    )
+
+
 def newton(evaluate, prepare, direction, norm, start, *, tolerance, max_steps, renew_above=0):
     """Solve ``evaluate(x) = 0`` from ``start``; a start that already solves it is accepted as it is.
 
@@ -92,49 +144,6 @@ def newton(evaluate, prepare, direction, norm, start, *, tolerance, max_steps, r
     def unsolved(iterate):
         return (iterate.error > tolerance) & (iterate.steps < max_steps)
 
-    def solve(state):
-        """One linear solve: for a correction and the first trial of its length, or for the level of the trial.
-
-        Either ends with a trial, so that the loop has one body with one linear solve: most of the work, and of what is
-        compiled.
-        """
-        iterate, trying = state.iterate, state.trying
-        forcing = jnp.where(trying, NEWTON.level_forcing, jnp.nan)
-        found, work = direction(state.prepared, iterate.x, state.given, iterate.error, forcing)
-        correction = jnp.where(trying, state.correction, found)
-        size, found_size = norm(correction), norm(found)
-        # On trial, what was found is the simplified correction: the trial is taken now, or a shorter one is made.
-        lower = trying & damping.lowers_level(found_size, size, state.length)
-        bend = norm(found - (1 - state.length) * correction)
-        on_trial = jnp.where(lower, state.length, damping.shorter_length(state.length, size, bend))
-        # At an iterate, state.correction is the simplified one of the step that led there: the length is foreseen from
-        # it. A step that the residual accepted leaves none, but an infinite gain: the whole correction is tried.
-        foreseen = damping.predicted_length(state.gain, norm(state.correction - found), size)
-        length = jnp.where(trying, on_trial, foreseen)
-        moved = iterate.x - length * correction
-        after = evaluate(moved)
-        error = norm(after)
-        # The residual is at hand and the level costs a linear solve: where the residual falls, it is not asked for.
-        good = lower | (error < (1 - length / 2) * iterate.error)
-        following = Iterate(
-            jnp.where(good, moved, iterate.x),
-            jnp.where(good, error, iterate.error),
-            iterate.steps + 1,
-            ~good & (length < damping.SHORTEST),
-        )
-        return _State(
-            following,
-            value=jnp.where(good, after, state.value),
-            given=after,
-            correction=jnp.where(lower, found, correction),
-            length=length,
-            gain=jnp.where(lower, size * found_size * length, jnp.where(good, jnp.inf, state.gain)),
-            trying=~good,
-            work=work,
-            age=state.age + good,
-            prepared=state.prepared,
-        )
-
     def fresh(state):
         """Solves with what is prepared at the iterate; a step that stalled with an older one begins again."""
         again = state.iterate.stalled
@@ -151,7 +160,7 @@ def newton(evaluate, prepare, direction, norm, start, *, tolerance, max_steps, r
         def useful(state):
             return unsolved(state.iterate) & ~state.iterate.stalled & ((state.work <= renew_above) | (state.age == 0))
 
-        return lax.while_loop(useful, solve, state)
+        return lax.while_loop(useful, partial(_solve, evaluate, direction, norm), state)
 
     def unfinished(state):
         iterate, age = state.iterate, state.age
@@ -195,8 +204,8 @@ def solve_reduced(reduced, train, start, *, samples, time_steps, tolerance, max_
     def direction(operator, deflection, value, error, forcing):
         # As tight as this step can use: a twentieth of what is left to the goal, and quadratic below. fmax takes no
         # notice of the nan by which a plain step asks for no forcing of its own.
-        wanted = jnp.clip(0.05 * tolerance / error, 1e-10, 1e-2)
-        forcing = jnp.fmax(forcing, jnp.maximum(wanted, jnp.minimum(1e-2, 0.1 * error)))
+        wanted = jnp.clip(NEWTON.per_goal * tolerance / error, NEWTON.tightest, NEWTON.loosest)
+        forcing = jnp.fmax(forcing, jnp.maximum(wanted, jnp.minimum(NEWTON.loosest, NEWTON.per_error * error)))
         given = deflection, value, samples, forcing, NEWTON.krylov_steps
         change, _, used = correction.correct(reduced, operator, *given)
         return change, used
@@ -219,10 +228,12 @@ def solve_chain(system, meshes, frequency, load, start, *, samples, tolerance, m
     The seed's method, kept as an oracle: memory and work grow with ``S N^2`` and ``S N^3``. ``tolerance`` is relative
     to the largest force in the balance. A tree is needed: the caller refuses closed loops.
     """
+    # The sweep counts from the leaves: arms of the node and of its parent, whichever end of the link they are at.
     tree = system.tree
     near = jnp.where(tree.from_a, system.arm_a[tree.link], system.arm_b[tree.link])
     far = jnp.where(tree.from_a, system.arm_b[tree.link], system.arm_a[tree.link])
     node = node_blocks(system, frequency, load.shape[-1] - 1)
+    # A floating train turns freely at the mean: its root is held there, by a spring that no balanced load strains.
     hold = jnp.where(system.floating, 1.0, 0.0)
     root = tree.node[-1]
     node = node.at[root, 0, 0].add(hold)

@@ -18,11 +18,11 @@ from .._program import Program
 from ..harmonic import fourier
 from ..transient import segments
 from ..transient.integrate import cycle, cycle_error
-from ..transient.reduced_model import LARGEST, reduced_model, states_of
+from ..transient.reduced_model import REDUCED_MODEL, states_of
 from ..transient.shooting import shoot
-from ..transient.stepper import seen
-from .march import begin
-from .problem import pose, reduced_equation
+from ..transient.stepper import with_rate
+from .newton_start import begin
+from .problem import model_of, problem_at, reduced_equation
 
 
 @dataclass(frozen=True)
@@ -58,15 +58,18 @@ ORBIT = OrbitOptions()
 
 
 @Program
-def _equations(problem, choice, time_steps):
+def _equations(problem, active_meshes, time_steps):
     """A Stepper without samples of its linear response, the coefficients ``(2G, N+1)`` of these, and the
     ReducedModel."""
-    links = jnp.asarray(problem.meshes.link)[choice.chosen]
     harmonics = problem.load.shape[-1] - 1
-    reduced, _ = reduced_equation(problem, harmonics, choice.active, choice.chosen, choice.flank)
-    train = reduced_model(problem.system, links, choice.active, problem.frequency, time_steps)
-    response = seen(reduced.linear, reduced.frequency)
-    return begin(reduced, train.space, time_steps, jnp.zeros((0, len(response))), train.static), response, train
+    reduced, _ = reduced_equation(problem, harmonics, active_meshes)
+    model = model_of(problem, active_meshes, time_steps)
+    response = with_rate(reduced.linear, reduced.frequency)
+    return (
+        begin(reduced, model.space, time_steps, jnp.zeros((0, len(response))), model.residual_flexibility),
+        response,
+        model,
+    )
 
 
 def work_of_cycle(train, time_steps):
@@ -81,13 +84,14 @@ def stepper_of(train, rpm, plan):
 
 def _make(train, rpm, plan):
     """A Stepper and the ReducedModel that it steps."""
-    problem = pose(train, rpm, plan.sizes.excited)
-    stepper, response, modes = _equations(problem, plan.choice, plan.time_steps)
+    problem = problem_at(train, rpm, plan.sizes.excited)
+    stepper, response, modes = _equations(problem, plan.active_meshes, plan.time_steps)
+    # Room for the most steps, the number in use traced: one program for all numbers of steps.
     linear = np.zeros((2 * ORBIT.capacity, len(response)))
     linear[: 2 * plan.time_steps] = fourier.synthesize(response, 2 * plan.time_steps).T
     stepper = replace(stepper, linear=linear, count=np.array(plan.time_steps))
-    flexible = np.abs(np.diag(stepper.static)) * np.asarray(stepper.law.stiffness) > ORBIT.flexible
-    return (stepper if flexible.any() else replace(stepper, static=None)), modes
+    flexible = np.abs(np.diag(stepper.residual_flexibility)) * np.asarray(stepper.law.stiffness) > ORBIT.flexible
+    return (stepper if flexible.any() else replace(stepper, residual_flexibility=None)), modes
 
 
 @Program
@@ -129,7 +133,7 @@ def _closed(stepper, nodes):
 
 
 @dataclass(frozen=True)
-class Orbit:
+class FoundOrbit:
     """What was found.
 
     coefficients : ``(G, n+1)`` deflections in m, None where no cycle closes; periodicity_error : of the cycle that
@@ -143,7 +147,7 @@ class Orbit:
     tries: int
 
 
-def _same(deflection, other):
+def _same_orbit(deflection, other):
     return np.max(np.abs(deflection - other)) <= ORBIT.same * np.max(np.abs(deflection))
 
 
@@ -152,7 +156,7 @@ def coefficients(deflection, time_steps):
     return np.asarray(fourier.analyze(deflection[:, :time_steps], (time_steps - 1) // 2))
 
 
-class Search:
+class OrbitSearch:
     """Closed orbits of a train at a speed, with the meshes and time steps of a Plan; as many shots as ``work`` pays."""
 
     def __init__(self, train, rpm, plan, work=ORBIT.work):
@@ -176,37 +180,40 @@ class Search:
         self.periodicity_errors = np.nan_to_num(periodicity_errors, nan=np.inf)
         periodicity_error = self.periodicity_errors[max(marched, 1) - 1]
         found = coefficients(deflection, self.plan.time_steps) if periodicity_error <= until else None
-        return Orbit(found, float(periodicity_error), None, marched)
+        return FoundOrbit(found, float(periodicity_error), None, marched)
 
     def shoot(self):
         """Yield the Orbits that Newton's method closes from the cycles of a march that close best, each once.
 
         Where none closes, the best of all is yielded at last, open.
         """
-        best, known = Orbit(None, np.inf, None, 0), []
+        best, known = FoundOrbit(None, np.inf, None, 0), []
         for tries, seed in enumerate(self._seeds(), 1):
             nodes, deflection, periodicity_error = jax.tree.map(np.asarray, _shot(self.stepper, seed))
             best = replace(best, tries=tries)
-            if periodicity_error <= ORBIT.settled and not any(_same(deflection, other) for other in known):
+            if periodicity_error <= ORBIT.settled and not any(_same_orbit(deflection, other) for other in known):
                 known.append(deflection)
-                yield Orbit(coefficients(deflection, self.plan.time_steps), float(periodicity_error), nodes, tries)
+                yield FoundOrbit(coefficients(deflection, self.plan.time_steps), float(periodicity_error), nodes, tries)
             elif periodicity_error < best.periodicity_error:
-                best = Orbit(None, float(periodicity_error), nodes, tries)
+                best = FoundOrbit(None, float(periodicity_error), nodes, tries)
         if not known:
             yield best
 
     def close(self, nodes, search):
-        """The :class:`Orbit` near the nodes of another one, which another Search with other steps found."""
-        if self.train.topology.n_disks > LARGEST or not np.all(self.train.disks.inertia):  # modes depend on the steps
+        """The :class:`Orbit` near the nodes of another one, which another OrbitSearch with other steps found."""
+        if self.train.topology.n_disks > REDUCED_MODEL.disks or not np.all(
+            self.train.disks.inertia
+        ):  # modes depend on the steps
             nodes = nodes @ (self._made[1].space.coordinates @ search._made[1].motion).T
         nodes, deflection, periodicity_error = jax.tree.map(np.asarray, _closed(self.stepper, nodes))
         found = coefficients(deflection, self.plan.time_steps) if periodicity_error <= ORBIT.settled else None
-        return Orbit(found, float(periodicity_error), nodes, 1)
+        return FoundOrbit(found, float(periodicity_error), nodes, 1)
 
     def _seeds(self):
         """Beginnings ``(tries, n)`` of the cycles of a march that close best."""
         if self.states is None:
             self.march()
         most = int(np.clip(self.work / work_of_cycle(self.train, self.plan.time_steps), 1, ORBIT.cycles))
+        # Of a march that does not settle, the cycles that nearly close pass near a periodic motion, stable or not.
         best = np.argsort(self.periodicity_errors)[:most]
         return self.states[best[np.isfinite(self.periodicity_errors[best])]]

@@ -6,11 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .program import Choice, Sizes
+from .problem import ActiveMeshes
+from .program import Sizes
 from .request import DEFAULT_TOLERANCE
-from .time_steps import COUNTS
+from .time_steps import TIME_STEPS
 
 MARCH_CYCLES = 3
+"""Cycles of time integration before Newton's method, which then takes 2 to 5 steps on ``gear_train_30``."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,7 @@ class Plan:
     method: str = "reduced"
     start: str = "linear"
     cycles: int = MARCH_CYCLES
-    time_steps: int = COUNTS[0]
+    time_steps: int = TIME_STEPS.counts[0]
     tolerance: float = DEFAULT_TOLERANCE
     tolerance_share: float = 1.0
     excited: int = 0
@@ -73,15 +75,15 @@ class Plan:
         )
 
     @property
-    def choice(self) -> Choice:
-        """The meshes as arrays, padded to 1, 2, 4, 8, ... unknowns."""
+    def active_meshes(self) -> ActiveMeshes:
+        """The active meshes as arrays, padded to 1, 2, 4, 8, ... of them."""
         count = len(self.active)
         padded = 1 << (count - 1).bit_length() if count else 0
-        chosen = np.zeros(padded, dtype=np.int32)
-        chosen[:count] = self.active
-        active = np.zeros(padded)
-        active[:count] = 1.0
-        return Choice(active=active, chosen=chosen, flank=np.array(self.flank, dtype=float))
+        index = np.zeros(padded, dtype=np.int32)
+        index[:count] = self.active
+        mask = np.zeros(padded)
+        mask[:count] = 1.0
+        return ActiveMeshes(mask=mask, index=index, flank=np.array(self.flank, dtype=float))
 
     def __str__(self):
         size = f"{self.harmonics} harmonics" + (", exact integrals" if self.integrals == "exact" else "")

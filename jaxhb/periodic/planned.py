@@ -1,6 +1,7 @@
 """Solves in which nothing is decided: one speed or a batch of them under one plan, eager or traced."""
 
 import dataclasses
+from dataclasses import dataclass
 from functools import partial
 
 import jax
@@ -17,15 +18,32 @@ from ..response.events import March, Newton
 from ..response.response import Response
 from ..response.status import Status
 from . import derivative, request
-from .problem import Problem, pose
+from .problem import Problem, problem_at
 from .program import Start, solve_problem
 
-BATCH, LINEAR_BATCH = 8, 32
-"""Speeds in a batch; more of them where there are so many and no lane waits for another."""
 
-HEAVY, LARGE = 192, 24
-"""Harmonics, and disks beside unknown contact, from which one speed fills a processor: there a batch is no faster, as
-it waits for its slowest speed, and takes longer to compile."""
+@dataclass(frozen=True)
+class BatchOptions:
+    """How many speeds one program solves side by side.
+
+    Parameters
+    ----------
+    speeds : in a batch
+    linear_speeds : in a batch without unknown contact, where there are so many: no lane waits for another
+    alone_harmonics, alone_disks : harmonics, and disks beside unknown contact, from which one speed fills a processor:
+        there a batch is no faster, as it waits for its slowest speed, and takes longer to compile
+    newton_steps : of a batch in which nothing is planned by the caller; a speed that needs more is solved again by
+        itself
+    """
+
+    speeds: int = 8
+    linear_speeds: int = 32
+    alone_harmonics: int = 192
+    alone_disks: int = 24
+    newton_steps: int = 8
+
+
+BATCH = BatchOptions()
 
 
 def solve_planned(train, rpm, plan, start=None):
@@ -38,16 +56,16 @@ def solve_planned(train, rpm, plan, start=None):
     if start == "march":
         plan = dataclasses.replace(plan, start=start)
     if isinstance(start, Response):
-        begin = first_start(plan, given=of_unknown_meshes(plan, start), xp=jnp)
+        begin = first_start(plan, given=active_deflections(plan, start.deflections), xp=jnp)
     if traced(train, rpm, begin) or staged():
-        response = _solve_traced(train, rpm, begin, plan.choice, plan.limit, plan.sizes)
+        response = _solve_traced(train, rpm, begin, plan.active_meshes, plan.limit, plan.sizes)
         return dataclasses.replace(response, train=train)
-    return solve_once(train, rpm, pose(train, rpm, plan.sizes.excited), plan, begin)[0]
+    return solve_once(train, rpm, problem_at(train, rpm, plan.sizes.excited), plan, begin)[0]
 
 
 def solve_once(train, rpm, problem, plan, begin):
     """The Response with numpy arrays, and the Outcome, of one eager solve from a Start."""
-    outcome = jax.tree.map(np.asarray, solve_problem(problem, plan.choice, begin, plan.limit, plan.sizes))
+    outcome = jax.tree.map(np.asarray, solve_problem(problem, plan.active_meshes, begin, plan.limit, plan.sizes))
     return _on_host(train, rpm, problem, outcome, plan), outcome
 
 
@@ -61,27 +79,28 @@ def _on_host(train, rpm, problem, outcome, plan):
     return dataclasses.replace(response, train=train, path=path)
 
 
-def of_unknown_meshes(plan, response):
-    """Deflections ``(G, n+1)`` m of the unknown meshes of a plan in a response."""
-    return response.deflections[plan.choice.chosen] * plan.choice.active[:, None]
+def active_deflections(plan, deflections):
+    """Deflections ``(..., G, n+1)`` m of the active meshes of a plan, from those of all ``(..., M, n+1)``."""
+    return deflections[..., plan.active_meshes.index, :] * plan.active_meshes.mask[:, None]
 
 
 def first_start(plan, *, marches=False, given=None, xp=np):
     """The Start from teeth in contact, marched on or not, or from given deflections ``(G, n+1)``."""
     if given is None:
-        nothing = np.zeros((len(plan.choice.active), plan.harmonics + 1), dtype=complex)
+        nothing = np.zeros((len(plan.active_meshes.mask), plan.harmonics + 1), dtype=complex)
         return Start(nothing, np.array(False), np.array(plan.cycles if marches else 0))
     return Start(fourier.resize(xp.asarray(given), plan.harmonics), np.array(True), np.array(0))
 
 
 @partial(Program, static_argnames="sizes")
-def _solve_traced(train, rpm, begin, choice, limit, sizes):
+def _solve_traced(train, rpm, begin, active_meshes, limit, sizes):
     """One program for all of it: piece by piece, differentiation outside ``jit`` compiles a hundred small ones."""
     finite = derivative.all_finite((train, rpm))
+    # Not ``rpm > 0``: nan is not out of range but not finite, and has its own status.
     valid = within_range(train) & ~(rpm <= 0)
     train, rpm = derivative.only_if(finite & valid, (train, rpm))
-    problem = pose(train, rpm, sizes.excited)
-    outcome = solve_problem(problem, choice, begin, limit, sizes)
+    problem = problem_at(train, rpm, sizes.excited)
+    outcome = solve_problem(problem, active_meshes, begin, limit, sizes)
     status = jnp.where(finite, outcome.status, Status.NONFINITE)
     outcome = dataclasses.replace(outcome, status=jnp.where(valid, status, Status.INVALID_INPUT))
     return respond(train, rpm, problem, outcome, sizes)
@@ -112,7 +131,7 @@ def respond(train, rpm, problem, outcome, sizes):
 
 def one_by_one(harmonics, disks):
     """Whether speeds with so many harmonics, and disks beside unknown contact, are solved without batches."""
-    return (harmonics >= HEAVY or disks >= LARGE) and jax.default_backend() == "cpu"
+    return (harmonics >= BATCH.alone_harmonics or disks >= BATCH.alone_disks) and jax.default_backend() == "cpu"
 
 
 def solve_batches(train, rpm, plan, max_steps, devices=()):
@@ -122,7 +141,7 @@ def solve_batches(train, rpm, plan, max_steps, devices=()):
     """
     count = max(len(devices), 1)
     alone = one_by_one(plan.harmonics, train.topology.n_disks if plan.active else 0)
-    size = LINEAR_BATCH if not plan.active and len(rpm) >= LINEAR_BATCH else BATCH
+    size = BATCH.linear_speeds if not plan.active and len(rpm) >= BATCH.linear_speeds else BATCH.speeds
     size = count * (1 if alone else size)
     if (alone and count == 1) or len(rpm) == 1:
         for speed in rpm:
@@ -138,14 +157,14 @@ def _axes():
 
 
 @partial(Program, static_argnames="excited")
-def _pose_all(train, rpm, excited):
-    return jax.vmap(lambda speed: pose(train, speed, excited), out_axes=_axes())(rpm)
+def _problems_at(train, rpm, excited):
+    return jax.vmap(lambda speed: problem_at(train, speed, excited), out_axes=_axes())(rpm)
 
 
 @partial(Program, static_argnames="sizes")
-def _solve_all(problem, choice, start, tolerance, sizes):
+def _solve_all(problem, active_meshes, start, tolerance, sizes):
     def one(problem):
-        return solve_problem(problem, choice, start, tolerance, sizes)
+        return solve_problem(problem, active_meshes, start, tolerance, sizes)
 
     return jax.vmap(one, in_axes=(_axes(),))(problem)
 
@@ -159,9 +178,9 @@ def _across(devices, sizes):
 def _solve_batch(train, rpm, plan, size, max_steps, devices):
     """Responses at up to ``size`` speeds, padded to a batch of that size."""
     padded = np.concatenate([rpm, np.full(size - len(rpm), rpm[-1])])
-    problem = _pose_all(train, jnp.asarray(padded), plan.sizes.excited)
+    problem = _problems_at(train, jnp.asarray(padded), plan.sizes.excited)
     sizes = dataclasses.replace(plan.sizes, max_steps=max_steps)
-    given = problem, plan.choice, first_start(plan, marches=plan.marches), plan.limit
+    given = problem, plan.active_meshes, first_start(plan, marches=plan.marches), plan.limit
     outcome = _across(devices, sizes)(*given) if len(devices) > 1 else _solve_all(*given, sizes)
     loads, outcome = jax.tree.map(np.asarray, ((problem.load_torque, problem.load_power), outcome))
     rows = []

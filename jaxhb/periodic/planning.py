@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,55 +15,84 @@ from ..model.change import without_backlash
 from ..transient.statespace import linear_response
 from .plan import Plan
 from .planned import solve_batches
-from .request import MOST, excited_harmonic
+from .request import MOST_HARMONICS, excited_harmonic
 from .time_steps import time_steps_for, time_steps_of
 
-LEVELS = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024, 1536, 2048, 3072, 4096)
-DENSE_MODES, GEARS_ALONE = 400, 1.1
-"""Disks up to which all modes are computed; what the shafts add to the frequencies of the gears alone."""
 
-DENSE_DISKS, DENSE_SPEEDS = 100, 4
-"""Disks and speeds up to which the linear motion is solved with dense matrices, and no program, to plan."""
+@dataclass(frozen=True)
+class PlanningOptions:
+    """What is decided before a solve, and from what numbers.
 
-STRAINED = 0.05, 0.01
-"""Share of the strain energy of a mode that tooth meshes hold noticeably, and faintly."""
+    Parameters
+    ----------
+    levels : numbers of harmonics of the cycle that are offered: each is a program
+    level_ratio : how far apart the levels lie that are tried one after another
+    sweep_level_ratio : the same in a sweep, where a program more costs as much as a hundred speeds with twice the
+        harmonics
+    above_excitation, above_modes : times the highest harmonic excited and times that of the highest mesh mode, at which
+        the first level lies: below the mesh modes the truncated equations often have no solution near the motion
+    strained : share of the strain energy of a mode that tooth meshes hold from which the motion has to be resolved to
+        its frequency
+    weakly_strained : the same from which an estimate of the truncation error has to see the mode: with little damping
+        it may resonate all the same
+    sees_modes : times the weakly strained modes at which the 2 N harmonics of an estimate see them
+    blind_share : of the tolerance that an estimate may use which does not see them
+    hammered : half peak-to-peak values of the linear force of the hardest mesh that separates, by which another mesh
+        must stay loaded to be held on its flank
+    modal_disks : disks up to which all modes are computed
+    shaft_stiffening : what the shafts of larger trains add to the frequencies of the gears alone, a factor
+    dense_disks, dense_speeds : up to which the linear motion is solved with dense matrices and no program: 27 disks
+        take 5 ms a speed, and the program 3 s to compile
+    """
 
-HAMMERED = 2.0
-"""Linear half swings of the hardest mesh that separates, by which another must stay loaded to be no unknown."""
+    levels: tuple[int, ...] = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024, 1536, 2048, 3072, 4096)
+    level_ratio: float = 2.0
+    sweep_level_ratio: float = 4.0
+    above_excitation: float = 2.0
+    above_modes: float = 1.5
+    strained: float = 0.05
+    weakly_strained: float = 0.01
+    sees_modes: float = 1.2
+    blind_share: float = 0.1
+    hammered: float = 2.0
+    modal_disks: int = 400
+    shaft_stiffening: float = 1.1
+    dense_disks: int = 100
+    dense_speeds: int = 256
 
-DENSE, SPARSE = 2.0, 4.0
-"""How far apart the levels of harmonics lie that are tried one after another, at one speed and in a sweep: a program
-more costs as much as a hundred speeds with twice the harmonics."""
+
+PLANNING = PlanningOptions()
 
 
 def level_at_least(harmonics):
     """Smallest of the offered numbers of harmonics that is not below ``harmonics``."""
-    return next((n for n in LEVELS if n >= harmonics), LEVELS[-1])
+    return next((n for n in PLANNING.levels if n >= harmonics), PLANNING.levels[-1])
 
 
 def shared_level(harmonics):
-    """The smallest of few numbers of harmonics, SPARSE apart, that is not below ``harmonics``: for speeds that are not
-    known beforehand and share programs."""
-    few = LEVELS[LEVELS.index(48) : -4 : 4]  # 48, 192, 768
-    return next((n for n in few if n >= harmonics), LEVELS[-1])
+    """The smallest of few numbers of harmonics not below ``harmonics``, for speeds that are not known beforehand and
+    share programs."""
+    levels = PLANNING.levels
+    few = levels[levels.index(192) : -4 : 4]  # 192, 768
+    return next((n for n in few if n >= harmonics), levels[-1])
 
 
-def next_level(harmonics, method, ratio=DENSE):
+def next_level(harmonics, method, ratio=PLANNING.level_ratio):
     """The number of harmonics to try after ``harmonics``, about ``ratio`` times as many; None at the limit.
 
     A level nearer to the limit than to the one before is the limit.
     """
-    most = MOST[method]
-    higher = [n for n in LEVELS if 0.95 * ratio * harmonics <= n <= most / math.sqrt(ratio)]
+    most = MOST_HARMONICS[method]
+    # 0.95: levels are a ratio of 1.33 or 1.5 apart, and the next one is not to be missed by a little.
+    higher = [n for n in PLANNING.levels if 0.95 * ratio * harmonics <= n <= most / math.sqrt(ratio)]
     return higher[0] if higher else most if harmonics < most else None
 
 
 def mesh_mode_harmonics(train, frequency):
-    """Harmonics of the cycle at the highest natural frequencies that strain tooth meshes noticeably and faintly.
+    """Harmonics of the cycle at the highest natural frequencies that strain tooth meshes, and that strain them weakly.
 
-    Noticeably: a motion is resolved from there on. Faintly: little damping makes such a mode loud, and an estimate of
-    the truncation error that does not reach it misses that. Of a finely divided train, whose modes would take longer
-    than its solve, that of the gears and meshes alone.
+    The shares of strain energy are those of :class:`PlanningOptions`. Of a finely divided train, whose modes would take
+    longer than its solve, that of the gears and meshes alone.
 
     Returns
     -------
@@ -74,11 +104,11 @@ def mesh_mode_harmonics(train, frequency):
 @kept
 def _mesh_modes_hz(train):
     """Frequencies ``(2,)`` in Hz of :func:`mesh_mode_harmonics`."""
-    if train.topology.n_disks > DENSE_MODES:
-        return np.full(2, GEARS_ALONE * _gear_mode_hz(train))
+    if train.topology.n_disks > PLANNING.modal_disks:
+        return np.full(2, PLANNING.shaft_stiffening * _gear_mode_hz(train))
     modes = natural_frequencies(train)
-    share = modes.mesh_energy_share
-    return np.array([np.max(modes.frequencies_hz[share > least], initial=0.0) for least in STRAINED])
+    share, least_shares = modes.mesh_energy_share, (PLANNING.strained, PLANNING.weakly_strained)
+    return np.array([np.max(modes.frequencies_hz[share > least], initial=0.0) for least in least_shares])
 
 
 def _gear_mode_hz(train):
@@ -86,13 +116,15 @@ def _gear_mode_hz(train):
     system = chain.assemble(train)
     links = np.arange(len(system.stiffness) - len(train.topology.mesh_names), len(system.stiffness))
     rows = system.incidence(links).T
+    # With the shafts gone, gears on their meshes alone: sqrt of the largest eigenvalue of sqrt(c) D M^-1 D^T sqrt(c), a
+    # matrix of the meshes.
     mass = np.maximum(system.mass, 1e-6 * np.mean(system.mass))
     root = np.sqrt(system.stiffness[links])
     squares = np.linalg.eigvalsh(root[:, None] * (rows / mass) @ rows.T * root)
     return np.sqrt(max(squares.max(initial=0.0), 0.0)) / (2 * np.pi)
 
 
-def contact_demand(train, forces):
+def meshes_leaving_contact(train, forces):
     """Meshes that the linear motion takes off their flank, or nearly so where others separate and hammer.
 
     Parameters
@@ -111,31 +143,33 @@ def contact_demand(train, forces):
         Whether any linear force passes through zero.
     """
     gap = np.array(train.topology.mesh_backlash, dtype=bool)
+    # A mesh stays on its flank where its least force exceeds that of the knee, by more the harder others hammer: their
+    # impacts come on top of the linear motion.
     side = np.where(forces.mean(-1) < 0, -1, 1)
     lowest, highest = forces.min(-1, initial=np.inf), forces.max(-1, initial=-np.inf)
     least = np.where(side < 0, -highest, lowest)
     apart = gap & (least <= 0)
-    swing = np.where(apart, (highest - lowest) / 2, 0.0)
-    spare = HAMMERED * np.max(swing, axis=-1, initial=0.0, keepdims=True)
+    half_peak_to_peak = np.where(apart, (highest - lowest) / 2, 0.0)
+    spare = PLANNING.hammered * np.max(half_peak_to_peak, axis=-1, initial=0.0, keepdims=True)
     leaves = gap & ~(least > backlash.law_of(train.meshes).knee_force + spare)
     return np.where(gap & ~leaves, side, 0), leaves, apart.any(axis=-1)
 
 
 def first_level(excited, mesh_modes):
     """Where to begin: above the excitation, and above the mesh modes where teeth separate."""
-    return level_at_least(max(2 * excited, 1.5 * mesh_modes))
+    return level_at_least(max(PLANNING.above_excitation * excited, PLANNING.above_modes * mesh_modes))
 
 
-def tolerance_share(harmonics, faint):
-    """How much of the tolerance an estimate may use: a tenth while modes of meshes lie above the 2 N that it sees."""
-    return 1.0 if 2 * harmonics >= 1.2 * faint else 0.1
+def tolerance_share(harmonics, weak_modes):
+    """How much of the tolerance an estimate may use: less while modes of meshes lie above the 2 N that it sees."""
+    return 1.0 if 2 * harmonics >= PLANNING.sees_modes * weak_modes else PLANNING.blind_share
 
 
-def all_unknown(train, plan, request):
+def all_active(train, plan, request):
     """The plan with every mesh that has backlash as an unknown, and enough harmonics for that."""
     gaps = train.topology.mesh_backlash
     active = tuple(i for i, gap in enumerate(gaps) if gap)
-    level = min(first_level(excited_harmonic(train, plan.method), 0.0), MOST[plan.method])
+    level = min(first_level(excited_harmonic(train, plan.method), 0.0), MOST_HARMONICS[plan.method])
     harmonics = request.harmonics or max(plan.harmonics, level)
     return dataclasses.replace(plan, harmonics=harmonics, active=active, flank=(0,) * len(gaps))
 
@@ -143,7 +177,7 @@ def all_unknown(train, plan, request):
 def contact_plan(train, request):
     """The plan with all teeth in contact and no mesh held on a flank, so that nothing is verified."""
     return Plan(
-        harmonics=request.harmonics or max(excited_harmonic(train, request.method), LEVELS[0]),
+        harmonics=request.harmonics or max(excited_harmonic(train, request.method), PLANNING.levels[0]),
         active=(),
         flank=(0,) * len(train.topology.mesh_names),
         method=request.method,
@@ -170,19 +204,20 @@ def plan_speeds(train, rpm, request):
     excited = excited_harmonic(train, request.method)
     if not any(train.topology.mesh_backlash):
         return [contact] * len(rpm)
-    forces = _linear_mesh_forces(train, rpm, contact, max(excited, LEVELS[0]))
-    flanks, leaves, apart = contact_demand(train, fourier.synthesize(forces, 16 * forces.shape[-1]))
-    modes, faint = mesh_mode_harmonics(train, train.topology.cycle_frequency(1.0))[:, None] / rpm
+    forces = _linear_mesh_forces(train, rpm, contact, max(excited, PLANNING.levels[0]))
+    flanks, leaves, apart = meshes_leaving_contact(train, fourier.synthesize(forces, 16 * forces.shape[-1]))
+    modes, weak_modes = mesh_mode_harmonics(train, train.topology.cycle_frequency(1.0))[:, None] / rpm
     plans = [dataclasses.replace(contact, flank=tuple(flank)) for flank in flanks.tolist()]
 
     def level_of(group, separating):
         wanted = first_level(excited, np.max(modes[group]) if separating else 0.0)
-        return request.harmonics or min(wanted, MOST[request.method])
+        return request.harmonics or min(wanted, MOST_HARMONICS[request.method])
 
     touching, hammering = (np.flatnonzero(leaves.any(axis=-1) & (apart == kind)) for kind in (False, True))
     groups = [(False, touching)] if len(touching) else []
-    groups += [(True, group) for group in _alike(hammering, modes)]
+    groups += [(True, group) for group in _grouped_by_modes(hammering, modes)]
     for separating, group in groups:
+        # One plan for the group: a mesh is held where it stays on the same flank at all its speeds.
         level, own = level_of(group, separating), flanks[group]
         flank = tuple(np.where((own == own[0]).all(axis=0), own[0], 0).tolist())
         resolving = time_steps_for(max(np.max(modes[group]), 2 * contact.excited))
@@ -193,7 +228,7 @@ def plan_speeds(train, rpm, request):
             flank=flank,
             start="march" if separating else "linear",
             time_steps=max(time_steps_of(level), resolving if separating else 0),
-            tolerance_share=tolerance_share(level, np.max(faint[group])),
+            tolerance_share=tolerance_share(level, np.max(weak_modes[group])),
         )
         for i in group:
             plans[i] = shared
@@ -202,31 +237,33 @@ def plan_speeds(train, rpm, request):
 
 def _linear_mesh_forces(train, rpm, contact, harmonics):
     """Elastic forces ``(n, M, N+1)`` N of the meshes at speeds ``(n,)``, all teeth in contact."""
-    if len(rpm) <= DENSE_SPEEDS and train.topology.n_disks <= DENSE_DISKS:
+    if len(rpm) <= PLANNING.dense_speeds and train.topology.n_disks <= PLANNING.dense_disks:
         with contextlib.suppress(np.linalg.LinAlgError):  # a singular train, of which the program below says more
-            return np.stack([_dense_mesh_forces(on_host(train), speed, harmonics) for speed in rpm])
+            return _dense_mesh_forces(on_host(train), rpm, harmonics)
     linear = dataclasses.replace(contact, harmonics=harmonics, method="reduced", integrals="sampled")
     batches = solve_batches(without_backlash(train), rpm, linear, linear.sizes.max_steps)
     return np.stack([response.elastic_forces for batch in batches for response in batch])
 
 
 def _dense_mesh_forces(train, rpm, harmonics):
-    """Those of one speed ``(M, N+1)`` without a program, whose compilation takes longer than all else of a first
-    plan."""
-    system = chain.assemble(train)
+    """Those of some speeds, without a program."""
+    system, found = chain.assemble(train), []
     links = np.arange(len(system.stiffness))[-len(train.topology.mesh_names) :]
-    load = excitation(train, rpm, harmonics)[0] / system.radius[:, None]
-    displacement = linear_response(system, train.topology.cycle_frequency(rpm), load)
-    return system.stiffness[links][:, None] * system.deflections(displacement, links)
+    for speed in rpm:
+        load = excitation(train, speed, harmonics)[0] / system.radius[:, None]
+        displacement = linear_response(system, train.topology.cycle_frequency(speed), load)
+        found.append(system.stiffness[links][:, None] * system.deflections(displacement, links))
+    return np.stack(found)
 
 
-def _alike(places, modes):
-    """``places`` of speeds in groups whose mesh modes lie within a factor of SPARSE: each is one level, one program."""
+def _grouped_by_modes(indices, modes):
+    """``indices`` of speeds in groups whose mesh modes lie within ``sweep_level_ratio``: each is one level, one
+    program."""
     groups = []
-    while len(places):
-        near = SPARSE * modes[places] > modes[places].max()
-        groups.append(places[near])
-        places = places[~near]
+    while len(indices):
+        near = PLANNING.sweep_level_ratio * modes[indices] > modes[indices].max()
+        groups.append(indices[near])
+        indices = indices[~near]
     return groups
 
 
@@ -236,4 +273,4 @@ def plan_marching(train, rpm, plan, request):
     excited = excited_harmonic(train, request.method)
     least = time_steps_for(max(modes, 2 * excited))
     steps = max(plan.time_steps, least) if plan.active else least
-    return dataclasses.replace(all_unknown(train, plan, request), start="march", time_steps=steps)
+    return dataclasses.replace(all_active(train, plan, request), start="march", time_steps=steps)

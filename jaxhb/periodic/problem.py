@@ -6,11 +6,12 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 
-from .._arrays import namespace
+from .._arrays import Array, namespace
 from ..harmonic import backlash, chain, fourier, linear_train, reduction
 from ..harmonic.excitation import excitation, listed_harmonic, load_power_kW
-from ..harmonic.residual import Nonlinear, all_meshes
+from ..harmonic.residual import MeshParameters, all_meshes
 from ..response.response import Fields
+from ..transient.reduced_model import reduced_model
 
 
 @jax.tree_util.register_dataclass
@@ -18,21 +19,39 @@ from ..response.response import Fields
 class Problem:
     """A train at one speed: linear system, all its meshes, excitation.
 
-    system : System; meshes : Nonlinear over all meshes (a mesh without backlash has epsilon 1, which makes its law
+    system : System; meshes : MeshParameters over all meshes (a mesh without backlash has epsilon 1, which makes its law
     linear); frequency : Omega in rad/s; load : complex ``(S, E+1)`` N, E the highest harmonic excited; rigid : ``(S,)``
     displacements of the rigid rotation; load_torque N m; load_power W.
     """
 
     system: chain.System
-    meshes: Nonlinear
+    meshes: MeshParameters
     frequency: jax.Array
     load: jax.Array
     rigid: jax.Array
     load_torque: jax.Array
     load_power: jax.Array
 
+    def links(self, active_meshes):
+        """Links ``(G,)`` of the active meshes."""
+        return jnp.asarray(self.meshes.link)[active_meshes.index]
 
-def pose(train, rpm, excited):
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class ActiveMeshes:
+    """The meshes whose contact is an unknown, padded to G of them, and the flanks of the others.
+
+    mask ``(G,)`` 1, or 0 for padding; index ``(G,)`` of the mesh; flank ``(M,)`` of every mesh: +1 or -1 where it is
+    held on that flank all cycle, else 0.
+    """
+
+    mask: Array
+    index: Array
+    flank: Array
+
+
+def problem_at(train, rpm, excited):
     """The :class:`Problem` of ``train`` at ``rpm``, with room for ``excited`` harmonics of the excitation."""
     xp = namespace(train, rpm)
     train = jax.tree.map(lambda a: xp.asarray(a, dtype=float), train)
@@ -54,30 +73,37 @@ def pose(train, rpm, excited):
 
 def offset_load(problem, flank):
     """Load ``(S, E+1)`` with the constant forces of meshes held on one flank (+1, -1; 0: not held) added."""
+    # Beyond the knee f = c l - offset sign(l): a mesh that stays on its flank is a linear link with a constant force.
     constant = -jnp.asarray(flank) * backlash.offset(problem.meshes.law)
     return jnp.asarray(problem.load).at[:, 0].add(-problem.system.spread(constant, problem.meshes.link))
 
 
-def reduced_equation(problem, harmonics, active, chosen, flank):
-    """Reduced and CondensedTrain of the meshes ``chosen`` (``active`` 1, padding 0), the others held on their
-    flanks."""
-    meshes = problem.meshes
-    law = jax.tree.map(lambda a: jnp.asarray(a)[chosen], meshes.law)
-    law = dataclasses.replace(law, stiffness=law.stiffness * active)
+def reduced_equation(problem, harmonics, active_meshes):
+    """Reduced and CondensedTrain of the active meshes; those that are not active are held on their flanks."""
+    meshes, mask, index = problem.meshes, active_meshes.mask, active_meshes.index
+    law = jax.tree.map(lambda a: jnp.asarray(a)[index], meshes.law)
     return reduction.reduce(
         problem.system,
         problem.frequency,
-        offset_load(problem, flank),
+        offset_load(problem, active_meshes.flank),
         harmonics,
-        active,
-        jnp.asarray(meshes.link)[chosen],
-        law,
-        jnp.asarray(meshes.viscous)[chosen] * active,
-        jnp.asarray(meshes.contact_damping)[chosen] & (active > 0),
+        mask,
+        problem.links(active_meshes),
+        dataclasses.replace(law, stiffness=law.stiffness * mask),
+        jnp.asarray(meshes.viscous)[index] * mask,
+        jnp.asarray(meshes.contact_damping)[index] & (mask > 0),
     )
 
 
+def model_of(problem, active_meshes, time_steps):
+    """The :class:`~jaxhb.transient.reduced_model.ReducedModel` that so many time steps a cycle resolve, with the
+    active meshes as its inputs."""
+    links = problem.links(active_meshes)
+    return reduced_model(problem.system, links, active_meshes.mask, problem.frequency, time_steps)
+
+
 FORCE_HARMONICS = 8
+"""Times the harmonics of the motion that tooth forces have: what 16 time samples per harmonic tell apart."""
 
 
 def fields(problem, displacement, force, sizes, crossings=None):
@@ -132,6 +158,7 @@ def power_defect(problem, displacement, force, found):
     load = fourier.resize(jnp.asarray(problem.load), harmonics)
     teeth = fourier.resize(found.forces - found.elastic_forces, harmonics)
     force = force.at[problem.meshes.link].set(teeth)
+    # Power of each harmonic is Re(q conj(v)), n > 0 counted twice: a common factor of all terms, left out.
     given = (load * jnp.conj(velocity)).real
     taken = (force * jnp.conj(system.deflections(velocity))).real.sum()
     taken += (jnp.asarray(system.damping)[:, None] * jnp.abs(velocity) ** 2).sum()

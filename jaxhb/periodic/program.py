@@ -1,4 +1,4 @@
-"""The compiled solve: one problem, one choice of meshes, fixed sizes. No decisions by value, no names."""
+"""The compiled solve: one problem, one active_meshes of meshes, fixed sizes. No decisions by value, no names."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -8,22 +8,41 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from .._arrays import Array
 from .._program import Program
 from ..harmonic import backlash, exact, fourier, reduction
+from ..linear.forced import FORCED
 from ..response.status import Status
-from ..transient.reduced_model import reduced_model
 from . import correction
 from .derivative import attach
-from .march import marched, on_flank
 from .newton import relative_residual, solve_chain, solve_reduced
-from .problem import fields, held_in_contact, offset_load, power_defect, reduced_equation
+from .newton_start import marched, on_flank
+from .problem import fields, held_in_contact, model_of, offset_load, power_defect, reduced_equation
 
-SINGULAR = 1e11
-"""Link force over load beyond which the linear train is at an undamped resonance: rounding alone is left there."""
 
-NEAR = 3e-4
-"""Relative residual, a few times that of a settled march, from which Newton's method takes longer than a march."""
+@dataclass(frozen=True)
+class SolveOptions:
+    """What a compiled solve takes for solved, singular and balanced.
+
+    Parameters
+    ----------
+    singular : link force over load beyond which the linear train is at an undamped resonance: rounding alone is left
+    balanced : share of the largest load and link force that the mean balance of a disk may miss
+    march_above : relative residual, a few times that of a settled march, from which Newton's method takes longer than a
+        march
+    estimate_forcing, estimate_steps : share of the residual that the correction of an estimate of the truncation error
+        may leave, and its Krylov steps at most
+    unloaded : tooth force, over stiffness x backlash, up to which teeth carry nothing but what solved equations leave
+    """
+
+    singular: float = FORCED.singular
+    balanced: float = FORCED.unbalanced
+    march_above: float = 3e-4
+    estimate_forcing: float = 0.05
+    estimate_steps: int = 20
+    unloaded: float = 1e-8
+
+
+SOLVE = SolveOptions()
 
 
 @dataclass(frozen=True)
@@ -34,7 +53,7 @@ class Sizes:
     excitation that there is room for; method : "reduced" or "chain"; residual_tolerance, max_steps : of Newton;
     integrals : of the law over the cycle, "sampled" or "exact", which leaves ``samples`` to what needs no such
     accuracy; estimated : whether the truncation error is; without, it counts as 0; marches : whether a start may march
-    cycles (a sixth of the program), either : and be given as well.
+    cycles (a sixth of the program); compare_starts : whether a given start is compared with a marched one.
     """
 
     samples: int
@@ -46,7 +65,7 @@ class Sizes:
     integrals: str = "sampled"
     estimated: bool = True
     marches: bool = True
-    either: bool = False
+    compare_starts: bool = False
 
 
 @jax.tree_util.register_dataclass
@@ -54,24 +73,15 @@ class Sizes:
 class Start:
     """Where Newton starts: coefficients ``(G, N+1)`` where ``given``, else teeth in contact and ``cycles`` marched.
 
-    With ``Sizes.either`` cycles are marched as well where a given motion leaves more than NEAR of the equations
-    unsolved, and the better of the two is the start. A march ends early where a cycle closes to ``enough``.
+    With ``Sizes.compare_starts`` cycles are marched as well where a given motion leaves more than ``march_above`` of
+    the equations unsolved, and the better of the two is the start. A march ends early where a cycle closes to
+    ``periodicity_tolerance``.
     """
 
     coefficients: jax.Array
     given: jax.Array
     cycles: jax.Array
-    enough: jax.Array | float = 0.0
-
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class Choice:
-    """Unknown meshes: active ``(G,)`` 1 or 0 (padding), chosen ``(G,)`` mesh; flank ``(M,)`` +1, -1, or 0."""
-
-    active: Array
-    chosen: Array
-    flank: Array
+    periodicity_tolerance: jax.Array | float = 0.0
 
 
 @jax.tree_util.register_dataclass
@@ -94,12 +104,12 @@ class Outcome:
 
 
 @partial(Program, static_argnames="sizes", seldom=True)
-def solve_problem(problem, choice, start, tolerance, sizes):
+def solve_problem(problem, active_meshes, start, tolerance, sizes):
     """Solve one problem.
 
     Parameters
     ----------
-    problem : Problem; choice : Choice
+    problem : Problem; active_meshes : ActiveMeshes
     start : Start
     tolerance : float, on the truncation error
     sizes : Sizes (static)
@@ -108,36 +118,37 @@ def solve_problem(problem, choice, start, tolerance, sizes):
     -------
     Outcome
     """
+    # The iteration is not differentiated: the implicit function theorem gives the derivative of what it found.
     frozen = lax.stop_gradient((problem, start, tolerance))
-    return differentiable(problem, choice, find(frozen[0], choice, *frozen[1:], sizes), sizes)
+    return differentiable(problem, active_meshes, find(frozen[0], active_meshes, *frozen[1:], sizes), sizes)
 
 
-def differentiable(problem, choice, found, sizes):
+def differentiable(problem, active_meshes, found, sizes):
     """The Outcome that :func:`find` found, with its derivative with respect to ``problem``."""
     outcome, at, solved = found
-    fields, deflection = attach(sizes, problem, choice, at, solved, outcome.fields, outcome.deflection)
+    fields, deflection = attach(sizes, problem, active_meshes, at, solved, outcome.fields, outcome.deflection)
     return dataclasses.replace(outcome, fields=fields, deflection=deflection)
 
 
-def find(problem, choice, start, tolerance, sizes):
+def find(problem, active_meshes, start, tolerance, sizes):
     """The Outcome without derivatives, what :func:`attach` needs of its motion, whether it solves."""
     # N is the length of the start; ``sizes.samples`` are 16 N, which the plan sees to.
     harmonics = start.coefficients.shape[-1] - 1
-    none = len(choice.active) == 0
+    none = len(active_meshes.mask) == 0
+    # The estimate of the truncation error asks for receptances of 2 N harmonics: made once, cut for the solve.
     reach = 2 * harmonics if sizes.estimated and not none else harmonics
-    fine, condensed = reduced_equation(problem, reach, choice.active, choice.chosen, choice.flank)
+    fine, condensed = reduced_equation(problem, reach, active_meshes)
     reduced = dataclasses.replace(reduction.truncate(fine, harmonics), integrals=sizes.integrals)
     periodicity_error, error, truncation = jnp.zeros(()), jnp.zeros(()), jnp.zeros(())
     operator = None
     steps, stalled = jnp.array(0), jnp.array(False)
     deflection = reduced.linear
     if not none:
-        links = jnp.asarray(problem.meshes.link)[choice.chosen]
-        model = reduced_model(problem.system, links, choice.active, problem.frequency, sizes.time_steps)
+        model = model_of(problem, active_meshes, sizes.time_steps)
         first, periodicity_error = _first(reduced, model.space, start, sizes)
         numbers = {"samples": sizes.samples, "time_steps": sizes.time_steps}
         if sizes.method == "chain":
-            deflection, iterate = _by_chain(problem, choice, reduced, condensed, first, sizes)
+            deflection, iterate = _by_chain(problem, active_meshes, reduced, condensed, first, sizes)
             operator = correction.prepare(reduced, model, deflection, **numbers)
             error = relative_residual(reduced, reduced.residual(deflection, sizes.samples))
         else:
@@ -147,14 +158,17 @@ def find(problem, choice, start, tolerance, sizes):
         if sizes.estimated:
             truncation = truncation_error(fine, operator, deflection, sizes.samples)
         steps, stalled = iterate.steps, iterate.stalled
-    reduced, crossings = reduced.located(deflection), None
+    reduced, crossings = reduced.with_crossings(deflection), None
     nonlinear_force = reduced.nonlinear_force_coefficients(deflection, sizes.samples)
     motion = condensed.combine(nonlinear_force)
     found = fields(problem, *motion, sizes)
     defect = power_defect(problem, *motion, found)
     if sizes.integrals == "exact":
-        crossings = reduced.crossings, exact.locate(jax.tree.map(jnp.asarray, problem.meshes.law), found.deflections)
-    failure = _failure(problem, choice, condensed, found, error, stalled, crossings, sizes)
+        crossings = (
+            reduced.crossings,
+            exact.find_crossings(jax.tree.map(jnp.asarray, problem.meshes.law), found.deflections),
+        )
+    failure = _failure(problem, active_meshes, condensed, found, error, stalled, crossings, sizes)
     solved = failure == Status.CONVERGED
     status = jnp.where(solved & ~(truncation <= tolerance), Status.TOLERANCE_NOT_MET, failure)
     return (
@@ -169,11 +183,11 @@ def _first(reduced, space, start, sizes):
     begun = jnp.where(start.given, start.coefficients, on_flank(reduced))
 
     def march():
-        return marched(reduced, space, sizes.time_steps, start.cycles, start.enough)
+        return marched(reduced, space, sizes.time_steps, start.cycles, start.periodicity_tolerance)
 
     if not sizes.marches:
         return begun, jnp.zeros(())
-    if not sizes.either:
+    if not sizes.compare_starts:
         return lax.cond(start.cycles > 0, march, lambda: (begun, jnp.zeros(())))
     sampled = dataclasses.replace(reduced, integrals="sampled")
 
@@ -187,11 +201,11 @@ def _first(reduced, space, start, sizes):
 
     given = start.given & (start.cycles > 0)
     remaining = lax.cond(given, left, lambda _: jnp.inf, begun)
-    marching = (start.cycles > 0) & (remaining > NEAR)
+    marching = (start.cycles > 0) & (remaining > SOLVE.march_above)
     return lax.cond(marching, better, lambda: (begun, jnp.zeros(())))
 
 
-def _by_chain(problem, choice, reduced, condensed, start, sizes):
+def _by_chain(problem, active_meshes, reduced, condensed, start, sizes):
     """Newton on all disks by the block sweep; meshes held on a flank follow the whole law here."""
     system, meshes = problem.system, problem.meshes
     displacement, _ = condensed.combine(reduced.nonlinear_force_coefficients(start, sizes.samples))
@@ -205,46 +219,49 @@ def _by_chain(problem, choice, reduced, condensed, start, sizes):
         tolerance=1e-13,
         max_steps=sizes.max_steps,
     )
-    links = jnp.asarray(meshes.link)[choice.chosen]
-    return system.deflections(fourier.unpack(iterate.x), links) * choice.active[:, None], iterate
+    found = system.deflections(fourier.unpack(iterate.x), problem.links(active_meshes))
+    return found * active_meshes.mask[:, None], iterate
 
 
-def _failure(problem, choice, condensed, found, error, stalled, crossings, sizes):
+def _failure(problem, active_meshes, condensed, found, error, stalled, crossings, sizes):
     """The status as far as the equations go, CONVERGED whatever the truncation error."""
     finite = jnp.isfinite(error) & jnp.all(jnp.isfinite(found.angles.real + found.angles.imag))
     given = [leaf for leaf in jax.tree.leaves(problem) if jnp.issubdtype(leaf.dtype, jnp.inexact)]
     sound = jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in given]))
-    singular = sound & ~(condensed.largest_force <= SINGULAR * jnp.max(jnp.abs(problem.load), initial=0.0))
-    held = held_in_contact(problem, found.deflections, choice.flank, sizes.samples)
-    balanced = _balanced(problem, choice, condensed)
+    singular = sound & ~(condensed.largest_force <= SOLVE.singular * jnp.max(jnp.abs(problem.load), initial=0.0))
+    held = held_in_contact(problem, found.deflections, active_meshes.flank, sizes.samples)
+    balanced = _balanced(problem, active_meshes, condensed)
     unsolved = jnp.where(stalled, Status.STALLED, Status.MAX_STEPS)
     status = jnp.where(error <= sizes.residual_tolerance, Status.CONVERGED, unsolved)
     complete = jnp.array(True) if crossings is None else crossings[0].complete & crossings[1].complete
+    # The later, the stronger: a motion that is not finite says nothing of the plan, and at a resonance without damping
+    # nothing else means anything.
     status = jnp.where(held & complete, status, Status.PLAN_VIOLATED)
     status = jnp.where(balanced, status, Status.UNBALANCED)
     status = jnp.where(finite, status, Status.NONFINITE)
     return jnp.where(singular, Status.NEAR_SINGULAR, status)
 
 
-def _balanced(problem, choice, condensed):
+def _balanced(problem, active_meshes, condensed):
     """Whether the mean torques are taken: no disk is left with a mean force that no link, ground or load takes."""
     system = problem.system
     position, force = condensed.mean_displacement, condensed.mean_force
-    load = offset_load(problem, choice.flank)[:, 0].real
+    load = offset_load(problem, active_meshes.flank)[:, 0].real
     left = load - system.ground * position - system.spread(force)
+    # Without ground or load the mean torques must cancel: of a floating train the sweep gives some motion whatever they
+    # are, so that the balance is looked at itself.
     size = jnp.max(jnp.abs(load), initial=0.0) + jnp.max(jnp.abs(force), initial=0.0)
-    return jnp.max(jnp.abs(left)) <= 1e-9 * size
+    return jnp.max(jnp.abs(left)) <= SOLVE.balanced * size
 
 
 @partial(Program, static_argnames="sizes")
-def estimate(problem, choice, deflection, sizes):
+def estimate(problem, active_meshes, deflection, sizes):
     """The truncation error of a motion found without it: deflections ``(G, N+1)`` of the active meshes."""
     harmonics = deflection.shape[-1] - 1
-    fine, _ = reduced_equation(problem, 2 * harmonics, choice.active, choice.chosen, choice.flank)
+    fine, _ = reduced_equation(problem, 2 * harmonics, active_meshes)
     reduced = reduction.truncate(fine, harmonics)
-    links = jnp.asarray(problem.meshes.link)[choice.chosen]
-    train = reduced_model(problem.system, links, choice.active, problem.frequency, sizes.time_steps)
-    operator = correction.prepare(reduced, train, deflection, sizes.samples, sizes.time_steps)
+    model = model_of(problem, active_meshes, sizes.time_steps)
+    operator = correction.prepare(reduced, model, deflection, sizes.samples, sizes.time_steps)
     return truncation_error(fine, operator, deflection, sizes.samples)
 
 
@@ -258,10 +275,11 @@ def truncation_error(fine, operator, deflection, samples):
     harmonics = fine.linear.shape[-1] - 1
     wide = fourier.resize(deflection, harmonics)
     residual = fine.residual(wide, 2 * samples)
-    change, left, _ = correction.correct(fine, operator, wide, residual, 2 * samples, 0.05, 20)
+    forcing = SOLVE.estimate_forcing, SOLVE.estimate_steps
+    change, left, _ = correction.correct(fine, operator, wide, residual, 2 * samples, *forcing)
     law = fine.law.expand()
     before = backlash.force(law, fourier.synthesize(wide, 2 * samples))
     after = backlash.force(law, fourier.synthesize(wide - change, 2 * samples))
-    noise = 1e-8 * jnp.max(law.stiffness * law.backlash)  # of solved equations, where no tooth carries a load
+    noise = SOLVE.unloaded * jnp.max(law.stiffness * law.backlash)  # of solved equations, where no tooth carries a load
     estimate = jnp.max(jnp.abs(after - before)) / jnp.maximum(jnp.max(jnp.abs(before)), jnp.maximum(noise, 1e-300))
     return estimate / (1 - jnp.minimum(left, 0.999))

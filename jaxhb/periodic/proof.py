@@ -1,7 +1,7 @@
 """A certificate: within what distance of a computed motion a true periodic motion exists (Fridman 2009, ch. 4 and 5).
 
 The theorem of Newton and Kantorovich on the untruncated equation of the deflections, ``F(y) = y - y_lin + H psi(y)``
-``= 0`` (:mod:`jaxhb.periodic.linearisation`). With A the inverse of ``F'(ybar)`` on the low harmonics and 1 beyond,
+``= 0`` (:mod:`jaxhb.periodic.linearization`). With A the inverse of ``F'(ybar)`` on the low harmonics and 1 beyond,
 ``|.|_w`` the weighted norm, E the largest value over the weighted norm, ``|.|`` the largest value over the cycle:
 
 1. ``Z1 = |1 - A F'|_w < 1`` shows that ``F'`` has an inverse, and that it is near A (docs/theory A4.5, where the
@@ -41,25 +41,17 @@ import numpy as np
 
 from ..harmonic import fourier
 from ..response.certificate import Certificate, Kantorovich
-from .linearisation import PER_HARMONIC
-
-ROUNDED, UNSOLVED = 1e-13, 1e-6
-"""Share of the terms of F that rounding may leave, and of a right side that a solve with ``F'`` may."""
+from .certificate_options import CERTIFICATE
 
 
 def prove(lin, train, gaps):
     """The numbers of the theorem around the motion of ``lin``, and what follows for the true one."""
-    sizes, law, w = lin.sizes, lin.law, lin.weight
-    low, high = sizes.low, sizes.high
-    E, grid = lin.embedding, PER_HARMONIC * low // 4
+    law, low, high = lin.law, lin.sizes.low, lin.sizes.high
+    E, grid = lin.embedding, CERTIFICATE.samples * low // 4
 
-    F = lin.residual()
-    left = np.sqrt(2 * _beyond(lin.integral, high, 3))  # of psi beyond ``high``, root mean square
-    corrected = lin.inverse(F)
-    correction = lin.largest(corrected) + lin.gain_between(high + 1) * left
-    weighted = np.hypot(np.linalg.norm(fourier.pack(w[: high + 1] * corrected)), lin.largest_gain(high + 1) * left)
-    correction += ROUNDED * (lin.largest(lin.linear) + lin.largest(F - lin.linear))
+    F, corrected, correction, weighted = _newton_correction(lin)
     Z1 = _defect(lin)
+    # Neumann series of 1 - A F': a weighted norm times Z1/(1 - Z1), as a largest value times E.
     spread = E * Z1 / (1 - Z1) if Z1 < 1 else np.inf
     Y0 = float(correction.max() + spread * weighted)
 
@@ -72,6 +64,7 @@ def prove(lin, train, gaps):
     if zone.any() and np.isfinite(Y0):
         kernel, rate_kernel = (_row_sum(lin, zone / law.transition[:, None], grid, rate) for rate in (False, True))
         in_zone = np.hypot(_zone_norm(lin, zone, grid), lin.largest_gain(low + 1))
+    # A is 1 beyond ``low``: there A H = H, from root mean square to largest value.
     missing = lin.gain_between(low + 1) * root
     Z2 = float(kernel + missing + spread * in_zone * root) if zone.any() and Z1 < 1 else 0.0
     found = Certificate(
@@ -87,6 +80,7 @@ def prove(lin, train, gaps):
     )
     if found.reason:
         return found
+    # The engagement has the slope 1/tau in the zone: its integral differs from the linear one by at most r^2 / (2 tau).
     kick = found.radius**2 / 2  # what Delta / 2 is at most, times the transition
     apart = correction + spread * weighted + Z2 * kick
     # The rate of A q, of d = q - F' A q and of -H psi' e, one line each, as in the head of this module.
@@ -104,6 +98,19 @@ def prove(lin, train, gaps):
     return replace(
         found, deflection_bound=law.backlash * apart, elastic_bound=elastic, force_bound=elastic + viscous * drag
     )
+
+
+def _newton_correction(lin):
+    """F, A F, and what the largest value of each mesh and the weighted norm of Newton's correction are at most."""
+    w, high = lin.weight, lin.sizes.high
+    F = lin.residual()
+    left = np.sqrt(2 * _beyond(lin.integral, high, 3))  # of psi beyond ``high``, root mean square
+    corrected = lin.inverse(F)
+    correction = lin.largest(corrected) + lin.gain_between(high + 1) * left
+    weighted = np.hypot(np.linalg.norm(fourier.pack(w[: high + 1] * corrected)), lin.largest_gain(high + 1) * left)
+    # Rounding of the terms of F, which cancel, is not in the residual computed from them.
+    correction += CERTIFICATE.rounded * (lin.largest(lin.linear) + lin.largest(F - lin.linear))
+    return F, corrected, correction, weighted
 
 
 def _rate(x):
@@ -139,6 +146,8 @@ def _defect(lin):
         return 0.0
     whole = lin.norm(apply, adjoint, high)
     half = high // 2
+    # Columns beyond ``high`` in three parts: rows up to ``low``, where A acts; up to half of ``high``, whose coupling
+    # has died out as well; and the rest, where the gain is small.
     columns = _gain_norm(lin, low) * _coupling(lin.share, low, high)
     columns += lin.largest_gain(low + 1) * _coupling(lin.share, half, high)
     columns += lin.largest_gain(half + 1) * lin.half_range
@@ -149,6 +158,8 @@ def _coupling(share, rows, columns):
     """Bound of the product with (engagement - 1) from harmonics beyond ``columns`` to those up to ``rows``."""
     first = columns - rows + 1
     k = np.arange(first, share.shape[1])
+    # Hilbert-Schmidt norm of the corner of a Toeplitz matrix: coefficient k of the share stands in so many of its
+    # places.
     pairs = np.minimum(2 * rows + 1, k - first + 1)
     known = 2 * (pairs * np.abs(share[:, first:]) ** 2).sum(-1).max(initial=0.0)
     return np.sqrt(known + 2 * (2 * rows + 1) * _beyond(share, share.shape[1] - 1, 2))
@@ -226,7 +237,7 @@ def _reason(lin, Y0, Z1, Z2):
     low = lin.sizes.low
     if not lin.complete:
         return "the teeth pass the knots of their law too often for exact integrals: use more harmonics."
-    if lin.unsolved > UNSOLVED or not (Z1 < 1 and np.isfinite(Y0)):
+    if lin.unsolved > CERTIFICATE.unsolved or not (Z1 < 1 and np.isfinite(Y0)):
         return (
             f"the linearised equation could not be inverted well enough (Z1 = {Z1:.2g}, must be below 1): the motion "
             f"is near a fold, modes beyond harmonic {low} take part, or damping in contact is very strong."

@@ -10,34 +10,35 @@ from ..harmonic import chain
 from ..harmonic.excitation import highest_harmonic
 from ..model.elements import SceneError
 
-MOST = {"reduced": 4096, "chain": 128}
-"""Harmonics, by method."""
+MOST_HARMONICS = {"reduced": 4096, "chain": 128}
+"""Harmonics of the cycle at most, by method: work and memory grow with N, for the chain with N^3 and N^2."""
 
 DEFAULT_TOLERANCE = 0.01
+"""Truncation error of the elastic tooth force, as a share of the largest tooth force."""
 
 
 @dataclass(frozen=True)
 class Request:
     """What is asked of a solve: ``harmonics`` None for as many as ``tolerance`` needs; see :func:`jaxhb.solve`.
 
-    many : whether other speeds are solved with it, which programs that serve all of them pay for.
+    in_sweep : whether other speeds are solved with it, which programs that serve all of them pay for.
     """
 
     harmonics: int | None = None
     tolerance: float = DEFAULT_TOLERANCE
     method: str = "reduced"
     integrals: str = "sampled"
-    many: bool = False
+    in_sweep: bool = False
 
     @classmethod
-    def of(cls, train, harmonics=None, tolerance=None, method=None, integrals=None, many=False):
+    def of(cls, train, harmonics=None, tolerance=None, method=None, integrals=None, in_sweep=False):
         """The request with defaults for None, checked."""
         made = cls(
             harmonics,
             DEFAULT_TOLERANCE if tolerance is None else tolerance,
             method or "reduced",
             integrals or "sampled",
-            many,
+            in_sweep,
         )
         check_method(train, made.method)
         check_integrals(made.integrals, made.method)
@@ -49,7 +50,7 @@ class Request:
 
 def check_harmonics(train, harmonics, method):
     """Refuse a fixed number of harmonics that cannot work, with a sentence."""
-    name = train.topology.name or "scene"
+    name = train.topology.title
     if not (isinstance(harmonics, int | np.integer) and harmonics >= 1):
         raise SceneError(f"{name}: harmonics is {harmonics}, must be a whole number of at least 1.")
     least = highest_harmonic(train)
@@ -58,14 +59,14 @@ def check_harmonics(train, harmonics, method):
             f"{name}: {harmonics} harmonics of the cycle are below the excitation, which reaches harmonic {least} "
             f"(order {least / train.topology.revolutions_per_cycle:g}): ask for at least {least} harmonics."
         )
-    if harmonics > MOST[method]:
+    if harmonics > MOST_HARMONICS[method]:
         raise SceneError(_too_many(train, harmonics, method, name))
 
 
 def check_tolerance(train, tolerance):
     """Refuse a tolerance that is not a share of the largest tooth force."""
     if not 0 < tolerance < 1:
-        name = train.topology.name or "scene"
+        name = train.topology.title
         raise SceneError(
             f"{name}: tolerance is {tolerance:g}, must be greater than 0 and less than 1: the share of the largest "
             "tooth force that the harmonics left out may make, 0.01 by default."
@@ -75,17 +76,17 @@ def check_tolerance(train, tolerance):
 def excited_harmonic(train, method):
     """Highest harmonic of the excitation that counts; a sentence where ``method`` cannot reach it."""
     highest = highest_harmonic(train)
-    if highest > MOST[method]:
+    if highest > MOST_HARMONICS[method]:
         raise SceneError(
-            f"{train.topology.name or 'scene'}: the excitation reaches harmonic {highest} of the cycle, more than the "
-            f"{MOST[method]} that method '{method}' offers: drop its highest orders or shorten the cycle."
+            f"{train.topology.title}: the excitation reaches harmonic {highest} of the cycle, more than the "
+            f"{MOST_HARMONICS[method]} that method '{method}' offers: drop its highest orders or shorten the cycle."
         )
     return highest
 
 
 def check_plan(train, plan):
     """Refuse a plan made for another train: backlash it does not know, or more excitation than it holds."""
-    name, gaps = train.topology.name or "scene", train.topology.mesh_backlash
+    name, gaps = train.topology.title, train.topology.mesh_backlash
     known = len(plan.flank) == len(gaps)
     if not known or any(gap and i not in plan.active and not plan.flank[i] for i, gap in enumerate(gaps)):
         raise SceneError(f"{name}: the plan was made for a train without this backlash or other meshes: plan again.")
@@ -96,13 +97,13 @@ def check_plan(train, plan):
 
 def check_method(train, method):
     """Refuse an unknown method, and the chain sweep on a closed loop."""
-    if method not in MOST:
+    if method not in MOST_HARMONICS:
         raise ValueError(f"method is {method!r}: give 'reduced' or 'chain'")
     loops = chain.span(train.topology).loops
     if method == "chain" and len(loops):
         names = ", ".join(repr(train.topology.link_names[i]) for i in loops)
         raise SceneError(
-            f"{train.topology.name or 'scene'}: {names} closes a loop, and method 'chain' needs a tree: use 'reduced'."
+            f"{train.topology.title}: {names} closes a loop, and method 'chain' needs a tree: use 'reduced'."
         )
 
 
@@ -111,7 +112,7 @@ def check_integrals(integrals, method):
     if integrals not in ("sampled", "exact"):
         raise ValueError(f"integrals is {integrals!r}: give 'sampled' or 'exact'")
     if integrals == "exact" and method != "reduced":
-        raise ValueError(f"method is {method!r}, and exact integrals go with 'reduced' only: use it, or sample")
+        raise ValueError(f"exact integrals need method 'reduced', and method is {method!r}: change one of them")
 
 
 def _too_many(train, harmonics, method, name):
@@ -120,6 +121,6 @@ def _too_many(train, harmonics, method, name):
         need = 6 * disks * width**2 * 8 / 2**30
         return (
             f"{name}: method 'chain' holds dense blocks for all {disks} disks, about {need:.1f} GiB at {harmonics} "
-            f"harmonics, and is an oracle up to {MOST['chain']}: use method 'reduced'."
+            f"harmonics, and serves as a check up to {MOST_HARMONICS['chain']} harmonics: use method 'reduced'."
         )
-    return f"{name}: {harmonics} harmonics are more than the limit of {MOST['reduced']}: use fewer."
+    return f"{name}: {harmonics} harmonics are more than the limit of {MOST_HARMONICS['reduced']}: use fewer."

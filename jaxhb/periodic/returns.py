@@ -6,9 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-PERIODS = tuple(range(1, 9))
-"""Cycles after which a return is looked for."""
-
 
 @dataclass(frozen=True)
 class ReturnOptions:
@@ -23,13 +20,16 @@ class ReturnOptions:
     near : return error below which it has a period that it approaches
     close : return error that keeps falling below which, where a march ends, it may be near a motion to which it goes
         on: worth the question of whether there is one that attracts
-    small : return error above which a decay tells nothing
+    small : return error above which a decay shows nothing
     rounded : return error that rounding leaves
     falling : share to which the return error falls from one window of cycles to the next, twice, where a motion
         approaches a period; past a motion that repels in one direction the fall slows down
     decaying : the same where it may still do so
     leaving : growth of the return error from one window to the next that still is none
     window : cycles in a window at least; as many as the period has
+    longest_period : cycles after which a return is looked for, at most
+    transient : cycles before a record, fewest and most
+    work : steps times modes that these cycles may take beyond the fewest
     """
 
     settled: float = 5e-5
@@ -41,13 +41,17 @@ class ReturnOptions:
     decaying: float = 0.95
     leaving: float = 1.05
     window: int = 3
+    longest_period: int = 8
+    transient: tuple[int, int] = (64, 192)
+    work: float = 4e6
+
+    @property
+    def periods(self):
+        """Cycles after which a return is looked for."""
+        return range(1, self.longest_period + 1)
 
 
 RETURN = ReturnOptions()
-
-
-TRANSIENT, WORK = (64, 192), 4e6
-"""Cycles before a record, fewest and most, and steps times modes that they may take."""
 
 
 @dataclass(frozen=True)
@@ -65,11 +69,11 @@ class Cycles:
 
     def before_record(self, work: float) -> int:
         """Cycles before the record, for ``work`` steps times modes a cycle."""
-        return int(np.clip(WORK / work, *TRANSIENT)) if self.transient is None else self.transient
+        return int(np.clip(RETURN.work / work, *RETURN.transient)) if self.transient is None else self.transient
 
 
 class Returns:
-    """Return errors of a march, told cycle by cycle.
+    """Return errors of a march, cycle by cycle.
 
     A cycle is known by (l, l') ``(I, 2G)`` of its meshes at I equidistant time samples, a reconstruction of the state
     by delays: motion that no mesh sees, free rotation above all, does not count. The return error after k cycles is the
@@ -81,9 +85,9 @@ class Returns:
         self.floor = floor
         self.cycles = []
 
-    def add(self, seen):
+    def add(self, samples):
         """Take in cycles ``(cycles, I, 2G)``."""
-        self.cycles += list(seen)
+        self.cycles += list(samples)
 
     @property
     def finite(self):
@@ -93,7 +97,7 @@ class Returns:
     @property
     def scale(self):
         """Size ``(2G,)`` of deflections and rates."""
-        return np.abs(np.array(self.cycles[-2 * PERIODS[-1] :])).max(axis=(0, 1)) + self.floor
+        return np.abs(np.array(self.cycles[-2 * RETURN.longest_period :])).max(axis=(0, 1)) + self.floor
 
     def errors(self, k, scale=None):
         """Largest return error after k cycles in each of the last three windows, the latest first; else inf."""
@@ -112,11 +116,13 @@ class Returns:
         nearly returns after two cycles while it settles on the period of one.
         """
         scale, falling, close = self.scale, 1.0 if last else RETURN.falling, close if last else RETURN.near
-        errors = {k: self.errors(k, scale) for k in PERIODS}
+        errors = {k: self.errors(k, scale) for k in RETURN.periods}
         for k, (now, before, first) in errors.items():
+            # Settled: the return is small and not on its way out. Near: it falls from window to window, as fast as a
+            # decay does and the passage of a motion that repels does not.
             settled = now <= RETURN.settled and now <= RETURN.leaving * before < np.inf or now <= RETURN.rounded
             near = now <= close and now <= falling * before and before <= falling * first < np.inf
-            waits = not last and any(k % j == 0 and decaying(errors[j]) for j in PERIODS if j < k)
+            waits = not last and any(k % j == 0 and decaying(errors[j]) for j in RETURN.periods if j < k)
             if (settled or near) and not waits:
                 return k
         return 0
@@ -124,7 +130,7 @@ class Returns:
     def undecided(self):
         """Whether the motion may still settle on a period: a return error is small and keeps falling."""
         scale = self.scale
-        return any(decaying(self.errors(k, scale)) for k in PERIODS)
+        return any(decaying(self.errors(k, scale)) for k in RETURN.periods)
 
 
 def decaying(errors):
@@ -133,15 +139,14 @@ def decaying(errors):
     return now <= RETURN.small and now <= RETURN.decaying * before and before <= RETURN.decaying * first < np.inf
 
 
-def ended(batch, cycles, verified=False):
-    """``(march, period)`` of those of a batch that have a period, or go on without (0) no longer, after more cycles.
+def ended(batch, running, cycles, verified=False):
+    """``(march, period)`` of some marches that have a period, or go on without (0) no longer, after more cycles.
 
     ``verified``: the motion is asked for, so that a march that ends may still be some way off.
     """
     close = RETURN.close if verified else RETURN.near
-    running = [march for march in batch.marches if not march.done]
     transient = cycles.before_record(batch.work)
-    while True:
+    while running:
         first = [march for march in running if march.cycles < transient]
         later = [march for march in running if march.cycles >= transient]
         recording = [march for march in later if march.recorded < cycles.recorded]
@@ -151,6 +156,7 @@ def ended(batch, cycles, verified=False):
         ended = [(march, _period(march, cycles, transient, close)) for march in running]
         if any(period is not None for _, period in ended):
             return [(march, period) for march, period in ended if period is not None]
+    return []
 
 
 def _period(march, cycles, transient, close):

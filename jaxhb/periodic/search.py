@@ -12,25 +12,37 @@ from ..model.speeds import check_speed
 from ..response.response import Response
 from ..response.status import Status
 from . import ladder, orbits
-from .judged import Judge
+from .classification import Classifier
 from .marching import Equations
-from .planning import all_unknown, plan_speeds
+from .planning import all_active, plan_speeds
 from .request import Request
 from .returns import Cycles
 from .settled import difference
 from .stability import Stability, attracts
 
-NEIGHBOURS = 0.9, 0.95, 0.98, 1.02, 1.05, 1.1
-"""Speeds, over the one asked for, from whose motions the train is brought there."""
-
-SAME = 0.01
-"""Difference of the deflections, as a share of the largest, up to which two solutions are one motion."""
-
-SCATTERED, AWAY = 24, 2.5
-"""Starts of marches, and how far off they are at most: in shifts of the teeth from mid-gap to their flanks."""
-
 SEARCHES = (ladder.on_flank, ladder.short_march, ladder.long_march, ladder.shooting, ladder.from_linear_law)
 """Rungs all of whose attempts are made."""
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """How :func:`solve_all` searches beside the rungs of a solve.
+
+    Parameters
+    ----------
+    neighbours : speeds, over the one asked for, from whose motions the train is brought there
+    same : difference of the deflections, as a share of the largest, up to which two solutions are one motion
+    scattered : starts of marches at random states
+    farthest : how far off these are at most, in shifts of the teeth from mid-gap to their flanks
+    """
+
+    neighbours: tuple[float, ...] = (0.9, 0.95, 0.98, 1.02, 1.05, 1.1)
+    same: float = 0.01
+    scattered: int = 24
+    farthest: float = 2.5
+
+
+SEARCH = SearchOptions()
 
 
 @dataclass(frozen=True)
@@ -101,7 +113,7 @@ def solve_all(
 
     Notes
     -----
-    Takes seconds to minutes. :func:`jaxhb.steady_state` tells in a fraction of a second what the train does,
+    Takes seconds to minutes. :func:`jaxhb.steady_state` finds in a fraction of a second what the train does,
     :func:`jaxhb.follow` where a motion goes with the speed.
 
     Examples
@@ -112,7 +124,7 @@ def solve_all(
     [(1, True)]
     """
     if traced(train, rpm) or staged():
-        raise TypeError("solve_all decides by value and cannot be traced: call it outside")
+        raise TypeError("solve_all depends on values, so jit, vmap and grad cannot trace it: call it outside")
     check_speed(train, rpm)
     rpm, request = float(rpm), Request.of(train, harmonics, tolerance)
     (plan,) = plan_speeds(train, np.array([rpm]), request)
@@ -126,29 +138,36 @@ def solve_all(
 
 def _settled(train, rpm, request):
     """(Response, period) of motions on which marches settle, from several starts side by side."""
-    near = rpm * np.array(NEIGHBOURS)
-    states = Judge(train, near, request, True, Cycles()).settle(list(range(len(near))), {})
+    near = rpm * np.array(SEARCH.neighbours)
+    states = Classifier(train, near, request, True, Cycles()).settle(list(range(len(near))), {})
     starts = _starts(train, rpm) + [state.motion for state in states.values() if state.motion is not None]
-    judge = Judge(train, np.full(len(starts) + 1, rpm), request, True, Cycles())
-    states = judge.settle(list(range(len(starts) + 1)), dict(enumerate(starts, 1)))  # the first: on the drive sides
+    classifier = Classifier(train, np.full(len(starts) + 1, rpm), request, True, Cycles())
+    states = classifier.settle(
+        list(range(len(starts) + 1)), dict(enumerate(starts, 1))
+    )  # the first: on the drive sides
     return [(state.response, state.period) for state in states.values() if state.response is not None]
 
 
 def _starts(train, rpm):
     """Motions ``(2S,)`` with the teeth in the middle of their gaps, on the flanks that do not drive, and scattered."""
     try:
-        posed = Equations(train).pose([rpm])
+        linear_motion = Equations(train).linear_motion([rpm])
     except ValueError:  # a massless disk leaves no equation: nothing can be marched
         return []
-    flank, rest, power = posed.flank[0], posed.displacement[0, :, 0].real, np.abs(posed.displacement[0, :, 1:]) ** 2
+    flank, rest, power = (
+        linear_motion.flank[0],
+        linear_motion.displacement[0, :, 0].real,
+        np.abs(linear_motion.displacement[0, :, 1:]) ** 2,
+    )
+    # Speeds of the scattered starts in proportion to the root mean square frequency of the linear motion.
     n = np.arange(1, power.shape[1] + 1)
-    omega = posed.frequency[0] * np.sqrt((n**2 * power).sum() / max(power.sum(), 1e-300))
-    shares = np.random.default_rng(0).uniform(-AWAY, AWAY, (SCATTERED, 2))
+    omega = linear_motion.frequency[0] * np.sqrt((n**2 * power).sum() / max(power.sum(), 1e-300))
+    shares = np.random.default_rng(0).uniform(-SEARCH.farthest, SEARCH.farthest, (SEARCH.scattered, 2))
     shares = np.concatenate([[[0.0, 0.0], [-1.0, 0.0]], shares])
     return [np.concatenate([rest + position * flank, speed * omega * flank]) for position, speed in shares]
 
 
-class _Scattered(orbits.Search):
+class _Scattered(orbits.OrbitSearch):
     """Shoots from as many states besides, anywhere within twice the reach of a march."""
 
     def _seeds(self):
@@ -165,7 +184,7 @@ def _searched(case):
             case.path.clear()
             last = ladder.refine(case, attempt, last)
             if not last.plan.active:  # in contact: other motions, if there are any, need all meshes unknown
-                last = replace(last, plan=all_unknown(case.train, last.plan, case.request))
+                last = replace(last, plan=all_active(case.train, last.plan, case.request))
             if last.status <= Status.TOLERANCE_NOT_MET:
                 yield last.response, 1
 
@@ -173,5 +192,5 @@ def _searched(case):
 def _add(found, others):
     """Put (Response, period) beside those at hand that are other motions."""
     for response, period in others:
-        if not any(period == known and difference(response, other, period) <= SAME for other, known in found):
+        if not any(period == known and difference(response, other, period) <= SEARCH.same for other, known in found):
             found.append((response, period))

@@ -9,12 +9,13 @@ from ..harmonic import fourier
 from ..response.events import March
 from ..response.status import Status
 from . import ladder, planning
-from .request import MOST
-from .returns import PERIODS
+from .planned import active_deflections
+from .request import MOST_HARMONICS
+from .returns import RETURN
 
 
 @dataclass(frozen=True)
-class VerdictOptions:
+class ClassificationOptions:
     """How a march becomes a steady state. Differences of deflections are relative to the largest and the gap.
 
     Parameters
@@ -47,21 +48,21 @@ class VerdictOptions:
     again: int = 32
 
 
-VERDICT = VerdictOptions()
+CLASSIFICATION = ClassificationOptions()
 
 
-def solve_settled(train, march, trace, period, request, *, steps, meshes, levels=VERDICT.levels):
+def solve_settled(train, march, trace, period, request, *, steps, meshes, levels=CLASSIFICATION.levels):
     """The Response of a motion with a period of some cycles, from one marched period.
 
     Parameters
     ----------
     train : DriveTrain, of one cycle, with its loss factors
-    march : March
+    march : SpeedMarch
     trace : array ``(2G, period x steps)``, (l, l') of the backlash meshes
     period : int, cycles
     request : Request
     steps : int, per cycle
-    meshes : Nonlinear, the backlash meshes
+    meshes : MeshParameters, the backlash meshes
     levels : int, numbers of harmonics that are tried at most
 
     Returns
@@ -81,11 +82,11 @@ def _solve(train, rpm, request, trace, meshes, event, period, levels):
     """The Response from the deflections of a period, or None."""
     deflection = np.split(trace, 2)[0]
     plan = _plan(train, rpm, request, deflection, meshes, period)
-    own = np.flatnonzero(np.array(train.topology.mesh_backlash, dtype=bool))
+    own = train.topology.backlash_index
     reach = (deflection.shape[1] - 1) // 2
     given = np.zeros((len(train.topology.mesh_names), reach + 1), dtype=complex)
     given[own] = fourier.analyze(deflection, reach)
-    given = given[plan.choice.chosen] * plan.choice.active[:, None]
+    given = active_deflections(plan, given)
     case = ladder.Case(train, rpm, request, plan)
     for _ in range(levels):
         result = ladder.refine(case, ladder.Attempt(plan, given, event))
@@ -103,7 +104,7 @@ def _plan(train, rpm, request, deflection, meshes, period):
     law = meshes.law
     side = np.where(deflection.mean(axis=1) < 0, -1, 1)
     least = (side[:, None] * deflection).min(axis=1)
-    stays = least > law.knee + VERDICT.margin * law.backlash
+    stays = least > law.knee + CLASSIFICATION.margin * law.backlash
     apart = (np.abs(deflection) < law.gap[:, None]).any()
     return _plan_of(train, rpm, request, np.where(stays, side, 0), apart, period)
 
@@ -111,8 +112,8 @@ def _plan(train, rpm, request, deflection, meshes, period):
 def _plan_of(train, rpm, request, side, apart, period):
     """The plan for backlash meshes of which some stay on a side ``(G,)``, +1 or -1, and those of side 0 are unknowns;
     ``apart``: whether any separates."""
-    own = np.flatnonzero(np.array(train.topology.mesh_backlash, dtype=bool))
-    if request.many and not side.all():
+    own = train.topology.backlash_index
+    if request.in_sweep and not side.all():
         side = np.zeros_like(side)  # one program whatever meshes leave contact
     flank = np.zeros(len(train.topology.mesh_names), dtype=int)
     flank[own] = side
@@ -120,24 +121,24 @@ def _plan_of(train, rpm, request, side, apart, period):
     modes = planning.mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))
     active = tuple(int(i) for i in own[side == 0])
     wanted = planning.first_level(contact.excited, modes[0] if apart else 0.0) if active else contact.harmonics
-    wanted = planning.shared_level(wanted) if request.many and active else wanted
+    wanted = planning.shared_level(wanted) if request.in_sweep and active else wanted
     # With fewer harmonics a cycle than one cycle has, a motion of one cycle is solved as a subharmonic one.
-    wanted = max(wanted, planning.level_at_least(period * planning.LEVELS[0]))
+    wanted = max(wanted, planning.level_at_least(period * planning.PLANNING.levels[0]))
     return dataclasses.replace(
         contact,
-        harmonics=request.harmonics or min(wanted, MOST[request.method]),
+        harmonics=request.harmonics or min(wanted, MOST_HARMONICS[request.method]),
         active=active,
         flank=tuple(flank.tolist()),
         # Read only where a flank that the plan held did not hold: what was given is no start then.
         start="march" if active and flank.any() else "linear",
         # In a sweep room for the longest period whatever the period: equal shapes, one program.
-        excited=contact.excited // period * PERIODS[-1] if request.many else contact.excited,
+        excited=contact.excited // period * RETURN.longest_period if request.in_sweep else contact.excited,
     )
 
 
-def prepare(train, speeds, request):
-    """Begin to make the programs that :func:`solve_settled` will run where teeth separate at speeds of a sweep: in
-    another thread, while these are marched.
+def compile_ahead(train, separates, request):
+    """Begin to make the programs that :func:`solve_settled` will run at speeds of a sweep ``{rpm: whether the linear
+    motion separates teeth}``: in other threads, while these are marched.
 
     Returns
     -------
@@ -145,14 +146,14 @@ def prepare(train, speeds, request):
         To be cancelled when these speeds are done.
     """
     unknown = np.zeros(sum(train.topology.mesh_backlash), dtype=int)
-    plans = {_plan_of(train, rpm, request, unknown, apart=True, period=1): rpm for rpm in speeds}
+    plans = {_plan_of(train, rpm, request, unknown, apart, period=1): rpm for rpm, apart in separates.items()}
     cases = (ladder.Case(train, rpm, request, plan) for plan, rpm in plans.items())
-    return [made for made in map(ladder.prepare, cases) if made is not None]
+    return [made for made in map(ladder.compile_ahead, cases) if made is not None]
 
 
-def same_motion(response, trace, meshes, train, most=VERDICT.same):
+def same_motion(response, trace, meshes, train, most=CLASSIFICATION.same):
     """Whether a response is the motion of a marched period ``(2G, steps)``."""
-    own = np.flatnonzero(np.array(train.topology.mesh_backlash, dtype=bool))
+    own = train.topology.backlash_index
     deflection = np.split(trace, 2)[0]
     found = response.deflection_samples(deflection.shape[1])[own]
     gap = (1 - meshes.law.epsilon) * meshes.law.backlash
@@ -166,7 +167,7 @@ def shortest_period(response, period):
     for divisor in range(1, period):
         if period % divisor == 0:
             others = np.arange(deflections.shape[-1]) % (period // divisor) != 0
-            if deflections[:, others].sum() <= VERDICT.repeats * deflections[:, 1:].sum():
+            if deflections[:, others].sum() <= CLASSIFICATION.repeats * deflections[:, 1:].sum():
                 return divisor
     return period
 
@@ -174,7 +175,7 @@ def shortest_period(response, period):
 def difference(one, other, period):
     """Largest difference of the deflections of two responses over ``period`` cycles, relative to the largest of all
     meshes; the motions may begin in different cycles."""
-    one, other = (response.deflection_samples(period * VERDICT.compared) for response in (one, other))
-    shifted = (np.roll(other, k * VERDICT.compared, axis=-1) for k in range(period))
+    one, other = (response.deflection_samples(period * CLASSIFICATION.compared) for response in (one, other))
+    shifted = (np.roll(other, k * CLASSIFICATION.compared, axis=-1) for k in range(period))
     least = min(np.abs(one - moved).max(initial=0.0) for moved in shifted)
     return float(least / max(np.abs(one).max(initial=0.0), np.abs(other).max(initial=0.0), 1e-300))

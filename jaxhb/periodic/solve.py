@@ -54,8 +54,8 @@ def solve(
     tolerance : float, optional
         Largest truncation error of the elastic tooth force over the largest tooth force; default 1 %.
     method : str, optional
-        "reduced" (default; unknowns at the meshes that can leave contact) or "chain" (all disks, block sweep; an
-        oracle up to 128 harmonics, no closed loops).
+        "reduced" (default; unknowns at the meshes that can leave contact) or "chain" (all disks, block sweep; a
+        check up to 128 harmonics, no closed loops).
     integrals : str, optional
         Of the tooth law over the cycle: "sampled" (default) at 16 time samples per harmonic, or "exact" between the
         times at which teeth pass the knots of their law. Sampling leaves the solution an error of the order of 1e-6,
@@ -104,13 +104,13 @@ def solve(
         if seconds is not None:
             raise ValueError("a plan makes one attempt: leave out seconds")
         if certify:
-            raise ValueError("certify decides by value and a plan does not: pass the response to jaxhb.certify")
+            raise ValueError("certify depends on values, which a plan rules out: pass the response to jaxhb.certify")
         return solve_planned(train, rpm, plan, start)
     if certify and traced(train, rpm):
-        raise ValueError("an error bound has no derivative: leave out certify where solve is differentiated")
+        raise ValueError("an error bound has no derivative: leave out certify where you differentiate solve")
     now = concrete(train, rpm)
     if traced(now) or staged():
-        raise TypeError("solve is being traced: pass plan=jaxhb.plan(train, rpm=...), made outside")
+        raise TypeError("jit or vmap traces solve: pass plan=jaxhb.plan(train, rpm=...), made outside")
     found = _decide(now[0], now[1], Request.of(train, harmonics, tolerance, method, integrals), start, seconds)
     if traced(train, rpm):  # by differentiation alone: solved already, the program only adds the derivative
         response = solve_planned(train, rpm, found.plan, found.response)
@@ -168,7 +168,9 @@ def plan(
     ()
     """
     if traced(train, rpm) or staged():
-        raise TypeError("plan decides by value and cannot be traced: call it outside and pass its result to solve")
+        raise TypeError(
+            "plan depends on values, so jit, vmap and grad cannot trace it: call it outside and give solve its result"
+        )
     found = _decide(train, rpm, Request.of(train, harmonics, tolerance, method, integrals), None)
     if found.status > Status.PLAN_VIOLATED:
         check(found.response)
@@ -212,12 +214,12 @@ def _decide(train, rpm, request, start, seconds=None):
     check_speed(train, rpm)
     (plan,) = planning.plan_speeds(train, np.array([float(rpm)]), request)
     case, rungs = ladder.Case(train, rpm, request, plan), ladder.RUNGS
-    case.until = math.inf if seconds is None else time.monotonic() + seconds
+    case.deadline = math.inf if seconds is None else time.monotonic() + seconds
     if start is None:
         return ladder.climb(case, rungs)
     if start == "linear" or not any(train.topology.mesh_backlash):
         return ladder.climb(case, (ladder.on_flank,))
     if start == "march":
-        case.plan = planning.all_unknown(train, case.plan, request)
+        case.plan = planning.all_active(train, case.plan, request)
         return ladder.climb(case, rungs[rungs.index(ladder.short_march) :])
     return ladder.climb(case, (ladder.from_response(start),))

@@ -13,13 +13,10 @@ from ..model.speeds import check_speed
 from ..response.response import Response, stack
 from ..response.status import Status
 from .plan import Plan
-from .planned import solve_batches
+from .planned import BATCH, solve_batches
 from .planning import plan_speeds
 from .request import Request, check_plan
 from .solve import solve_again
-
-BATCH_STEPS = 8
-"""Newton steps of a batch, which waits for its slowest speed: one that needs more is solved again by itself."""
 
 
 def solve_speeds(
@@ -35,7 +32,7 @@ def solve_speeds(
 ) -> Response:
     """Periodic responses at many speeds.
 
-    The linear motion tells at which speeds teeth leave contact or separate; speeds with the same needs share a plan
+    The linear motion shows at which speeds teeth leave contact or separate; speeds with the same needs share a plan
     and one compiled program, in batches of fixed size where that is faster. A speed that fails is solved again by
     itself, from the nearest speed that converged, with more harmonics or by shooting.
 
@@ -80,23 +77,23 @@ def solve_speeds(
     check_speed(train, rpm, many=True)
     if plan and not (harmonics is None and tolerance is None and integrals is None):
         raise ValueError("harmonics, tolerance and integrals belong to the plan: give them to jaxhb.plan")
-    request = Request.of(train, harmonics, tolerance, "reduced", integrals, many=len(rpm) > 1)
+    request = Request.of(train, harmonics, tolerance, "reduced", integrals, in_sweep=len(rpm) > 1)
     if plan:
         check_plan(train, plan)
     plans = [plan] * len(rpm) if plan else plan_speeds(train, rpm, request)
     found = [None] * len(rpm)
     for shared in dict.fromkeys(plans):
-        places = [i for i, own in enumerate(plans) if own == shared]
-        steps, free = BATCH_STEPS if plan is None and shared.active else shared.sizes.max_steps, iter(places)
-        for batch in solve_batches(train, rpm[places], shared, steps, tuple(devices)):
+        indices = [i for i, own in enumerate(plans) if own == shared]
+        steps, free = BATCH.newton_steps if plan is None and shared.active else shared.sizes.max_steps, iter(indices)
+        for batch in solve_batches(train, rpm[indices], shared, steps, tuple(devices)):
             for response in batch:
                 found[next(free)] = response
             if progress:
                 progress(len(batch))
     if plan is None:
-        for place in range(len(rpm)):
-            if worth_another_try(found[place], request):
-                found[place] = try_again(train, place, found, request, plans[place])
+        for index in range(len(rpm)):
+            if worth_another_try(found[index], request):
+                found[index] = try_again(train, index, found, request, plans[index])
     return stack(found)
 
 
@@ -107,9 +104,9 @@ def worth_another_try(response, request):
     return status not in hopeless and not (request.harmonics and status == Status.TOLERANCE_NOT_MET)
 
 
-def try_again(train, place, found, request, plan, solve=solve_again):
+def try_again(train, index, found, request, plan, solve=solve_again):
     """The best response at one speed: from its own motion or the nearest that converged, then up the ladder."""
-    response = found[place]
+    response = found[index]
     start = response
     if int(response.status) != Status.TOLERANCE_NOT_MET:
         near = [other for other in found if other.converged]

@@ -23,25 +23,40 @@ from ..harmonic.excitation import listed_harmonic
 from ..harmonic.residual import backlash_meshes
 from ..response.response import Response
 from ..response.status import NotConverged, Status
-from ..transient.reduced_model import LARGEST, reduced_model
+from ..transient.reduced_model import REDUCED_MODEL
 from ..transient.statespace import loss_damping, partition, state_space
 from ..transient.stepper import exponential
 from ..transient.variational import monodromy
 from . import correction
 from .plan import Plan
-from .planned import of_unknown_meshes
+from .planned import active_deflections
 from .planning import mesh_mode_harmonics
-from .problem import pose, reduced_equation
+from .problem import model_of, problem_at, reduced_equation
 from .time_steps import time_steps_for
 
-SOFT = 0.1
-"""Natural frequency over Omega of a rotation against grounds below which those are soft: no support, but a hold."""
 
-NEUTRAL = 1e-8
-"""By how much a multiplier of a train without damping, 1 in modulus, may be off."""
+@dataclass(frozen=True)
+class StabilityOptions:
+    """How multipliers are computed, and what they mean.
 
-SAMPLES = 64
-"""Time samples per harmonic at which slopes are taken for averages: damping in contact gives them short peaks."""
+    Parameters
+    ----------
+    soft : natural frequency over Omega of a rotation against grounds below which these are soft: no support, but a hold
+    neutral : by how much a multiplier of a train without damping, 1 in modulus, may be off
+    samples : time samples per harmonic at which slopes are taken for averages: damping in contact gives them short
+        peaks
+    dense_disks : disks up to which all multipliers are computed where only the largest is asked for
+    estimated : largest estimate that counts as stable beyond that, and where massless disks leave no multipliers
+    """
+
+    soft: float = 0.1
+    neutral: float = 1e-8
+    samples: int = 64
+    dense_disks: int = 100
+    estimated: float = 1.1
+
+
+STABILITY = StabilityOptions()
 
 
 @brief
@@ -54,8 +69,8 @@ class Stability:
     multipliers : complex array ``(n,)``, the largest modulus first
         Factors by which disturbances of the state grow over one cycle of the response.
     rotation : bool array ``(n,)``
-        Those of the rotation of the whole train, floating or against a soft ground (SOFT), and of rings without a
-        spring: they say nothing about the teeth. A floating train without damping has two that are 1.
+        Those of the rotation of the whole train, floating or against a soft ground (:class:`StabilityOptions`), and of
+        rings without a spring: they say nothing about the teeth. A floating train without damping has two that are 1.
     liouville : float
         Determinant of the monodromy matrix over its value by Liouville's formula, less 1: what the integration leaves.
     """
@@ -78,7 +93,7 @@ class Stability:
     @property
     def stable(self) -> bool:
         """Whether every disturbance dies away."""
-        return self.largest <= 1 + NEUTRAL
+        return self.largest <= 1 + STABILITY.neutral
 
     @property
     def loses_by(self) -> str | None:
@@ -92,7 +107,7 @@ class Stability:
 
     def __str__(self):
         if self.stable:
-            return f"stable: a disturbance is left with {self.largest:.2g} of its size after a cycle."
+            return f"stable: a disturbance falls to {self.largest:.2g} of its size in a cycle."
         grows = f"unstable ({self.loses_by}): a disturbance grows {self.largest:.3g} times a cycle"
         return f"{grows}{_MANNER[self.loses_by]}; the train does not run in this motion."
 
@@ -146,7 +161,7 @@ def stability(response: Response) -> Stability:
     system, meshes, topology = chain.assemble(train), backlash_meshes(train), train.topology
     parts = partition(system, meshes, topology.disk_names, topology.link_names, lossy=True)
     frequency = topology.cycle_frequency(float(response.rpm))
-    deflection = np.asarray(response.deflections)[np.flatnonzero(topology.mesh_backlash)]
+    deflection = np.asarray(response.deflections)[topology.backlash_index]
     host = on_host(system)
     space = state_space(host, on_host(meshes), frequency, parts, loss_damping(host))
     found = monodromy(space, meshes, deflection, frequency, exact.switching_times(meshes.law, deflection))
@@ -186,8 +201,8 @@ def largest_multiplier(response: Response) -> float:
     gaps, excited = train.topology.mesh_backlash, listed_harmonic(train.topology)
     if not reducible(train.topology):
         raise ValueError(
-            f"{train.topology.name or 'scene'}: no mesh has backlash, and of {train.topology.n_disks} disks only the "
-            "modes that meshes excite are looked at. jaxhb.damped_modes tells how those of a linear train die away."
+            f"{train.topology.title}: no mesh has backlash, and the multipliers of {train.topology.n_disks} "
+            "disks are those of the modes that such meshes excite. Use jaxhb.damped_modes for a linear train."
         )
     highest = max(mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))[0], 2 * excited)
     plan = Plan(
@@ -197,51 +212,45 @@ def largest_multiplier(response: Response) -> float:
         time_steps=time_steps_for(2 * highest),
         excited=excited,
     )
-    problem = pose(train, rpm, excited)
-    sizes = replace(plan.sizes, samples=SAMPLES * response.harmonics)
-    found = _linearised(problem, plan.choice, of_unknown_meshes(plan, response), sizes)
+    problem = problem_at(train, rpm, excited)
+    sizes = replace(plan.sizes, samples=STABILITY.samples * response.harmonics)
+    found = _monodromy(problem, plan.active_meshes, active_deflections(plan, response.deflections), sizes)
     matrix, coordinates = jax.tree.map(np.asarray, found)
     multipliers, rotation = _multipliers(matrix, coordinates, problem.system, problem.frequency)
     return float(np.max(np.abs(multipliers[~rotation]), initial=0.0))
 
 
-DENSE_DISKS, ESTIMATED = 100, 1.1
-"""Disks up to which all multipliers are computed where only the largest is asked for; largest estimate that counts as
-stable beyond that, and where massless disks leave no multipliers."""
-
-
 def attracts(response):
     """Whether a train that is near a periodic motion runs into it, as far as multipliers can be told; and its
     :class:`Stability`, None where that is refused or takes too long."""
-    if response.train.topology.n_disks <= DENSE_DISKS:
+    if response.train.topology.n_disks <= STABILITY.dense_disks:
         with suppress(ValueError):  # a massless disk without an equation
             found = stability(response)
             return bool(found.stable), found
-    return largest_multiplier(response) <= ESTIMATED, None
+    return largest_multiplier(response) <= STABILITY.estimated, None
 
 
 @partial(Program, static_argnames="sizes")
-def _linearised(problem, choice, deflection, sizes):
+def _monodromy(problem, active_meshes, deflection, sizes):
     """Monodromy matrix ``(n, n)`` of the linearised periodic operator, and the coordinates of its states."""
     harmonics = deflection.shape[-1] - 1
-    links = jnp.asarray(problem.meshes.link)[choice.chosen]
-    model = reduced_model(problem.system, links, choice.active, problem.frequency, sizes.time_steps)
+    model = model_of(problem, active_meshes, sizes.time_steps)
     if not len(deflection):
         return exponential(2 * jnp.pi / problem.frequency * model.space.transition), model.space.coordinates
-    reduced, _ = reduced_equation(problem, harmonics, choice.active, choice.chosen, choice.flank)
-    carried = correction.prepare(reduced, model, deflection, sizes.samples, sizes.time_steps).carried
-    matrix, _ = lax.scan(lambda matrix, block: (block @ matrix, None), jnp.eye(carried.shape[1]), carried)
+    reduced, _ = reduced_equation(problem, harmonics, active_meshes)
+    propagators = correction.prepare(reduced, model, deflection, sizes.samples, sizes.time_steps).block_propagator
+    matrix, _ = lax.scan(lambda matrix, block: (block @ matrix, None), jnp.eye(propagators.shape[1]), propagators)
     return matrix, model.space.coordinates
 
 
 def reducible(topology):
     """Whether the largest multiplier can be found: of large trains from the modes that meshes with backlash excite."""
-    return any(topology.mesh_backlash) or topology.n_disks <= LARGEST
+    return any(topology.mesh_backlash) or topology.n_disks <= REDUCED_MODEL.disks
 
 
 def train_of(response):
     """The train of a response at one speed that solves its equations."""
-    name = response.topology.name or "scene"
+    name = response.topology.title
     if np.ndim(response.rpm):
         raise ValueError(f"{name}: this is a sweep of {len(response)} speeds: take one response of it, sweep[i].")
     if response.train is None:
@@ -258,6 +267,8 @@ def _multipliers(matrix, coordinates, system, frequency):
     matrix, coordinates = matrix[np.ix_(own, own)], coordinates[own]
     multipliers, disturbance = np.linalg.eig(matrix)
     order = np.argsort(-np.abs(multipliers), kind="stable")
+    # Multipliers of rotation by their eigenvectors, those nearest to the space of rotations: by their values a slow
+    # decay of the teeth could not be told from them.
     basis, _ = np.linalg.qr(coordinates @ np.kron(np.eye(2), _rotations(system, frequency)))
     share = np.linalg.norm(basis.T @ disturbance[:, order], axis=0)
     return multipliers[order], np.isin(np.arange(len(order)), np.argsort(-share, kind="stable")[: basis.shape[1]])
@@ -265,9 +276,10 @@ def _multipliers(matrix, coordinates, system, frequency):
 
 def _rotations(system, frequency):
     """Motions ``(S, d)`` of the disks that bend no link, meshes taken in contact, held by soft grounds at most."""
+    # Null space of the links that have a stiffness; of it, what only soft grounds hold.
     rows = (system.incidence() * (np.asarray(system.stiffness) > 0)).T
     _, values, right = np.linalg.svd(rows)
     free = right[np.count_nonzero(values > 1e-10 * values.max(initial=1e-300)) :].T
     inertia, held = (free.T @ (np.asarray(a)[:, None] * free) for a in (system.mass, system.ground))
     squares, shapes = np.linalg.eig(np.linalg.pinv(inertia) @ held)
-    return free @ shapes.real[:, squares.real < (SOFT * frequency) ** 2]
+    return free @ shapes.real[:, squares.real < (STABILITY.soft * frequency) ** 2]

@@ -19,12 +19,12 @@ from ..response.response import Response
 from ..response.status import Status
 from ..response.steady import SteadyState, SteadySweep
 from .checkpoint import CHUNK, Checkpoint
-from .judged import Judge, state_of, unknown
+from .classification import Classifier, state_of, unknown
 from .planned import solve_batches
 from .planning import plan_speeds
 from .request import Request
 from .returns import Cycles
-from .settled import VERDICT, difference
+from .settled import CLASSIFICATION, difference
 
 DIRECTIONS = "up", "down", "both"
 
@@ -114,7 +114,8 @@ def steady_state(
     Parameters
     ----------
     train : DriveTrain
-        Loss factors damp each mode at its own frequency in the march, and are themselves in the solution; a note tells.
+        Loss factors damp each mode at its own frequency in the march; the solution has them as they are. A note says
+        so.
     rpm : float or array ``(n,)``
         Speeds of the reference rotor.
     direction : "up", "down" or "both"
@@ -135,11 +136,11 @@ def steady_state(
         A folder in which the steady states of marched speeds are kept as they are found: the same call goes on where
         it was stopped, with the same numbers to the last bit.
     chunk : int, optional
-        How many speeds are marched together, told and kept; less is lost with fewer, and it takes longer. Default: 64
-        with ``out``, all without.
+        How many speeds are marched together, reported and kept; less is lost with fewer, and it takes longer.
+        Default: 64 with ``out``, all without.
     on_states : callable, optional
         Called with ``{number of the speed: SteadyState}`` of what was found since the last call, and with "up" or
-        "down". Of several speeds one may be told again, when its neighbour has a motion that it takes over.
+        "down". Of several speeds one may be reported again, when its neighbour has a motion that it takes over.
     devices : sequence of jax devices
         Across which marches and batches of a sweep are shared, as ``jax.devices()``; by default one does it all.
 
@@ -162,8 +163,8 @@ def steady_state(
     The march is exponential integration around the linear train, five steps per period of the highest mesh mode or
     more. Where harmonic balance does not confirm what it shows, or disturbances of the solution grow, or the march does
     not settle, it goes on with twice and four times as many steps: beside a bifurcation the kind of motion is that of
-    the steps. In a sweep, motions that differ at no instant by more than a tenth of the largest deflection are not told
-    apart, and a transient that outlasts the march counts as irregular.
+    the steps. In a sweep, motions that never differ by more than a tenth of the largest deflection count as one, and a
+    transient that outlasts the march counts as irregular.
 
     Examples
     --------
@@ -174,23 +175,23 @@ def steady_state(
     """
     if traced(train, rpm) or staged():
         raise TypeError(
-            "steady_state decides by value and cannot be traced: call it outside, and differentiate "
+            "steady_state depends on values, so jit, vmap and grad cannot trace it: call it outside, and differentiate "
             "jaxhb.solve(train, rpm=..., plan=..., start=its response)"
         )
     if direction not in DIRECTIONS:
         raise ValueError(f"direction is {direction!r}: give 'up', 'down' or 'both'")
     check_speed(train, rpm, many=True)
     speeds = np.atleast_1d(np.asarray(rpm, dtype=float))
-    request = Request.of(train, harmonics, tolerance, many=len(speeds) > 1)
+    request = Request.of(train, harmonics, tolerance, in_sweep=len(speeds) > 1)
     cycles = cycles or Cycles()
-    judge = Judge(train, speeds, request, exact, cycles, tuple(devices))
-    settle = judge.settle
+    classifier = Classifier(train, speeds, request, exact, cycles, tuple(devices))
+    settle = classifier.settle
     if out is not None:
         chunk = CHUNK if chunk is None else chunk
-        asked = {name: value for name, value in vars(request).items() if name != "many"} | {"exact": exact}
+        asked = {name: value for name, value in vars(request).items() if name != "in_sweep"} | {"exact": exact}
         asked = {"answers": "steady states"} | asked | vars(cycles)
-        settle = partial(Checkpoint(out, train, asked, chunk).settle, judge)
-    search = _Search(judge, settle, start, progress, chunk, on_states)
+        settle = partial(Checkpoint(out, train, asked, chunk).settle, classifier)
+    search = _SpeedSweep(classifier, settle, start, progress, chunk, on_states)
     if not np.ndim(rpm):
         return search.alone(0)
     order = np.argsort(speeds, kind="stable")
@@ -198,92 +199,94 @@ def steady_state(
     for way in ("up", "down") if direction == "both" else (direction,):
         search.way = way
         states = search.along(order if way == "up" else order[::-1])
-        found[way] = SteadySweep(tuple(states[place] for place in range(len(speeds))), way)
+        found[way] = SteadySweep(tuple(states[index] for index in range(len(speeds))), way)
     return (found["up"], found["down"]) if direction == "both" else found[direction]
 
 
-class _Search:
-    """One call: a train, its speeds, what is known of them, and what settles the others as :meth:`Judge.settle`."""
+class _SpeedSweep:
+    """One call: a train, its speeds, what is known of them, and how others are settled (:meth:`Classifier.settle`)."""
 
-    def __init__(self, judge, settle, start, progress, chunk, on_states):
-        self.judge, self._settle, self.chunk = judge, settle, chunk
-        self.train, self.speeds, self.request = judge.train, judge.speeds, judge.request
+    def __init__(self, classifier, settle, start, progress, chunk, on_states):
+        self.classifier, self._settle, self.chunk = classifier, settle, chunk
+        self.train, self.speeds, self.request = classifier.train, classifier.speeds, classifier.request
         self.progress = progress or (lambda count: None)
         self.tell, self.way = on_states or (lambda states, way: None), "up"
         self.start = None if start is None else _motion_of(self.train, start)
         plans = plan_speeds(self.train, self.speeds, self.request)
-        judge.apart = {place for place, plan in enumerate(plans) if plan.active and plan.marches}
+        classifier.apart = {index for index, plan in enumerate(plans) if plan.active and plan.marches}
         self.contact = self._in_contact(plans)
 
     def _in_contact(self, plans):
-        """Responses of the speeds at which the linear motion holds the teeth in contact, by place."""
+        """Responses of the speeds at which the linear motion holds the teeth in contact, by index."""
         found = {}
         for shared in {plan for plan in plans if not plan.active}:
-            places = [i for i, plan in enumerate(plans) if plan == shared]
-            batches = solve_batches(self.train, self.speeds[places], shared, shared.sizes.max_steps, self.judge.devices)
+            indices = [i for i, plan in enumerate(plans) if plan == shared]
+            batches = solve_batches(
+                self.train, self.speeds[indices], shared, shared.sizes.max_steps, self.classifier.devices
+            )
             responses = (response for batch in batches for response in batch)
-            for place, response in zip(places, responses, strict=True):
+            for index, response in zip(indices, responses, strict=True):
                 if int(response.status) != Status.PLAN_VIOLATED:
-                    found[place] = response
+                    found[index] = response
         return found
 
-    def settle(self, places, motions, progress):
-        """Steady states of some speeds by place, chunk by chunk."""
-        size, found = self.chunk or max(len(places), 1), {}
-        for first in range(0, len(places), size):
-            chunk = places[first : first + size]
-            states = self._settle(chunk, {place: motions[place] for place in chunk if place in motions}, progress)
+    def settle(self, indices, motions, progress):
+        """Steady states of some speeds by index, chunk by chunk."""
+        size, found = self.chunk or max(len(indices), 1), {}
+        for first in range(0, len(indices), size):
+            chunk = indices[first : first + size]
+            states = self._settle(chunk, {index: motions[index] for index in chunk if index in motions}, progress)
             self.tell(states, self.way)
             found |= states
         return found
 
-    def alone(self, place):
+    def alone(self, index):
         """The steady state of one speed, from the start that was given or from teeth in contact."""
-        self._many([place], {} if self.start is None else {place: self.start})
-        return self.judge.known[place]
+        self._many([index], {} if self.start is None else {index: self.start})
+        return self.classifier.known[index]
 
-    def _many(self, places, motions):
+    def _many(self, indices, motions):
         """Find steady states of some speeds side by side, from motions or from teeth in contact."""
-        known, marching = self.judge.known, []
-        for place in places:
-            if place in self.contact and place not in motions:
-                known[place] = self._contact(place)
+        known, marching = self.classifier.known, []
+        for index in indices:
+            if index in self.contact and index not in motions:
+                known[index] = self._contact(index)
                 self.progress(1)
             else:
-                marching.append(place)
-        self.tell({place: known[place] for place in places if place in known}, self.way)
+                marching.append(index)
+        self.tell({index: known[index] for index in indices if index in known}, self.way)
         known |= self.settle(marching, motions, self.progress)
 
     def along(self, order):
-        """Steady states by place, each reached from the one before it in ``order``.
+        """Steady states by index, each reached from the one before it in ``order``.
 
         Speeds that may have another motion from there are marched side by side, again where the one before changed.
         """
-        known = self.judge.known
+        known = self.classifier.known
         if self.start is not None:
             self._many(order[:1], {order[0]: self.start})
-        self._many([place for place in range(len(self.speeds)) if place not in known], {})
+        self._many([index for index in range(len(self.speeds)) if index not in known], {})
         found, reached_from = dict(known), {}
         while True:
             motions = {}
-            for last, place in itertools.pairwise(order):
+            for last, index in itertools.pairwise(order):
                 before = found[last]
-                if reached_from.get(place) is before:
+                if reached_from.get(index) is before:
                     continue
-                reached_from[place] = before
-                if before.motion is not None and _differs(before, known[place]):
-                    motions[place] = before.motion
+                reached_from[index] = before
+                if before.motion is not None and _differs(before, known[index]):
+                    motions[index] = before.motion
                 else:
-                    found[place] = known[place]
+                    found[index] = known[index]
             if not motions:
                 return found
-            for place, state in self.settle(list(motions), motions, lambda count: None).items():
-                same = (other for other in (known[place], found[place]) if _alike(state, other))
-                found[place] = next(same, state)
+            for index, state in self.settle(list(motions), motions, lambda count: None).items():
+                same = (other for other in (known[index], found[index]) if _alike(state, other))
+                found[index] = next(same, state)
 
-    def _contact(self, place):
+    def _contact(self, index):
         """The steady state of teeth in contact."""
-        response, rpm = self.contact[place], self.speeds[place]
+        response, rpm = self.contact[index], self.speeds[index]
         if int(response.status) > Status.TOLERANCE_NOT_MET:
             return unknown(self.train, rpm, Status(int(response.status)).sentence)
         return state_of(self.train, rpm, "contact", 1, response=response, motion=_motion_of(self.train, response))
@@ -291,20 +294,20 @@ class _Search:
 
 def _differs(before, state):
     """Whether a speed may have another motion when it starts from the one before."""
-    return _kind(before) != _kind(state) or state.kind != "contact" and _apart(before, state) > VERDICT.apart
+    return _kind(before) != _kind(state) or state.kind != "contact" and _distance(before, state) > CLASSIFICATION.apart
 
 
 def _alike(one, other):
     """Whether two steady states of one speed are the same motion."""
-    most = VERDICT.apart if one.kind == "irregular" else VERDICT.arrived
-    return _kind(one) == _kind(other) and _apart(one, other) <= most
+    most = CLASSIFICATION.apart if one.kind == "irregular" else CLASSIFICATION.arrived
+    return _kind(one) == _kind(other) and _distance(one, other) <= most
 
 
 def _kind(state):
     return state.kind, state.period
 
 
-def _apart(one, other):
+def _distance(one, other):
     """Difference of two steady states of one kind, relative: of their motions over a period, or of the largest
     deflections of records."""
     if not one.known:

@@ -10,14 +10,14 @@ class Newton:
     """Newton's method on the harmonics; without unknown meshes one linear solve."""
 
     harmonics: int
-    unknown_meshes: int
+    active_meshes: int
     integrals: str
     status: Status
     steps: int
 
     def __str__(self):
         size = f"{self.harmonics} harmonics" + (", exact integrals" if self.integrals == "exact" else "")
-        if not self.unknown_meshes:
+        if not self.active_meshes:
             return f"linear solve with {size}: {self.status.name}"
         return f"Newton with {size}: {self.status.name}, {self.steps} steps"
 

@@ -23,6 +23,11 @@ class PerCycle(NamedTuple):
     max: np.ndarray
     min: np.ndarray
 
+    @classmethod
+    def of(cls, signal: Any) -> PerCycle:
+        """Of the cycles of a signal that has their ``highest`` and ``lowest`` values."""
+        return cls(np.percentile(signal.highest, PERCENT), np.percentile(signal.lowest, PERCENT))
+
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, repr=False)
@@ -49,7 +54,7 @@ class SteadySignal(Signal):
     @property
     def per_cycle(self) -> PerCycle:
         """Largest and smallest value of each cycle, as :class:`PerCycle`."""
-        return PerCycle(np.percentile(self.highest, PERCENT), np.percentile(self.lowest, PERCENT))
+        return PerCycle.of(self)
 
     def _by_cycle(self):
         """Samples of each cycle and the first of the next ``(cycles, n + 1)``."""
@@ -116,7 +121,7 @@ class RecordedSignal:
     @property
     def per_cycle(self) -> PerCycle:
         """Distribution of the largest and the smallest value of a cycle, as :class:`PerCycle`."""
-        return PerCycle(np.percentile(self.highest, PERCENT), np.percentile(self.lowest, PERCENT))
+        return PerCycle.of(self)
 
     @property
     def orders(self) -> np.ndarray:

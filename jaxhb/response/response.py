@@ -288,7 +288,7 @@ class Response(Fields):
             ``ground`` and ``order``. Of ``angle``, ``speed``, ``acceleration``, ``torque``, ``gear_torque`` and
             ``tooth_force`` the variables ``_mean``, ``_min``, ``_max``, ``_half_peak_to_peak``, ``_sum_of_amplitudes``,
             and but for the second and third ``_amplitude`` and ``_phase``; ``irregularity``, ``heat``, contact, loads.
-            Numbers of speeds that did not converge are nan, and ``status`` tells why.
+            Numbers of speeds that did not converge are nan, and ``status`` says why.
 
         Raises
         ------

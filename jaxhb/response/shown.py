@@ -11,7 +11,7 @@ HEAD = ["mesh, shaft or damper", "mean", "half peak-to-peak", "max", "unit", "ap
 
 def response_line(response):
     """A response in one line: where it is from, how it went."""
-    kind, name = type(response).__name__, response.topology.name or "scene"
+    kind, name = type(response).__name__, response.topology.title
     if traced(response):
         return f"<{kind} of {name}, traced, {response.harmonics} harmonics>"
     if not np.ndim(response.rpm):
@@ -64,7 +64,7 @@ def state_line(state):
     """A steady state in one line."""
     kind = f"subharmonic, period {state.period} cycles" if state.kind == "subharmonic" else state.kind
     how = _how(state.response) if state.response is not None else f"{state.cycles} cycles marched"
-    return f"<SteadyState of {state.topology.name or 'scene'} at {number(state.rpm)} rpm: {kind}; {how}>"
+    return f"<SteadyState of {state.topology.title} at {number(state.rpm)} rpm: {kind}; {how}>"
 
 
 def state_html(state):

@@ -58,8 +58,8 @@ _SENTENCES = {
     "harmonics",
     Status.PLAN_VIOLATED: "a mesh that the plan holds on one flank leaves it, or passes the knots of its law more "
     "often than exact integrals allow: plan again, solve without a plan, or use sampled integrals",
-    Status.MAX_STEPS: "Newton's method needed more steps than allowed: " + _REMEDY + "; of a linear response: no "
-    "amplitude of its links leads to itself, make their tables over the amplitude smoother or add damping",
+    Status.MAX_STEPS: "Newton's method needed more steps than allowed: " + _REMEDY + "; of a linear response: the "
+    "amplitude of a link was not found: make its table over_amplitude smoother or add damping",
     Status.STALLED: "Newton's method found no step that improves the solution: " + _REMEDY,
     Status.UNBALANCED: "the mean torques do not balance and no load or ground takes the difference: add a [[load]] or "
     "correct the mean torques",
@@ -80,7 +80,7 @@ def check(response: AnyResponse) -> AnyResponse:
     if not status.any():
         return response
     columns = (response.rpm, status, response.residual, response.truncation_error)
-    name = response.topology.name or "scene"
+    name = response.topology.title
     raise NotConverged(
         "\n".join(
             f"{name} at {rpm:g} rpm: {Status(int(s)).name}, residual {r:.1e}, truncation error {100 * e:.3g} %: "

@@ -26,7 +26,7 @@ class SteadyState:
     rpm : float
     kind : str
         "contact" : no teeth part. "periodic" : period one cycle. "subharmonic" : ``period`` cycles. "irregular" : none
-        of these within the cycles marched. "unknown" : ``notes`` tell why.
+        of these within the cycles marched. "unknown" : ``notes`` say why.
     period : int
         In cycles of the excitation; 0 for irregular and unknown motion.
     response : Response or None
@@ -37,7 +37,7 @@ class SteadyState:
     cycles : int
         Cycles marched.
     notes : tuple of str
-        What to know about the answer: how the march takes loss factors, why a kind is unknown.
+        What to know about the numbers: how time integration takes loss factors, why a kind is unknown.
     motion : array ``(2S,)`` or None
         Displacements in m and velocities in m/s of the disks at the end of the march, at the beginning of a cycle:
         where a neighbouring speed starts.

@@ -58,7 +58,7 @@ def _left_out(found, count):
         return [f"{first}. The orders reach {crossed} of them, all shown: {top}."]
     return [
         f"{first}; the orders reach {crossed} of them ({top}). jaxhb campbell SCENE --rpm"
-        f" {found.rpm[0]:g}:{rpm:g} --modes {crossed} tells of all."
+        f" {found.rpm[0]:g}:{rpm:g} --modes {crossed} lists all."
     ]
 
 

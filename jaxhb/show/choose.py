@@ -37,7 +37,7 @@ def case_title(train, cylinders=""):
 def train_name(topology):
     """The name of the train, with the cylinders that do not fire."""
     idle = [name for name, fires in zip(topology.cylinder_names, topology.cylinder_fires, strict=True) if not fires]
-    return ", ".join([topology.name or "scene", *[f"{', '.join(idle)}{NOT_FIRING}"] * bool(idle)])
+    return ", ".join([topology.title, *[f"{', '.join(idle)}{NOT_FIRING}"] * bool(idle)])
 
 
 def gears(topology):

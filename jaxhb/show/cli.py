@@ -130,6 +130,12 @@ def parser():
             made.add_argument("--quiet", action="store_true", help=text)
         return made
 
+    for group in (_scene_commands, _linear_commands, _speed_commands, _report_commands, _tune_commands):
+        group(add)
+    return top
+
+
+def _scene_commands(add):
     new = add("new", run_new, "write a small commented scene to begin with, or a copy of another", NEW)
     new.add_argument("file", metavar="FILE.toml", help="the scene to write")
     text = "the scene to copy: packaged (jaxhb scenes) or the path of a file (default: first_scene)"
@@ -143,6 +149,9 @@ def parser():
     text = "print inertias, stiffnesses and dampings instead, actual and referred to the reference rotor"
     scene.add_argument("--referred", action="store_true", help=text)
     add_plot(scene, "a sketch of the train instead of printing it: disks, shafts, gears in mesh, dampers, grounds")
+
+
+def _linear_commands(add):
     check = add("check", _runner("check", "linear_commands"), "is the scene plausible? torques, modes, notes", CHECK)
     add_scene(check)
     text = "speeds of the mean torques, rpm (default: the ends of what the scene gives over the speed)"
@@ -192,6 +201,9 @@ def parser():
     add_files(forced, "orders and synthesis over the speed, of up to four elements")
     add_table(forced)
     add_netcdf(forced)
+
+
+def _speed_commands(add):
     solve = add("solve", _runner("solve_one"), "one speed: do the teeth hammer? forces, torques, contact", SOLVE)
     add_scene(solve)
     solve.add_argument("--rpm", required=True, type=one_speed, metavar="R", help="speed of the reference rotor, rpm")
@@ -224,6 +236,9 @@ def parser():
     sweep.add_argument("--out", dest="folder", metavar="DIR", help=text)
     text = "speeds that are computed, kept and written together (default 16); fewer lose less, and take longer"
     sweep.add_argument("--chunk", type=whole, metavar="N", help=text)
+
+
+def _report_commands(add):
     report = add("report", _runner("report"), "several speeds, normal running and a misfire", REPORT)
     add_scene(report)
     add_speeds(report)
@@ -244,6 +259,9 @@ def parser():
     second.add_argument("--tuned", metavar="SCENE", help=text)
     text = "on the page, the design tuned as the [tune] table of the scene asks beside the first; takes minutes"
     second.add_argument("--tune", action="store_true", help=text)
+
+
+def _tune_commands(add):
     tune = add("tune", _runner("tune"), "find the dampers (or any numbers) that cure it, by gradient", TUNE)
     add_scene(tune, scenarios=False)  # the tuned scene would not hold the values of one
     text = "speeds of the reference rotor, rpm, instead of those of the [tune] table: A:B:COUNT or R1,R2,..."
@@ -260,7 +278,6 @@ def parser():
     tune.add_argument("--plot", metavar="FILE.png", help="draw the response before and after and the history")
     shell = add("completion", completion, "what makes a shell complete commands, options, scenes and names", COMPLETION)
     shell.add_argument("shell", nargs="?", choices=SHELLS, default="bash", metavar="SHELL", help=", ".join(SHELLS))
-    return top
 
 
 def run_scenes(_):

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from ..periodic.stability import DENSE_DISKS, largest_multiplier, reducible, stability
+from ..periodic.stability import STABILITY, largest_multiplier, reducible, stability
 
 DECIDED = 0.15
 """Distance from 1 beyond which the nearly known multiplier of a large train decides: it is good to 10 %."""
@@ -44,7 +44,7 @@ def growth_of(state, *, orbit):
     if response is None or not state.known or not reducible(response.topology):
         return Growth()  # disturbances of a linear train die away as its modes do
     try:
-        large = response.topology.n_disks > DENSE_DISKS
+        large = response.topology.n_disks > STABILITY.dense_disks
         largest = largest_multiplier(response) if large else 1.0
         if abs(largest - 1) > DECIDED:
             return Growth(largest, largest < 1)
@@ -65,5 +65,5 @@ def growth_text(growth, period=1):
         how = f" ({growth.loses_by})" if growth.loses_by else ""
         return f"UNSTABLE{how}: a disturbance grows {size:.3g} times in {span}{about}; the train does not run in it"
     if growth.stable is None:
-        return f"stability not certain: a disturbance is left with {size:.2g} of its size after {span}{about}"
-    return f"stable: a disturbance is left with {size:.2g} of its size after {span}"
+        return f"stability not certain: a disturbance falls to {size:.2g} of its size in {span}{about}"
+    return f"stable: a disturbance falls to {size:.2g} of its size in {span}"

@@ -27,8 +27,7 @@ KINDS = {
 
 
 ADVICE = {
-    Status.MAX_STEPS: "no amplitude of its links leads to itself: make their tables over the amplitude smoother or add "
-    "damping"
+    Status.MAX_STEPS: "the amplitude of a link was not found: make its table over_amplitude smoother or add damping"
 }
 """What a status of the linear response means where that differs from the response with backlash."""
 

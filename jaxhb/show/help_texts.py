@@ -2,8 +2,8 @@
 
 DESCRIPTION = """\
 Forced vibration of drive trains with gear backlash: do the teeth hammer, at which speeds, and how hard?
-Each speed is told as the train runs there after long enough: teeth in contact, periodic, with a period of several
-cycles, or irregular. Units: rpm, N m, kN and deg."""
+For each speed jaxhb reports what the train does after it has run long enough: teeth in contact, a periodic motion, one
+with a period of several cycles, or an irregular one. Units: rpm, N m, kN and deg."""
 
 EXAMPLES = """\
   jaxhb new my_engine.toml
@@ -25,8 +25,8 @@ EXAMPLES = """\
 STATUS = """\
 exit status: 0 the kind of motion is known at all speeds, and what is periodic has converged (residual and truncation
 error within their limits); 1 not so (files are still written); 2 bad input (nothing is written); 3 an error in the
-program. With --orbit: 0 converged at all speeds, 1 not; an unstable orbit is told. A scene whose mean torques do not
-balance is bad input (2). If --set unbalances a scene, it is reported as such (1)."""
+program. With --orbit: 0 converged at all speeds, 1 not; an unstable orbit is reported. A scene whose mean torques do
+not balance is bad input (2). If --set unbalances a scene, it is reported as such (1)."""
 
 WITHOUT_SPEEDS = ("new", "scene", "scenes", "completion", "modes", "holzer")
 LINEAR = ("check", "campbell", "forced")
@@ -70,9 +70,9 @@ Checks a scene and writes it as TOML. Files of other programs are read by their 
 openTorsion, .csv with a table of inertias (name, inertia, radius, ...) and one of links (from, to, stiffness, ...)."""
 
 CHECK = """\
-Reads a scene and tells what it comes to: mean torques and tooth forces, the damping of every mesh, natural frequencies
-with damping ratios. Notes name numbers that are allowed but far from usual, as a pressure in bar or a bore in mm; they
-are no errors, and solve, sweep and report tell them too."""
+Reads a scene and reports what it amounts to: mean torques and tooth forces, the damping of every mesh, natural
+frequencies with damping ratios. Notes name numbers that are allowed but far from usual, as a pressure in bar or a bore
+in mm; they are no errors, and solve, sweep and report print them, too."""
 
 NEW = """\
 Writes a scene to begin with, every line explained, or a copy of another one with its tables beside it. Never overwrites

@@ -30,7 +30,7 @@ def check_page(train, arguments):
     second = arguments.tuned is not None or arguments.tune
     if second and not arguments.html:
         option = "--tune" if arguments.tune else "--tuned"
-        raise OutputError(f"{option}: the second design is told on the page only. Add --html FILE.html.")
+        raise OutputError(f"{option}: the second design appears on the page only. Add --html FILE.html.")
     if arguments.html and (missing := [name for name in NEEDED if importlib.util.find_spec(name) is None]):
         raise OutputError(f'--html: the page needs {", ".join(missing)}. Install it: pip install "jaxhb[report]".')
     if arguments.tune:

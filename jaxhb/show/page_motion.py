@@ -219,7 +219,7 @@ def _few(report, quantity):
     left = len(quantity.names) - MOST
     if left <= 0 or len(report.rpm) < 2:
         return []
-    return [f"Figures show the {MOST} with the largest numbers; the table tells of all {len(quantity.names)}."]
+    return [f"Figures show the {MOST} with the largest numbers; the table lists all {len(quantity.names)}."]
 
 
 def maxima(quantity, cases, *, contact=False):

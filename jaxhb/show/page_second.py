@@ -10,7 +10,7 @@ from .page_parts import Heading
 MOST = 4
 """Elements whose two designs are drawn."""
 
-ALONE = "The second design was run without a misfire: nothing here tells what a misfire does to it."
+ALONE = "The second design was run without a misfire: nothing here shows what a misfire does to it."
 
 
 def second_part(report):

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.transforms import ScaledTranslation
 
-from ..design.evaluation import label
+from ..design.evaluator import label
 from ..harmonic import fourier
 from ..harmonic.backlash import separated
 from ..response.record import PERCENT

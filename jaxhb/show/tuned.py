@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from ..design.evaluation import label
+from ..design.evaluator import label
 from ..design.quantities import OF_DESIGN, unit_of
 from ..model.change import declared_field, locate
 from .balance import plain_number
@@ -118,7 +118,7 @@ def _not_solved(rpm, result):
     both = int((result.before.solved & result.after.solved).sum())
     compared = f"are compared at the {both} speed{'s' * (both != 1)} solved in both" if both else "do not compare"
     return [
-        f"NOT solved, and left out of what was made small: {'; '.join(said)}. jaxhb sweep tells what happens there. "
+        f"NOT solved, and left out of what was made small: {'; '.join(said)}. jaxhb sweep shows what happens there. "
         f"Before and after {compared}."
     ]
 

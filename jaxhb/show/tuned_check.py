@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..design.evaluation import label
+from ..design.evaluator import label
 from ..linear import limits
 from ..periodic.steady_state import steady_state
 from .balance import plain_number

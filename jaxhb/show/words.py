@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from ..periodic.request import MOST
+from ..periodic.request import MOST_HARMONICS
 from ..response.events import Homotopy, Shooting
 from ..response.status import Status
 from .answer import SPEED
@@ -31,7 +31,7 @@ def motion_text(answer):
     >>> import jaxhb
     >>> from jaxhb.show.compute import Asked, answer_one
     >>> motion_text(answer_one(jaxhb.load_scene("spur_pair"), 5000.0, Asked()))
-    'periodic, period one cycle; stable: a disturbance is left with 0.7 of its size after a cycle'
+    'periodic, period one cycle; stable: a disturbance falls to 0.7 of its size in a cycle'
     """
     state, growth = answer.state, growth_text(answer.growth, answer.state.period)
     kind = {
@@ -328,13 +328,13 @@ def _failure(answer):
         return f"{answer.status.name}, {_remedy(answer)}"
     if not answer.known:
         return f"the kind of motion is unknown: {'; '.join(answer.state.notes)}"
-    return f"{UNCONFIRMED}: the motion was marched, but is not found; try --tolerance or --harmonics"
+    return f"{UNCONFIRMED}: only time integration shows this motion; try --tolerance or --harmonics"
 
 
 def _remedy(answer):
     """What a status means and what the command line can do about it."""
     if answer.status is Status.TOLERANCE_NOT_MET:
-        most = answer.harmonics >= MOST["reduced"]
+        most = answer.harmonics >= MOST_HARMONICS["reduced"]
         few = f"{answer.harmonics} harmonics, the most that are taken, are" if most else "its harmonics are"
         more = "" if most else "leave out --harmonics or give more, or "
         return f"the motion is solved, but {few} too few for the tolerance: {more}accept its error with --tolerance"

@@ -55,6 +55,7 @@ def run(stepper, state, first, count, keep=lambda seen, k, w: seen, seen=(), eve
 
     begin = lax.dynamic_index_in_dim(stepper.linear, 2 * first, keepdims=False) + stepper.space.observation @ state
     start = (state, begin, seen)
+    # Two steps in a loop body: where a step takes a microsecond, the loop itself is a good part of it.
     if even:
         return lax.fori_loop(0, count // 2, lambda k, carry: step(2 * k + 1, step(2 * k, carry)), start)
     return lax.fori_loop(0, count, step, start)
@@ -99,7 +100,7 @@ def watch(stepper):
     """``keep`` and ``seen`` of :func:`run` for the largest deflections and rates ``(2G,)``."""
 
     def keep(largest, _, w):
-        motion = jnp.concatenate([stepper.flexed(w), jnp.split(w, 2)[1]])
+        motion = jnp.concatenate([stepper.with_fast_modes(w), jnp.split(w, 2)[1]])
         return jnp.maximum(largest, jnp.abs(motion))
 
     return keep, jnp.zeros(stepper.linear.shape[1])
@@ -114,7 +115,7 @@ def periodicity_error(stepper, change, largest):
 def trace_of(stepper, samples, change):
     """The Trace of a cycle from w ``(capacity, 2G)``, (l, l') of the states, and its change ``(2G,)`` over the
     cycle."""
-    deflection, rate = jax.vmap(stepper.flexed)(samples).T, jnp.split(samples.T, 2)[1]
+    deflection, rate = jax.vmap(stepper.with_fast_modes)(samples).T, jnp.split(samples.T, 2)[1]
     largest = jnp.abs(jnp.concatenate([deflection, rate])).max(axis=1)
     return Trace(deflection, rate, periodicity_error(stepper, change, largest))
 

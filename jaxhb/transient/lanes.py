@@ -20,16 +20,34 @@ from .._program import Program
 from ..harmonic import fourier
 from ..harmonic.backlash import Law
 from ..harmonic.excitation import excitation
-from .statespace import _static, linear_response, matrices
+from .statespace import linear_response, matrices, static_response
 from .stepper import Stepper, force_on_flank
 
-TIME_SAMPLES = 32
-"""Of a cycle at which its motion is compared with that of other cycles; divides every number of steps."""
+
+@dataclass(frozen=True)
+class LaneOptions:
+    """How lanes are marched.
+
+    Parameters
+    ----------
+    samples : time samples of a cycle at which its motion is compared with that of other cycles; divides every number of
+        steps
+    unrolled : terms of a sum up to which it is written out, which vectorises over the lanes
+    disturbed : share of the motion in contact that a start from there lacks: a motion that repels would be kept for
+        long
+    """
+
+    samples: int = 32
+    unrolled: int = 16
+    disturbed: float = 0.02
+
+
+LANES = LaneOptions()
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Posed:
+class LinearMotion:
     """Several speeds: frequency ``(L,)`` rad/s; displacement ``(L, S, N+1)`` m of the linear train; flank ``(L, S)`` m,
     its shift onto the drive sides; load_torque N m."""
 
@@ -70,7 +88,7 @@ class Lanes:
         """Steps of a cycle."""
         return self.linear.shape[0] // 2
 
-    def phi(self, w):
+    def nonlinear_force(self, w):
         """Force ``(G, L)`` N of the meshes less its linear part at (l, l') ``(2G, L)``: the mesh force of
         :func:`jaxhb.harmonic.backlash.mesh_force`, written for speed."""
         law, (deflection, rate) = self.law, jnp.split(w, 2)
@@ -84,6 +102,8 @@ class Lanes:
     def advance(self, state, w, k):
         """State ``(2m, L)`` and w ``(2G, L)`` one step after step ``k`` of the cycle."""
         moved, midway = _turned(self.full, state), _turned(self.half, state)
+        # The stages see (l, l') alone: two products with the lanes side by side, and the state itself is touched once a
+        # step.
         ahead, middle = self.observation @ moved, self.observation @ midway
         forces, end = self._stages(w, k, ahead, middle)
         change = (_turned(weight, self.forcing @ force) for weight, force in zip(self.weights, forces, strict=True))
@@ -95,10 +115,10 @@ class Lanes:
         following = jnp.where(k + 1 < self.steps, 2 * k + 2, 0)
         ahead = ahead + lax.dynamic_index_in_dim(self.linear, following, keepdims=False)
         middle = middle + lax.dynamic_index_in_dim(self.linear, 2 * k + 1, keepdims=False)
-        f0 = self.phi(w)
-        fa = self.phi(middle + _sum(self.first, f0))
-        fb = self.phi(middle + _sum(self.second, f0, fa))
-        fc = self.phi(ahead + _sum(self.third, f0, fb))
+        f0 = self.nonlinear_force(w)
+        fa = self.nonlinear_force(middle + _sum(self.first, f0))
+        fb = self.nonlinear_force(middle + _sum(self.second, f0, fa))
+        fc = self.nonlinear_force(ahead + _sum(self.third, f0, fb))
         forces = f0, fa + fb, fc
         return forces, ahead + _sum(self.end, *forces)
 
@@ -137,43 +157,40 @@ def _turned(factor, state):
     return jnp.concatenate([factor[0] * real - factor[1] * imag, factor[1] * real + factor[0] * imag])
 
 
-UNROLLED = 16
-
-
 def _sum(matrix, *values):
     """Sum over the first axis of ``matrix`` ``(j, i, L)`` times the rows ``(j, L)`` of all values; short sums are
     vectorised."""
-    if len(matrix) > UNROLLED:
+    if len(matrix) > LANES.unrolled:
         return jnp.einsum("jil,jl->il", matrix, jnp.concatenate(values))
     rows = (row for block in values for row in block)
     return sum(part * row for part, row in zip(matrix, rows, strict=True))
 
 
 def _linear_motion(train, rpm, system, meshes, harmonics):
-    """The :class:`Posed` of one speed."""
+    """The :class:`LinearMotion` of one speed."""
     torque, load_torque, _ = excitation(train, rpm, harmonics)
     frequency = train.topology.cycle_frequency(rpm)
     displacement = linear_response(system, frequency, torque / system.radius[:, None])
     force = force_on_flank(meshes.law, system.deflections(displacement, meshes.link))
-    shift = _static(matrices(system)[1], system.spread(-force, meshes.link))
-    return Posed(frequency, displacement, shift, load_torque)
+    shift = static_response(matrices(system)[1], system.spread(-force, meshes.link))
+    return LinearMotion(frequency, displacement, shift, load_torque)
 
 
-def pose(train, rpm, system, meshes, harmonics):
-    """The :class:`Posed` of the speeds ``(L,)``, on the host."""
+def linear_motions(train, rpm, system, meshes, harmonics):
+    """The :class:`LinearMotion` of speeds ``(L,)``, on the host."""
     every = [_linear_motion(train, speed, system, meshes, harmonics) for speed in np.asarray(rpm, float)]
     return jax.tree.map(lambda *values: np.stack(values), *every)
 
 
-def lanes_of(modes, system, meshes, posed, steps):
+def lanes_of(modes, system, meshes, linear_motion, steps):
     """The :class:`Lanes` of some speeds.
 
     Parameters
     ----------
     modes : Modes
     system : System
-    meshes : Nonlinear, the backlash meshes
-    posed : Posed
+    meshes : MeshParameters, the backlash meshes
+    linear_motion : LinearMotion
     steps : int, per cycle, a multiple of 32
 
     Returns
@@ -181,12 +198,12 @@ def lanes_of(modes, system, meshes, posed, steps):
     Lanes
         Of numpy arrays.
     """
-    deflection = np.moveaxis(system.deflections(np.moveaxis(posed.displacement, 0, 1), meshes.link), 1, 0)
-    both = np.concatenate([deflection, fourier.derivative(deflection, posed.frequency[:, None, None])], axis=1)
+    deflection = np.moveaxis(system.deflections(np.moveaxis(linear_motion.displacement, 0, 1), meshes.link), 1, 0)
+    both = np.concatenate([deflection, fourier.derivative(deflection, linear_motion.frequency[:, None, None])], axis=1)
     linear = np.ascontiguousarray(np.moveaxis(fourier.synthesize(both, 2 * steps), (0, 1, 2), (2, 1, 0)))
     observation, forcing = modes.observation, modes.forcing
     return Lanes(
-        **_weights(modes, 2 * np.pi / posed.frequency / steps),
+        **_weights(modes, 2 * np.pi / linear_motion.frequency / steps),
         observation=np.concatenate([observation.real, -observation.imag], axis=1),
         forcing=np.concatenate([forcing.real, forcing.imag]),
         linear=linear,
@@ -204,7 +221,7 @@ def _weights(modes, dt):
     half_1 = half_1 / 2
     last = one - 3 * two + 4 * three, 2 * two - 4 * three, 4 * three - two
 
-    def seen(*weights):
+    def observed(*weights):
         parts = [np.einsum("im,ml,mj->jil", modes.observation, w, modes.forcing, optimize=True).real for w in weights]
         return np.ascontiguousarray(np.concatenate(parts))
 
@@ -212,10 +229,10 @@ def _weights(modes, dt):
         "full": _parts(np.exp(whole)),
         "half": _parts(np.exp(whole / 2)),
         "weights": np.stack([_parts(w) for w in last]),
-        "first": seen(half_1),
-        "second": seen(half_1 - half_2, half_2),
-        "third": seen(one - 2 * two, 2 * two),
-        "end": seen(*last),
+        "first": observed(half_1),
+        "second": observed(half_1 - half_2, half_2),
+        "third": observed(one - 2 * two, 2 * two),
+        "end": observed(*last),
     }
 
 
@@ -225,6 +242,7 @@ def _parts(values):
 
 def _phi_functions(z):
     """phi_1, phi_2, phi_3: (e^z - 1) / z, (phi_1 - 1) / z, (phi_2 - 1/2) / z; series where z is small."""
+    # The closed forms cancel where z is small, (e^z - 1) / z to all digits at z = 1e-16: there 20 terms of the series.
     small = np.abs(z) < 1.0
     safe, near = np.where(small, 1.0, z), np.where(small, z, 0.0)
     series = [sum(near**j / float(_factorial(j + k)) for j in range(20)) for k in (1, 2, 3)]
@@ -238,33 +256,31 @@ def _factorial(n):
     return float(np.prod(np.arange(1, n + 1, dtype=float)))
 
 
-def state_of(modes, motion, posed):
+def state_of(modes, motion, linear_motion):
     """States ``(2m, L)`` of motions (x, x') ``(L, 2S)`` at t = 0: their deviation from the linear train."""
-    z = modes.coordinates @ (motion - linear_start(posed)).T
+    z = modes.coordinates @ (motion - linear_start(linear_motion)).T
     return np.concatenate([z.real, z.imag])
 
 
-def motion_of(modes, state, posed):
+def motion_of(modes, state, linear_motion):
     """Motions (x, x') ``(L, 2S)`` at t = 0 of states ``(2m, L)``."""
     real, imag = np.split(np.asarray(state), 2)
-    return (modes.motion.real @ real - modes.motion.imag @ imag).T + linear_start(posed)
+    return (modes.motion.real @ real - modes.motion.imag @ imag).T + linear_start(linear_motion)
 
 
-def linear_start(posed):
+def linear_start(linear_motion):
     """(x, x') ``(L, 2S)`` of the linear train at t = 0."""
-    speed = fourier.derivative(posed.displacement, posed.frequency[:, None, None])
-    return fourier.sample(np.concatenate([posed.displacement, speed], axis=1), 1)[..., 0]
+    speed = fourier.derivative(linear_motion.displacement, linear_motion.frequency[:, None, None])
+    return fourier.sample(np.concatenate([linear_motion.displacement, speed], axis=1), 1)[..., 0]
 
 
-DISTURBED = 0.02
-"""Share of the motion in contact that a start from there lacks: a motion that repels would be kept for long."""
-
-
-def on_flank(posed):
+def on_flank(linear_motion):
     """Motions (x, x') ``(L, 2S)`` at t = 0 with every mesh on its drive side, carrying nearly its linear force."""
-    rest = np.concatenate([posed.displacement[..., 0].real + posed.flank, 0 * posed.flank], axis=1)
-    moving = linear_start(posed) + np.concatenate([posed.flank, 0 * posed.flank], axis=1)
-    return moving + DISTURBED * (rest - moving)
+    shift, mean = linear_motion.flank, linear_motion.displacement[..., 0].real
+    # A little on the way from the motion in contact to rest at its mean: near that motion, and not on it.
+    rest = np.concatenate([mean + shift, 0 * shift], axis=1)
+    moving = linear_start(linear_motion) + np.concatenate([shift, 0 * shift], axis=1)
+    return moving + LANES.disturbed * (rest - moving)
 
 
 def cycle(lanes, state, states=False):
@@ -294,16 +310,16 @@ def march(lanes, state, blank):
     Returns
     -------
     state ``(2m, L)``
-    seen ``(cycles, TIME_SAMPLES, 2G, L)`` : (l, l') at equidistant time samples of each cycle
+    samples ``(cycles, LANES.samples, 2G, L)`` : (l, l') at equidistant time samples of each cycle
     trace ``(steps + 1, 2G, L)`` : (l, l') of the last cycle
     """
     lanes = jax.tree.map(jnp.asarray, lanes)
-    stride = lanes.steps // TIME_SAMPLES
+    stride = lanes.steps // LANES.samples
     empty = jnp.zeros((lanes.steps + 1, lanes.linear.shape[1], state.shape[1]))
 
     def another(carry, _):
         state, trace = cycle(lanes, carry[0])
         return (state, trace), trace[:-1:stride]
 
-    (state, trace), seen = lax.scan(another, (state, empty), blank)
-    return state, seen, trace
+    (state, trace), samples = lax.scan(another, (state, empty), blank)
+    return state, samples, trace

@@ -15,14 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._arrays import on_host
-from .statespace import loss_damping, matrices, state_space
-
-FREE, ROUNDED = 1e-5, 1e-15
-"""Frequency given to free rotation, as a share of that of the cycle, by springs in proportion to the inertias; its
-square is at least this share of the highest, which rounding leaves."""
-
-CONDITION, PARTING = 1e7, 1e-9
-"""Condition of the eigenvectors above which damping is added, and what share of the largest."""
+from .statespace import MODAL, loss_damping, matrices, state_space
 
 
 @dataclass(frozen=True)
@@ -46,7 +39,7 @@ def damped_modes(system, meshes, frequency, parts):
     Parameters
     ----------
     system : System
-    meshes : Nonlinear, the backlash meshes
+    meshes : MeshParameters, the backlash meshes
     frequency : float, Omega in rad/s, scales the slow modes
     parts : Partition
 
@@ -56,7 +49,9 @@ def damped_modes(system, meshes, frequency, parts):
     """
     inertial = np.array(parts.inertial, int)
     highest = np.max(np.asarray(system.held_stiffness())[inertial] / system.mass[inertial])
-    soft = max((FREE * frequency) ** 2, ROUNDED * highest)
+    # Springs in proportion to the inertias leave the undamped shapes as they are: they part the Jordan block of free
+    # rotation, and raise the other frequencies by less than rounding shows.
+    soft = max((MODAL.held * frequency) ** 2, MODAL.held_rounded * highest)
     held = dataclasses.replace(system, ground=system.ground + soft * system.mass)
     space = state_space(*on_host((held, meshes)), frequency, parts, loss_damping(held))
     A, T = np.asarray(space.transition), np.asarray(space.coordinates)
@@ -67,6 +62,7 @@ def modes_of(space, motion):
     """The :class:`Modes` of a StateSpace; ``motion`` ``(2S, n)``: (x, x') of its states."""
     A, E, L, T = (np.asarray(a) for a in (space.transition, space.forcing, space.observation, space.coordinates))
     rates, vectors = _eigen(A)
+    # Of a conjugate pair one mode, counted twice below: Re(v z) of both is twice that of one.
     one = rates.imag >= 0
     inverse = np.linalg.inv(vectors)[one]
     rates, vectors = rates[one], np.where(rates[one].imag > 0, 2.0, 1.0) * vectors[:, one]
@@ -76,9 +72,10 @@ def modes_of(space, motion):
 def _eigen(A):
     """Eigenvalues and well-conditioned eigenvectors of a matrix."""
     rates, vectors = np.linalg.eig(A)
-    if np.linalg.cond(vectors) > CONDITION:
+    if np.linalg.cond(vectors) > MODAL.condition:
         shares = (1 + np.arange(len(A))) / len(A)
-        rates, vectors = np.linalg.eig(A - np.diag(PARTING * np.abs(np.diag(A)).max() * shares))
+        # Different shares for every state: equal ones would move all eigenvalues alike and part none.
+        rates, vectors = np.linalg.eig(A - np.diag(MODAL.parting * np.abs(np.diag(A)).max() * shares))
     return rates, vectors
 
 

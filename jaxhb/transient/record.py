@@ -9,14 +9,24 @@ from jax import lax
 
 from .._program import Program
 from ..harmonic import backlash, fourier
-from .lanes import TIME_SAMPLES, cycle
-
-HARMONICS = 256
-"""Of the cycle, of which amplitudes are kept at most."""
+from .lanes import LANES, cycle
 
 
-STRIDE = 2
-"""Steps between the samples of shafts and disks, which follow the teeth with less than these."""
+@dataclass(frozen=True)
+class RecordOptions:
+    """What is kept of recorded cycles.
+
+    Parameters
+    ----------
+    harmonics : of the cycle, of which amplitudes are kept at most
+    stride : steps between the samples of shafts and disks, which follow the teeth with fewer than these
+    """
+
+    harmonics: int = 256
+    stride: int = 2
+
+
+RECORD = RecordOptions()
 
 
 @jax.tree_util.register_dataclass
@@ -24,7 +34,7 @@ STRIDE = 2
 class Outputs:
     """Quantities that are linear in the motion, and gear torques.
 
-    modal ``(Q, 2m)`` of the deviation from the linear train, which adds linear ``(L, Q, steps / STRIDE)``: disks and
+    modal ``(Q, 2m)`` of the deviation from the linear train, which adds linear ``(L, Q, steps / stride)``: disks and
     shafts; mesh_modal ``(2R, 2m)`` and mesh_linear ``(L, 2R, steps)``: deflections and forces of the R meshes without
     backlash; sums ``(P, R + G)``: gear torques as sums of the forces of these and of the others.
     """
@@ -38,7 +48,7 @@ class Outputs:
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Reduced:
+class CycleStatistics:
     """Cycles of quantities: max, min, mean, square (mean of squares) ``(cycles, L, quantities)``, power ``(L,
     quantities, H+1)``: sum over the cycles of |x^n|^2.
 
@@ -56,7 +66,7 @@ class Reduced:
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Teeth:
+class CycleContacts:
     """Contact of the backlash meshes, per cycle ``(cycles, L, G)``: shares of the cycle beyond the gap on either side;
     entries into contact and the approach speed of the hardest in m/s."""
 
@@ -66,7 +76,7 @@ class Teeth:
     hardest: jax.Array
 
 
-def outputs_of(modes, system, shafts, linear_meshes, gears, posed, steps):
+def outputs_of(modes, system, shafts, linear_meshes, gears, linear_motion, steps):
     """The :class:`Outputs` of a train, on the host.
 
     Parameters
@@ -76,13 +86,13 @@ def outputs_of(modes, system, shafts, linear_meshes, gears, posed, steps):
     shafts : int, number of links that are shafts or dampers
     linear_meshes : int array, links that are meshes without backlash
     gears : array ``(P, R)`` m, radius and sense with which forces act on gears
-    posed : Posed
+    linear_motion : LinearMotion
     steps : int, per cycle
     """
-    speed = fourier.derivative(posed.displacement, posed.frequency[:, None, None])
-    motion = np.concatenate([posed.displacement, speed], axis=1)
+    speed = fourier.derivative(linear_motion.displacement, linear_motion.frequency[:, None, None])
+    motion = np.concatenate([linear_motion.displacement, speed], axis=1)
     parts = []
-    for rows, samples in zip(_rows(system, shafts, linear_meshes), (steps // STRIDE, steps), strict=True):
+    for rows, samples in zip(_rows(system, shafts, linear_meshes), (steps // RECORD.stride, steps), strict=True):
         modal = rows @ modes.motion
         parts += [np.concatenate([modal.real, -modal.imag], axis=1), fourier.synthesize(rows @ motion, samples)]
     return Outputs(*parts, gears)
@@ -93,6 +103,8 @@ def _rows(system, shafts, linear_meshes):
     and of deflections and forces of meshes."""
     radius, bend = np.asarray(system.radius), system.incidence().T
     ends = radius[system.tree.end_a][:, None]
+    # A loss factor turns the spring force by its angle: of the analytic signal, whose real part is taken, a product
+    # with 1 + i eta.
     elastic = np.asarray(system.stiffness) * (1 + 1j * np.asarray(system.loss))  # of what turns with positive frequency
     spring, damper = (np.asarray(a)[:, None] * bend for a in (elastic, system.viscous))
     angle, first, mesh = np.eye(len(radius)) / radius[:, None], slice(None, shafts), np.asarray(linear_meshes, int)
@@ -109,35 +121,35 @@ def record(lanes, outputs, state, blank):
     Returns
     -------
     state ``(2m, L)``
-    seen ``(cycles, TIME_SAMPLES, 2G, L)``, trace ``(steps + 1, 2G, L)`` : as :func:`jaxhb.transient.lanes.march`
-    reduced : Reduced
-    teeth : Teeth
+    samples ``(cycles, LANES.samples, 2G, L)``, trace ``(steps + 1, 2G, L)`` : as :func:`jaxhb.transient.lanes.march`
+    statistics : CycleStatistics
+    contacts : CycleContacts
     """
     lanes, outputs = jax.tree.map(jnp.asarray, (lanes, outputs))
-    stride = lanes.steps // TIME_SAMPLES
+    stride = lanes.steps // LANES.samples
     empty = jnp.zeros((lanes.steps + 1, lanes.linear.shape[1], state.shape[1]))
 
     def another(carry, _):
         state, trace, states = cycle(lanes, carry[0], states=True)
-        reduced, teeth = lax.map(
-            lambda one: _reduce(lanes, outputs, *one),
+        statistics, contacts = lax.map(
+            lambda one: _statistics(lanes, outputs, *one),
             (jnp.moveaxis(trace, 2, 0), jnp.moveaxis(states, 2, 0), outputs.linear, outputs.mesh_linear),
         )
-        power = carry[2] + reduced.pop("power")
-        return (state, trace, power), (trace[:-1:stride], reduced, teeth)
+        power = carry[2] + statistics.pop("power")
+        return (state, trace, power), (trace[:-1:stride], statistics, contacts)
 
     quantities = len(outputs.modal) + len(outputs.mesh_modal) + 3 * len(lanes.viscous) + 2 * len(outputs.sums)
     power = jnp.zeros((state.shape[1], quantities, harmonics_of(lanes.steps) + 1))
-    (state, trace, power), (seen, reduced, teeth) = lax.scan(another, (state, empty, power), blank)
-    return state, seen, trace, Reduced(power=power, **reduced), teeth
+    (state, trace, power), (samples, statistics, contacts) = lax.scan(another, (state, empty, power), blank)
+    return state, samples, trace, CycleStatistics(power=power, **statistics), contacts
 
 
 def harmonics_of(steps):
     """Harmonics whose amplitudes are kept."""
-    return min(HARMONICS, steps // STRIDE // 2)
+    return min(RECORD.harmonics, steps // RECORD.stride // 2)
 
 
-def _reduce(lanes, outputs, w, states, linear, mesh_linear):
+def _statistics(lanes, outputs, w, states, linear, mesh_linear):
     """One cycle of one lane: w ``(steps + 1, 2G)``, states ``(steps + 1, 2m)``, what the linear train adds."""
     law = lanes.law
     deflection, rate = jnp.split(w.T, 2)
@@ -146,10 +158,10 @@ def _reduce(lanes, outputs, w, states, linear, mesh_linear):
     straight = outputs.mesh_modal @ states.T + _closed(mesh_linear)
     held = jnp.split(straight, 2)[1]
     gears = [outputs.sums @ jnp.concatenate([held, forces]) for forces in (total, elastic)]
-    shafts = outputs.modal @ states[::STRIDE].T + _closed(linear)
+    shafts = outputs.modal @ states[:: RECORD.stride].T + _closed(linear)
     teeth = jnp.concatenate([straight, deflection, elastic, total, *gears])
     parts = [_numbers(values, harmonics_of(lanes.steps)) for values in (shafts, teeth)]
-    return jax.tree.map(lambda *a: jnp.concatenate(a), *parts), _teeth(law, deflection, rate)
+    return jax.tree.map(lambda *a: jnp.concatenate(a), *parts), _contacts(law, deflection, rate)
 
 
 def _closed(values):
@@ -172,19 +184,20 @@ def _numbers(values, harmonics):
 def _highest(values):
     """Largest value of each row, on parabolas through neighbouring samples."""
     before, here, after = values[:, :-2], values[:, 1:-1], values[:, 2:]
+    # Largest value between samples: the vertex of the parabola through three of them.
     bend = 2 * here - before - after
     top = here + (after - before) ** 2 / (8 * jnp.where(bend > 0, bend, 1.0))
     peak = (here >= before) & (here >= after) & (bend > 0)
     return jnp.maximum(jnp.where(peak, top, here).max(axis=1), jnp.maximum(values[:, 0], values[:, -1]))
 
 
-def _teeth(law, deflection, rate):
-    """The :class:`Teeth` of one cycle, from (l, l') ``(G, steps + 1)``."""
+def _contacts(law, deflection, rate):
+    """The :class:`CycleContacts` of one cycle, from (l, l') ``(G, steps + 1)``."""
     distance = jnp.abs(deflection) - law.gap
     entry = (distance[:, :-1] < 0) & (distance[:, 1:] >= 0)
     share = -distance[:, :-1] / jnp.where(entry, distance[:, 1:] - distance[:, :-1], 1.0)
     speed = jnp.abs((1 - share) * rate[:, :-1] + share * rate[:, 1:])
-    return Teeth(
+    return CycleContacts(
         above=(deflection[:, :-1] >= law.gap).mean(axis=1),
         below=(deflection[:, :-1] <= -law.gap).mean(axis=1),
         impacts=entry.sum(axis=1),

@@ -1,8 +1,8 @@
 """A train that starts and preconditioners may use in place of the true one: inertial, viscous damping alone, few modes.
 
-What the harmonics of a solve cannot see need not be integrated: modes faster than the steps answer statically, a disk
+What the harmonics of a solve cannot see need not be integrated: modes faster than the steps respond statically, a disk
 without inertia (beside a backlash mesh an algebraic unknown) has a fast mode, loss factors damp each mode at its own
-frequency (:func:`jaxhb.transient.statespace.loss_damping`), and a finely divided train is projected on its answers to
+frequency (:func:`jaxhb.transient.statespace.loss_damping`), and a finely divided train is projected on its responses to
 forces at the meshes over the frequencies that matter (rational Krylov, Galerkin). Errors made here cost iterations,
 never accuracy.
 """
@@ -15,49 +15,64 @@ import numpy as np
 from jax import lax
 
 from ..harmonic.linear_train import solve_linear
-from .statespace import LIGHT, ROUNDED, StateSpace
+from .statespace import MODAL, StateSpace
 
-LARGEST, MODES = 64, 48
-"""Disks of a train whose modes are all kept, and modes of a larger one."""
 
-SHIFTS = 12
-"""Frequencies at which the answers to mesh forces of a larger train are taken."""
+@dataclass(frozen=True)
+class ReducedModelOptions:
+    """Sizes of a reduced-order model.
+
+    Parameters
+    ----------
+    disks : of a train whose modes are all kept
+    modes : of a larger one
+    shifts : frequencies at which the responses of a larger train to mesh forces are taken, its basis
+    resolved : steps per period of the slowest mode that is too fast for the steps
+    """
+
+    disks: int = 64
+    modes: int = 48
+    shifts: int = 12
+    resolved: int = 4
+
+
+REDUCED_MODEL = ReducedModelOptions()
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class ReducedModel:
-    """Slow modes, ``y = (s q, q')``, s = max(omega, Omega), and the static answer ``(G, G)`` m/N of the fast ones.
+    """Slow modes, ``y = (s q, q')``, s = max(omega, Omega), and the static response ``(G, G)`` m/N of the fast ones.
 
     motion : ``(2S, n)``, displacements and velocities of the disks for each state.
     """
 
     space: StateSpace
-    static: jax.Array
+    residual_flexibility: jax.Array
     motion: jax.Array
 
 
 def states_of(disks):
     """Number of states of a reduced-order model, at most."""
-    return 2 * (disks if disks <= LARGEST else MODES)
+    return 2 * (disks if disks <= REDUCED_MODEL.disks else REDUCED_MODEL.modes)
 
 
 def reduced_model(system, links, active, frequency, time_steps):
-    """The train as first-order equations of at most LARGEST modes; of a larger train MODES, those that meshes see most.
+    """The train as first-order equations of its modes; of a larger train, of those that meshes see most.
 
     Parameters
     ----------
     system : System
     links, active : arrays ``(G,)``, the links with backlash, and 1; 0 for padding
     frequency : float, Omega in rad/s
-    time_steps : int, steps per cycle that will be taken; modes with less than four of them per period are fast
+    time_steps : int, steps per cycle that will be taken; modes with fewer of them per period than resolve them are fast
 
     Returns
     -------
     ReducedModel
     """
     system = jax.tree.map(jnp.asarray, lax.stop_gradient(system))
-    fastest = frequency * time_steps / 4
+    fastest = frequency * time_steps / REDUCED_MODEL.resolved
     mass = _inertial(system, fastest)
     basis = _basis(system, mass, links, frequency, time_steps)
     bend = system.deflections(basis)
@@ -67,19 +82,21 @@ def reduced_model(system, links, active, frequency, time_steps):
     squares, vectors = jnp.linalg.eigh(K)
     slow = squares <= fastest**2
     rows = active[:, None] * (bend[links] @ vectors)
-    free = ROUNDED * squares[-1]
+    free = MODAL.rotation * squares[-1]
     kept = np.arange(len(squares))
-    if len(system.mass) > LARGEST:
+    if len(system.mass) > REDUCED_MODEL.disks:
         seen = jnp.max(rows**2, axis=0, initial=0.0) / (squares + frequency**2)
         # The most visible of the slow ones, in rising order again: the periodic operator takes the first as slowest.
-        kept = jnp.sort(jnp.argsort(jnp.where(slow, -seen, 1.0))[:MODES])
+        kept = jnp.sort(jnp.argsort(jnp.where(slow, -seen, 1.0))[: REDUCED_MODEL.modes])
         slow = slow & jnp.zeros(len(squares), bool).at[kept].set(True)
+    # Fast modes respond statically: row^2 / omega^2 of each, their residual flexibility.
     apart = ~slow & (squares > free)
-    static = (rows * jnp.where(apart, 1 / jnp.where(apart, squares, 1.0), 0.0)) @ rows.T
+    residual_flexibility = (rows * jnp.where(apart, 1 / jnp.where(apart, squares, 1.0), 0.0)) @ rows.T
     vectors, rows = (jnp.where(slow, a, 0.0)[:, kept] for a in (vectors, rows))
     squares = jnp.where(slow & (squares > free), squares, 0.0)[kept]
     root = jnp.where(squares > 0, jnp.where(squares > 0, squares, 1.0) ** -0.25, 0.0)  # as in statespace.loss_damping
     drag = vectors.T @ B @ vectors + root[:, None] * (vectors.T @ H @ vectors) * root
+    # s q, not q: all entries of a state are velocities, free rotation included, whose q alone would have none.
     scale = jnp.sqrt(jnp.maximum(squares, frequency**2))
     shapes = basis @ vectors
     modal = shapes.T * mass
@@ -91,12 +108,12 @@ def reduced_model(system, links, active, frequency, time_steps):
         coordinates=jnp.block([[scale[:, None] * modal, 0 * modal], [0 * modal, modal]]),
     )
     motion = jnp.block([[shapes / scale, 0 * shapes], [0 * shapes, shapes]])
-    return ReducedModel(space, static, motion)
+    return ReducedModel(space, residual_flexibility, motion)
 
 
 def _inertial(system, fastest):
     """``(S,)`` kg: masses, with a little where there is none."""
-    little = jnp.minimum(system.held_stiffness() / (30 * fastest) ** 2, LIGHT * jnp.mean(system.mass))
+    little = jnp.minimum(system.held_stiffness() / (30 * fastest) ** 2, MODAL.light * jnp.mean(system.mass))
     return jnp.where(system.mass > 0, system.mass, jnp.maximum(little, 1e-12 * jnp.mean(system.mass)))
 
 
@@ -104,13 +121,16 @@ def _basis(system, mass, links, frequency, time_steps):
     """Columns ``(S, r)`` with ``basis^T M basis = 1``: all motions, or those that mesh forces excite."""
     root = jnp.sqrt(mass)[:, None]
     disks = len(system.mass)
-    if disks <= LARGEST:
+    if disks <= REDUCED_MODEL.disks:
         return jnp.eye(disks) / root
+    shifts = REDUCED_MODEL.shifts
     highest = time_steps / 6  # harmonic of the fastest mode that so many time steps resolve
-    omega = frequency * highest ** (jnp.arange(SHIFTS) / (SHIFTS - 1.0))
-    unit = jnp.broadcast_to(system.incidence(links)[:, :, None], (disks, len(links), SHIFTS))
+    # Geometric from the cycle to the fastest mode that the steps resolve: as many shifts in each octave.
+    omega = frequency * highest ** (jnp.arange(shifts) / (shifts - 1.0))
+    unit = jnp.broadcast_to(system.incidence(links)[:, :, None], (disks, len(links), shifts))
     motion, _ = solve_linear(system, omega, unit.astype(complex), forces=0)
     columns = root * jnp.concatenate([motion.real, motion.imag], axis=-1).reshape(disks, -1)
+    # Responses at resonances would drown the others: columns of length one before they are made orthogonal.
     sizes = jnp.linalg.norm(columns, axis=0)
     columns = columns / jnp.where(sizes > 0, sizes, 1.0)  # no damping, no imaginary parts
     q, _ = jnp.linalg.qr(columns)

@@ -19,10 +19,34 @@ from .integrate import march, settle
 from .statespace import linear_response, matrices, partition
 from .stepper import discretize, on_flank, state_from_harmonics
 
-STEPS_PER_PERIOD = 40
-MOST_STEPS_PER_PERIOD = 400
-MESH_SHARE = 0.01
-MOST_CORRECTIONS = 10
+
+@dataclass(frozen=True)
+class ReferenceOptions:
+    """How the reference integration chooses its steps, and when it contradicts a harmonic solution.
+
+    Parameters
+    ----------
+    steps_per_period : steps per period of the highest mesh mode
+    most_steps_per_period : the same at most, where a narrow transition of the law asks for more
+    steps : of a cycle, at least
+    mesh_share : share of the strain energy of a mode that backlash meshes hold from which it is a mesh mode
+    corrections : Newton steps on the segments of a cycle, at most
+    contradicts : times the estimate of the truncation error above which a correction is asked with more steps
+    step_error : what the steps leave of an elastic tooth force, as a share of the largest
+    rounded : share of a displacement that the coordinates of the integration may lose
+    """
+
+    steps_per_period: int = 40
+    most_steps_per_period: int = 400
+    steps: int = 256
+    mesh_share: float = 0.01
+    corrections: int = 10
+    contradicts: float = 3.0
+    step_error: float = 1e-4
+    rounded: float = 1e-11
+
+
+REFERENCE = ReferenceOptions()
 
 _discretize = Program(discretize, static_argnames=("steps", "parts"))
 _settle = Program(settle)
@@ -37,8 +61,8 @@ def _close(stepper, system, load, coefficients, tolerance):
     harmonics = max(coefficients.shape[-1], linear.shape[-1]) - 1
     deviation = fourier.resize(coefficients, harmonics) - fourier.resize(linear, harmonics)
     both = jnp.concatenate([deviation, fourier.derivative(deviation, stepper.frequency)])
-    nodes = (stepper.space.coordinates @ fourier.sample(both, segments.SEGMENTS)).T
-    nodes, trace, steps = segments.close(stepper, nodes, tolerance=tolerance, most=MOST_CORRECTIONS)
+    nodes = (stepper.space.coordinates @ fourier.sample(both, segments.SHOOTING.segments)).T
+    nodes, trace, steps = segments.close(stepper, nodes, tolerance=tolerance, most=REFERENCE.corrections)
     return nodes[0], trace, steps
 
 
@@ -84,7 +108,7 @@ class Orbit:
     stepper: object
 
 
-def resolving_steps(system, meshes, frequency, *, per_period=STEPS_PER_PERIOD):
+def resolving_steps(system, meshes, frequency, *, per_period=REFERENCE.steps_per_period):
     """Steps per cycle that resolve the teeth.
 
     At least ``per_period`` steps per period of the highest natural frequency omega in which the backlash meshes hold
@@ -95,7 +119,7 @@ def resolving_steps(system, meshes, frequency, *, per_period=STEPS_PER_PERIOD):
     Parameters
     ----------
     system : System
-    meshes : Nonlinear
+    meshes : MeshParameters
     frequency : float
         Omega in rad/s.
     per_period : int
@@ -105,7 +129,7 @@ def resolving_steps(system, meshes, frequency, *, per_period=STEPS_PER_PERIOD):
     int
     """
     if not len(np.asarray(meshes.link)):
-        return 256
+        return REFERENCE.steps
     parts = partition(system, meshes)
     system = jax.tree.map(np.asarray, system)
     K = matrices(system)[1]
@@ -113,6 +137,7 @@ def resolving_steps(system, meshes, frequency, *, per_period=STEPS_PER_PERIOD):
     stiffness = K[np.ix_(inertial, inertial)]
     if rest.size:
         coupling = K[np.ix_(rest, inertial)]
+        # Disks without inertia follow the others: condensed statically, which is exact without damping.
         stiffness = stiffness - coupling.T @ np.linalg.lstsq(K[np.ix_(rest, rest)], coupling, rcond=None)[0]
     root = np.sqrt(system.mass[inertial])
     squares, modes = np.linalg.eigh(stiffness / root[:, None] / root)
@@ -120,11 +145,13 @@ def resolving_steps(system, meshes, frequency, *, per_period=STEPS_PER_PERIOD):
     shapes[inertial] = modes / root[:, None]
     link = np.asarray(meshes.link)
     strain = (system.stiffness[link, None] * system.deflections(shapes, link) ** 2).sum(axis=0)
-    taking_part = strain > MESH_SHARE * np.maximum(squares, 0)
+    taking_part = strain > REFERENCE.mesh_share * np.maximum(squares, 0)
     highest = np.sqrt(squares[taking_part].max(initial=0.0))
     sharpest = np.min(np.asarray(meshes.law.transition))
-    per_period = max(per_period, min(np.pi / (2 * sharpest), MOST_STEPS_PER_PERIOD))
-    return int(np.ceil(max(256, per_period * highest / float(frequency))))
+    # At the speed omega h/2 a step of 2 pi/(omega n) covers pi h/n: at most two zones of width tau h for n = pi/(2
+    # tau).
+    per_period = max(per_period, min(np.pi / (2 * sharpest), REFERENCE.most_steps_per_period))
+    return int(np.ceil(max(REFERENCE.steps, per_period * highest / float(frequency))))
 
 
 def reference_orbit(
@@ -135,7 +162,7 @@ def reference_orbit(
     Parameters
     ----------
     system : System
-    meshes : Nonlinear
+    meshes : MeshParameters
     frequency : float
         Omega in rad/s.
     load : complex array ``(S, N+1)`` N
@@ -154,7 +181,7 @@ def reference_orbit(
     Returns
     -------
     Orbit
-        ``settled`` tells whether the tolerance was met.
+        ``settled`` says whether the tolerance was met.
 
     Raises
     ------
@@ -169,7 +196,7 @@ def reference_orbit(
         steps = max(resolving_steps(system, meshes, frequency), 4 * np.shape(load)[-1])
     given = start_coefficients is not None
     if given:
-        steps += -steps % segments.SEGMENTS
+        steps += -steps % segments.SHOOTING.segments
     stepper = _discretize(system, meshes, frequency, load, steps=steps, parts=parts)
     newton = 0
     if cycles is not None:
@@ -187,7 +214,7 @@ def reference_orbit(
 def _orbit(meshes, stepper, state, trace, tolerance, **counts):
     """Forces of a cycle."""
     law = meshes.law.expand()
-    viscous, gated = np.asarray(meshes.viscous)[:, None], np.asarray(meshes.contact_damping)[:, None]
+    viscous, in_contact = np.asarray(meshes.viscous)[:, None], np.asarray(meshes.contact_damping)[:, None]
     low, high = backlash.force(
         law, _extremes(trace, 2 * np.pi / float(stepper.frequency) / trace.deflection.shape[1])
     ).T
@@ -195,7 +222,7 @@ def _orbit(meshes, stepper, state, trace, tolerance, **counts):
         deflection=np.asarray(trace.deflection),
         rate=np.asarray(trace.rate),
         elastic=np.asarray(backlash.force(law, trace.deflection)),
-        transmitted=np.asarray(backlash.mesh_force(law, viscous, gated, trace.deflection, trace.rate)),
+        transmitted=np.asarray(backlash.mesh_force(law, viscous, in_contact, trace.deflection, trace.rate)),
         smallest=np.asarray(low),
         largest=np.asarray(high),
         separated=np.asarray(backlash.separated(law, trace.deflection).mean(axis=1)),
@@ -212,15 +239,16 @@ def _extremes(trace, dt):
     l, slope = np.asarray(trace.deflection), np.asarray(trace.rate) * dt
     following, steepness = np.roll(l, -1, axis=1), np.roll(slope, -1, axis=1)
     s = np.arange(16)[:, None, None] / 16
+    # Hermite's cubics: the samples have the rates as well.
     values = (1 + 2 * s) * (1 - s) ** 2 * l + s * (1 - s) ** 2 * slope
     values += s**2 * (3 - 2 * s) * following + s**2 * (s - 1) * steepness
     return np.stack([values.min(axis=(0, 2), initial=np.inf), values.max(axis=(0, 2), initial=-np.inf)], axis=1)
 
 
-def _equations(train, rpm):
+def equations_of(train, rpm):
     """System, backlash meshes, Omega and load of a train at a speed."""
     if not (np.isfinite(rpm) and rpm > 0):
-        raise ValueError(f"{train.topology.name or 'scene'}: the speed is {rpm:g} rpm, must be greater than 0 rpm.")
+        raise ValueError(f"{train.topology.title}: the speed is {rpm:g} rpm, must be greater than 0 rpm.")
     system, meshes = chain.assemble(train), backlash_meshes(train)
     partition(system, meshes, train.topology.disk_names, train.topology.link_names)
     torque, _, _ = excitation(train, rpm, listed_harmonic(train.topology))
@@ -269,7 +297,7 @@ def integrate(
     >>> orbit.settled, orbit.elastic.max(axis=1).round(-1).tolist()
     (True, [6590.0, 3550.0, 2960.0, 1470.0])
     """
-    system, meshes, frequency, load = _equations(train, rpm)
+    system, meshes, frequency, load = equations_of(train, rpm)
     return reference_orbit(
         system, meshes, frequency, load, steps=steps, cycles=cycles, tolerance=tolerance, max_cycles=max_cycles
     )

@@ -7,6 +7,8 @@ the motion as a whole, and the segments run side by side.
 A motion here belongs to a share p of a change of the train: ``stepper`` is a function of p.
 """
 
+from dataclasses import dataclass
+
 import jax
 import jax.numpy as jnp
 from jax import lax
@@ -14,15 +16,28 @@ from jax import lax
 from ..harmonic import damping
 from .integrate import no_samples, periodicity_error, put, run, trace_of, watch
 
-SEGMENTS = 32
-"""Divides every number of time samples; more of them cost no less."""
 
-SINGULAR = 1e-11
-"""Share of the largest singular value of a condensed cycle below which a motion returns whatever it is."""
+@dataclass(frozen=True)
+class ShootingOptions:
+    """How cycles are closed by Newton's method, in one piece and in segments.
 
-LENGTHS = (1.0, 0.5, 0.2, 0.05, 0.01)
-"""Shares of a Newton step that are tried, all of them: one costs a run through the segments and no linear solve, little
-beside the Jacobian, so that none need be predicted."""
+    Parameters
+    ----------
+    segments : of a cycle; divides every number of time steps. More of them cost no less
+    singular : share of the largest singular value of a condensed cycle below which a motion returns whatever it is
+    lengths : shares of a Newton step on segments that are tried, all of them: one costs a run through the segments and
+        no linear solve, little beside the Jacobian, so that none need be predicted
+    search_lengths : the same of a step on one piece: beside grazing impacts only short steps improve the periodicity
+        error
+    """
+
+    segments: int = 32
+    singular: float = 1e-11
+    lengths: tuple[float, ...] = (1.0, 0.5, 0.2, 0.05, 0.01)
+    search_lengths: tuple[float, ...] = (1.0, 0.6, 0.36, 0.2, 0.1, 0.03)
+
+
+SHOOTING = ShootingOptions()
 
 
 def _end(stepper, state, segment, segments):
@@ -39,7 +54,7 @@ def moving(space):
     return 1.0 - jnp.all(nothing | free[:, None], axis=0)
 
 
-def beginnings(stepper, state, segments=SEGMENTS):
+def beginnings(stepper, state, segments=SHOOTING.segments):
     """States ``(segments, n)`` that a cycle from ``state`` goes through at the beginnings of its segments."""
 
     def through(state, segment):
@@ -53,7 +68,7 @@ def gaps(stepper, nodes):
     return _driven(stepper, nodes)[0]
 
 
-def gaps_and_closure(stepper, nodes):
+def gaps_and_error(stepper, nodes):
     """Gaps ``(K, n)``, and the periodicity error of :func:`motion`."""
     gap, largest = _driven(stepper, nodes, *watch(stepper))
     return gap, periodicity_error(stepper, _widest(stepper, gap), largest.max(axis=0))
@@ -121,6 +136,8 @@ def condense(slope, share_slope):
         slope, share_slope = segment
         return (slope @ carry).at[:, size].add(share_slope), None
 
+    # The change of the state after a cycle by that of the first node, and by the share in the last column: Phi - I and
+    # what the share adds, n equations for n + 1 unknowns, of which the null vector is the tangent of the curve.
     whole, _ = lax.scan(through, jnp.eye(size, size + 1), (slope, share_slope))
     return slope, share_slope, *jnp.linalg.svd(whole - jnp.eye(size, size + 1), full_matrices=True)
 
@@ -128,8 +145,10 @@ def condense(slope, share_slope):
 def closing(condensed, gap):
     """``(K n + 1,)``: the change of nodes and share, shortest at the first, that closes all gaps to first order."""
     slope, share_slope, left, values, right = condensed
+    # The gaps of all segments, taken on to the end of the cycle: what the first node and the share have to make up.
     gathered, _ = lax.scan(lambda carry, known: (known[0] @ carry + known[1], None), 0.0 * gap[0], (slope, gap))
-    known = values > SINGULAR * values[0]
+    # The pseudo-inverse leaves alone what nothing holds (free rotation) and gives of all solutions the shortest.
+    known = values > SHOOTING.singular * values[0]
     first = right[:-1].T @ (jnp.where(known, left.T @ -gathered, 0.0) / jnp.where(known, values, 1.0))
     return _expanded(slope, gap + share_slope * first[-1], first)
 
@@ -138,6 +157,8 @@ def tangent(condensed):
     """``(K n + 1,)``: the change of nodes and share that keeps all gaps, not normalised; oriented by the sign of the
     determinant, which no fold and no corner of the curve changes."""
     slope, share_slope, left, _, right = condensed
+    # The last right singular vector is the null vector. Its sign is arbitrary; with that of the two determinants it is
+    # oriented as the whole curve is.
     first = right[-1] * jnp.sign(jnp.linalg.det(left) * jnp.linalg.det(right))
     return _expanded(slope, share_slope * first[-1], first)
 
@@ -156,14 +177,14 @@ def close(stepper, nodes, *, tolerance, most):
     stepper : Stepper
     nodes : array ``(K, n)``, of a near motion
     tolerance : float, on the periodicity error of :func:`motion`
-    most : int, Newton steps; each is the longest of LENGTHS that lowers the natural level
+    most : int, Newton steps; each is the longest of the lengths that lowers the natural level
         (:mod:`jaxhb.harmonic.damping`), and they end where none does
 
     Returns
     -------
     nodes ``(K, n)``, the Trace of their motion, Newton steps taken
     """
-    lengths = jnp.array(LENGTHS)
+    lengths = jnp.array(SHOOTING.lengths)
 
     def unfinished(carry):
         _, periodicity_error, done, closer = carry
@@ -178,9 +199,11 @@ def close(stepper, nodes, *, tolerance, most):
             return closing(condensed, gap)[:-1].reshape(nodes.shape)
 
         def tried(length):
-            gap, periodicity_error = gaps_and_closure(stepper, nodes + length * whole)
+            gap, periodicity_error = gaps_and_error(stepper, nodes + length * whole)
             return damping.lowers_level(jnp.linalg.norm(change(gap)), size, length), periodicity_error
 
+        # Every length is tried, and the longest that passes the test is taken: a run through the segments is little
+        # beside their Jacobian.
         whole = change(gap)
         size = jnp.linalg.norm(whole)
         lower, periodicity_errors = lax.map(tried, lengths)

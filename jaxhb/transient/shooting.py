@@ -9,10 +9,6 @@ from jax import lax
 from . import segments
 from .integrate import cycle_error
 
-LENGTHS = (1.0, 0.6, 0.36, 0.2, 0.1, 0.03)
-"""Shares of a Newton step that are tried at once: beside grazing impacts only short steps improve the periodicity
-error."""
-
 
 def monodromy(stepper, state):
     """Derivative ``(n, n)`` of the state after one cycle with respect to the state before, and that state ``(n,)``.
@@ -21,7 +17,7 @@ def monodromy(stepper, state):
     many of the segments, side by side, as divide the steps: 2.4 times faster than along the cycle with 6 states, twice
     with 24, no faster with 120.
     """
-    nodes = segments.beginnings(stepper, state, math.gcd(stepper.capacity, segments.SEGMENTS))
+    nodes = segments.beginnings(stepper, state, math.gcd(stepper.capacity, segments.SHOOTING.segments))
     end, slope, _ = segments.ends(lambda _: stepper, nodes, 1.0)
     return lax.scan(lambda matrix, slope: (slope @ matrix, None), jnp.eye(len(state)), slope)[0], end[-1]
 
@@ -29,7 +25,7 @@ def monodromy(stepper, state):
 def shoot(stepper, state, *, most=20, tolerance=1e-11, cutoff=1e-10):
     """Correct a state until the cycle closes, ``z(T; z) = z``; valid under jit and vmap.
 
-    Each Newton step has the length of LENGTHS that closes best, whether or not the cycle closed better before: a
+    Each Newton step has the length that closes best of several, whether or not the cycle closed better before: a
     search, for states far from any periodic motion. Motion that returns whatever it is (free rotation of a floating
     train) makes ``I - Phi`` singular and is left alone by a pseudo-inverse.
 
@@ -50,7 +46,7 @@ def shoot(stepper, state, *, most=20, tolerance=1e-11, cutoff=1e-10):
     state ``(n,)``, the periodicity error of its cycle, Newton steps taken
     """
     identity = jnp.eye(state.shape[0])
-    lengths = jnp.array(LENGTHS)
+    lengths = jnp.array(segments.SHOOTING.search_lengths)
 
     def unfinished(carry):
         _, periodicity_error, done = carry
@@ -59,6 +55,8 @@ def shoot(stepper, state, *, most=20, tolerance=1e-11, cutoff=1e-10):
     def correct(carry):
         state, _, done = carry
         matrix, end = monodromy(stepper, state)
+        # (I - Phi) dz = z(T) - z. Far from a motion the full step may land anywhere: several lengths are run side by
+        # side, and the one that closes best is taken even where none closes better.
         direction = jnp.linalg.pinv(identity - matrix, rtol=cutoff) @ (end - state)
         tried = state + lengths[:, None] * direction
         periodicity_errors = jax.vmap(lambda state: cycle_error(stepper, state)[1])(tried)

@@ -20,9 +20,30 @@ from jax import lax
 
 from .._arrays import namespace
 
-LIGHT, ROUNDED = 1e-6, 1e-14
-"""Share of the mean inertia of a disk without, whose mode is far above all others then; of the highest squared
-frequency that is free rotation, as far as rounding lets it be seen."""
+
+@dataclass(frozen=True)
+class ModalOptions:
+    """What a modal form takes for zero, and how it is kept regular.
+
+    Parameters
+    ----------
+    light : share of the mean inertia that a disk without inertia gets: its mode is then far above all others
+    rotation : share of the highest squared frequency below which a mode is free rotation, as far as rounding shows it
+    held : frequency given to free rotation, as a share of that of the cycle, by springs in proportion to the inertias
+    held_rounded : least square of that frequency, as a share of the highest one, which rounding leaves
+    condition : of the eigenvectors above which damping is added
+    parting : that damping, as a share of the largest
+    """
+
+    light: float = 1e-6
+    rotation: float = 1e-14
+    held: float = 1e-5
+    held_rounded: float = 1e-15
+    condition: float = 1e7
+    parting: float = 1e-9
+
+
+MODAL = ModalOptions()
 
 
 @dataclass(frozen=True)
@@ -72,10 +93,10 @@ def loss_damping(system):
     """
     if not np.any(system.loss):
         return np.zeros((len(system.mass),) * 2)
-    mass = np.where(system.mass > 0, system.mass, LIGHT * np.mean(system.mass))
+    mass = np.where(system.mass > 0, system.mass, MODAL.light * np.mean(system.mass))
     scale = np.sqrt(mass)[:, None]
     squares, shapes = np.linalg.eigh(matrices(system)[1] / scale / scale.T)
-    moving = squares > ROUNDED * squares[-1]
+    moving = squares > MODAL.rotation * squares[-1]
     root = np.where(moving, np.where(moving, squares, 1.0) ** -0.25, 0.0)
     left = scale * shapes * root
     return left @ ((shapes / scale).T @ loss_stiffness(system) @ (shapes / scale)) @ left.T
@@ -87,7 +108,7 @@ def partition(system, meshes, disk_names=None, link_names=None, lossy=False):
     Parameters
     ----------
     system : System
-    meshes : Nonlinear
+    meshes : MeshParameters
         Backlash meshes.
     disk_names, link_names : sequence of str, optional
         For the sentences of errors; "disk 3" and "link 5" without.
@@ -105,7 +126,7 @@ def partition(system, meshes, disk_names=None, link_names=None, lossy=False):
     """
     for leaf in jax.tree.leaves((system, meshes)):
         if isinstance(leaf, jax.core.Tracer):
-            raise ValueError("the train is being traced: pass parts=partition(system, meshes), decided on the host.")
+            raise ValueError("jit or vmap traces the train: pass parts=partition(system, meshes), made outside.")
 
     def disk(index):
         return repr(disk_names[index]) if disk_names else f"disk {index}"
@@ -125,8 +146,8 @@ def partition(system, meshes, disk_names=None, link_names=None, lossy=False):
     for index in massless:
         if int(index) in ends:
             raise ValueError(
-                f"{disk(index)} has no inertia and carries a backlash mesh: its motion in time is an algebraic "
-                "unknown. Give it an inertia, or use a harmonic method."
+                f"{disk(index)} has no inertia and carries a backlash mesh: no equation of motion in time "
+                "is left for it. Give it an inertia, or use a harmonic method."
             )
     B, K = matrices(jax.tree.map(np.asarray, system))
     undamped = ~np.any(B[massless] != 0, axis=1)
@@ -153,7 +174,7 @@ def state_space(system, meshes, frequency, parts, damping=0.0):
     Parameters
     ----------
     system : System
-    meshes : Nonlinear
+    meshes : MeshParameters
     frequency : float, Omega in rad/s, only to scale the slow modes
     parts : Partition
     damping : array ``(S, S)`` N s/m, beside that of the system
@@ -178,6 +199,8 @@ def state_space(system, meshes, frequency, parts, damping=0.0):
     follow = xp.zeros((extra, 2 * n + extra))
     if extra:
         right = xp.concatenate([stiffness[n:], drag[n:, :n]], axis=1)
+        # Damped disks without inertia: B x' + K x = q gives their velocity from all displacements and the others'
+        # velocities.
         follow = -xp.linalg.solve(drag[n:, n:], right)
     motion = xp.concatenate([xp.zeros((n, n + extra)), xp.eye(n)], axis=1)
     pull = xp.concatenate([stiffness[:n], drag[:n, :n]], axis=1) + drag[:n, n:] @ follow
@@ -229,7 +252,7 @@ def linear_response(system, frequency, load):
         Displacements that no force opposes (the rotation of a floating train, rings without spring) have mean zero.
     """
     xp, (B, K) = namespace(system, frequency, load), matrices(system)
-    mean = _static(K, load[:, 0].real)
+    mean = static_response(K, load[:, 0].real)
     omega = frequency * xp.arange(1, load.shape[-1])
     K = K + 1j * loss_stiffness(system)
     Z = K + 1j * omega[:, None, None] * B - omega[:, None, None] ** 2 * xp.diag(system.mass)
@@ -237,12 +260,13 @@ def linear_response(system, frequency, load):
     return xp.concatenate([mean[:, None] + 0j, harmonics], axis=1)
 
 
-def _static(K, force):
+def static_response(K, force):
     """K^-1 force, without the motions that meet no stiffness (the load is balanced on them)."""
     xp = namespace(K, force)
     diagonal = xp.diag(K)
     scale = xp.sqrt(xp.where(diagonal > 0, diagonal, 1.0))
     values, vectors = xp.linalg.eigh(K / scale[:, None] / scale)
+    # Scaled by the diagonal: what is left of an eigenvalue that should be zero is rounding.
     held = values > 1e-13
     inverse = xp.where(held, 1.0, 0.0) / xp.where(held, values, 1.0)
     return (vectors @ (inverse * (vectors.T @ (force / scale)))) / scale

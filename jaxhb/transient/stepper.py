@@ -27,7 +27,7 @@ from jax import lax
 from .._arrays import namespace
 from ..harmonic import backlash, fourier
 from ..harmonic.backlash import Law
-from .statespace import StateSpace, _static, linear_response, matrices, partition, state_space
+from .statespace import StateSpace, linear_response, matrices, partition, state_space, static_response
 
 
 @jax.tree_util.register_dataclass
@@ -40,8 +40,8 @@ class Stepper:
     linear ``(2 steps, 2G)``: w of the linear train every half step, or more rows, whose rest is not used, if ``count``
     holds the number of steps (one program for many numbers); linear_state ``(n,)`` its state at t = 0;
     flank_state ``(n,)``: deviation for which every mesh carries its linear force on its drive side; space : the
-    equations; law, viscous, contact_damping : of the meshes ``(G,)``; frequency : rad/s; static ``(G, G)`` m/N : answer
-    of modes that are no states, too fast for the steps.
+    equations; law, viscous, contact_damping : of the meshes ``(G,)``; frequency : rad/s; residual_flexibility
+    ``(G, G)`` m/N : static response of the modes that are no states, too fast for the steps.
     """
 
     propagate: jax.Array
@@ -57,7 +57,7 @@ class Stepper:
     viscous: jax.Array
     contact_damping: jax.Array
     frequency: jax.Array
-    static: jax.Array | None = None
+    residual_flexibility: jax.Array | None = None
     count: jax.Array | None = None
 
     @property
@@ -82,29 +82,32 @@ class Stepper:
 
     def nonlinear_force_at(self, w):
         """phi ``(G,)`` N at ``w`` ``(2G,)``, deflections and rates of the states."""
-        return self.nonlinear_force(self.flexed(w), jnp.split(w, 2)[1])
+        return self.nonlinear_force(self.with_fast_modes(w), jnp.split(w, 2)[1])
 
-    def flexed(self, w):
-        """Deflections ``(G,)`` with the answer of the fast modes, ``l + static phi(l) = l of the states``.
+    def with_fast_modes(self, w):
+        """Deflections ``(G,)`` with the static response of the fast modes, R the residual flexibility:
+        ``l + R phi(l) = l of the states``.
 
         Two steps of Newton's method mesh by mesh: the fast modes have a small part of the compliance of a mesh. Their
         part of the rate is left out.
         """
         given, rate = jnp.split(w, 2)
-        if self.static is None:
+        if self.residual_flexibility is None:
             return given
-        deflection, own = given, jnp.diag(self.static)
+        deflection, own = given, jnp.diag(self.residual_flexibility)
         for _ in range(2):
             force, slope = jax.jvp(lambda l: self.nonlinear_force(l, rate), (deflection,), (jnp.ones_like(given),))
-            deflection = deflection - (deflection + self.static @ force - given) / (1 + own * slope)
+            deflection = deflection - (deflection + self.residual_flexibility @ force - given) / (1 + own * slope)
         return deflection
 
     def advance(self, state, w, middle, last):
         """Deviation and w one step later; ``middle`` and ``last`` are w_linear half a step and one step ahead."""
         moved = self.propagate @ state
-        size, seen = state.shape[0], w.shape[0]
-        ahead = last + moved[size : size + seen]
-        half = middle + moved[size + seen :]
+        size, watched = state.shape[0], w.shape[0]
+        ahead = last + moved[size : size + watched]
+        half = middle + moved[size + watched :]
+        # Krogstad's four stages: begin, twice the middle, end. Weights of the linear train carry the state, so that a
+        # stage needs w alone.
         f0 = self.nonlinear_force_at(w)
         fa = self.nonlinear_force_at(half + self.first @ f0)
         fb = self.nonlinear_force_at(half + self.second @ jnp.concatenate([f0, fa]))
@@ -124,7 +127,7 @@ def discretize(system, meshes, frequency, load, steps, parts=None):
     ----------
     system : System
         Linear train, meshes taken in contact; without loss factors.
-    meshes : Nonlinear
+    meshes : MeshParameters
         The meshes with backlash; all others are linear links of ``system``.
     frequency : float
         Omega in rad/s; the cycle lasts 2 pi / Omega.
@@ -148,10 +151,10 @@ def discretize(system, meshes, frequency, load, steps, parts=None):
     response = linear_response(system, frequency, load)
     speed = fourier.derivative(response, frequency)
     deflection = system.deflections(response, meshes.link)
-    shift = _static(matrices(system)[1], system.spread(-force_on_flank(meshes.law, deflection), meshes.link))
+    shift = static_response(matrices(system)[1], system.spread(-force_on_flank(meshes.law, deflection), meshes.link))
     return cut(
         space,
-        fourier.synthesize(seen(deflection, frequency), 2 * steps).T,
+        fourier.synthesize(with_rate(deflection, frequency), 2 * steps).T,
         frequency,
         steps,
         law=meshes.law,
@@ -167,12 +170,24 @@ def force_on_flank(law, linear):
     return -backlash.offset(law) * namespace(linear).where(linear[:, 0].real < 0, -1.0, 1.0)
 
 
-def seen(deflection, frequency):
+def with_rate(deflection, frequency):
     """Coefficients ``(2G, N+1)`` of w = (l, l') from those of l."""
     return jnp.concatenate([deflection, fourier.derivative(deflection, frequency)])
 
 
-def cut(space, linear, frequency, steps, *, law, viscous, contact_damping, linear_state, flank_state, static=None):
+def cut(
+    space,
+    linear,
+    frequency,
+    steps,
+    *,
+    law,
+    viscous,
+    contact_damping,
+    linear_state,
+    flank_state,
+    residual_flexibility=None,
+):
     """The :class:`Stepper` of a state space and the samples ``(2 steps, 2G)`` of its linear response."""
     return Stepper(
         **_weights(space, 2 * jnp.pi / frequency / steps),
@@ -184,7 +199,7 @@ def cut(space, linear, frequency, steps, *, law, viscous, contact_damping, linea
         viscous=viscous,
         contact_damping=contact_damping,
         frequency=frequency,
-        static=static,
+        residual_flexibility=residual_flexibility,
     )
 
 
@@ -197,6 +212,8 @@ def _weights(space, dt):
     """Propagators and stage weights of Krogstad's scheme for steps of ``dt`` seconds."""
     A, E, L = space.transition, space.forcing, space.observation
     n, G = E.shape
+    # Van Loan (IEEE Trans. Autom. Control 23 (1978) 395): the upper blocks of the exponential are exp(A dt) and the
+    # integrals of it times 1, t/dt, (t/dt)^2 / 2, the phi-functions.
     matrix = jnp.zeros((n + 3 * G, n + 3 * G)).at[:n, :n].set(A).at[:n, n : n + G].set(E)
     matrix = matrix.at[n : n + 2 * G, n + G :].set(jnp.eye(2 * G) / dt)
     half = exponential(matrix * dt / 2)
@@ -204,6 +221,7 @@ def _weights(space, dt):
     E_half, half_1, half_2 = half[:n, :n], half[:n, n : n + G], 4 * half[:n, n + G : n + 2 * G]
     E_full = full[:n, :n]
     full_1, full_2, full_3 = jnp.split(full[:n, n:], 3, axis=1)
+    # Krogstad's weights of the last stage; the two in the middle have one weight and are summed before.
     end = jnp.concatenate([full_1 - 3 * full_2 + 4 * full_3, 2 * full_2 - 4 * full_3, 4 * full_3 - full_2], axis=1)
     return {
         "propagate": jnp.concatenate([E_full, L @ E_full, L @ E_half]),
@@ -226,6 +244,7 @@ def hold_weights(space, dt):
 def exponential(matrix):
     """Taylor series of degree 16 with squaring: an eighth of the time of jax.scipy in a batch, half to compile."""
     norm = jnp.abs(matrix).sum(axis=0).max()
+    # Halved until the norm is below a half, where 16 terms leave 1e-20.
     squarings = jnp.maximum(jnp.ceil(jnp.log2(2 * norm)), 0).astype(int)
     identity = jnp.eye(matrix.shape[0])
     small = matrix * 0.5**squarings

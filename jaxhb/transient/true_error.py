@@ -9,12 +9,7 @@ import numpy as np
 from jaxhb.response.response import Response
 
 from ..harmonic import backlash
-from .reference import Orbit, _equations, reference_orbit
-
-CONTRADICTS, SEEN = 3.0, 1e-4
-"""Times the estimate of the truncation error, and what steps leave: a correction above is asked with more steps."""
-ROUNDED = 1e-11
-"""Share of a displacement that the coordinates of the integration may lose."""
+from .reference import REFERENCE, Orbit, equations_of, reference_orbit
 
 
 @dataclass(frozen=True)
@@ -28,7 +23,7 @@ class Correction:
     peak_error : float
         Largest difference of their extremes / largest elastic tooth force.
     orbit : Orbit
-        The corrected motion; ``orbit.settled`` tells whether shooting closed the cycle.
+        The corrected motion; ``orbit.settled`` says whether shooting closed the cycle.
     """
 
     error: float
@@ -76,13 +71,13 @@ def shooting_correction(response: Response, *, steps: int | None = None, toleran
     if train is None:
         raise ValueError("the response comes out of a transformation without its train: solve outside of it")
     if not any(train.topology.mesh_backlash):
-        raise ValueError(f"{train.topology.name or 'scene'} has no mesh with backlash: its response is exact")
-    system, meshes, frequency, load = _equations(train, rpm)
+        raise ValueError(f"{train.topology.title} has no mesh with backlash: its response is exact")
+    system, meshes, frequency, load = equations_of(train, rpm)
     start = np.asarray(response.angles) * np.asarray(system.radius)[:, None]
     farthest, least = np.abs(start[:, 0]).max(), np.min(meshes.law.backlash)
-    if ROUNDED * farthest > least:
+    if REFERENCE.rounded * farthest > least:
         raise ValueError(
-            f"{train.topology.name or 'scene'}: the mean torques turn a gear by {farthest:.1e} m along its teeth, and "
+            f"{train.topology.title}: the mean torques turn a gear by {farthest:.1e} m along its teeth, and "
             f"time integration keeps no digits for a backlash of {least:.1e} m: add a [[load]] or a stiffer [[ground]]."
         )
 
@@ -92,10 +87,12 @@ def shooting_correction(response: Response, *, steps: int | None = None, toleran
         )
 
     found = correction(steps)
-    believed = CONTRADICTS * max(float(response.truncation_error), SEEN)
+    believed = REFERENCE.contradicts * max(float(response.truncation_error), REFERENCE.step_error)
     for _ in range(2 if steps is None else 0):
         if not found.orbit.settled or found.error <= believed:
             break
+        # A correction far above the estimate is more often an error of the steps than of the harmonics: teeth without
+        # damping ring on what coarse steps make.
         finer = correction(4 * found.orbit.deflection.shape[1])
         if not finer.orbit.settled:
             break
@@ -106,7 +103,7 @@ def shooting_correction(response: Response, *, steps: int | None = None, toleran
 def _difference(response, meshes, orbit):
     """The Correction of a response by the motion that closes beside it."""
     train = response.train
-    own = np.flatnonzero(np.array(train.topology.mesh_backlash, dtype=bool))
+    own = train.topology.backlash_index
     deflection = response.deflection_samples(orbit.elastic.shape[1])[own]
     force = np.asarray(backlash.force(meshes.law.expand(), deflection))
     extremes = np.array([[s.min, s.max] for s in (response.force(train.topology.mesh_names[i]).elastic for i in own)])

@@ -8,7 +8,7 @@ from trains import build
 
 import jaxhb
 from jaxhb import Damper, Disk, Load, Mesh, SceneError, Shaft, Torque
-from jaxhb.design import Objective, Parameter, Penalty, evaluation, lanes
+from jaxhb.design import Objective, Parameter, Penalty, evaluator, lanes
 from jaxhb.design.quantities import QUANTITIES
 
 SPEEDS = np.array([600.0, 900.0, 1150.0])
@@ -57,7 +57,7 @@ def test_what_is_told_is_what_the_limits_tell(quantity):
         "tooth torque over mean": tooth.vibratory / np.abs(tooth.mean),
         "power over limit": heat.power / heat.limit,
     }[quantity]
-    told = QUANTITIES[quantity].tell(r, of, None)
+    told = QUANTITIES[quantity].exact_value(r, of, None)
     np.testing.assert_allclose(told, wanted, rtol=1e-9)
     smooth = QUANTITIES[quantity].read(r, of, None)
     assert (smooth <= told * (1 + 1e-12)).all() and (smooth >= 0.99 * told).all()
@@ -70,7 +70,7 @@ def test_the_gradient_of_limits_is_that_of_differences():
     objective = Objective(quantity="stress", of="coupling")
     task = lanes.Task(PARAMETERS, (objective,), penalties, (True,) * 4)
     plan = jaxhb.plan(train(), rpm=600.0, harmonics=4)
-    made = evaluation.Bench(train(), SPEEDS, task, lambda *_, **__: (plan, [plan] * len(SPEEDS)), fixed=True)
+    made = evaluator.Evaluator(train(), SPEEDS, task, lambda *_, **__: (plan, [plan] * len(SPEEDS)), fixed=True)
     made.scales = np.array([1e7])
     point = made.first(np.array([[0.3, -0.4, 0.2, 0.1]]))
     assert point.solved.all()

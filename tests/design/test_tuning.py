@@ -23,7 +23,7 @@ from trains import (
 
 import jaxhb
 from jaxhb import Disk, Shaft, Torque
-from jaxhb.design import Objective, Parameter, Penalty, evaluation, lanes, trial
+from jaxhb.design import Objective, Parameter, Penalty, evaluation, evaluator, lanes
 from jaxhb.design.descent import Descent, _nothing_solved
 from jaxhb.linear.sensitivity import frequencies_hz
 from jaxhb.model.scene import _folder
@@ -60,11 +60,11 @@ def test_a_viscous_damper_is_found_to_the_exact_optimum_from_a_factor_ten_away(a
 
 def test_summits_are_where_the_parabola_culminates_and_resolved_by_the_speeds():
     x = np.array([0.0, 1.0, 2.0, 2.0, 4.0, 5.0, 6.0, 7.0])
-    places, at = evaluation.summits(x, 20.0 - (x - 2.7) ** 2 + 15.0 * (x > 4.5), 3)
+    places, at = evaluator.highest_peaks(x, 20.0 - (x - 2.7) ** 2 + 15.0 * (x > 4.5), 3)
     np.testing.assert_array_equal(places, [5, 2])
     assert at[1] == pytest.approx(2.7, abs=1e-12)
     narrow = np.array([1.0, 1.0, 9.0, 1.0, 1.0])
-    assert not len(evaluation.summits(np.arange(5.0), narrow, 3)[0])
+    assert not len(evaluator.highest_peaks(np.arange(5.0), narrow, 3)[0])
 
 
 SPEEDS = np.array([1480.0, 1500.0, 1520.0, 1550.0])
@@ -99,7 +99,7 @@ def planned(*_, **__):
 
 def bench():
     task = lanes.Task(PARAMETERS, OBJECTIVES, PENALTIES, (True,) * 6)
-    made = evaluation.Bench(hammering(), SPEEDS, task, planned, fixed=True)
+    made = evaluator.Evaluator(hammering(), SPEEDS, task, planned, fixed=True)
     made.scales, made.widths = np.array([700.0, 1e-3]), np.array([0.05, 0.05])
     return made
 
@@ -109,7 +109,7 @@ def assessed():
     """A bench and two designs on it, lost speeds not taken up the ladder."""
     made = bench()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("jaxhb.design.trial.solve", lambda *_, **__: LOST)
+        patch.setattr("jaxhb.design.evaluation.solve", lambda *_, **__: LOST)
         return made, made.first(np.array([[0.1, -0.3, 0.4], [0.8, 0.5, -1.0]]))
 
 
@@ -150,7 +150,7 @@ def test_a_speed_without_a_derivative_counts_as_lost(assessed, monkeypatch):
         found = lanes.pull_lanes(*given, **static)
         return found.at[1].set(np.nan) if len(pulls) == 1 else found
 
-    monkeypatch.setattr("jaxhb.design.trial.pull_lanes", broken)
+    monkeypatch.setattr("jaxhb.design.evaluation.pull_lanes", broken)
     again = made.at(point.z, point, point.solved)
     np.testing.assert_array_equal(again.status[0] == jaxhb.Status.STALLED, [False, True, False, False])
     assert np.isfinite(again.gradient).all()
@@ -159,7 +159,7 @@ def test_a_speed_without_a_derivative_counts_as_lost(assessed, monkeypatch):
 
 def test_a_speed_that_a_march_does_not_find_is_found_by_the_ladder(assessed):
     made, point = assessed
-    own = evaluation.to_unbounded([hammering().value(p.name) for p in PARAMETERS], PARAMETERS)
+    own = evaluator.to_unbounded([hammering().value(p.name) for p in PARAMETERS], PARAMETERS)
     z, slow = np.stack([own, point.z[1]]), np.zeros_like(point.solved)
     slow[0, 3] = True
     unknown = dataclasses.replace(point, status=np.full_like(point.status, jaxhb.Status.MAX_STEPS))
@@ -182,7 +182,7 @@ def test_frequencies_for_penalties_are_the_natural_frequencies():
 def same_plan(monkeypatch):
     """The plan of the tests above, so that nothing is compiled twice, and a ladder on which 1550 rpm stays lost."""
     monkeypatch.setattr("jaxhb.design.tuning.plan_designs", planned)
-    monkeypatch.setattr("jaxhb.design.trial.solve", lambda *_, **__: LOST)
+    monkeypatch.setattr("jaxhb.design.evaluation.solve", lambda *_, **__: LOST)
 
 
 def tuned(**options):
@@ -240,8 +240,8 @@ def test_a_speed_lost_on_the_way_is_found_by_the_ladder_or_the_step_halved_and_t
         fails = bool(armed) and SPEEDS[1] not in asked
         return smooth, found, (np.where(fails & (rpm == SPEEDS[1]), jaxhb.Status.STALLED, status), *told)
 
-    monkeypatch.setattr("jaxhb.design.trial.solve", ladder)
-    monkeypatch.setattr("jaxhb.design.trial.read_lanes", failing)
+    monkeypatch.setattr("jaxhb.design.evaluation.solve", ladder)
+    monkeypatch.setattr("jaxhb.design.evaluation.read_lanes", failing)
     found = tuned(steps=3, on_step=lambda step: armed.append(step) if step.number == 1 else None)
     assert SPEEDS[1] in asked and [step.number for step in found.history] == [0, 1, 2, 3]
     assert found.history[3].objective < found.history[2].objective < found.history[1].objective
@@ -271,7 +271,7 @@ class Bowl:
         status = np.zeros((len(z), 2), dtype=int)
         status[:, 1] = np.where((z > 1.0).any(1), jaxhb.Status.STALLED, 0)
         motion = np.zeros((len(z), 2, 2, PLAN.harmonics + 1))
-        return trial.Point(z, ((z - 3) ** 2).sum(1), 2 * (z - 3), status, 0 * status, motion, ())
+        return evaluation.Point(z, ((z - 3) ** 2).sum(1), 2 * (z - 3), status, 0 * status, motion, ())
 
     def at(self, z, near, counted, **_):
         return self.first(z)

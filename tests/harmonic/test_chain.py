@@ -13,8 +13,8 @@ from trains import branched_parts, build, chain_parts, gearbox_parts
 import jaxhb
 from jaxhb import Disk, Ground, Mesh, Shaft, Torque
 from jaxhb.harmonic import backlash, chain, fourier, linear_train
-from jaxhb.harmonic.residual import Nonlinear
-from jaxhb.periodic.problem import pose
+from jaxhb.harmonic.residual import MeshParameters
+from jaxhb.periodic.problem import problem_at
 
 OMEGA = np.array([0.0, 40.0, 333.0, 1500.0, 9000.0])
 program = jax.jit(linear_train.solve_linear)
@@ -30,7 +30,7 @@ tangent = jax.jit(jacobian, static_argnames="samples")
 
 def no_meshes():
     nothing = np.zeros(0)
-    return Nonlinear(np.zeros(0, int), backlash.Law(nothing, nothing, nothing, nothing), nothing, nothing > 0)
+    return MeshParameters(np.zeros(0, int), backlash.Law(nothing, nothing, nothing, nothing), nothing, nothing > 0)
 
 
 def random_torques(draw, names):
@@ -207,7 +207,7 @@ def test_case_a1_time_is_scaled_by_the_cycle():
     params, expected = method_case("A1_time_scaling")
     m, b, c = (float(params[key]) for key in "mbc")
     train = build([Disk(name="mass", inertia=m, damping=b), Ground(disk="mass", stiffness=c)])
-    problem = pose(train, 60 / float(params["T_phys"]), 1)
+    problem = problem_at(train, 60 / float(params["T_phys"]), 1)
     np.testing.assert_allclose(problem.frequency, float(expected["Omega"]), rtol=ALGEBRAIC)
     Z = np.asarray(linear_train.node_stiffness(problem.system, linear_train.frequencies(problem.frequency, 1)))[0]
     stiffness = float(expected["c_tilde"])
@@ -237,7 +237,7 @@ def test_case_a1_shafts_and_torques_are_taken_to_the_pitch_circle():
     train = build(
         [*disks, mate, *links, Torque(disk="disk", mean=M), Ground(disk="mate", stiffness=1.0)], reference="gear"
     )
-    problem = pose(train, 100.0, 1)
+    problem = problem_at(train, 100.0, 1)
     system = problem.system
     np.testing.assert_allclose(system.stiffness[0], float(expected["c"]), rtol=ALGEBRAIC)
     np.testing.assert_allclose([system.viscous[0], system.damping[0]], float(expected["b"]), rtol=ALGEBRAIC)

@@ -27,7 +27,7 @@ HARMONICS, MESHES = 6, 2
 @partial(jax.jit, static_argnames="samples")
 def coefficients(law, viscous, gated, deflection, samples=None):
     """Coefficients of the mesh force, exact or sampled, at 1.3 rad/s."""
-    rule = fourier.Equidistant(samples) if samples else exact.divide(law, deflection)
+    rule = fourier.Equidistant(samples) if samples else exact.quadrature(law, deflection)
     rate = fourier.derivative(deflection, 1.3)
     values = backlash.mesh_force(
         law.expand(), viscous[:, None], gated, rule.synthesize(deflection), rule.synthesize(rate)
@@ -35,7 +35,7 @@ def coefficients(law, viscous, gated, deflection, samples=None):
     return rule.analyze(values, deflection.shape[-1] - 1)
 
 
-locate = jax.jit(exact.locate)
+locate = jax.jit(exact.find_crossings)
 
 
 def motion(seed, *, decay=1.0):
@@ -67,7 +67,7 @@ def test_a_mesh_without_backlash_has_no_knots_to_pass():
     l = np.zeros((len(law.stiffness), HARMONICS + 1), complex)
     l[:, -1] = 1e-4
     crossings = locate(law, l)
-    assert crossings.complete and not np.any(crossings.gain)
+    assert crossings.complete and not np.any(crossings.inverse_rate)
 
 
 @pytest.mark.parametrize("gated", [False, True])

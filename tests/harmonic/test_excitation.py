@@ -8,16 +8,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxhb.harmonic.cylinder_torque import gas_torque_harmonics, inertia_torque_harmonics
 from jaxhb.harmonic.excitation import (
     excitation,
-    gas_torque_harmonics,
     highest_harmonic,
-    inertia_torque_harmonics,
     listed_harmonic,
     load_power_kW,
 )
+from jaxhb.model.assembly import build
 from jaxhb.model.crank import slider_crank
-from jaxhb.model.drivetrain import SceneError, build
+from jaxhb.model.drivetrain import SceneError
 from jaxhb.model.elements import Cylinder, Disk, Load, Mesh, Shaft, Torque
 from jaxhb.model.scene import load_scene
 from jaxhb.model.tables import gas_cycle, mean_torques

@@ -11,7 +11,8 @@ from differences import compare, differences
 from tolerances import ALGEBRAIC, GRADIENT
 
 from jaxhb.harmonic.excitation import excitation, highest_harmonic, listed_harmonic
-from jaxhb.model.drivetrain import SceneError, build
+from jaxhb.model.assembly import build
+from jaxhb.model.drivetrain import SceneError
 from jaxhb.model.elements import Combustion, Cylinder, Disk, Ground, Load, Mesh, Shaft, Torque, Trace
 
 DATA = Path(__file__).parents[1] / "data"

@@ -10,7 +10,7 @@ from trains import branched_parts, build
 
 from jaxhb.harmonic import fourier
 from jaxhb.harmonic.residual import residual
-from jaxhb.periodic.problem import pose
+from jaxhb.periodic.problem import problem_at
 
 HARMONICS, SAMPLES, RPM = 6, 96, 1500.0
 LAWS = [("contact", "contact"), ("always", "always"), ("contact", "always")]
@@ -31,7 +31,7 @@ def angles():
 
 def posed(laws):
     parts = branched_parts(laws)
-    return parts, pose(build(parts, reference="flywheel"), RPM, HARMONICS)
+    return parts, problem_at(build(parts, reference="flywheel"), RPM, HARMONICS)
 
 
 def arguments(problem, angles):

@@ -13,7 +13,7 @@ import jaxhb
 from jaxhb import Mesh
 from jaxhb.harmonic import fourier
 from jaxhb.harmonic.residual import residual
-from jaxhb.periodic.problem import pose
+from jaxhb.periodic.problem import problem_at
 from jaxhb.response.status import Status
 
 RPM, HARMONICS = 12000.0, 32
@@ -54,7 +54,7 @@ def test_truncation_error_does_not_depend_on_the_method(responses):
 
 def test_solution_of_the_reduced_equation_solves_the_equations_of_all_disks(responses):
     train, (reduced, _) = responses
-    problem = pose(train, RPM, HARMONICS)
+    problem = problem_at(train, RPM, HARMONICS)
     x = fourier.pack(reduced.angles * problem.system.radius[:, None])
     evaluate = jax.jit(residual, static_argnames="samples")
     left = evaluate(x, problem.system, problem.meshes, problem.frequency, problem.load, samples=16 * HARMONICS)

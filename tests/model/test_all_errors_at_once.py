@@ -2,7 +2,8 @@
 
 import pytest
 
-from jaxhb.model.drivetrain import SceneError, build
+from jaxhb.model.assembly import build
+from jaxhb.model.drivetrain import SceneError
 from jaxhb.model.elements import Cylinder, Damper, Disk, Ground, Load, Mesh, Shaft, Torque
 from jaxhb.model.scene import load_scene
 

@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxhb.model.drivetrain import DriveTrain, SceneError, build, inertias, speed_ratios
+from jaxhb.model.assembly import build
+from jaxhb.model.drivetrain import DriveTrain, SceneError, inertias, speed_ratios
 from jaxhb.model.elements import Cylinder, Damper, Disk, Ground, Load, Mesh, Shaft, Torque
 from jaxhb.model.scene import load_scene
 

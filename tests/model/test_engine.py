@@ -10,7 +10,8 @@ import pytest
 from reference_data import reference
 
 from jaxhb.harmonic.excitation import excitation
-from jaxhb.model.drivetrain import SceneError, build
+from jaxhb.model.assembly import build
+from jaxhb.model.drivetrain import SceneError
 from jaxhb.model.elements import Combustion, Cylinder, Disk, Load, Shaft
 from jaxhb.model.engine import Engine, cylinders, firing_angles
 from jaxhb.model.scene import load_scene

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from jaxhb.linear.modal import natural_frequencies
-from jaxhb.model.drivetrain import SceneError, build
+from jaxhb.model.assembly import build
+from jaxhb.model.drivetrain import SceneError
 from jaxhb.model.elements import Combustion, Cylinder, Damper, Disk, Ground, Load, Mesh, Shaft, Torque, Trace
 from jaxhb.model.engine import Engine
 from jaxhb.model.scene import load_scene, scene_names

@@ -255,6 +255,6 @@ def test_limits_of_propulsion_shafts_on_a_crank_are_noted(scene):
     )
     (note,) = scene(rated, (throws, f"{throws}{steel}"))
     assert note.startswith(
-        "[[shaft]] 'throw 2|throw 3': tensile_strength gives it the limits of IACS UR M68, which are"
+        "[[shaft]] 'throw 2|throw 3': tensile_strength sets the limits of IACS UR M68, which do not hold"
     )
     assert scene(rated, (behind, f"{behind}{steel}")) == []

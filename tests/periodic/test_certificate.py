@@ -17,11 +17,12 @@ from jaxhb.harmonic import backlash, chain, exact, fourier
 from jaxhb.harmonic.residual import backlash_meshes
 from jaxhb.periodic import certificate, proof
 from jaxhb.periodic.certificate import certify
-from jaxhb.periodic.linearisation import MARGIN, ROW_MARGIN, Linearisation
-from jaxhb.periodic.problem import pose
+from jaxhb.periodic.certificate_options import CERTIFICATE
+from jaxhb.periodic.linearization import Linearization
+from jaxhb.periodic.problem import problem_at
 from jaxhb.response.certificate import Kantorovich
 from jaxhb.transient.statespace import partition, state_space
-from jaxhb.transient.variational import passage
+from jaxhb.transient.variational import propagation
 
 WITHIN = 1.6
 """A bound over the true error where the error is mostly that of the truncation, which the bound adds up exactly."""
@@ -42,9 +43,9 @@ def solved(harmonics, **changes):
 
 def linearisation(response, low, high, scale=1.0):
     """The equation of a response with the sizes that a test asks for."""
-    problem = pose(response.train, float(response.rpm), 8)
+    problem = problem_at(response.train, float(response.rpm), 8)
     sizes = dataclasses.replace(certificate._sizes(low, 2.0, 8), high=high, reach=2 * high)
-    return Linearisation(problem, response.train, np.asarray(response.deflections), sizes, scale)
+    return Linearization(problem, response.train, np.asarray(response.deflections), sizes, scale)
 
 
 @pytest.mark.parametrize("row", method_case("A4_kantorovich_majorant")[1]["rows"], ids=lambda row: row["h0"])
@@ -104,7 +105,7 @@ def test_norms_are_those_of_dense_matrices():
     w = lin.weight[:17]
     columns = fourier.unpack(np.eye(33))[:, None]  # one motion each
     dense = np.array([fourier.pack(w * lin.inverse(lin.apply_gain(x)))[0] for x in columns]).T
-    np.testing.assert_allclose(proof._gain_norm(lin, 16), MARGIN * np.linalg.norm(dense, 2), rtol=0.02)
+    np.testing.assert_allclose(proof._gain_norm(lin, 16), CERTIFICATE.norm_margin * np.linalg.norm(dense, 2), rtol=0.02)
     count = 64
     zone = lin.near_transition(0.01, np.arange(count) / count)
     assert 0 < zone.mean() < 0.5
@@ -112,7 +113,7 @@ def test_norms_are_those_of_dense_matrices():
     to_samples = np.array([fourier.synthesize(fourier.unpack(row), count) for row in np.eye(33)])
     kernel = to_samples.T @ (dense / np.r_[w, w[1:]][:, None]) @ from_samples.T
     wanted = np.abs(kernel).sum(1).max()
-    np.testing.assert_allclose(proof._row_sum(lin, zone, count, False), ROW_MARGIN * wanted, rtol=0.02)
+    np.testing.assert_allclose(proof._row_sum(lin, zone, count, False), CERTIFICATE.row_sum_margin * wanted, rtol=0.02)
 
 
 def test_the_inverse_and_its_adjoint():
@@ -294,15 +295,15 @@ def test_what_an_impulse_leaves_is_what_the_linearised_equation_answers():
     space = state_space(system, meshes, 1.0, partition(system, meshes, ("a", "b"), ("a|b",)))
     deflection = np.asarray(response.deflections)
     times = np.concatenate([exact.switching_times(meshes.law, deflection), np.arange(1, 4096) / 4096])
-    way = passage(space, meshes, deflection, 1.0, np.unique(times))
+    way = propagation(space, meshes, deflection, 1.0, np.unique(times))
     given = np.zeros((1, 65), complex)
     given[0, 3] = 0.5  # cos 3t
     answer = -lin.inverse(np.pad(lin.apply_gain(given), ((0, 0), (0, 192))))
     u = np.cos(3 * 2 * np.pi * way.share)
-    left = np.trapezoid(way.left[..., 0] * u[:, None], 2 * np.pi * way.share, axis=0)
+    left = np.trapezoid(way.end_state[..., 0] * u[:, None], 2 * np.pi * way.share, axis=0)
     begin = np.linalg.lstsq(np.eye(len(left)) - way.matrix, left, rcond=1e-9)[0]
     expected = answer[0, 0].real + 2 * answer[0, 1:].sum().real
-    np.testing.assert_allclose((way.seen[0] @ begin)[0], expected, rtol=1e-5)
+    np.testing.assert_allclose((way.deflection[0] @ begin)[0], expected, rtol=1e-5)
 
 
 def test_power_of_the_torques_is_turned_into_heat():

@@ -28,7 +28,7 @@ def follow(share, start, most=400):
     def simplify(y, slope):
         return evaluate(y), shortest(evaluate(y), slope)
 
-    return continuation.follow(linearize, simplify, np.array([start, 0.0]), most=most)
+    return continuation.follow_curve(linearize, simplify, np.array([start, 0.0]), most=most)
 
 
 def s_curve(x):
@@ -55,13 +55,13 @@ def late(x):
 def test_folds_and_corners_are_passed(share, start, end, folds):
     found = follow(share, start)
     assert found.arrived and found.folds == folds
-    np.testing.assert_allclose(found.y, [end, 1.0], atol=10 * continuation.DEFAULT.closed)
+    np.testing.assert_allclose(found.y, [end, 1.0], atol=10 * continuation.STEP_CONTROL.closed)
 
 
 def test_a_curve_that_leaves_backwards_and_returns_is_followed_to_the_end():
     found = follow(late, 0.0)
     assert found.arrived and found.folds >= 2
-    np.testing.assert_allclose(late(found.y[0]), 1.0, atol=10 * continuation.DEFAULT.closed)
+    np.testing.assert_allclose(late(found.y[0]), 1.0, atol=10 * continuation.STEP_CONTROL.closed)
 
 
 def test_a_curve_that_never_arrives_costs_what_it_may_and_no_more():

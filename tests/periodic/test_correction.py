@@ -13,7 +13,7 @@ from trains import branched_parts, build
 from jaxhb import Disk, Mesh, Shaft
 from jaxhb.harmonic import fourier
 from jaxhb.periodic import correction
-from jaxhb.periodic.problem import pose, reduced_equation
+from jaxhb.periodic.problem import ActiveMeshes, problem_at, reduced_equation
 from jaxhb.transient import periodic_operator, reduced_model as reduced_models
 from jaxhb.transient.reduced_model import reduced_model, resting_on_flank
 from jaxhb.transient.statespace import partition, state_space
@@ -30,8 +30,8 @@ precondition = jax.jit(correction.precondition)
 @pytest.fixture(scope="module")
 def case():
     """Problem, reduced equation on both meshes, and random deflections that cross the gap."""
-    problem = pose(build(branched_parts(), reference="flywheel"), RPM, HARMONICS)
-    reduced, _ = reduce(problem, HARMONICS, np.ones(2), np.arange(2), np.zeros(2))
+    problem = problem_at(build(branched_parts(), reference="flywheel"), RPM, HARMONICS)
+    reduced, _ = reduce(problem, HARMONICS, ActiveMeshes(np.ones(2), np.arange(2), np.zeros(2)))
     draw = np.random.default_rng(14)
     l = 1e-4 * (draw.normal(size=(2, HARMONICS + 1)) + 1j * draw.normal(size=(2, HARMONICS + 1)))
     l[:, 0] = l[:, 0].real
@@ -44,11 +44,11 @@ def surrogate_of(problem, time_steps):
 
 def test_a_long_train_without_any_damping_has_a_basis():
     """Its receptances are real: the imaginary columns of the basis are zero."""
-    count = reduced_models.LARGEST + 6
+    count = reduced_models.REDUCED_MODEL.disks + 6
     parts = [Disk(name=str(k), inertia=0.01, radius=0.1) for k in range(count)]
     parts += [Shaft(between=(str(k), str(k + 1)), stiffness=1e5) for k in range(count - 1) if k != count // 2]
     parts.append(Mesh(between=(str(count // 2), str(count // 2 + 1)), stiffness=1e8, backlash=1e-4))
-    problem = pose(build(parts, reference="0"), RPM, HARMONICS)
+    problem = problem_at(build(parts, reference="0"), RPM, HARMONICS)
     found = approximate(problem.system, problem.meshes.link, np.ones(1), problem.frequency, time_steps=512)
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(found))
 
@@ -60,17 +60,18 @@ def test_any_number_of_meshes_is_swept_in_blocks_of_any_length(meshes, monkeypat
     parts += [
         Mesh(between=pair, stiffness=1e8, damping=1e3, backlash=1e-4) for pair in zip(names, names[1:], strict=False)
     ]
-    problem = pose(build(parts, reference="0"), RPM, HARMONICS)
+    problem = problem_at(build(parts, reference="0"), RPM, HARMONICS)
     model = approximate(problem.system, problem.meshes.link, np.ones(meshes), problem.frequency, time_steps=512)
     draw = np.random.default_rng(3)
     slopes, motion = -1e6 * draw.uniform(size=(meshes, 512)), draw.normal(size=(2 * meshes, 512))
     found = []
-    for shortest in (periodic_operator.SHORTEST, periodic_operator.LONGEST):
-        monkeypatch.setattr(periodic_operator, "SHORTEST", shortest)
-        operator = periodic_operator.linearise(model, problem.frequency, slopes, 1e-5 * slopes)
+    for shortest in (periodic_operator.SWEEP.shortest, periodic_operator.SWEEP.longest):
+        options = dataclasses.replace(periodic_operator.SWEEP, shortest=shortest)
+        monkeypatch.setattr(periodic_operator, "SWEEP", options)
+        operator = periodic_operator.linearize(model, problem.frequency, slopes, 1e-5 * slopes)
         found.append((operator.gain.shape[0], np.asarray(operator.forces(motion))))
     (shorter, one), (longer, other) = found
-    assert shorter < longer == periodic_operator.LONGEST and np.abs(one).max() > 0
+    assert shorter < longer == periodic_operator.SWEEP.longest and np.abs(one).max() > 0
     np.testing.assert_allclose(one, other, rtol=0, atol=RESIDUAL * np.abs(one).max())
 
 
@@ -101,7 +102,8 @@ def test_a_derivative_that_is_not_reached_is_nan(case, monkeypatch):
     operator = prepare(reduced, surrogate_of(problem, 512), l, SAMPLES, 512)
 
     def both(steps):
-        monkeypatch.setattr(correction, "EXACT_STEPS", steps)
+        options = dataclasses.replace(correction.LINEAR_SOLVE, derivative_steps=steps)
+        monkeypatch.setattr(correction, "LINEAR_SOLVE", options)
         solver = jax.jit(lambda value: correction.invert(reduced, operator, l, value, SAMPLES))
         found, pull = jax.vjp(solver, reduced.linear)
         return np.concatenate([found, pull(jnp.conj(reduced.linear))[0]])
@@ -140,8 +142,8 @@ def test_modes_that_outlast_the_cycle_are_carried_into_the_next():
     parts = [Disk(name=str(k), inertia=0.01, damping=0.001, radius=gears.get(k)) for k in range(14)]
     parts += [Shaft(between=(str(k), str(k + 1)), stiffness=1e5) for k in range(13) if k != 6]
     parts += [Mesh(between=("6", "7"), stiffness=2e8, damping=200.0, backlash=1e-4, epsilon=0.02)]
-    problem = pose(build(parts, reference="0"), RPM, 1)
-    reduced, _ = reduce(problem, HARMONICS, np.ones(1), np.arange(1), np.zeros(1))
+    problem = problem_at(build(parts, reference="0"), RPM, 1)
+    reduced, _ = reduce(problem, HARMONICS, ActiveMeshes(np.ones(1), np.arange(1), np.zeros(1)))
     train = approximate(problem.system, problem.meshes.link, np.ones(1), problem.frequency, time_steps=512)
     draw = np.random.default_rng(14)
     l = 1e-4 * draw.normal(size=(1, HARMONICS + 1)) / (1 + np.arange(HARMONICS + 1)) ** 1.5 + 0j
@@ -190,15 +192,17 @@ def sliced(pieces):
     names = [shaft.between[0], *(f"slice {i}" for i in range(pieces - 1)), shaft.between[1]]
     fine = [p for p in parts if p is not shaft] + [Disk(name=name, inertia=1e-4) for name in names[1:-1]]
     fine += [Shaft(between=pair, stiffness=pieces * shaft.stiffness, damping=1.0) for pair in itertools.pairwise(names)]
-    problem = pose(build(fine, reference="flywheel"), RPM, HARMONICS)
-    reduced, _ = reduce(problem, HARMONICS, np.ones(2), np.arange(2), np.zeros(2))
+    problem = problem_at(build(fine, reference="flywheel"), RPM, HARMONICS)
+    reduced, _ = reduce(problem, HARMONICS, ActiveMeshes(np.ones(2), np.arange(2), np.zeros(2)))
     return problem, np.asarray(reduced.receptance)
 
 
 def receptance_of(train, frequency, harmonic):
     """Of a ReducedModel, ``(2, 2)``."""
     A, E, L = (np.asarray(a) for a in (train.space.transition, train.space.forcing, train.space.observation))
-    return -L[:2] @ np.linalg.solve(1j * harmonic * float(frequency) * np.eye(len(A)) - A, E) + train.static
+    return (
+        -L[:2] @ np.linalg.solve(1j * harmonic * float(frequency) * np.eye(len(A)) - A, E) + train.residual_flexibility
+    )
 
 
 @pytest.mark.parametrize("harmonic", [3, 9, 15])
@@ -218,7 +222,7 @@ def test_of_many_slow_modes_those_are_kept_that_meshes_see(monkeypatch):
     heavy = np.where(np.isclose(problem.system.mass, slice_mass), 2000 * slice_mass, problem.system.mass)
     problem = dataclasses.replace(problem, system=dataclasses.replace(problem.system, mass=heavy))
     every = surrogate_of(problem, 256)
-    monkeypatch.setattr(reduced_models, "MODES", 24)
+    monkeypatch.setattr(reduced_models, "REDUCED_MODEL", dataclasses.replace(reduced_models.REDUCED_MODEL, modes=24))
     few = jax.jit(lambda *a: reduced_model(*a, 256))
     train = few(problem.system, problem.meshes.link, np.ones(2), problem.frequency)
     assert len(every.space.transition) == 96 and len(train.space.transition) == 48

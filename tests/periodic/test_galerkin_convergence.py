@@ -22,8 +22,8 @@ from jaxhb import Disk, Ground, Mesh, Shaft, Torque
 from jaxhb.harmonic import backlash, fourier
 from jaxhb.harmonic.residual import backlash_meshes
 from jaxhb.periodic import certificate
-from jaxhb.periodic.linearisation import Linearisation
-from jaxhb.periodic.problem import pose
+from jaxhb.periodic.linearization import Linearization
+from jaxhb.periodic.problem import problem_at
 
 LEVELS, FINE = (12, 17, 24, 34, 48, 68, 96), 256
 SAMPLES = 2**14
@@ -80,9 +80,9 @@ def truncated(train):
     """A function that solves the equations truncated to some harmonics, and gives the deflections in m."""
     first = jaxhb.check(jaxhb.solve(train, rpm=ONE_RADIAN_PER_SECOND, harmonics=32))
     assert all(0 < contact.separated_fraction < 1 for contact in first.contacts().values())
-    problem = pose(train, ONE_RADIAN_PER_SECOND, 8)
+    problem = problem_at(train, ONE_RADIAN_PER_SECOND, 8)
     sizes = certificate._sizes(FINE, 4.0, 8)
-    at = Linearisation(problem, train, np.asarray(first.deflections), sizes, 1.0)
+    at = Linearization(problem, train, np.asarray(first.deflections), sizes, 1.0)
 
     def solve(harmonics):
         lin = at.moved(fourier.resize(fourier.resize(at.deflection, harmonics), FINE) - at.deflection)

@@ -14,7 +14,7 @@ from jaxhb import Status
 from jaxhb.harmonic import backlash
 from jaxhb.periodic import homotopy, ladder, orbits, planning
 from jaxhb.periodic.plan import Plan
-from jaxhb.periodic.problem import pose
+from jaxhb.periodic.problem import problem_at
 from jaxhb.periodic.request import Request
 from jaxhb.response.events import Homotopy
 from jaxhb.transient.stepper import Stepper
@@ -71,7 +71,7 @@ def gaps_in_time(response, segments, steps):
     Classical Runge-Kutta on all disks, ``steps`` a cycle, from the motion of the harmonics at the beginnings of the
     segments: an unstable motion is left before a cycle is over, not within a segment.
     """
-    problem = pose(response.train, float(response.rpm), response.harmonics)
+    problem = problem_at(response.train, float(response.rpm), response.harmonics)
     system, meshes, omega = problem.system, problem.meshes, float(problem.frequency)
     rows, law = np.asarray(system.incidence().T), jax.tree.map(np.asarray, meshes.law.expand())
     link = np.asarray(meshes.link)

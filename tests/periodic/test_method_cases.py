@@ -12,7 +12,7 @@ from trains import ONE_RADIAN_PER_SECOND, build, one_mass_parts
 import jaxhb
 from jaxhb.harmonic import backlash, fourier, reduction
 from jaxhb.periodic.newton import solve_reduced
-from jaxhb.periodic.problem import pose, reduced_equation
+from jaxhb.periodic.problem import ActiveMeshes, problem_at, reduced_equation
 from jaxhb.response.status import Status
 from jaxhb.transient.reduced_model import ReducedModel
 from jaxhb.transient.statespace import StateSpace
@@ -127,8 +127,8 @@ def test_sixteen_samples_a_harmonic_err_less_than_the_truncation():
 
 
 def test_pair_of_gears_reduces_to_the_one_mass_equation():
-    problem = pose(one_mass(), ONE_RADIAN_PER_SECOND, 8)
-    reduced, _ = reduce(problem, 8, np.ones(1), np.zeros(1, int), np.zeros(1))
+    problem = problem_at(one_mass(), ONE_RADIAN_PER_SECOND, 8)
+    reduced, _ = reduce(problem, 8, ActiveMeshes(np.ones(1), np.zeros(1, int), np.zeros(1)))
     hand = by_hand(8, **parameters())
     np.testing.assert_allclose(reduced.receptance, hand.receptance, rtol=ALGEBRAIC)
     np.testing.assert_allclose(reduced.linear, hand.linear, rtol=ALGEBRAIC, atol=ALGEBRAIC)
@@ -193,7 +193,9 @@ def test_case_a4_small_gain_number_from_the_receptances(key, damping):
     inner, outer = params["eps"] * params["c"], params["c"]
     # receptances about the middle slope: the same train with that stiffness
     train = one_mass(b=damping, c=(inner + outer) / 2)
-    reduced, _ = reduce(pose(train, ONE_RADIAN_PER_SECOND, 64), 64, np.ones(1), np.zeros(1, int), np.zeros(1))
+    reduced, _ = reduce(
+        problem_at(train, ONE_RADIAN_PER_SECOND, 64), 64, ActiveMeshes(np.ones(1), np.zeros(1, int), np.zeros(1))
+    )
     gain = np.abs(np.asarray(reduced.receptance)).max() * (outer - inner) / 2
     np.testing.assert_allclose(gain, float(expected[key]), rtol=ALGEBRAIC)
 

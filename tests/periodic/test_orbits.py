@@ -14,7 +14,7 @@ from jaxhb import Disk, Load, Mesh, Shaft, Torque
 from jaxhb.periodic import ladder, orbits, planning
 from jaxhb.periodic.newton import relative_residual
 from jaxhb.periodic.plan import Plan
-from jaxhb.periodic.problem import pose, reduced_equation
+from jaxhb.periodic.problem import problem_at, reduced_equation
 from jaxhb.periodic.request import Request
 from jaxhb.response.events import Shooting
 from jaxhb.transient import segments
@@ -29,7 +29,7 @@ PLAN = Plan(harmonics=384, active=(0, 1, 2, 3), flank=(0,) * 4, start="march", t
 
 def test_shooting_closes_an_orbit_that_a_march_leaves_open_for_ever():
     train = jaxhb.load_scene("gear_train_30")
-    orbit = next(orbits.Search(train, RPM, PLAN).shoot())
+    orbit = next(orbits.OrbitSearch(train, RPM, PLAN).shoot())
     assert orbit.periodicity_error <= orbits.ORBIT.settled and orbit.tries >= 1
     response = jaxhb.solve(train, rpm=RPM)
     assert response.converged and any(isinstance(event, Shooting) for event in response.path)
@@ -41,7 +41,7 @@ def test_shooting_closes_an_orbit_that_a_march_leaves_open_for_ever():
 
 
 def test_a_march_that_is_not_finite_gives_no_orbit():
-    orbit = next(orbits.Search(jaxhb.load_scene("gear_train_30"), float("nan"), PLAN).shoot())
+    orbit = next(orbits.OrbitSearch(jaxhb.load_scene("gear_train_30"), float("nan"), PLAN).shoot())
     assert orbit.coefficients is None and orbit.tries == 0
 
 
@@ -50,7 +50,7 @@ def test_every_closed_orbit_is_found_once():
     train, rpm, facts = random_trains.random_case(np.random.default_rng([0, 90]))
     assert facts["load"] < 0.1 and train.topology.n_disks == 3
     plan = Plan(harmonics=384, active=(0, 1), flank=(0, 0), start="march", time_steps=1536, excited=20)
-    found = list(itertools.islice(orbits.Search(train, rpm, plan).shoot(), 6))
+    found = list(itertools.islice(orbits.OrbitSearch(train, rpm, plan).shoot(), 6))
     motions = [np.fft.irfft(orbit.coefficients, n=plan.time_steps, norm="forward") for orbit in found]
     assert all(orbit.periodicity_error <= orbits.ORBIT.settled for orbit in found)
     apart = [np.abs(one - other).max() / np.abs(one).max() for one, other in itertools.combinations(motions, 2)]
@@ -61,14 +61,14 @@ def test_another_number_of_steps_compiles_nothing():
     train, programs = jaxhb.load_scene("gear_train_30"), (orbits._equations, orbits._visited, orbits._shot)
     compiled = []
     for time_steps in (64, 96, 4096):
-        search = orbits.Search(train, RPM, dataclasses.replace(PLAN, time_steps=time_steps))
+        search = orbits.OrbitSearch(train, RPM, dataclasses.replace(PLAN, time_steps=time_steps))
         search.march(np.inf)
         next(search.shoot())
         compiled.append([program.executables for program in programs])
     assert compiled[0] == compiled[1] == compiled[2]
 
 
-class Misled(orbits.Search):
+class Misled(orbits.OrbitSearch):
     """Its first orbit is far from the motion."""
 
     def shoot(self):
@@ -77,12 +77,12 @@ class Misled(orbits.Search):
         yield found
 
 
-class Blind(orbits.Search):
+class Blind(orbits.OrbitSearch):
     """Sees orbits only with four times the time steps of the plan."""
 
     def shoot(self):
         seeing = self.plan.time_steps == 4 * PLAN.time_steps
-        yield from super().shoot() if seeing else [orbits.Orbit(None, 1.0, None, 0)]
+        yield from super().shoot() if seeing else [orbits.FoundOrbit(None, 1.0, None, 0)]
 
 
 def climbed(search, rungs, **effort):
@@ -121,7 +121,7 @@ def test_more_steps_begin_at_the_motion_of_the_disks_whatever_modes_they_keep(mo
     parts += [Torque(disk="0", mean=5.0, harmonics=[(2.0, 8.0, 0.0)]), Load(disk=str(2 * half - 1))]
     train = build(parts, reference="0")
     plan = Plan(harmonics=64, active=(0,), flank=(0,), start="march", time_steps=512, excited=2)
-    coarse, fine = (orbits.Search(train, 3000.0, dataclasses.replace(plan, time_steps=n)) for n in (512, 1024))
+    coarse, fine = (orbits.OrbitSearch(train, 3000.0, dataclasses.replace(plan, time_steps=n)) for n in (512, 1024))
     nodes, seen = np.asarray(segments.beginnings(coarse.stepper, coarse.stepper.flank_state)), []
 
     def closed(stepper, nodes):
@@ -155,24 +155,24 @@ def test_modes_too_fast_for_the_steps_answer_statically():
     train = build(parts, reference="driver")
     plan = Plan(harmonics=32, active=(0,), flank=(0,), start="march", time_steps=256, excited=1)
     rpm = 2.0 * ONE_RADIAN_PER_SECOND
-    search = orbits.Search(train, rpm, plan)
+    search = orbits.OrbitSearch(train, rpm, plan)
 
     @jax.jit
-    def left_over(problem, choice, coefficients):
-        reduced, _ = reduced_equation(problem, plan.harmonics, choice.active, choice.chosen, choice.flank)
+    def left_over(problem, active_meshes, coefficients):
+        reduced, _ = reduced_equation(problem, plan.harmonics, active_meshes)
         return relative_residual(reduced, reduced.residual(coefficients, plan.sizes.samples))
 
-    problem = pose(train, rpm, plan.sizes.excited)
+    problem = problem_at(train, rpm, plan.sizes.excited)
     settled, closed = search.march(1e-9), next(search.shoot())
     size = np.abs(settled.coefficients).max()
     assert closed.periodicity_error <= orbits.ORBIT.settled
     np.testing.assert_allclose(closed.coefficients, settled.coefficients, atol=1e-5 * size)  # ten times SETTLED
     left = []
-    for static in (search.stepper.static, None):
-        search.stepper = dataclasses.replace(search.stepper, static=static)
+    for flexibility in (search.stepper.residual_flexibility, None):
+        search.stepper = dataclasses.replace(search.stepper, residual_flexibility=flexibility)
         orbit = search.march(1e-9)
         assert orbit.coefficients is not None
-        left.append(float(left_over(problem, plan.choice, orbit.coefficients[:, : plan.harmonics + 1])))
+        left.append(float(left_over(problem, plan.active_meshes, orbit.coefficients[:, : plan.harmonics + 1])))
     motion = np.fft.irfft(orbit.coefficients, n=plan.time_steps, norm="forward")
     assert motion.min() < 0 < motion.max()
     assert left[0] < 1e-4 < 1e-2 < left[1]

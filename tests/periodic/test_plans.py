@@ -13,7 +13,7 @@ from jaxhb.model.change import within_range
 from jaxhb.periodic import ladder, planned, planning, speeds
 from jaxhb.periodic.program import solve_problem
 from jaxhb.periodic.request import Request
-from jaxhb.periodic.time_steps import PER_MODE_PERIOD
+from jaxhb.periodic.time_steps import TIME_STEPS
 from jaxhb.response.events import March
 from jaxhb.response.response import stack
 
@@ -63,11 +63,11 @@ def test_the_train_may_be_traced(pair, plan):
 
 
 def test_without_a_plan_a_traced_solve_says_what_to_pass(pair):
-    with pytest.raises(TypeError, match="solve is being traced: pass plan=jaxhb.plan"):
+    with pytest.raises(TypeError, match="jit or vmap traces solve: pass plan=jaxhb.plan"):
         jax.jit(lambda rpm: jaxhb.solve(pair, rpm=rpm).angles)(1000.0)
-    with pytest.raises(TypeError, match="solve is being traced: pass plan=jaxhb.plan"):
+    with pytest.raises(TypeError, match="jit or vmap traces solve: pass plan=jaxhb.plan"):
         jax.jit(lambda by: by * jaxhb.solve(pair, rpm=1000.0).angles)(2.0)
-    with pytest.raises(TypeError, match="plan decides by value"):
+    with pytest.raises(TypeError, match="plan depends on values"):
         jax.jit(lambda by: by * jaxhb.plan(pair, rpm=1000.0).harmonics)(2.0)
 
 
@@ -146,7 +146,7 @@ def test_a_sweep_is_its_single_solves(pair, plan):
 
 
 def test_a_planned_sweep_may_take_as_many_newton_steps_as_a_planned_solve(pair, plan, monkeypatch):
-    monkeypatch.setattr(speeds, "BATCH_STEPS", 1)
+    monkeypatch.setattr(speeds, "BATCH", dataclasses.replace(speeds.BATCH, newton_steps=1))
     assert jaxhb.solve_speeds(pair, rpm=[5500.0, HAMMERING_RPM], plan=plan).converged.all()
 
 
@@ -283,11 +283,11 @@ def test_speeds_that_hammer_share_a_plan_that_resolves_the_mesh_modes_of_all():
     """Those of speeds within a factor of four: each plan is a program."""
     train = jaxhb.load_scene("gear_train_30")
     for rpm, most in ((np.linspace(1300.0, 2450.0, 20), 1), (np.linspace(1300.0, 12000.0, 20), 2)):
-        plans = planning.plan_speeds(train, rpm, Request(many=True))
+        plans = planning.plan_speeds(train, rpm, Request(in_sweep=True))
         modes = [planning.mesh_mode_harmonics(train, train.topology.cycle_frequency(speed))[0] for speed in rpm]
         marched = np.array([plan.marches for plan in plans])
         steps, levels = (np.array([getattr(plan, name) for plan in plans]) for name in ("time_steps", "harmonics"))
-        assert np.all(steps[marched] >= PER_MODE_PERIOD * np.array(modes)[marched])
+        assert np.all(steps[marched] >= TIME_STEPS.per_mode_period * np.array(modes)[marched])
         assert np.all(levels[marched] >= 1.5 * np.array(modes)[marched])
         assert len({plan for plan in plans if plan.marches}) == most
 
@@ -443,8 +443,8 @@ def test_a_sweep_of_an_engine_copies_no_pressure_table():
 
 def test_mesh_forces_of_the_linear_train_are_those_of_the_program_that_many_speeds_share():
     train = jaxhb.load_scene("gear_train_30")
-    request = Request.of(train, None, None, many=False)
+    request = Request.of(train, None, None, in_sweep=False)
     contact, few = planning.contact_plan(train, request), np.array([700.0, 1800.0])
     dense = planning._linear_mesh_forces(train, few, contact, 24)
-    shared = planning._linear_mesh_forces(train, np.resize(few, planning.DENSE_SPEEDS + 1), contact, 24)[:2]
+    shared = planning._linear_mesh_forces(train, np.resize(few, planning.PLANNING.dense_speeds + 1), contact, 24)[:2]
     assert np.abs(dense - shared[..., :25]).max() < 1e-12 * np.abs(shared).max()

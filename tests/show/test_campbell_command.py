@@ -94,7 +94,7 @@ def test_modes_that_are_left_out_are_counted_with_why_and_how_to_have_them(capsy
     assert main(command) == 0
     said = capsys.readouterr().out
     assert f"These are the 6 lowest of {len(hz)} modes that strain links; the orders reach {crossed} of them" in said
-    assert f"jaxhb campbell SCENE --rpm 700:2450 --modes {crossed} tells of all." in said
+    assert f"jaxhb campbell SCENE --rpm 700:2450 --modes {crossed} lists all." in said
     assert main([*command, "--modes", str(crossed)]) == 0
     assert " of them, all shown: order 12 at 2450 rpm is 490 Hz." in capsys.readouterr().out
 

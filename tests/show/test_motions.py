@@ -195,7 +195,7 @@ def test_what_is_periodic_and_not_converged_exits_1(monkeypatch, capsys):
     said = capsys.readouterr()
     assert "motion: periodic, period one cycle" in said.out
     assert "too few for the tolerance: leave out --harmonics or give more, or accept" in said.err
-    monkeypatch.setitem(request.MOST, "reduced", 16)
+    monkeypatch.setitem(request.MOST_HARMONICS, "reduced", 16)
     assert main(command) == 1
     most = "TOLERANCE_NOT_MET, the motion is solved, but 16 harmonics, the most that are taken, are too few"
     assert f"{most} for the tolerance: accept its error with --tolerance." in capsys.readouterr().err

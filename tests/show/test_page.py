@@ -154,7 +154,7 @@ def test_the_second_design_has_its_limits_its_heat_and_the_misfire(made):
 def test_a_second_design_without_the_cylinder_is_told_as_run_without_a_misfire(made):
     _, report, _ = made
     blocks = PARTS["Second design"](dataclasses.replace(report, second_misfire=None))
-    assert "The second design was run without a misfire: nothing here tells what a misfire does to it." in blocks
+    assert "The second design was run without a misfire: nothing here shows what a misfire does to it." in blocks
 
 
 def test_the_linear_parts_name_their_case_and_tell_the_misfire_too(made):

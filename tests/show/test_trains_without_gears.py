@@ -16,7 +16,7 @@ from jaxhb.show.compute import Asked, answer_one, answer_speeds
 from jaxhb.show.output import OutputError, write_files
 from jaxhb.show.plots import plot_cycle
 from jaxhb.show.sweep_plots import plot_sweep
-from jaxhb.transient.reduced_model import LARGEST
+from jaxhb.transient.reduced_model import REDUCED_MODEL
 
 DISK = """
 [[disk]]
@@ -91,7 +91,7 @@ def test_the_motion_of_a_train_without_teeth_is_periodic_in_every_command(scene,
 
 
 def test_a_long_chain_without_gears_is_reported_without_its_largest_multiplier(tmp_path, capsys):
-    disks = range(LARGEST + 36)
+    disks = range(REDUCED_MODEL.disks + 36)
     parts = [jaxhb.Disk(name=f"d{i}", inertia=0.01, damping=0.1) for i in disks]
     parts += [jaxhb.Shaft(between=(f"d{i}", f"d{i + 1}"), stiffness=1e5, damping=1.0) for i in disks[:-1]]
     parts += [jaxhb.Torque(disk="d0", harmonics=[(1.0, 10.0, 0.0)])]

@@ -20,11 +20,13 @@ STEPS = 4096
 
 def dense(equations, batch, place, cycles):
     """Deflections ``(G, steps)`` of the last cycle by the dense stepper, from where the lane begins."""
-    posed, train = batch.posed, equations.train
+    linear_motion, train = batch.linear_motion, equations.train
     rpm = float(batch.marches[place].rpm)
     system, meshes = equations.system, equations.meshes
     load = np.asarray(excitation(train, rpm, listed_harmonic(train.topology))[0]) / np.asarray(system.radius)[:, None]
-    stepper = _discretize(system, meshes, float(posed.frequency[place]), load, steps=STEPS, parts=equations.parts)
+    stepper = _discretize(
+        system, meshes, float(linear_motion.frequency[place]), load, steps=STEPS, parts=equations.parts
+    )
     x, v = np.split(batch.motion(batch.marches[place]), 2)
     return np.asarray(_march(stepper, state_from_motion(stepper, x, v), cycles)[1].deflection)
 
@@ -80,7 +82,9 @@ def test_modes_hold_the_motion_of_every_disk():
     equations = Equations(gearbox())
     batch = Batch(equations, np.array([700.0]), STEPS)
     modes, motion = equations.modes, batch.motion(batch.marches[0])
-    again = marching.motion_of(modes, marching.state_of(modes, motion[None], batch.posed), batch.posed)[0]
+    again = marching.motion_of(modes, marching.state_of(modes, motion[None], batch.linear_motion), batch.linear_motion)[
+        0
+    ]
     bend = equations.system.deflections(np.split(motion, 2)[0]), equations.system.deflections(np.split(again, 2)[0])
     np.testing.assert_allclose(*bend, atol=1e-9 * np.abs(bend[0]).max())
 

@@ -59,8 +59,8 @@ def test_room_for_more_steps_changes_nothing():
 
 def test_what_closes_a_cycle_is_the_same_with_and_without_samples():
     train = stepper()
-    nodes = segments.beginnings(train, train.flank_state) * (1 + 1e-3 * np.arange(segments.SEGMENTS)[:, None])
-    gap, periodicity_error = segments.gaps_and_closure(train, nodes)
+    nodes = segments.beginnings(train, train.flank_state) * (1 + 1e-3 * np.arange(segments.SHOOTING.segments)[:, None])
+    gap, periodicity_error = segments.gaps_and_error(train, nodes)
     np.testing.assert_array_equal(gap, segments.gaps(train, nodes))
     np.testing.assert_allclose(periodicity_error, segments.motion(train, nodes).periodicity_error, rtol=PATHS)
     (end, periodicity_error), (after, trace) = (run(train, train.flank_state) for run in (cycle_error, cycle))

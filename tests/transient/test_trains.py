@@ -13,7 +13,7 @@ from transient_cases import pair, posed
 from jaxhb import shooting_correction, solve
 from jaxhb.harmonic import backlash, fourier, linear_train
 from jaxhb.harmonic.excitation import highest_harmonic, listed_harmonic
-from jaxhb.model.drivetrain import build
+from jaxhb.model.assembly import build
 from jaxhb.model.elements import Cylinder, Disk, Ground, Mesh, Shaft, Torque
 from jaxhb.model.scene import load_scene
 from jaxhb.transient import reference, true_error
@@ -305,7 +305,7 @@ def test_the_reference_integration_is_driven_by_all_harmonics_that_are_listed():
     """Inertia torques beyond order 6 do not count for the harmonics that are wanted, but are there."""
     piston = Cylinder(disk="a", stroke=0.1, rod=0.2, reciprocating_mass=1.0, gas_torque=[(1.0, 5.0, 0.0)])
     train = build([Disk(name="a", inertia=1.0), Ground(disk="a", stiffness=1e4), piston], revolutions_per_cycle=1)
-    *_, load = reference._equations(train, 1500.0)
+    *_, load = reference.equations_of(train, 1500.0)
     assert load.shape[-1] - 1 == listed_harmonic(train.topology) > highest_harmonic(train)
 
 

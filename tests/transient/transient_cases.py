@@ -11,8 +11,8 @@ from jaxhb.harmonic.backlash import Law
 from jaxhb.harmonic.block_sweep import slots
 from jaxhb.harmonic.chain import System, Tree
 from jaxhb.harmonic.excitation import excitation, highest_harmonic
-from jaxhb.harmonic.residual import Nonlinear
-from jaxhb.model.drivetrain import build
+from jaxhb.harmonic.residual import MeshParameters
+from jaxhb.model.assembly import build
 from jaxhb.model.elements import Damper, Disk, Ground, Mesh, Shaft, Torque
 from jaxhb.transient.reference import backlash_meshes
 
@@ -26,7 +26,7 @@ def one_mass(*, mass, damping, stiffness, epsilon, transition, backlash):
     values = (1, mass, damping, 0, stiffness, 0, 0, 1, 0)
     system = System(tree, *(np.array([v], float) for v in values), np.array(False))
     law = Law(*(np.array([v], float) for v in (stiffness, epsilon, transition, backlash)))
-    return system, Nonlinear(whole, law, np.zeros(1), np.array([False]))
+    return system, MeshParameters(whole, law, np.zeros(1), np.array([False]))
 
 
 def posed(train, rpm, harmonics=None):

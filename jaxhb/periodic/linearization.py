@@ -26,38 +26,17 @@ from scipy.sparse.linalg import LinearOperator, eigsh, onenormest
 from .._arrays import on_host
 from .._program import Program
 from ..harmonic import backlash, exact, fourier
-from ..harmonic.krylov import minimise_residual
+from ..harmonic.krylov import gcr
 from ..harmonic.reduction import truncate
 from ..harmonic.residual import backlash_meshes
-from ..transient.reduced_model import reduced_model
 from ..transient.variational import motion
 from . import correction
-from .problem import reduced_equation
-
-SOLVED, SOLVE_STEPS = 1e-8, 60
-"""Share of a right side that a solve with the linearised equation may leave, and its Krylov steps at most."""
-
-NORM, PROBES = 1e-2, 3
-"""Share of a norm at which its iteration ends; vectors at a time of the estimate of largest absolute row sums."""
-
-MARGIN = 1.1
-"""On computed norms: their iterations come from below."""
-
-ROW_MARGIN = 1.5
-"""The same on largest row sums, of which the estimate is seldom off and never known to be right."""
-
-DAMPED, BETWEEN = 3.0, 0.01
-"""Scale of the weights over the limit of ``n |H(n)|``; share of the range of the engagement that samples may miss."""
-
-PER_HARMONIC = 16
-"""Time samples per harmonic at which largest values are looked for."""
-
-DENSE_DISKS = 2000
-"""Disks up to which the highest natural frequency is computed; beyond, it is bounded."""
+from .certificate_options import CERTIFICATE
+from .problem import ActiveMeshes, model_of, reduced_equation
 
 
 @dataclass(frozen=True)
-class Sizes:
+class CertificateSizes:
     """What programs are compiled for: ``low`` harmonics in which the linearised equation is solved, ``high`` to which
     it is evaluated, ``reach`` of the receptances, time steps of the preconditioner."""
 
@@ -77,7 +56,7 @@ def highest_frequency(system):
     mass = np.asarray(system.mass)
     if not (mass > 0).all():
         return np.inf
-    if len(mass) > DENSE_DISKS:  # the stiffness matrix is at most twice its diagonal
+    if len(mass) > CERTIFICATE.dense_disks:  # the stiffness matrix is at most twice its diagonal
         return float(np.sqrt(2 * (np.asarray(system.held_stiffness()) / mass).max()))
     rows = system.incidence().T / np.sqrt(mass)
     stiffness = rows.T @ (np.asarray(system.stiffness)[:, None] * rows) + np.diag(np.asarray(system.ground) / mass)
@@ -85,12 +64,12 @@ def highest_frequency(system):
 
 
 @partial(Program, static_argnames="sizes")
-def _answer(problem, chosen, sizes):
+def _linear_response(problem, chosen, sizes):
     """What does not depend on the motion: receptances and linear deflections up to ``reach``, those of the low
     harmonics as :class:`Reduced`, and the train of the preconditioner."""
-    every, links = jnp.ones(len(chosen)), jnp.asarray(problem.meshes.link)[chosen]
-    reduced, _ = reduced_equation(problem, sizes.reach, every, chosen, jnp.zeros(len(problem.meshes.link)))
-    model = reduced_model(problem.system, links, every, problem.frequency, sizes.time_steps)
+    every = ActiveMeshes(jnp.ones(len(chosen)), chosen, jnp.zeros(len(problem.meshes.link)))
+    reduced, _ = reduced_equation(problem, sizes.reach, every)
+    model = model_of(problem, every, sizes.time_steps)
     return reduced.receptance, reduced.linear, truncate(reduced, sizes.low), model
 
 
@@ -99,10 +78,11 @@ def _expand(reduced, model, deflection, sizes):
     """Of a motion ``(G, low+1)`` m: the preconditioner; in harmonics the integral of (engagement - 1), and itself."""
     law, meshes = reduced.law, len(deflection)
     operator = correction.prepare(reduced, model, deflection, sizes.samples, sizes.time_steps)
+    # In backlashes, with a gap without stiffness: the force of this law is the integral of the engagement.
     unit = replace(law, stiffness=jnp.ones(meshes), epsilon=jnp.zeros(meshes), backlash=jnp.ones(meshes))
     wide = fourier.resize(deflection / law.backlash[:, None], sizes.high // 2)
-    crossings = exact.locate(unit, wide, 4 * sizes.low)
-    rule = exact.divide(unit, wide, crossings)
+    crossings = exact.find_crossings(unit, wide, 4 * sizes.low)
+    rule = exact.quadrature(unit, wide, crossings)
     values, unit = rule.synthesize(wide), unit.expand()
     integral = rule.analyze(backlash.force(unit, values) - values, 2 * sizes.high)
     share = rule.analyze(backlash.engagement(unit, values) - 1, 2 * sizes.high)
@@ -128,11 +108,13 @@ def _solve(gain, share, reduced, operator, right, transposed):
 
     if transposed:
         product, approximate = transpose(product), transpose(approximate)
-    x, left, _ = minimise_residual(product, approximate, right.reshape(-1), tolerance=SOLVED, steps=SOLVE_STEPS)
+    x, left, _ = gcr(
+        product, approximate, right.reshape(-1), tolerance=CERTIFICATE.solved, steps=CERTIFICATE.krylov_steps
+    )
     return x.reshape(right.shape), left
 
 
-class Linearisation:
+class Linearization:
     """The equation of the deflections at one motion, with its derivative solved in ``low`` harmonics.
 
     The approximate inverse A of ``F'`` is that of its first ``low`` harmonics, and 1 beyond.
@@ -140,28 +122,28 @@ class Linearisation:
     Parameters
     ----------
     problem : Problem; train : DriveTrain; deflection : complex ``(G, N+1)`` m of the meshes with backlash
-    sizes : Sizes
+    sizes : CertificateSizes
     scale : harmonic at which the weights ``w_n = sqrt(1 + (n/scale)^2)`` begin to rise; later where damping in contact
         is so strong that ``w_n |H(n)|`` would not fall below one
     """
 
     def __init__(self, problem, train, deflection, sizes, scale):
         meshes = backlash_meshes(train)
-        self.law, viscous, gated, link = on_host((meshes.law, meshes.viscous, meshes.contact_damping, meshes.link))
-        self.damping = {"viscous": viscous, "gated": gated}
+        self.law, viscous, in_contact, link = on_host((meshes.law, meshes.viscous, meshes.contact_damping, meshes.link))
+        self.damping = {"viscous": viscous, "in_contact": in_contact}
         self.frequency, self.sizes, self.unsolved = float(problem.frequency), sizes, 0.0
-        chosen = np.flatnonzero(train.topology.mesh_backlash).astype(np.int32)
-        receptance, linear, self._reduced, self._model = _answer(problem, chosen, sizes)
+        chosen = train.topology.backlash_index.astype(np.int32)
+        receptance, linear, self._reduced, self._model = _linear_response(problem, chosen, sizes)
         n, h = np.arange(sizes.reach + 1), self.law.backlash
-        stiffness, viscous = (1 - self.law.epsilon) * self.law.stiffness, np.where(gated, viscous, 0.0)
+        stiffness, viscous = (1 - self.law.epsilon) * self.law.stiffness, np.where(in_contact, viscous, 0.0)
         change = stiffness + 1j * n[:, None] * self.frequency * viscous
         receptance = np.asarray(receptance)
         self.held = receptance / h[:, None] * (change * h)[:, None, :]
         self._linear = np.asarray(linear)[:, : sizes.high + 1] / h[:, None]
         self._gain = (receptance * change[:, None, :])[: sizes.low + 1]
         self.slopes = stiffness, viscous
-        self._falls = self._fall(problem.system, problem.system.incidence(link))
-        self.scale = max(scale, DAMPED * self._falls[1])
+        self._decay = self._decay_bound(problem.system, problem.system.incidence(link))
+        self.scale = max(scale, CERTIFICATE.weight_scale * self._decay[1])
         self._place(fourier.resize(np.asarray(deflection), sizes.low))
 
     def _place(self, deflection):
@@ -171,11 +153,13 @@ class Linearisation:
         integral, share, complete = map(np.asarray, found)
         self.complete, self.deflection = bool(complete), deflection / self.law.backlash[:, None]
         self._samples = fourier.synthesize(share, fourier.samples_for(2 * high))
+        # The middle of the range leaves the smallest share s = engagement - 1 - m, in the largest value half the range.
         low, top = self._samples.min(1), self._samples.max(1)
-        between = BETWEEN * (top - low)
+        between = CERTIFICATE.unsampled * (top - low)
         low, top = np.maximum(low - between, -1.0), np.minimum(top + between, 0.0)
         self.middle, self.half_range = (low + top) / 2, float((top - low).max() / 2)
         self._samples = self._samples - self.middle[:, None]
+        # psi = E - m y: the part linear in y is in H.
         self.integral = integral - self.middle[:, None] * fourier.resize(self.deflection, 2 * high)
         self.share = share - self.middle[:, None] * (np.arange(share.shape[1]) == 0)
         self._share = fourier.synthesize(fourier.resize(share, 2 * sizes.low), fourier.samples_for(2 * sizes.low))
@@ -195,9 +179,9 @@ class Linearisation:
         """``(G,)``: largest values over the cycle of motions ``(G, n+1)``: those at M samples, times the factor
         1/cos(pi n/M) by which a trigonometric polynomial exceeds them at most (Ehlich & Zeller, Math. Z. 86 (1964)
         41)."""
-        return np.abs(fourier.synthesize(x, PER_HARMONIC * max(x.shape[1] - 1, 1))).max(-1) / np.cos(
-            np.pi / PER_HARMONIC
-        )
+        samples = CERTIFICATE.samples
+        sampled = np.abs(fourier.synthesize(x, samples * max(x.shape[1] - 1, 1))).max(-1)
+        return sampled / np.cos(np.pi / samples)
 
     @cached_property
     def weight(self):
@@ -257,7 +241,7 @@ class Linearisation:
         found = fourier.unpack(np.asarray(found))
         return found * h if transposed else found / h
 
-    def _fall(self, system, columns):
+    def _decay_bound(self, system, columns):
         """k, d, w with ``|H_c(n)| <= (k + n d) / (n^2 - w^2)``, whatever the damping (docs/theory A4.5)."""
         root = columns.T / np.sqrt(np.asarray(system.mass))
         h, squared = self.law.backlash, self.frequency**2
@@ -265,10 +249,11 @@ class Linearisation:
         k, d = (left * np.linalg.norm(root * (h * change)[:, None], 2) for change in self.slopes)
         return k / squared, d / self.frequency, highest_frequency(system) / self.frequency
 
-    def _beyond(self):
-        """:meth:`_fall` for H and harmonics above those of ``gain``."""
-        k, d, highest = self._falls
+    def _decay_beyond(self):
+        """:meth:`_decay_bound` for H and harmonics above those of ``gain``."""
+        k, d, highest = self._decay
         n = self.sizes.reach + 1
+        # H = (1 + H_c m)^-1 H_c: |H| <= |H_c| / (1 - |H_c| |m|), by the Neumann series where that is less than one.
         less = 1 - (k + n * d) / (n**2 - highest**2) * np.abs(self.middle).max()
         return (k / less, d / less, highest) if less > 0 else (np.inf, np.inf, highest)
 
@@ -279,7 +264,7 @@ class Linearisation:
 
     def largest_gain(self, first):
         """sup of ``w_n |H(n)|`` over n >= ``first``."""
-        k, d, highest = self._beyond()
+        k, d, highest = self._decay_beyond()
         n = self.sizes.reach + 1
         beyond = np.sqrt(1 + (n / self.scale) ** 2) * (k + n * d) / (n**2 - highest**2)  # falls with n
         return float(max((self.weight * self.gain_sizes)[first:].max(initial=0.0), beyond))
@@ -287,9 +272,10 @@ class Linearisation:
     def gain_between(self, first):
         """``sqrt(sum of |H(n)|^2 over |n| >= first)``: largest value that H gives of harmonics from there on, over
         their root mean square."""
-        k, d, highest = self._beyond()
+        k, d, highest = self._decay_beyond()
         n = self.sizes.reach
         factor = 1 / (1 - (highest / (n + 1)) ** 2)
+        # (k + n d)^2 <= 2 (k^2 + n^2 d^2), and sums over n of n^-4 and n^-2 below their integrals.
         beyond = factor**2 * 2 * (k**2 / (3 * n**3) + d**2 / n)
         return float(np.sqrt(2 * (self.gain_sizes[first:] ** 2).sum() + 2 * beyond))
 
@@ -312,7 +298,7 @@ class Linearisation:
         return kept
 
     def norm(self, apply, apply_transposed, harmonics):
-        """Largest singular value of a map between coefficients ``(G, harmonics+1)``, with MARGIN."""
+        """Largest singular value of a map between coefficients ``(G, harmonics+1)``, with its margin."""
         shape = len(self.middle), 2 * harmonics + 1
 
         def square(v):
@@ -322,12 +308,12 @@ class Linearisation:
         size = shape[0] * shape[1]
         operator = LinearOperator((size, size), matvec=square, dtype=float)
         start = np.random.default_rng(0).normal(size=size)
-        found = eigsh(operator, 1, which="LA", ncv=6, tol=NORM, v0=start, return_eigenvectors=False)
-        return MARGIN * float(np.sqrt(max(found[0], 0.0)))
+        found = eigsh(operator, 1, which="LA", ncv=6, tol=CERTIFICATE.iterated, v0=start, return_eigenvectors=False)
+        return CERTIFICATE.norm_margin * float(np.sqrt(max(found[0], 0.0)))
 
     def largest_row_sum(self, apply, apply_transposed, samples):
         """Largest absolute row sum of a map between motions at ``samples`` time samples ``(G, samples)``, with
-        ROW_MARGIN (Higham & Tisseur, SIAM J. Matrix Anal. Appl. 21 (2000) 1185)."""
+        its margin (Higham & Tisseur, SIAM J. Matrix Anal. Appl. 21 (2000) 1185)."""
         shape = len(self.middle), samples
         size = shape[0] * samples
 
@@ -338,6 +324,6 @@ class Linearisation:
         with np.errstate(all="ignore"):
             state = np.random.get_state()
             np.random.seed(0)  # scipy draws its vectors from the global generator
-            found = onenormest(operator, t=PROBES)
+            found = onenormest(operator, t=CERTIFICATE.row_sum_vectors)
             np.random.set_state(state)
-        return ROW_MARGIN * float(found)
+        return CERTIFICATE.row_sum_margin * float(found)

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 from ..harmonic import fourier
 from ..transient.integrate import settle
 from ..transient.reduced_model import resting_on_flank
-from ..transient.stepper import cut, force_on_flank, seen
+from ..transient.stepper import cut, force_on_flank, with_rate
 
 
 def on_flank(reduced):
@@ -14,7 +14,7 @@ def on_flank(reduced):
     return reduced.linear - reduced.respond(held)
 
 
-def begin(reduced, space, time_steps, linear, static=None):
+def begin(reduced, space, time_steps, linear, residual_flexibility=None):
     """The :class:`~jaxhb.transient.stepper.Stepper` of a reduced equation, ``time_steps`` steps per cycle."""
     return cut(
         space,
@@ -26,23 +26,23 @@ def begin(reduced, space, time_steps, linear, static=None):
         contact_damping=reduced.contact_damping,
         linear_state=jnp.zeros(len(space.transition)),
         flank_state=resting_on_flank(space, force_on_flank(reduced.law, reduced.linear)),
-        static=static,
+        residual_flexibility=residual_flexibility,
     )
 
 
-def marched(reduced, space, time_steps, cycles, enough=0.0):
+def marched(reduced, space, time_steps, cycles, periodicity_tolerance=0.0):
     """Deflections over the last of ``cycles`` cycles of ``time_steps`` steps, begun with every mesh on its drive side.
 
-    The march ends earlier where a cycle closes to ``enough``.
+    The march ends earlier where a cycle closes to ``periodicity_tolerance``.
 
     Returns
     -------
     coefficients ``(G, N+1)``, of the motion on the flanks where the steps were too long for the train; periodicity
     error of that cycle
     """
-    linear = fourier.synthesize(seen(reduced.linear, reduced.frequency), 2 * time_steps).T
+    linear = fourier.synthesize(with_rate(reduced.linear, reduced.frequency), 2 * time_steps).T
     stepper = begin(reduced, space, time_steps, linear)
-    trace = settle(stepper, stepper.flank_state, tolerance=enough, max_cycles=cycles).trace
+    trace = settle(stepper, stepper.flank_state, tolerance=periodicity_tolerance, max_cycles=cycles).trace
     harmonics = reduced.linear.shape[-1] - 1
     kept = fourier.analyze(trace.deflection, min(harmonics, (time_steps - 1) // 2))
     finite = jnp.all(jnp.isfinite(trace.deflection))

@@ -1,0 +1,326 @@
+"""What marches show: harmonic balance of a motion that returns, a record of one that does not, and what kind it is."""
+
+import dataclasses
+import os
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from contextlib import contextmanager
+from contextvars import copy_context
+from functools import cached_property
+
+import jax
+import numpy as np
+
+from ..response.steady import SteadyState
+from .marching import MARCH, Batch, Equations, record_of
+from .returns import ended
+from .settled import CLASSIFICATION, compile_ahead, same_motion, shortest_period, solve_settled
+from .stability import attracts
+
+FEWEST_SIDE_BY_SIDE = MARCH.batches[1][1]
+"""Marches from which several are one program: fewer wait for no other."""
+
+MOST_THREADS = 8
+"""In which marches and classifications run: each holds some memory."""
+
+
+class Classifier:
+    """The steady states of one train, from marches of its speeds ``(n,)``, on one device or across several; ``known``
+    are those at hand, by the index of their speed, ``apart`` the indices of speeds where the linear motion separates
+    teeth.
+
+    A march begins with few steps. What harmonic balance confirms is exact whatever the steps. The rest, irregular
+    motion above all, is marched on with twice the steps: on ``gear_train_30`` three of sixty speeds had another kind
+    of motion with the fewest steps than with any others.
+    """
+
+    def __init__(self, train, speeds, request, exact, cycles, devices=()):
+        self.devices = devices
+        self.train, self.speeds, self.request, self.exact, self.cycles = train, speeds, request, exact, cycles
+        self.known, self.apart = {}, set()
+
+    def settle(self, indices, motions, progress=lambda count: None):
+        """Steady states of some speeds by index, side by side, from motions ``{index: (x, x')}`` or from teeth in
+        contact; ``progress`` is called with the number of those that became known."""
+        programs = []
+        # Of a single speed the program depends on which meshes leave contact, which the march shows.
+        if self.request.in_sweep and self.exact and not isinstance(self.equations, str):
+            separates = {self.speeds[index]: index in self.apart for index in indices}
+            programs = compile_ahead(self.train, separates, self.request)
+        try:
+            return self._settled(indices, motions, progress)
+        finally:
+            for program in programs:
+                program.cancel()
+
+    def _settled(self, indices, motions, progress):
+        if isinstance(self.equations, str):
+            progress(len(indices))
+            return {index: unknown(self.train, self.speeds[index], self.equations) for index in indices}
+        with _side_by_side(self.devices) as ask:
+            groups = [self._until_sure(group, motions, progress, ask) for group in self._groups(indices)]
+            return {index: state for found in _driven(groups) for index, state in found.items()}
+
+    def _until_sure(self, indices, motions, progress, ask):
+        """Steady states of speeds that share steps, for :func:`_driven`."""
+        found, spent, refinement = {}, dict.fromkeys(indices, 0), 1
+        while indices:  # with the finest steps every motion is classified
+            rounds = _Rounds(self, indices, motions, spent, refinement, progress, ask)
+            yield from rounds.of(rounds.batch.marches)
+            found |= rounds.found
+            motions = rounds.further
+            indices, refinement = [index for index in indices if index in motions], 2 * refinement
+        return found
+
+    @cached_property
+    def equations(self):
+        """The Equations of the train, or the sentence that refuses it."""
+        try:
+            return Equations(self.train)
+        except ValueError as refusal:
+            return str(refusal)
+
+    def _groups(self, indices):
+        """Indices of speeds that take the same steps."""
+        groups = {}
+        for index in indices:
+            groups.setdefault(self.equations.steps(self.speeds[index]), []).append(index)
+        return list(groups.values())
+
+    def cycles_of(self, batch, spent, refinement):
+        """How long marches of a batch are at most, of which ``spent`` cycles are behind."""
+        before = self.cycles.before_record(batch.work)
+        if not self.exact:
+            return dataclasses.replace(self.cycles, transient=before)
+        if refinement == 1:
+            return dataclasses.replace(self.cycles, transient=before, recorded=0)
+        return dataclasses.replace(self.cycles, transient=max(min(before - spent, CLASSIFICATION.later), 0))
+
+
+class _Rounds:
+    """Marches of speeds that share steps, round by round: steady states ``found``, and motions of those that need
+    ``further``, shorter steps, by index.
+
+    ``spent``: cycles marched before, by index, to which these are added; ``refinement``: times the fewest steps;
+    ``ask`` begins a function in another thread and gives its Future.
+    """
+
+    def __init__(self, classifier, indices, motions, spent, refinement, progress, ask):
+        self.classifier, self.indices, self.spent, self.refinement = classifier, indices, spent, refinement
+        self.progress, self.ask, self.found, self.further = progress, ask, {}, {}
+        speeds, equations = classifier.speeds[indices], classifier.equations
+        self.batch = Batch(equations, speeds, refinement * equations.steps(speeds.min()), classifier.devices)
+        for i, index in enumerate(indices):
+            if index in motions:
+                self.batch.begin(i, motions[index])
+        self.cycles = classifier.cycles_of(self.batch, min(spent[index] for index in indices), refinement)
+
+    def of(self, marches, asked=()):
+        """Take marches to their ends, for :func:`_driven`; ``asked``: classifications on their way, ``(march,
+        classification, Future)``.
+
+        To classify a motion takes as long as many cycles: a march waits for that while the others go on. Which go on
+        side by side does not depend on how long it takes, so that the same call gives the same bits.
+        """
+        while True:
+            marches = [march for march in marches if not march.done]
+            if 1 < len(marches) < FEWEST_SIDE_BY_SIDE and len(self.classifier.devices) < 2:
+                yield [self.of([march], [one for one in asked if one[0] is march]) for march in marches]
+                return
+            if not marches:
+                return
+            waiting = {march.lane for march, _, _ in asked}
+            going = [march for march in marches if march.lane not in waiting]
+            over = self.ask(ended, self.batch, going, self.cycles, self.classifier.exact) if going else None
+            for march, classification, answer in asked:
+                self._take(march, classification, (yield answer))
+            over = (yield over) if going else []
+            if not self.classifier.exact:
+                yield self.ask(_record, self.batch, over)
+            asked = [self._begun(march, period) for march, period in over]
+
+    def _begun(self, march, period):
+        """A classification that has begun."""
+        index = self.indices[march.lane]
+        made = _Classification(self.classifier, index, self.batch, march, self.spent[index], self.refinement)
+        return march, made, self.ask(made.state, period)
+
+    def _take(self, march, classification, state):
+        """Take what a classification gave."""
+        index = self.indices[march.lane]
+        march.done = state is not None or classification.unsure
+        if state is not None:
+            self.found[index] = state
+            self.progress(1)
+        elif classification.unsure:
+            self.further[index] = self.batch.motion(march)
+            self.spent[index] += march.cycles
+
+
+def _record(batch, over):
+    """Record a period of the marches that have one, ``(march, period)``, side by side those with the same."""
+    for period in {period for march, period in over if not march.recorded} - {0}:
+        batch.run([march for march, own in over if own == period and not march.recorded], True, period)
+
+
+class _Classification:
+    """What the motion of one march is that may have ended; ``unsure`` where shorter steps have to decide."""
+
+    def __init__(self, classifier, index, batch, march, spent, refinement):
+        self.classifier, self.index, self.batch, self.march = classifier, index, batch, march
+        self.refinement, self.spent, self.unsure = refinement, spent, False
+        self.notes, missing = [], batch.equations.missing
+        if lossy(classifier.train):
+            self.notes.append("time integration replaces loss factors by damping of each mode at its natural frequency")
+        if missing:
+            share = f"{100 * missing:.2g} %"
+            self.notes.append(f"time integration leaves out modes that hold {share} of the compliance of a mesh")
+
+    def state(self, period):
+        """The steady state; None where the march has to go on, or is not sure."""
+        classifier, march = self.classifier, self.march
+        if not march.returns.finite:
+            reason = "time integration gives no finite motion: check the scene for huge or tiny numbers"
+            return unknown(classifier.train, classifier.speeds[self.index], reason)
+        if not period:
+            return self._irregular() if self.refinement > 1 or not classifier.exact else self._further()
+        if not classifier.exact:
+            return self._recorded(period)
+        response, period = self._solved(period)
+        if response is None:
+            return self._unsolved(period)
+        stays, stability = self._attracts(response)
+        if not stays:
+            return self._passed_by()
+        apart = any(contact.separated_fraction > 0 for contact in response.contacts().values())
+        kind = "subharmonic" if period > 1 else "periodic" if apart else "contact"
+        return self._made(kind, period, response=response, stability=stability)
+
+    def _made(self, kind, period, **found):
+        cycles, motion = self.spent + self.march.cycles, self.batch.motion(self.march)
+        classifier = self.classifier
+        rpm, known = classifier.speeds[self.index], {"cycles": cycles, "notes": self.notes, "motion": motion}
+        return state_of(classifier.train, rpm, kind, period, **known, **found)
+
+    def _further(self):
+        self.unsure = True
+
+    def _solved(self, period):
+        """Response (None where harmonic balance did not find the motion) and period of a march that returns."""
+        classifier, batch, march = self.classifier, self.batch, self.march
+        while True:
+            trace, meshes = batch.traced(march, period), batch.equations.meshes
+            known = classifier.known.get(self.index)
+            common = known is not None and known.response is not None and known.period == period
+            if common and same_motion(known.response, trace, meshes, classifier.train, CLASSIFICATION.arrived):
+                return known.response, period
+            given = {"steps": batch.steps, "meshes": meshes}
+            levels = CLASSIFICATION.levels if self.refinement == CLASSIFICATION.finest else 1
+            response = solve_settled(classifier.train, march, trace, period, classifier.request, levels=levels, **given)
+            shorter = period if response is None else shortest_period(response, period)
+            if shorter == period:
+                return response, period
+            if march.returns.errors(shorter)[0] > CLASSIFICATION.returned:
+                return None, period
+            period = shorter
+
+    def _attracts(self, response):
+        """What :func:`attracts` says of a response, asked once."""
+        known = self.classifier.known.get(self.index)
+        return (True, known.stability) if known is not None and known.response is response else attracts(response)
+
+    def _unsolved(self, period):
+        """Where harmonic balance did not find the motion."""
+        if self.refinement < CLASSIFICATION.finest:
+            return self._further()
+        if self.march.recorded < self.classifier.cycles.recorded:
+            self.march.again = self.march.cycles + CLASSIFICATION.again
+            return None
+        if not self.march.returns.period(last=True):  # it was only worth the question
+            return self._irregular()
+        unconfirmed = "harmonic balance did not find the motion that time integration shows"
+        self.notes.append(f"{unconfirmed}: the numbers are those of recorded cycles")
+        return self._recorded(period)
+
+    def _passed_by(self):
+        """Where a march came near a motion that repels, which with these steps may attract."""
+        if self.refinement < CLASSIFICATION.finest:
+            return self._further()
+        if self.march.recorded < self.classifier.cycles.recorded or self.march.cycles < self.classifier.cycles.most:
+            # It takes cycles to leave it, and solving again shows nothing more.
+            self.march.again = self.classifier.cycles.most
+            return None
+        return self._irregular()
+
+    def _irregular(self):
+        """Motion without a period, read from its record."""
+        return self._made("irregular", 0, record=record_of(self.batch.equations, self.march))
+
+    def _recorded(self, period):
+        """Motion with a period, read from its record."""
+        record = record_of(self.batch.equations, self.march)
+        apart = any(contact.separated_fraction > 0 for contact in record.contacts)
+        kind = "subharmonic" if period > 1 else "periodic" if apart else "contact"
+        return self._made(kind, period, record=record)
+
+
+def lossy(train):
+    """Whether a train has loss factors."""
+    return bool(np.any(train.shafts.loss_factor) or np.any(train.dampers.loss_factor))
+
+
+def state_of(train, rpm, kind, period, *, response=None, record=None, cycles=0, notes=(), motion=None, stability=None):
+    """The :class:`SteadyState` of a train at a speed."""
+    known = float(rpm), kind, period, response, record, cycles, tuple(notes), motion
+    return SteadyState(*known, train.topology, stability)
+
+
+def unknown(train, rpm, reason):
+    """The SteadyState of a motion that is not known."""
+    return state_of(train, rpm, "unknown", 0, notes=(reason,))
+
+
+@contextmanager
+def _side_by_side(devices):
+    """What begins a function in one of some threads, and gives its Future. Across several devices one at a time."""
+    # More threads than processors: some wait for programs that others make.
+    threads = ThreadPoolExecutor(min(2 * (os.cpu_count() or 1), MOST_THREADS) if len(devices) < 2 else 1, "jaxhb-march")
+    device = jax.config.jax_default_device
+
+    def run(context, function, *args):
+        with jax.default_device(device):
+            return context.run(function, *args)
+
+    try:
+        yield lambda function, *args: threads.submit(run, copy_context(), function, *args)
+    finally:
+        threads.shutdown(cancel_futures=True)
+
+
+def _driven(generators):
+    """What generators return, side by side: each yields a Future, and is sent its result as soon as it is there, or a
+    list of generators, and goes on when these have returned."""
+    returned, waiting, left = {}, {}, {}
+
+    def go_on(generator, parent, result=None):
+        try:
+            wanted = generator.send(result)
+        except StopIteration as end:
+            returned[generator] = end.value
+            if parent is not None:
+                left[parent[0]] -= 1
+                if not left[parent[0]]:
+                    go_on(*parent)
+            return
+        if isinstance(wanted, list):
+            left[generator] = len(wanted)
+            for one in wanted:
+                go_on(one, (generator, parent))
+        else:
+            waiting[wanted] = generator, parent
+
+    for generator in generators:
+        go_on(generator, None)
+    while waiting:
+        for future in wait(waiting, return_when=FIRST_COMPLETED).done:
+            go_on(*waiting.pop(future), future.result())
+    return [returned[generator] for generator in generators]
