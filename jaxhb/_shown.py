@@ -44,13 +44,18 @@ def value_text(value):
         return _array_text(np.asarray(value))
     if hasattr(value, "dtype"):
         return number(np.asarray(value).item())
-    if isinstance(value, tuple | list | dict) and len(value) > 4:
+    if isinstance(value, tuple | list | dict) and (len(value) > 4 or _many_records(value)):
         return f"{len(value)} of {type(next(iter(value))).__name__}"
     if isinstance(value, dict):
         return f"{{{', '.join(f'{key!r}: {value_text(item)}' for key, item in value.items())}}}"
     if isinstance(value, tuple | list):
         return f"({', '.join(map(value_text, value))})"
     return number(value) if isinstance(value, float) else repr(value)
+
+
+def _many_records(value):
+    """Whether a collection holds several objects with fields of their own."""
+    return len(value) > 1 and dataclasses.is_dataclass(next(iter(value)))
 
 
 def _array_text(values):

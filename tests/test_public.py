@@ -13,6 +13,9 @@ import pytest
 import jaxhb
 from jaxhb import design
 from jaxhb.design import objectives
+from jaxhb.design.descent import Step
+from jaxhb.design.evaluator import Reading
+from jaxhb.design.tuning import Tuning
 from jaxhb.response.contact import Contact
 from jaxhb.response.record import RecordedSignal, SteadyContact, SteadySignal
 from jaxhb.response.shown import response_html
@@ -84,6 +87,14 @@ def test_results_print_as_one_short_line(train, forced):
         "<ForcedResponse of gear_train_30 at 30 speeds from 600 to 2450 rpm: 30 CONVERGED, 24 harmonics>"
     )
     assert repr(forced[0]).startswith("<ForcedResponse of gear_train_30 at 600 rpm: CONVERGED, 24 harmonics")
+
+
+def test_a_tuning_of_a_few_steps_tells_their_number_alone():
+    reading = Reading({"a.inertia": 1.0}, np.ones(2, bool), {"angle of a": np.ones(2)})
+    steps = tuple(Step(k, 1.0, {"a.inertia": 1.0}, 0.1, 2, 0.1, 0, k, "2 speeds", 1.0) for k in range(3))
+    given = {"rpm": np.ones(2), "before": reading, "after": reading, "stopped": "", "interrupted": False}
+    tuning = Tuning(train=jaxhb.load_scene("spur_pair"), history=steps, outcomes=(), **given)
+    assert "history=3 of Step, " in repr(tuning) and len(repr(tuning)) < 700
 
 
 def test_lines_and_tables_of_steady_states_have_kind_and_numbers():

@@ -249,8 +249,8 @@ class DriveTrain:
         8000.0
         """
         if name not in self.scenarios:
-            where = self.topology.title
-            raise SceneError(f"{where}: there is no scenario {name!r}.{suggestion(name, self.scenarios)}")
+            others = suggestion(name, self.scenarios) if self.scenarios else " The scene has none."
+            raise SceneError(f"{self.topology.title}: there is no scenario {name!r}.{others}")
         return self.replace(self.scenarios[name])
 
     def misfire(self, *cylinders: str) -> DriveTrain:

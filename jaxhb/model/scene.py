@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import re
 import tomllib
 from importlib import resources
 from pathlib import Path
@@ -141,6 +142,14 @@ def _find(name) -> Path:
     return _folder() / f"{text}.toml"
 
 
+def _correct(text: str, error: tomllib.TOMLDecodeError) -> str:
+    """What to do about the line of a syntax error, in a sentence."""
+    found = re.search(r"at line (\d+)", str(error))
+    line = text.splitlines()[int(found[1]) - 1].strip() if found else ""
+    comma = re.search(r"\d,\d", line.partition("=")[2].partition("#")[0]) and "[" not in line
+    return f"Correct the line{f' {line[:60]!r}' if line else ''}{': decimals take a point, not a comma' * bool(comma)}."
+
+
 def _parse(path: Path, errors: list[str]) -> dict:
     """Read a file; a syntax error becomes one sentence, what else cannot be read goes to ``errors``."""
     try:
@@ -149,7 +158,7 @@ def _parse(path: Path, errors: list[str]) -> dict:
     except SceneError:
         raise
     except tomllib.TOMLDecodeError as error:
-        raise SceneError(f"{path.name}: invalid TOML: {error}. Correct the line.") from None
+        raise SceneError(f"{path.name}: invalid TOML: {error}. {_correct(text, error)}") from None
     except UnicodeDecodeError:
         raise SceneError(f"{path.name}: the file is not UTF-8 text. Save it as UTF-8.") from None
     except ValueError:

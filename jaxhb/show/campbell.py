@@ -55,7 +55,7 @@ def _left_out(found, count):
     top = f"order {highest:g} at {rpm:g} rpm is {highest * rpm / 60:.4g} Hz"
     first = f"These are the {shown} lowest of {every} modes that strain links"
     if crossed <= shown:
-        return [f"{first}, all that the orders reach: {top}."]
+        return [f"{first}. The orders reach {crossed} of them, all shown: {top}."]
     return [
         f"{first}; the orders reach {crossed} of them ({top}). jaxhb campbell SCENE --rpm"
         f" {found.rpm[0]:g}:{rpm:g} --modes {crossed} lists all."

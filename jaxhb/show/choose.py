@@ -34,6 +34,12 @@ def case_title(train, cylinders=""):
     return ALL_FIRING if fires and all(fires) else AS_GIVEN
 
 
+def train_name(topology):
+    """The name of the train, with the cylinders that do not fire."""
+    idle = [name for name, fires in zip(topology.cylinder_names, topology.cylinder_fires, strict=True) if not fires]
+    return ", ".join([topology.title, *[f"{', '.join(idle)}{NOT_FIRING}"] * bool(idle)])
+
+
 def gears(topology):
     """Names of the disks that carry a mesh, in the order of the meshes."""
     return tuple(dict.fromkeys(topology.disk_names[disk] for ends in topology.mesh_ends for disk in ends))

@@ -197,7 +197,8 @@ def _tell_start(files, progress, reading):
 def _tell(files, progress, step):
     files.note(step)
     progress.advance(1 if step.number else 0)
-    progress.say(f"objective {step.objective:.4g} with a smooth maximum of {100 * step.width:g} %")
+    told = f"step {step.number}: objective {step.objective:.4g}, a share of what it was at the start"
+    progress.say(f"{told}, with a smooth maximum of {100 * step.width:g} %")
 
 
 def _given(arguments, names):

@@ -9,7 +9,7 @@ from ..model.elements import SceneError
 from ..model.topology import suggestion
 from ..response.signal import Signal
 from ..response.status import Status
-from .choose import shafts_of
+from .choose import shafts_of, train_name
 from .columns import NONE, Table, alike, ranges
 
 SHOWN = 6
@@ -155,7 +155,7 @@ def forced_head(response):
     """The scene, what is computed and the speeds, in a line."""
     topology, rpm = response.topology, response.rpm
     speeds = f"{len(rpm)} speeds from {rpm.min():g} to {rpm.max():g}" if len(rpm) > 1 else f"{rpm[0]:g}"
-    return f"{topology.name or 'scene'}: linear forced response, teeth in contact, {speeds} rpm"
+    return f"{train_name(topology)}: linear forced response, teeth in contact, {speeds} rpm"
 
 
 def _moves(found):

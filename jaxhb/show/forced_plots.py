@@ -5,7 +5,7 @@ import numpy as np
 from ..linear.limits import strength
 from .answer import shown
 from .branch_plots import crosses
-from .choose import NOT_FIRING
+from .choose import NOT_FIRING, train_name
 from .forced import KINDS, signal_of
 from .limit_plots import draw_limits, judged_elements
 from .plots import WITH, WITHOUT, new_figure, plain
@@ -72,7 +72,7 @@ def plot_forced(response, found, misfires=None, worst=None):
         axes.set_ylabel(f"{plain(one.name)}, {unit}")
         axes.set_ylim(bottom=0.0)
         axes.legend(fontsize="x-small", ncols=2)
-    panels[0].set_title(f"{response.topology.name or 'scene'}: linear forced response", fontsize="medium")
+    panels[0].set_title(f"{train_name(response.topology)}: linear forced response", fontsize="medium")
     panels[-1].set_xlabel("speed, rpm")
     return figure
 

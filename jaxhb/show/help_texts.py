@@ -28,6 +28,13 @@ error within their limits); 1 not so (files are still written); 2 bad input (not
 program. With --orbit: 0 converged at all speeds, 1 not; an unstable orbit is reported. A scene whose mean torques do
 not balance is bad input (2). If --set unbalances a scene, it is reported as such (1)."""
 
+WITHOUT_SPEEDS = ("new", "scene", "scenes", "completion", "modes", "holzer")
+LINEAR = ("check", "campbell", "forced")
+DONE = "exit status: 0 done; 2 bad input (nothing is written); 3 an error in the program."
+LINEAR_STATUS = """\
+exit status: 0 every speed has an answer; 1 not so (files are still written); 2 bad input (nothing is written); 3 an
+error in the program."""
+
 FORCED = """\
 The linear forced response, all teeth in contact: amplitude of every order, half peak-to-peak of the synthesis, sum of
 amplitudes, and power turned into heat, of every disk (deg), shaft and damper (N m) and mesh (kN). Without --element the
@@ -80,4 +87,5 @@ scene and the history, so Ctrl-C leaves the best design so far; the exit status 
 def below(command=None):
     """The examples, all of them or those of one command, and what the exit status tells."""
     own = [line for line in EXAMPLES.splitlines() if command in (None, line.split()[1])]
-    return "\n".join(["examples:", *own, "", STATUS] if own else [STATUS])
+    status = DONE if command in WITHOUT_SPEEDS else LINEAR_STATUS if command in LINEAR else STATUS
+    return "\n".join(["examples:", *own, "", status] if own else [status])

@@ -16,7 +16,8 @@ WAYS = "-", ":"
 
 
 def judged_elements(found, names=None, *, each=False):
-    """What has a panel: of each kind the element with the largest share of its limit, or ``each`` of them.
+    """What has a panel: of each kind the element with the largest share of its limit, without limits that with the
+    largest number, or ``each`` of them.
 
     Parameters
     ----------
@@ -32,10 +33,15 @@ def judged_elements(found, names=None, *, each=False):
     """
     chosen = []
     for kind in PANELS:
-        shares = {name: share_of(row, kind) for name, row in getattr(found, kind).items()}
+        shares = {name: (share_of(row, kind), _largest(row, kind)) for name, row in getattr(found, kind).items()}
         shares = {name: share for name, share in shares.items() if names is None or name in names}
         chosen += [(kind, name) for name in (shares if each or not shares else [max(shares, key=shares.get)])]
     return chosen
+
+
+def _largest(row, kind):
+    """The largest number of a row over the speeds, 0 where none is known."""
+    return float(np.nan_to_num(np.asarray(getattr(row, PANELS[kind][0]), float)).max())
 
 
 def share_of(row, kind):

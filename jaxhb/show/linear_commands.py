@@ -27,7 +27,7 @@ from .mean_load import mean_load_record, mean_load_text
 from .misfire_cases import misfire_trains
 from .output import ANSWERED, NOT_ANSWERED, OutputError, as_csv, as_json, as_picture, changes, deliver
 from .record import finite, modes_record
-from .scene_check import ANY_SPEED, check_record, check_text, own_speeds, scene_notes
+from .scene_check import ANY_SPEED, check_record, check_text, own_speeds, scene_notes, tune_notes
 from .strength import strength_columns, strength_record, strength_text
 from .tables import energies_text, modes_text, remarks_text
 
@@ -81,7 +81,7 @@ def check(train, arguments):
     speeds = arguments.rpm or own_speeds(train)
     response = forced_response(train, rpm=speeds or [ANY_SPEED], harmonics=1)
     responses = [dataclasses.replace(response[k], train=train) for k in range(len(response))]
-    remarks = scene_notes(responses)
+    remarks = scene_notes(responses) + tune_notes(train)
     parts, record = check_text(train, responses, speeds, remarks), check_record(train, responses, remarks)
     constant = _constant(train, arguments)
     if varying(constant.topology):

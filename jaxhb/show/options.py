@@ -84,7 +84,7 @@ def add_files(command, picture):
     """Files of numbers and a picture."""
     text = "write all numbers in full precision, SI units; -: to standard output instead of the tables"
     command.add_argument("--json", metavar="FILE", help=text)
-    text = "list amplitudes in files up to this order (default: all; of a sweep none, see --full)"
+    text = "list amplitudes in files up to this order (default: all; of a sweep none)"
     command.add_argument("--orders", type=positive, metavar="M", help=text)
     add_plot(command, picture)
 

@@ -143,6 +143,16 @@ def changes(arguments):
     return {option: made(getattr(arguments, option)) for option, made in _CHANGES.items() if hasattr(arguments, option)}
 
 
+def changed_text(arguments):
+    """What was changed in the scene, as it was typed: a line, "" where nothing was."""
+    given = {option: value for option, value in changes(arguments).items() if value not in (None, {}, [])}
+    said = []
+    for option, value in given.items():
+        rows = [f"{key}={one}" for key, one in value.items()] if isinstance(value, dict) else value
+        said += [f"--{option.replace('_', '-')} {one!r}" for one in (rows if isinstance(rows, list) else [str(rows)])]
+    return f"Asked with {', '.join(said)}." if said else ""
+
+
 def deliver(arguments, text, **makers):
     """Make all that was asked for, then write it, then print: what fails on the way leaves no file.
 
@@ -153,4 +163,4 @@ def deliver(arguments, text, **makers):
     silent = arguments.quiet or STANDARD_OUTPUT in files
     write_files(files)
     if not silent:
-        print(text)
+        print("\n\n".join(filter(None, [text, changed_text(arguments)])))

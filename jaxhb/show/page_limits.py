@@ -134,4 +134,5 @@ def _limit(judged, kind, name, cases):
     panels = [(f"{called}, {unit}", top_of(*(trace["y"] for trace in traces)))]
     made = layout("speed, rpm", panels, traces, x_range=speed_range(rpm), heights=[180], shapes=bands(edges))
     shaded = "; grey: barred" if edges else ""
-    return Figure(f"{plain(name)}: {called} against its limits, {unit}{shaded}", traces, made)
+    against = " against its limits" if len(traces) > len(cases) else ""
+    return Figure(f"{plain(name)}: {called}{against}, {unit}{shaded}", traces, made)

@@ -5,13 +5,14 @@ import textwrap
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.transforms import ScaledTranslation
 
 from ..design.evaluator import label
 from ..harmonic import fourier
 from ..harmonic.backlash import separated
 from ..response.record import PERCENT
 from .branch_plots import crosses
-from .choose import default_gear, hardest_shaft, meshes_of
+from .choose import default_gear, hardest_shaft, meshes_of, train_name
 from .tuned import scaled_unit
 from .words import motion_text
 
@@ -206,8 +207,13 @@ def _plot_shaft(answer):
     return figure
 
 
+def moved_right(axes, points):
+    """Coordinates of the data, moved to the right by so many points."""
+    return axes.transData + ScaledTranslation(points / 72, 0, axes.figure.dpi_scale_trans)
+
+
 def _title(answer):
-    return f"{answer.topology.name or 'scene'}, {answer.rpm:g} rpm"
+    return f"{train_name(answer.topology)}, {answer.rpm:g} rpm"
 
 
 def periods_of(answer):

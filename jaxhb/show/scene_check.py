@@ -2,7 +2,10 @@
 
 import numpy as np
 
+from ..design.quantities import check_all
+from ..design.table import read_table
 from ..model import hold
+from ..model.elements import SceneError
 from ..model.plausible import plausibility
 from ..model.ratios import tooth_damping_ratios
 from ..model.tables import mean_torques
@@ -42,6 +45,18 @@ def scene_notes(responses):
     found = plausibility(train) + load_notes(responses, speed_of) + ground_notes(responses, speed_of)
     speeds = [float(response.rpm) for response in responses]
     return found + once_alike((rpm, note) for rpm in speeds for note in train.outside_traces(rpm))
+
+
+def tune_notes(train):
+    """What ``jaxhb tune`` would refuse in the ``[tune]`` table of the scene; nothing where there is none."""
+    if not train.tune:
+        return []
+    try:
+        asked = read_table(train)
+        check_all(train, asked["parameters"], asked["objective"], asked["penalties"], asked["rpm"])
+    except SceneError as error:
+        return [f"jaxhb tune will refuse this scene: {sentence}" for sentence in error.sentences]
+    return []
 
 
 def check_text(train, responses, speeds, notes):

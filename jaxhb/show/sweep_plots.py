@@ -3,9 +3,9 @@
 import numpy as np
 
 from .answer import SPEED
-from .choose import hardest_shaft
+from .choose import hardest_shaft, train_name
 from .limit_plots import draw_limits, judged_elements
-from .plots import MESH_COLOURS, WITHOUT, new_figure, plain
+from .plots import MESH_COLOURS, WITHOUT, moved_right, new_figure, plain
 from .strength import answers_strength
 
 MARKS = {
@@ -17,6 +17,9 @@ MARKS = {
     "unknown": ("x", "no answer: unknown, or not converged"),
 }
 """Marker and words of every kind of motion."""
+
+BESIDE = 4.0
+"""Points between the bars of two meshes at one speed."""
 
 DOWNWARDS = ", downwards"
 WAYS = {"up": ("-", "full"), "down": (":", "none"), "orbit": ("-", "full")}
@@ -48,7 +51,7 @@ def plot_sweep(sweeps):
     1
     """
     first = next(iter(sweeps.values()))
-    name = first[0].topology.name or "scene"
+    name = train_name(first[0].topology)
     if not first[0].topology.mesh_names:
         figure, (axes,) = _figure(sweeps, [4.2])
         _plot_shaft_sweep(axes, first, name)
@@ -65,7 +68,7 @@ def plot_sweep(sweeps):
             above.plot(places, largest, **style, label=plain(mesh) if answers is first else None)
             below.plot(places, apart, **style)
             _draw_kinds(above, answers, largest, colour, fill)
-            _draw_distributions(above, answers, mesh, colour)
+            _draw_distributions(above, answers, mesh, colour, BESIDE * number)
         before = [float(answer.linear.force(mesh).peak) / 1e3 for answer in first]
         above.plot(places, before, color=colour, linewidth=1.0, linestyle="--", alpha=0.6)
     above.plot([], [], color="grey", linestyle="--", label="without backlash")
@@ -119,12 +122,13 @@ def _draw_kinds(axes, answers, values, colour, fill):
             axes.plot(*zip(*there, strict=True), marker, color=colour, markersize=larger, fillstyle=fill)
 
 
-def _draw_distributions(axes, answers, mesh, colour):
-    """Of motions that never repeat, from 5 to 95 % of the largest forces of a cycle."""
+def _draw_distributions(axes, answers, mesh, colour, beside):
+    """Of motions that never repeat, from 5 to 95 % of the largest forces of a cycle, ``beside`` points to the right."""
+    place = moved_right(axes, beside)
     for answer in answers:
         if answer.state.kind == "irregular" and answer.answered:
             low, _, high = answer.force(mesh).per_cycle.max / 1e3
-            axes.plot([answer.place] * 2, [low, high], color=colour, linewidth=3.0, alpha=0.35)
+            axes.plot([answer.place] * 2, [low, high], color=colour, linewidth=3.0, alpha=0.35, transform=place)
 
 
 def _mark_unknown(axes, sweeps):

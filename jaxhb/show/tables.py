@@ -8,7 +8,7 @@ from ..linear.critical import ELASTIC, RIGID, RING
 from ..model.plausible import plausibility
 from .balance import balance_line, mean_angles_of, plain_number
 from .certified import certificate_text
-from .choose import gears, shafts_of
+from .choose import gears, shafts_of, train_name
 from .columns import NONE, Table, alike, ratios, shares
 from .holzer import FIRST
 from .strength import answers_strength, strength_text
@@ -31,7 +31,7 @@ def solve_text(answer):
     """
     topology = answer.topology
     means = "; ".join(filter(None, [balance_line(answer.balance), f"mean angles: {mean_angles_of(topology)}"]))
-    head = [verdict(answer), "", f"{topology.name or 'scene'} at {answer.rpm:g} rpm", *status_lines(answer), means]
+    head = [verdict(answer), "", f"{train_name(topology)} at {answer.rpm:g} rpm", *status_lines(answer), means]
     parts = []
     if topology.mesh_names:
         parts += [_mesh_table(answer), *peak_table(answer), _contact_table(answer), _gear_table(answer)]

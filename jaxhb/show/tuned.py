@@ -97,7 +97,7 @@ def tuned_parts(train, asked, result):
     """Before and after in the words of an engineer: what was won, parameters, quantities at their worst speeds."""
     rpm, last = np.asarray(asked["rpm"]), result.history[-1]
     span = f"{len(rpm)} speeds from {rpm.min():g} to {rpm.max():g} rpm" if len(rpm) > 1 else f"{rpm[0]:g} rpm"
-    head = [_won(chosen, rpm, before, after) for chosen, _, before, after in _readings(asked, result, limits=False)]
+    head = [_won(chosen, rpm, before, after) for chosen, _, before, after in _compared(asked, result, limits=False)]
     head += [
         "",
         f"{train.topology.name or 'scene'} at {span}: {last.number} steps, {last.evaluations} evaluations, "
@@ -115,8 +115,11 @@ def _not_solved(rpm, result):
     said = [f"{', '.join(f'{x:g}' for x in rpm[~solved])} rpm {when}" for when, solved in pairs if not solved.all()]
     if not said:
         return []
+    both = int((result.before.solved & result.after.solved).sum())
+    compared = f"are compared at the {both} speed{'s' * (both != 1)} solved in both" if both else "do not compare"
     return [
-        f"NOT solved, and left out of what was made small: {'; '.join(said)}. jaxhb sweep shows what happens there."
+        f"NOT solved, and left out of what was made small: {'; '.join(said)}. jaxhb sweep shows what happens there. "
+        f"Before and after {compared}."
     ]
 
 
@@ -138,6 +141,14 @@ def _readings(asked, result, *, limits=True):
     for chosen in (*asked["objective"], *(asked["penalties"] if limits else ())):
         name = label(chosen)
         yield chosen, name, result.before.readings[name], result.after.readings[name]
+
+
+def _compared(asked, result, *, limits=True):
+    """The same with NaN at speeds that only one of the designs has solved, unless no speed is solved in both."""
+    both = result.before.solved & result.after.solved
+    for chosen, name, *values in _readings(asked, result, limits=limits):
+        masked = (np.where(both, one, np.nan) if np.shape(one) == both.shape and both.any() else one for one in values)
+        yield chosen, name, *masked
 
 
 def _won(chosen, rpm, before, after):
@@ -166,7 +177,7 @@ def _parameter_table(train, asked, result):
 
 def _quantity_table(asked, rpm, result):
     rows = []
-    for chosen, name, before, after in _readings(asked, result):
+    for chosen, name, before, after in _compared(asked, result):
         shown = [f"{name}, {scaled_unit(chosen.quantity)[1]}".removesuffix(", ")]
         for values in (before, after):
             value, at = _worst(rpm, values, chosen)

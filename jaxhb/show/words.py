@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 
+from ..periodic.request import MOST_HARMONICS
 from ..response.events import Homotopy, Shooting
 from ..response.status import Status
 from .answer import SPEED
@@ -184,7 +185,7 @@ def notes(*answers):
     Parameters
     ----------
     *answers : Answer
-        Of one train; the notes name the speed of the smallest mean force.
+        Of one train; the notes name the speed of the smallest mean force, where it depends on the speed.
 
     Returns
     -------
@@ -210,7 +211,8 @@ def notes(*answers):
             continue
         means = [abs(float(answer.force(name).mean)) for answer in known]
         least = int(np.argmin(means))
-        found += _law_notes(name, law, means[least], speed_of(known, least))
+        varied = max(means) > 1.05 * means[least]
+        found += _law_notes(name, law, means[least], speed_of(known, least) if varied else "")
         pulling = [answer.details[name].pulling_force if answer.details else 0.0 for answer in known]
         hardest = int(np.argmax(pulling))
         if pulling[hardest] > GAP_SPRING_SHARE * means[hardest]:
@@ -332,10 +334,10 @@ def _failure(answer):
 def _remedy(answer):
     """What a status means and what the command line can do about it."""
     if answer.status is Status.TOLERANCE_NOT_MET:
-        return (
-            "the equations are solved, but with too few harmonics for the tolerance: leave out --harmonics or give "
-            "more, or accept the truncation error with --tolerance"
-        )
+        most = answer.harmonics >= MOST_HARMONICS["reduced"]
+        few = f"{answer.harmonics} harmonics, the most that are taken, are" if most else "its harmonics are"
+        more = "" if most else "leave out --harmonics or give more, or "
+        return f"the motion is solved, but {few} too few for the tolerance: {more}accept its error with --tolerance"
     if answer.status in (Status.MAX_STEPS, Status.STALLED) and any(answer.topology.mesh_backlash):
         own = "leave out --orbit for what the train does, " if answer.orbit else ""
         return (

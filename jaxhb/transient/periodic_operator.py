@@ -32,7 +32,8 @@ class SweepOptions:
     Parameters
     ----------
     slow_modes : whose state is carried from the end of the cycle to its beginning
-    longest, shortest : time steps of a block at most and at least; every grid is a multiple of the longest
+    longest, shortest : time steps of a block at most and at least, powers of two; every grid is a multiple of the
+        longest
     block_forces : forces of all meshes in a block that are aimed at: they make one triangular system
     """
 
@@ -118,7 +119,7 @@ def linearize(train, frequency, slope, rate_slope):
     gain = jnp.linalg.solve(own - slopes @ at_once, slopes)
     # The state kept is that without the late part of the last force, so that each force enters once.
     forcing = propagate @ late + early
-    length = min(SWEEP.longest, max(SWEEP.shortest, SWEEP.block_forces // meshes))
+    length = min(SWEEP.longest, 1 << max(SWEEP.shortest, SWEEP.block_forces // meshes).bit_length() - 1)
     gain = gain.reshape(-1, length, meshes, 2 * meshes)
     block_forces, block_propagator = _per_state(propagate, forcing, L, gain)
 

@@ -264,8 +264,11 @@ def test_a_csv_stands_for_its_rows(tmp_path):
 
 
 def test_a_syntax_error_names_file_and_line(tmp_path):
-    with pytest.raises(SceneError, match=r"gears.toml: invalid TOML: .*line 2.*Correct the line\."):
+    with pytest.raises(SceneError, match=r"gears.toml: invalid TOML: .*line 2.*Correct the line 'name = = 3'\.$"):
         load(tmp_path, "[scene]\nname = = 3\n")
+    comma = r"Correct the line 'inertia = 0,3  # kg m2': decimals take a point, not a comma\.$"
+    with pytest.raises(SceneError, match=comma):
+        load(tmp_path, "[[disk]]\nname = 'a'\ninertia = 0,3  # kg m2\n")
 
 
 def test_unknown_scenes_and_files_are_named():

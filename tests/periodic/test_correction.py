@@ -14,7 +14,7 @@ from jaxhb import Disk, Mesh, Shaft
 from jaxhb.harmonic import fourier
 from jaxhb.periodic import correction
 from jaxhb.periodic.problem import ActiveMeshes, problem_at, reduced_equation
-from jaxhb.transient import reduced_model as reduced_models
+from jaxhb.transient import periodic_operator, reduced_model as reduced_models
 from jaxhb.transient.reduced_model import reduced_model, resting_on_flank
 from jaxhb.transient.statespace import partition, state_space
 
@@ -51,6 +51,28 @@ def test_a_long_train_without_any_damping_has_a_basis():
     problem = problem_at(build(parts, reference="0"), RPM, HARMONICS)
     found = approximate(problem.system, problem.meshes.link, np.ones(1), problem.frequency, time_steps=512)
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(found))
+
+
+@pytest.mark.parametrize("meshes", [3, 5])
+def test_any_number_of_meshes_is_swept_in_blocks_of_any_length(meshes, monkeypatch):
+    names = [str(k) for k in range(meshes + 1)]
+    parts = [Disk(name=name, inertia=0.01, radius=0.1, damping=0.1) for name in names]
+    parts += [
+        Mesh(between=pair, stiffness=1e8, damping=1e3, backlash=1e-4) for pair in zip(names, names[1:], strict=False)
+    ]
+    problem = problem_at(build(parts, reference="0"), RPM, HARMONICS)
+    model = approximate(problem.system, problem.meshes.link, np.ones(meshes), problem.frequency, time_steps=512)
+    draw = np.random.default_rng(3)
+    slopes, motion = -1e6 * draw.uniform(size=(meshes, 512)), draw.normal(size=(2 * meshes, 512))
+    found = []
+    for shortest in (periodic_operator.SWEEP.shortest, periodic_operator.SWEEP.longest):
+        options = dataclasses.replace(periodic_operator.SWEEP, shortest=shortest)
+        monkeypatch.setattr(periodic_operator, "SWEEP", options)
+        operator = periodic_operator.linearize(model, problem.frequency, slopes, 1e-5 * slopes)
+        found.append((operator.gain.shape[0], np.asarray(operator.forces(motion))))
+    (shorter, one), (longer, other) = found
+    assert shorter < longer == periodic_operator.SWEEP.longest and np.abs(one).max() > 0
+    np.testing.assert_allclose(one, other, rtol=0, atol=RESIDUAL * np.abs(one).max())
 
 
 def dense_jacobian(reduced, l):

@@ -9,6 +9,7 @@ import pytest
 
 import jaxhb
 from jaxhb.model.ratios import tooth_damping_ratios
+from jaxhb.model.scene_writer import scene_text
 from jaxhb.show import scene_check
 from jaxhb.show.cli import main
 
@@ -135,6 +136,16 @@ def test_check_of_links_that_vary_says_what_it_lacks(here, capsys):
     assert "Links vary: natural frequencies need --links-at, as hz=30." in said(capsys)
     assert main(["check", "rubber.toml", "--links-at", "hz=100"]) == 0
     assert f"{np.sqrt(4e4) / (2 * np.pi):.2f}" in said(capsys)
+
+
+def test_check_tells_what_a_tuning_would_refuse(here, capsys):
+    text = scene_text("first_scene")[0].replace('of = "crank gear|pump gear"', 'of = "crank gear|pump"')
+    (here / "wrong.toml").write_text(text, encoding="utf-8")
+    assert main(["check", "wrong.toml"]) == 0
+    words = said(capsys)
+    assert "; 1 note below." in words
+    assert "jaxhb tune will refuse this scene: wrong, objective" in words.replace(" first_scene,", " wrong,")
+    assert "there is no mesh 'crank gear|pump'. Did you mean 'crank gear|pump gear'?" in words
 
 
 def test_solve_sweep_and_report_tell_the_notes_on_the_scene_once(here, capsys):

@@ -185,6 +185,17 @@ def test_other_commands_refuse_links_that_vary_by_name(soft, command, capsys):
     assert "'Hz=50' is none of hz=VALUE" in capsys.readouterr().err
 
 
+def test_what_was_changed_is_told_below_the_tables_and_a_misfire_above_them_too(capsys):
+    command = ["forced", "six_cylinder_diesel", "--rpm", "900", "--set", "pulley.inertia=0.02"]
+    assert main([*command, "--misfire", "cylinder 2"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("six_cylinder_diesel, cylinder 2 not firing: linear forced response")
+    assert said.endswith("\n\nAsked with --set 'pulley.inertia=0.02', --misfire 'cylinder 2'.\n")
+    assert main(command[:4]) == 0
+    said = capsys.readouterr().out
+    assert "Asked with" not in said and said.startswith("six_cylinder_diesel: linear")
+
+
 def test_an_unknown_scenario_is_bad_input(soft, capsys):
     assert main(["forced", soft, "--rpm", "50", "--scenario", "hott"]) == 2
     assert "there is no scenario 'hott'. Did you mean 'hot'?" in capsys.readouterr().err

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import jaxhb
+from jaxhb.periodic import request
 from jaxhb.show import compute
 from jaxhb.show.cli import main
 from jaxhb.show.compute import Asked, answer_one, answer_speeds
@@ -193,7 +194,11 @@ def test_what_is_periodic_and_not_converged_exits_1(monkeypatch, capsys):
     assert main(command) == 1
     said = capsys.readouterr()
     assert "motion: periodic, period one cycle" in said.out
-    assert "TOLERANCE_NOT_MET" in said.err
+    assert "too few for the tolerance: leave out --harmonics or give more, or accept" in said.err
+    monkeypatch.setitem(request.MOST_HARMONICS, "reduced", 16)
+    assert main(command) == 1
+    most = "TOLERANCE_NOT_MET, the motion is solved, but 16 harmonics, the most that are taken, are too few"
+    assert f"{most} for the tolerance: accept its error with --tolerance." in capsys.readouterr().err
 
 
 def test_a_sweep_tells_how_many_speeds_are_done(monkeypatch):

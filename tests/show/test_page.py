@@ -3,17 +3,15 @@
 import dataclasses
 import json
 import re
-import shutil
-import subprocess
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from page_cases import CHROMIUM, SCENE, WIDE, browse, figures, tables, without_an_answer
 
-import jaxhb
 from jaxhb.linear.forced import forced_response
 from jaxhb.response.status import Status
-from jaxhb.show import page, page_command, page_linear
+from jaxhb.show import page, page_linear
 from jaxhb.show.answer import Answer
 from jaxhb.show.cli import main
 from jaxhb.show.columns import Table
@@ -23,65 +21,10 @@ from jaxhb.show.page_figures import NO_ANSWER, Figure
 from jaxhb.show.page_limits import judged_text
 from jaxhb.show.page_motion import forces, over_speed
 from jaxhb.show.page_parts import Picture, parts_of
-from jaxhb.show.page_train import _misfiring
 from jaxhb.show.sweep_tables import motion_sentences
 from jaxhb.show.words import motion_text, motion_word, verdict, warnings
 
-SCENE = """
-[scene]
-name = "Prüfstand <Süd> & Nord"
-revolutions_per_cycle = 2
-reference = "Kurbel"
-rated_rpm = 3000
-[[disk]]
-name = "Kurbel"
-inertia = 0.3
-radius = 0.05
-damping = 2.0
-[[disk]]
-name = "Räder"
-inertia = 0.02
-radius = 0.05
-[[disk]]
-name = "Bremse"
-inertia = 0.2
-damping = 2.0
-[[mesh]]
-between = ["Kurbel", "Räder"]
-stiffness = 2e8
-damping = 3000.0
-backlash = 1e-4
-rated_torque = 900.0
-[[shaft]]
-name = "Welle"
-between = ["Räder", "Bremse"]
-stiffness = 2e4
-damping = 5.0
-diameter = 0.03
-tensile_strength = 6e8
-stress_concentration = 1.0
-[[damper]]
-name = "Dämpfer"
-disk = "Kurbel"
-inertia = 0.05
-damping = 5.0
-power_limit = 500.0
-[[load]]
-disk = "Bremse"
-[[cylinder]]
-name = "one"
-disk = "Kurbel"
-gas_torque_mean = 100.0
-gas_torque = [[0.5, 20.0, 10.0], [1.0, 90.0, -5.0]]
-[[cylinder]]
-name = "two"
-disk = "Kurbel"
-firing_angle = 360.0
-gas_torque_mean = 100.0
-gas_torque = [[0.5, 20.0, 10.0], [1.0, 90.0, -5.0]]
-"""
 SPEEDS = "1500,3000,4000"
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
 
 @pytest.fixture(scope="module")
@@ -98,16 +41,6 @@ def made(tmp_path_factory):
         assert main([*command, "--tuned", str(folder / "second.toml")]) == 0
     ((report, parts),) = kept
     return file, report, {part.title: part for part in parts}
-
-
-def figures(parts):
-    """Every figure, in the order of the page."""
-    return [block for part in parts.values() for block in part.blocks if isinstance(block, Figure)]
-
-
-def tables(part):
-    """Tables of a part."""
-    return [block for block in part.blocks if isinstance(block, Table)]
 
 
 def test_every_part_of_the_report_is_there(made):
@@ -250,27 +183,6 @@ def test_the_assumptions_say_what_a_misfire_is(made):
     assert "has no gas torque at all: combustion and compression are both absent. Its inertia torque remains." in said
 
 
-def test_what_the_assumptions_advise_keeps_the_compression_of_a_cylinder():
-    row = {"disk": "a", "bore": 0.1, "stroke": 0.1, "rod": 0.2, "name": "x"}
-    given = {"compression_ratio": 16.0, "charge_pressure": 2e5, "start": -5.0, "duration": 60.0}
-    for by, much in (("imep", 1e6), ("heat", 2000.0)):
-        parts = [
-            jaxhb.Disk(name="a", inertia=1.0, damping=1.0),
-            jaxhb.Disk(name="b", inertia=1.0),
-            jaxhb.Load(disk="b"),
-        ]
-        parts += [jaxhb.Shaft(between=("a", "b"), stiffness=1e4)]
-        parts += [jaxhb.Cylinder(**row, combustion=jaxhb.Combustion(**given, **{by: much}))]
-        train = jaxhb.build(parts, revolutions_per_cycle=2)
-        (said,) = _misfiring(train)
-        (key,) = re.findall(r'--set "(.*)=0"', said)
-        swings = [
-            float(jaxhb.forced_response(one, rpm=1000.0).torque("a|b").half_peak_to_peak)
-            for one in (train, train.replace({key: 0.0}), train.misfire("x"))
-        ]
-        assert swings[0] > 1.05 * swings[1] and swings[1] > 10.0 and swings[2] < 1e-9
-
-
 def test_a_period_that_harmonic_balance_did_not_confirm_is_told_in_one_way(made):
     case = made[1].cases[0]
     one = without_an_answer(case.answers[1])
@@ -311,14 +223,6 @@ def test_the_text_tells_torques_of_shafts_where_there_are_gears(made, capsys):
     assert "Gear torque, half peak-to-peak" in said
     table = said[said.index("Torque of shafts and dampers, half peak-to-peak, N m") :]
     assert re.search(r"\n  Welle +[\d.]+ +[\d.]+ +[\d.]+\n", table)
-
-
-def without_an_answer(answer):
-    """The same speed with numbers a thousand times as large that have not converged."""
-    response = answer.response
-    wrong = {name: 1e3 * getattr(response, name) for name in ("forces", "torques", "elastic_forces")}
-    response = dataclasses.replace(response, status=np.int32(Status.MAX_STEPS), **wrong)
-    return Answer(answer.train, dataclasses.replace(answer.state, response=response), answer.linear)
 
 
 def test_speeds_that_have_not_converged_are_gaps_with_a_cross_and_do_not_set_the_scale(made):
@@ -379,16 +283,6 @@ def test_a_train_without_a_single_answer_has_a_page_that_says_so(made):
         assert all(y is None for trace in figure.traces if trace["name"] == "all cylinders firing" for y in trace["y"])
 
 
-def test_a_part_that_fails_is_a_sentence_and_leaves_the_others(capsys):
-    def broken(_):
-        raise KeyError("no such thing")
-
-    parts = parts_of(None, {"Broken": broken, "Whole": lambda _: ["words"]})
-    assert [(part.title, part.failed) for part in parts] == [("Broken", True), ("Whole", False)]
-    assert parts[0].blocks[0].startswith("This part could not be made: KeyError: ")
-    assert "'Broken' is missing from the page" in capsys.readouterr().err
-
-
 def test_a_page_that_is_not_whole_is_written_and_exits_1(made, capsys, monkeypatch):
     def broken(_):
         raise ValueError("nothing to draw")
@@ -398,6 +292,14 @@ def test_a_page_that_is_not_whole_is_written_and_exits_1(made, capsys, monkeypat
     assert main(["report", str(made[0].parent / "first.toml"), "--rpm", "1500", "--html", str(file)]) == 1
     assert "This part could not be made: nothing to draw" in file.read_text(encoding="utf-8")
     assert "--html: 'Limits' is missing from the page: nothing to draw" in capsys.readouterr().err
+
+
+def test_heads_of_groups_stand_above_their_columns(made):
+    rows = re.findall(r"<tr>(<th colspan.*?)</tr>\s*<tr>(.*?)</tr>", made[0].read_text(encoding="utf-8"), re.DOTALL)
+    wide = [[int(n) for n in re.findall(r'colspan="(\d+)"', groups)] for groups, _ in rows]
+    assert len(wide) > 10 and all(sum(row) <= heads.count("</th>") for row, (_, heads) in zip(wide, rows, strict=True))
+    shares = next(row for row in rows if ">judged<" in row[1])[0]
+    assert re.findall(r'colspan="(\d+)"[^>]*>([^<]*)', shares)[:2] == [("3", ""), ("2", "first design")]
 
 
 def test_plotly_knows_every_key_of_every_figure(made):
@@ -424,45 +326,15 @@ def test_the_page_escapes_names_and_forbids_the_browser_to_load_anything(made):
     assert [json.loads(one)["data"] for one in numbers] == [figure.traces for figure in figures(made[2])]
 
 
-WRONG = {
-    "another ending": (["--html", "page.txt"], "Give a name that ends in .html."),
-    "a second design without a page": (["--tuned", "spur_pair"], "Add --html FILE.html."),
-    "a second design that is not there": (["--html", "page.html", "--tuned", "no.toml"], "there is no such file"),
-    "nothing to tune": (["--html", "page.html", "--tune"], "the scene has no [tune] table"),
-    "two second designs": (["--html", "page.html", "--tune", "--tuned", "a.toml"], "not allowed with"),
-    "one file for two": (["--html", "page.html", "--json", "page.html"], "name the same file"),
-}
-
-
-@pytest.mark.parametrize(("options", "sentence"), WRONG.values(), ids=WRONG)
-def test_what_no_page_can_tell_is_refused_before_anything_is_computed(options, sentence, capsys, monkeypatch, tmp_path):
-    monkeypatch.chdir(tmp_path)
-    assert main(["report", "spur_pair", "--rpm", "2000", *options]) == 2
-    said = capsys.readouterr()
-    assert sentence in said.err and said.out == ""
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_page_without_its_libraries_says_what_to_install(capsys, monkeypatch, tmp_path):
-    monkeypatch.setattr(page_command, "NEEDED", ("jinja2", "plotly_of_another_planet"))
-    assert main(["report", "spur_pair", "--rpm", "2000", "--html", str(tmp_path / "page.html")]) == 2
-    assert 'needs plotly_of_another_planet. Install it: pip install "jaxhb[report]".' in capsys.readouterr().err
-
-
-def browse(file, *options):
-    """What Chromium makes of a page without a network."""
-    command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
-    command += ["--host-resolver-rules=MAP * ~NOTFOUND", "--virtual-time-budget=120000", "--enable-logging=stderr"]
-    command += [f"--user-data-dir={file.parent / 'profile'}", *options, file.as_uri()]
-    return subprocess.run(command, capture_output=True, text=True, encoding="utf-8", timeout=300, check=True)
-
-
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium is installed: apt-get install chromium")
 def test_a_browser_draws_every_figure_without_a_network_or_an_error(made):
     file, _, parts = made
-    done = browse(file, "--dump-dom")
+    text = file.read_text(encoding="utf-8").replace("</body>", f"<script>{WIDE}</script></body>")
+    file.with_stem("measured").write_text(text, encoding="utf-8")
+    done = browse(file.with_stem("measured"), "--dump-dom")
     assert [line for line in done.stderr.splitlines() if "CONSOLE" in line] == []
     wanted = [sum(any(y is not None for y in trace["y"]) for trace in figure.traces) for figure in figures(parts)]
     assert re.findall(r'data-figures="(\d+)"', done.stdout) == [str(len(wanted))]
     drawn = [int(count) for count in re.findall(r'class="plot[^>]*data-traces="(\d+)"', done.stdout)]
     assert drawn == wanted
+    assert re.findall(r'data-wide="(.*?)"', done.stdout) == [""]

@@ -1,7 +1,7 @@
 """What the page says of two designs that differ."""
 
 import pytest
-from test_page import SCENE
+from page_cases import SCENE
 
 import jaxhb
 from jaxhb.show.columns import Table

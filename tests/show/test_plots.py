@@ -1,5 +1,7 @@
 """Pictures, by what their axes hold."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -7,8 +9,8 @@ import jaxhb
 from jaxhb.show.answer import Answer, orbit_state
 from jaxhb.show.choose import default_gear
 from jaxhb.show.compute import Asked, answer_one, answer_speeds
-from jaxhb.show.plots import in_the_gap, plot_cycle
-from jaxhb.show.sweep_plots import plot_sweep
+from jaxhb.show.plots import in_the_gap, new_figure, plot_cycle
+from jaxhb.show.sweep_plots import BESIDE, _draw_distributions, plot_sweep
 
 
 @pytest.fixture(scope="module")
@@ -73,3 +75,13 @@ def test_a_sweep_without_teeth_shows_both_measures_of_a_torque():
     (axes,) = plot_sweep(answer_speeds(train, [1000.0, 1800.0, 2600.0], Asked())).axes
     swing, total = (line.get_ydata() for line in axes.get_lines())
     assert (total > swing).all()
+
+
+def test_the_bars_of_several_meshes_stand_beside_each_other():
+    axes = new_figure(3.0).subplots()
+    cycles = SimpleNamespace(per_cycle=SimpleNamespace(max=np.array([1e3, 2e3, 3e3])))
+    irregular = {"state": SimpleNamespace(kind="irregular"), "answered": True, "force": lambda mesh: cycles}
+    for beside in (0.0, BESIDE):
+        _draw_distributions(axes, [SimpleNamespace(place=1800.0, **irregular)], "a|b", "red", beside)
+    first, second = (line.get_transform().transform((1800.0, 1.0)) for line in axes.get_lines())
+    np.testing.assert_allclose(second - first, [BESIDE / 72 * axes.figure.dpi, 0.0], atol=1e-9)

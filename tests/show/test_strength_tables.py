@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from jaxhb.show.compute import Asked, answer_speeds
 from jaxhb.show.forced import readings
 from jaxhb.show.forced_misfires import worst_of
 from jaxhb.show.forced_plots import plot_forced
+from jaxhb.show.limit_plots import judged_elements
 from jaxhb.show.strength import AID
 from jaxhb.show.sweep_plots import plot_sweep
 
@@ -360,3 +362,11 @@ def test_barred_ranges_say_from_how_many_speeds_they_were_judged(scene, capsys):
     assert (
         "Judged from 4 speeds: resonances between them are NOT seen, take 50 or more. The rule looks up to 945" in said
     )
+
+
+def test_the_shaft_with_the_largest_stress_has_the_panel_where_no_shaft_has_a_limit():
+    rows = {name: SimpleNamespace(stress=[1e6, top], continuous=None) for name, top in {"a": 3e6, "b": 9e6}.items()}
+    found = SimpleNamespace(stresses=rows, tooth_torques={}, heat={})
+    assert judged_elements(found) == [("stresses", "b")]
+    rows["a"].continuous = [4e7, 4e7]
+    assert judged_elements(found) == [("stresses", "a")]

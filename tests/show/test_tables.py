@@ -49,6 +49,7 @@ def test_a_soft_gap_and_a_high_knee_are_noted():
     found = notes(answer_one(soft, 2000.0, Asked()))
     assert any("the spring in the gap carries up to" in note and "lower epsilon" in note for note in found)
     assert any("stiff only above" in note and "smaller transition" in note for note in found)
+    assert notes(*(answer_one(soft, rpm, Asked()) for rpm in (1500.0, 2000.0))) == found  # the same mean at all speeds
 
 
 def as_orbit(response, growth=None):

@@ -15,7 +15,7 @@ from jaxhb.model.scene_writer import changed_scene
 from jaxhb.show import commands
 from jaxhb.show.cli import main
 from jaxhb.show.plots import plot_tuning
-from jaxhb.show.tuned import _not_solved, _worst
+from jaxhb.show.tuned import _compared, _not_solved, _worst
 from jaxhb.show.tuned_check import check_designs, check_text
 
 TABLE = """
@@ -281,4 +281,14 @@ def test_speeds_that_a_tuning_could_not_solve_are_named():
     result = SimpleNamespace(before=SimpleNamespace(solved=bad), after=SimpleNamespace(solved=good))
     (line,) = _not_solved(rpm, result)
     assert line.startswith("NOT solved, and left out of what was made small: 1857.5, 2000 rpm before. ")
+    assert line.endswith(" Before and after are compared at the 1 speed solved in both.")
     assert _not_solved(rpm, SimpleNamespace(before=result.after, after=result.after)) == []
+
+
+def test_two_designs_are_compared_at_the_speeds_that_both_have_solved():
+    chosen, rpm = Objective(quantity="tooth force", of="a|b"), np.array([1000.0, 1800.0, 2000.0])
+    before = SimpleNamespace(solved=np.array([False, True, True]), readings={"tooth force of a|b": [np.nan, 9.0, 7.0]})
+    after = SimpleNamespace(solved=np.array([True, False, True]), readings={"tooth force of a|b": [8.0, np.nan, 6.0]})
+    asked = {"objective": (chosen,), "penalties": ()}
+    ((_, _, *values),) = _compared(asked, SimpleNamespace(before=before, after=after))
+    assert [_worst(rpm, one, chosen) for one in values] == [(7.0, 2000.0), (6.0, 2000.0)]

@@ -1,0 +1,99 @@
+"""A scene with umlauts whose page is looked at, and how tests and a browser read the parts of a page."""
+
+import dataclasses
+import shutil
+import subprocess
+
+import numpy as np
+
+from jaxhb.response.status import Status
+from jaxhb.show.answer import Answer
+from jaxhb.show.columns import Table
+from jaxhb.show.page_figures import Figure
+
+SCENE = """
+[scene]
+name = "Prüfstand <Süd> & Nord"
+revolutions_per_cycle = 2
+reference = "Kurbel"
+rated_rpm = 3000
+[[disk]]
+name = "Kurbel"
+inertia = 0.3
+radius = 0.05
+damping = 2.0
+[[disk]]
+name = "Räder"
+inertia = 0.02
+radius = 0.05
+[[disk]]
+name = "Bremse"
+inertia = 0.2
+damping = 2.0
+[[mesh]]
+between = ["Kurbel", "Räder"]
+stiffness = 2e8
+damping = 3000.0
+backlash = 1e-4
+rated_torque = 900.0
+[[shaft]]
+name = "Welle"
+between = ["Räder", "Bremse"]
+stiffness = 2e4
+damping = 5.0
+diameter = 0.03
+tensile_strength = 6e8
+stress_concentration = 1.0
+[[damper]]
+name = "Dämpfer"
+disk = "Kurbel"
+inertia = 0.05
+damping = 5.0
+power_limit = 500.0
+[[load]]
+disk = "Bremse"
+[[cylinder]]
+name = "one"
+disk = "Kurbel"
+gas_torque_mean = 100.0
+gas_torque = [[0.5, 20.0, 10.0], [1.0, 90.0, -5.0]]
+[[cylinder]]
+name = "two"
+disk = "Kurbel"
+firing_angle = 360.0
+gas_torque_mean = 100.0
+gas_torque = [[0.5, 20.0, 10.0], [1.0, 90.0, -5.0]]
+"""
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+WIDE = """
+const wide = [...document.querySelectorAll(".scroll")].filter(one => one.scrollWidth > one.clientWidth + 1);
+document.body.dataset.wide = wide.map(one => one.textContent.trim().slice(0, 60)).join("; ");
+"""
+"""Tables wider than the sheet, for which a browser would print the whole page smaller."""
+
+
+def figures(parts):
+    """Every figure, in the order of the page."""
+    return [block for part in parts.values() for block in part.blocks if isinstance(block, Figure)]
+
+
+def tables(part):
+    """Tables of a part."""
+    return [block for block in part.blocks if isinstance(block, Table)]
+
+
+def without_an_answer(answer):
+    """The same speed with numbers a thousand times as large that have not converged."""
+    response = answer.response
+    wrong = {name: 1e3 * getattr(response, name) for name in ("forces", "torques", "elastic_forces")}
+    response = dataclasses.replace(response, status=np.int32(Status.MAX_STEPS), **wrong)
+    return Answer(answer.train, dataclasses.replace(answer.state, response=response), answer.linear)
+
+
+def browse(file, *options):
+    """What Chromium makes of a page without a network."""
+    command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
+    command += ["--host-resolver-rules=MAP * ~NOTFOUND", "--virtual-time-budget=120000", "--enable-logging=stderr"]
+    command += [f"--user-data-dir={file.parent / 'profile'}", *options, file.as_uri()]
+    return subprocess.run(command, capture_output=True, text=True, encoding="utf-8", timeout=300, check=True)
