@@ -15,6 +15,14 @@ class Tight(jaxhb.Plan):
         return dataclasses.replace(super().sizes, residual_tolerance=1e-13, max_steps=12)
 
 
+class Bare(Tight):
+    """And without the estimate of the truncation error, which has no derivative."""
+
+    @property
+    def sizes(self):
+        return dataclasses.replace(super().sizes, estimated=False)
+
+
 def differences(value, at, steps):
     """Central differences of fourth order of ``value`` (batched; numbers or arrays) in every direction, axis 0."""
     away = np.diag(steps)

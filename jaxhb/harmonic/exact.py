@@ -190,12 +190,13 @@ def quadrature(law, deflection, crossings=None):
 
     Examples
     --------
-    >>> import jax.numpy as jnp
+    >>> import jax
     >>> from jaxhb.harmonic import backlash
-    >>> law = backlash.Law(*(jnp.array([value]) for value in (1.0, 0.04, 0.2, 0.5)))
-    >>> cosine = jnp.array([[0.0, 0.5]])
-    >>> rule = quadrature(law, cosine)
-    >>> rule.analyze(rule.synthesize(cosine) ** 2, 2).real.round(12).tolist()
+    >>> law = backlash.Law(*(np.array([value]) for value in (1.0, 0.04, 0.2, 0.5)))
+    >>> def square(cosine):
+    ...     rule = quadrature(law, cosine)
+    ...     return rule.analyze(rule.synthesize(cosine) ** 2, 2)
+    >>> jax.jit(square)(np.array([[0.0, 0.5]])).real.round(12).tolist()
     [[0.5, 0.0, 0.25]]
     """
     crossings = find_crossings(law, deflection) if crossings is None else crossings

@@ -9,12 +9,14 @@ as roots, so that a stiffness of 0 has a derivative too.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from .._arrays import Array, Numbers, concrete, on_host, traced
+from .._program import Program
 from ..harmonic import chain
 from ..model.drivetrain import DriveTrain
 from .modal import ModeShares, shares
@@ -53,6 +55,11 @@ def frequencies_hz(train: DriveTrain, heavy: Array | None = None) -> Array:
     >>> round(float(slope), 12), round(10 / (2 * jax.numpy.pi) / 200.0, 12)  # f is proportional to the root of k
     (0.007957747155, 0.007957747155)
     """
+    return _frequencies(train, _heavy(train, heavy))
+
+
+@partial(Program, static_argnames="heavy")
+def _frequencies(train, heavy):
     squares, _ = mode_squares(train, heavy)
     moving = squares > 0
     return jnp.where(moving, jnp.sqrt(jnp.where(moving, squares, 1.0)), 0.0) / (2 * np.pi)
@@ -86,9 +93,12 @@ def mode_shares(train: DriveTrain, heavy: Array | None = None) -> ModeShares:
     >>> round(float(share(100.0)), 9), round(float(jax.grad(share)(100.0)), 9)
     (0.5, -0.0075)
     """
-    system = on_host(chain.assemble(train))
-    squares, displacement = mode_squares(train, heavy)
-    return shares(system, squares, displacement)
+    return _shares(train, _heavy(train, heavy))
+
+
+@partial(Program, static_argnames="heavy")
+def _shares(train, heavy):
+    return shares(on_host(chain.assemble(train)), *mode_squares(train, heavy))
 
 
 def cluster_sums_hz(train: DriveTrain, clusters: Sequence[Sequence[int]], heavy: Array | None = None) -> Array:
@@ -139,15 +149,16 @@ def clusters_of(frequencies_hz: Numbers, tolerance: float = CLUSTER) -> tuple[tu
     return tuple(tuple(range(a, b)) for a, b in zip(starts, [*starts[1:], len(found)], strict=True))
 
 
-def mode_squares(train, heavy=None):
+def mode_squares(train, heavy):
     """omega^2 ``(m,)`` in 1/s2, rising, and mass-normalised displacements ``(S, m)`` in kg^(-1/2), differentiable.
 
     Parameters
     ----------
-    train, heavy : as in :func:`frequencies_hz`
+    train : DriveTrain, may be traced
+    heavy : sequence of bool ``(S,)``, of the disks with inertia
     """
     system = chain.assemble(train)
-    kept = np.flatnonzero(_heavy(train) if heavy is None else heavy)
+    kept = np.flatnonzero(heavy)
     light = np.setdiff1d(np.arange(len(system.mass)), kept)
     disks, held = len(system.mass), np.array(sorted(set(train.topology.ground_disk)), dtype=int)
     rows = jnp.concatenate([jnp.asarray(system.incidence()).T, jnp.eye(disks)[held]])
@@ -160,15 +171,17 @@ def mode_squares(train, heavy=None):
     return squares, follow @ shapes
 
 
-def _heavy(train):
-    """Which disks have inertia, from the values."""
+def _heavy(train, heavy):
+    """Which disks have inertia, as a tuple: as given, else from the values."""
+    if heavy is not None:
+        return tuple(np.asarray(heavy, bool).tolist())
     inertia = concrete(train.disks.inertia, train.dampers.inertia)
     if traced(inertia):
         raise ValueError(
             "frequencies_hz: inertias are traced by jit or vmap, and which are zero decides how many modes there are. "
             "Give heavy, true for every disk with inertia."
         )
-    return np.concatenate(inertia) > 0
+    return tuple((np.concatenate(inertia) > 0).tolist())
 
 
 @jax.custom_jvp

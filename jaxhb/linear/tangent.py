@@ -110,46 +110,45 @@ def at_mean_load(train: DriveTrain, *, rpm: Number) -> MeanLoad:
         )
     check_speed(values, at)
     topology = train.topology
-    name, own = topology.title, topology.backlash_index
-    first = len(topology.link_names) - len(topology.mesh_names)
-    links = first + own
-    static = _Static.of(values, at, own, links)
+    name, static = topology.title, _Static.of(values, at)
     if static.system.floating and abs(static.left) > MEAN_LOAD.unbalanced * np.abs(static.torque).max():
         raise SceneError(f"{name} at {at:g} rpm: mean torques do not balance, so there is no mean load. Add a load.")
     x = _equilibrium(static)
     if x is None:
         raise SceneError(f"{name} at {at:g} rpm: no equilibrium of the mean torques was found. Leave out --at.")
     if traced(train, rpm):
-        static = _Static.of(train, rpm, own, links)
-        for _ in range(2):
-            tangent = static.tangent(static.held(x)[1])
-            x = x + namespace(tangent).linalg.pinv(tangent, rtol=MEAN_LOAD.singular) @ static.unbalanced(x)
-    law, deflection = static.law, static.system.deflections(x)[links]
-    slope = backlash.slope(law, deflection)
+        import jax  # which is there, as it traces
+
+        meshes, found = jax.jit(_refined)(train, rpm, x)
+    else:
+        meshes, found = static.read(x)
     bare = without_backlash(train)
-    stiffness = static.put(static.system.stiffness, slope)[first:]
-    bare = dataclasses.replace(bare, meshes=dataclasses.replace(bare.meshes, stiffness=stiffness))
-    names = tuple(topology.mesh_names[i] for i in own)
-    force, engaged = backlash.force(law, deflection), backlash.engagement(law, deflection)
-    return MeanLoad(bare, names, force, slope, engaged, slope / law.stiffness)
+    bare = dataclasses.replace(bare, meshes=dataclasses.replace(bare.meshes, stiffness=meshes))
+    return MeanLoad(bare, tuple(topology.mesh_names[i] for i in topology.backlash_index), *found)
 
 
 @dataclass(frozen=True)
 class _Static:
-    """The equations of the mean: links, mean torques, and the law of the meshes with backlash, may be traced."""
+    """The equations of the mean: links, mean torques, and the law of the meshes with backlash, may be traced.
+
+    ``links`` are the numbers of those meshes among all links, ``first`` that of the first mesh.
+    """
 
     system: chain.System
     torque: np.ndarray
     left: np.ndarray
     law: backlash.Law
     links: np.ndarray
+    first: int
 
     @classmethod
-    def of(cls, train, rpm, own, links):
-        """Those of a train at a speed; ``links`` are the numbers of the meshes ``own``."""
+    def of(cls, train, rpm):
+        """Those of a train at a speed."""
+        own, topology = train.topology.backlash_index, train.topology
+        first = len(topology.link_names) - len(topology.mesh_names)
         torque, _, left = excitation(train, rpm, 0)
         law = backlash.Law(*(a[own] for a in dataclasses.astuple(backlash.law_of(train.meshes))))
-        return cls(*on_host((chain.assemble(train), torque[:, 0].real, left, law)), links)
+        return cls(*on_host((chain.assemble(train), torque[:, 0].real, left, law)), first + own, first)
 
     @property
     def load(self):
@@ -181,6 +180,22 @@ class _Static:
         """Stiffness ``(S, S)`` in N/m of links with these slopes and grounds."""
         incidence = self.system.incidence()
         return (incidence * slope) @ incidence.T + namespace(self.system.ground).diag(self.system.ground)
+
+    def read(self, x):
+        """Stiffness of all meshes; and of those with backlash force, slope, engagement and share of the stiffness."""
+        law, deflection = self.law, self.system.deflections(x)[self.links]
+        slope, force = backlash.slope(law, deflection), backlash.force(law, deflection)
+        meshes = self.put(self.system.stiffness, slope)[self.first :]
+        return meshes, (force, slope, backlash.engagement(law, deflection), slope / law.stiffness)
+
+
+def _refined(train, rpm, x):
+    """What is read two steps of Newton's method from the equilibrium, as one program."""
+    static = _Static.of(train, rpm)
+    for _ in range(2):
+        tangent = static.tangent(static.held(x)[1])
+        x = x + namespace(tangent).linalg.pinv(tangent, rtol=MEAN_LOAD.singular) @ static.unbalanced(x)
+    return static.read(x)
 
 
 def _equilibrium(static):

@@ -41,12 +41,13 @@ def synthesis(coefficients, angle):
 
 
 def test_slider_crank_derivatives_are_those_of_automatic_differentiation():
-    angle = jnp.linspace(0.0, 7.0, 29)
+    angle = np.linspace(0.0, 7.0, 29)
     x, x1, x2 = slider_crank(angle, 0.12, 0.2)
     travel = lambda a: slider_crank(a, 0.12, 0.2)[0]  # noqa: E731
+    slopes = jax.jit(jax.vmap(lambda a: (jax.grad(travel)(a), jax.grad(jax.grad(travel))(a))))(angle)
     np.testing.assert_allclose(x, 0.06 + 0.2 - 0.06 * np.cos(angle) - np.sqrt(0.04 - (0.06 * np.sin(angle)) ** 2))
-    np.testing.assert_allclose(x1, jax.vmap(jax.grad(travel))(angle), atol=1e-15)
-    np.testing.assert_allclose(x2, jax.vmap(jax.grad(jax.grad(travel)))(angle), atol=1e-14)
+    np.testing.assert_allclose(x1, slopes[0], atol=1e-15)
+    np.testing.assert_allclose(x2, slopes[1], atol=1e-14)
 
 
 def test_inertia_torque_has_the_exact_sine_coefficients():
@@ -193,13 +194,13 @@ def test_excitation_is_differentiable_and_maps_over_speeds():
         torque, load, _ = excitation(changed, values[2], 6)
         return jnp.sum(jnp.real(torque * (1 + 2j))) + jnp.sum(jnp.abs(torque[0, 1:5]) ** 2) + load[0]
 
-    at = jnp.array([2.0, 20.0, 1510.0])
+    at = np.array([2.0, 20.0, 1510.0])
     value, slopes = jax.jit(jax.vmap(size)), jax.jit(jax.grad(size))(at)
-    steps = jnp.diag(jnp.array([1e-4, 1e-3, 1e-2]))
-    differences = (value(at + steps) - value(at - steps)) / (2 * jnp.diag(steps))
+    steps = np.diag([1e-4, 1e-3, 1e-2])
+    differences = (value(at + steps) - value(at - steps)) / (2 * np.diag(steps))
     np.testing.assert_allclose(slopes, differences, rtol=1e-6)
-    speeds = jnp.array([700.0, 1500.0, 2300.0])
-    mapped = jax.vmap(lambda rpm: excitation(train, rpm, 6)[0])(speeds)
+    speeds = np.array([700.0, 1500.0, 2300.0])
+    mapped = jax.jit(jax.vmap(lambda rpm: excitation(train, rpm, 6)[0]))(speeds)
     for one, rpm in zip(mapped, speeds, strict=True):
         np.testing.assert_allclose(one, excitation(train, rpm, 6)[0], rtol=1e-12, atol=1e-9)
 

@@ -1,5 +1,7 @@
 """Quadratic forms against the assembled matrices, damped modes against the companion form of dense ones."""
 
+from functools import partial
+
 import dense
 import jax
 import jax.numpy as jnp
@@ -30,7 +32,7 @@ def inertia_of(parts):
 @pytest.mark.parametrize("case", TRAINS)
 def test_matrices_of_lashko_are_second_derivatives_of_the_energies(case):
     parts, reference = TRAINS[case]
-    J, C = inertia_and_stiffness(build(parts, reference=reference))
+    J, C = jax.jit(inertia_and_stiffness)(build(parts, reference=reference))
     np.testing.assert_allclose(J, np.diag(inertia_of(parts)), rtol=ALGEBRAIC)
     K = dense.dynamic_stiffness(parts, 0.0).real
     np.testing.assert_allclose(C, K, rtol=0, atol=ALGEBRAIC * np.abs(K).max())
@@ -46,11 +48,13 @@ def test_quadratic_forms_are_those_of_the_document():
 def test_a_mode_satisfies_the_equations_of_lagrange():
     params, expected = method_case("B_three_disc_free_free")
     train = build(chain_parts(numbers(params["J"]), numbers(params["c"])))
+
+    @jax.jit
+    def slopes(speed, angle):
+        return jax.grad(partial(kinetic_energy, train))(speed), jax.grad(partial(strain_energy, train))(angle)
+
     for square, mode in zip(numbers(expected["omega2"]), numbers(expected["modes"]), strict=True):
-        momentum = jax.grad(lambda v: kinetic_energy(train, v))(
-            -square * jnp.array(mode)
-        )  # d/dt dT/dv, phi'' = -w2 phi
-        force = jax.grad(lambda a: strain_energy(train, a))(jnp.array(mode))
+        momentum, force = slopes(-square * np.array(mode), np.array(mode))  # d/dt dT/dv, phi'' = -w2 phi
         np.testing.assert_allclose(momentum + force, 0.0, atol=2000 * ALGEBRAIC)  # of terms up to 1600
 
 
@@ -118,8 +122,13 @@ def test_damped_eigenvalues_have_the_derivatives_of_differences():
     def changed(values):
         return train.replace(dict(zip(keys, values, strict=True)))
 
-    np.testing.assert_allclose(jaxhb.damped_eigenvalues(train, modes), modes.eigenvalues, rtol=1e-10)
-    slopes = jax.jacfwd(lambda x: jaxhb.damped_eigenvalues(changed(x), modes))(at) * at
+    def twice(values):
+        found = jaxhb.damped_eigenvalues(changed(values), modes)
+        return found, found
+
+    slopes, found = jax.jit(jax.jacfwd(twice, has_aux=True))(at)
+    np.testing.assert_allclose(found, modes.eigenvalues, rtol=1e-10)
+    slopes = slopes * at
     wanted = differences(lambda batch: [damped_modes(changed(one)).eigenvalues for one in batch], at, 1e-3 * at).T * at
     for value, slope, expected in zip(modes.eigenvalues, slopes, wanted, strict=True):
         noise = 1e-15 * np.abs(modes.eigenvalues[-1]) ** 2 / abs(value) / 1e-3  # of the QZ method

@@ -1,4 +1,9 @@
-"""Derivatives of natural frequencies against differences, closed forms and sums over clusters."""
+"""Derivatives of natural frequencies against differences, closed forms and sums over clusters.
+
+Each test compiles one program: taken one by one, the operations would be a hundred.
+"""
+
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -27,7 +32,7 @@ def by_differences(train, key, step=1e-5):
 def test_values_are_the_natural_frequencies():
     for train in (BRANCHED, GEARBOX):
         wanted = jaxhb.natural_frequencies(train).frequencies_hz
-        np.testing.assert_allclose(frequencies_hz(train), wanted, rtol=1e-10)
+        np.testing.assert_allclose(jax.jit(partial(frequencies_hz, train))(), wanted, rtol=1e-10)
 
 
 def test_gradients_to_every_kind_of_number_are_those_of_differences():
@@ -36,7 +41,7 @@ def test_gradients_to_every_kind_of_number_are_those_of_differences():
     highest = jaxhb.natural_frequencies(GEARBOX).frequencies_hz[-1]
     keys = ("mill.inertia", "rubber ring.inertia", "rubber ring.stiffness", "coupling|motor.stiffness")
     keys += ("lay 3|output.stiffness", "lay 2:ground.stiffness", "input 1|lay 1.stiffness")
-    slopes = jax.jacrev(lambda values: frequencies_hz(GEARBOX.replace(values), heavy))(
+    slopes = jax.jit(jax.jacrev(lambda values: frequencies_hz(GEARBOX.replace(values), heavy)))(
         {key: float(GEARBOX.value(key)) for key in keys}
     )
     for key in keys:
@@ -48,23 +53,26 @@ def test_gradients_to_every_kind_of_number_are_those_of_differences():
 def test_gradients_to_radii_of_gears_are_those_of_differences():
     heavy = np.concatenate([BRANCHED.disks.inertia, BRANCHED.dampers.inertia]) > 0
     highest = jaxhb.natural_frequencies(BRANCHED).frequencies_hz[-1]
-    for gear in {BRANCHED.topology.disk_names[disk] for disk in BRANCHED.topology.mesh_ends[-1]}:
-        key = gear + ".radius"
-        slope = jax.jacfwd(lambda r, key=key: frequencies_hz(BRANCHED.replace({key: r}), heavy))(
-            float(BRANCHED.value(key))
-        )
+    keys = [f"{BRANCHED.topology.disk_names[disk]}.radius" for disk in BRANCHED.topology.mesh_ends[-1]]
+    slopes = jax.jit(jax.jacfwd(lambda values: frequencies_hz(BRANCHED.replace(values), heavy)))(
+        {key: float(BRANCHED.value(key)) for key in keys}
+    )
+    for key in keys:
         noise = 1e-15 * highest / (1e-5 * float(BRANCHED.value(key)))
-        np.testing.assert_allclose(slope, by_differences(BRANCHED, key), rtol=GRADIENT, atol=noise)
+        np.testing.assert_allclose(slopes[key], by_differences(BRANCHED, key), rtol=GRADIENT, atol=noise)
 
 
 def test_forward_and_reverse_derivatives_agree_under_jit_and_vmap():
     def value(k):
         return frequencies_hz(BRANCHED.replace({BRANCHED.topology.shaft_names[0] + ".stiffness": k}))
 
-    at = float(BRANCHED.shafts.stiffness[0])
-    forward, reverse = jax.jit(jax.jacfwd(value))(at), jax.jacrev(value)(at)
+    @jax.jit
+    def slopes(at):
+        forward = jax.jacfwd(value)
+        return forward(at), jax.jacrev(value)(at), jax.vmap(forward)(jnp.stack([at, 1.1 * at]))
+
+    forward, reverse, batch = slopes(float(BRANCHED.shafts.stiffness[0]))
     np.testing.assert_allclose(forward, reverse, rtol=TANGENT, atol=TANGENT * np.abs(forward).max())
-    batch = jax.vmap(jax.jacfwd(value))(jnp.array([at, 1.1 * at]))
     np.testing.assert_allclose(batch[0], forward, rtol=1e-9, atol=TANGENT * np.abs(forward).max())
 
 
@@ -72,7 +80,8 @@ def test_second_derivative_is_that_of_two_disks():
     # omega^2 = k (1/J1 + 1/J2): f'' = -f / (4 k^2)
     parts = chain_parts([2.0, 3.0], [100.0])
     value = lambda k: frequencies_hz(build(parts).replace({"1|2.stiffness": k}))[1]  # noqa: E731
-    np.testing.assert_allclose(jax.grad(jax.grad(value))(100.0), -value(100.0) / 4e4, rtol=ALGEBRAIC)
+    found, second = jax.jit(lambda k: (value(k), jax.grad(jax.grad(value))(k)))(100.0)
+    np.testing.assert_allclose(second, -found / 4e4, rtol=ALGEBRAIC)
 
 
 def ring(n=6):
@@ -89,8 +98,10 @@ def test_sums_over_repeated_frequencies_have_the_derivatives_of_differences():
         return np.array([found[list(c)].sum() for c in clusters])
 
     heavy, h = np.ones(6, bool), 1e-3
-    for key in ("2.inertia", "3|4.stiffness"):
-        slope = jax.jacrev(lambda v, key=key: cluster_sums_hz(train.replace({key: v}), clusters, heavy))(1.0)
+    slopes = jax.jit(jax.jacrev(lambda values: cluster_sums_hz(train.replace(values), clusters, heavy)))(
+        {"2.inertia": 1.0, "3|4.stiffness": 1.0}
+    )
+    for key, slope in slopes.items():
         up, down = of_host({key: 1 + h}), of_host({key: 1 - h})
         np.testing.assert_allclose(slope, (up - down) / (2 * h), rtol=0, atol=2e-6)  # h^2 of the third derivative
 
@@ -99,5 +110,5 @@ def test_viscous_link_has_a_derivative_to_its_stiffness_of_zero():
     # a ring J2 behind stiffness s -> 0 gives its own eigenvalue s (1/J1 + 1/J2); the oscillating pair moves by s phi1^2
     rest = jaxhb.Damper(name="ring", disk="1", inertia=0.1, damping=5.0)
     train = build([*chain_parts([1.0, 1.0], [50.0]), rest])
-    slope = jax.grad(lambda s: frequencies_hz(train.replace({"ring.stiffness": s}))[2])(0.0)
+    slope = jax.jit(jax.grad(lambda s: frequencies_hz(train.replace({"ring.stiffness": s}))[2]))(0.0)
     np.testing.assert_allclose(slope, 0.5 / (2 * 10.0) / (2 * np.pi), rtol=1e-11)  # phi1^2 = 1/2, d omega = / (2 omega)

@@ -190,14 +190,15 @@ def judged(values):
     return jax.numpy.stack([*shares, *(heat.power / heat.limit for heat in found.heat.values())])
 
 
+JACOBIAN, BATCHED = jax.jit(jax.jacrev(judged)), jax.jit(jax.vmap(judged))
+
+
 @pytest.mark.parametrize("rpm", [1730.0, 2950.0])
 def test_gradients_to_every_number_are_those_of_differences(rpm):
     at = np.array([*(float(geared().value(key)) for key in NUMBERS), rpm])
-    slopes = jax.jit(jax.jacrev(judged))(at)
-    batched = jax.jit(jax.vmap(judged))
-    for row, slope in enumerate(slopes):
-        wanted = differences(lambda several, row=row: batched(several)[:, row], at, 1e-5 * at)
-        compare(np.asarray(slope) * at, wanted * at, GRADIENT)
+    slopes, rows = np.asarray(JACOBIAN(at)), differences(BATCHED, at, 1e-5 * at).T
+    for slope, wanted in zip(slopes, rows, strict=True):
+        compare(slope * at, wanted * at, GRADIENT)
 
 
 def test_above_the_rule_the_share_and_its_derivative_are_0():

@@ -63,13 +63,12 @@ def test_quantities_have_the_derivatives_of_differences(quantity):
     def numbers(values):
         return quantity(TRAIN.replace(dict(zip(KEYS, values[:-1], strict=True))), values[-1])
 
-    slopes = np.asarray(jax.jit(jax.jacfwd(numbers))(at)) * at
-    batched = jax.jit(jax.vmap(numbers))
-    for row, slope in enumerate(slopes):
-        wanted = differences(lambda several, row=row: batched(several)[:, row], at, 1e-4 * at) * at
+    slopes, backwards = jax.jit(lambda x: (jax.jacfwd(numbers)(x) * at, jax.jacrev(numbers)(x) * at))(at)
+    rows = differences(jax.jit(jax.vmap(numbers)), at, 1e-4 * at).T * at
+    for row, (slope, wanted) in enumerate(zip(slopes, rows, strict=True)):
         size = max(np.abs(wanted).max(), 1e-3 * np.abs(slopes).max())
         np.testing.assert_allclose(slope, wanted, rtol=0, atol=GRADIENT * size, err_msg=str(row))
-    np.testing.assert_allclose(jax.jacrev(numbers)(at) * at, slopes, rtol=0, atol=1e-10 * np.abs(slopes).max())
+    np.testing.assert_allclose(backwards, slopes, rtol=0, atol=1e-10 * np.abs(slopes).max())
 
 
 @pytest.mark.parametrize("order", [None, ORDER + 1.0])
@@ -89,14 +88,14 @@ def test_critical_speeds_and_their_modal_torques_have_the_derivatives_of_differe
 
         def numbers(values, near=near):
             c = jaxhb.critical_speed(changed(values), near, heavy=np.ones(6, bool))
-            return jnp.stack([c.rpm, c.hz, c.torque])
+            return (jnp.stack([c.rpm, c.hz, c.torque]),) * 2
 
         def searched(several, number=number):
             return np.array([[(c := found(v)[number]).rpm, c.hz, c.torque] for v in several])
 
-        np.testing.assert_allclose(numbers(at), [near.rpm, near.hz, near.torque], rtol=1e-9)
+        slopes, values = map(np.asarray, jax.jit(jax.jacfwd(numbers, has_aux=True))(at))
+        np.testing.assert_allclose(values, [near.rpm, near.hz, near.torque], rtol=1e-9)
         wanted = differences(searched, at, 1e-3 * at)
-        slopes = np.asarray(jax.jit(jax.jacfwd(numbers))(at))
         for slope, expected in zip(slopes, wanted.T, strict=True):
             compare(slope * at, expected * at, GRADIENT)
 
@@ -118,12 +117,13 @@ def test_coefficients_of_the_characteristic_polynomial_have_the_derivatives_of_d
     def coefficients(values):
         return jaxhb.characteristic_coefficients(TRAIN.replace(dict(zip(keys, values, strict=True))))
 
-    slopes = np.asarray(jax.jacfwd(lambda v: jnp.stack(coefficients(v)[1:-1]))(at))
+    stacked = lambda v: jnp.stack(coefficients(v)[1:-1])  # noqa: E731
+    slopes = np.asarray(jax.jit(jax.jacfwd(stacked))(at))
     wanted = differences(lambda several: [coefficients(v)[1:-1] for v in several], at, 1e-3 * at)
     for slope, expected in zip(slopes, wanted.T, strict=True):
         if np.abs(expected).max():
             compare(slope * at, expected * at, GRADIENT)
-    batch = jax.jit(jax.vmap(lambda v: jnp.stack(coefficients(v)[1:-1])))(np.stack([at, 1.1 * at]))
+    batch = jax.jit(jax.vmap(stacked))(np.stack([at, 1.1 * at]))
     np.testing.assert_allclose(batch[1], coefficients(1.1 * at)[1:-1], rtol=1e-14)
 
 
@@ -148,6 +148,7 @@ def test_the_stiffness_of_teeth_at_their_mean_load_has_the_derivatives_of_differ
         compare(found, expected, GRADIENT)
 
 
+@jax.jit
 def diesel_stress(values):
     """Stress of the shaft before the flywheel over the speed and its limits, with a lower one than the rule has."""
     train = jaxhb.load_scene("six_cylinder_diesel")
@@ -159,9 +160,8 @@ def diesel_stress(values):
 
 def test_barred_ranges_have_the_derivatives_of_differences():
     train = jaxhb.load_scene("six_cylinder_diesel")
-    at = [float(train.value("cyl6|flywheel.stiffness")), float(train.value("pulley.inertia")), 0.5, 0.08]
-    limit = float(np.mean(diesel_stress(at)[1]))
-    at = np.array([*at, limit])
+    at = np.array([train.value("cyl6|flywheel.stiffness"), train.value("pulley.inertia"), 0.5, 0.08, 0.0])
+    at[-1] = np.mean(diesel_stress(at)[1])
 
     def ranges(values):
         return jaxhb.barred_ranges(*diesel_stress(values), values[-1], 1.5 * values[-1])

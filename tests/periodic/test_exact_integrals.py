@@ -6,7 +6,7 @@ from functools import cache, partial
 import jax
 import numpy as np
 import pytest
-from differences import Tight
+from differences import Bare
 from trains import ONE_RADIAN_PER_SECOND, branched_parts, build, one_mass_parts
 
 import jaxhb
@@ -23,7 +23,7 @@ HARMONICS = 32
 
 
 COMMON = {"harmonics": HARMONICS, "active": (0, 1), "flank": (0, 0), "start": "march", "time_steps": 768}
-SAMPLED = Tight(**COMMON, tolerance=0.5, excited=3)
+SAMPLED = Bare(**COMMON, tolerance=0.5, excited=3)
 EXACT = dataclasses.replace(SAMPLED, integrals="exact")
 
 

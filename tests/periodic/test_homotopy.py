@@ -56,9 +56,10 @@ def on_the_way(train, rpm, share):
 def test_the_path_begins_at_a_linear_law_and_ends_at_the_wanted_one(hammering):
     motion = np.random.default_rng(0).normal(size=(50, 4)) * [2e-4, 2e-4, 0.3, 0.3]
     stepper, end = on_the_way(*hammering, 1.0)
-    wanted, found = (np.asarray(jax.vmap(s.nonlinear_force_at)(motion)) for s in (stepper, end))
+    wanted, found = (np.asarray(jax.jit(jax.vmap(s.nonlinear_force_at))(motion)) for s in (stepper, end))
     np.testing.assert_allclose(found, wanted, atol=ALGEBRAIC * np.abs(wanted).max())
-    slope = jax.vmap(jax.jacfwd(on_the_way(*hammering, 0.0)[1].nonlinear_force_at))(motion)
+    slopes = jax.jit(jax.vmap(jax.jacfwd(on_the_way(*hammering, 0.0)[1].nonlinear_force_at)))
+    slope = np.asarray(slopes(motion))
     scale = np.asarray(stepper.viscous).max()
     np.testing.assert_allclose(slope - slope[0], 0.0, atol=ALGEBRAIC * np.abs(slope).max())
     np.testing.assert_allclose(slope[:, :, :2], 0.0, atol=ALGEBRAIC * np.asarray(stepper.law.stiffness).max())

@@ -77,7 +77,7 @@ def coexisting():
     case = one_mass(mass=1, damping=0.05, stiffness=2, epsilon=0.05, transition=0.2, backlash=1)
     stepper = stepper_of(case, 1.0, [0.1, 0.1], 512)
     x, v = (g.ravel() for g in np.meshgrid(np.linspace(-1.5, 1.5, 5), np.linspace(-1, 1, 3)))
-    starts = jax.vmap(lambda a, b: state_from_motion(stepper, a[None], b[None]))(x, v)
+    starts = jax.jit(jax.vmap(lambda a, b: state_from_motion(stepper, a[None], b[None])))(x, v)
     states, periodicity_errors, _ = jax.jit(jax.vmap(lambda z: shoot(stepper, z)))(starts)
     found = {}
     for state in states[np.asarray(periodicity_errors) < 1e-10]:

@@ -186,7 +186,8 @@ def test_a_harmonic_solution_is_confirmed_by_the_reference_integration():
     orbit = reference_orbit(*posed_train, cycles=30, steps=samples)
     stepper = orbit.stepper
     _, trace = jax.jit(cycle)(stepper, correct(stepper, orbit.state)[0])
-    phi = jax.vmap(stepper.nonlinear_force_at, in_axes=1, out_axes=1)(jnp.concatenate([trace.deflection, trace.rate]))
+    force = jax.jit(jax.vmap(stepper.nonlinear_force_at, in_axes=1, out_axes=1))
+    phi = force(np.concatenate([trace.deflection, trace.rate]))
     harmonics = 400
     columns = system.incidence(np.asarray(meshes.link))
     whole = fourier.resize(jnp.asarray(load), harmonics) - columns @ fourier.analyze(phi, harmonics)
