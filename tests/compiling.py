@@ -4,8 +4,8 @@ Most of the time of the tests is compilation. The compiler optimises less, which
 those too that the package compiles with options of its own; it emits kernels without its fusion dialects (where it
 knows that option), which halves it again; it leaves sums as they are, which saves a sixth of the rest in large programs
 of the tests' own; it emits a program in one piece, which saves a tenth; and operations do not tell where they come
-from, which saves a tenth of the lowering. Processes started from this one (workers of the tests, commands) hold on to
-memory that they free: giving it back and merging it takes a sixth of a compilation.
+from. Processes started from this one (workers of the tests, commands) hold on to
+memory that they free: giving it back and merging it takes a tenth of a compilation.
 
 Threads of OpenBLAS wait actively for matrices that take less time than the waiting. Tracing makes so many objects that
 collecting garbage as often as by default takes a third of it; at a tenth of the threshold set here it still takes a
