@@ -25,6 +25,8 @@ def brief(cls):
     ...     names: tuple
     >>> Shapes(np.arange(6.0), tuple("abcdef"))
     Shapes(hz=float64[6] 0 to 5, names=6 of str)
+    >>> Shapes(1.5, {name: 1.0 for name in "abcdef"})
+    Shapes(hz=1.5, names=6 of float)
     """
 
     def line(self):
@@ -44,8 +46,9 @@ def value_text(value):
         return _array_text(np.asarray(value))
     if hasattr(value, "dtype"):
         return number(np.asarray(value).item())
-    if isinstance(value, tuple | list | dict) and (len(value) > 4 or _many_records(value)):
-        return f"{len(value)} of {type(next(iter(value))).__name__}"
+    items = list(value.values()) if isinstance(value, dict) else value
+    if isinstance(items, tuple | list) and (len(items) > 4 or _many_records(items)):
+        return f"{len(items)} of {type(items[0]).__name__}"
     if isinstance(value, dict):
         return f"{{{', '.join(f'{key!r}: {value_text(item)}' for key, item in value.items())}}}"
     if isinstance(value, tuple | list):
@@ -55,7 +58,7 @@ def value_text(value):
 
 def _many_records(value):
     """Whether a collection holds several objects with fields of their own."""
-    return len(value) > 1 and dataclasses.is_dataclass(next(iter(value)))
+    return len(value) > 1 and dataclasses.is_dataclass(value[0])
 
 
 def _array_text(values):

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._arrays import Numbers
+from .._shown import brief
 from ..model.drivetrain import DriveTrain
 from ..model.elements import SceneError
 from ..response.response import Response
@@ -24,6 +25,7 @@ class Worst:
     firing: float
 
 
+@brief
 @dataclass(frozen=True)
 class Misfires:
     """Responses over speed: ``firing`` as the scene has it, ``responses`` by the cylinder that does not fire."""

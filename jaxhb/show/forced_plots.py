@@ -1,5 +1,7 @@
 """Picture of the linear forced response: orders and synthesis of some elements over the speed."""
 
+import itertools
+
 import numpy as np
 
 from ..linear.limits import strength
@@ -12,6 +14,9 @@ from .plots import WITH, WITHOUT, new_figure, plain
 
 MOST = 4
 """Elements in one picture."""
+
+DASHES = "-", (0, (6, 1.5)), (0, (6, 1.5, 1, 1.5)), (0, (2, 1)), (0, (9, 1.5, 1, 1.5, 1, 1.5)), (0, (1, 2.5))
+"""Of the orders, which so differ without colour."""
 
 
 def plot_forced(response, found, misfires=None, worst=None):
@@ -65,13 +70,14 @@ def plot_forced(response, found, misfires=None, worst=None):
             named = {"label": f"half peak-to-peak, {plain(cylinder)}{NOT_FIRING}"}
             swing = np.where(other.converged, factor, np.nan) * swing
             axes.plot(response.rpm, swing, color=WITHOUT, linestyle="--", linewidth=1.8, **named)
-        for k in one.at(np.asarray(response.converged)).main() if response.converged.any() else ():
+        main = one.at(np.asarray(response.converged)).main() if response.converged.any() else ()
+        for k, dashes in zip(main, itertools.cycle(DASHES), strict=False):
             heights = certain * signal.amplitudes[:, k]
-            axes.plot(response.rpm, heights, linewidth=1.0, label=f"order {signal.orders[k]:g}")
+            axes.plot(response.rpm, heights, linewidth=1.0, linestyle=dashes, label=f"order {signal.orders[k]:g}")
         crosses(axes, response.rpm[~np.asarray(response.converged)])
         axes.set_ylabel(f"{plain(one.name)}, {unit}")
         axes.set_ylim(bottom=0.0)
-        axes.legend(fontsize="x-small", ncols=2)
+        axes.legend(fontsize="x-small", ncols=2, handlelength=4)
     panels[0].set_title(f"{train_name(response.topology)}: linear forced response", fontsize="medium")
     panels[-1].set_xlabel("speed, rpm")
     return figure
