@@ -277,7 +277,7 @@ def test_a_disk_without_inertia_is_refused_by_name():
     train = one_mass()
     train = dataclasses.replace(train, disks=dataclasses.replace(train.disks, inertia=np.array([0.0, 2.0])))
     response = dataclasses.replace(solved(8), train=train)
-    with pytest.raises(ValueError, match="disk 'a': inertia 0"):
+    with pytest.raises(ValueError, match="disk 'a' has inertia 0"):
         certify(response)
 
 

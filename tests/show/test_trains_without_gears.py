@@ -99,7 +99,7 @@ def test_a_long_chain_without_gears_is_reported_without_its_largest_multiplier(t
     scene.write_text(jaxhb.elements_text(parts, name="chain", revolutions_per_cycle=1))
     assert main(["solve", str(scene), "--rpm", "500"]) == 0
     assert "stable" not in capsys.readouterr().out
-    with pytest.raises(ValueError, match="chain: no mesh has backlash, and of 100 disks"):
+    with pytest.raises(ValueError, match="chain: no mesh has backlash, and the multipliers of 100 disks"):
         jaxhb.largest_multiplier(jaxhb.solve(jaxhb.load_scene(scene), rpm=500.0))
 
 
