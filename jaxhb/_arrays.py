@@ -76,34 +76,24 @@ def on_host(tree):
     return jax.tree.map(lambda leaf: leaf if traced(leaf) else np.asarray(leaf), tree) if jax else tree
 
 
-class _Itself:
-    """An array as a key: the array, not its numbers."""
-
-    def __init__(self, array):
-        self.array = array
-
-    def __hash__(self):
-        return id(self.array)
-
-    def __eq__(self, other):
-        return self.array is other.array
-
-
 def kept(function):
-    """Make ``function(tree, *static)`` remember what it gave for the last trees of host arrays, which nobody changes.
+    """Make ``function(tree, *static)`` remember what it gave for the numbers of the last trees of host arrays.
 
-    The speeds of a sweep share the arrays of their train: what depends on these alone is computed once.
+    The speeds of a sweep share the numbers of their train: what depends on these alone is computed once. Numbers count
+    and not arrays, as a train may hold a view of an array that its user writes to.
     """
 
     @lru_cache(maxsize=8)
     def known(leaves, structure, *static):
-        return function(_jax().tree.unflatten(structure, [leaf.array for leaf in leaves]), *static)
+        arrays = [np.frombuffer(numbers, kind).reshape(shape) for numbers, kind, shape in leaves]
+        return function(_jax().tree.unflatten(structure, arrays), *static)
 
     @wraps(function)
     def called(tree, *static):
         if namespace(tree) is not np:
             return function(tree, *static)
         leaves, structure = _jax().tree.flatten(tree)
-        return known(tuple(map(_Itself, leaves)), structure, *static)
+        numbers = ((array.tobytes(), array.dtype.str, array.shape) for array in map(np.asarray, leaves))
+        return known(tuple(numbers), structure, *static)
 
     return called

@@ -1,5 +1,6 @@
 """Excitation against direct sums, published series and the reference data."""
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -235,3 +236,19 @@ def test_the_listed_harmonic_holds_for_all_numbers_and_misfires():
     assert listed_harmonic(pair().topology) == 1
     torque = excitation(crank, 1000.0, 40)[0]
     assert np.all(torque[:, 19:] == 0.0) and np.any(torque[:, 18] != 0.0)
+
+
+def test_what_is_remembered_of_a_train_follows_an_array_that_its_user_writes_to():
+    """A train holds read-only views: the numbers may change under it."""
+    train = load_scene("gear_train_30")
+    stroke = np.array(train.cylinders.stroke)
+
+    def with_stroke(values):
+        held = dataclasses.replace(train, cylinders=dataclasses.replace(train.cylinders, stroke=values))
+        return held, excitation(held, 1800.0, 24)[0]
+
+    held, before = with_stroke(stroke)
+    stroke *= 1.5
+    after = excitation(held, 1800.0, 24)[0]
+    np.testing.assert_array_equal(after, with_stroke(stroke.copy())[1])
+    assert np.abs(after - before).max() > 100.0  # N m
