@@ -121,12 +121,9 @@ class _Rounds:
         To classify a motion takes as long as many cycles: a march waits for that while the others go on. Which go on
         side by side does not depend on how long it takes, so that the same call gives the same bits.
         """
-        while True:
-            marches = [march for march in marches if not march.done]
+        while marches := [march for march in marches if not march.done]:
             if 1 < len(marches) < FEWEST_SIDE_BY_SIDE and len(self.classifier.devices) < 2:
                 yield [self.of([march], [one for one in asked if one[0] is march]) for march in marches]
-                return
-            if not marches:
                 return
             waiting = {march.lane for march, _, _ in asked}
             going = [march for march in marches if march.lane not in waiting]

@@ -42,7 +42,7 @@ class PlanningOptions:
     modal_disks : disks up to which all modes are computed
     shaft_stiffening : what the shafts of larger trains add to the frequencies of the gears alone, a factor
     dense_disks, dense_speeds : up to which the linear motion is solved with dense matrices and no program: 27 disks
-        take 5 ms a speed, and the program 3 s to compile
+        take 2 ms a speed, and the program 3 s to compile
     """
 
     levels: tuple[int, ...] = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024, 1536, 2048, 3072, 4096)
