@@ -18,10 +18,10 @@ from ..response.certificate import LINEAR, Certificate
 from ..response.response import Response
 from .certificate_options import CERTIFICATE
 from .certified_stability import decide
-from .linearization import CertificateSizes, Linearization, highest_frequency
+from .linearization import CertificateSizes, Linearization, NotInverted, highest_frequency
 from .planning import mesh_mode_harmonics
 from .problem import problem_at
-from .proof import harmonic_balance, prove
+from .proof import harmonic_balance, not_inverted, prove
 from .stability import train_of
 from .time_steps import time_steps_of
 
@@ -74,8 +74,11 @@ def certify(response: Response) -> Certificate:
         lin = Linearization(problem, train, deflection, sizes, max(1.0, modes / 3))
         # The theorem on the truncated equation is applied at the response itself, before the motion is refined.
         balance = balance or harmonic_balance(lin, response.harmonics)
-        lin = _refine(lin)
-        found = prove(lin, train, gaps)
+        try:
+            lin = _refine(lin)
+            found = prove(lin, train, gaps)
+        except NotInverted:
+            found = not_inverted(lin, train, gaps)
         if found.holds:
             found = replace(found, stable=decide(lin, train, found))
         if found.holds or 2 * low > CERTIFICATE.most or not lin.complete:

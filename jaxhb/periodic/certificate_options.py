@@ -23,7 +23,7 @@ class CertificateOptions:
     solved, krylov_steps : share of a right side that one solve may leave, and its Krylov steps at most
     unsolved : share of a right side above which the inverse shows nothing
     rounded : share of the terms of F that rounding may leave
-    iterated : share of a norm at which its iteration ends
+    iterated, restarts : share of a norm at which its iteration ends, and its restarts at most
     norm_margin : factor on computed norms, whose iterations come from below
     row_sum_vectors : at a time, of the estimate of largest absolute row sums
     row_sum_margin : factor on them: the estimate is seldom off and never known to be right
@@ -52,6 +52,7 @@ class CertificateOptions:
     unsolved: float = 1e-6
     rounded: float = 1e-13
     iterated: float = 1e-2
+    restarts: int = 100
     norm_margin: float = 1.1
     row_sum_vectors: int = 3
     row_sum_margin: float = 1.5

@@ -21,7 +21,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy.linalg import eigvalsh
-from scipy.sparse.linalg import LinearOperator, eigsh, onenormest
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, onenormest
 
 from .._arrays import on_host
 from .._program import Program
@@ -114,6 +114,14 @@ def _solve(gain, share, reduced, operator, right, transposed):
     return x.reshape(right.shape), left
 
 
+class NotInverted(ArithmeticError):
+    """The linearised equation was not solved well enough to show anything."""
+
+
+class _Enough(Exception):  # noqa: N818 - ends an iteration, no error
+    """A norm is at least the number given, and no more is asked."""
+
+
 class Linearization:
     """The equation of the deflections at one motion, with its derivative solved in ``low`` harmonics.
 
@@ -131,7 +139,7 @@ class Linearization:
         meshes = backlash_meshes(train)
         self.law, viscous, in_contact, link = on_host((meshes.law, meshes.viscous, meshes.contact_damping, meshes.link))
         self.damping = {"viscous": viscous, "in_contact": in_contact}
-        self.frequency, self.sizes, self.unsolved = float(problem.frequency), sizes, 0.0
+        self.frequency, self.sizes = float(problem.frequency), sizes
         chosen = train.topology.backlash_index.astype(np.int32)
         receptance, linear, self._reduced, self._model = _linear_response(problem, chosen, sizes)
         n, h = np.arange(sizes.reach + 1), self.law.backlash
@@ -219,7 +227,7 @@ class Linearization:
         return fourier.analyze(samples * fourier.synthesize(x, samples.shape[-1]), self.sizes.high)
 
     def inverse(self, x):
-        """A x."""
+        """A x; raises NotInverted."""
         solved = x.copy()
         low = self.sizes.low + 1
         shifted = np.einsum("ngh,hn->gn", self._shift[:low], x[:, :low])
@@ -237,7 +245,8 @@ class Linearization:
         h = self.law.backlash[:, None]
         right = fourier.pack(x / h if transposed else x * h)
         found, left = _solve(self._gain, self._share, self._reduced, self._operator, right, transposed)
-        self.unsolved = max(self.unsolved, float(left))
+        if not left <= CERTIFICATE.unsolved:
+            raise NotInverted  # at once: iterations for norms would not end with a map that changes from call to call
         found = fourier.unpack(np.asarray(found))
         return found * h if transposed else found / h
 
@@ -297,18 +306,28 @@ class Linearization:
         kept._reduced = replace(self._reduced, receptance=receptance)
         return kept
 
-    def norm(self, apply, apply_transposed, harmonics):
-        """Largest singular value of a map between coefficients ``(G, harmonics+1)``, with its margin."""
+    def norm(self, apply, apply_transposed, harmonics, enough=np.inf):
+        """Largest singular value of a map between coefficients ``(G, harmonics+1)``, with its margin: from ``enough``
+        on any that it exceeds, inf where the iteration does not end."""
         shape = len(self.middle), 2 * harmonics + 1
 
         def square(v):
-            x = fourier.unpack(v.reshape(shape))
-            return fourier.pack(apply_transposed(apply(x))).reshape(-1)
+            image = apply(fourier.unpack(v.reshape(shape)))
+            stretch = np.linalg.norm(fourier.pack(image)) / np.linalg.norm(v)
+            if stretch >= enough:
+                raise _Enough(stretch)
+            return fourier.pack(apply_transposed(image)).reshape(-1)
 
         size = shape[0] * shape[1]
         operator = LinearOperator((size, size), matvec=square, dtype=float)
         start = np.random.default_rng(0).normal(size=size)
-        found = eigsh(operator, 1, which="LA", ncv=6, tol=CERTIFICATE.iterated, v0=start, return_eigenvectors=False)
+        ends = {"tol": CERTIFICATE.iterated, "maxiter": CERTIFICATE.restarts, "ncv": 6}
+        try:
+            found = eigsh(operator, 1, which="LA", v0=start, return_eigenvectors=False, **ends)
+        except _Enough as known:
+            return float(known.args[0])
+        except ArpackNoConvergence:
+            return np.inf
         return CERTIFICATE.norm_margin * float(np.sqrt(max(found[0], 0.0)))
 
     def largest_row_sum(self, apply, apply_transposed, samples):

@@ -42,10 +42,32 @@ import numpy as np
 from ..harmonic import fourier
 from ..response.certificate import Certificate, Kantorovich
 from .certificate_options import CERTIFICATE
+from .linearization import NotInverted
+
+
+def not_inverted(lin, train, gaps):
+    """What is left to say where A is not at hand."""
+    return _certificate(lin, train, gaps, np.inf, np.inf, 0.0)
+
+
+def _certificate(lin, train, gaps, Y0, Z1, Z2):
+    """The certificate of these numbers, without bounds."""
+    return Certificate(
+        reason=_reason(lin, Y0, Z1, Z2),
+        meshes=tuple(train.topology.mesh_names[i] for i in gaps),
+        **dict.fromkeys(("deflection_bound", "elastic_bound", "force_bound"), np.full(len(gaps), np.inf)),
+        Y0=Y0,
+        Z1=float(Z1),
+        Z2=Z2,
+        small_gain=_small_gain(lin),
+        low=lin.sizes.low,
+        high=lin.sizes.high,
+    )
 
 
 def prove(lin, train, gaps):
-    """The numbers of the theorem around the motion of ``lin``, and what follows for the true one."""
+    """The numbers of the theorem around the motion of ``lin``, and what follows for the true one; raises
+    NotInverted."""
     law, low, high = lin.law, lin.sizes.low, lin.sizes.high
     E, grid = lin.embedding, CERTIFICATE.samples * low // 4
 
@@ -67,17 +89,7 @@ def prove(lin, train, gaps):
     # A is 1 beyond ``low``: there A H = H, from root mean square to largest value.
     missing = lin.gain_between(low + 1) * root
     Z2 = float(kernel + missing + spread * in_zone * root) if zone.any() and Z1 < 1 else 0.0
-    found = Certificate(
-        reason=_reason(lin, Y0, Z1, Z2),
-        meshes=tuple(train.topology.mesh_names[i] for i in gaps),
-        **dict.fromkeys(("deflection_bound", "elastic_bound", "force_bound"), np.full(len(gaps), np.inf)),
-        Y0=Y0,
-        Z1=float(Z1),
-        Z2=Z2,
-        small_gain=_small_gain(lin),
-        low=low,
-        high=high,
-    )
+    found = _certificate(lin, train, gaps, Y0, Z1, Z2)
     if found.reason:
         return found
     # The engagement has the slope 1/tau in the zone: its integral differs from the linear one by at most r^2 / (2 tau).
@@ -144,7 +156,9 @@ def _defect(lin):
 
     if lin.half_range == 0:
         return 0.0
-    whole = lin.norm(apply, adjoint, high)
+    whole = lin.norm(apply, adjoint, high, enough=1.0)
+    if whole >= 1:
+        return whole
     half = high // 2
     # Columns beyond ``high`` in three parts: rows up to ``low``, where A acts; up to half of ``high``, whose coupling
     # has died out as well; and the rest, where the gain is small.
@@ -205,9 +219,8 @@ def _row_sum(lin, zone, count, rate):
 
 def harmonic_balance(lin, harmonics):
     """The theorem on the truncated equations: their solution near the computed one."""
-    own = lin.galerkin(harmonics)
+    own, K = lin.galerkin(harmonics), lin.embedding / float(lin.law.transition.min(initial=1.0))
     F = fourier.resize(fourier.resize(own.residual(), harmonics), lin.sizes.low)
-    first = fourier.resize(own.inverse(F), harmonics)
     w = lin.weight[: harmonics + 1]
 
     def apply(x):
@@ -218,11 +231,13 @@ def harmonic_balance(lin, harmonics):
             fourier.resize(own.inverse_transposed(fourier.resize(w * x, lin.sizes.low)), harmonics)
         )
 
-    return Kantorovich(
-        H0=lin.norm(apply, adjoint, harmonics),
-        delta0=float(np.linalg.norm(fourier.pack(w * first))),
-        K=lin.embedding / float(lin.law.transition.min(initial=1.0)),
-    )
+    try:
+        first = fourier.resize(own.inverse(F), harmonics)
+        return Kantorovich(
+            H0=lin.norm(apply, adjoint, harmonics), delta0=float(np.linalg.norm(fourier.pack(w * first))), K=K
+        )
+    except NotInverted:
+        return Kantorovich(H0=np.inf, delta0=np.inf, K=K)
 
 
 def _small_gain(lin):
@@ -237,10 +252,11 @@ def _reason(lin, Y0, Z1, Z2):
     low = lin.sizes.low
     if not lin.complete:
         return "the teeth pass the knots of their law too often for exact integrals: use more harmonics."
-    if lin.unsolved > CERTIFICATE.unsolved or not (Z1 < 1 and np.isfinite(Y0)):
+    if not (Z1 < 1 and np.isfinite(Y0)):
+        number = f" (Z1 = {Z1:.2g}, must be below 1)" if np.isfinite(Z1) else ""
         return (
-            f"the linearised equation could not be inverted well enough (Z1 = {Z1:.2g}, must be below 1): the motion "
-            f"is near a fold, modes beyond harmonic {low} take part, or damping in contact is very strong."
+            f"the linearised equation could not be inverted well enough{number}: the motion is near a fold, modes "
+            f"beyond harmonic {low} take part, or damping in contact is very strong."
         )
     if not Y0 * Z2 <= 0.5:
         return (

@@ -2,6 +2,7 @@
 
 import dataclasses
 from functools import cache
+from types import SimpleNamespace
 
 import jax
 import numpy as np
@@ -18,7 +19,7 @@ from jaxhb.harmonic.residual import backlash_meshes
 from jaxhb.periodic import certificate, proof
 from jaxhb.periodic.certificate import certify
 from jaxhb.periodic.certificate_options import CERTIFICATE
-from jaxhb.periodic.linearization import Linearization
+from jaxhb.periodic.linearization import Linearization, NotInverted
 from jaxhb.periodic.problem import problem_at
 from jaxhb.response.certificate import Kantorovich
 from jaxhb.transient.statespace import partition, state_space
@@ -114,6 +115,38 @@ def test_norms_are_those_of_dense_matrices():
     kernel = to_samples.T @ (dense / np.r_[w, w[1:]][:, None]) @ from_samples.T
     wanted = np.abs(kernel).sum(1).max()
     np.testing.assert_allclose(proof._row_sum(lin, zone, count, False), CERTIFICATE.row_sum_margin * wanted, rtol=0.02)
+
+
+def _diagonal(sizes):
+    """A map between coefficients ``(1, n+1)`` that stretches those of n by ``sizes[n]``; it is its own adjoint."""
+    return lambda x: sizes * x
+
+
+def test_a_norm_is_the_largest_stretch_and_ends_where_enough_is_known():
+    equation, sizes = SimpleNamespace(middle=np.zeros(1)), np.r_[0.3, np.linspace(0.1, 2.0, 40)]
+    apply = _diagonal(sizes)
+    found = Linearization.norm(equation, apply, apply, 40)
+    # Iterated to 1 % from below, and the margin on it.
+    assert 1.98 * CERTIFICATE.norm_margin <= found <= 2.0 * CERTIFICATE.norm_margin
+    asked = []
+
+    def counted(x):
+        asked.append(1)
+        return apply(x)
+
+    assert 1 <= Linearization.norm(equation, counted, apply, 40, enough=1.0) <= 2.0
+    assert len(asked) == 1
+
+
+def test_what_cannot_be_inverted_is_refused_at_once():
+    lin = linearisation(solved(8), 128, 256)
+    # Slopes that the preconditioner does not know, so large that no Krylov space of so few steps holds the solution.
+    lin._share = lin._share + np.random.default_rng(0).normal(size=lin._share.shape) * 1e6
+    with pytest.raises(NotInverted):
+        proof.prove(lin, one_mass(), np.array([0]))
+    refused = proof.not_inverted(lin, one_mass(), np.array([0]))
+    assert not refused.holds
+    assert refused.reason.startswith("the linearised equation could not be inverted well enough: the motion is near")
 
 
 def test_the_inverse_and_its_adjoint():
