@@ -99,9 +99,11 @@ def solve_speeds(
 
 def worth_another_try(response, request):
     """Whether more steps, more harmonics or another start may help."""
-    status = int(response.status)
-    hopeless = (Status.CONVERGED, Status.UNBALANCED)
-    return status not in hopeless and not (request.harmonics and status == Status.TOLERANCE_NOT_MET)
+    status = Status(int(response.status))
+    if status == Status.TOLERANCE_NOT_MET:
+        return not request.harmonics
+    # Speeds share plans, which hold meshes on a flank: each may need one of its own.
+    return status == Status.PLAN_VIOLATED or status.another_start_may_help
 
 
 def try_again(train, index, found, request, plan, solve=solve_again):

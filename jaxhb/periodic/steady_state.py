@@ -140,7 +140,8 @@ def steady_state(
         Default: 64 with ``out``, all without.
     on_states : callable, optional
         Called with ``{number of the speed: SteadyState}`` of what was found since the last call, and with "up" or
-        "down". Of several speeds one may be reported again, when its neighbour has a motion that it takes over.
+        "down". Of several speeds one may be reported again, when its neighbour has a motion that it takes over: what
+        was reported last is what is returned.
     devices : sequence of jax devices
         Across which marches and batches of a sweep are shared, as ``jax.devices()``; by default one does it all.
 
@@ -210,7 +211,7 @@ class _SpeedSweep:
         self.classifier, self._settle, self.chunk = classifier, settle, chunk
         self.train, self.speeds, self.request = classifier.train, classifier.speeds, classifier.request
         self.progress = progress or (lambda count: None)
-        self.tell, self.way = on_states or (lambda states, way: None), "up"
+        self._on_states, self._told, self.way = on_states or (lambda states, way: None), {}, "up"
         self.start = None if start is None else _motion_of(self.train, start)
         plans = plan_speeds(self.train, self.speeds, self.request)
         classifier.apart = {index for index, plan in enumerate(plans) if plan.active and plan.marches}
@@ -230,13 +231,19 @@ class _SpeedSweep:
                     found[index] = response
         return found
 
+    def tell(self, states):
+        """Report steady states by index."""
+        if states:
+            self._on_states(states, self.way)
+        self._told |= {(self.way, index): state for index, state in states.items()}
+
     def settle(self, indices, motions, progress):
         """Steady states of some speeds by index, chunk by chunk."""
         size, found = self.chunk or max(len(indices), 1), {}
         for first in range(0, len(indices), size):
             chunk = indices[first : first + size]
             states = self._settle(chunk, {index: motions[index] for index in chunk if index in motions}, progress)
-            self.tell(states, self.way)
+            self.tell(states)
             found |= states
         return found
 
@@ -254,7 +261,7 @@ class _SpeedSweep:
                 self.progress(1)
             else:
                 marching.append(index)
-        self.tell({index: known[index] for index in indices if index in known}, self.way)
+        self.tell({index: known[index] for index in indices if index in known})
         known |= self.settle(marching, motions, self.progress)
 
     def along(self, order):
@@ -279,6 +286,8 @@ class _SpeedSweep:
                 else:
                     found[index] = known[index]
             if not motions:
+                # Marched from its neighbour a speed was reported before it was compared with what is at hand.
+                self.tell({i: state for i, state in found.items() if self._told.get((self.way, i)) is not state})
                 return found
             for index, state in self.settle(list(motions), motions, lambda count: None).items():
                 same = (other for other in (known[index], found[index]) if _alike(state, other))
