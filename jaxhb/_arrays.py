@@ -90,7 +90,7 @@ def kept(function):
 
     @wraps(function)
     def called(tree, *static):
-        if namespace(tree) is not np:
+        if not _jax() or namespace(tree) is not np:  # a scene that is only checked is read once, without jax
             return function(tree, *static)
         leaves, structure = _jax().tree.flatten(tree)
         numbers = ((array.tobytes(), array.dtype.str, array.shape) for array in map(np.asarray, leaves))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxhb._arrays import namespace
+from jaxhb._arrays import kept, namespace
 from jaxhb.model import gas
 from jaxhb.model.crank import gas_torque
 from jaxhb.model.gas import GAS_SAMPLES, Combustions, Traces, gas_cycle, table as _table
@@ -304,14 +304,19 @@ def mean_torques(torques: Torques, cylinders: Cylinders, fires, revolutions, rpm
     ``fires`` and ``revolutions`` [nc]: whether a cylinder fires, and how often its crank turns in a gas cycle. The
     ambient pressure and the inertia torque do no work over a cycle. In NumPy or JAX.
     """
-    geometry = cylinders.bore, cylinders.stroke, cylinders.rod
     mean = namespace(cylinders.gas_torque_mean).asarray(cylinders.gas_torque_mean)
-    pressures = gas.components(cylinders)
-    if pressures.shape[-1]:
-        computed = gas_torque(pressures, *geometry, revolutions=np.array(revolutions)).mean(axis=-1)
-        mean = mean + (gas.weights(cylinders, rpm) * computed).sum(axis=-2)
+    mean = mean + (gas.weights(cylinders, rpm) * _computed_means(cylinders, tuple(revolutions))).sum(axis=-2)
     mean = namespace(mean).where(np.array(fires, dtype=bool), mean, 0.0)
     if cylinders.gas_factor is not None:
         mean = cylinders.gas_factor * mean
     given = scale_at(torques, rpm) * torques.mean, scale_at(cylinders, rpm) * mean
     return namespace(given).concatenate(given, axis=-1)
+
+
+@kept
+def _computed_means(cylinders, revolutions):
+    """Mean torque [J, nc], N m, of each component of the gas pressure: speeds differ in its weights alone."""
+    pressures, geometry = gas.components(cylinders), (cylinders.bore, cylinders.stroke, cylinders.rod)
+    if not pressures.shape[-1]:
+        return np.zeros(pressures.shape[:-1])
+    return gas_torque(pressures, *geometry, revolutions=np.array(revolutions)).mean(axis=-1)
