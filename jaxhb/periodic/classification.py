@@ -88,7 +88,7 @@ class Classifier:
 
     def cycles_of(self, batch, spent, refinement):
         """How long marches of a batch are at most, of which ``spent`` cycles are behind."""
-        before = self.cycles.before_record(batch.work)
+        before = self.cycles.before_record(batch.work, batch.decay)
         if not self.exact:
             return dataclasses.replace(self.cycles, transient=before)
         if refinement == 1:

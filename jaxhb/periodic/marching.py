@@ -38,6 +38,7 @@ class MarchOptions:
     modal_disks : disks up to which all modes are marched
     kept_modes : of larger trains, steps per period of the highest mesh mode of which four resolve the highest frequency
         that is kept, as far as meshes see its mode: 1.5 times that of the mesh mode
+    noticed : share of a mesh's own compliance from which teeth notice a mode
     cycles : that are marched at a time
     """
 
@@ -47,6 +48,7 @@ class MarchOptions:
     recorded_lanes: int = 16
     modal_disks: int = 300
     kept_modes: float = 6
+    noticed: float = 1e-4
     cycles: int = 8
 
 
@@ -97,6 +99,21 @@ class Equations:
         # What is left out is the residual flexibility of a mesh times its stiffness: a share of its own compliance.
         stiff = np.abs(np.diag(np.asarray(model.residual_flexibility))) * np.asarray(self.meshes.law.stiffness)
         return modes_of(model.space, np.asarray(model.motion)), float(stiff.max(initial=0.0))
+
+    @cached_property
+    def decay(self):
+        """Seconds in which the slowest mode that teeth notice falls by the factor e.
+
+        Impacts keep exciting such a mode, and it needs many times as long until its motion is the one that they keep
+        up; rotation of the train and rings without spring, that decay over hours, bend no tooth.
+        """
+        modes, meshes = self.modes, len(self.own)
+        static = np.abs(
+            modes.observation[:meshes].T[:, :, None] * modes.forcing[:, None, :] / modes.rates[:, None, None]
+        )
+        share = (static * np.asarray(self.meshes.law.stiffness)).max(axis=(1, 2))
+        slowest = np.max(modes.rates.real[share > MARCH.noticed], initial=-np.inf)
+        return -1 / slowest if slowest < 0 else np.inf
 
     @cached_property
     def highest_hz(self):
@@ -170,6 +187,11 @@ class Batch:
     def work(self):
         """Steps times modes of a cycle."""
         return self.steps * len(self.equations.modes.rates)
+
+    @property
+    def decay(self):
+        """Of the slowest mode that teeth notice, in cycles of the highest speed."""
+        return self.equations.decay * self.linear_motion.frequency.max() / (2 * np.pi)
 
     def begin(self, index, motion):
         """Let a march begin at a motion (x, x') ``(2S,)``."""

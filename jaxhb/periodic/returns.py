@@ -30,6 +30,8 @@ class ReturnOptions:
     longest_period : cycles after which a return is looked for, at most
     transient : cycles before a record, fewest and most
     work : steps times modes that these cycles may take beyond the fewest
+    decays : times the decay of the slowest mode that teeth notice, that a transient is given
+    slowest : cycles of a transient at most, for the sake of such modes
     """
 
     settled: float = 5e-5
@@ -44,6 +46,8 @@ class ReturnOptions:
     longest_period: int = 8
     transient: tuple[int, int] = (64, 192)
     work: float = 4e6
+    decays: float = 8.0
+    slowest: int = 512
 
     @property
     def periods(self):
@@ -58,7 +62,8 @@ RETURN = ReturnOptions()
 class Cycles:
     """How long a march is at most.
 
-    transient : cycles before the record, by default 64 to 192, more of them for trains whose cycles are cheap;
+    transient : cycles before the record, by default 64 to 192, more of them for trains whose cycles are cheap, and up
+        to 512 for trains in which a mode that teeth notice decays slowly;
     recorded : cycles of the record of a motion that does not return; most : cycles while return errors still fall, with
     each length of steps.
     """
@@ -67,9 +72,12 @@ class Cycles:
     recorded: int = 64
     most: int = 256
 
-    def before_record(self, work: float) -> int:
-        """Cycles before the record, for ``work`` steps times modes a cycle."""
-        return int(np.clip(RETURN.work / work, *RETURN.transient)) if self.transient is None else self.transient
+    def before_record(self, work: float, decay: float) -> int:
+        """Cycles before the record, for ``work`` steps times modes a cycle and ``decay`` cycles in which the slowest
+        mode that teeth notice falls by the factor e."""
+        if self.transient is not None:
+            return self.transient
+        return int(max(np.clip(RETURN.work / work, *RETURN.transient), min(RETURN.decays * decay, RETURN.slowest)))
 
 
 class Returns:
@@ -145,7 +153,7 @@ def ended(batch, running, cycles, verified=False):
     ``verified``: the motion is asked for, so that a march that ends may still be some way off.
     """
     close = RETURN.close if verified else RETURN.near
-    transient = cycles.before_record(batch.work)
+    transient = cycles.before_record(batch.work, batch.decay)
     while running:
         first = [march for march in running if march.cycles < transient]
         later = [march for march in running if march.cycles >= transient]

@@ -2,7 +2,9 @@
 
 import numpy as np
 
-from jaxhb.periodic.returns import Returns
+from jaxhb import Disk, Load, Mesh, Shaft, Torque, build
+from jaxhb.periodic.marching import Equations
+from jaxhb.periodic.returns import RETURN, Cycles, Returns
 
 
 def returns_of(motion, cycles):
@@ -51,3 +53,33 @@ def test_an_irregular_motion_has_no_period_and_is_decided():
 def test_a_quasi_periodic_motion_has_no_period():
     found = returns_of(lambda c, t: np.cos(2 * np.pi * t) + 0.5 * np.cos(2 * np.pi * (c + t) / 2**0.5), 200)
     assert found.period() == 0
+
+
+def test_a_slow_mode_that_teeth_notice_is_given_time():
+    """Two gears of radius 1 m; on the second a disk by a shaft, whose mode decays slowly, and one by a shaft so soft
+    that the teeth do not notice it."""
+    inertia, tooth, soft, softest = 1.0, (1e6, 100.0), (1e4, 2.0), (1e-2, 1e-6)
+    parts = [Disk(name=name, inertia=inertia, radius=1.0) for name in "ab"]
+    parts += [Disk(name=name, inertia=inertia) for name in "cd"]
+    parts += [
+        Mesh(between=("a", "b"), stiffness=tooth[0], damping=tooth[1], backlash=1e-4, epsilon=0.01, transition=0.2),
+        *(Shaft(between=("b", name), stiffness=k, damping=r) for name, (k, r) in (("c", soft), ("d", softest))),
+        Torque(disk="a", mean=10.0, harmonics=((1.0, 5.0, 0.0),)),
+        Load(disk="b"),
+    ]
+    train = build(parts, reference="a")
+    # Deflections a + b, b - c and b - d of the links; M x'' + C x' + K x = 0.
+    link = np.array([[1.0, 1.0, 0.0, 0.0], [0.0, 1.0, -1.0, 0.0], [0.0, 1.0, 0.0, -1.0]])
+    K, C = (link.T @ np.diag(values) @ link for values in zip(tooth, soft, softest, strict=True))
+    A = np.block([[np.zeros((4, 4)), np.eye(4)], [-K / inertia, -C / inertia]])
+    rates = np.linalg.eigvals(A)
+    wanted = -1 / rates.real[(np.abs(rates.imag) > 1) & (np.abs(rates.imag) < 500)].max()
+    assert wanted > 0.3
+    np.testing.assert_allclose(Equations(train).decay, wanted, rtol=1e-6)
+
+    few, most = RETURN.transient
+    assert Cycles().before_record(1e9, 0.1) == few
+    assert Cycles().before_record(1.0, 0.1) == most
+    assert Cycles().before_record(1e9, 40.0) == 40 * RETURN.decays
+    assert Cycles().before_record(1e9, np.inf) == RETURN.slowest
+    assert Cycles(transient=16).before_record(1e9, np.inf) == 16
