@@ -111,6 +111,7 @@ def mode_kinds(modes, rings):
     ('rigid', 'ring only', 'elastic')
     """
     ring = modes.kinetic_share[:, [name in rings for name in modes.names]].sum(1)
+    # At 0 Hz no energy is shared out; on soft grounds nearly all of it lies in their springs.
     loose = modes.strain_share.sum(1) < CRITICAL.strained
     return tuple(
         ELASTIC if not free else RING if share > CRITICAL.rings else RIGID
@@ -138,6 +139,7 @@ def excited_orders(train, *, rpm):
     """
     harmonics = listed_harmonic(train.topology)
     torque = [np.abs(np.asarray(excitation(train, speed, harmonics)[0])).max(0) for speed in rpm]
+    # Harmonic 0 is the mean torque, which excites nothing.
     largest = np.max(torque, axis=0)[1:]
     there = np.flatnonzero(largest > CRITICAL.excited * largest.max(initial=0.0)) + 1
     return (there / train.topology.revolutions_per_cycle).tolist()
@@ -192,6 +194,7 @@ def campbell(
     """
     _check(train, rpm, orders)
     orders = excited_orders(train, rpm=rpm) if orders is None else sorted(set(orders))
+    # Only order-tuned absorbers make frequencies depend on the speed, unless ``links_at`` holds theirs.
     constant = not (train.topology.order_links and "rpm" not in dict(links_at))
 
     def modes_at(speed):
@@ -201,6 +204,7 @@ def campbell(
     modes = [modes_at(rpm[0])] if constant else [modes_at(speed) for speed in rpm]
     hz = np.array([one.frequencies_hz for one in modes])
     hz = np.repeat(hz, len(rpm), axis=0) if constant else hz
+    # A mode has one kind, though absorbers change with the speed: the middle of the range decides.
     kinds = mode_kinds(modes[len(modes) // 2], train.topology.damper_names)
     found = Campbell(np.array(rpm, float), np.array(orders, float), kinds, hz, ())
     critical = []
@@ -259,6 +263,7 @@ def critical_speed(
     def left(speed):
         return frequencies_hz(at(speed), heavy)[near.mode] - near.order * speed / 60
 
+    # A constant: all derivatives come from the two steps.
     rpm = float(near.rpm)
     for _ in range(2):
         miss, slope = jax.value_and_grad(left)(rpm)
@@ -273,6 +278,7 @@ def _crossings(modes_at, rpm, hz, mode, order, constant):
         speed = 60 * hz[0] / order
         return [speed] if rpm[0] <= speed <= rpm[-1] else []
     distance = hz - order * rpm / 60
+    # At a root the product with either neighbour is 0, not negative.
     exact = rpm[distance == 0].tolist()
     changes = np.flatnonzero(distance[:-1] * distance[1:] < 0)
 
@@ -294,6 +300,7 @@ def _order_torque(train, shape, rpm, order):
     if abs(harmonic - round(harmonic)) > 1e-9:
         return 0.0, 0.0
     torque = excitation(train, rpm, round(harmonic))[0][:, round(harmonic)]
+    # Coefficients are two-sided: an amplitude is twice their modulus.
     return 2 * jnp.abs(shape @ torque), 2 * jnp.abs(torque).sum()
 
 

@@ -130,6 +130,7 @@ def damped_eigenvalues(train: DriveTrain, modes: DampedModes) -> Array:
     system = chain.assemble(train)
     value, x = jnp.asarray(modes.eigenvalues), jnp.asarray(modes.shapes.T) * jnp.asarray(system.radius)[:, None]
     bent = system.deflections(x)
+    # Squares, not moduli: Q is symmetric, not Hermitian.
     inertia = system.mass @ x**2
     resistance = system.damping @ x**2 + system.viscous @ bent**2
     stiffness = system.ground @ x**2 + (system.stiffness * (1 + 1j * system.loss)) @ bent**2
@@ -175,6 +176,7 @@ def damping_ratios(train: DriveTrain, modes: Modes) -> Array:
         )
     system, damped = on_host(chain.assemble(values)), damped_modes(values)
     inertia = system.mass * system.radius**2
+    # Rigid modes have exactly 0 Hz: they are counted on the graph, not computed.
     moving = np.flatnonzero(modes.frequencies_hz)
     phi, psi = modes.shapes[moving], damped.shapes
     size = np.outer((inertia * phi**2).sum(1), (inertia * np.abs(psi) ** 2).sum(1))
@@ -203,6 +205,7 @@ def _eigenpairs(system):
     weight = np.where(system.mass > 0, system.mass, (stiffness[:, None] * rows**2).sum(0) + np.diag(resistance))
     taken = np.flatnonzero(weight)
     scale = 1 / np.sqrt(weight[taken])
+    # QZ rounds to the largest entry: with sqrt(m) v and sqrt(k) l as unknowns all are in 1/s, and none is a stiffness.
     E = np.sqrt(stiffness)[:, None] * rows[:, taken] * scale
     disks, size = len(taken), len(taken) + len(stiffness)
     left, right = np.zeros((size, size), complex), np.eye(size)
@@ -211,6 +214,7 @@ def _eigenpairs(system):
     left[disks:, :disks] = E
     right[:disks, :disks] = np.diag((system.mass[taken] > 0).astype(float))
     (alpha, beta), vectors = eig(left, right, homogeneous_eigvals=True)
+    # Disks without inertia add eigenvalues at infinity, where beta is 0 but for rounding.
     finite = np.abs(beta) > 1e-12 * np.abs(alpha)
     velocity = np.zeros((len(system.mass), int(finite.sum())), complex)
     velocity[taken] = scale[:, None] * vectors[:disks, finite]

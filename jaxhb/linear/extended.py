@@ -69,6 +69,7 @@ def _total(a, b):
 def _product(a, b):
     a1, b1 = _leading(a.high), _leading(b.high)
     a2, b2 = a.high - a1, b.high - b1
+    # Four exact products: a complex product would round their sums.
     total, lost = _sum(
         lax.complex(a1.real * b1.real, a1.real * b1.imag), lax.complex(-a1.imag * b1.imag, a1.imag * b1.real)
     )
@@ -105,6 +106,7 @@ def _joined(high, low):
 
 def _leading(a):
     """The leading half of the digits of real and imaginary part."""
+    # The 11 bits of the exponent are those of float64: only digits go.
     return lax.complex(*(lax.reduce_precision(part, 11, HALF) for part in (a.real, a.imag)))
 
 
@@ -131,6 +133,7 @@ class Scaled:
 
     def value(self):
         """The complex numbers; infinite or zero where they leave the range."""
+        # In two factors: 2^exponent may overflow where the number itself does not.
         half = jnp.clip(self.exponent // 2, -1100, 1100).astype(int)
         rest = jnp.clip(self.exponent - half, -1100, 1100).astype(int)
         return self.mantissa * jnp.ldexp(1.0, half) * jnp.ldexp(1.0, rest)
@@ -141,6 +144,7 @@ class Scaled:
 
 def shifted(numbers):
     """Numbers with their largest modulus between 1/2 and 1, and the power of two taken out."""
+    # Powers of two cancel between mantissa and exponent: they have no derivative.
     rough = [lax.stop_gradient(z.high if isinstance(z, Doubled) else z) for z in numbers]
     sizes = [jnp.maximum(jnp.abs(z.real), jnp.abs(z.imag)) for z in rough]
     shift = jnp.frexp(jnp.max(jnp.stack(sizes), axis=0))[1]

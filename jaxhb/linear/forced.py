@@ -167,6 +167,7 @@ def _checked_harmonics(train, harmonics):
 @partial(Program, static_argnames="harmonics")
 def _respond(train, rpm, harmonics):
     """The ForcedResponse at speeds ``(n,)``."""
+    # The host refuses such numbers with a sentence; where they are traced they become a status.
     valid = within_range(train) & (rpm > 0)
     train = jax.tree.map(lambda a: jnp.asarray(a, dtype=float), train)
     system, topology = chain.assemble(without_tables(train)), train.topology
@@ -175,6 +176,7 @@ def _respond(train, rpm, harmonics):
     groups = -(-len(rpm) // together)
 
     def grouped(values):
+        # The last speed again: a speed of 0 could make nan, which derivatives would spread.
         padding = jnp.repeat(values[-1:], groups * together - len(rpm), axis=0)
         return jnp.concatenate([values, padding]).reshape(groups, together, *values.shape[1:])
 
@@ -217,10 +219,12 @@ def _answer(train, system, rigid, rpm, torque):
         system = varied(train, system, rpm, omega, amplitude)
     displacement, force = (a[:, 0] for a in linear_train.solve_linear(system, omega, load[:, None]))
     residual, status = _outcome(system, omega, load, displacement, force, shape)
+    # For the mean the sweep holds a floating train at its root: the rigid rotation that this leaves goes out again.
     mean = (omega == 0) * chain.drift(system, rigid, displacement.real)
     angle = chain.to_angles(system, displacement - mean)
 
     C = linear_train.link_stiffness(system, omega)
+    # From the forces: differences of displacements lose the digits of stiff links.
     deflection = force / jnp.where(C == 0, 1.0, C)
     elastic = C.real * deflection
     if topology.amplitude_links:
@@ -264,6 +268,7 @@ def _outcome(system, omega, load, displacement, force, shape):
     left = load - linear_train.disk_stiffness(omega, *columns) * displacement - system.spread(force)
     left, loads, forces = (jnp.max(_size(a), axis=0, initial=0.0).reshape(shape) for a in (left, load, force))
     size = jnp.max(loads, axis=1) + jnp.max(forces, axis=1)
+    # The mean is judged by itself below: torques that do not balance are no fault of the sweep.
     residual = jnp.max(left[:, 1:], axis=1, initial=0.0) / jnp.where(size > 0, size, 1.0)
     solved = (residual <= FORCED.unsolved) & (jnp.max(forces, axis=1) <= FORCED.singular * jnp.max(loads, axis=1))
     status = jnp.where(solved, Status.CONVERGED, Status.NEAR_SINGULAR)

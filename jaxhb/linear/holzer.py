@@ -114,6 +114,7 @@ def holzer_table(train: DriveTrain, *, hz: Number) -> HolzerTable:
     balance, ordinate, others = _eliminate(tree, system, 2 * np.pi * xp.asarray(hz, dtype=float))
     scale = [xp.ones(())] * len(tree.node)
     for s in range(len(tree.node) - 2, -1, -1):
+        # Backwards: what others ask for at a joint scales a branch, and all that hangs on it further out.
         scale[s] = scale[tree.parent[s]] * others[s]
     displacement, force = xp.stack(scale) * ordinate, -xp.stack(scale) * balance
     radius, mass = system.radius[tree.node], system.mass[tree.node]

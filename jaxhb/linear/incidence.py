@@ -76,6 +76,7 @@ class Factor:
         for row, pair in enumerate(zip(self.end_a.tolist(), self.end_b.tolist(), strict=True)):
             for disk in pair:
                 at[disk].append(row)
+        # The last entry is the ground: a chain has it at one end at most.
         if max(map(len, at)) > 2 or len(at[-1]) > 1:
             return None
         starts = [disk for disk in self.heavy if len(at[disk]) == 1]
@@ -117,6 +118,7 @@ def factor(system):
             *np.zeros((3, 0)),
         )
     )
+    # Heaviest first: the rotation of the train comes before that of loose rings.
     pieces = tuple(sorted((disks for disks in pieces if len(disks)), key=lambda disks: -system.mass[disks].sum()))
     return Factor(stiffness, end_a, end_b, arm_a, arm_b, system.mass, heavy, pieces, rigid, tuple(eliminated))
 
@@ -186,6 +188,7 @@ def singular_values(factor):
         return np.concatenate([np.zeros(zeros), _dense(factor, vectors=False)[0]])
     off, _ = _golub_kahan(factor, path)
     values = eigvalsh_tridiagonal(np.zeros(len(off) + 1), off)
+    # Eigenvalues are the singular values with both signs, and zeros: the positive ones come last.
     first = len(values) - len(factor.stiffness)
     small = int(np.searchsorted(values[first:], SMALL * values[-1]))
     if small:  # bisection: entries of a tridiagonal with zero diagonal fix each eigenvalue to its own last digits
@@ -216,6 +219,7 @@ def singular_vectors(factor, count=None):
         place = np.full(len(factor.mass), -1)
         place[factor.heavy] = np.arange(len(factor.heavy))
         vectors = np.zeros((len(factor.heavy), len(values)))
+        # A unit eigenvector holds a right vector, at even places, and a left one, each of length 1 / sqrt 2.
         vectors[place[disks]] = np.sqrt(2) * both[::2]
     values = np.concatenate([np.zeros(zeros), np.abs(values)])[:wanted]
     return values, np.concatenate([factor.rigid_shapes(), vectors], axis=1)[:, :wanted]
@@ -228,6 +232,7 @@ def _golub_kahan(factor, path):
     k, heavy = np.sqrt(factor.stiffness[rows]), np.array(disks)
     arm = np.where(near > 0, [factor.arm_a[rows], -factor.arm_b[rows]], [-factor.arm_b[rows], factor.arm_a[rows]])
     held = heavy[-1] < 0  # a chain that ends in the ground has no last disk
+    # The ground is a disk of infinite mass: its entry is 0, and cut off.
     mass = np.where(heavy < 0, np.inf, factor.mass[heavy])
     off = np.empty(2 * len(rows))
     off[0::2], off[1::2] = k * arm[0] / np.sqrt(mass[:-1]), k * arm[1] / np.sqrt(mass[1:])
@@ -241,6 +246,7 @@ def _dense(factor, vectors=True):
         return np.zeros(0), np.zeros((len(factor.heavy), 0))
     E = factor.dense()
     wide = E.shape[0] < E.shape[1]
+    # dgejsv wants at least as many rows as columns.
     tall = np.asfortranarray(E.T if wide else E)
     kept = 0 if vectors else 3
     values, left, right, scale, _, failed = lapack.dgejsv(tall, joba=2, jobu=kept, jobv=kept)
@@ -248,4 +254,5 @@ def _dense(factor, vectors=True):
         left, values, right = np.linalg.svd(tall, full_matrices=False)
         scale, right = np.ones(2), right.T
     rising = np.s_[moving - 1 :: -1]
+    # dgejsv returns scaled values where they would overflow or underflow.
     return (scale[0] / scale[1] * values)[rising], (left if wide else right)[:, rising] if vectors else None

@@ -175,6 +175,7 @@ def section(train, name):
     i, shafts = train.topology.link_index(name)[0], train.shafts
     own = train.topology.has_key(i, "diameter")
     outside, hole = (shafts.diameter, shafts.bore) if own else (shafts.outer, shafts.inner)
+    # A field that no shaft of the train has is None, not zeros.
     return outside[i], 0.0 if hole is None else hole[i]
 
 

@@ -72,6 +72,7 @@ def links_of(train, *, exact=True):
             "characteristic_coefficients: jit or vmap traces the loss factors, and with one there is no polynomial. "
             "Close over the train and trace only what changes."
         )
+    # Meshes, the last links, have no loss factor.
     lossy = [name for name, eta in zip(topology.link_names, np.concatenate(loss), strict=False) if eta]
     if lossy:
         raise SceneError(

@@ -109,6 +109,7 @@ def shares(system, omega, displacement) -> ModeShares:
     xp = namespace(system, displacement)
     strain = system.stiffness[:, None] * system.deflections(displacement) ** 2
     total = strain.sum(0) + (system.ground[:, None] * displacement**2).sum(0)
+    # What rounding leaves of the strain of a rigid mode has no shares.
     moving = (total > 0) & (omega > 0)
     strain = xp.where(moving, strain / xp.where(moving, total, 1.0), 0.0)
     angles = displacement / system.radius[:, None]

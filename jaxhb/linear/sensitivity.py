@@ -160,12 +160,14 @@ def mode_squares(train, heavy):
     system = chain.assemble(train)
     kept = np.flatnonzero(heavy)
     light = np.setdiff1d(np.arange(len(system.mass)), kept)
+    # Grounds of one disk are summed already: one row for each disk.
     disks, held = len(system.mass), np.array(sorted(set(train.topology.ground_disk)), dtype=int)
     rows = jnp.concatenate([jnp.asarray(system.incidence()).T, jnp.eye(disks)[held]])
     stiffness = jnp.concatenate([jnp.asarray(system.stiffness), jnp.asarray(system.ground)[held]])
     follow = jnp.eye(disks)[:, kept]
     if len(light):
         weighted = rows[:, light].T * stiffness
+        # The pseudo-inverse lets a disk rest that no elastic link moves.
         follow = follow.at[light].set(-jnp.linalg.pinv(weighted @ rows[:, light]) @ weighted @ rows[:, kept])
     squares, shapes = modal_basis(stiffness, rows @ follow, jnp.asarray(system.mass)[kept])
     return squares, follow @ shapes
@@ -189,6 +191,7 @@ def modal_basis(stiffness, rows, mass):
     """omega^2 ``(H,)`` rising and mass-normalised shapes ``(H, H)`` of links ``(L,)`` with deflections ``rows @ x``."""
     root = jnp.sqrt(mass)
     E = jnp.sqrt(stiffness)[:, None] * rows / root
+    # Rows of zeros make one singular value for each disk.
     E = jnp.pad(E, ((0, max(0, len(mass) - len(stiffness))), (0, 0)))
     _, singular, right = jnp.linalg.svd(E, full_matrices=False)
     shapes = right[::-1].T / root[:, None]
@@ -207,6 +210,8 @@ def _modal_basis_jvp(primals, tangents):
     change = stiffer - squares * heavier
     gap = squares - squares[:, None]
     same = jnp.abs(gap) <= CLUSTER * jnp.maximum(squares, squares[:, None])
+    # Within a cluster shapes keep their length alone: a turn among them would be divided by zero.
     turn = jnp.where(same, -heavier / 2, change / jnp.where(same, 1.0, gap))
+    # Rigid motions stay at 0 Hz whatever changes.
     squares_dot = jnp.where(squares > 0, jnp.diagonal(change), 0.0)
     return (squares, shapes), (squares_dot, shapes @ turn)

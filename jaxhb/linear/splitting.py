@@ -182,6 +182,7 @@ def piece(links, chosen, held=()):
     masses = list(dict.fromkeys(mass for link in chosen for mass in links.ends[link]))
     found = determinant(links, chosen, masses, held)
     loose = not any(links.ground[mass] or links.damping[mass] or mass in held for mass in masses)
+    # Of a free tree the last two coefficients are 0: rigid rotation makes p^2 a factor.
     return found[:-2] if chosen and loose and len(masses) == len(chosen) + 1 else found
 
 

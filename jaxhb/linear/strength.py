@@ -93,6 +93,7 @@ def permissible_stress(
     """
     xp = namespace(diameter, stress_concentration, tensile_strength, speed_ratio)
     ratio = xp.asarray(speed_ratio, dtype=float)
+    # The numbers of the rule are for mm and MPa.
     size = 0.35 + 0.93 * (1e3 * diameter) ** -0.2
     strength = xp.minimum(tensile_strength, CAP) / 1e6
     slope = xp.where(ratio < PLATEAU, 3.0 - 2.0 * ratio**2, 3.0 - 2.0 * PLATEAU**2)
@@ -171,10 +172,12 @@ def barred_ranges(rpm: Array, stress: Array, continuous: Array, transient: Array
     counted = np.flatnonzero(np.isfinite(values).all(axis=0))
     order = counted[np.argsort(values[0, counted], kind="stable")]
     values = values[:, order]
+    # Values decide which ranges there are; derivatives, where wanted, go through the numbers as given.
     differentiated = traced(given)
     speed, stress, continuous, transient = _rows(namespace(given), given)[:, order] if differentiated else values
     number = namespace(given).asarray if differentiated else float
     excess, share, transient_share = stress - continuous, stress / continuous, stress / transient
+    # A zero at either end closes ranges that go on beyond the computed speeds.
     edges = np.flatnonzero(np.diff(np.concatenate([[0], (values[1] > values[2]).astype(int), [0]])))
     found = []
     for first, end in zip(edges[::2], edges[1::2], strict=True):

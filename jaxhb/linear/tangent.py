@@ -157,6 +157,7 @@ class _Static:
 
     def put(self, values, own):
         """``values`` of all links with those of the law at their places."""
+        # A product with 0 and 1 puts numbers at their places for numpy and for jax alike.
         chosen = np.eye(len(values))[:, self.links]
         return namespace(values, own).where(chosen.any(1), chosen @ own, values)
 
@@ -203,6 +204,7 @@ def _equilibrium(static):
     system, load, links = static.system, static.load, static.links
 
     def solved(slope, force):
+        # Least squares: the tangent of a floating train is singular.
         return np.linalg.lstsq(static.tangent(slope), force, rcond=MEAN_LOAD.singular)[0]
 
     # begin on the flanks that all teeth in contact would press: in a gap without stiffness nothing pulls back to them
@@ -210,6 +212,7 @@ def _equilibrium(static):
     x = solved(system.stiffness, load)
     pressed = (system.stiffness * system.deflections(x))[links]
     flank = np.where(np.abs(pressed) > MEAN_LOAD.idle * size, np.sign(pressed), 0.0) * backlash.offset(static.law)
+    # On a flank f = c l - offset: the offset goes to the side of the load.
     x = solved(system.stiffness, load + system.incidence()[:, links] @ flank)
     energy = static.energy(x)
     for _ in range(MEAN_LOAD.steps):

@@ -66,6 +66,7 @@ def varied(train, system, rpm, omega, amplitude):
     stiffness, viscous, loss = (
         jnp.broadcast_to(a[:, None], (len(a), len(omega))) for a in (system.stiffness, system.viscous, system.loss)
     )
+    # From N m/rad to N/m on the pitch circle of the rotor.
     tuned = of_lanes(order_stiffness(train, speed_ratios(train), rpm) / at**2)
     stiffness = stiffness.at[shafts : shafts + len(at)].add(tuned)
     return dataclasses.replace(
@@ -80,8 +81,10 @@ def twist_amplitude(train, system, deflection, speeds):
     """Amplitudes ``(m, A)`` in rad of the links that depend on them, from deflections ``(L, H)`` in m."""
     links = np.array(train.topology.amplitude_links, dtype=int)
     twist = deflection[links] / system.radius[system.tree.end_a[links]][:, None]
+    # One-sided amplitudes are twice the coefficients; the mean is no vibration.
     orders = (4 * (twist.real**2 + twist.imag**2)).reshape(len(links), speeds, -1)[..., 1:]
     square = orders.sum(-1).T
+    # The root has no derivative at 0, where nothing twists the link.
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
 
 
@@ -132,10 +135,13 @@ def settled_amplitudes(equations):
         trial = jnp.maximum(amplitude + move, 0.0)
         now, tangent = _linearised(equations, trial)
         predicted = change - jnp.einsum("mij,mj->mi", matrix, trial - amplitude)
+        # Where 1 - dg/dA is negative a long step goes against g - A, to an amplitude that repels: it is refused.
         forward = jnp.sum(move * change / scale**2, axis=-1) > 0
         good = forward & (size(now - predicted) <= AMPLITUDE.curved * size(change))
+        # A speed that has settled stays as it is while others go on.
         taken = good & (size(change) > AMPLITUDE.settled)
         gain = size(change) / jnp.maximum(size(now), 1e-3 * size(change))
+        # Steps in time grow as g - A falls (switched evolution relaxation), which makes the last ones Newton's.
         time = jnp.where(good, time * jnp.clip(gain, 2.0, 1000.0), time / 4)
         amplitude, change = (jnp.where(taken[:, None], new, old) for new, old in ((trial, amplitude), (now, change)))
         return amplitude, change, jnp.where(taken[:, None, None], tangent, matrix), time, steps + 1

@@ -110,6 +110,7 @@ def assemble(
     errors += train_checks.gear_errors(parts, rotor)
     errors += train_checks.inertia_errors(parts)
     main = 0 if reference is None and parts.disk_names else parts.disk(reference)
+    # Without a reference the first disk stands for it if there is one rotor; else speeds would be guessed.
     known = reference is not None or (parts.connected and max(rotor, default=0) == 0)
     radii = _exact_radii(parts)
     rotors, ratio, locked = _gearing(parts, main if known else None, radii)
@@ -127,7 +128,9 @@ def assemble(
     parts.tables["disk"] = [dataclasses.replace(d, radius=r) for d, r in zip(disks, radii, strict=False)]
     topology = _topology(parts, rotors, main, name=name, cycle=float(cycle), tune=tune, ratio=ratio)
     rated = None if rated_rpm is None else float(rated_rpm)
+    # As text: a topology is hashed, and dictionaries are not.
     topology = dataclasses.replace(topology, scenarios=json.dumps(scenarios), rated_rpm=rated)
+    # Only now: nothing follows from keys that a sentence was said about.
     for table in derived.LINKS:
         parts.tables[table] = [derived.completed(link) for link in parts.tables[table]]
     return {"topology": topology} | _tables(parts)
@@ -159,6 +162,7 @@ def _gearing(parts, root: int | None, radii):
     ends = [pair for _, pair in meshes]
     internal = [parts.tables["mesh"][i].kind == "internal" for i, _ in meshes]
     numbers = [math.nan if r is None else r for r in radii]
+    # Piece by piece: a locked loop is told wherever it lies.
     joined = graph.pieces(n, pairs + ends)
     starts = {joined[d]: d for d in reversed(range(n))}
     if root is not None:
@@ -167,8 +171,10 @@ def _gearing(parts, root: int | None, radii):
     rotors, locked = None, []
     for start in starts.values():
         found, loops = graph.find_rotors(n, pairs, ends, internal, numbers, start)
+        # A kind that cannot be read leaves senses unknown, but not ratios.
         locked += [(meshes[m][0], disks, why) for m, disks, why in loops if kinds or "senses" not in why]
         rotors = found if start == root else rotors
+    # Without meshes all disks turn alike, whatever the reference is.
     if parts.complete and not parts.tables["mesh"]:
         return rotors, [1.0] * n, locked
     if rotors is None:
@@ -272,6 +278,7 @@ def _cylinder_topology(parts, ratio, cycle) -> dict:
     """Collect the static fields of the cylinders."""
     cylinders, disks = parts.tables["cylinder"], parts.sits_on("cylinder")
     turn = [ratio[d] * cycle for d in disks]
+    # Ratios of radii round: what is whole to 1e-6 is whole.
     turn = [float(round(v)) if train_checks.whole(v) else v for v in turn]
     turns = [gas.gas_revolutions(c) for c in cylinders]
     computed = [gas.source(c) for c in cylinders]
@@ -288,6 +295,7 @@ def _cylinder_topology(parts, ratio, cycle) -> dict:
         "cylinder_turn": tuple(turn),
         "cylinder_gas_revolutions": tuple(turns),
         "cylinder_gas": tuple(
+            # 1e-9 keeps a product that rounds below a whole number.
             math.floor(c.orders * k + 1e-9) if name else 0
             for c, name, k in zip(cylinders, computed, turns, strict=True)
         ),

@@ -27,6 +27,7 @@ def locate(topology, key: str):
     if not dot:
         raise SceneError(f"{where}: {key!r} names no field. Write 'NAME.FIELD', as 'hub.inertia'.")
     outer, _, inner = name.rpartition(".")
+    # A name may hold dots: an element called so goes before a table inside an element.
     if name not in topology.elements and inner in _INNER and outer in topology.elements:
         name, field = outer, f"{inner}.{field}"
     if name not in topology.elements:
@@ -112,6 +113,7 @@ def replace(train, values):
         changed = _with(changed, table, field, _set(_vector(changed, table, field), new))
     if ("disk", "radius") in changes:
         _check_ratios(before, changed)
+    # Mean torques take integrals over a cycle: only where they, or what holds them, may have changed.
     errors = hold.train_errors(changed) if hold.touches(changes) else []
     if errors:
         raise SceneError(errors)
@@ -171,11 +173,13 @@ def within_range(train):
             if limits is None or values is None:
                 continue
             values = jnp.asarray(values)
+            # What is wrong is looked for, not what is right: nan is neither, and has its own status.
             outside = jnp.zeros(values.shape, dtype=bool)
             for wrong, limit in ((jnp.less_equal, limits.above), (jnp.less, limits.least)):
                 outside |= False if limit is None else wrong(values, limit)
             for wrong, limit in ((jnp.greater_equal, limits.below), (jnp.greater, limits.most)):
                 outside |= False if limit is None else wrong(values, limit)
+            # 0 stands for a key that is not given, but for those that the reader fills in.
             zero_if_absent = declared.default is None and declared.name not in ("epsilon", "transition", "stiffness")
             inside.append(~jnp.any(outside & (values != 0.0) if zero_if_absent else outside))
     return jnp.all(jnp.stack(inside))
@@ -188,6 +192,7 @@ def _value_errors(train, key, table, field, index, value) -> list[str]:
     try:
         found = np.shape(value)
     except ValueError:
+        # Rows of different lengths have no shape.
         found = None
     if found != wanted:
         return [f"{where}: the value has shape {found}, must have {wanted}. Map over a batch with jax.vmap."]
@@ -197,6 +202,7 @@ def _value_errors(train, key, table, field, index, value) -> list[str]:
     number = np.asarray(value)
     if number.dtype.kind not in "fiu" or not np.all(np.isfinite(number)):
         return [f"{where}: the value is {value!r}, must be finite and real."]
+    # A value that is there already changes nothing, and is no fault.
     if missing and not _is_same(train, table, field, index, number):
         return [f"{where}: {missing}"]
     declared = declared_field(table, field)

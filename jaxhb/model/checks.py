@@ -56,6 +56,7 @@ class Parts:
                     text = f"it sits on {cylinder.disk!r}, a disk of an [engine], which makes its cylinders"
                     errors.append(f"{self.where('cylinder', i)}: {text}. Remove one of them.")
             if errors:
+                # Its cylinders are missing: what follows from that is no fault of the train.
                 self.complete = False
                 self.engine_errors += errors
                 continue

@@ -44,7 +44,9 @@ def burnt_share(angle, start, duration, shape):
     """Wiebe's share of the heat released up to an angle (deg); arguments broadcast."""
     xp = namespace(angle, start, duration, shape)
     begun = angle > start
+    # 1 before the start: powers of negative numbers are nan, and derivatives would spread it.
     passed = xp.where(begun, (angle - start) / duration, 1.0)
+    # expm1 keeps the digits of what has hardly begun to burn.
     return xp.where(begun, -xp.expm1(np.log(1.0 - BURNT_AT_END) * passed ** (shape + 1.0)), 0.0)
 
 
@@ -92,12 +94,15 @@ def pressures(
     closed = samples // revolutions
     angle = np.linspace(-180.0, 180.0, closed + 1)
     swept = np.pi / 4.0 * bore**2
+    # Of the compression ratio r: the clearance is the swept volume over r - 1.
     volume = swept * (stroke / (ratio - 1.0) + slider_crank(np.deg2rad(angle), stroke, rod)[0])
     burnt = burnt_share(angle, start, duration, shape)
     exponent = before + (after - before) * burnt
+    # The equation is linear in p, and exp(growth) its integrating factor.
     growth = _integral(exponent, xp.log(volume))
     motored = charge * xp.exp(-growth)
     per_joule = xp.exp(-growth) * _integral((exponent - 1.0) / volume * xp.exp(growth), burnt)
+    # Computed from bottom dead centre, returned from firing top dead centre on.
     half = closed // 2
     if revolutions == 1:
         return tuple(xp.concatenate([p[:, half:closed], p[:, :half]], axis=1) for p in (motored, per_joule))

@@ -43,6 +43,7 @@ def slider_crank(angle, stroke, rod):
     ratio = r / rod
     s, c = xp.sin(angle), xp.cos(angle)
     q = xp.sqrt(1.0 - (ratio * s) ** 2)
+    # 1 - q = (lambda sin a)^2 / (1 + q), without a difference of nearly equal numbers.
     x = r * (1.0 - c) + rod * (ratio * s) ** 2 / (1.0 + q)
     x1 = r * (s + ratio * s * c / q)
     x2 = r * (c + ratio * (c * c - s * s) / q + ratio**3 * (s * c) ** 2 / q**3)

@@ -21,6 +21,7 @@ __all__ = ["DriveTrain", "SceneError", "Topology", "inertias", "speed_ratios"]
 
 
 @pytree
+# No ==: that of arrays has no one truth value.
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DriveTrain:
     """A drive train: a pytree of float64 vectors (one for each field of each kind of element) and static topology.

@@ -52,6 +52,7 @@ _OVER_AMPLITUDE = ("amplitude", "factor of stiffness", "factor of damping")
 _HARMONICS = ("order", "Re", "Im")
 _PRESSURE = ("angle", "pressure")
 _STRAIGHT = "Leave the key out for a mesh that is always in contact."
+# No shaft is thicker: what is more is in mm.
 _IN_METRES = {"most": 5.0, "remedy": "Give it in m."}
 _FORM_FACTOR = (
     "It is the factor C_K of IACS UR M68: 1 for an integral flange, 0.6 for a keyway on a taper; for a notch with"

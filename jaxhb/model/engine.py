@@ -60,6 +60,7 @@ def cylinder_rows(engine: dict) -> list[dict]:
     given = _DEFAULTS | engine
     labels, angles = _labels(given), firing_angles(given)
     disks = list(given["disks"])
+    # Where disks are throws, bank B sits on those of bank A.
     disks = disks * (len(labels) // len(disks))
     later = given["firing_angle"]
     rows = []
@@ -121,6 +122,7 @@ def firing_angles(given: dict) -> dict[str, float]:
     for label in order:
         if label[0] == "B":
             passing = angles["A" + label[1:]] + given["bank_angle"]
+            # A four-stroke cylinder is at top dead centre twice a cycle, and fires where that is nearer to even firing.
             turns = [passing + 360.0 * turn for turn in range(int(given["stroke_cycle"]) // 2)]
             apart = [_apart(turn + begin, even[label], cycle) for turn in turns]
             angles[label] = turns[apart.index(min(apart))]
@@ -155,7 +157,9 @@ def _own_errors(engine, disk_names) -> list[str]:
     texts += _disk_errors(engine, len(labels), disk_names)
     found = _order_errors([str(label) for label in engine.firing_order], labels)
     found += _interval_errors(engine, len(labels))
+    # Of a faulty firing order there are no angles.
     texts += found or _bank_errors(engine)
+    # 4 is also what an absent key reads: only another number contradicts the engine.
     strokes = getattr(engine.combustion, "stroke_cycle", 4)
     if number_like(strokes) and strokes not in (4, engine.stroke_cycle):
         texts.append(

@@ -245,6 +245,7 @@ class _Tors:
         for own, gear in self.gears.items():
             place = disks[gear["node"]]
             radius = 0.5e-3 * gear["size"] if not gear["toothed"] else 0.5 * MODULE * gear["size"]
+            # A disk has one radius: a further gear of the node sits on a disk of its own.
             if place.get("radius", radius) != radius:
                 disks.append({"name": own if own != place["name"] else f"{own} gear", "inertia": 0.0})
                 shafts.append({"between": [place["name"], disks[-1]["name"]], "stiffness": rigid})
@@ -259,6 +260,7 @@ class _Tors:
                 text = f"{pair[0]!r} and {pair[1]!r} mesh, one with teeth, one with a diameter"
                 self.errors.append(f"{self.source}: {text}. Give both alike.")
             ends = [seats[own] for own in pair]
+            # As stiff in N m/rad as a rigid shaft at the smaller gear, and stiffer at the larger.
             stiffness = rigid / min(end["radius"] for end in ends) ** 2
             meshes.append({"between": [end["name"] for end in ends], "stiffness": stiffness})
         said = f"From {self.source}" + "; rigid gears are stiff meshes" * bool(meshes)
@@ -285,6 +287,7 @@ def csv_content(text: str, source: str, errors: list[str]) -> dict:
     [{'between': ['a', 'b'], 'stiffness': 100000.0}]
     """
     lines = [line for line in text.splitlines() if line.strip(" ,;") and not line.lstrip().startswith("#")]
+    # Where decimals have commas, spreadsheets separate cells by semicolons.
     delimiter = ";" if lines and ";" in lines[0] else ","
     content, heads = {}, None
     for number, cells in enumerate(csv.reader(lines, delimiter=delimiter)):

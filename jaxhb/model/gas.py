@@ -110,10 +110,12 @@ def gas_cycle(rows, firing_tdc: float | None) -> np.ndarray:
     if firing_tdc is None:
         firing_tdc = 360.0 if period == 720.0 else 0.0
     angle, pressure = rows[:, 0], rows[:, 1]
+    # A table that lacks its end is closed by its first row.
     if angle[-1] - angle[0] < period - 1e-9:
         angle = np.append(angle, angle[0] + period)
         pressure = np.append(pressure, pressure[0])
     grid = firing_tdc + np.arange(GAS_SAMPLES) * (period / GAS_SAMPLES)
+    # Rounded: an angle just below 0 would be taken from the other end of the table.
     turned = angle[0] + np.mod(np.round(grid - angle[0], 9), period)
     return np.interp(turned, angle, pressure)
 
@@ -179,6 +181,7 @@ def hats(x, grid):
     xp = namespace(x, grid)
     passed = xp.clip((x[..., None] - grid[:, :-1]) / (grid[:, 1:] - grid[:, :-1]), 0.0, 1.0)
     ends = xp.zeros((*x.shape, 1))
+    # A hat is the ramp up to its point less the ramp beyond it.
     return xp.concatenate([ends + 1.0, passed], axis=-1) - xp.concatenate([passed, ends], axis=-1)
 
 
@@ -233,6 +236,7 @@ def _on_cylinders(values, seats, count, *, axis):
 def _burning(cylinders):
     """Pressures without load and per load share of the cylinders with a combustion, [2, n, M]."""
     revolutions = np.array(cylinders.combustion.revolutions)
+    # Two- and four-strokes have other angles at the same sample.
     groups = [np.flatnonzero(revolutions == r) for r in sorted(set(revolutions.tolist()))]
     found = [_per_share(cylinders, rows, int(revolutions[rows[0]])) for rows in groups]
     return namespace(found).concatenate(found, axis=1)[:, np.argsort(np.concatenate(groups))]
@@ -243,6 +247,7 @@ def _per_share(cylinders, rows, revolutions):
     table, xp = cylinders.combustion, namespace(cylinders)
     seats = np.array(table.seats)[rows]
     bore, stroke, rod = (xp.asarray(v)[seats] for v in (cylinders.bore, cylinders.stroke, cylinders.rod))
+    # The first three fields are static.
     given = {f.name: xp.asarray(getattr(table, f.name))[rows] for f in dataclasses.fields(table)[3:]}
     heat, imep = given.pop("heat")[:, None], given.pop("imep")[:, None]
     motored, per_joule = pressures(bore, stroke, rod, **given, revolutions=revolutions, samples=GAS_SAMPLES)
@@ -250,8 +255,10 @@ def _per_share(cylinders, rows, revolutions):
     travel = slider_crank(angle, stroke[:, None], rod[:, None])[1]
 
     def mean_effective(pressure):
+        # Work of a cycle over the swept volume, in which the area of the piston cancels.
         return 2.0 * np.pi * revolutions * (pressure * travel).mean(axis=1, keepdims=True) / stroke[:, None]
 
+    # With imep given so much heat is taken off that the rest does no work: imep is then the whole of it.
     idle = mean_effective(motored) / mean_effective(per_joule)
     by_work = np.array(table.by_work)[rows][:, None]
     base = xp.where(by_work, motored - idle * per_joule, motored)

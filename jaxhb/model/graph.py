@@ -72,6 +72,7 @@ def find_rotors(n_disks, elastic_pairs, mesh_ends, mesh_internal, radius, refere
                 path[there] = (*path[here], (driver, driven))
                 ratio[there], sense[there] = new_ratio, new_sense
                 continue
+            # Reached a second time: both ways must give one speed and one sense.
             disks = _loop(path[here], path[there], (driver, driven))
             if abs(new_ratio / ratio[there] - 1.0) > RATIO_TOLERANCE:
                 locked.append((m, disks, f"its ratios multiply to {new_ratio / ratio[there]:.6g}"))
@@ -110,6 +111,7 @@ def exact_radii(radius, teeth, mesh_ends) -> list[float]:
             for other in neighbours[here]:
                 if other not in done:
                     done.add(other)
+                    # From the first gear, not along the way: each radius is rounded once.
                     exact[other] = radius[start] * teeth[other] / teeth[start]
                     stack.append(other)
     return exact

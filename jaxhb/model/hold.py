@@ -29,6 +29,7 @@ def unheld(source, names, *, links, static, ground, loaded, main: int) -> list[s
     and ``loaded`` the disks on a ground and under a mean torque; ``main`` a disk of the main part.
     """
     joined, part = pieces(len(names), links), pieces(len(names), static)
+    # Pieces that no link joins to the train have their own sentence.
     grounded = {part[d] for d in ground if joined[d] == joined[main]}
     errors = []
     if grounded and part[main] not in grounded:
@@ -63,6 +64,7 @@ def train_errors(train) -> list[str]:
         return []
     source = topology.title
     stiff = np.asarray(dampers.stiffness) > 0.0
+    # An order-tuned absorber is held by its centrifugal stiffness.
     stiff |= np.isin(len(topology.shaft_names) + np.arange(len(stiff)), topology.order_links)
     errors = []
     if not traced(dampers.damping):
@@ -103,6 +105,7 @@ def speeds(train) -> np.ndarray:
     points = [torques.scale_rpm, cylinders.scale_rpm, torques.rated_rpm, cylinders.load_rpm]
     points += [cylinders.traces.rpm] if cylinders.traces is not None else []
     found = np.unique(np.concatenate([np.ravel(rpm) for rpm in points if rpm is not None]))
+    # Points that fill up grids are no speeds.
     return found[found < FAR] if len(found) else np.zeros(1)
 
 

@@ -58,6 +58,7 @@ WIDTH_OF_DIAMETER = 0.01, 2.0
 """Face width over the pitch diameter of the smaller gear: 0.05 to 1.5 as built, less where gear bodies yield."""
 TOOTH_DAMPING = 0.005, 0.3
 """Damping ratio of the two gears alone: 0.03 to 0.17 as measured (Kasuba and Evans 1981; Lin, Huston and Coy 1988)."""
+# To write 2e-5 and 1e6 as an engineer does, not 2e-05 and 1e+06.
 _EXPONENT = re.compile(r"(?<=\d)e\+?(-?)0*(?=\d)")
 
 
@@ -158,6 +159,7 @@ def _against_nothing(train):
     topology = train.topology
     least = np.array([cycle.min(axis=1) for cycle in _cycles(train)]).max(axis=0, initial=0.0)
     for i, source in enumerate(topology.cylinder_source):
+        # Models give absolute pressures, tables may give overpressures.
         known = source == "combustion" or (source in gas.COMPUTED and not _far(least[i], ATMOSPHERE))
         if known and not train.cylinders.ambient_pressure[i]:
             low, high, unit, _ = USUAL["ambient_pressure"]
@@ -179,6 +181,7 @@ def _largest_pressures(train):
     peaks = np.array([cycle.max(axis=1) for cycle in cycles])
     period = 360.0 * np.array(topology.cylinder_gas_revolutions)
     angles = np.array([cycle.argmax(axis=1) for cycle in cycles]) * period / cycles[0].shape[1]
+    # In the second half of the cycle the next firing is nearer: angles before it are negative.
     angles -= period * (angles > period / 2)
     farthest = np.abs(angles - np.mean(PEAK_ANGLE)).argmax(axis=0)
     for i, source in enumerate(topology.cylinder_source):
@@ -218,6 +221,7 @@ def _drives(train):
     cycle = topology.cylinder_fires, topology.cylinder_gas_revolutions
     means = mean_torques(train.torques, train.cylinders, *cycle, np.array(hold.speeds(train)))
     count = len(topology.torque_names)
+    # Cylinders that take power are those of a compressor, which a torque drives.
     if not means[:, count:].sum(axis=1).max() > 0:
         return
     for name, mean in zip(topology.torque_names, means[:, :count].max(axis=0, initial=0.0), strict=True):

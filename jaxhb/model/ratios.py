@@ -47,6 +47,7 @@ def rotor_ratios(topology, radius):
     radius = xp.asarray(radius)
     if depth == 0:
         return xp.ones((*radius.shape[:-1], topology.n_rotors))
+    # Shorter paths are filled up by a gear over itself: disks that are no gears have radius 0.
     gear = paths[max(range(len(paths)), key=lambda k: len(paths[k]))][0][0]
     steps = np.array([[*p, *([(gear, gear)] * (depth - len(p)))] for p in paths])
     return xp.prod(radius[..., steps[..., 0]] / radius[..., steps[..., 1]], axis=-1)
@@ -104,6 +105,7 @@ def tooth_damping_ratios(train: DriveTrain) -> Array:
     if not len(train.topology.mesh_ends):
         return xp.zeros(0)
     a, b = np.array(train.topology.mesh_ends).T
+    # An infinite radius instead of 0 gives disks that are no gears no mass, and derivatives no nan.
     mass = xp.asarray(train.disks.inertia) / xp.where(train.disks.radius > 0, train.disks.radius, xp.inf) ** 2
     heavy = mass[a] * mass[b] > 0
     reduced = xp.where(heavy, mass[a] * mass[b], 1.0) / xp.where(heavy, mass[a] + mass[b], 1.0)

@@ -33,6 +33,7 @@ def pack(value):
 
     def array_of(value):
         array = np.asarray(value)
+        # Objects would be pickled, and to read a pickle is to run it.
         if array.dtype.hasobject:
             raise TypeError(f"a {type(value).__name__} cannot be kept")
         scalar = isinstance(value, np.generic)
@@ -44,11 +45,13 @@ def pack(value):
         return once((scalar, array.dtype.str, array.shape, array.tobytes()), make)
 
     def plain(value):
+        # By type: a float of numpy is a float as well, and has to come back as it was.
         if value is None or isinstance(value, bool | str) or type(value) in (int, float):
             return value
         if isinstance(value, enum.IntEnum):
             return {"enum": _name(type(value)), "of": int(value)}
         if isinstance(value, list | tuple):
+            # A named tuple would come back as a plain one.
             if hasattr(value, "_fields"):
                 raise TypeError(f"a {type(value).__name__} cannot be kept")
             return {type(value).__name__: [plain(item) for item in value]}

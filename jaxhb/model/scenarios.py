@@ -19,6 +19,7 @@ def read_scenarios(parts, scenarios) -> tuple[dict, list[str]]:
     if not isinstance(scenarios, dict) or not all(isinstance(values, dict) for values in scenarios.values()):
         return {}, [f"{parts.source}: 'scenario' must hold a table for each scenario. Write [scenario.NAME]."]
     found = {name: dict(_flat(values)) for name, values in scenarios.items()}
+    # Of two tables with one name the first counts; the name has its own sentence.
     places = {n: (t, i) for t in reversed(TABLES) for i, n in enumerate(parts.names[t]) if isinstance(n, str)}
     errors = [
         f"{parts.source}, [scenario.{name}]: {text}"

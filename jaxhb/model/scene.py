@@ -153,6 +153,7 @@ def _correct(text: str, error: tomllib.TOMLDecodeError) -> str:
 def _parse(path: Path, errors: list[str]) -> dict:
     """Read a file; a syntax error becomes one sentence, what else cannot be read goes to ``errors``."""
     try:
+        # Some editors of Windows put a mark before UTF-8.
         text = path.read_text(encoding="utf-8-sig")
         return _READERS[path.suffix](text, path.name, errors) if path.suffix in _READERS else tomllib.loads(text)
     except SceneError:
@@ -162,6 +163,7 @@ def _parse(path: Path, errors: list[str]) -> dict:
     except UnicodeDecodeError:
         raise SceneError(f"{path.name}: the file is not UTF-8 text. Save it as UTF-8.") from None
     except ValueError:
+        # Python reads no more than 4300 digits of an integer.
         raise SceneError(f"{path.name}: an integer has too many digits to be read. Write it as 1e9.") from None
     except RecursionError:
         raise SceneError(f"{path.name}: lists or tables are nested too deeply to be read. Write them flat.") from None
@@ -201,6 +203,7 @@ def _read_element(cls, row: dict, where: str, folder: Path, read: dict, errors: 
     for key in row:
         if key not in fields:
             errors.append(f"{where}: unknown key {key!r}.{suggestion(key, fields)}")
+            # A misspelt key is read as what it means, so that no second sentence says that this is missing.
             meant = [k for k in difflib.get_close_matches(key, fields, n=1) if k not in row]
             values |= dict.fromkeys(meant, row[key])
     for key, f in fields.items():

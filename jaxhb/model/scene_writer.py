@@ -49,6 +49,7 @@ def scene_text(name: str | Path, *, expand: bool = False, called: str | None = N
     >>> text.splitlines()[4:6], sorted(beside)
     (['[scene]', 'name = "spur_pair"'], ['spur_pair_omega_squared.csv'])
     """
+    # For its errors: what does not load is not written.
     load_scene(name)
     path = _find(name)
     content = _parse(path, [])
@@ -121,6 +122,7 @@ def _plain(value):
 
 def _text_of(path, content):
     """The text of a file, of other programs that of what was read."""
+    # Bytes: text mode would turn the line ends of Windows.
     return TomlText.of(content) if path.suffix in _READERS else TomlText(path.read_bytes().decode("utf-8-sig"))
 
 
@@ -218,6 +220,7 @@ def changed_scene(name, values, *, remark=""):
     if any(table == "cylinder" for table, _, _ in values):
         _expand(text, content)
     for (table, row, field), value in values.items():
+        # A law excludes numbers of its own: it is written out as the two that it stands for.
         if table == "mesh" and field in ("epsilon", "transition") and text.discard(table, row, "law"):
             text.set(table, row, "epsilon", FRIDMAN_EPSILON)
             text.set(table, row, "transition", FRIDMAN_TRANSITION)

@@ -240,6 +240,7 @@ def load_table(loads) -> Loads:
 def cylinder_table(cylinders) -> Cylinders:
     """Collect the cylinders; the pressure on its uniform grid."""
     tabled = any(c.pressure for c in cylinders)
+    # Without tables no samples: every program would take them.
     pressure = np.zeros((len(cylinders), GAS_SAMPLES if tabled else 0))
     for i, c in enumerate(cylinders):
         if c.pressure:
@@ -284,6 +285,7 @@ def scale_at(table, rpm):
     if getattr(table, "rated_rpm", None) is None:
         return factor
     xp = namespace(table, rpm)
+    # 1 where there is none: a power of infinity would be nan in derivatives.
     rated = xp.where(table.rated_rpm > 0.0, table.rated_rpm, 1.0)
     power = (xp.asarray(rpm, dtype=float)[..., None] / rated) ** table.speed_exponent
     return factor * xp.where(table.rated_rpm > 0.0, power, 1.0)

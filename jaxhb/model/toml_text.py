@@ -83,6 +83,7 @@ class TomlText:
         own = [number for parts in self._rows(table) for number, _ in parts]
         last = own[-1] if own else len(self._pieces) - 1
         piece = self._pieces[last]
+        # Comments at the end of the last row belong to the next head: rows go before them.
         tail = _TAIL.search(piece).group() if own else ""
         self._write(last, piece.removesuffix(tail))
         self._insert(last + 1, table, rows, tail)
@@ -185,6 +186,7 @@ def _like(written, value):
     exponent = written.lower().partition("e")[2]
     if not exponent or not value:
         return text
+    # Decimal: to divide a float by a power of ten would change its last digits.
     shifted = Decimal(text).scaleb(-int(exponent))
     if abs(shifted.adjusted()) > DECADES:
         return text

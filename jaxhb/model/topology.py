@@ -100,6 +100,7 @@ class Topology:
             return True
         if not isinstance(other, Topology):
             return NotImplemented
+        # Compared at every call of a program: the kept hash tells most apart at once.
         return hash(self) == hash(other) and self._key == other._key
 
     def __hash__(self):
@@ -107,6 +108,7 @@ class Topology:
 
     @cached_property
     def _key(self):
+        # cached_property keeps its values in vars, too.
         return tuple(value for key, value in vars(self).items() if not key.startswith("_") and key in _FIELDS)
 
     @cached_property

@@ -65,6 +65,7 @@ def gear_errors(parts, rotor) -> list[str]:
             continue
         a, b = (disks[d] for d in ends)
         if a.teeth and b.teeth and abs(a.teeth / b.teeth * b.radius / a.radius - 1.0) > TEETH_TOLERANCE:
+            # Their ratio is in doubt: it decides nothing more.
             parts.bad |= {("disk", d, "radius") for d in ends}
             errors.append(
                 f"{where}: teeth {a.teeth}:{b.teeth} = {a.teeth / b.teeth:.6g} but radii {a.radius:g}:{b.radius:g} m"
@@ -162,6 +163,7 @@ def mean_torques(parts, speeds) -> np.ndarray:
     for table in ("torque", "cylinder"):
         found = [(parts.tables[table][i], disk) for i, disk in parts.seats(table) if _mean_known(parts, table, i)]
         seats += [disk for _, disk in found]
+        # Copies of what means come from: other fields may be faulty.
         known[table] = [type(e)(disk="", **{name: getattr(e, name) for name in _mean_fields(e)}) for e, _ in found]
     cylinders = known["cylinder"]
     fires, revolutions = [c.fires for c in cylinders], [gas.gas_revolutions(c) for c in cylinders]

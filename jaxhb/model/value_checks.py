@@ -15,6 +15,7 @@ from jaxhb.model.topology import suggestion
 
 def shown(value) -> str:
     """Write a value into a sentence, in short."""
+    # Beyond float64; and repr refuses more than 4300 digits.
     if isinstance(value, int) and value.bit_length() > 1023:
         return f"an integer of about {int(value.bit_length() * math.log10(2.0)) + 1} digits"
     try:
@@ -152,6 +153,7 @@ def row_errors(name, columns, rows) -> list[str]:
 
 def _factor_errors(name, columns, rows) -> list[str]:
     """Check the signs of rows (frequency or amplitude, factor of stiffness, factor of damping)."""
+    # 5e-324 is the least number above 0.
     limits = {columns[0]: ("at least 0", 0.0), columns[2]: ("at least 0", 0.0), columns[1]: ("greater than 0", 5e-324)}
     return [
         f"{name}, row {k + 1}: {column} is {row[columns.index(column)]:g}, must be {words}. Correct the row."
@@ -170,6 +172,7 @@ def _span_errors(name, angle, rows) -> list[str]:
         return [f"{name} spans {span:g} deg, must span at most 720 deg. Give one gas cycle."]
     period = 720.0 if gas.is_four_stroke(rows) else 360.0
     steps = np.diff(angle)
+    # The end of a table may be left out: as much as a step of it, up to an eighth of the cycle.
     step = min(max(float(np.median(steps)), steps[0], steps[-1]), period / 8.0)
     if span >= period - step - 1e-6:
         return []

@@ -64,6 +64,7 @@ def with_constant_links(train, ratios, *, hz, amplitude, rpm):
         raise SceneError(errors)
     fixed, shafts = without_tables(train), len(topology.shaft_names)
     links, stiffer, damped = factors(train, hz, [amplitude] * len(topology.amplitude_links))
+    # Without a speed no link is tuned to an order, or an error was raised above.
     extra = order_stiffness(train, ratios, 0.0 if rpm is None else rpm)
 
     def table(old, first, extra):

@@ -41,6 +41,7 @@ class Kantorovich:
     @property
     def radius(self) -> float:
         """(36): ``(1 - sqrt(1 - 2 h0)) / h0 delta0``, within which a solution exists; nan where the theorem fails."""
+        # The same without a difference of nearly equal numbers where h0 is small.
         return 2 * self.delta0 / (1 + self._root)
 
     @property
@@ -56,9 +57,11 @@ class Kantorovich:
     def bound(self, steps: int) -> float:
         """Largest distance from the solution after so many exact Newton steps: (37) corrected, and sharp (Gragg &
         Tapia, SIAM J. Numer. Anal. 11 (1974) 10)."""
+        # The derivative does not change, or nothing is left: the first step is exact.
         if not self.h0:
             return 0.0 if steps else self.delta0
         ratio = self.radius / self.uniqueness
+        # h0 = 1/2: both radii are equal, and the bound only halves with each step.
         if ratio == 1:
             return self.radius / 2.0**steps
         power = ratio ** (2.0**steps)

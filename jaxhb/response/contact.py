@@ -40,6 +40,7 @@ def contact_of(law, deflection, force, elastic, frequency, resolution):
     """:class:`Contact` from the coefficients of a mesh's deflection and force; ``law`` of floats, None: linear."""
     if deflection.ndim > 1:
         raise ValueError("contact is read speed by speed: take one response of the sweep, sweep[i].mesh(...)")
+    # A motion that was not found has nan forces.
     drive = int(np.nan_to_num(np.sign(force[0].real)))
     if law is None:
         return Contact(0.0, 0.0, [], drive, 0.0, 0.0, 0.0)
@@ -49,8 +50,10 @@ def contact_of(law, deflection, force, elastic, frequency, resolution):
     gap = law.gap
     damping = fourier.synthesize(force - elastic, samples)
     pull = np.where(backlash.separated(law, l), -np.sign(l) * damping, 0.0)
+    # Without a mean force neither flank drives: the first is taken.
     side = drive if drive else 1
     return Contact(
+        # By two levels of l: between two samples it may pass the whole gap, which |l| would not show.
         separated_fraction=_fraction_below(l, gap) - _fraction_below(l, -gap),
         reverse_contact_fraction=_fraction_below(side * l, -gap),
         impacts=_impacts(l, speed, gap),
@@ -66,6 +69,7 @@ def _fraction_below(values, level):
     here, ahead = values - level, np.roll(values, -1) - level
     both = (here < 0) & (ahead < 0)
     crossing = (here < 0) != (ahead < 0)
+    # Divisions by zero lie where nothing crosses.
     with np.errstate(divide="ignore", invalid="ignore"):
         below = np.where(here < 0, here / (here - ahead), ahead / (ahead - here))
     return float((both + np.where(crossing, below, 0.0)).mean())

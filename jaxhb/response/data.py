@@ -193,9 +193,11 @@ def _of_response(response, names):
         samples = signal.samples(signal.resolution) if len(values) else np.zeros((0, 1))
         low, high = samples.min(axis=-1), samples.max(axis=-1)
         statistics = {"mean": signal.mean, "min": low, "max": high, "half_peak_to_peak": (high - low) / 2}
+        # Tooth forces have more harmonics than the motion, whose orders the data set lists.
         kept = Signal(signal.coefficients[:, :moving], None, turns, response.resolution)
         found[name] = {
             "statistics": statistics | {"sum_of_amplitudes": signal.sum_of_amplitudes},
+            # An order that is not there has no phase.
             "spectrum": (kept.amplitudes, np.where(kept.amplitudes > 0, kept.phases_deg, np.nan), kept.orders, 0.0),
         }
     return found

@@ -58,8 +58,10 @@ class SteadySignal(Signal):
 
     def _by_cycle(self):
         """Samples of each cycle and the first of the next ``(cycles, n + 1)``."""
+        # Rounded up: every cycle has as many samples.
         count = -(-self.resolution // self.cycles)
         values = np.reshape(self._sampled(count * self.cycles), (self.cycles, count))
+        # A peak on the border of two cycles counts in both.
         return np.concatenate([values, np.roll(values, -1, axis=0)[:, :1]], axis=1)
 
 

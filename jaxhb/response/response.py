@@ -160,6 +160,7 @@ class Response(Fields):
         """Speed of rotation of a disk or damper ring, rad/s: the mean speed of its rotor and the vibration."""
         rate = fourier.derivative(self.angles[..., self.topology.disk_index(name), :], self._frequency)
         mean = self._mean_speed(name)
+        # The derivative has no mean: that of the speed is the rotation.
         return self._signal(namespace(rate, mean).concatenate([mean[..., None] + 0j, rate[..., 1:]], axis=-1))
 
     def acceleration(self, name: str) -> Signal:
@@ -241,6 +242,7 @@ class Response(Fields):
             passed, bent = self.torques[..., index, :], self.angles[..., first, :] - self.angles[..., second, :]
         else:
             bent = self.deflections[..., index - shafts, :]
+            # Harmonics of the force beyond those of the motion do no work.
             passed = self.forces[..., index - shafts, : bent.shape[-1]]
         xp, rate = namespace(passed, bent), fourier.derivative(bent, self._frequency)
         return 2 * xp.sum((passed * xp.conj(rate)).real, axis=-1)

@@ -39,6 +39,7 @@ def response_html(response):
 
 
 def _speed_row(response):
+    # The last iterate of a solve that failed is no motion.
     force, mesh = _largest_force(response) if response.status <= Status.TOLERANCE_NOT_MET else ("-", "-")
     return [number(float(response.rpm)), response.status_name, int(response.highest_harmonic), force, mesh]
 

@@ -73,6 +73,7 @@ class Signal:
     def phases_deg(self) -> Array:
         """Phases of the cosines in deg ``(..., K)``."""
         xp, tail = namespace(self.coefficients), self.coefficients[..., 1:]
+        # The angle of 0 has no derivative.
         return xp.angle(xp.where(tail == 0, 1.0, tail)) * (180 / np.pi)
 
     def order(self, order: float) -> Array:
@@ -83,6 +84,7 @@ class Signal:
                 f"order {order:g} is no harmonic of a cycle of {self.revolutions_per_cycle:g} revolutions: "
                 f"use a positive multiple of {1 / self.revolutions_per_cycle:g}"
             )
+        # A signal holds all that it has: a harmonic beyond is 0, not unknown.
         if harmonic >= self.coefficients.shape[-1]:
             return namespace(self.coefficients).zeros(self.coefficients.shape[:-1])
         return self.amplitudes[..., harmonic - 1]
@@ -156,6 +158,7 @@ class Signal:
     def rms(self) -> Array:
         """Root mean square over the cycle, mean included."""
         power = self.coefficients.real**2 + self.coefficients.imag**2
+        # Parseval: each coefficient n > 0 stands for -n too.
         return _power(power[..., 0] + 2 * power[..., 1:].sum(axis=-1), 0.5)
 
     def smooth_peak(self, p: float = 64) -> Array:
@@ -166,6 +169,7 @@ class Signal:
         xp = namespace(self.coefficients)
         values = xp.abs(self._sampled(self.resolution))
         scale = values.max(axis=-1)
+        # The scale keeps powers in range and cancels: it needs no derivative.
         scale = jax.lax.stop_gradient(scale) if xp is jnp else scale
         scale = xp.where(scale > 0, scale, 1.0)
         return scale * _power(((values / scale[..., None]) ** p).mean(axis=-1), 1 / p)

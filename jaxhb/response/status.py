@@ -35,6 +35,7 @@ class Status(IntEnum):
         return self.name
 
     def __format__(self, spec):
+        # An IntEnum would format as its number.
         return format(self.name, spec)
 
     @property

@@ -71,6 +71,7 @@ class SteadyState:
 
     def _signal(self, name, *args):
         found = getattr(self.response, name)(*args)
+        # Period 0 stands for a response that did not converge, which has one cycle.
         return SteadySignal(**vars(found), cycles=max(self.period, 1))
 
     def _read(self) -> Record | None:
@@ -170,6 +171,7 @@ class SteadyState:
         found = cast(Response, self.response).mesh(self.topology.mesh_names[index])
         speeds = [impact["speed"] for impact in found.impacts]
         shares = found.separated_fraction, found.reverse_contact_fraction
+        # The response goes over a whole period: its impacts are told for one cycle.
         return SteadyContact(*shares, len(speeds) / max(self.period, 1), max(speeds, default=0.0), found.drive_side)
 
     def to_xarray(self, *, orders: float | None = None) -> Dataset:

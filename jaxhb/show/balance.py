@@ -72,6 +72,7 @@ def _rounding(response):
 def balance_line(response):
     """One line on the mean torques of loads and grounds; empty where there is neither."""
     loads, grounds = load_torques(response), ground_reactions(response)
+    # What balances leaves rounding, which would read as a torque.
     least = max(_rounding(response), ROUNDING * max(map(abs, [*loads.values(), *grounds.values()]), default=0.0))
 
     def said(torque):

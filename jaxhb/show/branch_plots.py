@@ -124,6 +124,7 @@ def _with_special_points(branch, peak):
             values.append(point.value)
             forces.append(force)
         ends = [bool(branch.stable[k]), bool(branch.stable[k + 1])]
+        # Stability changes at special points alone; between two of one step nothing is known to be stable.
         stable += [ends[0], *[False] * (len(special) - 1), ends[1]] if special else [all(ends)]
         values.append(branch.value[k + 1])
         forces.append(peak[k + 1])

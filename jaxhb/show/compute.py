@@ -156,6 +156,7 @@ def answer_values(train, rpm, axis, values, asked, *, direction="up", kept=None,
             folder = {"out": Path(kept["out"]) / f"{way} {place}"} if kept and kept["out"] else {}
             answer = answer_one(changed, rpm, asked, start=start, kept=folder)
             own[int(place)] = dataclasses.replace(answer, axis=axis, value=value)
+            # A motion that is not known is nothing to start from.
             start = answer.state if answer.state.motion is not None else None
             progress and progress(1)
             if told:

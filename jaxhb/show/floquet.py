@@ -45,6 +45,7 @@ def growth_of(state, *, orbit):
         return Growth()  # disturbances of a linear train die away as its modes do
     try:
         large = response.topology.n_disks > STABILITY.dense_disks
+        # Of many disks all multipliers take long: the largest alone decides where it is far from 1.
         largest = largest_multiplier(response) if large else 1.0
         if abs(largest - 1) > DECIDED:
             return Growth(largest, largest < 1)

@@ -116,6 +116,7 @@ def _reading(response, name, kind):
     topology = response.topology
     if kind == "disks":
         ring = name in topology.damper_names
+        # The name of a ring is that of its damper, whose row has the heat of the link.
         power = np.zeros(len(response)) if ring else response.power(name)
         return Reading(name, kind, signal_of(response, name, kind), power)
     return Reading(name, kind, signal_of(response, name, kind), response.power(name))
@@ -262,6 +263,7 @@ def forced_rows(response, found, more=None):
     columns = {"rpm": response.rpm.tolist(), "status": [Status(int(s)).name for s in response.status]}
     columns |= {"load kW": (response.load_kW + 0.0).tolist(), "input power W": response.input_power.tolist()}
     for one in found:
+        # Ring and link of a damper share a name; heads of columns must not.
         name = f"{one.name} angle" if one.kind == "disks" and one.name in response.topology.damper_names else one.name
         columns[f"{name} half peak-to-peak {one.unit}"] = one.signal.half_peak_to_peak.tolist()
         columns[f"{name} sum of amplitudes {one.unit}"] = one.signal.sum_of_amplitudes.tolist()

@@ -158,4 +158,5 @@ def misfires_rows(misfires, found, more):
         own, cells = forced_rows(response, readings(response, names), more[cylinder])
         rows += [{"misfire": cylinder} | dict(zip(own, row, strict=True)) for row in cells]
         heads |= dict.fromkeys(["misfire", *own])
+    # An order that a response does not have has no column there: its amplitude is 0.
     return list(heads), [[row.get(head, 0.0) for head in heads] for row in rows]

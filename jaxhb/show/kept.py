@@ -26,6 +26,7 @@ class Kept:
     def __init__(self, trains, asked):
         base = user_folder()
         parts = [hash_of(train).encode() for train in trains]
+        # Other code or another jax may find other numbers: then the command begins anew.
         name = blake2(*parts, package_hash(), jax.__version__.encode(), repr(asked).encode()).hex()[:32]
         self.folder = None if base is None else base / FOLDER / name
 

@@ -63,6 +63,7 @@ def _with_teeth(train, arguments):
     if rpm is None:
         return train, _in_contact(train), [], {}
     load = at_mean_load(_constant(train, arguments), rpm=rpm)
+    # Links that vary go on doing so: only the equilibrium needed them constant.
     train = dataclasses.replace(without_backlash(train), meshes=load.train.meshes)
     return train, f"teeth at the mean load of {rpm:g} rpm", [mean_load_text(load, rpm)], mean_load_record(load, rpm)
 

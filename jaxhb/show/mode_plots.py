@@ -45,6 +45,7 @@ def train_lines(topology):
             near[a].append(b)
             near[b].append(a)
     first = longest_way(near, longest_way(near, 0)[-1])
+    # As the scene runs, whichever end the search began at.
     found = [first if first[0] < first[-1] else first[::-1]]
     placed = set(first)
     for way in found:
@@ -110,6 +111,7 @@ class Ways:
         """Of a train and its modes."""
         ways = train_lines(train.topology)
         starts = np.cumsum([0, *(len(way) + 1 for way in ways[:-1])])
+        # Referred to one rotor angles do not jump at meshes.
         shapes = modes.shapes / np.asarray(speed_ratios(train))[np.array(train.topology.rotor)]
         largest = np.abs(shapes).max(axis=1, keepdims=True)
         return cls(ways, starts, shapes / largest, np.abs(modes.shapes) <= AT_REST)

@@ -73,6 +73,7 @@ def _whole(mine, its):
         if both[0] != both[1]:
             rows.append([f"scene.{field}", *(NONE if value is None else f"{value:g}" for value in both), unit or NONE])
     reference = [{t.disk_names[i] for i, r in enumerate(t.rotor) if r == t.reference_rotor} for t in (mine, its)]
+    # Any disk of a rotor may be its reference: rotors that share a disk are the same.
     if not reference[0] & reference[1]:
         rows.append(["scene.reference", *(", ".join(sorted(names)) for names in reference), NONE])
     return rows

@@ -184,6 +184,7 @@ def _gas(train, groups, rpm):
             cells = [NONE] * 3
             if computed and topology.cylinder_fires[i]:
                 peak, angle = _peak(pressures[place, i], turns)
+                # Work of a gas cycle over the swept volume.
                 imep = 2 * np.pi * turns * means[place, i] / swept
                 cells = [_number(BAR * peak), f"{angle:.1f}", _number(BAR * imep)]
             rows.append([label, f"{speed:g}", _number(factors[place, i]), *cells, _number(means[place, i])])

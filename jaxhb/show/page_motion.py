@@ -231,6 +231,7 @@ def maxima(quantity, cases, *, contact=False):
     for case in cases:
         values = [quantity.of(case.answers, name) for name in names]
         before = [quantity.without(case.answers, name) for name in names]
+        # Both columns go over the same speeds: those that have an answer with backlash.
         before = [np.where(np.isfinite(own), other, np.nan) for own, other in zip(values, before, strict=True)]
         pair = [_or_nan(column) for column in values], [_or_nan(column) for column in before]
         shown = alike(*pair)
@@ -289,6 +290,7 @@ def _cycles(quantity, name, cases):
     for answer in (answer for case in cases for answer in case.answers):
         if answer.answered and answer.state.kind == "irregular":
             low, _, high = quantity.factor * np.asarray(answer.force(name).per_cycle.max)
+            # nan ends a line: one trace draws all bars.
             x += [answer.rpm, answer.rpm, np.nan]
             y += [low, high, np.nan]
     style = {"opacity": 0.45, "hoverinfo": "skip"}

@@ -60,7 +60,9 @@ def _sketch(train):
     except ValueError as refusal:
         return [f"No sketch: {refusal}"]
     content = io.StringIO()
+    # The page has a date of its own.
     figure.savefig(content, format="svg", metadata={"Date": None})
+    # Inside HTML an SVG has no XML head.
     svg = re.sub(r"\A.*?(?=<svg)", "", content.getvalue(), flags=re.DOTALL)
     return [Picture("Sketch of the train: rotors as lines of disks, gears in mesh as pitch circles that touch", svg)]
 

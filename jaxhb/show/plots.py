@@ -103,6 +103,7 @@ def _draw_forces(answer, axes, names):
             axes.plot(angles, force, color=colour, linewidth=1.0, label=plain(name))
         before = closed(answer, answer.linear.force(name)) / 1e3
         axes.plot(angles, before, color=colour, linewidth=0.9, linestyle="--", alpha=0.6)
+    # One grey key stands for the dashed lines of all colours.
     axes.plot([], [], color="grey", linewidth=0.9, linestyle="--", label="without backlash")
     axes.axhline(0.0, color="black", linewidth=0.6)
     axes.set_ylabel("tooth force, kN")

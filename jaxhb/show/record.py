@@ -177,6 +177,7 @@ def _listed(rows, orders):
     if orders == NO_ORDERS:
         return []
     sizes = np.array([row[1] for row in rows])
+    # Not ``>``: amplitudes that are nan are listed, as None.
     counted = ~(sizes <= NEGLIGIBLE * sizes.max(initial=0.0))
     if orders is not None:
         counted &= np.array([row[0] for row in rows]) <= orders

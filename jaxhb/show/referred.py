@@ -91,6 +91,7 @@ def _varying_table(train, found):
             table, k = (train.shafts, i) if i < shafts else (train.dampers, i - shafts)
             i2 = found.link_factor[i] ** 2
             for at, stiffer, damped in dict.fromkeys(map(tuple, np.asarray(getattr(table, field)[k]).tolist())):
+                # Angles referred to the reference rotor are phi / i; frequencies are the same for all.
                 referred_at = at if field == "over_hz" else at / found.link_factor[i]
                 stiffness, damping = stiffer * found.stiffness[i], damped * found.damping[i]
                 values = [at, referred_at, stiffness, stiffness * i2, damping, damping * i2]

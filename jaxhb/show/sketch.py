@@ -126,6 +126,7 @@ class _Placing:
     def run(self):
         """The layout, rotor by rotor from the reference rotor on."""
         near, start = self.near, self.topology.rotor.index(self.topology.reference_rotor)
+        # In a tree the disk farthest from any other is an end of a longest way.
         way = longest_way(near, longest_way(near, start)[-1])
         way = way if way[0] < way[-1] else way[::-1]
         self._take(self._line(way, 0, (0.0, 0.0), 1, 1))

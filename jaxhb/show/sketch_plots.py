@@ -55,6 +55,7 @@ def plot_train(train):
         unit = _inches(found)
     size = np.maximum(unit * (found.high - found.low) + 2 * EDGE, (6.0, 2.0))
     figure = new_figure(size[1])
+    # The picture has its own scale: a unit is as long across as up, so that circles are round.
     figure.set_layout_engine("none")
     figure.set_size_inches(*size)
     axes = figure.add_axes((0, 0, 1, 1))

@@ -36,6 +36,7 @@ def sweep_text(sweeps):
         parts += turning_table(answers)
     ways = {BLOCKS[way] if len(sweeps) > 1 else "": answers_strength(answers) for way, answers in sweeps.items()}
     parts += (strength_text(ways) if answers[0].axis == SPEED else []) + _hysteresis(sweeps)
+    # A speed that does the same both ways has one answer, noted once.
     every = {id(answer): answer for answers in sweeps.values() for answer in answers}
     return "\n\n".join([*parts, *notes_text(*every.values())])
 
