@@ -1,10 +1,11 @@
-"""``jaxhb modes``: mode shapes along the train with its branches, and teeth at the mean load of a speed."""
+"""``jaxhb modes``: tables and files, shapes along the train with its branches, teeth at the mean load of a speed."""
 
 import json
 import math
 
 import numpy as np
 import pytest
+from strict_json import read
 
 import jaxhb
 from jaxhb.linear.damped import damping_ratios
@@ -33,6 +34,34 @@ mean = 0.2
 [[load]]
 disk = "b"
 """
+
+
+def test_modes_are_those_of_python(capsys, tmp_path):
+    file = tmp_path / "modes.json"
+    assert main(["modes", "gear_train_30", "--json", str(file)]) == 0
+    modes = jaxhb.natural_frequencies(jaxhb.load_scene("gear_train_30"))
+    record = read(file)
+    told = {"frequencies_hz", "mesh_energy_share", "modes", "kinds", "node_count", "generalised_mass", "damping_ratios"}
+    assert set(record) == {"scenario", "set", "links_at", "viscous", "kinetic_share", "strain_share"} | told
+    assert record["mesh_energy_share"] == modes.mesh_energy_share.tolist()
+    assert record["frequencies_hz"] == modes.frequencies_hz.tolist()
+    assert record["modes"]["crank gear"] == modes.shapes[:, modes.names.index("crank gear")].tolist()
+    assert (
+        record["strain_share"]["idler|cam gear A"]
+        == modes.strain_share[:, modes.link_names.index("idler|cam gear A")].tolist()
+    )
+    assert f"{modes.frequencies_hz[1]:.2f}" in capsys.readouterr().out
+
+
+def test_a_ring_without_stiffness_is_not_called_a_motion_of_all_disks(capsys):
+    """A viscous damper's ring turns freely: its motion of 0 Hz is told apart from that of the train."""
+    assert main(["modes", "engine_with_damper"]) == 0
+    rows = capsys.readouterr().out.splitlines()[2:]
+    said = [row.split(maxsplit=6)[-1] for row in rows[:2]]
+    assert said == ["rigid-body mode", "ring only: viscous damper turns freely"]
+    assert "rigid-body" not in rows[2]
+    assert main(["modes", "gear_train_30"]) == 0
+    assert capsys.readouterr().out.splitlines()[2].endswith("rigid-body mode on the ground's spring")
 
 
 @pytest.mark.parametrize("name", ["gear_train_30", "engine_with_damper", "six_cylinder_diesel"])
