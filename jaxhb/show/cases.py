@@ -145,7 +145,7 @@ def _turning_table(cases, number):
     for column, answer in zip(columns, answers, strict=True):
         column += alike([answer.power(name) for name in train.topology.damper_names])[0]
     rows = [
-        *(f"irregularity of {disk}" for disk in disks),
+        *(f"irregularity of {disk}, %" for disk in disks),
         *(f"heat of {name}, W" for name in train.topology.damper_names),
     ]
     heads = [case.title + DOUBT * _doubted(answer) for case, answer in zip(cases, answers, strict=True)]

@@ -83,7 +83,7 @@ def turning_table(answers, title=""):
     columns = [_doubted(column, answers) for column in (irregular, *heat)]
     heads = [answers[0].axis.label, disk, *topology.damper_names]
     places = [f"{answer.place:g}" for answer in answers]
-    groups = [("irregularity", 1, 1), ("heat, W", 2, len(heads) - 1)]
+    groups = [("irregularity, %", 1, 1), ("heat, W", 2, len(heads) - 1)]
     told = "of the heaviest disk (of every disk: --csv)"
     title = f"Cyclic irregularity, (largest - smallest) / mean speed, {told}, and heat of dampers{title}"
     return [Table(_titled(title, answers), heads, [places, *columns], groups)]

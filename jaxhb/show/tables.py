@@ -152,9 +152,9 @@ def _disk_table(answer):
 
 
 def irregularity_text(answer, disk):
-    """Cyclic irregularity of a disk, a dash where it is not known."""
+    """Cyclic irregularity of a disk in %, a dash where it is not known."""
     value = answer.irregularity(disk)
-    return plain_number(value, digits=3) if np.isfinite(value) else NONE
+    return plain_number(100 * value, digits=3) if np.isfinite(value) else NONE
 
 
 def _speed_table(answer):
@@ -165,7 +165,7 @@ def _speed_table(answer):
     irregular = [irregularity_text(answer, name) for name in names]
     (accelerations,) = alike([answer.acceleration(name).half_peak_to_peak for name in names])
     title = "Speed of disks, rpm; cyclic irregularity: (largest - smallest) / mean; acceleration, rad/s2, half p-p"
-    heads = ["disk", "mean", "half p-p", "irregularity", "acceleration"]
+    heads = ["disk", "mean", "half p-p", "irregularity %", "acceleration"]
     return Table(title, heads, [names, means, swings, irregular, accelerations])
 
 

@@ -87,8 +87,17 @@ def test_irregularity_is_told_of_the_heaviest_disk_the_gears_and_the_loads(made)
         for row, disk in enumerate(table.columns[0]):
             largest = 100 * max(answer.irregularity(disk) for answer in case.answers)
             assert float(table.columns[first][row]) == pytest.approx(largest, rel=2e-3)
-    one_speed = next(table for table in tables(parts["One speed in full"]) if "irregularity" in table.title)
-    assert one_speed.columns[0][:3] == [f"irregularity of {disk}" for disk in table.columns[0]]
+
+
+def test_irregularity_is_in_per_cent_in_all_tables_of_the_page(made):
+    _, report, parts = made
+    normal, disks = report.cases[0].answers, ["Kurbel", "Räder", "Bremse"]
+    over = tables(parts["Motion over the speed"])[-3]
+    one = next(table for table in tables(parts["One speed in full"]) if "irregularity" in table.title)
+    assert (over.heads[1], over.groups[0]) == ("Kurbel", ("irregularity, %", 1, 1))
+    assert one.columns[0][:3] == [f"irregularity of {disk}, %" for disk in disks]
+    wanted = [a.irregularity("Kurbel") for a in normal] + [normal[report.place].irregularity(disk) for disk in disks]
+    assert [float(cell) / 100 for cell in (*over.columns[1], *one.columns[1][:3])] == pytest.approx(wanted, rel=6e-3)
 
 
 def test_the_second_design_stands_beside_the_first_with_what_differs(made):

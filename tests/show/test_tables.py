@@ -13,6 +13,8 @@ from jaxhb.show.columns import aligned, alike, ratios, shares
 from jaxhb.show.compute import Asked, answer_one
 from jaxhb.show.floquet import Growth
 from jaxhb.show.progress import Progress
+from jaxhb.show.record import answer_record
+from jaxhb.show.rows import answer_row
 from jaxhb.show.sweep_plots import plot_sweep
 from jaxhb.show.sweep_tables import ranges, sweep_text
 from jaxhb.show.tables import solve_text
@@ -84,6 +86,16 @@ def sweep():
     """Two periodic solutions: a hammering one, and the same as if its truncation error were too large."""
     one = jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=5000.0)
     return [as_orbit(one), as_orbit(dataclasses.replace(one, rpm=np.array(5100.0), status=np.array(1)))]
+
+
+def test_irregularity_is_in_per_cent_for_people_and_a_share_for_programs(sweep):
+    table = next(part for part in solve_text(sweep[0]).split("\n\n") if part.startswith("Speed of disks"))
+    head, *rows = (line.split() for line in table.splitlines()[1:])
+    assert head[-3:] == ["irregularity", "%", "acceleration"]
+    for row, disk in zip(rows, ("gear a", "gear b"), strict=True):
+        share = answer_record(sweep[0])["disks"][disk]["irregularity"]
+        assert share == answer_row(sweep[0])[f"{disk} irregularity"]
+        assert float(row[-2]) == pytest.approx(100 * share, rel=6e-3)
 
 
 def test_a_sweep_tells_where_teeth_separate_and_what_did_not_converge(sweep):
