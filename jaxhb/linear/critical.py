@@ -176,7 +176,8 @@ def campbell(
     Raises
     ------
     SceneError
-        If speeds or orders are not greater than 0, speeds do not rise, or a link varies by what is not given.
+        If speeds or orders are not greater than 0, speeds are above 1e6 rpm or do not rise, or a link varies by what is
+        not given.
 
     Notes
     -----

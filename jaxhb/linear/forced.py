@@ -29,7 +29,7 @@ from ..harmonic.excitation import excitation, listed_harmonic, load_power_kW
 from ..model.change import within_range, without_backlash
 from ..model.drivetrain import DriveTrain
 from ..model.elements import SceneError
-from ..model.speeds import check_speed
+from ..model.speeds import HIGHEST_RPM, check_speed
 from ..model.varying import varying, without_tables
 from ..response.response import Response, register
 from ..response.status import Status
@@ -124,7 +124,7 @@ def forced_response(train: DriveTrain, *, rpm: Numbers, harmonics: int | None = 
     Raises
     ------
     SceneError
-        If a speed is not greater than 0 or ``harmonics`` is no whole number of at least 1.
+        If a speed is not greater than 0 or above 1e6 rpm, or ``harmonics`` is no whole number of at least 1.
 
     Notes
     -----
@@ -168,7 +168,7 @@ def _checked_harmonics(train, harmonics):
 def _respond(train, rpm, harmonics):
     """The ForcedResponse at speeds ``(n,)``."""
     # The host refuses such numbers with a sentence; where they are traced they become a status.
-    valid = within_range(train) & (rpm > 0)
+    valid = within_range(train) & (rpm > 0) & (rpm <= HIGHEST_RPM)
     train = jax.tree.map(lambda a: jnp.asarray(a, dtype=float), train)
     system, topology = chain.assemble(without_tables(train)), train.topology
     torque, load_torque, _ = jax.vmap(lambda speed: excitation(train, speed, harmonics))(rpm)

@@ -4,6 +4,11 @@ import math
 
 from .elements import SceneError
 
+HIGHEST_RPM = 1e6
+"""Speed beyond which a number is no speed in rpm: the fastest turbochargers and spindles stay below."""
+
+_TOO_FAST = f"must be at most {HIGHEST_RPM:.0f} rpm: give revolutions per minute"
+
 
 def read_speed(text):
     """A speed in rpm.
@@ -11,7 +16,7 @@ def read_speed(text):
     Raises
     ------
     ValueError
-        A sentence, if it is not a number greater than 0.
+        A sentence, if it is not a number greater than 0 and at most 1e6.
     """
     try:
         value = float(text)
@@ -19,6 +24,8 @@ def read_speed(text):
         value = math.nan
     if not 0 < value < math.inf:
         raise ValueError(f"the speed is {text!r}, must be a number greater than 0 rpm")
+    if value > HIGHEST_RPM:
+        raise ValueError(f"the speed is {text!r}, {_TOO_FAST}")
     return value
 
 
@@ -50,7 +57,7 @@ def read_speeds(text):
 
 
 def check_speed(train, rpm, *, many=False):
-    """Refuse a speed that is not a positive number, and several speeds where one is wanted."""
+    """Refuse a speed that is not a positive number or beyond any train, and several speeds where one is wanted."""
     import numpy as np  # the command line reads speeds before it imports anything heavy
 
     values, name = np.atleast_1d(np.asarray(rpm, dtype=float)), train.topology.title
@@ -61,3 +68,5 @@ def check_speed(train, rpm, *, many=False):
     for value in values:
         if not (np.isfinite(value) and value > 0):
             raise SceneError(f"{name}: the speed is {value:g} rpm, must be greater than 0 rpm: a running engine.")
+        if value > HIGHEST_RPM:
+            raise SceneError(f"{name}: the speed is {value:g} rpm, {_TOO_FAST}.")

@@ -208,7 +208,7 @@ def follow(
     Raises
     ------
     SceneError
-        No such element or field, a value out of its range, a speed that is not positive.
+        No such element or field, a value out of its range, a speed that is not greater than 0 or above 1e6 rpm.
     ValueError
         An empty range, a missing or superfluous ``rpm``, a train without backlash, or one without multipliers
         (:func:`jaxhb.stability`: massless disks).

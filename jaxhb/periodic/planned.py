@@ -13,7 +13,7 @@ from .._program import WHOLE, Program, across, along
 from ..harmonic import fourier
 from ..harmonic.backlash import law_of
 from ..model.change import within_range
-from ..model.speeds import check_speed
+from ..model.speeds import HIGHEST_RPM, check_speed
 from ..response.events import March, Newton
 from ..response.response import Response
 from ..response.status import Status
@@ -97,7 +97,7 @@ def _solve_traced(train, rpm, begin, active_meshes, limit, sizes):
     """One program for all of it: piece by piece, differentiation outside ``jit`` compiles a hundred small ones."""
     finite = derivative.all_finite((train, rpm))
     # Not ``rpm > 0``: nan is not out of range but not finite, and has its own status.
-    valid = within_range(train) & ~(rpm <= 0)
+    valid = within_range(train) & ~((rpm <= 0) | (rpm > HIGHEST_RPM))
     train, rpm = derivative.only_if(finite & valid, (train, rpm))
     problem = problem_at(train, rpm, sizes.excited)
     outcome = solve_problem(problem, active_meshes, begin, limit, sizes)

@@ -107,7 +107,7 @@ def solve_all(
     Raises
     ------
     SceneError
-        A speed that is not positive.
+        A speed that is not greater than 0 or above 1e6 rpm.
     TypeError
         Under ``jit``, ``vmap`` or ``grad``.
 

@@ -79,7 +79,7 @@ def solve(
     Raises
     ------
     SceneError
-        Speed not positive, harmonics that cannot work, or a plan made for another train.
+        Speed not greater than 0 or above 1e6 rpm, harmonics that cannot work, or a plan made for another train.
     ValueError
         ``harmonics``, ``tolerance``, ``method`` or ``integrals`` beside a plan, which holds its own.
 

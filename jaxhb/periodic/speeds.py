@@ -63,7 +63,7 @@ def solve_speeds(
     Raises
     ------
     SceneError
-        A speed that is not positive, or harmonics below the excitation.
+        A speed that is not greater than 0 or above 1e6 rpm, or harmonics below the excitation.
 
     Examples
     --------

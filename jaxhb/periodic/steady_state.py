@@ -152,7 +152,7 @@ def steady_state(
     Raises
     ------
     SceneError
-        A speed that is not positive.
+        A speed that is not greater than 0 or above 1e6 rpm.
     ValueError
         An unknown direction. A :class:`CheckpointError` is one, too: ``out`` holds answers for another train, another
         version or other options, or cannot be written.

@@ -66,8 +66,8 @@ _SENTENCES = {
     "correct the mean torques",
     Status.NEAR_SINGULAR: "the equations are singular here (an undamped resonance): add damping or move the speed",
     Status.NONFINITE: "the solution is not finite: check the scene for huge or tiny numbers",
-    Status.INVALID_INPUT: "the speed is not greater than 0 rpm, or a number of the train lies outside its range (an "
-    "inertia, stiffness, damping or backlash below 0, epsilon or transition not within 0 and 1): correct it",
+    Status.INVALID_INPUT: "the speed is not between 0 and 1000000 rpm, or a number of the train lies outside its range "
+    "(an inertia, stiffness, damping or backlash below 0, epsilon or transition not within 0 and 1): correct it",
 }
 
 

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxhb.model.drivetrain import DriveTrain
+from jaxhb.model.speeds import check_speed
 
 from .._program import Program
 from ..harmonic import backlash, chain, fourier
@@ -247,8 +248,7 @@ def _extremes(trace, dt):
 
 def equations_of(train, rpm):
     """System, backlash meshes, Omega and load of a train at a speed."""
-    if not (np.isfinite(rpm) and rpm > 0):
-        raise ValueError(f"{train.topology.title}: the speed is {rpm:g} rpm, must be greater than 0 rpm.")
+    check_speed(train, rpm)
     system, meshes = chain.assemble(train), backlash_meshes(train)
     partition(system, meshes, train.topology.disk_names, train.topology.link_names)
     torque, _, _ = excitation(train, rpm, listed_harmonic(train.topology))

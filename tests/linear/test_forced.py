@@ -195,9 +195,10 @@ def test_teeth_with_backlash_count_as_in_contact():
     assert found.mesh("lay 3", "output").separated_fraction == 0.0
 
 
-def test_a_traced_speed_that_is_not_positive_is_invalid():
+def test_a_traced_speed_that_is_none_is_invalid():
     train = jaxhb.load_scene("six_cylinder_diesel")
-    assert jax.jit(lambda rpm: jaxhb.forced_response(train, rpm=rpm).status)(-100.0) == Status.INVALID_INPUT
+    status = jax.jit(lambda rpm: jaxhb.forced_response(train, rpm=rpm).status)
+    assert [int(status(rpm)) for rpm in (-100.0, 1.1e6, 900.0)] == [Status.INVALID_INPUT] * 2 + [Status.CONVERGED]
 
 
 @pytest.mark.parametrize(
@@ -205,6 +206,7 @@ def test_a_traced_speed_that_is_not_positive_is_invalid():
     [
         ({"rpm": 0.0}, "must be greater than 0 rpm"),
         ({"rpm": [900.0, float("nan")]}, "must be greater than 0 rpm"),
+        ({"rpm": [900.0, 2e6]}, r"the speed is 2e\+06 rpm, must be at most 1000000 rpm"),
         ({"rpm": []}, "no speed is given"),
         ({"rpm": 900.0, "harmonics": 0}, "harmonics is 0, must be a whole number"),
     ],

@@ -265,17 +265,20 @@ def test_arguments_that_belong_to_the_plan_are_refused_beside_it(pair, plan):
         jaxhb.solve_speeds(pair, rpm=[HAMMERING_RPM], plan=plan, harmonics=50)
 
 
-@pytest.mark.parametrize("rpm", [0.0, -100.0, np.nan, np.inf])
+@pytest.mark.parametrize("rpm", [0.0, -100.0, np.nan, np.inf, 1.1e6])
 def test_every_entry_refuses_a_speed_that_is_none(pair, plan, rpm):
+    sentence = "must be at most 1000000 rpm: give" if rpm == 1.1e6 else "must be greater than 0 rpm"
     calls = (
         lambda: jaxhb.solve(pair, rpm=rpm, plan=plan),
         lambda: jaxhb.plan(pair, rpm=rpm),
         lambda: jaxhb.solve_speeds(pair, rpm=[3000.0, rpm]),
         lambda: jaxhb.linear_response(pair, rpm=rpm),
+        lambda: jaxhb.forced_response(pair, rpm=[3000.0, rpm]),
+        lambda: jaxhb.steady_state(pair, rpm=rpm),
         lambda: jaxhb.integrate(pair, rpm=rpm),
     )
     for call in calls:
-        with pytest.raises(ValueError, match="must be greater than 0 rpm"):
+        with pytest.raises(jaxhb.SceneError, match=sentence):
             call()
 
 
@@ -393,7 +396,7 @@ def test_numbers_that_are_invalid_have_a_status_under_jit(pair, plan):
     names = [f"gear a|gear b.{name}" for name in ("stiffness", "damping", "backlash", "epsilon", "transition")]
     valid = [float(pair.value(name)) for name in (*names, "gear a.inertia")]
     assert int(status(HAMMERING_RPM, valid)) == jaxhb.Status.CONVERGED
-    for rpm in (0.0, -1500.0):
+    for rpm in (0.0, -1500.0, 1.1e6):
         assert int(status(rpm, valid)) == jaxhb.Status.INVALID_INPUT
     for place, wrong in ((0, -1e6), (1, -1.0), (2, -1e-5), (3, -0.1), (3, 1.5), (4, 0.0), (4, 1.5), (5, -0.01)):
         changed = [*valid[:place], wrong, *valid[place + 1 :]]

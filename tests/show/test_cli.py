@@ -21,6 +21,13 @@ BAD = {
     "a negative speed": (["solve", "spur_pair", "--rpm", "-3"], "greater than 0 rpm"),
     "no number": (["solve", "spur_pair", "--rpm", "fast"], "must be a number greater than 0 rpm"),
     "an infinite speed": (["solve", "spur_pair", "--rpm", "inf"], "must be a number greater than 0 rpm"),
+    "a speed beyond any train": (
+        ["solve", "spur_pair", "--rpm", "1e9"],
+        "the speed is '1e9', must be at most 1000000 rpm: give revolutions per minute.",
+    ),
+    "a sweep beyond any train": (["sweep", "spur_pair", "--rpm", "1e5:2e6:3"], "the speed is '2e6', must be at most"),
+    "orders beyond any train": (["forced", "spur_pair", "--rpm", "900,1e7"], "the speed is '1e7', must be at most"),
+    "a report beyond any train": (["report", "spur_pair", "--rpm", "1e6,1000001"], "'1000001', must be at most"),
     "half a range": (["sweep", "spur_pair", "--rpm", "600:2450"], "A:B:COUNT"),
     "no speeds": (["sweep", "spur_pair", "--rpm", "600:2450:0"], "whole number of at least 1"),
     "one speed between two": (["sweep", "spur_pair", "--rpm", "600:2450:1"], "COUNT of at least 2"),
