@@ -39,7 +39,7 @@ class OrbitOptions:
     settled : periodicity error that counts as none, far below what the steps themselves leave
     closed : the same of the segments of a cycle, aimed at
     same : difference of the deflections, as a share of the largest, below which two orbits are one, found twice
-    capacity : steps of a cycle at most. Arrays have room for them: programs are compiled once, not for each number
+    capacity : steps of a cycle at most. Arrays have room for them: programs are not compiled for each number
     flexible : share of the compliance of a mesh below which modes too fast for the steps are left out
     """
 
@@ -86,7 +86,8 @@ def _make(train, rpm, plan):
     """A Stepper and the ReducedModel that it steps."""
     problem = problem_at(train, rpm, plan.sizes.excited)
     stepper, response, modes = _equations(problem, plan.active_meshes, plan.time_steps)
-    # Room for the most steps, the number in use traced: one program for all numbers of steps.
+    # Room for the most steps, the number in use traced: one program for all numbers of steps that follow the modes of
+    # the teeth, and one for all that do not: the static response of the rest doubles the time of a step.
     linear = np.zeros((2 * ORBIT.capacity, len(response)))
     linear[: 2 * plan.time_steps] = fourier.synthesize(response, 2 * plan.time_steps).T
     stepper = replace(stepper, linear=linear, count=np.array(plan.time_steps))
