@@ -1,44 +1,45 @@
-"""The ladder: one way after another to a start of Newton's method, until the equations are solved.
+"""The ladder: attempts at one case, rung after rung, until the equations are solved.
 
-A rung is a function ``rung(case, last)`` that yields attempts; the next one is asked for where Newton's method did not
-solve the last. The cheap rungs come first: from teeth in contact Newton's method succeeds where no tooth separates,
-from a short march where the motion settles within a few cycles. Shooting and the curve from the linear law look for
-periodic motions that no march settles on; what they find may be unstable. A solve takes few shots and no curve.
+A :class:`Case` is a train at one speed and what its attempts share; :func:`climb` makes the attempts of rungs
+(:mod:`jaxhb.periodic.rungs`) one after another, :func:`refine` takes one of them to the tolerance.
 """
 
 import dataclasses
-import itertools
 import math
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
-from ..response.events import Homotopy, March, Shooting
 from ..response.response import Response
 from ..response.status import Status
 from . import homotopy, orbits, planning
 from .homotopy import HomotopyOptions
 from .plan import Plan
-from .planned import active_deflections, first_start, solve_once
+from .planned import first_start, solve_once
 from .problem import problem_at
 from .program import solve_problem
 from .request import MOST_HARMONICS, Request
-from .time_steps import TIME_STEPS, time_steps_for, time_steps_of
+from .time_steps import time_steps_for, time_steps_of
 
 
 @dataclass(frozen=True)
 class Effort:
     """What the rungs above a short march may cost: by default what a solve takes unasked, about a second for 27 disks.
 
-    settled : periodicity error of a march that makes shooting useless: what Newton's method then lacks are shorter
-    steps or more harmonics. closer : times better than the march before it that a longer march has to close. finer :
-    orbits are searched with up to so many times the steps of the march, as coarse steps bend them. finest_shots : that
-    the work of a search has to pay for with the finest steps: of larger trains fewer closed none. work : of the shots
-    of a search. orbits : tried at most; some have no harmonics near them, or lie beyond a turning point that the steps
-    displaced.
+    Parameters
+    ----------
+    settled : periodicity error of a march from which shooting with its steps is useless: what Newton's method then
+        lacks are shorter steps or more harmonics
+    closer : a long march is a start where its periodicity error is so many times smaller than that of the short one
+    finer : times the steps of the march, at most, with which orbits are searched, as coarse steps bend them. With 1 all
+        searches keep the steps of the march
+    finest_shots : with the finest steps, that ``work`` has to pay for: of larger trains fewer closed none. Counts where
+        ``finer`` is above 2
+    work : of the shots of a search, in units of :func:`jaxhb.periodic.orbits.work_of_cycle`
+    orbits : tried at most; some have no harmonics near them, or lie beyond a turning point that the steps displaced
+    homotopy : options of the curve from the linear law
     """
 
     settled: float = 1e-5
@@ -51,7 +52,7 @@ class Effort:
 
 
 LONG = Effort(finer=4, work=orbits.ORBIT.work, orbits=16)
-"""What searches may cost that are asked for: minutes."""
+"""What the searches of :func:`jaxhb.solve_all` may cost: minutes."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,8 @@ class Attempt:
 
 @dataclass(frozen=True)
 class Result:
-    """What became of an attempt: the plan in the end, and the periodicity error of the march before, nan without.
+    """What became of an attempt: the plan in the end, and the periodicity error of the short march, nan without one or
+    where it was not finite.
 
     harmonics : fewest that the tolerance is known to need.
     """
@@ -88,7 +90,17 @@ class Result:
 class Case:
     """One train at one speed, asked for once: its numbers, and what several rungs share.
 
-    ``deadline``, on the monotonic clock, is when no further attempt begins.
+    Parameters
+    ----------
+    train, rpm, request : what is asked
+    plan : Plan, from the linear motion; rungs change copies of it
+    effort : what rungs may cost
+    search_with : class of the searches for orbits
+    path : events so far; rungs and :func:`refine` add theirs
+    solved : whether no further attempt is wanted, as the last one was solved, or none can be; set by :func:`refine` and
+        read by rungs that would go on with the same orbit
+    searches : for orbits, by the meshes and time steps of their plans
+    deadline : on the monotonic clock, when no further attempt begins
     """
 
     train: object
@@ -150,149 +162,17 @@ class Case:
         return self.searches[key]
 
 
-def contact(case, last) -> Iterator[Attempt]:
-    """From teeth in contact, where the linear motion separates none."""
-    if not case.plan.marches:
-        yield from on_flank(case, last)
-
-
-def on_flank(case, last) -> Iterator[Attempt]:
-    """From teeth in contact, whatever the linear motion does."""
-    yield Attempt(dataclasses.replace(case.plan, start="linear"))
-
-
-def from_response(response):
-    """The rung that starts from a motion at hand."""
-
-    def rung(case, last):
-        plan = planning.all_active(case.train, case.plan, case.request)
-        if case.adaptive and int(response.status) == Status.TOLERANCE_NOT_MET:
-            above = case.next_level(response.harmonics) or MOST_HARMONICS[plan.method]
-            plan = dataclasses.replace(plan, harmonics=max(plan.harmonics, above))
-        yield Attempt(plan, np.asarray(active_deflections(plan, response.deflections)))
-
-    return rung
-
-
-def short_march(case, last) -> Iterator[Attempt]:
-    """From a few cycles of time integration."""
-    yield Attempt(_at_least(case.marching(last), last))
-
-
-def long_march(case, last) -> Iterator[Attempt]:
-    """From up to 64 cycles, where one of them closes much better than the short march did."""
-    plan, error = case.marching(last), march_error(last)
-    counts = search_steps(case, plan, last)
-    if not counts:
-        return
-    finer = dataclasses.replace(plan, time_steps=counts[0])
-    found = case.search(finer).march(min(orbits.ORBIT.steady, error / case.effort.closer))
-    event = March(found.tries, counts[0], found.periodicity_error)
-    if found.coefficients is None:
-        case.path.append(event)
-    else:
-        yield _from_orbit(case, last, plan, found, counts[0], event)
-
-
-def shooting(case, last) -> Iterator[Attempt]:
-    """From closed orbits, found by Newton's method on the state at the beginning of a cycle."""
-    plan = case.marching(last)
-    searches = {n: case.search(dataclasses.replace(plan, time_steps=n)) for n in search_steps(case, plan, last)}
-    shots = _in_turn({steps: search.shoot() for steps, search in searches.items()})
-    for steps, orbit in itertools.islice(shots, case.effort.orbits):
-        event = Shooting(orbit.tries, steps, orbit.periodicity_error, orbit.coefficients is not None)
-        yield from _halving_steps(case, last, plan, orbit, steps, event)
-
-
-def from_linear_law(case, last) -> Iterator[Attempt]:
-    """From the motion of a linear law with strong tooth damping, followed to the wanted train.
-
-    Not where a march settled or an orbit closed with the finest steps: there the harmonics are what is missing.
-    """
-    plan = case.marching(last)
-    finest = _finest(case, plan)
-    shot = (e for e in case.path if isinstance(e, Shooting))
-    if march_error(last) <= case.effort.settled or any(e.closed and 2 * e.time_steps > finest for e in shot):
-        return
-    steps = min(2 * plan.time_steps, finest)
-    stepped = dataclasses.replace(plan, time_steps=steps)
-    found = homotopy.find(case.train, case.rpm, stepped, options=case.effort.homotopy)
-    event = Homotopy(found.coefficients is not None, found.curves, found.steps, found.folds, steps)
-    yield from _halving_steps(case, last, plan, found, steps, event)
-
-
-RUNGS = (contact, short_march, long_march, shooting)
-"""Of a solve; :func:`jaxhb.solve_all` has others besides."""
-
-
-def march_error(last):
-    """Periodicity error of the short march; infinite where there was none or it was not finite."""
-    return np.nan_to_num(last.periodicity_error, nan=np.inf) if last else np.inf
-
-
-def _finest(case, plan):
-    return max(plan.time_steps, min(case.effort.finer * plan.time_steps, orbits.ORBIT.capacity))
-
-
-def search_steps(case, plan, last):
-    """Time steps a cycle with which orbits are searched; those of the march itself not where it settled."""
-    finest, settled = _finest(case, plan), march_error(last) <= case.effort.settled
-    twice = min(2 * plan.time_steps, finest)
-    affordable = case.effort.finest_shots * orbits.work_of_cycle(case.train, finest) <= case.effort.work
-    counts = dict.fromkeys((plan.time_steps, twice, finest if affordable else twice))
-    return [n for n in counts if n > plan.time_steps or not settled]
-
-
-def _at_least(plan, last):
-    """The plan with no fewer harmonics than the tolerance is known to need."""
-    return dataclasses.replace(plan, harmonics=max(plan.harmonics, last.harmonics if last else 0))
-
-
-def _from_orbit(case, last, plan, orbit, steps, event):
-    """Newton's method from an orbit of so many time steps, with as many more harmonics where these are free.
-
-    Below the reach of the steps there may be no solution near the orbit.
-    """
-    wanted = min(plan.harmonics * steps // plan.time_steps, MOST_HARMONICS[plan.method])
-    harmonics = planning.level_at_least(wanted) if case.adaptive else plan.harmonics
-    plan = dataclasses.replace(plan, harmonics=harmonics, time_steps=min(steps, TIME_STEPS.counts[-1]))
-    return Attempt(_at_least(plan, last), orbit.coefficients, event)
-
-
-def _halving_steps(case, last, plan, orbit, steps, event):
-    """The orbit, then the one that twice the steps find from it, as long as it closes and they are not too many."""
-    finest = _finest(case, plan)
-    while orbit.coefficients is not None:
-        yield _from_orbit(case, last, plan, orbit, steps, event)
-        if case.solved:
-            return
-        coarse, steps = case.search(dataclasses.replace(plan, time_steps=steps)), 2 * steps
-        if steps > finest:
-            return
-        orbit = case.search(dataclasses.replace(plan, time_steps=steps)).close(orbit.nodes, coarse)
-        event = Shooting(1, steps, orbit.periodicity_error, orbit.coefficients is not None, refined=True)
-    case.path.append(event)
-
-
-def _in_turn(iterators):
-    """``(key, item)`` of ``{key: iterator}``, one item of each by turns until none has another."""
-    while iterators:
-        for key, iterator in list(iterators.items()):
-            item = next(iterator, None)
-            if item is None:
-                del iterators[key]
-            else:
-                yield key, item
-
-
 def climb(case, rungs):
-    """The Result of the first attempt that is solved, else of the last one, whose path has them all; None of none.
+    """The Result of the first attempt that is solved, else of the last one, whose path has them all; None if no rung
+    yields an attempt.
 
     However overdue, one attempt is made.
     """
     last = None
     for rung in rungs:
-        for attempt in rung(case, last) if last is None or not case.overdue else ():
+        if last is not None and case.overdue:
+            break
+        for attempt in rung(case, last):
             last = refine(case, attempt, last)
             # Solved, or not to be solved from anywhere: a resonance without damping, torques that do not balance.
             if not last.status.another_start_may_help:

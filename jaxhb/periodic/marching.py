@@ -177,7 +177,7 @@ class Batch:
         self.linear_motion = equations.linear_motion(rpm)
         self.lanes = marching.lanes_of(equations.modes, equations.system, equations.meshes, self.linear_motion, steps)
         gap = (1 - equations.meshes.law.epsilon) * equations.meshes.law.backlash
-        begun = marching.state_of(equations.modes, marching.on_flank(self.linear_motion), self.linear_motion)
+        begun = marching.state_of(equations.modes, marching.motions_on_flank(self.linear_motion), self.linear_motion)
         self.marches = [
             SpeedMarch(i, float(speed), begun[:, i], Returns(np.concatenate([gap, omega * gap])))
             for i, (speed, omega) in enumerate(zip(rpm, self.linear_motion.frequency, strict=True))

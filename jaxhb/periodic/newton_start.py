@@ -8,7 +8,7 @@ from ..transient.reduced_model import resting_on_flank
 from ..transient.stepper import cut, force_on_flank, with_rate
 
 
-def on_flank(reduced):
+def deflections_on_flank(reduced):
     """Deflections ``(G, N+1)`` with every mesh on its drive side all cycle."""
     held = jnp.zeros_like(reduced.linear).at[:, 0].set(force_on_flank(reduced.law, reduced.linear))
     return reduced.linear - reduced.respond(held)
@@ -46,4 +46,4 @@ def marched(reduced, space, time_steps, cycles, periodicity_tolerance=0.0):
     harmonics = reduced.linear.shape[-1] - 1
     kept = fourier.analyze(trace.deflection, min(harmonics, (time_steps - 1) // 2))
     finite = jnp.all(jnp.isfinite(trace.deflection))
-    return jnp.where(finite, fourier.resize(kept, harmonics), on_flank(reduced)), trace.periodicity_error
+    return jnp.where(finite, fourier.resize(kept, harmonics), deflections_on_flank(reduced)), trace.periodicity_error

@@ -1,4 +1,4 @@
-"""The compiled solve: one problem, one active_meshes of meshes, fixed sizes. No decisions by value, no names."""
+"""The compiled solve: one problem, one set of active meshes, fixed sizes. No decisions by value, no names."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from ..response.status import Status
 from . import correction
 from .derivative import attach
 from .newton import relative_residual, solve_chain, solve_reduced
-from .newton_start import marched, on_flank
+from .newton_start import deflections_on_flank, marched
 from .problem import fields, held_in_contact, model_of, offset_load, power_defect, reduced_equation
 
 
@@ -180,7 +180,7 @@ def find(problem, active_meshes, start, tolerance, sizes):
 
 def _first(reduced, space, start, sizes):
     """Where Newton starts, coefficients ``(G, N+1)``, and the periodicity error of the march, 0 without."""
-    begun = jnp.where(start.given, start.coefficients, on_flank(reduced))
+    begun = jnp.where(start.given, start.coefficients, deflections_on_flank(reduced))
 
     def march():
         return marched(reduced, space, sizes.time_steps, start.cycles, start.periodicity_tolerance)

@@ -11,7 +11,7 @@ from ..model.drivetrain import DriveTrain
 from ..model.speeds import check_speed
 from ..response.response import Response
 from ..response.status import Status
-from . import ladder, orbits
+from . import ladder, orbits, rungs
 from .classification import Classifier
 from .marching import Equations
 from .planning import all_active, plan_speeds
@@ -19,9 +19,6 @@ from .request import Request
 from .returns import Cycles
 from .settled import difference
 from .stability import Stability, attracts
-
-SEARCHES = (ladder.on_flank, ladder.short_march, ladder.long_march, ladder.shooting, ladder.from_linear_law)
-"""Rungs all of whose attempts are made."""
 
 
 @dataclass(frozen=True)
@@ -179,7 +176,7 @@ class _Scattered(orbits.OrbitSearch):
 def _searched(case):
     """(Response, 1) of all attempts that Newton's method solves; each keeps the path that led to it."""
     last = None
-    for rung in SEARCHES if any(case.train.topology.mesh_backlash) else SEARCHES[:1]:
+    for rung in rungs.SEARCHES if any(case.train.topology.mesh_backlash) else (rungs.from_contact,):
         for attempt in rung(case, last):
             case.path.clear()
             last = ladder.refine(case, attempt, last)

@@ -18,7 +18,7 @@ from ..model.drivetrain import DriveTrain
 from ..model.speeds import check_speed
 from ..response.response import Response
 from ..response.status import Status, check
-from . import certificate, ladder, planning
+from . import certificate, ladder, planning, rungs
 from .plan import Plan
 from .planned import solve_planned
 from .request import Request, check_harmonics, excited_harmonic
@@ -172,6 +172,8 @@ def plan(
             "plan depends on values, so jit, vmap and grad cannot trace it: call it outside and give solve its result"
         )
     found = _decide(train, rpm, Request.of(train, harmonics, tolerance, method, integrals), None)
+    # Where a mesh left its flank, refine has planned again. What can still be violated is the number of crossings that
+    # exact integrals have room for, at this speed: every solve under the plan verifies it and says so by its status.
     if found.status > Status.PLAN_VIOLATED:
         check(found.response)
     return found.plan
@@ -202,24 +204,25 @@ def linear_response(train: DriveTrain, *, rpm: Number, harmonics: int | None = N
 
 def solve_again(train, rpm, request, plan, start=None):
     """Response where the plan's own start of Newton's method has failed: from another motion, then up the ladder."""
-    case = ladder.Case(train, rpm, request, plan)
-    failed = ladder.short_march if plan.marches else ladder.contact
-    rungs = ladder.RUNGS[ladder.RUNGS.index(failed) + 1 :]
-    found = ladder.climb(case, (ladder.from_response(start), *rungs) if start is not None else rungs)
+    failed = rungs.short_march if plan.marches else rungs.contact
+    above = rungs.RUNGS[rungs.RUNGS.index(failed) + 1 :]
+    wanted = above if start is None else (rungs.from_response(start), *above)
+    found = ladder.climb(ladder.Case(train, rpm, request, plan), wanted)
     return found and found.response
 
 
 def _decide(train, rpm, request, start, seconds=None):
-    """The Result of the ladder for one speed, or of the one rung that ``start`` names."""
+    """The Result of the ladder for one speed, or of the rungs that ``start`` leaves."""
     check_speed(train, rpm)
     (plan,) = planning.plan_speeds(train, np.array([float(rpm)]), request)
-    case, rungs = ladder.Case(train, rpm, request, plan), ladder.RUNGS
-    case.deadline = math.inf if seconds is None else time.monotonic() + seconds
     if start is None:
-        return ladder.climb(case, rungs)
-    if start == "linear" or not any(train.topology.mesh_backlash):
-        return ladder.climb(case, (ladder.on_flank,))
-    if start == "march":
-        case.plan = planning.all_active(train, case.plan, request)
-        return ladder.climb(case, rungs[rungs.index(ladder.short_march) :])
-    return ladder.climb(case, (ladder.from_response(start),))
+        wanted = rungs.RUNGS
+    elif start == "linear" or not any(train.topology.mesh_backlash):
+        wanted = (rungs.from_contact,)
+    elif start == "march":
+        plan = planning.all_active(train, plan, request)
+        wanted = rungs.RUNGS[rungs.RUNGS.index(rungs.short_march) :]
+    else:
+        wanted = (rungs.from_response(start),)
+    deadline = math.inf if seconds is None else time.monotonic() + seconds
+    return ladder.climb(ladder.Case(train, rpm, request, plan, deadline=deadline), wanted)

@@ -274,7 +274,7 @@ def linear_start(linear_motion):
     return fourier.sample(np.concatenate([linear_motion.displacement, speed], axis=1), 1)[..., 0]
 
 
-def on_flank(linear_motion):
+def motions_on_flank(linear_motion):
     """Motions (x, x') ``(L, 2S)`` at t = 0 with every mesh on its drive side, carrying nearly its linear force."""
     shift, mean = linear_motion.flank, linear_motion.displacement[..., 0].real
     # A little on the way from the motion in contact to rest at its mean: near that motion, and not on it.

@@ -12,7 +12,7 @@ from tolerances import ALGEBRAIC
 import jaxhb
 from jaxhb import Status
 from jaxhb.harmonic import backlash
-from jaxhb.periodic import homotopy, ladder, orbits, planning
+from jaxhb.periodic import homotopy, ladder, orbits, planning, rungs
 from jaxhb.periodic.plan import Plan
 from jaxhb.periodic.problem import problem_at
 from jaxhb.periodic.request import Request
@@ -40,7 +40,7 @@ def climbed(train, rpm, **options):
     (plan,) = planning.plan_speeds(train, np.array([rpm]), Request())
     effort = dataclasses.replace(ladder.LONG, homotopy=homotopy.HomotopyOptions(**options))
     case = ladder.Case(train, rpm, Request(), plan, effort=effort)
-    return ladder.climb(case, (ladder.short_march, ladder.long_march, ladder.from_linear_law)).response
+    return ladder.climb(case, (rungs.short_march, rungs.long_march, rungs.from_linear_law)).response
 
 
 def homotopies(response):

@@ -12,7 +12,7 @@ from trains import ONE_RADIAN_PER_SECOND, build
 
 import jaxhb
 from jaxhb import Disk, Load, Mesh, Shaft, Torque
-from jaxhb.periodic import ladder, orbits, planning
+from jaxhb.periodic import ladder, orbits, planning, rungs
 from jaxhb.periodic.newton import relative_residual
 from jaxhb.periodic.plan import Plan
 from jaxhb.periodic.problem import problem_at, reduced_equation
@@ -89,29 +89,29 @@ class Blind(orbits.OrbitSearch):
         yield from super().shoot() if seeing else [orbits.FoundOrbit(None, 1.0, None, 0)]
 
 
-def climbed(search, rungs, **effort):
+def climbed(search, wanted, **effort):
     """The Result of rungs with another search, and the time steps that were searched with."""
     train = jaxhb.load_scene("gear_train_30")
     (plan,) = planning.plan_speeds(train, np.array([RPM]), Request())
     case = ladder.Case(
         train, RPM, Request(), plan, effort=dataclasses.replace(ladder.LONG, **effort), search_with=search
     )
-    found = ladder.climb(case, rungs)
+    found = ladder.climb(case, wanted)
     return found, sorted({steps for _, _, steps in case.searches})
 
 
 def test_another_orbit_is_tried_where_the_harmonics_do_not_take_the_first():
-    found, _ = climbed(Misled, (ladder.short_march, ladder.shooting), finer=1)
+    found, _ = climbed(Misled, (rungs.short_march, rungs.shooting), finer=1)
     assert found.response.converged
     assert sum(isinstance(event, Shooting) for event in found.response.path) == 2
 
 
 def test_shorter_steps_are_tried_where_longer_ones_close_no_orbit():
-    rungs = (ladder.short_march, ladder.shooting)
-    found, steps = climbed(Blind, rungs, work=1e8)
+    wanted = (rungs.short_march, rungs.shooting)
+    found, steps = climbed(Blind, wanted, work=1e8)
     assert steps == [PLAN.time_steps, 2 * PLAN.time_steps, 4 * PLAN.time_steps]
     assert found.response.converged and found.response.harmonics == 4 * PLAN.harmonics
-    found, steps = climbed(Blind, rungs, work=1e6)
+    found, steps = climbed(Blind, wanted, work=1e6)
     assert not found.response.converged
     assert steps == [PLAN.time_steps, 2 * PLAN.time_steps]  # four shots of four times the steps are more than the work
 

@@ -10,7 +10,7 @@ from trains import build, pinions_parts
 
 import jaxhb
 from jaxhb.model.change import within_range
-from jaxhb.periodic import ladder, planned, planning, speeds
+from jaxhb.periodic import ladder, planned, planning, rungs, speeds
 from jaxhb.periodic.program import solve_problem
 from jaxhb.periodic.request import Request
 from jaxhb.periodic.time_steps import TIME_STEPS
@@ -180,8 +180,8 @@ def test_a_march_that_blew_up_is_followed_by_the_whole_ladder(pair):
     case = case_of(pair, HAMMERING_RPM)
     case.effort = ladder.LONG
     blown_up = ladder.Result(None, case.plan, np.nan, 0)
-    assert ladder.march_error(blown_up) == np.inf
-    assert len(ladder.search_steps(case, case.marching(blown_up), blown_up)) > 1
+    assert rungs.march_error(blown_up) == np.inf
+    assert len(rungs.search_steps(case, case.marching(blown_up), blown_up)) > 1
 
 
 def case_of(train, rpm, **asked):
@@ -201,7 +201,7 @@ def test_the_ladder_asks_for_the_next_attempt_until_one_is_solved(pair):
     def never(case, last):
         pytest.fail("asked for though the attempt before was solved")
 
-    found = ladder.climb(case, (hopeless, ladder.short_march, never))
+    found = ladder.climb(case, (hopeless, rungs.short_march, never))
     assert asked == [1, 2] and found.response.converged
     assert [type(event).__name__ for event in found.response.path] == ["Newton", "Newton", "March", "Newton"]
 
@@ -311,12 +311,12 @@ def test_a_sweep_has_at_most_four_large_programs():
 def test_a_march_where_no_tooth_was_expected_to_separate_begins_above_the_mesh_modes():
     train, rpm = jaxhb.load_scene("engine_with_damper"), 1900.0
     case = case_of(train, rpm)
-    (first,) = ladder.contact(case, None)
-    (march,) = ladder.short_march(case, None)
+    (first,) = rungs.contact(case, None)
+    (march,) = rungs.short_march(case, None)
     modes, _ = planning.mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))
     assert [first.plan.start, march.plan.start] == ["linear", "march"]
     assert first.plan.harmonics < modes < 1.5 * modes <= march.plan.harmonics
-    assert ladder.climb(case, (ladder.short_march,)).response.converged
+    assert ladder.climb(case, (rungs.short_march,)).response.converged
 
 
 def test_a_sweep_of_no_speed_is_refused(pair):
@@ -378,7 +378,7 @@ def test_a_mesh_thought_loaded_that_leaves_its_flank_is_planned_again():
     case, held = case_of(train, 1500.0, harmonics=192), train.topology.mesh_names.index("|".join(mesh))
     flank = tuple(careful.mesh(*mesh).drive_side if i == held else side for i, side in enumerate(case.plan.flank))
     case.plan = dataclasses.replace(case.plan, active=tuple(i for i in case.plan.active if i != held), flank=flank)
-    found = ladder.climb(case, (ladder.short_march,)).response
+    found = ladder.climb(case, (rungs.short_march,)).response
     assert found.path[1].status == jaxhb.Status.PLAN_VIOLATED and found.converged
     assert found.mesh(*mesh).separated_fraction > 0
     assert found.force(*mesh).max == pytest.approx(float(careful.force(*mesh).max), rel=1e-8)
