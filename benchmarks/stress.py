@@ -8,9 +8,9 @@ The trains, 3 to 60 disks and 1 to 8 meshes, are those of ``random_trains.py``: 
 and connections are static in jaxhb, and a thousand skeletons would compile thousands of programs. Case i of seed s is
 drawn from ``numpy.random.default_rng([s, i])`` whatever the number of cases.
 
-The reference integration is one cycle of time integration from the harmonic solution, closed by Newton's method
-(shooting). *Wrong* is a converged status with a tooth force that this correction changes by more than three times the
-tolerance; a reference that does not close says nothing and is listed. Convergence to an unstable motion is right.
+The referee is one cycle of time integration from the harmonic solution, closed by Newton's method (shooting). *Wrong*
+is a converged status with a tooth force that this correction changes by more than three times the tolerance; a referee
+that does not close says nothing and is listed. Convergence to an unstable motion is right.
 
 A thousand cases take hours. Those of the same seed that the file of ``--json`` already holds are not run again but
 reported with the others: a run that was cut off goes on, and more cases can be asked for later.
@@ -38,14 +38,14 @@ WRONG = 3.0
 """Times the tolerance."""
 CLASSES = {">= 5 %": (0.05, 1.0), "1-5 %": (0.01, 0.05), "< 1 %": (0.0, 0.01)}
 STEPS_PER_PERIOD = 20
-"""Of the highest mesh mode, in the reference; four times as many, and again, where it does not close or finds fault."""
+"""Of the highest mesh mode, of the referee; four times as many, and again, where it does not close or finds fault."""
 STEP_COUNTS = tuple(n * 2**k for k in range(8, 22) for n in (2, 3))
 MOST_WORK = 4e9
-"""Of the reference integration: steps times states squared; about a minute and a half on one core."""
+"""Of the referee: steps times states squared; about a minute and a half on one core."""
 LOT = 8
 """Cases of a skeleton that one of several processes runs and hands over at once: those that are lost if it is ended."""
 RESOLVED = 1e-3
-"""Errors below this are not told from those of the reference integration, and say nothing about the estimate."""
+"""Errors below this are not told from those of the referee, and say nothing about the estimate."""
 
 
 def mode_harmonic(train, rpm, share=0.01):
@@ -67,7 +67,7 @@ def referee(response, *, per_period=STEPS_PER_PERIOD):
     -------
     dict
         ``referee`` ("closed", "open", "too long" or why it refuses), ``error`` (of the elastic tooth forces, relative
-        to the largest), ``periodicity_error``, ``referee_steps``.
+        to the largest), ``closure`` (periodicity error of the orbit), ``referee_steps``.
     """
     train = response.train
     sharpest = np.pi / (2 * np.min(train.meshes.transition[np.array(train.topology.mesh_backlash)]))
@@ -85,7 +85,7 @@ def referee(response, *, per_period=STEPS_PER_PERIOD):
 
 
 def judge(record, response):
-    """Add the reference's findings to a record; none, or bad ones, are checked with more steps until they stay."""
+    """Add the referee's findings to a record; none, or bad ones, are checked with more steps until they stay."""
     record |= referee(response)
     per_period = STEPS_PER_PERIOD
     while record["referee"] == "open" and per_period < 16 * STEPS_PER_PERIOD:
@@ -209,7 +209,7 @@ def report(records):
 
 
 def report_estimates(records):
-    """Print how the estimates of the truncation error compare with the reference integration's errors."""
+    """Print how the estimates of the truncation error compare with the errors that the referee found."""
     rows = [r for r in records if r.get("referee") == "closed" and not r["rung"].startswith("linear")]
     told = [r for r in rows if max(r["error"], r["truncation_error"]) > RESOLVED]
     print(f"\nestimate over true error, {len(told)} cases above {RESOLVED:g} ({len(rows) - len(told)} below)")

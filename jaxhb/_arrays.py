@@ -58,6 +58,7 @@ def traced(*trees):
 def staged():
     """Whether ``jit`` is at work: what programs return is then traced, whatever their arguments."""
     jax = _jax()
+    # jit alone traces an operation none of whose arguments is traced: jax has no public question for it.
     return bool(jax) and traced(jax.lax.full((), 0.0))
 
 

@@ -136,14 +136,14 @@ def answer_once():
     _answers_once = True
 
 
-LANES = "lanes"
+SHARED_AXIS = "lanes"
 WHOLE = PartitionSpec()
 """Of an array that every device has."""
 
 
 def along(axis):
     """Of an array whose lanes lie along an axis, the :class:`~jax.sharding.PartitionSpec`."""
-    return PartitionSpec(*[None] * axis, LANES)
+    return PartitionSpec(*[None] * axis, SHARED_AXIS)
 
 
 @cache
@@ -157,7 +157,7 @@ def across(program, devices, given, made, **static):
     given, made : what :func:`along` gives, or WHOLE, for the arrays of the positional arguments and of the result
     static : the static arguments
     """
-    mesh = Mesh(np.array(devices), (LANES,))
+    mesh = Mesh(np.array(devices), (SHARED_AXIS,))
     function = partial(program.function, **static)
     cut = jax.shard_map(function, mesh=mesh, in_specs=given, out_specs=made, check_vma=False)
     return jax.jit(cut, compiler_options=_known_options() if devices[0].platform == "cpu" else None)

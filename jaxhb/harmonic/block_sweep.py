@@ -9,7 +9,7 @@ Unlike the textbook recursion, ``Y`` is exactly zero for a part that nothing hol
 link forces come from ``pi - Y x_p``, never from differences of displacements. The scalar sweep treats every harmonic
 at once; the block sweep treats dense blocks that couple all harmonics (Newton's matrix along a chain).
 Source: Fridman 2009, (10)-(12), in the form of Moliboshko's equivalent transformation; forces of all branches of a node
-add in ``P`` and ``psi``, which is what a fictitious node of the seed's numbering does.
+add in ``P`` and ``psi``, which is what a fictitious node of Fridman's numbering does.
 """
 
 import heapq

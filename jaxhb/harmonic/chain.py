@@ -1,11 +1,11 @@
-"""From the drive train to a tree of links in circumferential displacements, and back; the seed's chain numbering.
+"""From the drive train to a tree of links in circumferential displacements, and back.
 
 Displacements are measured on one pitch circle per rotor, ``x = R phi`` with R the radius of the rotor's first gear
 (1 m on a rotor without gears): ``m = J/R^2``, ``b = beta/R^2``, ``c = k/R^2``, ``q = T/R`` (Fridman 2009, chapter 1). A
 link deflects by ``l = a x_a - b x_b``; the arms a, b are 1 for shafts and ``r/R`` for a gear on a rotor with several.
 Every rotor counts its own sense of rotation positive.
 
-The elimination order is a list of nodes, each before its parent. The source's numbering (main chain, side branches
+The elimination order is a list of nodes, each before its parent. Fridman's numbering (main chain, side branches
 numbered from their free ends, a fictitious node wherever the main chain jumps over a branch) is another way to write
 the same tree; the tests translate it.
 """
@@ -76,9 +76,10 @@ class Tree:
 class System:
     """Arrays of the linear train in circumferential displacements (meshes taken in contact).
 
-    radius : ``(S,)`` m, displacement / angle; mass kg, damping N s/m, ground N/m : ``(S,)``;
+    radius : ``(S,)`` m, displacement / angle; mass kg, damping N s/m of disks to ground, ground N/m : ``(S,)``;
     stiffness N/m, viscous N s/m, loss, arm_a, arm_b : ``(L,)``, the first three ``(L, H)`` where links have their own
-    numbers at each of H frequencies; floating : True where nothing holds the mean angle.
+    numbers at each of H frequencies, viscous the ``damping`` of shafts, dampers and meshes; floating : True where
+    nothing holds the mean angle.
 
     The incidence of links is here alone: methods take the ``links`` that are meant, by default all L.
     """

@@ -24,6 +24,9 @@ from .._arrays import namespace
 
 SQRT2 = 2.0**0.5
 
+SAMPLES_PER_HARMONIC = 16
+"""Time samples per harmonic of the motion at which tooth forces are taken (docs/theory A6)."""
+
 
 def pack(coefficients):
     """Complex coefficients ``(..., N+1)`` to real packed coordinates ``(..., 2N+1)``.

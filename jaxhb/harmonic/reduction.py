@@ -1,7 +1,7 @@
 """The linear train condensed to the meshes that can leave contact: receptances and the reduced equation.
 
 With every mesh taken in contact (``Z(n) = -n^2 Omega^2 M + i n Omega B + K``, mesh damping included) the steady motion
-obeys, exactly equivalent to A(x) = 0 (docs/theory A4.4),
+obeys, exactly equivalent to A(x) = 0 (docs/theory/harmonic_balance.md A4.4),
 
     F(l) = l - l_lin + G phi(l, l') = 0,      l_lin(n) = D Z(n)^{-1} q(n),      G(n) = D Z(n)^{-1} D^T,
 
@@ -87,7 +87,8 @@ class Reduced:
         return jnp.einsum("ngh,hn->gn", self.receptance, nonlinear_force)
 
     def residual(self, deflection, samples):
-        """F(l) as coefficients ``(G, N+1)``, phi at ``samples`` time samples (docs/theory A6: 16 N) if at all."""
+        """F(l) as coefficients ``(G, N+1)``, phi at ``samples`` time samples (docs/theory A6: 16 N), of which exact
+        integrals take none."""
         return deflection - self.linear + self.respond(self.nonlinear_force_coefficients(deflection, samples))
 
 

@@ -20,7 +20,11 @@ from .linear_train import disk_stiffness, frequencies, link_stiffness
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class MeshParameters:
-    """The backlash meshes of a train: link indices ``(G,)``, law, damping and damping law."""
+    """Some meshes of a train: link indices, law, damping and damping law, each ``(n,)``.
+
+    The equations in harmonics take all (:func:`all_meshes`), as any may be active or held on a flank; those in time the
+    ones with backlash (:func:`backlash_meshes`): the others are linear links there.
+    """
 
     link: jax.Array
     law: backlash.Law
@@ -61,7 +65,7 @@ def residual(packed, system, meshes, frequency, load, samples):
     ----------
     packed : array ``(S, 2N+1)`` m
     system : System
-    meshes : MeshParameters
+    meshes : MeshParameters, at least those with backlash; the others are linear links
     frequency : float, Omega in rad/s
     load : complex array ``(S, N+1)`` N
     samples : int

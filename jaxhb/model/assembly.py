@@ -68,7 +68,7 @@ def build(
     10000.0
     """
     return DriveTrain(
-        **assemble(
+        **train_fields(
             elements,
             name=name,
             reference=reference,
@@ -81,7 +81,7 @@ def build(
     )
 
 
-def assemble(
+def train_fields(
     elements,
     *,
     name,

@@ -15,7 +15,7 @@ import tomllib
 from importlib import resources
 from pathlib import Path
 
-from jaxhb.model.assembly import assemble
+from jaxhb.model.assembly import train_fields
 from jaxhb.model.drivetrain import DriveTrain
 from jaxhb.model.elements import TABLES, SceneError, Unread
 from jaxhb.model.engine import Engine
@@ -109,7 +109,7 @@ def load_scene(name: str | Path) -> DriveTrain:
         if key not in _SCENE_KEYS:
             errors.append(f"{path.name}, [scene]: unknown key {key!r}.{suggestion(key, _SCENE_KEYS)}")
     elements, complete = _read_elements(path, content, errors)
-    fields = assemble(
+    fields = train_fields(
         elements,
         name=str(head.get("name", path.stem)),
         reference=head.get("reference"),

@@ -230,7 +230,7 @@ class _Classification:
         if self.refinement < CLASSIFICATION.finest:
             return self._further()
         if self.march.recorded < self.classifier.cycles.recorded:
-            self.march.again = self.march.cycles + CLASSIFICATION.again
+            self.march.not_before = self.march.cycles + CLASSIFICATION.more_cycles
             return None
         if not self.march.returns.period(last=True):  # it was only worth the question
             return self._irregular()
@@ -244,7 +244,7 @@ class _Classification:
             return self._further()
         if self.march.recorded < self.classifier.cycles.recorded or self.march.cycles < self.classifier.cycles.most:
             # It takes cycles to leave it, and solving again shows nothing more.
-            self.march.again = self.classifier.cycles.most
+            self.march.not_before = self.classifier.cycles.most
             return None
         return self._irregular()
 

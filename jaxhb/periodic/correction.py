@@ -59,8 +59,8 @@ def prepare(reduced, train, deflection, samples, time_steps):
 
 
 def precondition(reduced, operator, b):
-    """Approximate solution of ``J delta = b``, coefficients ``(G, N+1)``; the identity beyond the sweep's time
-    samples."""
+    """Approximate solution of ``J delta = b``, coefficients ``(G, N+1)``; the identity beyond the harmonics that
+    the time steps of the operator tell apart."""
     time_steps = operator.time_steps
     low = fourier.resize(b, min(b.shape[-1] - 1, time_steps // 2 - 1))
     both = jnp.concatenate([low, fourier.derivative(low, reduced.frequency)])

@@ -13,8 +13,8 @@ from ..harmonic.excitation import listed_harmonic
 from ..harmonic.residual import backlash_meshes
 from ..model.ratios import speed_ratios
 from ..response.record import Record, RecordedSignal, SteadyContact
-from ..transient import lanes as marching, record as recording
-from ..transient.modes import damped_modes, modes_of
+from ..transient import lanes, record as recording
+from ..transient.modes import march_modes, modes_of
 from ..transient.reduced_model import reduced_model
 from ..transient.statespace import partition
 from .planning import mesh_mode_harmonics
@@ -36,8 +36,8 @@ class MarchOptions:
         each device
     recorded_lanes : of a recorded batch at most, for the sake of memory
     modal_disks : disks up to which all modes are marched
-    kept_modes : of larger trains, steps per period of the highest mesh mode of which four resolve the highest frequency
-        that is kept, as far as meshes see its mode: 1.5 times that of the mesh mode
+    kept_modes : of larger trains those modes are kept, as far as meshes see them, which so many steps per period of the
+        highest mesh mode resolve, with four steps per period of their own: up to 1.5 times its frequency
     noticed : share of a mesh's own compliance from which teeth notice a mode
     cycles : that are marched at a time
     """
@@ -80,7 +80,7 @@ class Equations:
         that its meshes see most."""
         frequency = self.train.topology.cycle_frequency(1000.0)
         if self.small:
-            return damped_modes(self.system, self.meshes, frequency, self.parts)
+            return march_modes(self.system, self.meshes, frequency, self.parts)
         return self._reduced[0]
 
     @cached_property
@@ -130,7 +130,7 @@ class Equations:
 
     def linear_motion(self, rpm):
         """The :class:`~jaxhb.transient.lanes.LinearMotion` of speeds."""
-        return marching.linear_motions(self.train, rpm, self.system, self.meshes, listed_harmonic(self.train.topology))
+        return lanes.linear_motions(self.train, rpm, self.system, self.meshes, listed_harmonic(self.train.topology))
 
     @cached_property
     def gear_sums(self):
@@ -149,7 +149,7 @@ class Equations:
 class SpeedMarch:
     """One speed on its way: state ``(2m,)``, cycles done, what was seen of them, the trace of the last, its record.
 
-    again : cycles from which a period counts again, after one that harmonic balance did not find, or that repels.
+    not_before : cycles from which a period counts again, after one that harmonic balance did not find, or that repels.
     """
 
     lane: int
@@ -157,7 +157,7 @@ class SpeedMarch:
     state: np.ndarray
     returns: Returns
     cycles: int = 0
-    again: int = 0
+    not_before: int = 0
     done: bool = False
     trace: np.ndarray | None = None
     statistics: list = dataclasses.field(default_factory=list)
@@ -175,9 +175,9 @@ class Batch:
     def __init__(self, equations, rpm, steps, devices=()):
         self.equations, self.steps, self.devices = equations, steps, devices
         self.linear_motion = equations.linear_motion(rpm)
-        self.lanes = marching.lanes_of(equations.modes, equations.system, equations.meshes, self.linear_motion, steps)
+        self.lanes = lanes.lanes_of(equations.modes, equations.system, equations.meshes, self.linear_motion, steps)
         gap = (1 - equations.meshes.law.epsilon) * equations.meshes.law.backlash
-        begun = marching.state_of(equations.modes, marching.motions_on_flank(self.linear_motion), self.linear_motion)
+        begun = lanes.state_of(equations.modes, lanes.motions_on_flank(self.linear_motion), self.linear_motion)
         self.marches = [
             SpeedMarch(i, float(speed), begun[:, i], Returns(np.concatenate([gap, omega * gap])))
             for i, (speed, omega) in enumerate(zip(rpm, self.linear_motion.frequency, strict=True))
@@ -196,11 +196,11 @@ class Batch:
     def begin(self, index, motion):
         """Let a march begin at a motion (x, x') ``(2S,)``."""
         one = _of(self.linear_motion, [index])
-        self.marches[index].state = marching.state_of(self.equations.modes, motion[None], one)[:, 0]
+        self.marches[index].state = lanes.state_of(self.equations.modes, motion[None], one)[:, 0]
 
     def motion(self, march):
         """(x, x') ``(2S,)`` where a march stands, at the beginning of a cycle."""
-        return marching.motion_of(self.equations.modes, march.state[:, None], _of(self.linear_motion, [march.lane]))[0]
+        return lanes.motion_of(self.equations.modes, march.state[:, None], _of(self.linear_motion, [march.lane]))[0]
 
     def run(self, marches, record=False, cycles=MARCH.cycles):
         """Some more cycles of some marches, recorded or not."""
@@ -214,14 +214,14 @@ class Batch:
 
     def _run(self, marches, size, record, cycles):
         indices = [march.lane for march in marches] + [marches[-1].lane] * (size - len(marches))
-        lanes, blank = _lanes(self.lanes, indices), np.zeros(cycles)
+        cut, blank = _lanes(self.lanes, indices), np.zeros(cycles)
         state = np.stack([self.marches[index].state for index in indices], axis=1)
         if record:
             outputs = self.equations.outputs(_of(self.linear_motion, indices), self.steps)
-            state, samples, trace, statistics, contacts = self._recording(lanes, outputs)(lanes, outputs, state, blank)
+            state, samples, trace, statistics, contacts = self._recording(cut, outputs)(cut, outputs, state, blank)
             statistics, contacts = jax.tree.map(np.asarray, (statistics, contacts))
         else:
-            state, samples, trace = self._marching(lanes)(lanes, state, blank)
+            state, samples, trace = self._marching(cut)(cut, state, blank)
         state, samples, trace = (np.asarray(a) for a in (state, samples, trace))
         for i, march in enumerate(marches):
             march.state, march.trace = state[:, i], trace[..., i]
@@ -231,18 +231,18 @@ class Batch:
                 march.statistics.append(_of_lane(statistics, i))
                 march.contacts.append(_of_lane(contacts, i))
 
-    def _marching(self, lanes):
-        """The program that marches lanes."""
+    def _marching(self, cut):
+        """The program that marches some of the lanes."""
         if len(self.devices) < 2:
-            return marching.march
-        given = _specs(lanes, _PER_LANE, last=True), along(1), WHOLE
-        return across(marching.march, self.devices, given, (along(1), along(3), along(2)))
+            return lanes.march
+        given = _specs(cut, _PER_LANE, last=True), along(1), WHOLE
+        return across(lanes.march, self.devices, given, (along(1), along(3), along(2)))
 
-    def _recording(self, lanes, outputs):
-        """The program that marches and records lanes."""
+    def _recording(self, cut, outputs):
+        """The program that marches and records some of the lanes."""
         if len(self.devices) < 2:
             return recording.record
-        given = _specs(lanes, _PER_LANE, last=True), _specs(outputs, ("linear", "mesh_linear")), along(1), WHOLE
+        given = _specs(cut, _PER_LANE, last=True), _specs(outputs, ("linear", "mesh_linear")), along(1), WHOLE
         statistics = recording.CycleStatistics(*[along(1)] * 4, power=along(0))
         return across(recording.record, self.devices, given, (along(1), along(3), along(2), statistics, along(1)))
 
@@ -250,9 +250,9 @@ class Batch:
         """(l, l') ``(2G, cycles x steps)`` of the next cycles, which the march goes through; of the last one if 1."""
         if cycles == 1:
             return march.trace[:-1].T
-        parts, lanes, state = [], _lanes(self.lanes, [march.lane]), march.state[:, None]
+        parts, cut, state = [], _lanes(self.lanes, [march.lane]), march.state[:, None]
         for _ in range(cycles):
-            state, samples, trace = marching.march(lanes, state, np.zeros(1))
+            state, samples, trace = lanes.march(cut, state, np.zeros(1))
             march.returns.add(np.asarray(samples)[..., 0])
             parts.append(np.asarray(trace)[:-1, :, 0].T)
         march.state, march.cycles = np.asarray(state)[:, 0], march.cycles + cycles
@@ -269,9 +269,9 @@ def _of(linear_motion, indices):
 _PER_LANE = "full", "half", "weights", "first", "second", "third", "end", "linear"
 
 
-def _lanes(lanes, indices):
+def _lanes(every, indices):
     """Some of the Lanes."""
-    return dataclasses.replace(lanes, **{name: getattr(lanes, name)[..., indices] for name in _PER_LANE})
+    return dataclasses.replace(every, **{name: getattr(every, name)[..., indices] for name in _PER_LANE})
 
 
 def _specs(tree, per_lane, last=False):
@@ -288,7 +288,7 @@ def _of_lane(numbers, i):
 
 
 def record_of(equations, march):
-    """The :class:`~jaxhb.response.steady.Record` of a march's recorded cycles."""
+    """The :class:`~jaxhb.response.record.Record` of a march's recorded cycles."""
     topology, signals = equations.train.topology, _signals(march, equations.train.topology.revolutions_per_cycle)
     shafts, own, linear = equations.shafts, len(equations.own), len(equations.linear)
 

@@ -2,7 +2,7 @@
 
 A step ``x - lambda J^-1 F`` counts as good if the residual falls by half of what its linear model promises. Where the
 tangent is nearly singular, beside a grazing impact, good steps let the residual rise, and a search for smaller ones
-creeps. There the natural level decides (:mod:`jaxhb.harmonic.damping`): the simplified correction
+creeps. There the natural level decides (:mod:`jaxhb.harmonic.step_length`): the simplified correction
 ``J^-1 F(x - lambda J^-1 F)`` must be shorter than the correction.
 """
 
@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from ..harmonic import backlash, damping, fourier
+from ..harmonic import backlash, fourier, step_length
 from ..harmonic.block_sweep import block_sweep
 from ..harmonic.residual import link_blocks, node_blocks, residual
 from . import correction
@@ -85,12 +85,12 @@ def _solve(evaluate, direction, norm, state):
     correction = jnp.where(trying, state.correction, found)
     size, found_size = norm(correction), norm(found)
     # On trial, what was found is the simplified correction: the trial is taken now, or a shorter one is made.
-    lower = trying & damping.lowers_level(found_size, size, state.length)
+    lower = trying & step_length.lowers_level(found_size, size, state.length)
     curvature = norm(found - (1 - state.length) * correction)
-    on_trial = jnp.where(lower, state.length, damping.shorter_length(state.length, size, curvature))
+    on_trial = jnp.where(lower, state.length, step_length.shorter_length(state.length, size, curvature))
     # At an iterate, state.correction is the simplified one of the step that led there: the length is foreseen from
     # it. A step that the residual accepted leaves none, but an infinite gain: the whole correction is tried.
-    foreseen = damping.predicted_length(state.gain, norm(state.correction - found), size)
+    foreseen = step_length.predicted_length(state.gain, norm(state.correction - found), size)
     length = jnp.where(trying, on_trial, foreseen)
     moved = iterate.x - length * correction
     after = evaluate(moved)
@@ -101,7 +101,7 @@ def _solve(evaluate, direction, norm, state):
         jnp.where(good, moved, iterate.x),
         jnp.where(good, error, iterate.error),
         iterate.steps + 1,
-        ~good & (length < damping.SHORTEST),
+        ~good & (length < step_length.SHORTEST),
     )
     return _State(
         following,
@@ -225,7 +225,7 @@ def solve_reduced(reduced, train, start, *, samples, time_steps, tolerance, max_
 def solve_chain(system, meshes, frequency, load, start, *, samples, tolerance, max_steps):
     """Newton on all disks, each step one block sweep over the tree; unknowns packed ``(S, 2N+1)``.
 
-    The seed's method, kept as an oracle: memory and work grow with ``S N^2`` and ``S N^3``. ``tolerance`` is relative
+    Fridman's method, kept as an oracle: memory and work grow with ``S N^2`` and ``S N^3``. ``tolerance`` is relative
     to the largest force in the balance. A tree is needed: the caller refuses closed loops.
     """
     # The sweep counts from the leaves: arms of the node and of its parent, whichever end of the link they are at.

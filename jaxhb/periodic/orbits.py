@@ -175,7 +175,7 @@ class OrbitSearch:
         return self._made[0]
 
     def march(self, until=0.0):
-        """The :class:`Orbit` of the first cycle, from the flanks, that closes to ``until``; the cycles are kept."""
+        """The FoundOrbit of the first cycle, from the flanks, that closes to ``until``; the cycles are kept."""
         self.states, periodicity_errors, deflection = jax.tree.map(np.asarray, _visited(self.stepper, until))
         marched = int(np.isfinite(periodicity_errors).sum())
         self.periodicity_errors = np.nan_to_num(periodicity_errors, nan=np.inf)
@@ -184,7 +184,7 @@ class OrbitSearch:
         return FoundOrbit(found, float(periodicity_error), None, marched)
 
     def shoot(self):
-        """Yield the Orbits that Newton's method closes from the cycles of a march that close best, each once.
+        """Yield a FoundOrbit for each orbit that Newton's method closes from the cycles of a march that close best.
 
         Where none closes, the best of all is yielded at last, open.
         """
@@ -201,7 +201,7 @@ class OrbitSearch:
             yield best
 
     def close(self, nodes, search):
-        """The :class:`Orbit` near the nodes of another one, which another OrbitSearch with other steps found."""
+        """The FoundOrbit near the nodes of another one, which another OrbitSearch with other steps found."""
         if self.train.topology.n_disks > REDUCED_MODEL.disks or not np.all(
             self.train.disks.inertia
         ):  # modes depend on the steps

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..harmonic.fourier import SAMPLES_PER_HARMONIC
 from .problem import ActiveMeshes
 from .program import Sizes
 from .request import DEFAULT_TOLERANCE
@@ -66,7 +67,7 @@ class Plan:
     def sizes(self) -> Sizes:
         """What the program is compiled for: nothing else of a plan makes another program."""
         return Sizes(
-            samples=16 * self.harmonics,
+            samples=SAMPLES_PER_HARMONIC * self.harmonics,
             time_steps=self.time_steps,
             excited=self.excited or self.harmonics,
             method=self.method,

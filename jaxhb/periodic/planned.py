@@ -29,11 +29,12 @@ class BatchOptions:
     Parameters
     ----------
     speeds : in a batch
-    linear_speeds : in a batch without unknown contact, where there are so many: no lane waits for another
-    alone_harmonics, alone_disks : harmonics, and disks beside unknown contact, from which one speed fills a processor:
-        there a batch is no faster, as it waits for its slowest speed, and takes longer to compile
-    newton_steps : of a batch in which nothing is planned by the caller; a speed that needs more is solved again by
-        itself
+    linear_speeds : in a batch of a plan without active meshes, where there are at least so many speeds: one linear
+        solve each, so that none waits for another
+    alone_harmonics, alone_disks : number of harmonics, or of disks where meshes are active, from which speeds are
+        solved without batches: one fills a processor, and a batch waits for its slowest and takes longer to compile
+    newton_steps : at most, of a speed in a batch under a plan that the caller did not give; one that needs more is
+        solved again by itself
     """
 
     speeds: int = 8
@@ -44,6 +45,9 @@ class BatchOptions:
 
 
 BATCH = BatchOptions()
+
+FEWEST_SAMPLES = 4096
+"""Per cycle, at which extremes of a response are looked for."""
 
 
 def solve_planned(train, rpm, plan, start=None):
@@ -66,15 +70,15 @@ def solve_planned(train, rpm, plan, start=None):
 def solve_once(train, rpm, problem, plan, begin):
     """The Response with numpy arrays, and the Outcome, of one eager solve from a Start."""
     outcome = jax.tree.map(np.asarray, solve_problem(problem, plan.active_meshes, begin, plan.limit, plan.sizes))
-    return _on_host(train, rpm, problem, outcome, plan), outcome
+    return _response_of(train, rpm, problem, outcome, plan), outcome
 
 
-def _on_host(train, rpm, problem, outcome, plan):
-    """The Response with numpy arrays, its train and its path."""
+def _response_of(train, rpm, problem, outcome, plan):
+    """The Response of an Outcome with numpy arrays, its train and its path."""
     response = jax.tree.map(np.asarray, respond(train, rpm, problem, outcome, plan.sizes))
     status, steps, error = Status(int(response.status)), int(response.steps), float(outcome.periodicity_error)
     path = (Newton(plan.harmonics, len(plan.active), plan.integrals, status, steps),)
-    if error:
+    if error:  # 0: nothing was marched
         path = (March(plan.cycles, plan.time_steps, error), *path)
     return dataclasses.replace(response, train=train, path=path)
 
@@ -124,13 +128,15 @@ def respond(train, rpm, problem, outcome, sizes):
         power_defect=outcome.power_defect,
         steps=outcome.steps,
         topology=topology,
-        resolution=sizes.samples * max(1, -(-4096 // sizes.samples)),
+        # A multiple of the samples, so that extremes are no smaller than theirs, and enough for few harmonics too.
+        resolution=sizes.samples * max(1, -(-FEWEST_SAMPLES // sizes.samples)),
         train=train,
     )
 
 
 def one_by_one(harmonics, disks):
-    """Whether speeds with so many harmonics, and disks beside unknown contact, are solved without batches."""
+    """Whether speeds with so many harmonics, and so many disks if meshes are active (else 0), are solved without
+    batches."""
     return (harmonics >= BATCH.alone_harmonics or disks >= BATCH.alone_disks) and jax.default_backend() == "cpu"
 
 
@@ -162,9 +168,9 @@ def _problems_at(train, rpm, excited):
 
 
 @partial(Program, static_argnames="sizes")
-def _solve_all(problem, active_meshes, start, tolerance, sizes):
+def _solve_all(problem, active_meshes, start, limit, sizes):
     def one(problem):
-        return solve_problem(problem, active_meshes, start, tolerance, sizes)
+        return solve_problem(problem, active_meshes, start, limit, sizes)
 
     return jax.vmap(one, in_axes=(_axes(),))(problem)
 
@@ -187,5 +193,5 @@ def _solve_batch(train, rpm, plan, size, max_steps, devices):
     for i, speed in enumerate(rpm):
         row, (torque, power) = jax.tree.map(lambda leaf, i=i: leaf[i], (outcome, loads))
         own = dataclasses.replace(problem, load_torque=torque, load_power=power)
-        rows.append(_on_host(train, speed, own, row, plan))
+        rows.append(_response_of(train, speed, own, row, plan))
     return rows

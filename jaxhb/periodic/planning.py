@@ -12,7 +12,7 @@ from ..harmonic import backlash, chain, fourier
 from ..harmonic.excitation import excitation, listed_harmonic
 from ..linear.modal import natural_frequencies
 from ..model.change import without_backlash
-from ..transient.statespace import linear_response
+from ..transient.statespace import dense_linear_motion
 from .plan import Plan
 from .planned import solve_batches
 from .request import MOST_HARMONICS, excited_harmonic
@@ -205,7 +205,8 @@ def plan_speeds(train, rpm, request):
     if not any(train.topology.mesh_backlash):
         return [contact] * len(rpm)
     forces = _linear_mesh_forces(train, rpm, contact, max(excited, PLANNING.levels[0]))
-    flanks, leaves, apart = meshes_leaving_contact(train, fourier.synthesize(forces, 16 * forces.shape[-1]))
+    sampled = fourier.synthesize(forces, fourier.SAMPLES_PER_HARMONIC * forces.shape[-1])
+    flanks, leaves, apart = meshes_leaving_contact(train, sampled)
     modes, weak_modes = mesh_mode_harmonics(train, train.topology.cycle_frequency(1.0))[:, None] / rpm
     plans = [dataclasses.replace(contact, flank=tuple(flank)) for flank in flanks.tolist()]
 
@@ -251,7 +252,7 @@ def _dense_mesh_forces(train, rpm, harmonics):
     links = np.arange(len(system.stiffness))[-len(train.topology.mesh_names) :]
     for speed in rpm:
         load = excitation(train, speed, harmonics)[0] / system.radius[:, None]
-        displacement = linear_response(system, train.topology.cycle_frequency(speed), load)
+        displacement = dense_linear_motion(system, train.topology.cycle_frequency(speed), load)
         found.append(system.stiffness[links][:, None] * system.deflections(displacement, links))
     return np.stack(found)
 

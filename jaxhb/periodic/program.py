@@ -89,8 +89,8 @@ class Start:
 class Outcome:
     """Fields of the solution, deflections ``(G, N+1)`` of the active meshes, and how the solve went.
 
-    periodicity_error : of the last cycle marched, 0 without; residual, truncation_error, power_defect; steps : of
-    Newton.
+    periodicity_error : of the last cycle marched, nan where that is not finite and 0 where nothing was marched;
+    residual, truncation_error, power_defect; steps : of Newton.
     """
 
     fields: object
@@ -104,14 +104,14 @@ class Outcome:
 
 
 @partial(Program, static_argnames="sizes", seldom=True)
-def solve_problem(problem, active_meshes, start, tolerance, sizes):
+def solve_problem(problem, active_meshes, start, limit, sizes):
     """Solve one problem.
 
     Parameters
     ----------
     problem : Problem; active_meshes : ActiveMeshes
     start : Start
-    tolerance : float, on the truncation error
+    limit : float, largest estimate of the truncation error that counts as converged (:attr:`Plan.limit`)
     sizes : Sizes (static)
 
     Returns
@@ -119,7 +119,7 @@ def solve_problem(problem, active_meshes, start, tolerance, sizes):
     Outcome
     """
     # The iteration is not differentiated: the implicit function theorem gives the derivative of what it found.
-    frozen = lax.stop_gradient((problem, start, tolerance))
+    frozen = lax.stop_gradient((problem, start, limit))
     return differentiable(problem, active_meshes, find(frozen[0], active_meshes, *frozen[1:], sizes), sizes)
 
 
@@ -130,9 +130,9 @@ def differentiable(problem, active_meshes, found, sizes):
     return dataclasses.replace(outcome, fields=fields, deflection=deflection)
 
 
-def find(problem, active_meshes, start, tolerance, sizes):
+def find(problem, active_meshes, start, limit, sizes):
     """The Outcome without derivatives, what :func:`attach` needs of its motion, whether it solves."""
-    # N is the length of the start; ``sizes.samples`` are 16 N, which the plan sees to.
+    # N is the length of the start; the plan sees to it that ``sizes.samples`` are SAMPLES_PER_HARMONIC times N.
     harmonics = start.coefficients.shape[-1] - 1
     none = len(active_meshes.mask) == 0
     # The estimate of the truncation error asks for receptances of 2 N harmonics: made once, cut for the solve.
@@ -170,7 +170,7 @@ def find(problem, active_meshes, start, tolerance, sizes):
         )
     failure = _failure(problem, active_meshes, condensed, found, error, stalled, crossings, sizes)
     solved = failure == Status.CONVERGED
-    status = jnp.where(solved & ~(truncation <= tolerance), Status.TOLERANCE_NOT_MET, failure)
+    status = jnp.where(solved & ~(truncation <= limit), Status.TOLERANCE_NOT_MET, failure)
     return (
         Outcome(found, deflection, status, periodicity_error, error, truncation, defect, steps),
         (operator, crossings),

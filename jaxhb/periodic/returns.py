@@ -171,7 +171,7 @@ def _period(march, cycles, transient, close):
     """The period of a march, 0 where it ends without, None where it goes on."""
     if not march.returns.finite:
         return 0
-    if march.cycles < march.again:
+    if march.cycles < march.not_before:
         return None
     complete = march.cycles >= transient and march.recorded >= cycles.recorded
     period = march.returns.period(last=complete and close > RETURN.near, close=close)

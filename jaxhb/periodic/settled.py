@@ -32,7 +32,7 @@ class ClassificationOptions:
     compared : time samples of a cycle at which motions are compared
     finest : times the steps of a march, at most, where twice as many did not confirm what it shows
     later : cycles after which a march with shorter steps is recorded, once it has settled on those of longer ones
-    again : cycles that a march with the finest steps goes on where harmonic balance did not find its motion
+    more_cycles : that a march with the finest steps goes on where harmonic balance did not find its motion
     """
 
     margin: float = 0.05
@@ -45,7 +45,7 @@ class ClassificationOptions:
     compared: int = 1024
     finest: int = 4
     later: int = 32
-    again: int = 32
+    more_cycles: int = 32
 
 
 CLASSIFICATION = ClassificationOptions()
@@ -73,6 +73,7 @@ def solve_settled(train, march, trace, period, request, *, steps, meshes, levels
     if period > 1:
         train = train.repeated(period)
         request = dataclasses.replace(request, harmonics=request.harmonics and period * request.harmonics)
+    # Not 0, which says of an Outcome that nothing was marched.
     event = March(march.cycles, steps, max(march.returns.errors(period)[0], 1e-300))
     found = _solve(train, march.rpm, request, trace, meshes, event, period, levels)
     return found if found is not None and same_motion(found, trace, meshes, train) else None

@@ -9,7 +9,8 @@ class TimeStepOptions:
 
     Parameters
     ----------
-    per_mode_period : steps per period of the highest mode: forces that change linearly within a step then do
+    per_mode_period : steps per period of the highest mode: with so many, forces that change linearly within a step
+        suffice
     per_harmonic : steps per harmonic that is an unknown: estimates of the truncation error see twice as many harmonics
     multiple : what the number of steps is a multiple of: blocks of the preconditioner and segments of a cycle divide it
     counts : numbers of steps that are offered

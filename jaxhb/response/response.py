@@ -32,8 +32,8 @@ class Fields:
     ----------
     angles : complex ``(..., S, N+1)`` rad, vibratory angle of every disk
     torques, elastic_torques : complex ``(..., K, N+1)`` N m, of the shafts and then the dampers
-    deflections : complex ``(..., G, N+1)`` m, of the meshes
-    forces, elastic_forces : complex ``(..., G, K+1)`` N, of the meshes; more harmonics than the motion has
+    deflections : complex ``(..., M, N+1)`` m, of the meshes
+    forces, elastic_forces : complex ``(..., M, F+1)`` N, of the meshes; F is more harmonics than the motion has
     """
 
     angles: Array
@@ -65,7 +65,7 @@ class Response(Fields):
         Mean torque that each ground takes: stiffness x mean angle of its disk. Mean angles are those that the soft
         grounds set; without a ground their inertia-weighted mean is zero.
     radius : ``(..., S)`` m, of the gears
-    law : Law ``(..., G)`` of the meshes
+    law : Law ``(..., M)`` of the meshes
     status : ``(...)`` int
         :class:`jaxhb.Status` of the solve; :attr:`status_name` has its name.
     residual, truncation_error : ``(...)``
@@ -214,7 +214,7 @@ class Response(Fields):
         return self._signal(sense * self.deflections[..., index, :])
 
     def deflection_samples(self, count: int) -> Array:
-        """Deflections of all meshes at ``count`` time samples of the cycle, ``(..., G, count)`` m."""
+        """Deflections of all meshes at ``count`` time samples of the cycle, ``(..., M, count)`` m."""
         return fourier.sample(self.deflections, count)
 
     def _mesh_index(self, a, b):

@@ -43,8 +43,8 @@ class SteadyState:
         where a neighbouring speed starts.
     topology : Topology
     stability : Stability or None
-        Of ``response``, as :func:`jaxhb.stability` gives it; None for teeth in contact all the time, and for more than
-        100 disks.
+        Of ``response``, as :func:`jaxhb.stability` gives it; None where contact follows from the linear motion and
+        nothing was marched, for massless disks whose multipliers are refused, and for more than 100 disks.
     """
 
     rpm: float

@@ -57,9 +57,9 @@ motions are possible the train has the one it comes from: each speed starts from
 above (down), or is reached both ways."""
 REPORT = """\
 Several speeds, with backlash and without, in normal running and with a misfiring cylinder, or with every cylinder in
-turn (--misfire each). The plot shows the torque on
-one gear over the cycle, with the time in the gap shaded. --html writes a page that is printed and signed: the train and
-its data, natural frequencies, forced orders, what the train does at every speed, limits, accuracy, notes."""
+turn (--misfire each). The plot shows the torque on one gear over the cycle, with the time in the gap shaded. --html
+writes a page that is printed and signed: the train and its data, natural frequencies, forced orders, what the train
+does at every speed, limits, accuracy, notes."""
 
 COMPLETION = """\
 Prints a script for the shell; needs jaxhb[shell]. In ~/.bashrc: eval "$(jaxhb completion bash)"; for fish:

@@ -38,9 +38,9 @@ def plot_sweep(sweeps):
     -------
     matplotlib.figure.Figure
         Markers tell the kind of motion; what has no answer, or did not converge, is a gap in the lines and a cross at
-        the bottom. Downwards lines
-        are dotted and markers open. A train without gears shows its hardest worked shaft or damper. Below, of stresses,
-        tooth torques and heat what comes nearest to the limits that the scene gives, with barred ranges shaded.
+        the bottom. Downwards lines are dotted and markers open. A train without gears shows its hardest worked shaft or
+        damper. Below, of stresses, tooth torques and heat what comes nearest to the limits that the scene gives, with
+        barred ranges shaded.
 
     Examples
     --------

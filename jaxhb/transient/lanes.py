@@ -20,7 +20,7 @@ from .._program import Program
 from ..harmonic import fourier
 from ..harmonic.backlash import Law
 from ..harmonic.excitation import excitation
-from .statespace import linear_response, matrices, static_response
+from .statespace import dense_linear_motion, matrices, static_response
 from .stepper import Stepper, force_on_flank
 
 
@@ -170,7 +170,7 @@ def _linear_motion(train, rpm, system, meshes, harmonics):
     """The :class:`LinearMotion` of one speed."""
     torque, load_torque, _ = excitation(train, rpm, harmonics)
     frequency = train.topology.cycle_frequency(rpm)
-    displacement = linear_response(system, frequency, torque / system.radius[:, None])
+    displacement = dense_linear_motion(system, frequency, torque / system.radius[:, None])
     force = force_on_flank(meshes.law, system.deflections(displacement, meshes.link))
     shift = static_response(matrices(system)[1], system.spread(-force, meshes.link))
     return LinearMotion(frequency, displacement, shift, load_torque)

@@ -33,7 +33,7 @@ class Modes:
     coordinates: np.ndarray
 
 
-def damped_modes(system, meshes, frequency, parts):
+def march_modes(system, meshes, frequency, parts):
     """The :class:`Modes` of a train.
 
     Parameters

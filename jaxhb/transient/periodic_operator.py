@@ -1,4 +1,4 @@
-"""The linearised motion around one cycle: a periodic, time-varying linear train solved by one sweep over the cycle.
+"""The linearised motion around one cycle: a periodic, time-varying linear train solved by one pass over the cycle.
 
 With slopes w and s of the nonlinear force phi in l and l', the forces u in response to a given periodic motion b are
 
@@ -9,9 +9,9 @@ freely through its gap (l linear in time), so that six time steps per period of 
 from the slowest modes alone, whose memory outlasts the cycle. Work per time step is that of one small matrix product,
 whatever the number of harmonics; it replaces the factorisation of a Jacobian in which all harmonics are coupled.
 
-The cycle is cut into blocks that are swept side by side from rest, 8 to 32 time steps each instead of thousands one
-after another. What the state at the beginning of a block adds is known beforehand: its forces solve a triangular system
-of the block, as the train itself does not change from time step to time step.
+The cycle is cut into blocks that are passed through side by side from rest, 8 to 32 time steps each instead of
+thousands one after another. What the state at the beginning of a block adds is known beforehand: its forces solve a
+triangular system of the block, as the train itself does not change from time step to time step.
 """
 
 from dataclasses import dataclass
@@ -26,8 +26,8 @@ from .stepper import hold_weights
 
 
 @dataclass(frozen=True)
-class SweepOptions:
-    """How the cycle is swept.
+class PassOptions:
+    """How one pass goes over the cycle.
 
     Parameters
     ----------
@@ -43,13 +43,13 @@ class SweepOptions:
     block_forces: int = 64
 
 
-SWEEP = SweepOptions()
+PASS = PassOptions()
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class PeriodicOperator:
-    """What the sweep needs at K = B m time steps, B blocks of m; n states, G meshes, C of the states periodic.
+    """What the pass needs at K = B m time steps, B blocks of m; n states, G meshes, C of the states periodic.
 
     propagate ``(n, n)``, forcing ``(n, G)``, observation ``(2G, n)``; gain ``(m, G, 2G, B)``: force of a mesh per
     motion. Per unit state at the beginning of a block: block_forces ``(B, m G, n)``; block_propagator ``(B, n, n)``,
@@ -96,7 +96,7 @@ class PeriodicOperator:
 
 
 def linearize(train, frequency, slope, rate_slope):
-    """Prepare the sweep for slopes of phi.
+    """Prepare the pass for slopes of phi.
 
     Parameters
     ----------
@@ -119,12 +119,12 @@ def linearize(train, frequency, slope, rate_slope):
     gain = jnp.linalg.solve(own - slopes @ at_once, slopes)
     # The state kept is that without the late part of the last force, so that each force enters once.
     forcing = propagate @ late + early
-    length = min(SWEEP.longest, 1 << max(SWEEP.shortest, SWEEP.block_forces // meshes).bit_length() - 1)
+    length = min(PASS.longest, 1 << max(PASS.shortest, PASS.block_forces // meshes).bit_length() - 1)
     gain = gain.reshape(-1, length, meshes, 2 * meshes)
     block_forces, block_propagator = _per_state(propagate, forcing, L, gain)
 
     n = len(propagate) // 2
-    slow = min(SWEEP.slow_modes, n)
+    slow = min(PASS.slow_modes, n)
     kept = np.r_[0:slow, n : n + slow]
     begin = jnp.eye(2 * n)[:, kept]
     end, block_starts = lax.scan(lambda state, propagator: (propagator @ state, state), begin, block_propagator)

@@ -17,7 +17,7 @@ from ..harmonic.excitation import excitation, listed_harmonic
 from ..harmonic.residual import backlash_meshes
 from . import segments
 from .integrate import march, settle
-from .statespace import linear_response, matrices, partition
+from .statespace import dense_linear_motion, matrices, partition
 from .stepper import discretize, on_flank, state_from_harmonics
 
 
@@ -58,7 +58,7 @@ _march = Program(march)
 def _close(stepper, system, load, coefficients, tolerance):
     """First state, cycle and Newton steps of the motion that closes next to displacements ``(S, N+1)`` m."""
     system, load = jax.tree.map(jnp.asarray, (system, load))
-    linear = linear_response(system, stepper.frequency, load)
+    linear = dense_linear_motion(system, stepper.frequency, load)
     harmonics = max(coefficients.shape[-1], linear.shape[-1]) - 1
     deviation = fourier.resize(coefficients, harmonics) - fourier.resize(linear, harmonics)
     both = jnp.concatenate([deviation, fourier.derivative(deviation, stepper.frequency)])
@@ -120,7 +120,7 @@ def resolving_steps(system, meshes, frequency, *, per_period=REFERENCE.steps_per
     Parameters
     ----------
     system : System
-    meshes : MeshParameters
+    meshes : MeshParameters, the backlash meshes
     frequency : float
         Omega in rad/s.
     per_period : int
@@ -163,7 +163,7 @@ def reference_orbit(
     Parameters
     ----------
     system : System
-    meshes : MeshParameters
+    meshes : MeshParameters, the backlash meshes
     frequency : float
         Omega in rad/s.
     load : complex array ``(S, N+1)`` N

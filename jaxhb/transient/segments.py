@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from ..harmonic import damping
+from ..harmonic import step_length
 from .integrate import no_samples, periodicity_error, put, run, trace_of, watch
 
 
@@ -178,7 +178,7 @@ def close(stepper, nodes, *, tolerance, most):
     nodes : array ``(K, n)``, of a near motion
     tolerance : float, on the periodicity error of :func:`motion`
     most : int, Newton steps; each is the longest of the lengths that lowers the natural level
-        (:mod:`jaxhb.harmonic.damping`), and they end where none does
+        (:mod:`jaxhb.harmonic.step_length`), and they end where none does
 
     Returns
     -------
@@ -200,7 +200,7 @@ def close(stepper, nodes, *, tolerance, most):
 
         def tried(length):
             gap, periodicity_error = gaps_and_error(stepper, nodes + length * whole)
-            return damping.lowers_level(jnp.linalg.norm(change(gap)), size, length), periodicity_error
+            return step_length.lowers_level(jnp.linalg.norm(change(gap)), size, length), periodicity_error
 
         # Every length is tried, and the longest that passes the test is taken: a run through the segments is little
         # beside their Jacobian.

@@ -108,8 +108,7 @@ def partition(system, meshes, disk_names=None, link_names=None, lossy=False):
     Parameters
     ----------
     system : System
-    meshes : MeshParameters
-        Backlash meshes.
+    meshes : MeshParameters, the backlash meshes
     disk_names, link_names : sequence of str, optional
         For the sentences of errors; "disk 3" and "link 5" without.
     lossy : bool, whether loss factors are served, by :func:`loss_damping`
@@ -174,7 +173,7 @@ def state_space(system, meshes, frequency, parts, damping=0.0):
     Parameters
     ----------
     system : System
-    meshes : MeshParameters
+    meshes : MeshParameters, the backlash meshes
     frequency : float, Omega in rad/s, only to scale the slow modes
     parts : Partition
     damping : array ``(S, S)`` N s/m, beside that of the system
@@ -237,7 +236,7 @@ def _blocks(*blocks):
     return joined(*blocks)
 
 
-def linear_response(system, frequency, load):
+def dense_linear_motion(system, frequency, load):
     """Steady displacements of the train with all meshes in contact, one dense solve per harmonic.
 
     Parameters

@@ -7,8 +7,7 @@ The deviation ``z`` of the state from the periodic response of the linear train 
 so the excitation and the whole linear train are integrated exactly and only phi, which is constant while a mesh stays
 on one flank, is approximated: fourth order, weights of Krogstad (J. Comput. Phys. 203 (2005) 72). A crossing of a knot
 of the law, where f'' jumps, costs an error of third order in the step; of second order for damping in contact, whose
-slope jumps there. The stages need w alone: the state moves once a
-step, by one product with the propagator.
+slope jumps there. The stages need w alone: the state moves once a step, by one product with the propagator.
 
 The phi-functions come from one exponential of the augmented matrix [[A, E, 0, 0], [0, 0, I/dt, 0], [0, 0, 0, I/dt], 0]
 (Van Loan), so that a singular A (free rotation, a ring without spring) needs no care.
@@ -27,7 +26,7 @@ from jax import lax
 from .._arrays import namespace
 from ..harmonic import backlash, fourier
 from ..harmonic.backlash import Law
-from .statespace import StateSpace, linear_response, matrices, partition, state_space, static_response
+from .statespace import StateSpace, dense_linear_motion, matrices, partition, state_space, static_response
 
 
 @jax.tree_util.register_dataclass
@@ -127,8 +126,7 @@ def discretize(system, meshes, frequency, load, steps, parts=None):
     ----------
     system : System
         Linear train, meshes taken in contact; without loss factors.
-    meshes : MeshParameters
-        The meshes with backlash; all others are linear links of ``system``.
+    meshes : MeshParameters, the backlash meshes; all others are linear links of ``system``
     frequency : float
         Omega in rad/s; the cycle lasts 2 pi / Omega.
     load : complex array ``(S, N+1)``
@@ -148,7 +146,7 @@ def discretize(system, meshes, frequency, load, steps, parts=None):
         parts = partition(system, meshes)
     system, meshes, frequency, load = jax.tree.map(jnp.asarray, (system, meshes, frequency, load))
     space = state_space(system, meshes, frequency, parts)
-    response = linear_response(system, frequency, load)
+    response = dense_linear_motion(system, frequency, load)
     speed = fourier.derivative(response, frequency)
     deflection = system.deflections(response, meshes.link)
     shift = static_response(matrices(system)[1], system.spread(-force_on_flank(meshes.law, deflection), meshes.link))

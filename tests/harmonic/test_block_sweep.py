@@ -3,8 +3,8 @@
 import jax
 import numpy as np
 import pytest
+from fridman_numbering import fridman_numbering, parents_from_fridman
 from reference_data import complex_numbers, method_case, numbers
-from seed_numbering import parents_from_seed, seed_numbering
 from tolerances import ALGEBRAIC
 
 from jaxhb.harmonic import chain, fourier, toeplitz
@@ -47,8 +47,8 @@ def dense_solution(parent, near, far, link, node, load):
 
 
 def sweep_with_relays(parent, link, node, load):
-    """Method.md A2 in its own words: the seed's chain with fictitious nodes, one harmonic, arms 1."""
-    slots, image = seed_numbering(list(parent))
+    """docs/theory A2 in its own words: Fridman's chain with fictitious nodes, one harmonic, arms 1."""
+    slots, image = fridman_numbering(list(parent))
     stash = {s: [0.0, 0.0] for s in range(len(parent))}
     Y = pi = 0.0
     kept = {}
@@ -106,14 +106,14 @@ def test_relay_nodes_do_not_change_the_response(size):
         assert relative_error(x[:, 1, 0], by_relays) < ALGEBRAIC
 
 
-def test_seed_numbering_is_read_back_as_the_same_tree():
+def test_fridman_numbering_is_read_back_as_the_same_tree():
     draw = np.random.default_rng(8)
     for _ in range(60):
         parent = random_tree(draw, int(draw.integers(2, 14)))
-        slots, image = seed_numbering(parent.tolist())
+        slots, image = fridman_numbering(parent.tolist())
         place_of = {s: place + 1 for place, s in enumerate(slots) if s >= 0}
         one_based = {place + 1: place_of[s] for place, s in image.items()}
-        node, again = parents_from_seed(len(slots), one_based)
+        node, again = parents_from_fridman(len(slots), one_based)
         np.testing.assert_array_equal(again, parent)
         np.testing.assert_array_equal(node, [place_of[s] for s in range(len(parent))])
 
@@ -127,8 +127,8 @@ def test_a_shaft_with_rings_needs_two_places_however_long():
 
 
 def test_only_a_jump_over_a_branch_needs_a_relay():
-    assert seed_numbering([1, 2, 3, 4]) == ([0, 1, 2, 3], {})
-    _, image = seed_numbering([1, 4, 3, 4, 5, 6])
+    assert fridman_numbering([1, 2, 3, 4]) == ([0, 1, 2, 3], {})
+    _, image = fridman_numbering([1, 4, 3, 4, 5, 6])
     assert image == {2: 4}
 
 
@@ -208,7 +208,7 @@ def tree_case(parent, slots, harmonics):
 
 def test_case_a2_tree_of_seven_with_a_fictitious_node():
     params, expected = method_case("A2_tree7_fictitious")
-    slots, parent = parents_from_seed(7, {int(k): v for k, v in params["fictitious"].items()})
+    slots, parent = parents_from_fridman(7, {int(k): v for k, v in params["fictitious"].items()})
     link = {str(p): int(slots[q]) if q < len(slots) else 0 for p, q in zip(slots, parent, strict=True)}
     assert link == params["links"]
     harmonics = [int(n) for n in expected["a"]]
@@ -218,9 +218,9 @@ def test_case_a2_tree_of_seven_with_a_fictitious_node():
             np.testing.assert_allclose(found[int(place)][k], complex_numbers(value), rtol=ALGEBRAIC)
 
 
-def test_case_a2_thirty_node_tree_of_figure_2_in_the_numbering_of_the_seed():
+def test_case_a2_thirty_node_tree_of_figure_2_in_the_numbering_of_fridman():
     params, expected = method_case("A2_fig2_topology")
-    slots, parent = parents_from_seed(30, {8: 11, 12: 15, 16: 24})
+    slots, parent = parents_from_fridman(30, {8: 11, 12: 15, 16: 24})
     link = {str(p): int(slots[q]) if q < len(slots) else 0 for p, q in zip(slots, parent, strict=True)}
     assert link == params["parent"]
     harmonics = [int(n) for n in expected["a"]]

@@ -65,13 +65,13 @@ def test_any_number_of_meshes_is_swept_in_blocks_of_any_length(meshes, monkeypat
     draw = np.random.default_rng(3)
     slopes, motion = -1e6 * draw.uniform(size=(meshes, 512)), draw.normal(size=(2 * meshes, 512))
     found = []
-    for shortest in (periodic_operator.SWEEP.shortest, periodic_operator.SWEEP.longest):
-        options = dataclasses.replace(periodic_operator.SWEEP, shortest=shortest)
-        monkeypatch.setattr(periodic_operator, "SWEEP", options)
+    for shortest in (periodic_operator.PASS.shortest, periodic_operator.PASS.longest):
+        options = dataclasses.replace(periodic_operator.PASS, shortest=shortest)
+        monkeypatch.setattr(periodic_operator, "PASS", options)
         operator = periodic_operator.linearize(model, problem.frequency, slopes, 1e-5 * slopes)
         found.append((operator.gain.shape[0], np.asarray(operator.forces(motion))))
     (shorter, one), (longer, other) = found
-    assert shorter < longer == periodic_operator.SWEEP.longest and np.abs(one).max() > 0
+    assert shorter < longer == periodic_operator.PASS.longest and np.abs(one).max() > 0
     np.testing.assert_allclose(one, other, rtol=0, atol=RESIDUAL * np.abs(one).max())
 
 

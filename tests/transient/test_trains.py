@@ -20,7 +20,7 @@ from jaxhb.transient import reference, true_error
 from jaxhb.transient.integrate import cycle, march, settle
 from jaxhb.transient.reference import integrate, reference_orbit, resolving_steps
 from jaxhb.transient.shooting import monodromy, shoot
-from jaxhb.transient.statespace import linear_response, matrices, partition
+from jaxhb.transient.statespace import dense_linear_motion, matrices, partition
 from jaxhb.transient.stepper import at_rest, discretize, on_flank, state_from_harmonics
 
 HAMMERING_RPM = 2200.0
@@ -67,7 +67,7 @@ def adaptive(system, meshes, frequency, load, x, v, cycles, samples):
 @pytest.mark.parametrize("law", ["contact", "always"])
 def test_a_hammering_train_converges_to_an_adaptive_integrator(law):
     posed_train = system, meshes, frequency, load = posed(pair(damping_law=law), HAMMERING_RPM)
-    response = linear_response(jax.tree.map(jnp.asarray, system), frequency, jnp.asarray(load))
+    response = dense_linear_motion(jax.tree.map(jnp.asarray, system), frequency, jnp.asarray(load))
     x = fourier.synthesize(response, 64)[:, 0]
     v = fourier.synthesize(fourier.derivative(response, frequency), 64)[:, 0]
     expected = adaptive(*posed_train, x, v, 2, 2000)
@@ -191,7 +191,7 @@ def test_a_harmonic_solution_is_confirmed_by_the_reference_integration():
     harmonics = 400
     columns = system.incidence(np.asarray(meshes.link))
     whole = fourier.resize(jnp.asarray(load), harmonics) - columns @ fourier.analyze(phi, harmonics)
-    x = linear_response(jax.tree.map(jnp.asarray, system), frequency, whole)
+    x = dense_linear_motion(jax.tree.map(jnp.asarray, system), frequency, whole)
     checked = reference_orbit(*posed_train, x, steps=samples)
     assert checked.settled
     assert checked.newton_steps <= 3

@@ -3,7 +3,7 @@
 import numpy as np
 
 
-def seed_numbering(parent):
+def fridman_numbering(parent):
     """Fridman's chain of a tree: positions, with a fictitious node wherever the chain jumps over a branch.
 
     Parameters
@@ -21,7 +21,7 @@ def seed_numbering(parent):
 
     Examples
     --------
-    >>> seed_numbering([1, 4, 3, 4, 5, 6])
+    >>> fridman_numbering([1, 4, 3, 4, 5, 6])
     ([0, 1, -1, 2, 3, 4, 5], {2: 4})
     """
     nodes, image = [], {}
@@ -33,8 +33,8 @@ def seed_numbering(parent):
     return nodes, image
 
 
-def parents_from_seed(places, image):
-    """Parents of the physical nodes of a chain in the seed's numbering.
+def parents_from_fridman(places, image):
+    """Parents of the physical nodes of a chain in Fridman's numbering.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def parents_from_seed(places, image):
 
     Examples
     --------
-    >>> node, parent = parents_from_seed(7, {3: 6})
+    >>> node, parent = parents_from_fridman(7, {3: 6})
     >>> node.tolist(), parent.tolist()
     ([1, 2, 4, 5, 6, 7], [1, 4, 3, 4, 5, 6])
     """
