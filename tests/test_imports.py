@@ -42,7 +42,7 @@ def test_imports_go_down_only():
 
 
 def test_only_their_owners_import_matplotlib_optax_plotly_and_jinja2():
-    owners = {"matplotlib": {"show/plots.py", "show/branch_plots.py"}, "optax": {"design/tuning.py"}}
+    owners = {"matplotlib": {"show/figures.py"}, "optax": {"design/tuning.py"}}
     owners |= {"plotly": {"show/page.py"}, "jinja2": {"show/page.py"}}
     for path in ROOT.rglob("*.py"):
         text = path.read_text()

@@ -1,13 +1,11 @@
 """Pictures of periodic motions: branches through their folds, and Floquet multipliers.
 
-As in :mod:`jaxhb.show.plots`, figures without pyplot. Forces are transmitted tooth forces; a peak is the largest
-absolute value.
+Forces are transmitted tooth forces; a peak is the largest absolute value.
 """
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
+from .figures import crosses, key, legend, line_key, new_figure, one_panel, plain
 from .tuned import parameter_unit
 
 POINTS = {"fold": "D", "branch point": "*", "period doubling": "^", "Neimark-Sacker": "P"}
@@ -39,7 +37,7 @@ def plot_branch(branch, mesh=None):
     """
     names = branch.train.topology.mesh_names
     mesh = mesh or names[int(np.argmax(_branch_peaks(branch).max(axis=0)))]
-    figure = Figure(figsize=(9.0, 6.2), layout="constrained")
+    figure = new_figure(6.2)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
     above.set_title(
         f"{branch.train.topology.name or 'scene'}, {plain(mesh)}: a branch and its folds", fontsize="medium"
@@ -157,38 +155,7 @@ def _draw_moduli(axes, x, moduli, stable):
 def branch_keys(branches):
     """Entries of a legend: branches and their special points."""
     found = {point.kind for branch in branches for point in branch.special}
-    keys = [Line2D([], [], color=STABLE, label="stable branch")] * any(b.stable.any() for b in branches)
-    broken = Line2D([], [], color=UNSTABLE, linestyle=(0, (4, 2)), label="unstable branch")
+    keys = [line_key("stable branch", STABLE)] * any(b.stable.any() for b in branches)
+    broken = line_key("unstable branch", UNSTABLE, linestyle=(0, (4, 2)))
     keys += [broken] * any(not b.stable.all() for b in branches)
     return keys + [key(kind, POINTS[kind], "black", markerfacecolor="white") for kind in POINTS if kind in found]
-
-
-def crosses(axes, x):
-    """Crosses at the bottom: nothing is known there."""
-    if len(x):
-        place = {"transform": axes.get_xaxis_transform(), "clip_on": False}
-        axes.plot(x, np.full(len(x), 0.02), "x", color="black", markersize=7, **place)
-
-
-def one_panel(title, ylabel, height=4.6):
-    figure = Figure(figsize=(9.0, height), layout="constrained")
-    axes = figure.subplots()
-    axes.set_title(title, fontsize="medium")
-    axes.set_ylabel(ylabel)
-    axes.set_xlabel("speed, rpm")
-    return figure, axes
-
-
-def key(said, marker, colour, **style):
-    """Entry of a legend."""
-    return Line2D([], [], linestyle="none", marker=marker, color=colour, label=said, **style)
-
-
-def legend(axes, keys):
-    """Legend below the axes: pictures of kinds leave no corner free."""
-    axes.figure.legend(handles=keys, loc="outside lower center", ncols=4, fontsize="small", frameon=False)
-
-
-def plain(name):
-    """``a|b`` as a label."""
-    return name.replace("|", " - ")

@@ -6,11 +6,10 @@ import numpy as np
 
 from ..linear.limits import strength
 from .answer import shown
-from .branch_plots import crosses
 from .choose import NOT_FIRING, train_name
+from .figures import WITH, WITHOUT, crosses, new_figure, plain
 from .forced import KINDS, signal_of
 from .limit_plots import draw_limits, judged_elements
-from .plots import WITH, WITHOUT, new_figure, plain
 
 MOST = 4
 """Elements in one picture."""

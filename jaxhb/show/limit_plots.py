@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .plots import GAP, WITH, plain
+from .figures import GAP, WITH, plain
 
 PANELS = {
     "stresses": ("stress", "stress", 1e-6, "MPa", {"continuous": "continuous limit", "transient": "transient limit"}),

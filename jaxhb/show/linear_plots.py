@@ -5,7 +5,7 @@ import numpy as np
 
 from ..linear.critical import ELASTIC
 from .campbell import shares_in_mode, shown_modes
-from .plots import WITH, WITHOUT, new_figure
+from .figures import WITH, WITHOUT, new_figure
 
 POINTS = 2000
 COUNTS = 0.1

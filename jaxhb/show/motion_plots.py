@@ -1,14 +1,14 @@
 """Pictures of what a train does: kinds of motion over the speed, peaks of cycles, orders.
 
-As in :mod:`jaxhb.show.plots`, figures without pyplot. Forces are transmitted tooth forces; a peak is the largest
-absolute value.
+Forces are transmitted tooth forces; a peak is the largest absolute value.
 """
 
 import numpy as np
 
 from ..response.record import PERCENT
 from ..response.steady import KINDS
-from .branch_plots import GREY, branch_keys, crosses, draw_branch, key, legend, one_panel, plain
+from .branch_plots import GREY, branch_keys, draw_branch
+from .figures import crosses, key, legend, one_panel, plain
 
 COLOURS = {
     "contact": "#1f4e79",

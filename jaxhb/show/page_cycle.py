@@ -6,10 +6,11 @@ import numpy as np
 
 from .cases import speed_tables
 from .choose import default_gear, gears, hardest_shaft, meshes_of, worst_mesh
+from .figures import plain
 from .misfire_cases import hardest
 from .page_figures import Figure, above, bands, layout, line, marks
 from .page_parts import Heading
-from .plots import angles_of, closed, count_of, in_the_gap, periods_of, plain
+from .plots import angles_of, closed, count_of, in_the_gap, periods_of
 from .words import status_lines, verdict
 
 MESHES, PANEL = 3, 130

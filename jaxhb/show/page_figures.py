@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .plots import GAP, WITH, WITHOUT
+from .figures import GAP, WITH, WITHOUT
 from .sweep_plots import MARKS
 
 WIDTH, PANEL, EDGES = 680, 155, 70

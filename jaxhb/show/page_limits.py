@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 
 from .columns import NONE, Table
+from .figures import plain
 from .limit_plots import PANELS, judged_elements, shares_of
 from .page_figures import Figure, answered, bands, layout, line, speed_range, top_of
 from .page_parts import Heading, flowing
-from .plots import plain
 from .strength import AID, answers_strength, strength_text
 
 MOST = 4

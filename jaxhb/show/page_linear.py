@@ -10,6 +10,7 @@ from ..linear.forced import forced_response
 from ..linear.modal import natural_frequencies
 from .campbell import campbell_parts, reached, shares_in_mode, shown_modes
 from .choose import NOT_FIRING
+from .figures import WITH, WITHOUT, plain
 from .forced import KINDS, forced_failures, readings, signal_of, worst_tables
 from .forced_plots import hardest_elements
 from .linear_commands import DAMPED
@@ -17,7 +18,6 @@ from .linear_plots import COUNTS, counting, top_frequency
 from .mode_plots import MOST, Ways
 from .page_figures import Figure, above, crosses, layout, line, marks, top_of
 from .page_parts import Heading
-from .plots import WITH, WITHOUT, plain
 from .tables import modes_text
 
 CAMPBELL_MODES = 6, 12

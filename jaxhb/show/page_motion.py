@@ -6,6 +6,7 @@ import numpy as np
 
 from .choose import gears, largest, shafts_of, turning_disks
 from .columns import NONE, Table, alike, ratios, shares
+from .figures import plain
 from .page_figures import (
     NO_ANSWER,
     SYMBOLS,
@@ -21,7 +22,6 @@ from .page_figures import (
     speed_range,
     top_of,
 )
-from .plots import plain
 from .sweep_tables import speed_table, turning_table
 
 MANY = 40

@@ -1,29 +1,19 @@
-"""Pictures of a cycle, of a record and of a tuning. The only importer of matplotlib; figures without pyplot, for any
-backend."""
+"""Pictures of a cycle, of a record and of a tuning."""
 
 import textwrap
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.transforms import ScaledTranslation
 
 from ..design.evaluator import label
 from ..harmonic import fourier
 from ..harmonic.backlash import separated
 from ..response.record import PERCENT
-from .branch_plots import crosses
 from .choose import default_gear, hardest_shaft, meshes_of, train_name
+from .figures import GAP, MESH_COLOURS, WITH, WITHOUT, crosses, new_figure, plain
 from .tuned import scaled_unit
 from .words import motion_text
 
 SAMPLES = 4320
-WITH, WITHOUT, GAP = "#b3261e", "#1f4e79", "#e3e3e3"
-MESH_COLOURS = ("#b3261e", "#2e7d32", "#6a1b9a", "#ef6c00", "#00838f", "#5d4037")
-
-
-def new_figure(height):
-    """An empty figure of the usual width."""
-    return Figure(figsize=(9.0, height), layout="constrained")
 
 
 def plot_cycle(answer, gear=None):
@@ -208,11 +198,6 @@ def _plot_shaft(answer):
     return figure
 
 
-def moved_right(axes, points):
-    """Coordinates of the data, moved to the right by so many points."""
-    return axes.transData + ScaledTranslation(points / 72, 0, axes.figure.dpi_scale_trans)
-
-
 def _title(answer):
     return f"{train_name(answer.topology)}, {answer.rpm:g} rpm"
 
@@ -263,8 +248,3 @@ def _finish(axes, answer):
         axes.set_xticks(np.arange(0.0, cycle + 1, 90.0))
     zero = " (0: firing top dead centre of a cylinder with firing angle 0)" if answer.topology.cylinder_names else ""
     axes.set_xlabel(f"angle of the reference rotor, deg{zero}")
-
-
-def plain(name):
-    """``a|b`` as a label."""
-    return name.replace("|", " - ")

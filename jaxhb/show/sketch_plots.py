@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .plots import GAP, new_figure
+from .figures import GAP, new_figure
 from .sketch import layout
 
 MOST = 400

@@ -4,8 +4,8 @@ import numpy as np
 
 from .answer import SPEED
 from .choose import hardest_shaft, train_name
+from .figures import MESH_COLOURS, WITHOUT, moved_right, new_figure, plain
 from .limit_plots import draw_limits, judged_elements
-from .plots import MESH_COLOURS, WITHOUT, moved_right, new_figure, plain
 from .strength import answers_strength
 
 MARKS = {

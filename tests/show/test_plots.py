@@ -9,7 +9,8 @@ import jaxhb
 from jaxhb.show.answer import Answer, orbit_state
 from jaxhb.show.choose import default_gear
 from jaxhb.show.compute import Asked, answer_one, answer_speeds
-from jaxhb.show.plots import in_the_gap, new_figure, plot_cycle
+from jaxhb.show.figures import new_figure
+from jaxhb.show.plots import in_the_gap, plot_cycle
 from jaxhb.show.sweep_plots import BESIDE, _draw_distributions, plot_sweep
 
 

@@ -1,0 +1,59 @@
+"""What pictures share: figures, colours, labels and marks.
+
+The only importer of matplotlib; figures are made without pyplot, for any backend.
+"""
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.transforms import ScaledTranslation
+
+WITH, WITHOUT, GAP = "#b3261e", "#1f4e79", "#e3e3e3"
+MESH_COLOURS = ("#b3261e", "#2e7d32", "#6a1b9a", "#ef6c00", "#00838f", "#5d4037")
+
+
+def new_figure(height):
+    """An empty figure of the usual width."""
+    return Figure(figsize=(9.0, height), layout="constrained")
+
+
+def one_panel(title, ylabel, height=4.6):
+    """A figure of one panel over the speed, and its axes."""
+    figure = new_figure(height)
+    axes = figure.subplots()
+    axes.set_title(title, fontsize="medium")
+    axes.set_ylabel(ylabel)
+    axes.set_xlabel("speed, rpm")
+    return figure, axes
+
+
+def plain(name):
+    """``a|b`` as a label."""
+    return name.replace("|", " - ")
+
+
+def crosses(axes, x):
+    """Crosses at the bottom: nothing is known there."""
+    if len(x):
+        place = {"transform": axes.get_xaxis_transform(), "clip_on": False}
+        axes.plot(x, np.full(len(x), 0.02), "x", color="black", markersize=7, **place)
+
+
+def moved_right(axes, points):
+    """Coordinates of the data, moved to the right by so many points."""
+    return axes.transData + ScaledTranslation(points / 72, 0, axes.figure.dpi_scale_trans)
+
+
+def key(said, marker, colour, **style):
+    """Entry of a legend for a marker."""
+    return Line2D([], [], linestyle="none", marker=marker, color=colour, label=said, **style)
+
+
+def line_key(said, colour, **style):
+    """Entry of a legend for a line."""
+    return Line2D([], [], color=colour, label=said, **style)
+
+
+def legend(axes, keys):
+    """Legend below the axes: pictures of kinds leave no corner free."""
+    axes.figure.legend(handles=keys, loc="outside lower center", ncols=4, fontsize="small", frameon=False)
