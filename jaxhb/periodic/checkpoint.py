@@ -81,13 +81,13 @@ class Checkpoint:
                     was = f"{name} {kept[kind].get(name)} there, {value} now"
                     raise CheckpointError(f"{place} holds a sweep with other {kind}: {was}. {other}")
 
-    def settle(self, classifier, indices, motions, progress):
-        """What ``classifier.settle`` gives of the speeds of a chunk, from the folder where it is there."""
+    def keep_or_march(self, classifier, indices, motions, progress):
+        """What ``classifier.march_to_the_end`` gives of the speeds of a chunk, from the folder where it is there."""
         given = [index in motions for index in indices]
 
         def compute():
-            settled = classifier.settle(indices, motions, progress)
-            return [settled[index] for index in indices]
+            found = classifier.march_to_the_end(indices, motions, progress)
+            return [found[index] for index in indices]
 
         states = self.keep((classifier.speeds[indices], given, *motions.values()), compute, progress)
         return dict(zip(indices, states, strict=True))

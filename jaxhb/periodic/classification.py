@@ -1,26 +1,46 @@
 """What marches show: harmonic balance of a motion that returns, a record of one that does not, and what kind it is."""
 
 import dataclasses
-import os
-from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
-from contextlib import contextmanager
-from contextvars import copy_context
+from dataclasses import dataclass
 from functools import cached_property
 
-import jax
 import numpy as np
 
 from ..response.steady import SteadyState
 from .marching import MARCH, Batch, Equations, record_of
 from .returns import ended
-from .settled import CLASSIFICATION, compile_ahead, same_motion, shortest_period, solve_settled
+from .settled import SETTLED, compile_ahead, same_motion, shortest_period, solve_settled
 from .stability import attracts
+from .threads import driven, side_by_side
 
 FEWEST_SIDE_BY_SIDE = MARCH.batches[1][1]
 """Marches from which several are one program: fewer wait for no other."""
 
-MOST_THREADS = 8
-"""In which marches and classifications run: each holds some memory."""
+
+@dataclass(frozen=True)
+class ClassificationOptions:
+    """How a march becomes a steady state. Differences of deflections are relative to the largest and the gap.
+
+    Parameters
+    ----------
+    arrived : difference of deflections up to which a march arrives at a motion known from another start
+    apart : difference of the motions of neighbouring speeds from which the one may have another motion when it starts
+        from the other; and of largest deflections up to which records of irregular motion are of one
+    returned : return error below which a motion may have the shorter period that its solution has
+    finest : times the steps of a march, at most, where twice as many did not confirm what it shows
+    later : cycles after which a march with shorter steps is recorded, once it has settled on those of longer ones
+    more_cycles : that a march with the finest steps goes on where harmonic balance did not find its motion
+    """
+
+    arrived: float = 0.02
+    apart: float = 0.1
+    returned: float = 5e-3
+    finest: int = 4
+    later: int = 32
+    more_cycles: int = 32
+
+
+CLASSIFICATION = ClassificationOptions()
 
 
 class Classifier:
@@ -38,7 +58,7 @@ class Classifier:
         self.train, self.speeds, self.request, self.exact, self.cycles = train, speeds, request, exact, cycles
         self.known, self.apart = {}, set()
 
-    def settle(self, indices, motions, progress=lambda count: None):
+    def march_to_the_end(self, indices, motions, progress=lambda count: None):
         """Steady states of some speeds by index, side by side, from motions ``{index: (x, x')}`` or from teeth in
         contact; ``progress`` is called with the number of those that became known."""
         programs = []
@@ -47,21 +67,21 @@ class Classifier:
             separates = {self.speeds[index]: index in self.apart for index in indices}
             programs = compile_ahead(self.train, separates, self.request)
         try:
-            return self._settled(indices, motions, progress)
+            return self._marched(indices, motions, progress)
         finally:
             for program in programs:
                 program.cancel()
 
-    def _settled(self, indices, motions, progress):
+    def _marched(self, indices, motions, progress):
         if isinstance(self.equations, str):
             progress(len(indices))
             return {index: unknown(self.train, self.speeds[index], self.equations) for index in indices}
-        with _side_by_side(self.devices) as ask:
+        with side_by_side(self.devices) as ask:
             groups = [self._until_sure(group, motions, progress, ask) for group in self._groups(indices)]
-            return {index: state for found in _driven(groups) for index, state in found.items()}
+            return {index: state for found in driven(groups) for index, state in found.items()}
 
     def _until_sure(self, indices, motions, progress, ask):
-        """Steady states of speeds that share steps, for :func:`_driven`."""
+        """Steady states of speeds that share steps, for :func:`driven`."""
         found, spent, refinement = {}, dict.fromkeys(indices, 0), 1
         while indices:  # with the finest steps every motion is classified
             rounds = _Rounds(self, indices, motions, spent, refinement, progress, ask)
@@ -92,7 +112,10 @@ class Classifier:
         if not self.exact:
             return dataclasses.replace(self.cycles, transient=before)
         if refinement == 1:
+            # Looks for a period, which harmonic balance confirms: a motion without one is not believed before shorter
+            # steps show it, too, and is recorded then.
             return dataclasses.replace(self.cycles, transient=before, recorded=0)
+        # Begins at the motion of longer steps, which has only to become that of these.
         return dataclasses.replace(self.cycles, transient=max(min(before - spent, CLASSIFICATION.later), 0))
 
 
@@ -115,11 +138,18 @@ class _Rounds:
         self.cycles = classifier.cycles_of(self.batch, min(spent[index] for index in indices), refinement)
 
     def of(self, marches, asked=()):
-        """Take marches to their ends, for :func:`_driven`; ``asked``: classifications on their way, ``(march,
+        """Take marches to their ends, for :func:`driven`; ``asked``: classifications on their way, ``(march,
         classification, Future)``.
 
-        To classify a motion takes as long as many cycles: a march waits for that while the others go on. Which go on
-        side by side does not depend on how long it takes, so that the same call gives the same bits.
+        To classify a motion takes as long as many cycles: a march waits for that while the others go on::
+
+            while there are marches that are not done:
+                begin to march those that wait for no classification, until some of them end
+                take the classifications that the last round asked for: their marches are done, or go on
+                when some marches have ended: ask for their classifications
+
+        Which go on side by side does not depend on how long it takes, so that the same call gives the same bits. Where
+        so few are left that no program marches several, each goes on alone.
         """
         while marches := [march for march in marches if not march.done]:
             if 1 < len(marches) < FEWEST_SIDE_BY_SIDE and len(self.classifier.devices) < 2:
@@ -211,7 +241,7 @@ class _Classification:
             if common and same_motion(known.response, trace, meshes, classifier.train, CLASSIFICATION.arrived):
                 return known.response, period
             given = {"steps": batch.steps, "meshes": meshes}
-            levels = CLASSIFICATION.levels if self.refinement == CLASSIFICATION.finest else 1
+            levels = SETTLED.levels if self.refinement == CLASSIFICATION.finest else 1
             response = solve_settled(classifier.train, march, trace, period, classifier.request, levels=levels, **given)
             shorter = period if response is None else shortest_period(response, period)
             if shorter == period:
@@ -232,7 +262,7 @@ class _Classification:
         if self.march.recorded < self.classifier.cycles.recorded:
             self.march.not_before = self.march.cycles + CLASSIFICATION.more_cycles
             return None
-        if not self.march.returns.period(last=True):  # it was only worth the question
+        if not self.march.returns.period_at_end():  # it was only worth the question
             return self._irregular()
         unconfirmed = "harmonic balance did not find the motion that time integration shows"
         self.notes.append(f"{unconfirmed}: the numbers are those of recorded cycles")
@@ -274,50 +304,3 @@ def state_of(train, rpm, kind, period, *, response=None, record=None, cycles=0, 
 def unknown(train, rpm, reason):
     """The SteadyState of a motion that is not known."""
     return state_of(train, rpm, "unknown", 0, notes=(reason,))
-
-
-@contextmanager
-def _side_by_side(devices):
-    """What begins a function in one of some threads, and gives its Future. Across several devices one at a time."""
-    # More threads than processors: some wait for programs that others make.
-    threads = ThreadPoolExecutor(min(2 * (os.cpu_count() or 1), MOST_THREADS) if len(devices) < 2 else 1, "jaxhb-march")
-    device = jax.config.jax_default_device
-
-    def run(context, function, *args):
-        with jax.default_device(device):
-            return context.run(function, *args)
-
-    try:
-        yield lambda function, *args: threads.submit(run, copy_context(), function, *args)
-    finally:
-        threads.shutdown(cancel_futures=True)
-
-
-def _driven(generators):
-    """What generators return, side by side: each yields a Future, and is sent its result as soon as it is there, or a
-    list of generators, and goes on when these have returned."""
-    returned, waiting, left = {}, {}, {}
-
-    def go_on(generator, parent, result=None):
-        try:
-            wanted = generator.send(result)
-        except StopIteration as end:
-            returned[generator] = end.value
-            if parent is not None:
-                left[parent[0]] -= 1
-                if not left[parent[0]]:
-                    go_on(*parent)
-            return
-        if isinstance(wanted, list):
-            left[generator] = len(wanted)
-            for one in wanted:
-                go_on(one, (generator, parent))
-        else:
-            waiting[wanted] = generator, parent
-
-    for generator in generators:
-        go_on(generator, None)
-    while waiting:
-        for future in wait(waiting, return_when=FIRST_COMPLETED).done:
-            go_on(*waiting.pop(future), future.result())
-    return [returned[generator] for generator in generators]

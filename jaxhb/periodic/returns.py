@@ -115,44 +115,58 @@ class Returns:
         windows = (change[i * window : (i + 1) * window] for i in range(3))
         return [float(part.max()) if len(part) == window else np.inf for part in windows]
 
-    def period(self, last=False, close=RETURN.near):
+    def period(self):
         """The smallest period in cycles that the motion has or approaches; 0 where there is none yet.
-
-        ``last``: the march ends here, and however slow an approach counts, from a return error of ``close`` on.
 
         Where the motion still approaches a divisor of a period it may well have that one: beside a period doubling it
         nearly returns after two cycles while it settles on the period of one.
         """
-        scale, falling, close = self.scale, 1.0 if last else RETURN.falling, close if last else RETURN.near
-        errors = {k: self.errors(k, scale) for k in RETURN.periods}
-        for k, (now, before, first) in errors.items():
-            # Settled: the return is small and not on its way out. Near: it falls from window to window, as fast as a
-            # decay does and the passage of a motion that repels does not.
-            settled = now <= RETURN.settled and now <= RETURN.leaving * before < np.inf or now <= RETURN.rounded
-            near = now <= close and now <= falling * before and before <= falling * first < np.inf
-            waits = not last and any(k % j == 0 and decaying(errors[j]) for j in RETURN.periods if j < k)
-            if (settled or near) and not waits:
+        errors = self._errors_by_period()
+        for k in RETURN.periods:
+            waits = any(k % j == 0 and decaying(errors[j]) for j in RETURN.periods if j < k)
+            # As fast as a decay is, and the passage of a motion that repels is not.
+            if (settled(errors[k]) or falling(errors[k], RETURN.near, RETURN.falling)) and not waits:
                 return k
         return 0
 
+    def period_at_end(self, close=RETURN.near):
+        """The smallest period that the motion has or approaches, however slowly, from a return error of ``close`` on; 0
+        where there is none: the march goes on no longer."""
+        errors = self._errors_by_period()
+        return next((k for k in RETURN.periods if settled(errors[k]) or falling(errors[k], close, 1.0)), 0)
+
     def undecided(self):
         """Whether the motion may still settle on a period: a return error is small and keeps falling."""
+        return any(map(decaying, self._errors_by_period().values()))
+
+    def _errors_by_period(self):
         scale = self.scale
-        return any(decaying(self.errors(k, scale)) for k in RETURN.periods)
+        return {k: self.errors(k, scale) for k in RETURN.periods}
+
+
+def settled(errors):
+    """Whether the latest return error, of those of successive windows, is small and not on its way out."""
+    now, before, _ = errors
+    return now <= RETURN.settled and now <= RETURN.leaving * before < np.inf or now <= RETURN.rounded
+
+
+def falling(errors, close, share):
+    """Whether return errors of successive windows, the latest first and below ``close``, fall to a share each."""
+    now, before, first = errors
+    return now <= close and now <= share * before and before <= share * first < np.inf
 
 
 def decaying(errors):
-    """Whether return errors of successive windows, the latest first, fall."""
-    now, before, first = errors
-    return now <= RETURN.small and now <= RETURN.decaying * before and before <= RETURN.decaying * first < np.inf
+    """Whether return errors may be those of an approach: they fall, if slowly."""
+    return falling(errors, RETURN.small, RETURN.decaying)
 
 
-def ended(batch, running, cycles, verified=False):
-    """``(march, period)`` of some marches that have a period, or go on without (0) no longer, after more cycles.
+def ended(batch, running, cycles, exact=False):
+    """Let marches go on until one of them or more end: these, as ``(march, period)``, with period 0 where a march ends
+    without one.
 
-    ``verified``: the motion is asked for, so that a march that ends may still be some way off.
+    ``exact``: whether harmonic balance is asked to confirm periods.
     """
-    close = RETURN.close if verified else RETURN.near
     transient = cycles.before_record(batch.work, batch.decay)
     while running:
         first = [march for march in running if march.cycles < transient]
@@ -161,21 +175,24 @@ def ended(batch, running, cycles, verified=False):
         further = [march for march in later if march.recorded >= cycles.recorded]
         for group, record in ((first + further, False), (recording, True)):
             batch.run(group, record)
-        ended = [(march, _period(march, cycles, transient, close)) for march in running]
-        if any(period is not None for _, period in ended):
-            return [(march, period) for march, period in ended if period is not None]
+        periods = [(march, _period(march, cycles, transient, exact)) for march in running]
+        if any(period is not None for _, period in periods):
+            return [(march, period) for march, period in periods if period is not None]
     return []
 
 
-def _period(march, cycles, transient, close):
+def _period(march, cycles, transient, exact):
     """The period of a march, 0 where it ends without, None where it goes on."""
     if not march.returns.finite:
         return 0
     if march.cycles < march.not_before:
         return None
+    # Where harmonic balance confirms a motion or refuses it, being near one is worth the question as soon as the cycles
+    # are done, whether or not the march goes on.
+    close = RETURN.close if exact else RETURN.near
     complete = march.cycles >= transient and march.recorded >= cycles.recorded
-    period = march.returns.period(last=complete and close > RETURN.near, close=close)
+    period = march.returns.period_at_end(close) if complete and exact else march.returns.period()
     if period:
         return period
     over = complete and (march.cycles >= cycles.most or not march.returns.undecided())
-    return march.returns.period(last=True, close=close) if over else None
+    return march.returns.period_at_end(close) if over else None

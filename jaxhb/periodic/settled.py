@@ -15,43 +15,30 @@ from .returns import RETURN
 
 
 @dataclass(frozen=True)
-class ClassificationOptions:
-    """How a march becomes a steady state. Differences of deflections are relative to the largest and the gap.
+class SettledOptions:
+    """How the motion of a march is solved. Differences of deflections are relative to the largest and the gap.
 
     Parameters
     ----------
     margin : share of the backlash beyond the knee that a mesh keeps which is taken to stay on its flank (verified)
     same : difference of deflections up to which a solution is the motion marched
-    arrived : difference of deflections up to which a march arrives at a motion known from another start
-    apart : difference of the motions of neighbouring speeds from which the one may have another motion when it starts
-        from the other; and of largest deflections up to which records of irregular motion are of one
-    returned : return error below which a motion may have the shorter period that its solution has
     repeats : share of the sum of all amplitudes below which those of longer periods are none
     levels : numbers of harmonics, one higher than the other, from which Newton's method is started: with too few there
         may be no solution near the motion
     compared : time samples of a cycle at which motions are compared
-    finest : times the steps of a march, at most, where twice as many did not confirm what it shows
-    later : cycles after which a march with shorter steps is recorded, once it has settled on those of longer ones
-    more_cycles : that a march with the finest steps goes on where harmonic balance did not find its motion
     """
 
     margin: float = 0.05
     same: float = 0.05
-    arrived: float = 0.02
-    apart: float = 0.1
-    returned: float = 5e-3
     repeats: float = 1e-4
     levels: int = 3
     compared: int = 1024
-    finest: int = 4
-    later: int = 32
-    more_cycles: int = 32
 
 
-CLASSIFICATION = ClassificationOptions()
+SETTLED = SettledOptions()
 
 
-def solve_settled(train, march, trace, period, request, *, steps, meshes, levels=CLASSIFICATION.levels):
+def solve_settled(train, march, trace, period, request, *, steps, meshes, levels=SETTLED.levels):
     """The Response of a motion with a period of some cycles, from one marched period.
 
     Parameters
@@ -105,7 +92,7 @@ def _plan(train, rpm, request, deflection, meshes, period):
     law = meshes.law
     side = np.where(deflection.mean(axis=1) < 0, -1, 1)
     least = (side[:, None] * deflection).min(axis=1)
-    stays = least > law.knee + CLASSIFICATION.margin * law.backlash
+    stays = least > law.knee + SETTLED.margin * law.backlash
     apart = (np.abs(deflection) < law.gap[:, None]).any()
     return _plan_of(train, rpm, request, np.where(stays, side, 0), apart, period)
 
@@ -152,7 +139,7 @@ def compile_ahead(train, separates, request):
     return [made for made in map(ladder.compile_ahead, cases) if made is not None]
 
 
-def same_motion(response, trace, meshes, train, most=CLASSIFICATION.same):
+def same_motion(response, trace, meshes, train, most=SETTLED.same):
     """Whether a response is the motion of a marched period ``(2G, steps)``."""
     own = train.topology.backlash_index
     deflection = np.split(trace, 2)[0]
@@ -168,7 +155,7 @@ def shortest_period(response, period):
     for divisor in range(1, period):
         if period % divisor == 0:
             others = np.arange(deflections.shape[-1]) % (period // divisor) != 0
-            if deflections[:, others].sum() <= CLASSIFICATION.repeats * deflections[:, 1:].sum():
+            if deflections[:, others].sum() <= SETTLED.repeats * deflections[:, 1:].sum():
                 return divisor
     return period
 
@@ -176,7 +163,7 @@ def shortest_period(response, period):
 def difference(one, other, period):
     """Largest difference of the deflections of two responses over ``period`` cycles, relative to the largest of all
     meshes; the motions may begin in different cycles."""
-    one, other = (response.deflection_samples(period * CLASSIFICATION.compared) for response in (one, other))
-    shifted = (np.roll(other, k * CLASSIFICATION.compared, axis=-1) for k in range(period))
+    one, other = (response.deflection_samples(period * SETTLED.compared) for response in (one, other))
+    shifted = (np.roll(other, k * SETTLED.compared, axis=-1) for k in range(period))
     least = min(np.abs(one - moved).max(initial=0.0) for moved in shifted)
     return float(least / max(np.abs(one).max(initial=0.0), np.abs(other).max(initial=0.0), 1e-300))

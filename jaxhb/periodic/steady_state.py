@@ -19,12 +19,12 @@ from ..response.response import Response
 from ..response.status import Status
 from ..response.steady import SteadyState, SteadySweep
 from .checkpoint import CHUNK, Checkpoint
-from .classification import Classifier, state_of, unknown
+from .classification import CLASSIFICATION, Classifier, state_of, unknown
 from .planned import solve_batches
 from .planning import plan_speeds
 from .request import Request
 from .returns import Cycles
-from .settled import CLASSIFICATION, difference
+from .settled import difference
 
 DIRECTIONS = "up", "down", "both"
 
@@ -164,8 +164,11 @@ def steady_state(
     The march is exponential integration around the linear train, five steps per period of the highest mesh mode or
     more. Where harmonic balance does not confirm what it shows, or disturbances of the solution grow, or the march does
     not settle, it goes on with twice and four times as many steps: beside a bifurcation the kind of motion is that of
-    the steps. In a sweep, motions that never differ by more than a tenth of the largest deflection count as one, and a
-    transient that outlasts the march counts as irregular.
+    the steps. A transient that outlasts the march counts as irregular.
+
+    Several speeds are first marched side by side from teeth on their drive sides. Then those whose neighbour has
+    another motion are marched from that one, too, until none of them changes. Motions of neighbours that never differ
+    by more than a tenth of the largest deflection count as one here.
 
     Examples
     --------
@@ -186,13 +189,13 @@ def steady_state(
     request = Request.of(train, harmonics, tolerance, in_sweep=len(speeds) > 1)
     cycles = cycles or Cycles()
     classifier = Classifier(train, speeds, request, exact, cycles, tuple(devices))
-    settle = classifier.settle
+    march = classifier.march_to_the_end
     if out is not None:
         chunk = CHUNK if chunk is None else chunk
         asked = {name: value for name, value in vars(request).items() if name != "in_sweep"} | {"exact": exact}
         asked = {"answers": "steady states"} | asked | vars(cycles)
-        settle = partial(Checkpoint(out, train, asked, chunk).settle, classifier)
-    search = _SpeedSweep(classifier, settle, start, progress, chunk, on_states)
+        march = partial(Checkpoint(out, train, asked, chunk).keep_or_march, classifier)
+    search = _SpeedSweep(classifier, march, start, progress, chunk, on_states)
     if not np.ndim(rpm):
         return search.alone(0)
     order = np.argsort(speeds, kind="stable")
@@ -205,10 +208,11 @@ def steady_state(
 
 
 class _SpeedSweep:
-    """One call: a train, its speeds, what is known of them, and how others are settled (:meth:`Classifier.settle`)."""
+    """One call: a train, its speeds, what is known of them, and how the others are marched
+    (:meth:`Classifier.march_to_the_end`)."""
 
-    def __init__(self, classifier, settle, start, progress, chunk, on_states):
-        self.classifier, self._settle, self.chunk = classifier, settle, chunk
+    def __init__(self, classifier, march, start, progress, chunk, on_states):
+        self.classifier, self._march, self.chunk = classifier, march, chunk
         self.train, self.speeds, self.request = classifier.train, classifier.speeds, classifier.request
         self.progress = progress or (lambda count: None)
         self._on_states, self._told, self.way = on_states or (lambda states, way: None), {}, "up"
@@ -237,12 +241,12 @@ class _SpeedSweep:
             self._on_states(states, self.way)
         self._told |= {(self.way, index): state for index, state in states.items()}
 
-    def settle(self, indices, motions, progress):
-        """Steady states of some speeds by index, chunk by chunk."""
+    def chunk_by_chunk(self, indices, motions, progress):
+        """Steady states of some speeds by index, marched in chunks."""
         size, found = self.chunk or max(len(indices), 1), {}
         for first in range(0, len(indices), size):
             chunk = indices[first : first + size]
-            states = self._settle(chunk, {index: motions[index] for index in chunk if index in motions}, progress)
+            states = self._march(chunk, {index: motions[index] for index in chunk if index in motions}, progress)
             self.tell(states)
             found |= states
         return found
@@ -262,7 +266,7 @@ class _SpeedSweep:
             else:
                 marching.append(index)
         self.tell({index: known[index] for index in indices if index in known})
-        known |= self.settle(marching, motions, self.progress)
+        known |= self.chunk_by_chunk(marching, motions, self.progress)
 
     def along(self, order):
         """Steady states by index, each reached from the one before it in ``order``.
@@ -289,7 +293,7 @@ class _SpeedSweep:
                 # Marched from its neighbour a speed was reported before it was compared with what is at hand.
                 self.tell({i: state for i, state in found.items() if self._told.get((self.way, i)) is not state})
                 return found
-            for index, state in self.settle(list(motions), motions, lambda count: None).items():
+            for index, state in self.chunk_by_chunk(list(motions), motions, lambda count: None).items():
                 same = (other for other in (known[index], found[index]) if _alike(state, other))
                 found[index] = next(same, state)
 
