@@ -164,11 +164,9 @@ def steady_state(
     The march is exponential integration around the linear train, five steps per period of the highest mesh mode or
     more. Where harmonic balance does not confirm what it shows, or disturbances of the solution grow, or the march does
     not settle, it goes on with twice and four times as many steps: beside a bifurcation the kind of motion is that of
-    the steps. A transient that outlasts the march counts as irregular.
-
-    Several speeds are first marched side by side from teeth on their drive sides. Then those whose neighbour has
-    another motion are marched from that one, too, until none of them changes. Motions of neighbours that never differ
-    by more than a tenth of the largest deflection count as one here.
+    the steps. A transient that outlasts the march counts as irregular. In a sweep all speeds first start from teeth on
+    their drive sides, and those whose neighbour has another motion then start from that one, too. Motions of neighbours
+    that never differ by more than a tenth of the largest deflection count as one.
 
     Examples
     --------
@@ -208,8 +206,7 @@ def steady_state(
 
 
 class _SpeedSweep:
-    """One call: a train, its speeds, what is known of them, and how the others are marched
-    (:meth:`Classifier.march_to_the_end`)."""
+    """One call: a train, its speeds, what is known; ``march`` finds the rest (:meth:`Classifier.march_to_the_end`)."""
 
     def __init__(self, classifier, march, start, progress, chunk, on_states):
         self.classifier, self._march, self.chunk = classifier, march, chunk
