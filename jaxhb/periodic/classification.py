@@ -7,7 +7,8 @@ from functools import cached_property
 import numpy as np
 
 from ..response.steady import SteadyState
-from .marching import MARCH, Batch, Equations, record_of
+from .marching import MARCH, Batch, Equations
+from .recorded import record_of
 from .returns import ended
 from .settled import SETTLED, compile_ahead, same_motion, shortest_period, solve_settled
 from .stability import attracts

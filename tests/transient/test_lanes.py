@@ -10,7 +10,8 @@ from transient_cases import pair
 import jaxhb
 from jaxhb import Disk, Mesh, Shaft
 from jaxhb.harmonic.excitation import excitation, listed_harmonic
-from jaxhb.periodic.marching import Batch, Equations, record_of
+from jaxhb.periodic.marching import Batch, Equations
+from jaxhb.periodic.recorded import record_of
 from jaxhb.transient import lanes as marching
 from jaxhb.transient.reference import _discretize, _march
 from jaxhb.transient.stepper import state_from_motion
