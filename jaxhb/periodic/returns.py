@@ -63,7 +63,7 @@ class Cycles:
     """How long a march is at most.
 
     transient : cycles before the record, by default 64 to 192, more of them for trains whose cycles are cheap, and up
-        to 512 for trains in which a mode that teeth notice decays slowly;
+    to 512 for trains in which a mode that teeth notice decays slowly;
     recorded : cycles of the record of a motion that does not return; most : cycles while return errors still fall, with
     each length of steps.
     """
