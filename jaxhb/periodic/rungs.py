@@ -80,14 +80,12 @@ def shooting(case, last) -> Iterator[Attempt]:
 def from_linear_law(case, last) -> Iterator[Attempt]:
     """From the motion of a linear law with strong tooth damping, followed to the wanted train.
 
-    Not where a march settled or an orbit closed with the finest steps: there the harmonics are what is missing.
+    Not where a march settled: the curve would most likely end at its motion.
     """
-    plan = case.marching(last)
-    finest = _finest(case, plan)
-    shot = (e for e in case.path if isinstance(e, Shooting))
-    if march_error(last) <= case.effort.settled or any(e.closed and 2 * e.time_steps > finest for e in shot):
+    if march_error(last) <= case.effort.settled:
         return
-    steps = min(2 * plan.time_steps, finest)
+    plan = case.marching(last)
+    steps = min(2 * plan.time_steps, _finest(case, plan))
     stepped = dataclasses.replace(plan, time_steps=steps)
     found = homotopy.find(case.train, case.rpm, stepped, options=case.effort.homotopy)
     event = Homotopy(found.coefficients is not None, found.curves, found.steps, found.folds, steps)
