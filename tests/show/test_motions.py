@@ -17,7 +17,7 @@ from jaxhb.show.sweep_tables import sweep_text
 
 MESH = "gear a|gear b"
 DAMPING = f"{MESH}.damping"
-LIGHT, LIGHTER = 106.1, 31.8
+LIGHT, LIGHTER = 106.1, 10.0
 """Tooth damping in N s/m with which the pair at 6000 rpm has a period of two cycles, and none."""
 
 
