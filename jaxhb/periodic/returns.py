@@ -165,23 +165,23 @@ def ended(batch, running, cycles, exact=False):
     """Let marches go on until one of them or more end: these, as ``(march, period)``, with period 0 where a march ends
     without one.
 
-    ``exact``: whether harmonic balance is asked to confirm periods.
+    ``cycles``: Cycles with a number of them before the record; ``exact``: whether harmonic balance is asked to confirm
+    periods.
     """
-    transient = cycles.before_record(batch.work, batch.decay)
     while running:
-        first = [march for march in running if march.cycles < transient]
-        later = [march for march in running if march.cycles >= transient]
+        first = [march for march in running if march.cycles < cycles.transient]
+        later = [march for march in running if march.cycles >= cycles.transient]
         recording = [march for march in later if march.recorded < cycles.recorded]
         further = [march for march in later if march.recorded >= cycles.recorded]
         for group, record in ((first + further, False), (recording, True)):
             batch.run(group, record)
-        periods = [(march, _period(march, cycles, transient, exact)) for march in running]
+        periods = [(march, _period(march, cycles, exact)) for march in running]
         if any(period is not None for _, period in periods):
             return [(march, period) for march, period in periods if period is not None]
     return []
 
 
-def _period(march, cycles, transient, exact):
+def _period(march, cycles, exact):
     """The period of a march, 0 where it ends without, None where it goes on."""
     if not march.returns.finite:
         return 0
@@ -190,7 +190,7 @@ def _period(march, cycles, transient, exact):
     # Where harmonic balance confirms a motion or refuses it, being near one is worth the question as soon as the cycles
     # are done, whether or not the march goes on.
     close = RETURN.close if exact else RETURN.near
-    complete = march.cycles >= transient and march.recorded >= cycles.recorded
+    complete = march.cycles >= cycles.transient and march.recorded >= cycles.recorded
     period = march.returns.period_at_end(close) if complete and exact else march.returns.period()
     if period:
         return period

@@ -310,6 +310,17 @@ def test_a_short_march_is_what_was_asked():
     assert (state.record.cycles, state.cycles) == (16, 24)
 
 
+def test_a_motion_to_which_a_train_takes_hundreds_of_cycles_is_waited_for():
+    """Its mode takes 113 cycles to decay; Runge-Kutta through links (``benchmarks/kinds.py``) has this period, too."""
+    pair = jaxhb.load_scene("spur_pair").replace({"gear a|gear b.damping": 31.8})
+    assert jaxhb.steady_state(pair, rpm=6000.0, cycles=Cycles(transient=192)).kind == "irregular"
+    state, later = (jaxhb.steady_state(pair, rpm=6000.0, cycles=cycles) for cycles in (None, Cycles(transient=1500)))
+    assert (state.kind, state.period) == (later.kind, later.period) == ("subharmonic", 2)
+    assert state.response.converged and state.stability.stable
+    # Long after, the motion is still the one that harmonic balance found.
+    assert difference(state.response, later.response, 2) < 1e-3
+
+
 def test_a_motion_of_one_cycle_that_is_approached_in_turns_is_no_subharmonic_one():
     """Its multipliers, 0.97 at 104 degrees, let seven cycles nearly return long before one does."""
     train = jaxhb.load_scene("spur_pair").replace({"gear a|gear b.damping": 106.1})
