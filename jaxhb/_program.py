@@ -239,9 +239,18 @@ def _kind(leaf):
     return np.shape(leaf), str(leaf.dtype) if hasattr(leaf, "dtype") else type(leaf).__name__, weak
 
 
-@cache
 def _known_options():
     """Those of OPTIONS that the compiler knows."""
+    # By one thread: of several, one would read from jax's cache what another is writing there, and warn.
+    with _asking:
+        return _options_compiler_knows()
+
+
+_asking = Lock()
+
+
+@cache
+def _options_compiler_knows():
     known = {}
     for name, value in OPTIONS.items():
         try:

@@ -43,14 +43,14 @@ def test_the_host_compiles_with_options_that_transformations_do_not_take(asked):
 def test_one_answer_takes_programs_that_are_not_optimised(asked, monkeypatch):
     monkeypatch.setattr(_program, "_answers_once", False)
     monkeypatch.setitem(_program.OPTIONS, "xla_backend_optimization_level", 1)
-    _program._known_options.cache_clear()
+    _program._options_compiler_knows.cache_clear()
     often, seldom = _program.Program(lambda x: x + 1), _program.Program(lambda x: x + 2, seldom=True)
     level = "xla_backend_optimization_level"
     assert seldom(1.0) == 3.0 and asked[-1][level] == 1
     _program.answer_once()
     assert seldom(np.ones(2)).tolist() == [3.0, 3.0] and asked[-1][level] == 0
     assert often(1.0) == 2.0 and asked[-1][level] == 1
-    _program._known_options.cache_clear()
+    _program._options_compiler_knows.cache_clear()
 
 
 def test_a_program_prepared_is_the_one_that_is_called(asked):
@@ -114,10 +114,18 @@ def test_programs_are_dropped_before_their_memory_maps_are_too_many():
     assert compiles_again(most=0, between=1)
 
 
+def test_threads_ask_the_compiler_once_what_it_knows(asked):
+    """Several at once would write and read the same entries of jax's cache."""
+    _program._options_compiler_knows.cache_clear()
+    with ThreadPoolExecutor(4) as threads:
+        answers = list(threads.map(lambda _: _program._known_options(), range(4)))
+    assert len(asked) == len(_program.OPTIONS) and all(answer is answers[0] for answer in answers)
+
+
 def test_a_compiler_gets_only_options_that_it_knows(monkeypatch):
-    _program._known_options.cache_clear()
+    _program._options_compiler_knows.cache_clear()
     monkeypatch.setattr(_program, "OPTIONS", {"xla_cpu_of_another_version": False})
     try:
         assert _program._known_options() == {} and _program.Program(cube)(2.0) == 8.0
     finally:
-        _program._known_options.cache_clear()
+        _program._options_compiler_knows.cache_clear()

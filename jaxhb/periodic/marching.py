@@ -12,6 +12,7 @@ from ..harmonic import chain
 from ..harmonic.excitation import listed_harmonic
 from ..harmonic.residual import backlash_meshes
 from ..transient import lanes, record as recording
+from ..transient.lanes import LANES
 from ..transient.modes import march_modes, modes_of
 from ..transient.reduced_model import reduced_model
 from ..transient.statespace import partition
@@ -37,7 +38,6 @@ class MarchOptions:
     kept_modes : of larger trains those modes are kept, as far as meshes see them, which so many steps per period of the
         highest mesh mode resolve, with four steps per period of their own: up to 1.5 times its frequency
     noticed : share of a mesh's own compliance from which teeth notice a mode
-    cycles : that are marched at a time
     """
 
     steps_per_mode_period: float = 5
@@ -47,7 +47,6 @@ class MarchOptions:
     modal_disks: int = 300
     kept_modes: float = 6
     noticed: float = 1e-4
-    cycles: int = 8
 
 
 MARCH = MarchOptions()
@@ -200,7 +199,7 @@ class Batch:
         """(x, x') ``(2S,)`` where a march stands, at the beginning of a cycle."""
         return lanes.motion_of(self.equations.modes, march.state[:, None], _of(self.linear_motion, [march.lane]))[0]
 
-    def run(self, marches, record=False, cycles=MARCH.cycles):
+    def run(self, marches, record=False, cycles=LANES.cycles):
         """Some more cycles of some marches, recorded or not."""
         batches, count = MARCH.batches, max(len(self.devices), 1)
         left, most = list(marches), MARCH.recorded_lanes if record else batches[0][0]
@@ -212,22 +211,22 @@ class Batch:
 
     def _run(self, marches, size, record, cycles):
         indices = [march.lane for march in marches] + [marches[-1].lane] * (size - len(marches))
-        cut, blank = _lanes(self.lanes, indices), np.zeros(cycles)
+        cut, count = _lanes(self.lanes, indices), np.array(cycles)
         state = np.stack([self.marches[index].state for index in indices], axis=1)
         if record:
             outputs = self.equations.outputs(_of(self.linear_motion, indices), self.steps)
-            state, samples, trace, statistics, contacts = self._recording(cut, outputs)(cut, outputs, state, blank)
+            state, samples, trace, statistics, contacts = self._recording(cut, outputs)(cut, outputs, state, count)
             statistics, contacts = jax.tree.map(np.asarray, (statistics, contacts))
         else:
-            state, samples, trace = self._marching(cut)(cut, state, blank)
+            state, samples, trace = self._marching(cut)(cut, state, count)
         state, samples, trace = (np.asarray(a) for a in (state, samples, trace))
         for i, march in enumerate(marches):
             march.state, march.trace = state[:, i], trace[..., i]
-            march.returns.add(samples[..., i])
+            march.returns.add(samples[:cycles, ..., i])
             march.cycles += cycles
             if record:
-                march.statistics.append(_of_lane(statistics, i))
-                march.contacts.append(_of_lane(contacts, i))
+                march.statistics.append(_of_lane(statistics, i, cycles))
+                march.contacts.append(_of_lane(contacts, i, cycles))
 
     def _marching(self, cut):
         """The program that marches some of the lanes."""
@@ -250,8 +249,8 @@ class Batch:
             return march.trace[:-1].T
         parts, cut, state = [], _lanes(self.lanes, [march.lane]), march.state[:, None]
         for _ in range(cycles):
-            state, samples, trace = lanes.march(cut, state, np.zeros(1))
-            march.returns.add(np.asarray(samples)[..., 0])
+            state, samples, trace = lanes.march(cut, state, np.array(1))
+            march.returns.add(np.asarray(samples)[:1, ..., 0])
             parts.append(np.asarray(trace)[:-1, :, 0].T)
         march.state, march.cycles = np.asarray(state)[:, 0], march.cycles + cycles
         return np.concatenate(parts, axis=1)
@@ -279,7 +278,8 @@ def _specs(tree, per_lane, last=False):
     return dataclasses.replace(tree, **dict.fromkeys(named, WHOLE) | cut)
 
 
-def _of_lane(numbers, i):
-    """Host numbers of one lane; the lanes of what is not per cycle come first."""
+def _of_lane(numbers, i, cycles):
+    """Host numbers of some cycles of one lane; the lanes of what is not per cycle come first."""
     values = {f.name: getattr(numbers, f.name) for f in dataclasses.fields(numbers)}
-    return dataclasses.replace(numbers, **{name: a[i] if name == "power" else a[:, i] for name, a in values.items()})
+    own = {name: a[i] if name == "power" else a[:cycles, i] for name, a in values.items()}
+    return dataclasses.replace(numbers, **own)

@@ -29,8 +29,9 @@ class BatchOptions:
     Parameters
     ----------
     speeds : in a batch
-    linear_speeds : in a batch of a plan without active meshes, where there are at least so many speeds: one linear
-        solve each, so that none waits for another
+    linear_speeds : in a batch of a plan without active meshes: one linear solve each, so that none waits for another
+    linear_alone : speeds of such a plan up to which they are solved without batches: one by one 128 speeds of 27 disks
+        take 0.2 s more, and the program of a batch 2 s more to compile
     alone_harmonics, alone_disks : number of harmonics, or of disks where meshes are active, from which speeds are
         solved without batches: one fills a processor, and a batch waits for its slowest and takes longer to compile
     newton_steps : at most, of a speed in a batch under a plan that the caller did not give; one that needs more is
@@ -39,6 +40,7 @@ class BatchOptions:
 
     speeds: int = 8
     linear_speeds: int = 32
+    linear_alone: int = 128
     alone_harmonics: int = 192
     alone_disks: int = 24
     newton_steps: int = 8
@@ -134,10 +136,13 @@ def respond(train, rpm, problem, outcome, sizes):
     )
 
 
-def one_by_one(harmonics, disks):
-    """Whether speeds with so many harmonics, and so many disks if meshes are active (else 0), are solved without
-    batches."""
-    return (harmonics >= BATCH.alone_harmonics or disks >= BATCH.alone_disks) and jax.default_backend() == "cpu"
+def _speeds_in_batch(plan, speeds, disks):
+    """How many of so many speeds one device solves side by side under a plan; with 1 there are no batches."""
+    many = BATCH.speeds if plan.active else BATCH.linear_speeds
+    if jax.default_backend() != "cpu":
+        return many
+    alone = disks >= BATCH.alone_disks if plan.active else speeds <= BATCH.linear_alone
+    return 1 if alone or plan.harmonics >= BATCH.alone_harmonics else many
 
 
 def solve_batches(train, rpm, plan, max_steps, devices=()):
@@ -146,10 +151,8 @@ def solve_batches(train, rpm, plan, max_steps, devices=()):
     Across several devices, each has as many speeds of a batch as one has alone.
     """
     count = max(len(devices), 1)
-    alone = one_by_one(plan.harmonics, train.topology.n_disks if plan.active else 0)
-    size = BATCH.linear_speeds if not plan.active and len(rpm) >= BATCH.linear_speeds else BATCH.speeds
-    size = count * (1 if alone else size)
-    if (alone and count == 1) or len(rpm) == 1:
+    size = count * _speeds_in_batch(plan, len(rpm), train.topology.n_disks)
+    if size == 1 or len(rpm) == 1:
         for speed in rpm:
             yield [solve_planned(train, float(speed), plan)]
         return

@@ -35,11 +35,13 @@ class LaneOptions:
     unrolled : terms of a sum up to which it is written out, which vectorises over the lanes
     disturbed : share of the motion in contact that a start from there lacks: a motion that repels would be kept for
         long
+    cycles : that a program marches at a time, at most
     """
 
     samples: int = 32
     unrolled: int = 16
     disturbed: float = 0.02
+    cycles: int = 8
 
 
 LANES = LaneOptions()
@@ -304,22 +306,31 @@ def cycle(lanes, state, states=False):
 
 
 @Program
-def march(lanes, state, blank):
-    """As many cycles as ``blank`` ``(cycles,)`` is long.
+def march(lanes, state, cycles):
+    """Some cycles, LANES.cycles at most: one program for any number of them.
 
     Returns
     -------
     state ``(2m, L)``
-    samples ``(cycles, LANES.samples, 2G, L)`` : (l, l') at equidistant time samples of each cycle
+    samples ``(LANES.cycles, LANES.samples, 2G, L)`` : (l, l') at equidistant time samples of each cycle, then zeros
     trace ``(steps + 1, 2G, L)`` : (l, l') of the last cycle
     """
     lanes = jax.tree.map(jnp.asarray, lanes)
-    stride = lanes.steps // LANES.samples
-    empty = jnp.zeros((lanes.steps + 1, lanes.linear.shape[1], state.shape[1]))
 
-    def another(carry, _):
-        state, trace = cycle(lanes, carry[0])
-        return (state, trace), trace[:-1:stride]
+    def another(i, carry):
+        state, samples, _ = carry
+        state, trace = cycle(lanes, state)
+        return state, lax.dynamic_update_index_in_dim(samples, sampled(lanes, trace), i, axis=0), trace
 
-    (state, trace), samples = lax.scan(another, (state, empty), blank)
-    return state, samples, trace
+    return lax.fori_loop(0, cycles, another, (state, *blank(lanes, state)))
+
+
+def blank(lanes, state):
+    """Room for the samples and the trace of :func:`march`."""
+    coordinates = lanes.linear.shape[1], state.shape[1]
+    return jnp.zeros((LANES.cycles, LANES.samples, *coordinates)), jnp.zeros((lanes.steps + 1, *coordinates))
+
+
+def sampled(lanes, trace):
+    """``(LANES.samples, ...)`` of a trace ``(steps + 1, ...)``."""
+    return trace[: -1 : lanes.steps // LANES.samples]

@@ -1,5 +1,6 @@
 """What many cycles of a march amount to: each is reduced to a few numbers per quantity before the next one begins."""
 
+import dataclasses
 from dataclasses import dataclass
 
 import jax
@@ -9,7 +10,7 @@ from jax import lax
 
 from .._program import Program
 from ..harmonic import backlash, fourier
-from .lanes import LANES, cycle
+from .lanes import LANES, blank, cycle, sampled
 
 
 @dataclass(frozen=True)
@@ -115,33 +116,44 @@ def _rows(system, shafts, linear_meshes):
 
 
 @Program
-def record(lanes, outputs, state, blank):
-    """As many cycles as ``blank`` ``(cycles,)`` is long, each reduced to a few numbers.
+def record(lanes, outputs, state, cycles):
+    """Some cycles, LANES.cycles at most, each reduced to a few numbers: one program for any number of them.
 
     Returns
     -------
     state ``(2m, L)``
-    samples ``(cycles, LANES.samples, 2G, L)``, trace ``(steps + 1, 2G, L)`` : as :func:`jaxhb.transient.lanes.march`
+    samples, trace : as :func:`jaxhb.transient.lanes.march`
     statistics : CycleStatistics
     contacts : CycleContacts
+        Of LANES.cycles cycles, those that were not asked for zeros.
     """
     lanes, outputs = jax.tree.map(jnp.asarray, (lanes, outputs))
-    stride = lanes.steps // LANES.samples
-    empty = jnp.zeros((lanes.steps + 1, lanes.linear.shape[1], state.shape[1]))
 
-    def another(carry, _):
-        state, trace, states = cycle(lanes, carry[0], states=True)
-        statistics, contacts = lax.map(
+    def one_cycle(state):
+        state, trace, states = cycle(lanes, state, states=True)
+        numbers = lax.map(
             lambda one: _statistics(lanes, outputs, *one),
             (jnp.moveaxis(trace, 2, 0), jnp.moveaxis(states, 2, 0), outputs.linear, outputs.mesh_linear),
         )
-        power = carry[2] + statistics.pop("power")
-        return (state, trace, power), (trace[:-1:stride], statistics, contacts)
+        return state, trace, numbers
 
-    quantities = len(outputs.modal) + len(outputs.mesh_modal) + 3 * len(lanes.viscous) + 2 * len(outputs.sums)
-    power = jnp.zeros((state.shape[1], quantities, harmonics_of(lanes.steps) + 1))
-    (state, trace, power), (samples, statistics, contacts) = lax.scan(another, (state, empty, power), blank)
-    return state, samples, trace, CycleStatistics(power=power, **statistics), contacts
+    def another(i, carry):
+        state, samples, _, (statistics, contacts) = carry
+        state, trace, (own, touched) = one_cycle(state)
+        samples, (kept, contacts) = jax.tree.map(
+            lambda rows, row: lax.dynamic_update_index_in_dim(rows, row, i, axis=0),
+            (samples, (dataclasses.replace(statistics, power=None), contacts)),
+            (sampled(lanes, trace), (dataclasses.replace(own, power=None), touched)),
+        )
+        return state, samples, trace, (dataclasses.replace(kept, power=statistics.power + own.power), contacts)
+
+    *_, one = jax.eval_shape(one_cycle, state)
+    rows = jax.tree.map(lambda a: jnp.zeros((LANES.cycles, *a.shape), a.dtype), one)
+    rows = dataclasses.replace(rows[0], power=jnp.zeros(one[0].power.shape)), rows[1]
+    state, samples, trace, (statistics, contacts) = lax.fori_loop(
+        0, cycles, another, (state, *blank(lanes, state), rows)
+    )
+    return state, samples, trace, statistics, contacts
 
 
 def harmonics_of(steps):
@@ -172,13 +184,13 @@ def _closed(values):
 def _numbers(values, harmonics):
     """The numbers of one cycle, from ``(Q, samples + 1)``."""
     spectrum = fourier.analyze(values[:, :-1], harmonics)
-    return {
-        "max": _highest(values),
-        "min": -_highest(-values),
-        "mean": values[:, :-1].mean(axis=1),
-        "square": (values[:, :-1] ** 2).mean(axis=1),
-        "power": spectrum.real**2 + spectrum.imag**2,
-    }
+    return CycleStatistics(
+        max=_highest(values),
+        min=-_highest(-values),
+        mean=values[:, :-1].mean(axis=1),
+        square=(values[:, :-1] ** 2).mean(axis=1),
+        power=spectrum.real**2 + spectrum.imag**2,
+    )
 
 
 def _highest(values):
