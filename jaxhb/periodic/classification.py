@@ -9,7 +9,7 @@ import numpy as np
 from ..response.steady import SteadyState
 from .marching import MARCH, Batch, Equations
 from .recorded import record_of
-from .returns import ended
+from .returns import RETURN, ended
 from .settled import SETTLED, compile_ahead, same_motion, shortest_period, solve_settled
 from .stability import attracts
 from .threads import driven, side_by_side
@@ -281,7 +281,18 @@ class _Classification:
 
     def _irregular(self):
         """Motion without a period, read from its record."""
-        return self._made("irregular", 0, record=record_of(self.batch.equations, self.march))
+        equations, march = self.batch.equations, self.march
+        before = self.spent + march.cycles - march.recorded
+        decay = equations.decay * equations.train.topology.cycle_frequency(march.rpm) / (2 * np.pi)
+        if before < RETURN.decays * decay:
+            # Impacts go on exciting such a mode until what they bring in is what it loses.
+            slow = f"takes {decay:.3g} cycles to fall to a third" if np.isfinite(decay) else "does not decay"
+            longer = f"cycles=jaxhb.Cycles(transient={max(2 * before, 1000):d}) marches longer"
+            self.notes.append(
+                f"a vibration that teeth notice {slow}, and the record began after {before}: "
+                f"the loads may still change ({longer})"
+            )
+        return self._made("irregular", 0, record=record_of(equations, march))
 
     def _recorded(self, period):
         """Motion with a period, read from its record."""

@@ -31,7 +31,8 @@ class ReturnOptions:
     transient : cycles before a record, fewest and most
     work : steps times modes that these cycles may take beyond the fewest
     decays : times the decay of the slowest mode that teeth notice, that a transient is given
-    slowest : cycles of a transient at most, for the sake of such modes
+    slowest : cycles of a transient for the sake of such modes, at most: where cycles take long, and where they do not
+    slow_work : steps times modes that these may take beyond the fewer, some seconds
     """
 
     settled: float = 5e-5
@@ -44,10 +45,11 @@ class ReturnOptions:
     leaving: float = 1.05
     window: int = 3
     longest_period: int = 8
-    transient: tuple[int, int] = (64, 192)
+    transient: tuple[int, int] = (64, 512)
     work: float = 4e6
     decays: float = 8.0
-    slowest: int = 512
+    slowest: tuple[int, int] = (512, 1024)
+    slow_work: float = 2e7
 
     @property
     def periods(self):
@@ -62,8 +64,8 @@ RETURN = ReturnOptions()
 class Cycles:
     """How long a march is at most.
 
-    transient : cycles before the record, by default 64 to 192, more of them for trains whose cycles are cheap, and up
-    to 512 for trains in which a mode that teeth notice decays slowly;
+    transient : cycles before the record, by default 64 to 512, more of them for trains whose cycles are cheap, and up
+    to 1024 for trains in which a mode that teeth notice decays slowly;
     recorded : cycles of the record of a motion that does not return; most : cycles while return errors still fall, with
     each length of steps.
     """
@@ -77,7 +79,8 @@ class Cycles:
         mode that teeth notice falls by the factor e."""
         if self.transient is not None:
             return self.transient
-        return int(max(np.clip(RETURN.work / work, *RETURN.transient), min(RETURN.decays * decay, RETURN.slowest)))
+        most = np.clip(RETURN.slow_work / work, *RETURN.slowest)
+        return int(max(np.clip(RETURN.work / work, *RETURN.transient), min(RETURN.decays * decay, most)))
 
 
 class Returns:
