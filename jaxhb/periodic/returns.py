@@ -45,7 +45,7 @@ class ReturnOptions:
     leaving: float = 1.05
     window: int = 3
     longest_period: int = 8
-    transient: tuple[int, int] = (64, 512)
+    transient: tuple[int, int] = (64, 1024)
     work: float = 4e6
     decays: float = 8.0
     slowest: tuple[int, int] = (512, 1024)
@@ -64,8 +64,8 @@ RETURN = ReturnOptions()
 class Cycles:
     """How long a march is at most.
 
-    transient : cycles before the record, by default 64 to 512, more of them for trains whose cycles are cheap, and up
-    to 1024 for trains in which a mode that teeth notice decays slowly;
+    transient : cycles before the record, by default 64 to 1024, more of them for trains whose cycles are cheap, and 512
+    or more for trains in which a mode that teeth notice decays slowly;
     recorded : cycles of the record of a motion that does not return; most : cycles while return errors still fall, with
     each length of steps.
     """
