@@ -164,9 +164,10 @@ def steady_state(
     The march is exponential integration around the linear train, five steps per period of the highest mesh mode or
     more. Where harmonic balance does not confirm what it shows, or disturbances of the solution grow, or the march does
     not settle, it goes on with twice and four times as many steps: beside a bifurcation the kind of motion is that of
-    the steps. A transient that outlasts the march counts as irregular. In a sweep all speeds first start from teeth on
-    their drive sides, and those whose neighbour has another motion then start from that one, too. Motions of neighbours
-    that never differ by more than a tenth of the largest deflection count as one.
+    the steps. A transient that outlasts the march counts as irregular; where a mode that teeth notice had not decayed
+    when the record began, a note says so. In a sweep all speeds first start from teeth on their drive sides, and those
+    whose neighbour has another motion then start from that one, too. Motions of neighbours that never differ by more
+    than a tenth of the largest deflection count as one.
 
     Examples
     --------

@@ -308,6 +308,19 @@ def test_a_sweep_has_at_most_four_large_programs():
         assert solve_problem.executables + planned._solve_all.executables - before <= 4
 
 
+def test_few_linear_speeds_are_solved_by_the_program_of_one():
+    """That of a batch compiles twice as long; it is worth it for many."""
+    train, rpm = jaxhb.load_scene("six_cylinder_diesel"), np.linspace(600.0, 2400.0, 5)
+    batches = planned._solve_all.executables
+    sweep = jaxhb.solve_speeds(train, rpm=rpm)
+    assert planned._solve_all.executables == batches
+    plan = jaxhb.plan(train, rpm=600.0, harmonics=sweep.harmonics)
+    many = list(planned.solve_batches(train, np.resize(rpm, planned.BATCH.linear_alone + 1), plan, 1))
+    assert len(many) == -(-(planned.BATCH.linear_alone + 1) // planned.BATCH.linear_speeds)
+    for one, other in zip(sweep, many[0], strict=False):
+        np.testing.assert_allclose(one.angles, other.angles, rtol=1e-10, atol=1e-14 * np.abs(one.angles).max())
+
+
 def test_a_march_where_no_tooth_was_expected_to_separate_begins_above_the_mesh_modes():
     train, rpm = jaxhb.load_scene("engine_with_damper"), 1900.0
     case = case_of(train, rpm)

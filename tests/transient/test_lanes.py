@@ -12,7 +12,7 @@ from jaxhb import Disk, Mesh, Shaft
 from jaxhb.harmonic.excitation import excitation, listed_harmonic
 from jaxhb.periodic.marching import Batch, Equations
 from jaxhb.periodic.recorded import record_of
-from jaxhb.transient import lanes as marching
+from jaxhb.transient import lanes as marching, record as recording
 from jaxhb.transient.reference import _discretize, _march
 from jaxhb.transient.stepper import state_from_motion
 
@@ -77,6 +77,35 @@ def test_lanes_march_as_the_dense_integration_does(name, count):
         # the same scheme in other coordinates: rounding, grown by hammering over eight cycles, and the soft spring on a
         # rotation that the push has carried a thousand gaps away
         np.testing.assert_allclose(found, deflection, atol=1e-7 * gap, rtol=0)
+
+
+def test_any_number_of_cycles_is_one_program_and_the_same_motion():
+    """Bit for bit, recorded or not, as a march that stops between is that of one call."""
+    equations = Equations(CASES["pair"]())
+
+    def marched(parts, recorded):
+        batch = Batch(equations, np.array([700.0]), 512)
+        (own,) = batch.marches
+        batch.begin(0, batch.motion(own) + pushed(equations, 700.0))
+        for cycles in parts:
+            batch.run([own], recorded, cycles)
+        return own
+
+    for recorded, program in ((False, marching.march), (True, recording.record)):
+        whole = marched((8,), recorded)
+        held = program.executables
+        parted = marched((3, 1, 4), recorded)
+        assert program.executables == held and parted.cycles == whole.cycles == 8
+        assert np.array_equal(parted.state, whole.state) and np.array_equal(parted.trace, whole.trace)
+        assert np.array_equal(parted.returns.cycles, whole.returns.cycles)
+    for name in ("max", "min", "mean", "square"):
+        kept = (np.concatenate([getattr(part, name) for part in own.statistics]) for own in (parted, whole))
+        assert np.array_equal(*kept)
+    assert parted.recorded == whole.recorded == 8
+    power = sum(part.power for part in parted.statistics)
+    np.testing.assert_allclose(power, whole.statistics[0].power, rtol=1e-12)
+    impacts = (np.concatenate([part.impacts for part in own.contacts]) for own in (parted, whole))
+    assert np.array_equal(*impacts)
 
 
 def test_modes_hold_the_motion_of_every_disk():
