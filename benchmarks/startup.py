@@ -58,6 +58,7 @@ def rows(repeats, scratch):
             second.append(seconds(COMMAND + arguments, folder)[0])
         yield f"{name}, first run", first
         yield f"{name}, second run", second
+    os.environ["OPENBLAS_NUM_THREADS"] = "1"  # as the command line has it
     run = [float(seconds([sys.executable, "-c", RUN], "off")[1]) for _ in range(repeats)]
     yield "sweep, run", run
     yield "sweep, second run less run", [a - b for a, b in zip(second, run, strict=True)]
