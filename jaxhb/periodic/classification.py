@@ -283,7 +283,7 @@ class _Classification:
         """Motion without a period, read from its record."""
         equations, march = self.batch.equations, self.march
         before = self.spent + march.cycles - march.recorded
-        decay = equations.decay * equations.train.topology.cycle_frequency(march.rpm) / (2 * np.pi)
+        decay = equations.decay_cycles(march.rpm)
         if before < RETURN.decays * decay:
             # Impacts go on exciting such a mode until what they bring in is what it loses.
             slow = f"takes {decay:.3g} cycles to fall to a third" if np.isfinite(decay) else "does not decay"

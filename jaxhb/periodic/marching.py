@@ -112,6 +112,10 @@ class Equations:
         slowest = np.max(modes.rates.real[share > MARCH.noticed], initial=-np.inf)
         return -1 / slowest if slowest < 0 else np.inf
 
+    def decay_cycles(self, rpm):
+        """The same in cycles of a speed."""
+        return self.decay * self.train.topology.cycle_frequency(rpm) / (2 * np.pi)
+
     @cached_property
     def highest_hz(self):
         """The highest natural frequency that strains tooth meshes noticeably, Hz."""
@@ -188,7 +192,7 @@ class Batch:
     @property
     def decay(self):
         """Of the slowest mode that teeth notice, in cycles of the highest speed."""
-        return self.equations.decay * self.linear_motion.frequency.max() / (2 * np.pi)
+        return self.equations.decay_cycles(max(march.rpm for march in self.marches))
 
     def begin(self, index, motion):
         """Let a march begin at a motion (x, x') ``(2S,)``."""
