@@ -27,24 +27,17 @@ OPTIONS = {
 }
 """Of the compiler for CPUs, each passed where it is known."""
 
-UNOPTIMISED = {"xla_backend_optimization_level": 0}
-"""Compiles the largest program in 1.5 s of 3.4 and runs it in 110 ms instead of 37: for what runs once in a process."""
-
 COMPILED_BETWEEN_COUNTS = 20
 """Programs compiled, each of up to some hundred memory maps, after which the maps of the process are counted again."""
 
 
 class Program:
-    """``jax.jit`` of a function. Only an outermost program has options, and a place in the store on disk.
+    """``jax.jit`` of a function. Only an outermost program has options, and a place in the store on disk."""
 
-    ``seldom``: it runs once or twice for one answer; see :func:`answer_once`.
-    """
-
-    def __init__(self, function, static_argnames=(), seldom=False):
+    def __init__(self, function, static_argnames=()):
         self.function, self.signature = function, inspect.signature(function)
         self.static = (static_argnames,) if isinstance(static_argnames, str) else tuple(static_argnames)
         self.nested = jax.jit(function, static_argnames=static_argnames)
-        self.seldom = seldom
         update_wrapper(self, function)
 
     def __call__(self, *args, **kwargs):
@@ -109,7 +102,7 @@ class Program:
 
     def _outermost(self, static, arguments, key):
         """The executable of a program that the host calls, from the store or new."""
-        options = _known_options() | (UNOPTIMISED if self.seldom and _answers_once else {})
+        options = _known_options()
         name = repr((self.__module__, self.__qualname__, static, str(key[2]), key[3], options))
         found = _store.load(name, arguments)
         if found is not None:
@@ -125,15 +118,6 @@ class Program:
         if _held.retrieved == retrieved:  # one out of jax's cache does not run any more when it is stored again
             _store.save(name, made)
         return made
-
-
-_answers_once = False
-
-
-def answer_once():
-    """Say that this process gives one answer: what runs seldom for it is not optimised, as that would take longer."""
-    global _answers_once
-    _answers_once = True
 
 
 SHARED_AXIS = "lanes"

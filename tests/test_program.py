@@ -40,19 +40,6 @@ def test_the_host_compiles_with_options_that_transformations_do_not_take(asked):
     assert jax.jit(lambda x: x * program(2.0))(3.0) == 24.0
 
 
-def test_one_answer_takes_programs_that_are_not_optimised(asked, monkeypatch):
-    monkeypatch.setattr(_program, "_answers_once", False)
-    monkeypatch.setitem(_program.OPTIONS, "xla_backend_optimization_level", 1)
-    _program._options_compiler_knows.cache_clear()
-    often, seldom = _program.Program(lambda x: x + 1), _program.Program(lambda x: x + 2, seldom=True)
-    level = "xla_backend_optimization_level"
-    assert seldom(1.0) == 3.0 and asked[-1][level] == 1
-    _program.answer_once()
-    assert seldom(np.ones(2)).tolist() == [3.0, 3.0] and asked[-1][level] == 0
-    assert often(1.0) == 2.0 and asked[-1][level] == 1
-    _program._options_compiler_knows.cache_clear()
-
-
 def test_a_program_prepared_is_the_one_that_is_called(asked):
     square = _program.Program(lambda x: x * x)
     made = square.compile_ahead(3.0)

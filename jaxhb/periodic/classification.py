@@ -4,18 +4,16 @@ import dataclasses
 from dataclasses import dataclass
 from functools import cached_property
 
+import jax
 import numpy as np
 
 from ..response.steady import SteadyState
-from .marching import MARCH, Batch, Equations
+from .marching import Batch, Equations
 from .recorded import record_of
 from .returns import RETURN, ended
 from .settled import SETTLED, compile_ahead, same_motion, shortest_period, solve_settled
 from .stability import attracts
 from .threads import driven, side_by_side
-
-FEWEST_SIDE_BY_SIDE = MARCH.batches[1][1]
-"""Marches from which several are one program: fewer wait for no other."""
 
 
 @dataclass(frozen=True)
@@ -63,8 +61,7 @@ class Classifier:
         """Steady states of some speeds by index, side by side, from motions ``{index: (x, x')}`` or from teeth in
         contact; ``progress`` is called with the number of those that became known."""
         programs = []
-        # Of a single speed the program depends on which meshes leave contact, which the march shows.
-        if self.request.in_sweep and self.exact and not isinstance(self.equations, str):
+        if self.exact and not isinstance(self.equations, str):
             separates = {self.speeds[index]: index in self.apart for index in indices}
             programs = compile_ahead(self.train, separates, self.request)
         try:
@@ -101,7 +98,10 @@ class Classifier:
             return str(refusal)
 
     def _groups(self, indices):
-        """Indices of speeds that take the same steps."""
+        """Indices of speeds that are marched in one program: on processors each by itself, so that its numbers are the
+        same bits whatever speeds are asked for beside it, else those that take the same steps."""
+        if len(self.devices) < 2 and jax.default_backend() == "cpu":
+            return [[index] for index in indices]
         groups = {}
         for index in indices:
             groups.setdefault(self.equations.steps(self.speeds[index]), []).append(index)
@@ -138,9 +138,8 @@ class _Rounds:
                 self.batch.begin(i, motions[index])
         self.cycles = classifier.cycles_of(self.batch, min(spent[index] for index in indices), refinement)
 
-    def of(self, marches, asked=()):
-        """Take marches to their ends, for :func:`driven`; ``asked``: classifications on their way, ``(march,
-        classification, Future)``.
+    def of(self, marches):
+        """Take marches to their ends, for :func:`driven`.
 
         To classify a motion takes as long as many cycles: a march waits for that while the others go on::
 
@@ -149,13 +148,10 @@ class _Rounds:
                 take the classifications that the last round asked for: their marches are done, or go on
                 when some marches have ended: ask for their classifications
 
-        Which go on side by side does not depend on how long it takes, so that the same call gives the same bits. Where
-        so few are left that no program marches several, each goes on alone.
+        Which go on side by side does not depend on how long it takes, so that the same call gives the same bits.
         """
+        asked = ()
         while marches := [march for march in marches if not march.done]:
-            if 1 < len(marches) < FEWEST_SIDE_BY_SIDE and len(self.classifier.devices) < 2:
-                yield [self.of([march], [one for one in asked if one[0] is march]) for march in marches]
-                return
             waiting = {march.lane for march, _, _ in asked}
             going = [march for march in marches if march.lane not in waiting]
             over = self.ask(ended, self.batch, going, self.cycles, self.classifier.exact) if going else None

@@ -137,7 +137,7 @@ class Case:
     def next_level(self, harmonics):
         """The number of harmonics to try after ``harmonics``; None at the limit."""
         one, sweep = planning.PLANNING.level_ratio, planning.PLANNING.sweep_level_ratio
-        return planning.next_level(harmonics, self.plan.method, sweep if self.request.in_sweep else one)
+        return planning.next_level(harmonics, self.plan.method, sweep if self.request.few_levels else one)
 
     @property
     def resolving(self):

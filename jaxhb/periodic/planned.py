@@ -29,18 +29,13 @@ class BatchOptions:
     Parameters
     ----------
     speeds : in a batch
-    linear_speeds : in a batch of a plan without active meshes: one linear solve each, so that none waits for another
-    linear_alone : speeds of such a plan up to which they are solved without batches: one by one 128 speeds of 27 disks
-        take 0.2 s more, and the program of a batch 2 s more to compile
-    alone_harmonics, alone_disks : number of harmonics, or of disks where meshes are active, from which speeds are
-        solved without batches: one fills a processor, and a batch waits for its slowest and takes longer to compile
+    alone_harmonics, alone_disks : number of harmonics, or of disks, from which speeds are solved without batches on
+        processors: one fills a processor, and a batch waits for its slowest and takes longer to compile
     newton_steps : at most, of a speed in a batch under a plan that the caller did not give; one that needs more is
         solved again by itself
     """
 
     speeds: int = 8
-    linear_speeds: int = 32
-    linear_alone: int = 128
     alone_harmonics: int = 192
     alone_disks: int = 24
     newton_steps: int = 8
@@ -136,13 +131,11 @@ def respond(train, rpm, problem, outcome, sizes):
     )
 
 
-def _speeds_in_batch(plan, speeds, disks):
-    """How many of so many speeds one device solves side by side under a plan; with 1 there are no batches."""
-    many = BATCH.speeds if plan.active else BATCH.linear_speeds
-    if jax.default_backend() != "cpu":
-        return many
-    alone = disks >= BATCH.alone_disks if plan.active else speeds <= BATCH.linear_alone
-    return 1 if alone or plan.harmonics >= BATCH.alone_harmonics else many
+def _speeds_in_batch(plan, disks):
+    """How many speeds one device solves side by side under a plan; with 1 there are no batches."""
+    # A linear solve by itself is the same bits whatever speeds are asked for beside it.
+    alone = not plan.active or disks >= BATCH.alone_disks or plan.harmonics >= BATCH.alone_harmonics
+    return 1 if alone and jax.default_backend() == "cpu" else BATCH.speeds
 
 
 def solve_batches(train, rpm, plan, max_steps, devices=()):
@@ -151,10 +144,11 @@ def solve_batches(train, rpm, plan, max_steps, devices=()):
     Across several devices, each has as many speeds of a batch as one has alone.
     """
     count = max(len(devices), 1)
-    size = count * _speeds_in_batch(plan, len(rpm), train.topology.n_disks)
+    size = count * _speeds_in_batch(plan, train.topology.n_disks)
     if size == 1 or len(rpm) == 1:
-        for speed in rpm:
-            yield [solve_planned(train, float(speed), plan)]
+        begin = first_start(plan, marches=plan.marches)
+        for speed in map(float, rpm):
+            yield [solve_once(train, speed, problem_at(train, speed, plan.sizes.excited), plan, begin)[0]]
         return
     for first in range(0, len(rpm), size):
         yield _solve_batch(train, rpm[first : first + size], plan, size, max_steps, devices)

@@ -103,7 +103,7 @@ class Outcome:
     steps: jax.Array
 
 
-@partial(Program, static_argnames="sizes", seldom=True)
+@partial(Program, static_argnames="sizes")
 def solve_problem(problem, active_meshes, start, limit, sizes):
     """Solve one problem.
 

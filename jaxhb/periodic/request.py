@@ -21,24 +21,24 @@ DEFAULT_TOLERANCE = 0.01
 class Request:
     """What is asked of a solve: ``harmonics`` None for as many as ``tolerance`` needs; see :func:`jaxhb.solve`.
 
-    in_sweep : whether other speeds are solved with it, which programs that serve all of them pay for.
+    few_levels : whether numbers of harmonics lie far apart, so that the speeds of a sweep share few programs.
     """
 
     harmonics: int | None = None
     tolerance: float = DEFAULT_TOLERANCE
     method: str = "reduced"
     integrals: str = "sampled"
-    in_sweep: bool = False
+    few_levels: bool = False
 
     @classmethod
-    def of(cls, train, harmonics=None, tolerance=None, method=None, integrals=None, in_sweep=False):
+    def of(cls, train, harmonics=None, tolerance=None, method=None, integrals=None, few_levels=False):
         """The request with defaults for None, checked."""
         made = cls(
             harmonics,
             DEFAULT_TOLERANCE if tolerance is None else tolerance,
             method or "reduced",
             integrals or "sampled",
-            in_sweep,
+            few_levels,
         )
         check_method(train, made.method)
         check_integrals(made.integrals, made.method)

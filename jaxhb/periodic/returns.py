@@ -52,6 +52,11 @@ class ReturnOptions:
     slow_work: float = 2e7
 
     @property
+    def read(self):
+        """Latest cycles that return errors are read from: three windows and the longest period."""
+        return 3 * max(self.window, self.longest_period) + self.longest_period
+
+    @property
     def periods(self):
         """Cycles after which a return is looked for."""
         return range(1, self.longest_period + 1)
@@ -97,8 +102,8 @@ class Returns:
         self.cycles = []
 
     def add(self, samples):
-        """Take in cycles ``(cycles, I, 2G)``."""
-        self.cycles += list(samples)
+        """Take in cycles ``(cycles, I, 2G)``; those that no return error reads any more are dropped."""
+        self.cycles = (self.cycles + list(samples))[-RETURN.read :]
 
     @property
     def finite(self):

@@ -101,7 +101,7 @@ def _plan_of(train, rpm, request, side, apart, period):
     """The plan for backlash meshes of which some stay on a side ``(G,)``, +1 or -1, and those of side 0 are unknowns;
     ``apart``: whether any separates."""
     own = train.topology.backlash_index
-    if request.in_sweep and not side.all():
+    if not side.all():
         side = np.zeros_like(side)  # one program whatever meshes leave contact
     flank = np.zeros(len(train.topology.mesh_names), dtype=int)
     flank[own] = side
@@ -109,7 +109,7 @@ def _plan_of(train, rpm, request, side, apart, period):
     modes = planning.mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))
     active = tuple(int(i) for i in own[side == 0])
     wanted = planning.first_level(contact.excited, modes[0] if apart else 0.0) if active else contact.harmonics
-    wanted = planning.shared_level(wanted) if request.in_sweep and active else wanted
+    wanted = planning.shared_level(wanted) if active else wanted
     # With fewer harmonics a cycle than one cycle has, a motion of one cycle is solved as a subharmonic one.
     wanted = max(wanted, planning.level_at_least(period * planning.PLANNING.levels[0]))
     return dataclasses.replace(
@@ -119,14 +119,14 @@ def _plan_of(train, rpm, request, side, apart, period):
         flank=tuple(flank.tolist()),
         # Read only where a flank that the plan held did not hold: what was given is no start then.
         start="march" if active and flank.any() else "linear",
-        # In a sweep room for the longest period whatever the period: equal shapes, one program.
-        excited=contact.excited // period * RETURN.longest_period if request.in_sweep else contact.excited,
+        # Room for the longest period whatever the period: equal shapes, one program.
+        excited=contact.excited // period * RETURN.longest_period,
     )
 
 
 def compile_ahead(train, separates, request):
-    """Begin to make the programs that :func:`solve_settled` will run at speeds of a sweep ``{rpm: whether the linear
-    motion separates teeth}``: in other threads, while these are marched.
+    """Begin to make the programs that :func:`solve_settled` will run at speeds ``{rpm: whether the linear motion separates
+    teeth}``: in other threads, while these are marched.
 
     Returns
     -------

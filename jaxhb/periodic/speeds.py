@@ -77,7 +77,7 @@ def solve_speeds(
     check_speed(train, rpm, many=True)
     if plan and not (harmonics is None and tolerance is None and integrals is None):
         raise ValueError("harmonics, tolerance and integrals belong to the plan: give them to jaxhb.plan")
-    request = Request.of(train, harmonics, tolerance, "reduced", integrals, in_sweep=len(rpm) > 1)
+    request = Request.of(train, harmonics, tolerance, "reduced", integrals, few_levels=True)
     if plan:
         check_plan(train, plan)
     plans = [plan] * len(rpm) if plan else plan_speeds(train, rpm, request)

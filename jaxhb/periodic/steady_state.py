@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, overload
@@ -185,14 +186,13 @@ def steady_state(
         raise ValueError(f"direction is {direction!r}: give 'up', 'down' or 'both'")
     check_speed(train, rpm, many=True)
     speeds = np.atleast_1d(np.asarray(rpm, dtype=float))
-    request = Request.of(train, harmonics, tolerance, in_sweep=len(speeds) > 1)
+    request = Request.of(train, harmonics, tolerance, few_levels=True)
     cycles = cycles or Cycles()
     classifier = Classifier(train, speeds, request, exact, cycles, tuple(devices))
     march = classifier.march_to_the_end
     if out is not None:
         chunk = CHUNK if chunk is None else chunk
-        asked = {name: value for name, value in vars(request).items() if name != "in_sweep"} | {"exact": exact}
-        asked = {"answers": "steady states"} | asked | vars(cycles)
+        asked = {"answers": "steady states", **vars(request), "exact": exact, **vars(cycles)}
         march = partial(Checkpoint(out, train, asked, chunk).keep_or_march, classifier)
     search = _SpeedSweep(classifier, march, start, progress, chunk, on_states)
     if not np.ndim(rpm):
@@ -214,7 +214,7 @@ class _SpeedSweep:
         self.train, self.speeds, self.request = classifier.train, classifier.speeds, classifier.request
         self.progress = progress or (lambda count: None)
         self._on_states, self._told, self.way = on_states or (lambda states, way: None), {}, "up"
-        self.start = None if start is None else _motion_of(self.train, start)
+        self.start = None if start is None else (_motion_of(self.train, start), float(start.rpm))
         plans = plan_speeds(self.train, self.speeds, self.request)
         classifier.apart = {index for index, plan in enumerate(plans) if plan.active and plan.marches}
         self.contact = self._in_contact(plans)
@@ -239,32 +239,37 @@ class _SpeedSweep:
             self._on_states(states, self.way)
         self._told |= {(self.way, index): state for index, state in states.items()}
 
-    def chunk_by_chunk(self, indices, motions, progress):
-        """Steady states of some speeds by index, marched in chunks."""
+    def chunk_by_chunk(self, indices, starts, progress):
+        """Steady states of some speeds by index, marched in chunks, from ``{index: (motion, its speed in rpm)}`` or from
+        teeth in contact."""
         size, found = self.chunk or max(len(indices), 1), {}
         for first in range(0, len(indices), size):
             chunk = indices[first : first + size]
-            states = self._march(chunk, {index: motions[index] for index in chunk if index in motions}, progress)
+            given = {index: starts[index] for index in chunk if index in starts}
+            states = self._march(chunk, {index: motion for index, (motion, _) in given.items()}, progress)
+            states |= {i: replace(states[i], started_from=rpm) for i, (_, rpm) in given.items()}
             self.tell(states)
             found |= states
         return found
 
     def alone(self, index):
         """The steady state of one speed, from the start that was given or from teeth in contact."""
-        self._many([index], {} if self.start is None else {index: self.start})
+        if self.start is not None:
+            return self.chunk_by_chunk([index], {index: self.start}, self.progress)[index]
+        self._from_contact([index])
         return self.classifier.known[index]
 
-    def _many(self, indices, motions):
-        """Find steady states of some speeds side by side, from motions or from teeth in contact."""
+    def _from_contact(self, indices):
+        """Find what speeds do from teeth in contact, side by side."""
         known, marching = self.classifier.known, []
         for index in indices:
-            if index in self.contact and index not in motions:
+            if index in self.contact:
                 known[index] = self._contact(index)
                 self.progress(1)
             else:
                 marching.append(index)
         self.tell({index: known[index] for index in indices if index in known})
-        known |= self.chunk_by_chunk(marching, motions, self.progress)
+        known |= self.chunk_by_chunk(marching, {}, self.progress)
 
     def along(self, order):
         """Steady states by index, each reached from the one before it in ``order``.
@@ -272,28 +277,28 @@ class _SpeedSweep:
         Speeds that may have another motion from there are marched side by side, again where the one before changed.
         """
         known = self.classifier.known
-        if self.start is not None:
-            self._many(order[:1], {order[0]: self.start})
-        self._many([index for index in range(len(self.speeds)) if index not in known], {})
+        self._from_contact([index for index in range(len(self.speeds)) if index not in known])
         found, reached_from = dict(known), {}
+        if self.start is not None:
+            found |= self.chunk_by_chunk(order[:1], {order[0]: self.start}, lambda count: None)
         while True:
-            motions = {}
+            starts = {}
             for last, index in itertools.pairwise(order):
                 before = found[last]
                 if reached_from.get(index) is before:
                     continue
                 reached_from[index] = before
                 if before.motion is not None and _differs(before, known[index]):
-                    motions[index] = before.motion
+                    starts[index] = before.motion, before.rpm
                 else:
                     found[index] = known[index]
-            if not motions:
+            if not starts:
                 # Marched from its neighbour a speed was reported before it was compared with what is at hand.
                 self.tell({i: state for i, state in found.items() if self._told.get((self.way, i)) is not state})
                 return found
-            for index, state in self.chunk_by_chunk(list(motions), motions, lambda count: None).items():
+            for index, state in self.chunk_by_chunk(list(starts), starts, lambda count: None).items():
                 same = (other for other in (known[index], found[index]) if _alike(state, other))
-                found[index] = next(same, state)
+                found[index] = next(same, None) or _beside(known[index], state)
 
     def _contact(self, index):
         """The steady state of teeth in contact."""
@@ -301,6 +306,16 @@ class _SpeedSweep:
         if int(response.status) > Status.TOLERANCE_NOT_MET:
             return unknown(self.train, rpm, Status(int(response.status)).sentence)
         return state_of(self.train, rpm, "contact", 1, response=response, motion=_motion_of(self.train, response))
+
+
+def _beside(other, state):
+    """A steady state with a note that it is not the one to which teeth on their drive sides come."""
+    what = "another motion" if _kind(other) == _kind(state) else f"a motion that is {other.kind}"
+    note = (
+        f"several motions are possible: this one was reached from that at {state.started_from:g} rpm, and from rest on "
+        f"their drive sides the teeth come to {what}"
+    )
+    return replace(state, notes=(*state.notes, note)) if other.known and state.known else state
 
 
 def _differs(before, state):

@@ -45,6 +45,9 @@ class SteadyState:
     stability : Stability or None
         Of ``response``, as :func:`jaxhb.stability` gives it; None where contact follows from the linear motion and
         nothing was marched, for massless disks whose multipliers are refused, and for more than 100 disks.
+    started_from : float or None
+        Speed in rpm of the motion from which this one was marched: a neighbour's in a sweep, or that of ``start``; None
+        from teeth at rest on their drive sides.
     """
 
     rpm: float
@@ -57,6 +60,7 @@ class SteadyState:
     motion: np.ndarray | None
     topology: Topology
     stability: object = None
+    started_from: float | None = None
 
     def __repr__(self):
         return state_line(self)

@@ -1,14 +1,13 @@
 """Normal running beside one cylinder misfiring, over several speeds: what ``jaxhb report`` computes and prints."""
 
 from dataclasses import dataclass
-from functools import partial
 
 from .answer import Answer
 from .balance import balance_line
 from .certified import certificate_text
 from .choose import gears, shafts_of, turning_disks
 from .columns import Table, alike, ratios, shares
-from .compute import answer_one
+from .compute import answer_speeds
 from .record import answer_record, finite
 from .strength import answers_strength, strength_record, strength_text
 from .tables import hardest_text, irregularity_text, notes_text, peak_table
@@ -26,24 +25,20 @@ class Case:
 
 
 def solve_cases(trains, speeds, asked, *, folder=None, say=lambda text: None, advance=lambda count: None):
-    """Answer every train of ``{title: train}`` at every speed; ``say`` is told what comes next.
+    """Answer every train of ``{title: train}`` at every speed, upwards as a sweep does; ``say`` is told what comes next.
 
     Steady states are kept in a ``folder`` as they are found, and read from there.
     """
     cases = []
     for number, (title, train) in enumerate(trains.items()):
-        answers = []
-        for rpm in speeds:
-            advance(1)
-            kept = {"out": folder / f"{number} {rpm:.17g}"} if folder else None
-            tell = partial(_say_case, say, title)
-            answers.append(answer_one(train, rpm, asked, tell, kept=kept))
+        kept = {"out": folder / str(number), "chunk": 1} if folder else None
+
+        def tell(text, title=title):
+            say(f"{text} ({title})")
+
+        (answers,) = answer_speeds(train, speeds, asked, kept=kept, progress=advance, say=tell).values()
         cases.append(Case(title, answers))
     return cases
-
-
-def _say_case(say, title, text):
-    say(f"{text} ({title})")
 
 
 def cases_record(cases, *, orders=None):

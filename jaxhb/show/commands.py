@@ -5,7 +5,6 @@ import sys
 from functools import partial
 from pathlib import Path
 
-from .._program import answer_once
 from ..model.change import locate
 from ..model.choices import scene_values
 from ..model.scene_writer import changed_scene, copies_beside
@@ -43,7 +42,6 @@ def solve_one(train, arguments):
     check_picture(train, arguments)
     check_labelled(arguments)
     train = without_cylinders(train, arguments)
-    answer_once()
     with Progress(quiet=arguments.quiet) as progress:
         answer = answer_one(train, arguments.rpm, Asked.of(arguments), progress.say)
     why = untraceable(answer) if arguments.trace else ""

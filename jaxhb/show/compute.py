@@ -9,7 +9,7 @@ import numpy as np
 
 from ..model.change import without_backlash
 from ..periodic.checkpoint import CHUNK, Checkpoint
-from ..periodic.solve import linear_response, solve
+from ..periodic.solve import solve
 from ..periodic.speeds import solve_speeds
 from ..periodic.steady_state import steady_state
 from ..response.status import Status
@@ -59,7 +59,7 @@ def answer_one(train, rpm, asked, say=lambda text: None, *, start=None, kept=Non
     >>> answer.state.kind, round(answer.force("gear a|gear b").max)
     ('contact', 1072)
     """
-    linear = linear_response(train, rpm=rpm)
+    linear = _linear(train, [rpm])[0]
     if asked.orbit:
         say(f"{rpm:g} rpm: solving for a periodic motion")
         keep = _keeper(train, asked, kept or {})
@@ -94,9 +94,7 @@ def answer_speeds(train, rpm, asked, *, direction="up", kept=None, progress=None
         ``{"up": [Answer, ...]}``, ``"down"`` or both; ``"orbit"`` for orbits. Always in the order of ``rpm``.
     """
     rpm = np.array(rpm, dtype=float)
-    # A train without backlash is its own linear train; the program is the one that planned the sweep.
-    flat = without_backlash(train) if any(train.topology.mesh_backlash) else train
-    linear = solve_speeds(flat, rpm=rpm)
+    linear = _linear(train, rpm)
     gathered = _Gathered(train, linear, asked.orbit, told)
     if asked.orbit:
         say("speeds solved for a periodic motion")
@@ -106,6 +104,12 @@ def answer_speeds(train, rpm, asked, *, direction="up", kept=None, progress=None
         found = _swept(train, rpm, linear, asked, direction, kept or {}, progress, gathered.tell)
     say("is each motion stable?")
     return gathered.answers({way: dict(enumerate(states)) for way, states in found.items()})
+
+
+def _linear(train, rpm):
+    """Responses with all teeth in contact, at speeds."""
+    # A train without backlash is its own linear train, whose programs are at hand.
+    return solve_speeds(without_backlash(train) if any(train.topology.mesh_backlash) else train, rpm=rpm)
 
 
 class _Gathered:

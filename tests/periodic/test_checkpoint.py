@@ -1,5 +1,6 @@
 """Sweeps that are stopped and go on: nothing is computed twice, and the numbers are the same to the last bit."""
 
+import dataclasses
 import json
 import os
 import subprocess
@@ -144,3 +145,22 @@ def test_values_of_other_packages_are_not_kept_and_no_other_class_is_called():
     for name in ("os:system", "jaxhb.model.saved:pack", "subprocess:Popen"):
         with pytest.raises((TypeError, AttributeError)):
             unpack({"value": {"shared": 0}, "shared": [{"class": name, "of": {}}]}, [])
+
+
+def test_an_answer_is_the_same_bits_whatever_was_asked_beside_it(pair, kept):
+    """A speed by itself, in a sweep and from a folder; one reached from its neighbour as from that motion alone."""
+    _, whole = kept
+    rpm, starts = OMEGA * trains.ONE_RADIAN_PER_SECOND, [None, *whole]
+    assert {state.started_from for state in whole} > {None}
+    for speed, before, state in zip(rpm, starts, whole, strict=False):
+        assert state.started_from in (None, before and before.rpm)
+        start = None if state.started_from is None else before
+        alone = jaxhb.steady_state(pair, rpm=speed, harmonics=64, start=start)
+        same([alone], [dataclasses.replace(state, notes=alone.notes)])
+
+
+def test_a_folder_made_by_one_speed_gives_a_sweep_what_a_fresh_one_gives(pair, kept, tmp_path):
+    rpm = OMEGA * trains.ONE_RADIAN_PER_SECOND
+    for part in (rpm[:1], rpm[2:4], rpm):
+        found = jaxhb.steady_state(pair, rpm=part, harmonics=64, out=tmp_path, chunk=1)
+    same(found, kept[1])

@@ -286,7 +286,7 @@ def test_speeds_that_hammer_share_a_plan_that_resolves_the_mesh_modes_of_all():
     """Those of speeds within a factor of four: each plan is a program."""
     train = jaxhb.load_scene("gear_train_30")
     for rpm, most in ((np.linspace(1300.0, 2450.0, 20), 1), (np.linspace(1300.0, 12000.0, 20), 2)):
-        plans = planning.plan_speeds(train, rpm, Request(in_sweep=True))
+        plans = planning.plan_speeds(train, rpm, Request())
         modes = [planning.mesh_mode_harmonics(train, train.topology.cycle_frequency(speed))[0] for speed in rpm]
         marched = np.array([plan.marches for plan in plans])
         steps, levels = (np.array([getattr(plan, name) for plan in plans]) for name in ("time_steps", "harmonics"))
@@ -308,17 +308,13 @@ def test_a_sweep_has_at_most_four_large_programs():
         assert solve_problem.executables + planned._solve_all.executables - before <= 4
 
 
-def test_few_linear_speeds_are_solved_by_the_program_of_one():
-    """That of a batch compiles twice as long; it is worth it for many."""
+def test_a_linear_response_is_the_same_bits_alone_and_among_others():
     train, rpm = jaxhb.load_scene("six_cylinder_diesel"), np.linspace(600.0, 2400.0, 5)
-    batches = planned._solve_all.executables
-    sweep = jaxhb.solve_speeds(train, rpm=rpm)
-    assert planned._solve_all.executables == batches
+    sweep, alone = jaxhb.solve_speeds(train, rpm=rpm), jaxhb.solve_speeds(train, rpm=rpm[3:4])
+    np.testing.assert_array_equal(sweep[3].angles, alone[0].angles)
     plan = jaxhb.plan(train, rpm=600.0, harmonics=sweep.harmonics)
-    many = list(planned.solve_batches(train, np.resize(rpm, planned.BATCH.linear_alone + 1), plan, 1))
-    assert len(many) == -(-(planned.BATCH.linear_alone + 1) // planned.BATCH.linear_speeds)
-    for one, other in zip(sweep, many[0], strict=False):
-        np.testing.assert_allclose(one.angles, other.angles, rtol=1e-10, atol=1e-14 * np.abs(one.angles).max())
+    batch = jax.vmap(lambda speed: jaxhb.solve(train, rpm=speed, plan=plan).angles)(rpm)
+    np.testing.assert_allclose(sweep.angles, batch, rtol=1e-10, atol=1e-14 * np.abs(batch).max())
 
 
 def test_a_march_where_no_tooth_was_expected_to_separate_begins_above_the_mesh_modes():
@@ -459,7 +455,7 @@ def test_a_sweep_of_an_engine_copies_no_pressure_table():
 
 def test_mesh_forces_of_the_linear_train_are_those_of_the_program_that_many_speeds_share():
     train = jaxhb.load_scene("gear_train_30")
-    request = Request.of(train, None, None, in_sweep=False)
+    request = Request.of(train)
     contact, few = planning.contact_plan(train, request), np.array([700.0, 1800.0])
     dense = planning._linear_mesh_forces(train, few, contact, 24)
     shared = planning._linear_mesh_forces(train, np.resize(few, planning.PLANNING.dense_speeds + 1), contact, 24)[:2]

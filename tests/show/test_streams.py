@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.show import cases, compute, kept, sweeps
+from jaxhb.show import compute, kept, sweeps
 from jaxhb.show.answer import orbit_state
 from jaxhb.show.cli import main
 from jaxhb.show.output import write_files
+from jaxhb.show.progress import Progress
 from jaxhb.show.streams import Ended, guarded
 
 SCENES = Path(__file__).parents[2] / "jaxhb" / "model" / "scenes"
@@ -245,18 +246,15 @@ def test_a_scene_that_is_none_is_told_as_such_where_files_are_asked_for(text, tm
 def test_a_report_that_is_stopped_goes_on_where_it_was(orbit, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(kept, "user_folder", lambda: tmp_path / "cache")
     command = ["report", "spur_pair", "--rpm", "2000,5000", *orbit, "--json", str(tmp_path / "r.json")]
-    answer_one = cases.answer_one
 
-    def stop(train, rpm, *given, **kept):
-        if rpm == 5000.0:
-            raise KeyboardInterrupt
-        return answer_one(train, rpm, *given, **kept)
+    def stop(progress, count):
+        raise KeyboardInterrupt
 
     with monkeypatch.context() as stopped:
-        stopped.setattr(cases, "answer_one", stop)
+        stopped.setattr(Progress, "advance", stop)
         assert main(command) == 130
     assert capsys.readouterr().err.endswith("the same command goes on from there\n")
     (folder,) = (tmp_path / "cache" / kept.FOLDER).iterdir()
-    assert [path.name for path in folder.iterdir()] == ["0 2000"]
+    assert [path.name for path in folder.iterdir()] == ["0"]
     assert main(command) == 0
     assert not folder.exists() and (tmp_path / "r.json").exists()
