@@ -195,16 +195,17 @@ def cache_programs(folder: str | Path | None = None, *, limit: int = _disk.LIMIT
     Parameters
     ----------
     folder : path, optional
-        Made with mode 0700 if it is not there; it must be yours alone, as programs in it are run. Default: that of the
-        command line, ``jaxhb`` in the user's cache folder or what the environment variable JAXHB_CACHE says; "off"
-        there turns this call off.
+        Programs lie in its sub-folder ``jaxhb-programs``, what else is in it is left alone. Made with mode 0700 if it
+        is not there; it must be yours alone, as programs in it are run. Default: that of the command line, ``jaxhb`` in
+        the user's cache folder or what the environment variable JAXHB_CACHE says; "off" there turns this call off.
     limit : int
-        Bytes that programs may take (default 1 GiB). Those not used for longest are removed.
+        Bytes that programs may take (default 1 GiB), with those in jax's cache there when this is called and when jaxhb
+        keeps a program. Those not used for longest are removed, and no other files.
 
     Returns
     -------
     pathlib.Path or None
-        The folder, None where nothing is kept.
+        The sub-folder of programs, None where nothing is kept.
 
     Examples
     --------
@@ -213,12 +214,13 @@ def cache_programs(folder: str | Path | None = None, *, limit: int = _disk.LIMIT
     """
     found = keep_programs(_disk.user_folder() if folder is None else Path(folder), limit)
     if found is not None:
-        _x64.keep_compiled(found / "jax")
+        _store.make_room()
+        _x64.keep_compiled(found / _disk.JAX_SUBFOLDER)
     return found
 
 
 def keep_programs(folder, limit=_disk.LIMIT):
-    """Keep what a Program compiles in ``folder``; the folder, None where nothing can be kept."""
+    """Keep what a Program compiles in ``folder``; the sub-folder for it, None where nothing can be kept."""
     global _store
     _store = _disk.Store(folder, limit)
     return _store.own_folder
