@@ -5,13 +5,16 @@ from __future__ import annotations
 
 import inspect
 import os
+import re
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache, partial, update_wrapper
 from pathlib import Path
 from threading import Lock
+from weakref import WeakSet
 
 import jax
 import numpy as np
+from jax._src.config import trace_context  # what jit's own keys hold of the settings: it has no public name
 from jax.sharding import Mesh, PartitionSpec, SingleDeviceSharding
 
 from . import _store as _disk, _x64
@@ -46,8 +49,16 @@ class Program:
         self.nested = jax.jit(function, static_argnames=static_argnames)
         self.seldom = seldom
         update_wrapper(self, function)
+        _programs.add(self)
 
     def __call__(self, *args, **kwargs):
+        _x64.check_settings()
+        if _x64.debugging():
+            with _x64.not_debugging():
+                return self._called(args, kwargs)
+        return self._called(args, kwargs)
+
+    def _called(self, args, kwargs):
         if traced(args, kwargs) or staged() or not _plain(args, kwargs):
             return self.nested(*args, **kwargs)
         _held.limit()
@@ -68,6 +79,8 @@ class Program:
         if traced(args, kwargs) or staged() or not _plain(args, kwargs):
             return None
         static, arguments, key = self._question(args, kwargs)
+        if key[-1] != _settings_of_threads():
+            return None
         with _making:
             if key in _compiled:
                 return None
@@ -100,7 +113,7 @@ class Program:
         arguments = self.signature.bind(*args, **kwargs).arguments
         static = {name: arguments.pop(name) for name in self.static if name in arguments}
         leaves, tree = jax.tree.flatten(arguments)
-        return static, arguments, (self, tuple(static.items()), tree, tuple(map(_kind, leaves)))
+        return static, arguments, (self, tuple(static.items()), tree, tuple(map(_kind, leaves)), trace_context())
 
     @property
     def executables(self):
@@ -110,7 +123,8 @@ class Program:
     def _outermost(self, static, arguments, key):
         """The executable of a program that the host calls, from the store or new."""
         options = _known_options() | (UNOPTIMISED if self.seldom and _answers_once else {})
-        name = repr((self.__module__, self.__qualname__, static, str(key[2]), key[3], options))
+        settings = re.sub(" at 0x[0-9a-f]+", "", repr(key[4]))  # addresses differ from process to process
+        name = repr((self.__module__, self.__qualname__, static, str(key[2]), key[3], settings, options))
         found = _store.load(name, arguments)
         if found is not None:
             _held.programs += 1
@@ -126,6 +140,8 @@ class Program:
             _store.save(name, made)
         return made
 
+
+_programs = WeakSet()
 
 _answers_once = False
 
@@ -164,12 +180,18 @@ def across(program, devices, given, made, **static):
 
 
 _compiled = {}
-"""Executables of the process by program, static arguments, structure, shapes and types; of one that is being made, the
-Future."""
+"""Executables of the process by program, static arguments, structure, shapes and types, and settings of jax; of one
+that is being made, the Future."""
 
 
 _making = Lock()
 """Held by a thread that looks whether an executable is there or being made."""
+
+
+def _settings_of_threads():
+    """Those of a thread that has set none itself."""
+    with ThreadPoolExecutor(1) as thread:
+        return thread.submit(trace_context).result()
 
 
 def _given_up(found):
@@ -227,9 +249,11 @@ def keep_programs(folder, limit=_disk.LIMIT):
 
 
 def _plain(*trees):
-    """Whether all arrays lie where programs run by default."""
-    device = jax.devices()[0]
-    if device.platform != "cpu" or jax.config.jax_disable_jit:
+    """Whether all arrays lie where programs run by default, and that is the processor of the host."""
+    device = jax.config.jax_default_device or jax.devices()[0]
+    if isinstance(device, str):
+        device = jax.devices(device)[0]
+    if device.platform != "cpu" or device != jax.devices("cpu")[0] or jax.config.jax_disable_jit:
         return False
     arrays = (leaf for leaf in jax.tree.leaves(trees) if isinstance(leaf, jax.Array))
     return all(array.sharding == SingleDeviceSharding(device) for array in arrays)
@@ -264,10 +288,10 @@ def _options_compiler_knows():
 
 
 class Held:
-    """Compiled programs of the process, all of them dropped before their memory maps reach the limit of Linux.
+    """Compiled programs of the process, those of the package dropped before memory maps reach the limit of Linux.
 
-    Beyond that limit a process ends with a segmentation fault. Programs of others are dropped as well: JAX forgets all
-    or none, and compiles again what is called again.
+    Beyond that limit a process ends with a segmentation fault. Where those of others alone are too many they are
+    dropped, too: JAX forgets all or none, and compiles again what is called again.
     """
 
     def __init__(self):
@@ -280,13 +304,23 @@ class Held:
         self.retrieved += event == "/jax/compilation_cache/cache_retrieval_time_sec"
 
     def limit(self, most=None, between=COMPILED_BETWEEN_COUNTS):
-        """Drop all programs if they take more than ``most`` memory maps, by default half of those that there are."""
+        """Drop programs if the process has too many memory maps."""
         if self.programs - self.counted < between:
             return
-        self.counted, maps = self.programs, Path("/proc/self/maps")
-        if maps.exists() and maps.read_bytes().count(b"\n") > (_half_of_all() if most is None else most):
+        self.counted = self.programs
+        if _too_many_maps(most):
             _compiled.clear()
-            jax.clear_caches()
+            for program in list(_programs):
+                program.nested.clear_cache()
+            across.cache_clear()
+            if _too_many_maps(most):
+                jax.clear_caches()
+
+
+def _too_many_maps(most):
+    """Whether the process has more memory maps than ``most``, by default half of those that there are."""
+    maps = Path("/proc/self/maps")
+    return maps.exists() and maps.read_bytes().count(b"\n") > (_half_of_all() if most is None else most)
 
 
 @cache

@@ -126,6 +126,13 @@ def test_programs_of_other_sources_versions_and_flags_are_not_looked_at(kept, mo
     assert len(files(kept)) == 3
 
 
+def test_programs_traced_under_other_settings_of_jax_are_not_taken(kept):
+    run()
+    with jax.default_matmul_precision("float32"):
+        assert compiled(run)[0] == 1 and compiled(run)[0] == 0
+    assert compiled(run)[0] == 0 and len(files(kept)) == 2
+
+
 def test_programs_not_used_for_longest_give_way(kept):
     run()
     (first,) = files(kept)
