@@ -15,12 +15,13 @@ start at once          cache_programs
 =====================  ==============================================================================================
 
 Numbers are in SI units, speeds in rpm of the reference rotor. Names are loaded when they are first used: the command
-line sets what must be set before jax is imported. jaxhb computes in double precision and switches jax to it for the
-whole process (``jax_enable_x64``), at import where jax is already there and else with the first name.
+line sets what must be set before jax is imported. jaxhb computes in double precision: its import switches jax to that
+for the whole process (``jax_enable_x64``), whether jax is there already or comes later.
 """
 
 import ast
 import importlib
+import os
 import sys
 from pathlib import Path
 
@@ -36,8 +37,11 @@ def _homes():
 _HOME = _homes()
 __all__ = sorted(_HOME)
 
+_environment_before = {name: os.environ[name] for name in ("JAX_ENABLE_X64",) if name in os.environ}
 if "jax" in sys.modules:
     from . import _x64  # noqa: F401
+else:
+    os.environ["JAX_ENABLE_X64"] = "1"  # jax reads it at its import, whoever imports it
 
 
 def __getattr__(name):

@@ -87,3 +87,5 @@ from .transient.reference import integrate as integrate
 from .transient.true_error import shooting_correction as shooting_correction
 
 __version__: str
+
+_environment_before: dict[str, str]

@@ -1,6 +1,5 @@
 """Names of files that are being written, and what killed processes leave of them."""
 
-import glob
 import os
 from pathlib import Path
 
@@ -14,9 +13,8 @@ def part_of(path):
     return path.with_name(f".{path.name}.{os.getpid()}{PART}")
 
 
-def clear_parts(folder, name="*"):
-    """Remove half-written files of processes of this machine that were killed; of one name or of all."""
-    pattern = name if name == "*" else glob.escape(name)
+def clear_parts(folder, pattern="*"):
+    """Remove half-written files of processes of this machine that were killed; of names that match a glob pattern."""
     for part in Path(folder).glob(f".{pattern}.*{PART}"):
         owner = part.name.removesuffix(PART).rpartition(".")[2]
         if owner.isdecimal() and not _runs(int(owner)):

@@ -5,13 +5,16 @@ from __future__ import annotations
 
 import inspect
 import os
+import re
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache, partial, update_wrapper
 from pathlib import Path
 from threading import Lock
+from weakref import WeakSet
 
 import jax
 import numpy as np
+from jax._src.config import trace_context  # what jit's own keys hold of the settings: it has no public name
 from jax.sharding import Mesh, PartitionSpec, SingleDeviceSharding
 
 from . import _store as _disk, _x64
@@ -39,8 +42,16 @@ class Program:
         self.static = (static_argnames,) if isinstance(static_argnames, str) else tuple(static_argnames)
         self.nested = jax.jit(function, static_argnames=static_argnames)
         update_wrapper(self, function)
+        _programs.add(self)
 
     def __call__(self, *args, **kwargs):
+        _x64.check_settings()
+        if _x64.debugging():
+            with _x64.not_debugging():
+                return self._called(args, kwargs)
+        return self._called(args, kwargs)
+
+    def _called(self, args, kwargs):
         if traced(args, kwargs) or staged() or not _plain(args, kwargs):
             return self.nested(*args, **kwargs)
         _held.limit()
@@ -61,6 +72,8 @@ class Program:
         if traced(args, kwargs) or staged() or not _plain(args, kwargs):
             return None
         static, arguments, key = self._question(args, kwargs)
+        if key[-1] != _settings_of_threads():
+            return None
         with _making:
             if key in _compiled:
                 return None
@@ -93,7 +106,7 @@ class Program:
         arguments = self.signature.bind(*args, **kwargs).arguments
         static = {name: arguments.pop(name) for name in self.static if name in arguments}
         leaves, tree = jax.tree.flatten(arguments)
-        return static, arguments, (self, tuple(static.items()), tree, tuple(map(_kind, leaves)))
+        return static, arguments, (self, tuple(static.items()), tree, tuple(map(_kind, leaves)), trace_context())
 
     @property
     def executables(self):
@@ -103,7 +116,8 @@ class Program:
     def _outermost(self, static, arguments, key):
         """The executable of a program that the host calls, from the store or new."""
         options = _known_options()
-        name = repr((self.__module__, self.__qualname__, static, str(key[2]), key[3], options))
+        settings = re.sub(" at 0x[0-9a-f]+", "", repr(key[4]))  # addresses differ from process to process
+        name = repr((self.__module__, self.__qualname__, static, str(key[2]), key[3], settings, options))
         found = _store.load(name, arguments)
         if found is not None:
             _held.programs += 1
@@ -118,6 +132,9 @@ class Program:
         if _held.retrieved == retrieved:  # one out of jax's cache does not run any more when it is stored again
             _store.save(name, made)
         return made
+
+
+_programs = WeakSet()
 
 
 SHARED_AXIS = "lanes"
@@ -148,12 +165,18 @@ def across(program, devices, given, made, **static):
 
 
 _compiled = {}
-"""Executables of the process by program, static arguments, structure, shapes and types; of one that is being made, the
-Future."""
+"""Executables of the process by program, static arguments, structure, shapes and types, and settings of jax; of one
+that is being made, the Future."""
 
 
 _making = Lock()
 """Held by a thread that looks whether an executable is there or being made."""
+
+
+def _settings_of_threads():
+    """Those of a thread that has set none itself."""
+    with ThreadPoolExecutor(1) as thread:
+        return thread.submit(trace_context).result()
 
 
 def _given_up(found):
@@ -179,16 +202,17 @@ def cache_programs(folder: str | Path | None = None, *, limit: int = _disk.LIMIT
     Parameters
     ----------
     folder : path, optional
-        Made with mode 0700 if it is not there; it must be yours alone, as programs in it are run. Default: that of the
-        command line, ``jaxhb`` in the user's cache folder or what the environment variable JAXHB_CACHE says; "off"
-        there turns this call off.
+        Programs lie in its sub-folder ``jaxhb-programs``, what else is in it is left alone. Made with mode 0700 if it
+        is not there; it must be yours alone, as programs in it are run. Default: that of the command line, ``jaxhb`` in
+        the user's cache folder or what the environment variable JAXHB_CACHE says; "off" there turns this call off.
     limit : int
-        Bytes that programs may take (default 1 GiB). Those not used for longest are removed.
+        Bytes that programs may take (default 1 GiB), with those in jax's cache there when this is called and when jaxhb
+        keeps a program. Those not used for longest are removed, and no other files.
 
     Returns
     -------
     pathlib.Path or None
-        The folder, None where nothing is kept.
+        The sub-folder of programs, None where nothing is kept.
 
     Examples
     --------
@@ -197,21 +221,24 @@ def cache_programs(folder: str | Path | None = None, *, limit: int = _disk.LIMIT
     """
     found = keep_programs(_disk.user_folder() if folder is None else Path(folder), limit)
     if found is not None:
-        _x64.keep_compiled(found / "jax")
+        _store.make_room()
+        _x64.keep_compiled(found / _disk.JAX_SUBFOLDER)
     return found
 
 
 def keep_programs(folder, limit=_disk.LIMIT):
-    """Keep what a Program compiles in ``folder``; the folder, None where nothing can be kept."""
+    """Keep what a Program compiles in ``folder``; the sub-folder for it, None where nothing can be kept."""
     global _store
     _store = _disk.Store(folder, limit)
     return _store.own_folder
 
 
 def _plain(*trees):
-    """Whether all arrays lie where programs run by default."""
-    device = jax.devices()[0]
-    if device.platform != "cpu" or jax.config.jax_disable_jit:
+    """Whether all arrays lie where programs run by default, and that is the processor of the host."""
+    device = jax.config.jax_default_device or jax.devices()[0]
+    if isinstance(device, str):
+        device = jax.devices(device)[0]
+    if device.platform != "cpu" or device != jax.devices("cpu")[0] or jax.config.jax_disable_jit:
         return False
     arrays = (leaf for leaf in jax.tree.leaves(trees) if isinstance(leaf, jax.Array))
     return all(array.sharding == SingleDeviceSharding(device) for array in arrays)
@@ -246,10 +273,10 @@ def _options_compiler_knows():
 
 
 class Held:
-    """Compiled programs of the process, all of them dropped before their memory maps reach the limit of Linux.
+    """Compiled programs of the process, those of the package dropped before memory maps reach the limit of Linux.
 
-    Beyond that limit a process ends with a segmentation fault. Programs of others are dropped as well: JAX forgets all
-    or none, and compiles again what is called again.
+    Beyond that limit a process ends with a segmentation fault. Where those of others alone are too many they are
+    dropped, too: JAX forgets all or none, and compiles again what is called again.
     """
 
     def __init__(self):
@@ -262,13 +289,23 @@ class Held:
         self.retrieved += event == "/jax/compilation_cache/cache_retrieval_time_sec"
 
     def limit(self, most=None, between=COMPILED_BETWEEN_COUNTS):
-        """Drop all programs if they take more than ``most`` memory maps, by default half of those that there are."""
+        """Drop programs if the process has too many memory maps."""
         if self.programs - self.counted < between:
             return
-        self.counted, maps = self.programs, Path("/proc/self/maps")
-        if maps.exists() and maps.read_bytes().count(b"\n") > (_half_of_all() if most is None else most):
+        self.counted = self.programs
+        if _too_many_maps(most):
             _compiled.clear()
-            jax.clear_caches()
+            for program in list(_programs):
+                program.nested.clear_cache()
+            across.cache_clear()
+            if _too_many_maps(most):
+                jax.clear_caches()
+
+
+def _too_many_maps(most):
+    """Whether the process has more memory maps than ``most``, by default half of those that there are."""
+    maps = Path("/proc/self/maps")
+    return maps.exists() and maps.read_bytes().count(b"\n") > (_half_of_all() if most is None else most)
 
 
 @cache

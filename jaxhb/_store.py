@@ -1,18 +1,19 @@
 """Compiled programs on disk: a process that finds its programs there neither traces nor compiles.
 
 An entry is an executable for one kind of processor, whose name is a hash of all that went into it: the sources of the
-package, versions, flags, the processor, the function, its static arguments, and structure, shapes and types of the
-others. What is damaged is made again, what is foreign is never looked at, and a file appears whole or not at all, so
-that processes share a folder. Loading an executable runs what the file says: the folder belongs to the user alone.
+package, versions, flags, the processor, the settings of jax, the function, its static arguments, and structure, shapes
+and types of the others. What is damaged is made again, what is foreign is never looked at nor removed, and a file
+appears whole or not at all, so that processes share a folder. Loading an executable runs what the file says: the folder
+belongs to the user alone.
 """
 
 import contextlib
 import hashlib
 import os
 import pickle
+import re
 import stat
 import sys
-import tempfile
 from functools import cache, cached_property
 from pathlib import Path
 
@@ -22,14 +23,30 @@ import numpy as np
 from jax.experimental import serialize_executable
 from jaxlib import lapack
 
+from ._parts import clear_parts, part_of
+
 VARIABLE = "JAXHB_CACHE"
 """Environment variable: another folder for programs, or "off"."""
 
 LIMIT = 1 << 30
 """Bytes that all programs may take; those not used for longest are removed. A sweep of one train takes some 20 MB."""
 
+SUBFOLDER = "jaxhb-programs"
+"""Where programs lie in the folder that the user gives: other things may be beside it."""
+
+JAX_SUBFOLDER = "jax"
+"""In SUBFOLDER, of jax's own cache: jax bounds it only where the package filelock is installed."""
+
+SUFFIX = ".program"
+
 _DIGEST = 32
 """Bytes of the digest that stands before a stored program."""
+
+_REMOVABLE = {
+    ".": re.compile(rf"[0-9a-f]{{{2 * _DIGEST}}}{re.escape(SUFFIX)}"),
+    JAX_SUBFOLDER: re.compile(r".+-[0-9a-f]{64}-cache"),
+}
+"""Names of what may be removed, by folder: those that this module and jax give to what they write there."""
 
 
 class Store:
@@ -77,51 +94,55 @@ class Store:
         with contextlib.suppress(OSError, ValueError, RuntimeError, *unpickled):
             executable, _, tree = serialize_executable.serialize(compiled)
             content = pickle.dumps((executable, jax.tree.unflatten(tree, range(tree.num_leaves))))
-            self._make_room(len(content))
-            with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-                try:
-                    file.write(blake2(content) + content)
-                    file.close()
-                    os.replace(file.name, path)
-                except OSError:
-                    os.unlink(file.name)
+            self.make_room(len(content))
+            part = part_of(path)
+            try:
+                part.write_bytes(blake2(content) + content)
+                os.replace(part, path)
+            finally:
+                part.unlink(missing_ok=True)
 
     def _path(self, key):
         folder = self.own_folder
-        return folder and folder / (blake2(self.origin, key.encode()).hex() + ".program")
+        return folder and folder / (blake2(self.origin, key.encode()).hex() + SUFFIX)
 
     @cached_property
     def own_folder(self):
-        """The folder as a Path, made if need be; None where others could have written what is in it."""
+        """The sub-folder of programs as a Path, made if need be; None where others could have written what is in it."""
         if self.folder is None:
             return None
-        folder = Path(self.folder)
-        try:
-            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-            found = folder.stat()
-        except OSError:
-            return None
-        if hasattr(os, "getuid") and (found.st_uid != os.getuid() or found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)):
-            print(
-                f"jaxhb: programs are not kept in {folder}, which others may write. Make it yours alone (chmod 700), "
-                f"or give another folder in {VARIABLE}.",
-                file=sys.stderr,
-            )
-            return None
-        return folder
+        own = Path(self.folder) / SUBFOLDER
+        for folder in (own.parent, own):
+            try:
+                folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+                found = folder.stat()
+            except OSError:
+                return None
+            if hasattr(os, "getuid") and (found.st_uid != os.getuid() or found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)):
+                print(
+                    f"jaxhb: programs are not kept in {folder}, which others may write. Make it yours alone (chmod "
+                    f"700), or give another folder in {VARIABLE}.",
+                    file=sys.stderr,
+                )
+                return None
+        return own
 
-    def _make_room(self, size):
-        """Remove files until ``size`` more bytes fit, those not used for longest first."""
+    def make_room(self, size=0):
+        """Remove programs until ``size`` more bytes fit, those not used for longest first, and what was half written
+        by processes that were killed."""
+        clear_parts(self.own_folder, "[0-9a-f]" * 2 * _DIGEST + SUFFIX)
         found = []
-        for path in filter(Path.is_file, self.own_folder.rglob("*")):
-            with contextlib.suppress(OSError):
-                found.append((path.stat().st_mtime, path.stat().st_size, path))
+        for folder, name in _REMOVABLE.items():
+            with contextlib.suppress(OSError), os.scandir(self.own_folder / folder) as entries:
+                for entry in entries:
+                    if name.fullmatch(entry.name) and entry.is_file(follow_symlinks=False):
+                        found.append((entry.stat().st_mtime, entry.stat().st_size, entry.path))
         total = size + sum(size for _, size, _ in found)
         for _, own, path in sorted(found):
             if total <= self.limit:
                 return
             with contextlib.suppress(OSError):
-                path.unlink()
+                os.unlink(path)
                 total -= own
 
 

@@ -1,8 +1,10 @@
 """Imports go down the layers only, and the package loads neither matplotlib nor optax by itself."""
 
 import ast
+import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -83,6 +85,31 @@ def test_the_command_line_sets_the_environment_before_jax_and_numpy_are_there():
 def test_importing_the_package_switches_jax_to_double_precision():
     assert printed("import jax, jaxhb; print(jax.numpy.ones(1).dtype)") == "float64"
     assert printed("import jaxhb; jaxhb.solve; import jax; print(jax.numpy.ones(1).dtype)") == "float64"
+    assert printed("import jaxhb; import jax; print(jax.numpy.ones(1).dtype)") == "float64"
+
+
+@pytest.mark.parametrize("before", ["0", None])
+def test_processes_started_after_the_first_use_have_the_precision_that_they_had(before, monkeypatch):
+    monkeypatch.delenv("JAX_ENABLE_X64", raising=False)
+    if before is not None:
+        monkeypatch.setenv("JAX_ENABLE_X64", before)
+    code = "import os, jaxhb; jaxhb.solve; import jax; print(jax.numpy.ones(1).dtype, os.environ.get('JAX_ENABLE_X64'))"
+    assert printed(code) == f"float64 {before}"
+
+
+def test_packages_that_are_always_imported_are_declared():
+    """Those at the top of modules, of which that for pictures belongs to an extra and is imported where it is used."""
+    project = tomllib.loads((ROOT.parent / "pyproject.toml").read_text())["project"]
+    declared = {re.match(r"[a-z]+", needed)[0] for needed in project["dependencies"]}
+    imported = set()
+    for path in ROOT.rglob("*.py"):
+        for node in ast.parse(path.read_text()).body:
+            if isinstance(node, ast.Import):
+                imported |= {alias.name.split(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                imported.add(node.module.split(".")[0])
+    others = imported - {"jaxhb", *sys.stdlib_module_names}
+    assert "scipy" in others and others - declared == {"matplotlib"}
 
 
 def test_every_public_name_is_there():

@@ -3,12 +3,14 @@
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import jaxhb
 from jaxhb import _program
 
 
@@ -99,6 +101,58 @@ def test_programs_are_dropped_before_their_memory_maps_are_too_many():
     assert not compiles_again(most=10**9, between=1)  # few maps
     assert jax.jit(lambda x: 3.0 * x)(1.0) == 3.0
     assert compiles_again(most=0, between=1)
+
+
+def test_programs_of_others_stay_where_dropping_those_of_the_package_is_enough():
+    held, others, square = _program.Held(), jax.jit(lambda x: 5.0 * x), _program.Program(lambda x: jnp.sin(x) @ x)
+    assert others(1.0) == 5.0
+    before = len(Path("/proc/self/maps").read_bytes().splitlines())
+    square(np.ones(7)), square(np.ones(8)), jax.grad(square)(np.ones(7))
+    held.limit(most=before, between=1)
+    compiled = held.programs
+    assert square.executables == 0 and others(1.0) == 5.0 and held.programs == compiled
+    assert square(np.ones(7)) == pytest.approx(7 * np.sin(1.0), rel=1e-14)
+
+
+def test_settings_of_jax_that_change_what_is_traced_have_programs_of_their_own():
+    traced = []
+    square = _program.Program(lambda x: traced.append(jax.config.jax_default_matmul_precision) or x @ x)
+    square(np.ones((2, 2)))
+    with jax.default_matmul_precision("float32"):
+        square(np.ones((2, 2)))
+        assert square.compile_ahead(np.ones((3, 3))) is None  # another thread would not have the setting
+        square(np.ones((2, 2)))
+    square(np.ones((2, 2)))
+    assert traced == [None, "float32"] and square.executables == 2
+
+
+@pytest.mark.parametrize(
+    ("setting", "said"),
+    [
+        (lambda: jax.enable_x64(False), "jax_enable_x64 is off"),
+        (lambda: jax.numpy_dtype_promotion("strict"), "Set them to 'standard' and 'allow'"),
+        (lambda: jax.numpy_rank_promotion("raise"), "Set them to 'standard' and 'allow'"),
+    ],
+)
+def test_settings_of_jax_that_spoil_numbers_are_refused_with_a_sentence(setting, said):
+    program, train = _program.Program(cube), jaxhb.load_scene("engine_with_damper")
+    with setting():
+        for call in (program, jax.grad(program), jax.jit(program)):
+            with pytest.raises(RuntimeError, match=said):
+                call(2.0)
+        with pytest.raises(RuntimeError, match=said):
+            jaxhb.linear_response(train, rpm=1500.0)
+
+
+@pytest.mark.parametrize(("setting", "value"), [(jax.debug_nans, -1.0), (jax.debug_infs, 0.0)])
+def test_numbers_that_are_not_finite_are_found_in_code_of_users_alone(setting, value):
+    """The logarithm of a negative number is nan, and that of zero infinite."""
+    program = _program.Program(lambda x: jnp.where(x > 0, x, jax.lax.stop_gradient(jnp.log(x))))
+    with setting(True):
+        assert not np.isfinite(program(np.asarray(value))) and program(np.asarray(2.0)) == 2.0
+        assert jax.grad(program)(2.0) == 1.0
+        with pytest.raises(FloatingPointError):
+            jax.jit(jnp.log)(value)
 
 
 def test_threads_ask_the_compiler_once_what_it_knows(asked):

@@ -59,7 +59,7 @@ def run(x=3.0):
 
 
 def files(store):
-    return sorted(Path(store.folder).glob("*.program"))
+    return sorted(store.own_folder.iterdir())
 
 
 def compiled(call):
@@ -82,7 +82,7 @@ def test_a_process_runs_what_another_compiled_lapack_included(tmp_path):
 def test_processes_that_start_together_share_a_folder(tmp_path):
     running = [process(tmp_path) for _ in range(3)]
     assert {told(one)[1] for one in running} == {RESULT + "\n"}
-    assert len(list(tmp_path.iterdir())) == 1
+    assert len(list((tmp_path / _store.SUBFOLDER).iterdir())) == 1
     assert told(process(tmp_path))[0] == "0"
 
 
@@ -126,6 +126,13 @@ def test_programs_of_other_sources_versions_and_flags_are_not_looked_at(kept, mo
     assert len(files(kept)) == 3
 
 
+def test_programs_traced_under_other_settings_of_jax_are_not_taken(kept):
+    run()
+    with jax.default_matmul_precision("float32"):
+        assert compiled(run)[0] == 1 and compiled(run)[0] == 0
+    assert compiled(run)[0] == 0 and len(files(kept)) == 2
+
+
 def test_programs_not_used_for_longest_give_way(kept):
     run()
     (first,) = files(kept)
@@ -135,6 +142,59 @@ def test_programs_not_used_for_longest_give_way(kept):
     assert first in files(kept)
     run([1.0, 2.0])
     assert first not in files(kept) and len(files(kept)) == 2
+
+
+def test_no_file_but_programs_is_ever_removed(kept, tmp_path):
+    """All older than the program, and in its way, as no byte may be kept."""
+    given, own = Path(kept.folder), kept.own_folder
+    name = "0" * 64 + ".program"
+    foreign = [given / name, given / "thesis.tex", given / "jax" / f"jit_f-{'0' * 64}-cache", given / "a" / "b" / name]
+    foreign += [own / "thesis.tex", own / "mine.program", own / f"copy of {name}", own / "a" / name]
+    foreign += [own / "jax" / "letter-cache", own / "jax" / name, own / f".mine.{2**22 + 1}.part"]
+    outside = tmp_path / "outside"
+    outside.mkdir()
+    aims = [outside / "letter.odt", outside / "a" / name]
+    for path in foreign + aims:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("not replaceable")
+        os.utime(path, (1.0, 1.0))
+    links = [own / ("1" * 64 + ".program"), own / ("2" * 64 + ".program"), own / "jax" / f"jit_f-{'3' * 64}-cache"]
+    for link, aim in zip(links, [aims[0], outside, aims[1]], strict=True):
+        link.symlink_to(aim)
+    kept.limit = 0
+    run()
+    run([1.0])
+    assert {path.read_text() for path in foreign + aims} == {"not replaceable"} and all(map(os.path.islink, links))
+    run([1.0, 2.0])
+    programs = [path for path in own.glob("*.program") if path not in links + foreign]
+    assert len(programs) == 1  # each made room for the next
+
+
+def test_what_killed_processes_left_half_written_is_removed_and_what_others_write_is_not(kept):
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    left, written = (kept.own_folder / f".{'0' * 64}.program.{number}.part" for number in (ended.pid, os.getpid()))
+    for path in (left, written):
+        path.write_bytes(b"half")
+    run()
+    assert not left.exists() and written.exists()
+
+
+def test_what_jax_keeps_beside_the_programs_is_within_the_limit_too(tmp_path):
+    code = """if True:
+        import sys, jax, jaxhb
+        folder = jaxhb.cache_programs(sys.argv[1], limit=int(sys.argv[2]))
+        print(*sorted(path.name[:6] for path in folder.glob("jax/*-cache")))
+        jax.jit(lambda x: x + float(sys.argv[2]))(1.0)
+    """
+    environment = {name: value for name, value in os.environ.items() if name != "JAX_COMPILATION_CACHE_DIR"}
+    environment["JAXHB_CACHE"] = str(tmp_path)
+
+    def there(limit):
+        command = [sys.executable, "-c", code, str(tmp_path), str(limit)]
+        return subprocess.run(command, capture_output=True, text=True, check=True, env=environment).stdout.split()
+
+    assert there(10**9) == [] and there(10**8) == ["jit__l"] and there(0) == []
 
 
 def test_a_folder_that_others_may_write_is_refused_with_a_sentence(tmp_path, capsys):

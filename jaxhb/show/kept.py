@@ -1,15 +1,19 @@
 """Motions of a command under way, kept in the folder of programs until it is done: stopped, it goes on there."""
 
 import contextlib
-import shutil
+import time
 
 import jax
 
+from .._parts import PART
 from .._store import blake2, package_hash, user_folder
-from ..periodic.checkpoint import CheckpointError, hash_of
+from ..periodic.checkpoint import MANIFEST, CheckpointError, hash_of
 
 FOLDER = "under_way"
 """In the folder of programs."""
+
+FORGOTTEN_AFTER = 30
+"""Days after which what a stopped command left is removed."""
 
 GOES_ON = "the same command goes on from there"
 
@@ -29,6 +33,10 @@ class Kept:
         # Other code or another jax may find other numbers: then the command begins anew.
         name = blake2(*parts, package_hash(), jax.__version__.encode(), repr(asked).encode()).hex()[:32]
         self.folder = None if base is None else base / FOLDER / name
+        for old in [] if base is None else (base / FOLDER).glob("[0-9a-f]" * 32):
+            with contextlib.suppress(OSError):
+                if old.stat().st_mtime < time.time() - 86400 * FORGOTTEN_AFTER:
+                    _remove(old)
 
     def run(self, compute):
         """``compute(folder)``; without a folder where it cannot be used, as nobody asked for it."""
@@ -44,5 +52,14 @@ class Kept:
     def forget(self):
         """Remove it: the command is done."""
         if self.folder is not None:
-            with contextlib.suppress(OSError):
-                shutil.rmtree(self.folder)
+            _remove(self.folder)
+
+
+def _remove(folder):
+    """Remove the files of checkpoints below a folder, and the folders that are empty then."""
+    for path in [*sorted(folder.rglob("*"), reverse=True), folder]:  # what is in a folder before it
+        with contextlib.suppress(OSError):
+            if path.is_dir() and not path.is_symlink():
+                path.rmdir()
+            elif path.name == MANIFEST or path.suffix in (".npz", PART):
+                path.unlink()

@@ -2,6 +2,7 @@
 
 import contextlib
 import csv
+import glob
 import importlib.util
 import io
 import json
@@ -79,7 +80,7 @@ def write_files(contents):
         for name, parts in contents.items():
             path = Path(name).resolve()
             beside[name] = part_of(path)
-            clear_parts(path.parent, path.name)
+            clear_parts(path.parent, glob.escape(path.name))
             with _sentence(name), beside[name].open("wb") as file:
                 file.writelines(parts)
         for name, part in beside.items():

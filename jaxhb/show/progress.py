@@ -11,6 +11,10 @@ LOGGED = 30.0
 """Seconds between lines where stderr is no terminal."""
 
 
+UNWRITTEN = contextlib.suppress(OSError, ValueError)
+"""A log that is full or closed ends no computation."""
+
+
 class Progress:
     """A status line on stderr, refreshed twice a second while a block runs.
 
@@ -49,9 +53,10 @@ class Progress:
         if self.visible:
             self.thread.join()
         if self.terminal:
-            self._write("")
-            self.stream.write("\r")
-            self.stream.flush()
+            with UNWRITTEN:
+                self._write("")
+                self.stream.write("\r")
+                self.stream.flush()
 
     def step(self, text):
         """Begin the next step."""
@@ -73,7 +78,7 @@ class Progress:
 
     def _tick(self):
         while not self.ended.wait(INTERVAL if self.terminal else LOGGED):
-            with contextlib.suppress(OSError, ValueError):  # a log that is full or closed ends no computation
+            with UNWRITTEN:
                 self._write(self.line())
 
     def _write(self, line):

@@ -38,6 +38,37 @@ print("agree", sorted(set(one.kind)))
 """
 
 
+DEFAULTS = """
+import jax, numpy as np
+from jaxhb import _program
+
+first, second = jax.devices()
+double = _program.Program(lambda x: 2.0 * x)
+
+def place(size=3):
+    return next(iter(double(np.ones(size)).devices()))
+
+assert place() == first
+with jax.default_device(second):
+    assert place() == second and place(4) == second
+    assert double.compile_ahead(np.ones(5)) is None
+assert place(4) == first and place() == first
+jax.config.update("jax_default_device", second)
+assert place() == second
+for same in (first, "cpu"):
+    with jax.default_device(same):
+        assert place() == first
+print("placed")
+"""
+
+
+def test_programs_run_on_the_default_device():
+    flags = os.environ.get("XLA_FLAGS", "") + " --xla_force_host_platform_device_count=2"
+    environment = os.environ | {"XLA_FLAGS": flags}
+    done = subprocess.run([sys.executable, "-c", DEFAULTS], capture_output=True, text=True, env=environment)
+    assert done.stdout == "placed\n", done.stderr[-3000:]
+
+
 def test_eight_devices_give_what_one_gives():
     flags = os.environ.get("XLA_FLAGS", "") + " --xla_force_host_platform_device_count=8"
     here = str(Path(__file__).parents[1])

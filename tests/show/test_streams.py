@@ -227,6 +227,24 @@ def test_a_trace_is_the_motion_over_the_crank_angle(tmp_path, capsys):
     assert not (tmp_path / "none.csv").exists()
 
 
+def test_what_a_stopped_command_left_is_forgotten_after_a_month_and_files_of_others_are_not(tmp_path, monkeypatch):
+    monkeypatch.setattr(kept, "user_folder", lambda: tmp_path)
+    train, month = jaxhb.load_scene("spur_pair"), 86400 * kept.FORGOTTEN_AFTER
+    folders = [kept.Kept([train], asked).folder for asked in ("old", "recent", "with a letter")]
+    for folder in folders:
+        (folder / "0 2000").mkdir(parents=True)
+        for name in ("sweep.json", f"{'0' * 32}.npz", f".{'1' * 32}.npz.1.part"):
+            (folder / "0 2000" / name).write_text("")
+    letter = folders[2] / "0 2000" / "letter.odt"
+    letter.write_text("")
+    for folder, age in zip(folders, (month + 60, month - 60, month + 60), strict=True):
+        os.utime(folder, (time.time() - age,) * 2)
+    own = kept.Kept([train], "another command")
+    assert not folders[0].exists() and len(list((folders[1] / "0 2000").iterdir())) == 3
+    assert list(letter.parent.iterdir()) == [letter]
+    own.forget()  # there is none
+
+
 def test_a_sweep_that_cannot_be_kept_goes_on_without(tmp_path, capsys, monkeypatch):
     (tmp_path / "cache").write_text("no folder")
     monkeypatch.setattr(kept, "user_folder", lambda: tmp_path / "cache")

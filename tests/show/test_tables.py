@@ -142,6 +142,22 @@ def test_progress_is_one_line_on_a_terminal_and_a_line_now_and_then_in_a_log(str
     assert (said.endswith("\r"), "\n" in said) == ((True, False) if stream.isatty() else (False, True))
 
 
+@pytest.mark.parametrize("failure", [OSError(28, "no space"), ValueError("closed file")])
+def test_progress_that_cannot_be_written_ends_no_computation(failure, monkeypatch):
+    monkeypatch.setattr("jaxhb.show.progress.INTERVAL", 0.01)
+    tried = []
+
+    def write(_, text):
+        tried.append(text)
+        raise failure
+
+    monkeypatch.setattr(Terminal, "write", write)
+    with Progress(2, Terminal()) as progress:
+        progress.ended.wait(0.05)
+        lines = len(tried)
+    assert lines and len(tried) > lines  # while it went on, and at its end
+
+
 def test_a_quick_command_leaves_a_log_clean_and_a_quiet_one_a_terminal(monkeypatch):
     log, terminal = io.StringIO(), Terminal()
     with Progress(2, log) as progress:
