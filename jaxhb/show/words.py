@@ -18,6 +18,9 @@ LOST = 1e-3
 UNCONFIRMED = "not confirmed by harmonic balance"
 """What is said of a motion that was marched and that no harmonic solution repeats: it is no answer."""
 
+_VALUE = re.compile(r"""(?P<name>(?<!\w)(?P<quote>['"]).*?(?<!\\)(?P=quote))|\b\d[\d.]*(e[-+]?\d+)?""")
+"""A value in a note, or a name in quotes, whose digits are no values."""
+
 GAP_SPRING_SHARE = 0.05
 KNEE_SHARE = 0.5
 SHOWN_SPEEDS = 6
@@ -174,7 +177,8 @@ def speeds_text(answers):
 
 
 def _places(places, axis):
-    found = [f"{place:g}" for place in places]
+    """Places on the axis, each once, from the lowest on."""
+    found = [f"{place:g}" for place in sorted(set(places))]
     more = f" and {len(found) - SHOWN_SPEEDS} more" if len(found) > SHOWN_SPEEDS else ""
     return axis.said(f"{', '.join(found[:SHOWN_SPEEDS])}{more}")
 
@@ -261,15 +265,18 @@ def _trace_notes(answers):
 
 
 def once_alike(notes_of, axis=SPEED):
-    """Notes (place on the axis, text), once for those that differ in their numbers alone."""
-    alike, found = {}, []
-    for place, note in notes_of:
-        alike.setdefault(re.sub(r"\d[\d.e+]*", "#", note), []).append((place, note))
-    for told in alike.values():
-        others = f" (alike at {_places([place for place, _ in told[1:]], axis)})" if len(told) > 1 else ""
-        note = told[0][1]
-        found.append(f"At {axis.said(f'{told[0][0]:g}')} {note}{others}.")
-    return found
+    """Notes (place on the axis, text), once for those that differ in values alone, as it stands at the lowest place."""
+    alike = {}
+    for place, note in sorted(notes_of, key=lambda told: told[0]):
+        alike.setdefault(_VALUE.sub(lambda found: found["name"] or "#", note), []).append((place, note))
+    return [_told_once(told, axis) for told in alike.values()]
+
+
+def _told_once(told, axis):
+    place, note = told[0]
+    others = {other for other, _ in told} - {place}
+    alike = f" (alike at {_places(others, axis)})" if others else ""
+    return f"At {axis.said(f'{place:g}')} {note}{alike}."
 
 
 def _unsettled_notes(answers):
