@@ -31,7 +31,7 @@ UNOPTIMISED = {"xla_backend_optimization_level": 0}
 """Compiles the largest program in 1.5 s of 3.4 and runs it in 110 ms instead of 37: for what runs once in a process."""
 
 COMPILED_BETWEEN_COUNTS = 20
-"""Programs compiled, each of up to some hundred memory maps, after which the maps of the process are counted again."""
+"""Programs compiled, several for a solve, after which the memory maps of the process are counted again."""
 
 
 class Program:
