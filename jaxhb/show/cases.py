@@ -14,8 +14,6 @@ from .strength import answers_strength, strength_record, strength_text
 from .tables import hardest_text, irregularity_text, notes_text, peak_table
 from .words import status_lines, verdict
 
-DOUBT = ", NOT CONVERGED"
-
 
 @dataclass(frozen=True)
 class Case:
@@ -148,7 +146,7 @@ def _turning_table(cases, number):
         *(f"irregularity of {disk}, %" for disk in disks),
         *(f"heat of {name}, W" for name in train.topology.damper_names),
     ]
-    heads = [case.title + DOUBT * _doubted(answer) for case, answer in zip(cases, answers, strict=True)]
+    heads = [_titled(case.title, answer) for case, answer in zip(cases, answers, strict=True)]
     return Table("Cyclic irregularity, (largest - smallest) / mean speed, and dampers", ["", *heads], [rows, *columns])
 
 
@@ -163,9 +161,9 @@ def _swing_table(title, what, names, read, cases, number, factor=1.0):
 
 
 def _groups(cases, number, width):
-    said = [case.title + DOUBT * _doubted(case.answers[number]) for case in cases]
+    said = [_titled(case.title, case.answers[number]) for case in cases]
     return [(title, 1 + i * width, (i + 1) * width) for i, title in enumerate(said)]
 
 
-def _doubted(answer):
-    return answer.known and not answer.answered
+def _titled(title, answer):
+    return ", ".join(filter(None, [title, answer.doubt.upper()]))

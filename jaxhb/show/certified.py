@@ -4,6 +4,7 @@ import numpy as np
 
 from ..periodic.certificate import certify
 from ..response.status import NotConverged
+from .answer import UNCONFIRMED
 from .balance import plain_number
 from .columns import Table, alike
 
@@ -15,7 +16,8 @@ _STABLE = {True: "certainly it is", False: "certainly it is not", None: "not dec
 def certificate_of(answer, say=lambda text: None):
     """The Certificate of an answer's harmonic solution; a sentence where there can be none."""
     if answer.response is None and answer.known:
-        return "The motion does not repeat itself: an error bound needs a periodic one (--orbit asks for one)."
+        why = f"The motion is {UNCONFIRMED}" if answer.unconfirmed else "The motion does not repeat itself"
+        return f"{why}: an error bound needs a harmonic solution (--orbit asks for one)."
     if not answer.known:
         return "There is no solution."
     say(f"{answer.rpm:g} rpm: how far off can it be?")

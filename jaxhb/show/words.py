@@ -7,16 +7,13 @@ import numpy as np
 from ..periodic.request import MOST_HARMONICS
 from ..response.events import Homotopy, Shooting
 from ..response.status import Status
-from .answer import SPEED
+from .answer import SPEED, UNCONFIRMED
 from .balance import ground_notes, load_notes, plain_number
 from .choose import most_apart
 from .floquet import growth_text
 
 LOST = 1e-3
 """Share of the power of the torques that may be lost without a note."""
-
-UNCONFIRMED = "not confirmed by harmonic balance"
-"""What is said of a motion that was marched and that no harmonic solution repeats: it is no answer."""
 
 _VALUE = re.compile(r"""(?P<name>(?<!\w)(?P<quote>['"]).*?(?<!\\)(?P=quote))|\b\d[\d.]*(e[-+]?\d+)?""")
 """A value in a note, or a name in quotes, whose digits are no values."""
@@ -47,7 +44,7 @@ def motion_text(answer):
     if not answer.topology.mesh_names:
         kind = "periodic, period one cycle" if state.known else kind
     if state.known and answer.response is None:
-        kind += f"; {UNCONFIRMED}, without an answer" if answer.converged is False else ""
+        kind += f"; {UNCONFIRMED}" if answer.unconfirmed else ""
         kind += f"; numbers are the extremes over {state.record.cycles} recorded cycles"
     return "; ".join(filter(None, [kind, growth]))
 
@@ -66,8 +63,8 @@ def motion_word(answer):
         toothless = state.known and not answer.topology.mesh_names
         kind = "periodic" if toothless else state.kind  # as motion_text says
         parts.append(f"period {state.period}" if state.kind == "subharmonic" else kind)
-        if answer.known and answer.converged is False:
-            parts.append("not confirmed" if answer.status is None else status_word(answer.status))
+        if answer.doubt:
+            parts.append(answer.doubt if answer.answered else status_word(answer.status))
     return ", ".join([*parts, *["UNSTABLE"] * answer.growth.unstable])
 
 
@@ -126,9 +123,8 @@ def verdict(answer):
         return "No mesh has backlash: the teeth cannot separate."
     said = _hammering(answer, speed)
     doubts = []
-    if answer.converged is False:
-        unsolved = f"{UNCONFIRMED}, without an answer"
-        doubts.append(unsolved if answer.response is None else "not converged, do not rely on this")
+    if answer.doubt:
+        doubts.append(UNCONFIRMED if answer.answered else f"{answer.doubt}, do not rely on this")
     if answer.growth.unstable:
         doubts.append("unstable, the train does not run in this motion")
     if not doubts:
@@ -331,11 +327,9 @@ def warnings(answers):
 
 
 def _failure(answer):
-    if answer.status is not None and answer.status is not Status.CONVERGED:
+    if answer.status is not None:
         return f"{answer.status.name}, {_remedy(answer)}"
-    if not answer.known:
-        return f"the kind of motion is unknown: {'; '.join(answer.state.notes)}"
-    return f"{UNCONFIRMED}: only time integration shows this motion; try --tolerance or --harmonics"
+    return f"the kind of motion is unknown: {'; '.join(answer.state.notes).removesuffix('.')}"
 
 
 def _remedy(answer):

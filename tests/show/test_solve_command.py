@@ -130,7 +130,7 @@ def test_a_motion_that_never_repeats_has_no_error_bound(capsys, tmp_path):
     assert main(["solve", "spur_pair", "--rpm", "6000", *light, "--certify", "--json", str(file)]) == 0
     told = read(file)["certificate"]
     assert told["holds"] is False
-    assert told["reason"].startswith("The motion does not repeat itself") and "--orbit" in told["reason"]
+    assert "does not repeat" in told["reason"] and "--orbit" in told["reason"]
     assert f"Error bound: none. {told['reason']}" in capsys.readouterr().out
 
 
