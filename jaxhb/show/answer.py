@@ -90,7 +90,7 @@ class Answer:
     orbit : bool
         Whether the state is that of a periodic solution which the train need not run in.
     certificate : Certificate or str, optional
-        The error bound, or why there is none; None where it was not asked for.
+        The computed bound, or why there is none; None where it was not asked for.
     axis : Axis
         Along which a sweep goes; value : where on it, for what is not the speed.
     """

@@ -230,7 +230,7 @@ def test_speeds_that_have_not_converged_are_gaps_with_a_cross_and_do_not_set_the
     parts = {part.title: part for part in parts_of(dataclasses.replace(report, cases=[bad]), page.PARTS)}
     assert "WITHOUT AN ANSWER" in "".join(map(str, parts["Result"].blocks))
     assert any("MAX_STEPS" in str(block) for block in parts["Notes"].blocks)
-    assert tables(parts["Accuracy and error bounds"])[0].columns[1] == ["2 of 3"]
+    assert tables(parts["Accuracy and computed bounds"])[0].columns[1] == ["2 of 3"]
     largest, row = tables(parts["Tooth forces"])[0], tables(parts["Motion over the speed"])[0]
     without = max(float(answers[i].linear.force("Kurbel|Räder").peak) for i in (0, 2)) / 1e3
     assert float(largest.columns[largest.heads.index("without")][0]) == pytest.approx(without, rel=1e-3)
