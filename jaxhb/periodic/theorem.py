@@ -260,7 +260,7 @@ def _reason(lin, Y0, Z1, Z2):
         )
     if not Y0 * Z2 <= 0.5:
         return (
-            f"no motion of the train is found to be near (Y0 = {Y0:.2g} backlashes, must be below {0.5 / Z2:.2g}): this "
+            f"no motion of the train is found near (Y0 = {Y0:.2g} backlashes, must be below {0.5 / Z2:.2g}): this "
             f"is no motion of the untruncated equations, or its harmonics beyond {low} matter; use more harmonics."
         )
     return ""
