@@ -232,9 +232,8 @@ def main():
     elif asked.spurious:
         spurious()
     else:
-        _program.OPTIONS["xla_backend_optimization_level"] = (
-            0  # most of the time goes into compiling, and each serves a few cases
-        )
+        # Most of the time goes into compiling, and each program serves a few cases.
+        _program.OPTIONS["xla_backend_optimization_level"] = 0
         report(run_cases(asked, "certificates", run_case))
 
 

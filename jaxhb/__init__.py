@@ -8,7 +8,7 @@ one speed              solve (a Response), check, linear_response, forced_respon
 many speeds            solve_speeds, misfire_each, follow (a branch through its folds)
 what the train does    steady_state; stability, solve_all
 linear                 natural_frequencies, damped_modes, campbell, holzer_table, at_mean_load, frequency_response
-judge                  strength, certify (an error bound), shooting_correction (a check by time integration)
+judge                  strength, certify (a computed bound), shooting_correction (a check by time integration)
 tune                   tune; Objective, Parameter, Penalty and smooth objectives in jaxhb.design
 read                   Response.force, .torque, .gear_torque, .twist, .disk: a Signal; Response.mesh: contact
 start at once          cache_programs

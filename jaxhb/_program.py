@@ -31,7 +31,7 @@ OPTIONS = {
 """Of the compiler for CPUs, each passed where it is known."""
 
 COMPILED_BETWEEN_COUNTS = 20
-"""Programs compiled, each of up to some hundred memory maps, after which the maps of the process are counted again."""
+"""Programs compiled, several for a solve, after which the memory maps of the process are counted again."""
 
 
 class Program:

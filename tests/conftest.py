@@ -20,7 +20,7 @@ import compiling  # noqa: E402, F401
 import jax  # noqa: E402
 
 MOST_MAPS = 30_000
-"""Memory maps of a process above which its programs are dropped: a solve takes 600 to 900, and Linux gives 65530."""
+"""Memory maps of a process above which its programs are dropped: docs/how_to/start_up.md has what a solve takes."""
 
 LONGEST = (
     "test_examples",

@@ -1,5 +1,6 @@
 """What the README and the pages of the documentation show is what the package takes."""
 
+import argparse
 import ast
 import dataclasses
 import doctest
@@ -48,6 +49,15 @@ def test_every_command_shown_is_understood():
             parser().parse_args(arguments[: [*arguments, "|"].index("|")])
         except SystemExit as told:  # --version and --help print and end
             assert not told.code
+
+
+def test_the_table_of_files_names_the_commands_that_write_them():
+    commands = next(a for a in parser()._actions if isinstance(a, argparse._SubParsersAction)).choices
+    rows = re.findall(r"\n\| `(--\w+) FILE[.\w]*` \| ([^|]+) \|", page("how_to/data_and_files.md"))
+    assert [option for option, _ in rows] == ["--json", "--csv", "--netcdf", "--trace", "--plot"]
+    for option, told in rows:
+        takes = [name for name, command in commands.items() if f"{option} " in command.format_usage()]
+        assert sorted(re.findall(r"`(\w+)`", told)) == sorted(takes)
 
 
 def test_every_benchmark_shown_is_there():

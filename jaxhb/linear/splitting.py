@@ -3,7 +3,7 @@
 A polynomial is a tuple of coefficients, highest power first, in whatever numbers the links carry: with fractions all is
 exact. ``k_i = c_i + r_i p``; the polynomial R of a piece is monic, of a free tree without the factor p^2, of a piece
 that is held or has a loop the whole determinant over the inertias. Chapter 3 of the source, Table 1, as it must read
-(docs/theory C2, proved with random rationals), gamma_ij = k_i k_j / I_m^2 at the mass m shared by the links i and j:
+(docs/theory C2, checked with random rationals), gamma_ij = k_i k_j / I_m^2 at the mass m shared by the links i and j:
 
 ====  ================  ===========================================================================================
 row   system            equivalent

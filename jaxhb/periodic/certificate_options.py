@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from ..response.certificate import NORM_MARGIN, ROW_SUM_MARGIN
+
 
 @dataclass(frozen=True)
 class CertificateOptions:
@@ -24,9 +26,8 @@ class CertificateOptions:
     unsolved : share of a right side above which the inverse shows nothing
     rounded : share of the terms of F that rounding may leave
     iterated, restarts : share of a norm at which its iteration ends, and its restarts at most
-    norm_margin : factor on computed norms, whose iterations come from below
+    norm_margin, row_sum_margin : factors on iterated norms and on estimated row sums
     row_sum_vectors : at a time, of the estimate of largest absolute row sums
-    row_sum_margin : factor on them: the estimate is seldom off and never known to be right
     weight_scale : of the weights, over the limit of ``n |H(n)|``
     unsampled : share of the range of the engagement that samples may miss
     dense_disks : up to which the highest natural frequency is computed; beyond, it is bounded
@@ -53,9 +54,9 @@ class CertificateOptions:
     rounded: float = 1e-13
     iterated: float = 1e-2
     restarts: int = 100
-    norm_margin: float = 1.1
+    norm_margin: float = NORM_MARGIN
     row_sum_vectors: int = 3
-    row_sum_margin: float = 1.5
+    row_sum_margin: float = ROW_SUM_MARGIN
     weight_scale: float = 3.0
     unsampled: float = 0.01
     dense_disks: int = 2000

@@ -261,8 +261,10 @@ class _Classification:
             return None
         if not self.march.returns.period_at_end():  # it was only worth the question
             return self._irregular()
-        unconfirmed = "harmonic balance did not find the motion that time integration shows"
-        self.notes.append(f"{unconfirmed}: the numbers are those of recorded cycles")
+        self.notes.append(
+            "harmonic balance did not find the motion that time integration shows: the numbers are those of recorded "
+            "cycles (another tolerance or number of harmonics may find it)"
+        )
         return self._recorded(period)
 
     def _passed_by(self):

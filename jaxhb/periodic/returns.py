@@ -69,10 +69,10 @@ RETURN = ReturnOptions()
 class Cycles:
     """How long a march is at most.
 
-    transient : cycles before the record, by default 64 to 1024, more of them for trains whose cycles are cheap, and 512
-    or more for trains in which a mode that teeth notice decays slowly;
-    recorded : cycles of the record of a motion that does not return; most : cycles while return errors still fall, with
-    each length of steps.
+    transient : cycles before the record, by default 64 to 1024, more of them for trains whose cycles are cheap; where a
+    mode that teeth notice decays slowly, eight times its decay, up to 512 if cycles take long and 1024 if not;
+    recorded : cycles of the record of a motion that does not return, at least; most : cycles while return errors still
+    fall, with each length of steps.
     """
 
     transient: int | None = None

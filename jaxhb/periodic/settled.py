@@ -125,8 +125,8 @@ def _plan_of(train, rpm, request, side, apart, period):
 
 
 def compile_ahead(train, separates, request):
-    """Begin to make the programs that :func:`solve_settled` will run at speeds ``{rpm: whether the linear motion separates
-    teeth}``: in other threads, while these are marched.
+    """Begin to make the programs that :func:`solve_settled` will run at speeds ``{rpm: whether the linear motion
+    separates teeth}``: in other threads, while these are marched.
 
     Returns
     -------

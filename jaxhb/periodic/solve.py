@@ -66,7 +66,7 @@ def solve(
         contact is the answer if it holds, else a march, at last a few shots. Several periodic motions may exist at one
         speed: :func:`jaxhb.solve_all` searches for them.
     certify : bool, optional
-        Add an error bound, ``response.certificate`` (:func:`jaxhb.certify`); harmonics that are not fixed are
+        Add a computed bound, ``response.certificate`` (:func:`jaxhb.certify`); harmonics that are not fixed are
         raised until it holds, as far as they go. Not beside a plan.
     seconds : float, optional
         After which no further attempt begins; one is made in any case. Default: all are made. Not beside a plan.
@@ -107,7 +107,7 @@ def solve(
             raise ValueError("certify depends on values, which a plan rules out: pass the response to jaxhb.certify")
         return solve_planned(train, rpm, plan, start)
     if certify and traced(train, rpm):
-        raise ValueError("an error bound has no derivative: leave out certify where you differentiate solve")
+        raise ValueError("a computed bound has no derivative: leave out certify where you differentiate solve")
     now = concrete(train, rpm)
     if traced(now) or staged():
         raise TypeError("jit or vmap traces solve: pass plan=jaxhb.plan(train, rpm=...), made outside")

@@ -240,8 +240,8 @@ class _SpeedSweep:
         self._told |= {(self.way, index): state for index, state in states.items()}
 
     def chunk_by_chunk(self, indices, starts, progress):
-        """Steady states of some speeds by index, marched in chunks, from ``{index: (motion, its speed in rpm)}`` or from
-        teeth in contact."""
+        """Steady states of some speeds by index, marched in chunks, from ``{index: (motion, its speed in rpm)}`` or
+        from teeth in contact."""
         size, found = self.chunk or max(len(indices), 1), {}
         for first in range(0, len(indices), size):
             chunk = indices[first : first + size]

@@ -1,4 +1,4 @@
-"""An error bound: within what distance of a computed motion a true one exists, and what shows it."""
+"""A computed bound: within what distance of a computed motion one of the train lies, and what it was computed from."""
 
 from __future__ import annotations
 
@@ -7,6 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._shown import brief
+
+NORM_MARGIN, ROW_SUM_MARGIN = 1.1, 1.5
+"""Factors on norms, whose iterations come from below, and on largest row sums: their estimate is seldom off and never
+known to be right."""
+
+MARGINS = f"in double precision; margins on iterated norms x{NORM_MARGIN:g}, on estimated row sums x{ROW_SUM_MARGIN:g}"
+"""What is said beside the numbers of a bound."""
 
 
 @dataclass(frozen=True)
@@ -71,22 +78,22 @@ class Kantorovich:
 @brief
 @dataclass(frozen=True)
 class Certificate:
-    """How far a true periodic motion is from a computed one, made by :func:`jaxhb.certify`; ``str`` says it.
+    """How far a periodic motion of the train is from a computed one, made by :func:`jaxhb.certify`; ``str`` says it.
 
-    A check in double precision after the solve, with norms that are iterated and enlarged by a tenth: no interval
-    arithmetic.
+    A computed bound and no proof: all of it is in double precision without outward rounding. Norms are iterated and
+    taken times 1.1, largest row sums are estimated and taken times 1.5.
 
     Parameters
     ----------
-    reason : str, what failed and what to do; empty where a true motion is shown to exist
+    reason : str, what failed and what to do; empty where a bound holds
     meshes : tuple of str, those with backlash
     deflection_bound, elastic_bound, force_bound : ``(G,)`` m, N, N
-        Of each mesh the largest difference over the cycle between the computed and the true motion: of the deflection,
-        of the elastic tooth force and of the tooth force with its damping; inf where nothing is shown.
+        Of each mesh the largest difference over the cycle between the computed motion and that of the train: of the
+        deflection, of the elastic tooth force and of the tooth force with its damping; inf where no bound holds.
     Y0, Z1, Z2 : of the theorem, lengths in backlashes, at the motion that Newton's method finds on ``low`` harmonics
     small_gain : float, below 1 there is one motion of one cycle whatever the load (docs/theory A4.2)
     harmonic_balance : Kantorovich, of the truncated equations with exact integrals, weighted norm, backlashes
-    stable : bool or None, whether the true motion attracts; None where the bound does not decide it
+    stable : bool or None, whether the motion of the train attracts; None where the bound does not decide it
     harmonics, low, high : of the response, of the inverse, of the equation
     """
 
@@ -107,17 +114,17 @@ class Certificate:
 
     @property
     def holds(self) -> bool:
-        """Whether a true motion is shown to exist."""
+        """Whether the computed numbers meet the condition of the theorem, so that there is a bound."""
         return not self.reason
 
     @property
     def h0(self) -> float:
-        """``Y0 Z2``, at most 1/2 where a true motion is shown."""
+        """``Y0 Z2``, at most 1/2 where a bound holds."""
         return self.Y0 * self.Z2
 
     @property
     def radius(self) -> float:
-        """Distance of the true motion from the refined one, in backlashes, all the time and at every mesh."""
+        """Distance of the motion of the train from the refined one, in backlashes, all the time and at every mesh."""
         return Kantorovich(self.Z2, self.Y0, 1.0).radius if self.holds else np.inf
 
     @property
@@ -127,13 +134,12 @@ class Certificate:
 
     def __str__(self):
         if not self.holds:
-            return f"not certified: {self.reason}"
+            return f"no computed bound: {self.reason}"
         if not len(self.meshes):
             return "no mesh has backlash: the equations are linear and solved exactly"
         pairs = zip(self.meshes, self.force_bound, strict=True)
-        return "a true periodic motion exists, its tooth forces within " + ", ".join(
-            f"{bound:.2g} N ({name})" for name, bound in pairs
-        )
+        forces = ", ".join(f"{bound:.2g} N ({name})" for name, bound in pairs)
+        return f"computed bound: a periodic motion of the train with tooth forces within {forces} ({MARGINS})"
 
 
 _NONE = np.zeros(0)

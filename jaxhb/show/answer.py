@@ -35,6 +35,9 @@ class NoSignal:
         return {name: getattr(self, name) for name in ("mean", "min", "max", "half_peak_to_peak")}
 
 
+UNCONFIRMED = "not confirmed by harmonic balance"
+"""What is said of a motion that returns in time integration and that no harmonic solution repeats."""
+
 NO_SIGNAL = NoSignal()
 NAN = float("nan")
 NO_CONTACT = SteadyContact(NAN, NAN, NAN, NAN, 0)
@@ -87,7 +90,7 @@ class Answer:
     orbit : bool
         Whether the state is that of a periodic solution which the train need not run in.
     certificate : Certificate or str, optional
-        The error bound, or why there is none; None where it was not asked for.
+        The computed bound, or why there is none; None where it was not asked for.
     axis : Axis
         Along which a sweep goes; value : where on it, for what is not the speed.
     """
@@ -143,15 +146,28 @@ class Answer:
 
     @property
     def converged(self):
-        """Whether the harmonic solution is within its limits; None for a motion that can have none."""
-        if self.state.kind == "irregular":
-            return None
-        return self.response is not None and bool(self.response.converged)
+        """Whether the harmonic solution is within its limits; None for a motion that is known from recorded cycles."""
+        if self.response is None:
+            return None if self.known else False
+        return bool(self.response.converged)
 
     @property
     def answered(self):
-        """Whether the kind of motion is known, and converged if it is periodic."""
+        """Whether the speed has its answer, for the exit status and every table: the kind of motion is known, and its
+        numbers are those of recorded cycles or of a harmonic solution within its limits."""
         return self.known and self.converged is not False
+
+    @property
+    def unconfirmed(self):
+        """Whether no harmonic solution repeats a periodic motion: its numbers are those of recorded cycles."""
+        return self.known and self.response is None and self.state.kind != "irregular"
+
+    @property
+    def doubt(self):
+        """What to doubt of numbers that are there, in two words; "" of those to rely on."""
+        if self.unconfirmed:
+            return "not confirmed"
+        return "not converged" if self.known and not self.answered else ""
 
     @property
     def cycle_deg(self):

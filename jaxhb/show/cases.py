@@ -13,8 +13,6 @@ from .strength import answers_strength, strength_record, strength_text
 from .tables import hardest_text, irregularity_text, notes_text, peak_table
 from .words import status_lines, verdict
 
-DOUBT = ", NOT CONVERGED"
-
 
 @dataclass(frozen=True)
 class Case:
@@ -25,9 +23,9 @@ class Case:
 
 
 def solve_cases(trains, speeds, asked, *, folder=None, say=lambda text: None, advance=lambda count: None):
-    """Answer every train of ``{title: train}`` at every speed, upwards as a sweep does; ``say`` is told what comes next.
+    """Answer every train of ``{title: train}`` at every speed, upwards as a sweep does.
 
-    Steady states are kept in a ``folder`` as they are found, and read from there.
+    ``say`` is told what comes next. Steady states are kept in a ``folder`` as they are found, and read from there.
     """
     cases = []
     for number, (title, train) in enumerate(trains.items()):
@@ -143,7 +141,7 @@ def _turning_table(cases, number):
         *(f"irregularity of {disk}, %" for disk in disks),
         *(f"heat of {name}, W" for name in train.topology.damper_names),
     ]
-    heads = [case.title + DOUBT * _doubted(answer) for case, answer in zip(cases, answers, strict=True)]
+    heads = [_titled(case.title, answer) for case, answer in zip(cases, answers, strict=True)]
     return Table("Cyclic irregularity, (largest - smallest) / mean speed, and dampers", ["", *heads], [rows, *columns])
 
 
@@ -158,9 +156,9 @@ def _swing_table(title, what, names, read, cases, number, factor=1.0):
 
 
 def _groups(cases, number, width):
-    said = [case.title + DOUBT * _doubted(case.answers[number]) for case in cases]
+    said = [_titled(case.title, case.answers[number]) for case in cases]
     return [(title, 1 + i * width, (i + 1) * width) for i, title in enumerate(said)]
 
 
-def _doubted(answer):
-    return answer.known and not answer.answered
+def _titled(title, answer):
+    return ", ".join(filter(None, [title, answer.doubt.upper()]))

@@ -1,21 +1,22 @@
-"""The error bound of a solution in words and numbers: how far off its tooth forces and deflections can be."""
+"""The computed bound of a solution in words and numbers: how far off its tooth forces and deflections can be."""
 
 import numpy as np
 
 from ..periodic.certificate import certify
+from ..response.certificate import MARGINS, NORM_MARGIN, ROW_SUM_MARGIN
 from ..response.status import NotConverged
+from .answer import UNCONFIRMED
 from .balance import plain_number
 from .columns import Table, alike
 
-CHECK = "a check in double precision, no interval arithmetic"
-
-_STABLE = {True: "certainly it is", False: "certainly it is not", None: "not decided by the bound"}
+_STABLE = {True: "within the bound it is", False: "within the bound it is not", None: "not decided by the bound"}
 
 
 def certificate_of(answer, say=lambda text: None):
     """The Certificate of an answer's harmonic solution; a sentence where there can be none."""
     if answer.response is None and answer.known:
-        return "The motion does not repeat itself: an error bound needs a periodic one (--orbit asks for one)."
+        why = f"The motion is {UNCONFIRMED}" if answer.unconfirmed else "The motion does not repeat itself"
+        return f"{why}: a computed bound needs a harmonic solution (--orbit asks for one)."
     if not answer.known:
         return "There is no solution."
     say(f"{answer.rpm:g} rpm: how far off can it be?")
@@ -31,7 +32,7 @@ def certificate_text(answer, found):
 
 
 def certificate_parts(answer, found):
-    """What is certain, as a paragraph and a table; what failed where nothing is.
+    """The bound, as a paragraph and a table; what failed where there is none.
 
     Parameters
     ----------
@@ -44,19 +45,20 @@ def certificate_parts(answer, found):
         The last is a :class:`Table` where a bound holds.
     """
     if isinstance(found, str):
-        return [f"Error bound: none. {found}"]
+        return [f"Computed bound: none. {found}"]
     if not found.holds:
-        return [f"Error bound: none shown: {found.reason}"]
+        return [f"Computed bound: none: {found.reason}"]
     if not found.meshes:
-        return ["Error bound: no mesh has backlash: the equations are linear, solved to rounding."]
+        return ["Computed bound: no mesh has backlash: the equations are linear, solved to rounding."]
     forces = np.array([answer.force(name).peak for name in found.meshes]) / 1e3
     hardest = int(np.argmax(forces))
     bounds = found.force_bound / 1e3
     largest, within = f"{forces[hardest]:.4g} kN", f"{plain_number(_up(bounds[hardest]), 2)} kN"
     said = (
-        f"Error bound: the largest tooth force is {largest}, certainly within {within}: a true periodic motion of the\n"
-        f"train exists within the bounds below ({CHECK}).\n"
-        f"Whether it is stable: {_STABLE[found.stable]}."
+        f"Computed bound: the largest tooth force is {largest}, within {within} of that of a periodic motion of the "
+        "train\n"
+        f"({MARGINS}; no proof).\n"
+        f"Whether that motion is stable: {_STABLE[found.stable]}."
     )
     columns = [
         found.meshes,
@@ -83,6 +85,7 @@ def certificate_record(found):
     keys = "force_N", "elastic_force_N", "deflection_m"
     by_mesh = {name: dict(zip(keys, of_mesh, strict=True)) for name, *of_mesh in bounds}
     own = {"holds": found.holds, "reason": found.reason, "meshes": by_mesh}
+    own["margins"] = {"iterated_norms": NORM_MARGIN, "estimated_row_sums": ROW_SUM_MARGIN}
     own |= {
         key: getattr(found, key)
         for key in ("stable", "Y0", "Z1", "Z2", "h0", "radius", "small_gain", "harmonics", "low")

@@ -72,7 +72,7 @@ def report(train, arguments):
     if arguments.misfire and not each:
         trains[", ".join(arguments.misfire)] = train.misfire(*arguments.misfire)
     trains = {case_title(train, cylinders): one for cylinders, one in trains.items()}
-    # An error bound takes half a minute: only the speed that is shown in full gets one, at the end.
+    # A computed bound takes half a minute: only the speed that is shown in full gets one, at the end.
     asked, designs = dataclasses.replace(Asked.of(arguments), certify=False), [*trains.values(), *filter(None, [other])]
     kept = Kept(designs, ("report", arguments.rpm, asked))
     runs = len(designs) + arguments.tune + bool(arguments.misfire and (other or arguments.tune))

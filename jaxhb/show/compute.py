@@ -21,7 +21,7 @@ from .floquet import growth_of
 @dataclass(frozen=True)
 class Asked:
     """What was asked of every speed: the steady state or a periodic solution (``orbit``), how exactly, and whether
-    with an error bound."""
+    with a computed bound."""
 
     orbit: bool = False
     harmonics: int | None = None

@@ -23,10 +23,11 @@ EXAMPLES = """\
   jaxhb tune engine_with_damper --plot tuned.png"""
 
 STATUS = """\
-exit status: 0 the kind of motion is known at all speeds, and what is periodic has converged (residual and truncation
-error within their limits); 1 not so (files are still written); 2 bad input (nothing is written); 3 an error in the
-program. With --orbit: 0 converged at all speeds, 1 not; an unstable orbit is reported. A scene whose mean torques do
-not balance is bad input (2). If --set unbalances a scene, it is reported as such (1)."""
+exit status: 0 every speed has its answer: the kind of motion is known, and the harmonic solution of a periodic one is
+within its limits (residual and truncation error); what is "not confirmed by harmonic balance" is known from recorded
+cycles, an answer that a ? marks; 1 a speed has none (files are still written); 2 bad input (nothing is written); 3 an
+error in the program. With --orbit: 0 converged at all speeds, 1 not; an unstable orbit is reported. A scene whose mean
+torques do not balance is bad input (2). If --set unbalances a scene, it is reported as such (1)."""
 
 WITHOUT_SPEEDS = ("new", "scene", "scenes", "completion", "modes", "holzer")
 LINEAR = ("check", "campbell", "forced")

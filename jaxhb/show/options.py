@@ -75,8 +75,8 @@ def add_orbit(command):
 
 
 def add_certify(command, where=""):
-    """An error bound."""
-    text = f"prove that a true periodic motion exists nearby, and how far off tooth forces can be{where}; half a minute"
+    """A computed bound."""
+    text = f"a computed bound on how far off tooth forces can be{where}: double precision, no proof; half a minute"
     command.add_argument("--certify", action="store_true", help=text)
 
 

@@ -27,7 +27,7 @@ PARTS = {
     "One speed in full": cycle_part,
     "Limits": limits_part,
     "Second design": second_part,
-    "Accuracy and error bounds": bounds_part,
+    "Accuracy and computed bounds": bounds_part,
     "Notes": notes_part,
 }
 """Functions that make the parts of the page, by their titles, in its order."""

@@ -166,7 +166,7 @@ def _accuracy(arguments):
 
 
 def certified_at(cases, place, say):
-    """The cases with error bounds at one speed."""
+    """The cases with computed bounds at one speed."""
     from .certified import certificate_of
 
     found = []

@@ -1,4 +1,4 @@
-"""Parts of the page on what was found and how far it can be trusted: the result, error bounds, notes."""
+"""Parts of the page on what was found and how far it can be trusted: the result, computed bounds, notes."""
 
 import numpy as np
 
@@ -60,7 +60,7 @@ def _doubts(report):
 
 
 def bounds_part(report):
-    """How far the numbers can be trusted: residuals, truncation, power, error bounds."""
+    """How far the numbers can be trusted: residuals, truncation, power, computed bounds."""
     rows = [[case.title, *_accuracy(case.answers)] for case in report.cases]
     heads = ["", "speeds answered", "largest residual", "truncation error %", "at rpm", "power lost %"]
     title = (
@@ -71,7 +71,7 @@ def bounds_part(report):
     chosen = [(case.title, case.answers[report.place]) for case in report.shown]
     certified = [(title, answer) for title, answer in chosen if answer.certificate is not None]
     if not certified:
-        return [*blocks, "No error bound was asked for: --certify adds one at the speed that is shown in full."]
+        return [*blocks, "No computed bound was asked for: --certify adds one at the speed that is shown in full."]
     for title, answer in certified:
         first, *tables = certificate_parts(answer, answer.certificate)
         blocks += [f"{answer.rpm:g} rpm, {title}. {flowing(first)}", *tables]

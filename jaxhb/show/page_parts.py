@@ -41,7 +41,7 @@ class Report:
     cases : list of Case
         The train as it runs, then with misfires; the same speeds.
     place : int
-        Number of the speed at which the cycle is shown and error bounds are asked for.
+        Number of the speed at which the cycle is shown and computed bounds are asked for.
     asked : bool
         Whether the user chose that speed.
     gear : str, optional

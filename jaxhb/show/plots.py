@@ -50,7 +50,7 @@ def plot_cycle(answer, gear=None):
     swings = [f"{float(r.gear_torque(gear).half_peak_to_peak):.0f}" for r in (answer, answer.linear)]
     subject = f"torque that {gear} passes on, half peak-to-peak {swings[0] if answer.known else '-'} N m"
     kind = textwrap.fill(motion_text(answer), 110) if answer.known else ""
-    kind = kind if answer.answered or not answer.known else f"NOT CONVERGED: {kind}"
+    kind = f"{answer.doubt.upper()}: {kind}" if answer.doubt and not answer.answered else kind
     title = f"{_title(answer)}: {subject} (without backlash {swings[1]})\n{kind}"
     above.set_title(title, fontsize="medium")
     above.set_ylabel("torque, N m")

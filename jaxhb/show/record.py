@@ -37,7 +37,7 @@ def answer_record(answer, *, orders=None):
         ``[[order, A, phase in deg], ...]`` from the first harmonic of the motion's period on. Of a motion that does not
         repeat they are the quadratic mean over its cycles, with phase None, extremes are those over the record, and
         accelerations and the heat of meshes None. The list ends where all amplitudes that follow are below 1e-12 of the
-        largest. Tooth forces have eight times the harmonics of the motion. ``certificate`` where an error bound was
+        largest. Tooth forces have eight times the harmonics of the motion. ``certificate`` where a computed bound was
         asked for. Numbers that are not finite are None.
 
     Examples

@@ -5,6 +5,7 @@ import numpy as np
 from ..harmonic import fourier
 from ..response.record import PERCENT
 from ..response.signal import MISSED
+from .answer import UNCONFIRMED
 from .balance import ground_reactions, load_torques
 from .choose import gears, shafts_of
 from .output import as_csv
@@ -88,6 +89,8 @@ def untraceable(answer):
         return "the motion is not known"
     if not answer.answered:
         return "the motion is not converged"
+    if answer.unconfirmed:
+        return f"the motion is {UNCONFIRMED}, so there is no solution to trace (--orbit: a periodic solution)"
     return "the motion never repeats, so it has no period (--orbit: a periodic solution)" * (answer.response is None)
 
 

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from .answer import SPEED
+from .answer import SPEED, UNCONFIRMED
 from .choose import hardest_shaft, heaviest, largest, most_apart, shafts_of, worst_mesh
 from .columns import NONE, Table, alike, ranges, shares
 from .strength import answers_strength, strength_text
 from .tables import hardest_text, irregularity_text, notes_text
-from .words import UNCONFIRMED, motion_word, status_word, verdict
+from .words import motion_word, status_word, verdict
 
 BLOCKS = {"up": "Upwards", "down": "Downwards", "orbit": "Periodic solutions"}
 """Headings of the ways in which speeds are gone through."""
@@ -15,7 +15,7 @@ BLOCKS = {"up": "Upwards", "down": "Downwards", "orbit": "Periodic solutions"}
 WITHOUT = "without kN"
 
 DOUBT = "?"
-"""Behind numbers that are not converged."""
+"""Behind numbers that are not converged, or not confirmed by harmonic balance."""
 
 APART = 0.02
 """Difference of largest tooth forces from which two motions are told as different."""
@@ -59,15 +59,15 @@ def speed_table(answers, title=""):
 
 
 def _titled(title, answers):
-    """A title that explains the mark of numbers that are not converged, where there are any."""
-    doubted = any(answer.known and not answer.answered for answer in answers)
-    return "; ".join(filter(None, [title, f"{DOUBT}: not converged" * doubted]))
+    """A title that explains the mark of doubtful numbers, where there are any."""
+    doubts = " or ".join(dict.fromkeys(answer.doubt for answer in answers if answer.doubt))
+    return "; ".join(filter(None, [title, doubts and f"{DOUBT}: {doubts}"]))
 
 
 def _doubted(column, answers):
-    """A column with a mark behind the numbers that are not converged."""
+    """A column with a mark behind the doubtful numbers."""
     return [
-        f"{cell}{DOUBT}" if answer.known and not answer.answered and cell[:1].isdigit() else cell
+        f"{cell}{DOUBT}" if answer.doubt and cell[:1].isdigit() else cell
         for cell, answer in zip(column, answers, strict=True)
     ]
 
@@ -169,8 +169,9 @@ def _kinds(answers):
         }.get("" if answer.orbit else answer.state.kind)
         if answer.orbit and not answer.converged:
             said = f"NOT CONVERGED, {status_word(answer.status)},"
-        if said and not answer.answered and answer.state.kind == "subharmonic" and not answer.orbit:
-            said += f", {UNCONFIRMED}, WITHOUT AN ANSWER,"
+        elif answer.doubt and not answer.orbit:
+            doubt = UNCONFIRMED if answer.answered else f"{answer.doubt}, WITHOUT AN ANSWER"
+            said = f"{said or 'The motion has a period of one cycle'}, {doubt},"
         if said:
             alike_in.setdefault(said, []).append(answer.place)
     return [f"{said} at {axis.said(ranges(places, chosen, axis.to))}." for said, chosen in alike_in.items()]

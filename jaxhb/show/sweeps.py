@@ -148,8 +148,8 @@ def _axis(train, arguments):
         return SPEED, arguments.rpm
     name, values = arguments.over
     table, field, _ = locate(train.topology, name)
-    # A field that cannot change, or an end beyond its limits, is refused before anything is computed.
-    train.replace({name: values[0]}), train.replace({name: values[-1]})
+    for value in values:  # what is refused is refused before anything is computed or written
+        train.replace({name: value})
     return Axis(name, declared_field(table, field).metadata["range"].unit), values
 
 

@@ -41,8 +41,8 @@ def solve_text(answer):
         parts.append(_disk_table(answer))
     if answer.known and answer.response is not None:
         parts.append(_speed_table(answer))
-    if answer.known and not answer.answered:
-        parts = [f"NOT CONVERGED: {part}" for part in parts]
+    if answer.doubt:
+        parts = [f"{answer.doubt.upper()}: {part}" for part in parts]
     parts = ["\n".join(head), *parts]
     if answer.certificate is not None:
         parts.append(certificate_text(answer, answer.certificate))

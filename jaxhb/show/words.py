@@ -7,7 +7,7 @@ import numpy as np
 from ..periodic.request import MOST_HARMONICS
 from ..response.events import Homotopy, Shooting
 from ..response.status import Status
-from .answer import SPEED
+from .answer import SPEED, UNCONFIRMED
 from .balance import ground_notes, load_notes, plain_number
 from .choose import most_apart
 from .floquet import growth_text
@@ -15,8 +15,8 @@ from .floquet import growth_text
 LOST = 1e-3
 """Share of the power of the torques that may be lost without a note."""
 
-UNCONFIRMED = "not confirmed by harmonic balance"
-"""What is said of a motion that was marched and that no harmonic solution repeats: it is no answer."""
+_VALUE = re.compile(r"""(?P<name>(?<!\w)(?P<quote>['"]).*?(?<!\\)(?P=quote))|\b\d[\d.]*(e[-+]?\d+)?""")
+"""A value in a note, or a name in quotes, whose digits are no values."""
 
 GAP_SPRING_SHARE = 0.05
 KNEE_SHARE = 0.5
@@ -44,7 +44,7 @@ def motion_text(answer):
     if not answer.topology.mesh_names:
         kind = "periodic, period one cycle" if state.known else kind
     if state.known and answer.response is None:
-        kind += f"; {UNCONFIRMED}, without an answer" if answer.converged is False else ""
+        kind += f"; {UNCONFIRMED}" if answer.unconfirmed else ""
         kind += f"; numbers are the extremes over {state.record.cycles} recorded cycles"
     return "; ".join(filter(None, [kind, growth]))
 
@@ -63,8 +63,8 @@ def motion_word(answer):
         toothless = state.known and not answer.topology.mesh_names
         kind = "periodic" if toothless else state.kind  # as motion_text says
         parts.append(f"period {state.period}" if state.kind == "subharmonic" else kind)
-        if answer.known and answer.converged is False:
-            parts.append("not confirmed" if answer.status is None else status_word(answer.status))
+        if answer.doubt:
+            parts.append(answer.doubt if answer.answered else status_word(answer.status))
     return ", ".join([*parts, *["UNSTABLE"] * answer.growth.unstable])
 
 
@@ -123,9 +123,8 @@ def verdict(answer):
         return "No mesh has backlash: the teeth cannot separate."
     said = _hammering(answer, speed)
     doubts = []
-    if answer.converged is False:
-        unsolved = f"{UNCONFIRMED}, without an answer"
-        doubts.append(unsolved if answer.response is None else "not converged, do not rely on this")
+    if answer.doubt:
+        doubts.append(UNCONFIRMED if answer.answered else f"{answer.doubt}, do not rely on this")
     if answer.growth.unstable:
         doubts.append("unstable, the train does not run in this motion")
     if not doubts:
@@ -174,7 +173,8 @@ def speeds_text(answers):
 
 
 def _places(places, axis):
-    found = [f"{place:g}" for place in places]
+    """Places on the axis, each once, from the lowest on."""
+    found = [f"{place:g}" for place in sorted(set(places))]
     more = f" and {len(found) - SHOWN_SPEEDS} more" if len(found) > SHOWN_SPEEDS else ""
     return axis.said(f"{', '.join(found[:SHOWN_SPEEDS])}{more}")
 
@@ -261,15 +261,18 @@ def _trace_notes(answers):
 
 
 def once_alike(notes_of, axis=SPEED):
-    """Notes (place on the axis, text), once for those that differ in their numbers alone."""
-    alike, found = {}, []
-    for place, note in notes_of:
-        alike.setdefault(re.sub(r"\d[\d.e+]*", "#", note), []).append((place, note))
-    for told in alike.values():
-        others = f" (alike at {_places([place for place, _ in told[1:]], axis)})" if len(told) > 1 else ""
-        note = told[0][1]
-        found.append(f"At {axis.said(f'{told[0][0]:g}')} {note}{others}.")
-    return found
+    """Notes (place on the axis, text), once for those that differ in values alone, as it stands at the lowest place."""
+    alike = {}
+    for place, note in sorted(notes_of, key=lambda told: told[0]):
+        alike.setdefault(_VALUE.sub(lambda found: found["name"] or "#", note), []).append((place, note))
+    return [_told_once(told, axis) for told in alike.values()]
+
+
+def _told_once(told, axis):
+    place, note = told[0]
+    others = {other for other, _ in told} - {place}
+    alike = f" (alike at {_places(others, axis)})" if others else ""
+    return f"At {axis.said(f'{place:g}')} {note}{alike}."
 
 
 def _unsettled_notes(answers):
@@ -324,11 +327,9 @@ def warnings(answers):
 
 
 def _failure(answer):
-    if answer.status is not None and answer.status is not Status.CONVERGED:
+    if answer.status is not None:
         return f"{answer.status.name}, {_remedy(answer)}"
-    if not answer.known:
-        return f"the kind of motion is unknown: {'; '.join(answer.state.notes)}"
-    return f"{UNCONFIRMED}: only time integration shows this motion; try --tolerance or --harmonics"
+    return f"the kind of motion is unknown: {'; '.join(answer.state.notes).removesuffix('.')}"
 
 
 def _remedy(answer):

@@ -1,4 +1,4 @@
-"""Error bounds: against closed forms, dense norms, true motions and motions that do not exist."""
+"""Computed bounds: against closed forms, dense norms, true motions and motions that do not exist."""
 
 import dataclasses
 from functools import cache
@@ -16,7 +16,7 @@ import jaxhb
 from jaxhb._arrays import on_host
 from jaxhb.harmonic import backlash, chain, exact, fourier
 from jaxhb.harmonic.residual import backlash_meshes
-from jaxhb.periodic import certificate, proof
+from jaxhb.periodic import certificate, theorem
 from jaxhb.periodic.certificate import certify
 from jaxhb.periodic.certificate_options import CERTIFICATE
 from jaxhb.periodic.linearization import Linearization, NotInverted
@@ -106,7 +106,9 @@ def test_norms_are_those_of_dense_matrices():
     w = lin.weight[:17]
     columns = fourier.unpack(np.eye(33))[:, None]  # one motion each
     dense = np.array([fourier.pack(w * lin.inverse(lin.apply_gain(x)))[0] for x in columns]).T
-    np.testing.assert_allclose(proof._gain_norm(lin, 16), CERTIFICATE.norm_margin * np.linalg.norm(dense, 2), rtol=0.02)
+    np.testing.assert_allclose(
+        theorem._gain_norm(lin, 16), CERTIFICATE.norm_margin * np.linalg.norm(dense, 2), rtol=0.02
+    )
     count = 64
     zone = lin.near_transition(0.01, np.arange(count) / count)
     assert 0 < zone.mean() < 0.5
@@ -114,7 +116,9 @@ def test_norms_are_those_of_dense_matrices():
     to_samples = np.array([fourier.synthesize(fourier.unpack(row), count) for row in np.eye(33)])
     kernel = to_samples.T @ (dense / np.r_[w, w[1:]][:, None]) @ from_samples.T
     wanted = np.abs(kernel).sum(1).max()
-    np.testing.assert_allclose(proof._row_sum(lin, zone, count, False), CERTIFICATE.row_sum_margin * wanted, rtol=0.02)
+    np.testing.assert_allclose(
+        theorem._row_sum(lin, zone, count, False), CERTIFICATE.row_sum_margin * wanted, rtol=0.02
+    )
 
 
 def test_a_norm_is_the_largest_stretch_and_ends_where_enough_is_known():
@@ -138,8 +142,8 @@ def test_what_cannot_be_inverted_is_refused_at_once():
     # Slopes that the preconditioner does not know, so large that no Krylov space of so few steps holds the solution.
     lin._share = lin._share + np.random.default_rng(0).normal(size=lin._share.shape) * 1e6
     with pytest.raises(NotInverted):
-        proof.prove(lin, one_mass(), np.array([0]))
-    refused = proof.not_inverted(lin, one_mass(), np.array([0]))
+        theorem.bounds_at(lin, one_mass(), np.array([0]))
+    refused = theorem.not_inverted(lin, one_mass(), np.array([0]))
     assert not refused.holds
     assert refused.reason.startswith("the linearised equation could not be inverted well enough: the motion is near")
 
@@ -175,7 +179,7 @@ def test_exact_newton_steps_stay_below_the_corrected_bound():
     response, harmonics = solved(8), 8
     start = np.asarray(response.deflections) * 1.0
     start[0, 1] += 2e-4
-    case = proof.harmonic_balance(linearisation(dataclasses.replace(response, deflections=start), 16, 64), harmonics)
+    case = theorem.harmonic_balance(linearisation(dataclasses.replace(response, deflections=start), 16, 64), harmonics)
     assert 1e-3 < case.h0 <= 0.5
     w = np.sqrt(1 + np.arange(harmonics + 1.0) ** 2)
     h, y, errors = parameters()["h"], start, []
@@ -229,7 +233,7 @@ def test_a_singular_derivative_is_refused():
     given = dataclasses.replace(base, deflections=fourier.resize(x[None], 8), status=np.array(0))
     lin = linearisation(given, 32, 256)
     assert np.abs(lin.residual()).max() < 1e-9  # a motion it is
-    found = proof.prove(lin, train, np.array([0]))
+    found = theorem.bounds_at(lin, train, np.array([0]))
     assert not found.holds
 
 

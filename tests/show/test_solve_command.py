@@ -1,4 +1,4 @@
-"""``jaxhb solve``: exit status, files, sentences, error bounds, and the same numbers as from Python."""
+"""``jaxhb solve``: exit status, files, sentences, computed bounds, and the same numbers as from Python."""
 
 import dataclasses
 import math
@@ -9,6 +9,7 @@ import pytest
 from strict_json import read
 
 import jaxhb
+from jaxhb.periodic.certificate_options import CERTIFICATE
 from jaxhb.show.answer import Answer, orbit_state
 from jaxhb.show.cli import main
 from jaxhb.show.output import as_json, write_files
@@ -91,7 +92,7 @@ def test_the_verdict_comes_first_and_the_table_shows_both_forces(capsys):
     assert said.err == ""
 
 
-def test_an_error_bound_is_told_in_words_and_written_as_from_python(capsys, tmp_path):
+def test_a_computed_bound_is_told_in_words_with_its_margins_and_written_as_from_python(capsys, tmp_path):
     file = tmp_path / "r.json"
     assert main([*HAMMERING, "--certify", "--json", str(file)]) == 0
     said = capsys.readouterr().out
@@ -103,38 +104,44 @@ def test_an_error_bound_is_told_in_words_and_written_as_from_python(capsys, tmp_
     own = {"force_N": found.force_bound, "elastic_force_N": found.elastic_bound, "deflection_m": found.deflection_bound}
     assert mesh == pytest.approx({key: float(bound[0]) for key, bound in own.items()}, rel=1e-6)
     assert told["h0"] == pytest.approx(told["Y0"] * told["Z2"]) and told["h0"] <= 0.5
-    (sentence,) = [line for line in said.splitlines() if line.startswith("Error bound: ")]
-    largest, within = re.search(r"largest tooth force is (\S+) kN, certainly within (\S+) kN", sentence).groups()
+    (sentence,) = [line for line in said.splitlines() if line.startswith("Computed bound: ")]
+    largest, within = re.search(r"largest tooth force is (\S+) kN, within (\S+) kN of", sentence).groups()
     assert float(largest) == pytest.approx(float(response.force("gear a|gear b").peak) / 1e3, rel=1e-3)
     assert mesh["force_N"] <= 1e3 * float(within) <= 1.12 * mesh["force_N"]  # two digits, rounded up
-    assert "no interval arithmetic" in said
-    (row,) = [line.split() for line in said.partition("Error bound")[2].splitlines() if line.split()[:1] == ["gear"]]
+    assert told["margins"] == {
+        "iterated_norms": CERTIFICATE.norm_margin,
+        "estimated_row_sums": CERTIFICATE.row_sum_margin,
+    }
+    for name, margin in told["margins"].items():  # both stand beside the number, here and in Python
+        words = f"{name.replace('_', ' ')} x{margin:g}"
+        assert words in said and words in str(found)
+    (row,) = [line.split() for line in said.partition("Computed bound")[2].splitlines() if line.split()[:1] == ["gear"]]
     assert row[-2] == within
 
 
 @pytest.mark.parametrize("command", [["spur_pair", "--rpm", "2000"], ["six_cylinder_diesel", "--rpm", "1500"]])
-def test_teeth_in_contact_and_trains_without_teeth_have_an_error_bound_too(command, capsys, tmp_path):
+def test_teeth_in_contact_and_trains_without_teeth_have_a_computed_bound_too(command, capsys, tmp_path):
     file = tmp_path / "r.json"
     assert main(["solve", *command, "--certify", "--json", str(file)]) == 0
     told, said = read(file)["certificate"], capsys.readouterr().out
     assert told["holds"]
     if not told["meshes"]:
-        assert "Error bound: no mesh has backlash" in said
+        assert "Computed bound: no mesh has backlash" in said
     for mesh in told["meshes"].values():
         assert mesh["force_N"] < 1e-3
 
 
-def test_a_motion_that_never_repeats_has_no_error_bound(capsys, tmp_path):
+def test_a_motion_that_never_repeats_has_no_computed_bound(capsys, tmp_path):
     file = tmp_path / "r.json"
     light = ["--set", "gear a|gear b.damping=10"]
     assert main(["solve", "spur_pair", "--rpm", "6000", *light, "--certify", "--json", str(file)]) == 0
     told = read(file)["certificate"]
     assert told["holds"] is False
-    assert told["reason"].startswith("The motion does not repeat itself") and "--orbit" in told["reason"]
-    assert f"Error bound: none. {told['reason']}" in capsys.readouterr().out
+    assert "does not repeat" in told["reason"] and "--orbit" in told["reason"]
+    assert f"Computed bound: none. {told['reason']}" in capsys.readouterr().out
 
 
-def test_without_the_option_nothing_is_said_of_an_error_bound(hammering):
+def test_without_the_option_nothing_is_said_of_a_computed_bound(hammering):
     assert "certificate" not in hammering[2]
 
 

@@ -1,4 +1,4 @@
-"""A certificate: within what distance of a computed motion a true periodic motion exists (Fridman 2009, ch. 4 and 5).
+"""The theorem behind a certificate, its numbers computed without outward rounding (Fridman 2009, ch. 4 and 5).
 
 The theorem of Newton and Kantorovich on the untruncated equation of the deflections, ``F(y) = y - y_lin + H psi(y)``
 ``= 0`` (:mod:`jaxhb.periodic.linearization`). With A the inverse of ``F'(ybar)`` on the low harmonics and 1 beyond,
@@ -65,9 +65,9 @@ def _certificate(lin, train, gaps, Y0, Z1, Z2):
     )
 
 
-def prove(lin, train, gaps):
-    """The numbers of the theorem around the motion of ``lin``, and what follows for the true one; raises
-    NotInverted."""
+def bounds_at(lin, train, gaps):
+    """The numbers of the theorem around the motion of ``lin``, and what follows for that of the train;
+    raises NotInverted."""
     law, low, high = lin.law, lin.sizes.low, lin.sizes.high
     E, grid = lin.embedding, CERTIFICATE.samples * low // 4
 
@@ -260,7 +260,7 @@ def _reason(lin, Y0, Z1, Z2):
         )
     if not Y0 * Z2 <= 0.5:
         return (
-            f"no true motion is shown to be near (Y0 = {Y0:.2g} backlashes, must be below {0.5 / Z2:.2g}): this is no "
-            f"motion of the untruncated equations, or its harmonics beyond {low} matter; use more harmonics."
+            f"no motion of the train is found near (Y0 = {Y0:.2g} backlashes, must be below {0.5 / Z2:.2g}): this "
+            f"is no motion of the untruncated equations, or its harmonics beyond {low} matter; use more harmonics."
         )
     return ""

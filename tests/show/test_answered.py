@@ -1,0 +1,135 @@
+"""Which speeds have an answer: one rule for the exit status of ``solve``, ``sweep`` and ``report``, and their files."""
+
+import csv
+import dataclasses
+from functools import partial
+
+import numpy as np
+import pytest
+from strict_json import read
+
+import jaxhb
+from jaxhb.periodic.solve import linear_response
+from jaxhb.show.answer import Answer
+from jaxhb.show.certified import certificate_of
+from jaxhb.show.cli import main
+from jaxhb.show.compute import Asked, answer_one
+from jaxhb.show.rows import answer_row, untraceable
+from jaxhb.show.sweep_tables import motion_sentences, speed_table
+from jaxhb.show.words import motion_text, motion_word, notes, once_alike, speeds_text, verdict, warnings
+
+MESH = "gear a|gear b"
+COMMANDS = [[name, "spur_pair", "--rpm", "5000"] for name in ("solve", "sweep", "report")]
+
+
+@pytest.fixture
+def recorded(monkeypatch):
+    """Commands whose periodic motions are known from recorded cycles alone."""
+    monkeypatch.setattr("jaxhb.show.compute.steady_state", partial(jaxhb.steady_state, exact=False))
+
+
+@pytest.fixture(scope="module")
+def solved():
+    """A hammering speed as harmonic balance has it."""
+    return answer_one(jaxhb.load_scene("spur_pair"), 5000.0, Asked())
+
+
+@pytest.fixture(scope="module")
+def unsure(solved):
+    """The same speed, which harmonic balance did not confirm."""
+    state = jaxhb.steady_state(solved.train, rpm=5000.0, exact=False)
+    return Answer(solved.train, state, linear_response(solved.train, rpm=5000.0))
+
+
+def records_of(file, command):
+    """The objects of all speeds in the JSON of a command."""
+    found = read(file)
+    return found["cases"][0]["responses"] if command == "report" else found.get("responses", [found])
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command[0])
+def test_a_motion_known_from_recorded_cycles_is_an_answer(command, recorded, capsys, tmp_path, solved):
+    files = [tmp_path / "f.json", tmp_path / "f.csv"]
+    assert main([*command, "--json", str(files[0]), "--csv", str(files[1])]) == 0
+    assert capsys.readouterr().err == ""
+    (record,) = records_of(files[0], command[0])
+    assert (record["motion"]["kind"], record["converged"], record["status"]) == ("periodic", None, None)
+    largest = float(solved.force(MESH).max)
+    assert record["meshes"][MESH]["max"] == pytest.approx(largest, rel=0.01)  # what a record is good for
+    with files[1].open() as text:
+        (row,) = csv.DictReader(text)
+    assert float(row[f"{MESH} max N"]) == record["meshes"][MESH]["max"] and row["status"] == ""
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command[0])
+def test_a_harmonic_solution_beyond_its_limits_is_no_answer(command, capsys, tmp_path):
+    file = tmp_path / "f.json"
+    assert main([*command, "--harmonics", "16", "--tolerance", "1e-12", "--json", str(file)]) == 1
+    assert "TOLERANCE_NOT_MET" in capsys.readouterr().err
+    assert [record["converged"] for record in records_of(file, command[0])] == [False]
+
+
+def test_only_what_is_unknown_or_beyond_its_limits_has_no_answer(solved, unsure):
+    failed = dataclasses.replace(solved.response, status=np.int32(jaxhb.Status.TOLERANCE_NOT_MET))
+    beyond = dataclasses.replace(solved, state=dataclasses.replace(solved.state, response=failed))
+    unknown = dataclasses.replace(solved, state=dataclasses.replace(solved.state, kind="unknown", response=None))
+    irregular = dataclasses.replace(unsure, state=dataclasses.replace(unsure.state, kind="irregular", period=0))
+    every = [solved, unsure, irregular, beyond, unknown]
+    assert [answer.answered for answer in every] == [True, True, True, False, False]
+    assert [answer.converged for answer in every] == [True, None, None, False, False]
+    assert [answer.doubt for answer in every] == ["", "not confirmed", "", "not converged", ""]
+    assert [len(warnings([answer])) for answer in every] == [0, 0, 0, 1, 1]
+    assert [answer_row(answer)[f"{MESH} max N"] is None for answer in every] == [False] * 3 + [True] * 2
+
+
+def test_a_motion_that_harmonic_balance_did_not_confirm_is_marked_in_one_way(solved, unsure):
+    twice = dataclasses.replace(unsure, state=dataclasses.replace(unsure.state, kind="subharmonic", period=2))
+    for answer, period, word in ((unsure, "one cycle", "periodic"), (twice, "2 cycles", "period 2")):
+        told = motion_sentences([solved, answer])[1:]
+        assert told == [f"The motion has a period of {period}, not confirmed by harmonic balance, at 5000 rpm."]
+        assert motion_word(answer) == f"{word}, not confirmed"
+        assert "; not confirmed by harmonic balance; numbers are the extremes over" in motion_text(answer)
+        assert verdict(answer).startswith("Not confirmed by harmonic balance: the teeth hammer")
+        assert "not confirmed" in untraceable(answer) and "not confirmed" in certificate_of(answer)
+    table = speed_table([solved, unsure])
+    assert [cell.endswith("?") for cell in table.columns[table.heads.index("with kN")]] == [False, True]
+    assert table.title == "?: not confirmed"
+
+
+@pytest.mark.parametrize("values", ["0.002,-1,0.003", "-1,0.002,0.003", "0.002,0.003,-1"])
+@pytest.mark.parametrize("direction", ["up", "down"])
+def test_a_value_that_is_refused_leaves_no_file(values, direction, capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr("jaxhb.show.sweeps.answer_values", lambda *args, **given: pytest.fail("computed"))
+    files = ["--csv", str(tmp_path / "s.csv"), "--json", str(tmp_path / "s.json")]
+    command = ["sweep", "spur_pair", "--rpm", "3000", "--over", f"gear a.damping={values}", "--direction", direction]
+    assert main([*command, *files]) == 2
+    assert "damping is -1 N m s/rad, must be at least 0 N m s/rad" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["cylinder {}", "o'ring {}", 'a "{}" b', 'it\'s {} "x"'])
+def test_notes_on_elements_whose_names_differ_in_a_digit_stay_apart(name):
+    names = [repr(name.format(k)) for k in (1, 2)]
+    told = [(rpm, f"the speed lies outside of {own} ({rpm / 3:g} rpm)") for rpm in (900.0, 600.0) for own in names]
+    assert once_alike(told) == [
+        f"At 600 rpm the speed lies outside of {own} (200 rpm) (alike at 900 rpm)." for own in names
+    ]
+
+
+@pytest.mark.parametrize(("first", "second"), [("5.24e+03 N", "0.01 N"), ("1e-05", "3"), ("2.5 cycles.", "31 cycles.")])
+def test_notes_that_differ_in_values_are_told_once_with_each_speed_once_and_in_order(first, second):
+    places = [1472.0, 2500.0, 4000.0, 800.0, 1472.0, 2500.0, 800.0]
+    (said,) = once_alike([(place, f"takes {first if place == 800 else second}") for place in places])
+    assert said == f"At 800 rpm takes {first} (alike at 1472, 2500, 4000 rpm)."
+    (alone,) = once_alike([(800.0, "the same"), (800.0, "the same")])
+    assert alone == "At 800 rpm the same."
+
+
+def test_speeds_are_listed_from_the_lowest_on_each_once(solved):
+    answers = [dataclasses.replace(solved, value=value) for value in (3.0, 1.0, 2.0, 3.0, 1.0)]
+    assert speeds_text(answers) == "1, 2, 3 rpm"
+
+
+def test_notes_of_a_report_do_not_repeat_a_speed_that_two_cases_have(unsure):
+    noted = dataclasses.replace(unsure, state=dataclasses.replace(unsure.state, notes=("the record is short",)))
+    assert [note for note in notes(noted, noted) if "record" in note] == ["At 5000 rpm the record is short."]
