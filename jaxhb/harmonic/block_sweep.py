@@ -37,7 +37,7 @@ UNHELD = 1e-30
 
 
 def last_pivot(pivot):
-    """A last pivot, that of the whole train: where it vanishes exactly the motion is huge, on all versions of jax alike.
+    """A last pivot, that of the whole train: where it vanishes the motion is huge, on all versions of jax alike.
 
     What a division by zero makes of a complex number, and what LAPACK does with it, is infinite on some and nan on
     others, as numbers are that have overflowed.

@@ -16,7 +16,7 @@ from . import correction
 from .derivative import attach
 from .newton import relative_residual, solve_chain, solve_reduced
 from .newton_start import deflections_on_flank, marched
-from .problem import fields, held_in_contact, model_of, offset_load, power_defect, reduced_equation
+from .problem import fields, held_in_contact, model_of, power_defect, reduced_equation
 
 
 @dataclass(frozen=True)
