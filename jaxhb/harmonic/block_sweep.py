@@ -25,9 +25,24 @@ def quotient(numerator, denominator):
     """Complex quotient, 0 where the denominator is 0 (a ring behind a purely viscous link at the mean).
 
     Written out: the library's division is safe from overflow beyond 1e154 and costs as much as the rest of a sweep.
+    There it is nan, so that nothing that has lost a link counts as an answer.
     """
     square = denominator.real**2 + denominator.imag**2
-    return numerator * jnp.conj(denominator) * jnp.where(square == 0, 0.0, 1 / jnp.where(square == 0, 1.0, square))
+    inverse = jnp.where(square < jnp.inf, 1 / jnp.where(square == 0, 1.0, square), jnp.nan)
+    return numerator * jnp.conj(denominator) * jnp.where(square == 0, 0.0, inverse)
+
+
+UNHELD = 1e-30
+"""What stands for a last pivot of exactly zero, in N/m or over one: far below what rounding leaves of any other."""
+
+
+def last_pivot(pivot):
+    """A last pivot, that of the whole train: where it vanishes the motion is huge, on all versions of jax alike.
+
+    What a division by zero makes of a complex number, and what LAPACK does with it, is infinite on some and nan on
+    others, as numbers are that have overflowed.
+    """
+    return jnp.where(pivot == 0, UNHELD, pivot)
 
 
 def nonzero_pivot(pivot, link):
@@ -124,7 +139,7 @@ def scalar_sweep(at, near, far, link, node, load, forces=None):
     below_root = jax.tree.map(lambda a: a[:-1], (at.own, at.above, near, far, link, node, load))
     (stiffness, moment), held = lax.scan(eliminate, tuple(nothing), below_root)
     # All that hangs on the root has arrived: its displacement is known, and with it, parent by parent, all others.
-    root = (load[-1] + moment[at.own[-1]]) / (node[-1] + stiffness[at.own[-1]])
+    root = (load[-1] + moment[at.own[-1]]) / last_pivot(node[-1] + stiffness[at.own[-1]])
 
     def substitute(motion, item):
         own, above, follow, transfer, free, push = item

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from .block_sweep import nonzero_pivot, quotient, scalar_sweep
+from .block_sweep import last_pivot, nonzero_pivot, quotient, scalar_sweep
 
 
 def frequencies(frequency, harmonics):
@@ -106,11 +106,26 @@ def _solve_linear_jvp(forces, primals, tangents):
     return (displacement, force[:, :forces]), (change[0], change[1] + held[:, :forces])
 
 
+def balance(system, omega, load, displacement, force):
+    """How loads ``(S, H)`` are taken: the largest force left on a disk, the largest load, and the largest force of all
+    links, inertias, dampers and grounds, ``(H,)`` N each."""
+    mass, damping, ground = (jnp.asarray(a)[:, None] for a in (system.mass, system.damping, system.ground))
+    left = load - disk_stiffness(omega, mass, damping, ground) * displacement - system.spread(force)
+    # A train that moves as one at its resonance strains no link.
+    own = (omega**2 * mass + omega * damping + ground) * _size(displacement)
+    left, load, force = (jnp.max(_size(a), axis=0, initial=0.0) for a in (left, load, force))
+    return left, load, jnp.maximum(force, jnp.max(own, axis=0))
+
+
+def _size(values):
+    return jnp.abs(values.real) + jnp.abs(values.imag)
+
+
 def _sweep(system, C, node, load, forces):
     """The elimination of the tree with links ``C`` and disks ``node``, closed by the links outside it."""
     tree = system.tree
     if not len(C):
-        return load / node[:, None], jnp.zeros((0, *load[:, :forces].shape[1:]), load.dtype)
+        return load / last_pivot(node[:, None]), jnp.zeros((0, *load[:, :forces].shape[1:]), load.dtype)
     near = jnp.where(tree.from_a, system.arm_a[tree.link], system.arm_b[tree.link])
     far = jnp.where(tree.from_a, system.arm_b[tree.link], system.arm_a[tree.link])
     loops = len(tree.loops)
@@ -143,7 +158,10 @@ def _close_loops(system, C, displacement, link_force, loops):
     receptance = system.deflections(unit, system.tree.loops)
     C_loop = C[system.tree.loops].T[:, :, None]
     matrix = jnp.eye(loops) + C_loop * receptance.transpose(2, 0, 1)
-    closing = jnp.linalg.solve(matrix, C_loop * gap.transpose(2, 0, 1))
+    factors, swaps = jax.scipy.linalg.lu_factor(matrix)
+    pivots = jnp.eye(loops, dtype=bool)
+    factors = jnp.where(pivots, last_pivot(factors), factors)
+    closing = jax.scipy.linalg.lu_solve((factors, swaps), C_loop * gap.transpose(2, 0, 1))
     displacement = given - jnp.einsum("slh,hlr->srh", unit, closing)
     closing = closing[..., : link_force.shape[1] - loops]
     force = link_force[:, loops:] - jnp.einsum("klh,hlr->krh", link_force[:, :loops], closing)

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 from jax import lax
 
 from . import backlash, exact, fourier
-from .linear_train import frequencies, receptance, solve_linear
+from .linear_train import balance, frequencies, receptance, solve_linear
 
 CHUNK = 64
 """Harmonics swept at a time: even a finely divided train then stays in the cache of a processor."""
@@ -114,16 +114,14 @@ class CondensedTrain:
     """The linear train under its load, and under forces at the active meshes as well.
 
     system : System; frequency : rad/s; load : complex ``(S, E+1)`` N; columns ``(S, G)`` of D^T of the active
-    meshes. Under the load alone: mean_displacement ``(S,)`` m, mean_force ``(L,)`` N and the largest link force N.
+    meshes; balance : how the train takes the load alone (:func:`~.linear_train.balance`), ``(E+1,)`` N each.
     """
 
     system: object
     frequency: jax.Array
     load: jax.Array
     columns: jax.Array
-    mean_displacement: jax.Array
-    mean_force: jax.Array
-    largest_force: jax.Array
+    balance: tuple
 
     def combine(self, nonlinear_force):
         """Displacements ``(S, n+1)`` and link forces ``(L, n+1)`` with nonlinear forces ``(G, n+1)`` of the meshes."""
@@ -154,8 +152,9 @@ def reduce(system, frequency, load, harmonics, active, active_index, law, viscou
     """
     load = load[:, : harmonics + 1]
     columns = system.incidence(active_index) * active
-    displacement, force = solve_linear(system, frequencies(frequency, load.shape[-1] - 1), load[:, None])
-    linear = system.deflections(displacement[:, 0], active_index) * active[:, None]
+    excited = frequencies(frequency, load.shape[-1] - 1)
+    displacement, force = (a[:, 0] for a in solve_linear(system, excited, load[:, None]))
+    linear = system.deflections(displacement, active_index) * active[:, None]
     # Equal chunks make one program; harmonics that fill the last one up are dropped again.
     chunks = -(-(harmonics + 1) // CHUNK)
     omega = frequencies(frequency, chunks * -(-(harmonics + 1) // chunks) - 1).reshape(chunks, -1)
@@ -168,6 +167,5 @@ def reduce(system, frequency, load, harmonics, active, active_index, law, viscou
         viscous=viscous,
         contact_damping=contact_damping,
     )
-    largest_force = jnp.max(jnp.abs(force), initial=0.0)
-    mean = displacement[:, 0, 0].real, force[:, 0, 0].real
-    return reduced, CondensedTrain(system, frequency, load, columns, *mean, largest_force)
+    taken = balance(system, excited, load, displacement, force)
+    return reduced, CondensedTrain(system, frequency, load, columns, taken)

@@ -21,7 +21,8 @@ eigenvalues of motions that creep back a little off the real axis."""
 ALIKE = 0.5
 """Least modal assurance criterion of a damped and an undamped mode that count as the same."""
 AT_REST = 1e-10
-"""Modulus, over the largest one, that is rounding of a motion without force."""
+"""Modulus, over the largest number of the pencil, that is rounding of a motion without force. Not over the largest
+eigenvalue: a disk without inertia on links with little damping r relaxes at k/r, which no mode knows of."""
 
 
 @brief
@@ -34,7 +35,8 @@ class DampedModes:
     names : tuple of str, the S disks
     eigenvalues : complex ``(m,)`` 1/s, lambda of the modes that oscillate, by rising imaginary part
     shapes : complex ``(m, S)`` angles of the disks, the largest is 1
-    decay_rates : ``(n,)`` 1/s, -Re lambda of motions that creep back without oscillation, rising; not of rest
+    decay_rates : ``(n,)`` 1/s, -Re lambda of motions that creep back without oscillation, rising; not of rest, nor of
+        what is some 1e12 times as fast as the train (a disk without inertia on links with next to no damping)
     """
 
     names: tuple
@@ -84,10 +86,9 @@ def damped_modes(train: DriveTrain) -> DampedModes:
     ([(-1+9.949874j)], [0.1])
     """
     system = on_host(chain.assemble(train))
-    values, velocity = _eigenpairs(system)
-    largest = np.abs(values).max(initial=0.0)
+    values, velocity, resolved = _eigenpairs(system)
     order = np.argsort(values.imag, kind="stable")
-    order = order[np.abs(values[order]) > AT_REST * largest]
+    order = order[np.abs(values[order]) > AT_REST * resolved]
     slant = values.imag[order] / np.abs(values[order])
     oscillating, creeping = order[slant > CREEPING], order[np.abs(slant) <= CREEPING]
     angles = velocity[:, oscillating] / system.radius[:, None]
@@ -194,7 +195,8 @@ def _lehr(eigenvalues):
 
 
 def _eigenpairs(system):
-    """Finite eigenvalues with the displacements' velocities ``(S, n)`` of the first-order equations in v and l."""
+    """Finite eigenvalues with the displacements' velocities ``(S, n)`` of the first-order equations in v and l, and the
+    largest number 1/s of these equations, to which they are rounded."""
     elastic, held = np.flatnonzero(system.stiffness), np.flatnonzero(system.ground)
     incidence = system.incidence().T
     rows = np.concatenate([incidence[elastic], np.eye(len(system.mass))[held]])
@@ -214,8 +216,9 @@ def _eigenpairs(system):
     left[disks:, :disks] = E
     right[:disks, :disks] = np.diag((system.mass[taken] > 0).astype(float))
     (alpha, beta), vectors = eig(left, right, homogeneous_eigvals=True)
+    largest = np.abs(left).max(initial=0.0)
     # Disks without inertia add eigenvalues at infinity, where beta is 0 but for rounding.
-    finite = np.abs(beta) > 1e-12 * np.abs(alpha)
+    finite = np.abs(beta) * largest > 1e-12 * np.abs(alpha)
     velocity = np.zeros((len(system.mass), int(finite.sum())), complex)
     velocity[taken] = scale[:, None] * vectors[:disks, finite]
-    return alpha[finite] / beta[finite], velocity
+    return alpha[finite] / beta[finite], velocity, largest

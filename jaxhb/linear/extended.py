@@ -101,7 +101,8 @@ def _sum(a, b):
 def _joined(high, low):
     """The sum of a number and one much smaller."""
     total = high + low
-    return Doubled(total, low - (total - high))
+    # Without the barrier compilers compute every number again wherever it is used, product within product.
+    return Doubled(*lax.optimization_barrier((total, low - (total - high))))
 
 
 def _leading(a):

@@ -44,7 +44,7 @@ class ForcedOptions:
     ----------
     lanes, cells : speeds times harmonics swept together, and times disks: what a sweep holds then stays in the cache of
         a processor
-    singular : link force over load beyond which rounding alone is left: an undamped resonance
+    singular : force of a link or disk over load beyond which rounding alone is left: an undamped resonance
     unsolved : force left on a disk, over the largest force, from which the equations count as singular
     unbalanced : the same of the mean, over mean loads and forces, from which mean torques count as unbalanced
     samples : time samples per cycle, at least, and 16 per harmonic, at which extremes are looked for
@@ -218,7 +218,8 @@ def _answer(train, system, rigid, rpm, torque):
         amplitude = settled_amplitudes((train, system, rpm, omega, load)) if own else jnp.zeros((speeds, 0))
         system = varied(train, system, rpm, omega, amplitude)
     displacement, force = (a[:, 0] for a in linear_train.solve_linear(system, omega, load[:, None]))
-    residual, status = _outcome(system, omega, load, displacement, force, shape)
+    taken = linear_train.balance(system, omega, load, displacement, force)
+    residual, status = judged(*(a.reshape(shape) for a in taken))
     # For the mean the sweep holds a floating train at its root: the rigid rotation that this leaves goes out again.
     mean = (omega == 0) * chain.drift(system, rigid, displacement.real)
     angle = chain.to_angles(system, displacement - mean)
@@ -262,20 +263,16 @@ def _square(values):
     return values.real**2 + values.imag**2
 
 
-def _outcome(system, omega, load, displacement, force, shape):
-    """Residual and status of each speed, from what the links leave of the load on the disks."""
-    columns = (a[:, None] for a in (system.mass, system.damping, system.ground))
-    left = load - linear_train.disk_stiffness(omega, *columns) * displacement - system.spread(force)
-    left, loads, forces = (jnp.max(_size(a), axis=0, initial=0.0).reshape(shape) for a in (left, load, force))
-    size = jnp.max(loads, axis=1) + jnp.max(forces, axis=1)
+def judged(left, load, force):
+    """Residual and status ``(...)`` of linear solves, from their :func:`~.linear_train.balance` ``(..., H)``.
+
+    Singular equations have a huge motion, or forces that miss the balance, and are finite; what is not has overflowed.
+    """
+    size = jnp.max(load, axis=-1) + jnp.max(force, axis=-1)
     # The mean is judged by itself below: torques that do not balance are no fault of the sweep.
-    residual = jnp.max(left[:, 1:], axis=1, initial=0.0) / jnp.where(size > 0, size, 1.0)
-    solved = (residual <= FORCED.unsolved) & (jnp.max(forces, axis=1) <= FORCED.singular * jnp.max(loads, axis=1))
-    status = jnp.where(solved, Status.CONVERGED, Status.NEAR_SINGULAR)
-    balanced = left[:, 0] <= FORCED.unbalanced * (loads[:, 0] + forces[:, 0])
-    status = jnp.where(balanced, status, Status.UNBALANCED)
-    return residual, jnp.where(jnp.isfinite(size), status, Status.NONFINITE)
-
-
-def _size(values):
-    return jnp.abs(values.real) + jnp.abs(values.imag)
+    residual = jnp.max(left[..., 1:], axis=-1, initial=0.0) / jnp.where(size > 0, size, 1.0)
+    balanced = left[..., 0] <= FORCED.unbalanced * (load[..., 0] + force[..., 0])
+    solved = (residual <= FORCED.unsolved) & (jnp.max(force, axis=-1) <= FORCED.singular * jnp.max(load, axis=-1))
+    status = jnp.where(balanced, Status.CONVERGED, Status.UNBALANCED)
+    status = jnp.where(solved, status, Status.NEAR_SINGULAR)
+    return residual, jnp.where(jnp.isfinite(size + left.sum(-1)), status, Status.NONFINITE)

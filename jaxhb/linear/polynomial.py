@@ -25,23 +25,9 @@ from .._arrays import Array, Numbers
 from .._program import Program
 from .._shown import brief
 from ..harmonic import chain
-from ..harmonic.block_sweep import slots
 from ..model.drivetrain import DriveTrain
-from ..model.elements import SceneError
 from .extended import Scaled, doubled, rescaled, scaled_product, shifted
-
-
-@dataclass(frozen=True)
-class _Parts:
-    """Parts that hang on a spine of disks, eliminated in ``order`` (host): link, place and place above of each."""
-
-    order: np.ndarray
-    link: np.ndarray
-    own: np.ndarray
-    above: np.ndarray
-    places: int
-    spine: tuple
-    joints: tuple
+from .spine import spine_of, ways_between
 
 
 def characteristic(train: DriveTrain, p: Array) -> Scaled:
@@ -75,13 +61,15 @@ def characteristic(train: DriveTrain, p: Array) -> Scaled:
 
 @Program
 def _characteristic(train, p):
-    return _determinant(chain.assemble(train), _spine(train), p)
+    system = chain.assemble(train)
+    return _over_inertias(system, _determinant(system, spine_of(train), p))
 
 
 def frequency_response(train: DriveTrain, disk: str, at: str, hz: Numbers) -> Array:
-    """Receptance of a train without closed loops from polynomials of its parts.
+    """Receptance of a train with at most one closed loop from polynomials of its parts.
 
-    ``H = prod k (over the links between the two disks) . D(the rest, the disks between held) / D``.
+    ``H = sum (over the ways between the two disks) of prod k (over its links) . D(the rest, its disks held) / D``: one
+    way, or the two round the loop.
 
     Parameters
     ----------
@@ -97,7 +85,7 @@ def frequency_response(train: DriveTrain, disk: str, at: str, hz: Numbers) -> Ar
     Raises
     ------
     SceneError
-        If there is no such disk, or if the train has a closed loop.
+        If there is no such disk, or if there is more than one closed loop.
 
     Examples
     --------
@@ -115,23 +103,33 @@ def frequency_response(train: DriveTrain, disk: str, at: str, hz: Numbers) -> Ar
 @partial(Program, static_argnames="ends")
 def _receptance(train, p, ends):
     """Receptance ``(n,)`` between two disks."""
-    system = chain.assemble(train)
-    F, G, exponent, alpha, beta, k = _pairs(system, _hang(system.tree, _path(_without_loops(train), *ends)), p)
-
-    def extend(state, item):  # parts along the way, one after the other
-        (whole, held), power, passed, passed_power = state
-        F, G, more, near, far, k = item
-        W = whole + held * k.scaled(near * near)
-        pair, shift = shifted((F * W + G * (whole * k.scaled(far * far)), G * W))
-        (passed,), less = shifted((passed * (G * k.scaled(near * far)),))
-        return (pair, power + more + shift, passed, passed_power + more + less), None
-
-    state = (F[0], G[0]), exponent[0], G[0], exponent[0]
-    if len(alpha):
-        state, _ = lax.scan(extend, state, (F[1:], G[1:], exponent[1:], alpha, beta, k))
-    (whole, _), power, passed, passed_power = state
-    response = Scaled(passed.high, passed_power) / Scaled(whole.high, power)
+    system, spine = chain.assemble(train), spine_of(train)
+    names = "mass", "damping", "ground", "arm_a", "arm_b"
+    own = {name: jnp.asarray(getattr(system, name)) for name in names}
+    cases = [own, *(_passed(system, *way) for way in ways_between(system.tree, *ends))]
+    together = jax.tree.map(lambda *a: jnp.stack(a), *cases)
+    found = jax.vmap(lambda case: _determinant(dataclasses.replace(system, **case), spine, p))(together)
+    whole, *ways = (Scaled(*pair) for pair in zip(found.mantissa, found.exponent, strict=True))
+    response = _combined(*((1.0, way) for way in ways)) / whole
     return response.value() / (system.radius[ends[0]] * system.radius[ends[1]])
+
+
+def _passed(system, disks, links):
+    """Numbers that make the determinant that of the other disks, these held, times ``k a b`` of the links passed."""
+    disks, links = np.array(disks), np.array(links, dtype=int)
+    stiffness, loss, viscous = (jnp.asarray(a)[links] for a in (system.stiffness, system.loss, system.viscous))
+    arm_a, arm_b = jnp.asarray(system.arm_a), jnp.asarray(system.arm_b)
+    both = arm_a[links] * arm_b[links]
+    # Without arms at its ends a link holds the other disk alone; the factors stand where the disks passed were.
+    return {
+        "mass": jnp.asarray(system.mass).at[disks].set(0.0),
+        "damping": jnp.asarray(system.damping).at[disks].set(jnp.append(viscous * both, 0.0)),
+        "ground": jnp.asarray(system.ground, complex)
+        .at[disks]
+        .set(jnp.append(stiffness * (1 + 1j * loss) * both, 1.0)),
+        "arm_a": jnp.where(np.isin(system.tree.end_a, disks), 0.0, arm_a),
+        "arm_b": jnp.where(np.isin(system.tree.end_b, disks), 0.0, arm_b),
+    }
 
 
 @jax.tree_util.register_dataclass
@@ -179,12 +177,12 @@ def damped_approximation(train: DriveTrain, omega: Array) -> DampedApproximation
 
 @Program
 def _approximation(train, omega):
-    system, spine = chain.assemble(train), _spine(train)
+    system, spine = chain.assemble(train), spine_of(train)
     none = jnp.zeros_like(jnp.asarray(system.viscous))
 
     def value(stiffness, viscous):
         changed = dataclasses.replace(system, stiffness=stiffness, viscous=viscous, loss=none)
-        return _determinant(changed, spine, 1j * omega)
+        return _over_inertias(system, _determinant(changed, spine, 1j * omega))
 
     stiffness = jnp.stack([system.stiffness, system.stiffness, system.stiffness + system.viscous])
     found = jax.vmap(value)(stiffness, jnp.stack([system.viscous, none, none]))
@@ -202,82 +200,6 @@ def _combined(*terms):
         for factor, number in terms
     ]
     return rescaled(sum(shares), exponent)
-
-
-def _without_loops(train):
-    """The elimination tree of a train without closed loops; others are refused."""
-    tree = chain.span(train.topology)
-    if len(tree.loops):
-        where, link = train.topology.title, train.topology.link_names[tree.loops[0]]
-        raise SceneError(
-            f"{where}: link {link!r} closes a loop, and responses from polynomials are for trains without. "
-            "Use linear_response."
-        )
-    return tree
-
-
-def _spine(train):
-    """Parts that hang on the root of a tree or on the ring of disks of the one closed loop."""
-    tree = chain.span(train.topology)
-    if not len(tree.loops):
-        return _hang(tree, (int(tree.node[-1]),))
-    if len(tree.loops) > 1:
-        where = train.topology.title
-        names = ", ".join(repr(train.topology.link_names[link]) for link in tree.loops)
-        raise SceneError(
-            f"{where}: links {names} close {len(tree.loops)} loops, and characteristic polynomials take one at most. "
-            "Use natural_frequencies or linear_response."
-        )
-    loop = int(tree.loops[0])
-    return _hang(tree, _path(tree, int(tree.end_a[loop]), int(tree.end_b[loop])), closing=loop)
-
-
-def _path(tree, a, b):
-    """Disks of the tree from a to b."""
-    above = {int(tree.node[s]): int(tree.node[up]) for s, up in enumerate(tree.parent[:-1].tolist())}
-
-    def climb(disk):
-        way = [disk]
-        while way[-1] in above:
-            way.append(above[way[-1]])
-        return way
-
-    up, down = climb(a), climb(b)
-    met = next(disk for disk in up if disk in set(down))
-    return (*up[: up.index(met) + 1], *reversed(down[: down.index(met)]))
-
-
-def _hang(tree, spine, closing=None):
-    """The :class:`_Parts` of a tree that hang on the disks ``spine``, joined in a row and by the link ``closing``."""
-    at = [[] for _ in tree.node]
-    for s, up in enumerate(tree.parent[:-1].tolist()):
-        disk, other, link = int(tree.node[s]), int(tree.node[up]), int(tree.link[s])
-        at[disk].append((other, link))
-        at[other].append((disk, link))
-    seen, outward = set(spine), [(disk, -1, -1) for disk in spine]
-    for disk, _, _ in outward:
-        for other, link in at[disk]:
-            if other not in seen:
-                seen.add(other)
-                outward.append((other, disk, link))
-    hanging = outward[: len(spine) - 1 : -1]
-    position = {disk: s for s, (disk, *_) in enumerate([*hanging, *((disk,) for disk in spine)])}
-    parent = np.array([position[up] for _, up, _ in hanging], dtype=np.int32)
-    held = slots([*np.where(parent < len(hanging), parent, len(hanging)), len(hanging)])
-    places = len(held.every)
-    onto = [up >= len(hanging) for up in parent]
-    above = np.where(onto, places + parent - len(hanging), held.above[:-1])
-    links = {frozenset((a, b)): link for a, pairs in enumerate(at) for b, link in pairs}
-    joints = [links[frozenset(pair)] for pair in zip(spine, spine[1:], strict=False)]
-    return _Parts(
-        order=np.array([disk for disk, *_ in hanging], dtype=np.int32),
-        link=np.array([link for *_, link in hanging], dtype=np.int32),
-        own=held.own[:-1],
-        above=above.astype(np.int32),
-        places=places + len(spine),
-        spine=tuple(spine),
-        joints=(*joints, *(() if closing is None else (closing,))),
-    )
 
 
 def _pairs(system, parts, p):
@@ -318,13 +240,10 @@ def _pairs(system, parts, p):
 
 
 def _determinant(system, parts, p):
-    """D(p), each row of a disk with inertia divided by it, other rows in angles."""
-    mass = jnp.asarray(system.mass)
-    heavy = mass > 0
-    weight = scaled_product(jnp.where(heavy, 1 / jnp.where(heavy, mass, 1.0), system.radius**2))
+    """``det(p^2 M + p B + K)`` in displacements."""
     F, G, exponent, alpha, beta, k = _pairs(system, parts, p)
     if not parts.joints:
-        return rescaled(F[0].high * weight.mantissa, exponent[0] + weight.exponent)
+        return rescaled(F[0].high, exponent[0])
     # det = K(1..m) - c_m^2 w_1 w_m K(2..m-1) - 2 prod c prod w with diagonals d, couplings c = a b k (docs/theory C3)
     alpha, beta = alpha[:, None], beta[:, None]
     behind = k * beta * beta
@@ -346,4 +265,12 @@ def _determinant(system, parts, p):
     whole, _, _, inner_last, ring = state
     last = coupling[-1]
     closed = whole - last * last * G[0] * G[-1] * inner_last - last * ring * 2.0
-    return rescaled(closed.high * weight.mantissa, total + weight.exponent)
+    return rescaled(closed.high, total)
+
+
+def _over_inertias(system, determinant):
+    """D: each row of a disk with inertia divided by it, other rows in angles."""
+    mass = jnp.asarray(system.mass)
+    heavy = mass > 0
+    weight = scaled_product(jnp.where(heavy, 1 / jnp.where(heavy, mass, 1.0), system.radius**2))
+    return rescaled(determinant.mantissa * weight.mantissa, determinant.exponent + weight.exponent)

@@ -10,23 +10,21 @@ from jax import lax
 
 from .._program import Program
 from ..harmonic import backlash, exact, fourier, reduction
-from ..linear.forced import FORCED
+from ..linear.forced import FORCED, judged
 from ..response.status import Status
 from . import correction
 from .derivative import attach
 from .newton import relative_residual, solve_chain, solve_reduced
 from .newton_start import deflections_on_flank, marched
-from .problem import fields, held_in_contact, model_of, offset_load, power_defect, reduced_equation
+from .problem import fields, held_in_contact, model_of, power_defect, reduced_equation
 
 
 @dataclass(frozen=True)
 class SolveOptions:
-    """What a compiled solve takes for solved, singular and balanced.
+    """When a compiled solve marches, and how it estimates what is left out.
 
     Parameters
     ----------
-    singular : link force over load beyond which the linear train is at an undamped resonance: rounding alone is left
-    balanced : share of the largest load and link force that the mean balance of a disk may miss
     march_above : relative residual, a few times that of a settled march, from which Newton's method takes longer than a
         march
     estimate_forcing, estimate_steps : share of the residual that the correction of an estimate of the truncation error
@@ -34,8 +32,6 @@ class SolveOptions:
     unloaded : tooth force, over stiffness x backlash, up to which teeth carry nothing but what solved equations leave
     """
 
-    singular: float = FORCED.singular
-    balanced: float = FORCED.unbalanced
     march_above: float = 3e-4
     estimate_forcing: float = 0.05
     estimate_steps: int = 20
@@ -168,7 +164,7 @@ def find(problem, active_meshes, start, limit, sizes):
             reduced.crossings,
             exact.find_crossings(jax.tree.map(jnp.asarray, problem.meshes.law), found.deflections),
         )
-    failure = _failure(problem, active_meshes, condensed, found, error, stalled, crossings, sizes)
+    failure = _failure(problem, active_meshes, reduced, condensed, found, error, stalled, crossings, sizes)
     solved = failure == Status.CONVERGED
     status = jnp.where(solved & ~(truncation <= limit), Status.TOLERANCE_NOT_MET, failure)
     return (
@@ -223,35 +219,23 @@ def _by_chain(problem, active_meshes, reduced, condensed, start, sizes):
     return found * active_meshes.mask[:, None], iterate
 
 
-def _failure(problem, active_meshes, condensed, found, error, stalled, crossings, sizes):
+def _failure(problem, active_meshes, reduced, condensed, found, error, stalled, crossings, sizes):
     """The status as far as the equations go, CONVERGED whatever the truncation error."""
     finite = jnp.isfinite(error) & jnp.all(jnp.isfinite(found.angles.real + found.angles.imag))
-    given = [leaf for leaf in jax.tree.leaves(problem) if jnp.issubdtype(leaf.dtype, jnp.inexact)]
-    sound = jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in given]))
-    singular = sound & ~(condensed.largest_force <= SOLVE.singular * jnp.max(jnp.abs(problem.load), initial=0.0))
+    _, linear = judged(*condensed.balance)
+    # Teeth in the gap push at harmonics that no torque has, where the train may be at resonance as well.
+    compliance = jnp.max(jnp.abs(reduced.receptance), initial=0.0) * jnp.max(reduced.law.stiffness, initial=0.0)
     held = held_in_contact(problem, found.deflections, active_meshes.flank, sizes.samples)
-    balanced = _balanced(problem, active_meshes, condensed)
     unsolved = jnp.where(stalled, Status.STALLED, Status.MAX_STEPS)
     status = jnp.where(error <= sizes.residual_tolerance, Status.CONVERGED, unsolved)
     complete = jnp.array(True) if crossings is None else crossings[0].complete & crossings[1].complete
     # The later, the stronger: a motion that is not finite says nothing of the plan, and at a resonance without damping
     # nothing else means anything.
     status = jnp.where(held & complete, status, Status.PLAN_VIOLATED)
-    status = jnp.where(balanced, status, Status.UNBALANCED)
+    status = jnp.where(linear == Status.UNBALANCED, linear, status)
     status = jnp.where(finite, status, Status.NONFINITE)
-    return jnp.where(singular, Status.NEAR_SINGULAR, status)
-
-
-def _balanced(problem, active_meshes, condensed):
-    """Whether the mean torques are taken: no disk is left with a mean force that no link, ground or load takes."""
-    system = problem.system
-    position, force = condensed.mean_displacement, condensed.mean_force
-    load = offset_load(problem, active_meshes.flank)[:, 0].real
-    left = load - system.ground * position - system.spread(force)
-    # Without ground or load the mean torques must cancel: of a floating train the sweep gives some motion whatever they
-    # are, so that the balance is looked at itself.
-    size = jnp.max(jnp.abs(load), initial=0.0) + jnp.max(jnp.abs(force), initial=0.0)
-    return jnp.max(jnp.abs(left)) <= SOLVE.balanced * size
+    linear = jnp.where(compliance > FORCED.singular, jnp.maximum(linear, Status.NEAR_SINGULAR), linear)
+    return jnp.where(linear >= Status.NEAR_SINGULAR, linear, status)
 
 
 @partial(Program, static_argnames="sizes")

@@ -167,6 +167,20 @@ def test_damping_ratios_and_decay_rates_are_those_of_the_closed_form():
     np.testing.assert_allclose(slow.decay_rates, 20 + np.array([-1, 1]) * np.sqrt(300), rtol=1e-11)
 
 
+@pytest.mark.parametrize("relaxation", [1e9, 2e11, 1e12])
+def test_a_massless_disk_that_relaxes_fast_hides_no_mode(relaxation):
+    # Two disks J and links k, r in series: lambda^2 + lambda r/J + k/J = 0, and the disk between them creeps at k/r.
+    J, k = 1e3, 1e5
+    disks = [Disk(name=name, inertia=inertia) for name, inertia in (("a", J), ("between", 0.0), ("b", J))]
+    links = [Shaft(between=pair, stiffness=k, damping=k / relaxation) for pair in (("a", "between"), ("between", "b"))]
+    train = build([*disks, *links])
+    modes, omega = damped_modes(train), np.sqrt(k / J)
+    np.testing.assert_allclose(modes.eigenvalues.imag, [omega], rtol=ALGEBRAIC)
+    np.testing.assert_allclose(modes.decay_rates, [relaxation], rtol=1e-3)  # QZ rounds to omega, 1e-11 of it
+    ratio = jaxhb.damping_ratios(train, jaxhb.natural_frequencies(train))
+    np.testing.assert_allclose(ratio[1:], [omega / (2 * relaxation)], rtol=0, atol=10 * np.finfo(float).eps)
+
+
 def test_loss_factor_makes_half_of_it_as_damping_ratio():
     eta = 0.02
     ends = Shaft(between=("a", "b"), stiffness=100.0, loss_factor=eta)

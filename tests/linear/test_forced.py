@@ -176,6 +176,49 @@ def test_an_undamped_resonance_is_told_and_its_neighbours_are_not_spoilt():
         jaxhb.check(r)
 
 
+def loaded(*parts, at="1"):
+    return build([*parts, Torque(disk=at, harmonics=((1.0, 1.0, 0.0),))])
+
+
+TEN = 10 * 30 / np.pi
+"""rpm of 10 rad/s, at which every train below is excited."""
+SINGULAR = {
+    "all disks move as one and no link is strained": loaded(
+        *chain_parts([1.0, 1.0], [50.0]), Ground(disk="1", stiffness=100.0), Ground(disk="2", stiffness=100.0)
+    ),
+    "one disk without links": loaded(Disk(name="1", inertia=1.0), Ground(disk="1", stiffness=100.0)),
+    "equal branches against each other": loaded(
+        *(Disk(name=name, inertia=J) for name, J in (("hub", 5.0), ("1", 1.0), ("2", 1.0))),
+        *(Shaft(between=("hub", name), stiffness=100.0) for name in "12"),
+    ),
+    "closed loop": loaded(*chain_parts([1.0, 1.0, 1.0], [100 / 3] * 2), Shaft(between=("3", "1"), stiffness=100 / 3)),
+    # Regular, but the tree under disk 3 is at resonance where disk 2 rests: elimination leaves no digit of disk 3.
+    "no digit left": loaded(*chain_parts([2.0, 3.0, 1.0], [70.0, 100.0]), at="3"),
+}
+
+
+@pytest.mark.parametrize("name", SINGULAR)
+def test_equations_without_an_answer_are_singular_however_their_last_pivot_is_rounded(name):
+    found = jaxhb.forced_response(SINGULAR[name], rpm=np.array([TEN, np.nextafter(TEN, 0), np.nextafter(TEN, 100)]))
+    assert found.status.tolist() == [Status.NEAR_SINGULAR] * 3
+    assert jaxhb.solve(SINGULAR[name], rpm=TEN).status == Status.NEAR_SINGULAR
+
+
+def test_numbers_that_overflow_are_no_resonance():
+    train = loaded(*chain_parts([2.0, 2.0], [1e200], damping=1.0))
+    assert jaxhb.forced_response(train, rpm=TEN).status == Status.NONFINITE
+    assert jaxhb.solve(train, rpm=TEN).status == Status.NONFINITE
+
+
+def test_a_resonance_that_no_torque_excites_changes_nothing():
+    # order 2 at 5 rad/s is exactly the natural frequency, 10 rad/s
+    train = loaded(*chain_parts([2.0, 2.0], [100.0]))
+    wanted, found = (jaxhb.solve(train, rpm=TEN / 2, harmonics=n) for n in (1, 2))
+    assert found.status == Status.CONVERGED
+    np.testing.assert_allclose(found.angles[:, 1], wanted.angles[:, 1], rtol=ALGEBRAIC)
+    assert not found.angles[:, 2].any()
+
+
 def test_mean_torques_that_nothing_takes_are_unbalanced():
     train = build([*chain_parts([2.0, 2.0], [100.0], damping=1.0), Torque(disk="1"), Torque(disk="2")])
     means = {"1:torque.mean": 4.0, "2:torque.mean": -4.0}

@@ -132,6 +132,14 @@ def test_nan_gives_a_status_not_an_exception(pair, plan):
     assert found.tolist() == [jaxhb.Status.NONFINITE, jaxhb.Status.CONVERGED]
 
 
+def test_teeth_that_push_at_a_resonance_of_the_train_are_told_that_it_is_singular(pair, plan):
+    # Undamped, the pair has its natural frequency at HAMMERING_RPM: order 2 at half of it, where no torque acts.
+    undamped = pair.replace({"gear a|gear b.damping": 0.0})
+    at = 60 * jaxhb.natural_frequencies(undamped).frequencies_hz[-1] / 32
+    assert abs(at - HAMMERING_RPM) < 1
+    assert int(jaxhb.solve(undamped, rpm=at / 2, plan=plan).status) == jaxhb.Status.NEAR_SINGULAR
+
+
 def test_a_sweep_is_its_single_solves(pair, plan):
     rpm = np.array([3000.0, 5500.0, HAMMERING_RPM])
     sweep = jaxhb.solve_speeds(pair, rpm=rpm, harmonics=50)
