@@ -247,7 +247,7 @@ def _plain(*trees):
 def _kind(leaf):
     """Shape and type of an argument, and whether its type gives way to others."""
     weak = getattr(leaf, "weak_type", False)
-    return np.shape(leaf), str(leaf.dtype) if hasattr(leaf, "dtype") else type(leaf).__name__, weak
+    return np.shape(leaf), leaf.dtype if hasattr(leaf, "dtype") else type(leaf).__name__, weak
 
 
 def _known_options():

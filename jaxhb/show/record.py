@@ -85,7 +85,8 @@ def motion_record(answer):
     ``kind``, one of "contact", "periodic", "subharmonic", "irregular" and "unknown"; ``period`` in cycles, 0 where
     there is none; ``orbit``: whether it is a periodic solution that the train need not run in; ``stable`` and
     ``multiplier`` (modulus of the largest Floquet multiplier), None where they are not known; ``reason`` why the kind
-    is unknown, else None; ``cycles`` marched;
+    is unknown, else None; ``cycles`` marched; ``started_from_rpm``, the speed of the motion from which it was marched,
+    None from teeth on their drive sides;
     ``per_cycle``: percentiles 5, 50 and 95 of the largest tooth force of a cycle, N, by mesh.
     """
     peaks = {name: answer.force(name).per_cycle.max.tolist() for name in answer.topology.mesh_names}
@@ -97,6 +98,7 @@ def motion_record(answer):
         "multiplier": answer.growth.multiplier,
         "reason": "; ".join(answer.state.notes) if not answer.known else None,
         "cycles": answer.state.cycles,
+        "started_from_rpm": answer.state.started_from,
         "per_cycle": {name: {"max": percentiles} for name, percentiles in peaks.items()},
     }
 

@@ -40,6 +40,7 @@ def _about(answer, first):
         **first,
         "motion": answer.state.kind,
         "period cycles": answer.state.period,
+        "started from rpm": answer.state.started_from,
         "stable": answer.growth.stable,
         "largest multiplier": answer.growth.multiplier,
         "status": None if solved is None else answer.status.name,

@@ -93,3 +93,15 @@ def test_cases_of_a_report_are_a_dimension_of_its_labelled_arrays(tmp_path):
     assert np.isfinite(data.tooth_force_amplitude).all()
     assert main(["report", str(scene), "--rpm", "1500", "--netcdf", str(file)]) == 0
     assert xarray.load_dataset(file).sizes["case"] == 1
+
+
+def test_solve_sweep_and_report_tell_the_same_numbers_to_the_last_bit(tmp_path):
+    def told(command, rpm, *options):
+        file = str(tmp_path / "r.json")
+        assert main([command, "spur_pair", "--rpm", rpm, "--json", file, "--quiet", *options]) == 0
+        return json.loads((tmp_path / "r.json").read_text())
+
+    alone, sweep, report = told("solve", "5000"), told("sweep", "2000,5000", "--full"), told("report", "2000,5000")
+    (case,) = report["cases"]
+    for found in (sweep["responses"][1], case["responses"][1] | {"without_backlash": case["without_backlash"][1]}):
+        assert found.items() <= alone.items()
