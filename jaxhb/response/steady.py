@@ -44,7 +44,7 @@ class SteadyState:
     topology : Topology
     stability : Stability or None
         Of ``response``, as :func:`jaxhb.stability` gives it; None where contact follows from the linear motion and
-        nothing was marched, for massless disks whose multipliers are refused, and for more than 100 disks.
+        nothing was marched, and where it is not decided: ``notes`` then say why.
     """
 
     rpm: float
