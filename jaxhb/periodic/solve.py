@@ -81,8 +81,8 @@ def solve(
     SceneError
         Speed not greater than 0 or above 1e6 rpm, harmonics that cannot work, or a plan made for another train.
     ValueError
-        ``harmonics``, ``tolerance``, ``method`` or ``integrals`` beside a plan, which holds its own; no ``start`` beside
-        a plan whose ``start`` is "response".
+        ``harmonics``, ``tolerance``, ``method`` or ``integrals`` beside a plan, which holds its own; no ``start``
+        beside a plan whose ``start`` is "response".
 
     Notes
     -----
