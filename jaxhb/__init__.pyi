@@ -76,7 +76,7 @@ from .periodic.returns import Cycles as Cycles
 from .periodic.search import PeriodicMotion as PeriodicMotion, solve_all as solve_all
 from .periodic.solve import linear_response as linear_response, plan as plan, solve as solve
 from .periodic.speeds import solve_speeds as solve_speeds
-from .periodic.stability import Stability as Stability, largest_multiplier as largest_multiplier, stability as stability
+from .periodic.stability import Stability as Stability, stability as stability
 from .periodic.steady_state import steady_state as steady_state
 from .response.certificate import Certificate as Certificate, Kantorovich as Kantorovich
 from .response.response import Response as Response

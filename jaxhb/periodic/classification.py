@@ -212,9 +212,11 @@ class _Classification:
         response, period = self._solved(period)
         if response is None:
             return self._unsolved(period)
-        stays, stability = self._attracts(response)
-        if not stays:
+        stays, stability, undecided = self._attracts(response)
+        if stays is False:
             return self._passed_by()
+        if undecided:
+            self.notes.append(f"whether the motion is stable is not decided: {undecided}")
         apart = any(contact.separated_fraction > 0 for contact in response.contacts().values())
         kind = "subharmonic" if period > 1 else "periodic" if apart else "contact"
         return self._made(kind, period, response=response, stability=stability)
@@ -250,7 +252,8 @@ class _Classification:
     def _attracts(self, response):
         """What :func:`attracts` says of a response, asked once."""
         known = self.classifier.known.get(self.index)
-        return (True, known.stability) if known is not None and known.response is response else attracts(response)
+        shared = known is not None and known.response is response
+        return (True, known.stability, "") if shared else attracts(response)
 
     def _unsolved(self, period):
         """Where harmonic balance did not find the motion."""

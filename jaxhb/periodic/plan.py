@@ -26,7 +26,7 @@ class Plan:
     active : tuple of int, meshes whose contact is an unknown
     flank : tuple of int, +1 or -1 for a mesh taken to stay on that flank all cycle (verified), 0 otherwise
     method : "reduced" or "chain"
-    start : "linear" or "march"
+    start : "linear", "march", or "response": neither leads to the motion, and a solve under the plan is to be given one
     cycles : of the march
     time_steps : per cycle, of the march and of the preconditioner, a multiple of 32
     tolerance : float, on the truncation error, relative to the largest tooth force

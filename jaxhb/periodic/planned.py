@@ -50,6 +50,11 @@ FEWEST_SAMPLES = 4096
 def solve_planned(train, rpm, plan, start=None):
     """Response under a plan, from a Response or "linear" or "march" instead of the start that the plan has."""
     request.check_plan(train, plan)
+    if start is None and plan.start == "response":
+        raise ValueError(
+            f"{train.topology.title}: no start that a plan holds leads to its motion: solve without a plan and give "
+            "that response as start."
+        )
     if not traced(rpm):
         check_speed(train, rpm)
         rpm = np.asarray(rpm, dtype=float)

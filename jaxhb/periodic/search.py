@@ -51,15 +51,16 @@ class PeriodicMotion:
     response : Response
         Of one cycle of the excitation, or over ``period`` cycles as one.
     period : int, in cycles of the excitation
-    attracts : bool
-        Whether disturbances die away, as far as multipliers can be told.
+    attracts : bool or None
+        Whether disturbances die away; None where that is not decided (massless disks, very many disks:
+        :func:`jaxhb.stability` of ``response`` raises the reason).
     stability : Stability or None
-        None where multipliers are refused (massless disks) or take too long (more than 100 disks).
+        None where it is not decided.
     """
 
     response: Response
     period: int
-    attracts: bool
+    attracts: bool | None
     stability: Stability | None
 
     @property
@@ -70,7 +71,7 @@ class PeriodicMotion:
 
     def __str__(self):
         span = "one cycle" if self.period == 1 else f"{self.period} cycles"
-        how = "attracts" if self.attracts else "repels"
+        how = {True: "attracts", False: "repels", None: "stability not decided"}[self.attracts]
         if self.stability is not None:
             how += f" ({self.stability.loses_by or 'stable'}, multiplier {self.stability.largest:.3g})"
         return f"period of {span}, largest tooth force {self.largest_force / 1e3:.4g} kN, {how}"
@@ -98,8 +99,8 @@ def solve_all(
     Returns
     -------
     tuple of PeriodicMotion
-        Those that attract first, the largest tooth force first among them; empty where none is found. That no other
-        exists is not claimed.
+        Those that attract first, then those not decided, the largest tooth force first; empty where none is found.
+        That no other exists is not claimed.
 
     Raises
     ------
@@ -129,8 +130,9 @@ def solve_all(
     if any(train.topology.mesh_backlash):
         _add(found, _settled(train, rpm, request))
     _add(found, _searched(ladder.Case(train, rpm, request, plan, effort=ladder.LONG, search_with=_Scattered)))
-    motions = (PeriodicMotion(response, period, *attracts(response)) for response, period in found)
-    return tuple(sorted(motions, key=lambda motion: (not motion.attracts, -motion.largest_force)))
+    motions = (PeriodicMotion(response, period, *attracts(response)[:2]) for response, period in found)
+    first = (True, None, False)
+    return tuple(sorted(motions, key=lambda motion: (first.index(motion.attracts), -motion.largest_force)))
 
 
 def _settled(train, rpm, request):

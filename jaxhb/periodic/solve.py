@@ -81,7 +81,8 @@ def solve(
     SceneError
         Speed not greater than 0 or above 1e6 rpm, harmonics that cannot work, or a plan made for another train.
     ValueError
-        ``harmonics``, ``tolerance``, ``method`` or ``integrals`` beside a plan, which holds its own.
+        ``harmonics``, ``tolerance``, ``method`` or ``integrals`` beside a plan, which holds its own; no ``start``
+        beside a plan whose ``start`` is "response".
 
     Notes
     -----
@@ -153,7 +154,8 @@ def plan(
     -------
     Plan
         Small and hashable. Passing it to :func:`solve` solves nearby trains and speeds without decisions. It holds no
-        motion: where a march does not settle and the motion was found by shooting, give that response as ``start`` too.
+        motion: where a solve under the plan does not find one, but the ladder of :func:`solve` did, its ``start`` is
+        "response" and :func:`solve` asks for ``start=jaxhb.solve(train, rpm=rpm)`` beside it.
 
     Raises
     ------
@@ -176,6 +178,8 @@ def plan(
     # exact integrals have room for, at this speed: every solve under the plan verifies it and says so by its status.
     if found.status > Status.PLAN_VIOLATED:
         check(found.response)
+    if found.plan.active and solve_planned(train, rpm, found.plan).status > found.status:
+        return dataclasses.replace(found.plan, start="response")
     return found.plan
 
 

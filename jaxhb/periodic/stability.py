@@ -6,33 +6,20 @@ away (docs/theory A7). A motion that is unstable solves the equations and does n
 
 from __future__ import annotations
 
-from contextlib import suppress
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import lax
+from scipy.linalg import block_diag
 
 from .._arrays import on_host
-from .._program import Program
 from .._shown import brief
 from ..harmonic import chain, exact
-from ..harmonic.excitation import listed_harmonic
 from ..harmonic.residual import backlash_meshes
 from ..response.response import Response
 from ..response.status import NotConverged, Status
-from ..transient.reduced_model import REDUCED_MODEL
-from ..transient.statespace import loss_damping, partition, state_space
-from ..transient.stepper import exponential
+from ..transient.statespace import StateSpace, loss_damping, partition, state_space
 from ..transient.variational import monodromy
-from . import correction
-from .plan import Plan
-from .planned import active_deflections
 from .planning import mesh_mode_harmonics
-from .problem import model_of, problem_at, reduced_equation
-from .time_steps import time_steps_for
 
 
 @dataclass(frozen=True)
@@ -43,17 +30,19 @@ class StabilityOptions:
     ----------
     soft : natural frequency over Omega of a rotation against grounds below which these are soft: no support, but a hold
     neutral : by how much a multiplier of a train without damping, 1 in modulus, may be off
-    samples : time samples per harmonic at which slopes are taken for averages: damping in contact gives them short
-        peaks
-    dense_disks : disks up to which all multipliers are computed where only the largest is asked for
-    estimated : largest estimate that counts as stable beyond that, and where massless disks leave no multipliers
+    exact_disks : disks up to which all modes of a train with backlash take part as they are
+    slowed : times the highest mesh mode, to which the faster modes of a larger train are slowed: 2 leaves 1e-7 of the
+        largest multiplier of ``gear_train_30`` with finely divided shafts
+    modes, disks : slow modes of a train with backlash, and disks of any, beyond which nothing is decided: it would take
+        minutes
     """
 
     soft: float = 0.1
     neutral: float = 1e-8
-    samples: int = 64
-    dense_disks: int = 100
-    estimated: float = 1.1
+    exact_disks: int = 48
+    slowed: float = 2.0
+    modes: int = 160
+    disks: int = 1000
 
 
 STABILITY = StabilityOptions()
@@ -123,9 +112,11 @@ def stability(response: Response) -> Stability:
     """Floquet multipliers of a periodic motion: whether the train runs in it.
 
     Solves the variational equation around the motion of the harmonics, not around an integration of its own, in steps
-    that end where teeth pass the knots of their law (docs/theory A7; :mod:`jaxhb.transient.variational`). All states of
-    the train take part; massless disks are condensed. Loss factors, which have no equation in time, damp each mode at
-    its natural frequency (:func:`jaxhb.transient.statespace.loss_damping`).
+    that end where teeth pass the knots of their law (docs/theory A7; :mod:`jaxhb.transient.variational`); without
+    backlash multipliers are exponentials of the eigenvalues of the train. All states of the train take part; massless
+    disks are condensed. Of more than 48 disks with backlash, modes above twice the highest mesh mode respond to mesh
+    forces as if they were that slow, and decay as in the train in contact. Loss factors, which have no equation in
+    time, damp each mode at its natural frequency (:func:`jaxhb.transient.statespace.loss_damping`).
 
     Parameters
     ----------
@@ -141,7 +132,8 @@ def stability(response: Response) -> Stability:
     NotConverged
         If the response solves no equations.
     ValueError
-        For the response of a sweep or of a transformation; for massless disks that leave no equation.
+        For the response of a sweep or of a transformation; for massless disks that leave no equation; for more than
+        1000 disks, or 160 modes below twice the highest mesh mode.
 
     Notes
     -----
@@ -149,7 +141,7 @@ def stability(response: Response) -> Stability:
     rpm (a multiplier of -1.18), and one of 1 % makes 12 % at 2350 rpm (22). Small multipliers have the absolute
     accuracy of the largest.
     Work grows with the cube of the number of states and with the number of switching times: 0.08 s for the 54 states
-    and 424 times of ``gear_train_30`` at 1800 rpm.
+    and 424 times of ``gear_train_30`` at 1800 rpm, some seconds for the same train in 100 or 300 disks.
 
     Examples
     --------
@@ -160,93 +152,44 @@ def stability(response: Response) -> Stability:
     """
     train = train_of(response)
     system, meshes, topology = chain.assemble(train), backlash_meshes(train), train.topology
+    if topology.n_disks > STABILITY.disks:
+        raise ValueError(
+            f"{topology.title}: it has {topology.n_disks} disks, and stability is decided for up to "
+            f"{STABILITY.disks}: divide shafts into fewer pieces."
+        )
     parts = partition(system, meshes, topology.disk_names, topology.link_names, lossy=True)
     frequency = topology.cycle_frequency(float(response.rpm))
-    deflection = np.asarray(response.deflections)[topology.backlash_index]
-    host = on_host(system)
-    space = state_space(host, on_host(meshes), frequency, parts, loss_damping(host))
-    found = monodromy(space, meshes, deflection, frequency, exact.switching_times(meshes.law, deflection))
-    multipliers, rotation = _multipliers(found.matrix, space.coordinates, system, frequency)
-    return Stability(multipliers, rotation, float(np.expm1(found.log_determinant - found.trace)))
-
-
-def largest_multiplier(response: Response) -> float:
-    """Modulus of the largest Floquet multiplier, rotation left out, nearly, in a quarter of the time: for sweeps.
-
-    From the linearised periodic operator that preconditions Newton's method, with twice its time steps: forces change
-    linearly in a step, and a large train has 48 modes. Disks without inertia do no harm.
-
-    Parameters
-    ----------
-    response : Response
-        At one speed, solved, with its train.
-
-    Returns
-    -------
-    float
-        On ``gear_train_30`` within 0.1 % of ``stability(response).largest`` up to 2000 rpm; above, where the teeth
-        hammer hardest, up to 11 % off at the speeds tried: what is nearer to 1 is for :func:`stability` to decide.
-
-    Raises
-    ------
-    NotConverged, ValueError
-        As :func:`stability`, but not for massless disks; and for more than 64 disks without a mesh with backlash.
-
-    Examples
-    --------
-    >>> import jaxhb
-    >>> round(jaxhb.largest_multiplier(jaxhb.solve(jaxhb.load_scene("gear_train_30"), rpm=1800.0)), 2)
-    0.15
-    """
-    train, rpm = train_of(response), float(response.rpm)
-    gaps, excited = train.topology.mesh_backlash, listed_harmonic(train.topology)
-    if not reducible(train.topology):
-        raise ValueError(
-            f"{train.topology.title}: no mesh has backlash, and the multipliers of {train.topology.n_disks} "
-            "disks are those of the modes that such meshes excite. Use jaxhb.damped_modes for a linear train."
-        )
-    highest = max(mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))[0], 2 * excited)
-    plan = Plan(
-        harmonics=response.harmonics,
-        active=tuple(np.flatnonzero(gaps).tolist()),
-        flank=(0,) * len(gaps),
-        time_steps=time_steps_for(2 * highest),
-        excited=excited,
-    )
-    problem = problem_at(train, rpm, excited)
-    sizes = replace(plan.sizes, samples=STABILITY.samples * response.harmonics)
-    found = _monodromy(problem, plan.active_meshes, active_deflections(plan, response.deflections), sizes)
-    matrix, coordinates = jax.tree.map(np.asarray, found)
-    multipliers, rotation = _multipliers(matrix, coordinates, problem.system, problem.frequency)
-    return float(np.max(np.abs(multipliers[~rotation]), initial=0.0))
+    host, meshes, period = on_host(system), on_host(meshes), 2 * np.pi / frequency
+    space, fast = state_space(host, meshes, frequency, parts, loss_damping(host)), np.zeros(0)
+    if len(meshes.link):
+        if topology.n_disks > STABILITY.exact_disks:
+            highest = STABILITY.slowed * mesh_mode_harmonics(train, frequency)[0] * frequency
+            space, fast = _slowed(space, len(parts.inertial), highest, topology.title)
+        deflection = np.asarray(response.deflections)[topology.backlash_index]
+        found = monodromy(space, meshes, deflection, frequency, exact.switching_times(meshes.law, deflection))
+        multipliers, disturbance = np.linalg.eig(found.matrix)
+        determinant = found.log_determinant - found.trace
+    else:
+        rates, disturbance = np.linalg.eig(space.transition)
+        multipliers = np.exp(period * rates)
+        determinant = period * (rates.sum().real - np.trace(space.transition))
+    rotation = _of_rotation(disturbance, space.coordinates, system, frequency)
+    multipliers = np.concatenate([multipliers, np.exp(period * fast)])
+    rotation = np.concatenate([rotation, np.zeros(len(fast), bool)])
+    order = np.argsort(-np.abs(multipliers), kind="stable")
+    return Stability(multipliers[order], rotation[order], float(np.expm1(determinant)))
 
 
 def attracts(response):
-    """Whether a train that is near a periodic motion runs into it, as far as multipliers can be told; and its
-    :class:`Stability`, None where that is refused or takes too long."""
-    if response.train.topology.n_disks <= STABILITY.dense_disks:
-        with suppress(ValueError):  # a massless disk without an equation
-            found = stability(response)
-            return bool(found.stable), found
-    return largest_multiplier(response) <= STABILITY.estimated, None
-
-
-@partial(Program, static_argnames="sizes")
-def _monodromy(problem, active_meshes, deflection, sizes):
-    """Monodromy matrix ``(n, n)`` of the linearised periodic operator, and the coordinates of its states."""
-    harmonics = deflection.shape[-1] - 1
-    model = model_of(problem, active_meshes, sizes.time_steps)
-    if not len(deflection):
-        return exponential(2 * jnp.pi / problem.frequency * model.space.transition), model.space.coordinates
-    reduced, _ = reduced_equation(problem, harmonics, active_meshes)
-    propagators = correction.prepare(reduced, model, deflection, sizes.samples, sizes.time_steps).block_propagator
-    matrix, _ = lax.scan(lambda matrix, block: (block @ matrix, None), jnp.eye(propagators.shape[1]), propagators)
-    return matrix, model.space.coordinates
-
-
-def reducible(topology):
-    """Whether the largest multiplier can be found: of large trains from the modes that meshes with backlash excite."""
-    return any(topology.mesh_backlash) or topology.n_disks <= REDUCED_MODEL.disks
+    """Whether a train that is near a periodic motion runs into it, None where that is not decided; its
+    :class:`Stability`, None then; and the sentence that says why."""
+    try:
+        found = stability(response)
+    except np.linalg.LinAlgError:  # a ValueError, and no refusal
+        raise
+    except ValueError as refusal:
+        return None, None, str(refusal)
+    return bool(found.stable), found, ""
 
 
 def train_of(response):
@@ -262,17 +205,44 @@ def train_of(response):
     return response.train
 
 
-def _multipliers(matrix, coordinates, system, frequency):
-    """Eigenvalues of a monodromy matrix ``(n, n)``, the largest first, and which are those of rotation."""
-    own = np.any(coordinates != 0, axis=1)  # a reduced-order model leaves room for modes that it has not
-    matrix, coordinates = matrix[np.ix_(own, own)], coordinates[own]
-    multipliers, disturbance = np.linalg.eig(matrix)
-    order = np.argsort(-np.abs(multipliers), kind="stable")
-    # Multipliers of rotation by their eigenvectors, those nearest to the space of rotations: by their values a slow
-    # decay of the teeth could not be told from them.
+def _slowed(space, inertial, highest, title):
+    """A StateSpace whose modes faster than ``highest`` (rad/s) are slowed to it and leave their static response to
+    mesh forces, and the rates at which those modes decay by themselves."""
+    n = inertial
+    speed = space.transition[:n, -n:].diagonal()  # natural frequencies, Omega at least
+    slow, fast = np.flatnonzero(speed <= highest), np.flatnonzero(speed > highest)
+    if len(slow) > STABILITY.modes:
+        raise ValueError(
+            f"{title}: {len(slow)} modes lie below {highest / (2 * np.pi):.3g} Hz, {STABILITY.slowed:g} times the "
+            f"highest mode of its meshes, and stability is decided for up to {STABILITY.modes} of them: divide shafts "
+            "into fewer pieces."
+        )
+    # More inertia slows a mode and leaves its static response. All equally slow, these modes follow the forces of G
+    # meshes in no more than G combinations.
+    slower = np.minimum(highest / speed, 1.0)
+    combined, _ = np.linalg.qr(slower[fast, None] * space.forcing[-n:][fast])
+    basis = np.zeros((n, len(slow) + combined.shape[1]))
+    basis[slow, np.arange(len(slow))] = 1.0
+    basis[fast, len(slow) :] = combined
+    massless = np.eye(len(space.transition) - 2 * n)
+    basis = block_diag(basis, massless, slower[:, None] * basis)
+    reduced = StateSpace(
+        transition=basis.T @ space.transition @ basis,
+        forcing=basis.T @ space.forcing,
+        observation=space.observation @ basis,
+        coordinates=basis.T @ space.coordinates,
+    )
+    half = space.transition[-n:, -n:].diagonal()[fast] / 2 + 0j
+    root = np.sqrt(half**2 - speed[fast] ** 2)
+    return reduced, np.concatenate([half + root, half - root])
+
+
+def _of_rotation(disturbance, coordinates, system, frequency):
+    """Which eigenvectors of a monodromy matrix, its columns, are those of rotation."""
+    # Those nearest to the space of rotations: by their values a slow decay of the teeth could not be told from them.
     basis, _ = np.linalg.qr(coordinates @ np.kron(np.eye(2), _rotations(system, frequency)))
-    share = np.linalg.norm(basis.T @ disturbance[:, order], axis=0)
-    return multipliers[order], np.isin(np.arange(len(order)), np.argsort(-share, kind="stable")[: basis.shape[1]])
+    share = np.linalg.norm(basis.T @ disturbance, axis=0)
+    return np.isin(np.arange(len(share)), np.argsort(-share, kind="stable")[: basis.shape[1]])
 
 
 def _rotations(system, frequency):

@@ -70,7 +70,7 @@ def answer_one(train, rpm, asked, say=lambda text: None, *, start=None, kept=Non
         say(f"{rpm:g} rpm: marching until the motion settles")
         state = steady_state(train, rpm=rpm, **asked.accuracy, start=start, **(kept or {}))
     say(f"{rpm:g} rpm: is the motion stable?")
-    answer = Answer(train, state, shown(linear), growth_of(state, orbit=asked.orbit), asked.orbit)
+    answer = Answer(train, state, shown(linear), growth_of(state), asked.orbit)
     return dataclasses.replace(answer, certificate=certificate_of(answer, say)) if asked.certify else answer
 
 
@@ -131,7 +131,7 @@ class _Gathered:
 
     def _answer(self, place, state):
         if id(state) not in self.made:  # a speed that does the same upwards and downwards has one state
-            growth = growth_of(state, orbit=self.orbit)
+            growth = growth_of(state)
             self.made[id(state)] = Answer(self.train, state, shown(self.linear[place]), growth, self.orbit)
         return self.made[id(state)]
 

@@ -238,13 +238,11 @@ def _unstable_notes(answers):
     found = [answer for answer in answers if answer.growth.unstable]
     if not found:
         return []
-    worst = max(found, key=lambda answer: answer.growth.multiplier or answer.growth.nearly)
-    size = worst.growth.multiplier or worst.growth.nearly
-    about = ", with a little inertia in massless disks" if worst.growth.refused else ""
+    worst = max(found, key=lambda answer: answer.growth.multiplier)
     instead = "leave out --orbit for what it does" if worst.orbit else "compare with jaxhb.integrate"
     return [
-        f"The periodic motion at {speeds_text(found)} is UNSTABLE (a disturbance grows up to {size:.3g} times in a "
-        f"period{about}): the train does not run in it; {instead}."
+        f"The periodic motion at {speeds_text(found)} is UNSTABLE (a disturbance grows up to "
+        f"{worst.growth.multiplier:.3g} times in a period): the train does not run in it; {instead}."
     ]
 
 
@@ -280,7 +278,7 @@ def _unsettled_notes(answers):
     found = [
         answer
         for answer in answers
-        if answer.orbit and answer.converged and answer.growth.stable is None and not answer.growth.unstable
+        if answer.orbit and answer.converged and answer.growth.stable is None
         if any(isinstance(event, Shooting | Homotopy) for event in answer.response.path)
     ]
     if not found:

@@ -5,6 +5,7 @@
 
 import json
 
+import jax
 import numpy as np
 import pytest
 from event_exact import Pair
@@ -59,3 +60,21 @@ def test_an_orbit_of_one_cycle_is_as_stable_as_the_exact_one(train, speed):
     assert abs(told.critical - wanted) < 2e-3 * abs(wanted)  # the law is smooth there, and the motion cut off
     assert told.stable == (abs(wanted) < 1)
     assert told.loses_by == (None if told.stable else "period doubling")
+
+
+@pytest.mark.parametrize(("speed", "start"), [(0.4, "march"), (0.9, "response")])
+def test_a_plan_whose_own_start_does_not_lead_to_the_motion_asks_for_one(train, speed, start):
+    asked = {"rpm": rpm(speed), "plan": jaxhb.plan(train, rpm=rpm(speed))}
+    assert asked["plan"].start == start
+    found = jaxhb.solve(train, rpm=rpm(speed))
+    if start == "response":
+        for solve in (jaxhb.solve, jax.jit(jaxhb.solve, static_argnames="plan")):
+            with pytest.raises(ValueError, match="solve without a plan and give that response as start"):
+                solve(train, **asked)
+        marched = jaxhb.solve(train, **asked, start="march")
+        assert not marched.converged  # as without the question
+        asked["start"] = found
+    planned = jaxhb.solve(train, **asked)
+    assert planned.converged
+    # Both residuals are below 1e-10, and the deflection has the condition of its equations beside.
+    assert abs(planned.deflection("a", "b").max - found.deflection("a", "b").max) < 1e-7

@@ -16,7 +16,6 @@ from jaxhb.show.compute import Asked, answer_one, answer_speeds
 from jaxhb.show.output import OutputError, write_files
 from jaxhb.show.plots import plot_cycle
 from jaxhb.show.sweep_plots import plot_sweep
-from jaxhb.transient.reduced_model import REDUCED_MODEL
 
 DISK = """
 [[disk]]
@@ -90,17 +89,16 @@ def test_the_motion_of_a_train_without_teeth_is_periodic_in_every_command(scene,
         assert "periodic" in told and "contact" not in told
 
 
-def test_a_long_chain_without_gears_is_reported_without_its_largest_multiplier(tmp_path, capsys):
-    disks = range(REDUCED_MODEL.disks + 36)
+def test_a_long_chain_without_gears_is_stable(tmp_path, capsys):
+    disks = range(102)
     parts = [jaxhb.Disk(name=f"d{i}", inertia=0.01, damping=0.1) for i in disks]
     parts += [jaxhb.Shaft(between=(f"d{i}", f"d{i + 1}"), stiffness=1e5, damping=1.0) for i in disks[:-1]]
     parts += [jaxhb.Torque(disk="d0", harmonics=[(1.0, 10.0, 0.0)])]
     scene = tmp_path / "chain.toml"
     scene.write_text(jaxhb.elements_text(parts, name="chain", revolutions_per_cycle=1))
     assert main(["solve", str(scene), "--rpm", "500"]) == 0
-    assert "stable" not in capsys.readouterr().out
-    with pytest.raises(ValueError, match="chain: no mesh has backlash, and the multipliers of 100 disks"):
-        jaxhb.largest_multiplier(jaxhb.solve(jaxhb.load_scene(scene), rpm=500.0))
+    # All disks and shafts lose energy in proportion: the slowest mode does at half of damping over inertia, 5 1/s.
+    assert f"stable: a disturbance falls to {np.exp(-5.0 * 60 / 500):.2g} of its size" in capsys.readouterr().out
 
 
 def test_the_hardest_shaft_may_be_a_damper(scene):
