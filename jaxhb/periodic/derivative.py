@@ -82,6 +82,11 @@ def only_if(good, tree):
     return _where(good, tree, lax.stop_gradient(tree))
 
 
+def only_known(solved, tree):
+    """The same numbers, nan where not ``solved``: there their derivatives are zero, and spoil no other's of a batch."""
+    return _where(solved, tree, jax.tree.map(lambda _: jnp.nan, tree))
+
+
 def _where(solved, values, others):
     """``values``, or ``others`` (None: zeros) where not solved; integers and their tangents as they are."""
 

@@ -63,6 +63,8 @@ def solve_planned(train, rpm, plan, start=None):
         plan = dataclasses.replace(plan, start=start)
     if isinstance(start, Response):
         begin = first_start(plan, given=active_deflections(plan, start.deflections), xp=jnp)
+        # Under jit a response that is not solved is nan, and no start.
+        begin = dataclasses.replace(begin, given=jnp.isfinite(begin.coefficients).all())
     if traced(train, rpm, begin) or staged():
         response = _solve_traced(train, rpm, begin, plan.active_meshes, plan.limit, plan.sizes)
         return dataclasses.replace(response, train=train)
@@ -109,7 +111,15 @@ def _solve_traced(train, rpm, begin, active_meshes, limit, sizes):
     outcome = solve_problem(problem, active_meshes, begin, limit, sizes)
     status = jnp.where(finite, outcome.status, Status.NONFINITE)
     outcome = dataclasses.replace(outcome, status=jnp.where(valid, status, Status.INVALID_INPUT))
-    return respond(train, rpm, problem, outcome, sizes)
+    return _nan_unless_solved(respond(train, rpm, problem, outcome, sizes))
+
+
+def _nan_unless_solved(response):
+    """The response with nan for all that was computed if it is not solved, and derivatives of zero, not nan."""
+    given = ("rpm", "radius", "law", "topology", "resolution", "train", "path", "certificate")
+    found = {f.name: getattr(response, f.name) for f in dataclasses.fields(response) if f.name not in given}
+    solved = response.status <= Status.TOLERANCE_NOT_MET
+    return dataclasses.replace(response, **derivative.only_known(solved, found))
 
 
 def respond(train, rpm, problem, outcome, sizes):

@@ -88,7 +88,8 @@ def solve(
     -----
     The response is differentiable with respect to every number of the train and to the speed, forwards and backwards,
     at the cost of about one linear solve (:mod:`jaxhb.periodic.derivative`); without a plan outside ``jit`` and
-    ``vmap`` only. A response whose status is above TOLERANCE_NOT_MET has zero derivatives.
+    ``vmap`` only. Where the status is above TOLERANCE_NOT_MET derivatives are zero, and under a transformation every
+    number but those given is nan: what is not solved leaves no plausible value, nor nan in the derivatives of a batch.
 
     Examples
     --------

@@ -45,6 +45,7 @@ def contact_of(law, deflection, force, elastic, frequency, resolution):
     if law is None:
         return Contact(0.0, 0.0, [], drive, 0.0, 0.0, 0.0)
     samples = max(resolution, 4096)
+    unknown = 0.0 if np.isfinite(deflection).all() else np.nan  # no comparison below sees nan
     l = fourier.synthesize(deflection, samples)
     speed = fourier.synthesize(fourier.derivative(deflection, frequency), samples)
     gap = law.gap
@@ -54,13 +55,13 @@ def contact_of(law, deflection, force, elastic, frequency, resolution):
     side = drive if drive else 1
     return Contact(
         # By two levels of l: between two samples it may pass the whole gap, which |l| would not show.
-        separated_fraction=_fraction_below(l, gap) - _fraction_below(l, -gap),
-        reverse_contact_fraction=_fraction_below(side * l, -gap),
+        separated_fraction=_fraction_below(l, gap) - _fraction_below(l, -gap) + unknown,
+        reverse_contact_fraction=_fraction_below(side * l, -gap) + unknown,
         impacts=_impacts(l, speed, gap),
         drive_side=drive,
         gap_spring_force=law.gap_spring_force,
         knee_force=law.knee_force,
-        pulling_force=float(pull.max(initial=0.0)),
+        pulling_force=float(pull.max(initial=0.0)) + unknown,
     )
 
 

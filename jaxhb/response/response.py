@@ -134,6 +134,11 @@ class Response(Fields):
     def _repr_html_(self):
         return response_html(self)
 
+    def __bool__(self) -> bool:
+        if np.ndim(self.rpm):
+            raise TypeError("a sweep is neither true nor false: read .converged, which has each of its speeds")
+        return bool(self.converged)
+
     def __len__(self) -> int:
         return len(self.rpm)
 

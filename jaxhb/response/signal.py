@@ -86,7 +86,7 @@ class Signal:
             )
         # A signal holds all that it has: a harmonic beyond is 0, not unknown.
         if harmonic >= self.coefficients.shape[-1]:
-            return namespace(self.coefficients).zeros(self.coefficients.shape[:-1])
+            return 0 * self.rms  # but nan of a signal that is nan
         return self.amplitudes[..., harmonic - 1]
 
     def samples(self, count: int) -> Array:
@@ -131,23 +131,26 @@ class Signal:
     @property
     def max(self) -> Array:
         """Largest value over the cycle."""
-        return self._sampled(self.resolution).max(axis=-1)
+        values = self._sampled(self.resolution)
+        return values.max(axis=-1) + _nan_of(values)
 
     @property
     def min(self) -> Array:
         """Smallest value over the cycle."""
-        return self._sampled(self.resolution).min(axis=-1)
+        values = self._sampled(self.resolution)
+        return values.min(axis=-1) + _nan_of(values)
 
     @property
     def peak(self) -> Array:
         """Largest absolute value over the cycle."""
-        return namespace(self.coefficients).abs(self._sampled(self.resolution)).max(axis=-1)
+        values = self._sampled(self.resolution)
+        return namespace(values).abs(values).max(axis=-1) + _nan_of(values)
 
     @property
     def half_peak_to_peak(self) -> Array:
         """(max - min) / 2 of the synthesised signal."""
         values = self._sampled(self.resolution)
-        return (values.max(axis=-1) - values.min(axis=-1)) / 2
+        return (values.max(axis=-1) - values.min(axis=-1)) / 2 + _nan_of(values)
 
     @property
     def sum_of_amplitudes(self) -> Array:
@@ -184,8 +187,7 @@ class Signal:
 
     def extremes(self) -> dict[str, float]:
         """Plain numbers for programs: mean, min, max and half_peak_to_peak."""
-        values = self._sampled(self.resolution)
-        low, high = float(values.min()), float(values.max())
+        low, high = float(self.min), float(self.max)
         return {"mean": float(self.mean), "min": low, "max": high, "half_peak_to_peak": (high - low) / 2}
 
     def spectrum(self) -> list[list[float]]:
@@ -194,10 +196,15 @@ class Signal:
         return [[float(v) for v in row] for row in zip(*columns, strict=True)]
 
 
+def _nan_of(values):
+    """0, or nan of a signal that is nan: jax 0.12 gives -inf on a processor for the largest of many nan."""
+    return 0 * values[..., 0]
+
+
 def _power(values, exponent):
-    """A power below 1 of values >= 0, with a zero derivative at 0."""
+    """A power below 1 of values >= 0, with a zero derivative at 0; nan of nan."""
     xp = namespace(values)
-    return xp.where(values > 0, xp.where(values > 0, values, 1.0) ** exponent, 0.0)
+    return xp.where(values == 0, 0.0, xp.where(values == 0, 1.0, values) ** exponent)
 
 
 def _absolute(values):

@@ -422,6 +422,53 @@ def test_numbers_that_are_invalid_have_a_status_under_jit(pair, plan):
     assert np.isfinite(gradient[0]) and gradient[0] != 0.0 and gradient[1] == 0.0
 
 
+def test_nothing_computed_is_told_of_a_speed_that_is_not_solved(pair, plan):
+    """Under jit: out of range, and where one Newton step does not do; what was given is told."""
+    solve = jax.jit(lambda rpm: jaxhb.solve(pair, rpm=rpm, plan=plan))
+    hurried = jax.jit(lambda rpm: jaxhb.solve(pair, rpm=rpm, plan=Hurried(**dataclasses.asdict(plan))))
+    for response, status in ((solve(-5.0), jaxhb.Status.INVALID_INPUT), (hurried(5625.0), jaxhb.Status.MAX_STEPS)):
+        assert int(response.status) == status and not response
+        for name in {f.name for f in dataclasses.fields(response)} - {"rpm", "radius", "law", "status", "steps"}:
+            numbers = jax.tree.leaves(getattr(response, name)) if name not in ("topology", "resolution") else ()
+            assert all(np.isnan(leaf).all() for leaf in numbers), name
+        force, contact = response.force("gear a", "gear b"), response.mesh("gear a", "gear b")
+        read = [force.max, force.min, force.peak, force.mean, force.rms, force.half_peak_to_peak, force.order(32)]
+        read += [force.order(3.2e6), force.smooth_peak(), force.sum_of_amplitudes, response.power("gear a", "gear b")]
+        read += [contact.separated_fraction, contact.reverse_contact_fraction, contact.pulling_force]
+        assert np.isnan(read).all() and contact.impacts == []
+        with pytest.raises(jaxhb.NotConverged, match=status.name):
+            jaxhb.check(response)
+        again = jax.jit(lambda start: jaxhb.solve(pair, rpm=5625.0, plan=plan, start=start))(response)
+        assert not np.isnan(again.residual)
+
+
+class Hurried(jaxhb.Plan):
+    """One step of Newton's method from teeth in contact."""
+
+    @property
+    def sizes(self):
+        return dataclasses.replace(super().sizes, max_steps=1, marches=False)
+
+
+def test_a_lane_that_is_not_solved_leaves_the_others_their_derivatives(pair, plan):
+    """Masked as users do it, after reading; against lanes that are all solved."""
+
+    @jax.jit
+    @jax.grad
+    def slope(damping, rpm):
+        def peak(speed):
+            response = jaxhb.solve(pair.replace({"gear a|gear b.damping": damping}), rpm=speed, plan=plan)
+            return response.force("gear a", "gear b").smooth_peak(), response.converged
+
+        values, good = jax.vmap(peak)(rpm)
+        return jnp.where(good, values, 0.0).sum()
+
+    one, other = 5500.0, HAMMERING_RPM
+    twice = [slope(1200.0, jnp.array(rpm)) for rpm in ([one, one, other], [one, other, other])]
+    assert float(slope(1200.0, jnp.array([one, -5.0, other]))) == pytest.approx(float(sum(twice)) / 3, rel=1e-9)
+    assert float(slope(1200.0, jnp.full(3, -5.0))) == 0.0
+
+
 def loss(pair, plan, stiffness):
     changed = pair.replace({"gear a|gear b.stiffness": stiffness})
     response = jaxhb.solve(changed, rpm=HAMMERING_RPM, plan=plan)

@@ -1,5 +1,7 @@
 """Linear responses at the border: amplitudes, signs, names, and a published table of forced vibration."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from reference_data import torsional_model
@@ -176,6 +178,13 @@ def test_one_disk_on_the_ground_needs_no_link():
     parts = [Disk(name="a", inertia=1.0, damping=0.5), Ground(disk="a", stiffness=4.0)]
     r = jaxhb.solve(build([*parts, Torque(disk="a", harmonics=((1.0, 3.0, 0.0),))]), rpm=2 * ONE_RADIAN_PER_SECOND)
     np.testing.assert_allclose(r.disk("a").order(1), 3.0, rtol=ALGEBRAIC)
+
+
+def test_a_response_is_true_where_it_converged_and_a_sweep_is_neither(geared):
+    assert bool(geared) is True
+    assert bool(dataclasses.replace(geared, status=np.array(jaxhb.Status.TOLERANCE_NOT_MET))) is False
+    with pytest.raises(TypeError, match=r"read \.converged"):
+        bool(jaxhb.solve_speeds(geared.train, rpm=[RPM]))
 
 
 def test_unbalanced_free_train_is_reported_not_solved():

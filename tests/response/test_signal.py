@@ -67,6 +67,15 @@ def test_smooth_peak_lies_between_its_bounds(signal, p):
     assert np.all(smooth >= signal.peak * RESOLUTION ** (-1 / p) * (1 - ALGEBRAIC))
 
 
+@pytest.mark.parametrize("array", [np.asarray, jnp.asarray])
+def test_nothing_is_read_of_a_signal_that_is_nan(array):
+    """Many samples: the largest of a few nan is nan in jax 0.12, that of many -inf."""
+    unknown = Signal(array(np.full(HARMONICS + 1, np.nan + 0j)), None, 2.0, RESOLUTION)
+    names = ("max", "min", "peak", "half_peak_to_peak", "mean", "rms", "sum_of_amplitudes")
+    read = [getattr(unknown, name) for name in names] + [unknown.smooth_peak(), unknown.order(1.0), unknown.order(99.0)]
+    assert np.isnan(read).all() and np.isnan(list(unknown.extremes().values())).all()
+
+
 def test_smooth_peak_of_large_and_of_zero_signals_is_finite():
     huge = Signal(np.array([1e30, 2e30, 0.0]) + 0j, None, 1.0, 64)
     assert 0.9 * huge.peak < huge.smooth_peak(512) <= huge.peak
