@@ -13,7 +13,7 @@ from scipy.linalg import block_diag
 
 from .._arrays import on_host
 from .._shown import brief
-from ..harmonic import chain, exact
+from ..harmonic import chain, exact, fourier
 from ..harmonic.residual import backlash_meshes
 from ..response.response import Response
 from ..response.status import NotConverged, Status
@@ -112,8 +112,8 @@ def stability(response: Response) -> Stability:
     """Floquet multipliers of a periodic motion: whether the train runs in it.
 
     Solves the variational equation around the motion of the harmonics, not around an integration of its own, in steps
-    that end where teeth pass the knots of their law (docs/theory A7; :mod:`jaxhb.transient.variational`); without
-    backlash multipliers are exponentials of the eigenvalues of the train. All states of the train take part; massless
+    that end where teeth pass the knots of their law (docs/theory A7; :mod:`jaxhb.transient.variational`); in contact
+    all cycle multipliers are exponentials of the eigenvalues of the train. All states of the train take part; massless
     disks are condensed. Of more than 48 disks with backlash, modes above twice the highest mesh mode respond to mesh
     forces as if they were that slow, and decay as in the train in contact. Loss factors, which have no equation in
     time, damp each mode at its natural frequency (:func:`jaxhb.transient.statespace.loss_damping`).
@@ -161,12 +161,14 @@ def stability(response: Response) -> Stability:
     frequency = topology.cycle_frequency(float(response.rpm))
     host, meshes, period = on_host(system), on_host(meshes), 2 * np.pi / frequency
     space, fast = state_space(host, meshes, frequency, parts, loss_damping(host)), np.zeros(0)
-    if len(meshes.link):
+    deflection = np.asarray(response.deflections)[topology.backlash_index]
+    times = exact.switching_times(meshes.law, deflection)
+    # Teeth that pass no knot and are beyond the last one stay in contact: the train is linear, as without backlash.
+    if len(times) or (np.abs(fourier.sample(deflection, 1)[:, 0]) < meshes.law.knee).any():
         if topology.n_disks > STABILITY.exact_disks:
             highest = STABILITY.slowed * mesh_mode_harmonics(train, frequency)[0] * frequency
             space, fast = _slowed(space, len(parts.inertial), highest, topology.title)
-        deflection = np.asarray(response.deflections)[topology.backlash_index]
-        found = monodromy(space, meshes, deflection, frequency, exact.switching_times(meshes.law, deflection))
+        found = monodromy(space, meshes, deflection, frequency, times)
         multipliers, disturbance = np.linalg.eig(found.matrix)
         determinant = found.log_determinant - found.trace
     else:
