@@ -4,14 +4,23 @@ One train with a cylinder, a damper and two meshes with backlash, solved linearl
 contact, by the reduced equation with both meshes separating (sampled and with exact integrals), and by the chain. The
 number differentiated is one that tooth forces, shaft torques and positions enter, with respect to factors on the
 parameters.
+
+    python benchmarks/derivatives.py --json rows.jsonl         what the truncation does to 200 random derivatives
+
+Each case is the derivative of the smooth peak of a tooth force by one number of a packaged train, at a random speed at
+which teeth separate: with the harmonics of the default tolerance and with twice as many (the difference of the two is
+what :func:`jaxhb.gradient_and_error` estimates), against four times as many, at most 4096, from the same motion.
 """
 
+import argparse
 import dataclasses
+import time
 from functools import cache, partial
 
 import jax
 import numpy as np
 from known_trains import branched_parts
+from records import add_cases, run_cases
 
 import jaxhb
 from jaxhb import Cylinder, Mesh, Torque
@@ -40,11 +49,13 @@ STEPS = np.array([1e-4] * (len(KINDS) - 1) + [1e-5])
 
 
 class Tight(jaxhb.Plan):
-    """A plan solved to rounding: differences divide what is left of the residual by the step."""
+    """A plan solved to rounding, as differences divide what is left of the residual by the step, and differentiated at
+    the time samples of its solve: differences are those of the sampled equations."""
 
     @property
     def sizes(self):
-        return dataclasses.replace(super().sizes, residual_tolerance=1e-13, max_steps=12, estimated=False)
+        tight = {"residual_tolerance": 1e-13, "max_steps": 12, "slope_samples": 1}
+        return dataclasses.replace(super().sizes, estimated=False, **tight)
 
 
 MARCHED = {"active": (0, 1), "flank": (0, 0), "start": "march", "time_steps": 768, "tolerance": 0.5, "excited": 4}
@@ -142,3 +153,130 @@ def table(path):
         {"kind": kind, "gradient": float(f), "differences": float(w), "error": float(e), **common}
         for kind, f, w, e in columns
     ]
+
+
+SCENES = ("gear_train_30", "gear_train_30", "engine_with_damper", "inline_four_timing_drive", "first_scene")
+SPEEDS = 600.0, 2450.0
+TIME_STEPS = 3072
+"""Of the preconditioner, for the lowest of the speeds."""
+FIELDS = {
+    "damper": ("damping", "stiffness", "inertia"),
+    "shaft": ("stiffness",),
+    "mesh": ("stiffness", "damping", "backlash"),
+    "disk": ("inertia",),
+}
+
+
+class Continued(jaxhb.Plan):
+    """A plan from a given start, with no program for another or for the truncation error; one for all speeds."""
+
+    @property
+    def sizes(self):
+        return dataclasses.replace(super().sizes, estimated=False, marches=False)
+
+
+@cache
+def sampled_train(scene):
+    """A packaged train, the names of its numbers above 0 of FIELDS, by table, and its meshes with backlash."""
+    train = jaxhb.load_scene(scene)
+    names = {
+        table: [
+            f"{name}.{field}"
+            for name, (kind, _) in train.topology.elements.items()
+            for field in fields
+            if kind == table
+            and (field != "backlash" or train.topology.mesh_backlash[train.topology.mesh_names.index(name)])
+            and train.value(f"{name}.{field}") > 0
+        ]
+        for table, fields in FIELDS.items()
+    }
+    meshes = [m for m, gap in zip(train.topology.mesh_names, train.topology.mesh_backlash, strict=True) if gap]
+    return train, names, meshes
+
+
+@partial(jax.jit, static_argnames=("scene", "plan"))
+def peak_and_slopes(factors, train, rpm, of_mesh, start, scene, plan):
+    """Smooth peak of one mesh's force and its status, and the derivative by a factor on each number."""
+    _, names, meshes = sampled_train(scene)
+    names = sum(names.values(), [])
+
+    def peak(factors):
+        changes = {name: train.value(name) * factors[i] for i, name in enumerate(names)}
+        response = jaxhb.solve(train.replace(changes), rpm=rpm, plan=plan, start=start)
+        return sum(of_mesh[i] * response.force(mesh).smooth_peak() for i, mesh in enumerate(meshes)), response.status
+
+    return jax.value_and_grad(peak, has_aux=True)(factors)
+
+
+def hammering(random, train, meshes):
+    """A random speed at which teeth of a converged motion separate: rpm, Response, a mesh that separates, draws."""
+    for draw in range(1, 41):
+        rpm = float(random.uniform(*SPEEDS))
+        response = jaxhb.solve(train, rpm=rpm)
+        apart = [mesh for mesh in meshes if response.mesh(mesh).separated_fraction > 0]
+        if response.converged and apart:
+            return rpm, response, str(random.choice(apart)), draw
+    raise RuntimeError(f"{train.topology.title}: no tooth separates at 40 random speeds")
+
+
+def sampled(seed, number):
+    """The record of one random derivative."""
+    random, begin = np.random.default_rng([seed, number]), time.process_time()
+    scene = str(random.choice(SCENES))
+    train, names, meshes = sampled_train(scene)
+    rpm, response, mesh, draws = hammering(random, train, meshes)
+    name = str(random.choice(names[random.choice([table for table in names if names[table]])]))
+    index = sum(names.values(), []).index(name)
+    active = tuple(train.topology.mesh_names.index(m) for m in meshes)
+    flank, of_mesh = (0,) * len(train.topology.mesh_names), np.array([float(m == mesh) for m in meshes])
+    slopes, peaks, solved = [], [], True
+    for times in (1, 2, 4):
+        harmonics = min(times * response.harmonics, 4096)
+        plan = Continued(harmonics=harmonics, active=active, flank=flank, time_steps=TIME_STEPS)
+        given = np.ones(sum(map(len, names.values()))), train, rpm, of_mesh, jax.tree.map(np.asarray, response)
+        (peak, status), slope = peak_and_slopes(*given, scene=scene, plan=plan)
+        peaks.append(float(peak))
+        slopes.append(float(slope[index]))
+        solved &= int(status) <= jaxhb.Status.TOLERANCE_NOT_MET
+    return {
+        "seed": seed,
+        "case": number,
+        "scene": scene,
+        "rpm": rpm,
+        "parameter": name,
+        "mesh": mesh,
+        "harmonics": response.harmonics,
+        "solved": solved,
+        "peaks": peaks,
+        "slopes": slopes,
+        "draws": draws,
+        "seconds": time.process_time() - begin,
+    }
+
+
+def report(records):
+    """Median, 90 % and worst error of the derivatives, and how far their estimate reaches."""
+    solved = [r for r in records if r["solved"]]
+    found, twice, reference = np.array([r["slopes"] for r in solved]).T
+    estimate, off = np.abs(twice - found), np.abs(twice - reference)
+    print(f"{len(solved)} of {len(records)} solved at all harmonics, {sum(r['draws'] for r in records)} speeds drawn")
+    for title, error in (("default tolerance", np.abs(found - reference)), ("twice the harmonics", off)):
+        share = 100 * error / np.abs(reference)
+        median, most = np.quantile(share, [0.5, 0.9])
+        print(f"{title}: off by {median:.2g} % (median), {most:.2g} % (90 %), {share.max():.3g} % (worst)")
+    known = estimate > 0
+    reach = np.where(known, off / np.where(known, estimate, 1.0), np.where(off > 0, np.inf, 0.0))
+    within = ", ".join(f"{100 * np.mean(reach <= k):.0f} % by {k:g}" for k in (1, 2, 4))
+    print(f"error with twice the harmonics covered by the estimate times k: {within}")
+
+
+def main():
+    """Read the command line and run."""
+    read = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_cases(read, seed=20261124)
+    asked = read.parse_args()
+    report(run_cases(asked, "derivatives", sampled))
+
+
+if __name__ == "__main__":
+    main()

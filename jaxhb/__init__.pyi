@@ -70,6 +70,7 @@ from .model.scene_writer import elements_text as elements_text, scene_text as sc
 from .periodic.branch import Branch as Branch, BranchOptions as BranchOptions, follow as follow
 from .periodic.certificate import certify as certify
 from .periodic.checkpoint import CheckpointError as CheckpointError
+from .periodic.derivative import gradient_and_error as gradient_and_error
 from .periodic.misfires import misfire_each as misfire_each
 from .periodic.plan import Plan as Plan
 from .periodic.returns import Cycles as Cycles

@@ -8,11 +8,12 @@ import jaxhb
 
 
 class Tight(jaxhb.Plan):
-    """A plan solved to rounding: differences divide what is left of the residual by the step."""
+    """A plan solved to rounding, as differences divide what is left of the residual by the step, and differentiated at
+    the time samples of its solve: differences are those of the sampled equations."""
 
     @property
     def sizes(self):
-        return dataclasses.replace(super().sizes, residual_tolerance=1e-13, max_steps=12)
+        return dataclasses.replace(super().sizes, residual_tolerance=1e-13, max_steps=12, slope_samples=1)
 
 
 class Bare(Tight):

@@ -59,7 +59,8 @@ def solve(
     integrals : str, optional
         Of the tooth law over the cycle: "sampled" (default) at 16 time samples per harmonic, or "exact" between the
         times at which teeth pass the knots of their law. Sampling leaves the solution an error of the order of 1e-6,
-        its gradient 1e-4, and second derivatives more than 10 %: those need "exact", which only "reduced" has.
+        its gradient, taken at 256 samples, 1e-5, and second derivatives some percent: those need "exact", which only
+        "reduced" has.
     start : Response, "linear" or "march", optional
         Where Newton starts: another response, on whose branch the solution then usually lies, or the motion with all
         teeth in contact ("linear"), or a few cycles of time integration from it ("march"). By default the motion in
@@ -88,8 +89,8 @@ def solve(
     -----
     The response is differentiable with respect to every number of the train and to the speed, forwards and backwards,
     at the cost of about one linear solve (:mod:`jaxhb.periodic.derivative`); without a plan outside ``jit`` and
-    ``vmap`` only. Where the status is above TOLERANCE_NOT_MET derivatives are zero, and under a transformation every
-    number but those given is nan: what is not solved leaves no plausible value, nor nan in the derivatives of a batch.
+    ``vmap`` only. Under a transformation a response whose status is above TOLERANCE_NOT_MET is nan in every
+    number but those given, and has zero derivatives backwards, so that it leaves the others of a batch theirs.
 
     Examples
     --------

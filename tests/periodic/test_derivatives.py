@@ -79,6 +79,19 @@ def test_a_failed_lane_has_zero_gradient_and_spoils_no_other(batch):
     (_, (status, _)), gradient, along = batch
     assert status[0] == status[3] == jaxhb.Status.CONVERGED
     assert status[1] == jaxhb.Status.MAX_STEPS and status[2] == jaxhb.Status.NONFINITE
-    assert not gradient[1:3].any() and along[1] == 0
+    assert not gradient[1:3].any() and np.isnan(along[1])
     assert np.isfinite(gradient).all() and np.all(gradient[0] != 0)
     assert np.abs(gradient[3] / gradient[0] - 1).max() < 1  # a neighbour, in speed 0.1 % away
+
+
+def test_the_error_of_a_gradient_is_its_change_with_twice_the_harmonics_and_nan_where_nothing_is_solved():
+    """By a function whose derivative is known for every number of harmonics."""
+
+    def parabola(x, plan):
+        return jax.numpy.where(x["a"] > 0, (1 + 1 / plan.harmonics) * x["a"] ** 2 - x["b"] / plan.harmonics, np.nan)
+
+    value, gradient, error = jaxhb.gradient_and_error(parabola, {"a": 3.0, "b": 64.0}, plan=SEPARATING)
+    assert (value, gradient["a"], gradient["b"]) == pytest.approx((9 * (1 + 1 / 64) - 1, 6 * (1 + 1 / 64), -1 / 64))
+    assert (error["a"], error["b"]) == pytest.approx((6 / 64, 1 / 64))
+    unknown = jax.jit(lambda x: jaxhb.gradient_and_error(parabola, x, plan=SEPARATING))({"a": -3.0, "b": 64.0})
+    assert np.isnan(jax.tree.leaves(unknown)).all()

@@ -23,7 +23,17 @@ HARMONICS = 32
 
 
 COMMON = {"harmonics": HARMONICS, "active": (0, 1), "flank": (0, 0), "start": "march", "time_steps": 768}
-SAMPLED = Bare(**COMMON, tolerance=0.5, excited=3)
+
+
+class Sampled(Bare):
+    """Differentiated at as many time samples as plans do it, 256 per harmonic."""
+
+    @property
+    def sizes(self):
+        return dataclasses.replace(super().sizes, slope_samples=jaxhb.Plan(16, (), ()).sizes.slope_samples)
+
+
+SAMPLED = Sampled(**COMMON, tolerance=0.5, excited=3)
 EXACT = dataclasses.replace(SAMPLED, integrals="exact")
 
 
@@ -67,11 +77,12 @@ def found():
     return {"sampled": gradient(ONES, SAMPLED), "exact": exact}
 
 
-def test_gradient_at_16_samples_per_harmonic_is_wrong_by_less_than_three_per_mille(found):
+def test_the_gradient_of_sampled_integrals_is_that_of_exact_ones(found):
     _, (exact, status) = found["exact"]
     assert status == jaxhb.Status.CONVERGED
     apart = np.abs(found["sampled"][1] - exact).max() / np.abs(exact).max()
-    assert 1e-5 < apart < 3e-3  # order 2 in the samples, with a constant that depends on where the knots fall
+    # Order 2 in the samples, with a constant that depends on where the knots fall: 8e-4 at the 16 of the solve.
+    assert apart < 3e-5
 
 
 def test_hessian_is_that_of_differences_of_gradients_with_two_meshes_separating(found):
