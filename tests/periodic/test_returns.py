@@ -85,3 +85,17 @@ def test_a_slow_mode_that_teeth_notice_is_given_time():
     assert Cycles().before_record(1e9, np.inf) == fewer
     assert Cycles().before_record(1.0, np.inf) == more
     assert Cycles(transient=16).before_record(1e9, np.inf) == 16
+
+
+def test_returns_hold_the_cycles_that_their_errors_read_and_no_others():
+    cycles = np.random.default_rng(1).normal(size=(200, 32, 2))
+    found = Returns(np.zeros(2))
+    for first in range(0, 200, 8):
+        found.add(cycles[first : first + 8])
+    assert len(found.cycles) == 32
+    scale = np.abs(cycles[-16:]).max(axis=(0, 1))
+    for k in RETURN.periods:
+        change = [(np.abs(cycles[c] - cycles[c - k]) / scale).max() for c in range(k, 200)]
+        window = max(3, k)
+        wanted = [max(change[len(change) - (i + 1) * window : len(change) - i * window]) for i in range(3)]
+        assert found.errors(k) == wanted
