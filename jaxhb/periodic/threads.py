@@ -31,32 +31,20 @@ def side_by_side(devices):
 def driven(generators):
     """What generators return, in their order, driven side by side.
 
-    A generator yields a Future, and is sent its result as soon as it is there; or it yields a list of generators, and
-    goes on when the last of these has returned.
+    A generator yields a Future, and is sent its result as soon as it is there.
     """
-    returned, waiting, left = {}, {}, {}
+    returned, waiting = {}, {}
 
-    def go_on(generator, parent, result=None):
-        """From one yield to the next; ``parent``: what yielded it in a list, with its own parent."""
+    def go_on(generator, result=None):
+        """From one yield to the next."""
         try:
-            wanted = generator.send(result)
+            waiting[generator.send(result)] = generator
         except StopIteration as end:
             returned[generator] = end.value
-            if parent is not None:
-                left[parent[0]] -= 1
-                if not left[parent[0]]:
-                    go_on(*parent)
-            return
-        if isinstance(wanted, list):
-            left[generator] = len(wanted)
-            for one in wanted:
-                go_on(one, (generator, parent))
-        else:
-            waiting[wanted] = generator, parent
 
     for generator in generators:
-        go_on(generator, None)
+        go_on(generator)
     while waiting:
         for future in wait(waiting, return_when=FIRST_COMPLETED).done:
-            go_on(*waiting.pop(future), future.result())
+            go_on(waiting.pop(future), future.result())
     return [returned[generator] for generator in generators]
