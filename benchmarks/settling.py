@@ -21,7 +21,7 @@ from records import Recorder, pin
 from stress import mode_harmonic, steps_for
 
 import jaxhb
-from jaxhb.periodic.planning import PLANNING
+from jaxhb.linear.mesh_modes import STRAINED
 from jaxhb.transient.integrate import cycle
 
 CYCLES, WATCHED = 1024, 64
@@ -52,7 +52,7 @@ def watched(stepper, state):
 
 def settling(train, rpm):
     """Steps a cycle, change after one cycle, the period that changes least, its change, and a verdict."""
-    wanted = max(512, STEPS_PER_PERIOD * mode_harmonic(train, rpm, PLANNING.strained))
+    wanted = max(512, STEPS_PER_PERIOD * mode_harmonic(train, rpm, STRAINED))
     steps = steps_for(wanted)
     if steps is None or steps * 2 * train.topology.n_disks > MOST_WORK:
         return {"steps": int(wanted), "verdict": "too long"}

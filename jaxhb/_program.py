@@ -17,8 +17,8 @@ import numpy as np
 from jax._src.config import trace_context  # what jit's own keys hold of the settings: it has no public name
 from jax.sharding import Mesh, PartitionSpec, SingleDeviceSharding
 
-from . import _store as _disk, _x64
-from ._arrays import staged, traced
+from . import _jax, _store as _disk
+from ._jax import staged, traced
 
 OPTIONS = {
     # Kernels without its fusion dialects run as fast and compile in two thirds of the time (jaxlib 0.9).
@@ -45,9 +45,9 @@ class Program:
         _programs.add(self)
 
     def __call__(self, *args, **kwargs):
-        _x64.check_settings()
-        if _x64.debugging():
-            with _x64.not_debugging():
+        _jax.check_settings()
+        if _jax.debugging():
+            with _jax.not_debugging():
                 return self._called(args, kwargs)
         return self._called(args, kwargs)
 
@@ -222,7 +222,7 @@ def cache_programs(folder: str | Path | None = None, *, limit: int = _disk.LIMIT
     found = keep_programs(_disk.user_folder() if folder is None else Path(folder), limit)
     if found is not None:
         _store.make_room()
-        _x64.keep_compiled(found / _disk.JAX_SUBFOLDER)
+        _jax.keep_compiled(found / _disk.JAX_SUBFOLDER)
     return found
 
 

@@ -28,7 +28,7 @@ os.environ.setdefault("GLIBC_TUNABLES", ":".join(f"glibc.malloc.{name}={value}" 
 os.environ["JAXHB_CACHE"] = "off"
 gc.set_threshold(500_000)
 
-import jaxhb._x64  # noqa: E402, F401
-from jaxhb import _program  # noqa: E402
+from jaxhb import _jax, _program  # noqa: E402
 
+_jax.load()
 _program.OPTIONS["xla_backend_optimization_level"] = 0

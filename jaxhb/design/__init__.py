@@ -3,11 +3,13 @@
 import importlib
 from typing import TYPE_CHECKING
 
-from .. import _x64  # noqa: F401
+from .. import _jax
 from .quantities import Objective, Parameter, Penalty
 
 if TYPE_CHECKING:
     from .tuning import tune
+
+_jax.load()
 
 __all__ = ["Objective", "Parameter", "Penalty", "tune"]
 

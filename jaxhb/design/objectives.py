@@ -14,7 +14,7 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 
-from jaxhb._arrays import Array, Number
+from jaxhb._jax import Array, Number
 from jaxhb.model.drivetrain import DriveTrain
 from jaxhb.response.response import Response
 from jaxhb.response.signal import Signal

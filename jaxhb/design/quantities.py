@@ -7,8 +7,7 @@ import numpy as np
 
 from ..linear.limits import having
 from ..model.drivetrain import inertias
-from ..model.elements import SceneError
-from ..model.topology import suggestion
+from ..model.elements import SceneError, suggestion
 from . import objectives
 
 

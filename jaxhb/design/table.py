@@ -5,9 +5,8 @@ import dataclasses
 import numpy as np
 
 from ..model.checks import number_like, shown
-from ..model.elements import SceneError
+from ..model.elements import SceneError, suggestion
 from ..model.speeds import read_speeds
-from ..model.topology import suggestion
 from .quantities import Objective, Parameter, Penalty
 
 _ROWS = {"parameter": Parameter, "objective": Objective, "penalty": Penalty}

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 import optax
 
-from jaxhb._arrays import Numbers
+from jaxhb._jax import Numbers
 from jaxhb.design.descent import Step
 from jaxhb.design.quantities import Objective, Parameter, Penalty
 from jaxhb.model.drivetrain import DriveTrain

@@ -1,3 +1,5 @@
 """Fourier-domain mathematics: arrays in, arrays out."""
 
-from .. import _x64  # noqa: F401
+from .. import _jax
+
+_jax.load()

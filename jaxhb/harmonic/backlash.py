@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import jax
 
-from .._arrays import namespace
+from .._jax import namespace
 
 
 @jax.tree_util.register_dataclass

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import jax
 import numpy as np
 
-from .._arrays import namespace
-from ..model.drivetrain import speed_ratios
+from .._jax import namespace
+from ..model.ratios import speed_ratios
 from ..model.varying import refuse_varying
 from .block_sweep import Slots, slots
 

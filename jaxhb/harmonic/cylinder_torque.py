@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .._arrays import kept, namespace
+from .._jax import kept, namespace
 from ..model.crank import CRANK_SAMPLES, gas_torque, inertia_torque
 from ..model.gas import COMPUTED, components
 from . import fourier

@@ -22,7 +22,7 @@ import numpy as np
 from jax import lax
 from numpy.polynomial import legendre
 
-from .._arrays import namespace, on_host
+from .._jax import namespace, on_host
 from . import fourier
 
 

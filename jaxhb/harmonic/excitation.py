@@ -11,16 +11,21 @@ exp(i n Omega t)) gives T^n = A/2. The number of operations does not grow with t
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import jax.numpy as jnp
 import numpy as np
 
-from .._arrays import namespace
+from .._jax import namespace
 from ..model.crank import CRANK_SAMPLES
-from ..model.drivetrain import DriveTrain, speed_ratios
 from ..model.gas import weights
-from ..model.tables import mean_torques, scale_at
-from ..model.topology import Topology
+from ..model.mean_torques import mean_torques, scale_at
+from ..model.ratios import speed_ratios
 from .cylinder_torque import gas_revolutions, pressure_cylinders, pressure_harmonics, unit_inertia_harmonics
+
+if TYPE_CHECKING:
+    from ..model.drivetrain import DriveTrain
+    from ..model.topology import Topology
 
 __all__ = [
     "excitation",

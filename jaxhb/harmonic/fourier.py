@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 from scipy.fft import next_fast_len
 
-from .._arrays import namespace
+from .._jax import namespace
 
 SQRT2 = 2.0**0.5
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import jax
 import numpy as np
 
-from .._arrays import namespace
+from .._jax import namespace
 from . import backlash, fourier, toeplitz
 from .linear_train import disk_stiffness, frequencies, link_stiffness
 

@@ -1,3 +1,5 @@
 """The engineer's linear toolbox: modes, Holzer's table, characteristic polynomials, forced response."""
 
-from .. import _x64  # noqa: F401
+from .. import _jax
+
+_jax.load()

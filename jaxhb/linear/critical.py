@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import brentq
 
-from .._arrays import Array
+from .._jax import Array
 from .._shown import brief
 from ..harmonic.excitation import excitation, listed_harmonic
 from ..model.drivetrain import DriveTrain

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import eig
 from scipy.optimize import linear_sum_assignment
 
-from .._arrays import Array, concrete, namespace, on_host, traced
+from .._jax import Array, concrete, namespace, on_host, traced
 from .._shown import brief
 from ..harmonic import chain
 from ..model.drivetrain import DriveTrain
@@ -23,6 +23,9 @@ ALIKE = 0.5
 AT_REST = 1e-10
 """Modulus, over the largest number of the pencil, that is rounding of a motion without force. Not over the largest
 eigenvalue: a disk without inertia on links with little damping r relaxes at k/r, which no mode knows of."""
+
+DAMPED_DISKS = 300
+"""Disks up to which damping ratios take seconds."""
 
 
 @brief

@@ -10,7 +10,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from .._arrays import Array
+from .._jax import Array
 from ..harmonic import chain
 from ..model.drivetrain import DriveTrain
 

@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .._arrays import Array, Numbers, on_host, staged, traced
+from .._jax import Array, Numbers, on_host, staged, traced
 from .._program import Program
 from ..harmonic import chain, linear_train
 from ..harmonic.backlash import law_of

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._arrays import Array, Number, Numbers, namespace, on_host, traced
+from .._jax import Array, Number, Numbers, namespace, on_host, traced
 from .._shown import brief
 from ..harmonic import chain
 from ..model.drivetrain import DriveTrain

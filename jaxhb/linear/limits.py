@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._arrays import namespace
+from .._jax import namespace
 from .._shown import brief
 from ..model.derived import link_number
 from ..model.drivetrain import DriveTrain

@@ -7,7 +7,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from .._arrays import concrete, traced
+from .._jax import concrete, traced
 from ..model.elements import SceneError
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._arrays import Array, namespace, on_host
+from .._jax import Array, namespace, on_host
 from .._shown import brief
 from ..harmonic import chain
 from ..model.drivetrain import DriveTrain

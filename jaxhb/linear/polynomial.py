@@ -21,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .._arrays import Array, Numbers
+from .._jax import Array, Numbers
 from .._program import Program
 from .._shown import brief
 from ..harmonic import chain

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._arrays import Array, Numbers, concrete, on_host, traced
+from .._jax import Array, Numbers, concrete, on_host, traced
 from .._program import Program
 from ..harmonic import chain
 from ..model.drivetrain import DriveTrain

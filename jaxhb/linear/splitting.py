@@ -27,7 +27,7 @@ from typing import Any
 
 from jaxhb.model.drivetrain import DriveTrain
 
-from .._arrays import concrete, traced
+from .._jax import concrete, traced
 from ..harmonic import chain
 from ..model.elements import SceneError
 from .links import Links, less, links_of, plus, times

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._arrays import Array, Number, concrete, namespace, traced
+from .._jax import Array, Number, concrete, namespace, traced
 
 CAP = 800e6
 """Tensile strength in Pa beyond which the rule gives no higher limit, for alloy steels; for other steels and for

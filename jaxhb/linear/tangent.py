@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._arrays import Number, concrete, namespace, on_host, traced
+from .._jax import Number, concrete, namespace, on_host, traced
 from .._shown import brief
 from ..harmonic import backlash, chain
 from ..harmonic.excitation import excitation

@@ -18,7 +18,7 @@ import numpy as np
 from jax import lax
 
 from ..harmonic import linear_train
-from ..model.drivetrain import speed_ratios
+from ..model.ratios import speed_ratios
 from ..model.varying import factors, order_stiffness, scaled
 
 

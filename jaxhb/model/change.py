@@ -6,11 +6,10 @@ import dataclasses
 
 import numpy as np
 
-from jaxhb._arrays import traced
+from jaxhb._jax import traced
 from jaxhb.model import checks, choices, derived, gas, hold
-from jaxhb.model.elements import TABLES, Combustion, SceneError, Trace
+from jaxhb.model.elements import TABLES, Combustion, SceneError, Trace, suggestion
 from jaxhb.model.graph import RATIO_TOLERANCE
-from jaxhb.model.topology import suggestion
 from jaxhb.model.varying import NEEDS
 
 _TABLE_OF = {table: f"{table}s" for table in TABLES} | {"mesh": "meshes"}

@@ -6,10 +6,9 @@ import dataclasses
 from collections import Counter
 
 from jaxhb.model.cylinder_checks import cylinder_errors
-from jaxhb.model.elements import TABLES, SceneError, table_of
+from jaxhb.model.elements import TABLES, SceneError, suggestion, table_of
 from jaxhb.model.engine import Engine, cylinders, engine_errors
 from jaxhb.model.link_checks import damper_errors, mesh_errors, shaft_errors
-from jaxhb.model.topology import suggestion
 from jaxhb.model.value_checks import field_errors, number_like, shown, value_errors
 
 __all__ = ["Parts", "element_errors", "name_errors", "number_like", "reference_errors", "shown", "value_errors"]

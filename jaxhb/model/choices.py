@@ -6,9 +6,8 @@ import dataclasses
 
 import numpy as np
 
-from jaxhb.model.elements import Mesh, SceneError
+from jaxhb.model.elements import Mesh, SceneError, suggestion
 from jaxhb.model.tables import FRIDMAN_EPSILON, FRIDMAN_TRANSITION
-from jaxhb.model.topology import suggestion
 
 _WORDS = {f.name: f.metadata["words"] for f in dataclasses.fields(Mesh) if f.metadata["kind"] == "choice"}
 _FRIDMAN = {"epsilon": FRIDMAN_EPSILON, "transition": FRIDMAN_TRANSITION}

@@ -33,7 +33,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from jaxhb._arrays import namespace
+from jaxhb._jax import namespace
 from jaxhb.model.crank import slider_crank
 
 BURNT_AT_END = 0.999

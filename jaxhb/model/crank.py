@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from jaxhb._arrays import namespace
+from jaxhb._jax import namespace
 
 CRANK_SAMPLES = 512
 """Angles of a revolution at which inertia torques are taken: their series falls by stroke/(2 rod) per order."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
-from .._arrays import Number
+from .._jax import Number
 
 LINKS = ("shaft", "damper", "mesh")
 """Tables of links in the order of their numbers."""

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from jaxhb._arrays import Number, pytree, traced
+from jaxhb._jax import Number, pytree, traced
 from jaxhb._shown import html_table
 from jaxhb.model import change, gas, varying
-from jaxhb.model.elements import SceneError
+from jaxhb.model.elements import SceneError, suggestion
 from jaxhb.model.ratios import inertias, speed_ratios
 from jaxhb.model.tables import Cylinders, Dampers, Disks, Grounds, Loads, Meshes, Shafts, Torques
-from jaxhb.model.topology import Topology, suggestion
+from jaxhb.model.topology import Topology
 
 __all__ = ["DriveTrain", "SceneError", "Topology", "inertias", "speed_ratios"]
 

@@ -15,6 +15,7 @@ Examples
 
 from __future__ import annotations
 
+import difflib
 from dataclasses import dataclass, field
 
 from jaxhb.model.fields import (
@@ -40,6 +41,18 @@ class SceneError(ValueError):
     def __init__(self, sentences):
         self.sentences = (sentences,) if isinstance(sentences, str) else tuple(sentences)
         super().__init__("\n".join(self.sentences))
+
+
+def suggestion(word: str, known) -> str:
+    """Say what was probably meant: `` Did you mean 'stiffness'?``, or the choices where nothing is near."""
+    known = list(known)
+    near = difflib.get_close_matches(word if isinstance(word, str) else "", known, n=1, cutoff=0.6)
+    if near:
+        return f" Did you mean {near[0]!r}?"
+    if not known:
+        return ""
+    shown = ", ".join(repr(k) for k in known[:8])
+    return f" Known: {shown}{', …' if len(known) > 8 else ''}."
 
 
 class Unread:

@@ -14,9 +14,8 @@ import math
 from collections import Counter
 from dataclasses import dataclass, field
 
-from jaxhb.model.elements import CrankSlider, Cylinder
+from jaxhb.model.elements import CrankSlider, Cylinder, suggestion
 from jaxhb.model.fields import Range
-from jaxhb.model.topology import suggestion
 from jaxhb.model.value_checks import field_errors, number_like, shown
 
 

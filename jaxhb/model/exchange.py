@@ -23,9 +23,8 @@ import difflib
 import json
 import math
 
-from jaxhb.model.elements import Disk, Mesh, SceneError, Shaft
+from jaxhb.model.elements import Disk, Mesh, SceneError, Shaft, suggestion
 from jaxhb.model.link_checks import plain_number
-from jaxhb.model.topology import suggestion
 
 SHEAR_MODULUS = 80e9
 """Pa, of steel: TORS gives none."""

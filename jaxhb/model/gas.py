@@ -12,11 +12,10 @@ from typing import Any, dataclass_transform
 
 import numpy as np
 
-from jaxhb._arrays import namespace, pytree
+from jaxhb._jax import namespace, pytree
 from jaxhb._shown import brief
 from jaxhb.model.combustion import pressures
 from jaxhb.model.crank import slider_crank
-from jaxhb.model.elements import Combustion
 
 Array = Any
 
@@ -118,53 +117,6 @@ def gas_cycle(rows, firing_tdc: float | None) -> np.ndarray:
     # Rounded: an angle just below 0 would be taken from the other end of the table.
     turned = angle[0] + np.mod(np.round(grid - angle[0], 9), period)
     return np.interp(turned, angle, pressure)
-
-
-def _seats(cylinders, name) -> tuple[int, ...]:
-    return tuple(i for i, c in enumerate(cylinders) if source(c) == name)
-
-
-def trace_table(cylinders) -> Traces | None:
-    """Collect the traces; None where no cylinder has any."""
-    seats = _seats(cylinders, "traces")
-    if not seats:
-        return None
-    own = [cylinders[i].traces for i in seats]
-    speeds, loads = ([sorted({float(getattr(t, key)) for t in row}) for row in own] for key in ("rpm", "load"))
-    rpm, load = padded(speeds), padded(loads)
-    pressure = np.zeros((len(seats), rpm.shape[1], load.shape[1], GAS_SAMPLES))
-    for k, row in enumerate(own):
-        for trace in row:
-            r, s = speeds[k].index(float(trace.rpm)), loads[k].index(float(trace.load))
-            pressure[k, r, s] = gas_cycle(trace.pressure, trace.table_firing_tdc)
-    sizes = tuple((len(r), len(s)) for r, s in zip(speeds, loads, strict=True))
-    return Traces(seats=seats, sizes=sizes, rpm=rpm, load=load, pressure=pressure)
-
-
-def combustion_table(cylinders) -> Combustions | None:
-    """Collect the combustions; None where no cylinder has one."""
-    seats = _seats(cylinders, "combustion")
-    if not seats:
-        return None
-    own = [cylinders[i].combustion for i in seats]
-    own = [c if c.exhaust_pressure else dataclasses.replace(c, exhaust_pressure=c.charge_pressure) for c in own]
-    names = [f.name for f in dataclasses.fields(Combustion) if f.name != "stroke_cycle"]
-    return Combustions(
-        seats=seats,
-        revolutions=tuple(gas_revolutions(cylinders[i]) for i in seats),
-        by_work=tuple(c.imep is not None for c in own),
-        **{name: np.array([float(getattr(c, name) or 0.0) for c in own]) for name in names},
-    )
-
-
-def load_table(cylinders) -> tuple[np.ndarray, np.ndarray] | tuple[None, None]:
-    """Speeds and shares of full load of every cylinder, [nc, L]; None where no share counts."""
-    if not any(source(c) in ("traces", "combustion") for c in cylinders):
-        return None, None
-    rows = [np.asarray(c.load or ((0.0, 1.0),), dtype=np.float64) for c in cylinders]
-    longest = max(len(row) for row in rows)
-    shares = [np.append(row[:, 1], [row[-1, 1]] * (longest - len(row))) for row in rows]
-    return padded([row[:, 0] for row in rows]), np.array(shares)
 
 
 def padded(grids) -> np.ndarray:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from jaxhb._arrays import on_host, traced
+from jaxhb._jax import on_host, traced
 from jaxhb.model.gas import FAR
 from jaxhb.model.graph import pieces
-from jaxhb.model.tables import mean_torques
+from jaxhb.model.mean_torques import mean_torques
 
 _DECIDES = {
     "damper": ("stiffness", "damping"),

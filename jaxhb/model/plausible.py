@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from jaxhb._arrays import on_host
+from jaxhb._jax import on_host
 from jaxhb.model import gas, hold
+from jaxhb.model.mean_torques import gas_pressures, mean_torques
 from jaxhb.model.ratios import tooth_damping_ratios
-from jaxhb.model.tables import gas_pressures, mean_torques
 
 if TYPE_CHECKING:
     from jaxhb.model.drivetrain import DriveTrain

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jaxhb._arrays import namespace
+from jaxhb._jax import namespace
 from jaxhb._shown import brief
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ def speed_ratios(train):
 
     Examples
     --------
-    >>> from jaxhb.model.drivetrain import speed_ratios
+    >>> from jaxhb.model.ratios import speed_ratios
     >>> from jaxhb.model.scene import load_scene
     >>> train = load_scene("gear_train_30")
     >>> float(speed_ratios(train)[train.topology.rotor[train.topology.disk_index("cam A1")]])

@@ -8,8 +8,7 @@ from __future__ import annotations
 import dataclasses
 
 from jaxhb.model.checks import shown, value_errors
-from jaxhb.model.elements import TABLES
-from jaxhb.model.topology import suggestion
+from jaxhb.model.elements import TABLES, suggestion
 
 
 def read_scenarios(parts, scenarios) -> tuple[dict, list[str]]:

@@ -17,10 +17,9 @@ from pathlib import Path
 
 from jaxhb.model.assembly import train_fields
 from jaxhb.model.drivetrain import DriveTrain
-from jaxhb.model.elements import TABLES, SceneError, Unread
+from jaxhb.model.elements import TABLES, SceneError, Unread, suggestion
 from jaxhb.model.engine import Engine
 from jaxhb.model.exchange import csv_content, tors_content
-from jaxhb.model.topology import suggestion
 
 _READERS = {".json": tors_content, ".csv": csv_content}
 _SCENE_KEYS = ("name", "description", "revolutions_per_cycle", "reference", "rated_rpm")

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from jaxhb._arrays import kept, namespace
 from jaxhb.model import gas
-from jaxhb.model.crank import gas_torque
+from jaxhb.model.elements import Combustion
 from jaxhb.model.gas import GAS_SAMPLES, Combustions, Traces, gas_cycle, table as _table
 
 Array = Any
@@ -246,7 +245,7 @@ def cylinder_table(cylinders) -> Cylinders:
         if c.pressure:
             pressure[i] = gas_cycle(c.pressure, c.table_firing_tdc)
     scale_rpm, scale_factor = _scales(cylinders)
-    load_rpm, load_share = gas.load_table(cylinders)
+    load_rpm, load_share = _share_table(cylinders)
     scattered = any(c.gas_factor is not None for c in cylinders)
     return Cylinders(
         bore=column(cylinders, "bore"),
@@ -260,65 +259,56 @@ def cylinder_table(cylinders) -> Cylinders:
         pressure=pressure,
         scale_rpm=scale_rpm,
         scale_factor=scale_factor,
-        traces=gas.trace_table(cylinders),
-        combustion=gas.combustion_table(cylinders),
+        traces=_trace_table(cylinders),
+        combustion=_combustion_table(cylinders),
         load_rpm=load_rpm,
         load_share=load_share,
         gas_factor=column(cylinders, "gas_factor", absent=1.0) if scattered else None,
     )
 
 
-def scale_at(table, rpm):
-    """Factor of each element at ``rpm`` [..., n]: its scale, linear between the points and constant outside them.
-
-    Of torques with a rated speed times the power of the speed.
-    """
-    if namespace(table.scale_rpm, table.scale_factor, rpm) is not np:
-        import jax
-        import jax.numpy as jnp
-
-        rows = jax.vmap(jnp.interp, in_axes=(None, 0, 0), out_axes=-1)
-        factor = rows(rpm, table.scale_rpm, table.scale_factor)
-    else:
-        rows = [np.interp(rpm, *points) for points in zip(table.scale_rpm, table.scale_factor, strict=True)]
-        factor = np.reshape(rows, (len(rows), *np.shape(rpm))).T
-    if getattr(table, "rated_rpm", None) is None:
-        return factor
-    xp = namespace(table, rpm)
-    # 1 where there is none: a power of infinity would be nan in derivatives.
-    rated = xp.where(table.rated_rpm > 0.0, table.rated_rpm, 1.0)
-    power = (xp.asarray(rpm, dtype=float)[..., None] / rated) ** table.speed_exponent
-    return factor * xp.where(table.rated_rpm > 0.0, power, 1.0)
+def _seats(cylinders, name) -> tuple[int, ...]:
+    return tuple(i for i, c in enumerate(cylinders) if gas.source(c) == name)
 
 
-def gas_pressures(cylinders: Cylinders, rpm):
-    """Pressure [..., nc, M] (Pa) of every cylinder from firing top dead centre on, times its scale, at ``rpm`` [...].
-
-    M is 0 where no cylinder computes its torque from a pressure; zeros stand for those that do not.
-    """
-    summed = np.einsum("...jn,jnm->...nm", gas.weights(cylinders, rpm), gas.components(cylinders))
-    return scale_at(cylinders, rpm)[..., None] * summed
-
-
-def mean_torques(torques: Torques, cylinders: Cylinders, fires, revolutions, rpm):
-    """Mean of the given torques and then of the gas torques of the cylinders, N m [..., nt + nc], at ``rpm`` [...].
-
-    ``fires`` and ``revolutions`` [nc]: whether a cylinder fires, and how often its crank turns in a gas cycle. The
-    ambient pressure and the inertia torque do no work over a cycle. In NumPy or JAX.
-    """
-    mean = namespace(cylinders.gas_torque_mean).asarray(cylinders.gas_torque_mean)
-    mean = mean + (gas.weights(cylinders, rpm) * _computed_means(cylinders, tuple(revolutions))).sum(axis=-2)
-    mean = namespace(mean).where(np.array(fires, dtype=bool), mean, 0.0)
-    if cylinders.gas_factor is not None:
-        mean = cylinders.gas_factor * mean
-    given = scale_at(torques, rpm) * torques.mean, scale_at(cylinders, rpm) * mean
-    return namespace(given).concatenate(given, axis=-1)
+def _trace_table(cylinders) -> Traces | None:
+    """Collect the traces; None where no cylinder has any."""
+    seats = _seats(cylinders, "traces")
+    if not seats:
+        return None
+    own = [cylinders[i].traces for i in seats]
+    speeds, loads = ([sorted({float(getattr(t, key)) for t in row}) for row in own] for key in ("rpm", "load"))
+    rpm, load = gas.padded(speeds), gas.padded(loads)
+    pressure = np.zeros((len(seats), rpm.shape[1], load.shape[1], GAS_SAMPLES))
+    for k, row in enumerate(own):
+        for trace in row:
+            r, s = speeds[k].index(float(trace.rpm)), loads[k].index(float(trace.load))
+            pressure[k, r, s] = gas_cycle(trace.pressure, trace.table_firing_tdc)
+    sizes = tuple((len(r), len(s)) for r, s in zip(speeds, loads, strict=True))
+    return Traces(seats=seats, sizes=sizes, rpm=rpm, load=load, pressure=pressure)
 
 
-@kept
-def _computed_means(cylinders, revolutions):
-    """Mean torque [J, nc], N m, of each component of the gas pressure: speeds differ in its weights alone."""
-    pressures, geometry = gas.components(cylinders), (cylinders.bore, cylinders.stroke, cylinders.rod)
-    if not pressures.shape[-1]:
-        return np.zeros(pressures.shape[:-1])
-    return gas_torque(pressures, *geometry, revolutions=np.array(revolutions)).mean(axis=-1)
+def _combustion_table(cylinders) -> Combustions | None:
+    """Collect the combustions; None where no cylinder has one."""
+    seats = _seats(cylinders, "combustion")
+    if not seats:
+        return None
+    own = [cylinders[i].combustion for i in seats]
+    own = [c if c.exhaust_pressure else dataclasses.replace(c, exhaust_pressure=c.charge_pressure) for c in own]
+    names = [f.name for f in dataclasses.fields(Combustion) if f.name != "stroke_cycle"]
+    return Combustions(
+        seats=seats,
+        revolutions=tuple(gas.gas_revolutions(cylinders[i]) for i in seats),
+        by_work=tuple(c.imep is not None for c in own),
+        **{name: np.array([float(getattr(c, name) or 0.0) for c in own]) for name in names},
+    )
+
+
+def _share_table(cylinders) -> tuple[np.ndarray, np.ndarray] | tuple[None, None]:
+    """Speeds and shares of full load of every cylinder, [nc, L]; None where no share counts."""
+    if not any(gas.source(c) in ("traces", "combustion") for c in cylinders):
+        return None, None
+    rows = [np.asarray(c.load or ((0.0, 1.0),), dtype=np.float64) for c in cylinders]
+    longest = max(len(row) for row in rows)
+    shares = [np.append(row[:, 1], [row[-1, 1]] * (longest - len(row))) for row in rows]
+    return gas.padded([row[:, 0] for row in rows]), np.array(shares)

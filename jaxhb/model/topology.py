@@ -7,7 +7,6 @@ compared.
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,19 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxhb.model.elements import SceneError
-
-
-def suggestion(word: str, known) -> str:
-    """Say what was probably meant: `` Did you mean 'stiffness'?``, or the choices where nothing is near."""
-    known = list(known)
-    near = difflib.get_close_matches(word if isinstance(word, str) else "", known, n=1, cutoff=0.6)
-    if near:
-        return f" Did you mean {near[0]!r}?"
-    if not known:
-        return ""
-    shown = ", ".join(repr(k) for k in known[:8])
-    return f" Known: {shown}{', …' if len(known) > 8 else ''}."
+from jaxhb.model.elements import SceneError, suggestion
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,6 +14,7 @@ from jaxhb.model import gas, hold, tables
 from jaxhb.model.elements import Torque
 from jaxhb.model.graph import pieces
 from jaxhb.model.hold import names_of
+from jaxhb.model.mean_torques import mean_torques as mean_torques_at
 
 WHOLE = 1e-6
 """Distance from a whole number, in harmonics of the cycle, up to which an order fits."""
@@ -168,7 +169,7 @@ def mean_torques(parts, speeds) -> np.ndarray:
     cylinders = known["cylinder"]
     fires, revolutions = [c.fires for c in cylinders], [gas.gas_revolutions(c) for c in cylinders]
     given = tables.torque_table(known["torque"]), tables.cylinder_table(cylinders)
-    return hold.on_disks(len(parts.disk_names), seats, tables.mean_torques(*given, fires, revolutions, speeds))
+    return hold.on_disks(len(parts.disk_names), seats, mean_torques_at(*given, fires, revolutions, speeds))
 
 
 def scale_speeds(parts) -> list[float]:

@@ -9,8 +9,7 @@ from collections import Counter
 import numpy as np
 
 from jaxhb.model import gas
-from jaxhb.model.elements import Unread
-from jaxhb.model.topology import suggestion
+from jaxhb.model.elements import Unread, suggestion
 
 
 def shown(value) -> str:

@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from jaxhb._arrays import namespace, traced
+from jaxhb._jax import namespace, traced
 from jaxhb.model.elements import SceneError
 
 NEEDS = {

@@ -1,3 +1,5 @@
 """Finding periodic solutions and estimating their errors."""
 
-from .. import _x64  # noqa: F401
+from .. import _jax
+
+_jax.load()

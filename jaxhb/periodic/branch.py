@@ -14,6 +14,7 @@ import numpy as np
 from .._shown import brief
 from ..harmonic import fourier
 from ..harmonic.excitation import listed_harmonic
+from ..linear.mesh_modes import mesh_mode_harmonics
 from ..model.drivetrain import DriveTrain
 from ..response.response import Response
 from ..response.status import NotConverged, Status, check
@@ -258,7 +259,7 @@ def _plan(train, rpm, harmonics, tolerance, found):
     """The Plan of all points of a branch."""
     request = Request.of(train, harmonics, tolerance)
     excited = listed_harmonic(train.topology)
-    modes, _ = planning.mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))
+    modes, _ = mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))
     level = planning.first_level(excited_harmonic(train, request.method), modes)
     steps = time_steps_for(max(modes, 2 * excited))
     plan = replace(planning.contact_plan(train, request), time_steps=steps)

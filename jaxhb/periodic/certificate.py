@@ -14,12 +14,12 @@ import numpy as np
 from ..harmonic import backlash, fourier
 from ..harmonic.backlash import law_of
 from ..harmonic.excitation import listed_harmonic
+from ..linear.mesh_modes import mesh_mode_harmonics
 from ..response.certificate import LINEAR, Certificate
 from ..response.response import Response
 from .certificate_options import CERTIFICATE
 from .certified_stability import decide
 from .linearization import CertificateSizes, Linearization, NotInverted, highest_frequency
-from .planning import mesh_mode_harmonics
 from .problem import problem_at
 from .stability import train_of
 from .theorem import bounds_at, harmonic_balance, not_inverted

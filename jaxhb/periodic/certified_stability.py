@@ -14,7 +14,7 @@ of P with the largest ``|1/(z - lambda) - 1/(1 - lambda)|`` on the unit circle.
 
 import numpy as np
 
-from .._arrays import on_host
+from .._jax import on_host
 from ..harmonic import chain, exact
 from ..harmonic.residual import backlash_meshes
 from ..transient.statespace import partition, state_space

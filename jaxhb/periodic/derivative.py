@@ -23,7 +23,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from .._arrays import Array
+from .._jax import Array
 from . import correction
 from .problem import fields, reduced_equation
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import jax
 import jax.numpy as jnp
 
-from .._arrays import Array
+from .._jax import Array
 from .._program import Program
 from ..harmonic import fourier
 from ..model.drivetrain import DriveTrain

@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._arrays import Array
+from .._jax import Array
 from .._program import Program
 from ..harmonic import backlash
 from ..transient import segments

@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ..linear.mesh_modes import mesh_mode_harmonics
 from ..response.response import Response
 from ..response.status import Status
 from . import homotopy, orbits, planning
@@ -122,7 +123,7 @@ class Case:
     @cached_property
     def modes(self):
         """Harmonics of the cycle at the highest mesh modes, and at those that strain meshes weakly."""
-        return planning.mesh_mode_harmonics(self.train, self.train.topology.cycle_frequency(float(self.rpm)))
+        return mesh_mode_harmonics(self.train, self.train.topology.cycle_frequency(float(self.rpm)))
 
     @cached_property
     def problem(self):

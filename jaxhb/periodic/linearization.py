@@ -23,7 +23,7 @@ import numpy as np
 from scipy.linalg import eigvalsh
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
-from .._arrays import on_host
+from .._jax import on_host
 from .._program import Program
 from ..harmonic import backlash, exact, fourier
 from ..harmonic.krylov import gcr

@@ -11,12 +11,12 @@ from .._program import WHOLE, across, along
 from ..harmonic import chain
 from ..harmonic.excitation import listed_harmonic
 from ..harmonic.residual import backlash_meshes
+from ..linear.mesh_modes import mesh_mode_harmonics
 from ..transient import lanes, record as recording
 from ..transient.lanes import LANES
 from ..transient.modes import march_modes, modes_of
 from ..transient.reduced_model import reduced_model
 from ..transient.statespace import partition
-from .planning import mesh_mode_harmonics
 from .returns import Returns
 from .time_steps import TIME_STEPS
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._arrays import Numbers
+from .._jax import Numbers
 from .._shown import brief
 from ..model.drivetrain import DriveTrain
 from ..model.elements import SceneError

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._arrays import namespace, staged, traced
+from .._jax import namespace, staged, traced
 from .._program import WHOLE, Program, across, along
 from ..harmonic import fourier
 from ..harmonic.backlash import law_of

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._arrays import kept, on_host
+from .._jax import on_host
 from ..harmonic import backlash, chain, fourier
 from ..harmonic.excitation import excitation, listed_harmonic
-from ..linear.modal import natural_frequencies
+from ..linear.mesh_modes import mesh_mode_harmonics
 from ..model.change import without_backlash
 from ..transient.statespace import dense_linear_motion
 from .plan import Plan
@@ -31,16 +31,10 @@ class PlanningOptions:
         harmonics
     above_excitation, above_modes : times the highest harmonic excited and times that of the highest mesh mode, at which
         the first level lies: below the mesh modes the truncated equations often have no solution near the motion
-    strained : share of the strain energy of a mode that tooth meshes hold from which the motion has to be resolved to
-        its frequency
-    weakly_strained : the same from which an estimate of the truncation error has to see the mode: with little damping
-        it may resonate all the same
     sees_modes : times the weakly strained modes at which the 2 N harmonics of an estimate see them
     blind_share : of the tolerance that an estimate may use which does not see them
     hammered : half peak-to-peak values of the linear force of the hardest mesh that separates, by which another mesh
         must stay loaded to be held on its flank
-    modal_disks : disks up to which all modes are computed
-    shaft_stiffening : what the shafts of larger trains add to the frequencies of the gears alone, a factor
     dense_disks, dense_speeds : up to which the linear motion is solved with dense matrices and no program: 27 disks
         take 2 ms a speed, and the program 3 s to compile
     """
@@ -50,13 +44,9 @@ class PlanningOptions:
     sweep_level_ratio: float = 4.0
     above_excitation: float = 2.0
     above_modes: float = 1.5
-    strained: float = 0.05
-    weakly_strained: float = 0.01
     sees_modes: float = 1.2
     blind_share: float = 0.1
     hammered: float = 2.0
-    modal_disks: int = 400
-    shaft_stiffening: float = 1.1
     dense_disks: int = 100
     dense_speeds: int = 256
 
@@ -86,42 +76,6 @@ def next_level(harmonics, method, ratio=PLANNING.level_ratio):
     # 0.95: levels are a ratio of 1.33 or 1.5 apart, and the next one is not to be missed by a little.
     higher = [n for n in PLANNING.levels if 0.95 * ratio * harmonics <= n <= most / math.sqrt(ratio)]
     return higher[0] if higher else most if harmonics < most else None
-
-
-def mesh_mode_harmonics(train, frequency):
-    """Harmonics of the cycle at the highest natural frequencies that strain tooth meshes, and that strain them weakly.
-
-    The shares of strain energy are those of :class:`PlanningOptions`. Of a finely divided train, whose modes would take
-    longer than its solve, that of the gears and meshes alone.
-
-    Returns
-    -------
-    array ``(2,)``
-    """
-    return _mesh_modes_hz(train) / (frequency / (2 * np.pi))
-
-
-@kept
-def _mesh_modes_hz(train):
-    """Frequencies ``(2,)`` in Hz of :func:`mesh_mode_harmonics`."""
-    if train.topology.n_disks > PLANNING.modal_disks:
-        return np.full(2, PLANNING.shaft_stiffening * _gear_mode_hz(train))
-    modes = natural_frequencies(train)
-    share, least_shares = modes.mesh_energy_share, (PLANNING.strained, PLANNING.weakly_strained)
-    return np.array([np.max(modes.frequencies_hz[share > least], initial=0.0) for least in least_shares])
-
-
-def _gear_mode_hz(train):
-    """Highest natural frequency in Hz of the gears on their meshes, all shafts taken away."""
-    system = chain.assemble(train)
-    links = np.arange(len(system.stiffness) - len(train.topology.mesh_names), len(system.stiffness))
-    rows = system.incidence(links).T
-    # With the shafts gone, gears on their meshes alone: sqrt of the largest eigenvalue of sqrt(c) D M^-1 D^T sqrt(c), a
-    # matrix of the meshes.
-    mass = np.maximum(system.mass, 1e-6 * np.mean(system.mass))
-    root = np.sqrt(system.stiffness[links])
-    squares = np.linalg.eigvalsh(root[:, None] * (rows / mass) @ rows.T * root)
-    return np.sqrt(max(squares.max(initial=0.0), 0.0)) / (2 * np.pi)
 
 
 def meshes_leaving_contact(train, forces):

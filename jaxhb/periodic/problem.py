@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import jax
 import jax.numpy as jnp
 
-from .._arrays import Array, namespace
+from .._jax import Array, namespace
 from ..harmonic import backlash, chain, fourier, linear_train, reduction
 from ..harmonic.excitation import excitation, listed_harmonic, load_power_kW
 from ..harmonic.residual import MeshParameters, all_meshes

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import jax
 import numpy as np
 
-from .._arrays import traced
+from .._jax import traced
 from ..harmonic import chain
 from ..harmonic.excitation import highest_harmonic
 from ..model.elements import SceneError

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .._arrays import staged, traced
+from .._jax import staged, traced
 from ..model.drivetrain import DriveTrain
 from ..model.speeds import check_speed
 from ..response.response import Response

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..harmonic import fourier
+from ..linear.mesh_modes import mesh_mode_harmonics
 from ..response.events import March
 from ..response.status import Status
 from . import ladder, planning
@@ -106,7 +107,7 @@ def _plan_of(train, rpm, request, side, apart, period):
     flank = np.zeros(len(train.topology.mesh_names), dtype=int)
     flank[own] = side
     contact = planning.contact_plan(train, request)
-    modes = planning.mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))
+    modes = mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))
     active = tuple(int(i) for i in own[side == 0])
     wanted = planning.first_level(contact.excited, modes[0] if apart else 0.0) if active else contact.harmonics
     wanted = planning.shared_level(wanted) if active else wanted

@@ -12,7 +12,7 @@ import time
 
 import numpy as np
 
-from .._arrays import Number, concrete, staged, traced
+from .._jax import Number, concrete, staged, traced
 from ..model.change import without_backlash
 from ..model.drivetrain import DriveTrain
 from ..model.speeds import check_speed

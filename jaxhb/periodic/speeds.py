@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .._arrays import Numbers
+from .._jax import Numbers
 from ..model.drivetrain import DriveTrain
 from ..model.speeds import check_speed
 from ..response.response import Response, stack

@@ -11,15 +11,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import block_diag
 
-from .._arrays import on_host
+from .._jax import on_host
 from .._shown import brief
 from ..harmonic import chain, exact, fourier
 from ..harmonic.residual import backlash_meshes
+from ..linear.mesh_modes import mesh_mode_harmonics
 from ..response.response import Response
 from ..response.status import NotConverged, Status
 from ..transient.statespace import StateSpace, loss_damping, partition, state_space
 from ..transient.variational import monodromy
-from .planning import mesh_mode_harmonics
 
 
 @dataclass(frozen=True)

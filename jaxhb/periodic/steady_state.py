@@ -11,7 +11,7 @@ from typing import Any, Literal, overload
 
 import numpy as np
 
-from .._arrays import Array, Numbers, staged, traced
+from .._jax import Array, Numbers, staged, traced
 from ..harmonic import chain, fourier
 from ..model.drivetrain import DriveTrain
 from ..model.elements import SceneError

@@ -1,3 +1,5 @@
 """What a solution is: the response, its signals, the contact of its teeth, its status."""
 
-from .. import _x64  # noqa: F401
+from .. import _jax
+
+_jax.load()

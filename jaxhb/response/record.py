@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from .._arrays import Array
+from .._jax import Array
 from .._shown import brief
 from .signal import Signal
 

@@ -9,7 +9,7 @@ from typing import Any, Self
 import jax
 import numpy as np
 
-from .._arrays import Array, namespace
+from .._jax import Array, namespace
 from .._shown import brief
 from ..harmonic import backlash, fourier
 from ..model.drivetrain import DriveTrain

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .._arrays import traced
+from .._jax import traced
 from .._shown import counts, html_table, number, shown_rows, span
 from .status import Status
 

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._arrays import Array, namespace, traced
+from .._jax import Array, namespace, traced
 from ..harmonic import fourier
 from .shown import signal_line
 

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..model.elements import SceneError
-from ..model.topology import suggestion
+from ..model.elements import SceneError, suggestion
 from ..response.signal import Signal
 from ..response.status import Status
 from .choose import shafts_of, train_name

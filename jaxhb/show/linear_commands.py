@@ -7,7 +7,7 @@ import numpy as np
 
 from ..harmonic.chain import span
 from ..linear.critical import ELASTIC, campbell as campbell_of, excited_orders, mode_kinds
-from ..linear.damped import damping_ratios
+from ..linear.damped import DAMPED_DISKS, damping_ratios
 from ..linear.forced import forced_response
 from ..linear.holzer import holzer_residual, holzer_table
 from ..linear.limits import strength
@@ -30,9 +30,6 @@ from .record import finite, modes_record
 from .scene_check import ANY_SPEED, check_record, check_text, own_speeds, scene_notes, tune_notes
 from .strength import strength_columns, strength_record, strength_text
 from .tables import energies_text, modes_text, remarks_text
-
-DAMPED = 300
-"""Disks up to which damping ratios take seconds."""
 
 
 def modes(train, arguments):
@@ -103,7 +100,7 @@ def _modes_of(train):
     """Natural frequencies, the kind of every mode and its damping ratio."""
     found = natural_frequencies(train)
     kinds = mode_kinds(found, train.topology.damper_names)
-    few = train.topology.n_disks <= DAMPED
+    few = train.topology.n_disks <= DAMPED_DISKS
     return found, kinds, damping_ratios(train, found) if few else np.full(len(kinds), np.nan)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..harmonic.chain import span
 from ..linear.modal import AT_REST
-from ..model.drivetrain import speed_ratios
+from ..model.ratios import speed_ratios
 from .figures import WITH, WITHOUT, new_figure
 from .sketch import longest_way
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from ..model import gas
 from ..model.gas import FAR, GAS_SAMPLES
-from ..model.tables import gas_pressures, mean_torques, scale_at
+from ..model.mean_torques import gas_pressures, mean_torques, scale_at
 from .balance import plain_number
 from .columns import NONE, Table, alike
 from .page_differences import facts_of

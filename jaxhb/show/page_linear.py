@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from ..linear.critical import ELASTIC, campbell as campbell_of, excited_orders, mode_kinds
-from ..linear.damped import damping_ratios
+from ..linear.damped import DAMPED_DISKS, damping_ratios
 from ..linear.forced import forced_response
 from ..linear.modal import natural_frequencies
 from .campbell import campbell_parts, reached, shares_in_mode, shown_modes
@@ -13,7 +13,6 @@ from .choose import NOT_FIRING
 from .figures import WITH, WITHOUT, plain
 from .forced import KINDS, forced_failures, readings, signal_of, worst_tables
 from .forced_plots import hardest_elements
-from .linear_commands import DAMPED
 from .linear_plots import COUNTS, counting, top_frequency
 from .mode_plots import MOST, Ways
 from .page_figures import Figure, above, crosses, layout, line, marks, top_of
@@ -42,7 +41,7 @@ SPEEDS = 201
 def modes_part(report):
     """Natural frequencies and the shapes of the first ones that strain links."""
     train = report.train
-    few = train.topology.n_disks <= DAMPED
+    few = train.topology.n_disks <= DAMPED_DISKS
     found = natural_frequencies(train, count=None if few else LOWEST)
     kinds = mode_kinds(found, train.topology.damper_names)
     ratios = damping_ratios(train, found) if few else np.full(len(kinds), np.nan)

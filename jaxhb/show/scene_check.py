@@ -6,9 +6,9 @@ from ..design.quantities import check_all
 from ..design.table import read_table
 from ..model import hold
 from ..model.elements import SceneError
+from ..model.mean_torques import mean_torques
 from ..model.plausible import plausibility
 from ..model.ratios import tooth_damping_ratios
-from ..model.tables import mean_torques
 from .balance import ground_notes, ground_reactions, load_notes, load_torques
 from .columns import NONE, aligned, alike
 from .words import once_alike, speed_of

@@ -1,3 +1,5 @@
 """Time integration: the reference integration, and starts for the harmonic solution."""
 
-from .. import _x64  # noqa: F401
+from .. import _jax
+
+_jax.load()

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._arrays import on_host
+from .._jax import on_host
 from .statespace import MODAL, loss_damping, matrices, state_space
 
 

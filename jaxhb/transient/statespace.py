@@ -18,7 +18,7 @@ import numpy as np
 import scipy.linalg
 from jax import lax
 
-from .._arrays import namespace
+from .._jax import namespace
 
 
 @dataclass(frozen=True)

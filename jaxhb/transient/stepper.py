@@ -23,7 +23,7 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
-from .._arrays import namespace
+from .._jax import namespace
 from ..harmonic import backlash, fourier
 from ..harmonic.backlash import Law
 from .statespace import StateSpace, dense_linear_motion, matrices, partition, state_space, static_response

@@ -20,8 +20,9 @@ from jaxhb.model.assembly import build
 from jaxhb.model.crank import slider_crank
 from jaxhb.model.drivetrain import SceneError
 from jaxhb.model.elements import Cylinder, Disk, Load, Mesh, Shaft, Torque
+from jaxhb.model.gas import gas_cycle
+from jaxhb.model.mean_torques import mean_torques
 from jaxhb.model.scene import load_scene
-from jaxhb.model.tables import gas_cycle, mean_torques
 
 REFERENCE = Path(__file__).parents[1] / "data" / "excitation.json"
 CRANK = {"bore": 0.1, "stroke": 0.12, "rod": 0.2, "reciprocating_mass": 2.0}

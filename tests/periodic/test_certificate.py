@@ -13,7 +13,7 @@ from trains import ONE_RADIAN_PER_SECOND, build, one_mass_parts
 from weighted_certificate import weighted_certificate
 
 import jaxhb
-from jaxhb._arrays import on_host
+from jaxhb._jax import on_host
 from jaxhb.harmonic import backlash, chain, exact, fourier
 from jaxhb.harmonic.residual import backlash_meshes
 from jaxhb.periodic import certificate, theorem

@@ -9,6 +9,7 @@ import pytest
 from trains import build, pinions_parts
 
 import jaxhb
+from jaxhb.linear import mesh_modes
 from jaxhb.model.change import within_range
 from jaxhb.periodic import ladder, planned, planning, rungs, speeds
 from jaxhb.periodic.program import solve_problem
@@ -295,7 +296,7 @@ def test_speeds_that_hammer_share_a_plan_that_resolves_the_mesh_modes_of_all():
     train = jaxhb.load_scene("gear_train_30")
     for rpm, most in ((np.linspace(1300.0, 2450.0, 20), 1), (np.linspace(1300.0, 12000.0, 20), 2)):
         plans = planning.plan_speeds(train, rpm, Request())
-        modes = [planning.mesh_mode_harmonics(train, train.topology.cycle_frequency(speed))[0] for speed in rpm]
+        modes = [mesh_modes.mesh_mode_harmonics(train, train.topology.cycle_frequency(speed))[0] for speed in rpm]
         marched = np.array([plan.marches for plan in plans])
         steps, levels = (np.array([getattr(plan, name) for plan in plans]) for name in ("time_steps", "harmonics"))
         assert np.all(steps[marched] >= TIME_STEPS.per_mode_period * np.array(modes)[marched])
@@ -330,7 +331,7 @@ def test_a_march_where_no_tooth_was_expected_to_separate_begins_above_the_mesh_m
     case = case_of(train, rpm)
     (first,) = rungs.contact(case, None)
     (march,) = rungs.short_march(case, None)
-    modes, _ = planning.mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))
+    modes, _ = mesh_modes.mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))
     assert [first.plan.start, march.plan.start] == ["linear", "march"]
     assert first.plan.harmonics < modes < 1.5 * modes <= march.plan.harmonics
     assert ladder.climb(case, (rungs.short_march,)).response.converged

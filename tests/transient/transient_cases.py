@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-import jaxhb._x64  # noqa: F401
 from jaxhb.harmonic import chain
 from jaxhb.harmonic.backlash import Law
 from jaxhb.harmonic.block_sweep import slots

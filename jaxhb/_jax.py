@@ -1,0 +1,159 @@
+"""jax in double precision, and where arithmetic runs: numpy on the host, jax.numpy under a transformation.
+
+Scenes are read without jax: nothing here imports it but :func:`load`, the only place that touches ``jax.config``.
+"""
+
+import os
+import sys
+from contextlib import contextmanager
+from functools import lru_cache, wraps
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from . import _environment_before
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import jax
+
+    Array = jax.Array | np.ndarray
+    Number = float | Array
+    Numbers = float | Sequence[float] | Array
+else:
+    Array = Number = Numbers = Any
+
+_jax: Any = None
+_waiting: list[type] = []
+
+
+def load():
+    """Import jax, in double precision for every array, and return it."""
+    global _jax
+    if _jax is None:
+        import jax
+
+        jax.config.update("jax_enable_x64", True)
+        os.environ.pop("JAX_ENABLE_X64", None)  # jax has read it: processes started from now on are left alone
+        os.environ.update(_environment_before)
+        _jax = jax
+        _register_waiting()
+    return _jax
+
+
+def _loaded():
+    """jax if anything has imported it, else None: then no array is one of jax."""
+    return load() if "jax" in sys.modules else None
+
+
+def pytree(cls):
+    """Make a dataclass of arrays a pytree, at once or when jax is there."""
+    _waiting.append(cls)
+    if _jax is not None:
+        _register_waiting()
+    return cls
+
+
+def _register_waiting():
+    """Register what :func:`pytree` was given before jax was there."""
+    while _waiting:
+        _jax.tree_util.register_dataclass(_waiting.pop())
+
+
+def namespace(*trees):
+    """jax.numpy if any leaf is a tracer or a device array, else numpy: reading results compiles nothing."""
+    jax = _loaded()
+    return jax.numpy if jax and any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(trees)) else np
+
+
+def traced(*trees):
+    """Whether any leaf is being traced."""
+    jax = _loaded()
+    return bool(jax) and any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trees))
+
+
+def staged():
+    """Whether ``jit`` is at work: what programs return is then traced, whatever their arguments."""
+    jax = _loaded()
+    # jit alone traces an operation none of whose arguments is traced: jax has no public question for it.
+    return bool(jax) and traced(jax.lax.full((), 0.0))
+
+
+def concrete(*trees):
+    """The values, as numpy arrays where differentiation outside ``jit`` and ``vmap`` holds them; else still traced."""
+    if not traced(trees):
+        return trees
+    jax = _loaded()
+    values = jax.lax.stop_gradient(trees)
+    return values if traced(values) else jax.tree.map(np.asarray, values)
+
+
+def on_host(tree):
+    """The tree with numpy arrays for its leaves, except those that are traced."""
+    jax = _loaded()
+    return jax.tree.map(lambda leaf: leaf if traced(leaf) else np.asarray(leaf), tree) if jax else tree
+
+
+def kept(function):
+    """Make ``function(tree, *static)`` remember what it gave for the numbers of the last trees of host arrays.
+
+    The speeds of a sweep share the numbers of their train: what depends on these alone is computed once. Numbers count
+    and not arrays, as a train may hold a view of an array that its user writes to.
+    """
+
+    @lru_cache(maxsize=8)
+    def known(leaves, structure, *static):
+        arrays = [np.frombuffer(numbers, kind).reshape(shape) for numbers, kind, shape in leaves]
+        return function(_loaded().tree.unflatten(structure, arrays), *static)
+
+    @wraps(function)
+    def called(tree, *static):
+        if not _loaded() or namespace(tree) is not np:  # a scene that is only checked is read once, without jax
+            return function(tree, *static)
+        leaves, structure = _loaded().tree.flatten(tree)
+        numbers = ((array.tobytes(), array.dtype.str, array.shape) for array in map(np.asarray, leaves))
+        return known(tuple(numbers), structure, *static)
+
+    return called
+
+
+def check_settings():
+    """Refuse settings of jax under which numbers would be wrong, or jax fails somewhere inside.
+
+    Raises
+    ------
+    RuntimeError
+        Without double precision, and with implicit promotion of types or ranks forbidden.
+    """
+    config = load().config
+    if not config.jax_enable_x64:
+        raise RuntimeError(
+            "jax_enable_x64 is off, but jaxhb computes in double precision: its answers would be wrong by more than "
+            "their tolerances. Leave it on, as importing jaxhb does, and make arrays of your own with dtype='float32'."
+        )
+    if config.jax_numpy_dtype_promotion == "strict" or config.jax_numpy_rank_promotion == "raise":
+        raise RuntimeError(
+            "jax_numpy_dtype_promotion is 'strict' or jax_numpy_rank_promotion is 'raise', but jaxhb mixes types and "
+            "ranks. Set them to 'standard' and 'allow' by jax.config.update while it computes."
+        )
+
+
+def debugging():
+    """Whether jax stops at numbers that are not finite."""
+    return load().config.jax_debug_nans or load().config.jax_debug_infs
+
+
+@contextmanager
+def not_debugging():
+    """Let programs have numbers that are not finite: they mask them, and a status tells of those that are left."""
+    with load().debug_nans(False), load().debug_infs(False):
+        yield
+
+
+def keep_compiled(folder):
+    """Let jax keep what it compiles in ``folder``, unless the user has chosen one."""
+    if _jax.config.jax_compilation_cache_dir is None:
+        _jax.config.update("jax_compilation_cache_dir", str(folder))
+        _jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+        _jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)

@@ -1,0 +1,56 @@
+"""Natural frequencies that strain tooth meshes: how far the motion of hammering teeth has to be resolved."""
+
+import numpy as np
+
+from .._jax import kept
+from ..harmonic import chain
+from .modal import natural_frequencies
+
+STRAINED = 0.05
+"""Share of the strain energy of a mode that tooth meshes hold from which the motion has to be resolved to its
+frequency."""
+
+WEAKLY_STRAINED = 0.01
+"""The same from which an estimate of the truncation error has to see the mode: with little damping it may resonate."""
+
+MODAL_DISKS = 400
+"""Disks up to which all modes are computed."""
+
+SHAFT_STIFFENING = 1.1
+"""What the shafts of larger trains add to the frequencies of the gears alone, a factor."""
+
+
+def mesh_mode_harmonics(train, frequency):
+    """Harmonics of the cycle at the highest natural frequencies that strain tooth meshes, and that strain them weakly.
+
+    The shares of strain energy are ``STRAINED`` and ``WEAKLY_STRAINED``. Of a finely divided train, whose modes
+    would take longer than its solve, that of the gears and meshes alone.
+
+    Returns
+    -------
+    array ``(2,)``
+    """
+    return _mesh_modes_hz(train) / (frequency / (2 * np.pi))
+
+
+@kept
+def _mesh_modes_hz(train):
+    """Frequencies ``(2,)`` in Hz of :func:`mesh_mode_harmonics`."""
+    if train.topology.n_disks > MODAL_DISKS:
+        return np.full(2, SHAFT_STIFFENING * _gear_mode_hz(train))
+    modes = natural_frequencies(train)
+    share, least_shares = modes.mesh_energy_share, (STRAINED, WEAKLY_STRAINED)
+    return np.array([np.max(modes.frequencies_hz[share > least], initial=0.0) for least in least_shares])
+
+
+def _gear_mode_hz(train):
+    """Highest natural frequency in Hz of the gears on their meshes, all shafts taken away."""
+    system = chain.assemble(train)
+    links = np.arange(len(system.stiffness) - len(train.topology.mesh_names), len(system.stiffness))
+    rows = system.incidence(links).T
+    # With the shafts gone, gears on their meshes alone: sqrt of the largest eigenvalue of sqrt(c) D M^-1 D^T sqrt(c), a
+    # matrix of the meshes.
+    mass = np.maximum(system.mass, 1e-6 * np.mean(system.mass))
+    root = np.sqrt(system.stiffness[links])
+    squares = np.linalg.eigvalsh(root[:, None] * (rows / mass) @ rows.T * root)
+    return np.sqrt(max(squares.max(initial=0.0), 0.0)) / (2 * np.pi)
