@@ -11,13 +11,13 @@ from records import timed
 from scipy.integrate import solve_ivp
 from tasks import links
 
-from jaxhb.harmonic import backlash
-from jaxhb.harmonic.excitation import highest_harmonic
-from jaxhb.harmonic.residual import backlash_meshes
-from jaxhb.periodic.problem import problem_at
-from jaxhb.transient.integrate import march
-from jaxhb.transient.statespace import partition
-from jaxhb.transient.stepper import discretize, on_flank
+from jaxhb.balance.problem import problem_at
+from jaxhb.equations import backlash
+from jaxhb.equations.residual import backlash_meshes
+from jaxhb.equations.state_space import partition
+from jaxhb.excitation.torques import highest_harmonic
+from jaxhb.integration.cycles import march
+from jaxhb.integration.step import discretize, on_flank
 
 
 def scipy_march(task, method, rtol, cycles, samples):

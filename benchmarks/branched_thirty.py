@@ -3,8 +3,8 @@
 import numpy as np
 
 import jaxhb
-from jaxhb.harmonic import chain
-from jaxhb.harmonic.excitation import excitation
+from jaxhb.excitation.torques import excitation
+from jaxhb.train import chain
 
 MESH = {"stiffness": 2e8, "damping": 500.0}
 """Teeth: the reference has rigid ones."""

@@ -30,10 +30,10 @@ from random_trains import random_case
 from records import add_cases, run_cases
 
 import jaxhb
-import jaxhb.harmonic.backlash
+import jaxhb.equations.backlash
 from jaxhb import _program
-from jaxhb.harmonic import fourier
-from jaxhb.harmonic.excitation import listed_harmonic
+from jaxhb.equations import fourier
+from jaxhb.excitation.torques import listed_harmonic
 
 FINE, MOST = 2048, 4096
 DISKS, MESHES = 27, 4
@@ -51,10 +51,10 @@ def motion(response):
     value = fourier.synthesize(deflection, SAMPLES)
     rate = fourier.synthesize(fourier.derivative(deflection, frequency), SAMPLES)
     train = response.train
-    law = jax.tree.map(np.asarray, jaxhb.harmonic.backlash.law_of(train.meshes)).expand()
+    law = jax.tree.map(np.asarray, jaxhb.equations.backlash.law_of(train.meshes)).expand()
     gated = np.array([law == "contact" for law in train.topology.mesh_damping_law])[:, None]
     viscous = np.asarray(train.meshes.damping)[:, None]
-    force = jaxhb.harmonic.backlash.mesh_force(law, viscous, gated, value, rate)
+    force = jaxhb.equations.backlash.mesh_force(law, viscous, gated, value, rate)
     assert len(names) == len(force)
     return np.stack([value, force])
 

@@ -24,7 +24,7 @@ from records import add_cases, run_cases
 
 import jaxhb
 from jaxhb import Cylinder, Mesh, Torque
-from jaxhb.harmonic import fourier
+from jaxhb.equations import fourier
 
 KINDS = {
     "inertia": "flywheel.inertia",

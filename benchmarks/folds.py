@@ -17,7 +17,7 @@ from peers import chain_train, rpm_of
 from records import Recorder, pin
 
 import jaxhb
-from jaxhb.periodic import continuation
+from jaxhb.solutions import continuation
 
 LONGEST = (0.1, 0.05, 0.025)
 COLUMNS = {

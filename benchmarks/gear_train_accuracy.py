@@ -21,8 +21,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxhb
-from jaxhb.periodic.problem import problem_at
-from jaxhb.periodic.program import Start, solve_problem
+from jaxhb.balance.problem import problem_at
+from jaxhb.balance.program import Start, solve_problem
 
 SPEEDS = np.linspace(600.0, 2450.0, 10)
 STEPS_AT_1_RPM = 40 * 4333 * 120

@@ -1,7 +1,7 @@
 """Compiled time integrators of a drive train, as a user would write them: O(S) per step through the links.
 
 The train is a :class:`tasks.Task`; its excitation comes as a table over one cycle that is made beforehand, and only the
-steps are timed. Mesh law and damping are those of :mod:`jaxhb.harmonic.backlash`.
+steps are timed. Mesh law and damping are those of :mod:`jaxhb.equations.backlash`.
 
 - :func:`runge_kutta`: the classical explicit method of fourth order; stable below ``dt omega_max = 2.7``.
 - :func:`implicit_tree`: generalized-alpha (Chung and Hulbert 1993; ``rho = 1`` is the trapezoidal rule in its midpoint

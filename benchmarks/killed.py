@@ -21,7 +21,7 @@ def command(asked, folder):
     """The sweep as it is typed."""
     given = [asked.scene, "--rpm", asked.rpm, "--out", folder / "kept", "--chunk", asked.chunk, "--orders", 1]
     given += ["--direction", "both", "--json", folder / "numbers.json"]
-    return [sys.executable, "-m", "jaxhb.show.cli", "sweep", *map(str, given)]
+    return [sys.executable, "-m", "jaxhb.cli.main", "sweep", *map(str, given)]
 
 
 def kept(folder):

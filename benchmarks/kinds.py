@@ -23,11 +23,12 @@ from random_trains import random_case
 from records import add_cases, run_cases
 
 import jaxhb
-from jaxhb.harmonic import chain, fourier
-from jaxhb.harmonic.backlash import law_of
-from jaxhb.harmonic.excitation import excitation, highest_harmonic
-from jaxhb.harmonic.residual import all_meshes
-from jaxhb.transient.statespace import matrices
+from jaxhb.equations import fourier
+from jaxhb.equations.backlash import law_of
+from jaxhb.equations.residual import all_meshes
+from jaxhb.equations.state_space import matrices
+from jaxhb.excitation.torques import excitation, highest_harmonic
+from jaxhb.train import chain
 
 STEPS_PER_PERIOD, SETTLING, WATCHED = 20, 256, 256
 MOST_WORK = 6e8

@@ -20,7 +20,7 @@ from branched_thirty import MESH, branched_thirty, numpy_angles
 from records import exponent, run_parts, timed
 
 import jaxhb
-from jaxhb.harmonic.excitation import excitation
+from jaxhb.excitation.torques import excitation
 
 DATA = Path(__file__).parents[1] / "tests" / "data" / "branched_30_disk_linear.json"
 COLUMNS = {

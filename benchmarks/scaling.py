@@ -23,7 +23,7 @@ from records import exponent, forget_peak, peak_memory, run_parts, timed
 from refined_trains import accessory_drive, refined, with_tooth_damping
 
 import jaxhb
-from jaxhb.response.response import stack
+from jaxhb.results.response import stack
 
 COLUMNS = {
     "part": "<10s",

@@ -21,8 +21,8 @@ from records import Recorder, pin
 from stress import mode_harmonic, steps_for
 
 import jaxhb
+from jaxhb.integration.cycles import cycle
 from jaxhb.linear.mesh_modes import STRAINED
-from jaxhb.transient.integrate import cycle
 
 CYCLES, WATCHED = 1024, 64
 LONGEST = 16

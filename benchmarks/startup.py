@@ -16,7 +16,7 @@ import tempfile
 import time
 from pathlib import Path
 
-COMMAND = [sys.executable, "-m", "jaxhb.show.cli"]
+COMMAND = [sys.executable, "-m", "jaxhb.cli.main"]
 SOLVE = ["solve", "gear_train_30", "--rpm", "1800"]
 SWEEP = ["sweep", "gear_train_30", "--rpm", "700:2450:60"]
 FAULTY = "[scene]\nname = 'x'\n[[disk]]\nname = 'a'\ninertai = 1.0\n"

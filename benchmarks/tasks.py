@@ -9,9 +9,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.linalg import eigsh
 
 import jaxhb
-from jaxhb.harmonic import backlash, chain
-from jaxhb.harmonic.excitation import excitation, highest_harmonic
-from jaxhb.harmonic.residual import all_meshes
+from jaxhb.equations import backlash
+from jaxhb.equations.residual import all_meshes
+from jaxhb.excitation.torques import excitation, highest_harmonic
+from jaxhb.train import chain
 
 
 class Model(NamedTuple):

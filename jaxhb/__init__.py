@@ -39,7 +39,7 @@ __all__ = sorted(_HOME)
 
 _environment_before = {name: os.environ[name] for name in ("JAX_ENABLE_X64",) if name in os.environ}
 if "jax" in sys.modules:
-    from ._jax import load
+    from jaxhb._jax import load
 
     load()
 else:
@@ -51,7 +51,7 @@ def __getattr__(name):
         return importlib.import_module(".design", __name__)
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from ._jax import load
+    from jaxhb._jax import load
 
     load()
     found = globals()[name] = getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)

@@ -1,7 +1,34 @@
 """The public names and where they live: read by type checkers, and by ``__init__.py`` when a name is first used."""
 
 from ._program import cache_programs as cache_programs
+from .balance.derivative import gradient_and_error as gradient_and_error
+from .balance.plan import Plan as Plan
+from .branches.branch import Branch as Branch, BranchOptions as BranchOptions, follow as follow
+from .branches.search import PeriodicMotion as PeriodicMotion, solve_all as solve_all
+from .certificate.certificate import certify as certify
 from .design import tune as tune
+from .elements.derived import shaft_stiffness as shaft_stiffness, viscous_damping as viscous_damping
+from .elements.elements import (
+    Combustion as Combustion,
+    Cylinder as Cylinder,
+    Damper as Damper,
+    Disk as Disk,
+    Ground as Ground,
+    Load as Load,
+    Mesh as Mesh,
+    SceneError as SceneError,
+    Shaft as Shaft,
+    Torque as Torque,
+    Trace as Trace,
+)
+from .elements.engine import Engine as Engine
+from .equations.kinematics import (
+    Referred as Referred,
+    referred as referred,
+    tooth_damping_ratios as tooth_damping_ratios,
+)
+from .floquet.stability import Stability as Stability, stability as stability
+from .integration.reference import integrate as integrate, shooting_correction as shooting_correction
 from .linear.critical import (
     Campbell as Campbell,
     Critical as Critical,
@@ -21,7 +48,6 @@ from .linear.energy import (
 )
 from .linear.forced import ForcedResponse as ForcedResponse, forced_response as forced_response
 from .linear.holzer import HolzerTable as HolzerTable, holzer_residual as holzer_residual, holzer_table as holzer_table
-from .linear.limits import Strength as Strength, strength as strength
 from .linear.modal import Modes as Modes, all_frequencies as all_frequencies, natural_frequencies as natural_frequencies
 from .linear.polynomial import (
     characteristic as characteristic,
@@ -37,55 +63,29 @@ from .linear.sensitivity import (
 from .linear.splitting import characteristic_coefficients as characteristic_coefficients
 from .linear.strength import (
     BarredRange as BarredRange,
+    Strength as Strength,
     barred_ranges as barred_ranges,
     permissible_stress as permissible_stress,
+    strength as strength,
     torsional_stress as torsional_stress,
 )
 from .linear.tangent import MeanLoad as MeanLoad, at_mean_load as at_mean_load
-from .model.assembly import build as build
-from .model.derived import shaft_stiffness as shaft_stiffness, viscous_damping as viscous_damping
-from .model.drivetrain import DriveTrain as DriveTrain
-from .model.elements import (
-    Combustion as Combustion,
-    Cylinder as Cylinder,
-    Damper as Damper,
-    Disk as Disk,
-    Ground as Ground,
-    Load as Load,
-    Mesh as Mesh,
-    SceneError as SceneError,
-    Shaft as Shaft,
-    Torque as Torque,
-    Trace as Trace,
-)
-from .model.engine import Engine as Engine
-from .model.plausible import plausibility as plausibility
-from .model.ratios import (
-    Referred as Referred,
-    referred as referred,
-    tooth_damping_ratios as tooth_damping_ratios,
-)
-from .model.scene import load_scene as load_scene, scene_names as scene_names
-from .model.scene_writer import elements_text as elements_text, scene_text as scene_text
-from .periodic.branch import Branch as Branch, BranchOptions as BranchOptions, follow as follow
-from .periodic.certificate import certify as certify
-from .periodic.checkpoint import CheckpointError as CheckpointError
-from .periodic.derivative import gradient_and_error as gradient_and_error
-from .periodic.misfires import misfire_each as misfire_each
-from .periodic.plan import Plan as Plan
-from .periodic.returns import Cycles as Cycles
-from .periodic.search import PeriodicMotion as PeriodicMotion, solve_all as solve_all
-from .periodic.solve import linear_response as linear_response, plan as plan, solve as solve
-from .periodic.speeds import solve_speeds as solve_speeds
-from .periodic.stability import Stability as Stability, stability as stability
-from .periodic.steady_state import steady_state as steady_state
-from .response.certificate import Certificate as Certificate, Kantorovich as Kantorovich
-from .response.response import Response as Response
-from .response.signal import Signal as Signal
-from .response.status import NotConverged as NotConverged, Status as Status, check as check
-from .response.steady import SteadyState as SteadyState, SteadySweep as SteadySweep
-from .transient.reference import integrate as integrate
-from .transient.true_error import shooting_correction as shooting_correction
+from .results.bounds import Certificate as Certificate, Kantorovich as Kantorovich
+from .results.response import Response as Response
+from .results.signal import Signal as Signal
+from .results.status import NotConverged as NotConverged, Status as Status, check as check
+from .results.steady import SteadyState as SteadyState, SteadySweep as SteadySweep
+from .scene.files import load_scene as load_scene, scene_names as scene_names
+from .scene.writer import elements_text as elements_text, scene_text as scene_text
+from .solutions.misfires import misfire_each as misfire_each
+from .solutions.solve import linear_response as linear_response, plan as plan, solve as solve
+from .solutions.speeds import solve_speeds as solve_speeds
+from .steady.checkpoint import CheckpointError as CheckpointError
+from .steady.closure import Cycles as Cycles
+from .steady.steady_state import steady_state as steady_state
+from .train.assembly import build as build
+from .train.drivetrain import DriveTrain as DriveTrain
+from .train.plausible import plausibility as plausibility
 
 __version__: str
 

@@ -2,7 +2,7 @@
 
 import sys
 
-from .show.cli import main
+from jaxhb.cli.main import main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from . import _environment_before
-
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -36,7 +34,7 @@ def load():
 
         jax.config.update("jax_enable_x64", True)
         os.environ.pop("JAX_ENABLE_X64", None)  # jax has read it: processes started from now on are left alone
-        os.environ.update(_environment_before)
+        os.environ.update(vars(sys.modules[__package__])["_environment_before"])
         _jax = jax
         _register_waiting()
     return _jax

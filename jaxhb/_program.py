@@ -17,8 +17,8 @@ import numpy as np
 from jax._src.config import trace_context  # what jit's own keys hold of the settings: it has no public name
 from jax.sharding import Mesh, PartitionSpec, SingleDeviceSharding
 
-from . import _jax, _store as _disk
-from ._jax import staged, traced
+from jaxhb import _jax, _store as _disk
+from jaxhb._jax import staged, traced
 
 OPTIONS = {
     # Kernels without its fusion dialects run as fast and compile in two thirds of the time (jaxlib 0.9).

@@ -5,7 +5,7 @@ import html
 
 import numpy as np
 
-from ._jax import traced
+from jaxhb._jax import traced
 
 MOST_ROWS = 20
 """Rows of a table in a notebook, the first and the last ones of more."""

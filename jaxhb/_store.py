@@ -23,7 +23,7 @@ import numpy as np
 from jax.experimental import serialize_executable
 from jaxlib import lapack
 
-from ._parts import clear_parts, part_of
+from jaxhb._parts import clear_parts, part_of
 
 VARIABLE = "JAXHB_CACHE"
 """Environment variable: another folder for programs, or "off"."""

@@ -5,7 +5,7 @@ Lengths are in units of half the backlash, forces in stiffness x half the backla
     x'' + 2 zeta x' + g(x) = mean + Re(alternating e^{i Omega t}),
     g = epsilon x in the gap |x| <= 1,  sign(x) (|x| - 1 + epsilon) in contact
 
-This is law (18) of :mod:`jaxhb.harmonic.backlash` for a transition of width 0. On each piece of the law the motion has
+This is law (18) of :mod:`jaxhb.equations.backlash` for a transition of width 0. On each piece of the law the motion has
 a closed form. Its turning points are searched with steps too short to pass one, for which |x'''| has a bound; between
 two of them x is monotone, so that a knot is crossed once or not at all, however close they are. The linearised motion
 is the product of the closed forms too: x'' is continuous at a knot, or jumps by a multiple of x' (damping in contact

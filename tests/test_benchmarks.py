@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.harmonic import chain
-from jaxhb.harmonic.residual import backlash_meshes
+from jaxhb.equations.residual import backlash_meshes
+from jaxhb.train import chain
 
 FOLDER = Path(__file__).parents[1] / "benchmarks"
 STEPS = 12000

@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 
 import jaxhb
-from jaxhb.model.elements import TABLES
-from jaxhb.show.cli import parser
-from jaxhb.show.compute import Asked, answer_one
-from jaxhb.show.labelled import netcdf
+from jaxhb.cli.main import parser
+from jaxhb.elements.elements import TABLES
+from jaxhb.report.compute import Asked, answer_one
+from jaxhb.report.files.labelled import netcdf
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"

@@ -44,8 +44,8 @@ def test_imports_go_down_only():
 
 
 def test_only_their_owners_import_matplotlib_optax_plotly_and_jinja2():
-    owners = {"matplotlib": {"show/figures.py"}, "optax": {"design/tuning.py"}}
-    owners |= {"plotly": {"show/page.py"}, "jinja2": {"show/page.py"}}
+    owners = {"matplotlib": {"report/figures/style.py"}, "optax": {"design/tuning.py"}}
+    owners |= {"plotly": {"report/page/page.py"}, "jinja2": {"report/page/page.py"}}
     for path in ROOT.rglob("*.py"):
         text = path.read_text()
         for library, allowed in owners.items():
@@ -62,7 +62,7 @@ def test_only_one_place_touches_the_configuration_of_jax():
 
 def test_only_the_layout_of_coefficients_transforms_between_instants_and_harmonics():
     calling = [path.relative_to(ROOT).as_posix() for path in ROOT.rglob("*.py") if ".fft" in path.read_text()]
-    assert calling == ["harmonic/fourier.py"]
+    assert calling == ["equations/fourier.py"]
 
 
 def printed(code):
@@ -76,9 +76,9 @@ def test_the_package_loads_neither_matplotlib_nor_optax():
 
 
 def test_the_command_line_sets_the_environment_before_jax_and_numpy_are_there():
-    code = "import sys, jaxhb.show.cli; print([m for m in ('jax', 'numpy') if m in sys.modules])"
+    code = "import sys, jaxhb.cli.main; print([m for m in ('jax', 'numpy') if m in sys.modules])"
     assert printed(code) == "[]"
-    code = "import os, jaxhb.show.cli as c; c.main(['scenes']); import jax; print(os.environ['OPENBLAS_NUM_THREADS'])"
+    code = "import os, jaxhb.cli.main as c; c.main(['scenes']); import jax; print(os.environ['OPENBLAS_NUM_THREADS'])"
     assert printed(code).splitlines()[-1] == "1"
 
 

@@ -16,9 +16,9 @@ from jaxhb.design import objectives
 from jaxhb.design.descent import Step
 from jaxhb.design.evaluator import Reading
 from jaxhb.design.tuning import Tuning
-from jaxhb.response.contact import Contact
-from jaxhb.response.record import RecordedSignal, SteadyContact, SteadySignal
-from jaxhb.response.shown import response_html
+from jaxhb.results.contact import Contact
+from jaxhb.results.display import response_html
+from jaxhb.results.record import RecordedSignal, SteadyContact, SteadySignal
 
 RESULTS = (Contact, RecordedSignal, SteadyContact, SteadySignal)
 

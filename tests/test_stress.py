@@ -17,7 +17,7 @@ import stress
 
 import jaxhb
 from jaxhb.linear import mesh_modes
-from jaxhb.periodic import planning
+from jaxhb.solutions import planning
 
 CASES = [((3, 1, 0), index) for index in (0, *range(2, 10))] + [((6, 1, 1), index) for index in (0, 2, 3)]
 MODES_AT, HARMONICS = 30, 128

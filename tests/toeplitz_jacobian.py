@@ -2,7 +2,7 @@
 
 import jax.numpy as jnp
 
-from jaxhb.harmonic.residual import link_blocks, node_blocks
+from jaxhb.equations.residual import link_blocks, node_blocks
 
 
 def jacobian(packed, system, meshes, frequency, samples):

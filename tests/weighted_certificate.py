@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from jaxhb.harmonic import fourier
+from jaxhb.equations import fourier
 
 SAMPLES = 2**14
 FAR = 200_000

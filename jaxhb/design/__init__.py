@@ -3,13 +3,14 @@
 import importlib
 from typing import TYPE_CHECKING
 
-from .. import _jax
+from jaxhb._jax import load
+
 from .quantities import Objective, Parameter, Penalty
 
 if TYPE_CHECKING:
     from .tuning import tune
 
-_jax.load()
+load()
 
 __all__ = ["Objective", "Parameter", "Penalty", "tune"]
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import jax
 import numpy as np
 
-from ..model.elements import SceneError
-from ..response.status import Status
+from jaxhb.elements.elements import SceneError
+from jaxhb.results.status import Status
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,13 @@ from functools import partial
 import jax
 import numpy as np
 
-from ..harmonic import fourier
-from ..periodic.planned import BATCH, active_deflections
-from ..periodic.program import Start
-from ..periodic.solve import solve
-from ..response.status import Status
-from .lanes import EVALUATION, combine, lane_sizes, pull_back, pull_lanes, read_lanes
-from .quantities import OF_DESIGN
+from jaxhb.balance.planned import BATCH, active_deflections
+from jaxhb.balance.program import Start
+from jaxhb.design.lanes import EVALUATION, combine, lane_sizes, pull_back, pull_lanes, read_lanes
+from jaxhb.design.quantities import OF_DESIGN
+from jaxhb.equations import fourier
+from jaxhb.results.status import Status
+from jaxhb.solutions.solve import solve
 
 
 @jax.tree_util.register_dataclass

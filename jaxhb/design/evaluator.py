@@ -11,15 +11,15 @@ from dataclasses import dataclass
 import jax
 import numpy as np
 
-from .._shown import brief
-from ..harmonic.excitation import listed_harmonic
-from ..periodic.planning import next_level, plan_marching, plan_speeds
-from ..periodic.problem import problem_at
-from ..periodic.request import Request
-from ..response.status import Status
-from .evaluation import Evaluation, Point, batches, of_active_meshes
-from .lanes import EVALUATION, VectorForm, estimate_lanes, problems_of_designs, to_values
-from .quantities import OF_DESIGN
+from jaxhb._shown import brief
+from jaxhb.balance.problem import problem_at
+from jaxhb.balance.request import Request
+from jaxhb.design.evaluation import Evaluation, Point, batches, of_active_meshes
+from jaxhb.design.lanes import EVALUATION, VectorForm, estimate_lanes, problems_of_designs, to_values
+from jaxhb.design.quantities import OF_DESIGN
+from jaxhb.excitation.torques import listed_harmonic
+from jaxhb.results.status import Status
+from jaxhb.solutions.planning import next_level, plan_marching, plan_speeds
 
 
 def to_unbounded(values, parameters):

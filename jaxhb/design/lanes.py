@@ -15,14 +15,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._program import Program
-from ..linear.sensitivity import frequencies_hz
-from ..periodic.derivative import all_finite, only_if
-from ..periodic.planned import respond
-from ..periodic.problem import problem_at
-from ..periodic.program import differentiable, estimate, find
-from . import objectives
-from .quantities import OF_DESIGN, QUANTITIES, inertia_added
+from jaxhb._program import Program
+from jaxhb.balance.derivative import all_finite, only_if
+from jaxhb.balance.planned import respond
+from jaxhb.balance.problem import problem_at
+from jaxhb.balance.program import differentiable, estimate, find
+from jaxhb.design import objectives
+from jaxhb.design.quantities import OF_DESIGN, QUANTITIES, inertia_added
+from jaxhb.linear.sensitivity import frequencies_hz
 
 
 @dataclass(frozen=True)

@@ -15,15 +15,13 @@ import jax
 import jax.numpy as jnp
 
 from jaxhb._jax import Array, Number
-from jaxhb.model.drivetrain import DriveTrain
-from jaxhb.response.response import Response
-from jaxhb.response.signal import Signal
-
-from ..harmonic import fourier
-from ..linear import limits
-from ..model.elements import SceneError
-from ..response.signal import _power
-from ..response.status import Status
+from jaxhb.elements.elements import SceneError
+from jaxhb.equations import fourier
+from jaxhb.linear import strength
+from jaxhb.results.response import Response
+from jaxhb.results.signal import Signal, _power
+from jaxhb.results.status import Status
+from jaxhb.train.drivetrain import DriveTrain
 
 TIME_SAMPLES = 4096
 """Least number of time samples of the cycle at which contact is looked at."""
@@ -118,7 +116,7 @@ def close_half_peak_to_peak(signal: Signal) -> Array:
 
 def power_over_limit(response: Response, name: str, *, train: DriveTrain | None = None) -> Array:
     """:func:`damper_power` of a shaft or damper over its ``power_limit``; arguments as of :func:`stress_over_limit`."""
-    return damper_power(response, name) / limits.power_limit(limits.train_of(response, train), name)
+    return damper_power(response, name) / strength.power_limit(strength.train_of(response, train), name)
 
 
 def stress(
@@ -129,7 +127,7 @@ def stress(
     swing: Callable[[Signal], Array] = close_half_peak_to_peak,
 ) -> Array:
     """Amplitude of the nominal torsional stress of a shaft, Pa; see :func:`stress_over_limit`."""
-    return limits.stress_of(limits.train_of(response, train), name, swing(usable(response).torque(name)))
+    return strength.stress_of(strength.train_of(response, train), name, swing(usable(response).torque(name)))
 
 
 def stress_over_limit(
@@ -174,8 +172,8 @@ def stress_over_limit(
     >>> round(float(stress_over_limit(r, "a|b", swing=lambda signal: signal.half_peak_to_peak)), 4)
     0.2765
     """
-    train = limits.train_of(response, train)
-    limit = limits.stress_limits(train, name, jnp.asarray(response.rpm))[int(transient)]
+    train = strength.train_of(response, train)
+    limit = strength.stress_limits(train, name, jnp.asarray(response.rpm))[int(transient)]
     return stress(response, name, train=train, swing=swing) / limit
 
 
@@ -187,9 +185,9 @@ def tooth_torque_over_limit(
     swing: Callable[[Signal], Array] = close_half_peak_to_peak,
 ) -> Array:
     """Vibratory torque of a mesh over a third of its ``rated_torque``; arguments as of :func:`stress_over_limit`."""
-    train = limits.train_of(response, train)
-    torque = limits.first_radius(train, name) * swing(usable(response).force(name))
-    return torque / limits.tooth_torque_limit(train, name)
+    train = strength.train_of(response, train)
+    torque = strength.first_radius(train, name) * swing(usable(response).force(name))
+    return torque / strength.tooth_torque_limit(train, name)
 
 
 def tooth_torque_over_mean(

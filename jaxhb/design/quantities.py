@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..linear.limits import having
-from ..model.drivetrain import inertias
-from ..model.elements import SceneError, suggestion
-from . import objectives
+from jaxhb.design import objectives
+from jaxhb.elements.elements import SceneError, suggestion
+from jaxhb.linear.strength import having
+from jaxhb.train.drivetrain import inertias
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,10 +4,10 @@ import dataclasses
 
 import numpy as np
 
-from ..model.checks import number_like, shown
-from ..model.elements import SceneError, suggestion
-from ..model.speeds import read_speeds
-from .quantities import Objective, Parameter, Penalty
+from jaxhb.design.quantities import Objective, Parameter, Penalty
+from jaxhb.elements.checks import number_like, shown
+from jaxhb.elements.elements import SceneError, suggestion
+from jaxhb.train.speeds import read_speeds
 
 _ROWS = {"parameter": Parameter, "objective": Objective, "penalty": Penalty}
 _NUMBERS = {"steps": int, "starts": int, "seed": int, "harmonics": int, "peaks": int, "tolerance": float, "rate": float}

@@ -10,18 +10,15 @@ import numpy as np
 import optax
 
 from jaxhb._jax import Numbers
-from jaxhb.design.descent import Step
-from jaxhb.design.quantities import Objective, Parameter, Penalty
-from jaxhb.model.drivetrain import DriveTrain
-
-from .._shown import brief
-from ..model.elements import SceneError
-from ..model.speeds import check_speed
-from ..periodic.request import Request
-from .descent import Descent
-from .evaluator import Evaluator, Reading, plan_designs, to_unbounded
-from .lanes import Task
-from .quantities import check_all
+from jaxhb._shown import brief
+from jaxhb.balance.request import Request
+from jaxhb.design.descent import Descent, Step
+from jaxhb.design.evaluator import Evaluator, Reading, plan_designs, to_unbounded
+from jaxhb.design.lanes import Task
+from jaxhb.design.quantities import Objective, Parameter, Penalty, check_all
+from jaxhb.elements.elements import SceneError
+from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.speeds import check_speed
 
 OPTIMIZERS = {"lbfgs": optax.scale_by_lbfgs, "adam": optax.scale_by_adam}
 

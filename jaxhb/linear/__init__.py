@@ -1,5 +1,6 @@
-"""The engineer's linear toolbox: modes, Holzer's table, characteristic polynomials, forced response."""
+"""The linear toolbox: modes, Holzer's table, characteristic polynomials, forced response, strength. A train goes in,
+meshes taken in contact; tables, frequencies and amplitudes come out."""
 
-from .. import _jax
+from jaxhb._jax import load
 
-_jax.load()
+load()

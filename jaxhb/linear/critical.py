@@ -14,15 +14,15 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import brentq
 
-from .._jax import Array
-from .._shown import brief
-from ..harmonic.excitation import excitation, listed_harmonic
-from ..model.drivetrain import DriveTrain
-from ..model.elements import SceneError
-from ..model.speeds import check_speed
-from ..model.varying import varying
-from .modal import natural_frequencies
-from .sensitivity import frequencies_hz, mode_shares
+from jaxhb._jax import Array
+from jaxhb._shown import brief
+from jaxhb.elements.elements import SceneError
+from jaxhb.excitation.torques import excitation, listed_harmonic
+from jaxhb.linear.modal import natural_frequencies
+from jaxhb.linear.sensitivity import frequencies_hz, mode_shares
+from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.speeds import check_speed
+from jaxhb.train.varying import varying
 
 ELASTIC, RIGID, RING = "elastic", "rigid", "ring only"
 

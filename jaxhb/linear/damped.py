@@ -9,11 +9,11 @@ import numpy as np
 from scipy.linalg import eig
 from scipy.optimize import linear_sum_assignment
 
-from .._jax import Array, concrete, namespace, on_host, traced
-from .._shown import brief
-from ..harmonic import chain
-from ..model.drivetrain import DriveTrain
-from .modal import Modes
+from jaxhb._jax import Array, concrete, namespace, on_host, traced
+from jaxhb._shown import brief
+from jaxhb.linear.modal import Modes
+from jaxhb.train import chain
+from jaxhb.train.drivetrain import DriveTrain
 
 CREEPING = 0.01
 """Im lambda / |lambda| up to which a mode counts as not oscillating (damping ratio 0.99995): a loss factor turns the

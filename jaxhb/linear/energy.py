@@ -10,9 +10,9 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from .._jax import Array
-from ..harmonic import chain
-from ..model.drivetrain import DriveTrain
+from jaxhb._jax import Array
+from jaxhb.train import chain
+from jaxhb.train.drivetrain import DriveTrain
 
 
 def kinetic_energy(train: DriveTrain, velocity: Array) -> Array:

@@ -3,11 +3,19 @@
 At every speed and harmonic n of the cycle ``Z(n) x^n = q^n``, ``Z = -n^2 Omega^2 M + i n Omega B + K`` with loss
 factors and link damping in K (docs/theory A1). Speeds and harmonics are one axis of the scalar sweep along the tree,
 O(S) each and without fill; links that close a loop add as many unknowns
-(:func:`jaxhb.harmonic.linear_train.solve_linear`, which has the derivatives as well).
+(:func:`jaxhb.equations.dynamic_stiffness.solve_linear`, which has the derivatives as well).
 
 Power is exact from the harmonics: a link of complex stiffness C that transmits f turns ``sum_n 2 n Omega Im(C)
 |f^n / C|^2`` into heat, a disk with damping b ``sum_n 2 (n Omega)^2 b |x^n|^2``; the torques of the excitation bring in
 ``sum_n 2 Re(q^n conj(i n Omega x^n))``, n > 0.
+
+The amplitude A of a link that depends on it is that of the sine with the mean square of its vibratory twist,
+``A^2 = sum_k A_k^2`` over the orders. At each speed the amplitudes are a fixed point, ``A = g(A)`` with g a whole
+linear response. It is where ``dA/dt = g(A) - A`` comes to rest from A = 0, by implicit steps that grow into those of
+Newton's method (pseudo-transient continuation: C. T. Kelley, D. E. Keyes, SIAM J. Numer. Anal. 35 (1998) 508). With one
+such link that is the smallest fixed point, which always exists; with several the path need not come to rest. The
+derivative is that of the implicit function, ``(1 - dg/dA) dA = dg``; second ones forwards over backwards, not twice
+backwards.
 """
 
 from __future__ import annotations
@@ -21,19 +29,157 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from .._jax import Array, Numbers, on_host, staged, traced
-from .._program import Program
-from ..harmonic import chain, linear_train
-from ..harmonic.backlash import law_of
-from ..harmonic.excitation import excitation, listed_harmonic, load_power_kW
-from ..model.change import within_range, without_backlash
-from ..model.drivetrain import DriveTrain
-from ..model.elements import SceneError
-from ..model.speeds import HIGHEST_RPM, check_speed
-from ..model.varying import varying, without_tables
-from ..response.response import Response, register
-from ..response.status import Status
-from .varying_links import is_settled, settled_amplitudes, twist_amplitude, varied
+from jaxhb._jax import Array, Numbers, on_host, staged, traced
+from jaxhb._program import Program
+from jaxhb.elements.elements import SceneError
+from jaxhb.equations import dynamic_stiffness
+from jaxhb.equations.backlash import law_of
+from jaxhb.equations.kinematics import speed_ratios
+from jaxhb.excitation.torques import excitation, listed_harmonic, load_power_kW
+from jaxhb.results.response import Response, register
+from jaxhb.results.status import Status
+from jaxhb.train import chain
+from jaxhb.train.changes import within_range, without_backlash
+from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.speeds import HIGHEST_RPM, check_speed
+from jaxhb.train.varying import factors, order_stiffness, scaled, varying, without_tables
+
+
+@dataclass(frozen=True)
+class AmplitudeOptions:
+    """How the amplitudes A = g(A) of links with ``over_amplitude`` are found, along a path from A = 0.
+
+    Parameters
+    ----------
+    steps : of the path at most
+    settled : g(A) - A at which the path ends, over g(0)
+    accepted : the same over A, up to which an amplitude is found
+    curved : share of g(A) - A by which a step may miss what its linearisation says
+    """
+
+    steps: int = 100
+    settled: float = 1e-11
+    accepted: float = 1e-8
+    curved: float = 0.5
+
+
+AMPLITUDE = AmplitudeOptions()
+
+
+def varied(train, system, rpm, omega, amplitude):
+    """The system of ``train`` without its tables, with the stiffness of every link at every frequency.
+
+    Parameters
+    ----------
+    train : DriveTrain with tables; system : System of it without
+    rpm : ``(m,)``; omega : ``(H,)`` rad/s, all harmonics of one speed after the other
+    amplitude : ``(m, A)`` rad, of the links that depend on it
+
+    Returns
+    -------
+    System
+    """
+    width, shafts = len(omega) // len(rpm), len(train.topology.shaft_names)
+
+    def of_lanes(values):
+        return jnp.repeat(values.T, width, axis=-1)
+
+    links, stiffer, damped = factors(train, omega / (2 * np.pi), list(of_lanes(amplitude)))
+    at = system.radius[np.array(train.topology.damper_disk, dtype=int)]
+    stiffness, viscous, loss = (
+        jnp.broadcast_to(a[:, None], (len(a), len(omega))) for a in (system.stiffness, system.viscous, system.loss)
+    )
+    # From N m/rad to N/m on the pitch circle of the rotor.
+    tuned = of_lanes(order_stiffness(train, speed_ratios(train), rpm) / at**2)
+    stiffness = stiffness.at[shafts : shafts + len(at)].add(tuned)
+    return dataclasses.replace(
+        system,
+        stiffness=scaled(stiffness, links, stiffer),
+        viscous=scaled(viscous, links, damped),
+        loss=scaled(loss, links, damped),
+    )
+
+
+def twist_amplitude(train, system, deflection, speeds):
+    """Amplitudes ``(m, A)`` in rad of the links that depend on them, from deflections ``(L, H)`` in m."""
+    links = np.array(train.topology.amplitude_links, dtype=int)
+    twist = deflection[links] / system.radius[system.tree.end_a[links]][:, None]
+    # One-sided amplitudes are twice the coefficients; the mean is no vibration.
+    orders = (4 * (twist.real**2 + twist.imag**2)).reshape(len(links), speeds, -1)[..., 1:]
+    square = orders.sum(-1).T
+    # The root has no derivative at 0, where nothing twists the link.
+    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
+
+
+def is_settled(amplitude, found):
+    """Whether every amplitude of a speed ``(m,)`` is the one that it leads to."""
+    return jnp.all(jnp.abs(found - amplitude) <= AMPLITUDE.accepted * found, axis=-1)
+
+
+def _next(equations, amplitude):
+    """g: the amplitudes of the response with links at ``amplitude`` ``(m, A)``."""
+    train, system, rpm, omega, load = equations
+    system = varied(train, system, rpm, omega, amplitude)
+    _, force = dynamic_stiffness.solve_linear(system, omega, load[:, None])
+    C = dynamic_stiffness.link_stiffness(system, omega)
+    return twist_amplitude(train, system, force[:, 0] / jnp.where(C == 0, 1.0, C), len(rpm))
+
+
+def _linearised(equations, amplitude):
+    """g - A ``(m, A)``, and 1 - dg/dA ``(m, A, A)``."""
+    found, push = jax.linearize(lambda a: _next(equations, a), amplitude)
+    basis = jnp.eye(amplitude.shape[1])
+    columns = jax.vmap(push)(jnp.broadcast_to(basis[:, None], (len(basis), *amplitude.shape)))
+    return found - amplitude, basis - columns.transpose(1, 2, 0)
+
+
+@jax.custom_jvp
+def settled_amplitudes(equations):
+    """Amplitudes ``(m, A)`` in rad that lead to themselves; see :func:`is_settled`.
+
+    equations : (train, system, rpm ``(m,)``, omega ``(H,)``, load ``(S, H)``)
+    """
+    train, _, rpm, *_ = equations
+    start = jnp.zeros((len(rpm), len(train.topology.amplitude_links)))
+    change, matrix = _linearised(equations, start)
+    scale = jnp.where(change > 0, change, 1.0)
+
+    def size(change):
+        return jnp.max(jnp.abs(change) / scale, axis=-1, initial=0.0)
+
+    def going_on(state):
+        _, change, _, _, steps = state
+        return (steps < AMPLITUDE.steps) & jnp.any(size(change) > AMPLITUDE.settled)
+
+    def step(state):
+        amplitude, change, matrix, time, steps = state
+        implicit = matrix + jnp.eye(matrix.shape[-1]) / time[:, None, None]
+        move = jnp.linalg.solve(implicit, change[..., None])[..., 0]
+        trial = jnp.maximum(amplitude + move, 0.0)
+        now, tangent = _linearised(equations, trial)
+        predicted = change - jnp.einsum("mij,mj->mi", matrix, trial - amplitude)
+        # Where 1 - dg/dA is negative a long step goes against g - A, to an amplitude that repels: it is refused.
+        forward = jnp.sum(move * change / scale**2, axis=-1) > 0
+        good = forward & (size(now - predicted) <= AMPLITUDE.curved * size(change))
+        # A speed that has settled stays as it is while others go on.
+        taken = good & (size(change) > AMPLITUDE.settled)
+        gain = size(change) / jnp.maximum(size(now), 1e-3 * size(change))
+        # Steps in time grow as g - A falls (switched evolution relaxation), which makes the last ones Newton's.
+        time = jnp.where(good, time * jnp.clip(gain, 2.0, 1000.0), time / 4)
+        amplitude, change = (jnp.where(taken[:, None], new, old) for new, old in ((trial, amplitude), (now, change)))
+        return amplitude, change, jnp.where(taken[:, None, None], tangent, matrix), time, steps + 1
+
+    state = start, change, matrix, jnp.ones(len(rpm)), 0
+    return lax.while_loop(going_on, step, state)[0]
+
+
+@settled_amplitudes.defjvp
+def _settled_jvp(primals, tangents):
+    (equations,), (equations_dot,) = primals, tangents
+    amplitude = settled_amplitudes(equations)
+    _, pushed = jax.jvp(lambda e: _next(e, amplitude), (equations,), (equations_dot,))
+    _, matrix = _linearised(equations, amplitude)
+    return amplitude, jnp.linalg.solve(matrix, pushed[..., None])[..., 0]
 
 
 @dataclass(frozen=True)
@@ -217,14 +363,14 @@ def _answer(train, system, rigid, rpm, torque):
         own = bool(topology.amplitude_links)
         amplitude = settled_amplitudes((train, system, rpm, omega, load)) if own else jnp.zeros((speeds, 0))
         system = varied(train, system, rpm, omega, amplitude)
-    displacement, force = (a[:, 0] for a in linear_train.solve_linear(system, omega, load[:, None]))
-    taken = linear_train.balance(system, omega, load, displacement, force)
+    displacement, force = (a[:, 0] for a in dynamic_stiffness.solve_linear(system, omega, load[:, None]))
+    taken = dynamic_stiffness.balance(system, omega, load, displacement, force)
     residual, status = judged(*(a.reshape(shape) for a in taken))
     # For the mean the sweep holds a floating train at its root: the rigid rotation that this leaves goes out again.
     mean = (omega == 0) * chain.drift(system, rigid, displacement.real)
     angle = chain.to_angles(system, displacement - mean)
 
-    C = linear_train.link_stiffness(system, omega)
+    C = dynamic_stiffness.link_stiffness(system, omega)
     # From the forces: differences of displacements lose the digits of stiff links.
     deflection = force / jnp.where(C == 0, 1.0, C)
     elastic = C.real * deflection

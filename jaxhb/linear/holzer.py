@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._jax import Array, Number, Numbers, namespace, on_host, traced
-from .._shown import brief
-from ..harmonic import chain
-from ..model.drivetrain import DriveTrain
-from ..model.elements import SceneError
+from jaxhb._jax import Array, Number, Numbers, namespace, on_host, traced
+from jaxhb._shown import brief
+from jaxhb.elements.elements import SceneError
+from jaxhb.train import chain
+from jaxhb.train.drivetrain import DriveTrain
 
 
 @brief

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from .._jax import kept
-from ..harmonic import chain
-from .modal import natural_frequencies
+from jaxhb._jax import kept
+from jaxhb.linear.modal import natural_frequencies
+from jaxhb.train import chain
 
 STRAINED = 0.05
 """Share of the strain energy of a mode that tooth meshes hold from which the motion has to be resolved to its

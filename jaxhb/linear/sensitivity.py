@@ -15,11 +15,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .._jax import Array, Numbers, concrete, on_host, traced
-from .._program import Program
-from ..harmonic import chain
-from ..model.drivetrain import DriveTrain
-from .modal import ModeShares, shares
+from jaxhb._jax import Array, Numbers, concrete, on_host, traced
+from jaxhb._program import Program
+from jaxhb.linear.modal import ModeShares, shares
+from jaxhb.train import chain
+from jaxhb.train.drivetrain import DriveTrain
 
 CLUSTER = 1e-9
 """Relative distance of squares below which eigenvalues count as one: some rounding of a repeated one."""

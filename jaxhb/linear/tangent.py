@@ -12,14 +12,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._jax import Number, concrete, namespace, on_host, traced
-from .._shown import brief
-from ..harmonic import backlash, chain
-from ..harmonic.excitation import excitation
-from ..model.change import without_backlash
-from ..model.drivetrain import DriveTrain
-from ..model.elements import SceneError
-from ..model.speeds import check_speed
+from jaxhb._jax import Number, concrete, namespace, on_host, traced
+from jaxhb._shown import brief
+from jaxhb.elements.elements import SceneError
+from jaxhb.equations import backlash
+from jaxhb.excitation.torques import excitation
+from jaxhb.train import chain
+from jaxhb.train.changes import without_backlash
+from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.speeds import check_speed
 
 
 @dataclass(frozen=True)

@@ -26,8 +26,8 @@ from jaxhb import Disk, Shaft, Torque
 from jaxhb.design import Objective, Parameter, Penalty, evaluation, evaluator, lanes
 from jaxhb.design.descent import Descent, _nothing_solved
 from jaxhb.linear.sensitivity import frequencies_hz
-from jaxhb.model.scene import _folder
-from jaxhb.response.status import Status
+from jaxhb.results.status import Status
+from jaxhb.scene.files import _folder
 
 
 @pytest.mark.parametrize(("row", "stiffer", "stronger"), [(0, 0.1, 10.0), (1, 10.0, 0.1)])

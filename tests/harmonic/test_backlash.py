@@ -12,8 +12,8 @@ from reference_data import method_case, numbers
 from tolerances import ALGEBRAIC, GRADIENT
 
 from jaxhb import Mesh
-from jaxhb.harmonic import backlash, fourier
-from jaxhb.harmonic.backlash import Law
+from jaxhb.equations import backlash, fourier
+from jaxhb.equations.backlash import Law
 
 DYADIC = Law(stiffness=3.0, epsilon=0.125, transition=0.25, backlash=0.5)
 """All knots are exact in binary: 0.1875 and 0.3125."""

@@ -7,8 +7,9 @@ from fridman_numbering import fridman_numbering, parents_from_fridman
 from reference_data import complex_numbers, method_case, numbers
 from tolerances import ALGEBRAIC
 
-from jaxhb.harmonic import chain, fourier, toeplitz
-from jaxhb.harmonic.block_sweep import block_sweep, scalar_sweep, slots
+from jaxhb.equations import fourier
+from jaxhb.equations.block_sweep import block_sweep, scalar_sweep, slots
+from jaxhb.train import chain
 
 solve = jax.jit(scalar_sweep)
 sweep_blocks = jax.jit(block_sweep)
@@ -139,7 +140,7 @@ def test_block_sweep_with_toeplitz_links_equals_dense_solve():
         parent, near, far = random_tree(draw, size), *draw.uniform(0.5, 2.0, (2, size))
         c = 0.1 * (draw.normal(size=(size, width)) + 1j * draw.normal(size=(size, width)))
         c[:, 0] = draw.uniform(2.0, 5.0, size)
-        link = np.asarray(toeplitz.product_matrix(c))
+        link = np.asarray(fourier.product_matrix(c))
         node = np.asarray(fourier.packed_diagonal(random_line(draw, size, harmonics + 1)))
         load = draw.normal(size=(size, width))
         x, quality = sweep_blocks(parent, near, far, link, node, load)
@@ -161,7 +162,7 @@ def test_block_sweep_tells_when_a_pivot_breaks_down_though_the_whole_matrix_is_r
     n = np.arange(harmonics + 1)
     coefficients = np.zeros(2 * harmonics + 1, complex)
     coefficients[0], coefficients[2] = 1.0, a / 2
-    link = np.asarray(toeplitz.product_matrix(coefficients))[None].repeat(2, 0)
+    link = np.asarray(fourier.product_matrix(coefficients))[None].repeat(2, 0)
     node = np.asarray(fourier.packed_diagonal(np.stack([-m * n**2 + 1j * b * n, 0.5 - 2 * n**2 + 0.3j * n])))
     ones = np.ones(2)
     _, quality = sweep_blocks(np.array([1, 2]), ones, ones, link, node, np.ones((2, 2 * harmonics + 1)))

@@ -12,12 +12,13 @@ from trains import branched_parts, build, chain_parts, gearbox_parts
 
 import jaxhb
 from jaxhb import Disk, Ground, Mesh, Shaft, Torque
-from jaxhb.harmonic import backlash, chain, fourier, linear_train
-from jaxhb.harmonic.residual import MeshParameters
-from jaxhb.periodic.problem import problem_at
+from jaxhb.balance.problem import problem_at
+from jaxhb.equations import backlash, dynamic_stiffness, fourier
+from jaxhb.equations.residual import MeshParameters
+from jaxhb.train import chain
 
 OMEGA = np.array([0.0, 40.0, 333.0, 1500.0, 9000.0])
-program = jax.jit(linear_train.solve_linear)
+program = jax.jit(dynamic_stiffness.solve_linear)
 
 
 def solve(system, omega, load):
@@ -209,7 +210,9 @@ def test_case_a1_time_is_scaled_by_the_cycle():
     train = build([Disk(name="mass", inertia=m, damping=b), Ground(disk="mass", stiffness=c)])
     problem = problem_at(train, 60 / float(params["T_phys"]), 1)
     np.testing.assert_allclose(problem.frequency, float(expected["Omega"]), rtol=ALGEBRAIC)
-    Z = np.asarray(linear_train.node_stiffness(problem.system, linear_train.frequencies(problem.frequency, 1)))[0]
+    Z = np.asarray(
+        dynamic_stiffness.node_stiffness(problem.system, dynamic_stiffness.frequencies(problem.frequency, 1))
+    )[0]
     stiffness = float(expected["c_tilde"])
     wanted = [stiffness, stiffness - float(expected["m_tilde"]) + 1j * float(expected["b_tilde"])]
     np.testing.assert_allclose(Z, wanted, rtol=ALGEBRAIC)

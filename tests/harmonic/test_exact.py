@@ -14,9 +14,9 @@ from scipy.optimize import brentq
 from trains import branched_parts, build
 
 from jaxhb import Mesh
-from jaxhb.harmonic import backlash, exact, fourier
-from jaxhb.harmonic.backlash import Law
-from jaxhb.harmonic.residual import all_meshes
+from jaxhb.equations import backlash, exact_integrals, fourier
+from jaxhb.equations.backlash import Law
+from jaxhb.equations.residual import all_meshes
 
 EXACT = 1e-13
 """Degree of the polynomials of a cell, for any spectrum of the deflection; relative to the largest force."""
@@ -27,7 +27,7 @@ HARMONICS, MESHES = 6, 2
 @partial(jax.jit, static_argnames="samples")
 def coefficients(law, viscous, gated, deflection, samples=None):
     """Coefficients of the mesh force, exact or sampled, at 1.3 rad/s."""
-    rule = fourier.Equidistant(samples) if samples else exact.quadrature(law, deflection)
+    rule = fourier.Equidistant(samples) if samples else exact_integrals.quadrature(law, deflection)
     rate = fourier.derivative(deflection, 1.3)
     values = backlash.mesh_force(
         law.expand(), viscous[:, None], gated, rule.synthesize(deflection), rule.synthesize(rate)
@@ -35,7 +35,7 @@ def coefficients(law, viscous, gated, deflection, samples=None):
     return rule.analyze(values, deflection.shape[-1] - 1)
 
 
-locate = jax.jit(exact.find_crossings)
+locate = jax.jit(exact_integrals.find_crossings)
 
 
 def motion(seed, *, decay=1.0):

@@ -9,20 +9,21 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxhb.harmonic.cylinder_torque import gas_torque_harmonics, inertia_torque_harmonics
-from jaxhb.harmonic.excitation import (
+from jaxhb.elements.elements import Cylinder, Disk, Load, Mesh, Shaft, Torque
+from jaxhb.excitation.crank import slider_crank
+from jaxhb.excitation.gas import gas_cycle
+from jaxhb.excitation.mean_torques import mean_torques
+from jaxhb.excitation.torques import (
     excitation,
+    gas_torque_harmonics,
     highest_harmonic,
+    inertia_torque_harmonics,
     listed_harmonic,
     load_power_kW,
 )
-from jaxhb.model.assembly import build
-from jaxhb.model.crank import slider_crank
-from jaxhb.model.drivetrain import SceneError
-from jaxhb.model.elements import Cylinder, Disk, Load, Mesh, Shaft, Torque
-from jaxhb.model.gas import gas_cycle
-from jaxhb.model.mean_torques import mean_torques
-from jaxhb.model.scene import load_scene
+from jaxhb.scene.files import load_scene
+from jaxhb.train.assembly import build
+from jaxhb.train.drivetrain import SceneError
 
 REFERENCE = Path(__file__).parents[1] / "data" / "excitation.json"
 CRANK = {"bore": 0.1, "stroke": 0.12, "rod": 0.2, "reciprocating_mass": 2.0}

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from tolerances import ALGEBRAIC
 
-from jaxhb.harmonic import fourier, toeplitz
+from jaxhb.equations import fourier
 
 N = 7
 SAMPLES = 64
@@ -102,7 +102,7 @@ def test_product_matrix_is_the_product_in_time_truncated_to_the_same_harmonics(s
     c = draw.normal(size=(3, 2 * N + 1)) + 1j * draw.normal(size=(3, 2 * N + 1))
     c[:, 0] = c[:, 0].real
     product = fourier.synthesize(c, SAMPLES) * fourier.synthesize(signals, SAMPLES)
-    found = np.einsum("sij,sj->si", toeplitz.product_matrix(c), fourier.pack(signals))
+    found = np.einsum("sij,sj->si", fourier.product_matrix(c), fourier.pack(signals))
     np.testing.assert_allclose(found, fourier.pack(fourier.analyze(product, N)), rtol=0, atol=ALGEBRAIC * 100)
 
 
@@ -110,7 +110,7 @@ def test_product_matrix_is_symmetric_with_the_spectrum_between_the_extremes_of_t
     draw = np.random.default_rng(4)
     c = draw.normal(size=2 * N + 1) + 1j * draw.normal(size=2 * N + 1)
     c[0] = c[0].real
-    matrix = np.asarray(toeplitz.product_matrix(c))
+    matrix = np.asarray(fourier.product_matrix(c))
     np.testing.assert_array_equal(matrix, matrix.T)
     values, spectrum = by_direct_sum(c, 4096), np.linalg.eigvalsh(matrix)
     assert values.min() <= spectrum[0] and spectrum[-1] <= values.max()
@@ -119,4 +119,4 @@ def test_product_matrix_is_symmetric_with_the_spectrum_between_the_extremes_of_t
 def test_product_with_a_constant_is_a_multiple_of_the_identity():
     c = np.zeros(2 * N + 1, complex)
     c[0] = 2.5
-    np.testing.assert_array_equal(toeplitz.product_matrix(c), 2.5 * np.eye(2 * N + 1))
+    np.testing.assert_array_equal(fourier.product_matrix(c), 2.5 * np.eye(2 * N + 1))

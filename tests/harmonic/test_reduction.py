@@ -12,18 +12,19 @@ from tolerances import ALGEBRAIC
 from trains import branched_parts, build, gearbox_parts
 
 from jaxhb import Damper, Disk, Mesh, Shaft
-from jaxhb.harmonic import chain, fourier, linear_train, reduction
-from jaxhb.harmonic.krylov import gcr
-from jaxhb.harmonic.residual import residual
-from jaxhb.periodic.problem import ActiveMeshes, problem_at, reduced_equation
+from jaxhb.balance.problem import ActiveMeshes, problem_at, reduced_equation
+from jaxhb.equations import condensation, dynamic_stiffness, fourier
+from jaxhb.equations.iterations import gcr
+from jaxhb.equations.residual import residual
+from jaxhb.train import chain
 
 HARMONICS, SAMPLES, RPM = 6, 96, 1500.0
 
 evaluate = jax.jit(residual, static_argnames="samples")
 reduce = jax.jit(reduced_equation, static_argnums=1)
-excess_at = jax.jit(reduction.Reduced.nonlinear_force_coefficients, static_argnums=2)
-reduced_residual = jax.jit(reduction.Reduced.residual, static_argnums=2)
-combine = jax.jit(reduction.CondensedTrain.combine)
+excess_at = jax.jit(condensation.Reduced.nonlinear_force_coefficients, static_argnums=2)
+reduced_residual = jax.jit(condensation.Reduced.residual, static_argnums=2)
+combine = jax.jit(condensation.CondensedTrain.combine)
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +54,7 @@ def test_receptances_are_those_of_the_dense_train_in_angles(case):
 
 def test_harmonics_swept_in_several_chunks_are_those_of_the_dense_train(case):
     parts, problem, few, _, _ = case
-    harmonics = 2 * reduction.CHUNK + 20
+    harmonics = 2 * condensation.CHUNK + 20
     reduced, _ = reduce(
         problem_at(build(parts, reference="flywheel"), RPM, harmonics),
         harmonics,
@@ -62,7 +63,7 @@ def test_harmonics_swept_in_several_chunks_are_those_of_the_dense_train(case):
     np.testing.assert_allclose(reduced.linear[:, : HARMONICS + 1], few.linear, rtol=0, atol=ALGEBRAIC)
     assert not np.asarray(reduced.linear[:, HARMONICS + 1 :]).any()
     rows = np.array([row for _, row in dense.links(parts)[-2:]])
-    for n in (0, 1, reduction.CHUNK - 1, reduction.CHUNK, reduction.CHUNK + 1, harmonics):
+    for n in (0, 1, condensation.CHUNK - 1, condensation.CHUNK, condensation.CHUNK + 1, harmonics):
         wanted = rows @ np.linalg.solve(dense.dynamic_stiffness(parts, n * float(problem.frequency)), rows.T)
         np.testing.assert_allclose(reduced.receptance[n], wanted, rtol=0, atol=1e-10 * np.abs(wanted).max())
 
@@ -79,20 +80,16 @@ def sliced_parts():
 
 def test_disks_with_teeth_branches_and_the_grounded_one_are_kept():
     train = build(sliced_parts(), reference="flywheel")
-    condensation = chain.span(train.topology).condensation
-    assert [train.topology.disk_names[i] for i in condensation.kept] == ["flywheel", "crank gear", "idler", "pump gear"]
-    kept = len(condensation.kept)
-    assert sorted([*condensation.disk, *condensation.kept]) == list(range(train.topology.n_disks))
-    assert (len(condensation.begin), len(condensation.end), len(condensation.plain)) == (
+    condensed = chain.span(train.topology).condensed
+    assert [train.topology.disk_names[i] for i in condensed.kept] == ["flywheel", "crank gear", "idler", "pump gear"]
+    kept = len(condensed.kept)
+    assert sorted([*condensed.disk, *condensed.kept]) == list(range(train.topology.n_disks))
+    assert (len(condensed.begin), len(condensed.end), len(condensed.plain)) == (
         1,
         4,
         2,
     )  # pump, ring, slices with ring hang
-    assert (
-        len(np.unique(condensation.chain)) == 4
-        and len(condensation.tree.node) == kept
-        and not len(condensation.tree.loops)
-    )
+    assert len(np.unique(condensed.chain)) == 4 and len(condensed.tree.node) == kept and not len(condensed.tree.loops)
 
 
 @pytest.mark.parametrize("parts", [branched_parts, sliced_parts, gearbox_parts, lambda: gearbox_parts(grounded=False)])
@@ -100,10 +97,10 @@ def test_receptances_with_chains_of_disks_folded_are_those_of_all_disks(parts):
     parts = parts()
     reference = "motor" if any(getattr(p, "name", "") == "motor" for p in parts) else "flywheel"
     problem = problem_at(build(parts, reference=reference), RPM, HARMONICS)
-    system, omega = jax.tree.map(jnp.asarray, problem.system), linear_train.frequencies(problem.frequency, 40)
+    system, omega = jax.tree.map(jnp.asarray, problem.system), dynamic_stiffness.frequencies(problem.frequency, 40)
     columns = system.incidence(problem.meshes.link)
-    found = jax.jit(linear_train.receptance)(system, omega, columns)
-    wanted = jax.jit(linear_train._receptance_of_all_disks)(system, omega, columns)
+    found = jax.jit(dynamic_stiffness.receptance)(system, omega, columns)
+    wanted = jax.jit(dynamic_stiffness._receptance_of_all_disks)(system, omega, columns)
     size = np.abs(wanted).max(axis=(1, 2), keepdims=True)
     np.testing.assert_allclose(found / size, wanted / size, rtol=0, atol=ALGEBRAIC)
 
@@ -160,7 +157,7 @@ def test_padding_with_idle_meshes_changes_nothing(case):
 
 def test_truncating_the_equation_drops_harmonics_only(case):
     _, _, reduced, _, _ = case
-    short = reduction.truncate(reduced, 3)
+    short = condensation.truncate(reduced, 3)
     np.testing.assert_array_equal(short.linear, reduced.linear[:, :4])
     np.testing.assert_array_equal(short.receptance, reduced.receptance[:4])
 

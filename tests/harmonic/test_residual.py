@@ -8,9 +8,9 @@ from toeplitz_jacobian import jacobian
 from tolerances import ALGEBRAIC, TANGENT
 from trains import branched_parts, build
 
-from jaxhb.harmonic import fourier
-from jaxhb.harmonic.residual import residual
-from jaxhb.periodic.problem import problem_at
+from jaxhb.balance.problem import problem_at
+from jaxhb.equations import fourier
+from jaxhb.equations.residual import residual
 
 HARMONICS, SAMPLES, RPM = 6, 96, 1500.0
 LAWS = [("contact", "contact"), ("always", "always"), ("contact", "always")]

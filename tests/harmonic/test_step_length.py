@@ -3,26 +3,24 @@
 import numpy as np
 import pytest
 
-from jaxhb.harmonic import step_length
+from jaxhb.equations import iterations
 
 
 @pytest.mark.parametrize("h", [4.0, 2.5])
 def test_a_shorter_length_is_where_a_quadratic_level_is_lowest(h):
     """Curvature h: a step of length s leaves (1 - s) of the correction and s^2 h / 2 beside it, least at 1/h."""
     for length in (1.0, 2.2 / h):
-        assert step_length.shorter_length(length, 3.0, 3.0 * length**2 * h / 2) == pytest.approx(
-            max(1 / h, length / 10)
-        )
-    assert step_length.lowers_level(3.0 * (1 - 1 / h + 1 / (2 * h)), 3.0, 1 / h)
-    assert not step_length.lowers_level(3.0 * h / 2, 3.0, 1.0)
+        assert iterations.shorter_length(length, 3.0, 3.0 * length**2 * h / 2) == pytest.approx(max(1 / h, length / 10))
+    assert iterations.lowers_level(3.0 * (1 - 1 / h + 1 / (2 * h)), 3.0, 1 / h)
+    assert not iterations.lowers_level(3.0 * h / 2, 3.0, 1.0)
 
 
 def test_a_shorter_length_is_between_a_tenth_and_a_half():
-    assert step_length.shorter_length(0.8, 1.0, 0.0) == step_length.shorter_length(0.8, 1.0, np.nan) == 0.4
-    assert step_length.shorter_length(0.8, 1.0, 1e9) == pytest.approx(0.08)
+    assert iterations.shorter_length(0.8, 1.0, 0.0) == iterations.shorter_length(0.8, 1.0, np.nan) == 0.4
+    assert iterations.shorter_length(0.8, 1.0, 1e9) == pytest.approx(0.08)
 
 
 def test_where_the_jacobian_did_not_change_the_whole_correction_is_tried():
-    assert step_length.predicted_length(1.0, 0.0, 1.0) == step_length.predicted_length(np.inf, 2.0, 1.0) == 1.0
-    assert step_length.predicted_length(0.1, 2.0, 0.5) == pytest.approx(0.1)
-    assert step_length.predicted_length(1e-9, 2.0, 1.0) == step_length.SHORTEST
+    assert iterations.predicted_length(1.0, 0.0, 1.0) == iterations.predicted_length(np.inf, 2.0, 1.0) == 1.0
+    assert iterations.predicted_length(0.1, 2.0, 0.5) == pytest.approx(0.1)
+    assert iterations.predicted_length(1e-9, 2.0, 1.0) == iterations.SHORTEST

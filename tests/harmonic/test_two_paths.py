@@ -11,10 +11,10 @@ from trains import branched_parts, build
 
 import jaxhb
 from jaxhb import Mesh
-from jaxhb.harmonic import fourier
-from jaxhb.harmonic.residual import residual
-from jaxhb.periodic.problem import problem_at
-from jaxhb.response.status import Status
+from jaxhb.balance.problem import problem_at
+from jaxhb.equations import fourier
+from jaxhb.equations.residual import residual
+from jaxhb.results.status import Status
 
 RPM, HARMONICS = 12000.0, 32
 """Both meshes are separated for a fifth and more of the cycle; the mesh modes lie at harmonics 7 and 13."""

@@ -11,8 +11,7 @@ from trains import build, chain_parts, gearbox_parts
 import jaxhb
 from jaxhb import Disk, Shaft
 from jaxhb.linear import polynomial
-from jaxhb.linear.links import Links, plus, times
-from jaxhb.linear.splitting import characteristic_coefficients, open_ring, piece, split_at_mass
+from jaxhb.linear.splitting import Links, characteristic_coefficients, open_ring, piece, plus, split_at_mass, times
 
 CHAIN = {i: (i, i + 1) for i in range(1, 5)}
 BRANCHED = {1: (1, 2), 2: (2, 3), 3: (3, 4), 4: (4, 5), 5: (3, 6), 6: (6, 7)}

@@ -11,8 +11,8 @@ from trains import build
 
 import jaxhb
 from jaxhb import Damper, Disk, Load, Mesh, SceneError, Shaft, Torque
-from jaxhb.linear import limits
-from jaxhb.response.record import Record, RecordedSignal
+from jaxhb.linear import strength
+from jaxhb.results.record import Record, RecordedSignal
 
 RULE = (  # d mm, sigma_B MPa, C_K, lambda; tau_C and tau_T in MPa, worked out with 30 digits from the text of the rule
     (400, 600, 1.0, 0.5, 66.562193, 113.155729),
@@ -138,7 +138,7 @@ def test_a_shaft_is_judged_at_its_own_section_or_at_that_of_its_stiffness():
     train = build([*parts, Torque(disk="a", harmonics=((1.0, 10.0, 0.0),))])
     found = jaxhb.strength(jaxhb.forced_response(train, rpm=300.0))
     assert list(found.stresses) == ["a|b"] and found.stresses["a|b"].continuous is None and not found.barred
-    assert limits.section(train, "a|b") == (0.06, 0.02)
+    assert strength.section(train, "a|b") == (0.06, 0.02)
 
 
 def test_a_scene_without_such_keys_has_nothing_to_be_judged_by_and_no_arrays_more():

@@ -13,7 +13,7 @@ from trains import ONE_RADIAN_PER_SECOND, build
 
 import jaxhb
 from jaxhb import Damper, Disk, Ground, Mesh, SceneError, Shaft, Status, Torque
-from jaxhb.linear import varying_links
+from jaxhb.linear import forced
 
 OVER_HZ = ((0.0, 1.0, 1.0), (20.0, 1.5, 0.8), (60.0, 2.0, 0.3))
 OVER_AMPLITUDE = ((0.0, 1.4, 0.5), (0.01, 1.0, 1.0), (0.05, 0.7, 1.8))
@@ -143,7 +143,7 @@ def test_several_links_over_amplitude_settle_together():
 
 
 def test_amplitudes_that_are_not_found_are_told(monkeypatch):
-    monkeypatch.setattr(varying_links, "AMPLITUDE", dataclasses.replace(varying_links.AMPLITUDE, steps=1))
+    monkeypatch.setattr(forced, "AMPLITUDE", dataclasses.replace(forced.AMPLITUDE, steps=1))
     found = jaxhb.forced_response(train_of(over_amplitude=OVER_AMPLITUDE), rpm=SPEEDS[:3])  # compiled anew
     assert (found.status == Status.MAX_STEPS).all()
     with pytest.raises(jaxhb.NotConverged, match="the amplitude of a link was not found"):

@@ -2,10 +2,10 @@
 
 import pytest
 
-from jaxhb.model.assembly import build
-from jaxhb.model.drivetrain import SceneError
-from jaxhb.model.elements import Cylinder, Damper, Disk, Ground, Load, Mesh, Shaft, Torque
-from jaxhb.model.scene import load_scene
+from jaxhb.elements.elements import Cylinder, Damper, Disk, Ground, Load, Mesh, Shaft, Torque
+from jaxhb.scene.files import load_scene
+from jaxhb.train.assembly import build
+from jaxhb.train.drivetrain import SceneError
 
 TABLE = [(float(a), 1e5) for a in range(0, 721, 10)]
 STIFFNESS = "stiffness is -1 N m/rad"

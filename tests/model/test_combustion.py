@@ -6,9 +6,9 @@ import numpy as np
 from differences import differences
 from tolerances import ALGEBRAIC
 
-from jaxhb.model import gas
-from jaxhb.model.combustion import burnt_share, pressures
-from jaxhb.model.crank import slider_crank
+from jaxhb.excitation import gas
+from jaxhb.excitation.combustion import burnt_share, pressures
+from jaxhb.excitation.crank import slider_crank
 
 BORE, STROKE, ROD = 0.1, 0.12, 0.2
 SWEPT = np.pi / 4 * BORE**2 * STROKE

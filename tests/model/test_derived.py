@@ -7,7 +7,7 @@ from tolerances import ALGEBRAIC, GRADIENT
 
 import jaxhb
 from jaxhb import Damper, Disk, Mesh, SceneError, Shaft, Torque
-from jaxhb.model.scene_writer import changed_scene, elements_text
+from jaxhb.scene.writer import changed_scene, elements_text
 
 AB = [Disk(name="a", inertia=2.0, radius=0.1), Disk(name="b", inertia=3.0, radius=0.2)]
 SIZE = {"length": 0.5, "outer": 0.1, "inner": 0.05, "shear_modulus": 8e10}

@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxhb.model.assembly import build
-from jaxhb.model.drivetrain import DriveTrain, SceneError, inertias, speed_ratios
-from jaxhb.model.elements import Cylinder, Damper, Disk, Ground, Load, Mesh, Shaft, Torque
-from jaxhb.model.scene import load_scene
+from jaxhb.elements.elements import Cylinder, Damper, Disk, Ground, Load, Mesh, Shaft, Torque
+from jaxhb.scene.files import load_scene
+from jaxhb.train.assembly import build
+from jaxhb.train.drivetrain import DriveTrain, SceneError, inertias, speed_ratios
 
 GEARS = [
     Disk(name="a", inertia=1.0, radius=0.1),

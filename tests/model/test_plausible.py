@@ -9,8 +9,8 @@ from reference_data import reference
 from trains import branched_parts, branched_thirty, build, gearbox_parts, pinions_parts
 
 import jaxhb
-from jaxhb.model.plausible import plausibility
-from jaxhb.model.scene import _folder, load_scene, scene_names
+from jaxhb.scene.files import _folder, load_scene, scene_names
+from jaxhb.train.plausible import plausibility
 
 ENGINE = "inline_four_timing_drive"
 TABLE = f"{ENGINE}_pressure.csv"

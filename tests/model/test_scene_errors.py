@@ -2,10 +2,10 @@
 
 import pytest
 
-from jaxhb.model.assembly import build
-from jaxhb.model.drivetrain import SceneError
-from jaxhb.model.elements import Damper, Disk, Ground, Mesh, Shaft, Torque
-from jaxhb.model.scene import load_scene, scene_description
+from jaxhb.elements.elements import Damper, Disk, Ground, Mesh, Shaft, Torque
+from jaxhb.scene.files import load_scene, scene_description
+from jaxhb.train.assembly import build
+from jaxhb.train.drivetrain import SceneError
 
 HEAD = """
 [scene]

@@ -5,11 +5,11 @@ import tomllib
 
 import pytest
 
-from jaxhb.model.engine import cylinder_rows
-from jaxhb.model.scene import load_scene, scene_names
-from jaxhb.model.scene_writer import _find, changed_scene, scene_text
-from jaxhb.model.toml_text import TomlText
-from jaxhb.show.cli import main
+from jaxhb.cli.main import main
+from jaxhb.elements.engine import cylinder_rows
+from jaxhb.scene.files import load_scene, scene_names
+from jaxhb.scene.toml_text import TomlText
+from jaxhb.scene.writer import _find, changed_scene, scene_text
 
 MIXED = '''# Pump drive of the test bench, measured on the 3rd.
 

@@ -11,7 +11,7 @@ from scipy.optimize import minimize_scalar
 from trains import ONE_RADIAN_PER_SECOND, pair_train
 
 import jaxhb
-from jaxhb.periodic.branch import BranchOptions
+from jaxhb.branches.branch import BranchOptions
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 

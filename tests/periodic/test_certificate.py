@@ -14,16 +14,16 @@ from weighted_certificate import weighted_certificate
 
 import jaxhb
 from jaxhb._jax import on_host
-from jaxhb.harmonic import backlash, chain, exact, fourier
-from jaxhb.harmonic.residual import backlash_meshes
-from jaxhb.periodic import certificate, theorem
-from jaxhb.periodic.certificate import certify
-from jaxhb.periodic.certificate_options import CERTIFICATE
-from jaxhb.periodic.linearization import Linearization, NotInverted
-from jaxhb.periodic.problem import problem_at
-from jaxhb.response.certificate import Kantorovich
-from jaxhb.transient.statespace import partition, state_space
-from jaxhb.transient.variational import propagation
+from jaxhb.balance.problem import problem_at
+from jaxhb.certificate import certificate, theorem
+from jaxhb.certificate.certificate import CERTIFICATE, certify
+from jaxhb.certificate.linearization import Linearization, NotInverted
+from jaxhb.equations import backlash, exact_integrals, fourier
+from jaxhb.equations.residual import backlash_meshes
+from jaxhb.equations.state_space import partition, state_space
+from jaxhb.floquet.variational import propagation
+from jaxhb.results.bounds import Kantorovich
+from jaxhb.train import chain
 
 WITHIN = 1.6
 """A bound over the true error where the error is mostly that of the truncation, which the bound adds up exactly."""
@@ -326,7 +326,7 @@ def test_what_an_impulse_leaves_is_what_the_linearised_equation_answers():
     system, meshes = on_host((chain.assemble(response.train), backlash_meshes(response.train)))
     space = state_space(system, meshes, 1.0, partition(system, meshes, ("a", "b"), ("a|b",)))
     deflection = np.asarray(response.deflections)
-    times = np.concatenate([exact.switching_times(meshes.law, deflection), np.arange(1, 4096) / 4096])
+    times = np.concatenate([exact_integrals.switching_times(meshes.law, deflection), np.arange(1, 4096) / 4096])
     way = propagation(space, meshes, deflection, 1.0, np.unique(times))
     given = np.zeros((1, 65), complex)
     given[0, 3] = 0.5  # cos 3t

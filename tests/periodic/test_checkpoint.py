@@ -14,8 +14,8 @@ import trains
 from event_exact import Pair
 
 import jaxhb
-from jaxhb.model.saved import pack, unpack
-from jaxhb.periodic.checkpoint import MANIFEST, CheckpointError
+from jaxhb.results.serial import pack, unpack
+from jaxhb.steady.checkpoint import MANIFEST, CheckpointError
 
 OMEGA = np.array([0.5, 0.7, 0.9, 1.1, 1.3, 1.5])
 """Over the natural frequency: motions with a period of one cycle and of two, and an irregular one."""
@@ -142,7 +142,7 @@ def test_values_of_other_packages_are_not_kept_and_no_other_class_is_called():
     for value in (object(), {"a": Path()}, np.array([None])):
         with pytest.raises(TypeError, match="cannot be kept"):
             pack(value)
-    for name in ("os:system", "jaxhb.model.saved:pack", "subprocess:Popen"):
+    for name in ("os:system", "jaxhb.results.serial:pack", "subprocess:Popen"):
         with pytest.raises((TypeError, AttributeError)):
             unpack({"value": {"shared": 0}, "shared": [{"class": name, "of": {}}]}, [])
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxhb.periodic import continuation
+from jaxhb.solutions import continuation
 
 
 def shortest(value, slope):

@@ -11,12 +11,11 @@ from tolerances import ALGEBRAIC, RESIDUAL
 from trains import branched_parts, build
 
 from jaxhb import Disk, Mesh, Shaft
-from jaxhb.harmonic import fourier
-from jaxhb.periodic import correction
-from jaxhb.periodic.problem import ActiveMeshes, problem_at, reduced_equation
-from jaxhb.transient import periodic_operator, reduced_model as reduced_models
-from jaxhb.transient.reduced_model import reduced_model, resting_on_flank
-from jaxhb.transient.statespace import partition, state_space
+from jaxhb.balance import correction, preconditioner
+from jaxhb.balance.problem import ActiveMeshes, problem_at, reduced_equation
+from jaxhb.equations import fourier, reduced_model as reduced_models
+from jaxhb.equations.reduced_model import reduced_model, resting_on_flank
+from jaxhb.equations.state_space import partition, state_space
 
 HARMONICS, SAMPLES, RPM = 48, 768, 12000.0
 """The mesh modes lie at harmonic 13: the sweep in time knows no truncation, and below them it would matter."""
@@ -65,13 +64,13 @@ def test_any_number_of_meshes_is_swept_in_blocks_of_any_length(meshes, monkeypat
     draw = np.random.default_rng(3)
     slopes, motion = -1e6 * draw.uniform(size=(meshes, 512)), draw.normal(size=(2 * meshes, 512))
     found = []
-    for shortest in (periodic_operator.PASS.shortest, periodic_operator.PASS.longest):
-        options = dataclasses.replace(periodic_operator.PASS, shortest=shortest)
-        monkeypatch.setattr(periodic_operator, "PASS", options)
-        operator = periodic_operator.linearize(model, problem.frequency, slopes, 1e-5 * slopes)
+    for shortest in (preconditioner.PASS.shortest, preconditioner.PASS.longest):
+        options = dataclasses.replace(preconditioner.PASS, shortest=shortest)
+        monkeypatch.setattr(preconditioner, "PASS", options)
+        operator = preconditioner.linearize(model, problem.frequency, slopes, 1e-5 * slopes)
         found.append((operator.gain.shape[0], np.asarray(operator.forces(motion))))
     (shorter, one), (longer, other) = found
-    assert shorter < longer == periodic_operator.PASS.longest and np.abs(one).max() > 0
+    assert shorter < longer == preconditioner.PASS.longest and np.abs(one).max() > 0
     np.testing.assert_allclose(one, other, rtol=0, atol=RESIDUAL * np.abs(one).max())
 
 

@@ -19,11 +19,11 @@ from trains import ONE_RADIAN_PER_SECOND, build, one_mass_parts
 
 import jaxhb
 from jaxhb import Disk, Ground, Mesh, Shaft, Torque
-from jaxhb.harmonic import backlash, fourier
-from jaxhb.harmonic.residual import backlash_meshes
-from jaxhb.periodic import certificate
-from jaxhb.periodic.linearization import Linearization
-from jaxhb.periodic.problem import problem_at
+from jaxhb.balance.problem import problem_at
+from jaxhb.certificate import certificate
+from jaxhb.certificate.linearization import Linearization
+from jaxhb.equations import backlash, fourier
+from jaxhb.equations.residual import backlash_meshes
 
 LEVELS, FINE = (12, 17, 24, 34, 48, 68, 96), 256
 SAMPLES = 2**14

@@ -11,13 +11,13 @@ from tolerances import ALGEBRAIC
 
 import jaxhb
 from jaxhb import Status
-from jaxhb.harmonic import backlash
-from jaxhb.periodic import homotopy, ladder, orbits, planning, rungs
-from jaxhb.periodic.plan import Plan
-from jaxhb.periodic.problem import problem_at
-from jaxhb.periodic.request import Request
-from jaxhb.response.events import Homotopy
-from jaxhb.transient.stepper import Stepper
+from jaxhb.balance.plan import Plan
+from jaxhb.balance.problem import problem_at
+from jaxhb.balance.request import Request
+from jaxhb.equations import backlash
+from jaxhb.integration.step import Stepper
+from jaxhb.results.status import Homotopy
+from jaxhb.solutions import homotopy, orbits, planning, starts
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 
@@ -38,9 +38,9 @@ def hammering():
 def climbed(train, rpm, **options):
     """The response of the ladder without shooting, to stand on the rung above it."""
     (plan,) = planning.plan_speeds(train, np.array([rpm]), Request())
-    effort = dataclasses.replace(ladder.LONG, homotopy=homotopy.HomotopyOptions(**options))
-    case = ladder.Case(train, rpm, Request(), plan, effort=effort)
-    return ladder.climb(case, (rungs.short_march, rungs.long_march, rungs.from_linear_law)).response
+    effort = dataclasses.replace(starts.LONG, homotopy=homotopy.HomotopyOptions(**options))
+    case = starts.Case(train, rpm, Request(), plan, effort=effort)
+    return starts.climb(case, (starts.short_march, starts.long_march, starts.from_linear_law)).response
 
 
 def homotopies(response):

@@ -10,19 +10,19 @@ from tolerances import ALGEBRAIC, PATHS, RESIDUAL
 from trains import ONE_RADIAN_PER_SECOND, build, one_mass_parts
 
 import jaxhb
-from jaxhb.harmonic import backlash, fourier, reduction
-from jaxhb.periodic.newton import solve_reduced
-from jaxhb.periodic.problem import ActiveMeshes, problem_at, reduced_equation
-from jaxhb.response.status import Status
-from jaxhb.transient.reduced_model import ReducedModel
-from jaxhb.transient.statespace import StateSpace
+from jaxhb.balance.newton import solve_reduced
+from jaxhb.balance.problem import ActiveMeshes, problem_at, reduced_equation
+from jaxhb.equations import backlash, condensation, fourier
+from jaxhb.equations.reduced_model import ReducedModel
+from jaxhb.equations.state_space import StateSpace
+from jaxhb.results.status import Status
 
 SAMPLES = 2**16
 """The cases are exact Galerkin solutions. Sampling errs by Nt^-3: 16 N time samples give 1e-6, 2^16 give 1e-12."""
 
 solver = jax.jit(partial(solve_reduced, tolerance=1e-14, max_steps=30), static_argnames=("samples", "time_steps"))
-nonlinear_force = jax.jit(reduction.Reduced.nonlinear_force)
-evaluate = jax.jit(reduction.Reduced.residual, static_argnums=2)
+nonlinear_force = jax.jit(condensation.Reduced.nonlinear_force)
+evaluate = jax.jit(condensation.Reduced.residual, static_argnums=2)
 reduce = jax.jit(reduced_equation, static_argnums=1)
 
 
@@ -38,7 +38,7 @@ def by_hand(harmonics, *, m, b, c, eps, h, q0, q1):
     load[0], load[1] = q0, q1 / 2
     law = backlash.Law(*(np.array([v]) for v in (c, eps, 0.2, h)))
     nothing = np.zeros(1)
-    return reduction.Reduced(
+    return condensation.Reduced(
         (receptance * load)[None], receptance[:, None, None], np.array(1.0), law, nothing, nothing > 0
     )
 

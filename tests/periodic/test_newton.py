@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxhb.periodic.newton import newton
+from jaxhb.balance.newton import newton
 
 
 def solve(evaluate, start, max_steps=24):

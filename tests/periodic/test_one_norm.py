@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from scipy.sparse.linalg import onenormest
 
-from jaxhb.periodic.one_norm import one_norm
+from jaxhb.certificate.linearization import one_norm
 
 
 def maps(sizes):

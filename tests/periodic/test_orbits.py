@@ -12,13 +12,13 @@ from trains import ONE_RADIAN_PER_SECOND, build
 
 import jaxhb
 from jaxhb import Disk, Load, Mesh, Shaft, Torque
-from jaxhb.periodic import ladder, orbits, planning, rungs
-from jaxhb.periodic.newton import relative_residual
-from jaxhb.periodic.plan import Plan
-from jaxhb.periodic.problem import problem_at, reduced_equation
-from jaxhb.periodic.request import Request
-from jaxhb.response.events import Shooting
-from jaxhb.transient import segments
+from jaxhb.balance.newton import relative_residual
+from jaxhb.balance.plan import Plan
+from jaxhb.balance.problem import problem_at, reduced_equation
+from jaxhb.balance.request import Request
+from jaxhb.integration import shooting
+from jaxhb.results.status import Shooting
+from jaxhb.solutions import orbits, planning, starts
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 
@@ -61,7 +61,10 @@ def test_every_closed_orbit_is_found_once():
 @pytest.mark.parametrize(("fewer", "more", "followed"), [(64, 96, False), (1536, 4096, True)])
 def test_another_number_of_steps_compiles_nothing_where_it_follows_the_modes_of_the_teeth_alike(fewer, more, followed):
     """March and shot have two programs: where modes are too fast for the steps, these add their static response."""
-    train, programs = jaxhb.load_scene("gear_train_30"), (orbits._equations, orbits._visited, orbits._shot)
+    train, programs = (
+        jaxhb.load_scene("gear_train_30"),
+        (orbits._equations, orbits._visited, orbits._shot),
+    )
     compiled = []
     for time_steps in (fewer, more):
         search = orbits.OrbitSearch(train, RPM, dataclasses.replace(PLAN, time_steps=time_steps))
@@ -93,21 +96,21 @@ def climbed(search, wanted, **effort):
     """The Result of rungs with another search, and the time steps that were searched with."""
     train = jaxhb.load_scene("gear_train_30")
     (plan,) = planning.plan_speeds(train, np.array([RPM]), Request())
-    case = ladder.Case(
-        train, RPM, Request(), plan, effort=dataclasses.replace(ladder.LONG, **effort), search_with=search
+    case = starts.Case(
+        train, RPM, Request(), plan, effort=dataclasses.replace(starts.LONG, **effort), search_with=search
     )
-    found = ladder.climb(case, wanted)
+    found = starts.climb(case, wanted)
     return found, sorted({steps for _, _, steps in case.searches})
 
 
 def test_another_orbit_is_tried_where_the_harmonics_do_not_take_the_first():
-    found, _ = climbed(Misled, (rungs.short_march, rungs.shooting), finer=1)
+    found, _ = climbed(Misled, (starts.short_march, starts.shooting), finer=1)
     assert found.response.converged
     assert sum(isinstance(event, Shooting) for event in found.response.path) == 2
 
 
 def test_shorter_steps_are_tried_where_longer_ones_close_no_orbit():
-    wanted = (rungs.short_march, rungs.shooting)
+    wanted = (starts.short_march, starts.shooting)
     found, steps = climbed(Blind, wanted, work=1e8)
     assert steps == [PLAN.time_steps, 2 * PLAN.time_steps, 4 * PLAN.time_steps]
     assert found.response.converged and found.response.harmonics == 4 * PLAN.harmonics
@@ -126,7 +129,7 @@ def test_more_steps_begin_at_the_motion_of_the_disks_whatever_modes_they_keep(mo
     train = build(parts, reference="0")
     plan = Plan(harmonics=64, active=(0,), flank=(0,), start="march", time_steps=512, excited=2)
     coarse, fine = (orbits.OrbitSearch(train, 3000.0, dataclasses.replace(plan, time_steps=n)) for n in (512, 1024))
-    nodes, seen = np.asarray(segments.beginnings(coarse.stepper, coarse.stepper.flank_state)), []
+    nodes, seen = np.asarray(shooting.beginnings(coarse.stepper, coarse.stepper.flank_state)), []
 
     def closed(stepper, nodes):
         seen.append(stepper.space.observation @ nodes.T)

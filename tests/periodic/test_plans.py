@@ -9,14 +9,14 @@ import pytest
 from trains import build, pinions_parts
 
 import jaxhb
+from jaxhb.balance import planned
+from jaxhb.balance.program import solve_problem
+from jaxhb.balance.request import TIME_STEPS, Request
 from jaxhb.linear import mesh_modes
-from jaxhb.model.change import within_range
-from jaxhb.periodic import ladder, planned, planning, rungs, speeds
-from jaxhb.periodic.program import solve_problem
-from jaxhb.periodic.request import Request
-from jaxhb.periodic.time_steps import TIME_STEPS
-from jaxhb.response.events import March
-from jaxhb.response.response import stack
+from jaxhb.results.response import stack
+from jaxhb.results.status import March
+from jaxhb.solutions import planning, speeds, starts
+from jaxhb.train.changes import within_range
 
 HAMMERING_RPM = 5625.0
 
@@ -187,15 +187,15 @@ def test_a_march_that_was_asked_for_is_made_where_the_teeth_could_stay_in_contac
 def test_a_march_that_blew_up_is_followed_by_the_whole_ladder(pair):
     """Its periodicity error is not finite: no rung above takes that for a settled march."""
     case = case_of(pair, HAMMERING_RPM)
-    case.effort = ladder.LONG
-    blown_up = ladder.Result(None, case.plan, np.nan, 0)
-    assert rungs.march_error(blown_up) == np.inf
-    assert len(rungs.search_steps(case, case.marching(blown_up), blown_up)) > 1
+    case.effort = starts.LONG
+    blown_up = starts.Result(None, case.plan, np.nan, 0)
+    assert starts.march_error(blown_up) == np.inf
+    assert len(starts.search_steps(case, case.marching(blown_up), blown_up)) > 1
 
 
 def case_of(train, rpm, **asked):
     request = Request(**asked)
-    return ladder.Case(train, rpm, request, planning.plan_speeds(train, np.array([rpm]), request)[0])
+    return starts.Case(train, rpm, request, planning.plan_speeds(train, np.array([rpm]), request)[0])
 
 
 def test_the_ladder_asks_for_the_next_attempt_until_one_is_solved(pair):
@@ -205,12 +205,12 @@ def test_the_ladder_asks_for_the_next_attempt_until_one_is_solved(pair):
     def hopeless(case, last):
         for number in (1, 2):
             asked.append(number)
-            yield ladder.Attempt(dataclasses.replace(case.plan, start="linear"), np.full((1, 51), np.nan + 0j))
+            yield starts.Attempt(dataclasses.replace(case.plan, start="linear"), np.full((1, 51), np.nan + 0j))
 
     def never(case, last):
         pytest.fail("asked for though the attempt before was solved")
 
-    found = ladder.climb(case, (hopeless, rungs.short_march, never))
+    found = starts.climb(case, (hopeless, starts.short_march, never))
     assert asked == [1, 2] and found.response.converged
     assert [type(event).__name__ for event in found.response.path] == ["Newton", "Newton", "March", "Newton"]
 
@@ -329,12 +329,12 @@ def test_a_linear_response_is_the_same_bits_alone_and_among_others():
 def test_a_march_where_no_tooth_was_expected_to_separate_begins_above_the_mesh_modes():
     train, rpm = jaxhb.load_scene("engine_with_damper"), 1900.0
     case = case_of(train, rpm)
-    (first,) = rungs.contact(case, None)
-    (march,) = rungs.short_march(case, None)
+    (first,) = starts.contact(case, None)
+    (march,) = starts.short_march(case, None)
     modes, _ = mesh_modes.mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))
     assert [first.plan.start, march.plan.start] == ["linear", "march"]
     assert first.plan.harmonics < modes < 1.5 * modes <= march.plan.harmonics
-    assert ladder.climb(case, (rungs.short_march,)).response.converged
+    assert starts.climb(case, (starts.short_march,)).response.converged
 
 
 def test_a_sweep_of_no_speed_is_refused(pair):
@@ -396,7 +396,7 @@ def test_a_mesh_thought_loaded_that_leaves_its_flank_is_planned_again():
     case, held = case_of(train, 1500.0, harmonics=192), train.topology.mesh_names.index("|".join(mesh))
     flank = tuple(careful.mesh(*mesh).drive_side if i == held else side for i, side in enumerate(case.plan.flank))
     case.plan = dataclasses.replace(case.plan, active=tuple(i for i in case.plan.active if i != held), flank=flank)
-    found = ladder.climb(case, (rungs.short_march,)).response
+    found = starts.climb(case, (starts.short_march,)).response
     assert found.path[1].status == jaxhb.Status.PLAN_VIOLATED and found.converged
     assert found.mesh(*mesh).separated_fraction > 0
     assert found.force(*mesh).max == pytest.approx(float(careful.force(*mesh).max), rel=1e-8)

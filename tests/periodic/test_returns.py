@@ -3,8 +3,8 @@
 import numpy as np
 
 from jaxhb import Disk, Load, Mesh, Shaft, Torque, build
-from jaxhb.periodic.marching import Equations
-from jaxhb.periodic.returns import RETURN, Cycles, Returns
+from jaxhb.steady.closure import RETURN, Cycles, Returns
+from jaxhb.steady.marching import Equations
 
 
 def returns_of(motion, cycles):

@@ -12,7 +12,7 @@ from trains import pair_rpm, pair_train
 
 import jaxhb
 from jaxhb import Status
-from jaxhb.periodic import ladder
+from jaxhb.solutions import starts
 
 EPSILON = 1e-3
 ROWS = {row["speed"]: row for row in json.loads(TABLE.read_text())["laws"][1]["rows"]}
@@ -60,7 +60,7 @@ def test_a_train_without_backlash_has_one_motion():
 def test_a_solve_searches_no_longer_than_it_was_asked_to():
     """Irregular motion: a few shots and no curve from the linear law; what is left is a status."""
     response = jaxhb.solve(jaxhb.load_scene("gear_train_30"), rpm=2361.0)
-    assert sum("shooting from" in str(event) for event in response.path) <= ladder.Effort().orbits
+    assert sum("shooting from" in str(event) for event in response.path) <= starts.Effort().orbits
     assert not any("homotopy" in str(event) for event in response.path)
 
 
@@ -72,10 +72,10 @@ def test_no_attempt_begins_when_the_time_is_up_but_one_is_made(monkeypatch):
         status: object = Status.STALLED
 
     tried = []
-    monkeypatch.setattr(ladder, "refine", lambda case, attempt, last: tried.append(attempt) or Found(Found()))
+    monkeypatch.setattr(starts, "refine", lambda case, attempt, last: tried.append(attempt) or Found(Found()))
     rungs = (lambda case, last: iter(()), lambda case, last: iter("ab"), lambda case, last: iter("c"))
     train = jaxhb.load_scene("spur_pair")
     for until, attempts in ((math.inf, ["a", "b", "c"]), (0.0, ["a"])):
         tried.clear()
-        ladder.climb(ladder.Case(train, 5000.0, None, None, deadline=until), rungs)
+        starts.climb(starts.Case(train, 5000.0, None, None, deadline=until), rungs)
         assert tried == attempts

@@ -12,10 +12,11 @@ from trains import ONE_RADIAN_PER_SECOND, build, chain_parts, gearbox_parts, one
 
 import jaxhb
 from jaxhb import Disk, Ground, Mesh, NotConverged, Shaft, Stability, Torque
-from jaxhb.harmonic import backlash, chain
-from jaxhb.harmonic.residual import backlash_meshes
-from jaxhb.periodic import stability
-from jaxhb.periodic.search import PeriodicMotion
+from jaxhb.branches.search import PeriodicMotion
+from jaxhb.equations import backlash
+from jaxhb.equations.residual import backlash_meshes
+from jaxhb.floquet import stability
+from jaxhb.train import chain
 
 
 def one_mass(**changes):

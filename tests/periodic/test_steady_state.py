@@ -13,11 +13,11 @@ from reference_data import reference
 
 import jaxhb
 from jaxhb import Disk, Mesh, Torque
-from jaxhb.harmonic import backlash
-from jaxhb.harmonic.excitation import excitation, highest_harmonic
-from jaxhb.periodic.returns import Cycles
-from jaxhb.periodic.settled import difference, shortest_period
-from jaxhb.transient.integrate import cycle
+from jaxhb.equations import backlash
+from jaxhb.excitation.torques import excitation, highest_harmonic
+from jaxhb.integration.cycles import cycle
+from jaxhb.steady.closure import Cycles
+from jaxhb.steady.settled import difference, shortest_period
 
 HALF_GAP = 1.0
 

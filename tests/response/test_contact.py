@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from tolerances import ALGEBRAIC
 
-from jaxhb.harmonic.backlash import Law
-from jaxhb.response.contact import contact_of
+from jaxhb.equations.backlash import Law
+from jaxhb.results.contact import contact_of
 
 LAW = Law(stiffness=2e8, epsilon=1e-3, transition=0.04, backlash=1e-4)
 GAP, KNEE = 0.96 * 0.5e-4, 1.04 * 0.5e-4

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.response.data import as_netcdf
+from jaxhb.results.dataset import as_netcdf
 
 xarray = pytest.importorskip("xarray")
 

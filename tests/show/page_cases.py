@@ -6,10 +6,10 @@ import subprocess
 
 import numpy as np
 
-from jaxhb.response.status import Status
-from jaxhb.show.answer import Answer
-from jaxhb.show.columns import Table
-from jaxhb.show.page_figures import Figure
+from jaxhb.report.answer import Answer
+from jaxhb.report.page.figures import Figure
+from jaxhb.report.text.columns import Table
+from jaxhb.results.status import Status
 
 SCENE = """
 [scene]

@@ -9,14 +9,14 @@ import pytest
 from strict_json import read
 
 import jaxhb
-from jaxhb.periodic.solve import linear_response
-from jaxhb.show.answer import Answer
-from jaxhb.show.certified import certificate_of
-from jaxhb.show.cli import main
-from jaxhb.show.compute import Asked, answer_one
-from jaxhb.show.rows import answer_row, untraceable
-from jaxhb.show.sweep_tables import motion_sentences, speed_table
-from jaxhb.show.words import motion_text, motion_word, notes, once_alike, speeds_text, verdict, warnings
+from jaxhb.cli.main import main
+from jaxhb.report.answer import Answer
+from jaxhb.report.compute import Asked, answer_one
+from jaxhb.report.files.rows import answer_row, untraceable
+from jaxhb.report.text.certified import certificate_of
+from jaxhb.report.text.sentences import motion_text, motion_word, notes, once_alike, speeds_text, verdict, warnings
+from jaxhb.report.text.sweep_tables import motion_sentences, speed_table
+from jaxhb.solutions.solve import linear_response
 
 MESH = "gear a|gear b"
 COMMANDS = [[name, "spur_pair", "--rpm", "5000"] for name in ("solve", "sweep", "report")]
@@ -25,7 +25,7 @@ COMMANDS = [[name, "spur_pair", "--rpm", "5000"] for name in ("solve", "sweep", 
 @pytest.fixture
 def recorded(monkeypatch):
     """Commands whose periodic motions are known from recorded cycles alone."""
-    monkeypatch.setattr("jaxhb.show.compute.steady_state", partial(jaxhb.steady_state, exact=False))
+    monkeypatch.setattr("jaxhb.report.compute.steady_state", partial(jaxhb.steady_state, exact=False))
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +99,7 @@ def test_a_motion_that_harmonic_balance_did_not_confirm_is_marked_in_one_way(sol
 @pytest.mark.parametrize("values", ["0.002,-1,0.003", "-1,0.002,0.003", "0.002,0.003,-1"])
 @pytest.mark.parametrize("direction", ["up", "down"])
 def test_a_value_that_is_refused_leaves_no_file(values, direction, capsys, tmp_path, monkeypatch):
-    monkeypatch.setattr("jaxhb.show.sweeps.answer_values", lambda *args, **given: pytest.fail("computed"))
+    monkeypatch.setattr("jaxhb.cli.sweeps.answer_values", lambda *args, **given: pytest.fail("computed"))
     files = ["--csv", str(tmp_path / "s.csv"), "--json", str(tmp_path / "s.json")]
     command = ["sweep", "spur_pair", "--rpm", "3000", "--over", f"gear a.damping={values}", "--direction", direction]
     assert main([*command, *files]) == 2

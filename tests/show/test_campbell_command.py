@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import pytest
 
 import jaxhb
+from jaxhb.cli.main import main
 from jaxhb.linear.critical import Critical, campbell
-from jaxhb.show.campbell import shares_in_mode
-from jaxhb.show.cli import main
-from jaxhb.show.linear_plots import counting, plot_campbell
+from jaxhb.report.figures.linear import counting, plot_campbell
+from jaxhb.report.text.campbell import shares_in_mode
 
 SCENE = "six_cylinder_diesel"
 TORQUES = (1, 200.0), (1, 1.0), (2, 0.5), (2, 0.25), (3, 0.0)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.model.ratios import tooth_damping_ratios
-from jaxhb.model.scene_writer import scene_text
-from jaxhb.show import scene_check
-from jaxhb.show.cli import main
+from jaxhb.cli.main import main
+from jaxhb.equations.kinematics import tooth_damping_ratios
+from jaxhb.report.text import scene_check
+from jaxhb.scene.writer import scene_text
 
 ENGINE = "inline_four_timing_drive"
 NOTE = "[[mesh]] 'gear a|gear b': backlash is 0.002 m, usual 2e-5 to 0.001 m: is it in m, not in mm?"

@@ -5,7 +5,7 @@ import importlib.util
 import pytest
 
 import jaxhb
-from jaxhb.show.cli import main
+from jaxhb.cli.main import main
 
 
 def test_scenes_lists_every_packaged_scene(capsys):
@@ -139,7 +139,7 @@ def test_all_errors_of_a_scene_are_told_one_a_line(capsys, tmp_path):
 
 @pytest.mark.parametrize("option", ["--json", "--csv", "--plot"])
 def test_a_path_that_cannot_be_written_is_refused_before_anything_is_computed(option, capsys, tmp_path, monkeypatch):
-    monkeypatch.setattr("jaxhb.show.compute.solve_speeds", lambda *_, **__: pytest.fail("computed"))
+    monkeypatch.setattr("jaxhb.report.compute.solve_speeds", lambda *_, **__: pytest.fail("computed"))
     missing = tmp_path / "nowhere" / "r.png"
     assert main(["sweep", "spur_pair", "--rpm", "9", option, str(missing)]) == 2
     assert capsys.readouterr().err.startswith(f"{option}: there is no folder ")
@@ -155,6 +155,6 @@ def test_two_outputs_to_one_file_are_refused(capsys, tmp_path):
 
 def test_without_matplotlib_a_picture_is_refused_with_the_name_of_the_extra(capsys, tmp_path, monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    monkeypatch.setattr("jaxhb.show.compute.steady_state", lambda *_, **__: pytest.fail("computed"))
+    monkeypatch.setattr("jaxhb.report.compute.steady_state", lambda *_, **__: pytest.fail("computed"))
     assert main(["solve", "spur_pair", "--rpm", "2000", "--plot", str(tmp_path / "r.png")]) == 2
     assert "jaxhb[plot]" in capsys.readouterr().err

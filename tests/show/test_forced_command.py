@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.model.scene_writer import changed_scene
-from jaxhb.show.cli import main
-from jaxhb.show.forced import SHOWN, forced_rows, readings
-from jaxhb.show.forced_plots import plot_forced
+from jaxhb.cli.main import main
+from jaxhb.report.figures.forced import plot_forced
+from jaxhb.report.text.forced import SHOWN, forced_rows, readings
+from jaxhb.scene.writer import changed_scene
 
 SPEEDS = "800:2400:5"
 SHAFT, MESH, DAMPER = "throw 2|throw 1", "crank gear|idler", "crank damper"

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.show.cli import main
-from jaxhb.show.linear_plots import plot_holzer
+from jaxhb.cli.main import main
+from jaxhb.report.figures.linear import plot_holzer
 
 SCENE = "six_cylinder_diesel"
 

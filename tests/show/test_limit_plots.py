@@ -7,12 +7,11 @@ import pytest
 from limited_line import SCENE, strength_of, written
 
 import jaxhb
-from jaxhb.show.compute import Asked, answer_speeds
-from jaxhb.show.forced import readings
-from jaxhb.show.forced_misfires import worst_of
-from jaxhb.show.forced_plots import plot_forced
-from jaxhb.show.limit_plots import judged_elements
-from jaxhb.show.sweep_plots import plot_sweep
+from jaxhb.report.compute import Asked, answer_speeds
+from jaxhb.report.figures.forced import plot_forced
+from jaxhb.report.figures.limits import judged_elements
+from jaxhb.report.figures.sweep import plot_sweep
+from jaxhb.report.text.forced import readings, worst_of
 
 ENGINE = """
 [engine]

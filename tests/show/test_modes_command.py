@@ -8,9 +8,9 @@ import pytest
 from strict_json import read
 
 import jaxhb
+from jaxhb.cli.main import main
 from jaxhb.linear.damped import damping_ratios
-from jaxhb.show.cli import main
-from jaxhb.show.mode_plots import mode_nodes, plot_modes, train_lines
+from jaxhb.report.figures.modes import mode_nodes, plot_modes, train_lines
 
 IDLE = """
 [scene]

@@ -8,9 +8,9 @@ import trains
 from event_exact import Pair
 
 import jaxhb
-from jaxhb.periodic.steady_state import Cycles
-from jaxhb.show.branch_plots import plot_branch, plot_multipliers
-from jaxhb.show.motion_plots import COLOURS, hardest_mesh, plot_cycle_peaks, plot_motions, plot_waterfall
+from jaxhb.report.figures.branch import plot_branch, plot_multipliers
+from jaxhb.report.figures.motion import COLOURS, hardest_mesh, plot_cycle_peaks, plot_motions, plot_waterfall
+from jaxhb.steady.steady_state import Cycles
 
 SPEEDS = 0.6, 1.0, 1.1, 1.2
 """Of the lightly loaded pair, over its natural frequency: two cycles at 1.0, at 1.1 no period."""

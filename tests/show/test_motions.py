@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.periodic import request
-from jaxhb.show import compute
-from jaxhb.show.cli import main
-from jaxhb.show.compute import Asked, answer_one, answer_speeds
-from jaxhb.show.plots import plot_cycle
-from jaxhb.show.sweep_plots import plot_sweep
-from jaxhb.show.sweep_tables import sweep_text
+from jaxhb.balance import request
+from jaxhb.cli.main import main
+from jaxhb.report import compute
+from jaxhb.report.compute import Asked, answer_one, answer_speeds
+from jaxhb.report.figures.cycle import plot_cycle
+from jaxhb.report.figures.sweep import plot_sweep
+from jaxhb.report.text.sweep_tables import sweep_text
 
 MESH = "gear a|gear b"
 DAMPING = f"{MESH}.damping"

@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 from page_cases import CHROMIUM, SCENE, WIDE, browse, figures, tables, without_an_answer
 
+from jaxhb.cli.main import main
+from jaxhb.cli.page_command import second_text
 from jaxhb.linear.forced import forced_response
-from jaxhb.response.status import Status
-from jaxhb.show import page, page_linear
-from jaxhb.show.answer import Answer
-from jaxhb.show.cli import main
-from jaxhb.show.columns import Table
-from jaxhb.show.page import PARTS
-from jaxhb.show.page_command import second_text
-from jaxhb.show.page_figures import NO_ANSWER, Figure
-from jaxhb.show.page_limits import judged_text
-from jaxhb.show.page_motion import forces, over_speed
-from jaxhb.show.page_parts import Picture, parts_of
-from jaxhb.show.words import verdict
+from jaxhb.report.answer import Answer
+from jaxhb.report.page import linear, page
+from jaxhb.report.page.figures import NO_ANSWER, Figure
+from jaxhb.report.page.limits import judged_text
+from jaxhb.report.page.motion import forces, over_speed
+from jaxhb.report.page.page import PARTS
+from jaxhb.report.page.parts import Picture, parts_of
+from jaxhb.report.text.columns import Table
+from jaxhb.report.text.sentences import verdict
+from jaxhb.results.status import Status
 
 SPEEDS = "1500,3000,4000"
 
@@ -181,7 +181,7 @@ def test_the_linear_parts_name_their_case_and_tell_the_misfire_too(made):
     table = next(
         block for block in forced.blocks[misfiring:] if isinstance(block, Table) and "Welle" in block.columns[0]
     )
-    speeds = np.unique([*report.rpm, *np.linspace(1500, 4000, page_linear.SPEEDS)])
+    speeds = np.unique([*report.rpm, *np.linspace(1500, 4000, linear.SPEEDS)])
     swings = forced_response(report.cases[1].answers[0].train, rpm=speeds).torque("Welle").half_peak_to_peak
     assert float(table.columns[1][table.columns[0].index("Welle")]) == pytest.approx(swings.max(), rel=1e-3)
 
@@ -246,8 +246,8 @@ def test_linear_speeds_without_an_answer_are_gaps_with_a_cross_too(made, monkeyp
         status = np.where(np.arange(len(found)) == 3, int(Status.MAX_STEPS), np.asarray(found.status))
         return dataclasses.replace(found, status=status)
 
-    monkeypatch.setattr(page_linear, "forced_response", failing)
-    drawn = next(block for block in page_linear.forced_part(report) if isinstance(block, Figure))
+    monkeypatch.setattr(linear, "forced_response", failing)
+    drawn = next(block for block in linear.forced_part(report) if isinstance(block, Figure))
     assert [i for i, y in enumerate(drawn.traces[0]["y"]) if y is None] == [3]
     assert drawn.traces[-1]["name"] == NO_ANSWER and drawn.traces[-1]["x"] == [drawn.traces[0]["x"][3]]
 

@@ -4,8 +4,8 @@ import pytest
 from page_cases import SCENE
 
 import jaxhb
-from jaxhb.show.columns import Table
-from jaxhb.show.page_differences import differences
+from jaxhb.report.page.differences import differences
+from jaxhb.report.text.columns import Table
 
 BURNING = """
 [[cylinder]]

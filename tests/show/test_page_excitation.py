@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.model.scene_writer import element_files
-from jaxhb.show.columns import NONE
-from jaxhb.show.page_excitation import excitation_tables, torque_over_speed
+from jaxhb.report.page.excitation import excitation_tables, torque_over_speed
+from jaxhb.report.text.columns import NONE
+from jaxhb.scene.writer import element_files
 
 
 def told(scene, speeds, train=None):

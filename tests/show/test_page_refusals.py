@@ -5,10 +5,10 @@ import re
 import pytest
 
 import jaxhb
-from jaxhb.show import page_command
-from jaxhb.show.cli import main
-from jaxhb.show.page_parts import parts_of
-from jaxhb.show.page_train import _misfiring
+from jaxhb.cli import page_command
+from jaxhb.cli.main import main
+from jaxhb.report.page.parts import parts_of
+from jaxhb.report.page.train import _misfiring
 
 
 def test_what_the_assumptions_advise_keeps_the_compression_of_a_cylinder():

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.show.answer import Answer, orbit_state
-from jaxhb.show.choose import default_gear
-from jaxhb.show.compute import Asked, answer_one, answer_speeds
-from jaxhb.show.figures import new_figure
-from jaxhb.show.plots import in_the_gap, plot_cycle
-from jaxhb.show.sweep_plots import BESIDE, _draw_distributions, plot_sweep
+from jaxhb.report.answer import Answer, orbit_state
+from jaxhb.report.compute import Asked, answer_one, answer_speeds
+from jaxhb.report.figures.cycle import in_the_gap, plot_cycle
+from jaxhb.report.figures.style import new_figure
+from jaxhb.report.figures.sweep import BESIDE, _draw_distributions, plot_sweep
+from jaxhb.report.selection import default_gear
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ import math
 import pytest
 from limited_line import written
 
-from jaxhb.show.cli import main
+from jaxhb.cli.main import main
 
 VARYING = """
 [scene]

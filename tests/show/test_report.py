@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.show.cli import main
+from jaxhb.cli.main import main
 
 SMALL = """
 [scene]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.show.cli import main
+from jaxhb.cli.main import main
 
 ENGINE = """
 [[disk]]
@@ -92,7 +92,7 @@ def test_a_scene_that_cannot_be_written_is_refused(scene, arguments, sentence, c
 
 def test_the_scene_command_needs_no_jax(scene):
     code = (
-        f"import sys, jaxhb.show.cli as c; c.main(['scene', {str(scene)!r}, '--expand']); print('jax' in sys.modules)"
+        f"import sys, jaxhb.cli.main as c; c.main(['scene', {str(scene)!r}, '--expand']); print('jax' in sys.modules)"
     )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert found.splitlines()[-1] == "False"

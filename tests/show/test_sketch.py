@@ -7,10 +7,10 @@ import pytest
 from trains import build, gearbox_parts
 
 import jaxhb
-from jaxhb.show import sketch, sketch_plots
-from jaxhb.show.cli import main
-from jaxhb.show.sketch import disk_radii, layout
-from jaxhb.show.sketch_plots import plot_train
+from jaxhb.cli.main import main
+from jaxhb.report.figures import layout, sketch
+from jaxhb.report.figures.layout import disk_radii
+from jaxhb.report.figures.sketch import plot_train
 
 SCENES = ["gear_train_30", "engine_with_damper", "six_cylinder_diesel", "spur_pair"]
 
@@ -36,7 +36,7 @@ def trains():
 
 @pytest.mark.parametrize("train", [pytest.param(train, id=name) for name, train in trains()])
 def test_gears_in_mesh_touch_and_other_circles_lie_apart(train):
-    found, topology = layout(train), train.topology
+    found, topology = layout.layout(train), train.topology
     assert np.isfinite([found.x, found.y]).all()
     mates = {frozenset(topology.link_ends[link]) for link in found.touching}
     assert len(mates) == len(topology.mesh_names) or topology.name not in SCENES
@@ -78,7 +78,7 @@ def test_a_shaft_that_closes_a_loop_passes_the_disks_between_its_ends():
     parts = [jaxhb.Disk(name=name, inertia=0.1) for name in "abc"]
     parts += [jaxhb.Shaft(between=ends, stiffness=1e4) for ends in (("a", "b"), ("b", "c"), ("c", "a"))]
     train = jaxhb.build(parts, revolutions_per_cycle=1)
-    found, lines = sketch.layout(train), sketch_plots.plot_train(train).axes[0].lines
+    found, lines = layout.layout(train), sketch.plot_train(train).axes[0].lines
     points = np.concatenate([line.get_xydata() for line in lines if len(line.get_xydata()) > 2])
     assert np.hypot(points[:, 0] - found.x[1], points[:, 1] - found.y[1]).min() > found.disk[1]
 

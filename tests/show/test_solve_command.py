@@ -9,12 +9,12 @@ import pytest
 from strict_json import read
 
 import jaxhb
-from jaxhb.periodic.certificate_options import CERTIFICATE
-from jaxhb.show.answer import Answer, orbit_state
-from jaxhb.show.cli import main
-from jaxhb.show.output import as_json, write_files
-from jaxhb.show.record import answer_record
-from jaxhb.show.words import verdict
+from jaxhb.certificate.certificate import CERTIFICATE
+from jaxhb.cli.main import main
+from jaxhb.report.answer import Answer, orbit_state
+from jaxhb.report.files.output import as_json, write_files
+from jaxhb.report.files.record import answer_record
+from jaxhb.report.text.sentences import verdict
 
 SIGNAL = {"mean", "min", "max", "rms", "half_peak_to_peak", "sum_of_amplitudes", "amplitudes"}
 CONTACT = {

@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.show import compute, kept, sweeps
-from jaxhb.show.answer import orbit_state
-from jaxhb.show.cli import main
-from jaxhb.show.output import write_files
-from jaxhb.show.progress import Progress
-from jaxhb.show.streams import Ended, guarded
+from jaxhb.cli import resume, sweeps
+from jaxhb.cli.main import main
+from jaxhb.cli.progress import Progress
+from jaxhb.cli.streams import Ended, guarded
+from jaxhb.report import compute
+from jaxhb.report.answer import orbit_state
+from jaxhb.report.files.output import write_files
 
 SCENES = Path(__file__).parents[2] / "jaxhb" / "model" / "scenes"
 
@@ -154,7 +155,7 @@ def test_a_shell_is_told_how_words_go_on():
 
 @pytest.mark.parametrize("orbit", [[], ["--orbit"]], ids=["steady", "orbit"])
 def test_a_sweep_that_is_stopped_leaves_its_rows_and_goes_on_where_it_was(orbit, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(kept, "user_folder", lambda: tmp_path / "cache")
+    monkeypatch.setattr(resume, "user_folder", lambda: tmp_path / "cache")
     files = {kind: tmp_path / f"s.{kind}" for kind in ("json", "csv")}
     options = [word for kind, file in files.items() for word in (f"--{kind}", str(file))]
     command = ["sweep", "spur_pair", "--rpm", "4600,5000,5400", "--chunk", "1", *orbit, *options]
@@ -228,9 +229,9 @@ def test_a_trace_is_the_motion_over_the_crank_angle(tmp_path, capsys):
 
 
 def test_what_a_stopped_command_left_is_forgotten_after_a_month_and_files_of_others_are_not(tmp_path, monkeypatch):
-    monkeypatch.setattr(kept, "user_folder", lambda: tmp_path)
-    train, month = jaxhb.load_scene("spur_pair"), 86400 * kept.FORGOTTEN_AFTER
-    folders = [kept.Kept([train], asked).folder for asked in ("old", "recent", "with a letter")]
+    monkeypatch.setattr(resume, "user_folder", lambda: tmp_path)
+    train, month = jaxhb.load_scene("spur_pair"), 86400 * resume.FORGOTTEN_AFTER
+    folders = [resume.Kept([train], asked).folder for asked in ("old", "recent", "with a letter")]
     for folder in folders:
         (folder / "0 2000").mkdir(parents=True)
         for name in ("sweep.json", f"{'0' * 32}.npz", f".{'1' * 32}.npz.1.part"):
@@ -239,7 +240,7 @@ def test_what_a_stopped_command_left_is_forgotten_after_a_month_and_files_of_oth
     letter.write_text("")
     for folder, age in zip(folders, (month + 60, month - 60, month + 60), strict=True):
         os.utime(folder, (time.time() - age,) * 2)
-    own = kept.Kept([train], "another command")
+    own = resume.Kept([train], "another command")
     assert not folders[0].exists() and len(list((folders[1] / "0 2000").iterdir())) == 3
     assert list(letter.parent.iterdir()) == [letter]
     own.forget()  # there is none
@@ -247,7 +248,7 @@ def test_what_a_stopped_command_left_is_forgotten_after_a_month_and_files_of_oth
 
 def test_a_sweep_that_cannot_be_kept_goes_on_without(tmp_path, capsys, monkeypatch):
     (tmp_path / "cache").write_text("no folder")
-    monkeypatch.setattr(kept, "user_folder", lambda: tmp_path / "cache")
+    monkeypatch.setattr(resume, "user_folder", lambda: tmp_path / "cache")
     assert main(["sweep", "spur_pair", "--rpm", "5000", "--csv", str(tmp_path / "s.csv")]) == 0
     assert capsys.readouterr().err == ""
 
@@ -262,7 +263,7 @@ def test_a_scene_that_is_none_is_told_as_such_where_files_are_asked_for(text, tm
 
 @pytest.mark.parametrize("orbit", [[], ["--orbit"]], ids=["steady", "orbit"])
 def test_a_report_that_is_stopped_goes_on_where_it_was(orbit, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(kept, "user_folder", lambda: tmp_path / "cache")
+    monkeypatch.setattr(resume, "user_folder", lambda: tmp_path / "cache")
     command = ["report", "spur_pair", "--rpm", "2000,5000", *orbit, "--json", str(tmp_path / "r.json")]
 
     def stop(progress, count):
@@ -272,7 +273,7 @@ def test_a_report_that_is_stopped_goes_on_where_it_was(orbit, tmp_path, capsys, 
         stopped.setattr(Progress, "advance", stop)
         assert main(command) == 130
     assert capsys.readouterr().err.endswith("the same command goes on from there\n")
-    (folder,) = (tmp_path / "cache" / kept.FOLDER).iterdir()
+    (folder,) = (tmp_path / "cache" / resume.FOLDER).iterdir()
     assert [path.name for path in folder.iterdir()] == ["0"]
     assert main(command) == 0
     assert not folder.exists() and (tmp_path / "r.json").exists()

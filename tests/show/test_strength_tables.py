@@ -8,8 +8,8 @@ import pytest
 from limited_line import SCENE, strength_of, written
 
 import jaxhb
-from jaxhb.show.cli import main
-from jaxhb.show.strength import AID
+from jaxhb.cli.main import main
+from jaxhb.report.text.strength import AID
 
 SPEEDS = "300:960:23"
 

@@ -6,7 +6,7 @@ import pytest
 from strict_json import read
 
 import jaxhb
-from jaxhb.show.cli import main
+from jaxhb.cli.main import main
 
 
 def test_a_sweep_writes_one_response_and_one_row_per_speed(capsys, tmp_path):

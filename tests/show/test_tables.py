@@ -7,18 +7,17 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.response.events import Shooting
-from jaxhb.show.answer import Answer, orbit_state
-from jaxhb.show.columns import aligned, alike, ratios, shares
-from jaxhb.show.compute import Asked, answer_one
-from jaxhb.show.floquet import Growth
-from jaxhb.show.progress import Progress
-from jaxhb.show.record import answer_record
-from jaxhb.show.rows import answer_row
-from jaxhb.show.sweep_plots import plot_sweep
-from jaxhb.show.sweep_tables import ranges, sweep_text
-from jaxhb.show.tables import solve_text
-from jaxhb.show.words import notes
+from jaxhb.cli.progress import Progress
+from jaxhb.report.answer import Answer, Growth, orbit_state
+from jaxhb.report.compute import Asked, answer_one
+from jaxhb.report.figures.sweep import plot_sweep
+from jaxhb.report.files.record import answer_record
+from jaxhb.report.files.rows import answer_row
+from jaxhb.report.text.columns import aligned, alike, ratios, shares
+from jaxhb.report.text.sentences import notes
+from jaxhb.report.text.sweep_tables import ranges, sweep_text
+from jaxhb.report.text.tables import solve_text
+from jaxhb.results.status import Shooting
 
 
 def test_numbers_that_are_compared_share_their_decimals():
@@ -131,8 +130,8 @@ class Terminal(io.StringIO):
 
 @pytest.mark.parametrize("stream", [io.StringIO(), Terminal()], ids=["log", "terminal"])
 def test_progress_is_one_line_on_a_terminal_and_a_line_now_and_then_in_a_log(stream, monkeypatch):
-    monkeypatch.setattr("jaxhb.show.progress.INTERVAL", 0.01)
-    monkeypatch.setattr("jaxhb.show.progress.LOGGED", 0.01)
+    monkeypatch.setattr("jaxhb.cli.progress.INTERVAL", 0.01)
+    monkeypatch.setattr("jaxhb.cli.progress.LOGGED", 0.01)
     with Progress(2, stream) as progress:
         progress.step("600 rpm")
         progress.ended.wait(0.1)
@@ -143,7 +142,7 @@ def test_progress_is_one_line_on_a_terminal_and_a_line_now_and_then_in_a_log(str
 
 @pytest.mark.parametrize("failure", [OSError(28, "no space"), ValueError("closed file")])
 def test_progress_that_cannot_be_written_ends_no_computation(failure, monkeypatch):
-    monkeypatch.setattr("jaxhb.show.progress.INTERVAL", 0.01)
+    monkeypatch.setattr("jaxhb.cli.progress.INTERVAL", 0.01)
     tried = []
 
     def write(_, text):
@@ -161,7 +160,7 @@ def test_a_quick_command_leaves_a_log_clean_and_a_quiet_one_a_terminal(monkeypat
     log, terminal = io.StringIO(), Terminal()
     with Progress(2, log) as progress:
         progress.ended.wait(0.05)
-    monkeypatch.setattr("jaxhb.show.progress.INTERVAL", 0.01)
+    monkeypatch.setattr("jaxhb.cli.progress.INTERVAL", 0.01)
     with Progress(2, terminal, quiet=True) as progress:
         progress.ended.wait(0.05)
     assert (log.getvalue(), terminal.getvalue()) == ("", "")

@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.show import compute, sweeps
-from jaxhb.show.balance import balance_line, ground_notes, mean_angles_of
-from jaxhb.show.choose import hardest_shaft
-from jaxhb.show.cli import main
-from jaxhb.show.compute import Asked, answer_one, answer_speeds
-from jaxhb.show.output import OutputError, write_files
-from jaxhb.show.plots import plot_cycle
-from jaxhb.show.sweep_plots import plot_sweep
+from jaxhb.cli import sweeps
+from jaxhb.cli.main import main
+from jaxhb.report import compute
+from jaxhb.report.compute import Asked, answer_one, answer_speeds
+from jaxhb.report.figures.cycle import plot_cycle
+from jaxhb.report.figures.sweep import plot_sweep
+from jaxhb.report.files.output import OutputError, write_files
+from jaxhb.report.selection import hardest_shaft
+from jaxhb.report.text.mean_torques import balance_line, ground_notes, mean_angles_of
 
 DISK = """
 [[disk]]
@@ -205,7 +206,7 @@ def test_a_picture_that_cannot_be_drawn_leaves_no_file(scene, monkeypatch, capsy
     def refuse(*_):
         raise OutputError("no picture today")
 
-    monkeypatch.setattr("jaxhb.show.plots.plot_cycle", refuse)
+    monkeypatch.setattr("jaxhb.report.figures.cycle.plot_cycle", refuse)
     files = ["--json", str(tmp_path / "r.json"), "--plot", str(tmp_path / "r.png")]
     assert main(["solve", scene(DISK, DAMPER), "--rpm", "1000", *files]) == 2
     said = capsys.readouterr()

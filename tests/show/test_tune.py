@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 
 import jaxhb
+from jaxhb.cli import commands
+from jaxhb.cli.main import main
 from jaxhb.design import Objective, Parameter, Penalty
 from jaxhb.design.table import read_table
-from jaxhb.model.scene_writer import changed_scene
-from jaxhb.show import commands
-from jaxhb.show.cli import main
-from jaxhb.show.plots import plot_tuning
-from jaxhb.show.tuned import _compared, _not_solved, _worst
-from jaxhb.show.tuned_check import check_designs, check_text
+from jaxhb.report.figures.cycle import plot_tuning
+from jaxhb.report.text.tuned import _compared, _not_solved, _worst, check_designs, check_text
+from jaxhb.scene.writer import changed_scene
 
 TABLE = """
 [tune]

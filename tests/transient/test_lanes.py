@@ -9,12 +9,12 @@ from transient_cases import pair
 
 import jaxhb
 from jaxhb import Disk, Mesh, Shaft
-from jaxhb.harmonic.excitation import excitation, listed_harmonic
-from jaxhb.periodic.marching import Batch, Equations
-from jaxhb.periodic.recorded import record_of
-from jaxhb.transient import lanes as marching, record as recording
-from jaxhb.transient.reference import _discretize, _march
-from jaxhb.transient.stepper import state_from_motion
+from jaxhb.excitation.torques import excitation, listed_harmonic
+from jaxhb.integration import batch as marching, record as recording
+from jaxhb.integration.reference import _discretize, _march
+from jaxhb.integration.step import state_from_motion
+from jaxhb.steady.cycles_record import record_of
+from jaxhb.steady.marching import Batch, Equations
 
 STEPS = 4096
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from transient_cases import REFERENCE, method_case, one_mass
 
-from jaxhb.transient.integrate import cycle, settle
-from jaxhb.transient.shooting import monodromy, shoot
-from jaxhb.transient.statespace import partition
-from jaxhb.transient.stepper import discretize, on_flank, state_from_motion
+from jaxhb.equations.state_space import partition
+from jaxhb.integration.cycles import cycle, settle
+from jaxhb.integration.shooting import monodromy, shoot
+from jaxhb.integration.step import discretize, on_flank, state_from_motion
 
 cut = jax.jit(discretize, static_argnames=("steps", "parts"))
 correct = jax.jit(shoot)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from transient_cases import REFERENCE
 
-from jaxhb.model.scene import load_scene
-from jaxhb.transient.reference import integrate
+from jaxhb.integration.reference import integrate
+from jaxhb.scene.files import load_scene
 
 TABLE = json.loads((REFERENCE / "gear_train_30.json").read_text())["expected_behaviour"]
 

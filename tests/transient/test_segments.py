@@ -8,10 +8,10 @@ from tolerances import PATHS
 from trains import ONE_RADIAN_PER_SECOND, branched_parts, build
 
 from jaxhb import Disk, Ground, Mesh, Shaft, Torque
-from jaxhb.periodic import orbits
-from jaxhb.periodic.plan import Plan
-from jaxhb.transient import segments, shooting
-from jaxhb.transient.integrate import cycle, cycle_error
+from jaxhb.balance.plan import Plan
+from jaxhb.integration import shooting
+from jaxhb.integration.cycles import cycle, cycle_error
+from jaxhb.solutions import orbits
 
 PLAN = Plan(harmonics=32, active=(0, 1), flank=(0, 0), time_steps=1024, excited=3)
 
@@ -23,11 +23,11 @@ def stepper():
 
 @jax.jit
 def both_ways(stepper, state):
-    nodes = segments.beginnings(stepper, state)
+    nodes = shooting.beginnings(stepper, state)
     end, trace = cycle(stepper, state)
-    pieces = segments.linearize(lambda share: stepper, nodes, 0.0)
+    pieces = shooting.linearize(lambda share: stepper, nodes, 0.0)
     whole, _ = shooting.monodromy(stepper, state)
-    return nodes, end, trace.deflection, segments.motion(stepper, nodes).deflection, pieces, whole
+    return nodes, end, trace.deflection, shooting.motion(stepper, nodes).deflection, pieces, whole
 
 
 def test_segments_in_a_row_are_the_cycle():
@@ -47,8 +47,8 @@ def test_room_for_more_steps_changes_nothing():
     steps = int(roomy.count)
     assert roomy.capacity > steps == PLAN.time_steps
     tight = dataclasses.replace(roomy, linear=roomy.linear[: 2 * steps], count=None)
-    nodes = segments.beginnings(tight, tight.flank_state)
-    for motion in (segments.motion, lambda stepper, nodes: cycle(stepper, nodes[0])[1]):
+    nodes = shooting.beginnings(tight, tight.flank_state)
+    for motion in (shooting.motion, lambda stepper, nodes: cycle(stepper, nodes[0])[1]):
         found, wanted = motion(roomy, nodes), motion(tight, nodes)
         np.testing.assert_array_equal(found.deflection[:, steps:], 0.0)
         np.testing.assert_allclose(found.deflection[:, :steps], wanted.deflection, rtol=PATHS, atol=0.0)
@@ -59,10 +59,10 @@ def test_room_for_more_steps_changes_nothing():
 
 def test_what_closes_a_cycle_is_the_same_with_and_without_samples():
     train = stepper()
-    nodes = segments.beginnings(train, train.flank_state) * (1 + 1e-3 * np.arange(segments.SHOOTING.segments)[:, None])
-    gap, periodicity_error = segments.gaps_and_error(train, nodes)
-    np.testing.assert_array_equal(gap, segments.gaps(train, nodes))
-    np.testing.assert_allclose(periodicity_error, segments.motion(train, nodes).periodicity_error, rtol=PATHS)
+    nodes = shooting.beginnings(train, train.flank_state) * (1 + 1e-3 * np.arange(shooting.SHOOTING.segments)[:, None])
+    gap, periodicity_error = shooting.gaps_and_error(train, nodes)
+    np.testing.assert_array_equal(gap, shooting.gaps(train, nodes))
+    np.testing.assert_allclose(periodicity_error, shooting.motion(train, nodes).periodicity_error, rtol=PATHS)
     (end, periodicity_error), (after, trace) = (run(train, train.flank_state) for run in (cycle_error, cycle))
     np.testing.assert_array_equal(end, after)
     np.testing.assert_allclose(periodicity_error, trace.periodicity_error, rtol=PATHS)
@@ -70,8 +70,8 @@ def test_what_closes_a_cycle_is_the_same_with_and_without_samples():
 
 def test_segments_closed_one_by_one_are_a_periodic_cycle():
     train = stepper()
-    nodes, joined, _ = jax.jit(lambda nodes: segments.close(train, nodes, tolerance=1e-10, most=15))(
-        segments.beginnings(train, train.flank_state)
+    nodes, joined, _ = jax.jit(lambda nodes: shooting.close(train, nodes, tolerance=1e-10, most=15))(
+        shooting.beginnings(train, train.flank_state)
     )
     _, begun = cycle(train, train.flank_state)
     _, closed = cycle(train, nodes[0])
@@ -84,8 +84,8 @@ def test_correction_and_tangent_solve_the_linearised_equations():
     count, size = 8, 4
     slope, gap = 0.8 * rng.normal(size=(count, size, size)), rng.normal(size=(count, size))
     share_slope = rng.normal(size=(count, size))
-    condensed = segments.condense(slope, share_slope)
-    change, tangent = segments.closing(condensed, gap), segments.tangent(condensed)
+    condensed = shooting.condense(slope, share_slope)
+    change, tangent = shooting.closing(condensed, gap), shooting.tangent(condensed)
 
     def left(y):
         nodes = y[:-1].reshape(count, size)
@@ -99,10 +99,10 @@ def test_correction_and_tangent_solve_the_linearised_equations():
 def test_what_moves_nothing_is_left_out():
     """Free rotation and its undamped rate, and a mode forty times too fast for the steps, which answers statically."""
     held, floating = floating_pair(grounded=True), floating_pair(grounded=False)
-    assert np.sum(segments.moving(held.space) == 0) == 2  # the fast mode and its rate
-    still = np.flatnonzero(np.asarray(segments.moving(floating.space)) == 0)
+    assert np.sum(shooting.moving(held.space) == 0) == 2  # the fast mode and its rate
+    still = np.flatnonzero(np.asarray(shooting.moving(floating.space)) == 0)
     assert len(still) == 4
-    nodes = segments.beginnings(floating, floating.flank_state)
+    nodes = shooting.beginnings(floating, floating.flank_state)
     change, tangent = map(np.asarray, direction(floating, nodes))
     assert np.abs(tangent).max() > 0
     by_state = [part[:-1].reshape(nodes.shape)[:, still] for part in (change, tangent)]
@@ -111,9 +111,9 @@ def test_what_moves_nothing_is_left_out():
 
 @jax.jit
 def direction(stepper, nodes):
-    gap, slope, _ = segments.linearize(lambda share: stepper, nodes, 1.0)
-    condensed = segments.condense(slope, nodes)
-    return segments.closing(condensed, gap), segments.tangent(condensed)
+    gap, slope, _ = shooting.linearize(lambda share: stepper, nodes, 1.0)
+    condensed = shooting.condense(slope, nodes)
+    return shooting.closing(condensed, gap), shooting.tangent(condensed)
 
 
 def floating_pair(grounded):

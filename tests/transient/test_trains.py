@@ -11,17 +11,17 @@ from scipy.integrate import solve_ivp
 from transient_cases import pair, posed
 
 from jaxhb import shooting_correction, solve
-from jaxhb.harmonic import backlash, fourier, linear_train
-from jaxhb.harmonic.excitation import highest_harmonic, listed_harmonic
-from jaxhb.model.assembly import build
-from jaxhb.model.elements import Cylinder, Disk, Ground, Mesh, Shaft, Torque
-from jaxhb.model.scene import load_scene
-from jaxhb.transient import reference, true_error
-from jaxhb.transient.integrate import cycle, march, settle
-from jaxhb.transient.reference import integrate, reference_orbit, resolving_steps
-from jaxhb.transient.shooting import monodromy, shoot
-from jaxhb.transient.statespace import dense_linear_motion, matrices, partition
-from jaxhb.transient.stepper import at_rest, discretize, on_flank, state_from_harmonics
+from jaxhb.elements.elements import Cylinder, Disk, Ground, Mesh, Shaft, Torque
+from jaxhb.equations import backlash, dynamic_stiffness, fourier
+from jaxhb.equations.state_space import dense_linear_motion, matrices, partition
+from jaxhb.excitation.torques import highest_harmonic, listed_harmonic
+from jaxhb.integration import reference
+from jaxhb.integration.cycles import cycle, march, settle
+from jaxhb.integration.reference import integrate, reference_orbit, resolving_steps
+from jaxhb.integration.shooting import monodromy, shoot
+from jaxhb.integration.step import at_rest, discretize, on_flank, state_from_harmonics
+from jaxhb.scene.files import load_scene
+from jaxhb.train.assembly import build
 
 HAMMERING_RPM = 2200.0
 cut = jax.jit(discretize, static_argnames=("steps", "parts"))
@@ -89,8 +89,10 @@ def test_zero_deviation_is_the_motion_of_a_linear_train():
     stepper = stepper_of((system, meshes, frequency, load), 500)
     state, trace = run(stepper, at_rest(stepper), 5)
     assert np.abs(state).max() < 1e-12 * np.abs(stepper.linear_state).max()
-    omega = linear_train.frequencies(frequency, load.shape[1] - 1)
-    displacement, _ = linear_train.solve_linear(jax.tree.map(jnp.asarray, system), omega, jnp.asarray(load)[:, None])
+    omega = dynamic_stiffness.frequencies(frequency, load.shape[1] - 1)
+    displacement, _ = dynamic_stiffness.solve_linear(
+        jax.tree.map(jnp.asarray, system), omega, jnp.asarray(load)[:, None]
+    )
     expected = fourier.synthesize(system.deflections(displacement[:, 0], np.asarray(meshes.link)), 500)
     np.testing.assert_allclose(trace.deflection, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
 
@@ -267,9 +269,9 @@ def test_only_more_steps_that_close_overrule_a_correction_that_contradicts_the_e
         error, settled = next(left)
         return SimpleNamespace(settled=settled, deflection=np.zeros((1, steps or 100)), error=error)
 
-    monkeypatch.setattr(true_error, "reference_orbit", shot)
+    monkeypatch.setattr(reference, "reference_orbit", shot)
     monkeypatch.setattr(
-        true_error, "_difference", lambda *given: SimpleNamespace(error=given[-1].error, orbit=given[-1])
+        reference, "_difference", lambda *given: SimpleNamespace(error=given[-1].error, orbit=given[-1])
     )
     assert shooting_correction(response).error == error
     assert asked == steps

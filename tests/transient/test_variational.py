@@ -10,11 +10,11 @@ from transient_cases import method_case, one_mass, posed
 
 import jaxhb
 from jaxhb import Disk, Ground, Mesh, Shaft, Torque
-from jaxhb.harmonic import exact, fourier
-from jaxhb.transient import variational
-from jaxhb.transient.integrate import cycle_error
-from jaxhb.transient.reference import reference_orbit
-from jaxhb.transient.statespace import partition, state_space
+from jaxhb.equations import exact_integrals, fourier
+from jaxhb.equations.state_space import partition, state_space
+from jaxhb.floquet import variational
+from jaxhb.integration.cycles import cycle_error
+from jaxhb.integration.reference import reference_orbit
 
 space_of = jax.jit(state_space, static_argnames="parts")
 after_cycle = jax.jit(jax.vmap(lambda stepper, state: cycle_error(stepper, state)[0], in_axes=(None, 0)))
@@ -109,6 +109,8 @@ def test_the_monodromy_matrix_is_the_derivative_of_the_exact_period_map(damping_
     expected = ((ahead - behind) / (2 * size)).T
     space = space_of(system, meshes, frequency, parts=partition(system, meshes))
     deflection = np.asarray(response.deflections)
-    found = variational.monodromy(space, meshes, deflection, frequency, exact.switching_times(meshes.law, deflection))
+    found = variational.monodromy(
+        space, meshes, deflection, frequency, exact_integrals.switching_times(meshes.law, deflection)
+    )
     np.testing.assert_allclose(found.matrix, expected, rtol=0, atol=1e-3 * np.abs(expected).max())
     assert abs(np.expm1(found.log_determinant - found.trace)) < 1e-10

@@ -5,15 +5,15 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxhb.harmonic import chain
-from jaxhb.harmonic.backlash import Law
-from jaxhb.harmonic.block_sweep import slots
-from jaxhb.harmonic.chain import System, Tree
-from jaxhb.harmonic.excitation import excitation, highest_harmonic
-from jaxhb.harmonic.residual import MeshParameters
-from jaxhb.model.assembly import build
-from jaxhb.model.elements import Damper, Disk, Ground, Mesh, Shaft, Torque
-from jaxhb.transient.reference import backlash_meshes
+from jaxhb.elements.elements import Damper, Disk, Ground, Mesh, Shaft, Torque
+from jaxhb.equations.backlash import Law
+from jaxhb.equations.block_sweep import slots
+from jaxhb.equations.residual import MeshParameters
+from jaxhb.excitation.torques import excitation, highest_harmonic
+from jaxhb.integration.reference import backlash_meshes
+from jaxhb.train import chain
+from jaxhb.train.assembly import build
+from jaxhb.train.chain import System, Tree
 
 REFERENCE = Path(__file__).parents[1] / "data"
 

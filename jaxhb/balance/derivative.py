@@ -1,0 +1,154 @@
+"""The derivative of a solution with respect to every number of its problem, by the implicit function theorem.
+
+The deflections x of the active meshes solve F(x, theta) = x - l_lin + G phi(x) = 0, theta everything that the problem
+holds. Along a change d theta
+
+    J dx = - (dF/d theta) d theta,      J = dF/dx,
+
+one linear solve in forward mode, one with the transpose of J in reverse mode whatever the number of parameters; the
+preconditioner of the last Newton step serves both. Nothing of Newton's method, of its start or of its tests is
+differentiated, so that memory does not grow with its steps. Displacements, forces and torques follow from x and theta
+by plain functions. The law is differentiable twice except where a time sample of the cycle lies on one of its knots, a
+set of measure zero; there one of the one-sided values, or their mean, is taken.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from jaxhb._jax import Array
+from jaxhb.balance import correction
+from jaxhb.balance.problem import fields, reduced_equation
+
+if TYPE_CHECKING:
+    from jaxhb.balance.plan import Plan
+
+
+def gradient_and_error(function: Callable[[Any, Plan], Array], x: Any, *, plan: Plan) -> tuple[Array, Any, Any]:
+    """Value and gradient of a number that a planned solve gives, and how far off the gradient may be.
+
+    A tolerance bounds what the truncation changes in a force, not in its slope. The gradient is taken with the
+    harmonics of the plan and with twice as many; the second is returned, and their difference as the estimate of its
+    error: no bound, as derivatives of hammering teeth have no order of convergence. Valid under ``jit`` and ``vmap``.
+
+    Parameters
+    ----------
+    function : callable
+        ``(x, plan) -> float``, reads a response of :func:`jaxhb.solve` under the plan that it is handed.
+    x : float, array or pytree of them
+        What to differentiate by.
+    plan : Plan
+        From :func:`jaxhb.plan`.
+
+    Returns
+    -------
+    value : float, with twice the harmonics
+    gradient, error : like ``x``; the error is absolute, in the unit of the gradient
+        All are nan where one of the two solves fails.
+
+    Raises
+    ------
+    SceneError
+        If twice the harmonics are more than the method takes.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> engine = jaxhb.load_scene("six_cylinder_diesel")
+    >>> def swing(stiffness, plan):
+    ...     changed = engine.replace({"cyl6|flywheel.stiffness": stiffness})
+    ...     return jaxhb.solve(changed, rpm=1500.0, plan=plan).torque("cyl6", "flywheel").smooth_peak()
+    >>> plan = jaxhb.plan(engine, rpm=1500.0)
+    >>> _, slope, error = jaxhb.gradient_and_error(swing, 1.976e6, plan=plan)
+    >>> bool(error < 1e-6 * abs(slope))    # no teeth that part: nothing is truncated
+    True
+    """
+    finer = dataclasses.replace(plan, harmonics=2 * plan.harmonics)
+    (rough, coarse), (value, fine) = (jax.value_and_grad(function)(x, one) for one in (plan, finer))
+    unknown = 0 * (rough + value)  # nan where one is not solved: its gradient is then 0
+    error = jax.tree.map(lambda a, b: jnp.abs(a - b) + unknown, fine, coarse)
+    return value + unknown, jax.tree.map(lambda a: a + unknown, fine), error
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def attach(sizes, problem, active_meshes, at, solved, found, deflection):
+    """The solution ``found``, ``deflection`` of ``problem`` with its derivative with respect to ``problem``.
+
+    Parameters
+    ----------
+    sizes : Sizes (static), for the integrals of the law
+    problem : Problem
+    active_meshes : ActiveMeshes
+    at : PeriodicOperator at the solution or near it, None without active meshes; and None or, of exact integrals, the
+        Crossings of the active and of all meshes
+    solved : bool, whether this is a solution; if not, its derivative is zero and never nan
+    found : Fields; deflection : complex ``(G, N+1)`` m, carrying no derivative
+
+    Returns
+    -------
+    Fields, deflection
+    """
+    return found, deflection
+
+
+@attach.defjvp
+def _attach_jvp(sizes, primals, tangents):
+    problem, active_meshes, (operator, crossings), solved, _, _ = primals
+    active, every = lax.stop_gradient(crossings or (None, None))
+    found, deflection = attach(sizes, *primals)  # second derivatives need that of the solution
+    if sizes.integrals == "sampled":
+        sizes = dataclasses.replace(sizes, samples=sizes.slope_samples * sizes.samples)
+    problem, change = _where(solved, problem, lax.stop_gradient(problem)), _where(solved, tangents[0], None)
+    harmonics, samples = deflection.shape[-1] - 1, sizes.samples
+
+    def equation(problem):
+        reduced, condensed = reduced_equation(problem, harmonics, active_meshes)
+        return dataclasses.replace(reduced, integrals=sizes.integrals, crossings=active), condensed
+
+    def motion(problem, reduced, condensed, deflection):
+        return fields(
+            problem, *condensed.combine(reduced.nonlinear_force_coefficients(deflection, samples)), sizes, every
+        )
+
+    (reduced, condensed), (reduced_dot, condensed_dot) = jax.jvp(equation, (problem,), (change,))
+    # dF/dtheta dtheta at fixed deflections: through l_lin, the receptances and the law.
+    _, left = jax.jvp(lambda reduced: reduced.residual(deflection, samples), (reduced,), (reduced_dot,))
+    deflection_dot = -left
+    if len(active_meshes.mask):
+        deflection_dot = correction.invert(reduced, lax.stop_gradient(operator), deflection, -left, samples)
+    at, along = (problem, reduced, condensed, deflection), (change, reduced_dot, condensed_dot, deflection_dot)
+    _, found_dot = jax.jvp(motion, at, along)
+    return (found, deflection), _where(solved, (found_dot, deflection_dot), None)
+
+
+def all_finite(tree):
+    """Whether every number is: an infinite knot of a table may give a finite problem, but not the one meant."""
+    return jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(tree)]))
+
+
+def only_if(good, tree):
+    """The same numbers, without derivatives where they are not ``good``: nothing else of a batch then is nan."""
+    return _where(good, tree, lax.stop_gradient(tree))
+
+
+def only_known(solved, tree):
+    """The same numbers, nan where not ``solved``: there their derivatives are zero, and spoil no other's of a batch."""
+    return _where(solved, tree, jax.tree.map(lambda _: jnp.nan, tree))
+
+
+def _where(solved, values, others):
+    """``values``, or ``others`` (None: zeros) where not solved; integers and their tangents as they are."""
+
+    def choose(value, other):
+        return jnp.where(solved, value, other) if jnp.issubdtype(jnp.result_type(value), jnp.inexact) else value
+
+    if others is None:
+        return jax.tree.map(lambda value: choose(value, 0.0), values)
+    return jax.tree.map(choose, values, others)

@@ -1,0 +1,259 @@
+"""Newton-Kantorovich iteration, damped by the natural level, in ``lax.while_loop``.
+
+A step ``x - lambda J^-1 F`` counts as good if the residual falls by half of what its linear model promises. Where the
+tangent is nearly singular, beside a grazing impact, good steps let the residual rise, and a search for smaller ones
+creeps. There the natural level decides (:mod:`jaxhb.equations.iterations`): the simplified correction
+``J^-1 F(x - lambda J^-1 F)`` must be shorter than the correction.
+"""
+
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from jaxhb.balance import correction
+from jaxhb.equations import backlash, fourier, iterations
+from jaxhb.equations.block_sweep import block_sweep
+from jaxhb.equations.residual import link_blocks, node_blocks, residual
+
+
+@dataclass(frozen=True)
+class NewtonOptions:
+    """How Newton's method solves.
+
+    Parameters
+    ----------
+    krylov_steps : of a Newton step at most
+    renew_above : Krylov steps of a Newton step above which the preconditioner is made anew
+    level_forcing : share of the residual that a simplified correction may leave
+    tightest, loosest : share of the residual that a correction may leave, at least and at most
+    per_goal : share of what is left to the tolerance that a correction may leave
+    per_error : the same over the relative residual: the next error is then quadratic in it
+    """
+
+    krylov_steps: int = 60
+    renew_above: int = 12
+    level_forcing: float = 1e-2
+    tightest: float = 1e-10
+    loosest: float = 1e-2
+    per_goal: float = 0.05
+    per_error: float = 0.1
+
+
+NEWTON = NewtonOptions()
+
+
+class Iterate(NamedTuple):
+    """Unknowns, residual norm, linear solves, and whether no step leads closer."""
+
+    x: jax.Array
+    error: jax.Array
+    steps: jax.Array
+    stalled: jax.Array
+
+
+class _State(NamedTuple):
+    """value : residual at the iterate; given : residual that the next linear solve is for, the same or, while a step
+    is on trial, that of the trial; correction : at the iterate, or the last simplified one; length : of the trial;
+    gain : from which the length of the next step is predicted; work : Krylov steps of the last solve; age : of
+    ``prepared`` in steps of the iterate."""
+
+    iterate: Iterate
+    value: jax.Array
+    given: jax.Array
+    correction: jax.Array
+    length: jax.Array
+    gain: jax.Array
+    trying: jax.Array
+    work: jax.Array
+    age: jax.Array
+    prepared: object
+
+
+def _solve(evaluate, direction, norm, state):
+    """One linear solve: for a correction and the first trial of its length, or for the level of the trial.
+
+    Either ends with a trial, so that the loop has one body with one linear solve: most of the work, and of what is
+    compiled.
+    """
+    iterate, trying = state.iterate, state.trying
+    forcing = jnp.where(trying, NEWTON.level_forcing, jnp.nan)
+    found, work = direction(state.prepared, iterate.x, state.given, iterate.error, forcing)
+    correction = jnp.where(trying, state.correction, found)
+    size, found_size = norm(correction), norm(found)
+    # On trial, what was found is the simplified correction: the trial is taken now, or a shorter one is made.
+    lower = trying & iterations.lowers_level(found_size, size, state.length)
+    curvature = norm(found - (1 - state.length) * correction)
+    on_trial = jnp.where(lower, state.length, iterations.shorter_length(state.length, size, curvature))
+    # At an iterate, state.correction is the simplified one of the step that led there: the length is foreseen from
+    # it. A step that the residual accepted leaves none, but an infinite gain: the whole correction is tried.
+    foreseen = iterations.predicted_length(state.gain, norm(state.correction - found), size)
+    length = jnp.where(trying, on_trial, foreseen)
+    moved = iterate.x - length * correction
+    after = evaluate(moved)
+    error = norm(after)
+    # The residual is at hand and the level costs a linear solve: where the residual falls, it is not asked for.
+    good = lower | (error < (1 - length / 2) * iterate.error)
+    following = Iterate(
+        jnp.where(good, moved, iterate.x),
+        jnp.where(good, error, iterate.error),
+        iterate.steps + 1,
+        ~good & (length < iterations.SHORTEST),
+    )
+    return _State(
+        following,
+        value=jnp.where(good, after, state.value),
+        given=after,
+        correction=jnp.where(lower, found, correction),
+        length=length,
+        gain=jnp.where(lower, size * found_size * length, jnp.where(good, jnp.inf, state.gain)),
+        trying=~good,
+        work=work,
+        age=state.age + good,
+        prepared=state.prepared,
+    )
+
+
+def newton(evaluate, prepare, direction, norm, start, *, tolerance, max_steps, renew_above=0):
+    """Solve ``evaluate(x) = 0`` from ``start``; a start that already solves it is accepted as it is.
+
+    Parameters
+    ----------
+    evaluate : x -> residual
+    prepare : x -> whatever ``direction`` needs and is worth keeping for several steps
+    direction : (prepared, x, residual, error, forcing) -> (correction, work)
+        Solves ``J(x) correction = residual``, to ``forcing`` if this is not nan; ``work`` as in ``renew_above``.
+    norm : residual or correction -> float
+    start : array
+    tolerance : float, on ``norm`` of the residual
+    max_steps : int, linear solves
+    renew_above : int
+        Work of a step above which the next one is prepared anew; so is a step after one that found no descent.
+
+    Returns
+    -------
+    iterate : Iterate
+        The last one; finite if the start was.
+    prepared
+        What was prepared last.
+    """
+
+    def unsolved(iterate):
+        return (iterate.error > tolerance) & (iterate.steps < max_steps)
+
+    def fresh(state):
+        """Solves with what is prepared at the iterate; a step that stalled with an older one begins again."""
+        again = state.iterate.stalled
+        state = state._replace(
+            iterate=state.iterate._replace(stalled=jnp.array(False)),
+            given=jnp.where(again, state.value, state.given),
+            gain=jnp.where(again, jnp.inf, state.gain),
+            trying=state.trying & ~again,
+            work=jnp.array(0),
+            age=jnp.array(0),
+            prepared=prepare(state.iterate.x),
+        )
+
+        def useful(state):
+            return unsolved(state.iterate) & ~state.iterate.stalled & ((state.work <= renew_above) | (state.age == 0))
+
+        return lax.while_loop(useful, partial(_solve, evaluate, direction, norm), state)
+
+    def unfinished(state):
+        iterate, age = state.iterate, state.age
+        return (age < 0) | unsolved(iterate) & ~(iterate.stalled & (age == 0))
+
+    value = evaluate(start)
+    first = Iterate(start, norm(value), jnp.array(0), jnp.array(False))
+    empty = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(prepare, start))
+    one, no = jnp.array(1.0), jnp.array(False)
+    nothing, zero = jnp.zeros_like(start), jnp.array(0)
+    # Age -1: nothing is prepared. The operator is made once even where the start solves, as the estimate wants it.
+    begin = _State(first, value, value, nothing, one, jnp.array(jnp.inf), no, zero, jnp.array(-1), empty)
+    state = lax.while_loop(unfinished, fresh, begin)
+    return state.iterate, state.prepared
+
+
+def relative_residual(reduced, value):
+    """max over meshes of ||F|| / (||l_lin|| + h), root mean square over the cycle, dimensionless."""
+    size = jnp.linalg.norm(fourier.pack(value), axis=-1)
+    scale = jnp.linalg.norm(fourier.pack(reduced.linear), axis=-1) + reduced.law.backlash
+    return jnp.max(size / scale)
+
+
+def solve_reduced(reduced, train, start, *, samples, time_steps, tolerance, max_steps):
+    """Newton on the reduced equation, unknowns the deflections ``(G, N+1)`` of the active meshes.
+
+    Parameters
+    ----------
+    reduced : Reduced; train : ReducedModel, for the preconditioner
+    start : complex array ``(G, N+1)`` m
+    samples : int, time samples of the law, a multiple of 2 N; time_steps : int, of the preconditioner
+
+    Returns
+    -------
+    Iterate, PeriodicOperator
+    """
+
+    def prepare(deflection):
+        return correction.prepare(reduced, train, deflection, samples, time_steps)
+
+    def direction(operator, deflection, value, error, forcing):
+        # As tight as this step can use: a twentieth of what is left to the goal, and quadratic below. fmax takes no
+        # notice of the nan by which a plain step asks for no forcing of its own.
+        wanted = jnp.clip(NEWTON.per_goal * tolerance / error, NEWTON.tightest, NEWTON.loosest)
+        forcing = jnp.fmax(forcing, jnp.maximum(wanted, jnp.minimum(NEWTON.loosest, NEWTON.per_error * error)))
+        given = deflection, value, samples, forcing, NEWTON.krylov_steps
+        change, _, used = correction.correct(reduced, operator, *given)
+        return change, used
+
+    return newton(
+        lambda deflection: reduced.residual(deflection, samples),
+        prepare,
+        direction,
+        lambda value: relative_residual(reduced, value),
+        start,
+        tolerance=tolerance,
+        max_steps=max_steps,
+        renew_above=NEWTON.renew_above,
+    )
+
+
+def solve_chain(system, meshes, frequency, load, start, *, samples, tolerance, max_steps):
+    """Newton on all disks, each step one block sweep over the tree; unknowns packed ``(S, 2N+1)``.
+
+    Fridman's method, kept as an oracle: memory and work grow with ``S N^2`` and ``S N^3``. ``tolerance`` is relative
+    to the largest force in the balance. A tree is needed: the caller refuses closed loops.
+    """
+    # The sweep counts from the leaves: arms of the node and of its parent, whichever end of the link they are at.
+    tree = system.tree
+    near = jnp.where(tree.from_a, system.arm_a[tree.link], system.arm_b[tree.link])
+    far = jnp.where(tree.from_a, system.arm_b[tree.link], system.arm_a[tree.link])
+    node = node_blocks(system, frequency, load.shape[-1] - 1)
+    # A floating train turns freely at the mean: its root is held there, by a spring that no balanced load strains.
+    hold = jnp.where(system.floating, 1.0, 0.0)
+    root = tree.node[-1]
+    node = node.at[root, 0, 0].add(hold)
+    scale = jnp.linalg.norm(fourier.pack(load)) + 2 * jnp.max(backlash.offset(meshes.law), initial=0.0)
+
+    def evaluate(packed):
+        value = residual(packed, system, meshes, frequency, load, samples)
+        return value.at[root, 0].add(hold * packed[root, 0])
+
+    def direction(_, packed, value, error, forcing):
+        blocks = link_blocks(packed, system, meshes, frequency, samples)[tree.link]
+        x, _ = block_sweep(tree.parent, near, far, blocks, node[tree.node], value[tree.node])
+        return jnp.zeros_like(x).at[tree.node].set(x), 1
+
+    return newton(
+        evaluate,
+        lambda packed: (),
+        direction,
+        lambda value: jnp.linalg.norm(value) / scale,
+        start,
+        tolerance=tolerance,
+        max_steps=max_steps,
+    )[0]

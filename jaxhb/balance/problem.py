@@ -1,0 +1,174 @@
+"""The equations of one train at one speed, and the fields of its solution. Arrays in, arrays out."""
+
+import dataclasses
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+
+from jaxhb._jax import Array, namespace
+from jaxhb.equations import backlash, condensation, dynamic_stiffness, fourier
+from jaxhb.equations.reduced_model import reduced_model
+from jaxhb.equations.residual import MeshParameters, all_meshes
+from jaxhb.excitation.torques import excitation, listed_harmonic, load_power_kW
+from jaxhb.results.response import Fields
+from jaxhb.train import chain
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Problem:
+    """A train at one speed: linear system, all its meshes, excitation.
+
+    system : System; meshes : MeshParameters over all meshes (a mesh without backlash has epsilon 1, which makes its law
+    linear); frequency : Omega in rad/s; load : complex ``(S, E+1)`` N, E the highest harmonic excited; rigid : ``(S,)``
+    displacements of the rigid rotation; load_torque N m; load_power W.
+    """
+
+    system: chain.System
+    meshes: MeshParameters
+    frequency: jax.Array
+    load: jax.Array
+    rigid: jax.Array
+    load_torque: jax.Array
+    load_power: jax.Array
+
+    def links(self, active_meshes):
+        """Links ``(G,)`` of the active meshes."""
+        return jnp.asarray(self.meshes.link)[active_meshes.index]
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class ActiveMeshes:
+    """The meshes whose contact is an unknown, padded to G of them, and the flanks of the others.
+
+    mask ``(G,)`` 1, or 0 for padding; index ``(G,)`` of the mesh; flank ``(M,)`` of every mesh: +1 or -1 where it is
+    held on that flank all cycle, else 0.
+    """
+
+    mask: Array
+    index: Array
+    flank: Array
+
+
+def problem_at(train, rpm, excited):
+    """The :class:`Problem` of ``train`` at ``rpm``, with room for ``excited`` harmonics of the excitation."""
+    xp = namespace(train, rpm)
+    train = jax.tree.map(lambda a: xp.asarray(a, dtype=float), train)
+    system = chain.assemble(train)
+    torque, load_torque, _ = excitation(train, rpm, min(excited, listed_harmonic(train.topology)))
+    torque = fourier.resize(xp.asarray(torque), excited)
+    rpm = xp.asarray(rpm, dtype=float)
+    topology = train.topology
+    return Problem(
+        system=system,
+        meshes=all_meshes(train),
+        frequency=topology.cycle_frequency(rpm),
+        load=torque / system.radius[:, None],
+        rigid=chain.rigid_shape(train, system.radius),
+        load_torque=load_torque,
+        load_power=1e3 * load_power_kW(train, rpm, load_torque),
+    )
+
+
+def offset_load(problem, flank):
+    """Load ``(S, E+1)`` with the constant forces of meshes held on one flank (+1, -1; 0: not held) added."""
+    # Beyond the knee f = c l - offset sign(l): a mesh that stays on its flank is a linear link with a constant force.
+    constant = -jnp.asarray(flank) * backlash.offset(problem.meshes.law)
+    return jnp.asarray(problem.load).at[:, 0].add(-problem.system.spread(constant, problem.meshes.link))
+
+
+def reduced_equation(problem, harmonics, active_meshes):
+    """Reduced and CondensedTrain of the active meshes; those that are not active are held on their flanks."""
+    meshes, mask, index = problem.meshes, active_meshes.mask, active_meshes.index
+    law = jax.tree.map(lambda a: jnp.asarray(a)[index], meshes.law)
+    return condensation.reduce(
+        problem.system,
+        problem.frequency,
+        offset_load(problem, active_meshes.flank),
+        harmonics,
+        mask,
+        problem.links(active_meshes),
+        dataclasses.replace(law, stiffness=law.stiffness * mask),
+        jnp.asarray(meshes.viscous)[index] * mask,
+        jnp.asarray(meshes.contact_damping)[index] & (mask > 0),
+    )
+
+
+def model_of(problem, active_meshes, time_steps):
+    """The :class:`~jaxhb.equations.reduced_model.ReducedModel` that so many time steps a cycle resolve, with the
+    active meshes as its inputs."""
+    links = problem.links(active_meshes)
+    return reduced_model(problem.system, links, active_meshes.mask, problem.frequency, time_steps)
+
+
+FORCE_HARMONICS = fourier.SAMPLES_PER_HARMONIC // 2
+"""Times the harmonics of the motion that tooth forces have: what their time samples tell apart."""
+
+
+def fields(problem, displacement, force, sizes, crossings=None):
+    """Motion, torques and forces from displacements ``(S, N+1)`` and forces ``(L, N+1)`` of the linear links.
+
+    Deflections of meshes come from link forces, not from differences of displacements. Tooth forces are those of the
+    law at the synthesised deflection, to eight times the harmonics of the motion: the samples themselves, or with exact
+    integrals (``crossings`` of all meshes, where known) their Fourier series.
+    """
+    system, meshes = problem.system, problem.meshes
+    harmonics = displacement.shape[-1] - 1
+    omega = dynamic_stiffness.frequencies(problem.frequency, harmonics)
+    displacement = displacement.at[:, 0].add(-chain.drift(system, problem.rigid, displacement[:, 0].real))
+    stiffness = dynamic_stiffness.link_stiffness(system, omega)
+    deflection = force / jnp.where(stiffness == 0, 1.0, stiffness)
+    ends = jnp.asarray(system.radius)[system.tree.end_a][:, None]
+    shafts = force.shape[0] - len(meshes.link)
+    mesh = deflection[shafts:]
+    law = jax.tree.map(jnp.asarray, meshes.law)
+    rule = condensation.quadrature(sizes.integrals, law, mesh, sizes.samples, crossings)
+    values, rates = jax.vmap(rule.synthesize)(jnp.stack([mesh, fourier.derivative(mesh, problem.frequency)]))
+    law = law.expand()
+    elastic = backlash.force(law, values)
+    total = backlash.mesh_force(law, meshes.viscous[:, None], meshes.contact_damping[:, None], values, rates)
+    kept = FORCE_HARMONICS * harmonics - 1
+    total, elastic = jax.vmap(lambda values: rule.analyze(values, kept))(jnp.stack([total, elastic]))
+    return Fields(
+        angles=chain.to_angles(system, displacement),
+        torques=(force * ends)[:shafts],
+        elastic_torques=(jnp.asarray(system.stiffness)[:, None] * deflection * ends)[:shafts],
+        deflections=mesh,
+        forces=total,
+        elastic_forces=elastic,
+    )
+
+
+def power_defect(problem, displacement, force, found):
+    """Power of the torques less what dampers, links and teeth take, over what the torques exchange with the train.
+
+    Zero for the exact motion and for every solution of the truncated equations, as elastic forces do no work over a
+    cycle, ``sum of b |x'|^2 = <q, x'>`` (docs/theory A4.1): what is left comes of unsolved equations, and of the work
+    that sampled elastic tooth forces seem to do.
+
+    Parameters
+    ----------
+    problem : Problem
+    displacement : complex ``(S, N+1)`` m; force : complex ``(L, N+1)`` N of the linear links
+    found : Fields, whose tooth forces are those of the law
+    """
+    system, harmonics = problem.system, displacement.shape[-1] - 1
+    velocity = fourier.derivative(displacement, problem.frequency)
+    load = fourier.resize(jnp.asarray(problem.load), harmonics)
+    teeth = fourier.resize(found.forces - found.elastic_forces, harmonics)
+    force = force.at[problem.meshes.link].set(teeth)
+    # Power of each harmonic is Re(q conj(v)), n > 0 counted twice: a common factor of all terms, left out.
+    given = (load * jnp.conj(velocity)).real
+    taken = (force * jnp.conj(system.deflections(velocity))).real.sum()
+    taken += (jnp.asarray(system.damping)[:, None] * jnp.abs(velocity) ** 2).sum()
+    exchanged = (jnp.abs(load) * jnp.abs(velocity)).sum()
+    return (given.sum() - taken) / jnp.where(exchanged > 0, exchanged, 1.0)
+
+
+def held_in_contact(problem, deflections, flank, samples):
+    """Whether every held mesh stays beyond the transition zone on its flank all cycle."""
+    values = fourier.synthesize(deflections, samples)
+    margin = jnp.min(jnp.asarray(flank)[:, None] * values, axis=-1) - problem.meshes.law.knee
+    return jnp.all((jnp.asarray(flank) == 0) | (margin >= 0))

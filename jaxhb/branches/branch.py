@@ -1,0 +1,464 @@
+"""A branch of periodic motions over one number of the train: followed by arclength through its folds, with stability.
+
+The curve is that of the reduced harmonic equations with a fixed number of harmonics
+(:mod:`jaxhb.branches.curve`), followed by :mod:`jaxhb.solutions.continuation` on the host.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+
+from jaxhb._shown import brief
+from jaxhb.balance.plan import Plan
+from jaxhb.balance.planned import active_deflections, first_start, solve_once
+from jaxhb.balance.problem import problem_at
+from jaxhb.balance.request import Request, excited_harmonic, time_steps_for
+from jaxhb.branches.curve import HarmonicCurve, linearized, null_direction, simplified
+from jaxhb.equations import fourier
+from jaxhb.excitation.torques import listed_harmonic
+from jaxhb.floquet.stability import stability
+from jaxhb.linear.mesh_modes import mesh_mode_harmonics
+from jaxhb.results.response import Response
+from jaxhb.results.status import NotConverged, Status, check
+from jaxhb.solutions import continuation, planning
+from jaxhb.solutions.solve import solve
+from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.speeds import check_speed
+
+
+@dataclass(frozen=True)
+class SpecialPoint:
+    """Where a branch turns back or changes its stability.
+
+    kind : "fold", "branch point", "period doubling" or "Neimark-Sacker"; value : of the parameter; after : number of
+    the point of the branch before it; y : the point itself, as the curve has it.
+    """
+
+    kind: str
+    value: float
+    after: int
+    y: np.ndarray = field(repr=False, compare=False)
+
+    def __str__(self):
+        return f"{self.kind} at {self.value:.8g}"
+
+
+def train_at(train, rpm, parameter, value):
+    """Train and speed with a value of the parameter, checked."""
+    speed = value if parameter == "rpm" else rpm
+    check_speed(train, speed)
+    return train if parameter == "rpm" else train.replace({parameter: value}), speed
+
+
+def response_at(curve, plan, y):
+    """The Response at a point of the curve, which solves it already."""
+    train, rpm = train_at(curve.train, float(curve.rpm), curve.parameter, float(curve.begin + y[-1] * curve.span))
+    given = first_start(plan, given=np.asarray(curve.deflection(y)))
+    return solve_once(train, rpm, problem_at(train, rpm, curve.sizes.excited), plan, given)[0]
+
+
+@dataclass(frozen=True)
+class Point:
+    """A point of a branch: y and tangent of its curve, its row of the table, the multipliers of its teeth."""
+
+    y: np.ndarray
+    tangent: np.ndarray
+    value: float
+    largest_deflection: np.ndarray
+    smallest_deflection: np.ndarray
+    largest_force: np.ndarray
+    smallest_force: np.ndarray
+    multiplier: complex
+    stable: bool
+    truncation_error: float
+    multipliers: np.ndarray
+
+    @classmethod
+    def at(cls, curve, plan, y, tangent):
+        """The point with its row."""
+        response = response_at(curve, plan, y)
+        found, names = stability(response), response.topology.mesh_names
+        deflections, forces = ([read(name) for name in names] for read in (response.deflection, response.force))
+        return cls(
+            y,
+            tangent,
+            value=float(curve.begin + y[-1] * curve.span),
+            largest_deflection=[signal.max for signal in deflections],
+            smallest_deflection=[signal.min for signal in deflections],
+            largest_force=[signal.max for signal in forces],
+            smallest_force=[signal.min for signal in forces],
+            multiplier=found.critical,
+            stable=found.stable,
+            truncation_error=float(response.truncation_error),
+            multipliers=found.multipliers[~found.rotation],
+        )
+
+    def beyond(self, place):
+        """Product of ``1 - place x multiplier``: its sign changes where a real one passes ``place``, +1 or -1."""
+        return float(np.prod(1 - place * self.multipliers).real)
+
+    @property
+    def pairs(self):
+        """Products of two multipliers, less 1, and whether those are complex: zero for a pair of modulus 1."""
+        first, second = np.triu_indices(len(self.multipliers), 1)
+        products = self.multipliers[first] * self.multipliers[second] - 1
+        return products, self.multipliers[first].imag != 0
+
+
+TESTS = {
+    "branch point": lambda point: point.beyond(1),
+    "period doubling": lambda point: point.beyond(-1),
+    "Neimark-Sacker": lambda point: float(np.prod(point.pairs[0]).real),
+}
+"""Functions of a point whose sign changes (Kuznetsov, Elements of Applied Bifurcation Theory, 2004, ch. 10)."""
+
+
+def _rise(y, tangent):
+    """Zero at a fold."""
+    return tangent[-1]
+
+
+def special_points(curve, plan, points, locate, options):
+    """The SpecialPoints of a branch, in its order."""
+
+    def on_point(test):
+        return lambda y, tangent: test(Point.at(curve, plan, y, tangent))
+
+    found = {kind: [test(point) for point in points] for kind, test in TESTS.items()}
+    found = {"fold": [point.tangent[-1] for point in points]} | found
+    changes = {kind: np.sign(values[:-1]) * np.sign(values[1:]) < 0 for kind, values in found.items()}
+    passed = changes["branch point"]
+    for number in np.flatnonzero(changes["fold"]):
+        # At a fold a multiplier passes +1, but not where that of the harmonics lies: the truncation error is between.
+        beside = [k for k in (number, number - 1, number + 1) if 0 <= k < len(passed) and passed[k]]
+        passed[beside[:1]] = False
+    special = []
+    for kind, where in changes.items():
+        for number in np.flatnonzero(where):
+            ends = [(point.y, point.tangent) for point in points[number : number + 2]]
+            test, closed = (_rise, options.fold) if kind == "fold" else (on_point(TESTS[kind]), options.stability)
+            at = Point.at(curve, plan, *locate(*ends, test, closed=closed))
+            # The product of two real multipliers passes 1 as well, where nothing happens: a pair must be complex.
+            products, turning = at.pairs
+            if kind != "Neimark-Sacker" or turning[np.argmin(np.abs(products))]:
+                length = (at.y - ends[0][0]) @ ends[0][1]
+                special.append((number, length, SpecialPoint(kind, at.value, int(number), at.y)))
+    return tuple(point for *_, point in sorted(special, key=lambda entry: entry[:2]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class BranchOptions:
+    """Options of :func:`follow`: steps as shares of the range of the parameter, deflections counted alike."""
+
+    first: float = 0.01  # length of the first step
+    longest: float = 0.05  # length of a step at most
+    jacobians: int = 4000  # of a branch at most
+    fold: float = 1e-9  # error of the parameter at a fold, as a share of its range
+    stability: float = 1e-5  # the same where the stability changes, for which multipliers cost some
+    closed: float = 1e-11  # error of a point, relative to the first motion: well below that of a solve
+
+
+BRANCH = BranchOptions()
+
+
+@brief
+@dataclass(frozen=True)
+class Branch:
+    """A branch of periodic motions as a table of P points, made by :func:`follow`; M meshes.
+
+    Parameters
+    ----------
+    parameter : "rpm" or "NAME.FIELD"
+    value : ``(P,)`` of the parameter, in its unit
+    largest_deflection, smallest_deflection : ``(P, M)`` m
+    largest_force, smallest_force : ``(P, M)`` N, transmitted tooth forces
+    multiplier : complex ``(P,)``, the critical one of :class:`~jaxhb.Stability`
+    stable : bool ``(P,)``
+    truncation_error : ``(P,)``, as of a response
+    special : tuple of SpecialPoint, in the order of the branch
+    ended : sentence, why the branch ends where it does
+    """
+
+    parameter: str
+    value: np.ndarray
+    largest_deflection: np.ndarray
+    smallest_deflection: np.ndarray
+    largest_force: np.ndarray
+    smallest_force: np.ndarray
+    multiplier: np.ndarray
+    stable: np.ndarray
+    truncation_error: np.ndarray
+    special: tuple
+    ended: str
+    _curve: HarmonicCurve = field(repr=False)
+    _plan: Plan = field(repr=False)
+    _path: list = field(repr=False)
+
+    def __len__(self) -> int:
+        return len(self.value)
+
+    @property
+    def train(self) -> DriveTrain:
+        """The train that was followed, with its own value of the parameter."""
+        return self._curve.train
+
+    @property
+    def folds(self) -> np.ndarray:
+        """Values of the parameter at which the branch turns back, ``(F,)``."""
+        return np.array([point.value for point in self.special if point.kind == "fold"])
+
+    def response(self, number: int) -> Response:
+        """The Response at a point."""
+        return response_at(self._curve, self._plan, self._path[number][0])
+
+    def resume(
+        self, number: int = -1, *, to: float | None = None, backwards: bool = False, options: BranchOptions = BRANCH
+    ) -> Branch:
+        """Follow on from a point of this branch, or back from it.
+
+        Parameters
+        ----------
+        number : int, of the point
+        to : float, optional
+            Extends the range, which is otherwise that of this branch.
+        backwards : bool
+        options : BranchOptions
+
+        Returns
+        -------
+        Branch
+            Beginning with that point.
+
+        Raises
+        ------
+        SceneError, ValueError
+            ``to`` is not a value that the parameter can have.
+        """
+        curve, shares = self._curve, [0.0, 1.0]
+        if to is not None:
+            train_at(curve.train, float(curve.rpm), curve.parameter, float(to))
+            shares.append((float(to) - float(curve.begin)) / float(curve.span))
+        y, tangent = self._path[number]
+        return _followed(curve, self._plan, y, -tangent if backwards else tangent, (min(shares), max(shares)), options)
+
+    def doubled(self, number: int = 0, *, options: BranchOptions = BRANCH) -> Branch:
+        """The branch of motions of twice the period that leaves this one at a period doubling.
+
+        Begins in the direction in which the harmonic equations over two periods are singular there; a motion and the
+        one a period later are the same.
+
+        Parameters
+        ----------
+        number : int, among the period doublings of :attr:`special`
+        options : BranchOptions
+
+        Returns
+        -------
+        Branch
+            Of ``train.repeated(2)``, in the same range, beginning at the period doubling.
+
+        Raises
+        ------
+        ValueError
+            There is no such period doubling.
+
+        Examples
+        --------
+        >>> import jaxhb
+        >>> branch = jaxhb.follow(train, "rpm", start=4800.0, to=3900.0)  # doctest: +SKIP
+        >>> branch.doubled().doubled()  # doctest: +SKIP
+        """
+        places = [point for point in self.special if point.kind == "period doubling"]
+        if not -len(places) <= number < len(places):
+            raise ValueError(f"period doubling no. {number} is asked for, and this branch has {len(places)} of them.")
+        curve, plan, y, tangent = _doubled(self._curve, self._plan, places[number].y)
+        found = _followed(curve, plan, y, tangent, (0.0, 1.0), options)
+        # Where it begins a multiplier is 1, rounded to either side: no branch point.
+        special = tuple(point for point in found.special if point.after or point.kind != "branch point")
+        return replace(found, special=special)
+
+    def __str__(self):
+        shares = f"{np.count_nonzero(self.stable)} of {len(self)} points stable"
+        points = "; ".join(map(str, self.special)) or "no special points"
+        left = f"truncation error up to {100 * self.truncation_error.max():.2g} %"
+        return f"{self.parameter} {self.value[0]:g} to {self.value[-1]:g}: {shares}, {left}; {points}. {self.ended}"
+
+
+def follow(
+    train: DriveTrain,
+    parameter: str,
+    *,
+    start: float,
+    to: float,
+    rpm: float | None = None,
+    harmonics: int | None = None,
+    tolerance: float = 0.01,
+    begin: Response | None = None,
+    options: BranchOptions = BRANCH,
+) -> Branch:
+    """Follow a branch of periodic motions over the speed or a number of the train, through its folds.
+
+    Pseudo-arclength continuation (Keller 1977) of the harmonic equations F(l, p) = 0 from a motion at ``start``. Every
+    point has its stability. Ends where the parameter leaves ``start`` .. ``to`` on either side.
+
+    Parameters
+    ----------
+    train : DriveTrain
+    parameter : str
+        "rpm", or "NAME.FIELD" of a number of the train.
+    start, to : float
+        Range of the parameter, in its unit; the branch begins at ``start`` towards ``to``.
+    rpm : float, optional
+        Speed, where that is not the parameter.
+    harmonics : int, optional
+        Of all motions. Default: as many as the motion at ``start`` needs, at least what the mesh modes need in the
+        middle of the range.
+    tolerance : float
+        Truncation error that the first motion is solved to; that of each point is in the table.
+    begin : Response, optional
+        A motion at ``start`` to begin with, where several exist; default: :func:`jaxhb.solve`.
+    options : BranchOptions
+
+    Returns
+    -------
+    Branch
+
+    Raises
+    ------
+    SceneError
+        No such element or field, a value out of its range, a speed that is not greater than 0 or above 1e6 rpm.
+    ValueError
+        An empty range, a missing or superfluous ``rpm``, a train without backlash, or one without multipliers
+        (:func:`jaxhb.stability`: massless disks).
+    NotConverged
+        No motion found at ``start``.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> train = jaxhb.load_scene("spur_pair")
+    >>> branch = jaxhb.follow(train, "rpm", start=2000.0, to=3000.0)
+    >>> round(float(branch.value[-1])), bool(branch.stable.all())
+    (3000, True)
+    """
+    _check(train, parameter, start, to, rpm)
+    ends = [train_at(train, rpm, parameter, float(value)) for value in (start, to)]
+    first, speed = ends[0]
+    if begin is None:
+        begin = solve(first, rpm=speed, harmonics=harmonics, tolerance=tolerance)
+    if begin.status > Status.TOLERANCE_NOT_MET:
+        check(begin)
+    stability(replace(begin, train=first))  # its sentences come before the work
+    plan = _plan(first, sum(speed for _, speed in ends) / 2, harmonics, tolerance, begin.harmonics)
+    deflection = fourier.resize(active_deflections(plan, begin.deflections), plan.harmonics)
+    sizes = np.asarray(first.meshes.backlash)[list(plan.active)]
+    scale = np.min(sizes + np.linalg.norm(fourier.pack(deflection), axis=-1)[: len(sizes)])
+    speed, begins, length, size = map(np.asarray, (float(speed), float(start), float(to) - float(start), float(scale)))
+    curve = HarmonicCurve(train, speed, begins, length, size, plan.active_meshes, parameter, plan.sizes)
+    y = np.append(fourier.pack(deflection).ravel() / scale, 0.0)
+    return _followed(curve, plan, y, None, (0.0, 1.0), options)
+
+
+def _check(train, parameter, start, to, rpm):
+    """Refuse what cannot be followed, with a sentence."""
+    name = train.topology.title
+    if parameter == "rpm" and rpm is not None:
+        raise ValueError(f"{name}: rpm is the parameter: give start and to, and no rpm={rpm:g}.")
+    if parameter != "rpm" and rpm is None:
+        raise ValueError(f"{name}: {parameter} is followed at one speed: give rpm=...")
+    if not (np.isfinite([start, to]).all() and start != to):
+        raise ValueError(f"{name}: {parameter} from {start:g} to {to:g} is no range: give two different numbers.")
+    if not any(train.topology.mesh_backlash):
+        raise ValueError(f"{name} has no mesh with backlash: one motion at each speed, use jaxhb.solve_speeds.")
+
+
+def _plan(train, rpm, harmonics, tolerance, found):
+    """The Plan of all points of a branch."""
+    request = Request.of(train, harmonics, tolerance)
+    excited = listed_harmonic(train.topology)
+    modes, _ = mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))
+    level = planning.first_level(excited_harmonic(train, request.method), modes)
+    steps = time_steps_for(max(modes, 2 * excited))
+    plan = replace(planning.contact_plan(train, request), time_steps=steps)
+    return replace(planning.all_active(train, plan, request), harmonics=harmonics or max(level, found))
+
+
+def _doubled(curve, plan, y):
+    """Curve, plan, point and tangent over two periods, at a period doubling ``y``."""
+    train = curve.train.repeated(2)
+    _, rpm = train_at(train, float(curve.rpm), curve.parameter, float(curve.begin + y[-1] * curve.span))
+    plan = _plan(train, rpm, 2 * plan.harmonics, plan.tolerance, 0)
+    curve, once = (
+        replace(curve, train=train, active_meshes=plan.active_meshes, sizes=plan.sizes),
+        np.asarray(curve.deflection(y)),
+    )
+    twice = np.zeros((len(once), plan.harmonics + 1), dtype=complex)
+    odd = np.zeros_like(twice)
+    # Over two periods harmonic n of the motion is harmonic 2 n. What leaves it at a period doubling has odd harmonics
+    # alone: random ones, falling as smooth motions do, are turned into the null direction.
+    twice[:, ::2] = once
+    draw = np.random.default_rng(0).normal(size=(2, *odd[:, 1::2].shape))
+    odd[:, 1::2] = (draw[0] + 1j * draw[1]) / np.arange(1, plan.harmonics + 1, 2) ** 2
+    y = np.append(fourier.pack(twice).ravel() / curve.scale, y[-1])
+    return curve, plan, y, np.append(null_direction(curve, y, fourier.pack(odd).ravel()), 0.0)
+
+
+def _followed(curve, plan, y, onward, within, options):
+    """The :class:`Branch` from a point on."""
+    # Every point is a solution that is read, not a way to the end: exact, and on a smooth curve steps that turn little.
+    control = continuation.StepControl(
+        first=options.first,
+        longest=options.longest,
+        corner=1e-7,
+        near=options.closed,
+        closed=options.closed,
+        bent=0.8,
+        straight=0.95,
+    )
+    path, name = [], curve.train.topology.title
+    equations = partial(linearized, curve), partial(simplified, curve)
+    end = continuation.follow_curve(
+        *equations,
+        y,
+        most=options.jacobians,
+        within=within,
+        onward=onward,
+        visit=lambda y, tangent: path.append((y, tangent)),
+        control=control,
+    )
+    if not path:
+        value = f"{curve.parameter} = {float(curve.begin + y[-1] * curve.span):g}"
+        raise NotConverged(f"{name}: Newton's method finds no motion with {plan.harmonics} harmonics at {value}.")
+    points = [Point.at(curve, plan, *point) for point in path]
+    locate = partial(continuation.locate_zero, *equations, control=control)
+    special = special_points(curve, plan, points, locate, options)
+    columns = {name: np.array([getattr(point, name) for point in points]) for name in _COLUMNS}
+    ended = _sentence(curve, end, within, options)
+    return Branch(curve.parameter, **columns, special=special, ended=ended, _curve=curve, _plan=plan, _path=path)
+
+
+_COLUMNS = (
+    "value",
+    "largest_deflection",
+    "smallest_deflection",
+    "largest_force",
+    "smallest_force",
+    "multiplier",
+    "stable",
+    "truncation_error",
+)
+
+
+def _sentence(curve, end, within, options):
+    """Why a branch ended."""
+    value = f"{curve.parameter} = {float(curve.begin + end.y[-1] * curve.span):g}"
+    if end.arrived and end.y[-1] > sum(within) / 2:
+        return f"It reaches the end of the range, {value}."
+    if end.arrived:
+        return f"It turns back and leaves the range where that begins, {value}."
+    if end.jacobians >= options.jacobians:
+        return f"Stopped at {value} after {end.jacobians} Jacobians: resume, or allow more."
+    return f"Lost at {value}: even the shortest step finds no further point."

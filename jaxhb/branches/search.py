@@ -1,0 +1,198 @@
+"""Every periodic motion of a train at one speed that searches find: those it may run in, and those that repel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from jaxhb._jax import staged, traced
+from jaxhb.balance.request import Request
+from jaxhb.floquet.stability import Stability, attracts
+from jaxhb.results.response import Response
+from jaxhb.results.status import Status
+from jaxhb.solutions import orbits, starts
+from jaxhb.solutions.planning import all_active, plan_speeds
+from jaxhb.steady.classification import Classifier
+from jaxhb.steady.closure import Cycles
+from jaxhb.steady.marching import Equations
+from jaxhb.steady.settled import difference
+from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.speeds import check_speed
+
+
+@dataclass(frozen=True)
+class SearchOptions:
+    """How :func:`solve_all` searches beside the rungs of a solve.
+
+    Parameters
+    ----------
+    neighbours : speeds, over the one asked for, from whose motions the train is brought there
+    same : difference of the deflections, as a share of the largest, up to which two solutions are one motion
+    scattered : starts of marches at random states
+    farthest : how far off these are at most, in shifts of the teeth from mid-gap to their flanks
+    """
+
+    neighbours: tuple[float, ...] = (0.9, 0.95, 0.98, 1.02, 1.05, 1.1)
+    same: float = 0.01
+    scattered: int = 24
+    farthest: float = 2.5
+
+
+SEARCH = SearchOptions()
+
+
+@dataclass(frozen=True)
+class PeriodicMotion:
+    """A periodic motion and whether the train runs in it; made by :func:`solve_all`.
+
+    Parameters
+    ----------
+    response : Response
+        Of one cycle of the excitation, or over ``period`` cycles as one.
+    period : int, in cycles of the excitation
+    attracts : bool or None
+        Whether disturbances die away; None where that is not decided (massless disks, very many disks:
+        :func:`jaxhb.stability` of ``response`` raises the reason).
+    stability : Stability or None
+        None where it is not decided.
+    """
+
+    response: Response
+    period: int
+    attracts: bool | None
+    stability: Stability | None
+
+    @property
+    def largest_force(self) -> float:
+        """Largest tooth force of all meshes, N."""
+        forces = (self.response.force(name).peak for name in self.response.topology.mesh_names)
+        return float(max(forces, default=0.0))
+
+    def __str__(self):
+        span = "one cycle" if self.period == 1 else f"{self.period} cycles"
+        how = {True: "attracts", False: "repels", None: "stability not decided"}[self.attracts]
+        if self.stability is not None:
+            how += f" ({self.stability.loses_by or 'stable'}, multiplier {self.stability.largest:.3g})"
+        return f"period of {span}, largest tooth force {self.largest_force / 1e3:.4g} kN, {how}"
+
+
+def solve_all(
+    train: DriveTrain, *, rpm: float, harmonics: int | None = None, tolerance: float | None = None
+) -> tuple[PeriodicMotion, ...]:
+    """The periodic motions of a drive train at one speed, as many as several searches find.
+
+    Teeth that hammer allow several motions at one speed; the train runs in one that attracts, which one depends on
+    where it comes from. Marches begin with teeth on their drive sides, in the middle of their gaps, on the other
+    flanks, at scattered places, and from the motions at neighbouring speeds; they find what attracts, over one or
+    several cycles. Shooting from many cycles and from scattered states, and the curve from a linear law, find motions
+    of one cycle that repel, too.
+
+    Parameters
+    ----------
+    train : DriveTrain
+    rpm : float
+        Speed of the reference rotor.
+    harmonics, tolerance : optional
+        As in :func:`jaxhb.solve`.
+
+    Returns
+    -------
+    tuple of PeriodicMotion
+        Those that attract first, then those not decided, the largest tooth force first; empty where none is found.
+        That no other exists is not claimed.
+
+    Raises
+    ------
+    SceneError
+        A speed that is not greater than 0 or above 1e6 rpm.
+    TypeError
+        Under ``jit``, ``vmap`` or ``grad``.
+
+    Notes
+    -----
+    Takes seconds to minutes. :func:`jaxhb.steady_state` finds in a fraction of a second what the train does,
+    :func:`jaxhb.follow` where a motion goes with the speed.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> found = jaxhb.solve_all(jaxhb.load_scene("spur_pair"), rpm=2000.0)
+    >>> [(motion.period, motion.attracts) for motion in found]
+    [(1, True)]
+    """
+    if traced(train, rpm) or staged():
+        raise TypeError("solve_all depends on values, so jit, vmap and grad cannot trace it: call it outside")
+    check_speed(train, rpm)
+    rpm, request = float(rpm), Request.of(train, harmonics, tolerance)
+    (plan,) = plan_speeds(train, np.array([rpm]), request)
+    found = []
+    if any(train.topology.mesh_backlash):
+        _add(found, _settled(train, rpm, request))
+    _add(
+        found,
+        _searched(starts.Case(train, rpm, request, plan, effort=starts.LONG, search_with=_Scattered)),
+    )
+    motions = (PeriodicMotion(response, period, *attracts(response)[:2]) for response, period in found)
+    first = (True, None, False)
+    return tuple(sorted(motions, key=lambda motion: (first.index(motion.attracts), -motion.largest_force)))
+
+
+def _settled(train, rpm, request):
+    """(Response, period) of motions on which marches settle, from several starts side by side."""
+    near = rpm * np.array(SEARCH.neighbours)
+    states = Classifier(train, near, request, True, Cycles()).march_to_the_end(list(range(len(near))), {})
+    starts = _starts(train, rpm) + [state.motion for state in states.values() if state.motion is not None]
+    classifier = Classifier(train, np.full(len(starts) + 1, rpm), request, True, Cycles())
+    states = classifier.march_to_the_end(
+        list(range(len(starts) + 1)), dict(enumerate(starts, 1))
+    )  # the first: on the drive sides
+    return [(state.response, state.period) for state in states.values() if state.response is not None]
+
+
+def _starts(train, rpm):
+    """Motions ``(2S,)`` with the teeth in the middle of their gaps, on the flanks that do not drive, and scattered."""
+    try:
+        linear_motion = Equations(train).linear_motion([rpm])
+    except ValueError:  # a massless disk leaves no equation: nothing can be marched
+        return []
+    flank, rest, power = (
+        linear_motion.flank[0],
+        linear_motion.displacement[0, :, 0].real,
+        np.abs(linear_motion.displacement[0, :, 1:]) ** 2,
+    )
+    # Speeds of the scattered starts in proportion to the root mean square frequency of the linear motion.
+    n = np.arange(1, power.shape[1] + 1)
+    omega = linear_motion.frequency[0] * np.sqrt((n**2 * power).sum() / max(power.sum(), 1e-300))
+    shares = np.random.default_rng(0).uniform(-SEARCH.farthest, SEARCH.farthest, (SEARCH.scattered, 2))
+    shares = np.concatenate([[[0.0, 0.0], [-1.0, 0.0]], shares])
+    return [np.concatenate([rest + position * flank, speed * omega * flank]) for position, speed in shares]
+
+
+class _Scattered(orbits.OrbitSearch):
+    """Shoots from as many states besides, anywhere within twice the reach of a march."""
+
+    def _seeds(self):
+        seeds = super()._seeds()
+        size = np.abs(seeds).max(axis=0, initial=0.0)
+        return np.concatenate([seeds, size * np.random.default_rng(0).uniform(-2, 2, seeds.shape)])
+
+
+def _searched(case):
+    """(Response, 1) of all attempts that Newton's method solves; each keeps the path that led to it."""
+    last = None
+    for rung in starts.SEARCHES if any(case.train.topology.mesh_backlash) else (starts.from_contact,):
+        for attempt in rung(case, last):
+            case.path.clear()
+            last = starts.refine(case, attempt, last)
+            if not last.plan.active:  # in contact: other motions, if there are any, need all meshes unknown
+                last = replace(last, plan=all_active(case.train, last.plan, case.request))
+            if last.status <= Status.TOLERANCE_NOT_MET:
+                yield last.response, 1
+
+
+def _add(found, others):
+    """Put (Response, period) beside those at hand that are other motions."""
+    for response, period in others:
+        if not any(period == known and difference(response, other, period) <= SEARCH.same for other, known in found):
+            found.append((response, period))

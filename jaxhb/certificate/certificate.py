@@ -1,0 +1,161 @@
+"""A certificate: within what distance of a computed motion one of the train lies, computed (Fridman 2009, ch. 4 and 5).
+
+The theorem (:mod:`jaxhb.certificate.theorem`) is applied at the motion to which Newton's method leads on more and more
+harmonics; bounds of the response add how far that is away.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+
+from jaxhb.balance.problem import problem_at
+from jaxhb.balance.request import time_steps_of
+from jaxhb.certificate.attraction import decide
+from jaxhb.certificate.linearization import CertificateSizes, Linearization, NotInverted, highest_frequency
+from jaxhb.certificate.options import CERTIFICATE
+from jaxhb.certificate.theorem import bounds_at, harmonic_balance, not_inverted
+from jaxhb.equations import backlash, fourier
+from jaxhb.equations.backlash import law_of
+from jaxhb.excitation.torques import listed_harmonic
+from jaxhb.floquet.stability import train_of
+from jaxhb.linear.mesh_modes import mesh_mode_harmonics
+from jaxhb.results.bounds import LINEAR, Certificate
+from jaxhb.results.response import Response
+
+
+def certify(response: Response) -> Certificate:
+    """Compute a bound on how far a periodic motion of the train is from a computed one.
+
+    Parameters
+    ----------
+    response : Response
+        At one speed, solved, with its train.
+
+    Returns
+    -------
+    Certificate
+
+    Raises
+    ------
+    NotConverged
+        If the response solves no equations.
+    ValueError
+        For the response of a sweep or of a transformation; for disks without inertia, whose deflections do not fall
+        with frequency.
+
+    Notes
+    -----
+    Serves both laws of damping, loss factors and closed loops. A computed bound and no proof: norms are iterated and
+    taken times 1.1, largest row sums are estimated and taken times 1.5, and the sampled largest values, the decay of
+    coefficients beyond those computed, and rounding are not enclosed.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> found = jaxhb.certify(jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=3000.0))
+    >>> found.holds
+    True
+    """
+    train = train_of(response)
+    gaps = train.topology.backlash_index
+    problem = problem_at(train, float(response.rpm), listed_harmonic(train.topology))
+    _check_inertia(train, problem.system)
+    given = np.asarray(response.deflections)[gaps]
+    if not len(gaps):
+        return LINEAR
+    modes = mesh_mode_harmonics(train, float(problem.frequency))[0] if _leaves_contact(train, given, gaps) else 0.0
+    highest = highest_frequency(problem.system) / float(problem.frequency)
+    low, deflection = _level(max(CERTIFICATE.fewest, 2 * response.harmonics, CERTIFICATE.beyond_modes * modes)), given
+    balance = None
+    while True:
+        sizes = _sizes(low, highest, problem.load.shape[-1] - 1)
+        lin = Linearization(problem, train, deflection, sizes, max(1.0, modes / 3))
+        # The theorem on the truncated equation is applied at the response itself, before the motion is refined.
+        balance = balance or harmonic_balance(lin, response.harmonics)
+        try:
+            lin = _refine(lin)
+            found = bounds_at(lin, train, gaps)
+        except NotInverted:
+            found = not_inverted(lin, train, gaps)
+        if found.holds:
+            found = replace(found, stable=decide(lin, train, found))
+        if found.holds or 2 * low > CERTIFICATE.most or not lin.complete:
+            return _of_response(found, lin, given, balance, response.harmonics)
+        low, deflection = 2 * low, lin.deflection * lin.law.backlash[:, None]
+
+
+def _leaves_contact(train, deflection, gaps):
+    """Whether any mesh comes near the knee of its law."""
+    law = jax.tree.map(lambda a: np.asarray(a)[gaps], law_of(train.meshes))
+    value = np.abs(fourier.synthesize(deflection, CERTIFICATE.samples * max(deflection.shape[1] - 1, 1)))
+    return bool((value.min(-1) < law.knee + CERTIFICATE.near_knee * law.backlash).any())
+
+
+def _refine(lin):
+    """The linearisation at the motion to which Newton's method leads on the low harmonics: the nearer to a true one,
+    the less is to be shown."""
+    size = np.inf
+    for _ in range(CERTIFICATE.newton_steps):
+        corrected = lin.inverse(lin.residual())
+        corrected[:, lin.sizes.low + 1 :] = 0
+        last, size = size, lin.largest(corrected).max()
+        if not CERTIFICATE.corrected < size < last:
+            break
+        lin = lin.moved(-corrected[:, : lin.sizes.low + 1])
+    return lin
+
+
+def _level(harmonics):
+    """The power of two from ``harmonics`` on, up to the most: few of them, as each has programs of its own."""
+    return min(1 << int(np.ceil(np.log2(harmonics))), CERTIFICATE.most)
+
+
+def _sizes(low, highest, excited):
+    high = max(CERTIFICATE.evaluated * low, 1 << max(excited - 1, 1).bit_length())
+    reach = 1 << max(high + 1, int(np.ceil(2 * highest))).bit_length()
+    if reach > CERTIFICATE.receptances:
+        raise ValueError(
+            f"the highest natural frequency lies at harmonic {highest:.0f} of the cycle; the certificate serves up to "
+            f"{CERTIFICATE.receptances // 4}: lump disks that are much lighter than the others."
+        )
+    return CertificateSizes(low=low, high=high, reach=reach, time_steps=min(time_steps_of(low), CERTIFICATE.time_steps))
+
+
+def _check_inertia(train, system):
+    light = [name for name, mass in zip(train.topology.disk_names, system.mass, strict=False) if not mass > 0]
+    if light:
+        named = ", ".join(map(repr, light))
+        raise ValueError(
+            f"disk {named} has inertia 0, and a computed bound needs disks with inertia: give a small one."
+        )
+
+
+def _of_response(found, lin, given, balance, harmonics):
+    """The certificate of the response: bounds are those of the refined motion, and how far that is away."""
+    found = replace(found, harmonic_balance=balance, harmonics=harmonics)
+    if not found.holds:
+        return found
+    count, law, motions = CERTIFICATE.compared * lin.sizes.low, lin.law.expand(), []
+    in_contact, viscous = (lin.damping[key][:, None] for key in ("in_contact", "viscous"))
+    for deflection in (given, lin.deflection * lin.law.backlash[:, None]):
+        value = fourier.synthesize(deflection, count)
+        rate = fourier.synthesize(fourier.derivative(deflection, lin.frequency), count)
+        force = backlash.mesh_force(law, viscous, in_contact, value, rate)
+        motions.append((value, backlash.force(law, value), force))
+    apart, elastic, total = (_largest(a - b) for a, b in zip(*motions, strict=True))
+    return replace(
+        found,
+        deflection_bound=found.deflection_bound + apart,
+        elastic_bound=found.elastic_bound + elastic,
+        force_bound=found.force_bound + total,
+    )
+
+
+def _largest(values):
+    """``(G,)``: largest values over the cycle of periodic samples ``(G, M)``: between two of them a smooth function
+    exceeds the larger by an eighth of the second difference, at a kink by less than a half."""
+    second = np.abs(np.roll(values, 1, -1) - 2 * values + np.roll(values, -1, -1))
+    return np.abs(values).max(-1) + second.max(-1) / 2

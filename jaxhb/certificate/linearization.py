@@ -1,0 +1,387 @@
+"""The true, untruncated equation of the tooth deflections around a motion, and the sizes of what certifies it.
+
+In units of the backlash, ``y = l / h``, with ``E(y)`` the integral of (engagement - 1) from 0 to y, the force of a mesh
+beside its linear part is ``(1 - epsilon) c h E(y)``, and of damping in contact ``r h d/dt E(y)``, as the engagement
+times ``l'`` is the derivative of its integral. Both damping laws therefore lead to one equation with one nonlinear
+function of the deflections alone (docs/theory A4.4 has it without damping in contact), in harmonics
+
+    F(y) = y - y_lin + H psi(y) = 0,   H(n) = (1 + H_c m)^{-1} H_c,   H_c(n) = h^{-1} G(n) ((1-eps) c + i n Omega r) h,
+
+``G`` the receptances of the train in contact, m the middle of the range of (engagement - 1) over the motion and
+``psi(y) = E(y) - m y``. Loss factors are part of G. ``H(n)`` falls as n^-2, with damping in contact as n^-1.
+
+Operators here act on coefficients ``(G, n+1)``; norms are of real motions (root mean square, or weighted).
+"""
+
+from copy import copy
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.linalg import eigvalsh
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
+
+from jaxhb._jax import on_host
+from jaxhb._program import Program
+from jaxhb.balance import correction
+from jaxhb.balance.problem import ActiveMeshes, model_of, reduced_equation
+from jaxhb.certificate.options import CERTIFICATE
+from jaxhb.equations import backlash, exact_integrals, fourier
+from jaxhb.equations.condensation import truncate
+from jaxhb.equations.iterations import gcr
+from jaxhb.equations.residual import backlash_meshes
+from jaxhb.floquet.variational import motion
+
+
+def one_norm(product, transposed, size, columns, steps=5):
+    """Lower bound of the largest absolute column sum of a square map, seldom far below it; inf where it is not finite.
+
+    Algorithm 2.4 of Higham & Tisseur, SIAM J. Matrix Anal. Appl. 21 (2000) 1185, with random signs of its own: that of
+    scipy draws from the generator of the whole process.
+
+    Parameters
+    ----------
+    product, transposed : functions of a vector ``(size,)``, with the map and its transpose
+    columns : int, vectors at a time
+    steps : int, at most
+    """
+
+    def each(function, vectors):
+        return np.stack([function(vector) for vector in vectors])
+
+    if size <= 2 * columns:
+        return float(np.abs(each(product, np.eye(size))).sum(1).max())
+    draw = np.random.default_rng(0)
+    vectors = np.concatenate([np.ones((1, size)), draw.choice([-1.0, 1.0], (columns - 1, size))]) / size
+    largest, signs, visited = 0.0, np.empty((0, size)), np.empty(0, int)
+    for _ in range(steps):
+        images = each(product, vectors)
+        found = np.abs(images).sum(1).max()
+        if not np.isfinite(found):
+            return np.inf
+        if found <= largest:
+            break
+        largest, before, signs = found, signs, np.where(images >= 0, 1.0, -1.0)
+        if len(before) and (np.abs(signs @ before.T) == size).any(1).all():
+            break  # all the same as in the last step
+        for i in range(len(signs)):
+            while (np.abs(np.concatenate([signs[:i], before]) @ signs[i]) == size).any():
+                signs[i] = draw.choice([-1.0, 1.0], size)
+        promising = np.argsort(-np.abs(each(transposed, signs)).max(0))
+        if np.isin(promising[:columns], visited).all():
+            break
+        chosen = promising[~np.isin(promising, visited)][:columns]
+        visited = np.concatenate([visited, chosen])
+        vectors = np.zeros((len(chosen), size))
+        vectors[np.arange(len(chosen)), chosen] = 1.0
+    return float(largest)
+
+
+@dataclass(frozen=True)
+class CertificateSizes:
+    """What programs are compiled for: ``low`` harmonics in which the linearised equation is solved, ``high`` to which
+    it is evaluated, ``reach`` of the receptances, time steps of the preconditioner."""
+
+    low: int
+    high: int
+    reach: int
+    time_steps: int
+
+    @property
+    def samples(self):
+        """Of the slopes that the preconditioner averages."""
+        return max(4 * self.time_steps, 4 * self.low)
+
+
+def highest_frequency(system):
+    """rad/s above which no natural frequency lies, meshes in contact and damping left out; inf without inertia."""
+    mass = np.asarray(system.mass)
+    if not (mass > 0).all():
+        return np.inf
+    if len(mass) > CERTIFICATE.dense_disks:  # the stiffness matrix is at most twice its diagonal
+        return float(np.sqrt(2 * (np.asarray(system.held_stiffness()) / mass).max()))
+    rows = system.incidence().T / np.sqrt(mass)
+    stiffness = rows.T @ (np.asarray(system.stiffness)[:, None] * rows) + np.diag(np.asarray(system.ground) / mass)
+    return float(np.sqrt(max(eigvalsh(stiffness, subset_by_index=[len(mass) - 1] * 2)[0], 0.0)))
+
+
+@partial(Program, static_argnames="sizes")
+def _linear_response(problem, chosen, sizes):
+    """What does not depend on the motion: receptances and linear deflections up to ``reach``, those of the low
+    harmonics as :class:`Reduced`, and the train of the preconditioner."""
+    every = ActiveMeshes(jnp.ones(len(chosen)), chosen, jnp.zeros(len(problem.meshes.link)))
+    reduced, _ = reduced_equation(problem, sizes.reach, every)
+    model = model_of(problem, every, sizes.time_steps)
+    return reduced.receptance, reduced.linear, truncate(reduced, sizes.low), model
+
+
+@partial(Program, static_argnames="sizes")
+def _expand(reduced, model, deflection, sizes):
+    """Of a motion ``(G, low+1)`` m: the preconditioner; in harmonics the integral of (engagement - 1), and itself."""
+    law, meshes = reduced.law, len(deflection)
+    operator = correction.prepare(reduced, model, deflection, sizes.samples, sizes.time_steps)
+    # In backlashes, with a gap without stiffness: the force of this law is the integral of the engagement.
+    unit = replace(law, stiffness=jnp.ones(meshes), epsilon=jnp.zeros(meshes), backlash=jnp.ones(meshes))
+    wide = fourier.resize(deflection / law.backlash[:, None], sizes.high // 2)
+    crossings = exact_integrals.find_crossings(unit, wide, 4 * sizes.low)
+    rule = exact_integrals.quadrature(unit, wide, crossings)
+    values, unit = rule.synthesize(wide), unit.expand()
+    integral = rule.analyze(backlash.force(unit, values) - values, 2 * sizes.high)
+    share = rule.analyze(backlash.engagement(unit, values) - 1, 2 * sizes.high)
+    return operator, integral, share, crossings.complete
+
+
+@partial(Program, static_argnames="transposed")
+def _solve(gain, share, reduced, operator, right, transposed):
+    """``x + gain (share x) = right`` in packed coordinates ``(G, 2n+1)`` m, or with the transpose; and what is left."""
+
+    def product(packed):
+        x = fourier.unpack(packed.reshape(right.shape))
+        pushed = fourier.analyze(share * fourier.synthesize(x, share.shape[-1]), x.shape[-1] - 1)
+        return packed + fourier.pack(jnp.einsum("ngh,hn->gn", gain, pushed)).reshape(-1)
+
+    def approximate(packed):
+        x = fourier.unpack(packed.reshape(right.shape))
+        return fourier.pack(correction.precondition(reduced, operator, x)).reshape(-1)
+
+    def transpose(function):
+        _, back = jax.vjp(function, right.reshape(-1))
+        return lambda v: back(v)[0]
+
+    if transposed:
+        product, approximate = transpose(product), transpose(approximate)
+    x, left, _ = gcr(
+        product, approximate, right.reshape(-1), tolerance=CERTIFICATE.solved, steps=CERTIFICATE.krylov_steps
+    )
+    return x.reshape(right.shape), left
+
+
+class NotInverted(ArithmeticError):
+    """The linearised equation was not solved well enough to show anything."""
+
+
+class _Enough(Exception):  # noqa: N818 - ends an iteration, no error
+    """A norm is at least the number given, and no more is asked."""
+
+
+class Linearization:
+    """The equation of the deflections at one motion, with its derivative solved in ``low`` harmonics.
+
+    The approximate inverse A of ``F'`` is that of its first ``low`` harmonics, and 1 beyond.
+
+    Parameters
+    ----------
+    problem : Problem; train : DriveTrain; deflection : complex ``(G, N+1)`` m of the meshes with backlash
+    sizes : CertificateSizes
+    scale : harmonic at which the weights ``w_n = sqrt(1 + (n/scale)^2)`` begin to rise; later where damping in contact
+        is so strong that ``w_n |H(n)|`` would not fall below one
+    """
+
+    def __init__(self, problem, train, deflection, sizes, scale):
+        meshes = backlash_meshes(train)
+        self.law, viscous, in_contact, link = on_host((meshes.law, meshes.viscous, meshes.contact_damping, meshes.link))
+        self.damping = {"viscous": viscous, "in_contact": in_contact}
+        self.frequency, self.sizes = float(problem.frequency), sizes
+        chosen = train.topology.backlash_index.astype(np.int32)
+        receptance, linear, self._reduced, self._model = _linear_response(problem, chosen, sizes)
+        n, h = np.arange(sizes.reach + 1), self.law.backlash
+        stiffness, viscous = (1 - self.law.epsilon) * self.law.stiffness, np.where(in_contact, viscous, 0.0)
+        change = stiffness + 1j * n[:, None] * self.frequency * viscous
+        receptance = np.asarray(receptance)
+        self.held = receptance / h[:, None] * (change * h)[:, None, :]
+        self._linear = np.asarray(linear)[:, : sizes.high + 1] / h[:, None]
+        self._gain = (receptance * change[:, None, :])[: sizes.low + 1]
+        self.slopes = stiffness, viscous
+        self._decay = self._decay_bound(problem.system, problem.system.incidence(link))
+        self.scale = max(scale, CERTIFICATE.weight_scale * self._decay[1])
+        self._place(fourier.resize(np.asarray(deflection), sizes.low))
+
+    def _place(self, deflection):
+        """Take the motion ``(G, low+1)`` m as that around which the equation is linear."""
+        sizes, high = self.sizes, self.sizes.high
+        self._operator, *found = _expand(self._reduced, self._model, deflection, sizes)
+        integral, share, complete = map(np.asarray, found)
+        self.complete, self.deflection = bool(complete), deflection / self.law.backlash[:, None]
+        self._samples = fourier.synthesize(share, fourier.samples_for(2 * high))
+        # The middle of the range leaves the smallest share s = engagement - 1 - m, in the largest value half the range.
+        low, top = self._samples.min(1), self._samples.max(1)
+        between = CERTIFICATE.unsampled * (top - low)
+        low, top = np.maximum(low - between, -1.0), np.minimum(top + between, 0.0)
+        self.middle, self.half_range = (low + top) / 2, float((top - low).max() / 2)
+        self._samples = self._samples - self.middle[:, None]
+        # psi = E - m y: the part linear in y is in H.
+        self.integral = integral - self.middle[:, None] * fourier.resize(self.deflection, 2 * high)
+        self.share = share - self.middle[:, None] * (np.arange(share.shape[1]) == 0)
+        self._share = fourier.synthesize(fourier.resize(share, 2 * sizes.low), fourier.samples_for(2 * sizes.low))
+        self._shift = np.eye(len(self.middle)) + self.held * self.middle
+        self.gain = np.linalg.solve(self._shift, self.held)
+        self.linear = np.linalg.solve(self._shift[: high + 1], self._linear.T[:, :, None])[..., 0].T
+
+    def moved(self, change):
+        """The same at a motion changed by ``(G, low+1)`` backlashes."""
+        there = copy(self)
+        vars(there).pop("gain_sizes", None)  # those of this motion, where they are known
+        there._place((self.deflection + change) * self.law.backlash[:, None])
+        return there
+
+    @staticmethod
+    def largest(x):
+        """``(G,)``: largest values over the cycle of motions ``(G, n+1)``: those at M samples, times the factor
+        1/cos(pi n/M) by which a trigonometric polynomial exceeds them at most (Ehlich & Zeller, Math. Z. 86 (1964)
+        41)."""
+        samples = CERTIFICATE.samples
+        sampled = np.abs(fourier.synthesize(x, samples * max(x.shape[1] - 1, 1))).max(-1)
+        return sampled / np.cos(np.pi / samples)
+
+    @cached_property
+    def weight(self):
+        """``(reach+1,)``: w_n."""
+        return np.sqrt(1 + (np.arange(self.sizes.reach + 1) / self.scale) ** 2)
+
+    @property
+    def embedding(self):
+        """Largest value of a motion over its weighted norm, ``sqrt(sum over n of w_n^-2)``."""
+        return float(np.sqrt(np.pi * self.scale / np.tanh(np.pi * self.scale)))
+
+    def near_transition(self, distance, share):
+        """Whether ``(G, K)`` a mesh is within ``distance``, backlashes, of the transition of its law, at shares of the
+        cycle ``(K,)``."""
+        value = np.abs(motion(self.deflection, 1.0, share)[0])
+        gap, knee = (1 - self.law.transition[:, None]) / 2, (1 + self.law.transition[:, None]) / 2
+        return (value > gap - distance) & (value < knee + distance)
+
+    def residual(self):
+        """F(y) ``(G, high+1)`` of the motion, with exact integrals."""
+        own = fourier.resize(self.deflection, self.sizes.high)
+        return own - self.linear + self.apply_gain(fourier.resize(self.integral, self.sizes.high))
+
+    def apply_gain(self, x):
+        """H x."""
+        return np.einsum("ngh,hn->gn", self.gain[: x.shape[1]], x)
+
+    def apply_gain_transposed(self, x):
+        """The adjoint of :meth:`apply_gain`."""
+        return np.einsum("ngh,gn->hn", self.gain[: x.shape[1]].conj(), x)
+
+    def times_share(self, x):
+        """Product with the derivative of psi along the motion, coefficients ``(G, high+1)`` of ``(G, n+1)``."""
+        samples = self._samples
+        return fourier.analyze(samples * fourier.synthesize(x, samples.shape[-1]), self.sizes.high)
+
+    def inverse(self, x):
+        """A x; raises NotInverted."""
+        solved = x.copy()
+        low = self.sizes.low + 1
+        shifted = np.einsum("ngh,hn->gn", self._shift[:low], x[:, :low])
+        solved[:, :low] = self._solve(shifted, False)
+        return solved
+
+    def inverse_transposed(self, x):
+        """The adjoint of :meth:`inverse`."""
+        solved = x.copy()
+        low = self.sizes.low + 1
+        solved[:, :low] = np.einsum("ngh,gn->hn", self._shift[:low].conj(), self._solve(x[:, :low], True))
+        return solved
+
+    def _solve(self, x, transposed):
+        h = self.law.backlash[:, None]
+        right = fourier.pack(x / h if transposed else x * h)
+        found, left = _solve(self._gain, self._share, self._reduced, self._operator, right, transposed)
+        if not left <= CERTIFICATE.unsolved:
+            raise NotInverted  # at once: iterations for norms would not end with a map that changes from call to call
+        found = fourier.unpack(np.asarray(found))
+        return found * h if transposed else found / h
+
+    def _decay_bound(self, system, columns):
+        """k, d, w with ``|H_c(n)| <= (k + n d) / (n^2 - w^2)``, whatever the damping (docs/theory A4.5)."""
+        root = columns.T / np.sqrt(np.asarray(system.mass))
+        h, squared = self.law.backlash, self.frequency**2
+        left = np.linalg.norm(root / h[:, None], 2)
+        k, d = (left * np.linalg.norm(root * (h * change)[:, None], 2) for change in self.slopes)
+        return k / squared, d / self.frequency, highest_frequency(system) / self.frequency
+
+    def _decay_beyond(self):
+        """:meth:`_decay_bound` for H and harmonics above those of ``gain``."""
+        k, d, highest = self._decay
+        n = self.sizes.reach + 1
+        # H = (1 + H_c m)^-1 H_c: |H| <= |H_c| / (1 - |H_c| |m|), by the Neumann series where that is less than one.
+        less = 1 - (k + n * d) / (n**2 - highest**2) * np.abs(self.middle).max()
+        return (k / less, d / less, highest) if less > 0 else (np.inf, np.inf, highest)
+
+    @cached_property
+    def gain_sizes(self):
+        """``(reach+1,)``: largest singular value of H(n)."""
+        return np.linalg.norm(self.gain, 2, axis=(1, 2))
+
+    def largest_gain(self, first):
+        """sup of ``w_n |H(n)|`` over n >= ``first``."""
+        k, d, highest = self._decay_beyond()
+        n = self.sizes.reach + 1
+        beyond = np.sqrt(1 + (n / self.scale) ** 2) * (k + n * d) / (n**2 - highest**2)  # falls with n
+        return float(max((self.weight * self.gain_sizes)[first:].max(initial=0.0), beyond))
+
+    def gain_between(self, first):
+        """``sqrt(sum of |H(n)|^2 over |n| >= first)``: largest value that H gives of harmonics from there on, over
+        their root mean square."""
+        k, d, highest = self._decay_beyond()
+        n = self.sizes.reach
+        factor = 1 / (1 - (highest / (n + 1)) ** 2)
+        # (k + n d)^2 <= 2 (k^2 + n^2 d^2), and sums over n of n^-4 and n^-2 below their integrals.
+        beyond = factor**2 * 2 * (k**2 / (3 * n**3) + d**2 / n)
+        return float(np.sqrt(2 * (self.gain_sizes[first:] ** 2).sum() + 2 * beyond))
+
+    def rate_of_gain(self, first, last):
+        """Largest absolute row sum of the kernel of ``d/dt H``, t over the cycle of 2 pi, harmonics ``first`` to
+        ``last``."""
+        n = np.arange(last + 1)
+        rates = 1j * n[:, None, None] * self.gain[: last + 1] * (n >= first)[:, None, None]
+        kernel = fourier.synthesize(np.moveaxis(rates, 0, -1), fourier.samples_for(4 * last))
+        return float(np.abs(kernel).mean(-1).sum(1).max())
+
+    def galerkin(self, harmonics):
+        """The equation truncated to so many harmonics: the one that was solved."""
+        kept = copy(self)
+        keep = (np.arange(self.sizes.reach + 1) <= harmonics)[:, None, None]
+        kept.gain, kept._shift = self.gain * keep, np.where(keep, self._shift, np.eye(len(self.middle)))
+        kept._gain = self._gain * keep[: self.sizes.low + 1]
+        receptance = self._reduced.receptance * keep[: self.sizes.low + 1]
+        kept._reduced = replace(self._reduced, receptance=receptance)
+        return kept
+
+    def norm(self, apply, apply_transposed, harmonics, enough=np.inf):
+        """Largest singular value of a map between coefficients ``(G, harmonics+1)``, with its margin: from ``enough``
+        on any that it exceeds, inf where the iteration does not end."""
+        shape = len(self.middle), 2 * harmonics + 1
+
+        def square(v):
+            image = apply(fourier.unpack(v.reshape(shape)))
+            stretch = np.linalg.norm(fourier.pack(image)) / np.linalg.norm(v)
+            if stretch >= enough:
+                raise _Enough(stretch)
+            return fourier.pack(apply_transposed(image)).reshape(-1)
+
+        size = shape[0] * shape[1]
+        operator = LinearOperator((size, size), matvec=square, dtype=float)
+        start = np.random.default_rng(0).normal(size=size)
+        ends = {"tol": CERTIFICATE.iterated, "maxiter": CERTIFICATE.restarts, "ncv": 6}
+        try:
+            found = eigsh(operator, 1, which="LA", v0=start, return_eigenvectors=False, **ends)
+        except _Enough as known:
+            return float(known.args[0])
+        except ArpackNoConvergence:
+            return np.inf
+        return CERTIFICATE.norm_margin * float(np.sqrt(max(found[0], 0.0)))
+
+    def largest_row_sum(self, apply, apply_transposed, samples):
+        """Largest absolute row sum of a map between motions at ``samples`` time samples ``(G, samples)``, with
+        its margin."""
+        shape = len(self.middle), samples
+
+        def flat(function):
+            return lambda v: function(v.reshape(shape)).reshape(-1)
+
+        with np.errstate(all="ignore"):
+            found = one_norm(flat(apply_transposed), flat(apply), shape[0] * samples, CERTIFICATE.row_sum_vectors)
+        return CERTIFICATE.row_sum_margin * found

@@ -1,0 +1,252 @@
+"""Checks of single elements on the host: a finding is a sentence with element, value and remedy.
+
+Scenarios are named sets of values of a scene, as a coupling that is warm or worn: ``[scenario.NAME]`` holds
+``"ELEMENT.FIELD" = value`` or ``ELEMENT.FIELD = value``, in the units of the scene.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import Counter
+
+from jaxhb.elements.elements import TABLES, SceneError, suggestion, table_of
+from jaxhb.elements.engine import Engine, cylinders, engine_errors
+from jaxhb.elements.value_checks import (
+    cylinder_errors,
+    damper_errors,
+    field_errors,
+    mesh_errors,
+    number_like,
+    shaft_errors,
+    shown,
+    value_errors,
+)
+
+
+def read_scenarios(parts, scenarios) -> tuple[dict, list[str]]:
+    """Values by scenario and ``"ELEMENT.FIELD"``, and sentences on what names no number of an element."""
+    if scenarios is None:
+        return {}, []
+    if not isinstance(scenarios, dict) or not all(isinstance(values, dict) for values in scenarios.values()):
+        return {}, [f"{parts.source}: 'scenario' must hold a table for each scenario. Write [scenario.NAME]."]
+    found = {name: dict(_flat(values)) for name, values in scenarios.items()}
+    # Of two tables with one name the first counts; the name has its own sentence.
+    places = {n: (t, i) for t in reversed(TABLES) for i, n in enumerate(parts.names[t]) if isinstance(n, str)}
+    errors = [
+        f"{parts.source}, [scenario.{name}]: {text}"
+        for name, values in found.items()
+        for key, value in values.items()
+        for text in _errors(places, key, value)
+    ]
+    return found, errors
+
+
+def _flat(values, before=""):
+    """Pairs of dotted keys and values of nested tables."""
+    for key, value in values.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{before}{key}.")
+        else:
+            yield f"{before}{key}", value
+
+
+def _errors(places, key, value) -> list[str]:
+    name, dot, field = key.rpartition(".")
+    if not dot:
+        return [f"{key!r} names no field. Write 'NAME.FIELD', as 'coupling.stiffness'."]
+    if name not in places:
+        return [f"there is no element {name!r} in {key!r}.{suggestion(name, places)}"]
+    table, _ = places[name]
+    fields = {f.name: f for f in dataclasses.fields(TABLES[table]) if f.metadata["kind"] == "number"}
+    if field not in fields:
+        return [f"a [[{table}]] as {name!r} has no number {field!r}.{suggestion(field, fields)}"]
+    if isinstance(value, list):
+        return [f"{key} is {shown(value)}, must be a number."]
+    return [f"{name!r}: {text}" for text in value_errors(fields[field], value)]
+
+
+__all__ = ["Parts", "element_errors", "name_errors", "number_like", "reference_errors", "shown", "value_errors"]
+
+LINKS = ("shaft", "mesh")
+
+
+class Parts:
+    """The elements of a scene by table, with the names and places that sentences use.
+
+    ``bad`` collects (table, index, field) of what a sentence was said about; the checks of the whole train leave
+    it out. ``complete`` is False where some table of the scene could not be read. Engines are replaced by their
+    cylinders, which come last; ``engine_errors`` are sentences on those that cannot be.
+    """
+
+    def __init__(self, elements, source: str, *, complete: bool = True):
+        self.source, self.complete, self.bad = source, complete, set()
+        self.tables = {table: [] for table in TABLES}
+        engines = [element for element in elements if isinstance(element, Engine)]
+        for element in elements:
+            if isinstance(element, Engine):
+                continue
+            if table_of(element) not in TABLES or not isinstance(element, TABLES[table_of(element)]):
+                raise SceneError(f"{source}: {element!r} is no element of a drive train.{suggestion('', TABLES)}")
+            self.tables[table_of(element)].append(element)
+        self._put_engines(engines)
+        self.names = {table: [getattr(e, "name", None) for e in rows] for table, rows in self.tables.items()}
+        self._give_names()
+        self.disk_names = [*self.names["disk"], *self.names["damper"]]
+        self.disk_of = {name: i for i, name in enumerate(self.disk_names) if isinstance(name, str)}
+        self._count = Counter(name for name in self.disk_names if isinstance(name, str))
+
+    def _put_engines(self, engines):
+        """Put the cylinders of engines behind those of the scene."""
+        given, self.engine_errors = list(self.tables["cylinder"]), []
+        self._engine_of = [""] * len(given)
+        known = [e.name for table in ("disk", "damper") for e in self.tables[table] if isinstance(e.name, str)]
+        for engine in engines:
+            where = f"{self.source}, [engine]{f' {engine.name!r}' if isinstance(engine.name, str) else ''}"
+            errors = engine_errors(engine, where, known)
+            disks = engine.disks if isinstance(engine.disks, tuple | list) else ()
+            for i, cylinder in enumerate(given):
+                if cylinder.disk in disks:
+                    text = f"it sits on {cylinder.disk!r}, a disk of an [engine], which makes its cylinders"
+                    errors.append(f"{self.where('cylinder', i)}: {text}. Remove one of them.")
+            if errors:
+                # Its cylinders are missing: what follows from that is no fault of the train.
+                self.complete = False
+                self.engine_errors += errors
+                continue
+            made = cylinders(engine)
+            self.tables["cylinder"] += made
+            self._engine_of += [where] * len(made)
+
+    def _give_names(self):
+        count = Counter()
+        for table in TABLES:
+            for i, element in enumerate(self.tables[table]):
+                if self.names[table][i] is not None or table in ("disk", "damper"):
+                    continue
+                if table in LINKS:
+                    ends = element.between if isinstance(element.between, tuple | list) else ()
+                    base = "|".join(end if isinstance(end, str) else shown(end) for end in ends)
+                else:
+                    base = f"{element.disk if isinstance(element.disk, str) else shown(element.disk)}:{table}"
+                count[base] += 1
+                self.names[table][i] = base if count[base] == 1 else f"{base}#{count[base]}"
+
+    def where(self, table: str, i: int) -> str:
+        """Say which element: ``gears.toml, [[shaft]] no. 3 'coupling'``."""
+        if table == "cylinder" and self._engine_of[i]:
+            return self._engine_of[i]
+        name = getattr(self.tables[table][i], "name", None)
+        return f"{self.source}, [[{table}]] no. {i + 1}{f' {name!r}' if isinstance(name, str) else ''}"
+
+    def usable(self, table: str, i: int, *fields: str) -> bool:
+        """Tell whether fields of an element can be computed with."""
+        return not any((table, i, name) in self.bad for name in fields)
+
+    def disk(self, name) -> int | None:
+        """Index of a disk or ring, None where the name is not that of exactly one."""
+        return self.disk_of[name] if isinstance(name, str) and self._count[name] == 1 else None
+
+    def links(self, table: str) -> list[tuple[int, tuple[int, int]]]:
+        """Index and disks of the links of a table whose ends are known."""
+        found = []
+        for i, element in enumerate(self.tables[table]):
+            pair = element.between if isinstance(element.between, tuple | list) else ()
+            ends = [disk for disk in map(self.disk, pair) if disk is not None]
+            if len(pair) == len(ends) == 2 and ends[0] != ends[1]:
+                found.append((i, (ends[0], ends[1])))
+        return found
+
+    def seats(self, table: str) -> list[tuple[int, int]]:
+        """Index and disk of the elements of a table that sit on a known disk, not on their own ring."""
+        found = [(i, self.disk(element.disk)) for i, element in enumerate(self.tables[table])]
+        rings = len(self.tables["disk"])
+        return [(i, d) for i, d in found if d is not None and not (table == "damper" and d == rings + i)]
+
+    def ends(self, table: str) -> list[tuple[int, int]]:
+        """Pairs of disks that the links of a table join."""
+        return [ends for _, ends in self.links(table)]
+
+    def sits_on(self, table: str) -> list[int]:
+        """Disks that the elements of a table sit on."""
+        return [disk for _, disk in self.seats(table)]
+
+    @property
+    def connected(self) -> bool:
+        """Tell whether it is known what every link joins."""
+        found = [(self.tables[t], len(self.links(t))) for t in LINKS]
+        found.append((self.tables["damper"], len(self.seats("damper"))))
+        known = all(len(rows) == known for rows, known in found)
+        return self.complete and known and all(self.disk(name) is not None for name in self.disk_names)
+
+
+def element_errors(parts: Parts) -> list[str]:
+    """Find what is wrong with each element by itself: keys, values, rows; and mark it in ``parts.bad``."""
+    errors = []
+    special = {"mesh": (mesh_errors, "law"), "cylinder": (cylinder_errors, "fires")}
+    special |= {"shaft": (shaft_errors, "stiffness"), "damper": (damper_errors, "stiffness")}
+    special["torque"] = _torque_errors, "speed_exponent"
+    for table, rows in parts.tables.items():
+        for i, element in enumerate(rows):
+            where = parts.where(table, i)
+            for f in dataclasses.fields(element):
+                found = field_errors(where, f, getattr(element, f.name))
+                if found is not None:
+                    parts.bad.add((table, i, f.name))
+                    errors += found
+            if table in special:
+                check, field = special[table]
+                found = check(element)
+                if found:
+                    parts.bad.add((table, i, field))
+                    errors += [f"{where}: {text}" for text in found]
+    return errors
+
+
+def _torque_errors(torque) -> list[str]:
+    """Check that a power of the speed has a speed at which the torque holds."""
+    if torque.speed_exponent is not None and torque.rated_rpm is None:
+        return ["speed_exponent is given without rated_rpm. Give the speed at which the torque has this size."]
+    return []
+
+
+def name_errors(parts: Parts) -> list[str]:
+    """Find names that stand for several elements."""
+    places = {}
+    for table in TABLES:
+        for i, name in enumerate(parts.names[table]):
+            if isinstance(name, str):
+                places.setdefault(name, []).append((table, i))
+    errors = []
+    for name, found in places.items():
+        if len(found) > 1:
+            first = f"[[{found[0][0]}]] no. {found[0][1] + 1}"
+            for table, i in found[1:]:
+                errors.append(
+                    f"{parts.source}, [[{table}]] no. {i + 1}: the name {name!r} is taken by {first}. Rename."
+                )
+    return errors
+
+
+def reference_errors(parts: Parts, reference) -> list[str]:
+    """Find references to disks that do not exist, and links that join a disk to itself."""
+    errors = []
+    known = [name for name in parts.disk_names if isinstance(name, str)]
+    if not parts.tables["disk"]:
+        errors.append(f"{parts.source}: there is no [[disk]]. Give at least one.")
+    for table, rows in parts.tables.items():
+        for i, element in enumerate(rows):
+            pair = getattr(element, "between", None) if table in LINKS else (getattr(element, "disk", None),)
+            ends = [end for end in pair if isinstance(end, str)] if isinstance(pair, tuple | list) else []
+            for end in ends:
+                if end not in parts.disk_of:
+                    text = f"there is no disk {end!r}.{suggestion(end, known)}"
+                    errors.append(f"{parts.where(table, i)}: {text}")
+            if len(ends) == 2 and ends[0] == ends[1]:
+                errors.append(f"{parts.where(table, i)}: it joins {ends[0]!r} to itself. Name two different disks.")
+            if table == "damper" and ends and ends[0] == element.name:
+                errors.append(f"{parts.where(table, i)}: it sits on itself. Name the disk that carries it.")
+    if reference is not None and not (isinstance(reference, str) and reference in parts.disk_of):
+        errors.append(
+            f"{parts.source}, [scene]: reference: there is no disk {shown(reference)}.{suggestion(reference, known)}"
+        )
+    return errors

@@ -1,0 +1,375 @@
+"""What a drive train is made of, as the engineer writes it: one frozen dataclass for each ``[[table]]`` of a scene,
+with unit and range of every number.
+
+The elements only hold what was written. Nothing is checked when one is made;
+:func:`jaxhb.train.assembly.build` checks all of them together. Every numeric field carries its unit and its
+allowed range, which the checks and the sentences of the errors read. Units are SI, angles at the border in
+degrees.
+
+Examples
+--------
+>>> from jaxhb.elements.elements import Disk, Shaft
+>>> parts = [Disk(name="a", inertia=1.0), Disk(name="b", inertia=2.0)]
+>>> parts += [Shaft(between=("a", "b"), stiffness=1e4)]
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True, kw_only=True)
+class Range:
+    """The numbers a field may take, with its unit and what to do about a number outside."""
+
+    unit: str = ""
+    above: float | None = None
+    least: float | None = None
+    below: float | None = None
+    most: float | None = None
+    remedy: str = ""
+
+    def contains(self, value) -> bool:
+        """Tell whether ``value`` (finite) lies in the range."""
+        return not (
+            (self.above is not None and not value > self.above)
+            or (self.least is not None and not value >= self.least)
+            or (self.below is not None and not value < self.below)
+            or (self.most is not None and not value <= self.most)
+        )
+
+    def words(self) -> str:
+        """Say the range: ``greater than 0 N m/rad``."""
+        unit = f" {self.unit}" if self.unit else ""
+        parts = []
+        if self.above is not None:
+            parts.append(f"greater than {self.above:g}{unit}")
+        if self.least is not None:
+            parts.append(f"at least {self.least:g}{unit}")
+        if self.below is not None:
+            parts.append(f"less than {self.below:g}{unit}")
+        if self.most is not None:
+            parts.append(f"at most {self.most:g}{unit}")
+        return " and ".join(parts) or f"a finite number{f' in {self.unit}' if self.unit else ''}"
+
+
+REQUIRED = dataclasses.MISSING
+
+
+def quantity(unit: str, default: Any = REQUIRED, **limits) -> Any:
+    return field(default=default, metadata={"kind": "number", "range": Range(unit=unit, **limits)})
+
+
+def positive(unit: str, default: Any = REQUIRED, remedy: str = "") -> Any:
+    return quantity(unit, default, above=0.0, remedy=remedy)
+
+
+def not_negative(unit: str, default: Any = REQUIRED, remedy: str = "") -> Any:
+    return quantity(unit, default, least=0.0, remedy=remedy)
+
+
+def choice(default: str, *words: str) -> Any:
+    return field(default=default, metadata={"kind": "choice", "words": (default, *words)})
+
+
+def rows(columns: tuple[str, ...], default: Any = ()) -> Any:
+    return field(default=default, metadata={"kind": "rows", "columns": columns})
+
+
+def flag(default: bool) -> Any:
+    return field(default=default, metadata={"kind": "flag"})
+
+
+def table(cls) -> Any:
+    return field(default=None, metadata={"kind": "table", "of": cls})
+
+
+def tables(cls) -> Any:
+    return field(default=None, metadata={"kind": "tables", "of": cls})
+
+
+def named(required: bool = False) -> Any:
+    metadata = {"kind": "name", "required": required}
+    return field(metadata=metadata) if required else field(default=None, metadata=metadata)
+
+
+def of_disk() -> Any:
+    return field(metadata={"kind": "disk"})
+
+
+def of_pair() -> Any:
+    return field(metadata={"kind": "pair"})
+
+
+class SceneError(ValueError):
+    """What is wrong with a scene or with a request to change it: one sentence a line, all of them at once."""
+
+    def __init__(self, sentences):
+        self.sentences = (sentences,) if isinstance(sentences, str) else tuple(sentences)
+        super().__init__("\n".join(self.sentences))
+
+
+def suggestion(word: str, known) -> str:
+    """Say what was probably meant: `` Did you mean 'stiffness'?``, or the choices where nothing is near."""
+    known = list(known)
+    near = difflib.get_close_matches(word if isinstance(word, str) else "", known, n=1, cutoff=0.6)
+    if near:
+        return f" Did you mean {near[0]!r}?"
+    if not known:
+        return ""
+    shown = ", ".join(repr(k) for k in known[:8])
+    return f" Known: {shown}{', …' if len(known) > 8 else ''}."
+
+
+class Unread:
+    """Stands for a value that could not be read and about which a sentence has been said."""
+
+
+_SCALE = ("rpm", "factor")
+_OVER_HZ = ("hz", "factor of stiffness", "factor of damping")
+_OVER_AMPLITUDE = ("amplitude", "factor of stiffness", "factor of damping")
+_HARMONICS = ("order", "Re", "Im")
+_PRESSURE = ("angle", "pressure")
+_STRAIGHT = "Leave the key out for a mesh that is always in contact."
+# No shaft is thicker: what is more is in mm.
+_IN_METRES = {"most": 5.0, "remedy": "Give it in m."}
+_FORM_FACTOR = (
+    "It is the factor C_K of IACS UR M68: 1 for an integral flange, 0.6 for a keyway on a taper; for a notch with"
+    " stress concentration factor scf give 1.45 / scf."
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Disk:
+    """``[[disk]]``: an inertia (0 is condensed exactly); with a radius it is a gear."""
+
+    name: str = named(required=True)
+    inertia: float = not_negative("kg m2", remedy="0 is allowed and is condensed exactly.")
+    radius: float | None = positive("m", None, "Leave the key out for a disk that is no gear.")
+    teeth: int | None = field(default=None, metadata={"kind": "count", "range": Range(least=1.0)})
+    damping: float = not_negative("N m s/rad", 0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Link:
+    """What shafts, dampers and meshes have in common: other ways to give their viscous damping.
+
+    ``magnifier`` M, the dynamic magnifier, or ``damping_ratio`` D, Lehr's, holds at the frequency ``damping_hz``
+    (:func:`jaxhb.viscous_damping`).
+    """
+
+    magnifier: float | None = positive("", None)
+    damping_ratio: float | None = positive("", None)
+    damping_hz: float | None = positive("Hz", None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shaft(Link):
+    """``[[shaft]]``: an elastic link between two disks of one rotor.
+
+    ``stiffness`` is given or follows from ``length``, ``outer`` and ``inner`` diameter and ``shear_modulus``
+    (:func:`jaxhb.shaft_stiffness`).
+    ``over_hz`` = rows of (frequency in Hz, factor of stiffness, factor of damping and loss factor) and
+    ``over_amplitude`` = the same over the amplitude of its vibratory twist in rad make it vary
+    (:mod:`jaxhb.train.varying`); only the linear forced response takes that.
+    :func:`jaxhb.strength` alone reads the rest: ``diameter`` and ``bore`` of the section that is judged (``outer`` and
+    ``inner`` unless given), the factor C_K of its form in IACS UR M68 (``stress_concentration``, 1 for an integral
+    flange, less for what concentrates stresses), the ``tensile_strength`` sigma_B, and ``power_limit``, the heat that
+    it can give off.
+    """
+
+    between: tuple[str, str] = of_pair()
+    stiffness: float | None = positive("N m/rad", None, "Correct the value.")
+    damping: float = not_negative("N m s/rad", 0.0)
+    loss_factor: float = not_negative("", 0.0)
+    over_hz: tuple = rows(_OVER_HZ)
+    over_amplitude: tuple = rows(_OVER_AMPLITUDE)
+    name: str | None = named()
+    length: float | None = positive("m", None)
+    outer: float | None = quantity("m", None, above=0.0, **_IN_METRES)
+    inner: float = quantity("m", 0.0, least=0.0, **_IN_METRES)
+    shear_modulus: float | None = quantity("Pa", None, least=1e5, remedy="Give it in Pa: steel has about 8e10.")
+    diameter: float | None = quantity("m", None, above=0.0, **_IN_METRES)
+    bore: float = quantity("m", 0.0, least=0.0, **_IN_METRES)
+    stress_concentration: float | None = quantity("", None, above=0.0, most=1.0, remedy=_FORM_FACTOR)
+    tensile_strength: float | None = quantity("Pa", None, least=1e8, most=5e9, remedy="Give it in Pa: 600 MPa is 6e8.")
+    power_limit: float | None = positive("W", None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mesh(Link):
+    """``[[mesh]]``: the tooth contact between two gears.
+
+    ``epsilon`` and ``transition`` are 1e-3 and 0.04 when neither they nor ``law = "fridman2009"`` (0.03 and
+    0.2, the law (18) of Fridman 2009) are given. ``rated_torque`` is that of its first gear; :func:`jaxhb.strength`
+    reads it.
+    """
+
+    between: tuple[str, str] = of_pair()
+    kind: str = choice("external", "internal")
+    stiffness: float = positive("N/m")
+    damping: float = not_negative("N s/m", 0.0)
+    damping_law: str = choice("contact", "always")
+    backlash: float | None = positive("m", None, _STRAIGHT)
+    epsilon: float | None = quantity("", None, least=0.0, below=1.0)
+    transition: float | None = quantity("", None, above=0.0, most=1.0)
+    law: str = choice("", "fridman2009")
+    rated_torque: float | None = positive("N m", None)
+    name: str | None = named()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Damper(Link):
+    """``[[damper]]``: an inertia ring behind a viscous or rubber link; the ring is a disk of this name.
+
+    With ``order`` it is an order-tuned absorber (a pendulum): inertia x (order x speed of its rotor)^2 adds to its
+    stiffness. ``over_hz``, ``over_amplitude`` and ``power_limit`` as of a :class:`Shaft`.
+    """
+
+    name: str = named(required=True)
+    disk: str = of_disk()
+    inertia: float = positive("kg m2")
+    damping: float = not_negative("N m s/rad", 0.0)
+    stiffness: float = not_negative("N m/rad", 0.0, "0 is allowed: a viscous damper.")
+    loss_factor: float = not_negative("", 0.0)
+    order: float | None = positive("", None, "Leave the key out for a damper that is not tuned to an order.")
+    over_hz: tuple = rows(_OVER_HZ)
+    over_amplitude: tuple = rows(_OVER_AMPLITUDE)
+    power_limit: float | None = positive("W", None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ground:
+    """``[[ground]]``: a soft spring from a disk to the ground, which fixes the mean angle."""
+
+    disk: str = of_disk()
+    stiffness: float = positive("N m/rad")
+    name: str | None = named()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Load:
+    """``[[load]]``: the driven machine, whose torque balances the mean power of all other torques.
+
+    ``share`` is that of its torque, on its own shaft, relative to the shares of other loads. ``harmonics`` make the
+    torque pulsate, as the blades of a propeller and the pistons of a pump do: rows of (order of its own rotor, Re, Im),
+    so that it is its mean x (1 + sum Re((Re + i Im) exp(i order theta))).
+    """
+
+    disk: str = of_disk()
+    share: float = positive("", 1.0, "Leave out the load that takes no share.")
+    harmonics: tuple = rows(_HARMONICS)
+    name: str | None = named()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Torque:
+    """``[[torque]]``: mean + sum Re((Re + i Im) exp(i order theta)) in N m, times ``scale`` over rpm.
+
+    With ``rated_rpm``, a speed of the reference rotor, all of it grows as (rpm / rated_rpm)^speed_exponent, 2 unless
+    given: the law of propellers, fans and inertia torques.
+    """
+
+    disk: str = of_disk()
+    mean: float = quantity("N m", 0.0)
+    harmonics: tuple = rows(_HARMONICS)
+    orders_of: str = choice("reference", "own")
+    scale: tuple = rows(_SCALE)
+    rated_rpm: float | None = positive("rpm", None)
+    speed_exponent: float | None = not_negative("", None)
+    name: str | None = named()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trace:
+    """``[[cylinder.traces]]``: a pressure table, and the speed of the reference rotor and the load it holds for."""
+
+    rpm: float = positive("rpm")
+    load: float = not_negative("", 1.0)
+    pressure: tuple = rows(_PRESSURE, REQUIRED)
+    table_firing_tdc: float | None = quantity("deg", None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Combustion:
+    """``[cylinder.combustion]``: the numbers of :mod:`jaxhb.excitation.combustion`, at full load.
+
+    Angles count from firing top dead centre. Either ``heat``, released per cycle, or ``imep``, the indicated mean
+    effective pressure of the whole cycle, is given. ``exhaust_pressure`` is ``charge_pressure`` unless given.
+    """
+
+    compression_ratio: float = quantity("", above=1.0)
+    charge_pressure: float = positive("Pa")
+    exhaust_pressure: float | None = positive("Pa", None)
+    start: float = quantity("deg", above=-180.0, below=180.0)
+    duration: float = quantity("deg", above=0.0, most=360.0)
+    shape: float = quantity("", 1.0, above=0.0, most=20.0)
+    heat: float | None = not_negative("J", None)
+    imep: float | None = quantity("Pa", None)
+    compression_exponent: float = quantity("", 1.35, above=1.0, most=5.0 / 3.0)
+    expansion_exponent: float = quantity("", 1.28, above=1.0, most=5.0 / 3.0)
+    stroke_cycle: int = field(default=4, metadata={"kind": "count", "range": Range(least=1.0)})
+
+
+@dataclass(frozen=True, kw_only=True)
+class CrankSlider:
+    """What a ``[[cylinder]]`` and an ``[engine]`` have in common: geometry, gas and what is kept of the torques."""
+
+    bore: float | None = positive("m", None)
+    stroke: float | None = positive("m", None)
+    rod: float | None = positive("m", None)
+    reciprocating_mass: float = not_negative("kg", 0.0)
+    firing_angle: float = quantity("deg", 0.0)
+    pressure: tuple | None = rows(_PRESSURE, None)
+    table_firing_tdc: float | None = quantity("deg", None)
+    traces: tuple | None = tables(Trace)
+    combustion: Combustion | None = table(Combustion)
+    load: tuple = rows(("rpm", "share"))
+    ambient_pressure: float = not_negative("Pa", 0.0)
+    gas_torque_mean: float | None = quantity("N m", None)
+    gas_torque: tuple | None = rows(_HARMONICS, None)
+    gas_factor: float | None = not_negative("", None, "0 is allowed: a misfire.")
+    orders: float = positive("", 12.0)
+    kinematics: str = choice("exact", "mendes2008")
+    fires: bool = flag(True)
+    scale: tuple = rows(_SCALE)
+    name: str | None = named()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cylinder(CrankSlider):
+    """``[[cylinder]]``: the gas torque and the inertia torque of a crank-slider.
+
+    The gas torque is computed from ``pressure`` = rows of (crank angle deg, Pa), from several such tables over speed
+    and load (``traces``), or from a model (``combustion``); or it is given by ``gas_torque_mean`` and ``gas_torque`` =
+    rows of (order, Re, Im) for firing at 0, orders of its own rotor.
+    ``orders`` is the largest order of its own rotor that is kept of computed torques. ``ambient_pressure``
+    acts on the other side of the piston. A table that goes beyond 360 deg or over more than 360 deg is that of two
+    revolutions and fires at 360 deg, one within fires at 0, unless ``table_firing_tdc`` says otherwise.
+    ``load`` = rows of (rpm, share of full load) says which of the ``traces`` hold, and multiplies ``heat`` or ``imep``.
+    ``gas_factor`` multiplies the gas torque: the scatter from cylinder to cylinder.
+    ``kinematics = "mendes2008"`` takes the piston acceleration of the inertia torque from the short series of that
+    paper instead of the exact one.
+    """
+
+    disk: str = of_disk()
+
+
+TABLES = {
+    "disk": Disk,
+    "shaft": Shaft,
+    "mesh": Mesh,
+    "damper": Damper,
+    "ground": Ground,
+    "load": Load,
+    "torque": Torque,
+    "cylinder": Cylinder,
+}
+
+
+def table_of(element) -> str:
+    """Name the ``[[table]]`` that describes an element: ``table_of(Disk(...)) == "disk"``."""
+    return type(element).__name__.lower()

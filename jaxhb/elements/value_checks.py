@@ -1,0 +1,382 @@
+"""Checks of the values of an element: fields, tables, what a link is given by, where gas torque comes from."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections import Counter
+
+import numpy as np
+
+from jaxhb.elements.elements import Combustion, Trace, Unread, suggestion
+from jaxhb.excitation import gas
+
+
+def shown(value) -> str:
+    """Write a value into a sentence, in short."""
+    # Beyond float64; and repr refuses more than 4300 digits.
+    if isinstance(value, int) and value.bit_length() > 1023:
+        return f"an integer of about {int(value.bit_length() * math.log10(2.0)) + 1} digits"
+    try:
+        text = repr(value)
+    except ValueError:
+        return "a value too long to be written"
+    return text if len(text) <= 100 else f"{text[:100]}…"
+
+
+def number_like(value) -> bool:
+    """Tell whether a value is a number and no truth value."""
+    if isinstance(value, bool):
+        return False
+    try:
+        float(value)
+    except (TypeError, ValueError, OverflowError):
+        return False
+    return not isinstance(value, str)
+
+
+def field_errors(where, f, value) -> list[str] | None:
+    """Sentences on one field; None where it is sound, none where they have been said already."""
+    if isinstance(value, Unread):
+        return []
+    if value is None:
+        return [_missing(where, f)] if f.default is not None else None
+    if f.metadata["kind"] in ("table", "tables"):
+        return _table_errors(where, f, value)
+    return [f"{where}: {text}" for text in _value_errors(f, value)] or None
+
+
+def _table_errors(where, f, value) -> list[str] | None:
+    """Sentences on a table inside an element, or on a list of them; None where all is sound."""
+    cls, several = f.metadata["of"], f.metadata["kind"] == "tables"
+    rows = value if several else [value]
+    if not isinstance(rows, tuple | list) or not rows or not all(isinstance(row, cls) for row in rows):
+        wanted = f"one table or more. Write [[….{f.name}]]" if several else f"a table. Write [….{f.name}]"
+        return [f"{where}: {f.name} is {shown(value)}, must be {wanted}."]
+    found = []
+    for k, row in enumerate(rows):
+        inside = f"{where}, {f.name}{f' no. {k + 1}' if several else ''}"
+        found += [field_errors(inside, g, getattr(row, g.name)) for g in dataclasses.fields(row)]
+    said = [sentences for sentences in found if sentences is not None]
+    return [text for sentences in said for text in sentences] if said else None
+
+
+def _missing(where, f) -> str:
+    """Sentence for a key that is not there."""
+    limits = f.metadata.get("range")
+    kinds = {
+        "name": "a text, unique over all tables",
+        "disk": "the name of a disk",
+        "pair": "the names of two disks",
+        "list": "a list",
+        "rows": f"rows of {', '.join(f.metadata.get('columns', ()))}, or the name of a CSV file",
+    }
+    wanted = limits.words() if limits else kinds.get(f.metadata["kind"], "a value")
+    return f"{where}: the key {f.name!r} is missing. Give {wanted}."
+
+
+def _value_errors(f, value) -> list[str]:
+    """Check one value against the kind and the range of its field."""
+    kind = f.metadata["kind"]
+    if kind in ("number", "count"):
+        return value_errors(f, value)
+    if kind in ("name", "disk") and not (isinstance(value, str) and value):
+        return [f"{f.name} is {shown(value)}, must be a text."]
+    if kind == "pair":
+        good = isinstance(value, tuple | list) and len(value) == 2 and all(isinstance(v, str) for v in value)
+        return [] if good else [f"{f.name} is {shown(value)}, must be the names of two disks."]
+    if kind == "flag" and not isinstance(value, bool):
+        return [f"{f.name} is {shown(value)}, must be true or false."]
+    if kind == "choice" and value not in f.metadata["words"]:
+        words = [w for w in f.metadata["words"] if w]
+        return [f"{f.name} is {shown(value)}, must be {' or '.join(repr(w) for w in words)}.{suggestion(value, words)}"]
+    if kind == "list":
+        return [] if isinstance(value, tuple | list) else [f"{f.name} is {shown(value)}, must be a list."]
+    if kind == "rows":
+        return row_errors(f.name, f.metadata["columns"], value)
+    return []
+
+
+def value_errors(f, value) -> list[str]:
+    """Check a number against the range in its field's metadata; sentences without the element."""
+    limits = f.metadata["range"]
+    unit = f" {limits.unit}" if limits.unit else ""
+    if isinstance(value, int) and not isinstance(value, bool) and not number_like(value):
+        return [f"{f.name} is {shown(value)}{unit}, must be a finite number."]
+    if not number_like(value):
+        return [f"{f.name} is {shown(value)}, must be a number{f' in {limits.unit}' if limits.unit else ''}."]
+    number = float(value)
+    if not math.isfinite(number):
+        return [f"{f.name} is {number}{unit}, must be a finite number."]
+    if f.metadata["kind"] == "count" and number != int(number):
+        return [f"{f.name} is {number:g}, must be a whole number."]
+    if not limits.contains(number):
+        remedy = f" {limits.remedy}" if limits.remedy else " Correct the value or leave the key out."
+        if f.default is dataclasses.MISSING and not limits.remedy:
+            remedy = " Correct the value."
+        return [f"{f.name} is {number:g}{unit}, must be {limits.words()}.{remedy}"]
+    return []
+
+
+def row_errors(name, columns, rows) -> list[str]:
+    """Check a table of numbers: its columns, finiteness, and the growth of its first column."""
+    wanted = ", ".join(columns)
+    if not isinstance(rows, tuple | list):
+        return [f"{name} is {shown(rows)}, must be a list of rows [{wanted}]."]
+    for k, row in enumerate(rows):
+        good = isinstance(row, tuple | list) and len(row) == len(columns) and all(number_like(v) for v in row)
+        if not good:
+            return [f"{name}, row {k + 1} is {shown(row)}, must be {len(columns)} numbers [{wanted}]."]
+        if not all(math.isfinite(float(v)) for v in row):
+            return [f"{name}, row {k + 1} is {shown(list(row))}, must be finite numbers."]
+    first = [float(row[0]) for row in rows]
+    if columns[0] == "order":
+        errors = [
+            f"{name}, row {k + 1}: order is {order:g}, must be greater than 0. Give the mean by its own key."
+            for k, order in enumerate(first)
+            if order <= 0.0
+        ]
+        errors += [f"{name}: order {o:g} stands {n} times. Add the rows." for o, n in Counter(first).items() if n > 1]
+        return errors
+    for k in range(1, len(first)):
+        if first[k] <= first[k - 1]:
+            cure = "Leave out one of the two rows" if first[k] == first[k - 1] else "Sort the rows"
+            text = f"{columns[0]} {first[k]:g} after {first[k - 1]:g}; must increase. {cure}."
+            return [f"{name}, row {k + 1}: {text}"]
+    if columns[0] in ("hz", "amplitude"):
+        return _factor_errors(name, columns, rows)
+    if columns[0] == "rpm" and first and first[0] < 0.0:
+        return [f"{name}, row 1: rpm is {first[0]:g}, must be at least 0. Speeds are positive; correct the row."]
+    return _span_errors(name, first, rows) if columns[0] == "angle" else []
+
+
+def _factor_errors(name, columns, rows) -> list[str]:
+    """Check the signs of rows (frequency or amplitude, factor of stiffness, factor of damping)."""
+    # 5e-324 is the least number above 0.
+    limits = {columns[0]: ("at least 0", 0.0), columns[2]: ("at least 0", 0.0), columns[1]: ("greater than 0", 5e-324)}
+    return [
+        f"{name}, row {k + 1}: {column} is {row[columns.index(column)]:g}, must be {words}. Correct the row."
+        for k, row in enumerate(rows)
+        for column, (words, least) in limits.items()
+        if not row[columns.index(column)] >= least
+    ]
+
+
+def _span_errors(name, angle, rows) -> list[str]:
+    """Check that a pressure table covers one gas cycle, but for one step at the most."""
+    if len(angle) < 2:
+        return [f"{name} has {len(angle)} rows, needs at least 2."]
+    span = angle[-1] - angle[0]
+    if span > 720.0 + 1e-9:
+        return [f"{name} spans {span:g} deg, must span at most 720 deg. Give one gas cycle."]
+    period = 720.0 if gas.is_four_stroke(rows) else 360.0
+    steps = np.diff(angle)
+    # The end of a table may be left out: as much as a step of it, up to an eighth of the cycle.
+    step = min(max(float(np.median(steps)), steps[0], steps[-1]), period / 8.0)
+    if span >= period - step - 1e-6:
+        return []
+    return [
+        f"{name} covers {angle[0]:g} to {angle[-1]:g} deg, must cover a whole gas cycle of {period:g} deg but for one"
+        f" step ({step:g} deg). Add the missing angles; four-stroke tables span 720 deg, two-stroke tables 360 deg"
+        " within -360 to 360 deg."
+    ]
+
+
+_UNITS = {
+    "stiffness": " N m/rad",
+    "damping": " N m s/rad",
+    "length": " m",
+    "outer": " m",
+    "inner": " m",
+    "diameter": " m",
+    "bore": " m",
+    "shear_modulus": " Pa",
+    "tensile_strength": " Pa",
+    "damping_hz": " Hz",
+}
+_ASKED = {
+    "diameter": "diameter (or outer) in m",
+    "stress_concentration": "stress_concentration (C_K of the form, 1 for an integral flange, less otherwise)",
+    "tensile_strength": "tensile_strength in Pa",
+}
+
+
+def shaft_errors(shaft) -> list[str]:
+    """Check that a shaft has one stiffness and one damping, and what its limits need."""
+    return _stiffness_errors(shaft) + _damping_errors(shaft) + _section_errors(shaft)
+
+
+def mesh_errors(mesh) -> list[str]:
+    """Check what the law of a mesh is made of, and that it has one damping."""
+    texts = _damping_errors(mesh, damping=" N s/m")
+    both = [key for key in ("epsilon", "transition") if getattr(mesh, key) is not None]
+    if mesh.law and both:
+        texts.append(f"law = {shown(mesh.law)} is given together with {' and '.join(both)}. Keep one of them.")
+    return texts
+
+
+def damper_errors(damper) -> list[str]:
+    """Check that a damper's ring is held by something, and that it has one damping."""
+    if damper.stiffness != 0 or damper.damping != 0:
+        return _damping_errors(damper)
+    way = _given(damper, "magnifier", "damping_ratio")
+    if way:
+        needs = "needs a stiffness greater than 0 N m/rad, of which the damping is a share"
+        return [f"{way[0]} {needs}. Give a stiffness, or the damping in N m s/rad."]
+    if damper.order is None:
+        return ["damping and stiffness are both 0, so that the ring is loose. Give at least one of them."]
+    return _damping_errors(damper)
+
+
+def _given(link, *keys, **units) -> list[str]:
+    """``key = value unit`` of the keys that are given, not as 0."""
+    found = [(key, getattr(link, key, None)) for key in keys]
+    found = [(key, value) for key, value in found if value is not None and not (number_like(value) and value == 0)]
+    units = _UNITS | units
+    return [f"{key} = {value:g}{units.get(key, '')}" if plain_number(value) else f"{key}" for key, value in found]
+
+
+def plain_number(value) -> bool:
+    """Whether a value is a number that can be printed, no text, no truth value and not infinite."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
+
+
+def _and(words) -> str:
+    words = list(words)
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+
+
+def _stiffness_errors(shaft) -> list[str]:
+    sizes = _given(shaft, "length", "outer", "inner", "shear_modulus")
+    if shaft.stiffness is not None:
+        if not sizes:
+            return []
+        own = (_given(shaft, "stiffness") or ["stiffness"])[0]
+        rest = "Keep stiffness, or length, outer, inner and shear_modulus."
+        return [f"{own} is given together with {_and(sizes)}. {rest}"]
+    lacking = [key for key in ("length", "outer", "shear_modulus") if getattr(shaft, key) is None]
+    if not sizes:
+        text = "the key 'stiffness' is missing. Give greater than 0 N m/rad"
+        return [f"{text}, or length, outer and inner in m and shear_modulus in Pa."]
+    if lacking:
+        return [f"{_and(sizes)} without {_and(lacking)} give no stiffness. Give the rest, or stiffness in N m/rad."]
+    return _hole_errors(shaft, "inner", "outer")
+
+
+def _hole_errors(shaft, hole: str, around: str) -> list[str]:
+    inside, outside = getattr(shaft, hole), getattr(shaft, around)
+    if not (number_like(inside) and number_like(outside)) or inside < outside:
+        return []
+    return [f"{hole} is {inside:g} m, must be less than {around} = {outside:g} m. Correct one of them."]
+
+
+def _damping_errors(link, **units) -> list[str]:
+    ways = _given(link, "damping", "magnifier", "damping_ratio", **units)
+    shares, at = _given(link, "magnifier", "damping_ratio"), _given(link, "damping_hz")
+    if shares:
+        ways += _given(link, "loss_factor")
+    if len(ways) > 1:
+        return [f"{ways[0]} is given together with {_and(ways[1:])}. Keep one of them."]
+    if shares and not at:
+        return [f"{shares[0]} is given without damping_hz. Give the frequency in Hz at which it holds."]
+    if at and not shares:
+        return [f"{at[0]} is given without magnifier or damping_ratio. Give one of them, or leave it out."]
+    return []
+
+
+def _section_errors(shaft) -> list[str]:
+    texts, bore = [], _given(shaft, "bore")
+    if bore and shaft.diameter is None:
+        texts.append(f"{bore[0]} is given without diameter. Give the outer diameter in m.")
+    elif bore:
+        texts += _hole_errors(shaft, "bore", "diameter")
+    asked = _given(shaft, "stress_concentration", "tensile_strength")
+    lacking = [key for key in _ASKED if getattr(shaft, key) is None and (key != "diameter" or shaft.outer is None)]
+    if asked and lacking:
+        limits = f"{_and(asked)} {'ask' if len(asked) > 1 else 'asks'} for the stress limits of IACS UR M68"
+        texts.append(f"{limits}, without {_and(lacking)}. Give {_and(_ASKED[key] for key in lacking)}.")
+    return texts
+
+
+def rated_errors(parts, rated_rpm) -> list[str]:
+    """Check the rated speed, and that it is there where limits depend on it."""
+    if rated_rpm is not None:
+        if number_like(rated_rpm) and 0.0 < float(rated_rpm) < float("inf"):
+            return []
+        unit = " rpm" if number_like(rated_rpm) else ""
+        text = f"rated_rpm is {shown(rated_rpm)}{unit}, must be greater than 0 rpm. Correct it or leave the key out."
+        return [f"{parts.source}, [scene]: {text}"]
+    judged = [i for i, shaft in enumerate(parts.tables["shaft"]) if shaft.tensile_strength is not None]
+    if not judged:
+        return []
+    names = _and(repr(parts.names["shaft"][i]) for i in judged[:8]) + (", …" if len(judged) > 8 else "")
+    text = f"the key 'rated_rpm' is missing; the stress limits of {names} depend on the speed over it"
+    return [f"{parts.source}, [scene]: {text}. Give the rated speed of the reference rotor in rpm."]
+
+
+def cylinder_errors(cylinder) -> list[str]:
+    """Check that a cylinder has one source of its gas torque and the numbers this source needs."""
+    found = [key for key in gas.COMPUTED if getattr(cylinder, key) is not None]
+    given = cylinder.gas_torque is not None or cylinder.gas_torque_mean is not None
+    sources, errors = [*found, *["gas_torque"] * given], []
+    if len(sources) > 1:
+        several = "both" if len(sources) == 2 else "all"
+        errors.append(f"{', '.join(sources[:-1])} and {sources[-1]} are {several} given. Keep one of them.")
+    if cylinder.fires is True and not sources:
+        errors.append("neither pressure nor gas_torque is given. Give one of them, or set fires = false.")
+    needed, why = [], found[0] if found else "reciprocating_mass"
+    if found:
+        needed = ["bore", "stroke", "rod"]
+    elif number_like(cylinder.reciprocating_mass) and cylinder.reciprocating_mass > 0:
+        needed = ["stroke", "rod"]
+    missing = [key for key in needed if getattr(cylinder, key) is None]
+    errors += [f"the key {key!r} is missing; {why} needs it. Give it in m." for key in missing]
+    if number_like(cylinder.rod) and number_like(cylinder.stroke) and cylinder.rod <= cylinder.stroke / 2:
+        errors.append(
+            f"rod is {cylinder.rod:g} m, must be longer than half the stroke ({cylinder.stroke / 2:g} m)."
+            " Correct rod or stroke."
+        )
+    if cylinder.load and not {"traces", "combustion"} & set(found):
+        errors.append("load is given without traces or combustion, which it acts on. Give scale instead.")
+    errors += trace_errors(cylinder.traces) if isinstance(cylinder.traces, tuple | list) else []
+    return errors + (combustion_errors(cylinder.combustion) if isinstance(cylinder.combustion, Combustion) else [])
+
+
+def trace_errors(traces) -> list[str]:
+    """Check that traces stand at every pair of their speeds and loads, once, and have the same gas cycle."""
+    traces = [trace for trace in traces if isinstance(trace, Trace)]
+    if not all(number_like(trace.rpm) and number_like(trace.load) for trace in traces):
+        return []
+    count = Counter((float(trace.rpm), float(trace.load)) for trace in traces)
+    errors = [
+        f"traces: {n} of them are for {rpm:g} rpm and load {load:g}. Keep one."
+        for (rpm, load), n in count.items()
+        if n > 1
+    ]
+    speeds, loads = ({key[k] for key in count} for k in (0, 1))
+    lacking = sorted({(rpm, load) for rpm in speeds for load in loads} - set(count))
+    if lacking:
+        rpm, load = lacking[0]
+        errors.append(
+            f"traces: there is none for {rpm:g} rpm and load {load:g}, but for this speed and for this load: every"
+            " speed needs all loads. Add it; for one load curve leave out load."
+        )
+    tables = [trace.pressure for trace in traces]
+    if all(not row_errors("pressure", ("angle", "pressure"), rows) for rows in tables if not isinstance(rows, Unread)):
+        strokes = {gas.is_four_stroke(rows) for rows in tables if not isinstance(rows, Unread)}
+        if len(strokes) > 1:
+            errors.append("traces: some span 720 deg, some 360 deg. Give one gas cycle, the same for all.")
+    return errors
+
+
+def combustion_errors(combustion) -> list[str]:
+    """Check that either the heat or the mean pressure is given, and the strokes of a cycle."""
+    both = [key for key in ("heat", "imep") if getattr(combustion, key) is not None]
+    errors = []
+    if len(both) == 2:
+        errors.append("combustion: heat and imep are both given. Keep one of them.")
+    if not both:
+        errors.append("combustion: neither heat nor imep is given. Give one of them.")
+    if number_like(combustion.stroke_cycle) and combustion.stroke_cycle not in (2, 4):
+        errors.append(f"combustion: stroke_cycle is {combustion.stroke_cycle:g}, must be 2 or 4. Correct it.")
+    return errors

@@ -1,0 +1,146 @@
+"""The backlash law of a gear mesh: force, tangent stiffness and energy.
+
+Law (18) of Fridman 2009 with its two misprinted slopes exchanged (slope ``epsilon c`` in the gap, ``c`` in contact),
+for any relative width ``tau`` of the smooth transition. With ``c1 = epsilon c``, ``c2 = c``, ``D = c2 - c1``:
+
+    u = clip(|l| - (1 - tau) h/2, 0, tau h),     v = max(|l| - (1 + tau) h/2, 0)
+    f  = c1 l + sign(l) (D u^2 / (2 tau h) + D v)
+    f' = c1 + D u / (tau h)
+    U  = c1 l^2/2 + D u^3/(6 tau h) + D (v^2/2 + tau h v/2)
+
+``h`` is the total backlash. The functions take arrays that broadcast; automatic differentiation of this form equals
+``f'`` everywhere, the knots included, because ``u^2`` and ``v`` join with equal slopes.
+"""
+
+from dataclasses import dataclass
+
+import jax
+
+from jaxhb._jax import namespace
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Law:
+    """Parameters of the law, one entry per mesh.
+
+    stiffness : N/m in contact; epsilon : stiffness in the gap / in contact; transition : width of the smooth zone
+    / backlash; backlash : m, total.
+    """
+
+    stiffness: jax.Array
+    epsilon: jax.Array
+    transition: jax.Array
+    backlash: jax.Array
+
+    @property
+    def gap(self):
+        """(1 - tau) h/2 in m: the teeth are apart below it."""
+        return (1 - self.transition) * self.backlash / 2
+
+    @property
+    def width(self):
+        """tau h in m, of the smooth zone between gap and knee."""
+        return self.transition * self.backlash
+
+    @property
+    def knee(self):
+        """(1 + tau) h/2 in m: the tooth has its full stiffness beyond it."""
+        return (1 + self.transition) * self.backlash / 2
+
+    @property
+    def knee_force(self):
+        """Elastic force in N at the knee."""
+        return self.stiffness * (self.epsilon + self.transition) * self.backlash / 2
+
+    @property
+    def gap_spring_force(self):
+        """epsilon c h/2 in N, what the spring in the gap carries at most."""
+        return self.stiffness * self.epsilon * self.backlash / 2
+
+    def expand(self):
+        """The same parameters with a trailing axis, to meet samples of shape ``(meshes, samples)``."""
+        return jax.tree.map(lambda a: a[..., None], self)
+
+
+def law_of(meshes):
+    """The :class:`Law` of the :class:`~jaxhb.train.tables.Meshes` of a train; of no meaning for linear ones."""
+    return Law(meshes.stiffness, meshes.epsilon, meshes.transition, meshes.backlash)
+
+
+def separated(law, deflection):
+    """Whether the teeth are apart."""
+    return namespace(law, deflection).abs(deflection) < law.gap
+
+
+def _pieces(law, deflection):
+    xp = namespace(law, deflection)
+    width = law.width
+    reach = xp.abs(deflection) - law.gap
+    inside = xp.clip(reach, 0.0, width)
+    beyond = xp.maximum(reach - width, 0.0)  # begins where ``inside`` ends to the last bit: derivatives at the knot
+    return width, inside, beyond
+
+
+def force(law, deflection):
+    """Elastic force f(l) in N.
+
+    >>> law = Law(1.0, 0.04, 0.2, 0.5)
+    >>> round(float(force(law, 0.25)), 6)
+    0.022
+    """
+    width, inside, beyond = _pieces(law, deflection)
+    drop = law.stiffness * (1 - law.epsilon)
+    contact = drop * (inside**2 / (2 * width) + beyond)
+    return law.epsilon * law.stiffness * deflection + namespace(law, deflection).sign(deflection) * contact
+
+
+def engagement(law, deflection):
+    """Share of contact (f'(l) - c1) / (c2 - c1), 0 in the gap and 1 in contact."""
+    width, inside, _ = _pieces(law, deflection)
+    return inside / width
+
+
+def slope(law, deflection):
+    """Tangent stiffness f'(l) in N/m."""
+    return law.stiffness * (law.epsilon + (1 - law.epsilon) * engagement(law, deflection))
+
+
+def energy(law, deflection):
+    """Elastic energy U(l), the integral of f from 0 to l, in J."""
+    width, inside, beyond = _pieces(law, deflection)
+    drop = law.stiffness * (1 - law.epsilon)
+    contact = inside**3 / (6 * width) + beyond**2 / 2 + width * beyond / 2
+    return law.epsilon * law.stiffness * deflection**2 / 2 + drop * contact
+
+
+def engagement_slope(law, deflection):
+    """d engagement / dl in 1/m: +-1/(tau h) in the transition zone, 0 elsewhere."""
+    width, inside, _ = _pieces(law, deflection)
+    moving = (inside > 0) & (inside < width)
+    xp = namespace(law, deflection)
+    return xp.where(moving, xp.sign(deflection) / width, 0.0)
+
+
+def mesh_force(law, viscous, contact_damping, deflection, rate):
+    """Transmitted force of a mesh: elastic + damping, in N.
+
+    ``viscous`` in N s/m; ``contact_damping`` True: the damper acts in contact only, r l' (f'-c1)/(c2-c1);
+    False: r l' always.
+    """
+    share = namespace(law, deflection).where(contact_damping, engagement(law, deflection), 1.0)
+    return force(law, deflection) + viscous * rate * share
+
+
+def mesh_slopes(law, viscous, contact_damping, deflection, rate):
+    """Partial derivatives of :func:`mesh_force` with respect to l (N/m) and l' (N s/m), written out by hand."""
+    xp = namespace(law, deflection, viscous)
+    share = xp.where(contact_damping, engagement(law, deflection), 1.0)
+    # Damping that sets in with contact adds to the slope in l: r l' times the slope of the engagement.
+    extra = xp.where(contact_damping, viscous * rate * engagement_slope(law, deflection), 0.0)
+    return slope(law, deflection) + extra, viscous * share
+
+
+def offset(law):
+    """Constant part of the force on the contact flank: f = c l - offset beyond the knee, in N."""
+    return law.stiffness * (1 - law.epsilon) * law.backlash / 2

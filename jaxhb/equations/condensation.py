@@ -1,0 +1,172 @@
+"""The linear train condensed to the meshes that can leave contact: receptances and the reduced equation.
+
+With every mesh taken in contact (``Z(n) = -n^2 Omega^2 M + i n Omega B + K``, mesh damping included) the steady motion
+obeys, exactly equivalent to A(x) = 0 (docs/theory/harmonic_balance.md A4.4),
+
+    F(l) = l - l_lin + G phi(l, l') = 0,      l_lin(n) = D Z(n)^{-1} q(n),      G(n) = D Z(n)^{-1} D^T,
+
+where ``phi`` is the mesh force less its linear part, ``phi = f(l) - c l + r l' (engagement - 1)`` (damping in contact).
+``phi`` is constant while a mesh stays on one flank. The unknowns are the deflections of the active meshes alone; every
+other node is condensed by scalar sweeps, one for all harmonics.
+"""
+
+import dataclasses
+from dataclasses import dataclass, field
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from jaxhb.equations import backlash, exact_integrals, fourier
+from jaxhb.equations.dynamic_stiffness import balance, frequencies, receptance, solve_linear
+
+CHUNK = 64
+"""Harmonics swept at a time: even a finely divided train then stays in the cache of a processor."""
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Reduced:
+    """The reduced equation of G active meshes (padded with meshes that do nothing).
+
+    linear : complex ``(G, N+1)`` m, deflections with all meshes in contact; receptance : complex ``(N+1, G, G)`` m/N;
+    frequency : rad/s; law, viscous N s/m, contact_damping : ``(G,)``; integrals : of phi over the cycle, "sampled" or
+    "exact" (:mod:`jaxhb.equations.exact_integrals`); crossings : of the one deflection at which it is used, where they
+    are known.
+    """
+
+    linear: jax.Array
+    receptance: jax.Array
+    frequency: jax.Array
+    law: backlash.Law
+    viscous: jax.Array
+    contact_damping: jax.Array
+    integrals: str = field(default="sampled", metadata={"static": True})
+    crossings: exact_integrals.Crossings | None = None
+
+    def with_crossings(self, deflection):
+        """The same equation, with exact integrals knowing when ``deflection`` passes the knots, to be used there."""
+        if self.integrals == "sampled":
+            return self
+        return dataclasses.replace(self, crossings=exact_integrals.find_crossings(self.law, deflection))
+
+    def quadrature(self, deflection, samples):
+        """Where phi is evaluated: ``samples`` equidistant time samples, or those of the exact integrals."""
+        return quadrature(self.integrals, self.law, deflection, samples, self.crossings)
+
+    def nonlinear_force(self, deflection, rate):
+        """phi and its slopes in l and l' at samples ``(G, samples)``: what the linear mesh does not contain."""
+        law = self.law.expand()
+        viscous, in_contact = self.viscous[:, None], self.contact_damping[:, None]
+        total = backlash.mesh_force(law, viscous, in_contact, deflection, rate)
+        slope, rate_slope = backlash.mesh_slopes(law, viscous, in_contact, deflection, rate)
+        linear = law.stiffness * deflection + viscous * rate
+        return total - linear, slope - law.stiffness, rate_slope - viscous
+
+    def nonlinear_slopes(self, deflection, samples, harmonics):
+        """Coefficients ``(2, G, harmonics+1)`` of the slopes of phi in l and l'."""
+        rule = self.quadrature(deflection, samples)
+        _, *slopes = self.nonlinear_force(*self.motion(deflection, rule))
+        return jax.vmap(lambda slope: rule.analyze(slope, harmonics))(jnp.stack(slopes))
+
+    def nonlinear_force_coefficients(self, deflection, samples):
+        """Coefficients ``(G, N+1)`` of phi."""
+        rule = self.quadrature(deflection, samples)
+        nonlinear_force, _, _ = self.nonlinear_force(*self.motion(deflection, rule))
+        return rule.analyze(nonlinear_force, deflection.shape[-1] - 1)
+
+    def motion(self, deflection, rule):
+        """Values of l and l' at the time samples of ``rule``, from coefficients ``(G, N+1)``."""
+        return jax.vmap(rule.synthesize)(jnp.stack([deflection, fourier.derivative(deflection, self.frequency)]))
+
+    def sampled(self, deflection, samples):
+        """Values of l and l' at ``samples`` equidistant time samples."""
+        return self.motion(deflection, fourier.Equidistant(samples))
+
+    def respond(self, nonlinear_force):
+        """Deflections caused by coefficients ``(G, N+1)`` of nonlinear force: G phi."""
+        return jnp.einsum("ngh,hn->gn", self.receptance, nonlinear_force)
+
+    def residual(self, deflection, samples):
+        """F(l) as coefficients ``(G, N+1)``, phi at ``samples`` time samples (docs/theory A6: 16 N), of which exact
+        integrals take none."""
+        return deflection - self.linear + self.respond(self.nonlinear_force_coefficients(deflection, samples))
+
+
+def quadrature(integrals, law, deflection, samples, crossings=None):
+    """Time samples for integrals over the cycle of forces of ``law`` at ``deflection``: "sampled" or "exact"."""
+    if integrals == "exact" and len(deflection):
+        return exact_integrals.quadrature(law, deflection, crossings)
+    return fourier.Equidistant(samples)
+
+
+def truncate(reduced, harmonics):
+    """The same equation with fewer harmonics."""
+    return dataclasses.replace(
+        reduced,
+        linear=reduced.linear[:, : harmonics + 1],
+        receptance=reduced.receptance[: harmonics + 1],
+    )
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class CondensedTrain:
+    """The linear train under its load, and under forces at the active meshes as well.
+
+    system : System; frequency : rad/s; load : complex ``(S, E+1)`` N; columns ``(S, G)`` of D^T of the active
+    meshes; balance : how the train takes the load alone (:func:`~.linear_train.balance`), ``(E+1,)`` N each.
+    """
+
+    system: object
+    frequency: jax.Array
+    load: jax.Array
+    columns: jax.Array
+    balance: tuple
+
+    def combine(self, nonlinear_force):
+        """Displacements ``(S, n+1)`` and link forces ``(L, n+1)`` with nonlinear forces ``(G, n+1)`` of the meshes."""
+        harmonics = nonlinear_force.shape[-1] - 1
+        # phi acts against the deflection: D^T phi on the side of the loads.
+        load = fourier.resize(self.load, harmonics) - self.columns @ nonlinear_force
+        displacement, force = solve_linear(self.system, frequencies(self.frequency, harmonics), load[:, None])
+        return displacement[:, 0], force[:, 0]
+
+
+def reduce(system, frequency, load, harmonics, active, active_index, law, viscous, contact_damping):
+    """Condense the linear train onto the active meshes.
+
+    Parameters
+    ----------
+    system : System
+    frequency : float, Omega in rad/s
+    load : complex array ``(S, E+1)`` N, forces of the excitation and of meshes held on one flank; those above N are
+        dropped
+    harmonics : int, N
+    active : array ``(G,)``, 1 for an active mesh and 0 for padding
+    active_index : int array ``(G,)``, link of each active mesh
+    law, viscous, contact_damping : ``(G,)`` entries of the active meshes
+
+    Returns
+    -------
+    Reduced, CondensedTrain
+    """
+    load = load[:, : harmonics + 1]
+    columns = system.incidence(active_index) * active
+    excited = frequencies(frequency, load.shape[-1] - 1)
+    displacement, force = (a[:, 0] for a in solve_linear(system, excited, load[:, None]))
+    linear = system.deflections(displacement, active_index) * active[:, None]
+    # Equal chunks make one program; harmonics that fill the last one up are dropped again.
+    chunks = -(-(harmonics + 1) // CHUNK)
+    omega = frequencies(frequency, chunks * -(-(harmonics + 1) // chunks) - 1).reshape(chunks, -1)
+    receptances = lax.map(lambda omega: receptance(system, omega, columns), omega)
+    reduced = Reduced(
+        linear=fourier.resize(linear, harmonics),
+        receptance=receptances.reshape(omega.size, *receptances.shape[2:])[: harmonics + 1],
+        frequency=frequency,
+        law=law,
+        viscous=viscous,
+        contact_damping=contact_damping,
+    )
+    taken = balance(system, excited, load, displacement, force)
+    return reduced, CondensedTrain(system, frequency, load, columns, taken)

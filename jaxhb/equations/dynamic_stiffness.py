@@ -1,0 +1,237 @@
+"""The linear train, meshes in contact, at many harmonics at once: dynamic stiffness, solves over the tree, receptances.
+
+Each solve is one sweep over the tree for all harmonics, closed by the links outside it; derivatives are implicit.
+"""
+
+import dataclasses
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+from jax import lax
+
+from jaxhb.equations.block_sweep import last_pivot, nonzero_pivot, quotient, scalar_sweep
+
+
+def frequencies(frequency, harmonics):
+    """``(N+1,)`` rad/s: n Omega."""
+    return frequency * jnp.arange(harmonics + 1)
+
+
+def link_stiffness(system, omega):
+    """Complex stiffness ``(L, H)`` of every link: k (1 + i eta) + i omega r, without loss factor at the mean."""
+    fields = system.stiffness, system.loss, system.viscous
+    return _of_link(omega, *(field if field.ndim == 2 else field[:, None] for field in fields))
+
+
+def node_stiffness(system, omega):
+    """Dynamic stiffness ``(S, N+1)`` of every disk: -omega^2 m + i omega b + ground.
+
+    A floating train is held at its root for the mean; without mean imbalance nothing flows through that support.
+    """
+    Z = disk_stiffness(omega, system.mass[:, None], system.damping[:, None], system.ground[:, None])
+    return Z.at[system.tree.node[-1]].add(jnp.where(system.floating & (omega == 0), 1.0, 0.0))
+
+
+def _of_link(omega, stiffness, loss, viscous):
+    return stiffness * (1 + 1j * loss * (omega > 0)) + 1j * omega * viscous
+
+
+def disk_stiffness(omega, mass, damping, ground):
+    """Dynamic stiffness of a disk with nothing else to hold it: -omega^2 m + i omega b + ground."""
+    return -(omega**2) * mass + 1j * omega * damping + ground
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(3,))
+def solve_linear(system, omega, load, forces=None):
+    """Displacements and link forces of the linear train for given loads: ``Z x = q``, ``f = C D x``.
+
+    A change of the train acts like a load: ``Z dx = dq - dZ x``, one more sweep forwards and one backwards instead of
+    the derivative of every step of the elimination.
+
+    Parameters
+    ----------
+    system : System
+    omega : array ``(H,)`` rad/s
+    load : complex array ``(S, R, H)`` N, R loads in disk order
+    forces : int, optional
+        Of how many loads, the first ones, the link forces are wanted; default all R.
+
+    Returns
+    -------
+    displacement : complex array ``(S, R, H)`` m
+    force : complex array ``(L, forces, H)`` N
+        Transmitted force of every link (elastic, viscous and loss-factor part), positive for ``a x_a > b x_b``.
+    """
+    C, node = link_stiffness(system, omega), node_stiffness(system, omega)
+    kept = load.shape[1] if forces is None else forces
+
+    def residual(unknown):
+        displacement, force = unknown
+        pushed = C[:, None] * system.deflections(displacement)
+        resisted = node[:, None] * displacement + system.spread(pushed)
+        return resisted, force - pushed[:, :kept]
+
+    def solve(_, given):
+        load, shift = given
+        displacement, force = _sweep(system, C, node, load, kept)
+        return displacement, force + shift
+
+    def solve_transposed(_, given):
+        moved, pushed = given
+        load = system.spread(C[:, None] * pushed)
+        return _sweep(system, C, node, moved.at[:, :kept].add(load), 0)[0], pushed
+
+    # The transpose stands here, as versions of jax differ in what they transpose by themselves: not a loop that carries
+    # pivots beside loads. All that is solved for has to be linear in the loads, so are the zeros.
+    nothing = jnp.zeros((len(C), 1, 1)) * load[:1, :kept]
+    return lax.custom_linear_solve(residual, (load, nothing), solve, solve_transposed)
+
+
+@solve_linear.defjvp
+def _solve_linear_jvp(forces, primals, tangents):
+    (system, omega, load), (system_dot, omega_dot, load_dot) = primals, tangents
+    displacement, force = solve_linear(system, omega, load)
+
+    def parts(system, omega):
+        return link_stiffness(system, omega), node_stiffness(system, omega), system.deflections(displacement)
+
+    (C, *_), (C_dot, node_dot, bent) = jax.jvp(parts, (system, omega), (system_dot, omega_dot))
+    # Deflections from forces, not from differences of displacements, in which stiff links lose the digits that the
+    # sweep has kept.
+    deflection = force / jnp.where(C == 0, 1.0, C)[:, None]
+    held = C_dot[:, None] * deflection + C[:, None] * bent
+    _, ends_dot = jax.jvp(type(system).spread, (system, force), (system_dot, held))
+    change = solve_linear(system, omega, load_dot - node_dot[:, None] * displacement - ends_dot, forces)
+    return (displacement, force[:, :forces]), (change[0], change[1] + held[:, :forces])
+
+
+def balance(system, omega, load, displacement, force):
+    """How loads ``(S, H)`` are taken: the largest force left on a disk, the largest load, and the largest force of all
+    links, inertias, dampers and grounds, ``(H,)`` N each."""
+    mass, damping, ground = (jnp.asarray(a)[:, None] for a in (system.mass, system.damping, system.ground))
+    left = load - disk_stiffness(omega, mass, damping, ground) * displacement - system.spread(force)
+    # A train that moves as one at its resonance strains no link.
+    own = (omega**2 * mass + omega * damping + ground) * _size(displacement)
+    left, load, force = (jnp.max(_size(a), axis=0, initial=0.0) for a in (left, load, force))
+    return left, load, jnp.maximum(force, jnp.max(own, axis=0))
+
+
+def _size(values):
+    return jnp.abs(values.real) + jnp.abs(values.imag)
+
+
+def _sweep(system, C, node, load, forces):
+    """The elimination of the tree with links ``C`` and disks ``node``, closed by the links outside it."""
+    tree = system.tree
+    if not len(C):
+        return load / last_pivot(node[:, None]), jnp.zeros((0, *load[:, :forces].shape[1:]), load.dtype)
+    near = jnp.where(tree.from_a, system.arm_a[tree.link], system.arm_b[tree.link])
+    far = jnp.where(tree.from_a, system.arm_b[tree.link], system.arm_a[tree.link])
+    loops = len(tree.loops)
+    extended = load
+    if loops:
+        unit = system.incidence(tree.loops)[:, :, None]
+        unit = jnp.broadcast_to(unit, (len(unit), loops, load.shape[2]))
+        # Beside the given loads, a unit force in each link outside the tree: from the motion that it makes follows how
+        # much of it closes the loop.
+        extended = jnp.concatenate([unit.astype(load.dtype), load], axis=1)
+    wanted = loops + (load.shape[1] if forces is None else forces)
+    displacement, force = scalar_sweep(
+        tree.slots, near, far, C[tree.link], node[tree.node], extended[tree.node], wanted
+    )
+    displacement = jnp.zeros_like(displacement).at[tree.node].set(displacement, unique_indices=True)
+    signed = jnp.where(tree.from_a, 1.0, -1.0)[:, None, None] * force
+    link_force = jnp.zeros((C.shape[0], *force.shape[1:]), force.dtype)
+    link_force = link_force.at[tree.link[:-1]].set(signed[:-1], unique_indices=True)
+    if not loops:
+        return displacement, link_force
+    return _close_loops(system, C, displacement, link_force, loops)
+
+
+def _close_loops(system, C, displacement, link_force, loops):
+    """Add the forces of the links outside the tree: (I + C G) f = C D x_tree at every harmonic."""
+    unit, given = displacement[:, :loops], displacement[:, loops:]
+    # The tree under its loads opens the loops by D x_tree, and a unit force in a link closes them by its receptance
+    # (Woodbury's identity): I + C G is regular where the whole train is.
+    gap = system.deflections(given, system.tree.loops)
+    receptance = system.deflections(unit, system.tree.loops)
+    C_loop = C[system.tree.loops].T[:, :, None]
+    matrix = jnp.eye(loops) + C_loop * receptance.transpose(2, 0, 1)
+    factors, swaps = jax.scipy.linalg.lu_factor(matrix)
+    pivots = jnp.eye(loops, dtype=bool)
+    factors = jnp.where(pivots, last_pivot(factors), factors)
+    closing = jax.scipy.linalg.lu_solve((factors, swaps), C_loop * gap.transpose(2, 0, 1))
+    displacement = given - jnp.einsum("slh,hlr->srh", unit, closing)
+    closing = closing[..., : link_force.shape[1] - loops]
+    force = link_force[:, loops:] - jnp.einsum("klh,hlr->krh", link_force[:, :loops], closing)
+    return displacement, force.at[system.tree.loops].set(closing.transpose(1, 2, 0), unique_indices=True)
+
+
+def condensed_chains(system, omega):
+    """The train with its chains of disks without teeth as single links (:class:`~jaxhb.train.chain.Condensation`).
+
+    A disk of dynamic stiffness g between links k and c is a link kc/(k+c+g) between its neighbours, and stiffnesses
+    kg/(k+c+g) and cg/(k+c+g) of these: sums without differences, so that a soft ground costs no digits.
+
+    Returns
+    -------
+    system : System
+        Its tree and arms alone are those of the K disks that are kept.
+    link, node : complex arrays ``(L, H)``, ``(K, H)`` N/m
+    """
+    condensation = system.tree.condensation
+
+    def numbers(*fields, at):
+        return tuple(jnp.asarray(getattr(system, name))[at] for name in fields)
+
+    elastic = "stiffness", "loss", "viscous"
+
+    def take_out(state, item):
+        (link, begin, end), chains = state
+        chain, first, held, before, after, disk = item
+        link = jnp.where(first, jnp.where(held, _of_link(omega, *before), 0.0), link)
+        begin, end = jnp.where(first, 0.0, begin), jnp.where(first, 0.0, end)
+        onward, own = _of_link(omega, *after), disk_stiffness(omega, *disk) + end
+        inverse = quotient(1.0, nonzero_pivot(link + onward + own, link + onward))
+        # What the chain so far is seen as: a link k = C1 C2 / (C1 + C2 + g), and stiffnesses to ground at its two ends.
+        now = (link * onward * inverse, begin + link * own * inverse, onward * own * inverse)
+        chains = tuple(lax.dynamic_update_index_in_dim(c, new, chain, 0) for c, new in zip(chains, now, strict=True))
+        return (now, chains), None
+
+    joined = len(condensation.begin)
+    items = (condensation.chain, jnp.diff(condensation.chain, prepend=-1) != 0, condensation.chain < joined)
+    items += (numbers(*elastic, at=condensation.before), numbers(*elastic, at=condensation.after))
+    items += (numbers("mass", "damping", "ground", at=condensation.disk),)
+    nothing = (jnp.zeros(len(omega), complex),) * 3
+    chains = (jnp.zeros((len(condensation.end), len(omega)), complex),) * 3
+    if len(condensation.end):
+        (_, chains), _ = lax.scan(take_out, (nothing, chains), items)
+    plain = condensation.plain
+    link = jnp.concatenate([chains[0][:joined], _of_link(omega, *(a[:, None] for a in numbers(*elastic, at=plain)))])
+    node = node_stiffness(system, omega)[condensation.kept]
+    node = node.at[condensation.begin].add(chains[1][:joined]).at[condensation.end].add(chains[2])
+    arms = {name: jnp.concatenate([jnp.ones(joined), *numbers(name, at=plain)]) for name in ("arm_a", "arm_b")}
+    return dataclasses.replace(system, tree=condensation.tree, mass=system.mass[condensation.kept], **arms), link, node
+
+
+@jax.custom_jvp
+def receptance(system, omega, columns):
+    """Deflections per unit force ``(H, G, G)`` m/N, ``D Z^{-1} D^T``, of meshes with ``columns`` ``(S, G)`` of D^T."""
+    small, link, node = condensed_chains(system, omega)
+    own = columns[system.tree.condensation.kept]
+    unit = jnp.broadcast_to(own[:, :, None], (*own.shape, len(omega))).astype(complex)
+    motion, _ = _sweep(small, link, node, unit, 0)
+    return jnp.einsum("sg,srh->hgr", own, motion)
+
+
+@receptance.defjvp
+def _receptance_jvp(primals, tangents):
+    return jax.jvp(_receptance_of_all_disks, primals, tangents)
+
+
+def _receptance_of_all_disks(system, omega, columns):
+    """The same by a sweep over all disks, whose derivative is known."""
+    unit = jnp.broadcast_to(columns[:, :, None], (*columns.shape, len(omega))).astype(complex)
+    motion, _ = solve_linear(system, omega, unit, forces=0)
+    return jnp.einsum("sg,srh->hgr", columns, motion)

@@ -1,0 +1,311 @@
+"""Integrals of a mesh force over the cycle, exact between the switching times of the backlash law.
+
+The deflection ``l(t)`` of a mesh is a trigonometric polynomial, and its force is smooth along it except where ``|l|``
+passes a knot ``(1 -+ tau) h/2`` of the law: the switching times (Fridman 2009, (38), integrated arc by arc). The cycle
+is divided into 8 equal cells per harmonic. In each of them ``l`` is a polynomial of degree 7, set
+by its values at the Gauss-Legendre time samples of the cell, which also integrate the products of the law with a
+harmonic if the cell holds no switching time. A cell that may hold one is cut at its switching times, found on the
+polynomial, and every arc has Gauss-Legendre time samples of its own; the moments of the force with the Legendre
+polynomials of the cell take the place of its values, so that all transforms between time samples and harmonics are
+fast ones.
+
+Switching times carry their derivative ``dt = -dl / l'``: first and second derivatives of the integrals with respect to
+``l`` and the law are exact as well. (Those of an elastic force do not see the switching times move, because the law has
+a continuous slope; those of damping in contact do.)
+"""
+
+from dataclasses import dataclass, field
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from numpy.polynomial import legendre
+
+from jaxhb._jax import namespace, on_host
+from jaxhb.equations import fourier
+
+
+@dataclass(frozen=True)
+class QuadratureOptions:
+    """How the cycle is divided.
+
+    Parameters
+    ----------
+    cells : per harmonic
+    points : Gauss-Legendre time samples of a cell, and of each arc of one that is cut
+    fewest_harmonics : whose cells are taken at least
+    fewest_cut : cells per mesh that can be cut, at least; one per harmonic else
+    margin : by how much of the range of its values at the time samples of a cell a deflection may leave that range in
+        the cell
+    newton_steps : to a switching time, bracketed: enough for the last bit
+    """
+
+    cells: int = 8
+    points: int = 8
+    fewest_harmonics: int = 16
+    fewest_cut: int = 32
+    margin: float = 0.25
+    newton_steps: int = 12
+
+
+QUADRATURE = QuadratureOptions()
+
+_AT, _WEIGHT = legendre.leggauss(QUADRATURE.points)
+_VALUES = legendre.legvander(_AT, QUADRATURE.points - 1)
+_MODES = (np.arange(QUADRATURE.points)[:, None] + 0.5) * _VALUES.T * _WEIGHT
+"""From values at the time samples of a cell to coefficients of Legendre polynomials."""
+
+_POWERS = np.array(
+    [np.pad(legendre.leg2poly(row), (0, QUADRATURE.points - 1 - k)) for k, row in enumerate(np.eye(QUADRATURE.points))]
+)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Quadrature:
+    """Time samples at which a mesh force is to be evaluated, and the integrals over them; made by :func:`quadrature`.
+
+    cell : int ``(G, K)`` of the cells that are cut, ``cells`` for room left over; at : ``(G, n, K)`` time samples of
+    their arcs, -1 .. 1 in the cell; weight : ``(G, n, K)`` of those; cells : per cycle.
+    """
+
+    cell: jax.Array
+    at: jax.Array
+    weight: jax.Array
+    cells: int = field(metadata={"static": True})
+
+    def synthesize(self, coefficients):
+        """Values ``(G, time_steps)``, those of all cells and then those of the arcs, from coefficients ``(G, N+1)``."""
+        smooth = _in_cells(coefficients, self.cells)
+        arcs = _value(_modes(smooth, self.cell)[:, :, None], self.at)
+        return jnp.concatenate([smooth.reshape(len(smooth), -1), arcs.reshape(len(arcs), -1)], axis=-1)
+
+    def analyze(self, values, harmonics):
+        """Complex coefficients ``(G, harmonics+1)`` of values at the time samples, of at most ``cells`` harmonics."""
+        smooth = values[:, : self.cells * QUADRATURE.points].reshape(-1, QUADRATURE.points, self.cells)
+        arcs = self.weight * values[:, self.cells * QUADRATURE.points :].reshape(self.at.shape)
+        # The Gauss sum of a cell sees of its force the moments with the Legendre polynomials. Where the force has a
+        # knot they come from its arcs; values at the samples of the cell with the same moments then go through the same
+        # transforms.
+        moments = jnp.stack([jnp.sum(arcs * polynomial, axis=1) for polynomial in _polynomials(self.at)], axis=1)
+        equivalent = jnp.einsum("gmk,jm->gjk", moments, _VALUES * (np.arange(QUADRATURE.points) + 0.5))
+        place = jax.vmap(lambda cells, at, new: cells.at[:, at].set(new, mode="drop"))
+        smooth = place(smooth, self.cell, equivalent)
+        spectrum = fourier.analyze(smooth, self.cells // 2)
+        # Samples one a cell tell harmonics n and cells - n apart only by the place of the sample, which the sum over
+        # the places below does.
+        spectrum = jnp.concatenate([spectrum, jnp.conj(spectrum[..., -2::-1])], axis=-1)[..., : harmonics + 1]
+        return jnp.einsum("gjn,jn->gn", spectrum, _WEIGHT[:, None] / 2 * np.conj(_shift(harmonics, self.cells)))
+
+
+def _shift(harmonics, cells):
+    """``(QUADRATURE.points, N+1)``: factors that move a signal to each of the time samples of the first cell."""
+    return np.exp(1j * np.pi / cells * (_AT[:, None] + 1) * np.arange(harmonics + 1))
+
+
+def _in_cells(coefficients, cells):
+    """Values ``(G, QUADRATURE.points, cells)`` at the time samples of all cells."""
+    # The j-th time samples of all cells are equidistant: one transform, of the signal moved by the place of the first
+    # of them.
+    moved = coefficients[:, None] * _shift(coefficients.shape[-1] - 1, cells)
+    return fourier.synthesize(moved, cells)
+
+
+def _modes(smooth, cell):
+    """Coefficients ``(G, QUADRATURE.points, K)`` of Legendre polynomials in the given cells."""
+    chosen = jax.vmap(lambda values, at: values.at[:, at].get(mode="clip"))(smooth, cell)
+    return jnp.einsum("mj,gjk->gmk", _MODES, chosen)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Crossings:
+    """When deflections pass the knots of their laws; made by :func:`find_crossings`, without derivatives.
+
+    cell : int ``(G, K)`` of the cells that may hold a switching time, ``cells`` for room left over; low, high :
+    ``(G, 1, 2, K)`` ends, -1 .. 1 in the cell, of its two parts, in which the deflection is monotonic; time :
+    ``(G, 4, 2, K)`` at which it passes each knot, or the end before or after which it does; inverse_rate : the same
+    shape, one over its rate there, 0 where it does not pass; rising : ``(G, 1, 2, K)``; complete : whether there
+    was room for all.
+    """
+
+    cell: jax.Array
+    low: jax.Array
+    high: jax.Array
+    time: jax.Array
+    inverse_rate: jax.Array
+    rising: jax.Array
+    complete: jax.Array
+
+
+def find_crossings(law, deflection, capacity=None):
+    """The :class:`Crossings` of deflections.
+
+    Parameters
+    ----------
+    law : Law, entries ``(G,)``
+    deflection : complex array ``(G, N+1)`` m
+    capacity : int, optional
+        Cells per mesh that there is room for; default one per harmonic, at least 32.
+
+    Notes
+    -----
+    A cell is parted at the extremum of ``l`` in it, if it has one, else in the middle. Cells without room are
+    integrated as sampling does.
+    """
+    law, deflection = lax.stop_gradient((law, deflection))
+    harmonics = deflection.shape[-1] - 1
+    smooth = _in_cells(deflection, _cells(harmonics))
+    capacity = capacity or max(harmonics, QUADRATURE.fewest_cut)
+    cell, count = _choose(smooth, _knots(law), capacity)
+    return Crossings(cell, *_pass(_modes(smooth, cell), _knots(law)[..., None, None]), jnp.all(count <= capacity))
+
+
+def switching_times(law, deflection):
+    """Shares of the cycle ``(K,)``, in no order, at which one of the deflections ``(G, N+1)`` passes a knot of its law;
+    on the host."""
+    law, deflection = on_host((law, deflection))
+    cells = _cells(deflection.shape[-1] - 1)
+    smooth = _in_cells(deflection, cells)
+    mesh, cell = np.nonzero(_passed(smooth, _knots(law)))
+    knots = _knots(law)[mesh].T[None, :, None]
+    *_, time, inverse_rate, _ = _pass(np.einsum("mj,kj->mk", _MODES, smooth[mesh, :, cell])[None], knots)
+    return ((cell + (time + 1) / 2) / cells)[inverse_rate != 0]
+
+
+def quadrature(law, deflection, crossings=None):
+    """The :class:`Quadrature` of deflections, differentiable twice with respect to both arguments.
+
+    Parameters
+    ----------
+    law : Law, entries ``(G,)``
+    deflection : complex array ``(G, N+1)`` m
+    crossings : Crossings, optional
+        Of the same law and deflection, where they are known.
+
+    Returns
+    -------
+    Quadrature
+
+    Examples
+    --------
+    >>> import jax
+    >>> from jaxhb.harmonic import backlash
+    >>> law = backlash.Law(*(np.array([value]) for value in (1.0, 0.04, 0.2, 0.5)))
+    >>> def square(cosine):
+    ...     rule = quadrature(law, cosine)
+    ...     return rule.analyze(rule.synthesize(cosine) ** 2, 2)
+    >>> jax.jit(square)(np.array([[0.0, 0.5]])).real.round(12).tolist()
+    [[0.5, 0.0, 0.25]]
+    """
+    crossings = find_crossings(law, deflection) if crossings is None else crossings
+    cells = _cells(deflection.shape[-1] - 1)
+    modes = _modes(_in_cells(deflection, cells), crossings.cell)
+    # One more step of Newton's method: it moves a time by no more than rounding, and its derivative is that of the
+    # switching time, dt = -dl / l' (implicit function theorem), for the law as for the deflection.
+    miss = _value(modes[:, :, None, None], crossings.time) - _knots(law)[..., None, None]
+    time = crossings.time - crossings.inverse_rate * miss
+    # Arcs are integrated forwards: falling, a deflection passes the highest knot first.
+    time = jnp.where(crossings.rising, time, time[:, ::-1])
+    breaks = jnp.concatenate([crossings.low, time, crossings.high], axis=1)
+    shape = (len(breaks), 1, -1, breaks.shape[-1])
+    low, high = breaks[:, :-1].reshape(shape), breaks[:, 1:].reshape(shape)
+    at = (high + low) / 2 + (high - low) / 2 * _AT[:, None, None]
+    weight = (high - low) / 2 * _WEIGHT[:, None, None]
+    shape = (len(breaks), -1, breaks.shape[-1])
+    return Quadrature(crossings.cell, at.reshape(shape), weight.reshape(shape), cells)
+
+
+def _cells(harmonics):
+    return QUADRATURE.cells * max(harmonics, QUADRATURE.fewest_harmonics)
+
+
+def _knots(law):
+    """``(G, 4)``, rising."""
+    return namespace(law).stack([-law.knee, -law.gap, law.gap, law.knee], axis=-1)
+
+
+def _choose(smooth, knots, capacity):
+    """Cells ``(G, capacity)`` in which the deflection may pass a knot, padded with their number; and how many there
+    are."""
+    passed = _passed(smooth, knots)
+    cells = passed.shape[-1]
+    chosen = jax.vmap(lambda one: jnp.nonzero(one, size=capacity, fill_value=cells)[0])(passed)
+    return chosen, passed.sum(-1)
+
+
+def _passed(smooth, knots):
+    """Whether ``(G, cells)`` the deflection may pass a knot in a cell."""
+    low, high = smooth.min(1), smooth.max(1)
+    slack = QUADRATURE.margin * (high - low)
+    low, high = (low - slack)[..., None], (high + slack)[..., None]
+    return ((low < knots[:, None]) & (knots[:, None] < high)).any(axis=-1)
+
+
+def _pass(modes, knots):
+    """What :class:`Crossings` holds between ``cell`` and ``complete``."""
+    xp = namespace(modes)
+    powers = xp.einsum("gmk,mi->igk", modes, _POWERS)[:, :, None, None]
+    rates = np.arange(1, QUADRATURE.points)[:, None, None, None, None] * powers[1:]
+    edge = xp.ones(powers.shape[1:])
+    # Cells are so short that a deflection has one extremum in them at most: parted there it is monotonic, and passes
+    # each knot at most once.
+    turns = _horner(rates, -edge) * _horner(rates, edge) < 0
+    turn = xp.where(turns, _root(rates, 0.0, -edge, edge), 0.0)
+    low, high = xp.concatenate([-edge, turn], axis=2), xp.concatenate([turn, edge], axis=2)
+    first, last = _horner(powers, low), _horner(powers, high)
+    rising = first <= last
+    sense = xp.where(rising, 1.0, -1.0)
+    ahead, before = sense * (knots - first) > 0, sense * (last - knots) > 0
+    time = _root(powers, knots, *(xp.broadcast_to(end, ahead.shape) for end in (low, high)))
+    # The time of a graze has no derivative, and needs none: on both sides of it lies the same piece of the law.
+    rate = _horner(rates, time)
+    grazing = xp.abs(rate) <= 1e-7 * xp.max(xp.abs(rates), axis=0)
+    inverse_rate = xp.where(ahead & before & ~grazing, 1 / xp.where(grazing, 1.0, rate), 0.0)
+    return low, high, xp.where(ahead, xp.where(before, time, high), low), inverse_rate, rising
+
+
+def _root(powers, level, low, high):
+    """Where a polynomial, monotonic from ``low`` to ``high``, has the value ``level``: Newton's method, bracketed."""
+    xp = namespace(powers)
+    rates = np.arange(1, len(powers)).reshape(-1, *[1] * (powers.ndim - 1)) * powers[1:]
+    sense = xp.sign(_horner(powers, high) - _horner(powers, low))
+
+    def step(_, state):
+        low, high, x = state
+        value = _horner(powers, x) - level
+        # Bracketed, as Newton's method alone leaves the cell where the deflection is flat.
+        low, high = xp.where(sense * value <= 0, x, low), xp.where(sense * value <= 0, high, x)
+        rate = _horner(rates, x)
+        ahead = x - value / xp.where(rate == 0, 1.0, rate)
+        inside = (rate != 0) & (ahead >= low) & (ahead <= high)
+        return low, high, xp.where(inside, ahead, (low + high) / 2)
+
+    state = low, high, (low + high) / 2
+    if xp is not np:
+        return lax.fori_loop(0, QUADRATURE.newton_steps, step, state)[2]
+    for k in range(QUADRATURE.newton_steps):
+        state = step(k, state)
+    return state[2]
+
+
+def _horner(powers, x):
+    """Value at x of the polynomials whose coefficients lie along the leading axis."""
+    value = powers[-1]
+    for coefficient in powers[-2::-1]:
+        value = value * x + coefficient
+    return value
+
+
+def _polynomials(x):
+    """Legendre polynomials of degree 0 .. QUADRATURE.points-1 at x."""
+    found = [jnp.ones_like(x), x]
+    for k in range(1, QUADRATURE.points - 1):
+        found.append(((2 * k + 1) * x * found[k] - k * found[k - 1]) / (k + 1))
+    return found
+
+
+def _value(modes, x):
+    """Value at x ``(G, ..., K)`` of the Legendre series ``(G, QUADRATURE.points, ..., K)``."""
+    return sum(modes[:, m] * polynomial for m, polynomial in enumerate(_polynomials(x)))

@@ -1,0 +1,148 @@
+"""The layout of Fourier coefficients: synthesis, analysis, products with a periodic function.
+
+A real periodic signal of period ``2 pi / Omega`` is
+
+    x(t) = sum_{n=-N}^{N} x^n exp(i n Omega t),      x^{-n} = conj(x^n).
+
+Two forms are in use, and only this module knows them:
+
+* *coefficients*: complex, shape ``(..., N+1)``, the entries ``x^0 .. x^N``;
+* *packed*: real, shape ``(..., 2N+1)``, ``[x^0, sqrt(2) Re x^n .., -sqrt(2) Im x^n ..]``: the coordinates in the
+  orthonormal basis ``1, sqrt(2) cos n Omega t, sqrt(2) sin n Omega t``. The Euclidean norm of a packed vector is
+  the root mean square of its signal. Unknowns of Newton's method are packed, because the backlash law is not
+  holomorphic in the complex coefficients.
+
+Nothing else in the package calls a fast Fourier transform. Numpy arrays are transformed by numpy, on the host.
+
+The product ``c(t) x(t)``, truncated to N harmonics, is Hermitian Toeplitz in complex coefficients. In packed
+coordinates it is a real symmetric matrix built from ``c^k``, ``k = 0 .. 2N``, with
+``c^k = alpha_k - i beta_k`` (alpha even, beta odd in k): cos-cos ``alpha_{n-k} + alpha_{n+k}``, sin-sin
+``alpha_{n-k} - alpha_{n+k}``, cos-sin ``beta_{n+k} - beta_{n-k}``.
+"""
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+from scipy.fft import next_fast_len
+
+from jaxhb._jax import namespace
+
+SQRT2 = 2.0**0.5
+
+SAMPLES_PER_HARMONIC = 16
+"""Time samples per harmonic of the motion at which tooth forces are taken (docs/theory A6)."""
+
+
+def pack(coefficients):
+    """Complex coefficients ``(..., N+1)`` to real packed coordinates ``(..., 2N+1)``.
+
+    >>> [round(float(v), 4) for v in pack(jnp.array([1.0, 0.5 - 0.5j]))]
+    [1.0, 0.7071, 0.7071]
+    """
+    tail = coefficients[..., 1:]
+    mean = coefficients[..., :1].real
+    return namespace(tail).concatenate([mean, SQRT2 * tail.real, -SQRT2 * tail.imag], axis=-1)
+
+
+def unpack(packed):
+    """Real packed coordinates ``(..., 2N+1)`` to complex coefficients ``(..., N+1)``."""
+    harmonics = (packed.shape[-1] - 1) // 2
+    cosine, sine = packed[..., 1 : harmonics + 1], packed[..., harmonics + 1 :]
+    mean = packed[..., :1]
+    return namespace(packed).concatenate([mean + 0j, (cosine - 1j * sine) / SQRT2], axis=-1)
+
+
+def synthesize(coefficients, samples):
+    """Values at ``samples`` equidistant time samples of one cycle, from complex coefficients.
+
+    Harmonics above ``samples / 2`` must be absent; ``samples >= 2N+1`` represents the signal exactly.
+
+    Parameters
+    ----------
+    coefficients : complex array ``(..., N+1)``
+    samples : int
+        Number of time samples ``t_j = 2 pi j / (Omega samples)``.
+
+    Returns
+    -------
+    real array ``(..., samples)``
+    """
+    return namespace(coefficients).fft.irfft(coefficients, n=samples, axis=-1, norm="forward")
+
+
+def sample(coefficients, count):
+    """Values ``(..., count)`` at equidistant time samples as :func:`synthesize`, but however few they are."""
+    # Fewer samples than 2 N + 1 would alias: every ``factor``-th of enough of them is taken.
+    factor = -(-(2 * coefficients.shape[-1] - 1) // count)
+    return synthesize(coefficients, factor * count)[..., ::factor]
+
+
+def analyze(values, harmonics):
+    """Complex coefficients ``(..., harmonics+1)`` of sampled values ``(..., samples)``."""
+    return namespace(values).fft.rfft(values, axis=-1, norm="forward")[..., : harmonics + 1]
+
+
+def samples_for(harmonics):
+    """A number of time samples that represents so many harmonics and is quick to transform."""
+    return next_fast_len(2 * harmonics + 2, real=True)
+
+
+@dataclass(frozen=True)
+class Equidistant:
+    """``samples`` equidistant time samples of the cycle, to evaluate a law at and to analyse what it gives."""
+
+    samples: int
+
+    def synthesize(self, coefficients):
+        """Values ``(..., samples)``."""
+        return synthesize(coefficients, self.samples)
+
+    def analyze(self, values, harmonics):
+        """Coefficients ``(..., harmonics+1)``."""
+        return analyze(values, harmonics)
+
+
+def derivative(coefficients, frequency):
+    """Coefficients of dx/dt: ``i n Omega x^n``, with ``frequency`` = Omega in rad/s, ``()`` or ``(..., 1)``."""
+    return 1j * frequency * namespace(coefficients, frequency).arange(coefficients.shape[-1]) * coefficients
+
+
+def resize(coefficients, harmonics):
+    """The same signal with another number of harmonics: truncated, or padded with zeros."""
+    present = coefficients.shape[-1] - 1
+    if harmonics <= present:
+        return coefficients[..., : harmonics + 1]
+    width = [(0, 0)] * (coefficients.ndim - 1) + [(0, harmonics - present)]
+    return namespace(coefficients).pad(coefficients, width)
+
+
+def packed_diagonal(gain):
+    """Real packed matrix ``(..., 2N+1, 2N+1)`` of the harmonic-wise product with complex ``gain`` ``(..., N+1)``."""
+    harmonics = gain.shape[-1] - 1
+    size = 2 * harmonics + 1
+    index = jnp.arange(1, harmonics + 1)
+    matrix = jnp.zeros((*gain.shape[:-1], size, size)).at[..., 0, 0].set(gain[..., 0].real)
+    real, imag = gain[..., 1:].real, gain[..., 1:].imag
+    matrix = matrix.at[..., index, index].set(real).at[..., index + harmonics, index + harmonics].set(real)
+    return matrix.at[..., index, index + harmonics].set(imag).at[..., index + harmonics, index].set(-imag)
+
+
+def product_matrix(coefficients):
+    """Packed matrix ``(..., 2N+1, 2N+1)`` of the product with a function given to 2N harmonics ``(..., 2N+1)``.
+
+    Rows and columns are packed coordinates; the matrix is symmetric.
+    """
+    harmonics = (coefficients.shape[-1] - 1) // 2
+    n = jnp.arange(1, harmonics + 1)
+    plus = n[:, None] + n[None, :]
+    minus = n[:, None] - n[None, :]
+    alpha, beta = coefficients.real, -coefficients.imag
+    even_minus, even_plus = alpha[..., jnp.abs(minus)], alpha[..., plus]
+    odd_minus, odd_plus = jnp.sign(minus) * beta[..., jnp.abs(minus)], beta[..., plus]
+    first = SQRT2 * jnp.concatenate([alpha[..., 1 : harmonics + 1], beta[..., 1 : harmonics + 1]], axis=-1)
+    cosine_rows = jnp.concatenate([even_minus + even_plus, odd_plus - odd_minus], axis=-1)
+    sine_rows = jnp.concatenate([odd_plus + odd_minus, even_minus - even_plus], axis=-1)
+    body = jnp.concatenate([cosine_rows, sine_rows], axis=-2)
+    body = jnp.concatenate([first[..., :, None], body], axis=-1)
+    top = jnp.concatenate([alpha[..., :1], first], axis=-1)
+    return jnp.concatenate([top[..., None, :], body], axis=-2)

@@ -1,0 +1,196 @@
+"""Numbers of a train that follow from its tables: speeds of the rotors, inertias of all disks, what they are referred
+to the reference rotor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jaxhb._jax import namespace
+from jaxhb._shown import brief
+
+if TYPE_CHECKING:
+    from jaxhb.train.drivetrain import DriveTrain
+
+Array = Any
+
+
+def speed_ratios(train):
+    """Speed of each rotor over that of the reference rotor, from the pitch radii: r_a Omega_a = r_b Omega_b.
+
+    Parameters
+    ----------
+    train : DriveTrain
+
+    Returns
+    -------
+    array [n_rotors]
+        Positive (each rotor has its own sense); 1 for the reference rotor.
+
+    Examples
+    --------
+    >>> from jaxhb.equations.kinematics import speed_ratios
+    >>> from jaxhb.scene.files import load_scene
+    >>> train = load_scene("gear_train_30")
+    >>> float(speed_ratios(train)[train.topology.rotor[train.topology.disk_index("cam A1")]])
+    0.5
+    """
+    return rotor_ratios(train.topology, train.disks.radius)
+
+
+def rotor_ratios(topology, radius):
+    """:func:`speed_ratios` of a topology with pitch radii ``(..., S)`` m: ``(..., n_rotors)``."""
+    paths, xp = topology.rotor_path, namespace(radius)
+    depth = max((len(p) for p in paths), default=0)
+    radius = xp.asarray(radius)
+    if depth == 0:
+        return xp.ones((*radius.shape[:-1], topology.n_rotors))
+    # Shorter paths are filled up by a gear over itself: disks that are no gears have radius 0.
+    gear = paths[max(range(len(paths)), key=lambda k: len(paths[k]))][0][0]
+    steps = np.array([[*p, *([(gear, gear)] * (depth - len(p)))] for p in paths])
+    return xp.prod(radius[..., steps[..., 0]] / radius[..., steps[..., 1]], axis=-1)
+
+
+def inertias(train):
+    """Inertia of every disk, the rings of the dampers last.
+
+    Parameters
+    ----------
+    train : DriveTrain
+
+    Returns
+    -------
+    array [n_disks]
+        kg m2.
+
+    Examples
+    --------
+    >>> from jaxhb.train.drivetrain import inertias
+    >>> from jaxhb.scene.files import load_scene
+    >>> inertias(load_scene("gear_train_30")).shape
+    (27,)
+    """
+    inertia = train.disks.inertia, train.dampers.inertia
+    return namespace(inertia).concatenate(inertia)
+
+
+def tooth_damping_ratios(train: DriveTrain) -> Array:
+    """Damping ratio of the teeth of every mesh in contact, of its two gears alone.
+
+    Parameters
+    ----------
+    train : DriveTrain
+        May be traced.
+
+    Returns
+    -------
+    array [n_meshes]
+        ``r / (2 sqrt(c m))``; nan where a gear has no inertia.
+
+    Notes
+    -----
+    Along the pitch circle a gear has the mass ``J / r^2``, and two that are free otherwise vibrate against each other
+    with ``m = m_a m_b / (m_a + m_b)``. Gears that stiff shafts couple to heavier parts have a smaller ratio
+    (:func:`jaxhb.damping_ratios` has those of the modes).
+
+    Examples
+    --------
+    >>> from jaxhb.scene.files import load_scene
+    >>> tooth_damping_ratios(load_scene("gear_train_30")).round(3).tolist()
+    [0.05, 0.05, 0.05, 0.05]
+    """
+    xp, meshes = namespace(train), train.meshes
+    if not len(train.topology.mesh_ends):
+        return xp.zeros(0)
+    a, b = np.array(train.topology.mesh_ends).T
+    # An infinite radius instead of 0 gives disks that are no gears no mass, and derivatives no nan.
+    mass = xp.asarray(train.disks.inertia) / xp.where(train.disks.radius > 0, train.disks.radius, xp.inf) ** 2
+    heavy = mass[a] * mass[b] > 0
+    reduced = xp.where(heavy, mass[a] * mass[b], 1.0) / xp.where(heavy, mass[a] + mass[b], 1.0)
+    return xp.where(heavy, meshes.damping / (2.0 * xp.sqrt(meshes.stiffness * reduced)), xp.nan)
+
+
+@brief
+@dataclass(frozen=True)
+class Referred:
+    """Numbers of a train as they are and referred to the reference rotor; made by :func:`referred`.
+
+    Loss factors are ratios and stay as they are.
+
+    Parameters
+    ----------
+    disks : tuple of str, the S disks, rings of dampers last; links : tuple of str, the L links
+    factor : ``(S,)`` i, speed of the disk over that of the reference rotor
+    inertia, inertia_referred : ``(S,)`` kg m2, J and J i^2
+    link_factor : ``(L,)`` i of the rotor of a shaft or damper, of a mesh i r of its first gear in m
+    stiffness : ``(L,)`` N m/rad of shafts and dampers, N/m of meshes; stiffness_referred : ``(L,)`` N m/rad, k factor^2
+    damping, damping_referred : ``(L,)`` the same in N m s/rad and N s/m
+    order, order_referred : ``(D,)`` of the D dampers, of their own rotor and n i of the reference rotor; 0: not tuned
+    """
+
+    disks: tuple
+    links: tuple
+    factor: Array
+    inertia: Array
+    inertia_referred: Array
+    link_factor: Array
+    stiffness: Array
+    stiffness_referred: Array
+    damping: Array
+    damping_referred: Array
+    order: Array
+    order_referred: Array
+
+
+def referred(train: DriveTrain) -> Referred:
+    """Inertias, stiffnesses and dampings as they are and referred to the reference rotor, ``J i^2``, ``k i^2``.
+
+    Parameters
+    ----------
+    train : DriveTrain
+        May be traced.
+
+    Returns
+    -------
+    Referred
+
+    Notes
+    -----
+    Angles referred to the reference rotor are ``phi / i``: energies stay the same when each inertia and each torsional
+    stiffness is multiplied by i^2. The deflection of a mesh is ``i r (phi_a / i_a - phi_b / i_b)``, as ``i_a r_a = i_b
+    r_b``, so that its stiffness c along the pitch circle becomes ``c (i r)^2``.
+
+    Examples
+    --------
+    >>> from jaxhb.train.assembly import build
+    >>> from jaxhb.elements.elements import Disk, Mesh
+    >>> gears = [Disk(name="slow", inertia=1.0, radius=0.2), Disk(name="fast", inertia=0.5, radius=0.1)]
+    >>> found = referred(build([*gears, Mesh(between=("slow", "fast"), stiffness=1e8)], reference="slow"))
+    >>> found.factor.tolist(), found.inertia_referred.tolist(), found.stiffness_referred.round(6).tolist()
+    ([1.0, 2.0], [1.0, 2.0], [4000000.0])
+    """
+    topology, J = train.topology, inertias(train)
+    xp = namespace(train)
+    factor = speed_ratios(train)[np.array(topology.rotor, dtype=int)]
+    first = np.array([a for a, _ in topology.link_ends], dtype=int)
+    meshes = np.arange(len(first)) >= len(first) - len(topology.mesh_names)
+    radius = xp.concatenate([train.disks.radius, np.ones(len(topology.damper_names))])
+    link_factor = factor[first] * xp.where(meshes, radius[first], 1.0)
+    tables = train.shafts, train.dampers, train.meshes
+    stiffness, damping = (xp.concatenate([getattr(t, name) for t in tables]) for name in ("stiffness", "damping"))
+    return Referred(
+        disks=topology.disk_names,
+        links=topology.link_names,
+        factor=factor,
+        inertia=J,
+        inertia_referred=J * factor**2,
+        link_factor=link_factor,
+        stiffness=stiffness,
+        stiffness_referred=stiffness * link_factor**2,
+        damping=damping,
+        damping_referred=damping * link_factor**2,
+        order=train.dampers.order,
+        order_referred=train.dampers.order * factor[np.array(topology.damper_disk, dtype=int)],
+    )

@@ -1,0 +1,2 @@
+"""What drives the train: pressure in the cylinders, gas and inertia torques. Tables of numbers and a speed go in,
+harmonics of the torque on every disk come out."""

@@ -1,0 +1,238 @@
+"""The gas in the cylinders: pressure tables on a uniform grid, one, several over speed and load, or from a model.
+
+At every speed the pressure of a cylinder is a weighted sum of functions of the crank angle that do not depend on the
+speed (:func:`components`, :func:`weights`): harmonics are taken of these once, for all speeds.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from typing import Any, dataclass_transform
+
+import numpy as np
+
+from jaxhb._jax import namespace, pytree
+from jaxhb._shown import brief
+from jaxhb.excitation.combustion import pressures
+from jaxhb.excitation.crank import slider_crank
+
+Array = Any
+
+GAS_SAMPLES = 7200
+"""Angles of a gas cycle: a tenth of a degree of four strokes."""
+
+FAR = 1e30
+"""Speed or load of points that fill up a grid: interpolation never reaches them."""
+
+COMPUTED = ("pressure", "traces", "combustion")
+"""Fields of a cylinder whose gas torque is computed from its pressure."""
+
+
+@dataclass_transform(kw_only_default=True, frozen_default=True, eq_default=False)
+def table(cls):
+    """Make a class of arrays a frozen dataclass and a pytree; its numpy arrays cannot be changed in place."""
+    cls.__post_init__ = _locked
+    return pytree(brief(dataclass(frozen=True, kw_only=True, eq=False)(cls)))
+
+
+def _locked(self):
+    """Hold read-only views: what gave the arrays may still write to its own."""
+    for name, value in list(vars(self).items()):
+        if isinstance(value, np.ndarray) and value.flags.writeable:
+            view = value.view()
+            view.flags.writeable = False
+            object.__setattr__(self, name, view)
+
+
+@table
+class Traces:
+    """Pressure [n, R, S, M] (Pa) at the speeds ``rpm`` [n, R] and the load shares ``load`` [n, S].
+
+    ``seats`` [n] are the cylinders that have traces, ``sizes`` [n] how many speeds and loads are theirs; the rest
+    of their rows never counts.
+    """
+
+    seats: tuple[int, ...] = field(metadata={"static": True})
+    sizes: tuple[tuple[int, int], ...] = field(metadata={"static": True})
+    rpm: Array
+    load: Array
+    pressure: Array
+
+
+@table
+class Combustions:
+    """The numbers of a :class:`~jaxhb.elements.elements.Combustion`, each [n]; ``heat`` or ``imep`` is 0 if absent.
+
+    ``seats`` [n] are the cylinders with a combustion, ``revolutions`` [n] those of their gas cycle; ``by_work`` [n]
+    tells whose ``imep`` is given.
+    """
+
+    seats: tuple[int, ...] = field(metadata={"static": True})
+    revolutions: tuple[int, ...] = field(metadata={"static": True})
+    by_work: tuple[bool, ...] = field(metadata={"static": True})
+    compression_ratio: Array
+    charge_pressure: Array
+    exhaust_pressure: Array
+    start: Array
+    duration: Array
+    shape: Array
+    heat: Array
+    imep: Array
+    compression_exponent: Array
+    expansion_exponent: Array
+
+
+def source(cylinder) -> str | None:
+    """Field that the gas torque of a cylinder is computed from, None where it is not computed."""
+    return next((key for key in COMPUTED if getattr(cylinder, key)), None)
+
+
+def is_four_stroke(rows) -> bool:
+    """Tell whether a pressure table (angle deg, Pa) is that of two revolutions: it extends beyond 360 deg."""
+    angle = np.asarray(rows, dtype=np.float64)[:, 0]
+    return bool(angle[-1] - angle[0] > 360.0 + 1e-9 or np.abs(angle).max() > 360.0 + 1e-9)
+
+
+def gas_revolutions(cylinder) -> int:
+    """Revolutions of the crank in a gas cycle of a cylinder, 1 where its gas torque is not computed."""
+    if source(cylinder) == "combustion":
+        return int(cylinder.combustion.stroke_cycle) // 2
+    rows = cylinder.pressure or (cylinder.traces[0].pressure if cylinder.traces else None)
+    return 2 if rows and is_four_stroke(rows) else 1
+
+
+def gas_cycle(rows, firing_tdc: float | None) -> np.ndarray:
+    """Sample a pressure table (angle deg, Pa) linearly at ``GAS_SAMPLES`` angles from firing TDC on."""
+    rows = np.asarray(rows, dtype=np.float64)
+    period = 720.0 if is_four_stroke(rows) else 360.0
+    if firing_tdc is None:
+        firing_tdc = 360.0 if period == 720.0 else 0.0
+    angle, pressure = rows[:, 0], rows[:, 1]
+    # A table that lacks its end is closed by its first row.
+    if angle[-1] - angle[0] < period - 1e-9:
+        angle = np.append(angle, angle[0] + period)
+        pressure = np.append(pressure, pressure[0])
+    grid = firing_tdc + np.arange(GAS_SAMPLES) * (period / GAS_SAMPLES)
+    # Rounded: an angle just below 0 would be taken from the other end of the table.
+    turned = angle[0] + np.mod(np.round(grid - angle[0], 9), period)
+    return np.interp(turned, angle, pressure)
+
+
+def padded(grids) -> np.ndarray:
+    """Stack increasing numbers, the shorter ones continued so far away that :func:`hats` never sees it."""
+    longest = max(len(grid) for grid in grids)
+    return np.array([[*grid, *(FAR * np.arange(1, longest - len(grid) + 1))] for grid in grids], dtype=np.float64)
+
+
+def hats(x, grid):
+    """Weights [..., n, R] of values at ``grid`` [n, R] in their linear interpolation at ``x`` [..., n].
+
+    Outside the grid the nearest value has weight 1.
+    """
+    xp = namespace(x, grid)
+    passed = xp.clip((x[..., None] - grid[:, :-1]) / (grid[:, 1:] - grid[:, :-1]), 0.0, 1.0)
+    ends = xp.zeros((*x.shape, 1))
+    # A hat is the ramp up to its point less the ramp beyond it.
+    return xp.concatenate([ends + 1.0, passed], axis=-1) - xp.concatenate([passed, ends], axis=-1)
+
+
+def components(cylinders):
+    """Pressures [J, nc, M] (Pa) from firing top dead centre on; their sum with :func:`weights` is that at a speed."""
+    count = cylinders.bore.shape[-1]
+    parts = [cylinders.pressure[None]] if cylinders.pressure.shape[-1] else []
+    traces, burning = cylinders.traces, cylinders.combustion
+    if traces is not None:
+        by_trace = traces.pressure.reshape(len(traces.seats), -1, GAS_SAMPLES).swapaxes(0, 1)
+        parts.append(_on_cylinders(by_trace, traces.seats, count, axis=1))
+    if burning is not None:
+        parts.append(_on_cylinders(_burning(cylinders), burning.seats, count, axis=1))
+    return namespace(parts).concatenate(parts) if parts else np.zeros((1, count, 0))
+
+
+def weights(cylinders, rpm):
+    """Weight [..., J, nc] of each of the :func:`components` at ``rpm`` [...] of the reference rotor."""
+    traces, burning = cylinders.traces, cylinders.combustion
+    if traces is None and burning is None:
+        return np.ones((*np.shape(rpm), 1, cylinders.bore.shape[-1]))
+    xp = namespace(cylinders, rpm)
+    count, rpm = cylinders.bore.shape[-1], xp.asarray(rpm, dtype=float)
+    share = load_share(cylinders, rpm)
+    parts = [xp.ones((*rpm.shape, 1, count))] if cylinders.pressure.shape[-1] else []
+    if traces is not None:
+        seats = np.array(traces.seats)
+        by_speed = hats(xp.broadcast_to(rpm[..., None], (*rpm.shape, seats.size)), traces.rpm)
+        by_load = hats(share[..., seats], traces.load)
+        both = (by_speed[..., :, None] * by_load[..., None, :]).reshape(*rpm.shape, seats.size, -1)
+        parts.append(_on_cylinders(xp.swapaxes(both, -1, -2), traces.seats, count, axis=-1))
+    if burning is not None:
+        parts.append(xp.stack([xp.ones_like(share), share], axis=-2))
+    return xp.concatenate(parts, axis=-2)
+
+
+def load_share(cylinders, rpm):
+    """Share of full load [..., nc] of each cylinder at ``rpm`` [...]."""
+    xp = namespace(cylinders.load_rpm, cylinders.load_share, rpm)
+    x = xp.broadcast_to(xp.asarray(rpm, dtype=float)[..., None], (*np.shape(rpm), cylinders.load_rpm.shape[0]))
+    return (hats(x, cylinders.load_rpm) * cylinders.load_share).sum(axis=-1)
+
+
+def _on_cylinders(values, seats, count, *, axis):
+    """Spread values of some cylinders along ``axis`` over all of them: zeros where there is none."""
+    xp, place = namespace(values), np.full(count, len(seats))
+    place[list(seats)] = np.arange(len(seats))
+    none = xp.zeros_like(xp.take(values, np.array([0]), axis=axis))
+    return xp.take(xp.concatenate([values, none], axis=axis), place, axis=axis)
+
+
+def _burning(cylinders):
+    """Pressures without load and per load share of the cylinders with a combustion, [2, n, M]."""
+    revolutions = np.array(cylinders.combustion.revolutions)
+    # Two- and four-strokes have other angles at the same sample.
+    groups = [np.flatnonzero(revolutions == r) for r in sorted(set(revolutions.tolist()))]
+    found = [_per_share(cylinders, rows, int(revolutions[rows[0]])) for rows in groups]
+    return namespace(found).concatenate(found, axis=1)[:, np.argsort(np.concatenate(groups))]
+
+
+def _per_share(cylinders, rows, revolutions):
+    """As :func:`_burning` of cylinders with the same number of revolutions in a gas cycle, [2, n, M]."""
+    table, xp = cylinders.combustion, namespace(cylinders)
+    seats = np.array(table.seats)[rows]
+    bore, stroke, rod = (xp.asarray(v)[seats] for v in (cylinders.bore, cylinders.stroke, cylinders.rod))
+    # The first three fields are static.
+    given = {f.name: xp.asarray(getattr(table, f.name))[rows] for f in dataclasses.fields(table)[3:]}
+    heat, imep = given.pop("heat")[:, None], given.pop("imep")[:, None]
+    motored, per_joule = pressures(bore, stroke, rod, **given, revolutions=revolutions, samples=GAS_SAMPLES)
+    angle = 2.0 * np.pi * revolutions * np.arange(GAS_SAMPLES) / GAS_SAMPLES
+    travel = slider_crank(angle, stroke[:, None], rod[:, None])[1]
+
+    def mean_effective(pressure):
+        # Work of a cycle over the swept volume, in which the area of the piston cancels.
+        return 2.0 * np.pi * revolutions * (pressure * travel).mean(axis=1, keepdims=True) / stroke[:, None]
+
+    # With imep given so much heat is taken off that the rest does no work: imep is then the whole of it.
+    idle = mean_effective(motored) / mean_effective(per_joule)
+    by_work = np.array(table.by_work)[rows][:, None]
+    base = xp.where(by_work, motored - idle * per_joule, motored)
+    return xp.stack([base, per_joule * xp.where(by_work, imep / mean_effective(per_joule), heat)])
+
+
+def outside_traces(train, rpm) -> list[str]:
+    """Sentences on speeds and loads outside of what traces cover; see :meth:`DriveTrain.outside_traces`."""
+    cylinders, names = train.cylinders, train.topology.cylinder_names
+    traces, alike = cylinders.traces, {}
+    if traces is None:
+        return []
+    share = np.asarray(load_share(cylinders, rpm))
+    for k, i in enumerate(traces.seats):
+        speeds, loads = traces.sizes[k]
+        asked = [("speed", float(rpm), traces.rpm[k][:speeds], " rpm")]
+        asked += [("load share", float(share[i]), traces.load[k][:loads], "")] * (loads > 1)
+        for what, value, grid, unit in asked:
+            low, high = float(grid[0]), float(grid[-1])
+            if not low <= value <= high:
+                alike.setdefault((what, f"({low:g} to {high:g}{unit}): the nearest is used"), []).append(names[i])
+    return [
+        f"the {what} lies outside the pressure traces of {', '.join(map(repr, own))} {covered}"
+        for (what, covered), own in alike.items()
+    ]

@@ -1,0 +1,70 @@
+"""Mean torques, gas pressures and scales at a speed, in NumPy or JAX; scenes are checked by them, without jax."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jaxhb._jax import kept, namespace
+from jaxhb.excitation import gas
+from jaxhb.excitation.crank import gas_torque
+
+if TYPE_CHECKING:
+    from jaxhb.train.tables import Cylinders, Torques
+
+
+def scale_at(table, rpm):
+    """Factor of each element at ``rpm`` [..., n]: its scale, linear between the points and constant outside them.
+
+    Of torques with a rated speed times the power of the speed.
+    """
+    if namespace(table.scale_rpm, table.scale_factor, rpm) is not np:
+        import jax
+        import jax.numpy as jnp
+
+        rows = jax.vmap(jnp.interp, in_axes=(None, 0, 0), out_axes=-1)
+        factor = rows(rpm, table.scale_rpm, table.scale_factor)
+    else:
+        rows = [np.interp(rpm, *points) for points in zip(table.scale_rpm, table.scale_factor, strict=True)]
+        factor = np.reshape(rows, (len(rows), *np.shape(rpm))).T
+    if getattr(table, "rated_rpm", None) is None:
+        return factor
+    xp = namespace(table, rpm)
+    # 1 where there is none: a power of infinity would be nan in derivatives.
+    rated = xp.where(table.rated_rpm > 0.0, table.rated_rpm, 1.0)
+    power = (xp.asarray(rpm, dtype=float)[..., None] / rated) ** table.speed_exponent
+    return factor * xp.where(table.rated_rpm > 0.0, power, 1.0)
+
+
+def gas_pressures(cylinders: Cylinders, rpm):
+    """Pressure [..., nc, M] (Pa) of every cylinder from firing top dead centre on, times its scale, at ``rpm`` [...].
+
+    M is 0 where no cylinder computes its torque from a pressure; zeros stand for those that do not.
+    """
+    summed = np.einsum("...jn,jnm->...nm", gas.weights(cylinders, rpm), gas.components(cylinders))
+    return scale_at(cylinders, rpm)[..., None] * summed
+
+
+def mean_torques(torques: Torques, cylinders: Cylinders, fires, revolutions, rpm):
+    """Mean of the given torques and then of the gas torques of the cylinders, N m [..., nt + nc], at ``rpm`` [...].
+
+    ``fires`` and ``revolutions`` [nc]: whether a cylinder fires, and how often its crank turns in a gas cycle. The
+    ambient pressure and the inertia torque do no work over a cycle. In NumPy or JAX.
+    """
+    mean = namespace(cylinders.gas_torque_mean).asarray(cylinders.gas_torque_mean)
+    mean = mean + (gas.weights(cylinders, rpm) * _computed_means(cylinders, tuple(revolutions))).sum(axis=-2)
+    mean = namespace(mean).where(np.array(fires, dtype=bool), mean, 0.0)
+    if cylinders.gas_factor is not None:
+        mean = cylinders.gas_factor * mean
+    given = scale_at(torques, rpm) * torques.mean, scale_at(cylinders, rpm) * mean
+    return namespace(given).concatenate(given, axis=-1)
+
+
+@kept
+def _computed_means(cylinders, revolutions):
+    """Mean torque [J, nc], N m, of each component of the gas pressure: speeds differ in its weights alone."""
+    pressures, geometry = gas.components(cylinders), (cylinders.bore, cylinders.stroke, cylinders.rod)
+    if not pressures.shape[-1]:
+        return np.zeros(pressures.shape[:-1])
+    return gas_torque(pressures, *geometry, revolutions=np.array(revolutions)).mean(axis=-1)

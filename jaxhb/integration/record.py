@@ -1,0 +1,217 @@
+"""What many cycles of a march amount to: each is reduced to a few numbers per quantity before the next one begins."""
+
+import dataclasses
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from jaxhb._program import Program
+from jaxhb.equations import backlash, fourier
+from jaxhb.integration.batch import LANES, blank, cycle, sampled
+
+
+@dataclass(frozen=True)
+class RecordOptions:
+    """What is kept of recorded cycles.
+
+    Parameters
+    ----------
+    harmonics : of the cycle, of which amplitudes are kept at most
+    stride : steps between the samples of shafts and disks, which follow the teeth with fewer than these
+    """
+
+    harmonics: int = 256
+    stride: int = 2
+
+
+RECORD = RecordOptions()
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Outputs:
+    """Quantities that are linear in the motion, and gear torques.
+
+    modal ``(Q, 2m)`` of the deviation from the linear train, which adds linear ``(L, Q, steps / stride)``: disks and
+    shafts; mesh_modal ``(2R, 2m)`` and mesh_linear ``(L, 2R, steps)``: deflections and forces of the R meshes without
+    backlash; sums ``(P, R + G)``: gear torques as sums of the forces of these and of the others.
+    """
+
+    modal: jax.Array
+    linear: jax.Array
+    mesh_modal: jax.Array
+    mesh_linear: jax.Array
+    sums: jax.Array
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class CycleStatistics:
+    """Cycles of quantities: max, min, mean, square (mean of squares) ``(cycles, L, quantities)``, power ``(L,
+    quantities, H+1)``: sum over the cycles of |x^n|^2.
+
+    The quantities are angles and rates of the disks, twists, their rates and torques of shafts and dampers, deflections
+    and forces of meshes without backlash, deflections, elastic and transmitted forces of the others, transmitted and
+    elastic gear torques.
+    """
+
+    max: jax.Array
+    min: jax.Array
+    mean: jax.Array
+    square: jax.Array
+    power: jax.Array
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class CycleContacts:
+    """Contact of the backlash meshes, per cycle ``(cycles, L, G)``: shares of the cycle beyond the gap on either side;
+    entries into contact and the approach speed of the hardest in m/s."""
+
+    above: jax.Array
+    below: jax.Array
+    impacts: jax.Array
+    hardest: jax.Array
+
+
+def outputs_of(modes, system, shafts, linear_meshes, gears, linear_motion, steps):
+    """The :class:`Outputs` of a train, on the host.
+
+    Parameters
+    ----------
+    modes : Modes
+    system : System
+    shafts : int, number of links that are shafts or dampers
+    linear_meshes : int array, links that are meshes without backlash
+    gears : array ``(P, R)`` m, radius and sense with which forces act on gears
+    linear_motion : LinearMotion
+    steps : int, per cycle
+    """
+    speed = fourier.derivative(linear_motion.displacement, linear_motion.frequency[:, None, None])
+    motion = np.concatenate([linear_motion.displacement, speed], axis=1)
+    parts = []
+    for rows, samples in zip(_rows(system, shafts, linear_meshes), (steps // RECORD.stride, steps), strict=True):
+        modal = rows @ modes.motion
+        parts += [np.concatenate([modal.real, -modal.imag], axis=1), fourier.synthesize(rows @ motion, samples)]
+    return Outputs(*parts, gears)
+
+
+def _rows(system, shafts, linear_meshes):
+    """What quantities take of (x, x'), two arrays ``(Q, 2S)``: of angles, their rates, twists, their rates and torques,
+    and of deflections and forces of meshes."""
+    radius, bend = np.asarray(system.radius), system.incidence().T
+    ends = radius[system.tree.end_a][:, None]
+    # A loss factor turns the spring force by its angle: of the analytic signal, whose real part is taken, a product
+    # with 1 + i eta.
+    elastic = np.asarray(system.stiffness) * (1 + 1j * np.asarray(system.loss))  # of what turns with positive frequency
+    spring, damper = (np.asarray(a)[:, None] * bend for a in (elastic, system.viscous))
+    angle, first, mesh = np.eye(len(radius)) / radius[:, None], slice(None, shafts), np.asarray(linear_meshes, int)
+    none, twist, still = 0 * angle, (bend / ends)[first], 0 * bend[first]
+    shaft = [angle, none, twist, still, (spring * ends)[first]], [none, angle, still, twist, (damper * ends)[first]]
+    teeth = [bend[mesh], spring[mesh]], [0 * bend[mesh], damper[mesh]]
+    return [np.concatenate([np.concatenate(x), np.concatenate(v)], axis=1) for x, v in (shaft, teeth)]
+
+
+@Program
+def record(lanes, outputs, state, cycles):
+    """Some cycles, LANES.cycles at most, each reduced to a few numbers: one program for any number of them.
+
+    Returns
+    -------
+    state ``(2m, L)``
+    samples, trace : as :func:`jaxhb.integration.batch.march`
+    statistics : CycleStatistics
+    contacts : CycleContacts
+        Of LANES.cycles cycles, those that were not asked for zeros.
+    """
+    lanes, outputs = jax.tree.map(jnp.asarray, (lanes, outputs))
+
+    def one_cycle(state):
+        state, trace, states = cycle(lanes, state, states=True)
+        numbers = lax.map(
+            lambda one: _statistics(lanes, outputs, *one),
+            (jnp.moveaxis(trace, 2, 0), jnp.moveaxis(states, 2, 0), outputs.linear, outputs.mesh_linear),
+        )
+        return state, trace, numbers
+
+    def another(i, carry):
+        state, samples, _, (statistics, contacts) = carry
+        state, trace, (own, touched) = one_cycle(state)
+        samples, (kept, contacts) = jax.tree.map(
+            lambda rows, row: lax.dynamic_update_index_in_dim(rows, row, i, axis=0),
+            (samples, (dataclasses.replace(statistics, power=None), contacts)),
+            (sampled(lanes, trace), (dataclasses.replace(own, power=None), touched)),
+        )
+        return state, samples, trace, (dataclasses.replace(kept, power=statistics.power + own.power), contacts)
+
+    *_, one = jax.eval_shape(one_cycle, state)
+    rows = jax.tree.map(lambda a: jnp.zeros((LANES.cycles, *a.shape), a.dtype), one)
+    rows = dataclasses.replace(rows[0], power=jnp.zeros(one[0].power.shape)), rows[1]
+    state, samples, trace, (statistics, contacts) = lax.fori_loop(
+        0, cycles, another, (state, *blank(lanes, state), rows)
+    )
+    return state, samples, trace, statistics, contacts
+
+
+def harmonics_of(steps):
+    """Harmonics whose amplitudes are kept."""
+    return min(RECORD.harmonics, steps // RECORD.stride // 2)
+
+
+def _statistics(lanes, outputs, w, states, linear, mesh_linear):
+    """One cycle of one lane: w ``(steps + 1, 2G)``, states ``(steps + 1, 2m)``, what the linear train adds."""
+    law = lanes.law
+    deflection, rate = jnp.split(w.T, 2)
+    elastic = backlash.force(law, deflection)
+    total = backlash.mesh_force(law, lanes.viscous, lanes.contact_damping, deflection, rate)
+    straight = outputs.mesh_modal @ states.T + _closed(mesh_linear)
+    held = jnp.split(straight, 2)[1]
+    gears = [outputs.sums @ jnp.concatenate([held, forces]) for forces in (total, elastic)]
+    shafts = outputs.modal @ states[:: RECORD.stride].T + _closed(linear)
+    teeth = jnp.concatenate([straight, deflection, elastic, total, *gears])
+    parts = [_numbers(values, harmonics_of(lanes.steps)) for values in (shafts, teeth)]
+    return jax.tree.map(lambda *a: jnp.concatenate(a), *parts), _contacts(law, deflection, rate)
+
+
+def _closed(values):
+    """Samples ``(Q, samples + 1)`` of a cycle, the first of which comes again at its end."""
+    return jnp.concatenate([values, values[:, :1]], axis=1)
+
+
+def _numbers(values, harmonics):
+    """The numbers of one cycle, from ``(Q, samples + 1)``."""
+    spectrum = fourier.analyze(values[:, :-1], harmonics)
+    return CycleStatistics(
+        max=_highest(values),
+        min=-_highest(-values),
+        mean=values[:, :-1].mean(axis=1),
+        square=(values[:, :-1] ** 2).mean(axis=1),
+        power=spectrum.real**2 + spectrum.imag**2,
+    )
+
+
+def _highest(values):
+    """Largest value of each row, on parabolas through neighbouring samples."""
+    before, here, after = values[:, :-2], values[:, 1:-1], values[:, 2:]
+    # Largest value between samples: the vertex of the parabola through three of them.
+    bend = 2 * here - before - after
+    top = here + (after - before) ** 2 / (8 * jnp.where(bend > 0, bend, 1.0))
+    peak = (here >= before) & (here >= after) & (bend > 0)
+    return jnp.maximum(jnp.where(peak, top, here).max(axis=1), jnp.maximum(values[:, 0], values[:, -1]))
+
+
+def _contacts(law, deflection, rate):
+    """The :class:`CycleContacts` of one cycle, from (l, l') ``(G, steps + 1)``."""
+    distance = jnp.abs(deflection) - law.gap
+    entry = (distance[:, :-1] < 0) & (distance[:, 1:] >= 0)
+    share = -distance[:, :-1] / jnp.where(entry, distance[:, 1:] - distance[:, :-1], 1.0)
+    speed = jnp.abs((1 - share) * rate[:, :-1] + share * rate[:, 1:])
+    return CycleContacts(
+        above=(deflection[:, :-1] >= law.gap).mean(axis=1),
+        below=(deflection[:, :-1] <= -law.gap).mean(axis=1),
+        impacts=entry.sum(axis=1),
+        hardest=jnp.where(entry, speed, 0.0).max(axis=1),
+    )

@@ -1,1 +1,0 @@
-"""What the engineer describes: elements, drive trains, engines, scene files."""

@@ -1,5 +1,0 @@
-"""Finding periodic solutions and estimating their errors."""
-
-from .. import _jax
-
-_jax.load()

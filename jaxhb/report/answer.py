@@ -1,0 +1,309 @@
+"""What is told of one speed, as every report reads it: the motion of the train, beside it that without backlash."""
+
+import dataclasses
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from jaxhb.equations.backlash import law_of
+from jaxhb.floquet.stability import attracts
+from jaxhb.results.record import PerCycle, SteadyContact
+from jaxhb.results.response import Fields, Response
+from jaxhb.results.status import Status
+from jaxhb.results.steady import SteadyState
+from jaxhb.train.drivetrain import DriveTrain
+
+
+@dataclass(frozen=True)
+class Growth:
+    """Growth of a disturbance over one period of a motion.
+
+    multiplier : float or None, modulus of the largest Floquet multiplier
+    stable : bool or None, whether disturbances die away
+    loses_by : str, how stability is lost, "" where that is not known
+    refused : str, why there is no multiplier, "" where there is one or nothing to tell
+    """
+
+    multiplier: float | None = None
+    stable: bool | None = None
+    loses_by: str = ""
+    refused: str = ""
+
+    @property
+    def unstable(self):
+        """Whether disturbances grow, as far as is known."""
+        return self.stable is False
+
+
+def growth_of(state):
+    """The :class:`Growth` of the motion of a steady state or orbit."""
+    if state.response is None or not state.known:
+        return Growth()
+    found, refused = state.stability, ""
+    if found is None:
+        _, found, refused = attracts(state.response)
+    if found is not None:
+        return Growth(found.largest, found.stable, found.loses_by or "")
+    return Growth(refused="" if state.kind == "contact" else refused)  # teeth in contact are a linear train
+
+
+def growth_text(growth, period=1):
+    """What a Growth says of a motion of ``period`` cycles; "" where nothing is known."""
+    span = "a cycle" if period <= 1 else f"{period} cycles"
+    size = growth.multiplier
+    if size is None:
+        return f"stability not decided: {growth.refused}" if growth.refused else ""
+    if growth.unstable:
+        how = f" ({growth.loses_by})" if growth.loses_by else ""
+        return f"UNSTABLE{how}: a disturbance grows {size:.3g} times in {span}; the train does not run in it"
+    return f"stable: a disturbance falls to {size:.2g} of its size in {span}"
+
+
+class NoSignal:
+    """The signal of a motion that is not known: numbers that are none, which tables show as dashes."""
+
+    mean = min = max = rms = peak = half_peak_to_peak = sum_of_amplitudes = float("nan")
+    per_cycle = PerCycle(np.full(3, np.nan), np.full(3, np.nan))
+
+    @property
+    def elastic(self):
+        """The elastic part is as unknown."""
+        return self
+
+    def summary(self):
+        """As :meth:`jaxhb.Signal.summary`."""
+        return self.extremes() | {"rms": self.rms, "sum_of_amplitudes": self.sum_of_amplitudes, "amplitudes": []}
+
+    def extremes(self):
+        """As :meth:`jaxhb.Signal.extremes`."""
+        return {name: getattr(self, name) for name in ("mean", "min", "max", "half_peak_to_peak")}
+
+
+UNCONFIRMED = "not confirmed by harmonic balance"
+"""What is said of a motion that returns in time integration and that no harmonic solution repeats."""
+
+NO_SIGNAL = NoSignal()
+NAN = float("nan")
+NO_CONTACT = SteadyContact(NAN, NAN, NAN, NAN, 0)
+
+
+@dataclass(frozen=True)
+class Axis:
+    """What changes along a sweep: the speed in rpm, or a number of the scene by its name "NAME.FIELD"."""
+
+    name: str = "rpm"
+    unit: str = "rpm"
+
+    @property
+    def label(self):
+        """For axes of pictures and heads of columns."""
+        return "rpm" if self == SPEED else f"{self.name}, {self.unit}".removesuffix(", ")
+
+    def span(self, values):
+        """``8 speeds from 700 to 2450 rpm``, or ``5 values of NAME.FIELD from 100 to 400 N m s/rad``."""
+        counted = "speeds" if self == SPEED else f"values of {self.name}"
+        return f"{len(values)} {counted} from {min(values):g} to {max(values):g} {self.unit}".rstrip()
+
+    @property
+    def to(self):
+        """What stands between the ends of a range."""
+        return "-" if self == SPEED else " to "
+
+    def said(self, values):
+        """Values as text: ``600, 1200 rpm``, or ``NAME.FIELD = 100, 300 N m s/rad``."""
+        told = f"{values} {self.unit}".rstrip()
+        return told if self == SPEED else f"{self.name} = {told}"
+
+
+SPEED = Axis()
+
+
+@dataclass(frozen=True)
+class Answer:
+    """One speed: what the train does there, or with ``--orbit`` a periodic solution, stable or not.
+
+    Parameters
+    ----------
+    train : DriveTrain
+    state : SteadyState
+        What the train does after it has run long enough; of an orbit what it would do if the orbit were stable.
+    linear : Response
+        The same train with all teeth in contact.
+    growth : Growth
+        What becomes of a small disturbance of the motion.
+    orbit : bool
+        Whether the state is that of a periodic solution which the train need not run in.
+    certificate : Certificate or str, optional
+        The computed bound, or why there is none; None where it was not asked for.
+    axis : Axis
+        Along which a sweep goes; value : where on it, for what is not the speed.
+    """
+
+    train: DriveTrain
+    state: SteadyState
+    linear: Response
+    growth: Growth = Growth()
+    orbit: bool = False
+    certificate: object = None
+    axis: Axis = SPEED
+    value: float | None = None
+
+    @property
+    def topology(self):
+        """Names and connections."""
+        return self.train.topology
+
+    @property
+    def rpm(self):
+        """Speed of the reference rotor."""
+        return self.state.rpm
+
+    @property
+    def place(self):
+        """Where it stands in a sweep: the speed, or the number that changes."""
+        return self.rpm if self.value is None else self.value
+
+    @property
+    def at(self):
+        """The same in words."""
+        return self.axis.said(f"{self.place:g}")
+
+    @property
+    def known(self):
+        """Whether the kind of motion is known, so that there are numbers."""
+        return self.state.known
+
+    @property
+    def response(self):
+        """The harmonic solution; None where there is none."""
+        return self.state.response
+
+    @property
+    def status(self):
+        """The :class:`jaxhb.Status` of the harmonic solution; None without."""
+        return None if self.response is None else Status(int(self.response.status))
+
+    @property
+    def harmonics(self):
+        """Highest harmonic of the solution over its own period; None without one."""
+        return None if self.response is None else int(self.response.highest_harmonic)
+
+    @property
+    def converged(self):
+        """Whether the harmonic solution is within its limits; None for a motion that is known from recorded cycles."""
+        if self.response is None:
+            return None if self.known else False
+        return bool(self.response.converged)
+
+    @property
+    def answered(self):
+        """Whether the speed has its answer, for the exit status and every table: the kind of motion is known, and its
+        numbers are those of recorded cycles or of a harmonic solution within its limits."""
+        return self.known and self.converged is not False
+
+    @property
+    def unconfirmed(self):
+        """Whether no harmonic solution repeats a periodic motion: its numbers are those of recorded cycles."""
+        return self.known and self.response is None and self.state.kind != "irregular"
+
+    @property
+    def doubt(self):
+        """What to doubt of numbers that are there, in two words; "" of those to rely on."""
+        if self.unconfirmed:
+            return "not confirmed"
+        return "not converged" if self.known and not self.answered else ""
+
+    @property
+    def cycle_deg(self):
+        """Angle of the reference rotor in one cycle of the excitation, deg."""
+        return 360.0 * self.topology.revolutions_per_cycle
+
+    @property
+    def balance(self):
+        """The response that tells what loads and grounds take: mean torques balance in every motion."""
+        return self.linear if self.response is None else self.response
+
+    @cached_property
+    def without_backlash(self):
+        """The linear motion as an answer of its own."""
+        return Answer(self.linear.train, orbit_state(self.linear), self.linear, orbit=True)
+
+    def force(self, mesh):
+        """Tooth force of a mesh, N."""
+        return self._read("force", mesh)
+
+    def torque(self, name):
+        """Torque of a shaft or damper, N m."""
+        return self._read("torque", name)
+
+    def gear_torque(self, name):
+        """Torque that a gear passes to its mates, N m."""
+        return self._read("gear_torque", name)
+
+    def disk(self, name):
+        """Vibratory angle of a disk, rad."""
+        return self._read("disk", name)
+
+    def speed(self, name):
+        """Speed of rotation of a disk, rad/s."""
+        return self._read("speed", name)
+
+    def acceleration(self, name):
+        """Angular acceleration of a disk, rad/s2; not known of a record."""
+        return self._read("acceleration", name) if self.response is not None else NO_SIGNAL
+
+    def irregularity(self, name):
+        """Cyclic irregularity of a disk, nan where it is not known."""
+        return float(self.state.irregularity(name)) if self.known else float("nan")
+
+    def power(self, name):
+        """Heat of a shaft, damper or mesh, W; nan where it is not known."""
+        return float(self.state.power(name)) if self.known else float("nan")
+
+    def _read(self, what, name):
+        return getattr(self.state, what)(name) if self.known else NO_SIGNAL
+
+    @cached_property
+    def contacts(self):
+        """:class:`SteadyContact` of every mesh by name."""
+        return {name: self._read("mesh", name) if self.known else NO_CONTACT for name in self.topology.mesh_names}
+
+    @cached_property
+    def details(self):
+        """:class:`jaxhb.results.contact.Contact` of every mesh, impact by impact; empty without a solution."""
+        return self.response.contacts() if self.known and self.response is not None else {}
+
+    def law(self, mesh):
+        """The :class:`Law` of one mesh in floats; None where it has no backlash."""
+        index = self.topology.mesh_names.index(mesh)
+        if not self.topology.mesh_backlash[index]:
+            return None
+        law = law_of(self.train.meshes)
+        return type(law)(**{name: float(np.asarray(values)[index]) for name, values in vars(law).items()})
+
+
+_SHOWN = (*(f.name for f in dataclasses.fields(Fields)), "disk_power", "link_power")
+
+
+def shown(response):
+    """A response of one or several speeds whose motion is nan where the equations have no answer."""
+    failed = np.asarray(response.status) != Status.CONVERGED
+    if not failed.any():
+        return response
+    given = {name: np.asarray(getattr(response, name)) for name in _SHOWN if hasattr(response, name)}
+    axes = {name: failed.reshape(failed.shape + (1,) * (a.ndim - failed.ndim)) for name, a in given.items()}
+    return dataclasses.replace(response, **{name: np.where(axes[name], np.nan, a) for name, a in given.items()})
+
+
+def orbit_state(response):
+    """A periodic solution as the steady state that it would be; "unknown" where it solves no equations."""
+    status, topology, notes = Status(int(response.status)), response.topology, ()
+    contacts = {}
+    if status <= Status.TOLERANCE_NOT_MET:
+        contacts = response.contacts()
+        kind = "periodic" if any(contact.separated_fraction for contact in contacts.values()) else "contact"
+    else:
+        kind, notes = "unknown", (status.sentence,)
+    period = int(kind != "unknown")
+    return SteadyState(float(response.rpm), kind, period, response, None, 0, notes, None, topology)

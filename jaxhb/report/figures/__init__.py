@@ -1,0 +1,1 @@
+"""Answers as pictures, drawn by matplotlib, readable without colour."""

@@ -1,0 +1,143 @@
+"""Pictures of the linear train: Holzer's residual over the frequency and the Campbell diagram, readable without
+colour."""
+
+import numpy as np
+
+from jaxhb.linear.critical import ELASTIC
+from jaxhb.report.figures.style import WITH, WITHOUT, new_figure
+from jaxhb.report.text.campbell import shares_in_mode, shown_modes
+
+POINTS = 2000
+COUNTS = 0.1
+"""Modal torque over the largest of the mode from which a critical speed is filled."""
+APART = 0.032
+"""Share of the height between the names of two modes."""
+LINEAR = 1e-3
+"""Residual over its median below which the scale is linear."""
+
+
+def plot_holzer(residual, tables, natural, name):
+    """Holzer's residual over the frequency, natural frequencies as circles, frequencies asked for as dotted lines.
+
+    Every branch begins with ordinate 1 at its free end; a table of a train with branches is scaled otherwise.
+
+    Parameters
+    ----------
+    residual : function, frequencies ``(n,)`` in Hz to N m
+    tables : list of (int or None, HolzerTable)
+    natural : dict, number of the mode: Hz, of those that strain links
+    name : str, of the scene
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The scale is logarithmic on both sides of 0, as the residual grows with a high power of the frequency.
+    """
+    highest = 1.15 * max(table.hz for _, table in tables)
+    hz = highest * np.arange(1, POINTS + 1) / POINTS
+    values = residual(hz)
+    figure = new_figure(4.2)
+    axes = figure.subplots()
+    axes.plot(hz, values, color=WITHOUT, linewidth=1.3)
+    axes.axhline(0.0, color="black", linewidth=0.8)
+    small = LINEAR * float(np.median(np.abs(values[np.isfinite(values)])))
+    axes.set_yscale("symlog", linthresh=10 ** np.ceil(np.log10(small)) if small else 1.0)
+    for mode, own in natural.items():
+        if own <= highest:
+            axes.plot([own], [0.0], "o", color=WITH, markersize=6, fillstyle="none")
+            axes.annotate(
+                f"mode {mode}\n{own:.4g} Hz", (own, 0.0), (5, 8), textcoords="offset points", fontsize="small"
+            )
+    for mode, table in tables:
+        if mode is None:
+            axes.axvline(table.hz, color="black", linewidth=0.8, linestyle=":")
+    axes.set_xlim(0.0, highest)
+    axes.set_xlabel("frequency, Hz")
+    axes.set_ylabel("residual, N m, from ordinates 1")
+    axes.set_title(f"{name}: Holzer's residual, zero at natural frequencies", fontsize="medium")
+    return figure
+
+
+def plot_campbell(found, count, name):
+    """Natural frequencies over the speed, orders as rays, critical speeds as circles.
+
+    Parameters
+    ----------
+    found : Campbell
+    count : int, elastic modes that were taken
+    name : str, of the scene
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Full lines are modes, named with their frequency at the right; dashed rays are orders, named where they leave
+        the picture; dotted lines are rigid modes and those of rings only.
+    """
+    figure = new_figure(6.2)
+    axes = figure.subplots()
+    low, high = found.rpm[0], found.rpm[-1]
+    elastic = found.elastic(count)
+    top = top_frequency(found, elastic)
+    shown = [k for k in shown_modes(found, count) if found.frequencies_hz[-1, k] <= top]
+    for k in shown:
+        style = {"color": WITHOUT, "linewidth": 1.6} if k in elastic else {"color": "grey", "linestyle": ":"}
+        axes.plot(found.rpm, found.frequencies_hz[:, k], **style)
+    _name_modes(axes, found, shown, top)
+    for order in found.orders:
+        axes.plot([low, high], [order * low / 60, order * high / 60], color="black", linewidth=0.7, linestyle="--")
+        if order * low / 60 < top:
+            _name_ray(axes, order, high, top)
+    for fill, own in (("full", counting(found)), ("none", found.critical)):
+        axes.plot([c.rpm for c in own], [c.hz for c in own], "o", color=WITH, fillstyle=fill, markersize=7)
+    axes.set_xlim(low, high)
+    axes.set_ylim(0.0, top)
+    axes.set_xlabel("speed, rpm")
+    axes.set_ylabel("frequency, Hz")
+    said = "modes full, orders dashed (named at their ends), critical speeds circled"
+    said += f"\n(filled: modal torque above {100 * COUNTS:g} % of the largest of the mode)"
+    axes.set_title(f"{name}: Campbell diagram\n{said}", fontsize="medium", pad=18)
+    return figure
+
+
+def counting(found):
+    """Critical speeds whose modal torque counts beside the largest of their mode."""
+    shares = shares_in_mode(found.critical, [c.torque for c in found.critical])
+    return [c for c, share in zip(found.critical, shares, strict=True) if share > COUNTS]
+
+
+def _name_modes(axes, found, shown, top):
+    """Names of the modes at the right, moved up where they would lie on one another; zero frequencies share one."""
+    names = {}
+    for k in shown:
+        hz = found.frequencies_hz[-1, k]
+        what = f"{hz:.4g} Hz" if found.kinds[k] == ELASTIC else found.kinds[k]
+        names.setdefault(float(hz) if hz > APART * top / 10 else 0.0, []).append(f"mode {k}: {what}")
+    lowest = 0.0
+    for hz, said in names.items():
+        y = max(hz, lowest)
+        axes.annotate(
+            " " + "\n ".join(said),
+            (found.rpm[-1], y),
+            va="bottom" if not hz else "center",
+            fontsize="small",
+            annotation_clip=False,
+        )
+        lowest = y + APART * top * (len(said) + 0.5 * (not hz))
+
+
+def top_frequency(found, elastic):
+    """Highest frequency: where modes or orders end, and at least the lowest mode."""
+    modes = found.frequencies_hz[:, elastic].max(axis=0)
+    rays = found.orders * found.rpm[-1] / 60
+    highest = min(modes.max(initial=0.0), rays.max(initial=0.0))
+    return 1.08 * (max(highest, modes[:1].max(initial=0.0)) or 1.0)
+
+
+def _name_ray(axes, order, high, top):
+    """The order where its ray leaves the picture, above it or at the right."""
+    style = {"fontsize": "x-small", "bbox": {"facecolor": "white", "edgecolor": "none", "pad": 0.5}}
+    if order * high / 60 > top:
+        axes.annotate(f"{order:g}", (60 * top / order, top), (0, 4), textcoords="offset points", ha="center", **style)
+    else:
+        at = (high, order * high / 60)
+        axes.annotate(f"{order:g}", at, (-6, 0), textcoords="offset points", ha="right", va="center", **style)

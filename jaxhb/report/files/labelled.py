@@ -1,0 +1,82 @@
+"""Answers as labelled arrays for NetCDF files: the motions, beside them the same without backlash."""
+
+import importlib.util
+
+import numpy as np
+
+from jaxhb.excitation.torques import listed_harmonic
+from jaxhb.report.files.output import OutputError
+from jaxhb.results.dataset import as_netcdf, to_xarray
+
+COMPARED = ("torque", "gear_torque", "tooth_force")
+"""Signals that are given without backlash too."""
+
+WITHOUT = "_without_backlash"
+
+
+def check_labelled(arguments):
+    """Refuse a NetCDF file without xarray."""
+    if arguments.netcdf and importlib.util.find_spec("xarray") is None:
+        raise OutputError('--netcdf: such files need xarray. Install it: pip install "jaxhb[data]".')
+
+
+DIMENSIONS = {"direction": "in which the sweep went", "case": "normal running, and with misfires"}
+"""What several lists of answers are called in a file."""
+
+
+def netcdf(found, orders, *, along=None, every=False):
+    """The NetCDF file of answers.
+
+    Parameters
+    ----------
+    found : dict
+        Lists of answers of trains with the same elements, by name.
+    orders : float or None
+        Highest order whose amplitudes are given; None: the highest of the excitation.
+    along : str, optional
+        The dimension of the names of ``found``, one of ``DIMENSIONS``; without it there is one list.
+    every : bool
+        Instead of None for ``orders``: the highest order of the motions.
+    """
+    import xarray
+
+    data = _labelled([answer for answers in found.values() for answer in answers], orders, every)
+    if along is None:
+        return [as_netcdf(data)]
+    dim, ends = "value" if "value" in data.dims else "rpm", np.cumsum([0, *map(len, found.values())])
+    sets = [data.isel({dim: slice(*ends[i : i + 2])}) for i in range(len(found))]
+    names = xarray.Variable(along, list(found), {"long_name": DIMENSIONS[along]})
+    return [as_netcdf(xarray.concat(sets, names, join="outer", combine_attrs="override"))]
+
+
+def forced_netcdf(response, orders):
+    """The NetCDF file of a linear forced response."""
+    return [as_netcdf(response.to_xarray(orders=orders))]
+
+
+def _labelled(answers, orders, every):
+    topology, axis = answers[0].topology, answers[0].axis
+    if orders is None and not every:
+        orders = listed_harmonic(topology) / topology.revolutions_per_cycle
+    data = to_xarray([answer.state for answer in answers], topology, [answer.rpm for answer in answers], orders=orders)
+    data.attrs |= {"motions": "periodic solutions" if answers[0].orbit else "steady states"}
+    data["stable"] = ("rpm", [_flag(answer.growth.stable) for answer in answers], _STABLE)
+    multipliers = [float("nan") if a.growth.multiplier is None else float(a.growth.multiplier) for a in answers]
+    data["largest_multiplier"] = ("rpm", multipliers, {"units": "1", "long_name": "modulus over the period"})
+    if any(topology.mesh_backlash):
+        linear = to_xarray([answer.linear for answer in answers], topology, data.rpm.values, orders=0)
+        names = [name for name in linear if str(name).startswith(tuple(f"{n}_" for n in COMPARED))]
+        data = data.merge(linear[names].rename({name: f"{name}{WITHOUT}" for name in names}))
+    if answers[0].value is not None:
+        data = data.rename(rpm="value").assign_coords(value=[answer.place for answer in answers])
+        data.value.attrs |= {"units": axis.unit, "long_name": axis.name}
+        data.attrs |= {"rpm": answers[0].rpm}
+    return data
+
+
+_STABLE = {"long_name": "whether disturbances die away", "flag_values": [-1, 0, 1]}
+_STABLE |= {"flag_meanings": "not_known unstable stable"}
+
+
+def _flag(stable):
+    return -1 if stable is None else int(stable)

@@ -1,0 +1,167 @@
+"""Files that appear whole or not at all, standard output among them, and refusals before anything is computed."""
+
+import contextlib
+import csv
+import glob
+import importlib.util
+import io
+import json
+import os
+import sys
+from pathlib import Path
+
+from jaxhb._parts import clear_parts, part_of
+
+PICTURES = (".png", ".svg", ".pdf")
+ANSWERED, NOT_ANSWERED, INTERRUPTED = 0, 1, 130
+STANDARD_OUTPUT = "-"
+STREAMED = ("--json", "--csv", "--trace")
+"""Options whose file may be standard output."""
+
+_CHANGES = {"scenario": lambda name: name, "set": dict, "links_at": dict, "viscous": lambda hz: hz, "misfire": list}
+
+
+class OutputError(ValueError):
+    """A file that cannot be written, or a picture that cannot be drawn: a sentence for the user."""
+
+
+def check_output(option, name):
+    """Refuse a path that cannot be written, before the work is done."""
+    if name == STANDARD_OUTPUT and option in STREAMED:
+        return
+    path = Path(name).resolve()
+    if not path.parent.is_dir():
+        raise OutputError(f"{option}: there is no folder {str(path.parent)!r}. Make it, or give another path.")
+    if path.is_dir():
+        raise OutputError(f"{option}: {name!r} is a folder. Give the name of a file.")
+    if path.exists() and not path.is_file():
+        instead = f", or {STANDARD_OUTPUT} for standard output" if option in STREAMED else ""
+        raise OutputError(f"{option}: {name!r} is a device or a pipe. Give the name of a file{instead}.")
+    if not os.access(path.parent, os.W_OK) or (path.exists() and not os.access(path, os.W_OK)):
+        raise OutputError(f"{option}: {name!r} cannot be written. Give a path where you may write.")
+
+
+def check_inputs(option, name, inputs):
+    """Refuse to write over what is read: the scene and its tables."""
+    path = Path(name)
+    for read in inputs:
+        if name != STANDARD_OUTPUT and path.exists() and path.samefile(read):
+            raise OutputError(f"{option}: {name!r} is read by this command and would be lost. Give another name.")
+
+
+def check_picture(option, name):
+    """Refuse a picture of unknown kind, and any picture without matplotlib."""
+    check_output(option, name)
+    if Path(name).suffix.lower() not in PICTURES:
+        raise OutputError(f"{option}: {name!r} is no picture. Give a name that ends in {', '.join(PICTURES)}.")
+    if importlib.util.find_spec("matplotlib") is None:
+        raise OutputError(f'{option}: pictures need matplotlib. Install it: pip install "jaxhb[plot]".')
+
+
+def make_folders(names):
+    """Make the folders in which files of these names will lie."""
+    for name in names:
+        with _sentence(name):
+            Path(name).parent.mkdir(parents=True, exist_ok=True)
+
+
+def write_files(contents):
+    """Write all files or none: each beside its name first, then moved there; nobody ever sees half a file.
+
+    Under the name "-" the content goes to standard output, after the files.
+
+    Parameters
+    ----------
+    contents : dict
+        ``{name: iterable of bytes}``. What fails while a content is made, leaves no file behind.
+    """
+    streamed, beside = contents.pop(STANDARD_OUTPUT, None), {}
+    try:
+        for name, parts in contents.items():
+            path = Path(name).resolve()
+            beside[name] = part_of(path)
+            clear_parts(path.parent, glob.escape(path.name))
+            with _sentence(name), beside[name].open("wb") as file:
+                file.writelines(parts)
+        for name, part in beside.items():
+            with _sentence(name):
+                os.replace(part, Path(name).resolve())
+    finally:
+        for part in beside.values():
+            part.unlink(missing_ok=True)
+    if streamed is not None:
+        sys.stdout.flush()
+        sys.stdout.buffer.writelines(streamed)  # UTF-8, whatever the terminal shows
+
+
+@contextlib.contextmanager
+def _sentence(name):
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(f"{name!r} cannot be written: {error.strerror}.") from None
+
+
+def as_json(record):
+    """A record (see :func:`jaxhb.report.files.record.answer_record`) in full precision."""
+    return [as_bytes(record), b"\n"]
+
+
+def as_sweep_json(head, lists):
+    """``{**head, key: [...], ...}``; each list holds, or generates, records as :func:`as_bytes` makes them."""
+    yield as_bytes(head)[:-1]
+    for key, records in lists.items():
+        yield b", " + as_bytes(key) + b": ["
+        for i, record in enumerate(records):
+            yield (b", " if i else b"") + record
+        yield b"]"
+    yield b"}\n"
+
+
+def as_bytes(record):
+    """A record as JSON."""
+    return json.dumps(record, allow_nan=False, ensure_ascii=False).encode()
+
+
+def as_csv(heads, rows):
+    """A table, numbers in full precision."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(heads)
+    writer.writerows(rows)
+    return [text.getvalue().encode()]
+
+
+def as_picture(name, figure):
+    """A matplotlib figure as the kind that ``name`` ends in."""
+    content = io.BytesIO()
+    figure.savefig(content, format=Path(name).suffix.lower()[1:], dpi=100)
+    return [content.getvalue()]
+
+
+def changes(arguments):
+    """What was changed in the scene, for the files."""
+    return {option: made(getattr(arguments, option)) for option, made in _CHANGES.items() if hasattr(arguments, option)}
+
+
+def changed_text(arguments):
+    """What was changed in the scene, as it was typed: a line, "" where nothing was."""
+    given = {option: value for option, value in changes(arguments).items() if value not in (None, {}, [])}
+    said = []
+    for option, value in given.items():
+        rows = [f"{key}={one}" for key, one in value.items()] if isinstance(value, dict) else value
+        said += [f"--{option.replace('_', '-')} {one!r}" for one in (rows if isinstance(rows, list) else [str(rows)])]
+    return f"Asked with {', '.join(said)}." if said else ""
+
+
+def deliver(arguments, text, **makers):
+    """Make all that was asked for, then write it, then print: what fails on the way leaves no file.
+
+    Standard output is for programs where a file is "-": then the text is not printed.
+    """
+    given = vars(arguments)
+    files = {given[option]: make() for option, make in makers.items() if given.get(option)}
+    silent = arguments.quiet or STANDARD_OUTPUT in files
+    write_files(files)
+    if not silent:
+        print("\n\n".join(filter(None, [text, changed_text(arguments)])))

@@ -1,0 +1,133 @@
+"""Answers as rows of CSV files, and one motion over its cycle as the rows of a table of time traces."""
+
+import numpy as np
+
+from jaxhb.equations import fourier
+from jaxhb.report.answer import UNCONFIRMED
+from jaxhb.report.files.output import as_csv
+from jaxhb.report.files.record import finite
+from jaxhb.report.selection import gears, shafts_of
+from jaxhb.report.text.mean_torques import ground_reactions, load_torques
+from jaxhb.report.text.strength import answers_strength, strength_columns
+from jaxhb.results.record import PERCENT
+from jaxhb.results.signal import MISSED
+
+TRACED = 720
+"""Time samples in a period of a trace, or twice, four times... as many: at least four for each harmonic of the motion,
+and so many that no tooth force loses its peak."""
+
+
+def answer_row(answer, **first):
+    """One answer as a row of a CSV file, by its heading, ``first`` behind the speed.
+
+    Without an answer (an unknown motion, one that did not converge) nothing but ``rpm``, ``motion``, ``status`` and the
+    like is in it: what is not certain does not look like a result.
+    """
+    about = _about(answer, first)
+    return about | (_numbers(answer) if answer.answered else dict.fromkeys(_numbers(answer)))
+
+
+def rows_csv(rows):
+    """The CSV file of such rows."""
+    heads = dict.fromkeys(head for row in rows for head in row)
+    return as_csv(list(heads), [[row.get(head) for head in heads] for row in map(finite, rows)])
+
+
+def _about(answer, first):
+    solved = answer.response
+    return {
+        "rpm": answer.rpm,
+        **first,
+        "motion": answer.state.kind,
+        "period cycles": answer.state.period,
+        "started from rpm": answer.state.started_from,
+        "stable": answer.growth.stable,
+        "largest multiplier": answer.growth.multiplier,
+        "status": None if solved is None else answer.status.name,
+        "harmonics": answer.harmonics,
+        "residual": None if solved is None else float(solved.residual),
+        "truncation error": None if solved is None else float(solved.truncation_error),
+    }
+
+
+def _numbers(answer):
+    linear = answer.linear
+    row = {"load kW": float(answer.balance.load_kW)}
+    row |= {f"{name} load torque N m": torque for name, torque in load_torques(answer.balance).items()}
+    row |= {f"{name} ground reaction N m": torque for name, torque in ground_reactions(answer.balance).items()}
+    for name in answer.topology.mesh_names:
+        row |= _mesh_cells(name, answer.force(name), linear.force(name), answer.contacts[name])
+    for gear in gears(answer.topology):
+        row[f"{gear} torque half peak-to-peak N m"] = float(answer.gear_torque(gear).half_peak_to_peak)
+        without = float(linear.gear_torque(gear).half_peak_to_peak)
+        row[f"{gear} torque half peak-to-peak N m without backlash"] = without
+    for shaft in shafts_of(answer.topology):
+        row[f"{shaft} torque half peak-to-peak N m"] = float(answer.torque(shaft).half_peak_to_peak)
+        row[f"{shaft} heat W"] = answer.power(shaft)
+    for disk in answer.topology.disk_names:
+        row[f"{disk} speed half peak-to-peak rad/s"] = float(answer.speed(disk).half_peak_to_peak)
+        row[f"{disk} acceleration half peak-to-peak rad/s2"] = float(answer.acceleration(disk).half_peak_to_peak)
+        row[f"{disk} irregularity"] = answer.irregularity(disk)
+    return row | {head: values[0] for head, values in strength_columns(answers_strength([answer])).items()}
+
+
+def _mesh_cells(name, force, linear, contact):
+    cells = {f"{name} {what} N": float(getattr(force, what)) for what in ("mean", "max", "min")}
+    peaks = zip(PERCENT, force.per_cycle.max.tolist(), strict=True)
+    cells |= {f"{name} max of a cycle {percent} % N": peak for percent, peak in peaks}
+    cells |= {f"{name} {what} N without backlash": float(getattr(linear, what)) for what in ("max", "min")}
+    return cells | {
+        f"{name} separated fraction": contact.separated_fraction,
+        f"{name} reverse fraction": contact.reverse_contact_fraction,
+        f"{name} impacts per cycle": contact.impacts_per_cycle,
+        f"{name} hardest impact m/s": contact.hardest_impact,
+    }
+
+
+def untraceable(answer):
+    """Why a motion has no trace; "" where it has."""
+    if not answer.known:
+        return "the motion is not known"
+    if not answer.answered:
+        return "the motion is not converged"
+    if answer.unconfirmed:
+        return f"the motion is {UNCONFIRMED}, so there is no solution to trace (--orbit: a periodic solution)"
+    return "the motion never repeats, so it has no period (--orbit: a periodic solution)" * (answer.response is None)
+
+
+def trace_csv(answer):
+    """The motion over its period: angle of the reference rotor, time, forces, torques, angles, speeds; SI units.
+
+    Of an answer that :func:`untraceable` has nothing to say about.
+    """
+    topology, turns = answer.topology, answer.response.topology.revolutions_per_cycle
+    count = _time_samples(answer)
+    part = np.arange(count) / count
+    columns = {"angle deg": 360.0 * turns * part, "time s": 60.0 * turns / answer.rpm * part}
+
+    def add(read, names, what, unit):
+        for name in names:
+            columns[f"{name} {what} {unit}"] = fourier.sample(np.asarray(read(name).coefficients), count)
+
+    add(answer.force, topology.mesh_names, "tooth force", "N")
+    add(answer.state.deflection, topology.mesh_names, "deflection", "m")
+    add(answer.gear_torque, gears(topology), "gear torque", "N m")
+    add(answer.torque, shafts_of(topology), "torque", "N m")
+    add(answer.disk, topology.disk_names, "angle", "rad")
+    add(answer.speed, topology.disk_names, "speed", "rad/s")
+    add(answer.acceleration, topology.disk_names, "acceleration", "rad/s2")
+    return as_csv(list(columns), np.transpose(list(columns.values())).tolist())
+
+
+def _time_samples(answer):
+    """Number of time samples of a trace."""
+    count = TRACED * max(1, -(-4 * answer.response.harmonics // TRACED))
+    forces = [answer.force(name) for name in answer.topology.mesh_names]
+    while any(_missed(force, count) > MISSED for force in forces):
+        count *= 2
+    return count
+
+
+def _missed(signal, count):
+    peak = float(signal.peak)
+    return 1 - float(np.abs(fourier.sample(np.asarray(signal.coefficients), count)).max()) / peak if peak else 0.0

@@ -1,0 +1,338 @@
+"""Parts of the page over the speed: kinds of motion, tooth forces, torques, heat, each with and without backlash."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxhb.report.figures.style import plain
+from jaxhb.report.page.figures import (
+    NO_ANSWER,
+    SYMBOLS,
+    Figure,
+    answered,
+    kind_keys,
+    kind_of,
+    kind_word,
+    layout,
+    line,
+    marks,
+    motion_line,
+    speed_range,
+    top_of,
+)
+from jaxhb.report.selection import gears, largest, shafts_of, turning_disks
+from jaxhb.report.text.columns import NONE, Table, alike, ratios, shares
+from jaxhb.report.text.sweep_tables import speed_table, turning_table
+
+MANY = 40
+"""Speeds above which symbols are small."""
+
+MOST = 6
+"""Elements of a kind that have a figure, those with the largest numbers; tables tell of all."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What is told of elements of a kind: their names, how an answer is read, and the unit for people.
+
+    read : function of (answer or response, name) to an SI number; what, title, unit : words; factor : from SI to unit
+    """
+
+    what: str
+    title: str
+    names: tuple
+    read: object
+    unit: str
+    factor: float = 1.0
+
+    def of(self, answers, name):
+        """Of every answer in the unit for people, nan where there is none to rely on."""
+        return self.factor * answered(answers, lambda answer: self.read(answer, name))
+
+    def without(self, answers, name):
+        """The same without backlash; nan where that has not converged."""
+        values = [float(self.read(a.linear, name)) if bool(a.linear.converged) else np.nan for a in answers]
+        return self.factor * np.array(values)
+
+    def hardest(self, cases):
+        """The elements with the largest numbers, the largest first."""
+        return sorted(self.names, key=lambda name: -max(_most(self.of(case.answers, name)) for case in cases))
+
+
+def _most(values):
+    return float(np.nanmax(values)) if np.isfinite(values).any() else -1.0
+
+
+def forces(train):
+    """Tooth forces."""
+    names = train.topology.mesh_names
+    return Quantity("mesh", "Largest tooth force", names, lambda r, name: r.force(name).peak, "kN", 1e-3)
+
+
+def gear_torques(train):
+    """Torques of gears."""
+    names, title = gears(train.topology), "Gear torque, half peak-to-peak"
+    return Quantity("gear", title, names, lambda r, name: r.gear_torque(name).half_peak_to_peak, "N m")
+
+
+def shaft_torques(train):
+    """Torques of shafts and dampers."""
+    names, title = shafts_of(train.topology), "Torque of shafts and dampers, half peak-to-peak"
+    return Quantity("shaft", title, names, lambda r, name: r.torque(name).half_peak_to_peak, "N m")
+
+
+def angles(train):
+    """Angles of disks."""
+    names, title = train.topology.disk_names, "Vibratory angle of disks, half peak-to-peak"
+    return Quantity("disk", title, names, lambda r, name: r.disk(name).half_peak_to_peak, "mrad", 1e3)
+
+
+def heat(train):
+    """Power that dampers turn into heat."""
+    return Quantity("damper", "Heat of dampers", train.topology.damper_names, lambda r, name: r.power(name), "W")
+
+
+def irregularity(train):
+    """Cyclic irregularity of the disks that count."""
+    title = "Cyclic irregularity, (largest - smallest) / mean speed, of the heaviest disk, the gears and the loads"
+    return Quantity("disk", title, turning_disks(train), lambda r, name: r.irregularity(name), "%", 100.0)
+
+
+def main_quantity(train):
+    """What tells most of a train: tooth forces, without teeth torques of shafts, without these angles."""
+    topology = train.topology
+    return (forces if topology.mesh_names else shaft_torques if shafts_of(topology) else angles)(train)
+
+
+def map_part(report):
+    """The kind of motion at every speed, the largest number of all elements, a row for every speed, irregularity."""
+    cases, several = report.shown, len(report.rpm) > 1
+    blocks = [_kinds(cases), _overview(cases, main_quantity(report.train))] if several else []
+    if len(report.cases) > 2:
+        blocks.append(_misfires(report))
+    blocks += [speed_table(case.answers, f"Speed by speed, {case.title}") for case in cases]
+    blocks += [table for case in cases for table in turning_table(case.answers, f", {case.title}")]
+    return [*blocks, maxima(irregularity(report.train), cases)]
+
+
+def _kinds(cases):
+    """A row of symbols for every case."""
+    traces = []
+    for row, case in enumerate(cases):
+        for kind in (*SYMBOLS, None):
+            speeds = [answer.rpm for answer in case.answers if kind_of(answer) == kind]
+            if speeds:
+                said = kind_word(kind) if kind else NO_ANSWER
+                traces.append(marks(speeds, np.full(len(speeds), -row), said, SYMBOLS.get(kind, "x-thin-open")))
+                traces[-1] |= {"showlegend": all(said != trace["name"] for trace in traces[:-1])}
+                traces[-1] |= {"hovertemplate": "%{x} rpm: " + said + "<extra></extra>"}
+                traces[-1]["marker"] |= {
+                    "size": 8 if len(case.answers) <= MANY else 5,
+                    "line": {"width": 0 if kind else 2, "color": "black"},
+                }
+    rpm = [answer.rpm for answer in cases[0].answers]
+    panels = [("", (0.6 - len(cases), 0.6))]
+    made = layout("speed, rpm", panels, traces, x_range=speed_range(rpm), heights=[22 + 22 * len(cases)])
+    titles = [_wrapped(case.title) for case in cases]
+    made["yaxis"] |= {"tickvals": [-row for row in range(len(cases))], "ticktext": titles, "showgrid": False}
+    made["margin"] |= {"l": 130}
+    return Figure("Kind of motion over the speed", traces, made)
+
+
+def _wrapped(title, width=22):
+    """A title in lines."""
+    lines = [""]
+    for word in title.split():
+        lines = [*lines, word] if len(lines[-1]) + len(word) > width else [*lines[:-1], f"{lines[-1]} {word}".strip()]
+    return "<br>".join(lines)
+
+
+def _overview(cases, quantity):
+    """The largest number of all elements over the speed, with and without backlash."""
+    whole = Quantity(quantity.what, quantity.title, ("",), lambda r, _: _largest(quantity, r), *_unit(quantity))
+    return over_speed(whole, "", cases, f"{quantity.title} of all, {quantity.unit}")
+
+
+def _unit(quantity):
+    return quantity.unit, quantity.factor
+
+
+def _largest(quantity, motion):
+    return max(float(quantity.read(motion, name)) for name in quantity.names)
+
+
+def _misfires(report):
+    """Every misfire: the largest number of all elements over the speeds."""
+    quantity, rows = main_quantity(report.train), []
+    for case in report.cases:
+        values = {name: quantity.of(case.answers, name) for name in quantity.names}
+        name = largest(values, lambda name, values=values: _or_nan(values[name]))
+        rows.append((case.title, name or NONE, values.get(name, np.array([np.nan]))))
+    columns = [
+        [title for title, *_ in rows],
+        *alike([_or_nan(values) for *_, values in rows]),
+        [_at(report.rpm, values) for *_, values in rows],
+        [name for _, name, _ in rows],
+    ]
+    title = f"Every misfire: {quantity.title[0].lower()}{quantity.title[1:]} over the speeds, {quantity.unit}"
+    return Table(title, ["", quantity.unit, "at rpm", "in"], columns, left=(3,))
+
+
+def _at(rpm, values):
+    return f"{rpm[int(np.nanargmax(values))]:g}" if np.isfinite(values).any() else NONE
+
+
+def forces_part(report):
+    """Tooth forces and how long teeth are apart."""
+    if not report.train.topology.mesh_names:
+        return []
+    quantity, cases = forces(report.train), report.shown
+    tables = [maxima(quantity, cases, contact=True)]
+    figures = [over_speed(quantity, name, cases) for name in _drawn(report, quantity)]
+    apart = [_apart(case) for case in cases if any(report.train.topology.mesh_backlash) and len(report.rpm) > 1]
+    return _few(report, quantity) + tables + figures + apart
+
+
+def gears_part(report):
+    """Torques of gears."""
+    return _swings(report, gear_torques(report.train))
+
+
+def shafts_part(report):
+    """Torques of shafts and dampers; of a train without links the angles of its disks."""
+    return _swings(report, (shaft_torques if report.train.topology.link_names else angles)(report.train))
+
+
+def _swings(report, quantity):
+    if not quantity.names:
+        return []
+    figures = [over_speed(quantity, name, report.shown) for name in _drawn(report, quantity)]
+    return [*_few(report, quantity), maxima(quantity, report.shown), *figures]
+
+
+def _drawn(report, quantity):
+    return quantity.hardest(report.shown)[:MOST] if len(report.rpm) > 1 else []
+
+
+def _few(report, quantity):
+    """A sentence where not all elements have a figure."""
+    left = len(quantity.names) - MOST
+    if left <= 0 or len(report.rpm) < 2:
+        return []
+    return [f"Figures show the {MOST} with the largest numbers; the table lists all {len(quantity.names)}."]
+
+
+def maxima(quantity, cases, *, contact=False):
+    """The largest number of every element over the speeds that have an answer, with and without backlash; of meshes the
+    worst contact."""
+    rpm, names = [answer.rpm for answer in cases[0].answers], quantity.names
+    backlash = any(cases[0].answers[0].topology.mesh_backlash)
+    columns, heads = [names], [quantity.what]
+    for case in cases:
+        values = [quantity.of(case.answers, name) for name in names]
+        before = [quantity.without(case.answers, name) for name in names]
+        # Both columns go over the same speeds: those that have an answer with backlash.
+        before = [np.where(np.isfinite(own), other, np.nan) for own, other in zip(values, before, strict=True)]
+        pair = [_or_nan(column) for column in values], [_or_nan(column) for column in before]
+        shown = alike(*pair)
+        columns += [shown[0], [_at(rpm, column) for column in values]]
+        heads += ["with" if backlash else quantity.unit, "at rpm"]
+        if backlash:
+            columns += [shown[1], ratios(*pair)]
+            heads += ["without", "ratio"]
+        if backlash and contact:
+            columns += _contact_columns(case, names)
+            heads += ["apart %", "hit m/s"]
+    width = (len(heads) - 1) // len(cases)
+    groups = [(case.title, 1 + i * width, (i + 1) * width) for i, case in enumerate(cases)]
+    said = ", with and without backlash" if backlash else ""
+    return Table(f"{quantity.title} over the speeds, {quantity.unit}{said}", heads, columns, groups)
+
+
+def _or_nan(values):
+    return float(np.nanmax(values)) if np.isfinite(values).any() else float("nan")
+
+
+def _contact_columns(case, names):
+    """Longest time apart and hardest impact of every mesh."""
+    known = [answer for answer in case.answers if answer.answered]
+    apart = [max((a.contacts[name].separated_fraction for a in known), default=None) for name in names]
+    hits = [max((a.contacts[name].hardest_impact for a in known), default=0.0) for name in names]
+    return [shares(apart), [f"{hit:.2f}" if hit > 0 else NONE for hit in hits]]
+
+
+def over_speed(quantity, name, cases, caption=None):
+    """One element over the speed, case by case, with and without backlash; symbols tell the kind of motion."""
+    rpm, traces, known = [answer.rpm for answer in cases[0].answers], [], []
+    backlash = any(cases[0].answers[0].topology.mesh_backlash)
+    for number, case in enumerate(cases):
+        values, before = quantity.of(case.answers, name), quantity.without(case.answers, name)
+        known += [values, before] if backlash else [values]
+        said = plain(case.title)
+        traces.append(motion_line(case.answers, values, said, 2 * number, hollow=number > 0))
+        if backlash:
+            traces.append(line(rpm, before, f"{said}, without backlash", 2 * number + 1))
+    if quantity.what == "mesh" and name:
+        traces += _cycles(quantity, name, cases)
+    traces += kind_keys(*(case.answers for case in cases))
+    limits = top_of(*known)
+    made = layout("speed, rpm", [(quantity.unit, limits)], traces, x_range=speed_range(rpm))
+    return Figure(caption or f"{plain(name)}: {_small(quantity.title)}, {quantity.unit}", traces, made)
+
+
+def _small(title):
+    return f"{title[0].lower()}{title[1:]}"
+
+
+def _cycles(quantity, name, cases):
+    """Bars from 5 to 95 % of the largest forces of a cycle, of motions that never repeat."""
+    x, y = [], []
+    for answer in (answer for case in cases for answer in case.answers):
+        if answer.answered and answer.state.kind == "irregular":
+            low, _, high = quantity.factor * np.asarray(answer.force(name).per_cycle.max)
+            # nan ends a line: one trace draws all bars.
+            x += [answer.rpm, answer.rpm, np.nan]
+            y += [low, high, np.nan]
+    style = {"opacity": 0.45, "hoverinfo": "skip"}
+    bars = line(x, y, "5 to 95 % of the cycles", **style) | {"line": {"color": "#555555", "width": 5}}
+    return [bars] if x else []
+
+
+def _apart(case):
+    """Share of the time that the teeth of every mesh are apart."""
+    rpm, traces, columns = [answer.rpm for answer in case.answers], [], []
+    for number, name in enumerate(case.answers[0].topology.mesh_names):
+        values = 100 * answered(case.answers, lambda answer, name=name: answer.contacts[name].separated_fraction)
+        columns.append(values)
+        traces.append(motion_line(case.answers, values, plain(name), number))
+    traces += kind_keys(case.answers)
+    limits = top_of(*columns)
+    made = layout("speed, rpm", [("teeth apart, % of the time", limits)], traces, x_range=speed_range(rpm))
+    return Figure(f"Time out of contact, {case.title}", traces, made)
+
+
+def power_part(report):
+    """Power that dampers turn into heat."""
+    quantity, rpm = heat(report.train), report.rpm
+    if not quantity.names:
+        return []
+    values = {name: [quantity.of(case.answers, name) for case in report.shown] for name in quantity.names}
+    columns, heads = [quantity.names], ["damper"]
+    for number in range(len(report.shown)):
+        own = [values[name][number] for name in quantity.names]
+        columns += [*alike([_or_nan(column) for column in own]), [_at(rpm, column) for column in own]]
+        heads += ["W", "at rpm"]
+    groups = [(case.title, 1 + 2 * i, 2 + 2 * i) for i, case in enumerate(report.shown)]
+    blocks = [Table("Largest power that dampers turn into heat over the speeds, W", heads, columns, groups)]
+    return blocks + [_power(name, report.shown, values[name]) for name in quantity.names[:MOST] if len(rpm) > 1]
+
+
+def _power(name, cases, columns):
+    traces = [
+        motion_line(case.answers, values, plain(case.title), 2 * number, hollow=number > 0)
+        for number, (case, values) in enumerate(zip(cases, columns, strict=True))
+    ]
+    traces += kind_keys(*(case.answers for case in cases))
+    rpm, limits = [answer.rpm for answer in cases[0].answers], top_of(*columns)
+    made = layout("speed, rpm", [("heat, W", limits)], traces, x_range=speed_range(rpm), heights=[130])
+    return Figure(f"{plain(name)}: power turned into heat, W", traces, made)

@@ -1,0 +1,106 @@
+"""Which elements of a train are shown: gears, shafts, and those that work hardest."""
+
+import math
+
+import numpy as np
+
+from jaxhb.report.files.output import OutputError
+
+EACH = "each"
+NOT_FIRING, ALL_FIRING, AS_GIVEN = " not firing", "all cylinders firing", "the scene as given"
+
+
+def asks_each(train, arguments):
+    """Whether ``--misfire each`` asks for every cylinder in turn; no other ``--misfire`` may stand beside it."""
+    each = EACH in arguments.misfire and EACH not in train.topology.cylinder_names
+    if each and len(arguments.misfire) > 1:
+        raise OutputError(f"--misfire {EACH}: takes every cylinder in turn. Leave out the other --misfire.")
+    return each
+
+
+def without_cylinders(train, arguments):
+    """The train in which the cylinders of ``--misfire`` do not fire."""
+    if asks_each(train, arguments):
+        with_it = "report, forced and campbell take every cylinder in turn"
+        raise OutputError(f"--misfire {EACH}: only jaxhb {with_it}. Name one, or use one of them.")
+    return train.misfire(*arguments.misfire)
+
+
+def case_title(train, cylinders=""):
+    """What the train is called as it runs, or when these cylinders do not fire."""
+    fires = train.topology.cylinder_fires
+    if cylinders:
+        return f"{cylinders}{NOT_FIRING}"
+    return ALL_FIRING if fires and all(fires) else AS_GIVEN
+
+
+def train_name(topology):
+    """The name of the train, with the cylinders that do not fire."""
+    idle = [name for name, fires in zip(topology.cylinder_names, topology.cylinder_fires, strict=True) if not fires]
+    return ", ".join([topology.title, *[f"{', '.join(idle)}{NOT_FIRING}"] * bool(idle)])
+
+
+def gears(topology):
+    """Names of the disks that carry a mesh, in the order of the meshes."""
+    return tuple(dict.fromkeys(topology.disk_names[disk] for ends in topology.mesh_ends for disk in ends))
+
+
+def shafts_of(topology):
+    """Names of the links that transmit a torque: shafts, then dampers."""
+    return topology.shaft_names + topology.damper_names
+
+
+def meshes_of(topology, gear):
+    """Names of the meshes of a gear."""
+    disk = topology.disk_index(gear)
+    return tuple(name for name, ends in zip(topology.mesh_names, topology.mesh_ends, strict=True) if disk in ends)
+
+
+def largest(names, value):
+    """The name with the largest value; None where none is a number."""
+    numbers = {name: float(value(name)) for name in names}
+    known = {name: number for name, number in numbers.items() if not math.isnan(number)}
+    return max(known, key=known.get, default=None)
+
+
+def worst_mesh(answer):
+    """The mesh with the largest tooth force; None where the motion is unknown."""
+    return largest(answer.topology.mesh_names, lambda name: answer.force(name).peak)
+
+
+def most_apart(answer):
+    """The mesh that is apart for the largest share of the time; None where all stay in contact or nothing is known."""
+    name = largest(answer.topology.mesh_names, lambda mesh: answer.contacts[mesh].separated_fraction)
+    return name if name is not None and answer.contacts[name].separated_fraction else None
+
+
+def hardest_shaft(answers):
+    """The shaft or damper whose torque has the largest half peak-to-peak in any answer; None without."""
+    return largest(shafts_of(answers[0].topology), lambda name: _most(answers, name))
+
+
+def heaviest(train):
+    """The disk of the reference rotor with the largest inertia, its flywheel."""
+    topology, inertia = train.topology, np.asarray(train.disks.inertia)
+    own = [i for i in range(topology.n_scene_disks) if topology.rotor[i] == topology.reference_rotor]
+    return topology.disk_names[max(own, key=lambda i: inertia[i])]
+
+
+def turning_disks(train):
+    """Disks whose irregularity is told: the heaviest of the reference rotor, the gears, and those with a load."""
+    topology = train.topology
+    loaded = [topology.disk_names[disk] for disk in topology.load_disk]
+    return tuple(dict.fromkeys([heaviest(train), *gears(topology), *loaded]))
+
+
+def _most(answers, name):
+    certain = [answer for answer in answers if answer.answered] or [answer for answer in answers if answer.known]
+    return max((float(answer.torque(name).half_peak_to_peak) for answer in certain), default=0.0)
+
+
+def default_gear(answer):
+    """Of the gears of the reference rotor (of all, if it has none) the one whose torque swings most, or None."""
+    topology, all_of = answer.topology, gears(answer.topology)
+    near = [gear for gear in all_of if topology.rotor[topology.disk_index(gear)] == topology.reference_rotor]
+    swinging, near = answer if answer.known else answer.linear, near or all_of
+    return largest(near, lambda name: swinging.gear_torque(name).half_peak_to_peak) or next(iter(near), None)

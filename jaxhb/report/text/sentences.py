@@ -1,0 +1,344 @@
+"""The sentences that an engineer reads first: do the teeth hammer, in what motion, and what to be careful about."""
+
+import re
+
+import numpy as np
+
+from jaxhb.balance.request import MOST_HARMONICS
+from jaxhb.report.answer import SPEED, UNCONFIRMED, growth_text
+from jaxhb.report.selection import most_apart
+from jaxhb.report.text.mean_torques import ground_notes, load_notes, plain_number
+from jaxhb.results.status import Homotopy, Shooting, Status
+
+LOST = 1e-3
+"""Share of the power of the torques that may be lost without a note."""
+
+_VALUE = re.compile(r"""(?P<name>(?<!\w)(?P<quote>['"]).*?(?<!\\)(?P=quote))|\b\d[\d.]*(e[-+]?\d+)?""")
+"""A value in a note, or a name in quotes, whose digits are no values."""
+
+GAP_SPRING_SHARE = 0.05
+KNEE_SHARE = 0.5
+SHOWN_SPEEDS = 6
+
+
+def motion_text(answer):
+    """The kind of motion in the words of an engineer.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> from jaxhb.report.compute import Asked, answer_one
+    >>> motion_text(answer_one(jaxhb.load_scene("spur_pair"), 5000.0, Asked()))
+    'periodic, period one cycle; stable: a disturbance falls to 0.7 of its size in a cycle'
+    """
+    state, growth = answer.state, growth_text(answer.growth, answer.state.period)
+    kind = {
+        "contact": "the teeth stay in contact",
+        "periodic": "periodic, period one cycle",
+        "subharmonic": f"period of {state.period} cycles (of {_turns(answer)})",
+        "irregular": "irregular: the motion never repeats",
+        "unknown": "unknown",
+    }[state.kind]
+    if not answer.topology.mesh_names:
+        kind = "periodic, period one cycle" if state.known else kind
+    if state.known and answer.response is None:
+        kind += f"; {UNCONFIRMED}" if answer.unconfirmed else ""
+        kind += f"; numbers are the extremes over {state.record.cycles} recorded cycles"
+    return "; ".join(filter(None, [kind, growth]))
+
+
+def _turns(answer):
+    turns = answer.state.period * answer.topology.revolutions_per_cycle
+    return f"{turns:g} revolution{'s' * (turns != 1)}"
+
+
+def motion_word(answer):
+    """The kind of motion in a word or two, for a column of a table."""
+    state, parts = answer.state, []
+    if answer.orbit:
+        parts.append(status_word(answer.status))
+    else:
+        toothless = state.known and not answer.topology.mesh_names
+        kind = "periodic" if toothless else state.kind  # as motion_text says
+        parts.append(f"period {state.period}" if state.kind == "subharmonic" else kind)
+        if answer.doubt:
+            parts.append(answer.doubt if answer.answered else status_word(answer.status))
+    return ", ".join([*parts, *["UNSTABLE"] * answer.growth.unstable])
+
+
+def status_word(status):
+    """A Status in small letters."""
+    return status.name.lower().replace("_", " ")
+
+
+def solution_text(answer):
+    """How the harmonic solution went: status with what to try, harmonics, residual, truncation error; "" without."""
+    response, status = answer.response, answer.status
+    if response is None:
+        return ""
+    said = "converged" if answer.converged else f"NOT CONVERGED: {status_word(status)}"
+    period = answer.state.period
+    line = f"{said}; {answer.harmonics} harmonics of {'the cycle' if period <= 1 else f'{period} cycles'}"
+    if not float(response.residual) and not float(response.truncation_error):
+        return f"{line}, linear" + (": every mesh keeps its flank" if any(response.topology.mesh_backlash) else "")
+    return (
+        f"{line}, residual {float(response.residual):.1e}, "
+        f"truncation error {_percent(float(response.truncation_error))} of the largest tooth force"
+    )
+
+
+def status_lines(answer):
+    """The kind of motion and, where there is one, how its harmonic solution went."""
+    head = "orbit" if answer.orbit else "motion"
+    return [f"{head}: {motion_text(answer)}", *filter(None, [solution_text(answer)])]
+
+
+def verdict(answer):
+    """The answer in one sentence: do the teeth hammer at this speed?
+
+    Parameters
+    ----------
+    answer : Answer
+
+    Returns
+    -------
+    str
+        Names the mesh that is apart for the largest share of the time, and that with the hardest impact.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> from jaxhb.report.compute import Asked, answer_one
+    >>> verdict(answer_one(jaxhb.load_scene("six_cylinder_diesel"), 1500.0, Asked()))
+    'No teeth mesh in this train.'
+    """
+    topology, speed = answer.topology, answer.at
+    if not answer.known:
+        return f"No answer at {speed}."
+    if not topology.mesh_names:
+        return "No teeth mesh in this train."
+    if not any(topology.mesh_backlash):
+        return "No mesh has backlash: the teeth cannot separate."
+    said = _hammering(answer, speed)
+    doubts = []
+    if answer.doubt:
+        doubts.append(UNCONFIRMED if answer.answered else f"{answer.doubt}, do not rely on this")
+    if answer.growth.unstable:
+        doubts.append("unstable, the train does not run in this motion")
+    if not doubts:
+        return said
+    doubt = "; ".join(doubts)
+    return f"{doubt[0].upper()}{doubt[1:]}: {said[0].lower()}{said[1:]}"
+
+
+def _hammering(answer, speed):
+    name = most_apart(answer)
+    if name is None:
+        return f"All teeth stay in contact at {speed}."
+    contact = answer.contacts[name]
+    apart = f"{name} is apart {_percent(contact.separated_fraction)} of the time"
+    hardest = _hardest_elsewhere(answer, name)
+    if not contact.impacts_per_cycle and not hardest:
+        return f"Teeth separate at {speed}: {apart}, without an impact."
+    manner = {"irregular": " irregularly", "subharmonic": f" with a period of {answer.state.period} cycles"}
+    own = f"{impacts_text(contact.impacts_per_cycle)} a cycle, the hardest at {contact.hardest_impact:.2f} m/s"
+    own = own if contact.impacts_per_cycle else "without an impact"
+    return f"The teeth hammer{manner.get(answer.state.kind, '')} at {speed}: {apart}, {own}{hardest}."
+
+
+def _hardest_elsewhere(answer, name):
+    """The hardest impact of all where it is at another mesh than this."""
+    speeds = {mesh: float(contact.hardest_impact) for mesh, contact in answer.contacts.items()}
+    mesh = max(speeds, key=speeds.get)
+    if mesh == name or not speeds[mesh] > speeds[name]:
+        return ""
+    return f"; the hardest of all at {speeds[mesh]:.2f} m/s in {mesh}"
+
+
+def impacts_text(count):
+    """``one impact``, ``2.5 impacts``."""
+    return "one impact" if count == 1 else f"{plain_number(count, digits=3)} impacts"
+
+
+def _percent(share):
+    """Two digits, three from 99.5 % on: never ``1e+02 %``."""
+    return f"{plain_number(100 * share, digits=2 if share < 0.995 else 3)} %"
+
+
+def speeds_text(answers):
+    """``600, 1200 and 4 more rpm``; of another number that a sweep goes over its values."""
+    return _places([answer.place for answer in answers], answers[0].axis)
+
+
+def _places(places, axis):
+    """Places on the axis, each once, from the lowest on."""
+    found = [f"{place:g}" for place in sorted(set(places))]
+    more = f" and {len(found) - SHOWN_SPEEDS} more" if len(found) > SHOWN_SPEEDS else ""
+    return axis.said(f"{', '.join(found[:SHOWN_SPEEDS])}{more}")
+
+
+def notes(*answers):
+    """Sentences on unstable motions, grounds that take a mean torque, loads that drive, and traits of the tooth law.
+
+    Parameters
+    ----------
+    *answers : Answer
+        Of one train; the notes name the speed of the smallest mean force, where it depends on the speed.
+
+    Returns
+    -------
+    list of str
+        Unstable motions; power that is not accounted for; what a steady state tells of itself; orbits on which time
+        integration did not settle; speeds outside of pressure traces; a ground that takes above 1 % of the largest mean
+        torque, a load that drives; a gap spring above 5 % of the mean force, a knee above 50 % of it, damping in the
+        gap above 5 % of it.
+    """
+    found = (
+        _unstable_notes(answers)
+        + _power_notes(answers)
+        + _own_notes(answers)
+        + _unsettled_notes(answers)
+        + _trace_notes(answers)
+    )
+    balances = [answer.balance for answer in answers]
+    found += ground_notes(balances, speed_of) + load_notes(balances, speed_of)
+    known, through = [answer for answer in answers if answer.known], []
+    for name in answers[0].topology.mesh_names if known else ():
+        law = answers[0].law(name)
+        if law is None:
+            continue
+        means = [abs(float(answer.force(name).mean)) for answer in known]
+        least = int(np.argmin(means))
+        varied = max(means) > 1.05 * means[least]
+        found += _law_notes(name, law, means[least], speed_of(known, least) if varied else "")
+        pulling = [answer.details[name].pulling_force if answer.details else 0.0 for answer in known]
+        hardest = int(np.argmax(pulling))
+        if pulling[hardest] > GAP_SPRING_SHARE * means[hardest]:
+            through.append(f"{_kN(pulling[hardest])}{speed_of(known, hardest)} in {name}")
+    if through:
+        found.append(
+            'Damping law "always" transmits force while the teeth are apart ("contact" does not): up to '
+            f"{', '.join(through)}."
+        )
+    return found
+
+
+def _power_notes(answers):
+    off = [answer for answer in answers if answer.response is not None and abs(answer.response.power_defect) > LOST]
+    if not off:
+        return []
+    worst = max(off, key=lambda answer: abs(answer.response.power_defect))
+    share = f"{100 * abs(float(worst.response.power_defect)):.2g}"
+    return [f"At {worst.at} {share} % of the power of the torques is not accounted for: use more harmonics."]
+
+
+def _unstable_notes(answers):
+    found = [answer for answer in answers if answer.growth.unstable]
+    if not found:
+        return []
+    worst = max(found, key=lambda answer: answer.growth.multiplier)
+    instead = "leave out --orbit for what it does" if worst.orbit else "compare with jaxhb.integrate"
+    return [
+        f"The periodic motion at {speeds_text(found)} is UNSTABLE (a disturbance grows up to "
+        f"{worst.growth.multiplier:.3g} times in a period): the train does not run in it; {instead}."
+    ]
+
+
+def _own_notes(answers):
+    """What steady states tell of themselves."""
+    told = ((answer.place, note) for answer in answers if answer.known for note in answer.state.notes)
+    return once_alike(told, answers[0].axis)
+
+
+def _trace_notes(answers):
+    """Speeds and loads that pressure traces do not cover."""
+    told = ((answer.place, note) for answer in answers for note in answer.train.outside_traces(answer.rpm))
+    return once_alike(told, answers[0].axis)
+
+
+def once_alike(notes_of, axis=SPEED):
+    """Notes (place on the axis, text), once for those that differ in values alone, as it stands at the lowest place."""
+    alike = {}
+    for place, note in sorted(notes_of, key=lambda told: told[0]):
+        alike.setdefault(_VALUE.sub(lambda found: found["name"] or "#", note), []).append((place, note))
+    return [_told_once(told, axis) for told in alike.values()]
+
+
+def _told_once(told, axis):
+    place, note = told[0]
+    others = {other for other, _ in told} - {place}
+    alike = f" (alike at {_places(others, axis)})" if others else ""
+    return f"At {axis.said(f'{place:g}')} {note}{alike}."
+
+
+def _unsettled_notes(answers):
+    """Of converged orbits of unknown stability that a march of a few cycles did not settle on."""
+    found = [
+        answer
+        for answer in answers
+        if answer.orbit and answer.converged and answer.growth.stable is None
+        if any(isinstance(event, Shooting | Homotopy) for event in answer.response.path)
+    ]
+    if not found:
+        return []
+    return [
+        f"A periodic motion was found at {speeds_text(found)}, but a few cycles of time integration do not settle "
+        "there: it may be unstable, and the engine may run in another motion (leave out --orbit for what it does)."
+    ]
+
+
+def speed_of(told, number):
+    """`` at 1800 rpm``, of one of several responses or answers."""
+    one = told[number]
+    return f" at {one.at if hasattr(one, 'at') else f'{float(one.rpm):g} rpm'}" if len(told) > 1 else ""
+
+
+def _law_notes(name, law, mean, speed):
+    said = f"the mean tooth force of {_kN(mean)}{speed}"
+    found = []
+    if law.gap_spring_force > GAP_SPRING_SHARE * mean:
+        found.append(
+            f"{name}: the spring in the gap carries up to {_kN(law.gap_spring_force)}, more than "
+            f"{100 * GAP_SPRING_SHARE:g} % of {said}: lower epsilon."
+        )
+    if law.knee_force > KNEE_SHARE * mean:
+        found.append(
+            f"{name}: the teeth are stiff only above {_kN(law.knee_force)}, more than {100 * KNEE_SHARE:g} % of "
+            f"{said}: a smaller transition makes contact sharper."
+        )
+    return found
+
+
+def _kN(force):
+    return f"{force / 1e3:.3g} kN"
+
+
+def warnings(answers):
+    """What stderr says of speeds without an answer, once for those that fail alike: what happened, and what helps."""
+    failed = {}
+    for answer in answers:
+        if not answer.answered:
+            failed.setdefault(_failure(answer), []).append(answer)
+    return [f"{speeds_text(told)}: {said}." for said, told in failed.items()]
+
+
+def _failure(answer):
+    if answer.status is not None:
+        return f"{answer.status.name}, {_remedy(answer)}"
+    return f"the kind of motion is unknown: {'; '.join(answer.state.notes).removesuffix('.')}"
+
+
+def _remedy(answer):
+    """What a status means and what the command line can do about it."""
+    if answer.status is Status.TOLERANCE_NOT_MET:
+        most = answer.harmonics >= MOST_HARMONICS["reduced"]
+        few = f"{answer.harmonics} harmonics, the most that are taken, are" if most else "its harmonics are"
+        more = "" if most else "leave out --harmonics or give more, or "
+        return f"the motion is solved, but {few} too few for the tolerance: {more}accept its error with --tolerance"
+    if answer.status in (Status.MAX_STEPS, Status.STALLED) and any(answer.topology.mesh_backlash):
+        own = "leave out --orbit for what the train does, " if answer.orbit else ""
+        return (
+            f"Newton's method found no periodic motion: {own}give --harmonics above those of the mesh modes (jaxhb "
+            "modes), or take another speed nearby"
+        )
+    return answer.status.sentence

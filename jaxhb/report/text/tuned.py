@@ -1,0 +1,349 @@
+"""What a tuning says: a table for people, a record for programs, and its designs beside their steady states."""
+
+import dataclasses
+
+import numpy as np
+
+from jaxhb.design.evaluator import label
+from jaxhb.design.quantities import OF_DESIGN, unit_of
+from jaxhb.linear import strength
+from jaxhb.report.files.record import finite
+from jaxhb.report.text.columns import Table
+from jaxhb.report.text.mean_torques import plain_number
+from jaxhb.report.text.strength import AID
+from jaxhb.report.text.tables import paragraph
+from jaxhb.steady.steady_state import steady_state
+from jaxhb.train.changes import declared_field, locate
+
+SCALES = {"N": (1e-3, "kN"), "rad": (1e3, "mrad"), "Pa": (1e-6, "MPa")}
+"""Units in which people read quantities."""
+
+JUDGED = (
+    "stress",
+    "stress over continuous limit",
+    "stress over transient limit",
+    "tooth torque over limit",
+    "power over limit",
+)
+"""Quantities of rules: their table says that it is no approval."""
+
+EXCESS = 0.01
+"""Share of a limit by which a penalty lets it be exceeded before that is told."""
+
+
+def tuned_record(train, asked, result):
+    """Everything that is reported of a tuning, in SI units; what ``tune --json`` writes.
+
+    Parameters
+    ----------
+    train : DriveTrain, as it was
+    asked : dict, from :func:`jaxhb.design.table.read_table`
+    result : Tuning
+
+    Returns
+    -------
+    dict
+        ``scene``, ``rpm``, ``stopped``, ``interrupted``; ``parameters`` by name with ``before``, ``after``, ``low``,
+        ``high``, ``unit``; ``readings`` by label with ``unit`` and values ``before`` and ``after`` at every speed (None
+        where it is not solved; one number for those of the train alone); ``solved`` before and after; ``outcomes`` of
+        all starts; ``history``.
+    """
+    readings = {
+        name: {"unit": unit_of(chosen.quantity), "before": _plain(before), "after": _plain(after)}
+        for chosen, name, before, after in _readings(asked, result)
+    }
+    parameters = {
+        p.name: {
+            "before": result.before.parameters[p.name],
+            "after": result.after.parameters[p.name],
+            "low": p.low,
+            "high": p.high,
+            "unit": parameter_unit(train, p.name),
+        }
+        for p in asked["parameters"]
+    }
+    return progress_record(train, asked["rpm"], result.history) | finite(
+        {
+            "stopped": result.stopped,
+            "interrupted": result.interrupted,
+            "parameters": parameters,
+            "readings": readings,
+            "solved": {"before": result.before.solved.tolist(), "after": result.after.solved.tolist()},
+            "outcomes": [
+                {"objective": value, "parameters": found, "valid": valid} for value, found, valid in result.outcomes
+            ],
+        }
+    )
+
+
+def progress_record(train, rpm, history):
+    """What is known while a tuning runs: ``scene``, ``rpm``, ``history``."""
+    steps = [dataclasses.asdict(step) for step in history]
+    return finite({"scene": train.topology.name, "rpm": np.asarray(rpm).tolist(), "history": steps})
+
+
+def start_record(train, rpm, reading):
+    """What is known of the scene as it is before the first step: that of :func:`progress_record` without history, and
+    under ``start`` the ``parameters`` by name, ``solved`` and ``readings`` by label over the speeds, None where one is
+    not solved."""
+    found = {name: _plain(values) for name, values in reading.readings.items()}
+    start = {"parameters": reading.parameters, "solved": reading.solved.tolist(), "readings": found}
+    return progress_record(train, rpm, ()) | finite({"start": start, "interrupted": True})
+
+
+def tuned_text(train, asked, result):
+    """The parts of :func:`tuned_parts` as one text."""
+    return "\n\n".join(tuned_parts(train, asked, result))
+
+
+def tuned_parts(train, asked, result):
+    """Before and after in the words of an engineer: what was won, parameters, quantities at their worst speeds."""
+    rpm, last = np.asarray(asked["rpm"]), result.history[-1]
+    span = f"{len(rpm)} speeds from {rpm.min():g} to {rpm.max():g} rpm" if len(rpm) > 1 else f"{rpm[0]:g} rpm"
+    head = [_won(chosen, rpm, before, after) for chosen, _, before, after in _compared(asked, result, limits=False)]
+    head += [
+        "",
+        f"{train.topology.name or 'scene'} at {span}: {last.number} steps, {last.evaluations} evaluations, "
+        f"{last.seconds:.0f} s; {result.stopped}",
+        f"solved: {result.before.solved.sum()} of {len(rpm)} speeds before, {result.after.solved.sum()} after",
+        *_not_solved(rpm, result),
+    ]
+    tables = [_parameter_table(train, asked, result), _quantity_table(asked, rpm, result)]
+    return ["\n".join(head), *tables, *_limits_exceeded(asked, rpm, result)]
+
+
+def _not_solved(rpm, result):
+    """A line on the speeds without a solution, which do not count in what was made small."""
+    pairs = (("before", result.before.solved), ("after", result.after.solved))
+    said = [f"{', '.join(f'{x:g}' for x in rpm[~solved])} rpm {when}" for when, solved in pairs if not solved.all()]
+    if not said:
+        return []
+    both = int((result.before.solved & result.after.solved).sum())
+    compared = f"are compared at the {both} speed{'s' * (both != 1)} solved in both" if both else "do not compare"
+    return [
+        f"NOT solved, and left out of what was made small: {'; '.join(said)}. jaxhb sweep shows what happens there. "
+        f"Before and after {compared}."
+    ]
+
+
+def _limits_exceeded(asked, rpm, result):
+    """A sentence on the limits that the last design exceeds by more than what a penalty lets through."""
+    said = []
+    for chosen, name, _, after in _readings(asked, result):
+        value, _ = _worst(rpm, after, chosen)
+        most, least = getattr(chosen, "most", None), getattr(chosen, "least", None)
+        over = most is not None and value > most + EXCESS * abs(most)
+        if over or (least is not None and value < least - EXCESS * abs(least)):
+            unit = f" {scaled_unit(chosen.quantity)[1]}".rstrip()
+            said.append(f"{name} is {_shown(chosen, value)}{unit}, {_limit(chosen)}")
+    return [f"NOT within its limits: {'; '.join(said)}."] if said else []
+
+
+def _readings(asked, result, *, limits=True):
+    """(Objective or Penalty, label, before, after) of each."""
+    for chosen in (*asked["objective"], *(asked["penalties"] if limits else ())):
+        name = label(chosen)
+        yield chosen, name, result.before.readings[name], result.after.readings[name]
+
+
+def _compared(asked, result, *, limits=True):
+    """The same with NaN at speeds that only one of the designs has solved, unless no speed is solved in both."""
+    both = result.before.solved & result.after.solved
+    for chosen, name, *values in _readings(asked, result, limits=limits):
+        masked = (np.where(both, one, np.nan) if np.shape(one) == both.shape and both.any() else one for one in values)
+        yield chosen, name, *masked
+
+
+def _won(chosen, rpm, before, after):
+    """One sentence on an objective."""
+    (old, old_rpm), (new, new_rpm) = _worst(rpm, before, chosen), _worst(rpm, after, chosen)
+    name, unit = label(chosen), scaled_unit(chosen.quantity)[1]
+    unit = f" {unit}" if unit else ""
+    change = f", {100 * (new / old - 1):+.0f} %" if old else ""
+    return (
+        f"{name[0].upper()}{name[1:]} at its worst: {_shown(chosen, old)}{unit} at {old_rpm:g} rpm before, "
+        f"{_shown(chosen, new)}{unit} at {new_rpm:g} rpm after{change}."
+    )
+
+
+def _parameter_table(train, asked, result):
+    names = [p.name for p in asked["parameters"]]
+    columns = [
+        names,
+        [plain_number(result.before.parameters[name]) for name in names],
+        [plain_number(result.after.parameters[name]) for name in names],
+        [parameter_unit(train, name) or "-" for name in names],
+        [f"{plain_number(p.low)} to {plain_number(p.high)}" for p in asked["parameters"]],
+    ]
+    return Table("Parameters", ["parameter", "before", "after", "unit", "bounds"], columns)
+
+
+def _quantity_table(asked, rpm, result):
+    rows = []
+    for chosen, name, before, after in _compared(asked, result):
+        shown = [f"{name}, {scaled_unit(chosen.quantity)[1]}".removesuffix(", ")]
+        for values in (before, after):
+            value, at = _worst(rpm, values, chosen)
+            shown += [_shown(chosen, value), "-" if chosen.quantity in OF_DESIGN else f"{at:g}"]
+        rows.append([*shown, _limit(chosen)])
+    heads = ["quantity, worst over the speeds", "before", "at rpm", "after", "at rpm", "limit"]
+    title = "Quantities (forces, torques and angles: half peak-to-peak unless called peak or order)"
+    judged = any(chosen.quantity in JUDGED for chosen, *_ in _readings(asked, result))
+    title += f" ({AID})" if judged else ""
+    return Table(title, heads, [list(column) for column in zip(*rows, strict=True)])
+
+
+def _worst(rpm, values, chosen):
+    """Largest value and its speed; the smallest where only a lower limit is set."""
+    values = np.atleast_1d(np.asarray(values, dtype=float))
+    if not np.isfinite(values).any():
+        return np.nan, np.nan
+    lower = getattr(chosen, "least", None) is not None and getattr(chosen, "most", None) is None
+    place = int((np.nanargmin if lower else np.nanargmax)(values))
+    return float(values[place]), float(rpm[place])
+
+
+def _shown(chosen, value):
+    return "-" if not np.isfinite(value) else plain_number(scaled_unit(chosen.quantity)[0] * value, digits=3)
+
+
+def _limit(chosen):
+    factor = scaled_unit(chosen.quantity)[0]
+    said = [
+        f"at {name} {factor * value:g}"
+        for name in ("most", "least")
+        if (value := getattr(chosen, name, None)) is not None
+    ]
+    return ", ".join(said) or "-"
+
+
+def scaled_unit(quantity):
+    """Factor from SI, and the unit in which people read a quantity."""
+    unit = unit_of(quantity)
+    return SCALES.get(unit, (1.0, unit))
+
+
+def parameter_unit(train, name):
+    """Unit of a parameter ``"NAME.FIELD"``."""
+    table, field, _ = locate(train.topology, name)
+    return declared_field(table, field).metadata["range"].unit
+
+
+def _plain(values):
+    return np.asarray(values).tolist()
+
+
+APART = 0.02
+"""Difference of a force, torque or angle from which the steady state is told as another motion than the orbit tuned."""
+
+READ = {
+    "tooth force": ("force", "half_peak_to_peak"),
+    "tooth force peak": ("force", "peak"),
+    "shaft torque": ("torque", "half_peak_to_peak"),
+    "gear torque": ("gear_torque", "half_peak_to_peak"),
+    "angle": ("disk", "half_peak_to_peak"),
+    "tooth force order": ("force", "order"),
+    "shaft torque order": ("torque", "order"),
+    "angle order": ("disk", "order"),
+    "stress": ("torque", "half_peak_to_peak"),
+    "stress over continuous limit": ("torque", "half_peak_to_peak"),
+    "stress over transient limit": ("torque", "half_peak_to_peak"),
+    "tooth torque over limit": ("force", "half_peak_to_peak"),
+}
+"""How a steady state tells the quantities that are compared: signal and number."""
+
+FACTORS = {
+    "stress": lambda train, name, _: strength.stress_of(train, name, 1.0),
+    "stress over continuous limit": lambda *where: _share_of_stress(0, *where),
+    "stress over transient limit": lambda *where: _share_of_stress(1, *where),
+    "tooth torque over limit": lambda train, name, _: (
+        strength.first_radius(train, name) / strength.tooth_torque_limit(train, name)
+    ),
+}
+"""By what the number has to be multiplied, from train, element and speed; 1 for the others."""
+
+DESIGNS = {"before": "the first design", "after": "the last design"}
+
+
+def check_designs(train, asked, result, say=lambda text: None):
+    """What the first and the last design do at the speeds of a tuning, and where that is not what was tuned.
+
+    Parameters
+    ----------
+    train : DriveTrain, as it was
+    asked : dict, from :func:`jaxhb.design.table.read_table`
+    result : Tuning
+    say : callable, told what is done
+
+    Returns
+    -------
+    dict
+        ``{"before", "after"}`` of ``{"kind", "period", "readings", "differences"}``: of every speed the kind and period
+        of its motion and, by label, the quantities that can be compared; a sentence for each speed at which the motion
+        is neither in contact nor periodic, or a quantity more than 2 % from that of the orbit tuned.
+    """
+    found = {}
+    for when, design, reading in (("before", train, result.before), ("after", result.train, result.after)):
+        say(f"what does {DESIGNS[when]} do?")
+        states = steady_state(design, rpm=np.asarray(asked["rpm"]), tolerance=asked.get("tolerance")).states
+        compared = [c for c in (*asked["objective"], *asked["penalties"]) if c.quantity in READ]
+        told = {label(chosen): [_reading(design, state, chosen) for state in states] for chosen in compared}
+        differences = (
+            _difference(state, {c: (told[label(c)][i], float(reading.readings[label(c)][i])) for c in compared})
+            for i, state in enumerate(states)
+        )
+        found[when] = {
+            "kind": [state.kind for state in states],
+            "period": [state.period for state in states],
+            "readings": told,
+            "differences": [f"{DESIGNS[when].capitalize()} {said}" for said in differences if said],
+        }
+    return found
+
+
+def check_text(found):
+    """The sentences of :func:`check_designs`, or one that says that there is nothing to tell."""
+    differences = [said for told in found.values() for said in told["differences"]]
+    if not differences:
+        return "Both designs do at all speeds what was tuned: their steady states are the periodic motions tuned."
+    head = "Steady states that are not the periodic motions tuned"
+    return "\n".join([head, *map(paragraph, differences)])
+
+
+def _share_of_stress(limit, train, name, rpm):
+    """Share of a stress limit that a torque of 1 N m takes."""
+    return strength.stress_of(train, name, 1.0) / strength.stress_limits(train, name, rpm)[limit]
+
+
+def _reading(design, state, chosen):
+    """A quantity in a steady state of a design, nan where its motion is unknown."""
+    if not state.known:
+        return float("nan")
+    signal, number = READ[chosen.quantity]
+    value = getattr(getattr(state, signal)(chosen.of), number)
+    factor = FACTORS[chosen.quantity](design, chosen.of, state.rpm) if chosen.quantity in FACTORS else 1.0
+    return float(factor * (value(chosen.order) if number == "order" else value))
+
+
+def _difference(state, pairs):
+    """What a steady state does that the orbit of the tuning does not; "" for the same motion."""
+    kind = {
+        "subharmonic": f"has a period of {state.period} cycles",
+        "irregular": "is irregular",
+        "unknown": f"is not known ({'; '.join(state.notes)})",
+    }.get(state.kind, "")
+    apart = [
+        f"{label(chosen)} {_shown_value(chosen, own)} instead of {_shown_value(chosen, tuned)}"
+        for chosen, (own, tuned) in pairs.items()
+        if abs(own - tuned) > APART * max(abs(own), abs(tuned))
+    ]
+    if not kind and not apart:
+        return ""
+    motion = kind or "is in another motion"
+    about = f" ({'; '.join(state.notes)})" if state.known and state.notes else ""
+    return f"at {state.rpm:g} rpm {motion}{': ' if apart else ''}{', '.join(apart)}{about}."
+
+
+def _shown_value(chosen, value):
+    factor, unit = scaled_unit(chosen.quantity)
+    return f"{plain_number(factor * value, digits=3)} {unit}".strip()

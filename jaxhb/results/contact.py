@@ -1,0 +1,89 @@
+"""What the teeth of a mesh do over one cycle: separation, reverse contact, impacts. Host arithmetic on one mesh."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxhb.equations import backlash, fourier
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Contact of one mesh over one cycle.
+
+    Parameters
+    ----------
+    separated_fraction : float
+        Share of the cycle in which the teeth are apart: ``|l|`` is below the gap of the law.
+    reverse_contact_fraction : float
+        Share of the cycle in contact on the flank that does not drive.
+    impacts : list of dict
+        Entries from separation to contact: ``cycle`` (share of the cycle), ``speed`` in m/s, ``side`` +1 or -1.
+    drive_side : int
+        Sign of the mesh's mean force.
+    gap_spring_force, knee_force : float
+        N: the largest force in the gap; the force above which the tooth is stiff.
+    pulling_force : float
+        N: largest damping force that holds parting teeth back in the gap, which only damping law "always" gives.
+    """
+
+    separated_fraction: float
+    reverse_contact_fraction: float
+    impacts: list
+    drive_side: int
+    gap_spring_force: float
+    knee_force: float
+    pulling_force: float
+
+
+def contact_of(law, deflection, force, elastic, frequency, resolution):
+    """:class:`Contact` from the coefficients of a mesh's deflection and force; ``law`` of floats, None: linear."""
+    if deflection.ndim > 1:
+        raise ValueError("contact is read speed by speed: take one response of the sweep, sweep[i].mesh(...)")
+    # A motion that was not found has nan forces.
+    drive = int(np.nan_to_num(np.sign(force[0].real)))
+    if law is None:
+        return Contact(0.0, 0.0, [], drive, 0.0, 0.0, 0.0)
+    samples = max(resolution, 4096)
+    unknown = 0.0 if np.isfinite(deflection).all() else np.nan  # no comparison below sees nan
+    l = fourier.synthesize(deflection, samples)
+    speed = fourier.synthesize(fourier.derivative(deflection, frequency), samples)
+    gap = law.gap
+    damping = fourier.synthesize(force - elastic, samples)
+    pull = np.where(backlash.separated(law, l), -np.sign(l) * damping, 0.0)
+    # Without a mean force neither flank drives: the first is taken.
+    side = drive if drive else 1
+    return Contact(
+        # By two levels of l: between two samples it may pass the whole gap, which |l| would not show.
+        separated_fraction=_fraction_below(l, gap) - _fraction_below(l, -gap) + unknown,
+        reverse_contact_fraction=_fraction_below(side * l, -gap) + unknown,
+        impacts=_impacts(l, speed, gap),
+        drive_side=drive,
+        gap_spring_force=law.gap_spring_force,
+        knee_force=law.knee_force,
+        pulling_force=float(pull.max(initial=0.0)) + unknown,
+    )
+
+
+def _fraction_below(values, level):
+    """Share of the cycle with values < level, the crossings interpolated linearly."""
+    here, ahead = values - level, np.roll(values, -1) - level
+    both = (here < 0) & (ahead < 0)
+    crossing = (here < 0) != (ahead < 0)
+    # Divisions by zero lie where nothing crosses.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        below = np.where(here < 0, here / (here - ahead), ahead / (ahead - here))
+    return float((both + np.where(crossing, below, 0.0)).mean())
+
+
+def _impacts(l, speed, gap):
+    """Entries into contact: |l| rises through ``gap``."""
+    distance, ahead = np.abs(l), np.abs(np.roll(l, -1))
+    entries = np.flatnonzero((distance < gap) & (ahead >= gap))
+    found = []
+    for i in entries:
+        share = (gap - distance[i]) / (ahead[i] - distance[i])
+        after = (i + 1) % len(l)
+        approach = abs((1 - share) * speed[i] + share * speed[after])
+        found.append({"cycle": float((i + share) / len(l)), "speed": float(approach), "side": int(np.sign(l[after]))})
+    return found

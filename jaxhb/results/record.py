@@ -1,0 +1,208 @@
+"""Numbers over the cycles of a motion: of a solution that repeats, and of one that was recorded as it never does."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from jaxhb._jax import Array
+from jaxhb._shown import brief
+from jaxhb.results.signal import Signal
+
+PERCENT = 5, 50, 95
+"""Percentiles that are given of a distribution over cycles."""
+
+
+class PerCycle(NamedTuple):
+    """Distribution over the cycles of the largest and the smallest value of each: percentiles 5, 50, 95."""
+
+    max: np.ndarray
+    min: np.ndarray
+
+    @classmethod
+    def of(cls, signal: Any) -> PerCycle:
+        """Of the cycles of a signal that has their ``highest`` and ``lowest`` values."""
+        return cls(np.percentile(signal.highest, PERCENT), np.percentile(signal.lowest, PERCENT))
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, repr=False)
+class SteadySignal(Signal):
+    """The :class:`Signal` of a motion whose period is ``cycles`` cycles of the excitation."""
+
+    cycles: int = field(default=1, metadata={"static": True})
+
+    @property
+    def elastic(self) -> SteadySignal:
+        """The elastic part alone."""
+        return SteadySignal(**vars(super().elastic) | {"cycles": self.cycles})
+
+    @property
+    def highest(self) -> Array:
+        """Largest value of each cycle ``(cycles,)``."""
+        return self._by_cycle().max(axis=1)
+
+    @property
+    def lowest(self) -> Array:
+        """Smallest value of each cycle ``(cycles,)``."""
+        return self._by_cycle().min(axis=1)
+
+    @property
+    def per_cycle(self) -> PerCycle:
+        """Largest and smallest value of each cycle, as :class:`PerCycle`."""
+        return PerCycle.of(self)
+
+    def _by_cycle(self):
+        """Samples of each cycle and the first of the next ``(cycles, n + 1)``."""
+        # Rounded up: every cycle has as many samples.
+        count = -(-self.resolution // self.cycles)
+        values = np.reshape(self._sampled(count * self.cycles), (self.cycles, count))
+        # A peak on the border of two cycles counts in both.
+        return np.concatenate([values, np.roll(values, -1, axis=0)[:, :1]], axis=1)
+
+
+@brief
+@dataclass(frozen=True)
+class RecordedSignal:
+    """A quantity over C recorded cycles that do not repeat.
+
+    Parameters
+    ----------
+    highest, lowest : arrays ``(C,)``, largest and smallest value of each cycle
+    mean, rms : float, over the record
+    amplitudes : array ``(K,)``
+        One-sided peak amplitudes of the orders: quadratic mean over the cycles.
+    revolutions_per_cycle : float
+    elastic_part : RecordedSignal or None
+    """
+
+    highest: np.ndarray
+    lowest: np.ndarray
+    mean: float
+    rms: float
+    amplitudes: np.ndarray
+    revolutions_per_cycle: float
+    elastic_part: RecordedSignal | None = None
+
+    @property
+    def elastic(self) -> RecordedSignal:
+        """The elastic part alone, a :class:`RecordedSignal`."""
+        if self.elastic_part is None:
+            raise AttributeError("this signal is not a force or torque: it has no elastic part")
+        return self.elastic_part
+
+    @property
+    def max(self) -> float:
+        """Largest value of the record."""
+        return self.highest.max()
+
+    @property
+    def min(self) -> float:
+        """Smallest value of the record."""
+        return self.lowest.min()
+
+    @property
+    def peak(self) -> float:
+        """Largest absolute value of the record."""
+        return max(self.max, -self.min)
+
+    @property
+    def half_peak_to_peak(self) -> float:
+        """(max - min) / 2 of the record."""
+        return (self.max - self.min) / 2
+
+    @property
+    def sum_of_amplitudes(self) -> float:
+        """Sum of the amplitudes."""
+        return self.amplitudes.sum()
+
+    @property
+    def per_cycle(self) -> PerCycle:
+        """Distribution of the largest and the smallest value of a cycle, as :class:`PerCycle`."""
+        return PerCycle.of(self)
+
+    @property
+    def orders(self) -> np.ndarray:
+        """Orders of the amplitudes, per revolution of the reference rotor ``(K,)``."""
+        return np.arange(1, len(self.amplitudes) + 1) / self.revolutions_per_cycle
+
+    def order(self, order: float) -> float:
+        """Amplitude of one order of the cycle: quadratic mean over the cycles."""
+        harmonic = round(order * self.revolutions_per_cycle)
+        if abs(harmonic - order * self.revolutions_per_cycle) > 1e-9 or not 0 < harmonic <= len(self.amplitudes):
+            raise ValueError(
+                f"order {order:g} is not among those recorded: use a multiple of {1 / self.revolutions_per_cycle:g} "
+                f"up to {len(self.amplitudes) / self.revolutions_per_cycle:g}"
+            )
+        return self.amplitudes[harmonic - 1]
+
+    def reversed(self) -> RecordedSignal:
+        """The quantity with the other sign."""
+        elastic = self.elastic_part and self.elastic_part.reversed()
+        turned = dataclasses.replace(self, highest=-self.lowest, lowest=-self.highest, mean=-self.mean)
+        return dataclasses.replace(turned, elastic_part=elastic)
+
+    def shifted(self, by: float) -> RecordedSignal:
+        """The quantity with a constant added."""
+        moved = {name: getattr(self, name) + by for name in ("highest", "lowest", "mean")}
+        rms = float(np.sqrt(self.rms**2 + 2 * by * self.mean + by**2))
+        return dataclasses.replace(self, **moved, rms=rms)
+
+    def extremes(self) -> dict[str, float]:
+        """Plain numbers for programs, as :meth:`jaxhb.Signal.extremes`."""
+        return {name: float(getattr(self, name)) for name in ("mean", "min", "max", "half_peak_to_peak")}
+
+    def scaled(self, factor: float) -> RecordedSignal:
+        """The quantity times a factor above 0."""
+        changed: dict[str, Any] = {
+            name: factor * getattr(self, name) for name in ("highest", "lowest", "mean", "rms", "amplitudes")
+        }
+        return dataclasses.replace(self, **changed)
+
+    def summary(self) -> dict[str, Any]:
+        """Plain numbers for programs, as :meth:`jaxhb.Signal.summary` with ``[[order, A], ...]``."""
+        spectrum = [[float(o), float(a)] for o, a in zip(self.orders, self.amplitudes, strict=True)]
+        more = {name: float(getattr(self, name)) for name in ("rms", "sum_of_amplitudes")}
+        return self.extremes() | more | {"amplitudes": spectrum}
+
+
+@dataclass(frozen=True)
+class SteadyContact:
+    """Contact of one mesh over a steady motion.
+
+    separated_fraction, reverse_contact_fraction : shares of the time, teeth apart, and on the flank that does not
+    drive; impacts_per_cycle : entries from separation to contact; hardest_impact : largest approach speed, m/s;
+    drive_side : sign of the mean force.
+    """
+
+    separated_fraction: float
+    reverse_contact_fraction: float
+    impacts_per_cycle: float
+    hardest_impact: float
+    drive_side: int
+
+
+@brief
+@dataclass(frozen=True)
+class Record:
+    """Signals of every disk, link and gear over recorded cycles, and the contact of every mesh.
+
+    disks, twists, torques, deflections, forces, gears : tuples of :class:`RecordedSignal` in the order of the topology
+    (twists and torques of shafts, then dampers); gears : by disk index; contacts : of the meshes; speeds : of rotation
+    of the disks, rad/s; heat : of shafts, then dampers, W.
+    """
+
+    cycles: int
+    disks: tuple
+    twists: tuple
+    torques: tuple
+    deflections: tuple
+    forces: tuple
+    gears: dict
+    contacts: tuple
+    speeds: tuple = ()
+    heat: tuple = ()

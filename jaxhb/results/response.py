@@ -1,0 +1,354 @@
+"""The periodic response of a drive train: disks, shafts, gears and meshes, read by name."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any, Self
+
+import jax
+import numpy as np
+
+from jaxhb._jax import Array, namespace
+from jaxhb._shown import brief
+from jaxhb.equations import backlash, fourier
+from jaxhb.equations.kinematics import rotor_ratios
+from jaxhb.results.contact import Contact, contact_of
+from jaxhb.results.dataset import Dataset, to_xarray
+from jaxhb.results.display import response_html, response_line
+from jaxhb.results.signal import Signal
+from jaxhb.results.status import Status
+from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.topology import Topology
+
+
+@jax.tree_util.register_dataclass
+@brief
+@dataclass(frozen=True)
+class Fields:
+    """Motion, torques and forces over one cycle, as Fourier coefficients.
+
+    Parameters
+    ----------
+    angles : complex ``(..., S, N+1)`` rad, vibratory angle of every disk
+    torques, elastic_torques : complex ``(..., K, N+1)`` N m, of the shafts and then the dampers
+    deflections : complex ``(..., M, N+1)`` m, of the meshes
+    forces, elastic_forces : complex ``(..., M, F+1)`` N, of the meshes; F is more harmonics than the motion has
+    """
+
+    angles: Array
+    torques: Array
+    elastic_torques: Array
+    deflections: Array
+    forces: Array
+    elastic_forces: Array
+
+
+@dataclass(frozen=True)
+class Response(Fields):
+    """Steady periodic motion at one speed, or at several (every array then has a leading axis).
+
+    Made by :func:`jaxhb.solve`, :func:`jaxhb.solve_speeds` and :func:`jaxhb.linear_response`; read with :meth:`force`,
+    :meth:`torque`, :meth:`twist`, :meth:`gear_torque`, :meth:`power`, :meth:`disk`, :meth:`speed`,
+    :meth:`acceleration`, :meth:`irregularity` and :meth:`mesh`. A pytree whose leaves are its
+    arrays; a response that comes out of a transformation has no ``train``, ``path`` and ``certificate``, which are no
+    arrays.
+
+    Parameters
+    ----------
+    rpm : ``(...)`` of the reference rotor
+    load_torque : ``(..., n)`` N m
+        Of every load, negative where it takes power.
+    load_power : ``(...)`` W
+        Taken by the loads.
+    ground_reaction : ``(..., n)`` N m
+        Mean torque that each ground takes: stiffness x mean angle of its disk. Mean angles are those that the soft
+        grounds set; without a ground their inertia-weighted mean is zero.
+    radius : ``(..., S)`` m, of the gears
+    law : Law ``(..., M)`` of the meshes
+    status : ``(...)`` int
+        :class:`jaxhb.Status` of the solve; :attr:`status_name` has its name.
+    residual, truncation_error : ``(...)``
+        What is left of the equations, and the estimated change of the tooth force by omitted harmonics, over the
+        largest tooth force.
+    power_defect : ``(...)``
+        Power of the torques less what is turned into heat, over the power that they exchange with the train: how far
+        the motion is from conserving energy.
+    steps : ``(...)`` int, of Newton's method
+    topology : Topology, names and connections
+    resolution : int, time samples per cycle at which extremes are looked for
+    train : DriveTrain or None
+    path : tuple of events
+        How the solve went; of a sweep one tuple per speed.
+    certificate : Certificate or None
+        Where it was asked for.
+    """
+
+    rpm: Array
+    load_torque: Array
+    load_power: Array
+    ground_reaction: Array
+    radius: Array
+    law: backlash.Law
+    status: Array
+    residual: Array
+    truncation_error: Array
+    power_defect: Array
+    steps: Array
+    topology: Topology
+    resolution: int
+    train: DriveTrain | None = None
+    path: tuple = ()
+    certificate: object = None
+
+    @property
+    def harmonics(self) -> int:
+        """Number of harmonics of the motion."""
+        return self.angles.shape[-1] - 1
+
+    @property
+    def highest_harmonic(self) -> Array:
+        """Highest harmonic that moves a disk, per speed: of a sweep :attr:`harmonics` is the largest among them."""
+        moves = np.any(np.asarray(self.angles) != 0, axis=-2)
+        return np.max(np.where(moves, np.arange(moves.shape[-1]), 0), axis=-1)
+
+    @property
+    def converged(self) -> Array:
+        """True where residual and truncation error are within their limits."""
+        return self.status == 0
+
+    @property
+    def status_name(self) -> str | np.ndarray:
+        """Name of :attr:`status` as :class:`jaxhb.Status` has it, "CONVERGED"; of several speeds an array of names."""
+        names = np.array([status.name for status in Status])[np.asarray(self.status)]
+        return names if np.ndim(names) else str(names)
+
+    @property
+    def load_kW(self) -> Array:
+        """Power taken by the loads in kW."""
+        return self.load_power / 1e3
+
+    def __repr__(self):
+        return response_line(self)
+
+    def _repr_html_(self):
+        return response_html(self)
+
+    def __bool__(self) -> bool:
+        if np.ndim(self.rpm):
+            raise TypeError("a sweep is neither true nor false: read .converged, which has each of its speeds")
+        return bool(self.converged)
+
+    def __len__(self) -> int:
+        return len(self.rpm)
+
+    def __getitem__(self, index: Any) -> Self:
+        """Response number ``index`` (or a slice) of a batch."""
+        if not np.ndim(self.rpm):
+            raise TypeError("this is the response at one speed, not a sweep: it cannot be indexed")
+        rows = jax.tree.map(lambda leaf: leaf[index], self)
+        return dataclasses.replace(rows, train=self.train, path=self.path[index] if self.path else ())
+
+    def _signal(self, coefficients, elastic=None):
+        return Signal(coefficients, elastic, self.topology.revolutions_per_cycle, self.resolution)
+
+    def disk(self, name: str) -> Signal:
+        """Vibratory angle of a disk or damper ring, rad; its own sense of rotation positive."""
+        return self._signal(self.angles[..., self.topology.disk_index(name), :])
+
+    def twist(self, a: str, b: str) -> Signal:
+        """Angle of disk a less angle of disk b, rad."""
+        first, second = self.topology.disk_index(a), self.topology.disk_index(b)
+        return self._signal(self.angles[..., first, :] - self.angles[..., second, :])
+
+    def speed(self, name: str) -> Signal:
+        """Speed of rotation of a disk or damper ring, rad/s: the mean speed of its rotor and the vibration."""
+        rate = fourier.derivative(self.angles[..., self.topology.disk_index(name), :], self._frequency)
+        mean = self._mean_speed(name)
+        # The derivative has no mean: that of the speed is the rotation.
+        return self._signal(namespace(rate, mean).concatenate([mean[..., None] + 0j, rate[..., 1:]], axis=-1))
+
+    def acceleration(self, name: str) -> Signal:
+        """Angular acceleration of a disk or damper ring, rad/s2."""
+        angle = self.angles[..., self.topology.disk_index(name), :]
+        return self._signal(fourier.derivative(fourier.derivative(angle, self._frequency), self._frequency))
+
+    def irregularity(self, name: str) -> Array:
+        """Cyclic irregularity of a disk: (largest - smallest speed) / mean speed ``(...)``."""
+        return 2 * self.speed(name).half_peak_to_peak / self._mean_speed(name)
+
+    @property
+    def _frequency(self):
+        """Omega of the cycle in rad/s, with an axis for the harmonics."""
+        return self.topology.cycle_frequency(namespace(self.rpm).asarray(self.rpm))[..., None]
+
+    def _mean_speed(self, name):
+        ratio = rotor_ratios(self.topology, self.radius)[..., self.topology.rotor[self.topology.disk_index(name)]]
+        return 2 * np.pi / 60 * self.rpm * ratio
+
+    def torque(self, a: str, b: str | None = None) -> Signal:
+        """Torque transmitted by a shaft or damper in N m, positive when a is ahead of b.
+
+        Parameters
+        ----------
+        a, b : str
+            The two disks (a damper's ring goes by the damper's name); or the link's name alone.
+
+        Returns
+        -------
+        Signal
+            Elastic, viscous and loss-factor part together; ``.elastic`` for the stiffness alone.
+        """
+        index, sense = self.topology.link_index(a, b)
+        if index >= self.torques.shape[-2]:
+            name = self.topology.link_names[index]
+            raise ValueError(f"{name!r} is a mesh, not a shaft: use force(...) for its tooth force in N")
+        return self._signal(sense * self.torques[..., index, :], sense * self.elastic_torques[..., index, :])
+
+    def force(self, a: str, b: str | None = None) -> Signal:
+        """Tooth force transmitted by the mesh between gears a and b in N, positive when a drives b.
+
+        Elastic and damping part together; ``.elastic`` for f(l) alone. ``force(b, a)`` is the negative.
+        """
+        index, sense = self._mesh_index(a, b)
+        return self._signal(sense * self.forces[..., index, :], sense * self.elastic_forces[..., index, :])
+
+    def deflection(self, a: str, b: str | None = None) -> Signal:
+        """Deflection l = r_a phi_a - r_b phi_b of a mesh, m."""
+        index, sense = self._mesh_index(a, b)
+        return self._signal(sense * self.deflections[..., index, :])
+
+    def deflection_samples(self, count: int) -> Array:
+        """Deflections of all meshes at ``count`` time samples of the cycle, ``(..., M, count)`` m."""
+        return fourier.sample(self.deflections, count)
+
+    def _mesh_index(self, a, b):
+        index, sense = self.topology.link_index(a, b)
+        if index < self.torques.shape[-2]:
+            name = self.topology.link_names[index]
+            raise ValueError(f"{name!r} is a shaft or damper, not a mesh: use torque(...) for its torque in N m")
+        return index - self.torques.shape[-2], sense
+
+    def power(self, a: str, b: str | None = None) -> Array:
+        """Mean power in W ``(...)`` that a shaft, damper or mesh turns into heat, exact from the harmonics.
+
+            P = sum_{n >= 1} 2 Re(T^n conj(i n Omega theta^n)),
+
+        T the transmitted torque and theta the twist, or tooth force and deflection; the elastic part does no work.
+
+        Parameters
+        ----------
+        a, b : str
+            The two disks (a damper's ring goes by the damper's name), or the link's name alone.
+        """
+        index, _ = self.topology.link_index(a, b)
+        shafts, (first, second) = self.torques.shape[-2], self.topology.link_ends[index]
+        if index < shafts:
+            passed, bent = self.torques[..., index, :], self.angles[..., first, :] - self.angles[..., second, :]
+        else:
+            bent = self.deflections[..., index - shafts, :]
+            # Harmonics of the force beyond those of the motion do no work.
+            passed = self.forces[..., index - shafts, : bent.shape[-1]]
+        xp, rate = namespace(passed, bent), fourier.derivative(bent, self._frequency)
+        return 2 * xp.sum((passed * xp.conj(rate)).real, axis=-1)
+
+    def gear_torque(self, name: str) -> Signal:
+        """Torque that a gear passes to its mates, the sum of its mesh forces x radius, N m."""
+        disk = self.topology.disk_index(name)
+        xp = namespace(self.forces)
+        sense = np.array([(a == disk) - (b == disk) for a, b in self.topology.mesh_ends], dtype=float)
+        if not sense.any():
+            raise ValueError(f"{name!r} carries no mesh: gear_torque needs a gear")
+        radius = self.radius[..., disk, None]
+        total = radius * xp.einsum("g,...gk->...k", sense, self.forces)
+        return self._signal(total, radius * xp.einsum("g,...gk->...k", sense, self.elastic_forces))
+
+    def mesh(self, a: str, b: str | None = None) -> Contact:
+        """Contact of a mesh over the cycle (:class:`Contact`); its drive side is that of the scene's order of gears."""
+        index, _ = self._mesh_index(a, b)
+        law = jax.tree.map(lambda values: np.asarray(values)[..., index], self.law)
+        return contact_of(
+            law if self.topology.mesh_backlash[index] else None,
+            np.asarray(self.deflections[..., index, :]),
+            np.asarray(self.forces[..., index, :]),
+            np.asarray(self.elastic_forces[..., index, :]),
+            self.topology.cycle_frequency(np.asarray(self.rpm)),
+            self.resolution,
+        )
+
+    def contacts(self) -> dict[str, Contact]:
+        """:class:`Contact` of every mesh by name."""
+        return {name: self.mesh(name) for name in self.topology.mesh_names}
+
+    def to_xarray(self, *, orders: float | None = None) -> Dataset:
+        """The response as a data set of xarray (extra ``data``), with names as labels and units as attributes.
+
+        Parameters
+        ----------
+        orders : float, optional
+            Highest order whose amplitudes and phases are given; default: all of the motion.
+
+        Returns
+        -------
+        xarray.Dataset
+            Dimensions ``rpm`` (of a sweep), ``disk``, ``shaft`` (dampers behind them), ``gear``, ``mesh``, ``load``,
+            ``ground`` and ``order``. Of ``angle``, ``speed``, ``acceleration``, ``torque``, ``gear_torque`` and
+            ``tooth_force`` the variables ``_mean``, ``_min``, ``_max``, ``_half_peak_to_peak``, ``_sum_of_amplitudes``,
+            and but for the second and third ``_amplitude`` and ``_phase``; ``irregularity``, ``heat``, contact, loads.
+            Numbers of speeds that did not converge are nan, and ``status`` says why.
+
+        Raises
+        ------
+        ImportError
+            Without xarray.
+
+        Examples
+        --------
+        >>> import jaxhb
+        >>> sweep = jaxhb.solve_speeds(jaxhb.load_scene("six_cylinder_diesel"), rpm=[1000.0, 1500.0])
+        >>> swing = sweep.to_xarray(orders=12).torque_half_peak_to_peak.sel(shaft="cyl6|flywheel")
+        >>> swing.sel(rpm=1500).item().__round__(1), swing.attrs["units"]
+        (2900.6, 'N m')
+        """
+        motions = [self[i] for i in range(len(self))] if np.ndim(self.rpm) else [self]
+        return to_xarray(motions, self.topology, np.asarray(self.rpm), orders=orders)
+
+
+_STATIC, _KEPT_ASIDE = ("topology", "resolution"), ("train", "path", "certificate")
+
+
+def register(cls):
+    """Make :class:`Response`, or a class that extends it, a pytree.
+
+    Leaves are what depends on the speed: ``train`` would copy pressure tables, ``path`` make programs retrace.
+    """
+    names = tuple(f.name for f in dataclasses.fields(cls) if f.name not in (*_STATIC, *_KEPT_ASIDE))
+
+    def flatten(response):
+        leaves = [(jax.tree_util.GetAttrKey(name), getattr(response, name)) for name in names]
+        return leaves, tuple(getattr(response, name) for name in _STATIC)
+
+    def unflatten(static, leaves):
+        return cls(**dict(zip(names, leaves, strict=True)), **dict(zip(_STATIC, static, strict=True)))
+
+    jax.tree_util.register_pytree_with_keys(cls, flatten, unflatten)
+    return cls
+
+
+register(Response)
+
+
+def stack(responses):
+    """Responses of one train at several speeds as one with a leading axis; all get the most harmonics among them."""
+    most = {
+        f.name: max(getattr(response, f.name).shape[-1] for response in responses) - 1
+        for f in dataclasses.fields(Fields)
+    }
+    resolution = max(response.resolution for response in responses)
+
+    def padded(response):
+        wider = {name: fourier.resize(np.asarray(getattr(response, name)), count) for name, count in most.items()}
+        return dataclasses.replace(response, resolution=resolution, **wider)
+
+    joined = jax.tree.map(lambda *leaves: np.stack(leaves), *map(padded, responses))
+    return dataclasses.replace(joined, train=responses[0].train, path=tuple(r.path for r in responses))

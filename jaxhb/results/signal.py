@@ -1,0 +1,212 @@
+"""A periodic signal as the engineer reads it: mean, extremes, orders, samples."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, field
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxhb._jax import Array, namespace, traced
+from jaxhb.equations import fourier
+from jaxhb.results.display import signal_line
+
+MISSED = 0.01
+"""Share of the peak by which samples may miss it unsaid."""
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Signal:
+    """A periodic quantity, or a batch of them.
+
+    The signal is ``mean + sum_k A_k cos(order_k theta + phase_k)``, theta the angle of the reference rotor, zero at
+    firing top dead centre of a cylinder with firing angle 0.
+
+    Parameters
+    ----------
+    coefficients : complex array ``(..., K+1)``
+        Two-sided Fourier coefficients x^0 .. x^K in the unit of the quantity.
+    elastic_coefficients : complex array or None
+        The elastic part (stiffness only) of a transmitted force or torque.
+    revolutions_per_cycle : float
+        Of the reference rotor; harmonic n is order n / revolutions_per_cycle.
+    resolution : int
+        Time samples per cycle at which extremes are looked for.
+
+    Examples
+    --------
+    >>> torque = Signal(np.array([[3.0, 5.0, 0.0]]) + 0j, None, 2.0, 64)      # 3 + 10 cos(theta / 2)
+    >>> float(torque.max[0]), float(torque.half_peak_to_peak[0]), torque.orders.tolist()
+    (13.0, 10.0, [0.5, 1.0])
+    """
+
+    coefficients: Array
+    elastic_coefficients: Array | None
+    revolutions_per_cycle: float = field(metadata={"static": True})
+    resolution: int = field(metadata={"static": True})
+
+    def __repr__(self):
+        return signal_line(self)
+
+    @property
+    def elastic(self) -> Signal:
+        """The elastic part alone, a :class:`Signal`."""
+        if self.elastic_coefficients is None:
+            raise AttributeError("this signal is not a force or torque: it has no elastic part")
+        return Signal(self.elastic_coefficients, None, self.revolutions_per_cycle, self.resolution)
+
+    @property
+    def orders(self) -> np.ndarray:
+        """Orders of the amplitudes, per revolution of the reference rotor ``(K,)``."""
+        return np.arange(1, self.coefficients.shape[-1]) / self.revolutions_per_cycle
+
+    @property
+    def amplitudes(self) -> Array:
+        """One-sided peak amplitudes A_k ``(..., K)``: a cosine of 10 N m reads 10."""
+        return 2 * _absolute(self.coefficients[..., 1:])
+
+    @property
+    def phases_deg(self) -> Array:
+        """Phases of the cosines in deg ``(..., K)``."""
+        xp, tail = namespace(self.coefficients), self.coefficients[..., 1:]
+        # The angle of 0 has no derivative.
+        return xp.angle(xp.where(tail == 0, 1.0, tail)) * (180 / np.pi)
+
+    def order(self, order: float) -> Array:
+        """Amplitude of one order."""
+        harmonic = round(order * self.revolutions_per_cycle)
+        if abs(harmonic - order * self.revolutions_per_cycle) > 1e-9 or not harmonic > 0:
+            raise ValueError(
+                f"order {order:g} is no harmonic of a cycle of {self.revolutions_per_cycle:g} revolutions: "
+                f"use a positive multiple of {1 / self.revolutions_per_cycle:g}"
+            )
+        # A signal holds all that it has: a harmonic beyond is 0, not unknown.
+        if harmonic >= self.coefficients.shape[-1]:
+            return 0 * self.rms  # but nan of a signal that is nan
+        return self.amplitudes[..., harmonic - 1]
+
+    def samples(self, count: int) -> Array:
+        """Values at ``count`` equidistant time samples of one cycle, from theta = 0; shape ``(..., count)``.
+
+        Warns where the samples miss the peak by more than 1 % of it, and names a count that does not: values between
+        the samples are lost to what is made of them, :attr:`max` and the like are those of the whole signal.
+        """
+        values = self._sampled(count)
+        if count < self.resolution and not traced(values):
+            self._warn_of_missed_peak(values, count)
+        return values
+
+    def _sampled(self, count):
+        return fourier.sample(self.coefficients, count)
+
+    def _warn_of_missed_peak(self, values, count):
+        peak = np.asarray(self.peak)
+
+        def missed(values):
+            lost = peak - np.abs(np.asarray(values)).max(axis=-1)
+            return np.max(np.where(peak > 0, lost / np.where(peak > 0, peak, 1.0), 0.0), initial=0.0)
+
+        if missed(values) > MISSED:
+            more = (count << k for k in range(1, 32))
+            enough = next(n for n in more if n >= self.resolution or missed(self._sampled(n)) <= MISSED)
+            warnings.warn(
+                f"{count} samples miss the peak of the signal by {100 * missed(values):.2g} %: take {enough}, or read "
+                ".max, .min and .half_peak_to_peak, which have the whole signal",
+                stacklevel=3,
+            )
+
+    def angles_deg(self, count: int) -> np.ndarray:
+        """Angles theta of :meth:`samples` in deg of the reference rotor ``(count,)``."""
+        return np.arange(count) * (360.0 * self.revolutions_per_cycle / count)
+
+    @property
+    def mean(self) -> Array:
+        """Mean over the cycle."""
+        return self.coefficients[..., 0].real
+
+    @property
+    def max(self) -> Array:
+        """Largest value over the cycle."""
+        values = self._sampled(self.resolution)
+        return values.max(axis=-1) + _nan_of(values)
+
+    @property
+    def min(self) -> Array:
+        """Smallest value over the cycle."""
+        values = self._sampled(self.resolution)
+        return values.min(axis=-1) + _nan_of(values)
+
+    @property
+    def peak(self) -> Array:
+        """Largest absolute value over the cycle."""
+        values = self._sampled(self.resolution)
+        return namespace(values).abs(values).max(axis=-1) + _nan_of(values)
+
+    @property
+    def half_peak_to_peak(self) -> Array:
+        """(max - min) / 2 of the synthesised signal."""
+        values = self._sampled(self.resolution)
+        return (values.max(axis=-1) - values.min(axis=-1)) / 2 + _nan_of(values)
+
+    @property
+    def sum_of_amplitudes(self) -> Array:
+        """Sum of the A_k: what published torque curves of crankshafts often show; never below half peak-to-peak."""
+        return self.amplitudes.sum(axis=-1)
+
+    @property
+    def rms(self) -> Array:
+        """Root mean square over the cycle, mean included."""
+        power = self.coefficients.real**2 + self.coefficients.imag**2
+        # Parseval: each coefficient n > 0 stands for -n too.
+        return _power(power[..., 0] + 2 * power[..., 1:].sum(axis=-1), 0.5)
+
+    def smooth_peak(self, p: float = 64) -> Array:
+        """Differentiable peak, the p-norm over the cycle: ``(mean |x|^p)^(1/p)``.
+
+        With M time samples it lies between ``peak M^(-1/p)`` and ``peak``.
+        """
+        xp = namespace(self.coefficients)
+        values = xp.abs(self._sampled(self.resolution))
+        scale = values.max(axis=-1)
+        # The scale keeps powers in range and cancels: it needs no derivative.
+        scale = jax.lax.stop_gradient(scale) if xp is jnp else scale
+        scale = xp.where(scale > 0, scale, 1.0)
+        return scale * _power(((values / scale[..., None]) ** p).mean(axis=-1), 1 / p)
+
+    def summary(self) -> dict[str, Any]:
+        """Plain numbers for programs: mean, min, max, rms, half_peak_to_peak, sum_of_amplitudes, amplitudes."""
+        return self.extremes() | {
+            "rms": float(self.rms),
+            "sum_of_amplitudes": float(self.sum_of_amplitudes),
+            "amplitudes": self.spectrum(),
+        }
+
+    def extremes(self) -> dict[str, float]:
+        """Plain numbers for programs: mean, min, max and half_peak_to_peak."""
+        low, high = float(self.min), float(self.max)
+        return {"mean": float(self.mean), "min": low, "max": high, "half_peak_to_peak": (high - low) / 2}
+
+    def spectrum(self) -> list[list[float]]:
+        """``[[order, A, phase_deg], ...]`` of one signal."""
+        columns = (self.orders, np.asarray(self.amplitudes), np.asarray(self.phases_deg))
+        return [[float(v) for v in row] for row in zip(*columns, strict=True)]
+
+
+def _nan_of(values):
+    """0, or nan of a signal that is nan: jax 0.12 gives -inf on a processor for the largest of many nan."""
+    return 0 * values[..., 0]
+
+
+def _power(values, exponent):
+    """A power below 1 of values >= 0, with a zero derivative at 0; nan of nan."""
+    xp = namespace(values)
+    return xp.where(values == 0, 0.0, xp.where(values == 0, 1.0, values) ** exponent)
+
+
+def _absolute(values):
+    """|z| with a zero derivative at 0 (half orders that nothing excites are exactly zero)."""
+    return np.abs(values) if namespace(values) is np else _power(values.real**2 + values.imag**2, 0.5)

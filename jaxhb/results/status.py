@@ -1,0 +1,159 @@
+"""How a solve went: one number inside programs, a sentence for people outside, and what was tried in order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any, TypeVar
+
+import numpy as np
+
+AnyResponse = TypeVar("AnyResponse", bound=Any)
+
+
+class Status(IntEnum):
+    """Outcome of a solve; larger is worse. ``sentence`` says it for people.
+
+    Examples
+    --------
+    >>> print(Status(3))
+    MAX_STEPS
+    >>> Status.NEAR_SINGULAR.sentence
+    'the equations are singular here (an undamped resonance): add damping or move the speed'
+    """
+
+    CONVERGED = 0
+    TOLERANCE_NOT_MET = 1
+    PLAN_VIOLATED = 2
+    MAX_STEPS = 3
+    STALLED = 4
+    UNBALANCED = 5
+    NEAR_SINGULAR = 6
+    NONFINITE = 7
+    INVALID_INPUT = 8
+
+    def __str__(self):
+        return self.name
+
+    def __format__(self, spec):
+        # An IntEnum would format as its number.
+        return format(self.name, spec)
+
+    @property
+    def sentence(self) -> str:
+        """What happened and what to try."""
+        return _SENTENCES[self]
+
+    @property
+    def another_start_may_help(self) -> bool:
+        """Whether another start of Newton's method may succeed."""
+        return self in (Status.MAX_STEPS, Status.STALLED, Status.NONFINITE)
+
+
+_REMEDY = (
+    "ask for the steady state, use more harmonics (above the mesh modes), start from the response at a neighbouring "
+    "speed, or search longer with jaxhb.solve_all"
+)
+_SENTENCES = {
+    Status.CONVERGED: "converged",
+    Status.TOLERANCE_NOT_MET: "the equations are solved, but with too few harmonics for the tolerance: use more "
+    "harmonics",
+    Status.PLAN_VIOLATED: "a mesh that the plan holds on one flank leaves it, or passes the knots of its law more "
+    "often than exact integrals allow: plan again, solve without a plan, or use sampled integrals",
+    Status.MAX_STEPS: "Newton's method needed more steps than allowed: " + _REMEDY + "; of a linear response: the "
+    "amplitude of a link was not found: make its table over_amplitude smoother or add damping",
+    Status.STALLED: "Newton's method found no step that improves the solution: " + _REMEDY,
+    Status.UNBALANCED: "the mean torques do not balance and no load or ground takes the difference: add a [[load]] or "
+    "correct the mean torques",
+    Status.NEAR_SINGULAR: "the equations are singular here (an undamped resonance): add damping or move the speed",
+    Status.NONFINITE: "the solution is not finite: check the scene for huge or tiny numbers",
+    Status.INVALID_INPUT: "the speed is not between 0 and 1000000 rpm, or a number of the train lies outside its range "
+    "(an inertia, stiffness, damping or backlash below 0, epsilon or transition not within 0 and 1): correct it",
+}
+
+
+class NotConverged(RuntimeError):
+    """A periodic solution that did not converge, or not to the asked tolerance."""
+
+
+def check(response: AnyResponse) -> AnyResponse:
+    """Raise :class:`NotConverged` with a sentence per speed that did not converge; return the response otherwise."""
+    status = np.atleast_1d(np.asarray(response.status))
+    if not status.any():
+        return response
+    columns = (response.rpm, status, response.residual, response.truncation_error)
+    name = response.topology.title
+    raise NotConverged(
+        "\n".join(
+            f"{name} at {rpm:g} rpm: {Status(int(s)).name}, residual {r:.1e}, truncation error {100 * e:.3g} %: "
+            f"{Status(int(s)).sentence}."
+            for rpm, s, r, e in zip(*map(np.atleast_1d, columns), strict=True)
+            if s
+        )
+    )
+
+
+@dataclass(frozen=True)
+class Newton:
+    """Newton's method on the harmonics; without unknown meshes one linear solve."""
+
+    harmonics: int
+    active_meshes: int
+    integrals: str
+    status: Status
+    steps: int
+
+    def __str__(self):
+        size = f"{self.harmonics} harmonics" + (", exact integrals" if self.integrals == "exact" else "")
+        if not self.active_meshes:
+            return f"linear solve with {size}: {self.status.name}"
+        return f"Newton with {size}: {self.status.name}, {self.steps} steps"
+
+
+@dataclass(frozen=True)
+class March:
+    """Time integration over some cycles; the last one misses its beginning by the periodicity error."""
+
+    cycles: int
+    time_steps: int
+    periodicity_error: float
+
+    def __str__(self):
+        size = f"{self.cycles} cycles of {self.time_steps} steps"
+        return f"march of {size} (periodicity error {self.periodicity_error:.1e})"
+
+
+@dataclass(frozen=True)
+class Shooting:
+    """Newton's method on the state at the beginning of a cycle, tried from so many cycles of a march.
+
+    refined : begun from an orbit that fewer time steps found; closed : whether the orbit counts as periodic.
+    """
+
+    cycles: int
+    time_steps: int
+    periodicity_error: float
+    closed: bool
+    refined: bool = False
+
+    def __str__(self):
+        begun = "in segments, cycle" if self.refined else f"from {self.cycles} cycles"
+        return f"shooting {begun} of {self.time_steps} steps (periodicity error {self.periodicity_error:.1e})"
+
+
+@dataclass(frozen=True)
+class Homotopy:
+    """The curve of motions from the linear law to the wanted one; ``curves`` 0: too long to be tried."""
+
+    found: bool
+    curves: int
+    steps: int
+    turning_points: int
+    time_steps: int
+
+    def __str__(self):
+        if not self.curves:
+            return "homotopy from the linear law: not tried, too long"
+        found = "found" if self.found else "lost"
+        counts = f"curve no. {self.curves}, {self.steps} steps, {self.turning_points} turning points"
+        return f"homotopy from the linear law: {found}, {counts}, cycle of {self.time_steps} steps"

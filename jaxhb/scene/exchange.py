@@ -1,0 +1,348 @@
+"""Trains in the files of other programs, as the content of a scene: TORS (JSON) and two tables in one CSV file.
+
+**TORS** is the format of openTorsion 0.3: ``components`` with ``elements`` in a row, and ``structure`` with the
+connections ``["component.element", "component.element"]`` from an element to the beginning of another component. Read
+are ``Disk`` (inertia, damping), ``ShaftDiscrete`` (stiffness, damping), ``ShaftContinuous`` (length, innerDiameter,
+outerDiameter in mm, density; shear modulus 80 GPa, half its inertia at each end) and ``GearElement`` (inertia; teeth,
+or diameter in mm; parent in the same component). A component goes on from the node at which another one is connected.
+Gears are rigid there: here they are meshes, and several gears of one node are joined by shafts, all so stiff that they
+change natural frequencies by about 1e-5. Give them real stiffnesses before tooth forces are read. Gears with teeth get
+a module of 5 mm. Excitations are not read.
+
+**CSV**: a table whose first column is ``name``, with keys of ``[[disk]]`` as its other columns, and a table whose first
+columns are ``from`` and ``to``, with keys of ``[[shaft]]`` and ``[[mesh]]``; a column ``link`` says ``shaft`` (or
+nothing) or ``mesh``. Empty cells are keys left out, lines that begin with ``#`` comments. The first disk is the
+reference.
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import difflib
+import json
+import math
+
+from jaxhb.elements.elements import Disk, Mesh, SceneError, Shaft, suggestion
+from jaxhb.elements.value_checks import plain_number
+
+SHEAR_MODULUS = 80e9
+"""Pa, of steel: TORS gives none."""
+
+MODULE = 5e-3
+"""m, of a gear of which only the number of teeth is given: ratios are those of the teeth whatever it is."""
+
+RIGID = 1e5
+"""Stiffness of a rigid link over that of the stiffest shaft."""
+
+
+def tors_content(text: str, source: str, errors: list[str]) -> dict:
+    """Read TORS.
+
+    Parameters
+    ----------
+    text : str
+        The JSON.
+    source : str
+        Name of the file, for errors.
+    errors : list of str
+        Gets a sentence for each thing that cannot be read.
+
+    Returns
+    -------
+    dict
+        The tables of a scene. What could not be read has harmless numbers there, so that the checks of a scene find
+        what else is wrong and nothing twice.
+
+    Raises
+    ------
+    SceneError
+        If the text is no JSON or no TORS.
+
+    Examples
+    --------
+    >>> parts = [{"type": "Disk", "name": "rotor", "inertia": 2.0}]
+    >>> text = json.dumps({"structure": [], "components": [{"name": "c", "elements": parts}]})
+    >>> tors_content(text, "c.json", [])["disk"]
+    [{'name': 'c.rotor', 'inertia': 2.0}]
+    """
+    try:
+        content = json.loads(text)
+    except ValueError as error:
+        raise SceneError(f"{source}: invalid JSON: {error}. Correct it.") from None
+    try:
+        reader = _Tors(source, content["components"], content.get("structure", []))
+        found = reader.read()
+        errors += dict.fromkeys(reader.errors)
+        return found
+    except (KeyError, TypeError, AttributeError, IndexError, ValueError):
+        raise SceneError(
+            f"{source}: this is not TORS, which has 'components', each with 'name' and 'elements', and 'structure', a"
+            " list of pairs 'component.element'. Give such a file."
+        ) from None
+
+
+class _Tors:
+    """Nodes, shafts and gears that are found on the way through the components."""
+
+    def __init__(self, source, components, structure):
+        self.source, self.errors = source, []
+        names = [component["name"] for component in components]
+        twice = [name for name in names if names.count(name) > 1]
+        self.errors += [f"{source}: component {name!r} is given twice. Rename one of them." for name in twice]
+        self.components = {component["name"]: self._named(component) for component in components}
+        self.connections = {}
+        for begin, end in structure:
+            self._check_ends(begin, end)
+            self.connections.setdefault(begin, []).append(end.partition(".")[0])
+        self.nodes, self.walked = [], set()
+        self.shafts, self.gears, self.meshes, self.excited = [], {}, [], False
+
+    def _named(self, component):
+        """Elements of a component by their full names, without those that have none."""
+        found = {}
+        for number, element in enumerate(component["elements"]):
+            own = f"{component['name']}.{element.get('name')}"
+            if "name" not in element:
+                where = f"component {component['name']!r}, element no. {number + 1}"
+                self.errors.append(f"{self.source}, {where}: the key 'name' is missing. Give it.")
+            elif own in found:
+                self.errors.append(f"{self.source}, {own!r}: the element is given twice. Rename one of them.")
+            else:
+                found[own] = element
+        return found
+
+    def _check_ends(self, begin, end):
+        """Find what a connection names that is not there; components that are not are found on the way."""
+        for own in (begin, end):
+            elements = self.components.get(own.partition(".")[0])
+            if elements is not None and own not in elements:
+                self.errors.append(
+                    f"{self.source}: 'structure' names {own!r}, which does not exist.{suggestion(own, elements)}"
+                )
+            elif elements is None and own is begin:
+                self._no_component(own.partition(".")[0])
+
+    def _no_component(self, name, why="does not exist"):
+        self.errors.append(f"{self.source}: component {name!r} {why}. Correct 'structure'.")
+
+    def read(self):
+        """Go through the train from the component that no other one leads to; the scene."""
+        reached = {end for ends in self.connections.values() for end in ends}
+        first = [name for name in self.components if name not in reached]
+        if len(first) != 1:
+            which = ", ".join(map(repr, first)) or "none"
+            said = f"the train must begin at one component, not {which}. Correct 'structure'."
+            self.errors.append(f"{self.source}: {said}")
+        for name in first:
+            self.walk(name, self._node(), ())
+        left = [name for name in self.components if name not in self.walked]
+        if len(first) == 1:
+            for name in left:
+                self._no_component(name, "is not connected to the others")
+        for name in left:  # what is wrong in them is told too
+            if name not in self.walked:
+                self.walk(name, self._node(), ())
+        return self.content()
+
+    def _node(self):
+        """Make a node; its number."""
+        self.nodes.append({"inertia": 0.0, "damping": 0.0})
+        return len(self.nodes) - 1
+
+    def walk(self, name, node, above):
+        """Go through a component from a node on, and through those connected to it."""
+        if name not in self.components:
+            self._no_component(name)
+        elif name in self.walked:
+            self._no_component(name, "leads back to itself" if name in above else "is connected twice")
+        else:
+            self.walked.add(name)
+            for own, element in self.components[name].items():
+                node = self._add(name, own, element, node)
+                for other in self.connections.get(own, ()):
+                    self.walk(other, node, (*above, name))
+
+    def _add(self, component, own, element, node):
+        """Put one element at a node; the node at which the component goes on."""
+        kind = element.get("type")
+        self.excited = self.excited or "excitation" in element
+        if kind == "Disk":
+            self._load(node, own, self._take(own, element, "inertia"), self._take(own, element, "damping", 0.0))
+        elif kind in ("ShaftDiscrete", "ShaftContinuous"):
+            end = self._node()
+            read = self._continuous if kind == "ShaftContinuous" else self._discrete
+            stiffness, inertia = read(own, element)
+            for at in (node, end):
+                self.nodes[at]["inertia"] += inertia / 2
+            row = {"name": own, "stiffness": stiffness, "damping": self._take(own, element, "damping", 0.0)}
+            self.shafts.append((node, end, row))
+            return end
+        elif kind == "GearElement":
+            return self._gear(component, own, element, node)
+        else:
+            known = ["Disk", "ShaftDiscrete", "ShaftContinuous", "GearElement"]
+            self.errors.append(f"{self.source}, {own!r}: unknown type {kind!r}.{suggestion(kind, known)}")
+        return node
+
+    def _gear(self, component, own, element, node):
+        """Put a gear at a node, one with a parent at a node of its own; this node."""
+        parent = f"{component}.{element.get('parent')}"
+        if parent in self.gears:
+            node = self._node()
+            self.meshes.append((parent, own))
+        elif element.get("parent"):
+            known = [name.partition(".")[2] for name in self.gears if name.startswith(f"{component}.")]
+            said = f"its parent {element['parent']!r} is no gear before it in {component!r}"
+            self.errors.append(f"{self.source}, {own!r}: {said}.{suggestion(element['parent'], known)}")
+        self._load(node, own, self._take(own, element, "inertia"), 0.0)
+        toothed = "teeth" in element
+        size = self._take(own, element, "teeth" if toothed else "diameter")
+        if not size > 0.0:
+            self.errors.append(f"{self.source}, {own!r}: teeth or diameter is {size:g}, must be greater than 0.")
+            size = 1.0
+        self.gears[own] = {"node": node, "toothed": toothed, "size": size}
+        return node
+
+    def _load(self, node, own, inertia, damping):
+        """Add an inertia to a node, which is called as its first."""
+        at = self.nodes[node]
+        at.setdefault("name", own)
+        at["inertia"] += inertia
+        at["damping"] += damping
+
+    def _take(self, own, element, key, default=None):
+        """A number of an element; without a default the key must be there."""
+        value = element.get(key, default)
+        if not plain_number(value):
+            self.errors.append(f"{self.source}, {own!r}: the key {key!r} is missing or no number. Give it.")
+            return 1.0
+        return float(value)
+
+    def _discrete(self, own, element):
+        return self._take(own, element, "stiffness"), 0.0
+
+    def _continuous(self, own, element):
+        """Stiffness and inertia of a round shaft."""
+        length, outer = (1e-3 * self._take(own, element, key) for key in ("length", "outerDiameter"))
+        inner, density = (self._take(own, element, *both) for both in (("innerDiameter", 0.0), ("density", 8000.0)))
+        inner *= 1e-3
+        area = math.pi * (outer**4 - inner**4) / 32.0
+        if not (length > 0.0 and area > 0.0):
+            self.errors.append(f"{self.source}, {own!r}: length and wall must be greater than 0 mm. Correct them.")
+            return 1.0, 0.0
+        return SHEAR_MODULUS * area / length, density * area * length
+
+    def content(self):
+        """The scene."""
+        for k, node in enumerate(self.nodes):
+            node.setdefault("name", f"node {k}")
+        disks = [{key: node[key] for key in ("name", "inertia", "damping")} for node in self.nodes]
+        shafts = [{"between": [disks[a]["name"], disks[b]["name"]], **row} for a, b, row in self.shafts]
+        rigid = RIGID * max((row["stiffness"] for row in shafts), default=1e6)
+        seats = {}
+        for own, gear in self.gears.items():
+            place = disks[gear["node"]]
+            radius = 0.5e-3 * gear["size"] if not gear["toothed"] else 0.5 * MODULE * gear["size"]
+            # A disk has one radius: a further gear of the node sits on a disk of its own.
+            if place.get("radius", radius) != radius:
+                disks.append({"name": own if own != place["name"] else f"{own} gear", "inertia": 0.0})
+                shafts.append({"between": [place["name"], disks[-1]["name"]], "stiffness": rigid})
+                place = disks[-1]
+            place["radius"] = radius
+            if gear["toothed"]:
+                place["teeth"] = round(gear["size"])
+            seats[own] = place
+        meshes = []
+        for pair in self.meshes:
+            if len({self.gears[own]["toothed"] for own in pair}) > 1:
+                text = f"{pair[0]!r} and {pair[1]!r} mesh, one with teeth, one with a diameter"
+                self.errors.append(f"{self.source}: {text}. Give both alike.")
+            ends = [seats[own] for own in pair]
+            # As stiff in N m/rad as a rigid shaft at the smaller gear, and stiffer at the larger.
+            stiffness = rigid / min(end["radius"] for end in ends) ** 2
+            meshes.append({"between": [end["name"] for end in ends], "stiffness": stiffness})
+        said = f"From {self.source}" + "; rigid gears are stiff meshes" * bool(meshes)
+        said += "; its excitations are not read" * self.excited
+        rows = {"disk": disks, "shaft": shafts, "mesh": meshes}
+        tables = {table: [_sparse(row) for row in found] for table, found in rows.items() if found}
+        return {"scene": {"description": said, "reference": disks[0]["name"]}} | tables
+
+
+def _sparse(row):
+    """A row without dampings of 0."""
+    return {key: value for key, value in row.items() if key != "damping" or value}
+
+
+def csv_content(text: str, source: str, errors: list[str]) -> dict:
+    """Read two tables, inertias and links; arguments and result as for :func:`tors_content`.
+
+    Rows above the first heads are left out, and told. Without inertias links have disks with harmless ones.
+
+    Examples
+    --------
+    >>> text = "name,inertia\\na,1\\nb,2\\n\\nfrom,to,stiffness\\na,b,1e5\\n"
+    >>> csv_content(text, "pair.csv", [])["shaft"]
+    [{'between': ['a', 'b'], 'stiffness': 100000.0}]
+    """
+    lines = [line for line in text.splitlines() if line.strip(" ,;") and not line.lstrip().startswith("#")]
+    # Where decimals have commas, spreadsheets separate cells by semicolons.
+    delimiter = ";" if lines and ";" in lines[0] else ","
+    content, heads = {}, None
+    for number, cells in enumerate(csv.reader(lines, delimiter=delimiter)):
+        cells = [cell.strip() for cell in cells]
+        if _is_head(cells):
+            heads = _heads(cells, source, errors)
+            continue
+        if heads is None:
+            continue
+        if len(cells) > len(heads):
+            errors.append(f"{source}, row {number + 1}: {len(cells)} cells under {len(heads)} heads. Correct the row.")
+        row = {head: _cell(head, cell) for head, cell in zip(heads, cells, strict=False) if head and cell}
+        table = "disk"
+        if heads[0] == "from":
+            table = row.pop("link", "shaft")
+            row = {"between": [row.pop(end) for end in ("from", "to") if end in row]} | row
+        if table not in ("disk", "shaft", "mesh"):
+            errors.append(f"{source}, row {number + 1}: link is {table!r}, must be 'shaft' or 'mesh'. Correct it.")
+            continue
+        content.setdefault(table, []).append(row)
+    if lines and not _is_head(next(csv.reader(lines, delimiter=delimiter))):
+        begin = "'name', of inertias, or 'from', of links"
+        errors.append(f"{source}: the first line must name columns, beginning with {begin}. Give the heads.")
+    elif "disk" not in content:
+        errors.append(f"{source}: there is no table of inertias, whose first column is 'name'. Give one.")
+    if "disk" not in content:  # the disks of the links, so that these are checked
+        ends = [name for rows in content.values() for row in rows for name in row["between"]]
+        content["disk"] = [{"name": name, "inertia": 1.0} for name in dict.fromkeys(ends or ["disk"])]
+    return {"scene": {"description": f"From {source}", "reference": content["disk"][0].get("name")}} | content
+
+
+def _is_head(cells):
+    """Whether a row names columns, of inertias or of links."""
+    return cells[0].strip() in ("name", "from")
+
+
+def _heads(heads, source, errors):
+    """The columns by the keys that they mean; None for one that means no key of what the table holds."""
+    if heads[0] == "name":
+        known = [f.name for f in dataclasses.fields(Disk)]
+    else:
+        of_links = {f.name: None for cls in (Shaft, Mesh) for f in dataclasses.fields(cls)}
+        known = ["from", "to", "link", *(name for name in of_links if name != "between")]
+    wrong = [head for head in heads if head not in known]
+    errors += [f"{source}: unknown column {head!r}.{suggestion(head, known)}" for head in wrong]
+    errors += [f"{source}: two columns are called {head!r}. Keep one." for head in known if heads.count(head) > 1]
+    free = [key for key in known if key not in heads]
+    meant = {head: next(iter(difflib.get_close_matches(head, free, n=1)), None) for head in wrong}
+    return [meant.get(head, head) for head in heads]
+
+
+def _cell(head, cell):
+    """A number where it is one; names stay text."""
+    if head in ("name", "from", "to", "link"):
+        return cell
+    try:
+        return int(cell) if cell.isdecimal() else float(cell)
+    except ValueError:
+        return cell

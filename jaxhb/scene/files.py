@@ -1,0 +1,263 @@
+"""Scene files: TOML and CSV to a drive train. Everything wrong with a file is raised at once, in sentences.
+
+Files of other programs are read by their endings, see :mod:`jaxhb.scene.exchange`.
+Any list of rows (``harmonics``, ``gas_torque``, ``scale``, ``pressure``, ``over_hz``, ``over_amplitude``) may be the
+name of a CSV file beside the scene, one row a line: so that long tables need not be repeated. Lines that start with
+``#`` are comments.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import re
+import tomllib
+from importlib import resources
+from pathlib import Path
+
+from jaxhb.elements.elements import TABLES, SceneError, Unread, suggestion
+from jaxhb.elements.engine import Engine
+from jaxhb.scene.exchange import csv_content, tors_content
+from jaxhb.train.assembly import train_fields
+from jaxhb.train.drivetrain import DriveTrain
+
+_READERS = {".json": tors_content, ".csv": csv_content}
+_SCENE_KEYS = ("name", "description", "revolutions_per_cycle", "reference", "rated_rpm")
+
+
+def scene_names() -> list[str]:
+    """List the packaged scenes.
+
+    Returns
+    -------
+    list of str
+
+    Examples
+    --------
+    >>> from jaxhb.scene.files import scene_names
+    >>> "gear_train_30" in scene_names()
+    True
+    """
+    return sorted(path.stem for path in _folder().iterdir() if path.suffix == ".toml")
+
+
+def scene_description(name) -> str:
+    """Read the description of a scene.
+
+    Parameters
+    ----------
+    name : str or path
+        Packaged scene, or a path to a ``.toml``.
+
+    Returns
+    -------
+    str
+        ``description`` of its ``[scene]``, empty if it has none.
+
+    Raises
+    ------
+    SceneError
+        If there is no such scene or it is invalid TOML.
+
+    Examples
+    --------
+    >>> from jaxhb.scene.files import scene_description
+    >>> scene_description("spur_pair").startswith("A pair of equal spur gears")
+    True
+    """
+    path = _find(name)
+    head = _parse(path, []).get("scene", {})
+    return str(head.get("description", "")) if isinstance(head, dict) else ""
+
+
+def load_scene(name: str | Path) -> DriveTrain:
+    """Read a scene.
+
+    Parameters
+    ----------
+    name : str or path
+        Packaged scene (see :func:`scene_names`), or a path: a ``.toml`` in the scene format, SI units, a ``.json`` in
+        the TORS format of openTorsion, or a ``.csv`` with a table of inertias and one of links.
+
+    Returns
+    -------
+    DriveTrain
+        Where two gears that mesh both have ``teeth``, one of their radii is corrected, by up to 0.1 % a mesh, so that
+        the ratio is that of the teeth.
+
+    Raises
+    ------
+    SceneError
+        Everything that is wrong with the scene, one sentence a line.
+
+    Examples
+    --------
+    >>> from jaxhb.scene.files import load_scene
+    >>> load_scene("gear_train_30").topology.mesh_names[0]
+    'crank gear|idler'
+    """
+    path = _find(name)
+    errors = []
+    content = _parse(path, errors)
+    whole = not errors
+    head = content.get("scene", {})
+    if not isinstance(head, dict):
+        errors.append(f"{path.name}: 'scene' is {head!r}, must be a table. Write [scene].")
+        head = {}
+    for key in head:
+        if key not in _SCENE_KEYS:
+            errors.append(f"{path.name}, [scene]: unknown key {key!r}.{suggestion(key, _SCENE_KEYS)}")
+    elements, complete = _read_elements(path, content, errors)
+    fields = train_fields(
+        elements,
+        name=str(head.get("name", path.stem)),
+        reference=head.get("reference"),
+        revolutions_per_cycle=head.get("revolutions_per_cycle", 2),
+        rated_rpm=head.get("rated_rpm"),
+        tune=content.get("tune"),
+        scenarios=content.get("scenario"),
+        source=path.name,
+        findings=errors,
+        complete=complete and whole,
+    )
+    return DriveTrain(**fields)
+
+
+def _folder():
+    """Folder of the packaged scenes."""
+    return Path(str(resources.files("jaxhb.scene") / "scenes"))
+
+
+def _find(name) -> Path:
+    """Path of a packaged scene or of a file."""
+    text = str(name)
+    if isinstance(name, Path) or text.endswith((".toml", *_READERS)) or "/" in text or "\\" in text:
+        path = Path(text).expanduser()
+        if not path.is_file():
+            raise SceneError(f"{text}: there is no such file. Give the path of a .toml, or a packaged scene.")
+        return path
+    if text not in scene_names():
+        raise SceneError(f"there is no packaged scene {text!r}.{suggestion(text, scene_names())}")
+    return _folder() / f"{text}.toml"
+
+
+def _correct(text: str, error: tomllib.TOMLDecodeError) -> str:
+    """What to do about the line of a syntax error, in a sentence."""
+    found = re.search(r"at line (\d+)", str(error))
+    line = text.splitlines()[int(found[1]) - 1].strip() if found else ""
+    comma = re.search(r"\d,\d", line.partition("=")[2].partition("#")[0]) and "[" not in line
+    return f"Correct the line{f' {line[:60]!r}' if line else ''}{': decimals take a point, not a comma' * bool(comma)}."
+
+
+def _parse(path: Path, errors: list[str]) -> dict:
+    """Read a file; a syntax error becomes one sentence, what else cannot be read goes to ``errors``."""
+    try:
+        # Some editors of Windows put a mark before UTF-8.
+        text = path.read_text(encoding="utf-8-sig")
+        return _READERS[path.suffix](text, path.name, errors) if path.suffix in _READERS else tomllib.loads(text)
+    except SceneError:
+        raise
+    except tomllib.TOMLDecodeError as error:
+        raise SceneError(f"{path.name}: invalid TOML: {error}. {_correct(text, error)}") from None
+    except UnicodeDecodeError:
+        raise SceneError(f"{path.name}: the file is not UTF-8 text. Save it as UTF-8.") from None
+    except ValueError:
+        # Python reads no more than 4300 digits of an integer.
+        raise SceneError(f"{path.name}: an integer has too many digits to be read. Write it as 1e9.") from None
+    except RecursionError:
+        raise SceneError(f"{path.name}: lists or tables are nested too deeply to be read. Write them flat.") from None
+    except OSError as error:
+        raise SceneError(f"{path.name}: the file cannot be read: {error.strerror}.") from None
+
+
+def _read_elements(path: Path, content: dict, errors: list[str]) -> tuple[list, bool]:
+    """Make the elements, and tell whether every table was read; sentences go to ``errors``."""
+    elements, read, complete = [], {}, True
+    for table, rows in content.items():
+        if table in ("scene", "scenario", "tune"):
+            continue
+        rows = [rows] if table == "engine" and isinstance(rows, dict) else rows
+        if table not in TABLES and table != "engine":
+            known = ["scene", *TABLES, "engine", "scenario", "tune"]
+            errors.append(f"{path.name}: unknown table {table!r}.{suggestion(table, known)}")
+            complete = False
+            continue
+        if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+            errors.append(f"{path.name}: {table!r} must be a list of tables. Write [[{table}]].")
+            complete = False
+            continue
+        for i, row in enumerate(rows):
+            where = f"{path.name}, [engine]" if table == "engine" else f"{path.name}, [[{table}]] no. {i + 1}"
+            if isinstance(row.get("name"), str):
+                where += f" {row['name']!r}"
+            cls = Engine if table == "engine" else TABLES[table]
+            elements.append(_read_element(cls, row, where, path.parent, read, errors))
+    return elements, complete
+
+
+def _read_element(cls, row: dict, where: str, folder: Path, read: dict, errors: list[str]):
+    """Make one element; a key that is not there becomes None and is found by the checks."""
+    fields = {f.name: f for f in dataclasses.fields(cls)}
+    values = {}
+    for key in row:
+        if key not in fields:
+            errors.append(f"{where}: unknown key {key!r}.{suggestion(key, fields)}")
+            # A misspelt key is read as what it means, so that no second sentence says that this is missing.
+            meant = [k for k in difflib.get_close_matches(key, fields, n=1) if k not in row]
+            values |= dict.fromkeys(meant, row[key])
+    for key, f in fields.items():
+        if key in row:
+            values[key] = row[key]
+        elif f.default is dataclasses.MISSING:
+            values.setdefault(key, None)
+        if f.metadata["kind"] in ("table", "tables"):
+            values |= _read_inner(f, row, where, folder, read, errors)
+        if f.metadata["kind"] == "rows" and isinstance(row.get(key), str):
+            try:
+                values[key] = _read_rows(folder / row[key], f.metadata["columns"], read)
+            except SceneError as error:
+                errors += [f"{where}: {key}: {text}" for text in error.sentences]
+                values[key] = Unread()
+    return cls(**values)
+
+
+def _read_inner(f, row: dict, where: str, folder: Path, read: dict, errors: list[str]) -> dict:
+    """Make the table, or the list of tables, that a key of an element holds; what is none is found by the checks."""
+    found, cls = row.get(f.name), f.metadata["of"]
+    if f.metadata["kind"] == "table" and isinstance(found, dict):
+        return {f.name: _read_element(cls, found, f"{where}, {f.name}", folder, read, errors)}
+    if f.metadata["kind"] == "tables" and isinstance(found, list) and all(isinstance(v, dict) for v in found):
+        places = [f"{where}, {f.name} no. {k + 1}" for k in range(len(found))]
+        both = zip(found, places, strict=True)
+        return {f.name: tuple(_read_element(cls, v, place, folder, read, errors) for v, place in both)}
+    return {}
+
+
+def _read_rows(path: Path, columns: tuple[str, ...], read: dict) -> tuple:
+    """Read a CSV file of numbers, once for all elements that name it."""
+    if path in read:
+        return read[path]
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except FileNotFoundError:
+        raise SceneError(f"there is no file {path.name!r} beside the scene. Correct the name.") from None
+    except (OSError, UnicodeDecodeError):
+        raise SceneError(f"the file {path.name!r} cannot be read. Save it as UTF-8 text.") from None
+    rows = []
+    for k, line in enumerate(lines):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        try:
+            row = tuple(float(word) for word in line.replace(";", ",").split(","))
+        except ValueError:
+            row = ()
+        if len(row) != len(columns):
+            raise SceneError(
+                f"{path.name}, line {k + 1} is {line.strip()!r}, must be {len(columns)} numbers"
+                f" {', '.join(columns)}, separated by commas. Correct it or put # before it."
+            )
+        rows.append(row)
+    if not rows:
+        raise SceneError(f"{path.name} holds no rows. Give {', '.join(columns)} on each line.")
+    read[path] = tuple(rows)
+    return read[path]

@@ -1,0 +1,251 @@
+"""Scenes as TOML: of any file that can be read, with some numbers changed, with its engines expanded, of elements.
+
+What a ``.toml`` says is kept as it was written, comments included, but for what changes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from jaxhb.elements.elements import SceneError, table_of
+from jaxhb.elements.engine import cylinder_rows
+from jaxhb.scene.files import _READERS, _find, _parse, load_scene
+from jaxhb.scene.toml_text import TomlText
+from jaxhb.train.tables import FRIDMAN_EPSILON, FRIDMAN_TRANSITION
+
+_CSV = ("harmonics", "gas_torque", "scale", "load", "pressure", "over_hz", "over_amplitude")
+
+
+def scene_text(name: str | Path, *, expand: bool = False, called: str | None = None) -> tuple[str, dict[str, Path]]:
+    """The text of a scene, and the tables that lie beside it.
+
+    Parameters
+    ----------
+    name : str or path
+        Packaged scene, or a path as for :func:`jaxhb.load_scene`.
+    expand : bool
+        Write the ``[[cylinder]]`` entries that an ``[engine]`` makes in its place.
+    called : str, optional
+        Another name for the scene. Default: its own.
+
+    Returns
+    -------
+    text : str
+        TOML, with the comments and the order of a ``.toml``. It loads to the same train.
+    beside : dict
+        ``{file name: Path}`` of the CSV files that the scene names, which belong beside it.
+
+    Raises
+    ------
+    SceneError
+        Everything that is wrong with the scene.
+
+    Examples
+    --------
+    >>> text, beside = scene_text("spur_pair")
+    >>> text.splitlines()[4:6], sorted(beside)
+    (['[scene]', 'name = "spur_pair"'], ['spur_pair_omega_squared.csv'])
+    """
+    # For its errors: what does not load is not written.
+    load_scene(name)
+    path = _find(name)
+    content = _parse(path, [])
+    text = _text_of(path, content)
+    if expand:
+        _expand(text, content)
+    head = content.get("scene")
+    if head is None:
+        text.put_first("scene", {"name": called or path.stem})
+    elif called or "name" not in head:
+        text.set("scene", 0, "name", called or path.stem)
+    return str(text), _beside(content, path.parent)
+
+
+def elements_text(
+    elements: Iterable[Any],
+    *,
+    name: str = "",
+    reference: str | None = None,
+    revolutions_per_cycle: float = 2,
+    rated_rpm: float | None = None,
+    tune: dict[str, Any] | None = None,
+) -> str:
+    """The text of a scene of elements; arguments as for :func:`jaxhb.build`.
+
+    Returns
+    -------
+    str
+        TOML, which loads to the train that :func:`jaxhb.build` makes of the elements.
+
+    Examples
+    --------
+    >>> from jaxhb.elements.elements import Disk
+    >>> print(elements_text([Disk(name="rotor", inertia=2.0)], name="one"))
+    [scene]
+    name = "one"
+    revolutions_per_cycle = 2
+    <BLANKLINE>
+    [[disk]]
+    name = "rotor"
+    inertia = 2.0
+    <BLANKLINE>
+    """
+    head = {"name": name, "reference": reference, "revolutions_per_cycle": revolutions_per_cycle}
+    head["rated_rpm"] = rated_rpm
+    content: dict[str, Any] = {"scene": {key: value for key, value in head.items() if value is not None}}
+    for element in elements:
+        content.setdefault(table_of(element), []).append(_given(element))
+    return str(TomlText.of(content | ({"tune": tune} if tune else {})))
+
+
+def _given(element):
+    """The fields of an element that are not at their defaults, as TOML takes them."""
+    values = {f.name: getattr(element, f.name) for f in dataclasses.fields(element)}
+    defaults = {f.name: f.default for f in dataclasses.fields(element)}
+    return {key: _plain(value) for key, value in values.items() if not _same(value, defaults[key])}
+
+
+def _same(value, default):
+    return value is default or (not hasattr(value, "shape") and value == default)
+
+
+def _plain(value):
+    """Lists and numbers of Python; a table inside an element as a dictionary."""
+    if dataclasses.is_dataclass(value):
+        return _given(value)
+    value = value.tolist() if hasattr(value, "tolist") else value
+    return [_plain(v) for v in value] if isinstance(value, tuple | list) else value
+
+
+def _text_of(path, content):
+    """The text of a file, of other programs that of what was read."""
+    # Bytes: text mode would turn the line ends of Windows.
+    return TomlText.of(content) if path.suffix in _READERS else TomlText(path.read_bytes().decode("utf-8-sig"))
+
+
+def _expand(text, content):
+    """Put the cylinders of engines behind those of the scene, or where the first engine is."""
+    made = _made(content)
+    if not made:
+        return
+    if content.get("cylinder"):
+        text.append("cylinder", made)
+        made = []
+    text.replace("engine", "cylinder", made)
+
+
+def _made(content):
+    """Rows of the cylinders that the engines of a scene make."""
+    engines = content.get("engine", [])
+    return [row for engine in ([engines] if isinstance(engines, dict) else engines) for row in cylinder_rows(engine)]
+
+
+def _beside(content, folder):
+    """Files that rows of a scene name, in tables and in tables inside them."""
+    found = {}
+    for table, rows in content.items():
+        inner = [] if table in ("scene", "tune") else list(rows) if isinstance(rows, list) else [rows]
+        while inner:
+            row = inner.pop()
+            if not isinstance(row, dict):
+                continue
+            found |= {row[key]: folder / row[key] for key in _CSV if isinstance(row.get(key), str)}
+            for value in row.values():
+                inner += [v for v in (value if isinstance(value, list) else [value]) if isinstance(v, dict)]
+    return found
+
+
+def element_files(name):
+    """Files that each torque and each cylinder of a scene takes its rows from.
+
+    Returns
+    -------
+    dict
+        By table, "torque" and "cylinder", a list with ``{field: file names}`` of every element, in the order of the
+        train.
+
+    Examples
+    --------
+    >>> element_files("six_cylinder_diesel")["cylinder"][0]["pressure"]
+    'six_cylinder_diesel_pressure.csv'
+    """
+    content = _parse(_find(name), [])
+    rows = {"torque": content.get("torque", []), "cylinder": [*content.get("cylinder", []), *_made(content)]}
+    return {table: [_files_of(row) for row in own] for table, own in rows.items()}
+
+
+def _files_of(row):
+    found = {key: row[key] for key in _CSV if isinstance(row.get(key), str)}
+    of_traces = [trace["pressure"] for trace in row.get("traces", ()) if isinstance(trace.get("pressure"), str)]
+    return found | ({"traces": ", ".join(of_traces)} if of_traces else {})
+
+
+def scene_files(name):
+    """Paths of the files that a scene is read from: itself and the tables it names."""
+    path = _find(name)
+    return [path, *(table for table in _beside(_parse(path, []), path.parent).values() if table.is_file())]
+
+
+def changed_scene(name, values, *, remark=""):
+    """The text of a scene with some numbers changed, and the tables that lie beside it.
+
+    Parameters
+    ----------
+    name : str or path
+        Packaged scene, or the path of a ``.toml``.
+    values : dict
+        ``{(table, number of the row in its table, field): value}``; an engine whose cylinder changes is expanded.
+    remark : str
+        Lines of comment at the head.
+
+    Returns
+    -------
+    text : str
+        TOML, with the comments and the order of a ``.toml``.
+    beside : dict
+        ``{file name: Path}`` of the CSV files that the scene names, which belong beside it.
+
+    Examples
+    --------
+    >>> text, beside = changed_scene("spur_pair", {("disk", 0, "inertia"): 0.25})
+    >>> [line for line in text.splitlines() if line.startswith("inertia")], sorted(beside)
+    (['inertia = 0.25', 'inertia = 0.0028144773233982723'], ['spur_pair_omega_squared.csv'])
+    """
+    path = _find(name)
+    content = _parse(path, [])
+    text = _text_of(path, content)
+    if any(table == "cylinder" for table, _, _ in values):
+        _expand(text, content)
+    for (table, row, field), value in values.items():
+        # A law excludes numbers of its own: it is written out as the two that it stands for.
+        if table == "mesh" and field in ("epsilon", "transition") and text.discard(table, row, "law"):
+            text.set(table, row, "epsilon", FRIDMAN_EPSILON)
+            text.set(table, row, "transition", FRIDMAN_TRANSITION)
+        text.set(table, row, field, value)
+    remark = "".join(f"# {line}{text.newline}" for line in remark.splitlines())
+    return remark + text.newline * bool(remark) + str(text), _beside(content, path.parent)
+
+
+def copies_beside(beside, folder, option="--output"):
+    """``{path: bytes}`` of the CSV files that must be copied into ``folder``, which ``option`` names.
+
+    Raises
+    ------
+    SceneError
+        If another file of that name lies there.
+    """
+    found = {}
+    for name, source in beside.items():
+        target = Path(folder) / name
+        content = source.read_bytes()
+        if not target.exists():
+            found[str(target)] = content
+        elif target.read_bytes() != content:
+            raise SceneError(
+                f"{str(target)!r} is another file than {name!r} of the scene, which must lie beside the "
+                f"{'tuned' if option == '--output' else 'written'} one: give {option} in another folder."
+            )
+    return found

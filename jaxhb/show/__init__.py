@@ -1,1 +1,0 @@
-"""Plots, reports and the command line."""

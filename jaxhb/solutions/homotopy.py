@@ -1,0 +1,162 @@
+"""From a linear law with strong tooth damping to the wanted train, along the curve of its periodic motions.
+
+Where teeth hammer with little damping, time integration may wander for ever though periodic motions exist. With a gap
+as stiff as the contact the law is linear and its motion unique. On the way to the wanted law,
+
+    epsilon^p,     damping r w^(1 - p),     transition tau v^(1 - p),     p = 0 .. 1,
+
+the motion stays bounded, so that the curve of motions that begins at p = 0 has nowhere to end but at p = 1, however
+often it turns back (homotopies of this kind succeed for almost all their parameters: Chow, Mallet-Paret and Yorke,
+Math. Comp. 32 (1978) 887). It is followed by arclength (:mod:`jaxhb.solutions.continuation`) in the states at the
+beginnings of the segments of a cycle. How long it is nobody knows beforehand: the work is bounded.
+"""
+
+from dataclasses import dataclass, fields
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxhb._jax import Array
+from jaxhb._program import Program
+from jaxhb.equations import backlash
+from jaxhb.integration import shooting
+from jaxhb.integration.step import Stepper
+from jaxhb.solutions import continuation
+from jaxhb.solutions.orbits import coefficients, stepper_of, work_of_cycle
+
+
+class Beginning(NamedTuple):
+    """The law at p = 0: tooth damping and transition over the wanted ones, at most, as far as the steps carry the
+    damping and the backlash holds the transition; whether epsilon falls linearly in p instead of geometrically."""
+
+    damping: float
+    transition: float
+    linear: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class HomotopyOptions:
+    """Options of :func:`find`."""
+
+    beginnings: tuple[Beginning, ...] = (  # of one curve after another: which is short nobody knows beforehand
+        Beginning(20.0, 20.0, False),
+        Beginning(6.0, 4.5, True),
+        Beginning(20.0, 7.0, False),
+    )
+    work: float = 2e9  # of all curves, Jacobians times :func:`work_of_cycle`: twenty seconds
+    fewest_jacobians: int = 50  # below which no curve arrives
+    most_jacobians: int = 700  # of one curve
+    least_epsilon: float = 1e-4  # below which it changes linearly in p: too soft to matter, and zero has no logarithm
+
+
+HOMOTOPY = HomotopyOptions()
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class HomotopyStepper(Stepper):
+    """A Stepper whose meshes are a share p on the way from the linear law."""
+
+    share: Array | float = 1.0
+    beginning: Beginning = HOMOTOPY.beginnings[0]
+
+    def nonlinear_force(self, deflection, rate):
+        """Force ``(G,)`` N of the meshes less its linear part; that of the train itself for a share of 1."""
+        law, left = self.law, 1 - self.share
+        kept = jnp.maximum(law.epsilon, HOMOTOPY.least_epsilon)
+        # epsilon^p for what is not too small, and the little below it linear in p: 1 at p = 0, epsilon at p = 1.
+        geometric = kept**self.share - self.share * (kept - law.epsilon)
+        epsilon = jnp.where(self.beginning.linear, 1 - self.share * (1 - law.epsilon), geometric)
+        widest = jnp.minimum(law.transition * self.beginning.transition, jnp.maximum(law.transition, 1.0))
+        law = backlash.Law(law.stiffness, epsilon, law.transition * (widest / law.transition) ** left, law.backlash)
+        in_contact = jnp.where(self.contact_damping, (1 - epsilon) / jnp.maximum(1 - self.law.epsilon, 1e-300), 0.0)
+        damping = self.viscous * self._damping() ** left * (1 - in_contact * (1 - backlash.engagement(law, deflection)))
+        return backlash.force(law, deflection) - law.stiffness * deflection + (damping - self.viscous) * rate
+
+    def _damping(self):
+        """Tooth damping at p = 0 over the wanted one: at most what the steps carry."""
+        rows, columns = self.space.observation[len(self.viscous) :], self.space.forcing
+        step = 2 * jnp.pi / self.frequency / self.steps
+        # The damping force is taken explicitly in a step: with r times the rate of one unit of force times the step
+        # above about a half, the stages of the step would overshoot.
+        decay = step * self.viscous * -jnp.einsum("gn,ng->g", rows, columns)
+        return jnp.clip(0.5 / jnp.where(decay > 0, decay, 1.0), 1.0, self.beginning.damping)
+
+
+def _on_the_way(stepper, beginning, share):
+    """The HomotopyStepper at a share."""
+    parts = {f.name: getattr(stepper, f.name) for f in fields(Stepper)}
+    return HomotopyStepper(**parts, share=share, beginning=beginning)
+
+
+def _scale(stepper):
+    """Unit of the states in y, the norm of all nodes on the flanks: what makes their changes comparable with p's."""
+    return (jnp.linalg.norm(stepper.flank_state) + 1e-300) * np.sqrt(shooting.SHOOTING.segments)
+
+
+def _nodes(stepper, y):
+    """States ``(K, n)`` at the beginnings of the segments, of y = (states, share)."""
+    return _scale(stepper) * y[:-1].reshape(shooting.SHOOTING.segments, len(stepper.flank_state))
+
+
+@Program
+def _linearized(stepper, beginning, y, normal):
+    """What ``linearize`` of :func:`continuation.follow_curve` returns: H are the gaps of the segments, and the
+    determinant orients the tangent, not ``normal``."""
+    scale, at = _scale(stepper), partial(_on_the_way, stepper, beginning)
+    gap, slope, share_slope = shooting.linearize(at, _nodes(stepper, y), y[-1])
+    condensed = shooting.condense(slope, share_slope / scale)
+    return gap / scale, shooting.closing(condensed, gap / scale), shooting.tangent(condensed), condensed
+
+
+@Program
+def _simplified(stepper, beginning, y, condensed):
+    """What ``simplify`` of :func:`continuation.follow_curve` returns."""
+    gap = shooting.gaps(_on_the_way(stepper, beginning, y[-1]), _nodes(stepper, y)) / _scale(stepper)
+    return gap, shooting.closing(condensed, gap)
+
+
+@Program
+def _motion(stepper, y):
+    """Nodes ``(K, n)`` and deflections ``(G, capacity)`` of the motion at y."""
+    nodes = _nodes(stepper, y)
+    return nodes, shooting.motion(stepper, nodes).deflection
+
+
+@dataclass(frozen=True)
+class HomotopyResult:
+    """What the curves led to.
+
+    coefficients : ``(G, n+1)`` deflections in m, None where no curve arrives; nodes ``(K, n)`` of that motion;
+    curves : followed; steps, folds : of the last one.
+    """
+
+    coefficients: np.ndarray | None
+    nodes: np.ndarray | None
+    curves: int
+    steps: int
+    folds: int
+
+
+def find(train, rpm, plan, *, options=HOMOTOPY):
+    """The :class:`HomotopyResult` at a train, with the meshes and time steps of a Plan; of no curve where the work that
+    the options allow is too little."""
+    left = int(options.work / work_of_cycle(train, plan.time_steps))
+    if left < options.fewest_jacobians:
+        return HomotopyResult(None, None, 0, 0, 0)
+    stepper = jax.device_put(stepper_of(train, rpm, plan))  # once, not for every Jacobian
+    start = np.zeros(shooting.SHOOTING.segments * len(stepper.flank_state) + 1)
+    for curves, beginning in enumerate(options.beginnings, 1):
+        linearize, simplify = (partial(part, stepper, beginning) for part in (_linearized, _simplified))
+        end = continuation.follow_curve(linearize, simplify, start, most=min(left, options.most_jacobians))
+        if end.arrived:
+            nodes, deflection = _motion(stepper, end.y)
+            found = coefficients(deflection, plan.time_steps)
+            return HomotopyResult(found, np.asarray(nodes), curves, end.steps, end.folds)
+        left -= end.jacobians
+        if left < options.most_jacobians // 4:
+            break
+    return HomotopyResult(None, None, curves, end.steps, end.folds)

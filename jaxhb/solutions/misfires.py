@@ -1,0 +1,114 @@
+"""Every cylinder in turn not firing: the responses of all these trains over speed, and the worst of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxhb._jax import Numbers
+from jaxhb._shown import brief
+from jaxhb.elements.elements import SceneError
+from jaxhb.results.response import Response
+from jaxhb.solutions.speeds import solve_speeds
+from jaxhb.train.drivetrain import DriveTrain
+
+
+@dataclass(frozen=True)
+class Worst:
+    """The largest value of a quantity with a misfire: the cylinder, the speed, and the value with all firing there."""
+
+    cylinder: str
+    rpm: float
+    value: float
+    firing: float
+
+
+@brief
+@dataclass(frozen=True)
+class Misfires:
+    """Responses over speed: ``firing`` as the scene has it, ``responses`` by the cylinder that does not fire."""
+
+    firing: Response
+    responses: dict[str, Response]
+
+    def worst(self, read: Callable) -> Worst:
+        """Find the misfire and the speed at which a quantity is largest.
+
+        Parameters
+        ----------
+        read : callable
+            The quantity of a response over speed, ``(n,)``, as ``lambda r: r.torque("a", "b").half_peak_to_peak``.
+
+        Returns
+        -------
+        Worst
+            Of the speeds that converged.
+
+        Raises
+        ------
+        ValueError
+            If none converged.
+        """
+        names = list(self.responses)
+        rows = [np.where(r.converged, np.asarray(read(r)), -np.inf) for r in self.responses.values()]
+        cylinder, speed = np.unravel_index(np.argmax(rows), np.shape(rows))
+        if not np.isfinite(rows[cylinder][speed]):
+            raise ValueError("no speed has converged with a misfire")
+        firing = np.asarray(read(self.firing))[speed]
+        return Worst(names[cylinder], float(self.firing.rpm[speed]), float(rows[cylinder][speed]), float(firing))
+
+
+def misfire_each(
+    train: DriveTrain,
+    *,
+    rpm: Numbers,
+    harmonics: int | None = None,
+    tolerance: float | None = None,
+    solve: Callable[..., Response] = solve_speeds,
+) -> Misfires:
+    """Solve at many speeds with all cylinders firing, and with each in turn that does not.
+
+    The trains differ in one number, so that one compiled program serves all.
+
+    Parameters
+    ----------
+    train : DriveTrain
+    rpm : array ``(n,)``
+        Speeds of the reference rotor.
+    harmonics, tolerance
+        As for ``solve``.
+    solve : callable
+        :func:`jaxhb.solve_speeds`, or :func:`jaxhb.forced_response` for the linear train, which has no ``tolerance``.
+
+    Returns
+    -------
+    Misfires
+
+    Raises
+    ------
+    SceneError
+        If no cylinder fires, and as ``solve``.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> found = jaxhb.misfire_each(jaxhb.load_scene("six_cylinder_diesel"), rpm=[1200.0, 1800.0])
+    >>> worst = found.worst(lambda r: r.torque("cyl6", "flywheel").half_peak_to_peak)
+    >>> worst.cylinder, worst.rpm, round(worst.value / worst.firing, 1)
+    ('cylinder 4', 1800.0, 1.1)
+    """
+    trains = train.misfires()
+    if not trains:
+        raise SceneError(f"{train.topology.title}: no cylinder fires, so that none can misfire.")
+    given = {"harmonics": harmonics, "tolerance": tolerance}
+    asked = {"rpm": rpm} | {name: value for name, value in given.items() if value is not None}
+    responses = {name: solve(each, **asked) for name, each in trains.items()}
+    return Misfires(solve(train.replace(same_factor(train)), **asked), responses)
+
+
+def same_factor(train) -> dict:
+    """A change of nothing that gives a train the gas factors that those of :meth:`DriveTrain.misfires` have."""
+    key = f"{train.topology.cylinder_names[0]}.gas_factor"
+    return {key: train.value(key)}

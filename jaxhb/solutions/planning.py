@@ -1,0 +1,231 @@
+"""Decisions taken on the host: which meshes are unknowns, where to start, how many harmonics."""
+
+import contextlib
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from jaxhb._jax import on_host
+from jaxhb.balance.plan import Plan
+from jaxhb.balance.planned import solve_batches
+from jaxhb.balance.request import MOST_HARMONICS, excited_harmonic, time_steps_for, time_steps_of
+from jaxhb.equations import backlash, fourier
+from jaxhb.equations.state_space import dense_linear_motion
+from jaxhb.excitation.torques import excitation, listed_harmonic
+from jaxhb.linear.mesh_modes import mesh_mode_harmonics
+from jaxhb.train import chain
+from jaxhb.train.changes import without_backlash
+
+
+@dataclass(frozen=True)
+class PlanningOptions:
+    """What is decided before a solve, and from what numbers.
+
+    Parameters
+    ----------
+    levels : numbers of harmonics of the cycle that are offered: each is a program
+    level_ratio : how far apart the levels lie that are tried one after another
+    sweep_level_ratio : the same in a sweep, where a program more costs as much as a hundred speeds with twice the
+        harmonics
+    above_excitation, above_modes : times the highest harmonic excited and times that of the highest mesh mode, at which
+        the first level lies: below the mesh modes the truncated equations often have no solution near the motion
+    sees_modes : times the weakly strained modes at which the 2 N harmonics of an estimate see them
+    blind_share : of the tolerance that an estimate may use which does not see them
+    hammered : half peak-to-peak values of the linear force of the hardest mesh that separates, by which another mesh
+        must stay loaded to be held on its flank
+    dense_disks, dense_speeds : up to which the linear motion is solved with dense matrices and no program: 27 disks
+        take 2 ms a speed, and the program 3 s to compile
+    """
+
+    levels: tuple[int, ...] = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024, 1536, 2048, 3072, 4096)
+    level_ratio: float = 2.0
+    sweep_level_ratio: float = 4.0
+    above_excitation: float = 2.0
+    above_modes: float = 1.5
+    sees_modes: float = 1.2
+    blind_share: float = 0.1
+    hammered: float = 2.0
+    dense_disks: int = 100
+    dense_speeds: int = 256
+
+
+PLANNING = PlanningOptions()
+
+
+def level_at_least(harmonics):
+    """Smallest of the offered numbers of harmonics that is not below ``harmonics``."""
+    return next((n for n in PLANNING.levels if n >= harmonics), PLANNING.levels[-1])
+
+
+def shared_level(harmonics):
+    """The smallest of few numbers of harmonics not below ``harmonics``, for speeds that are not known beforehand and
+    share programs."""
+    levels = PLANNING.levels
+    few = levels[levels.index(192) : -4 : 4]  # 192, 768
+    return next((n for n in few if n >= harmonics), levels[-1])
+
+
+def next_level(harmonics, method, ratio=PLANNING.level_ratio):
+    """The number of harmonics to try after ``harmonics``, about ``ratio`` times as many; None at the limit.
+
+    A level nearer to the limit than to the one before is the limit.
+    """
+    most = MOST_HARMONICS[method]
+    # 0.95: levels are a ratio of 1.33 or 1.5 apart, and the next one is not to be missed by a little.
+    higher = [n for n in PLANNING.levels if 0.95 * ratio * harmonics <= n <= most / math.sqrt(ratio)]
+    return higher[0] if higher else most if harmonics < most else None
+
+
+def meshes_leaving_contact(train, forces):
+    """Meshes that the linear motion takes off their flank, or nearly so where others separate and hammer.
+
+    Parameters
+    ----------
+    train : DriveTrain
+    forces : array ``(..., M, samples)`` N, elastic forces of the meshes with all in contact
+
+    Returns
+    -------
+    flank : int array ``(..., M)``
+        Side of each backlash mesh taken to stay beyond its transition zone (to be verified); 0 for the others and for
+        linear meshes.
+    leaves : bool array ``(..., M)``
+        Backlash meshes whose contact is an unknown.
+    separates : bool array ``(...)``
+        Whether any linear force passes through zero.
+    """
+    gap = np.array(train.topology.mesh_backlash, dtype=bool)
+    # A mesh stays on its flank where its least force exceeds that of the knee, by more the harder others hammer: their
+    # impacts come on top of the linear motion.
+    side = np.where(forces.mean(-1) < 0, -1, 1)
+    lowest, highest = forces.min(-1, initial=np.inf), forces.max(-1, initial=-np.inf)
+    least = np.where(side < 0, -highest, lowest)
+    apart = gap & (least <= 0)
+    half_peak_to_peak = np.where(apart, (highest - lowest) / 2, 0.0)
+    spare = PLANNING.hammered * np.max(half_peak_to_peak, axis=-1, initial=0.0, keepdims=True)
+    leaves = gap & ~(least > backlash.law_of(train.meshes).knee_force + spare)
+    return np.where(gap & ~leaves, side, 0), leaves, apart.any(axis=-1)
+
+
+def first_level(excited, mesh_modes):
+    """Where to begin: above the excitation, and above the mesh modes where teeth separate."""
+    return level_at_least(max(PLANNING.above_excitation * excited, PLANNING.above_modes * mesh_modes))
+
+
+def tolerance_share(harmonics, weak_modes):
+    """How much of the tolerance an estimate may use: less while modes of meshes lie above the 2 N that it sees."""
+    return 1.0 if 2 * harmonics >= PLANNING.sees_modes * weak_modes else PLANNING.blind_share
+
+
+def all_active(train, plan, request):
+    """The plan with every mesh that has backlash as an unknown, and enough harmonics for that."""
+    gaps = train.topology.mesh_backlash
+    active = tuple(i for i, gap in enumerate(gaps) if gap)
+    level = min(first_level(excited_harmonic(train, plan.method), 0.0), MOST_HARMONICS[plan.method])
+    harmonics = request.harmonics or max(plan.harmonics, level)
+    return dataclasses.replace(plan, harmonics=harmonics, active=active, flank=(0,) * len(gaps))
+
+
+def contact_plan(train, request):
+    """The plan with all teeth in contact and no mesh held on a flank, so that nothing is verified."""
+    return Plan(
+        harmonics=request.harmonics or max(excited_harmonic(train, request.method), PLANNING.levels[0]),
+        active=(),
+        flank=(0,) * len(train.topology.mesh_names),
+        method=request.method,
+        tolerance=request.tolerance,
+        excited=listed_harmonic(train.topology),
+        integrals=request.integrals,
+    )
+
+
+def plan_speeds(train, rpm, request):
+    """A plan for every speed, few distinct ones: teeth in contact, leaving contact, separating.
+
+    Parameters
+    ----------
+    train : DriveTrain
+    rpm : array ``(n,)``
+    request : Request
+
+    Returns
+    -------
+    list of Plan
+    """
+    contact = contact_plan(train, request)  # its ``excited`` is the highest order listed, whatever its amplitude
+    excited = excited_harmonic(train, request.method)
+    if not any(train.topology.mesh_backlash):
+        return [contact] * len(rpm)
+    forces = _linear_mesh_forces(train, rpm, contact, max(excited, PLANNING.levels[0]))
+    sampled = fourier.synthesize(forces, fourier.SAMPLES_PER_HARMONIC * forces.shape[-1])
+    flanks, leaves, apart = meshes_leaving_contact(train, sampled)
+    modes, weak_modes = mesh_mode_harmonics(train, train.topology.cycle_frequency(1.0))[:, None] / rpm
+    plans = [dataclasses.replace(contact, flank=tuple(flank)) for flank in flanks.tolist()]
+
+    def level_of(group, separating):
+        wanted = first_level(excited, np.max(modes[group]) if separating else 0.0)
+        return request.harmonics or min(wanted, MOST_HARMONICS[request.method])
+
+    touching, hammering = (np.flatnonzero(leaves.any(axis=-1) & (apart == kind)) for kind in (False, True))
+    groups = [(False, touching)] if len(touching) else []
+    groups += [(True, group) for group in _grouped_by_modes(hammering, modes)]
+    for separating, group in groups:
+        # One plan for the group: a mesh is held where it stays on the same flank at all its speeds.
+        level, own = level_of(group, separating), flanks[group]
+        flank = tuple(np.where((own == own[0]).all(axis=0), own[0], 0).tolist())
+        resolving = time_steps_for(max(np.max(modes[group]), 2 * contact.excited))
+        shared = dataclasses.replace(
+            contact,
+            harmonics=level,
+            active=tuple(i for i, gap in enumerate(train.topology.mesh_backlash) if gap and not flank[i]),
+            flank=flank,
+            start="march" if separating else "linear",
+            time_steps=max(time_steps_of(level), resolving if separating else 0),
+            tolerance_share=tolerance_share(level, np.max(weak_modes[group])),
+        )
+        for i in group:
+            plans[i] = shared
+    return plans
+
+
+def _linear_mesh_forces(train, rpm, contact, harmonics):
+    """Elastic forces ``(n, M, N+1)`` N of the meshes at speeds ``(n,)``, all teeth in contact."""
+    if len(rpm) <= PLANNING.dense_speeds and train.topology.n_disks <= PLANNING.dense_disks:
+        with contextlib.suppress(np.linalg.LinAlgError):  # a singular train, of which the program below says more
+            return _dense_mesh_forces(on_host(train), rpm, harmonics)
+    linear = dataclasses.replace(contact, harmonics=harmonics, method="reduced", integrals="sampled")
+    batches = solve_batches(without_backlash(train), rpm, linear, linear.sizes.max_steps)
+    return np.stack([response.elastic_forces for batch in batches for response in batch])
+
+
+def _dense_mesh_forces(train, rpm, harmonics):
+    """Those of some speeds, without a program."""
+    system, found = chain.assemble(train), []
+    links = np.arange(len(system.stiffness))[-len(train.topology.mesh_names) :]
+    for speed in rpm:
+        load = excitation(train, speed, harmonics)[0] / system.radius[:, None]
+        displacement = dense_linear_motion(system, train.topology.cycle_frequency(speed), load)
+        found.append(system.stiffness[links][:, None] * system.deflections(displacement, links))
+    return np.stack(found)
+
+
+def _grouped_by_modes(indices, modes):
+    """``indices`` of speeds in groups whose mesh modes lie within ``sweep_level_ratio``: each is one level, one
+    program."""
+    groups = []
+    while len(indices):
+        near = PLANNING.sweep_level_ratio * modes[indices] > modes[indices].max()
+        groups.append(indices[near])
+        indices = indices[~near]
+    return groups
+
+
+def plan_marching(train, rpm, plan, request):
+    """A plan that serves all ``rpm`` ``(n,)`` whatever the teeth do there, at least as fine as ``plan``."""
+    modes, _ = mesh_mode_harmonics(train, train.topology.cycle_frequency(float(np.max(rpm))))
+    excited = excited_harmonic(train, request.method)
+    least = time_steps_for(max(modes, 2 * excited))
+    steps = max(plan.time_steps, least) if plan.active else least
+    return dataclasses.replace(all_active(train, plan, request), start="march", time_steps=steps)

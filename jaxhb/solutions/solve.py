@@ -1,0 +1,235 @@
+"""From a drive train and a speed to its periodic response.
+
+Without a plan, the host decides: which meshes can leave contact (from the linear motion), where Newton starts, how many
+harmonics the asked tolerance needs. With a plan nothing is decided, and ``solve`` is valid under ``jit`` and ``vmap``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+
+import numpy as np
+
+from jaxhb._jax import Number, concrete, staged, traced
+from jaxhb.balance.plan import Plan
+from jaxhb.balance.planned import solve_planned
+from jaxhb.balance.request import Request, check_harmonics, excited_harmonic
+from jaxhb.certificate import certificate
+from jaxhb.results.response import Response
+from jaxhb.results.status import Status, check
+from jaxhb.solutions import planning, starts
+from jaxhb.train.changes import without_backlash
+from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.speeds import check_speed
+
+
+def solve(
+    train: DriveTrain,
+    *,
+    rpm: Number,
+    plan: Plan | None = None,
+    harmonics: int | None = None,
+    tolerance: float | None = None,
+    method: str | None = None,
+    integrals: str | None = None,
+    start: Response | str | None = None,
+    certify: bool = False,
+    seconds: float | None = None,
+) -> Response:
+    """Periodic response of a drive train at one speed.
+
+    Solves A(x) = 0 (Fridman 2009, (19)-(32)) for the harmonics of the motion over one cycle.
+
+    Parameters
+    ----------
+    train : DriveTrain
+    rpm : float
+        Speed of the reference rotor.
+    plan : Plan, optional
+        From :func:`plan`: nothing is decided by value, the call is valid under ``jit``, ``vmap`` and ``grad``. What the
+        plan assumed is verified; if it does not hold the status is PLAN_VIOLATED.
+    harmonics : int, optional
+        Harmonics of the cycle, fixed; default: as many as ``tolerance`` needs, up to 4096.
+    tolerance : float, optional
+        Largest truncation error of the elastic tooth force over the largest tooth force; default 1 %.
+    method : str, optional
+        "reduced" (default; unknowns at the meshes that can leave contact) or "chain" (all disks, block sweep; a
+        check up to 128 harmonics, no closed loops).
+    integrals : str, optional
+        Of the tooth law over the cycle: "sampled" (default) at 16 time samples per harmonic, or "exact" between the
+        times at which teeth pass the knots of their law. Sampling leaves the solution an error of the order of 1e-6,
+        its gradient, taken at 256 samples, 1e-5, and second derivatives some percent: those need "exact", which only
+        "reduced" has.
+    start : Response, "linear" or "march", optional
+        Where Newton starts: another response, on whose branch the solution then usually lies, or the motion with all
+        teeth in contact ("linear"), or a few cycles of time integration from it ("march"). By default the motion in
+        contact is the answer if it holds, else a march, at last a few shots. Several periodic motions may exist at one
+        speed: :func:`jaxhb.solve_all` searches for them.
+    certify : bool, optional
+        Add a computed bound, ``response.certificate`` (:func:`jaxhb.certify`); harmonics that are not fixed are
+        raised until it holds, as far as they go. Not beside a plan.
+    seconds : float, optional
+        After which no further attempt begins; one is made in any case. Default: all are made. Not beside a plan.
+
+    Returns
+    -------
+    Response
+        ``status``, ``residual``, ``truncation_error`` and ``path`` say how it went; :func:`check` raises if it failed.
+
+    Raises
+    ------
+    SceneError
+        Speed not greater than 0 or above 1e6 rpm, harmonics that cannot work, or a plan made for another train.
+    ValueError
+        ``harmonics``, ``tolerance``, ``method`` or ``integrals`` beside a plan, which holds its own; no ``start``
+        beside a plan whose ``start`` is "response".
+
+    Notes
+    -----
+    The response is differentiable with respect to every number of the train and to the speed, forwards and backwards,
+    at the cost of about one linear solve (:mod:`jaxhb.balance.derivative`); without a plan outside ``jit`` and
+    ``vmap`` only. Under a transformation a response whose status is above TOLERANCE_NOT_MET is nan in every
+    number but those given, and has zero derivatives backwards, so that it leaves the others of a batch theirs.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> r = jaxhb.solve(jaxhb.load_scene("gear_train_30"), rpm=600.0)
+    >>> r.converged.item(), round(float(r.load_kW), 1)
+    (True, 48.9)
+    """
+    if not (start is None or isinstance(start, Response) or start in ("linear", "march")):
+        raise ValueError(f"start is {start!r}: give 'linear', 'march' or a response")
+    if plan is not None:
+        if not (harmonics is None and tolerance is None and method is None and integrals is None):
+            raise ValueError("harmonics, tolerance, method and integrals belong to the plan: give them to jaxhb.plan")
+        if seconds is not None:
+            raise ValueError("a plan makes one attempt: leave out seconds")
+        if certify:
+            raise ValueError("certify depends on values, which a plan rules out: pass the response to jaxhb.certify")
+        return solve_planned(train, rpm, plan, start)
+    if certify and traced(train, rpm):
+        raise ValueError("a computed bound has no derivative: leave out certify where you differentiate solve")
+    now = concrete(train, rpm)
+    if traced(now) or staged():
+        raise TypeError("jit or vmap traces solve: pass plan=jaxhb.plan(train, rpm=...), made outside")
+    found = _decide(now[0], now[1], Request.of(train, harmonics, tolerance, method, integrals), start, seconds)
+    if traced(train, rpm):  # by differentiation alone: solved already, the program only adds the derivative
+        response = solve_planned(train, rpm, found.plan, found.response)
+        return dataclasses.replace(response, path=found.response.path)
+    return _certified(found.response, harmonics, method, integrals) if certify else found.response
+
+
+def _certified(response, fixed, method, integrals):
+    """The response with its certificate; with more harmonics where that needs them and they are to be had."""
+    while int(response.status) <= Status.TOLERANCE_NOT_MET:
+        response = dataclasses.replace(response, certificate=certificate.certify(response))
+        more = None if fixed else planning.next_level(response.harmonics, method or "reduced")
+        if response.certificate.holds or not more:
+            break
+        asked = {"harmonics": more, "method": method, "integrals": integrals, "start": response}
+        finer = solve(response.train, rpm=float(response.rpm), **asked)
+        if int(finer.status) > Status.TOLERANCE_NOT_MET:
+            break
+        response = finer
+    return response
+
+
+def plan(
+    train: DriveTrain,
+    *,
+    rpm: float,
+    harmonics: int | None = None,
+    tolerance: float = 0.01,
+    method: str = "reduced",
+    integrals: str = "sampled",
+) -> Plan:
+    """Decide how to solve a train at a speed: harmonics, active meshes, start; found by solving it.
+
+    Parameters
+    ----------
+    train, rpm, harmonics, tolerance, method, integrals
+        As in :func:`solve`.
+
+    Returns
+    -------
+    Plan
+        Small and hashable. Passing it to :func:`solve` solves nearby trains and speeds without decisions. It holds no
+        motion: where a solve under the plan does not find one, but the ladder of :func:`solve` did, its ``start`` is
+        "response" and :func:`solve` asks for ``start=jaxhb.solve(train, rpm=rpm)`` beside it.
+
+    Raises
+    ------
+    NotConverged
+        If the equations could not be solved at this speed.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> train = jaxhb.load_scene("six_cylinder_diesel")
+    >>> jaxhb.plan(train, rpm=1500.0).active
+    ()
+    """
+    if traced(train, rpm) or staged():
+        raise TypeError(
+            "plan depends on values, so jit, vmap and grad cannot trace it: call it outside and give solve its result"
+        )
+    found = _decide(train, rpm, Request.of(train, harmonics, tolerance, method, integrals), None)
+    # Where a mesh left its flank, refine has planned again. What can still be violated is the number of crossings that
+    # exact integrals have room for, at this speed: every solve under the plan verifies it and says so by its status.
+    if found.status > Status.PLAN_VIOLATED:
+        check(found.response)
+    if found.plan.active and solve_planned(train, rpm, found.plan).status > found.status:
+        return dataclasses.replace(found.plan, start="response")
+    return found.plan
+
+
+def linear_response(train: DriveTrain, *, rpm: Number, harmonics: int | None = None) -> Response:
+    """Response with every mesh in contact all cycle, as if there were no backlash.
+
+    Parameters
+    ----------
+    train : DriveTrain
+    rpm : float
+    harmonics : int, optional
+        Default: those of the excitation.
+
+    Returns
+    -------
+    Response
+        Tooth forces are linear and may pull.
+    """
+    check_speed(train, rpm)
+    if harmonics is not None:
+        check_harmonics(train, harmonics, "reduced")
+    most = harmonics or excited_harmonic(train, "reduced")
+    plan = Plan(harmonics=most, active=(), flank=(0,) * len(train.topology.mesh_names))
+    return solve_planned(without_backlash(train), rpm, plan)
+
+
+def solve_again(train, rpm, request, plan, start=None):
+    """Response where the plan's own start of Newton's method has failed: from another motion, then up the ladder."""
+    failed = starts.short_march if plan.marches else starts.contact
+    above = starts.RUNGS[starts.RUNGS.index(failed) + 1 :]
+    wanted = above if start is None else (starts.from_response(start), *above)
+    found = starts.climb(starts.Case(train, rpm, request, plan), wanted)
+    return found and found.response
+
+
+def _decide(train, rpm, request, start, seconds=None):
+    """The Result of the ladder for one speed, or of the rungs that ``start`` leaves."""
+    check_speed(train, rpm)
+    (plan,) = planning.plan_speeds(train, np.array([float(rpm)]), request)
+    if start is None:
+        wanted = starts.RUNGS
+    elif start == "linear" or not any(train.topology.mesh_backlash):
+        wanted = (starts.from_contact,)
+    elif start == "march":
+        plan = planning.all_active(train, plan, request)
+        wanted = starts.RUNGS[starts.RUNGS.index(starts.short_march) :]
+    else:
+        wanted = (starts.from_response(start),)
+    deadline = math.inf if seconds is None else time.monotonic() + seconds
+    return starts.climb(starts.Case(train, rpm, request, plan, deadline=deadline), wanted)

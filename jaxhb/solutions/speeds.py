@@ -1,0 +1,117 @@
+"""Many speeds in one call: planned on the host, solved in compiled batches, the few that fail taken up the ladder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from jaxhb._jax import Numbers
+from jaxhb.balance.plan import Plan
+from jaxhb.balance.planned import BATCH, solve_batches
+from jaxhb.balance.request import Request, check_plan
+from jaxhb.results.response import Response, stack
+from jaxhb.results.status import Status
+from jaxhb.solutions.planning import plan_speeds
+from jaxhb.solutions.solve import solve_again
+from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.speeds import check_speed
+
+
+def solve_speeds(
+    train: DriveTrain,
+    *,
+    rpm: Numbers,
+    plan: Plan | None = None,
+    harmonics: int | None = None,
+    tolerance: float | None = None,
+    integrals: str | None = None,
+    progress: Callable[[int], object] | None = None,
+    devices: Sequence[Any] = (),
+) -> Response:
+    """Periodic responses at many speeds.
+
+    The linear motion shows at which speeds teeth leave contact or separate; speeds with the same needs share a plan
+    and one compiled program, in batches of fixed size where that is faster. A speed that fails is solved again by
+    itself, from the nearest speed that converged, with more harmonics or by shooting.
+
+    Parameters
+    ----------
+    train : DriveTrain
+    rpm : array ``(n,)``
+        Speeds of the reference rotor.
+    plan : Plan, optional
+        From :func:`jaxhb.plan`: all speeds are solved under it, and nothing is solved twice.
+    harmonics : int, optional
+        Harmonics of the cycle, fixed for all speeds.
+    tolerance : float, optional
+        On the truncation error, default 1 %; speeds that do not reach it have status TOLERANCE_NOT_MET.
+    integrals : str, optional
+        Of the tooth law over the cycle, "sampled" (default) or "exact", as in :func:`jaxhb.solve`.
+    progress : callable, optional
+        Called with the number of speeds done since the last call.
+    devices : sequence of jax devices
+        Across which batches are shared, as ``jax.devices()``; by default one does it all.
+
+    Returns
+    -------
+    Response
+        With a leading axis: ``sweep[17]`` is the response at speed 17, ``sweep.status`` the status of each. Responses
+        with fewer harmonics than others are padded with zeros.
+
+    Raises
+    ------
+    SceneError
+        A speed that is not greater than 0 or above 1e6 rpm, or harmonics below the excitation.
+
+    Examples
+    --------
+    >>> import jaxhb, numpy
+    >>> train = jaxhb.load_scene("six_cylinder_diesel")
+    >>> sweep = jaxhb.solve_speeds(train, rpm=numpy.linspace(1000, 2500, 4))
+    >>> sweep.torque("cyl6", "flywheel").half_peak_to_peak.shape
+    (4,)
+    """
+    rpm = np.atleast_1d(np.asarray(rpm, dtype=float))
+    check_speed(train, rpm, many=True)
+    if plan and not (harmonics is None and tolerance is None and integrals is None):
+        raise ValueError("harmonics, tolerance and integrals belong to the plan: give them to jaxhb.plan")
+    request = Request.of(train, harmonics, tolerance, "reduced", integrals, few_levels=True)
+    if plan:
+        check_plan(train, plan)
+    plans = [plan] * len(rpm) if plan else plan_speeds(train, rpm, request)
+    found = [None] * len(rpm)
+    for shared in dict.fromkeys(plans):
+        indices = [i for i, own in enumerate(plans) if own == shared]
+        steps, free = BATCH.newton_steps if plan is None and shared.active else shared.sizes.max_steps, iter(indices)
+        for batch in solve_batches(train, rpm[indices], shared, steps, tuple(devices)):
+            for response in batch:
+                found[next(free)] = response
+            if progress:
+                progress(len(batch))
+    if plan is None:
+        for index in range(len(rpm)):
+            if worth_another_try(found[index], request):
+                found[index] = try_again(train, index, found, request, plans[index])
+    return stack(found)
+
+
+def worth_another_try(response, request):
+    """Whether more steps, more harmonics or another start may help."""
+    status = Status(int(response.status))
+    if status == Status.TOLERANCE_NOT_MET:
+        return not request.harmonics
+    # Speeds share plans, which hold meshes on a flank: each may need one of its own.
+    return status == Status.PLAN_VIOLATED or status.another_start_may_help
+
+
+def try_again(train, index, found, request, plan, solve=solve_again):
+    """The best response at one speed: from its own motion or the nearest that converged, then up the ladder."""
+    response = found[index]
+    start = response
+    if int(response.status) != Status.TOLERANCE_NOT_MET:
+        near = [other for other in found if other.converged]
+        start = min(near, key=lambda other: abs(other.rpm - response.rpm), default=None)
+    again = solve(train, float(response.rpm), request, plan, start)
+    return response if again is None or again.status > response.status else again

@@ -1,0 +1,364 @@
+"""What a train does after it has run long enough: contact, a period of one or several cycles, or none."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal, overload
+
+import numpy as np
+
+from jaxhb._jax import Array, Numbers, staged, traced
+from jaxhb.balance.planned import solve_batches
+from jaxhb.balance.request import Request
+from jaxhb.elements.elements import SceneError
+from jaxhb.equations import fourier
+from jaxhb.results.response import Response
+from jaxhb.results.status import Status
+from jaxhb.results.steady import SteadyState, SteadySweep
+from jaxhb.solutions.planning import plan_speeds
+from jaxhb.steady.checkpoint import CHUNK, Checkpoint
+from jaxhb.steady.classification import CLASSIFICATION, Classifier, state_of, unknown
+from jaxhb.steady.closure import Cycles
+from jaxhb.steady.settled import difference
+from jaxhb.train import chain
+from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.speeds import check_speed
+
+DIRECTIONS = "up", "down", "both"
+
+OnStates = Callable[[dict[int, SteadyState], str], object]
+"""Told of steady states by the number of their speed, and of the direction in which they were found."""
+
+
+@overload
+def steady_state(
+    train: DriveTrain,
+    *,
+    rpm: float,
+    direction: Literal["up", "down"] = ...,
+    start: SteadyState | Response | None = ...,
+    harmonics: int | None = ...,
+    tolerance: float | None = ...,
+    exact: bool = ...,
+    cycles: Cycles | None = ...,
+    progress: Callable[[int], object] | None = ...,
+    out: str | Path | None = ...,
+    chunk: int | None = ...,
+    on_states: OnStates | None = ...,
+    devices: Sequence[Any] = ...,
+) -> SteadyState: ...
+
+
+@overload
+def steady_state(
+    train: DriveTrain,
+    *,
+    rpm: Sequence[float] | Array,
+    direction: Literal["up", "down"] = ...,
+    start: SteadyState | Response | None = ...,
+    harmonics: int | None = ...,
+    tolerance: float | None = ...,
+    exact: bool = ...,
+    cycles: Cycles | None = ...,
+    progress: Callable[[int], object] | None = ...,
+    out: str | Path | None = ...,
+    chunk: int | None = ...,
+    on_states: OnStates | None = ...,
+    devices: Sequence[Any] = ...,
+) -> SteadySweep: ...
+
+
+@overload
+def steady_state(
+    train: DriveTrain,
+    *,
+    rpm: Sequence[float] | Array,
+    direction: Literal["both"],
+    start: SteadyState | Response | None = ...,
+    harmonics: int | None = ...,
+    tolerance: float | None = ...,
+    exact: bool = ...,
+    cycles: Cycles | None = ...,
+    progress: Callable[[int], object] | None = ...,
+    out: str | Path | None = ...,
+    chunk: int | None = ...,
+    on_states: OnStates | None = ...,
+    devices: Sequence[Any] = ...,
+) -> tuple[SteadySweep, SteadySweep]: ...
+
+
+def steady_state(
+    train: DriveTrain,
+    *,
+    rpm: Numbers,
+    direction: str = "up",
+    start: SteadyState | Response | None = None,
+    harmonics: int | None = None,
+    tolerance: float | None = None,
+    exact: bool = True,
+    cycles: Cycles | None = None,
+    progress: Callable[[int], object] | None = None,
+    out: str | Path | None = None,
+    chunk: int | None = None,
+    on_states: OnStates | None = None,
+    devices: Sequence[Any] = (),
+) -> SteadyState | SteadySweep | tuple[SteadySweep, SteadySweep]:
+    """What a drive train does at each speed after it has run long enough.
+
+    Teeth that stay in contact are known from the linear motion. Otherwise the train is marched through cycles of the
+    excitation until its motion returns after 1 to 8 of them; harmonic balance of so many cycles, from there, gives the
+    exact motion. Where it does not return, the numbers are those of a record of at least 64 cycles.
+
+    Parameters
+    ----------
+    train : DriveTrain
+        Loss factors damp each mode at its own frequency in the march; the solution has them as they are. A note says
+        so.
+    rpm : float or array ``(n,)``
+        Speeds of the reference rotor.
+    direction : "up", "down" or "both"
+        Each of several speeds is reached from its neighbour below, or above: where several motions are possible that
+        decides which one the train has.
+    start : SteadyState or Response, optional
+        Motion from which the first speed starts; by default teeth rest on their drive sides.
+    harmonics, tolerance : optional
+        Of periodic motions, per cycle of the excitation, as in :func:`jaxhb.solve`.
+    exact : bool
+        Whether periodic and subharmonic motions are solved by harmonic balance. Without, they too are read from
+        recorded cycles, good to about 1 %, in a fraction of the time.
+    cycles : Cycles, optional
+        How long a march is at most.
+    progress : callable, optional
+        Called with the number of speeds done since the last call.
+    out : path, optional
+        A folder in which the steady states of marched speeds are kept as they are found: the same call goes on where
+        it was stopped, with the same numbers to the last bit.
+    chunk : int, optional
+        How many speeds are marched together, reported and kept; less is lost with fewer, and it takes longer.
+        Default: 64 with ``out``, all without.
+    on_states : callable, optional
+        Called with ``{number of the speed: SteadyState}`` of what was found since the last call, and with "up" or
+        "down". Of several speeds one may be reported again, when its neighbour has a motion that it takes over: what
+        was reported last is what is returned.
+    devices : sequence of jax devices
+        Across which marches and batches of a sweep are shared, as ``jax.devices()``; by default one does it all.
+
+    Returns
+    -------
+    SteadyState, or SteadySweep for an array of speeds, or for "both" a pair of them, upwards and downwards
+
+    Raises
+    ------
+    SceneError
+        A speed that is not greater than 0 or above 1e6 rpm.
+    ValueError
+        An unknown direction. A :class:`CheckpointError` is one, too: ``out`` holds answers for another train, another
+        version or other options, or cannot be written.
+    TypeError
+        Under ``jit``, ``vmap`` or ``grad``.
+
+    Notes
+    -----
+    The march is exponential integration around the linear train, five steps per period of the highest mesh mode or
+    more. Where harmonic balance does not confirm what it shows, or disturbances of the solution grow, or the march does
+    not settle, it goes on with twice and four times as many steps: beside a bifurcation the kind of motion is that of
+    the steps. A transient that outlasts the march counts as irregular; where a mode that teeth notice had not decayed
+    when the record began, a note says so. In a sweep all speeds first start from teeth on their drive sides, and those
+    whose neighbour has another motion then start from that one, too. Motions of neighbours that never differ by more
+    than a tenth of the largest deflection count as one.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> s = jaxhb.steady_state(jaxhb.load_scene("gear_train_30"), rpm=1200.0)
+    >>> s.kind, s.period
+    ('contact', 1)
+    """
+    if traced(train, rpm) or staged():
+        raise TypeError(
+            "steady_state depends on values, so jit, vmap and grad cannot trace it: call it outside, and differentiate "
+            "jaxhb.solve(train, rpm=..., plan=..., start=its response)"
+        )
+    if direction not in DIRECTIONS:
+        raise ValueError(f"direction is {direction!r}: give 'up', 'down' or 'both'")
+    check_speed(train, rpm, many=True)
+    speeds = np.atleast_1d(np.asarray(rpm, dtype=float))
+    request = Request.of(train, harmonics, tolerance, few_levels=True)
+    cycles = cycles or Cycles()
+    classifier = Classifier(train, speeds, request, exact, cycles, tuple(devices))
+    march = classifier.march_to_the_end
+    if out is not None:
+        chunk = CHUNK if chunk is None else chunk
+        asked = {"answers": "steady states", **vars(request), "exact": exact, **vars(cycles)}
+        march = partial(Checkpoint(out, train, asked, chunk).keep_or_march, classifier)
+    search = _SpeedSweep(classifier, march, start, progress, chunk, on_states)
+    if not np.ndim(rpm):
+        return search.alone(0)
+    order = np.argsort(speeds, kind="stable")
+    found = {}
+    for way in ("up", "down") if direction == "both" else (direction,):
+        search.way = way
+        states = search.along(order if way == "up" else order[::-1])
+        found[way] = SteadySweep(tuple(states[index] for index in range(len(speeds))), way)
+    return (found["up"], found["down"]) if direction == "both" else found[direction]
+
+
+class _SpeedSweep:
+    """One call: a train, its speeds, what is known; ``march`` finds the rest (:meth:`Classifier.march_to_the_end`)."""
+
+    def __init__(self, classifier, march, start, progress, chunk, on_states):
+        self.classifier, self._march, self.chunk = classifier, march, chunk
+        self.train, self.speeds, self.request = classifier.train, classifier.speeds, classifier.request
+        self.progress = progress or (lambda count: None)
+        self._on_states, self._told, self.way = on_states or (lambda states, way: None), {}, "up"
+        self.start = None if start is None else (_motion_of(self.train, start), float(start.rpm))
+        plans = plan_speeds(self.train, self.speeds, self.request)
+        classifier.apart = {index for index, plan in enumerate(plans) if plan.active and plan.marches}
+        self.contact = self._in_contact(plans)
+
+    def _in_contact(self, plans):
+        """Responses of the speeds at which the linear motion holds the teeth in contact, by index."""
+        found = {}
+        for shared in {plan for plan in plans if not plan.active}:
+            indices = [i for i, plan in enumerate(plans) if plan == shared]
+            batches = solve_batches(
+                self.train, self.speeds[indices], shared, shared.sizes.max_steps, self.classifier.devices
+            )
+            responses = (response for batch in batches for response in batch)
+            for index, response in zip(indices, responses, strict=True):
+                if int(response.status) != Status.PLAN_VIOLATED:
+                    found[index] = response
+        return found
+
+    def tell(self, states):
+        """Report steady states by index."""
+        if states:
+            self._on_states(states, self.way)
+        self._told |= {(self.way, index): state for index, state in states.items()}
+
+    def chunk_by_chunk(self, indices, starts, progress):
+        """Steady states of some speeds by index, marched in chunks, from ``{index: (motion, its speed in rpm)}`` or
+        from teeth in contact."""
+        size, found = self.chunk or max(len(indices), 1), {}
+        for first in range(0, len(indices), size):
+            chunk = indices[first : first + size]
+            given = {index: starts[index] for index in chunk if index in starts}
+            states = self._march(chunk, {index: motion for index, (motion, _) in given.items()}, progress)
+            states |= {i: replace(states[i], started_from=rpm) for i, (_, rpm) in given.items()}
+            self.tell(states)
+            found |= states
+        return found
+
+    def alone(self, index):
+        """The steady state of one speed, from the start that was given or from teeth in contact."""
+        if self.start is not None:
+            return self.chunk_by_chunk([index], {index: self.start}, self.progress)[index]
+        self._from_contact([index])
+        return self.classifier.known[index]
+
+    def _from_contact(self, indices):
+        """Find what speeds do from teeth in contact, side by side."""
+        known, marching = self.classifier.known, []
+        for index in indices:
+            if index in self.contact:
+                known[index] = self._contact(index)
+                self.progress(1)
+            else:
+                marching.append(index)
+        self.tell({index: known[index] for index in indices if index in known})
+        known |= self.chunk_by_chunk(marching, {}, self.progress)
+
+    def along(self, order):
+        """Steady states by index, each reached from the one before it in ``order``.
+
+        Speeds that may have another motion from there are marched side by side, again where the one before changed.
+        """
+        known = self.classifier.known
+        self._from_contact([index for index in range(len(self.speeds)) if index not in known])
+        found, reached_from = dict(known), {}
+        if self.start is not None:
+            found |= self.chunk_by_chunk(order[:1], {order[0]: self.start}, lambda count: None)
+        while True:
+            starts = {}
+            for last, index in itertools.pairwise(order):
+                before = found[last]
+                if reached_from.get(index) is before:
+                    continue
+                reached_from[index] = before
+                if before.motion is not None and _differs(before, known[index]):
+                    starts[index] = before.motion, before.rpm
+                else:
+                    found[index] = known[index]
+            if not starts:
+                # Marched from its neighbour a speed was reported before it was compared with what is at hand.
+                self.tell({i: state for i, state in found.items() if self._told.get((self.way, i)) is not state})
+                return found
+            for index, state in self.chunk_by_chunk(list(starts), starts, lambda count: None).items():
+                same = (other for other in (known[index], found[index]) if _alike(state, other))
+                found[index] = next(same, None) or _beside(known[index], state)
+
+    def _contact(self, index):
+        """The steady state of teeth in contact."""
+        response, rpm = self.contact[index], self.speeds[index]
+        if int(response.status) > Status.TOLERANCE_NOT_MET:
+            return unknown(self.train, rpm, Status(int(response.status)).sentence)
+        return state_of(self.train, rpm, "contact", 1, response=response, motion=_motion_of(self.train, response))
+
+
+def _beside(other, state):
+    """A steady state with a note that it is not the one to which teeth on their drive sides come."""
+    what = "another motion" if _kind(other) == _kind(state) else f"a motion that is {other.kind}"
+    note = (
+        f"several motions are possible: this one was reached from that at {state.started_from:g} rpm, and from rest on "
+        f"their drive sides the teeth come to {what}"
+    )
+    return replace(state, notes=(*state.notes, note)) if other.known and state.known else state
+
+
+def _differs(before, state):
+    """Whether a speed may have another motion when it starts from the one before."""
+    return _kind(before) != _kind(state) or state.kind != "contact" and _distance(before, state) > CLASSIFICATION.apart
+
+
+def _alike(one, other):
+    """Whether two steady states of one speed are the same motion."""
+    most = CLASSIFICATION.apart if one.kind == "irregular" else CLASSIFICATION.arrived
+    return _kind(one) == _kind(other) and _distance(one, other) <= most
+
+
+def _kind(state):
+    return state.kind, state.period
+
+
+def _distance(one, other):
+    """Difference of two steady states of one kind, relative: of their motions over a period, or of the largest
+    deflections of records."""
+    if not one.known:
+        return 0.0
+    if one.response is not None and other.response is not None:
+        return difference(one.response, other.response, max(one.period, 1))
+    one, other = (
+        np.array([float(state.deflection(name).peak) for name in state.topology.mesh_names]) for state in (one, other)
+    )
+    return float((np.abs(one - other) / np.maximum(np.maximum(one, other), 1e-300)).max(initial=0.0))
+
+
+def _motion_of(train, start):
+    """(x, x') ``(2S,)`` at the beginning of a cycle of a SteadyState or Response of the train."""
+    motion = start.motion if isinstance(start, SteadyState) else None
+    if isinstance(start, Response):
+        if np.ndim(start.rpm):
+            raise ValueError("start is a sweep: give the response at one speed, sweep[i]")
+        radius = np.asarray(chain.assemble(train).radius)[:, None]
+        angles = np.asarray(start.angles) * radius
+        omega = start.topology.cycle_frequency(float(start.rpm))
+        motion = fourier.sample(np.concatenate([angles, fourier.derivative(angles, omega)]), 1)[:, 0]
+    if motion is None:
+        raise SceneError("start holds no motion: give a Response, or a SteadyState whose kind is known.")
+    if len(motion) != 2 * train.topology.n_disks:
+        raise SceneError("start is a motion of another train: give one with the same disks.")
+    return motion

@@ -1,0 +1,331 @@
+"""From checked elements to topology and tables of a drive train; all errors of a scene are raised at once."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Iterable
+from typing import Any
+
+from jaxhb.elements import checks, derived, value_checks
+from jaxhb.elements.checks import read_scenarios
+from jaxhb.elements.elements import SceneError
+from jaxhb.excitation import gas
+from jaxhb.train import connections, tables, train_checks
+from jaxhb.train.drivetrain import DriveTrain
+from jaxhb.train.topology import Topology
+
+
+def build(
+    elements: Iterable[Any],
+    *,
+    name: str = "",
+    reference: str | None = None,
+    revolutions_per_cycle: float = 2,
+    rated_rpm: float | None = None,
+    tune: dict[str, Any] | None = None,
+    scenarios: dict[str, dict[str, float]] | None = None,
+    source: str = "scene",
+) -> DriveTrain:
+    """Check elements and put them together to a drive train.
+
+    Parameters
+    ----------
+    elements : iterable
+        Elements such as :class:`jaxhb.Disk`, in SI units; disks keep their order.
+    name : str
+        Name of the scene.
+    reference : str, optional
+        A disk of the rotor whose rpm is given; needed when there are several rotors.
+    revolutions_per_cycle : float
+        Period of the excitation in revolutions of the reference rotor.
+    rated_rpm : float, optional
+        Rated speed of the reference rotor; limits of stresses depend on the speed over it.
+    tune : dict, optional
+        Passed on untouched.
+    scenarios : dict, optional
+        ``{name: {"NAME.FIELD": value}}`` for :meth:`DriveTrain.scenario`.
+    source : str
+        Where the elements come from, for the sentences of errors.
+
+    Returns
+    -------
+    DriveTrain
+        Where two gears that mesh both have ``teeth``, one of their radii is corrected, by up to 0.1 % a mesh, so that
+        the ratio is that of the teeth.
+
+    Raises
+    ------
+    SceneError
+        Everything that is wrong with the scene, one sentence a line.
+
+    Examples
+    --------
+    >>> from jaxhb.elements.elements import Disk, Shaft, Torque
+    >>> parts = [Disk(name="a", inertia=1.0), Disk(name="b", inertia=2.0)]
+    >>> parts += [Shaft(between=("a", "b"), stiffness=1e4)]
+    >>> train = build([*parts, Torque(disk="a", harmonics=[(1.0, 5.0, 0.0)])], revolutions_per_cycle=1)
+    >>> train.value("a|b.stiffness")
+    10000.0
+    """
+    return DriveTrain(
+        **train_fields(
+            elements,
+            name=name,
+            reference=reference,
+            revolutions_per_cycle=revolutions_per_cycle,
+            rated_rpm=rated_rpm,
+            tune=tune,
+            scenarios=scenarios,
+            source=source,
+        )
+    )
+
+
+def train_fields(
+    elements,
+    *,
+    name,
+    reference,
+    revolutions_per_cycle,
+    tune,
+    source,
+    rated_rpm=None,
+    scenarios=None,
+    findings=(),
+    complete=True,
+) -> dict:
+    """Check the elements and make the fields of a drive train.
+
+    ``findings`` are sentences found before; ``complete`` is False where tables of the scene could not be read.
+    Every check runs on what is sound, and all sentences are raised together.
+    """
+    parts = checks.Parts(elements, source, complete=complete)
+    cycle = revolutions_per_cycle
+    errors = [*findings, *parts.engine_errors, *checks.element_errors(parts), *checks.name_errors(parts)]
+    cycle_errors = _cycle_value_errors(source, cycle)
+    errors += cycle_errors + checks.reference_errors(parts, reference)
+    errors += train_checks.connection_errors(parts)
+    rotor = connections.pieces(len(parts.disk_names), train_checks.elastic_pairs(parts))
+    errors += train_checks.reference_error(parts, reference, rotor)
+    errors += train_checks.gear_errors(parts, rotor)
+    errors += train_checks.inertia_errors(parts)
+    main = 0 if reference is None and parts.disk_names else parts.disk(reference)
+    # Without a reference the first disk stands for it if there is one rotor; else speeds would be guessed.
+    known = reference is not None or (parts.connected and max(rotor, default=0) == 0)
+    radii = _exact_radii(parts)
+    rotors, ratio, locked = _gearing(parts, main if known else None, radii)
+    errors += train_checks.loop_errors(parts, locked)
+    if not cycle_errors:
+        errors += train_checks.cycle_errors(parts, _harmonic_needs(parts, ratio), cycle)
+    errors += train_checks.hold_errors(parts, main)
+    errors += train_checks.balance_errors(parts, ratio) if not locked else []
+    errors += value_checks.rated_errors(parts, rated_rpm)
+    scenarios, unknown = read_scenarios(parts, scenarios)
+    errors += unknown
+    if errors:
+        raise SceneError(dict.fromkeys(errors))  # what cylinders of one engine share is said once
+    disks = parts.tables["disk"]
+    parts.tables["disk"] = [dataclasses.replace(d, radius=r) for d, r in zip(disks, radii, strict=False)]
+    topology = _topology(parts, rotors, main, name=name, cycle=float(cycle), tune=tune, ratio=ratio)
+    rated = None if rated_rpm is None else float(rated_rpm)
+    # As text: a topology is hashed, and dictionaries are not.
+    topology = dataclasses.replace(topology, scenarios=json.dumps(scenarios), rated_rpm=rated)
+    # Only now: nothing follows from keys that a sentence was said about.
+    for table in derived.LINKS:
+        parts.tables[table] = [derived.completed(link) for link in parts.tables[table]]
+    return {"topology": topology} | _tables(parts)
+
+
+def _cycle_value_errors(source, cycle) -> list[str]:
+    """Check revolutions_per_cycle."""
+    if checks.number_like(cycle) and math.isfinite(float(cycle)) and float(cycle) > 0.0:
+        return []
+    return [
+        f"{source}, [scene]: revolutions_per_cycle is {checks.shown(cycle)}, must be a number greater than 0."
+        " Correct it."
+    ]
+
+
+def _exact_radii(parts) -> list:
+    """Radii that the numbers of teeth make exact, None where absent, for disks and rings."""
+    disks, rings = parts.tables["disk"], [None] * len(parts.tables["damper"])
+    usable = [parts.usable("disk", i, "radius", "teeth") for i in range(len(disks))]
+    teeth = [int(d.teeth or 0) if good else 0 for d, good in zip(disks, usable, strict=True)]
+    radius = [d.radius if good else None for d, good in zip(disks, usable, strict=True)]
+    teeth = [t if r is not None else 0 for t, r in zip(teeth, radius, strict=True)]
+    return connections.exact_radii([*radius, *rings], [*teeth, *(0 for _ in rings)], parts.ends("mesh"))
+
+
+def _gearing(parts, root: int | None, radii):
+    """Find the rotors seen from disk ``root``, the speed ratio of each disk (None: unknown) and locked loops."""
+    n, pairs, meshes = len(parts.disk_names), train_checks.elastic_pairs(parts), parts.links("mesh")
+    ends = [pair for _, pair in meshes]
+    internal = [parts.tables["mesh"][i].kind == "internal" for i, _ in meshes]
+    numbers = [math.nan if r is None else r for r in radii]
+    # Piece by piece: a locked loop is told wherever it lies.
+    joined = connections.pieces(n, pairs + ends)
+    starts = {joined[d]: d for d in reversed(range(n))}
+    if root is not None:
+        starts[joined[root]] = root
+    kinds = all(parts.usable("mesh", i, "kind") for i, _ in meshes)
+    rotors, locked = None, []
+    for start in starts.values():
+        found, loops = connections.find_rotors(n, pairs, ends, internal, numbers, start)
+        # A kind that cannot be read leaves senses unknown, but not ratios.
+        locked += [(meshes[m][0], disks, why) for m, disks, why in loops if kinds or "senses" not in why]
+        rotors = found if start == root else rotors
+    # Without meshes all disks turn alike, whatever the reference is.
+    if parts.complete and not parts.tables["mesh"]:
+        return rotors, [1.0] * n, locked
+    if rotors is None:
+        return rotors, [None] * n, locked
+    reached = [k == rotors.rotor[root] or bool(path) for k, path in enumerate(rotors.path)]
+    values = [r if ok and math.isfinite(r) else None for r, ok in zip(rotors.ratio, reached, strict=True)]
+    return rotors, [values[k] for k in rotors.rotor], locked
+
+
+def _harmonic_needs(parts, ratio) -> list[tuple]:
+    """Harmonics per revolution of the reference rotor, whole over the cycle: (table, i, text, value, key of mean)."""
+    needs = []
+    seat = dict(parts.seats("torque"))
+    for i, torque in enumerate(parts.tables["torque"]):
+        own = torque.orders_of == "own"
+        factor = (ratio[seat[i]] if i in seat else None) if own else 1.0
+        if factor is not None and parts.usable("torque", i, "orders_of"):
+            needs += [("torque", i, f"order {o:g}", o * factor, "mean") for o in _orders(torque.harmonics)]
+    for i, disk in parts.seats("load"):
+        factor, orders = ratio[disk], _orders(parts.tables["load"][i].harmonics)
+        needs += [("load", i, f"order {o:g}", o * factor, "") for o in orders if factor is not None]
+    for i, disk in parts.seats("cylinder"):
+        cylinder, factor = parts.tables["cylinder"][i], ratio[disk]
+        if factor is None:
+            continue
+        orders = _orders(cylinder.gas_torque)
+        needs += [("cylinder", i, f"order {o:g}", o * factor, "gas_torque_mean") for o in orders]
+        if gas.source(cylinder) and parts.usable("cylinder", i, *gas.COMPUTED):
+            turns = gas.gas_revolutions(cylinder)
+            text = f"one gas cycle of {turns} revolution{'s' if turns > 1 else ''}"
+            needs.append(("cylinder", i, text, factor / turns, ""))
+        moving = parts.usable("cylinder", i, "stroke", "reciprocating_mass") and cylinder.stroke is not None
+        if moving and cylinder.reciprocating_mass > 0:
+            needs.append(("cylinder", i, "order 1 of the reciprocating mass", factor, ""))
+    return needs
+
+
+def _orders(rows) -> list[float]:
+    """Orders of the sound rows of a table of harmonics."""
+    rows = rows if isinstance(rows, tuple | list) else ()
+    found = [float(row[0]) for row in rows if isinstance(row, tuple | list) and row and checks.number_like(row[0])]
+    return [order for order in found if math.isfinite(order) and order > 0.0]
+
+
+def _topology(parts, rotors, reference_disk, *, name, cycle, tune, ratio) -> Topology:
+    """Collect the static half of the train."""
+    t, names = parts.tables, {table: tuple(n) for table, n in parts.names.items()}
+    seats = {k: tuple(parts.sits_on(k)) for k in ("damper", "ground", "load", "torque")}
+    own = [ratio[d] if e.orders_of == "own" else 1.0 for d, e in zip(seats["torque"], t["torque"], strict=True)]
+    return Topology(
+        name=name,
+        revolutions_per_cycle=cycle,
+        disk_names=tuple(parts.disk_names),
+        n_scene_disks=len(t["disk"]),
+        teeth=tuple(int(d.teeth or 0) for d in t["disk"]),
+        rotor=rotors.rotor,
+        n_rotors=len(rotors.ratio),
+        reference_rotor=rotors.rotor[reference_disk],
+        rotor_path=rotors.path,
+        shaft_names=names["shaft"],
+        shaft_ends=tuple(parts.ends("shaft")),
+        mesh_names=names["mesh"],
+        mesh_ends=tuple(parts.ends("mesh")),
+        mesh_internal=tuple(m.kind == "internal" for m in t["mesh"]),
+        mesh_backlash=tuple(m.backlash is not None for m in t["mesh"]),
+        mesh_damping_law=tuple(m.damping_law for m in t["mesh"]),
+        damper_names=names["damper"],
+        damper_disk=seats["damper"],
+        ground_names=names["ground"],
+        ground_disk=seats["ground"],
+        load_names=names["load"],
+        load_disk=seats["load"],
+        torque_names=names["torque"],
+        torque_disk=seats["torque"],
+        torque_own=tuple(e.orders_of == "own" for e in t["torque"]),
+        torque_harmonics=tuple(
+            tuple(round(row[0] * f * cycle) for row in e.harmonics) for e, f in zip(t["torque"], own, strict=True)
+        ),
+        load_harmonics=tuple(
+            tuple(round(row[0] * ratio[d] * cycle) for row in e.harmonics)
+            for d, e in zip(seats["load"], t["load"], strict=True)
+        ),
+        tune=json.dumps(tune or {}, default=str),
+        link_keys=derived.link_keys([link for table in derived.LINKS for link in t[table]]),
+        **_varying_links(t),
+        **_cylinder_topology(parts, ratio, cycle),
+    )
+
+
+def _varying_links(t) -> dict:
+    """Collect the links that vary (:mod:`jaxhb.train.varying`)."""
+    links = [*t["shaft"], *t["damper"]]
+    return {
+        "hz_links": tuple(i for i, e in enumerate(links) if e.over_hz),
+        "amplitude_links": tuple(i for i, e in enumerate(links) if e.over_amplitude),
+        "order_links": tuple(i for i, e in enumerate(links) if getattr(e, "order", None) is not None),
+    }
+
+
+def _cylinder_topology(parts, ratio, cycle) -> dict:
+    """Collect the static fields of the cylinders."""
+    cylinders, disks = parts.tables["cylinder"], parts.sits_on("cylinder")
+    turn = [ratio[d] * cycle for d in disks]
+    # Ratios of radii round: what is whole to 1e-6 is whole.
+    turn = [float(round(v)) if train_checks.whole(v) else v for v in turn]
+    turns = [gas.gas_revolutions(c) for c in cylinders]
+    computed = [gas.source(c) for c in cylinders]
+    given = [c.gas_torque is not None or c.gas_torque_mean is not None for c in cylinders]
+    source = [name or ("harmonics" if g else "none") for name, g in zip(computed, given, strict=True)]
+    return {
+        "cylinder_names": tuple(parts.names["cylinder"]),
+        "cylinder_disk": tuple(disks),
+        "cylinder_source": tuple(source),
+        "cylinder_harmonics": tuple(
+            tuple(round(row[0] * v) for row in c.gas_torque or ()) for c, v in zip(cylinders, turn, strict=True)
+        ),
+        "cylinder_step": tuple(round(v / k) if name else 0 for name, v, k in zip(computed, turn, turns, strict=True)),
+        "cylinder_turn": tuple(turn),
+        "cylinder_gas_revolutions": tuple(turns),
+        "cylinder_gas": tuple(
+            # 1e-9 keeps a product that rounds below a whole number.
+            math.floor(c.orders * k + 1e-9) if name else 0
+            for c, name, k in zip(cylinders, computed, turns, strict=True)
+        ),
+        "cylinder_inertia": tuple(
+            math.floor(c.orders + 1e-9) if None not in (c.stroke, c.rod) and train_checks.whole(v) else 0
+            for c, v in zip(cylinders, turn, strict=True)
+        ),
+        "cylinder_series": tuple(c.kinematics == "mendes2008" for c in cylinders),
+        "cylinder_fires": tuple(c.fires for c in cylinders),
+    }
+
+
+def _tables(parts) -> dict:
+    """Collect the numbers."""
+    t, column = parts.tables, tables.column
+
+    def plain(cls, table):
+        names = [f.name for f in dataclasses.fields(cls) if f.default is not None]
+        given = {n: (tables.factor_rows if n.startswith("over_") else column)(t[table], n) for n in names}
+        return cls(**given, **tables.optional_columns(t[table], cls))
+
+    return {
+        "disks": plain(tables.Disks, "disk"),
+        "shafts": plain(tables.Shafts, "shaft"),
+        "meshes": tables.mesh_table(t["mesh"]),
+        "dampers": plain(tables.Dampers, "damper"),
+        "grounds": plain(tables.Grounds, "ground"),
+        "loads": tables.load_table(t["load"]),
+        "torques": tables.torque_table(t["torque"]),
+        "cylinders": tables.cylinder_table(t["cylinder"]),
+    }

@@ -1,0 +1,327 @@
+"""From the drive train to a tree of links in circumferential displacements, and back.
+
+Displacements are measured on one pitch circle per rotor, ``x = R phi`` with R the radius of the rotor's first gear
+(1 m on a rotor without gears): ``m = J/R^2``, ``b = beta/R^2``, ``c = k/R^2``, ``q = T/R`` (Fridman 2009, chapter 1). A
+link deflects by ``l = a x_a - b x_b``; the arms a, b are 1 for shafts and ``r/R`` for a gear on a rotor with several.
+Every rotor counts its own sense of rotation positive.
+
+The elimination order is a list of nodes, each before its parent. Fridman's numbering (main chain, side branches
+numbered from their free ends, a fictitious node wherever the main chain jumps over a branch) is another way to write
+the same tree; the tests translate it.
+"""
+
+import dataclasses
+import functools
+from dataclasses import dataclass
+
+import jax
+import numpy as np
+
+from jaxhb._jax import namespace
+from jaxhb.equations.block_sweep import Slots, slots
+from jaxhb.equations.kinematics import speed_ratios
+from jaxhb.train.varying import refuse_varying
+
+ALL = slice(None)
+"""Every link."""
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Condensation:
+    """Chains of disks without teeth and without branches, condensed to one link each; integer arrays, no names.
+
+    Of the n disks condensed, chain after chain: disk, chain, after (the link onwards) and before (the link by which the
+    chain begins, if it lies between two disks). Of the c chains: begin and end, the disks that they lie between, first
+    the t that do, and end of those with one free end: ``(t,)`` and ``(c,)``. kept ``(K,)``: the other disks; begin, end
+    and ``tree`` count these. The links of ``tree`` are the t chains and after them ``plain``, links between disks that
+    are kept.
+    """
+
+    disk: np.ndarray
+    chain: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+    begin: np.ndarray
+    end: np.ndarray
+    kept: np.ndarray
+    plain: np.ndarray
+    tree: "Tree"
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Tree:
+    """Elimination order of S nodes joined by tree links, leaves first, root last; integer arrays, no names.
+
+    node : ``(S,)`` disk of each position; parent : ``(S,)`` position of the parent, S at the root;
+    slots : of the sweep; link : ``(S,)`` link to the parent, 0 at the root; from_a : ``(S,)`` whether the node is the
+    link's first end; loops : ``(n,)`` links outside the tree; end_a, end_b : ``(L,)`` disks that each link joins;
+    condensation : what is left of it between the teeth, if that is known.
+    """
+
+    node: np.ndarray
+    parent: np.ndarray
+    slots: Slots
+    link: np.ndarray
+    from_a: np.ndarray
+    loops: np.ndarray
+    end_a: np.ndarray
+    end_b: np.ndarray
+    condensation: Condensation | None = None
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class System:
+    """Arrays of the linear train in circumferential displacements (meshes taken in contact).
+
+    radius : ``(S,)`` m, displacement / angle; mass kg, damping N s/m of disks to ground, ground N/m : ``(S,)``;
+    stiffness N/m, viscous N s/m, loss, arm_a, arm_b : ``(L,)``, the first three ``(L, H)`` where links have their own
+    numbers at each of H frequencies, viscous the ``damping`` of shafts, dampers and meshes; floating : True where
+    nothing holds the mean angle.
+
+    The incidence of links is here alone: methods take the ``links`` that are meant, by default all L.
+    """
+
+    tree: Tree
+    radius: jax.Array
+    mass: jax.Array
+    damping: jax.Array
+    ground: jax.Array
+    stiffness: jax.Array
+    viscous: jax.Array
+    loss: jax.Array
+    arm_a: jax.Array
+    arm_b: jax.Array
+    floating: np.ndarray
+
+    def _arms(self, links, ndim):
+        shape = (-1,) + (1,) * (ndim - 1)
+        return self.arm_a[links].reshape(shape), self.arm_b[links].reshape(shape)
+
+    def _at_ends(self, links, at_a, at_b):
+        """Sums ``(S, ...)`` on the disks of what the links put at their two ends, ``(n, ...)`` each."""
+        xp = namespace(self, at_a)
+        sums = xp.zeros((len(self.mass), *at_a.shape[1:]), at_a.dtype)
+        sums = _add_at(xp, sums, self.tree.end_a[links], at_a)
+        return _add_at(xp, sums, self.tree.end_b[links], at_b)
+
+    def deflections(self, displacement, links=ALL):
+        """Deflections D x ``(n, ...)``, ``a x_a - b x_b`` of each link, from displacements ``(S, ...)``."""
+        arm_a, arm_b = self._arms(links, displacement.ndim)
+        return arm_a * displacement[self.tree.end_a[links]] - arm_b * displacement[self.tree.end_b[links]]
+
+    def spread(self, force, links=ALL):
+        """Forces D^T f ``(S, ...)`` on the disks, a f and -b f at the ends of each link, from forces ``(n, ...)``."""
+        arm_a, arm_b = self._arms(links, force.ndim)
+        return self._at_ends(links, arm_a * force, -arm_b * force)
+
+    def incidence(self, links=ALL):
+        """Columns of D^T ``(S, n)``: a at the first end of each link and -b at the second."""
+        return self.spread(np.eye(len(self.arm_a[links])), links)
+
+    def held_stiffness(self):
+        """``(S,)`` N/m of every disk with all others held: the diagonal of K."""
+        return self.ground + self._at_ends(ALL, self.arm_a**2 * self.stiffness, self.arm_b**2 * self.stiffness)
+
+
+@functools.lru_cache(maxsize=256)
+def span(topology):
+    """The elimination :class:`Tree` of a topology: rooted at the first grounded disk, stiff links first.
+
+    Links that close a loop (shafts before meshes in the tree) are listed in ``loops``.
+    """
+    ends = topology.link_ends
+    disks = len(topology.disk_names)
+    root = topology.ground_disk[0] if topology.ground_disk else 0
+    tree = span_links(ends, disks, root)
+    teeth = {disk for pair in topology.mesh_ends for disk in pair}
+    return dataclasses.replace(tree, condensation=condense_chains(tree, root, teeth))
+
+
+def condense_chains(tree, root, teeth):
+    """The :class:`Condensation` of a tree in which the disks ``teeth`` and ``root`` are kept, and all that branch."""
+    ends = list(zip(tree.end_a.tolist(), tree.end_b.tolist(), strict=True))
+    disks, at = len(tree.node), [[] for _ in tree.node]
+    for index, pair in enumerate(ends):
+        for disk in pair:
+            at[disk].append(index)
+    wanted = {root, *teeth, *(disk for index in tree.loops for disk in ends[index])}
+    kept = [disk for disk in range(disks) if disk in wanted or len(at[disk]) > 2]
+    number = {disk: i for i, disk in enumerate(kept)}
+
+    def walk(disk, link):
+        """Disks and links from ``disk`` over ``link`` to a free end or, last of the disks, one that is kept."""
+        passed, links = [], [link]
+        while True:
+            disk = sum(ends[links[-1]]) - disk
+            passed.append(disk)
+            onward = [index for index in at[disk] if index != links[-1]]
+            if disk in number or not onward:
+                return passed, links
+            links += onward
+
+    through, hanging, plain = [], [], []
+    for begin in kept:
+        for link in at[begin]:
+            passed, links = walk(begin, link)
+            if passed[-1] not in number:
+                hanging.append((passed[::-1], link, links[::-1], begin, begin))
+            elif (begin, link) < (passed[-1], links[-1]):  # seen from both ends
+                if links[1:]:
+                    through.append((passed[:-1], link, links[1:], begin, passed[-1]))
+                else:
+                    plain.append(link)
+    rows, plain = [], sorted(plain)
+    for chain, (passed, before, links, *_) in enumerate(through + hanging):
+        rows += [(disk, chain, before, after) for disk, after in zip(passed, links, strict=True)]
+    begin = [number[begin] for *_, begin, _ in through]
+    end = [number[end] for *_, end in through + hanging]
+    joints = [*zip(begin, end, strict=False), *(tuple(number[d] for d in ends[i]) for i in plain)]
+    small = span_links(joints, len(kept), number[root])
+    columns = np.array(rows, dtype=np.int32).reshape(-1, 4).T
+    return Condensation(*columns, _index(begin), _index(end), _index(kept), _index(plain), small)
+
+
+def span_links(ends, disks, root):
+    """Spanning tree of links ``ends`` over ``disks`` nodes as a :class:`Tree`; earlier links are preferred."""
+    group = list(range(disks))
+
+    def find(disk):
+        while group[disk] != disk:
+            group[disk] = group[group[disk]]
+            disk = group[disk]
+        return disk
+
+    neighbours = [[] for _ in range(disks)]
+    loops = []
+    for index, (a, b) in enumerate(ends):
+        # Kruskal's algorithm: links come in the order of the topology, shafts before meshes, so that meshes close the
+        # loops.
+        if find(a) == find(b):
+            loops.append(index)
+            continue
+        group[find(a)] = find(b)
+        neighbours[a].append((b, index))
+        neighbours[b].append((a, index))
+    # Breadth first from the root: parents and the links to them.
+    above, via, outward = {root: -1}, {root: 0}, [root]
+    for disk in outward:
+        for other, index in neighbours[disk]:
+            if other not in above:
+                above[other], via[other] = disk, index
+                outward.append(other)
+    weight = dict.fromkeys(outward, 1)
+    for disk in reversed(outward[1:]):
+        weight[above[disk]] += weight[disk]
+    order, stack = [], [root]
+    while stack:  # the heaviest branch is eliminated first: the sweep then needs the fewest places
+        disk = stack.pop()
+        order.append(disk)
+        branches = [other for other, _ in neighbours[disk] if above[other] == disk]
+        stack += sorted(branches, key=weight.get, reverse=True)
+    order.reverse()
+    position = {disk: s for s, disk in enumerate(order)}
+    parent = np.array([position[above[d]] if above[d] >= 0 else disks for d in order], dtype=np.int32)
+    link = np.array([via[d] for d in order], dtype=np.int32)
+    end_a = np.array([a for a, _ in ends], dtype=np.int32)
+    end_b = np.array([b for _, b in ends], dtype=np.int32)
+    node = np.array(order, dtype=np.int32)
+    from_a = end_a[link] == node if len(ends) else np.ones(disks, bool)
+    return Tree(node, parent, slots(parent), link, from_a, np.array(loops, dtype=np.int32), end_a, end_b)
+
+
+def displacement_radii(train):
+    """``(S,)`` m: the radius R of every disk's rotor, x = R phi."""
+    xp = namespace(train.disks.radius)
+    topology = train.topology
+    scene_disks = train.disks.radius.shape[0]
+    first_gear = {}
+    for ends in topology.mesh_ends:
+        for disk in ends:
+            first_gear.setdefault(topology.rotor[disk], disk)
+    gear = np.array([first_gear.get(rotor, scene_disks) for rotor in topology.rotor])
+    return xp.append(xp.asarray(train.disks.radius), 1.0)[gear]
+
+
+def assemble(train):
+    """The :class:`System` of a drive train; every number of the train stays differentiable.
+
+    Parameters
+    ----------
+    train : DriveTrain
+
+    Returns
+    -------
+    System
+
+    Raises
+    ------
+    SceneError
+        If a link varies with frequency, amplitude or speed, naming it.
+    """
+    refuse_varying(train.topology)
+    xp = namespace(train)
+    topology, tree = train.topology, span(train.topology)
+    radius = displacement_radii(train)
+    square = radius**2
+    zeros = np.zeros_like(train.dampers.inertia) if xp is np else xp.zeros_like(train.dampers.inertia)
+    ground = _add_at(xp, xp.zeros(len(radius)), _index(topology.ground_disk), train.grounds.stiffness)
+    shaft_at = square[_first(topology.shaft_ends)]
+    ring_at = square[_index(topology.damper_disk)]
+    gear_radius = xp.concatenate([xp.asarray(train.disks.radius), zeros])
+    unit = xp.ones(len(topology.shaft_names) + len(topology.damper_names))
+    mesh_a, mesh_b = _first(topology.mesh_ends), _second(topology.mesh_ends)
+    meshes, shafts, dampers = train.meshes, train.shafts, train.dampers
+    return System(
+        tree=tree,
+        radius=radius,
+        mass=xp.concatenate([train.disks.inertia, dampers.inertia]) / square,
+        damping=xp.concatenate([train.disks.damping, zeros]) / square,
+        ground=ground / square,
+        stiffness=xp.concatenate([shafts.stiffness / shaft_at, dampers.stiffness / ring_at, meshes.stiffness]),
+        viscous=xp.concatenate([shafts.damping / shaft_at, dampers.damping / ring_at, meshes.damping]),
+        loss=xp.concatenate([shafts.loss_factor, dampers.loss_factor, xp.zeros(len(topology.mesh_names))]),
+        arm_a=xp.concatenate([unit, gear_radius[mesh_a] / radius[mesh_a]]),
+        arm_b=xp.concatenate([unit, gear_radius[mesh_b] / radius[mesh_b]]),
+        floating=np.array(not topology.ground_disk),
+    )
+
+
+def _index(values):
+    return np.array(values, dtype=np.int32)
+
+
+def _first(ends):
+    return _index([a for a, _ in ends])
+
+
+def _second(ends):
+    return _index([b for _, b in ends])
+
+
+def _add_at(xp, sums, index, values):
+    if xp is not np:
+        return sums.at[index].add(values)
+    np.add.at(sums, index, values)
+    return sums
+
+
+def rigid_shape(train, radius):
+    """``(S,)`` displacements of the motion in which no link deflects: speed ratio x R of each disk's rotor."""
+    ratios = speed_ratios(train)
+    return ratios[_index(train.topology.rotor)] * radius
+
+
+def drift(system, rigid, mean):
+    """What mean displacements ``(S, ...)`` of a floating train hold of its rigid rotation, weighted by inertia."""
+    xp = namespace(mean)
+    mass, rigid = xp.asarray(system.mass), xp.asarray(rigid)
+    share = (mass * rigid) @ mean / (mass @ rigid**2)
+    return xp.where(system.floating, rigid.reshape((-1,) + (1,) * (mean.ndim - 1)) * share, 0.0)
+
+
+def to_angles(system, displacement):
+    """Angles phi = x / R in rad of displacements ``(S, ...)`` in m."""
+    return displacement / system.radius.reshape((-1,) + (1,) * (displacement.ndim - 1))

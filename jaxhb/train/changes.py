@@ -1,0 +1,378 @@
+"""Reading and changing single numbers, laws and teeth of a train by ``"NAME.FIELD"``, on the host or under tracing."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from jaxhb._jax import traced
+from jaxhb.elements import checks, derived
+from jaxhb.elements.elements import TABLES, Combustion, Mesh, SceneError, Trace, suggestion
+from jaxhb.excitation import gas
+from jaxhb.train import connections
+from jaxhb.train.connections import RATIO_TOLERANCE
+from jaxhb.train.tables import FRIDMAN_EPSILON, FRIDMAN_TRANSITION
+from jaxhb.train.varying import NEEDS
+
+_WORDS = {f.name: f.metadata["words"] for f in dataclasses.fields(Mesh) if f.metadata["kind"] == "choice"}
+_FRIDMAN = {"epsilon": FRIDMAN_EPSILON, "transition": FRIDMAN_TRANSITION}
+
+
+def chosen(train, values, locate):
+    """Take what is no number of the train from ``{"NAME.FIELD": value}``.
+
+    Parameters
+    ----------
+    train : DriveTrain
+    values : dict
+    locate : callable, (topology, key) -> table, field, index
+
+    Returns
+    -------
+    train : DriveTrain
+        With these laws and numbers of teeth.
+    numbers : dict
+        The other values, and the numbers that follow: ``law`` sets ``epsilon`` and ``transition``, ``teeth`` the
+        ``radius`` with the tooth pitch that the gear has.
+    faults : list of str
+    """
+    numbers, faults, topology, radii = {}, [], train.topology, {}
+    laws, teeth = list(topology.mesh_damping_law), list(topology.teeth)
+    for key, value in values.items():
+        try:
+            table, field, index = locate(topology, key)
+        except SceneError:  # told with the numbers
+            table, field, index = None, None, None
+        head = f"{topology.title}, replace {key!r}: "
+        if table == "mesh" and field in ("law", "damping_law"):
+            fault = _word_fault(topology, index, field, value)
+            if field == "law" and not fault:
+                name = topology.mesh_names[index]
+                numbers |= {f"{name}.{own}": number for own, number in _FRIDMAN.items()}
+            laws[index] = value if field == "damping_law" and not fault else laws[index]
+        elif table == "disk" and field == "teeth":
+            fault = _teeth_fault(topology, index, value)
+            if not fault:
+                radii[index] = np.asarray(train.disks.radius)[index] * int(value) / teeth[index]
+                teeth[index] = int(value)
+        else:
+            numbers[key], fault = value, ""
+        faults += [head + fault] if fault else []
+    if laws == list(topology.mesh_damping_law) and not radii:
+        return train, numbers, faults
+    topology = dataclasses.replace(topology, mesh_damping_law=tuple(laws), teeth=tuple(teeth))
+    numbers |= {f"{topology.disk_names[index]}.radius": radius for index, radius in radii.items()}
+    return dataclasses.replace(train, topology=topology), numbers, faults
+
+
+def scene_values(train, settings, locate):
+    """What a scene file has to say of the settings ``{"NAME.FIELD": value}`` of a train that they made, by table, row
+    and field."""
+    found = {}
+    for key, value in settings.items():
+        table, field, index = locate(train.topology, key)
+        if (table, field) == ("mesh", "law"):
+            found |= {(table, index, own): number for own, number in _FRIDMAN.items()}
+            continue
+        found[table, index, field] = int(value) if field == "teeth" else value
+        if field == "teeth":
+            found[table, index, "radius"] = float(np.asarray(train.disks.radius)[index])
+    return found
+
+
+def _word_fault(topology, index, field, value):
+    known = [word for word in _WORDS[field] if word]
+    if not topology.mesh_backlash[index]:
+        return "the mesh has no backlash, it is always in contact. Build the scene with a backlash."
+    return "" if value in known else f"{field} is {value!r}.{suggestion(value, known)}"
+
+
+def _teeth_fault(topology, index, value):
+    if not topology.teeth[index]:
+        return "the gear has no teeth in the scene, its ratio is that of the radii. Build the scene with teeth."
+    good = isinstance(value, int | float | np.integer | np.floating) and value >= 1 and value == int(value)
+    return "" if good else f"teeth is {value!r}, must be a whole number of at least 1."
+
+
+_TABLE_OF = {table: f"{table}s" for table in TABLES} | {"mesh": "meshes"}
+_VARYING = {key: links for links, (key, _) in NEEDS.items()}
+_LISTS = {("torque", "harmonics"): "torque_harmonics", ("cylinder", "gas_torque"): "cylinder_harmonics"}
+_LISTS |= {("load", "harmonics"): "load_harmonics"}
+_INNER = {"traces": Trace, "combustion": Combustion}
+
+
+def locate(topology, key: str):
+    """Find table, field and index of ``"NAME.FIELD"``; a field may be ``"combustion.start"``."""
+    where = topology.title
+    name, dot, field = key.rpartition(".")
+    if not dot:
+        raise SceneError(f"{where}: {key!r} names no field. Write 'NAME.FIELD', as 'hub.inertia'.")
+    outer, _, inner = name.rpartition(".")
+    # A name may hold dots: an element called so goes before a table inside an element.
+    if name not in topology.elements and inner in _INNER and outer in topology.elements:
+        name, field = outer, f"{inner}.{field}"
+    if name not in topology.elements:
+        raise SceneError(f"{where}: there is no element {name!r} in {key!r}.{suggestion(name, topology.elements)}")
+    table, index = topology.elements[name]
+    return table, field, index
+
+
+def declared_field(table: str, field: str):
+    """The field of an element, with its unit and range, of a field of a table; None where there is none."""
+    outer, _, inner = field.rpartition(".")
+    return {f.name: f for f in dataclasses.fields(_INNER.get(outer, TABLES[table]))}.get(inner)
+
+
+def _locate(train, key: str):
+    """Find table, field and index of ``"NAME.FIELD"`` that the train has."""
+    table, field, index = locate(train.topology, key)
+    numbers, inner = getattr(train, _TABLE_OF[table]), field
+    where = f"{train.topology.title}, [[{table}]] {key[: -len(field) - 1]!r}"
+    if "." in field:
+        outer, _, inner = field.partition(".")
+        numbers = getattr(numbers, outer, None)
+        if numbers is None or index not in numbers.seats:
+            raise SceneError(f"{where}: it has no {outer}. Build the scene with one.")
+    fields = [f.name for f in dataclasses.fields(numbers) if f.name not in _INNER and not f.metadata.get("static")]
+    if inner not in fields:
+        raise SceneError(f"{where}: there is no field {inner!r}.{suggestion(inner, fields)}")
+    if _vector(train, table, field) is None:
+        raise SceneError(f"{where}: nothing in the scene has {inner}. Build the scene with it.")
+    return table, field, index
+
+
+def _vector(train, table, field):
+    """A field of a table over its elements; gas factors that nobody gave are 1."""
+    numbers = getattr(train, _TABLE_OF[table])
+    outer, _, inner = field.rpartition(".")
+    vector = getattr(getattr(numbers, outer) if outer else numbers, inner)
+    return np.ones(len(train.topology.cylinder_names)) if vector is None and field == "gas_factor" else vector
+
+
+def _place(train, field, index):
+    """Where an element stands in the vector of a field."""
+    outer = field.rpartition(".")[0]
+    return getattr(train.cylinders, outer).seats.index(index) if outer else index
+
+
+def _row(train, table, field, index):
+    """The part of a row that the scene gave (harmonics and traces are padded)."""
+    place = _place(train, field, index)
+    row = _vector(train, table, field)[place]
+    if (table, field) in _LISTS:
+        return row[: len(getattr(train.topology, _LISTS[table, field])[index])]
+    if field.startswith("traces."):
+        speeds, loads = train.cylinders.traces.sizes[place]
+        parts = {"traces.rpm": np.s_[:speeds], "traces.load": np.s_[:loads], "traces.pressure": np.s_[:speeds, :loads]}
+        return row[parts[field]]
+    return row
+
+
+def read(train, key: str):
+    """Read one number; see :meth:`DriveTrain.value`."""
+    row = _row(train, *_locate(train, key))
+    return float(row) if isinstance(row, np.floating) else row
+
+
+def replace(train, values):
+    """Change numbers; see :meth:`DriveTrain.replace`."""
+    before, (train, values, errors), changes = train, chosen(train, values, locate), {}
+    for key, value in values.items():
+        try:
+            table, field, index = _locate(train, key)
+        except SceneError as error:
+            errors += error.sentences
+            continue
+        errors += _value_errors(train, key, table, field, index, value)
+        changes.setdefault((table, field), {})[_place(train, field, index)] = value
+    if errors:
+        raise SceneError(errors)
+    changed = train
+    for (table, field), new in changes.items():
+        changed = _with(changed, table, field, _set(_vector(changed, table, field), new))
+    for table, field, new in derived.followers(train, changed, changes):
+        changed = _with(changed, table, field, _set(_vector(changed, table, field), new))
+    if ("disk", "radius") in changes:
+        _check_ratios(before, changed)
+    # Mean torques take integrals over a cycle: only where they, or what holds them, may have changed.
+    errors = connections.train_errors(changed) if connections.touches(changes) else []
+    if errors:
+        raise SceneError(errors)
+    return changed
+
+
+def _with(train, table, field, vector):
+    """The train with another vector for one field."""
+    attribute, (outer, _, inner) = _TABLE_OF[table], field.rpartition(".")
+    numbers = getattr(train, attribute)
+    if outer:
+        inner, vector = outer, dataclasses.replace(getattr(numbers, outer), **{inner: vector})
+    return dataclasses.replace(train, **{attribute: dataclasses.replace(numbers, **{inner: vector})})
+
+
+def without_backlash(train):
+    """The same train with every mesh in contact all cycle."""
+    topology, meshes = train.topology, train.meshes
+    linear = (False,) * len(topology.mesh_names)
+    return dataclasses.replace(
+        train,
+        topology=dataclasses.replace(topology, mesh_backlash=linear),
+        meshes=dataclasses.replace(meshes, backlash=0.0 * meshes.backlash),
+    )
+
+
+def _set(vector, new):
+    """Put values at their indices: on the host by a copy, under tracing in one scatter."""
+    indices = np.array(list(new))
+    plain = isinstance(vector, np.ndarray) and not traced(new)
+    if plain:
+        vector = vector.copy()
+        for index, value in new.items():
+            value = np.asarray(value, dtype=np.float64)
+            vector[(index, *(slice(n) for n in value.shape))] = value
+        return vector
+    import jax.numpy as jnp
+
+    vector = jnp.asarray(vector)
+    if vector.ndim == 1:
+        return vector.at[indices].set(jnp.stack([jnp.asarray(v, dtype=jnp.float64) for v in new.values()]))
+    for index, value in new.items():
+        value = jnp.asarray(value, dtype=jnp.float64)
+        vector = vector.at[(index, *(slice(n) for n in value.shape))].set(value)
+    return vector
+
+
+def within_range(train):
+    """Whether every number lies in the range of its field, a bool that may be traced; nan does not count as outside."""
+    import jax.numpy as jnp
+
+    inside = [jnp.array(True)]
+    given = [(TABLES[table], getattr(train, attribute)) for table, attribute in _TABLE_OF.items()]
+    for cls, numbers in [*given, (Combustion, train.cylinders.combustion)]:
+        for declared in dataclasses.fields(cls):
+            limits, values = declared.metadata.get("range"), getattr(numbers, declared.name, None)
+            if limits is None or values is None:
+                continue
+            values = jnp.asarray(values)
+            # What is wrong is looked for, not what is right: nan is neither, and has its own status.
+            outside = jnp.zeros(values.shape, dtype=bool)
+            for wrong, limit in ((jnp.less_equal, limits.above), (jnp.less, limits.least)):
+                outside |= False if limit is None else wrong(values, limit)
+            for wrong, limit in ((jnp.greater_equal, limits.below), (jnp.greater, limits.most)):
+                outside |= False if limit is None else wrong(values, limit)
+            # 0 stands for a key that is not given, but for those that the reader fills in.
+            zero_if_absent = declared.default is None and declared.name not in ("epsilon", "transition", "stiffness")
+            inside.append(~jnp.any(outside & (values != 0.0) if zero_if_absent else outside))
+    return jnp.all(jnp.stack(inside))
+
+
+def _value_errors(train, key, table, field, index, value) -> list[str]:
+    """Check shape and, where it is concrete, range of a new value."""
+    where = f"{train.topology.title}, replace {key!r}"
+    wanted = np.shape(_row(train, table, field, index))
+    try:
+        found = np.shape(value)
+    except ValueError:
+        # Rows of different lengths have no shape.
+        found = None
+    if found != wanted:
+        return [f"{where}: the value has shape {found}, must have {wanted}. Map over a batch with jax.vmap."]
+    missing = _has_no_effect(train, table, field, index)
+    if traced(value):
+        return [f"{where}: {missing}"] if missing else []
+    number = np.asarray(value)
+    if number.dtype.kind not in "fiu" or not np.all(np.isfinite(number)):
+        return [f"{where}: the value is {value!r}, must be finite and real."]
+    # A value that is there already changes nothing, and is no fault.
+    if missing and not _is_same(train, table, field, index, number):
+        return [f"{where}: {missing}"]
+    declared = declared_field(table, field)
+    if declared is None or wanted or declared.metadata["kind"] != "number":
+        return []
+    if declared.default is None and number == 0.0 and _is_absent(train, table, field, index):
+        return []
+    return [f"{where}: {text}" for text in checks.value_errors(declared, float(number))]
+
+
+def _has_no_effect(train, table, field, index) -> str:
+    """Say why a number has no effect in a train of this topology; empty where it has one."""
+    topology = train.topology
+    if table == "mesh" and field in ("backlash", "epsilon", "transition") and not topology.mesh_backlash[index]:
+        return "the mesh has no backlash, it is always in contact. Build the scene with a backlash."
+    if field in _VARYING:
+        links = _VARYING[field]
+        if index + (len(topology.shaft_names) if table == "damper" else 0) not in getattr(topology, links):
+            return f"it has no effect, as the {table} was built without {field}. Build the scene with it."
+    if table != "cylinder":
+        return derived.no_effect(topology, table, field, index)
+    source, moves = topology.cylinder_source[index], topology.cylinder_inertia[index] > 0
+    computed = source in gas.COMPUTED
+    if (field in ("bore", "ambient_pressure") and not computed) or (field == "pressure" and source != "pressure"):
+        return "it has no effect, as the cylinder has no pressure table. Build the scene with a pressure."
+    if field in ("load_rpm", "load_share") and source not in ("traces", "combustion"):
+        return "it has no effect, as the cylinder has neither traces nor combustion. Build the scene with one of them."
+    if field in ("combustion.heat", "combustion.imep"):
+        by_work = train.cylinders.combustion.by_work[_place(train, field, index)]
+        if by_work != (field == "combustion.imep"):
+            return f"it has no effect, as the scene gives {'imep' if by_work else 'heat'} instead. Change that."
+    if field in ("gas_torque_mean", "gas_torque") and computed:
+        name = "pressure table" if source == "pressure" else source
+        return f"the gas torque comes from the {name}. Change {source}, or build the scene without it."
+    if (field == "reciprocating_mass" and not moves) or (field in ("stroke", "rod") and not (moves or computed)):
+        return (
+            "it has no effect, as the cylinder was built without inertia torque. Build the scene with stroke, rod"
+            " and reciprocating_mass (orders at least 1, whole harmonics of the cycle)."
+        )
+    return ""
+
+
+def _is_same(train, table, field, index, number) -> bool:
+    """Tell whether a concrete value is the present one."""
+    row = _row(train, table, field, index)
+    return not traced(row) and bool(np.all(np.asarray(row) == number))
+
+
+def _is_absent(train, table, field, index) -> bool:
+    """Tell whether the scene gave no such number (it stands as 0)."""
+    row = _row(train, table, field, index)
+    return not traced(row) and bool(row == 0.0)
+
+
+def _check_ratios(before, after):
+    """Refuse concrete radii that lock a loop or change the speed of a rotor with orders of its own."""
+    topology, radius = after.topology, after.disks.radius
+    if traced(radius):
+        return
+    old, new = (_host_ratios(topology, np.asarray(train.disks.radius)) for train in (before, after))
+    errors, where = [], topology.title
+    own = list(zip(topology.cylinder_names, topology.cylinder_disk, strict=True))
+    given = zip(topology.torque_names, topology.torque_disk, topology.torque_own, strict=True)
+    for name, disk in own + [(name, disk) for name, disk, is_own in given if is_own]:
+        rotor = topology.rotor[disk]
+        if abs(new[rotor] / old[rotor] - 1.0) > RATIO_TOLERANCE:
+            errors.append(
+                f"{where}: the new radii change the speed of {name!r} from {old[rotor]:.6g} to {new[rotor]:.6g} times"
+                " the reference, so that its orders fit the cycle no more. Build the scene anew with these radii."
+            )
+    radius = np.asarray(radius)
+    for name, (a, b) in zip(topology.mesh_names, topology.mesh_ends, strict=True):
+        slip = new[topology.rotor[a]] * radius[a] / (new[topology.rotor[b]] * radius[b])
+        if abs(slip - 1.0) > RATIO_TOLERANCE:
+            errors.append(
+                f"{where}: the new radii lock the closed loop through mesh {name!r}: its ratios multiply to"
+                f" {slip:.6g}, must be 1. Change all radii of the loop together."
+            )
+        teeth = [topology.teeth[disk] for disk in (a, b)]
+        if all(teeth) and abs(teeth[0] / teeth[1] * radius[b] / radius[a] - 1.0) > RATIO_TOLERANCE:
+            errors.append(
+                f"{where}: the new radii of mesh {name!r} are {radius[a]:g}:{radius[b]:g} m, but its teeth"
+                f" {teeth[0]}:{teeth[1]}. Change both radii alike, or build the scene with other teeth."
+            )
+    if errors:
+        raise SceneError(errors)
+
+
+def _host_ratios(topology, radius):
+    """Speed ratios on the host."""
+    return np.array([np.prod([radius[a] / radius[b] for a, b in path]) for path in topology.rotor_path])

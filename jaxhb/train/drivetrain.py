@@ -1,0 +1,333 @@
+"""The drive train: arrays of numbers over a fixed topology; :func:`jaxhb.train.assembly.build` makes it."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from jaxhb._jax import Number, pytree, traced
+from jaxhb._shown import html_table
+from jaxhb.elements.elements import SceneError, suggestion
+from jaxhb.equations.kinematics import inertias, speed_ratios
+from jaxhb.excitation import gas
+from jaxhb.train import changes, varying
+from jaxhb.train.tables import Cylinders, Dampers, Disks, Grounds, Loads, Meshes, Shafts, Torques
+from jaxhb.train.topology import Topology
+
+__all__ = ["DriveTrain", "SceneError", "Topology", "inertias", "speed_ratios"]
+
+
+@pytree
+# No ==: that of arrays has no one truth value.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DriveTrain:
+    """A drive train: a pytree of float64 vectors (one for each field of each kind of element) and static topology.
+
+    Make one with :func:`jaxhb.build` or :func:`jaxhb.load_scene`. Its arrays are read-only: change numbers with
+    :meth:`replace`, which returns another train. The fields are described in :mod:`jaxhb.train.tables`, the topology in
+    :mod:`jaxhb.train.topology`.
+    """
+
+    topology: Topology = field(metadata={"static": True})
+    disks: Disks
+    shafts: Shafts
+    meshes: Meshes
+    dampers: Dampers
+    grounds: Grounds
+    loads: Loads
+    torques: Torques
+    cylinders: Cylinders
+
+    def __repr__(self):
+        return f"<DriveTrain {self.topology.name or 'without a name'}: {self.topology.parts_text}>"
+
+    def _repr_html_(self):
+        return html_table(repr(self)[1:-1], ["elements", "number", "names"], self.topology.parts_rows)
+
+    @property
+    def tune(self) -> dict[str, Any]:
+        """The ``[tune]`` table of the scene, untouched."""
+        return json.loads(self.topology.tune)
+
+    def value(self, key: str) -> Any:
+        """Read one number of the train.
+
+        Parameters
+        ----------
+        key : str
+            ``"NAME.FIELD"``, split at the last dot; a damper's ring has the damper's fields, and those of a table
+            inside an element are ``"NAME.combustion.start"``.
+
+        Returns
+        -------
+        float, numpy array or traced array
+            In the unit of the scene format; ``harmonics`` and ``gas_torque`` are [n, 2] (Re, Im), ``traces.rpm`` [R],
+            ``traces.load`` [S], ``traces.pressure`` [R, S, 7200] from firing top dead centre on.
+
+        Raises
+        ------
+        SceneError
+            If no element has the name, or its kind no such field.
+
+        Examples
+        --------
+        >>> from jaxhb.scene.files import load_scene
+        >>> load_scene("gear_train_30").value("crank damper.damping")
+        220.0
+        """
+        return changes.read(self, key)
+
+    def replace(self, values: dict[str, Any]) -> DriveTrain:
+        """Return the train with some numbers changed; the topology stays, so that nothing is compiled anew.
+
+        Three changes go beyond numbers: ``damping_law`` and ``law`` of a mesh take the words of the scene format, and
+        ``teeth`` of a gear with teeth changes its radius, at the same pitch, and the ratios. ``gas_factor`` can be
+        changed in any train: where the scene gives none, the train gets a vector of ones first.
+
+        Parameters
+        ----------
+        values : dict
+            ``{"NAME.FIELD": value}``; values may be traced. Unit and range as in the scene format; the range
+            is checked where the value is concrete.
+
+        Returns
+        -------
+        DriveTrain
+
+        Raises
+        ------
+        SceneError
+            All unknown names and fields, wrong shapes, values out of range and numbers that have no effect
+            because the train was built without them, one sentence each; and concrete stiffnesses that leave a
+            mean torque unheld.
+
+        Examples
+        --------
+        >>> from jaxhb.scene.files import load_scene
+        >>> load_scene("gear_train_30").replace({"crank damper.damping": 300.0}).value("crank damper.damping")
+        300.0
+        """
+        return changes.replace(self, values)
+
+    def with_viscous_damping(self, *, hz: Number) -> DriveTrain:
+        """Return the train with every loss factor turned into viscous damping: r += eta k / omega, omega = 2
+        pi hz.
+
+        Parameters
+        ----------
+        hz : float, scalar array
+            Frequency at which both dissipate the same, Hz.
+
+        Returns
+        -------
+        DriveTrain
+            Its loss factors are 0.
+
+        Raises
+        ------
+        SceneError
+            If ``hz`` is not greater than 0, or a link varies.
+
+        Examples
+        --------
+        >>> from jaxhb.scene.files import load_scene
+        >>> train = load_scene("six_cylinder_diesel").with_viscous_damping(hz=100.0)
+        >>> round(float(train.value("cyl6|flywheel.damping")), 2)
+        110.07
+        """
+        varying.refuse_varying(self.topology)
+        if not traced(hz) and not np.all(np.asarray(hz) > 0.0):
+            raise SceneError(f"with_viscous_damping: hz is {hz}, must be greater than 0 Hz. Give the main frequency.")
+        omega = 2.0 * np.pi * hz
+
+        def viscous(table):
+            damping = table.damping + table.loss_factor * table.stiffness / omega
+            return dataclasses.replace(table, damping=damping, loss_factor=0.0 * table.loss_factor)
+
+        return dataclasses.replace(self, shafts=viscous(self.shafts), dampers=viscous(self.dampers))
+
+    def with_constant_links(
+        self, *, hz: Number | None = None, amplitude: Number | None = None, rpm: Number | None = None
+    ) -> DriveTrain:
+        """Return the train with its varying links as they are at one frequency, amplitude and speed.
+
+        Needed for everything but the linear forced response, such as natural frequencies and motions with backlash.
+
+        Parameters
+        ----------
+        hz : float, scalar array, optional
+            Frequency for links with ``over_hz``, Hz.
+        amplitude : float, scalar array, optional
+            Amplitude of the vibratory twist for links with ``over_amplitude``, rad.
+        rpm : float, scalar array, optional
+            Speed of the reference rotor for dampers with ``order``.
+
+        Returns
+        -------
+        DriveTrain
+            Stiffness ``(k + J (order Omega)^2) s``, damping ``r d``, loss factor ``eta d`` with the factors s and d
+            of the tables; nothing varies any more.
+
+        Raises
+        ------
+        SceneError
+            If a number is needed that is not given, naming the links; or one is below 0.
+
+        Examples
+        --------
+        >>> from jaxhb.train.assembly import build
+        >>> from jaxhb.elements.elements import Disk, Shaft
+        >>> rows = [(0.0, 1.0, 1.0), (100.0, 1.5, 0.5)]
+        >>> coupling = Shaft(between=("a", "b"), stiffness=1e4, loss_factor=0.2, over_hz=rows)
+        >>> train = build([Disk(name="a", inertia=1.0), Disk(name="b", inertia=2.0), coupling])
+        >>> stiffer = train.with_constant_links(hz=50.0)
+        >>> stiffer.value("a|b.stiffness"), round(stiffer.value("a|b.loss_factor"), 12)
+        (12500.0, 0.15)
+        """
+        return varying.with_constant_links(self, speed_ratios(self), hz=hz, amplitude=amplitude, rpm=rpm)
+
+    def repeated(self, cycles: int) -> DriveTrain:
+        """Return the same train with a cycle ``cycles`` times as long, for motions with a period of several cycles.
+
+        Parameters
+        ----------
+        cycles : int
+            At least 1.
+
+        Returns
+        -------
+        DriveTrain
+            Same excitation over time; its responses have orders that are multiples of ``1 / (cycles x
+            revolutions_per_cycle)``.
+
+        Raises
+        ------
+        SceneError
+            If ``cycles`` is not a whole number of at least 1.
+
+        Examples
+        --------
+        >>> from jaxhb.scene.files import load_scene
+        >>> load_scene("gear_train_30").repeated(2).topology.revolutions_per_cycle
+        4.0
+        """
+        if not (isinstance(cycles, int) and cycles >= 1):
+            raise SceneError(f"repeated: cycles is {cycles}, must be a whole number of at least 1.")
+        return dataclasses.replace(self, topology=self.topology.repeated(cycles))
+
+    @property
+    def scenarios(self) -> dict[str, dict[str, float]]:
+        """Values of every ``[scenario.NAME]`` of the scene."""
+        return json.loads(self.topology.scenarios)
+
+    def scenario(self, name: str) -> DriveTrain:
+        """Return the train with the values of one of its scenarios, as by :meth:`replace`.
+
+        Parameters
+        ----------
+        name : str
+            ``NAME`` of a ``[scenario.NAME]``.
+
+        Returns
+        -------
+        DriveTrain
+
+        Raises
+        ------
+        SceneError
+            If there is no such scenario, or as :meth:`replace`.
+
+        Examples
+        --------
+        >>> from jaxhb.train.assembly import build
+        >>> from jaxhb.elements.elements import Disk, Shaft
+        >>> parts = [Disk(name="a", inertia=1.0), Disk(name="b", inertia=2.0)]
+        >>> parts += [Shaft(between=("a", "b"), stiffness=1e4)]
+        >>> build(parts, scenarios={"hot": {"a|b.stiffness": 8e3}}).scenario("hot").value("a|b.stiffness")
+        8000.0
+        """
+        if name not in self.scenarios:
+            others = suggestion(name, self.scenarios) if self.scenarios else " The scene has none."
+            raise SceneError(f"{self.topology.title}: there is no scenario {name!r}.{others}")
+        return self.replace(self.scenarios[name])
+
+    def misfire(self, *cylinders: str) -> DriveTrain:
+        """Return the train with some cylinders that do not fire: no gas torque, the inertia torque stays.
+
+        All of the gas torque goes, mean and orders, computed or given, and with it the torque of compression, as in a
+        cylinder whose valves stay open. A cylinder that compresses without burning has ``combustion.imep`` or ``heat``
+        = 0 instead (:meth:`replace`), or the pressure table of a motored cycle.
+
+        Parameters
+        ----------
+        *cylinders : str
+            Names of ``[[cylinder]]`` elements.
+
+        Returns
+        -------
+        DriveTrain
+
+        Raises
+        ------
+        SceneError
+            If there is no such cylinder; the sentence suggests the nearest one.
+
+        Examples
+        --------
+        >>> from jaxhb.scene.files import load_scene
+        >>> train = load_scene("six_cylinder_diesel")
+        >>> train.misfire(train.topology.cylinder_names[2]).topology.cylinder_fires
+        (True, True, False, True, True, True)
+        """
+        names = self.topology.cylinder_names
+        where = self.topology.title
+        unknown = [name for name in cylinders if name not in names]
+        if unknown:
+            raise SceneError([f"{where}: there is no cylinder {n!r}.{suggestion(n, names)}" for n in unknown])
+        both = zip(names, self.topology.cylinder_fires, strict=True)
+        fires = tuple(fires and name not in cylinders for name, fires in both)
+        return dataclasses.replace(self, topology=dataclasses.replace(self.topology, cylinder_fires=fires))
+
+    def misfires(self) -> dict[str, DriveTrain]:
+        """Return the trains in which each cylinder that fires in turn does not, by the name of this cylinder.
+
+        Returns
+        -------
+        dict
+            Trains whose gas factors differ alone: they share all that is compiled, and can be stacked to a batch. Their
+            torques are those of :meth:`misfire`.
+
+        Examples
+        --------
+        >>> from jaxhb.scene.files import load_scene
+        >>> trains = load_scene("six_cylinder_diesel").misfires()
+        >>> list(trains)[2], trains["cylinder 3"].cylinders.gas_factor
+        ('cylinder 3', array([1., 1., 0., 1., 1., 1.]))
+        """
+        both = zip(self.topology.cylinder_names, self.topology.cylinder_fires, strict=True)
+        return {name: self.replace({f"{name}.gas_factor": 0.0}) for name, fires in both if fires}
+
+    def outside_traces(self, rpm: float) -> list[str]:
+        """Say where the pressure traces of cylinders do not cover a speed or its load, so that the nearest is used.
+
+        Parameters
+        ----------
+        rpm : float
+            Speed of the reference rotor.
+
+        Returns
+        -------
+        list of str
+            One sentence for all cylinders with the same traces; empty where all is covered.
+
+        Examples
+        --------
+        >>> from jaxhb.scene.files import load_scene
+        >>> load_scene("six_cylinder_diesel").outside_traces(900.0)
+        []
+        """
+        return gas.outside_traces(self, rpm)

@@ -1,0 +1,317 @@
+"""Numbers that the format allows and an engineer would look at twice: each note names element, value and usual range.
+
+A number far outside of what engines and gears have is nearly always in another unit, has the other sign, or is counted
+from another angle. The ranges are wide: they hold from model engines to ship diesels.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from jaxhb._jax import on_host
+from jaxhb.equations.kinematics import tooth_damping_ratios
+from jaxhb.excitation import gas
+from jaxhb.excitation.mean_torques import gas_pressures, mean_torques
+from jaxhb.train import connections
+
+if TYPE_CHECKING:
+    from jaxhb.train.drivetrain import DriveTrain
+
+USUAL = {
+    "bore": (0.02, 1.2, "m", "is it in m, not in mm?"),
+    "stroke": (0.02, 4.5, "m", "is it in m, not in mm?"),
+    "rod": (0.03, 8.0, "m", "is it in m, not in mm?"),
+    "ambient_pressure": (3e4, 1e6, "Pa", "is it in Pa, not in bar?"),
+    "combustion.charge_pressure": (2e4, 1e6, "Pa", "is it in Pa, not in bar?"),
+    "combustion.imep": (2e4, 6e6, "Pa", "is it in Pa, not in bar?"),
+}
+"""Least and most of fields of cylinders, with their unit and what to ask; a field that is 0 is absent."""
+
+PEAK_PRESSURE = 5e5, 4e7
+"""Pa, largest pressure of a cycle: an engine that is turned without firing, and the strongest diesels."""
+PEAK_ANGLE = -15.0, 45.0
+"""deg after firing top dead centre: the pressure of compression alone is largest just before, late firing after."""
+ATMOSPHERE = 3e4, 2.2e5
+"""Pa, least pressure of a cycle that tells absolute pressures: overpressures fall to 0, and those of a charged engine
+that stay above may be either."""
+TOGETHER = 1.0
+"""deg between two firings that count as one."""
+LOAD_SHARE = 2.0
+"""Largest share of full load: overload is 1.1."""
+INERTIA_OF_MEDIAN = 500.0
+"""Inertia over the median of the disks of the rotor: 400 for a car behind its gearbox on a crankshaft."""
+MEDIAN_OF_STIFFNESS = 1000.0
+"""The median of the shafts of a rotor over a stiffness: 560 for a dual-mass flywheel beside crank throws."""
+LOSS_FACTOR = 1.0
+"""Of a link: 0.3 is a soft rubber."""
+RADIUS = 2e-3, 2.0
+"""m, of a gear: from instruments to the bull gears of ships."""
+MASS_PER_CUBE = 200.0, 2e4
+"""kg/m3, reciprocating mass over the cube of the bore: about 500 in racing engines, 1500 in cars, 1e4 in crossheads."""
+BACKLASH = 2e-5, 1e-3
+"""m, from precision gears to those of module 20 mm."""
+STIFFNESS_OF_WIDTH = 2e10
+"""N/m per m of face width: c_gamma = 20 N/(mm um), the mean stiffness of steel teeth in ISO 6336-1, method C."""
+WIDTH_OF_DIAMETER = 0.01, 2.0
+"""Face width over the pitch diameter of the smaller gear: 0.05 to 1.5 as built, less where gear bodies yield."""
+TOOTH_DAMPING = 0.005, 0.3
+"""Damping ratio of the two gears alone: 0.03 to 0.17 as measured (Kasuba and Evans 1981; Lin, Huston and Coy 1988)."""
+# To write 2e-5 and 1e6 as an engineer does, not 2e-05 and 1e+06.
+_EXPONENT = re.compile(r"(?<=\d)e\+?(-?)0*(?=\d)")
+
+
+def plausibility(train: DriveTrain) -> list[str]:
+    """Find numbers of a train that are allowed but far from usual.
+
+    Parameters
+    ----------
+    train : DriveTrain
+        Its numbers must not be traced.
+
+    Returns
+    -------
+    list of str
+        A note for each finding, with the elements, the value and the usual range: sizes and pressures of cylinders in
+        other units than m and Pa, a pressure that is largest far from firing top dead centre, absolute pressures
+        against none on the other side of the piston, cylinders that fire together, reciprocating masses, load shares in
+        percent, torques that drive beside firing cylinders, disks and shafts far from the others of their rotor, loss
+        factors in percent, radii of gears in mm, and of meshes with backlash the backlash, the stiffness and the tooth
+        damping; limits of propulsion shafts on a crank. Empty where there is nothing to look at.
+
+    Examples
+    --------
+    >>> from jaxhb.scene.files import load_scene
+    >>> train = load_scene("gear_train_30")
+    >>> plausibility(train)
+    []
+    >>> print(plausibility(train.replace({"crank gear|idler.backlash": 0.15}))[0])
+    [[mesh]] 'crank gear|idler': backlash is 0.15 m, usual 2e-5 to 0.001 m: is it in m, not in mm?
+    """
+    train = on_host(train)
+    found = [*_sizes(train), *_masses(train), *_pressures(train), *_against_nothing(train), *_firings(train)]
+    found += [*_loads(train), *_drives(train), *_disks(train), *_links(train), *_crank_limits(train)]
+    found += _meshes(train)
+    alike = {}
+    for table, name, text in found:
+        alike.setdefault((table, text), []).append(name)
+    return [
+        f"[[{table}]] {connections.names_of(names, range(len(names)))}: {text}"
+        for (table, text), names in alike.items()
+    ]
+
+
+def _far(value, limits):
+    return not limits[0] <= value <= limits[1]
+
+
+def _said(what, value, low, high, unit="", ask=""):
+    unit = f" {unit}" if unit else ""
+    said = f"{what} is {value:.4g}{unit}, usual {low:.2g} to {high:.2g}{unit}"
+    return _EXPONENT.sub(r"e\1", said) + (f": {ask}" if ask else "")
+
+
+def _sizes(train):
+    cylinders, names = train.cylinders, train.topology.cylinder_names
+    for field, (low, high, unit, ask) in USUAL.items():
+        outer, _, inner = field.rpartition(".")
+        table = getattr(cylinders, outer) if outer else cylinders
+        if table is None:
+            continue
+        seats = table.seats if outer else range(len(names))
+        for i, value in zip(seats, getattr(table, inner), strict=True):
+            absent = value == 0 or (field == "rod" and cylinders.stroke[i] == 0)
+            if not absent and _far(abs(value), (low, high)):
+                yield "cylinder", names[i], _said(field, value, low, high, unit, ask)
+
+
+def _masses(train):
+    cylinders = train.cylinders
+    for i, name in enumerate(train.topology.cylinder_names):
+        mass, size = cylinders.reciprocating_mass[i], cylinders.bore[i]
+        if not 0 < size < 2 * USUAL["bore"][1] or not cylinders.stroke[i]:
+            continue  # what is said of a bore in mm says enough
+        low, high = (share * size**3 for share in MASS_PER_CUBE)
+        if _far(mass, (low, high)):
+            ask = "is it in kg, of one cylinder?" if mass else "without it there is no inertia torque"
+            said = _said("reciprocating_mass", mass, low, high, "kg", ask)
+            yield "cylinder", name, said.replace(" kg:", f" kg for a bore of {1e3 * size:.4g} mm:")
+
+
+def _pressures(train):
+    """Size and angle of the largest pressure of every cylinder that computes its torque from one."""
+    topology, percent = train.topology, _in_percent(train)
+    for i, peak, angle in _largest_pressures(train):
+        name = topology.cylinder_names[i]
+        if _far(peak, PEAK_PRESSURE) and i not in percent:
+            ask = "is it in Pa, not in bar or MPa?"
+            yield "cylinder", name, _said("the largest pressure", peak, *PEAK_PRESSURE, "Pa", ask)
+        if _far(angle, PEAK_ANGLE):
+            where = f"{abs(angle):.4g} deg {'after' if angle > 0 else 'before'}"
+            usual = f"{-PEAK_ANGLE[0]:g} deg before to {PEAK_ANGLE[1]:g} deg after"
+            ask = "is table_firing_tdc the angle at which the table fires?"
+            if topology.cylinder_source[i] == "combustion":
+                ask = "do start and duration count from there?"
+            said = f"the pressure is largest {where} firing top dead centre, usual {usual}: {ask}"
+            yield "cylinder", name, said
+
+
+def _against_nothing(train):
+    """Cylinders with absolute pressures and none on the other side of the piston."""
+    topology = train.topology
+    least = np.array([cycle.min(axis=1) for cycle in _cycles(train)]).max(axis=0, initial=0.0)
+    for i, source in enumerate(topology.cylinder_source):
+        # Models give absolute pressures, tables may give overpressures.
+        known = source == "combustion" or (source in gas.COMPUTED and not _far(least[i], ATMOSPHERE))
+        if known and not train.cylinders.ambient_pressure[i]:
+            low, high, unit, _ = USUAL["ambient_pressure"]
+            ask = "the pressure in the cylinder is absolute, and the crankcase has about 1e5 Pa"
+            yield "cylinder", topology.cylinder_names[i], _said("ambient_pressure", 0.0, low, high, unit, ask)
+
+
+def _cycles(train):
+    """Pressures [cylinder, angle] (Pa) from firing top dead centre on, at every speed at which torques have a point."""
+    cycles = gas_pressures(train.cylinders, connections.speeds(train))
+    return list(cycles) if cycles.shape[-1] else []
+
+
+def _largest_pressures(train):
+    """(cylinder, Pa, deg after firing top dead centre) over the speeds: the largest pressure and the farthest angle."""
+    topology, cycles = train.topology, _cycles(train)
+    if not cycles:
+        return
+    peaks = np.array([cycle.max(axis=1) for cycle in cycles])
+    period = 360.0 * np.array(topology.cylinder_gas_revolutions)
+    angles = np.array([cycle.argmax(axis=1) for cycle in cycles]) * period / cycles[0].shape[1]
+    # In the second half of the cycle the next firing is nearer: angles before it are negative.
+    angles -= period * (angles > period / 2)
+    farthest = np.abs(angles - np.mean(PEAK_ANGLE)).argmax(axis=0)
+    for i, source in enumerate(topology.cylinder_source):
+        if source in gas.COMPUTED and peaks[:, i].max() > 0:
+            yield i, peaks[:, i].max(), angles[farthest[i], i]
+
+
+def _firings(train):
+    """Cylinders of one rotor that fire at the same angle of its cycle."""
+    topology, cranks = train.topology, {}
+    for i, name in enumerate(topology.cylinder_names):
+        if topology.cylinder_fires[i] and _factor(train, i):
+            computed = topology.cylinder_source[i] in gas.COMPUTED
+            turns = topology.cylinder_gas_revolutions[i] if computed else topology.cylinder_turn[i]
+            crank = cranks.setdefault((topology.rotor[topology.cylinder_disk[i]], 360.0 * turns), [])
+            crank.append((train.cylinders.firing_angle[i] % (360.0 * turns), name))
+    for (_, cycle), firings in cranks.items():
+        together = {}
+        for angle, _ in firings:
+            near = [name for other, name in firings if abs((other - angle + cycle / 2) % cycle - cycle / 2) < TOGETHER]
+            together.setdefault(tuple(near), angle)
+        for names, angle in together.items():
+            even = f"usual one every {cycle:g} / {len(firings)} = {cycle / len(firings):.4g} deg"
+            said = f"they fire together, at {angle:g} deg, {even}: has each its own firing_angle?"
+            yield from (("cylinder", name, said) for name in names if len(names) > 1)
+
+
+def _factor(train, i):
+    return train.cylinders.gas_factor is None or train.cylinders.gas_factor[i] > 0
+
+
+def _drives(train):
+    """Given torques that drive though cylinders do."""
+    topology = train.topology
+    if not any(topology.cylinder_fires):
+        return
+    cycle = topology.cylinder_fires, topology.cylinder_gas_revolutions
+    means = mean_torques(train.torques, train.cylinders, *cycle, np.array(connections.speeds(train)))
+    count = len(topology.torque_names)
+    # Cylinders that take power are those of a compressor, which a torque drives.
+    if not means[:, count:].sum(axis=1).max() > 0:
+        return
+    for name, mean in zip(topology.torque_names, means[:, :count].max(axis=0, initial=0.0), strict=True):
+        if mean > 0:
+            ask = "what takes power has a negative mean"
+            yield "torque", name, f"it drives with a mean of {mean:.4g} N m, usual below 0 beside cylinders: {ask}"
+
+
+def _loads(train):
+    """Shares of full load that are percentages."""
+    for i, value in _in_percent(train).items():
+        said = _said("load", value, 0.0, LOAD_SHARE, ask="it is a share of full load, not percent")
+        yield "cylinder", train.topology.cylinder_names[i], said
+
+
+def _in_percent(train):
+    """Largest load of the cylinders that have it in percent, by their number; traces may count in percent as well."""
+    cylinders, traces = train.cylinders, train.cylinders.traces
+    if cylinders.load_share is None:
+        return {}
+    alike = set()
+    if traces is not None:
+        sizes = zip(traces.seats, traces.load, traces.sizes, strict=True)
+        alike = {seat for seat, load, (_, loads) in sizes if load[:loads].max() > LOAD_SHARE}
+    largest = enumerate(cylinders.load_share.max(axis=-1).tolist())
+    return {i: value for i, value in largest if value > LOAD_SHARE and i not in alike}
+
+
+def _disks(train):
+    """Inertias far above the others of their rotor, and the radii of gears."""
+    topology, disks = train.topology, train.disks
+    rotor = np.array(topology.rotor)[: topology.n_scene_disks]
+    for own in (np.flatnonzero((rotor == r) & (disks.inertia > 0)) for r in range(topology.n_rotors)):
+        middle = np.median(disks.inertia[own]) if own.size else 0.0
+        for i in own[disks.inertia[own] > INERTIA_OF_MEDIAN * middle]:
+            usual = f"{INERTIA_OF_MEDIAN:g} times the median of its rotor, {middle:.4g} kg m2"
+            said = f"inertia is {disks.inertia[i]:.4g} kg m2, usual up to {usual}: is it in kg m2, not in kg cm2?"
+            yield "disk", topology.disk_names[i], said
+    for i in sorted({disk for ends in topology.mesh_ends for disk in ends}):
+        if _far(disks.radius[i], RADIUS):
+            ask = "is it in m, not in mm?"
+            yield "disk", topology.disk_names[i], _said("radius", disks.radius[i], *RADIUS, "m", ask)
+
+
+def _links(train):
+    """Shafts far softer than the others of their rotor, and loss factors."""
+    topology, stiffness = train.topology, train.shafts.stiffness
+    rotor = np.array([topology.rotor[first] for first, _ in topology.shaft_ends], dtype=int)
+    for own in (np.flatnonzero((rotor == r) & (stiffness > 0)) for r in range(topology.n_rotors)):
+        middle = np.median(stiffness[own]) if own.size else 0.0
+        for i in own[MEDIAN_OF_STIFFNESS * stiffness[own] < middle]:
+            usual = f"at least 1/{MEDIAN_OF_STIFFNESS:g} of the median of its rotor, {middle:.4g} N m/rad"
+            said = f"stiffness is {stiffness[i]:.4g} N m/rad, usual {usual}: is it in N m/rad, not in kN m/rad?"
+            yield "shaft", topology.shaft_names[i], _EXPONENT.sub(r"e\1", said)
+    for table, names, numbers in (
+        ("shaft", topology.shaft_names, train.shafts),
+        ("damper", topology.damper_names, train.dampers),
+    ):
+        for name, value in zip(names, numbers.loss_factor, strict=True):
+            if value > LOSS_FACTOR:
+                yield table, name, _said("loss_factor", value, 0.0, LOSS_FACTOR, ask="is it in percent?")
+
+
+def _crank_limits(train):
+    """Shafts between two throws that have the limits of propulsion shafts."""
+    topology, strengths = train.topology, train.shafts.tensile_strength
+    throws = set(topology.cylinder_disk)
+    for i, ends in enumerate(topology.shaft_ends if strengths is not None else ()):
+        if strengths[i] and throws.issuperset(ends):
+            said = "tensile_strength sets the limits of IACS UR M68, which do not hold for crankshafts: UR M53 does,"
+            yield "shaft", topology.shaft_names[i], f"{said} and it lies between two disks with cylinders"
+
+
+def _meshes(train):
+    topology, meshes = train.topology, train.meshes
+    ratios = tooth_damping_ratios(train)
+    for i in topology.backlash_index:
+        name, radius = topology.mesh_names[i], train.disks.radius[list(topology.mesh_ends[i])].min()
+        if _far(meshes.backlash[i], BACKLASH):
+            yield "mesh", name, _said("backlash", meshes.backlash[i], *BACKLASH, "m", "is it in m, not in mm?")
+        if any(_far(train.disks.radius[end], RADIUS) for end in topology.mesh_ends[i]):
+            continue  # what is said of the radius says enough
+        low, high = (STIFFNESS_OF_WIDTH * share * 2 * radius for share in WIDTH_OF_DIAMETER)
+        if _far(meshes.stiffness[i], (low, high)):
+            ask = f"steel teeth on a gear of {2e3 * radius:.4g} mm have 20 N/(mm um) of their face width; is it in N/m?"
+            yield "mesh", name, _said("stiffness", meshes.stiffness[i], low, high, "N/m", ask)
+        elif _far(ratios[i], TOOTH_DAMPING) and np.isfinite(ratios[i]):
+            what = f"damping is {meshes.damping[i]:.4g} N s/m: the damping ratio of the two gears alone"
+            yield "mesh", name, _said(what, ratios[i], *TOOTH_DAMPING)

@@ -1,0 +1,72 @@
+"""Speeds as text, the same on the command line and in scene files; and as numbers that are refused."""
+
+import math
+
+from jaxhb.elements.elements import SceneError
+
+HIGHEST_RPM = 1e6
+"""Speed beyond which a number is no speed in rpm: the fastest turbochargers and spindles stay below."""
+
+_TOO_FAST = f"must be at most {HIGHEST_RPM:.0f} rpm: give revolutions per minute"
+
+
+def read_speed(text):
+    """A speed in rpm.
+
+    Raises
+    ------
+    ValueError
+        A sentence, if it is not a number greater than 0 and at most 1e6.
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < math.inf:
+        raise ValueError(f"the speed is {text!r}, must be a number greater than 0 rpm")
+    if value > HIGHEST_RPM:
+        raise ValueError(f"the speed is {text!r}, {_TOO_FAST}")
+    return value
+
+
+def read_speeds(text):
+    """Speeds in rpm from ``A:B:COUNT``, equally spaced, or ``R1,R2,...``.
+
+    Raises
+    ------
+    ValueError
+        A sentence, if it is neither.
+
+    Examples
+    --------
+    >>> read_speeds("600:1200:3")
+    [600.0, 900.0, 1200.0]
+    """
+    if ":" not in text:
+        return [read_speed(word) for word in text.split(",")]
+    words = text.split(":")
+    if len(words) != 3:
+        raise ValueError(f"{text!r} is not A:B:COUNT, as 600:2450:20 (rpm, rpm, number of speeds)")
+    first, last = read_speed(words[0]), read_speed(words[1])
+    if not words[2].isdecimal() or int(words[2]) < 1:
+        raise ValueError(f"{words[2]!r} must be a whole number of at least 1")
+    count = int(words[2])
+    if count == 1 and first != last:
+        raise ValueError(f"{text!r} asks for one speed between two: give a COUNT of at least 2")
+    return [first + (last - first) * i / max(count - 1, 1) for i in range(count)]
+
+
+def check_speed(train, rpm, *, many=False):
+    """Refuse a speed that is not a positive number or beyond any train, and several speeds where one is wanted."""
+    import numpy as np  # the command line reads speeds before it imports anything heavy
+
+    values, name = np.atleast_1d(np.asarray(rpm, dtype=float)), train.topology.title
+    if np.ndim(rpm) and not many:
+        raise SceneError(f"{name}: {values.size} speeds were given where one is solved: use jaxhb.solve_speeds.")
+    if not values.size:
+        raise SceneError(f"{name}: no speed is given: name at least one, in rpm.")
+    for value in values:
+        if not (np.isfinite(value) and value > 0):
+            raise SceneError(f"{name}: the speed is {value:g} rpm, must be greater than 0 rpm: a running engine.")
+        if value > HIGHEST_RPM:
+            raise SceneError(f"{name}: the speed is {value:g} rpm, {_TOO_FAST}.")

@@ -1,0 +1,314 @@
+"""The numbers of a drive train as arrays, each field one vector over its elements, made from elements."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from jaxhb.elements.elements import Combustion
+from jaxhb.excitation import gas
+from jaxhb.excitation.gas import GAS_SAMPLES, Combustions, Traces, gas_cycle, table
+
+Array = Any
+
+DEFAULT_EPSILON, DEFAULT_TRANSITION = 1e-3, 0.04
+"""Stiffness in the gap over that in contact, width of the smooth zone over the backlash, where a scene gives none."""
+
+FRIDMAN_EPSILON, FRIDMAN_TRANSITION = 0.03, 0.2
+"""The same of the law (18) of Fridman 2009."""
+
+
+@table
+class Disks:
+    """Inertia (kg m2), radius (m, 0 where absent), damping (N m s/rad), each [n_scene_disks]."""
+
+    inertia: Array
+    radius: Array
+    damping: Array
+
+
+@table
+class Shafts:
+    """Stiffness (N m/rad), damping (N m s/rad) and loss factor, each [n_shafts].
+
+    ``over_hz`` and ``over_amplitude`` [n_shafts, K, 3]: Hz or rad, factor of stiffness, factor of damping; K is 0
+    where no shaft has such rows. The rest [n_shafts], 0 where absent, None where no shaft has it: what stiffness and
+    damping follow from (:mod:`jaxhb.elements.derived`), and what :func:`jaxhb.strength` reads; no solve reads them.
+    """
+
+    stiffness: Array
+    damping: Array
+    loss_factor: Array
+    over_hz: Array
+    over_amplitude: Array
+    length: Array | None = None
+    outer: Array | None = None
+    inner: Array | None = None
+    shear_modulus: Array | None = None
+    magnifier: Array | None = None
+    damping_ratio: Array | None = None
+    damping_hz: Array | None = None
+    diameter: Array | None = None
+    bore: Array | None = None
+    stress_concentration: Array | None = None
+    tensile_strength: Array | None = None
+    power_limit: Array | None = None
+
+
+@table
+class Meshes:
+    """Stiffness (N/m), damping (N s/m), backlash (m, 0 where absent), epsilon, transition; each [n_mesh].
+
+    The rest, ``rated_torque`` in N m, as of :class:`Shafts`.
+    """
+
+    stiffness: Array
+    damping: Array
+    backlash: Array
+    epsilon: Array
+    transition: Array
+    magnifier: Array | None = None
+    damping_ratio: Array | None = None
+    damping_hz: Array | None = None
+    rated_torque: Array | None = None
+
+
+@table
+class Dampers:
+    """Ring inertia (kg m2), damping (N m s/rad), stiffness (N m/rad), loss factor, order (0 where absent), [n_dampers].
+
+    ``over_hz``, ``over_amplitude`` and the rest as of :class:`Shafts`.
+    """
+
+    inertia: Array
+    damping: Array
+    stiffness: Array
+    loss_factor: Array
+    order: Array
+    over_hz: Array
+    over_amplitude: Array
+    magnifier: Array | None = None
+    damping_ratio: Array | None = None
+    damping_hz: Array | None = None
+    power_limit: Array | None = None
+
+
+@table
+class Grounds:
+    """Stiffness (N m/rad) [n_grounds]."""
+
+    stiffness: Array
+
+
+@table
+class Loads:
+    """Shares of the balancing torque, each on its own shaft, relative to each other, [n_loads].
+
+    ``harmonics`` [n_loads, K, 2]: Re, Im of its pulsation over its mean; None where no load pulsates.
+    """
+
+    share: Array
+    harmonics: Array | None = None
+
+
+@table
+class Torques:
+    """Mean [nt] (N m), harmonics [nt, K, 2] (Re, Im of the peak amplitude, N m), scale over rpm [nt, L].
+
+    ``rated_rpm`` [nt], 0 for torques without, and ``speed_exponent`` [nt]; None where no torque has a rated speed.
+    """
+
+    mean: Array
+    harmonics: Array
+    scale_rpm: Array
+    scale_factor: Array
+    rated_rpm: Array | None = None
+    speed_exponent: Array | None = None
+
+
+@table
+class Cylinders:
+    """Geometry (m), mass (kg), firing angle (deg), ambient pressure (Pa), each [nc]; gas torque and scale.
+
+    ``gas_torque_mean`` [nc] and ``gas_torque`` [nc, K, 2] (N m, for firing at 0); ``pressure`` [nc, M] (Pa)
+    on the uniform grid of the gas cycle counted from firing top dead centre, zeros where none is given;
+    ``scale_rpm`` and ``scale_factor`` [nc, L]. A rod that is not given is 1 m, a bore or stroke 0 m.
+    None where no cylinder has them: ``traces``, ``combustion``, ``load_rpm`` and ``load_share`` [nc, L] of either, and
+    ``gas_factor`` [nc], 1 for a cylinder without.
+    """
+
+    bore: Array
+    stroke: Array
+    rod: Array
+    reciprocating_mass: Array
+    firing_angle: Array
+    ambient_pressure: Array
+    gas_torque_mean: Array
+    gas_torque: Array
+    pressure: Array
+    scale_rpm: Array
+    scale_factor: Array
+    traces: Traces | None = None
+    combustion: Combustions | None = None
+    load_rpm: Array | None = None
+    load_share: Array | None = None
+    gas_factor: Array | None = None
+
+
+def column(elements, name: str, absent: float = 0.0) -> np.ndarray:
+    """Collect one field over elements, ``absent`` for None."""
+    values = [getattr(e, name) for e in elements]
+    return np.array([absent if v is None else v for v in values], dtype=np.float64)
+
+
+def optional_columns(elements, cls) -> dict:
+    """Collect the fields of a table that may be None: those that some element has, 0 for the others."""
+    names = [f.name for f in dataclasses.fields(cls) if f.default is None]
+    return {name: column(elements, name) for name in names if any(getattr(e, name) for e in elements)}
+
+
+def _harmonics(rows) -> np.ndarray:
+    """Stack the (Re, Im) of rows (order, Re, Im), padded by zeros."""
+    longest = max((len(r) for r in rows), default=0)
+    out = np.zeros((len(rows), longest, 2))
+    for i, row in enumerate(rows):
+        if row:
+            out[i, : len(row)] = np.asarray(row, dtype=np.float64)[:, 1:]
+    return out
+
+
+def _scales(elements) -> tuple[np.ndarray, np.ndarray]:
+    """Stack the scales, padded by their last point; the factor is 1 without a scale."""
+    rows = [e.scale or ((0.0, 1.0),) for e in elements]
+    longest = max([2, *(len(r) for r in rows)])
+    out = np.array([[*row, *([row[-1]] * (longest - len(row)))] for row in rows], dtype=np.float64)
+    out = out.reshape(len(rows), longest, 2)
+    return out[..., 0].copy(), out[..., 1].copy()
+
+
+def factor_rows(elements, name: str) -> np.ndarray:
+    """Stack rows (point, factor, factor) [n, K, 3], padded by their last one; K is 0 where no element has any."""
+    rows = [getattr(e, name) for e in elements]
+    longest = max((len(r) for r in rows), default=0)
+    longest = longest and max(longest, 2)
+    rows = [r or ((0.0, 1.0, 1.0),) for r in rows]
+    padded = [[*row, *([row[-1]] * longest)][:longest] for row in rows]
+    return np.array(padded, dtype=np.float64).reshape(len(rows), longest, 3)
+
+
+def mesh_table(meshes) -> Meshes:
+    """Collect the meshes, with the defaults of the law (18) and of ``law = "fridman2009"``."""
+    fridman = [m.law == "fridman2009" for m in meshes]
+    epsilon = [FRIDMAN_EPSILON if f else DEFAULT_EPSILON for f in fridman]
+    transition = [FRIDMAN_TRANSITION if f else DEFAULT_TRANSITION for f in fridman]
+    given = [m.epsilon is not None for m in meshes], [m.transition is not None for m in meshes]
+    return Meshes(
+        stiffness=column(meshes, "stiffness"),
+        damping=column(meshes, "damping"),
+        backlash=column(meshes, "backlash"),
+        epsilon=np.where(given[0], column(meshes, "epsilon"), np.array(epsilon, dtype=np.float64)),
+        transition=np.where(given[1], column(meshes, "transition"), np.array(transition, dtype=np.float64)),
+        **optional_columns(meshes, Meshes),
+    )
+
+
+def torque_table(torques) -> Torques:
+    """Collect the given torques."""
+    scale_rpm, scale_factor = _scales(torques)
+    harmonics = _harmonics([t.harmonics for t in torques])
+    rated = any(t.rated_rpm is not None for t in torques)
+    return Torques(
+        mean=column(torques, "mean"),
+        harmonics=harmonics,
+        scale_rpm=scale_rpm,
+        scale_factor=scale_factor,
+        rated_rpm=column(torques, "rated_rpm") if rated else None,
+        speed_exponent=column(torques, "speed_exponent", absent=2.0) if rated else None,
+    )
+
+
+def load_table(loads) -> Loads:
+    """Collect the loads."""
+    pulsating = any(load.harmonics for load in loads)
+    harmonics = _harmonics([load.harmonics for load in loads]) if pulsating else None
+    return Loads(share=column(loads, "share"), harmonics=harmonics)
+
+
+def cylinder_table(cylinders) -> Cylinders:
+    """Collect the cylinders; the pressure on its uniform grid."""
+    tabled = any(c.pressure for c in cylinders)
+    # Without tables no samples: every program would take them.
+    pressure = np.zeros((len(cylinders), GAS_SAMPLES if tabled else 0))
+    for i, c in enumerate(cylinders):
+        if c.pressure:
+            pressure[i] = gas_cycle(c.pressure, c.table_firing_tdc)
+    scale_rpm, scale_factor = _scales(cylinders)
+    load_rpm, load_share = _share_table(cylinders)
+    scattered = any(c.gas_factor is not None for c in cylinders)
+    return Cylinders(
+        bore=column(cylinders, "bore"),
+        stroke=column(cylinders, "stroke"),
+        rod=column(cylinders, "rod", absent=1.0),
+        reciprocating_mass=column(cylinders, "reciprocating_mass"),
+        firing_angle=column(cylinders, "firing_angle"),
+        ambient_pressure=column(cylinders, "ambient_pressure"),
+        gas_torque_mean=column(cylinders, "gas_torque_mean"),
+        gas_torque=_harmonics([c.gas_torque or () for c in cylinders]),
+        pressure=pressure,
+        scale_rpm=scale_rpm,
+        scale_factor=scale_factor,
+        traces=_trace_table(cylinders),
+        combustion=_combustion_table(cylinders),
+        load_rpm=load_rpm,
+        load_share=load_share,
+        gas_factor=column(cylinders, "gas_factor", absent=1.0) if scattered else None,
+    )
+
+
+def _seats(cylinders, name) -> tuple[int, ...]:
+    return tuple(i for i, c in enumerate(cylinders) if gas.source(c) == name)
+
+
+def _trace_table(cylinders) -> Traces | None:
+    """Collect the traces; None where no cylinder has any."""
+    seats = _seats(cylinders, "traces")
+    if not seats:
+        return None
+    own = [cylinders[i].traces for i in seats]
+    speeds, loads = ([sorted({float(getattr(t, key)) for t in row}) for row in own] for key in ("rpm", "load"))
+    rpm, load = gas.padded(speeds), gas.padded(loads)
+    pressure = np.zeros((len(seats), rpm.shape[1], load.shape[1], GAS_SAMPLES))
+    for k, row in enumerate(own):
+        for trace in row:
+            r, s = speeds[k].index(float(trace.rpm)), loads[k].index(float(trace.load))
+            pressure[k, r, s] = gas_cycle(trace.pressure, trace.table_firing_tdc)
+    sizes = tuple((len(r), len(s)) for r, s in zip(speeds, loads, strict=True))
+    return Traces(seats=seats, sizes=sizes, rpm=rpm, load=load, pressure=pressure)
+
+
+def _combustion_table(cylinders) -> Combustions | None:
+    """Collect the combustions; None where no cylinder has one."""
+    seats = _seats(cylinders, "combustion")
+    if not seats:
+        return None
+    own = [cylinders[i].combustion for i in seats]
+    own = [c if c.exhaust_pressure else dataclasses.replace(c, exhaust_pressure=c.charge_pressure) for c in own]
+    names = [f.name for f in dataclasses.fields(Combustion) if f.name != "stroke_cycle"]
+    return Combustions(
+        seats=seats,
+        revolutions=tuple(gas.gas_revolutions(cylinders[i]) for i in seats),
+        by_work=tuple(c.imep is not None for c in own),
+        **{name: np.array([float(getattr(c, name) or 0.0) for c in own]) for name in names},
+    )
+
+
+def _share_table(cylinders) -> tuple[np.ndarray, np.ndarray] | tuple[None, None]:
+    """Speeds and shares of full load of every cylinder, [nc, L]; None where no share counts."""
+    if not any(gas.source(c) in ("traces", "combustion") for c in cylinders):
+        return None, None
+    rows = [np.asarray(c.load or ((0.0, 1.0),), dtype=np.float64) for c in cylinders]
+    longest = max(len(row) for row in rows)
+    shares = [np.append(row[:, 1], [row[-1, 1]] * (longest - len(row))) for row in rows]
+    return gas.padded([row[:, 0] for row in rows]), np.array(shares)

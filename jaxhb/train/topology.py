@@ -1,0 +1,265 @@
+"""What of a drive train is fixed when a program is compiled: names, connections, rotors, orders.
+
+Everything here is text, integers, floats and tuples of them, so that a :class:`Topology` can be hashed and
+compared.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from jaxhb.elements.elements import SceneError, suggestion
+
+
+@dataclass(frozen=True, kw_only=True)
+class Topology:
+    """The static half of a :class:`~jaxhb.train.drivetrain.DriveTrain`.
+
+    Disk indices run over the disks of the scene and then over the rings of the dampers. Links are the shafts,
+    then the dampers (from the disk they sit on to the ring), then the meshes. ``torque_harmonics``,
+    ``load_harmonics`` and ``cylinder_harmonics`` hold the harmonics n of the cycle of each given order;
+    ``cylinder_source`` what the gas torque of each cylinder comes from; ``cylinder_step`` the
+    harmonics of the cycle per harmonic of the gas cycle (0 where no pressure is given) and ``cylinder_turn``
+    per order of the own rotor; ``cylinder_gas`` and ``cylinder_inertia`` how many harmonics of the gas cycle
+    and how many orders of the own rotor are computed. ``rotor_path`` holds for each rotor the pairs (driving
+    disk, driven disk) that lead to it from the reference rotor. ``hz_links``, ``amplitude_links`` and
+    ``order_links`` are the links that vary over the frequency, over their amplitude and with the speed. ``link_keys``
+    names for each link which of the keys that may be absent it has, of those that no solve reads; empty where no link
+    has any. ``rated_rpm`` is the rated speed of the reference rotor.
+
+    Its ``repr`` is whole: keys of compiled programs and of kept sweeps are made of it.
+    """
+
+    name: str
+    revolutions_per_cycle: float
+    disk_names: tuple[str, ...]
+    n_scene_disks: int
+    teeth: tuple[int, ...]
+    rotor: tuple[int, ...]
+    n_rotors: int
+    reference_rotor: int
+    rotor_path: tuple[tuple[tuple[int, int], ...], ...]
+    shaft_names: tuple[str, ...]
+    shaft_ends: tuple[tuple[int, int], ...]
+    mesh_names: tuple[str, ...]
+    mesh_ends: tuple[tuple[int, int], ...]
+    mesh_internal: tuple[bool, ...]
+    mesh_backlash: tuple[bool, ...]
+    mesh_damping_law: tuple[str, ...]
+    damper_names: tuple[str, ...]
+    damper_disk: tuple[int, ...]
+    ground_names: tuple[str, ...]
+    ground_disk: tuple[int, ...]
+    load_names: tuple[str, ...]
+    load_disk: tuple[int, ...]
+    torque_names: tuple[str, ...]
+    torque_disk: tuple[int, ...]
+    torque_own: tuple[bool, ...]
+    torque_harmonics: tuple[tuple[int, ...], ...]
+    cylinder_names: tuple[str, ...]
+    cylinder_disk: tuple[int, ...]
+    cylinder_source: tuple[str, ...]
+    cylinder_harmonics: tuple[tuple[int, ...], ...]
+    cylinder_step: tuple[int, ...]
+    cylinder_turn: tuple[float, ...]
+    cylinder_gas_revolutions: tuple[int, ...]
+    cylinder_gas: tuple[int, ...]
+    cylinder_inertia: tuple[int, ...]
+    cylinder_series: tuple[bool, ...]
+    cylinder_fires: tuple[bool, ...]
+    load_harmonics: tuple[tuple[int, ...], ...] = ()
+    hz_links: tuple[int, ...] = ()
+    amplitude_links: tuple[int, ...] = ()
+    order_links: tuple[int, ...] = ()
+    link_keys: tuple[tuple[str, ...], ...] = ()
+    rated_rpm: float | None = None
+    scenarios: str = "{}"
+    tune: str = "{}"
+
+    def __eq__(self, other):
+        if self is other:
+            return True
+        if not isinstance(other, Topology):
+            return NotImplemented
+        # Compared at every call of a program: the kept hash tells most apart at once.
+        return hash(self) == hash(other) and self._key == other._key
+
+    def __hash__(self):
+        return self._hash
+
+    @cached_property
+    def _key(self):
+        # cached_property keeps its values in vars, too.
+        return tuple(value for key, value in vars(self).items() if not key.startswith("_") and key in _FIELDS)
+
+    @cached_property
+    def _hash(self):
+        return hash(self._key)
+
+    @property
+    def _parts(self):
+        names = {"disk": self.disk_names[: self.n_scene_disks], "shaft": self.shaft_names, "mesh": self.mesh_names}
+        names |= {"damper": self.damper_names, "ground": self.ground_names, "load": self.load_names}
+        return {k: n for k, n in (names | {"torque": self.torque_names, "cylinder": self.cylinder_names}).items() if n}
+
+    @property
+    def parts_text(self):
+        """``26 disks, 4 meshes``: how many elements of each kind there are."""
+        plural = {"mesh": "meshes"}
+        return ", ".join(f"{len(n)} {plural.get(k, f'{k}s') if len(n) > 1 else k}" for k, n in self._parts.items())
+
+    @property
+    def parts_rows(self):
+        """Kind, number and first names of the elements, a row for each kind that there is."""
+        return [[k, len(n), ", ".join(n[:12]) + ", …" * (len(n) > 12)] for k, n in self._parts.items()]
+
+    def cycle_frequency(self, rpm):
+        """Omega = 2 pi rpm / (60 revolutions_per_cycle) in rad/s, of the cycle at ``rpm`` of the reference rotor."""
+        return 2 * math.pi * rpm / 60 / self.revolutions_per_cycle
+
+    def repeated(self, cycles: int) -> Topology:
+        """The same with a cycle ``cycles`` times as long; harmonic n of the cycle becomes harmonic ``cycles n``."""
+        numbers: dict[str, Any] = {
+            name: tuple(tuple(cycles * n for n in row) for row in getattr(self, name))
+            for name in ("torque_harmonics", "cylinder_harmonics", "load_harmonics")
+        }
+        return dataclasses.replace(
+            self,
+            revolutions_per_cycle=cycles * self.revolutions_per_cycle,
+            cylinder_step=tuple(cycles * step for step in self.cylinder_step),
+            cylinder_turn=tuple(cycles * turn for turn in self.cylinder_turn),
+            **numbers,
+        )
+
+    @property
+    def title(self) -> str:
+        """Name of the scene as sentences have it."""
+        return self.name or "scene"
+
+    @property
+    def backlash_index(self) -> np.ndarray:
+        """Meshes with backlash ``(G,)``, in the order of the scene."""
+        return np.flatnonzero(self.mesh_backlash)
+
+    @property
+    def n_disks(self) -> int:
+        """Number of disks, rings of dampers included."""
+        return len(self.disk_names)
+
+    @property
+    def ring_disks(self) -> tuple[int, ...]:
+        """Disk index of each damper's ring."""
+        return tuple(range(self.n_scene_disks, self.n_disks))
+
+    @cached_property
+    def link_names(self) -> tuple[str, ...]:
+        """Names of the links: shafts, dampers, meshes."""
+        return self.shaft_names + self.damper_names + self.mesh_names
+
+    @cached_property
+    def link_ends(self) -> tuple[tuple[int, int], ...]:
+        """Pairs of disk indices of the links: shafts, dampers (disk, ring), meshes."""
+        dampers = tuple(zip(self.damper_disk, self.ring_disks, strict=True))
+        return self.shaft_ends + dampers + self.mesh_ends
+
+    def has_key(self, link: int, key: str) -> bool:
+        """Tell whether a link was built with a key that no solve reads."""
+        return bool(self.link_keys) and key in self.link_keys[link]
+
+    @cached_property
+    def _disk_of(self):
+        return {name: i for i, name in enumerate(self.disk_names)}
+
+    @cached_property
+    def _link_of(self):
+        return {name: i for i, name in enumerate(self.link_names)}
+
+    @cached_property
+    def elements(self) -> dict[str, tuple[str, int]]:
+        """Table and index of every element by its name; a ring stands under ``damper``."""
+        found = {}
+        tables = ("shaft", "mesh", "ground", "load", "torque", "cylinder")
+        for table in tables:
+            found |= {name: (table, i) for i, name in enumerate(getattr(self, f"{table}_names"))}
+        found |= {name: ("damper", i) for i, name in enumerate(self.damper_names)}
+        return found | {name: ("disk", i) for i, name in enumerate(self.disk_names[: self.n_scene_disks])}
+
+    def disk_index(self, name: str) -> int:
+        """Find a disk, or a damper's ring, by its name.
+
+        Parameters
+        ----------
+        name : str
+            Name of a disk or of a damper (its ring).
+
+        Returns
+        -------
+        int
+            Index among the disks, rings last.
+
+        Raises
+        ------
+        SceneError
+            If no disk has this name; the sentence suggests the nearest one.
+
+        Examples
+        --------
+        >>> from jaxhb.scene.files import load_scene
+        >>> load_scene("spur_pair").topology.disk_index("gear b")
+        1
+        """
+        if name not in self._disk_of:
+            where = self.name or "scene"
+            raise SceneError(f"{where}: there is no disk {name!r}.{suggestion(name, self.disk_names)}")
+        return self._disk_of[name]
+
+    def link_index(self, name: str, other: str | None = None) -> tuple[int, int]:
+        """Find a link by its name, or by the two disks it joins.
+
+        Parameters
+        ----------
+        name : str
+            Name of a shaft, damper or mesh; or the first disk.
+        other : str, optional
+            The second disk.
+
+        Returns
+        -------
+        index, sense : int, int
+            Index among the links; sense is -1 where the disks were given against the order of ``between``.
+
+        Raises
+        ------
+        SceneError
+            If there is no such link, or if several join the two disks (then ask by name).
+
+        Examples
+        --------
+        >>> from jaxhb.scene.files import load_scene
+        >>> load_scene("spur_pair").topology.link_index("gear b", "gear a")
+        (0, -1)
+        """
+        where = self.name or "scene"
+        if other is None:
+            if name not in self._link_of:
+                raise SceneError(f"{where}: there is no link {name!r}.{suggestion(name, self.link_names)}")
+            return self._link_of[name], 1
+        a, b = self.disk_index(name), self.disk_index(other)
+        hits = [(i, 1) for i, ends in enumerate(self.link_ends) if ends == (a, b)]
+        hits += [(i, -1) for i, ends in enumerate(self.link_ends) if ends == (b, a)]
+        if not hits:
+            near = [n for n, ends in zip(self.link_names, self.link_ends, strict=True) if a in ends or b in ends]
+            raise SceneError(f"{where}: no link joins {name!r} and {other!r}. Links there: {', '.join(near)}.")
+        if len(hits) > 1:
+            names = ", ".join(repr(self.link_names[i]) for i, _ in hits)
+            raise SceneError(f"{where}: several links join {name!r} and {other!r}: {names}. Ask for one by its name.")
+        return hits[0]
+
+
+_FIELDS = frozenset(Topology.__dataclass_fields__)
