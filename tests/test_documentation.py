@@ -23,7 +23,7 @@ DOCS = ROOT / "docs"
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGES = {path: path.read_text(encoding="utf-8") for path in (ROOT / "README.md", *sorted(DOCS.rglob("*.md")))}
 INSTALLED = "python3 -m venv .venv && "
-MODULES = {"show", "design", "response"}
+MODULES = {"design", "report"}
 
 
 def blocks(language, text=None):

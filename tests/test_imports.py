@@ -12,35 +12,45 @@ import pytest
 import jaxhb
 
 ROOT = Path(__file__).parents[1] / "jaxhb"
-LAYERS = ["model", "harmonic", "response", "linear", "transient", "periodic", "design", "show"]
+ROOMS = ["equations", "excitation", "elements", "train", "scene", "results", "integration", "linear", "balance"]
+ROOMS += ["floquet", "certificate", "solutions", "steady", "branches", "design", "report", "cli"]
+MOST_FILES = 14
 
 
-def imported_layers(path):
-    """Layers that a module imports, and whether by name or relative."""
-    package = path.relative_to(ROOT.parent).with_suffix("").parts[:-1]
-    for node in ast.walk(ast.parse(path.read_text())):
+def imported_rooms(path):
+    """Rooms that a module imports when it runs, by name or relative: not those that only types name."""
+    package, tree = path.relative_to(ROOT.parent).with_suffix("").parts[:-1], ast.parse(path.read_text())
+    of_types = [n for n in ast.walk(tree) if isinstance(n, ast.If) and ast.unparse(n.test) == "TYPE_CHECKING"]
+    of_types = {id(inner) for block in of_types for inner in ast.walk(block)}
+    for node in ast.walk(tree):
+        if id(node) in of_types:
+            continue
         if isinstance(node, ast.Import):
             names = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             base = ".".join(package[: len(package) - node.level + 1]) + "." if node.level else ""
-            names = [base + (node.module or "")]
+            names = [f"{base}{node.module or ''}.{alias.name}" for alias in node.names]
         else:
             continue
         for name in names:
             parts = name.split(".")
-            if parts[0] == "jaxhb" and len(parts) > 1 and parts[1] in LAYERS:
+            if parts[0] == "jaxhb" and len(parts) > 1 and parts[1] in ROOMS:
                 yield parts[1]
 
 
-def test_imports_go_down_only():
+def test_every_folder_is_a_room_that_imports_those_below_alone_and_can_be_looked_over():
+    assert {path.name for path in ROOT.iterdir() if (path / "__init__.py").exists()} == set(ROOMS)
     wrong = [
-        f"{path.relative_to(ROOT)} imports {layer}"
-        for rank, own in enumerate(LAYERS)
-        for path in (ROOT / own).glob("*.py")
-        for layer in imported_layers(path)
-        if LAYERS.index(layer) > rank
+        f"{path.relative_to(ROOT)} imports {room}"
+        for rank, own in enumerate(ROOMS)
+        for path in (ROOT / own).rglob("*.py")
+        for room in imported_rooms(path)
+        if ROOMS.index(room) > rank
     ]
     assert wrong == []
+    for folder in (path for path in ROOT.rglob("*") if (path / "__init__.py").exists()):
+        assert len([file for file in folder.glob("*.py") if file.name != "__init__.py"]) <= MOST_FILES, folder
+        assert ast.get_docstring(ast.parse((folder / "__init__.py").read_text())), folder
 
 
 def test_only_their_owners_import_matplotlib_optax_plotly_and_jinja2():

@@ -191,7 +191,7 @@ def quadrature(law, deflection, crossings=None):
     Examples
     --------
     >>> import jax
-    >>> from jaxhb.harmonic import backlash
+    >>> from jaxhb.equations import backlash
     >>> law = backlash.Law(*(np.array([value]) for value in (1.0, 0.04, 0.2, 0.5)))
     >>> def square(cosine):
     ...     rule = quadrature(law, cosine)

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 import trains
-from transient_cases import pair
+from integrated_trains import pair
 
 import jaxhb
 from jaxhb import Disk, Mesh, Shaft

@@ -6,7 +6,7 @@ from functools import cache
 import jax
 import numpy as np
 import pytest
-from transient_cases import method_case, one_mass, posed
+from integrated_trains import method_case, one_mass, posed
 
 import jaxhb
 from jaxhb import Disk, Ground, Mesh, Shaft, Torque

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from transient_cases import REFERENCE
+from integrated_trains import REFERENCE
 
 from jaxhb.integration.reference import integrate
 from jaxhb.scene.files import load_scene

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from transient_cases import REFERENCE, method_case, one_mass
+from integrated_trains import REFERENCE, method_case, one_mass
 
 from jaxhb.equations.state_space import partition
 from jaxhb.integration.cycles import cycle, settle

@@ -20,7 +20,7 @@ from jaxhb.report import compute
 from jaxhb.report.answer import orbit_state
 from jaxhb.report.files.output import write_files
 
-SCENES = Path(__file__).parents[2] / "jaxhb" / "model" / "scenes"
+SCENES = Path(__file__).parents[2] / "jaxhb" / "scene" / "scenes"
 
 
 def process(*arguments, **options):

@@ -15,7 +15,7 @@ from jaxhb.train import chain
 from jaxhb.train.assembly import build
 from jaxhb.train.chain import System, Tree
 
-REFERENCE = Path(__file__).parents[1] / "data"
+REFERENCE = Path(__file__).parent / "data"
 
 
 def one_mass(*, mass, damping, stiffness, epsilon, transition, backlash):

@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from integrated_trains import pair, posed
 from scipy.integrate import solve_ivp
-from transient_cases import pair, posed
 
 from jaxhb import shooting_correction, solve
 from jaxhb.elements.elements import Cylinder, Disk, Ground, Mesh, Shaft, Torque

@@ -17,7 +17,7 @@ from jaxhb.scene.writer import changed_scene, scene_text
 from jaxhb.train.assembly import build
 from jaxhb.train.drivetrain import SceneError
 
-SCENES = Path(__file__).parents[2] / "jaxhb" / "model" / "scenes"
+SCENES = Path(__file__).parents[2] / "jaxhb" / "scene" / "scenes"
 SIX = """
 [engine]
 cylinders = 6
