@@ -23,7 +23,7 @@ from jaxhb.train.speeds import check_speed
 
 @dataclass(frozen=True)
 class SearchOptions:
-    """How :func:`solve_all` searches beside the rungs of a solve.
+    """How :func:`solve_all` searches beside the strategies of a solve.
 
     Parameters
     ----------
@@ -181,8 +181,8 @@ class _Scattered(orbits.OrbitSearch):
 def _searched(case):
     """(Response, 1) of all attempts that Newton's method solves; each keeps the path that led to it."""
     last = None
-    for rung in starts.SEARCHES if any(case.train.topology.mesh_backlash) else (starts.from_contact,):
-        for attempt in rung(case, last):
+    for strategy in starts.SEARCHES if any(case.train.topology.mesh_backlash) else (starts.from_contact,):
+        for attempt in strategy(case, last):
             case.path.clear()
             last = starts.refine(case, attempt, last)
             if not last.plan.active:  # in contact: other motions, if there are any, need all meshes unknown

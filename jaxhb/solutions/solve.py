@@ -157,8 +157,8 @@ def plan(
     -------
     Plan
         Small and hashable. Passing it to :func:`solve` solves nearby trains and speeds without decisions. It holds no
-        motion: where a solve under the plan does not find one, but the ladder of :func:`solve` did, its ``start`` is
-        "response" and :func:`solve` asks for ``start=jaxhb.solve(train, rpm=rpm)`` beside it.
+        motion: where a solve under the plan does not find one, but another start strategy of :func:`solve` did, its
+        ``start`` is "response" and :func:`solve` asks for ``start=jaxhb.solve(train, rpm=rpm)`` beside it.
 
     Raises
     ------
@@ -210,26 +210,27 @@ def linear_response(train: DriveTrain, *, rpm: Number, harmonics: int | None = N
 
 
 def solve_again(train, rpm, request, plan, start=None):
-    """Response where the plan's own start of Newton's method has failed: from another motion, then up the ladder."""
+    """Response where the plan's own start of Newton's method has failed: from another motion, then by the other start
+    strategies."""
     failed = starts.short_march if plan.marches else starts.contact
-    above = starts.RUNGS[starts.RUNGS.index(failed) + 1 :]
+    above = starts.STRATEGIES[starts.STRATEGIES.index(failed) + 1 :]
     wanted = above if start is None else (starts.from_response(start), *above)
-    found = starts.climb(starts.Case(train, rpm, request, plan), wanted)
+    found = starts.first_solved(starts.Case(train, rpm, request, plan), wanted)
     return found and found.response
 
 
 def _decide(train, rpm, request, start, seconds=None):
-    """The Result of the ladder for one speed, or of the rungs that ``start`` leaves."""
+    """The Result of all start strategies for one speed, or of those that ``start`` leaves."""
     check_speed(train, rpm)
     (plan,) = planning.plan_speeds(train, np.array([float(rpm)]), request)
     if start is None:
-        wanted = starts.RUNGS
+        wanted = starts.STRATEGIES
     elif start == "linear" or not any(train.topology.mesh_backlash):
         wanted = (starts.from_contact,)
     elif start == "march":
         plan = planning.all_active(train, plan, request)
-        wanted = starts.RUNGS[starts.RUNGS.index(starts.short_march) :]
+        wanted = starts.STRATEGIES[starts.STRATEGIES.index(starts.short_march) :]
     else:
         wanted = (starts.from_response(start),)
     deadline = math.inf if seconds is None else time.monotonic() + seconds
-    return starts.climb(starts.Case(train, rpm, request, plan, deadline=deadline), wanted)
+    return starts.first_solved(starts.Case(train, rpm, request, plan, deadline=deadline), wanted)

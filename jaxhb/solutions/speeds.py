@@ -1,4 +1,4 @@
-"""Many speeds in one call: planned on the host, solved in compiled batches, the few that fail taken up the ladder."""
+"""Many speeds in one call: planned on the host, solved in compiled batches, the few that fail from other starts."""
 
 from __future__ import annotations
 
@@ -107,7 +107,8 @@ def worth_another_try(response, request):
 
 
 def try_again(train, index, found, request, plan, solve=solve_again):
-    """The best response at one speed: from its own motion or the nearest that converged, then up the ladder."""
+    """The best response at one speed: from its own motion or the nearest that converged, then by the other start
+    strategies."""
     response = found[index]
     start = response
     if int(response.status) != Status.TOLERANCE_NOT_MET:

@@ -1,13 +1,13 @@
 """Start strategies: ways to a start of Newton's method, tried one after another until the equations are solved.
 
-A rung is a function ``rung(case, last)`` that yields attempts; the next one is asked for where Newton's method did not
-solve the last (``last`` is the Result of it, None at first). The cheap rungs come first: from teeth in contact Newton's
-method succeeds where no tooth separates, from a short march where the motion settles within a few cycles. Shooting and
-the curve from the linear law look for periodic motions that no march settles on; what they find may be unstable. A
-solve takes few shots and no curve.
+A start strategy is a function ``strategy(case, last)`` that yields attempts; the next one is asked for where Newton's
+method did not solve the last (``last`` is the Result of it, None at first). The cheap strategies come first: from teeth
+in contact Newton's method succeeds where no tooth separates, from a short march where the motion settles within a few
+cycles. Shooting and the curve from the linear law look for periodic motions that no march settles on; what they find
+may be unstable. A solve takes few shots and no curve.
 
-A :class:`Case` is a train at one speed and what its attempts share; :func:`climb` makes the attempts of rungs
-one after another, :func:`refine` takes one of them to the tolerance.
+A :class:`Case` is a train at one speed and what its attempts share; :func:`first_solved` makes the attempts of
+strategies one after another, :func:`refine` takes one of them to the tolerance.
 """
 
 import dataclasses
@@ -34,7 +34,8 @@ from jaxhb.solutions.homotopy import HomotopyOptions
 
 @dataclass(frozen=True)
 class Effort:
-    """What the rungs above a short march may cost: by default what a solve takes unasked, about a second for 27 disks.
+    """What the strategies above a short march may cost: by default what a solve takes unasked, about a second for 27
+    disks.
 
     Parameters
     ----------
@@ -96,17 +97,17 @@ class Result:
 
 @dataclass
 class Case:
-    """One train at one speed, asked for once: its numbers, and what several rungs share.
+    """One train at one speed, asked for once: its numbers, and what several strategies share.
 
     Parameters
     ----------
     train, rpm, request : what is asked
-    plan : Plan, from the linear motion; rungs change copies of it
-    effort : what rungs may cost
+    plan : Plan, from the linear motion; strategies change copies of it
+    effort : what strategies may cost
     search_with : class of the searches for orbits
-    path : events so far; rungs and :func:`refine` add theirs
+    path : events so far; strategies and :func:`refine` add theirs
     solved : whether no further attempt is wanted, as the last one was solved, or none can be; set by :func:`refine` and
-        read by rungs that would go on with the same orbit
+        read by strategies that would go on with the same orbit
     searches : for orbits, by the meshes and time steps of their plans
     deadline : on the monotonic clock, when no further attempt begins
     """
@@ -163,24 +164,24 @@ class Case:
         return dataclasses.replace(plan, harmonics=harmonics, start="march", time_steps=steps)
 
     def search(self, plan):
-        """The search for orbits with the meshes and time steps of a plan; its march serves several rungs."""
+        """The search for orbits with the meshes and time steps of a plan; its march serves several strategies."""
         key = plan.active, plan.flank, plan.time_steps
         if key not in self.searches:
             self.searches[key] = self.search_with(self.train, self.rpm, plan, self.effort.work)
         return self.searches[key]
 
 
-def climb(case, rungs):
-    """The Result of the first attempt that is solved, else of the last one, whose path has them all; None if no rung
-    yields an attempt.
+def first_solved(case, strategies):
+    """The Result of the first attempt that is solved, else of the last one, whose path has them all; None if no
+    strategy yields an attempt.
 
     However overdue, one attempt is made.
     """
     last = None
-    for rung in rungs:
+    for strategy in strategies:
         if last is not None and case.overdue:
             break
-        for attempt in rung(case, last):
+        for attempt in strategy(case, last):
             last = refine(case, attempt, last)
             # Solved, or not to be solved from anywhere: a resonance without damping, torques that do not balance.
             if not last.status.another_start_may_help:
@@ -249,9 +250,9 @@ def from_contact(case, last) -> Iterator[Attempt]:
 
 
 def from_response(response):
-    """The rung that starts from a motion at hand."""
+    """The strategy that starts from a motion at hand."""
 
-    def rung(case, last):
+    def strategy(case, last):
         # What the linear motion holds on a flank, a motion at hand may separate: it is known at all meshes.
         plan = planning.all_active(case.train, case.plan, case.request)
         if case.adaptive and int(response.status) == Status.TOLERANCE_NOT_MET:
@@ -259,7 +260,7 @@ def from_response(response):
             plan = dataclasses.replace(plan, harmonics=max(plan.harmonics, above))
         yield Attempt(plan, np.asarray(active_deflections(plan, response.deflections)))
 
-    return rung
+    return strategy
 
 
 def short_march(case, last) -> Iterator[Attempt]:
@@ -307,7 +308,7 @@ def from_linear_law(case, last) -> Iterator[Attempt]:
     yield from _with_finer_steps(case, last, plan, found, steps, event)
 
 
-RUNGS = (contact, short_march, long_march, shooting)
+STRATEGIES = (contact, short_march, long_march, shooting)
 """Of a solve, the cheap ones first: the first attempt that is solved is the answer. Where the start of one of them has
 failed already, or is not wanted, those after it are climbed: the order counts."""
 

@@ -160,7 +160,7 @@ def test_a_planned_sweep_may_take_as_many_newton_steps_as_a_planned_solve(pair, 
 
 
 def test_a_second_try_of_a_sweep_never_gives_up_a_solved_speed(pair):
-    """What the tolerance lacks is reported as such, whatever the ladder ends in."""
+    """What the tolerance lacks is reported as such, whatever the start strategies end in."""
     coarse = jaxhb.solve(pair, rpm=HAMMERING_RPM, harmonics=4, tolerance=1e-3)
     lost = dataclasses.replace(coarse, status=np.array(jaxhb.Status.STALLED))
 
@@ -185,7 +185,7 @@ def test_a_march_that_was_asked_for_is_made_where_the_teeth_could_stay_in_contac
 
 
 def test_a_march_that_blew_up_is_followed_by_the_whole_ladder(pair):
-    """Its periodicity error is not finite: no rung above takes that for a settled march."""
+    """Its periodicity error is not finite: no strategy above takes that for a settled march."""
     case = case_of(pair, HAMMERING_RPM)
     case.effort = starts.LONG
     blown_up = starts.Result(None, case.plan, np.nan, 0)
@@ -210,7 +210,7 @@ def test_the_ladder_asks_for_the_next_attempt_until_one_is_solved(pair):
     def never(case, last):
         pytest.fail("asked for though the attempt before was solved")
 
-    found = starts.climb(case, (hopeless, starts.short_march, never))
+    found = starts.first_solved(case, (hopeless, starts.short_march, never))
     assert asked == [1, 2] and found.response.converged
     assert [type(event).__name__ for event in found.response.path] == ["Newton", "Newton", "March", "Newton"]
 
@@ -334,7 +334,7 @@ def test_a_march_where_no_tooth_was_expected_to_separate_begins_above_the_mesh_m
     modes, _ = mesh_modes.mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))
     assert [first.plan.start, march.plan.start] == ["linear", "march"]
     assert first.plan.harmonics < modes < 1.5 * modes <= march.plan.harmonics
-    assert starts.climb(case, (starts.short_march,)).response.converged
+    assert starts.first_solved(case, (starts.short_march,)).response.converged
 
 
 def test_a_sweep_of_no_speed_is_refused(pair):
@@ -396,7 +396,7 @@ def test_a_mesh_thought_loaded_that_leaves_its_flank_is_planned_again():
     case, held = case_of(train, 1500.0, harmonics=192), train.topology.mesh_names.index("|".join(mesh))
     flank = tuple(careful.mesh(*mesh).drive_side if i == held else side for i, side in enumerate(case.plan.flank))
     case.plan = dataclasses.replace(case.plan, active=tuple(i for i in case.plan.active if i != held), flank=flank)
-    found = starts.climb(case, (starts.short_march,)).response
+    found = starts.first_solved(case, (starts.short_march,)).response
     assert found.path[1].status == jaxhb.Status.PLAN_VIOLATED and found.converged
     assert found.mesh(*mesh).separated_fraction > 0
     assert found.force(*mesh).max == pytest.approx(float(careful.force(*mesh).max), rel=1e-8)

@@ -73,9 +73,9 @@ def test_no_attempt_begins_when_the_time_is_up_but_one_is_made(monkeypatch):
 
     tried = []
     monkeypatch.setattr(starts, "refine", lambda case, attempt, last: tried.append(attempt) or Found(Found()))
-    rungs = (lambda case, last: iter(()), lambda case, last: iter("ab"), lambda case, last: iter("c"))
+    strategies = (lambda case, last: iter(()), lambda case, last: iter("ab"), lambda case, last: iter("c"))
     train = jaxhb.load_scene("spur_pair")
     for until, attempts in ((math.inf, ["a", "b", "c"]), (0.0, ["a"])):
         tried.clear()
-        starts.climb(starts.Case(train, 5000.0, None, None, deadline=until), rungs)
+        starts.first_solved(starts.Case(train, 5000.0, None, None, deadline=until), strategies)
         assert tried == attempts

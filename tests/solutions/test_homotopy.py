@@ -36,11 +36,11 @@ def hammering():
 
 
 def climbed(train, rpm, **options):
-    """The response of the ladder without shooting, to stand on the rung above it."""
+    """The response of the start strategies before shooting, where the one after it begins."""
     (plan,) = planning.plan_speeds(train, np.array([rpm]), Request())
     effort = dataclasses.replace(starts.LONG, homotopy=homotopy.HomotopyOptions(**options))
     case = starts.Case(train, rpm, Request(), plan, effort=effort)
-    return starts.climb(case, (starts.short_march, starts.long_march, starts.from_linear_law)).response
+    return starts.first_solved(case, (starts.short_march, starts.long_march, starts.from_linear_law)).response
 
 
 def homotopies(response):

@@ -93,13 +93,13 @@ class Blind(orbits.OrbitSearch):
 
 
 def climbed(search, wanted, **effort):
-    """The Result of rungs with another search, and the time steps that were searched with."""
+    """The Result of strategies with another search, and the time steps that were searched with."""
     train = jaxhb.load_scene("gear_train_30")
     (plan,) = planning.plan_speeds(train, np.array([RPM]), Request())
     case = starts.Case(
         train, RPM, Request(), plan, effort=dataclasses.replace(starts.LONG, **effort), search_with=search
     )
-    found = starts.climb(case, wanted)
+    found = starts.first_solved(case, wanted)
     return found, sorted({steps for _, _, steps in case.searches})
 
 
