@@ -1,4 +1,4 @@
-"""The lightly loaded pair: what it does in the long run, and which of its orbits are unstable, against exact motions."""
+"""The lightly loaded pair: what it does in the long run, and which of its orbits are unstable; exact motions tell."""
 
 import json
 
