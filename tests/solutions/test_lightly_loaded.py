@@ -1,7 +1,4 @@
-"""The lightly loaded pair: what it does in the long run, and which of its orbits are unstable, against exact motions.
-
-``benchmarks/pair_motions.py`` compares all 15 speeds in both directions.
-"""
+"""The lightly loaded pair: what it does in the long run, and which of its orbits are unstable; exact motions tell."""
 
 import json
 
