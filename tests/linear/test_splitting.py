@@ -5,13 +5,14 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from reference_data import method_case
+from splitting_rules import Links, open_ring, piece, plus, split_at_mass, times
 from tolerances import ALGEBRAIC
 from trains import build, chain_parts, gearbox_parts
 
 import jaxhb
 from jaxhb import Disk, Shaft
 from jaxhb.linear import polynomial
-from jaxhb.linear.splitting import Links, characteristic_coefficients, open_ring, piece, plus, split_at_mass, times
+from jaxhb.linear.polynomial import characteristic_coefficients
 
 CHAIN = {i: (i, i + 1) for i in range(1, 5)}
 BRANCHED = {1: (1, 2), 2: (2, 3), 3: (3, 4), 4: (4, 5), 5: (3, 6), 6: (6, 7)}
