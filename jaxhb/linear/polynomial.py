@@ -289,7 +289,7 @@ def _continued(state, d, w, c, w_before):
 def _closed(state, c, w_first, w_last):
     """det = K(1..m) - c_m^2 w_1 w_m K(2..m-1) - 2 prod c prod w, couplings c = a b k (docs/theory C3)."""
     whole, _, _, inner_last, ring = state
-    return whole - c * c * w_first * w_last * inner_last - (c * ring).scaled(2.0)
+    return whole - c * c * w_first * w_last * inner_last - (c * ring).scaled(2)
 
 
 def _pairs(system, parts, p):
@@ -361,7 +361,7 @@ def _over_inertias(system, determinant):
 
 @dataclass(frozen=True)
 class Polynomial:
-    """Coefficients of any kind of number, highest power first; with the operations of Doubled."""
+    """Coefficients of any kind of number, highest power first, none of zero; with the operations of Doubled."""
 
     coefficients: tuple
 
@@ -374,9 +374,10 @@ class Polynomial:
         return self + other.scaled(-1)
 
     def __mul__(self, other):
-        product = [0] * (len(self.coefficients) + len(other.coefficients) - 1)
-        for i, x in enumerate(self.coefficients):
-            for j, y in enumerate(other.coefficients):
+        a, b = self.coefficients, other.coefficients
+        product = [0] * (len(a) + len(b) - 1 if a and b else 0)
+        for i, x in enumerate(a):
+            for j, y in enumerate(b):
                 product[i + j] += x * y
         return Polynomial(tuple(product))
 
@@ -446,7 +447,7 @@ def characteristic_coefficients(train: DriveTrain, *, exact: bool = False) -> tu
         near, far = (a, b) if a == disk else (b, a)
         return (1, 1) if link < turning else tuple(number(train.disks.radius[gear]) for gear in (near, far))
 
-    zero, one = Polynomial((number(0.0),)), Polynomial((number(1.0),))
+    zero, one = Polynomial(()), Polynomial((number(1.0),))
     pairs = [(zero, one)] * parts.places
     for disk, link, own, above in zip(parts.order, parts.link, parts.own, parts.above, strict=True):
         part, pairs[own] = pairs[own], (zero, one)

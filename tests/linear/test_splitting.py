@@ -151,3 +151,15 @@ def test_what_has_no_coefficients_is_refused_all_at_once():
     with pytest.raises(jaxhb.SceneError) as error:
         characteristic_coefficients(build(large))
     assert "disk '1' has no inertia" in str(error.value) and "14 disks in double precision" in str(error.value)
+
+
+@pytest.mark.parametrize("ends", [CHAIN, BRANCHED, RING, TAILED])
+def test_the_coefficients_of_a_train_are_those_of_the_table(ends):
+    links = system(ends)
+    parts = [Disk(name=str(mass), inertia=float(inertia)) for mass, inertia in links.inertia.items()]
+    for link, (a, b) in ends.items():
+        stiffness, damping = map(float, links.stiffness[link])
+        parts.append(Shaft(between=(str(a), str(b)), stiffness=stiffness, damping=damping))
+    whole = piece(links, list(ends))
+    rigid = () if len(whole) == 2 * len(links.inertia) + 1 else (0, 0)
+    assert characteristic_coefficients(build(parts), exact=True) == (*whole, *rigid)
