@@ -121,6 +121,12 @@ class System:
         """Columns of D^T ``(S, n)``: a at the first end of each link and -b at the second."""
         return self.spread(np.eye(len(self.arm_a[links])), links)
 
+    def springs(self):
+        """Links and grounds as rows ``(L + S, S)`` of what they resist, with their stiffness ``(L + S,)`` in N/m."""
+        xp = namespace(self)
+        rows = xp.concatenate([xp.asarray(self.incidence()).T, xp.eye(len(self.mass))])
+        return rows, xp.concatenate([xp.asarray(self.stiffness), xp.asarray(self.ground)])
+
     def held_stiffness(self):
         """``(S,)`` N/m of every disk with all others held: the diagonal of K."""
         return self.ground + self._at_ends(ALL, self.arm_a**2 * self.stiffness, self.arm_b**2 * self.stiffness)
