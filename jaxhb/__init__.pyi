@@ -51,6 +51,7 @@ from .linear.holzer import HolzerTable as HolzerTable, holzer_residual as holzer
 from .linear.modal import Modes as Modes, all_frequencies as all_frequencies, natural_frequencies as natural_frequencies
 from .linear.polynomial import (
     characteristic as characteristic,
+    characteristic_coefficients as characteristic_coefficients,
     damped_approximation as damped_approximation,
     frequency_response as frequency_response,
 )
@@ -60,7 +61,6 @@ from .linear.sensitivity import (
     frequencies_hz as frequencies_hz,
     mode_shares as mode_shares,
 )
-from .linear.splitting import characteristic_coefficients as characteristic_coefficients
 from .linear.strength import (
     BarredRange as BarredRange,
     Strength as Strength,

@@ -15,7 +15,7 @@ from jaxhb.balance.march_start import deflections_on_flank, marched
 from jaxhb.balance.newton import relative_residual, solve_chain, solve_reduced
 from jaxhb.balance.problem import fields, held_in_contact, model_of, power_defect, reduced_equation
 from jaxhb.equations import backlash, condensation, exact_integrals, fourier
-from jaxhb.linear.forced import FORCED, judged
+from jaxhb.linear.forced import SINGULAR, judged
 from jaxhb.results.status import Status
 
 
@@ -237,7 +237,7 @@ def _failure(problem, active_meshes, reduced, condensed, found, error, stalled, 
     status = jnp.where(held & complete, status, Status.PLAN_VIOLATED)
     status = jnp.where(linear == Status.UNBALANCED, linear, status)
     status = jnp.where(finite, status, Status.NONFINITE)
-    linear = jnp.where(compliance > FORCED.singular, jnp.maximum(linear, Status.NEAR_SINGULAR), linear)
+    linear = jnp.where(compliance > SINGULAR, jnp.maximum(linear, Status.NEAR_SINGULAR), linear)
     return jnp.where(linear >= Status.NEAR_SINGULAR, linear, status)
 
 

@@ -7,7 +7,7 @@ Order-tuned absorbers make natural frequencies depend on the speed. Critical spe
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
@@ -27,25 +27,14 @@ from jaxhb.train.varying import varying
 ELASTIC, RIGID, RING = "elastic", "rigid", "ring only"
 
 
-@dataclass(frozen=True)
-class CriticalOptions:
-    """What counts as a rigid mode, as a mode of rings alone, and as excited.
-
-    Parameters
-    ----------
-    strained : share of the strain energy in links below which a mode is rigid: on ground springs, or at 0 Hz
-    rings : share of the kinetic energy in the rings of dampers from which a rigid mode is that of rings only
-    rounded : share of all torques of an order below which what they do on a shape is rounding
-    excited : torque of an order over the largest from which it counts as excited
-    """
-
-    strained: float = 0.01
-    rings: float = 0.99
-    rounded: float = 1e-12
-    excited: float = 1e-3
-
-
-CRITICAL = CriticalOptions()
+STRAINED = 0.01
+"""Share of the strain energy in links below which a mode is rigid: on ground springs, or at 0 Hz."""
+RINGS = 0.99
+"""Share of the kinetic energy in the rings of dampers from which a rigid mode is that of rings only."""
+EXCITED = 1e-3
+"""Torque of an order over the largest from which it counts as excited."""
+ROUNDED = 1e-12
+"""Share of all torques of an order below which what they do on a shape is rounding."""
 
 
 @dataclass(frozen=True)
@@ -92,56 +81,22 @@ class Campbell:
 
 
 def mode_kinds(modes, rings):
-    """Of each mode "elastic", "rigid" (no link is strained) or "ring only" (rigid, and only rings of dampers move).
-
-    Parameters
-    ----------
-    modes : Modes
-    rings : collection of str, names of the rings
-
-    Returns
-    -------
-    tuple of str
-
-    Examples
-    --------
-    >>> import jaxhb
-    >>> train = jaxhb.load_scene("engine_with_damper")
-    >>> mode_kinds(jaxhb.natural_frequencies(train, count=3), train.topology.damper_names)
-    ('rigid', 'ring only', 'elastic')
-    """
+    """Of each mode "elastic", "rigid" (no link is strained) or "ring only" (rigid, only disks named ``rings`` move)."""
     ring = modes.kinetic_share[:, [name in rings for name in modes.names]].sum(1)
     # At 0 Hz no energy is shared out; on soft grounds nearly all of it lies in their springs.
-    loose = modes.strain_share.sum(1) < CRITICAL.strained
+    loose = modes.strain_share.sum(1) < STRAINED
     return tuple(
-        ELASTIC if not free else RING if share > CRITICAL.rings else RIGID
-        for free, share in zip(loose, ring, strict=True)
+        ELASTIC if not free else RING if share > RINGS else RIGID for free, share in zip(loose, ring, strict=True)
     )
 
 
 def excited_orders(train, *, rpm):
-    """Orders of the reference rotor that the excitation has at any of the speeds, above 1e-3 of the largest.
-
-    Parameters
-    ----------
-    train : DriveTrain, concrete
-    rpm : sequence of float
-
-    Returns
-    -------
-    list of float, rising
-
-    Examples
-    --------
-    >>> import jaxhb
-    >>> excited_orders(jaxhb.load_scene("spur_pair"), rpm=[1000.0])
-    [32.0]
-    """
+    """Orders of the reference rotor, rising, that the excitation has at any speed, above 1e-3 of the largest."""
     harmonics = listed_harmonic(train.topology)
     torque = [np.abs(np.asarray(excitation(train, speed, harmonics)[0])).max(0) for speed in rpm]
     # Harmonic 0 is the mean torque, which excites nothing.
     largest = np.max(torque, axis=0)[1:]
-    there = np.flatnonzero(largest > CRITICAL.excited * largest.max(initial=0.0)) + 1
+    there = np.flatnonzero(largest > EXCITED * largest.max(initial=0.0)) + 1
     return (there / train.topology.revolutions_per_cycle).tolist()
 
 
@@ -199,24 +154,21 @@ def campbell(
     constant = not (train.topology.order_links and "rpm" not in dict(links_at))
 
     def modes_at(speed):
-        at = {"rpm": speed} | dict(links_at)
-        return natural_frequencies(train.with_constant_links(**at) if varying(train.topology) else train)
+        return natural_frequencies(_held(train, speed, links_at))
 
-    modes = [modes_at(rpm[0])] if constant else [modes_at(speed) for speed in rpm]
-    hz = np.array([one.frequencies_hz for one in modes])
-    hz = np.repeat(hz, len(rpm), axis=0) if constant else hz
+    modes = [modes_at(speed) for speed in (rpm[:1] if constant else rpm)]
+    hz = np.array([one.frequencies_hz for one in modes * (len(rpm) if constant else 1)])
     # A mode has one kind, though absorbers change with the speed: the middle of the range decides.
     kinds = mode_kinds(modes[len(modes) // 2], train.topology.damper_names)
-    found = Campbell(np.array(rpm, float), np.array(orders, float), kinds, hz, ())
-    critical = []
+    found, critical = Campbell(np.array(rpm, float), np.array(orders, float), kinds, hz, ()), []
     for k in found.elastic(count):
         for order in orders:
             for speed in _crossings(modes_at, found.rpm, hz[:, k], k, order, constant):
-                at = modes[0] if constant else modes_at(speed)
-                torque = _modal_torque(train, at.shapes[k], speed, order)
+                shape = (modes[0] if constant else modes_at(speed)).shapes[k]
+                torque, largest = map(float, _order_torque(train, shape, speed, order))
+                torque = torque if torque > ROUNDED * largest else 0.0
                 critical.append(Critical(float(speed), float(order), k, order * float(speed) / 60, torque))
-    critical.sort(key=lambda c: (c.rpm, c.order, c.mode))
-    return Campbell(found.rpm, found.orders, kinds, hz, tuple(critical))
+    return replace(found, critical=tuple(sorted(critical, key=lambda c: (c.rpm, c.order, c.mode))))
 
 
 def critical_speed(
@@ -257,20 +209,21 @@ def critical_speed(
     (47.746483, 0.238732415)
     """
 
-    def at(speed):
-        given = {"rpm": speed} | dict(links_at)
-        return train.with_constant_links(**given) if varying(train.topology) else train
-
     def left(speed):
-        return frequencies_hz(at(speed), heavy)[near.mode] - near.order * speed / 60
+        return frequencies_hz(_held(train, speed, links_at), heavy)[near.mode] - near.order * speed / 60
 
     # A constant: all derivatives come from the two steps.
     rpm = float(near.rpm)
     for _ in range(2):
         miss, slope = jax.value_and_grad(left)(rpm)
         rpm = rpm - miss / slope
-    shape = mode_shares(at(rpm), heavy).shapes[near.mode]
+    shape = mode_shares(_held(train, rpm, links_at), heavy).shapes[near.mode]
     return Critical(rpm, near.order, near.mode, near.order * rpm / 60, _order_torque(train, shape, rpm, near.order)[0])
+
+
+def _held(train, rpm, links_at):
+    """The train with the links that vary as they are at a speed."""
+    return train.with_constant_links(**{"rpm": rpm} | dict(links_at)) if varying(train.topology) else train
 
 
 def _crossings(modes_at, rpm, hz, mode, order, constant):
@@ -287,12 +240,6 @@ def _crossings(modes_at, rpm, hz, mode, order, constant):
         return modes_at(speed).frequencies_hz[mode] - order * speed / 60
 
     return exact + [brentq(left, rpm[i], rpm[i + 1], rtol=1e-12) for i in changes]
-
-
-def _modal_torque(train, shape, rpm, order):
-    """Amplitude in N m of what the torques of an order do on a mode shape; 0 for orders that nothing has."""
-    found, largest = map(float, _order_torque(train, shape, rpm, order))
-    return found if found > CRITICAL.rounded * largest else 0.0
 
 
 def _order_torque(train, shape, rpm, order):

@@ -200,11 +200,10 @@ def _lehr(eigenvalues):
 def _eigenpairs(system):
     """Finite eigenvalues with the displacements' velocities ``(S, n)`` of the first-order equations in v and l, and the
     largest number 1/s of these equations, to which they are rounded."""
-    elastic, held = np.flatnonzero(system.stiffness), np.flatnonzero(system.ground)
-    incidence = system.incidence().T
-    rows = np.concatenate([incidence[elastic], np.eye(len(system.mass))[held]])
-    stiffness = np.concatenate([system.stiffness[elastic], system.ground[held]])
-    complex_stiffness = stiffness * (1 + 1j * np.concatenate([system.loss[elastic], np.zeros(len(held))]))
+    rows, stiffness = system.springs()
+    incidence, elastic = rows[: len(system.loss)], np.flatnonzero(stiffness)
+    loss = np.append(system.loss, np.zeros(len(system.ground)))[elastic]
+    rows, stiffness = rows[elastic], stiffness[elastic]
     resistance = np.diag(system.damping) + incidence.T @ (system.viscous[:, None] * incidence)
     # disks without inertia are scaled by what resists them; one that nothing resists takes no part
     weight = np.where(system.mass > 0, system.mass, (stiffness[:, None] * rows**2).sum(0) + np.diag(resistance))
@@ -215,7 +214,7 @@ def _eigenpairs(system):
     disks, size = len(taken), len(taken) + len(stiffness)
     left, right = np.zeros((size, size), complex), np.eye(size)
     left[:disks, :disks] = -scale[:, None] * resistance[np.ix_(taken, taken)] * scale
-    left[:disks, disks:] = -E.T * (complex_stiffness / stiffness)
+    left[:disks, disks:] = -E.T * (1 + 1j * loss)
     left[disks:, :disks] = E
     right[:disks, :disks] = np.diag((system.mass[taken] > 0).astype(float))
     (alpha, beta), vectors = eig(left, right, homogeneous_eigvals=True)

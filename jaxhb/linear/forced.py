@@ -44,40 +44,20 @@ from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import HIGHEST_RPM, check_speed
 from jaxhb.train.varying import factors, order_stiffness, scaled, varying, without_tables
 
-
-@dataclass(frozen=True)
-class AmplitudeOptions:
-    """How the amplitudes A = g(A) of links with ``over_amplitude`` are found, along a path from A = 0.
-
-    Parameters
-    ----------
-    steps : of the path at most
-    settled : g(A) - A at which the path ends, over g(0)
-    accepted : the same over A, up to which an amplitude is found
-    curved : share of g(A) - A by which a step may miss what its linearisation says
-    """
-
-    steps: int = 100
-    settled: float = 1e-11
-    accepted: float = 1e-8
-    curved: float = 0.5
-
-
-AMPLITUDE = AmplitudeOptions()
+STEPS = 100
+"""Steps at most of the path from A = 0 to amplitudes A = g(A)."""
+SETTLED = 1e-11
+"""g(A) - A at which the path ends, over g(0)."""
+ACCEPTED = 1e-8
+"""The same over A, up to which an amplitude is found."""
+CURVED = 0.5
+"""Share of g(A) - A by which a step may miss what its linearisation says."""
 
 
 def varied(train, system, rpm, omega, amplitude):
-    """The system of ``train`` without its tables, with the stiffness of every link at every frequency.
+    """The ``system`` of a train without its tables, with the stiffness of every link at every frequency ``(H,)`` rad/s.
 
-    Parameters
-    ----------
-    train : DriveTrain with tables; system : System of it without
-    rpm : ``(m,)``; omega : ``(H,)`` rad/s, all harmonics of one speed after the other
-    amplitude : ``(m, A)`` rad, of the links that depend on it
-
-    Returns
-    -------
-    System
+    These are all harmonics of one speed ``(m,)`` after the other; amplitude ``(m, A)`` rad of links that depend on it.
     """
     width, shafts = len(omega) // len(rpm), len(train.topology.shaft_names)
 
@@ -113,7 +93,7 @@ def twist_amplitude(train, system, deflection, speeds):
 
 def is_settled(amplitude, found):
     """Whether every amplitude of a speed ``(m,)`` is the one that it leads to."""
-    return jnp.all(jnp.abs(found - amplitude) <= AMPLITUDE.accepted * found, axis=-1)
+    return jnp.all(jnp.abs(found - amplitude) <= ACCEPTED * found, axis=-1)
 
 
 def _next(equations, amplitude):
@@ -149,7 +129,7 @@ def settled_amplitudes(equations):
 
     def going_on(state):
         _, change, _, _, steps = state
-        return (steps < AMPLITUDE.steps) & jnp.any(size(change) > AMPLITUDE.settled)
+        return (steps < STEPS) & jnp.any(size(change) > SETTLED)
 
     def step(state):
         amplitude, change, matrix, time, steps = state
@@ -160,9 +140,9 @@ def settled_amplitudes(equations):
         predicted = change - jnp.einsum("mij,mj->mi", matrix, trial - amplitude)
         # Where 1 - dg/dA is negative a long step goes against g - A, to an amplitude that repels: it is refused.
         forward = jnp.sum(move * change / scale**2, axis=-1) > 0
-        good = forward & (size(now - predicted) <= AMPLITUDE.curved * size(change))
+        good = forward & (size(now - predicted) <= CURVED * size(change))
         # A speed that has settled stays as it is while others go on.
-        taken = good & (size(change) > AMPLITUDE.settled)
+        taken = good & (size(change) > SETTLED)
         gain = size(change) / jnp.maximum(size(now), 1e-3 * size(change))
         # Steps in time grow as g - A falls (switched evolution relaxation), which makes the last ones Newton's.
         time = jnp.where(good, time * jnp.clip(gain, 2.0, 1000.0), time / 4)
@@ -182,29 +162,16 @@ def _settled_jvp(primals, tangents):
     return amplitude, jnp.linalg.solve(matrix, pushed[..., None])[..., 0]
 
 
-@dataclass(frozen=True)
-class ForcedOptions:
-    """How the linear forced response is swept, and when it is none.
-
-    Parameters
-    ----------
-    lanes, cells : speeds times harmonics swept together, and times disks: what a sweep holds then stays in the cache of
-        a processor
-    singular : force of a link or disk over load beyond which rounding alone is left: an undamped resonance
-    unsolved : force left on a disk, over the largest force, from which the equations count as singular
-    unbalanced : the same of the mean, over mean loads and forces, from which mean torques count as unbalanced
-    samples : time samples per cycle, at least, and 16 per harmonic, at which extremes are looked for
-    """
-
-    lanes: int = 500
-    cells: int = 500_000
-    singular: float = 1e11
-    unsolved: float = 1e-6
-    unbalanced: float = 1e-9
-    samples: int = 4096
-
-
-FORCED: ForcedOptions = ForcedOptions()
+LANES, CELLS = 500, 500_000
+"""Speeds times harmonics swept together, and times disks: what a sweep holds then stays in the cache of a processor."""
+SINGULAR = 1e11
+"""Force of a link or disk over load beyond which rounding alone is left: an undamped resonance."""
+UNSOLVED = 1e-6
+"""Force left on a disk, over the largest force, from which the equations count as singular."""
+UNBALANCED = 1e-9
+"""The same of the mean, over mean loads and forces, from which mean torques count as unbalanced."""
+SAMPLES = 4096
+"""Time samples per cycle, at least, and 16 per harmonic, at which extremes are looked for."""
 
 
 @register
@@ -343,13 +310,13 @@ def _respond(train, rpm, harmonics):
         truncation_error=jnp.zeros(len(rpm)),
         steps=jnp.zeros(len(rpm), dtype=int),
         topology=topology,
-        resolution=16 * harmonics * max(1, -(-FORCED.samples // (16 * harmonics))),
+        resolution=16 * harmonics * max(1, -(-SAMPLES // (16 * harmonics))),
     )
 
 
 def _together(disks, harmonics, speeds):
     """Speeds of a group: with little padding, as what is padded is copied to be cut off."""
-    most = min(speeds, max(1, min(FORCED.lanes, FORCED.cells // disks) // (harmonics + 1)))
+    most = min(speeds, max(1, min(LANES, CELLS // disks) // (harmonics + 1)))
     return min(range(most, most // 2, -1), key=lambda size: -speeds % size)
 
 
@@ -417,8 +384,8 @@ def judged(left, load, force):
     size = jnp.max(load, axis=-1) + jnp.max(force, axis=-1)
     # The mean is judged by itself below: torques that do not balance are no fault of the sweep.
     residual = jnp.max(left[..., 1:], axis=-1, initial=0.0) / jnp.where(size > 0, size, 1.0)
-    balanced = left[..., 0] <= FORCED.unbalanced * (load[..., 0] + force[..., 0])
-    solved = (residual <= FORCED.unsolved) & (jnp.max(force, axis=-1) <= FORCED.singular * jnp.max(load, axis=-1))
+    balanced = left[..., 0] <= UNBALANCED * (load[..., 0] + force[..., 0])
+    solved = (residual <= UNSOLVED) & (jnp.max(force, axis=-1) <= SINGULAR * jnp.max(load, axis=-1))
     status = jnp.where(balanced, Status.CONVERGED, Status.UNBALANCED)
     status = jnp.where(solved, status, Status.NEAR_SINGULAR)
     return residual, jnp.where(jnp.isfinite(size + left.sum(-1)), status, Status.NONFINITE)

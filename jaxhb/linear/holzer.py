@@ -188,15 +188,8 @@ def _tree(train):
             f"{where}: link {name!r} closes a loop, and Holzer's table is for trains without."
             " Use jaxhb.natural_frequencies, on the command line jaxhb modes, which prints the energies, too."
         )
-    ends = train.topology.link_ends
-    away, at = [0], {0: -1}
-    for disk in away:
-        for a, b in ends:
-            for here, there in ((a, b), (b, a)):
-                if here == disk and there not in at:
-                    at[there] = disk
-                    away.append(there)
-    root = train.topology.ground_disk[0] if train.topology.ground_disk else away[-1]
+    ends, ground = train.topology.link_ends, train.topology.ground_disk
+    root = ground[0] if ground else chain.breadth_first(ends, len(system.mass), 0)[-1][0]
     return chain.span_links(ends, len(system.mass), root), system
 
 

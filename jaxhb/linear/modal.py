@@ -17,6 +17,7 @@ from scipy.linalg import eigh_tridiagonal, eigvalsh_tridiagonal, lapack
 from jaxhb._jax import Array, namespace, on_host
 from jaxhb._shown import brief
 from jaxhb.train import chain
+from jaxhb.train.connections import pieces
 from jaxhb.train.drivetrain import DriveTrain
 
 DENSE = 500
@@ -29,129 +30,78 @@ EVERY_DIGIT = 2 * np.finfo(float).tiny
 
 @dataclass(frozen=True)
 class Factor:
-    """Rows of E: elastic links between disks with inertia, grounds among them.
+    """Rows of E: elastic links between the H disks with inertia, grounds among them.
 
-    stiffness ``(n,)`` N/m; end_a, end_b ``(n,)`` disks, end_b = -1 for the ground; arm_a, arm_b ``(n,)``;
-    mass ``(S,)`` kg; heavy : disks with inertia; pieces : tuple of int arrays, heavy disks that hang together and that
-    nothing holds; rigid : ``(S,)`` displacements of each piece when no link deflects; eliminated : tuple of (disk,
-    neighbours, weights), displacements of disks without inertia from those eliminated later.
+    stiffness ``(n,)`` N/m; ends ``(n, 2)``, numbers among the disks with inertia, H for the ground; arms ``(n, 2)``;
+    mass ``(H,)`` kg; heavy ``(H,)``, numbers of these disks among all S; rigid ``(H, pieces)``, unit columns of
+    M^(1/2) x, one for each piece that nothing holds; eliminated : tuple of (disk, neighbours, weights), displacements
+    of disks without inertia from those eliminated later.
     """
 
     stiffness: np.ndarray
-    end_a: np.ndarray
-    end_b: np.ndarray
-    arm_a: np.ndarray
-    arm_b: np.ndarray
+    ends: np.ndarray
+    arms: np.ndarray
     mass: np.ndarray
     heavy: np.ndarray
-    pieces: tuple
     rigid: np.ndarray
-    eliminated: tuple
+    eliminated: list
+
+    def entries(self):
+        """The two entries of each row ``(n, 2)`` in rad/s; those of the ground, a disk of infinite mass, are 0."""
+        mass = np.append(self.mass, np.inf)[self.ends]
+        return np.sqrt(self.stiffness)[:, None] * self.arms * [1, -1] / np.sqrt(mass)
 
     def dense(self):
-        """E ``(n, H)`` in rad/s, columns in the order of ``heavy``."""
-        column = np.full(len(self.mass) + 1, -1)
-        column[self.heavy] = np.arange(len(self.heavy))
-        rows, root = np.arange(len(self.stiffness)), np.sqrt(self.stiffness)
-        E = np.zeros((len(rows), len(self.heavy)))
-        E[rows, column[self.end_a]] = root * self.arm_a / np.sqrt(self.mass[self.end_a])
-        held = self.end_b >= 0
-        b = self.end_b[held]
-        E[rows[held], column[b]] = -(root * self.arm_b)[held] / np.sqrt(self.mass[b])
-        return E
+        """E ``(n, H)`` in rad/s."""
+        E = np.zeros((len(self.stiffness), len(self.mass) + 1))
+        np.put_along_axis(E, self.ends, self.entries(), axis=1)
+        return E[:, :-1]
 
-    def displacements(self, heavy):
-        """``(S, m)`` of all disks from those with inertia ``(H, m)``, the others where they store least energy."""
-        found = np.zeros((len(self.mass), heavy.shape[1]))
+    def displacements(self, heavy, disks):
+        """``(S, m)`` of all S disks from those with inertia ``(H, m)``, the others where they store least energy."""
+        found = np.zeros((disks, heavy.shape[1]))
         found[self.heavy] = heavy
         for disk, neighbours, weights in reversed(self.eliminated):
             found[disk] = weights @ found[neighbours]
         return found
 
-    def rigid_shapes(self):
-        """``(H, pieces)`` unit columns of M^(1/2) x, one for each piece that nothing holds."""
-        shapes = np.zeros((len(self.mass), len(self.pieces)))
-        for column, disks in enumerate(self.pieces):
-            moved = np.sqrt(self.mass[disks]) * self.rigid[disks]
-            shapes[disks, column] = moved / np.linalg.norm(moved)
-        return shapes[self.heavy]
-
     def path(self):
-        """Rows of E from one free end of a chain to the other with the disk behind each, or None for other trains."""
-        if not len(self.stiffness) or len(self.stiffness) > len(self.heavy):
+        """Rows of E from one free end of a chain to the other, and the disks, or None for other and small trains."""
+        ground, pairs = len(self.mass), self.ends.tolist()
+        links_at = np.bincount(self.ends.ravel(), minlength=ground + 1)
+        free = np.flatnonzero(links_at[:-1] == 1)
+        piece = np.array(pieces(ground + 1, pairs))[links_at > 0]
+        # A chain has the ground at one end at most.
+        if ground <= DENSE or not len(free) or max(links_at) > 2 or links_at[-1] > 1 or np.ptp(piece):
             return None
-        at = [[] for _ in range(len(self.mass) + 1)]
-        for row, pair in enumerate(zip(self.end_a.tolist(), self.end_b.tolist(), strict=True)):
-            for disk in pair:
-                at[disk].append(row)
-        # The last entry is the ground: a chain has it at one end at most.
-        if max(map(len, at)) > 2 or len(at[-1]) > 1:
-            return None
-        starts = [disk for disk in self.heavy if len(at[disk]) == 1]
-        if not starts:
-            return None
-        disk, rows, disks = int(starts[0]), [], [int(starts[0])]
-        while disk >= 0 and (onward := [row for row in at[disk] if row not in rows[-1:]]):
-            rows.append(onward[0])
-            disk = int(self.end_a[onward[0]] + self.end_b[onward[0]] - disk)
-            disks.append(disk)
-        return (rows, disks) if len(rows) == len(self.stiffness) else None
+        tree = chain.span_links(pairs, ground + 1, ground if links_at[-1] else int(free[-1]))
+        return tree.link[:-1], tree.node
 
 
-def factor(system):
-    """The :class:`Factor` of a :class:`~jaxhb.train.chain.System`, meshes in contact; links without stiffness drop.
+def factor(system, rigid):
+    """The :class:`Factor` of a concrete System, meshes in contact; links without stiffness drop.
 
-    Parameters
-    ----------
-    system : System, concrete
-
-    Returns
-    -------
-    Factor
+    ``rigid`` are the displacements ``(S,)`` of the motion in which no link deflects.
     """
-    elastic, held = np.flatnonzero(system.stiffness), np.flatnonzero(system.ground)
-    ends = zip(system.tree.end_a[elastic].tolist(), system.tree.end_b[elastic].tolist(), strict=True)
-    numbers = (system.stiffness[elastic], system.arm_a[elastic], system.arm_b[elastic])
-    links = [(*pair, *row) for pair, row in zip(ends, zip(*(a.tolist() for a in numbers), strict=True), strict=True)]
-    links += [(int(disk), -1, float(system.ground[disk]), 1.0, 1.0) for disk in held]
-    rigid, pieces = _loose(links, len(system.mass))
-    heavy = np.flatnonzero(system.mass)
-    pieces = [disks[system.mass[disks] > 0] for disks in pieces]
-    links, eliminated = _without_light_disks(links, np.flatnonzero(system.mass == 0).tolist())
-    end_a, end_b, stiffness, arm_a, arm_b = (
-        (np.array(column) for column in zip(*links, strict=True))
-        if links
-        else (
-            *np.zeros((2, 0), int),
-            *np.zeros((3, 0)),
-        )
-    )
+    elastic = np.flatnonzero(system.stiffness)
+    columns = system.tree.end_a, system.tree.end_b, system.stiffness, system.arm_a, system.arm_b
+    links = [*zip(*(column[elastic].tolist() for column in columns), strict=True)]
+    links += [(disk, -1, stiffness, 1.0, 1.0) for disk, stiffness in enumerate(system.ground.tolist()) if stiffness]
+    disks, heavy = len(system.mass), np.flatnonzero(system.mass)
+    mass, root = system.mass[heavy], np.sqrt(system.mass[heavy]) * rigid[heavy]
+    # The ground is one more node, the last.
+    piece = np.array(pieces(disks + 1, [(a, b % (disks + 1)) for a, b, *_ in links]))
+    loose = [np.flatnonzero(piece[heavy] == one) for one in dict.fromkeys(piece[heavy].tolist()) if one != piece[-1]]
+    shapes = np.zeros((len(heavy), len(loose)))
     # Heaviest first: the rotation of the train comes before that of loose rings.
-    pieces = tuple(sorted((disks for disks in pieces if len(disks)), key=lambda disks: -system.mass[disks].sum()))
-    return Factor(stiffness, end_a, end_b, arm_a, arm_b, system.mass, heavy, pieces, rigid, tuple(eliminated))
-
-
-def _loose(links, disks):
-    """Displacements in which no link deflects, and the pieces that no ground holds."""
-    at = [[] for _ in range(disks)]
-    for a, b, _, arm_a, arm_b in links:
-        at[a].append((b, arm_a / arm_b))
-        if b >= 0:
-            at[b].append((a, arm_b / arm_a))
-    shape, seen, pieces = np.ones(disks), np.zeros(disks, bool), []
-    for start in range(disks):
-        if seen[start]:
-            continue
-        seen[start], piece, loose = True, [start], True
-        for disk in piece:
-            for other, ratio in at[disk]:
-                loose &= other >= 0
-                if other >= 0 and not seen[other]:
-                    seen[other], shape[other] = True, shape[disk] * ratio
-                    piece.append(other)
-        if loose:
-            pieces.append(np.array(piece))
-    return shape, pieces
+    for column, own in enumerate(sorted(loose, key=lambda own: -mass[own].sum())):
+        shapes[own, column] = root[own] / np.linalg.norm(root[own])
+    links, eliminated = _without_light_disks(links, np.flatnonzero(system.mass == 0).tolist())
+    number = np.full(disks + 1, len(heavy))
+    number[heavy] = np.arange(len(heavy))
+    table = np.array(links, dtype=float).reshape(-1, 5)
+    ends = number[table[:, :2].astype(int)]
+    return Factor(table[:, 2], ends, table[:, 3:], mass, heavy, shapes, eliminated)
 
 
 def _without_light_disks(links, light):
@@ -190,8 +140,7 @@ def _without_light_disks(links, light):
 
 def singular_values(factor):
     """All ``(H,)`` rising, rad/s; zeros are exact. Chains of any size by the Golub-Kahan tridiagonal."""
-    zeros = len(factor.pieces)
-    path = factor.path() if len(factor.heavy) > DENSE else None
+    zeros, path = factor.rigid.shape[1], factor.path()
     if path is None:
         return np.concatenate([np.zeros(zeros), _dense(factor, vectors=False)[0]])
     off, _ = _golub_kahan(factor, path)
@@ -206,15 +155,9 @@ def singular_values(factor):
 
 
 def singular_vectors(factor, count=None):
-    """Lowest ``count`` of the singular values with vectors.
-
-    Returns
-    -------
-    values ``(m,)`` rad/s, rising; vectors ``(H, m)``, orthonormal columns M^(1/2) x
-    """
-    zeros = len(factor.pieces)
+    """Lowest ``count`` of the singular values ``(m,)`` in rad/s, and vectors ``(H, m)``, orthonormal M^(1/2) x."""
+    zeros, path = factor.rigid.shape[1], factor.path()
     wanted = len(factor.heavy) if count is None else min(count, len(factor.heavy))
-    path = factor.path() if len(factor.heavy) > DENSE else None
     if path is None or wanted <= zeros:
         values, vectors = _dense(factor) if wanted > zeros else (np.zeros(0), np.zeros((len(factor.heavy), 0)))
     else:
@@ -224,32 +167,27 @@ def singular_vectors(factor, count=None):
         values, both = eigh_tridiagonal(
             np.zeros(len(off) + 1), off, select="i", select_range=chosen, lapack_driver="stebz", tol=EVERY_DIGIT
         )
-        place = np.full(len(factor.mass), -1)
-        place[factor.heavy] = np.arange(len(factor.heavy))
         vectors = np.zeros((len(factor.heavy), len(values)))
         # A unit eigenvector holds a right vector, at even places, and a left one, each of length 1 / sqrt 2.
-        vectors[place[disks]] = np.sqrt(2) * both[::2]
+        vectors[disks] = np.sqrt(2) * both[::2]
     values = np.concatenate([np.zeros(zeros), np.abs(values)])[:wanted]
-    return values, np.concatenate([factor.rigid_shapes(), vectors], axis=1)[:, :wanted]
+    return values, np.concatenate([factor.rigid, vectors], axis=1)[:, :wanted]
 
 
 def _golub_kahan(factor, path):
     """Off-diagonal of the tridiagonal with zero diagonal that a chain makes of [[0, E^T], [E, 0]], and its disks."""
     rows, disks = path
-    near = np.where(factor.end_a[rows] == disks[:-1], 1.0, -1.0)  # which end comes first on the way
-    k, heavy = np.sqrt(factor.stiffness[rows]), np.array(disks)
-    arm = np.where(near > 0, [factor.arm_a[rows], -factor.arm_b[rows]], [-factor.arm_b[rows], factor.arm_a[rows]])
-    held = heavy[-1] < 0  # a chain that ends in the ground has no last disk
-    # The ground is a disk of infinite mass: its entry is 0, and cut off.
-    mass = np.where(heavy < 0, np.inf, factor.mass[heavy])
-    off = np.empty(2 * len(rows))
-    off[0::2], off[1::2] = k * arm[0] / np.sqrt(mass[:-1]), k * arm[1] / np.sqrt(mass[1:])
-    return (off[:-1], heavy[:-1]) if held else (off, heavy)
+    entries = factor.entries()[rows]
+    turned = factor.ends[rows, 0] != disks[:-1]
+    # Row after row, each with the end first that comes first on the way.
+    off = np.where(turned[:, None], entries[:, ::-1], entries).ravel()
+    # A chain that ends in the ground has no last disk.
+    return (off[:-1], disks[:-1]) if disks[-1] == len(factor.mass) else (off, disks)
 
 
 def _dense(factor, vectors=True):
     """Singular values that are not zero, rising, and right vectors, by Jacobi's method, which keeps small ones."""
-    moving = len(factor.heavy) - len(factor.pieces)
+    moving = len(factor.heavy) - factor.rigid.shape[1]
     if not moving:
         return np.zeros(0), np.zeros((len(factor.heavy), 0))
     E = factor.dense()
@@ -343,9 +281,9 @@ def natural_frequencies(train: DriveTrain, *, count: int | None = None) -> Modes
     [0.0, 216.6, 592.7]
     """
     system = on_host(chain.assemble(train))
-    rows = factor(system)
+    rows = factor(system, _rigid(train, system))
     omega, vectors = singular_vectors(rows, count)
-    displacement = rows.displacements(vectors / np.sqrt(system.mass[rows.heavy])[:, None])
+    displacement = rows.displacements(vectors / np.sqrt(rows.mass)[:, None], len(system.mass))
     found, links = shares(system, omega, displacement), len(system.stiffness)
     return Modes(
         names=train.topology.disk_names,
@@ -392,7 +330,13 @@ def all_frequencies(train: DriveTrain) -> Array:
     >>> jaxhb.all_frequencies(jaxhb.load_scene("six_cylinder_diesel"))[:3].round(1).tolist()
     [0.0, 216.6, 592.7]
     """
-    return singular_values(factor(on_host(chain.assemble(train)))) / (2 * np.pi)
+    system = on_host(chain.assemble(train))
+    return singular_values(factor(system, _rigid(train, system))) / (2 * np.pi)
+
+
+def _rigid(train, system):
+    """Displacements ``(S,)`` in which no link deflects, host."""
+    return np.asarray(chain.rigid_shape(train, system.radius))
 
 
 def _sign_changes(tree, shapes):

@@ -14,14 +14,16 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxhb._jax import Array, Numbers
+from jaxhb._jax import Array, Numbers, concrete, traced
 from jaxhb._program import Program
 from jaxhb._shown import brief
 from jaxhb.elements.elements import SceneError
@@ -33,98 +35,68 @@ from jaxhb.train.drivetrain import DriveTrain
 
 @dataclass(frozen=True)
 class Parts:
-    """Parts that hang on a spine of disks, eliminated in ``order`` (host): link, place and place above of each."""
+    """Parts that hang on a spine of disks, eliminated in ``order`` (host): link, place and place above of each.
+
+    The spine is the root of a tree, or the ring of disks of the closed loop; joints are the links round the ring.
+    """
 
     order: np.ndarray
     link: np.ndarray
     own: np.ndarray
     above: np.ndarray
     places: int
-    spine: tuple
-    joints: tuple
+    spine: list
+    joints: list
 
 
 def spine_of(train):
-    """The :class:`Parts` that hang on the root of a tree or on the ring of disks of the one closed loop."""
-    tree = chain.span(train.topology)
-    if not len(tree.loops):
-        return _hang(tree, (int(tree.node[-1]),))
-    if len(tree.loops) > 1:
-        where = train.topology.title
-        names = ", ".join(repr(train.topology.link_names[link]) for link in tree.loops)
+    """The :class:`Parts` of a train with at most one closed loop."""
+    topology, tree = train.topology, chain.span(train.topology)
+    loops = tree.loops.tolist()
+    if len(loops) > 1:
+        names = ", ".join(repr(topology.link_names[link]) for link in loops)
         raise SceneError(
-            f"{where}: links {names} close {len(tree.loops)} loops, and characteristic polynomials take one at most. "
-            "Use natural_frequencies or linear_response."
+            f"{topology.title}: links {names} close {len(loops)} loops, and characteristic polynomials take one at "
+            "most. Use natural_frequencies or linear_response."
         )
-    loop = int(tree.loops[0])
-    return _hang(tree, _path(tree, int(tree.end_a[loop]), int(tree.end_b[loop])), closing=loop)
-
-
-def _path(tree, a, b):
-    """Disks of the tree from a to b."""
-    above = {int(tree.node[s]): int(tree.node[up]) for s, up in enumerate(tree.parent[:-1].tolist())}
-
-    def climb(disk):
-        way = [disk]
-        while way[-1] in above:
-            way.append(above[way[-1]])
-        return way
-
-    up, down = climb(a), climb(b)
-    met = next(disk for disk in up if disk in set(down))
-    return (*up[: up.index(met) + 1], *reversed(down[: down.index(met)]))
-
-
-def _hang(tree, spine, closing=None):
-    """The :class:`Parts` of a tree that hang on the disks ``spine``, joined in a row and by the link ``closing``."""
-    at = [[] for _ in tree.node]
-    for s, up in enumerate(tree.parent[:-1].tolist()):
-        disk, other, link = int(tree.node[s]), int(tree.node[up]), int(tree.link[s])
-        at[disk].append((other, link))
-        at[other].append((disk, link))
-    seen, outward = set(spine), [(disk, -1, -1) for disk in spine]
-    for disk, _, _ in outward:
-        for other, link in at[disk]:
-            if other not in seen:
-                seen.add(other)
-                outward.append((other, disk, link))
-    hanging = outward[: len(spine) - 1 : -1]
-    position = {disk: s for s, (disk, *_) in enumerate([*hanging, *((disk,) for disk in spine)])}
-    parent = np.array([position[up] for _, up, _ in hanging], dtype=np.int32)
-    held = slots([*np.where(parent < len(hanging), parent, len(hanging)), len(hanging)])
+    spine, joints = [int(tree.node[-1])], []
+    for link in loops:
+        # From the root at one end of this link, the ring is the way to its other end.
+        tree = chain.span_links(topology.link_ends, topology.n_disks, int(tree.end_a[link]))
+        spine, joints = _to_root(tree, int(tree.end_b[link]))
+        joints.append(link)
+    hanging = np.flatnonzero(~np.isin(tree.node, spine))
+    # For what hangs on it the spine is one root.
+    number = np.full(len(tree.node), len(hanging))
+    number[hanging] = np.arange(len(hanging))
+    held = slots([*number[tree.parent[hanging]], len(hanging) + 1])
     places = len(held.every)
-    onto = [up >= len(hanging) for up in parent]
-    above = np.where(onto, places + parent - len(hanging), held.above[:-1])
-    links = {frozenset((a, b)): link for a, pairs in enumerate(at) for b, link in pairs}
-    joints = [links[frozenset(pair)] for pair in zip(spine, spine[1:], strict=False)]
-    return Parts(
-        order=np.array([disk for disk, *_ in hanging], dtype=np.int32),
-        link=np.array([link for *_, link in hanging], dtype=np.int32),
-        own=held.own[:-1],
-        above=above.astype(np.int32),
-        places=places + len(spine),
-        spine=tuple(spine),
-        joints=(*joints, *(() if closing is None else (closing,))),
-    )
+    seat = {disk: places + i for i, disk in enumerate(spine)}
+    carriers = zip(tree.node[tree.parent[hanging]].tolist(), held.above.tolist(), strict=False)
+    above = np.array([seat.get(disk, place) for disk, place in carriers], dtype=np.int32)
+    return Parts(tree.node[hanging], tree.link[hanging], held.own[:-1], above, places + len(spine), spine, joints)
 
 
-def ways_between(tree, a, b):
+def _to_root(tree, disk):
+    """Disks and links of the way from a disk to the root."""
+    at, disks, links = int(np.flatnonzero(tree.node == disk)[0]), [disk], []
+    while tree.parent[at] < len(tree.node):
+        links.append(int(tree.link[at]))
+        at = int(tree.parent[at])
+        disks.append(int(tree.node[at]))
+    return disks, links
+
+
+def ways_between(topology, a, b):
     """Ways from disk a to b as (disks, links): one, and where the closed loop allows it the other way round it."""
-    at = {
-        frozenset((int(tree.node[s]), int(tree.node[up]))): int(tree.link[s]) for s, up in enumerate(tree.parent[:-1])
-    }
-
-    def way(*disks):
-        return disks, [at[frozenset(pair)] for pair in zip(disks, disks[1:], strict=False)]
-
-    ways = [way(*_path(tree, a, b))]
-    for loop in tree.loops.tolist():
-        x, y = int(tree.end_a[loop]), int(tree.end_b[loop])
-        for near, far in ((x, y), (y, x)):
-            (there, before), (back, behind) = way(*_path(tree, a, near)), way(*_path(tree, far, b))
-            if not set(there) & set(back):
-                ways.append(((*there, *back), [*before, loop, *behind]))
-    return ways
+    ways = [((), ())]
+    for _ in range(2):
+        # A spanning tree leaves out the last link of the loop: with those of the first way last it goes the other way.
+        order = sorted(range(len(topology.link_ends)), key=lambda link: link in ways[-1][1])
+        tree = chain.span_links([topology.link_ends[link] for link in order], topology.n_disks, b)
+        disks, links = _to_root(tree, a)
+        ways.append((disks, [order[link] for link in links]))
+    return ways[1:2] if ways[1] == ways[2] else ways[1:]
 
 
 def characteristic(train: DriveTrain, p: Array) -> Scaled:
@@ -203,7 +175,7 @@ def _receptance(train, p, ends):
     system, spine = chain.assemble(train), spine_of(train)
     names = "mass", "damping", "ground", "arm_a", "arm_b"
     own = {name: jnp.asarray(getattr(system, name)) for name in names}
-    cases = [own, *(_passed(system, *way) for way in ways_between(system.tree, *ends))]
+    cases = [own, *(_passed(system, *way) for way in ways_between(train.topology, *ends))]
     together = jax.tree.map(lambda *a: jnp.stack(a), *cases)
     found = jax.vmap(lambda case: _determinant(dataclasses.replace(system, **case), spine, p))(together)
     whole, *ways = (Scaled(*pair) for pair in zip(found.mantissa, found.exponent, strict=True))
@@ -299,6 +271,27 @@ def _combined(*terms):
     return rescaled(sum(shares), exponent)
 
 
+def _hung(own, above, z, k, near, far):
+    """The pair of a place on whose disk a part hangs by a link k, from pairs (sum of F, G) and the part's own z."""
+    (A, P), (A_above, P_above) = own, above
+    F = z * P + A
+    W = F + P * k.scaled(near * near)
+    return A_above * W + P_above * (F * k.scaled(far * far)), P_above * W
+
+
+def _continued(state, d, w, c, w_before):
+    """The continuants of a ring with one disk more: diagonal d, G = w, coupling c with the disk before."""
+    whole, last, inner, inner_last, ring = state
+    step = c * c * w * w_before
+    return d * whole - step * last, whole, d * inner - step * inner_last, inner, ring * c * w
+
+
+def _closed(state, c, w_first, w_last):
+    """det = K(1..m) - c_m^2 w_1 w_m K(2..m-1) - 2 prod c prod w, couplings c = a b k (docs/theory C3)."""
+    whole, _, _, inner_last, ring = state
+    return whole - c * c * w_first * w_last * inner_last - (c * ring).scaled(2)
+
+
 def _pairs(system, parts, p):
     """Pairs F, G ``(m, n)`` of the disks of the spine with all that hangs on them, their exponents, and the joints.
 
@@ -318,11 +311,10 @@ def _pairs(system, parts, p):
     def take(state, item):
         A, P, exponent = state
         own, above, near, far, k, z = item
-        F, G = z * P[own] + A[own], P[own]
-        W = F + G * k.scaled(near * near)
-        moved = exponent[own]
+        part, moved = (A[own], P[own]), exponent[own]
+        # The place above may be the same, used again.
         A, P, exponent = A.put(own, 0.0), P.put(own, 1.0), exponent.at[own].set(0.0)
-        (a, b), shift = shifted((A[above] * W + P[above] * (F * k.scaled(far * far)), P[above] * W))
+        (a, b), shift = shifted(_hung(part, (A[above], P[above]), z, k, near, far))
         return (A.put(above, a), P.put(above, b), exponent.at[above].add(moved + shift)), None
 
     shape = (parts.places, *p.high.shape)
@@ -341,7 +333,6 @@ def _determinant(system, parts, p):
     F, G, exponent, alpha, beta, k = _pairs(system, parts, p)
     if not parts.joints:
         return rescaled(F[0].high, exponent[0])
-    # det = K(1..m) - c_m^2 w_1 w_m K(2..m-1) - 2 prod c prod w with diagonals d, couplings c = a b k (docs/theory C3)
     alpha, beta = alpha[:, None], beta[:, None]
     behind = k * beta * beta
     diagonal = F + G * (k * alpha * alpha + jax.tree.map(lambda a: jnp.roll(a, 1, axis=0), behind))
@@ -349,20 +340,15 @@ def _determinant(system, parts, p):
     zero, one = (doubled(jnp.full(p.shape, value)) for value in (0.0, 1.0))
 
     def extend(state, item):
-        (whole, last, inner, inner_last, ring), exponent = state
-        d, w, c, w_before, more = item
-        step = c * c * w * w_before
-        state = (d * whole - step * last, whole, d * inner - step * inner_last, inner, ring * c * w)
-        state, shift = shifted(state)
-        return (state, exponent + shift + more), None
+        continuants, exponent = state
+        *numbers, more = item
+        continuants, shift = shifted(_continued(continuants, *numbers))
+        return (continuants, exponent + shift + more), None
 
     first, shift = shifted((diagonal[0], one, one, zero, G[0]))
     items = (diagonal[1:], G[1:], coupling[:-1], G[:-1], exponent[1:])
     (state, total), _ = lax.scan(extend, (first, exponent[0] + shift), items)
-    whole, _, _, inner_last, ring = state
-    last = coupling[-1]
-    closed = whole - last * last * G[0] * G[-1] * inner_last - last * ring * 2.0
-    return rescaled(closed.high, total)
+    return rescaled(_closed(state, coupling[-1], G[0], G[-1]).high, total)
 
 
 def _over_inertias(system, determinant):
@@ -371,3 +357,146 @@ def _over_inertias(system, determinant):
     heavy = mass > 0
     weight = scaled_product(jnp.where(heavy, 1 / jnp.where(heavy, mass, 1.0), system.radius**2))
     return rescaled(determinant.mantissa * weight.mantissa, determinant.exponent + weight.exponent)
+
+
+@dataclass(frozen=True)
+class Polynomial:
+    """Coefficients of any kind of number, highest power first, none of zero; with the operations of Doubled."""
+
+    coefficients: tuple
+
+    def __add__(self, other):
+        size = max(len(self.coefficients), len(other.coefficients))
+        a, b = ((0,) * (size - len(one.coefficients)) + one.coefficients for one in (self, other))
+        return Polynomial(tuple(x + y for x, y in zip(a, b, strict=True)))
+
+    def __sub__(self, other):
+        return self + other.scaled(-1)
+
+    def __mul__(self, other):
+        a, b = self.coefficients, other.coefficients
+        product = [0] * (len(a) + len(b) - 1 if a and b else 0)
+        for i, x in enumerate(a):
+            for j, y in enumerate(b):
+                product[i + j] += x * y
+        return Polynomial(tuple(product))
+
+    def scaled(self, factor):
+        return Polynomial(tuple(factor * value for value in self.coefficients))
+
+
+LARGEST = 12
+"""Disks up to which coefficients in double precision mean something (docs/theory C5)."""
+
+
+def characteristic_coefficients(train: DriveTrain, *, exact: bool = False) -> tuple[Any, ...]:
+    """Coefficients of ``det(p^2 M + p B + K) / prod I``, highest power first.
+
+    Parameters
+    ----------
+    train : DriveTrain
+        At most one closed loop, no disk without inertia, no loss factor.
+    exact : bool
+        Fractions, for any number of disks; else floats, for at most 12.
+
+    Returns
+    -------
+    tuple of Fraction or float, 2 S + 1 of them
+        Floats may be traced by any transformation, but for loss factors by ``jit`` and ``vmap``; nan or infinite there
+        where an inertia is 0.
+
+    Raises
+    ------
+    SceneError
+        If the train is none of these.
+    ValueError
+        If ``jit`` or ``vmap`` traces loss factors, or anything where ``exact`` is true.
+
+    Notes
+    -----
+    By the rules of :func:`characteristic` in polynomials of p (docs/theory C3): the source's R of a free tree is this
+    polynomial over p^2.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> parts = [jaxhb.Disk(name="a", inertia=1.0), jaxhb.Disk(name="b", inertia=1.5)]
+    >>> train = jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=3.0, damping=0.1)])
+    >>> [str(value) for value in jaxhb.characteristic_coefficients(train, exact=True)]
+    ['1', '1/6', '5', '0', '0']
+    """
+    _refuse_coefficients(train, exact)
+
+    def number(value):
+        return Fraction(repr(float(value))) if exact else value if traced(value) else float(value)
+
+    topology, parts = train.topology, spine_of(train)
+    ground = [number(0.0)] * topology.n_disks
+    for disk, stiffness in zip(topology.ground_disk, train.grounds.stiffness, strict=True):
+        ground[disk] += number(stiffness)
+    inertia = map(number, (*train.disks.inertia, *train.dampers.inertia))
+    damping = map(number, (*train.disks.damping, *np.zeros(len(topology.damper_names))))
+    Z = [Polynomial(row) for row in zip(inertia, damping, ground, strict=True)]
+    tables = (train.shafts, train.dampers, train.meshes)
+    C = [Polynomial((number(r), number(c))) for t in tables for r, c in zip(t.damping, t.stiffness, strict=True)]
+    turning = len(topology.link_names) - len(topology.mesh_names)
+
+    def arms(link, disk):
+        """Arms of a link at a disk and at its other end, 1 for angles and the radii of gears."""
+        a, b = topology.link_ends[link]
+        near, far = (a, b) if a == disk else (b, a)
+        return (1, 1) if link < turning else tuple(number(train.disks.radius[gear]) for gear in (near, far))
+
+    zero, one = Polynomial(()), Polynomial((number(1.0),))
+    pairs = [(zero, one)] * parts.places
+    for disk, link, own, above in zip(parts.order, parts.link, parts.own, parts.above, strict=True):
+        part, pairs[own] = pairs[own], (zero, one)
+        pairs[above] = _hung(part, pairs[above], Z[disk], C[link], *arms(link, disk))
+    carried = zip(parts.spine, pairs[-len(parts.spine) :], strict=True)
+    F, G = zip(*((Z[disk] * P + A, P) for disk, (A, P) in carried), strict=True)
+    found = F[0]
+    if parts.joints:
+        joints = [(C[link], *arms(link, disk)) for link, disk in zip(parts.joints, parts.spine, strict=True)]
+        before = joints[-1:] + joints[:-1]
+        diagonal = [
+            f + g * (k.scaled(alpha * alpha) + k_before.scaled(beta * beta))
+            for f, g, (k, alpha, _), (k_before, _, beta) in zip(F, G, joints, before, strict=True)
+        ]
+        state = diagonal[0], one, one, zero, G[0]
+        coupling = [k.scaled(alpha * beta) for k, alpha, beta in joints]
+        for i in range(1, len(G)):
+            state = _continued(state, diagonal[i], G[i], coupling[i - 1], G[i - 1])
+        found = _closed(state, coupling[-1], G[0], G[-1])
+    return tuple(value / found.coefficients[0] for value in found.coefficients)
+
+
+def _refuse_coefficients(train, exact):
+    """Refuse trains whose determinant is no polynomial, or one whose coefficients in double precision say nothing."""
+    topology, where = train.topology, train.topology.title
+    loss = concrete(train.shafts.loss_factor, train.dampers.loss_factor)
+    if traced(loss):
+        raise ValueError(
+            "characteristic_coefficients: jit or vmap traces the loss factors, and with one there is no polynomial. "
+            "Close over the train and trace only what changes."
+        )
+    # Meshes, the last links, have no loss factor.
+    lossy = [name for name, eta in zip(topology.link_names, np.concatenate(loss), strict=False) if eta]
+    if lossy:
+        raise SceneError(
+            f"{where}: link {lossy[0]!r} has a loss factor, which is no polynomial in p. Use with_viscous_damping."
+        )
+    if exact and traced(train):
+        raise ValueError("characteristic_coefficients: fractions cannot be traced. Leave out exact.")
+    inertias = [J for table in concrete(train.disks.inertia, train.dampers.inertia) for J in table]
+    light = [name for name, J in zip(topology.disk_names, inertias, strict=True) if not traced(J) and not J]
+    faults = [f"{where}: disk {name!r} has no inertia: give it some, or use jaxhb.characteristic." for name in light]
+    if topology.n_disks > LARGEST and not exact:
+        faults.append(
+            f"{where}: coefficients of {topology.n_disks} disks in double precision have no digits beyond {LARGEST}. "
+            "Ask for exact ones, or for values by jaxhb.characteristic."
+        )
+    loops = chain.span(topology).loops
+    if len(loops) > 1:
+        faults.append(f"{where}: {len(loops)} closed loops, and coefficients are for one at most. Take links out.")
+    if faults:
+        raise SceneError(faults)

@@ -152,19 +152,15 @@ def clusters_of(frequencies_hz: Numbers, tolerance: float = CLUSTER) -> tuple[tu
 def mode_squares(train, heavy):
     """omega^2 ``(m,)`` in 1/s2, rising, and mass-normalised displacements ``(S, m)`` in kg^(-1/2), differentiable.
 
-    Parameters
-    ----------
-    train : DriveTrain, may be traced
-    heavy : sequence of bool ``(S,)``, of the disks with inertia
+    The train may be traced; ``heavy`` are bools ``(S,)``, true for the disks with inertia.
     """
     system = chain.assemble(train)
-    kept = np.flatnonzero(heavy)
-    light = np.setdiff1d(np.arange(len(system.mass)), kept)
-    # Grounds of one disk are summed already: one row for each disk.
-    disks, held = len(system.mass), np.array(sorted(set(train.topology.ground_disk)), dtype=int)
-    rows = jnp.concatenate([jnp.asarray(system.incidence()).T, jnp.eye(disks)[held]])
-    stiffness = jnp.concatenate([jnp.asarray(system.stiffness), jnp.asarray(system.ground)[held]])
-    follow = jnp.eye(disks)[:, kept]
+    kept, light = np.flatnonzero(heavy), np.flatnonzero(~np.array(heavy))
+    rows, stiffness = system.springs()
+    # Rows of disks without ground would be zeros.
+    taken = np.append(np.arange(len(system.loss)), len(system.loss) + np.unique(train.topology.ground_disk).astype(int))
+    rows, stiffness = rows[taken], stiffness[taken]
+    follow = jnp.eye(len(heavy))[:, kept]
     if len(light):
         weighted = rows[:, light].T * stiffness
         # The pseudo-inverse lets a disk rest that no elastic link moves.

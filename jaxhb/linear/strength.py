@@ -174,40 +174,41 @@ def barred_ranges(rpm: Array, stress: Array, continuous: Array, transient: Array
         )
     values = _rows(np, values)
     counted = np.flatnonzero(np.isfinite(values).all(axis=0))
-    order = counted[np.argsort(values[0, counted], kind="stable")]
-    values = values[:, order]
+    counted = counted[np.argsort(values[0, counted], kind="stable")]
+    values, last = values[:, counted], len(counted) - 1
     # Values decide which ranges there are; derivatives, where wanted, go through the numbers as given.
     differentiated = traced(given)
-    speed, stress, continuous, transient = _rows(namespace(given), given)[:, order] if differentiated else values
+    speed, stress, continuous, transient = _rows(namespace(given), given)[:, counted] if differentiated else values
     number = namespace(given).asarray if differentiated else float
     excess, share, transient_share = stress - continuous, stress / continuous, stress / transient
-    # A zero at either end closes ranges that go on beyond the computed speeds.
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], (values[1] > values[2]).astype(int), [0]])))
-    found = []
-    for first, end in zip(edges[::2], edges[1::2], strict=True):
+
+    def bound(inside, outside):
+        """Where the excess, linear between a speed within the range and one beyond, is zero; the former at an end."""
+        if not 0 <= outside <= last:
+            return speed[inside]
+        i, j = sorted((inside, outside))
+        return speed[i] + (speed[j] - speed[i]) * excess[i] / (excess[i] - excess[j])
+
+    def barred(first, end):
         worst = first + int(np.argmax((values[1] / values[2])[first:end]))
-        found.append(
-            BarredRange(
-                low=number(speed[0] if first == 0 else _crossing(speed, excess, first - 1)),
-                high=number(speed[-1] if end == len(order) else _crossing(speed, excess, end - 1)),
-                at=number(speed[worst]),
-                share=number(share[worst]),
-                transient_share=number(transient_share[first:end].max()),
-                open_below=bool(first == 0),
-                open_above=bool(end == len(order)),
-            )
+        return BarredRange(
+            low=number(bound(first, first - 1)),
+            high=number(bound(end - 1, end)),
+            at=number(speed[worst]),
+            share=number(share[worst]),
+            transient_share=number(transient_share[first:end].max()),
+            open_below=first == 0,
+            open_above=end == last + 1,
         )
-    return tuple(found)
+
+    # A zero at either end closes ranges that go on beyond the computed speeds.
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], (values[1] > values[2]).astype(int), [0]]))).tolist()
+    return tuple(barred(first, end) for first, end in zip(edges[::2], edges[1::2], strict=True))
 
 
 def _rows(xp, columns):
     """Columns over the speeds as the rows of one array ``(4, n)``."""
     return xp.stack([xp.broadcast_to(xp.asarray(column, dtype=float), np.shape(columns[0])) for column in columns])
-
-
-def _crossing(speed, excess, i):
-    """Speed between numbers i and i + 1 at which the excess, linear there, is zero."""
-    return speed[i] + (speed[i + 1] - speed[i]) * excess[i] / (excess[i] - excess[i + 1])
 
 
 SHARE_OF_RATED = 1.0 / 3.0
@@ -271,18 +272,6 @@ class Strength:
         return {name: barred_ranges(self.rpm, *row) for name, row in limited.items()}
 
 
-class _OfMotion:
-    """How a response or a steady state is read: signals of links, and their heat."""
-
-    def __init__(self, motion):
-        self.torque, self.force, self.power = motion.torque, motion.force, motion.power
-
-
-def _harmonic(motion):
-    """The harmonic solution of a response or a steady state; None of a motion that never repeats."""
-    return getattr(motion, "response", motion)
-
-
 def strength(response: Any, *, train: DriveTrain | None = None) -> Strength:
     """Stresses, tooth torques and heat of a motion beside the limits that the scene gives.
 
@@ -323,12 +312,13 @@ def strength(response: Any, *, train: DriveTrain | None = None) -> Strength:
     >>> round(float(found.stresses["a|b"].stress) / 1e6, 4), found.stresses["a|b"].continuous
     (27.1624, None)
     """
-    return judged(train_of(response, train), response.rpm, _OfMotion(response))
+    return judged(train_of(response, train), response.rpm, response)
 
 
 def train_of(response, train=None):
     """The train that is given, or that of the response."""
-    train = getattr(_harmonic(response), "train", None) if train is None else train
+    # A steady state holds a response, None where it never repeats.
+    train = getattr(getattr(response, "response", response), "train", None) if train is None else train
     if train is None:
         raise ValueError("this response comes out of a jax transformation or of a record and has no train: give train=")
     return train

@@ -22,29 +22,16 @@ from jaxhb.train.changes import without_backlash
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
 
-
-@dataclass(frozen=True)
-class MeanLoadOptions:
-    """How the equilibrium under the mean torques is found.
-
-    Parameters
-    ----------
-    steps, halvings : of Newton's method at most, and of a step of it
-    solved : force left over the largest mean force at which the equilibrium is found
-    idle : tooth force over the largest mean force below which a mesh begins in the middle of its gap
-    singular : singular value of a tangent stiffness over the largest that is rounding of a rigid motion
-    unbalanced : mean torque left over the largest from which the train does not run steadily
-    """
-
-    steps: int = 200
-    halvings: int = 40
-    solved: float = 1e-10
-    idle: float = 1e-9
-    singular: float = 1e-14
-    unbalanced: float = 1e-9
-
-
-MEAN_LOAD = MeanLoadOptions()
+STEPS, HALVINGS = 200, 40
+"""Of Newton's method at most, and of a step of it."""
+SOLVED = 1e-10
+"""Force left over the largest mean force at which the equilibrium is found."""
+IDLE = 1e-9
+"""Tooth force over the largest mean force below which a mesh begins in the middle of its gap."""
+SINGULAR = 1e-14
+"""Singular value of a tangent stiffness over the largest that is rounding of a rigid motion."""
+UNBALANCED = 1e-9
+"""Mean torque left over the largest from which the train does not run steadily."""
 
 
 @brief
@@ -112,7 +99,7 @@ def at_mean_load(train: DriveTrain, *, rpm: Number) -> MeanLoad:
     check_speed(values, at)
     topology = train.topology
     name, static = topology.title, _Static.of(values, at)
-    if static.system.floating and abs(static.left) > MEAN_LOAD.unbalanced * np.abs(static.torque).max():
+    if static.system.floating and abs(static.left) > UNBALANCED * np.abs(static.torque).max():
         raise SceneError(f"{name} at {at:g} rpm: mean torques do not balance, so there is no mean load. Add a load.")
     x = _equilibrium(static)
     if x is None:
@@ -196,7 +183,7 @@ def _refined(train, rpm, x):
     static = _Static.of(train, rpm)
     for _ in range(2):
         tangent = static.tangent(static.held(x)[1])
-        x = x + namespace(tangent).linalg.pinv(tangent, rtol=MEAN_LOAD.singular) @ static.unbalanced(x)
+        x = x + namespace(tangent).linalg.pinv(tangent, rtol=SINGULAR) @ static.unbalanced(x)
     return static.read(x)
 
 
@@ -206,23 +193,23 @@ def _equilibrium(static):
 
     def solved(slope, force):
         # Least squares: the tangent of a floating train is singular.
-        return np.linalg.lstsq(static.tangent(slope), force, rcond=MEAN_LOAD.singular)[0]
+        return np.linalg.lstsq(static.tangent(slope), force, rcond=SINGULAR)[0]
 
     # begin on the flanks that all teeth in contact would press: in a gap without stiffness nothing pulls back to them
     size = np.abs(load).max(initial=0.0)
     x = solved(system.stiffness, load)
     pressed = (system.stiffness * system.deflections(x))[links]
-    flank = np.where(np.abs(pressed) > MEAN_LOAD.idle * size, np.sign(pressed), 0.0) * backlash.offset(static.law)
+    flank = np.where(np.abs(pressed) > IDLE * size, np.sign(pressed), 0.0) * backlash.offset(static.law)
     # On a flank f = c l - offset: the offset goes to the side of the load.
     x = solved(system.stiffness, load + system.incidence()[:, links] @ flank)
     energy = static.energy(x)
-    for _ in range(MEAN_LOAD.steps):
+    for _ in range(STEPS):
         (force, slope), left = static.held(x), static.unbalanced(x)
-        if np.abs(left).max(initial=0.0) <= MEAN_LOAD.solved * max(size, np.abs(force).max(initial=0.0)):
+        if np.abs(left).max(initial=0.0) <= SOLVED * max(size, np.abs(force).max(initial=0.0)):
             return x
         step = solved(slope, left)
         share = 1.0
-        for _ in range(MEAN_LOAD.halvings):
+        for _ in range(HALVINGS):
             new = static.energy(x + share * step)
             if new <= energy:
                 break

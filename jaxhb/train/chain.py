@@ -121,6 +121,12 @@ class System:
         """Columns of D^T ``(S, n)``: a at the first end of each link and -b at the second."""
         return self.spread(np.eye(len(self.arm_a[links])), links)
 
+    def springs(self):
+        """Links and grounds as rows ``(L + S, S)`` of what they resist, with their stiffness ``(L + S,)`` in N/m."""
+        xp = namespace(self)
+        rows = xp.concatenate([xp.asarray(self.incidence()).T, xp.eye(len(self.mass))])
+        return rows, xp.concatenate([xp.asarray(self.stiffness), xp.asarray(self.ground)])
+
     def held_stiffness(self):
         """``(S,)`` N/m of every disk with all others held: the diagonal of K."""
         return self.ground + self._at_ends(ALL, self.arm_a**2 * self.stiffness, self.arm_b**2 * self.stiffness)
@@ -194,24 +200,20 @@ def span_links(ends, disks, root):
             disk = group[disk]
         return disk
 
-    neighbours = [[] for _ in range(disks)]
     loops = []
     for index, (a, b) in enumerate(ends):
         # Kruskal's algorithm: links come in the order of the topology, shafts before meshes, so that meshes close the
         # loops.
         if find(a) == find(b):
             loops.append(index)
-            continue
-        group[find(a)] = find(b)
-        neighbours[a].append((b, index))
-        neighbours[b].append((a, index))
-    # Breadth first from the root: parents and the links to them.
-    above, via, outward = {root: -1}, {root: 0}, [root]
-    for disk in outward:
-        for other, index in neighbours[disk]:
-            if other not in above:
-                above[other], via[other] = disk, index
-                outward.append(other)
+        else:
+            group[find(a)] = find(b)
+    reached = breadth_first(ends, disks, root, without=loops)
+    outward = [disk for disk, *_ in reached]
+    above, via = {disk: before for disk, before, _ in reached}, {disk: link for disk, _, link in reached}
+    branches = {disk: [] for disk in outward}
+    for disk in outward[1:]:
+        branches[above[disk]].append(disk)
     weight = dict.fromkeys(outward, 1)
     for disk in reversed(outward[1:]):
         weight[above[disk]] += weight[disk]
@@ -219,8 +221,7 @@ def span_links(ends, disks, root):
     while stack:  # the heaviest branch is eliminated first: the sweep then needs the fewest places
         disk = stack.pop()
         order.append(disk)
-        branches = [other for other, _ in neighbours[disk] if above[other] == disk]
-        stack += sorted(branches, key=weight.get, reverse=True)
+        stack += sorted(branches[disk], key=weight.get, reverse=True)
     order.reverse()
     position = {disk: s for s, disk in enumerate(order)}
     parent = np.array([position[above[d]] if above[d] >= 0 else disks for d in order], dtype=np.int32)
@@ -230,6 +231,22 @@ def span_links(ends, disks, root):
     node = np.array(order, dtype=np.int32)
     from_a = end_a[link] == node if len(ends) else np.ones(disks, bool)
     return Tree(node, parent, slots(parent), link, from_a, np.array(loops, dtype=np.int32), end_a, end_b)
+
+
+def breadth_first(ends, disks, root, without=()):
+    """Disks that links ``ends`` reach from a root, breadth first: (disk, the one before, the link to it) of each."""
+    neighbours = [[] for _ in range(disks)]
+    for index, (a, b) in enumerate(ends):
+        if index not in without:
+            neighbours[a].append((b, index))
+            neighbours[b].append((a, index))
+    seen, outward = {root}, [(root, -1, 0)]
+    for disk, _, _ in outward:
+        for other, index in neighbours[disk]:
+            if other not in seen:
+                seen.add(other)
+                outward.append((other, disk, index))
+    return outward
 
 
 def displacement_radii(train):

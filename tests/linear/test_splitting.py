@@ -5,13 +5,14 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from reference_data import method_case
+from splitting_rules import Links, open_ring, piece, plus, split_at_mass, times
 from tolerances import ALGEBRAIC
 from trains import build, chain_parts, gearbox_parts
 
 import jaxhb
 from jaxhb import Disk, Shaft
 from jaxhb.linear import polynomial
-from jaxhb.linear.splitting import Links, characteristic_coefficients, open_ring, piece, plus, split_at_mass, times
+from jaxhb.linear.polynomial import characteristic_coefficients
 
 CHAIN = {i: (i, i + 1) for i in range(1, 5)}
 BRANCHED = {1: (1, 2), 2: (2, 3), 3: (3, 4), 4: (4, 5), 5: (3, 6), 6: (6, 7)}
@@ -150,3 +151,15 @@ def test_what_has_no_coefficients_is_refused_all_at_once():
     with pytest.raises(jaxhb.SceneError) as error:
         characteristic_coefficients(build(large))
     assert "disk '1' has no inertia" in str(error.value) and "14 disks in double precision" in str(error.value)
+
+
+@pytest.mark.parametrize("ends", [CHAIN, BRANCHED, RING, TAILED])
+def test_the_coefficients_of_a_train_are_those_of_the_table(ends):
+    links = system(ends)
+    parts = [Disk(name=str(mass), inertia=float(inertia)) for mass, inertia in links.inertia.items()]
+    for link, (a, b) in ends.items():
+        stiffness, damping = map(float, links.stiffness[link])
+        parts.append(Shaft(between=(str(a), str(b)), stiffness=stiffness, damping=damping))
+    whole = piece(links, list(ends))
+    rigid = () if len(whole) == 2 * len(links.inertia) + 1 else (0, 0)
+    assert characteristic_coefficients(build(parts), exact=True) == (*whole, *rigid)

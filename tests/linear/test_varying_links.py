@@ -143,7 +143,7 @@ def test_several_links_over_amplitude_settle_together():
 
 
 def test_amplitudes_that_are_not_found_are_told(monkeypatch):
-    monkeypatch.setattr(forced, "AMPLITUDE", dataclasses.replace(forced.AMPLITUDE, steps=1))
+    monkeypatch.setattr(forced, "STEPS", 1)
     found = jaxhb.forced_response(train_of(over_amplitude=OVER_AMPLITUDE), rpm=SPEEDS[:3])  # compiled anew
     assert (found.status == Status.MAX_STEPS).all()
     with pytest.raises(jaxhb.NotConverged, match="the amplitude of a link was not found"):

@@ -1,4 +1,4 @@
-"""Coefficients of characteristic polynomials by equivalent transformation, the splitting of Moliboshko; host, exact.
+"""Moliboshko's splitting of characteristic polynomials, a second way to their coefficients.
 
 A polynomial is a tuple of coefficients, highest power first, in whatever numbers the links carry: with fractions all is
 exact. ``k_i = c_i + r_i p``; the polynomial R of a piece is monic, of a free tree without the factor p^2, of a piece
@@ -17,22 +17,10 @@ row   system            equivalent
 ====  ================  ===========================================================================================
 
 The two misprints are those of rows 2 and 4; c for k in rows 3 and 4 leaves damping out. :func:`split_at_mass` is the
-rule of rows 1 and 2 for any tree, :func:`open_ring` that of rows 3 and 4 for any system with one loop. Coefficients in
-double precision lose all digits from some 20 disks on: values at any size are in ``linear.polynomial``.
+rule of rows 1 and 2 for any tree, :func:`open_ring` that of rows 3 and 4 for any system with one loop.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from fractions import Fraction
-from typing import Any
-
-import numpy as np
-
-from jaxhb._jax import concrete, traced
-from jaxhb.elements.elements import SceneError
-from jaxhb.train import chain
-from jaxhb.train.drivetrain import DriveTrain
 
 
 @dataclass(frozen=True)
@@ -58,76 +46,11 @@ class Links:
     def spring(self, link):
         """``r p + c``."""
         c, r = self.stiffness[link]
-        return (r, c) if traced(concrete(r)) or r else (c,)
+        return (r, c) if r else (c,)
 
     def at(self, mass, links):
         """Those of ``links`` that end at a mass."""
         return [link for link in links if mass in self.ends[link]]
-
-
-def links_of(train, *, exact=True):
-    """The :class:`Links` of a train, masses and links by their names; shafts in angles, meshes with radii as arms.
-
-    Parameters
-    ----------
-    train : DriveTrain, without loss factors, may be traced where ``exact`` is false, loss factors by ``grad`` alone
-    exact : bool
-        Fractions of the decimals as they print, 0.1 as 1/10; else floats.
-
-    Raises
-    ------
-    SceneError
-        If a link has a loss factor, which is no polynomial in p.
-    ValueError
-        If ``jit`` or ``vmap`` traces loss factors.
-
-    Examples
-    --------
-    >>> import jaxhb
-    >>> from jaxhb.linear.splitting import links_of
-    >>> parts = [jaxhb.Disk(name="a", inertia=0.1), jaxhb.Disk(name="b", inertia=2.0)]
-    >>> links_of(jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=3.0)])).inertia["a"]
-    Fraction(1, 10)
-    """
-    topology, held = train.topology, (train.shafts.loss_factor, train.dampers.loss_factor)
-    loss = concrete(*held)
-    if traced(loss):
-        raise ValueError(
-            "characteristic_coefficients: jit or vmap traces the loss factors, and with one there is no polynomial. "
-            "Close over the train and trace only what changes."
-        )
-    # Meshes, the last links, have no loss factor.
-    lossy = [name for name, eta in zip(topology.link_names, np.concatenate(loss), strict=False) if eta]
-    if lossy:
-        raise SceneError(
-            f"{topology.title}: link {lossy[0]!r} has a loss factor, which is no polynomial in p. "
-            "Use with_viscous_damping."
-        )
-
-    if exact and traced(train):
-        raise ValueError("characteristic_coefficients: fractions cannot be traced. Leave out exact.")
-
-    def number(value):
-        return Fraction(repr(float(value))) if exact else value if traced(value) else float(value)
-
-    inertia = [*train.disks.inertia, *train.dampers.inertia]
-    damping = [*train.disks.damping, *(0.0 for _ in topology.damper_names)]
-    ground = dict.fromkeys(topology.disk_names, number(0.0))
-    for disk, k in zip(topology.ground_disk, train.grounds.stiffness, strict=True):
-        ground[topology.disk_names[disk]] += number(k)
-    tables = (train.shafts, train.dampers, train.meshes)
-    springs = [pair for table in tables for pair in zip(table.stiffness, table.damping, strict=True)]
-    turning = len(topology.link_names) - len(topology.mesh_names)
-    arms = [(1.0, 1.0)] * turning + [tuple(train.disks.radius[np.array(ends)]) for ends in topology.mesh_ends]
-    names = topology.disk_names
-    return Links(
-        inertia={name: number(J) for name, J in zip(names, inertia, strict=True)},
-        damping={name: number(b) for name, b in zip(names, damping, strict=True)},
-        ground=ground,
-        ends={n: (names[a], names[b]) for n, (a, b) in zip(topology.link_names, topology.link_ends, strict=True)},
-        arms={n: tuple(map(number, pair)) for n, pair in zip(topology.link_names, arms, strict=True)},
-        stiffness={n: tuple(map(number, pair)) for n, pair in zip(topology.link_names, springs, strict=True)},
-    )
 
 
 def times(a, b):
@@ -149,63 +72,6 @@ def plus(a, b):
     size = max(len(a), len(b))
     a, b = (0,) * (size - len(a)) + tuple(a), (0,) * (size - len(b)) + tuple(b)
     return tuple(x + y for x, y in zip(a, b, strict=True))
-
-
-LARGEST = 12
-"""Disks up to which coefficients in double precision mean something (docs/theory C5)."""
-
-
-def characteristic_coefficients(train: DriveTrain, *, exact: bool = False) -> tuple[Any, ...]:
-    """Coefficients of ``det(p^2 M + p B + K) / prod I``, highest power first.
-
-    Parameters
-    ----------
-    train : DriveTrain
-        At most one closed loop, no disk without inertia, no loss factor.
-    exact : bool
-        Fractions, for any number of disks; else floats, for at most 12.
-
-    Returns
-    -------
-    tuple of Fraction or float, 2 S + 1 of them
-        Floats may be traced by any transformation, but for loss factors by ``jit`` and ``vmap``; nan or infinite there
-        where an inertia is 0.
-
-    Raises
-    ------
-    SceneError
-        If the train is none of these.
-    ValueError
-        If ``jit`` or ``vmap`` traces loss factors, or anything where ``exact`` is true.
-
-    Notes
-    -----
-    Moliboshko's splitting at masses and opening of the ring (docs/theory C2, C3): the source's R of a free tree is this
-    polynomial over p^2.
-
-    Examples
-    --------
-    >>> import jaxhb
-    >>> parts = [jaxhb.Disk(name="a", inertia=1.0), jaxhb.Disk(name="b", inertia=1.5)]
-    >>> train = jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=3.0, damping=0.1)])
-    >>> [str(value) for value in jaxhb.characteristic_coefficients(train, exact=True)]
-    ['1', '1/6', '5', '0', '0']
-    """
-    where, links = train.topology.title, links_of(train, exact=exact)
-    inertias = {name: concrete(inertia)[0] for name, inertia in links.inertia.items()}
-    light = [name for name, inertia in inertias.items() if not traced(inertia) and not inertia]
-    faults = [f"{where}: disk {name!r} has no inertia: give it some, or use jaxhb.characteristic." for name in light]
-    if len(links.inertia) > LARGEST and not exact:
-        faults.append(
-            f"{where}: coefficients of {len(links.inertia)} disks in double precision have no digits beyond {LARGEST}. "
-            "Ask for exact ones, or for values by jaxhb.characteristic."
-        )
-    loops = chain.span(train.topology).loops
-    if len(loops) > 1:
-        faults.append(f"{where}: {len(loops)} closed loops, and coefficients are for one at most. Take links out.")
-    if faults:
-        raise SceneError(faults)
-    return determinant(links, list(links.ends), list(links.inertia))
 
 
 def determinant(links, chosen, masses, held=()):
@@ -289,14 +155,6 @@ def piece(links, chosen, held=()):
     Returns
     -------
     tuple, monic
-
-    Examples
-    --------
-    >>> from fractions import Fraction as F
-    >>> none, ends = {1: 0, 2: 0}, {1: (1, 2)}
-    >>> links = Links({1: F(1), 2: F(3, 2)}, none, none, ends, {1: (1, 1)}, {1: (F(3), F(1, 10))})
-    >>> [str(value) for value in piece(links, [1])]
-    ['1', '1/6', '5']
     """
     masses = list(dict.fromkeys(mass for link in chosen for mass in links.ends[link]))
     found = determinant(links, chosen, masses, held)
@@ -317,15 +175,6 @@ def split_at_mass(links, mass, part):
     Returns
     -------
     tuple, the same as :func:`piece` of all links
-
-    Examples
-    --------
-    >>> from fractions import Fraction as F
-    >>> n = range(1, 4)
-    >>> links = Links({i: F(i) for i in n}, dict.fromkeys(n, 0), dict.fromkeys(n, 0), {1: (1, 2), 2: (2, 3)},
-    ...               {1: (1, 1), 2: (1, 1)}, {1: (F(3), 0), 2: (F(5), 0)})
-    >>> split_at_mass(links, 2, [1]) == piece(links, [1, 2])
-    True
     """
     other = [link for link in links.ends if link not in part]
     branches = {link: _behind(links, mass, link) for link in links.at(mass, links.ends)}
@@ -356,15 +205,6 @@ def open_ring(links, mass, link):
     Returns
     -------
     tuple, the same as :func:`piece` of all links
-
-    Examples
-    --------
-    >>> from fractions import Fraction as F
-    >>> n = range(1, 4)
-    >>> links = Links({i: F(i) for i in n}, dict.fromkeys(n, 0), dict.fromkeys(n, 0), {1: (1, 2), 2: (2, 3), 3: (3, 1)},
-    ...               {i: (1, 1) for i in n}, {i: (F(i), F(i, 10)) for i in n})
-    >>> open_ring(links, 2, 2) == piece(links, [1, 2, 3])
-    True
     """
     kept, copy = next(l for l in links.at(mass, links.ends) if l != link), (mass, "again")
     ends = {**links.ends, link: tuple(copy if m == mass else m for m in links.ends[link])}
