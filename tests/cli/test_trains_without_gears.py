@@ -80,7 +80,7 @@ def test_a_train_of_one_disk_is_told_by_its_angle_and_has_no_picture(command, sc
     assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]
     assert main(call) == 0
     said = capsys.readouterr().out
-    assert "mrad" in said and "hub" in said
+    assert " deg" in said and "hub" in said
 
 
 def test_the_motion_of_a_train_without_teeth_is_periodic_in_every_command(scene, capsys):

@@ -9,7 +9,7 @@ from jaxhb.report.answer import shown
 from jaxhb.report.figures.limits import draw_limits, judged_elements
 from jaxhb.report.figures.style import WITH, WITHOUT, crosses, new_figure, plain
 from jaxhb.report.selection import NOT_FIRING, train_name
-from jaxhb.report.text.forced import KINDS, signal_of
+from jaxhb.report.text.forced import signal_of
 
 MOST = 4
 """Elements in one picture."""
@@ -57,7 +57,7 @@ def plot_forced(response, found, misfires=None, worst=None):
             sweeps[f", {plain(cylinder)}{NOT_FIRING}"] = strength(shown(misfires.responses[cylinder]))
         draw_limits(axes, sweeps, *chosen)
     for axes, one in zip(panels, drawn, strict=False):
-        _, _, _, unit, factor = KINDS[one.kind]
+        factor, unit = one.shown
         signal, certain = one.signal, np.where(response.converged, factor, np.nan)
         swing, total = certain * signal.half_peak_to_peak, certain * signal.sum_of_amplitudes
         axes.plot(response.rpm, swing, color=WITH, linewidth=1.8, label="half peak-to-peak")

@@ -9,6 +9,16 @@ from matplotlib.lines import Line2D
 from matplotlib.transforms import ScaledTranslation
 
 WITH, WITHOUT, GAP = "#b3261e", "#1f4e79", "#e3e3e3"
+MOTIONS = {
+    "contact": ("o", "circle", "#1f4e79", "teeth in contact"),
+    "periodic": ("s", "square", "#2e7d32", "periodic, one cycle"),
+    "subharmonic": ("D", "diamond", "#e07000", "period of several cycles"),
+    "irregular": ("*", "star", "#b3261e", "irregular (bar: 5 to 95 % of the cycles)"),
+    "unstable": ("v", "triangle-down", "black", "unstable: the train does not run there"),
+    "unknown": ("x", "x-thin-open", "black", "no answer: unknown, or not converged"),
+}
+"""Marker, its name for plotly, colour and words of every kind of motion, in every picture."""
+
 MESH_COLOURS = ("#b3261e", "#2e7d32", "#6a1b9a", "#ef6c00", "#00838f", "#5d4037")
 
 

@@ -4,19 +4,9 @@ import numpy as np
 
 from jaxhb.report.answer import SPEED
 from jaxhb.report.figures.limits import draw_limits, judged_elements
-from jaxhb.report.figures.style import MESH_COLOURS, WITHOUT, moved_right, new_figure, plain
+from jaxhb.report.figures.style import MESH_COLOURS, MOTIONS, WITHOUT, moved_right, new_figure, plain
 from jaxhb.report.selection import hardest_shaft, train_name
 from jaxhb.report.text.strength import answers_strength
-
-MARKS = {
-    "contact": ("o", "teeth in contact"),
-    "periodic": ("s", "periodic, one cycle"),
-    "subharmonic": ("D", "period of several cycles"),
-    "irregular": ("*", "irregular (bar: 5 to 95 % of the cycles)"),
-    "unstable": ("v", "unstable: the train does not run there"),
-    "unknown": ("x", "no answer: unknown, or not converged"),
-}
-"""Marker and words of every kind of motion."""
 
 BESIDE = 4.0
 """Points between the bars of two meshes at one speed."""
@@ -115,7 +105,7 @@ def _kind(answer):
 def _draw_kinds(axes, answers, values, colour, fill):
     """A marker for the kind of motion at every speed."""
     size = 4 if len(answers) <= 60 else 2.5
-    for kind, (marker, _) in MARKS.items():
+    for kind, (marker, *_) in MOTIONS.items():
         there = [(answer.place, y) for answer, y in zip(answers, values, strict=True) if _kind(answer) == kind]
         if there and kind != "unknown":
             larger = size * (1.8 if marker == "*" else 1.0)
@@ -141,7 +131,7 @@ def _mark_unknown(axes, sweeps):
 
 def _legend_of_kinds(axes, sweeps):
     met = {_kind(answer) for answers in sweeps.values() for answer in answers}
-    for kind, (marker, said) in MARKS.items():
+    for kind, (marker, _, _, said) in MOTIONS.items():
         if kind in met:
             axes.plot([], [], marker, color="black", markersize=5, label=said)
 

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxhb.report.figures.style import GAP, WITH, WITHOUT
-from jaxhb.report.figures.sweep import MARKS
+from jaxhb.report.figures.style import GAP, MOTIONS, WITH, WITHOUT
 
 WIDTH, PANEL, EDGES = 680, 155, 70
 """Pixels: what an A4 page has between its margins, the height of a panel, and what axes take beside it."""
@@ -17,16 +16,10 @@ LEGEND_ROW, LETTER, KEY = 19, 4.9, 46
 HEADROOM = 1.08
 DIGITS = 5
 
-SYMBOLS = {
-    "contact": "circle",
-    "periodic": "square",
-    "subharmonic": "diamond",
-    "irregular": "star",
-    "unstable": "triangle-down",
-}
+SYMBOLS = {kind: symbol for kind, (_, symbol, *_) in MOTIONS.items() if kind != "unknown"}
 """Symbol of every kind of motion that has numbers."""
 
-NO_ANSWER = MARKS["unknown"][1]
+NO_ANSWER = MOTIONS["unknown"][-1]
 STYLES = (
     {"color": WITH, "dash": "solid"},
     {"color": WITHOUT, "dash": "dash"},
@@ -149,12 +142,7 @@ def kind_of(answer):
 
 def kind_word(kind):
     """A kind of motion in a few words."""
-    return MARKS[kind][1].split(" (")[0]
-
-
-def answered(answers, read):
-    """A number of every answer, nan where there is none to rely on."""
-    return np.array([float(read(answer)) if answer.answered else np.nan for answer in answers])
+    return MOTIONS[kind][-1].split(" (")[0]
 
 
 def motion_line(answers, values, name, style=0, *, panel=0, hollow=False):

@@ -6,8 +6,9 @@ import numpy as np
 
 from jaxhb.report.figures.limits import PANELS, judged_elements, shares_of
 from jaxhb.report.figures.style import plain
-from jaxhb.report.page.figures import Figure, answered, bands, layout, line, speed_range, top_of
+from jaxhb.report.page.figures import Figure, bands, layout, line, speed_range, top_of
 from jaxhb.report.page.parts import Heading, flowing
+from jaxhb.report.quantities import answered
 from jaxhb.report.text.columns import NONE, Table
 from jaxhb.report.text.strength import AID, answers_strength, strength_text
 

@@ -16,7 +16,7 @@ from jaxhb.report.page.figures import Figure, above, crosses, layout, line, mark
 from jaxhb.report.page.parts import Heading
 from jaxhb.report.selection import NOT_FIRING
 from jaxhb.report.text.campbell import campbell_parts, reached, shares_in_mode, shown_modes
-from jaxhb.report.text.forced import KINDS, forced_failures, readings, signal_of, worst_tables
+from jaxhb.report.text.forced import forced_failures, readings, signal_of, worst_tables
 from jaxhb.report.text.tables import modes_text
 
 CAMPBELL_MODES = 6, 12
@@ -172,7 +172,7 @@ def forced_part(report):
 
 def _orders(response, element, misfires, title):
     """Synthesis, sum and main orders of an element over the speed; gaps and crosses where there is no answer."""
-    _, _, _, unit, factor = KINDS[element.kind]
+    factor, unit = element.shown
     signal, rpm = signal_of(response, element.name, element.kind), response.rpm
     certain = np.where(response.converged, factor, np.nan)
     traces = [

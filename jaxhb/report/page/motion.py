@@ -1,6 +1,6 @@
 """Parts of the page over the speed: kinds of motion, tooth forces, torques, heat, each with and without backlash."""
 
-from dataclasses import dataclass
+import dataclasses
 
 import numpy as np
 
@@ -9,7 +9,6 @@ from jaxhb.report.page.figures import (
     NO_ANSWER,
     SYMBOLS,
     Figure,
-    answered,
     kind_keys,
     kind_of,
     kind_word,
@@ -20,7 +19,17 @@ from jaxhb.report.page.figures import (
     speed_range,
     top_of,
 )
-from jaxhb.report.selection import gears, largest, shafts_of, turning_disks
+from jaxhb.report.quantities import (
+    angles,
+    answered,
+    forces,
+    gear_torques,
+    heat,
+    irregularity,
+    main_quantity,
+    shaft_torques,
+)
+from jaxhb.report.selection import largest
 from jaxhb.report.text.columns import NONE, Table, alike, ratios, shares
 from jaxhb.report.text.sweep_tables import speed_table, turning_table
 
@@ -29,79 +38,6 @@ MANY = 40
 
 MOST = 6
 """Elements of a kind that have a figure, those with the largest numbers; tables tell of all."""
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """What is told of elements of a kind: their names, how an answer is read, and the unit for people.
-
-    read : function of (answer or response, name) to an SI number; what, title, unit : words; factor : from SI to unit
-    """
-
-    what: str
-    title: str
-    names: tuple
-    read: object
-    unit: str
-    factor: float = 1.0
-
-    def of(self, answers, name):
-        """Of every answer in the unit for people, nan where there is none to rely on."""
-        return self.factor * answered(answers, lambda answer: self.read(answer, name))
-
-    def without(self, answers, name):
-        """The same without backlash; nan where that has not converged."""
-        values = [float(self.read(a.linear, name)) if bool(a.linear.converged) else np.nan for a in answers]
-        return self.factor * np.array(values)
-
-    def hardest(self, cases):
-        """The elements with the largest numbers, the largest first."""
-        return sorted(self.names, key=lambda name: -max(_most(self.of(case.answers, name)) for case in cases))
-
-
-def _most(values):
-    return float(np.nanmax(values)) if np.isfinite(values).any() else -1.0
-
-
-def forces(train):
-    """Tooth forces."""
-    names = train.topology.mesh_names
-    return Quantity("mesh", "Largest tooth force", names, lambda r, name: r.force(name).peak, "kN", 1e-3)
-
-
-def gear_torques(train):
-    """Torques of gears."""
-    names, title = gears(train.topology), "Gear torque, half peak-to-peak"
-    return Quantity("gear", title, names, lambda r, name: r.gear_torque(name).half_peak_to_peak, "N m")
-
-
-def shaft_torques(train):
-    """Torques of shafts and dampers."""
-    names, title = shafts_of(train.topology), "Torque of shafts and dampers, half peak-to-peak"
-    return Quantity("shaft", title, names, lambda r, name: r.torque(name).half_peak_to_peak, "N m")
-
-
-def angles(train):
-    """Angles of disks."""
-    names, title = train.topology.disk_names, "Vibratory angle of disks, half peak-to-peak"
-    return Quantity("disk", title, names, lambda r, name: r.disk(name).half_peak_to_peak, "mrad", 1e3)
-
-
-def heat(train):
-    """Power that dampers turn into heat."""
-    return Quantity("damper", "Heat of dampers", train.topology.damper_names, lambda r, name: r.power(name), "W")
-
-
-def irregularity(train):
-    """Cyclic irregularity of the disks that count."""
-    title = "Cyclic irregularity, (largest - smallest) / mean speed, of the heaviest disk, the gears and the loads"
-    return Quantity("disk", title, turning_disks(train), lambda r, name: r.irregularity(name), "%", 100.0)
-
-
-def main_quantity(train):
-    """What tells most of a train: tooth forces, without teeth torques of shafts, without these angles."""
-    topology = train.topology
-    return (forces if topology.mesh_names else shaft_torques if shafts_of(topology) else angles)(train)
 
 
 def map_part(report):
@@ -149,16 +85,12 @@ def _wrapped(title, width=22):
 
 def _overview(cases, quantity):
     """The largest number of all elements over the speed, with and without backlash."""
-    whole = Quantity(quantity.what, quantity.title, ("",), lambda r, _: _largest(quantity, r), *_unit(quantity))
+
+    def largest_number(motion, _):
+        return max(float(quantity.read(motion, name)) for name in quantity.names)
+
+    whole = dataclasses.replace(quantity, names=("",), read=largest_number)
     return over_speed(whole, "", cases, f"{quantity.title} of all, {quantity.unit}")
-
-
-def _unit(quantity):
-    return quantity.unit, quantity.factor
-
-
-def _largest(quantity, motion):
-    return max(float(quantity.read(motion, name)) for name in quantity.names)
 
 
 def _misfires(report):
@@ -174,7 +106,7 @@ def _misfires(report):
         [_at(report.rpm, values) for *_, values in rows],
         [name for _, name, _ in rows],
     ]
-    title = f"Every misfire: {quantity.title[0].lower()}{quantity.title[1:]} over the speeds, {quantity.unit}"
+    title = f"Every misfire: {quantity.small_title} over the speeds, {quantity.unit}"
     return Table(title, ["", quantity.unit, "at rpm", "in"], columns, left=(3,))
 
 
@@ -227,7 +159,7 @@ def maxima(quantity, cases, *, contact=False):
     worst contact."""
     rpm, names = [answer.rpm for answer in cases[0].answers], quantity.names
     backlash = any(cases[0].answers[0].topology.mesh_backlash)
-    columns, heads = [names], [quantity.what]
+    columns, heads = [names], [quantity.element]
     for case in cases:
         values = [quantity.of(case.answers, name) for name in names]
         before = [quantity.without(case.answers, name) for name in names]
@@ -272,16 +204,12 @@ def over_speed(quantity, name, cases, caption=None):
         traces.append(motion_line(case.answers, values, said, 2 * number, hollow=number > 0))
         if backlash:
             traces.append(line(rpm, before, f"{said}, without backlash", 2 * number + 1))
-    if quantity.what == "mesh" and name:
+    if quantity.element == "mesh" and name:
         traces += _cycles(quantity, name, cases)
     traces += kind_keys(*(case.answers for case in cases))
     limits = top_of(*known)
     made = layout("speed, rpm", [(quantity.unit, limits)], traces, x_range=speed_range(rpm))
-    return Figure(caption or f"{plain(name)}: {_small(quantity.title)}, {quantity.unit}", traces, made)
-
-
-def _small(title):
-    return f"{title[0].lower()}{title[1:]}"
+    return Figure(caption or f"{plain(name)}: {quantity.small_title}, {quantity.unit}", traces, made)
 
 
 def _cycles(quantity, name, cases):

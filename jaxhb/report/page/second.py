@@ -4,8 +4,9 @@ import dataclasses
 
 from jaxhb.report.page.differences import differences
 from jaxhb.report.page.limits import judged_text, shares_table
-from jaxhb.report.page.motion import angles, forces, gear_torques, heat, maxima, over_speed, shaft_torques
+from jaxhb.report.page.motion import maxima, over_speed
 from jaxhb.report.page.parts import Heading
+from jaxhb.report.quantities import angles, forces, gear_torques, heat, shaft_torques
 
 MOST = 4
 """Elements whose two designs are drawn."""
