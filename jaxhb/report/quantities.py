@@ -126,6 +126,15 @@ def heat(train):
     return Quantity("damper", "heat", "Heat of dampers", names, lambda a, name: a.power(name), "W")
 
 
+def separation(train):
+    """Share of the time that teeth are apart."""
+
+    def read(answer, name):
+        return answer.contacts[name].separated_fraction
+
+    return Quantity("mesh", "teeth apart", "Time out of contact", train.topology.mesh_names, read, "1")
+
+
 def irregularity(train):
     """Cyclic irregularity of the disks that count."""
     title = "Cyclic irregularity, (largest - smallest) / mean speed, of the heaviest disk, the gears and the loads"

@@ -14,7 +14,7 @@ from jaxhb.cli.page_command import second_text
 from jaxhb.linear.forced import forced_response
 from jaxhb.report.answer import Answer
 from jaxhb.report.page import linear, page
-from jaxhb.report.page.figures import NO_ANSWER, Figure
+from jaxhb.report.figures.figure import NO_ANSWER, Figure
 from jaxhb.report.page.limits import judged_text
 from jaxhb.report.page.motion import forces, over_speed
 from jaxhb.report.page.page import PARTS

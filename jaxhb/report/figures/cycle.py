@@ -1,19 +1,27 @@
-"""Pictures of a cycle, of a record and of a tuning."""
+"""Figures of a cycle and of a record; picture of a tuning."""
 
-import textwrap
+from dataclasses import dataclass
 
 import numpy as np
 
 from jaxhb.design.evaluator import label
 from jaxhb.equations import fourier
 from jaxhb.equations.backlash import separated
-from jaxhb.report.figures.style import GAP, MESH_COLOURS, WITH, WITHOUT, crosses, new_figure, plain
-from jaxhb.report.selection import default_gear, hardest_shaft, meshes_of, train_name
+from jaxhb.report.figures.draw import drawn
+from jaxhb.report.figures.figure import Figure, above, bands, layout, line, marks
+from jaxhb.report.figures.style import WITH, WITHOUT, crosses, new_figure, plain
+from jaxhb.report.selection import default_gear, gears, hardest_shaft, meshes_of, train_name
 from jaxhb.report.text.sentences import motion_text
 from jaxhb.report.text.tuned import scaled_unit
 from jaxhb.results.record import PERCENT
 
 SAMPLES = 4320
+
+PANEL = 130
+"""Pixels, the height of a panel."""
+
+SPIKES = 3
+"""Cycles up to which every sample is drawn; of longer periods as many points in all."""
 
 
 def plot_cycle(answer, gear=None):
@@ -41,99 +49,157 @@ def plot_cycle(answer, gear=None):
     >>> plot_cycle(answer_one(jaxhb.load_scene("spur_pair"), 2000.0, Asked())).axes[0].get_ylabel()
     'torque, N m'
     """
+    title = f"{train_name(answer.topology)}, {answer.rpm:g} rpm: {_kind(answer)}"
+    return drawn(*cycle_figures(answer, gear), title=title)
+
+
+def _kind(answer):
+    """The kind of motion, or why there is none."""
+    if not answer.known:
+        return f"unknown: {'; '.join(answer.state.notes)}"
+    return f"{answer.doubt.upper()}: {motion_text(answer)}" if answer.doubt else motion_text(answer)
+
+
+def cycle_figures(answer, gear=None):
+    """The figures of :func:`plot_cycle`, in a list."""
     gear = gear or default_gear(answer)
     if gear is None:
-        return _plot_shaft(answer)
-    figure = new_figure(6.2)
-    recorded = answer.known and answer.response is None
-    above, below = figure.subplots(2, 1, sharex=not recorded, height_ratios=(3, 2))
+        shaft = hardest_shaft([answer])
+        swing = float(answer.torque(shaft).half_peak_to_peak)
+        return [cycle_figure(answer, shaft, (), f"Torque of {plain(shaft)}, half peak-to-peak {swing:.0f} N m,")]
+    meshes = meshes_of(answer.topology, gear)
     swings = [f"{float(r.gear_torque(gear).half_peak_to_peak):.0f}" for r in (answer, answer.linear)]
-    subject = f"torque that {gear} passes on, half peak-to-peak {swings[0] if answer.known else '-'} N m"
-    kind = textwrap.fill(motion_text(answer), 110) if answer.known else ""
-    kind = f"{answer.doubt.upper()}: {kind}" if answer.doubt and not answer.answered else kind
-    title = f"{_title(answer)}: {subject} (without backlash {swings[1]})\n{kind}"
-    above.set_title(title, fontsize="medium")
-    above.set_ylabel("torque, N m")
-    if recorded:
-        _draw_record(answer, above, answer.gear_torque(gear), answer.linear.gear_torque(gear))
-        _draw_peaks(answer, below, meshes_of(answer.topology, gear))
+    said = f"{swings[0] if answer.known else '-'} N m (without backlash {swings[1]}), and forces of its meshes"
+    figures = [cycle_figure(answer, gear, meshes, f"Torque that {gear} passes on, half peak-to-peak {said}")]
+    return figures + [_peaks(answer, meshes)] * _recorded(answer)
+
+
+def _recorded(answer):
+    """Whether the motion is known from recorded cycles alone."""
+    return answer.known and answer.response is None
+
+
+@dataclass(frozen=True)
+class Panel:
+    """What a panel shows, its title and the factor to it from SI, the signal, that without backlash, and the meshes
+    whose gaps are shaded."""
+
+    name: str
+    title: str
+    factor: float
+    after: object
+    before: object
+    meshes: tuple
+
+
+def cycle_figure(answer, subject, meshes, caption):
+    """Torque of a gear and forces of meshes, or torque of a shaft, over the period or cycle by cycle.
+
+    Parameters
+    ----------
+    answer : Answer
+    subject : str, the gear, shaft or damper
+    meshes : sequence of str, whose forces have panels
+    caption : str
+    """
+    if subject in gears(answer.topology):
+        own, read = meshes_of(answer.topology, subject), "gear_torque"
     else:
-        _draw_period(answer, above, answer.gear_torque(gear), answer.linear.gear_torque(gear))
-        _draw_forces(answer, below, meshes_of(answer.topology, gear))
-        apart = [in_the_gap(answer, name, count_of(answer)) for name in meshes_of(answer.topology, gear)]
-        for axes in (above, below):
-            _shade(axes, angles_of(answer), np.any(apart, axis=0))
-        _finish(below, answer)
-    for axes in (above, below):
-        low, high = axes.get_ylim()
-        axes.set_ylim(low, high + 0.15 * (high - low) * (not recorded or axes is above))  # room for the legend
-        axes.legend(loc="best" if recorded and axes is below else "upper right", fontsize="small", ncols=3)
-    return figure
+        own, read = (), "torque"
+    torques = (getattr(motion, read)(subject) for motion in (answer, answer.linear))
+    panels = [Panel(subject, "torque, N m", 1.0, *torques, own)]
+    for name in meshes:
+        panels.append(Panel(name, "tooth force, kN", 1e-3, answer.force(name), answer.linear.force(name), (name,)))
+    return (_record if _recorded(answer) else _period)(answer, caption, panels)
 
 
-def _draw_period(answer, axes, after, before):
-    """A signal over the period of the motion, and without backlash."""
-    angles = angles_of(answer)
-    if answer.known:
-        axes.plot(angles, closed(answer, after), color=WITH, linewidth=1.1, label="with backlash")
-    else:
-        _say_unknown(answer, axes)
-    label = "without backlash"
-    axes.plot(angles, closed(answer, before), color=WITHOUT, linewidth=1.3, linestyle="--", label=label)
-    axes.axhline(0.0, color="black", linewidth=0.6)
-
-
-def _draw_forces(answer, axes, names):
-    """Tooth forces of meshes over the period of the motion, and without backlash."""
-    angles = angles_of(answer)
-    for number, name in enumerate(names):
-        colour = MESH_COLOURS[number % len(MESH_COLOURS)]
+def _period(answer, caption, panels):
+    """Signals over the period of the motion, with and without backlash; grey where the teeth are apart."""
+    backlash = any(answer.topology.mesh_backlash)
+    traces, shapes, notes = [], [], []
+    for panel, one in enumerate(panels):
+        more = {"panel": panel, "showlegend": backlash and not panel}
         if answer.known:
-            force = closed(answer, answer.force(name)) / 1e3
-            axes.plot(angles, force, color=colour, linewidth=1.0, label=plain(name))
-        before = closed(answer, answer.linear.force(name)) / 1e3
-        axes.plot(angles, before, color=colour, linewidth=0.9, linestyle="--", alpha=0.6)
-    # One grey key stands for the dashed lines of all colours.
-    axes.plot([], [], color="grey", linewidth=0.9, linestyle="--", label="without backlash")
-    axes.axhline(0.0, color="black", linewidth=0.6)
-    axes.set_ylabel("tooth force, kN")
+            traces.append(_sampled(answer, one, one.after, "with backlash" if backlash else plain(one.name), 0, **more))
+        if backlash or not answer.known:
+            traces.append(_sampled(answer, one, one.before, "without backlash", 1, **more))
+        apart = [in_the_gap(answer, name, count_of(answer)) for name in one.meshes]
+        edges = _runs(np.any(apart, axis=0), angles_of(answer)) if apart else []
+        shapes += bands(edges, rows=f"y{panel + 1 if panel else ''} domain")
+        notes.append(above(plain(one.name), panel))
+    zero = " (0: firing top dead centre of a cylinder with firing angle 0)" if answer.topology.cylinder_names else ""
+    end, title = answer.cycle_deg * periods_of(answer), f"angle of the reference rotor, deg{zero}"
+    more = {"heights": [PANEL] * len(panels), "shapes": shapes, "annotations": notes, "x_range": (0.0, end)}
+    made = layout(title, [(one.title, None) for one in panels], traces, **more)
+    made["legend"] |= {"x": 1, "xanchor": "right"}
+    if periods_of(answer) > 1 or answer.cycle_deg % 90 == 0:
+        made["xaxis"] |= {"dtick": answer.cycle_deg if periods_of(answer) > 1 else 90}
+    shaded = "; grey: its teeth are apart" if shapes else ""
+    return Figure(f"{caption} over the period{shaded}", traces, made)
 
 
-def _draw_record(answer, axes, after, before):
-    """Largest and smallest value in each recorded cycle, their percentiles, and the extremes without backlash."""
-    cycles = np.arange(1, len(after.highest) + 1)
-    axes.plot(cycles, after.highest, "^", color=WITH, markersize=4, label="largest of a cycle")
-    axes.plot(cycles, after.lowest, "v", color=WITH, markersize=4, label="smallest of a cycle")
-    for extremes in after.per_cycle:
-        for share, value in zip(PERCENT, extremes, strict=True):
-            axes.axhline(value, color=WITH, linewidth=0.7 if share != 50 else 1.2, alpha=0.5)
-    for value in (float(before.max), float(before.min)):
-        axes.axhline(value, color=WITHOUT, linewidth=1.3, linestyle="--")
-    axes.plot([], [], color=WITH, linewidth=0.9, alpha=0.5, label="5, 50, 95 % of the cycles")
-    axes.plot([], [], color=WITHOUT, linewidth=1.3, linestyle="--", label="extremes without backlash")
-    axes.axhline(0.0, color="black", linewidth=0.6)
-    axes.set_xlabel("recorded cycle")
-    axes.set_xlim(0.0, len(cycles) + 1.0)
+def _step(answer):
+    return max(1, periods_of(answer) // SPIKES)
 
 
-def _draw_peaks(answer, axes, names):
+def _sampled(answer, one, signal, name, style, **more):
+    """A signal over the whole period."""
+    values = one.factor * np.asarray(closed(answer, signal))[:: _step(answer)]
+    trace = line([], values, name, style, **more)
+    trace["line"] |= {"width": 1.1}
+    # Equal steps: a start and a step in place of all angles keep the page small.
+    del trace["x"]
+    return trace | {"x0": 0.0, "dx": answer.cycle_deg * periods_of(answer) / count_of(answer) * _step(answer)}
+
+
+def _runs(apart, angles):
+    """Pairs of angles between which teeth are apart."""
+    steps = np.diff(np.concatenate([[0], np.asarray(apart, int), [0]]))
+    starts, ends = np.flatnonzero(steps == 1), np.flatnonzero(steps == -1)
+    return [(float(angles[i]), float(angles[min(j, len(angles) - 1)])) for i, j in zip(starts, ends, strict=True)]
+
+
+def _record(answer, caption, panels):
+    """A motion that never repeats: extremes of every recorded cycle, and those without backlash."""
+    traces, notes = [], []
+    for panel, one in enumerate(panels):
+        more = {"panel": panel, "showlegend": not panel, "size": 5}
+        cycles = np.arange(1, len(one.after.highest) + 1)
+        traces += [
+            marks(cycles, one.factor * one.after.highest, "largest of a cycle", "triangle-up", **more),
+            marks(cycles, one.factor * one.after.lowest, "smallest of a cycle", "triangle-down-open", **more),
+        ]
+        for share, *extremes in zip(PERCENT, *one.after.per_cycle, strict=True):
+            for value in extremes:
+                ends = [one.factor * float(value)] * 2
+                traces.append(line(cycles[[0, -1]], ends, f"{share} % of the cycles", panel=panel, showlegend=False))
+                traces[-1]["line"] |= {"width": 1.4 if share == 50 else 0.8}
+        for value, said in ((one.before.max, "extremes without backlash"), (one.before.min, "")):
+            shown = bool(said) and not panel
+            traces.append(
+                line(cycles[[0, -1]], [one.factor * float(value)] * 2, said, 1, panel=panel, showlegend=shown)
+            )
+        notes.append(above(plain(one.name), panel))
+    more = {"heights": [PANEL] * len(panels), "annotations": notes, "x_range": (0.0, len(cycles) + 1.0)}
+    made = layout("recorded cycle", [(one.title, None) for one in panels], traces, **more)
+    made["legend"] |= {"x": 1, "xanchor": "right"}
+    said = "extremes of every recorded cycle (lines: 5, 50, 95 % of them); the motion never repeats"
+    return Figure(f"{caption}, {said}", traces, made)
+
+
+def _peaks(answer, names):
     """Share of the recorded cycles whose largest tooth force stays below a value."""
+    traces = []
     for number, name in enumerate(names):
-        colour = MESH_COLOURS[number % len(MESH_COLOURS)]
         peaks = np.sort(answer.force(name).highest) / 1e3
         shares = 100 * np.arange(1, len(peaks) + 1) / len(peaks)
-        axes.step(peaks, shares, where="post", color=colour, linewidth=1.2, label=plain(name))
-        before = float(answer.linear.force(name).max) / 1e3
-        axes.axvline(before, color=colour, linewidth=0.9, linestyle="--", alpha=0.6)
-    axes.plot([], [], color="grey", linewidth=0.9, linestyle="--", label="without backlash")
-    axes.set_xlabel("largest tooth force of a cycle, kN")
-    axes.set_ylabel("cycles below it, %")
-    axes.set_ylim(0.0, 103.0)
-
-
-def _say_unknown(answer, axes):
-    text = textwrap.fill(f"unknown: {'; '.join(answer.state.notes)}", 70)
-    axes.text(0.5, 0.5, text, ha="center", va="center", transform=axes.transAxes)
+        traces.append(line(peaks, shares, plain(name), number))
+        traces[-1]["line"] |= {"shape": "hv"}
+        before = [float(answer.linear.force(name).max) / 1e3] * 2
+        traces.append(line(before, [0.0, 100.0], "without backlash", number, showlegend=not number))
+        traces[-1]["line"] |= {"width": 0.8}
+    made = layout("largest tooth force of a cycle, kN", [("cycles below it, %", (0.0, 103.0))], traces)
+    return Figure("Cycles whose largest tooth force stays below a value", traces, made)
 
 
 def plot_tuning(objectives, result):
@@ -183,25 +249,6 @@ def in_the_gap(answer, mesh, count):
     return np.asarray(apart)[answer.topology.mesh_names.index(mesh)]
 
 
-def _plot_shaft(answer):
-    figure = new_figure(3.8)
-    axes = figure.subplots()
-    shaft = hardest_shaft([answer])
-    swing = float(answer.torque(shaft).half_peak_to_peak)
-    _draw_period(answer, axes, answer.torque(shaft), answer.linear.torque(shaft))
-    if answer.known:
-        axes.get_lines()[1].remove()  # a train without gears has no backlash
-    title = f"{_title(answer)}: torque of {plain(shaft)}, half peak-to-peak {swing:.0f} N m"
-    axes.set_title(title, fontsize="medium")
-    axes.set_ylabel("torque, N m")
-    _finish(axes, answer)
-    return figure
-
-
-def _title(answer):
-    return f"{train_name(answer.topology)}, {answer.rpm:g} rpm"
-
-
 def periods_of(answer):
     """Cycles that are drawn."""
     return max(answer.state.period, 1)
@@ -221,30 +268,3 @@ def closed(answer, signal):
     times = round(periods_of(answer) / turns)
     values = np.tile(np.asarray(fourier.sample(signal.coefficients, count_of(answer) // times)), times)
     return np.append(values, values[0])
-
-
-def _shade(axes, angles, apart):
-    if apart.any():
-        axes.fill_between(
-            angles,
-            0,
-            1,
-            where=np.append(apart, apart[0]),
-            transform=axes.get_xaxis_transform(),
-            color=GAP,
-            linewidth=0,
-            zorder=0,
-            label="teeth apart",
-        )
-
-
-def _finish(axes, answer):
-    cycle, periods = answer.cycle_deg, periods_of(answer)
-    axes.set_xlim(0.0, periods * cycle)
-    if periods > 1:
-        axes.set_xticks(np.linspace(0.0, periods * cycle, periods + 1))
-        axes.grid(axis="x", linewidth=0.8, linestyle=":", color="black")
-    elif cycle % 90 == 0:
-        axes.set_xticks(np.arange(0.0, cycle + 1, 90.0))
-    zero = " (0: firing top dead centre of a cylinder with firing angle 0)" if answer.topology.cylinder_names else ""
-    axes.set_xlabel(f"angle of the reference rotor, deg{zero}")

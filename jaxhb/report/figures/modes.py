@@ -6,8 +6,10 @@ import numpy as np
 
 from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.linear.modal import AT_REST
+from jaxhb.report.figures.draw import drawn
+from jaxhb.report.figures.figure import Figure, above, layout, line, marks
 from jaxhb.report.figures.layout import longest_way
-from jaxhb.report.figures.style import WITH, WITHOUT, new_figure
+from jaxhb.report.figures.style import WITH
 from jaxhb.train.chain import span
 
 MOST = 6
@@ -15,8 +17,6 @@ MOST = 6
 
 NAMES = 80
 """Names of disks that have room."""
-
-STYLES = ("-", "--", "-.", ":")
 
 
 def train_lines(topology):
@@ -72,25 +72,35 @@ def plot_modes(train, modes, chosen, ratios):
         One panel a mode. Each branch is a line of its own right of the main one; it begins at the disk on which it
         hangs, named in brackets. The largest angle is 1.
     """
-    topology, chosen, ways = train.topology, chosen[:MOST], Ways.of(train, modes)
-    figure = new_figure(1.6 + 1.6 * len(chosen))
-    panels = figure.subplots(len(chosen), 1, sharex=True, squeeze=False)[:, 0]
-    for axes, k in zip(panels, chosen, strict=True):
-        axes.axhline(0.0, color="black", linewidth=0.8)
+    return drawn(shapes_figure(train, modes, chosen[:MOST], ratios), title=train.topology.title)
+
+
+def shapes_figure(train, modes, chosen, ratios):
+    """The figure of :func:`plot_modes`."""
+    ways = Ways.of(train, modes)
+    traces, panels, notes = [], [], []
+    for panel, k in enumerate(chosen):
+        shape, nodes = ways.shapes[k], ways.nodes(k)
         for number, (start, way) in enumerate(zip(ways.starts, ways.ways, strict=True)):
+            names = [modes.names[disk] for disk in way]
+            style = {"mode": "lines+markers", "text": names, "hovertemplate": "%{text}: %{y}<extra></extra>"}
             place = start + np.arange(len(way))
-            style = STYLES[min(number, 1) + max(number - 1, 0) % 3]
-            axes.plot(place, ways.shapes[k][way], style, color=WITHOUT, marker="o", markersize=3, linewidth=1.4)
-        nodes = ways.nodes(k)
-        axes.plot(nodes, np.zeros(len(nodes)), "x", color=WITH, markersize=7, markeredgewidth=1.8)
+            traces.append(line(place, shape[way], "", min(number, 1), panel=panel, showlegend=False, **style))
+        traces.append(marks(nodes, np.zeros(len(nodes)), "node", "x-thin-open", panel=panel, showlegend=False))
+        traces[-1]["marker"] |= {"line": {"width": 2, "color": WITH}}
+        panels.append(("", (-1.15, 1.15)))
         damping = "" if np.isnan(ratios[k]) else f", damping ratio {ratios[k]:.3g}"
-        axes.set_title(f"mode {k}: {modes.frequencies_hz[k]:.4g} Hz{damping}", fontsize="small", loc="left")
-        axes.set_ylim(-1.15, 1.15)
-    places, said = ways.names(topology.disk_names)
-    panels[-1].set_xticks(places, said, rotation=90, fontsize="x-small" if len(places) > 25 else "small")
-    panels[-1].set_xlim(-0.5, ways.last + 0.5)
-    figure.suptitle(f"{topology.name or 'scene'}: angles referred to the reference rotor; x: node", fontsize="medium")
-    return figure
+        text = f"mode {k}: {modes.frequencies_hz[k]:.4g} Hz{damping}"
+        notes.append(above(text, panel))
+    places, said = ways.names(modes.names)
+    made = layout("", panels, traces, heights=[95] * len(panels), annotations=notes, x_range=(-0.5, ways.last + 0.5))
+    longest = max(map(len, said))
+    made["xaxis"] |= {"tickvals": places, "ticktext": said, "tickangle": -90, "tickfont": {"size": 9}}
+    made["margin"] |= {"t": 22, "b": 16 + round(5.4 * longest)}
+    made["height"] += round(5.4 * longest) - 20
+    caption = "Mode shapes, angles referred to the reference rotor, the largest is 1; crosses: nodes. "
+    branches = "Dashed: branches, each begins at the disk named in brackets." * (len(ways.ways) > 1)
+    return Figure(caption + branches, traces, made)
 
 
 @dataclass(frozen=True)

@@ -4,29 +4,16 @@ import dataclasses
 
 import numpy as np
 
-from jaxhb.report.figures.style import plain
-from jaxhb.report.page.figures import (
-    NO_ANSWER,
-    SYMBOLS,
-    Figure,
-    kind_keys,
-    kind_of,
-    kind_word,
-    layout,
-    line,
-    marks,
-    motion_line,
-    speed_range,
-    top_of,
-)
+from jaxhb.report.figures.figure import NO_ANSWER, SYMBOLS, Figure, kind_of, kind_word, layout, marks, speed_range
+from jaxhb.report.figures.sweep import over_speed
 from jaxhb.report.quantities import (
     angles,
-    answered,
     forces,
     gear_torques,
     heat,
     irregularity,
     main_quantity,
+    separation,
     shaft_torques,
 )
 from jaxhb.report.selection import largest
@@ -90,7 +77,7 @@ def _overview(cases, quantity):
         return max(float(quantity.read(motion, name)) for name in quantity.names)
 
     whole = dataclasses.replace(quantity, names=("",), read=largest_number)
-    return over_speed(whole, "", cases, f"{quantity.title} of all, {quantity.unit}")
+    return over_speed(whole, whole.names, cases, f"{quantity.title} of all, {quantity.unit}")
 
 
 def _misfires(report):
@@ -120,8 +107,13 @@ def forces_part(report):
         return []
     quantity, cases = forces(report.train), report.shown
     tables = [maxima(quantity, cases, contact=True)]
-    figures = [over_speed(quantity, name, cases) for name in _drawn(report, quantity)]
-    apart = [_apart(case) for case in cases if any(report.train.topology.mesh_backlash) and len(report.rpm) > 1]
+    figures = [over_speed(quantity, [name], cases) for name in _drawn(report, quantity)]
+    apart, train = [], report.train
+    if any(train.topology.mesh_backlash) and len(report.rpm) > 1:
+        for case in cases:
+            alone = [dataclasses.replace(case, title="")]
+            caption = f"Time out of contact, {case.title}"
+            apart.append(over_speed(separation(train), train.topology.mesh_names, alone, caption))
     return _few(report, quantity) + tables + figures + apart
 
 
@@ -138,7 +130,7 @@ def shafts_part(report):
 def _swings(report, quantity):
     if not quantity.names:
         return []
-    figures = [over_speed(quantity, name, report.shown) for name in _drawn(report, quantity)]
+    figures = [over_speed(quantity, [name], report.shown) for name in _drawn(report, quantity)]
     return [*_few(report, quantity), maxima(quantity, report.shown), *figures]
 
 
@@ -193,74 +185,6 @@ def _contact_columns(case, names):
     return [shares(apart), [f"{hit:.2f}" if hit > 0 else NONE for hit in hits]]
 
 
-def over_speed(quantity, name, cases, caption=None):
-    """One element over the speed, case by case, with and without backlash; symbols tell the kind of motion."""
-    rpm, traces, known = [answer.rpm for answer in cases[0].answers], [], []
-    backlash = any(cases[0].answers[0].topology.mesh_backlash)
-    for number, case in enumerate(cases):
-        values, before = quantity.of(case.answers, name), quantity.without(case.answers, name)
-        known += [values, before] if backlash else [values]
-        said = plain(case.title)
-        traces.append(motion_line(case.answers, values, said, 2 * number, hollow=number > 0))
-        if backlash:
-            traces.append(line(rpm, before, f"{said}, without backlash", 2 * number + 1))
-    if quantity.element == "mesh" and name:
-        traces += _cycles(quantity, name, cases)
-    traces += kind_keys(*(case.answers for case in cases))
-    limits = top_of(*known)
-    made = layout("speed, rpm", [(quantity.unit, limits)], traces, x_range=speed_range(rpm))
-    return Figure(caption or f"{plain(name)}: {quantity.small_title}, {quantity.unit}", traces, made)
-
-
-def _cycles(quantity, name, cases):
-    """Bars from 5 to 95 % of the largest forces of a cycle, of motions that never repeat."""
-    x, y = [], []
-    for answer in (answer for case in cases for answer in case.answers):
-        if answer.answered and answer.state.kind == "irregular":
-            low, _, high = quantity.factor * np.asarray(answer.force(name).per_cycle.max)
-            # nan ends a line: one trace draws all bars.
-            x += [answer.rpm, answer.rpm, np.nan]
-            y += [low, high, np.nan]
-    style = {"opacity": 0.45, "hoverinfo": "skip"}
-    bars = line(x, y, "5 to 95 % of the cycles", **style) | {"line": {"color": "#555555", "width": 5}}
-    return [bars] if x else []
-
-
-def _apart(case):
-    """Share of the time that the teeth of every mesh are apart."""
-    rpm, traces, columns = [answer.rpm for answer in case.answers], [], []
-    for number, name in enumerate(case.answers[0].topology.mesh_names):
-        values = 100 * answered(case.answers, lambda answer, name=name: answer.contacts[name].separated_fraction)
-        columns.append(values)
-        traces.append(motion_line(case.answers, values, plain(name), number))
-    traces += kind_keys(case.answers)
-    limits = top_of(*columns)
-    made = layout("speed, rpm", [("teeth apart, % of the time", limits)], traces, x_range=speed_range(rpm))
-    return Figure(f"Time out of contact, {case.title}", traces, made)
-
-
 def power_part(report):
     """Power that dampers turn into heat."""
-    quantity, rpm = heat(report.train), report.rpm
-    if not quantity.names:
-        return []
-    values = {name: [quantity.of(case.answers, name) for case in report.shown] for name in quantity.names}
-    columns, heads = [quantity.names], ["damper"]
-    for number in range(len(report.shown)):
-        own = [values[name][number] for name in quantity.names]
-        columns += [*alike([_or_nan(column) for column in own]), [_at(rpm, column) for column in own]]
-        heads += ["W", "at rpm"]
-    groups = [(case.title, 1 + 2 * i, 2 + 2 * i) for i, case in enumerate(report.shown)]
-    blocks = [Table("Largest power that dampers turn into heat over the speeds, W", heads, columns, groups)]
-    return blocks + [_power(name, report.shown, values[name]) for name in quantity.names[:MOST] if len(rpm) > 1]
-
-
-def _power(name, cases, columns):
-    traces = [
-        motion_line(case.answers, values, plain(case.title), 2 * number, hollow=number > 0)
-        for number, (case, values) in enumerate(zip(cases, columns, strict=True))
-    ]
-    traces += kind_keys(*(case.answers for case in cases))
-    rpm, limits = [answer.rpm for answer in cases[0].answers], top_of(*columns)
-    made = layout("speed, rpm", [("heat, W", limits)], traces, x_range=speed_range(rpm), heights=[130])
-    return Figure(f"{plain(name)}: power turned into heat, W", traces, made)
+    return _swings(report, heat(report.train))

@@ -1,4 +1,5 @@
-"""Figures of the page as plain dictionaries for plotly.js: dashes, symbols and words tell what colours tell too."""
+"""One specification of a figure for plotly.js, on the page, and for matplotlib: lines, marks, bands and panels as plain
+dictionaries. Dashes, symbols and words tell what colours tell too."""
 
 import math
 from dataclasses import dataclass
@@ -33,7 +34,7 @@ STYLES = (
 
 @dataclass(frozen=True)
 class Figure:
-    """What plotly.js draws: a caption, traces and a layout, all of plain numbers and words."""
+    """A caption, traces and a layout, all of plain numbers and words, as plotly.js draws them."""
 
     caption: str
     traces: list
@@ -48,7 +49,10 @@ def numbers(values):
 def line(x, y, name, style=0, *, panel=0, **more):
     """A line over x; ``style`` numbers one of STYLES."""
     own = {"type": "scatter", "mode": "lines", "x": numbers(x), "y": numbers(y), "name": name}
-    return own | _axis(panel) | {"line": {**STYLES[style % len(STYLES)], "width": 1.6}} | more
+    turn, place = divmod(style, len(STYLES))
+    # What has a colour once more has another dash than before.
+    look = {"color": STYLES[place]["color"], "dash": STYLES[(place + turn) % len(STYLES)]["dash"], "width": 1.6}
+    return own | _axis(panel) | {"line": look} | more
 
 
 def marks(x, y, name, symbol, *, panel=0, size=8, color="black", **more):
@@ -109,12 +113,17 @@ def _last(name, count):
 
 
 def _legend_rows(traces):
-    """Rows that the legend takes, from the lengths of its names."""
+    """Rows that the legend takes; one name needs none."""
+    count = sum(trace.get("showlegend", True) for trace in traces)
+    return -(-count // legend_columns(traces)) if count > 1 else 0
+
+
+def legend_columns(traces):
+    """Columns of the legend, from the lengths of its names."""
     widths = [KEY + LETTER * len(trace["name"]) for trace in traces if trace.get("showlegend", True)]
-    if len(widths) < 2 or sum(widths) <= WIDTH - 76:
-        return len(widths) > 1
-    columns = max(1, int((WIDTH - 76) // max(widths)))  # plotly gives every entry the width of the longest
-    return -(-len(widths) // columns)
+    if sum(widths) <= WIDTH - 76:
+        return max(1, len(widths))
+    return max(1, int((WIDTH - 76) // max(widths)))  # plotly gives every entry the width of the longest
 
 
 def top_of(*columns):
@@ -149,16 +158,16 @@ def motion_line(answers, values, name, style=0, *, panel=0, hollow=False):
     """A line over the speed with the symbol of the kind of motion at every speed; a gap where there is no answer."""
     symbols = [SYMBOLS.get(kind_of(answer), "circle") + "-open" * hollow for answer in answers]
     said = [kind_word(kind_of(answer) or "unknown") for answer in answers]
-    more = {"mode": "lines+markers", "text": said, "hovertemplate": "%{x} rpm: %{y}, %{text}"}
+    more = {"mode": "lines+markers", "text": said, "hovertemplate": f"%{{x}} {answers[0].axis.unit}: %{{y}}, %{{text}}"}
     more["marker"] = {"symbol": symbols, "size": 6 if len(answers) <= 80 else 4}
-    return line([answer.rpm for answer in answers], values, name, style, panel=panel, **more)
+    return line([answer.place for answer in answers], values, name, style, panel=panel, **more)
 
 
 def kind_keys(*lists):
     """Entries of the legend for the kinds of motion that occur, and crosses at the bottom where there is no answer."""
     met = {kind_of(answer) for answers in lists for answer in answers}
     keys = [marks([np.nan], [np.nan], kind_word(kind), symbol) for kind, symbol in SYMBOLS.items() if kind in met]
-    return keys + crosses(sorted({answer.rpm for answers in lists for answer in answers if not answer.answered}))
+    return keys + crosses(sorted({answer.place for answers in lists for answer in answers if not answer.answered}))
 
 
 def crosses(speeds):
