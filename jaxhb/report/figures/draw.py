@@ -5,12 +5,14 @@ import textwrap
 import numpy as np
 
 from jaxhb.report.figures.figure import legend_columns
-from jaxhb.report.figures.style import MOTIONS, line_key, new_figure
+from jaxhb.report.figures.style import MOTIONS, line_key, new_figure, raised
 
-PIXELS = 56
-"""Of the page, in an inch of the height."""
+PIXELS = 75
+"""Of the page in an inch of the height, as in its width."""
 POINTS = 0.8
 """Of a line or marker, for a pixel of the page."""
+KEYS = {"fontsize": 7.5, "handlelength": 3.8, "handletextpad": 0.6, "columnspacing": 1.3, "labelspacing": 0.3}
+"""Sizes of the legend, in which as many names find room as on the page."""
 LETTERS = 105
 """Of a line of a caption."""
 DASHES = {"solid": "-", "dash": "--", "dashdot": "-.", "dot": ":"}
@@ -84,6 +86,7 @@ def _draw(figure, panels):
         axis = figure.layout[name.replace("y", "yaxis")]
         _draw_axis(axes, "y", axis)
         axes.set_ylabel(axis["title"]["text"])
+        axes.grid(axis="x", color=axis["gridcolor"], linewidth=0.6)
         low, high = axes.get_ylim()
         if low < 0 < high:
             axes.axhline(0.0, color=axis["zerolinecolor"], linewidth=0.8, zorder=0.6)
@@ -166,18 +169,20 @@ def _draw_legend(axes, figure, known):
     looks = [_look(trace, np.ravel(_symbols(trace))[0]) for trace in shown]
     keys = [line_key(trace["name"], look.pop("color"), **look) for trace, look in zip(shown, looks, strict=True)]
     own = {(key.get_label(), str(key.get_linestyle()), str(key.get_marker()), key.get_color()) for key in keys}
-    room = 1.8 if any(note["y"] == 1.0 or "bgcolor" in note for note in figure.layout["annotations"]) else 0.4
+    # Texts above a panel stand between it and the caption.
+    room = 13 if any(note.get("yanchor") == "bottom" for note in figure.layout["annotations"]) else 3
     axes.legend(
         handles=[] if own <= known else keys,
         ncols=legend_columns(figure.traces),
         title=_wrapped(figure.caption),
+        title_fontsize=9,
         alignment="left",
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),
-        borderaxespad=room,
+        bbox_transform=raised(axes, room),
+        borderaxespad=0.0,
         borderpad=0.0,
         frameon=False,
-        fontsize="small",
-        handlelength=3.5,
+        **KEYS,
     )
     return own

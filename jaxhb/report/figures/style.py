@@ -19,8 +19,6 @@ MOTIONS = {
 }
 """Marker, its name for plotly, colour and words of every kind of motion, in every picture."""
 
-MESH_COLOURS = ("#b3261e", "#2e7d32", "#6a1b9a", "#ef6c00", "#00838f", "#5d4037")
-
 
 def new_figure(height):
     """An empty figure of the usual width."""
@@ -49,9 +47,9 @@ def crosses(axes, x):
         axes.plot(x, np.full(len(x), 0.02), "x", color="black", markersize=7, **place)
 
 
-def moved_right(axes, points):
-    """Coordinates of the data, moved to the right by so many points."""
-    return axes.transData + ScaledTranslation(points / 72, 0, axes.figure.dpi_scale_trans)
+def raised(axes, points):
+    """Coordinates of the axes, moved up by so many points."""
+    return axes.transAxes + ScaledTranslation(0, points / 72, axes.figure.dpi_scale_trans)
 
 
 def key(said, marker, colour, **style):

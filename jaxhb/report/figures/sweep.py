@@ -89,15 +89,16 @@ def over_speed(quantity, names, cases, caption=None, *, more=()):
     places, train = [answer.place for answer in first], first[0].train
     # What is no signal, heat or a time apart, is drawn with backlash alone.
     backlash = quantity.signal is not None and any(train.topology.mesh_backlash)
-    traces = []
+    # Both directions have the same motion without backlash.
+    alike, traces = all(case.answers[0].train is train for case in cases), []
     for place, name in enumerate(names):
         for number, case in enumerate(cases):
             said = [plain(name)] * (several or not case.title) + [plain(case.title)] * bool(case.title)
             style = place if several else 2 * number
             values = quantity.of(case.answers, name)
             traces.append(motion_line(case.answers, values, ", ".join(said), style, hollow=number > 0))
-            if backlash and (number == 0 or case.answers[0].train is not train):
-                said = "" if several or not case.title else f"{plain(case.title)}, "
+            if backlash and (case is cases[0] or not alike):
+                said = "" if alike else f"{plain(case.title)}, "
                 style = {"style": place if several else 2 * number + 1, "showlegend": not (several and place)}
                 before = line(places, quantity.without(case.answers, name), f"{said}without backlash", **style)
                 before["line"] |= {"width": 0.8} if several else {}
