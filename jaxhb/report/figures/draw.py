@@ -36,9 +36,11 @@ def drawn(*figures, title=""):
     matplotlib.figure.Figure
         With axes for every panel, from the top.
     """
-    picture = new_figure(sum(figure.layout["height"] for figure in figures) / PIXELS)
+    layouts = [figure.layout for figure in figures]
+    inside = sum(layout["height"] - layout["margin"]["b"] for layout in layouts)
+    picture = new_figure((inside + layouts[-1]["margin"]["b"]) / PIXELS)
     picture.suptitle(_wrapped(title), fontsize="medium")
-    rows = [_panels(figure.layout) for figure in figures]
+    rows = [_panels(layout) for layout in layouts]
     heights = [height for panels in rows for height in panels.values()]
     every = iter(picture.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0])
     first, last, keys = None, None, set()
