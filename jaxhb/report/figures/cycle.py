@@ -1,7 +1,5 @@
 """Figures of a cycle and of a record; picture of a tuning."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from jaxhb.design.evaluator import label
@@ -10,6 +8,7 @@ from jaxhb.equations.backlash import separated
 from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import Figure, above, bands, layout, line, marks
 from jaxhb.report.figures.style import WITH, WITHOUT, crosses, new_figure, plain
+from jaxhb.report.quantities import forces, gear_torques, shaft_torques
 from jaxhb.report.selection import default_gear, gears, hardest_shaft, meshes_of, train_name
 from jaxhb.report.text.sentences import motion_text
 from jaxhb.report.text.tuned import scaled_unit
@@ -47,7 +46,7 @@ def plot_cycle(answer, gear=None):
     >>> import jaxhb
     >>> from jaxhb.report.compute import Asked, answer_one
     >>> plot_cycle(answer_one(jaxhb.load_scene("spur_pair"), 2000.0, Asked())).axes[0].get_ylabel()
-    'torque, N m'
+    'gear torque, N m'
     """
     title = f"{train_name(answer.topology)}, {answer.rpm:g} rpm: {_kind(answer)}"
     return drawn(*cycle_figures(answer, gear), title=title)
@@ -63,15 +62,14 @@ def _kind(answer):
 def cycle_figures(answer, gear=None):
     """The figures of :func:`plot_cycle`, in a list."""
     gear = gear or default_gear(answer)
-    if gear is None:
-        shaft = hardest_shaft([answer])
-        swing = float(answer.torque(shaft).half_peak_to_peak)
-        return [cycle_figure(answer, shaft, (), f"Torque of {plain(shaft)}, half peak-to-peak {swing:.0f} N m,")]
-    meshes = meshes_of(answer.topology, gear)
-    swings = [f"{float(r.gear_torque(gear).half_peak_to_peak):.0f}" for r in (answer, answer.linear)]
-    said = f"{swings[0] if answer.known else '-'} N m (without backlash {swings[1]}), and forces of its meshes"
-    figures = [cycle_figure(answer, gear, meshes, f"Torque that {gear} passes on, half peak-to-peak {said}")]
-    return figures + [_peaks(answer, meshes)] * _recorded(answer)
+    subject = gear or hardest_shaft([answer])
+    meshes = meshes_of(answer.topology, gear) if gear else ()
+    torque = _torque_of(answer.train, subject)
+    swings = [f"{float(torque.read(motion, subject)):.0f}" for motion in (answer, answer.linear)]
+    said = f" {swings[0]} N m" if answer.known else ""
+    said += f" (without backlash {swings[1]}), and tooth forces" if gear else ","
+    figures = [cycle_figure(answer, subject, meshes, f"Torque of {plain(subject)}, half peak-to-peak{said}")]
+    return figures + [_peaks(answer, meshes)] * (bool(gear) and _recorded(answer))
 
 
 def _recorded(answer):
@@ -79,77 +77,64 @@ def _recorded(answer):
     return answer.known and answer.response is None
 
 
-@dataclass(frozen=True)
-class Panel:
-    """What a panel shows, its title and the factor to it from SI, the signal, that without backlash, and the meshes
-    whose gaps are shaded."""
-
-    name: str
-    title: str
-    factor: float
-    after: object
-    before: object
-    meshes: tuple
+def _torque_of(train, subject):
+    """The quantity that is the torque of a gear, or of a shaft or damper."""
+    return gear_torques(train) if subject in gears(train.topology) else shaft_torques(train)
 
 
 def cycle_figure(answer, subject, meshes, caption):
-    """Torque of a gear and forces of meshes, or torque of a shaft, over the period or cycle by cycle.
-
-    Parameters
-    ----------
-    answer : Answer
-    subject : str, the gear, shaft or damper
-    meshes : sequence of str, whose forces have panels
-    caption : str
-    """
-    if subject in gears(answer.topology):
-        own, read = meshes_of(answer.topology, subject), "gear_torque"
-    else:
-        own, read = (), "torque"
-    torques = (getattr(motion, read)(subject) for motion in (answer, answer.linear))
-    panels = [Panel(subject, "torque, N m", 1.0, *torques, own)]
-    for name in meshes:
-        panels.append(Panel(name, "tooth force, kN", 1e-3, answer.force(name), answer.linear.force(name), (name,)))
-    return (_record if _recorded(answer) else _period)(answer, caption, panels)
+    """Torque of a gear and forces of meshes, or torque of a shaft, over the period, or cycle by cycle where the motion
+    never repeats."""
+    rows = [(_torque_of(answer.train, subject), subject), *((forces(answer.train), name) for name in meshes)]
+    return (_record if _recorded(answer) else _period)(answer, rows, caption)
 
 
-def _period(answer, caption, panels):
+def _period(answer, rows, caption):
     """Signals over the period of the motion, with and without backlash; grey where the teeth are apart."""
     backlash = any(answer.topology.mesh_backlash)
     traces, shapes, notes = [], [], []
-    for panel, one in enumerate(panels):
+    for panel, (quantity, name) in enumerate(rows):
         more = {"panel": panel, "showlegend": backlash and not panel}
         if answer.known:
-            traces.append(_sampled(answer, one, one.after, "with backlash" if backlash else plain(one.name), 0, **more))
+            after = quantity.signal(answer, name)
+            said = "with backlash" if backlash else plain(name)
+            traces.append(_sampled(answer, quantity.factor, after, said, 0, **more))
         if backlash or not answer.known:
-            traces.append(_sampled(answer, one, one.before, "without backlash", 1, **more))
-        apart = [in_the_gap(answer, name, count_of(answer)) for name in one.meshes]
+            before = quantity.signal(answer.linear, name)
+            traces.append(_sampled(answer, quantity.factor, before, "without backlash", 1, **more))
+        meshes = {"gear": meshes_of, "mesh": lambda _, mesh: (mesh,)}.get(quantity.element, lambda *_: ())
+        apart = [in_the_gap(answer, mesh, count_of(answer)) for mesh in meshes(answer.topology, name)]
         edges = _runs(np.any(apart, axis=0), angles_of(answer)) if apart else []
         shapes += bands(edges, rows=f"y{panel + 1 if panel else ''} domain")
-        notes.append(above(plain(one.name), panel))
+        notes.append(above(plain(name), panel))
     zero = " (0: firing top dead centre of a cylinder with firing angle 0)" if answer.topology.cylinder_names else ""
     end, title = answer.cycle_deg * periods_of(answer), f"angle of the reference rotor, deg{zero}"
-    more = {"heights": [PANEL] * len(panels), "shapes": shapes, "annotations": notes, "x_range": (0.0, end)}
-    made = layout(title, [(one.title, None) for one in panels], traces, **more)
-    made["legend"] |= {"x": 1, "xanchor": "right"}
-    if periods_of(answer) > 1 or answer.cycle_deg % 90 == 0:
-        made["xaxis"] |= {"dtick": answer.cycle_deg if periods_of(answer) > 1 else 90}
+    made = _layout(title, rows, traces, notes, end, shapes=shapes)
+    if periods_of(answer) > 1:
+        made["xaxis"] |= {"dtick": answer.cycle_deg, "gridcolor": "black"}
+    elif answer.cycle_deg % 90 == 0:
+        made["xaxis"] |= {"dtick": 90}
     shaded = "; grey: its teeth are apart" if shapes else ""
     return Figure(f"{caption} over the period{shaded}", traces, made)
 
 
-def _step(answer):
-    return max(1, periods_of(answer) // SPIKES)
+def _layout(title, rows, traces, notes, end, **more):
+    """The layout of a panel for every row, the legend beside the name of the first."""
+    panels = [(f"{quantity.called}, {quantity.unit}", None) for quantity, _ in rows]
+    more |= {"heights": [PANEL] * len(panels), "annotations": notes, "x_range": (0.0, end)}
+    made = layout(title, panels, traces, **more)
+    made["legend"] |= {"x": 1, "xanchor": "right"}
+    return made
 
 
-def _sampled(answer, one, signal, name, style, **more):
+def _sampled(answer, factor, signal, name, style, **more):
     """A signal over the whole period."""
-    values = one.factor * np.asarray(closed(answer, signal))[:: _step(answer)]
-    trace = line([], values, name, style, **more)
+    step = max(1, periods_of(answer) // SPIKES)
+    trace = line([], factor * np.asarray(closed(answer, signal))[::step], name, style, **more)
     trace["line"] |= {"width": 1.1}
     # Equal steps: a start and a step in place of all angles keep the page small.
     del trace["x"]
-    return trace | {"x0": 0.0, "dx": answer.cycle_deg * periods_of(answer) / count_of(answer) * _step(answer)}
+    return trace | {"x0": 0.0, "dx": answer.cycle_deg * periods_of(answer) / count_of(answer) * step}
 
 
 def _runs(apart, angles):
@@ -159,30 +144,28 @@ def _runs(apart, angles):
     return [(float(angles[i]), float(angles[min(j, len(angles) - 1)])) for i, j in zip(starts, ends, strict=True)]
 
 
-def _record(answer, caption, panels):
+def _record(answer, rows, caption):
     """A motion that never repeats: extremes of every recorded cycle, and those without backlash."""
     traces, notes = [], []
-    for panel, one in enumerate(panels):
+    for panel, (quantity, name) in enumerate(rows):
+        after, before = quantity.signal(answer, name), quantity.signal(answer.linear, name)
         more = {"panel": panel, "showlegend": not panel, "size": 5}
-        cycles = np.arange(1, len(one.after.highest) + 1)
+        cycles = np.arange(1, len(after.highest) + 1)
         traces += [
-            marks(cycles, one.factor * one.after.highest, "largest of a cycle", "triangle-up", **more),
-            marks(cycles, one.factor * one.after.lowest, "smallest of a cycle", "triangle-down-open", **more),
+            marks(cycles, quantity.factor * after.highest, "largest of a cycle", "triangle-up", **more),
+            marks(cycles, quantity.factor * after.lowest, "smallest of a cycle", "triangle-down-open", **more),
         ]
-        for share, *extremes in zip(PERCENT, *one.after.per_cycle, strict=True):
-            for value in extremes:
-                ends = [one.factor * float(value)] * 2
-                traces.append(line(cycles[[0, -1]], ends, f"{share} % of the cycles", panel=panel, showlegend=False))
-                traces[-1]["line"] |= {"width": 1.4 if share == 50 else 0.8}
-        for value, said in ((one.before.max, "extremes without backlash"), (one.before.min, "")):
-            shown = bool(said) and not panel
-            traces.append(
-                line(cycles[[0, -1]], [one.factor * float(value)] * 2, said, 1, panel=panel, showlegend=shown)
-            )
-        notes.append(above(plain(one.name), panel))
-    more = {"heights": [PANEL] * len(panels), "annotations": notes, "x_range": (0.0, len(cycles) + 1.0)}
-    made = layout("recorded cycle", [(one.title, None) for one in panels], traces, **more)
-    made["legend"] |= {"x": 1, "xanchor": "right"}
+        shares = [f"{share} % of the cycles" for share in PERCENT]
+        levels = [
+            (value, said, 0) for extremes in after.per_cycle for value, said in zip(extremes, shares, strict=True)
+        ]
+        levels += [(before.max, "extremes without backlash", 1), (before.min, "extremes without backlash", 1)]
+        for number, (value, said, style) in enumerate(levels):
+            more = {"panel": panel, "showlegend": not panel and number == len(levels) - 1}
+            traces.append(line(cycles[[0, -1]], [quantity.factor * float(value)] * 2, said, style, **more))
+            traces[-1]["line"] |= {} if style else {"width": 0.8}
+        notes.append(above(plain(name), panel))
+    made = _layout("recorded cycle", rows, traces, notes, len(cycles) + 1.0)
     said = "extremes of every recorded cycle (lines: 5, 50, 95 % of them); the motion never repeats"
     return Figure(f"{caption}, {said}", traces, made)
 

@@ -88,7 +88,7 @@ def _draw(figure, panels):
         axis = figure.layout[name.replace("y", "yaxis")]
         _draw_axis(axes, "y", axis)
         axes.set_ylabel(axis["title"]["text"])
-        axes.grid(axis="x", color=axis["gridcolor"], linewidth=0.6)
+        axes.grid(axis="x", color=figure.layout["xaxis"]["gridcolor"], linewidth=0.6)
         low, high = axes.get_ylim()
         if low < 0 < high:
             axes.axhline(0.0, color=axis["zerolinecolor"], linewidth=0.8, zorder=0.6)
@@ -149,7 +149,7 @@ def _look(trace, symbol):
 
 def _draw_note(panels, note):
     """A text: at a place of the axes or of the data, moved by pixels."""
-    across, along = note["yref"] if "yref" in note else "y", note.get("xref", "x")
+    across, along = note.get("yref", "y"), note.get("xref", "x")
     style = {"fontsize": POINTS * note["font"]["size"], "ha": note.get("xanchor", "center")}
     style |= {"va": ANCHORS[note.get("yanchor", "middle")], "annotation_clip": False}
     if "bgcolor" in note:

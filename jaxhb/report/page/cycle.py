@@ -20,11 +20,13 @@ def cycle_part(report):
     blocks.append(f"Shown is {first.rpm:g} rpm, {why}.")
     gear = report.gear or default_gear(first)
     subject = gear or (hardest_shaft([first]) if first.topology.link_names else None)
-    meshes = list(dict.fromkeys([*meshes_of(first.topology, gear)[:MESHES], worst_mesh(first)])) if gear else ()
+    own = meshes_of(first.topology, gear) if gear else ()
+    meshes = list(dict.fromkeys([*own[:MESHES], worst_mesh(first) or own[0]])) if own else ()
     for case, answer in chosen:
         lines = [f"{said[0].upper()}{said[1:]}." for said in status_lines(answer)]
         blocks += [Heading(f"With {case.title}"), "\n".join([verdict(answer), *lines])]
         if subject and answer.answered:
             caption = f"{answer.rpm:g} rpm, {plain(case.title)}: torque of {plain(subject)}"
-            blocks.append(cycle_figure(answer, subject, meshes, caption + " and tooth forces" * bool(meshes)))
+            caption += " and tooth forces" * bool(meshes)
+            blocks.append(cycle_figure(answer, subject, meshes, caption))
     return blocks + speed_tables(cases, report.place)
