@@ -1,4 +1,6 @@
-"""Figures of a cycle and of a record; picture of a tuning."""
+"""Figures of a cycle, of a record and of a tuning."""
+
+from itertools import pairwise
 
 import numpy as np
 
@@ -6,8 +8,8 @@ from jaxhb.design.evaluator import label
 from jaxhb.equations import fourier
 from jaxhb.equations.backlash import separated
 from jaxhb.report.figures.draw import drawn
-from jaxhb.report.figures.figure import Figure, above, bands, layout, line, marks
-from jaxhb.report.figures.style import WITH, WITHOUT, crosses, new_figure, plain
+from jaxhb.report.figures.figure import Figure, above, bands, crosses, layout, line, marks, speed_range, top_of
+from jaxhb.report.figures.style import plain
 from jaxhb.report.quantities import forces, gear_torques, shaft_torques
 from jaxhb.report.selection import default_gear, gears, hardest_shaft, meshes_of, train_name
 from jaxhb.report.text.sentences import motion_text
@@ -103,8 +105,8 @@ def _period(answer, rows, caption):
             before = quantity.signal(answer.linear, name)
             traces.append(_sampled(answer, quantity.factor, before, "without backlash", 1, **more))
         meshes = {"gear": meshes_of, "mesh": lambda _, mesh: (mesh,)}.get(quantity.element, lambda *_: ())
-        apart = [in_the_gap(answer, mesh, count_of(answer)) for mesh in meshes(answer.topology, name)]
-        edges = _runs(np.any(apart, axis=0), angles_of(answer)) if apart else []
+        apart = [in_the_gap(answer, mesh, count_of(answer)) for mesh in meshes(answer.topology, name) if answer.known]
+        edges = _edges(np.any(apart, axis=0)) * answer.cycle_deg / SAMPLES if apart else []
         shapes += bands(edges, rows=f"y{panel + 1 if panel else ''} domain")
         notes.append(above(plain(name), panel))
     zero = " (0: firing top dead centre of a cylinder with firing angle 0)" if answer.topology.cylinder_names else ""
@@ -137,11 +139,10 @@ def _sampled(answer, factor, signal, name, style, **more):
     return trace | {"x0": 0.0, "dx": answer.cycle_deg * periods_of(answer) / count_of(answer) * step}
 
 
-def _runs(apart, angles):
-    """Pairs of angles between which teeth are apart."""
-    steps = np.diff(np.concatenate([[0], np.asarray(apart, int), [0]]))
-    starts, ends = np.flatnonzero(steps == 1), np.flatnonzero(steps == -1)
-    return [(float(angles[i]), float(angles[min(j, len(angles) - 1)])) for i, j in zip(starts, ends, strict=True)]
+def _edges(apart):
+    """Pairs of time samples ``(n, 2)`` between which teeth are apart."""
+    steps = np.diff(np.concatenate([[0], apart.astype(int), [0]]))
+    return np.stack([np.flatnonzero(steps == 1), np.flatnonzero(steps == -1)], axis=1)
 
 
 def _record(answer, rows, caption):
@@ -200,34 +201,29 @@ def plot_tuning(objectives, result):
         one for the history: the objective, 1 at the start but for smoothing, with a line where the smooth maximum was
         sharpened.
     """
-    count = len(objectives)
-    figure = new_figure(2.2 + 2.8 * count)
-    *panels, below = figure.subplots(count + 1, 1)
-    for axes, objective in zip(panels, objectives, strict=True):
+    figures, axis = [], speed_range(result.rpm)
+    for objective in objectives:
         name, (factor, unit) = label(objective), scaled_unit(objective.quantity)
-        for reading, colour, said in ((result.before, WITH, "before"), (result.after, WITHOUT, "after")):
-            axes.plot(result.rpm, factor * reading.readings[name], color=colour, marker="o", markersize=3, label=said)
-        crosses(axes, result.rpm[~(result.before.solved | result.after.solved)])
-        axes.set_ylabel(f"{objective.quantity}{', ' + unit if unit else ''}")
-        axes.set_title(f"{result.train.topology.name or 'scene'}: {plain(name)}", fontsize="medium")
-        axes.set_ylim(bottom=0.0)
-        axes.legend(loc="upper left", fontsize="small")
-    panels[-1].set_xlabel("speed, rpm")
-    steps = [step.number for step in result.history]
-    below.plot(steps, [step.objective for step in result.history], color=WITHOUT, marker="o", markersize=3)
-    for step, following in zip(result.history, result.history[1:], strict=False):
-        if following.width != step.width:
-            below.axvline(step.number + 0.5, color="grey", linewidth=0.8, linestyle=":")
-    below.set_xlabel("step")
-    below.set_ylabel("objective, 1: start")
-    below.set_ylim(bottom=0.0)
-    return figure
+        traces = [
+            line(result.rpm, factor * reading.readings[name], said, style, mode="lines+markers")
+            for style, (said, reading) in enumerate((("before", result.before), ("after", result.after)))
+        ]
+        panels = [(f"{objective.quantity}, {unit}".removesuffix(", "), top_of(*(trace["y"] for trace in traces)))]
+        traces += crosses(result.rpm[~(result.before.solved | result.after.solved)])
+        figures.append(Figure(plain(name), traces, layout("speed, rpm", panels, traces, x_range=axis)))
+    steps, values = zip(*((step.number, step.objective) for step in result.history), strict=True)
+    sharper = [one.number + 0.5 for one, after in pairwise(result.history) if after.width != one.width]
+    highest = top_of(values)
+    traces = [line(steps, values, "objective, 1 at the start", 1, mode="lines+markers")]
+    traces += [
+        line([step] * 2, highest, "smooth maximum sharpened", 3, showlegend=step == sharper[0]) for step in sharper
+    ]
+    figures.append(Figure("History of the tuning", traces, layout("step", [("objective", highest)], traces)))
+    return drawn(*figures, title=result.train.topology.title)
 
 
 def in_the_gap(answer, mesh, count):
-    """Whether the teeth are apart at ``count`` time samples of the period; nowhere where the motion is unknown."""
-    if not answer.known:
-        return np.zeros(count, dtype=bool)
+    """Whether the teeth are apart at ``count`` time samples of the period."""
     apart = separated(answer.response.law.expand(), answer.response.deflection_samples(count))
     return np.asarray(apart)[answer.topology.mesh_names.index(mesh)]
 
@@ -239,10 +235,6 @@ def periods_of(answer):
 
 def count_of(answer):
     return SAMPLES * periods_of(answer)
-
-
-def angles_of(answer):
-    return np.linspace(0.0, answer.cycle_deg * periods_of(answer), count_of(answer) + 1)
 
 
 def closed(answer, signal):

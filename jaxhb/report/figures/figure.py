@@ -180,7 +180,9 @@ def crosses(speeds):
 def bands(edges, *, rows="paper"):
     """Grey bands between pairs of x, over the whole height."""
     place = {"type": "rect", "xref": "x", "yref": rows, "y0": 0, "y1": 1, "layer": "below"}
-    return [place | {"x0": low, "x1": high, "fillcolor": GAP, "line": {"width": 0}} for low, high in edges]
+    return [
+        place | {"x0": float(low), "x1": float(high), "fillcolor": GAP, "line": {"width": 0}} for low, high in edges
+    ]
 
 
 def above(text, panel):

@@ -80,7 +80,7 @@ def limit_figure(judged, kind, name):
             traces.append(line(first.rpm, factor * np.broadcast_to(values, np.shape(first.rpm)), said, 2 + number))
             traces[-1]["line"] |= {"color": "black"}
     barred = [one for found in judged.values() for one in found.barred.get(name, ())] if kind == "stresses" else []
-    shapes = bands([(float(one.low), float(one.high)) for one in barred])
+    shapes = bands([(one.low, one.high) for one in barred])
     panels = [(f"{called}, {unit}", top_of(*(trace["y"] for trace in traces)))]
     made = layout("speed, rpm", panels, traces, x_range=speed_range(first.rpm), heights=[180], shapes=shapes)
     shaded = "; grey: barred" + " in one of these cases" * (len(judged) > 1) if shapes else ""

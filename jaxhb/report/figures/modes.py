@@ -1,7 +1,5 @@
 """Picture of mode shapes along the train: the longest way through it first, its branches behind it."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from jaxhb.equations.kinematics import speed_ratios
@@ -77,79 +75,51 @@ def plot_modes(train, modes, chosen, ratios):
 
 def shapes_figure(train, modes, chosen, ratios):
     """The figure of :func:`plot_modes`."""
-    ways = Ways.of(train, modes)
+    ways = train_lines(train.topology)
+    starts = np.cumsum([0, *(len(way) + 1 for way in ways)]).tolist()
+    # Referred to one rotor angles do not jump at meshes.
+    shapes = modes.shapes / np.asarray(speed_ratios(train))[np.array(train.topology.rotor)]
+    shapes /= np.abs(shapes).max(axis=1, keepdims=True)
     traces, panels, notes = [], [], []
     for panel, k in enumerate(chosen):
-        shape, nodes = ways.shapes[k], ways.nodes(k)
-        for number, (start, way) in enumerate(zip(ways.starts, ways.ways, strict=True)):
+        nodes = mode_nodes(ways, starts, np.where(np.abs(modes.shapes[k]) <= AT_REST, 0.0, shapes[k]))
+        for number, (start, way) in enumerate(zip(starts, ways, strict=False)):
             names = [modes.names[disk] for disk in way]
             style = {"mode": "lines+markers", "text": names, "hovertemplate": "%{text}: %{y}<extra></extra>"}
             place = start + np.arange(len(way))
-            traces.append(line(place, shape[way], "", min(number, 1), panel=panel, showlegend=False, **style))
+            traces.append(line(place, shapes[k][way], "", min(number, 1), panel=panel, showlegend=False, **style))
         traces.append(marks(nodes, np.zeros(len(nodes)), "node", "x-thin-open", panel=panel, showlegend=False))
         traces[-1]["marker"] |= {"line": {"width": 2, "color": WITH}}
         panels.append(("", (-1.15, 1.15)))
         damping = "" if np.isnan(ratios[k]) else f", damping ratio {ratios[k]:.3g}"
         text = f"mode {k}: {modes.frequencies_hz[k]:.4g} Hz{damping}"
         notes.append(above(text, panel))
-    places, said = ways.names(modes.names)
-    made = layout("", panels, traces, heights=[95] * len(panels), annotations=notes, x_range=(-0.5, ways.last + 0.5))
+    places, said = _places(ways, starts, modes.names)
+    made = layout("", panels, traces, heights=[95] * len(panels), annotations=notes, x_range=(-0.5, starts[-1] - 1.5))
     longest = max(map(len, said))
     made["xaxis"] |= {"tickvals": places, "ticktext": said, "tickangle": -90, "tickfont": {"size": 9}}
     made["margin"] |= {"t": 22, "b": 16 + round(5.4 * longest)}
     made["height"] += round(5.4 * longest) - 20
     caption = "Mode shapes, angles referred to the reference rotor, the largest is 1; crosses: nodes. "
-    branches = "Dashed: branches, each begins at the disk named in brackets." * (len(ways.ways) > 1)
+    branches = "Dashed: branches, each begins at the disk named in brackets." * (len(ways) > 1)
     return Figure(caption + branches, traces, made)
 
 
-@dataclass(frozen=True)
-class Ways:
-    """Places of the disks in a picture of shapes: the ways of :func:`train_lines` one behind the other.
-
-    ways : list of lists of disks; starts : their first places; shapes : ``(m, S)`` angles referred to the reference
-    rotor, the largest of a mode 1; resting : ``(m, S)`` bool, disks that do not move
-    """
-
-    ways: list
-    starts: np.ndarray
-    shapes: np.ndarray
-    resting: np.ndarray
-
-    @classmethod
-    def of(cls, train, modes):
-        """Of a train and its modes."""
-        ways = train_lines(train.topology)
-        starts = np.cumsum([0, *(len(way) + 1 for way in ways[:-1])])
-        # Referred to one rotor angles do not jump at meshes.
-        shapes = modes.shapes / np.asarray(speed_ratios(train))[np.array(train.topology.rotor)]
-        largest = np.abs(shapes).max(axis=1, keepdims=True)
-        return cls(ways, starts, shapes / largest, np.abs(modes.shapes) <= AT_REST)
-
-    @property
-    def last(self):
-        """The last place."""
-        return int(self.starts[-1]) + len(self.ways[-1]) - 1
-
-    def nodes(self, k):
-        """Places of the nodes of a mode."""
-        return mode_nodes(self.ways, self.starts, np.where(self.resting[k], 0.0, self.shapes[k]))
-
-    def names(self, names):
-        """Places and names of the disks that have room; of a branch the disk on which it hangs is in brackets."""
-        places, said = [], []
-        for number, (start, way) in enumerate(zip(self.starts.tolist(), self.ways, strict=True)):
-            for i, disk in enumerate(way):
-                places.append(start + i)
-                said.append(f"({names[disk]})" if number and i == 0 else names[disk])
-        step = -(-len(places) // NAMES)
-        return places[::step], said[::step]
+def _places(ways, starts, names):
+    """Places and names of the disks that have room; of a branch the disk on which it hangs is in brackets."""
+    places, said = [], []
+    for number, (start, way) in enumerate(zip(starts, ways, strict=False)):
+        for i, disk in enumerate(way):
+            places.append(start + i)
+            said.append(f"({names[disk]})" if number and i == 0 else names[disk])
+    step = -(-len(places) // NAMES)
+    return places[::step], said[::step]
 
 
 def mode_nodes(ways, starts, shape):
     """Places of the nodes: between disks that move against each other, and disks at rest between such."""
     found, place, signs = [], {}, {}
-    for start, way in zip(starts, ways, strict=True):
+    for start, way in zip(starts, ways, strict=False):
         for i, (a, b) in enumerate(zip(way, way[1:], strict=False)):
             if shape[a] * shape[b] < 0:
                 found.append(start + i + shape[a] / (shape[a] - shape[b]))
