@@ -1,6 +1,7 @@
 """Parts of the page over the speed: kinds of motion, tooth forces, torques, heat, each with and without backlash."""
 
 import dataclasses
+import textwrap
 
 import numpy as np
 
@@ -56,18 +57,10 @@ def _kinds(cases):
     rpm = [answer.rpm for answer in cases[0].answers]
     panels = [("", (0.6 - len(cases), 0.6))]
     made = layout("speed, rpm", panels, traces, x_range=speed_range(rpm), heights=[22 + 22 * len(cases)])
-    titles = [_wrapped(case.title) for case in cases]
+    titles = ["<br>".join(textwrap.wrap(case.title, 22)) for case in cases]
     made["yaxis"] |= {"tickvals": [-row for row in range(len(cases))], "ticktext": titles, "showgrid": False}
     made["margin"] |= {"l": 130}
     return Figure("Kind of motion over the speed", traces, made)
-
-
-def _wrapped(title, width=22):
-    """A title in lines."""
-    lines = [""]
-    for word in title.split():
-        lines = [*lines, word] if len(lines[-1]) + len(word) > width else [*lines[:-1], f"{lines[-1]} {word}".strip()]
-    return "<br>".join(lines)
 
 
 def _overview(cases, quantity):
