@@ -71,7 +71,7 @@ def cycle_figures(answer, gear=None):
     said = f" {swings[0]} N m" if answer.known else ""
     said += f" (without backlash {swings[1]}), and tooth forces" if gear else ","
     figures = [cycle_figure(answer, subject, meshes, f"Torque of {plain(subject)}, half peak-to-peak{said}")]
-    return figures + [_peaks(answer, meshes)] * (bool(gear) and _recorded(answer))
+    return [*figures, _peaks(answer, meshes)] if gear and _recorded(answer) else figures
 
 
 def _recorded(answer):
@@ -116,8 +116,9 @@ def _period(answer, rows, caption):
         made["xaxis"] |= {"dtick": answer.cycle_deg, "gridcolor": "black"}
     elif answer.cycle_deg % 90 == 0:
         made["xaxis"] |= {"dtick": 90}
-    shaded = "; grey: its teeth are apart" if shapes else ""
-    return Figure(f"{caption} over the period{shaded}", traces, made)
+    more = "" if answer.known else ", without backlash alone"
+    more += "; grey: its teeth are apart" if shapes else ""
+    return Figure(f"{caption} over the period{more}", traces, made)
 
 
 def _layout(title, rows, traces, notes, end, **more):

@@ -65,7 +65,7 @@ def _axis(panel):
     return {"yaxis": f"y{panel + 1}" if panel else "y"}
 
 
-def layout(x_title, panels, traces, *, x_range=None, heights=None, shapes=(), annotations=(), **more):
+def layout(x_title, panels, traces, *, x_range=None, heights=None, shapes=(), annotations=()):
     """The layout of panels above one another over one axis.
 
     Parameters
@@ -105,7 +105,7 @@ def layout(x_title, panels, traces, *, x_range=None, heights=None, shapes=(), an
         own |= {"zerolinecolor": "#9a9a9a"} | ({"range": [float(y) for y in limits]} if limits is not None else {})
         made[_last("yaxis", number + 1)] = own
         top -= height + gap
-    return made | more
+    return made
 
 
 def _last(name, count):
