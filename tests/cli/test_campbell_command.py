@@ -4,11 +4,13 @@ import csv
 import json
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 import jaxhb
 from jaxhb.cli.main import main
 from jaxhb.linear.critical import Critical, campbell
+from jaxhb.report.figures.figure import DIGITS
 from jaxhb.report.figures.linear import counting, plot_campbell
 from jaxhb.report.text.campbell import shares_in_mode
 
@@ -81,8 +83,12 @@ def test_the_picture_has_modes_rays_and_circles_at_the_critical_speeds():
     lines = axes.get_lines()
     (ray,) = [line for line in lines if line.get_linestyle() == "--" and line.get_ydata()[1] == 260.0]
     assert ray.get_ydata()[0] == 100.0
-    circles = [line for line in lines if line.get_marker() == "o" and line.get_fillstyle() == "none"]
-    assert circles[0].get_xdata() == pytest.approx([c.rpm for c in found.critical])
+    circles = [line.get_xdata() for line in lines if line.get_marker() == "o"]
+    assert sorted(np.concatenate(circles)) == pytest.approx(
+        [c.rpm for c in found.critical], rel=0.5 * 10 ** (1 - DIGITS)
+    )
+    filled = [line.get_xdata() for line in lines if line.get_marker() == "o" and line.get_markerfacecolor() != "none"]
+    assert [len(own) for own in filled] == [len(counting(found))]
     said = [text.get_text().strip() for text in axes.texts]
     assert {"mode 0: rigid", "mode 1: 216.6 Hz", "3", "6"} == set(said)
 

@@ -11,8 +11,9 @@ from jaxhb.balance import request
 from jaxhb.cli.main import main
 from jaxhb.report import compute
 from jaxhb.report.compute import Asked, answer_one, answer_speeds
-from jaxhb.report.figures.cycle import plot_cycle
-from jaxhb.report.figures.sweep import plot_sweep
+from jaxhb.report.figures.cycle import cycle_figures, plot_cycle
+from jaxhb.report.figures.figure import DIGITS
+from jaxhb.report.figures.sweep import sweep_figures
 from jaxhb.report.text.sweep_tables import sweep_text
 
 MESH = "gear a|gear b"
@@ -143,8 +144,7 @@ def test_a_sweep_of_orbits_says_which_are_unstable():
     said = sweep_text(sweep)
     assert "UNSTABLE, the train does not run in these motions, at 6000 rpm." in said
     assert "The periodic motion at 6000 rpm is UNSTABLE (a disturbance grows" in said
-    markers = {line.get_marker() for line in plot_sweep(sweep).axes[0].get_lines() if len(line.get_xdata()) == 1}
-    assert markers == {"s", "v"}
+    assert sweep_figures(sweep)[0].traces[0]["marker"]["symbol"] == ["square", "triangle-down"]
     assert answer_one(train, 6000.0, Asked()).state.kind != "periodic"
 
 
@@ -152,7 +152,7 @@ def test_the_picture_of_several_cycles_shows_them_all():
     answer = answer_one(pair(LIGHT), 6000.0, Asked())
     above, below = plot_cycle(answer).axes
     after, before = above.get_lines()[:2]
-    assert after.get_xdata()[-1] == before.get_xdata()[-1] == pytest.approx(22.5)
+    assert after.get_xdata()[-1] == pytest.approx(22.5) and before.get_xdata()[-1] == pytest.approx(22.5)
     assert after.get_ydata().max() == pytest.approx(float(answer.gear_torque("gear a").max), rel=1e-3)
     # Without backlash both cycles are alike.
     one, other = np.split(before.get_ydata()[:-1], 2)
@@ -161,16 +161,24 @@ def test_the_picture_of_several_cycles_shows_them_all():
 
 def test_the_picture_of_an_irregular_motion_shows_the_distribution_over_the_cycles():
     answer = answer_one(pair(LIGHTER), 6000.0, Asked())
-    above, below = plot_cycle(answer).axes
-    highest = answer.gear_torque("gear a").highest
-    np.testing.assert_array_equal(above.get_lines()[0].get_ydata(), highest)
-    peaks, shares = below.get_lines()[0].get_data()
-    assert peaks.max() == answer.force(MESH).max / 1e3 and shares.max() == 100
-    low, _, high = answer.force(MESH).per_cycle.max / 1e3
-    above, _ = plot_sweep({"up": [answer]}).axes
-    bars = [line.get_ydata() for line in above.get_lines() if list(line.get_xdata()) == [6000.0, 6000.0]]
-    np.testing.assert_allclose(bars, [[low, high]])
-    assert {"irregular (bar: 5 to 95 % of the cycles)"} < {t.get_text() for t in above.get_legend().get_texts()}
+    digits = 0.5 * 10 ** (1 - DIGITS)
+    extremes, below = cycle_figures(answer)
+    torque, force = answer.gear_torque("gear a"), answer.force(MESH)
+    np.testing.assert_allclose(extremes.traces[0]["y"], torque.highest, rtol=digits)
+    shares = [trace["y"][0] for trace in extremes.traces if trace["name"] == "95 % of the cycles"]
+    wanted = [
+        torque.per_cycle.max[2],
+        torque.per_cycle.min[2],
+        force.per_cycle.max[2] / 1e3,
+        force.per_cycle.min[2] / 1e3,
+    ]
+    np.testing.assert_allclose(shares, wanted, rtol=digits)
+    assert below.traces[0]["x"][-1] == pytest.approx(force.max / 1e3, rel=digits) and below.traces[0]["y"][-1] == 100
+    (axes,) = [one for one in plot_cycle(answer).axes if one.get_ylabel() == "cycles below it, %"]
+    assert axes.get_lines()[0].get_drawstyle() == "steps-post"
+    low, _, high = force.per_cycle.max / 1e3
+    (bars,) = [one for one in sweep_figures({"up": [answer]})[0].traces if one["name"] == "5 to 95 % of the cycles"]
+    assert bars["x"] == [6000.0, 6000.0, None] and bars["y"][:2] == pytest.approx([low, high], rel=digits)
 
 
 def test_what_is_not_known_exits_1_with_the_reason_and_no_numbers(tmp_path, capsys):

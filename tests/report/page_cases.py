@@ -7,7 +7,7 @@ import subprocess
 import numpy as np
 
 from jaxhb.report.answer import Answer
-from jaxhb.report.page.figures import Figure
+from jaxhb.report.figures.figure import Figure
 from jaxhb.report.text.columns import Table
 from jaxhb.results.status import Status
 

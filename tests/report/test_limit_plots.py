@@ -8,9 +8,10 @@ from limited_line import SCENE, strength_of, written
 
 import jaxhb
 from jaxhb.report.compute import Asked, answer_speeds
-from jaxhb.report.figures.forced import plot_forced
+from jaxhb.report.figures.figure import DIGITS
+from jaxhb.report.figures.forced import forced_figures, plot_forced
 from jaxhb.report.figures.limits import judged_elements
-from jaxhb.report.figures.sweep import plot_sweep
+from jaxhb.report.figures.sweep import sweep_figures
 from jaxhb.report.text.forced import readings, worst_of
 
 ENGINE = """
@@ -37,9 +38,13 @@ def wanted(scene):
     return strength_of(scene)
 
 
-def labelled(axes, label):
-    (line,) = [line for line in axes.get_lines() if line.get_label() == label]
-    return line.get_xdata(), line.get_ydata()
+def told(figure, name, wanted):
+    """Whether a line of a figure has the values, to the digits of its numbers."""
+    (values,) = [trace["y"] for trace in figure.traces if trace["name"] == name]
+    wanted = np.where(np.isfinite(wanted), wanted, np.nan)  # no limit is a gap
+    values = np.array(values, float)
+    np.testing.assert_allclose(values, np.broadcast_to(wanted, len(values)), rtol=0.5 * 10 ** (1 - DIGITS))
+    return True
 
 
 def test_a_misfire_stands_beside_normal_running_in_the_panels_of_limits(tmp_path):
@@ -48,40 +53,43 @@ def test_a_misfire_stands_beside_normal_running_in_the_panels_of_limits(tmp_path
     misfires = jaxhb.misfire_each(jaxhb.load_scene(tmp_path / "e.toml"), rpm=rpm, solve=jaxhb.forced_response)
     found = readings(misfires.firing)
     worst = worst_of(misfires, found)
-    stress = plot_forced(misfires.firing, found, misfires, worst).axes[2]
+    stress = forced_figures(misfires.firing, found, misfires, worst)[2]
     cylinder = worst["line shaft"].cylinder
     wanted = jaxhb.strength(misfires.responses[cylinder]).stresses["line shaft"].stress
-    np.testing.assert_allclose(labelled(stress, f"stress, {cylinder} not firing")[1], 1e-6 * wanted)
+    assert told(stress, f"stress, {cylinder} not firing", 1e-6 * wanted)
 
 
 def test_the_picture_has_stresses_torques_and_heat_beside_their_limits_and_shades_barred_ranges(scene, wanted):
     response = jaxhb.forced_response(jaxhb.load_scene(scene), rpm=wanted.rpm)
-    stress, tooth, heat = plot_forced(response, readings(response)).axes[-3:]
+    found = forced_figures(response, readings(response))
+    stress, tooth, heat = found[-3:]
     row, rated = wanted.stresses["line shaft"], wanted.tooth_torques["pinion|wheel"]
-    for label, values in (
-        ("stress", row.stress),
-        ("continuous limit", row.continuous),
-        ("transient limit", row.transient),
-    ):
-        np.testing.assert_allclose(labelled(stress, label)[1], 1e-6 * values)
-    (shaded,), (one,) = stress.patches, wanted.barred["line shaft"]
-    assert (shaded.get_x(), shaded.get_x() + shaded.get_width()) == pytest.approx((one.low, one.high))
-    np.testing.assert_allclose(labelled(tooth, "vibratory torque")[1], rated.vibratory)
-    np.testing.assert_allclose(labelled(tooth, "a third of the rated torque")[1], 500.0)
-    assert heat.get_ylabel() == "heat, W\nring"  # nearer to its limit than the coupling
-    np.testing.assert_allclose(labelled(heat, "heat")[1], wanted.heat["ring"].power)
-    drawn = plot_forced(response, readings(response, ["coupling"])).axes
-    assert [axes.get_ylabel() for axes in drawn] == ["coupling, N m", "heat, W\ncoupling"]
-    five = readings(response, ["coupling", "engine", "pinion", "wheel", "propeller"])
-    assert [axes.get_ylabel() for axes in plot_forced(response, five).axes] == ["coupling, N m", "heat, W\ncoupling"]
+    assert told(stress, "stress", 1e-6 * row.stress)
+    assert told(stress, "continuous limit", 1e-6 * row.continuous)
+    assert told(stress, "transient limit", 1e-6 * row.transient)
+    (shaded,), (one,) = stress.layout["shapes"], wanted.barred["line shaft"]
+    assert (shaded["x0"], shaded["x1"]) == (one.low, one.high)
+    assert told(tooth, "vibratory torque", rated.vibratory) and told(tooth, "a third of the rated torque", 500.0)
+    assert heat.caption == "ring: heat against its limits, W"  # nearer to its limit than the coupling
+    assert told(heat, "heat", wanted.heat["ring"].power)
+    # Of less or more elements than have room: those with limits.
+    for names in (["coupling"], ["coupling", "engine", "pinion", "wheel", "propeller"]):
+        captions = [figure.caption for figure in forced_figures(response, readings(response, names))]
+        assert [caption.split(",")[0] for caption in captions] == [
+            "coupling: linear forced response over the speed",
+            "coupling: heat against its limits",
+        ]
+    axes = plot_forced(response, readings(response)).axes
+    assert [one.get_ylabel() for one in axes[-3:]] == ["stress, MPa", "vibratory torque, N m", "heat, W"]
+    assert len(axes) == len(found) and axes[-3].patches
 
 
 def test_the_picture_of_a_sweep_has_the_limits_of_the_motion(scene):
     train, rpm = jaxhb.load_scene(scene), [360.0, 420.0, 480.0]
-    axes = plot_sweep(answer_speeds(train, rpm, Asked())).axes
+    figures = sweep_figures(answer_speeds(train, rpm, Asked()))
     found = jaxhb.strength(jaxhb.solve_speeds(train, rpm=rpm)).stresses["line shaft"].stress
-    np.testing.assert_allclose(labelled(axes[2], "stress")[1], 1e-6 * np.asarray(found), rtol=1e-6)
-    assert len(axes) == 5 and axes[2].patches
+    assert told(figures[2], "stress", 1e-6 * np.asarray(found))
+    assert len(figures) == 5 and figures[2].layout["shapes"]
 
 
 def test_the_shaft_with_the_largest_stress_has_the_panel_where_no_shaft_has_a_limit():

@@ -56,7 +56,7 @@ def bars(axes):
 
 def test_every_kind_of_motion_has_a_marker_of_its_own_at_its_largest_force(sweep):
     (axes,) = plot_motions(sweep).axes
-    for place, marker in ((0, "s"), (1, "o"), (2, "_")):
+    for place, marker in ((0, "s"), (1, "D"), (2, "*")):
         ((x, y),) = lines(axes, marker=marker)
         assert x.tolist() == [sweep.rpm[place]]
         assert y == pytest.approx(float(sweep[place].force("a|b").peak) / 1e3, rel=1e-12)

@@ -13,12 +13,13 @@ from jaxhb.cli.main import main
 from jaxhb.cli.page_command import second_text
 from jaxhb.linear.forced import forced_response
 from jaxhb.report.answer import Answer
+from jaxhb.report.figures.figure import NO_ANSWER, Figure
+from jaxhb.report.figures.sweep import over_speed
 from jaxhb.report.page import linear, page
-from jaxhb.report.page.figures import NO_ANSWER, Figure
 from jaxhb.report.page.limits import judged_text
-from jaxhb.report.page.motion import forces, over_speed
 from jaxhb.report.page.page import PARTS
 from jaxhb.report.page.parts import Picture, parts_of
+from jaxhb.report.quantities import forces
 from jaxhb.report.text.columns import Table
 from jaxhb.report.text.sentences import verdict
 from jaxhb.results.status import Status
@@ -221,7 +222,7 @@ def test_speeds_that_have_not_converged_are_gaps_with_a_cross_and_do_not_set_the
     answers = [case.answers[0], without_an_answer(case.answers[1]), case.answers[2]]
     good, bad = (dataclasses.replace(case, answers=chosen) for chosen in (case.answers, answers))
     assert float(bad.answers[1].force("Kurbel|Räder").peak) > 100 * float(good.answers[1].force("Kurbel|Räder").peak)
-    before, after = (over_speed(forces(report.train), "Kurbel|Räder", [one]) for one in (good, bad))
+    before, after = (over_speed(forces(report.train), ["Kurbel|Räder"], [one]) for one in (good, bad))
     values = after.traces[0]["y"]
     assert values[1] is None and values[::2] == before.traces[0]["y"][::2]
     assert after.layout["yaxis"]["range"][1] <= before.layout["yaxis"]["range"][1]

@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.report.answer import Answer, orbit_state
+from jaxhb.report.answer import SPEED, Answer, orbit_state
 from jaxhb.report.compute import Asked, answer_one, answer_speeds
 from jaxhb.report.figures.cycle import in_the_gap, plot_cycle
-from jaxhb.report.figures.style import new_figure
-from jaxhb.report.figures.sweep import BESIDE, _draw_distributions, plot_sweep
+from jaxhb.report.figures.draw import drawn
+from jaxhb.report.figures.figure import DIGITS, Figure, above, bands, layout, line, marks
+from jaxhb.report.figures.sweep import BESIDE, over_speed, plot_sweep
+from jaxhb.report.quantities import Quantity
 from jaxhb.report.selection import default_gear
+from jaxhb.report.text.cases import Case
 
 
 @pytest.fixture(scope="module")
@@ -22,9 +25,7 @@ def pair():
 
 def shaded(axes):
     """Share of the width of the axes that is shaded."""
-    (area,) = axes.collections
-    width = sum(np.ptp(path.vertices[:, 0]) for path in area.get_paths())
-    return width / np.ptp(axes.get_xlim())
+    return sum(band.get_width() for band in axes.patches) / np.ptp(axes.get_xlim())
 
 
 def test_gap_contact_is_shaded_for_the_share_of_the_cycle_that_the_teeth_are_apart(pair):
@@ -44,16 +45,14 @@ def test_the_curves_are_the_moment_in_newton_metres_and_the_force_in_kilonewtons
     assert below.get_lines()[0].get_ydata().max() == pytest.approx(
         float(response.force("gear a", "gear b").max) / 1e3, rel=1e-3
     )
-    assert {text.get_text() for text in above.get_legend().get_texts()} == {
-        "with backlash",
-        "without backlash",
-        "teeth apart",
-    }
+    legend = above.get_legend()
+    assert [text.get_text() for text in legend.get_texts()] == ["with backlash", "without backlash"]
+    assert legend.get_title().get_text().replace("\n", " ").endswith("grey: its teeth are apart")
 
 
 def test_nothing_is_shaded_where_all_teeth_stay_in_contact(pair):
     linear = pair.without_backlash
-    assert not plot_cycle(linear).axes[0].collections
+    assert not plot_cycle(linear).axes[0].patches
     assert not in_the_gap(linear, "gear a|gear b", 64).any()
 
 
@@ -74,15 +73,74 @@ def test_a_train_without_teeth_shows_its_hardest_shaft():
 def test_a_sweep_without_teeth_shows_both_measures_of_a_torque():
     train = jaxhb.load_scene("six_cylinder_diesel")
     (axes,) = plot_sweep(answer_speeds(train, [1000.0, 1800.0, 2600.0], Asked())).axes
-    swing, total = (line.get_ydata() for line in axes.get_lines())
+    swing, total, _ = (line.get_ydata() for line in axes.get_lines())
     assert (total > swing).all()
 
 
 def test_the_bars_of_several_meshes_stand_beside_each_other():
-    axes = new_figure(3.0).subplots()
     cycles = SimpleNamespace(per_cycle=SimpleNamespace(max=np.array([1e3, 2e3, 3e3])))
+    topology = SimpleNamespace(mesh_names=("a|b", "b|c"), mesh_backlash=(0.0, 0.0))
     irregular = {"state": SimpleNamespace(kind="irregular"), "answered": True, "force": lambda mesh: cycles}
-    for beside in (0.0, BESIDE):
-        _draw_distributions(axes, [SimpleNamespace(place=1800.0, **irregular)], "a|b", "red", beside)
-    first, second = (line.get_transform().transform((1800.0, 1.0)) for line in axes.get_lines())
-    np.testing.assert_allclose(second - first, [BESIDE / 72 * axes.figure.dpi, 0.0], atol=1e-9)
+    irregular |= {"axis": SPEED, "train": SimpleNamespace(topology=topology), "topology": topology}
+    irregular["growth"] = SimpleNamespace(unstable=False)
+    answers = [SimpleNamespace(place=rpm, rpm=rpm, **irregular) for rpm in (1800.0, 2000.0)]
+    quantity = Quantity("mesh", "tooth force", "Force", topology.mesh_names, lambda *_: 3e3, "N")
+    figure = over_speed(quantity, topology.mesh_names, [Case("", answers)])
+    (bars,) = [trace for trace in figure.traces if trace["name"] == "5 to 95 % of the cycles"]
+    width = np.ptp(figure.layout["xaxis"]["range"])
+    beside = 1800.0 + BESIDE * width
+    wanted = [1800, 1800, None, 2000, 2000, None, *[beside] * 2, None, *[beside + 200] * 2, None]
+    assert bars["x"] == pytest.approx(wanted, rel=0.5 * 10 ** (1 - DIGITS))
+    assert bars["y"] == [1.0, 3.0, None] * 4
+
+
+@pytest.fixture(scope="module")
+def specification():
+    """Two panels: a dashed line with a gap and a mark of every kind; bars and a text in the second."""
+    dashed = line([0.0, 1.0, 2.0, 3.0], [1.0, np.nan, 3.0, -2.0], "dashed", 1, mode="lines+markers")
+    dashed["marker"] = {"symbol": ["circle", "circle", "square-open", "star"], "size": 10}
+    stepped = {"line": {"color": "black", "shape": "hv", "dash": "dot"}, "x0": 0.0, "dx": 1.5}
+    other = line([], [2.0, 4.0, 6.0], "stepped", panel=1) | stepped
+    del other["x"]
+    traces = [dashed, other, marks([2.0], [3.0], "cross", "x-thin-open", panel=1, showlegend=False)]
+    more = {"shapes": [*bands([(0.5, 1.0)]), *bands([(2.0, 2.5)], rows="y2 domain")], "annotations": [above("name", 1)]}
+    made = layout("angle", [("first", (-4.0, 4.0)), ("second", None)], traces, x_range=(0.0, 3.0), **more)
+    made["xaxis"] |= {"dtick": 1.5}
+    made["yaxis"] |= {"tickvals": [-4, 4], "ticktext": ["low", "very<br>high"]}
+    return Figure("What is drawn", traces, made)
+
+
+def test_a_specification_is_drawn_with_its_lines_gaps_marks_bands_ticks_and_texts(specification):
+    top, below = drawn(specification, title="scene").axes
+    dashed, round_, square, star = top.get_lines()[:4]
+    assert (dashed.get_linestyle(), dashed.get_marker()) == ("--", "None")
+    np.testing.assert_array_equal(dashed.get_ydata(), [1.0, np.nan, 3.0, -2.0])
+    assert [one.get_marker() for one in (round_, square, star)] == ["o", "s", "*"]
+    assert (square.get_xydata().tolist(), square.get_markerfacecolor()) == ([[2.0, 3.0]], "none")
+    stepped, cross = below.get_lines()[:2]
+    assert (stepped.get_drawstyle(), stepped.get_xdata().tolist()) == ("steps-post", [0.0, 1.5, 3.0])
+    assert (cross.get_marker(), cross.get_linestyle()) == ("x", "None")
+    for axes, wanted in ((top, [(0.5, 1.0)]), (below, [(0.5, 1.0), (2.0, 2.5)])):
+        assert [(band.get_x(), band.get_x() + band.get_width()) for band in axes.patches] == wanted
+        assert axes.get_xlim() == (0.0, 3.0) and axes.get_xticks().tolist() == [0.0, 1.5, 3.0]
+    assert (top.get_ylim(), top.get_ylabel(), below.get_xlabel(), top.get_xlabel()) == ((-4, 4), "first", "angle", "")
+    assert [label.get_text() for label in top.get_yticklabels()] == ["low", "very\nhigh"]
+    assert [text.get_text() for text in below.texts] == ["name"]
+    legend = top.get_legend()
+    assert [text.get_text() for text in legend.get_texts()] == ["dashed", "stepped"]
+    assert legend.get_title().get_text() == "What is drawn"
+
+
+def test_figures_over_one_axis_share_it_and_a_legend_and_others_have_their_own(specification):
+    other = Figure(
+        "Other",
+        specification.traces,
+        specification.layout
+        | {"xaxis": specification.layout["xaxis"] | {"title": {"text": "force"}, "range": [0.0, 9.0]}},
+    )
+    axes = drawn(specification, specification, other).axes
+    assert [one.get_xlabel() for one in axes] == ["", "", "", "angle", "", "force"]
+    assert [one.get_xlim()[1] for one in axes] == [3.0] * 4 + [9.0] * 2
+    legends = [one.get_legend() for one in axes[::2]]
+    assert [len(legend.get_texts()) for legend in legends] == [2, 0, 0]
+    assert [legend.get_title().get_text() for legend in legends] == ["What is drawn", "What is drawn", "Other"]

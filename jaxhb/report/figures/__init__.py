@@ -1,1 +1,1 @@
-"""Answers as pictures, drawn by matplotlib, readable without colour."""
+"""Answers as figures, readable without colour: one specification, which the page shows and matplotlib draws."""

@@ -1,19 +1,28 @@
-"""Pictures of a cycle, of a record and of a tuning."""
+"""Figures of a cycle, of a record and of a tuning."""
 
-import textwrap
+from itertools import pairwise
 
 import numpy as np
 
 from jaxhb.design.evaluator import label
 from jaxhb.equations import fourier
 from jaxhb.equations.backlash import separated
-from jaxhb.report.figures.style import GAP, MESH_COLOURS, WITH, WITHOUT, crosses, new_figure, plain
-from jaxhb.report.selection import default_gear, hardest_shaft, meshes_of, train_name
+from jaxhb.report.figures.draw import drawn
+from jaxhb.report.figures.figure import Figure, above, bands, crosses, layout, line, marks, speed_range, top_of
+from jaxhb.report.figures.style import plain
+from jaxhb.report.quantities import forces, gear_torques, shaft_torques
+from jaxhb.report.selection import default_gear, gears, hardest_shaft, meshes_of, train_name
 from jaxhb.report.text.sentences import motion_text
 from jaxhb.report.text.tuned import scaled_unit
 from jaxhb.results.record import PERCENT
 
 SAMPLES = 4320
+
+PANEL = 130
+"""Pixels, the height of a panel."""
+
+SPIKES = 3
+"""Cycles up to which every sample is drawn; of longer periods as many points in all."""
 
 
 def plot_cycle(answer, gear=None):
@@ -39,101 +48,143 @@ def plot_cycle(answer, gear=None):
     >>> import jaxhb
     >>> from jaxhb.report.compute import Asked, answer_one
     >>> plot_cycle(answer_one(jaxhb.load_scene("spur_pair"), 2000.0, Asked())).axes[0].get_ylabel()
-    'torque, N m'
+    'gear torque, N m'
     """
+    title = f"{train_name(answer.topology)}, {answer.rpm:g} rpm: {_kind(answer)}"
+    return drawn(*cycle_figures(answer, gear), title=title)
+
+
+def _kind(answer):
+    """The kind of motion, or why there is none."""
+    if not answer.known:
+        return f"unknown: {'; '.join(answer.state.notes)}"
+    return f"{answer.doubt.upper()}: {motion_text(answer)}" if answer.doubt else motion_text(answer)
+
+
+def cycle_figures(answer, gear=None):
+    """The figures of :func:`plot_cycle`, in a list."""
     gear = gear or default_gear(answer)
-    if gear is None:
-        return _plot_shaft(answer)
-    figure = new_figure(6.2)
-    recorded = answer.known and answer.response is None
-    above, below = figure.subplots(2, 1, sharex=not recorded, height_ratios=(3, 2))
-    swings = [f"{float(r.gear_torque(gear).half_peak_to_peak):.0f}" for r in (answer, answer.linear)]
-    subject = f"torque that {gear} passes on, half peak-to-peak {swings[0] if answer.known else '-'} N m"
-    kind = textwrap.fill(motion_text(answer), 110) if answer.known else ""
-    kind = f"{answer.doubt.upper()}: {kind}" if answer.doubt and not answer.answered else kind
-    title = f"{_title(answer)}: {subject} (without backlash {swings[1]})\n{kind}"
-    above.set_title(title, fontsize="medium")
-    above.set_ylabel("torque, N m")
-    if recorded:
-        _draw_record(answer, above, answer.gear_torque(gear), answer.linear.gear_torque(gear))
-        _draw_peaks(answer, below, meshes_of(answer.topology, gear))
-    else:
-        _draw_period(answer, above, answer.gear_torque(gear), answer.linear.gear_torque(gear))
-        _draw_forces(answer, below, meshes_of(answer.topology, gear))
-        apart = [in_the_gap(answer, name, count_of(answer)) for name in meshes_of(answer.topology, gear)]
-        for axes in (above, below):
-            _shade(axes, angles_of(answer), np.any(apart, axis=0))
-        _finish(below, answer)
-    for axes in (above, below):
-        low, high = axes.get_ylim()
-        axes.set_ylim(low, high + 0.15 * (high - low) * (not recorded or axes is above))  # room for the legend
-        axes.legend(loc="best" if recorded and axes is below else "upper right", fontsize="small", ncols=3)
-    return figure
+    subject = gear or hardest_shaft([answer])
+    meshes = meshes_of(answer.topology, gear) if gear else ()
+    torque = _torque_of(answer.train, subject)
+    swings = [f"{float(torque.read(motion, subject)):.0f}" for motion in (answer, answer.linear)]
+    said = f" {swings[0]} N m" if answer.known else ""
+    said += f" (without backlash {swings[1]}), and tooth forces" if gear else ","
+    figures = [cycle_figure(answer, subject, meshes, f"Torque of {plain(subject)}, half peak-to-peak{said}")]
+    return [*figures, _peaks(answer, meshes)] if gear and _recorded(answer) else figures
 
 
-def _draw_period(answer, axes, after, before):
-    """A signal over the period of the motion, and without backlash."""
-    angles = angles_of(answer)
-    if answer.known:
-        axes.plot(angles, closed(answer, after), color=WITH, linewidth=1.1, label="with backlash")
-    else:
-        _say_unknown(answer, axes)
-    label = "without backlash"
-    axes.plot(angles, closed(answer, before), color=WITHOUT, linewidth=1.3, linestyle="--", label=label)
-    axes.axhline(0.0, color="black", linewidth=0.6)
+def _recorded(answer):
+    """Whether the motion is known from recorded cycles alone."""
+    return answer.known and answer.response is None
 
 
-def _draw_forces(answer, axes, names):
-    """Tooth forces of meshes over the period of the motion, and without backlash."""
-    angles = angles_of(answer)
-    for number, name in enumerate(names):
-        colour = MESH_COLOURS[number % len(MESH_COLOURS)]
+def _torque_of(train, subject):
+    """The quantity that is the torque of a gear, or of a shaft or damper."""
+    return gear_torques(train) if subject in gears(train.topology) else shaft_torques(train)
+
+
+def cycle_figure(answer, subject, meshes, caption):
+    """Torque of a gear and forces of meshes, or torque of a shaft, over the period, or cycle by cycle where the motion
+    never repeats."""
+    rows = [(_torque_of(answer.train, subject), subject), *((forces(answer.train), name) for name in meshes)]
+    return (_record if _recorded(answer) else _period)(answer, rows, caption)
+
+
+def _period(answer, rows, caption):
+    """Signals over the period of the motion, with and without backlash; grey where the teeth are apart."""
+    backlash = any(answer.topology.mesh_backlash)
+    traces, shapes, notes = [], [], []
+    for panel, (quantity, name) in enumerate(rows):
+        more = {"panel": panel, "showlegend": backlash and not panel}
         if answer.known:
-            force = closed(answer, answer.force(name)) / 1e3
-            axes.plot(angles, force, color=colour, linewidth=1.0, label=plain(name))
-        before = closed(answer, answer.linear.force(name)) / 1e3
-        axes.plot(angles, before, color=colour, linewidth=0.9, linestyle="--", alpha=0.6)
-    # One grey key stands for the dashed lines of all colours.
-    axes.plot([], [], color="grey", linewidth=0.9, linestyle="--", label="without backlash")
-    axes.axhline(0.0, color="black", linewidth=0.6)
-    axes.set_ylabel("tooth force, kN")
+            after = quantity.signal(answer, name)
+            said = "with backlash" if backlash else plain(name)
+            traces.append(_sampled(answer, quantity.factor, after, said, 0, **more))
+        if backlash or not answer.known:
+            before = quantity.signal(answer.linear, name)
+            traces.append(_sampled(answer, quantity.factor, before, "without backlash", 1, **more))
+        meshes = {"gear": meshes_of, "mesh": lambda _, mesh: (mesh,)}.get(quantity.element, lambda *_: ())
+        apart = [in_the_gap(answer, mesh, count_of(answer)) for mesh in meshes(answer.topology, name) if answer.known]
+        edges = _edges(np.any(apart, axis=0)) * answer.cycle_deg / SAMPLES if apart else []
+        shapes += bands(edges, rows=f"y{panel + 1 if panel else ''} domain")
+        notes.append(above(plain(name), panel))
+    zero = " (0: firing top dead centre of a cylinder with firing angle 0)" if answer.topology.cylinder_names else ""
+    end, title = answer.cycle_deg * periods_of(answer), f"angle of the reference rotor, deg{zero}"
+    made = _layout(title, rows, traces, notes, end, shapes=shapes)
+    if periods_of(answer) > 1:
+        made["xaxis"] |= {"dtick": answer.cycle_deg, "gridcolor": "black"}
+    elif answer.cycle_deg % 90 == 0:
+        made["xaxis"] |= {"dtick": 90}
+    more = "" if answer.known else ", without backlash alone"
+    more += "; grey: its teeth are apart" if shapes else ""
+    return Figure(f"{caption} over the period{more}", traces, made)
 
 
-def _draw_record(answer, axes, after, before):
-    """Largest and smallest value in each recorded cycle, their percentiles, and the extremes without backlash."""
-    cycles = np.arange(1, len(after.highest) + 1)
-    axes.plot(cycles, after.highest, "^", color=WITH, markersize=4, label="largest of a cycle")
-    axes.plot(cycles, after.lowest, "v", color=WITH, markersize=4, label="smallest of a cycle")
-    for extremes in after.per_cycle:
-        for share, value in zip(PERCENT, extremes, strict=True):
-            axes.axhline(value, color=WITH, linewidth=0.7 if share != 50 else 1.2, alpha=0.5)
-    for value in (float(before.max), float(before.min)):
-        axes.axhline(value, color=WITHOUT, linewidth=1.3, linestyle="--")
-    axes.plot([], [], color=WITH, linewidth=0.9, alpha=0.5, label="5, 50, 95 % of the cycles")
-    axes.plot([], [], color=WITHOUT, linewidth=1.3, linestyle="--", label="extremes without backlash")
-    axes.axhline(0.0, color="black", linewidth=0.6)
-    axes.set_xlabel("recorded cycle")
-    axes.set_xlim(0.0, len(cycles) + 1.0)
+def _layout(title, rows, traces, notes, end, **more):
+    """The layout of a panel for every row, the legend beside the name of the first."""
+    panels = [(f"{quantity.called}, {quantity.unit}", None) for quantity, _ in rows]
+    more |= {"heights": [PANEL] * len(panels), "annotations": notes, "x_range": (0.0, end)}
+    made = layout(title, panels, traces, **more)
+    made["legend"] |= {"x": 1, "xanchor": "right"}
+    return made
 
 
-def _draw_peaks(answer, axes, names):
+def _sampled(answer, factor, signal, name, style, **more):
+    """A signal over the whole period."""
+    step = max(1, periods_of(answer) // SPIKES)
+    trace = line([], factor * np.asarray(closed(answer, signal))[::step], name, style, **more)
+    trace["line"] |= {"width": 1.1}
+    # Equal steps: a start and a step in place of all angles keep the page small.
+    del trace["x"]
+    return trace | {"x0": 0.0, "dx": answer.cycle_deg * periods_of(answer) / count_of(answer) * step}
+
+
+def _edges(apart):
+    """Pairs of time samples ``(n, 2)`` between which teeth are apart."""
+    steps = np.diff(np.concatenate([[0], apart.astype(int), [0]]))
+    return np.stack([np.flatnonzero(steps == 1), np.flatnonzero(steps == -1)], axis=1)
+
+
+def _record(answer, rows, caption):
+    """A motion that never repeats: extremes of every recorded cycle, and those without backlash."""
+    traces, notes = [], []
+    for panel, (quantity, name) in enumerate(rows):
+        after, before = quantity.signal(answer, name), quantity.signal(answer.linear, name)
+        more = {"panel": panel, "showlegend": not panel, "size": 5}
+        cycles = np.arange(1, len(after.highest) + 1)
+        traces += [
+            marks(cycles, quantity.factor * after.highest, "largest of a cycle", "triangle-up", **more),
+            marks(cycles, quantity.factor * after.lowest, "smallest of a cycle", "triangle-down-open", **more),
+        ]
+        shares = [f"{share} % of the cycles" for share in PERCENT]
+        levels = [
+            (value, said, 0) for extremes in after.per_cycle for value, said in zip(extremes, shares, strict=True)
+        ]
+        levels += [(before.max, "extremes without backlash", 1), (before.min, "extremes without backlash", 1)]
+        for number, (value, said, style) in enumerate(levels):
+            more = {"panel": panel, "showlegend": not panel and number == len(levels) - 1}
+            traces.append(line(cycles[[0, -1]], [quantity.factor * float(value)] * 2, said, style, **more))
+            traces[-1]["line"] |= {} if style else {"width": 0.8}
+        notes.append(above(plain(name), panel))
+    made = _layout("recorded cycle", rows, traces, notes, len(cycles) + 1.0)
+    said = "extremes of every recorded cycle (lines: 5, 50, 95 % of them); the motion never repeats"
+    return Figure(f"{caption}, {said}", traces, made)
+
+
+def _peaks(answer, names):
     """Share of the recorded cycles whose largest tooth force stays below a value."""
+    traces = []
     for number, name in enumerate(names):
-        colour = MESH_COLOURS[number % len(MESH_COLOURS)]
         peaks = np.sort(answer.force(name).highest) / 1e3
         shares = 100 * np.arange(1, len(peaks) + 1) / len(peaks)
-        axes.step(peaks, shares, where="post", color=colour, linewidth=1.2, label=plain(name))
-        before = float(answer.linear.force(name).max) / 1e3
-        axes.axvline(before, color=colour, linewidth=0.9, linestyle="--", alpha=0.6)
-    axes.plot([], [], color="grey", linewidth=0.9, linestyle="--", label="without backlash")
-    axes.set_xlabel("largest tooth force of a cycle, kN")
-    axes.set_ylabel("cycles below it, %")
-    axes.set_ylim(0.0, 103.0)
-
-
-def _say_unknown(answer, axes):
-    text = textwrap.fill(f"unknown: {'; '.join(answer.state.notes)}", 70)
-    axes.text(0.5, 0.5, text, ha="center", va="center", transform=axes.transAxes)
+        traces.append(line(peaks, shares, plain(name), number))
+        traces[-1]["line"] |= {"shape": "hv"}
+        before = [float(answer.linear.force(name).max) / 1e3] * 2
+        traces.append(line(before, [0.0, 100.0], "without backlash", number, showlegend=not number))
+        traces[-1]["line"] |= {"width": 0.8}
+    made = layout("largest tooth force of a cycle, kN", [("cycles below it, %", (0.0, 103.0))], traces)
+    return Figure("Cycles whose largest tooth force stays below a value", traces, made)
 
 
 def plot_tuning(objectives, result):
@@ -151,55 +202,31 @@ def plot_tuning(objectives, result):
         one for the history: the objective, 1 at the start but for smoothing, with a line where the smooth maximum was
         sharpened.
     """
-    count = len(objectives)
-    figure = new_figure(2.2 + 2.8 * count)
-    *panels, below = figure.subplots(count + 1, 1)
-    for axes, objective in zip(panels, objectives, strict=True):
+    figures, axis = [], speed_range(result.rpm)
+    for objective in objectives:
         name, (factor, unit) = label(objective), scaled_unit(objective.quantity)
-        for reading, colour, said in ((result.before, WITH, "before"), (result.after, WITHOUT, "after")):
-            axes.plot(result.rpm, factor * reading.readings[name], color=colour, marker="o", markersize=3, label=said)
-        crosses(axes, result.rpm[~(result.before.solved | result.after.solved)])
-        axes.set_ylabel(f"{objective.quantity}{', ' + unit if unit else ''}")
-        axes.set_title(f"{result.train.topology.name or 'scene'}: {plain(name)}", fontsize="medium")
-        axes.set_ylim(bottom=0.0)
-        axes.legend(loc="upper left", fontsize="small")
-    panels[-1].set_xlabel("speed, rpm")
-    steps = [step.number for step in result.history]
-    below.plot(steps, [step.objective for step in result.history], color=WITHOUT, marker="o", markersize=3)
-    for step, following in zip(result.history, result.history[1:], strict=False):
-        if following.width != step.width:
-            below.axvline(step.number + 0.5, color="grey", linewidth=0.8, linestyle=":")
-    below.set_xlabel("step")
-    below.set_ylabel("objective, 1: start")
-    below.set_ylim(bottom=0.0)
-    return figure
+        traces = [
+            line(result.rpm, factor * reading.readings[name], said, style, mode="lines+markers")
+            for style, (said, reading) in enumerate((("before", result.before), ("after", result.after)))
+        ]
+        panels = [(f"{objective.quantity}, {unit}".removesuffix(", "), top_of(*(trace["y"] for trace in traces)))]
+        traces += crosses(result.rpm[~(result.before.solved | result.after.solved)])
+        figures.append(Figure(plain(name), traces, layout("speed, rpm", panels, traces, x_range=axis)))
+    steps, values = zip(*((step.number, step.objective) for step in result.history), strict=True)
+    sharper = [one.number + 0.5 for one, after in pairwise(result.history) if after.width != one.width]
+    highest = top_of(values)
+    traces = [line(steps, values, "objective, 1 at the start", 1, mode="lines+markers")]
+    traces += [
+        line([step] * 2, highest, "smooth maximum sharpened", 3, showlegend=step == sharper[0]) for step in sharper
+    ]
+    figures.append(Figure("History of the tuning", traces, layout("step", [("objective", highest)], traces)))
+    return drawn(*figures, title=result.train.topology.title)
 
 
 def in_the_gap(answer, mesh, count):
-    """Whether the teeth are apart at ``count`` time samples of the period; nowhere where the motion is unknown."""
-    if not answer.known:
-        return np.zeros(count, dtype=bool)
+    """Whether the teeth are apart at ``count`` time samples of the period."""
     apart = separated(answer.response.law.expand(), answer.response.deflection_samples(count))
     return np.asarray(apart)[answer.topology.mesh_names.index(mesh)]
-
-
-def _plot_shaft(answer):
-    figure = new_figure(3.8)
-    axes = figure.subplots()
-    shaft = hardest_shaft([answer])
-    swing = float(answer.torque(shaft).half_peak_to_peak)
-    _draw_period(answer, axes, answer.torque(shaft), answer.linear.torque(shaft))
-    if answer.known:
-        axes.get_lines()[1].remove()  # a train without gears has no backlash
-    title = f"{_title(answer)}: torque of {plain(shaft)}, half peak-to-peak {swing:.0f} N m"
-    axes.set_title(title, fontsize="medium")
-    axes.set_ylabel("torque, N m")
-    _finish(axes, answer)
-    return figure
-
-
-def _title(answer):
-    return f"{train_name(answer.topology)}, {answer.rpm:g} rpm"
 
 
 def periods_of(answer):
@@ -211,40 +238,9 @@ def count_of(answer):
     return SAMPLES * periods_of(answer)
 
 
-def angles_of(answer):
-    return np.linspace(0.0, answer.cycle_deg * periods_of(answer), count_of(answer) + 1)
-
-
 def closed(answer, signal):
     """Samples of the whole period, its first time sample again at the end; a cycle comes as often as there is room."""
     turns = signal.revolutions_per_cycle / answer.topology.revolutions_per_cycle
     times = round(periods_of(answer) / turns)
     values = np.tile(np.asarray(fourier.sample(signal.coefficients, count_of(answer) // times)), times)
     return np.append(values, values[0])
-
-
-def _shade(axes, angles, apart):
-    if apart.any():
-        axes.fill_between(
-            angles,
-            0,
-            1,
-            where=np.append(apart, apart[0]),
-            transform=axes.get_xaxis_transform(),
-            color=GAP,
-            linewidth=0,
-            zorder=0,
-            label="teeth apart",
-        )
-
-
-def _finish(axes, answer):
-    cycle, periods = answer.cycle_deg, periods_of(answer)
-    axes.set_xlim(0.0, periods * cycle)
-    if periods > 1:
-        axes.set_xticks(np.linspace(0.0, periods * cycle, periods + 1))
-        axes.grid(axis="x", linewidth=0.8, linestyle=":", color="black")
-    elif cycle % 90 == 0:
-        axes.set_xticks(np.arange(0.0, cycle + 1, 90.0))
-    zero = " (0: firing top dead centre of a cylinder with firing angle 0)" if answer.topology.cylinder_names else ""
-    axes.set_xlabel(f"angle of the reference rotor, deg{zero}")

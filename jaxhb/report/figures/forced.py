@@ -1,21 +1,21 @@
-"""Picture of the linear forced response: orders and synthesis of some elements over the speed."""
-
-import itertools
+"""Figures of the linear forced response: orders and synthesis of some elements over the speed."""
 
 import numpy as np
 
 from jaxhb.linear.strength import strength
 from jaxhb.report.answer import shown
-from jaxhb.report.figures.limits import draw_limits, judged_elements
-from jaxhb.report.figures.style import WITH, WITHOUT, crosses, new_figure, plain
+from jaxhb.report.figures.draw import drawn
+from jaxhb.report.figures.figure import Figure, crosses, layout, line, top_of
+from jaxhb.report.figures.limits import judged_elements, limit_figure
+from jaxhb.report.figures.style import plain
 from jaxhb.report.selection import NOT_FIRING, train_name
 from jaxhb.report.text.forced import KINDS, signal_of
 
 MOST = 4
 """Elements in one picture."""
 
-DASHES = "-", (0, (6, 1.5)), (0, (6, 1.5, 1, 1.5)), (0, (2, 1)), (0, (9, 1.5, 1, 1.5, 1, 1.5)), (0, (1, 2.5))
-"""Of the orders, which so differ without colour."""
+SYMBOLS = "circle", "square", "diamond", "triangle-up", "cross", "star"
+"""Of the orders."""
 
 
 def plot_forced(response, found, misfires=None, worst=None):
@@ -44,42 +44,62 @@ def plot_forced(response, found, misfires=None, worst=None):
     >>> len(plot_forced(sweep, readings(sweep)).axes)
     1
     """
-    drawn = found if len(found) <= MOST else hardest_elements(found)
+    return drawn(*forced_figures(response, found, misfires, worst), title=train_name(response.topology))
+
+
+def forced_figures(response, found, misfires=None, worst=None):
+    """The figures of :func:`plot_forced`, in a list."""
+    certain = np.asarray(response.converged)
+    known = [one.at(certain) for one in found] if certain.any() else found
+    chosen = known if len(found) <= MOST else hardest_elements(known)
     judged = strength(shown(response))
     limited = judged_elements(judged, {one.name for one in found}, each=len(found) <= MOST)
-    figure = new_figure(1.2 + 3.0 * len(drawn) + 2.2 * len(limited))
-    heights = [3.0] * len(drawn) + [2.2] * len(limited)
-    panels = figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
-    for axes, chosen in zip(panels[len(drawn) :], limited, strict=True):
-        sweeps = {"": judged}
-        if misfires is not None:
-            cylinder = worst[chosen[1]].cylinder
-            sweeps[f", {plain(cylinder)}{NOT_FIRING}"] = strength(shown(misfires.responses[cylinder]))
-        draw_limits(axes, sweeps, *chosen)
-    for axes, one in zip(panels, drawn, strict=False):
-        _, _, _, unit, factor = KINDS[one.kind]
-        signal, certain = one.signal, np.where(response.converged, factor, np.nan)
-        swing, total = certain * signal.half_peak_to_peak, certain * signal.sum_of_amplitudes
-        axes.plot(response.rpm, swing, color=WITH, linewidth=1.8, label="half peak-to-peak")
-        axes.plot(response.rpm, total, color=WITH, linestyle=":", label="sum of amplitudes")
-        if misfires is not None:
-            cylinder = worst[one.name].cylinder
-            other = misfires.responses[cylinder]
-            swing = signal_of(other, one.name, one.kind).half_peak_to_peak
-            named = {"label": f"half peak-to-peak, {plain(cylinder)}{NOT_FIRING}"}
-            swing = np.where(other.converged, factor, np.nan) * swing
-            axes.plot(response.rpm, swing, color=WITHOUT, linestyle="--", linewidth=1.8, **named)
-        main = one.at(np.asarray(response.converged)).main() if response.converged.any() else ()
-        for k, dashes in zip(main, itertools.cycle(DASHES), strict=False):
-            heights = certain * signal.amplitudes[:, k]
-            axes.plot(response.rpm, heights, linewidth=1.0, linestyle=dashes, label=f"order {signal.orders[k]:g}")
-        crosses(axes, response.rpm[~np.asarray(response.converged)])
-        axes.set_ylabel(f"{plain(one.name)}, {unit}")
-        axes.set_ylim(bottom=0.0)
-        axes.legend(fontsize="x-small", ncols=2, handlelength=4)
-    panels[0].set_title(f"{train_name(response.topology)}: linear forced response", fontsize="medium")
-    panels[-1].set_xlabel("speed, rpm")
-    return figure
+
+    def beside(name):
+        """The worst misfire of an element."""
+        return {f"{worst[name].cylinder}{NOT_FIRING}": misfires.responses[worst[name].cylinder]} if misfires else {}
+
+    figures = [orders_figure(response, one, beside(one.name)) for one in chosen]
+    for kind, name in limited:
+        cases = {title: strength(shown(other)) for title, other in beside(name).items()}
+        figures.append(limit_figure({"": judged} | cases, kind, name))
+    return figures
+
+
+def orders_figure(response, element, misfires, title=""):
+    """Synthesis, sum and main orders of an element over the speed; gaps and crosses where there is no answer.
+
+    Parameters
+    ----------
+    response : ForcedResponse, of several speeds
+    element : Reading
+    misfires : dict
+        Responses by title, whose half peak-to-peak stands beside it.
+    title : str, of the case
+    """
+    factor, unit = element.shown
+    signal, rpm = signal_of(response, element.name, element.kind), response.rpm
+    converged = np.asarray(response.converged)
+    certain = np.where(converged, factor, np.nan)
+    traces = [
+        line(rpm, certain * signal.half_peak_to_peak, "half peak-to-peak"),
+        line(rpm, certain * signal.sum_of_amplitudes, "sum of amplitudes", 3),
+    ]
+    traces[0]["line"] |= {"width": 2.4}
+    for called, other in misfires.items():
+        own = signal_of(other, element.name, element.kind).half_peak_to_peak
+        own = np.where(other.converged, factor, np.nan) * own
+        traces.append(line(rpm, own, f"half peak-to-peak, {plain(called)}", 1))
+    for number, k in enumerate(element.main() if converged.any() else ()):
+        marker = {"symbol": SYMBOLS[number % len(SYMBOLS)], "size": 6, "maxdisplayed": 12}
+        more = {"mode": "lines+markers", "marker": marker}
+        traces.append(line(rpm, certain * signal.amplitudes[:, k], f"order {signal.orders[k]:g}", 2 + number, **more))
+        traces[-1]["line"] |= {"width": 1.0}
+    panels = [(f"{KINDS[element.kind][1]}, {unit}", top_of(*(trace["y"] for trace in traces)))]
+    traces += crosses(rpm[~converged])
+    made = layout("speed, rpm", panels, traces, x_range=(float(rpm[0]), float(rpm[-1])), heights=[220])
+    said = f"linear forced response over the speed, {title}".removesuffix(", ")
+    return Figure(f"{plain(element.name)}: {said}, {unit}", traces, made)
 
 
 def hardest_elements(found):

@@ -1,8 +1,9 @@
-"""Panels of pictures over the speed: stresses, tooth torques and heat beside their limits, barred ranges shaded."""
+"""Figures over the speed: stresses, tooth torques and heat beside their limits, barred ranges shaded."""
 
 import numpy as np
 
-from jaxhb.report.figures.style import GAP, WITH, plain
+from jaxhb.report.figures.figure import Figure, bands, layout, line, speed_range, top_of
+from jaxhb.report.figures.style import plain
 
 PANELS = {
     "stresses": ("stress", "stress", 1e-6, "MPa", {"continuous": "continuous limit", "transient": "transient limit"}),
@@ -11,8 +12,8 @@ PANELS = {
 }
 """Number of a row, its name, its factor from SI, unit, and its limits with what they are called."""
 
-LINES = "--", "-."
-WAYS = "-", ":"
+MARKED = 80
+"""Speeds up to which every one is marked."""
 
 
 def judged_elements(found, names=None, *, each=False):
@@ -58,31 +59,30 @@ def shares_of(row, kind):
     return np.asarray(getattr(row, field), float) / np.where(np.isfinite(limit), limit, np.nan)
 
 
-def draw_limits(axes, sweeps, kind, name):
-    """Draw one element against its limits.
+def limit_figure(judged, kind, name):
+    """One element against its limits, case by case; what is barred is shaded.
 
     Parameters
     ----------
-    axes : matplotlib.axes.Axes
-    sweeps : dict
-        One :class:`jaxhb.Strength` or two, the second dotted, of the same limits; the keys are added to their names in
-        the legend.
+    judged : dict
+        One :class:`jaxhb.Strength` or more of the same speeds and limits, by the titles of their cases.
     kind, name : str, from :func:`judged_elements`
     """
     field, called, factor, unit, limits = PANELS[kind]
-    first = next(iter(sweeps.values()))
-    for (said, found), line in zip(sweeps.items(), WAYS, strict=False):
-        row = getattr(found, kind)[name]
-        values = factor * np.asarray(getattr(row, field), float)
-        axes.plot(found.rpm, values, color=WITH, linestyle=line, linewidth=1.8, label=f"{called}{said}")
-    for (limit, said), line in zip(limits.items(), LINES, strict=False):
+    first, traces = next(iter(judged.values())), []
+    for number, (title, found) in enumerate(judged.items()):
+        values = factor * np.asarray(getattr(getattr(found, kind)[name], field), float)
+        said = f"{called}, {plain(title)}".removesuffix(", ")
+        traces.append(line(found.rpm, values, said, number, mode="lines+markers" if len(values) <= MARKED else "lines"))
+    for number, (limit, said) in enumerate(limits.items()):
         values = getattr(getattr(first, kind)[name], limit)
         if values is not None:
-            values = factor * np.broadcast_to(values, np.shape(first.rpm))
-            axes.plot(first.rpm, values, color="black", linestyle=line, linewidth=1.1, label=said)
-    barred = [one for found in sweeps.values() for one in found.barred.get(name, ())] if kind == "stresses" else []
-    for number, one in enumerate(barred):
-        axes.axvspan(one.low, one.high, color=GAP, zorder=0, label=None if number else "barred")
-    axes.set_ylabel(f"{called}, {unit}\n{plain(name)}")
-    axes.set_ylim(bottom=0.0)
-    axes.legend(fontsize="x-small", ncols=2)
+            traces.append(line(first.rpm, factor * np.broadcast_to(values, np.shape(first.rpm)), said, 2 + number))
+            traces[-1]["line"] |= {"color": "black"}
+    barred = [one for found in judged.values() for one in found.barred.get(name, ())] if kind == "stresses" else []
+    shapes = bands([(one.low, one.high) for one in barred])
+    panels = [(f"{called}, {unit}", top_of(*(trace["y"] for trace in traces)))]
+    made = layout("speed, rpm", panels, traces, x_range=speed_range(first.rpm), heights=[180], shapes=shapes)
+    shaded = "; grey: barred" + " in one of these cases" * (len(judged) > 1) if shapes else ""
+    against = " against its limits" if len(traces) > len(judged) else ""
+    return Figure(f"{plain(name)}: {called}{against}, {unit}{shaded}", traces, made)

@@ -4,6 +4,8 @@ colour."""
 import numpy as np
 
 from jaxhb.linear.critical import ELASTIC
+from jaxhb.report.figures.draw import drawn
+from jaxhb.report.figures.figure import Figure, layout, line, marks
 from jaxhb.report.figures.style import WITH, WITHOUT, new_figure
 from jaxhb.report.text.campbell import shares_in_mode, shown_modes
 
@@ -73,30 +75,41 @@ def plot_campbell(found, count, name):
         Full lines are modes, named with their frequency at the right; dashed rays are orders, named where they leave
         the picture; dotted lines are rigid modes and those of rings only.
     """
-    figure = new_figure(6.2)
-    axes = figure.subplots()
-    low, high = found.rpm[0], found.rpm[-1]
+    return drawn(campbell_figure(found, count, name))
+
+
+def campbell_figure(found, count, title):
+    """The figure of :func:`plot_campbell`; its title is that of the scene or case."""
+    low, high = float(found.rpm[0]), float(found.rpm[-1])
     elastic = found.elastic(count)
     top = top_frequency(found, elastic)
+    traces = []
+    for order in found.orders:
+        traces.append(line([low, high], [order * low / 60, order * high / 60], f"order {order:g}", showlegend=False))
+        traces[-1]["line"] = {"color": "#6f6f6f", "dash": "dash", "width": 0.8}
     shown = [k for k in shown_modes(found, count) if found.frequencies_hz[-1, k] <= top]
     for k in shown:
-        style = {"color": WITHOUT, "linewidth": 1.6} if k in elastic else {"color": "grey", "linestyle": ":"}
-        axes.plot(found.rpm, found.frequencies_hz[:, k], **style)
-    _name_modes(axes, found, shown, top)
-    for order in found.orders:
-        axes.plot([low, high], [order * low / 60, order * high / 60], color="black", linewidth=0.7, linestyle="--")
-        if order * low / 60 < top:
-            _name_ray(axes, order, high, top)
-    for fill, own in (("full", counting(found)), ("none", found.critical)):
-        axes.plot([c.rpm for c in own], [c.hz for c in own], "o", color=WITH, fillstyle=fill, markersize=7)
-    axes.set_xlim(low, high)
-    axes.set_ylim(0.0, top)
-    axes.set_xlabel("speed, rpm")
-    axes.set_ylabel("frequency, Hz")
-    said = "modes full, orders dashed (named at their ends), critical speeds circled"
-    said += f"\n(filled: modal torque above {100 * COUNTS:g} % of the largest of the mode)"
-    axes.set_title(f"{name}: Campbell diagram\n{said}", fontsize="medium", pad=18)
-    return figure
+        traces.append(line(found.rpm, found.frequencies_hz[:, k], f"mode {k}", 1, showlegend=False))
+        look = {"color": WITHOUT} if k in elastic else {"color": "grey", "dash": "dot"}
+        traces[-1]["line"] = look | {"width": 1.8}
+    kinds = {"circle": counting(found)}
+    kinds["circle-open"] = [c for c in found.critical if c not in kinds["circle"]]
+    for symbol, own in kinds.items():
+        text = [f"order {c.order:g}, mode {c.mode}, modal torque {c.torque:.4g} N m" for c in own]
+        more = {"text": text, "hovertemplate": "%{x} rpm, %{y} Hz: %{text}<extra></extra>", "color": WITH}
+        points = [c.rpm for c in own], [c.hz for c in own]
+        traces.append(marks(*points, "critical speed", symbol, showlegend=False, **more))
+    caption = (
+        f"Campbell diagram, {title}: modes full, orders dashed (named at their ends), critical speeds circled,"
+        f" filled where the modal torque is above {100 * COUNTS:g} % of the largest of the mode"
+    )
+    names = [_ray_name(order, high, top) for order in found.orders if order * low / 60 < top]
+    names += _mode_names(found, shown, top)
+    panels = [("frequency, Hz", (0.0, top))]
+    made = layout("speed, rpm", panels, traces, x_range=(low, high), heights=[400], annotations=names)
+    made["margin"] |= {"r": 125, "t": 24}
+    made["height"] += 12
+    return Figure(caption, traces, made)
 
 
 def counting(found):
@@ -105,24 +118,20 @@ def counting(found):
     return [c for c, share in zip(found.critical, shares, strict=True) if share > COUNTS]
 
 
-def _name_modes(axes, found, shown, top):
+def _mode_names(found, shown, top):
     """Names of the modes at the right, moved up where they would lie on one another; zero frequencies share one."""
     names = {}
     for k in shown:
         hz = found.frequencies_hz[-1, k]
         what = f"{hz:.4g} Hz" if found.kinds[k] == ELASTIC else found.kinds[k]
-        names.setdefault(float(hz) if hz > APART * top / 10 else 0.0, []).append(f"mode {k}: {what}")
-    lowest = 0.0
+        names.setdefault(float(hz) if hz > APART * top / 10 else 0.0, []).append(f" mode {k}: {what}")
+    style = {"x": 1.0, "xref": "paper", "xanchor": "left", "align": "left", "showarrow": False, "font": {"size": 10}}
+    notes, lowest = [], 0.0
     for hz, said in names.items():
-        y = max(hz, lowest)
-        axes.annotate(
-            " " + "\n ".join(said),
-            (found.rpm[-1], y),
-            va="bottom" if not hz else "center",
-            fontsize="small",
-            annotation_clip=False,
-        )
-        lowest = y + APART * top * (len(said) + 0.5 * (not hz))
+        place = {"y": max(hz, lowest), "yanchor": "middle" if hz else "bottom"}
+        notes.append(style | place | {"text": "<br>".join(said)})
+        lowest = place["y"] + APART * top * (len(said) + 0.5 * (not hz))
+    return notes
 
 
 def top_frequency(found, elastic):
@@ -133,11 +142,9 @@ def top_frequency(found, elastic):
     return 1.08 * (max(highest, modes[:1].max(initial=0.0)) or 1.0)
 
 
-def _name_ray(axes, order, high, top):
-    """The order where its ray leaves the picture, above it or at the right."""
-    style = {"fontsize": "x-small", "bbox": {"facecolor": "white", "edgecolor": "none", "pad": 0.5}}
+def _ray_name(order, high, top):
+    """The order where its ray leaves the picture."""
+    style = {"text": f"{order:g}", "showarrow": False, "font": {"size": 9}, "bgcolor": "white", "borderpad": 0}
     if order * high / 60 > top:
-        axes.annotate(f"{order:g}", (60 * top / order, top), (0, 4), textcoords="offset points", ha="center", **style)
-    else:
-        at = (high, order * high / 60)
-        axes.annotate(f"{order:g}", at, (-6, 0), textcoords="offset points", ha="right", va="center", **style)
+        return style | {"x": 60 * top / order, "y": top, "yanchor": "bottom"}
+    return style | {"x": high, "y": order * high / 60, "xanchor": "right", "xshift": -4}

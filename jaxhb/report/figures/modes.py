@@ -1,13 +1,13 @@
 """Picture of mode shapes along the train: the longest way through it first, its branches behind it."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.linear.modal import AT_REST
+from jaxhb.report.figures.draw import drawn
+from jaxhb.report.figures.figure import Figure, above, layout, line, marks
 from jaxhb.report.figures.layout import longest_way
-from jaxhb.report.figures.style import WITH, WITHOUT, new_figure
+from jaxhb.report.figures.style import WITH
 from jaxhb.train.chain import span
 
 MOST = 6
@@ -15,8 +15,6 @@ MOST = 6
 
 NAMES = 80
 """Names of disks that have room."""
-
-STYLES = ("-", "--", "-.", ":")
 
 
 def train_lines(topology):
@@ -72,74 +70,56 @@ def plot_modes(train, modes, chosen, ratios):
         One panel a mode. Each branch is a line of its own right of the main one; it begins at the disk on which it
         hangs, named in brackets. The largest angle is 1.
     """
-    topology, chosen, ways = train.topology, chosen[:MOST], Ways.of(train, modes)
-    figure = new_figure(1.6 + 1.6 * len(chosen))
-    panels = figure.subplots(len(chosen), 1, sharex=True, squeeze=False)[:, 0]
-    for axes, k in zip(panels, chosen, strict=True):
-        axes.axhline(0.0, color="black", linewidth=0.8)
-        for number, (start, way) in enumerate(zip(ways.starts, ways.ways, strict=True)):
+    return drawn(shapes_figure(train, modes, chosen[:MOST], ratios), title=train.topology.title)
+
+
+def shapes_figure(train, modes, chosen, ratios):
+    """The figure of :func:`plot_modes`."""
+    ways = train_lines(train.topology)
+    starts = np.cumsum([0, *(len(way) + 1 for way in ways)]).tolist()
+    # Referred to one rotor angles do not jump at meshes.
+    shapes = modes.shapes / np.asarray(speed_ratios(train))[np.array(train.topology.rotor)]
+    shapes /= np.abs(shapes).max(axis=1, keepdims=True)
+    traces, panels, notes = [], [], []
+    for panel, k in enumerate(chosen):
+        nodes = mode_nodes(ways, starts, np.where(np.abs(modes.shapes[k]) <= AT_REST, 0.0, shapes[k]))
+        for number, (start, way) in enumerate(zip(starts, ways, strict=False)):
+            names = [modes.names[disk] for disk in way]
+            style = {"mode": "lines+markers", "text": names, "hovertemplate": "%{text}: %{y}<extra></extra>"}
             place = start + np.arange(len(way))
-            style = STYLES[min(number, 1) + max(number - 1, 0) % 3]
-            axes.plot(place, ways.shapes[k][way], style, color=WITHOUT, marker="o", markersize=3, linewidth=1.4)
-        nodes = ways.nodes(k)
-        axes.plot(nodes, np.zeros(len(nodes)), "x", color=WITH, markersize=7, markeredgewidth=1.8)
+            traces.append(line(place, shapes[k][way], "", min(number, 1), panel=panel, showlegend=False, **style))
+        traces.append(marks(nodes, np.zeros(len(nodes)), "node", "x-thin-open", panel=panel, showlegend=False))
+        traces[-1]["marker"] |= {"line": {"width": 2, "color": WITH}}
+        panels.append(("", (-1.15, 1.15)))
         damping = "" if np.isnan(ratios[k]) else f", damping ratio {ratios[k]:.3g}"
-        axes.set_title(f"mode {k}: {modes.frequencies_hz[k]:.4g} Hz{damping}", fontsize="small", loc="left")
-        axes.set_ylim(-1.15, 1.15)
-    places, said = ways.names(topology.disk_names)
-    panels[-1].set_xticks(places, said, rotation=90, fontsize="x-small" if len(places) > 25 else "small")
-    panels[-1].set_xlim(-0.5, ways.last + 0.5)
-    figure.suptitle(f"{topology.name or 'scene'}: angles referred to the reference rotor; x: node", fontsize="medium")
-    return figure
+        text = f"mode {k}: {modes.frequencies_hz[k]:.4g} Hz{damping}"
+        notes.append(above(text, panel))
+    places, said = _places(ways, starts, modes.names)
+    made = layout("", panels, traces, heights=[95] * len(panels), annotations=notes, x_range=(-0.5, starts[-1] - 1.5))
+    longest = max(map(len, said))
+    made["xaxis"] |= {"tickvals": places, "ticktext": said, "tickangle": -90, "tickfont": {"size": 9}}
+    made["margin"] |= {"t": 22, "b": 16 + round(5.4 * longest)}
+    made["height"] += round(5.4 * longest) - 20
+    caption = "Mode shapes, angles referred to the reference rotor, the largest is 1; crosses: nodes. "
+    branches = "Dashed: branches, each begins at the disk named in brackets." * (len(ways) > 1)
+    return Figure(caption + branches, traces, made)
 
 
-@dataclass(frozen=True)
-class Ways:
-    """Places of the disks in a picture of shapes: the ways of :func:`train_lines` one behind the other.
-
-    ways : list of lists of disks; starts : their first places; shapes : ``(m, S)`` angles referred to the reference
-    rotor, the largest of a mode 1; resting : ``(m, S)`` bool, disks that do not move
-    """
-
-    ways: list
-    starts: np.ndarray
-    shapes: np.ndarray
-    resting: np.ndarray
-
-    @classmethod
-    def of(cls, train, modes):
-        """Of a train and its modes."""
-        ways = train_lines(train.topology)
-        starts = np.cumsum([0, *(len(way) + 1 for way in ways[:-1])])
-        # Referred to one rotor angles do not jump at meshes.
-        shapes = modes.shapes / np.asarray(speed_ratios(train))[np.array(train.topology.rotor)]
-        largest = np.abs(shapes).max(axis=1, keepdims=True)
-        return cls(ways, starts, shapes / largest, np.abs(modes.shapes) <= AT_REST)
-
-    @property
-    def last(self):
-        """The last place."""
-        return int(self.starts[-1]) + len(self.ways[-1]) - 1
-
-    def nodes(self, k):
-        """Places of the nodes of a mode."""
-        return mode_nodes(self.ways, self.starts, np.where(self.resting[k], 0.0, self.shapes[k]))
-
-    def names(self, names):
-        """Places and names of the disks that have room; of a branch the disk on which it hangs is in brackets."""
-        places, said = [], []
-        for number, (start, way) in enumerate(zip(self.starts.tolist(), self.ways, strict=True)):
-            for i, disk in enumerate(way):
-                places.append(start + i)
-                said.append(f"({names[disk]})" if number and i == 0 else names[disk])
-        step = -(-len(places) // NAMES)
-        return places[::step], said[::step]
+def _places(ways, starts, names):
+    """Places and names of the disks that have room; of a branch the disk on which it hangs is in brackets."""
+    places, said = [], []
+    for number, (start, way) in enumerate(zip(starts, ways, strict=False)):
+        for i, disk in enumerate(way):
+            places.append(start + i)
+            said.append(f"({names[disk]})" if number and i == 0 else names[disk])
+    step = -(-len(places) // NAMES)
+    return places[::step], said[::step]
 
 
 def mode_nodes(ways, starts, shape):
     """Places of the nodes: between disks that move against each other, and disks at rest between such."""
     found, place, signs = [], {}, {}
-    for start, way in zip(starts, ways, strict=True):
+    for start, way in zip(starts, ways, strict=False):
         for i, (a, b) in enumerate(zip(way, way[1:], strict=False)):
             if shape[a] * shape[b] < 0:
                 found.append(start + i + shape[a] / (shape[a] - shape[b]))

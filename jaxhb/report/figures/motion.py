@@ -6,21 +6,13 @@ Forces are transmitted tooth forces; a peak is the largest absolute value.
 import numpy as np
 
 from jaxhb.report.figures.branch import GREY, branch_keys, draw_branch
-from jaxhb.report.figures.style import crosses, key, legend, one_panel, plain
+from jaxhb.report.figures.style import MOTIONS, crosses, key, legend, one_panel, plain
 from jaxhb.results.record import PERCENT
 from jaxhb.results.steady import KINDS
 
-COLOURS = {
-    "contact": "#1f4e79",
-    "periodic": "#2e7d32",
-    "subharmonic": "#e07000",
-    "irregular": "#b3261e",
-    "unknown": "black",
-}
-"""Of the kinds of motion, in every picture."""
-
-SHAPES = {"contact": ".", "periodic": "s", "subharmonic": "o", "irregular": "_", "unknown": "x"}
-SIZES = {"contact": 7, "periodic": 4.5, "subharmonic": 6, "irregular": 9, "unknown": 7}
+COLOURS = {kind: MOTIONS[kind][2] for kind in KINDS}
+SHAPES = {kind: MOTIONS[kind][0] for kind in KINDS}
+SIZES = {"contact": 3.5, "periodic": 4.5, "subharmonic": 5.5, "irregular": 9, "unknown": 7}
 
 STEM = 4.0
 """Height of the largest order of a waterfall, in distances of its speeds."""
@@ -226,8 +218,7 @@ def _style(kind, hollow):
     """Colour, shape and size of the marker of a kind; hollow ones go around filled ones at the same place."""
     size = SIZES[kind] + (3.5 if hollow and kind != "irregular" else 0)
     face = "none" if hollow else COLOURS[kind]
-    shape = "o" if hollow and SHAPES[kind] == "." else SHAPES[kind]
-    return {"marker": shape, "markersize": size, "color": COLOURS[kind], "markerfacecolor": face}
+    return {"marker": SHAPES[kind], "markersize": size, "color": COLOURS[kind], "markerfacecolor": face}
 
 
 def _digit(axes, state, value, *, below):

@@ -9,7 +9,15 @@ from matplotlib.lines import Line2D
 from matplotlib.transforms import ScaledTranslation
 
 WITH, WITHOUT, GAP = "#b3261e", "#1f4e79", "#e3e3e3"
-MESH_COLOURS = ("#b3261e", "#2e7d32", "#6a1b9a", "#ef6c00", "#00838f", "#5d4037")
+MOTIONS = {
+    "contact": ("o", "circle", "#1f4e79", "teeth in contact"),
+    "periodic": ("s", "square", "#2e7d32", "periodic, one cycle"),
+    "subharmonic": ("D", "diamond", "#e07000", "period of several cycles"),
+    "irregular": ("*", "star", "#b3261e", "irregular (bar: 5 to 95 % of the cycles)"),
+    "unstable": ("v", "triangle-down", "black", "unstable: the train does not run there"),
+    "unknown": ("x", "x-thin-open", "black", "no answer: unknown, or not converged"),
+}
+"""Marker, its name for plotly, colour and words of every kind of motion, in every picture."""
 
 
 def new_figure(height):
@@ -39,9 +47,9 @@ def crosses(axes, x):
         axes.plot(x, np.full(len(x), 0.02), "x", color="black", markersize=7, **place)
 
 
-def moved_right(axes, points):
-    """Coordinates of the data, moved to the right by so many points."""
-    return axes.transData + ScaledTranslation(points / 72, 0, axes.figure.dpi_scale_trans)
+def raised(axes, points):
+    """Coordinates of the axes, moved up by so many points."""
+    return axes.transAxes + ScaledTranslation(0, points / 72, axes.figure.dpi_scale_trans)
 
 
 def key(said, marker, colour, **style):

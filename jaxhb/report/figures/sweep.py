@@ -1,29 +1,23 @@
-"""Pictures over the speed: forces or torques, and the kind of motion at every speed."""
+"""Figures over the speed: forces or torques, and the kind of motion at every speed."""
+
+import dataclasses
 
 import numpy as np
 
 from jaxhb.report.answer import SPEED
-from jaxhb.report.figures.limits import draw_limits, judged_elements
-from jaxhb.report.figures.style import MESH_COLOURS, WITHOUT, moved_right, new_figure, plain
+from jaxhb.report.figures.draw import drawn
+from jaxhb.report.figures.figure import Figure, kind_keys, layout, line, motion_line, speed_range, top_of
+from jaxhb.report.figures.limits import judged_elements, limit_figure
+from jaxhb.report.figures.style import plain
+from jaxhb.report.quantities import forces, separation, shaft_torques
 from jaxhb.report.selection import hardest_shaft, train_name
+from jaxhb.report.text.cases import Case
 from jaxhb.report.text.strength import answers_strength
 
-MARKS = {
-    "contact": ("o", "teeth in contact"),
-    "periodic": ("s", "periodic, one cycle"),
-    "subharmonic": ("D", "period of several cycles"),
-    "irregular": ("*", "irregular (bar: 5 to 95 % of the cycles)"),
-    "unstable": ("v", "unstable: the train does not run there"),
-    "unknown": ("x", "no answer: unknown, or not converged"),
-}
-"""Marker and words of every kind of motion."""
+BESIDE = 0.006
+"""Share of the axis between the bars of two meshes at one speed."""
 
-BESIDE = 4.0
-"""Points between the bars of two meshes at one speed."""
-
-DOWNWARDS = ", downwards"
-WAYS = {"up": ("-", "full"), "down": (":", "none"), "orbit": ("-", "full")}
-"""Line and filling of markers by direction."""
+WAYS = {"up": "upwards", "down": "downwards", "orbit": "periodic solutions"}
 
 
 def plot_sweep(sweeps):
@@ -38,9 +32,9 @@ def plot_sweep(sweeps):
     -------
     matplotlib.figure.Figure
         Markers tell the kind of motion; what has no answer, or did not converge, is a gap in the lines and a cross at
-        the bottom. Downwards lines are dotted and markers open. A train without gears shows its hardest worked shaft or
-        damper. Below, of stresses, tooth torques and heat what comes nearest to the limits that the scene gives, with
-        barred ranges shaded.
+        the bottom. Downwards markers are open. A train without gears shows its hardest worked shaft or damper. Below,
+        of stresses, tooth torques and heat what comes nearest to the limits that the scene gives, with barred ranges
+        shaded.
 
     Examples
     --------
@@ -50,111 +44,86 @@ def plot_sweep(sweeps):
     >>> len(plot_sweep(answer_speeds(train, [1000.0, 1500.0, 2000.0], Asked())).axes)
     1
     """
-    first = next(iter(sweeps.values()))
-    name = train_name(first[0].topology)
-    if not first[0].topology.mesh_names:
-        figure, (axes,) = _figure(sweeps, [4.2])
-        _plot_shaft_sweep(axes, first, name)
-        return figure
-    figure, (above, below) = _figure(sweeps, [3.7, 2.5])
-    places = [answer.place for answer in first]
-    for number, mesh in enumerate(first[0].topology.mesh_names):
-        colour = MESH_COLOURS[number % len(MESH_COLOURS)]
-        for way, answers in sweeps.items():
-            line, fill = WAYS[way]
-            style = {"color": colour, "linestyle": line, "linewidth": 1.1}
-            largest = _certain(answers, lambda answer, mesh=mesh: float(answer.force(mesh).peak) / 1e3)
-            apart = _certain(answers, lambda answer, mesh=mesh: 100 * answer.contacts[mesh].separated_fraction)
-            above.plot(places, largest, **style, label=plain(mesh) if answers is first else None)
-            below.plot(places, apart, **style)
-            _draw_kinds(above, answers, largest, colour, fill)
-            _draw_distributions(above, answers, mesh, colour, BESIDE * number)
-        before = [float(answer.linear.force(mesh).peak) / 1e3 for answer in first]
-        above.plot(places, before, color=colour, linewidth=1.0, linestyle="--", alpha=0.6)
-    above.plot([], [], color="grey", linestyle="--", label="without backlash")
-    if len(sweeps) > 1:
-        above.plot([], [], color="grey", linestyle=":", marker="o", fillstyle="none", label="downwards")
-    above.set_title(f"{name}: largest tooth force, and the kind of motion", fontsize="medium")
-    above.set_ylabel("tooth force, kN")
-    above.set_ylim(bottom=0.0)
-    below.set_ylabel("teeth apart, % of the time")
-    below.set_ylim(bottom=0.0)
-    _mark_unknown(above, sweeps)
-    _legend_of_kinds(above, sweeps)
-    above.legend(loc="upper left", fontsize="x-small", ncols=2)
-    return figure
+    return drawn(*sweep_figures(sweeps), title=train_name(next(iter(sweeps.values()))[0].topology))
 
 
-def _figure(sweeps, heights):
-    """A figure with panels of these heights for the caller, the panels of limits drawn below them."""
-    along = {way: answers for way, answers in sweeps.items() if answers[0].axis == SPEED}
-    judged = {DOWNWARDS * (way == "down"): answers_strength(answers) for way, answers in along.items()}
+def sweep_figures(sweeps):
+    """The figures of :func:`plot_sweep`, in a list."""
+    cases = [Case(WAYS[way] if len(sweeps) > 1 else "", answers) for way, answers in sweeps.items()]
+    first = cases[0].answers
+    train = first[0].train
+    meshes = train.topology.mesh_names
+    if meshes:
+        figures = [
+            over_speed(forces(train), meshes, cases, "Largest tooth force, and the kind of motion"),
+            over_speed(separation(train), meshes, cases, "Time out of contact"),
+        ]
+    else:
+        torque, shaft = shaft_torques(train), hardest_shaft(first)
+        sums = dataclasses.replace(torque, read=lambda answer, name: answer.torque(name).sum_of_amplitudes)
+        more = [line([answer.place for answer in first], sums.of(first, shaft), "sum of amplitudes", 3)]
+        caption = f"Vibratory torque of {plain(shaft)}, half peak-to-peak, and the kind of motion"
+        figures = [over_speed(torque, [shaft], cases, caption, more=more)]
+    judged = {case.title: answers_strength(case.answers) for case in cases if first[0].axis == SPEED}
     limited = judged_elements(next(iter(judged.values()))) if judged else []
-    figure = new_figure(sum(heights) + 2.2 * len(limited))
-    heights = [*heights, *[2.2] * len(limited)]
-    panels = figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0]
-    own = len(heights) - len(limited)
-    for axes, chosen in zip(panels[own:], limited, strict=True):
-        draw_limits(axes, judged, *chosen)
-    axis = next(iter(sweeps.values()))[0].axis
-    panels[-1].set_xlabel("speed, rpm" if axis == SPEED else axis.label)
-    return figure, panels[:own]
+    return figures + [limit_figure(judged, *chosen) for chosen in limited]
 
 
-def _certain(answers, read):
-    """What is read of answers, nan where there is none: a gap, which sets no scale."""
-    return [read(answer) if answer.answered else np.nan for answer in answers]
+def over_speed(quantity, names, cases, caption=None, *, more=()):
+    """Elements over the speed, case by case, with and without backlash; symbols tell the kind of motion.
+
+    Parameters
+    ----------
+    quantity : Quantity
+    names : sequence of str
+        Of one element every case is a line of its own look; of several every element is, with open symbols in the
+        second case.
+    cases : sequence of Case
+        The same speeds; a single one may have no title.
+    caption : str, optional
+        Default: the element and what it shows.
+    more : sequence of dict
+        Traces that are drawn with them.
+    """
+    first, several = cases[0].answers, len(names) > 1
+    places, train = [answer.place for answer in first], first[0].train
+    # What is no signal, heat or a time apart, is drawn with backlash alone.
+    backlash = quantity.signal is not None and any(train.topology.mesh_backlash)
+    # Both directions have the same motion without backlash.
+    alike, traces = all(case.answers[0].train is train for case in cases), []
+    for place, name in enumerate(names):
+        for number, case in enumerate(cases):
+            said = [plain(name)] * (several or not case.title) + [plain(case.title)] * bool(case.title)
+            style = place if several else 2 * number
+            values = quantity.of(case.answers, name)
+            traces.append(motion_line(case.answers, values, ", ".join(said), style, hollow=number > 0))
+            if backlash and (case is cases[0] or not alike):
+                said = "" if alike else f"{plain(case.title)}, "
+                style = {"style": place if several else 2 * number + 1, "showlegend": not (several and place)}
+                before = line(places, quantity.without(case.answers, name), f"{said}without backlash", **style)
+                before["line"] |= {"width": 0.8} if several else {}
+                traces.append(before)
+    traces += more
+    axis = speed_range(places)
+    if quantity.called == "tooth force" and names[0]:
+        traces += _cycles(quantity, names, cases, BESIDE * (axis[1] - axis[0]))
+    panels = [(f"{quantity.called}, {quantity.unit}", top_of(*(trace["y"] for trace in traces)))]
+    traces += kind_keys(*(case.answers for case in cases))
+    title = "speed, rpm" if first[0].axis == SPEED else first[0].axis.label
+    caption = caption or f"{plain(names[0])}: {quantity.small_title}, {quantity.unit}"
+    return Figure(caption, traces, layout(title, panels, traces, x_range=axis))
 
 
-def _kind(answer):
-    if not answer.answered:
-        return "unknown"
-    return "unstable" if answer.growth.unstable else answer.state.kind
-
-
-def _draw_kinds(axes, answers, values, colour, fill):
-    """A marker for the kind of motion at every speed."""
-    size = 4 if len(answers) <= 60 else 2.5
-    for kind, (marker, _) in MARKS.items():
-        there = [(answer.place, y) for answer, y in zip(answers, values, strict=True) if _kind(answer) == kind]
-        if there and kind != "unknown":
-            larger = size * (1.8 if marker == "*" else 1.0)
-            axes.plot(*zip(*there, strict=True), marker, color=colour, markersize=larger, fillstyle=fill)
-
-
-def _draw_distributions(axes, answers, mesh, colour, beside):
-    """Of motions that never repeat, from 5 to 95 % of the largest forces of a cycle, ``beside`` points to the right."""
-    place = moved_right(axes, beside)
-    for answer in answers:
-        if answer.state.kind == "irregular" and answer.answered:
-            low, _, high = answer.force(mesh).per_cycle.max / 1e3
-            axes.plot([answer.place] * 2, [low, high], color=colour, linewidth=3.0, alpha=0.35, transform=place)
-
-
-def _mark_unknown(axes, sweeps):
-    """Crosses at the bottom."""
-    unknown = sorted({answer.place for answers in sweeps.values() for answer in answers if not answer.answered})
-    if unknown:
-        bottom = np.full(len(unknown), 0.02)
-        axes.plot(unknown, bottom, "x", color="black", transform=axes.get_xaxis_transform(), clip_on=False)
-
-
-def _legend_of_kinds(axes, sweeps):
-    met = {_kind(answer) for answers in sweeps.values() for answer in answers}
-    for kind, (marker, said) in MARKS.items():
-        if kind in met:
-            axes.plot([], [], marker, color="black", markersize=5, label=said)
-
-
-def _plot_shaft_sweep(axes, answers, name):
-    shaft, places = hardest_shaft(answers), [answer.place for answer in answers]
-    swings = _certain(answers, lambda answer: float(answer.torque(shaft).half_peak_to_peak))
-    sums = _certain(answers, lambda answer: float(answer.torque(shaft).sum_of_amplitudes))
-    marker = "." if len(answers) <= 60 else ""
-    axes.plot(places, swings, color=WITHOUT, marker=marker, label="half peak-to-peak")
-    axes.plot(places, sums, color=WITHOUT, linestyle=":", label="sum of amplitudes")
-    _mark_unknown(axes, {"": answers})
-    axes.set_title(f"{name}: vibratory torque of {plain(shaft)}", fontsize="medium")
-    axes.set_ylabel("torque, N m")
-    axes.set_ylim(bottom=0.0)
-    axes.legend(fontsize="small")
+def _cycles(quantity, names, cases, beside):
+    """Bars from 5 to 95 % of the largest forces of a cycle, of motions that never repeat; one mesh beside the other."""
+    x, y = [], []
+    for number, name in enumerate(names):
+        for answer in (answer for case in cases for answer in case.answers):
+            if answer.answered and answer.state.kind == "irregular":
+                low, _, high = quantity.factor * np.asarray(answer.force(name).per_cycle.max)
+                # nan ends a line: one trace draws all bars.
+                x += [*[answer.place + beside * number] * 2, np.nan]
+                y += [low, high, np.nan]
+    style = {"opacity": 0.45, "hoverinfo": "skip"}
+    bars = line(x, y, "5 to 95 % of the cycles", **style) | {"line": {"color": "#555555", "width": 5}}
+    return [bars] if x else []

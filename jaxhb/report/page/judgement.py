@@ -3,8 +3,8 @@
 import numpy as np
 
 from jaxhb.report.page.limits import judged_text
-from jaxhb.report.page.motion import main_quantity
 from jaxhb.report.page.parts import flowing
+from jaxhb.report.quantities import main_quantity
 from jaxhb.report.selection import largest
 from jaxhb.report.text.cases import worst_misfire
 from jaxhb.report.text.certified import certificate_parts

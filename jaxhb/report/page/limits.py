@@ -4,9 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxhb.report.figures.limits import PANELS, judged_elements, shares_of
-from jaxhb.report.figures.style import plain
-from jaxhb.report.page.figures import Figure, answered, bands, layout, line, speed_range, top_of
+from jaxhb.report.figures.limits import PANELS, judged_elements, limit_figure, shares_of
 from jaxhb.report.page.parts import Heading, flowing
 from jaxhb.report.text.columns import NONE, Table
 from jaxhb.report.text.strength import AID, answers_strength, strength_text
@@ -112,27 +110,4 @@ def limits_part(report):
         told = [part if hasattr(part, "heads") else flowing(part) for part in strength_text({"": found})]
         blocks += [Heading(f"With {title}"), *(part for part in told if part not in blocks)]
     chosen = judged_elements(first, each=True)[: 2 * MOST] if len(report.rpm) > 1 else []
-    return blocks + [_limit(judged, kind, name, report.shown) for kind, name in chosen]
-
-
-def _limit(judged, kind, name, cases):
-    """One element against its limits, case by case; what is barred of the first is shaded."""
-    field, called, factor, unit, limits = PANELS[kind]
-    traces, rpm = [], [answer.rpm for answer in cases[0].answers]
-    for number, case in enumerate(cases):
-        values = factor * np.asarray(getattr(getattr(judged[case.title], kind)[name], field), float)
-        values = np.where(np.isfinite(answered(case.answers, lambda answer: 0.0)), values, np.nan)
-        traces.append(line(rpm, values, f"{called}, {plain(case.title)}", number, mode="lines+markers"))
-    first = judged[cases[0].title]
-    for number, (limit, said) in enumerate(limits.items()):
-        values = getattr(getattr(first, kind)[name], limit)
-        if values is not None:
-            traces.append(line(rpm, factor * np.broadcast_to(values, np.shape(rpm)), said, 2 + number))
-            traces[-1]["line"] |= {"color": "black"}
-    barred = first.barred.get(name, ()) if kind == "stresses" else ()
-    edges = [(float(one.low), float(one.high)) for one in barred]
-    panels = [(f"{called}, {unit}", top_of(*(trace["y"] for trace in traces)))]
-    made = layout("speed, rpm", panels, traces, x_range=speed_range(rpm), heights=[180], shapes=bands(edges))
-    shaded = "; grey: barred" if edges else ""
-    against = " against its limits" if len(traces) > len(cases) else ""
-    return Figure(f"{plain(name)}: {called}{against}, {unit}{shaded}", traces, made)
+    return blocks + [limit_figure(judged, kind, name) for kind, name in chosen]

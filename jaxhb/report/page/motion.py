@@ -1,26 +1,23 @@
 """Parts of the page over the speed: kinds of motion, tooth forces, torques, heat, each with and without backlash."""
 
-from dataclasses import dataclass
+import dataclasses
+import textwrap
 
 import numpy as np
 
-from jaxhb.report.figures.style import plain
-from jaxhb.report.page.figures import (
-    NO_ANSWER,
-    SYMBOLS,
-    Figure,
-    answered,
-    kind_keys,
-    kind_of,
-    kind_word,
-    layout,
-    line,
-    marks,
-    motion_line,
-    speed_range,
-    top_of,
+from jaxhb.report.figures.figure import NO_ANSWER, SYMBOLS, Figure, kind_of, kind_word, layout, marks, speed_range
+from jaxhb.report.figures.sweep import over_speed
+from jaxhb.report.quantities import (
+    angles,
+    forces,
+    gear_torques,
+    heat,
+    irregularity,
+    main_quantity,
+    separation,
+    shaft_torques,
 )
-from jaxhb.report.selection import gears, largest, shafts_of, turning_disks
+from jaxhb.report.selection import largest
 from jaxhb.report.text.columns import NONE, Table, alike, ratios, shares
 from jaxhb.report.text.sweep_tables import speed_table, turning_table
 
@@ -29,79 +26,6 @@ MANY = 40
 
 MOST = 6
 """Elements of a kind that have a figure, those with the largest numbers; tables tell of all."""
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """What is told of elements of a kind: their names, how an answer is read, and the unit for people.
-
-    read : function of (answer or response, name) to an SI number; what, title, unit : words; factor : from SI to unit
-    """
-
-    what: str
-    title: str
-    names: tuple
-    read: object
-    unit: str
-    factor: float = 1.0
-
-    def of(self, answers, name):
-        """Of every answer in the unit for people, nan where there is none to rely on."""
-        return self.factor * answered(answers, lambda answer: self.read(answer, name))
-
-    def without(self, answers, name):
-        """The same without backlash; nan where that has not converged."""
-        values = [float(self.read(a.linear, name)) if bool(a.linear.converged) else np.nan for a in answers]
-        return self.factor * np.array(values)
-
-    def hardest(self, cases):
-        """The elements with the largest numbers, the largest first."""
-        return sorted(self.names, key=lambda name: -max(_most(self.of(case.answers, name)) for case in cases))
-
-
-def _most(values):
-    return float(np.nanmax(values)) if np.isfinite(values).any() else -1.0
-
-
-def forces(train):
-    """Tooth forces."""
-    names = train.topology.mesh_names
-    return Quantity("mesh", "Largest tooth force", names, lambda r, name: r.force(name).peak, "kN", 1e-3)
-
-
-def gear_torques(train):
-    """Torques of gears."""
-    names, title = gears(train.topology), "Gear torque, half peak-to-peak"
-    return Quantity("gear", title, names, lambda r, name: r.gear_torque(name).half_peak_to_peak, "N m")
-
-
-def shaft_torques(train):
-    """Torques of shafts and dampers."""
-    names, title = shafts_of(train.topology), "Torque of shafts and dampers, half peak-to-peak"
-    return Quantity("shaft", title, names, lambda r, name: r.torque(name).half_peak_to_peak, "N m")
-
-
-def angles(train):
-    """Angles of disks."""
-    names, title = train.topology.disk_names, "Vibratory angle of disks, half peak-to-peak"
-    return Quantity("disk", title, names, lambda r, name: r.disk(name).half_peak_to_peak, "mrad", 1e3)
-
-
-def heat(train):
-    """Power that dampers turn into heat."""
-    return Quantity("damper", "Heat of dampers", train.topology.damper_names, lambda r, name: r.power(name), "W")
-
-
-def irregularity(train):
-    """Cyclic irregularity of the disks that count."""
-    title = "Cyclic irregularity, (largest - smallest) / mean speed, of the heaviest disk, the gears and the loads"
-    return Quantity("disk", title, turning_disks(train), lambda r, name: r.irregularity(name), "%", 100.0)
-
-
-def main_quantity(train):
-    """What tells most of a train: tooth forces, without teeth torques of shafts, without these angles."""
-    topology = train.topology
-    return (forces if topology.mesh_names else shaft_torques if shafts_of(topology) else angles)(train)
 
 
 def map_part(report):
@@ -133,32 +57,20 @@ def _kinds(cases):
     rpm = [answer.rpm for answer in cases[0].answers]
     panels = [("", (0.6 - len(cases), 0.6))]
     made = layout("speed, rpm", panels, traces, x_range=speed_range(rpm), heights=[22 + 22 * len(cases)])
-    titles = [_wrapped(case.title) for case in cases]
+    titles = ["<br>".join(textwrap.wrap(case.title, 22)) for case in cases]
     made["yaxis"] |= {"tickvals": [-row for row in range(len(cases))], "ticktext": titles, "showgrid": False}
     made["margin"] |= {"l": 130}
     return Figure("Kind of motion over the speed", traces, made)
 
 
-def _wrapped(title, width=22):
-    """A title in lines."""
-    lines = [""]
-    for word in title.split():
-        lines = [*lines, word] if len(lines[-1]) + len(word) > width else [*lines[:-1], f"{lines[-1]} {word}".strip()]
-    return "<br>".join(lines)
-
-
 def _overview(cases, quantity):
     """The largest number of all elements over the speed, with and without backlash."""
-    whole = Quantity(quantity.what, quantity.title, ("",), lambda r, _: _largest(quantity, r), *_unit(quantity))
-    return over_speed(whole, "", cases, f"{quantity.title} of all, {quantity.unit}")
 
+    def largest_number(motion, _):
+        return max(float(quantity.read(motion, name)) for name in quantity.names)
 
-def _unit(quantity):
-    return quantity.unit, quantity.factor
-
-
-def _largest(quantity, motion):
-    return max(float(quantity.read(motion, name)) for name in quantity.names)
+    whole = dataclasses.replace(quantity, names=("",), read=largest_number)
+    return over_speed(whole, whole.names, cases, f"{quantity.title} of all, {quantity.unit}")
 
 
 def _misfires(report):
@@ -174,7 +86,7 @@ def _misfires(report):
         [_at(report.rpm, values) for *_, values in rows],
         [name for _, name, _ in rows],
     ]
-    title = f"Every misfire: {quantity.title[0].lower()}{quantity.title[1:]} over the speeds, {quantity.unit}"
+    title = f"Every misfire: {quantity.small_title} over the speeds, {quantity.unit}"
     return Table(title, ["", quantity.unit, "at rpm", "in"], columns, left=(3,))
 
 
@@ -188,8 +100,13 @@ def forces_part(report):
         return []
     quantity, cases = forces(report.train), report.shown
     tables = [maxima(quantity, cases, contact=True)]
-    figures = [over_speed(quantity, name, cases) for name in _drawn(report, quantity)]
-    apart = [_apart(case) for case in cases if any(report.train.topology.mesh_backlash) and len(report.rpm) > 1]
+    figures = [over_speed(quantity, [name], cases) for name in _drawn(report, quantity)]
+    apart, train = [], report.train
+    if any(train.topology.mesh_backlash) and len(report.rpm) > 1:
+        for case in cases:
+            alone = [dataclasses.replace(case, title="")]
+            caption = f"Time out of contact, {case.title}"
+            apart.append(over_speed(separation(train), train.topology.mesh_names, alone, caption))
     return _few(report, quantity) + tables + figures + apart
 
 
@@ -206,7 +123,7 @@ def shafts_part(report):
 def _swings(report, quantity):
     if not quantity.names:
         return []
-    figures = [over_speed(quantity, name, report.shown) for name in _drawn(report, quantity)]
+    figures = [over_speed(quantity, [name], report.shown) for name in _drawn(report, quantity)]
     return [*_few(report, quantity), maxima(quantity, report.shown), *figures]
 
 
@@ -227,7 +144,7 @@ def maxima(quantity, cases, *, contact=False):
     worst contact."""
     rpm, names = [answer.rpm for answer in cases[0].answers], quantity.names
     backlash = any(cases[0].answers[0].topology.mesh_backlash)
-    columns, heads = [names], [quantity.what]
+    columns, heads = [names], [quantity.element]
     for case in cases:
         values = [quantity.of(case.answers, name) for name in names]
         before = [quantity.without(case.answers, name) for name in names]
@@ -261,78 +178,6 @@ def _contact_columns(case, names):
     return [shares(apart), [f"{hit:.2f}" if hit > 0 else NONE for hit in hits]]
 
 
-def over_speed(quantity, name, cases, caption=None):
-    """One element over the speed, case by case, with and without backlash; symbols tell the kind of motion."""
-    rpm, traces, known = [answer.rpm for answer in cases[0].answers], [], []
-    backlash = any(cases[0].answers[0].topology.mesh_backlash)
-    for number, case in enumerate(cases):
-        values, before = quantity.of(case.answers, name), quantity.without(case.answers, name)
-        known += [values, before] if backlash else [values]
-        said = plain(case.title)
-        traces.append(motion_line(case.answers, values, said, 2 * number, hollow=number > 0))
-        if backlash:
-            traces.append(line(rpm, before, f"{said}, without backlash", 2 * number + 1))
-    if quantity.what == "mesh" and name:
-        traces += _cycles(quantity, name, cases)
-    traces += kind_keys(*(case.answers for case in cases))
-    limits = top_of(*known)
-    made = layout("speed, rpm", [(quantity.unit, limits)], traces, x_range=speed_range(rpm))
-    return Figure(caption or f"{plain(name)}: {_small(quantity.title)}, {quantity.unit}", traces, made)
-
-
-def _small(title):
-    return f"{title[0].lower()}{title[1:]}"
-
-
-def _cycles(quantity, name, cases):
-    """Bars from 5 to 95 % of the largest forces of a cycle, of motions that never repeat."""
-    x, y = [], []
-    for answer in (answer for case in cases for answer in case.answers):
-        if answer.answered and answer.state.kind == "irregular":
-            low, _, high = quantity.factor * np.asarray(answer.force(name).per_cycle.max)
-            # nan ends a line: one trace draws all bars.
-            x += [answer.rpm, answer.rpm, np.nan]
-            y += [low, high, np.nan]
-    style = {"opacity": 0.45, "hoverinfo": "skip"}
-    bars = line(x, y, "5 to 95 % of the cycles", **style) | {"line": {"color": "#555555", "width": 5}}
-    return [bars] if x else []
-
-
-def _apart(case):
-    """Share of the time that the teeth of every mesh are apart."""
-    rpm, traces, columns = [answer.rpm for answer in case.answers], [], []
-    for number, name in enumerate(case.answers[0].topology.mesh_names):
-        values = 100 * answered(case.answers, lambda answer, name=name: answer.contacts[name].separated_fraction)
-        columns.append(values)
-        traces.append(motion_line(case.answers, values, plain(name), number))
-    traces += kind_keys(case.answers)
-    limits = top_of(*columns)
-    made = layout("speed, rpm", [("teeth apart, % of the time", limits)], traces, x_range=speed_range(rpm))
-    return Figure(f"Time out of contact, {case.title}", traces, made)
-
-
 def power_part(report):
     """Power that dampers turn into heat."""
-    quantity, rpm = heat(report.train), report.rpm
-    if not quantity.names:
-        return []
-    values = {name: [quantity.of(case.answers, name) for case in report.shown] for name in quantity.names}
-    columns, heads = [quantity.names], ["damper"]
-    for number in range(len(report.shown)):
-        own = [values[name][number] for name in quantity.names]
-        columns += [*alike([_or_nan(column) for column in own]), [_at(rpm, column) for column in own]]
-        heads += ["W", "at rpm"]
-    groups = [(case.title, 1 + 2 * i, 2 + 2 * i) for i, case in enumerate(report.shown)]
-    blocks = [Table("Largest power that dampers turn into heat over the speeds, W", heads, columns, groups)]
-    return blocks + [_power(name, report.shown, values[name]) for name in quantity.names[:MOST] if len(rpm) > 1]
-
-
-def _power(name, cases, columns):
-    traces = [
-        motion_line(case.answers, values, plain(case.title), 2 * number, hollow=number > 0)
-        for number, (case, values) in enumerate(zip(cases, columns, strict=True))
-    ]
-    traces += kind_keys(*(case.answers for case in cases))
-    rpm, limits = [answer.rpm for answer in cases[0].answers], top_of(*columns)
-    made = layout("speed, rpm", [("heat, W", limits)], traces, x_range=speed_range(rpm), heights=[130])
-    return Figure(f"{plain(name)}: power turned into heat, W", traces, made)
+    return _swings(report, heat(report.train))

@@ -2,10 +2,12 @@
 
 import dataclasses
 
+from jaxhb.report.figures.sweep import over_speed
 from jaxhb.report.page.differences import differences
 from jaxhb.report.page.limits import judged_text, shares_table
-from jaxhb.report.page.motion import angles, forces, gear_torques, heat, maxima, over_speed, shaft_torques
+from jaxhb.report.page.motion import maxima
 from jaxhb.report.page.parts import Heading
+from jaxhb.report.quantities import angles, forces, gear_torques, heat, shaft_torques
 
 MOST = 4
 """Elements whose two designs are drawn."""
@@ -48,5 +50,5 @@ def _beside(cases, *, drawn):
         mine = dataclasses.replace(mine, names=both)
         blocks.append(maxima(mine, cases, contact=quantity is forces))
         hardest = mine.hardest(cases)[:MOST] if drawn and quantity is not heat else []
-        blocks += [over_speed(mine, name, cases) for name in hardest]
+        blocks += [over_speed(mine, [name], cases) for name in hardest]
     return blocks

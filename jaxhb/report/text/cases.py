@@ -6,7 +6,8 @@ from jaxhb.report.answer import Answer
 from jaxhb.report.compute import answer_speeds
 from jaxhb.report.files.output import OutputError
 from jaxhb.report.files.record import answer_record, finite
-from jaxhb.report.selection import NOT_FIRING, gears, largest, shafts_of, turning_disks
+from jaxhb.report.quantities import angles, forces, gear_torques, main_quantity, shaft_torques, shown_unit
+from jaxhb.report.selection import NOT_FIRING, shafts_of, turning_disks
 from jaxhb.report.text.certified import certificate_text
 from jaxhb.report.text.columns import NONE, Table, aligned, alike, ratios, shares
 from jaxhb.report.text.mean_torques import balance_line
@@ -69,12 +70,13 @@ def cases_text(cases):
 
 def speed_tables(cases, number):
     """Of one speed the tooth forces, torques of gears, shafts and dampers (without links: angles), irregularity."""
-    topology, tables = cases[0].answers[number].topology, []
-    if topology.mesh_names:
-        tables += [_force_table(cases, number), *_peak_tables(cases, number), _gear_table(cases, number)]
-    if shafts_of(topology) or not tables:
-        tables.append(_shaft_table(cases, number))
-    return [*tables, _turning_table(cases, number)]
+    train, tables, told = cases[0].answers[number].train, [], []
+    if train.topology.mesh_names:
+        tables += [_force_table(cases, number), *_peak_tables(cases, number)]
+        told.append(gear_torques(train))
+    if shafts_of(train.topology) or not tables:
+        told.append((shaft_torques if shafts_of(train.topology) else angles)(train))
+    return [*tables, *(_swing_table(quantity, cases, number) for quantity in told), _turning_table(cases, number)]
 
 
 def cases_strength(cases):
@@ -97,13 +99,13 @@ def _heading(cases, number):
 
 
 def _force_table(cases, number):
-    names = cases[0].answers[0].topology.mesh_names
-    columns = []
+    quantity, columns = forces(cases[0].answers[0].train), []
+    names, factor = quantity.names, quantity.factor
     for case in cases:
         answer = case.answers[number]
         contacts = [answer.contacts[name] for name in names]
         columns += [
-            *alike(*([r.force(name).peak / 1e3 for name in names] for r in (answer, answer.linear))),
+            *alike(*([factor * quantity.read(r, name) for name in names] for r in (answer, answer.linear))),
             shares([contact.separated_fraction for contact in contacts]),
             shares([contact.reverse_contact_fraction for contact in contacts]),
             [hardest_text(contact) for contact in contacts],
@@ -115,21 +117,6 @@ def _force_table(cases, number):
 
 def _peak_tables(cases, number):
     return [text for case in cases for text in peak_table(case.answers[number], f"With {case.title}: l")]
-
-
-def _gear_table(cases, number):
-    names = gears(cases[0].answers[0].topology)
-    return _swing_table("Gear torque, half peak-to-peak, N m", "gear", names, "gear_torque", cases, number)
-
-
-def _shaft_table(cases, number):
-    topology = cases[0].answers[0].topology
-    names = shafts_of(topology)
-    if names:
-        title = "Torque of shafts and dampers, half peak-to-peak, N m"
-        return _swing_table(title, "shaft", names, "torque", cases, number)
-    title = "Vibratory angle of disks, half peak-to-peak, mrad"
-    return _swing_table(title, "disk", topology.disk_names, "disk", cases, number, 1e3)
 
 
 def _turning_table(cases, number):
@@ -147,14 +134,14 @@ def _turning_table(cases, number):
     return Table("Cyclic irregularity, (largest - smallest) / mean speed, and dampers", ["", *heads], [rows, *columns])
 
 
-def _swing_table(title, what, names, read, cases, number, factor=1.0):
+def _swing_table(quantity, cases, number):
     columns = []
     for case in cases:
         both = case.answers[number], case.answers[number].linear
-        pair = [[factor * getattr(r, read)(name).half_peak_to_peak for name in names] for r in both]
+        pair = [[quantity.factor * quantity.read(r, name) for name in quantity.names] for r in both]
         columns += [*alike(*pair), ratios(*pair)]
-    heads = [what, *["with", "without", "ratio"] * len(cases)]
-    return Table(title, heads, [names, *columns], _groups(cases, number, 3))
+    heads = [quantity.element, *["with", "without", "ratio"] * len(cases)]
+    return Table(f"{quantity.title}, {quantity.unit}", heads, [quantity.names, *columns], _groups(cases, number, 3))
 
 
 def _groups(cases, number, width):
@@ -166,10 +153,6 @@ def _titled(title, answer):
     return ", ".join(filter(None, [title, answer.doubt.upper()]))
 
 
-_KINDS = {"tooth force": ("N", "kN", 1e-3), "torque": ("N m", "N m", 1.0), "angle": ("rad", "mrad", 1e3)}
-_CALLED = {"tooth force": "Largest tooth force", "torque": "Torque, half peak-to-peak", "angle": "Angle"}
-
-
 def misfire_trains(train):
     """The train as it runs under "", and under each cylinder that in which it does not fire; they share programs."""
     trains = train.misfires()
@@ -178,20 +161,11 @@ def misfire_trains(train):
     return {"": train.replace(same_factor(train))} | trains
 
 
-_READ = {
-    "tooth force": lambda answer, name: answer.force(name).peak,
-    "torque": lambda answer, name: answer.torque(name).half_peak_to_peak,
-    "angle": lambda answer, name: answer.disk(name).half_peak_to_peak,
-}
-
-
 def hardest(answer):
-    """What is hit hardest at one speed: kind of quantity, its element, its value in SI units (nan: no answer)."""
-    topology = answer.topology
-    quantity = "tooth force" if topology.mesh_names else "torque" if topology.link_names else "angle"
-    names = {"tooth force": topology.mesh_names, "torque": shafts_of(topology), "angle": topology.disk_names}[quantity]
-    name = largest(names, lambda name: _READ[quantity](answer, name)) if answer.answered else None
-    return quantity, name, float(_READ[quantity](answer, name)) if name else float("nan")
+    """What is hit hardest at one speed: the quantity, its element, its value in SI units (nan: no answer)."""
+    quantity = main_quantity(answer.train)
+    name = quantity.largest(answer) if answer.answered else None
+    return quantity, name, float(quantity.read(answer, name)) if name else float("nan")
 
 
 def largest_of(case):
@@ -202,9 +176,7 @@ def largest_of(case):
     if not found:
         return None
     quantity, name, value, rpm = max(found, key=lambda row: row[2])
-    _, unit, factor = _KINDS[quantity]
-    called = _CALLED[quantity][0].lower() + _CALLED[quantity][1:]
-    return called, value, f"{factor * value:.4g} {unit} in {name} at {rpm:g} rpm"
+    return quantity.small_title, value, f"{quantity.factor * value:.4g} {quantity.unit} in {name} at {rpm:g} rpm"
 
 
 def worst_misfire(cases):
@@ -217,11 +189,11 @@ def worst_misfire(cases):
     return {
         "cylinder": case.title.removesuffix(NOT_FIRING),
         "rpm": case.answers[speed].rpm,
-        "quantity": quantity,
+        "quantity": quantity.called,
         "of": name,
-        "unit": _KINDS[quantity][0],
+        "unit": quantity.si_unit,
         "value": value,
-        "firing": float(_READ[quantity](cases[0].answers[speed], name)),
+        "firing": float(quantity.read(cases[0].answers[speed], name)),
     }
 
 
@@ -229,7 +201,7 @@ def misfires_text(cases):
     """The worst misfire, then per speed what each misfire hits hardest, against normal running."""
     parts, worst = ["No motion with a misfire is known."], worst_misfire(cases)
     if worst is not None:
-        _, unit, factor = _KINDS[worst["quantity"]]
+        factor, unit = shown_unit(worst["unit"])
         value, firing = (f"{factor * worst[key]:.4g} {unit}" for key in ("value", "firing"))
         parts = [
             f"The worst misfire is that of {worst['cylinder']}: {worst['quantity']} of {value} in {worst['of']} at"
@@ -243,17 +215,16 @@ def misfires_text(cases):
 def _speed_table(cases, number):
     rows = [hardest(case.answers[number]) for case in cases]
     quantity = rows[0][0]
-    _, unit, factor = _KINDS[quantity]
-    values = [factor * value for *_, value in rows]
+    values = [quantity.factor * value for *_, value in rows]
     columns = [
         [case.title for case in cases],
         *alike(values),
         ratios(values, [values[0]] * len(values)),
         [name or NONE for _, name, _ in rows],
     ]
-    heads = ["", unit, "ratio", "in"]
-    if quantity == "tooth force":
+    heads = ["", quantity.unit, "ratio", "in"]
+    if quantity.element == "mesh":
         columns.append([motion_word(case.answers[number]) for case in cases])
         heads.append("motion")
-    title = f"{_CALLED[quantity]} at {cases[0].answers[number].rpm:g} rpm, {unit}"
+    title = f"{quantity.title} at {cases[0].answers[number].rpm:g} rpm, {quantity.unit}"
     return title + "\n" + aligned(heads, columns, left=(3, 4))

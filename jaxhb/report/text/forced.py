@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxhb.elements.elements import SceneError, suggestion
+from jaxhb.report.quantities import shown_unit
 from jaxhb.report.selection import case_title, shafts_of, train_name
 from jaxhb.report.text.columns import NONE, Table, aligned, alike, ranges, ratios
 from jaxhb.results.signal import Signal
@@ -18,11 +19,11 @@ NEGLIGIBLE = 1e-12
 """Amplitude of an order over the largest of its element from which it is not listed."""
 
 KINDS = {
-    "disks": ("disk", "Vibratory angle of disks, deg", "rad", "deg", 180 / np.pi),
-    "shafts": ("shaft", "Vibratory torque of shafts and dampers, N m", "N m", "N m", 1.0),
-    "meshes": ("mesh", "Vibratory tooth force, kN", "N", "kN", 1e-3),
+    "disks": ("disk", "angle", "Vibratory angle of disks", "rad"),
+    "shafts": ("shaft", "torque", "Vibratory torque of shafts and dampers", "N m"),
+    "meshes": ("mesh", "tooth force", "Vibratory tooth force", "N"),
 }
-"""Head of its column, title, SI unit, unit for people and the factor between them."""
+"""Head of its column, what vibrates, title and SI unit."""
 
 
 ADVICE = {
@@ -43,7 +44,12 @@ class Reading:
     @property
     def unit(self):
         """SI unit of the signal."""
-        return KINDS[self.kind][2]
+        return KINDS[self.kind][3]
+
+    @property
+    def shown(self):
+        """Factor from the SI unit, and the unit for people."""
+        return shown_unit(self.unit)
 
     def listed(self):
         """Places of the orders that are there, by rising order."""
@@ -163,7 +169,7 @@ def _moves(found):
 
 
 def _speed_table(rpm, reading, good):
-    _, _, _, unit, factor = KINDS[reading.kind]
+    factor, unit = reading.shown
     signal, places = reading.signal, reading.at(good).main() if good.any() else []
     values = [signal.half_peak_to_peak, signal.sum_of_amplitudes, *signal.amplitudes[:, places].T]
     columns = alike(*(np.where(good, factor * np.asarray(column), np.nan) for column in values))
@@ -183,7 +189,8 @@ def worst_tables(response, found):
 
 
 def _worst_table(rpm, kind, found):
-    head, title, _, _, factor = KINDS[kind]
+    head, _, title, unit = KINDS[kind]
+    factor, unit = shown_unit(unit)
     swings = [np.asarray(one.signal.half_peak_to_peak) for one in found]
     sums = [np.asarray(one.signal.sum_of_amplitudes) for one in found]
     peaks = [np.unravel_index(one.signal.amplitudes.argmax(), one.signal.amplitudes.shape) for one in found]
@@ -208,7 +215,7 @@ def _worst_table(rpm, kind, found):
     ]
     heads = [head, "half p-p", "at rpm", "sum", "at rpm", "order", "amplitude", "at rpm", "heat W"]
     groups = [("synthesis", 1, 2), ("sum of amplitudes", 3, 4), ("largest order", 5, 7)]
-    return Table(f"{title}: largest over the speeds", heads, rows, groups)
+    return Table(f"{title}, {unit}: largest over the speeds", heads, rows, groups)
 
 
 def forced_record(response, found, *, orders=None):
@@ -290,9 +297,6 @@ def forced_failures(response, case=""):
     return found
 
 
-_CALLED = {"disks": "angle", "shafts": "torque", "meshes": "tooth force"}
-
-
 def worst_of(misfires, found):
     """The misfire and the speed at which each element swings most.
 
@@ -348,16 +352,16 @@ def misfires_text(misfires, found, worst, *, each):
 
 
 def _sentence(element, worst, title):
-    _, _, _, unit, factor = KINDS[element.kind]
+    factor, unit = element.shown
     value, firing = (f"{factor * number:.4g} {unit}" for number in (worst.value, worst.firing))
     return (
-        f"The worst misfire is that of {worst.cylinder}: {_CALLED[element.kind]} of {value} half peak-to-peak in"
+        f"The worst misfire is that of {worst.cylinder}: {KINDS[element.kind][1]} of {value} half peak-to-peak in"
         f" {element.name} at {worst.rpm:g} rpm, {firing} with {title}."
     )
 
 
 def _cylinder_table(misfires, element):
-    _, _, _, unit, factor = KINDS[element.kind]
+    factor, unit = element.shown
     train, responses = misfires.firing.train, {"": misfires.firing} | misfires.responses
     values, speeds = zip(*(_largest(response, element) for response in responses.values()), strict=True)
     values = [factor * value for value in values]
@@ -378,7 +382,8 @@ def _largest(response, element):
 
 
 def _element_table(misfires, kind, found, worst):
-    head, title, _, _, factor = KINDS[kind]
+    head, _, title, unit = KINDS[kind]
+    factor, unit = shown_unit(unit)
     own = [worst[one.name] for one in found]
     largest = [factor * _largest(misfires.firing, one)[0] for one in found]
     values = [factor * one.value for one in own]
@@ -390,7 +395,7 @@ def _element_table(misfires, kind, found, worst):
         [one.cylinder if one.value else NONE for one in own],
     ]
     heads = [head, case_title(misfires.firing.train), "worst misfire", "ratio", "at rpm", "that of"]
-    return f"{title}: largest half peak-to-peak over the speeds\n" + aligned(heads, columns, left=(5,))
+    return f"{title}, {unit}: largest half peak-to-peak over the speeds\n" + aligned(heads, columns, left=(5,))
 
 
 def misfires_record(misfires, found, worst, *, orders=None):
@@ -416,7 +421,7 @@ def misfires_record(misfires, found, worst, *, orders=None):
         one.name: {
             "cylinder": worst[one.name].cylinder,
             "rpm": worst[one.name].rpm,
-            "quantity": _CALLED[one.kind],
+            "quantity": KINDS[one.kind][1],
             "unit": one.unit,
             "value": worst[one.name].value,
             "firing": worst[one.name].firing,

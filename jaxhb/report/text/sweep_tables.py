@@ -3,7 +3,8 @@
 import numpy as np
 
 from jaxhb.report.answer import SPEED, UNCONFIRMED
-from jaxhb.report.selection import hardest_shaft, heaviest, largest, most_apart, shafts_of, worst_mesh
+from jaxhb.report.quantities import main_quantity
+from jaxhb.report.selection import heaviest, most_apart, worst_mesh
 from jaxhb.report.text.columns import NONE, Table, alike, ranges, shares
 from jaxhb.report.text.sentences import motion_word, status_word, verdict
 from jaxhb.report.text.strength import answers_strength, strength_text
@@ -13,6 +14,8 @@ BLOCKS = {"up": "Upwards", "down": "Downwards", "orbit": "Periodic solutions"}
 """Headings of the ways in which speeds are gone through."""
 
 WITHOUT = "without kN"
+
+SWINGS = "half_peak_to_peak", "sum_of_amplitudes"
 
 DOUBT = "?"
 """Behind numbers that are not converged, or not confirmed by harmonic balance."""
@@ -48,7 +51,7 @@ def motion_sentences(answers):
 
 def speed_table(answers, title=""):
     """A row for every speed: what is hit hardest, and the kind of motion."""
-    heads, columns = (_meshes if answers[0].topology.mesh_names else _shafts)(answers)
+    heads, columns = (_meshes if answers[0].topology.mesh_names else _swings)(answers)
     harmonics = [NONE if answer.harmonics is None else str(answer.harmonics) for answer in answers]
     places, motions = [f"{answer.place:g}" for answer in answers], [motion_word(answer) for answer in answers]
     columns = [
@@ -113,24 +116,16 @@ def _longest(answer, name):
     return answer.contacts[name].separated_fraction if name else 0.0
 
 
-def _shafts(answers):
-    if not shafts_of(answers[0].topology):
-        return _disks(answers)
-    names = [hardest_shaft([answer]) if answer.known else None for answer in answers]
-    signals = [answer.torque(name) for answer, name in zip(answers, names, strict=True)]
-    columns = alike([s.half_peak_to_peak for s in signals], [s.sum_of_amplitudes for s in signals])
-    heads = ["largest shaft torque", "half p-p N m", "sum of amplitudes N m"]
-    return heads, [[name or NONE for name in names], *columns]
-
-
-def _disks(answers):
-    """A train without links: its disks alone."""
-    disks = answers[0].topology.disk_names
-    names = [largest(disks, lambda name, a=answer: a.disk(name).half_peak_to_peak) for answer in answers]
-    signals = [answer.disk(name) for answer, name in zip(answers, names, strict=True)]
-    columns = alike([1e3 * s.half_peak_to_peak for s in signals], [1e3 * s.sum_of_amplitudes for s in signals])
-    heads = ["largest angle", "half p-p mrad", "sum of amplitudes mrad"]
-    return heads, [[name or NONE for name in names], *columns]
+def _swings(answers):
+    """Of a train without teeth the shaft or damper with the largest torque, of one without links the disk that moves
+    most."""
+    quantity = main_quantity(answers[0].train)
+    names = [quantity.largest(answer) if answer.known else None for answer in answers]
+    signals = [quantity.signal(a, name or quantity.names[0]) for a, name in zip(answers, names, strict=True)]
+    swings = ([quantity.factor * getattr(signal, what) for signal in signals] for what in SWINGS)
+    what = "largest shaft torque" if quantity.element == "shaft" else f"largest {quantity.called}"
+    heads = [what, f"half p-p {quantity.unit}", f"sum of amplitudes {quantity.unit}"]
+    return heads, [[name or NONE for name in names], *alike(*swings)]
 
 
 def _verdict(answers):

@@ -5,6 +5,7 @@ import textwrap
 import numpy as np
 
 from jaxhb.linear.critical import ELASTIC, RIGID, RING
+from jaxhb.report.quantities import shown_unit
 from jaxhb.report.selection import gears, shafts_of, train_name
 from jaxhb.report.text.certified import certificate_text
 from jaxhb.report.text.columns import NONE, Table, alike, ratios, shares
@@ -146,9 +147,10 @@ def _shaft_table(answer):
 def _disk_table(answer):
     names = answer.topology.disk_names
     signals = [answer.disk(name) for name in names]
-    columns = alike(*([1e3 * getattr(s, what) for s in signals] for what in ("half_peak_to_peak", "sum_of_amplitudes")))
+    factor, unit = shown_unit("rad")
+    swings = ([factor * getattr(s, what) for s in signals] for what in ("half_peak_to_peak", "sum_of_amplitudes"))
     heads = ["disk", "half peak-to-peak", "sum of amplitudes"]
-    return Table("Vibratory angle of disks, mrad", heads, [names, *columns])
+    return Table(f"Vibratory angle of disks, {unit}", heads, [names, *alike(*swings)])
 
 
 def irregularity_text(answer, disk):

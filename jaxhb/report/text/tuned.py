@@ -8,15 +8,13 @@ from jaxhb.design.evaluator import label
 from jaxhb.design.quantities import OF_DESIGN, unit_of
 from jaxhb.linear import strength
 from jaxhb.report.files.record import finite
+from jaxhb.report.quantities import shown_unit
 from jaxhb.report.text.columns import Table
 from jaxhb.report.text.mean_torques import plain_number
 from jaxhb.report.text.strength import AID
 from jaxhb.report.text.tables import paragraph
 from jaxhb.steady.steady_state import steady_state
 from jaxhb.train.changes import declared_field, locate
-
-SCALES = {"N": (1e-3, "kN"), "rad": (1e3, "mrad"), "Pa": (1e-6, "MPa")}
-"""Units in which people read quantities."""
 
 JUDGED = (
     "stress",
@@ -219,8 +217,7 @@ def _limit(chosen):
 
 def scaled_unit(quantity):
     """Factor from SI, and the unit in which people read a quantity."""
-    unit = unit_of(quantity)
-    return SCALES.get(unit, (1.0, unit))
+    return shown_unit(unit_of(quantity))
 
 
 def parameter_unit(train, name):

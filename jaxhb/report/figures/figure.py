@@ -1,12 +1,12 @@
-"""Figures of the page as plain dictionaries for plotly.js: dashes, symbols and words tell what colours tell too."""
+"""One specification of a figure for plotly.js, on the page, and for matplotlib: lines, marks, bands and panels as plain
+dictionaries. Dashes, symbols and words tell what colours tell too."""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from jaxhb.report.figures.style import GAP, WITH, WITHOUT
-from jaxhb.report.figures.sweep import MARKS
+from jaxhb.report.figures.style import GAP, MOTIONS, WITH, WITHOUT
 
 WIDTH, PANEL, EDGES = 680, 155, 70
 """Pixels: what an A4 page has between its margins, the height of a panel, and what axes take beside it."""
@@ -17,16 +17,10 @@ LEGEND_ROW, LETTER, KEY = 19, 4.9, 46
 HEADROOM = 1.08
 DIGITS = 5
 
-SYMBOLS = {
-    "contact": "circle",
-    "periodic": "square",
-    "subharmonic": "diamond",
-    "irregular": "star",
-    "unstable": "triangle-down",
-}
+SYMBOLS = {kind: symbol for kind, (_, symbol, *_) in MOTIONS.items() if kind != "unknown"}
 """Symbol of every kind of motion that has numbers."""
 
-NO_ANSWER = MARKS["unknown"][1]
+NO_ANSWER = MOTIONS["unknown"][-1]
 STYLES = (
     {"color": WITH, "dash": "solid"},
     {"color": WITHOUT, "dash": "dash"},
@@ -40,7 +34,7 @@ STYLES = (
 
 @dataclass(frozen=True)
 class Figure:
-    """What plotly.js draws: a caption, traces and a layout, all of plain numbers and words."""
+    """A caption, traces and a layout, all of plain numbers and words, as plotly.js draws them."""
 
     caption: str
     traces: list
@@ -55,7 +49,10 @@ def numbers(values):
 def line(x, y, name, style=0, *, panel=0, **more):
     """A line over x; ``style`` numbers one of STYLES."""
     own = {"type": "scatter", "mode": "lines", "x": numbers(x), "y": numbers(y), "name": name}
-    return own | _axis(panel) | {"line": {**STYLES[style % len(STYLES)], "width": 1.6}} | more
+    turn, place = divmod(style, len(STYLES))
+    # What has a colour once more has another dash than before.
+    look = {"color": STYLES[place]["color"], "dash": STYLES[(place + turn) % len(STYLES)]["dash"], "width": 1.6}
+    return own | _axis(panel) | {"line": look} | more
 
 
 def marks(x, y, name, symbol, *, panel=0, size=8, color="black", **more):
@@ -68,7 +65,7 @@ def _axis(panel):
     return {"yaxis": f"y{panel + 1}" if panel else "y"}
 
 
-def layout(x_title, panels, traces, *, x_range=None, heights=None, shapes=(), annotations=(), **more):
+def layout(x_title, panels, traces, *, x_range=None, heights=None, shapes=(), annotations=()):
     """The layout of panels above one another over one axis.
 
     Parameters
@@ -108,7 +105,7 @@ def layout(x_title, panels, traces, *, x_range=None, heights=None, shapes=(), an
         own |= {"zerolinecolor": "#9a9a9a"} | ({"range": [float(y) for y in limits]} if limits is not None else {})
         made[_last("yaxis", number + 1)] = own
         top -= height + gap
-    return made | more
+    return made
 
 
 def _last(name, count):
@@ -116,12 +113,17 @@ def _last(name, count):
 
 
 def _legend_rows(traces):
-    """Rows that the legend takes, from the lengths of its names."""
+    """Rows that the legend takes; one name needs none."""
+    count = sum(trace.get("showlegend", True) for trace in traces)
+    return -(-count // legend_columns(traces)) if count > 1 else 0
+
+
+def legend_columns(traces):
+    """Columns of the legend, from the lengths of its names."""
     widths = [KEY + LETTER * len(trace["name"]) for trace in traces if trace.get("showlegend", True)]
-    if len(widths) < 2 or sum(widths) <= WIDTH - 76:
-        return len(widths) > 1
-    columns = max(1, int((WIDTH - 76) // max(widths)))  # plotly gives every entry the width of the longest
-    return -(-len(widths) // columns)
+    if sum(widths) <= WIDTH - 76:
+        return max(1, len(widths))
+    return max(1, int((WIDTH - 76) // max(widths)))  # plotly gives every entry the width of the longest
 
 
 def top_of(*columns):
@@ -149,28 +151,23 @@ def kind_of(answer):
 
 def kind_word(kind):
     """A kind of motion in a few words."""
-    return MARKS[kind][1].split(" (")[0]
-
-
-def answered(answers, read):
-    """A number of every answer, nan where there is none to rely on."""
-    return np.array([float(read(answer)) if answer.answered else np.nan for answer in answers])
+    return MOTIONS[kind][-1].split(" (")[0]
 
 
 def motion_line(answers, values, name, style=0, *, panel=0, hollow=False):
     """A line over the speed with the symbol of the kind of motion at every speed; a gap where there is no answer."""
     symbols = [SYMBOLS.get(kind_of(answer), "circle") + "-open" * hollow for answer in answers]
     said = [kind_word(kind_of(answer) or "unknown") for answer in answers]
-    more = {"mode": "lines+markers", "text": said, "hovertemplate": "%{x} rpm: %{y}, %{text}"}
+    more = {"mode": "lines+markers", "text": said, "hovertemplate": f"%{{x}} {answers[0].axis.unit}: %{{y}}, %{{text}}"}
     more["marker"] = {"symbol": symbols, "size": 6 if len(answers) <= 80 else 4}
-    return line([answer.rpm for answer in answers], values, name, style, panel=panel, **more)
+    return line([answer.place for answer in answers], values, name, style, panel=panel, **more)
 
 
 def kind_keys(*lists):
     """Entries of the legend for the kinds of motion that occur, and crosses at the bottom where there is no answer."""
     met = {kind_of(answer) for answers in lists for answer in answers}
     keys = [marks([np.nan], [np.nan], kind_word(kind), symbol) for kind, symbol in SYMBOLS.items() if kind in met]
-    return keys + crosses(sorted({answer.rpm for answers in lists for answer in answers if not answer.answered}))
+    return keys + crosses(sorted({answer.place for answers in lists for answer in answers if not answer.answered}))
 
 
 def crosses(speeds):
@@ -183,7 +180,9 @@ def crosses(speeds):
 def bands(edges, *, rows="paper"):
     """Grey bands between pairs of x, over the whole height."""
     place = {"type": "rect", "xref": "x", "yref": rows, "y0": 0, "y1": 1, "layer": "below"}
-    return [place | {"x0": low, "x1": high, "fillcolor": GAP, "line": {"width": 0}} for low, high in edges]
+    return [
+        place | {"x0": float(low), "x1": float(high), "fillcolor": GAP, "line": {"width": 0}} for low, high in edges
+    ]
 
 
 def above(text, panel):

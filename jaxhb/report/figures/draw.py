@@ -1,0 +1,190 @@
+"""Pictures of specifications by matplotlib: what plotly.js draws on the page, for files and notebooks."""
+
+import textwrap
+
+import numpy as np
+
+from jaxhb.report.figures.figure import legend_columns
+from jaxhb.report.figures.style import MOTIONS, line_key, new_figure, raised
+
+PIXELS = 75
+"""Of the page in an inch of the height, as in its width."""
+POINTS = 0.8
+"""Of a line or marker, for a pixel of the page."""
+KEYS = {"fontsize": 7.5, "handlelength": 3.8, "handletextpad": 0.6, "columnspacing": 1.3, "labelspacing": 0.3}
+"""Sizes of the legend, in which as many names find room as on the page."""
+LETTERS = 105
+"""Of a line of a caption."""
+DASHES = {"solid": "-", "dash": "--", "dashdot": "-.", "dot": ":"}
+DASHES |= {"longdash": (0, (9, 2.5)), "longdashdot": (0, (9, 2, 1.5, 2))}
+MARKERS = {symbol.removesuffix("-open"): marker for marker, symbol, *_ in MOTIONS.values()}
+MARKERS |= {"triangle-up": "^", "cross": "P"}
+ANCHORS = {"bottom": "bottom", "middle": "center", "top": "top"}
+
+
+def drawn(*figures, title=""):
+    """A picture of specifications, one below the other.
+
+    Parameters
+    ----------
+    figures : Figure
+        Panels stand over one axis as long as its title is the same; a legend that stands above is not repeated.
+    title : str, optional
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        With axes for every panel, from the top.
+    """
+    layouts = [figure.layout for figure in figures]
+    inside = sum(layout["height"] - layout["margin"]["b"] for layout in layouts)
+    picture = new_figure((inside + layouts[-1]["margin"]["b"]) / PIXELS)
+    picture.suptitle(_wrapped(title), fontsize="medium")
+    rows = [_panels(layout) for layout in layouts]
+    heights = [height for panels in rows for height in panels.values()]
+    every = iter(picture.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0])
+    first, last, keys = None, None, set()
+    for figure, panels in zip(figures, rows, strict=True):
+        own = {name: next(every) for name in panels}
+        top, x = next(iter(own.values())), figure.layout["xaxis"]
+        if last is None or last.get_xlabel() != x["title"]["text"]:
+            first = top
+            _draw_axis(first, "x", x)
+        else:
+            last.tick_params(labelbottom=False)
+            last.set_xlabel("")
+        for axes in own.values():
+            if axes is not first:
+                axes.sharex(first)
+            axes.tick_params("x", labelbottom=False)
+        last = axes
+        last.tick_params("x", labelbottom=True, labelrotation=-x.get("tickangle", 0))
+        last.set_xlabel(x["title"]["text"])
+        _draw(figure, own)
+        keys |= _draw_legend(top, figure, keys)
+    return picture
+
+
+def _wrapped(text):
+    return "\n".join(textwrap.fill(one, LETTERS) for one in text.split("\n"))
+
+
+def _panels(layout):
+    """Heights of the panels in pixels, by the names of their axes."""
+    inside = layout["height"] - layout["margin"]["t"] - layout["margin"]["b"]
+    axes = {key.replace("axis", ""): axis for key, axis in layout.items() if key.startswith("yaxis")}
+    return {name: (axis["domain"][1] - axis["domain"][0]) * inside for name, axis in axes.items()}
+
+
+def _draw(figure, panels):
+    """Everything that stands in the panels of one figure."""
+    for trace in figure.traces:
+        _draw_trace(panels[trace["yaxis"]], trace)
+    for shape in figure.layout["shapes"]:
+        named = shape["yref"].removesuffix(" domain")
+        for axes in panels.values() if named == "paper" else [panels[named]]:
+            axes.axvspan(shape["x0"], shape["x1"], color=shape["fillcolor"], linewidth=0, zorder=0)
+    for name, axes in panels.items():
+        axis = figure.layout[name.replace("y", "yaxis")]
+        _draw_axis(axes, "y", axis)
+        axes.set_ylabel(axis["title"]["text"])
+        axes.grid(axis="x", color=figure.layout["xaxis"]["gridcolor"], linewidth=0.6)
+        low, high = axes.get_ylim()
+        if low < 0 < high:
+            axes.axhline(0.0, color=axis["zerolinecolor"], linewidth=0.8, zorder=0.6)
+    for note in figure.layout["annotations"]:
+        _draw_note(panels, note)
+
+
+def _draw_axis(axes, which, axis):
+    """Range, ticks and grid of an axis."""
+    axes.ticklabel_format(axis=which, style="plain", useOffset=False)
+    if "range" in axis:
+        axes.set(**{f"{which}lim": axis["range"]})
+    if "dtick" in axis:
+        axes.set(**{f"{which}ticks": np.arange(axis["range"][0], axis["range"][1] * (1 + 1e-9), axis["dtick"])})
+    if "tickvals" in axis:
+        said = [text.replace("<br>", "\n") for text in axis["ticktext"]]
+        axes.set(**{f"{which}ticks": axis["tickvals"], f"{which}ticklabels": said})
+        axes.tick_params(which, labelsize="small" if len(said) <= 25 else "x-small")
+    axes.grid(axis=which, color=axis["gridcolor"], linewidth=0.6)
+    axes.set_axisbelow(True)
+
+
+def _draw_trace(axes, trace):
+    """A line with gaps where there is no number, and its markers, which may be of several kinds."""
+    y = np.array(trace["y"], float)
+    x = np.array(trace["x"], float) if "x" in trace else trace["x0"] + trace["dx"] * np.arange(len(y))
+    symbols = np.broadcast_to(_symbols(trace), len(y))
+    if len(set(symbols)) < 2:
+        axes.plot(x, y, **_look(trace, symbols[0] if len(y) else ""))
+        return
+    axes.plot(x, y, **_look(trace, ""))
+    for symbol in dict.fromkeys(symbols.tolist()):
+        there = symbols == symbol
+        axes.plot(x[there], y[there], **_look(trace, symbol) | {"linestyle": "none"})
+
+
+def _symbols(trace):
+    """The symbol of a trace or of every point; "" without."""
+    return trace.get("marker", {}).get("symbol", "circle") if "markers" in trace["mode"] else ""
+
+
+def _look(trace, symbol):
+    """Line and marker as matplotlib calls them."""
+    line, marker = trace.get("line", {}), trace.get("marker", {})
+    colour = marker.get("color", line.get("color"))
+    look = {"color": line.get("color", colour), "alpha": trace.get("opacity"), "clip_on": trace.get("cliponaxis", True)}
+    look["linewidth"] = POINTS * line.get("width", 2)
+    look["linestyle"] = DASHES[line.get("dash", "solid")] if "lines" in trace["mode"] else "none"
+    look["drawstyle"] = "steps-post" if line.get("shape") == "hv" else "default"
+    if symbol:
+        name = symbol.removesuffix("-open")
+        look |= {"marker": MARKERS[name], "markerfacecolor": colour if name == symbol else "none"}
+        look |= {"markersize": POINTS * marker.get("size", 6) * (1.5 if name == "star" else 1.0)}
+        look |= {"markeredgecolor": colour, "markeredgewidth": POINTS * marker.get("line", {}).get("width", 1.2)}
+        look["markevery"] = max(1, len(trace["y"]) // marker.get("maxdisplayed", len(trace["y"]) or 1))
+    return look
+
+
+def _draw_note(panels, note):
+    """A text: at a place of the axes or of the data, moved by pixels."""
+    across, along = note.get("yref", "y"), note.get("xref", "x")
+    style = {"fontsize": POINTS * note["font"]["size"], "ha": note.get("xanchor", "center")}
+    style |= {"va": ANCHORS[note.get("yanchor", "middle")], "annotation_clip": False}
+    if "bgcolor" in note:
+        style["bbox"] = {"facecolor": note["bgcolor"], "edgecolor": "none", "pad": 0.5}
+    places = "axes fraction" if along == "paper" else "data", "axes fraction" if "domain" in across else "data"
+    panels[across.removesuffix(" domain")].annotate(
+        note["text"].replace("<br>", "\n"),
+        (note["x"], note["y"]),
+        (POINTS * note.get("xshift", 0), 0),
+        xycoords=places,
+        textcoords="offset points",
+        **style,
+    )
+
+
+def _draw_legend(axes, figure, known):
+    """Caption and legend above a panel, without keys if all are known; their names and looks."""
+    shown = [trace for trace in figure.traces if trace.get("showlegend", True)] * figure.layout["showlegend"]
+    looks = [_look(trace, np.ravel(_symbols(trace))[0]) for trace in shown]
+    keys = [line_key(trace["name"], look.pop("color"), **look) for trace, look in zip(shown, looks, strict=True)]
+    own = {(key.get_label(), str(key.get_linestyle()), str(key.get_marker()), key.get_color()) for key in keys}
+    # Texts above a panel stand between it and the caption.
+    room = 13 if any(note.get("yanchor") == "bottom" for note in figure.layout["annotations"]) else 3
+    axes.legend(
+        handles=[] if own <= known else keys,
+        ncols=legend_columns(figure.traces),
+        title=_wrapped(figure.caption),
+        title_fontsize=9,
+        alignment="left",
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        bbox_transform=raised(axes, room),
+        borderaxespad=0.0,
+        borderpad=0.0,
+        frameon=False,
+        **KEYS,
+    )
+    return own
