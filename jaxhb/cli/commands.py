@@ -42,7 +42,7 @@ from jaxhb.scene.writer import changed_scene, copies_beside
 from jaxhb.train.changes import locate, scene_values
 
 
-def solve_one(train, arguments):
+def solve(train, arguments):
     """One speed."""
     check_picture(train, arguments)
     check_labelled(arguments)
