@@ -12,7 +12,6 @@ from jaxhb.report.files.output import (
     check_picture,
     write_files,
 )
-from jaxhb.report.text.scene_check import referred_text
 from jaxhb.scene.files import load_scene, scene_description, scene_names
 from jaxhb.scene.writer import copies_beside, scene_files, scene_text
 
@@ -66,6 +65,8 @@ def scene(arguments):
     if arguments.quiet:
         return 0
     if arguments.referred:
+        from jaxhb.report.text.scene_check import referred_text
+
         print(referred_text(load_scene(arguments.scene)))
         return 0
     printed = not arguments.out and (arguments.expand or not arguments.plot)
