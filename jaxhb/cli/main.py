@@ -29,8 +29,9 @@ from jaxhb.cli.options import (
 )
 from jaxhb.cli.parsing import Command, Program, Several, option
 from jaxhb.cli.streams import Ended, guarded, tell
-from jaxhb.cli.values import count, one_speed, orders, over, positive, share, speed, speed_range, speeds, whole
+from jaxhb.cli.values import count, one_speed, orders, over, positive, share, speed_range, whole
 from jaxhb.report.files.output import INTERRUPTED
+from jaxhb.train.speeds import read_speed, read_speeds
 
 ENVIRONMENT = {
     "OPENBLAS_NUM_THREADS": "1",  # its threads wait actively: beside a busy process a solve takes ten times as long
@@ -197,7 +198,7 @@ def scene(**given):
 
 @command(LINEAR_STATUS, "check my_engine.toml")
 @SCENE
-@option("--rpm A:B:COUNT", "speeds of the mean torques, rpm (default: lowest and highest that the scene names)", speeds)
+@option("--rpm A:B:COUNT", "speeds of the mean torques, rpm (default: lowest and highest tabulated)", read_speeds)
 @option("--json FILE", "write all of it for programs, SI units")
 def check(**given):
     """Is the scene plausible? Mean torques, modes, notes.
@@ -341,7 +342,7 @@ def sweep(**given):
 @MOTION
 @files("the torque on one gear over the cycle, in normal running")
 @GEAR
-@option("--at R", "speed that picture and page show in full, rpm (default: of the largest tooth force)", speed)
+@option("--at R", "speed that picture and page show in full, rpm (default: of the largest tooth force)", read_speed)
 @certify(", at the speed of --at")
 @option("--html FILE.html", "write a page to print and sign: one file, no network (needs jaxhb[report])")
 @option("--tuned SCENE", "on the page, another design, as jaxhb tune writes it", shell_complete=of_scenes)
@@ -360,7 +361,7 @@ def report(**given):
 
 @command(STATUS, "tune engine_with_damper --plot tuned.png")
 @SCENE_OF_TUNING
-@option("--rpm A:B:COUNT", "speeds instead of those of the [tune] table, rpm: A:B:COUNT or R1,R2,...", speeds)
+@option("--rpm A:B:COUNT", "speeds instead of those of the [tune] table, rpm: A:B:COUNT or R1,R2,...", read_speeds)
 @option("--optimizer {lbfgs,adam}", "default: lbfgs", ("lbfgs", "adam"))
 @option("--steps N", "maximum number of steps", whole)
 @option("--starts N", "number of designs tuned together: the scene and random ones", whole)

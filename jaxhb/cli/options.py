@@ -4,7 +4,8 @@ import click
 
 from jaxhb.cli.completion import of_elements, of_scenes
 from jaxhb.cli.parsing import option, together
-from jaxhb.cli.values import place, positive, setting, share, speed, speeds, whole
+from jaxhb.cli.values import place, positive, setting, share, whole
+from jaxhb.train.speeds import read_speed, read_speeds
 
 SCENE_ARGUMENT = click.argument(
     "scene", metavar="SCENE", help="a packaged scene (jaxhb scenes) or the path of a file", shell_complete=of_scenes
@@ -37,11 +38,11 @@ SCENE = together(
 RPM = option(
     "--rpm A:B:COUNT",
     "speeds of the reference rotor, rpm: from A to B in COUNT equal steps, or a list R1,R2,...",
-    speeds,
+    read_speeds,
     required=True,
 )
 MEAN_LOAD = option(
-    "--at R", "teeth as stiff as they are under the mean load of this speed, rpm (default: in contact)", speed
+    "--at R", "teeth as stiff as they are under the mean load of this speed, rpm (default: in contact)", read_speed
 )
 
 MOTION = together(

@@ -1,37 +1,26 @@
 """How the values of options are read: each reader takes a word and raises a ValueError that says what is wrong."""
 
 import math
+import re
 
 from jaxhb.train.speeds import read_speed, read_speeds
 
 RANGE_COUNT = 33
 """Speeds of a range that has no count."""
 
-_NO_NUMBER = ("nan", "inf", "infinity")
-
-
-def speed(text):
-    """A speed in rpm from the command line."""
-    return read_speed(text)
-
 
 def one_speed(text):
     """A speed in rpm, where a command takes no more than one."""
     if not {",", ":"} & set(text):
-        return speed(text)
+        return read_speed(text)
     several = len(speed_range(text))
     commands = "jaxhb sweep and jaxhb report take several"
     raise ValueError(f"{text!r} are {several} speeds, and this command takes one: {commands}")
 
 
-def speeds(text):
-    """Speeds in rpm from ``A:B:COUNT`` or ``R1,R2,...``."""
-    return read_speeds(text)
-
-
 def speed_range(text):
     """Speeds in rpm from ``A:B[:COUNT]`` or ``R1,R2,...``."""
-    return speeds(f"{text}:{RANGE_COUNT}" if text.count(":") == 1 else text)
+    return read_speeds(f"{text}:{RANGE_COUNT}" if text.count(":") == 1 else text)
 
 
 def orders(text):
@@ -70,14 +59,14 @@ def share(text):
 def setting(text):
     """``(NAME.FIELD, VALUE)`` from the command line, the value a number or a word."""
     key, equals, word = text.rpartition("=")
-    value, name = _number(word), word.strip()
-    if math.isnan(value) and name.replace("_", "").isalnum() and name[0].isalpha() and name.lower() not in _NO_NUMBER:
-        value = name
-    if equals and name[:1] in "0123456789+-." and name[:1] and math.isnan(value):
-        raise ValueError(f"{text!r}: {name} is no number; values are numbers in SI units, as 3.6e4")
-    if not equals or (isinstance(value, float) and not math.isfinite(value)):
+    value, word = _number(word), word.strip()
+    if not equals or not word:
         raise ValueError(f'{text!r} is not NAME.FIELD=VALUE, as "crank damper.damping=300"')
-    return key.strip(), value
+    if not math.isnan(value):
+        return key.strip(), value
+    if re.fullmatch(r"[^\W\d_]\w*", word) and word.lower() not in ("nan", "inf", "infinity"):
+        return key.strip(), word
+    raise ValueError(f"{text!r}: {word} is no number; values are numbers in SI units, as 3.6e4")
 
 
 def over(text):
