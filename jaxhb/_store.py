@@ -20,6 +20,7 @@ from pathlib import Path
 import jax
 import jaxlib.version
 import numpy as np
+import platformdirs
 from jax.experimental import serialize_executable
 from jaxlib import lapack
 
@@ -151,12 +152,7 @@ def user_folder():
     chosen = os.environ.get(VARIABLE)
     if chosen:
         return None if chosen.lower() in ("off", "0", "none") else Path(chosen)
-    home = Path.home()
-    base = {
-        "win32": Path(os.environ.get("LOCALAPPDATA") or home / "AppData" / "Local"),
-        "darwin": home / "Library" / "Caches",
-    }.get(sys.platform, Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache"))
-    return base / "jaxhb"
+    return platformdirs.user_cache_path("jaxhb", appauthor=False, opinion=False)
 
 
 @cache

@@ -211,7 +211,6 @@ def test_a_folder_that_cannot_be_made_keeps_nothing(tmp_path):
 
 
 def test_the_folder_is_in_the_cache_of_the_user_unless_the_environment_says_otherwise(tmp_path, monkeypatch):
-    monkeypatch.setattr(sys, "platform", "linux")
     monkeypatch.delenv("JAXHB_CACHE")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert _store.user_folder() == tmp_path / "jaxhb"

@@ -42,7 +42,7 @@ from jaxhb.scene.writer import changed_scene, copies_beside
 from jaxhb.train.changes import locate, scene_values
 
 
-def solve_one(train, arguments):
+def solve(train, arguments):
     """One speed."""
     check_picture(train, arguments)
     check_labelled(arguments)
@@ -129,14 +129,15 @@ def tune(train, arguments):
     from jaxhb.design.table import read_table
     from jaxhb.design.tuning import tune as search
 
-    given = _given(arguments, ("rpm", "optimizer", "steps", "starts", "seed", "tolerance"))
-    asked = read_table(train, given)
+    options = {name: getattr(arguments, name) for name in ("rpm", "optimizer", "steps", "starts", "seed", "tolerance")}
+    asked = read_table(train, {name: value for name, value in options.items() if value is not None})
     files = _TunedFiles(arguments, train, asked["rpm"])
     with Progress(asked.get("steps", 0), quiet=arguments.quiet) as progress:
         progress.say("solving the scene as it is")
-        told = {"on_start": partial(_tell_start, files, progress), "on_step": partial(_tell, files, progress)}
         try:
-            result = search(train, **asked, **told)
+            result = search(
+                train, **asked, on_start=partial(files.begin, progress), on_step=partial(files.note, progress)
+            )
         except KeyboardInterrupt as stop:
             stop.add_note(files.left())
             raise
@@ -180,10 +181,18 @@ class _TunedFiles:
         write_files({self.arguments.json: as_json(record)})
         return f"{said} are solved, and their numbers are in {self.arguments.json!r}"
 
-    def note(self, step):
+    def begin(self, progress, reading):
+        """What is known of the scene as it is."""
+        self.start = reading
+        progress.say(f"solving the scene as it is: {reading.solved.sum()} of {len(self.rpm)} speeds are solved")
+
+    def note(self, progress, step):
         """One step more."""
         self.history.append(step)
         self.write(step.parameters, progress_record(self.train, self.rpm, self.history))
+        progress.advance(1 if step.number else 0)
+        told = f"step {step.number}: objective {step.objective:.4g}, a share of what it was at the start"
+        progress.say(f"{told}, with a smooth maximum of {100 * step.width:g} %")
 
     def write(self, parameters, record):
         """The scene with these parameters, and a record."""
@@ -191,23 +200,6 @@ class _TunedFiles:
         text, _ = changed_scene(self.arguments.scene, values, remark=f"{self.arguments.scene}, tuned by jaxhb tune.")
         made = {self.arguments.output: [text.encode()], self.arguments.json: as_json(changes(self.arguments) | record)}
         write_files({path: [content] for path, content in self.copies.items()} | made)
-
-
-def _tell_start(files, progress, reading):
-    files.start = reading
-    progress.say(f"solving the scene as it is: {reading.solved.sum()} of {len(files.rpm)} speeds are solved")
-
-
-def _tell(files, progress, step):
-    files.note(step)
-    progress.advance(1 if step.number else 0)
-    told = f"step {step.number}: objective {step.objective:.4g}, a share of what it was at the start"
-    progress.say(f"{told}, with a smooth maximum of {100 * step.width:g} %")
-
-
-def _given(arguments, names):
-    """Options that were given, by name."""
-    return {name: getattr(arguments, name) for name in names if getattr(arguments, name) is not None}
 
 
 def _cycle_picture(arguments, answer):

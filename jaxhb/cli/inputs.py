@@ -12,14 +12,13 @@ from jaxhb.report.files.output import (
     check_picture,
     write_files,
 )
-from jaxhb.report.text.scene_check import referred_text
 from jaxhb.scene.files import load_scene, scene_description, scene_names
 from jaxhb.scene.writer import copies_beside, scene_files, scene_text
 
 _FILES = ("output", "json", "csv", "netcdf", "trace", "plot", "html")
 
 
-def scenes():
+def scenes(_):
     """List the packaged scenes."""
     names = scene_names()
     width = max(map(len, names))
@@ -66,6 +65,8 @@ def scene(arguments):
     if arguments.quiet:
         return 0
     if arguments.referred:
+        from jaxhb.report.text.scene_check import referred_text
+
         print(referred_text(load_scene(arguments.scene)))
         return 0
     printed = not arguments.out and (arguments.expand or not arguments.plot)
@@ -83,16 +84,18 @@ def _sketch(arguments):
         raise OutputError(f"--plot: {error}") from None
 
 
-def read(arguments):
-    """The train of a command, after files that cannot be written are refused; file names that have defaults are set."""
+def read(arguments, constant_links=True):
+    """The train of a command, after files that cannot be written are refused; file names that have defaults are set.
+
+    Links that vary become constant as --links-at says, unless the command sees to that at its own speeds.
+    """
     _check_files(arguments)
     train = load_scene(arguments.scene)
     if getattr(arguments, "scenario", None) is not None:
         train = train.scenario(arguments.scenario)
     train = train.replace(dict(arguments.set)) if arguments.set else train
     at = dict(getattr(arguments, "links_at", ()))
-    by_speed = getattr(arguments, "by_speed", False)  # the command takes links as they are at its own speeds
-    train = train.with_constant_links(**at) if at and not by_speed else train
+    train = train.with_constant_links(**at) if at and constant_links else train
     hz = getattr(arguments, "viscous", None)
     return train if hz is None else train.with_viscous_damping(hz=hz)
 

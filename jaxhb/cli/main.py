@@ -1,56 +1,37 @@
-"""The command line: ``jaxhb scenes | scene | modes | solve | ...``; commands import the heavy modules."""
+"""The command line: every command with its options and what its help says; what it computes is in other modules."""
 
-# PYTHON_ARGCOMPLETE_OK
-import argparse
 import gc
 import importlib
 import os
 import sys
 import traceback
+from types import SimpleNamespace
+
+import click
+from click.shell_completion import shell_complete
 
 from jaxhb import __version__
-from jaxhb.cli.help_texts import (
-    CAMPBELL,
-    CHECK,
-    COMPLETION,
-    DESCRIPTION,
-    FORCED,
-    HOLZER,
-    NEW,
-    REPORT,
-    SCENE,
-    SOLVE,
-    SWEEP,
-    TUNE,
-    below,
-)
+from jaxhb.cli.completion import PROGRAM, SHELLS, VARIABLE, of_elements, of_scenes, script
 from jaxhb.cli.options import (
-    add_accuracy,
-    add_certify,
-    add_files,
-    add_gear,
-    add_mean_load,
-    add_misfire,
-    add_netcdf,
-    add_orbit,
-    add_plot,
-    add_scene,
-    add_speeds,
-    add_table,
-    count,
-    one_speed,
-    orders,
-    over,
-    positive,
-    share,
-    speed,
-    speed_range,
-    speeds,
-    whole,
+    EACH_MISFIRE,
+    GEAR,
+    MEAN_LOAD,
+    MOTION,
+    QUIET,
+    RPM,
+    SCENE,
+    SCENE_ARGUMENT,
+    SCENE_OF_TUNING,
+    certify,
+    files,
+    misfire,
+    plot,
 )
-from jaxhb.cli.parsing import SHELLS, Parser, complete, completion, of_elements, of_scenes
+from jaxhb.cli.parsing import Command, Program, Several, option
 from jaxhb.cli.streams import Ended, guarded, tell
+from jaxhb.cli.values import count, one_speed, orders, over, positive, share, speed_range, whole
 from jaxhb.report.files.output import INTERRUPTED
+from jaxhb.train.speeds import read_speed, read_speeds
 
 ENVIRONMENT = {
     "OPENBLAS_NUM_THREADS": "1",  # its threads wait actively: beside a busy process a solve takes ten times as long
@@ -61,7 +42,18 @@ ENVIRONMENT = {
 NEW_OBJECTS = 50_000
 """Objects between collections of garbage: with Python's 700 or so they take a third of the time of tracing."""
 
-EACH_MISFIRE = "; each: every cylinder in turn, and which is the worst"
+DONE = "Exit status: 0 done; 2 bad input (nothing is written); 3 an error in the program."
+
+LINEAR_STATUS = """\
+Exit status: 0 every speed has an answer; 1 not so (files are still written); 2 bad input (nothing is written); 3 an
+error in the program."""
+
+STATUS = """\
+Exit status: 0 every speed has its answer: the kind of motion is known, and the harmonic solution of a periodic one is
+within its limits (residual and truncation error); what is "not confirmed by harmonic balance" is known from recorded
+cycles, an answer that a ? marks; 1 a speed has none (files are still written); 2 bad input (nothing is written); 3 an
+error in the program. With --orbit: 0 converged at all speeds, 1 not; an unstable orbit is reported. A scene whose mean
+torques do not balance is bad input (2). If --set unbalances a scene, it is reported as such (1)."""
 
 
 def main(argv=None):
@@ -88,18 +80,21 @@ def main(argv=None):
     """
     for name, value in ENVIRONMENT.items():
         os.environ.setdefault(name, value)
-    return guarded(lambda: _run(argv))
+    return guarded(lambda: _run(sys.argv[1:] if argv is None else argv))
 
 
-def _run(argv):
+def _run(words):
     try:
-        understood = parser()
-        complete(understood)
-        arguments = understood.parse_args(argv)
-        arguments.words = sys.argv[1:] if argv is None else argv
-        return arguments.command(arguments)
-    except SystemExit as stop:
-        return stop.code
+        if VARIABLE in os.environ:
+            return shell_complete(program, {}, PROGRAM, VARIABLE, os.environ[VARIABLE])
+        with program.make_context(PROGRAM, list(words), obj=words) as context:
+            return program.invoke(context)
+    except click.exceptions.Exit as shown:  # of --help and --version
+        return shown.exit_code
+    except click.UsageError as fault:
+        sentence, where = fault.format_message(), fault.ctx.command_path if fault.ctx else PROGRAM
+        print(f"{where}: {sentence}{'' if sentence[-1] in '.?)' else '.'} See {where} --help", file=sys.stderr)
+        return 2
     except KeyboardInterrupt as stop:
         notes = getattr(stop, "__notes__", None)
         tell(f"stopped; {' '.join(notes) if notes else 'nothing more is written'}")
@@ -114,206 +109,286 @@ def _run(argv):
         return 3
 
 
-def parser():
-    """The argument parser."""
-    raw = argparse.RawDescriptionHelpFormatter
-    top = Parser("jaxhb", description=DESCRIPTION, epilog=below(), formatter_class=raw, allow_abbrev=False)
-    top.add_argument("--version", action="version", version=f"jaxhb {__version__}")
-    commands = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
+@click.group(
+    cls=Program,
+    no_args_is_help=False,
+    subcommand_metavar="COMMAND ...",
+    epilog=STATUS,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 120},
+)
+@click.version_option(__version__, message="jaxhb %(version)s")
+def program():
+    """Forced vibration of drive trains with gear backlash: do the teeth hammer, at which speeds, and how hard?
 
-    def add(name, command, short, text=""):
-        text = {"help": short, "description": text or short, "epilog": below(name)}
-        made = commands.add_parser(name, **text, formatter_class=raw, allow_abbrev=False)
-        made.set_defaults(command=command)
-        if command not in (run_scenes, completion):
-            text = "print nothing but what is wrong: for files and the exit status"
-            made.add_argument("--quiet", action="store_true", help=text)
-        return made
-
-    for group in (_scene_commands, _linear_commands, _speed_commands, _report_commands, _tune_commands):
-        group(add)
-    return top
+    For each speed jaxhb reports what the train does after it has run long enough: teeth in contact, a periodic motion,
+    one with a period of several cycles, or an irregular one. Units: rpm, N m, kN and deg.
+    """
 
 
-def _scene_commands(add):
-    new = add("new", run_new, "write a small commented scene to begin with, or a copy of another", NEW)
-    new.add_argument("file", metavar="FILE.toml", help="the scene to write")
-    text = "the scene to copy: packaged (jaxhb scenes) or the path of a file (default: first_scene)"
-    new.add_argument("--from", dest="scene", default="first_scene", metavar="SCENE", help=text)
-    add("scenes", run_scenes, "the packaged scenes and what they are")
-    scene = add("scene", run_scene, "check a scene and write it as TOML, from files of other programs too", SCENE)
-    text = "a packaged scene, or the path of a .toml, .json or .csv"
-    scene.add_argument("scene", metavar="SCENE", help=text).completer = of_scenes
-    scene.add_argument("--expand", action="store_true", help="write the cylinders that an [engine] makes")
-    scene.add_argument("--out", metavar="FILE.toml", help="write it there, its tables beside it (default: print it)")
-    text = "print inertias, stiffnesses and dampings instead, actual and referred to the reference rotor"
-    scene.add_argument("--referred", action="store_true", help=text)
-    add_plot(scene, "a sketch of the train instead of printing it: disks, shafts, gears in mesh, dampers, grounds")
+def command(status, *examples):
+    """Make a function a command of its name: what its exit status tells and examples are below its options."""
+    lines = "".join(f"  jaxhb {example}\n" for example in examples)
+    return program.command(cls=Command, epilog=f"\b\nExamples:\n{lines}\n{status}" if lines else status)
 
 
-def _linear_commands(add):
-    check = add("check", _runner("check", "linear_commands"), "is the scene plausible? torques, modes, notes", CHECK)
-    add_scene(check)
-    text = "speeds of the mean torques, rpm (default: the ends of what the scene gives over the speed)"
-    check.add_argument("--rpm", type=speeds, metavar="A:B:COUNT", help=text)
-    check.add_argument("--json", metavar="FILE", help="write all of it for programs, SI units")
-    check.set_defaults(by_speed=True)
-    modes = add(
-        "modes",
-        _runner("modes", "linear_commands"),
-        "natural frequencies in Hz, undamped; mode shapes",
-    )
-    add_scene(modes)
-    add_mean_load(modes)
-    modes.add_argument("--json", metavar="FILE", help="write frequencies and shapes for programs")
-    add_plot(modes, "shapes of the first six modes that strain links, with nodes and damping ratios")
-    holzer = add("holzer", _runner("holzer", "linear_commands"), "Holzer's table of a train without loops", HOLZER)
-    add_scene(holzer)
-    add_mean_load(holzer)
-    chosen = holzer.add_mutually_exclusive_group()
-    text = "frequencies of the tables, Hz (default: the first three natural frequencies that strain links)"
-    chosen.add_argument("--hz", nargs="+", type=positive, metavar="F", help=text)
-    chosen.add_argument("--mode", nargs="+", type=count, metavar="K", help="modes, numbered as by jaxhb modes")
-    holzer.add_argument("--json", metavar="FILE", help="write the tables in full precision, SI units")
-    add_plot(holzer, "the residual over the frequency")
-    campbell = add("campbell", _runner("campbell", "linear_commands"), "natural frequencies and orders", CAMPBELL)
-    add_scene(campbell)
-    add_mean_load(campbell)
-    text = "range of speeds of the reference rotor, rpm; COUNT matters where frequencies depend on the speed"
-    campbell.add_argument("--rpm", required=True, type=speed_range, metavar="A:B[:COUNT]", help=text)
-    text = "orders of the reference rotor (default: those that the torques have)"
-    campbell.add_argument("--orders", type=orders, metavar="N1,N2,...", help=text)
-    text = "how many of the modes that strain links, the lowest (default 6)"
-    campbell.add_argument("--modes", type=whole, default=6, metavar="N", help=text)
-    add_misfire(campbell, EACH_MISFIRE)
-    campbell.add_argument("--json", metavar="FILE", help="write frequencies and critical speeds in full precision")
-    campbell.add_argument("--csv", metavar="FILE", help="write one row per critical speed for spreadsheets")
-    add_plot(campbell, "the Campbell diagram")
-    forced = add(
-        "forced", _runner("forced", "linear_commands"), "linear: amplitudes by order and heat over the speed", FORCED
-    )
-    add_scene(forced)
-    add_speeds(forced)
-    text = "a disk, shaft, damper or mesh, speed by speed; may be repeated (default: the largest values of all)"
-    element = forced.add_argument("--element", action="append", default=[], metavar="NAME", help=text)
-    element.completer = of_elements("disk", "shaft", "damper", "mesh")
-    add_misfire(forced, EACH_MISFIRE)
-    add_files(forced, "orders and synthesis over the speed, of up to four elements")
-    add_table(forced)
-    add_netcdf(forced)
+def light(function, given):
+    """The exit status of a function of inputs.py, which needs no jax."""
+    from jaxhb.cli import inputs
+
+    return getattr(inputs, function)(SimpleNamespace(**given))
 
 
-def _speed_commands(add):
-    solve = add("solve", _runner("solve_one"), "one speed: do the teeth hammer? forces, torques, contact", SOLVE)
-    add_scene(solve)
-    solve.add_argument("--rpm", required=True, type=one_speed, metavar="R", help="speed of the reference rotor, rpm")
-    add_misfire(solve)
-    add_accuracy(solve)
-    add_orbit(solve)
-    add_certify(solve)
-    add_files(solve, "the gear torque and the tooth forces over the cycle")
-    add_table(solve)
-    add_netcdf(solve)
-    text = "write the motion over its period for spreadsheets: forces, torques, angles, speeds over the crank angle"
-    solve.add_argument("--trace", metavar="FILE.csv", help=text)
-    add_gear(solve)
-    sweep = add("sweep", _runner("sweep", "sweeps"), "many speeds in one call: at which speeds do they hammer?", SWEEP)
-    add_scene(sweep)
-    add_speeds(sweep)
-    add_misfire(sweep)
-    add_accuracy(sweep)
-    add_orbit(sweep)
-    text = "which neighbour a speed starts from: the one below (up, default), above (down), or one after the other"
-    sweep.add_argument("--direction", choices=("up", "down", "both"), help=text)
-    add_files(sweep, "tooth force and time out of contact over the speed")
-    add_table(sweep)
-    add_netcdf(sweep)
-    text = "amplitudes of all orders in the JSON and NetCDF files (default: none and those of the excitation)"
-    sweep.add_argument("--full", action="store_true", help=text)
-    text = "go over a number of the scene at the one speed of --rpm: from A to B in COUNT steps, or V1,V2,..., SI units"
-    sweep.add_argument("--over", type=over, metavar="NAME.FIELD=A:B:COUNT", help=text)
-    text = "keep what is found in this folder for good; without it until the sweep is done, in the folder of programs"
-    sweep.add_argument("--out", dest="folder", metavar="DIR", help=text)
-    text = "speeds that are computed, kept and written together (default 16); fewer lose less, and take longer"
-    sweep.add_argument("--chunk", type=whole, metavar="N", help=text)
+def computed(function, given, module="commands", constant_links=True):
+    """The exit status of a function of a train and its arguments.
+
+    Inputs are read first, which takes a fraction of the time of importing jax. Where ``constant_links`` is False, the
+    function itself sees to --links-at, at its own speeds.
+    """
+    from jaxhb.cli.inputs import read
+
+    arguments = SimpleNamespace(**given, words=click.get_current_context().obj)
+    train = read(arguments, constant_links)
+    from jaxhb._program import keep_programs
+    from jaxhb._store import user_folder
+
+    keep_programs(user_folder())
+    gc.set_threshold(NEW_OBJECTS)
+    return getattr(importlib.import_module(f"jaxhb.cli.{module}"), function)(train, arguments)
 
 
-def _report_commands(add):
-    report = add("report", _runner("report"), "several speeds, normal running and a misfire", REPORT)
-    add_scene(report)
-    add_speeds(report)
-    add_misfire(report, EACH_MISFIRE)
-    add_accuracy(report)
-    add_orbit(report)
-    add_files(report, "the torque on one gear over the cycle, in normal running")
-    add_table(report)
-    add_netcdf(report)
-    add_gear(report)
-    text = "speed of the picture and of what the page shows in full, rpm (default: the largest tooth force)"
-    report.add_argument("--at", type=speed, metavar="R", help=text)
-    add_certify(report, ", at the speed of --at")
-    text = "write a page to print and sign: one file, no network (needs jaxhb[report])"
-    report.add_argument("--html", metavar="FILE.html", help=text)
-    second = report.add_mutually_exclusive_group()
-    text = "on the page, another design beside the first: a scene, as jaxhb tune writes it"
-    second.add_argument("--tuned", metavar="SCENE", help=text)
-    text = "on the page, the design tuned as the [tune] table of the scene asks beside the first; takes minutes"
-    second.add_argument("--tune", action="store_true", help=text)
+def refuse_both(given, first, second):
+    """One of two options or none."""
+    if given[first] and given[second]:
+        raise click.UsageError(f"--{first} and --{second} exclude each other.", click.get_current_context())
 
 
-def _tune_commands(add):
-    tune = add("tune", _runner("tune"), "find the dampers (or any numbers) that cure it, by gradient", TUNE)
-    add_scene(tune, scenarios=False)  # the tuned scene would not hold the values of one
-    text = "speeds of the reference rotor, rpm, instead of those of the [tune] table: A:B:COUNT or R1,R2,..."
-    tune.add_argument("--rpm", type=speeds, metavar="A:B:COUNT", help=text)
-    tune.add_argument("--optimizer", choices=("lbfgs", "adam"), help="default: lbfgs")
-    tune.add_argument("--steps", type=whole, metavar="N", help="maximum number of steps")
-    tune.add_argument(
-        "--starts", type=whole, metavar="N", help="number of designs tuned together: the scene and random ones"
-    )
-    tune.add_argument("--seed", type=count, metavar="N", help="seed of the random designs (default 0)")
-    tune.add_argument("--tolerance", type=share, metavar="T", help="as in solve (default 0.01)")
-    tune.add_argument("--output", metavar="FILE.toml", help="the tuned scene (default: SCENE_tuned.toml here)")
-    tune.add_argument("--json", metavar="FILE", help="parameters, readings, history (default: as --output, .json)")
-    tune.add_argument("--plot", metavar="FILE.png", help="draw the response before and after and the history")
-    shell = add("completion", completion, "what makes a shell complete commands, options, scenes and names", COMPLETION)
-    shell.add_argument("shell", nargs="?", choices=SHELLS, default="bash", metavar="SHELL", help=", ".join(SHELLS))
+@command(DONE, "new my_engine.toml")
+@click.argument("file", metavar="FILE.toml", type=click.Path(), help="the scene to write")
+@QUIET
+@option("--from SCENE", "the scene to copy", to="scene", default="first_scene", show_default=True)
+def new(**given):
+    """Write a small commented scene, or a copy of another.
+
+    Every line is explained; a copy has its tables beside it. Never overwrites a file.
+    """
+    return light("new", given)
 
 
-def run_scenes(_):
-    from jaxhb.cli.inputs import scenes
-
-    return scenes()
-
-
-def run_new(arguments):
-    from jaxhb.cli.inputs import new
-
-    return new(arguments)
+@command(DONE, "scenes")
+def scenes(**given):
+    """List the packaged scenes and what they are."""
+    return light("scenes", given)
 
 
-def run_scene(arguments):
-    from jaxhb.cli.inputs import scene
+@command(DONE, "scene six_cylinder_diesel --expand", "scene gear_train_30 --plot train.png")
+@SCENE_ARGUMENT
+@QUIET
+@option("--expand", "write the cylinders that an [engine] makes")
+@option("--out FILE.toml", "write it there, its tables beside it (default: print it)")
+@option("--referred", "print inertias, stiffnesses and dampings instead, actual and referred to the reference rotor")
+@plot("a sketch of the train instead of printing it: disks, shafts, gears in mesh, dampers, grounds")
+def scene(**given):
+    """Check a scene and write it as TOML.
 
-    return scene(arguments)
+    Files of other programs are read by their endings: .json in the TORS format of openTorsion, .csv with a table of
+    inertias (name, inertia, radius, ...) and one of links (from, to, stiffness, ...).
+    """
+    return light("scene", given)
 
 
-def _runner(name, module="commands"):
-    """What runs a command: it reads its inputs first, which takes a fraction of the time of importing jax."""
+@command(LINEAR_STATUS, "check my_engine.toml")
+@SCENE
+@option("--rpm A:B:COUNT", "speeds of the mean torques, rpm (default: lowest and highest tabulated)", read_speeds)
+@option("--json FILE", "write all of it for programs, SI units")
+def check(**given):
+    """Is the scene plausible? Mean torques, modes, notes.
 
-    def run(arguments):
-        from jaxhb.cli.inputs import read
+    Reads a scene and reports what it amounts to: mean torques and tooth forces, the damping of every mesh, natural
+    frequencies with damping ratios. Notes name numbers that are allowed but far from usual, as a pressure in bar or a
+    bore in mm; they are no errors, and solve, sweep and report print them, too.
+    """
+    return computed("check", given, "linear_commands", constant_links=False)
 
-        train = read(arguments)
-        from jaxhb._program import keep_programs
-        from jaxhb._store import user_folder
 
-        commands = importlib.import_module(f".{module}", __package__)
-        keep_programs(user_folder())
-        gc.set_threshold(NEW_OBJECTS)
-        return getattr(commands, name)(train, arguments)
+@command(DONE, "modes six_cylinder_diesel")
+@SCENE
+@MEAN_LOAD
+@option("--json FILE", "write frequencies and shapes for programs")
+@plot("shapes of the first six modes that strain links, with nodes and damping ratios")
+def modes(**given):
+    """Natural frequencies in Hz, undamped, and mode shapes."""
+    return computed("modes", given, "linear_commands", constant_links=False)
 
-    return run
+
+@command(DONE, "holzer six_cylinder_diesel --mode 1 2")
+@SCENE
+@MEAN_LOAD
+@option("--hz F [F ...]", "frequencies, Hz (default: the first three that strain links)", positive, cls=Several)
+@option("--mode K [K ...]", "modes, numbered as by jaxhb modes", count, cls=Several)
+@option("--json FILE", "write the tables in full precision, SI units")
+@plot("the residual over the frequency")
+def holzer(**given):
+    """Holzer's table of a train without loops.
+
+    As engineers print it: inertia, ordinate, torque sum and twist from the free ends to the last disk, with the
+    energies of disks and links in % of the kinetic energy. Undamped; teeth in contact, or as --at says. At a natural
+    frequency the residual is 0 but for rounding.
+    """
+    refuse_both(given, "hz", "mode")
+    return computed("holzer", given, "linear_commands", constant_links=False)
+
+
+@command(LINEAR_STATUS, "campbell six_cylinder_diesel --rpm 600:2600 --orders 3,4.5,6,9 --plot campbell.png")
+@SCENE
+@MEAN_LOAD
+@option("--rpm A:B[:COUNT]", "range of speeds, rpm; COUNT: where frequencies depend on it", speed_range, required=True)
+@option("--orders N1,N2,...", "orders of the reference rotor (default: those that the torques have)", orders)
+@option("--modes N", "how many of the modes that strain links, the lowest", whole, default=6, show_default=True)
+@EACH_MISFIRE
+@option("--json FILE", "write frequencies and critical speeds in full precision")
+@option("--csv FILE", "write one row per critical speed for spreadsheets")
+@plot("the Campbell diagram")
+def campbell(**given):
+    """Natural frequencies and orders over the speed.
+
+    The Campbell diagram: natural frequencies over the speed, orders of the excitation as rays, and the critical speeds
+    where they meet, order x rpm / 60 = Hz. Undamped; teeth in contact, or as --at says; order-tuned absorbers follow
+    the speed.
+    """
+    return computed("campbell", given, "linear_commands", constant_links=False)
+
+
+@command(LINEAR_STATUS, 'forced six_cylinder_diesel --rpm 1000:2600:65 --element "cyl6|flywheel" --plot orders.png')
+@SCENE
+@RPM
+@option(
+    "--element NAME",
+    "a disk, shaft, damper or mesh, speed by speed; may be repeated (default: the largest values of all)",
+    multiple=True,
+    shell_complete=of_elements("disk", "shaft", "damper", "mesh"),
+)
+@EACH_MISFIRE
+@files("orders and synthesis over the speed, of up to four elements")
+def forced(**given):
+    """Linear response over the speed: amplitudes by order, heat.
+
+    All teeth in contact: amplitude of every order, half peak-to-peak of the synthesis, sum of amplitudes, and power
+    turned into heat, of every disk (deg), shaft and damper (N m) and mesh (kN). Without --element the largest values
+    over the speeds. Links may vary over frequency and amplitude.
+    """
+    return computed("forced", given, "linear_commands")
+
+
+@command(
+    STATUS,
+    "solve gear_train_30 --rpm 1800 --plot cycle.png",
+    'solve gear_train_30 --rpm 1800 --misfire "cylinder A1" --set "crank damper.damping=300" --json result.json',
+)
+@SCENE
+@option("--rpm R", "speed of the reference rotor, rpm", one_speed, required=True)
+@misfire()
+@MOTION
+@certify()
+@files("the gear torque and the tooth forces over the cycle")
+@option("--trace FILE.csv", "the motion for spreadsheets: forces, torques, angles, speeds over the crank angle")
+@GEAR
+def solve(**given):
+    """One speed: do the teeth hammer? Forces, torques, contact.
+
+    With backlash and without: the kind of motion, which teeth separate and for how long, tooth forces (kN), torques of
+    gears and shafts (N m). Of a motion that never repeats the numbers are extremes over recorded cycles, and the
+    largest tooth force of a cycle is given as 5, 50 and 95 % of the cycles have it.
+    """
+    return computed("solve", given)
+
+
+@command(STATUS, "sweep gear_train_30 --rpm 600:2450:20 --csv sweep.csv --plot sweep.png")
+@SCENE
+@RPM
+@misfire()
+@MOTION
+@option(
+    "--direction {up,down,both}",
+    "which neighbour a speed starts from: the one below (up, default), above (down), or one after the other",
+    ("up", "down", "both"),
+)
+@files("tooth force and time out of contact over the speed")
+@option("--full", "amplitudes of all orders in the JSON and NetCDF files (default: none, and those excited)")
+@option(
+    "--over NAME.FIELD=A:B:COUNT",
+    "go over a number of the scene at the one speed of --rpm: from A to B in COUNT steps, or V1,V2,..., SI units",
+    over,
+)
+@option("--out DIR", "keep what is found in this folder for good (default: until the sweep is done)", to="folder")
+@option("--chunk N", "speeds that are computed and kept together (default 16): fewer lose less, take longer", whole)
+def sweep(**given):
+    """Many speeds in one call: at which do the teeth hammer?
+
+    Kind of motion, largest tooth force and time out of contact over the speed. Where several motions are possible the
+    train has the one it comes from: each speed starts from its neighbour below (--direction up), above (down), or is
+    reached both ways.
+    """
+    return computed("sweep", given, "sweeps")
+
+
+@command(
+    STATUS,
+    'report gear_train_30 --rpm 600,1200,1800,2450 --misfire "cylinder A1" --plot crank_gear.png',
+    'report gear_train_30 --rpm 700:2450:8 --misfire "cylinder A1" --html report.html',
+)
+@SCENE
+@RPM
+@EACH_MISFIRE
+@MOTION
+@files("the torque on one gear over the cycle, in normal running")
+@GEAR
+@option("--at R", "speed that picture and page show in full, rpm (default: of the largest tooth force)", read_speed)
+@certify(", at the speed of --at")
+@option("--html FILE.html", "write a page to print and sign: one file, no network (needs jaxhb[report])")
+@option("--tuned SCENE", "on the page, another design, as jaxhb tune writes it", shell_complete=of_scenes)
+@option("--tune", "on the page, the design tuned as the [tune] table of the scene asks; takes minutes")
+def report(**given):
+    """Several speeds, in normal running and with a misfire.
+
+    With backlash and without, with a misfiring cylinder, or with every cylinder in turn (--misfire each). The plot
+    shows the torque on one gear over the cycle, with the time in the gap shaded. --html writes a page that is printed
+    and signed: the train and its data, natural frequencies, forced orders, what the train does at every speed, limits,
+    accuracy, notes.
+    """
+    refuse_both(given, "tuned", "tune")
+    return computed("report", given)
+
+
+@command(STATUS, "tune engine_with_damper --plot tuned.png")
+@SCENE_OF_TUNING
+@option("--rpm A:B:COUNT", "speeds instead of those of the [tune] table, rpm: A:B:COUNT or R1,R2,...", read_speeds)
+@option("--optimizer {lbfgs,adam}", "default: lbfgs", ("lbfgs", "adam"))
+@option("--steps N", "maximum number of steps", whole)
+@option("--starts N", "number of designs tuned together: the scene and random ones", whole)
+@option("--seed N", "seed of the random designs (default 0)", count)
+@option("--tolerance T", "as in solve (default 0.01)", share)
+@option("--output FILE.toml", "the tuned scene (default: SCENE_tuned.toml here)")
+@option("--json FILE", "parameters, readings, history (default: as --output, .json)")
+@option("--plot FILE.png", "draw the response before and after and the history")
+def tune(**given):
+    """Find the dampers (or any numbers) that cure it, by gradient.
+
+    Changes numbers of a scene within bounds to make a response small over a range of speeds. The [tune] table of the
+    scene sets what changes and what is minimised: docs/how_to/tune.md has all of it. Every step writes the tuned scene
+    and the history, so Ctrl-C leaves the best design so far; the exit status is then 130.
+    """
+    return computed("tune", given)
+
+
+@command(DONE)
+@click.argument("shell", default="bash", metavar="[SHELL]", type=click.Choice(SHELLS), help=", ".join(SHELLS))
+def completion(shell):
+    """Print what makes a shell complete commands, options and names.
+
+    In ~/.bashrc: eval "$(jaxhb completion bash)"; for fish: jaxhb completion fish | source.
+    """
+    click.echo(script(program, shell), nl=False)
+    return 0
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from jaxhb import __version__
 from jaxhb.design.table import read_table
-from jaxhb.report.files.output import OutputError, changes
+from jaxhb.report.files.output import OutputError, changed_text
 from jaxhb.report.page.parts import Report
 from jaxhb.report.selection import NOT_FIRING, asks_each
 from jaxhb.report.text.cases import Case, largest_of, solve_cases
@@ -119,7 +119,7 @@ def report_of(arguments, cases: list[Case], place, seconds, tuning):
     """The :class:`Report` of what was computed."""
     files = [("scene", arguments.scene)] + ([("second design", arguments.tuned)] if arguments.tuned else [])
     facts = {"date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")}
-    facts |= {what: _file(name) for what, name in files} | {"changes": _changes(arguments)}
+    facts |= {what: _file(name) for what, name in files} | {"changes": changed_text(arguments) or "none"}
     facts |= {"command": shlex.join(["jaxhb", *arguments.words]), "accuracy": _accuracy(arguments)}
     packages = ", ".join(f"{name} {version(name)}" for name in ("jax", "jaxlib", "numpy", "plotly"))
     facts["versions"] = f"jaxhb {__version__}, Python {platform.python_version()}, {packages}, {platform.platform()}"
@@ -145,16 +145,6 @@ def _file(name):
     for _, beside in sorted(scene_text(name)[1].items()):
         digest.update(beside.read_bytes())
     return f"{path.name}, SHA-256 {digest.hexdigest()[:32]} (with the tables that it names)"
-
-
-def _changes(arguments):
-    """What --set, --scenario, --links-at and --misfire change."""
-    found = []
-    for option, value in changes(arguments).items():
-        if value:
-            pairs = value.items() if isinstance(value, dict) else [(option, value)]
-            found += [f"{key} = {', '.join(one) if isinstance(one, list) else one}" for key, one in pairs]
-    return "; ".join(found) or "none"
 
 
 def _accuracy(arguments):

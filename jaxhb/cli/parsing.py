@@ -1,95 +1,117 @@
-"""The argument parser: one sentence per fault, what was probably meant, completion by the shell."""
+"""What a command and an option of this program are, beyond those of click."""
 
-import argparse
-import difflib
-import os
-import re
+import itertools
 
-from jaxhb.report.files.output import OutputError
-
-SHELLS = "bash", "zsh", "fish", "powershell"
+import click
 
 SPEEDS = "--rpm", "--speed", "--speeds"
 NO_SPEED = (
-    " Natural frequencies do not depend on the speed; --at R takes the teeth as stiff as they are under the mean load"
-    " of R rpm."
+    "Natural frequencies do not depend on the speed; --at R takes the teeth as stiff as they are under the mean load of"
+    " R rpm."
 )
 
 
-class Parser(argparse.ArgumentParser):
-    """An argument parser that says what is wrong in one sentence, what was probably meant, and where help is."""
+class Program(click.Group):
+    """Commands in the order in which they are defined; the help ends with the examples of all."""
 
-    _given = ()
+    def list_commands(self, ctx):
+        """Their names."""
+        return list(self.commands)
 
-    def parse_known_args(self, args=None, namespace=None):
-        """As argparse, but a command refuses its unknown options itself: it knows what could be meant."""
-        self._given = tuple(args or ())
-        found, unknown = super().parse_known_args(args, namespace)
-        if unknown and self._subparsers is None:
-            self.error(f"unknown argument {unknown[0]}")
-        return found, unknown
-
-    def error(self, message):
-        """One sentence; an option that is not known is told before one that is missing, which it may stand for."""
-        known = self._option_string_actions
-        unknown = [word.partition("=")[0] for word in self._given if re.match(r"--[a-z]", word)]
-        unknown = [word for word in unknown if word not in known]
-        choice = re.search(r"invalid choice: '(.*?)' \(choose from (.*)\)", message)
-        if unknown and self._subparsers is None:
-            message = f"there is no option {unknown[0]}." + meant(unknown[0], known)
-        elif choice and self._subparsers is not None:
-            commands = self._subparsers._group_actions[0].choices
-            message = f"there is no command {choice[1]!r}." + meant(choice[1], commands, f" Commands: {choice[2]}.")
-        message = message.removeprefix("argument ").rstrip(".")
-        end = "" if message.endswith("?") else "."
-        self.exit(2, f"{self.prog}: {message}{end} See {self.prog} --help\n")
+    def format_epilog(self, ctx, formatter):
+        """Examples and exit status."""
+        shown = [line for one in self.commands.values() for line in one.epilog.splitlines() if "  jaxhb " in line]
+        formatter.write("\n".join(["", "Examples:", *shown, ""]))
+        super().format_epilog(ctx, formatter)
 
 
-def meant(word, known, otherwise=""):
-    """`` Did you mean --rpm?``"""
-    if word in SPEEDS:
-        if "--rpm" in known:
-            return " Did you mean --rpm?"
-        if "--at" in known:
-            return NO_SPEED
-    near = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
-    return f" Did you mean {near[0]}?" if near else otherwise
+class Command(click.Command):
+    """A command that never takes an option for a value, and knows what words for a speed may stand for."""
+
+    def parse_args(self, ctx, args):
+        """As click, but for that; every fault knows its command."""
+        named = {name: one for one in self.params if isinstance(one, click.Option) for name in one.opts}
+        valued = {name for name, one in named.items() if not one.is_flag}
+        if ctx.resilient_parsing and args and args[-1] in valued:
+            args = args[:-1]  # its value is being completed, by the scene, of which click would not know then
+        try:
+            for word, following in itertools.pairwise([] if ctx.resilient_parsing else args):
+                if word in valued and following.startswith("--"):
+                    raise click.BadOptionUsage(word, f"Option {word!r} requires an argument.")
+            return super().parse_args(ctx, _one_by_one(args, named))
+        except click.UsageError as fault:
+            fault.ctx = fault.ctx or ctx
+            meant = "Did you mean '--rpm'?" if "--rpm" in named else NO_SPEED if "--at" in named else ""
+            if meant and isinstance(fault, click.NoSuchOption) and fault.option_name in SPEEDS:
+                raise click.NoSuchOption(fault.option_name, f"{fault.message} {meant}", ctx=ctx) from None
+            raise
 
 
-def complete(parser):
-    """Answer a shell that asks how a word goes on, and end; nothing where none asks."""
-    if "_ARGCOMPLETE" in os.environ:
-        import argcomplete
-
-        argcomplete.autocomplete(parser)
-
-
-def completion(arguments):
-    """Print what makes a shell complete commands, options, scenes and names of elements."""
-    try:
-        import argcomplete
-    except ImportError:
-        raise OutputError('jaxhb completion needs argcomplete. Install it: pip install "jaxhb[shell]".') from None
-    print(argcomplete.shellcode(["jaxhb"], shell=arguments.shell), end="")
-    return 0
+def _one_by_one(args, named):
+    """The words, those of an option with several values as ``--mode 1 --mode 2``."""
+    words, several = [], None
+    for word in args:
+        if word.startswith("--"):
+            several = word if isinstance(named.get(word), Several) else None
+        elif several and words[-1] != several:
+            words.append(several)
+        words.append(word)
+    return words
 
 
-def of_scenes(prefix, **_):
-    """Packaged scenes and files that a word may become."""
-    from argcomplete.completers import FilesCompleter
+class Several(click.Option):
+    """An option with one or more values: ``--mode 1 2``."""
 
-    from jaxhb.scene.files import scene_names
-
-    return [*scene_names(), *FilesCompleter(("toml", "json", "csv"))(prefix)]
+    def __init__(self, *given, **more):
+        super().__init__(*given, multiple=True, **more)
 
 
-def of_elements(*tables):
-    """A completer that gives the names of elements of the scene of the line."""
+class Value(click.ParamType):
+    """What a function reads from a word; its ValueError says what is wrong."""
 
-    def complete_names(parsed_args, **_):
-        from jaxhb.scene.files import load_scene
+    def __init__(self, read):
+        self.read, self.name = read, read.__name__
 
-        elements = load_scene(parsed_args.scene).topology.elements
-        return [name for name, (table, _) in elements.items() if table in tables]
+    def convert(self, value, param, ctx):
+        """As the function reads it; a default is a value already."""
+        if not isinstance(value, str):
+            return value
+        try:
+            return self.read(value)
+        except ValueError as error:
+            return self.fail(str(error), param, ctx)
 
-    return complete_names
+
+def option(spelled, text, read=None, *, to=None, **more):
+    """An option as its help spells it, ``--rpm A:B:COUNT``; without a second word it is a switch.
+
+    Parameters
+    ----------
+    spelled : str
+    text : str, the help
+    read : function of a word, or sequence of the words to choose from, optional
+        By default words are taken as they are, and where they name files the shell completes them.
+    to : str, optional
+        Name of the argument, by default that of the option.
+    **more
+        Of :class:`click.Option`.
+    """
+    name, _, metavar = spelled.partition(" ")
+    if not metavar:
+        more["is_flag"] = True
+    elif metavar.startswith(("FILE", "DIR")):
+        more["type"] = click.Path()
+    elif read is not None:
+        more["type"] = Value(read) if callable(read) else click.Choice(read)
+    return click.option(*filter(None, (name, to)), metavar=metavar or None, help=text, **more)
+
+
+def together(*options):
+    """One decorator of several options, shown in this order."""
+
+    def decorate(function):
+        for one in reversed(options):
+            function = one(function)
+        return function
+
+    return decorate

@@ -11,10 +11,6 @@ LOGGED = 30.0
 """Seconds between lines where stderr is no terminal."""
 
 
-UNWRITTEN = contextlib.suppress(OSError, ValueError)
-"""A log that is full or closed ends no computation."""
-
-
 class Progress:
     """A status line on stderr, refreshed twice a second while a block runs.
 
@@ -29,8 +25,8 @@ class Progress:
     Examples
     --------
     >>> with Progress(2) as progress:
-    ...     progress.step("600 rpm")
-    ...     progress.step("1200 rpm")
+    ...     progress.say("600 rpm")
+    ...     progress.advance(1)
     """
 
     def __init__(self, total=1, stream=None, quiet=False):
@@ -53,15 +49,7 @@ class Progress:
         if self.visible:
             self.thread.join()
         if self.terminal:
-            with UNWRITTEN:
-                self._write("")
-                self.stream.write("\r")
-                self.stream.flush()
-
-    def step(self, text):
-        """Begin the next step."""
-        self.advance(1)
-        self.text = text
+            self._write(self._renewed("") + "\r")
 
     def say(self, text):
         """What is being done, without a further step."""
@@ -71,17 +59,17 @@ class Progress:
         """Count ``count`` further steps."""
         self.done += count
 
-    def line(self):
-        """Text of the line at this moment."""
-        count = f"{self.done} of {self.total}: " if self.total > 1 else ""
-        return f"{count}{self.text} ({time.monotonic() - self.begin:.0f} s)"
-
     def _tick(self):
         while not self.ended.wait(INTERVAL if self.terminal else LOGGED):
-            with UNWRITTEN:
-                self._write(self.line())
+            count = f"{self.done} of {self.total}: " if self.total > 1 else ""
+            line = f"{count}{self.text} ({time.monotonic() - self.begin:.0f} s)"
+            self._write(self._renewed(line) if self.terminal else f"{line}\n")
 
-    def _write(self, line):
-        self.stream.write("\r" + line.ljust(self.width) if self.terminal else f"{line}\n")
-        self.stream.flush()
-        self.width = len(line)
+    def _renewed(self, line):
+        width, self.width = self.width, len(line)
+        return f"\r{line:<{width}}"
+
+    def _write(self, text):
+        with contextlib.suppress(OSError, ValueError):  # a log that is full or closed ends no computation
+            self.stream.write(text)
+            self.stream.flush()

@@ -71,4 +71,4 @@ def test_bad_input_is_told_in_a_sentence_each(capsys):
     ]
     assert main(["holzer", SCENE, "--hz", "-3"]) == 2
     assert main(["holzer", SCENE, "--hz", "3", "--mode", "1"]) == 2
-    assert "not allowed with" in capsys.readouterr().err
+    assert "--hz and --mode exclude each other" in capsys.readouterr().err

@@ -99,14 +99,14 @@ def test_the_tuned_scene_loads_and_the_files_say_what_was_done(scene, tmp_path, 
 
 
 def test_ctrl_c_leaves_the_best_design_and_the_history_on_disk(scene, tmp_path, capsys, monkeypatch):
-    tell = commands._tell
+    tell = commands._TunedFiles.note
 
     def stop(files, progress, step):
         tell(files, progress, step)
         if step.number == 2:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(commands, "_tell", stop)
+    monkeypatch.setattr(commands._TunedFiles, "note", stop)
     assert tune(scene) == 130
     record = read(tmp_path / "better.json")
     assert record["interrupted"] and len(record["history"]) == 3
@@ -116,14 +116,14 @@ def test_ctrl_c_leaves_the_best_design_and_the_history_on_disk(scene, tmp_path, 
 
 
 def test_ctrl_c_before_the_first_step_leaves_the_speeds_that_are_solved(scene, tmp_path, capsys, monkeypatch):
-    tell = commands._tell_start
+    tell = commands._TunedFiles.begin
 
     def stop(files, progress, reading):
         tell(files, progress, reading)
         raise KeyboardInterrupt
 
     with monkeypatch.context() as stopped:
-        stopped.setattr(commands, "_tell_start", stop)
+        stopped.setattr(commands._TunedFiles, "begin", stop)
         assert tune(scene) == 130
     said, record = capsys.readouterr().err, read(tmp_path / "better.json")
     assert said == (
@@ -140,7 +140,7 @@ def test_ctrl_c_before_the_first_step_leaves_the_speeds_that_are_solved(scene, t
     def at_once(files, progress, reading):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(commands, "_tell_start", at_once)
+    monkeypatch.setattr(commands._TunedFiles, "begin", at_once)
     assert tune(scene) == 130
     assert capsys.readouterr().err.endswith("; 0 of 7 speeds of the scene as it is are solved\n")
     assert not (tmp_path / "better.json").exists()

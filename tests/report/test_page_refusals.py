@@ -47,7 +47,7 @@ WRONG = {
     "a second design without a page": (["--tuned", "spur_pair"], "Add --html FILE.html."),
     "a second design that is not there": (["--html", "page.html", "--tuned", "no.toml"], "there is no such file"),
     "nothing to tune": (["--html", "page.html", "--tune"], "the scene has no [tune] table"),
-    "two second designs": (["--html", "page.html", "--tune", "--tuned", "a.toml"], "not allowed with"),
+    "two second designs": (["--html", "page.html", "--tune", "--tuned", "a.toml"], "--tune exclude each other"),
     "one file for two": (["--html", "page.html", "--json", "page.html"], "name the same file"),
 }
 

@@ -134,7 +134,8 @@ def test_progress_is_one_line_on_a_terminal_and_a_line_now_and_then_in_a_log(str
     monkeypatch.setattr("jaxhb.cli.progress.INTERVAL", 0.01)
     monkeypatch.setattr("jaxhb.cli.progress.LOGGED", 0.01)
     with Progress(2, stream) as progress:
-        progress.step("600 rpm")
+        progress.say("600 rpm")
+        progress.advance(1)
         progress.ended.wait(0.1)
     said = stream.getvalue()
     assert "1 of 2: 600 rpm" in said
