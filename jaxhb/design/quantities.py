@@ -179,6 +179,13 @@ def unit_of(quantity):
     return OF_DESIGN[quantity] if quantity in OF_DESIGN else QUANTITIES[quantity].unit
 
 
+def label(chosen):
+    """What an Objective or Penalty reads: ``"tooth force of crank gear|idler"``."""
+    order = f" {chosen.order:g}" if chosen.order is not None else ""
+    mode = f" {chosen.mode}" if chosen.quantity == "natural frequency" else ""
+    return f"{chosen.quantity}{order}{mode}" + (f" of {chosen.of}" if chosen.of else "")
+
+
 def inertia_added(train, start, of=None):
     """Inertia of ``train`` beyond that of ``start``, kg m2: of all disks and rings, or of one."""
     difference = inertias(train) - inertias(start)

@@ -4,7 +4,7 @@ import textwrap
 
 import numpy as np
 
-from jaxhb.design.evaluator import label
+from jaxhb.design.quantities import label
 from jaxhb.equations import fourier
 from jaxhb.equations.backlash import separated
 from jaxhb.report.figures.style import GAP, MESH_COLOURS, WITH, WITHOUT, crosses, new_figure, plain
