@@ -271,18 +271,6 @@ class Strength:
         return {name: barred_ranges(self.rpm, *row) for name, row in limited.items()}
 
 
-class _OfMotion:
-    """How a response or a steady state is read: signals of links, and their heat."""
-
-    def __init__(self, motion):
-        self.torque, self.force, self.power = motion.torque, motion.force, motion.power
-
-
-def _harmonic(motion):
-    """The harmonic solution of a response or a steady state; None of a motion that never repeats."""
-    return getattr(motion, "response", motion)
-
-
 def strength(response: Any, *, train: DriveTrain | None = None) -> Strength:
     """Stresses, tooth torques and heat of a motion beside the limits that the scene gives.
 
@@ -323,12 +311,13 @@ def strength(response: Any, *, train: DriveTrain | None = None) -> Strength:
     >>> round(float(found.stresses["a|b"].stress) / 1e6, 4), found.stresses["a|b"].continuous
     (27.1624, None)
     """
-    return judged(train_of(response, train), response.rpm, _OfMotion(response))
+    return judged(train_of(response, train), response.rpm, response)
 
 
 def train_of(response, train=None):
     """The train that is given, or that of the response."""
-    train = getattr(_harmonic(response), "train", None) if train is None else train
+    solution = response.solution
+    train = solution.train if train is None and solution is not None else train
     if train is None:
         raise ValueError("this response comes out of a jax transformation or of a record and has no train: give train=")
     return train

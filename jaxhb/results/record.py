@@ -11,7 +11,9 @@ import numpy as np
 
 from jaxhb._jax import Array
 from jaxhb._shown import brief
+from jaxhb.results.motion import Motion
 from jaxhb.results.signal import Signal
+from jaxhb.train.topology import Topology
 
 PERCENT = 5, 50, 95
 """Percentiles that are given of a distribution over cycles."""
@@ -188,21 +190,49 @@ class SteadyContact:
 
 @brief
 @dataclass(frozen=True)
-class Record:
+class Record(Motion[RecordedSignal, SteadyContact, float]):
     """Signals of every disk, link and gear over recorded cycles, and the contact of every mesh.
 
-    disks, twists, torques, deflections, forces, gears : tuples of :class:`RecordedSignal` in the order of the topology
-    (twists and torques of shafts, then dampers); gears : by disk index; contacts : of the meshes; speeds : of rotation
-    of the disks, rad/s; heat : of shafts, then dampers, W.
+    disks, speeds, twists, torques, deflections, forces, gears : tuples of :class:`RecordedSignal` in the order of the
+    topology (twists and torques of shafts, then dampers); gears : by disk index; contacts : of the meshes; speeds : of
+    rotation of the disks, rad/s; heat : of shafts, then dampers, W.
     """
 
+    topology: Topology = field(repr=False)
     cycles: int
     disks: tuple
+    speeds: tuple
     twists: tuple
     torques: tuple
     deflections: tuple
     forces: tuple
     gears: dict
     contacts: tuple
-    speeds: tuple = ()
-    heat: tuple = ()
+    heat: tuple
+
+    @property
+    def solution(self) -> None:
+        """None: recorded cycles have no harmonic solution."""
+        return None
+
+    def _read(self, quantity, index, sense=1):
+        if quantity == "acceleration":
+            raise ValueError("the motion has no period: its record holds no accelerations")
+        if quantity == "power":
+            return self.heat[index] if index < len(self.heat) else float("nan")
+        if quantity == "twist":
+            a, b = (self.topology.disk_names[disk] for disk in index)
+            index, sense = self.topology.link_index(a, b)
+            if index >= len(self.twists):
+                raise ValueError(f"a record holds the twists of shafts and dampers, and a mesh joins {a!r} and {b!r}")
+        found = {
+            "angle": self.disks,
+            "speed": self.speeds,
+            "twist": self.twists,
+            "torque": self.torques,
+            "force": self.forces,
+            "deflection": self.deflections,
+            "gear_torque": self.gears,
+            "contact": self.contacts,
+        }[quantity][index]
+        return found if sense > 0 else found.reversed()
