@@ -265,7 +265,19 @@ class Evaluator:
         """
         wanted = np.broadcast_to(wanted, len(z))[:, None]
         numbers, pull = self.numbers_of(z, near.speeds)
-        lanes = Lanes.near(self, z, near, numbers, wanted & aim.counted, on_lanes)
+        motion = fourier.resize(near.motion, max(plan.harmonics for plan in near.plans))
+        lanes = Lanes(
+            self,
+            dataclasses.replace(near, z=z, motion=motion),
+            counted=wanted & aim.counted,
+            numbers=numbers,
+            unmoved=(z == near.z).all(1, keepdims=True),
+            smooth=np.zeros((*aim.counted.shape, len(self.task.of_response))),
+            exact=np.zeros((*aim.counted.shape, len(self.task.of_response))),
+            resumed=np.zeros(aim.counted.shape, dtype=bool),
+            owner=np.full(aim.counted.shape, -1),
+            on_lanes=on_lanes,
+        )
         lanes = lanes.solve(np.broadcast_to(wanted, aim.counted.shape), near.solved)
         # What was lost from a march is tried from the motion of the design nearby, and the other way round.
         again = lanes.lost & near.solved & (lanes.point.status != Status.PLAN_VIOLATED)
@@ -371,27 +383,8 @@ class Lanes:
     exact: np.ndarray
     resumed: np.ndarray
     owner: np.ndarray
-    pulls: tuple
-    on_lanes: Callable | None
-
-    @classmethod
-    def near(cls, evaluator, z, near, numbers, counted, on_lanes):
-        """Lanes of designs z, not solved yet, with the motions of the Point ``near``."""
-        motion = fourier.resize(near.motion, max(plan.harmonics for plan in near.plans))
-        readings = np.zeros((*counted.shape, len(evaluator.task.of_response)))
-        return cls(
-            evaluator=evaluator,
-            point=dataclasses.replace(near, z=z, motion=motion, value=None, gradient=None, readings=None),
-            counted=counted,
-            numbers=numbers,
-            unmoved=(z == near.z).all(1, keepdims=True),
-            smooth=readings,
-            exact=readings,
-            resumed=np.zeros(counted.shape, dtype=bool),
-            owner=np.full(counted.shape, -1),
-            pulls=(),
-            on_lanes=on_lanes,
-        )
+    pulls: tuple = ()
+    on_lanes: Callable | None = None
 
     @property
     def lost(self):
@@ -415,15 +408,14 @@ class Lanes:
         smooth, exact, resumed, owner = (a.copy() for a in (self.smooth, self.exact, self.resumed, self.owner))
         for number in np.unique(point.plan_number[which]):
             plan = point.plans[number]
-            own = given & (plan.marches | self.unmoved | (not other))
+            own = np.broadcast_to(given & (plan.marches | self.unmoved | (not other)), which.shape)
             for chunk, padded in batches(np.argwhere(which & (point.plan_number == number)), plan):
                 into, at = tuple(chunk.T), tuple(padded.T)
-                start = self._start(plan, at, np.broadcast_to(own, which.shape)[at], plan.marches and other)
-                read, pull = self._read(plan, at, start)
+                read, pull = self._read(plan, at, own[at], plan.marches and other)
                 read = jax.tree.map(lambda a, into=into: np.asarray(a)[: len(into[0])], read)
                 smooth[into], (status[into], periodicity_error, deflections, exact[into]) = read
                 motion[into] = fourier.resize(deflections, motion.shape[-1] - 1)
-                resumed[into] = start.given[: len(chunk)] & (periodicity_error == 0)
+                resumed[into] = own[into] & (periodicity_error == 0)
                 owner[into] = len(pulls)
                 pulls.append((chunk, padded, pull))
                 if self.on_lanes:
@@ -432,22 +424,16 @@ class Lanes:
         made = dataclasses.replace(self, smooth=smooth, exact=exact, resumed=resumed, owner=owner, pulls=tuple(pulls))
         return made.with_point(status=status, motion=motion)
 
-    def _start(self, plan, at, given, marching):
+    def _read(self, plan, at, given, marching):
+        """What :func:`read_lanes` reads of the lanes ``at`` under a plan, and the pullback from its readings."""
         motion = np.zeros((len(given), 0, plan.harmonics + 1), complex)
         motion = of_active_meshes(self.point.motion[at], plan) if plan.active else motion
-        cycles = np.full(len(given), plan.cycles if marching else 0)
-        return Start(motion, given, cycles, np.full(len(given), CLOSED))
-
-    def _read(self, plan, at, start):
-        """What :func:`read_lanes` reads of the lanes ``at`` under a plan, and the pullback from its readings."""
-        lanes = self.numbers[at], self.evaluator.held, self.point.speeds[at]
+        start = Start(motion, given, np.full(len(given), plan.cycles * marching), np.full(len(given), CLOSED))
         # Whether a plan has enough harmonics is asked by itself.
-        programs = {"max_steps": NEWTON_STEPS, "estimated": False, "marches": True, "compare_starts": True}
-        shape = {
-            "form": self.evaluator.form,
-            "asked": self.evaluator.task.asked,
-            "sizes": dataclasses.replace(plan.sizes, **programs),
-        }
+        changes = {"max_steps": NEWTON_STEPS, "estimated": False, "marches": True, "compare_starts": True}
+        sizes = dataclasses.replace(plan.sizes, **changes)
+        shape = {"form": self.evaluator.form, "asked": self.evaluator.task.asked, "sizes": sizes}
+        lanes = self.numbers[at], self.evaluator.held, self.point.speeds[at]
         smooth, found, outcome = read_lanes(*lanes, start, plan.active_meshes, **shape)
         return (smooth, outcome), partial(pull_lanes, *lanes, found, plan.active_meshes, **shape)
 
