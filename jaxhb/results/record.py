@@ -12,7 +12,7 @@ import numpy as np
 from jaxhb._jax import Array
 from jaxhb._shown import brief
 from jaxhb.results.motion import Motion
-from jaxhb.results.signal import Signal
+from jaxhb.results.signal import Signal, Summarized
 from jaxhb.train.topology import Topology
 
 PERCENT = 5, 50, 95
@@ -69,7 +69,7 @@ class SteadySignal(Signal):
 
 @brief
 @dataclass(frozen=True)
-class RecordedSignal:
+class RecordedSignal(Summarized):
     """A quantity over C recorded cycles that do not repeat.
 
     Parameters
@@ -118,19 +118,9 @@ class RecordedSignal:
         return (self.max - self.min) / 2
 
     @property
-    def sum_of_amplitudes(self) -> float:
-        """Sum of the amplitudes."""
-        return self.amplitudes.sum()
-
-    @property
     def per_cycle(self) -> PerCycle:
         """Distribution of the largest and the smallest value of a cycle, as :class:`PerCycle`."""
         return PerCycle.of(self)
-
-    @property
-    def orders(self) -> np.ndarray:
-        """Orders of the amplitudes, per revolution of the reference rotor ``(K,)``."""
-        return np.arange(1, len(self.amplitudes) + 1) / self.revolutions_per_cycle
 
     def order(self, order: float) -> float:
         """Amplitude of one order of the cycle: quadratic mean over the cycles."""
@@ -154,10 +144,6 @@ class RecordedSignal:
         rms = float(np.sqrt(self.rms**2 + 2 * by * self.mean + by**2))
         return dataclasses.replace(self, **moved, rms=rms)
 
-    def extremes(self) -> dict[str, float]:
-        """Plain numbers for programs, as :meth:`jaxhb.Signal.extremes`."""
-        return {name: float(getattr(self, name)) for name in ("mean", "min", "max", "half_peak_to_peak")}
-
     def scaled(self, factor: float) -> RecordedSignal:
         """The quantity times a factor above 0."""
         changed: dict[str, Any] = {
@@ -165,11 +151,9 @@ class RecordedSignal:
         }
         return dataclasses.replace(self, **changed)
 
-    def summary(self) -> dict[str, Any]:
-        """Plain numbers for programs, as :meth:`jaxhb.Signal.summary` with ``[[order, A], ...]``."""
-        spectrum = [[float(o), float(a)] for o, a in zip(self.orders, self.amplitudes, strict=True)]
-        more = {name: float(getattr(self, name)) for name in ("rms", "sum_of_amplitudes")}
-        return self.extremes() | more | {"amplitudes": spectrum}
+    def spectrum(self) -> list[list[float]]:
+        """``[[order, A], ...]``."""
+        return [[float(o), float(a)] for o, a in zip(self.orders, self.amplitudes, strict=True)]
 
 
 @dataclass(frozen=True)
