@@ -36,8 +36,8 @@ from records import run_parts
 from tasks import fastest_rate, prepare
 
 import jaxhb
-from jaxhb.design import evaluator
-from jaxhb.design.lanes import Task
+from jaxhb.balance.request import Request
+from jaxhb.design.evaluation import Aim, Evaluator, Task
 from jaxhb.design.quantities import Objective, Parameter, Penalty
 
 MESH = "crank gear|idler"
@@ -104,23 +104,21 @@ class Case:
     """One train, one list of parameters, many speeds."""
 
     def __init__(self, train, parameters, rpm):
-        heavy = tuple((np.concatenate([train.disks.inertia, train.dampers.inertia]) > 0).tolist())
-        planner = partial(evaluator.plan_designs, tolerance=0.01, harmonics=None)
-        self.bench = evaluator.Evaluator(train, rpm, Task(parameters, (FORCE,), (), heavy), planner, fixed=False)
-        self.bench.scales, self.bench.widths = np.array([6000.0]), np.array([0.02])
+        self.bench = Evaluator(train, rpm, Task(parameters, (FORCE,), ()), Request())
         self.z = np.zeros((1, len(parameters)))  # the middle of the bounds: the train as it is
-        self.counted = np.ones((1, len(rpm)), dtype=bool)
-        self.point = self.bench.first(self.z)
+        counted = np.ones((1, len(rpm)), dtype=bool)
+        self.aim = Aim(counted, scales=np.array([6000.0]), widths=np.array([0.02]), share=0.02)
+        self.point = self.bench.at(self.z, self.bench.unsolved(self.z), self.aim, climbs=len(rpm))
         unknown = np.full_like(self.point.status, jaxhb.Status.MAX_STEPS)
         self.cold = dataclasses.replace(self.point, status=unknown)
 
     def gradient(self, near, away=0.0):
         """Value and gradient from the motions of ``near``, every parameter ``away`` of its range from there."""
-        return self.bench.at(self.z + 4 * away, near, self.counted)
+        return self.bench.at(self.z + 4 * away, near, self.aim)
 
     def value(self, near):
         """The value alone."""
-        return self.bench.at(self.z, near, self.counted, most=-np.inf)
+        return self.bench.at(self.z, near, self.aim, most=-np.inf)
 
 
 def in_turns(calls, repeats):

@@ -24,7 +24,7 @@ import platformdirs
 from jax.experimental import serialize_executable
 from jaxlib import lapack
 
-from jaxhb._parts import clear_parts, part_of
+from jaxhb._files import clear_parts, write_whole
 
 VARIABLE = "JAXHB_CACHE"
 """Environment variable: another folder for programs, or "off"."""
@@ -96,12 +96,7 @@ class Store:
             executable, _, tree = serialize_executable.serialize(compiled)
             content = pickle.dumps((executable, jax.tree.unflatten(tree, range(tree.num_leaves))))
             self.make_room(len(content))
-            part = part_of(path)
-            try:
-                part.write_bytes(blake2(content) + content)
-                os.replace(part, path)
-            finally:
-                part.unlink(missing_ok=True)
+            write_whole({path: (blake2(content), content)})
 
     def _path(self, key):
         folder = self.own_folder

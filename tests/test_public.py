@@ -14,7 +14,7 @@ import jaxhb
 from jaxhb import design
 from jaxhb.design import objectives
 from jaxhb.design.descent import Step
-from jaxhb.design.evaluator import Reading
+from jaxhb.design.evaluation import Reading
 from jaxhb.design.tuning import Tuning
 from jaxhb.results.contact import Contact
 from jaxhb.results.display import response_html

@@ -5,7 +5,7 @@ import time
 
 import jax
 
-from jaxhb._parts import PART
+from jaxhb._files import PART
 from jaxhb._store import blake2, package_hash, user_folder
 from jaxhb.steady.checkpoint import MANIFEST, CheckpointError, hash_of
 

@@ -1,18 +1,131 @@
-"""One evaluation of a tuning under way: lanes solved, some of them again, and put together to an objective."""
+"""Evaluation of designs: the objective of a tuning and its gradient, all starts at all speeds in batches of lanes.
 
-from dataclasses import dataclass
+A lane is one design at one speed. The parameters are unbounded numbers z: a parameter lies the share
+``1 / (1 + exp(-z))`` of the way from its lower to its upper bound, on its scale. What depends on them is done for all
+designs at once and ends in the numbers of the lanes' problems; what is expensive, a solve per lane, knows no
+parameters: its program serves any of them, and a gradient passes it once whatever their number. Solving and
+differentiating are two programs: a gradient is taken only where the value turned out to be worth it, and only through
+the speeds that matter. At most speeds of a drive train no tooth separates, and one linear solve is all; it is verified,
+and where a changed design shakes a tooth off the speed is solved like those that hammer.
+"""
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import partial
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
-from jaxhb.balance.planned import BATCH, active_deflections
-from jaxhb.balance.program import Start
-from jaxhb.design.lanes import EVALUATION, combine, lane_sizes, pull_back, pull_lanes, read_lanes
-from jaxhb.design.quantities import OF_DESIGN
+from jaxhb._jax import namespace
+from jaxhb._program import Program
+from jaxhb._shown import brief
+from jaxhb.balance.derivative import all_finite, only_if
+from jaxhb.balance.planned import BATCH, active_deflections, respond
+from jaxhb.balance.problem import problem_at
+from jaxhb.balance.program import Start, differentiable, estimate, find
+from jaxhb.design import objectives
+from jaxhb.design.quantities import OF_DESIGN, QUANTITIES, inertia_added, label
 from jaxhb.equations import fourier
+from jaxhb.excitation.torques import listed_harmonic
+from jaxhb.linear.sensitivity import frequencies_hz
 from jaxhb.results.status import Status
+from jaxhb.solutions.planning import next_level, plan_marching, plan_speeds
 from jaxhb.solutions.solve import solve
+
+NEWTON_STEPS = 15
+"""Of a lane at most."""
+
+CLOSED = 1e-4
+"""Periodicity error at which a march ends; what its steps leave of the equations is as much."""
+
+ALONE = 48
+"""Harmonics from which a processor solves lanes one by one: in a batch each waits for the slowest."""
+
+NEGLIGIBLE = 1e-8
+"""Share of the largest derivative of the objective by a reading below which no gradient is taken through it."""
+
+MOST_CLIMBS = 3
+"""Lost speeds of a design that are taken up the ladder of :func:`jaxhb.solve`; with more the step went too far."""
+
+CLIMB_SECONDS = 30.0
+"""After which a lost speed gets no further attempt."""
+
+FARTHEST = 6.9
+"""|z| of a start on a bound: a thousandth of the range inside it, where the share still has a slope."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is tuned for what: tuples of Parameter, Objective, Penalty."""
+
+    parameters: tuple
+    objectives: tuple
+    penalties: tuple
+
+    @property
+    def of_response(self):
+        """The objectives, and the penalties that read a response: J of them."""
+        return self.objectives + tuple(p for p in self.penalties if p.quantity not in OF_DESIGN)
+
+    @property
+    def asked(self):
+        """Quantity, element and order of each reading of a response."""
+        return tuple((chosen.quantity, chosen.of, chosen.order) for chosen in self.of_response)
+
+    @property
+    def chosen(self):
+        """The objectives and all penalties."""
+        return self.objectives + self.penalties
+
+    def in_order(self, of_response, of_design):
+        """Readings of all that is chosen, out of those of responses and those of the train alone."""
+        of_response, of_design = iter(of_response), iter(of_design)
+        return tuple(next(of_design if c.quantity in OF_DESIGN else of_response) for c in self.chosen)
+
+    def values(self, z):
+        """Parameters in their own units ``(P,)`` from z ``(P,)``; numpy on the host."""
+        xp = namespace(z)
+        share = 1 / (1 + xp.exp(-z))
+        low = np.array([p.low for p in self.parameters])
+        high = np.array([p.high for p in self.parameters])
+        log = np.array([p.scale == "log" for p in self.parameters])
+        # On a log scale the share of the way is that of the logarithm.
+        ratio = np.log(np.where(log, high, 1.0) / np.where(log, low, 1.0))
+        return xp.where(log, np.where(log, low, 1.0) * xp.exp(share * ratio), low + share * (high - low))
+
+    def unbounded(self, train):
+        """z ``(P,)`` of a train, of values on a bound a little inside."""
+        values = [train.value(p.name) for p in self.parameters]
+        shares = [
+            np.log(v / p.low) / np.log(p.high / p.low) if p.scale == "log" else (v - p.low) / (p.high - p.low)
+            for v, p in zip(values, self.parameters, strict=True)
+        ]
+        with np.errstate(divide="ignore"):
+            z = np.log(shares) - np.log1p(-np.array(shares))
+        return np.clip(z, -FARTHEST, FARTHEST)
+
+    def changed(self, train, z):
+        """The train with the parameters z ``(P,)``."""
+        values = self.values(z)
+        return train.replace({p.name: values[i] for i, p in enumerate(self.parameters)})
+
+
+@dataclass(frozen=True)
+class Aim:
+    """What the objective is made of at present.
+
+    counted : bool ``(A, n)``, speeds that enter where they are solved; scales, widths : of every objective, unit of its
+    values in its own, and width of its smooth maximum in this one; share : the width as a share of the worst value
+    """
+
+    counted: np.ndarray
+    scales: np.ndarray
+    widths: np.ndarray
+    share: float
 
 
 @jax.tree_util.register_dataclass
@@ -20,18 +133,22 @@ from jaxhb.solutions.solve import solve
 class Point:
     """Designs and how they do: A starts, n speeds, P parameters, M meshes, N harmonics of the finest plan.
 
-    z : ``(A, P)``; value : ``(A,)``; gradient : ``(A, P)``, with respect to z, nan where it was not asked for
-    status : ``(A, n)``; plan_number : ``(A, n)``; motion : complex ``(A, n, M, N+1)`` m, deflections
+    z : ``(A, P)``; speeds : ``(A, n)`` rpm, those asked for and behind them those that follow peaks
+    status : ``(A, n)``; plan_number : ``(A, n)``, index of ``plans``, the first of which serves any motion
+    motion : complex ``(A, n, M, N+1)`` m, deflections
+    value : ``(A,)``; gradient : ``(A, P)``, with respect to z, nan where it was not asked for
     readings : of each objective and then each penalty, not smoothed, ``(A, n)``; those of the train alone ``(A,)``
     """
 
     z: np.ndarray
-    value: np.ndarray
-    gradient: np.ndarray
+    speeds: np.ndarray
     status: np.ndarray
     plan_number: np.ndarray
     motion: np.ndarray
-    readings: tuple
+    value: np.ndarray | None = None
+    gradient: np.ndarray | None = None
+    readings: tuple | None = None
+    plans: tuple = field(default=(), metadata={"static": True})
 
     @property
     def solved(self):
@@ -39,8 +156,7 @@ class Point:
         return self.status <= Status.TOLERANCE_NOT_MET
 
     def where(self, chosen, other):
-        """The designs of this point where ``chosen`` ``(A,)``, else of the other."""
-        chosen = np.asarray(chosen)
+        """The designs of this point where ``chosen`` ``(A,)``, else of the other, which has the same plans."""
 
         def pick(here, there):
             return np.where(chosen.reshape(-1, *[1] * (np.ndim(here) - 1)), here, there)
@@ -48,117 +164,302 @@ class Point:
         return jax.tree.map(pick, self, other)
 
 
-class Evaluation:
-    """One evaluation under way: lanes are solved, some of them again, and what came of them is put together."""
+@brief
+@dataclass(frozen=True)
+class Reading:
+    """What a design does: parameters by name, whether each speed is solved ``(n,)``, readings by label.
 
-    def __init__(self, evaluator, z, near, counted, wanted):
-        task, shape = evaluator.task, near.status.shape
-        self.evaluator, self.z, self.counted, self.wanted = evaluator, z, counted, wanted
-        self.numbers, self.pull = evaluator.numbers_of(z)
-        self.plan_number, self.status = near.plan_number.copy(), near.status.copy()
-        self.resumed = np.zeros(shape, dtype=bool)
-        self.unmoved = (z == near.z).all(1, keepdims=True)
-        harmonics = max(plan.harmonics for plan in evaluator.plans)
-        self.motion = np.zeros((*near.motion.shape[:3], harmonics + 1), dtype=complex)
-        kept = min(self.motion.shape[-1], near.motion.shape[-1])
-        self.motion[..., :kept] = near.motion[..., :kept]
-        self.smooth = np.zeros((*shape, len(task.of_response)))
-        self.exact = np.zeros_like(self.smooth)
-        self.pulls, self.owner = [], np.full(shape, -1)
+    A reading is an array ``(n,)`` in SI units, nan where the speed is not solved, or a float for those of the train
+    alone; its label is ``"tooth force of crank gear|idler"``.
+    """
 
-    def lost(self):
-        """Lanes that count and are not solved."""
-        return self.wanted[:, None] & self.counted & (self.status > Status.TOLERANCE_NOT_MET)
+    parameters: dict
+    solved: np.ndarray
+    readings: dict
 
-    def solve(self, lanes, given, other=True):
-        """Solve ``lanes`` ``(A, n)``, from the motion at hand where it is ``given`` and no ``other`` start is better.
 
-        A march is where the motion at hand leaves more of the equations; teeth in contact are, where none separates,
-        once the design has changed.
+class Evaluator:
+    """Evaluates designs of one train on the host; it holds what stays the same all the way down.
+
+    Parameters
+    ----------
+    train : DriveTrain
+    rpm : array ``(n,)``
+    task : Task
+    request : Request
+        With ``harmonics`` None solves get more of them where they are too few.
+    peaks : int
+        Speeds added for every objective that is a maximum, to follow its highest peaks.
+    """
+
+    def __init__(self, train, rpm, task, request, peaks=0):
+        self.train, self.rpm, self.task, self.request, self.peaks = train, rpm, task, request, peaks
+        self.followed = [j for j, objective in enumerate(task.objectives) if objective.over == "worst"] if peaks else []
+        self.fallback, plans = plan_designs(train, rpm, request)
+        excited = listed_harmonic(train.topology)
+        self.excited = excited or max(plan.harmonics for plan in (self.fallback, *plans))
+        self.heavy = tuple((np.concatenate([train.disks.inertia, train.dampers.inertia]) > 0).tolist())
+        moved = train.replace({p.name: train.value(p.name) for p in task.parameters})
+        problem = problem_at(train, float(rpm[0]), self.excited)
+        # What no parameter changes is handed to programs once; the rest travels as one vector for each lane.
+        same = [old is new for old, new in zip(jax.tree.leaves(train), jax.tree.leaves(moved), strict=True)]
+        same += [False] * len(jax.tree.leaves(problem))
+        self.form, self.held = VectorForm.of((train, problem), same)
+
+    def unsolved(self, z):
+        """The Point of designs ``(A, P)`` without motions."""
+        spread = np.linspace(0, len(self.rpm) - 1, self.peaks * len(self.followed)).round().astype(int)
+        speeds = np.tile(np.concatenate([self.rpm, self.rpm[spread]]), (len(z), 1))
+        motion = np.zeros((*speeds.shape, len(self.train.topology.mesh_names), 1), dtype=complex)
+        lost = np.full(speeds.shape, Status.MAX_STEPS)
+        return self._planned(Point(z, speeds, lost, np.zeros_like(lost), motion, plans=(self.fallback,)))
+
+    def replanned(self, point):
+        """The same designs to be solved anew: the added speeds on their highest peaks, all planned by their numbers."""
+        speeds, into = point.speeds.copy(), len(self.rpm)
+        near = np.tile(np.arange(speeds.shape[1]), (len(point.z), 1))
+        for j in self.followed:
+            values = self.weights(point.speeds)[..., j] * point.readings[j]
+            for a, good in enumerate(point.solved):
+                places, summits = highest_peaks(point.speeds[a][good], values[a][good], self.peaks)
+                near[a, into : into + len(places)] = np.flatnonzero(good)[places]
+                speeds[a, into : into + len(places)] = summits
+            into += self.peaks
+        rows = np.arange(len(near))[:, None]
+        status, motion = point.status[rows, near], point.motion[rows, near]
+        return self._planned(dataclasses.replace(point, speeds=speeds, status=status, motion=motion))
+
+    def _planned(self, point):
+        """Every design planned by its own numbers, as a changed one may shake off a tooth; of the plans at hand those
+        that hold the same meshes, whose harmonics have proved enough."""
+        plans, numbers = {(plan.active, plan.flank): plan for plan in point.plans}, []
+        for z, speeds in zip(point.z, point.speeds, strict=True):
+            own = plan_designs(self.train.replace(self.values(z)), speeds, self.request)[1]
+            for plan in own:
+                plans.setdefault((plan.active, plan.flank), plan)
+            numbers.append([list(plans).index((plan.active, plan.flank)) for plan in own])
+        return dataclasses.replace(point, plans=tuple(plans.values()), plan_number=np.array(numbers))
+
+    def weights(self, speeds):
+        """Factors of the objectives at all speeds ``(A, n, objectives)``, interpolated at the added ones."""
+        order, columns = np.argsort(self.rpm, kind="stable"), []
+        for objective in self.task.objectives:
+            given = np.array(objective.weights or np.ones(len(self.rpm)))
+            columns.append(np.interp(speeds, self.rpm[order], given[order]))
+            columns[-1][:, : len(self.rpm)] = given
+        return np.stack(columns, axis=-1)
+
+    def at(self, z, near, aim, *, wanted=True, most=np.inf, climbs=MOST_CLIMBS, on_lanes=None):
+        """The Point of designs near those of the Point ``near``.
+
+        Parameters
+        ----------
+        z : array ``(A, P)``
+        near : Point
+        aim : Aim
+        wanted : bool array ``(A,)``, designs to be solved; the others are those of ``near`` without value
+        most : array ``(A,)``, values above which no gradient is asked for
+        climbs : int, lost speeds of a design that are taken up the ladder
+        on_lanes : callable, optional
+            Called with the Reading of the first design, again and again while its speeds are solved.
         """
-        given = np.broadcast_to(given, lanes.shape)
-        for number in np.unique(self.plan_number[lanes]):
-            plan = self.evaluator.plans[number]
-            marching = plan.marches
-            own = given & (marching | self.unmoved | (not other))
-            for chunk, padded in batches(np.argwhere(lanes & (self.plan_number == number)), plan):
-                self._read(plan, chunk, padded, own[tuple(padded.T)], plan.cycles if marching and other else 0)
-
-    def _read(self, plan, chunk, padded, given, cycles):
-        evaluator, at, into = self.evaluator, tuple(padded.T), tuple(chunk.T)
-        start = Start(
-            of_active_meshes(self.motion[at], plan)
-            if plan.active
-            else np.zeros((len(padded), 0, plan.harmonics + 1), complex),
-            given,
-            np.full(len(padded), cycles),
-            np.full(len(padded), EVALUATION.settled),
+        wanted = np.broadcast_to(wanted, len(z))[:, None]
+        numbers, pull = self.numbers_of(z, near.speeds)
+        motion = fourier.resize(near.motion, max(plan.harmonics for plan in near.plans))
+        lanes = Lanes(
+            self,
+            dataclasses.replace(near, z=z, motion=motion),
+            counted=wanted & aim.counted,
+            numbers=numbers,
+            unmoved=(z == near.z).all(1, keepdims=True),
+            smooth=np.zeros((*aim.counted.shape, len(self.task.of_response))),
+            exact=np.zeros((*aim.counted.shape, len(self.task.of_response))),
+            resumed=np.zeros(aim.counted.shape, dtype=bool),
+            owner=np.full(aim.counted.shape, -1),
+            on_lanes=on_lanes,
         )
-        lanes = self.numbers[at], evaluator.held, evaluator.speeds[at]
-        shape = {"form": evaluator.form, "asked": evaluator.task.asked, "sizes": lane_sizes(plan)}
-        smooth, found, outcome = read_lanes(*lanes, start, plan.active_meshes, **shape)
-        status, periodicity_error, motion, exact = (np.asarray(a)[: len(chunk)] for a in outcome)
-        self.owner[into] = len(self.pulls)
-        self.pulls.append((chunk, padded, partial(pull_lanes, *lanes, found, plan.active_meshes, **shape)))
-        self.smooth[into], self.exact[into] = np.asarray(smooth)[: len(chunk)], exact
-        self.status[into], self.resumed[into] = status, given[: len(chunk)] & (periodicity_error == 0)
-        self.motion[into] = 0.0
-        self.motion[(*into, slice(None), slice(0, motion.shape[-1]))] = motion
-        evaluator.report(self)
+        lanes = lanes.solve(np.broadcast_to(wanted, aim.counted.shape), near.solved)
+        # What was lost from a march is tried from the motion of the design nearby, and the other way round.
+        again = lanes.lost & near.solved & (lanes.point.status != Status.PLAN_VIOLATED)
+        lanes = lanes.solve(again & ~lanes.resumed, True, other=False)
+        lanes = lanes.solve(again & lanes.resumed, False)
+        violated = lanes.lost & (lanes.point.status == Status.PLAN_VIOLATED)
+        lanes = lanes.with_point(plan_number=np.where(violated, 0, lanes.point.plan_number)).solve(violated, False)
+        lost = lanes.lost
+        lanes = lanes.climb(lost & (lost.sum(1, keepdims=True) <= climbs))
+        return self._valued(lanes, pull, aim, wanted[:, 0], most)
 
-    def climb(self, lanes):
-        """Solve ``lanes`` one by one, up the ladder of :func:`jaxhb.solve`, and from there under the largest plan.
-
-        Each has a bounded time, and one attempt in any case: most of what is not found soon has no motion of one cycle.
-        """
-        evaluator, plan, found = self.evaluator, self.evaluator.plans[0], np.zeros_like(lanes)
-        for a, i in np.argwhere(lanes) if plan.active else ():
-            train = evaluator.train.replace(evaluator.values(self.z[a]))
-            own = {"harmonics": plan.harmonics, "integrals": plan.integrals, "seconds": EVALUATION.seconds}
-            response = solve(train, rpm=float(evaluator.speeds[a, i]), **own)
-            if response.status <= Status.TOLERANCE_NOT_MET:
-                found[a, i] = True
-                self.plan_number[a, i] = 0
-                self.motion[a, i] = 0.0
-                self.motion[a, i, :, : response.deflections.shape[-1]] = response.deflections
-        self.solve(found, True, other=False)
-
-    def point(self, most):
+    def _valued(self, lanes, pull, aim, wanted, most):
         """The Point, with gradients where the value is at most ``most``; a speed without one counts as lost."""
-        evaluator, task = self.evaluator, self.evaluator.task
+        point, status = lanes.point, lanes.point.status
         while True:
-            kept = self.wanted[:, None] & self.counted & (self.status <= Status.TOLERANCE_NOT_MET)
-            numbers = evaluator.weights(), evaluator.widths, evaluator.scales
-            combined = combine(evaluator.train, self.z, self.smooth, kept, *numbers, task=task, own=len(evaluator.rpm))
+            kept = lanes.counted & (status <= Status.TOLERANCE_NOT_MET)
+            shape = {"task": self.task, "own": len(self.rpm), "heavy": self.heavy}
+            numbers = self.weights(point.speeds), aim.widths, aim.scales
+            combined = combine(self.train, point.z, lanes.smooth, kept, *numbers, **shape)
             value, of_design, by_z, by_smooth = jax.tree.map(np.asarray, combined)
             # A line search rejects higher values without their gradients, which cost as much as the solves.
-            steep = self.wanted & (value <= most)
-            lanes = self._pulled(np.where(steep[:, None, None], by_smooth, 0.0))
-            whole = np.isfinite(lanes).all(axis=-1)
+            steep = wanted & (value <= most)
+            by_numbers = lanes.pulled(np.where(steep[:, None, None], by_smooth, 0.0))
+            whole = np.isfinite(by_numbers).all(axis=-1)
             if (whole | ~kept).all():
                 break
             # Near a fold the equations are solved and their derivative is not: the speed is lost, and the rest
             # evaluated without it.
-            self.status[kept & ~whole] = Status.STALLED
-        gradient = by_z + np.asarray(pull_back(self.pull, lanes))
-        exact, of_design = iter(np.moveaxis(self.exact, -1, 0)), iter(of_design)
-        chosen = (*task.objectives, *task.penalties)
-        return Point(
-            z=self.z,
-            value=value,
-            gradient=np.where(steep[:, None], gradient, np.nan),
-            status=self.status,
-            plan_number=self.plan_number,
-            motion=self.motion,
-            readings=tuple(next(of_design if c.quantity in OF_DESIGN else exact) for c in chosen),
-        )
+            status = np.where(kept & ~whole, Status.STALLED, status)
+        gradient = np.where(steep[:, None], by_z + np.asarray(pull_back(pull, by_numbers)), np.nan)
+        readings = self.task.in_order(np.moveaxis(lanes.exact, -1, 0), of_design)
+        return dataclasses.replace(point, status=status, value=value, gradient=gradient, readings=readings)
 
-    def _pulled(self, by_smooth):
+    def finer(self, point, counted):
+        """The point under plans of more harmonics where counted speeds need them, None where none does."""
+        plans = list(point.plans)
+        for number in () if self.request.harmonics else self._short(point, counted & point.solved):
+            higher = next_level(plans[number].harmonics, plans[number].method)
+            plans[number] = dataclasses.replace(plans[number], harmonics=higher, tolerance_share=1.0)
+        return dataclasses.replace(point, plans=tuple(plans)) if tuple(plans) != point.plans else None
+
+    def _short(self, point, counted):
+        """Numbers of the plans that have too few harmonics and may have more."""
+        numbers = self.numbers_of(point.z, point.speeds)[0]
+        for number, plan in enumerate(point.plans):
+            more = plan.active and next_level(plan.harmonics, plan.method)
+            lanes = np.argwhere(counted & (point.plan_number == number)) if more else ()
+            for chunk, padded in batches(lanes, plan):
+                motion = of_active_meshes(point.motion[tuple(padded.T)], plan)
+                own = numbers[tuple(padded.T)]
+                errors = estimate_lanes(own, self.held, motion, plan.active_meshes, form=self.form, sizes=plan.sizes)
+                if (np.asarray(errors)[: len(chunk)] > plan.limit).any():
+                    yield number
+                    break
+
+    def numbers_of(self, z, speeds):
+        """Numbers of all lanes ``(A, n, K)`` of designs z, and the pullback to z."""
+        shape = {"task": self.task, "excited": self.excited, "form": self.form}
+        numbers, pull = problems_of_designs(self.train, speeds, z, **shape)
+        return np.asarray(numbers), pull
+
+    def reading(self, point, design):
+        """The :class:`Reading` of one design."""
+        return self.told(point.z[design], point.solved[design], [values[design] for values in point.readings])
+
+    def told(self, z, solved, readings):
+        """The :class:`Reading` of one design from its values of all that is chosen, None where there is none yet."""
+        solved = solved[: len(self.rpm)]
+        told = {
+            label(chosen): np.where(solved, values[: len(solved)], np.nan) if np.ndim(values) else float(values)
+            for chosen, values in zip(self.task.chosen, readings, strict=True)
+            if values is not None
+        }
+        return Reading(self.values(z), solved, told)
+
+    def values(self, z):
+        """Parameters by name."""
+        return {p.name: float(v) for p, v in zip(self.task.parameters, self.task.values(z), strict=True)}
+
+    def described(self, point, design):
+        """The plans of one design, for people."""
+        numbers, counts = np.unique(point.plan_number[design], return_counts=True)
+        return "; ".join(f"{n} speeds: {point.plans[k]}" for k, n in zip(numbers, counts, strict=True))
+
+
+@dataclass(frozen=True)
+class Lanes:
+    """The lanes of one evaluation, as far as they are solved: each attempt gives others.
+
+    evaluator; point : designs, status, plans and motions; counted : ``(A, n)``, lanes that enter the objective
+    numbers : ``(A, n, K)``; unmoved : ``(A, 1)``, designs that are those of the motions at hand
+    smooth, exact : readings ``(A, n, J)``; resumed : ``(A, n)``, solved from the motion at hand and no other
+    pulls : (lanes, padded lanes, derivative) of each batch; owner : ``(A, n)``, index of the last one of a lane
+    on_lanes : None, or called with a Reading
+    """
+
+    evaluator: Evaluator
+    point: Point
+    counted: np.ndarray
+    numbers: np.ndarray
+    unmoved: np.ndarray
+    smooth: np.ndarray
+    exact: np.ndarray
+    resumed: np.ndarray
+    owner: np.ndarray
+    pulls: tuple = ()
+    on_lanes: Callable | None = None
+
+    @property
+    def lost(self):
+        """Lanes that count and are not solved ``(A, n)``."""
+        return self.counted & ~self.point.solved
+
+    def with_point(self, **changes):
+        """The lanes with changes of their point."""
+        return dataclasses.replace(self, point=dataclasses.replace(self.point, **changes))
+
+    def solve(self, which, given, other=True):
+        """Solve ``which`` ``(A, n)``, from the motion at hand where it is ``given`` and no ``other`` start is better.
+
+        A march is where the motion at hand leaves more of the equations; teeth in contact are, where none separates,
+        once the design has changed.
+        """
+        if not which.any():
+            return self
+        point, pulls = self.point, list(self.pulls)
+        status, motion = point.status.copy(), point.motion.copy()
+        smooth, exact, resumed, owner = (a.copy() for a in (self.smooth, self.exact, self.resumed, self.owner))
+        for number in np.unique(point.plan_number[which]):
+            plan = point.plans[number]
+            own = np.broadcast_to(given & (plan.marches | self.unmoved | (not other)), which.shape)
+            for chunk, padded in batches(np.argwhere(which & (point.plan_number == number)), plan):
+                into, at = tuple(chunk.T), tuple(padded.T)
+                read, pull = self._read(plan, at, own[at], plan.marches and other)
+                read = jax.tree.map(lambda a, into=into: np.asarray(a)[: len(into[0])], read)
+                smooth[into], (status[into], periodicity_error, deflections, exact[into]) = read
+                motion[into] = fourier.resize(deflections, motion.shape[-1] - 1)
+                resumed[into] = own[into] & (periodicity_error == 0)
+                owner[into] = len(pulls)
+                pulls.append((chunk, padded, pull))
+                if self.on_lanes:
+                    readings = self.evaluator.task.in_order(exact[0].T, itertools.repeat(None))
+                    self.on_lanes(self.evaluator.told(point.z[0], status[0] <= Status.TOLERANCE_NOT_MET, readings))
+        made = dataclasses.replace(self, smooth=smooth, exact=exact, resumed=resumed, owner=owner, pulls=tuple(pulls))
+        return made.with_point(status=status, motion=motion)
+
+    def _read(self, plan, at, given, marching):
+        """What :func:`read_lanes` reads of the lanes ``at`` under a plan, and the pullback from its readings."""
+        motion = np.zeros((len(given), 0, plan.harmonics + 1), complex)
+        motion = of_active_meshes(self.point.motion[at], plan) if plan.active else motion
+        start = Start(motion, given, np.full(len(given), plan.cycles * marching), np.full(len(given), CLOSED))
+        # Whether a plan has enough harmonics is asked by itself.
+        changes = {"max_steps": NEWTON_STEPS, "estimated": False, "marches": True, "compare_starts": True}
+        sizes = dataclasses.replace(plan.sizes, **changes)
+        shape = {"form": self.evaluator.form, "asked": self.evaluator.task.asked, "sizes": sizes}
+        lanes = self.numbers[at], self.evaluator.held, self.point.speeds[at]
+        smooth, found, outcome = read_lanes(*lanes, start, plan.active_meshes, **shape)
+        return (smooth, outcome), partial(pull_lanes, *lanes, found, plan.active_meshes, **shape)
+
+    def climb(self, which):
+        """Solve ``which`` one by one, up the ladder of :func:`jaxhb.solve`, and from there under the largest plan.
+
+        Each has a bounded time, and one attempt in any case: most of what is not found soon has no motion of one cycle.
+        """
+        point, plan, found = self.point, self.point.plans[0], np.zeros_like(which)
+        motion = point.motion.copy()
+        for a, i in np.argwhere(which) if plan.active else ():
+            train = self.evaluator.train.replace(self.evaluator.values(point.z[a]))
+            own = {"harmonics": plan.harmonics, "integrals": plan.integrals, "seconds": CLIMB_SECONDS}
+            response = solve(train, rpm=float(point.speeds[a, i]), **own)
+            if response.status <= Status.TOLERANCE_NOT_MET:
+                found[a, i] = True
+                motion[a, i] = fourier.resize(np.asarray(response.deflections), motion.shape[-1] - 1)
+        made = self.with_point(plan_number=np.where(found, 0, point.plan_number), motion=motion)
+        return made.solve(found, True, other=False)
+
+    def pulled(self, by_smooth):
         """The derivative of the objective by the numbers of every lane, from that by its readings."""
         by_numbers = np.zeros_like(self.numbers)
         size = np.abs(by_smooth * self.smooth)
         # Of a smooth maximum few speeds have a weight: a gradient is pulled through these alone.
-        counts = size.max(axis=(1, 2), keepdims=True) * EVALUATION.negligible < size
+        counts = size.max(axis=(1, 2), keepdims=True) * NEGLIGIBLE < size
         for number, (chunk, padded, pull) in enumerate(self.pulls):
             into = tuple(chunk.T)
             own = (self.owner[into] == number)[:, None] & counts[into]
@@ -169,12 +470,35 @@ class Evaluation:
         return by_numbers
 
 
+def plan_designs(train, rpm, request):
+    """A plan for every speed, and the plan of those that leave theirs.
+
+    Returns
+    -------
+    fallback : Plan
+        Every mesh with backlash is an unknown, as fine as the finest plan that a speed needs.
+    plans : list of Plan, one for each speed
+    """
+    plans = plan_speeds(train, rpm, request)
+    plans = plans if request.harmonics else [_with_room(plan) for plan in plans]
+    finest = max((plan for plan in plans if plan.active), key=lambda plan: plan.harmonics, default=plans[0])
+    if not any(train.topology.mesh_backlash):
+        return finest, plans
+    return plan_marching(train, rpm, finest, request), plans
+
+
+def _with_room(plan):
+    """The next level where teeth leave contact without separating: cheaper than programs for two levels."""
+    higher = next_level(plan.harmonics, plan.method) if plan.active and not plan.marches else None
+    return dataclasses.replace(plan, harmonics=higher) if higher else plan
+
+
 def batches(lanes, plan):
     """Batches of ``lanes`` ``(k, 2)`` and the same padded to one of few sizes: a size is a program."""
     few = 2 * BATCH.speeds
     size = min(-(-len(lanes) // few), 4) * few
     if jax.default_backend() == "cpu" and plan.active:
-        size = 1 if plan.harmonics >= EVALUATION.alone else BATCH.speeds
+        size = 1 if plan.harmonics >= ALONE else BATCH.speeds
     for first in range(0, len(lanes), max(size, 1)):
         chunk = lanes[first : first + size]
         yield chunk, np.concatenate([chunk, np.repeat(chunk[-1:], size - len(chunk), axis=0)])
@@ -183,3 +507,212 @@ def batches(lanes, plan):
 def of_active_meshes(motion, plan):
     """Deflections ``(c, G, N+1)`` of the active meshes of a plan from those of all."""
     return fourier.resize(active_deflections(plan, motion), plan.harmonics)
+
+
+def highest_peaks(speeds, values, most):
+    """The highest local maxima of a curve: their places in ``speeds``, and where the parabolas through them culminate.
+
+    At most ``most``; a speed given twice counts once, and ends of the curve are no peaks. Nor are those narrower than
+    the spacing of the speeds: one speed in such a peak would only be fled from.
+    """
+    _, places = np.unique(speeds, return_index=True)
+    x, y = speeds[places], values[places]
+    middle = np.flatnonzero((y[1:-1] >= y[:-2]) & (y[1:-1] > y[2:])) + 1
+    middle = middle[np.minimum(y[middle - 1], y[middle + 1]) > 0.5 * y[middle]]
+    middle = middle[np.argsort(-y[middle], kind="stable")][:most]
+    left, right = x[middle] - x[middle - 1], x[middle + 1] - x[middle]
+    # Vertex of the parabola through three speeds that need not be equidistant.
+    rise, fall = (y[middle] - y[middle - 1]) / left, (y[middle + 1] - y[middle]) / right
+    return places[middle], x[middle] + (rise * right + fall * left) / (2 * (rise - fall))
+
+
+@dataclass(frozen=True)
+class VectorForm:
+    """How a train and its problem are made of a vector of their numbers and of what no design or speed changes.
+
+    leaves : shape and kind of each leaf, "f" real, "c" complex, "h" held. Tables of pressures would fill the vectors.
+    """
+
+    structure: object
+    leaves: tuple
+
+    @classmethod
+    def of(cls, tree, held):
+        """The form of a tree and the leaves, on the device, that are ``held`` (bool of each leaf) or integers."""
+        leaves, structure = jax.tree.flatten(tree)
+        kinds = [jnp.result_type(leaf).kind for leaf in leaves]
+        kinds = [kind if kind in "fc" and not keep else "h" for kind, keep in zip(kinds, held, strict=True)]
+        form = cls(structure, tuple((np.shape(leaf), kind) for leaf, kind in zip(leaves, kinds, strict=True)))
+        return form, [jnp.asarray(leaf) for leaf, kind in zip(leaves, kinds, strict=True) if kind == "h"]
+
+    def numbers(self, tree):
+        """The leaves that change as one real vector ``(K,)``."""
+        flat = []
+        for leaf, (_, kind) in zip(jax.tree.leaves(tree), self.leaves, strict=True):
+            flat += {"f": (leaf,), "c": (leaf.real, leaf.imag), "h": ()}[kind]
+        return jnp.concatenate([jnp.ravel(leaf) for leaf in flat])
+
+    def build(self, numbers, held):
+        """The tree."""
+        at, held, leaves = 0, iter(held), []
+
+        def take(shape):
+            nonlocal at
+            at += math.prod(shape)
+            return numbers[at - math.prod(shape) : at].reshape(shape)
+
+        for shape, kind in self.leaves:
+            number = next(held) if kind == "h" else take(shape)
+            leaves.append(number + 1j * take(shape) if kind == "c" else number)
+        return jax.tree.unflatten(self.structure, leaves)
+
+
+@partial(Program, static_argnames=("task", "excited", "form"))
+def problems_of_designs(train, rpm, z, *, task, excited, form):
+    """The numbers of train and problem of every lane ``(A, n, K)``, and their pullback to z ``(A, P)``.
+
+    ``rpm`` ``(A, n)``.
+    """
+
+    def lane(z, speed):
+        changed = task.changed(train, z)
+        return form.numbers((changed, problem_at(changed, speed, excited)))
+
+    return jax.vjp(lambda z: jax.vmap(jax.vmap(lane, (None, 0)))(z, rpm), z)
+
+
+@partial(Program, static_argnames=("form", "asked", "sizes"))
+def read_lanes(numbers, held, rpm, start, active_meshes, *, form, asked, sizes):
+    """Solve lanes of one plan and read their responses.
+
+    Parameters
+    ----------
+    numbers : array ``(c, K)``; held : list of arrays, from :meth:`VectorForm.of`
+    rpm : array ``(c,)``
+    start : Start of leaves ``(c, ...)``
+    active_meshes : ActiveMeshes
+    form, asked, sizes : static
+
+    Returns
+    -------
+    smooth : array ``(c, J)``
+    found : the solutions, for :func:`pull_lanes`
+    status ``(c,)``, periodicity error of the march or 0 ``(c,)``, deflections of all meshes ``(c, M, N+1)``, readings
+    not smoothed ``(c, J)``
+    """
+
+    def lane(numbers, speed, start):
+        train, problem = form.build(numbers, held)
+        found = find(problem, active_meshes, start, 1.0, sizes)
+        response = respond(train, speed, problem, found[0], sizes)
+        exact = [QUANTITIES[quantity].exact_value(response, of, order) for quantity, of, order in asked]
+        outcome = jnp.asarray(response.status), found[0].periodicity_error, response.deflections, jnp.stack(exact)
+        return _smooth(response, asked), found, outcome
+
+    return _each(lane, numbers, rpm, start)
+
+
+@partial(Program, static_argnames=("form", "asked", "sizes"))
+def pull_lanes(numbers, held, rpm, found, active_meshes, cotangent, *, form, asked, sizes):
+    """What a derivative by the readings ``(c, J)`` of solved lanes is by their numbers ``(c, K)``.
+
+    Arguments as in :func:`read_lanes`, ``found`` from there.
+    """
+
+    def lane(numbers, speed, found, cotangent):
+        def read(numbers):
+            train, problem = form.build(only_if(all_finite(numbers), numbers), held)
+            outcome = differentiable(problem, active_meshes, found, sizes)
+            return _smooth(respond(train, speed, problem, outcome, sizes), asked)
+
+        return jax.vjp(read, numbers)[1](cotangent)[0]
+
+    return _each(lane, numbers, rpm, found, cotangent)
+
+
+def _smooth(response, asked):
+    return jnp.stack([QUANTITIES[quantity].read(response, of, order) for quantity, of, order in asked])
+
+
+def _each(lane, *batch):
+    """``lane`` of every lane; of a single one without ``vmap``, under which a condition runs both its branches."""
+    if len(jax.tree.leaves(batch)[0]) > 1:
+        return jax.vmap(lane)(*batch)
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], lane(*jax.tree.map(lambda leaf: leaf[0], batch)))
+
+
+@partial(Program, static_argnames=("form", "sizes"))
+def estimate_lanes(numbers, held, motion, active_meshes, *, form, sizes):
+    """Truncation errors ``(c,)`` of solved lanes, ``motion`` ``(c, G, N+1)`` of the active meshes."""
+
+    def lane(numbers, motion):
+        return estimate(form.build(numbers, held)[1], active_meshes, motion, sizes)
+
+    return _each(lane, numbers, motion)
+
+
+@Program
+def pull_back(pull, cotangent):
+    """What a pullback that a program handed out makes of a cotangent."""
+    return pull(cotangent)[0]
+
+
+@partial(Program, static_argnames=("task", "own", "heavy"))
+def combine(train, z, smooth, kept, weights, widths, scales, *, task, own, heavy):
+    """The objective of every design.
+
+    Parameters
+    ----------
+    train : DriveTrain, at the start
+    z : array ``(A, P)``
+    smooth : array ``(A, n, J)``; kept : bool array ``(A, n)``, the speeds that enter
+    weights : array ``(A, n, objectives)``
+    widths, scales : arrays, of :class:`Aim`
+    task, own, heavy : static; the first ``own`` speeds enter means and penalties, all of them the smooth maxima; heavy:
+        disks with inertia
+
+    Returns
+    -------
+    value ``(A,)``; readings of the train alone, one ``(A,)`` for each such penalty
+    by_z ``(A, P)``, by_smooth ``(A, n, J)`` : derivatives of the value
+    """
+
+    def cost(z, smooth, kept, weights):
+        changed, total, readings = task.changed(train, z), jnp.zeros(()), []
+        # Readings of the objectives come first, then those of the penalties that read a response, as in
+        # ``Task.of_response``.
+        values = iter(smooth.T)
+        for objective, share, scale, width in zip(task.objectives, weights.T, scales, widths, strict=True):
+            weighted = share * next(values) / scale
+            if objective.over == "worst":
+                total += objective.weight * objectives.smooth_maximum(weighted, kept, width)
+            else:
+                count = jnp.maximum(kept[:own].sum(), 1)
+                total += objective.weight * objectives.masked_sum(weighted[:own], kept[:own]) / count
+        for penalty in task.penalties:
+            if penalty.quantity in OF_DESIGN:
+                readings.append(_of_design(penalty, changed, train, heavy))
+                total += penalty.weight * _excess(penalty, readings[-1]) ** 2
+            else:
+                excess = penalty.weight * _excess(penalty, next(values)) ** 2
+                total += objectives.masked_sum(excess[:own], kept[:own])
+        return total, tuple(readings)
+
+    (value, readings), slopes = jax.vmap(jax.value_and_grad(cost, (0, 1), has_aux=True))(z, smooth, kept, weights)
+    return value, readings, *slopes
+
+
+def _of_design(penalty, train, start, heavy):
+    if penalty.quantity == "inertia added":
+        return inertia_added(train, start, penalty.of)
+    return frequencies_hz(train, np.array(heavy))[penalty.mode]
+
+
+def _excess(penalty, reading):
+    """What lies beyond the limits, in shares of them."""
+    total = jnp.zeros_like(reading)
+    if penalty.most is not None:
+        total += jnp.maximum(reading - penalty.most, 0.0) / abs(penalty.most)
+    if penalty.least is not None:
+        total += jnp.maximum(penalty.least - reading, 0.0) / abs(penalty.least)
+    return total

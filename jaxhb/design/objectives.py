@@ -18,7 +18,7 @@ from jaxhb._jax import Array, Number
 from jaxhb.elements.elements import SceneError
 from jaxhb.equations import fourier
 from jaxhb.linear import strength
-from jaxhb.results.response import Response
+from jaxhb.results.response import Fields, Response
 from jaxhb.results.signal import Signal, _power
 from jaxhb.results.status import Status
 from jaxhb.train.drivetrain import DriveTrain
@@ -35,7 +35,7 @@ def valid(response: Response) -> Array:
 def usable(response: Response) -> Response:
     """The response with zeros at speeds that failed: masked before it is read, so that nan goes nowhere."""
     kept = valid(response)
-    names = ("angles", "torques", "elastic_torques", "deflections", "forces", "elastic_forces")
+    names = [f.name for f in dataclasses.fields(Fields)]
 
     def masked(values):
         shape = kept.shape + (1,) * (values.ndim - kept.ndim)
@@ -90,22 +90,7 @@ def _norm(values, p):
 
 
 def damper_power(response: Response, a: str, b: str | None = None) -> Array:
-    """Mean power that a damper or shaft turns into heat, W, exact from its harmonics.
-
-        P = sum_{n >= 1} 2 Re(T^n conj(i n Omega theta^n)),
-
-    T the transmitted torque and theta the twist; the elastic part does no work over a cycle.
-
-    Parameters
-    ----------
-    response : Response
-    a, b : str
-        The two disks (a damper's ring goes by the damper's name), or the link's name alone.
-
-    Returns
-    -------
-    array ``(...)`` W
-    """
+    """Mean power that a damper or shaft turns into heat, W ``(...)``; see :meth:`jaxhb.Response.power`."""
     return Response.power(usable(response), a, b)
 
 

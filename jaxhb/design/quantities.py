@@ -8,6 +8,7 @@ import numpy as np
 from jaxhb.design import objectives
 from jaxhb.elements.elements import SceneError, suggestion
 from jaxhb.linear.strength import having
+from jaxhb.results.response import Response
 from jaxhb.train.drivetrain import inertias
 
 
@@ -104,29 +105,17 @@ class Quantity:
         return (self.exact or self.read)(response, of, order)
 
 
-def _force(response, of):
-    return objectives.usable(response).force(of)
+def _signal(reader, response, of):
+    return reader(objectives.usable(response), of)
 
 
-def _torque(response, of):
-    return objectives.usable(response).torque(of)
-
-
-def _angle(response, of):
-    return objectives.usable(response).disk(of)
-
-
-def _gear_torque(response, of):
-    return objectives.usable(response).gear_torque(of)
-
-
-def _half_peak_to_peak(unit, kind, signal):
+def _half_peak_to_peak(unit, kind, reader):
     """The half peak-to-peak of a signal ``(response, of) -> Signal``."""
 
     def read(response, of, _):
-        return objectives.half_peak_to_peak(signal(response, of))
+        return objectives.half_peak_to_peak(_signal(reader, response, of))
 
-    return Quantity(unit, kind, read, lambda response, of, _: signal(response, of).half_peak_to_peak)
+    return Quantity(unit, kind, read, lambda response, of, _: _signal(reader, response, of).half_peak_to_peak)
 
 
 def _over_limit(unit, kind, value, **more):
@@ -138,28 +127,34 @@ def _over_limit(unit, kind, value, **more):
     return Quantity(unit, kind, lambda response, of, _: value(response, of, **more), exact)
 
 
-def _order(unit, kind, signal):
+def _order(unit, kind, reader):
     """The amplitude of one order of a signal."""
-    return Quantity(unit, kind, lambda response, of, order: signal(response, of).order(order), ordered=True)
+    return Quantity(unit, kind, lambda r, of, order: _signal(reader, r, of).order(order), ordered=True)
+
+
+def _of_response(unit, kind, value):
+    """A value ``(response, of)`` that nothing smooths."""
+    return Quantity(unit, kind, lambda response, of, _: value(response, of))
 
 
 QUANTITIES = {
-    "tooth force": _half_peak_to_peak("N", "mesh", _force),
+    "tooth force": _half_peak_to_peak("N", "mesh", Response.force),
     "tooth force peak": Quantity(
-        "N", "mesh", lambda r, of, _: _force(r, of).smooth_peak(), lambda r, of, _: _force(r, of).peak
+        "N",
+        "mesh",
+        lambda r, of, _: _signal(Response.force, r, of).smooth_peak(),
+        lambda r, of, _: _signal(Response.force, r, of).peak,
     ),
-    "tooth force order": _order("N", "mesh", _force),
-    "shaft torque": _half_peak_to_peak("N m", "shaft or damper", _torque),
-    "shaft torque order": _order("N m", "shaft or damper", _torque),
-    "gear torque": _half_peak_to_peak("N m", "gear", _gear_torque),
-    "angle": _half_peak_to_peak("rad", "disk", _angle),
-    "angle order": _order("rad", "disk", _angle),
-    "separated fraction": Quantity("", "mesh with backlash", lambda r, of, _: objectives.separated_fraction(r, of)),
-    "impact severity": Quantity("m/s", "mesh with backlash", lambda r, of, _: objectives.impact_severity(r, of)),
-    "damper power": Quantity("W", "shaft or damper", lambda r, of, _: objectives.damper_power(r, of)),
-    "power over limit": Quantity(
-        "", "shaft or damper with a power_limit", lambda r, of, _: objectives.power_over_limit(r, of)
-    ),
+    "tooth force order": _order("N", "mesh", Response.force),
+    "shaft torque": _half_peak_to_peak("N m", "shaft or damper", Response.torque),
+    "shaft torque order": _order("N m", "shaft or damper", Response.torque),
+    "gear torque": _half_peak_to_peak("N m", "gear", Response.gear_torque),
+    "angle": _half_peak_to_peak("rad", "disk", Response.disk),
+    "angle order": _order("rad", "disk", Response.disk),
+    "separated fraction": _of_response("", "mesh with backlash", objectives.separated_fraction),
+    "impact severity": _of_response("m/s", "mesh with backlash", objectives.impact_severity),
+    "damper power": _of_response("W", "shaft or damper", objectives.damper_power),
+    "power over limit": _of_response("", "shaft or damper with a power_limit", objectives.power_over_limit),
     "stress": _over_limit("Pa", "shaft with a diameter", objectives.stress),
     "stress over continuous limit": _over_limit("", "shaft with a tensile_strength", objectives.stress_over_limit),
     "stress over transient limit": _over_limit(
@@ -177,6 +172,13 @@ OF_DESIGN = {"inertia added": "kg m2", "natural frequency": "Hz"}
 def unit_of(quantity):
     """Unit of a named quantity."""
     return OF_DESIGN[quantity] if quantity in OF_DESIGN else QUANTITIES[quantity].unit
+
+
+def label(chosen):
+    """What an Objective or Penalty reads: ``"tooth force of crank gear|idler"``."""
+    order = f" {chosen.order:g}" if chosen.order is not None else ""
+    mode = f" {chosen.mode}" if chosen.quantity == "natural frequency" else ""
+    return f"{chosen.quantity}{order}{mode}" + (f" of {chosen.of}" if chosen.of else "")
 
 
 def inertia_added(train, start, of=None):

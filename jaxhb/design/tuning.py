@@ -1,26 +1,21 @@
-"""Tuning: the numbers of a train that make a response small over a range of speeds, by gradient. Imports optax."""
+"""Tuning: the numbers of a train that make a response small over a range of speeds, by gradient."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
-import optax
 
 from jaxhb._jax import Numbers
 from jaxhb._shown import brief
 from jaxhb.balance.request import Request
-from jaxhb.design.descent import Descent, Step
-from jaxhb.design.evaluator import Evaluator, Reading, plan_designs, to_unbounded
-from jaxhb.design.lanes import Task
+from jaxhb.design.descent import OPTIMIZERS, Descent, Step, best_of
+from jaxhb.design.evaluation import Evaluator, Reading, Task
 from jaxhb.design.quantities import Objective, Parameter, Penalty, check_all
 from jaxhb.elements.elements import SceneError
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
-
-OPTIMIZERS = {"lbfgs": optax.scale_by_lbfgs, "adam": optax.scale_by_adam}
 
 
 @brief
@@ -139,23 +134,21 @@ def tune(
     check_speed(train, rpm, many=True)
     check_all(train, parameters, given, penalties, rpm)
     _check_numbers(train, optimizer, steps, starts, seed, peaks, widths)
-    Request.of(train, harmonics, tolerance, "reduced", integrals)
-    heavy = np.concatenate([train.disks.inertia, train.dampers.inertia]) > 0
-    task = Task(parameters, given, penalties, tuple(heavy.tolist()))
-    planner = partial(plan_designs, tolerance=tolerance, harmonics=harmonics, integrals=integrals)
-    evaluator = Evaluator(train, rpm, task, planner, fixed=harmonics is not None, peaks=peaks, on_start=on_start)
+    request = Request.of(train, harmonics, tolerance, integrals=integrals)
+    task = Task(parameters, given, penalties)
+    evaluator = Evaluator(train, rpm, task, request, peaks)
     descent = Descent(
         evaluator,
-        OPTIMIZERS[optimizer](),
-        searching=optimizer == "lbfgs",
+        optimizer,
         rate=rate,
         widths=tuple(widths),
         improvement=improvement,
         patience=patience,
         on_step=on_step or (lambda step: None),
+        on_start=on_start,
     )
-    first, best, winner, stopped, interrupted = descent.run(_first_designs(train, parameters, starts, seed), steps)
-    after = evaluator.reading(best, winner)
+    first, best, stopped, interrupted = descent.run(_first_designs(train, task, starts, seed), steps)
+    after = evaluator.reading(best, best_of(best))
     return Tuning(
         train=train.replace(after.parameters),
         rpm=rpm,
@@ -184,8 +177,7 @@ def _check_numbers(train, optimizer, steps, starts, seed, peaks, widths):
         raise SceneError(faults)
 
 
-def _first_designs(train, parameters, starts, seed):
+def _first_designs(train, task, starts, seed):
     """z ``(A, P)``: the train as it is, then designs with random shares of the bounds."""
-    own = to_unbounded([train.value(p.name) for p in parameters], parameters)
-    shares = np.random.default_rng(seed).uniform(0.02, 0.98, (starts - 1, len(parameters)))
-    return np.concatenate([own[None], np.log(shares / (1 - shares))])
+    shares = np.random.default_rng(seed).uniform(0.02, 0.98, (starts - 1, len(task.parameters)))
+    return np.concatenate([task.unbounded(train)[None], np.log(shares / (1 - shares))])

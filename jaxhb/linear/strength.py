@@ -317,8 +317,8 @@ def strength(response: Any, *, train: DriveTrain | None = None) -> Strength:
 
 def train_of(response, train=None):
     """The train that is given, or that of the response."""
-    # A steady state holds a response, None where it never repeats.
-    train = getattr(getattr(response, "response", response), "train", None) if train is None else train
+    solution = response.solution
+    train = solution.train if train is None and solution is not None else train
     if train is None:
         raise ValueError("this response comes out of a jax transformation or of a record and has no train: give train=")
     return train

@@ -35,6 +35,16 @@ class Contact:
     knee_force: float
     pulling_force: float
 
+    @property
+    def impacts_per_cycle(self) -> int:
+        """Number of impacts over the cycle of the response."""
+        return len(self.impacts)
+
+    @property
+    def hardest_impact(self) -> float:
+        """Largest approach speed of an impact, m/s; 0 without one."""
+        return max((impact["speed"] for impact in self.impacts), default=0.0)
+
 
 def contact_of(law, deflection, force, elastic, frequency, resolution):
     """:class:`Contact` from the coefficients of a mesh's deflection and force; ``law`` of floats, None: linear."""

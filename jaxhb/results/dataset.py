@@ -83,32 +83,35 @@ def to_xarray(motions, topology, rpm, *, orders=None):
     except ImportError:
         raise ImportError('labelled arrays need xarray. Install it: pip install "jaxhb[data]"') from None
     read = [_numbers(motion, topology) for motion in motions]
-    listed = [spectra[2] for row in read for spectra in row["spectra"].values()]
-    order = np.unique(np.concatenate([own for own in listed if own is not None] or [np.zeros(0)]))
+    listed = [own for _, spectra in read for _, _, own, _ in spectra.values()]
+    order = np.unique(np.concatenate(listed or [np.zeros(0)]))
     order = order[: np.searchsorted(order, np.inf if orders is None else orders, side="right")]
     many, dims = np.ndim(rpm) > 0, {"rpm": np.asarray(rpm, dtype=float)} | _names(topology) | {"order": order}
     found, dims = {}, {name: own for name, own in dims.items() if np.size(own)}  # NetCDF has no empty dimension
 
     def keep(name, rows, own, unit, said):
-        if not set(own) <= set(dims):
-            return
         values = np.stack(rows) if many else rows[0]
         attributes = {"long_name": said} | ({"units": unit} if unit else {})
         found[name] = ((*(("rpm",) if many else ()), *own), values, attributes)
 
     for name, (unit, said) in OF_MOTIONS.items():
-        keep(name, [np.asarray(row["motion"].get(name, UNKNOWN.get(name, np.nan))) for row in read], (), unit, said)
-    for name, (dim, unit, said) in OF_ELEMENTS.items():
-        keep(name, [_filled(row["elements"].get(name), len(dims.get(dim, ()))) for row in read], (dim,), unit, said)
-    for name, (dim, unit, said) in SIGNALS.items():
-        for statistic, words in STATISTICS.items():
-            values = [_filled(row["signals"].get((name, statistic)), len(dims.get(dim, ()))) for row in read]
-            keep(f"{name}_{statistic}", values, (dim,), unit, words + said)
+        keep(name, [np.asarray(values.get(name, UNKNOWN.get(name, np.nan))) for values, _ in read], (), unit, said)
+    of_elements = OF_ELEMENTS | {
+        f"{name}_{statistic}": (dim, unit, words + said)
+        for name, (dim, unit, said) in SIGNALS.items()
+        for statistic, words in STATISTICS.items()
+    }
+    for name, (dim, unit, said) in of_elements.items():
+        if dim in dims:
+            nothing = np.full(len(dims[dim]), np.nan)
+            rows = [np.asarray(values.get(name, nothing), dtype=float) for values, _ in read]
+            keep(name, rows, (dim,), unit, said)
     for name in WITH_ORDERS:
         dim, unit, said = SIGNALS[name]
-        spectra = [_spectrum(row["spectra"].get(name), len(dims.get(dim, ())), order) for row in read]
-        keep(f"{name}_amplitude", [a for a, _ in spectra], (dim, "order"), unit, f"one-sided amplitude, {said}")
-        keep(f"{name}_phase", [b for _, b in spectra], (dim, "order"), "degree", f"phase of the cosine, {said}")
+        if dim in dims and "order" in dims:
+            spectra = [_spectrum(spectra.get(name), len(dims[dim]), order) for _, spectra in read]
+            keep(f"{name}_amplitude", [a for a, _ in spectra], (dim, "order"), unit, f"one-sided amplitude, {said}")
+            keep(f"{name}_phase", [b for _, b in spectra], (dim, "order"), "degree", f"phase of the cosine, {said}")
     units = {"rpm": {"units": "rpm", "long_name": "speed of the reference rotor"}}
     units["order"] = {"units": "1", "long_name": "order, per revolution of the reference rotor"}
     coordinates = {name: ((name,) if many or name != "rpm" else (), v, units.get(name, {})) for name, v in dims.items()}
@@ -135,105 +138,84 @@ def _names(topology):
 
 
 def _numbers(motion, topology):
-    """What is known of one motion: by name of itself, of elements, of signals, and spectra."""
-    response = getattr(motion, "response", motion)
+    """What is known of one motion: numbers by name of the variable, and spectra by name of the signal."""
+    response = motion.solution
     solved = response is not None and int(response.status) == Status.CONVERGED
-    about = {"kind": getattr(motion, "kind", "solution"), "period": getattr(motion, "period", 1)}
+    alone = motion is response  # of jaxhb.solve
+    found = {"kind": "solution", "period": 1} if alone else {"kind": motion.kind, "period": motion.period}
     if response is not None:
-        about |= {"status": Status(int(response.status)).name, "harmonics": int(response.highest_harmonic)}
-        about |= {name: float(getattr(response, name)) for name in ("residual", "truncation_error", "load_power")}
-    nothing = {"motion": about | {"source": "nothing"}, "elements": {}, "signals": {}, "spectra": {}}
-    if not solved and getattr(motion, "record", None) is None:
-        return nothing
+        found |= {"status": Status(int(response.status)).name, "harmonics": int(response.highest_harmonic)}
+        found |= {name: float(getattr(response, name)) for name in ("residual", "truncation_error", "load_power")}
+    if not solved and (alone or motion.record is None):
+        return found | {"source": "nothing"}, {}
     names = _names(topology)
-    signals = _of_response(response, names) if solved else _of_record(motion.record, names, topology)
+    signals, spectra = _of_response(response, names) if solved else _of_record(motion.record, names)
     contacts = [motion.mesh(name) for name in names["mesh"]]
-    elements = {
-        name: np.array([getattr(contact, name) for contact in contacts], dtype=float)
-        for name in ("separated_fraction", "reverse_contact_fraction")
-    }
-    elements |= {name: np.array(values, dtype=float) for name, values in zip(*_impacts(contacts, motion), strict=True)}
-    elements["irregularity"] = np.array([float(motion.irregularity(name)) for name in names["disk"]])
+    for name in ("separated_fraction", "reverse_contact_fraction", "impacts_per_cycle", "hardest_impact"):
+        found[name] = [getattr(contact, name) for contact in contacts]
+    found["irregularity"] = [float(motion.irregularity(name)) for name in names["disk"]]
     for heat, dim in (("heat", "shaft"), ("mesh_heat", "mesh")):
-        elements[heat] = np.array([float(motion.power(name)) for name in names[dim]])
+        found[heat] = [float(motion.power(name)) for name in names[dim]]
     if solved:
-        elements |= {"load_torque": np.asarray(response.load_torque)}
-        elements |= {"ground_reaction": np.asarray(response.ground_reaction)}
-    statistics = {(n, what): values for n, own in signals.items() for what, values in own["statistics"].items()}
-    spectra = {name: own["spectrum"] for name, own in signals.items() if name in WITH_ORDERS}
-    about["source"] = "harmonics" if solved else "record"
-    return {"motion": about, "elements": elements, "signals": statistics, "spectra": spectra}
-
-
-def _impacts(contacts, motion):
-    """Numbers of impacts a cycle and the hardest of them, by name."""
-    if contacts and hasattr(contacts[0], "impacts"):  # of a solution: impact by impact
-        speeds = [[impact["speed"] for impact in contact.impacts] for contact in contacts]
-        period = max(getattr(motion, "period", 1), 1)
-        told = [len(own) / period for own in speeds], [max(own, default=0.0) for own in speeds]
-    else:
-        told = [c.impacts_per_cycle for c in contacts], [c.hardest_impact for c in contacts]
-    return ("impacts_per_cycle", "hardest_impact"), told
+        found |= {name: getattr(response, name) for name in ("load_torque", "ground_reaction")}
+    return found | signals | {"source": "harmonics" if solved else "record"}, spectra
 
 
 def _of_response(response, names):
-    """Statistics and spectra of a harmonic solution by signal."""
-    by_disk = {name: [getattr(response, name)(disk) for disk in names["disk"]] for name in ("speed", "acceleration")}
-    gears = [response.gear_torque(gear).coefficients for gear in names["gear"]]
-    coefficients = {
+    """Statistics and spectra of a harmonic solution."""
+
+    def coefficients(reader, dim):
+        rows = [np.asarray(reader(name).coefficients) for name in names[dim]]
+        return np.stack(rows) if rows else np.zeros((0, response.harmonics + 1))
+
+    signals = {
         "angle": response.angles,
+        "speed": coefficients(response.speed, "disk"),
+        "acceleration": coefficients(response.acceleration, "disk"),
         "torque": response.torques,
-        "gear_torque": np.stack(gears) if gears else np.zeros((0, response.angles.shape[-1])),
+        "gear_torque": coefficients(response.gear_torque, "gear"),
         "tooth_force": response.forces,
-    } | {name: np.array([signal.coefficients for signal in own]) for name, own in by_disk.items()}
-    turns, moving = response.topology.revolutions_per_cycle, response.angles.shape[-1]
-    found = {}
-    for name, values in coefficients.items():
+    }
+    turns, moving = response.topology.revolutions_per_cycle, response.harmonics + 1
+    statistics, spectra = {}, {}
+    for name, values in signals.items():
         signal = Signal(np.asarray(values), None, turns, response.resolution)
         samples = signal.samples(signal.resolution) if len(values) else np.zeros((0, 1))
         low, high = samples.min(axis=-1), samples.max(axis=-1)
-        statistics = {"mean": signal.mean, "min": low, "max": high, "half_peak_to_peak": (high - low) / 2}
-        # Tooth forces have more harmonics than the motion, whose orders the data set lists.
-        kept = Signal(signal.coefficients[:, :moving], None, turns, response.resolution)
-        found[name] = {
-            "statistics": statistics | {"sum_of_amplitudes": signal.sum_of_amplitudes},
+        own = signal.mean, low, high, (high - low) / 2, signal.sum_of_amplitudes
+        statistics |= {f"{name}_{what}": values for what, values in zip(STATISTICS, own, strict=True)}
+        if name in WITH_ORDERS:
+            # Tooth forces have more harmonics than the motion, whose orders the data set lists.
+            kept = Signal(signal.coefficients[:, :moving], None, turns, response.resolution)
             # An order that is not there has no phase.
-            "spectrum": (kept.amplitudes, np.where(kept.amplitudes > 0, kept.phases_deg, np.nan), kept.orders, 0.0),
-        }
-    return found
+            spectra[name] = kept.amplitudes, np.where(kept.amplitudes > 0, kept.phases_deg, np.nan), kept.orders, 0.0
+    return statistics, spectra
 
 
-def _of_record(record, names, topology):
+def _of_record(record, names):
     """The same of recorded cycles, which have amplitudes without phases, and no accelerations."""
-    gears = [record.gears[topology.disk_index(gear)] for gear in names["gear"]]
-    rows = {
+    signals = {
         "angle": record.disks,
         "speed": record.speeds,
         "torque": record.torques,
-        "gear_torque": gears,
+        "gear_torque": [record.gear_torque(gear) for gear in names["gear"]],
         "tooth_force": record.forces,
     }
-    found = {}
-    for name, own in rows.items():
-        statistics = {what: np.array([float(getattr(signal, what)) for signal in own]) for what in STATISTICS}
-        spectrum = None
-        if own:
+    statistics, spectra = {}, {}
+    for name, own in signals.items():
+        statistics |= {f"{name}_{what}": [float(getattr(signal, what)) for signal in own] for what in STATISTICS}
+        if own and name in WITH_ORDERS:
             amplitudes = np.array([signal.amplitudes for signal in own])
-            spectrum = amplitudes, np.full(amplitudes.shape, np.nan), own[0].orders, np.nan
-        found[name] = {"statistics": statistics, "spectrum": spectrum or (None, None, None, np.nan)}
-    return found
-
-
-def _filled(values, count):
-    return np.full(count, np.nan) if values is None else np.asarray(values, dtype=float)
+            spectra[name] = amplitudes, np.full(amplitudes.shape, np.nan), own[0].orders, np.nan
+    return statistics, spectra
 
 
 def _spectrum(spectrum, count, order):
     """Amplitudes and phases ``(count, K)`` at the orders of the data set; orders that a motion lacks are 0 or nan."""
-    amplitudes, phases, own, beyond = spectrum or (None, None, None, np.nan)
-    if own is None:
-        return np.full((count, len(order)), np.nan), np.full((count, len(order)), np.nan)
+    if spectrum is None:
+        return np.full((2, count, len(order)), np.nan)
+    amplitudes, phases, own, beyond = spectrum
     there, places = np.isin(order, own), np.searchsorted(own, order)
     found = np.full((2, count, len(order)), [[[beyond]], [[np.nan]]])
     found[:, :, there] = np.asarray([amplitudes, phases])[:, :, places[there]]
-    return found[0], found[1]
+    return found

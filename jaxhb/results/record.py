@@ -11,7 +11,9 @@ import numpy as np
 
 from jaxhb._jax import Array
 from jaxhb._shown import brief
-from jaxhb.results.signal import Signal
+from jaxhb.results.motion import Motion
+from jaxhb.results.signal import Signal, Summarized
+from jaxhb.train.topology import Topology
 
 PERCENT = 5, 50, 95
 """Percentiles that are given of a distribution over cycles."""
@@ -67,7 +69,7 @@ class SteadySignal(Signal):
 
 @brief
 @dataclass(frozen=True)
-class RecordedSignal:
+class RecordedSignal(Summarized):
     """A quantity over C recorded cycles that do not repeat.
 
     Parameters
@@ -116,19 +118,9 @@ class RecordedSignal:
         return (self.max - self.min) / 2
 
     @property
-    def sum_of_amplitudes(self) -> float:
-        """Sum of the amplitudes."""
-        return self.amplitudes.sum()
-
-    @property
     def per_cycle(self) -> PerCycle:
         """Distribution of the largest and the smallest value of a cycle, as :class:`PerCycle`."""
         return PerCycle.of(self)
-
-    @property
-    def orders(self) -> np.ndarray:
-        """Orders of the amplitudes, per revolution of the reference rotor ``(K,)``."""
-        return np.arange(1, len(self.amplitudes) + 1) / self.revolutions_per_cycle
 
     def order(self, order: float) -> float:
         """Amplitude of one order of the cycle: quadratic mean over the cycles."""
@@ -152,10 +144,6 @@ class RecordedSignal:
         rms = float(np.sqrt(self.rms**2 + 2 * by * self.mean + by**2))
         return dataclasses.replace(self, **moved, rms=rms)
 
-    def extremes(self) -> dict[str, float]:
-        """Plain numbers for programs, as :meth:`jaxhb.Signal.extremes`."""
-        return {name: float(getattr(self, name)) for name in ("mean", "min", "max", "half_peak_to_peak")}
-
     def scaled(self, factor: float) -> RecordedSignal:
         """The quantity times a factor above 0."""
         changed: dict[str, Any] = {
@@ -163,11 +151,9 @@ class RecordedSignal:
         }
         return dataclasses.replace(self, **changed)
 
-    def summary(self) -> dict[str, Any]:
-        """Plain numbers for programs, as :meth:`jaxhb.Signal.summary` with ``[[order, A], ...]``."""
-        spectrum = [[float(o), float(a)] for o, a in zip(self.orders, self.amplitudes, strict=True)]
-        more = {name: float(getattr(self, name)) for name in ("rms", "sum_of_amplitudes")}
-        return self.extremes() | more | {"amplitudes": spectrum}
+    def spectrum(self) -> list[list[float]]:
+        """``[[order, A], ...]``."""
+        return [[float(o), float(a)] for o, a in zip(self.orders, self.amplitudes, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -188,21 +174,49 @@ class SteadyContact:
 
 @brief
 @dataclass(frozen=True)
-class Record:
+class Record(Motion[RecordedSignal, SteadyContact, float]):
     """Signals of every disk, link and gear over recorded cycles, and the contact of every mesh.
 
-    disks, twists, torques, deflections, forces, gears : tuples of :class:`RecordedSignal` in the order of the topology
-    (twists and torques of shafts, then dampers); gears : by disk index; contacts : of the meshes; speeds : of rotation
-    of the disks, rad/s; heat : of shafts, then dampers, W.
+    disks, speeds, twists, torques, deflections, forces, gears : tuples of :class:`RecordedSignal` in the order of the
+    topology (twists and torques of shafts, then dampers); gears : by disk index; contacts : of the meshes; speeds : of
+    rotation of the disks, rad/s; heat : of shafts, then dampers, W.
     """
 
+    topology: Topology = field(repr=False)
     cycles: int
     disks: tuple
+    speeds: tuple
     twists: tuple
     torques: tuple
     deflections: tuple
     forces: tuple
     gears: dict
     contacts: tuple
-    speeds: tuple = ()
-    heat: tuple = ()
+    heat: tuple
+
+    @property
+    def solution(self) -> None:
+        """None: recorded cycles have no harmonic solution."""
+        return None
+
+    def _read(self, quantity, index, sense=1):
+        if quantity == "acceleration":
+            raise ValueError("the motion has no period: its record holds no accelerations")
+        if quantity == "power":
+            return self.heat[index] if index < len(self.heat) else float("nan")
+        if quantity == "twist":
+            a, b = (self.topology.disk_names[disk] for disk in index)
+            index, sense = self.topology.link_index(a, b)
+            if index >= len(self.twists):
+                raise ValueError(f"a record holds the twists of shafts and dampers, and a mesh joins {a!r} and {b!r}")
+        found = {
+            "angle": self.disks,
+            "speed": self.speeds,
+            "twist": self.twists,
+            "torque": self.torques,
+            "force": self.forces,
+            "deflection": self.deflections,
+            "gear_torque": self.gears,
+            "contact": self.contacts,
+        }[quantity][index]
+        return found if sense > 0 else found.reversed()

@@ -16,6 +16,7 @@ from jaxhb.equations.kinematics import rotor_ratios
 from jaxhb.results.contact import Contact, contact_of
 from jaxhb.results.dataset import Dataset, to_xarray
 from jaxhb.results.display import response_html, response_line
+from jaxhb.results.motion import Motion
 from jaxhb.results.signal import Signal
 from jaxhb.results.status import Status
 from jaxhb.train.drivetrain import DriveTrain
@@ -45,14 +46,13 @@ class Fields:
 
 
 @dataclass(frozen=True)
-class Response(Fields):
+class Response(Fields, Motion[Signal, Contact, Array]):
     """Steady periodic motion at one speed, or at several (every array then has a leading axis).
 
     Made by :func:`jaxhb.solve`, :func:`jaxhb.solve_speeds` and :func:`jaxhb.linear_response`; read with :meth:`force`,
     :meth:`torque`, :meth:`twist`, :meth:`gear_torque`, :meth:`power`, :meth:`disk`, :meth:`speed`,
-    :meth:`acceleration`, :meth:`irregularity` and :meth:`mesh`. A pytree whose leaves are its
-    arrays; a response that comes out of a transformation has no ``train``, ``path`` and ``certificate``, which are no
-    arrays.
+    :meth:`acceleration`, :meth:`irregularity` and :meth:`mesh`. A pytree whose leaves are its arrays; a response that
+    comes out of a transformation has no ``train``, ``path`` and ``certificate``, which are no arrays.
 
     Parameters
     ----------
@@ -149,102 +149,56 @@ class Response(Fields):
         rows = jax.tree.map(lambda leaf: leaf[index], self)
         return dataclasses.replace(rows, train=self.train, path=self.path[index] if self.path else ())
 
+    @property
+    def solution(self) -> Self:
+        """The response itself, as what the numbers of any motion are read from."""
+        return self
+
     def _signal(self, coefficients, elastic=None):
         return Signal(coefficients, elastic, self.topology.revolutions_per_cycle, self.resolution)
 
-    def disk(self, name: str) -> Signal:
-        """Vibratory angle of a disk or damper ring, rad; its own sense of rotation positive."""
-        return self._signal(self.angles[..., self.topology.disk_index(name), :])
+    def _read(self, quantity, index, sense=1):
+        match quantity:
+            case "angle":
+                return self._signal(self.angles[..., index, :])
+            case "speed":
+                rate = fourier.derivative(self.angles[..., index, :], self._frequency)
+                ratio = rotor_ratios(self.topology, self.radius)[..., self.topology.rotor[index]]
+                mean = (2 * np.pi / 60 * self.rpm * ratio)[..., None] + 0j
+                # The derivative has no mean: that of the speed is the rotation.
+                return self._signal(namespace(rate, mean).concatenate([mean, rate[..., 1:]], axis=-1))
+            case "acceleration":
+                rate = fourier.derivative(self.angles[..., index, :], self._frequency)
+                return self._signal(fourier.derivative(rate, self._frequency))
+            case "twist":
+                return self._signal(self._twist(*index))
+            case "torque":
+                return self._signal(sense * self.torques[..., index, :], sense * self.elastic_torques[..., index, :])
+            case "force":
+                return self._signal(sense * self.forces[..., index, :], sense * self.elastic_forces[..., index, :])
+            case "deflection":
+                return self._signal(sense * self.deflections[..., index, :])
+            case "gear_torque":
+                senses = np.array([(a == index) - (b == index) for a, b in self.topology.mesh_ends], dtype=float)
+                both, radius = (self.forces, self.elastic_forces), self.radius[..., index, None]
+                return self._signal(*(radius * namespace(f).einsum("g,...gk->...k", senses, f) for f in both))
+            case "power":
+                return self._power(index)
+            case "contact":
+                return self._contact(index)
 
-    def twist(self, a: str, b: str) -> Signal:
-        """Angle of disk a less angle of disk b, rad."""
-        first, second = self.topology.disk_index(a), self.topology.disk_index(b)
-        return self._signal(self.angles[..., first, :] - self.angles[..., second, :])
-
-    def speed(self, name: str) -> Signal:
-        """Speed of rotation of a disk or damper ring, rad/s: the mean speed of its rotor and the vibration."""
-        rate = fourier.derivative(self.angles[..., self.topology.disk_index(name), :], self._frequency)
-        mean = self._mean_speed(name)
-        # The derivative has no mean: that of the speed is the rotation.
-        return self._signal(namespace(rate, mean).concatenate([mean[..., None] + 0j, rate[..., 1:]], axis=-1))
-
-    def acceleration(self, name: str) -> Signal:
-        """Angular acceleration of a disk or damper ring, rad/s2."""
-        angle = self.angles[..., self.topology.disk_index(name), :]
-        return self._signal(fourier.derivative(fourier.derivative(angle, self._frequency), self._frequency))
-
-    def irregularity(self, name: str) -> Array:
-        """Cyclic irregularity of a disk: (largest - smallest speed) / mean speed ``(...)``."""
-        return 2 * self.speed(name).half_peak_to_peak / self._mean_speed(name)
+    def _twist(self, first, second):
+        return self.angles[..., first, :] - self.angles[..., second, :]
 
     @property
     def _frequency(self):
         """Omega of the cycle in rad/s, with an axis for the harmonics."""
         return self.topology.cycle_frequency(namespace(self.rpm).asarray(self.rpm))[..., None]
 
-    def _mean_speed(self, name):
-        ratio = rotor_ratios(self.topology, self.radius)[..., self.topology.rotor[self.topology.disk_index(name)]]
-        return 2 * np.pi / 60 * self.rpm * ratio
-
-    def torque(self, a: str, b: str | None = None) -> Signal:
-        """Torque transmitted by a shaft or damper in N m, positive when a is ahead of b.
-
-        Parameters
-        ----------
-        a, b : str
-            The two disks (a damper's ring goes by the damper's name); or the link's name alone.
-
-        Returns
-        -------
-        Signal
-            Elastic, viscous and loss-factor part together; ``.elastic`` for the stiffness alone.
-        """
-        index, sense = self.topology.link_index(a, b)
-        if index >= self.torques.shape[-2]:
-            name = self.topology.link_names[index]
-            raise ValueError(f"{name!r} is a mesh, not a shaft: use force(...) for its tooth force in N")
-        return self._signal(sense * self.torques[..., index, :], sense * self.elastic_torques[..., index, :])
-
-    def force(self, a: str, b: str | None = None) -> Signal:
-        """Tooth force transmitted by the mesh between gears a and b in N, positive when a drives b.
-
-        Elastic and damping part together; ``.elastic`` for f(l) alone. ``force(b, a)`` is the negative.
-        """
-        index, sense = self._mesh_index(a, b)
-        return self._signal(sense * self.forces[..., index, :], sense * self.elastic_forces[..., index, :])
-
-    def deflection(self, a: str, b: str | None = None) -> Signal:
-        """Deflection l = r_a phi_a - r_b phi_b of a mesh, m."""
-        index, sense = self._mesh_index(a, b)
-        return self._signal(sense * self.deflections[..., index, :])
-
-    def deflection_samples(self, count: int) -> Array:
-        """Deflections of all meshes at ``count`` time samples of the cycle, ``(..., M, count)`` m."""
-        return fourier.sample(self.deflections, count)
-
-    def _mesh_index(self, a, b):
-        index, sense = self.topology.link_index(a, b)
-        if index < self.torques.shape[-2]:
-            name = self.topology.link_names[index]
-            raise ValueError(f"{name!r} is a shaft or damper, not a mesh: use torque(...) for its torque in N m")
-        return index - self.torques.shape[-2], sense
-
-    def power(self, a: str, b: str | None = None) -> Array:
-        """Mean power in W ``(...)`` that a shaft, damper or mesh turns into heat, exact from the harmonics.
-
-            P = sum_{n >= 1} 2 Re(T^n conj(i n Omega theta^n)),
-
-        T the transmitted torque and theta the twist, or tooth force and deflection; the elastic part does no work.
-
-        Parameters
-        ----------
-        a, b : str
-            The two disks (a damper's ring goes by the damper's name), or the link's name alone.
-        """
-        index, _ = self.topology.link_index(a, b)
-        shafts, (first, second) = self.torques.shape[-2], self.topology.link_ends[index]
+    def _power(self, index):
+        shafts = self.torques.shape[-2]
         if index < shafts:
-            passed, bent = self.torques[..., index, :], self.angles[..., first, :] - self.angles[..., second, :]
+            passed, bent = self.torques[..., index, :], self._twist(*self.topology.link_ends[index])
         else:
             bent = self.deflections[..., index - shafts, :]
             # Harmonics of the force beyond those of the motion do no work.
@@ -252,20 +206,7 @@ class Response(Fields):
         xp, rate = namespace(passed, bent), fourier.derivative(bent, self._frequency)
         return 2 * xp.sum((passed * xp.conj(rate)).real, axis=-1)
 
-    def gear_torque(self, name: str) -> Signal:
-        """Torque that a gear passes to its mates, the sum of its mesh forces x radius, N m."""
-        disk = self.topology.disk_index(name)
-        xp = namespace(self.forces)
-        sense = np.array([(a == disk) - (b == disk) for a, b in self.topology.mesh_ends], dtype=float)
-        if not sense.any():
-            raise ValueError(f"{name!r} carries no mesh: gear_torque needs a gear")
-        radius = self.radius[..., disk, None]
-        total = radius * xp.einsum("g,...gk->...k", sense, self.forces)
-        return self._signal(total, radius * xp.einsum("g,...gk->...k", sense, self.elastic_forces))
-
-    def mesh(self, a: str, b: str | None = None) -> Contact:
-        """Contact of a mesh over the cycle (:class:`Contact`); its drive side is that of the scene's order of gears."""
-        index, _ = self._mesh_index(a, b)
+    def _contact(self, index):
         law = jax.tree.map(lambda values: np.asarray(values)[..., index], self.law)
         return contact_of(
             law if self.topology.mesh_backlash[index] else None,
@@ -275,6 +216,10 @@ class Response(Fields):
             self.topology.cycle_frequency(np.asarray(self.rpm)),
             self.resolution,
         )
+
+    def deflection_samples(self, count: int) -> Array:
+        """Deflections of all meshes at ``count`` time samples of the cycle, ``(..., M, count)`` m."""
+        return fourier.sample(self.deflections, count)
 
     def contacts(self) -> dict[str, Contact]:
         """:class:`Contact` of every mesh by name."""

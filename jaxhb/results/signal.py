@@ -18,9 +18,36 @@ MISSED = 0.01
 """Share of the peak by which samples may miss it unsaid."""
 
 
+class Summarized:
+    """What follows from the extremes and amplitudes of a signal, whether it repeats or was recorded."""
+
+    @property
+    def orders(self: Any) -> np.ndarray:
+        """Orders of the amplitudes, per revolution of the reference rotor ``(K,)``."""
+        return np.arange(1, self.amplitudes.shape[-1] + 1) / self.revolutions_per_cycle
+
+    @property
+    def sum_of_amplitudes(self: Any) -> Any:
+        """Sum of the A_k: what published torque curves of crankshafts often show; never below half peak-to-peak."""
+        return self.amplitudes.sum(axis=-1)
+
+    def summary(self: Any) -> dict[str, Any]:
+        """Plain numbers for programs: mean, min, max, rms, half_peak_to_peak, sum_of_amplitudes, amplitudes."""
+        return self.extremes() | {
+            "rms": float(self.rms),
+            "sum_of_amplitudes": float(self.sum_of_amplitudes),
+            "amplitudes": self.spectrum(),
+        }
+
+    def extremes(self: Any) -> dict[str, float]:
+        """Plain numbers for programs: mean, min, max and half_peak_to_peak."""
+        low, high = float(self.min), float(self.max)
+        return {"mean": float(self.mean), "min": low, "max": high, "half_peak_to_peak": (high - low) / 2}
+
+
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Signal:
+class Signal(Summarized):
     """A periodic quantity, or a batch of them.
 
     The signal is ``mean + sum_k A_k cos(order_k theta + phase_k)``, theta the angle of the reference rotor, zero at
@@ -58,11 +85,6 @@ class Signal:
         if self.elastic_coefficients is None:
             raise AttributeError("this signal is not a force or torque: it has no elastic part")
         return Signal(self.elastic_coefficients, None, self.revolutions_per_cycle, self.resolution)
-
-    @property
-    def orders(self) -> np.ndarray:
-        """Orders of the amplitudes, per revolution of the reference rotor ``(K,)``."""
-        return np.arange(1, self.coefficients.shape[-1]) / self.revolutions_per_cycle
 
     @property
     def amplitudes(self) -> Array:
@@ -153,11 +175,6 @@ class Signal:
         return (values.max(axis=-1) - values.min(axis=-1)) / 2 + _nan_of(values)
 
     @property
-    def sum_of_amplitudes(self) -> Array:
-        """Sum of the A_k: what published torque curves of crankshafts often show; never below half peak-to-peak."""
-        return self.amplitudes.sum(axis=-1)
-
-    @property
     def rms(self) -> Array:
         """Root mean square over the cycle, mean included."""
         power = self.coefficients.real**2 + self.coefficients.imag**2
@@ -176,19 +193,6 @@ class Signal:
         scale = jax.lax.stop_gradient(scale) if xp is jnp else scale
         scale = xp.where(scale > 0, scale, 1.0)
         return scale * _power(((values / scale[..., None]) ** p).mean(axis=-1), 1 / p)
-
-    def summary(self) -> dict[str, Any]:
-        """Plain numbers for programs: mean, min, max, rms, half_peak_to_peak, sum_of_amplitudes, amplitudes."""
-        return self.extremes() | {
-            "rms": float(self.rms),
-            "sum_of_amplitudes": float(self.sum_of_amplitudes),
-            "amplitudes": self.spectrum(),
-        }
-
-    def extremes(self) -> dict[str, float]:
-        """Plain numbers for programs: mean, min, max and half_peak_to_peak."""
-        low, high = float(self.min), float(self.max)
-        return {"mean": float(self.mean), "min": low, "max": high, "half_peak_to_peak": (high - low) / 2}
 
     def spectrum(self) -> list[list[float]]:
         """``[[order, A, phase_deg], ...]`` of one signal."""

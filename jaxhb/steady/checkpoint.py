@@ -8,14 +8,13 @@ alone, a sweep that goes on gives the same numbers to the last bit. A file appea
 import contextlib
 import io
 import json
-import os
 from pathlib import Path
 
 import jax
 import numpy as np
 
 from jaxhb import __version__
-from jaxhb._parts import clear_parts, part_of
+from jaxhb._files import clear_parts, write_whole
 from jaxhb._store import blake2, package_hash
 from jaxhb.results.serial import pack, unpack
 
@@ -115,17 +114,8 @@ class Checkpoint:
             return None
 
     def _write(self, name, content):
-        """Write a file beside its place and move it there."""
-        part = part_of(self.folder / name)
         with self._sentence():
-            try:
-                with part.open("wb") as file:
-                    file.write(content)
-                    file.flush()
-                    os.fsync(file.fileno())
-                os.replace(part, self.folder / name)
-            finally:
-                part.unlink(missing_ok=True)
+            write_whole({self.folder / name: [content]})
 
     @contextlib.contextmanager
     def _sentence(self):

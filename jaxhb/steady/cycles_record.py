@@ -41,7 +41,7 @@ def record_of(equations, march):
     speeds = tuple(rate.shifted(mean) for rate, mean in zip(rates, turning, strict=True))
     heat = _heat(equations, topology.cycle_frequency(march.rpm), ends[:shafts], twists, twist_rates)
     found = tuple(deflections), tuple(forces), gears, contacts
-    return Record(march.recorded, disks, twists, torques, *found, speeds, heat)
+    return Record(topology, march.recorded, disks, speeds, twists, torques, *found, heat)
 
 
 def _heat(equations, frequency, ends, twists, rates):

@@ -8,7 +8,8 @@ from trains import build
 
 import jaxhb
 from jaxhb import Damper, Disk, Load, Mesh, SceneError, Shaft, Torque
-from jaxhb.design import Objective, Parameter, Penalty, evaluator, lanes
+from jaxhb.balance.request import Request
+from jaxhb.design import Objective, Parameter, Penalty, evaluation
 from jaxhb.design.quantities import QUANTITIES
 
 SPEEDS = np.array([600.0, 900.0, 1150.0])
@@ -68,15 +69,15 @@ def test_what_is_told_is_what_the_limits_tell(quantity):
 def test_the_gradient_of_limits_is_that_of_differences():
     penalties = tuple(Penalty(quantity=q, of=of, most=1e6 if q == "stress" else 0.05) for q, of in ELEMENTS.items())
     objective = Objective(quantity="stress", of="coupling")
-    task = lanes.Task(PARAMETERS, (objective,), penalties, (True,) * 4)
-    plan = jaxhb.plan(train(), rpm=600.0, harmonics=4)
-    made = evaluator.Evaluator(train(), SPEEDS, task, lambda *_, **__: (plan, [plan] * len(SPEEDS)), fixed=True)
-    made.scales = np.array([1e7])
-    point = made.first(np.array([[0.3, -0.4, 0.2, 0.1]]))
+    task = evaluation.Task(PARAMETERS, (objective,), penalties)
+    made = evaluation.Evaluator(train(), SPEEDS, task, Request(harmonics=4))
+    aim = evaluation.Aim(np.ones((1, 3), dtype=bool), scales=np.array([1e7]), widths=np.array([0.1]), share=0.1)
+    z = np.array([[0.3, -0.4, 0.2, 0.1]])
+    point = made.at(z, made.unsolved(z), aim)
     assert point.solved.all()
 
     def values(z):
-        return np.array([made.at(one[None], point, point.solved).value[0] for one in z])
+        return np.array([made.at(one[None], point, aim).value[0] for one in z])
 
     compare(point.gradient[0], differences(values, point.z[0], np.full(4, 3e-4)), GRADIENT)
 

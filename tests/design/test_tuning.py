@@ -23,8 +23,9 @@ from trains import (
 
 import jaxhb
 from jaxhb import Disk, Shaft, Torque
-from jaxhb.design import Objective, Parameter, Penalty, evaluation, evaluator, lanes
-from jaxhb.design.descent import Descent, _nothing_solved
+from jaxhb.balance.request import Request
+from jaxhb.design import Objective, Parameter, Penalty, evaluation
+from jaxhb.design.descent import Descent, _nothing_solved, best_of
 from jaxhb.linear.sensitivity import frequencies_hz
 from jaxhb.results.status import Status
 from jaxhb.scene.files import _folder
@@ -60,11 +61,11 @@ def test_a_viscous_damper_is_found_to_the_exact_optimum_from_a_factor_ten_away(a
 
 def test_summits_are_where_the_parabola_culminates_and_resolved_by_the_speeds():
     x = np.array([0.0, 1.0, 2.0, 2.0, 4.0, 5.0, 6.0, 7.0])
-    places, at = evaluator.highest_peaks(x, 20.0 - (x - 2.7) ** 2 + 15.0 * (x > 4.5), 3)
+    places, at = evaluation.highest_peaks(x, 20.0 - (x - 2.7) ** 2 + 15.0 * (x > 4.5), 3)
     np.testing.assert_array_equal(places, [5, 2])
     assert at[1] == pytest.approx(2.7, abs=1e-12)
     narrow = np.array([1.0, 1.0, 9.0, 1.0, 1.0])
-    assert not len(evaluator.highest_peaks(np.arange(5.0), narrow, 3)[0])
+    assert not len(evaluation.highest_peaks(np.arange(5.0), narrow, 3)[0])
 
 
 SPEEDS = np.array([1480.0, 1500.0, 1520.0, 1550.0])
@@ -98,19 +99,22 @@ def planned(*_, **__):
 
 
 def bench():
-    task = lanes.Task(PARAMETERS, OBJECTIVES, PENALTIES, (True,) * 6)
-    made = evaluator.Evaluator(hammering(), SPEEDS, task, planned, fixed=True)
-    made.scales, made.widths = np.array([700.0, 1e-3]), np.array([0.05, 0.05])
-    return made
+    task = evaluation.Task(PARAMETERS, OBJECTIVES, PENALTIES)
+    return evaluation.Evaluator(hammering(), SPEEDS, task, Request(harmonics=32))
+
+
+def aim(counted):
+    return evaluation.Aim(counted, scales=np.array([700.0, 1e-3]), widths=np.array([0.05, 0.05]), share=0.05)
 
 
 @pytest.fixture(scope="module")
 def assessed():
     """A bench and two designs on it, lost speeds not taken up the ladder."""
-    made = bench()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("jaxhb.design.evaluation.solve", lambda *_, **__: LOST)
-        return made, made.first(np.array([[0.1, -0.3, 0.4], [0.8, 0.5, -1.0]]))
+        patch.setattr("jaxhb.design.evaluation.plan_designs", planned)
+        made, z = bench(), np.array([[0.1, -0.3, 0.4], [0.8, 0.5, -1.0]])
+        return made, made.at(z, made.unsolved(z), aim(np.ones((2, 4), dtype=bool)), climbs=4)
 
 
 def test_the_gradient_of_objectives_and_penalties_is_that_of_differences(assessed):
@@ -118,7 +122,7 @@ def test_the_gradient_of_objectives_and_penalties_is_that_of_differences(assesse
     counted = point.solved
 
     def values(z):
-        pairs = [made.at(np.stack([one, point.z[1]]), point, counted) for one in z]
+        pairs = [made.at(np.stack([one, point.z[1]]), point, aim(counted)) for one in z]
         return np.array([pair.value[0] for pair in pairs])
 
     compare(point.gradient[0], differences(values, point.z[0], np.full(3, 3e-4)), GRADIENT)
@@ -143,15 +147,15 @@ def test_a_speed_that_fails_is_told_and_neither_counts_nor_spoils_the_others(ass
 
 def test_a_speed_without_a_derivative_counts_as_lost(assessed, monkeypatch):
     made, point = assessed
-    pulls = []
+    pulls, pull = [], evaluation.pull_lanes
 
     def broken(*given, **static):
         pulls.append(given)
-        found = lanes.pull_lanes(*given, **static)
+        found = pull(*given, **static)
         return found.at[1].set(np.nan) if len(pulls) == 1 else found
 
     monkeypatch.setattr("jaxhb.design.evaluation.pull_lanes", broken)
-    again = made.at(point.z, point, point.solved)
+    again = made.at(point.z, point, aim(point.solved))
     np.testing.assert_array_equal(again.status[0] == jaxhb.Status.STALLED, [False, True, False, False])
     assert np.isfinite(again.gradient).all()
     np.testing.assert_array_equal(again.solved[1], point.solved[1])
@@ -159,13 +163,12 @@ def test_a_speed_without_a_derivative_counts_as_lost(assessed, monkeypatch):
 
 def test_a_speed_that_a_march_does_not_find_is_found_by_the_ladder(assessed):
     made, point = assessed
-    own = evaluator.to_unbounded([hammering().value(p.name) for p in PARAMETERS], PARAMETERS)
-    z, slow = np.stack([own, point.z[1]]), np.zeros_like(point.solved)
+    z, slow = np.stack([made.task.unbounded(hammering()), point.z[1]]), np.zeros_like(point.solved)
     slow[0, 3] = True
     unknown = dataclasses.replace(point, status=np.full_like(point.status, jaxhb.Status.MAX_STEPS))
     wanted = np.array([True, False])
-    assert not made.at(z, unknown, slow, wanted=wanted, ladder=0).solved[0, 3]
-    found = made.at(z, unknown, slow, wanted=wanted)
+    assert not made.at(z, unknown, aim(slow), wanted=wanted, climbs=0).solved[0, 3]
+    found = made.at(z, unknown, aim(slow), wanted=wanted)
     assert found.solved[0, 3] and np.isfinite(found.gradient[0]).all()
     response = jaxhb.solve(hammering(), rpm=SPEEDS[3], harmonics=32)
     assert found.readings[0][0, 3] == pytest.approx(float(response.force("crank gear", "idler").order(1.0)), rel=1e-6)
@@ -181,7 +184,7 @@ def test_frequencies_for_penalties_are_the_natural_frequencies():
 @pytest.fixture
 def same_plan(monkeypatch):
     """The plan of the tests above, so that nothing is compiled twice, and a ladder on which 1550 rpm stays lost."""
-    monkeypatch.setattr("jaxhb.design.tuning.plan_designs", planned)
+    monkeypatch.setattr("jaxhb.design.evaluation.plan_designs", planned)
     monkeypatch.setattr("jaxhb.design.evaluation.solve", lambda *_, **__: LOST)
 
 
@@ -229,14 +232,14 @@ def test_a_speed_lost_on_the_way_is_found_by_the_ladder_or_the_step_halved_and_t
     same_plan, monkeypatch, found_again
 ):
     """Every solve at 1500 rpm fails after the first step, until the ladder was asked for it."""
-    armed, asked = [], []
+    armed, asked, read = [], [], evaluation.read_lanes
 
     def ladder(train, rpm, **options):
         asked.append(rpm)
         return jaxhb.solve(train, rpm=rpm, **options) if found_again and rpm == SPEEDS[1] else LOST
 
     def failing(numbers, held, rpm, *rest, **static):
-        smooth, found, (status, *told) = lanes.read_lanes(numbers, held, rpm, *rest, **static)
+        smooth, found, (status, *told) = read(numbers, held, rpm, *rest, **static)
         fails = bool(armed) and SPEEDS[1] not in asked
         return smooth, found, (np.where(fails & (rpm == SPEEDS[1]), jaxhb.Status.STALLED, status), *told)
 
@@ -263,21 +266,20 @@ class Bowl:
     """A bench without equations: (z - 3)^2 summed, a speed is lost beyond z = 1 in each component."""
 
     def __init__(self):
-        self.task, self.widths, self.scales = lanes.Task((), (), (), ()), np.ones(0), np.ones(0)
-        self.calls, self.rpm, self.train, self.peaks = 0, np.ones(2), hammering(), 0
+        self.task, self.rpm, self.train, self.peaks = evaluation.Task((), (), ()), np.ones(2), hammering(), 0
 
-    def first(self, z):
-        self.calls += 1
+    def unsolved(self, z):
+        lost = np.full((len(z), 2), jaxhb.Status.MAX_STEPS)
+        return evaluation.Point(z, np.ones((len(z), 2)), lost, 0 * lost, np.zeros((len(z), 2, 2, PLAN.harmonics + 1)))
+
+    def at(self, z, near, aim, **_):
         status = np.zeros((len(z), 2), dtype=int)
         status[:, 1] = np.where((z > 1.0).any(1), jaxhb.Status.STALLED, 0)
-        motion = np.zeros((len(z), 2, 2, PLAN.harmonics + 1))
-        return evaluation.Point(z, ((z - 3) ** 2).sum(1), 2 * (z - 3), status, 0 * status, motion, ())
+        value, gradient = ((z - 3) ** 2).sum(1), 2 * (z - 3)
+        return dataclasses.replace(near, z=z, status=status, value=value, gradient=gradient, readings=())
 
-    def at(self, z, near, counted, **_):
-        return self.first(z)
-
-    def finer_plans(self, point, counted):
-        return False
+    def finer(self, point, counted):
+        return None
 
     def described(self, point, best):
         return ""
@@ -286,24 +288,21 @@ class Bowl:
         return dict(enumerate(z.tolist()))
 
 
-@pytest.mark.parametrize("searching", [True, False])
-def test_no_step_that_loses_a_speed_is_accepted(searching):
-    from jaxhb.design.tuning import OPTIMIZERS
-
+@pytest.mark.parametrize("optimizer", ["lbfgs", "adam"])
+def test_no_step_that_loses_a_speed_is_accepted(optimizer):
     descent = Descent(
         Bowl(),
-        OPTIMIZERS["lbfgs" if searching else "adam"](),
-        searching=searching,
+        optimizer,
         rate=0.4,
         widths=(0.1,),
         improvement=1e-6,
         patience=3,
         on_step=lambda step: None,
     )
-    first, best, winner, *_ = descent.run(np.array([[0.0, -0.5], [0.3, 0.2]]), 20)
+    first, best, *_ = descent.run(np.array([[0.0, -0.5], [0.3, 0.2]]), 20)
     assert best.solved.all() and (best.value < first.value).all()
     assert (best.z <= 1.0).all() and best.z.max(1) == pytest.approx(1.0, abs=0.05)
-    assert winner == np.argmin(best.value)
+    assert best_of(best) == np.argmin(best.value)
 
 
 WRONG = {

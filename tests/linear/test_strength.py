@@ -249,7 +249,7 @@ def record_of(state):
     topology = state.topology
     torques = tuple(recorded(state.torque(name)) for name in topology.shaft_names + topology.damper_names)
     forces = tuple(recorded(state.force(name)) for name in topology.mesh_names)
-    return Record(1, (), (), torques, (), forces, {}, ())
+    return Record(topology, 1, (), (), (), torques, (), forces, {}, (), heat=(np.nan,) * len(torques))
 
 
 def test_a_limit_without_the_rated_speed_is_refused():

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from jaxhb.design.evaluator import label
+from jaxhb.design.quantities import label
 from jaxhb.equations import fourier
 from jaxhb.equations.backlash import separated
 from jaxhb.report.figures.draw import drawn

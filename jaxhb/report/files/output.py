@@ -10,7 +10,7 @@ import os
 import sys
 from pathlib import Path
 
-from jaxhb._parts import clear_parts, part_of
+from jaxhb._files import clear_parts, write_whole
 
 PICTURES = (".png", ".svg", ".pdf")
 ANSWERED, NOT_ANSWERED, INTERRUPTED = 0, 1, 130
@@ -66,40 +66,29 @@ def make_folders(names):
 
 
 def write_files(contents):
-    """Write all files or none: each beside its name first, then moved there; nobody ever sees half a file.
-
-    Under the name "-" the content goes to standard output, after the files.
+    """Write all files or none, and under the name "-" to standard output, after the files.
 
     Parameters
     ----------
     contents : dict
         ``{name: iterable of bytes}``. What fails while a content is made, leaves no file behind.
     """
-    streamed, beside = contents.pop(STANDARD_OUTPUT, None), {}
-    try:
-        for name, parts in contents.items():
-            path = Path(name).resolve()
-            beside[name] = part_of(path)
-            clear_parts(path.parent, glob.escape(path.name))
-            with _sentence(name), beside[name].open("wb") as file:
-                file.writelines(parts)
-        for name, part in beside.items():
-            with _sentence(name):
-                os.replace(part, Path(name).resolve())
-    finally:
-        for part in beside.values():
-            part.unlink(missing_ok=True)
+    streamed = contents.pop(STANDARD_OUTPUT, None)
+    for path in map(Path, contents):
+        clear_parts(path.resolve().parent, glob.escape(path.resolve().name))
+    with _sentence():
+        write_whole(contents)
     if streamed is not None:
         sys.stdout.flush()
         sys.stdout.buffer.writelines(streamed)  # UTF-8, whatever the terminal shows
 
 
 @contextlib.contextmanager
-def _sentence(name):
+def _sentence(name=None):
     try:
         yield
     except OSError as error:
-        raise OutputError(f"{name!r} cannot be written: {error.strerror}.") from None
+        raise OutputError(f"{name or error.filename!r} cannot be written: {error.strerror}.") from None
 
 
 def as_json(record):

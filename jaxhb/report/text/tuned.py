@@ -4,8 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from jaxhb.design.evaluator import label
-from jaxhb.design.quantities import OF_DESIGN, unit_of
+from jaxhb.design.quantities import OF_DESIGN, label, unit_of
 from jaxhb.linear import strength
 from jaxhb.report.files.record import finite
 from jaxhb.report.quantities import shown_unit

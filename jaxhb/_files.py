@@ -1,0 +1,56 @@
+"""Files that appear whole or not at all, and what killed processes leave of them."""
+
+import os
+from pathlib import Path
+
+PART = ".part"
+"""Ends the name of a file that is being written, after the number of its process."""
+
+
+def write_whole(contents):
+    """Write all files or none: each beside its place first, then moved there; nobody ever sees half a file.
+
+    Parameters
+    ----------
+    contents : dict
+        ``{path: iterable of bytes}``. What fails while a content is made, leaves no file behind.
+
+    Raises
+    ------
+    OSError
+        With the path as it was given for ``filename``.
+    """
+    beside = {}
+    try:
+        for name, content in contents.items():
+            path = Path(name).resolve()
+            beside[name] = path.with_name(f".{path.name}.{os.getpid()}{PART}")
+            with beside[name].open("wb") as file:
+                file.writelines(content)
+                file.flush()
+                os.fsync(file.fileno())
+        for name, part in beside.items():
+            os.replace(part, Path(name).resolve())
+    except OSError as error:
+        error.filename = name
+        raise
+    finally:
+        for part in beside.values():
+            part.unlink(missing_ok=True)
+
+
+def clear_parts(folder, pattern="*"):
+    """Remove half-written files of processes of this machine that were killed; of names that match a glob pattern."""
+    for part in Path(folder).glob(f".{pattern}.*{PART}"):
+        owner = part.name.removesuffix(PART).rpartition(".")[2]
+        if owner.isdecimal() and not _runs(int(owner)):
+            part.unlink(missing_ok=True)
+
+
+def _runs(process):
+    """Whether a process of this machine runs."""
+    try:
+        os.kill(process, 0)
+    except OSError as error:
+        return isinstance(error, PermissionError)
+    return True

@@ -1,0 +1,116 @@
+"""Readers by name of any motion: of a response, of recorded cycles, and of a steady state, which is one of both."""
+
+from __future__ import annotations
+
+from typing import Any, Generic, TypeVar
+
+from jaxhb.train.topology import Topology
+
+SignalOf = TypeVar("SignalOf")
+ContactOf = TypeVar("ContactOf")
+NumberOf = TypeVar("NumberOf")
+
+
+class Motion(Generic[SignalOf, ContactOf, NumberOf]):
+    """Readers by name; what extends it says in ``_read`` what a quantity is at an index of the topology."""
+
+    topology: Topology
+
+    def _read(self, quantity: str, index: Any, sense: int = 1) -> Any:
+        """A quantity of the disk, gear, link or mesh ``index``, of a twist the two disks; times ``sense``."""
+        raise NotImplementedError
+
+    @property
+    def solution(self) -> Any:
+        """The :class:`jaxhb.Response` that the numbers are read from; None of recorded cycles."""
+        raise NotImplementedError
+
+    def disk(self, name: str) -> SignalOf:
+        """Vibratory angle of a disk or damper ring, rad; its own sense of rotation positive."""
+        return self._read("angle", self.topology.disk_index(name))
+
+    def speed(self, name: str) -> SignalOf:
+        """Speed of rotation of a disk or damper ring, rad/s: the mean speed of its rotor and the vibration."""
+        return self._read("speed", self.topology.disk_index(name))
+
+    def acceleration(self, name: str) -> SignalOf:
+        """Angular acceleration of a disk or damper ring, rad/s2; recorded cycles have none."""
+        return self._read("acceleration", self.topology.disk_index(name))
+
+    def irregularity(self, name: str) -> NumberOf:
+        """Cyclic irregularity of a disk: (largest - smallest speed) / mean speed; of a record over all its cycles."""
+        speed: Any = self.speed(name)
+        return 2 * speed.half_peak_to_peak / speed.mean
+
+    def twist(self, a: str, b: str) -> SignalOf:
+        """Angle of disk a less angle of disk b, rad; of a record only where a shaft or damper joins them."""
+        return self._read("twist", (self.topology.disk_index(a), self.topology.disk_index(b)))
+
+    def torque(self, a: str, b: str | None = None) -> SignalOf:
+        """Torque transmitted by a shaft or damper in N m, positive when a is ahead of b.
+
+        Parameters
+        ----------
+        a, b : str
+            The two disks (a damper's ring goes by the damper's name); or the link's name alone.
+
+        Returns
+        -------
+        Signal
+            Elastic, viscous and loss-factor part together; ``.elastic`` for the stiffness alone.
+        """
+        index, sense = self.topology.link_index(a, b)
+        if index >= self._shafts:
+            name = self.topology.link_names[index]
+            raise ValueError(f"{name!r} is a mesh, not a shaft: use force(...) for its tooth force in N")
+        return self._read("torque", index, sense)
+
+    def force(self, a: str, b: str | None = None) -> SignalOf:
+        """Tooth force transmitted by the mesh between gears a and b in N, positive when a drives b.
+
+        Elastic and damping part together; ``.elastic`` for f(l) alone. ``force(b, a)`` is the negative.
+        """
+        return self._read("force", *self._mesh_index(a, b))
+
+    def deflection(self, a: str, b: str | None = None) -> SignalOf:
+        """Deflection l = r_a phi_a - r_b phi_b of a mesh, m."""
+        return self._read("deflection", *self._mesh_index(a, b))
+
+    def gear_torque(self, name: str) -> SignalOf:
+        """Torque that a gear passes to its mates, the sum of its mesh forces x radius, N m."""
+        disk = self.topology.disk_index(name)
+        if not any(disk in ends for ends in self.topology.mesh_ends):
+            raise ValueError(f"{name!r} carries no mesh: gear_torque needs a gear")
+        return self._read("gear_torque", disk)
+
+    def power(self, a: str, b: str | None = None) -> NumberOf:
+        """Mean power in W that a shaft, damper or mesh turns into heat; nan of a mesh of recorded cycles.
+
+        Exact from the harmonics of a response,
+
+            P = sum_{n >= 1} 2 Re(T^n conj(i n Omega theta^n)),
+
+        T the transmitted torque and theta the twist, or tooth force and deflection; the elastic part does no work.
+
+        Parameters
+        ----------
+        a, b : str
+            The two disks (a damper's ring goes by the damper's name), or the link's name alone.
+        """
+        return self._read("power", self.topology.link_index(a, b)[0])
+
+    def mesh(self, a: str, b: str | None = None) -> ContactOf:
+        """Contact of a mesh over the cycle; its drive side is that of the scene's order of gears."""
+        return self._read("contact", self._mesh_index(a, b)[0])
+
+    @property
+    def _shafts(self):
+        """Number of shafts and dampers, the links before the meshes."""
+        return len(self.topology.link_names) - len(self.topology.mesh_names)
+
+    def _mesh_index(self, a, b):
+        index, sense = self.topology.link_index(a, b)
+        if index < self._shafts:
+            name = self.topology.link_names[index]
+            raise ValueError(f"{name!r} is a shaft or damper, not a mesh: use torque(...) for its torque in N m")
+        return index - self._shafts, sense
