@@ -80,7 +80,7 @@ def sliced_parts():
 
 def test_disks_with_teeth_branches_and_the_grounded_one_are_kept():
     train = build(sliced_parts(), reference="flywheel")
-    condensed = chain.span(train.topology).condensed
+    condensed = chain.span(train.topology).condensation
     assert [train.topology.disk_names[i] for i in condensed.kept] == ["flywheel", "crank gear", "idler", "pump gear"]
     kept = len(condensed.kept)
     assert sorted([*condensed.disk, *condensed.kept]) == list(range(train.topology.n_disks))
