@@ -35,7 +35,7 @@ def test_pressure_tables_are_told_by_file_peak_angle_and_what_changes_them_over_
     ]
     (said,) = column(source, "factor over the speed")
     assert said.endswith("16 points from 997.847 to 2550.55 rpm, six_cylinder_diesel_peak_pressure.csv")
-    folder = jaxhb.__path__[0] + "/model/scenes/"
+    folder = jaxhb.__path__[0] + "/scene/scenes/"
     factor = np.loadtxt(folder + "six_cylinder_diesel_peak_pressure.csv", delimiter=",")
     pressure = np.loadtxt(folder + "six_cylinder_diesel_pressure.csv", delimiter=",")
     place = pressure[:, 1].argmax()
@@ -72,7 +72,7 @@ def test_given_orders_are_amplitudes_and_phases_of_the_reference_rotor_the_same_
     assert valves.heads[2:] == [f"valves {bank}{k}" for bank in "AB" for k in range(1, 6)]
     assert pump.columns[0] == ["3", "6"]
     assert "gear_train_30_gas_torque.csv" in gas.title and "all 10 cylinders" in gas.title
-    given = np.loadtxt(jaxhb.__path__[0] + "/model/scenes/gear_train_30_gas_torque.csv", delimiter=",")
+    given = np.loadtxt(jaxhb.__path__[0] + "/scene/scenes/gear_train_30_gas_torque.csv", delimiter=",")
     for part in range(3):
         cells = zip(*gas.columns[3 * part : 3 * part + 3], given[8 * part : 8 * part + 8], strict=True)
         for order, amplitude, phase, (wanted, real, imaginary) in cells:

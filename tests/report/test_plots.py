@@ -1,5 +1,6 @@
 """Pictures, by what their axes hold."""
 
+import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
@@ -56,6 +57,16 @@ def test_nothing_is_shaded_where_all_teeth_stay_in_contact(pair):
     assert not in_the_gap(linear, "gear a|gear b", 64).any()
 
 
+def test_an_unknown_motion_has_its_reason_in_the_picture_and_the_line_without_backlash_alone(pair):
+    nothing = {"kind": "unknown", "period": 0, "response": None, "notes": ("it gains speed",)}
+    unknown = Answer(pair.train, dataclasses.replace(pair.state, **nothing), pair.linear)
+    figure = plot_cycle(unknown)
+    assert figure.get_suptitle() == "spur_pair, 5000 rpm: unknown: it gains speed"
+    for axes in figure.axes:
+        curves = [one for one in axes.get_lines() if len(one.get_xdata()) > 2]
+        assert [one.get_linestyle() for one in curves] == ["--"] and not axes.patches
+
+
 def test_the_picture_shows_the_gear_of_the_reference_rotor():
     train = jaxhb.load_scene("gear_train_30")
     linear = jaxhb.linear_response(train, rpm=1800.0)
@@ -90,7 +101,8 @@ def test_the_bars_of_several_meshes_stand_beside_each_other():
     width = np.ptp(figure.layout["xaxis"]["range"])
     beside = 1800.0 + BESIDE * width
     wanted = [1800, 1800, None, 2000, 2000, None, *[beside] * 2, None, *[beside + 200] * 2, None]
-    assert bars["x"] == pytest.approx(wanted, rel=0.5 * 10 ** (1 - DIGITS))
+    found, wanted = (np.array(values, float) for values in (bars["x"], wanted))
+    np.testing.assert_allclose(found, wanted, rtol=0.5 * 10 ** (1 - DIGITS))
     assert bars["y"] == [1.0, 3.0, None] * 4
 
 

@@ -13,9 +13,9 @@ POINTS = 0.8
 """Of a line or marker, for a pixel of the page."""
 KEYS = {"fontsize": 7.5, "handlelength": 3.8, "handletextpad": 0.6, "columnspacing": 1.3, "labelspacing": 0.3}
 """Sizes of the legend, in which as many names find room as on the page."""
-LETTERS = 105
+LETTERS = 112
 """Of a line of a caption."""
-DASHES = {"solid": "-", "dash": "--", "dashdot": "-.", "dot": ":"}
+DASHES: dict = {"solid": "-", "dash": "--", "dashdot": "-.", "dot": ":"}
 DASHES |= {"longdash": (0, (9, 2.5)), "longdashdot": (0, (9, 2, 1.5, 2))}
 MARKERS = {symbol.removesuffix("-open"): marker for marker, symbol, *_ in MOTIONS.values()}
 MARKERS |= {"triangle-up": "^", "cross": "P"}

@@ -97,7 +97,8 @@ def orders_figure(response, element, misfires, title=""):
         traces[-1]["line"] |= {"width": 1.0}
     panels = [(f"{KINDS[element.kind][1]}, {unit}", top_of(*(trace["y"] for trace in traces)))]
     traces += crosses(rpm[~converged])
-    made = layout("speed, rpm", panels, traces, x_range=(float(rpm[0]), float(rpm[-1])), heights=[220])
+    across = (rpm[0], rpm[-1]) if len(rpm) > 1 else None
+    made = layout("speed, rpm", panels, traces, x_range=across, heights=[220])
     said = f"linear forced response over the speed, {title}".removesuffix(", ")
     return Figure(f"{plain(element.name)}: {said}, {unit}", traces, made)
 
