@@ -27,6 +27,8 @@ ORACLES = (
     "test_derivative_paths",
     "test_orbits",
     "test_derivative_table",
+    "test_toolbox_derivatives",
+    "test_two_paths",
     "test_homotopy",
     "test_exact_integrals",
     "test_certificate",
@@ -35,7 +37,7 @@ ORACLES = (
     "test_stress",
     "test_benchmarks",
 )
-"""Files of slow second ways, whose tests are marked "oracle": they run with ``-m ""``."""
+"""Files of slow second ways, whose tests are marked "oracle" as a few others are: they run with ``-m ""``."""
 
 LONGEST = ("test_examples", *ORACLES[:1], "test_tuning", "test_gear_train_30", *ORACLES[1:])
 """Files that take longest though they have few tests; the others go by folder."""

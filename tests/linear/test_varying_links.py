@@ -153,6 +153,7 @@ def test_amplitudes_that_are_not_found_are_told(monkeypatch):
 KEYS = ["coupling.stiffness", "coupling.loss_factor", "coupling.damping", "pump.inertia", "absorber.order"]
 
 
+@pytest.mark.oracle
 def test_derivatives_of_varying_links_are_those_of_differences():
     train = train_of(over_hz=OVER_HZ, over_amplitude=OVER_AMPLITUDE, order=1.6)
     at = np.array([train.value(key) for key in KEYS] + [1.0])

@@ -35,6 +35,7 @@ def test_tooth_forces_and_separation_are_those_of_the_reference_integration(trai
     assert np.allclose(moments, row["gear_11_peak_moment_transmitted_Nm"], rtol=2e-3)
 
 
+@pytest.mark.oracle
 def test_two_threads_return():
     """They solve, differentiate, batch and compile at the same time, in a process of their own, as some may hang."""
     script = Path(__file__).parents[2] / "benchmarks" / "threads.py"
