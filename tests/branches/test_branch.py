@@ -76,6 +76,7 @@ def dense_point(branch, number):
     return np.concatenate([deflection[:1].real, 2 * rest.real, -2 * rest.imag]), branch.value[number] * 2 * np.pi / 60
 
 
+@pytest.mark.oracle
 @pytest.mark.parametrize("longest", [0.1, 0.05, 0.025])
 def test_the_eight_folds_of_the_chain_are_found_at_any_limit_of_the_steps(longest):
     """Published are extremes of sampled curves: within 1e-3, the last within 1.5e-3 (the dense equations decide)."""
@@ -184,6 +185,7 @@ def test_a_train_without_backlash_has_no_branch_to_follow():
         jaxhb.follow(jaxhb.load_scene("six_cylinder_diesel"), "rpm", start=1000.0, to=1500.0)
 
 
+@pytest.mark.oracle
 def test_a_branch_of_twice_the_period_leaves_at_a_period_doubling():
     """Of the lightly loaded pair: extremes and multipliers of its stable points are those of event-exact motions."""
     natural = ONE_RADIAN_PER_SECOND

@@ -234,6 +234,7 @@ def test_another_table_of_the_same_name_is_not_overwritten(scene, tmp_path, caps
     assert (tmp_path / "six_cylinder_diesel_pressure.csv").read_text(encoding="utf-8") == "mine"
 
 
+@pytest.mark.oracle
 def test_a_design_whose_tuned_orbit_is_not_what_the_train_does_is_told():
     """A lightly loaded pair: attracted to one cycle at 4000 rpm, irregular at 6000 rpm, where an orbit exists too."""
     mesh = "gear a|gear b"

@@ -31,6 +31,7 @@ from jaxhb.results.status import Status
 from jaxhb.scene.files import _folder
 
 
+@pytest.mark.oracle
 @pytest.mark.parametrize(("row", "stiffer", "stronger"), [(0, 0.1, 10.0), (1, 10.0, 0.1)])
 def test_a_tuned_damper_is_found_to_the_exact_optimum_from_a_factor_ten_away_in_both(row, stiffer, stronger):
     entry = reference("damper_optima")["tuned_damper_Den_Hartog"]["rows"][row]
@@ -46,6 +47,7 @@ def test_a_tuned_damper_is_found_to_the_exact_optimum_from_a_factor_ten_away_in_
     assert np.sqrt(at[0] / (mu * INERTIA)) / NATURAL == pytest.approx(exact["f"], abs=5e-4)
 
 
+@pytest.mark.oracle
 @pytest.mark.parametrize("away", [0.1, 10.0])
 def test_a_viscous_damper_is_found_to_the_exact_optimum_from_a_factor_ten_away(away):
     entry = reference("damper_optima")["viscous_untuned_Houdaille"]["rows"][1]

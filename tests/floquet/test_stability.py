@@ -41,6 +41,7 @@ def error_of_trace(harmonics):
     return abs(np.sum(multipliers) - float(expected["monodromy_trace"]))
 
 
+@pytest.mark.oracle
 def test_multipliers_converge_to_those_of_the_true_periodic_motion():
     """Fourth order, as the largest error of the motion does."""
     assert error_of_trace(128) < 2e-7
@@ -157,6 +158,7 @@ def rattling():
     return response
 
 
+@pytest.mark.oracle
 def test_the_multipliers_are_those_of_hills_matrix():
     """Damping in contact lets slopes jump: the error falls as the inverse square of the harmonics, 100 here."""
     expected, found = hill(rattling(), 100), jaxhb.stability(rattling()).multipliers

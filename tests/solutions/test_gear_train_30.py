@@ -42,6 +42,7 @@ def test_two_threads_return():
     subprocess.run([sys.executable, script], check=True, timeout=300)
 
 
+@pytest.mark.oracle
 def test_error_against_shooting_falls_with_the_harmonics(train):
     """And the estimate made without any integration is within a factor 3 of the true error."""
     errors = []
@@ -63,6 +64,7 @@ def test_a_misfire_is_felt_by_the_gears(train):
     assert limping.gear_torque("crank gear").order(0.5) > 2 * normal.gear_torque("crank gear").order(0.5)
 
 
+@pytest.mark.oracle
 def test_an_estimate_below_the_mesh_modes_is_not_believed(train):
     """With a wide smooth zone the teeth live in it: 96 harmonics gave 13 % error at an estimate of 0.8 %."""
     count = len(train.topology.mesh_names)

@@ -59,6 +59,7 @@ def test_a_cycle_several_times_as_long_has_the_same_excitation_at_multiples_of_i
             assert not often[:, others].any()
 
 
+@pytest.mark.oracle
 def test_responses_over_a_longer_cycle_have_the_same_forces_at_the_same_orders():
     train = jaxhb.load_scene("gear_train_30")
     once, twice = (jaxhb.solve(t, rpm=1200.0) for t in (train, train.repeated(2)))
@@ -163,6 +164,7 @@ def irregular():
     return jaxhb.steady_state(jaxhb.load_scene("gear_train_30"), rpm=2400.0)
 
 
+@pytest.mark.oracle
 def test_the_packaged_train_hammers_irregularly_with_the_statistics_of_a_finer_integration():
     state, train = irregular(), jaxhb.load_scene("gear_train_30")
     assert (state.kind, state.period) == ("irregular", 0)
@@ -310,6 +312,7 @@ def test_a_short_march_is_what_was_asked():
     assert (state.record.cycles, state.cycles) == (16, 24)
 
 
+@pytest.mark.oracle
 def test_a_motion_to_which_a_train_takes_hundreds_of_cycles_is_waited_for():
     """Its mode takes 113 cycles to decay; Runge-Kutta through links (``benchmarks/kinds.py``) has this period, too."""
     pair = jaxhb.load_scene("spur_pair").replace({"gear a|gear b.damping": 31.8})
