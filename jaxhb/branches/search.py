@@ -142,10 +142,10 @@ def _settled(train, rpm, request):
     """(Response, period) of motions on which marches settle, from several starts side by side."""
     near = rpm * np.array(SEARCH.neighbours)
     states = Classifier(train, near, request, True, Cycles()).march_to_the_end(list(range(len(near))), {})
-    starts = _starts(train, rpm) + [state.motion for state in states.values() if state.motion is not None]
-    classifier = Classifier(train, np.full(len(starts) + 1, rpm), request, True, Cycles())
+    begun = _starts(train, rpm) + [state.motion for state in states.values() if state.motion is not None]
+    classifier = Classifier(train, np.full(len(begun) + 1, rpm), request, True, Cycles())
     states = classifier.march_to_the_end(
-        list(range(len(starts) + 1)), dict(enumerate(starts, 1))
+        list(range(len(begun) + 1)), dict(enumerate(begun, 1))
     )  # the first: on the drive sides
     return [(state.response, state.period) for state in states.values() if state.response is not None]
 

@@ -1,4 +1,5 @@
-"""Design: objectives to be differentiated, and tuning by gradient (``tune``, which loads optax when first used)."""
+"""Which numbers are best: objectives to be differentiated, and tuning by gradient. A train, parameters and objectives
+go in; a tuned train and its history come out."""
 
 import importlib
 from typing import TYPE_CHECKING

@@ -1,2 +1,2 @@
 """The equations of a drive train: law of the teeth, Fourier coefficients, dynamic stiffness, condensed equation, state
-space. Arrays go in and arrays come out; nothing here knows names, files or options."""
+space. Arrays go in and arrays come out."""

@@ -115,7 +115,7 @@ class CondensedTrain:
     """The linear train under its load, and under forces at the active meshes as well.
 
     system : System; frequency : rad/s; load : complex ``(S, E+1)`` N; columns ``(S, G)`` of D^T of the active
-    meshes; balance : how the train takes the load alone (:func:`~.linear_train.balance`), ``(E+1,)`` N each.
+    meshes; balance : how the train takes the load alone (``dynamic_stiffness.balance``), ``(E+1,)`` N each.
     """
 
     system: object

@@ -377,7 +377,7 @@ def _square(values):
 
 
 def judged(left, load, force):
-    """Residual and status ``(...)`` of linear solves, from their :func:`~.linear_train.balance` ``(..., H)``.
+    """Residual and status ``(...)`` of linear solves, from their ``dynamic_stiffness.balance`` ``(..., H)``.
 
     Singular equations have a huge motion, or forces that miss the balance, and are finite; what is not has overflowed.
     """

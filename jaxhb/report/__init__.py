@@ -1,1 +1,2 @@
-"""How an answer is told. Answers go in; text, files, figures and pages come out."""
+"""How an answer is told. A train and what is asked go in; answers come out, and of these text, files, figures and
+pages."""

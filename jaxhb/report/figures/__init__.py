@@ -1,1 +1,2 @@
-"""Answers as figures, readable without colour: one specification, which the page shows and matplotlib draws."""
+"""Answers as figures, readable without colour. Answers go in; figures come out as plain dictionaries, or drawn by
+matplotlib."""

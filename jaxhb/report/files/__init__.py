@@ -1,1 +1,2 @@
-"""Answers for programs: JSON, CSV and NetCDF files, which appear whole or not at all."""
+"""Answers for programs. Answers go in; the contents of JSON, CSV and NetCDF files come out, which are written whole or
+not at all."""

@@ -1,1 +1,1 @@
-"""The page of a report: one HTML file with tables and figures, which needs no network."""
+"""The page of a report. Answers go in; one HTML file with tables and figures comes out, which needs no network."""

@@ -1,1 +1,1 @@
-"""Answers as text: sentences and tables for the terminal. Answers go in, lines come out."""
+"""Answers as text, and the plain numbers and rows behind it. Answers go in; sentences, tables and records come out."""
