@@ -151,7 +151,8 @@ def not_debugging():
 
 def keep_compiled(folder):
     """Let jax keep what it compiles in ``folder``, unless the user has chosen one."""
-    if _jax.config.jax_compilation_cache_dir is None:
-        _jax.config.update("jax_compilation_cache_dir", str(folder))
-        _jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
-        _jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+    config = load().config
+    if config.jax_compilation_cache_dir is None:
+        config.update("jax_compilation_cache_dir", str(folder))
+        config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+        config.update("jax_persistent_cache_min_entry_size_bytes", -1)
