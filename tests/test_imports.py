@@ -98,6 +98,11 @@ def test_importing_the_package_switches_jax_to_double_precision():
     assert printed("import jaxhb; import jax; print(jax.numpy.ones(1).dtype)") == "float64"
 
 
+def test_programs_are_kept_before_anything_of_the_package_has_loaded_jax(tmp_path):
+    code = f"from jaxhb._program import cache_programs; print(cache_programs({str(tmp_path)!r}).parent)"
+    assert printed(code) == str(tmp_path)
+
+
 @pytest.mark.parametrize("before", ["0", None])
 def test_processes_started_after_the_first_use_have_the_precision_that_they_had(before, monkeypatch):
     monkeypatch.delenv("JAX_ENABLE_X64", raising=False)
