@@ -22,35 +22,16 @@ import jax  # noqa: E402
 MOST_MAPS = 30_000
 """Memory maps of a process above which its programs are dropped: docs/how_to/start_up.md has what a solve takes."""
 
-ORACLES = (
-    "test_notebooks",
-    "test_derivative_paths",
-    "test_orbits",
-    "test_derivative_table",
-    "test_toolbox_derivatives",
-    "test_two_paths",
-    "test_homotopy",
-    "test_exact_integrals",
-    "test_certificate",
-    "test_galerkin_convergence",
-    "test_devices",
-    "test_stress",
-    "test_benchmarks",
-)
-"""Files of slow second ways, whose tests are marked "oracle" as a few others are: they run with ``-m ""``."""
-
-LONGEST = ("test_examples", *ORACLES[:1], "test_tuning", "test_gear_train_30", *ORACLES[1:])
-"""Files that take longest though they have few tests; the others go by folder."""
+LONGEST = ("test_examples", "test_notebooks", "test_tuning", "test_gear_train_30")
+"""Files that take longest though they have few tests; those with tests marked "oracle" follow, the others by folder."""
 
 
 @pytest.hookimpl(tryfirst=True)  # before marks select
 def pytest_collection_modifyitems(items):
     """The longest files first: a worker that takes one of them last leaves the others idle."""
     rank = {name: place for place, name in enumerate(LONGEST)}
-    items.sort(key=lambda item: rank.get(item.path.stem, len(rank)))
-    for item in items:
-        if item.path.stem in ORACLES:
-            item.add_marker("oracle")
+    slow = {item.path for item in items if item.get_closest_marker("oracle")}
+    items.sort(key=lambda item: rank.get(item.path.stem, len(rank) + (item.path not in slow)))
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -9,6 +9,8 @@ import jaxhb
 from jaxhb.equations.residual import backlash_meshes
 from jaxhb.train import chain
 
+pytestmark = pytest.mark.oracle
+
 FOLDER = Path(__file__).parents[1] / "benchmarks"
 STEPS = 12000
 

@@ -13,6 +13,8 @@ from trains import ONE_RADIAN_PER_SECOND, build, one_mass_parts
 
 import jaxhb
 
+pytestmark = pytest.mark.oracle
+
 
 @cache
 def one_mass():

@@ -10,6 +10,8 @@ from tolerances import GRADIENT, TANGENT
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from derivatives import PLANS, parameters, table
 
+pytestmark = pytest.mark.oracle
+
 sys.path.pop(0)
 CASES = [(path, kind) for path in PLANS if path != "exact" for kind in parameters(path)]
 

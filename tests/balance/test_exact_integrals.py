@@ -11,6 +11,8 @@ from trains import ONE_RADIAN_PER_SECOND, branched_parts, build, one_mass_parts
 
 import jaxhb
 
+pytestmark = pytest.mark.oracle
+
 KEYS = (
     "crank gear|idler.stiffness",
     "crank gear|idler.damping",

@@ -25,6 +25,8 @@ from jaxhb.floquet.variational import propagation
 from jaxhb.results.bounds import Kantorovich
 from jaxhb.train import chain
 
+pytestmark = pytest.mark.oracle
+
 WITHIN = 1.6
 """A bound over the true error where the error is mostly that of the truncation, which the bound adds up exactly."""
 

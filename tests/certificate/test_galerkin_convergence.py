@@ -25,6 +25,8 @@ from jaxhb.certificate.linearization import Linearization
 from jaxhb.equations import backlash, fourier
 from jaxhb.equations.residual import backlash_meshes
 
+pytestmark = pytest.mark.oracle
+
 LEVELS, FINE = (12, 17, 24, 34, 48, 68, 96), 256
 SAMPLES = 2**14
 """Of force and stiffness: what aliases is what their coefficients are at this harmonic, 1e-8 of the stiffness."""

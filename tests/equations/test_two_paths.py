@@ -16,6 +16,8 @@ from jaxhb.equations import fourier
 from jaxhb.equations.residual import residual
 from jaxhb.results.status import Status
 
+pytestmark = pytest.mark.oracle
+
 RPM, HARMONICS = 12000.0, 32
 """Both meshes are separated for a fifth and more of the cycle; the mesh modes lie at harmonics 7 and 13."""
 

@@ -10,6 +10,8 @@ from tolerances import GRADIENT
 import jaxhb
 from jaxhb import Damper, Disk, Ground, Load, Mesh, Shaft, Torque
 
+pytestmark = pytest.mark.oracle
+
 ORDER, HZ, RPM = 3.0, 31.0, 700.0
 
 

@@ -5,6 +5,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
+pytestmark = pytest.mark.oracle
+
 CODE = """
 import compiling
 import jax, numpy as np

@@ -23,6 +23,8 @@ sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 
 import random_trains
 
+pytestmark = pytest.mark.oracle
+
 PLAN = Plan(harmonics=384, active=(0, 1), flank=(0, 0), start="march", time_steps=1536, excited=20)
 BEGINNING = homotopy.Beginning(damping=20.0, transition=20.0, linear=False)
 

@@ -24,6 +24,8 @@ sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 
 import random_trains
 
+pytestmark = pytest.mark.oracle
+
 RPM = 2320.0
 PLAN = Plan(harmonics=384, active=(0, 1, 2, 3), flank=(0,) * 4, start="march", time_steps=1536, excited=24)
 
