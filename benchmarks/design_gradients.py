@@ -108,7 +108,7 @@ class Case:
         self.z = np.zeros((1, len(parameters)))  # the middle of the bounds: the train as it is
         counted = np.ones((1, len(rpm)), dtype=bool)
         self.aim = Aim(counted, scales=np.array([6000.0]), widths=np.array([0.02]), share=0.02)
-        self.point = self.bench.at(self.z, self.bench.unsolved(self.z), self.aim, climbs=len(rpm))
+        self.point = self.bench.at(self.z, self.bench.unsolved(self.z), self.aim, rescues=len(rpm))
         unknown = np.full_like(self.point.status, jaxhb.Status.MAX_STEPS)
         self.cold = dataclasses.replace(self.point, status=unknown)
 

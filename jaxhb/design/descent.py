@@ -89,7 +89,7 @@ class Descent:
         evaluator, near = self.evaluator, self.evaluator.unsolved(z)
         ones = np.ones(len(evaluator.task.objectives))
         self.aim = Aim(np.ones(near.status.shape, dtype=bool), ones, 0.1 * ones, 0.1)
-        point = self._at(z, near, climbs=near.status.shape[1], on_lanes=self.on_start)
+        point = self._at(z, near, rescues=near.status.shape[1], on_lanes=self.on_start)
         if not point.solved[0].any():
             raise SceneError(_nothing_solved(evaluator, point.status[0]))
         while (finer := evaluator.finer(point, point.solved)) is not None:
@@ -207,7 +207,7 @@ class Descent:
 
     def _renew(self, best):
         """The best designs under the present plans, widths and speeds, less what finer plans lose for good."""
-        self.best = self.point = self._at(best.z, best, climbs=best.status.shape[1])
+        self.best = self.point = self._at(best.z, best, rescues=best.status.shape[1])
         self._count(self.aim.counted & self.point.solved)
 
     def _memory(self):

@@ -48,10 +48,10 @@ ALONE = 48
 NEGLIGIBLE = 1e-8
 """Share of the largest derivative of the objective by a reading below which no gradient is taken through it."""
 
-MOST_CLIMBS = 3
-"""Lost speeds of a design that are taken up the ladder of :func:`jaxhb.solve`; with more the step went too far."""
+MOST_RESCUES = 3
+"""Lost speeds of a design that :func:`jaxhb.solve` tries from all its starts; with more the step went too far."""
 
-CLIMB_SECONDS = 30.0
+RESCUE_SECONDS = 30.0
 """After which a lost speed gets no further attempt."""
 
 FARTHEST = 6.9
@@ -249,7 +249,7 @@ class Evaluator:
             columns[-1][:, : len(self.rpm)] = given
         return np.stack(columns, axis=-1)
 
-    def at(self, z, near, aim, *, wanted=True, most=np.inf, climbs=MOST_CLIMBS, on_lanes=None):
+    def at(self, z, near, aim, *, wanted=True, most=np.inf, rescues=MOST_RESCUES, on_lanes=None):
         """The Point of designs near those of the Point ``near``.
 
         Parameters
@@ -259,7 +259,7 @@ class Evaluator:
         aim : Aim
         wanted : bool array ``(A,)``, designs to be solved; the others are those of ``near`` without value
         most : array ``(A,)``, values above which no gradient is asked for
-        climbs : int, lost speeds of a design that are taken up the ladder
+        rescues : int, lost speeds of a design that are tried from all starts of :func:`jaxhb.solve`
         on_lanes : callable, optional
             Called with the Reading of the first design, again and again while its speeds are solved.
         """
@@ -286,7 +286,7 @@ class Evaluator:
         violated = lanes.lost & (lanes.point.status == Status.PLAN_VIOLATED)
         lanes = lanes.with_point(plan_number=np.where(violated, 0, lanes.point.plan_number)).solve(violated, False)
         lost = lanes.lost
-        lanes = lanes.climb(lost & (lost.sum(1, keepdims=True) <= climbs))
+        lanes = lanes.rescue(lost & (lost.sum(1, keepdims=True) <= rescues))
         return self._valued(lanes, pull, aim, wanted[:, 0], most)
 
     def _valued(self, lanes, pull, aim, wanted, most):
@@ -437,8 +437,8 @@ class Lanes:
         smooth, found, outcome = read_lanes(*lanes, start, plan.active_meshes, **shape)
         return (smooth, outcome), partial(pull_lanes, *lanes, found, plan.active_meshes, **shape)
 
-    def climb(self, which):
-        """Solve ``which`` one by one, up the ladder of :func:`jaxhb.solve`, and from there under the largest plan.
+    def rescue(self, which):
+        """Solve ``which`` one by one, from all starts of :func:`jaxhb.solve`, and from there under the largest plan.
 
         Each has a bounded time, and one attempt in any case: most of what is not found soon has no motion of one cycle.
         """
@@ -446,7 +446,7 @@ class Lanes:
         motion = point.motion.copy()
         for a, i in np.argwhere(which) if plan.active else ():
             train = self.evaluator.train.replace(self.evaluator.values(point.z[a]))
-            own = {"harmonics": plan.harmonics, "integrals": plan.integrals, "seconds": CLIMB_SECONDS}
+            own = {"harmonics": plan.harmonics, "integrals": plan.integrals, "seconds": RESCUE_SECONDS}
             response = solve(train, rpm=float(point.speeds[a, i]), **own)
             if response.status <= Status.TOLERANCE_NOT_MET:
                 found[a, i] = True

@@ -310,7 +310,7 @@ def from_linear_law(case, last) -> Iterator[Attempt]:
 
 STRATEGIES = (contact, short_march, long_march, shooting)
 """Of a solve, the cheap ones first: the first attempt that is solved is the answer. Where the start of one of them has
-failed already, or is not wanted, those after it are climbed: the order counts."""
+failed already, or is not wanted, those after it are tried: the order counts."""
 
 SEARCHES = (from_contact, short_march, long_march, shooting, from_linear_law)
 """Of :func:`jaxhb.solve_all`, which makes all their attempts."""

@@ -184,7 +184,7 @@ def test_a_march_that_was_asked_for_is_made_where_the_teeth_could_stay_in_contac
     assert force[0] == pytest.approx(force[1], rel=1e-6)
 
 
-def test_a_march_that_blew_up_is_followed_by_the_whole_ladder(pair):
+def test_a_march_that_blew_up_is_followed_by_all_starts(pair):
     """Its periodicity error is not finite: no strategy above takes that for a settled march."""
     case = case_of(pair, HAMMERING_RPM)
     case.effort = starts.LONG
@@ -198,7 +198,7 @@ def case_of(train, rpm, **asked):
     return starts.Case(train, rpm, request, planning.plan_speeds(train, np.array([rpm]), request)[0])
 
 
-def test_the_ladder_asks_for_the_next_attempt_until_one_is_solved(pair):
+def test_start_strategies_are_asked_for_the_next_attempt_until_one_is_solved(pair):
     """Rungs are functions: those that must fail come first here, and the last one is never asked."""
     case, asked = case_of(pair, HAMMERING_RPM, harmonics=50), []
 

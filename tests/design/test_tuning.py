@@ -111,12 +111,12 @@ def aim(counted):
 
 @pytest.fixture(scope="module")
 def assessed():
-    """A bench and two designs on it, lost speeds not taken up the ladder."""
+    """A bench and two designs on it, lost speeds not tried from other starts."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("jaxhb.design.evaluation.solve", lambda *_, **__: LOST)
         patch.setattr("jaxhb.design.evaluation.plan_designs", planned)
         made, z = bench(), np.array([[0.1, -0.3, 0.4], [0.8, 0.5, -1.0]])
-        return made, made.at(z, made.unsolved(z), aim(np.ones((2, 4), dtype=bool)), climbs=4)
+        return made, made.at(z, made.unsolved(z), aim(np.ones((2, 4), dtype=bool)), rescues=4)
 
 
 def test_the_gradient_of_objectives_and_penalties_is_that_of_differences(assessed):
@@ -163,13 +163,13 @@ def test_a_speed_without_a_derivative_counts_as_lost(assessed, monkeypatch):
     np.testing.assert_array_equal(again.solved[1], point.solved[1])
 
 
-def test_a_speed_that_a_march_does_not_find_is_found_by_the_ladder(assessed):
+def test_a_speed_that_a_march_does_not_find_is_found_from_other_starts(assessed):
     made, point = assessed
     z, slow = np.stack([made.task.unbounded(hammering()), point.z[1]]), np.zeros_like(point.solved)
     slow[0, 3] = True
     unknown = dataclasses.replace(point, status=np.full_like(point.status, jaxhb.Status.MAX_STEPS))
     wanted = np.array([True, False])
-    assert not made.at(z, unknown, aim(slow), wanted=wanted, climbs=0).solved[0, 3]
+    assert not made.at(z, unknown, aim(slow), wanted=wanted, rescues=0).solved[0, 3]
     found = made.at(z, unknown, aim(slow), wanted=wanted)
     assert found.solved[0, 3] and np.isfinite(found.gradient[0]).all()
     response = jaxhb.solve(hammering(), rpm=SPEEDS[3], harmonics=32)
@@ -185,7 +185,7 @@ def test_frequencies_for_penalties_are_the_natural_frequencies():
 
 @pytest.fixture
 def same_plan(monkeypatch):
-    """The plan of the tests above, so that nothing is compiled twice, and a ladder on which 1550 rpm stays lost."""
+    """The plan of the tests above, so that nothing is compiled twice, and starts from which 1550 rpm stays lost."""
     monkeypatch.setattr("jaxhb.design.evaluation.plan_designs", planned)
     monkeypatch.setattr("jaxhb.design.evaluation.solve", lambda *_, **__: LOST)
 
@@ -230,13 +230,13 @@ def test_a_tuning_lowers_the_tooth_force_and_keeps_every_speed(same_plan, optimi
 
 
 @pytest.mark.parametrize("found_again", [True, False])
-def test_a_speed_lost_on_the_way_is_found_by_the_ladder_or_the_step_halved_and_the_tuning_goes_on(
+def test_a_speed_lost_on_the_way_is_found_from_other_starts_or_the_step_halved_and_the_tuning_goes_on(
     same_plan, monkeypatch, found_again
 ):
-    """Every solve at 1500 rpm fails after the first step, until the ladder was asked for it."""
+    """Every solve at 1500 rpm fails after the first step, until other starts were asked for it."""
     armed, asked, read = [], [], evaluation.read_lanes
 
-    def ladder(train, rpm, **options):
+    def other_starts(train, rpm, **options):
         asked.append(rpm)
         return jaxhb.solve(train, rpm=rpm, **options) if found_again and rpm == SPEEDS[1] else LOST
 
@@ -245,7 +245,7 @@ def test_a_speed_lost_on_the_way_is_found_by_the_ladder_or_the_step_halved_and_t
         fails = bool(armed) and SPEEDS[1] not in asked
         return smooth, found, (np.where(fails & (rpm == SPEEDS[1]), jaxhb.Status.STALLED, status), *told)
 
-    monkeypatch.setattr("jaxhb.design.evaluation.solve", ladder)
+    monkeypatch.setattr("jaxhb.design.evaluation.solve", other_starts)
     monkeypatch.setattr("jaxhb.design.evaluation.read_lanes", failing)
     found = tuned(steps=3, on_step=lambda step: armed.append(step) if step.number == 1 else None)
     assert SPEEDS[1] in asked and [step.number for step in found.history] == [0, 1, 2, 3]

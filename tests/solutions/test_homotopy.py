@@ -37,7 +37,7 @@ def hammering():
     return train, rpm
 
 
-def climbed(train, rpm, **options):
+def attempted(train, rpm, **options):
     """The response of the start strategies before shooting, where the one after it begins."""
     (plan,) = planning.plan_speeds(train, np.array([rpm]), Request())
     effort = dataclasses.replace(starts.LONG, homotopy=homotopy.HomotopyOptions(**options))
@@ -107,7 +107,7 @@ def gaps_in_time(response, segments, steps):
 
 
 def test_a_motion_is_found_without_shooting_and_confirmed_by_time_integration(hammering):
-    response = climbed(*hammering)
+    response = attempted(*hammering)
     assert response.converged and homotopies(response)[0].found
     assert gaps_in_time(response, 64, 2**14) < 0.01  # the asked truncation error
     judged = jaxhb.shooting_correction(response)
@@ -118,7 +118,7 @@ def test_a_motion_is_found_without_shooting_and_confirmed_by_time_integration(ha
 
 
 def test_a_curve_that_is_too_long_ends_in_a_status_that_tells_the_path(hammering):
-    response = climbed(*hammering, most_jacobians=30)
+    response = attempted(*hammering, most_jacobians=30)
     assert response.status in (Status.STALLED, Status.MAX_STEPS)
     (event,) = homotopies(response)
     assert not event.found and event.curves == 3
@@ -126,7 +126,7 @@ def test_a_curve_that_is_too_long_ends_in_a_status_that_tells_the_path(hammering
 
 
 def test_a_curve_that_costs_too_much_is_not_begun(hammering):
-    response = climbed(*hammering, work=1e6)
+    response = attempted(*hammering, work=1e6)
     assert response.status in (Status.STALLED, Status.MAX_STEPS)
     assert [str(event) for event in homotopies(response)] == ["homotopy from the linear law: not tried, too long"]
 

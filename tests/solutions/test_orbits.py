@@ -94,7 +94,7 @@ class Blind(orbits.OrbitSearch):
         yield from super().shoot() if seeing else [orbits.FoundOrbit(None, 1.0, None, 0)]
 
 
-def climbed(search, wanted, **effort):
+def attempted(search, wanted, **effort):
     """The Result of strategies with another search, and the time steps that were searched with."""
     train = jaxhb.load_scene("gear_train_30")
     (plan,) = planning.plan_speeds(train, np.array([RPM]), Request())
@@ -106,17 +106,17 @@ def climbed(search, wanted, **effort):
 
 
 def test_another_orbit_is_tried_where_the_harmonics_do_not_take_the_first():
-    found, _ = climbed(Misled, (starts.short_march, starts.shooting), finer=1)
+    found, _ = attempted(Misled, (starts.short_march, starts.shooting), finer=1)
     assert found.response.converged
     assert sum(isinstance(event, Shooting) for event in found.response.path) == 2
 
 
 def test_shorter_steps_are_tried_where_longer_ones_close_no_orbit():
     wanted = (starts.short_march, starts.shooting)
-    found, steps = climbed(Blind, wanted, work=1e8)
+    found, steps = attempted(Blind, wanted, work=1e8)
     assert steps == [PLAN.time_steps, 2 * PLAN.time_steps, 4 * PLAN.time_steps]
     assert found.response.converged and found.response.harmonics == 4 * PLAN.harmonics
-    found, steps = climbed(Blind, wanted, work=1e6)
+    found, steps = attempted(Blind, wanted, work=1e6)
     assert not found.response.converged
     assert steps == [PLAN.time_steps, 2 * PLAN.time_steps]  # four shots of four times the steps are more than the work
 

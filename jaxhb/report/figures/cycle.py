@@ -174,16 +174,16 @@ def _record(answer, rows, caption):
 
 def _peaks(answer, names):
     """Share of the recorded cycles whose largest tooth force stays below a value."""
-    traces = []
+    quantity, traces = forces(answer.train), []
     for number, name in enumerate(names):
-        peaks = np.sort(answer.force(name).highest) / 1e3
+        peaks = quantity.factor * np.sort(answer.force(name).highest)
         shares = 100 * np.arange(1, len(peaks) + 1) / len(peaks)
         traces.append(line(peaks, shares, plain(name), number))
         traces[-1]["line"] |= {"shape": "hv"}
-        before = [float(answer.linear.force(name).max) / 1e3] * 2
+        before = [quantity.factor * float(answer.linear.force(name).max)] * 2
         traces.append(line(before, [0.0, 100.0], "without backlash", number, showlegend=not number))
         traces[-1]["line"] |= {"width": 0.8}
-    made = layout("largest tooth force of a cycle, kN", [("cycles below it, %", (0.0, 103.0))], traces)
+    made = layout(f"largest tooth force of a cycle, {quantity.unit}", [("cycles below it, %", (0.0, 103.0))], traces)
     return Figure("Cycles whose largest tooth force stays below a value", traces, made)
 
 
