@@ -10,7 +10,6 @@ import numpy as np
 from jaxhb.report.answer import Answer, growth_of, orbit_state, shown
 from jaxhb.report.text.certified import certificate_of
 from jaxhb.results.status import Status
-from jaxhb.solutions.solve import solve
 from jaxhb.solutions.speeds import solve_speeds
 from jaxhb.steady.checkpoint import CHUNK, Checkpoint
 from jaxhb.steady.steady_state import steady_state
@@ -62,7 +61,7 @@ def answer_one(train, rpm, asked, say=lambda text: None, *, start=None, kept=Non
     if asked.orbit:
         say(f"{rpm:g} rpm: solving for a periodic motion")
         keep = _keeper(train, asked, kept or {})
-        (state,) = keep([[rpm]], lambda: [orbit_state(solve(train, rpm=rpm, **asked.accuracy))], lambda count: None)
+        (state,) = keep([[rpm]], lambda: [_orbit(train, rpm, asked)], lambda count: None)
     elif _unbalanced(linear):
         state = _no_state(linear)
     else:
@@ -97,7 +96,7 @@ def answer_speeds(train, rpm, asked, *, direction="up", kept=None, progress=None
     gathered = _Gathered(train, linear, asked.orbit, told)
     if asked.orbit:
         say("speeds solved for a periodic motion")
-        found = {"orbit": _orbits(train, rpm, linear, asked, kept or {}, progress, gathered.tell)}
+        found = {"orbit": _orbits(train, rpm, asked, kept or {}, progress, gathered.tell)}
     else:
         say("speeds marched until the motion settles")
         found = _swept(train, rpm, linear, asked, direction, kept or {}, progress, gathered.tell)
@@ -167,15 +166,21 @@ def answer_values(train, rpm, axis, values, asked, *, direction="up", kept=None,
     return {way: [own[i] for i in sorted(own)] for way, own in found.items()}
 
 
-def _orbits(train, rpm, linear, asked, kept, progress, tell):
+def _orbit(train, rpm, asked):
+    """The periodic solution at one speed: planned and started by itself, so that it has the same bits alone, in a sweep
+    and in a report."""
+    return orbit_state(solve_speeds(train, rpm=[rpm], **asked.accuracy)[0])
+
+
+def _orbits(train, rpm, asked, kept, progress, tell):
     progress = progress or (lambda count: None)
-    if not any(train.topology.mesh_backlash):
-        progress(len(rpm))
-        return [orbit_state(linear[i]) for i in range(len(rpm))]
 
     def solved(speeds):
-        chunk = solve_speeds(train, rpm=speeds, **asked.accuracy, progress=progress)
-        return [orbit_state(chunk[i]) for i in range(len(chunk))]
+        found = []
+        for speed in speeds:
+            found.append(_orbit(train, speed, asked))
+            progress(1)
+        return found
 
     keep, size, states = _keeper(train, asked, kept), kept.get("chunk") or CHUNK, []
     for first in range(0, len(rpm), size):

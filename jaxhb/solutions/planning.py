@@ -164,16 +164,19 @@ def plan_speeds(train, rpm, request):
     modes, weak_modes = mesh_mode_harmonics(train, train.topology.cycle_frequency(1.0))[:, None] / rpm
     plans = [dataclasses.replace(contact, flank=tuple(flank)) for flank in flanks.tolist()]
 
-    def level_of(group, separating):
-        wanted = first_level(excited, np.max(modes[group]) if separating else 0.0)
+    def level_of(highest):
+        wanted = first_level(excited, highest)
+        # Few levels whatever speeds are asked for together: one has the same harmonics alone and in any sweep.
+        wanted = shared_level(wanted) if request.few_levels and highest else wanted
         return request.harmonics or min(wanted, MOST_HARMONICS[request.method])
 
     touching, hammering = (np.flatnonzero(leaves.any(axis=-1) & (apart == kind)) for kind in (False, True))
-    groups = [(False, touching)] if len(touching) else []
-    groups += [(True, group) for group in _grouped_by_modes(hammering, modes)]
-    for separating, group in groups:
+    groups = {(False, level_of(0.0)): touching} if len(touching) else {}
+    levels = np.array([level_of(highest) for highest in modes[hammering]], dtype=int)
+    groups |= {(True, level): hammering[levels == level] for level in dict.fromkeys(levels.tolist())}
+    for (separating, level), group in groups.items():
         # One plan for the group: a mesh is held where it stays on the same flank at all its speeds.
-        level, own = level_of(group, separating), flanks[group]
+        own = flanks[group]
         flank = tuple(np.where((own == own[0]).all(axis=0), own[0], 0).tolist())
         resolving = time_steps_for(max(np.max(modes[group]), 2 * contact.excited))
         shared = dataclasses.replace(
@@ -209,17 +212,6 @@ def _dense_mesh_forces(train, rpm, harmonics):
         displacement = dense_linear_motion(system, train.topology.cycle_frequency(speed), load)
         found.append(system.stiffness[links][:, None] * system.deflections(displacement, links))
     return np.stack(found)
-
-
-def _grouped_by_modes(indices, modes):
-    """``indices`` of speeds in groups whose mesh modes lie within ``sweep_level_ratio``: each is one level, one
-    program."""
-    groups = []
-    while len(indices):
-        near = PLANNING.sweep_level_ratio * modes[indices] > modes[indices].max()
-        groups.append(indices[near])
-        indices = indices[~near]
-    return groups
 
 
 def plan_marching(train, rpm, plan, request):
