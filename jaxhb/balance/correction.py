@@ -4,8 +4,6 @@ Krylov steps on the exact Jacobian, preconditioned by the linearised motion in t
 (:mod:`jaxhb.balance.preconditioner`), whose cost does not grow with the number of harmonics.
 """
 
-from dataclasses import dataclass
-
 import jax
 import jax.numpy as jnp
 from jax import lax
@@ -14,25 +12,14 @@ from jaxhb.balance.preconditioner import linearize
 from jaxhb.equations import fourier
 from jaxhb.equations.iterations import gcr
 
+DERIVATIVE = 1e-12, 60
+"""Share of the right side that a derivative may leave, and its Krylov steps at most."""
 
-@dataclass(frozen=True)
-class LinearSolveOptions:
-    """How exactly linear systems with J are solved: shares of the right side.
+NO_DERIVATIVE = 1e-8
+"""Share beyond which it is none, and nan: where the Jacobian is nearly singular, as at a fold."""
 
-    Parameters
-    ----------
-    derivative, derivative_steps : that a derivative may leave, and its Krylov steps at most
-    no_derivative : beyond which it is none, and nan: where the Jacobian is nearly singular, as at a fold
-    bordered : that a bordered solve may leave: of tangents, and of Newton's method, which gains digits
-    """
-
-    derivative: float = 1e-12
-    derivative_steps: int = 60
-    no_derivative: float = 1e-8
-    bordered: float = 1e-9
-
-
-LINEAR_SOLVE = LinearSolveOptions()
+BORDERED = 1e-9
+"""Share that a bordered solve may leave: of tangents, and of Newton's method, which gains digits."""
 
 
 def cell_averages(values, cells):
@@ -50,12 +37,11 @@ def cell_averages(values, cells):
     return jnp.diff(at_edges, axis=-1) * (cells / samples)
 
 
-def prepare(reduced, train, deflection, samples, time_steps):
-    """The :class:`~jaxhb.balance.preconditioner.PeriodicOperator` of a ReducedModel around the motion
-    ``deflection``."""
+def prepare(reduced, model, deflection, samples, time_steps):
+    """The :class:`~jaxhb.balance.preconditioner.PeriodicOperator` of a ReducedModel around a motion ``(G, N+1)``."""
     _, slope, rate_slope = reduced.nonlinear_force(*reduced.sampled(deflection, samples))
     slope, rate_slope = cell_averages(slope, time_steps), cell_averages(rate_slope, time_steps)
-    return linearize(train, reduced.frequency, slope, rate_slope)
+    return linearize(model, reduced.frequency, slope, rate_slope)
 
 
 def precondition(reduced, operator, b):
@@ -93,14 +79,8 @@ def tangent(reduced, deflection, samples):
 def correct(reduced, operator, deflection, value, samples, forcing, steps):
     """``J change = value`` at ``deflection``: (change, share of the residual that is left, Krylov steps).
 
-    Parameters
-    ----------
-    reduced : Reduced
-    operator : PeriodicOperator, from :func:`prepare` at this motion or a near one
-    deflection, value : complex arrays ``(G, N+1)``
-    samples : int, time samples of the law
-    forcing : float, wanted share of the residual
-    steps : int, largest number of Krylov steps (static)
+    operator : from :func:`prepare` at this motion or a near one; deflection, value ``(G, N+1)``; forcing : wanted
+    share; steps : largest number of Krylov steps (static).
     """
     product, approximate = _packed(reduced, operator, deflection, samples)
     change, left, used = gcr(product, approximate, fourier.pack(value).reshape(-1), tolerance=forcing, steps=steps)
@@ -110,15 +90,15 @@ def correct(reduced, operator, deflection, value, samples, forcing, steps):
 def invert(reduced, operator, deflection, value, samples):
     """``change`` with ``J change = value``; differentiable, its transpose solves with the transpose of J.
 
-    Arguments as in :func:`correct`. nan where the Krylov steps leave too much (:class:`LinearSolveOptions`).
+    nan where the Krylov steps leave too much.
     """
     product, approximate = _packed(reduced, operator, deflection, samples)
     value = fourier.pack(value).reshape(-1)
 
     def solve(apply, b, approximate=approximate):
-        options = {"tolerance": LINEAR_SOLVE.derivative, "steps": LINEAR_SOLVE.derivative_steps}
-        change, left, _ = gcr(apply, approximate, b, **options)
-        return jnp.where(left <= LINEAR_SOLVE.no_derivative, change, jnp.nan)
+        tolerance, steps = DERIVATIVE
+        change, left, _ = gcr(apply, approximate, b, tolerance=tolerance, steps=steps)
+        return jnp.where(left <= NO_DERIVATIVE, change, jnp.nan)
 
     def solve_transposed(apply, b):
         _, transposed = jax.vjp(approximate, b)  # jax.linear_transpose of a loop fails with jax 0.9
@@ -128,18 +108,9 @@ def invert(reduced, operator, deflection, value, samples):
 
 
 def correct_bordered(reduced, operator, deflection, border, right, samples, steps):
-    """Solve ``J x + column p = f,  row . (x, p) = g`` for several right sides: regular at a fold, too.
+    """Solve ``J x + column p = f,  row . (x, p) = g``, regular at a fold, too, for each array ``(n+1,)`` of ``right``.
 
-    Parameters
-    ----------
-    reduced, operator, deflection, samples, steps
-        As in :func:`correct`.
-    border : column ``(n,)`` packed, row ``(n+1,)``
-    right : tuple of arrays ``(n+1,)``, f packed above g
-
-    Returns
-    -------
-    list of arrays ``(n+1,)``
+    border : column ``(n,)`` packed, row ``(n+1,)``; others as in :func:`correct`.
     """
     product, approximate = _packed(reduced, operator, deflection, samples)
     column, row = border
@@ -156,7 +127,7 @@ def correct_bordered(reduced, operator, deflection, border, right, samples, step
         p = (b[-1] - row[:-1] @ alone) / jnp.where(pivot == 0, 1.0, pivot)
         return jnp.append(alone - p * column_solved, p)
 
-    return [gcr(whole, approximately, b, tolerance=LINEAR_SOLVE.bordered, steps=steps)[0] for b in right]
+    return [gcr(whole, approximately, b, tolerance=BORDERED, steps=steps)[0] for b in right]
 
 
 def _packed(reduced, operator, deflection, samples):

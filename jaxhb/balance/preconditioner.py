@@ -24,26 +24,14 @@ from jax.scipy.linalg import solve_triangular
 
 from jaxhb.integration.step import hold_weights
 
+SLOW_MODES = 16
+"""Whose state is carried from the end of the cycle to its beginning."""
 
-@dataclass(frozen=True)
-class PassOptions:
-    """How one pass goes over the cycle.
+LONGEST, SHORTEST = 32, 8
+"""Time steps of a block, powers of two; every grid is a multiple of the longest."""
 
-    Parameters
-    ----------
-    slow_modes : whose state is carried from the end of the cycle to its beginning
-    longest, shortest : time steps of a block at most and at least, powers of two; every grid is a multiple of the
-        longest
-    block_forces : forces of all meshes in a block that are aimed at: they make one triangular system
-    """
-
-    slow_modes: int = 16
-    longest: int = 32
-    shortest: int = 8
-    block_forces: int = 64
-
-
-PASS = PassOptions()
+BLOCK_FORCES = 64
+"""Forces of all meshes in a block that are aimed at: they make one triangular system."""
 
 
 @jax.tree_util.register_dataclass
@@ -95,36 +83,25 @@ class PeriodicOperator:
         return force.transpose(2, 0, 1).reshape(meshes, -1)
 
 
-def linearize(train, frequency, slope, rate_slope):
-    """Prepare the pass for slopes of phi.
-
-    Parameters
-    ----------
-    train : ReducedModel
-    frequency : float, Omega in rad/s
-    slope, rate_slope : arrays ``(G, K)``, averages around K equidistant time steps, K a multiple of 32
-
-    Returns
-    -------
-    PeriodicOperator
-    """
+def linearize(model, frequency, slope, rate_slope):
+    """The PeriodicOperator of a ReducedModel for slopes ``(G, K)`` of phi, averages around K equidistant time steps."""
     meshes, time_steps = slope.shape
-    propagate, early, late = hold_weights(train.space, 2 * jnp.pi / frequency / time_steps)
-    L = train.space.observation
+    propagate, early, late = hold_weights(model.space, 2 * jnp.pi / frequency / time_steps)
+    L = model.space.observation
     # Force that acts in a step moves the meshes at its end at once, by the late weight and by the residual flexibility:
     # u = S (w + at_once u), solved for u mesh by mesh.
-    at_once = (L @ late).at[:meshes].add(-train.residual_flexibility)
+    at_once = (L @ late).at[:meshes].add(-model.residual_flexibility)
     own = jnp.eye(meshes)
     slopes = jnp.concatenate([slope.T[:, :, None] * own, rate_slope.T[:, :, None] * own], axis=2)
     gain = jnp.linalg.solve(own - slopes @ at_once, slopes)
     # The state kept is that without the late part of the last force, so that each force enters once.
     forcing = propagate @ late + early
-    length = min(PASS.longest, 1 << max(PASS.shortest, PASS.block_forces // meshes).bit_length() - 1)
+    length = min(LONGEST, 1 << max(SHORTEST, BLOCK_FORCES // meshes).bit_length() - 1)
     gain = gain.reshape(-1, length, meshes, 2 * meshes)
     block_forces, block_propagator = _per_state(propagate, forcing, L, gain)
 
     n = len(propagate) // 2
-    slow = min(PASS.slow_modes, n)
+    slow = min(SLOW_MODES, n)
     kept = np.r_[0:slow, n : n + slow]
     begin = jnp.eye(2 * n)[:, kept]
     end, block_starts = lax.scan(lambda state, propagator: (propagator @ state, state), begin, block_propagator)

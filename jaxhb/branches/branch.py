@@ -12,10 +12,9 @@ from functools import partial
 import numpy as np
 
 from jaxhb._shown import brief
-from jaxhb.balance.plan import Plan
-from jaxhb.balance.planned import active_deflections, first_start, solve_once
+from jaxhb.balance.plan import Plan, Request, excited_harmonic, time_steps_for
 from jaxhb.balance.problem import problem_at
-from jaxhb.balance.request import Request, excited_harmonic, time_steps_for
+from jaxhb.balance.program import active_deflections, first_start, solve_once
 from jaxhb.branches.curve import HarmonicCurve, linearized, null_direction, simplified
 from jaxhb.equations import fourier
 from jaxhb.excitation.torques import listed_harmonic
@@ -57,7 +56,7 @@ def response_at(curve, plan, y):
     """The Response at a point of the curve, which solves it already."""
     train, rpm = train_at(curve.train, float(curve.rpm), curve.parameter, float(curve.begin + y[-1] * curve.span))
     given = first_start(plan, given=np.asarray(curve.deflection(y)))
-    return solve_once(train, rpm, problem_at(train, rpm, curve.sizes.excited), plan, given)[0]
+    return solve_once(train, rpm, problem_at(train, rpm, curve.plan.excited), plan, given)[0]
 
 
 @dataclass(frozen=True)
@@ -357,7 +356,7 @@ def follow(
     sizes = np.asarray(first.meshes.backlash)[list(plan.active)]
     scale = np.min(sizes + np.linalg.norm(fourier.pack(deflection), axis=-1)[: len(sizes)])
     speed, begins, length, size = map(np.asarray, (float(speed), float(start), float(to) - float(start), float(scale)))
-    curve = HarmonicCurve(train, speed, begins, length, size, plan.active_meshes, parameter, plan.sizes)
+    curve = HarmonicCurve(train, speed, begins, length, size, plan.active_meshes, parameter, plan.static)
     y = np.append(fourier.pack(deflection).ravel() / scale, 0.0)
     return _followed(curve, plan, y, None, (0.0, 1.0), options)
 
@@ -392,7 +391,7 @@ def _doubled(curve, plan, y):
     _, rpm = train_at(train, float(curve.rpm), curve.parameter, float(curve.begin + y[-1] * curve.span))
     plan = _plan(train, rpm, 2 * plan.harmonics, plan.tolerance, 0)
     curve, once = (
-        replace(curve, train=train, active_meshes=plan.active_meshes, sizes=plan.sizes),
+        replace(curve, train=train, active_meshes=plan.active_meshes, plan=plan.static),
         np.asarray(curve.deflection(y)),
     )
     twice = np.zeros((len(once), plan.harmonics + 1), dtype=complex)

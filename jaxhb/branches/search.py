@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from jaxhb._jax import staged, traced
-from jaxhb.balance.request import Request
+from jaxhb.balance.plan import Request
 from jaxhb.floquet.stability import Stability, attracts
 from jaxhb.results.response import Response
 from jaxhb.results.status import Status
@@ -15,8 +15,8 @@ from jaxhb.solutions import orbits, starts
 from jaxhb.solutions.planning import all_active, plan_speeds
 from jaxhb.steady.classification import Classifier
 from jaxhb.steady.closure import Cycles
+from jaxhb.steady.confirmation import difference
 from jaxhb.steady.marching import Equations
-from jaxhb.steady.settled import difference
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
 
@@ -180,15 +180,14 @@ class _Scattered(orbits.OrbitSearch):
 
 def _searched(case):
     """(Response, 1) of all attempts that Newton's method solves; each keeps the path that led to it."""
-    last = None
     for strategy in starts.SEARCHES if any(case.train.topology.mesh_backlash) else (starts.from_contact,):
-        for attempt in strategy(case, last):
+        for attempt in strategy(case):
             case.path.clear()
-            last = starts.refine(case, attempt, last)
-            if not last.plan.active:  # in contact: other motions, if there are any, need all meshes unknown
-                last = replace(last, plan=all_active(case.train, last.plan, case.request))
-            if last.status <= Status.TOLERANCE_NOT_MET:
-                yield last.response, 1
+            starts.refine(case, *attempt)
+            if not case.reached.active:  # in contact: other motions, if there are any, need all meshes unknown
+                case.reached = all_active(case.train, case.reached, case.request)
+            if case.status <= Status.TOLERANCE_NOT_MET:
+                yield case.response, 1
 
 
 def _add(found, others):

@@ -14,45 +14,35 @@ from jaxhb.equations.residual import backlash_meshes
 from jaxhb.equations.state_space import dense_linear_motion, matrices, partition
 from jaxhb.excitation.torques import excitation, listed_harmonic
 from jaxhb.integration import shooting
-from jaxhb.integration.cycles import march, settle
-from jaxhb.integration.step import discretize, on_flank, state_from_harmonics
+from jaxhb.integration.step import discretize, settle
 from jaxhb.results.response import Response
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
 
+STEPS_PER_PERIOD, MOST_STEPS_PER_PERIOD = 40, 400
+"""Steps per period of the highest mesh mode, and at most, where a narrow transition of the law asks for more."""
 
-@dataclass(frozen=True)
-class ReferenceOptions:
-    """How the reference integration chooses its steps, and when it contradicts a harmonic solution.
+STEPS = 256
+"""Of a cycle, at least."""
 
-    Parameters
-    ----------
-    steps_per_period : steps per period of the highest mesh mode
-    most_steps_per_period : the same at most, where a narrow transition of the law asks for more
-    steps : of a cycle, at least
-    mesh_share : share of the strain energy of a mode that backlash meshes hold from which it is a mesh mode
-    corrections : Newton steps on the segments of a cycle, at most
-    contradicts : times the estimate of the truncation error above which a correction is asked with more steps
-    step_error : what the steps leave of an elastic tooth force, as a share of the largest
-    rounded : share of a displacement that the coordinates of the integration may lose
-    """
+MESH_SHARE = 0.01
+"""Share of the strain energy of a mode that backlash meshes hold from which it is a mesh mode."""
 
-    steps_per_period: int = 40
-    most_steps_per_period: int = 400
-    steps: int = 256
-    mesh_share: float = 0.01
-    corrections: int = 10
-    contradicts: float = 3.0
-    step_error: float = 1e-4
-    rounded: float = 1e-11
+CORRECTIONS = 10
+"""Newton steps on the segments of a cycle, at most."""
 
+CONTRADICTS = 3.0
+"""Times the estimate of the truncation error above which a correction is asked with more steps."""
 
-REFERENCE = ReferenceOptions()
+STEP_ERROR = 1e-4
+"""What the steps leave of an elastic tooth force, as a share of the largest."""
+
+ROUNDED = 1e-11
+"""Share of a displacement that the coordinates of the integration may lose."""
 
 _discretize = Program(discretize, static_argnames=("steps", "parts"))
 _settle = Program(settle)
-_march = Program(march)
 
 
 @Program
@@ -63,8 +53,8 @@ def _close(stepper, system, load, coefficients, tolerance):
     harmonics = max(coefficients.shape[-1], linear.shape[-1]) - 1
     deviation = fourier.resize(coefficients, harmonics) - fourier.resize(linear, harmonics)
     both = jnp.concatenate([deviation, fourier.derivative(deviation, stepper.frequency)])
-    nodes = (stepper.space.coordinates @ fourier.sample(both, shooting.SHOOTING.segments)).T
-    nodes, trace, steps = shooting.close(stepper, nodes, tolerance=tolerance, most=REFERENCE.corrections)
+    nodes = (stepper.space.coordinates @ fourier.sample(both, shooting.SEGMENTS)).T
+    nodes, trace, steps = shooting.close(stepper, nodes, tolerance=tolerance, most=CORRECTIONS)
     return nodes[0], trace, steps
 
 
@@ -83,7 +73,7 @@ class Orbit:
     separated : array ``(G,)``
         Share of the cycle in which the teeth are apart.
     periodicity_error : float
-        Relative change over the cycle, see :class:`jaxhb.integration.cycles.Trace`.
+        Relative change over the cycle, see :class:`jaxhb.integration.step.Trace`.
     settled : bool
         Whether the periodicity error met the tolerance.
     cycles : int
@@ -110,28 +100,16 @@ class Orbit:
     stepper: object
 
 
-def resolving_steps(system, meshes, frequency, *, per_period=REFERENCE.steps_per_period):
-    """Steps per cycle that resolve the teeth.
+def resolving_steps(system, meshes, frequency, *, per_period=STEPS_PER_PERIOD):
+    """Steps per cycle of Omega ``frequency`` rad/s that resolve the teeth.
 
     At least ``per_period`` steps per period of the highest natural frequency omega in which the backlash meshes hold
     1 % of the strain energy; and ``pi / (2 transition)`` (at most 400), so that a step at the speed ``omega h/2``
     covers no more than two transition zones. On ``gear_train_30`` at 1800 rpm the elastic force is then within
     0.004 % of its maximum all cycle, with 12 steps per period within 0.12 %, with 7 within 1 %.
-
-    Parameters
-    ----------
-    system : System
-    meshes : MeshParameters, the backlash meshes
-    frequency : float
-        Omega in rad/s.
-    per_period : int
-
-    Returns
-    -------
-    int
     """
     if not len(np.asarray(meshes.link)):
-        return REFERENCE.steps
+        return STEPS
     parts = partition(system, meshes)
     system = jax.tree.map(np.asarray, system)
     K = matrices(system)[1]
@@ -147,49 +125,30 @@ def resolving_steps(system, meshes, frequency, *, per_period=REFERENCE.steps_per
     shapes[inertial] = modes / root[:, None]
     link = np.asarray(meshes.link)
     strain = (system.stiffness[link, None] * system.deflections(shapes, link) ** 2).sum(axis=0)
-    taking_part = strain > REFERENCE.mesh_share * np.maximum(squares, 0)
+    taking_part = strain > MESH_SHARE * np.maximum(squares, 0)
     highest = np.sqrt(squares[taking_part].max(initial=0.0))
     sharpest = np.min(np.asarray(meshes.law.transition))
     # At the speed omega h/2 a step of 2 pi/(omega n) covers pi h/n: at most two zones of width tau h for n = pi/(2
     # tau).
-    per_period = max(per_period, min(np.pi / (2 * sharpest), REFERENCE.most_steps_per_period))
-    return int(np.ceil(max(REFERENCE.steps, per_period * highest / float(frequency))))
+    per_period = max(per_period, min(np.pi / (2 * sharpest), MOST_STEPS_PER_PERIOD))
+    return int(np.ceil(max(STEPS, per_period * highest / float(frequency))))
 
 
 def reference_orbit(
     system, meshes, frequency, load, start_coefficients=None, *, steps=None, cycles=None, tolerance=1e-9, max_cycles=300
 ):
-    """Integrate one speed in time and report the forces of the meshes.
+    """Integrate one speed in time and report the forces of the meshes, as :func:`integrate` does.
 
     Parameters
     ----------
     system : System
     meshes : MeshParameters, the backlash meshes
-    frequency : float
-        Omega in rad/s.
+    frequency : float, Omega in rad/s
     load : complex array ``(S, N+1)`` N
     start_coefficients : complex array ``(S, N+1)`` m, optional
-        Displacements of a motion to check: it is corrected by shooting in segments of the cycle, which also holds
-        unstable motions. Without it, or with ``cycles``, the train is marched: from these displacements or from the
-        drive sides of the teeth.
-    steps : int, optional
-        Steps per cycle; :func:`resolving_steps` without. The next multiple of 32 for a motion to check.
-    cycles : int, optional
-        March exactly so many cycles.
-    tolerance : float
-        Periodicity error to reach.
-    max_cycles : int
-
-    Returns
-    -------
-    Orbit
-        ``settled`` says whether the tolerance was met.
-
-    Raises
-    ------
-    ValueError
-        For less than one cycle, for loss factors and for massless disks without an equation, see
-        :func:`jaxhb.equations.state_space.partition`.
+        Displacements of a motion to check: it is corrected by shooting in segments of the cycle, of which ``steps`` are
+        made a multiple; that also holds unstable motions. With ``cycles`` the march begins there, otherwise with the
+        teeth on their drive sides.
     """
     if cycles is not None and cycles < 1:
         raise ValueError(f"cycles is {cycles}, must be at least 1.")
@@ -198,23 +157,19 @@ def reference_orbit(
         steps = max(resolving_steps(system, meshes, frequency), 4 * np.shape(load)[-1])
     given = start_coefficients is not None
     if given:
-        steps += -steps % shooting.SHOOTING.segments
+        steps += -steps % shooting.SEGMENTS
     stepper = _discretize(system, meshes, frequency, load, steps=steps, parts=parts)
-    newton = 0
-    if cycles is not None:
-        begin = state_from_harmonics(stepper, jnp.asarray(start_coefficients)) if given else on_flank(stepper)
-        state, trace = _march(stepper, begin, cycles)
-    elif given:
+    newton, begin = 0, stepper.flank_state
+    if given and cycles is None:
         state, trace, newton = _close(stepper, system, load, jnp.asarray(start_coefficients), tolerance)
         cycles = 0
     else:
-        found = _settle(stepper, on_flank(stepper), tolerance=tolerance, max_cycles=max_cycles)
-        state, trace, cycles = found.state, found.trace, found.cycles
-    return _orbit(meshes, stepper, state, trace, tolerance, cycles=int(cycles), newton_steps=int(newton))
-
-
-def _orbit(meshes, stepper, state, trace, tolerance, **counts):
-    """Forces of a cycle."""
+        if given:
+            begin = _state_of(stepper, jnp.asarray(start_coefficients))
+        # No cycle closes better than by nothing: exactly so many are marched.
+        until = (tolerance, max_cycles) if cycles is None else (-1.0, cycles)
+        found = _settle(stepper, begin, tolerance=until[0], max_cycles=until[1])
+        state, trace, cycles = found.state, found.trace, cycles or found.cycles
     law = meshes.law.expand()
     viscous, in_contact = np.asarray(meshes.viscous)[:, None], np.asarray(meshes.contact_damping)[:, None]
     low, high = backlash.force(
@@ -230,10 +185,18 @@ def _orbit(meshes, stepper, state, trace, tolerance, **counts):
         separated=np.asarray(backlash.separated(law, trace.deflection).mean(axis=1)),
         periodicity_error=float(trace.periodicity_error),
         settled=bool(trace.periodicity_error <= tolerance),
+        cycles=int(cycles),
+        newton_steps=int(newton),
         state=np.asarray(state),
         stepper=stepper,
-        **counts,
     )
+
+
+def _state_of(stepper, coefficients):
+    """Deviation ``(n,)`` at t = 0 of displacements ``(S, N+1)`` m."""
+    velocity = fourier.derivative(coefficients, stepper.frequency)
+    motion = fourier.sample(jnp.concatenate([coefficients, velocity]), 1)[:, 0]
+    return stepper.space.coordinates @ motion - stepper.linear_state
 
 
 def _extremes(trace, dt):
@@ -274,12 +237,10 @@ def integrate(
     rpm : float
         Speed of the reference rotor.
     cycles : int, optional
-        March exactly so many cycles of the excitation; without it until ``tolerance`` is met.
+        March exactly so many cycles of the excitation; without it until a cycle closes to ``tolerance``, relative, but
+        at most ``max_cycles``.
     steps : int, optional
-        Steps per cycle; :func:`resolving_steps` without.
-    tolerance : float
-        Relative change over a cycle.
-    max_cycles : int
+        Steps per cycle; without it 40 per period of the highest mesh mode, or more for a narrow transition of the law.
 
     Returns
     -------
@@ -367,7 +328,7 @@ def shooting_correction(response: Response, *, steps: int | None = None, toleran
     system, meshes, frequency, load = equations_of(train, rpm)
     start = np.asarray(response.angles) * np.asarray(system.radius)[:, None]
     farthest, least = np.abs(start[:, 0]).max(), np.min(meshes.law.backlash)
-    if REFERENCE.rounded * farthest > least:
+    if ROUNDED * farthest > least:
         raise ValueError(
             f"{train.topology.title}: the mean torques turn a gear by {farthest:.1e} m along its teeth, and "
             f"time integration keeps no digits for a backlash of {least:.1e} m: add a [[load]] or a stiffer [[ground]]."
@@ -379,7 +340,7 @@ def shooting_correction(response: Response, *, steps: int | None = None, toleran
         )
 
     found = correction(steps)
-    believed = REFERENCE.contradicts * max(float(response.truncation_error), REFERENCE.step_error)
+    believed = CONTRADICTS * max(float(response.truncation_error), STEP_ERROR)
     for _ in range(2 if steps is None else 0):
         if not found.orbit.settled or found.error <= believed:
             break

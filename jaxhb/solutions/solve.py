@@ -13,9 +13,8 @@ import time
 import numpy as np
 
 from jaxhb._jax import Number, concrete, staged, traced
-from jaxhb.balance.plan import Plan
-from jaxhb.balance.planned import solve_planned
-from jaxhb.balance.request import Request, check_harmonics, excited_harmonic
+from jaxhb.balance.plan import Plan, Request, check_harmonics, excited_harmonic
+from jaxhb.balance.program import solve_planned
 from jaxhb.certificate import certificate
 from jaxhb.results.response import Response
 from jaxhb.results.status import Status, check
@@ -117,7 +116,7 @@ def solve(
         raise TypeError("jit or vmap traces solve: pass plan=jaxhb.plan(train, rpm=...), made outside")
     found = _decide(now[0], now[1], Request.of(train, harmonics, tolerance, method, integrals), start, seconds)
     if traced(train, rpm):  # by differentiation alone: solved already, the program only adds the derivative
-        response = solve_planned(train, rpm, found.plan, found.response)
+        response = solve_planned(train, rpm, found.reached, found.response)
         return dataclasses.replace(response, path=found.response.path)
     return _certified(found.response, harmonics, method, integrals) if certify else found.response
 
@@ -181,9 +180,9 @@ def plan(
     # exact integrals have room for, at this speed: every solve under the plan verifies it and says so by its status.
     if found.status > Status.PLAN_VIOLATED:
         check(found.response)
-    if found.plan.active and solve_planned(train, rpm, found.plan).status > found.status:
-        return dataclasses.replace(found.plan, start="response")
-    return found.plan
+    if found.reached.active and solve_planned(train, rpm, found.reached).status > found.status:
+        return dataclasses.replace(found.reached, start="response")
+    return found.reached
 
 
 def linear_response(train: DriveTrain, *, rpm: Number, harmonics: int | None = None) -> Response:
@@ -215,12 +214,11 @@ def solve_again(train, rpm, request, plan, start=None):
     failed = starts.short_march if plan.marches else starts.contact
     above = starts.STRATEGIES[starts.STRATEGIES.index(failed) + 1 :]
     wanted = above if start is None else (starts.from_response(start), *above)
-    found = starts.first_solved(starts.Case(train, rpm, request, plan), wanted)
-    return found and found.response
+    return starts.first_solved(starts.Case(train, rpm, request, plan), wanted).response
 
 
 def _decide(train, rpm, request, start, seconds=None):
-    """The Result of all start strategies for one speed, or of those that ``start`` leaves."""
+    """The Case after all start strategies for one speed, or of those that ``start`` leaves."""
     check_speed(train, rpm)
     (plan,) = planning.plan_speeds(train, np.array([float(rpm)]), request)
     if start is None:

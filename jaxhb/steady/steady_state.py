@@ -12,8 +12,8 @@ from typing import Any, Literal, overload
 import numpy as np
 
 from jaxhb._jax import Array, Numbers, staged, traced
-from jaxhb.balance.planned import solve_batches
-from jaxhb.balance.request import Request
+from jaxhb.balance.plan import Request
+from jaxhb.balance.program import solve_batches
 from jaxhb.elements.elements import SceneError
 from jaxhb.equations import fourier
 from jaxhb.results.response import Response
@@ -21,9 +21,9 @@ from jaxhb.results.status import Status
 from jaxhb.results.steady import SteadyState, SteadySweep
 from jaxhb.solutions.planning import plan_speeds
 from jaxhb.steady.checkpoint import CHUNK, Checkpoint
-from jaxhb.steady.classification import CLASSIFICATION, Classifier, state_of, unknown
+from jaxhb.steady.classification import APART, ARRIVED, Classifier, state_of, unknown
 from jaxhb.steady.closure import Cycles
-from jaxhb.steady.settled import difference
+from jaxhb.steady.confirmation import difference
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
@@ -225,9 +225,7 @@ class _SpeedSweep:
         found = {}
         for shared in {plan for plan in plans if not plan.active}:
             indices = [i for i, plan in enumerate(plans) if plan == shared]
-            batches = solve_batches(
-                self.train, self.speeds[indices], shared, shared.sizes.max_steps, self.classifier.devices
-            )
+            batches = solve_batches(self.train, self.speeds[indices], shared, devices=self.classifier.devices)
             responses = (response for batch in batches for response in batch)
             for index, response in zip(indices, responses, strict=True):
                 if int(response.status) != Status.PLAN_VIOLATED:
@@ -321,12 +319,12 @@ def _beside(other, state):
 
 def _differs(before, state):
     """Whether a speed may have another motion when it starts from the one before."""
-    return _kind(before) != _kind(state) or state.kind != "contact" and _distance(before, state) > CLASSIFICATION.apart
+    return _kind(before) != _kind(state) or state.kind != "contact" and _distance(before, state) > APART
 
 
 def _alike(one, other):
     """Whether two steady states of one speed are the same motion."""
-    most = CLASSIFICATION.apart if one.kind == "irregular" else CLASSIFICATION.arrived
+    most = APART if one.kind == "irregular" else ARRIVED
     return _kind(one) == _kind(other) and _distance(one, other) <= most
 
 

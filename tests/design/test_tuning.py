@@ -23,7 +23,7 @@ from trains import (
 
 import jaxhb
 from jaxhb import Disk, Shaft, Torque
-from jaxhb.balance.request import Request
+from jaxhb.balance.plan import Request
 from jaxhb.design import Objective, Parameter, Penalty, evaluation
 from jaxhb.design.descent import Descent, _nothing_solved, best_of
 from jaxhb.linear.sensitivity import frequencies_hz
