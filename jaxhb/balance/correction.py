@@ -12,14 +12,9 @@ from jaxhb.balance.preconditioner import linearize
 from jaxhb.equations import fourier
 from jaxhb.equations.iterations import gcr
 
-DERIVATIVE = 1e-12, 60
-"""Share of the right side that a derivative may leave, and its Krylov steps at most."""
-
-NO_DERIVATIVE = 1e-8
-"""Share beyond which it is none, and nan: where the Jacobian is nearly singular, as at a fold."""
-
-BORDERED = 1e-9
-"""Share that a bordered solve may leave: of tangents, and of Newton's method, which gains digits."""
+DERIVATIVE = 1e-12, 60  # share of the right side that a derivative may leave, and its Krylov steps at most
+NO_DERIVATIVE = 1e-8  # share beyond which it is none, and nan: where the Jacobian is nearly singular, as at a fold
+BORDERED = 1e-9  # share that a bordered solve may leave: of tangents, and of Newton's method, which gains digits
 
 
 def cell_averages(values, cells):

@@ -18,17 +18,10 @@ from jaxhb.equations import backlash, fourier, iterations
 from jaxhb.equations.block_sweep import block_sweep
 from jaxhb.equations.residual import link_blocks, node_blocks, residual
 
-KRYLOV_STEPS = 60
-"""Of a Newton step at most."""
-
-RENEW_ABOVE = 12
-"""Krylov steps of a Newton step above which the preconditioner is made anew."""
-
-LEVEL_FORCING = 1e-2
-"""Share of the residual that a simplified correction may leave."""
-
-TIGHTEST, LOOSEST = 1e-10, 1e-2
-"""Share of the residual that a correction may leave, at least and at most."""
+KRYLOV_STEPS = 60  # of a Newton step at most
+RENEW_ABOVE = 12  # krylov steps of a Newton step above which the preconditioner is made anew
+LEVEL_FORCING = 1e-2  # share of the residual that a simplified correction may leave
+TIGHTEST, LOOSEST = 1e-10, 1e-2  # share of the residual that a correction may leave, at least and at most
 
 
 class Iterate(NamedTuple):

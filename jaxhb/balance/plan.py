@@ -15,21 +15,16 @@ from jaxhb.equations.fourier import SAMPLES_PER_HARMONIC
 from jaxhb.excitation.torques import highest_harmonic
 from jaxhb.train import chain
 
+# Harmonics of the cycle at most, by method: work and memory grow with N, for the chain with N^3 and N^2.
 MOST_HARMONICS = {"reduced": 4096, "chain": 128}
-"""Harmonics of the cycle at most, by method: work and memory grow with N, for the chain with N^3 and N^2."""
-
-DEFAULT_TOLERANCE = 0.01
-"""Truncation error of the elastic tooth force, as a share of the largest tooth force."""
-
+DEFAULT_TOLERANCE = 0.01  # truncation error of the elastic tooth force, as a share of the largest tooth force
+# Cycles of time integration before Newton's method, which then takes 2 to 5 steps on ``gear_train_30``.
 MARCH_CYCLES = 3
-"""Cycles of time integration before Newton's method, which then takes 2 to 5 steps on ``gear_train_30``."""
-
+# Numbers of time steps per cycle that are offered, multiples of 32: blocks of the preconditioner and segments of a
+# cycle divide them.
 TIME_STEPS = (*(n * 2**k for k in range(5, 13) for n in (2, 3)), 16384)
-"""Numbers of time steps per cycle that are offered, multiples of 32: blocks of the preconditioner and segments of a
-cycle divide them."""
-
+# Time steps per period of the highest mode: with so many, forces that change linearly within a step suffice.
 STEPS_PER_MODE_PERIOD = 6
-"""Time steps per period of the highest mode: with so many, forces that change linearly within a step suffice."""
 
 
 def time_steps_for(harmonic):

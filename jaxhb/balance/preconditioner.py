@@ -24,14 +24,9 @@ from jax.scipy.linalg import solve_triangular
 
 from jaxhb.integration.step import hold_weights
 
-SLOW_MODES = 16
-"""Whose state is carried from the end of the cycle to its beginning."""
-
-LONGEST, SHORTEST = 32, 8
-"""Time steps of a block, powers of two; every grid is a multiple of the longest."""
-
-BLOCK_FORCES = 64
-"""Forces of all meshes in a block that are aimed at: they make one triangular system."""
+SLOW_MODES = 16  # whose state is carried from the end of the cycle to its beginning
+LONGEST, SHORTEST = 32, 8  # time steps of a block, powers of two; every grid is a multiple of the longest
+BLOCK_FORCES = 64  # forces of all meshes in a block that are aimed at: they make one triangular system
 
 
 @jax.tree_util.register_dataclass

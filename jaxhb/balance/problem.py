@@ -99,8 +99,8 @@ def model_of(problem, active_meshes, time_steps):
     return reduced_model(problem.system, links, active_meshes.mask, problem.frequency, time_steps)
 
 
+# Times the harmonics of the motion that tooth forces have: what their time samples tell apart.
 FORCE_HARMONICS = fourier.SAMPLES_PER_HARMONIC // 2
-"""Times the harmonics of the motion that tooth forces have: what their time samples tell apart."""
 
 
 def fields(problem, displacement, force, integrals, samples, crossings=None):

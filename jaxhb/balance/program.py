@@ -36,24 +36,16 @@ from jaxhb.results.status import March, Newton, Status
 from jaxhb.train.changes import within_range
 from jaxhb.train.speeds import HIGHEST_RPM, check_speed
 
+# Relative residual, a few times that of a settled march, from which Newton's method takes longer than a march.
 MARCH_ABOVE = 3e-4
-"""Relative residual, a few times that of a settled march, from which Newton's method takes longer than a march."""
-
-ESTIMATE = 0.05, 20
-"""Share of the residual that the correction of an estimate may leave, and its Krylov steps at most."""
-
-FEWEST_SAMPLES = 4096
-"""Per cycle, at which extremes of a response are looked for."""
-
-BATCH_SPEEDS = 8
-"""Speeds that one program solves side by side."""
-
+ESTIMATE = 0.05, 20  # share of the residual that the correction of an estimate may leave, and its Krylov steps at most
+FEWEST_SAMPLES = 4096  # per cycle, at which extremes of a response are looked for
+BATCH_SPEEDS = 8  # speeds that one program solves side by side
+# Of a speed in a batch under a plan that the caller did not give; one that needs more is solved again by itself.
 BATCH_NEWTON_STEPS = 8
-"""Of a speed in a batch under a plan that the caller did not give; one that needs more is solved again by itself."""
-
+# From which speeds are solved without batches on processors: one fills a processor, and a batch waits for its slowest
+# and takes longer to compile.
 ALONE_HARMONICS, ALONE_DISKS = 192, 24
-"""From which speeds are solved without batches on processors: one fills a processor, and a batch waits for its slowest
-and takes longer to compile."""
 
 
 @jax.tree_util.register_dataclass
@@ -389,8 +381,8 @@ def solve_batches(train, rpm, plan, max_steps=None, devices=()):
         yield responses
 
 
+# Of a batch of problems only what depends on speed has a leading axis.
 _AXES = Problem(system=None, meshes=None, frequency=0, load=0, rigid=None, load_torque=0, load_power=0)
-"""Of a batch of problems only what depends on speed has a leading axis."""
 
 
 @partial(Program, static_argnames="excited")

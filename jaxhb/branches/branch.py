@@ -313,8 +313,7 @@ def follow(
     rpm : float, optional
         Speed, where that is not the parameter.
     harmonics : int, optional
-        Of all motions. Default: as many as the motion at ``start`` needs, at least what the mesh modes need in the
-        middle of the range.
+        Of all motions. Default: as many as the motion at ``start`` needs, and mesh modes in the middle of the range.
     tolerance : float
         Truncation error that the first motion is solved to; that of each point is in the table.
     begin : Response, optional
@@ -330,8 +329,8 @@ def follow(
     SceneError
         No such element or field, a value out of its range, a speed that is not greater than 0 or above 1e6 rpm.
     ValueError
-        An empty range, a missing or superfluous ``rpm``, a train without backlash, or one without multipliers
-        (:func:`jaxhb.stability`: massless disks).
+        An empty range, a missing or superfluous ``rpm``, a train without backlash, or without multipliers
+        (:func:`jaxhb.stability`).
     NotConverged
         No motion found at ``start``.
 

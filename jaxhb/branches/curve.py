@@ -72,8 +72,8 @@ def _prepared(curve, y, problem, reduced):
     return reduced, correction.prepare(reduced, model, deflection, plan.samples, plan.time_steps), deflection
 
 
+# Of the bordered Jacobian: each leaves of the rest of a direction what the singular value at a point leaves.
 INVERSIONS = 3
-"""Of the bordered Jacobian: each leaves of the rest of a direction what the singular value at a point leaves."""
 
 
 @Program

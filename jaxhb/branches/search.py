@@ -82,18 +82,15 @@ def solve_all(
 ) -> tuple[PeriodicMotion, ...]:
     """The periodic motions of a drive train at one speed, as many as several searches find.
 
-    Teeth that hammer allow several motions at one speed; the train runs in one that attracts, which one depends on
-    where it comes from. Marches begin with teeth on their drive sides, in the middle of their gaps, on the other
-    flanks, at scattered places, and from the motions at neighbouring speeds; they find what attracts, over one or
-    several cycles. Shooting from many cycles and from scattered states, and the curve from a linear law, find motions
-    of one cycle that repel, too.
+    Teeth that hammer allow several motions at one speed; where the train comes from decides in which of those that
+    attract it runs. Marches begin with teeth on their drive sides, in the middle of their gaps, on the other flanks, at
+    scattered places, and from the motions at neighbouring speeds; they find what attracts, over one or several cycles.
+    Shooting from many cycles and from scattered states, and the curve from a linear law, find motions of one cycle that
+    repel, too.
 
     Parameters
     ----------
-    train : DriveTrain
-    rpm : float
-        Speed of the reference rotor.
-    harmonics, tolerance : optional
+    train, rpm, harmonics, tolerance
         As in :func:`jaxhb.solve`.
 
     Returns

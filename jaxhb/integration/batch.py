@@ -23,14 +23,11 @@ from jaxhb.equations.state_space import dense_linear_motion, matrices, static_re
 from jaxhb.excitation.torques import excitation
 from jaxhb.integration.step import Stepper, force_on_flank, krogstad, stages
 
+# Time samples of a cycle at which its motion is compared with that of other cycles; divides every number of steps.
 SAMPLES = 32
-"""Time samples of a cycle at which its motion is compared with that of other cycles; divides every number of steps."""
-
-UNROLLED = 16
-"""Terms of a sum up to which it is written out, which vectorises over the lanes."""
-
+UNROLLED = 16  # terms of a sum up to which it is written out, which vectorises over the lanes
+# Share of the motion in contact that a start from there lacks: a motion that repels would be kept for long.
 DISTURBED = 0.02
-"""Share of the motion in contact that a start from there lacks: a motion that repels would be kept for long."""
 
 
 @jax.tree_util.register_dataclass

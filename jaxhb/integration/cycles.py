@@ -11,14 +11,9 @@ from jaxhb._program import Program
 from jaxhb.equations import backlash, fourier
 from jaxhb.integration.batch import SAMPLES, cycle
 
-CYCLES = 8
-"""That a program marches at a time, at most."""
-
-HARMONICS = 256
-"""Of the cycle, of which amplitudes are kept at most."""
-
-STRIDE = 2
-"""Steps between the samples of shafts and disks, which follow the teeth with fewer than these."""
+CYCLES = 8  # that a program marches at a time, at most
+HARMONICS = 256  # of the cycle, of which amplitudes are kept at most
+STRIDE = 2  # steps between the samples of shafts and disks, which follow the teeth with fewer than these
 
 
 @jax.tree_util.register_dataclass

@@ -20,26 +20,14 @@ from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
 
+# Steps per period of the highest mesh mode, and at most, where a narrow transition of the law asks for more.
 STEPS_PER_PERIOD, MOST_STEPS_PER_PERIOD = 40, 400
-"""Steps per period of the highest mesh mode, and at most, where a narrow transition of the law asks for more."""
-
-STEPS = 256
-"""Of a cycle, at least."""
-
-MESH_SHARE = 0.01
-"""Share of the strain energy of a mode that backlash meshes hold from which it is a mesh mode."""
-
-CORRECTIONS = 10
-"""Newton steps on the segments of a cycle, at most."""
-
-CONTRADICTS = 3.0
-"""Times the estimate of the truncation error above which a correction is asked with more steps."""
-
-STEP_ERROR = 1e-4
-"""What the steps leave of an elastic tooth force, as a share of the largest."""
-
-ROUNDED = 1e-11
-"""Share of a displacement that the coordinates of the integration may lose."""
+STEPS = 256  # of a cycle, at least
+MESH_SHARE = 0.01  # share of the strain energy of a mode that backlash meshes hold from which it is a mesh mode
+CORRECTIONS = 10  # newton steps on the segments of a cycle, at most
+CONTRADICTS = 3.0  # times the estimate of the truncation error above which a correction is asked with more steps
+STEP_ERROR = 1e-4  # what the steps leave of an elastic tooth force, as a share of the largest
+ROUNDED = 1e-11  # share of a displacement that the coordinates of the integration may lose
 
 _discretize = Program(discretize, static_argnames=("steps", "parts"))
 _settle = Program(settle)
@@ -60,28 +48,18 @@ def _close(stepper, system, load, coefficients, tolerance):
 
 @dataclass(frozen=True)
 class Orbit:
-    """A cycle found by time integration, on the host; samples at ``t_j = 2 pi j / (Omega steps)``.
+    """A cycle found by time integration, on the host; samples at ``t_j = 2 pi j / (Omega steps)``, backlash meshes.
 
     Attributes
     ----------
     deflection, rate : arrays ``(G, steps)``, m and m/s
-        Backlash meshes in the order of ``meshes``.
-    elastic, transmitted : arrays ``(G, steps)``, N
-        f(l), and f(l) with the damping force.
-    smallest, largest : arrays ``(G,)``, N
-        Extremes of the elastic force, between the samples too (cubic through l and l').
-    separated : array ``(G,)``
-        Share of the cycle in which the teeth are apart.
-    periodicity_error : float
-        Relative change over the cycle, see :class:`jaxhb.integration.step.Trace`.
-    settled : bool
-        Whether the periodicity error met the tolerance.
-    cycles : int
-        Cycles marched, 0 after shooting.
-    newton_steps : int
-        Newton steps of shooting.
-    state : array ``(n,)``
-        Deviation at the beginning of the cycle after the last one.
+    elastic, transmitted : arrays ``(G, steps)`` N, f(l), and f(l) with the damping force
+    smallest, largest : arrays ``(G,)`` N, of the elastic force, between the samples too (cubic through l and l')
+    separated : array ``(G,)``, share of the cycle in which the teeth are apart
+    periodicity_error : float, relative change over the cycle, see :class:`jaxhb.integration.step.Trace`
+    settled : bool, whether the periodicity error met the tolerance
+    cycles, newton_steps : int, cycles marched, 0 after shooting, and Newton steps of shooting
+    state : array ``(n,)``, deviation at the beginning of the cycle after the last one
     stepper : Stepper
     """
 
@@ -271,10 +249,9 @@ class Correction:
 
     Attributes
     ----------
-    error : float
-        Largest difference of the elastic tooth forces over the cycle and the meshes / largest elastic tooth force.
-    peak_error : float
-        Largest difference of their extremes / largest elastic tooth force.
+    error, peak_error : float
+        Largest difference of the elastic tooth forces over the cycle and the meshes, and of their extremes / largest
+        elastic tooth force.
     orbit : Orbit
         The corrected motion; ``orbit.settled`` says whether shooting closed the cycle.
     """
@@ -288,17 +265,15 @@ def shooting_correction(response: Response, *, steps: int | None = None, toleran
     """Start at a harmonic solution, integrate one cycle, correct by Newton: the change is the solution's true error.
 
     The cycle is cut into 32 segments that Newton's method joins (multiple shooting): valid on unstable motions too. The
-    answer is as good as the integration: see :func:`resolving_steps`. Teeth without damping need more steps: a change
-    above three times ``response.truncation_error`` is asked with 4 and 16 times as many, which overrule it if they
-    close the cycle.
+    answer is as good as the integration: see :func:`integrate`. Teeth without damping need more steps: a change above
+    three times ``response.truncation_error`` is asked with 4 and 16 times as many, which overrule it if they close.
 
     Parameters
     ----------
     response : Response
         At one speed.
     steps : int, optional
-        Exactly so many per cycle, rounded up to a multiple of 32; without it :func:`resolving_steps` and, where these
-        contradict the estimate, more.
+        Exactly so many per cycle, rounded up to a multiple of 32.
     tolerance : float
         Periodicity error to reach.
 

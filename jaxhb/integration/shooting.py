@@ -16,18 +16,13 @@ from jax import lax
 from jaxhb.equations import iterations
 from jaxhb.integration.step import cycle_error, no_samples, periodicity_error, put, run, trace_of, watch
 
-SEGMENTS = 32
-"""Of a cycle; divides every number of time steps. More of them cost no less."""
-
-SINGULAR = 1e-11
-"""Share of the largest singular value of a condensed cycle below which a motion returns whatever it is."""
-
+SEGMENTS = 32  # of a cycle; divides every number of time steps. More of them cost no less.
+SINGULAR = 1e-11  # share of the largest singular value of a condensed cycle below which a motion returns whatever it is
+# Shares of a Newton step on segments that are tried, all of them: one costs a run through the segments and no linear
+# solve, little beside the Jacobian, so that none need be predicted.
 LENGTHS = (1.0, 0.5, 0.2, 0.05, 0.01)
-"""Shares of a Newton step on segments that are tried, all of them: one costs a run through the segments and no linear
-solve, little beside the Jacobian, so that none need be predicted."""
-
+# The same of a step on one piece: beside grazing impacts only short steps improve the periodicity error.
 SEARCH_LENGTHS = (1.0, 0.6, 0.36, 0.2, 0.1, 0.03)
-"""The same of a step on one piece: beside grazing impacts only short steps improve the periodicity error."""
 
 
 def _end(stepper, state, segment, segments):

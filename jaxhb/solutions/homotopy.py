@@ -37,17 +37,11 @@ class Beginning(NamedTuple):
     linear: bool
 
 
+# Of one curve after another: which is short nobody knows beforehand.
 BEGINNINGS = Beginning(20.0, 20.0, False), Beginning(6.0, 4.5, True), Beginning(20.0, 7.0, False)
-"""Of one curve after another: which is short nobody knows beforehand."""
-
-WORK = 2e9
-"""Of all curves, Jacobians times :func:`work_of_cycle`: twenty seconds."""
-
-FEWEST_JACOBIANS, MOST_JACOBIANS = 50, 700
-"""Of one curve: with fewer no curve arrives."""
-
-LEAST_EPSILON = 1e-4
-"""Below which epsilon changes linearly in p: too soft to matter, and zero has no logarithm."""
+WORK = 2e9  # of all curves, Jacobians times ``work_of_cycle``: twenty seconds
+FEWEST_JACOBIANS, MOST_JACOBIANS = 50, 700  # of one curve: with fewer no curve arrives
+LEAST_EPSILON = 1e-4  # below which epsilon changes linearly in p: too soft to matter, and zero has no logarithm
 
 
 @jax.tree_util.register_dataclass

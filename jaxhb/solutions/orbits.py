@@ -22,33 +22,17 @@ from jaxhb.equations.reduced_model import REDUCED_MODEL, states_of
 from jaxhb.integration import shooting
 from jaxhb.integration.step import cycle, cycle_error, with_rate
 
-CYCLES = 64
-"""Marched at most; those that close best are shot from."""
-
-WORK = 6e7
-"""Of the cycles shot from, in units of :func:`work_of_cycle`."""
-
+CYCLES = 64  # marched at most; those that close best are shot from
+WORK = 6e7  # of the cycles shot from, in units of ``work_of_cycle``
+# Of one shooting, in one piece and then in segments: of those that succeed in one piece within 40, nine out of ten take
+# no more than 12.
 NEWTON_STEPS = 15
-"""Of one shooting, in one piece and then in segments: of those that succeed in one piece within 40, nine out of ten
-take no more than 12."""
-
-STEADY = 1e-3
-"""Periodicity error from which Newton's method on the harmonics usually succeeds; the march ends there."""
-
-PERIODIC = 1e-6
-"""Periodicity error that counts as none, far below what the steps themselves leave."""
-
-CLOSED = 1e-8
-"""The same of the segments of a cycle, aimed at."""
-
-SAME = 1e-4
-"""Difference of the deflections, as a share of the largest, below which two orbits are one, found twice."""
-
-CAPACITY = 32768
-"""Steps of a cycle at most. Arrays have room for them: programs are not compiled for each number."""
-
-FLEXIBLE = 1e-6
-"""Share of the compliance of a mesh below which modes too fast for the steps are left out."""
+STEADY = 1e-3  # periodicity error from which Newton's method on the harmonics usually succeeds; the march ends there
+PERIODIC = 1e-6  # periodicity error that counts as none, far below what the steps themselves leave
+CLOSED = 1e-8  # the same of the segments of a cycle, aimed at
+SAME = 1e-4  # difference of the deflections, as a share of the largest, below which two orbits are one, found twice
+CAPACITY = 32768  # steps of a cycle at most. Arrays have room for them: programs are not compiled for each number.
+FLEXIBLE = 1e-6  # share of the compliance of a mesh below which modes too fast for the steps are left out
 
 
 @Program

@@ -2,10 +2,10 @@
 
 A start strategy is a function ``strategy(case)`` that yields attempts ``(plan, given, event)``: deflections ``(G,
 n+1)`` from which Newton's method is to start under a plan, None for the start that the plan has, and how they were
-found. The next one is asked for where Newton's method did not solve the last. The cheap strategies come first: from teeth in
-contact Newton's method succeeds where no tooth separates, from a short march where the motion settles within a few
-cycles. Shooting and the curve from the linear law look for periodic motions that no march settles on; what they find
-may be unstable. A solve takes few shots and no curve.
+found. The next one is asked for where Newton's method did not solve the last. The cheap strategies come first: from
+teeth in contact Newton's method succeeds where no tooth separates, from a short march where the motion settles within a
+few cycles. Shooting and the curve from the linear law look for periodic motions that no march settles on; what they
+find may be unstable. A solve takes few shots and no curve.
 """
 
 import dataclasses
@@ -24,15 +24,11 @@ from jaxhb.results.response import Response
 from jaxhb.results.status import Homotopy, March, Shooting, Status
 from jaxhb.solutions import homotopy, orbits, planning
 
+# Periodicity error of a march from which shooting with its steps is useless: what Newton's method then lacks are
+# shorter steps or more harmonics.
 SETTLED = 1e-5
-"""Periodicity error of a march from which shooting with its steps is useless: what Newton's method then lacks are
-shorter steps or more harmonics."""
-
-CLOSER = 30.0
-"""A long march is a start where its periodicity error is so many times smaller than that of the short one."""
-
-FINEST_SHOTS = 4
-"""With the finest steps, that ``Effort.work`` has to pay for: of larger trains fewer closed none."""
+CLOSER = 30.0  # A long march is a start where its periodicity error is so many times smaller than that of the short one
+FINEST_SHOTS = 4  # with the finest steps, that ``Effort.work`` has to pay for: of larger trains fewer closed none
 
 
 @dataclass(frozen=True)
@@ -50,8 +46,7 @@ class Effort:
     orbits: int = 2
 
 
-LONG = Effort(finer=4, work=orbits.WORK, orbits=16)
-"""What the searches of :func:`jaxhb.solve_all` may cost: minutes."""
+LONG = Effort(finer=4, work=orbits.WORK, orbits=16)  # what the searches of ``jaxhb.solve_all`` may cost: minutes
 
 
 @dataclass
@@ -271,12 +266,11 @@ def from_linear_law(case):
     yield from _with_finer_steps(case, plan, found, steps, event)
 
 
+# Of a solve, the cheap ones first: the first attempt that is solved is the answer. Where the start of one of them has
+# failed already, or is not wanted, those after it are tried: the order counts.
 STRATEGIES = (contact, short_march, long_march, shooting)
-"""Of a solve, the cheap ones first: the first attempt that is solved is the answer. Where the start of one of them has
-failed already, or is not wanted, those after it are tried: the order counts."""
-
+# Of ``jaxhb.solve_all``, which makes all their attempts.
 SEARCHES = (from_contact, short_march, long_march, shooting, from_linear_law)
-"""Of :func:`jaxhb.solve_all`, which makes all their attempts."""
 
 
 def _finest(case, plan):

@@ -20,8 +20,7 @@ from jaxhb.results.serial import pack, unpack
 
 MANIFEST = "sweep.json"
 
-CHUNK = 64
-"""Speeds of a chunk by default: as many as are marched side by side."""
+CHUNK = 64  # speeds of a chunk by default: as many as are marched side by side
 
 
 class CheckpointError(ValueError):

@@ -13,25 +13,16 @@ from jaxhb.steady.confirmation import LEVELS, compile_ahead, same_motion, shorte
 from jaxhb.steady.marching import Batch, Equations, record_of
 from jaxhb.steady.threads import driven, side_by_side
 
+# Difference of deflections, relative to the largest and the gap, up to which a march arrives at a motion known from
+# another start.
 ARRIVED = 0.02
-"""Difference of deflections, relative to the largest and the gap, up to which a march arrives at a motion known from
-another start."""
-
+# Difference of the motions of neighbouring speeds from which the one may have another motion when it starts from the
+# other; and of largest deflections up to which records of irregular motion are of one.
 APART = 0.1
-"""Difference of the motions of neighbouring speeds from which the one may have another motion when it starts from the
-other; and of largest deflections up to which records of irregular motion are of one."""
-
-RETURNED = 5e-3
-"""Closure error below which a motion may have the shorter period that its solution has."""
-
-FINEST = 4
-"""Times the steps of a march, at most, where twice as many did not confirm what it shows."""
-
-LATER = 32
-"""Cycles after which a march with shorter steps is recorded, once it has settled on those of longer ones."""
-
-MORE_CYCLES = 32
-"""That a march with the finest steps goes on where harmonic balance did not find its motion."""
+RETURNED = 5e-3  # closure error below which a motion may have the shorter period that its solution has
+FINEST = 4  # times the steps of a march, at most, where twice as many did not confirm what it shows
+LATER = 32  # cycles after which a march with shorter steps is recorded, once it has settled on those of longer ones
+MORE_CYCLES = 32  # that a march with the finest steps goes on where harmonic balance did not find its motion
 
 
 class Classifier:

@@ -10,49 +10,31 @@ import numpy as np
 # settle over hundreds of cycles, of which the teeth see little: what is left is solved by harmonic balance, whatever
 # the rate of decay.
 
-PERIODIC = 5e-5
-"""Closure error at which a motion that does not leave it has a period."""
-
-NEAR = 3e-4
-"""Closure error below which it has a period that it approaches."""
-
+PERIODIC = 5e-5  # closure error at which a motion that does not leave it has a period
+NEAR = 3e-4  # closure error below which it has a period that it approaches
+# Closure error that keeps falling below which, where a march ends, it may be near a motion to which it goes on: worth
+# the question of whether there is one that attracts.
 CLOSE = 0.02
-"""Closure error that keeps falling below which, where a march ends, it may be near a motion to which it goes on: worth
-the question of whether there is one that attracts."""
-
-SMALL = 0.3
-"""Closure error above which a decay shows nothing."""
-
-ROUNDED = 1e-9
-"""Closure error that rounding leaves."""
-
+SMALL = 0.3  # closure error above which a decay shows nothing
+ROUNDED = 1e-9  # closure error that rounding leaves
+# Share to which the closure error falls from one window of cycles to the next, twice, where a motion approaches a
+# period; past a motion that repels in one direction the fall slows down.
 FALLING = 0.8
-"""Share to which the closure error falls from one window of cycles to the next, twice, where a motion approaches a
-period; past a motion that repels in one direction the fall slows down."""
-
-DECAYING = 0.95
-"""The same where it may still do so."""
-
-LEAVING = 1.05
-"""Growth of the closure error from one window to the next that still is none."""
-
+DECAYING = 0.95  # the same where it may still do so
+LEAVING = 1.05  # growth of the closure error from one window to the next that still is none
+# Cycles in a window at least (as many as the period has), and cycles after which one is looked for, at most.
 WINDOW, LONGEST_PERIOD = 3, 8
-"""Cycles in a window at least (as many as the period has), and cycles after which one is looked for, at most."""
 
 PERIODS = range(1, LONGEST_PERIOD + 1)
 
+# Latest cycles that closure errors are read from: three windows and the longest period.
 READ = 3 * max(WINDOW, LONGEST_PERIOD) + LONGEST_PERIOD
-"""Latest cycles that closure errors are read from: three windows and the longest period."""
-
+# Cycles before a record, fewest and most, and steps times modes that these may take beyond the fewest.
 TRANSIENT, WORK = (64, 1024), 4e6
-"""Cycles before a record, fewest and most, and steps times modes that these may take beyond the fewest."""
-
-DECAYS = 8.0
-"""Times the decay of the slowest mode that teeth notice, that a transient is given."""
-
+DECAYS = 8.0  # times the decay of the slowest mode that teeth notice, that a transient is given
+# Cycles of a transient for the sake of such modes, at most: where cycles take long, and where they do not; steps times
+# modes that these may take beyond the fewer, some seconds.
 SLOWEST, SLOW_WORK = (512, 1024), 2e7
-"""Cycles of a transient for the sake of such modes, at most: where cycles take long, and where they do not; steps times
-modes that these may take beyond the fewer, some seconds."""
 
 
 @dataclass(frozen=True)

@@ -12,21 +12,14 @@ from jaxhb.results.status import March, Status
 from jaxhb.solutions import planning, starts
 from jaxhb.steady.closure import LONGEST_PERIOD
 
-MARGIN = 0.05
-"""Share of the backlash beyond the knee that a mesh keeps which is taken to stay on its flank (verified)."""
-
+MARGIN = 0.05  # share of the backlash beyond the knee that a mesh keeps which is taken to stay on its flank (verified)
+# Difference of deflections, relative to the largest and the gap, up to which a solution is the motion marched.
 SAME = 0.05
-"""Difference of deflections, relative to the largest and the gap, up to which a solution is the motion marched."""
-
-REPEATS = 1e-4
-"""Share of the sum of all amplitudes below which those of longer periods are none."""
-
+REPEATS = 1e-4  # share of the sum of all amplitudes below which those of longer periods are none
+# Numbers of harmonics, one higher than the other, from which Newton's method is started: with too few there may be no
+# solution near the motion.
 LEVELS = 3
-"""Numbers of harmonics, one higher than the other, from which Newton's method is started: with too few there may be no
-solution near the motion."""
-
-COMPARED = 1024
-"""Time samples of a cycle at which motions are compared."""
+COMPARED = 1024  # time samples of a cycle at which motions are compared
 
 
 def solve_marched(train, march, trace, period, request, *, steps, meshes, levels=LEVELS):

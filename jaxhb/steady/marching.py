@@ -21,27 +21,18 @@ from jaxhb.results.record import Record, RecordedSignal, SteadyContact
 from jaxhb.steady.closure import Closure
 from jaxhb.train import chain
 
+# Steps per period of the highest mesh mode, and of a cycle, at least. On ``gear_train_30``, five speeds from 1422 to
+# 2039 rpm, extremes of the elastic tooth forces are then good to 0.7 % (5.3 steps), with 4 to 1.2 %, with 3.5 to 1.8 %,
+# with 8 to 0.2 %.
 STEPS_PER_MODE_PERIOD, STEPS = 5, 256
-"""Steps per period of the highest mesh mode, and of a cycle, at least. On ``gear_train_30``, five speeds from 1422 to
-2039 rpm, extremes of the elastic tooth forces are then good to 0.7 % (5.3 steps), with 4 to 1.2 %, with 3.5 to 1.8 %,
-with 8 to 0.2 %."""
-
+# Lanes of a batch, each a program, and how many speeds at least it is faster for than smaller batches; on each device.
 BATCHES = (64, 41), (16, 8), (1, 1)
-"""Lanes of a batch, each a program, and how many speeds at least it is faster for than smaller batches; on each
-device."""
-
-RECORDED_LANES = 16
-"""Of a recorded batch at most, for the sake of memory."""
-
-MODAL_DISKS = 300
-"""Disks up to which all modes are marched."""
-
+RECORDED_LANES = 16  # of a recorded batch at most, for the sake of memory
+MODAL_DISKS = 300  # disks up to which all modes are marched
+# Of larger trains those modes are kept, as far as meshes see them, which so many steps per period of the highest mesh
+# mode resolve, with four steps per period of their own: up to 1.5 times its frequency.
 KEPT_MODES = 6
-"""Of larger trains those modes are kept, as far as meshes see them, which so many steps per period of the highest mesh
-mode resolve, with four steps per period of their own: up to 1.5 times its frequency."""
-
-OBSERVABLE = 1e-4
-"""Share of a mesh's own compliance from which teeth notice a mode."""
+OBSERVABLE = 1e-4  # share of a mesh's own compliance from which teeth notice a mode
 
 
 class Equations:

@@ -110,8 +110,8 @@ def steady_state(
     """What a drive train does at each speed after it has run long enough.
 
     Teeth that stay in contact are known from the linear motion. Otherwise the train is marched through cycles of the
-    excitation until its motion returns after 1 to 8 of them; harmonic balance of so many cycles, from there, gives the
-    exact motion. Where it does not return, the numbers are those of a record of at least 64 cycles.
+    excitation until its motion closes after 1 to 8 of them; harmonic balance of so many cycles, from there, gives the
+    exact motion. Where it does not close, the numbers are those of a record of at least 64 cycles.
 
     Parameters
     ----------
@@ -135,15 +135,15 @@ def steady_state(
     progress : callable, optional
         Called with the number of speeds done since the last call.
     out : path, optional
-        A folder in which the steady states of marched speeds are kept as they are found: the same call goes on where
-        it was stopped, with the same numbers to the last bit.
+        A folder in which the steady states of marched speeds are kept as they are found: the same call goes on where it
+        was stopped, with the same numbers to the last bit.
     chunk : int, optional
-        How many speeds are marched together, reported and kept; less is lost with fewer, and it takes longer.
-        Default: 64 with ``out``, all without.
+        How many speeds are marched together, reported and kept; default: 64 with ``out``, all without. Fewer take
+        longer.
     on_states : callable, optional
         Called with ``{number of the speed: SteadyState}`` of what was found since the last call, and with "up" or
-        "down". Of several speeds one may be reported again, when its neighbour has a motion that it takes over: what
-        was reported last is what is returned.
+        "down". A speed may be reported again, when its neighbour has a motion that it takes over: the last report
+        counts.
     devices : sequence of jax devices
         Across which marches and batches of a sweep are shared, as ``jax.devices()``; by default one does it all.
 
@@ -156,20 +156,19 @@ def steady_state(
     SceneError
         A speed that is not greater than 0 or above 1e6 rpm.
     ValueError
-        An unknown direction. A :class:`CheckpointError` is one, too: ``out`` holds answers for another train, another
-        version or other options, or cannot be written.
+        An unknown direction; :class:`CheckpointError`: ``out`` holds other answers, or cannot be written.
     TypeError
         Under ``jit``, ``vmap`` or ``grad``.
 
     Notes
     -----
-    The march is exponential integration around the linear train, five steps per period of the highest mesh mode or
-    more. Where harmonic balance does not confirm what it shows, or disturbances of the solution grow, or the march does
-    not settle, it goes on with twice and four times as many steps: beside a bifurcation the kind of motion is that of
-    the steps. A transient that outlasts the march counts as irregular; where a mode that teeth notice had not decayed
-    when the record began, a note says so. In a sweep all speeds first start from teeth on their drive sides, and those
-    whose neighbour has another motion then start from that one, too. Motions of neighbours that never differ by more
-    than a tenth of the largest deflection count as one.
+    The march takes five steps per period of the highest mesh mode or more. Where harmonic balance does not confirm what
+    it shows, or disturbances of the solution grow, or the march does not become periodic, it goes on with twice and
+    four times as many: beside a bifurcation the kind of motion is that of the steps. A transient that outlasts the
+    march counts as irregular; where a mode that teeth notice had not decayed when the record began, a note says so. In
+    a sweep all speeds first start from teeth on their drive sides, and those whose neighbour has another motion then
+    from that one, too. Motions of neighbours that never differ by more than a tenth of the largest deflection count as
+    one.
 
     Examples
     --------
