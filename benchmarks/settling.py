@@ -21,7 +21,7 @@ from records import Recorder, pin
 from stress import mode_harmonic, steps_for
 
 import jaxhb
-from jaxhb.integration.cycles import cycle
+from jaxhb.integration.step import cycle
 from jaxhb.linear.mesh_modes import STRAINED
 
 CYCLES, WATCHED = 1024, 64

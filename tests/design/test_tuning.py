@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from differences import Tight, compare, differences
+from differences import compare, differences, tight_plan
 from reference_data import reference
 from tolerances import GRADIENT, PATHS
 from trains import (
@@ -88,7 +88,9 @@ PENALTIES = (
     Penalty(quantity="natural frequency", mode=2, least=180.0, weight=1.0),
 )
 LOST = SimpleNamespace(status=jaxhb.Status.STALLED)
-PLAN = Tight(harmonics=32, active=(0, 1), flank=(0, 0), start="march", time_steps=768, tolerance=0.5, excited=3)
+PLAN = tight_plan(
+    harmonics=32, active=(0, 1), flank=(0, 0), start="march", time_steps=768, tolerance=0.5, excited=3, estimated=True
+)
 
 
 @cache
