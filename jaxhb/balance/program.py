@@ -29,7 +29,7 @@ from jaxhb.balance.problem import (
 from jaxhb.equations import backlash, condensation, exact_integrals, fourier
 from jaxhb.equations.backlash import law_of
 from jaxhb.equations.reduced_model import resting_on_flank
-from jaxhb.integration.step import force_on_flank, settle, stepper_of, with_rate
+from jaxhb.integration.step import force_on_flank, march, stepper_of, with_rate
 from jaxhb.linear.forced import SINGULAR, judged
 from jaxhb.results.response import Response
 from jaxhb.results.status import March, Newton, Status
@@ -138,20 +138,20 @@ def _first(reduced, space, start, plan):
     coefficients, given, cycles, periodicity_tolerance = start
     begun = jnp.where(given, coefficients, deflections_on_flank(reduced))
 
-    def march():
+    def from_flank():
         return marched(reduced, space, plan.time_steps, cycles, periodicity_tolerance)
 
     if not plan.marches:
         return begun, jnp.zeros(())
     if not plan.compare_starts:
-        return lax.cond(cycles > 0, march, lambda: (begun, jnp.zeros(())))
+        return lax.cond(cycles > 0, from_flank, lambda: (begun, jnp.zeros(())))
     sampled = dataclasses.replace(reduced, integrals="sampled")
 
     def left(deflection):
         return relative_residual(sampled, sampled.residual(deflection, plan.samples))
 
     def better():
-        found, periodicity_error = march()
+        found, periodicity_error = from_flank()
         worse = lax.cond(compared, lambda found: ~(left(found) < remaining), lambda _: False, found)
         return jnp.where(worse, begun, found), jnp.where(worse, 0.0, periodicity_error)
 
@@ -181,7 +181,7 @@ def marched(reduced, space, time_steps, cycles, periodicity_tolerance):
     """
     linear = fourier.synthesize(with_rate(reduced.linear, reduced.frequency), 2 * time_steps).T
     stepper = reduced_stepper(reduced, space, time_steps, linear)
-    trace = settle(stepper, stepper.flank_state, tolerance=periodicity_tolerance, max_cycles=cycles).trace
+    _, trace, _ = march(stepper, stepper.flank_state, tolerance=periodicity_tolerance, max_cycles=cycles)
     harmonics = reduced.linear.shape[-1] - 1
     kept = fourier.analyze(trace.deflection, min(harmonics, (time_steps - 1) // 2))
     finite = jnp.all(jnp.isfinite(trace.deflection))

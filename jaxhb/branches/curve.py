@@ -40,6 +40,10 @@ class HarmonicCurve:
             return self.train, value
         return self.train.replace({self.parameter: value}), self.rpm
 
+    def value(self, y):
+        """The parameter at a point, on the host."""
+        return float(self.begin + y[-1] * self.span)
+
     def deflection(self, y):
         """Coefficients ``(G, N+1)`` m of the unknown meshes at a point."""
         return fourier.unpack(self.scale * y[:-1].reshape(len(self.active_meshes.mask), -1))

@@ -111,10 +111,6 @@ class Lanes:
             **{name: getattr(self, name)[..., 0].T for name in ("first", "second", "third")},
             **{name: getattr(self, name)[..., 0] for name in ("linear", "viscous", "contact_damping")},
             law=jax.tree.map(lambda a: a[:, 0], self.law),
-            linear_state=None,
-            flank_state=None,
-            space=None,
-            frequency=None,
         )
 
         def advance(state, w, k):

@@ -14,7 +14,7 @@ from jaxhb.equations.residual import backlash_meshes
 from jaxhb.equations.state_space import dense_linear_motion, matrices, partition
 from jaxhb.excitation.torques import excitation, listed_harmonic
 from jaxhb.integration import shooting
-from jaxhb.integration.step import discretize, settle
+from jaxhb.integration.step import discretize, march
 from jaxhb.results.response import Response
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
@@ -30,7 +30,7 @@ STEP_ERROR = 1e-4  # what the steps leave of an elastic tooth force, as a share 
 ROUNDED = 1e-11  # share of a displacement that the coordinates of the integration may lose
 
 _discretize = Program(discretize, static_argnames=("steps", "parts"))
-_settle = Program(settle)
+_march = Program(march)
 
 
 @Program
@@ -146,8 +146,8 @@ def reference_orbit(
             begin = _state_of(stepper, jnp.asarray(start_coefficients))
         # No cycle closes better than by nothing: exactly so many are marched.
         until = (tolerance, max_cycles) if cycles is None else (-1.0, cycles)
-        found = _settle(stepper, begin, tolerance=until[0], max_cycles=until[1])
-        state, trace, cycles = found.state, found.trace, cycles or found.cycles
+        state, trace, done = _march(stepper, begin, tolerance=until[0], max_cycles=until[1])
+        cycles = cycles or done
     law = meshes.law.expand()
     viscous, in_contact = np.asarray(meshes.viscous)[:, None], np.asarray(meshes.contact_damping)[:, None]
     low, high = backlash.force(

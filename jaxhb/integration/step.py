@@ -56,13 +56,13 @@ class Stepper:
     second: jax.Array
     third: jax.Array
     linear: jax.Array
-    linear_state: jax.Array
-    flank_state: jax.Array
-    space: StateSpace
     law: Law
     viscous: jax.Array
     contact_damping: jax.Array
-    frequency: jax.Array
+    linear_state: jax.Array | None = None
+    flank_state: jax.Array | None = None
+    space: StateSpace | None = None
+    frequency: jax.Array | None = None
     residual_flexibility: jax.Array | None = None
     count: jax.Array | None = None
 
@@ -110,18 +110,17 @@ class Stepper:
         """Deviation and w one step later; ``middle`` and ``last`` are w_linear half a step and one step ahead."""
         moved = self.propagate @ state
         size, watched = state.shape[0], w.shape[0]
-        ahead = last + moved[size : size + watched]
-        half = middle + moved[size + watched :]
-
-        def product(weights, *forces):
-            return weights @ jnp.concatenate(forces)
-
-        change = product(self.weights, *stages(self.nonlinear_force_at, product, self, w, half, ahead))
+        ahead, half = last + moved[size : size + watched], middle + moved[size + watched :]
+        change = _product(self.weights, *stages(self.nonlinear_force_at, _product, self, w, half, ahead))
         return moved[:size] + change[:size], ahead + change[size:]
 
     def observe(self, state):
         """w = (l, l') ``(2G,)`` at t = 0."""
         return self.linear[0] + self.space.observation @ state
+
+
+def _product(weights, *forces):
+    return weights @ jnp.concatenate(forces)
 
 
 def stages(force, product, weights, w, middle, ahead):
@@ -254,17 +253,6 @@ class Trace:
     periodicity_error: jax.Array
 
 
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class Settled:
-    """Outcome of :func:`settle`: state ``(n,)``, last cycle, whether the tolerance was met, cycles run."""
-
-    state: jax.Array
-    trace: Trace
-    settled: jax.Array
-    cycles: jax.Array
-
-
 def run(stepper, state, first, count, keep=lambda seen, k, w: seen, seen=(), even=False):
     """``count`` steps on from the deviation ``state`` at the beginning of step ``first``; valid under jit and vmap.
 
@@ -337,11 +325,11 @@ def trace_of(stepper, samples, change):
     return Trace(deflection, rate, periodicity_error(stepper, change, largest))
 
 
-def settle(stepper, state, *, tolerance=1e-6, max_cycles=200):
+def march(stepper, state, *, tolerance=1e-6, max_cycles=200):
     """March from a deviation ``(n,)`` until a cycle closes to ``tolerance``, a ``trace.periodicity_error``, is not
-    finite, or ``max_cycles`` have passed; valid under jit and vmap.
+    finite, or ``max_cycles`` have passed: state ``(n,)``, Trace of the last cycle, cycles; valid under jit and vmap.
 
-    ``settled`` is False where the motion is not periodic, has a longer period or decays too slowly. A slow drift closes
+    No cycle closes where the motion is not periodic, has a longer period or decays too slowly. A slow drift closes
     every cycle to the drift of one cycle.
     """
 
@@ -356,5 +344,4 @@ def settle(stepper, state, *, tolerance=1e-6, max_cycles=200):
     # Begun with a Trace of nothing, the loop holds one copy of a cycle, and compiles faster.
     empty = jnp.zeros((len(stepper.viscous), stepper.capacity))
     begin = state, Trace(empty, empty, jnp.array(jnp.inf)), jnp.array(0)
-    state, trace, done = lax.while_loop(unfinished, another, begin)
-    return Settled(state, trace, trace.periodicity_error <= tolerance, done)
+    return lax.while_loop(unfinished, another, begin)

@@ -151,7 +151,7 @@ class _Classification:
     def __init__(self, classifier, index, batch, march, spent, refinement):
         self.classifier, self.index, self.batch, self.march = classifier, index, batch, march
         self.refinement, self.spent, self.needs_refinement = refinement, spent, False
-        self.notes, missing = [], batch.equations.missing
+        self.notes, missing = [], batch.equations.modes_and_missing[1]
         if np.any(classifier.train.shafts.loss_factor) or np.any(classifier.train.dampers.loss_factor):
             self.notes.append("time integration replaces loss factors by damping of each mode at its natural frequency")
         if missing:

@@ -52,30 +52,22 @@ class Equations:
         self.linear = np.flatnonzero(~np.array(topology.mesh_backlash, dtype=bool))
         self.shafts = len(topology.link_names) - len(topology.mesh_names)
         self.gears = sorted({disk for ends in topology.mesh_ends for disk in ends})
-        self.small = topology.n_disks <= MODAL_DISKS
 
-    @cached_property
+    @property
     def modes(self):
-        """The damped :class:`~jaxhb.equations.modal_form.Modes`: all, or of a finely divided train the slow ones that
-        its meshes see most."""
-        frequency = self.train.topology.cycle_frequency(1000.0)
-        if self.small:
-            return march_modes(self.system, self.meshes, frequency, self.parts)
-        return self._reduced[0]
+        """The damped :class:`~jaxhb.equations.modal_form.Modes`."""
+        return self.modes_and_missing[0]
 
     @cached_property
-    def missing(self):
-        """Share of a mesh's own compliance that modes have which a march leaves out, the largest."""
-        return 0.0 if self.small else self._reduced[1]
-
-    @cached_property
-    def _reduced(self):
+    def modes_and_missing(self):
+        """All modes, or of a finely divided train the slow ones that its meshes see most; and the share of a mesh's own
+        compliance that those have which a march leaves out, the largest."""
         frequency = self.train.topology.cycle_frequency(1000.0)
+        if self.train.topology.n_disks <= MODAL_DISKS:
+            return march_modes(self.system, self.meshes, frequency, self.parts), 0.0
         wanted = KEPT_MODES * self.highest_hz * 2 * np.pi / frequency
         steps = next(n for n in TIME_STEPS if n >= min(wanted, TIME_STEPS[-1]))
-        active = np.ones(len(self.own))
-        links = np.asarray(self.meshes.link)
-        model = reduced_model(self.system, links, active, frequency, steps)
+        model = reduced_model(self.system, np.asarray(self.meshes.link), np.ones(len(self.own)), frequency, steps)
         # What is left out is the residual flexibility of a mesh times its stiffness: a share of its own compliance.
         stiff = np.abs(np.diag(np.asarray(model.residual_flexibility))) * np.asarray(self.meshes.law.stiffness)
         return modes_of(model.space, np.asarray(model.motion)), float(stiff.max(initial=0.0))

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, overload
+from typing import Any, Literal, TypedDict, Unpack, overload
 
 import numpy as np
 
@@ -34,60 +34,34 @@ OnStates = Callable[[dict[int, SteadyState], str], object]
 """Told of steady states by the number of their speed, and of the direction in which they were found."""
 
 
+class _Options(TypedDict, total=False):
+    start: SteadyState | Response | None
+    harmonics: int | None
+    tolerance: float | None
+    exact: bool
+    cycles: Cycles | None
+    progress: Callable[[int], object] | None
+    out: str | Path | None
+    chunk: int | None
+    on_states: OnStates | None
+    devices: Sequence[Any]
+
+
 @overload
 def steady_state(
-    train: DriveTrain,
-    *,
-    rpm: float,
-    direction: Literal["up", "down"] = ...,
-    start: SteadyState | Response | None = ...,
-    harmonics: int | None = ...,
-    tolerance: float | None = ...,
-    exact: bool = ...,
-    cycles: Cycles | None = ...,
-    progress: Callable[[int], object] | None = ...,
-    out: str | Path | None = ...,
-    chunk: int | None = ...,
-    on_states: OnStates | None = ...,
-    devices: Sequence[Any] = ...,
+    train: DriveTrain, *, rpm: float, direction: Literal["up", "down"] = ..., **options: Unpack[_Options]
 ) -> SteadyState: ...
-
-
 @overload
 def steady_state(
     train: DriveTrain,
     *,
     rpm: Sequence[float] | Array,
     direction: Literal["up", "down"] = ...,
-    start: SteadyState | Response | None = ...,
-    harmonics: int | None = ...,
-    tolerance: float | None = ...,
-    exact: bool = ...,
-    cycles: Cycles | None = ...,
-    progress: Callable[[int], object] | None = ...,
-    out: str | Path | None = ...,
-    chunk: int | None = ...,
-    on_states: OnStates | None = ...,
-    devices: Sequence[Any] = ...,
+    **options: Unpack[_Options],
 ) -> SteadySweep: ...
-
-
 @overload
 def steady_state(
-    train: DriveTrain,
-    *,
-    rpm: Sequence[float] | Array,
-    direction: Literal["both"],
-    start: SteadyState | Response | None = ...,
-    harmonics: int | None = ...,
-    tolerance: float | None = ...,
-    exact: bool = ...,
-    cycles: Cycles | None = ...,
-    progress: Callable[[int], object] | None = ...,
-    out: str | Path | None = ...,
-    chunk: int | None = ...,
-    on_states: OnStates | None = ...,
-    devices: Sequence[Any] = ...,
+    train: DriveTrain, *, rpm: Sequence[float] | Array, direction: Literal["both"], **options: Unpack[_Options]
 ) -> tuple[SteadySweep, SteadySweep]: ...
 
 
@@ -211,25 +185,20 @@ class _SpeedSweep:
 
     def __init__(self, classifier, march, start, progress, chunk, on_states):
         self.classifier, self._march, self.chunk = classifier, march, chunk
-        self.train, self.speeds, self.request = classifier.train, classifier.speeds, classifier.request
+        self.train, self.speeds, request = classifier.train, classifier.speeds, classifier.request
         self.progress = progress or (lambda count: None)
         self._on_states, self._told, self.way = on_states or (lambda states, way: None), {}, "up"
         self.start = None if start is None else (_motion_of(self.train, start), float(start.rpm))
-        plans = plan_speeds(self.train, self.speeds, self.request)
+        plans = plan_speeds(self.train, self.speeds, request)
         classifier.apart = {index for index, plan in enumerate(plans) if plan.active and plan.marches}
-        self.contact = self._in_contact(plans)
-
-    def _in_contact(self, plans):
-        """Responses of the speeds at which the linear motion holds the teeth in contact, by index."""
-        found = {}
+        self.contact = {}  # responses of the speeds at which the linear motion holds the teeth in contact, by index
         for shared in {plan for plan in plans if not plan.active}:
             indices = [i for i, plan in enumerate(plans) if plan == shared]
             batches = solve_batches(self.train, self.speeds[indices], shared, devices=self.classifier.devices)
             responses = (response for batch in batches for response in batch)
             for index, response in zip(indices, responses, strict=True):
                 if int(response.status) != Status.PLAN_VIOLATED:
-                    found[index] = response
-        return found
+                    self.contact[index] = response
 
     def tell(self, states):
         """Report steady states by index."""
@@ -306,6 +275,10 @@ class _SpeedSweep:
         return state_of(self.train, rpm, "contact", 1, response=response, motion=_motion_of(self.train, response))
 
 
+def _kind(state):
+    return state.kind, state.period
+
+
 def _beside(other, state):
     """A steady state with a note that it is not the one to which teeth on their drive sides come."""
     what = "another motion" if _kind(other) == _kind(state) else f"a motion that is {other.kind}"
@@ -325,10 +298,6 @@ def _alike(one, other):
     """Whether two steady states of one speed are the same motion."""
     most = APART if one.kind == "irregular" else ARRIVED
     return _kind(one) == _kind(other) and _distance(one, other) <= most
-
-
-def _kind(state):
-    return state.kind, state.period
 
 
 def _distance(one, other):

@@ -11,7 +11,7 @@ import jaxhb
 from jaxhb import Disk, Mesh, Shaft
 from jaxhb.excitation.torques import excitation, listed_harmonic
 from jaxhb.integration import batch as marching, cycles as recording
-from jaxhb.integration.reference import _discretize, _settle
+from jaxhb.integration.reference import _discretize, _march
 from jaxhb.steady.marching import Batch, Equations, record_of
 
 STEPS = 4096
@@ -27,7 +27,7 @@ def dense(equations, batch, place, cycles):
         system, meshes, float(linear_motion.frequency[place]), load, steps=STEPS, parts=equations.parts
     )
     state = stepper.space.coordinates @ batch.motion(batch.marches[place]) - stepper.linear_state
-    return np.asarray(_settle(stepper, state, tolerance=-1.0, max_cycles=cycles).trace.deflection)
+    return np.asarray(_march(stepper, state, tolerance=-1.0, max_cycles=cycles)[1].deflection)
 
 
 def pushed(equations, rpm):
