@@ -106,8 +106,7 @@ def resolving_steps(system, meshes, frequency, *, per_period=STEPS_PER_PERIOD):
     taking_part = strain > MESH_SHARE * np.maximum(squares, 0)
     highest = np.sqrt(squares[taking_part].max(initial=0.0))
     sharpest = np.min(np.asarray(meshes.law.transition))
-    # At the speed omega h/2 a step of 2 pi/(omega n) covers pi h/n: at most two zones of width tau h for n = pi/(2
-    # tau).
+    # At the speed omega h/2 a step of 2 pi/(omega n) covers pi h/n: two zones of width tau h for n = pi/(2 tau).
     per_period = max(per_period, min(np.pi / (2 * sharpest), MOST_STEPS_PER_PERIOD))
     return int(np.ceil(max(STEPS, per_period * highest / float(frequency))))
 
@@ -125,34 +124,27 @@ def reference_orbit(
     load : complex array ``(S, N+1)`` N
     start_coefficients : complex array ``(S, N+1)`` m, optional
         Displacements of a motion to check: it is corrected by shooting in segments of the cycle, of which ``steps`` are
-        made a multiple; that also holds unstable motions. With ``cycles`` the march begins there, otherwise with the
-        teeth on their drive sides.
+        made a multiple; that also holds unstable motions. Without, the train is marched from its drive sides.
     """
     if cycles is not None and cycles < 1:
         raise ValueError(f"cycles is {cycles}, must be at least 1.")
     parts = partition(system, meshes)
     if steps is None:
         steps = max(resolving_steps(system, meshes, frequency), 4 * np.shape(load)[-1])
-    given = start_coefficients is not None
+    given, newton = start_coefficients is not None, 0
     if given:
         steps += -steps % shooting.SEGMENTS
     stepper = _discretize(system, meshes, frequency, load, steps=steps, parts=parts)
-    newton, begin = 0, stepper.flank_state
-    if given and cycles is None:
+    if given:
         state, trace, newton = _close(stepper, system, load, jnp.asarray(start_coefficients), tolerance)
         cycles = 0
     else:
-        if given:
-            begin = _state_of(stepper, jnp.asarray(start_coefficients))
         # No cycle closes better than by nothing: exactly so many are marched.
         until = (tolerance, max_cycles) if cycles is None else (-1.0, cycles)
-        state, trace, done = _march(stepper, begin, tolerance=until[0], max_cycles=until[1])
-        cycles = cycles or done
+        state, trace, cycles = _march(stepper, stepper.flank_state, tolerance=until[0], max_cycles=until[1])
     law = meshes.law.expand()
     viscous, in_contact = np.asarray(meshes.viscous)[:, None], np.asarray(meshes.contact_damping)[:, None]
-    low, high = backlash.force(
-        law, _extremes(trace, 2 * np.pi / float(stepper.frequency) / trace.deflection.shape[1])
-    ).T
+    low, high = backlash.force(law, _extremes(trace, 2 * np.pi / float(frequency) / steps)).T
     return Orbit(
         deflection=np.asarray(trace.deflection),
         rate=np.asarray(trace.rate),
@@ -168,13 +160,6 @@ def reference_orbit(
         state=np.asarray(state),
         stepper=stepper,
     )
-
-
-def _state_of(stepper, coefficients):
-    """Deviation ``(n,)`` at t = 0 of displacements ``(S, N+1)`` m."""
-    velocity = fourier.derivative(coefficients, stepper.frequency)
-    motion = fourier.sample(jnp.concatenate([coefficients, velocity]), 1)[:, 0]
-    return stepper.space.coordinates @ motion - stepper.linear_state
 
 
 def _extremes(trace, dt):
@@ -310,9 +295,8 @@ def shooting_correction(response: Response, *, steps: int | None = None, toleran
         )
 
     def correction(steps):
-        return _difference(
-            response, meshes, reference_orbit(system, meshes, frequency, load, start, steps=steps, tolerance=tolerance)
-        )
+        orbit = reference_orbit(system, meshes, frequency, load, start, steps=steps, tolerance=tolerance)
+        return _difference(response, meshes, orbit)
 
     found = correction(steps)
     believed = CONTRADICTS * max(float(response.truncation_error), STEP_ERROR)
@@ -337,6 +321,5 @@ def _difference(response, meshes, orbit):
     extremes = np.array([[s.min, s.max] for s in (response.force(train.topology.mesh_names[i]).elastic for i in own)])
     change = extremes - np.stack([orbit.smallest, orbit.largest], axis=1)
     largest = np.abs(orbit.elastic).max()
-    return Correction(
-        float(np.abs(force - orbit.elastic).max() / largest), float(np.abs(change).max() / largest), orbit
-    )
+    error, peak_error = (float(np.abs(change).max() / largest) for change in (force - orbit.elastic, change))
+    return Correction(error, peak_error, orbit)

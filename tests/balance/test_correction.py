@@ -11,7 +11,7 @@ from tolerances import ALGEBRAIC, RESIDUAL
 from trains import branched_parts, build
 
 from jaxhb import Disk, Mesh, Shaft
-from jaxhb.balance import correction, preconditioner
+from jaxhb.balance import correction
 from jaxhb.balance.problem import ActiveMeshes, problem_at, reduced_equation
 from jaxhb.equations import fourier, reduced_model as reduced_models
 from jaxhb.equations.reduced_model import reduced_model, resting_on_flank
@@ -64,12 +64,12 @@ def test_any_number_of_meshes_is_swept_in_blocks_of_any_length(meshes, monkeypat
     draw = np.random.default_rng(3)
     slopes, motion = -1e6 * draw.uniform(size=(meshes, 512)), draw.normal(size=(2 * meshes, 512))
     found = []
-    for shortest in (preconditioner.SHORTEST, preconditioner.LONGEST):
-        monkeypatch.setattr(preconditioner, "SHORTEST", shortest)
-        operator = preconditioner.linearize(model, problem.frequency, slopes, 1e-5 * slopes)
+    for shortest in (correction.SHORTEST, correction.LONGEST):
+        monkeypatch.setattr(correction, "SHORTEST", shortest)
+        operator = correction.linearize(model, problem.frequency, slopes, 1e-5 * slopes)
         found.append((operator.gain.shape[0], np.asarray(operator.forces(motion))))
     (shorter, one), (longer, other) = found
-    assert shorter < longer == preconditioner.LONGEST and np.abs(one).max() > 0
+    assert shorter < longer == correction.LONGEST and np.abs(one).max() > 0
     np.testing.assert_allclose(one, other, rtol=0, atol=RESIDUAL * np.abs(one).max())
 
 
