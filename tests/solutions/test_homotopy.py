@@ -95,14 +95,3 @@ def test_numbers_that_are_not_finite_end_the_curve_at_once(hammering):
     torques = dataclasses.replace(train.torques, mean=np.nan * train.torques.mean)
     found = homotopy.find(dataclasses.replace(train, torques=torques), rpm, PLAN)
     assert found.coefficients is None and found.steps == 0
-
-
-def test_another_speed_and_other_options_compile_nothing(hammering, monkeypatch):
-    train, rpm = hammering
-    compiled = []
-    for speed, most in ((rpm, 10), (1.1 * rpm, 12)):
-        monkeypatch.setattr(homotopy, "MOST_JACOBIANS", most)
-        found = homotopy.find(train, speed, PLAN)
-        assert found.steps > 1
-        compiled.append([program.executables for program in (homotopy._linearized, homotopy._simplified)])
-    assert compiled[0] == compiled[1]
