@@ -1,12 +1,12 @@
-"""Trains of several speeds marched side by side, each through its own cycles, on modes that they share.
+"""A batch of speeds of one train marched side by side, each through its own cycles, on modes that they share.
 
 The step is that of :mod:`jaxhb.integration.step`, exponential Runge-Kutta around the linear train with the weights of
 Krogstad, in the modes of :mod:`jaxhb.equations.modal_form`: propagators and weights are one complex number per mode and
-lane, so that steps of another length cost nothing, and only the products with ``observation`` and ``forcing``, which
-all lanes share, are matrices.
+speed, so that steps of another length cost nothing, and only the products with ``observation`` and ``forcing``, which
+all speeds share, are matrices.
 
-Arrays have the lanes last: ``(..., lanes)``. Measured on ``gear_train_30`` (27 modes, four meshes) on one core: 0.27
-microseconds a lane and step in 64 lanes, 0.4 in 32, 0.5 in 16, 2.2 in one.
+Arrays have the speeds last: ``(..., L)``. Measured on ``gear_train_30`` (27 modes, four meshes) on one core: 0.27
+microseconds a speed and step in 64 of them, 0.4 in 32, 0.5 in 16, 2.2 in one.
 """
 
 import math
@@ -25,7 +25,7 @@ from jaxhb.integration.step import Stepper, force_on_flank, krogstad, stages
 
 # Time samples of a cycle at which its motion is compared with that of other cycles; divides every number of steps.
 SAMPLES = 32
-UNROLLED = 16  # terms of a sum up to which it is written out, which vectorises over the lanes
+UNROLLED = 16  # terms of a sum up to which it is written out, which vectorises over the speeds
 # Share of the motion in contact that a start from there lacks: a motion that repels would be kept for long.
 DISTURBED = 0.02
 
@@ -43,7 +43,7 @@ class LinearMotion:
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Lanes:
+class BatchStepper:
     """L trains of m modes and G meshes, cut into steps.
 
     full, half ``(2, m, L)``: exp(rate dt) and exp(rate dt / 2), real above imaginary part; weights ``(3, 2, m, L)`` of
@@ -87,7 +87,7 @@ class Lanes:
         """State ``(2m, L)`` and w ``(2G, L)`` one step after step ``k`` of the cycle."""
         moved = _turned(self.full, state)
         following = jnp.where(k + 1 < self.steps, 2 * k + 2, 0)
-        # The stages see (l, l') alone: two products with the lanes side by side, and the state itself is touched once a
+        # The stages see (l, l') alone: two products with the speeds side by side, and the state itself is touched once a
         # step.
         ahead = self.observation @ moved + lax.dynamic_index_in_dim(self.linear, following, keepdims=False)
         middle = self.observation @ _turned(self.half, state)
@@ -97,7 +97,7 @@ class Lanes:
         return moved + sum(change), ahead + _sum(self.end, *forces)
 
     def single(self):
-        """``advance`` for one lane, where dense products with its own matrices are faster: that of a Stepper."""
+        """``advance`` for one speed, where dense products with its own matrices are faster: that of a Stepper."""
 
         def dense(factor):
             real, imag = jnp.diag(factor[0, :, 0]), jnp.diag(factor[1, :, 0])
@@ -149,14 +149,14 @@ def linear_motions(train, rpm, system, meshes, harmonics):
     return jax.tree.map(lambda *values: np.stack(values), *map(one, np.asarray(rpm, float)))
 
 
-def lanes_of(modes, system, meshes, linear_motion, steps):
-    """The :class:`Lanes` of Modes, a System, its backlash meshes (MeshParameters) and a LinearMotion, in numpy arrays;
+def batch_stepper(modes, system, meshes, linear_motion, steps):
+    """The :class:`BatchStepper` of Modes, a System, its backlash meshes (MeshParameters) and a LinearMotion, in numpy arrays;
     ``steps`` per cycle are a multiple of 32."""
     deflection = np.moveaxis(system.deflections(np.moveaxis(linear_motion.displacement, 0, 1), meshes.link), 1, 0)
     both = np.concatenate([deflection, fourier.derivative(deflection, linear_motion.frequency[:, None, None])], axis=1)
     linear = np.ascontiguousarray(np.moveaxis(fourier.synthesize(both, 2 * steps), (0, 1, 2), (2, 1, 0)))
     observation, forcing = modes.observation, modes.forcing
-    return Lanes(
+    return BatchStepper(
         **_weights(modes, 2 * np.pi / linear_motion.frequency / steps),
         observation=np.concatenate([observation.real, -observation.imag], axis=1),
         forcing=np.concatenate([forcing.real, forcing.imag]),
@@ -232,11 +232,11 @@ def motions_on_flank(linear_motion):
     return moving + DISTURBED * (rest - moving)
 
 
-def cycle(lanes, state, states=False):
+def cycle(stepper, state, states=False):
     """One cycle on from ``state`` ``(2m, L)``: the state after it, (l, l') ``(steps + 1, 2G, L)`` of its steps, and
     if ``states`` their states ``(steps + 1, 2m, L)``."""
-    w = lanes.linear[0] + lanes.observation @ state
-    kept = tuple(jnp.zeros((lanes.steps + 1, *a.shape)) for a in ((w, state) if states else (w,)))
+    w = stepper.linear[0] + stepper.observation @ state
+    kept = tuple(jnp.zeros((stepper.steps + 1, *a.shape)) for a in ((w, state) if states else (w,)))
 
     def keep(kept, k, *values):
         return tuple(
@@ -247,6 +247,6 @@ def cycle(lanes, state, states=False):
         state, w, kept = carry
         return *advance(state, w, k), keep(kept, k, w, state)
 
-    advance = lanes.single() if w.shape[1] == 1 else lanes.advance
-    state, w, kept = lax.fori_loop(0, lanes.steps, step, (state, w, kept))
-    return state, *keep(kept, lanes.steps, w, state)
+    advance = stepper.single() if w.shape[1] == 1 else stepper.advance
+    state, w, kept = lax.fori_loop(0, stepper.steps, step, (state, w, kept))
+    return state, *keep(kept, stepper.steps, w, state)

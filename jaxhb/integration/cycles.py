@@ -62,7 +62,7 @@ def _rows(system, shafts, linear_meshes):
 
 
 @Program
-def march(lanes, state, cycles, outputs=None):
+def march(stepper, state, cycles, outputs=None):
     """Some cycles, CYCLES at most, one program for any number of them; with ``outputs`` each is reduced to numbers.
 
     Returns
@@ -79,14 +79,14 @@ def march(lanes, state, cycles, outputs=None):
     and forces of meshes without backlash, deflections, elastic and transmitted forces of the others, transmitted and
     elastic gear torques.
     """
-    lanes, outputs = jax.tree.map(jnp.asarray, (lanes, outputs))
+    stepper, outputs = jax.tree.map(jnp.asarray, (stepper, outputs))
 
     def one_cycle(state):
         if outputs is None:
-            return *cycle(lanes, state), None, None
-        state, trace, states = cycle(lanes, state, states=True)
+            return *cycle(stepper, state), None, None
+        state, trace, states = cycle(stepper, state, states=True)
         numbers, power = lax.map(
-            lambda one: _statistics(lanes, outputs, *one),
+            lambda one: _statistics(stepper, outputs, *one),
             (jnp.moveaxis(trace, 2, 0), jnp.moveaxis(states, 2, 0), outputs.linear, outputs.mesh_linear),
         )
         return state, trace, numbers, power
@@ -94,7 +94,7 @@ def march(lanes, state, cycles, outputs=None):
     def another(i, carry):
         state, rows, _, power = carry
         state, trace, numbers, own = one_cycle(state)
-        row = trace[: -1 : lanes.steps // SAMPLES], numbers
+        row = trace[: -1 : stepper.steps // SAMPLES], numbers
         rows = jax.tree.map(lambda a, b: lax.dynamic_update_index_in_dim(a, b, i, axis=0), rows, row)
         return state, rows, trace, jax.tree.map(jnp.add, power, own)
 
@@ -111,18 +111,18 @@ def harmonics_of(steps):
     return min(HARMONICS, steps // STRIDE // 2)
 
 
-def _statistics(lanes, outputs, w, states, linear, mesh_linear):
-    """One cycle of one lane: w ``(steps + 1, 2G)``, states ``(steps + 1, 2m)``, what the linear train adds."""
-    law = lanes.law
+def _statistics(stepper, outputs, w, states, linear, mesh_linear):
+    """One cycle of one speed: w ``(steps + 1, 2G)``, states ``(steps + 1, 2m)``, what the linear train adds."""
+    law = stepper.law
     deflection, rate = jnp.split(w.T, 2)
     elastic = backlash.force(law, deflection)
-    total = backlash.mesh_force(law, lanes.viscous, lanes.contact_damping, deflection, rate)
+    total = backlash.mesh_force(law, stepper.viscous, stepper.contact_damping, deflection, rate)
     straight = outputs.mesh_modal @ states.T + _closed(mesh_linear)
     held = jnp.split(straight, 2)[1]
     gears = [outputs.sums @ jnp.concatenate([held, forces]) for forces in (total, elastic)]
     shafts = outputs.modal @ states[::STRIDE].T + _closed(linear)
     teeth = jnp.concatenate([straight, deflection, elastic, total, *gears])
-    parts = [_numbers(values, harmonics_of(lanes.steps)) for values in (shafts, teeth)]
+    parts = [_numbers(values, harmonics_of(stepper.steps)) for values in (shafts, teeth)]
     numbers, power = jax.tree.map(lambda *a: jnp.concatenate(a), *parts)
     return numbers | _contacts(law, deflection, rate), power
 

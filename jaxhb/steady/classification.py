@@ -83,11 +83,11 @@ class Classifier:
                     batch.begin(i, motions[index])
             cycles = self._cycles_of(batch, min(spent[index] for index in indices), refinement)
             while marches := [march for march in batch.marches if not march.done]:
-                waiting = {march.lane for march, _, _ in asked}
-                going = [march for march in marches if march.lane not in waiting]
+                waiting = {march.place for march, _, _ in asked}
+                going = [march for march in marches if march.place not in waiting]
                 over = ask(ended, batch, going, cycles, self.exact) if going else None
                 for march, classification, answer in asked:
-                    state, index = (yield answer), indices[march.lane]
+                    state, index = (yield answer), indices[march.place]
                     march.done = state is not None or classification.needs_refinement
                     if state is not None:
                         found[index] = state
@@ -100,7 +100,7 @@ class Classifier:
                     yield ask(_record, batch, over)
                 asked = []
                 for march, period in over:
-                    index = indices[march.lane]
+                    index = indices[march.place]
                     made = _Classification(self, index, batch, march, spent[index], refinement)
                     asked.append((march, made, ask(made.state, period)))
             motions, refinement = finer, 2 * refinement

@@ -25,9 +25,9 @@ from jaxhb.train import chain
 # 2039 rpm, extremes of the elastic tooth forces are then good to 0.7 % (5.3 steps), with 4 to 1.2 %, with 3.5 to 1.8 %,
 # with 8 to 0.2 %.
 STEPS_PER_MODE_PERIOD, STEPS = 5, 256
-# Lanes of a batch, each a program, and how many speeds at least it is faster for than smaller batches; on each device.
+# BatchStepper of a batch, each a program, and how many speeds at least it is faster for than smaller batches; on each device.
 BATCHES = (64, 41), (16, 8), (1, 1)
-RECORDED_LANES = 16  # of a recorded batch at most, for the sake of memory
+RECORDED_SPEEDS = 16  # of a recorded batch at most, for the sake of memory
 MODAL_DISKS = 300  # disks up to which all modes are marched
 # Of larger trains those modes are kept, as far as meshes see them, which so many steps per period of the highest mesh
 # mode resolve, with four steps per period of their own: up to 1.5 times its frequency.
@@ -126,7 +126,7 @@ class SpeedMarch:
     not_before : cycles from which a period counts again, after one that harmonic balance did not find, or that repels.
     """
 
-    lane: int
+    place: int
     rpm: float
     state: np.ndarray
     closure: Closure
@@ -148,7 +148,9 @@ class Batch:
     def __init__(self, equations, rpm, steps, devices=()):
         self.equations, self.steps, self.devices = equations, steps, devices
         self.linear_motion = equations.linear_motion(rpm)
-        self.lanes = batch.lanes_of(equations.modes, equations.system, equations.meshes, self.linear_motion, steps)
+        self.stepper = batch.batch_stepper(
+            equations.modes, equations.system, equations.meshes, self.linear_motion, steps
+        )
         gap = (1 - equations.meshes.law.epsilon) * equations.meshes.law.backlash
         begun = batch.state_of(equations.modes, batch.motions_on_flank(self.linear_motion), self.linear_motion)
         self.marches = [
@@ -168,11 +170,11 @@ class Batch:
 
     def motion(self, march):
         """(x, x') ``(2S,)`` where a march stands, at the beginning of a cycle."""
-        return batch.motion_of(self.equations.modes, march.state[:, None], _of(self.linear_motion, [march.lane]))[0]
+        return batch.motion_of(self.equations.modes, march.state[:, None], _of(self.linear_motion, [march.place]))[0]
 
     def run(self, marches, record=False, count=cycles.CYCLES):
         """Some more cycles of some marches, recorded or not."""
-        devices, left, most = max(len(self.devices), 1), list(marches), RECORDED_LANES if record else BATCHES[0][0]
+        devices, left, most = max(len(self.devices), 1), list(marches), RECORDED_SPEEDS if record else BATCHES[0][0]
         while left:
             fits = (size for size, least in BATCHES if size <= most and len(left) >= least * devices)
             size = next(fits, BATCHES[-1][0]) * devices
@@ -180,10 +182,10 @@ class Batch:
             left = left[size:]
 
     def _run(self, marches, size, record, count):
-        indices = [march.lane for march in marches] + [marches[-1].lane] * (size - len(marches))
+        indices = [march.place for march in marches] + [marches[-1].place] * (size - len(marches))
         state = np.stack([self.marches[index].state for index in indices], axis=1)
-        given = (_lanes(self.lanes, indices), state, np.array(count))
-        specs = (_specs(given[0], _PER_LANE, last=True), along(1), WHOLE)
+        given = (_cut(self.stepper, indices), state, np.array(count))
+        specs = (_specs(given[0], _PER_SPEED, last=True), along(1), WHOLE)
         if record:
             outputs = self.equations.outputs(_of(self.linear_motion, indices), self.steps)
             given, specs = (*given, outputs), (*specs, _specs(outputs, ("linear", "mesh_linear")))
@@ -202,7 +204,7 @@ class Batch:
         """(l, l') ``(2G, count x steps)`` of the next cycles, which the march goes through; of the last one if 1."""
         if count == 1:
             return march.trace[:-1].T
-        parts, cut, state = [], _lanes(self.lanes, [march.lane]), march.state[:, None]
+        parts, cut, state = [], _cut(self.stepper, [march.place]), march.state[:, None]
         for _ in range(count):
             state, samples, trace, *_ = cycles.march(cut, state, np.array(1))
             march.closure.add(np.asarray(samples)[:1, ..., 0])
@@ -215,18 +217,18 @@ def _of(linear_motion, indices):
     return jax.tree.map(lambda a: a[indices], linear_motion)
 
 
-_PER_LANE = "full", "half", "weights", "first", "second", "third", "end", "linear"
+_PER_SPEED = "full", "half", "weights", "first", "second", "third", "end", "linear"
 
 
-def _lanes(every, indices):
-    """Some of the Lanes."""
-    return dataclasses.replace(every, **{name: getattr(every, name)[..., indices] for name in _PER_LANE})
+def _cut(every, indices):
+    """Some of the BatchStepper."""
+    return dataclasses.replace(every, **{name: getattr(every, name)[..., indices] for name in _PER_SPEED})
 
 
-def _specs(tree, per_lane, last=False):
+def _specs(tree, per_speed, last=False):
     """How the arrays of a dataclass are cut: those of the names along their first or last axis."""
     named = {f.name: getattr(tree, f.name) for f in dataclasses.fields(tree)}
-    cut = {name: along(np.ndim(named[name]) - 1 if last else 0) for name in per_lane}
+    cut = {name: along(np.ndim(named[name]) - 1 if last else 0) for name in per_speed}
     return dataclasses.replace(tree, **dict.fromkeys(named, WHOLE) | cut)
 
 

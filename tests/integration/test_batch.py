@@ -1,4 +1,4 @@
-"""Lanes in modal form against the dense integration of one speed, and records against the cycles that they reduce."""
+"""Batches in modal form against the dense integration of one speed, and records against the cycles that they reduce."""
 
 import dataclasses
 
@@ -18,7 +18,7 @@ STEPS = 4096
 
 
 def dense(equations, batch, place, cycles):
-    """Deflections ``(G, steps)`` of the last cycle by the dense stepper, from where the lane begins."""
+    """Deflections ``(G, steps)`` of the last cycle by the dense stepper, from where its march begins."""
     linear_motion, train = batch.linear_motion, equations.train
     rpm = float(batch.marches[place].rpm)
     system, meshes = equations.system, equations.meshes
@@ -57,7 +57,7 @@ CASES = {
 
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("count", [1, 16])
-def test_lanes_march_as_the_dense_integration_does(name, count):
+def test_a_batch_marches_as_the_dense_integration_does(name, count):
     equations = Equations(CASES[name]())
     batch = Batch(equations, np.linspace(600.0, 900.0, count), STEPS)
     for place, own in enumerate(batch.marches):  # a push that parts the teeth
