@@ -87,8 +87,7 @@ class BatchStepper:
         """State ``(2m, L)`` and w ``(2G, L)`` one step after step ``k`` of the cycle."""
         moved = _turned(self.full, state)
         following = jnp.where(k + 1 < self.steps, 2 * k + 2, 0)
-        # The stages see (l, l') alone: two products with the speeds side by side, and the state itself is touched once a
-        # step.
+        # The stages see (l, l') alone: two products for all speeds, and the state itself is touched once a step.
         ahead = self.observation @ moved + lax.dynamic_index_in_dim(self.linear, following, keepdims=False)
         middle = self.observation @ _turned(self.half, state)
         middle = middle + lax.dynamic_index_in_dim(self.linear, 2 * k + 1, keepdims=False)
@@ -150,8 +149,8 @@ def linear_motions(train, rpm, system, meshes, harmonics):
 
 
 def batch_stepper(modes, system, meshes, linear_motion, steps):
-    """The :class:`BatchStepper` of Modes, a System, its backlash meshes (MeshParameters) and a LinearMotion, in numpy arrays;
-    ``steps`` per cycle are a multiple of 32."""
+    """The :class:`BatchStepper` of Modes, a System, its backlash meshes (MeshParameters) and a LinearMotion, in numpy
+    arrays; ``steps`` per cycle are a multiple of 32."""
     deflection = np.moveaxis(system.deflections(np.moveaxis(linear_motion.displacement, 0, 1), meshes.link), 1, 0)
     both = np.concatenate([deflection, fourier.derivative(deflection, linear_motion.frequency[:, None, None])], axis=1)
     linear = np.ascontiguousarray(np.moveaxis(fourier.synthesize(both, 2 * steps), (0, 1, 2), (2, 1, 0)))

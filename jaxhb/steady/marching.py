@@ -25,7 +25,7 @@ from jaxhb.train import chain
 # 2039 rpm, extremes of the elastic tooth forces are then good to 0.7 % (5.3 steps), with 4 to 1.2 %, with 3.5 to 1.8 %,
 # with 8 to 0.2 %.
 STEPS_PER_MODE_PERIOD, STEPS = 5, 256
-# BatchStepper of a batch, each a program, and how many speeds at least it is faster for than smaller batches; on each device.
+# Speeds of a batch, each a program, and how many speeds at least it is faster for than smaller ones; on each device.
 BATCHES = (64, 41), (16, 8), (1, 1)
 RECORDED_SPEEDS = 16  # of a recorded batch at most, for the sake of memory
 MODAL_DISKS = 300  # disks up to which all modes are marched
