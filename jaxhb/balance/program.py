@@ -365,7 +365,7 @@ def solve_batches(train, rpm, plan, max_steps=None, devices=()):
     static = dataclasses.replace(static, max_steps=max_steps or plan.max_steps)
     solve = partial(_solve_all, plan=static)
     if len(devices) > 1:
-        given = jax.tree.map(lambda axis: WHOLE if axis is None else along(axis), _AXES, is_leaf=lambda a: a is None)
+        given = jax.tree.map(lambda axis: WHOLE if axis is None else along(axis), _axes(), is_leaf=lambda a: a is None)
         solve = across(_solve_all, devices, (given, WHOLE, WHOLE, WHOLE), along(0), plan=static)
     for first in range(0, len(rpm), size):
         speeds = rpm[first : first + size]
@@ -382,15 +382,17 @@ def solve_batches(train, rpm, plan, max_steps=None, devices=()):
 
 
 # Of a batch of problems only what depends on speed has a leading axis.
-_AXES = Problem(system=None, meshes=None, frequency=0, load=0, rigid=None, load_torque=0, load_power=0)
+def _axes():
+    """Of a batch of problems only what depends on speed has a leading axis."""
+    return Problem(system=None, meshes=None, frequency=0, load=0, rigid=None, load_torque=0, load_power=0)
 
 
 @partial(Program, static_argnames="excited")
 def _problems_at(train, rpm, excited):
-    return jax.vmap(lambda speed: problem_at(train, speed, excited), out_axes=_AXES)(rpm)
+    return jax.vmap(lambda speed: problem_at(train, speed, excited), out_axes=_axes())(rpm)
 
 
 @partial(Program, static_argnames="plan")
 def _solve_all(problem, active_meshes, start, limit, plan):
     given = active_meshes, start, limit, plan
-    return jax.vmap(lambda problem: solve_problem(problem, *given), in_axes=(_AXES,))(problem)
+    return jax.vmap(lambda problem: solve_problem(problem, *given), in_axes=(_axes(),))(problem)

@@ -104,7 +104,8 @@ def _linearized(stepper, beginning, y, normal):
 @Program
 def _simplified(stepper, beginning, y, condensed):
     """What ``simplify`` of :func:`continuation.follow_curve` returns."""
-    gap = shooting.gaps(_on_the_way(stepper, beginning, y[-1]), _nodes(stepper, y)) / _scale(stepper)
+    gap, _ = shooting.gaps(_on_the_way(stepper, beginning, y[-1]), _nodes(stepper, y))
+    gap = gap / _scale(stepper)
     return gap, shooting.closing(condensed, gap)
 
 
