@@ -113,7 +113,7 @@ class BatchStepper:
         )
 
         def advance(state, w, k):
-            state, w = stepper.advance(state[:, 0], w[:, 0], *stepper.known(k))
+            state, w = stepper.advance(state[:, 0], w[:, 0], k)
             return state[:, None], w[:, None]
 
         return advance

@@ -76,11 +76,6 @@ class Stepper:
         """Steps of a cycle; traced where there is room for more."""
         return self.capacity if self.count is None else self.count
 
-    def known(self, step):
-        """w of the linear train ``(2G,)`` half a step and one step after the beginning of a step."""
-        ahead = jnp.where(step + 1 < self.steps, 2 * step + 2, 0)
-        return tuple(lax.dynamic_index_in_dim(self.linear, row, keepdims=False) for row in (2 * step + 1, ahead))
-
     def nonlinear_force(self, deflection, rate):
         """Force ``(G,)`` N of the meshes less its linear part."""
         total = backlash.mesh_force(self.law, self.viscous, self.contact_damping, deflection, rate)
@@ -106,17 +101,15 @@ class Stepper:
             deflection = deflection - (deflection + self.residual_flexibility @ force - given) / (1 + own * slope)
         return deflection
 
-    def advance(self, state, w, middle, last):
-        """Deviation and w one step later; ``middle`` and ``last`` are w_linear half a step and one step ahead."""
+    def advance(self, state, w, k):
+        """Deviation and w one step after step ``k`` of the cycle."""
+        rows = 2 * k + 1, jnp.where(k + 1 < self.steps, 2 * k + 2, 0)  # w of the linear train half a step and one ahead
+        middle, last = (lax.dynamic_index_in_dim(self.linear, row, keepdims=False) for row in rows)
         moved = self.propagate @ state
         size, watched = state.shape[0], w.shape[0]
         ahead, half = last + moved[size : size + watched], middle + moved[size + watched :]
         change = _product(self.weights, *stages(self.nonlinear_force_at, _product, self, w, half, ahead))
         return moved[:size] + change[:size], ahead + change[size:]
-
-    def observe(self, state):
-        """w = (l, l') ``(2G,)`` at t = 0."""
-        return self.linear[0] + self.space.observation @ state
 
 
 def _product(weights, *forces):
@@ -262,7 +255,7 @@ def run(stepper, state, first, count, keep=lambda seen, k, w: seen, seen=(), eve
 
     def step(k, carry):
         state, w, seen = carry
-        return *stepper.advance(state, w, *stepper.known(first + k)), keep(seen, k, w)
+        return *stepper.advance(state, w, first + k), keep(seen, k, w)
 
     begin = lax.dynamic_index_in_dim(stepper.linear, 2 * first, keepdims=False) + stepper.space.observation @ state
     start = (state, begin, seen)
@@ -276,7 +269,7 @@ def _whole(stepper, state, keep, seen):
     """State after one cycle, the change of w ``(2G,)``, and what was seen."""
     even = stepper.count is not None or stepper.steps % 2 == 0
     end, w, seen = run(stepper, state, 0, stepper.steps, keep, seen, even)
-    return end, w - stepper.observe(state), seen
+    return end, w - (stepper.linear[0] + stepper.space.observation @ state), seen
 
 
 def cycle(stepper, state):

@@ -218,7 +218,8 @@ def from_response(response):
 
 def short_march(case):
     """From a few cycles of time integration."""
-    yield _at_least(case, case.marching()), None, None
+    plan = case.marching()
+    yield dataclasses.replace(plan, harmonics=max(plan.harmonics, case.harmonics)), None, None
 
 
 def long_march(case):
@@ -286,11 +287,6 @@ def search_steps(case, plan):
     return [n for n in counts if n > plan.time_steps or case.march_error > SETTLED]
 
 
-def _at_least(case, plan):
-    """The plan with no fewer harmonics than the tolerance is known to need."""
-    return dataclasses.replace(plan, harmonics=max(plan.harmonics, case.harmonics))
-
-
 def _from_orbit(case, plan, orbit, steps, event):
     """Newton's method from an orbit of so many time steps, with as many more harmonics where these are free.
 
@@ -300,8 +296,8 @@ def _from_orbit(case, plan, orbit, steps, event):
     if case.request.harmonics is None:
         wanted = min(harmonics * steps // plan.time_steps, MOST_HARMONICS[plan.method])
         harmonics = planning.level_at_least(wanted)
-    plan = dataclasses.replace(plan, harmonics=harmonics, time_steps=min(steps, TIME_STEPS[-1]))
-    return _at_least(case, plan), orbit.coefficients, event
+    harmonics, steps = max(harmonics, case.harmonics), min(steps, TIME_STEPS[-1])
+    return dataclasses.replace(plan, harmonics=harmonics, time_steps=steps), orbit.coefficients, event
 
 
 def _with_finer_steps(case, plan, orbit, steps, event):
