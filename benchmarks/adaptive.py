@@ -16,8 +16,7 @@ from jaxhb.equations import backlash
 from jaxhb.equations.residual import backlash_meshes
 from jaxhb.equations.state_space import partition
 from jaxhb.excitation.torques import highest_harmonic
-from jaxhb.integration.cycles import march
-from jaxhb.integration.step import discretize, on_flank
+from jaxhb.integration.step import discretize, march
 
 
 def scipy_march(task, method, rtol, cycles, samples):
@@ -71,7 +70,7 @@ def march_speeds(train, rpm, steps, cycles, repeats):
     def run(speed):
         problem = problem_at(train, speed, excited)
         stepper = discretize(problem.system, meshes, problem.frequency, problem.load, steps, parts=parts)
-        trace = march(stepper, on_flank(stepper), cycles)[1]
+        _, trace, _ = march(stepper, stepper.flank_state, tolerance=-1.0, max_cycles=cycles)
         return trace.deflection, trace.periodicity_error
 
     (deflection, periodicity_error), first, seconds, _ = timed(

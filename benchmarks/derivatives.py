@@ -49,23 +49,19 @@ STEPS = np.array([1e-4] * (len(KINDS) - 1) + [1e-5])
 """Rounding asks for large steps, the curvature in speed for a small one."""
 
 
-class Tight(jaxhb.Plan):
+def tight(**given):
     """A plan solved to rounding, as differences divide what is left of the residual by the step, and differentiated at
     the time samples of its solve: differences are those of the sampled equations."""
-
-    @property
-    def sizes(self):
-        tight = {"residual_tolerance": 1e-13, "max_steps": 12, "slope_samples": 1}
-        return dataclasses.replace(super().sizes, estimated=False, **tight)
+    return jaxhb.Plan(residual_tolerance=1e-13, max_steps=12, slope_samples=1, estimated=False, **given)
 
 
 MARCHED = {"active": (0, 1), "flank": (0, 0), "start": "march", "time_steps": 768, "tolerance": 0.5, "excited": 4}
 PLANS = {
-    "linear": Tight(harmonics=8, active=(), flank=(0, 0), excited=4),
-    "contact": Tight(harmonics=8, active=(), flank=(1, -1), excited=4),
-    "reduced": Tight(harmonics=32, **MARCHED),
-    "exact": Tight(harmonics=32, **MARCHED, integrals="exact"),
-    "chain": Tight(harmonics=12, **MARCHED, method="chain"),
+    "linear": tight(harmonics=8, active=(), flank=(0, 0), excited=4),
+    "contact": tight(harmonics=8, active=(), flank=(1, -1), excited=4),
+    "reduced": tight(harmonics=32, **MARCHED),
+    "exact": tight(harmonics=32, **MARCHED, integrals="exact"),
+    "chain": tight(harmonics=12, **MARCHED, method="chain"),
 }
 
 

@@ -36,7 +36,7 @@ from records import run_parts
 from tasks import fastest_rate, prepare
 
 import jaxhb
-from jaxhb.balance.request import Request
+from jaxhb.balance.plan import Request
 from jaxhb.design.evaluation import Aim, Evaluator, Task
 from jaxhb.design.quantities import Objective, Parameter, Penalty
 

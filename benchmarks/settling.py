@@ -21,7 +21,7 @@ from records import Recorder, pin
 from stress import mode_harmonic, steps_for
 
 import jaxhb
-from jaxhb.integration.cycles import cycle
+from jaxhb.integration.step import cycle
 from jaxhb.linear.mesh_modes import STRAINED
 
 CYCLES, WATCHED = 1024, 64
@@ -44,7 +44,7 @@ def watched(stepper, state):
     def one(state, _):
         after, trace = cycle(stepper, state)
         largest = jnp.concatenate([abs(trace.deflection).max(axis=1), abs(trace.rate).max(axis=1)])
-        return after, (stepper.observe(state), largest)
+        return after, (stepper.linear[0] + stepper.space.observation @ state, largest)
 
     seen, largest = lax.scan(one, state, None, length=WATCHED)[1]
     return seen, largest.max(axis=0)

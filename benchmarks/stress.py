@@ -31,7 +31,7 @@ from random_trains import SKELETONS, random_case
 
 import jaxhb
 from jaxhb import Status
-from jaxhb.balance.request import MOST_HARMONICS as MOST
+from jaxhb.balance.plan import MOST_HARMONICS as MOST
 
 TOLERANCE = 0.01
 WRONG = 3.0

@@ -1,27 +1,17 @@
 """Derivatives by differences, and plans solved tightly enough to take them."""
 
-import dataclasses
-
 import numpy as np
 
 import jaxhb
 
-
-class Tight(jaxhb.Plan):
-    """A plan solved to rounding, as differences divide what is left of the residual by the step, and differentiated at
-    the time samples of its solve: differences are those of the sampled equations."""
-
-    @property
-    def sizes(self):
-        return dataclasses.replace(super().sizes, residual_tolerance=1e-13, max_steps=12, slope_samples=1)
+TIGHT = {"residual_tolerance": 1e-13, "max_steps": 12, "slope_samples": 1}
+"""Of plans solved to rounding, as differences divide what is left of the residual by the step, and differentiated at
+the time samples of their solve: differences are those of the sampled equations."""
 
 
-class Bare(Tight):
-    """And without the estimate of the truncation error, which has no derivative."""
-
-    @property
-    def sizes(self):
-        return dataclasses.replace(super().sizes, estimated=False)
+def tight_plan(**given):
+    """Such a plan, without the estimate of the truncation error, which has no derivative."""
+    return jaxhb.Plan(**TIGHT | {"estimated": False} | given)
 
 
 def differences(value, at, steps):

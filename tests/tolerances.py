@@ -7,7 +7,7 @@ ALGEBRAIC = 1e-12
 """Two ways to write the same algebra in float64: some thousand roundings of 1e-16, moderate condition numbers."""
 
 RESIDUAL = 1e-10
-"""The residual at which Newton's method stops (``Sizes.residual_tolerance``)."""
+"""The residual at which Newton's method stops (``Plan.residual_tolerance``)."""
 
 PATHS = 1e-9
 """Two linear-algebra paths to one solution: the stopping residual times the condition of the equations."""

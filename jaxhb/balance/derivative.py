@@ -78,44 +78,30 @@ def gradient_and_error(function: Callable[[Any, Plan], Array], x: Any, *, plan: 
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def attach(sizes, problem, active_meshes, at, solved, found, deflection):
+def attach(plan, problem, active_meshes, at, solved, found, deflection):
     """The solution ``found``, ``deflection`` of ``problem`` with its derivative with respect to ``problem``.
 
-    Parameters
-    ----------
-    sizes : Sizes (static), for the integrals of the law
-    problem : Problem
-    active_meshes : ActiveMeshes
     at : PeriodicOperator at the solution or near it, None without active meshes; and None or, of exact integrals, the
-        Crossings of the active and of all meshes
-    solved : bool, whether this is a solution; if not, its derivative is zero and never nan
-    found : Fields; deflection : complex ``(G, N+1)`` m, carrying no derivative
-
-    Returns
-    -------
-    Fields, deflection
+    Crossings of the active and of all meshes. Where it is not ``solved`` the derivative is zero and never nan.
     """
     return found, deflection
 
 
 @attach.defjvp
-def _attach_jvp(sizes, primals, tangents):
+def _attach_jvp(plan, primals, tangents):
     problem, active_meshes, (operator, crossings), solved, _, _ = primals
     active, every = lax.stop_gradient(crossings or (None, None))
-    found, deflection = attach(sizes, *primals)  # second derivatives need that of the solution
-    if sizes.integrals == "sampled":
-        sizes = dataclasses.replace(sizes, samples=sizes.slope_samples * sizes.samples)
+    found, deflection = attach(plan, *primals)  # second derivatives need that of the solution
+    samples = plan.samples * (plan.slope_samples if plan.integrals == "sampled" else 1)
     problem, change = _where(solved, problem, lax.stop_gradient(problem)), _where(solved, tangents[0], None)
-    harmonics, samples = deflection.shape[-1] - 1, sizes.samples
 
     def equation(problem):
-        reduced, condensed = reduced_equation(problem, harmonics, active_meshes)
-        return dataclasses.replace(reduced, integrals=sizes.integrals, crossings=active), condensed
+        reduced, condensed = reduced_equation(problem, plan.harmonics, active_meshes)
+        return dataclasses.replace(reduced, integrals=plan.integrals, crossings=active), condensed
 
     def motion(problem, reduced, condensed, deflection):
-        return fields(
-            problem, *condensed.combine(reduced.nonlinear_force_coefficients(deflection, samples)), sizes, every
-        )
+        moved = condensed.combine(reduced.nonlinear_force_coefficients(deflection, samples))
+        return fields(problem, *moved, plan.integrals, samples, every)
 
     (reduced, condensed), (reduced_dot, condensed_dot) = jax.jvp(equation, (problem,), (change,))
     # dF/dtheta dtheta at fixed deflections: through l_lin, the receptances and the law.

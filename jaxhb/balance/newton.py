@@ -6,7 +6,6 @@ creeps. There the natural level decides (:mod:`jaxhb.equations.iterations`): the
 ``J^-1 F(x - lambda J^-1 F)`` must be shorter than the correction.
 """
 
-from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
@@ -19,31 +18,10 @@ from jaxhb.equations import backlash, fourier, iterations
 from jaxhb.equations.block_sweep import block_sweep
 from jaxhb.equations.residual import link_blocks, node_blocks, residual
 
-
-@dataclass(frozen=True)
-class NewtonOptions:
-    """How Newton's method solves.
-
-    Parameters
-    ----------
-    krylov_steps : of a Newton step at most
-    renew_above : Krylov steps of a Newton step above which the preconditioner is made anew
-    level_forcing : share of the residual that a simplified correction may leave
-    tightest, loosest : share of the residual that a correction may leave, at least and at most
-    per_goal : share of what is left to the tolerance that a correction may leave
-    per_error : the same over the relative residual: the next error is then quadratic in it
-    """
-
-    krylov_steps: int = 60
-    renew_above: int = 12
-    level_forcing: float = 1e-2
-    tightest: float = 1e-10
-    loosest: float = 1e-2
-    per_goal: float = 0.05
-    per_error: float = 0.1
-
-
-NEWTON = NewtonOptions()
+KRYLOV_STEPS = 60  # of a Newton step at most
+RENEW_ABOVE = 12  # krylov steps of a Newton step above which the preconditioner is made anew
+LEVEL_FORCING = 1e-2  # share of the residual that a simplified correction may leave
+TIGHTEST, LOOSEST = 1e-10, 1e-2  # share of the residual that a correction may leave, at least and at most
 
 
 class Iterate(NamedTuple):
@@ -80,7 +58,7 @@ def _solve(evaluate, direction, norm, state):
     compiled.
     """
     iterate, trying = state.iterate, state.trying
-    forcing = jnp.where(trying, NEWTON.level_forcing, jnp.nan)
+    forcing = jnp.where(trying, LEVEL_FORCING, jnp.nan)
     found, work = direction(state.prepared, iterate.x, state.given, iterate.error, forcing)
     correction = jnp.where(trying, state.correction, found)
     size, found_size = norm(correction), norm(found)
@@ -122,23 +100,16 @@ def newton(evaluate, prepare, direction, norm, start, *, tolerance, max_steps, r
 
     Parameters
     ----------
-    evaluate : x -> residual
+    evaluate : x -> residual; norm : residual or correction -> float, on which ``tolerance`` is
     prepare : x -> whatever ``direction`` needs and is worth keeping for several steps
     direction : (prepared, x, residual, error, forcing) -> (correction, work)
-        Solves ``J(x) correction = residual``, to ``forcing`` if this is not nan; ``work`` as in ``renew_above``.
-    norm : residual or correction -> float
-    start : array
-    tolerance : float, on ``norm`` of the residual
+        Solves ``J(x) correction = residual``, to ``forcing`` if this is not nan.
     max_steps : int, linear solves
-    renew_above : int
-        Work of a step above which the next one is prepared anew; so is a step after one that found no descent.
+    renew_above : work of a step above which the next is prepared anew; so is a step after one that found no descent
 
     Returns
     -------
-    iterate : Iterate
-        The last one; finite if the start was.
-    prepared
-        What was prepared last.
+    The last Iterate, finite if the start was; what was prepared last
     """
 
     def unsolved(iterate):
@@ -184,42 +155,28 @@ def relative_residual(reduced, value):
     return jnp.max(size / scale)
 
 
-def solve_reduced(reduced, train, start, *, samples, time_steps, tolerance, max_steps):
-    """Newton on the reduced equation, unknowns the deflections ``(G, N+1)`` of the active meshes.
+def solve_reduced(reduced, model, start, *, samples, time_steps, tolerance, max_steps):
+    """Newton on the reduced equation from deflections ``(G, N+1)`` of the active meshes: Iterate, PeriodicOperator.
 
-    Parameters
-    ----------
-    reduced : Reduced; train : ReducedModel, for the preconditioner
-    start : complex array ``(G, N+1)`` m
-    samples : int, time samples of the law, a multiple of 2 N; time_steps : int, of the preconditioner
-
-    Returns
-    -------
-    Iterate, PeriodicOperator
+    model : ReducedModel, for the preconditioner of ``time_steps``; samples : of the law, a multiple of 2 N.
     """
 
     def prepare(deflection):
-        return correction.prepare(reduced, train, deflection, samples, time_steps)
+        return correction.prepare(reduced, model, deflection, samples, time_steps)
 
     def direction(operator, deflection, value, error, forcing):
-        # As tight as this step can use: a twentieth of what is left to the goal, and quadratic below. fmax takes no
-        # notice of the nan by which a plain step asks for no forcing of its own.
-        wanted = jnp.clip(NEWTON.per_goal * tolerance / error, NEWTON.tightest, NEWTON.loosest)
-        forcing = jnp.fmax(forcing, jnp.maximum(wanted, jnp.minimum(NEWTON.loosest, NEWTON.per_error * error)))
-        given = deflection, value, samples, forcing, NEWTON.krylov_steps
-        change, _, used = correction.correct(reduced, operator, *given)
+        # As tight as this step can use: a twentieth of what is left to the goal, and a tenth of the error, so that the
+        # next one is quadratic in it. fmax takes no notice of the nan by which a plain step asks for no forcing.
+        wanted = jnp.clip(0.05 * tolerance / error, TIGHTEST, LOOSEST)
+        forcing = jnp.fmax(forcing, jnp.maximum(wanted, jnp.minimum(LOOSEST, 0.1 * error)))
+        change, _, used = correction.correct(reduced, operator, deflection, value, samples, forcing, KRYLOV_STEPS)
         return change, used
 
-    return newton(
-        lambda deflection: reduced.residual(deflection, samples),
-        prepare,
-        direction,
-        lambda value: relative_residual(reduced, value),
-        start,
-        tolerance=tolerance,
-        max_steps=max_steps,
-        renew_above=NEWTON.renew_above,
-    )
+    def evaluate(deflection):
+        return reduced.residual(deflection, samples)
+
+    norm, goal = partial(relative_residual, reduced), {"tolerance": tolerance, "max_steps": max_steps}
+    return newton(evaluate, prepare, direction, norm, start, **goal, renew_above=RENEW_ABOVE)
 
 
 def solve_chain(system, meshes, frequency, load, start, *, samples, tolerance, max_steps):
@@ -248,12 +205,7 @@ def solve_chain(system, meshes, frequency, load, start, *, samples, tolerance, m
         x, _ = block_sweep(tree.parent, near, far, blocks, node[tree.node], value[tree.node])
         return jnp.zeros_like(x).at[tree.node].set(x), 1
 
-    return newton(
-        evaluate,
-        lambda packed: (),
-        direction,
-        lambda value: jnp.linalg.norm(value) / scale,
-        start,
-        tolerance=tolerance,
-        max_steps=max_steps,
-    )[0]
+    def norm(value):
+        return jnp.linalg.norm(value) / scale
+
+    return newton(evaluate, lambda packed: (), direction, norm, start, tolerance=tolerance, max_steps=max_steps)[0]

@@ -1,18 +1,78 @@
-"""What is decided before a solve: one small hashable value, and what a compiled program takes of it."""
+"""What is asked of a solve and what is decided before it: two small hashable values, checked on the host."""
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
+import jax
 import numpy as np
 
+from jaxhb._jax import traced
 from jaxhb.balance.problem import ActiveMeshes
-from jaxhb.balance.program import Sizes
-from jaxhb.balance.request import DEFAULT_TOLERANCE, TIME_STEPS
+from jaxhb.elements.elements import SceneError
 from jaxhb.equations.fourier import SAMPLES_PER_HARMONIC
+from jaxhb.excitation.torques import highest_harmonic
+from jaxhb.train import chain
 
+# Harmonics of the cycle at most, by method: work and memory grow with N, for the chain with N^3 and N^2.
+MOST_HARMONICS = {"reduced": 4096, "chain": 128}
+DEFAULT_TOLERANCE = 0.01  # truncation error of the elastic tooth force, as a share of the largest tooth force
+# Cycles of time integration before Newton's method, which then takes 2 to 5 steps on ``gear_train_30``.
 MARCH_CYCLES = 3
-"""Cycles of time integration before Newton's method, which then takes 2 to 5 steps on ``gear_train_30``."""
+# Numbers of time steps per cycle that are offered, multiples of 32: blocks of the preconditioner and segments of a
+# cycle divide them.
+TIME_STEPS = (*(n * 2**k for k in range(5, 13) for n in (2, 3)), 16384)
+# Time steps per period of the highest mode: with so many, forces that change linearly within a step suffice.
+STEPS_PER_MODE_PERIOD = 6
+
+
+def time_steps_for(harmonic):
+    """Time steps per cycle for motion up to ``harmonic`` of the cycle."""
+    return next((n for n in TIME_STEPS if n >= STEPS_PER_MODE_PERIOD * harmonic), TIME_STEPS[-1])
+
+
+def time_steps_of(harmonics):
+    """Time steps per cycle of the preconditioner for so many harmonics, four for each: estimates see twice as many."""
+    return min(-(-4 * harmonics // 32) * 32, TIME_STEPS[-1])
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is asked of a solve: ``harmonics`` None for as many as ``tolerance`` needs; see :func:`jaxhb.solve`.
+
+    few_levels : whether numbers of harmonics lie far apart, so that the speeds of a sweep share few programs.
+    """
+
+    harmonics: int | None = None
+    tolerance: float = DEFAULT_TOLERANCE
+    method: str = "reduced"
+    integrals: str = "sampled"
+    few_levels: bool = False
+
+    @classmethod
+    def of(cls, train, harmonics=None, tolerance=None, method=None, integrals=None, few_levels=False):
+        """The request with defaults for None; refused with a sentence where it cannot work."""
+        tolerance = DEFAULT_TOLERANCE if tolerance is None else tolerance
+        method, integrals, name = method or "reduced", integrals or "sampled", train.topology.title
+        if method not in MOST_HARMONICS:
+            raise ValueError(f"method is {method!r}: give 'reduced' or 'chain'")
+        loops = chain.span(train.topology).loops
+        if method == "chain" and len(loops):
+            names = ", ".join(repr(train.topology.link_names[i]) for i in loops)
+            raise SceneError(f"{name}: {names} closes a loop, and method 'chain' needs a tree: use 'reduced'.")
+        if integrals not in ("sampled", "exact"):
+            raise ValueError(f"integrals is {integrals!r}: give 'sampled' or 'exact'")
+        if integrals == "exact" and method != "reduced":
+            raise ValueError(f"exact integrals need method 'reduced', and method is {method!r}: change one of them")
+        if not 0 < tolerance < 1:
+            raise SceneError(
+                f"{name}: tolerance is {tolerance:g}, must be greater than 0 and less than 1: the share of the largest "
+                "tooth force that the harmonics left out may make, 0.01 by default."
+            )
+        if harmonics is not None:
+            check_harmonics(train, harmonics, method)
+        return cls(harmonics, tolerance, method, integrals, few_levels)
 
 
 @dataclass(frozen=True)
@@ -33,6 +93,11 @@ class Plan:
         above them not
     excited : harmonics of the excitation that programs have room for, 0 for N
     integrals : of the tooth law over the cycle, "sampled" at 16 N times or "exact" between the switching times
+    residual_tolerance, max_steps : of Newton's method
+    estimated : whether the truncation error is; without, it counts as 0
+    compare_starts : whether a given start is compared with a marched one
+    slope_samples : times 16 N at which derivatives evaluate a sampled law. Its slope has kinks: where teeth hammer few
+        samples of a solve lie in its transition zones, and derivatives from them alone are off by 8 % and more
     """
 
     harmonics: int
@@ -41,11 +106,16 @@ class Plan:
     method: str = "reduced"
     start: str = "linear"
     cycles: int = MARCH_CYCLES
-    time_steps: int = TIME_STEPS.counts[0]
+    time_steps: int = TIME_STEPS[0]
     tolerance: float = DEFAULT_TOLERANCE
     tolerance_share: float = 1.0
     excited: int = 0
     integrals: str = "sampled"
+    residual_tolerance: float = 1e-10
+    max_steps: int = 24
+    estimated: bool = True
+    compare_starts: bool = False
+    slope_samples: int = 16
 
     @property
     def unknowns(self) -> int:
@@ -58,21 +128,21 @@ class Plan:
         return self.start == "march"
 
     @property
+    def samples(self) -> int:
+        """Time samples of the law per cycle."""
+        return SAMPLES_PER_HARMONIC * self.harmonics
+
+    @property
     def limit(self) -> np.ndarray:
         """Largest estimate of the truncation error that counts as converged: an array, which programs are given."""
         return np.asarray(self.tolerance_share * self.tolerance)
 
     @property
-    def sizes(self) -> Sizes:
-        """What the program is compiled for: nothing else of a plan makes another program."""
-        return Sizes(
-            samples=SAMPLES_PER_HARMONIC * self.harmonics,
-            time_steps=self.time_steps,
-            excited=self.excited or self.harmonics,
-            method=self.method,
-            integrals=self.integrals,
-            marches=self.marches,
-        )
+    def static(self) -> Plan:
+        """What a program is compiled for: the plan without what programs are given as arrays."""
+        start, excited = "march" if self.marches else "linear", self.excited or self.harmonics
+        plan = dataclasses.replace(self, active=(), flank=(), cycles=0, tolerance=0.0, tolerance_share=0.0)
+        return dataclasses.replace(plan, start=start, excited=excited)
 
     @property
     def active_meshes(self) -> ActiveMeshes:
@@ -90,3 +160,45 @@ class Plan:
         if not self.active:
             return f"linear, {size}" + (", teeth in contact" if any(self.flank) else "")
         return f"{len(self.active)} meshes with backlash, {size}, start: {self.start}"
+
+
+def check_harmonics(train, harmonics, method):
+    """Refuse a fixed number of harmonics that cannot work, with a sentence."""
+    name, least, most = train.topology.title, highest_harmonic(train), MOST_HARMONICS[method]
+    if not (isinstance(harmonics, int | np.integer) and harmonics >= 1):
+        raise SceneError(f"{name}: harmonics is {harmonics}, must be a whole number of at least 1.")
+    if harmonics < least:
+        raise SceneError(
+            f"{name}: {harmonics} harmonics of the cycle are below the excitation, which reaches harmonic {least} "
+            f"(order {least / train.topology.revolutions_per_cycle:g}): ask for at least {least} harmonics."
+        )
+    if harmonics > most and method == "chain":
+        need = 6 * train.topology.n_disks * (2 * harmonics + 1) ** 2 * 8 / 2**30
+        raise SceneError(
+            f"{name}: method 'chain' holds dense blocks for all {train.topology.n_disks} disks, about {need:.1f} GiB "
+            f"at {harmonics} harmonics, and serves as a check up to {most} harmonics: use method 'reduced'."
+        )
+    if harmonics > most:
+        raise SceneError(f"{name}: {harmonics} harmonics are more than the limit of {most}: use fewer.")
+
+
+def excited_harmonic(train, method):
+    """Highest harmonic of the excitation that counts; a sentence where ``method`` cannot reach it."""
+    highest = highest_harmonic(train)
+    if highest > MOST_HARMONICS[method]:
+        raise SceneError(
+            f"{train.topology.title}: the excitation reaches harmonic {highest} of the cycle, more than the "
+            f"{MOST_HARMONICS[method]} that method '{method}' offers: drop its highest orders or shorten the cycle."
+        )
+    return highest
+
+
+def check_plan(train, plan):
+    """Refuse a plan made for another train: backlash it does not know, or more excitation than it holds."""
+    name, gaps = train.topology.title, train.topology.mesh_backlash
+    known = len(plan.flank) == len(gaps)
+    if not known or any(gap and i not in plan.active and not plan.flank[i] for i, gap in enumerate(gaps)):
+        raise SceneError(f"{name}: the plan was made for a train without this backlash or other meshes: plan again.")
+    if not traced(train):
+        with jax.ensure_compile_time_eval():  # under jit, too
+            check_harmonics(train, plan.harmonics, plan.method)

@@ -72,21 +72,17 @@ def problem_at(train, rpm, excited):
     )
 
 
-def offset_load(problem, flank):
-    """Load ``(S, E+1)`` with the constant forces of meshes held on one flank (+1, -1; 0: not held) added."""
-    # Beyond the knee f = c l - offset sign(l): a mesh that stays on its flank is a linear link with a constant force.
-    constant = -jnp.asarray(flank) * backlash.offset(problem.meshes.law)
-    return jnp.asarray(problem.load).at[:, 0].add(-problem.system.spread(constant, problem.meshes.link))
-
-
 def reduced_equation(problem, harmonics, active_meshes):
     """Reduced and CondensedTrain of the active meshes; those that are not active are held on their flanks."""
     meshes, mask, index = problem.meshes, active_meshes.mask, active_meshes.index
+    # Beyond the knee f = c l - offset sign(l): a mesh that stays on its flank is a linear link with a constant force.
+    constant = -jnp.asarray(active_meshes.flank) * backlash.offset(meshes.law)
+    load = jnp.asarray(problem.load).at[:, 0].add(-problem.system.spread(constant, meshes.link))
     law = jax.tree.map(lambda a: jnp.asarray(a)[index], meshes.law)
     return condensation.reduce(
         problem.system,
         problem.frequency,
-        offset_load(problem, active_meshes.flank),
+        load,
         harmonics,
         mask,
         problem.links(active_meshes),
@@ -103,11 +99,11 @@ def model_of(problem, active_meshes, time_steps):
     return reduced_model(problem.system, links, active_meshes.mask, problem.frequency, time_steps)
 
 
+# Times the harmonics of the motion that tooth forces have: what their time samples tell apart.
 FORCE_HARMONICS = fourier.SAMPLES_PER_HARMONIC // 2
-"""Times the harmonics of the motion that tooth forces have: what their time samples tell apart."""
 
 
-def fields(problem, displacement, force, sizes, crossings=None):
+def fields(problem, displacement, force, integrals, samples, crossings=None):
     """Motion, torques and forces from displacements ``(S, N+1)`` and forces ``(L, N+1)`` of the linear links.
 
     Deflections of meshes come from link forces, not from differences of displacements. Tooth forces are those of the
@@ -124,7 +120,7 @@ def fields(problem, displacement, force, sizes, crossings=None):
     shafts = force.shape[0] - len(meshes.link)
     mesh = deflection[shafts:]
     law = jax.tree.map(jnp.asarray, meshes.law)
-    rule = condensation.quadrature(sizes.integrals, law, mesh, sizes.samples, crossings)
+    rule = condensation.quadrature(integrals, law, mesh, samples, crossings)
     values, rates = jax.vmap(rule.synthesize)(jnp.stack([mesh, fourier.derivative(mesh, problem.frequency)]))
     law = law.expand()
     elastic = backlash.force(law, values)
@@ -148,11 +144,7 @@ def power_defect(problem, displacement, force, found):
     cycle, ``sum of b |x'|^2 = <q, x'>`` (docs/theory A4.1): what is left comes of unsolved equations, and of the work
     that sampled elastic tooth forces seem to do.
 
-    Parameters
-    ----------
-    problem : Problem
-    displacement : complex ``(S, N+1)`` m; force : complex ``(L, N+1)`` N of the linear links
-    found : Fields, whose tooth forces are those of the law
+    displacement ``(S, N+1)`` m; force ``(L, N+1)`` N of the linear links; found : Fields.
     """
     system, harmonics = problem.system, displacement.shape[-1] - 1
     velocity = fourier.derivative(displacement, problem.frequency)

@@ -1,4 +1,7 @@
-"""The compiled solve: one problem, one set of active meshes, fixed sizes. No decisions by value, no names."""
+"""Solves under a plan: one problem or a batch of them, eager or traced. No decisions by value, no names.
+
+A compiled solve starts Newton's method, estimates the truncation error, and gives what it found its derivative.
+"""
 
 import dataclasses
 from dataclasses import dataclass
@@ -6,81 +9,43 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
-from jaxhb._program import Program
-from jaxhb.balance import correction
-from jaxhb.balance.derivative import attach
-from jaxhb.balance.march_start import deflections_on_flank, marched
+from jaxhb._jax import namespace, staged, traced
+from jaxhb._program import WHOLE, Program, across, along
+from jaxhb.balance import correction, derivative
 from jaxhb.balance.newton import relative_residual, solve_chain, solve_reduced
-from jaxhb.balance.problem import fields, held_in_contact, model_of, power_defect, reduced_equation
+from jaxhb.balance.plan import check_plan
+from jaxhb.balance.problem import (
+    Problem,
+    fields,
+    held_in_contact,
+    model_of,
+    power_defect,
+    problem_at,
+    reduced_equation,
+)
 from jaxhb.equations import backlash, condensation, exact_integrals, fourier
+from jaxhb.equations.backlash import law_of
+from jaxhb.equations.reduced_model import resting_on_flank
+from jaxhb.integration.step import force_on_flank, march, stepper_of, with_rate
 from jaxhb.linear.forced import SINGULAR, judged
-from jaxhb.results.status import Status
+from jaxhb.results.response import Response
+from jaxhb.results.status import March, Newton, Status
+from jaxhb.train.changes import within_range
+from jaxhb.train.speeds import HIGHEST_RPM, check_speed
 
-
-@dataclass(frozen=True)
-class SolveOptions:
-    """When a compiled solve marches, and how it estimates what is left out.
-
-    Parameters
-    ----------
-    march_above : relative residual, a few times that of a settled march, from which Newton's method takes longer than a
-        march
-    estimate_forcing, estimate_steps : share of the residual that the correction of an estimate of the truncation error
-        may leave, and its Krylov steps at most
-    unloaded : tooth force, over stiffness x backlash, up to which teeth carry nothing but what solved equations leave
-    """
-
-    march_above: float = 3e-4
-    estimate_forcing: float = 0.05
-    estimate_steps: int = 20
-    unloaded: float = 1e-8
-
-
-SOLVE = SolveOptions()
-
-
-@dataclass(frozen=True)
-class Sizes:
-    """What a program is compiled for.
-
-    samples : per cycle, of the law; time_steps : of the march and of the preconditioner; excited : harmonics of the
-    excitation that there is room for; method : "reduced" or "chain"; residual_tolerance, max_steps : of Newton;
-    integrals : of the law over the cycle, "sampled" or "exact", which leaves ``samples`` to what needs no such
-    accuracy; estimated : whether the truncation error is; without, it counts as 0; marches : whether a start may march
-    cycles (a sixth of the program); compare_starts : whether a given start is compared with a marched one;
-    slope_samples : times ``samples`` at which derivatives evaluate a sampled law. Its slope has kinks: where teeth
-    hammer few samples of a solve lie in its transition zones, and derivatives from them alone are off by 8 % and more.
-    """
-
-    samples: int
-    time_steps: int
-    excited: int
-    method: str = "reduced"
-    residual_tolerance: float = 1e-10
-    max_steps: int = 24
-    integrals: str = "sampled"
-    estimated: bool = True
-    marches: bool = True
-    compare_starts: bool = False
-    slope_samples: int = 16
-
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class Start:
-    """Where Newton starts: coefficients ``(G, N+1)`` where ``given``, else teeth in contact and ``cycles`` marched.
-
-    With ``Sizes.compare_starts`` cycles are marched as well where a given motion leaves more than ``march_above`` of
-    the equations unsolved, and the better of the two is the start. A march ends early where a cycle closes to
-    ``periodicity_tolerance``.
-    """
-
-    coefficients: jax.Array
-    given: jax.Array
-    cycles: jax.Array
-    periodicity_tolerance: jax.Array | float = 0.0
+# Relative residual, a few times that of a settled march, from which Newton's method takes longer than a march.
+MARCH_ABOVE = 3e-4
+ESTIMATE = 0.05, 20  # share of the residual that the correction of an estimate may leave, and its Krylov steps at most
+FEWEST_SAMPLES = 4096  # per cycle, at which extremes of a response are looked for
+BATCH_SPEEDS = 8  # speeds that one program solves side by side
+# Of a speed in a batch under a plan that the caller did not give; one that needs more is solved again by itself.
+BATCH_NEWTON_STEPS = 8
+# From which speeds are solved without batches on processors: one fills a processor, and a batch waits for its slowest
+# and takes longer to compile.
+ALONE_HARMONICS, ALONE_DISKS = 192, 24
 
 
 @jax.tree_util.register_dataclass
@@ -102,135 +67,154 @@ class Outcome:
     steps: jax.Array
 
 
-@partial(Program, static_argnames="sizes")
-def solve_problem(problem, active_meshes, start, limit, sizes):
-    """Solve one problem.
+@partial(Program, static_argnames="plan")
+def solve_problem(problem, active_meshes, start, limit, plan):
+    """The Outcome of one problem.
 
     Parameters
     ----------
     problem : Problem; active_meshes : ActiveMeshes
-    start : Start
+    start : coefficients ``(G, N+1)`` m; whether they are where Newton's method starts, and not teeth in contact; cycles
+        that are marched from there (of a given start only if ``plan.compare_starts`` and it leaves more than
+        MARCH_ABOVE of the equations: the better of the two is then the start); periodicity error at which a march ends
     limit : float, largest estimate of the truncation error that counts as converged (:attr:`Plan.limit`)
-    sizes : Sizes (static)
-
-    Returns
-    -------
-    Outcome
+    plan : Plan.static
     """
     # The iteration is not differentiated: the implicit function theorem gives the derivative of what it found.
     frozen = lax.stop_gradient((problem, start, limit))
-    return differentiable(problem, active_meshes, find(frozen[0], active_meshes, *frozen[1:], sizes), sizes)
+    return differentiable(problem, active_meshes, find(frozen[0], active_meshes, *frozen[1:], plan), plan)
 
 
-def differentiable(problem, active_meshes, found, sizes):
+def differentiable(problem, active_meshes, found, plan):
     """The Outcome that :func:`find` found, with its derivative with respect to ``problem``."""
     outcome, at, solved = found
-    fields, deflection = attach(sizes, problem, active_meshes, at, solved, outcome.fields, outcome.deflection)
+    given = problem, active_meshes, at, solved, outcome.fields, outcome.deflection
+    fields, deflection = derivative.attach(plan, *given)
     return dataclasses.replace(outcome, fields=fields, deflection=deflection)
 
 
-def find(problem, active_meshes, start, limit, sizes):
-    """The Outcome without derivatives, what :func:`attach` needs of its motion, whether it solves."""
-    # N is the length of the start; the plan sees to it that ``sizes.samples`` are SAMPLES_PER_HARMONIC times N.
-    harmonics = start.coefficients.shape[-1] - 1
-    none = len(active_meshes.mask) == 0
+def find(problem, active_meshes, start, limit, plan):
+    """The Outcome without derivatives, what :func:`derivative.attach` needs of its motion, whether it solves."""
+    harmonics, none = plan.harmonics, len(active_meshes.mask) == 0
     # The estimate of the truncation error asks for receptances of 2 N harmonics: made once, cut for the solve.
-    reach = 2 * harmonics if sizes.estimated and not none else harmonics
+    reach = 2 * harmonics if plan.estimated and not none else harmonics
     fine, condensed = reduced_equation(problem, reach, active_meshes)
-    reduced = dataclasses.replace(condensation.truncate(fine, harmonics), integrals=sizes.integrals)
+    reduced = dataclasses.replace(condensation.truncate(fine, harmonics), integrals=plan.integrals)
     periodicity_error, error, truncation = jnp.zeros(()), jnp.zeros(()), jnp.zeros(())
     operator = None
     steps, stalled = jnp.array(0), jnp.array(False)
     deflection = reduced.linear
     if not none:
-        model = model_of(problem, active_meshes, sizes.time_steps)
-        first, periodicity_error = _first(reduced, model.space, start, sizes)
-        numbers = {"samples": sizes.samples, "time_steps": sizes.time_steps}
-        if sizes.method == "chain":
-            deflection, iterate = _by_chain(problem, active_meshes, reduced, condensed, first, sizes)
+        model = model_of(problem, active_meshes, plan.time_steps)
+        first, periodicity_error = _first(reduced, model.space, start, plan)
+        numbers = {"samples": plan.samples, "time_steps": plan.time_steps}
+        if plan.method == "chain":
+            deflection, iterate = _by_chain(problem, active_meshes, reduced, condensed, first, plan)
             operator = correction.prepare(reduced, model, deflection, **numbers)
-            error = relative_residual(reduced, reduced.residual(deflection, sizes.samples))
+            error = relative_residual(reduced, reduced.residual(deflection, plan.samples))
         else:
-            goal = {"tolerance": sizes.residual_tolerance, "max_steps": sizes.max_steps}
+            goal = {"tolerance": plan.residual_tolerance, "max_steps": plan.max_steps}
             iterate, operator = solve_reduced(reduced, model, first, **numbers, **goal)
             deflection, error = iterate.x, iterate.error
-        if sizes.estimated:
-            truncation = truncation_error(fine, operator, deflection, sizes.samples)
+        if plan.estimated:
+            truncation = truncation_error(fine, operator, deflection, plan.samples)
         steps, stalled = iterate.steps, iterate.stalled
     reduced, crossings = reduced.with_crossings(deflection), None
-    nonlinear_force = reduced.nonlinear_force_coefficients(deflection, sizes.samples)
-    motion = condensed.combine(nonlinear_force)
-    found = fields(problem, *motion, sizes)
+    motion = condensed.combine(reduced.nonlinear_force_coefficients(deflection, plan.samples))
+    found = fields(problem, *motion, plan.integrals, plan.samples)
     defect = power_defect(problem, *motion, found)
-    if sizes.integrals == "exact":
-        crossings = (
-            reduced.crossings,
-            exact_integrals.find_crossings(jax.tree.map(jnp.asarray, problem.meshes.law), found.deflections),
-        )
-    failure = _failure(problem, active_meshes, reduced, condensed, found, error, stalled, crossings, sizes)
+    if plan.integrals == "exact":
+        every = exact_integrals.find_crossings(jax.tree.map(jnp.asarray, problem.meshes.law), found.deflections)
+        crossings = reduced.crossings, every
+    failure = _failure(problem, active_meshes, reduced, condensed, found, error, stalled, crossings, plan)
     solved = failure == Status.CONVERGED
     status = jnp.where(solved & ~(truncation <= limit), Status.TOLERANCE_NOT_MET, failure)
-    return (
-        Outcome(found, deflection, status, periodicity_error, error, truncation, defect, steps),
-        (operator, crossings),
-        solved,
-    )
+    outcome = Outcome(found, deflection, status, periodicity_error, error, truncation, defect, steps)
+    return outcome, (operator, crossings), solved
 
 
-def _first(reduced, space, start, sizes):
+def _first(reduced, space, start, plan):
     """Where Newton starts, coefficients ``(G, N+1)``, and the periodicity error of the march, 0 without."""
-    begun = jnp.where(start.given, start.coefficients, deflections_on_flank(reduced))
+    coefficients, given, cycles, periodicity_tolerance = start
+    begun = jnp.where(given, coefficients, deflections_on_flank(reduced))
 
-    def march():
-        return marched(reduced, space, sizes.time_steps, start.cycles, start.periodicity_tolerance)
+    def from_flank():
+        return marched(reduced, space, plan.time_steps, cycles, periodicity_tolerance)
 
-    if not sizes.marches:
+    if not plan.marches:
         return begun, jnp.zeros(())
-    if not sizes.compare_starts:
-        return lax.cond(start.cycles > 0, march, lambda: (begun, jnp.zeros(())))
+    if not plan.compare_starts:
+        return lax.cond(cycles > 0, from_flank, lambda: (begun, jnp.zeros(())))
     sampled = dataclasses.replace(reduced, integrals="sampled")
 
     def left(deflection):
-        return relative_residual(sampled, sampled.residual(deflection, sizes.samples))
+        return relative_residual(sampled, sampled.residual(deflection, plan.samples))
 
     def better():
-        found, periodicity_error = march()
-        worse = lax.cond(given, lambda found: ~(left(found) < remaining), lambda _: False, found)
+        found, periodicity_error = from_flank()
+        worse = lax.cond(compared, lambda found: ~(left(found) < remaining), lambda _: False, found)
         return jnp.where(worse, begun, found), jnp.where(worse, 0.0, periodicity_error)
 
-    given = start.given & (start.cycles > 0)
-    remaining = lax.cond(given, left, lambda _: jnp.inf, begun)
-    marching = (start.cycles > 0) & (remaining > SOLVE.march_above)
-    return lax.cond(marching, better, lambda: (begun, jnp.zeros(())))
+    compared = given & (cycles > 0)
+    remaining = lax.cond(compared, left, lambda _: jnp.inf, begun)
+    return lax.cond((cycles > 0) & (remaining > MARCH_ABOVE), better, lambda: (begun, jnp.zeros(())))
 
 
-def _by_chain(problem, active_meshes, reduced, condensed, start, sizes):
+def deflections_on_flank(reduced):
+    """Deflections ``(G, N+1)`` with every mesh on its drive side all cycle."""
+    held = jnp.zeros_like(reduced.linear).at[:, 0].set(force_on_flank(reduced.law, reduced.linear))
+    return reduced.linear - reduced.respond(held)
+
+
+def reduced_stepper(reduced, space, time_steps, linear, residual_flexibility=None):
+    """The :class:`~jaxhb.integration.step.Stepper` of a reduced equation, ``time_steps`` steps per cycle."""
+    flank_state = resting_on_flank(space, force_on_flank(reduced.law, reduced.linear))
+    states = jnp.zeros(len(space.transition)), flank_state
+    return stepper_of(space, reduced, linear, reduced.frequency, time_steps, *states, residual_flexibility)
+
+
+def marched(reduced, space, time_steps, cycles, periodicity_tolerance):
+    """Deflections ``(G, N+1)`` over the last of ``cycles`` cycles from the drive sides, and its periodicity error.
+
+    Those on the flanks where the steps were too long for the train. The march ends earlier where a cycle closes to
+    ``periodicity_tolerance``.
+    """
+    linear = fourier.synthesize(with_rate(reduced.linear, reduced.frequency), 2 * time_steps).T
+    stepper = reduced_stepper(reduced, space, time_steps, linear)
+    _, trace, _ = march(stepper, stepper.flank_state, tolerance=periodicity_tolerance, max_cycles=cycles)
+    harmonics = reduced.linear.shape[-1] - 1
+    kept = fourier.analyze(trace.deflection, min(harmonics, (time_steps - 1) // 2))
+    finite = jnp.all(jnp.isfinite(trace.deflection))
+    return jnp.where(finite, fourier.resize(kept, harmonics), deflections_on_flank(reduced)), trace.periodicity_error
+
+
+def _by_chain(problem, active_meshes, reduced, condensed, start, plan):
     """Newton on all disks by the block sweep; meshes held on a flank follow the whole law here."""
     system, meshes = problem.system, problem.meshes
-    displacement, _ = condensed.combine(reduced.nonlinear_force_coefficients(start, sizes.samples))
+    displacement, _ = condensed.combine(reduced.nonlinear_force_coefficients(start, plan.samples))
     iterate = solve_chain(
         system,
         meshes,
         problem.frequency,
         fourier.resize(jnp.asarray(problem.load), displacement.shape[-1] - 1),
         fourier.pack(displacement),
-        samples=sizes.samples,
+        samples=plan.samples,
         tolerance=1e-13,
-        max_steps=sizes.max_steps,
+        max_steps=plan.max_steps,
     )
     found = system.deflections(fourier.unpack(iterate.x), problem.links(active_meshes))
     return found * active_meshes.mask[:, None], iterate
 
 
-def _failure(problem, active_meshes, reduced, condensed, found, error, stalled, crossings, sizes):
+def _failure(problem, active_meshes, reduced, condensed, found, error, stalled, crossings, plan):
     """The status as far as the equations go, CONVERGED whatever the truncation error."""
     finite = jnp.isfinite(error) & jnp.all(jnp.isfinite(found.angles.real + found.angles.imag))
     _, linear = judged(*condensed.balance)
     # Teeth in the gap push at harmonics that no torque has, where the train may be at resonance as well.
     compliance = jnp.max(jnp.abs(reduced.receptance), initial=0.0) * jnp.max(reduced.law.stiffness, initial=0.0)
-    held = held_in_contact(problem, found.deflections, active_meshes.flank, sizes.samples)
+    held = held_in_contact(problem, found.deflections, active_meshes.flank, plan.samples)
     unsolved = jnp.where(stalled, Status.STALLED, Status.MAX_STEPS)
-    status = jnp.where(error <= sizes.residual_tolerance, Status.CONVERGED, unsolved)
+    status = jnp.where(error <= plan.residual_tolerance, Status.CONVERGED, unsolved)
     complete = jnp.array(True) if crossings is None else crossings[0].complete & crossings[1].complete
     # The later, the stronger: a motion that is not finite says nothing of the plan, and at a resonance without damping
     # nothing else means anything.
@@ -241,15 +225,13 @@ def _failure(problem, active_meshes, reduced, condensed, found, error, stalled, 
     return jnp.where(linear >= Status.NEAR_SINGULAR, linear, status)
 
 
-@partial(Program, static_argnames="sizes")
-def estimate(problem, active_meshes, deflection, sizes):
+@partial(Program, static_argnames="plan")
+def estimate(problem, active_meshes, deflection, plan):
     """The truncation error of a motion found without it: deflections ``(G, N+1)`` of the active meshes."""
-    harmonics = deflection.shape[-1] - 1
-    fine, _ = reduced_equation(problem, 2 * harmonics, active_meshes)
-    reduced = condensation.truncate(fine, harmonics)
-    model = model_of(problem, active_meshes, sizes.time_steps)
-    operator = correction.prepare(reduced, model, deflection, sizes.samples, sizes.time_steps)
-    return truncation_error(fine, operator, deflection, sizes.samples)
+    fine, _ = reduced_equation(problem, 2 * plan.harmonics, active_meshes)
+    reduced, model = condensation.truncate(fine, plan.harmonics), model_of(problem, active_meshes, plan.time_steps)
+    operator = correction.prepare(reduced, model, deflection, plan.samples, plan.time_steps)
+    return truncation_error(fine, operator, deflection, plan.samples)
 
 
 def truncation_error(fine, operator, deflection, samples):
@@ -262,11 +244,155 @@ def truncation_error(fine, operator, deflection, samples):
     harmonics = fine.linear.shape[-1] - 1
     wide = fourier.resize(deflection, harmonics)
     residual = fine.residual(wide, 2 * samples)
-    forcing = SOLVE.estimate_forcing, SOLVE.estimate_steps
-    change, left, _ = correction.correct(fine, operator, wide, residual, 2 * samples, *forcing)
+    change, left, _ = correction.correct(fine, operator, wide, residual, 2 * samples, *ESTIMATE)
     law = fine.law.expand()
     before = backlash.force(law, fourier.synthesize(wide, 2 * samples))
     after = backlash.force(law, fourier.synthesize(wide - change, 2 * samples))
-    noise = SOLVE.unloaded * jnp.max(law.stiffness * law.backlash)  # of solved equations, where no tooth carries a load
+    noise = 1e-8 * jnp.max(law.stiffness * law.backlash)  # of solved equations, where no tooth carries a load
     estimate = jnp.max(jnp.abs(after - before)) / jnp.maximum(jnp.max(jnp.abs(before)), jnp.maximum(noise, 1e-300))
     return estimate / (1 - jnp.minimum(left, 0.999))
+
+
+def active_deflections(plan, deflections):
+    """Deflections ``(..., G, n+1)`` m of the active meshes of a plan, from those of all ``(..., M, n+1)``."""
+    return deflections[..., plan.active_meshes.index, :] * plan.active_meshes.mask[:, None]
+
+
+def first_start(plan, *, marches=False, given=None, xp=np):
+    """``start`` of :func:`solve_problem`: teeth in contact, marched on or not, or given deflections ``(G, n+1)``."""
+    if given is None:
+        nothing = np.zeros((len(plan.active_meshes.mask), plan.harmonics + 1), dtype=complex)
+        return nothing, np.array(False), np.array(plan.cycles if marches else 0), 0.0
+    return fourier.resize(xp.asarray(given), plan.harmonics), np.array(True), np.array(0), 0.0
+
+
+def solve_planned(train, rpm, plan, start=None):
+    """Response under a plan, from a Response or "linear" or "march" instead of the start that the plan has."""
+    check_plan(train, plan)
+    if start is None and plan.start == "response":
+        raise ValueError(
+            f"{train.topology.title}: no start that a plan holds leads to its motion: solve without a plan and give "
+            "that response as start."
+        )
+    if not traced(rpm):
+        check_speed(train, rpm)
+        rpm = np.asarray(rpm, dtype=float)
+    begin = first_start(plan, marches=plan.marches if start is None else start == "march")
+    if start == "march":
+        plan = dataclasses.replace(plan, start=start)
+    if isinstance(start, Response):
+        coefficients, _, *others = first_start(plan, given=active_deflections(plan, start.deflections), xp=jnp)
+        # Under jit a response that is not solved is nan, and no start.
+        begin = coefficients, jnp.isfinite(coefficients).all(), *others
+    if traced(train, rpm, begin) or staged():
+        response = _solve_traced(train, rpm, begin, plan.active_meshes, plan.limit, plan.static)
+        return dataclasses.replace(response, train=train)
+    return solve_once(train, rpm, problem_at(train, rpm, plan.static.excited), plan, begin)[0]
+
+
+@partial(Program, static_argnames="plan")
+def _solve_traced(train, rpm, begin, active_meshes, limit, plan):
+    """One program for all of it: piece by piece, differentiation outside ``jit`` compiles a hundred small ones."""
+    finite = derivative.all_finite((train, rpm))
+    # Not ``rpm > 0``: nan is not out of range but not finite, and has its own status.
+    valid = within_range(train) & ~((rpm <= 0) | (rpm > HIGHEST_RPM))
+    train, rpm = derivative.only_if(finite & valid, (train, rpm))
+    problem = problem_at(train, rpm, plan.excited)
+    outcome = solve_problem(problem, active_meshes, begin, limit, plan)
+    status = jnp.where(finite, outcome.status, Status.NONFINITE)
+    outcome = dataclasses.replace(outcome, status=jnp.where(valid, status, Status.INVALID_INPUT))
+    response = respond(train, rpm, problem, outcome, plan)
+    # nan for all that was computed if it is not solved, and derivatives of zero, not nan.
+    given = ("rpm", "radius", "law", "topology", "resolution", "train", "path", "certificate")
+    found = {f.name: getattr(response, f.name) for f in dataclasses.fields(response) if f.name not in given}
+    return dataclasses.replace(response, **derivative.only_known(response.status <= Status.TOLERANCE_NOT_MET, found))
+
+
+def respond(train, rpm, problem, outcome, plan):
+    """Assemble the :class:`Response` of an outcome."""
+    found, topology, xp = outcome.fields, train.topology, namespace(outcome.fields)
+    ground = np.array(topology.ground_disk, dtype=int)
+    return Response(
+        **{f.name: getattr(found, f.name) for f in dataclasses.fields(found)},
+        rpm=xp.asarray(rpm, dtype=float),
+        load_torque=problem.load_torque,
+        load_power=problem.load_power,
+        ground_reaction=xp.asarray(train.grounds.stiffness) * found.angles[ground, 0].real,
+        radius=xp.asarray(train.disks.radius),
+        law=jax.tree.map(xp.asarray, law_of(train.meshes)),
+        status=outcome.status,
+        residual=outcome.residual,
+        truncation_error=outcome.truncation_error,
+        power_defect=outcome.power_defect,
+        steps=outcome.steps,
+        topology=topology,
+        # A multiple of the samples, so that extremes are no smaller than theirs, and enough for few harmonics too.
+        resolution=plan.samples * max(1, -(-FEWEST_SAMPLES // plan.samples)),
+        train=train,
+    )
+
+
+def solve_once(train, rpm, problem, plan, begin):
+    """The Response with numpy arrays, and the Outcome, of one eager solve."""
+    outcome = jax.tree.map(np.asarray, solve_problem(problem, plan.active_meshes, begin, plan.limit, plan.static))
+    return _response_of(train, rpm, problem, outcome, plan), outcome
+
+
+def _response_of(train, rpm, problem, outcome, plan):
+    """The Response of an Outcome with numpy arrays, its train and its path."""
+    response = jax.tree.map(np.asarray, respond(train, rpm, problem, outcome, plan))
+    status, steps, error = Status(int(response.status)), int(response.steps), float(outcome.periodicity_error)
+    path = (Newton(plan.harmonics, len(plan.active), plan.integrals, status, steps),)
+    if error:  # 0: nothing was marched
+        path = (March(plan.cycles, plan.time_steps, error), *path)
+    return dataclasses.replace(response, train=train, path=path)
+
+
+def solve_batches(train, rpm, plan, max_steps=None, devices=()):
+    """Yield lists of Responses at the speeds ``(n,)`` under one plan, batch after batch, in order.
+
+    Across several devices, each has as many speeds of a batch as one has alone. ``max_steps``: of Newton's method in a
+    batch, instead of those of the plan.
+    """
+    # A linear solve by itself is the same bits whatever speeds are asked for beside it.
+    alone = not plan.active or train.topology.n_disks >= ALONE_DISKS or plan.harmonics >= ALONE_HARMONICS
+    size = max(len(devices), 1) * (1 if alone and jax.default_backend() == "cpu" else BATCH_SPEEDS)
+    begin, static = first_start(plan, marches=plan.marches), plan.static
+    if size == 1 or len(rpm) == 1:
+        for speed in map(float, rpm):
+            yield [solve_once(train, speed, problem_at(train, speed, static.excited), plan, begin)[0]]
+        return
+    static = dataclasses.replace(static, max_steps=max_steps or plan.max_steps)
+    solve = partial(_solve_all, plan=static)
+    if len(devices) > 1:
+        given = jax.tree.map(lambda axis: WHOLE if axis is None else along(axis), _axes(), is_leaf=lambda a: a is None)
+        solve = across(_solve_all, devices, (given, WHOLE, WHOLE, WHOLE), along(0), plan=static)
+    for first in range(0, len(rpm), size):
+        speeds = rpm[first : first + size]
+        padded = np.concatenate([speeds, np.full(size - len(speeds), speeds[-1])])
+        problem = _problems_at(train, jnp.asarray(padded), static.excited)
+        outcome = solve(problem, plan.active_meshes, begin, plan.limit)
+        loads, outcome = jax.tree.map(np.asarray, ((problem.load_torque, problem.load_power), outcome))
+        responses = []
+        for i, speed in enumerate(speeds):
+            row, (torque, power) = jax.tree.map(lambda leaf, i=i: leaf[i], (outcome, loads))
+            own = dataclasses.replace(problem, load_torque=torque, load_power=power)
+            responses.append(_response_of(train, speed, own, row, plan))
+        yield responses
+
+
+# Of a batch of problems only what depends on speed has a leading axis.
+def _axes():
+    """Of a batch of problems only what depends on speed has a leading axis."""
+    return Problem(system=None, meshes=None, frequency=0, load=0, rigid=None, load_torque=0, load_power=0)
+
+
+@partial(Program, static_argnames="excited")
+def _problems_at(train, rpm, excited):
+    return jax.vmap(lambda speed: problem_at(train, speed, excited), out_axes=_axes())(rpm)
+
+
+@partial(Program, static_argnames="plan")
+def _solve_all(problem, active_meshes, start, limit, plan):
+    given = active_meshes, start, limit, plan
+    return jax.vmap(lambda problem: solve_problem(problem, *given), in_axes=(_axes(),))(problem)

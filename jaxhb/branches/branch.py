@@ -6,16 +6,15 @@ The curve is that of the reduced harmonic equations with a fixed number of harmo
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 
 import numpy as np
 
 from jaxhb._shown import brief
-from jaxhb.balance.plan import Plan
-from jaxhb.balance.planned import active_deflections, first_start, solve_once
+from jaxhb.balance.plan import Plan, Request, excited_harmonic, time_steps_for
 from jaxhb.balance.problem import problem_at
-from jaxhb.balance.request import Request, excited_harmonic, time_steps_for
+from jaxhb.balance.program import active_deflections, first_start, solve_once
 from jaxhb.branches.curve import HarmonicCurve, linearized, null_direction, simplified
 from jaxhb.equations import fourier
 from jaxhb.excitation.torques import listed_harmonic
@@ -55,17 +54,15 @@ def train_at(train, rpm, parameter, value):
 
 def response_at(curve, plan, y):
     """The Response at a point of the curve, which solves it already."""
-    train, rpm = train_at(curve.train, float(curve.rpm), curve.parameter, float(curve.begin + y[-1] * curve.span))
+    train, rpm = train_at(curve.train, float(curve.rpm), curve.parameter, curve.value(y))
     given = first_start(plan, given=np.asarray(curve.deflection(y)))
-    return solve_once(train, rpm, problem_at(train, rpm, curve.sizes.excited), plan, given)[0]
+    return solve_once(train, rpm, problem_at(train, rpm, curve.plan.excited), plan, given)[0]
 
 
 @dataclass(frozen=True)
 class Point:
-    """A point of a branch: y and tangent of its curve, its row of the table, the multipliers of its teeth."""
+    """A point of a branch: its row of the table; y and tangent of its curve, the multipliers of its teeth."""
 
-    y: np.ndarray
-    tangent: np.ndarray
     value: float
     largest_deflection: np.ndarray
     smallest_deflection: np.ndarray
@@ -74,6 +71,8 @@ class Point:
     multiplier: complex
     stable: bool
     truncation_error: float
+    y: np.ndarray
+    tangent: np.ndarray
     multipliers: np.ndarray
 
     @classmethod
@@ -81,19 +80,20 @@ class Point:
         """The point with its row."""
         response = response_at(curve, plan, y)
         found, names = stability(response), response.topology.mesh_names
-        deflections, forces = ([read(name) for name in names] for read in (response.deflection, response.force))
+        signals = [read(name) for read in (response.deflection, response.force) for name in names]
+        largest, smallest = ([getattr(signal, end) for signal in signals] for end in ("max", "min"))
         return cls(
+            curve.value(y),
+            largest[: len(names)],
+            smallest[: len(names)],
+            largest[len(names) :],
+            smallest[len(names) :],
+            found.critical,
+            found.stable,
+            float(response.truncation_error),
             y,
             tangent,
-            value=float(curve.begin + y[-1] * curve.span),
-            largest_deflection=[signal.max for signal in deflections],
-            smallest_deflection=[signal.min for signal in deflections],
-            largest_force=[signal.max for signal in forces],
-            smallest_force=[signal.min for signal in forces],
-            multiplier=found.critical,
-            stable=found.stable,
-            truncation_error=float(response.truncation_error),
-            multipliers=found.multipliers[~found.rotation],
+            found.multipliers[~found.rotation],
         )
 
     def beyond(self, place):
@@ -116,13 +116,11 @@ TESTS = {
 """Functions of a point whose sign changes (Kuznetsov, Elements of Applied Bifurcation Theory, 2004, ch. 10)."""
 
 
-def _rise(y, tangent):
-    """Zero at a fold."""
-    return tangent[-1]
-
-
 def special_points(curve, plan, points, locate, options):
     """The SpecialPoints of a branch, in its order."""
+
+    def rise(y, tangent):
+        return tangent[-1]  # zero at a fold
 
     def on_point(test):
         return lambda y, tangent: test(Point.at(curve, plan, y, tangent))
@@ -139,7 +137,7 @@ def special_points(curve, plan, points, locate, options):
     for kind, where in changes.items():
         for number in np.flatnonzero(where):
             ends = [(point.y, point.tangent) for point in points[number : number + 2]]
-            test, closed = (_rise, options.fold) if kind == "fold" else (on_point(TESTS[kind]), options.stability)
+            test, closed = (rise, options.fold) if kind == "fold" else (on_point(TESTS[kind]), options.stability)
             at = Point.at(curve, plan, *locate(*ends, test, closed=closed))
             # The product of two real multipliers passes 1 as well, where nothing happens: a pair must be complex.
             products, turning = at.pairs
@@ -314,8 +312,7 @@ def follow(
     rpm : float, optional
         Speed, where that is not the parameter.
     harmonics : int, optional
-        Of all motions. Default: as many as the motion at ``start`` needs, at least what the mesh modes need in the
-        middle of the range.
+        Of all motions. Default: as many as the motion at ``start`` needs, and mesh modes in the middle of the range.
     tolerance : float
         Truncation error that the first motion is solved to; that of each point is in the table.
     begin : Response, optional
@@ -331,8 +328,8 @@ def follow(
     SceneError
         No such element or field, a value out of its range, a speed that is not greater than 0 or above 1e6 rpm.
     ValueError
-        An empty range, a missing or superfluous ``rpm``, a train without backlash, or one without multipliers
-        (:func:`jaxhb.stability`: massless disks).
+        An empty range, a missing or superfluous ``rpm``, a train without backlash, or without multipliers
+        (:func:`jaxhb.stability`).
     NotConverged
         No motion found at ``start``.
 
@@ -357,7 +354,7 @@ def follow(
     sizes = np.asarray(first.meshes.backlash)[list(plan.active)]
     scale = np.min(sizes + np.linalg.norm(fourier.pack(deflection), axis=-1)[: len(sizes)])
     speed, begins, length, size = map(np.asarray, (float(speed), float(start), float(to) - float(start), float(scale)))
-    curve = HarmonicCurve(train, speed, begins, length, size, plan.active_meshes, parameter, plan.sizes)
+    curve = HarmonicCurve(train, speed, begins, length, size, plan.active_meshes, parameter, plan.static)
     y = np.append(fourier.pack(deflection).ravel() / scale, 0.0)
     return _followed(curve, plan, y, None, (0.0, 1.0), options)
 
@@ -391,10 +388,8 @@ def _doubled(curve, plan, y):
     train = curve.train.repeated(2)
     _, rpm = train_at(train, float(curve.rpm), curve.parameter, float(curve.begin + y[-1] * curve.span))
     plan = _plan(train, rpm, 2 * plan.harmonics, plan.tolerance, 0)
-    curve, once = (
-        replace(curve, train=train, active_meshes=plan.active_meshes, sizes=plan.sizes),
-        np.asarray(curve.deflection(y)),
-    )
+    once = np.asarray(curve.deflection(y))
+    curve = replace(curve, train=train, active_meshes=plan.active_meshes, plan=plan.static)
     twice = np.zeros((len(once), plan.harmonics + 1), dtype=complex)
     odd = np.zeros_like(twice)
     # Over two periods harmonic n of the motion is harmonic 2 n. What leaves it at a period doubling has odd harmonics
@@ -409,52 +404,27 @@ def _doubled(curve, plan, y):
 def _followed(curve, plan, y, onward, within, options):
     """The :class:`Branch` from a point on."""
     # Every point is a solution that is read, not a way to the end: exact, and on a smooth curve steps that turn little.
-    control = continuation.StepControl(
-        first=options.first,
-        longest=options.longest,
-        corner=1e-7,
-        near=options.closed,
-        closed=options.closed,
-        bent=0.8,
-        straight=0.95,
-    )
+    steps, closed = {"first": options.first, "longest": options.longest}, options.closed
+    control = continuation.StepControl(**steps, corner=1e-7, near=closed, closed=closed, bent=0.8, straight=0.95)
     path, name = [], curve.train.topology.title
     equations = partial(linearized, curve), partial(simplified, curve)
-    end = continuation.follow_curve(
-        *equations,
-        y,
-        most=options.jacobians,
-        within=within,
-        onward=onward,
-        visit=lambda y, tangent: path.append((y, tangent)),
-        control=control,
-    )
+    given = {"most": options.jacobians, "within": within, "onward": onward, "control": control}
+    end = continuation.follow_curve(*equations, y, visit=lambda *point: path.append(point), **given)
     if not path:
-        value = f"{curve.parameter} = {float(curve.begin + y[-1] * curve.span):g}"
+        value = f"{curve.parameter} = {curve.value(y):g}"
         raise NotConverged(f"{name}: Newton's method finds no motion with {plan.harmonics} harmonics at {value}.")
     points = [Point.at(curve, plan, *point) for point in path]
     locate = partial(continuation.locate_zero, *equations, control=control)
     special = special_points(curve, plan, points, locate, options)
-    columns = {name: np.array([getattr(point, name) for point in points]) for name in _COLUMNS}
+    names = [column.name for column in fields(Point)][:8]
+    columns = {name: np.array([getattr(point, name) for point in points]) for name in names}
     ended = _sentence(curve, end, within, options)
     return Branch(curve.parameter, **columns, special=special, ended=ended, _curve=curve, _plan=plan, _path=path)
 
 
-_COLUMNS = (
-    "value",
-    "largest_deflection",
-    "smallest_deflection",
-    "largest_force",
-    "smallest_force",
-    "multiplier",
-    "stable",
-    "truncation_error",
-)
-
-
 def _sentence(curve, end, within, options):
     """Why a branch ended."""
-    value = f"{curve.parameter} = {float(curve.begin + end.y[-1] * curve.span):g}"
+    value = f"{curve.parameter} = {curve.value(end.y):g}"
     if end.arrived and end.y[-1] > sum(within) / 2:
         return f"It reaches the end of the range, {value}."
     if end.arrived:

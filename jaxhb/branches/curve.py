@@ -12,9 +12,9 @@ import jax.numpy as jnp
 from jaxhb._jax import Array
 from jaxhb._program import Program
 from jaxhb.balance import correction
-from jaxhb.balance.newton import NEWTON
+from jaxhb.balance.newton import KRYLOV_STEPS
+from jaxhb.balance.plan import Plan
 from jaxhb.balance.problem import ActiveMeshes, model_of, problem_at, reduced_equation
-from jaxhb.balance.program import Sizes
 from jaxhb.equations import fourier
 from jaxhb.train.drivetrain import DriveTrain
 
@@ -31,7 +31,7 @@ class HarmonicCurve:
     scale: Array
     active_meshes: ActiveMeshes
     parameter: str = field(metadata={"static": True})
-    sizes: Sizes = field(metadata={"static": True})
+    plan: Plan = field(metadata={"static": True})
 
     def at(self, share):
         """Train and speed at a share of the range."""
@@ -40,16 +40,20 @@ class HarmonicCurve:
             return self.train, value
         return self.train.replace({self.parameter: value}), self.rpm
 
+    def value(self, y):
+        """The parameter at a point, on the host."""
+        return float(self.begin + y[-1] * self.span)
+
     def deflection(self, y):
         """Coefficients ``(G, N+1)`` m of the unknown meshes at a point."""
         return fourier.unpack(self.scale * y[:-1].reshape(len(self.active_meshes.mask), -1))
 
     def equation(self, y):
         """F packed ``(n,)``, over the scale; the Problem and the Reduced."""
-        problem = jax.tree.map(jnp.asarray, problem_at(*self.at(y[-1]), self.sizes.excited))
+        problem = jax.tree.map(jnp.asarray, problem_at(*self.at(y[-1]), self.plan.excited))
         deflection = self.deflection(y)
         reduced, _ = reduced_equation(problem, deflection.shape[-1] - 1, self.active_meshes)
-        value = fourier.pack(reduced.residual(deflection, self.sizes.samples)).reshape(-1) / self.scale
+        value = fourier.pack(reduced.residual(deflection, self.plan.samples)).reshape(-1) / self.scale
         return value, (problem, reduced)
 
 
@@ -61,19 +65,19 @@ def linearized(curve, y, normal):
     at, border = _prepared(curve, y, *equations), (column, normal)
     # Change and tangent are two right sides of one bordered system: across the normal, and one unit along it.
     right = jnp.append(-value, 0.0), rising
-    change, tangent = correction.correct_bordered(*at, border, right, curve.sizes.samples, NEWTON.krylov_steps)
+    change, tangent = correction.correct_bordered(*at, border, right, curve.plan.samples, KRYLOV_STEPS)
     return value, change, tangent, (at[1], border)
 
 
 def _prepared(curve, y, problem, reduced):
     """The equations, their preconditioner and the deflections at a point."""
-    sizes, deflection = curve.sizes, curve.deflection(y)
-    model = model_of(problem, curve.active_meshes, sizes.time_steps)
-    return reduced, correction.prepare(reduced, model, deflection, sizes.samples, sizes.time_steps), deflection
+    plan, deflection = curve.plan, curve.deflection(y)
+    model = model_of(problem, curve.active_meshes, plan.time_steps)
+    return reduced, correction.prepare(reduced, model, deflection, plan.samples, plan.time_steps), deflection
 
 
+# Of the bordered Jacobian: each leaves of the rest of a direction what the singular value at a point leaves.
 INVERSIONS = 3
-"""Of the bordered Jacobian: each leaves of the rest of a direction what the singular value at a point leaves."""
 
 
 @Program
@@ -88,7 +92,7 @@ def null_direction(curve, y, direction):
     for _ in range(INVERSIONS):
         direction = direction / jnp.linalg.norm(direction)
         border = direction, jnp.append(direction, 0.0)
-        (found,) = correction.correct_bordered(*at, border, (one,), curve.sizes.samples, NEWTON.krylov_steps)
+        (found,) = correction.correct_bordered(*at, border, (one,), curve.plan.samples, KRYLOV_STEPS)
         direction = found[:-1]
     return direction / jnp.linalg.norm(direction)
 
@@ -99,8 +103,6 @@ def simplified(curve, y, slopes):
     preconditioner and the derivative in the parameter of another."""
     value, (_, reduced) = curve.equation(y)
     right = (jnp.append(-value, 0.0),)
-    deflection, samples = curve.deflection(y), curve.sizes.samples
-    (change,) = correction.correct_bordered(
-        reduced, *slopes[:1], deflection, slopes[1], right, samples, NEWTON.krylov_steps
-    )
+    deflection, samples = curve.deflection(y), curve.plan.samples
+    (change,) = correction.correct_bordered(reduced, *slopes[:1], deflection, slopes[1], right, samples, KRYLOV_STEPS)
     return value, change

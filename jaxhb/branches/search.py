@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import itertools
+from dataclasses import dataclass
 
 import numpy as np
 
 from jaxhb._jax import staged, traced
-from jaxhb.balance.request import Request
+from jaxhb.balance.plan import Request
 from jaxhb.floquet.stability import Stability, attracts
 from jaxhb.results.response import Response
 from jaxhb.results.status import Status
@@ -15,31 +16,15 @@ from jaxhb.solutions import orbits, starts
 from jaxhb.solutions.planning import all_active, plan_speeds
 from jaxhb.steady.classification import Classifier
 from jaxhb.steady.closure import Cycles
+from jaxhb.steady.confirmation import difference
 from jaxhb.steady.marching import Equations
-from jaxhb.steady.settled import difference
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
 
-
-@dataclass(frozen=True)
-class SearchOptions:
-    """How :func:`solve_all` searches beside the strategies of a solve.
-
-    Parameters
-    ----------
-    neighbours : speeds, over the one asked for, from whose motions the train is brought there
-    same : difference of the deflections, as a share of the largest, up to which two solutions are one motion
-    scattered : starts of marches at random states
-    farthest : how far off these are at most, in shifts of the teeth from mid-gap to their flanks
-    """
-
-    neighbours: tuple[float, ...] = (0.9, 0.95, 0.98, 1.02, 1.05, 1.1)
-    same: float = 0.01
-    scattered: int = 24
-    farthest: float = 2.5
-
-
-SEARCH = SearchOptions()
+NEIGHBOURS = (0.9, 0.95, 0.98, 1.02, 1.05, 1.1)  # speeds, over the one asked for, from whose motions it is reached
+SAME = 0.01  # difference of the deflections, as a share of the largest, up to which two solutions are one motion
+SCATTERED = 24  # starts of marches at random states
+FARTHEST = 2.5  # how far off these are at most, in shifts of the teeth from mid-gap to their flanks
 
 
 @dataclass(frozen=True)
@@ -48,14 +33,11 @@ class PeriodicMotion:
 
     Parameters
     ----------
-    response : Response
-        Of one cycle of the excitation, or over ``period`` cycles as one.
+    response : Response, of one cycle of the excitation, or over ``period`` cycles as one
     period : int, in cycles of the excitation
-    attracts : bool or None
-        Whether disturbances die away; None where that is not decided (massless disks, very many disks:
-        :func:`jaxhb.stability` of ``response`` raises the reason).
-    stability : Stability or None
-        None where it is not decided.
+    attracts : bool, whether disturbances die away; None where that is not decided (massless disks, very many disks:
+        :func:`jaxhb.stability` of ``response`` raises the reason)
+    stability : Stability, None where it is not decided
     """
 
     response: Response
@@ -82,18 +64,15 @@ def solve_all(
 ) -> tuple[PeriodicMotion, ...]:
     """The periodic motions of a drive train at one speed, as many as several searches find.
 
-    Teeth that hammer allow several motions at one speed; the train runs in one that attracts, which one depends on
-    where it comes from. Marches begin with teeth on their drive sides, in the middle of their gaps, on the other
-    flanks, at scattered places, and from the motions at neighbouring speeds; they find what attracts, over one or
-    several cycles. Shooting from many cycles and from scattered states, and the curve from a linear law, find motions
-    of one cycle that repel, too.
+    Teeth that hammer allow several motions at one speed; where the train comes from decides in which of those that
+    attract it runs. Marches begin with teeth on their drive sides, in the middle of their gaps, on the other flanks, at
+    scattered places, and from the motions at neighbouring speeds; they find what attracts, over one or several cycles.
+    Shooting from many cycles and from scattered states, and the curve from a linear law, find motions of one cycle that
+    repel, too.
 
     Parameters
     ----------
-    train : DriveTrain
-    rpm : float
-        Speed of the reference rotor.
-    harmonics, tolerance : optional
+    train, rpm, harmonics, tolerance
         As in :func:`jaxhb.solve`.
 
     Returns
@@ -126,27 +105,24 @@ def solve_all(
     check_speed(train, rpm)
     rpm, request = float(rpm), Request.of(train, harmonics, tolerance)
     (plan,) = plan_speeds(train, np.array([rpm]), request)
-    found = []
-    if any(train.topology.mesh_backlash):
-        _add(found, _settled(train, rpm, request))
-    _add(
-        found,
-        _searched(starts.Case(train, rpm, request, plan, effort=starts.LONG, search_with=_Scattered)),
-    )
+    found, case = [], starts.Case(train, rpm, request, plan, effort=starts.LONG, search_with=_Scattered)
+    marched = _marched(train, rpm, request) if any(train.topology.mesh_backlash) else ()
+    for response, period in itertools.chain(marched, _searched(case)):
+        if not any(period == known and difference(response, other, period) <= SAME for other, known in found):
+            found.append((response, period))
     motions = (PeriodicMotion(response, period, *attracts(response)[:2]) for response, period in found)
     first = (True, None, False)
     return tuple(sorted(motions, key=lambda motion: (first.index(motion.attracts), -motion.largest_force)))
 
 
-def _settled(train, rpm, request):
-    """(Response, period) of motions on which marches settle, from several starts side by side."""
-    near = rpm * np.array(SEARCH.neighbours)
+def _marched(train, rpm, request):
+    """(Response, period) of motions to which marches come, from several starts side by side."""
+    near = rpm * np.array(NEIGHBOURS)
     states = Classifier(train, near, request, True, Cycles()).march_to_the_end(list(range(len(near))), {})
     begun = _starts(train, rpm) + [state.motion for state in states.values() if state.motion is not None]
     classifier = Classifier(train, np.full(len(begun) + 1, rpm), request, True, Cycles())
-    states = classifier.march_to_the_end(
-        list(range(len(begun) + 1)), dict(enumerate(begun, 1))
-    )  # the first: on the drive sides
+    # The first begins on the drive sides.
+    states = classifier.march_to_the_end(list(range(len(begun) + 1)), dict(enumerate(begun, 1)))
     return [(state.response, state.period) for state in states.values() if state.response is not None]
 
 
@@ -156,15 +132,12 @@ def _starts(train, rpm):
         linear_motion = Equations(train).linear_motion([rpm])
     except ValueError:  # a massless disk leaves no equation: nothing can be marched
         return []
-    flank, rest, power = (
-        linear_motion.flank[0],
-        linear_motion.displacement[0, :, 0].real,
-        np.abs(linear_motion.displacement[0, :, 1:]) ** 2,
-    )
+    flank, displacement = linear_motion.flank[0], linear_motion.displacement[0]
+    rest, power = displacement[:, 0].real, np.abs(displacement[:, 1:]) ** 2
     # Speeds of the scattered starts in proportion to the root mean square frequency of the linear motion.
     n = np.arange(1, power.shape[1] + 1)
     omega = linear_motion.frequency[0] * np.sqrt((n**2 * power).sum() / max(power.sum(), 1e-300))
-    shares = np.random.default_rng(0).uniform(-SEARCH.farthest, SEARCH.farthest, (SEARCH.scattered, 2))
+    shares = np.random.default_rng(0).uniform(-FARTHEST, FARTHEST, (SCATTERED, 2))
     shares = np.concatenate([[[0.0, 0.0], [-1.0, 0.0]], shares])
     return [np.concatenate([rest + position * flank, speed * omega * flank]) for position, speed in shares]
 
@@ -180,19 +153,11 @@ class _Scattered(orbits.OrbitSearch):
 
 def _searched(case):
     """(Response, 1) of all attempts that Newton's method solves; each keeps the path that led to it."""
-    last = None
     for strategy in starts.SEARCHES if any(case.train.topology.mesh_backlash) else (starts.from_contact,):
-        for attempt in strategy(case, last):
+        for attempt in strategy(case):
             case.path.clear()
-            last = starts.refine(case, attempt, last)
-            if not last.plan.active:  # in contact: other motions, if there are any, need all meshes unknown
-                last = replace(last, plan=all_active(case.train, last.plan, case.request))
-            if last.status <= Status.TOLERANCE_NOT_MET:
-                yield last.response, 1
-
-
-def _add(found, others):
-    """Put (Response, period) beside those at hand that are other motions."""
-    for response, period in others:
-        if not any(period == known and difference(response, other, period) <= SEARCH.same for other, known in found):
-            found.append((response, period))
+            starts.refine(case, *attempt)
+            if not case.reached.active:  # in contact: other motions, if there are any, need all meshes unknown
+                case.reached = all_active(case.train, case.reached, case.request)
+            if case.status <= Status.TOLERANCE_NOT_MET:
+                yield case.response, 1

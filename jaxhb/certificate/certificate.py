@@ -11,8 +11,8 @@ from dataclasses import replace
 import jax
 import numpy as np
 
+from jaxhb.balance.plan import time_steps_of
 from jaxhb.balance.problem import problem_at
-from jaxhb.balance.request import time_steps_of
 from jaxhb.certificate.attraction import decide
 from jaxhb.certificate.linearization import CertificateSizes, Linearization, NotInverted, highest_frequency
 from jaxhb.certificate.options import CERTIFICATE

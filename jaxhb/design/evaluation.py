@@ -24,9 +24,8 @@ from jaxhb._jax import namespace
 from jaxhb._program import Program
 from jaxhb._shown import brief
 from jaxhb.balance.derivative import all_finite, only_if
-from jaxhb.balance.planned import BATCH, active_deflections, respond
 from jaxhb.balance.problem import problem_at
-from jaxhb.balance.program import Start, differentiable, estimate, find
+from jaxhb.balance.program import BATCH_SPEEDS, active_deflections, differentiable, estimate, find, respond
 from jaxhb.design import objectives
 from jaxhb.design.quantities import OF_DESIGN, QUANTITIES, inertia_added, label
 from jaxhb.equations import fourier
@@ -328,7 +327,7 @@ class Evaluator:
             for chunk, padded in batches(lanes, plan):
                 motion = of_active_meshes(point.motion[tuple(padded.T)], plan)
                 own = numbers[tuple(padded.T)]
-                errors = estimate_lanes(own, self.held, motion, plan.active_meshes, form=self.form, sizes=plan.sizes)
+                errors = estimate_lanes(own, self.held, motion, plan.active_meshes, form=self.form, sizes=plan.static)
                 if (np.asarray(errors)[: len(chunk)] > plan.limit).any():
                     yield number
                     break
@@ -428,10 +427,10 @@ class Lanes:
         """What :func:`read_lanes` reads of the lanes ``at`` under a plan, and the pullback from its readings."""
         motion = np.zeros((len(given), 0, plan.harmonics + 1), complex)
         motion = of_active_meshes(self.point.motion[at], plan) if plan.active else motion
-        start = Start(motion, given, np.full(len(given), plan.cycles * marching), np.full(len(given), CLOSED))
+        start = motion, given, np.full(len(given), plan.cycles * marching), np.full(len(given), CLOSED)
         # Whether a plan has enough harmonics is asked by itself.
-        changes = {"max_steps": NEWTON_STEPS, "estimated": False, "marches": True, "compare_starts": True}
-        sizes = dataclasses.replace(plan.sizes, **changes)
+        changes = {"max_steps": NEWTON_STEPS, "estimated": False, "start": "march", "compare_starts": True}
+        sizes = dataclasses.replace(plan.static, **changes)
         shape = {"form": self.evaluator.form, "asked": self.evaluator.task.asked, "sizes": sizes}
         lanes = self.numbers[at], self.evaluator.held, self.point.speeds[at]
         smooth, found, outcome = read_lanes(*lanes, start, plan.active_meshes, **shape)
@@ -495,10 +494,10 @@ def _with_room(plan):
 
 def batches(lanes, plan):
     """Batches of ``lanes`` ``(k, 2)`` and the same padded to one of few sizes: a size is a program."""
-    few = 2 * BATCH.speeds
+    few = 2 * BATCH_SPEEDS
     size = min(-(-len(lanes) // few), 4) * few
     if jax.default_backend() == "cpu" and plan.active:
-        size = 1 if plan.harmonics >= ALONE else BATCH.speeds
+        size = 1 if plan.harmonics >= ALONE else BATCH_SPEEDS
     for first in range(0, len(lanes), max(size, 1)):
         chunk = lanes[first : first + size]
         yield chunk, np.concatenate([chunk, np.repeat(chunk[-1:], size - len(chunk), axis=0)])

@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxhb._jax import Numbers
 from jaxhb._shown import brief
-from jaxhb.balance.request import Request
+from jaxhb.balance.plan import Request
 from jaxhb.design.descent import OPTIMIZERS, Descent, Step, best_of
 from jaxhb.design.evaluation import Evaluator, Reading, Task
 from jaxhb.design.quantities import Objective, Parameter, Penalty, check_all

@@ -1,14 +1,15 @@
-"""Trains of several speeds marched side by side, each through its own cycles, on modes that they share.
+"""A batch of speeds of one train marched side by side, each through its own cycles, on modes that they share.
 
 The step is that of :mod:`jaxhb.integration.step`, exponential Runge-Kutta around the linear train with the weights of
 Krogstad, in the modes of :mod:`jaxhb.equations.modal_form`: propagators and weights are one complex number per mode and
-lane, so that steps of another length cost nothing, and only the products with ``observation`` and ``forcing``, which
-all lanes share, are matrices.
+speed, so that steps of another length cost nothing, and only the products with ``observation`` and ``forcing``, which
+all speeds share, are matrices.
 
-Arrays have the lanes last: ``(..., lanes)``. Measured on ``gear_train_30`` (27 modes, four meshes) on one core: 0.27
-microseconds a lane and step in 64 lanes, 0.4 in 32, 0.5 in 16, 2.2 in one.
+Arrays have the speeds last: ``(..., L)``. Measured on ``gear_train_30`` (27 modes, four meshes) on one core: 0.27
+microseconds a speed and step in 64 of them, 0.4 in 32, 0.5 in 16, 2.2 in one.
 """
 
+import math
 from dataclasses import dataclass
 
 import jax
@@ -16,52 +17,33 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxhb._program import Program
 from jaxhb.equations import fourier
 from jaxhb.equations.backlash import Law
 from jaxhb.equations.state_space import dense_linear_motion, matrices, static_response
 from jaxhb.excitation.torques import excitation
-from jaxhb.integration.step import Stepper, force_on_flank
+from jaxhb.integration.step import Stepper, force_on_flank, krogstad, stages
 
-
-@dataclass(frozen=True)
-class LaneOptions:
-    """How lanes are marched.
-
-    Parameters
-    ----------
-    samples : time samples of a cycle at which its motion is compared with that of other cycles; divides every number of
-        steps
-    unrolled : terms of a sum up to which it is written out, which vectorises over the lanes
-    disturbed : share of the motion in contact that a start from there lacks: a motion that repels would be kept for
-        long
-    cycles : that a program marches at a time, at most
-    """
-
-    samples: int = 32
-    unrolled: int = 16
-    disturbed: float = 0.02
-    cycles: int = 8
-
-
-LANES = LaneOptions()
+# Time samples of a cycle at which its motion is compared with that of other cycles; divides every number of steps.
+SAMPLES = 32
+UNROLLED = 16  # terms of a sum up to which it is written out, which vectorises over the speeds
+# Share of the motion in contact that a start from there lacks: a motion that repels would be kept for long.
+DISTURBED = 0.02
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class LinearMotion:
     """Several speeds: frequency ``(L,)`` rad/s; displacement ``(L, S, N+1)`` m of the linear train; flank ``(L, S)`` m,
-    its shift onto the drive sides; load_torque N m."""
+    its shift onto the drive sides."""
 
     frequency: jax.Array
     displacement: jax.Array
     flank: jax.Array
-    load_torque: jax.Array
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Lanes:
+class BatchStepper:
     """L trains of m modes and G meshes, cut into steps.
 
     full, half ``(2, m, L)``: exp(rate dt) and exp(rate dt / 2), real above imaginary part; weights ``(3, 2, m, L)`` of
@@ -103,54 +85,38 @@ class Lanes:
 
     def advance(self, state, w, k):
         """State ``(2m, L)`` and w ``(2G, L)`` one step after step ``k`` of the cycle."""
-        moved, midway = _turned(self.full, state), _turned(self.half, state)
-        # The stages see (l, l') alone: two products with the lanes side by side, and the state itself is touched once a
-        # step.
-        ahead, middle = self.observation @ moved, self.observation @ midway
-        forces, end = self._stages(w, k, ahead, middle)
-        change = (_turned(weight, self.forcing @ force) for weight, force in zip(self.weights, forces, strict=True))
-        return moved + sum(change), end
-
-    def _stages(self, w, k, ahead, middle):
-        """The three forces ``(G, L)`` and w at the end of step ``k``; ``ahead``, ``middle``: what the state alone does
-        to w at the end of the step and in its middle."""
+        moved = _turned(self.full, state)
         following = jnp.where(k + 1 < self.steps, 2 * k + 2, 0)
-        ahead = ahead + lax.dynamic_index_in_dim(self.linear, following, keepdims=False)
+        # The stages see (l, l') alone: two products for all speeds, and the state itself is touched once a step.
+        ahead = self.observation @ moved + lax.dynamic_index_in_dim(self.linear, following, keepdims=False)
+        middle = self.observation @ _turned(self.half, state)
         middle = middle + lax.dynamic_index_in_dim(self.linear, 2 * k + 1, keepdims=False)
-        f0 = self.nonlinear_force(w)
-        fa = self.nonlinear_force(middle + _sum(self.first, f0))
-        fb = self.nonlinear_force(middle + _sum(self.second, f0, fa))
-        fc = self.nonlinear_force(ahead + _sum(self.third, f0, fb))
-        forces = f0, fa + fb, fc
-        return forces, ahead + _sum(self.end, *forces)
+        forces = stages(self.nonlinear_force, _sum, self, w, middle, ahead)
+        change = (_turned(weight, self.forcing @ force) for weight, force in zip(self.weights, forces, strict=True))
+        return moved + sum(change), ahead + _sum(self.end, *forces)
 
     def single(self):
-        """``advance`` for one lane, where dense products with its own matrices are faster: that of a Stepper."""
-        whole, half = (_matrix(factor[..., 0]) for factor in (self.full, self.half))
-        push = jnp.concatenate([_matrix(weight[..., 0]) @ self.forcing for weight in self.weights], axis=1)
+        """``advance`` for one speed, where dense products with its own matrices are faster: that of a Stepper."""
+
+        def dense(factor):
+            real, imag = jnp.diag(factor[0, :, 0]), jnp.diag(factor[1, :, 0])
+            return jnp.block([[real, -imag], [imag, real]])
+
+        whole, half = dense(self.full), dense(self.half)
+        push = jnp.concatenate([dense(weight) @ self.forcing for weight in self.weights], axis=1)
         stepper = Stepper(
             propagate=jnp.concatenate([whole, self.observation @ whole, self.observation @ half]),
             weights=jnp.concatenate([push, self.end[..., 0].T]),
             **{name: getattr(self, name)[..., 0].T for name in ("first", "second", "third")},
             **{name: getattr(self, name)[..., 0] for name in ("linear", "viscous", "contact_damping")},
             law=jax.tree.map(lambda a: a[:, 0], self.law),
-            linear_state=None,
-            flank_state=None,
-            space=None,
-            frequency=None,
         )
 
         def advance(state, w, k):
-            state, w = stepper.advance(state[:, 0], w[:, 0], *stepper.known(k))
+            state, w = stepper.advance(state[:, 0], w[:, 0], k)
             return state[:, None], w[:, None]
 
         return advance
-
-
-def _matrix(factor):
-    """The dense matrix ``(2m, 2m)`` of :func:`_turned`."""
-    real, imag = jnp.diag(factor[0]), jnp.diag(factor[1])
-    return jnp.block([[real, -imag], [imag, real]])
 
 
 def _turned(factor, state):
@@ -162,49 +128,34 @@ def _turned(factor, state):
 def _sum(matrix, *values):
     """Sum over the first axis of ``matrix`` ``(j, i, L)`` times the rows ``(j, L)`` of all values; short sums are
     vectorised."""
-    if len(matrix) > LANES.unrolled:
+    if len(matrix) > UNROLLED:
         return jnp.einsum("jil,jl->il", matrix, jnp.concatenate(values))
     rows = (row for block in values for row in block)
     return sum(part * row for part, row in zip(matrix, rows, strict=True))
 
 
-def _linear_motion(train, rpm, system, meshes, harmonics):
-    """The :class:`LinearMotion` of one speed."""
-    torque, load_torque, _ = excitation(train, rpm, harmonics)
-    frequency = train.topology.cycle_frequency(rpm)
-    displacement = dense_linear_motion(system, frequency, torque / system.radius[:, None])
-    force = force_on_flank(meshes.law, system.deflections(displacement, meshes.link))
-    shift = static_response(matrices(system)[1], system.spread(-force, meshes.link))
-    return LinearMotion(frequency, displacement, shift, load_torque)
-
-
 def linear_motions(train, rpm, system, meshes, harmonics):
     """The :class:`LinearMotion` of speeds ``(L,)``, on the host."""
-    every = [_linear_motion(train, speed, system, meshes, harmonics) for speed in np.asarray(rpm, float)]
-    return jax.tree.map(lambda *values: np.stack(values), *every)
+
+    def one(rpm):
+        torque, _, _ = excitation(train, rpm, harmonics)
+        frequency = train.topology.cycle_frequency(rpm)
+        displacement = dense_linear_motion(system, frequency, torque / system.radius[:, None])
+        force = force_on_flank(meshes.law, system.deflections(displacement, meshes.link))
+        shift = static_response(matrices(system)[1], system.spread(-force, meshes.link))
+        return LinearMotion(frequency, displacement, shift)
+
+    return jax.tree.map(lambda *values: np.stack(values), *map(one, np.asarray(rpm, float)))
 
 
-def lanes_of(modes, system, meshes, linear_motion, steps):
-    """The :class:`Lanes` of some speeds.
-
-    Parameters
-    ----------
-    modes : Modes
-    system : System
-    meshes : MeshParameters, the backlash meshes
-    linear_motion : LinearMotion
-    steps : int, per cycle, a multiple of 32
-
-    Returns
-    -------
-    Lanes
-        Of numpy arrays.
-    """
+def batch_stepper(modes, system, meshes, linear_motion, steps):
+    """The :class:`BatchStepper` of Modes, a System, its backlash meshes (MeshParameters) and a LinearMotion, in numpy
+    arrays; ``steps`` per cycle are a multiple of 32."""
     deflection = np.moveaxis(system.deflections(np.moveaxis(linear_motion.displacement, 0, 1), meshes.link), 1, 0)
     both = np.concatenate([deflection, fourier.derivative(deflection, linear_motion.frequency[:, None, None])], axis=1)
     linear = np.ascontiguousarray(np.moveaxis(fourier.synthesize(both, 2 * steps), (0, 1, 2), (2, 1, 0)))
     observation, forcing = modes.observation, modes.forcing
-    return Lanes(
+    return BatchStepper(
         **_weights(modes, 2 * np.pi / linear_motion.frequency / steps),
         observation=np.concatenate([observation.real, -observation.imag], axis=1),
         forcing=np.concatenate([forcing.real, forcing.imag]),
@@ -220,8 +171,7 @@ def _weights(modes, dt):
     whole = modes.rates[:, None] * dt
     half_1, half_2 = (dt * phi for phi in _phi_functions(whole / 2)[:2])
     one, two, three = (dt * phi for phi in _phi_functions(whole))
-    half_1 = half_1 / 2
-    last = one - 3 * two + 4 * three, 2 * two - 4 * three, 4 * three - two
+    first, second, third, end = krogstad(half_1 / 2, half_2, one, two, three)
 
     def observed(*weights):
         parts = [np.einsum("im,ml,mj->jil", modes.observation, w, modes.forcing, optimize=True).real for w in weights]
@@ -230,11 +180,11 @@ def _weights(modes, dt):
     return {
         "full": _parts(np.exp(whole)),
         "half": _parts(np.exp(whole / 2)),
-        "weights": np.stack([_parts(w) for w in last]),
-        "first": observed(half_1),
-        "second": observed(half_1 - half_2, half_2),
-        "third": observed(one - 2 * two, 2 * two),
-        "end": observed(*last),
+        "weights": np.stack([_parts(w) for w in end]),
+        "first": observed(*first),
+        "second": observed(*second),
+        "third": observed(*third),
+        "end": observed(*end),
     }
 
 
@@ -247,15 +197,11 @@ def _phi_functions(z):
     # The closed forms cancel where z is small, (e^z - 1) / z to all digits at z = 1e-16: there 20 terms of the series.
     small = np.abs(z) < 1.0
     safe, near = np.where(small, 1.0, z), np.where(small, z, 0.0)
-    series = [sum(near**j / float(_factorial(j + k)) for j in range(20)) for k in (1, 2, 3)]
+    series = [sum(near**j / math.factorial(j + k) for j in range(20)) for k in (1, 2, 3)]
     one = (np.exp(safe) - 1) / safe
     two = (one - 1) / safe
     three = (two - 0.5) / safe
     return tuple(np.where(small, s, f) for s, f in zip(series, (one, two, three), strict=True))
-
-
-def _factorial(n):
-    return float(np.prod(np.arange(1, n + 1, dtype=float)))
 
 
 def state_of(modes, motion, linear_motion):
@@ -282,14 +228,14 @@ def motions_on_flank(linear_motion):
     # A little on the way from the motion in contact to rest at its mean: near that motion, and not on it.
     rest = np.concatenate([mean + shift, 0 * shift], axis=1)
     moving = linear_start(linear_motion) + np.concatenate([shift, 0 * shift], axis=1)
-    return moving + LANES.disturbed * (rest - moving)
+    return moving + DISTURBED * (rest - moving)
 
 
-def cycle(lanes, state, states=False):
+def cycle(stepper, state, states=False):
     """One cycle on from ``state`` ``(2m, L)``: the state after it, (l, l') ``(steps + 1, 2G, L)`` of its steps, and
     if ``states`` their states ``(steps + 1, 2m, L)``."""
-    w = lanes.linear[0] + lanes.observation @ state
-    kept = tuple(jnp.zeros((lanes.steps + 1, *a.shape)) for a in ((w, state) if states else (w,)))
+    w = stepper.linear[0] + stepper.observation @ state
+    kept = tuple(jnp.zeros((stepper.steps + 1, *a.shape)) for a in ((w, state) if states else (w,)))
 
     def keep(kept, k, *values):
         return tuple(
@@ -300,37 +246,6 @@ def cycle(lanes, state, states=False):
         state, w, kept = carry
         return *advance(state, w, k), keep(kept, k, w, state)
 
-    advance = lanes.single() if w.shape[1] == 1 else lanes.advance
-    state, w, kept = lax.fori_loop(0, lanes.steps, step, (state, w, kept))
-    return state, *keep(kept, lanes.steps, w, state)
-
-
-@Program
-def march(lanes, state, cycles):
-    """Some cycles, LANES.cycles at most: one program for any number of them.
-
-    Returns
-    -------
-    state ``(2m, L)``
-    samples ``(LANES.cycles, LANES.samples, 2G, L)`` : (l, l') at equidistant time samples of each cycle, then zeros
-    trace ``(steps + 1, 2G, L)`` : (l, l') of the last cycle
-    """
-    lanes = jax.tree.map(jnp.asarray, lanes)
-
-    def another(i, carry):
-        state, samples, _ = carry
-        state, trace = cycle(lanes, state)
-        return state, lax.dynamic_update_index_in_dim(samples, sampled(lanes, trace), i, axis=0), trace
-
-    return lax.fori_loop(0, cycles, another, (state, *blank(lanes, state)))
-
-
-def blank(lanes, state):
-    """Room for the samples and the trace of :func:`march`."""
-    coordinates = lanes.linear.shape[1], state.shape[1]
-    return jnp.zeros((LANES.cycles, LANES.samples, *coordinates)), jnp.zeros((lanes.steps + 1, *coordinates))
-
-
-def sampled(lanes, trace):
-    """``(LANES.samples, ...)`` of a trace ``(steps + 1, ...)``."""
-    return trace[: -1 : lanes.steps // LANES.samples]
+    advance = stepper.single() if w.shape[1] == 1 else stepper.advance
+    state, w, kept = lax.fori_loop(0, stepper.steps, step, (state, w, kept))
+    return state, *keep(kept, stepper.steps, w, state)

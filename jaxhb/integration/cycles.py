@@ -1,175 +1,168 @@
-"""Marching through cycles, and waiting until nothing changes from cycle to cycle."""
+"""Marches of batches through cycles, each reduced to a few numbers per quantity before the next one begins."""
 
 from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import lax
 
+from jaxhb._program import Program
+from jaxhb.equations import backlash, fourier
+from jaxhb.integration.batch import SAMPLES, cycle
 
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class Trace:
-    """One cycle of the meshes, sampled at ``t_j = 2 pi j / (Omega steps)``, above zeros where there is room for more.
-
-    deflection ``(G, capacity)`` m; rate ``(G, capacity)`` m/s; periodicity_error : change of (l, l') from the
-    beginning of that cycle to its end, the largest over the meshes relative to ``max|l| + g`` and ``max|l'| + Omega
-    g``, g = (1 - epsilon) h. Motion that moves no mesh (rotation of a floating or softly grounded train) does not
-    count.
-    """
-
-    deflection: jax.Array
-    rate: jax.Array
-    periodicity_error: jax.Array
+CYCLES = 8  # that a program marches at a time, at most
+HARMONICS = 256  # of the cycle, of which amplitudes are kept at most
+STRIDE = 2  # steps between the samples of shafts and disks, which follow the teeth with fewer than these
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Settled:
-    """Outcome of :func:`settle`: state ``(n,)``, last cycle, whether the tolerance was met, cycles run."""
+class Outputs:
+    """Quantities that are linear in the motion, and gear torques.
 
-    state: jax.Array
-    trace: Trace
-    settled: jax.Array
-    cycles: jax.Array
+    modal ``(Q, 2m)`` of the deviation from the linear train, which adds linear ``(L, Q, steps / stride)``: disks and
+    shafts; mesh_modal ``(2R, 2m)`` and mesh_linear ``(L, 2R, steps)``: deflections and forces of the R meshes without
+    backlash; sums ``(P, R + G)``: gear torques as sums of the forces of these and of the others.
+    """
+
+    modal: jax.Array
+    linear: jax.Array
+    mesh_modal: jax.Array
+    mesh_linear: jax.Array
+    sums: jax.Array
 
 
-def run(stepper, state, first, count, keep=lambda seen, k, w: seen, seen=(), even=False):
-    """``count`` steps on from the deviation ``state`` at the beginning of step ``first``; valid under jit and vmap.
+def outputs_of(modes, system, shafts, linear_meshes, gears, linear_motion, steps):
+    """The :class:`Outputs` of a train, on the host: ``shafts`` links are shafts or dampers, ``linear_meshes`` meshes
+    without backlash, ``gears`` ``(P, R)`` m are radius and sense with which forces act on gears."""
+    speed = fourier.derivative(linear_motion.displacement, linear_motion.frequency[:, None, None])
+    motion = np.concatenate([linear_motion.displacement, speed], axis=1)
+    parts = []
+    for rows, samples in zip(_rows(system, shafts, linear_meshes), (steps // STRIDE, steps), strict=True):
+        modal = rows @ modes.motion
+        parts += [np.concatenate([modal.real, -modal.imag], axis=1), fourier.synthesize(rows @ motion, samples)]
+    return Outputs(*parts, gears)
 
-    Parameters
-    ----------
-    keep : function
-        ``seen = keep(seen, k, w)`` before each step k = 0, 1, .. of them; w ``(2G,)`` is (l, l') of the states.
-    even : bool
-        The count is even: two steps are taken at once, which is faster where trains are small.
+
+def _rows(system, shafts, linear_meshes):
+    """What quantities take of (x, x'), two arrays ``(Q, 2S)``: of angles, their rates, twists, their rates and torques,
+    and of deflections and forces of meshes."""
+    radius, bend = np.asarray(system.radius), system.incidence().T
+    ends = radius[system.tree.end_a][:, None]
+    # A loss factor turns the spring force by its angle: of the analytic signal, whose real part is taken, a product
+    # with 1 + i eta.
+    elastic = np.asarray(system.stiffness) * (1 + 1j * np.asarray(system.loss))  # of what turns with positive frequency
+    spring, damper = (np.asarray(a)[:, None] * bend for a in (elastic, system.viscous))
+    angle, first, mesh = np.eye(len(radius)) / radius[:, None], slice(None, shafts), np.asarray(linear_meshes, int)
+    none, twist, still = 0 * angle, (bend / ends)[first], 0 * bend[first]
+    shaft = [angle, none, twist, still, (spring * ends)[first]], [none, angle, still, twist, (damper * ends)[first]]
+    teeth = [bend[mesh], spring[mesh]], [0 * bend[mesh], damper[mesh]]
+    return [np.concatenate([np.concatenate(x), np.concatenate(v)], axis=1) for x, v in (shaft, teeth)]
+
+
+@Program
+def march(stepper, state, cycles, outputs=None):
+    """Some cycles, CYCLES at most, one program for any number of them; with ``outputs`` each is reduced to numbers.
 
     Returns
     -------
-    state ``(n,)`` and w ``(2G,)`` at the end, and what was seen
+    state ``(2m, L)``
+    samples ``(CYCLES, SAMPLES, 2G, L)`` : (l, l') at equidistant time samples of each cycle, then zeros
+    trace ``(steps + 1, 2G, L)`` : (l, l') of the last cycle
+    numbers : dict of each cycle, ``(CYCLES, L, quantities)`` max, min, mean, square (mean of squares), and ``(CYCLES,
+        L, G)`` of the backlash meshes above, below (shares of the cycle beyond the gap on either side), impacts
+        (entries into contact), hardest (approach speed of the hardest, m/s)
+    power ``(L, quantities, H+1)`` : sum over the cycles of |x^n|^2
+
+    The quantities are angles and rates of the disks, twists, their rates and torques of shafts and dampers, deflections
+    and forces of meshes without backlash, deflections, elastic and transmitted forces of the others, transmitted and
+    elastic gear torques.
     """
+    stepper, outputs = jax.tree.map(jnp.asarray, (stepper, outputs))
 
-    def step(k, carry):
-        state, w, seen = carry
-        return *stepper.advance(state, w, *stepper.known(first + k)), keep(seen, k, w)
+    def one_cycle(state):
+        if outputs is None:
+            return *cycle(stepper, state), None, None
+        state, trace, states = cycle(stepper, state, states=True)
+        numbers, power = lax.map(
+            lambda one: _statistics(stepper, outputs, *one),
+            (jnp.moveaxis(trace, 2, 0), jnp.moveaxis(states, 2, 0), outputs.linear, outputs.mesh_linear),
+        )
+        return state, trace, numbers, power
 
-    begin = lax.dynamic_index_in_dim(stepper.linear, 2 * first, keepdims=False) + stepper.space.observation @ state
-    start = (state, begin, seen)
-    # Two steps in a loop body: where a step takes a microsecond, the loop itself is a good part of it.
-    if even:
-        return lax.fori_loop(0, count // 2, lambda k, carry: step(2 * k + 1, step(2 * k, carry)), start)
-    return lax.fori_loop(0, count, step, start)
+    def another(i, carry):
+        state, rows, _, power = carry
+        state, trace, numbers, own = one_cycle(state)
+        row = trace[: -1 : stepper.steps // SAMPLES], numbers
+        rows = jax.tree.map(lambda a, b: lax.dynamic_update_index_in_dim(a, b, i, axis=0), rows, row)
+        return state, rows, trace, jax.tree.map(jnp.add, power, own)
 
-
-def _whole(stepper, state, keep, seen):
-    """State after one cycle, the change of w ``(2G,)``, and what was seen."""
-    even = stepper.count is not None or stepper.steps % 2 == 0
-    end, w, seen = run(stepper, state, 0, stepper.steps, keep, seen, even)
-    return end, w - stepper.observe(state), seen
-
-
-def cycle(stepper, state):
-    """One cycle from the deviation ``state`` at t = 0.
-
-    Returns
-    -------
-    state : array ``(n,)``
-    trace : Trace
-    """
-    end, change, samples = _whole(stepper, state, put, no_samples(stepper, stepper.capacity))
-    return end, trace_of(stepper, samples, change)
+    _, trace, numbers, power = jax.eval_shape(one_cycle, state)
+    row = jax.ShapeDtypeStruct((SAMPLES, *trace.shape[1:]), trace.dtype), numbers
+    rows = jax.tree.map(lambda a: jnp.zeros((CYCLES, *a.shape), a.dtype), row)
+    empty, none = (jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), tree) for tree in (trace, power))
+    state, (samples, numbers), trace, power = lax.fori_loop(0, cycles, another, (state, rows, empty, none))
+    return state, samples, trace, numbers, power
 
 
-def cycle_error(stepper, state):
-    """State after one cycle from ``state``, and the periodicity error of its :class:`Trace`; no samples are kept."""
-    end, change, largest = _whole(stepper, state, *watch(stepper))
-    return end, periodicity_error(stepper, change, largest)
+def harmonics_of(steps):
+    """Harmonics whose amplitudes are kept."""
+    return min(HARMONICS, steps // STRIDE // 2)
 
 
-def put(samples, k, w):
-    """``keep`` of :func:`run` for samples ``(capacity, 2G)``."""
-    return lax.dynamic_update_index_in_dim(samples, w, k, axis=0)
+def _statistics(stepper, outputs, w, states, linear, mesh_linear):
+    """One cycle of one speed: w ``(steps + 1, 2G)``, states ``(steps + 1, 2m)``, what the linear train adds."""
+    law = stepper.law
+    deflection, rate = jnp.split(w.T, 2)
+    elastic = backlash.force(law, deflection)
+    total = backlash.mesh_force(law, stepper.viscous, stepper.contact_damping, deflection, rate)
+    straight = outputs.mesh_modal @ states.T + _closed(mesh_linear)
+    held = jnp.split(straight, 2)[1]
+    gears = [outputs.sums @ jnp.concatenate([held, forces]) for forces in (total, elastic)]
+    shafts = outputs.modal @ states[::STRIDE].T + _closed(linear)
+    teeth = jnp.concatenate([straight, deflection, elastic, total, *gears])
+    parts = [_numbers(values, harmonics_of(stepper.steps)) for values in (shafts, teeth)]
+    numbers, power = jax.tree.map(lambda *a: jnp.concatenate(a), *parts)
+    return numbers | _contacts(law, deflection, rate), power
 
 
-def no_samples(stepper, capacity):
-    """Zeros ``(capacity, 2G)``, to :func:`put` samples over."""
-    return jnp.zeros((capacity, stepper.linear.shape[1]))
+def _closed(values):
+    """Samples ``(Q, samples + 1)`` of a cycle, the first of which comes again at its end."""
+    return jnp.concatenate([values, values[:, :1]], axis=1)
 
 
-def watch(stepper):
-    """``keep`` and ``seen`` of :func:`run` for the largest deflections and rates ``(2G,)``."""
-
-    def keep(largest, _, w):
-        motion = jnp.concatenate([stepper.with_fast_modes(w), jnp.split(w, 2)[1]])
-        return jnp.maximum(largest, jnp.abs(motion))
-
-    return keep, jnp.zeros(stepper.linear.shape[1])
-
-
-def periodicity_error(stepper, change, largest):
-    """Periodicity error, see :class:`Trace`, of a change and the largest of deflections and rates, ``(2G,)`` each."""
-    gap = (1 - stepper.law.epsilon) * stepper.law.backlash + 1e-300
-    return jnp.max(jnp.abs(change) / (largest + jnp.concatenate([gap, stepper.frequency * gap])), initial=0.0)
+def _numbers(values, harmonics):
+    """Those of one cycle, from ``(Q, samples + 1)``."""
+    spectrum = fourier.analyze(values[:, :-1], harmonics)
+    numbers = {
+        "max": _highest(values),
+        "min": -_highest(-values),
+        "mean": values[:, :-1].mean(axis=1),
+        "square": (values[:, :-1] ** 2).mean(axis=1),
+    }
+    return numbers, spectrum.real**2 + spectrum.imag**2
 
 
-def trace_of(stepper, samples, change):
-    """The Trace of a cycle from w ``(capacity, 2G)``, (l, l') of the states, and its change ``(2G,)`` over the
-    cycle."""
-    deflection, rate = jax.vmap(stepper.with_fast_modes)(samples).T, jnp.split(samples.T, 2)[1]
-    largest = jnp.abs(jnp.concatenate([deflection, rate])).max(axis=1)
-    return Trace(deflection, rate, periodicity_error(stepper, change, largest))
+def _highest(values):
+    """Largest value of each row, on parabolas through neighbouring samples."""
+    before, here, after = values[:, :-2], values[:, 1:-1], values[:, 2:]
+    # Largest value between samples: the vertex of the parabola through three of them.
+    bend = 2 * here - before - after
+    top = here + (after - before) ** 2 / (8 * jnp.where(bend > 0, bend, 1.0))
+    peak = (here >= before) & (here >= after) & (bend > 0)
+    return jnp.maximum(jnp.where(peak, top, here).max(axis=1), jnp.maximum(values[:, 0], values[:, -1]))
 
 
-def _no_trace(stepper):
-    """The Trace before the first cycle, open: loops that begin with it hold one copy of a cycle, and compile faster."""
-    empty = jnp.zeros((len(stepper.viscous), stepper.capacity))
-    return Trace(empty, empty, jnp.array(jnp.inf))
-
-
-def march(stepper, state, cycles):
-    """Integrate a number of cycles; valid under jit and vmap.
-
-    Parameters
-    ----------
-    stepper : Stepper
-    state : array ``(n,)``
-        Deviation at t = 0: :func:`on_flank`, :func:`at_rest`, :func:`state_from_harmonics`, or where a march ended.
-    cycles : int, at least 1
-
-    Returns
-    -------
-    state : array ``(n,)``
-        At the end.
-    trace : Trace
-        The last cycle; ``trace.periodicity_error`` its change.
-    """
-    return lax.fori_loop(0, cycles, lambda _, carry: cycle(stepper, carry[0]), (state, _no_trace(stepper)))
-
-
-def settle(stepper, state, *, tolerance=1e-6, max_cycles=200):
-    """March until a cycle closes within ``tolerance``, or ``max_cycles`` have passed; valid under jit and vmap.
-
-    Parameters
-    ----------
-    stepper : Stepper
-    state : array ``(n,)``
-    tolerance : float
-        Allowed ``trace.periodicity_error``. A slow drift closes every cycle to the drift of one cycle.
-    max_cycles : int
-
-    Returns
-    -------
-    Settled
-        ``settled`` is False where the motion is not periodic, has a longer period or decays too slowly.
-    """
-
-    def unfinished(carry):
-        _, trace, done = carry
-        return (done < max_cycles) & ~(trace.periodicity_error <= tolerance) & ~jnp.isnan(trace.periodicity_error)
-
-    def another(carry):
-        state, _, done = carry
-        return *cycle(stepper, state), done + 1
-
-    state, trace, done = lax.while_loop(unfinished, another, (state, _no_trace(stepper), jnp.array(0)))
-    return Settled(state, trace, trace.periodicity_error <= tolerance, done)
+def _contacts(law, deflection, rate):
+    """Contact over one cycle, from (l, l') ``(G, steps + 1)``."""
+    distance = jnp.abs(deflection) - law.gap
+    entry = (distance[:, :-1] < 0) & (distance[:, 1:] >= 0)
+    share = -distance[:, :-1] / jnp.where(entry, distance[:, 1:] - distance[:, :-1], 1.0)
+    speed = jnp.abs((1 - share) * rate[:, :-1] + share * rate[:, 1:])
+    return {
+        "above": (deflection[:, :-1] >= law.gap).mean(axis=1),
+        "below": (deflection[:, :-1] <= -law.gap).mean(axis=1),
+        "impacts": entry.sum(axis=1),
+        "hardest": jnp.where(entry, speed, 0.0).max(axis=1),
+    }

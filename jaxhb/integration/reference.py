@@ -14,44 +14,22 @@ from jaxhb.equations.residual import backlash_meshes
 from jaxhb.equations.state_space import dense_linear_motion, matrices, partition
 from jaxhb.excitation.torques import excitation, listed_harmonic
 from jaxhb.integration import shooting
-from jaxhb.integration.cycles import march, settle
-from jaxhb.integration.step import discretize, on_flank, state_from_harmonics
+from jaxhb.integration.step import discretize, march
 from jaxhb.results.response import Response
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
 
-
-@dataclass(frozen=True)
-class ReferenceOptions:
-    """How the reference integration chooses its steps, and when it contradicts a harmonic solution.
-
-    Parameters
-    ----------
-    steps_per_period : steps per period of the highest mesh mode
-    most_steps_per_period : the same at most, where a narrow transition of the law asks for more
-    steps : of a cycle, at least
-    mesh_share : share of the strain energy of a mode that backlash meshes hold from which it is a mesh mode
-    corrections : Newton steps on the segments of a cycle, at most
-    contradicts : times the estimate of the truncation error above which a correction is asked with more steps
-    step_error : what the steps leave of an elastic tooth force, as a share of the largest
-    rounded : share of a displacement that the coordinates of the integration may lose
-    """
-
-    steps_per_period: int = 40
-    most_steps_per_period: int = 400
-    steps: int = 256
-    mesh_share: float = 0.01
-    corrections: int = 10
-    contradicts: float = 3.0
-    step_error: float = 1e-4
-    rounded: float = 1e-11
-
-
-REFERENCE = ReferenceOptions()
+# Steps per period of the highest mesh mode, and at most, where a narrow transition of the law asks for more.
+STEPS_PER_PERIOD, MOST_STEPS_PER_PERIOD = 40, 400
+STEPS = 256  # of a cycle, at least
+MESH_SHARE = 0.01  # share of the strain energy of a mode that backlash meshes hold from which it is a mesh mode
+CORRECTIONS = 10  # newton steps on the segments of a cycle, at most
+CONTRADICTS = 3.0  # times the estimate of the truncation error above which a correction is asked with more steps
+STEP_ERROR = 1e-4  # what the steps leave of an elastic tooth force, as a share of the largest
+ROUNDED = 1e-11  # share of a displacement that the coordinates of the integration may lose
 
 _discretize = Program(discretize, static_argnames=("steps", "parts"))
-_settle = Program(settle)
 _march = Program(march)
 
 
@@ -63,35 +41,25 @@ def _close(stepper, system, load, coefficients, tolerance):
     harmonics = max(coefficients.shape[-1], linear.shape[-1]) - 1
     deviation = fourier.resize(coefficients, harmonics) - fourier.resize(linear, harmonics)
     both = jnp.concatenate([deviation, fourier.derivative(deviation, stepper.frequency)])
-    nodes = (stepper.space.coordinates @ fourier.sample(both, shooting.SHOOTING.segments)).T
-    nodes, trace, steps = shooting.close(stepper, nodes, tolerance=tolerance, most=REFERENCE.corrections)
+    nodes = (stepper.space.coordinates @ fourier.sample(both, shooting.SEGMENTS)).T
+    nodes, trace, steps = shooting.close(stepper, nodes, tolerance=tolerance, most=CORRECTIONS)
     return nodes[0], trace, steps
 
 
 @dataclass(frozen=True)
 class Orbit:
-    """A cycle found by time integration, on the host; samples at ``t_j = 2 pi j / (Omega steps)``.
+    """A cycle found by time integration, on the host; samples at ``t_j = 2 pi j / (Omega steps)``, backlash meshes.
 
     Attributes
     ----------
     deflection, rate : arrays ``(G, steps)``, m and m/s
-        Backlash meshes in the order of ``meshes``.
-    elastic, transmitted : arrays ``(G, steps)``, N
-        f(l), and f(l) with the damping force.
-    smallest, largest : arrays ``(G,)``, N
-        Extremes of the elastic force, between the samples too (cubic through l and l').
-    separated : array ``(G,)``
-        Share of the cycle in which the teeth are apart.
-    periodicity_error : float
-        Relative change over the cycle, see :class:`jaxhb.integration.cycles.Trace`.
-    settled : bool
-        Whether the periodicity error met the tolerance.
-    cycles : int
-        Cycles marched, 0 after shooting.
-    newton_steps : int
-        Newton steps of shooting.
-    state : array ``(n,)``
-        Deviation at the beginning of the cycle after the last one.
+    elastic, transmitted : arrays ``(G, steps)`` N, f(l), and f(l) with the damping force
+    smallest, largest : arrays ``(G,)`` N, of the elastic force, between the samples too (cubic through l and l')
+    separated : array ``(G,)``, share of the cycle in which the teeth are apart
+    periodicity_error : float, relative change over the cycle, see :class:`jaxhb.integration.step.Trace`
+    settled : bool, whether the periodicity error met the tolerance
+    cycles, newton_steps : int, cycles marched, 0 after shooting, and Newton steps of shooting
+    state : array ``(n,)``, deviation at the beginning of the cycle after the last one
     stepper : Stepper
     """
 
@@ -110,28 +78,16 @@ class Orbit:
     stepper: object
 
 
-def resolving_steps(system, meshes, frequency, *, per_period=REFERENCE.steps_per_period):
-    """Steps per cycle that resolve the teeth.
+def resolving_steps(system, meshes, frequency, *, per_period=STEPS_PER_PERIOD):
+    """Steps per cycle of Omega ``frequency`` rad/s that resolve the teeth.
 
     At least ``per_period`` steps per period of the highest natural frequency omega in which the backlash meshes hold
     1 % of the strain energy; and ``pi / (2 transition)`` (at most 400), so that a step at the speed ``omega h/2``
     covers no more than two transition zones. On ``gear_train_30`` at 1800 rpm the elastic force is then within
     0.004 % of its maximum all cycle, with 12 steps per period within 0.12 %, with 7 within 1 %.
-
-    Parameters
-    ----------
-    system : System
-    meshes : MeshParameters, the backlash meshes
-    frequency : float
-        Omega in rad/s.
-    per_period : int
-
-    Returns
-    -------
-    int
     """
     if not len(np.asarray(meshes.link)):
-        return REFERENCE.steps
+        return STEPS
     parts = partition(system, meshes)
     system = jax.tree.map(np.asarray, system)
     K = matrices(system)[1]
@@ -147,79 +103,48 @@ def resolving_steps(system, meshes, frequency, *, per_period=REFERENCE.steps_per
     shapes[inertial] = modes / root[:, None]
     link = np.asarray(meshes.link)
     strain = (system.stiffness[link, None] * system.deflections(shapes, link) ** 2).sum(axis=0)
-    taking_part = strain > REFERENCE.mesh_share * np.maximum(squares, 0)
+    taking_part = strain > MESH_SHARE * np.maximum(squares, 0)
     highest = np.sqrt(squares[taking_part].max(initial=0.0))
     sharpest = np.min(np.asarray(meshes.law.transition))
-    # At the speed omega h/2 a step of 2 pi/(omega n) covers pi h/n: at most two zones of width tau h for n = pi/(2
-    # tau).
-    per_period = max(per_period, min(np.pi / (2 * sharpest), REFERENCE.most_steps_per_period))
-    return int(np.ceil(max(REFERENCE.steps, per_period * highest / float(frequency))))
+    # At the speed omega h/2 a step of 2 pi/(omega n) covers pi h/n: two zones of width tau h for n = pi/(2 tau).
+    per_period = max(per_period, min(np.pi / (2 * sharpest), MOST_STEPS_PER_PERIOD))
+    return int(np.ceil(max(STEPS, per_period * highest / float(frequency))))
 
 
 def reference_orbit(
     system, meshes, frequency, load, start_coefficients=None, *, steps=None, cycles=None, tolerance=1e-9, max_cycles=300
 ):
-    """Integrate one speed in time and report the forces of the meshes.
+    """Integrate one speed in time and report the forces of the meshes, as :func:`integrate` does.
 
     Parameters
     ----------
     system : System
     meshes : MeshParameters, the backlash meshes
-    frequency : float
-        Omega in rad/s.
+    frequency : float, Omega in rad/s
     load : complex array ``(S, N+1)`` N
     start_coefficients : complex array ``(S, N+1)`` m, optional
-        Displacements of a motion to check: it is corrected by shooting in segments of the cycle, which also holds
-        unstable motions. Without it, or with ``cycles``, the train is marched: from these displacements or from the
-        drive sides of the teeth.
-    steps : int, optional
-        Steps per cycle; :func:`resolving_steps` without. The next multiple of 32 for a motion to check.
-    cycles : int, optional
-        March exactly so many cycles.
-    tolerance : float
-        Periodicity error to reach.
-    max_cycles : int
-
-    Returns
-    -------
-    Orbit
-        ``settled`` says whether the tolerance was met.
-
-    Raises
-    ------
-    ValueError
-        For less than one cycle, for loss factors and for massless disks without an equation, see
-        :func:`jaxhb.equations.state_space.partition`.
+        Displacements of a motion to check: it is corrected by shooting in segments of the cycle, of which ``steps`` are
+        made a multiple; that also holds unstable motions. Without, the train is marched from its drive sides.
     """
     if cycles is not None and cycles < 1:
         raise ValueError(f"cycles is {cycles}, must be at least 1.")
     parts = partition(system, meshes)
     if steps is None:
         steps = max(resolving_steps(system, meshes, frequency), 4 * np.shape(load)[-1])
-    given = start_coefficients is not None
+    given, newton = start_coefficients is not None, 0
     if given:
-        steps += -steps % shooting.SHOOTING.segments
+        steps += -steps % shooting.SEGMENTS
     stepper = _discretize(system, meshes, frequency, load, steps=steps, parts=parts)
-    newton = 0
-    if cycles is not None:
-        begin = state_from_harmonics(stepper, jnp.asarray(start_coefficients)) if given else on_flank(stepper)
-        state, trace = _march(stepper, begin, cycles)
-    elif given:
+    if given:
         state, trace, newton = _close(stepper, system, load, jnp.asarray(start_coefficients), tolerance)
         cycles = 0
     else:
-        found = _settle(stepper, on_flank(stepper), tolerance=tolerance, max_cycles=max_cycles)
-        state, trace, cycles = found.state, found.trace, found.cycles
-    return _orbit(meshes, stepper, state, trace, tolerance, cycles=int(cycles), newton_steps=int(newton))
-
-
-def _orbit(meshes, stepper, state, trace, tolerance, **counts):
-    """Forces of a cycle."""
+        # No cycle closes better than by nothing: exactly so many are marched.
+        until = (tolerance, max_cycles) if cycles is None else (-1.0, cycles)
+        state, trace, cycles = _march(stepper, stepper.flank_state, tolerance=until[0], max_cycles=until[1])
     law = meshes.law.expand()
     viscous, in_contact = np.asarray(meshes.viscous)[:, None], np.asarray(meshes.contact_damping)[:, None]
-    low, high = backlash.force(
-        law, _extremes(trace, 2 * np.pi / float(stepper.frequency) / trace.deflection.shape[1])
-    ).T
+    low, high = backlash.force(law, _extremes(trace, 2 * np.pi / float(frequency) / steps)).T
     return Orbit(
         deflection=np.asarray(trace.deflection),
         rate=np.asarray(trace.rate),
@@ -230,9 +155,10 @@ def _orbit(meshes, stepper, state, trace, tolerance, **counts):
         separated=np.asarray(backlash.separated(law, trace.deflection).mean(axis=1)),
         periodicity_error=float(trace.periodicity_error),
         settled=bool(trace.periodicity_error <= tolerance),
+        cycles=int(cycles),
+        newton_steps=int(newton),
         state=np.asarray(state),
         stepper=stepper,
-        **counts,
     )
 
 
@@ -274,12 +200,10 @@ def integrate(
     rpm : float
         Speed of the reference rotor.
     cycles : int, optional
-        March exactly so many cycles of the excitation; without it until ``tolerance`` is met.
+        March exactly so many cycles of the excitation; without it until a cycle closes to ``tolerance``, relative, but
+        at most ``max_cycles``.
     steps : int, optional
-        Steps per cycle; :func:`resolving_steps` without.
-    tolerance : float
-        Relative change over a cycle.
-    max_cycles : int
+        Steps per cycle; without it 40 per period of the highest mesh mode, or more for a narrow transition of the law.
 
     Returns
     -------
@@ -310,10 +234,9 @@ class Correction:
 
     Attributes
     ----------
-    error : float
-        Largest difference of the elastic tooth forces over the cycle and the meshes / largest elastic tooth force.
-    peak_error : float
-        Largest difference of their extremes / largest elastic tooth force.
+    error, peak_error : float
+        Largest difference of the elastic tooth forces over the cycle and the meshes, and of their extremes / largest
+        elastic tooth force.
     orbit : Orbit
         The corrected motion; ``orbit.settled`` says whether shooting closed the cycle.
     """
@@ -327,17 +250,15 @@ def shooting_correction(response: Response, *, steps: int | None = None, toleran
     """Start at a harmonic solution, integrate one cycle, correct by Newton: the change is the solution's true error.
 
     The cycle is cut into 32 segments that Newton's method joins (multiple shooting): valid on unstable motions too. The
-    answer is as good as the integration: see :func:`resolving_steps`. Teeth without damping need more steps: a change
-    above three times ``response.truncation_error`` is asked with 4 and 16 times as many, which overrule it if they
-    close the cycle.
+    answer is as good as the integration: see :func:`integrate`. Teeth without damping need more steps: a change above
+    three times ``response.truncation_error`` is asked with 4 and 16 times as many, which overrule it if they close.
 
     Parameters
     ----------
     response : Response
         At one speed.
     steps : int, optional
-        Exactly so many per cycle, rounded up to a multiple of 32; without it :func:`resolving_steps` and, where these
-        contradict the estimate, more.
+        Exactly so many per cycle, rounded up to a multiple of 32.
     tolerance : float
         Periodicity error to reach.
 
@@ -367,19 +288,18 @@ def shooting_correction(response: Response, *, steps: int | None = None, toleran
     system, meshes, frequency, load = equations_of(train, rpm)
     start = np.asarray(response.angles) * np.asarray(system.radius)[:, None]
     farthest, least = np.abs(start[:, 0]).max(), np.min(meshes.law.backlash)
-    if REFERENCE.rounded * farthest > least:
+    if ROUNDED * farthest > least:
         raise ValueError(
             f"{train.topology.title}: the mean torques turn a gear by {farthest:.1e} m along its teeth, and "
             f"time integration keeps no digits for a backlash of {least:.1e} m: add a [[load]] or a stiffer [[ground]]."
         )
 
     def correction(steps):
-        return _difference(
-            response, meshes, reference_orbit(system, meshes, frequency, load, start, steps=steps, tolerance=tolerance)
-        )
+        orbit = reference_orbit(system, meshes, frequency, load, start, steps=steps, tolerance=tolerance)
+        return _difference(response, meshes, orbit)
 
     found = correction(steps)
-    believed = REFERENCE.contradicts * max(float(response.truncation_error), REFERENCE.step_error)
+    believed = CONTRADICTS * max(float(response.truncation_error), STEP_ERROR)
     for _ in range(2 if steps is None else 0):
         if not found.orbit.settled or found.error <= believed:
             break
@@ -401,6 +321,5 @@ def _difference(response, meshes, orbit):
     extremes = np.array([[s.min, s.max] for s in (response.force(train.topology.mesh_names[i]).elastic for i in own)])
     change = extremes - np.stack([orbit.smallest, orbit.largest], axis=1)
     largest = np.abs(orbit.elastic).max()
-    return Correction(
-        float(np.abs(force - orbit.elastic).max() / largest), float(np.abs(change).max() / largest), orbit
-    )
+    error, peak_error = (float(np.abs(change).max() / largest) for change in (force - orbit.elastic, change))
+    return Correction(error, peak_error, orbit)

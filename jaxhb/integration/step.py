@@ -1,4 +1,4 @@
-"""One step of the time integration: exponential Runge-Kutta around the linear train.
+"""Time integration of one train at one speed: exponential Runge-Kutta steps around the linear train, and cycles.
 
 The deviation ``z`` of the state from the periodic response of the linear train (meshes in contact) obeys
 
@@ -56,13 +56,13 @@ class Stepper:
     second: jax.Array
     third: jax.Array
     linear: jax.Array
-    linear_state: jax.Array
-    flank_state: jax.Array
-    space: StateSpace
     law: Law
     viscous: jax.Array
     contact_damping: jax.Array
-    frequency: jax.Array
+    linear_state: jax.Array | None = None
+    flank_state: jax.Array | None = None
+    space: StateSpace | None = None
+    frequency: jax.Array | None = None
     residual_flexibility: jax.Array | None = None
     count: jax.Array | None = None
 
@@ -75,11 +75,6 @@ class Stepper:
     def steps(self):
         """Steps of a cycle; traced where there is room for more."""
         return self.capacity if self.count is None else self.count
-
-    def known(self, step):
-        """w of the linear train ``(2G,)`` half a step and one step after the beginning of a step."""
-        ahead = jnp.where(step + 1 < self.steps, 2 * step + 2, 0)
-        return tuple(lax.dynamic_index_in_dim(self.linear, row, keepdims=False) for row in (2 * step + 1, ahead))
 
     def nonlinear_force(self, deflection, rate):
         """Force ``(G,)`` N of the meshes less its linear part."""
@@ -106,46 +101,47 @@ class Stepper:
             deflection = deflection - (deflection + self.residual_flexibility @ force - given) / (1 + own * slope)
         return deflection
 
-    def advance(self, state, w, middle, last):
-        """Deviation and w one step later; ``middle`` and ``last`` are w_linear half a step and one step ahead."""
+    def advance(self, state, w, k):
+        """Deviation and w one step after step ``k`` of the cycle."""
+        rows = 2 * k + 1, jnp.where(k + 1 < self.steps, 2 * k + 2, 0)  # w of the linear train half a step and one ahead
+        middle, last = (lax.dynamic_index_in_dim(self.linear, row, keepdims=False) for row in rows)
         moved = self.propagate @ state
         size, watched = state.shape[0], w.shape[0]
-        ahead = last + moved[size : size + watched]
-        half = middle + moved[size + watched :]
-        # Krogstad's four stages: begin, twice the middle, end. Weights of the linear train carry the state, so that a
-        # stage needs w alone.
-        f0 = self.nonlinear_force_at(w)
-        fa = self.nonlinear_force_at(half + self.first @ f0)
-        fb = self.nonlinear_force_at(half + self.second @ jnp.concatenate([f0, fa]))
-        fc = self.nonlinear_force_at(ahead + self.third @ jnp.concatenate([f0, fb]))
-        change = self.weights @ jnp.concatenate([f0, fa + fb, fc])
+        ahead, half = last + moved[size : size + watched], middle + moved[size + watched :]
+        change = _product(self.weights, *stages(self.nonlinear_force_at, _product, self, w, half, ahead))
         return moved[:size] + change[:size], ahead + change[size:]
 
-    def observe(self, state):
-        """w = (l, l') ``(2G,)`` at t = 0."""
-        return self.linear[0] + self.space.observation @ state
+
+def _product(weights, *forces):
+    return weights @ jnp.concatenate(forces)
+
+
+def stages(force, product, weights, w, middle, ahead):
+    """The three forces of a step: first, sum of the two in the middle, last.
+
+    Krogstad's four stages: begin, twice the middle, end. ``middle`` and ``ahead`` are what the state alone does to w,
+    ``product(weights, *forces)`` what the forces before a stage add, so that a stage needs w alone.
+    """
+    f0 = force(w)
+    fa = force(middle + product(weights.first, f0))
+    fb = force(middle + product(weights.second, f0, fa))
+    fc = force(ahead + product(weights.third, f0, fb))
+    return f0, fa + fb, fc
+
+
+def krogstad(half_1, half_2, one, two, three):
+    """Weights of the forces of each stage and of the whole step (the two in the middle have one weight), of the
+    integrals of the propagator over half a step and a whole one."""
+    last = one - 3 * two + 4 * three, 2 * two - 4 * three, 4 * three - two
+    return (half_1,), (half_1 - half_2, half_2), (one - 2 * two, 2 * two), last
 
 
 def discretize(system, meshes, frequency, load, steps, parts=None):
-    """Cut the equations of motion at one speed into steps.
+    """The :class:`Stepper` of equations of motion at one speed.
 
-    Parameters
-    ----------
-    system : System
-        Linear train, meshes taken in contact; without loss factors.
-    meshes : MeshParameters, the backlash meshes; all others are linear links of ``system``
-    frequency : float
-        Omega in rad/s; the cycle lasts 2 pi / Omega.
-    load : complex array ``(S, N+1)``
-        Excitation in N, coefficients of :mod:`jaxhb.equations.fourier`.
-    steps : int
-        Steps per cycle, static; more than N. See :func:`jaxhb.integration.reference.resolving_steps`.
-    parts : Partition, optional
-        From :func:`partition`; needed where ``system`` is traced.
-
-    Returns
-    -------
-    Stepper
+    system : System, meshes taken in contact; meshes : MeshParameters of the backlash meshes, others are linear links
+    of the system; load ``(S, N+1)`` N; steps : per cycle, static, more than N; parts : :func:`partition`, needed where
+    the system is traced.
     """
     if steps < load.shape[-1]:
         raise ValueError(f"{steps} steps per cycle do not carry {load.shape[-1] - 1} harmonics of the excitation.")
@@ -157,16 +153,26 @@ def discretize(system, meshes, frequency, load, steps, parts=None):
     speed = fourier.derivative(response, frequency)
     deflection = system.deflections(response, meshes.link)
     shift = static_response(matrices(system)[1], system.spread(-force_on_flank(meshes.law, deflection), meshes.link))
-    return cut(
-        space,
-        fourier.synthesize(with_rate(deflection, frequency), 2 * steps).T,
-        frequency,
-        steps,
+    linear = fourier.synthesize(with_rate(deflection, frequency), 2 * steps).T
+    flank_state = space.coordinates @ jnp.concatenate([shift, jnp.zeros_like(shift)])
+    linear_state = space.coordinates @ fourier.sample(jnp.concatenate([response, speed]), 1)[:, 0]
+    return stepper_of(space, meshes, linear, frequency, steps, linear_state, flank_state)
+
+
+def stepper_of(space, meshes, linear, frequency, steps, linear_state, flank_state, residual_flexibility=None):
+    """The :class:`Stepper` of a state space, samples ``(2 steps, 2G)`` of its linear response, and what has the law,
+    viscous and contact_damping of the meshes."""
+    return Stepper(
+        **_weights(space, 2 * jnp.pi / frequency / steps),
+        linear=linear,
+        linear_state=linear_state,
+        flank_state=flank_state,
+        space=space,
         law=meshes.law,
         viscous=meshes.viscous,
         contact_damping=meshes.contact_damping,
-        linear_state=space.coordinates @ _instant(response, speed),
-        flank_state=space.coordinates @ jnp.concatenate([shift, jnp.zeros_like(shift)]),
+        frequency=frequency,
+        residual_flexibility=residual_flexibility,
     )
 
 
@@ -178,39 +184,6 @@ def force_on_flank(law, linear):
 def with_rate(deflection, frequency):
     """Coefficients ``(2G, N+1)`` of w = (l, l') from those of l."""
     return jnp.concatenate([deflection, fourier.derivative(deflection, frequency)])
-
-
-def cut(
-    space,
-    linear,
-    frequency,
-    steps,
-    *,
-    law,
-    viscous,
-    contact_damping,
-    linear_state,
-    flank_state,
-    residual_flexibility=None,
-):
-    """The :class:`Stepper` of a state space and the samples ``(2 steps, 2G)`` of its linear response."""
-    return Stepper(
-        **_weights(space, 2 * jnp.pi / frequency / steps),
-        linear=linear,
-        linear_state=linear_state,
-        flank_state=flank_state,
-        space=space,
-        law=law,
-        viscous=viscous,
-        contact_damping=contact_damping,
-        frequency=frequency,
-        residual_flexibility=residual_flexibility,
-    )
-
-
-def _instant(displacement, speed):
-    """(x, x') at t = 0 of coefficients."""
-    return fourier.sample(jnp.concatenate([displacement, speed]), 1)[:, 0]
 
 
 def _weights(space, dt):
@@ -226,14 +199,14 @@ def _weights(space, dt):
     E_half, half_1, half_2 = half[:n, :n], half[:n, n : n + G], 4 * half[:n, n + G : n + 2 * G]
     E_full = full[:n, :n]
     full_1, full_2, full_3 = jnp.split(full[:n, n:], 3, axis=1)
-    # Krogstad's weights of the last stage; the two in the middle have one weight and are summed before.
-    end = jnp.concatenate([full_1 - 3 * full_2 + 4 * full_3, 2 * full_2 - 4 * full_3, 4 * full_3 - full_2], axis=1)
+    first, second, third, end = krogstad(half_1, half_2, full_1, full_2, full_3)
+    end = jnp.concatenate(end, axis=1)
     return {
         "propagate": jnp.concatenate([E_full, L @ E_full, L @ E_half]),
         "weights": jnp.concatenate([end, L @ end]),
-        "first": L @ half_1,
-        "second": L @ jnp.concatenate([half_1 - half_2, half_2], axis=1),
-        "third": L @ jnp.concatenate([full_1 - 2 * full_2, 2 * full_2], axis=1),
+        "first": L @ first[0],
+        "second": L @ jnp.concatenate(second, axis=1),
+        "third": L @ jnp.concatenate(third, axis=1),
     }
 
 
@@ -257,35 +230,111 @@ def exponential(matrix):
     return lax.fori_loop(0, squarings, lambda _, power: power @ power, series)
 
 
-def at_rest(stepper):
-    """Start at the linear solution: zero deviation ``(n,)``."""
-    return jnp.zeros_like(stepper.linear_state)
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Trace:
+    """One cycle of the meshes, sampled at ``t_j = 2 pi j / (Omega steps)``, above zeros where there is room for more.
 
-
-def on_flank(stepper):
-    """Start with every mesh on its drive side (sign of its linear mean force), carrying its linear force.
-
-    This is the periodic motion itself where no mesh leaves contact; ``(n,)``.
+    deflection ``(G, capacity)`` m; rate ``(G, capacity)`` m/s; periodicity_error : change of (l, l') from the
+    beginning of that cycle to its end, the largest over the meshes relative to ``max|l| + g`` and ``max|l'| + Omega
+    g``, g = (1 - epsilon) h. Motion that moves no mesh (rotation of a floating or softly grounded train) does not
+    count.
     """
-    return stepper.flank_state
+
+    deflection: jax.Array
+    rate: jax.Array
+    periodicity_error: jax.Array
 
 
-def state_from_motion(stepper, displacement, velocity):
-    """Deviation ``(n,)`` of displacements ``(S,)`` m and velocities ``(S,)`` m/s at t = 0."""
-    return stepper.space.coordinates @ jnp.concatenate([displacement, velocity]) - stepper.linear_state
+def run(stepper, state, first, count, keep=lambda seen, k, w: seen, seen=(), even=False):
+    """``count`` steps on from the deviation ``state`` at the beginning of step ``first``; valid under jit and vmap.
 
-
-def state_from_harmonics(stepper, coefficients):
-    """Deviation at t = 0 of a motion given by its displacements.
-
-    Parameters
-    ----------
-    stepper : Stepper
-    coefficients : complex array ``(S, N+1)`` m
-
-    Returns
-    -------
-    array ``(n,)``
+    Gives the state and w ``(2G,)``, (l, l') of the states, at the end, and what was seen: ``seen = keep(seen, k, w)``
+    before each step k = 0, 1, .. of them. ``even``: so is the count, and two steps are taken at once.
     """
-    motion = _instant(coefficients, fourier.derivative(coefficients, stepper.frequency))
-    return stepper.space.coordinates @ motion - stepper.linear_state
+
+    def step(k, carry):
+        state, w, seen = carry
+        return *stepper.advance(state, w, first + k), keep(seen, k, w)
+
+    begin = lax.dynamic_index_in_dim(stepper.linear, 2 * first, keepdims=False) + stepper.space.observation @ state
+    start = (state, begin, seen)
+    # Two steps in a loop body: where a step takes a microsecond, the loop itself is a good part of it.
+    if even:
+        return lax.fori_loop(0, count // 2, lambda k, carry: step(2 * k + 1, step(2 * k, carry)), start)
+    return lax.fori_loop(0, count, step, start)
+
+
+def _whole(stepper, state, keep, seen):
+    """State after one cycle, the change of w ``(2G,)``, and what was seen."""
+    even = stepper.count is not None or stepper.steps % 2 == 0
+    end, w, seen = run(stepper, state, 0, stepper.steps, keep, seen, even)
+    return end, w - (stepper.linear[0] + stepper.space.observation @ state), seen
+
+
+def cycle(stepper, state):
+    """State ``(n,)`` after one cycle from the deviation ``state`` at t = 0, and its :class:`Trace`."""
+    end, change, samples = _whole(stepper, state, put, no_samples(stepper, stepper.capacity))
+    return end, trace_of(stepper, samples, change)
+
+
+def cycle_error(stepper, state):
+    """State after one cycle from ``state``, and the periodicity error of its :class:`Trace`; no samples are kept."""
+    end, change, largest = _whole(stepper, state, *watch(stepper))
+    return end, periodicity_error(stepper, change, largest)
+
+
+def put(samples, k, w):
+    """``keep`` of :func:`run` for samples ``(capacity, 2G)``."""
+    return lax.dynamic_update_index_in_dim(samples, w, k, axis=0)
+
+
+def no_samples(stepper, capacity):
+    """Zeros ``(capacity, 2G)``, to :func:`put` samples over."""
+    return jnp.zeros((capacity, stepper.linear.shape[1]))
+
+
+def watch(stepper):
+    """``keep`` and ``seen`` of :func:`run` for the largest deflections and rates ``(2G,)``."""
+
+    def keep(largest, _, w):
+        motion = jnp.concatenate([stepper.with_fast_modes(w), jnp.split(w, 2)[1]])
+        return jnp.maximum(largest, jnp.abs(motion))
+
+    return keep, jnp.zeros(stepper.linear.shape[1])
+
+
+def periodicity_error(stepper, change, largest):
+    """Periodicity error, see :class:`Trace`, of a change and the largest of deflections and rates, ``(2G,)`` each."""
+    gap = (1 - stepper.law.epsilon) * stepper.law.backlash + 1e-300
+    return jnp.max(jnp.abs(change) / (largest + jnp.concatenate([gap, stepper.frequency * gap])), initial=0.0)
+
+
+def trace_of(stepper, samples, change):
+    """The Trace of a cycle from w ``(capacity, 2G)``, (l, l') of the states, and its change ``(2G,)`` over the
+    cycle."""
+    deflection, rate = jax.vmap(stepper.with_fast_modes)(samples).T, jnp.split(samples.T, 2)[1]
+    largest = jnp.abs(jnp.concatenate([deflection, rate])).max(axis=1)
+    return Trace(deflection, rate, periodicity_error(stepper, change, largest))
+
+
+def march(stepper, state, *, tolerance=1e-6, max_cycles=200):
+    """March from a deviation ``(n,)`` until a cycle closes to ``tolerance``, a ``trace.periodicity_error``, is not
+    finite, or ``max_cycles`` have passed: state ``(n,)``, Trace of the last cycle, cycles; valid under jit and vmap.
+
+    No cycle closes where the motion is not periodic, has a longer period or decays too slowly. A slow drift closes
+    every cycle to the drift of one cycle.
+    """
+
+    def unfinished(carry):
+        _, trace, done = carry
+        return (done < max_cycles) & ~(trace.periodicity_error <= tolerance) & ~jnp.isnan(trace.periodicity_error)
+
+    def another(carry):
+        state, _, done = carry
+        return *cycle(stepper, state), done + 1
+
+    # Begun with a Trace of nothing, the loop holds one copy of a cycle, and compiles faster.
+    empty = jnp.zeros((len(stepper.viscous), stepper.capacity))
+    begin = state, Trace(empty, empty, jnp.array(jnp.inf)), jnp.array(0)
+    return lax.while_loop(unfinished, another, begin)

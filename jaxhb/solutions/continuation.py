@@ -21,21 +21,22 @@ class StepControl:
     first: float = 0.02  # length of the first step
     longest: float = 0.5  # length of a step at most
     corner: float = 1e-3  # length below which a step that fails has met a corner, and one that turns has passed it
-    lost: float = 1e-8  # length below which the curve is given up
     near: float = 1e-4  # error on the way, where points need only lead on
     closed: float = 1e-9  # error at both ends of the curve, and of p there
     bent: float = 0.5  # cosine of the angle by which the tangent may turn in a step: beyond it may be another curve
     straight: float = 0.9  # cosine of the angle up to which the next step is longer
-    shorter: float = 0.4  # after a failure: the predicted point is six times nearer to a smooth curve
-    longer: float = 1.6  # after a straight step with one Jacobian: two such steps make up for one failure
-    eased: float = 0.7  # after a step with all its Jacobians: the next prediction is twice as near
-    jacobians: int = 3  # of a step at most: where Newton's method wants more, a shorter step is cheaper
-    end_jacobians: int = 9  # at an end of the curve at most: the error falls to ``closed``
-    simplified: int = 5  # corrections at most with one Jacobian, which costs many times as much as each
-    turns: int = 12  # tangents tried at a corner
 
 
 STEP_CONTROL = StepControl()
+
+SHORTER = 0.4  # length after a failure: the predicted point is six times nearer to a smooth curve
+LONGER = 1.6  # after a straight step with one Jacobian: two such steps make up for one failure
+EASED = 0.7  # after a step with all its Jacobians: the next prediction is twice as near
+LOST = 1e-8  # below which the curve is given up
+JACOBIANS = 3  # of a step at most: where Newton's method wants more, a shorter step is cheaper
+END_JACOBIANS = 9  # at an end of the curve at most: the error falls to ``closed``
+SIMPLIFIED = 5  # corrections at most with one Jacobian, which costs many times as much as each
+TURNS = 12  # tangents tried at a corner
 
 
 class CurveEnd(NamedTuple):
@@ -67,7 +68,7 @@ class _Trial(NamedTuple):
 def follow_curve(
     linearize, simplify, start, *, most, within=(-np.inf, 1.0), onward=None, visit=None, control=STEP_CONTROL
 ):
-    """Follow the curve from ``start`` until p leaves its range.
+    """Follow the curve from ``start`` until p leaves its range: the CurveEnd.
 
     Parameters
     ----------
@@ -82,13 +83,8 @@ def follow_curve(
     onward : array ``(m+1,)``, optional
         Tangent on from ``start``, which is on the curve; without it p rises.
     visit : (y, tangent) -> None, optional, called at the start, after every step and at the end
-    control : StepControl
-
-    Returns
-    -------
-    CurveEnd
     """
-    curve, visit = _Curve(linearize, simplify, most, control), visit or _ignore
+    curve, visit = _Curve(linearize, simplify, most, control), visit or (lambda y, tangent: None)
     y, tangent = np.asarray(start), onward
     if onward is None:
         y, tangent = curve.reach(y, y[-1], np.inf)
@@ -101,21 +97,21 @@ def follow_curve(
         tangent = curve.orientation * tangent
     visit(y, tangent)
     rise, length, steps, folds, turns = np.sign(tangent[-1]), control.first, 1, 0, 0
-    while not curve.exhausted and turns <= control.turns and length >= control.lost:
+    while not curve.exhausted and turns <= TURNS and length >= LOST:
         trial = curve.correct(y + length * tangent, tangent, length)
         straight = trial.tangent @ tangent
         on_curve, short = trial.error < control.near, length < control.corner
         end = within[0] if trial.y[-1] <= within[0] else within[1]
         crossing = trial.y[-1] <= within[0] or trial.y[-1] >= within[1]
         if not on_curve:
-            length *= control.shorter
+            length *= SHORTER
             if length < control.corner and np.isfinite(trial.error):
                 # No shorter step helps where the curve bends back from the plane across the tangent. The point fell on
                 # the far side of the knot, whose tangent leads on along the curve; where knots meet, several in turn.
                 # Steps stay long enough to fall on a far side at all.
                 tangent, length, turns = trial.side, max(length, control.corner / 20), turns + 1
         elif not (straight > control.bent or short):
-            length *= control.shorter
+            length *= SHORTER
         elif crossing:
             # The end is between both points. If the curve turned back between them, a shorter step tells.
             between = y + (end - y[-1]) / (trial.y[-1] - y[-1]) * (trial.y - y)
@@ -124,9 +120,12 @@ def follow_curve(
                 found = found * np.sign(found @ tangent)
                 visit(last, found)
                 return CurveEnd(last, found, True, steps, curve.jacobians, folds)
-            length *= control.shorter
+            length *= SHORTER
         else:
-            length = _next_length(length, straight, trial.jacobians, control)
+            if trial.jacobians == JACOBIANS:
+                length = EASED * length
+            elif trial.jacobians == 1 and straight > control.straight:
+                length = min(LONGER * length, control.longest)
             folds += int(trial.tangent[-1] * rise < 0)
             y, tangent, rise, steps, turns = trial.y, trial.tangent, np.sign(trial.tangent[-1]), steps + 1, 0
             visit(y, tangent)
@@ -158,19 +157,6 @@ def locate_zero(linearize, simplify, before, after, test, *, closed=1e-9, most=3
     return found
 
 
-def _ignore(*_):
-    """Nobody looks."""
-
-
-def _next_length(length, straight, jacobians, control):
-    """Length of the step after an accepted one."""
-    if jacobians == control.jacobians:
-        return control.eased * length
-    if jacobians == 1 and straight > control.straight:
-        return min(control.longer * length, control.longest)
-    return length
-
-
 def _across(change, tangent, normal):
     """The change without its part along the curve, in the plane of ``normal``."""
     return change - tangent * (normal @ change) / (normal @ tangent)
@@ -194,18 +180,18 @@ class _Curve:
         tangent = self.orientation * np.asarray(tangent)
         return np.linalg.norm(value), np.asarray(change), tangent / np.linalg.norm(tangent), slopes
 
-    def reach(self, y, share, farthest):
-        """The point of the curve with that share and its tangent; None for the tangent where Newton's method fails, at
+    def reach(self, y, p, farthest):
+        """The point of the curve with that p and its tangent; None for the tangent where Newton's method fails, at
         the latest by a change as long as ``farthest``."""
         upwards = np.zeros_like(y)
         upwards[-1] = 1.0
-        for _ in range(self.control.end_jacobians):
+        for _ in range(END_JACOBIANS):
             if self.exhausted:
                 break
             error, change, tangent, _ = self.linearize(y, upwards)
-            if error < self.control.closed and abs(y[-1] - share) < self.control.closed:
+            if error < self.control.closed and abs(y[-1] - p) < self.control.closed:
                 return y, tangent
-            change = change - tangent * (change[-1] + y[-1] - share) / tangent[-1]
+            change = change - tangent * (change[-1] + y[-1] - p) / tangent[-1]
             if not (np.isfinite(error) and np.linalg.norm(change) < farthest):
                 break
             y = y + change
@@ -214,7 +200,7 @@ class _Curve:
     def correct(self, y, normal, length):
         """The :class:`_Trial` at ``y``, corrected across ``normal`` while it stays within two lengths of the step."""
         trial = None
-        for jacobians in range(1, self.control.jacobians + 1):
+        for jacobians in range(1, JACOBIANS + 1):
             error, change, tangent, slopes = self.linearize(y, normal)
             side = tangent if trial is None else trial.side
             change = _across(change, tangent, normal)
@@ -229,7 +215,7 @@ class _Curve:
 
     def polish(self, y, error, change, slopes, plane):
         """Corrections with the same Jacobian as long as each is less than half of the last."""
-        for _ in range(self.control.simplified):
+        for _ in range(SIMPLIFIED):
             if not error > self.control.near:
                 break
             value, following = self.simplify(y + change, slopes)

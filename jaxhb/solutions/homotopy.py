@@ -37,39 +37,28 @@ class Beginning(NamedTuple):
     linear: bool
 
 
-@dataclass(frozen=True, kw_only=True)
-class HomotopyOptions:
-    """Options of :func:`find`."""
-
-    beginnings: tuple[Beginning, ...] = (  # of one curve after another: which is short nobody knows beforehand
-        Beginning(20.0, 20.0, False),
-        Beginning(6.0, 4.5, True),
-        Beginning(20.0, 7.0, False),
-    )
-    work: float = 2e9  # of all curves, Jacobians times :func:`work_of_cycle`: twenty seconds
-    fewest_jacobians: int = 50  # below which no curve arrives
-    most_jacobians: int = 700  # of one curve
-    least_epsilon: float = 1e-4  # below which it changes linearly in p: too soft to matter, and zero has no logarithm
-
-
-HOMOTOPY = HomotopyOptions()
+# Of one curve after another: which is short nobody knows beforehand.
+BEGINNINGS = Beginning(20.0, 20.0, False), Beginning(6.0, 4.5, True), Beginning(20.0, 7.0, False)
+WORK = 2e9  # of all curves, Jacobians times ``work_of_cycle``: twenty seconds
+FEWEST_JACOBIANS, MOST_JACOBIANS = 50, 700  # of one curve: with fewer no curve arrives
+LEAST_EPSILON = 1e-4  # below which epsilon changes linearly in p: too soft to matter, and zero has no logarithm
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class HomotopyStepper(Stepper):
-    """A Stepper whose meshes are a share p on the way from the linear law."""
+    """A Stepper whose meshes are the share p, the continuation parameter, of the way from the linear law."""
 
-    share: Array | float = 1.0
-    beginning: Beginning = HOMOTOPY.beginnings[0]
+    parameter: Array | float = 1.0
+    beginning: Beginning = BEGINNINGS[0]
 
     def nonlinear_force(self, deflection, rate):
-        """Force ``(G,)`` N of the meshes less its linear part; that of the train itself for a share of 1."""
-        law, left = self.law, 1 - self.share
-        kept = jnp.maximum(law.epsilon, HOMOTOPY.least_epsilon)
+        """Force ``(G,)`` N of the meshes less its linear part; that of the train itself for p = 1."""
+        law, left = self.law, 1 - self.parameter
+        kept = jnp.maximum(law.epsilon, LEAST_EPSILON)
         # epsilon^p for what is not too small, and the little below it linear in p: 1 at p = 0, epsilon at p = 1.
-        geometric = kept**self.share - self.share * (kept - law.epsilon)
-        epsilon = jnp.where(self.beginning.linear, 1 - self.share * (1 - law.epsilon), geometric)
+        geometric = kept**self.parameter - self.parameter * (kept - law.epsilon)
+        epsilon = jnp.where(self.beginning.linear, 1 - self.parameter * (1 - law.epsilon), geometric)
         widest = jnp.minimum(law.transition * self.beginning.transition, jnp.maximum(law.transition, 1.0))
         law = backlash.Law(law.stiffness, epsilon, law.transition * (widest / law.transition) ** left, law.backlash)
         in_contact = jnp.where(self.contact_damping, (1 - epsilon) / jnp.maximum(1 - self.law.epsilon, 1e-300), 0.0)
@@ -86,20 +75,20 @@ class HomotopyStepper(Stepper):
         return jnp.clip(0.5 / jnp.where(decay > 0, decay, 1.0), 1.0, self.beginning.damping)
 
 
-def _on_the_way(stepper, beginning, share):
-    """The HomotopyStepper at a share."""
+def _on_the_way(stepper, beginning, p):
+    """The HomotopyStepper at p."""
     parts = {f.name: getattr(stepper, f.name) for f in fields(Stepper)}
-    return HomotopyStepper(**parts, share=share, beginning=beginning)
+    return HomotopyStepper(**parts, parameter=p, beginning=beginning)
 
 
 def _scale(stepper):
     """Unit of the states in y, the norm of all nodes on the flanks: what makes their changes comparable with p's."""
-    return (jnp.linalg.norm(stepper.flank_state) + 1e-300) * np.sqrt(shooting.SHOOTING.segments)
+    return (jnp.linalg.norm(stepper.flank_state) + 1e-300) * np.sqrt(shooting.SEGMENTS)
 
 
 def _nodes(stepper, y):
-    """States ``(K, n)`` at the beginnings of the segments, of y = (states, share)."""
-    return _scale(stepper) * y[:-1].reshape(shooting.SHOOTING.segments, len(stepper.flank_state))
+    """States ``(K, n)`` at the beginnings of the segments, of y = (states, p)."""
+    return _scale(stepper) * y[:-1].reshape(shooting.SEGMENTS, len(stepper.flank_state))
 
 
 @Program
@@ -107,15 +96,16 @@ def _linearized(stepper, beginning, y, normal):
     """What ``linearize`` of :func:`continuation.follow_curve` returns: H are the gaps of the segments, and the
     determinant orients the tangent, not ``normal``."""
     scale, at = _scale(stepper), partial(_on_the_way, stepper, beginning)
-    gap, slope, share_slope = shooting.linearize(at, _nodes(stepper, y), y[-1])
-    condensed = shooting.condense(slope, share_slope / scale)
+    gap, slope, by_parameter = shooting.linearize(at, _nodes(stepper, y), y[-1])
+    condensed = shooting.condense(slope, by_parameter / scale)
     return gap / scale, shooting.closing(condensed, gap / scale), shooting.tangent(condensed), condensed
 
 
 @Program
 def _simplified(stepper, beginning, y, condensed):
     """What ``simplify`` of :func:`continuation.follow_curve` returns."""
-    gap = shooting.gaps(_on_the_way(stepper, beginning, y[-1]), _nodes(stepper, y)) / _scale(stepper)
+    gap, _ = shooting.gaps(_on_the_way(stepper, beginning, y[-1]), _nodes(stepper, y))
+    gap = gap / _scale(stepper)
     return gap, shooting.closing(condensed, gap)
 
 
@@ -141,22 +131,22 @@ class HomotopyResult:
     folds: int
 
 
-def find(train, rpm, plan, *, options=HOMOTOPY):
-    """The :class:`HomotopyResult` at a train, with the meshes and time steps of a Plan; of no curve where the work that
-    the options allow is too little."""
-    left = int(options.work / work_of_cycle(train, plan.time_steps))
-    if left < options.fewest_jacobians:
+def find(train, rpm, plan, *, work=WORK):
+    """The :class:`HomotopyResult` at a train, with the meshes and time steps of a Plan; of no curve where ``work`` is
+    too little."""
+    left = int(work / work_of_cycle(train, plan.time_steps))
+    if left < FEWEST_JACOBIANS:
         return HomotopyResult(None, None, 0, 0, 0)
-    stepper = jax.device_put(stepper_of(train, rpm, plan))  # once, not for every Jacobian
-    start = np.zeros(shooting.SHOOTING.segments * len(stepper.flank_state) + 1)
-    for curves, beginning in enumerate(options.beginnings, 1):
+    stepper = jax.device_put(stepper_of(train, rpm, plan)[0])  # once, not for every Jacobian
+    start = np.zeros(shooting.SEGMENTS * len(stepper.flank_state) + 1)
+    for curves, beginning in enumerate(BEGINNINGS, 1):
         linearize, simplify = (partial(part, stepper, beginning) for part in (_linearized, _simplified))
-        end = continuation.follow_curve(linearize, simplify, start, most=min(left, options.most_jacobians))
+        end = continuation.follow_curve(linearize, simplify, start, most=min(left, MOST_JACOBIANS))
         if end.arrived:
             nodes, deflection = _motion(stepper, end.y)
             found = coefficients(deflection, plan.time_steps)
             return HomotopyResult(found, np.asarray(nodes), curves, end.steps, end.folds)
         left -= end.jacobians
-        if left < options.most_jacobians // 4:
+        if left < MOST_JACOBIANS // 4:
             break
     return HomotopyResult(None, None, curves, end.steps, end.folds)

@@ -34,7 +34,7 @@ class Misfires:
     responses: dict[str, Response]
 
     def worst(self, read: Callable) -> Worst:
-        """Find the misfire and the speed at which a quantity is largest.
+        """Find the misfire and the speed, of those that converged, at which a quantity is largest.
 
         Parameters
         ----------
@@ -44,12 +44,11 @@ class Misfires:
         Returns
         -------
         Worst
-            Of the speeds that converged.
 
         Raises
         ------
         ValueError
-            If none converged.
+            If no speed converged.
         """
         names = list(self.responses)
         rows = [np.where(r.converged, np.asarray(read(r)), -np.inf) for r in self.responses.values()]
@@ -75,9 +74,7 @@ def misfire_each(
     Parameters
     ----------
     train : DriveTrain
-    rpm : array ``(n,)``
-        Speeds of the reference rotor.
-    harmonics, tolerance
+    rpm, harmonics, tolerance
         As for ``solve``.
     solve : callable
         :func:`jaxhb.solve_speeds`, or :func:`jaxhb.forced_response` for the linear train, which has no ``tolerance``.

@@ -15,46 +15,24 @@ import numpy as np
 from jax import lax
 
 from jaxhb._program import Program
-from jaxhb.balance.march_start import begin
 from jaxhb.balance.problem import model_of, problem_at, reduced_equation
+from jaxhb.balance.program import reduced_stepper
 from jaxhb.equations import fourier
 from jaxhb.equations.reduced_model import REDUCED_MODEL, states_of
 from jaxhb.integration import shooting
-from jaxhb.integration.cycles import cycle, cycle_error
-from jaxhb.integration.shooting import shoot
-from jaxhb.integration.step import with_rate
+from jaxhb.integration.step import cycle, cycle_error, with_rate
 
-
-@dataclass(frozen=True)
-class OrbitOptions:
-    """How closed orbits are searched. Periodicity errors are those of a cycle, relative to its motion.
-
-    Parameters
-    ----------
-    cycles : marched at most; those that close best are shot from
-    work : of the cycles shot from, in units of :func:`work_of_cycle`
-    newton_steps : of one shooting, in one piece and then in segments: of those that succeed in one piece within 40,
-        nine out of ten take no more than 12
-    steady : periodicity error from which Newton's method on the harmonics usually succeeds; the march ends there
-    settled : periodicity error that counts as none, far below what the steps themselves leave
-    closed : the same of the segments of a cycle, aimed at
-    same : difference of the deflections, as a share of the largest, below which two orbits are one, found twice
-    capacity : steps of a cycle at most. Arrays have room for them: programs are not compiled for each number
-    flexible : share of the compliance of a mesh below which modes too fast for the steps are left out
-    """
-
-    cycles: int = 64
-    work: float = 6e7
-    newton_steps: int = 15
-    steady: float = 1e-3
-    settled: float = 1e-6
-    closed: float = 1e-8
-    same: float = 1e-4
-    capacity: int = 32768
-    flexible: float = 1e-6
-
-
-ORBIT = OrbitOptions()
+CYCLES = 64  # marched at most; those that close best are shot from
+WORK = 6e7  # of the cycles shot from, in units of ``work_of_cycle``
+# Of one shooting, in one piece and then in segments: of those that succeed in one piece within 40, nine out of ten take
+# no more than 12.
+NEWTON_STEPS = 15
+STEADY = 1e-3  # periodicity error from which Newton's method on the harmonics usually succeeds; the march ends there
+PERIODIC = 1e-6  # periodicity error that counts as none, far below what the steps themselves leave
+CLOSED = 1e-8  # the same of the segments of a cycle, aimed at
+SAME = 1e-4  # difference of the deflections, as a share of the largest, below which two orbits are one, found twice
+CAPACITY = 32768  # steps of a cycle at most. Arrays have room for them: programs are not compiled for each number.
+FLEXIBLE = 1e-6  # share of the compliance of a mesh below which modes too fast for the steps are left out
 
 
 @Program
@@ -65,11 +43,8 @@ def _equations(problem, active_meshes, time_steps):
     reduced, _ = reduced_equation(problem, harmonics, active_meshes)
     model = model_of(problem, active_meshes, time_steps)
     response = with_rate(reduced.linear, reduced.frequency)
-    return (
-        begin(reduced, model.space, time_steps, jnp.zeros((0, len(response))), model.residual_flexibility),
-        response,
-        model,
-    )
+    empty = jnp.zeros((0, len(response)))
+    return reduced_stepper(reduced, model.space, time_steps, empty, model.residual_flexibility), response, model
 
 
 def work_of_cycle(train, time_steps):
@@ -78,26 +53,21 @@ def work_of_cycle(train, time_steps):
 
 
 def stepper_of(train, rpm, plan):
-    """The Stepper of a train with the meshes and time steps of a Plan."""
-    return _make(train, rpm, plan)[0]
-
-
-def _make(train, rpm, plan):
-    """A Stepper and the ReducedModel that it steps."""
-    problem = problem_at(train, rpm, plan.sizes.excited)
+    """The Stepper of a train with the meshes and time steps of a Plan, and the ReducedModel that it steps."""
+    problem = problem_at(train, rpm, plan.static.excited)
     stepper, response, modes = _equations(problem, plan.active_meshes, plan.time_steps)
     # Room for the most steps, the number in use traced: one program for all numbers of steps that follow the modes of
     # the teeth, and one for all that do not: the static response of the rest doubles the time of a step.
-    linear = np.zeros((2 * ORBIT.capacity, len(response)))
+    linear = np.zeros((2 * CAPACITY, len(response)))
     linear[: 2 * plan.time_steps] = fourier.synthesize(response, 2 * plan.time_steps).T
     stepper = replace(stepper, linear=linear, count=np.array(plan.time_steps))
-    flexible = np.abs(np.diag(stepper.residual_flexibility)) * np.asarray(stepper.law.stiffness) > ORBIT.flexible
+    flexible = np.abs(np.diag(stepper.residual_flexibility)) * np.asarray(stepper.law.stiffness) > FLEXIBLE
     return (stepper if flexible.any() else replace(stepper, residual_flexibility=None)), modes
 
 
 @Program
 def _visited(stepper, until):
-    """States ``(ORBIT.cycles, n)`` at the beginning of cycles from the flanks, their periodicity errors, the deflection
+    """States ``(CYCLES, n)`` at the beginning of cycles from the flanks, their periodicity errors, the deflection
     of the last cycle.
 
     Ends with the first cycle that closes to ``until``; cycles not marched have periodicity error nan.
@@ -105,7 +75,7 @@ def _visited(stepper, until):
 
     def unfinished(carry):
         done, _, _, periodicity_errors = carry
-        return (done < ORBIT.cycles) & ~(periodicity_errors[done - 1] <= until)
+        return (done < CYCLES) & ~(periodicity_errors[done - 1] <= until)
 
     def visit(carry):
         done, state, states, periodicity_errors = carry
@@ -113,7 +83,7 @@ def _visited(stepper, until):
         return done + 1, after, states.at[done].set(state), periodicity_errors.at[done].set(periodicity_error)
 
     state = stepper.flank_state
-    empty = jnp.zeros((ORBIT.cycles, len(state))), jnp.full(ORBIT.cycles, jnp.nan)
+    empty = jnp.zeros((CYCLES, len(state))), jnp.full(CYCLES, jnp.nan)
     done, _, states, periodicity_errors = lax.while_loop(unfinished, visit, (jnp.array(0), state, *empty))
     return states, periodicity_errors, cycle(stepper, states[done - 1])[1].deflection
 
@@ -121,7 +91,7 @@ def _visited(stepper, until):
 @Program
 def _shot(stepper, state):
     """What :func:`_closed` makes of the cycle that shooting reaches from a state ``(n,)``."""
-    found = shoot(stepper, state, most=ORBIT.newton_steps, tolerance=ORBIT.settled)[0]
+    found = shooting.shoot(stepper, state, most=NEWTON_STEPS, tolerance=PERIODIC)[0]
     return _closed(stepper, shooting.beginnings(stepper, found))
 
 
@@ -129,7 +99,7 @@ def _shot(stepper, state):
 def _closed(stepper, nodes):
     """Nodes ``(K, n)`` with smaller gaps, the deflections ``(G, capacity)`` of their motion, and its periodicity
     error."""
-    nodes, trace, _ = shooting.close(stepper, nodes, tolerance=ORBIT.closed, most=ORBIT.newton_steps)
+    nodes, trace, _ = shooting.close(stepper, nodes, tolerance=CLOSED, most=NEWTON_STEPS)
     return nodes, trace.deflection, trace.periodicity_error
 
 
@@ -149,7 +119,7 @@ class FoundOrbit:
 
 
 def _same_orbit(deflection, other):
-    return np.max(np.abs(deflection - other)) <= ORBIT.same * np.max(np.abs(deflection))
+    return np.max(np.abs(deflection - other)) <= SAME * np.max(np.abs(deflection))
 
 
 def coefficients(deflection, time_steps):
@@ -160,16 +130,16 @@ def coefficients(deflection, time_steps):
 class OrbitSearch:
     """Closed orbits of a train at a speed, with the meshes and time steps of a Plan; as many shots as ``work`` pays."""
 
-    def __init__(self, train, rpm, plan, work=ORBIT.work):
+    def __init__(self, train, rpm, plan, work=WORK):
         self.train, self.rpm, self.plan, self.work = train, rpm, plan, work
         self.states, self.periodicity_errors = None, None
 
     @cached_property
     def _made(self):
-        """Made (and its program compiled) when something is searched with it."""
-        return _make(self.train, self.rpm, self.plan)
+        """Stepper and ReducedModel, made (and their program compiled) when something is searched with them."""
+        return stepper_of(self.train, self.rpm, self.plan)
 
-    @cached_property
+    @property
     def stepper(self):
         """The Stepper."""
         return self._made[0]
@@ -192,7 +162,7 @@ class OrbitSearch:
         for tries, seed in enumerate(self._seeds(), 1):
             nodes, deflection, periodicity_error = jax.tree.map(np.asarray, _shot(self.stepper, seed))
             best = replace(best, tries=tries)
-            if periodicity_error <= ORBIT.settled and not any(_same_orbit(deflection, other) for other in known):
+            if periodicity_error <= PERIODIC and not any(_same_orbit(deflection, other) for other in known):
                 known.append(deflection)
                 yield FoundOrbit(coefficients(deflection, self.plan.time_steps), float(periodicity_error), nodes, tries)
             elif periodicity_error < best.periodicity_error:
@@ -202,19 +172,18 @@ class OrbitSearch:
 
     def close(self, nodes, search):
         """The FoundOrbit near the nodes of another one, which another OrbitSearch with other steps found."""
-        if self.train.topology.n_disks > REDUCED_MODEL.disks or not np.all(
-            self.train.disks.inertia
-        ):  # modes depend on the steps
+        if self.train.topology.n_disks > REDUCED_MODEL.disks or not np.all(self.train.disks.inertia):
+            # Modes depend on the steps.
             nodes = nodes @ (self._made[1].space.coordinates @ search._made[1].motion).T
         nodes, deflection, periodicity_error = jax.tree.map(np.asarray, _closed(self.stepper, nodes))
-        found = coefficients(deflection, self.plan.time_steps) if periodicity_error <= ORBIT.settled else None
+        found = coefficients(deflection, self.plan.time_steps) if periodicity_error <= PERIODIC else None
         return FoundOrbit(found, float(periodicity_error), nodes, 1)
 
     def _seeds(self):
         """Beginnings ``(tries, n)`` of the cycles of a march that close best."""
         if self.states is None:
             self.march()
-        most = int(np.clip(self.work / work_of_cycle(self.train, self.plan.time_steps), 1, ORBIT.cycles))
+        most = int(np.clip(self.work / work_of_cycle(self.train, self.plan.time_steps), 1, CYCLES))
         # Of a march that does not settle, the cycles that nearly close pass near a periodic motion, stable or not.
         best = np.argsort(self.periodicity_errors)[:most]
         return self.states[best[np.isfinite(self.periodicity_errors[best])]]

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxhb._jax import on_host
-from jaxhb.balance.plan import Plan
-from jaxhb.balance.planned import solve_batches
-from jaxhb.balance.request import MOST_HARMONICS, excited_harmonic, time_steps_for, time_steps_of
+from jaxhb.balance.plan import MOST_HARMONICS, Plan, excited_harmonic, time_steps_for, time_steps_of
+from jaxhb.balance.program import solve_batches
 from jaxhb.equations import backlash, fourier
 from jaxhb.equations.state_space import dense_linear_motion
 from jaxhb.excitation.torques import excitation, listed_harmonic
@@ -199,7 +198,7 @@ def _linear_mesh_forces(train, rpm, contact, harmonics):
         with contextlib.suppress(np.linalg.LinAlgError):  # a singular train, of which the program below says more
             return _dense_mesh_forces(on_host(train), rpm, harmonics)
     linear = dataclasses.replace(contact, harmonics=harmonics, method="reduced", integrals="sampled")
-    batches = solve_batches(without_backlash(train), rpm, linear, linear.sizes.max_steps)
+    batches = solve_batches(without_backlash(train), rpm, linear)
     return np.stack([response.elastic_forces for batch in batches for response in batch])
 
 

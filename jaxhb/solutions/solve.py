@@ -13,9 +13,8 @@ import time
 import numpy as np
 
 from jaxhb._jax import Number, concrete, staged, traced
-from jaxhb.balance.plan import Plan
-from jaxhb.balance.planned import solve_planned
-from jaxhb.balance.request import Request, check_harmonics, excited_harmonic
+from jaxhb.balance.plan import Plan, Request, check_harmonics, excited_harmonic
+from jaxhb.balance.program import solve_planned
 from jaxhb.certificate import certificate
 from jaxhb.results.response import Response
 from jaxhb.results.status import Status, check
@@ -55,23 +54,22 @@ def solve(
     tolerance : float, optional
         Largest truncation error of the elastic tooth force over the largest tooth force; default 1 %.
     method : str, optional
-        "reduced" (default; unknowns at the meshes that can leave contact) or "chain" (all disks, block sweep; a
-        check up to 128 harmonics, no closed loops).
+        "reduced" (default; unknowns at the meshes that can leave contact) or "chain" (all disks, block sweep; a check
+        up to 128 harmonics, no closed loops).
     integrals : str, optional
         Of the tooth law over the cycle: "sampled" (default) at 16 time samples per harmonic, or "exact" between the
-        times at which teeth pass the knots of their law. Sampling leaves the solution an error of the order of 1e-6,
-        its gradient, taken at 256 samples, 1e-5, and second derivatives some percent: those need "exact", which only
-        "reduced" has.
+        times at which teeth pass the knots of their law, which only "reduced" has. Sampling leaves the solution an
+        error of the order of 1e-6, its gradient, taken at 256 samples, 1e-5, and second derivatives some percent: those
+        need "exact".
     start : Response, "linear" or "march", optional
-        Where Newton starts: another response, on whose branch the solution then usually lies, or the motion with all
-        teeth in contact ("linear"), or a few cycles of time integration from it ("march"). By default the motion in
-        contact is the answer if it holds, else a march, at last a few shots. Several periodic motions may exist at one
-        speed: :func:`jaxhb.solve_all` searches for them.
+        Where Newton starts: another response, on whose branch the solution then usually lies, the motion with all teeth
+        in contact ("linear"), or a few cycles of time integration from it ("march"). By default one after the other, at
+        last a few shots. Several motions may exist at one speed: :func:`jaxhb.solve_all` searches for them.
     certify : bool, optional
-        Add a computed bound, ``response.certificate`` (:func:`jaxhb.certify`); harmonics that are not fixed are
-        raised until it holds, as far as they go. Not beside a plan.
+        Add a computed bound, ``response.certificate`` (:func:`jaxhb.certify`); harmonics that are not fixed are raised
+        until it holds, as far as they go. Not beside a plan.
     seconds : float, optional
-        After which no further attempt begins; one is made in any case. Default: all are made. Not beside a plan.
+        After which no further attempt begins; one is made in any case. Not beside a plan.
 
     Returns
     -------
@@ -83,15 +81,14 @@ def solve(
     SceneError
         Speed not greater than 0 or above 1e6 rpm, harmonics that cannot work, or a plan made for another train.
     ValueError
-        ``harmonics``, ``tolerance``, ``method`` or ``integrals`` beside a plan, which holds its own; no ``start``
-        beside a plan whose ``start`` is "response".
+        What belongs to a plan given beside it; no ``start`` beside a plan whose ``start`` is "response".
 
     Notes
     -----
     The response is differentiable with respect to every number of the train and to the speed, forwards and backwards,
-    at the cost of about one linear solve (:mod:`jaxhb.balance.derivative`); without a plan outside ``jit`` and
-    ``vmap`` only. Under a transformation a response whose status is above TOLERANCE_NOT_MET is nan in every
-    number but those given, and has zero derivatives backwards, so that it leaves the others of a batch theirs.
+    at the cost of about one linear solve (:mod:`jaxhb.balance.derivative`); without a plan outside ``jit`` and ``vmap``
+    only. Under a transformation a response whose status is above TOLERANCE_NOT_MET is nan in every number but those
+    given, and has zero derivatives backwards, so that it leaves the others of a batch theirs.
 
     Examples
     --------
@@ -117,7 +114,7 @@ def solve(
         raise TypeError("jit or vmap traces solve: pass plan=jaxhb.plan(train, rpm=...), made outside")
     found = _decide(now[0], now[1], Request.of(train, harmonics, tolerance, method, integrals), start, seconds)
     if traced(train, rpm):  # by differentiation alone: solved already, the program only adds the derivative
-        response = solve_planned(train, rpm, found.plan, found.response)
+        response = solve_planned(train, rpm, found.reached, found.response)
         return dataclasses.replace(response, path=found.response.path)
     return _certified(found.response, harmonics, method, integrals) if certify else found.response
 
@@ -146,7 +143,7 @@ def plan(
     method: str = "reduced",
     integrals: str = "sampled",
 ) -> Plan:
-    """Decide how to solve a train at a speed: harmonics, active meshes, start; found by solving it.
+    """Decide how to solve a train at a speed, by solving it: harmonics, active meshes, start.
 
     Parameters
     ----------
@@ -156,9 +153,9 @@ def plan(
     Returns
     -------
     Plan
-        Small and hashable. Passing it to :func:`solve` solves nearby trains and speeds without decisions. It holds no
-        motion: where a solve under the plan does not find one, but another start strategy of :func:`solve` did, its
-        ``start`` is "response" and :func:`solve` asks for ``start=jaxhb.solve(train, rpm=rpm)`` beside it.
+        Small and hashable: :func:`solve` under it solves nearby trains and speeds without decisions. It holds no
+        motion: where none of its starts leads there, its ``start`` is "response", and :func:`solve` asks for
+        ``start=jaxhb.solve(train, rpm=rpm)`` beside it.
 
     Raises
     ------
@@ -181,9 +178,9 @@ def plan(
     # exact integrals have room for, at this speed: every solve under the plan verifies it and says so by its status.
     if found.status > Status.PLAN_VIOLATED:
         check(found.response)
-    if found.plan.active and solve_planned(train, rpm, found.plan).status > found.status:
-        return dataclasses.replace(found.plan, start="response")
-    return found.plan
+    if found.reached.active and solve_planned(train, rpm, found.reached).status > found.status:
+        return dataclasses.replace(found.reached, start="response")
+    return found.reached
 
 
 def linear_response(train: DriveTrain, *, rpm: Number, harmonics: int | None = None) -> Response:
@@ -215,12 +212,11 @@ def solve_again(train, rpm, request, plan, start=None):
     failed = starts.short_march if plan.marches else starts.contact
     above = starts.STRATEGIES[starts.STRATEGIES.index(failed) + 1 :]
     wanted = above if start is None else (starts.from_response(start), *above)
-    found = starts.first_solved(starts.Case(train, rpm, request, plan), wanted)
-    return found and found.response
+    return starts.first_solved(starts.Case(train, rpm, request, plan), wanted).response
 
 
 def _decide(train, rpm, request, start, seconds=None):
-    """The Result of all start strategies for one speed, or of those that ``start`` leaves."""
+    """The Case after all start strategies for one speed, or of those that ``start`` leaves."""
     check_speed(train, rpm)
     (plan,) = planning.plan_speeds(train, np.array([float(rpm)]), request)
     if start is None:

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from jaxhb._jax import Numbers
-from jaxhb.balance.plan import Plan
-from jaxhb.balance.planned import BATCH, solve_batches
-from jaxhb.balance.request import Request, check_plan
+from jaxhb.balance.plan import Plan, Request, check_plan
+from jaxhb.balance.program import BATCH_NEWTON_STEPS, solve_batches
 from jaxhb.results.response import Response, stack
 from jaxhb.results.status import Status
 from jaxhb.solutions.planning import plan_speeds
@@ -84,7 +83,7 @@ def solve_speeds(
     found = [None] * len(rpm)
     for shared in dict.fromkeys(plans):
         indices = [i for i, own in enumerate(plans) if own == shared]
-        steps, free = BATCH.newton_steps if plan is None and shared.active else shared.sizes.max_steps, iter(indices)
+        steps, free = BATCH_NEWTON_STEPS if plan is None and shared.active else None, iter(indices)
         for batch in solve_batches(train, rpm[indices], shared, steps, tuple(devices)):
             for response in batch:
                 found[next(free)] = response

@@ -20,8 +20,7 @@ from jaxhb.results.serial import pack, unpack
 
 MANIFEST = "sweep.json"
 
-CHUNK = 64
-"""Speeds of a chunk by default: as many as are marched side by side."""
+CHUNK = 64  # speeds of a chunk by default: as many as are marched side by side
 
 
 class CheckpointError(ValueError):
@@ -31,19 +30,9 @@ class CheckpointError(ValueError):
 class Checkpoint:
     """A folder of steady states or periodic solutions of one train, for one way of asking.
 
-    Parameters
-    ----------
-    folder : path, made if it is not there
-    train : DriveTrain
-    asked : dict of plain values
-        What the answers depend on beside the train, by the name under which a sentence speaks of it.
-    chunk : int, speeds that are computed, and kept, together
-
-    Raises
-    ------
-    CheckpointError
-        For a folder that holds other things, or answers for another train, another version or other options, and for
-        one that cannot be written.
+    ``asked``: plain values that the answers depend on beside the train, by the name under which a sentence speaks of
+    it; ``chunk``: speeds that are computed, and kept, together. A CheckpointError for a folder that holds other things,
+    or answers for another train, another version or other options, and for one that cannot be written.
     """
 
     def __init__(self, folder, train, asked, chunk=CHUNK):
@@ -96,11 +85,14 @@ class Checkpoint:
         ``progress`` is called with the number of those read."""
         name = f"{_hash(*question)}.npz"
         states = self._read(name)
-        if states is None:
-            states = compute()
-            self._write(name, _as_file(states))
-        else:
+        if states is not None:
             progress(len(states))
+            return states
+        states, content = compute(), io.BytesIO()
+        index, arrays = pack(states)
+        text = np.frombuffer(json.dumps(index).encode(), dtype=np.uint8)
+        np.savez(content, index=text, **{f"a{i}": array for i, array in enumerate(arrays)})
+        self._write(name, content.getvalue())
         return states
 
     def _read(self, name):
@@ -126,14 +118,6 @@ class Checkpoint:
                 f"{str(self.folder)!r} cannot be written: {error.strerror}. What is in it stays: mend that, and the "
                 "same sweep goes on."
             ) from None
-
-
-def _as_file(states):
-    """Bytes of a file that holds steady states."""
-    index, arrays = pack(states)
-    content, text = io.BytesIO(), np.frombuffer(json.dumps(index).encode(), dtype=np.uint8)
-    np.savez(content, index=text, **{f"a{i}": array for i, array in enumerate(arrays)})
-    return content.getvalue()
 
 
 def hash_of(train):

@@ -1,7 +1,6 @@
 """What marches show: harmonic balance of a motion that returns, a record of one that does not, and what kind it is."""
 
 import dataclasses
-from dataclasses import dataclass
 from functools import cached_property
 
 import jax
@@ -9,37 +8,21 @@ import numpy as np
 
 from jaxhb.floquet.stability import attracts
 from jaxhb.results.steady import SteadyState
-from jaxhb.steady.closure import RETURN, ended
-from jaxhb.steady.cycles_record import record_of
-from jaxhb.steady.marching import Batch, Equations
-from jaxhb.steady.settled import SETTLED, compile_ahead, same_motion, shortest_period, solve_settled
+from jaxhb.steady.closure import DECAYS, ended
+from jaxhb.steady.confirmation import LEVELS, compile_ahead, same_motion, shortest_period, solve_marched
+from jaxhb.steady.marching import Batch, Equations, record_of
 from jaxhb.steady.threads import driven, side_by_side
 
-
-@dataclass(frozen=True)
-class ClassificationOptions:
-    """How a march becomes a steady state. Differences of deflections are relative to the largest and the gap.
-
-    Parameters
-    ----------
-    arrived : difference of deflections up to which a march arrives at a motion known from another start
-    apart : difference of the motions of neighbouring speeds from which the one may have another motion when it starts
-        from the other; and of largest deflections up to which records of irregular motion are of one
-    returned : return error below which a motion may have the shorter period that its solution has
-    finest : times the steps of a march, at most, where twice as many did not confirm what it shows
-    later : cycles after which a march with shorter steps is recorded, once it has settled on those of longer ones
-    more_cycles : that a march with the finest steps goes on where harmonic balance did not find its motion
-    """
-
-    arrived: float = 0.02
-    apart: float = 0.1
-    returned: float = 5e-3
-    finest: int = 4
-    later: int = 32
-    more_cycles: int = 32
-
-
-CLASSIFICATION = ClassificationOptions()
+# Difference of deflections, relative to the largest and the gap, up to which a march arrives at a motion known from
+# another start.
+ARRIVED = 0.02
+# Difference of the motions of neighbouring speeds from which the one may have another motion when it starts from the
+# other; and of largest deflections up to which records of irregular motion are of one.
+APART = 0.1
+RETURNED = 5e-3  # closure error below which a motion may have the shorter period that its solution has
+FINEST = 4  # times the steps of a march, at most, where twice as many did not confirm what it shows
+LATER = 32  # cycles after which a march with shorter steps is recorded, once it has settled on those of longer ones
+MORE_CYCLES = 32  # that a march with the finest steps goes on where harmonic balance did not find its motion
 
 
 class Classifier:
@@ -79,14 +62,49 @@ class Classifier:
             return {index: state for found in driven(groups) for index, state in found.items()}
 
     def _until_sure(self, indices, motions, progress, ask):
-        """Steady states of speeds that share steps, for :func:`driven`."""
+        """Steady states of speeds that share steps, for :func:`driven`; ``ask`` begins a function in another thread and
+        gives its Future. With the finest steps every motion is classified.
+
+        To classify a motion takes as long as many cycles: a march waits for that while the others go on::
+
+            while there are marches that are not done:
+                begin to march those that wait for no classification, until some of them end
+                take the classifications that the last round asked for: their marches are done, or go on
+                when some marches have ended: ask for their classifications
+
+        Which go on side by side does not depend on how long it takes, so that the same call gives the same bits.
+        """
         found, spent, refinement = {}, dict.fromkeys(indices, 0), 1
-        while indices:  # with the finest steps every motion is classified
-            rounds = _Rounds(self, indices, motions, spent, refinement, progress, ask)
-            yield from rounds.of(rounds.batch.marches)
-            found |= rounds.found
-            motions = rounds.further
-            indices, refinement = [index for index in indices if index in motions], 2 * refinement
+        while indices:
+            speeds, finer, asked = self.speeds[indices], {}, ()
+            batch = Batch(self.equations, speeds, refinement * self.equations.steps(speeds.min()), self.devices)
+            for i, index in enumerate(indices):
+                if index in motions:
+                    batch.begin(i, motions[index])
+            cycles = self._cycles_of(batch, min(spent[index] for index in indices), refinement)
+            while marches := [march for march in batch.marches if not march.done]:
+                waiting = {march.place for march, _, _ in asked}
+                going = [march for march in marches if march.place not in waiting]
+                over = ask(ended, batch, going, cycles, self.exact) if going else None
+                for march, classification, answer in asked:
+                    state, index = (yield answer), indices[march.place]
+                    march.done = state is not None or classification.needs_refinement
+                    if state is not None:
+                        found[index] = state
+                        progress(1)
+                    elif classification.needs_refinement:
+                        finer[index] = batch.motion(march)
+                        spent[index] += march.cycles
+                over = (yield over) if going else []
+                if not self.exact:
+                    yield ask(_record, batch, over)
+                asked = []
+                for march, period in over:
+                    index = indices[march.place]
+                    made = _Classification(self, index, batch, march, spent[index], refinement)
+                    asked.append((march, made, ask(made.state, period)))
+            motions, refinement = finer, 2 * refinement
+            indices = [index for index in indices if index in finer]
         return found
 
     @cached_property
@@ -107,9 +125,10 @@ class Classifier:
             groups.setdefault(self.equations.steps(self.speeds[index]), []).append(index)
         return list(groups.values())
 
-    def cycles_of(self, batch, spent, refinement):
+    def _cycles_of(self, batch, spent, refinement):
         """How long marches of a batch are at most, of which ``spent`` cycles are behind."""
-        before = self.cycles.before_record(batch.work, batch.decay)
+        decay = self.equations.decay_cycles(max(march.rpm for march in batch.marches))
+        before = self.cycles.before_record(batch.work, decay)
         if not self.exact:
             return dataclasses.replace(self.cycles, transient=before)
         if refinement == 1:
@@ -117,67 +136,7 @@ class Classifier:
             # steps show it, too, and is recorded then.
             return dataclasses.replace(self.cycles, transient=before, recorded=0)
         # Begins at the motion of longer steps, which has only to become that of these.
-        return dataclasses.replace(self.cycles, transient=max(min(before - spent, CLASSIFICATION.later), 0))
-
-
-class _Rounds:
-    """Marches of speeds that share steps, round by round: steady states ``found``, and motions of those that need
-    ``further``, shorter steps, by index.
-
-    ``spent``: cycles marched before, by index, to which these are added; ``refinement``: times the fewest steps;
-    ``ask`` begins a function in another thread and gives its Future.
-    """
-
-    def __init__(self, classifier, indices, motions, spent, refinement, progress, ask):
-        self.classifier, self.indices, self.spent, self.refinement = classifier, indices, spent, refinement
-        self.progress, self.ask, self.found, self.further = progress, ask, {}, {}
-        speeds, equations = classifier.speeds[indices], classifier.equations
-        self.batch = Batch(equations, speeds, refinement * equations.steps(speeds.min()), classifier.devices)
-        for i, index in enumerate(indices):
-            if index in motions:
-                self.batch.begin(i, motions[index])
-        self.cycles = classifier.cycles_of(self.batch, min(spent[index] for index in indices), refinement)
-
-    def of(self, marches):
-        """Take marches to their ends, for :func:`driven`.
-
-        To classify a motion takes as long as many cycles: a march waits for that while the others go on::
-
-            while there are marches that are not done:
-                begin to march those that wait for no classification, until some of them end
-                take the classifications that the last round asked for: their marches are done, or go on
-                when some marches have ended: ask for their classifications
-
-        Which go on side by side does not depend on how long it takes, so that the same call gives the same bits.
-        """
-        asked = ()
-        while marches := [march for march in marches if not march.done]:
-            waiting = {march.lane for march, _, _ in asked}
-            going = [march for march in marches if march.lane not in waiting]
-            over = self.ask(ended, self.batch, going, self.cycles, self.classifier.exact) if going else None
-            for march, classification, answer in asked:
-                self._take(march, classification, (yield answer))
-            over = (yield over) if going else []
-            if not self.classifier.exact:
-                yield self.ask(_record, self.batch, over)
-            asked = [self._begun(march, period) for march, period in over]
-
-    def _begun(self, march, period):
-        """A classification that has begun."""
-        index = self.indices[march.lane]
-        made = _Classification(self.classifier, index, self.batch, march, self.spent[index], self.refinement)
-        return march, made, self.ask(made.state, period)
-
-    def _take(self, march, classification, state):
-        """Take what a classification gave."""
-        index = self.indices[march.lane]
-        march.done = state is not None or classification.unsure
-        if state is not None:
-            self.found[index] = state
-            self.progress(1)
-        elif classification.unsure:
-            self.further[index] = self.batch.motion(march)
-            self.spent[index] += march.cycles
+        return dataclasses.replace(self.cycles, transient=max(min(before - spent, LATER), 0))
 
 
 def _record(batch, over):
@@ -187,39 +146,39 @@ def _record(batch, over):
 
 
 class _Classification:
-    """What the motion of one march is that may have ended; ``unsure`` where shorter steps have to decide."""
+    """What the motion of one march is that may have ended; ``needs_refinement`` where shorter steps have to decide."""
 
     def __init__(self, classifier, index, batch, march, spent, refinement):
         self.classifier, self.index, self.batch, self.march = classifier, index, batch, march
-        self.refinement, self.spent, self.unsure = refinement, spent, False
-        self.notes, missing = [], batch.equations.missing
-        if lossy(classifier.train):
+        self.refinement, self.spent, self.needs_refinement = refinement, spent, False
+        self.notes, missing = [], batch.equations.modes_and_missing[1]
+        if np.any(classifier.train.shafts.loss_factor) or np.any(classifier.train.dampers.loss_factor):
             self.notes.append("time integration replaces loss factors by damping of each mode at its natural frequency")
         if missing:
             share = f"{100 * missing:.2g} %"
             self.notes.append(f"time integration leaves out modes that hold {share} of the compliance of a mesh")
 
     def state(self, period):
-        """The steady state; None where the march has to go on, or is not sure."""
+        """The steady state; None where the march has to go on, or needs refinement."""
         classifier, march = self.classifier, self.march
-        if not march.returns.finite:
+        if not march.closure.finite:
             reason = "time integration gives no finite motion: check the scene for huge or tiny numbers"
             return unknown(classifier.train, classifier.speeds[self.index], reason)
         if not period:
-            return self._irregular() if self.refinement > 1 or not classifier.exact else self._further()
+            return self._irregular() if self.refinement > 1 or not classifier.exact else self._finer()
         if not classifier.exact:
             return self._recorded(period)
         response, period = self._solved(period)
         if response is None:
             return self._unsolved(period)
-        stays, stability, undecided = self._attracts(response)
+        known = classifier.known.get(self.index)
+        asked = known is not None and known.response is response
+        stays, stability, undecided = (True, known.stability, "") if asked else attracts(response)
         if stays is False:
             return self._passed_by()
         if undecided:
             self.notes.append(f"whether the motion is stable is not decided: {undecided}")
-        apart = any(contact.separated_fraction > 0 for contact in response.contacts().values())
-        kind = "subharmonic" if period > 1 else "periodic" if apart else "contact"
-        return self._made(kind, period, response=response, stability=stability)
+        return self._periodic(period, response.contacts().values(), response=response, stability=stability)
 
     def _made(self, kind, period, **found):
         cycles, motion = self.spent + self.march.cycles, self.batch.motion(self.march)
@@ -227,8 +186,8 @@ class _Classification:
         rpm, known = classifier.speeds[self.index], {"cycles": cycles, "notes": self.notes, "motion": motion}
         return state_of(classifier.train, rpm, kind, period, **known, **found)
 
-    def _further(self):
-        self.unsure = True
+    def _finer(self):
+        self.needs_refinement = True
 
     def _solved(self, period):
         """Response (None where harmonic balance did not find the motion) and period of a march that returns."""
@@ -237,32 +196,26 @@ class _Classification:
             trace, meshes = batch.traced(march, period), batch.equations.meshes
             known = classifier.known.get(self.index)
             common = known is not None and known.response is not None and known.period == period
-            if common and same_motion(known.response, trace, meshes, classifier.train, CLASSIFICATION.arrived):
+            if common and same_motion(known.response, trace, meshes, classifier.train, ARRIVED):
                 return known.response, period
             given = {"steps": batch.steps, "meshes": meshes}
-            levels = SETTLED.levels if self.refinement == CLASSIFICATION.finest else 1
-            response = solve_settled(classifier.train, march, trace, period, classifier.request, levels=levels, **given)
+            levels = LEVELS if self.refinement == FINEST else 1
+            response = solve_marched(classifier.train, march, trace, period, classifier.request, levels=levels, **given)
             shorter = period if response is None else shortest_period(response, period)
             if shorter == period:
                 return response, period
-            if march.returns.errors(shorter)[0] > CLASSIFICATION.returned:
+            if march.closure.errors(shorter)[0] > RETURNED:
                 return None, period
             period = shorter
 
-    def _attracts(self, response):
-        """What :func:`attracts` says of a response, asked once."""
-        known = self.classifier.known.get(self.index)
-        shared = known is not None and known.response is response
-        return (True, known.stability, "") if shared else attracts(response)
-
     def _unsolved(self, period):
         """Where harmonic balance did not find the motion."""
-        if self.refinement < CLASSIFICATION.finest:
-            return self._further()
+        if self.refinement < FINEST:
+            return self._finer()
         if self.march.recorded < self.classifier.cycles.recorded:
-            self.march.not_before = self.march.cycles + CLASSIFICATION.more_cycles
+            self.march.not_before = self.march.cycles + MORE_CYCLES
             return None
-        if not self.march.returns.period_at_end():  # it was only worth the question
+        if not self.march.closure.period_at_end():  # it was only worth the question
             return self._irregular()
         self.notes.append(
             "harmonic balance did not find the motion that time integration shows: the numbers are those of recorded "
@@ -272,8 +225,8 @@ class _Classification:
 
     def _passed_by(self):
         """Where a march came near a motion that repels, which with these steps may attract."""
-        if self.refinement < CLASSIFICATION.finest:
-            return self._further()
+        if self.refinement < FINEST:
+            return self._finer()
         if self.march.recorded < self.classifier.cycles.recorded or self.march.cycles < self.classifier.cycles.most:
             # It takes cycles to leave it, and solving again shows nothing more.
             self.march.not_before = self.classifier.cycles.most
@@ -285,7 +238,7 @@ class _Classification:
         equations, march = self.batch.equations, self.march
         before = self.spent + march.cycles - march.recorded
         decay = equations.decay_cycles(march.rpm)
-        if before < RETURN.decays * decay:
+        if before < DECAYS * decay:
             # Impacts go on exciting such a mode until what they bring in is what it loses.
             slow = f"takes {decay:.3g} cycles to fall to a third" if np.isfinite(decay) else "does not decay"
             longer = f"cycles=jaxhb.Cycles(transient={max(2 * before, 1000):d}) marches longer"
@@ -298,14 +251,11 @@ class _Classification:
     def _recorded(self, period):
         """Motion with a period, read from its record."""
         record = record_of(self.batch.equations, self.march)
-        apart = any(contact.separated_fraction > 0 for contact in record.contacts)
-        kind = "subharmonic" if period > 1 else "periodic" if apart else "contact"
-        return self._made(kind, period, record=record)
+        return self._periodic(period, record.contacts, record=record)
 
-
-def lossy(train):
-    """Whether a train has loss factors."""
-    return bool(np.any(train.shafts.loss_factor) or np.any(train.dampers.loss_factor))
+    def _periodic(self, period, contacts, **found):
+        apart = any(contact.separated_fraction > 0 for contact in contacts)
+        return self._made("subharmonic" if period > 1 else "periodic" if apart else "contact", period, **found)
 
 
 def state_of(train, rpm, kind, period, *, response=None, record=None, cycles=0, notes=(), motion=None, stability=None):

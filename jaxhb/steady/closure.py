@@ -6,63 +6,35 @@ from dataclasses import dataclass
 
 import numpy as np
 
+# Closure errors are shares of the largest deflection and the gap. Soft springs to ground and heavy disks on soft shafts
+# settle over hundreds of cycles, of which the teeth see little: what is left is solved by harmonic balance, whatever
+# the rate of decay.
 
-@dataclass(frozen=True)
-class ReturnOptions:
-    """When a march has a period. Return errors are shares of the largest deflection and the gap.
+PERIODIC = 5e-5  # closure error at which a motion that does not leave it has a period
+NEAR = 3e-4  # closure error below which it has a period that it approaches
+# Closure error that keeps falling below which, where a march ends, it may be near a motion to which it goes on: worth
+# the question of whether there is one that attracts.
+CLOSE = 0.02
+SMALL = 0.3  # closure error above which a decay shows nothing
+ROUNDED = 1e-9  # closure error that rounding leaves
+# Share to which the closure error falls from one window of cycles to the next, twice, where a motion approaches a
+# period; past a motion that repels in one direction the fall slows down.
+FALLING = 0.8
+DECAYING = 0.95  # the same where it may still do so
+LEAVING = 1.05  # growth of the closure error from one window to the next that still is none
+# Cycles in a window at least (as many as the period has), and cycles after which one is looked for, at most.
+WINDOW, LONGEST_PERIOD = 3, 8
 
-    Soft springs to ground and heavy disks on soft shafts settle over hundreds of cycles, of which the teeth see little:
-    what is left is solved by harmonic balance, whatever the rate of decay.
+PERIODS = range(1, LONGEST_PERIOD + 1)
 
-    Parameters
-    ----------
-    settled : return error at which a motion that does not leave it has a period
-    near : return error below which it has a period that it approaches
-    close : return error that keeps falling below which, where a march ends, it may be near a motion to which it goes
-        on: worth the question of whether there is one that attracts
-    small : return error above which a decay shows nothing
-    rounded : return error that rounding leaves
-    falling : share to which the return error falls from one window of cycles to the next, twice, where a motion
-        approaches a period; past a motion that repels in one direction the fall slows down
-    decaying : the same where it may still do so
-    leaving : growth of the return error from one window to the next that still is none
-    window : cycles in a window at least; as many as the period has
-    longest_period : cycles after which a return is looked for, at most
-    transient : cycles before a record, fewest and most
-    work : steps times modes that these cycles may take beyond the fewest
-    decays : times the decay of the slowest mode that teeth notice, that a transient is given
-    slowest : cycles of a transient for the sake of such modes, at most: where cycles take long, and where they do not
-    slow_work : steps times modes that these may take beyond the fewer, some seconds
-    """
-
-    settled: float = 5e-5
-    near: float = 3e-4
-    close: float = 0.02
-    small: float = 0.3
-    rounded: float = 1e-9
-    falling: float = 0.8
-    decaying: float = 0.95
-    leaving: float = 1.05
-    window: int = 3
-    longest_period: int = 8
-    transient: tuple[int, int] = (64, 1024)
-    work: float = 4e6
-    decays: float = 8.0
-    slowest: tuple[int, int] = (512, 1024)
-    slow_work: float = 2e7
-
-    @property
-    def read(self):
-        """Latest cycles that return errors are read from: three windows and the longest period."""
-        return 3 * max(self.window, self.longest_period) + self.longest_period
-
-    @property
-    def periods(self):
-        """Cycles after which a return is looked for."""
-        return range(1, self.longest_period + 1)
-
-
-RETURN = ReturnOptions()
+# Latest cycles that closure errors are read from: three windows and the longest period.
+READ = 3 * max(WINDOW, LONGEST_PERIOD) + LONGEST_PERIOD
+# Cycles before a record, fewest and most, and steps times modes that these may take beyond the fewest.
+TRANSIENT, WORK = (64, 1024), 4e6
+DECAYS = 8.0  # times the decay of the slowest mode that teeth notice, that a transient is given
+# Cycles of a transient for the sake of such modes, at most: where cycles take long, and where they do not; steps times
+# modes that these may take beyond the fewer, some seconds.
+SLOWEST, SLOW_WORK = (512, 1024), 2e7
 
 
 @dataclass(frozen=True)
@@ -71,7 +43,7 @@ class Cycles:
 
     transient : cycles before the record, by default 64 to 1024, more of them for trains whose cycles are cheap; where a
     mode that teeth notice decays slowly, eight times its decay, up to 512 if cycles take long and 1024 if not;
-    recorded : cycles of the record of a motion that does not return, at least; most : cycles while return errors still
+    recorded : cycles of the record of a motion that does not return, at least; most : cycles while closure errors still
     fall, with each length of steps.
     """
 
@@ -84,15 +56,15 @@ class Cycles:
         mode that teeth notice falls by the factor e."""
         if self.transient is not None:
             return self.transient
-        most = np.clip(RETURN.slow_work / work, *RETURN.slowest)
-        return int(max(np.clip(RETURN.work / work, *RETURN.transient), min(RETURN.decays * decay, most)))
+        most = np.clip(SLOW_WORK / work, *SLOWEST)
+        return int(max(np.clip(WORK / work, *TRANSIENT), min(DECAYS * decay, most)))
 
 
-class Returns:
-    """Return errors of a march, cycle by cycle.
+class Closure:
+    """How nearly the cycles of a march close, cycle by cycle.
 
     A cycle is known by (l, l') ``(I, 2G)`` of its meshes at I equidistant time samples, a reconstruction of the state
-    by delays: motion that no mesh sees, free rotation above all, does not count. The return error after k cycles is the
+    by delays: motion that no mesh sees, free rotation above all, does not count. The closure error of period k is the
     largest difference from the cycle k before, relative to the largest of that quantity and the gap (``floor``,
     ``(2G,)`` in m and m/s).
     """
@@ -102,8 +74,8 @@ class Returns:
         self.cycles = []
 
     def add(self, samples):
-        """Take in cycles ``(cycles, I, 2G)``; those that no return error reads any more are dropped."""
-        self.cycles = (self.cycles + list(samples))[-RETURN.read :]
+        """Take in cycles ``(cycles, I, 2G)``; those that no closure error reads any more are dropped."""
+        self.cycles = (self.cycles + list(samples))[-READ:]
 
     @property
     def finite(self):
@@ -113,11 +85,11 @@ class Returns:
     @property
     def scale(self):
         """Size ``(2G,)`` of deflections and rates."""
-        return np.abs(np.array(self.cycles[-2 * RETURN.longest_period :])).max(axis=(0, 1)) + self.floor
+        return np.abs(np.array(self.cycles[-2 * LONGEST_PERIOD :])).max(axis=(0, 1)) + self.floor
 
     def errors(self, k, scale=None):
-        """Largest return error after k cycles in each of the last three windows, the latest first; else inf."""
-        window, scale = max(RETURN.window, k), self.scale if scale is None else scale
+        """Largest closure error of period k in each of the last three windows, the latest first; else inf."""
+        window, scale = max(WINDOW, k), self.scale if scale is None else scale
         last = np.array(self.cycles[-3 * window - k :])
         change = (np.abs(last[k:] - last[:-k]) / scale).max(axis=(1, 2))[::-1]
         windows = (change[i * window : (i + 1) * window] for i in range(3))
@@ -130,43 +102,43 @@ class Returns:
         nearly returns after two cycles while it settles on the period of one.
         """
         errors = self._errors_by_period()
-        for k in RETURN.periods:
-            waits = any(k % j == 0 and decaying(errors[j]) for j in RETURN.periods if j < k)
+        for k in PERIODS:
+            waits = any(k % j == 0 and decaying(errors[j]) for j in PERIODS if j < k)
             # As fast as a decay is, and the passage of a motion that repels is not.
-            if (settled(errors[k]) or falling(errors[k], RETURN.near, RETURN.falling)) and not waits:
+            if (periodic(errors[k]) or falling(errors[k], NEAR, FALLING)) and not waits:
                 return k
         return 0
 
-    def period_at_end(self, close=RETURN.near):
-        """The smallest period that the motion has or approaches, however slowly, from a return error of ``close`` on; 0
-        where there is none: the march goes on no longer."""
+    def period_at_end(self, close=NEAR):
+        """The smallest period that the motion has or approaches, however slowly, from a closure error of ``close`` on;
+        0 where there is none: the march goes on no longer."""
         errors = self._errors_by_period()
-        return next((k for k in RETURN.periods if settled(errors[k]) or falling(errors[k], close, 1.0)), 0)
+        return next((k for k in PERIODS if periodic(errors[k]) or falling(errors[k], close, 1.0)), 0)
 
     def undecided(self):
-        """Whether the motion may still settle on a period: a return error is small and keeps falling."""
+        """Whether the motion may still settle on a period: a closure error is small and keeps falling."""
         return any(map(decaying, self._errors_by_period().values()))
 
     def _errors_by_period(self):
         scale = self.scale
-        return {k: self.errors(k, scale) for k in RETURN.periods}
+        return {k: self.errors(k, scale) for k in PERIODS}
 
 
-def settled(errors):
-    """Whether the latest return error, of those of successive windows, is small and not on its way out."""
+def periodic(errors):
+    """Whether the latest closure error, of those of successive windows, is small and not on its way out."""
     now, before, _ = errors
-    return now <= RETURN.settled and now <= RETURN.leaving * before < np.inf or now <= RETURN.rounded
+    return now <= PERIODIC and now <= LEAVING * before < np.inf or now <= ROUNDED
 
 
 def falling(errors, close, share):
-    """Whether return errors of successive windows, the latest first and below ``close``, fall to a share each."""
+    """Whether closure errors of successive windows, the latest first and below ``close``, fall to a share each."""
     now, before, first = errors
     return now <= close and now <= share * before and before <= share * first < np.inf
 
 
 def decaying(errors):
-    """Whether return errors may be those of an approach: they fall, if slowly."""
-    return falling(errors, RETURN.small, RETURN.decaying)
+    """Whether closure errors may be those of an approach: they fall, if slowly."""
+    return falling(errors, SMALL, DECAYING)
 
 
 def ended(batch, running, cycles, exact=False):
@@ -191,16 +163,16 @@ def ended(batch, running, cycles, exact=False):
 
 def _period(march, cycles, exact):
     """The period of a march, 0 where it ends without, None where it goes on."""
-    if not march.returns.finite:
+    if not march.closure.finite:
         return 0
     if march.cycles < march.not_before:
         return None
     # Where harmonic balance confirms a motion or refuses it, being near one is worth the question as soon as the cycles
     # are done, whether or not the march goes on.
-    close = RETURN.close if exact else RETURN.near
+    close = CLOSE if exact else NEAR
     complete = march.cycles >= cycles.transient and march.recorded >= cycles.recorded
-    period = march.returns.period_at_end(close) if complete and exact else march.returns.period()
+    period = march.closure.period_at_end(close) if complete and exact else march.closure.period()
     if period:
         return period
-    over = complete and (march.cycles >= cycles.most or not march.returns.undecided())
-    return march.returns.period_at_end(close) if over else None
+    over = complete and (march.cycles >= cycles.most or not march.closure.undecided())
+    return march.closure.period_at_end(close) if over else None

@@ -1,4 +1,4 @@
-"""Marches of one train at several speeds: its equations in modal form, lanes that run side by side."""
+"""Marches of one train at several speeds: its equations in modal form, batches that run side by side, and records."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -8,48 +8,31 @@ import jax
 import numpy as np
 
 from jaxhb._program import WHOLE, across, along
-from jaxhb.balance.request import TIME_STEPS
+from jaxhb.balance.plan import TIME_STEPS
+from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.equations.modal_form import march_modes, modes_of
 from jaxhb.equations.reduced_model import reduced_model
 from jaxhb.equations.residual import backlash_meshes
 from jaxhb.equations.state_space import partition
 from jaxhb.excitation.torques import listed_harmonic
-from jaxhb.integration import batch, record as recording
-from jaxhb.integration.batch import LANES
+from jaxhb.integration import batch, cycles
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
-from jaxhb.steady.closure import Returns
+from jaxhb.results.record import Record, RecordedSignal, SteadyContact
+from jaxhb.steady.closure import Closure
 from jaxhb.train import chain
 
-
-@dataclass(frozen=True)
-class MarchOptions:
-    """How speeds are marched.
-
-    Parameters
-    ----------
-    steps_per_mode_period : steps per period of the highest mesh mode, at least. On ``gear_train_30``, five speeds from
-        1422 to 2039 rpm, extremes of the elastic tooth forces are then good to 0.7 % (5.3 steps), with 4 to 1.2 %, with
-        3.5 to 1.8 %, with 8 to 0.2 %
-    steps : of a cycle, at least
-    batches : lanes of a batch, each a program, and how many speeds at least it is faster for than smaller batches; on
-        each device
-    recorded_lanes : of a recorded batch at most, for the sake of memory
-    modal_disks : disks up to which all modes are marched
-    kept_modes : of larger trains those modes are kept, as far as meshes see them, which so many steps per period of the
-        highest mesh mode resolve, with four steps per period of their own: up to 1.5 times its frequency
-    noticed : share of a mesh's own compliance from which teeth notice a mode
-    """
-
-    steps_per_mode_period: float = 5
-    steps: int = 256
-    batches: tuple[tuple[int, int], ...] = ((64, 41), (16, 8), (1, 1))
-    recorded_lanes: int = 16
-    modal_disks: int = 300
-    kept_modes: float = 6
-    noticed: float = 1e-4
-
-
-MARCH = MarchOptions()
+# Steps per period of the highest mesh mode, and of a cycle, at least. On ``gear_train_30``, five speeds from 1422 to
+# 2039 rpm, extremes of the elastic tooth forces are then good to 0.7 % (5.3 steps), with 4 to 1.2 %, with 3.5 to 1.8 %,
+# with 8 to 0.2 %.
+STEPS_PER_MODE_PERIOD, STEPS = 5, 256
+# Speeds of a batch, each a program, and how many speeds at least it is faster for than smaller ones; on each device.
+BATCHES = (64, 41), (16, 8), (1, 1)
+RECORDED_SPEEDS = 16  # of a recorded batch at most, for the sake of memory
+MODAL_DISKS = 300  # disks up to which all modes are marched
+# Of larger trains those modes are kept, as far as meshes see them, which so many steps per period of the highest mesh
+# mode resolve, with four steps per period of their own: up to 1.5 times its frequency.
+KEPT_MODES = 6
+OBSERVABLE = 1e-4  # share of a mesh's own compliance from which teeth notice a mode
 
 
 class Equations:
@@ -69,30 +52,22 @@ class Equations:
         self.linear = np.flatnonzero(~np.array(topology.mesh_backlash, dtype=bool))
         self.shafts = len(topology.link_names) - len(topology.mesh_names)
         self.gears = sorted({disk for ends in topology.mesh_ends for disk in ends})
-        self.small = topology.n_disks <= MARCH.modal_disks
 
-    @cached_property
+    @property
     def modes(self):
-        """The damped :class:`~jaxhb.equations.modal_form.Modes`: all, or of a finely divided train the slow ones that
-        its meshes see most."""
-        frequency = self.train.topology.cycle_frequency(1000.0)
-        if self.small:
-            return march_modes(self.system, self.meshes, frequency, self.parts)
-        return self._reduced[0]
+        """The damped :class:`~jaxhb.equations.modal_form.Modes`."""
+        return self.modes_and_missing[0]
 
     @cached_property
-    def missing(self):
-        """Share of a mesh's own compliance that modes have which a march leaves out, the largest."""
-        return 0.0 if self.small else self._reduced[1]
-
-    @cached_property
-    def _reduced(self):
+    def modes_and_missing(self):
+        """All modes, or of a finely divided train the slow ones that its meshes see most; and the share of a mesh's own
+        compliance that those have which a march leaves out, the largest."""
         frequency = self.train.topology.cycle_frequency(1000.0)
-        wanted = MARCH.kept_modes * self.highest_hz * 2 * np.pi / frequency
-        steps = next(n for n in TIME_STEPS.counts if n >= min(wanted, TIME_STEPS.counts[-1]))
-        active = np.ones(len(self.own))
-        links = np.asarray(self.meshes.link)
-        model = reduced_model(self.system, links, active, frequency, steps)
+        if self.train.topology.n_disks <= MODAL_DISKS:
+            return march_modes(self.system, self.meshes, frequency, self.parts), 0.0
+        wanted = KEPT_MODES * self.highest_hz * 2 * np.pi / frequency
+        steps = next(n for n in TIME_STEPS if n >= min(wanted, TIME_STEPS[-1]))
+        model = reduced_model(self.system, np.asarray(self.meshes.link), np.ones(len(self.own)), frequency, steps)
         # What is left out is the residual flexibility of a mesh times its stiffness: a share of its own compliance.
         stiff = np.abs(np.diag(np.asarray(model.residual_flexibility))) * np.asarray(self.meshes.law.stiffness)
         return modes_of(model.space, np.asarray(model.motion)), float(stiff.max(initial=0.0))
@@ -105,11 +80,9 @@ class Equations:
         up; rotation of the train and rings without spring, that decay over hours, bend no tooth.
         """
         modes, meshes = self.modes, len(self.own)
-        static = np.abs(
-            modes.observation[:meshes].T[:, :, None] * modes.forcing[:, None, :] / modes.rates[:, None, None]
-        )
-        share = (static * np.asarray(self.meshes.law.stiffness)).max(axis=(1, 2))
-        slowest = np.max(modes.rates.real[share > MARCH.noticed], initial=-np.inf)
+        static = modes.observation[:meshes].T[:, :, None] * modes.forcing[:, None, :] / modes.rates[:, None, None]
+        share = (np.abs(static) * np.asarray(self.meshes.law.stiffness)).max(axis=(1, 2))
+        slowest = np.max(modes.rates.real[share > OBSERVABLE], initial=-np.inf)
         return -1 / slowest if slowest < 0 else np.inf
 
     def decay_cycles(self, rpm):
@@ -125,9 +98,9 @@ class Equations:
         """Steps of a cycle at a speed."""
         topology = self.train.topology
         highest = 2 * np.pi * self.highest_hz / topology.cycle_frequency(rpm)
-        least = max(MARCH.steps_per_mode_period * highest, 4 * listed_harmonic(topology), MARCH.steps)
-        more = (TIME_STEPS.counts[-1] * 2**k for k in range(1, 20))
-        return next(n for n in (*TIME_STEPS.counts, *more) if n >= least)
+        least = max(STEPS_PER_MODE_PERIOD * highest, 4 * listed_harmonic(topology), STEPS)
+        more = (TIME_STEPS[-1] * 2**k for k in range(1, 20))
+        return next(n for n in (*TIME_STEPS, *more) if n >= least)
 
     def linear_motion(self, rpm):
         """The :class:`~jaxhb.integration.batch.LinearMotion` of speeds."""
@@ -141,33 +114,32 @@ class Equations:
         return sense * np.asarray(self.train.disks.radius)[self.gears][:, None]
 
     def outputs(self, linear_motion, steps):
-        """The :class:`~jaxhb.integration.record.Outputs` of speeds."""
+        """The :class:`~jaxhb.integration.cycles.Outputs` of speeds."""
         linear = self.shafts + self.linear
-        return recording.outputs_of(self.modes, self.system, self.shafts, linear, self.gear_sums, linear_motion, steps)
+        return cycles.outputs_of(self.modes, self.system, self.shafts, linear, self.gear_sums, linear_motion, steps)
 
 
 @dataclass
 class SpeedMarch:
-    """One speed on its way: state ``(2m,)``, cycles done, what was seen of them, the trace of the last, its record.
+    """One speed on its way: state ``(2m,)``, cycles done, how they close, the trace of the last, recorded numbers.
 
     not_before : cycles from which a period counts again, after one that harmonic balance did not find, or that repels.
     """
 
-    lane: int
+    place: int
     rpm: float
     state: np.ndarray
-    returns: Returns
+    closure: Closure
     cycles: int = 0
     not_before: int = 0
     done: bool = False
     trace: np.ndarray | None = None
-    statistics: list = dataclasses.field(default_factory=list)
-    contacts: list = dataclasses.field(default_factory=list)
+    numbers: list = dataclasses.field(default_factory=list)
 
     @property
     def recorded(self):
         """Cycles of the record."""
-        return sum(len(part.max) for part in self.statistics)
+        return sum(len(part["max"]) for part in self.numbers)
 
 
 class Batch:
@@ -176,11 +148,13 @@ class Batch:
     def __init__(self, equations, rpm, steps, devices=()):
         self.equations, self.steps, self.devices = equations, steps, devices
         self.linear_motion = equations.linear_motion(rpm)
-        self.lanes = batch.lanes_of(equations.modes, equations.system, equations.meshes, self.linear_motion, steps)
+        self.stepper = batch.batch_stepper(
+            equations.modes, equations.system, equations.meshes, self.linear_motion, steps
+        )
         gap = (1 - equations.meshes.law.epsilon) * equations.meshes.law.backlash
         begun = batch.state_of(equations.modes, batch.motions_on_flank(self.linear_motion), self.linear_motion)
         self.marches = [
-            SpeedMarch(i, float(speed), begun[:, i], Returns(np.concatenate([gap, omega * gap])))
+            SpeedMarch(i, float(speed), begun[:, i], Closure(np.concatenate([gap, omega * gap])))
             for i, (speed, omega) in enumerate(zip(rpm, self.linear_motion.frequency, strict=True))
         ]
 
@@ -189,11 +163,6 @@ class Batch:
         """Steps times modes of a cycle."""
         return self.steps * len(self.equations.modes.rates)
 
-    @property
-    def decay(self):
-        """Of the slowest mode that teeth notice, in cycles of the highest speed."""
-        return self.equations.decay_cycles(max(march.rpm for march in self.marches))
-
     def begin(self, index, motion):
         """Let a march begin at a motion (x, x') ``(2S,)``."""
         one = _of(self.linear_motion, [index])
@@ -201,89 +170,143 @@ class Batch:
 
     def motion(self, march):
         """(x, x') ``(2S,)`` where a march stands, at the beginning of a cycle."""
-        return batch.motion_of(self.equations.modes, march.state[:, None], _of(self.linear_motion, [march.lane]))[0]
+        return batch.motion_of(self.equations.modes, march.state[:, None], _of(self.linear_motion, [march.place]))[0]
 
-    def run(self, marches, record=False, cycles=LANES.cycles):
+    def run(self, marches, record=False, count=cycles.CYCLES):
         """Some more cycles of some marches, recorded or not."""
-        batches, count = MARCH.batches, max(len(self.devices), 1)
-        left, most = list(marches), MARCH.recorded_lanes if record else batches[0][0]
+        devices, left, most = max(len(self.devices), 1), list(marches), RECORDED_SPEEDS if record else BATCHES[0][0]
         while left:
-            fits = (size for size, least in batches if size <= most and len(left) >= least * count)
-            size = next(fits, batches[-1][0]) * count
-            self._run(left[:size], size, record, cycles)
+            fits = (size for size, least in BATCHES if size <= most and len(left) >= least * devices)
+            size = next(fits, BATCHES[-1][0]) * devices
+            self._run(left[:size], size, record, count)
             left = left[size:]
 
-    def _run(self, marches, size, record, cycles):
-        indices = [march.lane for march in marches] + [marches[-1].lane] * (size - len(marches))
-        cut, count = _lanes(self.lanes, indices), np.array(cycles)
+    def _run(self, marches, size, record, count):
+        indices = [march.place for march in marches] + [marches[-1].place] * (size - len(marches))
         state = np.stack([self.marches[index].state for index in indices], axis=1)
+        given = (_cut(self.stepper, indices), state, np.array(count))
+        specs = (_specs(given[0], _PER_SPEED, last=True), along(1), WHOLE)
         if record:
             outputs = self.equations.outputs(_of(self.linear_motion, indices), self.steps)
-            state, samples, trace, statistics, contacts = self._recording(cut, outputs)(cut, outputs, state, count)
-            statistics, contacts = jax.tree.map(np.asarray, (statistics, contacts))
-        else:
-            state, samples, trace = self._marching(cut)(cut, state, count)
-        state, samples, trace = (np.asarray(a) for a in (state, samples, trace))
+            given, specs = (*given, outputs), (*specs, _specs(outputs, ("linear", "mesh_linear")))
+        program = cycles.march
+        if len(self.devices) > 1:
+            program = across(program, self.devices, specs, (along(1), along(3), along(2), along(1), along(0)))
+        state, samples, trace, numbers, power = jax.tree.map(np.asarray, program(*given))
         for i, march in enumerate(marches):
             march.state, march.trace = state[:, i], trace[..., i]
-            march.returns.add(samples[:cycles, ..., i])
-            march.cycles += cycles
+            march.closure.add(samples[:count, ..., i])
+            march.cycles += count
             if record:
-                march.statistics.append(_of_lane(statistics, i, cycles))
-                march.contacts.append(_of_lane(contacts, i, cycles))
+                march.numbers.append({name: a[:count, i] for name, a in numbers.items()} | {"power": power[i]})
 
-    def _marching(self, cut):
-        """The program that marches some of the lanes."""
-        if len(self.devices) < 2:
-            return batch.march
-        given = _specs(cut, _PER_LANE, last=True), along(1), WHOLE
-        return across(batch.march, self.devices, given, (along(1), along(3), along(2)))
-
-    def _recording(self, cut, outputs):
-        """The program that marches and records some of the lanes."""
-        if len(self.devices) < 2:
-            return recording.record
-        given = _specs(cut, _PER_LANE, last=True), _specs(outputs, ("linear", "mesh_linear")), along(1), WHOLE
-        statistics = recording.CycleStatistics(*[along(1)] * 4, power=along(0))
-        return across(recording.record, self.devices, given, (along(1), along(3), along(2), statistics, along(1)))
-
-    def traced(self, march, cycles):
-        """(l, l') ``(2G, cycles x steps)`` of the next cycles, which the march goes through; of the last one if 1."""
-        if cycles == 1:
+    def traced(self, march, count):
+        """(l, l') ``(2G, count x steps)`` of the next cycles, which the march goes through; of the last one if 1."""
+        if count == 1:
             return march.trace[:-1].T
-        parts, cut, state = [], _lanes(self.lanes, [march.lane]), march.state[:, None]
-        for _ in range(cycles):
-            state, samples, trace = batch.march(cut, state, np.array(1))
-            march.returns.add(np.asarray(samples)[:1, ..., 0])
+        parts, cut, state = [], _cut(self.stepper, [march.place]), march.state[:, None]
+        for _ in range(count):
+            state, samples, trace, *_ = cycles.march(cut, state, np.array(1))
+            march.closure.add(np.asarray(samples)[:1, ..., 0])
             parts.append(np.asarray(trace)[:-1, :, 0].T)
-        march.state, march.cycles = np.asarray(state)[:, 0], march.cycles + cycles
+        march.state, march.cycles = np.asarray(state)[:, 0], march.cycles + count
         return np.concatenate(parts, axis=1)
 
 
 def _of(linear_motion, indices):
-    return dataclasses.replace(
-        linear_motion,
-        **{field.name: getattr(linear_motion, field.name)[indices] for field in dataclasses.fields(linear_motion)},
-    )
+    return jax.tree.map(lambda a: a[indices], linear_motion)
 
 
-_PER_LANE = "full", "half", "weights", "first", "second", "third", "end", "linear"
+_PER_SPEED = "full", "half", "weights", "first", "second", "third", "end", "linear"
 
 
-def _lanes(every, indices):
-    """Some of the Lanes."""
-    return dataclasses.replace(every, **{name: getattr(every, name)[..., indices] for name in _PER_LANE})
+def _cut(every, indices):
+    """Some of the BatchStepper."""
+    return dataclasses.replace(every, **{name: getattr(every, name)[..., indices] for name in _PER_SPEED})
 
 
-def _specs(tree, per_lane, last=False):
+def _specs(tree, per_speed, last=False):
     """How the arrays of a dataclass are cut: those of the names along their first or last axis."""
     named = {f.name: getattr(tree, f.name) for f in dataclasses.fields(tree)}
-    cut = {name: along(np.ndim(named[name]) - 1 if last else 0) for name in per_lane}
+    cut = {name: along(np.ndim(named[name]) - 1 if last else 0) for name in per_speed}
     return dataclasses.replace(tree, **dict.fromkeys(named, WHOLE) | cut)
 
 
-def _of_lane(numbers, i, cycles):
-    """Host numbers of some cycles of one lane; the lanes of what is not per cycle come first."""
-    values = {f.name: getattr(numbers, f.name) for f in dataclasses.fields(numbers)}
-    own = {name: a[i] if name == "power" else a[:cycles, i] for name, a in values.items()}
-    return dataclasses.replace(numbers, **own)
+def record_of(equations, march):
+    """The :class:`~jaxhb.results.record.Record` of a march's recorded cycles."""
+    topology, signals = equations.train.topology, _signals(march, equations.train.topology.revolutions_per_cycle)
+    shafts, own, linear = equations.shafts, len(equations.own), len(equations.linear)
+
+    def take(count):
+        return tuple(next(signals) for _ in range(count))
+
+    disks, rates = take(topology.n_disks), take(topology.n_disks)
+    twists, twist_rates, torques = take(shafts), take(shafts), take(shafts)
+    stiffness, radius = np.asarray(equations.system.stiffness), np.asarray(equations.system.radius)
+    ends = radius[equations.system.tree.end_a]
+    torques = tuple(
+        dataclasses.replace(torque, elastic_part=twist.scaled(k * r**2))
+        for torque, twist, k, r in zip(torques, twists, stiffness[:shafts], ends[:shafts], strict=True)
+    )
+    deflections, forces = [None] * (own + linear), [None] * (own + linear)
+    straight = take(linear), take(linear)
+    for index, deflection, force in zip(equations.linear, *straight, strict=True):
+        deflections[index] = deflection
+        elastic = deflection.scaled(stiffness[shafts + index])
+        forces[index] = dataclasses.replace(force, elastic_part=elastic)
+    for index, deflection, elastic, total in zip(equations.own, take(own), take(own), take(own), strict=True):
+        deflections[index], forces[index] = deflection, dataclasses.replace(total, elastic_part=elastic)
+    count = len(equations.gears)
+    total, elastic = take(count), take(count)
+    gears = (dataclasses.replace(t, elastic_part=e) for t, e in zip(total, elastic, strict=True))
+    contacts = _contacts(equations, march, forces)
+    gears = dict(zip(equations.gears, gears, strict=True))
+    turning = 2 * np.pi / 60 * march.rpm * speed_ratios(equations.train)[np.array(topology.rotor, dtype=int)]
+    speeds = tuple(rate.shifted(mean) for rate, mean in zip(rates, turning, strict=True))
+    heat = _heat(equations, topology.cycle_frequency(march.rpm), ends[:shafts], twists, twist_rates)
+    found = tuple(deflections), tuple(forces), gears, contacts
+    return Record(topology, march.recorded, disks, speeds, twists, torques, *found, heat)
+
+
+def _heat(equations, frequency, ends, twists, rates):
+    """Mean power in W that shafts and dampers turn into heat: viscous from the rates, loss factors from the orders."""
+    viscous, loss = np.asarray(equations.system.viscous), np.asarray(equations.system.loss * equations.system.stiffness)
+    found = []
+    for k, (radius, twist, rate) in enumerate(zip(ends, twists, rates, strict=True)):
+        lossy = frequency * np.sum(np.arange(1, len(twist.amplitudes) + 1) * twist.amplitudes**2) / 2
+        found.append(float(radius**2 * (viscous[k] * rate.rms**2 + loss[k] * lossy)))
+    return tuple(found)
+
+
+def _signals(march, revolutions):
+    """The quantities of a record, one after another."""
+    numbers = _together(march, "max", "min", "mean", "square")
+    power = sum(part["power"] for part in march.numbers) / march.recorded
+    for i, (highest, lowest, mean, square) in enumerate(zip(*(a.T for a in numbers), strict=True)):
+        yield RecordedSignal(
+            highest=highest,
+            lowest=lowest,
+            mean=float(mean.mean()),
+            rms=float(np.sqrt(square.mean())),
+            amplitudes=2 * np.sqrt(power[i, 1:]),
+            revolutions_per_cycle=revolutions,
+        )
+
+
+def _together(march, *names):
+    """Numbers of all recorded cycles of a march."""
+    return [np.concatenate([part[name] for part in march.numbers]) for name in names]
+
+
+def _contacts(equations, march, forces):
+    """:class:`SteadyContact` of every mesh."""
+    above, below, impacts, hardest = _together(march, "above", "below", "impacts", "hardest")
+    found = [SteadyContact(0.0, 0.0, 0.0, 0.0, int(np.sign(force.mean))) for force in forces]
+    for g, index in enumerate(equations.own):
+        shares = above[:, g].mean(), below[:, g].mean()
+        drive = int(np.sign(forces[index].mean))
+        reverse = shares[0] if drive < 0 else shares[1]
+        found[index] = SteadyContact(
+            float(1 - sum(shares)), float(reverse), float(impacts[:, g].mean()), float(hardest[:, g].max()), drive
+        )
+    return tuple(found)

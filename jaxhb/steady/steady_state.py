@@ -7,13 +7,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, overload
+from typing import Any, Literal, TypedDict, Unpack, overload
 
 import numpy as np
 
 from jaxhb._jax import Array, Numbers, staged, traced
-from jaxhb.balance.planned import solve_batches
-from jaxhb.balance.request import Request
+from jaxhb.balance.plan import Request
+from jaxhb.balance.program import solve_batches
 from jaxhb.elements.elements import SceneError
 from jaxhb.equations import fourier
 from jaxhb.results.response import Response
@@ -21,9 +21,9 @@ from jaxhb.results.status import Status
 from jaxhb.results.steady import SteadyState, SteadySweep
 from jaxhb.solutions.planning import plan_speeds
 from jaxhb.steady.checkpoint import CHUNK, Checkpoint
-from jaxhb.steady.classification import CLASSIFICATION, Classifier, state_of, unknown
+from jaxhb.steady.classification import APART, ARRIVED, Classifier, state_of, unknown
 from jaxhb.steady.closure import Cycles
-from jaxhb.steady.settled import difference
+from jaxhb.steady.confirmation import difference
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
@@ -34,60 +34,34 @@ OnStates = Callable[[dict[int, SteadyState], str], object]
 """Told of steady states by the number of their speed, and of the direction in which they were found."""
 
 
+class _Options(TypedDict, total=False):
+    start: SteadyState | Response | None
+    harmonics: int | None
+    tolerance: float | None
+    exact: bool
+    cycles: Cycles | None
+    progress: Callable[[int], object] | None
+    out: str | Path | None
+    chunk: int | None
+    on_states: OnStates | None
+    devices: Sequence[Any]
+
+
 @overload
 def steady_state(
-    train: DriveTrain,
-    *,
-    rpm: float,
-    direction: Literal["up", "down"] = ...,
-    start: SteadyState | Response | None = ...,
-    harmonics: int | None = ...,
-    tolerance: float | None = ...,
-    exact: bool = ...,
-    cycles: Cycles | None = ...,
-    progress: Callable[[int], object] | None = ...,
-    out: str | Path | None = ...,
-    chunk: int | None = ...,
-    on_states: OnStates | None = ...,
-    devices: Sequence[Any] = ...,
+    train: DriveTrain, *, rpm: float, direction: Literal["up", "down"] = ..., **options: Unpack[_Options]
 ) -> SteadyState: ...
-
-
 @overload
 def steady_state(
     train: DriveTrain,
     *,
     rpm: Sequence[float] | Array,
     direction: Literal["up", "down"] = ...,
-    start: SteadyState | Response | None = ...,
-    harmonics: int | None = ...,
-    tolerance: float | None = ...,
-    exact: bool = ...,
-    cycles: Cycles | None = ...,
-    progress: Callable[[int], object] | None = ...,
-    out: str | Path | None = ...,
-    chunk: int | None = ...,
-    on_states: OnStates | None = ...,
-    devices: Sequence[Any] = ...,
+    **options: Unpack[_Options],
 ) -> SteadySweep: ...
-
-
 @overload
 def steady_state(
-    train: DriveTrain,
-    *,
-    rpm: Sequence[float] | Array,
-    direction: Literal["both"],
-    start: SteadyState | Response | None = ...,
-    harmonics: int | None = ...,
-    tolerance: float | None = ...,
-    exact: bool = ...,
-    cycles: Cycles | None = ...,
-    progress: Callable[[int], object] | None = ...,
-    out: str | Path | None = ...,
-    chunk: int | None = ...,
-    on_states: OnStates | None = ...,
-    devices: Sequence[Any] = ...,
+    train: DriveTrain, *, rpm: Sequence[float] | Array, direction: Literal["both"], **options: Unpack[_Options]
 ) -> tuple[SteadySweep, SteadySweep]: ...
 
 
@@ -110,8 +84,8 @@ def steady_state(
     """What a drive train does at each speed after it has run long enough.
 
     Teeth that stay in contact are known from the linear motion. Otherwise the train is marched through cycles of the
-    excitation until its motion returns after 1 to 8 of them; harmonic balance of so many cycles, from there, gives the
-    exact motion. Where it does not return, the numbers are those of a record of at least 64 cycles.
+    excitation until its motion closes after 1 to 8 of them; harmonic balance of so many cycles, from there, gives the
+    exact motion. Where it does not close, the numbers are those of a record of at least 64 cycles.
 
     Parameters
     ----------
@@ -135,15 +109,15 @@ def steady_state(
     progress : callable, optional
         Called with the number of speeds done since the last call.
     out : path, optional
-        A folder in which the steady states of marched speeds are kept as they are found: the same call goes on where
-        it was stopped, with the same numbers to the last bit.
+        A folder in which the steady states of marched speeds are kept as they are found: the same call goes on where it
+        was stopped, with the same numbers to the last bit.
     chunk : int, optional
-        How many speeds are marched together, reported and kept; less is lost with fewer, and it takes longer.
-        Default: 64 with ``out``, all without.
+        How many speeds are marched together, reported and kept; default: 64 with ``out``, all without. Fewer take
+        longer.
     on_states : callable, optional
         Called with ``{number of the speed: SteadyState}`` of what was found since the last call, and with "up" or
-        "down". Of several speeds one may be reported again, when its neighbour has a motion that it takes over: what
-        was reported last is what is returned.
+        "down". A speed may be reported again, when its neighbour has a motion that it takes over: the last report
+        counts.
     devices : sequence of jax devices
         Across which marches and batches of a sweep are shared, as ``jax.devices()``; by default one does it all.
 
@@ -156,20 +130,19 @@ def steady_state(
     SceneError
         A speed that is not greater than 0 or above 1e6 rpm.
     ValueError
-        An unknown direction. A :class:`CheckpointError` is one, too: ``out`` holds answers for another train, another
-        version or other options, or cannot be written.
+        An unknown direction; :class:`CheckpointError`: ``out`` holds other answers, or cannot be written.
     TypeError
         Under ``jit``, ``vmap`` or ``grad``.
 
     Notes
     -----
-    The march is exponential integration around the linear train, five steps per period of the highest mesh mode or
-    more. Where harmonic balance does not confirm what it shows, or disturbances of the solution grow, or the march does
-    not settle, it goes on with twice and four times as many steps: beside a bifurcation the kind of motion is that of
-    the steps. A transient that outlasts the march counts as irregular; where a mode that teeth notice had not decayed
-    when the record began, a note says so. In a sweep all speeds first start from teeth on their drive sides, and those
-    whose neighbour has another motion then start from that one, too. Motions of neighbours that never differ by more
-    than a tenth of the largest deflection count as one.
+    The march takes five steps per period of the highest mesh mode or more. Where harmonic balance does not confirm what
+    it shows, or disturbances of the solution grow, or the march does not become periodic, it goes on with twice and
+    four times as many: beside a bifurcation the kind of motion is that of the steps. A transient that outlasts the
+    march counts as irregular; where a mode that teeth notice had not decayed when the record began, a note says so. In
+    a sweep all speeds first start from teeth on their drive sides, and those whose neighbour has another motion then
+    from that one, too. Motions of neighbours that never differ by more than a tenth of the largest deflection count as
+    one.
 
     Examples
     --------
@@ -212,27 +185,20 @@ class _SpeedSweep:
 
     def __init__(self, classifier, march, start, progress, chunk, on_states):
         self.classifier, self._march, self.chunk = classifier, march, chunk
-        self.train, self.speeds, self.request = classifier.train, classifier.speeds, classifier.request
+        self.train, self.speeds, request = classifier.train, classifier.speeds, classifier.request
         self.progress = progress or (lambda count: None)
         self._on_states, self._told, self.way = on_states or (lambda states, way: None), {}, "up"
         self.start = None if start is None else (_motion_of(self.train, start), float(start.rpm))
-        plans = plan_speeds(self.train, self.speeds, self.request)
+        plans = plan_speeds(self.train, self.speeds, request)
         classifier.apart = {index for index, plan in enumerate(plans) if plan.active and plan.marches}
-        self.contact = self._in_contact(plans)
-
-    def _in_contact(self, plans):
-        """Responses of the speeds at which the linear motion holds the teeth in contact, by index."""
-        found = {}
+        self.contact = {}  # responses of the speeds at which the linear motion holds the teeth in contact, by index
         for shared in {plan for plan in plans if not plan.active}:
             indices = [i for i, plan in enumerate(plans) if plan == shared]
-            batches = solve_batches(
-                self.train, self.speeds[indices], shared, shared.sizes.max_steps, self.classifier.devices
-            )
+            batches = solve_batches(self.train, self.speeds[indices], shared, devices=self.classifier.devices)
             responses = (response for batch in batches for response in batch)
             for index, response in zip(indices, responses, strict=True):
                 if int(response.status) != Status.PLAN_VIOLATED:
-                    found[index] = response
-        return found
+                    self.contact[index] = response
 
     def tell(self, states):
         """Report steady states by index."""
@@ -309,6 +275,10 @@ class _SpeedSweep:
         return state_of(self.train, rpm, "contact", 1, response=response, motion=_motion_of(self.train, response))
 
 
+def _kind(state):
+    return state.kind, state.period
+
+
 def _beside(other, state):
     """A steady state with a note that it is not the one to which teeth on their drive sides come."""
     what = "another motion" if _kind(other) == _kind(state) else f"a motion that is {other.kind}"
@@ -321,17 +291,13 @@ def _beside(other, state):
 
 def _differs(before, state):
     """Whether a speed may have another motion when it starts from the one before."""
-    return _kind(before) != _kind(state) or state.kind != "contact" and _distance(before, state) > CLASSIFICATION.apart
+    return _kind(before) != _kind(state) or state.kind != "contact" and _distance(before, state) > APART
 
 
 def _alike(one, other):
     """Whether two steady states of one speed are the same motion."""
-    most = CLASSIFICATION.apart if one.kind == "irregular" else CLASSIFICATION.arrived
+    most = APART if one.kind == "irregular" else ARRIVED
     return _kind(one) == _kind(other) and _distance(one, other) <= most
-
-
-def _kind(state):
-    return state.kind, state.period
 
 
 def _distance(one, other):

@@ -7,8 +7,7 @@ from contextvars import copy_context
 
 import jax
 
-MOST_THREADS = 8
-"""In which marches and classifications run: each holds some memory."""
+MOST_THREADS = 8  # in which marches and classifications run: each holds some memory
 
 
 @contextmanager

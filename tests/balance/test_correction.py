@@ -11,7 +11,7 @@ from tolerances import ALGEBRAIC, RESIDUAL
 from trains import branched_parts, build
 
 from jaxhb import Disk, Mesh, Shaft
-from jaxhb.balance import correction, preconditioner
+from jaxhb.balance import correction
 from jaxhb.balance.problem import ActiveMeshes, problem_at, reduced_equation
 from jaxhb.equations import fourier, reduced_model as reduced_models
 from jaxhb.equations.reduced_model import reduced_model, resting_on_flank
@@ -52,7 +52,7 @@ def test_a_long_train_without_any_damping_has_a_basis():
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(found))
 
 
-@pytest.mark.parametrize("meshes", [3, 5])
+@pytest.mark.parametrize("meshes", [3])
 def test_any_number_of_meshes_is_swept_in_blocks_of_any_length(meshes, monkeypatch):
     names = [str(k) for k in range(meshes + 1)]
     parts = [Disk(name=name, inertia=0.01, radius=0.1, damping=0.1) for name in names]
@@ -64,13 +64,12 @@ def test_any_number_of_meshes_is_swept_in_blocks_of_any_length(meshes, monkeypat
     draw = np.random.default_rng(3)
     slopes, motion = -1e6 * draw.uniform(size=(meshes, 512)), draw.normal(size=(2 * meshes, 512))
     found = []
-    for shortest in (preconditioner.PASS.shortest, preconditioner.PASS.longest):
-        options = dataclasses.replace(preconditioner.PASS, shortest=shortest)
-        monkeypatch.setattr(preconditioner, "PASS", options)
-        operator = preconditioner.linearize(model, problem.frequency, slopes, 1e-5 * slopes)
+    for shortest in (correction.SHORTEST, correction.LONGEST):
+        monkeypatch.setattr(correction, "SHORTEST", shortest)
+        operator = correction.linearize(model, problem.frequency, slopes, 1e-5 * slopes)
         found.append((operator.gain.shape[0], np.asarray(operator.forces(motion))))
     (shorter, one), (longer, other) = found
-    assert shorter < longer == preconditioner.PASS.longest and np.abs(one).max() > 0
+    assert shorter < longer == correction.LONGEST and np.abs(one).max() > 0
     np.testing.assert_allclose(one, other, rtol=0, atol=RESIDUAL * np.abs(one).max())
 
 
@@ -101,8 +100,7 @@ def test_a_derivative_that_is_not_reached_is_nan(case, monkeypatch):
     operator = prepare(reduced, surrogate_of(problem, 512), l, SAMPLES, 512)
 
     def both(steps):
-        options = dataclasses.replace(correction.LINEAR_SOLVE, derivative_steps=steps)
-        monkeypatch.setattr(correction, "LINEAR_SOLVE", options)
+        monkeypatch.setattr(correction, "DERIVATIVE", (1e-12, steps))
         solver = jax.jit(lambda value: correction.invert(reduced, operator, l, value, SAMPLES))
         found, pull = jax.vjp(solver, reduced.linear)
         return np.concatenate([found, pull(jnp.conj(reduced.linear))[0]])
@@ -174,16 +172,6 @@ def test_a_train_of_inertial_disks_is_its_own_surrogate(case):
         np.testing.assert_allclose(receptance(space, n), wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
 
 
-def test_massless_and_lossy_trains_have_a_surrogate_close_to_them(case):
-    problem, reduced, _ = case
-    system = problem.system
-    bare = dataclasses.replace(
-        system, mass=np.where(system.mass == np.min(system.mass), 0.0, system.mass), loss=system.loss + 0.01
-    )
-    space = surrogate_of(dataclasses.replace(problem, system=bare), 4096)
-    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(space))
-
-
 def sliced(pieces):
     """The first shaft of the train in ``pieces``, its problem and its true receptances."""
     parts = branched_parts()
@@ -204,14 +192,14 @@ def receptance_of(train, frequency, harmonic):
     )
 
 
-@pytest.mark.parametrize("harmonic", [3, 9, 15])
-def test_few_modes_stand_for_a_shaft_of_many_disks(harmonic):
+def test_few_modes_stand_for_a_shaft_of_many_disks():
     problem, wanted = sliced(150)
     train = surrogate_of(problem, 256)
     assert len(train.space.transition) == 96
     # a loss factor of this train is viscous damping in time: a few percent at the resonances
-    error = np.abs(receptance_of(train, problem.frequency, harmonic) - wanted[harmonic]).max()
-    assert error < 0.05 * np.abs(wanted[harmonic]).max()
+    for harmonic in (3, 9, 15):
+        error = np.abs(receptance_of(train, problem.frequency, harmonic) - wanted[harmonic]).max()
+        assert error < 0.05 * np.abs(wanted[harmonic]).max()
 
 
 def test_of_many_slow_modes_those_are_kept_that_meshes_see(monkeypatch):

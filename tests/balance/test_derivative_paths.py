@@ -1,13 +1,12 @@
 """The derivative of a solve: chain, contact, cylinders, without a plan, second order, on the knots of the law."""
 
-import dataclasses
 from functools import cache, partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from differences import Bare, compare, differences
+from differences import compare, differences, tight_plan
 from tolerances import GRADIENT, PATHS, TANGENT
 from trains import ONE_RADIAN_PER_SECOND, build, one_mass_parts
 
@@ -25,23 +24,15 @@ ONE_MASS = np.array([4.0, 0.6, 0.5, 0.3, 1.0])
 """Stiffness, damping of gear a, backlash, mean torque and its first order."""
 
 
-class Limited(Bare):
-    """At most ``cycles`` Newton steps."""
-
-    @property
-    def sizes(self):
-        return dataclasses.replace(super().sizes, max_steps=self.cycles)
-
-
-def one_mass_peak(values, integrals="sampled", kind=Bare, cycles=12):
+def one_mass_peak(values, integrals="sampled", max_steps=12):
     stiffness, damping, backlash, mean, order = values
     rows = [jnp.stack([sense * order, 0.0 * order])[None] for sense in (1, -1)]
     train = one_mass().replace(
         {"a|b.stiffness": stiffness, "a.damping": damping, "a|b.backlash": backlash}
         | {"a:torque.mean": mean, "b:torque.mean": -mean, "a:torque.harmonics": rows[0], "b:torque.harmonics": rows[1]}
     )
-    how = {"integrals": integrals, "start": "march", "cycles": cycles, "tolerance": 0.5}
-    plan = kind(harmonics=8, active=(0,), flank=(0,), excited=1, **how)
+    how = {"integrals": integrals, "start": "march", "max_steps": max_steps, "tolerance": 0.5}
+    plan = tight_plan(harmonics=8, active=(0,), flank=(0,), excited=1, **how)
     response = jaxhb.solve(train, rpm=ONE_RADIAN_PER_SECOND, plan=plan)
     return response.force("a", "b").smooth_peak(8) + response.twist("a", "b").rms, response.status
 
@@ -89,7 +80,7 @@ def test_the_memory_of_a_gradient_does_not_grow_with_the_newton_steps():
     """A tape of the steps would be an array with one row for each."""
 
     def numbers(steps):
-        gradient = jax.grad(partial(one_mass_peak, kind=Limited, cycles=steps), has_aux=True)
+        gradient = jax.grad(partial(one_mass_peak, max_steps=steps), has_aux=True)
         return sizes_of(jax.make_jaxpr(gradient)(ONE_MASS).jaxpr)
 
     assert numbers(4) == numbers(24) > 1000

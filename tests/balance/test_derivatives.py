@@ -5,7 +5,7 @@ from functools import cache
 import jax
 import numpy as np
 import pytest
-from differences import Bare
+from differences import tight_plan
 from trains import branched_parts, build
 
 import jaxhb
@@ -28,7 +28,9 @@ ONES = np.ones(RPM + 1)
 ALONG = np.random.default_rng(0).normal(size=RPM + 1)
 
 
-SEPARATING = Bare(harmonics=32, active=(0, 1), flank=(0, 0), start="march", time_steps=768, tolerance=0.5, excited=3)
+SEPARATING = tight_plan(
+    harmonics=32, active=(0, 1), flank=(0, 0), start="march", time_steps=768, tolerance=0.5, excited=3
+)
 
 
 @cache

@@ -9,12 +9,11 @@ import pytest
 from trains import build, pinions_parts
 
 import jaxhb
-from jaxhb.balance import planned
+from jaxhb.balance import program
+from jaxhb.balance.plan import STEPS_PER_MODE_PERIOD, Request
 from jaxhb.balance.program import solve_problem
-from jaxhb.balance.request import TIME_STEPS, Request
 from jaxhb.linear import mesh_modes
 from jaxhb.results.response import stack
-from jaxhb.results.status import March
 from jaxhb.solutions import planning, speeds, starts
 from jaxhb.train.changes import within_range
 
@@ -54,15 +53,6 @@ def test_jit_vmap_and_their_composition_agree_with_single_solves(pair, plan):
     assert np.allclose(jax.jit(lambda by: by * peak(HAMMERING_RPM)[0])(2.0), 2 * single[1][0], rtol=1e-9)
 
 
-def test_the_train_may_be_traced(pair, plan):
-    def peak(damping):
-        train = pair.replace({"gear a|gear b.damping": damping})
-        return jaxhb.solve(train, rpm=HAMMERING_RPM, plan=plan).force("gear a", "gear b").max
-
-    damping = np.array([900.0, 1200.0])
-    assert np.allclose(jax.vmap(peak)(damping), [peak(d) for d in damping], rtol=1e-9)
-
-
 def test_without_a_plan_a_traced_solve_says_what_to_pass(pair):
     with pytest.raises(TypeError, match="jit or vmap traces solve: pass plan=jaxhb.plan"):
         jax.jit(lambda rpm: jaxhb.solve(pair, rpm=rpm).angles)(1000.0)
@@ -95,11 +85,6 @@ def test_new_numbers_compile_nothing(pair, plan):
     for rpm, damping in ((5700.0, 1100.0), (5650, 1000)):
         jaxhb.solve(pair.replace({"gear a|gear b.damping": damping}), rpm=rpm, plan=plan)
     assert solve_problem.executables == before
-
-
-def test_a_plan_is_hashable_and_small(plan):
-    assert hash(plan) == hash(dataclasses.replace(plan))
-    assert "50 harmonics" in str(plan)
 
 
 def test_a_mesh_that_leaves_its_flank_violates_the_plan(pair):
@@ -155,7 +140,7 @@ def test_a_sweep_is_its_single_solves(pair, plan):
 
 
 def test_a_planned_sweep_may_take_as_many_newton_steps_as_a_planned_solve(pair, plan, monkeypatch):
-    monkeypatch.setattr(speeds, "BATCH", dataclasses.replace(speeds.BATCH, newton_steps=1))
+    monkeypatch.setattr(speeds, "BATCH_NEWTON_STEPS", 1)
     assert jaxhb.solve_speeds(pair, rpm=[5500.0, HAMMERING_RPM], plan=plan).converged.all()
 
 
@@ -177,20 +162,16 @@ def test_contact_is_looked_for_with_the_harmonics_of_the_excitation(pair):
     assert plans[0].harmonics == 1024
 
 
-def test_a_march_that_was_asked_for_is_made_where_the_teeth_could_stay_in_contact(pair):
-    marched, plain = jaxhb.solve(pair, rpm=3000.0, start="march"), jaxhb.solve(pair, rpm=3000.0)
-    assert isinstance(marched.path[0], March) and not any(isinstance(event, March) for event in plain.path)
-    force = [float(r.force("gear a", "gear b").max) for r in (marched, plain)]
-    assert force[0] == pytest.approx(force[1], rel=1e-6)
-
-
 def test_a_march_that_blew_up_is_followed_by_all_starts(pair):
     """Its periodicity error is not finite: no strategy above takes that for a settled march."""
     case = case_of(pair, HAMMERING_RPM)
     case.effort = starts.LONG
-    blown_up = starts.Result(None, case.plan, np.nan, 0)
-    assert starts.march_error(blown_up) == np.inf
-    assert len(starts.search_steps(case, case.marching(blown_up), blown_up)) > 1
+    starts.refine(case, dataclasses.replace(case.plan, start="march"))
+    assert case.march_error < np.inf
+    case.rpm, case.problem = np.nan, starts.problem_at(pair, np.nan, case.plan.static.excited)
+    starts.refine(case, dataclasses.replace(case.plan, start="march"))
+    assert case.march_error == np.inf
+    assert len(starts.search_steps(case, case.marching())) > 1
 
 
 def case_of(train, rpm, **asked):
@@ -199,15 +180,15 @@ def case_of(train, rpm, **asked):
 
 
 def test_start_strategies_are_asked_for_the_next_attempt_until_one_is_solved(pair):
-    """Rungs are functions: those that must fail come first here, and the last one is never asked."""
+    """Those that must fail come first here, and the last one is never asked."""
     case, asked = case_of(pair, HAMMERING_RPM, harmonics=50), []
 
-    def hopeless(case, last):
+    def hopeless(case):
         for number in (1, 2):
             asked.append(number)
-            yield starts.Attempt(dataclasses.replace(case.plan, start="linear"), np.full((1, 51), np.nan + 0j))
+            yield dataclasses.replace(case.plan, start="linear"), np.full((1, 51), np.nan + 0j), None
 
-    def never(case, last):
+    def never(case):
         pytest.fail("asked for though the attempt before was solved")
 
     found = starts.first_solved(case, (hopeless, starts.short_march, never))
@@ -217,15 +198,11 @@ def test_start_strategies_are_asked_for_the_next_attempt_until_one_is_solved(pai
 
 def test_a_sweep_tells_the_harmonics_of_every_speed_though_it_pads_them():
     engine = jaxhb.load_scene("six_cylinder_diesel")
-    alone = [jaxhb.solve(engine, rpm=1500.0, harmonics=harmonics) for harmonics in (24, 48)]
-    batch = jaxhb.solve_speeds(engine, rpm=[1500.0, 1600.0, 1700.0], harmonics=24)
-    both = stack([alone[1], batch[2], alone[0], batch[0]])
-    assert both.harmonics == 48
-    assert both.highest_harmonic.tolist() == [r.highest_harmonic for r in (alone[1], batch[2], alone[0], batch[0])]
-    assert [float(rpm) for rpm in both.rpm] == [1500.0, 1700.0, 1500.0, 1500.0]
-    np.testing.assert_array_equal(both[1].angles[:, :25], batch[2].angles)
-    np.testing.assert_allclose(both[2].torques, both[3].torques, rtol=1e-12, atol=1e-9)
-    assert both.path[1] == batch.path[2]
+    few, more = (jaxhb.solve(engine, rpm=1500.0, harmonics=harmonics) for harmonics in (24, 48))
+    both = stack([more, few])
+    assert both.harmonics == 48 and both.path[1] == few.path
+    assert both.highest_harmonic.tolist() == [more.highest_harmonic, few.highest_harmonic]
+    np.testing.assert_array_equal(both[1].angles[:, :25], few.angles)
 
 
 @pytest.mark.parametrize(
@@ -241,23 +218,12 @@ def test_a_sweep_tells_the_harmonics_of_every_speed_though_it_pads_them():
         ({"rpm": 1500.0, "harmonics": 64.0}, "harmonics is 64.0, must be a whole number of at least 1"),
         ({"rpm": 1500.0, "harmonics": 5000}, "5000 harmonics are more than the limit of 4096"),
         ({"rpm": 1500.0, "harmonics": 200, "method": "chain"}, "GiB at 200 harmonics"),
+        ({"rpm": [3000.0, 4000.0]}, r"use jaxhb\.solve_speeds"),
     ],
 )
 def test_bad_requests_are_refused_with_a_sentence(arguments, sentence):
     with pytest.raises(jaxhb.SceneError, match=sentence):
         jaxhb.solve(jaxhb.load_scene("gear_train_30"), **arguments)
-
-
-def test_a_batch_from_vmap_is_read_by_gear_and_mesh(pair, plan):
-    def solve(damping):
-        return jaxhb.solve(pair.replace({"gear a|gear b.damping": damping}), rpm=HAMMERING_RPM, plan=plan)
-
-    batch = jax.vmap(solve)(jnp.array([1000.0, 1200.0]))
-    single = solve(1200.0)
-    assert batch.gear_torque("gear a").max.shape == (2,)
-    assert batch[1].gear_torque("gear a").max == pytest.approx(float(single.gear_torque("gear a").max), rel=1e-9)
-    apart = single.mesh("gear a", "gear b").separated_fraction
-    assert batch[1].mesh("gear a", "gear b").separated_fraction == pytest.approx(apart, rel=1e-6)
 
 
 def test_a_plan_that_does_not_know_a_backlash_is_refused(pair):
@@ -299,22 +265,25 @@ def test_speeds_that_hammer_share_a_plan_that_resolves_the_mesh_modes_of_all():
         modes = [mesh_modes.mesh_mode_harmonics(train, train.topology.cycle_frequency(speed))[0] for speed in rpm]
         marched = np.array([plan.marches for plan in plans])
         steps, levels = (np.array([getattr(plan, name) for plan in plans]) for name in ("time_steps", "harmonics"))
-        assert np.all(steps[marched] >= TIME_STEPS.per_mode_period * np.array(modes)[marched])
+        assert np.all(steps[marched] >= STEPS_PER_MODE_PERIOD * np.array(modes)[marched])
         assert np.all(levels[marched] >= 1.5 * np.array(modes)[marched])
         assert len({plan for plan in plans if plan.marches}) == most
 
 
-def test_a_sweep_has_at_most_four_large_programs():
-    """Of any of the scenes, whatever its speeds do: those of Newton's method, one for each level of harmonics."""
-    for scene, rpm in (
-        ("gear_train_30", np.linspace(1000.0, 1900.0, 7)),
+@pytest.mark.parametrize(
+    ("scene", "rpm"),
+    [
+        pytest.param("gear_train_30", np.linspace(1000.0, 1900.0, 7), marks=pytest.mark.oracle),
         ("spur_pair", np.linspace(1500.0, 6000.0, 9)),
-    ):
-        train = jaxhb.load_scene(scene)
-        assert jaxhb.solve_speeds(planning.without_backlash(train), rpm=rpm).converged.all()
-        before = solve_problem.executables + planned._solve_all.executables
-        assert jaxhb.solve_speeds(train, rpm=rpm).converged.all()
-        assert solve_problem.executables + planned._solve_all.executables - before <= 4
+    ],
+)
+def test_a_sweep_has_at_most_four_large_programs(scene, rpm):
+    """Whatever its speeds do: those of Newton's method, one for each level of harmonics."""
+    train = jaxhb.load_scene(scene)
+    assert jaxhb.solve_speeds(planning.without_backlash(train), rpm=rpm).converged.all()
+    before = solve_problem.executables + program._solve_all.executables
+    assert jaxhb.solve_speeds(train, rpm=rpm).converged.all()
+    assert solve_problem.executables + program._solve_all.executables - before <= 4
 
 
 def test_a_linear_response_is_the_same_bits_alone_and_among_others():
@@ -329,22 +298,12 @@ def test_a_linear_response_is_the_same_bits_alone_and_among_others():
 def test_a_march_where_no_tooth_was_expected_to_separate_begins_above_the_mesh_modes():
     train, rpm = jaxhb.load_scene("engine_with_damper"), 1900.0
     case = case_of(train, rpm)
-    (first,) = starts.contact(case, None)
-    (march,) = starts.short_march(case, None)
+    ((first, *_),) = starts.contact(case)
+    ((march, *_),) = starts.short_march(case)
     modes, _ = mesh_modes.mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))
-    assert [first.plan.start, march.plan.start] == ["linear", "march"]
-    assert first.plan.harmonics < modes < 1.5 * modes <= march.plan.harmonics
+    assert [first.start, march.start] == ["linear", "march"]
+    assert first.harmonics < modes < 1.5 * modes <= march.harmonics
     assert starts.first_solved(case, (starts.short_march,)).response.converged
-
-
-def test_a_sweep_of_no_speed_is_refused(pair):
-    with pytest.raises(jaxhb.SceneError, match="no speed is given"):
-        jaxhb.solve_speeds(pair, rpm=[])
-
-
-def test_several_speeds_in_one_solve_are_sent_to_solve_speeds(pair):
-    with pytest.raises(jaxhb.SceneError, match=r"use jaxhb\.solve_speeds"):
-        jaxhb.solve(pair, rpm=[3000.0, 4000.0])
 
 
 def test_an_amplitude_raised_from_zero_is_not_dropped_by_a_plan(pair):
@@ -352,11 +311,6 @@ def test_an_amplitude_raised_from_zero_is_not_dropped_by_a_plan(pair):
     contact = jaxhb.plan(silent, rpm=3000.0)
     planned, free = (jaxhb.solve(pair, rpm=3000.0, plan=p) for p in (contact, None))
     assert planned.force("gear a", "gear b").max == pytest.approx(float(free.force("gear a", "gear b").max), rel=1e-9)
-
-
-def test_a_linear_response_below_the_excitation_is_refused():
-    with pytest.raises(jaxhb.SceneError, match="below the excitation"):
-        jaxhb.linear_response(jaxhb.load_scene("gear_train_30"), rpm=1500.0, harmonics=4)
 
 
 def test_mean_torque_that_nothing_holds_has_a_status():
@@ -377,6 +331,7 @@ def test_mean_torque_that_nothing_holds_has_a_status():
     assert int(jax.jit(solve)(0.0)) == jaxhb.Status.UNBALANCED
 
 
+@pytest.mark.oracle
 def test_a_mesh_that_stays_loaded_beside_one_that_hammers_is_no_unknown():
     train = build(pinions_parts(pump=300.0), reference="flywheel")
     plan = jaxhb.plan(train, rpm=1500.0, harmonics=192)
@@ -390,6 +345,7 @@ def test_a_mesh_that_stays_loaded_beside_one_that_hammers_is_no_unknown():
         assert one.force(*mesh).max == pytest.approx(float(both.force(*mesh).max), rel=1e-8)
 
 
+@pytest.mark.oracle
 def test_a_mesh_thought_loaded_that_leaves_its_flank_is_planned_again():
     train, mesh = build(pinions_parts(pump=40.0), reference="flywheel"), ("crank gear", "pump gear")
     careful = jaxhb.solve(train, rpm=1500.0, harmonics=192)
@@ -419,14 +375,13 @@ def test_numbers_that_are_invalid_have_a_status_under_jit(pair, plan):
     for place, wrong in ((0, -1e6), (1, -1.0), (2, -1e-5), (3, -0.1), (3, 1.5), (4, 0.0), (4, 1.5), (5, -0.01)):
         changed = [*valid[:place], wrong, *valid[place + 1 :]]
         assert int(status(HAMMERING_RPM, changed)) == jaxhb.Status.INVALID_INPUT, (place, wrong)
-    gradient = jax.vmap(jax.grad(lambda k: loss(pair, plan, k)))(jnp.array([valid[0], -1e6]))
-    assert np.isfinite(gradient[0]) and gradient[0] != 0.0 and gradient[1] == 0.0
 
 
 def test_nothing_computed_is_told_of_a_speed_that_is_not_solved(pair, plan):
     """Under jit: out of range, and where one Newton step does not do; what was given is told."""
     solve = jax.jit(lambda rpm: jaxhb.solve(pair, rpm=rpm, plan=plan))
-    hurried = jax.jit(lambda rpm: jaxhb.solve(pair, rpm=rpm, plan=Hurried(**dataclasses.asdict(plan))))
+    one_step = dataclasses.replace(plan, max_steps=1, start="linear")
+    hurried = jax.jit(lambda rpm: jaxhb.solve(pair, rpm=rpm, plan=one_step))
     for response, status in ((solve(-5.0), jaxhb.Status.INVALID_INPUT), (hurried(5625.0), jaxhb.Status.MAX_STEPS)):
         assert int(response.status) == status and not response
         for name in {f.name for f in dataclasses.fields(response)} - {"rpm", "radius", "law", "status", "steps"}:
@@ -441,14 +396,6 @@ def test_nothing_computed_is_told_of_a_speed_that_is_not_solved(pair, plan):
             jaxhb.check(response)
         again = jax.jit(lambda start: jaxhb.solve(pair, rpm=5625.0, plan=plan, start=start))(response)
         assert not np.isnan(again.residual)
-
-
-class Hurried(jaxhb.Plan):
-    """One step of Newton's method from teeth in contact."""
-
-    @property
-    def sizes(self):
-        return dataclasses.replace(super().sizes, max_steps=1, marches=False)
 
 
 def test_a_lane_that_is_not_solved_leaves_the_others_their_derivatives(pair, plan):
@@ -470,21 +417,13 @@ def test_a_lane_that_is_not_solved_leaves_the_others_their_derivatives(pair, pla
     assert float(slope(1200.0, jnp.full(3, -5.0))) == 0.0
 
 
-def loss(pair, plan, stiffness):
-    changed = pair.replace({"gear a|gear b.stiffness": stiffness})
-    response = jaxhb.solve(changed, rpm=HAMMERING_RPM, plan=plan)
-    good = response.status == 0
-    return jnp.where(good, response.force("gear a", "gear b").smooth_peak(), 0.0)
-
-
-@pytest.mark.parametrize("scene", jaxhb.scene_names())
-def test_the_numbers_of_every_packaged_scene_are_within_their_ranges(scene):
-    assert bool(within_range(jaxhb.load_scene(scene)))
+def test_the_numbers_of_every_packaged_scene_are_within_their_ranges():
+    assert all(bool(within_range(jaxhb.load_scene(scene))) for scene in jaxhb.scene_names())
 
 
 def test_a_response_is_a_clean_tree(pair, plan):
     """Arrays of the speed and nothing else: two responses of one plan are one structure, and nothing traces again."""
-    responses = [jaxhb.solve(pair, rpm=rpm, plan=plan) for rpm in np.linspace(5500.0, 5900.0, 50)]
+    responses = [jaxhb.solve(pair, rpm=rpm, plan=plan) for rpm in np.linspace(5500.0, 5900.0, 5)]
     assert len({jax.tree.structure(response) for response in responses}) == 1
     traced = []
 
@@ -494,9 +433,9 @@ def test_a_response_is_a_clean_tree(pair, plan):
         return response.force("gear a", "gear b").max
 
     values = [float(largest(response)) for response in responses]
-    assert len(traced) == 1 and len(set(values)) == 50
+    assert len(traced) == 1 and len(set(values)) == 5
     sweep = stack(responses)
-    assert all(len(leaf) == 50 for leaf in jax.tree.leaves(sweep))
+    assert all(len(leaf) == 5 for leaf in jax.tree.leaves(sweep))
     np.testing.assert_allclose(jax.vmap(lambda r: r.force("gear a", "gear b").max)(sweep), values, rtol=1e-12)
     assert sweep[3].train is pair and jax.tree.map(np.asarray, sweep[3]).train is None
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.balance import request
+from jaxhb.balance import plan as planning
 from jaxhb.cli.main import main
 from jaxhb.report import compute
 from jaxhb.report.compute import Asked, answer_one, answer_speeds
@@ -218,7 +218,7 @@ def test_what_is_periodic_and_not_converged_exits_1(monkeypatch, capsys):
     said = capsys.readouterr()
     assert "motion: periodic, period one cycle" in said.out
     assert "too few for the tolerance: leave out --harmonics or give more, or accept" in said.err
-    monkeypatch.setitem(request.MOST_HARMONICS, "reduced", 16)
+    monkeypatch.setitem(planning.MOST_HARMONICS, "reduced", 16)
     assert main(command) == 1
     most = "TOLERANCE_NOT_MET, the motion is solved, but 16 harmonics, the most that are taken, are too few"
     assert f"{most} for the tolerance: accept its error with --tolerance." in capsys.readouterr().err

@@ -8,7 +8,7 @@ from trains import build
 
 import jaxhb
 from jaxhb import Damper, Disk, Load, Mesh, SceneError, Shaft, Torque
-from jaxhb.balance.request import Request
+from jaxhb.balance.plan import Request
 from jaxhb.design import Objective, Parameter, Penalty, evaluation
 from jaxhb.design.quantities import QUANTITIES
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from differences import Tight, compare, differences
+from differences import compare, differences, tight_plan
 from reference_data import reference
 from tolerances import GRADIENT, PATHS
 from trains import (
@@ -23,7 +23,7 @@ from trains import (
 
 import jaxhb
 from jaxhb import Disk, Shaft, Torque
-from jaxhb.balance.request import Request
+from jaxhb.balance.plan import Request
 from jaxhb.design import Objective, Parameter, Penalty, evaluation
 from jaxhb.design.descent import Descent, _nothing_solved, best_of
 from jaxhb.linear.sensitivity import frequencies_hz
@@ -88,7 +88,9 @@ PENALTIES = (
     Penalty(quantity="natural frequency", mode=2, least=180.0, weight=1.0),
 )
 LOST = SimpleNamespace(status=jaxhb.Status.STALLED)
-PLAN = Tight(harmonics=32, active=(0, 1), flank=(0, 0), start="march", time_steps=768, tolerance=0.5, excited=3)
+PLAN = tight_plan(
+    harmonics=32, active=(0, 1), flank=(0, 0), start="march", time_steps=768, tolerance=0.5, excited=3, estimated=True
+)
 
 
 @cache

@@ -5,7 +5,7 @@ import dataclasses
 import jax
 import numpy as np
 import pytest
-from differences import Tight
+from differences import TIGHT
 from tolerances import PATHS, RESIDUAL
 from trains import branched_parts, build
 
@@ -31,7 +31,9 @@ def responses(request):
     for method in ("reduced", "chain"):
         asked = {"rpm": RPM, "harmonics": HARMONICS, "method": method}
         first = jaxhb.solve(train, **asked)
-        found.append(jaxhb.solve(train, rpm=RPM, plan=Tight(**vars(jaxhb.plan(train, **asked))), start=first))
+        found.append(
+            jaxhb.solve(train, rpm=RPM, plan=dataclasses.replace(jaxhb.plan(train, **asked), **TIGHT), start=first)
+        )
     return train, found
 
 

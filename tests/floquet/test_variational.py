@@ -13,8 +13,8 @@ from jaxhb import Disk, Ground, Mesh, Shaft, Torque
 from jaxhb.equations import exact_integrals, fourier
 from jaxhb.equations.state_space import partition, state_space
 from jaxhb.floquet import variational
-from jaxhb.integration.cycles import cycle_error
 from jaxhb.integration.reference import reference_orbit
+from jaxhb.integration.step import cycle_error
 
 space_of = jax.jit(state_space, static_argnames="parts")
 after_cycle = jax.jit(jax.vmap(lambda stepper, state: cycle_error(stepper, state)[0], in_axes=(None, 0)))

@@ -10,9 +10,8 @@ import pytest
 from integrated_trains import REFERENCE, method_case, one_mass
 
 from jaxhb.equations.state_space import partition
-from jaxhb.integration.cycles import cycle, settle
 from jaxhb.integration.shooting import monodromy, shoot
-from jaxhb.integration.step import discretize, on_flank, state_from_motion
+from jaxhb.integration.step import cycle, discretize, march
 
 cut = jax.jit(discretize, static_argnames=("steps", "parts"))
 correct = jax.jit(shoot)
@@ -24,12 +23,16 @@ def stepper_of(case, frequency, load, steps):
     return cut(*case, frequency, np.array([load], complex), steps=steps, parts=partition(*case))
 
 
+def state_of(stepper, x, v):
+    return stepper.space.coordinates @ jnp.stack([x, v]) - stepper.linear_state
+
+
 @functools.cache
 def exact(steps):
     """Errors of x(0), x'(0), trace and determinant of the monodromy matrix of the case of docs/theory A7."""
     case = one_mass(mass=1, damping=0.2, stiffness=4, epsilon=0.05, transition=0.2, backlash=0.2)
     stepper = stepper_of(case, 1.0, [0.3, 0.5], steps)
-    state, periodicity_error, _ = correct(stepper, jax.jit(settle)(stepper, on_flank(stepper)).state)
+    state, periodicity_error, _ = correct(stepper, jax.jit(march)(stepper, stepper.flank_state)[0])
     assert periodicity_error < 1e-11
     (_, trace), (matrix, _) = run(stepper, state), multiply(stepper, state)
     found = [trace.deflection[0, 0], trace.rate[0, 0], jnp.trace(matrix), jnp.linalg.det(matrix)]
@@ -60,7 +63,7 @@ def test_sharp_dead_zone_solutions_are_approached_quadratically_in_the_transitio
         load = [0.1, -0.5j * 0.05 * row["Omega"] ** 2]
         stepper = stepper_of(case, row["Omega"], load, 4096)
         x, v = row["y0"]
-        state = correct(stepper, state_from_motion(stepper, jnp.array([x]), jnp.array([v])))[0]
+        state = correct(stepper, state_of(stepper, x, v))[0]
         values = np.asarray(run(stepper, state)[1].deflection[0])
         amplitudes = 2 * np.abs(np.fft.rfft(values)[1:4]) / values.size
         errors[transition].append(np.abs(amplitudes - row["amp_h"][:3]).max())
@@ -77,7 +80,7 @@ def coexisting():
     case = one_mass(mass=1, damping=0.05, stiffness=2, epsilon=0.05, transition=0.2, backlash=1)
     stepper = stepper_of(case, 1.0, [0.1, 0.1], 512)
     x, v = (g.ravel() for g in np.meshgrid(np.linspace(-1.5, 1.5, 5), np.linspace(-1, 1, 3)))
-    starts = jax.jit(jax.vmap(lambda a, b: state_from_motion(stepper, a[None], b[None])))(x, v)
+    starts = jax.jit(jax.vmap(lambda a, b: state_of(stepper, a, b)))(x, v)
     states, periodicity_errors, _ = jax.jit(jax.vmap(lambda z: shoot(stepper, z)))(starts)
     found = {}
     for state in states[np.asarray(periodicity_errors) < 1e-10]:

@@ -25,10 +25,6 @@ def rpm(speed):
     return pair_rpm(Pair(speed, epsilon=EPSILON))
 
 
-def test_the_table_is_that_of_this_stiffness_in_the_gap():
-    assert json.loads(TABLE.read_text())["laws"][1]["epsilon"] == EPSILON
-
-
 @pytest.mark.parametrize("speed", [0.6, 1.0, 1.3, 1.6])
 def test_a_steady_state_is_an_exact_motion_of_the_long_run(train, speed):
     state = jaxhb.steady_state(train, rpm=rpm(speed), tolerance=1e-3)

@@ -157,10 +157,3 @@ def test_an_answer_is_the_same_bits_whatever_was_asked_beside_it(pair, kept):
         start = None if state.started_from is None else before
         alone = jaxhb.steady_state(pair, rpm=speed, harmonics=64, start=start)
         same([alone], [dataclasses.replace(state, notes=alone.notes)])
-
-
-def test_a_folder_made_by_one_speed_gives_a_sweep_what_a_fresh_one_gives(pair, kept, tmp_path):
-    rpm = OMEGA * trains.ONE_RADIAN_PER_SECOND
-    for part in (rpm[:1], rpm[2:4], rpm):
-        found = jaxhb.steady_state(pair, rpm=part, harmonics=64, out=tmp_path, chunk=1)
-    same(found, kept[1])

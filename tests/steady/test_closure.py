@@ -3,13 +3,14 @@
 import numpy as np
 
 from jaxhb import Disk, Load, Mesh, Shaft, Torque, build
-from jaxhb.steady.closure import RETURN, Cycles, Returns
+from jaxhb.steady import closure
+from jaxhb.steady.closure import Closure, Cycles
 from jaxhb.steady.marching import Equations
 
 
-def returns_of(motion, cycles):
-    """Returns of ``motion(c, t)``, t in cycles, over so many cycles."""
-    found = Returns(np.array([1e-3, 1e-3]))
+def closure_of(motion, cycles):
+    """Closure of ``motion(c, t)``, t in cycles, over so many cycles."""
+    found = Closure(np.array([1e-3, 1e-3]))
     t = np.arange(32) / 32
     found.add(np.stack([np.stack([motion(c, t), motion(c, t + 0.25)], axis=1) for c in range(cycles)]))
     return found
@@ -17,41 +18,41 @@ def returns_of(motion, cycles):
 
 def test_a_motion_that_repeats_has_the_period_of_its_repetition():
     for period in range(1, 9):
-        found = returns_of(lambda c, t, k=period: np.cos(2 * np.pi * t) + 0.1 * np.cos(2 * np.pi * (c + t) / k), 40)
+        found = closure_of(lambda c, t, k=period: np.cos(2 * np.pi * t) + 0.1 * np.cos(2 * np.pi * (c + t) / k), 40)
         assert found.period() == period
 
 
 def test_a_slow_approach_has_the_period_that_it_approaches():
-    found = returns_of(lambda c, t: np.cos(2 * np.pi * t) + 0.1 * 0.9**c, 60)
+    found = closure_of(lambda c, t: np.cos(2 * np.pi * t) + 0.1 * 0.9**c, 60)
     assert found.period() == 1
 
 
 def test_an_alternating_approach_beside_a_period_doubling_is_no_doubling():
     for cycles in range(8, 200, 4):
-        assert returns_of(lambda c, t: np.cos(2 * np.pi * t) + 0.3 * (-0.95) ** c, cycles).period() in (0, 1)
-    assert returns_of(lambda c, t: np.cos(2 * np.pi * t) + 0.3 * (-0.95) ** c, 240).period() == 1
+        assert closure_of(lambda c, t: np.cos(2 * np.pi * t) + 0.3 * (-0.95) ** c, cycles).period() in (0, 1)
+    assert closure_of(lambda c, t: np.cos(2 * np.pi * t) + 0.3 * (-0.95) ** c, 240).period() == 1
 
 
 def test_a_small_lasting_alternation_has_a_period_of_two():
-    found = returns_of(lambda c, t: np.cos(2 * np.pi * t) + 1e-3 * (-1.0) ** c + 0.2 * 0.8**c, 96)
+    found = closure_of(lambda c, t: np.cos(2 * np.pi * t) + 1e-3 * (-1.0) ** c + 0.2 * 0.8**c, 96)
     assert found.period() == 2
 
 
 def test_a_motion_that_leaves_a_repelling_one_has_no_period():
     for cycles in range(8, 40, 4):
-        found = returns_of(lambda c, t: np.cos(2 * np.pi * t) + 1e-5 * (-1.3) ** c, cycles)
+        found = closure_of(lambda c, t: np.cos(2 * np.pi * t) + 1e-5 * (-1.3) ** c, cycles)
         assert cycles < 16 or found.period() == 0
 
 
 def test_an_irregular_motion_has_no_period_and_is_decided():
     noise = np.random.default_rng(0).normal(size=200)
-    found = returns_of(lambda c, t: np.cos(2 * np.pi * t) * noise[c], 128)
+    found = closure_of(lambda c, t: np.cos(2 * np.pi * t) * noise[c], 128)
     assert found.period() == 0
     assert not found.undecided()
 
 
 def test_a_quasi_periodic_motion_has_no_period():
-    found = returns_of(lambda c, t: np.cos(2 * np.pi * t) + 0.5 * np.cos(2 * np.pi * (c + t) / 2**0.5), 200)
+    found = closure_of(lambda c, t: np.cos(2 * np.pi * t) + 0.5 * np.cos(2 * np.pi * (c + t) / 2**0.5), 200)
     assert found.period() == 0
 
 
@@ -77,11 +78,11 @@ def test_a_slow_mode_that_teeth_notice_is_given_time():
     assert wanted > 0.3
     np.testing.assert_allclose(Equations(train).decay, wanted, rtol=1e-6)
 
-    few, most = RETURN.transient
+    few, most = closure.TRANSIENT
     assert Cycles().before_record(1e9, 0.1) == few
     assert Cycles().before_record(1.0, 0.1) == most
-    assert Cycles().before_record(1e9, 40.0) == 40 * RETURN.decays
-    fewer, more = RETURN.slowest
+    assert Cycles().before_record(1e9, 40.0) == 40 * closure.DECAYS
+    fewer, more = closure.SLOWEST
     assert Cycles().before_record(1e9, np.inf) == fewer
     assert Cycles().before_record(1.0, np.inf) == more
     assert Cycles(transient=16).before_record(1e9, np.inf) == 16
@@ -89,12 +90,12 @@ def test_a_slow_mode_that_teeth_notice_is_given_time():
 
 def test_returns_hold_the_cycles_that_their_errors_read_and_no_others():
     cycles = np.random.default_rng(1).normal(size=(200, 32, 2))
-    found = Returns(np.zeros(2))
+    found = Closure(np.zeros(2))
     for first in range(0, 200, 8):
         found.add(cycles[first : first + 8])
     assert len(found.cycles) == 32
     scale = np.abs(cycles[-16:]).max(axis=(0, 1))
-    for k in RETURN.periods:
+    for k in closure.PERIODS:
         change = [(np.abs(cycles[c] - cycles[c - k]) / scale).max() for c in range(k, 200)]
         window = max(3, k)
         wanted = [max(change[len(change) - (i + 1) * window : len(change) - i * window]) for i in range(3)]

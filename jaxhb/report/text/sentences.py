@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 
-from jaxhb.balance.request import MOST_HARMONICS
+from jaxhb.balance.plan import MOST_HARMONICS
 from jaxhb.report.answer import SPEED, UNCONFIRMED, growth_text
 from jaxhb.report.selection import most_apart
 from jaxhb.report.text.mean_torques import ground_notes, load_notes, plain_number

@@ -1,86 +1,50 @@
 """Harmonic balance of a motion on which a march settled: of one cycle, or of several as one long cycle."""
 
 import dataclasses
-from dataclasses import dataclass
 
 import numpy as np
 
-from jaxhb.balance.planned import active_deflections
-from jaxhb.balance.request import MOST_HARMONICS
+from jaxhb.balance.plan import MOST_HARMONICS
+from jaxhb.balance.program import active_deflections
 from jaxhb.equations import fourier
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
 from jaxhb.results.status import March, Status
 from jaxhb.solutions import planning, starts
-from jaxhb.steady.closure import RETURN
+from jaxhb.steady.closure import LONGEST_PERIOD
+
+MARGIN = 0.05  # share of the backlash beyond the knee that a mesh keeps which is taken to stay on its flank (verified)
+# Difference of deflections, relative to the largest and the gap, up to which a solution is the motion marched.
+SAME = 0.05
+REPEATS = 1e-4  # share of the sum of all amplitudes below which those of longer periods are none
+# Numbers of harmonics, one higher than the other, from which Newton's method is started: with too few there may be no
+# solution near the motion.
+LEVELS = 3
+COMPARED = 1024  # time samples of a cycle at which motions are compared
 
 
-@dataclass(frozen=True)
-class SettledOptions:
-    """How the motion of a march is solved. Differences of deflections are relative to the largest and the gap.
+def solve_marched(train, march, trace, period, request, *, steps, meshes, levels=LEVELS):
+    """The Response of a motion with a period of some cycles, from one marched period; None where no harmonics close to
+    the motion solve the equations.
 
-    Parameters
-    ----------
-    margin : share of the backlash beyond the knee that a mesh keeps which is taken to stay on its flank (verified)
-    same : difference of deflections up to which a solution is the motion marched
-    repeats : share of the sum of all amplitudes below which those of longer periods are none
-    levels : numbers of harmonics, one higher than the other, from which Newton's method is started: with too few there
-        may be no solution near the motion
-    compared : time samples of a cycle at which motions are compared
-    """
-
-    margin: float = 0.05
-    same: float = 0.05
-    repeats: float = 1e-4
-    levels: int = 3
-    compared: int = 1024
-
-
-SETTLED = SettledOptions()
-
-
-def solve_settled(train, march, trace, period, request, *, steps, meshes, levels=SETTLED.levels):
-    """The Response of a motion with a period of some cycles, from one marched period.
-
-    Parameters
-    ----------
-    train : DriveTrain, of one cycle, with its loss factors
-    march : SpeedMarch
-    trace : array ``(2G, period x steps)``, (l, l') of the backlash meshes
-    period : int, cycles
-    request : Request
-    steps : int, per cycle
-    meshes : MeshParameters, the backlash meshes
-    levels : int, numbers of harmonics that are tried at most
-
-    Returns
-    -------
-    Response or None
-        None where no harmonics close to the motion solve the equations.
+    train : of one cycle, with its loss factors; trace ``(2G, period x steps)``: (l, l') of the backlash meshes, of
+    which ``meshes`` are the MeshParameters; levels : numbers of harmonics that are tried at most.
     """
     if period > 1:
         train = train.repeated(period)
         request = dataclasses.replace(request, harmonics=request.harmonics and period * request.harmonics)
     # Not 0, which says of an Outcome that nothing was marched.
-    event = March(march.cycles, steps, max(march.returns.errors(period)[0], 1e-300))
-    found = _solve(train, march.rpm, request, trace, meshes, event, period, levels)
-    return found if found is not None and same_motion(found, trace, meshes, train) else None
-
-
-def _solve(train, rpm, request, trace, meshes, event, period, levels):
-    """The Response from the deflections of a period, or None."""
+    event = March(march.cycles, steps, max(march.closure.errors(period)[0], 1e-300))
     deflection = np.split(trace, 2)[0]
-    plan = _plan(train, rpm, request, deflection, meshes, period)
-    own = train.topology.backlash_index
+    plan = _plan(train, march.rpm, request, deflection, meshes, period)
     reach = (deflection.shape[1] - 1) // 2
     given = np.zeros((len(train.topology.mesh_names), reach + 1), dtype=complex)
-    given[own] = fourier.analyze(deflection, reach)
-    given = active_deflections(plan, given)
-    case = starts.Case(train, rpm, request, plan)
+    given[train.topology.backlash_index] = fourier.analyze(deflection, reach)
+    given, case = active_deflections(plan, given), starts.Case(train, march.rpm, request, plan)
     for _ in range(levels):
-        result = starts.refine(case, starts.Attempt(plan, given, event))
+        starts.refine(case, plan, given, event)
         higher = case.next_level(plan.harmonics)
-        if result.status <= Status.TOLERANCE_NOT_MET:
-            return result.response
+        if case.status <= Status.TOLERANCE_NOT_MET:
+            return case.response if same_motion(case.response, trace, meshes, train) else None
         if request.harmonics or not higher:
             break
         plan, event = dataclasses.replace(plan, harmonics=higher), None
@@ -92,7 +56,7 @@ def _plan(train, rpm, request, deflection, meshes, period):
     law = meshes.law
     side = np.where(deflection.mean(axis=1) < 0, -1, 1)
     least = (side[:, None] * deflection).min(axis=1)
-    stays = least > law.knee + SETTLED.margin * law.backlash
+    stays = least > law.knee + MARGIN * law.backlash
     apart = (np.abs(deflection) < law.gap[:, None]).any()
     return _plan_of(train, rpm, request, np.where(stays, side, 0), apart, period)
 
@@ -120,18 +84,13 @@ def _plan_of(train, rpm, request, side, apart, period):
         # Read only where a flank that the plan held did not hold: what was given is no start then.
         start="march" if active and flank.any() else "linear",
         # Room for the longest period whatever the period: equal shapes, one program.
-        excited=contact.excited // period * RETURN.longest_period,
+        excited=contact.excited // period * LONGEST_PERIOD,
     )
 
 
 def compile_ahead(train, separates, request):
-    """Begin to make the programs that :func:`solve_settled` will run at speeds ``{rpm: whether the linear motion
-    separates teeth}``: in other threads, while these are marched.
-
-    Returns
-    -------
-    list of concurrent.futures.Future
-        To be cancelled when these speeds are done.
+    """Begin to make the programs that :func:`solve_marched` will run at speeds ``{rpm: whether the linear motion
+    separates teeth}``, in other threads, while these are marched: Futures to be cancelled when these speeds are done.
     """
     unknown = np.zeros(sum(train.topology.mesh_backlash), dtype=int)
     plans = {_plan_of(train, rpm, request, unknown, apart, period=1): rpm for rpm, apart in separates.items()}
@@ -139,7 +98,7 @@ def compile_ahead(train, separates, request):
     return [made for made in map(starts.compile_ahead, cases) if made is not None]
 
 
-def same_motion(response, trace, meshes, train, most=SETTLED.same):
+def same_motion(response, trace, meshes, train, most=SAME):
     """Whether a response is the motion of a marched period ``(2G, steps)``."""
     own = train.topology.backlash_index
     deflection = np.split(trace, 2)[0]
@@ -155,7 +114,7 @@ def shortest_period(response, period):
     for divisor in range(1, period):
         if period % divisor == 0:
             others = np.arange(deflections.shape[-1]) % (period // divisor) != 0
-            if deflections[:, others].sum() <= SETTLED.repeats * deflections[:, 1:].sum():
+            if deflections[:, others].sum() <= REPEATS * deflections[:, 1:].sum():
                 return divisor
     return period
 
@@ -163,7 +122,7 @@ def shortest_period(response, period):
 def difference(one, other, period):
     """Largest difference of the deflections of two responses over ``period`` cycles, relative to the largest of all
     meshes; the motions may begin in different cycles."""
-    one, other = (response.deflection_samples(period * SETTLED.compared) for response in (one, other))
-    shifted = (np.roll(other, k * SETTLED.compared, axis=-1) for k in range(period))
+    one, other = (response.deflection_samples(period * COMPARED) for response in (one, other))
+    shifted = (np.roll(other, k * COMPARED, axis=-1) for k in range(period))
     least = min(np.abs(one - moved).max(initial=0.0) for moved in shifted)
     return float(least / max(np.abs(one).max(initial=0.0), np.abs(other).max(initial=0.0), 1e-300))
