@@ -14,9 +14,8 @@ import numpy as np
 from jaxhb.balance.problem import problem_at
 from jaxhb.balance.request import time_steps_of
 from jaxhb.certificate.attraction import decide
-from jaxhb.certificate.linearization import CertificateSizes, Linearization, NotInverted, highest_frequency
-from jaxhb.certificate.options import CERTIFICATE
-from jaxhb.certificate.theorem import bounds_at, harmonic_balance, not_inverted
+from jaxhb.certificate.linearization import SAMPLES, CertificateSizes, Linearization, NotInverted, highest_frequency
+from jaxhb.certificate.theorem import bounds_at, harmonic_balance, without_bounds
 from jaxhb.equations import backlash, fourier
 from jaxhb.equations.backlash import law_of
 from jaxhb.excitation.torques import listed_harmonic
@@ -24,6 +23,13 @@ from jaxhb.floquet.stability import train_of
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
 from jaxhb.results.bounds import LINEAR, Certificate
 from jaxhb.results.response import Response
+
+FEWEST, MOST = 32, 8192
+"""Harmonics in which the linearised equation is solved: twice those of the response and thrice those of the tooth modes,
+within these, doubled until a bound holds."""
+
+RECEPTANCES = 2**18
+"""Harmonics to which receptances are evaluated at most: beyond twice the highest natural frequency they are bounded."""
 
 
 def certify(response: Response) -> Certificate:
@@ -33,10 +39,6 @@ def certify(response: Response) -> Certificate:
     ----------
     response : Response
         At one speed, solved, with its train.
-
-    Returns
-    -------
-    Certificate
 
     Raises
     ------
@@ -68,8 +70,9 @@ def certify(response: Response) -> Certificate:
         return LINEAR
     modes = mesh_mode_harmonics(train, float(problem.frequency))[0] if _leaves_contact(train, given, gaps) else 0.0
     highest = highest_frequency(problem.system) / float(problem.frequency)
-    low, deflection = _level(max(CERTIFICATE.fewest, 2 * response.harmonics, CERTIFICATE.beyond_modes * modes)), given
-    balance = None
+    # Powers of two: few sizes, as each has programs of its own.
+    low = 1 << int(np.ceil(np.log2(max(FEWEST, 2 * response.harmonics, 3 * modes))))
+    low, deflection, balance = min(low, MOST), given, None
     while True:
         sizes = _sizes(low, highest, problem.load.shape[-1] - 1)
         lin = Linearization(problem, train, deflection, sizes, max(1.0, modes / 3))
@@ -79,49 +82,44 @@ def certify(response: Response) -> Certificate:
             lin = _refine(lin)
             found = bounds_at(lin, train, gaps)
         except NotInverted:
-            found = not_inverted(lin, train, gaps)
+            found = without_bounds(lin, train, gaps)
         if found.holds:
             found = replace(found, stable=decide(lin, train, found))
-        if found.holds or 2 * low > CERTIFICATE.most or not lin.complete:
+        if found.holds or 2 * low > MOST or not lin.complete:
             return _of_response(found, lin, given, balance, response.harmonics)
         low, deflection = 2 * low, lin.deflection * lin.law.backlash[:, None]
 
 
 def _leaves_contact(train, deflection, gaps):
-    """Whether any mesh comes near the knee of its law."""
+    """Whether any mesh comes near the knee of its law, within 2 % of its backlash."""
     law = jax.tree.map(lambda a: np.asarray(a)[gaps], law_of(train.meshes))
-    value = np.abs(fourier.synthesize(deflection, CERTIFICATE.samples * max(deflection.shape[1] - 1, 1)))
-    return bool((value.min(-1) < law.knee + CERTIFICATE.near_knee * law.backlash).any())
+    value = np.abs(fourier.synthesize(deflection, SAMPLES * max(deflection.shape[1] - 1, 1)))
+    return bool((value.min(-1) < law.knee + 0.02 * law.backlash).any())
 
 
 def _refine(lin):
     """The linearisation at the motion to which Newton's method leads on the low harmonics: the nearer to a true one,
     the less is to be shown."""
     size = np.inf
-    for _ in range(CERTIFICATE.newton_steps):
+    for _ in range(6):
         corrected = lin.inverse(lin.residual())
         corrected[:, lin.sizes.low + 1 :] = 0
         last, size = size, lin.largest(corrected).max()
-        if not CERTIFICATE.corrected < size < last:
+        if not 1e-10 < size < last:
             break
         lin = lin.moved(-corrected[:, : lin.sizes.low + 1])
     return lin
 
 
-def _level(harmonics):
-    """The power of two from ``harmonics`` on, up to the most: few of them, as each has programs of its own."""
-    return min(1 << int(np.ceil(np.log2(harmonics))), CERTIFICATE.most)
-
-
 def _sizes(low, highest, excited):
-    high = max(CERTIFICATE.evaluated * low, 1 << max(excited - 1, 1).bit_length())
+    high = max(8 * low, 1 << max(excited - 1, 1).bit_length())
     reach = 1 << max(high + 1, int(np.ceil(2 * highest))).bit_length()
-    if reach > CERTIFICATE.receptances:
+    if reach > RECEPTANCES:
         raise ValueError(
             f"the highest natural frequency lies at harmonic {highest:.0f} of the cycle; the certificate serves up to "
-            f"{CERTIFICATE.receptances // 4}: lump disks that are much lighter than the others."
+            f"{RECEPTANCES // 4}: lump disks that are much lighter than the others."
         )
-    return CertificateSizes(low=low, high=high, reach=reach, time_steps=min(time_steps_of(low), CERTIFICATE.time_steps))
+    return CertificateSizes(low=low, high=high, reach=reach, time_steps=min(time_steps_of(low), 4096))
 
 
 def _check_inertia(train, system):
@@ -138,7 +136,7 @@ def _of_response(found, lin, given, balance, harmonics):
     found = replace(found, harmonic_balance=balance, harmonics=harmonics)
     if not found.holds:
         return found
-    count, law, motions = CERTIFICATE.compared * lin.sizes.low, lin.law.expand(), []
+    count, law, motions = 64 * lin.sizes.low, lin.law.expand(), []
     in_contact, viscous = (lin.damping[key][:, None] for key in ("in_contact", "viscous"))
     for deflection in (given, lin.deflection * lin.law.backlash[:, None]):
         value = fourier.synthesize(deflection, count)

@@ -39,19 +39,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxhb.certificate.linearization import NotInverted
-from jaxhb.certificate.options import CERTIFICATE
+from jaxhb.certificate.linearization import SAMPLES, NotInverted
 from jaxhb.equations import fourier
 from jaxhb.results.bounds import Certificate, Kantorovich
 
 
-def not_inverted(lin, train, gaps):
-    """What is left to say where A is not at hand."""
-    return _certificate(lin, train, gaps, np.inf, np.inf, 0.0)
-
-
-def _certificate(lin, train, gaps, Y0, Z1, Z2):
-    """The certificate of these numbers, without bounds."""
+def without_bounds(lin, train, gaps, Y0=np.inf, Z1=np.inf, Z2=0.0):
+    """The certificate of these numbers; by default of what is known where A is not at hand."""
     return Certificate(
         reason=_reason(lin, Y0, Z1, Z2),
         meshes=tuple(train.topology.mesh_names[i] for i in gaps),
@@ -69,7 +63,7 @@ def bounds_at(lin, train, gaps):
     """The numbers of the theorem around the motion of ``lin``, and what follows for that of the train;
     raises NotInverted."""
     law, low, high = lin.law, lin.sizes.low, lin.sizes.high
-    E, grid = lin.embedding, CERTIFICATE.samples * low // 4
+    E, grid = lin.embedding, SAMPLES * low // 4
 
     F, corrected, correction, weighted = _newton_correction(lin)
     Z1 = _defect(lin)
@@ -89,7 +83,7 @@ def bounds_at(lin, train, gaps):
     # A is 1 beyond ``low``: there A H = H, from root mean square to largest value.
     missing = lin.gain_between(low + 1) * root
     Z2 = float(kernel + missing + spread * in_zone * root) if zone.any() and Z1 < 1 else 0.0
-    found = _certificate(lin, train, gaps, Y0, Z1, Z2)
+    found = without_bounds(lin, train, gaps, Y0, Z1, Z2)
     if found.reason:
         return found
     # The engagement has the slope 1/tau in the zone: its integral differs from the linear one by at most r^2 / (2 tau).
@@ -121,7 +115,7 @@ def _newton_correction(lin):
     correction = lin.largest(corrected) + lin.gain_between(high + 1) * left
     weighted = np.hypot(np.linalg.norm(fourier.pack(w[: high + 1] * corrected)), lin.largest_gain(high + 1) * left)
     # Rounding of the terms of F, which cancel, is not in the residual computed from them.
-    correction += CERTIFICATE.rounded * (lin.largest(lin.linear) + lin.largest(F - lin.linear))
+    correction += 1e-13 * (lin.largest(lin.linear) + lin.largest(F - lin.linear))
     return F, corrected, correction, weighted
 
 

@@ -22,11 +22,9 @@ from jax import lax
 
 
 def quotient(numerator, denominator):
-    """Complex quotient, 0 where the denominator is 0 (a ring behind a purely viscous link at the mean).
-
-    Written out: the library's division is safe from overflow beyond 1e154 and costs as much as the rest of a sweep.
-    There it is nan, so that nothing that has lost a link counts as an answer.
-    """
+    """Complex quotient, 0 where the denominator is 0 (a ring behind a purely viscous link at the mean)."""
+    # Written out: the library's division is safe from overflow beyond 1e154 and costs as much as the rest of a sweep.
+    # There it is nan, so that nothing that has lost a link counts as an answer.
     square = denominator.real**2 + denominator.imag**2
     inverse = jnp.where(square < jnp.inf, 1 / jnp.where(square == 0, 1.0, square), jnp.nan)
     return numerator * jnp.conj(denominator) * jnp.where(square == 0, 0.0, inverse)
@@ -37,28 +35,21 @@ UNHELD = 1e-30
 
 
 def last_pivot(pivot):
-    """A last pivot, that of the whole train: where it vanishes the motion is huge, on all versions of jax alike.
-
-    What a division by zero makes of a complex number, and what LAPACK does with it, is infinite on some and nan on
-    others, as numbers are that have overflowed.
-    """
+    """A last pivot, that of the whole train: where it vanishes the motion is huge, and not infinite on one version of
+    jax and nan on another."""
     return jnp.where(pivot == 0, UNHELD, pivot)
 
 
 def nonzero_pivot(pivot, link):
-    """A pivot that vanishes exactly (an undamped part at resonance with its upper node held) moved by rounding.
-
-    The whole train need not be singular there; a pivot that vanishes together with its link stays zero.
-    """
+    """A pivot that vanishes exactly (an undamped part at resonance with its upper node held) moved by rounding: the
+    whole train need not be singular there. One that vanishes together with its link stays zero."""
     size = jnp.abs(link.real) + jnp.abs(link.imag)
     return jnp.where(pivot == 0, jnp.finfo(float).eps * size, pivot)
 
 
 class Slots(NamedTuple):
-    """Where a sweep keeps what the nodes under elimination have collected; few places, used again and again.
-
-    own, above : int arrays ``(S,)``, place of each node and of its parent (of the root: its own); every : ``(D,)``.
-    """
+    """Where a sweep keeps what the nodes under elimination have collected: ``(S,)`` place of each node and of its
+    parent (of the root: its own); every place ``(D,)``, few, used again and again."""
 
     own: np.ndarray
     above: np.ndarray
@@ -66,14 +57,9 @@ class Slots(NamedTuple):
 
 
 def slots(parent):
-    """The :class:`Slots` of a tree, host: a node takes one when its first branch arrives and frees it when done.
+    """The :class:`Slots` of a tree, host: a node takes one when its first branch arrives and frees it when done;
+    ``parent`` int ``(S,)``, position of the parent, larger than the own position; S for the root (last).
 
-    Parameters
-    ----------
-    parent : int array ``(S,)``, position of the parent, larger than the own position; S for the root (last)
-
-    Examples
-    --------
     >>> slots([1, 4, 3, 4, 5, 6]).own.tolist()
     [0, 0, 1, 1, 0, 0]
     """
@@ -97,27 +83,13 @@ def slots(parent):
 
 
 def scalar_sweep(at, near, far, link, node, load, forces=None):
-    """Solve a tree of scalar links for all harmonics and several loads.
+    """Displacements ``(S, R, H)`` of a tree of scalar links, and the forces ``(S, forces, H)`` of the links to the
+    parents, positive for ``alpha x_s > beta x_p``, zero at the root.
 
-    Parameters
-    ----------
-    at : Slots
-    near, far : arrays ``(S,)``
-        Arms alpha and beta of the link to the parent; of no meaning for the root.
-    link : complex array ``(S, H)``
-        Dynamic stiffness C of the link to the parent; of no meaning for the root.
-    node : complex array ``(S, H)``
-        Dynamic stiffness of the node itself, ground included.
-    load : complex array ``(S, R, H)``
-    forces : int, optional
-        Of how many loads, the first ones, the forces are wanted; default all R.
-
-    Returns
-    -------
-    displacement, force : complex arrays ``(S, R, H)``, ``(S, forces, H)``
-        ``force`` of the link to the parent, positive for ``alpha x_s > beta x_p``; zero at the root.
+    at : Slots; near, far : ``(S,)`` arms alpha and beta; link : complex ``(S, H)``, C of the link to the parent (these
+    of no meaning for the root); node : complex ``(S, H)``, ground included; load : complex ``(S, R, H)``; forces : of
+    how many loads, the first ones, default all.
     """
-
     kept = slice(load.shape[1] if forces is None else forces)
 
     def eliminate(collected, item):
@@ -136,7 +108,7 @@ def scalar_sweep(at, near, far, link, node, load, forces=None):
         return (stiffness, moment), (follow, beta * hand * P, *alone)
 
     nothing = [jnp.zeros((len(at.every), *a.shape[1:]), a.dtype) for a in (node, load)]
-    below_root = jax.tree.map(lambda a: a[:-1], (at.own, at.above, near, far, link, node, load))
+    below_root = [a[:-1] for a in (at.own, at.above, near, far, link, node, load)]
     (stiffness, moment), held = lax.scan(eliminate, tuple(nothing), below_root)
     # All that hangs on the root has arrived: its displacement is known, and with it, parent by parent, all others.
     root = (load[-1] + moment[at.own[-1]]) / last_pivot(node[-1] + stiffness[at.own[-1]])
@@ -153,21 +125,11 @@ def scalar_sweep(at, near, far, link, node, load, forces=None):
 
 
 def block_sweep(parent, near, far, link, node, load):
-    """Solve a tree of links with dense blocks: the same elimination, C and P matrices.
+    """The same elimination with matrices C and P: ``parent`` as of :func:`slots`, ``link`` and ``node`` ``(S, P, P)``.
 
-    Parameters
-    ----------
-    parent : int array ``(S,)``, position of the parent, larger than the own position; S for the root (last)
-    near, far : as in :func:`scalar_sweep`
-    link, node : arrays ``(S, P, P)``
-    load : array ``(S, P)``
-
-    Returns
-    -------
-    displacement : array ``(S, P)``
-    pivot_quality : float
-        Smallest ratio of the extreme diagonal entries of U over all pivots, a cheap sign of a breakdown: elimination
-        without pivoting between blocks fails at a part that is singular with its upper node held.
+    Gives displacements ``(S, P)`` under ``load`` ``(S, P)``, and the smallest ratio of the extreme diagonal entries of
+    U over all pivots, a cheap sign of a breakdown: elimination without pivoting between blocks fails at a part that is
+    singular with its upper node held.
     """
     width = node.shape[-1]
 

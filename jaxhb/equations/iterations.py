@@ -14,28 +14,13 @@ ROWS = 10
 
 
 def gcr(apply, precondition, b, *, tolerance, steps):
-    """Solve ``apply(x) = b`` over the Krylov space of ``apply(precondition(.))``.
+    """Solve ``apply(x) = b`` over the Krylov space of ``apply(precondition(.))``, on real arrays ``(n,)``, until the
+    residual norm has fallen to ``tolerance * |b|``, in at most ``steps`` (static): x, ``|b - apply(x)| / |b|``, and how
+    many steps were taken.
 
     In exact arithmetic the iterates are those of GMRES with a right preconditioner (Eisenstat, Elman, Schultz, SIAM J.
     Numer. Anal. 20 (1983) 345); the preconditioner may change from step to step.
 
-    Parameters
-    ----------
-    apply, precondition : callables on arrays ``(n,)``, real
-    b : array ``(n,)``
-    tolerance : float
-        Stop when the residual norm has fallen to ``tolerance * |b|``.
-    steps : int
-        Largest dimension of the Krylov space (static).
-
-    Returns
-    -------
-    x : array ``(n,)``
-    residual : float, ``|b - apply(x)| / |b|``
-    used : int, steps taken
-
-    Examples
-    --------
     >>> x, _, used = gcr(lambda v: 2 * v, lambda v: v, jnp.array([2.0, 4.0]), tolerance=1e-9, steps=5)
     >>> x.tolist(), int(used)
     ([1.0, 2.0], 1)
@@ -84,19 +69,15 @@ def lowers_level(simplified, correction, length):
 
 
 def predicted_length(gain, difference, correction):
-    """Length to try first at an iterate, from how much the Jacobian changed on the way there.
-
-    gain : of the step before, its length times its correction times its simplified correction; difference : of that
-    simplified correction and the correction, which only the change of the Jacobian makes different.
-    """
+    """Length to try first at an iterate, from how much the Jacobian changed on the way there: ``gain`` of the step
+    before, its length times its correction times its simplified correction; ``difference`` of that and the correction,
+    which only the change of the Jacobian makes different."""
     return jnp.clip(gain / (difference * correction + 1e-300), SHORTEST, 1.0)
 
 
 def shorter_length(length, correction, curvature):
-    """Length to try after a trial that failed: where the curvature met on it lets the level fall most.
-
-    curvature : of the simplified correction less (1 - length) times the correction, zero for linear equations; where it
-    is not finite the length is halved. At least a tenth of the length: one trial far out may see too much of it.
-    """
+    """Length to try after a trial that failed: where the ``curvature`` met on it, of the simplified correction less
+    (1 - length) times the correction, lets the level fall most; half the length where that is not finite."""
+    # At least a tenth of the length: one trial far out may see too much curvature.
     wanted = correction * length**2 / (2 * curvature + 1e-300)
     return jnp.maximum(jnp.fmin(wanted, length / 2), length / 10)

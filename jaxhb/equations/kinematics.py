@@ -18,20 +18,9 @@ Array = Any
 
 
 def speed_ratios(train):
-    """Speed of each rotor over that of the reference rotor, from the pitch radii: r_a Omega_a = r_b Omega_b.
+    """Speed ``[n_rotors]`` of each rotor over that of the reference rotor, from the pitch radii: r_a Omega_a = r_b
+    Omega_b; positive, as each rotor has its own sense.
 
-    Parameters
-    ----------
-    train : DriveTrain
-
-    Returns
-    -------
-    array [n_rotors]
-        Positive (each rotor has its own sense); 1 for the reference rotor.
-
-    Examples
-    --------
-    >>> from jaxhb.equations.kinematics import speed_ratios
     >>> from jaxhb.scene.files import load_scene
     >>> train = load_scene("gear_train_30")
     >>> float(speed_ratios(train)[train.topology.rotor[train.topology.disk_index("cam A1")]])
@@ -54,43 +43,15 @@ def rotor_ratios(topology, radius):
 
 
 def inertias(train):
-    """Inertia of every disk, the rings of the dampers last.
-
-    Parameters
-    ----------
-    train : DriveTrain
-
-    Returns
-    -------
-    array [n_disks]
-        kg m2.
-
-    Examples
-    --------
-    >>> from jaxhb.train.drivetrain import inertias
-    >>> from jaxhb.scene.files import load_scene
-    >>> inertias(load_scene("gear_train_30")).shape
-    (27,)
-    """
+    """Inertia ``[n_disks]`` kg m2 of every disk, the rings of the dampers last."""
     inertia = train.disks.inertia, train.dampers.inertia
     return namespace(inertia).concatenate(inertia)
 
 
 def tooth_damping_ratios(train: DriveTrain) -> Array:
-    """Damping ratio of the teeth of every mesh in contact, of its two gears alone.
+    """Damping ratio ``[n_meshes]`` of the teeth of every mesh in contact, of its two gears alone,
+    ``r / (2 sqrt(c m))``; nan where a gear has no inertia. The train may be traced.
 
-    Parameters
-    ----------
-    train : DriveTrain
-        May be traced.
-
-    Returns
-    -------
-    array [n_meshes]
-        ``r / (2 sqrt(c m))``; nan where a gear has no inertia.
-
-    Notes
-    -----
     Along the pitch circle a gear has the mass ``J / r^2``, and two that are free otherwise vibrate against each other
     with ``m = m_a m_b / (m_a + m_b)``. Gears that stiff shafts couple to heavier parts have a smaller ratio
     (:func:`jaxhb.damping_ratios` has those of the modes).
@@ -145,19 +106,9 @@ class Referred:
 
 
 def referred(train: DriveTrain) -> Referred:
-    """Inertias, stiffnesses and dampings as they are and referred to the reference rotor, ``J i^2``, ``k i^2``.
+    """Inertias, stiffnesses and dampings as they are and referred to the reference rotor, ``J i^2``, ``k i^2``; the
+    train may be traced.
 
-    Parameters
-    ----------
-    train : DriveTrain
-        May be traced.
-
-    Returns
-    -------
-    Referred
-
-    Notes
-    -----
     Angles referred to the reference rotor are ``phi / i``: energies stay the same when each inertia and each torsional
     stiffness is multiplied by i^2. The deflection of a mesh is ``i r (phi_a / i_a - phi_b / i_b)``, as ``i_a r_a = i_b
     r_b``, so that its stiffness c along the pitch circle becomes ``c (i r)^2``.

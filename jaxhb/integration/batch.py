@@ -1,7 +1,7 @@
 """Trains of several speeds marched side by side, each through its own cycles, on modes that they share.
 
 The step is that of :mod:`jaxhb.integration.step`, exponential Runge-Kutta around the linear train with the weights of
-Krogstad, in the modes of :mod:`jaxhb.equations.modal_form`: propagators and weights are one complex number per mode and
+Krogstad, in the modes of :mod:`jaxhb.equations.state_space`: propagators and weights are one complex number a mode and
 lane, so that steps of another length cost nothing, and only the products with ``observation`` and ``forcing``, which
 all lanes share, are matrices.
 

@@ -9,10 +9,9 @@ import numpy as np
 
 from jaxhb._program import WHOLE, across, along
 from jaxhb.balance.request import TIME_STEPS
-from jaxhb.equations.modal_form import march_modes, modes_of
 from jaxhb.equations.reduced_model import reduced_model
 from jaxhb.equations.residual import backlash_meshes
-from jaxhb.equations.state_space import partition
+from jaxhb.equations.state_space import march_modes, modes_of, partition
 from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.integration import batch, record as recording
 from jaxhb.integration.batch import LANES
@@ -73,7 +72,7 @@ class Equations:
 
     @cached_property
     def modes(self):
-        """The damped :class:`~jaxhb.equations.modal_form.Modes`: all, or of a finely divided train the slow ones that
+        """The damped :class:`~jaxhb.equations.state_space.Modes`: all, or of a finely divided train the slow ones that
         its meshes see most."""
         frequency = self.train.topology.cycle_frequency(1000.0)
         if self.small:
