@@ -25,8 +25,8 @@ from jaxhb.results.bounds import LINEAR, Certificate
 from jaxhb.results.response import Response
 
 FEWEST, MOST = 32, 8192
-"""Harmonics in which the linearised equation is solved: twice those of the response and thrice those of the tooth modes,
-within these, doubled until a bound holds."""
+"""Harmonics in which the linearised equation is solved: twice those of the response, thrice those of the tooth modes,
+within these; doubled until a bound holds."""
 
 RECEPTANCES = 2**18
 """Harmonics to which receptances are evaluated at most: beyond twice the highest natural frequency they are bounded."""
@@ -123,12 +123,10 @@ def _sizes(low, highest, excited):
 
 
 def _check_inertia(train, system):
-    light = [name for name, mass in zip(train.topology.disk_names, system.mass, strict=False) if not mass > 0]
+    light = [repr(name) for name, mass in zip(train.topology.disk_names, system.mass, strict=False) if not mass > 0]
     if light:
-        named = ", ".join(map(repr, light))
-        raise ValueError(
-            f"disk {named} has inertia 0, and a computed bound needs disks with inertia: give a small one."
-        )
+        need = "a computed bound needs disks with inertia: give a small one."
+        raise ValueError(f"disk {', '.join(light)} has inertia 0, and {need}")
 
 
 def _of_response(found, lin, given, balance, harmonics):

@@ -162,8 +162,8 @@ class _Enough(Exception):  # noqa: N818 - ends an iteration, no error
 
 
 class Linearization:
-    """The equation of the deflections at one motion ``(G, N+1)`` m of the meshes with backlash, its derivative solved in
-    ``low`` harmonics: the approximate inverse A of ``F'`` is that of these, and 1 beyond.
+    """The equation of the deflections ``(G, N+1)`` m of the meshes with backlash at one motion, its derivative solved
+    in ``low`` harmonics: the approximate inverse A of ``F'`` is that of these, and 1 beyond.
 
     ``scale`` : harmonic at which the weights ``w_n = sqrt(1 + (n/scale)^2)`` begin to rise; later where damping in
     contact is so strong that ``w_n |H(n)|`` would not fall below one.

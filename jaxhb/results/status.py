@@ -14,8 +14,6 @@ AnyResponse = TypeVar("AnyResponse", bound=Any)
 class Status(IntEnum):
     """Outcome of a solve; larger is worse. ``sentence`` says it for people.
 
-    Examples
-    --------
     >>> print(Status(3))
     MAX_STEPS
     >>> Status.NEAR_SINGULAR.sentence
@@ -35,8 +33,7 @@ class Status(IntEnum):
     def __str__(self):
         return self.name
 
-    def __format__(self, spec):
-        # An IntEnum would format as its number.
+    def __format__(self, spec):  # an IntEnum would format as its number
         return format(self.name, spec)
 
     @property
@@ -125,10 +122,8 @@ class March:
 
 @dataclass(frozen=True)
 class Shooting:
-    """Newton's method on the state at the beginning of a cycle, tried from so many cycles of a march.
-
-    refined : begun from an orbit that fewer time steps found; closed : whether the orbit counts as periodic.
-    """
+    """Newton's method on the state at the beginning of a cycle, from so many cycles of a march or ``refined``, from an
+    orbit that fewer time steps found; ``closed`` : whether the orbit counts as periodic."""
 
     cycles: int
     time_steps: int

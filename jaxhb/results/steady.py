@@ -26,25 +26,20 @@ class SteadyState(Motion[SteadySignal | RecordedSignal, SteadyContact, float]):
 
     Parameters
     ----------
-    rpm : float
     kind : str
         "contact" : no teeth part. "periodic" : period one cycle. "subharmonic" : ``period`` cycles. "irregular" : none
         of these within the cycles marched. "unknown" : ``notes`` say why.
-    period : int
-        In cycles of the excitation; 0 for irregular and unknown motion.
+    period : int, in cycles of the excitation; 0 for irregular and unknown motion
     response : Response or None
         The harmonic solution of a periodic or subharmonic motion; of a subharmonic one over ``period`` cycles, whose
         orders are multiples of ``1 / (period x revolutions_per_cycle)``.
-    record : Record or None
-        Numbers of the recorded cycles where there is no response.
-    cycles : int
-        Cycles marched.
+    record : Record or None, numbers of the recorded cycles where there is no response
+    cycles : int, marched
     notes : tuple of str
         What to know about the numbers: how time integration takes loss factors, why a kind is unknown.
     motion : array ``(2S,)`` or None
         Displacements in m and velocities in m/s of the disks at the end of the march, at the beginning of a cycle:
         where a neighbouring speed starts.
-    topology : Topology
     stability : Stability or None
         Of ``response``, as :func:`jaxhb.stability` gives it; None where contact follows from the linear motion and
         nothing was marched, and where it is not decided: ``notes`` then say why.
@@ -77,7 +72,7 @@ class SteadyState(Motion[SteadySignal | RecordedSignal, SteadyContact, float]):
         return self.kind != "unknown"
 
     @property
-    def solution(self) -> Response | None:
+    def solution(self) -> Response | None:  # type: ignore[override]
         """The response; None of recorded cycles, and of a motion that is not known."""
         return self.response
 
