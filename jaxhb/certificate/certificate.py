@@ -51,7 +51,7 @@ def certify(response: Response) -> Certificate:
     Notes
     -----
     Serves both laws of damping, loss factors and closed loops. A computed bound and no proof: norms are iterated and
-    taken times 1.1, largest row sums are estimated and taken times 1.5, and the sampled largest values, the decay of
+    taken times 1.1, largest row sums are estimated and taken times 1.5, and sampled largest values, the decay of
     coefficients beyond those computed, and rounding are not enclosed.
 
     Examples

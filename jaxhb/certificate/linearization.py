@@ -32,7 +32,7 @@ from jaxhb.equations.condensation import truncate
 from jaxhb.equations.iterations import gcr
 from jaxhb.equations.residual import backlash_meshes
 from jaxhb.floquet.variational import motion
-from jaxhb.results.bounds import NORM_MARGIN, ROW_SUM_MARGIN
+from jaxhb.results.bounds import NORM_MARGIN
 
 SAMPLES = 16
 """Time samples per harmonic at which largest values are looked for."""
@@ -86,11 +86,6 @@ class CertificateSizes:
     reach: int
     time_steps: int
 
-    @property
-    def samples(self):
-        """Of the slopes that the preconditioner averages."""
-        return max(4 * self.time_steps, 4 * self.low)
-
 
 def highest_frequency(system):
     """rad/s above which no natural frequency lies, meshes in contact and damping left out; inf without inertia."""
@@ -117,8 +112,8 @@ def _linear_response(problem, chosen, sizes):
 @partial(Program, static_argnames="sizes")
 def _expand(reduced, model, deflection, sizes):
     """Of a motion ``(G, low+1)`` m: the preconditioner; in harmonics the integral of (engagement - 1), and itself."""
-    law, meshes = reduced.law, len(deflection)
-    operator = correction.prepare(reduced, model, deflection, sizes.samples, sizes.time_steps)
+    law, meshes, samples = reduced.law, len(deflection), 4 * max(sizes.time_steps, sizes.low)
+    operator = correction.prepare(reduced, model, deflection, samples, sizes.time_steps)
     # In backlashes, with a gap without stiffness: the force of this law is the integral of the engagement.
     unit = replace(law, stiffness=jnp.ones(meshes), epsilon=jnp.zeros(meshes), backlash=jnp.ones(meshes))
     wide = fourier.resize(deflection / law.backlash[:, None], sizes.high // 2)
@@ -157,10 +152,6 @@ class NotInverted(ArithmeticError):
     """The linearised equation was not solved well enough to show anything."""
 
 
-class _Enough(Exception):  # noqa: N818 - ends an iteration, no error
-    """A norm is at least the number given, and no more is asked."""
-
-
 class Linearization:
     """The equation of the deflections ``(G, N+1)`` m of the meshes with backlash at one motion, its derivative solved
     in ``low`` harmonics: the approximate inverse A of ``F'`` is that of these, and 1 beyond.
@@ -176,14 +167,12 @@ class Linearization:
         self.frequency, self.sizes = float(problem.frequency), sizes
         chosen = train.topology.backlash_index.astype(np.int32)
         receptance, linear, self._reduced, self._model = _linear_response(problem, chosen, sizes)
-        n, h = np.arange(sizes.reach + 1), self.law.backlash
-        stiffness, viscous = (1 - self.law.epsilon) * self.law.stiffness, np.where(in_contact, viscous, 0.0)
-        change = stiffness + 1j * n[:, None] * self.frequency * viscous
-        receptance = np.asarray(receptance)
+        n, h, receptance = np.arange(sizes.reach + 1), self.law.backlash, np.asarray(receptance)
+        self.slopes = (1 - self.law.epsilon) * self.law.stiffness, np.where(in_contact, viscous, 0.0)
+        change = self.slopes[0] + 1j * n[:, None] * self.frequency * self.slopes[1]
         self.held = receptance / h[:, None] * (change * h)[:, None, :]
         self._linear = np.asarray(linear)[:, : sizes.high + 1] / h[:, None]
         self._gain = (receptance * change[:, None, :])[: sizes.low + 1]
-        self.slopes = stiffness, viscous
         self._decay = self._decay_bound(problem.system, problem.system.incidence(link))
         self.scale = max(scale, 3 * self._decay[1])
         self._place(fourier.resize(np.asarray(deflection), sizes.low))
@@ -237,9 +226,8 @@ class Linearization:
     def near_transition(self, distance, share):
         """Whether ``(G, K)`` a mesh is within ``distance``, backlashes, of the transition of its law, at shares of the
         cycle ``(K,)``."""
-        value = np.abs(motion(self.deflection, 1.0, share)[0])
-        gap, knee = (1 - self.law.transition[:, None]) / 2, (1 + self.law.transition[:, None]) / 2
-        return (value > gap - distance) & (value < knee + distance)
+        value, half = np.abs(motion(self.deflection, 1.0, share)[0]), self.law.transition[:, None] / 2
+        return (value > 0.5 - half - distance) & (value < 0.5 + half + distance)
 
     def residual(self):
         """F(y) ``(G, high+1)`` of the motion, with exact integrals."""
@@ -282,11 +270,10 @@ class Linearization:
 
     def _decay_bound(self, system, columns):
         """k, d, w with ``|H_c(n)| <= (k + n d) / (n^2 - w^2)``, whatever the damping (docs/theory A4.5)."""
-        root = columns.T / np.sqrt(np.asarray(system.mass))
-        h, squared = self.law.backlash, self.frequency**2
+        root, h = columns.T / np.sqrt(np.asarray(system.mass)), self.law.backlash
         left = np.linalg.norm(root / h[:, None], 2)
         k, d = (left * np.linalg.norm(root * (h * change)[:, None], 2) for change in self.slopes)
-        return k / squared, d / self.frequency, highest_frequency(system) / self.frequency
+        return k / self.frequency**2, d / self.frequency, highest_frequency(system) / self.frequency
 
     def _decay_beyond(self):
         """:meth:`_decay_bound` for H and harmonics above those of ``gain``."""
@@ -303,16 +290,14 @@ class Linearization:
 
     def largest_gain(self, first):
         """sup of ``w_n |H(n)|`` over n >= ``first``."""
-        k, d, highest = self._decay_beyond()
-        n = self.sizes.reach + 1
+        (k, d, highest), n = self._decay_beyond(), self.sizes.reach + 1
         beyond = np.sqrt(1 + (n / self.scale) ** 2) * (k + n * d) / (n**2 - highest**2)  # falls with n
         return float(max((self.weight * self.gain_sizes)[first:].max(initial=0.0), beyond))
 
     def gain_between(self, first):
         """``sqrt(sum of |H(n)|^2 over |n| >= first)``: largest value that H gives of harmonics from there on, over
         their root mean square."""
-        k, d, highest = self._decay_beyond()
-        n = self.sizes.reach
+        (k, d, highest), n = self._decay_beyond(), self.sizes.reach
         factor = 1 / (1 - (highest / (n + 1)) ** 2)
         # (k + n d)^2 <= 2 (k^2 + n^2 d^2), and sums over n of n^-4 and n^-2 below their integrals.
         beyond = factor**2 * 2 * (k**2 / (3 * n**3) + d**2 / n)
@@ -322,8 +307,8 @@ class Linearization:
         """Largest absolute row sum of the kernel of ``d/dt H``, t over the cycle of 2 pi, harmonics ``first`` to
         ``last``."""
         n = np.arange(last + 1)
-        rates = 1j * n[:, None, None] * self.gain[: last + 1] * (n >= first)[:, None, None]
-        kernel = fourier.synthesize(np.moveaxis(rates, 0, -1), fourier.samples_for(4 * last))
+        rates = 1j * n * np.moveaxis(self.gain[: last + 1], 0, -1) * (n >= first)
+        kernel = fourier.synthesize(rates, fourier.samples_for(4 * last))
         return float(np.abs(kernel).mean(-1).sum(1).max())
 
     def galerkin(self, harmonics):
@@ -345,7 +330,7 @@ class Linearization:
             image = apply(fourier.unpack(v.reshape(shape)))
             stretch = np.linalg.norm(fourier.pack(image)) / np.linalg.norm(v)
             if stretch >= enough:
-                raise _Enough(stretch)
+                raise StopIteration(float(stretch))
             return fourier.pack(apply_transposed(image)).reshape(-1)
 
         size = shape[0] * shape[1]
@@ -354,19 +339,16 @@ class Linearization:
         ends = {"tol": 1e-2, "maxiter": 100, "ncv": 6}  # to one percent, which the margin covers
         try:
             found = eigsh(operator, 1, which="LA", v0=start, return_eigenvectors=False, **ends)
-        except _Enough as known:
-            return float(known.args[0])
+        except StopIteration as known:
+            return known.value
         except ArpackNoConvergence:
             return np.inf
         return NORM_MARGIN * float(np.sqrt(max(found[0], 0.0)))
 
-    def largest_row_sum(self, apply, apply_transposed, samples):
-        """Largest absolute row sum of a map between motions at time samples ``(G, samples)``, with its margin."""
-        shape = len(self.middle), samples
+    def respond(self, x):
+        """A H x."""
+        return self.inverse(self.apply_gain(x))
 
-        def flat(function):
-            return lambda v: function(v.reshape(shape)).reshape(-1)
-
-        with np.errstate(all="ignore"):
-            found = one_norm(flat(apply_transposed), flat(apply), shape[0] * samples, columns=3)
-        return ROW_SUM_MARGIN * found
+    def respond_transposed(self, x):
+        """The adjoint of :meth:`respond`."""
+        return self.apply_gain_transposed(self.inverse_transposed(x))

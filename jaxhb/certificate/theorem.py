@@ -39,9 +39,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from jaxhb.certificate.linearization import SAMPLES, NotInverted
+from jaxhb.certificate.linearization import SAMPLES, NotInverted, one_norm
 from jaxhb.equations import fourier
-from jaxhb.results.bounds import Certificate, Kantorovich
+from jaxhb.results.bounds import ROW_SUM_MARGIN, Certificate, Kantorovich
 
 
 def without_bounds(lin, train, gaps, Y0=np.inf, Z1=np.inf, Z2=0.0):
@@ -135,8 +135,7 @@ def _beyond(coefficients, harmonics, power):
 
 def _defect(lin):
     """Z1."""
-    sizes, w = lin.sizes, lin.weight
-    low, high = sizes.low, sizes.high
+    w, low, high = lin.weight, lin.sizes.low, lin.sizes.high
     inner = w[: high + 1]
 
     def apply(x):
@@ -176,11 +175,7 @@ def _coupling(share, rows, columns):
 def _gain_norm(lin, harmonics):
     """``|A H|_w`` of forces with so many harmonics."""
     w = lin.weight[: harmonics + 1]
-    return lin.norm(
-        lambda x: w * lin.inverse(lin.apply_gain(x)),
-        lambda x: lin.apply_gain_transposed(lin.inverse_transposed(w * x)),
-        harmonics,
-    )
+    return lin.norm(lambda x: w * lin.respond(x), lambda x: lin.respond_transposed(w * x), harmonics)
 
 
 def _zone_norm(lin, zone, count):
@@ -189,26 +184,28 @@ def _zone_norm(lin, zone, count):
     w = lin.weight[: low + 1]
 
     def adjoint(x):
-        values = fourier.synthesize(lin.apply_gain_transposed(lin.inverse_transposed(w * x)), count)
+        values = fourier.synthesize(lin.respond_transposed(w * x), count)
         return fourier.analyze(zone * values, low)  # its square is the share in the zone, as that of a projection
 
-    return lin.norm(adjoint, lambda x: w * lin.inverse(lin.apply_gain(x)), low)
+    return lin.norm(adjoint, lambda x: w * lin.respond(x), low)
 
 
 def _row_sum(lin, zone, count, rate):
-    """``|A H zone|`` from largest value to largest value, or of its rate."""
+    """``|A H zone|`` from largest value to largest value, or of its rate: the largest absolute row sum of the map
+    between motions at ``count`` time samples, with its margin."""
     low = lin.sizes.low
     factor = 1j * np.arange(low + 1) if rate else np.ones(low + 1)
 
     def apply(values):
-        x = factor * lin.inverse(lin.apply_gain(fourier.analyze(zone * values, low)))
-        return fourier.synthesize(x, count)
+        x = factor * lin.respond(fourier.analyze(zone * values.reshape(zone.shape), low))
+        return fourier.synthesize(x, count).reshape(-1)
 
     def adjoint(values):
-        x = np.conj(factor) * fourier.analyze(values, low)
-        return zone * fourier.synthesize(lin.apply_gain_transposed(lin.inverse_transposed(x)), count)
+        x = np.conj(factor) * fourier.analyze(values.reshape(zone.shape), low)
+        return (zone * fourier.synthesize(lin.respond_transposed(x), count)).reshape(-1)
 
-    return lin.largest_row_sum(apply, adjoint, count)
+    with np.errstate(all="ignore"):
+        return ROW_SUM_MARGIN * one_norm(adjoint, apply, zone.size, columns=3)
 
 
 def harmonic_balance(lin, harmonics):
@@ -221,17 +218,14 @@ def harmonic_balance(lin, harmonics):
         return w * fourier.resize(own.inverse(fourier.resize(own.apply_gain(x), lin.sizes.low)), harmonics)
 
     def adjoint(x):
-        return own.apply_gain_transposed(
-            fourier.resize(own.inverse_transposed(fourier.resize(w * x, lin.sizes.low)), harmonics)
-        )
+        back = own.inverse_transposed(fourier.resize(w * x, lin.sizes.low))
+        return own.apply_gain_transposed(fourier.resize(back, harmonics))
 
     try:
-        first = fourier.resize(own.inverse(F), harmonics)
-        return Kantorovich(
-            H0=lin.norm(apply, adjoint, harmonics), delta0=float(np.linalg.norm(fourier.pack(w * first))), K=K
-        )
+        first = w * fourier.resize(own.inverse(F), harmonics)
+        return Kantorovich(lin.norm(apply, adjoint, harmonics), float(np.linalg.norm(fourier.pack(first))), K)
     except NotInverted:
-        return Kantorovich(H0=np.inf, delta0=np.inf, K=K)
+        return Kantorovich(np.inf, np.inf, K)
 
 
 def _small_gain(lin):

@@ -5,11 +5,11 @@ the dynamic stiffness and ``psi`` the load collected at the node, elimination of
 
     f = pi - Y x_p,    Y = beta C (P + alpha^2 C)^{-1} P,    pi = alpha C (P + alpha^2 C)^{-1} psi.
 
-Unlike the textbook recursion, ``Y`` is exactly zero for a part that nothing holds: a soft ground costs no digits;
-link forces come from ``pi - Y x_p``, never from differences of displacements. The scalar sweep treats every harmonic
-at once; the block sweep treats dense blocks that couple all harmonics (Newton's matrix along a chain).
-Source: Fridman 2009, (10)-(12), in the form of Moliboshko's equivalent transformation; forces of all branches of a node
-add in ``P`` and ``psi``, which is what a fictitious node of Fridman's numbering does.
+Unlike the textbook recursion, ``Y`` is exactly zero for a part that nothing holds: a soft ground costs no digits, and
+link forces are no differences of displacements. The scalar sweep treats every harmonic at once; the block sweep dense
+blocks that couple all harmonics (Newton's matrix along a chain). Source: Fridman 2009, (10)-(12), in the form of
+Moliboshko's equivalent transformation; forces of all branches of a node add in ``P`` and ``psi``, which is what a
+fictitious node of Fridman's numbering does.
 """
 
 import heapq
@@ -63,23 +63,15 @@ def slots(parent):
     >>> slots([1, 4, 3, 4, 5, 6]).own.tolist()
     [0, 0, 1, 1, 0, 0]
     """
-    own, free, count = [-1] * len(parent), [], 0
-
-    def take():
-        nonlocal count
-        if free:
-            return heapq.heappop(free)
-        count += 1
-        return count - 1
-
+    own, free = np.full(len(parent), -1, np.int32), list(range(len(parent)))
     for node, up in enumerate(parent):
         if own[node] < 0:
-            own[node] = take()
+            own[node] = heapq.heappop(free)
         heapq.heappush(free, own[node])
         if up < len(parent) and own[up] < 0:
-            own[up] = take()
-    above = [own[up] if up < len(parent) else own[node] for node, up in enumerate(parent)]
-    return Slots(np.array(own, dtype=np.int32), np.array(above, dtype=np.int32), np.arange(count, dtype=np.int32))
+            own[up] = heapq.heappop(free)
+    above = [own[min(up, len(parent) - 1)] for up in parent]
+    return Slots(own, np.array(above, np.int32), np.arange(own.max() + 1, dtype=np.int32))
 
 
 def scalar_sweep(at, near, far, link, node, load, forces=None):
@@ -138,15 +130,16 @@ def block_sweep(parent, near, far, link, node, load):
         position, up, alpha, beta, C = item
         P, psi = stiffness[position], moment[position]
         factor = jax.scipy.linalg.lu_factor(P + alpha**2 * C)
-        diagonal = jnp.abs(jnp.diagonal(factor[0]))
         solved = jax.scipy.linalg.lu_solve(factor, jnp.concatenate([P, psi[:, None], C], axis=1))
         passed = C @ solved[:, : width + 1]
         stiffness = stiffness.at[up].add(beta**2 * passed[:, :width])
         moment = moment.at[up].add(alpha * beta * passed[:, width])
+        diagonal = jnp.abs(jnp.diagonal(factor[0]))
         quality = diagonal.min() / diagonal.max()
         return (stiffness, moment), (solved[:, width], alpha * beta * solved[:, width + 1 :], quality)
 
-    items = (jnp.arange(node.shape[0] - 1), parent[:-1], near[:-1], far[:-1], link[:-1])
+    places = jnp.arange(node.shape[0] - 1), parent[:-1]
+    items = (*places, near[:-1], far[:-1], link[:-1])
     (stiffness, moment), (free, follow, quality) = lax.scan(eliminate, (node, load), items)
     root = jnp.linalg.solve(stiffness[-1], moment[-1])
 
@@ -155,5 +148,5 @@ def block_sweep(parent, near, far, link, node, load):
         return displacement.at[position].set(free + follow @ displacement[up]), None
 
     start = jnp.zeros_like(load).at[-1].set(root)
-    displacement, _ = lax.scan(substitute, start, (items[0], items[1], free, follow), reverse=True)
+    displacement, _ = lax.scan(substitute, start, (*places, free, follow), reverse=True)
     return displacement, quality.min(initial=1.0)

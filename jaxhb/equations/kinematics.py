@@ -32,13 +32,12 @@ def speed_ratios(train):
 def rotor_ratios(topology, radius):
     """:func:`speed_ratios` of a topology with pitch radii ``(..., S)`` m: ``(..., n_rotors)``."""
     paths, xp = topology.rotor_path, namespace(radius)
-    depth = max((len(p) for p in paths), default=0)
-    radius = xp.asarray(radius)
-    if depth == 0:
+    longest, radius = max(paths, key=len, default=()), xp.asarray(radius)
+    if not longest:
         return xp.ones((*radius.shape[:-1], topology.n_rotors))
     # Shorter paths are filled up by a gear over itself: disks that are no gears have radius 0.
-    gear = paths[max(range(len(paths)), key=lambda k: len(paths[k]))][0][0]
-    steps = np.array([[*p, *([(gear, gear)] * (depth - len(p)))] for p in paths])
+    gear = longest[0][0]
+    steps = np.array([[*p, *([(gear, gear)] * (len(longest) - len(p)))] for p in paths])
     return xp.prod(radius[..., steps[..., 0]] / radius[..., steps[..., 1]], axis=-1)
 
 
@@ -130,18 +129,8 @@ def referred(train: DriveTrain) -> Referred:
     radius = xp.concatenate([train.disks.radius, np.ones(len(topology.damper_names))])
     link_factor = factor[first] * xp.where(meshes, radius[first], 1.0)
     tables = train.shafts, train.dampers, train.meshes
-    stiffness, damping = (xp.concatenate([getattr(t, name) for t in tables]) for name in ("stiffness", "damping"))
-    return Referred(
-        disks=topology.disk_names,
-        links=topology.link_names,
-        factor=factor,
-        inertia=J,
-        inertia_referred=J * factor**2,
-        link_factor=link_factor,
-        stiffness=stiffness,
-        stiffness_referred=stiffness * link_factor**2,
-        damping=damping,
-        damping_referred=damping * link_factor**2,
-        order=train.dampers.order,
-        order_referred=train.dampers.order * factor[np.array(topology.damper_disk, dtype=int)],
-    )
+    k, r = (xp.concatenate([getattr(t, name) for t in tables]) for name in ("stiffness", "damping"))
+    links = (link_factor, k, k * link_factor**2, r, r * link_factor**2)
+    order = train.dampers.order
+    orders = order, order * factor[np.array(topology.damper_disk, dtype=int)]
+    return Referred(topology.disk_names, topology.link_names, factor, J, J * factor**2, *links, *orders)

@@ -31,21 +31,15 @@ class MeshParameters:
 
 def all_meshes(train):
     """Every mesh as an entry of :class:`MeshParameters`; linear ones have epsilon 1 and a gap of 1 m."""
-    xp = namespace(train)
-    topology, law = train.topology, backlash.law_of(train.meshes)
+    xp, topology, meshes = namespace(train), train.topology, train.meshes
     gap = np.array(topology.mesh_backlash, dtype=bool)
-    first = len(topology.link_names) - len(gap)
-    in_contact = np.array([law == "contact" for law in topology.mesh_damping_law], dtype=bool) & gap
+    numbers = meshes.epsilon, meshes.transition, meshes.backlash
+    law = (xp.where(gap, own, linear) for own, linear in zip(numbers, (1.0, 0.5, 1.0), strict=True))
     return MeshParameters(
-        link=np.arange(first, first + len(gap), dtype=np.int32),
-        law=backlash.Law(
-            stiffness=xp.asarray(law.stiffness),
-            epsilon=xp.where(gap, law.epsilon, 1.0),
-            transition=xp.where(gap, law.transition, 0.5),
-            backlash=xp.where(gap, law.backlash, 1.0),
-        ),
-        viscous=xp.asarray(train.meshes.damping),
-        contact_damping=in_contact,
+        link=np.arange(len(topology.link_names) - len(gap), len(topology.link_names), dtype=np.int32),
+        law=backlash.Law(xp.asarray(meshes.stiffness), *law),
+        viscous=xp.asarray(meshes.damping),
+        contact_damping=np.array([law == "contact" for law in topology.mesh_damping_law], dtype=bool) & gap,
     )
 
 

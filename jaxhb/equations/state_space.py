@@ -110,44 +110,36 @@ def partition(system, meshes, disk_names=None, link_names=None, lossy=False):
     if traced((system, meshes)):
         raise ValueError("jit or vmap traces the train: pass parts=partition(system, meshes), made outside.")
 
-    def disk(index):
-        return repr(disk_names[index]) if disk_names else f"disk {index}"
+    system, meshed = jax.tree.map(np.asarray, system), np.asarray(meshes.link)
 
-    def link(index):
-        return repr(link_names[index]) if link_names else f"link {index}"
+    def named(names, what, at):
+        return ", ".join(repr(names[i]) if names else f"{what} {i}" for i in at)
 
-    refused = [] if lossy else np.flatnonzero(np.asarray(system.loss))
+    refused = [] if lossy else np.flatnonzero(system.loss)
     if len(refused):
         raise ValueError(
-            f"{', '.join(link(i) for i in refused)}: loss factors exist only in harmonic methods: "
+            f"{named(link_names, 'link', refused)}: loss factors exist only in harmonic methods: "
             "apply train.with_viscous_damping(hz=...)."
         )
-    massless = np.flatnonzero(np.asarray(system.mass) == 0)
-    meshed = np.asarray(meshes.link)
-    ends = {*np.asarray(system.tree.end_a)[meshed].tolist(), *np.asarray(system.tree.end_b)[meshed].tolist()}
-    for index in massless:
-        if int(index) in ends:
-            raise ValueError(
-                f"{disk(index)} has no inertia and carries a backlash mesh: no equation of motion in time "
-                "is left for it. Give it an inertia, or use a harmonic method."
-            )
-    B, K = matrices(jax.tree.map(np.asarray, system))
+    massless = np.flatnonzero(system.mass == 0)
+    ends = np.concatenate([system.tree.end_a[meshed], system.tree.end_b[meshed]])
+    for index in massless[np.isin(massless, ends)]:
+        raise ValueError(
+            f"{named(disk_names, 'disk', [index])} has no inertia and carries a backlash mesh: no equation of motion in time "
+            "is left for it. Give it an inertia, or use a harmonic method."
+        )
+    B, K = matrices(system)
     undamped = ~np.any(B[massless] != 0, axis=1)
     static, damped = massless[undamped], massless[~undamped]
     for group, matrix, what in ((static, K, "stiffness"), (damped, B, "damping")):
-        if group.size and not _regular(matrix[np.ix_(group, group)]):
-            names = ", ".join(disk(i) for i in group)
+        block = matrix[np.ix_(group, group)]
+        scale = np.sqrt(np.maximum(np.diag(block), 1e-300))
+        if group.size and not np.linalg.eigvalsh(block / scale[:, None] / scale)[0] > 1e-10:
             raise ValueError(
-                f"{names}: no inertia, and the {what} between them does not determine their motion. "
-                "Give them an inertia, or use a harmonic method."
+                f"{named(disk_names, 'disk', group)}: no inertia, and the {what} between them does not determine their "
+                "motion. Give them an inertia, or use a harmonic method."
             )
-    inertial = np.flatnonzero(np.asarray(system.mass) != 0)
-    return Partition(*(tuple(int(i) for i in group) for group in (inertial, damped, static)))
-
-
-def _regular(matrix):
-    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    return np.linalg.eigvalsh(matrix / scale[:, None] / scale)[0] > 1e-10
+    return Partition(*(tuple(group.tolist()) for group in (np.flatnonzero(system.mass != 0), damped, static)))
 
 
 def state_space(system, meshes, frequency, parts, damping=0.0):
@@ -221,11 +213,8 @@ def static_response(K, force):
 
 @dataclass(frozen=True)
 class Modes:
-    """Host arrays of m modes, G meshes, S disks; complex.
-
-    rates ``(m,)`` 1/s; forcing ``(m, G)``; observation ``(2G, m)``; motion ``(2S, m)``; coordinates ``(m, 2S)``: z of
-    (x, x').
-    """
+    """Complex host arrays of m modes: rates ``(m,)`` 1/s; forcing ``(m, G)``; observation ``(2G, m)``; motion
+    ``(2S, m)``; coordinates ``(m, 2S)``, z of (x, x')."""
 
     rates: np.ndarray
     forcing: np.ndarray

@@ -153,8 +153,8 @@ class SteadyContact:
 @brief
 @dataclass(frozen=True)
 class Record(Motion[RecordedSignal, SteadyContact, float]):
-    """:class:`RecordedSignal` of every disk, of its speed of rotation, of every shaft and damper (twists, torques), mesh
-    and gear (by disk index); the contact of every mesh; and the heat of shafts and dampers, W."""
+    """:class:`RecordedSignal` of every disk, of its speed of rotation, of every shaft and damper (twists, torques),
+    mesh and gear (by disk index); the contact of every mesh; and the heat of shafts and dampers, W."""
 
     topology: Topology = field(repr=False)
     cycles: int
