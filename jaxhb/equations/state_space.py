@@ -125,8 +125,8 @@ def partition(system, meshes, disk_names=None, link_names=None, lossy=False):
     ends = np.concatenate([system.tree.end_a[meshed], system.tree.end_b[meshed]])
     for index in massless[np.isin(massless, ends)]:
         raise ValueError(
-            f"{named(disk_names, 'disk', [index])} has no inertia and carries a backlash mesh: no equation of motion in time "
-            "is left for it. Give it an inertia, or use a harmonic method."
+            f"{named(disk_names, 'disk', [index])} has no inertia and carries a backlash mesh: no equation of motion "
+            "in time is left for it. Give it an inertia, or use a harmonic method."
         )
     B, K = matrices(system)
     undamped = ~np.any(B[massless] != 0, axis=1)

@@ -81,23 +81,6 @@ def test_teeth_part_below_the_gap_and_are_stiff_beyond_the_knee():
         np.testing.assert_allclose(law.gap_spring_force, law.epsilon * law.stiffness * law.backlash / 2, rtol=ALGEBRAIC)
 
 
-def test_law_is_odd_with_even_slope_and_energy():
-    for law in random_laws(5):
-        l = sweep_of(law)
-        np.testing.assert_array_equal(backlash.force(law, -l), -backlash.force(law, l))
-        np.testing.assert_array_equal(backlash.slope(law, -l), backlash.slope(law, l))
-        np.testing.assert_array_equal(backlash.energy(law, -l), backlash.energy(law, l))
-
-
-def test_slope_stays_between_the_gap_and_contact_stiffness_and_force_never_pulls_out():
-    for law in random_laws(5):
-        l = sweep_of(law)
-        slope = np.asarray(backlash.slope(law, l))
-        floor = law.epsilon * law.stiffness
-        assert floor * (1 - ALGEBRAIC) <= slope.min() and slope.max() <= law.stiffness * (1 + ALGEBRAIC)
-        assert np.all(l * backlash.force(law, l) >= floor * l**2 * (1 - ALGEBRAIC))
-
-
 def test_autodiff_of_the_force_is_the_slope_and_of_the_energy_the_force():
     for law in random_laws():
         l = sweep_of(law)
@@ -113,27 +96,22 @@ def test_autodiff_at_every_knot_equals_both_neighbours_for_all_arguments():
     for derivatives in (per_sample, energy_slopes):
         at = jax.tree.leaves(derivatives(DYADIC, KNOTS))
         below, above = (jax.tree.leaves(derivatives(DYADIC, KNOTS + side)) for side in (-near, near))
-        for here, left, right in zip(at, below, above, strict=True):
-            np.testing.assert_allclose(
-                here, left, rtol=0, atol=1e-6
-            )  # slopes change by at most near * 96 beside a knot
-            np.testing.assert_allclose(here, right, rtol=0, atol=1e-6)
+        for here, *beside in zip(at, below, above, strict=True):
+            for there in beside:  # slopes change by at most near * 96 beside a knot
+                np.testing.assert_allclose(here, there, rtol=0, atol=1e-6)
     np.testing.assert_allclose(per_sample(DYADIC, KNOTS)[1], backlash.slope(DYADIC, KNOTS), rtol=ALGEBRAIC)
     np.testing.assert_allclose(energy_slopes(DYADIC, KNOTS)[1], backlash.force(DYADIC, KNOTS), rtol=0, atol=ALGEBRAIC)
 
 
-@pytest.mark.parametrize("name", ["stiffness", "epsilon", "transition", "backlash"])
 @pytest.mark.parametrize("function", [backlash.force, backlash.energy])
-def test_derivatives_with_respect_to_the_parameters_are_those_of_differences(function, name):
+def test_derivatives_with_respect_to_the_parameters_are_those_of_differences(function):
     # away from the knots, where the third derivative that limits central differences exists
     l = np.array([-0.5, -0.27, -0.21, -0.1, 0.05, 0.24, 0.29, 0.4])
-    step = 1e-5
-    value = getattr(DYADIC, name)
-    above = function(dataclasses.replace(DYADIC, **{name: value + step}), l)
-    below = function(dataclasses.replace(DYADIC, **{name: value - step}), l)
     derivatives = per_sample if function is backlash.force else energy_slopes
-    found = getattr(derivatives(DYADIC, l)[0], name)
-    np.testing.assert_allclose(found, (above - below) / (2 * step), rtol=0, atol=GRADIENT)
+    way = Law(0.6, -0.3, 0.5, -0.4)
+    ahead, behind = (jax.tree.map(lambda a, b, s=s: a + s * b, DYADIC, way) for s in (1e-5, -1e-5))
+    found = sum(jax.tree.leaves(jax.tree.map(np.multiply, derivatives(DYADIC, l)[0], way)))
+    np.testing.assert_allclose(found, (function(ahead, l) - function(behind, l)) / 2e-5, rtol=0, atol=GRADIENT)
 
 
 @pytest.mark.parametrize("in_contact", [True, False])
@@ -155,11 +133,6 @@ def test_damping_in_contact_pulls_nothing_in_the_gap_and_damping_always_does():
     always = backlash.mesh_force(DYADIC, 0.5, False, l, rate) - backlash.force(DYADIC, l)
     np.testing.assert_allclose(gated, [0, 0, 0, -1.0], rtol=0, atol=ALGEBRAIC)
     np.testing.assert_allclose(always, [-1.0, -1.0, 1.0, -1.0], rtol=0, atol=ALGEBRAIC)
-
-
-def test_offset_is_what_the_contact_flank_lacks_to_the_linear_mesh():
-    l = 0.9
-    np.testing.assert_allclose(DYADIC.stiffness * l - backlash.force(DYADIC, l), backlash.offset(DYADIC), rtol=1e-14)
 
 
 @partial(jax.jit, static_argnames="count")
@@ -188,17 +161,6 @@ def test_case_a6_sampled_coefficients_of_a_cosine_converge_to_the_closed_form_wi
     (force_order, slope_order), _ = np.polyfit(np.log(counts), np.log(errors), 1)
     assert abs(force_order + 3) < 0.25 and abs(slope_order + 2) < 0.25
     assert errors[-1][0] < 10 * ALGEBRAIC
-
-
-def test_case_a6_force_and_slope_coefficients_are_tied_by_the_chain_rule():
-    params, _ = method_case("A6_fourier_coefs_Acos")
-    law = Law(float(params["c"]), float(params["eps"]), 0.2, float(params["h"]))
-    force, slope = (np.asarray(x)[0] for x in sampled(law, 1.0, np.zeros(1), 2**15))
-    # i k f_k = (c l')_k with l' = -sin t: (c l')_k = (i/2) (c_{k-1} - c_{k+1})
-    k = np.arange(1, 11)
-    np.testing.assert_allclose(
-        1j * k * force[k], 0.5j * (slope[k - 1] - slope[k + 1]), rtol=0, atol=1e-8
-    )  # order 2 of slope
 
 
 def test_case_a6_describing_stiffness_and_the_force_that_gives_an_amplitude():

@@ -70,24 +70,6 @@ def test_moduli_and_labels_of_the_sharp_dead_zone_up_and_down():
     assert compared == len(rows) == 26
 
 
-def test_one_of_three_coexisting_motions_is_stable():
-    """Case (ii) of docs/theory A4.2: m = 1, b = 0.05, c = 2, epsilon = 0.05, h = 1, q = 0.1 + 0.2 cos t."""
-    train = one_mass(b=0.05, c=2.0, h=1.0, q0=0.1, q1=0.2)
-    rpm = ONE_RADIAN_PER_SECOND
-    begin = jaxhb.solve(train, rpm=rpm, harmonics=48, start="march")
-    found = {}
-    for mean in np.linspace(-1.0, 1.0, 9):
-        for swing in np.linspace(-1.2, 1.2, 7):
-            deflections = np.zeros((1, 49), dtype=complex)
-            deflections[0, :2] = mean, swing / 2
-            start = dataclasses.replace(begin, deflections=deflections)
-            response = jaxhb.solve(train, rpm=rpm, harmonics=48, start=start)
-            if response.status <= 1:
-                found[round(response.deflection("a", "b").max, 4)] = response
-    assert len(found) == 3
-    assert sorted(jaxhb.stability(r).stable for r in found.values()) == [False, False, True]
-
-
 SCENES = [("gear_train_30", 600.0), ("gear_train_30", 1800.0), ("spur_pair", 3000.0)]
 SCENES += [("engine_with_damper", 1500.0), ("six_cylinder_diesel", 1500.0)]
 
