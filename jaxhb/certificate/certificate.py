@@ -13,9 +13,8 @@ import numpy as np
 
 from jaxhb.balance.problem import problem_at
 from jaxhb.balance.request import time_steps_of
-from jaxhb.certificate.attraction import decide
 from jaxhb.certificate.linearization import SAMPLES, CertificateSizes, Linearization, NotInverted, highest_frequency
-from jaxhb.certificate.theorem import bounds_at, harmonic_balance, without_bounds
+from jaxhb.certificate.theorem import attracts, bounds_at, harmonic_balance, without_bounds
 from jaxhb.equations import backlash, fourier
 from jaxhb.equations.backlash import law_of
 from jaxhb.excitation.torques import listed_harmonic
@@ -35,18 +34,8 @@ RECEPTANCES = 2**18
 def certify(response: Response) -> Certificate:
     """Compute a bound on how far a periodic motion of the train is from a computed one.
 
-    Parameters
-    ----------
-    response : Response
-        At one speed, solved, with its train.
-
-    Raises
-    ------
-    NotConverged
-        If the response solves no equations.
-    ValueError
-        For the response of a sweep or of a transformation; for disks without inertia, whose deflections do not fall
-        with frequency.
+    Parameters and errors are as of :func:`jaxhb.stability`; disks without inertia, whose deflections do not fall with
+    frequency, are refused too.
 
     Notes
     -----
@@ -84,7 +73,7 @@ def certify(response: Response) -> Certificate:
         except NotInverted:
             found = without_bounds(lin, train, gaps)
         if found.holds:
-            found = replace(found, stable=decide(lin, train, found))
+            found = replace(found, stable=attracts(lin, train, found))
         if found.holds or 2 * low > MOST or not lin.complete:
             return _of_response(found, lin, given, balance, response.harmonics)
         low, deflection = 2 * low, lin.deflection * lin.law.backlash[:, None]
@@ -135,7 +124,7 @@ def _of_response(found, lin, given, balance, harmonics):
     if not found.holds:
         return found
     count, law, motions = 64 * lin.sizes.low, lin.law.expand(), []
-    in_contact, viscous = (lin.damping[key][:, None] for key in ("in_contact", "viscous"))
+    in_contact, viscous = lin.meshes.contact_damping[:, None], lin.meshes.viscous[:, None]
     for deflection in (given, lin.deflection * lin.law.backlash[:, None]):
         value = fourier.synthesize(deflection, count)
         rate = fourier.synthesize(fourier.derivative(deflection, lin.frequency), count)

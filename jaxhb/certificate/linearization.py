@@ -161,19 +161,18 @@ class Linearization:
     """
 
     def __init__(self, problem, train, deflection, sizes, scale):
-        meshes = backlash_meshes(train)
-        self.law, viscous, in_contact, link = on_host((meshes.law, meshes.viscous, meshes.contact_damping, meshes.link))
-        self.damping = {"viscous": viscous, "in_contact": in_contact}
+        self.meshes = on_host(backlash_meshes(train))
+        self.law, viscous = self.meshes.law, np.where(self.meshes.contact_damping, self.meshes.viscous, 0.0)
         self.frequency, self.sizes = float(problem.frequency), sizes
         chosen = train.topology.backlash_index.astype(np.int32)
         receptance, linear, self._reduced, self._model = _linear_response(problem, chosen, sizes)
         n, h, receptance = np.arange(sizes.reach + 1), self.law.backlash, np.asarray(receptance)
-        self.slopes = (1 - self.law.epsilon) * self.law.stiffness, np.where(in_contact, viscous, 0.0)
+        self.slopes = (1 - self.law.epsilon) * self.law.stiffness, viscous
         change = self.slopes[0] + 1j * n[:, None] * self.frequency * self.slopes[1]
         self.held = receptance / h[:, None] * (change * h)[:, None, :]
         self._linear = np.asarray(linear)[:, : sizes.high + 1] / h[:, None]
         self._gain = (receptance * change[:, None, :])[: sizes.low + 1]
-        self._decay = self._decay_bound(problem.system, problem.system.incidence(link))
+        self._decay = self._decay_bound(problem.system, problem.system.incidence(self.meshes.link))
         self.scale = max(scale, 3 * self._decay[1])
         self._place(fourier.resize(np.asarray(deflection), sizes.low))
 

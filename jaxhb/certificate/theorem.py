@@ -28,20 +28,22 @@ Forces: elastic ones change at most with the stiffness in contact. Damping asks 
 ``p = y* - ybar``, ``F' p = q = -F - H Delta``, ``|Delta| <= zone r^2 / 2 tau``: ``p = A q + e`` with ``e = d - H psi'
 e``, ``d = q - F' A q`` and ``|e|_w <= Z1/(1 - Z1) |A q|_w``, all of which can be differentiated in time.
 
-The theorem is applied at the motion to which Newton's method leads on ``low`` harmonics, many more than those of the
-response; bounds of the response add the distance between the two, which is computed. What is true uniformly is only
-the small-gain number: below 1 the equation has one solution for every load. Else ``F'`` may be singular (a parametric
-resonance, docs/theory A4.2: the claim (31) of the source is false) and several motions may coexist, each with a
-certificate of its own.
+What is true uniformly is only the small-gain number: below 1 the equation has one solution for every load. Else ``F'``
+may be singular (a parametric resonance, docs/theory A4.2: the claim (31) of the source is false) and several motions
+may coexist, each with a certificate of its own.
 """
 
 from dataclasses import replace
 
 import numpy as np
 
+from jaxhb._jax import on_host
 from jaxhb.certificate.linearization import SAMPLES, NotInverted, one_norm
-from jaxhb.equations import fourier
-from jaxhb.results.bounds import ROW_SUM_MARGIN, Certificate, Kantorovich
+from jaxhb.equations import exact_integrals, fourier
+from jaxhb.equations.state_space import partition, state_space
+from jaxhb.floquet.variational import propagation
+from jaxhb.results.bounds import NORM_MARGIN, ROW_SUM_MARGIN, Certificate, Kantorovich
+from jaxhb.train import chain
 
 
 def without_bounds(lin, train, gaps, Y0=np.inf, Z1=np.inf, Z2=0.0):
@@ -100,10 +102,8 @@ def bounds_at(lin, train, gaps):
     moving = np.where(lin.slopes[1] > 0, (np.abs(rates) * zone).max(-1), 0.0)
     drag = (rate + moving * np.minimum(1.0, apart / law.transition)) * lin.frequency * law.backlash
     elastic = law.stiffness * law.backlash * apart
-    viscous = np.asarray(train.meshes.damping)[gaps]
-    return replace(
-        found, deflection_bound=law.backlash * apart, elastic_bound=elastic, force_bound=elastic + viscous * drag
-    )
+    total = elastic + lin.meshes.viscous * drag
+    return replace(found, deflection_bound=law.backlash * apart, elastic_bound=elastic, force_bound=total)
 
 
 def _newton_correction(lin):
@@ -252,3 +252,49 @@ def _reason(lin, Y0, Z1, Z2):
             f"is no motion of the untruncated equations, or its harmonics beyond {low} matter; use more harmonics."
         )
     return ""
+
+
+def attracts(lin, train, found):
+    """Whether the true motion near the refined one of ``lin``, within ``found`` that holds, attracts: no multiplier
+    crosses the unit circle between the two; None where that is not decided.
+
+    The share of contact of the true motion differs from that of the refined one by ``s(t) Delta(t)``, s = 1,
+    ``|Delta| <= r zone / tau``. Let s grow from 0 to 1. A multiplier ``z = exp(2 pi i theta)`` on the unit circle would
+    be a motion ``exp(i theta t) x periodic`` with ``y + R_z s Delta y = 0``, R_z the response of the linearised train
+    to impulses, in this class of motions: impossible if ``|R_z Delta| < 1`` in the largest value. With the monodromy
+    matrix P, the deflections ``l(t)`` of unit states and the states ``e(s)`` after impulses
+
+        R_z(t, s) = R_1(t, s) + l(t) ((z - P)^-1 - (1 - P)^-1) e(s),
+
+    the first of which is part of the certificate, ``|R_1 Delta| <= Z2 r``, and the second is summed over the
+    eigenvectors of P with the largest ``|1/(z - lambda) - 1/(1 - lambda)|`` on the unit circle.
+    """
+    system, meshes = on_host(chain.assemble(train)), lin.meshes
+    # Loss factors have no equation in time, and large trains take too long.
+    if np.any(system.loss) or len(system.mass) > 100:
+        return None
+    h, law = lin.law.backlash, meshes.law
+    parts = partition(system, meshes, train.topology.disk_names, train.topology.link_names)
+    space = state_space(system, meshes, lin.frequency, parts)
+    deflection = lin.deflection * h[:, None]
+    times = np.append(exact_integrals.switching_times(law, deflection), np.arange(1, 2048) / 2048)
+    onward = propagation(space, meshes, deflection, lin.frequency, np.unique(times))
+    multipliers, shapes = np.linalg.eig(onward.matrix)
+    # Of each eigenvector the largest deflection of each mesh, and how much of it impulses of the share of contact leave
+    # at the end of the cycle, where that of the true motion may differ: in the zone, by the trapezoidal rule.
+    deflected = np.abs(onward.deflection @ shapes).max(0) / h[:, None]
+    duration = np.diff(onward.share) * 2 * np.pi / lin.frequency
+    zone = lin.near_transition(found.radius, onward.share) / law.transition[:, None] * h[:, None]
+    rate = (np.abs(np.linalg.inv(shapes) @ onward.end_state) * zone.T[:, None]).sum(-1)
+    excited = ((rate[1:] + rate[:-1]) / 2 * duration[:, None]).sum(0)
+    # The rotation of the train has a multiplier of 1, bends no tooth, and says nothing.
+    observed = deflected.max(0) > 1e-9 * deflected.max()
+    own = multipliers[observed]
+    z = np.exp(2j * np.pi * (np.arange(4096) + 0.5) / 4096)[:, None]
+    with np.errstate(all="ignore"):
+        change = np.abs((1 - z) / (z - own) / (1 - own)).max(0)  # |1/(z - lambda) - 1/(1 - lambda)|
+        closed = (deflected[:, observed] * change * excited[observed]).sum(-1).max()
+    if not found.radius * (found.Z2 + NORM_MARGIN * closed) < 1:
+        return None
+    # No multiplier crosses the circle on the way to the true motion: as many lie inside as of the refined one.
+    return bool((np.abs(own) < 1).all())

@@ -44,9 +44,8 @@ class Stability:
 
     Parameters
     ----------
-    multipliers : complex array ``(n,)``, the largest modulus first
-        Factors by which disturbances of the state grow over one cycle of the response.
-    rotation : bool array ``(n,)``
+    multipliers : complex ``(n,)``, the largest modulus first, by which disturbances grow over one cycle of the response
+    rotation : bool ``(n,)``
         Those of the rotation of the whole train, floating or against a ground so soft that it turns at less than a
         tenth of the cycle frequency, and of rings without a spring: they say nothing about the teeth. A floating train
         without damping has two that are 1.
@@ -108,8 +107,7 @@ def stability(response: Response) -> Stability:
 
     Parameters
     ----------
-    response : Response
-        At one speed, solved, with its train.
+    response : Response, at one speed, solved, with its train
 
     Raises
     ------

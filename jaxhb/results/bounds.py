@@ -79,15 +79,14 @@ class Certificate:
 
     Parameters
     ----------
-    reason : str, what failed and what to do; empty where a bound holds
-    meshes : tuple of str, those with backlash
+    reason : what failed and what to do, empty where a bound holds; meshes : names of those with backlash
     deflection_bound, elastic_bound, force_bound : ``(G,)`` m, N, N
         Of each mesh the largest difference over the cycle between the computed motion and that of the train: of the
         deflection, of the elastic tooth force and of the tooth force with its damping; inf where no bound holds.
     Y0, Z1, Z2 : of the theorem, lengths in backlashes, at the motion that Newton's method finds on ``low`` harmonics
-    small_gain : float, below 1 there is one motion of one cycle whatever the load (docs/theory A4.2)
+    small_gain : below 1 there is one motion of one cycle whatever the load (docs/theory A4.2)
     harmonic_balance : Kantorovich, of the truncated equations with exact integrals, weighted norm, backlashes
-    stable : bool or None, whether the motion of the train attracts; None where the bound does not decide it
+    stable : whether the motion of the train attracts; None where the bound does not decide it
     harmonics, low, high : of the response, of the inverse, of the equation
     """
 

@@ -29,8 +29,6 @@ from jaxhb.train.topology import Topology
 class Fields:
     """Motion, torques and forces over one cycle, as Fourier coefficients.
 
-    Parameters
-    ----------
     angles : complex ``(..., S, N+1)`` rad, vibratory angle of every disk
     torques, elastic_torques : complex ``(..., K, N+1)`` N m, of the shafts and then the dampers
     deflections : complex ``(..., M, N+1)`` m, of the meshes
@@ -216,22 +214,14 @@ class Response(Fields, Motion[Signal, Contact, Array]):
     def to_xarray(self, *, orders: float | None = None) -> Dataset:
         """The response as a data set of xarray (extra ``data``), with names as labels and units as attributes.
 
-        Parameters
-        ----------
-        orders : float, optional
-            Highest order whose amplitudes and phases are given; default: all of the motion.
+        ``orders`` : highest order whose amplitudes and phases are given; default: all of the motion.
 
-        Returns
-        -------
-        xarray.Dataset
-            Dimensions ``rpm`` (of a sweep), ``disk``, ``shaft`` (dampers behind them), ``gear``, ``mesh``, ``load``,
-            ``ground`` and ``order``. Of ``angle``, ``speed``, ``acceleration``, ``torque``, ``gear_torque`` and
-            ``tooth_force`` the variables ``_mean``, ``_min``, ``_max``, ``_half_peak_to_peak``, ``_sum_of_amplitudes``,
-            and but for the second and third ``_amplitude`` and ``_phase``; ``irregularity``, ``heat``, contact, loads.
-            Numbers of speeds that did not converge are nan, and ``status`` says why.
+        Dimensions ``rpm`` (of a sweep), ``disk``, ``shaft`` (dampers behind them), ``gear``, ``mesh``, ``load``,
+        ``ground`` and ``order``. Of ``angle``, ``speed``, ``acceleration``, ``torque``, ``gear_torque`` and
+        ``tooth_force`` the variables ``_mean``, ``_min``, ``_max``, ``_half_peak_to_peak``, ``_sum_of_amplitudes``,
+        and but for the second and third ``_amplitude`` and ``_phase``; ``irregularity``, ``heat``, contact, loads.
+        Numbers of speeds that did not converge are nan, and ``status`` says why. ImportError without xarray.
 
-        Examples
-        --------
         >>> import jaxhb
         >>> sweep = jaxhb.solve_speeds(jaxhb.load_scene("six_cylinder_diesel"), rpm=[1000.0, 1500.0])
         >>> swing = sweep.to_xarray(orders=12).torque_half_peak_to_peak.sel(shaft="cyl6|flywheel")
