@@ -129,24 +129,19 @@ def _sweep(system, C, node, load, forces):
     link_force = link_force.at[tree.link[:-1]].set(signed[:-1], unique_indices=True)
     if not loops:
         return displacement, link_force
-    return _close_loops(system, C, displacement, link_force, loops)
-
-
-def _close_loops(system, C, displacement, link_force, loops):
-    """Add the forces of the links outside the tree: (I + C G) f = C D x_tree at every harmonic."""
+    # The forces of the links outside the tree: (I + C G) f = C D x_tree at every harmonic.
     unit, given = displacement[:, :loops], displacement[:, loops:]
     # The tree under its loads opens the loops by D x_tree, and a unit force in a link closes them by its receptance
     # (Woodbury's identity): I + C G is regular where the whole train is.
-    gap = system.deflections(given, system.tree.loops)
-    receptance = system.deflections(unit, system.tree.loops)
-    C_loop = C[system.tree.loops].T[:, :, None]
-    factors, swaps = jax.scipy.linalg.lu_factor(jnp.eye(loops) + C_loop * receptance.transpose(2, 0, 1))
+    gap, own = (system.deflections(x, tree.loops).transpose(2, 0, 1) for x in (given, unit))
+    C_loop = C[tree.loops].T[:, :, None]
+    factors, swaps = jax.scipy.linalg.lu_factor(jnp.eye(loops) + C_loop * own)
     factors = jnp.where(jnp.eye(loops, dtype=bool), last_pivot(factors), factors)
-    closing = jax.scipy.linalg.lu_solve((factors, swaps), C_loop * gap.transpose(2, 0, 1))
+    closing = jax.scipy.linalg.lu_solve((factors, swaps), C_loop * gap)
     displacement = given - jnp.einsum("slh,hlr->srh", unit, closing)
     closing = closing[..., : link_force.shape[1] - loops]
     force = link_force[:, loops:] - jnp.einsum("klh,hlr->krh", link_force[:, :loops], closing)
-    return displacement, force.at[system.tree.loops].set(closing.transpose(1, 2, 0), unique_indices=True)
+    return displacement, force.at[tree.loops].set(closing.transpose(1, 2, 0), unique_indices=True)
 
 
 def condensed_chains(system, omega):

@@ -12,15 +12,13 @@ NumberOf = TypeVar("NumberOf")
 
 
 class Motion(Generic[SignalOf, ContactOf, NumberOf]):
-    """Readers by name; what extends it says in ``_read`` what a quantity is at an index of the topology."""
+    """Readers by name; what extends it says in ``_read`` what a quantity of the disk, gear, link or mesh ``index`` is,
+    of a twist of two disks, times ``sense``."""
 
     topology: Topology
     solution: Any
     """The :class:`jaxhb.Response` that the numbers are read from; None of recorded cycles."""
-
-    def _read(self, quantity: str, index: Any, sense: int = 1) -> Any:
-        """A quantity of the disk, gear, link or mesh ``index``, of a twist the two disks; times ``sense``."""
-        raise NotImplementedError
+    _read: Any
 
     def disk(self, name: str) -> SignalOf:
         """Vibratory angle of a disk or damper ring, rad; its own sense of rotation positive."""
@@ -51,8 +49,8 @@ class Motion(Generic[SignalOf, ContactOf, NumberOf]):
         """
         index, sense = self.topology.link_index(a, b)
         if index >= self._shafts:
-            name = self.topology.link_names[index]
-            raise ValueError(f"{name!r} is a mesh, not a shaft: use force(...) for its tooth force in N")
+            mesh = self.topology.link_names[index]
+            raise ValueError(f"{mesh!r} is a mesh, not a shaft: use force(...) for its tooth force in N")
         return self._read("torque", index, sense)
 
     def force(self, a: str, b: str | None = None) -> SignalOf:

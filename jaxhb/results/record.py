@@ -118,9 +118,8 @@ class RecordedSignal(Summarized, OverCycles):
 
     def reversed(self) -> RecordedSignal:
         """The quantity with the other sign."""
-        elastic = self.elastic_part and self.elastic_part.reversed()
-        turned = dataclasses.replace(self, highest=-self.lowest, lowest=-self.highest, mean=-self.mean)
-        return dataclasses.replace(turned, elastic_part=elastic)
+        turned = {"highest": -self.lowest, "lowest": -self.highest, "mean": -self.mean}
+        return dataclasses.replace(self, **turned, elastic_part=self.elastic_part and self.elastic_part.reversed())
 
     def shifted(self, by: float) -> RecordedSignal:
         """The quantity with a constant added."""
@@ -180,14 +179,8 @@ class Record(Motion[RecordedSignal, SteadyContact, float]):
             index, sense = self.topology.link_index(a, b)
             if index >= len(self.twists):
                 raise ValueError(f"a record holds the twists of shafts and dampers, and a mesh joins {a!r} and {b!r}")
-        found = {
-            "angle": self.disks,
-            "speed": self.speeds,
-            "twist": self.twists,
-            "torque": self.torques,
-            "force": self.forces,
-            "deflection": self.deflections,
-            "gear_torque": self.gears,
-            "contact": self.contacts,
-        }[quantity][index]
+        read = {"angle": self.disks, "speed": self.speeds, "twist": self.twists, "torque": self.torques}
+        read |= {"force": self.forces, "deflection": self.deflections}
+        read |= {"gear_torque": self.gears, "contact": self.contacts}
+        found = read[quantity][index]
         return found if sense > 0 else found.reversed()

@@ -152,15 +152,14 @@ class Response(Fields, Motion[Signal, Contact, Array]):
         match quantity:
             case "angle":
                 return self._signal(self.angles[..., index, :])
-            case "speed":
+            case "speed" | "acceleration":
                 rate = fourier.derivative(self.angles[..., index, :], self._frequency)
+                if quantity == "acceleration":
+                    return self._signal(fourier.derivative(rate, self._frequency))
                 ratio = rotor_ratios(self.topology, self.radius)[..., self.topology.rotor[index]]
                 mean = (2 * np.pi / 60 * self.rpm * ratio)[..., None] + 0j
                 # The derivative has no mean: that of the speed is the rotation.
                 return self._signal(namespace(rate, mean).concatenate([mean, rate[..., 1:]], axis=-1))
-            case "acceleration":
-                rate = fourier.derivative(self.angles[..., index, :], self._frequency)
-                return self._signal(fourier.derivative(rate, self._frequency))
             case "twist":
                 first, second = index
                 return self._signal(self.angles[..., first, :] - self.angles[..., second, :])

@@ -75,19 +75,16 @@ class NotConverged(RuntimeError):
 
 def check(response: AnyResponse) -> AnyResponse:
     """Raise :class:`NotConverged` with a sentence per speed that did not converge; return the response otherwise."""
-    status = np.atleast_1d(np.asarray(response.status))
-    if not status.any():
-        return response
-    columns = (response.rpm, status, response.residual, response.truncation_error)
-    name = response.topology.title
-    raise NotConverged(
-        "\n".join(
-            f"{name} at {rpm:g} rpm: {Status(int(s)).name}, residual {r:.1e}, truncation error {100 * e:.3g} %: "
-            f"{Status(int(s)).sentence}."
-            for rpm, s, r, e in zip(*map(np.atleast_1d, columns), strict=True)
-            if s
-        )
-    )
+    columns = response.rpm, response.status, response.residual, response.truncation_error
+    sentences = [
+        f"{response.topology.title} at {rpm:g} rpm: {Status(int(s)).name}, residual {r:.1e}, truncation error "
+        f"{100 * e:.3g} %: {Status(int(s)).sentence}."
+        for rpm, s, r, e in zip(*map(np.atleast_1d, columns), strict=True)
+        if s
+    ]
+    if sentences:
+        raise NotConverged("\n".join(sentences))
+    return response
 
 
 @dataclass(frozen=True)

@@ -86,9 +86,9 @@ class SteadyState(Motion[SteadySignal | RecordedSignal, SteadyContact, float]):
         if isinstance(found, Signal):
             return SteadySignal(**vars(found), cycles=cycles)
         if isinstance(found, Contact):
-            shares = found.separated_fraction, found.reverse_contact_fraction
             # The response goes over a whole period: its impacts are told for one cycle.
-            return SteadyContact(*shares, found.impacts_per_cycle / cycles, found.hardest_impact, found.drive_side)
+            hits = found.impacts_per_cycle / cycles, found.hardest_impact
+            return SteadyContact(found.separated_fraction, found.reverse_contact_fraction, *hits, found.drive_side)
         return float(found) if quantity == "power" else found
 
     def to_xarray(self, *, orders: float | None = None) -> Dataset:
@@ -135,10 +135,9 @@ class SteadySweep:
         return np.array([state.period for state in self.states])
 
     def to_xarray(self, *, orders: float | None = None) -> Dataset:
-        """The sweep as a data set of xarray (extra ``data``), see :meth:`jaxhb.Response.to_xarray`.
+        """The sweep as a data set of xarray, as :meth:`jaxhb.Response.to_xarray`, with kind, period and source.
 
-        Also ``kind``, ``period`` and ``source`` of every motion: numbers come from its ``harmonics``, from a ``record``
-        (extremes over the cycles recorded, no phases and accelerations) or from ``nothing``, and are then nan. Orders
-        that a motion of a shorter period does not have are 0.
+        Numbers of a motion come from its ``harmonics``, from a ``record`` (extremes over the cycles recorded, no phases
+        and accelerations) or from ``nothing``, and are then nan. Orders that a motion does not have are 0.
         """
         return to_xarray(self.states, self.states[0].topology, self.rpm, orders=orders)

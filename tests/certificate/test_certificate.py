@@ -143,26 +143,6 @@ def test_the_inverse_and_its_adjoint():
     np.testing.assert_allclose(forward, x[:, :17], rtol=0, atol=1e-6)
 
 
-def test_exact_newton_steps_stay_below_the_corrected_bound():
-    """Of the truncated equations, from a start with h0 <= 1/2, in the weighted norm (docs/theory A4.3)."""
-    response, harmonics = solved(8), 8
-    start = np.asarray(response.deflections) * 1.0
-    start[0, 1] += 2e-4
-    case = theorem.harmonic_balance(linearisation(dataclasses.replace(response, deflections=start), 16, 64), harmonics)
-    assert 1e-3 < case.h0 <= 0.5
-    w = np.sqrt(1 + np.arange(harmonics + 1.0) ** 2)
-    h, y, errors = parameters()["h"], start, []
-    true = np.asarray(solved(8).deflections)
-    for _ in range(4):
-        errors.append(np.linalg.norm(fourier.pack(w * (y - true)) / h))
-        lin = linearisation(dataclasses.replace(response, deflections=y), 16, 64).galerkin(harmonics)
-        F = fourier.resize(fourier.resize(lin.residual(), harmonics), 16)
-        y = y - h * fourier.resize(lin.inverse(F), harmonics)
-    assert errors[0] > 1e-4
-    for step, error in enumerate(errors):
-        assert error <= case.bound(step) + 1e-10, step
-
-
 def test_three_coexisting_motions_are_certified_apart():
     """Method.md A4.2 (ii)."""
     train = one_mass(b=0.05, c=2.0, h=1.0, q0=0.1, q1=0.2)

@@ -9,7 +9,6 @@ from tolerances import ALGEBRAIC
 
 from jaxhb.equations import fourier
 from jaxhb.equations.block_sweep import block_sweep, scalar_sweep, slots
-from jaxhb.train import chain
 
 solve = jax.jit(scalar_sweep)
 sweep_blocks = jax.jit(block_sweep)
@@ -63,14 +62,6 @@ def test_sweep_equals_dense_solve_on_random_trees_with_any_arms(size):
             assert relative_error(found, wanted) < ALGEBRAIC
 
 
-def test_a_shaft_with_rings_needs_two_places_however_long():
-    disks = 50
-    shaft = [(i, i + 1) for i in range(disks - 1)]
-    rings = [(i, disks + i) for i in range(disks)]
-    tree = chain.span_links(shaft + rings, 2 * disks, 0)
-    assert len(tree.slots.every) == 2
-
-
 def test_block_sweep_with_toeplitz_links_equals_dense_solve():
     draw = np.random.default_rng(200)
     size, harmonics, width = 7, 3, 7
@@ -107,19 +98,6 @@ def test_block_sweep_tells_when_a_pivot_breaks_down_though_the_whole_matrix_is_r
     whole = np.block([[node[0] + link[0], -link[0]], [-link[0], node[1] + link[0]]])
     assert np.linalg.cond(whole) < 1e4
     assert quality < 1e-10
-
-
-def test_case_a1_amplitudes_of_the_linear_chain():
-    params, expected = method_case("A1_linear_chain_harmonics")
-    m, b, c = (numbers(params[key]) for key in "mbc")
-    n = np.array([int(key) for key in params["p"]])
-    load = np.stack([complex_numbers(p) for p in params["p"].values()], axis=1)[..., None]
-    node = -np.outer(m, n**2) + 1j * np.outer(b, n)
-    node[-1] += c[-1]
-    link = np.repeat(c[:, None] + 0j, len(n), axis=1)
-    x, _ = sweep(np.array([1, 2, 3]), np.ones(3), np.ones(3), link, node, load)
-    exact = np.stack([complex_numbers(a) for a in expected["a"].values()], axis=1)
-    np.testing.assert_allclose(x[..., 0], exact, rtol=ALGEBRAIC)
 
 
 def test_case_a1_soft_ground_costs_no_digits_of_displacements_and_forces():

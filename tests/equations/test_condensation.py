@@ -15,7 +15,6 @@ from jaxhb import Damper, Disk, Mesh, Shaft
 from jaxhb.balance.problem import ActiveMeshes, problem_at, reduced_equation
 from jaxhb.equations import condensation, dynamic_stiffness, fourier
 from jaxhb.equations.residual import residual
-from jaxhb.train import chain
 
 HARMONICS, SAMPLES, RPM = 6, 96, 1500.0
 
@@ -72,17 +71,6 @@ def sliced_parts():
     for shaft in (("flywheel", *names[:2], "crank gear"), ("idler", *names[2:])):
         parts += [Shaft(between=b, stiffness=1e5, damping=2.0, loss_factor=0.01) for b in itertools.pairwise(shaft)]
     return [*parts, Damper(name="free ring", disk=names[3], inertia=0.03, damping=1.5, stiffness=0.0)]
-
-
-def test_disks_with_teeth_branches_and_the_grounded_one_are_kept():
-    train = build(sliced_parts(), reference="flywheel")
-    condensed = chain.span(train.topology).condensation
-    assert [train.topology.disk_names[i] for i in condensed.kept] == ["flywheel", "crank gear", "idler", "pump gear"]
-    kept = len(condensed.kept)
-    assert sorted([*condensed.disk, *condensed.kept]) == list(range(train.topology.n_disks))
-    # pump, ring, slices with ring hang
-    assert (len(condensed.begin), len(condensed.end), len(condensed.plain)) == (1, 4, 2)
-    assert len(np.unique(condensed.chain)) == 4 and len(condensed.tree.node) == kept and not len(condensed.tree.loops)
 
 
 @pytest.mark.parametrize("parts", [branched_parts, sliced_parts, gearbox_parts, lambda: gearbox_parts(grounded=False)])
