@@ -23,12 +23,10 @@ from jaxhb.linear.mesh_modes import mesh_mode_harmonics
 from jaxhb.results.bounds import LINEAR, Certificate
 from jaxhb.results.response import Response
 
+# Harmonics in which the linearised equation is solved: twice those of the response, thrice those of the tooth modes,
+# within these; doubled until a bound holds.
 FEWEST, MOST = 32, 8192
-"""Harmonics in which the linearised equation is solved: twice those of the response, thrice those of the tooth modes,
-within these; doubled until a bound holds."""
-
-RECEPTANCES = 2**18
-"""Harmonics to which receptances are evaluated at most: beyond twice the highest natural frequency they are bounded."""
+RECEPTANCES = 2**18  # harmonics of them at most: beyond twice the highest natural frequency they are bounded
 
 
 def certify(response: Response) -> Certificate:
@@ -51,9 +49,12 @@ def certify(response: Response) -> Certificate:
     True
     """
     train = train_of(response)
-    gaps = train.topology.backlash_index
-    problem = problem_at(train, float(response.rpm), listed_harmonic(train.topology))
-    _check_inertia(train, problem.system)
+    topology, gaps = train.topology, train.topology.backlash_index
+    problem = problem_at(train, float(response.rpm), listed_harmonic(topology))
+    light = [repr(topology.disk_names[i]) for i in np.flatnonzero(~(np.asarray(problem.system.mass) > 0))]
+    if light:
+        need = "a computed bound needs disks with inertia: give a small one."
+        raise ValueError(f"disk {', '.join(light)} has inertia 0, and {need}")
     given = np.asarray(response.deflections)[gaps]
     if not len(gaps):
         return LINEAR
@@ -109,13 +110,6 @@ def _sizes(low, highest, excited):
             f"{RECEPTANCES // 4}: lump disks that are much lighter than the others."
         )
     return CertificateSizes(low=low, high=high, reach=reach, time_steps=min(time_steps_of(low), 4096))
-
-
-def _check_inertia(train, system):
-    light = [repr(name) for name, mass in zip(train.topology.disk_names, system.mass, strict=False) if not mass > 0]
-    if light:
-        need = "a computed bound needs disks with inertia: give a small one."
-        raise ValueError(f"disk {', '.join(light)} has inertia 0, and {need}")
 
 
 def _of_response(found, lin, given, balance, harmonics):

@@ -34,8 +34,7 @@ from jaxhb.equations.residual import backlash_meshes
 from jaxhb.floquet.variational import motion
 from jaxhb.results.bounds import NORM_MARGIN
 
-SAMPLES = 16
-"""Time samples per harmonic at which largest values are looked for."""
+SAMPLES = 16  # per harmonic, at which largest values are looked for
 
 
 def one_norm(product, transposed, size, columns, steps=5):

@@ -48,6 +48,10 @@ from jaxhb.train import chain
 
 def without_bounds(lin, train, gaps, Y0=np.inf, Z1=np.inf, Z2=0.0):
     """The certificate of these numbers; by default of what is known where A is not at hand."""
+    # sup of |H(n)|/2 about the middle slope, in the units of force in which the receptances are symmetric.
+    root = np.sqrt(lin.slopes[0] * lin.law.backlash**2)
+    middle = np.linalg.solve(np.eye(len(root)) - lin.held / 2, lin.held)
+    small_gain = np.linalg.norm(middle * (root[:, None] / root), 2, axis=(1, 2)).max(initial=0.0) / 2
     return Certificate(
         reason=_reason(lin, Y0, Z1, Z2),
         meshes=tuple(train.topology.mesh_names[i] for i in gaps),
@@ -55,7 +59,7 @@ def without_bounds(lin, train, gaps, Y0=np.inf, Z1=np.inf, Z2=0.0):
         Y0=Y0,
         Z1=float(Z1),
         Z2=Z2,
-        small_gain=_small_gain(lin),
+        small_gain=float(small_gain),
         low=lin.sizes.low,
         high=lin.sizes.high,
     )
@@ -226,13 +230,6 @@ def harmonic_balance(lin, harmonics):
         return Kantorovich(lin.norm(apply, adjoint, harmonics), float(np.linalg.norm(fourier.pack(first))), K)
     except NotInverted:
         return Kantorovich(np.inf, np.inf, K)
-
-
-def _small_gain(lin):
-    """sup of ``|H(n)|/2`` about the middle slope, in the units of force in which the receptances are symmetric."""
-    root = np.sqrt(lin.slopes[0] * lin.law.backlash**2)
-    middle = np.linalg.solve(np.eye(len(root)) - lin.held / 2, lin.held)
-    return float(np.linalg.norm(middle * (root[:, None] / root), 2, axis=(1, 2)).max(initial=0.0) / 2)
 
 
 def _reason(lin, Y0, Z1, Z2):

@@ -30,8 +30,7 @@ def quotient(numerator, denominator):
     return numerator * jnp.conj(denominator) * jnp.where(square == 0, 0.0, inverse)
 
 
-UNHELD = 1e-30
-"""What stands for a last pivot of exactly zero, in N/m or over one: far below what rounding leaves of any other."""
+UNHELD = 1e-30  # stands for a last pivot of exactly zero: far below what rounding leaves of any other
 
 
 def last_pivot(pivot):

@@ -20,8 +20,7 @@ from jax import lax
 from jaxhb.equations import backlash, exact_integrals, fourier
 from jaxhb.equations.dynamic_stiffness import balance, frequencies, receptance, solve_linear
 
-CHUNK = 64
-"""Harmonics swept at a time: even a finely divided train then stays in the cache of a processor."""
+CHUNK = 64  # harmonics swept at a time: even a finely divided train then stays in the cache of a processor
 
 
 @jax.tree_util.register_dataclass

@@ -24,20 +24,11 @@ from numpy.polynomial import legendre
 from jaxhb._jax import namespace, on_host
 from jaxhb.equations import fourier
 
-CELLS, FEWEST_HARMONICS = 8, 16
-"""Cells per harmonic, of so many harmonics at least."""
-
-POINTS = 8
-"""Gauss-Legendre time samples of a cell, and of each arc of one that is cut."""
-
-FEWEST_CUT = 32
-"""Cells per mesh that can be cut, at least; one per harmonic else."""
-
-MARGIN = 0.25
-"""By how much of the range of its samples in a cell a deflection may leave that range."""
-
-NEWTON_STEPS = 12
-"""To a switching time, bracketed: enough for the last bit."""
+CELLS, FEWEST_HARMONICS = 8, 16  # per harmonic, of so many harmonics at least
+POINTS = 8  # Gauss-Legendre time samples of a cell, and of each arc of one that is cut
+FEWEST_CUT = 32  # cells per mesh that can be cut, at least; one per harmonic else
+MARGIN = 0.25  # by how much of the range of its samples in a cell a deflection may leave that range
+NEWTON_STEPS = 12  # to a switching time, bracketed: enough for the last bit
 
 _AT, _WEIGHT = legendre.leggauss(POINTS)
 _VALUES = legendre.legvander(_AT, POINTS - 1)

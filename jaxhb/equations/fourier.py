@@ -22,9 +22,7 @@ from scipy.fft import next_fast_len
 from jaxhb._jax import namespace
 
 SQRT2 = 2.0**0.5
-
-SAMPLES_PER_HARMONIC = 16
-"""Time samples per harmonic of the motion at which tooth forces are taken (docs/theory A6)."""
+SAMPLES_PER_HARMONIC = 16  # time samples at which tooth forces are taken (docs/theory A6)
 
 
 def pack(coefficients):

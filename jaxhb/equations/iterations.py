@@ -9,8 +9,8 @@ sec. 3.3, algorithm NLEQ-ERR). All arguments but lengths are norms.
 import jax.numpy as jnp
 from jax import lax
 
-ROWS = 10
-"""Directions against which a new one is made orthogonal at once."""
+ROWS = 10  # directions against which a new one is made orthogonal at once
+SHORTEST = 1e-3  # length below which there is no step
 
 
 def gcr(apply, precondition, b, *, tolerance, steps):
@@ -56,10 +56,6 @@ def gcr(apply, precondition, b, *, tolerance, steps):
 
     used, x, r, _, _ = lax.while_loop(unfinished, extend, (0, jnp.zeros_like(b), b, capacity, capacity))
     return x, jnp.linalg.norm(r) / jnp.where(norm > 0, norm, 1.0), used
-
-
-SHORTEST = 1e-3
-"""Length below which there is no step."""
 
 
 def lowers_level(simplified, correction, length):

@@ -19,13 +19,7 @@ Array = Any
 
 def speed_ratios(train):
     """Speed ``[n_rotors]`` of each rotor over that of the reference rotor, from the pitch radii: r_a Omega_a = r_b
-    Omega_b; positive, as each rotor has its own sense.
-
-    >>> from jaxhb.scene.files import load_scene
-    >>> train = load_scene("gear_train_30")
-    >>> float(speed_ratios(train)[train.topology.rotor[train.topology.disk_index("cam A1")]])
-    0.5
-    """
+    Omega_b; positive, as each rotor has its own sense."""
     return rotor_ratios(train.topology, train.disks.radius)
 
 

@@ -17,14 +17,9 @@ from jax import lax
 from jaxhb.equations.dynamic_stiffness import solve_linear, unit_forces
 from jaxhb.equations.state_space import LIGHT, ROTATION, StateSpace
 
-DISKS, MODES = 64, 48
-"""Disks of a train whose modes are all kept, and how many are of a larger one."""
-
-SHIFTS = 12
-"""Frequencies at which the responses of a larger train to mesh forces are taken, its basis."""
-
-RESOLVED = 4
-"""Steps per period of the slowest mode that is too fast for the steps."""
+DISKS, MODES = 64, 48  # of a train whose modes are all kept, and how many are of a larger one
+SHIFTS = 12  # frequencies at which the responses of a larger train to mesh forces are taken, its basis
+RESOLVED = 4  # steps per period of the slowest mode that is too fast for the steps
 
 
 @jax.tree_util.register_dataclass

@@ -30,18 +30,12 @@ from jax import lax
 
 from jaxhb._jax import namespace, on_host, traced
 
-LIGHT = 1e-6
-"""Share of the mean inertia that a disk without inertia gets: its mode is then far above all others."""
-
-ROTATION = 1e-14
-"""Share of the highest squared frequency below which a mode is free rotation, as far as rounding shows it."""
-
+LIGHT = 1e-6  # share of the mean inertia that a disk without inertia gets: its mode is then far above all others
+ROTATION = 1e-14  # share of the highest squared frequency below which a mode is free rotation, as rounding shows it
+# Frequency given to free rotation by springs in proportion to the inertias, as a share of that of the cycle; and the
+# least share of the highest squared frequency, which rounding leaves.
 HELD, HELD_ROUNDED = 1e-5, 1e-15
-"""Frequency given to free rotation by springs in proportion to the inertias, as a share of that of the cycle; and the
-least share of the highest squared frequency, which rounding leaves."""
-
-CONDITION, PARTING = 1e7, 1e-9
-"""Condition of the eigenvectors above which damping is added, and that damping as a share of the largest."""
+CONDITION, PARTING = 1e7, 1e-9  # of eigenvectors, above which damping is added, and that as a share of the largest
 
 
 @dataclass(frozen=True)

@@ -22,19 +22,13 @@ from jaxhb.results.response import Response
 from jaxhb.results.status import NotConverged, Status
 from jaxhb.train import chain
 
-SOFT = 0.1
-"""Natural frequency over Omega of a rotation against grounds below which these are soft: no support, but a hold."""
-
-NEUTRAL = 1e-8
-"""By how much a multiplier of a train without damping, 1 in modulus, may be off."""
-
-EXACT_DISKS, SLOWED = 48, 2.0
-"""Disks up to which all modes of a train with backlash take part as they are; times the highest mesh mode, to which the
-faster modes of a larger train are slowed: 2 leaves 1e-7 of the largest multiplier of a finely divided
-``gear_train_30``."""
-
-MODES, DISKS = 160, 1000
-"""Slow modes of a train with backlash, and disks of any, beyond which nothing is decided: it would take minutes."""
+SOFT = 0.1  # natural frequency over Omega of a rotation against grounds that are no support, but a hold
+NEUTRAL = 1e-8  # by how much a multiplier of a train without damping, 1 in modulus, may be off
+EXACT_DISKS = 48  # up to which all modes of a train with backlash take part as they are
+# Times the highest mesh mode, to which faster modes of a larger train are slowed: 2 leaves 1e-7 of the largest
+# multiplier of a finely divided gear_train_30.
+SLOWED = 2.0
+MODES, DISKS = 160, 1000  # slow ones with backlash, and of any train, beyond which it would take minutes
 
 
 @brief
@@ -218,17 +212,14 @@ def _slowed(space, n, highest, title):
 def _of_rotation(disturbance, coordinates, system, frequency):
     """Which eigenvectors of a monodromy matrix, its columns, are those of rotation."""
     # Those nearest to the space of rotations: by their values a slow decay of the teeth could not be told from them.
-    basis, _ = np.linalg.qr(coordinates @ np.kron(np.eye(2), _rotations(system, frequency)))
-    share = np.linalg.norm(basis.T @ disturbance, axis=0)
-    return np.isin(np.arange(len(share)), np.argsort(-share, kind="stable")[: basis.shape[1]])
-
-
-def _rotations(system, frequency):
-    """Motions ``(S, d)`` of the disks that bend no link, meshes taken in contact, held by soft grounds at most."""
+    # Rotations are motions (S, d) of the disks that bend no link, meshes in contact, held by soft grounds at most.
     # Null space of the links that have a stiffness; of it, what only soft grounds hold.
     rows = (system.incidence() * (np.asarray(system.stiffness) > 0)).T
     _, values, right = np.linalg.svd(rows)
     free = right[np.count_nonzero(values > 1e-10 * values.max(initial=1e-300)) :].T
     inertia, held = (free.T @ (np.asarray(a)[:, None] * free) for a in (system.mass, system.ground))
     squares, shapes = np.linalg.eig(np.linalg.pinv(inertia) @ held)
-    return free @ shapes.real[:, squares.real < (SOFT * frequency) ** 2]
+    rotations = free @ shapes.real[:, squares.real < (SOFT * frequency) ** 2]
+    basis, _ = np.linalg.qr(coordinates @ np.kron(np.eye(2), rotations))
+    share = np.linalg.norm(basis.T @ disturbance, axis=0)
+    return np.isin(np.arange(len(share)), np.argsort(-share, kind="stable")[: basis.shape[1]])

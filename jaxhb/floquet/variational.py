@@ -25,23 +25,14 @@ import numpy as np
 
 from jaxhb.equations import backlash, fourier
 
-STAGES = 10
-"""Gauss nodes of a step with a mesh in its smooth zone."""
-
+STAGES = 10  # Gauss nodes of a step with a mesh in its smooth zone
+# Norm of A tau at most, of a step or of what is squared: the terms of a power series are then exact to 1e-13, and
+# rounding leaves 1e-12 of the determinant. Shorter steps with fewer nodes take longer.
 REACH = 4.0
-"""Norm of A tau at most, of a step or of what is squared: the terms of a power series are then exact to 1e-13, and
-rounding leaves 1e-12 of the determinant. Shorter steps with fewer nodes take longer."""
-
-POWERS = 16
-"""Powers of A that are kept for exponentials; two factors of them make the terms of a series."""
-
+POWERS = 16  # of A that are kept for exponentials; two factors of them make the terms of a series
 TERMS = 2 * POWERS + 1
-
-CHUNK = 256
-"""Steps whose propagators are held at a time."""
-
-SAMPLES, DERIVATIVES = 16, 9
-"""Samples per harmonic, and derivatives at each, from which a motion is known at any time to 1e-12."""
+CHUNK = 256  # steps whose propagators are held at a time
+SAMPLES, DERIVATIVES = 16, 9  # per harmonic, and at each, from which a motion is known at any time to 1e-12
 
 
 class Monodromy(NamedTuple):

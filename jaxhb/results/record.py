@@ -15,8 +15,7 @@ from jaxhb.results.motion import Motion
 from jaxhb.results.signal import Signal, Summarized
 from jaxhb.train.topology import Topology
 
-PERCENT = 5, 50, 95
-"""Percentiles that are given of a distribution over cycles."""
+PERCENT = 5, 50, 95  # that are given of a distribution over cycles
 
 
 class PerCycle(NamedTuple):
@@ -118,8 +117,9 @@ class RecordedSignal(Summarized, OverCycles):
 
     def reversed(self) -> RecordedSignal:
         """The quantity with the other sign."""
-        turned = {"highest": -self.lowest, "lowest": -self.highest, "mean": -self.mean}
-        return dataclasses.replace(self, **turned, elastic_part=self.elastic_part and self.elastic_part.reversed())
+        part = self.elastic_part and self.elastic_part.reversed()
+        ends = {"highest": -self.lowest, "lowest": -self.highest}
+        return dataclasses.replace(self, **ends, mean=-self.mean, elastic_part=part)
 
     def shifted(self, by: float) -> RecordedSignal:
         """The quantity with a constant added."""

@@ -141,7 +141,7 @@ class Response(Fields, Motion[Signal, Contact, Array]):
         return dataclasses.replace(rows, train=self.train, path=self.path[index] if self.path else ())
 
     @property
-    def solution(self) -> Self:  # type: ignore[override]
+    def solution(self) -> Self:
         """The response itself, as what the numbers of any motion are read from."""
         return self
 

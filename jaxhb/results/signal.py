@@ -15,8 +15,7 @@ from jaxhb._jax import Array, namespace, traced
 from jaxhb.equations import fourier
 from jaxhb.results.display import signal_line
 
-MISSED = 0.01
-"""Share of the peak by which samples may miss it unsaid."""
+MISSED = 0.01  # share of the peak by which samples may miss it unsaid
 
 
 class Summarized:

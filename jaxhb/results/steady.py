@@ -72,7 +72,7 @@ class SteadyState(Motion[SteadySignal | RecordedSignal, SteadyContact, float]):
         return self.kind != "unknown"
 
     @property
-    def solution(self) -> Response | None:  # type: ignore[override]
+    def solution(self) -> Response | None:
         """The response; None of recorded cycles, and of a motion that is not known."""
         return self.response
 

@@ -37,13 +37,10 @@ def test_samples_are_values_of_the_signal_at_their_angles_however_few(signal, co
     np.testing.assert_allclose(signal.samples(count), values_at(signal, angles), rtol=0, atol=30 * ALGEBRAIC)
 
 
-def test_sum_of_amplitudes_is_never_below_half_peak_to_peak(signal):
+def test_extremes_belong_together_and_the_sum_of_amplitudes_is_never_below_half_peak_to_peak(signal):
     assert np.all(signal.sum_of_amplitudes >= signal.half_peak_to_peak)
     in_step = Signal(np.array([0.5, 1.0, 0.25, 0.125]) + 0j, None, 1.0, RESOLUTION)
     np.testing.assert_allclose(in_step.max - in_step.mean, in_step.sum_of_amplitudes, rtol=ALGEBRAIC)
-
-
-def test_extremes_belong_together(signal):
     np.testing.assert_allclose(signal.half_peak_to_peak, (signal.max - signal.min) / 2, rtol=ALGEBRAIC)
     np.testing.assert_allclose(signal.peak, np.maximum(signal.max, -signal.min), rtol=ALGEBRAIC)
     assert np.all(signal.min < signal.mean) and np.all(signal.mean < signal.max)
