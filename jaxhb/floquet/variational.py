@@ -61,11 +61,9 @@ def monodromy(space, meshes, deflection, frequency, switching):
 
 
 class Propagation(NamedTuple):
-    """How a disturbance propagates through the cycle, at K shares of it from 0 to 1; matrix ``(n, n)`` of it all.
-
-    deflection ``(K, G, n)`` m: at a time per unit state at the beginning; end_state ``(K, n, G)``: the state at the
-    end of the cycle per unit impulse (m s) at a time of the integral of (engagement - 1) over the deflection of a mesh.
-    """
+    """How a disturbance propagates, at K shares of the cycle from 0 to 1: deflection ``(K, G, n)`` m there per unit
+    state at the beginning; end_state ``(K, n, G)`` per unit impulse (m s) there of the integral of (engagement - 1)
+    over the deflection of a mesh; matrix ``(n, n)`` of the whole cycle."""
 
     share: np.ndarray
     deflection: np.ndarray

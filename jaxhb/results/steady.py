@@ -44,7 +44,7 @@ class SteadyState(Motion[SteadySignal | RecordedSignal, SteadyContact, float]):
         Of ``response``, as :func:`jaxhb.stability` gives it; None where contact follows from the linear motion and
         nothing was marched, and where it is not decided: ``notes`` then say why.
     started_from : float or None
-        Speed in rpm of the motion from which this one was marched: a neighbour's in a sweep, or that of ``start``; None
+        Speed in rpm of the motion from which this one was marched, a neighbour's in a sweep or that of ``start``; None
         from teeth at rest on their drive sides.
     """
 
