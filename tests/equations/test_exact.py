@@ -87,7 +87,7 @@ def test_integrals_are_those_of_many_samples_however_short_the_transition(gated,
     law = dataclasses.replace(law, transition=np.full(MESHES, transition))
     viscous = viscous if transition > 1e-3 else 0 * viscous
     found = coefficients(law, viscous, gated, l)
-    np.testing.assert_allclose(found, coefficients(law, viscous, gated, l, samples=2**19), rtol=0, atol=1e-10)
+    np.testing.assert_allclose(found, coefficients(law, viscous, gated, l, samples=2**21), rtol=0, atol=1e-10)
 
 
 def test_room_that_is_too_small_is_told():
