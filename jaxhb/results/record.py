@@ -118,8 +118,8 @@ class RecordedSignal(Summarized, OverCycles):
     def reversed(self) -> RecordedSignal:
         """The quantity with the other sign."""
         part = self.elastic_part and self.elastic_part.reversed()
-        ends = {"highest": -self.lowest, "lowest": -self.highest}
-        return dataclasses.replace(self, **ends, mean=-self.mean, elastic_part=part)
+        high, low = -self.lowest, -self.highest
+        return dataclasses.replace(self, highest=high, lowest=low, mean=-self.mean, elastic_part=part)
 
     def shifted(self, by: float) -> RecordedSignal:
         """The quantity with a constant added."""
