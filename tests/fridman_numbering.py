@@ -1,36 +1,6 @@
-"""Fridman's numbering of a tree as a chain with fictitious nodes, to and from the elimination order of the package."""
+"""Fridman's numbering of a tree as a chain with fictitious nodes, to the elimination order of the package."""
 
 import numpy as np
-
-
-def fridman_numbering(parent):
-    """Fridman's chain of a tree: positions, with a fictitious node wherever the chain jumps over a branch.
-
-    Parameters
-    ----------
-    parent : sequence of int
-        Parent of every node, larger than the node itself; ``S`` (or 0 in 1-based sources) stands for the ground.
-
-    Returns
-    -------
-    nodes : list of int
-        The node at each place of the chain; -1 at a fictitious place.
-    image : dict
-        Fictitious place -> node whose displacement it shares (its force is handed on to that node, and the link
-        to the next place has zero stiffness).
-
-    Examples
-    --------
-    >>> fridman_numbering([1, 4, 3, 4, 5, 6])
-    ([0, 1, -1, 2, 3, 4, 5], {2: 4})
-    """
-    nodes, image = [], {}
-    for node, above in enumerate(parent):
-        nodes.append(node)
-        if node + 1 < len(parent) and above != node + 1:
-            image[len(nodes)] = above
-            nodes.append(-1)
-    return nodes, image
 
 
 def parents_from_fridman(places, image):

@@ -13,10 +13,8 @@ import numpy as np
 
 from jaxhb.balance.plan import time_steps_of
 from jaxhb.balance.problem import problem_at
-from jaxhb.certificate.attraction import decide
-from jaxhb.certificate.linearization import CertificateSizes, Linearization, NotInverted, highest_frequency
-from jaxhb.certificate.options import CERTIFICATE
-from jaxhb.certificate.theorem import bounds_at, harmonic_balance, not_inverted
+from jaxhb.certificate.linearization import SAMPLES, CertificateSizes, Linearization, NotInverted, highest_frequency
+from jaxhb.certificate.theorem import attracts, bounds_at, harmonic_balance, without_bounds
 from jaxhb.equations import backlash, fourier
 from jaxhb.equations.backlash import law_of
 from jaxhb.excitation.torques import listed_harmonic
@@ -25,31 +23,22 @@ from jaxhb.linear.mesh_modes import mesh_mode_harmonics
 from jaxhb.results.bounds import LINEAR, Certificate
 from jaxhb.results.response import Response
 
+# Harmonics in which the linearised equation is solved: twice those of the response, thrice those of the tooth modes,
+# within these; doubled until a bound holds.
+FEWEST, MOST = 32, 8192
+RECEPTANCES = 2**18  # harmonics of them at most: beyond twice the highest natural frequency they are bounded
+
 
 def certify(response: Response) -> Certificate:
     """Compute a bound on how far a periodic motion of the train is from a computed one.
 
-    Parameters
-    ----------
-    response : Response
-        At one speed, solved, with its train.
-
-    Returns
-    -------
-    Certificate
-
-    Raises
-    ------
-    NotConverged
-        If the response solves no equations.
-    ValueError
-        For the response of a sweep or of a transformation; for disks without inertia, whose deflections do not fall
-        with frequency.
+    Parameters and errors are as of :func:`jaxhb.stability`; disks without inertia, whose deflections do not fall with
+    frequency, are refused too.
 
     Notes
     -----
     Serves both laws of damping, loss factors and closed loops. A computed bound and no proof: norms are iterated and
-    taken times 1.1, largest row sums are estimated and taken times 1.5, and the sampled largest values, the decay of
+    taken times 1.1, largest row sums are estimated and taken times 1.5, and sampled largest values, the decay of
     coefficients beyond those computed, and rounding are not enclosed.
 
     Examples
@@ -60,16 +49,20 @@ def certify(response: Response) -> Certificate:
     True
     """
     train = train_of(response)
-    gaps = train.topology.backlash_index
-    problem = problem_at(train, float(response.rpm), listed_harmonic(train.topology))
-    _check_inertia(train, problem.system)
+    topology, gaps = train.topology, train.topology.backlash_index
+    problem = problem_at(train, float(response.rpm), listed_harmonic(topology))
+    light = [repr(topology.disk_names[i]) for i in np.flatnonzero(~(np.asarray(problem.system.mass) > 0))]
+    if light:
+        need = "a computed bound needs disks with inertia: give a small one."
+        raise ValueError(f"disk {', '.join(light)} has inertia 0, and {need}")
     given = np.asarray(response.deflections)[gaps]
     if not len(gaps):
         return LINEAR
     modes = mesh_mode_harmonics(train, float(problem.frequency))[0] if _leaves_contact(train, given, gaps) else 0.0
     highest = highest_frequency(problem.system) / float(problem.frequency)
-    low, deflection = _level(max(CERTIFICATE.fewest, 2 * response.harmonics, CERTIFICATE.beyond_modes * modes)), given
-    balance = None
+    # Powers of two: few sizes, as each has programs of its own.
+    low = 1 << int(np.ceil(np.log2(max(FEWEST, 2 * response.harmonics, 3 * modes))))
+    low, deflection, balance = min(low, MOST), given, None
     while True:
         sizes = _sizes(low, highest, problem.load.shape[-1] - 1)
         lin = Linearization(problem, train, deflection, sizes, max(1.0, modes / 3))
@@ -79,58 +72,44 @@ def certify(response: Response) -> Certificate:
             lin = _refine(lin)
             found = bounds_at(lin, train, gaps)
         except NotInverted:
-            found = not_inverted(lin, train, gaps)
+            found = without_bounds(lin, train, gaps)
         if found.holds:
-            found = replace(found, stable=decide(lin, train, found))
-        if found.holds or 2 * low > CERTIFICATE.most or not lin.complete:
+            found = replace(found, stable=attracts(lin, train, found))
+        if found.holds or 2 * low > MOST or not lin.complete:
             return _of_response(found, lin, given, balance, response.harmonics)
         low, deflection = 2 * low, lin.deflection * lin.law.backlash[:, None]
 
 
 def _leaves_contact(train, deflection, gaps):
-    """Whether any mesh comes near the knee of its law."""
+    """Whether any mesh comes near the knee of its law, within 2 % of its backlash."""
     law = jax.tree.map(lambda a: np.asarray(a)[gaps], law_of(train.meshes))
-    value = np.abs(fourier.synthesize(deflection, CERTIFICATE.samples * max(deflection.shape[1] - 1, 1)))
-    return bool((value.min(-1) < law.knee + CERTIFICATE.near_knee * law.backlash).any())
+    value = np.abs(fourier.synthesize(deflection, SAMPLES * max(deflection.shape[1] - 1, 1)))
+    return bool((value.min(-1) < law.knee + 0.02 * law.backlash).any())
 
 
 def _refine(lin):
     """The linearisation at the motion to which Newton's method leads on the low harmonics: the nearer to a true one,
     the less is to be shown."""
     size = np.inf
-    for _ in range(CERTIFICATE.newton_steps):
+    for _ in range(6):
         corrected = lin.inverse(lin.residual())
         corrected[:, lin.sizes.low + 1 :] = 0
         last, size = size, lin.largest(corrected).max()
-        if not CERTIFICATE.corrected < size < last:
+        if not 1e-10 < size < last:
             break
         lin = lin.moved(-corrected[:, : lin.sizes.low + 1])
     return lin
 
 
-def _level(harmonics):
-    """The power of two from ``harmonics`` on, up to the most: few of them, as each has programs of its own."""
-    return min(1 << int(np.ceil(np.log2(harmonics))), CERTIFICATE.most)
-
-
 def _sizes(low, highest, excited):
-    high = max(CERTIFICATE.evaluated * low, 1 << max(excited - 1, 1).bit_length())
+    high = max(8 * low, 1 << max(excited - 1, 1).bit_length())
     reach = 1 << max(high + 1, int(np.ceil(2 * highest))).bit_length()
-    if reach > CERTIFICATE.receptances:
+    if reach > RECEPTANCES:
         raise ValueError(
             f"the highest natural frequency lies at harmonic {highest:.0f} of the cycle; the certificate serves up to "
-            f"{CERTIFICATE.receptances // 4}: lump disks that are much lighter than the others."
+            f"{RECEPTANCES // 4}: lump disks that are much lighter than the others."
         )
-    return CertificateSizes(low=low, high=high, reach=reach, time_steps=min(time_steps_of(low), CERTIFICATE.time_steps))
-
-
-def _check_inertia(train, system):
-    light = [name for name, mass in zip(train.topology.disk_names, system.mass, strict=False) if not mass > 0]
-    if light:
-        named = ", ".join(map(repr, light))
-        raise ValueError(
-            f"disk {named} has inertia 0, and a computed bound needs disks with inertia: give a small one."
-        )
+    return CertificateSizes(low=low, high=high, reach=reach, time_steps=min(time_steps_of(low), 4096))
 
 
 def _of_response(found, lin, given, balance, harmonics):
@@ -138,8 +117,8 @@ def _of_response(found, lin, given, balance, harmonics):
     found = replace(found, harmonic_balance=balance, harmonics=harmonics)
     if not found.holds:
         return found
-    count, law, motions = CERTIFICATE.compared * lin.sizes.low, lin.law.expand(), []
-    in_contact, viscous = (lin.damping[key][:, None] for key in ("in_contact", "viscous"))
+    count, law, motions = 64 * lin.sizes.low, lin.law.expand(), []
+    in_contact, viscous = lin.meshes.contact_damping[:, None], lin.meshes.viscous[:, None]
     for deflection in (given, lin.deflection * lin.law.backlash[:, None]):
         value = fourier.synthesize(deflection, count)
         rate = fourier.synthesize(fourier.derivative(deflection, lin.frequency), count)

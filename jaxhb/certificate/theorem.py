@@ -28,30 +28,30 @@ Forces: elastic ones change at most with the stiffness in contact. Damping asks 
 ``p = y* - ybar``, ``F' p = q = -F - H Delta``, ``|Delta| <= zone r^2 / 2 tau``: ``p = A q + e`` with ``e = d - H psi'
 e``, ``d = q - F' A q`` and ``|e|_w <= Z1/(1 - Z1) |A q|_w``, all of which can be differentiated in time.
 
-The theorem is applied at the motion to which Newton's method leads on ``low`` harmonics, many more than those of the
-response; bounds of the response add the distance between the two, which is computed. What is true uniformly is only
-the small-gain number: below 1 the equation has one solution for every load. Else ``F'`` may be singular (a parametric
-resonance, docs/theory A4.2: the claim (31) of the source is false) and several motions may coexist, each with a
-certificate of its own.
+What is true uniformly is only the small-gain number: below 1 the equation has one solution for every load. Else ``F'``
+may be singular (a parametric resonance, docs/theory A4.2: the claim (31) of the source is false) and several motions
+may coexist, each with a certificate of its own.
 """
 
 from dataclasses import replace
 
 import numpy as np
 
-from jaxhb.certificate.linearization import NotInverted
-from jaxhb.certificate.options import CERTIFICATE
-from jaxhb.equations import fourier
-from jaxhb.results.bounds import Certificate, Kantorovich
+from jaxhb._jax import on_host
+from jaxhb.certificate.linearization import SAMPLES, NotInverted, one_norm
+from jaxhb.equations import exact_integrals, fourier
+from jaxhb.equations.state_space import partition, state_space
+from jaxhb.floquet.variational import propagation
+from jaxhb.results.bounds import NORM_MARGIN, ROW_SUM_MARGIN, Certificate, Kantorovich
+from jaxhb.train import chain
 
 
-def not_inverted(lin, train, gaps):
-    """What is left to say where A is not at hand."""
-    return _certificate(lin, train, gaps, np.inf, np.inf, 0.0)
-
-
-def _certificate(lin, train, gaps, Y0, Z1, Z2):
-    """The certificate of these numbers, without bounds."""
+def without_bounds(lin, train, gaps, Y0=np.inf, Z1=np.inf, Z2=0.0):
+    """The certificate of these numbers; by default of what is known where A is not at hand."""
+    # sup of |H(n)|/2 about the middle slope, in the units of force in which the receptances are symmetric.
+    root = np.sqrt(lin.slopes[0] * lin.law.backlash**2)
+    middle = np.linalg.solve(np.eye(len(root)) - lin.held / 2, lin.held)
+    small_gain = np.linalg.norm(middle * (root[:, None] / root), 2, axis=(1, 2)).max(initial=0.0) / 2
     return Certificate(
         reason=_reason(lin, Y0, Z1, Z2),
         meshes=tuple(train.topology.mesh_names[i] for i in gaps),
@@ -59,7 +59,7 @@ def _certificate(lin, train, gaps, Y0, Z1, Z2):
         Y0=Y0,
         Z1=float(Z1),
         Z2=Z2,
-        small_gain=_small_gain(lin),
+        small_gain=float(small_gain),
         low=lin.sizes.low,
         high=lin.sizes.high,
     )
@@ -69,7 +69,7 @@ def bounds_at(lin, train, gaps):
     """The numbers of the theorem around the motion of ``lin``, and what follows for that of the train;
     raises NotInverted."""
     law, low, high = lin.law, lin.sizes.low, lin.sizes.high
-    E, grid = lin.embedding, CERTIFICATE.samples * low // 4
+    E, grid = lin.embedding, SAMPLES * low // 4
 
     F, corrected, correction, weighted = _newton_correction(lin)
     Z1 = _defect(lin)
@@ -89,7 +89,7 @@ def bounds_at(lin, train, gaps):
     # A is 1 beyond ``low``: there A H = H, from root mean square to largest value.
     missing = lin.gain_between(low + 1) * root
     Z2 = float(kernel + missing + spread * in_zone * root) if zone.any() and Z1 < 1 else 0.0
-    found = _certificate(lin, train, gaps, Y0, Z1, Z2)
+    found = without_bounds(lin, train, gaps, Y0, Z1, Z2)
     if found.reason:
         return found
     # The engagement has the slope 1/tau in the zone: its integral differs from the linear one by at most r^2 / (2 tau).
@@ -106,10 +106,8 @@ def bounds_at(lin, train, gaps):
     moving = np.where(lin.slopes[1] > 0, (np.abs(rates) * zone).max(-1), 0.0)
     drag = (rate + moving * np.minimum(1.0, apart / law.transition)) * lin.frequency * law.backlash
     elastic = law.stiffness * law.backlash * apart
-    viscous = np.asarray(train.meshes.damping)[gaps]
-    return replace(
-        found, deflection_bound=law.backlash * apart, elastic_bound=elastic, force_bound=elastic + viscous * drag
-    )
+    total = elastic + lin.meshes.viscous * drag
+    return replace(found, deflection_bound=law.backlash * apart, elastic_bound=elastic, force_bound=total)
 
 
 def _newton_correction(lin):
@@ -121,7 +119,7 @@ def _newton_correction(lin):
     correction = lin.largest(corrected) + lin.gain_between(high + 1) * left
     weighted = np.hypot(np.linalg.norm(fourier.pack(w[: high + 1] * corrected)), lin.largest_gain(high + 1) * left)
     # Rounding of the terms of F, which cancel, is not in the residual computed from them.
-    correction += CERTIFICATE.rounded * (lin.largest(lin.linear) + lin.largest(F - lin.linear))
+    correction += 1e-13 * (lin.largest(lin.linear) + lin.largest(F - lin.linear))
     return F, corrected, correction, weighted
 
 
@@ -141,8 +139,7 @@ def _beyond(coefficients, harmonics, power):
 
 def _defect(lin):
     """Z1."""
-    sizes, w = lin.sizes, lin.weight
-    low, high = sizes.low, sizes.high
+    w, low, high = lin.weight, lin.sizes.low, lin.sizes.high
     inner = w[: high + 1]
 
     def apply(x):
@@ -182,11 +179,7 @@ def _coupling(share, rows, columns):
 def _gain_norm(lin, harmonics):
     """``|A H|_w`` of forces with so many harmonics."""
     w = lin.weight[: harmonics + 1]
-    return lin.norm(
-        lambda x: w * lin.inverse(lin.apply_gain(x)),
-        lambda x: lin.apply_gain_transposed(lin.inverse_transposed(w * x)),
-        harmonics,
-    )
+    return lin.norm(lambda x: w * lin.respond(x), lambda x: lin.respond_transposed(w * x), harmonics)
 
 
 def _zone_norm(lin, zone, count):
@@ -195,26 +188,28 @@ def _zone_norm(lin, zone, count):
     w = lin.weight[: low + 1]
 
     def adjoint(x):
-        values = fourier.synthesize(lin.apply_gain_transposed(lin.inverse_transposed(w * x)), count)
+        values = fourier.synthesize(lin.respond_transposed(w * x), count)
         return fourier.analyze(zone * values, low)  # its square is the share in the zone, as that of a projection
 
-    return lin.norm(adjoint, lambda x: w * lin.inverse(lin.apply_gain(x)), low)
+    return lin.norm(adjoint, lambda x: w * lin.respond(x), low)
 
 
 def _row_sum(lin, zone, count, rate):
-    """``|A H zone|`` from largest value to largest value, or of its rate."""
+    """``|A H zone|`` from largest value to largest value, or of its rate: the largest absolute row sum of the map
+    between motions at ``count`` time samples, with its margin."""
     low = lin.sizes.low
     factor = 1j * np.arange(low + 1) if rate else np.ones(low + 1)
 
     def apply(values):
-        x = factor * lin.inverse(lin.apply_gain(fourier.analyze(zone * values, low)))
-        return fourier.synthesize(x, count)
+        x = factor * lin.respond(fourier.analyze(zone * values.reshape(zone.shape), low))
+        return fourier.synthesize(x, count).reshape(-1)
 
     def adjoint(values):
-        x = np.conj(factor) * fourier.analyze(values, low)
-        return zone * fourier.synthesize(lin.apply_gain_transposed(lin.inverse_transposed(x)), count)
+        x = np.conj(factor) * fourier.analyze(values.reshape(zone.shape), low)
+        return (zone * fourier.synthesize(lin.respond_transposed(x), count)).reshape(-1)
 
-    return lin.largest_row_sum(apply, adjoint, count)
+    with np.errstate(all="ignore"):
+        return ROW_SUM_MARGIN * one_norm(adjoint, apply, zone.size, columns=3)
 
 
 def harmonic_balance(lin, harmonics):
@@ -227,24 +222,14 @@ def harmonic_balance(lin, harmonics):
         return w * fourier.resize(own.inverse(fourier.resize(own.apply_gain(x), lin.sizes.low)), harmonics)
 
     def adjoint(x):
-        return own.apply_gain_transposed(
-            fourier.resize(own.inverse_transposed(fourier.resize(w * x, lin.sizes.low)), harmonics)
-        )
+        back = own.inverse_transposed(fourier.resize(w * x, lin.sizes.low))
+        return own.apply_gain_transposed(fourier.resize(back, harmonics))
 
     try:
-        first = fourier.resize(own.inverse(F), harmonics)
-        return Kantorovich(
-            H0=lin.norm(apply, adjoint, harmonics), delta0=float(np.linalg.norm(fourier.pack(w * first))), K=K
-        )
+        first = w * fourier.resize(own.inverse(F), harmonics)
+        return Kantorovich(lin.norm(apply, adjoint, harmonics), float(np.linalg.norm(fourier.pack(first))), K)
     except NotInverted:
-        return Kantorovich(H0=np.inf, delta0=np.inf, K=K)
-
-
-def _small_gain(lin):
-    """sup of ``|H(n)|/2`` about the middle slope, in the units of force in which the receptances are symmetric."""
-    root = np.sqrt(lin.slopes[0] * lin.law.backlash**2)
-    middle = np.linalg.solve(np.eye(len(root)) - lin.held / 2, lin.held)
-    return float(np.linalg.norm(middle * (root[:, None] / root), 2, axis=(1, 2)).max(initial=0.0) / 2)
+        return Kantorovich(np.inf, np.inf, K)
 
 
 def _reason(lin, Y0, Z1, Z2):
@@ -264,3 +249,49 @@ def _reason(lin, Y0, Z1, Z2):
             f"is no motion of the untruncated equations, or its harmonics beyond {low} matter; use more harmonics."
         )
     return ""
+
+
+def attracts(lin, train, found):
+    """Whether the true motion near the refined one of ``lin``, within ``found`` that holds, attracts: no multiplier
+    crosses the unit circle between the two; None where that is not decided.
+
+    The share of contact of the true motion differs from that of the refined one by ``s(t) Delta(t)``, s = 1,
+    ``|Delta| <= r zone / tau``. Let s grow from 0 to 1. A multiplier ``z = exp(2 pi i theta)`` on the unit circle would
+    be a motion ``exp(i theta t) x periodic`` with ``y + R_z s Delta y = 0``, R_z the response of the linearised train
+    to impulses, in this class of motions: impossible if ``|R_z Delta| < 1`` in the largest value. With the monodromy
+    matrix P, the deflections ``l(t)`` of unit states and the states ``e(s)`` after impulses
+
+        R_z(t, s) = R_1(t, s) + l(t) ((z - P)^-1 - (1 - P)^-1) e(s),
+
+    the first of which is part of the certificate, ``|R_1 Delta| <= Z2 r``, and the second is summed over the
+    eigenvectors of P with the largest ``|1/(z - lambda) - 1/(1 - lambda)|`` on the unit circle.
+    """
+    system, meshes = on_host(chain.assemble(train)), lin.meshes
+    # Loss factors have no equation in time, and large trains take too long.
+    if np.any(system.loss) or len(system.mass) > 100:
+        return None
+    h, law = lin.law.backlash, meshes.law
+    parts = partition(system, meshes, train.topology.disk_names, train.topology.link_names)
+    space = state_space(system, meshes, lin.frequency, parts)
+    deflection = lin.deflection * h[:, None]
+    times = np.append(exact_integrals.switching_times(law, deflection), np.arange(1, 2048) / 2048)
+    onward = propagation(space, meshes, deflection, lin.frequency, np.unique(times))
+    multipliers, shapes = np.linalg.eig(onward.matrix)
+    # Of each eigenvector the largest deflection of each mesh, and how much of it impulses of the share of contact leave
+    # at the end of the cycle, where that of the true motion may differ: in the zone, by the trapezoidal rule.
+    deflected = np.abs(onward.deflection @ shapes).max(0) / h[:, None]
+    duration = np.diff(onward.share) * 2 * np.pi / lin.frequency
+    zone = lin.near_transition(found.radius, onward.share) / law.transition[:, None] * h[:, None]
+    rate = (np.abs(np.linalg.inv(shapes) @ onward.end_state) * zone.T[:, None]).sum(-1)
+    excited = ((rate[1:] + rate[:-1]) / 2 * duration[:, None]).sum(0)
+    # The rotation of the train has a multiplier of 1, bends no tooth, and says nothing.
+    observed = deflected.max(0) > 1e-9 * deflected.max()
+    own = multipliers[observed]
+    z = np.exp(2j * np.pi * (np.arange(4096) + 0.5) / 4096)[:, None]
+    with np.errstate(all="ignore"):
+        change = np.abs((1 - z) / (z - own) / (1 - own)).max(0)  # |1/(z - lambda) - 1/(1 - lambda)|
+        closed = (deflected[:, observed] * change * excited[observed]).sum(-1).max()
+    if not found.radius * (found.Z2 + NORM_MARGIN * closed) < 1:
+        return None
+    # No multiplier crosses the circle on the way to the true motion: as many lie inside as of the refined one.
+    return bool((np.abs(own) < 1).all())

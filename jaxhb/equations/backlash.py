@@ -8,8 +8,8 @@ for any relative width ``tau`` of the smooth transition. With ``c1 = epsilon c``
     f' = c1 + D u / (tau h)
     U  = c1 l^2/2 + D u^3/(6 tau h) + D (v^2/2 + tau h v/2)
 
-``h`` is the total backlash. The functions take arrays that broadcast; automatic differentiation of this form equals
-``f'`` everywhere, the knots included, because ``u^2`` and ``v`` join with equal slopes.
+Arguments broadcast. Automatic differentiation of this form equals ``f'`` everywhere, the knots included, because
+``u^2`` and ``v`` join with equal slopes.
 """
 
 from dataclasses import dataclass
@@ -22,11 +22,8 @@ from jaxhb._jax import namespace
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Law:
-    """Parameters of the law, one entry per mesh.
-
-    stiffness : N/m in contact; epsilon : stiffness in the gap / in contact; transition : width of the smooth zone
-    / backlash; backlash : m, total.
-    """
+    """Parameters of the law, one entry per mesh: stiffness in contact N/m; epsilon, stiffness in the gap over that;
+    transition, width of the smooth zone over the backlash; backlash m, total."""
 
     stiffness: jax.Array
     epsilon: jax.Array
@@ -74,6 +71,7 @@ def separated(law, deflection):
 
 
 def _pieces(law, deflection):
+    """``tau h``, u and v."""
     xp = namespace(law, deflection)
     width = law.width
     reach = xp.abs(deflection) - law.gap
@@ -85,8 +83,7 @@ def _pieces(law, deflection):
 def force(law, deflection):
     """Elastic force f(l) in N.
 
-    >>> law = Law(1.0, 0.04, 0.2, 0.5)
-    >>> round(float(force(law, 0.25)), 6)
+    >>> round(float(force(Law(1.0, 0.04, 0.2, 0.5), 0.25)), 6)
     0.022
     """
     width, inside, beyond = _pieces(law, deflection)
@@ -114,20 +111,9 @@ def energy(law, deflection):
     return law.epsilon * law.stiffness * deflection**2 / 2 + drop * contact
 
 
-def engagement_slope(law, deflection):
-    """d engagement / dl in 1/m: +-1/(tau h) in the transition zone, 0 elsewhere."""
-    width, inside, _ = _pieces(law, deflection)
-    moving = (inside > 0) & (inside < width)
-    xp = namespace(law, deflection)
-    return xp.where(moving, xp.sign(deflection) / width, 0.0)
-
-
 def mesh_force(law, viscous, contact_damping, deflection, rate):
-    """Transmitted force of a mesh: elastic + damping, in N.
-
-    ``viscous`` in N s/m; ``contact_damping`` True: the damper acts in contact only, r l' (f'-c1)/(c2-c1);
-    False: r l' always.
-    """
+    """Transmitted force of a mesh, elastic + damping, in N; ``viscous`` r in N s/m, which acts always or, with
+    ``contact_damping``, in contact only: ``r l' (f' - c1)/(c2 - c1)``."""
     share = namespace(law, deflection).where(contact_damping, engagement(law, deflection), 1.0)
     return force(law, deflection) + viscous * rate * share
 
@@ -135,9 +121,11 @@ def mesh_force(law, viscous, contact_damping, deflection, rate):
 def mesh_slopes(law, viscous, contact_damping, deflection, rate):
     """Partial derivatives of :func:`mesh_force` with respect to l (N/m) and l' (N s/m), written out by hand."""
     xp = namespace(law, deflection, viscous)
-    share = xp.where(contact_damping, engagement(law, deflection), 1.0)
+    width, inside, _ = _pieces(law, deflection)
+    share = xp.where(contact_damping, inside / width, 1.0)
     # Damping that sets in with contact adds to the slope in l: r l' times the slope of the engagement.
-    extra = xp.where(contact_damping, viscous * rate * engagement_slope(law, deflection), 0.0)
+    moving = contact_damping & (inside > 0) & (inside < width)
+    extra = xp.where(moving, viscous * rate * (xp.sign(deflection) / width), 0.0)
     return slope(law, deflection) + extra, viscous * share
 
 

@@ -5,11 +5,11 @@ the dynamic stiffness and ``psi`` the load collected at the node, elimination of
 
     f = pi - Y x_p,    Y = beta C (P + alpha^2 C)^{-1} P,    pi = alpha C (P + alpha^2 C)^{-1} psi.
 
-Unlike the textbook recursion, ``Y`` is exactly zero for a part that nothing holds: a soft ground costs no digits;
-link forces come from ``pi - Y x_p``, never from differences of displacements. The scalar sweep treats every harmonic
-at once; the block sweep treats dense blocks that couple all harmonics (Newton's matrix along a chain).
-Source: Fridman 2009, (10)-(12), in the form of Moliboshko's equivalent transformation; forces of all branches of a node
-add in ``P`` and ``psi``, which is what a fictitious node of Fridman's numbering does.
+Unlike the textbook recursion, ``Y`` is exactly zero for a part that nothing holds: a soft ground costs no digits, and
+link forces are no differences of displacements. The scalar sweep treats every harmonic at once; the block sweep dense
+blocks that couple all harmonics (Newton's matrix along a chain). Source: Fridman 2009, (10)-(12), in the form of
+Moliboshko's equivalent transformation; forces of all branches of a node add in ``P`` and ``psi``, which is what a
+fictitious node of Fridman's numbering does.
 """
 
 import heapq
@@ -22,43 +22,33 @@ from jax import lax
 
 
 def quotient(numerator, denominator):
-    """Complex quotient, 0 where the denominator is 0 (a ring behind a purely viscous link at the mean).
-
-    Written out: the library's division is safe from overflow beyond 1e154 and costs as much as the rest of a sweep.
-    There it is nan, so that nothing that has lost a link counts as an answer.
-    """
+    """Complex quotient, 0 where the denominator is 0 (a ring behind a purely viscous link at the mean)."""
+    # Written out: the library's division is safe from overflow beyond 1e154 and costs as much as the rest of a sweep.
+    # There it is nan, so that nothing that has lost a link counts as an answer.
     square = denominator.real**2 + denominator.imag**2
     inverse = jnp.where(square < jnp.inf, 1 / jnp.where(square == 0, 1.0, square), jnp.nan)
     return numerator * jnp.conj(denominator) * jnp.where(square == 0, 0.0, inverse)
 
 
-UNHELD = 1e-30
-"""What stands for a last pivot of exactly zero, in N/m or over one: far below what rounding leaves of any other."""
+UNHELD = 1e-30  # stands for a last pivot of exactly zero: far below what rounding leaves of any other
 
 
 def last_pivot(pivot):
-    """A last pivot, that of the whole train: where it vanishes the motion is huge, on all versions of jax alike.
-
-    What a division by zero makes of a complex number, and what LAPACK does with it, is infinite on some and nan on
-    others, as numbers are that have overflowed.
-    """
+    """A last pivot, that of the whole train: where it vanishes the motion is huge, and not infinite on one version of
+    jax and nan on another."""
     return jnp.where(pivot == 0, UNHELD, pivot)
 
 
 def nonzero_pivot(pivot, link):
-    """A pivot that vanishes exactly (an undamped part at resonance with its upper node held) moved by rounding.
-
-    The whole train need not be singular there; a pivot that vanishes together with its link stays zero.
-    """
+    """A pivot that vanishes exactly (an undamped part at resonance with its upper node held) moved by rounding: the
+    whole train need not be singular there. One that vanishes together with its link stays zero."""
     size = jnp.abs(link.real) + jnp.abs(link.imag)
     return jnp.where(pivot == 0, jnp.finfo(float).eps * size, pivot)
 
 
 class Slots(NamedTuple):
-    """Where a sweep keeps what the nodes under elimination have collected; few places, used again and again.
-
-    own, above : int arrays ``(S,)``, place of each node and of its parent (of the root: its own); every : ``(D,)``.
-    """
+    """Where a sweep keeps what the nodes under elimination have collected: ``(S,)`` place of each node and of its
+    parent (of the root: its own); every place ``(D,)``, few, used again and again."""
 
     own: np.ndarray
     above: np.ndarray
@@ -66,58 +56,31 @@ class Slots(NamedTuple):
 
 
 def slots(parent):
-    """The :class:`Slots` of a tree, host: a node takes one when its first branch arrives and frees it when done.
+    """The :class:`Slots` of a tree, host: a node takes one when its first branch arrives and frees it when done;
+    ``parent`` int ``(S,)``, position of the parent, larger than the own position; S for the root (last).
 
-    Parameters
-    ----------
-    parent : int array ``(S,)``, position of the parent, larger than the own position; S for the root (last)
-
-    Examples
-    --------
     >>> slots([1, 4, 3, 4, 5, 6]).own.tolist()
     [0, 0, 1, 1, 0, 0]
     """
-    own, free, count = [-1] * len(parent), [], 0
-
-    def take():
-        nonlocal count
-        if free:
-            return heapq.heappop(free)
-        count += 1
-        return count - 1
-
+    own, free = np.full(len(parent), -1, np.int32), list(range(len(parent)))
     for node, up in enumerate(parent):
         if own[node] < 0:
-            own[node] = take()
+            own[node] = heapq.heappop(free)
         heapq.heappush(free, own[node])
         if up < len(parent) and own[up] < 0:
-            own[up] = take()
-    above = [own[up] if up < len(parent) else own[node] for node, up in enumerate(parent)]
-    return Slots(np.array(own, dtype=np.int32), np.array(above, dtype=np.int32), np.arange(count, dtype=np.int32))
+            own[up] = heapq.heappop(free)
+    above = [own[min(up, len(parent) - 1)] for up in parent]
+    return Slots(own, np.array(above, np.int32), np.arange(own.max() + 1, dtype=np.int32))
 
 
 def scalar_sweep(at, near, far, link, node, load, forces=None):
-    """Solve a tree of scalar links for all harmonics and several loads.
+    """Displacements ``(S, R, H)`` of a tree of scalar links, and the forces ``(S, forces, H)`` of the links to the
+    parents, positive for ``alpha x_s > beta x_p``, zero at the root.
 
-    Parameters
-    ----------
-    at : Slots
-    near, far : arrays ``(S,)``
-        Arms alpha and beta of the link to the parent; of no meaning for the root.
-    link : complex array ``(S, H)``
-        Dynamic stiffness C of the link to the parent; of no meaning for the root.
-    node : complex array ``(S, H)``
-        Dynamic stiffness of the node itself, ground included.
-    load : complex array ``(S, R, H)``
-    forces : int, optional
-        Of how many loads, the first ones, the forces are wanted; default all R.
-
-    Returns
-    -------
-    displacement, force : complex arrays ``(S, R, H)``, ``(S, forces, H)``
-        ``force`` of the link to the parent, positive for ``alpha x_s > beta x_p``; zero at the root.
+    at : Slots; near, far : ``(S,)`` arms alpha and beta; link : complex ``(S, H)``, C of the link to the parent (these
+    of no meaning for the root); node : complex ``(S, H)``, ground included; load : complex ``(S, R, H)``; forces : of
+    how many loads, the first ones, default all.
     """
-
     kept = slice(load.shape[1] if forces is None else forces)
 
     def eliminate(collected, item):
@@ -136,7 +99,7 @@ def scalar_sweep(at, near, far, link, node, load, forces=None):
         return (stiffness, moment), (follow, beta * hand * P, *alone)
 
     nothing = [jnp.zeros((len(at.every), *a.shape[1:]), a.dtype) for a in (node, load)]
-    below_root = jax.tree.map(lambda a: a[:-1], (at.own, at.above, near, far, link, node, load))
+    below_root = [a[:-1] for a in (at.own, at.above, near, far, link, node, load)]
     (stiffness, moment), held = lax.scan(eliminate, tuple(nothing), below_root)
     # All that hangs on the root has arrived: its displacement is known, and with it, parent by parent, all others.
     root = (load[-1] + moment[at.own[-1]]) / last_pivot(node[-1] + stiffness[at.own[-1]])
@@ -153,21 +116,11 @@ def scalar_sweep(at, near, far, link, node, load, forces=None):
 
 
 def block_sweep(parent, near, far, link, node, load):
-    """Solve a tree of links with dense blocks: the same elimination, C and P matrices.
+    """The same elimination with matrices C and P: ``parent`` as of :func:`slots`, ``link`` and ``node`` ``(S, P, P)``.
 
-    Parameters
-    ----------
-    parent : int array ``(S,)``, position of the parent, larger than the own position; S for the root (last)
-    near, far : as in :func:`scalar_sweep`
-    link, node : arrays ``(S, P, P)``
-    load : array ``(S, P)``
-
-    Returns
-    -------
-    displacement : array ``(S, P)``
-    pivot_quality : float
-        Smallest ratio of the extreme diagonal entries of U over all pivots, a cheap sign of a breakdown: elimination
-        without pivoting between blocks fails at a part that is singular with its upper node held.
+    Gives displacements ``(S, P)`` under ``load`` ``(S, P)``, and the smallest ratio of the extreme diagonal entries of
+    U over all pivots, a cheap sign of a breakdown: elimination without pivoting between blocks fails at a part that is
+    singular with its upper node held.
     """
     width = node.shape[-1]
 
@@ -176,15 +129,16 @@ def block_sweep(parent, near, far, link, node, load):
         position, up, alpha, beta, C = item
         P, psi = stiffness[position], moment[position]
         factor = jax.scipy.linalg.lu_factor(P + alpha**2 * C)
-        diagonal = jnp.abs(jnp.diagonal(factor[0]))
         solved = jax.scipy.linalg.lu_solve(factor, jnp.concatenate([P, psi[:, None], C], axis=1))
         passed = C @ solved[:, : width + 1]
         stiffness = stiffness.at[up].add(beta**2 * passed[:, :width])
         moment = moment.at[up].add(alpha * beta * passed[:, width])
+        diagonal = jnp.abs(jnp.diagonal(factor[0]))
         quality = diagonal.min() / diagonal.max()
         return (stiffness, moment), (solved[:, width], alpha * beta * solved[:, width + 1 :], quality)
 
-    items = (jnp.arange(node.shape[0] - 1), parent[:-1], near[:-1], far[:-1], link[:-1])
+    places = jnp.arange(node.shape[0] - 1), parent[:-1]
+    items = (*places, near[:-1], far[:-1], link[:-1])
     (stiffness, moment), (free, follow, quality) = lax.scan(eliminate, (node, load), items)
     root = jnp.linalg.solve(stiffness[-1], moment[-1])
 
@@ -193,5 +147,5 @@ def block_sweep(parent, near, far, link, node, load):
         return displacement.at[position].set(free + follow @ displacement[up]), None
 
     start = jnp.zeros_like(load).at[-1].set(root)
-    displacement, _ = lax.scan(substitute, start, (items[0], items[1], free, follow), reverse=True)
+    displacement, _ = lax.scan(substitute, start, (*places, free, follow), reverse=True)
     return displacement, quality.min(initial=1.0)

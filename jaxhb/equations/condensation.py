@@ -20,14 +20,13 @@ from jax import lax
 from jaxhb.equations import backlash, exact_integrals, fourier
 from jaxhb.equations.dynamic_stiffness import balance, frequencies, receptance, solve_linear
 
-CHUNK = 64
-"""Harmonics swept at a time: even a finely divided train then stays in the cache of a processor."""
+CHUNK = 64  # harmonics swept at a time: even a finely divided train then stays in the cache of a processor
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Reduced:
-    """The reduced equation of G active meshes (padded with meshes that do nothing).
+    """The condensed equation of G active meshes (padded with meshes that do nothing).
 
     linear : complex ``(G, N+1)`` m, deflections with all meshes in contact; receptance : complex ``(N+1, G, G)`` m/N;
     frequency : rad/s; law, viscous N s/m, contact_damping : ``(G,)``; integrals : of phi over the cycle, "sampled" or
@@ -50,10 +49,6 @@ class Reduced:
             return self
         return dataclasses.replace(self, crossings=exact_integrals.find_crossings(self.law, deflection))
 
-    def quadrature(self, deflection, samples):
-        """Where phi is evaluated: ``samples`` equidistant time samples, or those of the exact integrals."""
-        return quadrature(self.integrals, self.law, deflection, samples, self.crossings)
-
     def nonlinear_force(self, deflection, rate):
         """phi and its slopes in l and l' at samples ``(G, samples)``: what the linear mesh does not contain."""
         law = self.law.expand()
@@ -63,33 +58,34 @@ class Reduced:
         linear = law.stiffness * deflection + viscous * rate
         return total - linear, slope - law.stiffness, rate_slope - viscous
 
+    def _along(self, deflection, samples):
+        """The time samples of a motion, and phi and its slopes there."""
+        rule = quadrature(self.integrals, self.law, deflection, samples, self.crossings)
+        return rule, *self.nonlinear_force(*self._values(deflection, rule))
+
     def nonlinear_slopes(self, deflection, samples, harmonics):
         """Coefficients ``(2, G, harmonics+1)`` of the slopes of phi in l and l'."""
-        rule = self.quadrature(deflection, samples)
-        _, *slopes = self.nonlinear_force(*self.motion(deflection, rule))
+        rule, _, *slopes = self._along(deflection, samples)
         return jax.vmap(lambda slope: rule.analyze(slope, harmonics))(jnp.stack(slopes))
 
     def nonlinear_force_coefficients(self, deflection, samples):
-        """Coefficients ``(G, N+1)`` of phi."""
-        rule = self.quadrature(deflection, samples)
-        nonlinear_force, _, _ = self.nonlinear_force(*self.motion(deflection, rule))
+        """Coefficients ``(G, N+1)`` of phi at those of l."""
+        rule, nonlinear_force, _, _ = self._along(deflection, samples)
         return rule.analyze(nonlinear_force, deflection.shape[-1] - 1)
 
-    def motion(self, deflection, rule):
-        """Values of l and l' at the time samples of ``rule``, from coefficients ``(G, N+1)``."""
+    def _values(self, deflection, rule):
         return jax.vmap(rule.synthesize)(jnp.stack([deflection, fourier.derivative(deflection, self.frequency)]))
 
     def sampled(self, deflection, samples):
         """Values of l and l' at ``samples`` equidistant time samples."""
-        return self.motion(deflection, fourier.Equidistant(samples))
+        return self._values(deflection, fourier.Equidistant(samples))
 
     def respond(self, nonlinear_force):
         """Deflections caused by coefficients ``(G, N+1)`` of nonlinear force: G phi."""
         return jnp.einsum("ngh,hn->gn", self.receptance, nonlinear_force)
 
     def residual(self, deflection, samples):
-        """F(l) as coefficients ``(G, N+1)``, phi at ``samples`` time samples (docs/theory A6: 16 N), of which exact
-        integrals take none."""
+        """F(l) as coefficients ``(G, N+1)``; phi at ``samples`` time samples, of which exact integrals take none."""
         return deflection - self.linear + self.respond(self.nonlinear_force_coefficients(deflection, samples))
 
 
@@ -102,11 +98,8 @@ def quadrature(integrals, law, deflection, samples, crossings=None):
 
 def truncate(reduced, harmonics):
     """The same equation with fewer harmonics."""
-    return dataclasses.replace(
-        reduced,
-        linear=reduced.linear[:, : harmonics + 1],
-        receptance=reduced.receptance[: harmonics + 1],
-    )
+    linear, receptance = reduced.linear[:, : harmonics + 1], reduced.receptance[: harmonics + 1]
+    return dataclasses.replace(reduced, linear=linear, receptance=receptance)
 
 
 @jax.tree_util.register_dataclass
@@ -134,22 +127,11 @@ class CondensedTrain:
 
 
 def reduce(system, frequency, load, harmonics, active, active_index, law, viscous, contact_damping):
-    """Condense the linear train onto the active meshes.
+    """Condense the linear train onto the active meshes: :class:`Reduced`, :class:`CondensedTrain`.
 
-    Parameters
-    ----------
-    system : System
-    frequency : float, Omega in rad/s
-    load : complex array ``(S, E+1)`` N, forces of the excitation and of meshes held on one flank; those above N are
-        dropped
-    harmonics : int, N
-    active : array ``(G,)``, 1 for an active mesh and 0 for padding
-    active_index : int array ``(G,)``, link of each active mesh
-    law, viscous, contact_damping : ``(G,)`` entries of the active meshes
-
-    Returns
-    -------
-    Reduced, CondensedTrain
+    frequency : Omega in rad/s; load : complex ``(S, E+1)`` N, of the excitation and of meshes held on one flank, those
+    above ``harmonics`` N are dropped; active : ``(G,)`` 1 for an active mesh and 0 for padding; active_index : their
+    links; law, viscous, contact_damping : their entries.
     """
     load = load[:, : harmonics + 1]
     columns = system.incidence(active_index) * active
@@ -160,13 +142,8 @@ def reduce(system, frequency, load, harmonics, active, active_index, law, viscou
     chunks = -(-(harmonics + 1) // CHUNK)
     omega = frequencies(frequency, chunks * -(-(harmonics + 1) // chunks) - 1).reshape(chunks, -1)
     receptances = lax.map(lambda omega: receptance(system, omega, columns), omega)
-    reduced = Reduced(
-        linear=fourier.resize(linear, harmonics),
-        receptance=receptances.reshape(omega.size, *receptances.shape[2:])[: harmonics + 1],
-        frequency=frequency,
-        law=law,
-        viscous=viscous,
-        contact_damping=contact_damping,
-    )
+    receptances = receptances.reshape(omega.size, *receptances.shape[2:])[: harmonics + 1]
+    linear = fourier.resize(linear, harmonics)
+    reduced = Reduced(linear, receptances, frequency, law, viscous, contact_damping)
     taken = balance(system, excited, load, displacement, force)
     return reduced, CondensedTrain(system, frequency, load, columns, taken)

@@ -24,17 +24,15 @@ def link_stiffness(system, omega):
     return _of_link(omega, *(field if field.ndim == 2 else field[:, None] for field in fields))
 
 
-def node_stiffness(system, omega):
-    """Dynamic stiffness ``(S, N+1)`` of every disk: -omega^2 m + i omega b + ground.
-
-    A floating train is held at its root for the mean; without mean imbalance nothing flows through that support.
-    """
-    Z = disk_stiffness(omega, system.mass[:, None], system.damping[:, None], system.ground[:, None])
-    return Z.at[system.tree.node[-1]].add(jnp.where(system.floating & (omega == 0), 1.0, 0.0))
-
-
 def _of_link(omega, stiffness, loss, viscous):
     return stiffness * (1 + 1j * loss * (omega > 0)) + 1j * omega * viscous
+
+
+def node_stiffness(system, omega):
+    """Dynamic stiffness ``(S, N+1)`` of every disk. A floating train is held at its root for the mean; without mean
+    imbalance nothing flows through that support."""
+    Z = disk_stiffness(omega, system.mass[:, None], system.damping[:, None], system.ground[:, None])
+    return Z.at[system.tree.node[-1]].add(jnp.where(system.floating & (omega == 0), 1.0, 0.0))
 
 
 def disk_stiffness(omega, mass, damping, ground):
@@ -44,24 +42,13 @@ def disk_stiffness(omega, mass, damping, ground):
 
 @partial(jax.custom_jvp, nondiff_argnums=(3,))
 def solve_linear(system, omega, load, forces=None):
-    """Displacements and link forces of the linear train for given loads: ``Z x = q``, ``f = C D x``.
+    """Displacements ``(S, R, H)`` m and link forces ``(L, forces, H)`` N of the train: ``Z x = q``, ``f = C D x``
+
+    omega : ``(H,)`` rad/s; load : complex ``(S, R, H)`` N, R loads in disk order; forces : of how many loads, the first
+    ones, the link forces (elastic, viscous and loss-factor part, positive for ``a x_a > b x_b``) are wanted.
 
     A change of the train acts like a load: ``Z dx = dq - dZ x``, one more sweep forwards and one backwards instead of
     the derivative of every step of the elimination.
-
-    Parameters
-    ----------
-    system : System
-    omega : array ``(H,)`` rad/s
-    load : complex array ``(S, R, H)`` N, R loads in disk order
-    forces : int, optional
-        Of how many loads, the first ones, the link forces are wanted; default all R.
-
-    Returns
-    -------
-    displacement : complex array ``(S, R, H)`` m
-    force : complex array ``(L, forces, H)`` N
-        Transmitted force of every link (elastic, viscous and loss-factor part), positive for ``a x_a > b x_b``.
     """
     C, node = link_stiffness(system, omega), node_stiffness(system, omega)
     kept = load.shape[1] if forces is None else forces
@@ -69,8 +56,7 @@ def solve_linear(system, omega, load, forces=None):
     def residual(unknown):
         displacement, force = unknown
         pushed = C[:, None] * system.deflections(displacement)
-        resisted = node[:, None] * displacement + system.spread(pushed)
-        return resisted, force - pushed[:, :kept]
+        return node[:, None] * displacement + system.spread(pushed), force - pushed[:, :kept]
 
     def solve(_, given):
         load, shift = given
@@ -129,16 +115,13 @@ def _sweep(system, C, node, load, forces):
     near = jnp.where(tree.from_a, system.arm_a[tree.link], system.arm_b[tree.link])
     far = jnp.where(tree.from_a, system.arm_b[tree.link], system.arm_a[tree.link])
     loops = len(tree.loops)
-    extended = load
     if loops:
-        unit = system.incidence(tree.loops)[:, :, None]
-        unit = jnp.broadcast_to(unit, (len(unit), loops, load.shape[2]))
         # Beside the given loads, a unit force in each link outside the tree: from the motion that it makes follows how
         # much of it closes the loop.
-        extended = jnp.concatenate([unit.astype(load.dtype), load], axis=1)
-    wanted = loops + (load.shape[1] if forces is None else forces)
+        unit = unit_forces(system.incidence(tree.loops), load.shape[2])
+        load = jnp.concatenate([unit, load], axis=1)
     displacement, force = scalar_sweep(
-        tree.slots, near, far, C[tree.link], node[tree.node], extended[tree.node], wanted
+        tree.slots, near, far, C[tree.link], node[tree.node], load[tree.node], loops + forces
     )
     displacement = jnp.zeros_like(displacement).at[tree.node].set(displacement, unique_indices=True)
     signed = jnp.where(tree.from_a, 1.0, -1.0)[:, None, None] * force
@@ -146,39 +129,27 @@ def _sweep(system, C, node, load, forces):
     link_force = link_force.at[tree.link[:-1]].set(signed[:-1], unique_indices=True)
     if not loops:
         return displacement, link_force
-    return _close_loops(system, C, displacement, link_force, loops)
-
-
-def _close_loops(system, C, displacement, link_force, loops):
-    """Add the forces of the links outside the tree: (I + C G) f = C D x_tree at every harmonic."""
+    # The forces of the links outside the tree: (I + C G) f = C D x_tree at every harmonic.
     unit, given = displacement[:, :loops], displacement[:, loops:]
     # The tree under its loads opens the loops by D x_tree, and a unit force in a link closes them by its receptance
     # (Woodbury's identity): I + C G is regular where the whole train is.
-    gap = system.deflections(given, system.tree.loops)
-    receptance = system.deflections(unit, system.tree.loops)
-    C_loop = C[system.tree.loops].T[:, :, None]
-    matrix = jnp.eye(loops) + C_loop * receptance.transpose(2, 0, 1)
-    factors, swaps = jax.scipy.linalg.lu_factor(matrix)
-    pivots = jnp.eye(loops, dtype=bool)
-    factors = jnp.where(pivots, last_pivot(factors), factors)
-    closing = jax.scipy.linalg.lu_solve((factors, swaps), C_loop * gap.transpose(2, 0, 1))
+    gap, own = (system.deflections(x, tree.loops).transpose(2, 0, 1) for x in (given, unit))
+    C_loop = C[tree.loops].T[:, :, None]
+    factors, swaps = jax.scipy.linalg.lu_factor(jnp.eye(loops) + C_loop * own)
+    factors = jnp.where(jnp.eye(loops, dtype=bool), last_pivot(factors), factors)
+    closing = jax.scipy.linalg.lu_solve((factors, swaps), C_loop * gap)
     displacement = given - jnp.einsum("slh,hlr->srh", unit, closing)
     closing = closing[..., : link_force.shape[1] - loops]
     force = link_force[:, loops:] - jnp.einsum("klh,hlr->krh", link_force[:, :loops], closing)
-    return displacement, force.at[system.tree.loops].set(closing.transpose(1, 2, 0), unique_indices=True)
+    return displacement, force.at[tree.loops].set(closing.transpose(1, 2, 0), unique_indices=True)
 
 
 def condensed_chains(system, omega):
-    """The train with its chains of disks without teeth as single links (:class:`~jaxhb.train.chain.Condensation`).
+    """The train with its chains of disks without teeth as single links (:class:`~jaxhb.train.chain.Condensation`): a
+    System whose tree and arms alone are those of the K disks that are kept, links ``(L, H)`` and nodes ``(K, H)`` N/m.
 
     A disk of dynamic stiffness g between links k and c is a link kc/(k+c+g) between its neighbours, and stiffnesses
     kg/(k+c+g) and cg/(k+c+g) of these: sums without differences, so that a soft ground costs no digits.
-
-    Returns
-    -------
-    system : System
-        Its tree and arms alone are those of the K disks that are kept.
-    link, node : complex arrays ``(L, H)``, ``(K, H)`` N/m
     """
     condensation = system.tree.condensation
 
@@ -220,8 +191,7 @@ def receptance(system, omega, columns):
     """Deflections per unit force ``(H, G, G)`` m/N, ``D Z^{-1} D^T``, of meshes with ``columns`` ``(S, G)`` of D^T."""
     small, link, node = condensed_chains(system, omega)
     own = columns[system.tree.condensation.kept]
-    unit = jnp.broadcast_to(own[:, :, None], (*own.shape, len(omega))).astype(complex)
-    motion, _ = _sweep(small, link, node, unit, 0)
+    motion, _ = _sweep(small, link, node, unit_forces(own, len(omega)), 0)
     return jnp.einsum("sg,srh->hgr", own, motion)
 
 
@@ -232,6 +202,10 @@ def _receptance_jvp(primals, tangents):
 
 def _receptance_of_all_disks(system, omega, columns):
     """The same by a sweep over all disks, whose derivative is known."""
-    unit = jnp.broadcast_to(columns[:, :, None], (*columns.shape, len(omega))).astype(complex)
-    motion, _ = solve_linear(system, omega, unit, forces=0)
+    motion, _ = solve_linear(system, omega, unit_forces(columns, len(omega)), forces=0)
     return jnp.einsum("sg,srh->hgr", columns, motion)
+
+
+def unit_forces(columns, count):
+    """Loads ``(S, G, count)``: a unit force in each link with ``columns`` ``(S, G)`` of D^T, at every frequency."""
+    return jnp.broadcast_to(columns[:, :, None], (*columns.shape, count)).astype(complex)

@@ -2,12 +2,11 @@
 
 The deflection ``l(t)`` of a mesh is a trigonometric polynomial, and its force is smooth along it except where ``|l|``
 passes a knot ``(1 -+ tau) h/2`` of the law: the switching times (Fridman 2009, (38), integrated arc by arc). The cycle
-is divided into 8 equal cells per harmonic. In each of them ``l`` is a polynomial of degree 7, set
-by its values at the Gauss-Legendre time samples of the cell, which also integrate the products of the law with a
-harmonic if the cell holds no switching time. A cell that may hold one is cut at its switching times, found on the
-polynomial, and every arc has Gauss-Legendre time samples of its own; the moments of the force with the Legendre
-polynomials of the cell take the place of its values, so that all transforms between time samples and harmonics are
-fast ones.
+is divided into 8 equal cells per harmonic. In each of them ``l`` is a polynomial of degree 7, set by its values at the
+Gauss-Legendre time samples of the cell, which also integrate the products of the law with a harmonic if the cell holds
+no switching time. A cell that may hold one is cut at its switching times, and every arc has Gauss-Legendre time samples
+of its own; the moments of the force with the Legendre polynomials of the cell take the place of its values, so that all
+transforms between time samples and harmonics are fast ones.
 
 Switching times carry their derivative ``dt = -dl / l'``: first and second derivatives of the integrals with respect to
 ``l`` and the law are exact as well. (Those of an elastic force do not see the switching times move, because the law has
@@ -25,40 +24,18 @@ from numpy.polynomial import legendre
 from jaxhb._jax import namespace, on_host
 from jaxhb.equations import fourier
 
+CELLS, FEWEST_HARMONICS = 8, 16  # per harmonic, of so many harmonics at least
+POINTS = 8  # Gauss-Legendre time samples of a cell, and of each arc of one that is cut
+FEWEST_CUT = 32  # cells per mesh that can be cut, at least; one per harmonic else
+MARGIN = 0.25  # by how much of the range of its samples in a cell a deflection may leave that range
+NEWTON_STEPS = 12  # to a switching time, bracketed: enough for the last bit
 
-@dataclass(frozen=True)
-class QuadratureOptions:
-    """How the cycle is divided.
-
-    Parameters
-    ----------
-    cells : per harmonic
-    points : Gauss-Legendre time samples of a cell, and of each arc of one that is cut
-    fewest_harmonics : whose cells are taken at least
-    fewest_cut : cells per mesh that can be cut, at least; one per harmonic else
-    margin : by how much of the range of its values at the time samples of a cell a deflection may leave that range in
-        the cell
-    newton_steps : to a switching time, bracketed: enough for the last bit
-    """
-
-    cells: int = 8
-    points: int = 8
-    fewest_harmonics: int = 16
-    fewest_cut: int = 32
-    margin: float = 0.25
-    newton_steps: int = 12
-
-
-QUADRATURE = QuadratureOptions()
-
-_AT, _WEIGHT = legendre.leggauss(QUADRATURE.points)
-_VALUES = legendre.legvander(_AT, QUADRATURE.points - 1)
-_MODES = (np.arange(QUADRATURE.points)[:, None] + 0.5) * _VALUES.T * _WEIGHT
+_AT, _WEIGHT = legendre.leggauss(POINTS)
+_VALUES = legendre.legvander(_AT, POINTS - 1)
+_MODES = (np.arange(POINTS)[:, None] + 0.5) * _VALUES.T * _WEIGHT
 """From values at the time samples of a cell to coefficients of Legendre polynomials."""
 
-_POWERS = np.array(
-    [np.pad(legendre.leg2poly(row), (0, QUADRATURE.points - 1 - k)) for k, row in enumerate(np.eye(QUADRATURE.points))]
-)
+_POWERS = np.array([np.pad(legendre.leg2poly(row), (0, POINTS - 1 - k)) for k, row in enumerate(np.eye(POINTS))])
 
 
 @jax.tree_util.register_dataclass
@@ -66,8 +43,8 @@ _POWERS = np.array(
 class Quadrature:
     """Time samples at which a mesh force is to be evaluated, and the integrals over them; made by :func:`quadrature`.
 
-    cell : int ``(G, K)`` of the cells that are cut, ``cells`` for room left over; at : ``(G, n, K)`` time samples of
-    their arcs, -1 .. 1 in the cell; weight : ``(G, n, K)`` of those; cells : per cycle.
+    cell : int ``(G, K)`` of the cells that are cut, ``cells`` for room left over; at, weight : ``(G, n, K)`` time
+    samples of their arcs, -1 .. 1 in the cell; cells : per cycle.
     """
 
     cell: jax.Array
@@ -83,16 +60,15 @@ class Quadrature:
 
     def analyze(self, values, harmonics):
         """Complex coefficients ``(G, harmonics+1)`` of values at the time samples, of at most ``cells`` harmonics."""
-        smooth = values[:, : self.cells * QUADRATURE.points].reshape(-1, QUADRATURE.points, self.cells)
-        arcs = self.weight * values[:, self.cells * QUADRATURE.points :].reshape(self.at.shape)
+        smooth = values[:, : self.cells * POINTS].reshape(-1, POINTS, self.cells)
+        arcs = self.weight * values[:, self.cells * POINTS :].reshape(self.at.shape)
         # The Gauss sum of a cell sees of its force the moments with the Legendre polynomials. Where the force has a
         # knot they come from its arcs; values at the samples of the cell with the same moments then go through the same
         # transforms.
         moments = jnp.stack([jnp.sum(arcs * polynomial, axis=1) for polynomial in _polynomials(self.at)], axis=1)
-        equivalent = jnp.einsum("gmk,jm->gjk", moments, _VALUES * (np.arange(QUADRATURE.points) + 0.5))
+        equivalent = jnp.einsum("gmk,jm->gjk", moments, _VALUES * (np.arange(POINTS) + 0.5))
         place = jax.vmap(lambda cells, at, new: cells.at[:, at].set(new, mode="drop"))
-        smooth = place(smooth, self.cell, equivalent)
-        spectrum = fourier.analyze(smooth, self.cells // 2)
+        spectrum = fourier.analyze(place(smooth, self.cell, equivalent), self.cells // 2)
         # Samples one a cell tell harmonics n and cells - n apart only by the place of the sample, which the sum over
         # the places below does.
         spectrum = jnp.concatenate([spectrum, jnp.conj(spectrum[..., -2::-1])], axis=-1)[..., : harmonics + 1]
@@ -100,20 +76,18 @@ class Quadrature:
 
 
 def _shift(harmonics, cells):
-    """``(QUADRATURE.points, N+1)``: factors that move a signal to each of the time samples of the first cell."""
+    """``(POINTS, N+1)``: factors that move a signal to each of the time samples of the first cell."""
     return np.exp(1j * np.pi / cells * (_AT[:, None] + 1) * np.arange(harmonics + 1))
 
 
 def _in_cells(coefficients, cells):
-    """Values ``(G, QUADRATURE.points, cells)`` at the time samples of all cells."""
-    # The j-th time samples of all cells are equidistant: one transform, of the signal moved by the place of the first
-    # of them.
-    moved = coefficients[:, None] * _shift(coefficients.shape[-1] - 1, cells)
-    return fourier.synthesize(moved, cells)
+    """Values ``(G, POINTS, cells)`` at the time samples of all cells."""
+    # The j-th samples of all cells are equidistant: one transform, of the signal moved by the place of the first.
+    return fourier.synthesize(coefficients[:, None] * _shift(coefficients.shape[-1] - 1, cells), cells)
 
 
 def _modes(smooth, cell):
-    """Coefficients ``(G, QUADRATURE.points, K)`` of Legendre polynomials in the given cells."""
+    """Coefficients ``(G, POINTS, K)`` of Legendre polynomials in the given cells."""
     chosen = jax.vmap(lambda values, at: values.at[:, at].get(mode="clip"))(smooth, cell)
     return jnp.einsum("mj,gjk->gmk", _MODES, chosen)
 
@@ -126,8 +100,7 @@ class Crossings:
     cell : int ``(G, K)`` of the cells that may hold a switching time, ``cells`` for room left over; low, high :
     ``(G, 1, 2, K)`` ends, -1 .. 1 in the cell, of its two parts, in which the deflection is monotonic; time :
     ``(G, 4, 2, K)`` at which it passes each knot, or the end before or after which it does; inverse_rate : the same
-    shape, one over its rate there, 0 where it does not pass; rising : ``(G, 1, 2, K)``; complete : whether there
-    was room for all.
+    shape, one over its rate there, 0 where it does not pass; rising : ``(G, 1, 2, K)``; complete : room for all.
     """
 
     cell: jax.Array
@@ -140,26 +113,20 @@ class Crossings:
 
 
 def find_crossings(law, deflection, capacity=None):
-    """The :class:`Crossings` of deflections.
+    """The :class:`Crossings` of deflections ``(G, N+1)`` m, with room for ``capacity`` cells per mesh.
 
-    Parameters
-    ----------
-    law : Law, entries ``(G,)``
-    deflection : complex array ``(G, N+1)`` m
-    capacity : int, optional
-        Cells per mesh that there is room for; default one per harmonic, at least 32.
-
-    Notes
-    -----
     A cell is parted at the extremum of ``l`` in it, if it has one, else in the middle. Cells without room are
     integrated as sampling does.
     """
     law, deflection = lax.stop_gradient((law, deflection))
     harmonics = deflection.shape[-1] - 1
     smooth = _in_cells(deflection, _cells(harmonics))
-    capacity = capacity or max(harmonics, QUADRATURE.fewest_cut)
-    cell, count = _choose(smooth, _knots(law), capacity)
-    return Crossings(cell, *_pass(_modes(smooth, cell), _knots(law)[..., None, None]), jnp.all(count <= capacity))
+    capacity = capacity or max(harmonics, FEWEST_CUT)
+    passed = _passed(smooth, _knots(law))
+    cells = passed.shape[-1]
+    cell = jax.vmap(lambda one: jnp.nonzero(one, size=capacity, fill_value=cells)[0])(passed)
+    complete = jnp.all(passed.sum(-1) <= capacity)
+    return Crossings(cell, *_pass(_modes(smooth, cell), _knots(law)[..., None, None]), complete)
 
 
 def switching_times(law, deflection):
@@ -175,22 +142,12 @@ def switching_times(law, deflection):
 
 
 def quadrature(law, deflection, crossings=None):
-    """The :class:`Quadrature` of deflections, differentiable twice with respect to both arguments.
+    """The :class:`Quadrature` of deflections ``(G, N+1)`` m, differentiable twice with respect to both arguments.
 
-    Parameters
-    ----------
-    law : Law, entries ``(G,)``
-    deflection : complex array ``(G, N+1)`` m
-    crossings : Crossings, optional
-        Of the same law and deflection, where they are known.
-
-    Returns
-    -------
-    Quadrature
+    ``crossings`` : of the same law and deflection, where they are known.
 
     Examples
     --------
-    >>> import jax
     >>> from jaxhb.equations import backlash
     >>> law = backlash.Law(*(np.array([value]) for value in (1.0, 0.04, 0.2, 0.5)))
     >>> def square(cosine):
@@ -218,7 +175,7 @@ def quadrature(law, deflection, crossings=None):
 
 
 def _cells(harmonics):
-    return QUADRATURE.cells * max(harmonics, QUADRATURE.fewest_harmonics)
+    return CELLS * max(harmonics, FEWEST_HARMONICS)
 
 
 def _knots(law):
@@ -226,19 +183,10 @@ def _knots(law):
     return namespace(law).stack([-law.knee, -law.gap, law.gap, law.knee], axis=-1)
 
 
-def _choose(smooth, knots, capacity):
-    """Cells ``(G, capacity)`` in which the deflection may pass a knot, padded with their number; and how many there
-    are."""
-    passed = _passed(smooth, knots)
-    cells = passed.shape[-1]
-    chosen = jax.vmap(lambda one: jnp.nonzero(one, size=capacity, fill_value=cells)[0])(passed)
-    return chosen, passed.sum(-1)
-
-
 def _passed(smooth, knots):
     """Whether ``(G, cells)`` the deflection may pass a knot in a cell."""
     low, high = smooth.min(1), smooth.max(1)
-    slack = QUADRATURE.margin * (high - low)
+    slack = MARGIN * (high - low)
     low, high = (low - slack)[..., None], (high + slack)[..., None]
     return ((low < knots[:, None]) & (knots[:, None] < high)).any(axis=-1)
 
@@ -247,7 +195,7 @@ def _pass(modes, knots):
     """What :class:`Crossings` holds between ``cell`` and ``complete``."""
     xp = namespace(modes)
     powers = xp.einsum("gmk,mi->igk", modes, _POWERS)[:, :, None, None]
-    rates = np.arange(1, QUADRATURE.points)[:, None, None, None, None] * powers[1:]
+    rates = _derivative(powers)
     edge = xp.ones(powers.shape[1:])
     # Cells are so short that a deflection has one extremum in them at most: parted there it is monotonic, and passes
     # each knot at most once.
@@ -268,8 +216,7 @@ def _pass(modes, knots):
 
 def _root(powers, level, low, high):
     """Where a polynomial, monotonic from ``low`` to ``high``, has the value ``level``: Newton's method, bracketed."""
-    xp = namespace(powers)
-    rates = np.arange(1, len(powers)).reshape(-1, *[1] * (powers.ndim - 1)) * powers[1:]
+    xp, rates = namespace(powers), _derivative(powers)
     sense = xp.sign(_horner(powers, high) - _horner(powers, low))
 
     def step(_, state):
@@ -284,10 +231,14 @@ def _root(powers, level, low, high):
 
     state = low, high, (low + high) / 2
     if xp is not np:
-        return lax.fori_loop(0, QUADRATURE.newton_steps, step, state)[2]
-    for k in range(QUADRATURE.newton_steps):
+        return lax.fori_loop(0, NEWTON_STEPS, step, state)[2]
+    for k in range(NEWTON_STEPS):
         state = step(k, state)
     return state[2]
+
+
+def _derivative(powers):
+    return np.arange(1, len(powers)).reshape(-1, *[1] * (powers.ndim - 1)) * powers[1:]
 
 
 def _horner(powers, x):
@@ -299,13 +250,13 @@ def _horner(powers, x):
 
 
 def _polynomials(x):
-    """Legendre polynomials of degree 0 .. QUADRATURE.points-1 at x."""
+    """Legendre polynomials of degree 0 .. POINTS-1 at x."""
     found = [jnp.ones_like(x), x]
-    for k in range(1, QUADRATURE.points - 1):
+    for k in range(1, POINTS - 1):
         found.append(((2 * k + 1) * x * found[k] - k * found[k - 1]) / (k + 1))
     return found
 
 
 def _value(modes, x):
-    """Value at x ``(G, ..., K)`` of the Legendre series ``(G, QUADRATURE.points, ..., K)``."""
+    """Value at x ``(G, ..., K)`` of the Legendre series ``(G, POINTS, ..., K)``."""
     return sum(modes[:, m] * polynomial for m, polynomial in enumerate(_polynomials(x)))

@@ -8,16 +8,10 @@ Two forms are in use, and only this module knows them:
 
 * *coefficients*: complex, shape ``(..., N+1)``, the entries ``x^0 .. x^N``;
 * *packed*: real, shape ``(..., 2N+1)``, ``[x^0, sqrt(2) Re x^n .., -sqrt(2) Im x^n ..]``: the coordinates in the
-  orthonormal basis ``1, sqrt(2) cos n Omega t, sqrt(2) sin n Omega t``. The Euclidean norm of a packed vector is
-  the root mean square of its signal. Unknowns of Newton's method are packed, because the backlash law is not
-  holomorphic in the complex coefficients.
+  orthonormal basis ``1, sqrt(2) cos n Omega t, sqrt(2) sin n Omega t``, whose Euclidean norm is the root mean square of
+  the signal. Unknowns of Newton's method are packed, as the backlash law is not holomorphic in the coefficients.
 
 Nothing else in the package calls a fast Fourier transform. Numpy arrays are transformed by numpy, on the host.
-
-The product ``c(t) x(t)``, truncated to N harmonics, is Hermitian Toeplitz in complex coefficients. In packed
-coordinates it is a real symmetric matrix built from ``c^k``, ``k = 0 .. 2N``, with
-``c^k = alpha_k - i beta_k`` (alpha even, beta odd in k): cos-cos ``alpha_{n-k} + alpha_{n+k}``, sin-sin
-``alpha_{n-k} - alpha_{n+k}``, cos-sin ``beta_{n+k} - beta_{n-k}``.
 """
 
 from dataclasses import dataclass
@@ -28,9 +22,7 @@ from scipy.fft import next_fast_len
 from jaxhb._jax import namespace
 
 SQRT2 = 2.0**0.5
-
-SAMPLES_PER_HARMONIC = 16
-"""Time samples per harmonic of the motion at which tooth forces are taken (docs/theory A6)."""
+SAMPLES_PER_HARMONIC = 16  # time samples at which tooth forces are taken (docs/theory A6)
 
 
 def pack(coefficients):
@@ -48,25 +40,12 @@ def unpack(packed):
     """Real packed coordinates ``(..., 2N+1)`` to complex coefficients ``(..., N+1)``."""
     harmonics = (packed.shape[-1] - 1) // 2
     cosine, sine = packed[..., 1 : harmonics + 1], packed[..., harmonics + 1 :]
-    mean = packed[..., :1]
-    return namespace(packed).concatenate([mean + 0j, (cosine - 1j * sine) / SQRT2], axis=-1)
+    return namespace(packed).concatenate([packed[..., :1] + 0j, (cosine - 1j * sine) / SQRT2], axis=-1)
 
 
 def synthesize(coefficients, samples):
-    """Values at ``samples`` equidistant time samples of one cycle, from complex coefficients.
-
-    Harmonics above ``samples / 2`` must be absent; ``samples >= 2N+1`` represents the signal exactly.
-
-    Parameters
-    ----------
-    coefficients : complex array ``(..., N+1)``
-    samples : int
-        Number of time samples ``t_j = 2 pi j / (Omega samples)``.
-
-    Returns
-    -------
-    real array ``(..., samples)``
-    """
+    """Values ``(..., samples)`` at equidistant time samples ``t_j = 2 pi j / (Omega samples)`` of complex coefficients
+    ``(..., N+1)``; exact for ``samples >= 2N+1``, and harmonics above ``samples / 2`` must be absent."""
     return namespace(coefficients).fft.irfft(coefficients, n=samples, axis=-1, norm="forward")
 
 
@@ -94,11 +73,9 @@ class Equidistant:
     samples: int
 
     def synthesize(self, coefficients):
-        """Values ``(..., samples)``."""
         return synthesize(coefficients, self.samples)
 
     def analyze(self, values, harmonics):
-        """Coefficients ``(..., harmonics+1)``."""
         return analyze(values, harmonics)
 
 
@@ -119,23 +96,23 @@ def resize(coefficients, harmonics):
 def packed_diagonal(gain):
     """Real packed matrix ``(..., 2N+1, 2N+1)`` of the harmonic-wise product with complex ``gain`` ``(..., N+1)``."""
     harmonics = gain.shape[-1] - 1
-    size = 2 * harmonics + 1
     index = jnp.arange(1, harmonics + 1)
-    matrix = jnp.zeros((*gain.shape[:-1], size, size)).at[..., 0, 0].set(gain[..., 0].real)
+    matrix = jnp.zeros((*gain.shape[:-1], 2 * harmonics + 1, 2 * harmonics + 1)).at[..., 0, 0].set(gain[..., 0].real)
     real, imag = gain[..., 1:].real, gain[..., 1:].imag
     matrix = matrix.at[..., index, index].set(real).at[..., index + harmonics, index + harmonics].set(real)
     return matrix.at[..., index, index + harmonics].set(imag).at[..., index + harmonics, index].set(-imag)
 
 
 def product_matrix(coefficients):
-    """Packed matrix ``(..., 2N+1, 2N+1)`` of the product with a function given to 2N harmonics ``(..., 2N+1)``.
+    """Packed matrix ``(..., 2N+1, 2N+1)`` of the product with a function c given to 2N harmonics ``(..., 2N+1)``.
 
-    Rows and columns are packed coordinates; the matrix is symmetric.
+    Truncated to N harmonics the product is Hermitian Toeplitz in complex coefficients, hence real and symmetric here:
+    with ``c^k = alpha_k - i beta_k`` (alpha even, beta odd in k) cos-cos ``alpha_{n-k} + alpha_{n+k}``, sin-sin
+    ``alpha_{n-k} - alpha_{n+k}``, cos-sin ``beta_{n+k} - beta_{n-k}``.
     """
     harmonics = (coefficients.shape[-1] - 1) // 2
     n = jnp.arange(1, harmonics + 1)
-    plus = n[:, None] + n[None, :]
-    minus = n[:, None] - n[None, :]
+    plus, minus = n[:, None] + n, n[:, None] - n
     alpha, beta = coefficients.real, -coefficients.imag
     even_minus, even_plus = alpha[..., jnp.abs(minus)], alpha[..., plus]
     odd_minus, odd_plus = jnp.sign(minus) * beta[..., jnp.abs(minus)], beta[..., plus]

@@ -9,33 +9,18 @@ sec. 3.3, algorithm NLEQ-ERR). All arguments but lengths are norms.
 import jax.numpy as jnp
 from jax import lax
 
-ROWS = 10
-"""Directions against which a new one is made orthogonal at once."""
+ROWS = 10  # directions against which a new one is made orthogonal at once
+SHORTEST = 1e-3  # length below which there is no step
 
 
 def gcr(apply, precondition, b, *, tolerance, steps):
-    """Solve ``apply(x) = b`` over the Krylov space of ``apply(precondition(.))``.
+    """Solve ``apply(x) = b`` over the Krylov space of ``apply(precondition(.))``, on real arrays ``(n,)``, until the
+    residual norm has fallen to ``tolerance * |b|``, in at most ``steps`` (static): x, ``|b - apply(x)| / |b|``, and how
+    many steps were taken.
 
     In exact arithmetic the iterates are those of GMRES with a right preconditioner (Eisenstat, Elman, Schultz, SIAM J.
     Numer. Anal. 20 (1983) 345); the preconditioner may change from step to step.
 
-    Parameters
-    ----------
-    apply, precondition : callables on arrays ``(n,)``, real
-    b : array ``(n,)``
-    tolerance : float
-        Stop when the residual norm has fallen to ``tolerance * |b|``.
-    steps : int
-        Largest dimension of the Krylov space (static).
-
-    Returns
-    -------
-    x : array ``(n,)``
-    residual : float, ``|b - apply(x)| / |b|``
-    used : int, steps taken
-
-    Examples
-    --------
     >>> x, _, used = gcr(lambda v: 2 * v, lambda v: v, jnp.array([2.0, 4.0]), tolerance=1e-9, steps=5)
     >>> x.tolist(), int(used)
     ([1.0, 2.0], 1)
@@ -73,10 +58,6 @@ def gcr(apply, precondition, b, *, tolerance, steps):
     return x, jnp.linalg.norm(r) / jnp.where(norm > 0, norm, 1.0), used
 
 
-SHORTEST = 1e-3
-"""Length below which there is no step."""
-
-
 def lowers_level(simplified, correction, length):
     """Whether a trial leads closer: a linear model promises a level of (1 - length) times that of the iterate, and a
     quarter of the fall is wanted, so that steps which hardly gain anything are not taken."""
@@ -84,19 +65,15 @@ def lowers_level(simplified, correction, length):
 
 
 def predicted_length(gain, difference, correction):
-    """Length to try first at an iterate, from how much the Jacobian changed on the way there.
-
-    gain : of the step before, its length times its correction times its simplified correction; difference : of that
-    simplified correction and the correction, which only the change of the Jacobian makes different.
-    """
+    """Length to try first at an iterate, from how much the Jacobian changed on the way there: ``gain`` of the step
+    before, its length times its correction times its simplified correction; ``difference`` of that and the correction,
+    which only the change of the Jacobian makes different."""
     return jnp.clip(gain / (difference * correction + 1e-300), SHORTEST, 1.0)
 
 
 def shorter_length(length, correction, curvature):
-    """Length to try after a trial that failed: where the curvature met on it lets the level fall most.
-
-    curvature : of the simplified correction less (1 - length) times the correction, zero for linear equations; where it
-    is not finite the length is halved. At least a tenth of the length: one trial far out may see too much of it.
-    """
+    """Length to try after a trial that failed: where the ``curvature`` met on it, of the simplified correction less
+    (1 - length) times the correction, lets the level fall most; half the length where that is not finite."""
+    # At least a tenth of the length: one trial far out may see too much curvature.
     wanted = correction * length**2 / (2 * curvature + 1e-300)
     return jnp.maximum(jnp.fmin(wanted, length / 2), length / 10)

@@ -18,79 +18,33 @@ Array = Any
 
 
 def speed_ratios(train):
-    """Speed of each rotor over that of the reference rotor, from the pitch radii: r_a Omega_a = r_b Omega_b.
-
-    Parameters
-    ----------
-    train : DriveTrain
-
-    Returns
-    -------
-    array [n_rotors]
-        Positive (each rotor has its own sense); 1 for the reference rotor.
-
-    Examples
-    --------
-    >>> from jaxhb.equations.kinematics import speed_ratios
-    >>> from jaxhb.scene.files import load_scene
-    >>> train = load_scene("gear_train_30")
-    >>> float(speed_ratios(train)[train.topology.rotor[train.topology.disk_index("cam A1")]])
-    0.5
-    """
+    """Speed ``[n_rotors]`` of each rotor over that of the reference rotor, from the pitch radii: r_a Omega_a = r_b
+    Omega_b; positive, as each rotor has its own sense."""
     return rotor_ratios(train.topology, train.disks.radius)
 
 
 def rotor_ratios(topology, radius):
     """:func:`speed_ratios` of a topology with pitch radii ``(..., S)`` m: ``(..., n_rotors)``."""
     paths, xp = topology.rotor_path, namespace(radius)
-    depth = max((len(p) for p in paths), default=0)
-    radius = xp.asarray(radius)
-    if depth == 0:
+    longest, radius = max(paths, key=len, default=()), xp.asarray(radius)
+    if not longest:
         return xp.ones((*radius.shape[:-1], topology.n_rotors))
     # Shorter paths are filled up by a gear over itself: disks that are no gears have radius 0.
-    gear = paths[max(range(len(paths)), key=lambda k: len(paths[k]))][0][0]
-    steps = np.array([[*p, *([(gear, gear)] * (depth - len(p)))] for p in paths])
+    gear = longest[0][0]
+    steps = np.array([[*p, *([(gear, gear)] * (len(longest) - len(p)))] for p in paths])
     return xp.prod(radius[..., steps[..., 0]] / radius[..., steps[..., 1]], axis=-1)
 
 
 def inertias(train):
-    """Inertia of every disk, the rings of the dampers last.
-
-    Parameters
-    ----------
-    train : DriveTrain
-
-    Returns
-    -------
-    array [n_disks]
-        kg m2.
-
-    Examples
-    --------
-    >>> from jaxhb.train.drivetrain import inertias
-    >>> from jaxhb.scene.files import load_scene
-    >>> inertias(load_scene("gear_train_30")).shape
-    (27,)
-    """
+    """Inertia ``[n_disks]`` kg m2 of every disk, the rings of the dampers last."""
     inertia = train.disks.inertia, train.dampers.inertia
     return namespace(inertia).concatenate(inertia)
 
 
 def tooth_damping_ratios(train: DriveTrain) -> Array:
-    """Damping ratio of the teeth of every mesh in contact, of its two gears alone.
+    """Damping ratio ``[n_meshes]`` of the teeth of every mesh in contact, of its two gears alone,
+    ``r / (2 sqrt(c m))``; nan where a gear has no inertia. The train may be traced.
 
-    Parameters
-    ----------
-    train : DriveTrain
-        May be traced.
-
-    Returns
-    -------
-    array [n_meshes]
-        ``r / (2 sqrt(c m))``; nan where a gear has no inertia.
-
-    Notes
-    -----
     Along the pitch circle a gear has the mass ``J / r^2``, and two that are free otherwise vibrate against each other
     with ``m = m_a m_b / (m_a + m_b)``. Gears that stiff shafts couple to heavier parts have a smaller ratio
     (:func:`jaxhb.damping_ratios` has those of the modes).
@@ -145,19 +99,9 @@ class Referred:
 
 
 def referred(train: DriveTrain) -> Referred:
-    """Inertias, stiffnesses and dampings as they are and referred to the reference rotor, ``J i^2``, ``k i^2``.
+    """Inertias, stiffnesses and dampings as they are and referred to the reference rotor, ``J i^2``, ``k i^2``; the
+    train may be traced.
 
-    Parameters
-    ----------
-    train : DriveTrain
-        May be traced.
-
-    Returns
-    -------
-    Referred
-
-    Notes
-    -----
     Angles referred to the reference rotor are ``phi / i``: energies stay the same when each inertia and each torsional
     stiffness is multiplied by i^2. The deflection of a mesh is ``i r (phi_a / i_a - phi_b / i_b)``, as ``i_a r_a = i_b
     r_b``, so that its stiffness c along the pitch circle becomes ``c (i r)^2``.
@@ -179,18 +123,8 @@ def referred(train: DriveTrain) -> Referred:
     radius = xp.concatenate([train.disks.radius, np.ones(len(topology.damper_names))])
     link_factor = factor[first] * xp.where(meshes, radius[first], 1.0)
     tables = train.shafts, train.dampers, train.meshes
-    stiffness, damping = (xp.concatenate([getattr(t, name) for t in tables]) for name in ("stiffness", "damping"))
-    return Referred(
-        disks=topology.disk_names,
-        links=topology.link_names,
-        factor=factor,
-        inertia=J,
-        inertia_referred=J * factor**2,
-        link_factor=link_factor,
-        stiffness=stiffness,
-        stiffness_referred=stiffness * link_factor**2,
-        damping=damping,
-        damping_referred=damping * link_factor**2,
-        order=train.dampers.order,
-        order_referred=train.dampers.order * factor[np.array(topology.damper_disk, dtype=int)],
-    )
+    k, r = (xp.concatenate([getattr(t, name) for t in tables]) for name in ("stiffness", "damping"))
+    links = (link_factor, k, k * link_factor**2, r, r * link_factor**2)
+    order = train.dampers.order
+    orders = order, order * factor[np.array(topology.damper_disk, dtype=int)]
+    return Referred(topology.disk_names, topology.link_names, factor, J, J * factor**2, *links, *orders)

@@ -14,29 +14,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxhb.equations.dynamic_stiffness import solve_linear
-from jaxhb.equations.state_space import MODAL, StateSpace
+from jaxhb.equations.dynamic_stiffness import solve_linear, unit_forces
+from jaxhb.equations.state_space import LIGHT, ROTATION, StateSpace
 
-
-@dataclass(frozen=True)
-class ReducedModelOptions:
-    """Sizes of a reduced-order model.
-
-    Parameters
-    ----------
-    disks : of a train whose modes are all kept
-    modes : of a larger one
-    shifts : frequencies at which the responses of a larger train to mesh forces are taken, its basis
-    resolved : steps per period of the slowest mode that is too fast for the steps
-    """
-
-    disks: int = 64
-    modes: int = 48
-    shifts: int = 12
-    resolved: int = 4
-
-
-REDUCED_MODEL = ReducedModelOptions()
+DISKS, MODES = 64, 48  # of a train whose modes are all kept, and how many are of a larger one
+SHIFTS = 12  # frequencies at which the responses of a larger train to mesh forces are taken, its basis
+RESOLVED = 4  # steps per period of the slowest mode that is too fast for the steps
 
 
 @jax.tree_util.register_dataclass
@@ -54,26 +37,20 @@ class ReducedModel:
 
 def states_of(disks):
     """Number of states of a reduced-order model, at most."""
-    return 2 * (disks if disks <= REDUCED_MODEL.disks else REDUCED_MODEL.modes)
+    return 2 * (disks if disks <= DISKS else MODES)
 
 
 def reduced_model(system, links, active, frequency, time_steps):
-    """The train as first-order equations of its modes; of a larger train, of those that meshes see most.
+    """The :class:`ReducedModel` of all modes of a train; of a larger train, of those that meshes see most.
 
-    Parameters
-    ----------
-    system : System
-    links, active : arrays ``(G,)``, the links with backlash, and 1; 0 for padding
-    frequency : float, Omega in rad/s
-    time_steps : int, steps per cycle that will be taken; modes with fewer of them per period than resolve them are fast
-
-    Returns
-    -------
-    ReducedModel
+    links, active : ``(G,)`` the links with backlash, and 1, 0 for padding; frequency : Omega in rad/s; time_steps : per
+    cycle that will be taken: modes with fewer of them per period than resolve them are fast.
     """
     system = jax.tree.map(jnp.asarray, lax.stop_gradient(system))
-    fastest = frequency * time_steps / REDUCED_MODEL.resolved
-    mass = _inertial(system, fastest)
+    fastest = frequency * time_steps / RESOLVED
+    # A disk without inertia gets a little.
+    little = jnp.minimum(system.held_stiffness() / (30 * fastest) ** 2, LIGHT * jnp.mean(system.mass))
+    mass = jnp.where(system.mass > 0, system.mass, jnp.maximum(little, 1e-12 * jnp.mean(system.mass)))
     basis = _basis(system, mass, links, frequency, time_steps)
     bend = system.deflections(basis)
     K = basis.T @ (system.ground[:, None] * basis) + bend.T @ (system.stiffness[:, None] * bend)
@@ -82,25 +59,24 @@ def reduced_model(system, links, active, frequency, time_steps):
     squares, vectors = jnp.linalg.eigh(K)
     slow = squares <= fastest**2
     rows = active[:, None] * (bend[links] @ vectors)
-    free = MODAL.rotation * squares[-1]
-    kept = np.arange(len(squares))
-    if len(system.mass) > REDUCED_MODEL.disks:
+    free, kept = ROTATION * squares[-1], np.arange(len(squares))
+    if len(system.mass) > DISKS:
         seen = jnp.max(rows**2, axis=0, initial=0.0) / (squares + frequency**2)
         # The most visible of the slow ones, in rising order again: the periodic operator takes the first as slowest.
-        kept = jnp.sort(jnp.argsort(jnp.where(slow, -seen, 1.0))[: REDUCED_MODEL.modes])
+        kept = jnp.sort(jnp.argsort(jnp.where(slow, -seen, 1.0))[:MODES])
         slow = slow & jnp.zeros(len(squares), bool).at[kept].set(True)
     # Fast modes respond statically: row^2 / omega^2 of each, their residual flexibility.
     apart = ~slow & (squares > free)
     residual_flexibility = (rows * jnp.where(apart, 1 / jnp.where(apart, squares, 1.0), 0.0)) @ rows.T
     vectors, rows = (jnp.where(slow, a, 0.0)[:, kept] for a in (vectors, rows))
     squares = jnp.where(slow & (squares > free), squares, 0.0)[kept]
-    root = jnp.where(squares > 0, jnp.where(squares > 0, squares, 1.0) ** -0.25, 0.0)  # as in statespace.loss_damping
+    root = jnp.where(squares > 0, jnp.where(squares > 0, squares, 1.0) ** -0.25, 0.0)  # as in loss_damping
     drag = vectors.T @ B @ vectors + root[:, None] * (vectors.T @ H @ vectors) * root
     # s q, not q: all entries of a state are velocities, free rotation included, whose q alone would have none.
     scale = jnp.sqrt(jnp.maximum(squares, frequency**2))
     shapes = basis @ vectors
     modal = shapes.T * mass
-    zero, none = jnp.zeros((len(kept), len(kept))), jnp.zeros_like(rows)
+    zero, none = jnp.zeros_like(drag), jnp.zeros_like(rows)
     space = StateSpace(
         transition=jnp.block([[zero, jnp.diag(scale)], [-jnp.diag(squares / scale), -drag]]),
         forcing=jnp.concatenate([none.T, -rows.T]),
@@ -111,24 +87,16 @@ def reduced_model(system, links, active, frequency, time_steps):
     return ReducedModel(space, residual_flexibility, motion)
 
 
-def _inertial(system, fastest):
-    """``(S,)`` kg: masses, with a little where there is none."""
-    little = jnp.minimum(system.held_stiffness() / (30 * fastest) ** 2, MODAL.light * jnp.mean(system.mass))
-    return jnp.where(system.mass > 0, system.mass, jnp.maximum(little, 1e-12 * jnp.mean(system.mass)))
-
-
 def _basis(system, mass, links, frequency, time_steps):
     """Columns ``(S, r)`` with ``basis^T M basis = 1``: all motions, or those that mesh forces excite."""
     root = jnp.sqrt(mass)[:, None]
     disks = len(system.mass)
-    if disks <= REDUCED_MODEL.disks:
+    if disks <= DISKS:
         return jnp.eye(disks) / root
-    shifts = REDUCED_MODEL.shifts
     highest = time_steps / 6  # harmonic of the fastest mode that so many time steps resolve
     # Geometric from the cycle to the fastest mode that the steps resolve: as many shifts in each octave.
-    omega = frequency * highest ** (jnp.arange(shifts) / (shifts - 1.0))
-    unit = jnp.broadcast_to(system.incidence(links)[:, :, None], (disks, len(links), shifts))
-    motion, _ = solve_linear(system, omega, unit.astype(complex), forces=0)
+    omega = frequency * highest ** (jnp.arange(SHIFTS) / (SHIFTS - 1.0))
+    motion, _ = solve_linear(system, omega, unit_forces(system.incidence(links), SHIFTS), forces=0)
     columns = root * jnp.concatenate([motion.real, motion.imag], axis=-1).reshape(disks, -1)
     # Responses at resonances would drown the others: columns of length one before they are made orthogonal.
     sizes = jnp.linalg.norm(columns, axis=0)

@@ -20,11 +20,8 @@ from jaxhb.equations.dynamic_stiffness import disk_stiffness, frequencies, link_
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class MeshParameters:
-    """Some meshes of a train: link indices, law, damping and damping law, each ``(n,)``.
-
-    The equations in harmonics take all (:func:`all_meshes`), as any may be active or held on a flank; those in time the
-    ones with backlash (:func:`backlash_meshes`): the others are linear links there.
-    """
+    """Some meshes of a train: link indices, law, damping and damping law, each ``(n,)``: all in harmonics, as any may
+    be active or held on a flank; in time those with backlash, the others being linear links."""
 
     link: jax.Array
     law: backlash.Law
@@ -34,21 +31,15 @@ class MeshParameters:
 
 def all_meshes(train):
     """Every mesh as an entry of :class:`MeshParameters`; linear ones have epsilon 1 and a gap of 1 m."""
-    xp = namespace(train)
-    topology, law = train.topology, backlash.law_of(train.meshes)
+    xp, topology, meshes = namespace(train), train.topology, train.meshes
     gap = np.array(topology.mesh_backlash, dtype=bool)
-    first = len(topology.link_names) - len(gap)
-    in_contact = np.array([law == "contact" for law in topology.mesh_damping_law], dtype=bool) & gap
+    numbers = meshes.epsilon, meshes.transition, meshes.backlash
+    law = (xp.where(gap, own, linear) for own, linear in zip(numbers, (1.0, 0.5, 1.0), strict=True))
     return MeshParameters(
-        link=np.arange(first, first + len(gap), dtype=np.int32),
-        law=backlash.Law(
-            stiffness=xp.asarray(law.stiffness),
-            epsilon=xp.where(gap, law.epsilon, 1.0),
-            transition=xp.where(gap, law.transition, 0.5),
-            backlash=xp.where(gap, law.backlash, 1.0),
-        ),
-        viscous=xp.asarray(train.meshes.damping),
-        contact_damping=in_contact,
+        link=np.arange(len(topology.link_names) - len(gap), len(topology.link_names), dtype=np.int32),
+        law=backlash.Law(xp.asarray(meshes.stiffness), *law),
+        viscous=xp.asarray(meshes.damping),
+        contact_damping=np.array([law == "contact" for law in topology.mesh_damping_law], dtype=bool) & gap,
     )
 
 
@@ -59,59 +50,30 @@ def backlash_meshes(train):
 
 
 def residual(packed, system, meshes, frequency, load, samples):
-    """A(x) in packed coordinates.
+    """A(x) ``(S, 2N+1)`` N at ``packed`` displacements ``(S, 2N+1)`` m.
 
-    Parameters
-    ----------
-    packed : array ``(S, 2N+1)`` m
-    system : System
-    meshes : MeshParameters, at least those with backlash; the others are linear links
-    frequency : float, Omega in rad/s
-    load : complex array ``(S, N+1)`` N
-    samples : int
-        Time samples per cycle at which the law is evaluated; at least 2N+1, 16 N by default elsewhere.
-
-    Returns
-    -------
-    array ``(S, 2N+1)`` N
+    meshes : MeshParameters, at least those with backlash; the others are linear links; frequency : Omega in rad/s;
+    load : complex ``(S, N+1)`` N; samples : per cycle, at which the law is evaluated, at least 2N+1.
     """
     x = fourier.unpack(packed)
     harmonics = x.shape[-1] - 1
     omega = frequencies(frequency, harmonics)
-    node = disk_stiffness(omega, system.mass[:, None], system.damping[:, None], system.ground[:, None])
     deflection = system.deflections(x)
     force = link_stiffness(system, omega) * deflection
-    mesh = deflection[meshes.link]
-    rate = fourier.derivative(mesh, frequency)
-    values = backlash.mesh_force(
-        meshes.law.expand(),
-        meshes.viscous[:, None],
-        meshes.contact_damping[:, None],
-        fourier.synthesize(mesh, samples),
-        fourier.synthesize(rate, samples),
-    )
+    values = _at_samples(backlash.mesh_force, meshes, deflection[meshes.link], frequency, samples)
     force = force.at[meshes.link].set(fourier.analyze(values, harmonics))
-    return fourier.pack(node * x - load + system.spread(force))
+    return fourier.pack(_disks(system, omega) * x - load + system.spread(force))
 
 
 def link_blocks(packed, system, meshes, frequency, samples):
-    """Tangent blocks ``(L, P, P)`` of all links at x: diagonal for linear links, Toeplitz for backlash meshes.
-
-    For a backlash mesh the block is ``T[df/dl] + T[df/dl'] d/dt``, with the slopes of the law written out by hand.
-    """
+    """Tangent blocks ``(L, P, P)`` of all links at x: diagonal for linear links, for backlash meshes Toeplitz,
+    ``T[df/dl] + T[df/dl'] d/dt``, with the slopes of the law written out by hand."""
     x = fourier.unpack(packed)
     harmonics = x.shape[-1] - 1
     omega = frequencies(frequency, harmonics)
     blocks = fourier.packed_diagonal(link_stiffness(system, omega))
     mesh = system.deflections(x, meshes.link)
-    rate = fourier.derivative(mesh, frequency)
-    slope, rate_slope = backlash.mesh_slopes(
-        meshes.law.expand(),
-        meshes.viscous[:, None],
-        meshes.contact_damping[:, None],
-        fourier.synthesize(mesh, samples),
-        fourier.synthesize(rate, samples),
-    )
+    slope, rate_slope = _at_samples(backlash.mesh_slopes, meshes, mesh, frequency, samples)
     # A product with a slope couples harmonics n and m by its harmonic n - m: 2 N of them are needed.
     stiffness = fourier.product_matrix(fourier.analyze(slope, 2 * harmonics))
     damping = fourier.product_matrix(fourier.analyze(rate_slope, 2 * harmonics))
@@ -120,6 +82,14 @@ def link_blocks(packed, system, meshes, frequency, samples):
 
 def node_blocks(system, frequency, harmonics):
     """Diagonal blocks ``(S, P, P)`` of the disks: inertia, damping to ground and ground."""
-    omega = frequencies(frequency, harmonics)
-    node = disk_stiffness(omega, system.mass[:, None], system.damping[:, None], system.ground[:, None])
-    return fourier.packed_diagonal(node + 0j)
+    return fourier.packed_diagonal(_disks(system, frequencies(frequency, harmonics)) + 0j)
+
+
+def _disks(system, omega):
+    return disk_stiffness(omega, system.mass[:, None], system.damping[:, None], system.ground[:, None])
+
+
+def _at_samples(function, meshes, deflection, frequency, samples):
+    """A function of the law of the meshes along the motion with coefficients ``deflection``, at time samples."""
+    motion = (fourier.synthesize(x, samples) for x in (deflection, fourier.derivative(deflection, frequency)))
+    return function(meshes.law.expand(), meshes.viscous[:, None], meshes.contact_damping[:, None], *motion)

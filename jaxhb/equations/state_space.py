@@ -1,4 +1,4 @@
-"""The linear train as dense first-order equations in energy coordinates; nothing is shared with the tree sweep.
+"""The linear train as dense first-order equations in energy coordinates, and in its damped modes.
 
 With every mesh taken in contact the displacements obey ``M x'' + B x' + K x = q - D^T phi``. The state is
 
@@ -8,8 +8,18 @@ with Q the undamped modes and ``s = max(omega, Omega)``: ``|y|^2`` is twice the 
 excitation, so that propagators, monodromy matrices and their singular values are well scaled from the free rotation (s
 q of a floating train) to the stiffest tooth. Massless disks without damping are condensed statically; massless disks
 whose damping matrix is regular have the first-order equation ``B x' + K x = q``.
+
+In its damped modes, ``A V = V diag(rates)``, every state stands by itself, so that lanes of other speeds share all but
+rates:
+
+    z' = rates z + forcing phi,     (l, l') = Re(observation z),     (x, x') = Re(motion z).
+
+One mode of each conjugate pair is kept and counted twice. Free rotation and rings without spring have a Jordan block,
+which no eigenvectors span: a spring far below the cycle frequency parts it, which no mesh notices. Rates at which
+eigenvectors coincide are parted by a little more damping.
 """
 
+import dataclasses
 from dataclasses import dataclass
 
 import jax
@@ -18,32 +28,14 @@ import numpy as np
 import scipy.linalg
 from jax import lax
 
-from jaxhb._jax import namespace
+from jaxhb._jax import namespace, on_host, traced
 
-
-@dataclass(frozen=True)
-class ModalOptions:
-    """What a modal form takes for zero, and how it is kept regular.
-
-    Parameters
-    ----------
-    light : share of the mean inertia that a disk without inertia gets: its mode is then far above all others
-    rotation : share of the highest squared frequency below which a mode is free rotation, as far as rounding shows it
-    held : frequency given to free rotation, as a share of that of the cycle, by springs in proportion to the inertias
-    held_rounded : least square of that frequency, as a share of the highest one, which rounding leaves
-    condition : of the eigenvectors above which damping is added
-    parting : that damping, as a share of the largest
-    """
-
-    light: float = 1e-6
-    rotation: float = 1e-14
-    held: float = 1e-5
-    held_rounded: float = 1e-15
-    condition: float = 1e7
-    parting: float = 1e-9
-
-
-MODAL = ModalOptions()
+LIGHT = 1e-6  # share of the mean inertia that a disk without inertia gets: its mode is then far above all others
+ROTATION = 1e-14  # share of the highest squared frequency below which a mode is free rotation, as rounding shows it
+# Frequency given to free rotation by springs in proportion to the inertias, as a share of that of the cycle; and the
+# least share of the highest squared frequency, which rounding leaves.
+HELD, HELD_ROUNDED = 1e-5, 1e-15
+CONDITION, PARTING = 1e7, 1e-9  # of eigenvectors, above which damping is added, and that as a share of the largest
 
 
 @dataclass(frozen=True)
@@ -84,104 +76,69 @@ def loss_stiffness(system):
 
 
 def loss_damping(system):
-    """Damping matrix ``(S, S)`` N s/m, on the host, that takes as much from every mode as loss factors do.
+    """Damping matrix ``(S, S)`` N s/m, host, that takes as much from every mode as loss factors do, which have no
+    equation in time.
 
-    A loss factor has no equation in time. With the undamped modes (``Phi^T M Phi = 1``, ``Phi^T K Phi = W^2``) and the
+    With the undamped modes (``Phi^T M Phi = 1``, ``Phi^T K Phi = W^2``) and the
     imaginary stiffness H, the matrix C of ``Phi^T C Phi = W^-1/2 Phi^T H Phi W^-1/2`` is symmetric, takes energy from
     all motions, and gives each mode the damping ratio that H gives it at its own frequency; off its resonance a mode is
     hardly damped by either.
     """
     if not np.any(system.loss):
         return np.zeros((len(system.mass),) * 2)
-    mass = np.where(system.mass > 0, system.mass, MODAL.light * np.mean(system.mass))
+    mass = np.where(system.mass > 0, system.mass, LIGHT * np.mean(system.mass))
     scale = np.sqrt(mass)[:, None]
     squares, shapes = np.linalg.eigh(matrices(system)[1] / scale / scale.T)
-    moving = squares > MODAL.rotation * squares[-1]
+    moving = squares > ROTATION * squares[-1]
     root = np.where(moving, np.where(moving, squares, 1.0) ** -0.25, 0.0)
     left = scale * shapes * root
     return left @ ((shapes / scale).T @ loss_stiffness(system) @ (shapes / scale)) @ left.T
 
 
 def partition(system, meshes, disk_names=None, link_names=None, lossy=False):
-    """Sort the disks by the order of their equation of motion, on the host.
+    """The :class:`Partition` of the disks, on the host; hashable, to be passed where the system is traced.
 
-    Parameters
-    ----------
-    system : System
-    meshes : MeshParameters, the backlash meshes
-    disk_names, link_names : sequence of str, optional
-        For the sentences of errors; "disk 3" and "link 5" without.
-    lossy : bool, whether loss factors are served, by :func:`loss_damping`
-
-    Returns
-    -------
-    Partition
-        Hashable; pass it as ``parts`` where the system is traced.
-
-    Raises
-    ------
-    ValueError
-        Naming the loss factors, or the massless disks that leave no equation to integrate.
+    meshes : those with backlash; names : for the sentences of errors; lossy : whether loss factors are served, by
+    :func:`loss_damping`. Raises ValueError naming loss factors, or massless disks that leave no equation to integrate.
     """
-    for leaf in jax.tree.leaves((system, meshes)):
-        if isinstance(leaf, jax.core.Tracer):
-            raise ValueError("jit or vmap traces the train: pass parts=partition(system, meshes), made outside.")
+    if traced((system, meshes)):
+        raise ValueError("jit or vmap traces the train: pass parts=partition(system, meshes), made outside.")
 
-    def disk(index):
-        return repr(disk_names[index]) if disk_names else f"disk {index}"
+    system, meshed = jax.tree.map(np.asarray, system), np.asarray(meshes.link)
 
-    def link(index):
-        return repr(link_names[index]) if link_names else f"link {index}"
+    def named(names, what, at):
+        return ", ".join(repr(names[i]) if names else f"{what} {i}" for i in at)
 
-    refused = [] if lossy else np.flatnonzero(np.asarray(system.loss))
+    refused = [] if lossy else np.flatnonzero(system.loss)
     if len(refused):
         raise ValueError(
-            f"{', '.join(link(i) for i in refused)}: loss factors exist only in harmonic methods: "
+            f"{named(link_names, 'link', refused)}: loss factors exist only in harmonic methods: "
             "apply train.with_viscous_damping(hz=...)."
         )
-    massless = np.flatnonzero(np.asarray(system.mass) == 0)
-    meshed = np.asarray(meshes.link)
-    ends = {*np.asarray(system.tree.end_a)[meshed].tolist(), *np.asarray(system.tree.end_b)[meshed].tolist()}
-    for index in massless:
-        if int(index) in ends:
-            raise ValueError(
-                f"{disk(index)} has no inertia and carries a backlash mesh: no equation of motion in time "
-                "is left for it. Give it an inertia, or use a harmonic method."
-            )
-    B, K = matrices(jax.tree.map(np.asarray, system))
+    massless = np.flatnonzero(system.mass == 0)
+    ends = np.concatenate([system.tree.end_a[meshed], system.tree.end_b[meshed]])
+    for index in massless[np.isin(massless, ends)]:
+        raise ValueError(
+            f"{named(disk_names, 'disk', [index])} has no inertia and carries a backlash mesh: no equation of motion "
+            "in time is left for it. Give it an inertia, or use a harmonic method."
+        )
+    B, K = matrices(system)
     undamped = ~np.any(B[massless] != 0, axis=1)
     static, damped = massless[undamped], massless[~undamped]
     for group, matrix, what in ((static, K, "stiffness"), (damped, B, "damping")):
-        if group.size and not _regular(matrix[np.ix_(group, group)]):
-            names = ", ".join(disk(i) for i in group)
+        block = matrix[np.ix_(group, group)]
+        scale = np.sqrt(np.maximum(np.diag(block), 1e-300))
+        if group.size and not np.linalg.eigvalsh(block / scale[:, None] / scale)[0] > 1e-10:
             raise ValueError(
-                f"{names}: no inertia, and the {what} between them does not determine their motion. "
-                "Give them an inertia, or use a harmonic method."
+                f"{named(disk_names, 'disk', group)}: no inertia, and the {what} between them does not determine their "
+                "motion. Give them an inertia, or use a harmonic method."
             )
-    inertial = np.flatnonzero(np.asarray(system.mass) != 0)
-    return Partition(*(tuple(int(i) for i in group) for group in (inertial, damped, static)))
-
-
-def _regular(matrix):
-    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    return np.linalg.eigvalsh(matrix / scale[:, None] / scale)[0] > 1e-10
+    return Partition(*(tuple(group.tolist()) for group in (np.flatnonzero(system.mass != 0), damped, static)))
 
 
 def state_space(system, meshes, frequency, parts, damping=0.0):
-    """First-order equations of the train in energy coordinates.
-
-    Parameters
-    ----------
-    system : System
-    meshes : MeshParameters, the backlash meshes
-    frequency : float, Omega in rad/s, only to scale the slow modes
-    parts : Partition
-    damping : array ``(S, S)`` N s/m, beside that of the system
-
-    Returns
-    -------
-    StateSpace
-    """
+    """The :class:`StateSpace` of the train and its meshes with backlash; ``frequency`` Omega in rad/s only scales the
+    slow modes, ``damping`` ``(S, S)`` N s/m acts beside that of the system."""
     xp, (B, K) = namespace(system, meshes, frequency), matrices(system)
     B = B + damping
     inertial, damped, static = (np.array(g, dtype=int) for g in (parts.inertial, parts.damped, parts.static))
@@ -192,64 +149,41 @@ def state_space(system, meshes, frequency, parts, damping=0.0):
         stiffness = stiffness - coupling.T @ xp.linalg.solve(K[np.ix_(static, static)], coupling)
     n, extra = inertial.size, damped.size
     root = xp.sqrt(system.mass[inertial])
-    to_modal, from_modal, scale = _modes(stiffness[:n, :n], root, frequency)
+    # Any orthonormal basis is exact, hence no derivative through that of the undamped modes.
+    constant = lax.stop_gradient if xp is jnp else lambda a: a
+    squares, vectors = xp.linalg.eigh(constant(stiffness[:n, :n] / root[:, None] / root))
+    scale = constant(xp.sqrt(xp.maximum(squares, frequency**2)))
+    to_modal, from_modal = vectors.T * root, vectors / root[:, None]
     drag = B[np.ix_(kept, kept)]
-    # x' of the damped massless disks from x and v: B x' + K x = 0
+    # B x' + K x = 0: velocities of damped disks without inertia from all displacements and the others' velocities.
     follow = xp.zeros((extra, 2 * n + extra))
     if extra:
         right = xp.concatenate([stiffness[n:], drag[n:, :n]], axis=1)
-        # Damped disks without inertia: B x' + K x = q gives their velocity from all displacements and the others'
-        # velocities.
         follow = -xp.linalg.solve(drag[n:, n:], right)
     motion = xp.concatenate([xp.zeros((n, n + extra)), xp.eye(n)], axis=1)
     pull = xp.concatenate([stiffness[:n], drag[:n, :n]], axis=1) + drag[:n, n:] @ follow
     physical = xp.concatenate([motion, follow, -pull / (root**2)[:, None]])
 
     weight = xp.sqrt(xp.mean(root**2)) * frequency
-    to = _blocks(scale[:, None] * to_modal, weight * xp.eye(extra), to_modal)
-    back = _blocks(from_modal / scale, xp.eye(extra) / weight, from_modal)
+    blocks = scipy.linalg.block_diag if xp is np else jax.scipy.linalg.block_diag
+    to = blocks(scale[:, None] * to_modal, weight * xp.eye(extra), to_modal)
+    back = blocks(from_modal / scale, xp.eye(extra) / weight, from_modal)
     mesh_rows = system.incidence(meshes.link).T[:, inertial]
-    forcing = xp.concatenate([xp.zeros((n + extra, meshes.link.shape[0])), -mesh_rows.T / (root**2)[:, None]])
     zeros = xp.zeros((meshes.link.shape[0], n + extra))
-    position = xp.concatenate([mesh_rows, xp.zeros((mesh_rows.shape[0], extra + n))], axis=1)
-    speed = xp.concatenate([zeros, mesh_rows], axis=1)
+    observation = xp.block([[mesh_rows, zeros], [zeros, mesh_rows]])
+    forcing = xp.concatenate([zeros.T, -mesh_rows.T / (root**2)[:, None]])
     disks = system.mass.shape[0]
     return StateSpace(
         transition=to @ physical @ back,
         forcing=to @ forcing,
-        observation=xp.concatenate([position, speed]) @ back,
+        observation=observation @ back,
         coordinates=to @ np.eye(2 * disks)[np.concatenate([kept, disks + inertial])],
     )
 
 
-def _modes(stiffness, root, frequency):
-    """Modal coordinates of the inertial disks; any orthonormal basis is exact, hence no derivative through it."""
-    xp = namespace(stiffness, root, frequency)
-    constant = lax.stop_gradient if xp is jnp else lambda a: a
-    values, vectors = xp.linalg.eigh(constant(stiffness / root[:, None] / root))
-    scale = constant(xp.sqrt(xp.maximum(values, frequency**2)))
-    return vectors.T * root, vectors / root[:, None], scale
-
-
-def _blocks(*blocks):
-    joined = scipy.linalg.block_diag if namespace(blocks) is np else jax.scipy.linalg.block_diag
-    return joined(*blocks)
-
-
 def dense_linear_motion(system, frequency, load):
-    """Steady displacements of the train with all meshes in contact, one dense solve per harmonic.
-
-    Parameters
-    ----------
-    system : System
-    frequency : float, Omega in rad/s
-    load : complex array ``(S, N+1)`` N
-
-    Returns
-    -------
-    complex array ``(S, N+1)`` m
-        Displacements that no force opposes (the rotation of a floating train, rings without spring) have mean zero.
-    """
+    """Steady displacements ``(S, N+1)`` m of the train with all meshes in contact under ``load`` ``(S, N+1)`` N, one
+    dense solve per harmonic; those that no force opposes (rotation, rings without spring) have mean zero."""
     xp, (B, K) = namespace(system, frequency, load), matrices(system)
     mean = static_response(K, load[:, 0].real)
     omega = frequency * xp.arange(1, load.shape[-1])
@@ -269,3 +203,56 @@ def static_response(K, force):
     held = values > 1e-13
     inverse = xp.where(held, 1.0, 0.0) / xp.where(held, values, 1.0)
     return (vectors @ (inverse * (vectors.T @ (force / scale)))) / scale
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Complex host arrays of m modes: rates ``(m,)`` 1/s; forcing ``(m, G)``; observation ``(2G, m)``; motion
+    ``(2S, m)``; coordinates ``(m, 2S)``, z of (x, x')."""
+
+    rates: np.ndarray
+    forcing: np.ndarray
+    observation: np.ndarray
+    motion: np.ndarray
+    coordinates: np.ndarray
+
+
+def march_modes(system, meshes, frequency, parts):
+    """The :class:`Modes` of a train; arguments as of :func:`state_space`."""
+    inertial = np.array(parts.inertial, int)
+    highest = np.max(np.asarray(system.held_stiffness())[inertial] / system.mass[inertial])
+    # Springs in proportion to the inertias leave the undamped shapes as they are: they part the Jordan block of free
+    # rotation, and raise the other frequencies by less than rounding shows.
+    soft = max((HELD * frequency) ** 2, HELD_ROUNDED * highest)
+    held = dataclasses.replace(system, ground=system.ground + soft * system.mass)
+    space = state_space(*on_host((held, meshes)), frequency, parts, loss_damping(held))
+    return modes_of(space, _motion(system, space, parts))
+
+
+def modes_of(space, motion):
+    """The :class:`Modes` of a StateSpace; ``motion`` ``(2S, n)``: (x, x') of its states."""
+    A, E, L, T = (np.asarray(a) for a in (space.transition, space.forcing, space.observation, space.coordinates))
+    rates, vectors = np.linalg.eig(A)
+    if np.linalg.cond(vectors) > CONDITION:
+        shares = (1 + np.arange(len(A))) / len(A)
+        # Different shares for every state: equal ones would move all eigenvalues alike and part none.
+        rates, vectors = np.linalg.eig(A - np.diag(PARTING * np.abs(np.diag(A)).max() * shares))
+    # Of a conjugate pair one mode, counted twice below: Re(v z) of both is twice that of one.
+    one = rates.imag >= 0
+    inverse = np.linalg.inv(vectors)[one]
+    rates, vectors = rates[one], np.where(rates[one].imag > 0, 2.0, 1.0) * vectors[:, one]
+    return Modes(rates, inverse @ E, L @ vectors, motion @ vectors, inverse @ T)
+
+
+def _motion(system, space, parts):
+    """(x, x') ``(2S, n)`` of all disks from the state."""
+    A, T = np.asarray(space.transition), np.asarray(space.coordinates)
+    inertial, kept = np.array(parts.inertial, int), np.array(parts.inertial + parts.damped, int)
+    static, disks = np.array(parts.static, int), len(system.mass)
+    inverse = np.linalg.inv(T[:, np.concatenate([kept, disks + inertial])])
+    x = np.zeros((disks, len(A)))
+    x[kept] = inverse[: len(kept)]
+    if static.size:
+        K = np.asarray(matrices(system)[1])
+        x[static] = -np.linalg.solve(K[np.ix_(static, static)], K[np.ix_(static, kept)] @ x[kept])
+    return np.concatenate([x, x @ A])

@@ -22,31 +22,13 @@ from jaxhb.results.response import Response
 from jaxhb.results.status import NotConverged, Status
 from jaxhb.train import chain
 
-
-@dataclass(frozen=True)
-class StabilityOptions:
-    """How multipliers are computed, and what they mean.
-
-    Parameters
-    ----------
-    soft : natural frequency over Omega of a rotation against grounds below which these are soft: no support, but a hold
-    neutral : by how much a multiplier of a train without damping, 1 in modulus, may be off
-    exact_disks : disks up to which all modes of a train with backlash take part as they are
-    slowed : times the highest mesh mode, to which the faster modes of a larger train are slowed: 2 leaves 1e-7 of the
-        largest multiplier of ``gear_train_30`` with finely divided shafts
-    modes, disks : slow modes of a train with backlash, and disks of any, beyond which nothing is decided: it would take
-        minutes
-    """
-
-    soft: float = 0.1
-    neutral: float = 1e-8
-    exact_disks: int = 48
-    slowed: float = 2.0
-    modes: int = 160
-    disks: int = 1000
-
-
-STABILITY = StabilityOptions()
+SOFT = 0.1  # natural frequency over Omega of a rotation against grounds that are no support, but a hold
+NEUTRAL = 1e-8  # by how much a multiplier of a train without damping, 1 in modulus, may be off
+EXACT_DISKS = 48  # up to which all modes of a train with backlash take part as they are
+# Times the highest mesh mode, to which faster modes of a larger train are slowed: 2 leaves 1e-7 of the largest
+# multiplier of a finely divided gear_train_30.
+SLOWED = 2.0
+MODES, DISKS = 160, 1000  # slow ones with backlash, and of any train, beyond which it would take minutes
 
 
 @brief
@@ -56,11 +38,11 @@ class Stability:
 
     Parameters
     ----------
-    multipliers : complex array ``(n,)``, the largest modulus first
-        Factors by which disturbances of the state grow over one cycle of the response.
-    rotation : bool array ``(n,)``
-        Those of the rotation of the whole train, floating or against a soft ground (:class:`StabilityOptions`), and of
-        rings without a spring: they say nothing about the teeth. A floating train without damping has two that are 1.
+    multipliers : complex ``(n,)``, the largest modulus first, by which disturbances grow over one cycle of the response
+    rotation : bool ``(n,)``
+        Those of the rotation of the whole train, floating or against a ground so soft that it turns at less than a
+        tenth of the cycle frequency, and of rings without a spring: they say nothing about the teeth. A floating train
+        without damping has two that are 1.
     liouville : float
         Determinant of the monodromy matrix over its value by Liouville's formula, less 1: what the integration leaves.
     """
@@ -83,7 +65,7 @@ class Stability:
     @property
     def stable(self) -> bool:
         """Whether every disturbance dies away."""
-        return self.largest <= 1 + STABILITY.neutral
+        return self.largest <= 1 + NEUTRAL
 
     @property
     def loses_by(self) -> str | None:
@@ -98,15 +80,13 @@ class Stability:
     def __str__(self):
         if self.stable:
             return f"stable: a disturbance falls to {self.largest:.2g} of its size in a cycle."
-        grows = f"unstable ({self.loses_by}): a disturbance grows {self.largest:.3g} times a cycle"
-        return f"{grows}{_MANNER[self.loses_by]}; the train does not run in this motion."
-
-
-_MANNER = {
-    "fold": "",
-    "period doubling": " and changes its sign each time, so that two cycles differ",
-    "Neimark-Sacker": " and turns, so that a second frequency appears",
-}
+        manner = {
+            "fold": "",
+            "period doubling": " and changes its sign each time, so that two cycles differ",
+            "Neimark-Sacker": " and turns, so that a second frequency appears",
+        }[self.loses_by]
+        grows = f"unstable ({self.loses_by}): a disturbance grows {self.largest:.3g} times a cycle{manner}"
+        return f"{grows}; the train does not run in this motion."
 
 
 def stability(response: Response) -> Stability:
@@ -114,19 +94,14 @@ def stability(response: Response) -> Stability:
 
     Solves the variational equation around the motion of the harmonics, not around an integration of its own, in steps
     that end where teeth pass the knots of their law (docs/theory A7; :mod:`jaxhb.floquet.variational`); in contact
-    all cycle multipliers are exponentials of the eigenvalues of the train. All states of the train take part; massless
-    disks are condensed. Of more than 48 disks with backlash, modes above twice the highest mesh mode respond to mesh
-    forces as if they were that slow, and decay as in the train in contact. Loss factors, which have no equation in
-    time, damp each mode at its natural frequency (:func:`jaxhb.equations.state_space.loss_damping`).
+    all multipliers are exponentials of the eigenvalues of the train. Massless disks are condensed. Of more than 48
+    disks with backlash, modes above twice the highest mesh mode respond to mesh forces as if they were that slow, and
+    decay as in the train in contact. Loss factors, which have no equation in time, damp each mode at its natural
+    frequency (:func:`jaxhb.equations.state_space.loss_damping`).
 
     Parameters
     ----------
-    response : Response
-        At one speed, solved, with its train.
-
-    Returns
-    -------
-    Stability
+    response : Response, at one speed, solved, with its train
 
     Raises
     ------
@@ -139,10 +114,9 @@ def stability(response: Response) -> Stability:
     Notes
     -----
     Multipliers are as good as the motion, and less: on ``gear_train_30`` a truncation error of 0.6 % makes 6 % at 2300
-    rpm (a multiplier of -1.18), and one of 1 % makes 12 % at 2350 rpm (22). Small multipliers have the absolute
-    accuracy of the largest.
-    Work grows with the cube of the number of states and with the number of switching times: 0.08 s for the 54 states
-    and 424 times of ``gear_train_30`` at 1800 rpm, some seconds for the same train in 100 or 300 disks.
+    rpm (a multiplier of -1.18). Small multipliers have the absolute accuracy of the largest. Work grows with the cube
+    of the number of states and with the number of switching times: 0.08 s for ``gear_train_30`` at 1800 rpm, some
+    seconds for the same train in 100 or 300 disks.
 
     Examples
     --------
@@ -153,10 +127,10 @@ def stability(response: Response) -> Stability:
     """
     train = train_of(response)
     system, meshes, topology = chain.assemble(train), backlash_meshes(train), train.topology
-    if topology.n_disks > STABILITY.disks:
+    if topology.n_disks > DISKS:
         raise ValueError(
             f"{topology.title}: it has {topology.n_disks} disks, and stability is decided for up to "
-            f"{STABILITY.disks}: divide shafts into fewer pieces."
+            f"{DISKS}: divide shafts into fewer pieces."
         )
     parts = partition(system, meshes, topology.disk_names, topology.link_names, lossy=True)
     frequency = topology.cycle_frequency(float(response.rpm))
@@ -166,8 +140,8 @@ def stability(response: Response) -> Stability:
     times = exact_integrals.switching_times(meshes.law, deflection)
     # Teeth that pass no knot and are beyond the last one stay in contact: the train is linear, as without backlash.
     if len(times) or (np.abs(fourier.sample(deflection, 1)[:, 0]) < meshes.law.knee).any():
-        if topology.n_disks > STABILITY.exact_disks:
-            highest = STABILITY.slowed * mesh_mode_harmonics(train, frequency)[0] * frequency
+        if topology.n_disks > EXACT_DISKS:
+            highest = SLOWED * mesh_mode_harmonics(train, frequency)[0] * frequency
             space, fast = _slowed(space, len(parts.inertial), highest, topology.title)
         found = monodromy(space, meshes, deflection, frequency, times)
         multipliers, disturbance = np.linalg.eig(found.matrix)
@@ -184,8 +158,8 @@ def stability(response: Response) -> Stability:
 
 
 def attracts(response):
-    """Whether a train that is near a periodic motion runs into it, None where that is not decided; its
-    :class:`Stability`, None then; and the sentence that says why."""
+    """Whether a train near a periodic motion runs into it, and its :class:`Stability`, None where that is not decided;
+    and the sentence that says why."""
     try:
         found = stability(response)
     except np.linalg.LinAlgError:  # a ValueError, and no refusal
@@ -208,16 +182,15 @@ def train_of(response):
     return response.train
 
 
-def _slowed(space, inertial, highest, title):
+def _slowed(space, n, highest, title):
     """A StateSpace whose modes faster than ``highest`` (rad/s) are slowed to it and leave their static response to
     mesh forces, and the rates at which those modes decay by themselves."""
-    n = inertial
     speed = space.transition[:n, -n:].diagonal()  # natural frequencies, Omega at least
     slow, fast = np.flatnonzero(speed <= highest), np.flatnonzero(speed > highest)
-    if len(slow) > STABILITY.modes:
+    if len(slow) > MODES:
         raise ValueError(
-            f"{title}: {len(slow)} modes lie below {highest / (2 * np.pi):.3g} Hz, {STABILITY.slowed:g} times the "
-            f"highest mode of its meshes, and stability is decided for up to {STABILITY.modes} of them: divide shafts "
+            f"{title}: {len(slow)} modes lie below {highest / (2 * np.pi):.3g} Hz, {SLOWED:g} times the "
+            f"highest mode of its meshes, and stability is decided for up to {MODES} of them: divide shafts "
             "into fewer pieces."
         )
     # More inertia slows a mode and leaves its static response. All equally slow, these modes follow the forces of G
@@ -229,12 +202,8 @@ def _slowed(space, inertial, highest, title):
     basis[fast, len(slow) :] = combined
     massless = np.eye(len(space.transition) - 2 * n)
     basis = block_diag(basis, massless, slower[:, None] * basis)
-    reduced = StateSpace(
-        transition=basis.T @ space.transition @ basis,
-        forcing=basis.T @ space.forcing,
-        observation=space.observation @ basis,
-        coordinates=basis.T @ space.coordinates,
-    )
+    A, E, L, T = space.transition, space.forcing, space.observation, space.coordinates
+    reduced = StateSpace(basis.T @ A @ basis, basis.T @ E, L @ basis, basis.T @ T)
     half = space.transition[-n:, -n:].diagonal()[fast] / 2 + 0j
     root = np.sqrt(half**2 - speed[fast] ** 2)
     return reduced, np.concatenate([half + root, half - root])
@@ -243,17 +212,14 @@ def _slowed(space, inertial, highest, title):
 def _of_rotation(disturbance, coordinates, system, frequency):
     """Which eigenvectors of a monodromy matrix, its columns, are those of rotation."""
     # Those nearest to the space of rotations: by their values a slow decay of the teeth could not be told from them.
-    basis, _ = np.linalg.qr(coordinates @ np.kron(np.eye(2), _rotations(system, frequency)))
-    share = np.linalg.norm(basis.T @ disturbance, axis=0)
-    return np.isin(np.arange(len(share)), np.argsort(-share, kind="stable")[: basis.shape[1]])
-
-
-def _rotations(system, frequency):
-    """Motions ``(S, d)`` of the disks that bend no link, meshes taken in contact, held by soft grounds at most."""
+    # Rotations are motions (S, d) of the disks that bend no link, meshes in contact, held by soft grounds at most.
     # Null space of the links that have a stiffness; of it, what only soft grounds hold.
     rows = (system.incidence() * (np.asarray(system.stiffness) > 0)).T
     _, values, right = np.linalg.svd(rows)
     free = right[np.count_nonzero(values > 1e-10 * values.max(initial=1e-300)) :].T
     inertia, held = (free.T @ (np.asarray(a)[:, None] * free) for a in (system.mass, system.ground))
     squares, shapes = np.linalg.eig(np.linalg.pinv(inertia) @ held)
-    return free @ shapes.real[:, squares.real < (STABILITY.soft * frequency) ** 2]
+    rotations = free @ shapes.real[:, squares.real < (SOFT * frequency) ** 2]
+    basis, _ = np.linalg.qr(coordinates @ np.kron(np.eye(2), rotations))
+    share = np.linalg.norm(basis.T @ disturbance, axis=0)
+    return np.isin(np.arange(len(share)), np.argsort(-share, kind="stable")[: basis.shape[1]])

@@ -16,107 +16,54 @@ product of matrices, and one more each time it is squared. Measured on ``gear_tr
 switching times: 0.08 s on one core, numpy; at 700 rpm, where teeth stay in their smooth zone, 0.11 s.
 """
 
-from dataclasses import dataclass
+from functools import cache
 from math import factorial
+from typing import NamedTuple
 
 import jax
 import numpy as np
 
 from jaxhb.equations import backlash, fourier
 
-
-@dataclass(frozen=True)
-class VariationalOptions:
-    """How the variational equation is solved.
-
-    Parameters
-    ----------
-    stages : Gauss nodes of a step with a mesh in its smooth zone
-    reach : norm of A tau at most, of a step or of what is squared: the terms of a power series are then exact to 1e-13,
-        and rounding leaves 1e-12 of the determinant. Shorter steps with fewer nodes take longer
-    powers : of A that are kept for exponentials; two factors of them make the terms of a series
-    chunk : steps whose propagators are held at a time
-    samples, derivatives : samples per harmonic, and derivatives at each, from which a motion is known at any time to
-        1e-12
-    """
-
-    stages: int = 10
-    reach: float = 4.0
-    powers: int = 16
-    chunk: int = 256
-    samples: int = 16
-    derivatives: int = 9
-
-    @property
-    def terms(self):
-        """Terms of a power series."""
-        return 2 * self.powers + 1
+STAGES = 10  # Gauss nodes of a step with a mesh in its smooth zone
+# Norm of A tau at most, of a step or of what is squared: the terms of a power series are then exact to 1e-13, and
+# rounding leaves 1e-12 of the determinant. Shorter steps with fewer nodes take longer.
+REACH = 4.0
+POWERS = 16  # of A that are kept for exponentials; two factors of them make the terms of a series
+TERMS = 2 * POWERS + 1
+CHUNK = 256  # steps whose propagators are held at a time
+SAMPLES, DERIVATIVES = 16, 9  # per harmonic, and at each, from which a motion is known at any time to 1e-12
 
 
-VARIATIONAL = VariationalOptions()
-_STAGES, _TERMS = VARIATIONAL.stages, VARIATIONAL.terms
-
-
-@dataclass(frozen=True)
-class Monodromy:
-    """The derivative ``(n, n)`` of the state after one cycle with respect to the state before.
-
-    log_determinant : of it, as the sum over its factors: its own is lost in rounding. trace : integral over the cycle
-    of the trace of the matrix of the equation, equal to it (Liouville).
-    """
+class Monodromy(NamedTuple):
+    """The derivative ``(n, n)`` of the state after one cycle with respect to the state before; the logarithm of its
+    determinant as the sum over its factors, as its own is lost in rounding; and the integral over the cycle of the
+    trace of the matrix of the equation, equal to it (Liouville)."""
 
     matrix: np.ndarray
     log_determinant: float
     trace: float
 
 
-@dataclass(frozen=True)
-class _Steps:
-    """Steps in order: length ``(P,)`` s; constant ``(P, 2G)`` slopes in l and l' of meshes that keep them; of those
-    that are between ``(P, G)`` their gap and contact, slope ``(P, J, 2G)`` at the Gauss nodes."""
-
-    length: np.ndarray
-    constant: np.ndarray
-    slope: np.ndarray
-    between: np.ndarray
-
-
 def monodromy(space, meshes, deflection, frequency, switching):
-    """Solve the variational equation over one cycle; on the host.
+    """The :class:`Monodromy` of a motion; on the host.
 
-    Parameters
-    ----------
-    space : StateSpace
-    meshes : MeshParameters, the G meshes with backlash
-    deflection : complex array ``(G, N+1)`` m, their motion
-    frequency : float, Omega in rad/s
-    switching : array, shares of the cycle at which a mesh passes a knot of its law
-
-    Returns
-    -------
-    Monodromy
+    space : StateSpace; meshes : MeshParameters, the G meshes with backlash; deflection : complex ``(G, N+1)`` m, their
+    motion; frequency : Omega in rad/s; switching : shares of the cycle at which a mesh passes a knot of its law.
     """
-    space, meshes, deflection = jax.tree.map(np.asarray, (space, meshes, deflection))
-    trains = _ConstantTrains(space)
-    steps = _steps(trains, meshes, deflection, float(frequency), switching)
-    matrix, log_determinant = np.eye(len(space.transition)), 0.0
-    for first in range(0, len(steps.length), VARIATIONAL.chunk):
-        propagators, logarithms = _propagators(
-            trains, steps, np.arange(first, min(first + VARIATIONAL.chunk, len(steps.length)))
-        )
+    cycle = _Cycle(space, meshes, deflection, frequency, switching)
+    matrix, log_determinant = np.eye(len(cycle.space.transition)), 0.0
+    for propagators, logarithms in cycle.propagators():
         log_determinant += logarithms.sum()
         for propagator in propagators:
             matrix = propagator @ matrix
-    return Monodromy(matrix, float(log_determinant), _trace(space, steps))
+    return Monodromy(matrix, float(log_determinant), cycle.trace())
 
 
-@dataclass(frozen=True)
-class Propagation:
-    """How a disturbance propagates through the cycle, at K shares of it from 0 to 1; matrix ``(n, n)`` of it all.
-
-    deflection ``(K, G, n)`` m: at a time per unit state at the beginning; end_state ``(K, n, G)``: the state at the
-    end of the cycle per unit impulse (m s) at a time of the integral of (engagement - 1) over the deflection of a mesh.
-    """
+class Propagation(NamedTuple):
+    """How a disturbance propagates, at K shares of the cycle from 0 to 1: deflection ``(K, G, n)`` m there per unit
+    state at the beginning; end_state ``(K, n, G)`` per unit impulse (m s) there of the integral of (engagement - 1)
+    over the deflection of a mesh; matrix ``(n, n)`` of the whole cycle."""
 
     share: np.ndarray
     deflection: np.ndarray
@@ -131,17 +78,12 @@ def propagation(space, meshes, deflection, frequency, share):
     The force of a mesh is ``k I + r dI/dt``, k = (1 - epsilon) c and r its damping if that acts in contact, of the
     integral I. As A + E S L takes a state on, an impulse of I leaves ``(E k + (A + E S L) E r)`` behind.
     """
-    space, meshes, deflection = jax.tree.map(np.asarray, (space, meshes, deflection))
-    trains, frequency = _ConstantTrains(space), float(frequency)
-    steps = _steps(trains, meshes, deflection, frequency, share)
-    ends = np.concatenate([[0.0], np.cumsum(steps.length)]) * frequency / (2 * np.pi)
-    chunks = [
-        np.arange(i, min(i + VARIATIONAL.chunk, len(steps.length)))
-        for i in range(0, len(steps.length), VARIATIONAL.chunk)
-    ]
-    propagators = np.concatenate([_propagators(trains, steps, chunk)[0] for chunk in chunks])
+    cycle = _Cycle(space, meshes, deflection, frequency, share)
+    space, meshes = cycle.space, cycle.meshes
+    ends = np.concatenate([[0.0], np.cumsum(cycle.length)]) * cycle.frequency / (2 * np.pi)
+    propagators = np.concatenate([found for found, _ in cycle.propagators()])
     E, L, count = space.forcing, space.observation, space.forcing.shape[1]
-    slope = _slopes(meshes, *motion(deflection, frequency, ends))
+    slope = cycle.slopes(ends)
     contact_viscous = np.where(meshes.contact_damping, meshes.viscous, 0.0)
     changed = slope[:, :count, None] * L[:count] + slope[:, count:, None] * L[count:]  # S L
     impulse = E * ((1 - meshes.law.epsilon) * meshes.law.stiffness)
@@ -154,104 +96,119 @@ def propagation(space, meshes, deflection, frequency, share):
     return Propagation(ends, np.array(deflections), np.array(end_states[::-1]), ahead)
 
 
-def _steps(trains, meshes, deflection, frequency, switching):
-    """The :class:`_Steps` of a motion."""
-    law, period = meshes.law.expand(), 2 * np.pi / frequency
-    breaks = np.unique(np.concatenate([[0.0], switching, [1.0]]))
-    begin, share = breaks[:-1], np.diff(breaks)
-    # In an arc no mesh passes a knot: what it is in the middle, in contact, apart or between, it is all along.
-    middle = motion(deflection, frequency, begin + share / 2)
-    engagement = backlash.engagement(law, middle[0])
-    between = ((engagement > 0) & (engagement < 1)).T
-    constant = np.where(np.tile(between, 2), 0.0, _slopes(meshes, *middle))
-    varying = between.any(axis=1)
-    # Arcs of a mesh in its smooth zone are cut into steps of bounded norm; others are exponentials of any length.
-    reach = np.array([trains[row].norm for row in constant]) * period * share
-    count = np.where(varying, np.ceil(reach / VARIATIONAL.reach), 1).astype(int)
-    share = np.repeat(share / count, count)
-    number = np.arange(len(share)) - np.repeat(np.cumsum(count) - count, count)
-    begin, constant, between = (np.repeat(a, count, axis=0) for a in (begin, constant, between))
-    varying = between.any(axis=1)
-    at = (begin + share * number)[varying, None] + share[varying, None] * _NODE
-    slope = np.zeros((len(share), _STAGES, constant.shape[1]))
-    found = _slopes(meshes, *motion(deflection, frequency, at.ravel())).reshape(slope[varying].shape)
-    slope[varying] = np.where(np.tile(between, 2)[varying, None], found, 0.0)
-    return _Steps(share * period, constant, slope, between)
+class _Cycle:
+    """P steps through the cycle of a motion, in order: length ``(P,)`` s; constant ``(P, 2G)`` slopes in l and l' of
+    meshes that keep them; of those that are between ``(P, G)`` their gap and contact, slope ``(P, J, 2G)`` at the Gauss
+    nodes."""
 
+    def __init__(self, space, meshes, deflection, frequency, breaks):
+        self.space, self.meshes, self.deflection = jax.tree.map(np.asarray, (space, meshes, deflection))
+        self.frequency, period = float(frequency), 2 * np.pi / float(frequency)
+        # Each constant train is made once; its slopes as bytes, as arrays are no keys.
+        self.train = cache(lambda slope: _ConstantTrain(self.space, np.frombuffer(slope)))
+        breaks = np.unique(np.concatenate([[0.0], breaks, [1.0]]))
+        begin, share = breaks[:-1], np.diff(breaks)
+        # In an arc no mesh passes a knot: what it is in the middle, in contact, apart or between, it is all along.
+        middle = begin + share / 2
+        engagement = backlash.engagement(self.meshes.law.expand(), motion(self.deflection, self.frequency, middle)[0])
+        between = ((engagement > 0) & (engagement < 1)).T
+        constant = np.where(np.tile(between, 2), 0.0, self.slopes(middle))
+        # Arcs of a mesh in its smooth zone are cut into steps of bounded norm; others are exponentials of any length.
+        reach = np.array([self.train(row.tobytes()).norm for row in constant]) * period * share
+        count = np.where(between.any(axis=1), np.ceil(reach / REACH), 1).astype(int)
+        share = np.repeat(share / count, count)
+        number = np.arange(len(share)) - np.repeat(np.cumsum(count) - count, count)
+        begin, self.constant, self.between = (np.repeat(a, count, axis=0) for a in (begin, constant, between))
+        varying = self.between.any(axis=1)
+        at = (begin + share * number)[varying, None] + share[varying, None] * _NODE
+        self.length, self.slope = share * period, np.zeros((len(share), STAGES, constant.shape[1]))
+        found = self.slopes(at.ravel()).reshape(self.slope[varying].shape)
+        self.slope[varying] = np.where(np.tile(self.between, 2)[varying, None], found, 0.0)
 
-def _slopes(meshes, deflection, rate):
-    """Slopes ``(K, 2G)`` of phi in l and l', at deflections and rates ``(G, K)``."""
-    viscous, in_contact = meshes.viscous[:, None], meshes.contact_damping[:, None]
-    slope, rate_slope = backlash.mesh_slopes(meshes.law.expand(), viscous, in_contact, deflection, rate)
-    return np.concatenate([slope - meshes.law.stiffness[:, None], rate_slope - viscous + 0 * rate]).T
+    def slopes(self, share):
+        """Slopes ``(K, 2G)`` of phi in l and l' at shares of the cycle ``(K,)``."""
+        law, viscous = self.meshes.law.expand(), self.meshes.viscous[:, None]
+        deflection, rate = motion(self.deflection, self.frequency, share)
+        slope, rate_slope = backlash.mesh_slopes(law, viscous, self.meshes.contact_damping[:, None], deflection, rate)
+        return np.concatenate([slope - law.stiffness, rate_slope - viscous + 0 * rate]).T
+
+    def propagators(self):
+        """Chunk by chunk the propagators ``(K, n, n)`` of the steps, and the logarithms ``(K,)`` of their
+        determinants."""
+        alike = np.column_stack([self.constant, self.between])
+        for first in range(0, len(self.length), CHUNK):
+            chosen = slice(first, first + CHUNK)
+            count, states = len(self.length[chosen]), len(self.space.transition)
+            found, logarithm = np.zeros((count, states, states)), np.zeros(count)
+            # Steps with the same meshes in contact share the powers of one matrix.
+            rows, kind = np.unique(alike[chosen], axis=0, return_inverse=True)
+            for k, row in enumerate(rows):
+                constant, between = np.split(row, [self.constant.shape[1]])
+                at, varying = np.flatnonzero(kind.ravel() == k), np.flatnonzero(between)
+                train, length = self.train(constant.tobytes()), self.length[chosen][at]
+                if len(varying):
+                    found[at], logarithm[at] = train.collocated(length, self.slope[chosen][at], varying)
+                else:
+                    found[at], logarithm[at] = train.long_exponential(length)
+            yield found, logarithm
+
+    def trace(self):
+        """Integral of the trace of the matrix of the equation over the cycle."""
+        forces = np.einsum("hn,nh->h", self.space.observation, np.tile(self.space.forcing, 2))
+        mean = self.constant + np.einsum("i,pih->ph", _WEIGHT, self.slope)
+        return float(self.length @ (np.trace(self.space.transition) + mean @ forces))
 
 
 def motion(deflection, frequency, share):
     """l and l' ``(2, G, K)`` at shares ``(K,)`` of the cycle, of coefficients ``(G, N+1)``: Taylor series from the
     nearest of equidistant samples."""
-    samples = VARIATIONAL.samples * max(deflection.shape[-1] - 1, 1)
+    samples = SAMPLES * max(deflection.shape[-1] - 1, 1)
     # Transforms know a motion at equidistant times only. From the nearest of them, half a sample away at most, its
     # Taylor series converges fast: n times the angle stays below pi / 16.
     nearest = np.rint(share * samples)
     angle = 2 * np.pi / samples * (share * samples - nearest)
     values = []
-    for _ in range(VARIATIONAL.derivatives + 1):
+    for _ in range(DERIVATIVES + 1):
         values.append(fourier.synthesize(deflection, samples)[:, nearest.astype(int) % samples])
         deflection = fourier.derivative(deflection, 1.0)
-    power = angle ** np.arange(VARIATIONAL.derivatives)[:, None, None] * _INVERSE[: VARIATIONAL.derivatives, None, None]
+    power = angle ** np.arange(DERIVATIVES)[:, None, None] * _INVERSE[:DERIVATIVES, None, None]
     return np.stack([np.sum(power * values[:-1], axis=0), frequency * np.sum(power * values[1:], axis=0)])
-
-
-class _ConstantTrains(dict):
-    """The train with the slopes of some meshes, by the bytes of these ``(2G,)``; each is made once."""
-
-    def __init__(self, space):
-        self.space = space
-
-    def __getitem__(self, slope):
-        key = slope.tobytes()
-        if key not in self:
-            self[key] = _ConstantTrain(self.space, slope)
-        return self.get(key)
 
 
 class _ConstantTrain:
     """Power series of one constant train: powers of A/norm ``(powers + 1, n n)``; with forces of the meshes on their
-    right ``(terms, n G)``, motion of the meshes on their left ``(terms, 2G n)``, or both."""
+    right ``(terms, n, G)``, motion of the meshes on their left ``(terms, 2G, n)``, or both."""
 
     def __init__(self, space, slope):
         forcing, observation = space.forcing, space.observation
-        meshes = forcing.shape[1]
-        rows = slope[:meshes, None] * observation[:meshes] + slope[meshes:, None] * observation[meshes:]
+        on, following = np.split(observation, 2)
+        rows = slope[: len(on), None] * on + slope[len(on) :, None] * following
         matrix = space.transition + forcing @ rows
         self.norm = np.linalg.norm(matrix, 2)
         matrix = matrix / self.norm
         powers, forced, observed = [np.eye(len(matrix))], [forcing], [observation]
-        for _ in range(VARIATIONAL.powers):
+        for _ in range(POWERS):
             powers.append(powers[-1] @ matrix)
-        for _ in range(_TERMS - 1):
+        for _ in range(TERMS - 1):
             forced.append(matrix @ forced[-1])
             observed.append(observed[-1] @ matrix)
-        self.shape = *forcing.shape, _TERMS
-        self.last = powers[-1]
-        both = [observation @ column for column in forced]
-        self.powers, self.forced, self.observed, self.both = (
-            np.reshape(a, (len(a), -1)) for a in (powers, forced, observed, both)
-        )
+        self.last, self.powers = powers[-1], np.reshape(powers, (len(powers), -1))
+        self.forced, self.observed = np.array(forced), np.array(observed)
+        self.both = observation @ self.forced
 
     def exponential(self, length):
-        """exp(A tau) ``(K, n, n)`` of lengths ``(K,)`` no longer than the options allow."""
-        x = (length * self.norm)[:, None] ** np.arange(_TERMS)
+        """exp(A tau) ``(K, n, n)`` of lengths ``(K,)`` with norms of A tau within the reach."""
+        x = (length * self.norm)[:, None] ** np.arange(TERMS)
         shape = -1, *self.last.shape
         # Paterson and Stockmeyer (SIAM J. Comput. 2 (1973) 60): two sums of the powers at hand, and one product with
         # the last, instead of a product for each term.
-        low = (x[:, : VARIATIONAL.powers] * _INVERSE[: VARIATIONAL.powers]) @ self.powers[: VARIATIONAL.powers]
-        high = (x[:, VARIATIONAL.powers :] * _INVERSE[VARIATIONAL.powers :]) @ self.powers
+        low = (x[:, :POWERS] * _INVERSE[:POWERS]) @ self.powers[:POWERS]
+        high = (x[:, POWERS:] * _INVERSE[POWERS:]) @ self.powers
         return low.reshape(shape) + self.last @ high.reshape(shape)
 
     def long_exponential(self, length):
         """exp(A tau), and the logarithms of the determinants, of any lengths: squared as often as necessary."""
-        halvings = np.ceil(np.log2(np.maximum(length * self.norm / VARIATIONAL.reach, 1.0))).astype(int)
+        halvings = np.ceil(np.log2(np.maximum(length * self.norm / REACH, 1.0))).astype(int)
         found = self.exponential(length / 2.0**halvings)
         logarithm = np.linalg.slogdet(found)[1] * 2.0**halvings
         for k in range(halvings.max(initial=0)):
@@ -259,30 +216,25 @@ class _ConstantTrain:
             found[again] = found[again] @ found[again]
         return found, logarithm
 
-    def collocation_responses(self, length, chosen):
-        """With K lengths, per step and chosen meshes: the motion ``(K, J, 2G, n)`` of unit states at the J Gauss nodes,
-        that of unit forces there ``(K, J, 2G, J, G)``, and the state ``(K, n, J, G)`` that these leave at the end."""
-        states, meshes, _ = self.shape
-        both = np.concatenate([chosen, meshes + chosen])
-        observed = self.observed.reshape(_TERMS, 2 * meshes, states)[:, both].reshape(_TERMS, -1)
-        forced = self.forced.reshape(_TERMS, states, meshes)[:, :, chosen].reshape(_TERMS, -1)
-        between = self.both.reshape(_TERMS, 2 * meshes, meshes)[:, both[:, None], chosen].reshape(_TERMS, -1)
-        x = (length * self.norm)[:, None] ** np.arange(_TERMS)
-        observed = (x[:, None] * _NODE[:, None] ** np.arange(_TERMS) * _INVERSE) @ observed
-        response = (x[:, None, None] * _UNTIL_NODE) @ between
-        left = (x[:, None] * _UNTIL_END) @ forced
-        count, own, scale = len(length), len(chosen), length[:, None, None, None]
-        response = response.reshape(count, _STAGES, _STAGES, 2 * own, own).transpose(0, 1, 3, 2, 4)
-        left = left.reshape(count, _STAGES, states, own).transpose(0, 2, 1, 3)
-        return observed.reshape(count, _STAGES, 2 * own, states), scale[..., None] * response, scale * left
-
     def collocated(self, length, slope, chosen):
         """Propagators ``(K, n, n)`` of steps in which the chosen meshes have slopes ``(K, J, 2G)`` at the Gauss
         nodes besides, and logarithms of determinants."""
+        states, meshes = self.forced.shape[1:]
+        both, own = np.concatenate([chosen, meshes + chosen]), len(chosen)
+        series = self.observed[:, both], self.forced[:, :, chosen], self.both[:, both[:, None], chosen]
+        observed, forced, between = (a.reshape(TERMS, -1) for a in series)
         # Steps of one section have one length: what depends on it alone is made once.
         length, index = np.unique(length, return_inverse=True)
-        observed, response, left = (a[index] for a in self.collocation_responses(length, chosen))
-        slope, size = slope[..., np.concatenate([chosen, self.shape[1] + chosen])], _STAGES * len(chosen)
+        x, scale = (length * self.norm)[:, None] ** np.arange(TERMS), length[:, None, None, None]
+        # Motions of unit states at the Gauss nodes (K, J, 2G, n), of unit forces there (K, J, 2G, J, G), and the states
+        # (K, n, J, G) that these leave at the end.
+        observed = (x[:, None] * _NODE[:, None] ** np.arange(TERMS) * _INVERSE) @ observed
+        observed = observed.reshape(-1, STAGES, 2 * own, states)[index]
+        response = ((x[:, None, None] * _UNTIL_NODE) @ between).reshape(-1, STAGES, STAGES, 2 * own, own)
+        response = (scale[..., None] * response.transpose(0, 1, 3, 2, 4))[index]
+        left = ((x[:, None] * _UNTIL_END) @ forced).reshape(-1, STAGES, states, own)
+        left = (scale * left.transpose(0, 2, 1, 3))[index]
+        slope, size = slope[..., both], STAGES * own
 
         def force(moved):
             on, following = np.split(slope.reshape(*slope.shape, *[1] * (moved.ndim - 3)) * moved, 2, axis=2)
@@ -290,49 +242,24 @@ class _ConstantTrain:
 
         # u_i = S_i (L exp(A c_i tau) y + sum_j K_ij u_j) of the head of this module, for unit states y.
         force = np.linalg.solve(np.eye(size) - force(response), force(observed))
-        found = self.exponential(length)[index] + left.reshape(len(slope), self.shape[0], -1) @ force
+        found = self.exponential(length)[index] + left.reshape(len(slope), states, -1) @ force
         return found, np.linalg.slogdet(found)[1]
-
-
-def _propagators(trains, steps, chosen):
-    """Propagators ``(K, n, n)`` of the chosen steps, and the logarithms ``(K,)`` of their determinants."""
-    states = len(trains.space.transition)
-    found, logarithm = np.zeros((len(chosen), states, states)), np.zeros(len(chosen))
-    # Steps with the same meshes in contact share the powers of one matrix.
-    alike = np.column_stack([steps.constant[chosen], steps.between[chosen]])
-    rows, kind = np.unique(alike, axis=0, return_inverse=True)
-    for k, row in enumerate(rows):
-        constant, between = np.split(row, [steps.constant.shape[1]])
-        at, varying = np.flatnonzero(kind.ravel() == k), np.flatnonzero(between)
-        length, slope = steps.length[chosen[at]], steps.slope[chosen[at]]
-        if len(varying):
-            found[at], logarithm[at] = trains[constant].collocated(length, slope, varying)
-        else:
-            found[at], logarithm[at] = trains[constant].long_exponential(length)
-    return found, logarithm
-
-
-def _trace(space, steps):
-    """Integral of the trace of the matrix of the equation over all steps."""
-    forces = np.einsum("hn,nh->h", space.observation, np.tile(space.forcing, 2))
-    mean = steps.constant + np.einsum("i,pih->ph", _WEIGHT, steps.slope)
-    return float(steps.length @ (np.trace(space.transition) + mean @ forces))
 
 
 def _integrals():
     """Gauss nodes of 0 .. 1, their weights, and with the Lagrange polynomial p_j through them the integrals of
     ``(e - s)^k / k! p_j(s)`` from 0 to e: to each node ``(i, j, k)`` and to the end ``(j, k)``."""
-    unit, unit_weight = np.polynomial.legendre.leggauss(_STAGES)
+    unit, unit_weight = np.polynomial.legendre.leggauss(STAGES)
     node, weight = (unit + 1) / 2, unit_weight / 2
-    fine, fine_weight = np.polynomial.legendre.leggauss(_TERMS)  # exact for these degrees, and well conditioned
+    fine, fine_weight = np.polynomial.legendre.leggauss(TERMS)  # exact for these degrees, and well conditioned
     end = np.append(node, 1.0)[:, None]
     at, scale = end * (fine + 1) / 2, end * fine_weight / 2
-    others = ~np.eye(_STAGES, dtype=bool)
+    others = ~np.eye(STAGES, dtype=bool)
     lagrange = [np.prod((at[..., None] - node[o]) / (node[j] - node[o]), axis=-1) for j, o in enumerate(others)]
-    power = (end - at)[..., None] ** np.arange(_TERMS) * _INVERSE
+    power = (end - at)[..., None] ** np.arange(TERMS) * _INVERSE
     to = np.einsum("es,jes,esk->ejk", scale, lagrange, power)
     return node, weight, to[:-1], to[-1]
 
 
-_INVERSE = np.array([1 / factorial(k) for k in range(_TERMS)])
+_INVERSE = np.array([1 / factorial(k) for k in range(TERMS)])
 _NODE, _WEIGHT, _UNTIL_NODE, _UNTIL_END = _integrals()

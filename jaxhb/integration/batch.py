@@ -1,9 +1,9 @@
 """A batch of speeds of one train marched side by side, each through its own cycles, on modes that they share.
 
 The step is that of :mod:`jaxhb.integration.step`, exponential Runge-Kutta around the linear train with the weights of
-Krogstad, in the modes of :mod:`jaxhb.equations.modal_form`: propagators and weights are one complex number per mode and
-speed, so that steps of another length cost nothing, and only the products with ``observation`` and ``forcing``, which
-all speeds share, are matrices.
+Krogstad, in the modes of :mod:`jaxhb.equations.state_space`: propagators and weights are one complex number per mode
+and speed, so that steps of another length cost nothing, and only the products with ``observation`` and ``forcing``,
+which all speeds share, are matrices.
 
 Arrays have the speeds last: ``(..., L)``. Measured on ``gear_train_30`` (27 modes, four meshes) on one core: 0.27
 microseconds a speed and step in 64 of them, 0.4 in 32, 0.5 in 16, 2.2 in one.

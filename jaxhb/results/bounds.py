@@ -18,14 +18,9 @@ MARGINS = f"in double precision; margins on iterated norms x{NORM_MARGIN:g}, on 
 
 @dataclass(frozen=True)
 class Kantorovich:
-    """The theorem of Newton and Kantorovich (Kantorovich & Akilov, XVIII.1; docs/theory A4.3).
+    """The theorem of Newton and Kantorovich (Kantorovich & Akilov, XVIII.1; theory A4.3): norm ``H0`` of the inverse
+    derivative, ``delta0`` of the first correction, Lipschitz constant ``K`` of the derivative.
 
-    Parameters
-    ----------
-    H0 : norm of the inverse derivative; delta0 : of the first correction; K : Lipschitz constant of the derivative
-
-    Examples
-    --------
     >>> case = Kantorovich(H0=2.0, delta0=0.7, K=1 / 14)
     >>> round(case.h0, 12), round(float(case.radius), 6), round(float(case.bound(2)), 8)
     (0.1, 0.73901, 0.00012077)
@@ -48,7 +43,7 @@ class Kantorovich:
     @property
     def radius(self) -> float:
         """(36): ``(1 - sqrt(1 - 2 h0)) / h0 delta0``, within which a solution exists; nan where the theorem fails."""
-        # The same without a difference of nearly equal numbers where h0 is small.
+        # Written without a difference of nearly equal numbers where h0 is small.
         return 2 * self.delta0 / (1 + self._root)
 
     @property
@@ -80,20 +75,18 @@ class Kantorovich:
 class Certificate:
     """How far a periodic motion of the train is from a computed one, made by :func:`jaxhb.certify`; ``str`` says it.
 
-    A computed bound and no proof: all of it is in double precision without outward rounding. Norms are iterated and
-    taken times 1.1, largest row sums are estimated and taken times 1.5.
+    A computed bound and no proof: all of it is in double precision without outward rounding, see :func:`jaxhb.certify`.
 
     Parameters
     ----------
-    reason : str, what failed and what to do; empty where a bound holds
-    meshes : tuple of str, those with backlash
+    reason : what failed and what to do, empty where a bound holds; meshes : names of those with backlash
     deflection_bound, elastic_bound, force_bound : ``(G,)`` m, N, N
         Of each mesh the largest difference over the cycle between the computed motion and that of the train: of the
         deflection, of the elastic tooth force and of the tooth force with its damping; inf where no bound holds.
     Y0, Z1, Z2 : of the theorem, lengths in backlashes, at the motion that Newton's method finds on ``low`` harmonics
-    small_gain : float, below 1 there is one motion of one cycle whatever the load (docs/theory A4.2)
+    small_gain : below 1 there is one motion of one cycle whatever the load (docs/theory A4.2)
     harmonic_balance : Kantorovich, of the truncated equations with exact integrals, weighted norm, backlashes
-    stable : bool or None, whether the motion of the train attracts; None where the bound does not decide it
+    stable : whether the motion of the train attracts; None where the bound does not decide it
     harmonics, low, high : of the response, of the inverse, of the equation
     """
 

@@ -13,18 +13,13 @@ class Contact:
 
     Parameters
     ----------
-    separated_fraction : float
-        Share of the cycle in which the teeth are apart: ``|l|`` is below the gap of the law.
-    reverse_contact_fraction : float
-        Share of the cycle in contact on the flank that does not drive.
+    separated_fraction : share of the cycle in which the teeth are apart: ``|l|`` is below the gap of the law
+    reverse_contact_fraction : share of the cycle in contact on the flank that does not drive
     impacts : list of dict
         Entries from separation to contact: ``cycle`` (share of the cycle), ``speed`` in m/s, ``side`` +1 or -1.
-    drive_side : int
-        Sign of the mesh's mean force.
-    gap_spring_force, knee_force : float
-        N: the largest force in the gap; the force above which the tooth is stiff.
-    pulling_force : float
-        N: largest damping force that holds parting teeth back in the gap, which only damping law "always" gives.
+    drive_side : sign of the mesh's mean force
+    gap_spring_force, knee_force : N, the largest force in the gap; the force above which the tooth is stiff
+    pulling_force : N, largest damping force that holds parting teeth back in the gap: law "always"
     """
 
     separated_fraction: float
@@ -78,8 +73,7 @@ def contact_of(law, deflection, force, elastic, frequency, resolution):
 def _fraction_below(values, level):
     """Share of the cycle with values < level, the crossings interpolated linearly."""
     here, ahead = values - level, np.roll(values, -1) - level
-    both = (here < 0) & (ahead < 0)
-    crossing = (here < 0) != (ahead < 0)
+    both, crossing = (here < 0) & (ahead < 0), (here < 0) != (ahead < 0)
     # Divisions by zero lie where nothing crosses.
     with np.errstate(divide="ignore", invalid="ignore"):
         below = np.where(here < 0, here / (here - ahead), ahead / (ahead - here))
@@ -90,10 +84,8 @@ def _impacts(l, speed, gap):
     """Entries into contact: |l| rises through ``gap``."""
     distance, ahead = np.abs(l), np.abs(np.roll(l, -1))
     entries = np.flatnonzero((distance < gap) & (ahead >= gap))
-    found = []
-    for i in entries:
-        share = (gap - distance[i]) / (ahead[i] - distance[i])
-        after = (i + 1) % len(l)
-        approach = abs((1 - share) * speed[i] + share * speed[after])
-        found.append({"cycle": float((i + share) / len(l)), "speed": float(approach), "side": int(np.sign(l[after]))})
-    return found
+    after, share = (entries + 1) % len(l), (gap - distance[entries]) / (ahead - distance)[entries]
+    approach = np.abs((1 - share) * speed[entries] + share * speed[after])
+    columns = (entries + share) / len(l), approach, np.sign(l[after])
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    return [{"cycle": at, "speed": fast, "side": int(side)} for at, fast, side in rows]

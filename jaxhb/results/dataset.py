@@ -14,14 +14,14 @@ else:
     Dataset = Any
 
 SIGNALS = {
-    "angle": ("disk", "rad", "vibratory angle"),
-    "speed": ("disk", "rad/s", "speed of rotation"),
-    "acceleration": ("disk", "rad/s2", "angular acceleration"),
-    "torque": ("shaft", "N m", "torque of shafts and dampers"),
-    "gear_torque": ("gear", "N m", "torque that a gear passes to its mates"),
-    "tooth_force": ("mesh", "N", "tooth force, elastic and damping part"),
+    "angle": ("disk", "disk", "rad", "vibratory angle"),
+    "speed": ("speed", "disk", "rad/s", "speed of rotation"),
+    "acceleration": ("acceleration", "disk", "rad/s2", "angular acceleration"),
+    "torque": ("torque", "shaft", "N m", "torque of shafts and dampers"),
+    "gear_torque": ("gear_torque", "gear", "N m", "torque that a gear passes to its mates"),
+    "tooth_force": ("force", "mesh", "N", "tooth force, elastic and damping part"),
 }
-"""Dimension, unit and meaning of what vibrates."""
+"""How what vibrates is read of a motion, its dimension, unit and meaning."""
 
 STATISTICS = {
     "mean": "mean of the ",
@@ -62,22 +62,8 @@ UNKNOWN = {"kind": "unknown", "source": "nothing", "status": "", "period": 0, "h
 
 
 def to_xarray(motions, topology, rpm, *, orders=None):
-    """The data set of motions of one train, of one or along a dimension ``rpm``.
-
-    Parameters
-    ----------
-    motions : sequence of Response or SteadyState, each of one speed
-    topology : Topology
-    rpm : float, or array ``(n,)``
-        Without a dimension the data set has none for the one motion.
-    orders : float, optional
-        Highest order whose amplitudes are given; default: the highest of the motions of disks.
-
-    Returns
-    -------
-    xarray.Dataset
-        See :meth:`jaxhb.Response.to_xarray`.
-    """
+    """The data set (:meth:`jaxhb.Response.to_xarray`) of Responses or SteadyStates of one train, along ``rpm`` ``(n,)``
+    or of one at a number; ``orders`` by default up to the highest of the motions of disks."""
     try:
         import xarray
     except ImportError:
@@ -86,8 +72,9 @@ def to_xarray(motions, topology, rpm, *, orders=None):
     listed = [own for _, spectra in read for _, _, own, _ in spectra.values()]
     order = np.unique(np.concatenate(listed or [np.zeros(0)]))
     order = order[: np.searchsorted(order, np.inf if orders is None else orders, side="right")]
-    many, dims = np.ndim(rpm) > 0, {"rpm": np.asarray(rpm, dtype=float)} | _names(topology) | {"order": order}
-    found, dims = {}, {name: own for name, own in dims.items() if np.size(own)}  # NetCDF has no empty dimension
+    dims = {"rpm": np.asarray(rpm, dtype=float)} | _names(topology) | {"order": order}
+    dims = {name: own for name, own in dims.items() if np.size(own)}  # NetCDF has no empty dimension
+    many, found = np.ndim(rpm) > 0, {}
 
     def keep(name, rows, own, unit, said):
         values = np.stack(rows) if many else rows[0]
@@ -98,7 +85,7 @@ def to_xarray(motions, topology, rpm, *, orders=None):
         keep(name, [np.asarray(values.get(name, UNKNOWN.get(name, np.nan))) for values, _ in read], (), unit, said)
     of_elements = OF_ELEMENTS | {
         f"{name}_{statistic}": (dim, unit, words + said)
-        for name, (dim, unit, said) in SIGNALS.items()
+        for name, (_, dim, unit, said) in SIGNALS.items()
         for statistic, words in STATISTICS.items()
     }
     for name, (dim, unit, said) in of_elements.items():
@@ -107,7 +94,7 @@ def to_xarray(motions, topology, rpm, *, orders=None):
             rows = [np.asarray(values.get(name, nothing), dtype=float) for values, _ in read]
             keep(name, rows, (dim,), unit, said)
     for name in WITH_ORDERS:
-        dim, unit, said = SIGNALS[name]
+        _, dim, unit, said = SIGNALS[name]
         if dim in dims and "order" in dims:
             spectra = [_spectrum(spectra.get(name), len(dims[dim]), order) for _, spectra in read]
             keep(f"{name}_amplitude", [a for a, _ in spectra], (dim, "order"), unit, f"one-sided amplitude, {said}")
@@ -149,7 +136,7 @@ def _numbers(motion, topology):
     if not solved and (alone or motion.record is None):
         return found | {"source": "nothing"}, {}
     names = _names(topology)
-    signals, spectra = _of_response(response, names) if solved else _of_record(motion.record, names)
+    signals, spectra = _signals(motion, names, response if solved else None)
     contacts = [motion.mesh(name) for name in names["mesh"]]
     for name in ("separated_fraction", "reverse_contact_fraction", "impacts_per_cycle", "hardest_impact"):
         found[name] = [getattr(contact, name) for contact in contacts]
@@ -161,52 +148,33 @@ def _numbers(motion, topology):
     return found | signals | {"source": "harmonics" if solved else "record"}, spectra
 
 
-def _of_response(response, names):
-    """Statistics and spectra of a harmonic solution."""
-
-    def coefficients(reader, dim):
-        rows = [np.asarray(reader(name).coefficients) for name in names[dim]]
-        return np.stack(rows) if rows else np.zeros((0, response.harmonics + 1))
-
-    signals = {
-        "angle": response.angles,
-        "speed": coefficients(response.speed, "disk"),
-        "acceleration": coefficients(response.acceleration, "disk"),
-        "torque": response.torques,
-        "gear_torque": coefficients(response.gear_torque, "gear"),
-        "tooth_force": response.forces,
-    }
-    turns, moving = response.topology.revolutions_per_cycle, response.harmonics + 1
+def _signals(motion, names, response):
+    """Statistics and spectra of a motion; recorded cycles, without ``response``, have amplitudes without phases, and no
+    accelerations."""
     statistics, spectra = {}, {}
-    for name, values in signals.items():
-        signal = Signal(np.asarray(values), None, turns, response.resolution)
-        samples = signal.samples(signal.resolution) if len(values) else np.zeros((0, 1))
-        low, high = samples.min(axis=-1), samples.max(axis=-1)
-        own = signal.mean, low, high, (high - low) / 2, signal.sum_of_amplitudes
-        statistics |= {f"{name}_{what}": values for what, values in zip(STATISTICS, own, strict=True)}
-        if name in WITH_ORDERS:
+    for name, (reader, dim, _, _) in SIGNALS.items():
+        if not len(names[dim]) or (response is None and name == "acceleration"):
+            continue
+        own = [getattr(motion, reader)(label) for label in names[dim]]
+        if response is None:
+            statistics |= {f"{name}_{what}": [float(getattr(signal, what)) for signal in own] for what in STATISTICS}
+            amplitudes, orders, lacking = np.array([signal.amplitudes for signal in own]), own[0].orders, np.nan
+            phases = np.full(amplitudes.shape, np.nan)
+        else:
+            every = Signal(
+                np.stack([s.coefficients for s in own]), None, own[0].revolutions_per_cycle, own[0].resolution
+            )
+            samples = every.samples(every.resolution)
+            low, high = samples.min(axis=-1), samples.max(axis=-1)
+            found = every.mean, low, high, (high - low) / 2, every.sum_of_amplitudes
+            statistics |= {f"{name}_{what}": values for what, values in zip(STATISTICS, found, strict=True)}
             # Tooth forces have more harmonics than the motion, whose orders the data set lists.
-            kept = Signal(signal.coefficients[:, :moving], None, turns, response.resolution)
+            kept = slice(response.harmonics)
+            amplitudes, phases, orders = every.amplitudes[:, kept], every.phases_deg[:, kept], every.orders[kept]
             # An order that is not there has no phase.
-            spectra[name] = kept.amplitudes, np.where(kept.amplitudes > 0, kept.phases_deg, np.nan), kept.orders, 0.0
-    return statistics, spectra
-
-
-def _of_record(record, names):
-    """The same of recorded cycles, which have amplitudes without phases, and no accelerations."""
-    signals = {
-        "angle": record.disks,
-        "speed": record.speeds,
-        "torque": record.torques,
-        "gear_torque": [record.gear_torque(gear) for gear in names["gear"]],
-        "tooth_force": record.forces,
-    }
-    statistics, spectra = {}, {}
-    for name, own in signals.items():
-        statistics |= {f"{name}_{what}": [float(getattr(signal, what)) for signal in own] for what in STATISTICS}
-        if own and name in WITH_ORDERS:
-            amplitudes = np.array([signal.amplitudes for signal in own])
-            spectra[name] = amplitudes, np.full(amplitudes.shape, np.nan), own[0].orders, np.nan
+            phases, lacking = np.where(amplitudes > 0, phases, np.nan), 0.0
+        if name in WITH_ORDERS:
+            spectra[name] = amplitudes, phases, orders, lacking
     return statistics, spectra
 
 

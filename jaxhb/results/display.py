@@ -6,19 +6,17 @@ from jaxhb._jax import traced
 from jaxhb._shown import counts, html_table, number, shown_rows, span
 from jaxhb.results.status import Status
 
-HEAD = ["mesh, shaft or damper", "mean", "half peak-to-peak", "max", "unit", "apart %"]
-
 
 def response_line(response):
     """A response in one line: where it is from, how it went."""
-    kind, name = type(response).__name__, response.topology.title
+    begun = f"<{type(response).__name__} of {response.topology.title}"
     if traced(response):
-        return f"<{kind} of {name}, traced, {response.harmonics} harmonics>"
+        return f"{begun}, traced, {response.harmonics} harmonics>"
     if not np.ndim(response.rpm):
-        return f"<{kind} of {name} at {number(float(response.rpm))} rpm: {_how(response)}>"
+        return f"{begun} at {number(float(response.rpm))} rpm: {_how(response)}>"
     many = np.ndim(response.rpm) == 1
     speeds = span(response.rpm, "rpm") if many else f"{' x '.join(map(str, np.shape(response.rpm)))} motions"
-    return f"<{kind} of {name} at {speeds}: {counts(response.status_name)}, {response.harmonics} harmonics>"
+    return f"{begun} at {speeds}: {counts(response.status_name)}, {response.harmonics} harmonics>"
 
 
 def _how(response):
@@ -31,34 +29,42 @@ def response_html(response):
     caption = response_line(response)[1:-1]
     if traced(response) or np.ndim(response.rpm) > 1:
         return html_table(caption, [], [])
-    if np.ndim(response.rpm):
-        rows = [None if k is None else _speed_row(response[k]) for k in shown_rows(len(response))]
-        return html_table(caption, ["rpm", "status", "harmonics", "largest tooth force, N", "mesh"], rows)
-    apart = {name: contact.separated_fraction for name, contact in response.contacts().items()}
-    return html_table(caption, HEAD, link_rows(response, apart))
+    if not np.ndim(response.rpm):
+        return _links(caption, response)
+
+    def cells(one):
+        # The last iterate of a solve that failed is no motion.
+        return [one.status_name, int(one.highest_harmonic)], one.status <= Status.TOLERANCE_NOT_MET
+
+    return _speeds(caption, response, ["status", "harmonics"], cells)
 
 
-def _speed_row(response):
-    # The last iterate of a solve that failed is no motion.
-    force, mesh = _largest_force(response) if response.status <= Status.TOLERANCE_NOT_MET else ("-", "-")
-    return [number(float(response.rpm)), response.status_name, int(response.highest_harmonic), force, mesh]
+def _speeds(caption, motions, head, cells):
+    """A table of the speeds of motions; ``cells`` of one, and whether it has numbers."""
+    rows = []
+    for k in shown_rows(len(motions)):
+        if k is None:
+            rows.append(None)
+            continue
+        own, known = cells(motions[k])
+        names = motions[k].topology.mesh_names if known else ()
+        peaks = {name: float(motions[k].force(name).peak) for name in names}
+        mesh = max(peaks, key=peaks.get, default="-")
+        rows.append([number(float(motions[k].rpm)), *own, number(peaks[mesh]) if peaks else "-", mesh])
+    return html_table(caption, ["rpm", *head, "largest tooth force, N", "mesh"], rows)
 
 
-def _largest_force(motion):
-    peaks = {name: float(motion.force(name).peak) for name in motion.topology.mesh_names}
-    mesh = max(peaks, key=peaks.get, default="-")
-    return number(peaks[mesh]) if peaks else "-", mesh
-
-
-def link_rows(motion, apart):
-    """Rows of every mesh, shaft and damper of a motion; ``apart``: share of the time by mesh."""
+def _links(caption, motion):
+    """A table of every mesh, shaft and damper of a motion."""
     topology, rows = motion.topology, []
     for name in (*topology.mesh_names, *topology.shaft_names, *topology.damper_names):
-        toothed = name in apart
+        toothed = name in topology.mesh_names
         signal = motion.force(name) if toothed else motion.torque(name)
         values = [number(float(v)) for v in (signal.mean, signal.half_peak_to_peak, signal.max)]
-        rows.append([name, *values, "N" if toothed else "N m", f"{100 * apart[name]:.3g}" if toothed else ""])
-    return rows
+        apart = f"{100 * motion.mesh(name).separated_fraction:.3g}" if toothed else ""
+        rows.append([name, *values, "N" if toothed else "N m", apart])
+    head = ["mesh, shaft or damper", "mean", "half peak-to-peak", "max", "unit", "apart %"]
+    return html_table(caption, head, rows)
 
 
 def state_line(state):
@@ -71,10 +77,7 @@ def state_line(state):
 def state_html(state):
     """A steady state as a table of its links, with its notes."""
     caption = "; ".join([state_line(state)[1:-1], *state.notes])
-    if not state.known:
-        return html_table(caption, [], [])
-    apart = {name: state.mesh(name).separated_fraction for name in state.topology.mesh_names}
-    return html_table(caption, HEAD, link_rows(state, apart))
+    return _links(caption, state) if state.known else html_table(caption, [], [])
 
 
 def states_line(sweep):
@@ -84,13 +87,8 @@ def states_line(sweep):
 
 def states_html(sweep):
     """A sweep of steady states as a table of its speeds."""
-    rows = [None if k is None else _state_row(sweep[k]) for k in shown_rows(len(sweep))]
-    return html_table(states_line(sweep)[1:-1], ["rpm", "motion", "period", "largest tooth force, N", "mesh"], rows)
-
-
-def _state_row(state):
-    force, mesh = _largest_force(state) if state.known else ("-", "-")
-    return [number(state.rpm), state.kind, state.period or "-", force, mesh]
+    caption, head = states_line(sweep)[1:-1], ["motion", "period"]
+    return _speeds(caption, sweep, head, lambda state: ([state.kind, state.period or "-"], state.known))
 
 
 def signal_line(signal):

@@ -12,18 +12,13 @@ NumberOf = TypeVar("NumberOf")
 
 
 class Motion(Generic[SignalOf, ContactOf, NumberOf]):
-    """Readers by name; what extends it says in ``_read`` what a quantity is at an index of the topology."""
+    """Readers by name; what extends it says in ``_read`` what a quantity of the disk, gear, link or mesh ``index`` is,
+    of a twist of two disks, times ``sense``."""
 
     topology: Topology
-
-    def _read(self, quantity: str, index: Any, sense: int = 1) -> Any:
-        """A quantity of the disk, gear, link or mesh ``index``, of a twist the two disks; times ``sense``."""
-        raise NotImplementedError
-
-    @property
-    def solution(self) -> Any:
-        """The :class:`jaxhb.Response` that the numbers are read from; None of recorded cycles."""
-        raise NotImplementedError
+    solution: Any
+    """The :class:`jaxhb.Response` that the numbers are read from; None of recorded cycles."""
+    _read: Any
 
     def disk(self, name: str) -> SignalOf:
         """Vibratory angle of a disk or damper ring, rad; its own sense of rotation positive."""
@@ -49,20 +44,13 @@ class Motion(Generic[SignalOf, ContactOf, NumberOf]):
     def torque(self, a: str, b: str | None = None) -> SignalOf:
         """Torque transmitted by a shaft or damper in N m, positive when a is ahead of b.
 
-        Parameters
-        ----------
-        a, b : str
-            The two disks (a damper's ring goes by the damper's name); or the link's name alone.
-
-        Returns
-        -------
-        Signal
-            Elastic, viscous and loss-factor part together; ``.elastic`` for the stiffness alone.
+        ``a, b`` : the two disks (a damper's ring goes by the damper's name); or the link's name alone, as in all
+        readers of links. Elastic, viscous and loss-factor part together; ``.elastic`` for the stiffness alone.
         """
         index, sense = self.topology.link_index(a, b)
         if index >= self._shafts:
-            name = self.topology.link_names[index]
-            raise ValueError(f"{name!r} is a mesh, not a shaft: use force(...) for its tooth force in N")
+            mesh = self.topology.link_names[index]
+            raise ValueError(f"{mesh!r} is a mesh, not a shaft: use force(...) for its tooth force in N")
         return self._read("torque", index, sense)
 
     def force(self, a: str, b: str | None = None) -> SignalOf:
@@ -91,11 +79,6 @@ class Motion(Generic[SignalOf, ContactOf, NumberOf]):
             P = sum_{n >= 1} 2 Re(T^n conj(i n Omega theta^n)),
 
         T the transmitted torque and theta the twist, or tooth force and deflection; the elastic part does no work.
-
-        Parameters
-        ----------
-        a, b : str
-            The two disks (a damper's ring goes by the damper's name), or the link's name alone.
         """
         return self._read("power", self.topology.link_index(a, b)[0])
 

@@ -15,8 +15,7 @@ from jaxhb.results.motion import Motion
 from jaxhb.results.signal import Signal, Summarized
 from jaxhb.train.topology import Topology
 
-PERCENT = 5, 50, 95
-"""Percentiles that are given of a distribution over cycles."""
+PERCENT = 5, 50, 95  # that are given of a distribution over cycles
 
 
 class PerCycle(NamedTuple):
@@ -25,23 +24,22 @@ class PerCycle(NamedTuple):
     max: np.ndarray
     min: np.ndarray
 
-    @classmethod
-    def of(cls, signal: Any) -> PerCycle:
-        """Of the cycles of a signal that has their ``highest`` and ``lowest`` values."""
-        return cls(np.percentile(signal.highest, PERCENT), np.percentile(signal.lowest, PERCENT))
+
+class OverCycles:
+    """What follows from the largest and the smallest value of each cycle, ``highest`` and ``lowest``."""
+
+    @property
+    def per_cycle(self: Any) -> PerCycle:
+        """Distribution of the largest and the smallest value of a cycle, as :class:`PerCycle`."""
+        return PerCycle(np.percentile(self.highest, PERCENT), np.percentile(self.lowest, PERCENT))
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True, repr=False)
-class SteadySignal(Signal):
+class SteadySignal(Signal, OverCycles):
     """The :class:`Signal` of a motion whose period is ``cycles`` cycles of the excitation."""
 
     cycles: int = field(default=1, metadata={"static": True})
-
-    @property
-    def elastic(self) -> SteadySignal:
-        """The elastic part alone."""
-        return SteadySignal(**vars(super().elastic) | {"cycles": self.cycles})
 
     @property
     def highest(self) -> Array:
@@ -52,11 +50,6 @@ class SteadySignal(Signal):
     def lowest(self) -> Array:
         """Smallest value of each cycle ``(cycles,)``."""
         return self._by_cycle().min(axis=1)
-
-    @property
-    def per_cycle(self) -> PerCycle:
-        """Largest and smallest value of each cycle, as :class:`PerCycle`."""
-        return PerCycle.of(self)
 
     def _by_cycle(self):
         """Samples of each cycle and the first of the next ``(cycles, n + 1)``."""
@@ -69,17 +62,13 @@ class SteadySignal(Signal):
 
 @brief
 @dataclass(frozen=True)
-class RecordedSignal(Summarized):
+class RecordedSignal(Summarized, OverCycles):
     """A quantity over C recorded cycles that do not repeat.
 
     Parameters
     ----------
-    highest, lowest : arrays ``(C,)``, largest and smallest value of each cycle
-    mean, rms : float, over the record
-    amplitudes : array ``(K,)``
-        One-sided peak amplitudes of the orders: quadratic mean over the cycles.
-    revolutions_per_cycle : float
-    elastic_part : RecordedSignal or None
+    highest, lowest : ``(C,)`` largest and smallest value of each cycle; mean, rms : over the record
+    amplitudes : ``(K,)`` one-sided peak amplitudes of the orders: quadratic mean over the cycles
     """
 
     highest: np.ndarray
@@ -117,26 +106,20 @@ class RecordedSignal(Summarized):
         """(max - min) / 2 of the record."""
         return (self.max - self.min) / 2
 
-    @property
-    def per_cycle(self) -> PerCycle:
-        """Distribution of the largest and the smallest value of a cycle, as :class:`PerCycle`."""
-        return PerCycle.of(self)
-
     def order(self, order: float) -> float:
         """Amplitude of one order of the cycle: quadratic mean over the cycles."""
-        harmonic = round(order * self.revolutions_per_cycle)
-        if abs(harmonic - order * self.revolutions_per_cycle) > 1e-9 or not 0 < harmonic <= len(self.amplitudes):
-            raise ValueError(
-                f"order {order:g} is not among those recorded: use a multiple of {1 / self.revolutions_per_cycle:g} "
-                f"up to {len(self.amplitudes) / self.revolutions_per_cycle:g}"
-            )
+        turns, count = self.revolutions_per_cycle, len(self.amplitudes)
+        harmonic = round(order * turns)
+        if abs(harmonic - order * turns) > 1e-9 or not 0 < harmonic <= count:
+            allowed = f"a multiple of {1 / turns:g} up to {count / turns:g}"
+            raise ValueError(f"order {order:g} is not among those recorded: use {allowed}")
         return self.amplitudes[harmonic - 1]
 
     def reversed(self) -> RecordedSignal:
         """The quantity with the other sign."""
-        elastic = self.elastic_part and self.elastic_part.reversed()
-        turned = dataclasses.replace(self, highest=-self.lowest, lowest=-self.highest, mean=-self.mean)
-        return dataclasses.replace(turned, elastic_part=elastic)
+        part = self.elastic_part and self.elastic_part.reversed()
+        high, low = -self.lowest, -self.highest
+        return dataclasses.replace(self, highest=high, lowest=low, mean=-self.mean, elastic_part=part)
 
     def shifted(self, by: float) -> RecordedSignal:
         """The quantity with a constant added."""
@@ -146,10 +129,8 @@ class RecordedSignal(Summarized):
 
     def scaled(self, factor: float) -> RecordedSignal:
         """The quantity times a factor above 0."""
-        changed: dict[str, Any] = {
-            name: factor * getattr(self, name) for name in ("highest", "lowest", "mean", "rms", "amplitudes")
-        }
-        return dataclasses.replace(self, **changed)
+        names = "highest", "lowest", "mean", "rms", "amplitudes"
+        return dataclasses.replace(self, **{name: factor * getattr(self, name) for name in names})
 
     def spectrum(self) -> list[list[float]]:
         """``[[order, A], ...]``."""
@@ -158,12 +139,8 @@ class RecordedSignal(Summarized):
 
 @dataclass(frozen=True)
 class SteadyContact:
-    """Contact of one mesh over a steady motion.
-
-    separated_fraction, reverse_contact_fraction : shares of the time, teeth apart, and on the flank that does not
-    drive; impacts_per_cycle : entries from separation to contact; hardest_impact : largest approach speed, m/s;
-    drive_side : sign of the mean force.
-    """
+    """Contact of one mesh over a steady motion: shares of the time, teeth apart, and on the flank that does not drive;
+    entries from separation to contact; largest approach speed of one, m/s; sign of the mean force."""
 
     separated_fraction: float
     reverse_contact_fraction: float
@@ -175,12 +152,8 @@ class SteadyContact:
 @brief
 @dataclass(frozen=True)
 class Record(Motion[RecordedSignal, SteadyContact, float]):
-    """Signals of every disk, link and gear over recorded cycles, and the contact of every mesh.
-
-    disks, speeds, twists, torques, deflections, forces, gears : tuples of :class:`RecordedSignal` in the order of the
-    topology (twists and torques of shafts, then dampers); gears : by disk index; contacts : of the meshes; speeds : of
-    rotation of the disks, rad/s; heat : of shafts, then dampers, W.
-    """
+    """:class:`RecordedSignal` of every disk, of its speed of rotation, of every shaft and damper (twists, torques),
+    mesh and gear (by disk index); the contact of every mesh; and the heat of shafts and dampers, W."""
 
     topology: Topology = field(repr=False)
     cycles: int
@@ -194,10 +167,7 @@ class Record(Motion[RecordedSignal, SteadyContact, float]):
     contacts: tuple
     heat: tuple
 
-    @property
-    def solution(self) -> None:
-        """None: recorded cycles have no harmonic solution."""
-        return None
+    solution = None
 
     def _read(self, quantity, index, sense=1):
         if quantity == "acceleration":
@@ -209,14 +179,8 @@ class Record(Motion[RecordedSignal, SteadyContact, float]):
             index, sense = self.topology.link_index(a, b)
             if index >= len(self.twists):
                 raise ValueError(f"a record holds the twists of shafts and dampers, and a mesh joins {a!r} and {b!r}")
-        found = {
-            "angle": self.disks,
-            "speed": self.speeds,
-            "twist": self.twists,
-            "torque": self.torques,
-            "force": self.forces,
-            "deflection": self.deflections,
-            "gear_torque": self.gears,
-            "contact": self.contacts,
-        }[quantity][index]
+        read = {"angle": self.disks, "speed": self.speeds, "twist": self.twists, "torque": self.torques}
+        read |= {"force": self.forces, "deflection": self.deflections}
+        read |= {"gear_torque": self.gears, "contact": self.contacts}
+        found = read[quantity][index]
         return found if sense > 0 else found.reversed()

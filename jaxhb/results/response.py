@@ -29,8 +29,6 @@ from jaxhb.train.topology import Topology
 class Fields:
     """Motion, torques and forces over one cycle, as Fourier coefficients.
 
-    Parameters
-    ----------
     angles : complex ``(..., S, N+1)`` rad, vibratory angle of every disk
     torques, elastic_torques : complex ``(..., K, N+1)`` N m, of the shafts and then the dampers
     deflections : complex ``(..., M, N+1)`` m, of the meshes
@@ -49,39 +47,32 @@ class Fields:
 class Response(Fields, Motion[Signal, Contact, Array]):
     """Steady periodic motion at one speed, or at several (every array then has a leading axis).
 
-    Made by :func:`jaxhb.solve`, :func:`jaxhb.solve_speeds` and :func:`jaxhb.linear_response`; read with :meth:`force`,
-    :meth:`torque`, :meth:`twist`, :meth:`gear_torque`, :meth:`power`, :meth:`disk`, :meth:`speed`,
-    :meth:`acceleration`, :meth:`irregularity` and :meth:`mesh`. A pytree whose leaves are its arrays; a response that
-    comes out of a transformation has no ``train``, ``path`` and ``certificate``, which are no arrays.
+    Made by :func:`jaxhb.solve`, :func:`jaxhb.solve_speeds` and :func:`jaxhb.linear_response`; read by name with
+    :meth:`force`, :meth:`torque`, :meth:`disk` and the like. A pytree of its arrays; a response that comes
+    out of a transformation has no ``train``, ``path`` and ``certificate``, which are no arrays.
 
     Parameters
     ----------
     rpm : ``(...)`` of the reference rotor
-    load_torque : ``(..., n)`` N m
-        Of every load, negative where it takes power.
-    load_power : ``(...)`` W
-        Taken by the loads.
+    load_torque : ``(..., n)`` N m, of every load, negative where it takes power
+    load_power : ``(...)`` W, taken by the loads
     ground_reaction : ``(..., n)`` N m
-        Mean torque that each ground takes: stiffness x mean angle of its disk. Mean angles are those that the soft
-        grounds set; without a ground their inertia-weighted mean is zero.
+        Mean torque that each ground takes. Mean angles are those that the soft grounds set; without a ground their
+        inertia-weighted mean is zero.
     radius : ``(..., S)`` m, of the gears
     law : Law ``(..., M)`` of the meshes
-    status : ``(...)`` int
-        :class:`jaxhb.Status` of the solve; :attr:`status_name` has its name.
+    status : ``(...)`` int, :class:`jaxhb.Status` of the solve
     residual, truncation_error : ``(...)``
         What is left of the equations, and the estimated change of the tooth force by omitted harmonics, over the
         largest tooth force.
     power_defect : ``(...)``
-        Power of the torques less what is turned into heat, over the power that they exchange with the train: how far
-        the motion is from conserving energy.
+        Power of the torques less what is turned into heat, over the power that they exchange with the train.
     steps : ``(...)`` int, of Newton's method
     topology : Topology, names and connections
     resolution : int, time samples per cycle at which extremes are looked for
     train : DriveTrain or None
-    path : tuple of events
-        How the solve went; of a sweep one tuple per speed.
-    certificate : Certificate or None
-        Where it was asked for.
+    path : tuple of events, how the solve went; of a sweep one tuple per speed
+    certificate : Certificate or None, where it was asked for
     """
 
     rpm: Array
@@ -119,7 +110,7 @@ class Response(Fields, Motion[Signal, Contact, Array]):
 
     @property
     def status_name(self) -> str | np.ndarray:
-        """Name of :attr:`status` as :class:`jaxhb.Status` has it, "CONVERGED"; of several speeds an array of names."""
+        """Name of :attr:`status`, "CONVERGED"; of several speeds an array of names."""
         names = np.array([status.name for status in Status])[np.asarray(self.status)]
         return names if np.ndim(names) else str(names)
 
@@ -161,17 +152,17 @@ class Response(Fields, Motion[Signal, Contact, Array]):
         match quantity:
             case "angle":
                 return self._signal(self.angles[..., index, :])
-            case "speed":
+            case "speed" | "acceleration":
                 rate = fourier.derivative(self.angles[..., index, :], self._frequency)
+                if quantity == "acceleration":
+                    return self._signal(fourier.derivative(rate, self._frequency))
                 ratio = rotor_ratios(self.topology, self.radius)[..., self.topology.rotor[index]]
                 mean = (2 * np.pi / 60 * self.rpm * ratio)[..., None] + 0j
                 # The derivative has no mean: that of the speed is the rotation.
                 return self._signal(namespace(rate, mean).concatenate([mean, rate[..., 1:]], axis=-1))
-            case "acceleration":
-                rate = fourier.derivative(self.angles[..., index, :], self._frequency)
-                return self._signal(fourier.derivative(rate, self._frequency))
             case "twist":
-                return self._signal(self._twist(*index))
+                first, second = index
+                return self._signal(self.angles[..., first, :] - self.angles[..., second, :])
             case "torque":
                 return self._signal(sense * self.torques[..., index, :], sense * self.elastic_torques[..., index, :])
             case "force":
@@ -185,10 +176,14 @@ class Response(Fields, Motion[Signal, Contact, Array]):
             case "power":
                 return self._power(index)
             case "contact":
-                return self._contact(index)
-
-    def _twist(self, first, second):
-        return self.angles[..., first, :] - self.angles[..., second, :]
+                law = jax.tree.map(lambda values: np.asarray(values)[..., index], self.law)
+                signals = self.deflections, self.forces, self.elastic_forces
+                return contact_of(
+                    law if self.topology.mesh_backlash[index] else None,
+                    *(np.asarray(coefficients[..., index, :]) for coefficients in signals),
+                    self.topology.cycle_frequency(np.asarray(self.rpm)),
+                    self.resolution,
+                )
 
     @property
     def _frequency(self):
@@ -198,24 +193,14 @@ class Response(Fields, Motion[Signal, Contact, Array]):
     def _power(self, index):
         shafts = self.torques.shape[-2]
         if index < shafts:
-            passed, bent = self.torques[..., index, :], self._twist(*self.topology.link_ends[index])
+            bent = self._read("twist", self.topology.link_ends[index]).coefficients
+            passed = self.torques[..., index, :]
         else:
             bent = self.deflections[..., index - shafts, :]
             # Harmonics of the force beyond those of the motion do no work.
             passed = self.forces[..., index - shafts, : bent.shape[-1]]
         xp, rate = namespace(passed, bent), fourier.derivative(bent, self._frequency)
         return 2 * xp.sum((passed * xp.conj(rate)).real, axis=-1)
-
-    def _contact(self, index):
-        law = jax.tree.map(lambda values: np.asarray(values)[..., index], self.law)
-        return contact_of(
-            law if self.topology.mesh_backlash[index] else None,
-            np.asarray(self.deflections[..., index, :]),
-            np.asarray(self.forces[..., index, :]),
-            np.asarray(self.elastic_forces[..., index, :]),
-            self.topology.cycle_frequency(np.asarray(self.rpm)),
-            self.resolution,
-        )
 
     def deflection_samples(self, count: int) -> Array:
         """Deflections of all meshes at ``count`` time samples of the cycle, ``(..., M, count)`` m."""
@@ -228,27 +213,14 @@ class Response(Fields, Motion[Signal, Contact, Array]):
     def to_xarray(self, *, orders: float | None = None) -> Dataset:
         """The response as a data set of xarray (extra ``data``), with names as labels and units as attributes.
 
-        Parameters
-        ----------
-        orders : float, optional
-            Highest order whose amplitudes and phases are given; default: all of the motion.
+        ``orders`` : highest order whose amplitudes and phases are given; default: all of the motion.
 
-        Returns
-        -------
-        xarray.Dataset
-            Dimensions ``rpm`` (of a sweep), ``disk``, ``shaft`` (dampers behind them), ``gear``, ``mesh``, ``load``,
-            ``ground`` and ``order``. Of ``angle``, ``speed``, ``acceleration``, ``torque``, ``gear_torque`` and
-            ``tooth_force`` the variables ``_mean``, ``_min``, ``_max``, ``_half_peak_to_peak``, ``_sum_of_amplitudes``,
-            and but for the second and third ``_amplitude`` and ``_phase``; ``irregularity``, ``heat``, contact, loads.
-            Numbers of speeds that did not converge are nan, and ``status`` says why.
+        Dimensions ``rpm`` (of a sweep), ``disk``, ``shaft`` (dampers behind them), ``gear``, ``mesh``, ``load``,
+        ``ground`` and ``order``. Of ``angle``, ``speed``, ``acceleration``, ``torque``, ``gear_torque`` and
+        ``tooth_force`` the variables ``_mean``, ``_min``, ``_max``, ``_half_peak_to_peak``, ``_sum_of_amplitudes``,
+        and but for the second and third ``_amplitude`` and ``_phase``; ``irregularity``, ``heat``, contact, loads.
+        Numbers of speeds that did not converge are nan, and ``status`` says why. ImportError without xarray.
 
-        Raises
-        ------
-        ImportError
-            Without xarray.
-
-        Examples
-        --------
         >>> import jaxhb
         >>> sweep = jaxhb.solve_speeds(jaxhb.load_scene("six_cylinder_diesel"), rpm=[1000.0, 1500.0])
         >>> swing = sweep.to_xarray(orders=12).torque_half_peak_to_peak.sel(shaft="cyl6|flywheel")
@@ -259,25 +231,14 @@ class Response(Fields, Motion[Signal, Contact, Array]):
         return to_xarray(motions, self.topology, np.asarray(self.rpm), orders=orders)
 
 
-_STATIC, _KEPT_ASIDE = ("topology", "resolution"), ("train", "path", "certificate")
-
-
 def register(cls):
     """Make :class:`Response`, or a class that extends it, a pytree.
 
     Leaves are what depends on the speed: ``train`` would copy pressure tables, ``path`` make programs retrace.
     """
-    names = tuple(f.name for f in dataclasses.fields(cls) if f.name not in (*_STATIC, *_KEPT_ASIDE))
-
-    def flatten(response):
-        leaves = [(jax.tree_util.GetAttrKey(name), getattr(response, name)) for name in names]
-        return leaves, tuple(getattr(response, name) for name in _STATIC)
-
-    def unflatten(static, leaves):
-        return cls(**dict(zip(names, leaves, strict=True)), **dict(zip(_STATIC, static, strict=True)))
-
-    jax.tree_util.register_pytree_with_keys(cls, flatten, unflatten)
-    return cls
+    static, aside = ("topology", "resolution"), ("train", "path", "certificate")
+    leaves = [f.name for f in dataclasses.fields(cls) if f.name not in (*static, *aside)]
+    return jax.tree_util.register_dataclass(cls, leaves, static, drop_fields=aside)
 
 
 register(Response)
@@ -285,10 +246,8 @@ register(Response)
 
 def stack(responses):
     """Responses of one train at several speeds as one with a leading axis; all get the most harmonics among them."""
-    most = {
-        f.name: max(getattr(response, f.name).shape[-1] for response in responses) - 1
-        for f in dataclasses.fields(Fields)
-    }
+    fields = [f.name for f in dataclasses.fields(Fields)]
+    most = {name: max(getattr(response, name).shape[-1] for response in responses) - 1 for name in fields}
     resolution = max(response.resolution for response in responses)
 
     def padded(response):

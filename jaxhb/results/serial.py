@@ -16,8 +16,6 @@ def pack(value):
     Holds None, bool, int, float, str, arrays, tuples, lists, dicts, and dataclasses and enumerations of this package.
     Equal parts are stored once, so that equal values are stored alike.
 
-    Examples
-    --------
     >>> index, arrays = pack((1.5, "six", np.arange(3)))
     >>> unpack(index, arrays)
     (1.5, 'six', array([0, 1, 2]))
@@ -32,11 +30,10 @@ def pack(value):
         return {"shared": places[key]}
 
     def array_of(value):
-        array = np.asarray(value)
+        array, scalar = np.asarray(value), isinstance(value, np.generic)
         # Objects would be pickled, and to read a pickle is to run it.
         if array.dtype.hasobject:
             raise TypeError(f"a {type(value).__name__} cannot be kept")
-        scalar = isinstance(value, np.generic)
 
         def make():
             arrays.append(array)
@@ -60,8 +57,8 @@ def pack(value):
         if not dataclasses.is_dataclass(value):
             return array_of(value)
         if id(value) not in known:
-            made = {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
-            made = {"class": _name(type(value)), "of": made}
+            own = {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+            made = {"class": _name(type(value)), "of": own}
             known[id(value)] = once(json.dumps(made), lambda: made), value  # held: its number stays its own
         return known[id(value)][0]
 

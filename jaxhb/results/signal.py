@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import warnings
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self
 
 import jax
 import jax.numpy as jnp
@@ -14,8 +15,7 @@ from jaxhb._jax import Array, namespace, traced
 from jaxhb.equations import fourier
 from jaxhb.results.display import signal_line
 
-MISSED = 0.01
-"""Share of the peak by which samples may miss it unsaid."""
+MISSED = 0.01  # share of the peak by which samples may miss it unsaid
 
 
 class Summarized:
@@ -33,11 +33,8 @@ class Summarized:
 
     def summary(self: Any) -> dict[str, Any]:
         """Plain numbers for programs: mean, min, max, rms, half_peak_to_peak, sum_of_amplitudes, amplitudes."""
-        return self.extremes() | {
-            "rms": float(self.rms),
-            "sum_of_amplitudes": float(self.sum_of_amplitudes),
-            "amplitudes": self.spectrum(),
-        }
+        numbers = {"rms": float(self.rms), "sum_of_amplitudes": float(self.sum_of_amplitudes)}
+        return self.extremes() | numbers | {"amplitudes": self.spectrum()}
 
     def extremes(self: Any) -> dict[str, float]:
         """Plain numbers for programs: mean, min, max and half_peak_to_peak."""
@@ -55,14 +52,10 @@ class Signal(Summarized):
 
     Parameters
     ----------
-    coefficients : complex array ``(..., K+1)``
-        Two-sided Fourier coefficients x^0 .. x^K in the unit of the quantity.
-    elastic_coefficients : complex array or None
-        The elastic part (stiffness only) of a transmitted force or torque.
-    revolutions_per_cycle : float
-        Of the reference rotor; harmonic n is order n / revolutions_per_cycle.
-    resolution : int
-        Time samples per cycle at which extremes are looked for.
+    coefficients : complex ``(..., K+1)``, two-sided, x^0 .. x^K, in the unit of the quantity
+    elastic_coefficients : the same or None, elastic part (stiffness only) of a transmitted force or torque
+    revolutions_per_cycle : float, of the reference rotor; harmonic n is order n / revolutions_per_cycle
+    resolution : int, time samples per cycle at which extremes are looked for
 
     Examples
     --------
@@ -80,11 +73,11 @@ class Signal(Summarized):
         return signal_line(self)
 
     @property
-    def elastic(self) -> Signal:
-        """The elastic part alone, a :class:`Signal`."""
+    def elastic(self) -> Self:
+        """The elastic part alone, a signal of the same kind."""
         if self.elastic_coefficients is None:
             raise AttributeError("this signal is not a force or torque: it has no elastic part")
-        return Signal(self.elastic_coefficients, None, self.revolutions_per_cycle, self.resolution)
+        return dataclasses.replace(self, coefficients=self.elastic_coefficients, elastic_coefficients=None)
 
     @property
     def amplitudes(self) -> Array:
@@ -106,26 +99,19 @@ class Signal(Summarized):
                 f"order {order:g} is no harmonic of a cycle of {self.revolutions_per_cycle:g} revolutions: "
                 f"use a positive multiple of {1 / self.revolutions_per_cycle:g}"
             )
-        # A signal holds all that it has: a harmonic beyond is 0, not unknown.
+        # A signal holds all that it has: a harmonic beyond is 0, not unknown; but nan of a signal that is nan.
         if harmonic >= self.coefficients.shape[-1]:
-            return 0 * self.rms  # but nan of a signal that is nan
+            return 0 * self.rms
         return self.amplitudes[..., harmonic - 1]
 
     def samples(self, count: int) -> Array:
         """Values at ``count`` equidistant time samples of one cycle, from theta = 0; shape ``(..., count)``.
 
-        Warns where the samples miss the peak by more than 1 % of it, and names a count that does not: values between
-        the samples are lost to what is made of them, :attr:`max` and the like are those of the whole signal.
+        Warns where the samples miss the peak by more than 1 % of it, and names a count that does not.
         """
         values = self._sampled(count)
-        if count < self.resolution and not traced(values):
-            self._warn_of_missed_peak(values, count)
-        return values
-
-    def _sampled(self, count):
-        return fourier.sample(self.coefficients, count)
-
-    def _warn_of_missed_peak(self, values, count):
+        if count >= self.resolution or traced(values):
+            return values
         peak = np.asarray(self.peak)
 
         def missed(values):
@@ -138,8 +124,12 @@ class Signal(Summarized):
             warnings.warn(
                 f"{count} samples miss the peak of the signal by {100 * missed(values):.2g} %: take {enough}, or read "
                 ".max, .min and .half_peak_to_peak, which have the whole signal",
-                stacklevel=3,
+                stacklevel=2,
             )
+        return values
+
+    def _sampled(self, count):
+        return fourier.sample(self.coefficients, count)
 
     def angles_deg(self, count: int) -> np.ndarray:
         """Angles theta of :meth:`samples` in deg of the reference rotor ``(count,)``."""
@@ -153,26 +143,27 @@ class Signal(Summarized):
     @property
     def max(self) -> Array:
         """Largest value over the cycle."""
-        values = self._sampled(self.resolution)
-        return values.max(axis=-1) + _nan_of(values)
+        return self._over(lambda values: values.max(axis=-1))
 
     @property
     def min(self) -> Array:
         """Smallest value over the cycle."""
-        values = self._sampled(self.resolution)
-        return values.min(axis=-1) + _nan_of(values)
+        return self._over(lambda values: values.min(axis=-1))
 
     @property
     def peak(self) -> Array:
         """Largest absolute value over the cycle."""
-        values = self._sampled(self.resolution)
-        return namespace(values).abs(values).max(axis=-1) + _nan_of(values)
+        return self._over(lambda values: namespace(values).abs(values).max(axis=-1))
 
     @property
     def half_peak_to_peak(self) -> Array:
         """(max - min) / 2 of the synthesised signal."""
+        return self._over(lambda values: (values.max(axis=-1) - values.min(axis=-1)) / 2)
+
+    def _over(self, function):
         values = self._sampled(self.resolution)
-        return (values.max(axis=-1) - values.min(axis=-1)) / 2 + _nan_of(values)
+        # 0, or nan of a signal that is nan: jax 0.12 gives -inf on a processor for the largest of many nan.
+        return function(values) + 0 * values[..., 0]
 
     @property
     def rms(self) -> Array:
@@ -182,10 +173,8 @@ class Signal(Summarized):
         return _power(power[..., 0] + 2 * power[..., 1:].sum(axis=-1), 0.5)
 
     def smooth_peak(self, p: float = 64) -> Array:
-        """Differentiable peak, the p-norm over the cycle: ``(mean |x|^p)^(1/p)``.
-
-        With M time samples it lies between ``peak M^(-1/p)`` and ``peak``.
-        """
+        """Differentiable peak, the p-norm over the cycle, ``(mean |x|^p)^(1/p)``: with M time samples between
+        ``peak M^(-1/p)`` and ``peak``."""
         xp = namespace(self.coefficients)
         values = xp.abs(self._sampled(self.resolution))
         scale = values.max(axis=-1)
@@ -198,11 +187,6 @@ class Signal(Summarized):
         """``[[order, A, phase_deg], ...]`` of one signal."""
         columns = (self.orders, np.asarray(self.amplitudes), np.asarray(self.phases_deg))
         return [[float(v) for v in row] for row in zip(*columns, strict=True)]
-
-
-def _nan_of(values):
-    """0, or nan of a signal that is nan: jax 0.12 gives -inf on a processor for the largest of many nan."""
-    return 0 * values[..., 0]
 
 
 def _power(values, exponent):

@@ -14,8 +14,6 @@ AnyResponse = TypeVar("AnyResponse", bound=Any)
 class Status(IntEnum):
     """Outcome of a solve; larger is worse. ``sentence`` says it for people.
 
-    Examples
-    --------
     >>> print(Status(3))
     MAX_STEPS
     >>> Status.NEAR_SINGULAR.sentence
@@ -35,8 +33,7 @@ class Status(IntEnum):
     def __str__(self):
         return self.name
 
-    def __format__(self, spec):
-        # An IntEnum would format as its number.
+    def __format__(self, spec):  # an IntEnum would format as its number
         return format(self.name, spec)
 
     @property
@@ -78,19 +75,16 @@ class NotConverged(RuntimeError):
 
 def check(response: AnyResponse) -> AnyResponse:
     """Raise :class:`NotConverged` with a sentence per speed that did not converge; return the response otherwise."""
-    status = np.atleast_1d(np.asarray(response.status))
-    if not status.any():
-        return response
-    columns = (response.rpm, status, response.residual, response.truncation_error)
-    name = response.topology.title
-    raise NotConverged(
-        "\n".join(
-            f"{name} at {rpm:g} rpm: {Status(int(s)).name}, residual {r:.1e}, truncation error {100 * e:.3g} %: "
-            f"{Status(int(s)).sentence}."
-            for rpm, s, r, e in zip(*map(np.atleast_1d, columns), strict=True)
-            if s
-        )
-    )
+    columns = response.rpm, response.status, response.residual, response.truncation_error
+    sentences = [
+        f"{response.topology.title} at {rpm:g} rpm: {Status(int(s)).name}, residual {r:.1e}, truncation error "
+        f"{100 * e:.3g} %: {Status(int(s)).sentence}."
+        for rpm, s, r, e in zip(*map(np.atleast_1d, columns), strict=True)
+        if s
+    ]
+    if sentences:
+        raise NotConverged("\n".join(sentences))
+    return response
 
 
 @dataclass(frozen=True)
@@ -125,10 +119,8 @@ class March:
 
 @dataclass(frozen=True)
 class Shooting:
-    """Newton's method on the state at the beginning of a cycle, tried from so many cycles of a march.
-
-    refined : begun from an orbit that fewer time steps found; closed : whether the orbit counts as periodic.
-    """
+    """Newton's method on the state at the beginning of a cycle, from so many cycles of a march or ``refined``, from an
+    orbit that fewer time steps found; ``closed`` : whether the orbit counts as periodic."""
 
     cycles: int
     time_steps: int

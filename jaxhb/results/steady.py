@@ -26,30 +26,25 @@ class SteadyState(Motion[SteadySignal | RecordedSignal, SteadyContact, float]):
 
     Parameters
     ----------
-    rpm : float
     kind : str
         "contact" : no teeth part. "periodic" : period one cycle. "subharmonic" : ``period`` cycles. "irregular" : none
         of these within the cycles marched. "unknown" : ``notes`` say why.
-    period : int
-        In cycles of the excitation; 0 for irregular and unknown motion.
+    period : int, in cycles of the excitation; 0 for irregular and unknown motion
     response : Response or None
         The harmonic solution of a periodic or subharmonic motion; of a subharmonic one over ``period`` cycles, whose
         orders are multiples of ``1 / (period x revolutions_per_cycle)``.
-    record : Record or None
-        Numbers of the recorded cycles where there is no response.
-    cycles : int
-        Cycles marched.
+    record : Record or None, numbers of the recorded cycles where there is no response
+    cycles : int, marched
     notes : tuple of str
         What to know about the numbers: how time integration takes loss factors, why a kind is unknown.
     motion : array ``(2S,)`` or None
         Displacements in m and velocities in m/s of the disks at the end of the march, at the beginning of a cycle:
         where a neighbouring speed starts.
-    topology : Topology
     stability : Stability or None
         Of ``response``, as :func:`jaxhb.stability` gives it; None where contact follows from the linear motion and
         nothing was marched, and where it is not decided: ``notes`` then say why.
     started_from : float or None
-        Speed in rpm of the motion from which this one was marched: a neighbour's in a sweep, or that of ``start``; None
+        Speed in rpm of the motion from which this one was marched, a neighbour's in a sweep or that of ``start``; None
         from teeth at rest on their drive sides.
     """
 
@@ -91,9 +86,9 @@ class SteadyState(Motion[SteadySignal | RecordedSignal, SteadyContact, float]):
         if isinstance(found, Signal):
             return SteadySignal(**vars(found), cycles=cycles)
         if isinstance(found, Contact):
-            shares = found.separated_fraction, found.reverse_contact_fraction
             # The response goes over a whole period: its impacts are told for one cycle.
-            return SteadyContact(*shares, found.impacts_per_cycle / cycles, found.hardest_impact, found.drive_side)
+            hits = found.impacts_per_cycle / cycles, found.hardest_impact
+            return SteadyContact(found.separated_fraction, found.reverse_contact_fraction, *hits, found.drive_side)
         return float(found) if quantity == "power" else found
 
     def to_xarray(self, *, orders: float | None = None) -> Dataset:
@@ -140,10 +135,9 @@ class SteadySweep:
         return np.array([state.period for state in self.states])
 
     def to_xarray(self, *, orders: float | None = None) -> Dataset:
-        """The sweep as a data set of xarray (extra ``data``), see :meth:`jaxhb.Response.to_xarray`.
+        """The sweep as a data set of xarray, as :meth:`jaxhb.Response.to_xarray`, with kind, period and source.
 
-        Also ``kind``, ``period`` and ``source`` of every motion: numbers come from its ``harmonics``, from a ``record``
-        (extremes over the cycles recorded, no phases and accelerations) or from ``nothing``, and are then nan. Orders
-        that a motion of a shorter period does not have are 0.
+        Numbers of a motion come from its ``harmonics``, from a ``record`` (extremes over the cycles recorded, no phases
+        and accelerations) or from ``nothing``, and are then nan. Orders that a motion does not have are 0.
         """
         return to_xarray(self.states, self.states[0].topology, self.rpm, orders=orders)

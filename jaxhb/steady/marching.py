@@ -10,10 +10,9 @@ import numpy as np
 from jaxhb._program import WHOLE, across, along
 from jaxhb.balance.plan import TIME_STEPS
 from jaxhb.equations.kinematics import speed_ratios
-from jaxhb.equations.modal_form import march_modes, modes_of
 from jaxhb.equations.reduced_model import reduced_model
 from jaxhb.equations.residual import backlash_meshes
-from jaxhb.equations.state_space import partition
+from jaxhb.equations.state_space import march_modes, modes_of, partition
 from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.integration import batch, cycles
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
@@ -55,7 +54,7 @@ class Equations:
 
     @property
     def modes(self):
-        """The damped :class:`~jaxhb.equations.modal_form.Modes`."""
+        """The damped :class:`~jaxhb.equations.state_space.Modes`."""
         return self.modes_and_missing[0]
 
     @cached_property

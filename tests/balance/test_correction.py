@@ -43,7 +43,7 @@ def surrogate_of(problem, time_steps):
 
 def test_a_long_train_without_any_damping_has_a_basis():
     """Its receptances are real: the imaginary columns of the basis are zero."""
-    count = reduced_models.REDUCED_MODEL.disks + 6
+    count = reduced_models.DISKS + 6
     parts = [Disk(name=str(k), inertia=0.01, radius=0.1) for k in range(count)]
     parts += [Shaft(between=(str(k), str(k + 1)), stiffness=1e5) for k in range(count - 1) if k != count // 2]
     parts.append(Mesh(between=(str(count // 2), str(count // 2 + 1)), stiffness=1e8, backlash=1e-4))
@@ -209,7 +209,7 @@ def test_of_many_slow_modes_those_are_kept_that_meshes_see(monkeypatch):
     heavy = np.where(np.isclose(problem.system.mass, slice_mass), 2000 * slice_mass, problem.system.mass)
     problem = dataclasses.replace(problem, system=dataclasses.replace(problem.system, mass=heavy))
     every = surrogate_of(problem, 256)
-    monkeypatch.setattr(reduced_models, "REDUCED_MODEL", dataclasses.replace(reduced_models.REDUCED_MODEL, modes=24))
+    monkeypatch.setattr(reduced_models, "MODES", 24)
     few = jax.jit(lambda *a: reduced_model(*a, 256))
     train = few(problem.system, problem.meshes.link, np.ones(2), problem.frequency)
     assert len(every.space.transition) == 96 and len(train.space.transition) == 48

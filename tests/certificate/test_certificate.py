@@ -2,7 +2,6 @@
 
 import dataclasses
 from functools import cache
-from types import SimpleNamespace
 
 import jax
 import numpy as np
@@ -16,13 +15,13 @@ import jaxhb
 from jaxhb._jax import on_host
 from jaxhb.balance.problem import problem_at
 from jaxhb.certificate import certificate, theorem
-from jaxhb.certificate.certificate import CERTIFICATE, certify
+from jaxhb.certificate.certificate import certify
 from jaxhb.certificate.linearization import Linearization, NotInverted
 from jaxhb.equations import backlash, exact_integrals, fourier
 from jaxhb.equations.residual import backlash_meshes
 from jaxhb.equations.state_space import partition, state_space
 from jaxhb.floquet.variational import propagation
-from jaxhb.results.bounds import Kantorovich
+from jaxhb.results.bounds import NORM_MARGIN, ROW_SUM_MARGIN, Kantorovich
 from jaxhb.train import chain
 
 pytestmark = pytest.mark.oracle
@@ -75,8 +74,7 @@ def test_case_a4_certificate_in_the_weighted_norm_which_bounds_more_loosely(harm
 
 def test_the_theorem_fails_above_one_half_and_says_so():
     case = Kantorovich(1.0, 1.0, 0.51)
-    assert not case.holds
-    assert np.isnan(case.radius)
+    assert not case.holds and np.isnan(case.radius)
 
 
 @pytest.mark.parametrize("harmonics", [8, 16, 32])
@@ -108,9 +106,7 @@ def test_norms_are_those_of_dense_matrices():
     w = lin.weight[:17]
     columns = fourier.unpack(np.eye(33))[:, None]  # one motion each
     dense = np.array([fourier.pack(w * lin.inverse(lin.apply_gain(x)))[0] for x in columns]).T
-    np.testing.assert_allclose(
-        theorem._gain_norm(lin, 16), CERTIFICATE.norm_margin * np.linalg.norm(dense, 2), rtol=0.02
-    )
+    np.testing.assert_allclose(theorem._gain_norm(lin, 16), NORM_MARGIN * np.linalg.norm(dense, 2), rtol=0.02)
     count = 64
     zone = lin.near_transition(0.01, np.arange(count) / count)
     assert 0 < zone.mean() < 0.5
@@ -118,25 +114,7 @@ def test_norms_are_those_of_dense_matrices():
     to_samples = np.array([fourier.synthesize(fourier.unpack(row), count) for row in np.eye(33)])
     kernel = to_samples.T @ (dense / np.r_[w, w[1:]][:, None]) @ from_samples.T
     wanted = np.abs(kernel).sum(1).max()
-    np.testing.assert_allclose(
-        theorem._row_sum(lin, zone, count, False), CERTIFICATE.row_sum_margin * wanted, rtol=0.02
-    )
-
-
-def test_a_norm_is_the_largest_stretch_and_ends_where_enough_is_known():
-    equation, sizes = SimpleNamespace(middle=np.zeros(1)), np.r_[0.3, np.linspace(0.1, 2.0, 40)]
-    asked = []
-
-    def apply(x):  # a map that stretches coefficients, each by its own size, is its own adjoint
-        asked.append(1)
-        return sizes * x
-
-    found = Linearization.norm(equation, apply, apply, 40)
-    # Iterated to 1 % from below, and the margin on it.
-    assert 1.98 * CERTIFICATE.norm_margin <= found <= 2.0 * CERTIFICATE.norm_margin
-    asked.clear()
-    assert 1 <= Linearization.norm(equation, apply, apply, 40, enough=1.0) <= 2.0
-    assert len(asked) == 1
+    np.testing.assert_allclose(theorem._row_sum(lin, zone, count, False), ROW_SUM_MARGIN * wanted, rtol=0.02)
 
 
 def test_what_cannot_be_inverted_is_refused_at_once():
@@ -145,7 +123,7 @@ def test_what_cannot_be_inverted_is_refused_at_once():
     lin._share = lin._share + np.random.default_rng(0).normal(size=lin._share.shape) * 1e6
     with pytest.raises(NotInverted):
         theorem.bounds_at(lin, one_mass(), np.array([0]))
-    refused = theorem.not_inverted(lin, one_mass(), np.array([0]))
+    refused = theorem.without_bounds(lin, one_mass(), np.array([0]))
     assert not refused.holds
     assert refused.reason.startswith("the linearised equation could not be inverted well enough: the motion is near")
 
@@ -163,37 +141,6 @@ def test_the_inverse_and_its_adjoint():
     again = lin.inverse(x)[:, :17]
     forward = again + lin.apply_gain(lin.times_share(again))[:, :17]
     np.testing.assert_allclose(forward, x[:, :17], rtol=0, atol=1e-6)
-
-
-def test_residual_vanishes_as_the_motion_converges():
-    """Of the truncated solution F is zero on its harmonics; what is left above falls as n^-5 (c'' jumps in x'''')."""
-    left = []
-    for harmonics in (8, 16, 32):
-        F = linearisation(solved(harmonics), 64, 256).residual()
-        assert np.abs(F[:, : harmonics + 1]).max() < 1e-9
-        left.append(np.linalg.norm(F))
-    assert left[0] / left[1] > 2**3
-    assert left[1] / left[2] > 2**3
-
-
-def test_exact_newton_steps_stay_below_the_corrected_bound():
-    """Of the truncated equations, from a start with h0 <= 1/2, in the weighted norm (docs/theory A4.3)."""
-    response, harmonics = solved(8), 8
-    start = np.asarray(response.deflections) * 1.0
-    start[0, 1] += 2e-4
-    case = theorem.harmonic_balance(linearisation(dataclasses.replace(response, deflections=start), 16, 64), harmonics)
-    assert 1e-3 < case.h0 <= 0.5
-    w = np.sqrt(1 + np.arange(harmonics + 1.0) ** 2)
-    h, y, errors = parameters()["h"], start, []
-    true = np.asarray(solved(8).deflections)
-    for _ in range(4):
-        errors.append(np.linalg.norm(fourier.pack(w * (y - true)) / h))
-        lin = linearisation(dataclasses.replace(response, deflections=y), 16, 64).galerkin(harmonics)
-        F = fourier.resize(fourier.resize(lin.residual(), harmonics), 16)
-        y = y - h * fourier.resize(lin.inverse(F), harmonics)
-    assert errors[0] > 1e-4
-    for step, error in enumerate(errors):
-        assert error <= case.bound(step) + 1e-10, step
 
 
 def test_three_coexisting_motions_are_certified_apart():
@@ -227,9 +174,8 @@ def test_a_singular_derivative_is_refused():
     parts = one_mass_parts(m=1.0, b=b, c=c, eps=eps, h=h, q0=q[0].real, q1=0.0)[:-2]
     rows = [(float(k), 2 * q[k].real, 2 * q[k].imag) for k in range(1, 5) if abs(q[k])]
     for name, sign in (("a", 1), ("b", -1)):
-        parts.append(
-            jaxhb.Torque(disk=name, mean=sign * q[0].real, harmonics=[(k, sign * u, sign * v) for k, u, v in rows])
-        )
+        own = [(k, sign * u, sign * v) for k, u, v in rows]
+        parts.append(jaxhb.Torque(disk=name, mean=sign * q[0].real, harmonics=own))
     train = build(parts, reference="a")
     base = jaxhb.solve(train, rpm=ONE_RADIAN_PER_SECOND, harmonics=8)
     given = dataclasses.replace(base, deflections=fourier.resize(x[None], 8), status=np.array(0))
@@ -285,14 +231,6 @@ def test_bounds_hold_for_both_laws_of_damping_and_for_loss_factors(changes):
     assert off <= found.force_bound[0] <= 2 * WITHIN * off
 
 
-def test_teeth_in_contact_are_exact():
-    response = jaxhb.solve(pair(mean=500.0), rpm=1500.0)
-    assert response.mesh("a", "b").separated_fraction == 0
-    found = certify(response)
-    assert found.holds
-    assert found.force_bound[0] < 1e-9 * np.abs(response.force("a", "b").max)
-
-
 def test_gear_train_is_certified_where_its_teeth_begin_to_separate():
     response = jaxhb.solve(jaxhb.load_scene("gear_train_30"), rpm=1200.0)
     found = certify(response)
@@ -307,18 +245,14 @@ def test_what_has_no_backlash_needs_no_certificate():
     assert "linear" in str(found)
 
 
-def test_a_disk_without_inertia_is_refused_by_name():
+def test_a_disk_without_inertia_is_refused_by_name_and_a_sweep():
     train = one_mass()
     train = dataclasses.replace(train, disks=dataclasses.replace(train.disks, inertia=np.array([0.0, 2.0])))
     response = dataclasses.replace(solved(8), train=train)
     with pytest.raises(ValueError, match="disk 'a' has inertia 0"):
         certify(response)
-
-
-def test_a_sweep_is_refused():
-    sweep = jaxhb.solve_speeds(one_mass(), rpm=[ONE_RADIAN_PER_SECOND] * 2)
     with pytest.raises(ValueError, match="sweep"):
-        certify(sweep)
+        certify(jaxhb.solve_speeds(one_mass(), rpm=[ONE_RADIAN_PER_SECOND] * 2))
 
 
 def test_what_an_impulse_leaves_is_what_the_linearised_equation_answers():
@@ -343,14 +277,58 @@ def test_what_an_impulse_leaves_is_what_the_linearised_equation_answers():
 def test_power_of_the_torques_is_turned_into_heat():
     """Of exact integrals to the residual; sampling leaves its aliasing (docs/theory A4.1: 3e-7 for 8 harmonics)."""
     exact = abs(float(solved(16).power_defect))
-    sampled = abs(
-        float(jaxhb.solve(one_mass(), rpm=ONE_RADIAN_PER_SECOND, harmonics=16, integrals="sampled").power_defect)
-    )
-    assert exact < 1e-9
-    assert exact < sampled < 1e-5
+    response = jaxhb.solve(one_mass(), rpm=ONE_RADIAN_PER_SECOND, harmonics=16, integrals="sampled")
+    assert exact < 1e-9 and exact < abs(float(response.power_defect)) < 1e-5
+    for changes in ({}, {"damping_law": "always"}, {"loss": 0.02}):
+        assert 0 < abs(float(jaxhb.solve(pair(**changes), rpm=1500.0).power_defect)) < 1e-4
 
 
-@pytest.mark.parametrize("changes", [{}, {"damping_law": "always"}, {"loss": 0.02}], ids=["contact", "always", "loss"])
-def test_power_balances_with_every_kind_of_damping(changes):
-    response = jaxhb.solve(pair(**changes), rpm=1500.0)
-    assert 0 < abs(float(response.power_defect)) < 1e-4
+LEVELS, FINE, SAMPLES = (12, 17, 24, 34, 48, 68, 96), 256, 2**14
+"""What aliases of force and stiffness is what their coefficients are at this harmonic, 1e-8 of the stiffness."""
+
+RATES = {"deflection": 4.5, "law": 4.5, "force": 2.5, "stiffness": 1.5}
+"""``law``: the force of the law at the computed deflection, as wrong as that; ``force``, ``stiffness``: their series of
+N harmonics. Within 0.3 over three octaves: the coefficients of several crossings beat."""
+
+
+def truncated(train):
+    """A function that solves the equations truncated to some harmonics, and gives the deflections in m."""
+    first = jaxhb.check(jaxhb.solve(train, rpm=ONE_RADIAN_PER_SECOND, harmonics=32))
+    problem = problem_at(train, ONE_RADIAN_PER_SECOND, 8)
+    sizes = certificate._sizes(FINE, 4.0, 8)
+    at = Linearization(problem, train, np.asarray(first.deflections), sizes, 1.0)
+
+    def solve(harmonics):
+        lin = at.moved(fourier.resize(fourier.resize(at.deflection, harmonics), FINE) - at.deflection)
+        for _ in range(8):
+            own = lin.galerkin(harmonics)
+            left = fourier.resize(fourier.resize(own.residual(), harmonics), FINE)
+            change = fourier.resize(fourier.resize(own.inverse(left), harmonics), FINE)
+            lin = lin.moved(-change)
+            if np.abs(change).max() < 1e-12:
+                return fourier.resize(lin.deflection, harmonics) * lin.law.backlash[:, None]
+        raise AssertionError(f"{harmonics} harmonics: {np.abs(change).max():.1e} in the last step")
+
+    return solve
+
+
+def quantities(train, deflection):
+    """Coefficients of what converges, each to its own number of harmonics."""
+    law, kept = jax.tree.map(np.asarray, backlash_meshes(train).law).expand(), deflection.shape[1]
+    value = fourier.synthesize(deflection, SAMPLES)
+    force, stiffness = (fourier.analyze(f(law, value), SAMPLES // 2) for f in (backlash.force, backlash.slope))
+    return {"deflection": deflection, "law": force, "force": force[:, :kept], "stiffness": stiffness[:, :kept]}
+
+
+def test_galerkins_method_converges_with_the_rates_of_theory():
+    """Where teeth pass the knots of their law the slope of the stiffness jumps, so that coefficients fall (docs/theory
+    A6) as ``c ~ n^-2``, ``f ~ n^-3``, ``x ~ n^-5``. What N harmonics omit of ``n^-p`` has the root mean square
+    ``~ N^-(p - 1/2)``, over the cycle, against FINE harmonics."""
+    train = one_mass()
+    solve = truncated(train)
+    true, *levels = (quantities(train, solve(n)) for n in (FINE, *LEVELS))
+    for key, rate in RATES.items():
+        wide = [fourier.resize(level[key], true[key].shape[-1] - 1) for level in levels]
+        errors = [np.linalg.norm(fourier.pack(found - true[key])) for found in wide]
+        slope = -np.polyfit(np.log(LEVELS), np.log(errors), 1)[0]
+        assert abs(slope - rate) < 0.3, (key, errors, slope)

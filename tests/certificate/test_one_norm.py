@@ -1,9 +1,8 @@
-"""The estimate of a 1-norm against sums of columns, beside that of scipy."""
+"""The estimate of a 1-norm against sums of columns."""
 
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from scipy.sparse.linalg import onenormest
 
 from jaxhb.certificate.linearization import one_norm
 
@@ -19,20 +18,10 @@ def estimated(matrix):
     return one_norm(lambda v: matrix @ v, lambda v: matrix.T @ v, len(matrix), 3)
 
 
-def test_the_estimate_is_never_above_the_norm_and_as_near_to_it_as_that_of_scipy():
-    shares, others = [], []
-    for matrix in maps([1, 6, 7, 8, 9, 12, *range(20, 120)]):
-        exact = np.abs(matrix).sum(0).max()
-        shares.append(estimated(matrix) / exact)
-        others.append(onenormest(matrix, t=3) / exact)
-    assert max(shares) < 1 + 1e-12  # rounding of sums of 120 terms
-    assert shares[:2] == [1.0, 1.0]  # of small ones the sum itself
-    # Both draw at random: the share of exact answers among 100 has a standard deviation of 4 %.
-    assert np.mean(np.array(shares) > 1 - 1e-12) > np.mean(np.array(others) > 1 - 1e-12) - 0.1
-    assert np.mean(shares) > 0.98
-
-
-def test_what_is_not_finite_has_no_norm():
+def test_the_estimate_is_never_above_the_norm_and_seldom_below():
+    shares = [estimated(m) / np.abs(m).sum(0).max() for m in maps([1, 6, 7, 8, 9, 12, *range(20, 120)])]
+    assert max(shares) < 1 + 1e-12 and shares[:2] == [1.0, 1.0]  # rounding; of small ones the sum itself
+    assert np.mean(np.array(shares) > 1 - 1e-12) > 0.8 and np.mean(shares) > 0.98
     assert estimated(np.diag(np.r_[np.ones(9), np.nan])) == np.inf
 
 

@@ -9,12 +9,12 @@ import pytest
 from strict_json import read
 
 import jaxhb
-from jaxhb.certificate.certificate import CERTIFICATE
 from jaxhb.cli.main import main
 from jaxhb.report.answer import Answer, orbit_state
 from jaxhb.report.files.output import as_json, write_files
 from jaxhb.report.files.record import answer_record
 from jaxhb.report.text.sentences import verdict
+from jaxhb.results.bounds import NORM_MARGIN, ROW_SUM_MARGIN
 
 SIGNAL = {"mean", "min", "max", "rms", "half_peak_to_peak", "sum_of_amplitudes", "amplitudes"}
 CONTACT = {
@@ -109,8 +109,8 @@ def test_a_computed_bound_is_told_in_words_with_its_margins_and_written_as_from_
     assert float(largest) == pytest.approx(float(response.force("gear a|gear b").peak) / 1e3, rel=1e-3)
     assert mesh["force_N"] <= 1e3 * float(within) <= 1.12 * mesh["force_N"]  # two digits, rounded up
     assert told["margins"] == {
-        "iterated_norms": CERTIFICATE.norm_margin,
-        "estimated_row_sums": CERTIFICATE.row_sum_margin,
+        "iterated_norms": NORM_MARGIN,
+        "estimated_row_sums": ROW_SUM_MARGIN,
     }
     for name, margin in told["margins"].items():  # both stand beside the number, here and in Python
         words = f"{name.replace('_', ' ')} x{margin:g}"

@@ -1,18 +1,16 @@
 """The backlash law (18) of Fridman 2009 with its slopes exchanged back, for any transition and epsilon."""
 
 import dataclasses
-from functools import partial
 
 import dense
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from reference_data import method_case, numbers
 from tolerances import ALGEBRAIC, GRADIENT
 
 from jaxhb import Mesh
-from jaxhb.equations import backlash, fourier
+from jaxhb.equations import backlash
 from jaxhb.equations.backlash import Law
 
 DYADIC = Law(stiffness=3.0, epsilon=0.125, transition=0.25, backlash=0.5)
@@ -43,20 +41,8 @@ def test_case_a3_values_slopes_and_energies():
     np.testing.assert_allclose(backlash.force(law, l), points["f"], rtol=ALGEBRAIC)
     np.testing.assert_allclose(backlash.slope(law, l), points["df"], rtol=ALGEBRAIC)
     np.testing.assert_allclose(backlash.energy(law, l), points["U"], rtol=ALGEBRAIC)
-
-
-def test_case_a3_lipschitz_constant_effective_gap_and_distance_from_the_bilinear_law():
-    params, expected = method_case("A3_law18")
-    c, eps, h = (float(params[key]) for key in ("c", "eps", "h"))
-    law = Law(c, eps, 0.2, h)
-    fine = np.linspace(0, h, 20001)
-    steepest = np.abs(np.diff(backlash.slope(law, fine))).max() / (fine[1] - fine[0])
-    np.testing.assert_allclose(steepest, float(expected["lipschitz_df"]), rtol=1e-9)  # quotient of differences 1e-5
-    np.testing.assert_allclose(2 * backlash.offset(law) / c, float(expected["gap_total_effective"]), rtol=ALGEBRAIC)
-    bilinear = np.where(fine < h / 2, eps * c * fine, c * fine - (1 - eps) * c * h / 2)
-    apart = np.abs(backlash.force(law, fine) - bilinear)
-    np.testing.assert_allclose(apart.max(), float(expected["max_dev_from_bilinear"]), rtol=ALGEBRAIC)
-    assert fine[apart.argmax()] == h / 2
+    gap = 2 * backlash.offset(law) / law.stiffness
+    np.testing.assert_allclose(gap, float(expected["gap_total_effective"]), rtol=ALGEBRAIC)
 
 
 def test_force_and_slope_are_those_of_the_law_written_piece_by_piece():
@@ -81,23 +67,6 @@ def test_teeth_part_below_the_gap_and_are_stiff_beyond_the_knee():
         np.testing.assert_allclose(law.gap_spring_force, law.epsilon * law.stiffness * law.backlash / 2, rtol=ALGEBRAIC)
 
 
-def test_law_is_odd_with_even_slope_and_energy():
-    for law in random_laws(5):
-        l = sweep_of(law)
-        np.testing.assert_array_equal(backlash.force(law, -l), -backlash.force(law, l))
-        np.testing.assert_array_equal(backlash.slope(law, -l), backlash.slope(law, l))
-        np.testing.assert_array_equal(backlash.energy(law, -l), backlash.energy(law, l))
-
-
-def test_slope_stays_between_the_gap_and_contact_stiffness_and_force_never_pulls_out():
-    for law in random_laws(5):
-        l = sweep_of(law)
-        slope = np.asarray(backlash.slope(law, l))
-        floor = law.epsilon * law.stiffness
-        assert floor * (1 - ALGEBRAIC) <= slope.min() and slope.max() <= law.stiffness * (1 + ALGEBRAIC)
-        assert np.all(l * backlash.force(law, l) >= floor * l**2 * (1 - ALGEBRAIC))
-
-
 def test_autodiff_of_the_force_is_the_slope_and_of_the_energy_the_force():
     for law in random_laws():
         l = sweep_of(law)
@@ -113,27 +82,22 @@ def test_autodiff_at_every_knot_equals_both_neighbours_for_all_arguments():
     for derivatives in (per_sample, energy_slopes):
         at = jax.tree.leaves(derivatives(DYADIC, KNOTS))
         below, above = (jax.tree.leaves(derivatives(DYADIC, KNOTS + side)) for side in (-near, near))
-        for here, left, right in zip(at, below, above, strict=True):
-            np.testing.assert_allclose(
-                here, left, rtol=0, atol=1e-6
-            )  # slopes change by at most near * 96 beside a knot
-            np.testing.assert_allclose(here, right, rtol=0, atol=1e-6)
+        for here, *beside in zip(at, below, above, strict=True):
+            for there in beside:  # slopes change by at most near * 96 beside a knot
+                np.testing.assert_allclose(here, there, rtol=0, atol=1e-6)
     np.testing.assert_allclose(per_sample(DYADIC, KNOTS)[1], backlash.slope(DYADIC, KNOTS), rtol=ALGEBRAIC)
     np.testing.assert_allclose(energy_slopes(DYADIC, KNOTS)[1], backlash.force(DYADIC, KNOTS), rtol=0, atol=ALGEBRAIC)
 
 
-@pytest.mark.parametrize("name", ["stiffness", "epsilon", "transition", "backlash"])
 @pytest.mark.parametrize("function", [backlash.force, backlash.energy])
-def test_derivatives_with_respect_to_the_parameters_are_those_of_differences(function, name):
+def test_derivatives_with_respect_to_the_parameters_are_those_of_differences(function):
     # away from the knots, where the third derivative that limits central differences exists
     l = np.array([-0.5, -0.27, -0.21, -0.1, 0.05, 0.24, 0.29, 0.4])
-    step = 1e-5
-    value = getattr(DYADIC, name)
-    above = function(dataclasses.replace(DYADIC, **{name: value + step}), l)
-    below = function(dataclasses.replace(DYADIC, **{name: value - step}), l)
     derivatives = per_sample if function is backlash.force else energy_slopes
-    found = getattr(derivatives(DYADIC, l)[0], name)
-    np.testing.assert_allclose(found, (above - below) / (2 * step), rtol=0, atol=GRADIENT)
+    way = Law(0.6, -0.3, 0.5, -0.4)
+    ahead, behind = (jax.tree.map(lambda a, b, s=s: a + s * b, DYADIC, way) for s in (1e-5, -1e-5))
+    found = sum(jax.tree.leaves(jax.tree.map(np.multiply, derivatives(DYADIC, l)[0], way)))
+    np.testing.assert_allclose(found, (function(ahead, l) - function(behind, l)) / 2e-5, rtol=0, atol=GRADIENT)
 
 
 @pytest.mark.parametrize("in_contact", [True, False])
@@ -155,63 +119,3 @@ def test_damping_in_contact_pulls_nothing_in_the_gap_and_damping_always_does():
     always = backlash.mesh_force(DYADIC, 0.5, False, l, rate) - backlash.force(DYADIC, l)
     np.testing.assert_allclose(gated, [0, 0, 0, -1.0], rtol=0, atol=ALGEBRAIC)
     np.testing.assert_allclose(always, [-1.0, -1.0, 1.0, -1.0], rtol=0, atol=ALGEBRAIC)
-
-
-def test_offset_is_what_the_contact_flank_lacks_to_the_linear_mesh():
-    l = 0.9
-    np.testing.assert_allclose(DYADIC.stiffness * l - backlash.force(DYADIC, l), backlash.offset(DYADIC), rtol=1e-14)
-
-
-@partial(jax.jit, static_argnames="count")
-def sampled(law, amplitude, phases, count):
-    """Coefficients of f and f' of ``A cos(t - phase)`` from ``count`` samples, turned back to phase 0."""
-    t = 2 * np.pi * np.arange(count) / count
-    l = amplitude * jnp.cos(t - phases[:, None])
-    turn = jnp.exp(1j * np.arange(12) * phases[:, None])
-    slopes = turn * fourier.analyze(backlash.slope(law, l), 11)
-    return turn * fourier.analyze(backlash.force(law, l), 11), slopes
-
-
-def test_case_a6_sampled_coefficients_of_a_cosine_converge_to_the_closed_form_with_their_orders():
-    params, expected = method_case("A6_fourier_coefs_Acos")
-    law = Law(float(params["c"]), float(params["eps"]), 0.2, float(params["h"]))
-    counts = 4 ** np.arange(3, 8)
-    phases = np.random.default_rng(7).uniform(0, 2 * np.pi, 64)  # the error depends on where the knots fall
-    errors = []
-    for count in counts:
-        force, slope = sampled(law, float(params["A"]), phases, count)
-        both = []
-        for found, exact in ((force, expected["f_hat"]), (slope, expected["c_hat"])):
-            apart = np.stack([found[:, int(k)] - float(v) for k, v in exact.items()])
-            both.append(np.sqrt((np.abs(apart) ** 2).mean()))
-        errors.append(both)
-    (force_order, slope_order), _ = np.polyfit(np.log(counts), np.log(errors), 1)
-    assert abs(force_order + 3) < 0.25 and abs(slope_order + 2) < 0.25
-    assert errors[-1][0] < 10 * ALGEBRAIC
-
-
-def test_case_a6_force_and_slope_coefficients_are_tied_by_the_chain_rule():
-    params, _ = method_case("A6_fourier_coefs_Acos")
-    law = Law(float(params["c"]), float(params["eps"]), 0.2, float(params["h"]))
-    force, slope = (np.asarray(x)[0] for x in sampled(law, 1.0, np.zeros(1), 2**15))
-    # i k f_k = (c l')_k with l' = -sin t: (c l')_k = (i/2) (c_{k-1} - c_{k+1})
-    k = np.arange(1, 11)
-    np.testing.assert_allclose(
-        1j * k * force[k], 0.5j * (slope[k - 1] - slope[k + 1]), rtol=0, atol=1e-8
-    )  # order 2 of slope
-
-
-def test_case_a6_describing_stiffness_and_the_force_that_gives_an_amplitude():
-    params, expected = method_case("A6_describing_stiffness")
-    c, eps, h, m, b = (float(params[key]) for key in ("c", "eps", "h", "m", "b"))
-    law = Law(c, eps, 0.2, h)
-    for label, row in expected.items():
-        amplitude = float(label.removeprefix("A="))
-        force, slope = (np.asarray(x)[0] for x in sampled(law, amplitude, np.zeros(1), 2**15))
-        stiffness = float(row["N"])
-        np.testing.assert_allclose(
-            2 * force[1].real / amplitude, stiffness, rtol=1e-11
-        )  # order 3: 2^-45 and a constant
-        np.testing.assert_allclose((slope[0] - slope[2]).real, stiffness, rtol=1e-7)  # order 2
-        forcing = abs((-m + 1j * b) * amplitude + 2 * force[1])
-        np.testing.assert_allclose(forcing, float(row["q1"]), rtol=1e-11)

@@ -3,13 +3,12 @@
 import jax
 import numpy as np
 import pytest
-from fridman_numbering import fridman_numbering, parents_from_fridman
+from fridman_numbering import parents_from_fridman
 from reference_data import complex_numbers, method_case, numbers
 from tolerances import ALGEBRAIC
 
 from jaxhb.equations import fourier
 from jaxhb.equations.block_sweep import block_sweep, scalar_sweep, slots
-from jaxhb.train import chain
 
 solve = jax.jit(scalar_sweep)
 sweep_blocks = jax.jit(block_sweep)
@@ -47,37 +46,6 @@ def dense_solution(parent, near, far, link, node, load):
     return x, force
 
 
-def sweep_with_relays(parent, link, node, load):
-    """docs/theory A2 in its own words: Fridman's chain with fictitious nodes, one harmonic, arms 1."""
-    slots, image = fridman_numbering(list(parent))
-    stash = {s: [0.0, 0.0] for s in range(len(parent))}
-    Y = pi = 0.0
-    kept = {}
-    for place, s in enumerate(slots):
-        if s < 0:  # hands stiffness and load on to its image; the next place is a new free end
-            stash[image[place]][0] += Y
-            stash[image[place]][1] += pi
-            Y = pi = 0.0
-            continue
-        P, psi = node[s] + Y + stash[s][0], load[s] + pi + stash[s][1]
-        C = link[s]
-        kept[s] = (P, psi)
-        Y, pi = C * P / (P + C), C * psi / (P + C)
-    x = np.zeros(len(parent), complex)
-    for place in reversed(range(len(slots))):
-        s = slots[place]
-        if s < 0:
-            continue
-        P, psi = kept[s]
-        if s == len(parent) - 1:
-            x[s] = psi / P
-            continue
-        above = slots[place + 1]
-        up = x[image[place + 1]] if above < 0 else x[above]
-        x[s] = (psi + link[s] * up) / (P + link[s])
-    return x
-
-
 def relative_error(found, exact):
     return np.abs(np.asarray(found) - exact).max() / np.abs(exact).max()
 
@@ -92,45 +60,6 @@ def test_sweep_equals_dense_solve_on_random_trees_with_any_arms(size):
         exact = dense_solution(parent, near, far, link, node, load)
         for found, wanted in zip(sweep(parent, near, far, link, node, load), exact, strict=True):
             assert relative_error(found, wanted) < ALGEBRAIC
-
-
-@pytest.mark.parametrize("size", SIZES)
-def test_relay_nodes_do_not_change_the_response(size):
-    draw = np.random.default_rng(100 + size)
-    ones = np.ones(size)
-    for _ in range(20):
-        parent = random_tree(draw, size)
-        link, node = random_line(draw, size, 4), random_line(draw, size, 4)
-        load = draw.normal(size=(size, 4, 2)) + 1j * draw.normal(size=(size, 4, 2))
-        x, _ = sweep(parent, ones, ones, link, node, load)
-        by_relays = sweep_with_relays(parent, link[:, 1], node[:, 1], load[:, 1, 0])
-        assert relative_error(x[:, 1, 0], by_relays) < ALGEBRAIC
-
-
-def test_fridman_numbering_is_read_back_as_the_same_tree():
-    draw = np.random.default_rng(8)
-    for _ in range(60):
-        parent = random_tree(draw, int(draw.integers(2, 14)))
-        slots, image = fridman_numbering(parent.tolist())
-        place_of = {s: place + 1 for place, s in enumerate(slots) if s >= 0}
-        one_based = {place + 1: place_of[s] for place, s in image.items()}
-        node, again = parents_from_fridman(len(slots), one_based)
-        np.testing.assert_array_equal(again, parent)
-        np.testing.assert_array_equal(node, [place_of[s] for s in range(len(parent))])
-
-
-def test_a_shaft_with_rings_needs_two_places_however_long():
-    disks = 50
-    shaft = [(i, i + 1) for i in range(disks - 1)]
-    rings = [(i, disks + i) for i in range(disks)]
-    tree = chain.span_links(shaft + rings, 2 * disks, 0)
-    assert len(tree.slots.every) == 2
-
-
-def test_only_a_jump_over_a_branch_needs_a_relay():
-    assert fridman_numbering([1, 2, 3, 4]) == ([0, 1, 2, 3], {})
-    _, image = fridman_numbering([1, 4, 3, 4, 5, 6])
-    assert image == {2: 4}
 
 
 def test_block_sweep_with_toeplitz_links_equals_dense_solve():
@@ -171,19 +100,6 @@ def test_block_sweep_tells_when_a_pivot_breaks_down_though_the_whole_matrix_is_r
     assert quality < 1e-10
 
 
-def test_case_a1_amplitudes_of_the_linear_chain():
-    params, expected = method_case("A1_linear_chain_harmonics")
-    m, b, c = (numbers(params[key]) for key in "mbc")
-    n = np.array([int(key) for key in params["p"]])
-    load = np.stack([complex_numbers(p) for p in params["p"].values()], axis=1)[..., None]
-    node = -np.outer(m, n**2) + 1j * np.outer(b, n)
-    node[-1] += c[-1]
-    link = np.repeat(c[:, None] + 0j, len(n), axis=1)
-    x, _ = sweep(np.array([1, 2, 3]), np.ones(3), np.ones(3), link, node, load)
-    exact = np.stack([complex_numbers(a) for a in expected["a"].values()], axis=1)
-    np.testing.assert_allclose(x[..., 0], exact, rtol=ALGEBRAIC)
-
-
 def test_case_a1_soft_ground_costs_no_digits_of_displacements_and_forces():
     params, expected = method_case("A1_soft_ground_static")
     c, q = numbers(params["c"]), numbers(params["q"])
@@ -207,27 +123,20 @@ def tree_case(parent, slots, harmonics):
     return dict(zip(slots, np.asarray(x[..., 0]), strict=True))
 
 
-def test_case_a2_tree_of_seven_with_a_fictitious_node():
-    params, expected = method_case("A2_tree7_fictitious")
-    slots, parent = parents_from_fridman(7, {int(k): v for k, v in params["fictitious"].items()})
-    link = {str(p): int(slots[q]) if q < len(slots) else 0 for p, q in zip(slots, parent, strict=True)}
-    assert link == params["links"]
-    harmonics = [int(n) for n in expected["a"]]
-    found = tree_case(parent, slots.tolist(), harmonics)
-    for k, n in enumerate(expected["a"]):
-        for place, value in expected["a"][n].items():
-            np.testing.assert_allclose(found[int(place)][k], complex_numbers(value), rtol=ALGEBRAIC)
-
-
-def test_case_a2_thirty_node_tree_of_figure_2_in_the_numbering_of_fridman():
-    params, expected = method_case("A2_fig2_topology")
-    slots, parent = parents_from_fridman(30, {8: 11, 12: 15, 16: 24})
-    link = {str(p): int(slots[q]) if q < len(slots) else 0 for p, q in zip(slots, parent, strict=True)}
-    assert link == params["parent"]
-    harmonics = [int(n) for n in expected["a"]]
-    found = tree_case(parent, slots.tolist(), harmonics)
-    for k, n in enumerate(expected["a"]):
-        for place, value in expected["a"][n].items():
+@pytest.mark.parametrize(
+    ("case", "places", "image", "tree"),
+    [
+        ("A2_tree7_fictitious", 7, {3: 6}, "links"),
+        ("A2_fig2_topology", 30, {8: 11, 12: 15, 16: 24}, "parent"),  # figure 2
+    ],
+)
+def test_case_a2_trees_in_the_numbering_of_fridman_with_fictitious_nodes(case, places, image, tree):
+    params, expected = method_case(case)
+    slots, parent = parents_from_fridman(places, image)
+    assert params[tree] == {str(p): int(slots[q]) if q < len(slots) else 0 for p, q in zip(slots, parent, strict=True)}
+    found = tree_case(parent, slots.tolist(), [int(n) for n in expected["a"]])
+    for k, own in enumerate(expected["a"].values()):
+        for place, value in own.items():
             np.testing.assert_allclose(found[int(place)][k], complex_numbers(value), rtol=ALGEBRAIC)
 
 

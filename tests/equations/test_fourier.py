@@ -45,12 +45,6 @@ def test_packed_coordinates_are_those_of_an_orthonormal_basis(signals):
     )
 
 
-def test_norm_of_packed_coordinates_is_the_root_mean_square_of_the_signal(signals):
-    values = np.asarray(fourier.synthesize(signals, SAMPLES))
-    rms = np.sqrt((values**2).mean(-1))
-    np.testing.assert_allclose(jnp.linalg.norm(fourier.pack(signals), axis=-1), rms, rtol=ALGEBRAIC)
-
-
 @pytest.mark.parametrize("samples", [2 * N + 1, SAMPLES])
 def test_synthesis_is_the_fourier_sum_and_analysis_undoes_it(signals, samples):
     values = fourier.synthesize(signals, samples)
@@ -104,19 +98,3 @@ def test_product_matrix_is_the_product_in_time_truncated_to_the_same_harmonics(s
     product = fourier.synthesize(c, SAMPLES) * fourier.synthesize(signals, SAMPLES)
     found = np.einsum("sij,sj->si", fourier.product_matrix(c), fourier.pack(signals))
     np.testing.assert_allclose(found, fourier.pack(fourier.analyze(product, N)), rtol=0, atol=ALGEBRAIC * 100)
-
-
-def test_product_matrix_is_symmetric_with_the_spectrum_between_the_extremes_of_the_function():
-    draw = np.random.default_rng(4)
-    c = draw.normal(size=2 * N + 1) + 1j * draw.normal(size=2 * N + 1)
-    c[0] = c[0].real
-    matrix = np.asarray(fourier.product_matrix(c))
-    np.testing.assert_array_equal(matrix, matrix.T)
-    values, spectrum = by_direct_sum(c, 4096), np.linalg.eigvalsh(matrix)
-    assert values.min() <= spectrum[0] and spectrum[-1] <= values.max()
-
-
-def test_product_with_a_constant_is_a_multiple_of_the_identity():
-    c = np.zeros(2 * N + 1, complex)
-    c[0] = 2.5
-    np.testing.assert_array_equal(fourier.product_matrix(c), 2.5 * np.eye(2 * N + 1))

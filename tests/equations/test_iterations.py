@@ -1,4 +1,4 @@
-"""Lengths of Newton steps against levels known in closed form."""
+"""Conjugate residuals against dense solves; lengths of Newton steps against levels known in closed form."""
 
 import numpy as np
 import pytest
@@ -24,3 +24,17 @@ def test_where_the_jacobian_did_not_change_the_whole_correction_is_tried():
     assert iterations.predicted_length(1.0, 0.0, 1.0) == iterations.predicted_length(np.inf, 2.0, 1.0) == 1.0
     assert iterations.predicted_length(0.1, 2.0, 0.5) == pytest.approx(0.1)
     assert iterations.predicted_length(1e-9, 2.0, 1.0) == iterations.SHORTEST
+
+
+def test_conjugate_residuals_take_as_many_steps_as_there_are_unknowns_and_one_with_the_inverse_as_preconditioner():
+    draw = np.random.default_rng(15)
+    matrix, b = np.eye(12) + 0.3 * draw.normal(size=(12, 12)), draw.normal(size=12)
+    inverse = np.linalg.inv(matrix)
+    for precondition, most in ((np.eye(12), 12), (inverse, 1)):
+        x, left, used = iterations.gcr(
+            lambda v: matrix @ v, lambda v, m=precondition: m @ v, b, tolerance=1e-12, steps=20
+        )
+        np.testing.assert_allclose(x, inverse @ b, rtol=1e-10)
+        assert used <= most and left <= 1e-11
+    x, left, used = iterations.gcr(lambda v: 2 * v, lambda v: v, 0 * b, tolerance=1e-12, steps=20)
+    assert used == 0 and left == 0 and not np.asarray(x).any()

@@ -1,4 +1,4 @@
-"""Floquet multipliers against exact cases, Liouville's formula and Hill's matrix."""
+"""Floquet multipliers against exact cases, Liouville's formula and dense pencils."""
 
 import dataclasses
 from functools import cache
@@ -8,15 +8,12 @@ import numpy as np
 import pytest
 import scipy.linalg
 from reference_data import method_case, reference
-from trains import ONE_RADIAN_PER_SECOND, build, chain_parts, gearbox_parts, one_mass_parts, refined
+from trains import ONE_RADIAN_PER_SECOND, build, gearbox_parts, one_mass_parts, refined
 
 import jaxhb
 from jaxhb import Disk, Ground, Mesh, NotConverged, Shaft, Stability, Torque
 from jaxhb.branches.search import PeriodicMotion
-from jaxhb.equations import backlash
-from jaxhb.equations.residual import backlash_meshes
 from jaxhb.floquet import stability
-from jaxhb.train import chain
 
 
 def one_mass(**changes):
@@ -70,24 +67,6 @@ def test_moduli_and_labels_of_the_sharp_dead_zone_up_and_down():
     assert compared == len(rows) == 26
 
 
-def test_one_of_three_coexisting_motions_is_stable():
-    """Case (ii) of docs/theory A4.2: m = 1, b = 0.05, c = 2, epsilon = 0.05, h = 1, q = 0.1 + 0.2 cos t."""
-    train = one_mass(b=0.05, c=2.0, h=1.0, q0=0.1, q1=0.2)
-    rpm = ONE_RADIAN_PER_SECOND
-    begin = jaxhb.solve(train, rpm=rpm, harmonics=48, start="march")
-    found = {}
-    for mean in np.linspace(-1.0, 1.0, 9):
-        for swing in np.linspace(-1.2, 1.2, 7):
-            deflections = np.zeros((1, 49), dtype=complex)
-            deflections[0, :2] = mean, swing / 2
-            start = dataclasses.replace(begin, deflections=deflections)
-            response = jaxhb.solve(train, rpm=rpm, harmonics=48, start=start)
-            if response.status <= 1:
-                found[round(response.deflection("a", "b").max, 4)] = response
-    assert len(found) == 3
-    assert sorted(jaxhb.stability(r).stable for r in found.values()) == [False, False, True]
-
-
 SCENES = [("gear_train_30", 600.0), ("gear_train_30", 1800.0), ("spur_pair", 3000.0)]
 SCENES += [("engine_with_damper", 1500.0), ("six_cylinder_diesel", 1500.0)]
 
@@ -99,41 +78,11 @@ def packaged(name, rpm):
 
 @pytest.mark.parametrize(("name", "rpm"), SCENES)
 def test_the_determinant_is_that_of_liouville_on_every_packaged_scene(name, rpm):
-    assert abs(jaxhb.stability(packaged(name, rpm)).liouville) < 1e-10
-
-
-def hill(response, harmonics):
-    """Multipliers from Hill's matrix in displacements and speeds, slopes sampled; dense and slow.
-
-    Of the eigenvalues of ``[A_(n-m)] - i n Omega`` those whose vector has its middle near the mean: each multiplier
-    once or twice.
-    """
-    train, rpm = response.train, float(response.rpm)
-    system, meshes = chain.assemble(train), backlash_meshes(train)
-    omega, size = train.topology.cycle_frequency(rpm), len(system.mass)
-    rows = np.asarray(system.incidence().T)
-    shafts = np.setdiff1d(np.arange(len(rows)), meshes.link)
-    inner, teeth = rows[shafts], rows[meshes.link]
-    viscous = np.diag(system.damping) + inner.T @ (np.asarray(system.viscous)[shafts, None] * inner)
-    elastic = np.diag(system.ground) + inner.T @ (np.asarray(system.stiffness)[shafts, None] * inner)
-    samples = 2**15
-    rates = 1j * omega * np.arange(response.harmonics + 1) * response.deflections
-    l, rate = (np.fft.irfft(c, n=samples, axis=-1, norm="forward") for c in (response.deflections, rates))
-    gated = np.asarray(meshes.contact_damping)[:, None]
-    slopes = backlash.mesh_slopes(meshes.law.expand(), meshes.viscous[:, None], gated, l, rate)
-    coefficients = np.fft.fft(np.stack(slopes), axis=-1, norm="forward")
-    blocks = np.zeros((samples, 2 * size, 2 * size), dtype=complex)
-    blocks[:, size:, :size] = -np.einsum("gi,gt,gj->tij", teeth, coefficients[0], teeth)
-    blocks[:, size:, size:] = -np.einsum("gi,gt,gj->tij", teeth, coefficients[1], teeth)
-    blocks[0, size:] -= np.concatenate([elastic, viscous], axis=1)
-    blocks[:, size:] /= np.asarray(system.mass)[:, None]
-    blocks[0, :size, size:] = np.eye(size)
-    number = np.arange(-harmonics, harmonics + 1)
-    whole = blocks[number[:, None] - number].transpose(0, 2, 1, 3).reshape(2 * size * len(number), -1)
-    exponents, vectors = np.linalg.eig(whole - 1j * omega * np.diag(np.repeat(number, 2 * size)))
-    weight = (np.abs(vectors.reshape(len(number), 2 * size, -1)) ** 2).sum(axis=1)
-    middle = np.abs(number @ (weight / weight.sum(axis=0)))
-    return np.exp(2 * np.pi / omega * exponents[middle < 1])
+    found = jaxhb.stability(packaged(name, rpm))
+    assert abs(found.liouville) < 1e-10
+    if name == "spur_pair":  # floats: a double root of one, which keeps half the digits
+        assert found.stable
+        np.testing.assert_allclose(found.multipliers[found.rotation], [1.0, 1.0], atol=1e-6)
 
 
 def light_pair():
@@ -158,14 +107,6 @@ def rattling():
     return response
 
 
-@pytest.mark.oracle
-def test_the_multipliers_are_those_of_hills_matrix():
-    """Damping in contact lets slopes jump: the error falls as the inverse square of the harmonics, 100 here."""
-    expected, found = hill(rattling(), 100), jaxhb.stability(rattling()).multipliers
-    apart = np.abs(found[:, None] - expected)
-    assert apart.min(axis=1).max() < 1e-4 and apart.min(axis=0).max() < 1e-4
-
-
 def test_the_rotation_against_a_soft_ground_is_labelled():
     """The whole train as one disk: J s^2 + b s + c = 0, gears of half the speed with a quarter of their share."""
     found = jaxhb.stability(rattling())
@@ -175,17 +116,13 @@ def test_the_rotation_against_a_soft_ground_is_labelled():
 
 
 def test_a_cycle_of_two_revolutions_has_the_squares_of_the_multipliers_of_one():
+    parts = one_mass_parts(m=0.02, b=0.03, c=4.0, eps=0.05, h=0.2, q0=0.3, q1=1.0)
     once, twice = (
-        jaxhb.stability(jaxhb.solve(build(parts, reference="a", cycle=cycle), rpm=60.0, harmonics=64 * cycle))
-        for parts in [one_mass_parts(m=0.02, b=0.03, c=4.0, eps=0.05, h=0.2, q0=0.3, q1=1.0)]
+        of_teeth(jaxhb.solve(build(parts, reference="a", cycle=cycle), rpm=60.0, harmonics=64 * cycle))
         for cycle in (1, 2)
     )
-    assert 0.01 < once.largest < 1
-    np.testing.assert_allclose(
-        np.sort_complex(twice.multipliers[~twice.rotation]),
-        np.sort_complex(once.multipliers[~once.rotation] ** 2),
-        atol=1e-8,
-    )
+    assert 0.01 < abs(once[0]) < 1
+    np.testing.assert_allclose(np.sort_complex(twice), np.sort_complex(once**2), atol=1e-8)
 
 
 def with_viscous_damping(part, hz):
@@ -205,11 +142,8 @@ def test_a_train_in_contact_has_the_multipliers_of_its_damped_modes():
     at_one = dense.dynamic_stiffness(parts, 1.0)
     elastic, viscous = dense.dynamic_stiffness(parts, 0.0).real, at_one.imag
     one, none = np.eye(len(elastic)), np.zeros_like(elastic)
-    first, second = (
-        np.block([[none, one], [-elastic, -viscous]]),
-        np.block([[one, none], [none, elastic - at_one.real]]),
-    )
-    roots = scipy.linalg.eigvals(first, second)
+    first = np.block([[none, one], [-elastic, -viscous]])
+    roots = scipy.linalg.eigvals(first, np.block([[one, none], [none, elastic - at_one.real]]))
     expected = np.exp(60 / 900 * roots[np.isfinite(roots) & (np.abs(roots) < 1e8)])
     seen = [multipliers[np.abs(multipliers) > 1e-6] for multipliers in (found.multipliers, expected)]
     assert len(seen[0]) == len(seen[1]) >= 6
@@ -230,7 +164,8 @@ def test_loss_factors_damp_each_mode_as_the_complex_stiffness_does():
 
 
 def with_options(monkeypatch, **changes):
-    monkeypatch.setattr(stability, "STABILITY", dataclasses.replace(stability.STABILITY, **changes))
+    for name, value in changes.items():
+        monkeypatch.setattr(stability, name, value)
 
 
 def test_slowed_modes_of_a_finely_divided_train_leave_its_multipliers(monkeypatch):
@@ -238,7 +173,7 @@ def test_slowed_modes_of_a_finely_divided_train_leave_its_multipliers(monkeypatc
     its dynamics alone: 1e-5 where damping in contact lets slopes jump."""
     response = jaxhb.check(jaxhb.solve(refined(light_pair(), 12), rpm=1500.0, harmonics=128))
     exact = jaxhb.stability(response)
-    with_options(monkeypatch, exact_disks=0)
+    with_options(monkeypatch, EXACT_DISKS=0)
     few = jaxhb.stability(response)
     assert len(few.multipliers) > len(exact.multipliers)  # those of the fast modes by themselves beside
     assert few.rotation.sum() == exact.rotation.sum() == 2
@@ -248,10 +183,10 @@ def test_slowed_modes_of_a_finely_divided_train_leave_its_multipliers(monkeypatc
 
 
 def test_what_takes_too_long_is_refused_and_counts_as_not_decided(monkeypatch):
-    with_options(monkeypatch, exact_disks=0, modes=2)
+    with_options(monkeypatch, EXACT_DISKS=0, MODES=2)
     attracting, found, why = stability.attracts(rattling())
     assert attracting is None and found is None and "3 modes lie below" in why and "decided for up to 2" in why
-    with_options(monkeypatch, disks=2)
+    with_options(monkeypatch, DISKS=2)
     assert "has 3 disks, and stability is decided for up to 2" in stability.attracts(rattling())[2]
     assert "stability not decided" in str(PeriodicMotion(rattling(), 1, None, None))
 
@@ -263,20 +198,6 @@ def test_a_failure_of_linear_algebra_is_no_refusal(monkeypatch):
     monkeypatch.setattr(stability, "stability", fail)
     with pytest.raises(np.linalg.LinAlgError):
         stability.attracts(rattling())
-
-
-def test_all_motions_of_a_long_chain_without_backlash_are_decided():
-    """Damping of disks in proportion to their inertias: every mode but rotation decays at half of their ratio."""
-    parts = chain_parts([0.01] * 102, [1e5] * 101, damping=0.1)
-    train = build([*parts, Torque(disk="1", harmonics=[(1.0, 10.0, 0.0)])], reference="1")
-    (only,) = jaxhb.solve_all(train, rpm=500.0)
-    assert only.attracts and abs(only.stability.largest - np.exp(-0.1 / 0.01 / 2 * 60 / 500)) < 1e-9
-
-
-def test_a_floating_train_has_two_multipliers_of_one_that_are_labelled():
-    found = jaxhb.stability(packaged("spur_pair", 3000.0))
-    np.testing.assert_allclose(found.multipliers[found.rotation], 1.0, atol=1e-6)  # a double root keeps half the digits
-    assert found.rotation.sum() == 2 and found.stable and "stable" in str(found)
 
 
 @pytest.mark.parametrize(

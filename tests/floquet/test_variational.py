@@ -1,6 +1,5 @@
 """The variational equation around motions that are given, and around a motion of a train that is integrated in time."""
 
-import dataclasses
 from functools import cache
 
 import jax
@@ -48,11 +47,11 @@ def test_the_damped_mathieu_equation_is_solved_to_rounding():
 
 def test_collocation_has_twice_the_order_of_its_nodes(monkeypatch):
     """Twenty with ten nodes: at steps that are far longer than those taken, as errors are soon lost in rounding."""
-    monkeypatch.setattr(variational, "VARIATIONAL", dataclasses.replace(variational.VARIATIONAL, reach=1e3))
+    monkeypatch.setattr(variational, "REACH", 1e3)
     mathieu.cache_clear()
     order = np.log(mathieu(3) / mathieu(5)) / np.log(5 / 3)
     mathieu.cache_clear()
-    assert order > 2 * variational.VARIATIONAL.stages - 2
+    assert order > 2 * variational.STAGES - 2
 
 
 def test_a_motion_is_known_between_its_samples():
@@ -66,6 +65,9 @@ def test_a_motion_is_known_between_its_samples():
     np.testing.assert_allclose(variational.motion(deflection, 3.0, share), expected, rtol=0, atol=1e-10)
 
 
+LAW = {"backlash": 2e-4, "epsilon": 1e-2, "transition": 0.1}
+
+
 def three_disks(damping_law):
     """A lightly loaded pair of gears driven through a shaft: the teeth separate and strike at 900 rpm."""
     parts = [
@@ -73,15 +75,7 @@ def three_disks(damping_law):
         Disk(name="pinion", inertia=0.01, radius=0.05),
         Disk(name="wheel", inertia=0.05, radius=0.1, damping=0.4),
         Shaft(between=("motor", "pinion"), stiffness=2e4, damping=6.0),
-        Mesh(
-            between=("pinion", "wheel"),
-            stiffness=2e7,
-            damping=1200.0,
-            damping_law=damping_law,
-            backlash=2e-4,
-            epsilon=1e-2,
-            transition=0.1,
-        ),
+        Mesh(between=("pinion", "wheel"), stiffness=2e7, damping=1200.0, damping_law=damping_law, **LAW),
         Ground(disk="motor", stiffness=20.0),
         Torque(disk="motor", mean=10.0, harmonics=[(1.0, 20.0, -10.0), (3.0, 0.0, 8.0)]),
         Torque(disk="wheel", mean=-20.0, harmonics=[(2.0, 25.0, 30.0)]),
@@ -109,8 +103,7 @@ def test_the_monodromy_matrix_is_the_derivative_of_the_exact_period_map(damping_
     expected = ((ahead - behind) / (2 * size)).T
     space = space_of(system, meshes, frequency, parts=partition(system, meshes))
     deflection = np.asarray(response.deflections)
-    found = variational.monodromy(
-        space, meshes, deflection, frequency, exact_integrals.switching_times(meshes.law, deflection)
-    )
+    times = exact_integrals.switching_times(meshes.law, deflection)
+    found = variational.monodromy(space, meshes, deflection, frequency, times)
     np.testing.assert_allclose(found.matrix, expected, rtol=0, atol=1e-3 * np.abs(expected).max())
     assert abs(np.expm1(found.log_determinant - found.trace)) < 1e-10
