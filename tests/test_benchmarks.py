@@ -238,15 +238,6 @@ def test_a_hundred_numbers_of_the_engine_can_be_tuned():
     check_all(train, parameters, (FORCE,), (), np.array([1000.0]))
 
 
-def test_values_of_a_long_chain_keep_the_digits_that_coefficients_lose():
-    from polynomial_digits import errors, roots
-
-    found = errors(np.concatenate([[0.3, 1.1, 1.7, 2.1], roots()[[20, 70]] * (1 + 1e-9)]))
-    assert found["jaxhb.characteristic"].max() < 1e-14
-    assert found["coefficients"][1:3].min() > 1e3
-    assert found["recursion in double precision"][:4].max() < 1e-12 < found["recursion in double precision"][4:].min()
-
-
 def test_random_geared_trees_have_the_frequencies_that_mpmath_finds():
     pytest.importorskip("opentorsion")
     mpmath = pytest.importorskip("mpmath")

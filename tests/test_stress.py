@@ -1,6 +1,7 @@
 """The fast part of ``benchmarks/stress.py``: random trains of two sizes and the extremes that take little time."""
 
 import argparse
+import json
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,8 +13,8 @@ sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 
 import extremes
 import random_trains
-import settling
 import stress
+from records import run_cases
 
 import jaxhb
 from jaxhb.linear import mesh_modes
@@ -90,14 +91,6 @@ def test_a_referee_that_does_not_close_is_asked_with_shorter_steps(monkeypatch):
     assert stress.judge(record.copy(), response)["referee"] == "open"
 
 
-@pytest.mark.parametrize(("index", "verdict", "period"), [(445, "settles", 1), (771, "longer period", 3)])
-def test_long_time_integration_tells_periodic_motion(index, verdict, period):
-    train, rpm, _ = random_trains.random_case(np.random.default_rng([0, index]))
-    found = settling.settling(train, rpm)
-    assert (found["verdict"], found["period"]) == (verdict, period), found
-    assert found["change"] <= settling.RETURNED and (period == 1 or found["closure"] > 100 * settling.RETURNED)
-
-
 def test_skeletons_fix_what_is_compiled():
     for size in random_trains.SKELETONS:
         first, second = (random_trains.random_case(np.random.default_rng([7, k]), size)[0] for k in (0, 1))
@@ -112,15 +105,14 @@ def test_cases_are_drawn_from_their_seeds():
     np.testing.assert_array_equal(first[0].meshes.stiffness, second[0].meshes.stiffness)
 
 
-def test_a_run_goes_on_where_its_file_ends(tmp_path, monkeypatch):
+def test_a_run_goes_on_where_its_file_ends(tmp_path):
     file = tmp_path / "records.jsonl"
-    for record in ({"benchmark": "stress"}, {"seed": 7, "case": 0}, {"seed": 7, "case": 2}, {"seed": 8, "case": 1}):
-        stress.write(file, record)
-    monkeypatch.setattr(stress, "run_case", lambda seed, index, again: {"seed": seed, "case": index, "again": again})
-    asked = argparse.Namespace(seed=7, cases=3, only=None, json=str(file), jobs=1, once=True)
-    known = stress.known_records(asked)
-    assert known == [{"seed": 7, "case": 0}, {"seed": 7, "case": 2}]
-    assert list(stress.random_records(asked, known)) == [{"seed": 7, "case": 1, "again": False}]
+    rows = [{"benchmark": "stress"}, *({"seed": s, "case": c} for s, c in ((7, 0), (7, 2), (8, 1), (7, 5)))]
+    file.write_text("".join(json.dumps(row) + "\n" for row in rows))
+    asked = argparse.Namespace(seed=7, cases=3, only=None, json=str(file))
+    found = run_cases(asked, "stress", lambda seed, index: {"seed": seed, "case": index, "new": True})
+    assert [(r["seed"], r["case"], r.get("new", False)) for r in found] == [(7, 0, False), (7, 2, False), (7, 1, True)]
+    assert len(file.read_text().splitlines()) == len(rows) + 1
 
 
 @pytest.mark.parametrize("extreme", [e for e in extremes.extremes() if e.quick], ids=lambda extreme: extreme.name)

@@ -8,6 +8,7 @@ import jax
 import numpy as np
 import optax
 
+from jaxhb._shown import counts
 from jaxhb.design.evaluation import Aim
 from jaxhb.elements.elements import SceneError
 from jaxhb.results.status import Status
@@ -33,11 +34,10 @@ FLAT = 1e-7
 
 @dataclass(frozen=True)
 class Step:
-    """One accepted step of a tuning.
+    """One accepted step of a tuning, from 0 for the start, and the best design there.
 
-    number : 0 is the start; objective : of the best design; parameters : of the best design by name
-    gradient_norm : of the best design, with respect to z; valid : speeds solved there; width : of the smooth maximum
-    start : which of the starts is best; evaluations : so far, of all starts at once; plan : of the solves
+    objective, parameters (by name), gradient_norm (with respect to z), valid (speeds solved), start (which it is) : of
+    the best design; width : of the smooth maximum; evaluations : so far, of all starts at once; plan : of the solves;
     seconds : since the beginning
     """
 
@@ -57,7 +57,6 @@ class Descent:
     """The designs of all starts as they are now, the best ones, and the history of the best of all."""
 
     def __init__(self, evaluator, optimizer, *, rate, widths, improvement, patience, on_step, on_start=None):
-        """Arguments as of :func:`jaxhb.tune`; ``evaluator``: an Evaluator."""
         self.evaluator, self.searching, self.rate = evaluator, optimizer == "lbfgs", rate
         self.widths, self.improvement, self.patience = widths, improvement, patience
         self.on_step, self.on_start = on_step, on_start
@@ -66,12 +65,7 @@ class Descent:
         self.history, self.evaluations, self.began = [], 0, time.monotonic()
 
     def run(self, z, steps):
-        """From the designs z to the end, or to Ctrl-C.
-
-        Returns
-        -------
-        first, best : Point; stopped : str; interrupted : bool
-        """
+        """From the designs z to the end, or to Ctrl-C: the first and the best Point, why it stopped, whether so."""
         first = self.best = self.point = self._first(z)
         self._note(0)
         try:
@@ -92,10 +86,10 @@ class Descent:
         point = self._at(z, near, rescues=near.status.shape[1], on_lanes=self.on_start)
         if not point.solved[0].any():
             raise SceneError(_nothing_solved(evaluator, point.status[0]))
-        while (finer := evaluator.finer(point, point.solved)) is not None:
-            self._count(point.solved)
-            point = self._at(z, finer)
         self._count(point.solved)
+        while (finer := evaluator.finer(point, point.solved)) is not None:
+            point = self._at(z, finer)
+            self._count(point.solved)
         if evaluator.peaks:
             point = self._at(z, evaluator.replanned(point))
             self._count(point.solved)
@@ -248,7 +242,7 @@ class Descent:
         step = Step(
             number=number,
             objective=float(self.best.value[design]),
-            parameters=evaluator.values(self.best.z[design]),
+            parameters=evaluator.task.named(self.best.z[design]),
             gradient_norm=float(np.linalg.norm(self.best.gradient[design])),
             valid=int(self.best.solved[design, : len(evaluator.rpm)].sum()),
             width=self.aim.share,
@@ -268,8 +262,7 @@ def best_of(point):
 
 def _nothing_solved(evaluator, status):
     name, rpm = evaluator.train.topology.title, evaluator.rpm
-    names, counts = np.unique([Status(int(s)).name for s in status], return_counts=True)
-    found = ", ".join(f"{count} {name}" for name, count in zip(names, counts, strict=True))
+    found = counts([Status(int(s)).name for s in status])
     way = "choose other speeds, more damping, or look at them with jaxhb sweep."
     if any(evaluator.train.topology.mesh_backlash):
         way = (

@@ -1,13 +1,12 @@
-"""Limits as quantities of a tuning: against the numbers they smooth, gradients against differences, bad names."""
+"""Limits as quantities of a tuning: against the numbers they smooth, gradients against differences."""
 
 import numpy as np
 import pytest
 from differences import compare, differences
 from tolerances import GRADIENT
-from trains import build
 
 import jaxhb
-from jaxhb import Damper, Disk, Load, Mesh, SceneError, Shaft, Torque
+from jaxhb import Damper, Disk, Load, Mesh, Shaft, Torque
 from jaxhb.balance.request import Request
 from jaxhb.design import Objective, Parameter, Penalty, evaluation
 from jaxhb.design.quantities import QUANTITIES
@@ -80,39 +79,3 @@ def test_the_gradient_of_limits_is_that_of_differences():
         return np.array([made.at(one[None], point, aim).value[0] for one in z])
 
     compare(point.gradient[0], differences(values, point.z[0], np.full(4, 3e-4)), GRADIENT)
-
-
-FAULTS = {
-    "shaft without a strength": (
-        Penalty(quantity="stress over continuous limit", of="plain", most=1.0),
-        "'plain' has no tensile_strength: give it one in the scene.",
-    ),
-    "damper without a limit": (
-        Penalty(quantity="power over limit", of="ring", most=1.0),
-        "'ring' has no power_limit: give it one in the scene.",
-    ),
-    "mesh without a rated torque": (
-        Penalty(quantity="tooth torque over limit", of="pinion|wheel", most=1.0),
-        "'pinion|wheel' has no rated_torque: give it one in the scene.",
-    ),
-}
-
-
-@pytest.mark.parametrize("case", FAULTS)
-def test_limits_that_the_scene_does_not_give_are_named(case):
-    penalty, wanted = FAULTS[case]
-    parts = [p for p in PARTS if isinstance(p, Disk | Torque | Load)]
-    parts += [Shaft(between=("engine", "pinion"), name="plain", stiffness=1e5)]
-    parts += [
-        Mesh(between=("pinion", "wheel"), stiffness=2e8),
-        Damper(name="ring", disk="engine", inertia=1, damping=1),
-    ]
-    what = {"parameters": [Parameter(name="ring.damping", low=0.1, high=9.0)], "rpm": [600.0]}
-    with pytest.raises(SceneError) as caught:
-        jaxhb.tune(
-            build(parts, reference="engine", cycle=2),
-            **what,
-            objective=Objective(quantity="angle", of="engine"),
-            penalties=[penalty],
-        )
-    assert wanted in str(caught.value)
