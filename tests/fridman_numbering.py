@@ -4,23 +4,11 @@ import numpy as np
 
 
 def fridman_numbering(parent):
-    """Fridman's chain of a tree: positions, with a fictitious node wherever the chain jumps over a branch.
+    """The node at each place of Fridman's chain, -1 at a fictitious one, and of these the node that each stands for.
 
-    Parameters
-    ----------
-    parent : sequence of int
-        Parent of every node, larger than the node itself; ``S`` (or 0 in 1-based sources) stands for the ground.
+    ``parent`` of every node is larger than the node itself, one more than the last (or 0) for the ground. A fictitious
+    place is where the chain jumps over a branch: it shares the displacement of its node and hands its force on to it.
 
-    Returns
-    -------
-    nodes : list of int
-        The node at each place of the chain; -1 at a fictitious place.
-    image : dict
-        Fictitious place -> node whose displacement it shares (its force is handed on to that node, and the link
-        to the next place has zero stiffness).
-
-    Examples
-    --------
     >>> fridman_numbering([1, 4, 3, 4, 5, 6])
     ([0, 1, -1, 2, 3, 4, 5], {2: 4})
     """
@@ -34,30 +22,15 @@ def fridman_numbering(parent):
 
 
 def parents_from_fridman(places, image):
-    """Parents of the physical nodes of a chain in Fridman's numbering.
+    """Place of every physical node ``(S,)`` in order of elimination, and position of its parent, S at the root.
 
-    Parameters
-    ----------
-    places : int
-        Number of places 1 .. ``places`` of the chain, fictitious ones included; the last is grounded.
-    image : dict
-        Fictitious place -> the place that it stands for (1-based, as the sources write it).
+    Places and the image of fictitious ones count from 1, as the sources have them.
 
-    Returns
-    -------
-    node : int array ``(S,)``
-        Place (1-based) of every physical node, in order of elimination.
-    parent : int array ``(S,)``
-        Position of the parent; S at the root.
-
-    Examples
-    --------
     >>> node, parent = parents_from_fridman(7, {3: 6})
     >>> node.tolist(), parent.tolist()
     ([1, 2, 4, 5, 6, 7], [1, 4, 3, 4, 5, 6])
     """
     physical = [place for place in range(1, places + 1) if place not in image]
-    position = {place: s for s, place in enumerate(physical)}
-    position[places + 1] = len(physical)
+    position = {place: s for s, place in enumerate([*physical, places + 1])}
     above = [image.get(place + 1, place + 1) for place in physical]
     return np.array(physical), np.array([position[place] for place in above], dtype=np.int32)
