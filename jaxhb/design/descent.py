@@ -9,7 +9,7 @@ import numpy as np
 import optax
 
 from jaxhb._shown import counts
-from jaxhb.design.evaluation import Aim
+from jaxhb.design.evaluation import Aim, where
 from jaxhb.elements.elements import SceneError
 from jaxhb.results.status import Status
 
@@ -19,8 +19,7 @@ LONGEST = 1.5
 """Largest change of a z in one step: the share of the range then moves by at most 0.36."""
 
 TRIALS, EXPANSIONS = 12, 2
-"""Lengths of a step that are tried at most, and of these trials from which on a step is taken that falls without
-Wolfe's condition."""
+"""Lengths of a step tried at most; and that trial from which on one is taken that falls without Wolfe's condition."""
 
 DECREASE, CURVATURE = 1e-4, 0.9
 """Of the line search: Armijo's and Wolfe's conditions."""
@@ -145,11 +144,11 @@ class Descent:
             before = self.point
             after, moved = (self._search if self.searching else self._stride)(before, direction, moving)
             number += 1
-            self.point = after.where(moved, before)
+            self.point = where(moved, after, before)
             won = self.best.value - self.point.value
             idle = np.where(won > self.improvement * np.abs(self.best.value), 0, idle + 1)
             idle = np.where(moved, idle, np.maximum(idle, self.patience - 1))  # once more, along the gradient
-            self.best = self.point.where(won > 0, self.best)
+            self.best = where(won > 0, self.point, self.best)
             # Between plans the objective jumps by its truncation error: such a step says nothing about curvature.
             other = (self.point.plan_number != before.plan_number).any(1)
             memory = self._without_curvature(memory, before, moved & ~other)
@@ -166,7 +165,7 @@ class Descent:
         for _ in range(TRIALS):
             trial = self._at(point.z + length[:, None] * direction, point, wanted=moving & ~moved)
             good = self._kept(trial) & moving & ~moved
-            best, moved = trial.where(good, best), moved | good
+            best, moved = where(good, trial, best), moved | good
             if (moved | ~moving).all():
                 break
             length = np.where(moved, length, length / 2)
@@ -187,7 +186,7 @@ class Descent:
             # Weak Wolfe conditions by bisection, which ends at the kinks of a worst value, too (Lewis and Overton,
             # Math. Program. 141 (2013) 135): a step that rises is the new ``high``, one still steep the new ``low``.
             curved = np.sum(at.gradient * direction, axis=1) >= CURVATURE * slope
-            best, moved = at.where(falls & (at.value <= best.value), best), moved | falls
+            best, moved = where(falls & (at.value <= best.value), at, best), moved | falls
             done |= falls & (curved | (trial >= EXPANSIONS))
             high, low = np.where(falls | done, high, length), np.where(falls, length, low)
             done |= moved & ~falls & (trial >= EXPANSIONS)
@@ -231,11 +230,7 @@ class Descent:
         change = (self.point.z - before.z) * (self.point.gradient - before.gradient)
         # L-BFGS needs s . y > 0: without, its matrix is not positive definite any more.
         bad = ~moved | ~(change.sum(1) > 0)
-
-        def renewed(empty, full):
-            return np.where(bad.reshape(-1, *[1] * (np.ndim(full) - 1)), empty, full)
-
-        return jax.tree.map(renewed, self._memory(), (memory[0], np.zeros_like(bad)))
+        return where(bad, self._memory(), (memory[0], np.zeros_like(bad)))
 
     def _note(self, number):
         evaluator, design = self.evaluator, best_of(self.best)
@@ -265,12 +260,7 @@ def _nothing_solved(evaluator, status):
     found = counts([Status(int(s)).name for s in status])
     way = "choose other speeds, more damping, or look at them with jaxhb sweep."
     if any(evaluator.train.topology.mesh_backlash):
-        way = (
-            "where teeth hammer there may be no periodic motion to follow. Tune a copy of the scene without the"
-            " backlash keys, or other speeds, or begin with more damping; then check the result with backlash by jaxhb"
-            " sweep."
-        )
-    return (
-        f"{name}: none of the {len(rpm)} speeds from {rpm.min():g} to {rpm.max():g} rpm converges at the start "
-        f"({found}): {way}"
-    )
+        way = "where teeth hammer there may be no periodic motion to follow. Tune a copy of the scene without the "
+        way += "backlash keys, or other speeds, or begin with more damping; then check the result with backlash by jaxhb sweep."
+    head = f"{name}: none of the {len(rpm)} speeds from {rpm.min():g} to {rpm.max():g} rpm converges at the start"
+    return f"{head} ({found}): {way}"

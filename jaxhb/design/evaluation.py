@@ -151,13 +151,14 @@ class Point:
         """Not smoothed, of what reads a response ``(A, n)`` each, then of what reads the train alone ``(A,)``."""
         return (*np.moveaxis(self.exact, -1, 0), *self.of_design)
 
-    def where(self, chosen, other):
-        """The designs of this point where ``chosen`` ``(A,)``, else of the other, which has the same plans."""
 
-        def pick(here, there):
-            return np.where(chosen.reshape(-1, *[1] * (np.ndim(here) - 1)), here, there)
+def where(chosen, here, there):
+    """A tree of arrays ``(A, ...)`` with the designs of one where ``chosen`` ``(A,)``, else of the other."""
 
-        return jax.tree.map(pick, self, other)
+    def pick(one, other):
+        return np.where(chosen.reshape(-1, *[1] * (np.ndim(one) - 1)), one, other)
+
+    return jax.tree.map(pick, here, there)
 
 
 @brief
@@ -175,13 +176,10 @@ class Reading:
 
 
 class Evaluator:
-    """Evaluates designs of one train on the host; it holds what stays the same all the way down.
-
-    With ``harmonics`` of the Request None solves get more of them where they are too few; ``peaks`` speeds are added
-    for every objective that is a maximum, to follow its highest peaks.
-    """
+    """Evaluates designs of one train on the host; it holds what stays the same all the way down."""
 
     def __init__(self, train, rpm, task, request, peaks=0):
+        """``peaks`` speeds are added for every objective that is a maximum, to follow its highest peaks."""
         self.train, self.rpm, self.task, self.request, self.peaks = train, rpm, task, request, peaks
         self.followed = [j for j, objective in enumerate(task.objectives) if objective.over == "worst"] if peaks else []
         self.fallback, plans = plan_designs(train, rpm, request)
@@ -272,8 +270,8 @@ class Evaluator:
         point, status = lanes.point, lanes.point.status
         while True:
             kept = lanes.counted & (status <= Status.TOLERANCE_NOT_MET)
-            shape = {"task": self.task, "own": len(self.rpm), "heavy": self.heavy}
             weighted = point.smooth, kept, self.weights(point.speeds), aim.widths, aim.scales
+            shape = {"task": self.task, "own": len(self.rpm), "heavy": self.heavy}
             combined = combine(self.train, point.z, *weighted, **shape)
             value, of_design, by_z, by_smooth = jax.tree.map(np.asarray, combined)
             # A line search rejects higher values without their gradients, which cost as much as the solves.
@@ -324,6 +322,10 @@ class Evaluator:
         return "; ".join(f"{n} speeds: {point.plans[k]}" for k, n in zip(numbers, counts, strict=True))
 
 
+SOLVED = "status", "motion", "resumed", "smooth", "exact"
+"""Fields of Point that a solve gives."""
+
+
 @dataclass(frozen=True)
 class Lanes:
     """The lanes of one evaluation, as far as they are solved: each attempt gives others.
@@ -356,29 +358,23 @@ class Lanes:
         A march is where the motion at hand leaves more of the equations; teeth in contact are, where none separates,
         once the design has changed.
         """
-        made = self
+        changes = {name: getattr(self.point, name).copy() for name in SOLVED}
+        made = self.with_point(**changes)
         for number in np.unique(self.point.plan_number[which]):
             plan = self.point.plans[number]
             own = np.broadcast_to(given & (plan.marches | self.unmoved | (not other)), which.shape)
             for chunk, padded in batches(np.argwhere(which & (self.point.plan_number == number)), plan):
                 at = tuple(padded.T)
                 found, pull = self._read(plan, at, own[at], plan.marches and other)
-                made = made._with_batch(chunk, padded, found, pull)
-        return made
-
-    def _with_batch(self, chunk, padded, found, pull):
-        """The lanes with what was ``found`` of a batch, by field of Point."""
-        changes, into = {}, tuple(chunk.T)
-        for name, values in found.items():
-            changes[name] = getattr(self.point, name).copy()
-            changes[name][into] = np.asarray(values)[: len(chunk)]
-        made = dataclasses.replace(self.with_point(**changes), batches=(*self.batches, (chunk, padded, pull)))
-        if self.on_lanes:
-            self.on_lanes(self.evaluator.reading(made.point, 0))
+                for name, values in zip(SOLVED, found, strict=True):
+                    changes[name][tuple(chunk.T)] = np.asarray(values)[: len(chunk)]
+                made = dataclasses.replace(made, batches=(*made.batches, (chunk, padded, pull)))
+                if self.on_lanes:
+                    self.on_lanes(self.evaluator.reading(made.point, 0))
         return made
 
     def _read(self, plan, at, given, marching):
-        """What :func:`read_lanes` finds of the lanes ``at`` under a plan, and the pullback from its readings."""
+        """The fields SOLVED of the lanes ``at`` under a plan, and the pullback from their readings."""
         point, evaluator = self.point, self.evaluator
         motion = np.zeros((len(given), 0, plan.harmonics + 1), complex)
         motion = of_active_meshes(point.motion[at], plan) if plan.active else motion
@@ -389,15 +385,12 @@ class Lanes:
         shape["sizes"] = dataclasses.replace(plan.sizes, **changes)
         lanes = [leaf[at] for leaf in self.numbers], evaluator.held, point.speeds[at]
         smooth, found, (status, error, motion, exact) = read_lanes(*lanes, start, plan.active_meshes, **shape)
-        told = {"status": status, "smooth": smooth, "exact": exact, "resumed": given & (np.asarray(error) == 0)}
-        told["motion"] = fourier.resize(np.asarray(motion), point.motion.shape[-1] - 1)
-        return told, partial(pull_lanes, *lanes, found, plan.active_meshes, **shape)
+        motion = fourier.resize(np.asarray(motion), point.motion.shape[-1] - 1)
+        solved = status, motion, given & (np.asarray(error) == 0), smooth, exact
+        return solved, partial(pull_lanes, *lanes, found, plan.active_meshes, **shape)
 
     def rescue(self, which):
-        """Solve ``which`` one by one, from all starts of :func:`jaxhb.solve`, and from there under the largest plan.
-
-        Each has a bounded time, and one attempt in any case.
-        """
+        """Solve ``which`` one by one, from all starts of :func:`jaxhb.solve`, and from there under the largest plan."""
         point, plan, found = self.point, self.point.plans[0], np.zeros_like(which)
         motion = point.motion.copy()
         for a, i in np.argwhere(which) if plan.active else ():
