@@ -261,6 +261,7 @@ def _nothing_solved(evaluator, status):
     way = "choose other speeds, more damping, or look at them with jaxhb sweep."
     if any(evaluator.train.topology.mesh_backlash):
         way = "where teeth hammer there may be no periodic motion to follow. Tune a copy of the scene without the "
-        way += "backlash keys, or other speeds, or begin with more damping; then check the result with backlash by jaxhb sweep."
+        way += "backlash keys, or other speeds, or begin with more damping; then check the result with backlash by "
+        way += "jaxhb sweep."
     head = f"{name}: none of the {len(rpm)} speeds from {rpm.min():g} to {rpm.max():g} rpm converges at the start"
     return f"{head} ({found}): {way}"
