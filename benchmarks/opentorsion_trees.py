@@ -38,14 +38,8 @@ COLUMNS = {"meshes": "<7s", "method": "<38s", "trees": "5d", "frequencies": "11d
 
 
 def random_tree(random, decades=ORDINARY):
-    """Rotors that are random trees of shafts, each but the first geared to an earlier one.
-
-    Returns
-    -------
-    dict
-        ``inertia`` ``(S,)`` kg m2, ``shafts`` (disk, disk, N m/rad), ``meshes`` (gear of the earlier rotor, gear, their
-        radii in m, N/m)
-    """
+    """Rotors that are random trees of shafts, each but the first geared to an earlier one: ``inertia`` ``(S,)`` kg m2,
+    ``shafts`` (disk, disk, N m/rad), ``meshes`` (gear of the earlier rotor, gear, their radii in m, N/m)."""
     disks = int(random.integers(*DISKS, endpoint=True))
     inertia, shafts, meshes, rotor = (10 ** random.uniform(*decades[0], disks)).tolist(), [], [], [0]
     radius = random.uniform(0.03, 0.2, disks).tolist()

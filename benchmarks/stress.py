@@ -57,13 +57,9 @@ def steps_for(wanted):
 
 
 def referee(response, *, per_period=STEPS_PER_PERIOD):
-    """Shooting from a response, in one of a few step counts.
-
-    Returns
-    -------
-    dict
-        ``referee`` ("closed", "open", "too long" or why it refuses), ``error`` (of the elastic tooth forces, relative
-        to the largest), ``closure`` (periodicity error of the orbit), ``referee_steps``.
+    """Shooting from a response, in one of a few step counts: ``referee`` ("closed", "open", "too long" or why it
+    refuses), ``error`` (of the elastic tooth forces, relative to the largest), ``closure`` (periodicity error of the
+    orbit), ``referee_steps``.
     """
     train = response.train
     sharpest = np.pi / (2 * np.min(train.meshes.transition[np.array(train.topology.mesh_backlash)]))
