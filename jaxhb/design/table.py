@@ -10,7 +10,7 @@ from jaxhb.elements.elements import SceneError, suggestion
 from jaxhb.train.speeds import read_speeds
 
 _ROWS = {"parameter": Parameter, "objective": Objective, "penalty": Penalty}
-_KINDS = dict.fromkeys(("steps", "starts", "seed", "harmonics", "peaks"), int)
+_KINDS: dict[str, type] = dict.fromkeys(("steps", "starts", "seed", "harmonics", "peaks"), int)
 _KINDS |= {"tolerance": float, "rate": float, "widths": tuple}
 
 

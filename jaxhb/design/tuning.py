@@ -114,7 +114,7 @@ def tune(
     >>> train = jaxhb.load_scene("six_cylinder_diesel")
     >>> swing = Objective(quantity="shaft torque", of="cyl6|flywheel")
     >>> pulley = Parameter(name="pulley.inertia", low=0.005, high=0.05)
-    >>> tuned = tune(train, parameters=[pulley], rpm=[1800.0, 2000.0, 2200.0], objective=swing, steps=5)
+    >>> tuned = tune(train, parameters=[pulley], rpm=[1800.0, 2000.0, 2200.0], objective=swing, steps=3)
     >>> round(tuned.after.parameters["pulley.inertia"], 3)
     0.026
     """

@@ -366,11 +366,8 @@ def test_contact_of_a_mesh_without_backlash_cannot_be_tuned():
 @pytest.mark.parametrize("backlash", [None, 1e-4])
 def test_a_range_in_which_no_speed_converges_is_told_with_a_way_on(backlash):
     class Lost(Bowl):
-        train = build(
-            one_mass_parts(
-                m=1.0, b=0.1, c=1.0, eps=backlash and 0.1, transition=backlash and 0.2, h=backlash, q0=0.0, q1=1.0
-            )
-        )
+        law = {"eps": backlash and 0.1, "transition": backlash and 0.2, "h": backlash}
+        train = build(one_mass_parts(m=1.0, b=0.1, c=1.0, q0=0.0, q1=1.0, **law), reference="a")
 
         def at(self, z, near, aim, **_):
             return near
