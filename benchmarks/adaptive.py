@@ -58,9 +58,7 @@ def _seen(m, x):
 def march_speeds(train, rpm, steps, cycles, repeats):
     """Exponential integration of all speeds in one program, every mesh with backlash.
 
-    Returns
-    -------
-    deflection ``(speeds, M, steps)`` m, periodicity error ``(speeds,)``, seconds of the first run, median of the others
+    Deflection ``(speeds, M, steps)`` m, periodicity error ``(speeds,)``, seconds of the first run, median of others.
     """
     meshes, excited = backlash_meshes(train), highest_harmonic(train)
     parts = partition(problem_at(train, rpm[0], excited).system, meshes)

@@ -2,32 +2,22 @@
 
     python benchmarks/certificates.py [--cases 200] [--seed 20261126] [--json F]     hours; goes on where the file ends
     python benchmarks/certificates.py --only 17                                     one of them
-    python benchmarks/certificates.py --scenes                                      cost on the packaged scenes
-    python benchmarks/certificates.py --spurious                                    minutes: motions that do not exist
 
 Cases are those of ``random_trains.py`` with up to 27 disks and four meshes; every eighth is solved with about a quarter
 of the harmonics, every eighth is disturbed by 0.1 % to 10 % of a backlash in all deflections. The true motion is a
 solve with exact integrals and FINE harmonics, eight times those of the response where there are so many, begun at it;
 its error is what another with half as many differs from it. *Unsound*: a certificate whose bound is less than the true
 error of a deflection or of a tooth force of any mesh.
-
-``--spurious``: all motions that few harmonics give of the lightly loaded pair (one degree of freedom, 15 speeds) from
-random starts, beside the motion to which shooting over one cycle leads from each, on its own time integration. Where
-that is farther away than FAR backlashes, or where shooting leads to none, the computed motion does not exist; its
-certificate has to refuse it, or to give a bound that reaches as far.
 """
 
-import argparse
 import collections
 import dataclasses
-import sys
 import time
-from pathlib import Path
 
 import jax
 import numpy as np
 from random_trains import random_case
-from records import add_cases, run_cases
+from records import cases_line, run_cases
 
 import jaxhb
 import jaxhb.equations.backlash
@@ -40,7 +30,6 @@ DISKS, MESHES = 27, 4
 FLOOR = 1e-8
 """Errors below this share of the largest are not judged: the equations of the reference are solved to 1e-10."""
 SAMPLES = 2**16
-FAR, STARTS = 0.1, 4
 
 
 def motion(response):
@@ -135,106 +124,12 @@ def report(records):
             print(f"  certificate / solve, seconds, median: {cost:.2g}")
 
 
-SCENES = ("spur_pair", 5000.0), ("engine_with_damper", 1800.0), *(("gear_train_30", r) for r in (600.0, 1200.0, 1800.0))
-
-
-def scenes():
-    """Seconds of a solve and of its certificate, with programs to be compiled or from the store and again; harmonics of
-    the solve, and those in which the certificate inverts and evaluates its equation; the same of fewer harmonics."""
-    heads = f"{'harmonics':>11}{'low':>6}{'high':>7}{'force kN':>10}{'within kN':>11}"
-    print(f"{'scene':20}{'rpm':>6}{'solve s':>18}{'certificate s':>18}{heads}")
-    for name, rpm in SCENES:
-        train, seconds = jaxhb.load_scene(name), []
-        for _ in range(2):
-            begin = time.perf_counter()
-            response = jaxhb.solve(train, rpm=rpm)
-            middle = time.perf_counter()
-            found = jaxhb.certify(response)
-            seconds.append((middle - begin, time.perf_counter() - middle))
-        (first_solve, first), (solve, again) = seconds
-        times = f"{first_solve:9.2f}{solve:9.2f}{first:9.2f}{again:9.2f}"
-        print(f"{name:20}{rpm:6.0f}{times}{_within(response, found)}", flush=True)
-        for share in (2, 4, 8):
-            count = max(listed_harmonic(train.topology), response.harmonics // share)
-            fewer = jaxhb.solve(train, rpm=rpm, harmonics=count, start=response)
-            told = _within(fewer, jaxhb.certify(fewer)) if fewer.residual < 1e-9 else f"{count:11} not solved"
-            print(" " * 62 + told, flush=True)
-
-
-def _within(response, found):
-    """Columns of a certificate."""
-    force = max(response.force(mesh).peak for mesh in found.meshes) / 1e3
-    counts = f"{response.harmonics:11}{found.low:6}{found.high:7}"
-    return f"{counts}{force:10.2f}{np.max(found.force_bound) / 1e3:11.2g}"
-
-
-def starts(train, rpm, harmonics, rng):
-    """Responses of ``harmonics`` harmonics that solve the truncated equations, from random starts, no two alike."""
-    found = []
-    base = jaxhb.solve(train, rpm=rpm, harmonics=harmonics, method="reduced", start="linear")
-    h = float(train.meshes.backlash[0])
-    for _ in range(STARTS):
-        shape = (rng.normal(size=harmonics + 1) + 1j * rng.normal(size=harmonics + 1)) * h
-        shape[0] = shape[0].real
-        begin = dataclasses.replace(base, deflections=shape[None] / np.arange(1, harmonics + 2) ** 1.5)
-        response = jaxhb.solve(train, rpm=rpm, harmonics=harmonics, integrals="exact", start=begin, tolerance=0.99)
-        values = response.deflection_samples(256)
-        if response.residual < 1e-9 and all(np.abs(values - other).max() > 1e-6 * h for _, other in found):
-            found.append((response, values))
-    return [response for response, _ in found]
-
-
-def spurious():
-    """Whether motions that do not exist are certified."""
-    sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-    from event_exact import Pair
-    from trains import pair_rpm, pair_train
-
-    rng, counts = np.random.default_rng(20261127), collections.Counter()
-    for harmonics in (1, 2, 3, 4, 6, 8):
-        for speed in np.arange(2, 17) / 10:
-            pair = Pair(float(speed), epsilon=1e-3)
-            train, rpm = pair_train(pair, transition=0.04), pair_rpm(pair)
-            h = float(train.meshes.backlash[0])
-            for response in starts(train, rpm, harmonics, rng):
-                found, steps = jaxhb.certify(response), None
-                bound = found.deflection_bound[0] / h
-                for _ in range(2):  # again with four times the steps, where the first were too coarse to judge
-                    orbit = jaxhb.shooting_correction(response, steps=steps).orbit
-                    steps = 4 * orbit.deflection.shape[1]
-                    own = response.deflection_samples(orbit.deflection.shape[1])
-                    away = np.abs(own - orbit.deflection).max() / h if orbit.settled else np.inf
-                    if bound >= away * (1 - 1e-3):
-                        break
-                exists = "exists" if away < FAR else "does not"
-                verdict = "refused" if not found.holds else "bound reaches" if bound >= away * (1 - 1e-3) else "CHECK"
-                counts[harmonics, exists, verdict] += 1
-                if exists == "does not" and found.holds or verdict == "CHECK":
-                    print(
-                        f"{harmonics} harmonics, {speed:.1f}: shooting {away:.3g}, bound {bound:.3g} h: {verdict}",
-                        flush=True,
-                    )
-    print(f"{'harmonics':>9}  {'motion':9}{'refused':>9}{'bound reaches':>15}{'CHECK':>7}")
-    for harmonics, exists in sorted({key[:2] for key in counts}):
-        row = [counts[harmonics, exists, verdict] for verdict in ("refused", "bound reaches", "CHECK")]
-        print(f"{harmonics:9}  {exists:9}{row[0]:9}{row[1]:15}{row[2]:7}")
-
-
 def main():
-    read = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    add_cases(read, seed=20261126)
-    read.add_argument("--scenes", action="store_true")
-    read.add_argument("--spurious", action="store_true")
-    asked = read.parse_args()
+    asked = cases_line(__doc__, seed=20261126).parse_args()
     jaxhb.cache_programs()
-    if asked.scenes:
-        scenes()
-    elif asked.spurious:
-        spurious()
-    else:
-        # Most of the time goes into compiling, and each program serves a few cases.
-        _program.OPTIONS["xla_backend_optimization_level"] = 0
-        report(run_cases(asked, "certificates", run_case))
+    # Most of the time goes into compiling, and each program serves a few cases.
+    _program.OPTIONS["xla_backend_optimization_level"] = 0
+    report(run_cases(asked, "certificates", run_case))
 
 
 if __name__ == "__main__":

@@ -12,7 +12,6 @@ which teeth separate: with the harmonics of the default tolerance and with twice
 what :func:`jaxhb.gradient_and_error` estimates), against 2048 or twice as many again, from the same motion.
 """
 
-import argparse
 import dataclasses
 import time
 from functools import cache, partial
@@ -20,7 +19,7 @@ from functools import cache, partial
 import jax
 import numpy as np
 from known_trains import branched_parts
-from records import add_cases, run_cases
+from records import cases_line, run_cases
 
 import jaxhb
 from jaxhb import Cylinder, Mesh, Torque
@@ -280,9 +279,7 @@ def report(records):
 
 def main():
     """Read the command line and run."""
-    read = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    add_cases(read, seed=20261124)
-    asked = read.parse_args()
+    asked = cases_line(__doc__, seed=20261124).parse_args()
     report(run_cases(asked, "derivatives", sampled))
 
 

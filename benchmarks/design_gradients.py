@@ -1,7 +1,7 @@
 """Gradients for design: what they cost, against differences of a compiled integrator, and what a tuning wins.
 
     python benchmarks/design_gradients.py                      all figures, about 15 minutes on one core
-    python benchmarks/design_gradients.py cost rivals          some of: cost, rivals, tuning, derivatives, dampers
+    python benchmarks/design_gradients.py cost rivals          some of: cost, rivals, tuning
     python benchmarks/design_gradients.py --json rows.jsonl
     python benchmarks/design_gradients.py --quick              few speeds, few steps
 
@@ -16,23 +16,17 @@ within a turn.
 - ``rivals``: the gradient over 50 speeds by central differences, two sweeps per parameter, of Runge-Kutta from the
   linear motion on the flanks until two cycles agree within 1 % (at most 100 cycles), and within 1e-6, with how far the
   two gradients are apart. The ratio of times is given for both.
-- ``derivatives``: every path of the solve and every kind of parameter, see ``derivatives.py``.
-- ``dampers``: the exact optimum of a tuned damper on one mass, from a factor of ten away in each of two parameters.
 - ``tuning``: worst tooth force over 600 to 2600 rpm before and after, and the tuned train at five speeds that the
   tuning did not see, against Runge-Kutta until two cycles agree within 1e-4.
 """
 
-import argparse
 import dataclasses
-import itertools
 import time
 from functools import partial
 
 import numpy as np
-from derivatives import PLANS, table
-from known_trains import INERTIA, NATURAL, around_optimum, exact_peak, main_mass, tuned_main_mass
 from marches import march
-from records import run_parts
+from records import command_line, run_parts
 from tasks import fastest_rate, prepare
 
 import jaxhb
@@ -46,11 +40,6 @@ STABLE = 2.7
 LEAST_STEPS = 4000
 AIMS = (1e-6, 1e-2)
 """How well two cycles of Runge-Kutta agree."""
-OPTIMA = (
-    (0.05, 6.40792076358149, 0.9523721673403432, 0.12755677461876358),
-    (0.1, 4.58916556594907, 0.9090586036856317, 0.1685997616105898),
-)
-"""Mass ratio, exact H-infinity peak, tuning and damping ratio of a damper on one mass."""
 UNSEEN = (1130.0, 1710.0, 2035.0, 2265.0, 2440.0)
 COLUMNS = {
     "what": "<10s",
@@ -200,7 +189,7 @@ def rivals(recorder, options):
             for sign in (1, -1):
                 z = cases[10].z[0].copy()
                 z[k] = sign * 4e-3  # a thousandth of the range
-                marches = [settled(train.replace(cases[10].bench.values(z)), speed, aim)[0] for speed in rpm]
+                marches = [settled(train.replace(cases[10].bench.task.named(z)), speed, aim)[0] for speed in rpm]
                 values.append(smooth_worst(marches, mesh))
                 open_cycles += sum(marched.periodicity_error > aim for marched in marches)
             found.append((values[0] - values[1]) / 8e-3)
@@ -279,71 +268,14 @@ def tuning(recorder, options):
         )
 
 
-def derivatives(recorder, options):
-    """Every path, every kind of parameter: against differences, forwards against backwards, sampled against exact."""
-    paths = ("linear", "contact") if options.quick else tuple(PLANS)
-    exact = {} if options.quick else {row["kind"]: row["gradient"] for row in table("exact")}
-    for path in paths:
-        rows = table(path)
-        largest = max(abs(row["gradient"]) for row in rows)
-        for row in rows:
-            off = {"sampling": abs(row["gradient"] - exact[row["kind"]]) / largest} if path == "reduced" else {}
-            notes = f"{row['gradient']:.5g}, differences {row['error']:.0e}, transpose {row['transpose']:.0e}"
-            notes += "".join(f", 16 N against exact {error:.0e}" for error in off.values())
-            numbers = {"error": row["error"], "transpose": row["transpose"]}
-            recorder.add(
-                what="derivative",
-                setting=f"{path}: {row['kind']}",
-                notes=notes,
-                **numbers,
-                **off,
-                gradient=row["gradient"],
-            )
+PARTS = {"cost": cost, "rivals": rivals, "tuning": tuning}
 
 
-def dampers(recorder, options):
-    """The exact optimum of a damper on one mass (Den Hartog), from a factor ten away in each parameter."""
-    exact = OPTIMA[:1] if options.quick else OPTIMA
-    corners = [(10.0, 0.1)] if options.quick else [(a, b) for a in (10.0, 0.1) for b in (10.0, 0.1)]
-    ratios = around_optimum()
-    for (mu, peak, tuned, zeta), (stiffer, stronger) in itertools.product(exact, corners):
-        ring = mu * INERTIA
-        own = (tuned * NATURAL) ** 2 * ring, 2 * zeta * ring * NATURAL
-        names = ("damper.stiffness", "damper.damping")
-        bounds = [Parameter(name=n, low=v / 100, high=v * 100) for n, v in zip(names, own, strict=True)]
-        found = tuned_main_mass(main_mass(ring, stiffer * own[0], stronger * own[1]), bounds, ratios)
-        k, b = (found.after.parameters[name] for name in names)
-        reached = exact_peak(ring, k, b)
-        nonlinear_force = reached / peak - 1
-        last, damping = found.history[-1], b / (2 * ring * NATURAL)
-        recorder.add(
-            what="damper",
-            setting=f"mass ratio {mu:g}, {stiffer:g} x stiffness, {stronger:g} x damping",
-            parameters=2,
-            speeds=len(ratios),
-            seconds=last.seconds,
-            value=reached,
-            other=peak,
-            nonlinear_force=nonlinear_force,
-            notes=f"peak {nonlinear_force:.0e} too high, damping off by {damping / zeta - 1:.1e}; {last.number} steps",
-            damping=damping,
-        )
-
-
-PARTS = {"cost": cost, "rivals": rivals, "tuning": tuning, "derivatives": derivatives, "dampers": dampers}
-
-
-def main(argv=None):
+def main():
     """Print the rows, and write them."""
-    reader = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    reader.add_argument("parts", nargs="*", metavar="PART", help=f"{', '.join(PARTS)}; default: all")
-    reader.add_argument("--repeats", type=int, default=5)
+    reader = command_line(__doc__, core=0, repeats=5, quick="few speeds and steps")
     reader.add_argument("--differences", type=int, default=4, help="parameters of which Runge-Kutta is differenced")
-    reader.add_argument("--quick", action="store_true")
-    reader.add_argument("--core", type=int, default=0, help="-1: wherever the system puts it")
-    reader.add_argument("--json", metavar="FILE")
-    options = reader.parse_args(argv)
-    run_parts("design_gradients", reader, PARTS, COLUMNS, options)
+    run_parts("design_gradients", reader, PARTS, COLUMNS)
 
 
 if __name__ == "__main__":

@@ -13,14 +13,13 @@ chance: ``spread`` is how far windows of one integration differ, ``off95`` how f
 stay below is off. Cases whose integration would take more than MOST_WORK link steps say nothing.
 """
 
-import argparse
 import collections
 import time
 
 import numpy as np
 from integrators import runge_kutta_links
 from random_trains import random_case
-from records import add_cases, run_cases
+from records import cases_line, run_cases
 
 import jaxhb
 from jaxhb.equations import fourier
@@ -148,9 +147,7 @@ def report(records):
 
 
 def main():
-    read = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    add_cases(read, seed=20261123)
-    asked = read.parse_args()
+    asked = cases_line(__doc__, seed=20261123).parse_args()
     jaxhb.cache_programs()
     report(run_cases(asked, "kinds", run_case))
 

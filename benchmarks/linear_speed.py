@@ -11,13 +11,12 @@ heat, over what is brought in. openTorsion gets the meshes as its ElasticGear an
 harmonics at one speed; the exponent is the slope of log time over log size.
 """
 
-import argparse
 import json
 from pathlib import Path
 
 import numpy as np
 from branched_thirty import MESH, branched_thirty, numpy_angles
-from records import exponent, run_parts, timed
+from records import command_line, exponent, run_parts, timed
 
 import jaxhb
 from jaxhb.excitation.torques import excitation
@@ -140,12 +139,7 @@ PARTS = {"sweep": sweep, "chain": chain}
 
 def main():
     """Run what the command line asks for."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("parts", nargs="*", metavar="part", help=", ".join(PARTS), default=[])
-    parser.add_argument("--repeats", type=int, default=9)
-    parser.add_argument("--core", type=int, default=0, help="the core to stay on; -1: any")
-    parser.add_argument("--json", help="file for JSON lines")
-    run_parts("linear_speed", parser, PARTS, COLUMNS, parser.parse_args())
+    run_parts("linear_speed", command_line(__doc__, core=0, repeats=9), PARTS, COLUMNS)
 
 
 if __name__ == "__main__":

@@ -34,29 +34,10 @@ class Marched:
 
 
 def march(task, method, steps, *, cycles=None, aim=0.0, most=100, budget=np.inf, rho=RHO, clock=time.perf_counter):
-    """Integrate cycle after cycle until the elastic tooth force repeats.
+    """Integrate a Task by "rk4" or "implicit", so many ``steps`` a cycle, until the elastic tooth force repeats.
 
-    Parameters
-    ----------
-    task : Task
-    method : "rk4" or "implicit"
-    steps : int
-        Steps per cycle.
-    cycles : int, optional
-        Exactly so many; else until ``periodicity_error <= aim``, at most ``most`` cycles.
-    aim : float
-    most : int
-    budget : float
-        No further cycle is begun after so many seconds.
-    rho : float
-        Of generalized-alpha.
-    clock : callable
-        What seconds are taken from.
-
-    Returns
-    -------
-    Marched
-        ``periodicity_error`` above ``aim`` after ``most`` cycles: it did not settle. Not finite: it diverged.
+    cycles : exactly so many; else until ``periodicity_error <= aim``, at most ``most`` cycles (above it: not settled)
+    budget : seconds after which no cycle is begun; rho : of generalized-alpha; clock : what seconds are taken from
     """
     advance, _ = stepping(task, method, steps, rho)
     deflection, rate = np.empty((2, task.model.mesh_k.size, steps))

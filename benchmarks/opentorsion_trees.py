@@ -16,8 +16,6 @@ other one. The last table counts the frequencies at which a code and jaxhb diffe
 of the two is the nearer one there.
 """
 
-import argparse
-
 import mpmath
 import numpy as np
 from opentorsion.assembly import Assembly
@@ -25,7 +23,7 @@ from opentorsion.elements.disk_element import Disk
 from opentorsion.elements.elastic_gear_element import ElasticGear
 from opentorsion.elements.gear_element import Gear
 from opentorsion.elements.shaft_element import Shaft
-from records import Recorder
+from records import command_line, started
 
 import jaxhb
 
@@ -40,14 +38,8 @@ COLUMNS = {"meshes": "<7s", "method": "<38s", "trees": "5d", "frequencies": "11d
 
 
 def random_tree(random, decades=ORDINARY):
-    """Rotors that are random trees of shafts, each but the first geared to an earlier one.
-
-    Returns
-    -------
-    dict
-        ``inertia`` ``(S,)`` kg m2, ``shafts`` (disk, disk, N m/rad), ``meshes`` (gear of the earlier rotor, gear, their
-        radii in m, N/m)
-    """
+    """Rotors that are random trees of shafts, each but the first geared to an earlier one: ``inertia`` ``(S,)`` kg m2,
+    ``shafts`` (disk, disk, N m/rad), ``meshes`` (gear of the earlier rotor, gear, their radii in m, N/m)."""
     disks = int(random.integers(*DISKS, endpoint=True))
     inertia, shafts, meshes, rotor = (10 ** random.uniform(*decades[0], disks)).tolist(), [], [], [0]
     radius = random.uniform(0.03, 0.2, disks).tolist()
@@ -170,11 +162,10 @@ def compared(tree, rigid):
 
 def main():
     """Compare on all trees and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_line(__doc__, core=-1)
     parser.add_argument("--trees", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--wide", action="store_true", help="numbers of trees further apart")
-    parser.add_argument("--json", help="file for JSON lines")
     options = parser.parse_args()
     mpmath.mp.dps = DIGITS
     random = np.random.default_rng(options.seed)
@@ -183,8 +174,7 @@ def main():
         rigid = number >= (options.trees + 1) // 2
         tree = random_tree(random, WIDE if options.wide else ORDINARY)
         found["rigid" if rigid else "elastic"].append(compared(tree, rigid))
-    recorder = Recorder("opentorsion_trees", options.json, COLUMNS)
-    recorder.head()
+    recorder = started("opentorsion_trees", options, COLUMNS)
     differing = dict.fromkeys((UNDAMPED, STATE), (0, 0, 0))
     for meshes, trees in found.items():
         for method in (OURS, UNDAMPED, STATE) if trees else ():

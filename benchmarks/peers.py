@@ -12,7 +12,6 @@ so. Seconds are run time of the whole sweep; compilation beside it. With ``--few
 speeds, at which it takes the fewest steps, and its seconds are those times 100 / few.
 """
 
-import argparse
 import json
 import subprocess
 import sys
@@ -38,7 +37,7 @@ from chain_task import (
     middle,
     published,
 )
-from records import Recorder, pin, timed
+from records import command_line, started, timed
 
 import jaxhb
 
@@ -184,19 +183,14 @@ def _record(masses, rows, recorder):
 
 def main():
     """Run what the command line asks for."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_line(__doc__, core=0, repeats=5)
     parser.add_argument("--peers", default=sys.executable, help="interpreter that has pyHarm-os and harmonicbalance")
     names = ["pyHarm-os", "pyHarm-os, NLdofs", "harmonicbalance"]
     parser.add_argument("--codes", nargs="*", choices=names, default=names, metavar="CODE", help="; ".join(names))
     parser.add_argument("--masses", type=int, nargs="+", choices=(3, 10), default=[10])
     parser.add_argument("--few", type=int, default=len(SWEEP), help="speeds that harmonicbalance solves")
-    parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--core", type=int, default=0, help="the core to stay on; -1: any")
-    parser.add_argument("--json", help="file for JSON lines")
     options = parser.parse_args()
-    pin(options.core)
-    recorder = Recorder("peers", options.json, COLUMNS)
-    recorder.head()
+    recorder = started("peers", options, COLUMNS)
     for masses in options.masses:
         run(masses, options, recorder)
 

@@ -101,21 +101,8 @@ def span(rng, low, high, size=None):
 
 
 def random_case(rng, size=None):
-    """A random train and speed.
-
-    Parameters
-    ----------
-    rng : numpy.random.Generator
-    size : tuple (disks, meshes, variant), optional
-        One of ``SKELETONS``; drawn without.
-
-    Returns
-    -------
-    train : DriveTrain
-    rpm : float
-        Of the reference rotor.
-    facts : dict
-        What was drawn: skeleton, ``zeta`` (smallest tooth damping ratio), ``load`` (mean over first amplitude).
+    """A random train, its speed in rpm, and what was drawn: skeleton, ``zeta`` (smallest tooth damping ratio), ``load``
+    (mean over first amplitude) and more; ``size`` is one of SKELETONS, drawn without.
     """
     drawn = SKELETONS[rng.integers(len(SKELETONS))]
     bones = skeleton(*(size or drawn))

@@ -1,5 +1,6 @@
 """Rows of the benchmarks: one core, versions, medians over repeats, JSON lines, a table for people."""
 
+import argparse
 import contextlib
 import json
 import os
@@ -90,13 +91,9 @@ def timed(call, repeats, enough=30.0):
 
 
 class Recorder:
-    """Prints rows as they come and writes them as JSON lines; numbers that are not finite become null.
+    """Prints ``columns`` (name -> format) of rows as they come and writes rows as JSON lines to a path, if any.
 
-    Parameters
-    ----------
-    benchmark : str
-    path : path or None
-    columns : dict of column name -> format, those that are printed
+    Numbers that are not finite become null.
     """
 
     def __init__(self, benchmark, path, columns):
@@ -119,13 +116,34 @@ class Recorder:
             self.file.flush()
 
 
-def run_parts(benchmark, parser, parts, columns, options):
-    """Run the parts of a benchmark that the command line names, all by default: functions of (Recorder, options)."""
-    if unknown := sorted(set(options.parts) - set(parts)):
-        parser.error(f"unknown parts {unknown}: give {', '.join(parts)}")
+def command_line(doc, *, core=None, repeats=None, quick=""):
+    """The reader of a command line that shows the docstring of its script, with the options that are asked for."""
+    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", metavar="FILE", help="file for JSON lines")
+    if core is not None:
+        parser.add_argument("--core", type=int, default=core, help="the core to stay on; -1: any")
+    if repeats:
+        parser.add_argument("--repeats", type=int, default=repeats)
+    if quick:
+        parser.add_argument("--quick", action="store_true", help=quick)
+    return parser
+
+
+def started(benchmark, options, columns):
+    """The Recorder of a benchmark on its core, with the names of the columns printed."""
     pin(options.core)
     recorder = Recorder(benchmark, options.json, columns)
     recorder.head()
+    return recorder
+
+
+def run_parts(benchmark, parser, parts, columns):
+    """Run the parts of a benchmark that the command line names, all by default: functions of (Recorder, options)."""
+    parser.add_argument("parts", nargs="*", metavar="part", help=f"{', '.join(parts)}; default: all", default=[])
+    options = parser.parse_args()
+    if unknown := sorted(set(options.parts) - set(parts)):
+        parser.error(f"unknown parts {unknown}: give {', '.join(parts)}")
+    recorder = started(benchmark, options, columns)
     for part in options.parts or parts:
         parts[part](recorder, options)
 
@@ -154,28 +172,24 @@ def _plain(value):
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
-def add_cases(read, seed):
-    """The options of a benchmark whose random cases are run one after another."""
-    read.add_argument("--cases", type=int, default=200)
+def cases_line(doc, seed, cases=200):
+    """The command line of a benchmark whose random cases are run one after another, its file appended to."""
+    read = command_line(doc)
+    read.add_argument("--cases", type=int, default=cases)
     read.add_argument("--seed", type=int, default=seed)
-    read.add_argument("--only", type=int)
-    read.add_argument("--json", help="append JSON lines to this file; cases that it holds are not run again")
+    read.add_argument("--only", type=int, help="this case alone")
+    return read
 
 
 def run_cases(asked, benchmark, run_case):
     """Records of the cases asked for, each printed and kept as soon as it is known.
 
-    In the order in which they are drawn: where a run is cut off, what it has is a fair sample.
-
-    Parameters
-    ----------
-    asked : what :func:`add_cases` has read
-    benchmark : str, its name
-    run_case : callable, from seed and number of a case to its record
+    In the order in which they are drawn: where a run is cut off, what it has is a fair sample. Cases of the same seed
+    that the file holds are not run again. ``run_case`` makes a record from the seed and number of a case.
     """
     file = Path(asked.json) if asked.json else None
     rows = [json.loads(text) for text in file.read_text().splitlines()] if file and file.exists() else []
-    records = [r for r in rows if r.get("seed") == asked.seed]
+    records = [r for r in rows if r.get("seed") == asked.seed and r["case"] < asked.cases]
     known = {r["case"] for r in records}
     if file and not rows:
         file.write_text(json.dumps({"benchmark": benchmark, "device": device(), "versions": versions()}) + "\n")

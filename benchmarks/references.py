@@ -63,23 +63,10 @@ def distance(references, force):
 
 
 def references(train, rpm, task, *, tolerance=1e-3, steps=None, budget=300.0):
-    """The references of one train at one speed.
+    """The references of one train at one speed, and a sentence for each attempt that failed.
 
-    Parameters
-    ----------
-    train, rpm
-    task : Task
-    tolerance : float
-        Of the harmonic solution that is corrected.
-    steps : int, optional
-        Steps per cycle of the implicit method, default 48000 (its own error is then about 3e-4).
-    budget : float
-        Seconds for each of them.
-
-    Returns
-    -------
-    list of Reference, list of str
-        What was found, and a sentence for each attempt that failed.
+    tolerance : of the harmonic solution that is corrected; steps : per cycle of the implicit method, default 48000 (its
+    own error is then about 3e-4); budget : seconds for each of them
     """
     notes = []
     small = train.topology.n_disks <= SHOOTING_DISKS

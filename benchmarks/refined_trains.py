@@ -17,17 +17,7 @@ SHARE = 0.2
 
 
 def tooth_damping_ratio(train):
-    """Damping ratio of every mesh.
-
-    Parameters
-    ----------
-    train : DriveTrain
-
-    Returns
-    -------
-    array ``(M,)``
-        ``zeta = r / (2 sqrt(c m_a m_b / (m_a + m_b)))`` with ``m = J / r^2`` of the two gears alone.
-    """
+    """``r / (2 sqrt(c m_a m_b / (m_a + m_b)))`` ``(M,)`` of every mesh, ``m = J / r^2`` of the two gears alone."""
     return np.asarray(train.meshes.damping) / (2 * _critical(train))
 
 
@@ -49,19 +39,8 @@ def refined(train, disks, *, share=SHARE):
     A shaft of stiffness k and damping r becomes m pieces of m k and m r with m - 1 new disks between them, so that its
     static stiffness stays. The new disks share equally what the two ends of the shaft give up: each end
     ``share / 2`` of the lighter of the two inertias, an inertia being divided by the number of shafts at its disk. The
-    total inertia stays; excitation, gears, dampers and grounds stay on their disks.
-
-    Parameters
-    ----------
-    train : DriveTrain, or the name of a scene
-    disks : int
-        Disks afterwards, rings of dampers included; the shafts get the same number of new disks, give or take one.
-    share : float
-        Between 0 and 1.
-
-    Returns
-    -------
-    DriveTrain
+    total inertia stays; excitation, gears, dampers and grounds stay on their disks. ``disks`` afterwards include rings
+    of dampers; the shafts get the same number of new disks, give or take one.
     """
     train = jaxhb.load_scene(train) if isinstance(train, str) else train
     old = train.topology
@@ -128,15 +107,8 @@ def _shared_inertia(train, new, share):
 def accessory_drive(meshes):
     """A motor and a stiff shaft with pinions, each driving an accessory of its own through a mesh with backlash.
 
-    Parameters
-    ----------
-    meshes : int
-
-    Returns
-    -------
-    DriveTrain
-        One revolution per cycle. The motor's torque grows with the meshes so that each is out of contact for about a
-        sixth of the cycle at 1500 rpm, whatever their number; 4 of them have modes up to harmonic 210.
+    The motor's torque grows with the meshes so that each is out of contact for about a sixth of the cycle, one
+    revolution, at 1500 rpm, whatever their number; 4 of them have modes up to harmonic 210.
     """
     swing = SWING * meshes**0.11 * (1 + meshes / 4)
     harmonics = [(2.0, swing, 0.0), (4.0, swing / 2, 40.0)]

@@ -9,7 +9,6 @@ size by least squares. ``peak_MiB`` is the largest resident memory of the proces
 compilation and the programs of the rows before it included. ``compile`` starts fresh processes and counts programs.
 """
 
-import argparse
 import json
 import os
 import subprocess
@@ -19,7 +18,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from records import exponent, forget_peak, peak_memory, run_parts, timed
+from records import command_line, exponent, forget_peak, peak_memory, run_parts, timed
 from refined_trains import accessory_drive, refined, with_tooth_damping
 
 import jaxhb
@@ -213,16 +212,8 @@ PARTS = {"harmonics": harmonics, "disks": disks, "meshes": meshes, "speeds": spe
 
 def main():
     """Run what the command line asks for."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("parts", nargs="*", metavar="part", help=", ".join(PARTS), default=[])
-    parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--core", type=int, default=0, help="the core to stay on; -1: any")
-    parser.add_argument("--json", help="file for JSON lines")
-    parser.add_argument("--quick", action="store_true", help="few and small sizes")
-    options = parser.parse_args()
-    if options.quick:
-        options.repeats = 1
-    run_parts("scaling", parser, PARTS, COLUMNS, options)
+    parser = command_line(__doc__, core=0, repeats=5, quick="few and small sizes")
+    run_parts("scaling", parser, PARTS, COLUMNS)
 
 
 if __name__ == "__main__":

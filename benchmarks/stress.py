@@ -1,6 +1,6 @@
 """Stress: random drive trains solved from a cold start, judged by time integration, and the extremes of every number.
 
-    python benchmarks/stress.py [--cases 1000] [--seed 0] [--json F] [--jobs 1] [--once]     random trains
+    python benchmarks/stress.py [--cases 1000] [--seed 0] [--json F] [--once]              random trains
     python benchmarks/stress.py --only 17 [--seed 0]                                one of them, with its path
     python benchmarks/stress.py extremes [--json F] [--quick]                       the table of extremes.py
 
@@ -16,18 +16,16 @@ A thousand cases take hours. Those of the same seed that the file of ``--json`` 
 reported with the others: a run that was cut off goes on, and more cases can be asked for later.
 """
 
-import argparse
 import collections
 import json
-import multiprocessing
-import platform
 import time
+from functools import partial
 from pathlib import Path
 
 import extremes
-import jax
 import numpy as np
-from random_trains import SKELETONS, random_case
+from random_trains import random_case
+from records import cases_line, run_cases
 
 import jaxhb
 from jaxhb import Status
@@ -42,8 +40,6 @@ STEPS_PER_PERIOD = 20
 STEP_COUNTS = tuple(n * 2**k for k in range(8, 22) for n in (2, 3))
 MOST_WORK = 4e9
 """Of the referee: steps times states squared; about a minute and a half on one core."""
-LOT = 8
-"""Cases of a skeleton that one of several processes runs and hands over at once: those that are lost if it is ended."""
 RESOLVED = 1e-3
 """Errors below this are not told from those of the referee, and say nothing about the estimate."""
 
@@ -61,13 +57,9 @@ def steps_for(wanted):
 
 
 def referee(response, *, per_period=STEPS_PER_PERIOD):
-    """Shooting from a response, in one of a few step counts.
-
-    Returns
-    -------
-    dict
-        ``referee`` ("closed", "open", "too long" or why it refuses), ``error`` (of the elastic tooth forces, relative
-        to the largest), ``closure`` (periodicity error of the orbit), ``referee_steps``.
+    """Shooting from a response, in one of a few step counts: ``referee`` ("closed", "open", "too long" or why it
+    refuses), ``error`` (of the elastic tooth forces, relative to the largest), ``closure`` (periodicity error of the
+    orbit), ``referee_steps``.
     """
     train = response.train
     sharpest = np.pi / (2 * np.min(train.meshes.transition[np.array(train.topology.mesh_backlash)]))
@@ -125,7 +117,7 @@ def rung(path):
 def run_case(seed, index, again=True):
     """Record of case ``index``, solved ``again`` for its time without compilation."""
     train, rpm, facts = random_case(np.random.default_rng([seed, index]))
-    return {"benchmark": "stress", "seed": seed, "case": index} | examine(train, rpm, facts, again=again)
+    return {"seed": seed, "case": index} | examine(train, rpm, facts, again=again)
 
 
 def examine(train, rpm, facts, *, harmonics=None, again=True):
@@ -150,24 +142,6 @@ def examine(train, rpm, facts, *, harmonics=None, again=True):
     record["truncation_error"] = float(response.truncation_error)
     record["apart"] = max(float(c.separated_fraction) for c in response.contacts().values())
     return judge(record, response) if response.status <= Status.TOLERANCE_NOT_MET else record
-
-
-def skeleton_of(seed, index):
-    """Which skeleton a case has: the first number it draws."""
-    return int(np.random.default_rng([seed, index]).integers(len(SKELETONS)))
-
-
-def run_group(task):
-    """Yield the records of cases of one skeleton; their programs are dropped afterwards."""
-    seed, indices, again = task
-    for i in indices:
-        yield run_case(seed, i, again)
-    jax.clear_caches()
-
-
-def run_whole_group(task):
-    """Records of cases of one skeleton, from another process."""
-    return list(run_group(task))
 
 
 def percent(share):
@@ -236,50 +210,6 @@ def line(r):
     )
 
 
-def settings(arguments):
-    """What the numbers depend on."""
-    return {
-        "benchmark": "stress",
-        "device": jax.devices()[0].device_kind,
-        "processor": platform.processor() or platform.machine(),
-        "versions": {"jaxhb": jaxhb.__version__, "jax": jax.__version__, "numpy": np.__version__},
-        "python": platform.python_version(),
-        "settings": {key: value for key, value in vars(arguments).items() if key != "json"},
-    }
-
-
-def write(file, record):
-    """Append a record as one line of JSON."""
-    if file:
-        with Path(file).open("a") as stream:
-            stream.write(json.dumps(record) + "\n")
-
-
-def known_records(arguments):
-    """Records of the asked cases that the file already holds."""
-    if not arguments.json or arguments.only is not None or not Path(arguments.json).exists():
-        return []
-    rows = [json.loads(text) for text in Path(arguments.json).read_text().splitlines()]
-    return [r for r in rows if r.get("seed") == arguments.seed and r.get("case", arguments.cases) < arguments.cases]
-
-
-def random_records(arguments, known):
-    """Records of the asked cases that are not ``known``, skeleton by skeleton, in one process or several."""
-    asked = [arguments.only] if arguments.only is not None else range(arguments.cases)
-    groups = collections.defaultdict(list)
-    for i in sorted(set(asked) - {r["case"] for r in known}):
-        groups[skeleton_of(arguments.seed, i)].append(i)
-    lot = arguments.cases if arguments.jobs == 1 else LOT
-    lots = [groups[key][k : k + lot] for key in sorted(groups) for k in range(0, len(groups[key]), lot)]
-    tasks = [(arguments.seed, cases, not arguments.once) for cases in lots]
-    if arguments.jobs == 1:
-        yield from (record for task in tasks for record in run_group(task))
-        return
-    with multiprocessing.get_context("spawn").Pool(arguments.jobs, maxtasksperchild=1) as pool:
-        for records in pool.imap_unordered(run_whole_group, tasks):
-            yield from records
-
-
 def extreme_rows(arguments):
     """Run the table of extremes, print a line for each row, and return the rows."""
     rows = []
@@ -288,7 +218,9 @@ def extreme_rows(arguments):
             continue
         row = extremes.judged(extreme)
         rows.append(row)
-        write(arguments.json, row)
+        if arguments.json:
+            with Path(arguments.json).open("a") as stream:
+                stream.write(json.dumps(row) + "\n")
         expected = row["expected"] if isinstance(row["expected"], str) else " or ".join(row["expected"])
         verdict = "as expected" if row["as_expected"] else "WRONG NUMBER" if row["wrong"] else "UNEXPECTED"
         print(f"{row['extreme']} ({row['made']}): expected {expected}; found {row['found'][:200]}", flush=True)
@@ -299,28 +231,14 @@ def extreme_rows(arguments):
 
 def main():
     """Read the command line and run."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = cases_line(__doc__, seed=0, cases=1000)
     parser.add_argument("part", nargs="?", choices=("random", "extremes"), default="random")
-    parser.add_argument("--cases", type=int, default=1000)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--only", type=int, help="this case alone, with its path")
-    parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--once", action="store_true", help="solve once: no times without compilation")
-    parser.add_argument("--json", help="append JSON lines to this file; cases that it holds are not run again")
     parser.add_argument("--quick", action="store_true", help="extremes: those that take less than 2 s")
-    arguments = parser.parse_args()
-    write(arguments.json, settings(arguments))
-    if arguments.part == "extremes":
-        raise SystemExit(not all(row["as_expected"] for row in extreme_rows(arguments)))
-    records = known_records(arguments)
-    for record in random_records(arguments, known=records.copy()):
-        records.append(record)
-        write(arguments.json, record)
-        print(line(record), flush=True)
-    if arguments.only is not None:
-        print("\n".join(records[0].get("path", ())) or records[0].get("sentence"))
-        return
-    report(records)
+    asked = parser.parse_args()
+    if asked.part == "extremes":
+        raise SystemExit(not all(row["as_expected"] for row in extreme_rows(asked)))
+    report(run_cases(asked, "stress", partial(run_case, again=not asked.once)))
 
 
 if __name__ == "__main__":

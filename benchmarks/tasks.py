@@ -90,18 +90,7 @@ class Task:
 
 
 def prepare(train, rpm):
-    """The :class:`Task` of a train at a speed.
-
-    Parameters
-    ----------
-    train : DriveTrain
-        A tree without loss factors and massless disks, grounded at no more than one disk.
-    rpm : float
-
-    Returns
-    -------
-    Task
-    """
+    """The :class:`Task` of a train, a tree without loss factors and massless disks and with one ground at most."""
     system, meshes = chain.assemble(train), all_meshes(train)
     tree = system.tree
     if len(tree.loops) or np.any(system.loss) or np.any(system.mass == 0) or np.count_nonzero(system.ground) > 1:

@@ -19,13 +19,11 @@ The first line takes an hour, 10 minutes of it at 6 %: at 1 and 2 % some speeds 
 after 18 s. A speed of 27 disks at 6 % with ``--methods harmonic rk4`` takes 40 s, one of 3000 disks 1 to 2 minutes.
 """
 
-import argparse
-
 import numpy as np
 from adaptive import diffrax_march, march_speeds, scipy_march
 from integrators import runge_kutta as runge_kutta_steps
 from marches import march
-from records import Recorder, pin, timed
+from records import command_line, started, timed
 from references import distance, references
 from refined_trains import HAMMERING_RPM, refined, with_tooth_damping
 from tasks import fastest_rate, prepare
@@ -312,22 +310,16 @@ def _fastest(rows, method, limit):
 
 def main():
     """Run what the command line asks for."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_line(__doc__, core=0, repeats=5, quick="one speed, one damping ratio, few settings")
     parser.add_argument("--disks", type=int, nargs="+", default=[27], help="disks of the train: 27, 300, 3000")
     parser.add_argument("--damping", type=float, nargs="+", default=[6, 2, 1], help="tooth damping ratio in %%")
     parser.add_argument("--rpm", type=float, nargs="+", default=list(HAMMERING_RPM))
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS))
-    parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--budget", type=float, default=60.0, help="seconds after which a march begins no other cycle")
-    parser.add_argument("--core", type=int, default=0, help="the core to stay on; -1: any")
-    parser.add_argument("--json", help="file for JSON lines")
-    parser.add_argument("--quick", action="store_true", help="one speed, one damping ratio, few settings")
     options = parser.parse_args()
-    pin(options.core)
     if options.quick:
         options.repeats, options.rpm, options.damping = 1, options.rpm[2:3] or options.rpm[:1], options.damping[:1]
-    recorder = Recorder("work-precision", options.json, COLUMNS)
-    recorder.head()
+    recorder = started("work-precision", options, COLUMNS)
     for disks in options.disks:
         for damping in options.damping:
             train = with_tooth_damping(refined("gear_train_30", disks), damping / 100)

@@ -8,17 +8,9 @@ PART = ".part"
 
 
 def write_whole(contents):
-    """Write all files or none: each beside its place first, then moved there; nobody ever sees half a file.
+    """Write all files or none, of ``{path: iterable of bytes}``: each beside its place first, then moved there.
 
-    Parameters
-    ----------
-    contents : dict
-        ``{path: iterable of bytes}``. What fails while a content is made, leaves no file behind.
-
-    Raises
-    ------
-    OSError
-        With the path as it was given for ``filename``.
+    Nobody ever sees half a file, and what fails leaves none behind; an OSError has the path as it was given.
     """
     beside = {}
     try:

@@ -117,13 +117,7 @@ def kept(function):
 
 
 def check_settings():
-    """Refuse settings of jax under which numbers would be wrong, or jax fails somewhere inside.
-
-    Raises
-    ------
-    RuntimeError
-        Without double precision, and with implicit promotion of types or ranks forbidden.
-    """
+    """Refuse settings of jax under which numbers would be wrong, or jax fails somewhere inside."""
     config = load().config
     if not config.jax_enable_x64:
         raise RuntimeError(

@@ -64,10 +64,8 @@ class Program:
     def compile_ahead(self, *args, **kwargs):
         """Begin to make what a call with such arguments will run, in a thread of its own; the call waits for it.
 
-        Returns
-        -------
-        concurrent.futures.Future or None
-            To be cancelled where no such call comes; None where the program is there, or cannot be made beforehand.
+        Gives a Future, to be cancelled where no such call comes; None where the program is there, or cannot be made
+        beforehand.
         """
         if traced(args, kwargs) or staged() or not _plain(args, kwargs):
             return None
@@ -149,14 +147,9 @@ def along(axis):
 
 @cache
 def across(program, devices, given, made, **static):
-    """A Program whose lanes are cut into equal parts, one for each device, which runs its part by itself.
+    """A Program with its static arguments, its lanes cut into equal parts, one for each of the ``devices``.
 
-    Parameters
-    ----------
-    program : Program
-    devices : tuple of jax devices
     given, made : what :func:`along` gives, or WHOLE, for the arrays of the positional arguments and of the result
-    static : the static arguments
     """
     mesh = Mesh(np.array(devices), (SHARED_AXIS,))
     function = partial(program.function, **static)
@@ -195,9 +188,9 @@ _store = _disk.Store()
 def cache_programs(folder: str | Path | None = None, *, limit: int = _disk.LIMIT) -> Path | None:
     """Keep compiled programs on disk, so that other processes start with what this one has compiled.
 
-    The command line does so by itself. A solve of ``gear_train_30`` compiles for some seconds; from the disk its
-    programs are there in some tenths of one. What ``jax.jit`` of your own compiles around a solve goes into jax's
-    persistent cache in the same folder, unless you have set one: it is traced again, but not compiled.
+    The command line does so by itself. From the disk the programs of a solve are there in some tenths of a second. What
+    ``jax.jit`` of your own compiles around a solve goes into jax's persistent cache in the same folder, unless you have
+    set one: it is traced again, but not compiled.
 
     Parameters
     ----------
@@ -206,8 +199,8 @@ def cache_programs(folder: str | Path | None = None, *, limit: int = _disk.LIMIT
         is not there; it must be yours alone, as programs in it are run. Default: that of the command line, ``jaxhb`` in
         the user's cache folder or what the environment variable JAXHB_CACHE says; "off" there turns this call off.
     limit : int
-        Bytes that programs may take (default 1 GiB), with those in jax's cache there when this is called and when jaxhb
-        keeps a program. Those not used for longest are removed, and no other files.
+        Bytes that programs and jax's cache there may take (default 1 GiB), looked at in this call and when a program is
+        kept. Those not used for longest are removed, and no other files.
 
     Returns
     -------
@@ -246,8 +239,7 @@ def _plain(*trees):
 
 def _kind(leaf):
     """Shape and type of an argument, and whether its type gives way to others."""
-    weak = getattr(leaf, "weak_type", False)
-    return np.shape(leaf), leaf.dtype if hasattr(leaf, "dtype") else type(leaf).__name__, weak
+    return np.shape(leaf), getattr(leaf, "dtype", type(leaf).__name__), getattr(leaf, "weak_type", False)
 
 
 def _known_options():
@@ -304,13 +296,10 @@ class Held:
 
 def _too_many_maps(most):
     """Whether the process has more memory maps than ``most``, by default half of those that there are."""
-    maps = Path("/proc/self/maps")
-    return maps.exists() and maps.read_bytes().count(b"\n") > (_half_of_all() if most is None else most)
-
-
-@cache
-def _half_of_all():
-    return int(Path("/proc/sys/vm/max_map_count").read_text()) // 2
+    maps, allowed = Path("/proc/self/maps"), Path("/proc/sys/vm/max_map_count")
+    if not maps.exists():
+        return False
+    return maps.read_bytes().count(b"\n") > (int(allowed.read_text()) // 2 if most is None else most)
 
 
 _held = Held()

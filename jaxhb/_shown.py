@@ -42,23 +42,17 @@ def value_text(value):
     """A value in a few words: scalars as they are, of arrays type, shape and range, of collections the number."""
     if traced(value):
         return "traced"
-    if hasattr(value, "dtype") and np.size(value) != 1:
-        return _array_text(np.asarray(value))
     if hasattr(value, "dtype"):
-        return number(np.asarray(value).item())
+        return _array_text(np.asarray(value)) if np.size(value) != 1 else number(np.asarray(value).item())
     items = list(value.values()) if isinstance(value, dict) else value
-    if isinstance(items, tuple | list) and (len(items) > 4 or _many_records(items)):
+    records = isinstance(items, tuple | list) and len(items) > 1 and dataclasses.is_dataclass(items[0])
+    if records or (isinstance(items, tuple | list) and len(items) > 4):
         return f"{len(items)} of {type(items[0]).__name__}"
     if isinstance(value, dict):
         return f"{{{', '.join(f'{key!r}: {value_text(item)}' for key, item in value.items())}}}"
     if isinstance(value, tuple | list):
         return f"({', '.join(map(value_text, value))})"
     return number(value) if isinstance(value, float) else repr(value)
-
-
-def _many_records(value):
-    """Whether a collection holds several objects with fields of their own."""
-    return len(value) > 1 and dataclasses.is_dataclass(value[0])
 
 
 def _array_text(values):

@@ -75,7 +75,8 @@ class Store:
             lapack.prepare_lapack_call("potrf", np.float64)  # else a loaded program that calls LAPACK crashes
             executable, result = pickle.loads(content[_DIGEST:])
             structures = jax.tree.structure(((arguments,), {})), jax.tree.structure(result)
-            loaded = serialize_executable.deserialize_and_load(executable, *structures, execution_devices=_device())
+            device = jax.devices("cpu")[:1]
+            loaded = serialize_executable.deserialize_and_load(executable, *structures, execution_devices=device)
             os.utime(path)
         except FileNotFoundError:
             return None
@@ -173,7 +174,3 @@ def _processor():
     import platform
 
     return platform.machine(), platform.processor(), platform.version()
-
-
-def _device():
-    return jax.devices("cpu")[:1]

@@ -1,9 +1,7 @@
 """Systems made for the tests of time integration."""
 
-import json
-from pathlib import Path
-
 import numpy as np
+from reference_data import DATA, reference
 
 from jaxhb.elements.elements import Damper, Disk, Ground, Mesh, Shaft, Torque
 from jaxhb.equations.backlash import Law
@@ -15,7 +13,7 @@ from jaxhb.train import chain
 from jaxhb.train.assembly import build
 from jaxhb.train.chain import System, Tree
 
-REFERENCE = Path(__file__).parent / "data"
+REFERENCE = DATA
 
 
 def one_mass(*, mass, damping, stiffness, epsilon, transition, backlash):
@@ -66,5 +64,4 @@ def pair(*, damping_law="contact", pinion=0.0, ground=True, backlash=2e-4, extra
 
 def method_case(name):
     """One entry of method_cases.json."""
-    cases = json.loads((REFERENCE / "method_cases.json").read_text())["cases"]
-    return next(case for case in cases if case["id"] == name)
+    return next(case for case in reference("method_cases")["cases"] if case["id"] == name)

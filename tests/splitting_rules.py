@@ -75,16 +75,9 @@ def plus(a, b):
 
 
 def determinant(links, chosen, masses, held=()):
-    """``det / prod I`` of the chosen links on masses, those ``held`` grounded and left out; any graph with one loop.
+    """``det / prod I``, of twice the degree of the free masses, of chosen links; those ``held`` grounded and left out.
 
-    Parameters
-    ----------
-    links : Links
-    chosen, masses, held : sequences of names
-
-    Returns
-    -------
-    tuple, of degree twice the number of free masses
+    The graph may have one loop.
     """
     free = [mass for mass in masses if mass not in held]
     diagonal = {}
@@ -144,17 +137,9 @@ def _ways(links, chosen, a, b, passed=()):
 
 
 def piece(links, chosen, held=()):
-    """R of the piece made of some links: of a free tree without p^2, else the whole determinant.
+    """R of the piece of some links, monic, 1 of none: of a free tree without p^2, else the whole determinant.
 
-    Parameters
-    ----------
-    links : Links
-    chosen : sequence of links, possibly none (R = 1)
-    held : sequence of masses that are held
-
-    Returns
-    -------
-    tuple, monic
+    Masses ``held`` do not move.
     """
     masses = list(dict.fromkeys(mass for link in chosen for mass in links.ends[link]))
     found = determinant(links, chosen, masses, held)
@@ -166,15 +151,7 @@ def piece(links, chosen, held=()):
 def split_at_mass(links, mass, part):
     """R of a free tree split at a mass: ``R_A R_B - sum gamma_ij x (what is behind i, j) x (the rest, held)``.
 
-    Parameters
-    ----------
-    links : Links, a free tree
-    mass : where it is split
-    part : sequence of links, those of one side A; the others are B
-
-    Returns
-    -------
-    tuple, the same as :func:`piece` of all links
+    ``part`` are the links of one side A. The same as :func:`piece` of all links.
     """
     other = [link for link in links.ends if link not in part]
     branches = {link: _behind(links, mass, link) for link in links.at(mass, links.ends)}
@@ -193,18 +170,9 @@ def split_at_mass(links, mass, part):
 def open_ring(links, mass, link):
     """R^0 of a free system with one loop, opened at a mass of the ring that carries nothing else.
 
-    ``R^0 = R_open - gamma_ij R_rest - 2 R_outside prod k/I``: ``link`` (j) is moved to a second mass as heavy as the
-    first; rest is without both links of the mass; outside is all but the ring with its masses held.
-
-    Parameters
-    ----------
-    links : Links
-    mass : where the ring is opened
-    link : one of its two links
-
-    Returns
-    -------
-    tuple, the same as :func:`piece` of all links
+    ``R^0 = R_open - gamma_ij R_rest - 2 R_outside prod k/I``: ``link`` (j), one of the two of that mass, is moved to a
+    second mass as heavy as the first; rest is without both links of the mass; outside is all but the ring with its
+    masses held. The same as :func:`piece` of all links.
     """
     kept, copy = next(l for l in links.at(mass, links.ends) if l != link), (mass, "again")
     ends = {**links.ends, link: tuple(copy if m == mass else m for m in links.ends[link])}

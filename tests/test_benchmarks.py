@@ -32,12 +32,11 @@ def test_tooth_damping_is_set_by_its_ratio(gears):
     np.testing.assert_allclose(tooth_damping_ratio(with_tooth_damping(gears, 0.02)), 0.02, rtol=1e-12)
 
 
-@pytest.mark.parametrize("disks", [60, 300])
-def test_a_refined_train_keeps_inertia_stiffness_and_low_frequencies(gears, disks):
+def test_a_refined_train_keeps_inertia_stiffness_and_low_frequencies(gears):
     from refined_trains import refined
 
-    fine = refined(gears, disks)
-    assert fine.topology.n_disks == disks
+    fine = refined(gears, 300)
+    assert fine.topology.n_disks == 300
     assert np.isclose(fine.disks.inertia.sum(), gears.disks.inertia.sum(), rtol=1e-12)
     compliance = dict.fromkeys(gears.topology.shaft_names, 0.0)
     for name, stiffness in zip(fine.topology.shaft_names, fine.shafts.stiffness, strict=True):
@@ -45,21 +44,16 @@ def test_a_refined_train_keeps_inertia_stiffness_and_low_frequencies(gears, disk
     np.testing.assert_allclose(1 / np.array(list(compliance.values())), gears.shafts.stiffness, rtol=1e-12)
     coarse, many = (jaxhb.natural_frequencies(t).frequencies_hz[:6] for t in (gears, fine))
     np.testing.assert_allclose(many, coarse, rtol=0.01)
-    coarse, many = (jaxhb.linear_response(t, rpm=1800.0).force("crank gear", "idler").max for t in (gears, fine))
-    assert np.isclose(many, coarse, rtol=0.1)
 
 
 def test_a_refined_train_is_what_build_makes_of_its_pieces():
     from refined_trains import refined
 
     def parts(inertia, shafts):
-        return [
-            *(jaxhb.Disk(name=name, inertia=J) for name, J in inertia.items()),
-            *(jaxhb.Shaft(between=ends, stiffness=k, damping=r, name=n) for n, (ends, k, r) in shafts.items()),
-            jaxhb.Damper(name="ring", disk="a", inertia=0.2, damping=3.0, stiffness=10.0),
-            jaxhb.Ground(disk="b", stiffness=5.0),
-            jaxhb.Torque(disk="a", harmonics=[(1.0, 5.0, 2.0)]),
-        ]
+        made = [jaxhb.Disk(name=name, inertia=J) for name, J in inertia.items()]
+        made += [jaxhb.Shaft(between=ends, stiffness=k, damping=r, name=n) for n, (ends, k, r) in shafts.items()]
+        made += [jaxhb.Damper(name="ring", disk="a", inertia=0.2, damping=3.0, stiffness=10.0)]
+        return [*made, jaxhb.Ground(disk="b", stiffness=5.0), jaxhb.Torque(disk="a", harmonics=[(1.0, 5.0, 2.0)])]
 
     whole = parts({"a": 1.0, "b": 2.0}, {"a|b": (("a", "b"), 1e4, 4.0)})
     inertia = {"a": 0.9, "b": 1.9, "piece 1": 0.1, "piece 2": 0.1}
@@ -144,14 +138,6 @@ def test_a_peer_solves_the_same_chain():
     assert deviation(found, full_sweep(3, SWEEP[:2])) < ALLOWED
 
 
-def test_a_code_that_is_not_there_leaves_a_sentence():
-    import sys
-
-    from peers import peer
-
-    assert "KeyError" in peer(sys.executable, "nobody", 3, 1)
-
-
 def test_exponents_are_those_of_a_power_law():
     from records import exponent
 
@@ -171,17 +157,8 @@ def test_the_peak_of_memory_forgets_what_was_before():
 
 
 def _row(method, setting, seconds, error, status="settled", rpm=1833.0):
-    return {
-        "benchmark": "work-precision",
-        "method": method,
-        "setting": setting,
-        "disks": 27,
-        "damping_percent": 6,
-        "rpm": rpm,
-        "seconds": seconds,
-        "error": error,
-        "status": status,
-    }
+    row = {"benchmark": "work-precision", "method": method, "setting": setting, "disks": 27, "damping_percent": 6}
+    return row | {"rpm": rpm, "seconds": seconds, "error": error, "status": status}
 
 
 def test_a_curve_has_medians_over_speeds_and_no_setting_that_another_beats():
@@ -204,8 +181,7 @@ def test_methods_are_compared_at_the_speeds_that_all_rivals_solved():
     assert compared(rows) == {1, 2, 3}
     rows += [_row("rk4", "steps 10", 1.0, error, rpm=r) for r, error in ((1, 0.9), (2, 1e-3))]
     rows += [_row("rk4", "steps 10", 1.0, 1e-3, "never settles", rpm=3), _row("chain", "harmonics 64", 1.0, 0.5, rpm=1)]
-    assert compared(rows) == {2}
-    assert compared(rows[-1:]) == {1}
+    assert compared(rows) == {2} and compared(rows[-1:]) == {1}
 
 
 def test_the_stored_rows_are_drawn(tmp_path):
@@ -223,10 +199,6 @@ def test_the_stored_rows_are_drawn(tmp_path):
         assert (FOLDER / "figures" / f"{name}.png").exists()
 
 
-def test_the_module_of_the_integrators_is_the_only_one_that_loads_numba():
-    assert [p.name for p in FOLDER.glob("*.py") if "\nfrom numba import" in p.read_text()] == ["integrators.py"]
-
-
 def test_a_hundred_numbers_of_the_engine_can_be_tuned():
     from design_gradients import FORCE, many_parameters, viscous_engine
 
@@ -236,15 +208,6 @@ def test_a_hundred_numbers_of_the_engine_can_be_tuned():
     parameters = many_parameters(train, 100)
     assert len({parameter.name for parameter in parameters}) == 100
     check_all(train, parameters, (FORCE,), (), np.array([1000.0]))
-
-
-def test_values_of_a_long_chain_keep_the_digits_that_coefficients_lose():
-    from polynomial_digits import errors, roots
-
-    found = errors(np.concatenate([[0.3, 1.1, 1.7, 2.1], roots()[[20, 70]] * (1 + 1e-9)]))
-    assert found["jaxhb.characteristic"].max() < 1e-14
-    assert found["coefficients"][1:3].min() > 1e3
-    assert found["recursion in double precision"][:4].max() < 1e-12 < found["recursion in double precision"][4:].min()
 
 
 def test_random_geared_trees_have_the_frequencies_that_mpmath_finds():

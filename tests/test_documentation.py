@@ -24,6 +24,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGES = {path: path.read_text(encoding="utf-8") for path in (ROOT / "README.md", *sorted(DOCS.rglob("*.md")))}
 INSTALLED = "python3 -m venv .venv && "
 MODULES = {"design", "report"}
+LOAD = '[[load]]\ndisk = "throw 5"\n'
 
 
 def blocks(language, text=None):
@@ -75,33 +76,27 @@ def test_whole_scenes_load_and_parts_of_scenes_have_keys_that_exist(tmp_path):
             for row in rows if isinstance(rows, list) and name in TABLES else ():
                 assert set(row) <= {field.name for field in dataclasses.fields(TABLES[name])}, block
         if "disk" in tables:
-            file = tmp_path / "scene.toml"
-            file.write_text(block, encoding="utf-8")
-            jaxhb.load_scene(file)
+            loaded("scene.toml", block, tmp_path)
             scenes += 1
     assert scenes
 
 
-def test_the_scene_of_the_reference_is_the_one_that_its_words_describe(tmp_path):
+def loaded(name, text, folder):
+    (folder / name).write_text(text, encoding="utf-8")
+    return jaxhb.load_scene(folder / name).topology
+
+
+def test_the_scene_the_engine_and_the_two_tables_of_the_reference_are_the_trains_that_its_words_describe(tmp_path):
     (scene,) = [block for block in blocks("toml", page("reference/scene.md")) if "[[disk]]" in block]
-    file = tmp_path / "scene.toml"
-    file.write_text(scene, encoding="utf-8")
-    train = jaxhb.load_scene(file)
-    assert train.topology.mesh_names == ("crank gear|pump gear",)
-    assert train.topology.cylinder_names == ("cylinder 1",)
-
-
-def test_the_engine_and_the_two_tables_are_trains(tmp_path):
+    found = loaded("scene.toml", scene, tmp_path)
+    assert (found.mesh_names, found.cylinder_names) == (("crank gear|pump gear",), ("cylinder 1",))
     (engine,) = [block for block in blocks("toml", page("reference/excitation.md")) if block.startswith("[engine]")]
     throws = [f"throw {k}" for k in range(1, 6)]
     parts = [f'[[disk]]\nname = "{name}"\ninertia = 0.1\n' for name in throws]
     parts += [f"[[shaft]]\nbetween = {list(pair)}\nstiffness = 1e6\n" for pair in zip(throws, throws[1:], strict=False)]
-    file = tmp_path / "engine.toml"
-    file.write_text("".join([*parts, '[[load]]\ndisk = "throw 5"\n', engine]), encoding="utf-8")
-    assert len(jaxhb.load_scene(file).topology.cylinder_names) == 10
+    assert len(loaded("engine.toml", "".join([*parts, LOAD, engine]), tmp_path).cylinder_names) == 10
     (table,) = [block for block in blocks("text", page("how_to/other_programs.md")) if block.startswith("name,")]
-    (tmp_path / "pump.csv").write_text(table, encoding="utf-8")
-    assert jaxhb.load_scene(tmp_path / "pump.csv").topology.mesh_names == ("crank gear|pump gear",)
+    assert loaded("pump.csv", table, tmp_path).mesh_names == ("crank gear|pump gear",)
 
 
 def statements(block):
@@ -136,13 +131,10 @@ def test_links_and_pictures_lead_to_files(name):
 
 
 def test_pictures_are_small():
-    pictures = [
-        path.parent / link for path, text in PAGES.items() for link in re.findall(r"!\[[^]]*\]\(([^)]+)\)", text)
-    ]
+    shown = {path: re.findall(r"!\[[^]]*\]\(([^)]+)\)", text) for path, text in PAGES.items()}
+    pictures = [(path.parent / link).read_bytes() for path, links in shown.items() for link in links]
     assert len(pictures) >= 3
-    for picture in pictures:
-        assert picture.read_bytes().startswith(b"\x89PNG")
-        assert picture.stat().st_size < 400_000
+    assert all(picture.startswith(b"\x89PNG") and len(picture) < 400_000 for picture in pictures)
 
 
 def test_ci_runs_the_two_commands_of_the_readme():

@@ -80,22 +80,23 @@ def printed(code):
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip()
 
 
-def test_the_package_loads_neither_matplotlib_nor_optax():
-    code = "import sys, jaxhb; jaxhb.solve; print([m for m in ('matplotlib', 'optax') if m in sys.modules])"
-    assert printed(code) == "[]"
+LOADED = "print([m for m in ('jax', 'numpy', 'matplotlib', 'optax') if m in sys.modules])"
+SOLVES = "import sys, jaxhb; jaxhb.solve; "
+FROM_TERMINAL = "import os, jaxhb.cli.main as c; c.main(['--version']); import jax; "
+PRINTED = {
+    "the package loads neither matplotlib nor optax": (SOLVES + LOADED, "['jax', 'numpy']"),
+    "the command line loads neither jax nor numpy": ("import sys, jaxhb.cli.main; " + LOADED, "[]"),
+    "the command line keeps BLAS to one thread": (FROM_TERMINAL + "print(os.environ['OPENBLAS_NUM_THREADS'])", "1"),
+    "double precision if jax comes first": ("import jax, jaxhb; print(jax.numpy.ones(1).dtype)", "float64"),
+    "double precision if jax comes later": ("import jaxhb; import jax; print(jax.numpy.ones(1).dtype)", "float64"),
+    "double precision after a use": (SOLVES + "import jax; print(jax.numpy.ones(1).dtype)", "float64"),
+}
 
 
-def test_the_command_line_sets_the_environment_before_jax_and_numpy_are_there():
-    code = "import sys, jaxhb.cli.main; print([m for m in ('jax', 'numpy') if m in sys.modules])"
-    assert printed(code) == "[]"
-    code = "import os, jaxhb.cli.main as c; c.main(['scenes']); import jax; print(os.environ['OPENBLAS_NUM_THREADS'])"
-    assert printed(code).splitlines()[-1] == "1"
-
-
-def test_importing_the_package_switches_jax_to_double_precision():
-    assert printed("import jax, jaxhb; print(jax.numpy.ones(1).dtype)") == "float64"
-    assert printed("import jaxhb; jaxhb.solve; import jax; print(jax.numpy.ones(1).dtype)") == "float64"
-    assert printed("import jaxhb; import jax; print(jax.numpy.ones(1).dtype)") == "float64"
+@pytest.mark.parametrize("fact", PRINTED)
+def test_what_is_loaded_and_set_when_the_package_is_imported(fact):
+    code, wanted = PRINTED[fact]
+    assert printed(code).splitlines()[-1] == wanted
 
 
 def test_programs_are_kept_before_anything_of_the_package_has_loaded_jax(tmp_path):

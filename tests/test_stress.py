@@ -1,7 +1,9 @@
 """The fast part of ``benchmarks/stress.py``: random trains of two sizes and the extremes that take little time."""
 
 import argparse
+import json
 import sys
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,8 +14,8 @@ sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 
 import extremes
 import random_trains
-import settling
 import stress
+from records import run_cases
 
 import jaxhb
 from jaxhb.linear import mesh_modes
@@ -25,8 +27,6 @@ CASES = [((3, 1, 0), index) for index in (0, *range(2, 10))] + [((6, 1, 1), inde
 MODES_AT, HARMONICS = 30, 128
 """Harmonic of the highest mesh mode, by choice of the speed, and of all solves: the cases share a few programs."""
 
-records = {}
-
 
 def hammering_response():
     """What a judge looks at: a train with backlash, its speed and harmonics."""
@@ -34,15 +34,13 @@ def hammering_response():
     return SimpleNamespace(train=train, topology=train.topology, rpm=rpm, harmonics=HARMONICS)
 
 
+@cache
 def examined(size, index):
     """Record of a random case, solved once for all tests."""
-    if (size, index) not in records:
-        train, rpm, facts = random_trains.random_case(np.random.default_rng([7, index]), size)
-        rpm *= stress.mode_harmonic(train, rpm) / MODES_AT
-        records[size, index] = {"seed": 7, "case": index} | stress.examine(
-            train, rpm, facts, harmonics=HARMONICS, again=False
-        )
-    return records[size, index]
+    train, rpm, facts = random_trains.random_case(np.random.default_rng([7, index]), size)
+    rpm *= stress.mode_harmonic(train, rpm) / MODES_AT
+    found = stress.examine(train, rpm, facts, harmonics=HARMONICS, again=False)
+    return {"seed": 7, "case": index} | found
 
 
 @pytest.mark.parametrize(("size", "index"), CASES)
@@ -53,8 +51,8 @@ def test_random_train_gives_no_wrong_number_without_status(size, index):
 
 
 def test_well_damped_random_trains_converge():
-    found = [record for record in (examined(*case) for case in CASES) if record["zeta"] >= 0.05]
-    assert [stress.line(r) for r in found if r["status"] != "CONVERGED"] == []
+    found = [examined(*case) for case in CASES]
+    assert [stress.line(r) for r in found if r["zeta"] >= 0.05 and r["status"] != "CONVERGED"] == []
 
 
 def test_an_estimate_that_misses_a_faint_mode_of_the_meshes_is_trusted_less():
@@ -90,37 +88,24 @@ def test_a_referee_that_does_not_close_is_asked_with_shorter_steps(monkeypatch):
     assert stress.judge(record.copy(), response)["referee"] == "open"
 
 
-@pytest.mark.parametrize(("index", "verdict", "period"), [(445, "settles", 1), (771, "longer period", 3)])
-def test_long_time_integration_tells_periodic_motion(index, verdict, period):
-    train, rpm, _ = random_trains.random_case(np.random.default_rng([0, index]))
-    found = settling.settling(train, rpm)
-    assert (found["verdict"], found["period"]) == (verdict, period), found
-    assert found["change"] <= settling.RETURNED and (period == 1 or found["closure"] > 100 * settling.RETURNED)
-
-
-def test_skeletons_fix_what_is_compiled():
+def test_skeletons_fix_what_is_compiled_and_seeds_what_is_drawn():
     for size in random_trains.SKELETONS:
         first, second = (random_trains.random_case(np.random.default_rng([7, k]), size)[0] for k in (0, 1))
         assert first.topology == second.topology
-        assert first.topology.n_disks == size[0]
-        assert len(first.topology.mesh_names) == size[1]
+        assert (first.topology.n_disks, len(first.topology.mesh_names)) == size[:2]
+    again, same = (random_trains.random_case(np.random.default_rng([3, 5])) for _ in range(2))
+    assert again[1:] == same[1:]
+    np.testing.assert_array_equal(again[0].meshes.stiffness, same[0].meshes.stiffness)
 
 
-def test_cases_are_drawn_from_their_seeds():
-    first, second = (random_trains.random_case(np.random.default_rng([3, 5])) for _ in range(2))
-    assert first[1:] == second[1:]
-    np.testing.assert_array_equal(first[0].meshes.stiffness, second[0].meshes.stiffness)
-
-
-def test_a_run_goes_on_where_its_file_ends(tmp_path, monkeypatch):
+def test_a_run_goes_on_where_its_file_ends(tmp_path):
     file = tmp_path / "records.jsonl"
-    for record in ({"benchmark": "stress"}, {"seed": 7, "case": 0}, {"seed": 7, "case": 2}, {"seed": 8, "case": 1}):
-        stress.write(file, record)
-    monkeypatch.setattr(stress, "run_case", lambda seed, index, again: {"seed": seed, "case": index, "again": again})
-    asked = argparse.Namespace(seed=7, cases=3, only=None, json=str(file), jobs=1, once=True)
-    known = stress.known_records(asked)
-    assert known == [{"seed": 7, "case": 0}, {"seed": 7, "case": 2}]
-    assert list(stress.random_records(asked, known)) == [{"seed": 7, "case": 1, "again": False}]
+    rows = [{"benchmark": "stress"}, *({"seed": s, "case": c} for s, c in ((7, 0), (7, 2), (8, 1), (7, 5)))]
+    file.write_text("".join(json.dumps(row) + "\n" for row in rows))
+    asked = argparse.Namespace(seed=7, cases=3, only=None, json=str(file))
+    found = run_cases(asked, "stress", lambda seed, index: {"seed": seed, "case": index, "new": True})
+    assert [(r["seed"], r["case"], r.get("new", False)) for r in found] == [(7, 0, False), (7, 2, False), (7, 1, True)]
+    assert len(file.read_text().splitlines()) == len(rows) + 1
 
 
 @pytest.mark.parametrize("extreme", [e for e in extremes.extremes() if e.quick], ids=lambda extreme: extreme.name)

@@ -61,12 +61,12 @@ def gradient_and_error(function: Callable[[Any, Plan], Array], x: Any, *, plan: 
     Examples
     --------
     >>> import jaxhb
-    >>> engine = jaxhb.load_scene("six_cylinder_diesel")
-    >>> def swing(stiffness, plan):
-    ...     changed = engine.replace({"cyl6|flywheel.stiffness": stiffness})
-    ...     return jaxhb.solve(changed, rpm=1500.0, plan=plan).torque("cyl6", "flywheel").smooth_peak()
-    >>> plan = jaxhb.plan(engine, rpm=1500.0)
-    >>> _, slope, error = jaxhb.gradient_and_error(swing, 1.976e6, plan=plan)
+    >>> pair = jaxhb.load_scene("spur_pair")
+    >>> def peak(damping, plan):
+    ...     changed = pair.replace({"gear a|gear b.damping": damping})
+    ...     return jaxhb.solve(changed, rpm=3000.0, plan=plan).force("gear a", "gear b").smooth_peak()
+    >>> plan = jaxhb.plan(pair, rpm=3000.0)
+    >>> _, slope, error = jaxhb.gradient_and_error(peak, float(pair.value("gear a|gear b.damping")), plan=plan)
     >>> bool(error < 1e-6 * abs(slope))    # no teeth that part: nothing is truncated
     True
     """

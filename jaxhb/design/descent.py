@@ -8,7 +8,8 @@ import jax
 import numpy as np
 import optax
 
-from jaxhb.design.evaluation import Aim
+from jaxhb._shown import counts
+from jaxhb.design.evaluation import Aim, where
 from jaxhb.elements.elements import SceneError
 from jaxhb.results.status import Status
 
@@ -18,8 +19,7 @@ LONGEST = 1.5
 """Largest change of a z in one step: the share of the range then moves by at most 0.36."""
 
 TRIALS, EXPANSIONS = 12, 2
-"""Lengths of a step that are tried at most, and of these trials from which on a step is taken that falls without
-Wolfe's condition."""
+"""Lengths of a step tried at most; and that trial from which on one is taken that falls without Wolfe's condition."""
 
 DECREASE, CURVATURE = 1e-4, 0.9
 """Of the line search: Armijo's and Wolfe's conditions."""
@@ -33,11 +33,10 @@ FLAT = 1e-7
 
 @dataclass(frozen=True)
 class Step:
-    """One accepted step of a tuning.
+    """One accepted step of a tuning, from 0 for the start, and the best design there.
 
-    number : 0 is the start; objective : of the best design; parameters : of the best design by name
-    gradient_norm : of the best design, with respect to z; valid : speeds solved there; width : of the smooth maximum
-    start : which of the starts is best; evaluations : so far, of all starts at once; plan : of the solves
+    objective, parameters (by name), gradient_norm (with respect to z), valid (speeds solved), start (which it is) : of
+    the best design; width : of the smooth maximum; evaluations : so far, of all starts at once; plan : of the solves;
     seconds : since the beginning
     """
 
@@ -57,7 +56,6 @@ class Descent:
     """The designs of all starts as they are now, the best ones, and the history of the best of all."""
 
     def __init__(self, evaluator, optimizer, *, rate, widths, improvement, patience, on_step, on_start=None):
-        """Arguments as of :func:`jaxhb.tune`; ``evaluator``: an Evaluator."""
         self.evaluator, self.searching, self.rate = evaluator, optimizer == "lbfgs", rate
         self.widths, self.improvement, self.patience = widths, improvement, patience
         self.on_step, self.on_start = on_step, on_start
@@ -66,12 +64,7 @@ class Descent:
         self.history, self.evaluations, self.began = [], 0, time.monotonic()
 
     def run(self, z, steps):
-        """From the designs z to the end, or to Ctrl-C.
-
-        Returns
-        -------
-        first, best : Point; stopped : str; interrupted : bool
-        """
+        """From the designs z to the end, or to Ctrl-C: the first and the best Point, why it stopped, whether so."""
         first = self.best = self.point = self._first(z)
         self._note(0)
         try:
@@ -92,10 +85,10 @@ class Descent:
         point = self._at(z, near, rescues=near.status.shape[1], on_lanes=self.on_start)
         if not point.solved[0].any():
             raise SceneError(_nothing_solved(evaluator, point.status[0]))
-        while (finer := evaluator.finer(point, point.solved)) is not None:
-            self._count(point.solved)
-            point = self._at(z, finer)
         self._count(point.solved)
+        while (finer := evaluator.finer(point, point.solved)) is not None:
+            point = self._at(z, finer)
+            self._count(point.solved)
         if evaluator.peaks:
             point = self._at(z, evaluator.replanned(point))
             self._count(point.solved)
@@ -151,11 +144,11 @@ class Descent:
             before = self.point
             after, moved = (self._search if self.searching else self._stride)(before, direction, moving)
             number += 1
-            self.point = after.where(moved, before)
+            self.point = where(moved, after, before)
             won = self.best.value - self.point.value
             idle = np.where(won > self.improvement * np.abs(self.best.value), 0, idle + 1)
             idle = np.where(moved, idle, np.maximum(idle, self.patience - 1))  # once more, along the gradient
-            self.best = self.point.where(won > 0, self.best)
+            self.best = where(won > 0, self.point, self.best)
             # Between plans the objective jumps by its truncation error: such a step says nothing about curvature.
             other = (self.point.plan_number != before.plan_number).any(1)
             memory = self._without_curvature(memory, before, moved & ~other)
@@ -172,7 +165,7 @@ class Descent:
         for _ in range(TRIALS):
             trial = self._at(point.z + length[:, None] * direction, point, wanted=moving & ~moved)
             good = self._kept(trial) & moving & ~moved
-            best, moved = trial.where(good, best), moved | good
+            best, moved = where(good, trial, best), moved | good
             if (moved | ~moving).all():
                 break
             length = np.where(moved, length, length / 2)
@@ -193,7 +186,7 @@ class Descent:
             # Weak Wolfe conditions by bisection, which ends at the kinks of a worst value, too (Lewis and Overton,
             # Math. Program. 141 (2013) 135): a step that rises is the new ``high``, one still steep the new ``low``.
             curved = np.sum(at.gradient * direction, axis=1) >= CURVATURE * slope
-            best, moved = at.where(falls & (at.value <= best.value), best), moved | falls
+            best, moved = where(falls & (at.value <= best.value), at, best), moved | falls
             done |= falls & (curved | (trial >= EXPANSIONS))
             high, low = np.where(falls | done, high, length), np.where(falls, length, low)
             done |= moved & ~falls & (trial >= EXPANSIONS)
@@ -237,18 +230,14 @@ class Descent:
         change = (self.point.z - before.z) * (self.point.gradient - before.gradient)
         # L-BFGS needs s . y > 0: without, its matrix is not positive definite any more.
         bad = ~moved | ~(change.sum(1) > 0)
-
-        def renewed(empty, full):
-            return np.where(bad.reshape(-1, *[1] * (np.ndim(full) - 1)), empty, full)
-
-        return jax.tree.map(renewed, self._memory(), (memory[0], np.zeros_like(bad)))
+        return where(bad, self._memory(), (memory[0], np.zeros_like(bad)))
 
     def _note(self, number):
         evaluator, design = self.evaluator, best_of(self.best)
         step = Step(
             number=number,
             objective=float(self.best.value[design]),
-            parameters=evaluator.values(self.best.z[design]),
+            parameters=evaluator.task.named(self.best.z[design]),
             gradient_norm=float(np.linalg.norm(self.best.gradient[design])),
             valid=int(self.best.solved[design, : len(evaluator.rpm)].sum()),
             width=self.aim.share,
@@ -268,16 +257,11 @@ def best_of(point):
 
 def _nothing_solved(evaluator, status):
     name, rpm = evaluator.train.topology.title, evaluator.rpm
-    names, counts = np.unique([Status(int(s)).name for s in status], return_counts=True)
-    found = ", ".join(f"{count} {name}" for name, count in zip(names, counts, strict=True))
+    found = counts([Status(int(s)).name for s in status])
     way = "choose other speeds, more damping, or look at them with jaxhb sweep."
     if any(evaluator.train.topology.mesh_backlash):
-        way = (
-            "where teeth hammer there may be no periodic motion to follow. Tune a copy of the scene without the"
-            " backlash keys, or other speeds, or begin with more damping; then check the result with backlash by jaxhb"
-            " sweep."
-        )
-    return (
-        f"{name}: none of the {len(rpm)} speeds from {rpm.min():g} to {rpm.max():g} rpm converges at the start "
-        f"({found}): {way}"
-    )
+        way = "where teeth hammer there may be no periodic motion to follow. Tune a copy of the scene without the "
+        way += "backlash keys, or other speeds, or begin with more damping; then check the result with backlash by "
+        way += "jaxhb sweep."
+    head = f"{name}: none of the {len(rpm)} speeds from {rpm.min():g} to {rpm.max():g} rpm converges at the start"
+    return f"{head} ({found}): {way}"

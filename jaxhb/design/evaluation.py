@@ -3,15 +3,13 @@
 A lane is one design at one speed. The parameters are unbounded numbers z: a parameter lies the share
 ``1 / (1 + exp(-z))`` of the way from its lower to its upper bound, on its scale. What depends on them is done for all
 designs at once and ends in the numbers of the lanes' problems; what is expensive, a solve per lane, knows no
-parameters: its program serves any of them, and a gradient passes it once whatever their number. Solving and
-differentiating are two programs: a gradient is taken only where the value turned out to be worth it, and only through
-the speeds that matter. At most speeds of a drive train no tooth separates, and one linear solve is all; it is verified,
-and where a changed design shakes a tooth off the speed is solved like those that hammer.
+parameters: its program serves any of them, and a gradient passes it once whatever their number. A gradient is taken
+only where the value turned out to be worth it, and only through the speeds that matter. At most speeds no tooth
+separates, and one linear solve is all; it is verified, and where a changed design shakes a tooth off the speed is
+solved like those that hammer.
 """
 
 import dataclasses
-import itertools
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
@@ -51,7 +49,7 @@ MOST_RESCUES = 3
 """Lost speeds of a design that :func:`jaxhb.solve` tries from all its starts; with more the step went too far."""
 
 RESCUE_SECONDS = 30.0
-"""After which a lost speed gets no further attempt."""
+"""After which a lost speed gets no further attempt; most of what is not found soon has no motion of one cycle."""
 
 FARTHEST = 6.9
 """|z| of a start on a bound: a thousandth of the range inside it, where the share still has a slope."""
@@ -71,30 +69,25 @@ class Task:
         return self.objectives + tuple(p for p in self.penalties if p.quantity not in OF_DESIGN)
 
     @property
+    def of_design(self):
+        """The penalties that read the train alone."""
+        return tuple(p for p in self.penalties if p.quantity in OF_DESIGN)
+
+    @property
     def asked(self):
         """Quantity, element and order of each reading of a response."""
         return tuple((chosen.quantity, chosen.of, chosen.order) for chosen in self.of_response)
 
-    @property
-    def chosen(self):
-        """The objectives and all penalties."""
-        return self.objectives + self.penalties
-
-    def in_order(self, of_response, of_design):
-        """Readings of all that is chosen, out of those of responses and those of the train alone."""
-        of_response, of_design = iter(of_response), iter(of_design)
-        return tuple(next(of_design if c.quantity in OF_DESIGN else of_response) for c in self.chosen)
-
-    def values(self, z):
-        """Parameters in their own units ``(P,)`` from z ``(P,)``; numpy on the host."""
+    def named(self, z):
+        """Parameters by name, in their own units, from z ``(P,)``; floats on the host."""
         xp = namespace(z)
         share = 1 / (1 + xp.exp(-z))
-        low = np.array([p.low for p in self.parameters])
-        high = np.array([p.high for p in self.parameters])
+        low, high = np.array([(p.low, p.high) for p in self.parameters]).T
         log = np.array([p.scale == "log" for p in self.parameters])
         # On a log scale the share of the way is that of the logarithm.
         ratio = np.log(np.where(log, high, 1.0) / np.where(log, low, 1.0))
-        return xp.where(log, np.where(log, low, 1.0) * xp.exp(share * ratio), low + share * (high - low))
+        values = xp.where(log, np.where(log, low, 1.0) * xp.exp(share * ratio), low + share * (high - low))
+        return {p.name: values[i] if xp is jnp else float(values[i]) for i, p in enumerate(self.parameters)}
 
     def unbounded(self, train):
         """z ``(P,)`` of a train, of values on a bound a little inside."""
@@ -106,11 +99,6 @@ class Task:
         with np.errstate(divide="ignore"):
             z = np.log(shares) - np.log1p(-np.array(shares))
         return np.clip(z, -FARTHEST, FARTHEST)
-
-    def changed(self, train, z):
-        """The train with the parameters z ``(P,)``."""
-        values = self.values(z)
-        return train.replace({p.name: values[i] for i, p in enumerate(self.parameters)})
 
 
 @dataclass(frozen=True)
@@ -134,9 +122,9 @@ class Point:
 
     z : ``(A, P)``; speeds : ``(A, n)`` rpm, those asked for and behind them those that follow peaks
     status : ``(A, n)``; plan_number : ``(A, n)``, index of ``plans``, the first of which serves any motion
-    motion : complex ``(A, n, M, N+1)`` m, deflections
+    motion : complex ``(A, n, M, N+1)`` m, deflections; resumed : bool ``(A, n)``, solved from the motion at hand alone
+    smooth, exact : readings of responses ``(A, n, J)``; of_design : readings ``(A,)`` of the train alone
     value : ``(A,)``; gradient : ``(A, P)``, with respect to z, nan where it was not asked for
-    readings : of each objective and then each penalty, not smoothed, ``(A, n)``; those of the train alone ``(A,)``
     """
 
     z: np.ndarray
@@ -144,9 +132,12 @@ class Point:
     status: np.ndarray
     plan_number: np.ndarray
     motion: np.ndarray
+    resumed: np.ndarray | None = None
+    smooth: np.ndarray | None = None
+    exact: np.ndarray | None = None
+    of_design: tuple = ()
     value: np.ndarray | None = None
     gradient: np.ndarray | None = None
-    readings: tuple | None = None
     plans: tuple = field(default=(), metadata={"static": True})
 
     @property
@@ -154,13 +145,19 @@ class Point:
         """Whether the equations are solved ``(A, n)``."""
         return self.status <= Status.TOLERANCE_NOT_MET
 
-    def where(self, chosen, other):
-        """The designs of this point where ``chosen`` ``(A,)``, else of the other, which has the same plans."""
+    @property
+    def readings(self):
+        """Not smoothed, of what reads a response ``(A, n)`` each, then of what reads the train alone ``(A,)``."""
+        return (*np.moveaxis(self.exact, -1, 0), *self.of_design)
 
-        def pick(here, there):
-            return np.where(chosen.reshape(-1, *[1] * (np.ndim(here) - 1)), here, there)
 
-        return jax.tree.map(pick, self, other)
+def where(chosen, here, there):
+    """A tree of arrays ``(A, ...)`` with the designs of one where ``chosen`` ``(A,)``, else of the other."""
+
+    def pick(one, other):
+        return np.where(chosen.reshape(-1, *[1] * (np.ndim(one) - 1)), one, other)
+
+    return jax.tree.map(pick, here, there)
 
 
 @brief
@@ -178,20 +175,10 @@ class Reading:
 
 
 class Evaluator:
-    """Evaluates designs of one train on the host; it holds what stays the same all the way down.
-
-    Parameters
-    ----------
-    train : DriveTrain
-    rpm : array ``(n,)``
-    task : Task
-    request : Request
-        With ``harmonics`` None solves get more of them where they are too few.
-    peaks : int
-        Speeds added for every objective that is a maximum, to follow its highest peaks.
-    """
+    """Evaluates designs of one train on the host; it holds what stays the same all the way down."""
 
     def __init__(self, train, rpm, task, request, peaks=0):
+        """``peaks`` speeds are added for every objective that is a maximum, to follow its highest peaks."""
         self.train, self.rpm, self.task, self.request, self.peaks = train, rpm, task, request, peaks
         self.followed = [j for j, objective in enumerate(task.objectives) if objective.over == "worst"] if peaks else []
         self.fallback, plans = plan_designs(train, rpm, request)
@@ -199,11 +186,13 @@ class Evaluator:
         self.excited = excited or max(plan.harmonics for plan in (self.fallback, *plans))
         self.heavy = tuple((np.concatenate([train.disks.inertia, train.dampers.inertia]) > 0).tolist())
         moved = train.replace({p.name: train.value(p.name) for p in task.parameters})
-        problem = problem_at(train, float(rpm[0]), self.excited)
-        # What no parameter changes is handed to programs once; the rest travels as one vector for each lane.
+        leaves, structure = jax.tree.flatten((train, problem_at(train, float(rpm[0]), self.excited)))
+        # What no parameter changes, as tables of pressures, is handed to programs once; the rest for each lane.
         same = [old is new for old, new in zip(jax.tree.leaves(train), jax.tree.leaves(moved), strict=True)]
-        same += [False] * len(jax.tree.leaves(problem))
-        self.form, self.held = VectorForm.of((train, problem), same)
+        same += [False] * (len(leaves) - len(same))
+        held = [keep or jnp.result_type(leaf).kind not in "fc" for leaf, keep in zip(leaves, same, strict=True)]
+        self.held = [jnp.asarray(leaf) for leaf, keep in zip(leaves, held, strict=True) if keep]
+        self.form = structure, tuple(held)
 
     def unsolved(self, z):
         """The Point of designs ``(A, P)`` without motions."""
@@ -233,7 +222,7 @@ class Evaluator:
         that hold the same meshes, whose harmonics have proved enough."""
         plans, numbers = {(plan.active, plan.flank): plan for plan in point.plans}, []
         for z, speeds in zip(point.z, point.speeds, strict=True):
-            own = plan_designs(self.train.replace(self.values(z)), speeds, self.request)[1]
+            own = plan_designs(self.train.replace(self.task.named(z)), speeds, self.request)[1]
             for plan in own:
                 plans.setdefault((plan.active, plan.flank), plan)
             numbers.append([list(plans).index((plan.active, plan.flank)) for plan in own])
@@ -249,112 +238,82 @@ class Evaluator:
         return np.stack(columns, axis=-1)
 
     def at(self, z, near, aim, *, wanted=True, most=np.inf, rescues=MOST_RESCUES, on_lanes=None):
-        """The Point of designs near those of the Point ``near``.
+        """The Point of designs z ``(A, P)`` near those of the Point ``near``.
 
-        Parameters
-        ----------
-        z : array ``(A, P)``
-        near : Point
-        aim : Aim
-        wanted : bool array ``(A,)``, designs to be solved; the others are those of ``near`` without value
-        most : array ``(A,)``, values above which no gradient is asked for
-        rescues : int, lost speeds of a design that are tried from all starts of :func:`jaxhb.solve`
-        on_lanes : callable, optional
-            Called with the Reading of the first design, again and again while its speeds are solved.
+        wanted : bool ``(A,)``, designs to be solved; the others are those of ``near`` without value
+        most : ``(A,)``, values above which no gradient is asked for
+        rescues : lost speeds of a design that are tried from all starts of :func:`jaxhb.solve`
+        on_lanes : called with the Reading of the first design, again and again while its speeds are solved
         """
-        wanted = np.broadcast_to(wanted, len(z))[:, None]
+        wanted = np.broadcast_to(wanted, len(z))
+        which = np.broadcast_to(wanted[:, None], aim.counted.shape)
         numbers, pull = self.numbers_of(z, near.speeds)
+        nothing = np.zeros((*which.shape, len(self.task.of_response)))
         motion = fourier.resize(near.motion, max(plan.harmonics for plan in near.plans))
-        lanes = Lanes(
-            self,
-            dataclasses.replace(near, z=z, motion=motion),
-            counted=wanted & aim.counted,
-            numbers=numbers,
-            unmoved=(z == near.z).all(1, keepdims=True),
-            smooth=np.zeros((*aim.counted.shape, len(self.task.of_response))),
-            exact=np.zeros((*aim.counted.shape, len(self.task.of_response))),
-            resumed=np.zeros(aim.counted.shape, dtype=bool),
-            owner=np.full(aim.counted.shape, -1),
-            on_lanes=on_lanes,
-        )
-        lanes = lanes.solve(np.broadcast_to(wanted, aim.counted.shape), near.solved)
+        changes = {"motion": motion, "resumed": np.zeros_like(which), "smooth": nothing, "exact": nothing}
+        point = dataclasses.replace(near, z=z, of_design=(), **changes)
+        lanes = Lanes(self, point, numbers, which & aim.counted, (z == near.z).all(1, keepdims=True), on_lanes)
+        lanes = lanes.solve(which, near.solved)
         # What was lost from a march is tried from the motion of the design nearby, and the other way round.
         again = lanes.lost & near.solved & (lanes.point.status != Status.PLAN_VIOLATED)
-        lanes = lanes.solve(again & ~lanes.resumed, True, other=False)
-        lanes = lanes.solve(again & lanes.resumed, False)
+        lanes = lanes.solve(again & ~lanes.point.resumed, True, other=False)
+        lanes = lanes.solve(again & lanes.point.resumed, False)
         violated = lanes.lost & (lanes.point.status == Status.PLAN_VIOLATED)
         lanes = lanes.with_point(plan_number=np.where(violated, 0, lanes.point.plan_number)).solve(violated, False)
         lost = lanes.lost
         lanes = lanes.rescue(lost & (lost.sum(1, keepdims=True) <= rescues))
-        return self._valued(lanes, pull, aim, wanted[:, 0], most)
+        return self._valued(lanes, pull, aim, wanted, most)
 
     def _valued(self, lanes, pull, aim, wanted, most):
         """The Point, with gradients where the value is at most ``most``; a speed without one counts as lost."""
         point, status = lanes.point, lanes.point.status
         while True:
             kept = lanes.counted & (status <= Status.TOLERANCE_NOT_MET)
+            weighted = point.smooth, kept, self.weights(point.speeds), aim.widths, aim.scales
             shape = {"task": self.task, "own": len(self.rpm), "heavy": self.heavy}
-            numbers = self.weights(point.speeds), aim.widths, aim.scales
-            combined = combine(self.train, point.z, lanes.smooth, kept, *numbers, **shape)
+            combined = combine(self.train, point.z, *weighted, **shape)
             value, of_design, by_z, by_smooth = jax.tree.map(np.asarray, combined)
             # A line search rejects higher values without their gradients, which cost as much as the solves.
             steep = wanted & (value <= most)
             by_numbers = lanes.pulled(np.where(steep[:, None, None], by_smooth, 0.0))
-            whole = np.isfinite(by_numbers).all(axis=-1)
+            whole = np.all([np.isfinite(by).all(axis=tuple(range(2, by.ndim))) for by in by_numbers], axis=0)
             if (whole | ~kept).all():
                 break
             # Near a fold the equations are solved and their derivative is not: the speed is lost, and the rest
             # evaluated without it.
             status = np.where(kept & ~whole, Status.STALLED, status)
         gradient = np.where(steep[:, None], by_z + np.asarray(pull_back(pull, by_numbers)), np.nan)
-        readings = self.task.in_order(np.moveaxis(lanes.exact, -1, 0), of_design)
-        return dataclasses.replace(point, status=status, value=value, gradient=gradient, readings=readings)
+        return dataclasses.replace(point, status=status, value=value, gradient=gradient, of_design=of_design)
 
     def finer(self, point, counted):
         """The point under plans of more harmonics where counted speeds need them, None where none does."""
-        plans = list(point.plans)
-        for number in () if self.request.harmonics else self._short(point, counted & point.solved):
-            higher = next_level(plans[number].harmonics, plans[number].method)
-            plans[number] = dataclasses.replace(plans[number], harmonics=higher, tolerance_share=1.0)
-        return dataclasses.replace(point, plans=tuple(plans)) if tuple(plans) != point.plans else None
-
-    def _short(self, point, counted):
-        """Numbers of the plans that have too few harmonics and may have more."""
-        numbers = self.numbers_of(point.z, point.speeds)[0]
+        plans, counted = list(point.plans), counted & point.solved & (not self.request.harmonics)
+        numbers = self.numbers_of(point.z, point.speeds)[0] if counted.any() else None
         for number, plan in enumerate(point.plans):
-            more = plan.active and next_level(plan.harmonics, plan.method)
-            lanes = np.argwhere(counted & (point.plan_number == number)) if more else ()
+            higher = next_level(plan.harmonics, plan.method) if plan.active else None
+            lanes = np.argwhere(counted & (point.plan_number == number)) if higher else ()
             for chunk, padded in batches(lanes, plan):
                 motion = of_active_meshes(point.motion[tuple(padded.T)], plan)
-                own = numbers[tuple(padded.T)]
+                own = [leaf[tuple(padded.T)] for leaf in numbers]
                 errors = estimate_lanes(own, self.held, motion, plan.active_meshes, form=self.form, sizes=plan.static)
                 if (np.asarray(errors)[: len(chunk)] > plan.limit).any():
-                    yield number
+                    plans[number] = dataclasses.replace(plan, harmonics=higher, tolerance_share=1.0)
                     break
+        return dataclasses.replace(point, plans=tuple(plans)) if tuple(plans) != point.plans else None
 
     def numbers_of(self, z, speeds):
-        """Numbers of all lanes ``(A, n, K)`` of designs z, and the pullback to z."""
-        shape = {"task": self.task, "excited": self.excited, "form": self.form}
+        """Numbers of all lanes ``(A, n, ...)`` of designs z, and the pullback to z."""
+        shape = {"task": self.task, "excited": self.excited, "held": self.form[1]}
         numbers, pull = problems_of_designs(self.train, speeds, z, **shape)
-        return np.asarray(numbers), pull
+        return [np.asarray(leaf) for leaf in numbers], pull
 
     def reading(self, point, design):
-        """The :class:`Reading` of one design."""
-        return self.told(point.z[design], point.solved[design], [values[design] for values in point.readings])
-
-    def told(self, z, solved, readings):
-        """The :class:`Reading` of one design from its values of all that is chosen, None where there is none yet."""
-        solved = solved[: len(self.rpm)]
-        told = {
-            label(chosen): np.where(solved, values[: len(solved)], np.nan) if np.ndim(values) else float(values)
-            for chosen, values in zip(self.task.chosen, readings, strict=True)
-            if values is not None
-        }
-        return Reading(self.values(z), solved, told)
-
-    def values(self, z):
-        """Parameters by name."""
-        return {p.name: float(v) for p, v in zip(self.task.parameters, self.task.values(z), strict=True)}
+        """The :class:`Reading` of one design, of as much as is known."""
+        solved, told = point.solved[design, : len(self.rpm)], {}
+        for chosen, values in zip(self.task.of_response + self.task.of_design, point.readings, strict=False):
+            own = values[design]
+            told[label(chosen)] = np.where(solved, own[: len(solved)], np.nan) if np.ndim(own) else float(own)
+        return Reading(self.task.named(point.z[design]), solved, told)
 
     def described(self, point, design):
         """The plans of one design, for people."""
@@ -362,28 +321,26 @@ class Evaluator:
         return "; ".join(f"{n} speeds: {point.plans[k]}" for k, n in zip(numbers, counts, strict=True))
 
 
+SOLVED = "status", "motion", "resumed", "smooth", "exact"
+"""Fields of Point that a solve gives."""
+
+
 @dataclass(frozen=True)
 class Lanes:
     """The lanes of one evaluation, as far as they are solved: each attempt gives others.
 
-    evaluator; point : designs, status, plans and motions; counted : ``(A, n)``, lanes that enter the objective
-    numbers : ``(A, n, K)``; unmoved : ``(A, 1)``, designs that are those of the motions at hand
-    smooth, exact : readings ``(A, n, J)``; resumed : ``(A, n)``, solved from the motion at hand and no other
-    pulls : (lanes, padded lanes, derivative) of each batch; owner : ``(A, n)``, index of the last one of a lane
-    on_lanes : None, or called with a Reading
+    numbers : arrays ``(A, n, ...)``; counted : ``(A, n)``, lanes that enter the objective
+    unmoved : ``(A, 1)``, designs that are those of the motions at hand; on_lanes : None, or called with a Reading
+    batches : (lanes, padded lanes, derivative) of each batch solved
     """
 
     evaluator: Evaluator
     point: Point
+    numbers: list
     counted: np.ndarray
-    numbers: np.ndarray
     unmoved: np.ndarray
-    smooth: np.ndarray
-    exact: np.ndarray
-    resumed: np.ndarray
-    owner: np.ndarray
-    pulls: tuple = ()
     on_lanes: Callable | None = None
+    batches: tuple = ()
 
     @property
     def lost(self):
@@ -400,51 +357,43 @@ class Lanes:
         A march is where the motion at hand leaves more of the equations; teeth in contact are, where none separates,
         once the design has changed.
         """
-        if not which.any():
-            return self
-        point, pulls = self.point, list(self.pulls)
-        status, motion = point.status.copy(), point.motion.copy()
-        smooth, exact, resumed, owner = (a.copy() for a in (self.smooth, self.exact, self.resumed, self.owner))
-        for number in np.unique(point.plan_number[which]):
-            plan = point.plans[number]
+        changes = {name: getattr(self.point, name).copy() for name in SOLVED}
+        made = self.with_point(**changes)
+        for number in np.unique(self.point.plan_number[which]):
+            plan = self.point.plans[number]
             own = np.broadcast_to(given & (plan.marches | self.unmoved | (not other)), which.shape)
-            for chunk, padded in batches(np.argwhere(which & (point.plan_number == number)), plan):
-                into, at = tuple(chunk.T), tuple(padded.T)
-                read, pull = self._read(plan, at, own[at], plan.marches and other)
-                read = jax.tree.map(lambda a, into=into: np.asarray(a)[: len(into[0])], read)
-                smooth[into], (status[into], periodicity_error, deflections, exact[into]) = read
-                motion[into] = fourier.resize(deflections, motion.shape[-1] - 1)
-                resumed[into] = own[into] & (periodicity_error == 0)
-                owner[into] = len(pulls)
-                pulls.append((chunk, padded, pull))
+            for chunk, padded in batches(np.argwhere(which & (self.point.plan_number == number)), plan):
+                at = tuple(padded.T)
+                found, pull = self._read(plan, at, own[at], plan.marches and other)
+                for name, values in zip(SOLVED, found, strict=True):
+                    changes[name][tuple(chunk.T)] = np.asarray(values)[: len(chunk)]
+                made = dataclasses.replace(made, batches=(*made.batches, (chunk, padded, pull)))
                 if self.on_lanes:
-                    readings = self.evaluator.task.in_order(exact[0].T, itertools.repeat(None))
-                    self.on_lanes(self.evaluator.told(point.z[0], status[0] <= Status.TOLERANCE_NOT_MET, readings))
-        made = dataclasses.replace(self, smooth=smooth, exact=exact, resumed=resumed, owner=owner, pulls=tuple(pulls))
-        return made.with_point(status=status, motion=motion)
+                    self.on_lanes(self.evaluator.reading(made.point, 0))
+        return made
 
     def _read(self, plan, at, given, marching):
-        """What :func:`read_lanes` reads of the lanes ``at`` under a plan, and the pullback from its readings."""
+        """The fields SOLVED of the lanes ``at`` under a plan, and the pullback from their readings."""
+        point, evaluator = self.point, self.evaluator
         motion = np.zeros((len(given), 0, plan.harmonics + 1), complex)
-        motion = of_active_meshes(self.point.motion[at], plan) if plan.active else motion
+        motion = of_active_meshes(point.motion[at], plan) if plan.active else motion
         start = motion, given, np.full(len(given), plan.cycles * marching), np.full(len(given), CLOSED)
         # Whether a plan has enough harmonics is asked by itself.
         changes = {"max_steps": NEWTON_STEPS, "estimated": False, "start": "march", "compare_starts": True}
-        sizes = dataclasses.replace(plan.static, **changes)
-        shape = {"form": self.evaluator.form, "asked": self.evaluator.task.asked, "sizes": sizes}
-        lanes = self.numbers[at], self.evaluator.held, self.point.speeds[at]
-        smooth, found, outcome = read_lanes(*lanes, start, plan.active_meshes, **shape)
-        return (smooth, outcome), partial(pull_lanes, *lanes, found, plan.active_meshes, **shape)
+        shape = {"form": evaluator.form, "asked": evaluator.task.asked}
+        shape["sizes"] = dataclasses.replace(plan.static, **changes)
+        lanes = [leaf[at] for leaf in self.numbers], evaluator.held, point.speeds[at]
+        smooth, found, (status, error, motion, exact) = read_lanes(*lanes, start, plan.active_meshes, **shape)
+        motion = fourier.resize(np.asarray(motion), point.motion.shape[-1] - 1)
+        solved = status, motion, given & (np.asarray(error) == 0), smooth, exact
+        return solved, partial(pull_lanes, *lanes, found, plan.active_meshes, **shape)
 
     def rescue(self, which):
-        """Solve ``which`` one by one, from all starts of :func:`jaxhb.solve`, and from there under the largest plan.
-
-        Each has a bounded time, and one attempt in any case: most of what is not found soon has no motion of one cycle.
-        """
+        """Solve ``which`` one by one, from all starts of :func:`jaxhb.solve`, and from there under the largest plan."""
         point, plan, found = self.point, self.point.plans[0], np.zeros_like(which)
         motion = point.motion.copy()
         for a, i in np.argwhere(which) if plan.active else ():
-            train = self.evaluator.train.replace(self.evaluator.values(point.z[a]))
+            train = self.evaluator.train.replace(self.evaluator.task.named(point.z[a]))
             own = {"harmonics": plan.harmonics, "integrals": plan.integrals, "seconds": RESCUE_SECONDS}
             response = solve(train, rpm=float(point.speeds[a, i]), **own)
             if response.status <= Status.TOLERANCE_NOT_MET:
@@ -454,30 +403,24 @@ class Lanes:
         return made.solve(found, True, other=False)
 
     def pulled(self, by_smooth):
-        """The derivative of the objective by the numbers of every lane, from that by its readings."""
-        by_numbers = np.zeros_like(self.numbers)
-        size = np.abs(by_smooth * self.smooth)
+        """The derivatives of the objective by the numbers of every lane, from that by its readings."""
+        by_numbers = [np.zeros_like(leaf) for leaf in self.numbers]
+        size = np.abs(by_smooth * self.point.smooth)
         # Of a smooth maximum few speeds have a weight: a gradient is pulled through these alone.
-        counts = size.max(axis=(1, 2), keepdims=True) * NEGLIGIBLE < size
-        for number, (chunk, padded, pull) in enumerate(self.pulls):
-            into = tuple(chunk.T)
-            own = (self.owner[into] == number)[:, None] & counts[into]
+        left = size.max(axis=(1, 2), keepdims=True) * NEGLIGIBLE < size
+        for chunk, padded, pull in reversed(self.batches):
+            into, cotangent = tuple(chunk.T), np.zeros((len(padded), by_smooth.shape[-1]))
+            own = left[into]
+            left[into] = False  # of the attempts at a lane the last one counts
             if own.any():
-                cotangent = np.zeros((len(padded), by_smooth.shape[-1]))
                 cotangent[: len(chunk)] = np.where(own, by_smooth[into], 0.0)
-                by_numbers[into] += np.asarray(pull(cotangent))[: len(chunk)]
+                for by, part in zip(by_numbers, pull(cotangent), strict=True):
+                    by[into] += np.asarray(part)[: len(chunk)]
         return by_numbers
 
 
 def plan_designs(train, rpm, request):
-    """A plan for every speed, and the plan of those that leave theirs.
-
-    Returns
-    -------
-    fallback : Plan
-        Every mesh with backlash is an unknown, as fine as the finest plan that a speed needs.
-    plans : list of Plan, one for each speed
-    """
+    """The plan of speeds that leave theirs, every mesh an unknown and as fine as the finest; and a plan for each."""
     plans = plan_speeds(train, rpm, request)
     plans = plans if request.harmonics else [_with_room(plan) for plan in plans]
     finest = max((plan for plan in plans if plan.active), key=lambda plan: plan.harmonics, default=plans[0])
@@ -525,83 +468,37 @@ def highest_peaks(speeds, values, most):
     return places[middle], x[middle] + (rise * right + fall * left) / (2 * (rise - fall))
 
 
-@dataclass(frozen=True)
-class VectorForm:
-    """How a train and its problem are made of a vector of their numbers and of what no design or speed changes.
-
-    leaves : shape and kind of each leaf, "f" real, "c" complex, "h" held. Tables of pressures would fill the vectors.
-    """
-
-    structure: object
-    leaves: tuple
-
-    @classmethod
-    def of(cls, tree, held):
-        """The form of a tree and the leaves, on the device, that are ``held`` (bool of each leaf) or integers."""
-        leaves, structure = jax.tree.flatten(tree)
-        kinds = [jnp.result_type(leaf).kind for leaf in leaves]
-        kinds = [kind if kind in "fc" and not keep else "h" for kind, keep in zip(kinds, held, strict=True)]
-        form = cls(structure, tuple((np.shape(leaf), kind) for leaf, kind in zip(leaves, kinds, strict=True)))
-        return form, [jnp.asarray(leaf) for leaf, kind in zip(leaves, kinds, strict=True) if kind == "h"]
-
-    def numbers(self, tree):
-        """The leaves that change as one real vector ``(K,)``."""
-        flat = []
-        for leaf, (_, kind) in zip(jax.tree.leaves(tree), self.leaves, strict=True):
-            flat += {"f": (leaf,), "c": (leaf.real, leaf.imag), "h": ()}[kind]
-        return jnp.concatenate([jnp.ravel(leaf) for leaf in flat])
-
-    def build(self, numbers, held):
-        """The tree."""
-        at, held, leaves = 0, iter(held), []
-
-        def take(shape):
-            nonlocal at
-            at += math.prod(shape)
-            return numbers[at - math.prod(shape) : at].reshape(shape)
-
-        for shape, kind in self.leaves:
-            number = next(held) if kind == "h" else take(shape)
-            leaves.append(number + 1j * take(shape) if kind == "c" else number)
-        return jax.tree.unflatten(self.structure, leaves)
-
-
-@partial(Program, static_argnames=("task", "excited", "form"))
-def problems_of_designs(train, rpm, z, *, task, excited, form):
-    """The numbers of train and problem of every lane ``(A, n, K)``, and their pullback to z ``(A, P)``.
-
-    ``rpm`` ``(A, n)``.
-    """
+@partial(Program, static_argnames=("task", "excited", "held"))
+def problems_of_designs(train, rpm, z, *, task, excited, held):
+    """The numbers of train and problem, less those ``held``, of every lane at ``rpm`` ``(A, n)``: arrays ``(A, n,
+    ...)``, and their pullback to z ``(A, P)``."""
 
     def lane(z, speed):
-        changed = task.changed(train, z)
-        return form.numbers((changed, problem_at(changed, speed, excited)))
+        changed = train.replace(task.named(z))
+        leaves = jax.tree.leaves((changed, problem_at(changed, speed, excited)))
+        return [leaf for leaf, keep in zip(leaves, held, strict=True) if not keep]
 
     return jax.vjp(lambda z: jax.vmap(jax.vmap(lane, (None, 0)))(z, rpm), z)
 
 
+def train_and_problem(form, numbers, held):
+    """Those of a lane from its numbers and what all lanes share; form: their structure, and which leaves are held."""
+    numbers, held = iter(numbers), iter(held)
+    return jax.tree.unflatten(form[0], [next(held if keep else numbers) for keep in form[1]])
+
+
 @partial(Program, static_argnames=("form", "asked", "sizes"))
 def read_lanes(numbers, held, rpm, start, active_meshes, *, form, asked, sizes):
-    """Solve lanes of one plan and read their responses.
-
-    Parameters
-    ----------
-    numbers : array ``(c, K)``; held : list of arrays, from :meth:`VectorForm.of`
-    rpm : array ``(c,)``
-    start : Start of leaves ``(c, ...)``
-    active_meshes : ActiveMeshes
-    form, asked, sizes : static
+    """Solve ``c`` lanes of one plan and read their responses.
 
     Returns
     -------
-    smooth : array ``(c, J)``
-    found : the solutions, for :func:`pull_lanes`
-    status ``(c,)``, periodicity error of the march or 0 ``(c,)``, deflections of all meshes ``(c, M, N+1)``, readings
-    not smoothed ``(c, J)``
+    smooth readings ``(c, J)``; the solutions, for :func:`pull_lanes`; and a tuple of status ``(c,)``, periodicity error
+    of the march or 0 ``(c,)``, deflections of all meshes ``(c, M, N+1)``, readings not smoothed ``(c, J)``
     """
 
     def lane(numbers, speed, start):
-        train, problem = form.build(numbers, held)
+        train, problem = train_and_problem(form, numbers, held)
         found = find(problem, active_meshes, start, 1.0, sizes)
         response = respond(train, speed, problem, found[0], sizes)
         exact = [QUANTITIES[quantity].exact_value(response, of, order) for quantity, of, order in asked]
@@ -613,14 +510,11 @@ def read_lanes(numbers, held, rpm, start, active_meshes, *, form, asked, sizes):
 
 @partial(Program, static_argnames=("form", "asked", "sizes"))
 def pull_lanes(numbers, held, rpm, found, active_meshes, cotangent, *, form, asked, sizes):
-    """What a derivative by the readings ``(c, J)`` of solved lanes is by their numbers ``(c, K)``.
-
-    Arguments as in :func:`read_lanes`, ``found`` from there.
-    """
+    """What a derivative by the readings ``(c, J)`` of lanes ``found`` by :func:`read_lanes` is by their numbers."""
 
     def lane(numbers, speed, found, cotangent):
         def read(numbers):
-            train, problem = form.build(only_if(all_finite(numbers), numbers), held)
+            train, problem = train_and_problem(form, only_if(all_finite(numbers), numbers), held)
             outcome = differentiable(problem, active_meshes, found, sizes)
             return _smooth(respond(train, speed, problem, outcome, sizes), asked)
 
@@ -645,7 +539,7 @@ def estimate_lanes(numbers, held, motion, active_meshes, *, form, sizes):
     """Truncation errors ``(c,)`` of solved lanes, ``motion`` ``(c, G, N+1)`` of the active meshes."""
 
     def lane(numbers, motion):
-        return estimate(form.build(numbers, held)[1], active_meshes, motion, sizes)
+        return estimate(train_and_problem(form, numbers, held)[1], active_meshes, motion, sizes)
 
     return _each(lane, numbers, motion)
 
@@ -658,28 +552,15 @@ def pull_back(pull, cotangent):
 
 @partial(Program, static_argnames=("task", "own", "heavy"))
 def combine(train, z, smooth, kept, weights, widths, scales, *, task, own, heavy):
-    """The objective of every design.
+    """The objective of every design: value ``(A,)``, readings ``(A,)`` of the train alone, and derivatives of the value
+    by z ``(A, P)`` and by the readings of responses ``(A, n, J)``.
 
-    Parameters
-    ----------
-    train : DriveTrain, at the start
-    z : array ``(A, P)``
-    smooth : array ``(A, n, J)``; kept : bool array ``(A, n)``, the speeds that enter
-    weights : array ``(A, n, objectives)``
-    widths, scales : arrays, of :class:`Aim`
-    task, own, heavy : static; the first ``own`` speeds enter means and penalties, all of them the smooth maxima; heavy:
-        disks with inertia
-
-    Returns
-    -------
-    value ``(A,)``; readings of the train alone, one ``(A,)`` for each such penalty
-    by_z ``(A, P)``, by_smooth ``(A, n, J)`` : derivatives of the value
+    Speeds ``kept`` ``(A, n)`` enter, the first ``own`` of them into means and penalties, all into smooth maxima.
     """
 
     def cost(z, smooth, kept, weights):
-        changed, total, readings = task.changed(train, z), jnp.zeros(()), []
-        # Readings of the objectives come first, then those of the penalties that read a response, as in
-        # ``Task.of_response``.
+        changed, total, readings = train.replace(task.named(z)), jnp.zeros(()), []
+        # Readings of the objectives come first, then those of penalties: the order of ``Task.of_response``.
         values = iter(smooth.T)
         for objective, share, scale, width in zip(task.objectives, weights.T, scales, widths, strict=True):
             weighted = share * next(values) / scale

@@ -1,9 +1,10 @@
 """What a design is judged by, as differentiable functions of a response.
 
-Each function reads a :class:`~jaxhb.Response`, of one speed or of a batch (from ``jax.vmap`` over :func:`jaxhb.solve`),
-and returns one number per speed; :func:`worst` and :func:`weighted_sum` make one number of a batch. A speed that
+Each reads a :class:`~jaxhb.Response`, of one speed or of a batch (from ``jax.vmap`` over :func:`jaxhb.solve`), and
+returns one number per speed, ``(...)``; :func:`worst` and :func:`weighted_sum` make one number of a batch. A speed that
 failed counts as zero with zero derivative; the number of valid speeds is returned beside every sum, so that no
-optimiser is paid for failing.
+optimiser is paid for failing. ``a, b`` are the two ends of a link, or its name alone; ``train`` is by default that of
+the response, which has none if it comes out of a jax transformation.
 """
 
 from __future__ import annotations
@@ -59,16 +60,8 @@ def half_peak_to_peak(signal: Signal, *, p: float = 64) -> Array:
 
         (||max(s - mean, 0)||_p + ||max(mean - s, 0)||_p) / 2,      ||v||_p = (mean over the cycle |v|^p)^(1/p)
 
-    Parameters
-    ----------
-    signal : Signal
-    p : float
-        At M = ``signal.resolution`` time samples the result lies between M^(-1/p) times the true value and the true
-        value (p = 64, M = 4096: 0.88 to 1).
-
-    Returns
-    -------
-    array ``(...)``, in the unit of the signal
+    In the unit of the signal ``(...)``. At M = ``signal.resolution`` time samples it lies between M^(-1/p) times the
+    true value and the true value (p = 64, M = 4096: 0.88 to 1).
 
     Examples
     --------
@@ -123,27 +116,22 @@ def stress_over_limit(
     train: DriveTrain | None = None,
     swing: Callable[[Signal], Array] = close_half_peak_to_peak,
 ) -> Array:
-    """Stress of a shaft over its limit after IACS UR M68 at the speed of the response.
+    """Stress of a shaft over its limit after IACS UR M68 at the speed of the response, ``T / W_p / tau``.
+
+    See :func:`jaxhb.permissible_stress`; an aid to evaluation, no approval by a class.
 
     Parameters
     ----------
-    response : Response
     name : str
         A shaft with a ``tensile_strength``.
     transient : bool
         The limit of passing through, instead of continuous running.
-    train : DriveTrain, optional
-        Default: that of the response, which has none if it comes out of a jax transformation.
     swing : callable
         The half peak-to-peak of a Signal; by default smooth, and at most 0.8 % too small.
 
     Returns
     -------
     array ``(...)``, 0 above 1.05 of the rated speed, where there is no limit
-
-    Notes
-    -----
-    ``T / W_p / tau``, see :func:`jaxhb.permissible_stress`; an aid to evaluation, no approval by a class.
 
     Examples
     --------
@@ -190,17 +178,6 @@ def separated_fraction(response: Response, a: str, b: str | None = None, *, smoo
     The mean over the cycle of ``1 / (1 + exp((|l| - g) / w))`` with g the gap of the law and
     w = ``smoothing`` x backlash; the share with ``|l| < g`` as w goes to zero.
 
-    Parameters
-    ----------
-    response : Response
-    a, b : str
-        The two gears, or the mesh's name alone.
-    smoothing : float
-
-    Returns
-    -------
-    array ``(...)``, 0 to 1
-
     Raises
     ------
     SceneError
@@ -216,20 +193,7 @@ def impact_severity(response: Response, a: str, b: str | None = None, *, smoothi
     With the speed ``v = d|l|/dt`` and g as in :func:`separated_fraction`, the sum over the time samples at which
     ``|l|`` rises through g is the integral over the cycle of ``delta(|l| - g) max(v, 0)^2 dt``; the delta function is a
     logistic bell of width ``smoothing`` x backlash, which must be passed in several of the time samples of the cycle.
-
-    Parameters
-    ----------
-    response, a, b, smoothing
-        As in :func:`separated_fraction`.
-
-    Returns
-    -------
-    array ``(...)`` m/s
-
-    Raises
-    ------
-    SceneError
-        If the mesh has no backlash.
+    Raises as :func:`separated_fraction`.
     """
     distance, speed, gap, width = _motion(response, a, b, smoothing)
     inside = jax.nn.sigmoid((distance - gap) / width)
@@ -257,18 +221,7 @@ def _motion(response, a, b, smoothing):
 
 
 def weighted_sum(values: Array, response: Response, *, weights: Number = 1.0) -> tuple[Array, Array]:
-    """Sum over the valid speeds of weight x value, and their number.
-
-    Parameters
-    ----------
-    values : array ``(n,)``, one per speed
-    response : Response, of the same speeds
-    weights : float or array ``(n,)``
-
-    Returns
-    -------
-    value, count
-    """
+    """Sum over the valid speeds of weight x value, of values and weights ``(n,)`` of their speeds, and their number."""
     kept = valid(response)
     return masked_sum(weights * jnp.where(kept, values, 0.0), kept), kept.sum()
 
@@ -279,19 +232,9 @@ def masked_sum(values: Array, kept: Array) -> Array:
 
 
 def worst(values: Array, response: Response, *, width: Number) -> tuple[Array, Array]:
-    """Smooth maximum over the valid speeds, ``width log(sum exp(value / width))``, and their number.
+    """Smooth maximum over the valid speeds of their values ``(n,)``, and their number; 0 where no speed is valid.
 
-    Parameters
-    ----------
-    values : array ``(n,)``, one per speed
-    response : Response, of the same speeds
-    width : float
-        In the unit of the values. The result lies between the true maximum and ``width log(n)`` above it.
-
-    Returns
-    -------
-    value, count
-        0 where no speed is valid.
+    ``width log(sum exp(value / width))``, between the true maximum and ``width log(n)`` above it.
     """
     kept = valid(response)
     return smooth_maximum(values, kept, width), kept.sum()

@@ -9,6 +9,7 @@ from jaxhb.design import objectives
 from jaxhb.elements.elements import SceneError, suggestion
 from jaxhb.linear.strength import having
 from jaxhb.results.response import Response
+from jaxhb.results.signal import Signal
 from jaxhb.train.drivetrain import inertias
 
 
@@ -38,10 +39,8 @@ class Objective:
 
     Parameters
     ----------
-    quantity : str
-        A name of :data:`QUANTITIES`.
-    of : str
-        The mesh, shaft, damper, gear or disk.
+    quantity, of : str
+        A name of :data:`QUANTITIES`; the mesh, shaft, damper, gear or disk.
     order : float, optional
         Of the quantities that are the amplitude of one order.
     over : "worst" or "mean"
@@ -88,10 +87,9 @@ class Penalty:
 
 @dataclass(frozen=True)
 class Quantity:
-    """A response quantity.
+    """A response quantity: its unit, and the kind of element that ``of`` names.
 
-    unit; kind : of the element that ``of`` names; read : smooth, ``(response, of, order) -> (n,)``
-    exact : what ``read`` smooths, for people, None where that is ``read`` itself; ordered : whether it takes an order
+    read : smooth, ``(response, of, order) -> (n,)``; exact : what ``read`` smooths, None where that is ``read`` itself
     """
 
     unit: str
@@ -105,63 +103,51 @@ class Quantity:
         return (self.exact or self.read)(response, of, order)
 
 
-def _signal(reader, response, of):
-    return reader(objectives.usable(response), of)
+def _swing(unit, kind, reader, smooth=objectives.half_peak_to_peak, exact=lambda signal: signal.half_peak_to_peak):
+    """A size of a signal ``(response, of) -> Signal``."""
 
+    def of_signal(size):
+        return lambda response, of, _: size(reader(objectives.usable(response), of))
 
-def _half_peak_to_peak(unit, kind, reader):
-    """The half peak-to-peak of a signal ``(response, of) -> Signal``."""
-
-    def read(response, of, _):
-        return objectives.half_peak_to_peak(_signal(reader, response, of))
-
-    return Quantity(unit, kind, read, lambda response, of, _: _signal(reader, response, of).half_peak_to_peak)
-
-
-def _over_limit(unit, kind, value, **more):
-    """What is judged by a swing ``(response, of, swing=...)``."""
-
-    def exact(response, of, _):
-        return value(response, of, swing=lambda signal: signal.half_peak_to_peak, **more)
-
-    return Quantity(unit, kind, lambda response, of, _: value(response, of, **more), exact)
+    return Quantity(unit, kind, of_signal(smooth), of_signal(exact))
 
 
 def _order(unit, kind, reader):
     """The amplitude of one order of a signal."""
-    return Quantity(unit, kind, lambda r, of, order: _signal(reader, r, of).order(order), ordered=True)
+    return Quantity(unit, kind, lambda r, of, order: reader(objectives.usable(r), of).order(order), ordered=True)
 
 
-def _of_response(unit, kind, value):
-    """A value ``(response, of)`` that nothing smooths."""
+def _judged(unit, kind, value, **more):
+    """What is judged by a swing ``(response, of, swing=...)``."""
+    exact = {"swing": lambda signal: signal.half_peak_to_peak}
+    return Quantity(unit, kind, *(lambda r, of, _, how=how: value(r, of, **how, **more) for how in ({}, exact)))
+
+
+def _unsmoothed(unit, kind, value):
+    """A value ``(response, of)``."""
     return Quantity(unit, kind, lambda response, of, _: value(response, of))
 
 
 QUANTITIES = {
-    "tooth force": _half_peak_to_peak("N", "mesh", Response.force),
-    "tooth force peak": Quantity(
-        "N",
-        "mesh",
-        lambda r, of, _: _signal(Response.force, r, of).smooth_peak(),
-        lambda r, of, _: _signal(Response.force, r, of).peak,
-    ),
+    "tooth force": _swing("N", "mesh", Response.force),
+    "tooth force peak": _swing("N", "mesh", Response.force, Signal.smooth_peak, lambda signal: signal.peak),
     "tooth force order": _order("N", "mesh", Response.force),
-    "shaft torque": _half_peak_to_peak("N m", "shaft or damper", Response.torque),
+    "shaft torque": _swing("N m", "shaft or damper", Response.torque),
     "shaft torque order": _order("N m", "shaft or damper", Response.torque),
-    "gear torque": _half_peak_to_peak("N m", "gear", Response.gear_torque),
-    "angle": _half_peak_to_peak("rad", "disk", Response.disk),
+    "gear torque": _swing("N m", "gear", Response.gear_torque),
+    "angle": _swing("rad", "disk", Response.disk),
     "angle order": _order("rad", "disk", Response.disk),
-    "separated fraction": _of_response("", "mesh with backlash", objectives.separated_fraction),
-    "impact severity": _of_response("m/s", "mesh with backlash", objectives.impact_severity),
-    "damper power": _of_response("W", "shaft or damper", objectives.damper_power),
-    "power over limit": _of_response("", "shaft or damper with a power_limit", objectives.power_over_limit),
-    "stress": _over_limit("Pa", "shaft with a diameter", objectives.stress),
-    "stress over continuous limit": _over_limit("", "shaft with a tensile_strength", objectives.stress_over_limit),
-    "stress over transient limit": _over_limit(
+    "separated fraction": _unsmoothed("", "mesh with backlash", objectives.separated_fraction),
+    "impact severity": _unsmoothed("m/s", "mesh with backlash", objectives.impact_severity),
+    "damper power": _unsmoothed("W", "shaft or damper", objectives.damper_power),
+    "power over limit": _unsmoothed("", "shaft or damper with a power_limit", objectives.power_over_limit),
+    "stress": _judged("Pa", "shaft with a diameter", objectives.stress),
+    "stress over continuous limit": _judged("", "shaft with a tensile_strength", objectives.stress_over_limit),
+    "stress over transient limit": _judged(
         "", "shaft with a tensile_strength", objectives.stress_over_limit, transient=True
     ),
-    "tooth torque over limit": _over_limit("", "mesh with a rated_torque", objectives.tooth_torque_over_limit),
-    "tooth torque over mean": _over_limit("", "mesh", objectives.tooth_torque_over_mean),
+    "tooth torque over limit": _judged("", "mesh with a rated_torque", objectives.tooth_torque_over_limit),
+    "tooth torque over mean": _judged("", "mesh", objectives.tooth_torque_over_mean),
 }
 """Forces, torques and angles are half peak-to-peak unless called peak or order; all are smooth, none is negative."""
 
@@ -200,19 +186,15 @@ def check_all(train, parameters, given, penalties, rpm):
     ------
     SceneError
     """
-    where = train.topology.title
+    where, names = train.topology.title, [parameter.name for parameter in parameters]
     faults = [] if parameters else [f"{where}: there is nothing to tune: name at least one parameter."]
     faults += [] if given else [f"{where}: there is nothing to make small: name at least one objective."]
-    names = [parameter.name for parameter in parameters]
     twice = sorted({name for name in names if names.count(name) > 1})
     faults += [f"{where}: parameter {name!r} is given twice: leave one out." for name in twice]
-    for parameter in parameters:
-        faults += [f"{where}, parameter {parameter.name!r}: {text}" for text in _parameter_faults(train, parameter)]
-    for objective in given:
-        head = f"{where}, objective {objective.quantity!r}"
-        faults += [f"{head}: {text}" for text in _objective_faults(train, objective, len(rpm))]
-    for penalty in penalties:
-        faults += [f"{where}, penalty {penalty.quantity!r}: {text}" for text in _penalty_faults(train, penalty)]
+    found = [(f"parameter {one.name!r}", _parameter_faults(train, one)) for one in parameters]
+    found += [(f"objective {one.quantity!r}", _objective_faults(train, one, len(rpm))) for one in given]
+    found += [(f"penalty {one.quantity!r}", _penalty_faults(train, one)) for one in penalties]
+    faults += [f"{where}, {head}: {text}" for head, texts in found for text in texts]
     if faults:
         raise SceneError(faults)
 
@@ -279,28 +261,23 @@ def _penalty_faults(train, penalty):
 def _element_faults(train, chosen):
     """Faults of ``of`` and ``order`` of an objective or penalty."""
     quantity, topology = QUANTITIES[chosen.quantity], train.topology
-    gears = dict.fromkeys(topology.disk_names[disk] for ends in topology.mesh_ends for disk in ends)
+    kind = quantity.kind.removesuffix(" with backlash")
+    elements, _, key = kind.partition(" with a ")
     names = {
         "mesh": topology.mesh_names,
-        "mesh with backlash": topology.mesh_names,
-        "shaft or damper": topology.shaft_names + topology.damper_names,
-        "gear": tuple(gears),
-        "disk": topology.disk_names,
         "shaft": topology.shaft_names,
-        "shaft with a diameter": having(topology, "shaft", "diameter", "outer"),
-        "shaft with a tensile_strength": having(topology, "shaft", "tensile_strength"),
-        "mesh with a rated_torque": having(topology, "mesh", "rated_torque"),
-        "shaft or damper with a power_limit": [
-            name for table in ("shaft", "damper") for name in having(topology, table, "power_limit")
-        ],
-    }
-    kind, _, key = quantity.kind.partition(" with a ")
-    if key and chosen.of in names[kind] and chosen.of not in names[quantity.kind]:
+        "shaft or damper": topology.shaft_names + topology.damper_names,
+        "gear": tuple(dict.fromkeys(topology.disk_names[disk] for ends in topology.mesh_ends for disk in ends)),
+        "disk": topology.disk_names,
+    }[elements]
+    keys = (key, "outer") if key == "diameter" else (key,)
+    judged = [name for table in elements.split(" or ") for name in having(topology, table, *keys)] if key else names
+    if chosen.of in names and chosen.of not in judged:
         faults = [f"{chosen.of!r} has no {key}: give it one in the scene."]
     else:
-        faults = _unknown(chosen.of, names[quantity.kind], quantity.kind.removesuffix(" with backlash"))
+        faults = _unknown(chosen.of, judged, kind)
     gaps = dict(zip(topology.mesh_names, topology.mesh_backlash, strict=True))
-    if quantity.kind == "mesh with backlash" and not gaps.get(chosen.of, True):
+    if kind != quantity.kind and not gaps.get(chosen.of, True):
         faults.append(f"mesh {chosen.of!r} has no backlash, its teeth never part: give it one, or take another.")
     if quantity.ordered != (chosen.order is not None):
         faults.append("it needs an order." if quantity.ordered else "it takes no order.")

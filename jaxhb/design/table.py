@@ -10,35 +10,14 @@ from jaxhb.elements.elements import SceneError, suggestion
 from jaxhb.train.speeds import read_speeds
 
 _ROWS = {"parameter": Parameter, "objective": Objective, "penalty": Penalty}
-_NUMBERS = {"steps": int, "starts": int, "seed": int, "harmonics": int, "peaks": int, "tolerance": float, "rate": float}
-_OWN = ("rpm", "optimizer", "widths")
+_KINDS: dict[str, type] = dict.fromkeys(("steps", "starts", "seed", "harmonics", "peaks"), int)
+_KINDS |= {"tolerance": float, "rate": float, "widths": tuple}
 
 
 def read_table(train, instead=None):
-    """The arguments of :func:`jaxhb.tune` from the ``[tune]`` table of a scene.
+    """The arguments of :func:`jaxhb.tune` from the ``[tune]`` table of a scene, with the keys ``instead`` of its own.
 
-    Parameters
-    ----------
-    train : DriveTrain
-    instead : dict, optional
-        Keys of the table with the values that replace its own.
-
-    Returns
-    -------
-    dict
-        ``parameters``, ``objective``, ``penalties``, ``rpm``, and what else the table gives.
-
-    Raises
-    ------
-    SceneError
-        No table, unknown or missing keys, values of the wrong kind: one sentence each, all at once.
-
-    Examples
-    --------
-    >>> import jaxhb
-    >>> asked = read_table(jaxhb.load_scene("engine_with_damper"))
-    >>> asked["parameters"][0].name, len(asked["rpm"])
-    ('viscous damper.damping', 41)
+    A SceneError tells no table, unknown or missing keys, values of the wrong kind: one sentence each, all at once.
     """
     table, where = train.tune, train.topology.title
     if not table:
@@ -48,26 +27,20 @@ def read_table(train, instead=None):
     if not isinstance(table, dict):
         raise SceneError(f"{where}: 'tune' is a list of tables, must be one. Write [tune].")
     table, faults = table | (instead or {}), []
-    known = [*_OWN, *_NUMBERS, *_ROWS]
+    known = ["rpm", "optimizer", *_KINDS, *_ROWS]
     faults += [f"{where}, [tune]: unknown key {k!r}.{suggestion(k, known)}" for k in table if k not in known]
-    asked = {
-        "parameters": _rows(table, "parameter", where, faults),
-        "objective": _rows(table, "objective", where, faults),
-        "penalties": _rows(table, "penalty", where, faults),
-    }
+    names = {"parameters": "parameter", "objective": "objective", "penalties": "penalty"}
+    asked = {name: _rows(table, key, where, faults) for name, key in names.items()}
     asked["rpm"] = _speeds(table.get("rpm"), where, faults)
-    for key, kind in _NUMBERS.items():
-        if key in table:
-            faults += [f"{where}, [tune]: {key} {text}" for text in _kind_faults(table[key], kind)]
-            asked[key] = table[key]
-    if "widths" in table:
-        faults += [f"{where}, [tune]: widths {text}" for text in _kind_faults(table["widths"], tuple)]
-        asked["widths"] = tuple(table["widths"]) if isinstance(table["widths"], list) else ()
-    if "optimizer" in table:
-        asked["optimizer"] = table["optimizer"]
+    for key in [key for key in _KINDS if key in table]:
+        faults += [f"{where}, [tune]: {key} {text}" for text in _kind_faults(table[key], _KINDS[key])]
     if faults:
         raise SceneError(faults)
-    return asked
+    return asked | {key: _hashable(table[key]) for key in ("optimizer", *_KINDS) if key in table}
+
+
+def _hashable(value):
+    return tuple(value) if isinstance(value, list) else value
 
 
 def _rows(table, key, where, faults):
@@ -78,16 +51,16 @@ def _rows(table, key, where, faults):
         return ()
     fields = {f.name: f for f in dataclasses.fields(cls)}
     elements = []
-    for i, row in enumerate(rows):
-        head = f"{where}, [[tune.{key}]] no. {i + 1}"
+    for number, row in enumerate(rows, 1):
+        head = f"{where}, [[tune.{key}]] no. {number}"
         found = [f"{head}: unknown key {k!r}.{suggestion(k, fields)}" for k in row if k not in fields]
         missing = [n for n, f in fields.items() if f.default is dataclasses.MISSING and n not in row]
         found += [f"{head}: the key {name!r} is missing." for name in missing]
-        for name in fields.keys() & row.keys():
+        for name in [name for name in fields if name in row]:
             found += [f"{head}: {name} {text}" for text in _kind_faults(row[name], _kind(fields[name].type))]
         faults += found
         if not found:
-            elements.append(cls(**{k: tuple(v) if isinstance(v, list) else v for k, v in row.items()}))
+            elements.append(cls(**{key: _hashable(value) for key, value in row.items()}))
     return tuple(elements)
 
 
@@ -98,14 +71,13 @@ def _kind(annotation):
 
 def _kind_faults(value, kind):
     """What is wrong with a value that should be of a kind; nothing if it is."""
-    good = {
-        str: isinstance(value, str),
-        float: number_like(value),
-        int: isinstance(value, int) and number_like(value),
-        tuple: isinstance(value, list) and all(number_like(v) for v in value),
-    }
-    words = {str: "a text", float: "a number", int: "a whole number", tuple: "a list of numbers"}
-    return [] if good[kind] else [f"is {shown(value)}, must be {words[kind]}."]
+    good, words = {
+        str: (isinstance(value, str), "a text"),
+        float: (number_like(value), "a number"),
+        int: (isinstance(value, int) and number_like(value), "a whole number"),
+        tuple: (isinstance(value, list) and all(map(number_like, value)), "a list of numbers"),
+    }[kind]
+    return [] if good else [f"is {shown(value)}, must be {words}."]
 
 
 def _speeds(given, where, faults):

@@ -24,7 +24,7 @@ class Tuning:
     """Result of :func:`tune`.
 
     train : DriveTrain, tuned; rpm : ``(n,)``; before, after : Reading; history : tuple of Step
-    outcomes : tuple of (objective, parameters, valid speeds) of every start; stopped : why it ended, a sentence
+    outcomes : tuple of (objective, parameters, valid speeds) of every start; stopped : why it ended, a sentence;
     interrupted : whether the user ended it
     """
 
@@ -74,21 +74,13 @@ def tune(
 
     Parameters
     ----------
-    train : DriveTrain
-    parameters : sequence of Parameter
     rpm : array ``(n,)``
-    objective : Objective or sequence of Objective
-    penalties : sequence of Penalty
     optimizer : "lbfgs" or "adam"
-        L-BFGS with a line search after Armijo and Wolfe (Lewis and Overton, 2013), or Adam.
+        L-BFGS with a line search after Armijo and Wolfe (Lewis and Overton, 2013), or Adam of step ``rate`` in z.
     steps : int
         Most steps.
-    rate : float
-        Step of Adam, in z.
-    starts : int
-        Designs that are tuned side by side: the train as it is, and random ones within the bounds.
-    seed : int
-        Of the random designs.
+    starts, seed : int
+        Designs that are tuned side by side: the train as it is, and random ones within the bounds; their seed.
     widths : tuple of float
         w in shares of the worst value when its turn begins, each until nothing is won: the smooth maximum lies at most
         ``w log(n)`` above the true one.
@@ -99,11 +91,9 @@ def tune(
     peaks : int
         Speeds added for each objective that is a maximum: whenever a width is done they move to its highest peaks, so
         that no peak hides between two of the speeds asked for.
-    on_step : callable, optional
-        Called with every :class:`Step`.
-    on_start : callable, optional
-        Called with the :class:`Reading` of the train as it is, again and again while its speeds are solved before the
-        first step.
+    on_step, on_start : callable, optional
+        Called with every :class:`Step`; and with the :class:`Reading` of the train as it is, again and again while its
+        speeds are solved before the first step.
 
     Returns
     -------
@@ -124,41 +114,31 @@ def tune(
     >>> train = jaxhb.load_scene("six_cylinder_diesel")
     >>> swing = Objective(quantity="shaft torque", of="cyl6|flywheel")
     >>> pulley = Parameter(name="pulley.inertia", low=0.005, high=0.05)
-    >>> tuned = tune(train, parameters=[pulley], rpm=[1800.0, 2000.0, 2200.0], objective=swing, steps=5)
+    >>> tuned = tune(train, parameters=[pulley], rpm=[1800.0, 2000.0, 2200.0], objective=swing, steps=3)
     >>> round(tuned.after.parameters["pulley.inertia"], 3)
     0.026
     """
     rpm = np.atleast_1d(np.asarray(rpm, dtype=float))
     given = tuple(objective) if isinstance(objective, (list, tuple)) else (objective,)
-    parameters, penalties = tuple(parameters), tuple(penalties)
+    task = Task(tuple(parameters), given, tuple(penalties))
     check_speed(train, rpm, many=True)
-    check_all(train, parameters, given, penalties, rpm)
+    check_all(train, task.parameters, given, task.penalties, rpm)
     _check_numbers(train, optimizer, steps, starts, seed, peaks, widths)
-    request = Request.of(train, harmonics, tolerance, integrals=integrals)
-    task = Task(parameters, given, penalties)
-    evaluator = Evaluator(train, rpm, task, request, peaks)
-    descent = Descent(
-        evaluator,
-        optimizer,
-        rate=rate,
-        widths=tuple(widths),
-        improvement=improvement,
-        patience=patience,
-        on_step=on_step or (lambda step: None),
-        on_start=on_start,
-    )
-    first, best, stopped, interrupted = descent.run(_first_designs(train, task, starts, seed), steps)
+    evaluator = Evaluator(train, rpm, task, Request.of(train, harmonics, tolerance, integrals=integrals), peaks)
+    options = {"rate": rate, "widths": tuple(widths), "improvement": improvement, "patience": patience}
+    descent = Descent(evaluator, optimizer, **options, on_step=on_step or (lambda step: None), on_start=on_start)
+    shares = np.random.default_rng(seed).uniform(0.02, 0.98, (starts - 1, len(task.parameters)))
+    z = np.concatenate([task.unbounded(train)[None], np.log(shares / (1 - shares))])
+    first, best, stopped, interrupted = descent.run(z, steps)
     after = evaluator.reading(best, best_of(best))
+    designs = zip(best.value, best.z, best.solved, strict=True)
     return Tuning(
         train=train.replace(after.parameters),
         rpm=rpm,
         before=evaluator.reading(first, 0),
         after=after,
         history=tuple(descent.history),
-        outcomes=tuple(
-            (float(value), evaluator.values(z), int(solved[: len(rpm)].sum()))
-            for value, z, solved in zip(best.value, best.z, best.solved, strict=True)
-        ),
+        outcomes=tuple((float(v), task.named(z), int(solved[: len(rpm)].sum())) for v, z, solved in designs),
         stopped=stopped,
         interrupted=interrupted,
     )
@@ -175,9 +155,3 @@ def _check_numbers(train, optimizer, steps, starts, seed, peaks, widths):
         faults.append(f"{where}: widths is {widths}, must be numbers between 0 and 10, shares of the worst value.")
     if faults:
         raise SceneError(faults)
-
-
-def _first_designs(train, task, starts, seed):
-    """z ``(A, P)``: the train as it is, then designs with random shares of the bounds."""
-    shares = np.random.default_rng(seed).uniform(0.02, 0.98, (starts - 1, len(task.parameters)))
-    return np.concatenate([task.unbounded(train)[None], np.log(shares / (1 - shares))])

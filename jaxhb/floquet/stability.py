@@ -121,9 +121,9 @@ def stability(response: Response) -> Stability:
     Examples
     --------
     >>> import jaxhb
-    >>> found = jaxhb.stability(jaxhb.solve(jaxhb.load_scene("gear_train_30"), rpm=1800.0))
+    >>> found = jaxhb.stability(jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=2000.0))
     >>> found.stable, round(found.largest, 2), found.multipliers[found.rotation].real.round(2).tolist()
-    (True, 0.15, [1.0, 0.98])
+    (True, 0.41, [1.0, 1.0])
     """
     train = train_of(response)
     system, meshes, topology = chain.assemble(train), backlash_meshes(train), train.topology

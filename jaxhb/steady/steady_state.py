@@ -147,7 +147,7 @@ def steady_state(
     Examples
     --------
     >>> import jaxhb
-    >>> s = jaxhb.steady_state(jaxhb.load_scene("gear_train_30"), rpm=1200.0)
+    >>> s = jaxhb.steady_state(jaxhb.load_scene("spur_pair"), rpm=2000.0)
     >>> s.kind, s.period
     ('contact', 1)
     """

@@ -17,10 +17,8 @@ from jaxhb.design import objectives
 def response():
     """A ring, shafts and two meshes at a speed at which their teeth part."""
     train = build(branched_parts(), reference="crank gear")
-    plan = jaxhb.Plan(
-        harmonics=64, active=(0, 1), flank=(0, 0), start="march", time_steps=768, tolerance=0.5, excited=3
-    )
-    response = jaxhb.solve(train, rpm=1500.0, plan=plan)
+    both = {"active": (0, 1), "flank": (0, 0), "start": "march", "excited": 3}
+    response = jaxhb.solve(train, rpm=1500.0, plan=jaxhb.Plan(harmonics=64, time_steps=768, tolerance=0.5, **both))
     assert response.converged
     return response
 
@@ -35,28 +33,23 @@ def sweep(response):
 
 MESH = ("crank gear", "idler")
 SCALABLE = ("angles", "torques", "deflections", "forces")
-QUANTITIES = {
-    "tooth force": lambda r: objectives.tooth_force(r, *MESH),
-    "shaft torque": lambda r: objectives.shaft_torque(r, "flywheel", "crank gear"),
-    "damper power": lambda r: objectives.damper_power(r, "ring"),
-    "separated fraction": lambda r: objectives.separated_fraction(r, *MESH),
-    "impact severity": lambda r: objectives.impact_severity(r, *MESH),
-    "smooth peak": lambda r: objectives.usable(r).force(*MESH).smooth_peak(),
-    "one order": lambda r: objectives.usable(r).torque("flywheel", "crank gear").order(2.0),
-}
 
 
-@pytest.mark.parametrize("quantity", QUANTITIES.values(), ids=QUANTITIES)
-def test_derivative_is_that_of_differences(response, quantity):
-    def value(factor):
-        scaled = {name: factor * getattr(response, name) for name in SCALABLE}
-        return quantity(dataclasses.replace(response, **scaled))
+def test_derivatives_are_those_of_differences(response):
+    @jax.jit
+    @jax.vmap
+    def values(factor):
+        r = dataclasses.replace(response, **{name: factor * getattr(response, name) for name in SCALABLE})
+        read = objectives.tooth_force(r, *MESH), objectives.shaft_torque(r, "flywheel", "crank gear")
+        read += objectives.damper_power(r, "ring"), objectives.separated_fraction(r, *MESH)
+        read += objectives.impact_severity(r, *MESH), objectives.usable(r).force(*MESH).smooth_peak()
+        return jnp.stack([*read, objectives.usable(r).torque("flywheel", "crank gear").order(2.0)])
 
     step = 1e-5
-    (back, _, ahead), (_, slope, _) = jax.jit(jax.vmap(jax.value_and_grad(value)))(
-        1 + step * np.array([-1.0, 0.0, 1.0])
-    )
-    assert slope == pytest.approx(float(ahead - back) / (2 * step), rel=GRADIENT)
+    back, ahead = values(1 + step * np.array([-1.0, 1.0]))
+    slopes = jax.jvp(values, (np.ones(1),), (np.ones(1),))[1][0]
+    assert np.all(slopes != 0)
+    np.testing.assert_allclose(slopes, (ahead - back) / (2 * step), rtol=GRADIENT)
 
 
 def test_smooth_half_peak_to_peak_keeps_its_bound(response):
@@ -84,9 +77,8 @@ def test_smoothed_contact_tends_to_what_the_contact_reports(response):
 
 def test_failed_speeds_count_as_nothing_and_are_told(sweep):
     def both(factor):
-        scaled = dataclasses.replace(
-            sweep, forces=sweep.forces.at[np.array([0, 1, 3])].multiply(factor, unique_indices=True)
-        )
+        kept = sweep.forces.at[np.array([0, 1, 3])].multiply(factor, unique_indices=True)
+        scaled = dataclasses.replace(sweep, forces=kept)
         forces = objectives.tooth_force(scaled, *MESH)
         total, count = objectives.weighted_sum(forces, scaled, weights=jnp.arange(1.0, 5.0))
         largest, _ = objectives.worst(forces, scaled, width=10.0)
@@ -109,8 +101,8 @@ def test_no_valid_speed_gives_zero_of_nothing(sweep):
     assert slope == 0 and [float(v) for v in found] == [0.0, 0.0]
 
 
-@pytest.mark.parametrize("quantity", [objectives.separated_fraction, objectives.impact_severity])
-def test_a_mesh_without_backlash_never_parts(response, quantity):
-    never = dataclasses.replace(response.topology, mesh_backlash=(False, True))
-    with pytest.raises(jaxhb.SceneError, match="'crank gear|idler' has no backlash, its teeth never part"):
-        quantity(dataclasses.replace(response, topology=never), *MESH)
+def test_a_mesh_without_backlash_never_parts(response):
+    never = dataclasses.replace(response, topology=dataclasses.replace(response.topology, mesh_backlash=(False, True)))
+    for quantity in (objectives.separated_fraction, objectives.impact_severity):
+        with pytest.raises(jaxhb.SceneError, match="'crank gear|idler' has no backlash, its teeth never part"):
+            quantity(never, *MESH)

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from differences import compare, differences, tight_plan
+from differences import differences, tight_plan
 from reference_data import reference
 from tolerances import GRADIENT, PATHS
 from trains import (
@@ -18,47 +18,44 @@ from trains import (
     exact_peak,
     gearbox_parts,
     main_mass,
+    one_mass_parts,
     tuned_main_mass,
 )
 
 import jaxhb
-from jaxhb import Disk, Shaft, Torque
 from jaxhb.balance.plan import Request
 from jaxhb.design import Objective, Parameter, Penalty, evaluation
-from jaxhb.design.descent import Descent, _nothing_solved, best_of
+from jaxhb.design.descent import Descent, best_of
 from jaxhb.linear.sensitivity import frequencies_hz
-from jaxhb.results.status import Status
 from jaxhb.scene.files import _folder
 
 
-@pytest.mark.oracle
-@pytest.mark.parametrize(("row", "stiffer", "stronger"), [(0, 0.1, 10.0), (1, 10.0, 0.1)])
-def test_a_tuned_damper_is_found_to_the_exact_optimum_from_a_factor_ten_away_in_both(row, stiffer, stronger):
-    entry = reference("damper_optima")["tuned_damper_Den_Hartog"]["rows"][row]
-    mu, exact = entry["mu"], entry["exact_Hinf"]
-    stiffness, damping = (exact["f"] * NATURAL) ** 2 * mu * INERTIA, 2 * exact["zeta"] * mu * INERTIA * NATURAL
-    names = ("damper.stiffness", "damper.damping")
-    bounds = [Parameter(name=n, low=v / 100, high=v * 100) for n, v in zip(names, (stiffness, damping), strict=True)]
-    train = main_mass(mu * INERTIA, stiffer * stiffness, stronger * damping)
-    found = tuned_main_mass(train, bounds, around_optimum())
-    at = [found.after.parameters[name] for name in names]
-    assert exact_peak(mu * INERTIA, *at) == pytest.approx(exact["peak"], abs=5e-4)  # four digits
-    assert at[1] / (2 * mu * INERTIA * NATURAL) == pytest.approx(exact["zeta"], abs=5e-4)  # three digits
-    assert np.sqrt(at[0] / (mu * INERTIA)) / NATURAL == pytest.approx(exact["f"], abs=5e-4)
+def optimum(case):
+    """Mass ratio, exact frequency and damping ratios and peak of a damper of the table, and the speeds to tune at."""
+    if case == "viscous":
+        entry = reference("damper_optima")["viscous_untuned_Houdaille"]["rows"][1]
+        ratios = np.linspace(0.5, 0.9, 41), np.linspace(0.9, 1.0, 401)[1:], np.linspace(1, 1.5, 71)[1:]
+        return entry["mu"], 0.0, entry["zeta_opt_formula"], (2 + entry["mu"]) / entry["mu"], np.concatenate(ratios)
+    entry = reference("damper_optima")["tuned_damper_Den_Hartog"]["rows"][case]
+    exact = entry["exact_Hinf"]
+    return entry["mu"], exact["f"], exact["zeta"], exact["peak"], around_optimum()
 
 
 @pytest.mark.oracle
-@pytest.mark.parametrize("away", [0.1, 10.0])
-def test_a_viscous_damper_is_found_to_the_exact_optimum_from_a_factor_ten_away(away):
-    entry = reference("damper_optima")["viscous_untuned_Houdaille"]["rows"][1]
-    mu, optimum = entry["mu"], entry["zeta_opt_formula"]
-    damping = 2 * optimum * INERTIA * NATURAL
-    bounds = [Parameter(name="damper.damping", low=damping / 100, high=damping * 100)]
-    ratios = np.concatenate([np.linspace(0.5, 0.9, 41), np.linspace(0.9, 1.0, 401)[1:], np.linspace(1, 1.5, 71)[1:]])
-    found = tuned_main_mass(main_mass(mu * INERTIA, 0.0, away * damping), bounds, ratios)
-    at = found.after.parameters["damper.damping"]
-    assert exact_peak(mu * INERTIA, 0.0, at) == pytest.approx((2 + mu) / mu, abs=5e-4)
-    assert at / (2 * INERTIA * NATURAL) == pytest.approx(optimum, abs=5e-4)
+@pytest.mark.parametrize(("case", "stiffer", "stronger"), [(0, 0.1, 10.0), (1, 10.0, 0.1), ("viscous", 1.0, 0.1)])
+def test_a_damper_is_found_to_the_exact_optimum_from_a_factor_ten_away(case, stiffer, stronger):
+    mu, tuned, zeta, peak, ratios = optimum(case)
+    ring = mu * INERTIA
+    own = {"damper.stiffness": (tuned * NATURAL) ** 2 * ring, "damper.damping": 2 * zeta * ring * NATURAL}
+    if case == "viscous":  # its damping ratio is over that of the main mass
+        own = {"damper.damping": 2 * zeta * INERTIA * NATURAL}
+    bounds = [Parameter(name=name, low=value / 100, high=value * 100) for name, value in own.items()]
+    start = stiffer * own.get("damper.stiffness", 0.0), stronger * own["damper.damping"]
+    found = tuned_main_mass(main_mass(ring, *start), bounds, ratios).after.parameters
+    stiffness, damping = found.get("damper.stiffness", 0.0), found["damper.damping"]
+    assert exact_peak(ring, stiffness, damping) == pytest.approx(peak, abs=5e-4)  # four digits
+    assert zeta * damping / own["damper.damping"] == pytest.approx(zeta, abs=5e-4)  # three digits
+    assert np.sqrt(stiffness / ring) / NATURAL == pytest.approx(tuned, abs=5e-4)
 
 
 def test_summits_are_where_the_parabola_culminates_and_resolved_by_the_speeds():
@@ -123,13 +120,16 @@ def assessed():
 
 def test_the_gradient_of_objectives_and_penalties_is_that_of_differences(assessed):
     made, point = assessed
-    counted = point.solved
+    along = np.array([0.6, -0.5, 0.8])
 
-    def values(z):
-        pairs = [made.at(np.stack([one, point.z[1]]), point, aim(counted)) for one in z]
+    def values(steps):
+        pairs = [
+            made.at(point.z + step * np.stack([along, 0 * along]), point, aim(point.solved)) for step in steps[:, 0]
+        ]
         return np.array([pair.value[0] for pair in pairs])
 
-    compare(point.gradient[0], differences(values, point.z[0], np.full(3, 3e-4)), GRADIENT)
+    wanted = differences(values, np.zeros(1), np.full(1, 3e-4))
+    assert point.gradient[0] @ along == pytest.approx(float(wanted[0]), rel=GRADIENT)
     readings = dict(zip((c.quantity for c in (*OBJECTIVES, *PENALTIES)), point.readings, strict=True))
     assert (readings["damper power"][0] > 1).any()
     assert readings["inertia added"][0] > 1e-3 and readings["natural frequency"][0] < 180.0
@@ -156,7 +156,7 @@ def test_a_speed_without_a_derivative_counts_as_lost(assessed, monkeypatch):
     def broken(*given, **static):
         pulls.append(given)
         found = pull(*given, **static)
-        return found.at[1].set(np.nan) if len(pulls) == 1 else found
+        return [leaf.at[1].set(np.nan) for leaf in found] if len(pulls) == 1 else found
 
     monkeypatch.setattr("jaxhb.design.evaluation.pull_lanes", broken)
     again = made.at(point.z, point, aim(point.solved))
@@ -211,26 +211,25 @@ def assert_solves_tell_the_same(found):
     assert np.ptp(near) < 0.02 * near.max()
 
 
-@pytest.mark.parametrize("optimizer", ["lbfgs", "adam"])
-def test_a_tuning_lowers_the_tooth_force_and_keeps_every_speed(same_plan, optimizer):
-    found = tuned(optimizer=optimizer, steps=3)
+def test_a_tuning_lowers_the_tooth_force_and_keeps_every_speed(same_plan):
+    found = tuned(steps=2)
     label = "tooth force order 1 of crank gear|idler"
     before, after = found.before.readings[label], found.after.readings[label]
-    assert np.nanmax(after) < 0.85 * np.nanmax(before)
+    assert np.nanmax(after) < 0.9 * np.nanmax(before)
     assert (found.after.solved | ~found.before.solved).all() and not found.before.solved[3] and np.isnan(before[3])
     pairs = zip(found.history, found.history[1:], strict=False)
     assert all(b.valid > a.valid or (b.valid == a.valid and b.objective <= a.objective) for a, b in pairs)
-    assert len(found.outcomes) == 2
     most = max(solved for *_, solved in found.outcomes)
     best = min(objective for objective, _, solved in found.outcomes if solved == most)
     winner, _, solved = found.outcomes[found.history[-1].start]
-    assert (winner, solved) == (best, most)
+    assert len(found.outcomes) == 2 and (winner, solved) == (best, most)
     for parameter in PARAMETERS:
         assert found.train.value(parameter.name) == found.after.parameters[parameter.name]
         assert parameter.low < found.after.parameters[parameter.name] < parameter.high
     assert_solves_tell_the_same(found)
 
 
+@pytest.mark.oracle
 @pytest.mark.parametrize("found_again", [True, False])
 def test_a_speed_lost_on_the_way_is_found_from_other_starts_or_the_step_halved_and_the_tuning_goes_on(
     same_plan, monkeypatch, found_again
@@ -256,31 +255,25 @@ def test_a_speed_lost_on_the_way_is_found_from_other_starts_or_the_step_halved_a
     assert_solves_tell_the_same(found)
 
 
-def test_ctrl_c_returns_the_best_design_so_far_and_its_history(same_plan):
-    def stop(step):
-        if step.number == 1:
-            raise KeyboardInterrupt
-
-    found = tuned(steps=3, on_step=stop)
-    assert found.interrupted and [step.number for step in found.history] == [0, 1]
-    assert found.after.parameters == found.history[-1].parameters
-
-
 class Bowl:
-    """A bench without equations: (z - 3)^2 summed, a speed is lost beyond z = 1 in each component."""
+    """An evaluator without equations: (z - 3)^2 summed, a speed is lost beyond z = 1 in each component."""
 
-    def __init__(self):
-        self.task, self.rpm, self.train, self.peaks = evaluation.Task((), (), ()), np.ones(2), hammering(), 0
+    rpm, peaks = np.array([1000.0, 1500.0]), 0
+    task = SimpleNamespace(objectives=(), named=lambda z: dict(enumerate(z.tolist())))
 
     def unsolved(self, z):
         lost = np.full((len(z), 2), jaxhb.Status.MAX_STEPS)
-        return evaluation.Point(z, np.ones((len(z), 2)), lost, 0 * lost, np.zeros((len(z), 2, 2, PLAN.harmonics + 1)))
+        return evaluation.Point(
+            z, np.ones((len(z), 2)), lost, 0 * lost, np.zeros(lost.shape), exact=np.zeros((0, 2, 0))
+        )
 
     def at(self, z, near, aim, **_):
         status = np.zeros((len(z), 2), dtype=int)
         status[:, 1] = np.where((z > 1.0).any(1), jaxhb.Status.STALLED, 0)
         value, gradient = ((z - 3) ** 2).sum(1), 2 * (z - 3)
-        return dataclasses.replace(near, z=z, status=status, value=value, gradient=gradient, readings=())
+        return dataclasses.replace(
+            near, z=z, status=status, value=value, gradient=gradient, exact=np.zeros((len(z), 2, 0))
+        )
 
     def finer(self, point, counted):
         return None
@@ -288,69 +281,73 @@ class Bowl:
     def described(self, point, best):
         return ""
 
-    def values(self, z):
-        return dict(enumerate(z.tolist()))
+
+def descended(optimizer, on_step=lambda step: None, evaluator=None):
+    descent = Descent(
+        evaluator or Bowl(), optimizer, rate=0.4, widths=(0.1,), improvement=1e-6, patience=3, on_step=on_step
+    )
+    return descent, *descent.run(np.array([[0.0, -0.5], [0.3, 0.2]]), 20)
 
 
 @pytest.mark.parametrize("optimizer", ["lbfgs", "adam"])
 def test_no_step_that_loses_a_speed_is_accepted(optimizer):
-    descent = Descent(
-        Bowl(),
-        optimizer,
-        rate=0.4,
-        widths=(0.1,),
-        improvement=1e-6,
-        patience=3,
-        on_step=lambda step: None,
-    )
-    first, best, *_ = descent.run(np.array([[0.0, -0.5], [0.3, 0.2]]), 20)
+    _, first, best, *_ = descended(optimizer)
     assert best.solved.all() and (best.value < first.value).all()
     assert (best.z <= 1.0).all() and best.z.max(1) == pytest.approx(1.0, abs=0.05)
     assert best_of(best) == np.argmin(best.value)
 
 
+def test_ctrl_c_returns_the_best_design_so_far_and_its_history():
+    def stop(step):
+        if step.number == 1:
+            raise KeyboardInterrupt
+
+    descent, _, best, _, interrupted = descended("lbfgs", stop)
+    assert interrupted and [step.number for step in descent.history] == [0, 1]
+    assert dict(enumerate(best.z[best_of(best)].tolist())) == descent.history[-1].parameters
+
+
+def parameter(low, high, name="ring.damping", **more):
+    return {"parameters": [Parameter(name=name, low=low, high=high, **more)]}
+
+
+def objective(quantity, of="pump", **more):
+    return {"objective": Objective(quantity=quantity, of=of, **more)}
+
+
+def penalty(quantity, **more):
+    return {"penalties": [Penalty(quantity=quantity, **more)]}
+
+
 WRONG = {
-    "there is no element 'rong' in 'rong.damping'. Did you mean 'ring'": {
-        "parameters": [Parameter(name="rong.damping", low=1, high=9)]
-    },
-    "there is no field 'dampin'. Did you mean 'damping'": {
-        "parameters": [Parameter(name="ring.dampin", low=1, high=9)]
-    },
-    "parameter 'ring.damping': its value 6 lies outside its bounds 8 to 20: widen them": {
-        "parameters": [Parameter(name="ring.damping", low=8.0, high=20.0)]
-    },
-    "parameter 'ring.loss_factor': its value is 0, must be greater than 0 on a log scale": {
-        "parameters": [Parameter(name="ring.loss_factor", low=0.1, high=1.0)]
-    },
-    "parameter 'ring.damping': low is -1, must be greater than 0 on a log scale": {
-        "parameters": [Parameter(name="ring.damping", low=-1.0, high=20.0)]
-    },
-    "its bounds are 9 and 1, must be finite, low less than high": {
-        "parameters": [Parameter(name="ring.damping", low=9.0, high=1.0)]
-    },
-    "parameter 'ring.damping': at the bound -1": {
-        "parameters": [Parameter(name="ring.damping", low=-1.0, high=20.0, scale="linear")]
-    },
+    "there is no element 'rong' in 'rong.damping'. Did you mean 'ring'": parameter(1, 9, "rong.damping"),
+    "there is no field 'dampin'. Did you mean 'damping'": parameter(1, 9, "ring.dampin"),
+    "parameter 'ring.damping': its value 6 lies outside its bounds 8 to 20": parameter(8.0, 20.0),
+    "'ring.loss_factor': its value is 0, must be greater than 0 on a log": parameter(0.1, 1.0, "ring.loss_factor"),
+    "parameter 'ring.damping': low is -1, must be greater than 0 on a log scale": parameter(-1.0, 20.0),
+    "its bounds are 9 and 1, must be finite, low less than high": parameter(9.0, 1.0),
+    "parameter 'ring.damping': at the bound -1": parameter(-1.0, 20.0, scale="linear"),
     "parameter 'ring.damping' is given twice": {"parameters": PARAMETERS[:1] * 2},
     "there is nothing to tune": {"parameters": []},
-    "objective 'tooth farce': there is no such quantity. Did you mean 'tooth force'": {
-        "objective": Objective(quantity="tooth farce", of="crank gear|idler")
-    },
-    "there is no mesh 'crank gear|idle'. Did you mean 'crank gear|idler'": {
-        "objective": Objective(quantity="tooth force", of="crank gear|idle")
-    },
-    "it needs an order": {"objective": Objective(quantity="angle order", of="pump")},
-    "order 0.3 is no harmonic of the cycle": {"objective": Objective(quantity="angle order", of="pump", order=0.3)},
-    "2 weights are given for 4 speeds": {"objective": Objective(quantity="angle", of="pump", weights=(1.0, 2.0))},
-    "over is 'most', must be 'worst' or 'mean'": {"objective": Objective(quantity="angle", of="pump", over="most")},
-    "it has no limit: give most or least": {"penalties": [Penalty(quantity="inertia added")]},
-    "mode is 12, must be a mode number": {"penalties": [Penalty(quantity="natural frequency", mode=12, most=9.0)]},
-    "penalty 'damper pwoer': there is no such quantity": {"penalties": [Penalty(quantity="damper pwoer", most=1.0)]},
+    "there is no such quantity. Did you mean 'tooth force'": objective("tooth farce", "crank gear|idler"),
+    "no mesh 'crank gear|idle'. Did you mean 'crank gear|idler'": objective("tooth force", "crank gear|idle"),
+    "it needs an order": objective("angle order"),
+    "order 0.3 is no harmonic of the cycle": objective("angle order", order=0.3),
+    "2 weights are given for 4 speeds": objective("angle", weights=(1.0, 2.0)),
+    "over is 'most', must be 'worst' or 'mean'": objective("angle", over="most"),
+    "it has no limit: give most or least": penalty("inertia added"),
+    "mode is 12, must be a mode number": penalty("natural frequency", mode=12, most=9.0),
+    "penalty 'damper pwoer': there is no such quantity": penalty("damper pwoer", most=1.0),
     "optimizer is 'newton', must be 'lbfgs' or 'adam'": {"optimizer": "newton"},
     "steps is 0, must be a whole number of at least 1": {"steps": 0},
     "widths is ()": {"widths": ()},
     "the speed is -5 rpm": {"rpm": [-5.0]},
     "no speed is given": {"rpm": []},
+    "'ring' has no power_limit: give it one in the scene": penalty("power over limit", of="ring", most=1.0),
+    "'crank gear|idler' has no rated_torque": penalty("tooth torque over limit", of="crank gear|idler", most=1.0),
+    "'flywheel|crank gear' has no tensile_strength": penalty(
+        "stress over continuous limit", of="flywheel|crank gear", most=1.0
+    ),
 }
 
 
@@ -362,37 +359,30 @@ def test_bad_input_is_one_clear_sentence(sentence):
     assert sentence in str(caught.value) and len(caught.value.sentences) == 1
 
 
-@pytest.mark.parametrize("quantity", ["separated fraction", "impact severity"])
-def test_contact_of_a_mesh_without_backlash_cannot_be_tuned(quantity):
-    train = build(gearbox_parts(), reference="motor")
-    damping = [Parameter(name="viscous ring.damping", low=1.0, high=9.0)]
+def test_contact_of_a_mesh_without_backlash_cannot_be_tuned():
+    given = parameter(1.0, 9.0, "viscous ring.damping") | objective("impact severity", "input 1|lay 1")
     with pytest.raises(jaxhb.SceneError, match="mesh 'input 1|lay 1' has no backlash, its teeth never part"):
-        objective = Objective(quantity=quantity, of="input 1|lay 1")
-        jaxhb.tune(train, parameters=damping, rpm=[900.0], objective=objective)
+        jaxhb.tune(build(gearbox_parts(), reference="motor"), rpm=[900.0], **given)
 
 
-def test_a_range_in_which_no_speed_converges_is_told():
-    parts = [
-        Disk(name="main", inertia=1.0),
-        Disk(name="other", inertia=1.0),
-        Shaft(between=("main", "other"), stiffness=50.0),
-        Torque(disk="main", harmonics=((1.0, 10.0, 0.0),)),
-    ]
-    resonance = 10.0 * 60 / (2 * np.pi)
-    inertia = [Parameter(name="main.inertia", low=0.5, high=2.0)]
-    objective = Objective(quantity="angle", of="main")
-    said = "none of the 2 speeds from 95.4.* rpm converges at the start .2 NEAR_S.*: choose other speeds, more damping"
-    with pytest.raises(jaxhb.SceneError, match=said):
-        jaxhb.tune(build(parts), parameters=inertia, rpm=[resonance, resonance], objective=objective)
+@pytest.mark.parametrize("backlash", [None, 1e-4])
+def test_a_range_in_which_no_speed_converges_is_told_with_a_way_on(backlash):
+    class Lost(Bowl):
+        law = {"eps": backlash and 0.1, "transition": backlash and 0.2, "h": backlash}
+        train = build(one_mass_parts(m=1.0, b=0.1, c=1.0, q0=0.0, q1=1.0, **law), reference="a")
+
+        def at(self, z, near, aim, **_):
+            return near
+
+    with pytest.raises(jaxhb.SceneError) as caught:
+        descended("lbfgs", evaluator=Lost())
+    said = str(caught.value)
+    assert "test train: none of the 2 speeds from 1000 to 1500 rpm converges at the start (2 MAX_STEPS)" in said
+    assert ("Tune a copy of the scene without the backlash keys" in said) == bool(backlash)
+    assert said.endswith("by jaxhb sweep." if backlash else "look at them with jaxhb sweep.")
 
 
-def test_a_train_that_hammers_at_all_speeds_is_told_a_way_on():
-    bench = SimpleNamespace(train=jaxhb.load_scene("spur_pair"), rpm=np.array([5000.0, 5600.0]))
-    said = _nothing_solved(bench, [Status.MAX_STEPS, Status.MAX_STEPS])
-    assert "spur_pair: none of the 2 speeds from 5000 to 5600 rpm converges at the start (2 MAX_STEPS)" in said
-    assert "Tune a copy of the scene without the backlash keys" in said and said.endswith("by jaxhb sweep.")
-
-
+@pytest.mark.oracle
 def test_the_copy_without_backlash_keys_is_tuned(tmp_path):
     """The way on that the sentence names: the scene as it is without its lines of backlash."""
     text = (_folder() / "spur_pair.toml").read_text(encoding="utf-8")
@@ -400,8 +390,6 @@ def test_the_copy_without_backlash_keys_is_tuned(tmp_path):
         (tmp_path / csv.name).write_bytes(csv.read_bytes())
     kept = [line for line in text.splitlines() if not line.startswith("backlash")]
     (tmp_path / "linear.toml").write_text("\n".join(kept), encoding="utf-8")
-    train = jaxhb.load_scene(tmp_path / "linear.toml")
-    damping = [Parameter(name="gear a|gear b.damping", low=200.0, high=2000.0)]
-    objective = Objective(quantity="tooth force", of="gear a|gear b")
-    tuned = jaxhb.tune(train, parameters=damping, rpm=[5000.0, 5600.0], objective=objective, steps=2)
+    given = parameter(200.0, 2000.0, "gear a|gear b.damping") | objective("tooth force", "gear a|gear b")
+    tuned = jaxhb.tune(jaxhb.load_scene(tmp_path / "linear.toml"), rpm=[5000.0, 5600.0], steps=2, **given)
     assert tuned.after.solved.all() and tuned.history[-1].objective < tuned.history[0].objective
