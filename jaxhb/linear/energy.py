@@ -1,8 +1,6 @@
 """Kinetic and strain energy of the train as quadratic forms of its angles, and the matrices that follow from them.
 
-Lashko, (3.1) and (3.2): ``T = 1/2 sum J_i phi_i'^2``, ``Pi = 1/2 sum c_i (phi_(i+1) - phi_i)^2``; here with meshes,
-whose deflection is ``r_a phi_a - r_b phi_b``, and ground springs. The equations (3.3), (3.4) of free vibration are
-``J phi'' + C phi = 0`` with ``J`` and ``C`` the second derivatives.
+Lashko's energies of a chain, here with meshes, whose deflection is ``r_a phi_a - r_b phi_b``, and ground springs.
 """
 
 from __future__ import annotations
@@ -16,16 +14,9 @@ from jaxhb.train.drivetrain import DriveTrain
 
 
 def kinetic_energy(train: DriveTrain, velocity: Array) -> Array:
-    """Kinetic energy of the disks, ``T = 1/2 sum J_i phi_i'^2`` (Lashko, (3.1)).
+    """Kinetic energy in J, ``T = 1/2 sum J_i phi_i'^2`` (Lashko, (3.1)), of disks with ``velocity`` ``(S,)`` in rad/s.
 
-    Parameters
-    ----------
-    train : DriveTrain
-    velocity : array ``(S,)`` rad/s, rings of dampers last
-
-    Returns
-    -------
-    scalar array, J
+    Rings of dampers come last.
 
     Examples
     --------
@@ -39,16 +30,9 @@ def kinetic_energy(train: DriveTrain, velocity: Array) -> Array:
 
 
 def strain_energy(train: DriveTrain, angle: Array) -> Array:
-    """Strain energy ``Pi = 1/2 sum c_i l_i^2`` of shafts, damper springs, meshes and grounds (Lashko, (3.2)).
+    """Strain energy in J of links and grounds, ``Pi = 1/2 sum c_i l_i^2`` (Lashko, (3.2)), at ``angle`` ``(S,)`` rad.
 
-    Parameters
-    ----------
-    train : DriveTrain
-    angle : array ``(S,)`` rad, rings of dampers last
-
-    Returns
-    -------
-    scalar array, J
+    Rings of dampers come last.
 
     Examples
     --------
@@ -65,16 +49,9 @@ def strain_energy(train: DriveTrain, angle: Array) -> Array:
 
 
 def inertia_and_stiffness(train: DriveTrain) -> tuple[Array, Array]:
-    """Matrices J and C of ``J phi'' + C phi = 0`` (Lashko, (3.4)), second derivatives of the energies.
+    """Matrices J in kg m2 and C in N m/rad, ``(S, S)``, of ``J phi'' + C phi = 0`` (Lashko, (3.3) and (3.4)).
 
-    Parameters
-    ----------
-    train : DriveTrain
-
-    Returns
-    -------
-    inertia : array ``(S, S)`` kg m2
-    stiffness : array ``(S, S)`` N m/rad
+    They are the second derivatives of :func:`kinetic_energy` and :func:`strain_energy`.
 
     Examples
     --------

@@ -1,10 +1,9 @@
 """Complex numbers of twice the precision of float64, and beyond its range.
 
-Between natural frequencies a characteristic polynomial is a small difference of large products, and double precision
-leaves it digits in proportion to the distance to the nearest root. :class:`Doubled` has some 24 digits: sums keep what
-they round off (D. E. Knuth, The Art of Computer Programming 2, 4.2.2), products are made of halves whose products are
-exact (T. J. Dekker, Numer. Math. 18 (1971) 224): a compiler that joins a product and a sum in one instruction changes
-nothing.
+A characteristic polynomial is a small difference of large products: double precision leaves it digits in proportion to
+the distance to the nearest root. :class:`Doubled` has some 24 digits: sums keep what they round off (D. E. Knuth, The
+Art of Computer Programming 2, 4.2.2), products are made of halves whose products are exact (T. J. Dekker, Numer. Math.
+18 (1971) 224): a compiler that joins a product and a sum in one instruction changes nothing.
 """
 
 from dataclasses import dataclass
@@ -114,10 +113,7 @@ def _leading(a):
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Scaled:
-    """Complex numbers ``mantissa 2^exponent`` beyond the range of float64.
-
-    mantissa : complex array; exponent : float array of whole numbers, same shape
-    """
+    """Complex numbers ``mantissa 2^exponent`` beyond the range of float64; exponents are whole numbers as floats."""
 
     mantissa: jax.Array
     exponent: jax.Array
@@ -141,6 +137,14 @@ class Scaled:
 
     def __truediv__(self, other):
         return rescaled(self.mantissa / other.mantissa, self.exponent - other.exponent)
+
+    def __mul__(self, factor):
+        return Scaled(self.mantissa * factor, self.exponent)
+
+    def __add__(self, other):
+        exponent = jnp.maximum(self.exponent, other.exponent)
+        powers = (jnp.ldexp(1.0, jnp.maximum(z.exponent - exponent, -2000).astype(int)) for z in (self, other))
+        return rescaled(sum(z.mantissa * power for z, power in zip((self, other), powers, strict=True)), exponent)
 
 
 def shifted(numbers):

@@ -1,9 +1,8 @@
 """Natural frequencies that can be differentiated, in any mode of jax.
 
-A simple eigenvalue with mass-normalised shape y has ``d lambda = y^T (dK - lambda dM) y``. Where eigenvalues repeat,
-neither the shapes nor the derivative of each are unique; the first derivative of their sum is: shapes are not turned
-among themselves there. Higher derivatives hold for simple eigenvalues. Masses and stiffnesses enter as they are, never
-as roots, so that a stiffness of 0 has a derivative too.
+Where eigenvalues repeat, neither the shapes nor the derivative of each are unique; the first derivative of their sum
+is: shapes are not turned among themselves there. Higher derivatives hold for simple eigenvalues. Masses and stiffnesses
+enter as they are, never as roots, so that a stiffness of 0 has a derivative too.
 """
 
 from __future__ import annotations
@@ -28,23 +27,17 @@ RIGID = 1e-13
 
 
 def frequencies_hz(train: DriveTrain, heavy: Array | None = None) -> Array:
-    """Natural frequencies, undamped, meshes in contact: those of :func:`jaxhb.natural_frequencies`, differentiable.
+    """Natural frequencies ``(m,)`` in Hz, rising: those of :func:`jaxhb.natural_frequencies`, differentiable.
+
+    ``d(omega^2) = y^T (dK - omega^2 dM) y`` with y the mass-normalised shape (R. L. Fox, M. P. Kapoor, AIAA J. 6 (1968)
+    2426); 0 with derivative 0 for rigid motions. Of frequencies that repeat only the sum has a derivative:
+    :func:`cluster_sums_hz`.
 
     Parameters
     ----------
     train : DriveTrain, may be traced
     heavy : bool array ``(S,)``, optional
         Disks with inertia, needed where inertias are traced; the others are condensed statically.
-
-    Returns
-    -------
-    array ``(m,)``
-        Hz, rising; 0 with derivative 0 for rigid motions.
-
-    Notes
-    -----
-    ``d(omega^2) = y^T (dK - omega^2 dM) y`` with y the mass-normalised shape (R. L. Fox, M. P. Kapoor, AIAA J. 6 (1968)
-    2426). Of frequencies that repeat only the sum has a derivative: :func:`cluster_sums_hz`.
 
     Examples
     --------
@@ -66,22 +59,16 @@ def _frequencies(train, heavy):
 
 
 def mode_shares(train: DriveTrain, heavy: Array | None = None) -> ModeShares:
-    """Mode shapes and where the energy of each mode lies, differentiable.
+    """Mode shapes and where the energy of each mode lies, differentiable; arguments as of :func:`frequencies_hz`.
 
-    Parameters
-    ----------
-    train, heavy : as in :func:`frequencies_hz`
+    ``d y_i = sum_j y_j (y_j^T (dK - lambda_i dM) y_i) / (lambda_i - lambda_j)``, j other than i (Fox and Kapoor, as
+    there).
 
     Returns
     -------
     ModeShares
         ``shapes`` ``(m, S)``, ``generalised_mass`` ``(m,)`` kg m2, ``kinetic_share`` ``(m, S)`` and ``strain_share``
         ``(m, L)``, as in :class:`jaxhb.Modes`. Where frequencies repeat, derivatives of these do not exist.
-
-    Notes
-    -----
-    ``d y_i = sum_j y_j (y_j^T (dK - lambda_i dM) y_i) / (lambda_i - lambda_j)``, j other than i (Fox and Kapoor, as
-    above).
 
     Examples
     --------
@@ -102,18 +89,10 @@ def _shares(train, heavy):
 
 
 def cluster_sums_hz(train: DriveTrain, clusters: Sequence[Sequence[int]], heavy: Array | None = None) -> Array:
-    """Sums of natural frequencies that repeat, whose first derivatives exist where those of each do not.
+    """Sums ``(clusters,)`` in Hz of natural frequencies that repeat; they have first derivatives, each does not.
 
-    Parameters
-    ----------
-    train : DriveTrain, may be traced
-    clusters : sequence of sequences of int
-        Numbers of the modes of each cluster, as :func:`clusters_of` finds them.
-    heavy : as in :func:`frequencies_hz`
-
-    Returns
-    -------
-    array ``(clusters,)``, Hz
+    Other arguments are those of :func:`frequencies_hz`; ``clusters`` are numbers of modes, as :func:`clusters_of` finds
+    them.
 
     Examples
     --------
@@ -129,15 +108,7 @@ def cluster_sums_hz(train: DriveTrain, clusters: Sequence[Sequence[int]], heavy:
 
 
 def clusters_of(frequencies_hz: Numbers, tolerance: float = CLUSTER) -> tuple[tuple[int, ...], ...]:
-    """Numbers of the modes whose frequencies repeat to a relative ``tolerance``, host.
-
-    Parameters
-    ----------
-    frequencies_hz : array ``(m,)`` Hz, rising
-
-    Returns
-    -------
-    tuple of tuples of int
+    """Numbers of the modes whose frequencies ``(m,)``, rising, repeat to a relative ``tolerance``; host.
 
     Examples
     --------
@@ -150,10 +121,7 @@ def clusters_of(frequencies_hz: Numbers, tolerance: float = CLUSTER) -> tuple[tu
 
 
 def mode_squares(train, heavy):
-    """omega^2 ``(m,)`` in 1/s2, rising, and mass-normalised displacements ``(S, m)`` in kg^(-1/2), differentiable.
-
-    The train may be traced; ``heavy`` are bools ``(S,)``, true for the disks with inertia.
-    """
+    """omega^2 ``(m,)`` in 1/s2, rising, and mass-normalised displacements ``(S, m)`` in kg^(-1/2), differentiable."""
     system = chain.assemble(train)
     kept, light = np.flatnonzero(heavy), np.flatnonzero(~np.array(heavy))
     rows, stiffness = system.springs()

@@ -20,9 +20,8 @@ def as_printed(shapes):
     return shapes / shapes[:, :1]
 
 
-@pytest.mark.parametrize("name", ["friswell_two_disk", "friswell_971"])
-def test_published_frequencies_of_a_chain(name):
-    entry = torsional_model(name)
+def test_published_frequencies_of_a_chain():
+    entry = torsional_model("friswell_971")
     printed = entry["expected_Hz"]
     found = chain_of(entry["model"]).frequencies_hz
     np.testing.assert_allclose(found, printed, rtol=0, atol=half_unit(printed[-1]))
@@ -54,22 +53,6 @@ def test_published_two_node_mode_of_a_six_cylinder_diesel_of_1939():
     np.testing.assert_allclose(shapes[1:3], [computed["mode1"], computed["mode2"]], rtol=1e-8)
     np.testing.assert_allclose(shapes[2], published["mode2"], rtol=0, atol=1e-3)
     assert (np.diff(np.sign(shapes[2])) != 0).sum() == 2
-
-
-def test_published_torques_of_the_two_node_mode():
-    # the sums of a Holzer table at the published omega^2 are k (theta_s - theta_{s+1}); slide rule: 1 % of the largest
-    entry = torsional_model("malychevitch_1939_six_cyl_diesel")
-    shape = as_printed(chain_of(entry["model"]).shapes)[2]
-    found = np.array(entry["model"]["k"]) * -np.diff(shape)
-    published = np.array(entry["published"]["sum_torque_lbin"])
-    np.testing.assert_allclose(found, published[:-1], rtol=0, atol=0.01 * np.abs(published).max())
-
-
-def test_textbook_frequencies_and_modes_of_three_disks():
-    entry = torsional_model("thomson_12_4_1")
-    modes = chain_of(entry["model"])
-    np.testing.assert_allclose(2 * np.pi * modes.frequencies_hz[1:], entry["computed_omega_rad_s"][1:], rtol=1e-8)
-    np.testing.assert_allclose(as_printed(modes.shapes), entry["computed_modes"], rtol=1e-8)
 
 
 def test_damper_on_a_held_and_on_a_free_hub():
@@ -119,23 +102,6 @@ def test_natural_frequencies_of_the_thirty_node_train():
     assert modes.frequencies_hz[0] < 0.05  # the soft ground of 1 N m/rad
     meshes = modes.frequencies_hz[modes.mesh_energy_share > 0.5]
     np.testing.assert_allclose(meshes[-3:], [1649.4, 2617.4, 4333.1], rtol=0, atol=0.051)
-
-
-def test_natural_frequencies_of_the_six_cylinder_diesel():
-    computed = reference("six_cylinder_diesel_2008")["undamped_Hz"]
-    found = jaxhb.natural_frequencies(jaxhb.load_scene("six_cylinder_diesel")).frequencies_hz
-    np.testing.assert_allclose(found[1:], computed[1:], rtol=1e-9)  # another program's eigh
-    assert found[0] == 0.0
-
-
-def test_case_b_three_disks_free():
-    params, expected = method_case("B_three_disc_free_free")
-    modes = jaxhb.natural_frequencies(build(chain_parts(numbers(params["J"]), numbers(params["c"]))))
-    assert modes.frequencies_hz[0] == 0.0
-    np.testing.assert_allclose(
-        (2 * np.pi * modes.frequencies_hz) ** 2, numbers(expected["omega2"]), rtol=ALGEBRAIC, atol=ALGEBRAIC
-    )
-    np.testing.assert_allclose(as_printed(modes.shapes), numbers(expected["modes"]), rtol=ALGEBRAIC)
 
 
 def test_case_b_uniform_free_chain_with_its_cosine_modes():

@@ -48,13 +48,6 @@ def minus(total, *factors):
     return plus(total, tuple(-value for value in product(*factors)))
 
 
-def test_case_c_simplest():
-    _, expected = method_case("C_simplest")
-    parts = [Disk(name="1", inertia=1.0), Disk(name="2", inertia=1.5)]
-    train = build([*parts, Shaft(between=("1", "2"), stiffness=3.0, damping=0.1)])
-    assert characteristic_coefficients(train, exact=True) == (*rationals(expected["coeffs"]), 0, 0)
-
-
 def test_row_1_a_chain_by_either_split():
     links, R = system(CHAIN), lambda *chosen: piece(system(CHAIN), chosen)
     wanted = rationals(method_case("C_chain_R14")[1]["coeffs"])
@@ -128,9 +121,6 @@ def test_coefficients_are_the_determinant_with_meshes_grounds_and_damping_of_dis
     np.testing.assert_allclose(np.polyval(found, p), polynomial.characteristic(train, p).value(), rtol=1e-11)
     exact = characteristic_coefficients(train, exact=True)
     np.testing.assert_allclose(found, np.array(exact, float), rtol=ALGEBRAIC)
-    ring = build([*chain_parts([1.0, 2.0, 0.5], [50.0, 80.0], damping=0.3), Shaft(between=("3", "1"), stiffness=2.0)])
-    values = polynomial.characteristic(ring, p).value()
-    np.testing.assert_allclose(np.polyval(characteristic_coefficients(ring), p), values, rtol=1e-11)
 
 
 def test_values_by_coefficients_in_double_precision_are_useless_where_the_recursion_is_exact():
