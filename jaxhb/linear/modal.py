@@ -136,9 +136,9 @@ def _without_light_disks(links, light):
 
 def singular_values(factor):
     """All ``(H,)`` rising, rad/s; zeros are exact. Chains of any size by the Golub-Kahan tridiagonal."""
-    zeros, path = factor.rigid.shape[1], factor.path()
+    path = factor.path()
     if path is None:
-        return np.concatenate([np.zeros(zeros), _dense(factor, vectors=False)[0]])
+        return _with_zeros(factor, _dense(factor, vectors=False)[0])
     off, _ = _golub_kahan(factor, path)
     values = eigvalsh_tridiagonal(np.zeros(len(off) + 1), off)
     # Eigenvalues are the singular values with both signs, and zeros: the positive ones come last.
@@ -147,7 +147,11 @@ def singular_values(factor):
     if small:  # bisection: entries of a tridiagonal with zero diagonal fix each eigenvalue to its own last digits
         few = {"select": "i", "select_range": (first, first + small - 1), "tol": EVERY_DIGIT}
         values[first : first + small] = eigvalsh_tridiagonal(np.zeros(len(off) + 1), off, **few)
-    return np.concatenate([np.zeros(zeros), np.abs(values[first:])])
+    return _with_zeros(factor, values[first:])
+
+
+def _with_zeros(factor, values):
+    return np.concatenate([np.zeros(factor.rigid.shape[1]), np.abs(values)])
 
 
 def singular_vectors(factor, count=None):
@@ -159,15 +163,12 @@ def singular_vectors(factor, count=None):
     else:
         off, disks = _golub_kahan(factor, path)
         first = len(off) + 1 - len(factor.stiffness)
-        chosen = (first, first + wanted - zeros - 1)
-        values, both = eigh_tridiagonal(
-            np.zeros(len(off) + 1), off, select="i", select_range=chosen, lapack_driver="stebz", tol=EVERY_DIGIT
-        )
+        few = {"select": "i", "select_range": (first, first + wanted - zeros - 1), "tol": EVERY_DIGIT}
+        values, both = eigh_tridiagonal(np.zeros(len(off) + 1), off, lapack_driver="stebz", **few)
         vectors = np.zeros((len(factor.heavy), len(values)))
         # A unit eigenvector holds a right vector, at even places, and a left one, each of length 1 / sqrt 2.
         vectors[disks] = np.sqrt(2) * both[::2]
-    values = np.concatenate([np.zeros(zeros), np.abs(values)])[:wanted]
-    return values, np.concatenate([factor.rigid, vectors], axis=1)[:, :wanted]
+    return _with_zeros(factor, values)[:wanted], np.concatenate([factor.rigid, vectors], axis=1)[:, :wanted]
 
 
 def _golub_kahan(factor, path):

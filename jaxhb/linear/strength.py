@@ -49,15 +49,13 @@ def permissible_stress(
 ) -> tuple[Array, Array]:
     """Permissible amplitudes of the torsional vibration stress after IACS UR M68, continuous and transient.
 
-    In MPa and mm::
+    For intermediate, thrust and propeller shafts (M68.5), to be checked against its current text; crankshafts have
+    another rule, UR M53. In MPa and mm::
 
         tau_C = (sigma_B + 160) / 18 C_K C_D (3 - 2 lambda^2)     lambda < 0.9
         tau_C = (sigma_B + 160) / 18 C_K C_D 1.38                 0.9 <= lambda <= 1.05
         C_D   = 0.35 + 0.93 d^-0.2
         tau_T = 1.7 tau_C / sqrt(C_K)
-
-    For intermediate, thrust and propeller shafts (M68.5); crankshafts have another rule, UR M53. Check the formulae
-    against its current text.
 
     Parameters
     ----------

@@ -23,11 +23,6 @@ def train():
 
 @pytest.fixture(scope="module")
 def sweep(train):
-    return jaxhb.check(jaxhb.solve_speeds(train, rpm=np.array(DATA["rpm"], float)))
-
-
-@pytest.fixture(scope="module")
-def forced(train):
     return jaxhb.check(jaxhb.forced_response(train, rpm=np.array(DATA["rpm"], float)))
 
 
@@ -35,7 +30,7 @@ def forced(train):
 def mirrored(train):
     """The same engine with the firing angles of the reference's table, which counts them the other way round."""
     angles = {f"{name}.firing_angle": -train.value(f"{name}.firing_angle") for name in train.topology.cylinder_names}
-    return jaxhb.solve_speeds(train.replace(angles), rpm=np.array(DATA["rpm"], float))
+    return jaxhb.forced_response(train.replace(angles), rpm=np.array(DATA["rpm"], float))
 
 
 def shafts(sweep):
@@ -74,14 +69,6 @@ def test_speed_of_the_main_resonance_is_that_of_the_published_curves(sweep):
         at = published[published[:, 1].argmax(), 0]
         found = np.array(DATA["rpm"])[sweep.torque(*pair).sum_of_amplitudes.argmax()]
         assert abs(found - at) < 30.0  # one step of the table
-
-
-@pytest.mark.parametrize("curve", CURVES)
-def test_linear_forced_response_gives_both_curves_each_by_its_name(sweep, forced, curve):
-    for quantity in ("sum_of_amplitudes", "half_peak_to_peak"):
-        found, wanted = (getattr(r.torque(*CURVES[curve]).elastic, quantity) for r in (forced, sweep))
-        np.testing.assert_allclose(found, wanted, rtol=1e-4)  # extremes between time samples
-        assert np.allclose(deviation(forced, curve, quantity)[0], deviation(sweep, curve, quantity)[0], atol=1e-4)
 
 
 def test_recomputed_curves_of_all_shafts_to_their_digits(mirrored):

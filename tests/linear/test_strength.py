@@ -62,15 +62,6 @@ def test_limits_are_those_of_the_rule_worked_out_by_hand(row):
     np.testing.assert_allclose(np.array(found) / 1e6, wanted, rtol=0, atol=5.1e-7)
 
 
-def test_the_limit_is_continuous_at_its_plateau_and_there_is_none_above():
-    form = {"diameter": 0.2, "stress_concentration": 0.8, "tensile_strength": 5e8}
-    below, plateau, end, above = (
-        jaxhb.permissible_stress(**form, speed_ratio=r) for r in (0.9 - 1e-12, 0.9, 1.05, 1.06)
-    )
-    np.testing.assert_allclose(below, plateau, rtol=1e-11)
-    assert plateau == end and np.isinf(above).all()
-
-
 def test_bounds_of_barred_ranges_lie_where_the_interpolated_stress_meets_the_limit():
     rpm = np.array([400.0, 100.0, 200.0, 300.0, 500.0, 600.0, 700.0])
     stress = np.array([10.0, 50.0, 10.0, 40.0, np.nan, 35.0, 90.0])
@@ -128,20 +119,19 @@ def test_a_shaft_is_judged_at_its_own_section_or_at_that_of_its_stiffness():
 
 
 def test_a_scene_without_such_keys_has_nothing_to_be_judged_by_and_no_arrays_more():
-    train = jaxhb.load_scene("gear_train_30")
+    train = jaxhb.load_scene("spur_pair")
     assert train.topology.link_keys == () and train.topology.rated_rpm is None
     assert not jaxhb.strength(jaxhb.forced_response(train, rpm=1500.0))
-    fields = [vars(table) for table in (train.shafts, train.dampers, train.meshes)]
-    assert all(table[key] is None for table in fields for key in table if key in ("outer", "magnifier", "power_limit"))
+    assert train.shafts.outer is None and train.meshes.magnifier is None and train.dampers.power_limit is None
 
 
-def test_a_response_without_a_train_needs_one():
+def test_a_response_without_a_train_needs_one(response):
     train = geared()
-    bare = jax.vmap(lambda rpm: jaxhb.forced_response(train, rpm=rpm))(RPM[:2])
+    bare = jax.jit(lambda rpm: jaxhb.forced_response(train, rpm=rpm))(RPM)
     with pytest.raises(ValueError, match="has no train: give train="):
         jaxhb.strength(bare)
     given = jaxhb.strength(bare, train=train).stresses["coupling"]
-    both = jaxhb.strength(jaxhb.forced_response(train, rpm=RPM[:2])).stresses["coupling"]
+    both = jaxhb.strength(response).stresses["coupling"]
     for one, other in zip(given, both, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-9)
 

@@ -113,7 +113,8 @@ def test_the_stiffness_of_teeth_at_their_mean_load_has_the_derivatives_of_differ
     at, value = numbers_of(TRAIN, keys, 1000.0), partial(at_mean_load, keys)
     assert 0.1 < value(at)[-1] < 0.9  # in the transition zone
     check_derivative(value, at, staged=False)
-    check_derivative(lambda v: jax.jacrev(lambda x: value(x)[2:])(v).ravel() * jnp.tile(at, 3), at, staged=False)
+    second = partial(check_derivative, at=at, staged=False, scale=np.repeat(np.abs(value(at)[2:]), len(at)))
+    second(lambda v: jax.jacrev(lambda x: value(x)[2:])(v).ravel() * jnp.tile(at, 3))
 
 
 def test_barred_ranges_have_the_derivatives_of_differences():

@@ -17,7 +17,7 @@ from jaxhb.linear import forced
 OVER_HZ = ((0.0, 1.0, 1.0), (20.0, 1.5, 0.8), (60.0, 2.0, 0.3))
 OVER_AMPLITUDE = ((0.0, 1.4, 0.5), (0.01, 1.0, 1.0), (0.05, 0.7, 1.8))
 ORDERS = ((0.5, 200.0, 30.0), (1.0, 90.0, -40.0), (3.0, 60.0, 80.0), (6.0, 20.0, 0.0))
-SPEEDS = np.array([300.0, 800.0, 1300.0, 2900.0])
+SPEEDS = np.array([300.0, 1300.0])
 BALANCE = 1e-10
 
 
@@ -81,15 +81,6 @@ def test_links_over_frequency_are_evaluated_at_every_harmonic():
     np.testing.assert_allclose(heat, found.input_power, rtol=BALANCE)
 
 
-def test_an_undamped_absorber_holds_its_disk_at_its_order_at_every_speed():
-    train = train_of(order=1.5).replace({"absorber.damping": 0.0})  # of the pump, which turns twice as fast
-    found = jaxhb.forced_response(train, rpm=SPEEDS)
-    pump = found.disk("pump")
-    np.testing.assert_array_less(pump.order(3.0), 1e-12 * found.disk("pinion").order(3.0))
-    without = jaxhb.forced_response(train_of(), rpm=SPEEDS).disk("pump")
-    assert (without.order(3.0) > 1e-6 * without.order(0.5)).all()
-
-
 def test_an_absorber_adds_inertia_times_square_of_order_and_speed():
     train, rpm = train_of(order=1.5), 800.0
     stiffness = 0.05 * (1.5 * 2 * rpm / ONE_RADIAN_PER_SECOND) ** 2
@@ -127,7 +118,7 @@ def test_links_over_amplitude_have_the_stiffness_of_the_amplitude_that_they_lead
 
 def test_amplitudes_that_are_not_found_are_told(monkeypatch):
     monkeypatch.setattr(forced, "STEPS", 1)
-    found = jaxhb.forced_response(train_of(over_amplitude=OVER_AMPLITUDE), rpm=SPEEDS[:3])  # compiled anew
+    found = jaxhb.forced_response(train_of(over_amplitude=OVER_AMPLITUDE), rpm=SPEEDS)  # compiled anew
     assert (found.status == Status.MAX_STEPS).all()
     with pytest.raises(jaxhb.NotConverged, match="the amplitude of a link was not found"):
         jaxhb.check(found)
