@@ -41,11 +41,6 @@ from .linear.damped import (
     damped_modes as damped_modes,
     damping_ratios as damping_ratios,
 )
-from .linear.energy import (
-    inertia_and_stiffness as inertia_and_stiffness,
-    kinetic_energy as kinetic_energy,
-    strain_energy as strain_energy,
-)
 from .linear.forced import ForcedResponse as ForcedResponse, forced_response as forced_response
 from .linear.holzer import HolzerTable as HolzerTable, holzer_residual as holzer_residual, holzer_table as holzer_table
 from .linear.modal import Modes as Modes, all_frequencies as all_frequencies, natural_frequencies as natural_frequencies
@@ -59,7 +54,10 @@ from .linear.sensitivity import (
     cluster_sums_hz as cluster_sums_hz,
     clusters_of as clusters_of,
     frequencies_hz as frequencies_hz,
+    inertia_and_stiffness as inertia_and_stiffness,
+    kinetic_energy as kinetic_energy,
     mode_shares as mode_shares,
+    strain_energy as strain_energy,
 )
 from .linear.strength import (
     BarredRange as BarredRange,

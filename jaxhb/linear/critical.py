@@ -1,7 +1,6 @@
 """Critical speeds: where an order of the excitation meets a natural frequency, order x rpm / 60 = Hz.
 
-Order-tuned absorbers make natural frequencies depend on the speed. Critical speeds are then roots of
-``f_k(rpm) - order x rpm / 60``, looked for between speeds and refined with the modes at the root itself.
+Order-tuned absorbers make frequencies depend on the speed: roots are then looked for between speeds and refined.
 """
 
 from __future__ import annotations
@@ -25,8 +24,6 @@ from jaxhb.train.speeds import check_speed
 from jaxhb.train.varying import varying
 
 ELASTIC, RIGID, RING = "elastic", "rigid", "ring only"
-
-
 STRAINED = 0.01
 """Share of the strain energy in links below which a mode is rigid: on ground springs, or at 0 Hz."""
 RINGS = 0.99
@@ -39,13 +36,9 @@ ROUNDED = 1e-12
 
 @dataclass(frozen=True)
 class Critical:
-    """One critical speed.
+    """One critical speed: ``rpm``, ``order``, ``mode`` as natural_frequencies counts, ``hz`` and ``torque``.
 
-    Parameters
-    ----------
-    rpm : float; order : float; hz : float, Hz
-    mode : int, number of the mode among all, as natural_frequencies counts them
-    torque : float, N m, modal torque ``|sum phi T|`` of the order, amplitude, largest angle of the shape 1
+    The torque in N m is the modal one of the order, ``|sum phi T|``, amplitude, with 1 the largest angle of the shape.
     """
 
     rpm: float
@@ -62,8 +55,7 @@ class Campbell:
 
     Parameters
     ----------
-    rpm : ``(n,)`` of the reference rotor, rising
-    orders : ``(o,)`` of the reference rotor
+    rpm : ``(n,)``, rising; orders : ``(o,)``, both of the reference rotor
     kinds : tuple of str, of each of m modes "elastic", "rigid" or "ring only"
     frequencies_hz : ``(n, m)`` Hz
     critical : tuple of Critical, elastic modes only, by rising speed
@@ -110,33 +102,26 @@ def campbell(
 ) -> Campbell:
     """Natural frequencies over the speed, undamped, teeth in contact, and the critical speeds between them.
 
+    The diagram of W. Campbell, Trans. ASME 46 (1924) 31. :func:`critical_speed` has the derivatives.
+
     Parameters
     ----------
     train : DriveTrain, concrete
     rpm : sequence of float ``(n,)``, rising
-        Speeds of the reference rotor at which frequencies are computed; critical speeds lie between the first and the
-        last. Where frequencies depend on the speed, two crossings between neighbours are not seen.
+        Speeds of the reference rotor; critical speeds lie between the first and the last. Where frequencies depend on
+        the speed, two crossings between neighbours are not seen.
     orders : sequence of float, optional
-        Default: :func:`excited_orders`.
+        Default: those of the excitation above 1e-3 of the largest.
     count : int
-        Elastic modes that are taken, the lowest.
+        Of how many elastic modes, the lowest.
     links_at : mapping, optional
         ``hz`` and ``amplitude`` at which links that vary are taken, see :meth:`DriveTrain.with_constant_links`.
-
-    Returns
-    -------
-    Campbell
-        Frequencies of m modes ``(n, m)`` in Hz, and where ``f_k(rpm) = order x rpm / 60``.
 
     Raises
     ------
     SceneError
         If speeds or orders are not greater than 0, speeds are above 1e6 rpm or do not rise, or a link varies by what is
         not given.
-
-    Notes
-    -----
-    The diagram of W. Campbell, Trans. ASME 46 (1924) 31. :func:`critical_speed` has the derivatives.
 
     Examples
     --------
@@ -148,7 +133,14 @@ def campbell(
     >>> [round(c.rpm, 3) for c in campbell(train, rpm=[20.0, 100.0], orders=[1.0, 2.0]).critical]
     [47.746, 95.493]
     """
-    _check(train, rpm, orders)
+    name = train.topology.title
+    check_speed(train, rpm, many=True)
+    falling = len(rpm) < 2 or np.any(np.diff(rpm) <= 0)
+    errors = [f"{name}: a Campbell diagram needs at least two speeds, in rising order."] * bool(falling)
+    wrong = [order for order in (() if orders is None else orders) if not (np.isfinite(order) and order > 0)]
+    errors += [f"{name}: the order is {order}, must be greater than 0." for order in wrong]
+    if errors:
+        raise SceneError(errors)
     orders = excited_orders(train, rpm=rpm) if orders is None else sorted(set(orders))
     # Only order-tuned absorbers make frequencies depend on the speed, unless ``links_at`` holds theirs.
     constant = not (train.topology.order_links and "rpm" not in dict(links_at))
@@ -176,25 +168,21 @@ def critical_speed(
 ) -> Critical:
     """A critical speed and its modal torque with their derivatives with respect to the train.
 
+    Two steps of Newton's method from ``near.rpm`` on ``f(rpm) - order rpm / 60 = 0``: as it converges quadratically,
+    the first one has the first derivative of the root, the second one also the second and the third.
+
     Parameters
     ----------
     train : DriveTrain, may be traced
     near : Critical
         One that :func:`campbell` found in this train: the mode, the order, and where to look.
-    links_at : mapping, as in :func:`campbell`
-    heavy : bool array ``(S,)``, as in :func:`jaxhb.frequencies_hz`
+    links_at : as in :func:`campbell`
+    heavy : as in :func:`jaxhb.frequencies_hz`
 
     Returns
     -------
     Critical
-        With arrays: ``rpm``, ``hz`` and ``torque`` (N m) have first, second and third derivatives, of simple natural
-        frequencies.
-
-    Notes
-    -----
-    Two steps of Newton's method from ``near.rpm`` on ``f(rpm) - order rpm / 60 = 0``: as it converges quadratically,
-    the first one has the first derivative of the root, the second one also the second and the third. Where frequencies
-    do not depend on the speed, ``rpm = 60 f / order``.
+        ``rpm``, ``hz`` and ``torque`` (N m) are arrays with three derivatives, of simple natural frequencies.
 
     Examples
     --------
@@ -250,18 +238,3 @@ def _order_torque(train, shape, rpm, order):
     torque = excitation(train, rpm, round(harmonic))[0][:, round(harmonic)]
     # Coefficients are two-sided: an amplitude is twice their modulus.
     return 2 * jnp.abs(shape @ torque), 2 * jnp.abs(torque).sum()
-
-
-def _check(train, rpm, orders):
-    name = train.topology.title
-    check_speed(train, rpm, many=True)
-    errors = []
-    if len(rpm) < 2 or np.any(np.diff(rpm) <= 0):
-        errors.append(f"{name}: a Campbell diagram needs at least two speeds, in rising order.")
-    errors += [
-        f"{name}: the order is {order}, must be greater than 0."
-        for order in (() if orders is None else orders)
-        if not (np.isfinite(order) and order > 0)
-    ]
-    if errors:
-        raise SceneError(errors)

@@ -23,7 +23,6 @@ ALIKE = 0.5
 AT_REST = 1e-10
 """Modulus, over the largest number of the pencil, that is rounding of a motion without force. Not over the largest
 eigenvalue: a disk without inertia on links with little damping r relaxes at k/r, which no mode knows of."""
-
 DAMPED_DISKS = 300
 """Disks up to which damping ratios take seconds."""
 
@@ -59,25 +58,13 @@ class DampedModes:
 
 
 def damped_modes(train: DriveTrain) -> DampedModes:
-    """Modes of free vibration with all viscous damping and loss factors, meshes in contact.
+    """Modes of free vibration with all viscous damping and loss factors, meshes in contact; of a concrete train.
 
-    With velocities v and link deflections l as unknowns, ``M v' = -(B + D^T R D) v - D^T C l``, ``l' = D v``: rigid
-    rotation is a state at rest, so that a free train has no double eigenvalue zero. A loss factor gives the link the
-    stiffness ``k (1 + i eta)``, which holds for the modes with positive imaginary part, the ones returned.
-
-    Parameters
-    ----------
-    train : DriveTrain, concrete
-
-    Returns
-    -------
-    DampedModes
-        lambda in 1/s, shapes as angles.
-
-    Notes
-    -----
-    Eigenvalues of ``(lambda^2 M + lambda B + K) v = 0``, solved as a pencil of first order by the QZ method (C. B.
-    Moler, G. W. Stewart, SIAM J. Numer. Anal. 10 (1973) 241); disks without inertia have no eigenvalue of their own.
+    Eigenvalues of ``(lambda^2 M + lambda B + K) v = 0`` by the QZ method (C. B. Moler, G. W. Stewart, SIAM J. Numer.
+    Anal. 10 (1973) 241) from ``M v' = -(B + D^T R D) v - D^T C l``, ``l' = D v``, with the link deflections l as
+    unknowns: rigid rotation is then a state at rest, and a free train has no double eigenvalue zero. A loss factor
+    gives the link the stiffness ``k (1 + i eta)``, which holds for the modes with positive imaginary part, the ones
+    returned. Disks without inertia have no eigenvalue of their own.
 
     Examples
     --------
@@ -101,25 +88,17 @@ def damped_modes(train: DriveTrain) -> DampedModes:
 
 
 def damped_eigenvalues(train: DriveTrain, modes: DampedModes) -> Array:
-    """Eigenvalues of damped modes with their first derivatives, in any mode of jax.
+    """Eigenvalues of damped modes ``(m,)`` in 1/s with their first derivatives, in any mode of jax.
+
+    ``lambda = lambda_0 - v^T Q(lambda_0) v / (v^T Q'(lambda_0) v)`` with ``Q = lambda^2 M + lambda B + K``: Q is
+    symmetric, so that v is left eigenvector too, without conjugation (P. Lancaster, Lambda-Matrices and Vibrating
+    Systems, Pergamon 1966). Derivatives are those of simple eigenvalues; second ones are not.
 
     Parameters
     ----------
     train : DriveTrain, may be traced
-        The one of which ``modes`` are, or one near it.
+        The one of which ``modes`` are, or one near it: the eigenvalues are then right to first order in the change.
     modes : DampedModes
-
-    Returns
-    -------
-    complex array ``(m,)``, 1/s
-        ``modes.eigenvalues`` with the derivatives of simple eigenvalues; of another train what they are to first order
-        in the change. Second derivatives are not those of the eigenvalues.
-
-    Notes
-    -----
-    ``lambda = lambda_0 - v^T Q(lambda_0) v / (v^T Q'(lambda_0) v)`` with ``Q = lambda^2 M + lambda B + K``: Q is
-    symmetric, so that v is left eigenvector too, without conjugation (P. Lancaster, Lambda-Matrices and Vibrating
-    Systems, Pergamon 1966).
 
     Examples
     --------
@@ -142,7 +121,10 @@ def damped_eigenvalues(train: DriveTrain, modes: DampedModes) -> Array:
 
 
 def damping_ratios(train: DriveTrain, modes: Modes) -> Array:
-    """Damping ratio of each undamped mode: that of the damped mode with a shape like it.
+    """Damping ratio of each undamped mode ``(m,)``: that of the damped mode with a shape like it.
+
+    Pairs have the largest sum of the modal assurance criterion ``|phi^T J psi|^2 / (phi^T J phi psi^* J psi)`` (R. J.
+    Allemang, D. L. Brown, Proc. IMAC 1 (1982) 110), here weighted with the inertias.
 
     Parameters
     ----------
@@ -152,18 +134,13 @@ def damping_ratios(train: DriveTrain, modes: Modes) -> Array:
     Returns
     -------
     array ``(m,)``
-        Lehr's damping ratio ``-Re lambda / |lambda|`` of each of the m modes, without unit; nan of rigid modes and
-        where heavy damping leaves no mode like it. First derivatives are those of :func:`damped_eigenvalues`.
+        Lehr's ``-Re lambda / |lambda|``; nan of rigid modes and where heavy damping leaves no mode like it. First
+        derivatives are those of :func:`damped_eigenvalues`.
 
     Raises
     ------
     ValueError
         Inside ``jit`` or ``vmap``, as the values decide which modes are alike.
-
-    Notes
-    -----
-    Pairs have the largest sum of the modal assurance criterion ``|phi^T J psi|^2 / (phi^T J phi psi^* J psi)`` (R. J.
-    Allemang, D. L. Brown, Proc. IMAC 1 (1982) 110), here weighted with the inertias.
 
     Examples
     --------
@@ -198,8 +175,7 @@ def _lehr(eigenvalues):
 
 
 def _eigenpairs(system):
-    """Finite eigenvalues with the displacements' velocities ``(S, n)`` of the first-order equations in v and l, and the
-    largest number 1/s of these equations, to which they are rounded."""
+    """Finite eigenvalues, the velocities v ``(S, n)``, and the largest number 1/s of the equations."""
     rows, stiffness = system.springs()
     incidence, elastic = rows[: len(system.loss)], np.flatnonzero(stiffness)
     loss = np.append(system.loss, np.zeros(len(system.ground)))[elastic]

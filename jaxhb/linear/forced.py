@@ -1,21 +1,18 @@
 """Forced response of the linear train: all speeds and all orders at once, meshes in contact.
 
-At every speed and harmonic n of the cycle ``Z(n) x^n = q^n``, ``Z = -n^2 Omega^2 M + i n Omega B + K`` with loss
-factors and link damping in K (docs/theory A1). Speeds and harmonics are one axis of the scalar sweep along the tree,
-O(S) each and without fill; links that close a loop add as many unknowns
-(:func:`jaxhb.equations.dynamic_stiffness.solve_linear`, which has the derivatives as well).
+At every speed and harmonic n of the cycle ``Z(n) x^n = q^n`` (docs/theory A1). Speeds and harmonics are one axis of the
+scalar sweep along the tree (:func:`jaxhb.equations.dynamic_stiffness.solve_linear`, which has the derivatives as well).
 
 Power is exact from the harmonics: a link of complex stiffness C that transmits f turns ``sum_n 2 n Omega Im(C)
 |f^n / C|^2`` into heat, a disk with damping b ``sum_n 2 (n Omega)^2 b |x^n|^2``; the torques of the excitation bring in
 ``sum_n 2 Re(q^n conj(i n Omega x^n))``, n > 0.
 
 The amplitude A of a link that depends on it is that of the sine with the mean square of its vibratory twist,
-``A^2 = sum_k A_k^2`` over the orders. At each speed the amplitudes are a fixed point, ``A = g(A)`` with g a whole
-linear response. It is where ``dA/dt = g(A) - A`` comes to rest from A = 0, by implicit steps that grow into those of
-Newton's method (pseudo-transient continuation: C. T. Kelley, D. E. Keyes, SIAM J. Numer. Anal. 35 (1998) 508). With one
-such link that is the smallest fixed point, which always exists; with several the path need not come to rest. The
-derivative is that of the implicit function, ``(1 - dg/dA) dA = dg``; second ones forwards over backwards, not twice
-backwards.
+``A^2 = sum_k A_k^2`` over the orders: a fixed point ``A = g(A)`` with g a whole linear response. It is where
+``dA/dt = g(A) - A`` comes to rest from A = 0, by implicit steps that grow into those of Newton's method
+(pseudo-transient continuation: C. T. Kelley, D. E. Keyes, SIAM J. Numer. Anal. 35 (1998) 508). With one such link that
+is the smallest fixed point, which always exists; with several the path need not come to rest. The derivative is that of
+the implicit function, ``(1 - dg/dA) dA = dg``; second ones forwards over backwards, not twice backwards.
 """
 
 from __future__ import annotations
@@ -52,13 +49,21 @@ ACCEPTED = 1e-8
 """The same over A, up to which an amplitude is found."""
 CURVED = 0.5
 """Share of g(A) - A by which a step may miss what its linearisation says."""
+LANES, CELLS = 500, 500_000
+"""Speeds times harmonics swept together, and times disks: what a sweep holds then stays in the cache of a processor."""
+SINGULAR = 1e11
+"""Force of a link or disk over load beyond which rounding alone is left: an undamped resonance."""
+UNSOLVED = 1e-6
+"""Force left on a disk, over the largest force, from which the equations count as singular."""
+UNBALANCED = 1e-9
+"""The same of the mean, over mean loads and forces, from which mean torques count as unbalanced."""
+SAMPLES = 4096
+"""Time samples per cycle, at least, and 16 per harmonic, at which extremes are looked for."""
 
 
 def varied(train, system, rpm, omega, amplitude):
-    """The ``system`` of a train without its tables, with the stiffness of every link at every frequency ``(H,)`` rad/s.
-
-    These are all harmonics of one speed ``(m,)`` after the other; amplitude ``(m, A)`` rad of links that depend on it.
-    """
+    """The ``system`` of a train without its tables, with the stiffness of every link at every frequency ``(H,)`` rad/s,
+    all harmonics of one speed ``(m,)`` after the other; amplitude ``(m, A)`` rad of links that depend on it."""
     width, shafts = len(omega) // len(rpm), len(train.topology.shaft_names)
 
     def of_lanes(values):
@@ -162,28 +167,15 @@ def _settled_jvp(primals, tangents):
     return amplitude, jnp.linalg.solve(matrix, pushed[..., None])[..., 0]
 
 
-LANES, CELLS = 500, 500_000
-"""Speeds times harmonics swept together, and times disks: what a sweep holds then stays in the cache of a processor."""
-SINGULAR = 1e11
-"""Force of a link or disk over load beyond which rounding alone is left: an undamped resonance."""
-UNSOLVED = 1e-6
-"""Force left on a disk, over the largest force, from which the equations count as singular."""
-UNBALANCED = 1e-9
-"""The same of the mean, over mean loads and forces, from which mean torques count as unbalanced."""
-SAMPLES = 4096
-"""Time samples per cycle, at least, and 16 per harmonic, at which extremes are looked for."""
-
-
 @register
 @dataclass(frozen=True, repr=False)
 class ForcedResponse(Response):
-    """A :class:`~jaxhb.Response` of the linear train, with powers; made by :func:`forced_response`.
+    """A :class:`~jaxhb.Response` of the linear train, with powers in W; made by :func:`forced_response`.
 
     Parameters
     ----------
-    disk_power : ``(..., S)`` W, that damping to ground turns into heat; link_power : ``(..., L)`` W, of shafts, dampers
-        and meshes
-    input_power : ``(...)`` W, that the alternating torques bring in: the sum of what is turned into heat
+    disk_power : ``(..., S)``, that damping to ground turns into heat; link_power : ``(..., L)``, of shafts, dampers and
+        meshes; input_power : ``(...)``, that the alternating torques bring in: the sum of what is turned into heat
     """
 
     disk_power: Array = None  # type: ignore[assignment]  # always given: a default, as they come after defaults
@@ -191,17 +183,7 @@ class ForcedResponse(Response):
     input_power: Array = None  # type: ignore[assignment]
 
     def power(self, a: str, b: str | None = None) -> Array:
-        """Power in W that a disk, shaft, damper or mesh turns into heat.
-
-        Parameters
-        ----------
-        a, b : str
-            Name of a disk or of a link; or the two disks that a link joins. A damper is its link.
-
-        Returns
-        -------
-        array ``(...)``
-        """
+        """Power ``(...)`` in W that a disk, a link, by name or by its two disks, or a damper turns into heat."""
         topology = self.topology
         if b is None and a in topology.disk_names and a not in topology.damper_names:
             return self.disk_power[..., topology.disk_index(a)]
@@ -209,16 +191,15 @@ class ForcedResponse(Response):
 
 
 def forced_response(train: DriveTrain, *, rpm: Numbers, harmonics: int | None = None) -> ForcedResponse:
-    """Linear forced response of any train at many speeds, teeth in contact.
+    """Linear forced response of any train at many speeds, teeth in contact: ``Z(n) x^n = q^n``, docs/theory A1.
 
     Trees, closed loops, several gears on a shaft; loss factors, damping of links and to ground, grounds, disks without
-    inertia; links that vary over frequency or amplitude, order-tuned absorbers. A thousand speeds of a train of 30
-    disks with 24 orders take some hundredths of a second.
+    inertia; links that vary over frequency or amplitude, order-tuned absorbers. Eliminated along the tree as in Fridman
+    2009, (10)-(12). A thousand speeds of a train of 30 disks with 24 orders take some hundredths of a second.
 
     Parameters
     ----------
-    train : DriveTrain
-        May be traced.
+    train : DriveTrain, may be traced
     rpm : float or array ``(n,)``
         Speeds of the reference rotor.
     harmonics : int, optional
@@ -227,21 +208,16 @@ def forced_response(train: DriveTrain, *, rpm: Numbers, harmonics: int | None = 
     Returns
     -------
     ForcedResponse
-        Of one speed, or with a leading axis of n: amplitudes by order, half peak-to-peak of the synthesis and sum of
-        amplitudes of every disk (rad), shaft and damper (N m) and mesh (N), torques with their damping part, and powers
-        (W). Its train has no backlash: tooth forces are linear and may pull. ``status`` is UNBALANCED where mean
-        torques accelerate a train that nothing holds, NEAR_SINGULAR at an undamped resonance, MAX_STEPS where no
-        amplitude of a link with ``over_amplitude`` was found that leads to itself. ``residual`` is the largest force
-        left on a disk over the largest force. Every number has derivatives with respect to the train and the speeds.
+        Of one speed, or with a leading axis of n. Its train has no backlash: tooth forces are linear and may pull.
+        ``status`` is UNBALANCED where mean torques accelerate a train that nothing holds, NEAR_SINGULAR at an undamped
+        resonance, MAX_STEPS where no amplitude of a link with ``over_amplitude`` was found that leads to itself.
+        ``residual`` is the largest force left on a disk over the largest force. Every number has derivatives with
+        respect to the train and the speeds.
 
     Raises
     ------
     SceneError
         If a speed is not greater than 0 or above 1e6 rpm, or ``harmonics`` is no whole number of at least 1.
-
-    Notes
-    -----
-    ``Z(n) x^n = q^n``, docs/theory A1; eliminated along the tree as in Fridman 2009, (10)-(12), one harmonic at a time.
 
     Examples
     --------
@@ -257,24 +233,19 @@ def forced_response(train: DriveTrain, *, rpm: Numbers, harmonics: int | None = 
     >>> r.power("a", "b").round(6).tolist(), r.input_power.round(6).tolist()
     ([0.004444, 3.77522], [0.004444, 3.77522])
     """
-    train, harmonics = without_backlash(train), _checked_harmonics(train, harmonics)
+    train = without_backlash(train)
+    if harmonics is None:
+        harmonics = listed_harmonic(train.topology)
+    elif not (isinstance(harmonics, int | np.integer) and harmonics >= 1):
+        raise SceneError(f"{train.topology.title}: harmonics is {harmonics}, must be a whole number of at least 1.")
     if not traced(rpm):
         check_speed(train, rpm, many=True)
     speeds = jnp.atleast_1d(jnp.asarray(rpm, dtype=float))
-    found = _respond(train, speeds, harmonics)
+    found = _respond(train, speeds, int(harmonics))
     if not (traced(found) or staged()):
         found = on_host(found)
     found = dataclasses.replace(found, train=train)
     return found if np.ndim(rpm) else found[0]
-
-
-def _checked_harmonics(train, harmonics):
-    if harmonics is None:
-        return listed_harmonic(train.topology)
-    if not (isinstance(harmonics, int | np.integer) and harmonics >= 1):
-        name = train.topology.title
-        raise SceneError(f"{name}: harmonics is {harmonics}, must be a whole number of at least 1.")
-    return int(harmonics)
 
 
 @partial(Program, static_argnames="harmonics")

@@ -29,13 +29,11 @@ class HolzerTable:
     hz : float, Hz
     names : tuple of str, the S disks, last the one at which the residual is read
     inertia : ``(S,)`` kg m2
-    ordinate : ``(S,)`` rad, of the disk's own shaft; 1 at the first disk of the scene, or at the first row where that
-        disk lies in a node
+    ordinate : ``(S,)`` rad; 1 at the first disk of the scene, or at the first row where that disk lies in a node
     torque : ``(S,)`` N m, J omega^2 theta less the torque of a ground spring
     torque_sum : ``(S,)`` N m, of the disk and all that it carries, transmitted by the link
-    links : tuple of str, link to the next disk; "" in the last row
-    stiffness : ``(S,)`` of that link, N m/rad, of a mesh N/m; 0 in the last row
-    twist : ``(S,)`` deflection of that link, rad, of a mesh m
+    links : tuple of str; stiffness : ``(S,)`` N/m of a mesh, else N m/rad; twist : ``(S,)`` m of a mesh, else rad; all
+        of the link to the next disk, "" and 0 in the last row
     """
 
     hz: Number
@@ -75,28 +73,16 @@ class HolzerTable:
 
 
 def holzer_table(train: DriveTrain, *, hz: Number) -> HolzerTable:
-    """Holzer's table at one frequency, undamped, meshes in contact.
+    """Holzer's table at one frequency ``hz``, undamped, meshes in contact.
 
-    Parameters
-    ----------
-    train : DriveTrain, may be traced
-    hz : float, Hz, may be traced
-
-    Returns
-    -------
-    HolzerTable
-        A part behind a link without stiffness (the ring of a viscous damper) rests. Every number has derivatives with
-        respect to the train and the frequency.
+    ``theta_(i+1) = theta_i - (sum_(j<=i) J_j omega^2 theta_j) / c_i`` (H. Holzer, Die Berechnung der Drehschwingungen,
+    Springer 1921). A part behind a link without stiffness (the ring of a viscous damper) rests. Every number has
+    derivatives with respect to the train and the frequency, both of which may be traced.
 
     Raises
     ------
     SceneError
         If the train has a closed loop.
-
-    Notes
-    -----
-    ``theta_(i+1) = theta_i - (sum_(j<=i) J_j omega^2 theta_j) / c_i`` (H. Holzer, Die Berechnung der Drehschwingungen,
-    Springer 1921).
 
     Examples
     --------
@@ -141,28 +127,12 @@ def holzer_table(train: DriveTrain, *, hz: Number) -> HolzerTable:
 
 
 def holzer_residual(train: DriveTrain, *, hz: Numbers) -> Array:
-    """Residual of Holzer's method over frequency, every branch begun with ordinate 1 at its free end.
+    """Residual ``(n,)`` in N m of Holzer's method at ``hz`` ``(n,)``, every branch begun with 1 at its free end.
 
-    Parameters
-    ----------
-    train : DriveTrain, may be traced
-    hz : array ``(n,)`` Hz, may be traced
-
-    Returns
-    -------
-    array ``(n,)``
-        N m at the last disk of :func:`holzer_table`: a polynomial in omega^2, zero at the natural frequencies. It
-        overflows on long chains far above them; ``jaxhb.characteristic`` does not. It has derivatives with respect to
-        the train and the frequencies.
-
-    Raises
-    ------
-    SceneError
-        If the train has a closed loop.
-
-    Notes
-    -----
-    As :func:`holzer_table`; where branches meet each is scaled by the others (docs/theory C3): nothing is divided.
+    At the last disk of :func:`holzer_table`, errors as there: a polynomial in omega^2, zero at the natural frequencies.
+    Where branches meet each is scaled by the others (docs/theory C3): nothing is divided. It overflows on long chains
+    far above their frequencies, where ``jaxhb.characteristic`` does not. It has derivatives with respect to the train
+    and the frequencies.
 
     Examples
     --------
@@ -179,13 +149,12 @@ def holzer_residual(train: DriveTrain, *, hz: Numbers) -> Array:
 
 
 def _tree(train):
-    """Elimination from the free ends, the first disk's first, to a ground or to the disk farthest from the first."""
+    """Elimination from the free ends to a ground or to the disk farthest from the first, and the System."""
     system = on_host(chain.assemble(train))
     if len(system.tree.loops):
         name = train.topology.link_names[system.tree.loops[0]]
-        where = train.topology.title
         raise SceneError(
-            f"{where}: link {name!r} closes a loop, and Holzer's table is for trains without."
+            f"{train.topology.title}: link {name!r} closes a loop, and Holzer's table is for trains without."
             " Use jaxhb.natural_frequencies, on the command line jaxhb modes, which prints the energies, too."
         )
     ends, ground = train.topology.link_ends, train.topology.ground_disk

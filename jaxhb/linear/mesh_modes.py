@@ -7,28 +7,19 @@ from jaxhb.linear.modal import natural_frequencies
 from jaxhb.train import chain
 
 STRAINED = 0.05
-"""Share of the strain energy of a mode that tooth meshes hold from which the motion has to be resolved to its
-frequency."""
-
+"""Share of a mode's strain energy in tooth meshes from which the motion has to be resolved to its frequency."""
 WEAKLY_STRAINED = 0.01
 """The same from which an estimate of the truncation error has to see the mode: with little damping it may resonate."""
-
 MODAL_DISKS = 400
 """Disks up to which all modes are computed."""
-
 SHAFT_STIFFENING = 1.1
 """What the shafts of larger trains add to the frequencies of the gears alone, a factor."""
 
 
 def mesh_mode_harmonics(train, frequency):
-    """Harmonics of the cycle at the highest natural frequencies that strain tooth meshes, and that strain them weakly.
+    """Harmonics ``(2,)`` of the cycle at the highest modes whose share in meshes is STRAINED and WEAKLY_STRAINED.
 
-    The shares of strain energy are ``STRAINED`` and ``WEAKLY_STRAINED``. Of a finely divided train, whose modes
-    would take longer than its solve, that of the gears and meshes alone.
-
-    Returns
-    -------
-    array ``(2,)``
+    Of a finely divided train, whose modes would take longer than its solve, that of the gears and meshes alone.
     """
     return _mesh_modes_hz(train) / (frequency / (2 * np.pi))
 
@@ -48,8 +39,7 @@ def _gear_mode_hz(train):
     system = chain.assemble(train)
     links = np.arange(len(system.stiffness) - len(train.topology.mesh_names), len(system.stiffness))
     rows = system.incidence(links).T
-    # With the shafts gone, gears on their meshes alone: sqrt of the largest eigenvalue of sqrt(c) D M^-1 D^T sqrt(c), a
-    # matrix of the meshes.
+    # Root of the largest eigenvalue of sqrt(c) D M^-1 D^T sqrt(c), a matrix of the meshes.
     mass = np.maximum(system.mass, 1e-6 * np.mean(system.mass))
     root = np.sqrt(system.stiffness[links])
     squares = np.linalg.eigvalsh(root[:, None] * (rows / mass) @ rows.T * root)

@@ -1,13 +1,14 @@
 """Natural frequencies and mode shapes of the undamped train, backlash meshes taken in contact.
 
-With the weighted incidence factor E = C^(1/2) D M^(-1/2) of the train, E^T E = M^(-1/2) K M^(-1/2): natural frequencies
-are singular values of E (docs/theory B). A row has two entries that differ in sign, which no sum has rounded: stiff and
-soft links keep their own digits. How many frequencies are zero is counted on the graph, never judged by size. Disks
-without inertia are eliminated first, from a star of links to its mesh, by sums of positive numbers.
+With E = C^(1/2) D M^(-1/2), E^T E = M^(-1/2) K M^(-1/2): natural frequencies are singular values of E (docs/theory B).
+A row has two entries that differ in sign, which no sum has rounded: stiff and soft links keep their own digits. How
+many frequencies are zero is counted on the graph, never judged by size. Disks without inertia are eliminated first,
+from a star of links to its mesh, by sums of positive numbers.
 """
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -26,16 +27,17 @@ SMALL = 1e-3
 """Singular value over the largest up to which the fast method, exact to rounding of the largest, loses digits."""
 EVERY_DIGIT = 2 * np.finfo(float).tiny
 """Absolute tolerance that makes LAPACK's bisection (dstebz) stop by its relative one."""
+AT_REST = 1e-10
+"""Ordinate over the largest one below which a disk lies in a node: rounding of a mode shape."""
 
 
 @dataclass(frozen=True)
 class Factor:
-    """Rows of E: elastic links between the H disks with inertia, grounds among them.
+    """Rows of E, elastic links and grounds between the H disks with inertia and the ground, which is number H.
 
-    stiffness ``(n,)`` N/m; ends ``(n, 2)``, numbers among the disks with inertia, H for the ground; arms ``(n, 2)``;
-    mass ``(H,)`` kg; heavy ``(H,)``, numbers of these disks among all S; rigid ``(H, pieces)``, unit columns of
-    M^(1/2) x, one for each piece that nothing holds; eliminated : tuple of (disk, neighbours, weights), displacements
-    of disks without inertia from those eliminated later.
+    stiffness ``(n,)`` N/m; ends, arms ``(n, 2)``; mass ``(H,)`` kg; heavy ``(H,)``, these disks among all S; rigid
+    ``(H, pieces)``, unit columns of M^(1/2) x, one for each piece that nothing holds; eliminated : list of (disk,
+    neighbours, weights), displacements of disks without inertia from those eliminated later and the ground, number S.
     """
 
     stiffness: np.ndarray
@@ -59,11 +61,11 @@ class Factor:
 
     def displacements(self, heavy, disks):
         """``(S, m)`` of all S disks from those with inertia ``(H, m)``, the others where they store least energy."""
-        found = np.zeros((disks, heavy.shape[1]))
+        found = np.zeros((disks + 1, heavy.shape[1]))
         found[self.heavy] = heavy
         for disk, neighbours, weights in reversed(self.eliminated):
             found[disk] = weights @ found[neighbours]
-        return found
+        return found[:-1]
 
     def path(self):
         """Rows of E from one free end of a chain to the other, and the disks, or None for other and small trains."""
@@ -78,19 +80,18 @@ class Factor:
         return tree.link[:-1], tree.node
 
 
-def factor(system, rigid):
-    """The :class:`Factor` of a concrete System, meshes in contact; links without stiffness drop.
-
-    ``rigid`` are the displacements ``(S,)`` of the motion in which no link deflects.
-    """
-    elastic = np.flatnonzero(system.stiffness)
+def factor(train):
+    """The System of a concrete train, meshes in contact, and its :class:`Factor`; links without stiffness drop."""
+    system = on_host(chain.assemble(train))
+    rigid = np.asarray(chain.rigid_shape(train, system.radius))
+    disks, elastic, held = len(system.mass), np.flatnonzero(system.stiffness), np.flatnonzero(system.ground)
     columns = system.tree.end_a, system.tree.end_b, system.stiffness, system.arm_a, system.arm_b
     links = [*zip(*(column[elastic].tolist() for column in columns), strict=True)]
-    links += [(disk, -1, stiffness, 1.0, 1.0) for disk, stiffness in enumerate(system.ground.tolist()) if stiffness]
-    disks, heavy = len(system.mass), np.flatnonzero(system.mass)
-    mass, root = system.mass[heavy], np.sqrt(system.mass[heavy]) * rigid[heavy]
     # The ground is one more node, the last.
-    piece = np.array(pieces(disks + 1, [(a, b % (disks + 1)) for a, b, *_ in links]))
+    links += [(disk, disks, stiffness, 1.0, 1.0) for disk, stiffness in zip(held, system.ground[held], strict=True)]
+    heavy = np.flatnonzero(system.mass)
+    mass, root = system.mass[heavy], np.sqrt(system.mass[heavy]) * rigid[heavy]
+    piece = np.array(pieces(disks + 1, [(a, b) for a, b, *_ in links]))
     loose = [np.flatnonzero(piece[heavy] == one) for one in dict.fromkeys(piece[heavy].tolist()) if one != piece[-1]]
     shapes = np.zeros((len(heavy), len(loose)))
     # Heaviest first: the rotation of the train comes before that of loose rings.
@@ -101,7 +102,7 @@ def factor(system, rigid):
     number[heavy] = np.arange(len(heavy))
     table = np.array(links, dtype=float).reshape(-1, 5)
     ends = number[table[:, :2].astype(int)]
-    return Factor(table[:, 2], ends, table[:, 3:], mass, heavy, shapes, eliminated)
+    return system, Factor(table[:, 2], ends, table[:, 3:], mass, heavy, shapes, eliminated)
 
 
 def _without_light_disks(links, light):
@@ -110,39 +111,34 @@ def _without_light_disks(links, light):
     At the least energy of links k_i with deflections s_i x - o_i y_i, x = sum k_i s_i o_i y_i / sum k_i s_i^2, and what
     is left are links k_i k_j / sum k s^2 with deflections s_j o_i y_i - s_i o_j y_j between all pairs of neighbours.
     """
-    links, eliminated = dict(enumerate(links)), []
-    at = {}
+    links, eliminated, at = dict(enumerate(links)), [], defaultdict(set)
     for name, (a, b, *_) in links.items():
-        for disk in (a, b):
-            at.setdefault(disk, set()).add(name)
+        at[a].add(name), at[b].add(name)
     count = len(links)
     for disk in light:
         star = []
-        for name in sorted(at.get(disk, ())):
+        for name in sorted(at[disk]):
             a, b, k, arm_a, arm_b = links.pop(name)
             at[a].discard(name), at[b].discard(name)
             star.append((b, k, arm_a, arm_b) if a == disk else (a, k, arm_b, arm_a))
         total = sum(k * own**2 for _, k, own, _ in star)
-        moving = [(other, k * own * far / total) for other, k, own, far in star if other >= 0]
-        neighbours = np.array([other for other, _ in moving], dtype=int)
-        eliminated.append((disk, neighbours, np.array([weight for _, weight in moving])))
+        neighbours = np.array([other for other, *_ in star], dtype=int)
+        eliminated.append((disk, neighbours, np.array([k * own * far / total for _, k, own, far in star])))
         for i, (p, k_p, own_p, far_p) in enumerate(star):
             for q, k_q, own_q, far_q in star[i + 1 :]:
                 if p == q:
                     continue  # parallel links to one neighbour do not bend: their ratios agree
-                pair = (p, q, k_p * (k_q / total), own_q * far_p, own_p * far_q)
-                a, b = (p, q) if p >= 0 else (q, p)
-                links[count] = pair if p >= 0 else (q, p, pair[2], pair[4], pair[3])
-                at.setdefault(a, set()).add(count), at.setdefault(b, set()).add(count)
+                links[count] = (p, q, k_p * (k_q / total), own_q * far_p, own_p * far_q)
+                at[p].add(count), at[q].add(count)
                 count += 1
     return list(links.values()), eliminated
 
 
 def singular_values(factor):
     """All ``(H,)`` rising, rad/s; zeros are exact. Chains of any size by the Golub-Kahan tridiagonal."""
-    zeros, path = factor.rigid.shape[1], factor.path()
+    path = factor.path()
     if path is None:
-        return np.concatenate([np.zeros(zeros), _dense(factor, vectors=False)[0]])
+        return _with_zeros(factor, _dense(factor, vectors=False)[0])
     off, _ = _golub_kahan(factor, path)
     values = eigvalsh_tridiagonal(np.zeros(len(off) + 1), off)
     # Eigenvalues are the singular values with both signs, and zeros: the positive ones come last.
@@ -151,7 +147,11 @@ def singular_values(factor):
     if small:  # bisection: entries of a tridiagonal with zero diagonal fix each eigenvalue to its own last digits
         few = {"select": "i", "select_range": (first, first + small - 1), "tol": EVERY_DIGIT}
         values[first : first + small] = eigvalsh_tridiagonal(np.zeros(len(off) + 1), off, **few)
-    return np.concatenate([np.zeros(zeros), np.abs(values[first:])])
+    return _with_zeros(factor, values[first:])
+
+
+def _with_zeros(factor, values):
+    return np.concatenate([np.zeros(factor.rigid.shape[1]), np.abs(values)])
 
 
 def singular_vectors(factor, count=None):
@@ -163,15 +163,12 @@ def singular_vectors(factor, count=None):
     else:
         off, disks = _golub_kahan(factor, path)
         first = len(off) + 1 - len(factor.stiffness)
-        chosen = (first, first + wanted - zeros - 1)
-        values, both = eigh_tridiagonal(
-            np.zeros(len(off) + 1), off, select="i", select_range=chosen, lapack_driver="stebz", tol=EVERY_DIGIT
-        )
+        few = {"select": "i", "select_range": (first, first + wanted - zeros - 1), "tol": EVERY_DIGIT}
+        values, both = eigh_tridiagonal(np.zeros(len(off) + 1), off, lapack_driver="stebz", **few)
         vectors = np.zeros((len(factor.heavy), len(values)))
         # A unit eigenvector holds a right vector, at even places, and a left one, each of length 1 / sqrt 2.
         vectors[disks] = np.sqrt(2) * both[::2]
-    values = np.concatenate([np.zeros(zeros), np.abs(values)])[:wanted]
-    return values, np.concatenate([factor.rigid, vectors], axis=1)[:, :wanted]
+    return _with_zeros(factor, values)[:wanted], np.concatenate([factor.rigid, vectors], axis=1)[:, :wanted]
 
 
 def _golub_kahan(factor, path):
@@ -204,10 +201,6 @@ def _dense(factor, vectors=True):
     return (scale[0] / scale[1] * values)[rising], (left if wide else right)[:, rising] if vectors else None
 
 
-AT_REST = 1e-10
-"""Ordinate over the largest one below which a disk lies in a node: rounding of a mode shape."""
-
-
 class ModeShares(NamedTuple):
     """Shapes of m modes and where their energies lie, as in :class:`Modes`."""
 
@@ -224,11 +217,10 @@ class Modes:
 
     Parameters
     ----------
-    names : tuple of str, the S disks
+    names : tuple of str, the S disks; link_names : tuple of str, the L links
     frequencies_hz : ``(m,)`` Hz, rising; a free train begins with 0
     shapes : ``(m, S)`` angles of the disks, largest absolute value 1
     mesh_energy_share : ``(m,)`` share of the strain energy that lies in tooth meshes
-    link_names : tuple of str, the L links
     generalised_mass : ``(m,)`` kg m2, sum of J phi^2 over the disks
     node_count : ``(m,)`` int, links whose ends move against each other, where ordinates exceed 1e-10 of the largest;
         on a chain the number of the mode, unless the mode is confined to a few disks
@@ -270,18 +262,13 @@ def natural_frequencies(train: DriveTrain, *, count: int | None = None) -> Modes
         Of how many modes, the lowest ones; default all. A chain of more than 500 disks should ask for few: n modes of
         S disks take n S numbers.
 
-    Returns
-    -------
-    Modes
-
     Examples
     --------
     >>> import jaxhb
     >>> jaxhb.natural_frequencies(jaxhb.load_scene("six_cylinder_diesel")).frequencies_hz[:3].round(1).tolist()
     [0.0, 216.6, 592.7]
     """
-    system = on_host(chain.assemble(train))
-    rows = factor(system, _rigid(train, system))
+    system, rows = factor(train)
     omega, vectors = singular_vectors(rows, count)
     displacement = rows.displacements(vectors / np.sqrt(rows.mass)[:, None], len(system.mass))
     found, links = shares(system, omega, displacement), len(system.stiffness)
@@ -311,18 +298,10 @@ def shares(system, omega, displacement) -> ModeShares:
 
 
 def all_frequencies(train: DriveTrain) -> Array:
-    """Natural frequencies in Hz alone: of a chain of thousands of disks in seconds.
+    """Natural frequencies ``(m,)`` in Hz alone, rising, one for each disk with inertia; of a concrete train.
 
-    Parameters
-    ----------
-    train : DriveTrain, concrete
-        A chain (shafts and single gears in a row, one ground at most) of more than 500 disks is solved by its
-        Golub-Kahan tridiagonal in O(S^2), any other train by the dense factor in O(S^3).
-
-    Returns
-    -------
-    array ``(m,)``
-        Hz, rising, one for each disk with inertia: ``det(K - omega^2 M) = 0`` (Lashko, (3.4)).
+    A chain (shafts and single gears in a row, one ground at most) of more than 500 disks is solved by its Golub-Kahan
+    tridiagonal in O(S^2), thousands of disks in seconds, any other train by the dense factor in O(S^3).
 
     Examples
     --------
@@ -330,13 +309,7 @@ def all_frequencies(train: DriveTrain) -> Array:
     >>> jaxhb.all_frequencies(jaxhb.load_scene("six_cylinder_diesel"))[:3].round(1).tolist()
     [0.0, 216.6, 592.7]
     """
-    system = on_host(chain.assemble(train))
-    return singular_values(factor(system, _rigid(train, system))) / (2 * np.pi)
-
-
-def _rigid(train, system):
-    """Displacements ``(S,)`` in which no link deflects, host."""
-    return np.asarray(chain.rigid_shape(train, system.radius))
+    return singular_values(factor(train)[1]) / (2 * np.pi)
 
 
 def _sign_changes(tree, shapes):

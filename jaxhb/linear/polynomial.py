@@ -4,10 +4,13 @@ For a complex p, ``D(p) = det(p^2 M + p B + K(p)) / prod I`` over the disks with
 ``k = c + r p``. The source's R of a free train is ``D / p^2``. Every part of the train is a pair (docs/theory C3): F,
 its determinant while free, and G, while it is held where it meets the rest. A part on link k with arms a and b
 multiplies the other's pair: ``W = F + a^2 k G``, then ``F' <- F' W + G' b^2 k F``, ``G' <- G' W``. Pairs are rescaled
-by powers of two, which is exact, so that nothing overflows. In one closed loop the pairs hang on a ring, summed by
-continuants. All of it has twice the precision (:mod:`~jaxhb.linear.extended`), as little is left of large terms beside
-a root. Only damping times p, and what radii of gears enter, is rounded: as if these numbers of the train had another
-last digit.
+by powers of two, which is exact. In one closed loop the pairs hang on a ring, summed by continuants.
+
+Beside a root little is left of large terms, and double precision leaves digits in proportion to the distance.
+:class:`Doubled` has some 24 digits: sums keep what they round off (D. E. Knuth, The Art of Computer Programming 2,
+4.2.2), products are made of halves whose products are exact (T. J. Dekker, Numer. Math. 18 (1971) 224): a compiler that
+joins a product and a sum in one instruction changes nothing. Only damping times p, and what radii of gears enter, is
+rounded.
 """
 
 from __future__ import annotations
@@ -16,7 +19,7 @@ import dataclasses
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -27,29 +30,185 @@ from jaxhb._jax import Array, Numbers, concrete, traced
 from jaxhb._program import Program
 from jaxhb._shown import brief
 from jaxhb.elements.elements import SceneError
-from jaxhb.equations.block_sweep import slots
-from jaxhb.linear.extended import Scaled, doubled, rescaled, scaled_product, shifted
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 
+HALF = 25
+"""Stored digits of the leading half of a number, the hidden one not counted: products of halves are exact."""
 
+
+@jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Parts:
-    """Parts that hang on a spine of disks, eliminated in ``order`` (host): link, place and place above of each.
+class Doubled:
+    """Complex numbers ``high + low``, high rounded from the sum; with +, -, * and indices as arrays have them."""
+
+    high: jax.Array
+    low: jax.Array
+
+    def __add__(self, other):
+        return _total(self, doubled(other))
+
+    def __neg__(self):
+        return Doubled(-self.high, -self.low)
+
+    def __sub__(self, other):
+        return self + -doubled(other)
+
+    def __mul__(self, other):
+        return _product(self, doubled(other))
+
+    def __getitem__(self, at):
+        return Doubled(self.high[at], self.low[at])
+
+    def scaled(self, real):
+        """Times a real number, rounded as float64 unless it is a power of two."""
+        return Doubled(self.high * real, self.low * real)
+
+    def put(self, at, value):
+        """With ``value`` at an index."""
+        value = doubled(value)
+        return Doubled(self.high.at[at].set(value.high), self.low.at[at].set(value.low))
+
+
+def doubled(value):
+    """A real or complex array as :class:`Doubled`, or what is one already."""
+    if isinstance(value, Doubled):
+        return value
+    high = jnp.asarray(value).astype(complex)
+    return Doubled(high, jnp.zeros_like(high))
+
+
+@jax.custom_jvp
+def _total(a, b):
+    total, lost = _sum(a.high, b.high)
+    return _joined(total, lost + (a.low + b.low))
+
+
+@jax.custom_jvp
+def _product(a, b):
+    a1, b1 = _leading(a.high), _leading(b.high)
+    a2, b2 = a.high - a1, b.high - b1
+    # Four exact products: a complex product would round their sums.
+    total, lost = _sum(
+        lax.complex(a1.real * b1.real, a1.real * b1.imag), lax.complex(-a1.imag * b1.imag, a1.imag * b1.real)
+    )
+    total, more = _sum(total, a1 * b2 + a2 * b1)
+    return _joined(total, (lost + more) + (a2 * b2 + (a.high * b.low + a.low * b.high)))
+
+
+# derivatives are as exact as float64: beside a root the value is a small difference, its derivative is none
+
+
+@_total.defjvp
+def _total_jvp(primals, tangents):
+    return _total(*primals), doubled(tangents[0].high + tangents[1].high)
+
+
+@_product.defjvp
+def _product_jvp(primals, tangents):
+    (a, b), (da, db) = primals, tangents
+    return _product(a, b), doubled(a.high * db.high + da.high * b.high)
+
+
+def _sum(a, b):
+    """Rounded sum and what was rounded off."""
+    total = a + b
+    shown = total - a
+    return total, (a - (total - shown)) + (b - shown)
+
+
+def _joined(high, low):
+    """The sum of a number and one much smaller."""
+    total = high + low
+    # Without the barrier compilers compute every number again wherever it is used, product within product.
+    return Doubled(*lax.optimization_barrier((total, low - (total - high))))
+
+
+def _leading(a):
+    """The leading half of the digits of real and imaginary part."""
+    # The 11 bits of the exponent are those of float64: only digits go.
+    return lax.complex(*(lax.reduce_precision(part, 11, HALF) for part in (a.real, a.imag)))
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Scaled:
+    """Complex numbers ``mantissa 2^exponent`` beyond the range of float64; exponents are whole numbers as floats."""
+
+    mantissa: jax.Array
+    exponent: jax.Array
+
+    @property
+    def log_modulus(self):
+        """Natural logarithm of the modulus."""
+        return jnp.log(jnp.abs(self.mantissa)) + self.exponent * np.log(2.0)
+
+    @property
+    def phase(self):
+        """Phase in rad, -pi to pi."""
+        return jnp.angle(self.mantissa)
+
+    def value(self):
+        """The complex numbers; infinite or zero where they leave the range."""
+        # In two factors: 2^exponent may overflow where the number itself does not.
+        half = jnp.clip(self.exponent // 2, -1100, 1100).astype(int)
+        rest = jnp.clip(self.exponent - half, -1100, 1100).astype(int)
+        return self.mantissa * jnp.ldexp(1.0, half) * jnp.ldexp(1.0, rest)
+
+    def __truediv__(self, other):
+        return rescaled(self.mantissa / other.mantissa, self.exponent - other.exponent)
+
+    def __mul__(self, factor):
+        return Scaled(self.mantissa * factor, self.exponent)
+
+    def __add__(self, other):
+        exponent = jnp.maximum(self.exponent, other.exponent)
+        powers = (jnp.ldexp(1.0, jnp.maximum(z.exponent - exponent, -2000).astype(int)) for z in (self, other))
+        return rescaled(sum(z.mantissa * power for z, power in zip((self, other), powers, strict=True)), exponent)
+
+
+def shifted(numbers):
+    """Numbers with their largest modulus between 1/2 and 1, and the power of two taken out."""
+    # Powers of two cancel between mantissa and exponent: they have no derivative.
+    rough = [lax.stop_gradient(z.high if isinstance(z, Doubled) else z) for z in numbers]
+    sizes = [jnp.maximum(jnp.abs(z.real), jnp.abs(z.imag)) for z in rough]
+    shift = jnp.frexp(jnp.max(jnp.stack(sizes), axis=0))[1]
+    factor = jnp.ldexp(1.0, -shift)
+    return jax.tree.map(lambda z: z * factor, tuple(numbers)), shift.astype(float)
+
+
+def rescaled(number, exponent):
+    """``number 2^exponent`` as :class:`Scaled`."""
+    (number,), shift = shifted((number,))
+    return Scaled(number, exponent + shift)
+
+
+def scaled_product(numbers):
+    """Product of positive numbers ``(n,)`` as :class:`Scaled`, one after the other."""
+
+    def extend(state, number):
+        product, exponent = state
+        (product,), shift = shifted((product * number,))
+        return (product, exponent + shift), None
+
+    (mantissa, exponent), _ = lax.scan(extend, (jnp.array(1.0), jnp.array(0.0)), numbers)
+    return Scaled(mantissa, exponent)
+
+
+class Parts(NamedTuple):
+    """Disks that hang on a spine in the order of their elimination, the link of each and the disk above it; host.
 
     The spine is the root of a tree, or the ring of disks of the closed loop; joints are the links round the ring.
     """
 
     order: np.ndarray
     link: np.ndarray
-    own: np.ndarray
     above: np.ndarray
-    places: int
     spine: list
     joints: list
 
 
-def spine_of(train):
+def parts_of(train):
     """The :class:`Parts` of a train with at most one closed loop."""
     topology, tree = train.topology, chain.span(train.topology)
     loops = tree.loops.tolist()
@@ -66,15 +225,7 @@ def spine_of(train):
         spine, joints = _to_root(tree, int(tree.end_b[link]))
         joints.append(link)
     hanging = np.flatnonzero(~np.isin(tree.node, spine))
-    # For what hangs on it the spine is one root.
-    number = np.full(len(tree.node), len(hanging))
-    number[hanging] = np.arange(len(hanging))
-    held = slots([*number[tree.parent[hanging]], len(hanging) + 1])
-    places = len(held.every)
-    seat = {disk: places + i for i, disk in enumerate(spine)}
-    carriers = zip(tree.node[tree.parent[hanging]].tolist(), held.above.tolist(), strict=False)
-    above = np.array([seat.get(disk, place) for disk, place in carriers], dtype=np.int32)
-    return Parts(tree.node[hanging], tree.link[hanging], held.own[:-1], above, places + len(spine), spine, joints)
+    return Parts(tree.node[hanging], tree.link[hanging], tree.node[tree.parent[hanging]], spine, joints)
 
 
 def _to_root(tree, disk):
@@ -100,7 +251,9 @@ def ways_between(topology, a, b):
 
 
 def characteristic(train: DriveTrain, p: Array) -> Scaled:
-    """Characteristic determinant D(p) of a train with at most one closed loop, meshes in contact.
+    """Characteristic determinant D(p) ``(n,)`` of a train with at most one closed loop, meshes in contact.
+
+    In s^(-2 S) for S disks, all with inertia. The source's R of a free tree is D / p^2, its R^0 of a loop is D.
 
     Parameters
     ----------
@@ -109,8 +262,8 @@ def characteristic(train: DriveTrain, p: Array) -> Scaled:
 
     Returns
     -------
-    Scaled ``(n,)``
-        In s^(-2 S) for S disks, all with inertia. The source's R of a free tree is D / p^2, its R^0 of a loop is D.
+    Scaled
+        With ``value()``, and ``log_modulus`` and ``phase`` where that overflows.
 
     Raises
     ------
@@ -131,11 +284,11 @@ def characteristic(train: DriveTrain, p: Array) -> Scaled:
 @Program
 def _characteristic(train, p):
     system = chain.assemble(train)
-    return _over_inertias(system, _determinant(system, spine_of(train), p))
+    return _over_inertias(system, _determinant(system, parts_of(train), p))
 
 
 def frequency_response(train: DriveTrain, disk: str, at: str, hz: Numbers) -> Array:
-    """Receptance of a train with at most one closed loop from polynomials of its parts.
+    """Receptance ``(n,)`` in rad/(N m) of a train with at most one closed loop from polynomials of its parts.
 
     ``H = sum (over the ways between the two disks) of prod k (over its links) . D(the rest, its disks held) / D``: one
     way, or the two round the loop.
@@ -146,10 +299,6 @@ def frequency_response(train: DriveTrain, disk: str, at: str, hz: Numbers) -> Ar
     disk, at : str
         Disk whose angle is wanted and disk at which the torque acts.
     hz : array ``(n,)`` Hz, positive
-
-    Returns
-    -------
-    complex array ``(n,)``, rad/(N m)
 
     Raises
     ------
@@ -172,15 +321,20 @@ def frequency_response(train: DriveTrain, disk: str, at: str, hz: Numbers) -> Ar
 @partial(Program, static_argnames="ends")
 def _receptance(train, p, ends):
     """Receptance ``(n,)`` between two disks."""
-    system, spine = chain.assemble(train), spine_of(train)
-    names = "mass", "damping", "ground", "arm_a", "arm_b"
-    own = {name: jnp.asarray(getattr(system, name)) for name in names}
-    cases = [own, *(_passed(system, *way) for way in ways_between(train.topology, *ends))]
-    together = jax.tree.map(lambda *a: jnp.stack(a), *cases)
-    found = jax.vmap(lambda case: _determinant(dataclasses.replace(system, **case), spine, p))(together)
-    whole, *ways = (Scaled(*pair) for pair in zip(found.mantissa, found.exponent, strict=True))
-    response = _combined(*((1.0, way) for way in ways)) / whole
+    system = chain.assemble(train)
+    ways = [_passed(system, *way) for way in ways_between(train.topology, *ends)]
+    whole, one, *other = _determinants(system, parts_of(train), p, {}, *ways)
+    response = (one + other[0] if other else one) / whole
     return response.value() / (system.radius[ends[0]] * system.radius[ends[1]])
+
+
+def _determinants(system, parts, p, *cases):
+    """Determinants of a system with the numbers, by name, that each of the cases changes; as one program for all."""
+    names = {name for case in cases for name in case}
+    cases = [{name: jnp.asarray(case.get(name, getattr(system, name))) for name in names} for case in cases]
+    together = jax.tree.map(lambda *arrays: jnp.stack(arrays), *cases)
+    found = jax.vmap(lambda case: _determinant(dataclasses.replace(system, **case), parts, p))(together)
+    return (Scaled(*row) for row in zip(found.mantissa, found.exponent, strict=True))
 
 
 def _passed(system, disks, links):
@@ -205,10 +359,7 @@ def _passed(system, disks, links):
 @brief
 @dataclass(frozen=True)
 class DampedApproximation:
-    """The source's approximation of a damped characteristic polynomial beside the exact value.
-
-    exact, approximate : Scaled ``(n,)``; relative_error : ``(n,)``, |approximate - exact| / |exact|
-    """
+    """The source's approximation of a damped polynomial beside the exact value, ``(n,)``, and its relative error."""
 
     exact: Scaled
     approximate: Scaled
@@ -218,20 +369,14 @@ class DampedApproximation:
 def damped_approximation(train: DriveTrain, omega: Array) -> DampedApproximation:
     """The source's ``D(i omega) = D1 + i omega (D2 - D1)``: D1 without link damping, D2 with c + r as stiffness.
 
+    First order in omega r/c, with a second-order error that depends on the unit of time, as c + r adds N m and N m s
+    (docs/theory C4): at most 1 % for omega r/c up to 0.01 and omega much larger than 1. Prefer the exact value, beside
+    which it stands. Loss factors do not count; damping of disks enters all three exactly.
+
     Parameters
     ----------
-    train : DriveTrain, may be traced
-        At most one closed loop; loss factors do not count; damping of disks enters all three exactly.
+    train : DriveTrain, may be traced, with at most one closed loop
     omega : array ``(n,)`` rad/s
-
-    Returns
-    -------
-    DampedApproximation
-
-    Notes
-    -----
-    First order in omega r/c, with a second-order error that depends on the unit of time, as c + r adds N m and N m s
-    (docs/theory C4): at most 1 % for omega r/c up to 0.01 and omega much larger than 1. Prefer the exact value.
 
     Examples
     --------
@@ -246,29 +391,14 @@ def damped_approximation(train: DriveTrain, omega: Array) -> DampedApproximation
 
 @Program
 def _approximation(train, omega):
-    system, spine = chain.assemble(train), spine_of(train)
-    none = jnp.zeros_like(jnp.asarray(system.viscous))
-
-    def value(stiffness, viscous):
-        changed = dataclasses.replace(system, stiffness=stiffness, viscous=viscous, loss=none)
-        return _over_inertias(system, _determinant(changed, spine, 1j * omega))
-
-    stiffness = jnp.stack([system.stiffness, system.stiffness, system.stiffness + system.viscous])
-    found = jax.vmap(value)(stiffness, jnp.stack([system.viscous, none, none]))
-    exact, low, high = (Scaled(*pair) for pair in zip(found.mantissa, found.exponent, strict=True))
-    approximate = _combined((1 - 1j * omega, low), (1j * omega, high))
-    difference = _combined((1.0, approximate), (-1.0, exact)) / exact
-    return DampedApproximation(exact, approximate, jnp.abs(difference.value()))
-
-
-def _combined(*terms):
-    """Sum of factors times scaled numbers."""
-    exponent = jnp.max(jnp.stack([number.exponent for _, number in terms]), axis=0)
-    shares = [
-        factor * number.mantissa * jnp.ldexp(1.0, jnp.maximum(number.exponent - exponent, -2000).astype(int))
-        for factor, number in terms
-    ]
-    return rescaled(sum(shares), exponent)
+    system = chain.assemble(train)
+    zeros = jnp.zeros_like(jnp.asarray(system.viscous))
+    low = {"viscous": zeros, "loss": zeros}
+    cases = {"loss": zeros}, low, low | {"stiffness": system.stiffness + system.viscous}
+    found = _determinants(system, parts_of(train), 1j * omega, *cases)
+    exact, low, high = (_over_inertias(system, determinant) for determinant in found)
+    approximate = low * (1 - 1j * omega) + high * (1j * omega)
+    return DampedApproximation(exact, approximate, jnp.abs(((approximate + exact * -1.0) / exact).value()))
 
 
 def _hung(own, above, z, k, near, far):
@@ -292,11 +422,8 @@ def _closed(state, c, w_first, w_last):
     return whole - c * c * w_first * w_last * inner_last - (c * ring).scaled(2)
 
 
-def _pairs(system, parts, p):
-    """Pairs F, G ``(m, n)`` of the disks of the spine with all that hangs on them, their exponents, and the joints.
-
-    Joints are arms ``(j,)`` at the disk before and at the one behind, and stiffnesses ``(j, n)``.
-    """
+def _determinant(system, parts, p):
+    """``det(p^2 M + p B + K)`` in displacements, as Scaled."""
     stiffness, loss, viscous = (jnp.asarray(a)[:, None] for a in (system.stiffness, system.loss, system.viscous))
     mass, damping, ground = (jnp.asarray(a)[:, None] for a in (system.mass, system.damping, system.ground))
     p, turned = doubled(p), jnp.sign(p.imag)
@@ -304,40 +431,33 @@ def _pairs(system, parts, p):
     Z = p * p * mass + (p.scaled(damping) + ground)
 
     def arms(link, disk):
+        """Arms of links at a disk and at their other end."""
         first = system.tree.end_a[link] == disk
         arm_a, arm_b = jnp.asarray(system.arm_a)[link], jnp.asarray(system.arm_b)[link]
         return jnp.where(first, arm_a, arm_b), jnp.where(first, arm_b, arm_a)
 
-    def take(state, item):
-        A, P, exponent = state
-        own, above, near, far, k, z = item
-        part, moved = (A[own], P[own]), exponent[own]
-        # The place above may be the same, used again.
-        A, P, exponent = A.put(own, 0.0), P.put(own, 1.0), exponent.at[own].set(0.0)
-        (a, b), shift = shifted(_hung(part, (A[above], P[above]), z, k, near, far))
-        return (A.put(above, a), P.put(above, b), exponent.at[above].add(moved + shift)), None
+    def hang(state, item):
+        A, G, exponent = state
+        disk, above, near, far, k, z = item
+        (a, g), shift = shifted(_hung((A[disk], G[disk]), (A[above], G[above]), z, k, near, far))
+        return (A.put(above, a), G.put(above, g), exponent.at[above].add(exponent[disk] + shift)), None
 
-    shape = (parts.places, *p.high.shape)
+    shape = Z.high.shape
     state = (doubled(jnp.zeros(shape)), doubled(jnp.ones(shape)), jnp.zeros(shape))
     if len(parts.order):
-        items = (parts.own, parts.above, *arms(parts.link, parts.order), C[parts.link], Z[parts.order])
-        state, _ = lax.scan(take, state, items)
+        items = (parts.order, parts.above, *arms(parts.link, parts.order), C[parts.link], Z[parts.order])
+        state, _ = lax.scan(hang, state, items)
     spine, joints = np.array(parts.spine), np.array(parts.joints, dtype=int)
-    A, P, exponent = (array[-len(spine) :] for array in state)
-    alpha, beta = arms(joints, spine[: len(joints)])
-    return Z[spine] * P + A, P, exponent, alpha, beta, C[joints]
-
-
-def _determinant(system, parts, p):
-    """``det(p^2 M + p B + K)`` in displacements."""
-    F, G, exponent, alpha, beta, k = _pairs(system, parts, p)
+    A, G, exponent = (array[spine] for array in state)
+    F = Z[spine] * G + A
     if not parts.joints:
         return rescaled(F[0].high, exponent[0])
-    alpha, beta = alpha[:, None], beta[:, None]
+    alpha, beta = (arm[:, None] for arm in arms(joints, spine))
+    k = C[joints]
     behind = k * beta * beta
     diagonal = F + G * (k * alpha * alpha + jax.tree.map(lambda a: jnp.roll(a, 1, axis=0), behind))
     coupling = k * alpha * beta
-    zero, one = (doubled(jnp.full(p.shape, value)) for value in (0.0, 1.0))
+    zero, one = (doubled(jnp.full(shape[1:], value)) for value in (0.0, 1.0))
 
     def extend(state, item):
         continuants, exponent = state
@@ -390,20 +510,18 @@ LARGEST = 12
 
 
 def characteristic_coefficients(train: DriveTrain, *, exact: bool = False) -> tuple[Any, ...]:
-    """Coefficients of ``det(p^2 M + p B + K) / prod I``, highest power first.
+    """Coefficients of ``det(p^2 M + p B + K) / prod I``, highest power first, 2 S + 1 of them.
+
+    By the rules of :func:`characteristic` in polynomials of p (docs/theory C3): the source's R of a free tree is this
+    polynomial over p^2.
 
     Parameters
     ----------
     train : DriveTrain
-        At most one closed loop, no disk without inertia, no loss factor.
+        At most one closed loop, no disk without inertia, no loss factor. May be traced, but for ``exact``, and loss
+        factors by ``jit`` and ``vmap``; what is traced is nan or infinite where an inertia is 0.
     exact : bool
         Fractions, for any number of disks; else floats, for at most 12.
-
-    Returns
-    -------
-    tuple of Fraction or float, 2 S + 1 of them
-        Floats may be traced by any transformation, but for loss factors by ``jit`` and ``vmap``; nan or infinite there
-        where an inertia is 0.
 
     Raises
     ------
@@ -411,11 +529,6 @@ def characteristic_coefficients(train: DriveTrain, *, exact: bool = False) -> tu
         If the train is none of these.
     ValueError
         If ``jit`` or ``vmap`` traces loss factors, or anything where ``exact`` is true.
-
-    Notes
-    -----
-    By the rules of :func:`characteristic` in polynomials of p (docs/theory C3): the source's R of a free tree is this
-    polynomial over p^2.
 
     Examples
     --------
@@ -430,7 +543,7 @@ def characteristic_coefficients(train: DriveTrain, *, exact: bool = False) -> tu
     def number(value):
         return Fraction(repr(float(value))) if exact else value if traced(value) else float(value)
 
-    topology, parts = train.topology, spine_of(train)
+    topology, parts = train.topology, parts_of(train)
     ground = [number(0.0)] * topology.n_disks
     for disk, stiffness in zip(topology.ground_disk, train.grounds.stiffness, strict=True):
         ground[disk] += number(stiffness)
@@ -448,12 +561,10 @@ def characteristic_coefficients(train: DriveTrain, *, exact: bool = False) -> tu
         return (1, 1) if link < turning else tuple(number(train.disks.radius[gear]) for gear in (near, far))
 
     zero, one = Polynomial(()), Polynomial((number(1.0),))
-    pairs = [(zero, one)] * parts.places
-    for disk, link, own, above in zip(parts.order, parts.link, parts.own, parts.above, strict=True):
-        part, pairs[own] = pairs[own], (zero, one)
-        pairs[above] = _hung(part, pairs[above], Z[disk], C[link], *arms(link, disk))
-    carried = zip(parts.spine, pairs[-len(parts.spine) :], strict=True)
-    F, G = zip(*((Z[disk] * P + A, P) for disk, (A, P) in carried), strict=True)
+    pairs = [(zero, one)] * topology.n_disks
+    for disk, link, above in zip(parts.order, parts.link, parts.above, strict=True):
+        pairs[above] = _hung(pairs[disk], pairs[above], Z[disk], C[link], *arms(link, disk))
+    F, G = zip(*((Z[disk] * G + A, G) for disk, (A, G) in ((disk, pairs[disk]) for disk in parts.spine)), strict=True)
     found = F[0]
     if parts.joints:
         joints = [(C[link], *arms(link, disk)) for link, disk in zip(parts.joints, parts.spine, strict=True)]
@@ -479,14 +590,14 @@ def _refuse_coefficients(train, exact):
             "characteristic_coefficients: jit or vmap traces the loss factors, and with one there is no polynomial. "
             "Close over the train and trace only what changes."
         )
+    if exact and traced(train):
+        raise ValueError("characteristic_coefficients: fractions cannot be traced. Leave out exact.")
     # Meshes, the last links, have no loss factor.
     lossy = [name for name, eta in zip(topology.link_names, np.concatenate(loss), strict=False) if eta]
     if lossy:
         raise SceneError(
             f"{where}: link {lossy[0]!r} has a loss factor, which is no polynomial in p. Use with_viscous_damping."
         )
-    if exact and traced(train):
-        raise ValueError("characteristic_coefficients: fractions cannot be traced. Leave out exact.")
     inertias = [J for table in concrete(train.disks.inertia, train.dampers.inertia) for J in table]
     light = [name for name, J in zip(topology.disk_names, inertias, strict=True) if not traced(J) and not J]
     faults = [f"{where}: disk {name!r} has no inertia: give it some, or use jaxhb.characteristic." for name in light]

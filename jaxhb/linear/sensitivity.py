@@ -1,9 +1,8 @@
-"""Natural frequencies that can be differentiated, in any mode of jax.
+"""Energies, matrices and natural frequencies that can be differentiated, in any mode of jax.
 
-A simple eigenvalue with mass-normalised shape y has ``d lambda = y^T (dK - lambda dM) y``. Where eigenvalues repeat,
-neither the shapes nor the derivative of each are unique; the first derivative of their sum is: shapes are not turned
-among themselves there. Higher derivatives hold for simple eigenvalues. Masses and stiffnesses enter as they are, never
-as roots, so that a stiffness of 0 has a derivative too.
+Where eigenvalues repeat, neither the shapes nor the derivative of each are unique; the first derivative of their sum
+is: shapes are not turned among themselves there. Higher derivatives hold for simple eigenvalues. Masses and stiffnesses
+enter as they are, never as roots, so that a stiffness of 0 has a derivative too.
 """
 
 from __future__ import annotations
@@ -27,24 +26,70 @@ RIGID = 1e-13
 """Frequency over the highest one, for each disk, that is rounding of a rigid motion."""
 
 
+def kinetic_energy(train: DriveTrain, velocity: Array) -> Array:
+    """Kinetic energy in J, ``T = 1/2 sum J_i phi_i'^2`` (Lashko, (3.1)), of disks with ``velocity`` ``(S,)`` in rad/s.
+
+    Rings of dampers come last.
+
+    Examples
+    --------
+    >>> import jax.numpy as jnp, jaxhb
+    >>> train = jaxhb.build([jaxhb.Disk(name="a", inertia=2.0)])
+    >>> float(jaxhb.kinetic_energy(train, jnp.array([3.0])))
+    9.0
+    """
+    system = chain.assemble(train)
+    return jnp.sum(system.mass * (system.radius * velocity) ** 2) / 2
+
+
+def strain_energy(train: DriveTrain, angle: Array) -> Array:
+    """Strain energy in J of links and grounds, ``Pi = 1/2 sum c_i l_i^2`` (Lashko, (3.2)), at ``angle`` ``(S,)`` rad.
+
+    Rings of dampers come last.
+
+    Examples
+    --------
+    >>> import jax.numpy as jnp, jaxhb
+    >>> parts = [jaxhb.Disk(name="a", inertia=2.0), jaxhb.Disk(name="b", inertia=1.0)]
+    >>> train = jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
+    >>> float(jaxhb.strain_energy(train, jnp.array([0.3, 0.1]))).__round__(12)
+    2.0
+    """
+    system = chain.assemble(train)
+    displacement = system.radius * jnp.asarray(angle)
+    links = jnp.sum(system.stiffness * system.deflections(displacement) ** 2)
+    return (links + jnp.sum(system.ground * displacement**2)) / 2
+
+
+def inertia_and_stiffness(train: DriveTrain) -> tuple[Array, Array]:
+    """Matrices J in kg m2 and C in N m/rad, ``(S, S)``, of ``J phi'' + C phi = 0`` (Lashko, (3.3) and (3.4)).
+
+    They are the second derivatives of :func:`kinetic_energy` and :func:`strain_energy`.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> parts = [jaxhb.Disk(name="a", inertia=2.0), jaxhb.Disk(name="b", inertia=1.0)]
+    >>> train = jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
+    >>> jaxhb.inertia_and_stiffness(train)[1].tolist()
+    [[100.0, -100.0], [-100.0, 100.0]]
+    """
+    rest = jnp.zeros(train.topology.n_disks)
+    return jax.hessian(lambda v: kinetic_energy(train, v))(rest), jax.hessian(lambda a: strain_energy(train, a))(rest)
+
+
 def frequencies_hz(train: DriveTrain, heavy: Array | None = None) -> Array:
-    """Natural frequencies, undamped, meshes in contact: those of :func:`jaxhb.natural_frequencies`, differentiable.
+    """Natural frequencies ``(m,)`` in Hz, rising: those of :func:`jaxhb.natural_frequencies`, differentiable.
+
+    ``d(omega^2) = y^T (dK - omega^2 dM) y`` with y the mass-normalised shape (R. L. Fox, M. P. Kapoor, AIAA J. 6 (1968)
+    2426); 0 with derivative 0 for rigid motions. Of frequencies that repeat only the sum has a derivative:
+    :func:`cluster_sums_hz`.
 
     Parameters
     ----------
     train : DriveTrain, may be traced
     heavy : bool array ``(S,)``, optional
         Disks with inertia, needed where inertias are traced; the others are condensed statically.
-
-    Returns
-    -------
-    array ``(m,)``
-        Hz, rising; 0 with derivative 0 for rigid motions.
-
-    Notes
-    -----
-    ``d(omega^2) = y^T (dK - omega^2 dM) y`` with y the mass-normalised shape (R. L. Fox, M. P. Kapoor, AIAA J. 6 (1968)
-    2426). Of frequencies that repeat only the sum has a derivative: :func:`cluster_sums_hz`.
 
     Examples
     --------
@@ -66,22 +111,16 @@ def _frequencies(train, heavy):
 
 
 def mode_shares(train: DriveTrain, heavy: Array | None = None) -> ModeShares:
-    """Mode shapes and where the energy of each mode lies, differentiable.
+    """Mode shapes and where the energy of each mode lies, differentiable; arguments as of :func:`frequencies_hz`.
 
-    Parameters
-    ----------
-    train, heavy : as in :func:`frequencies_hz`
+    ``d y_i = sum_j y_j (y_j^T (dK - lambda_i dM) y_i) / (lambda_i - lambda_j)``, j other than i (Fox and Kapoor, as
+    there).
 
     Returns
     -------
     ModeShares
         ``shapes`` ``(m, S)``, ``generalised_mass`` ``(m,)`` kg m2, ``kinetic_share`` ``(m, S)`` and ``strain_share``
         ``(m, L)``, as in :class:`jaxhb.Modes`. Where frequencies repeat, derivatives of these do not exist.
-
-    Notes
-    -----
-    ``d y_i = sum_j y_j (y_j^T (dK - lambda_i dM) y_i) / (lambda_i - lambda_j)``, j other than i (Fox and Kapoor, as
-    above).
 
     Examples
     --------
@@ -102,18 +141,10 @@ def _shares(train, heavy):
 
 
 def cluster_sums_hz(train: DriveTrain, clusters: Sequence[Sequence[int]], heavy: Array | None = None) -> Array:
-    """Sums of natural frequencies that repeat, whose first derivatives exist where those of each do not.
+    """Sums ``(clusters,)`` in Hz of natural frequencies that repeat; they have first derivatives, each does not.
 
-    Parameters
-    ----------
-    train : DriveTrain, may be traced
-    clusters : sequence of sequences of int
-        Numbers of the modes of each cluster, as :func:`clusters_of` finds them.
-    heavy : as in :func:`frequencies_hz`
-
-    Returns
-    -------
-    array ``(clusters,)``, Hz
+    Other arguments are those of :func:`frequencies_hz`; ``clusters`` are numbers of modes, as :func:`clusters_of` finds
+    them.
 
     Examples
     --------
@@ -129,15 +160,7 @@ def cluster_sums_hz(train: DriveTrain, clusters: Sequence[Sequence[int]], heavy:
 
 
 def clusters_of(frequencies_hz: Numbers, tolerance: float = CLUSTER) -> tuple[tuple[int, ...], ...]:
-    """Numbers of the modes whose frequencies repeat to a relative ``tolerance``, host.
-
-    Parameters
-    ----------
-    frequencies_hz : array ``(m,)`` Hz, rising
-
-    Returns
-    -------
-    tuple of tuples of int
+    """Numbers of the modes whose frequencies ``(m,)``, rising, repeat to a relative ``tolerance``; host.
 
     Examples
     --------
@@ -150,10 +173,7 @@ def clusters_of(frequencies_hz: Numbers, tolerance: float = CLUSTER) -> tuple[tu
 
 
 def mode_squares(train, heavy):
-    """omega^2 ``(m,)`` in 1/s2, rising, and mass-normalised displacements ``(S, m)`` in kg^(-1/2), differentiable.
-
-    The train may be traced; ``heavy`` are bools ``(S,)``, true for the disks with inertia.
-    """
+    """omega^2 ``(m,)`` in 1/s2, rising, and mass-normalised displacements ``(S, m)`` in kg^(-1/2), differentiable."""
     system = chain.assemble(train)
     kept, light = np.flatnonzero(heavy), np.flatnonzero(~np.array(heavy))
     rows, stiffness = system.springs()

@@ -1,9 +1,9 @@
 """Torsional stresses of shafts beside their limits after IACS UR M68, tooth torques, and the heat of a link.
 
-Of motions with backlash as of the linear forced response. The rule: IACS Unified Requirement M68, "Dimensions of
-propulsion shafts and their permissible torsional vibration stresses", as far as it is about intermediate, thrust and
-propeller shafts. Crankshafts have another one, UR M53, with bending, fillets and oil holes: it is not computed here. To
-be checked against its current text: what is computed here is an aid to evaluation, no approval by a class.
+The rule: IACS Unified Requirement M68, "Dimensions of propulsion shafts and their permissible torsional vibration
+stresses", for intermediate, thrust and propeller shafts. Crankshafts have another one, UR M53, with bending, fillets
+and oil holes: it is not computed here. To be checked against its current text: an aid to evaluation, no approval by a
+class.
 """
 
 from __future__ import annotations
@@ -22,28 +22,19 @@ from jaxhb.train.drivetrain import DriveTrain
 CAP = 800e6
 """Tensile strength in Pa beyond which the rule gives no higher limit, for alloy steels; for other steels and for
 propeller shafts it says less, which whoever gives the tensile strength has to observe."""
-
 PLATEAU, HIGHEST = 0.9, 1.05
 """Speed ratios from which the limit is constant, and up to which there is one."""
+SHARE_OF_RATED = 1.0 / 3.0
+"""Vibratory torque that a mesh may pass on, over its rated torque."""
+NOT_ABOVE = 0.8
+"""Share of the rated speed above which the rule does not accept barred ranges in normal operation."""
 
 
 def torsional_stress(torque: Number, *, diameter: Number, bore: Number = 0.0) -> Number:
-    """Nominal torsional stress of a round section, ``tau = T / W_p`` with ``W_p = pi (d^4 - b^4) / (16 d)``.
+    """Nominal torsional stress in Pa of a round section, ``tau = T / W_p`` with ``W_p = pi (d^4 - b^4) / (16 d)``.
 
-    Parameters
-    ----------
-    torque : float or array ``(...)`` N m
-        For the amplitude of the stress half of the peak-to-peak torque.
-    diameter, bore : float or array ``(...)`` m
-
-    Returns
-    -------
-    array ``(...)`` Pa
-        Differentiable; numpy on the host.
-
-    Notes
-    -----
-    Saint-Venant's theory of torsion; without stress concentration.
+    Saint-Venant's theory, without stress concentration. Of ``torque`` in N m, for an amplitude half of the
+    peak-to-peak; ``diameter`` and ``bore`` in m; numbers or arrays ``(...)``. Differentiable; numpy on the host.
 
     Examples
     --------
@@ -58,7 +49,8 @@ def permissible_stress(
 ) -> tuple[Array, Array]:
     """Permissible amplitudes of the torsional vibration stress after IACS UR M68, continuous and transient.
 
-    In MPa and mm::
+    For intermediate, thrust and propeller shafts (M68.5), to be checked against its current text; crankshafts have
+    another rule, UR M53. In MPa and mm::
 
         tau_C = (sigma_B + 160) / 18 C_K C_D (3 - 2 lambda^2)     lambda < 0.9
         tau_C = (sigma_B + 160) / 18 C_K C_D 1.38                 0.9 <= lambda <= 1.05
@@ -67,8 +59,7 @@ def permissible_stress(
 
     Parameters
     ----------
-    diameter : float or array ``(...)`` m
-        Outer diameter of the shaft.
+    diameter : float or array ``(...)`` m, outer
     stress_concentration : float or array ``(...)``
         C_K, the factor of the rule for the form: 1 for an integral flange, 0.6 for a keyway on a taper, 1.45 / scf for
         a notch with stress concentration factor scf.
@@ -82,11 +73,6 @@ def permissible_stress(
     -------
     continuous, transient : arrays ``(...)`` Pa
         Infinite where lambda is above 1.05, for which the rule says nothing. Differentiable; numpy on the host.
-
-    Notes
-    -----
-    IACS UR M68, M68.5, for intermediate, thrust and propeller shafts; crankshafts have another rule, UR M53. Check the
-    formulae against its current text.
 
     Examples
     --------
@@ -116,8 +102,7 @@ class BarredRange:
     low, high : float, rpm; they and what follows are arrays where they are differentiated
     at : float, rpm, of the computed speed with the largest share of the limit
     share, transient_share : float, stress over the continuous limit there, and the largest over the transient limit
-    open_below, open_above : bool
-        Whether the stress is above its limit at the first or last speed that was computed, so that the range goes on.
+    open_below, open_above : bool, whether the stress is above its limit at the first or last computed speed
     """
 
     low: float
@@ -135,28 +120,21 @@ class BarredRange:
 
 
 def barred_ranges(rpm: Array, stress: Array, continuous: Array, transient: Array) -> tuple[BarredRange, ...]:
-    """Speed ranges in which a stress is above its continuous limit, ``tau - tau_C > 0``; on the host.
+    """Speed ranges of IACS UR M68 in which a stress is above its continuous limit, by rising speed; on the host.
+
+    Bounds lie where stress less limit, linear between computed speeds, is zero: what is narrower than their step may be
+    missed. The numbers have derivatives, the bounds those of that zero.
 
     Parameters
     ----------
     rpm : array ``(n,)``
-    stress, continuous, transient : arrays ``(n,)`` Pa
+    stress, continuous, transient : arrays ``(n,)`` Pa, see :func:`permissible_stress`
         Speeds without a number or without a limit are left out.
-
-    Returns
-    -------
-    tuple of BarredRange
-        By rising speed. Bounds lie where stress less limit, linear between computed speeds, is zero: what is narrower
-        than their step may be missed. The numbers have derivatives, the bounds those of that zero.
 
     Raises
     ------
     ValueError
         Inside ``jit`` or ``vmap``, as the values decide how many ranges there are.
-
-    Notes
-    -----
-    The ranges of IACS UR M68, M68.5, see :func:`permissible_stress`.
 
     Examples
     --------
@@ -172,15 +150,18 @@ def barred_ranges(rpm: Array, stress: Array, continuous: Array, transient: Array
             "barred_ranges: jit or vmap traces the stresses, and these decide how many ranges there are. Call it "
             "outside, where it has derivatives."
         )
-    values = _rows(np, values)
+    number = namespace(given).asarray if traced(given) else float
+    # Values decide which ranges there are; derivatives, where wanted, go through the numbers as given.
+    values, rows = _rows(np, values), _rows(namespace(given), given)
     counted = np.flatnonzero(np.isfinite(values).all(axis=0))
     counted = counted[np.argsort(values[0, counted], kind="stable")]
-    values, last = values[:, counted], len(counted) - 1
-    # Values decide which ranges there are; derivatives, where wanted, go through the numbers as given.
-    differentiated = traced(given)
-    speed, stress, continuous, transient = _rows(namespace(given), given)[:, counted] if differentiated else values
-    number = namespace(given).asarray if differentiated else float
-    excess, share, transient_share = stress - continuous, stress / continuous, stress / transient
+    values, (speed, stress, continuous, transient) = values[:, counted], rows[:, counted]
+    excess, share, transient_share, last = (
+        stress - continuous,
+        stress / continuous,
+        stress / transient,
+        len(counted) - 1,
+    )
 
     def bound(inside, outside):
         """Where the excess, linear between a speed within the range and one beyond, is zero; the former at an end."""
@@ -209,13 +190,6 @@ def barred_ranges(rpm: Array, stress: Array, continuous: Array, transient: Array
 def _rows(xp, columns):
     """Columns over the speeds as the rows of one array ``(4, n)``."""
     return xp.stack([xp.broadcast_to(xp.asarray(column, dtype=float), np.shape(columns[0])) for column in columns])
-
-
-SHARE_OF_RATED = 1.0 / 3.0
-"""Vibratory torque that a mesh may pass on, over its rated torque."""
-
-NOT_ABOVE = 0.8
-"""Share of the rated speed above which the rule does not accept barred ranges in normal operation."""
 
 
 class Stress(NamedTuple):
@@ -285,21 +259,16 @@ def strength(response: Any, *, train: DriveTrain | None = None) -> Strength:
     Returns
     -------
     Strength
-        Of every shaft with a ``diameter`` (or ``outer``) half of the peak-to-peak torque over W_p, in Pa, and with a
-        ``tensile_strength`` its limits at this speed over ``rated_rpm``; of every mesh with a ``rated_torque`` half of
-        the peak-to-peak torque on its first gear and a third of the rated torque, in N m; of every shaft and damper
-        with a ``power_limit`` its heat, in W. Differentiable.
+        Differentiable. Of every shaft with a ``diameter`` (or ``outer``) half of the peak-to-peak torque over W_p, and
+        with a ``tensile_strength`` its limits after IACS UR M68 at this speed over ``rated_rpm``, see
+        :func:`jaxhb.permissible_stress` (not for crankshafts). Of every mesh with a ``rated_torque`` half of the
+        peak-to-peak torque on its first gear, which must not exceed a third of the rated torque, nor may the torque
+        reverse. Of every shaft and damper with a ``power_limit`` its heat. An aid to evaluation, no class approval.
 
     Raises
     ------
     ValueError
         If there is no train.
-
-    Notes
-    -----
-    Limits of stresses: IACS UR M68, see :func:`jaxhb.permissible_stress` (not for crankshafts).
-    Gears: the vibratory torque must not exceed a third of the full transmitted torque, and none may reverse. An
-    aid to evaluation, no approval by a class.
 
     Examples
     --------
@@ -325,19 +294,24 @@ def train_of(response, train=None):
 
 
 def judged(train, rpm, motion) -> Strength:
-    """The :class:`Strength` of a train; ``motion`` has ``torque(name)`` and ``force(name)``, which tell ``mean``,
-    ``min``, ``max`` and ``half_peak_to_peak`` ``(...)``, and ``power(name)``.
-    """
+    """The :class:`Strength` of a train whose ``motion`` tells ``power(name)``, and of ``torque(name)`` and
+    ``force(name)`` the ``mean``, ``min``, ``max`` and ``half_peak_to_peak``."""
     topology, stresses = train.topology, {}
     for name in having(topology, "shaft", "outer", "diameter"):
         stress = stress_of(train, name, motion.torque(name).half_peak_to_peak)
         limited = topology.has_key(topology.link_index(name)[0], "tensile_strength")
         stresses[name] = Stress(stress, *(stress_limits(train, name, rpm) if limited else (None, None)))
+
+    def tooth_torque(name):
+        force, radius = motion.force(name), first_radius(train, name)
+        vibratory, mean = radius * force.half_peak_to_peak, radius * force.mean
+        return ToothTorque(vibratory, tooth_torque_limit(train, name), mean, (force.min < 0) & (force.max > 0))
+
     return Strength(
         rpm=rpm,
         rated_rpm=topology.rated_rpm,
         stresses=stresses,
-        tooth_torques={name: _tooth_torque(train, name, motion) for name in having(topology, "mesh", "rated_torque")},
+        tooth_torques={name: tooth_torque(name) for name in having(topology, "mesh", "rated_torque")},
         heat={
             name: Heat(motion.power(name), power_limit(train, name))
             for table in ("shaft", "damper")
@@ -393,13 +367,3 @@ def power_limit(train, name):
     """Power in W that a shaft or damper may turn into heat."""
     table, index = train.topology.elements[name]
     return getattr(train, f"{table}s").power_limit[index]
-
-
-def _tooth_torque(train, name, motion):
-    force, radius = motion.force(name), first_radius(train, name)
-    return ToothTorque(
-        vibratory=radius * force.half_peak_to_peak,
-        limit=tooth_torque_limit(train, name),
-        mean=radius * force.mean,
-        reverses=(force.min < 0) & (force.max > 0),
-    )

@@ -1,14 +1,14 @@
 """The train linearised at its mean load: meshes with backlash with the slope f'(l) of law (18) there.
 
-The static equilibrium ``D^T f(D x) = q`` of the mean torques is the minimum of a convex energy, found by Newton's
-method with steps halved until the energy falls, on the host. In the gap the slope is epsilon c, beyond the knee c.
-Derivatives are those of two steps more from the equilibrium: the first has the first, the second also the second ones.
+The equilibrium of the mean torques is the minimum of a convex energy, found by Newton's method with steps halved until
+the energy falls, on the host. Derivatives are those of two more steps: the first has the first, the second the second.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -58,7 +58,7 @@ class MeanLoad:
 
 
 def at_mean_load(train: DriveTrain, *, rpm: Number) -> MeanLoad:
-    """Linearise the meshes with backlash at the mean load of one speed.
+    """Linearise meshes with backlash at the mean load of one speed: ``D^T f(D x) = q``, law (18) of Fridman 2009.
 
     Parameters
     ----------
@@ -69,9 +69,8 @@ def at_mean_load(train: DriveTrain, *, rpm: Number) -> MeanLoad:
     Returns
     -------
     MeanLoad
-        Of m meshes with backlash the elastic force (N), the slope f'(l) of the law (N/m) and where on the law they are,
-        each ``(m,)``; and the linear train with these slopes. All have first and second derivatives with respect to the
-        train and the speed; slopes are piecewise linear in the deflection, and so are theirs.
+        All numbers have first and second derivatives with respect to the train and the speed; slopes, epsilon c in the
+        gap and c beyond the knee, are piecewise linear in the deflection, and so are theirs.
 
     Raises
     ------
@@ -79,10 +78,6 @@ def at_mean_load(train: DriveTrain, *, rpm: Number) -> MeanLoad:
         If mean torques do not balance, no equilibrium is found, or links vary.
     ValueError
         Inside ``jit`` or ``vmap``, as the equilibrium is looked for on the host.
-
-    Notes
-    -----
-    ``D^T f(D x) = q`` with the law (18) of Fridman 2009; in the gap its slope is epsilon c, beyond the knee c.
 
     Examples
     --------
@@ -97,122 +92,104 @@ def at_mean_load(train: DriveTrain, *, rpm: Number) -> MeanLoad:
             "Call it outside, where it has derivatives."
         )
     check_speed(values, at)
-    topology = train.topology
-    name, static = topology.title, _Static.of(values, at)
-    if static.system.floating and abs(static.left) > UNBALANCED * np.abs(static.torque).max():
+    name, (equations, torque, left) = train.topology.title, _equations(values, at)
+    if equations.system.floating and abs(left) > UNBALANCED * np.abs(torque).max():
         raise SceneError(f"{name} at {at:g} rpm: mean torques do not balance, so there is no mean load. Add a load.")
-    x = _equilibrium(static)
+    x = _equilibrium(equations)
     if x is None:
         raise SceneError(f"{name} at {at:g} rpm: no equilibrium of the mean torques was found. Leave out --at.")
     if traced(train, rpm):
         import jax  # which is there, as it traces
 
-        meshes, found = jax.jit(_refined)(train, rpm, x)
+        found = jax.jit(_refined)(train, rpm, x)
     else:
-        meshes, found = static.read(x)
+        found = _read(equations, x)
+    own, first = train.topology.backlash_index, len(train.topology.link_names) - len(train.topology.mesh_names)
     bare = without_backlash(train)
-    bare = dataclasses.replace(bare, meshes=dataclasses.replace(bare.meshes, stiffness=meshes))
-    return MeanLoad(bare, tuple(topology.mesh_names[i] for i in topology.backlash_index), *found)
+    bare = dataclasses.replace(bare, meshes=dataclasses.replace(bare.meshes, stiffness=found[1][first:]))
+    names = tuple(train.topology.mesh_names[i] for i in own)
+    return MeanLoad(bare, names, *(values[first + own] for values in found))
 
 
-@dataclass(frozen=True)
-class _Static:
-    """The equations of the mean: links, mean torques, and the law of the meshes with backlash, may be traced.
-
-    ``links`` are the numbers of those meshes among all links, ``first`` that of the first mesh.
-    """
+class _Equations(NamedTuple):
+    """Static equations of the train under the mean torques ``load`` ``(S,)`` N, with the ``law`` of every link."""
 
     system: chain.System
-    torque: np.ndarray
-    left: np.ndarray
     law: backlash.Law
-    links: np.ndarray
-    first: int
-
-    @classmethod
-    def of(cls, train, rpm):
-        """Those of a train at a speed."""
-        own, topology = train.topology.backlash_index, train.topology
-        first = len(topology.link_names) - len(topology.mesh_names)
-        torque, _, left = excitation(train, rpm, 0)
-        law = backlash.Law(*(a[own] for a in dataclasses.astuple(backlash.law_of(train.meshes))))
-        return cls(*on_host((chain.assemble(train), torque[:, 0].real, left, law)), first + own, first)
-
-    @property
-    def load(self):
-        """Forces ``(S,)`` in N of the mean torques."""
-        return self.torque / self.system.radius
-
-    def put(self, values, own):
-        """``values`` of all links with those of the law at their places."""
-        # A product with 0 and 1 puts numbers at their places for numpy and for jax alike.
-        chosen = np.eye(len(values))[:, self.links]
-        return namespace(values, own).where(chosen.any(1), chosen @ own, values)
-
-    def held(self, x):
-        """Force of every link and its slope."""
-        l, stiffness = self.system.deflections(x), self.system.stiffness
-        force, slope = (law(self.law, l[self.links]) for law in (backlash.force, backlash.slope))
-        return self.put(stiffness * l, force), self.put(stiffness, slope)
-
-    def energy(self, x):
-        """Energy in J that is least at the equilibrium."""
-        l = self.system.deflections(x)
-        links = self.put(self.system.stiffness * l**2 / 2, backlash.energy(self.law, l[self.links]))
-        return links.sum() + (self.system.ground * x**2).sum() / 2 - self.load @ x
+    load: np.ndarray
 
     def unbalanced(self, x):
-        """Force ``(S,)`` in N that the links and grounds leave of the load."""
-        return self.load - self.system.incidence() @ self.held(x)[0] - self.system.ground * x
+        """Force ``(S,)`` in N that the links and grounds leave of the load at displacements ``(S,)``."""
+        force = backlash.force(self.law, self.system.deflections(x))
+        return self.load - self.system.spread(force) - self.system.ground * x
 
     def tangent(self, slope):
         """Stiffness ``(S, S)`` in N/m of links with these slopes and grounds."""
         incidence = self.system.incidence()
         return (incidence * slope) @ incidence.T + namespace(self.system.ground).diag(self.system.ground)
 
-    def read(self, x):
-        """Stiffness of all meshes; and of those with backlash force, slope, engagement and share of the stiffness."""
-        law, deflection = self.law, self.system.deflections(x)[self.links]
-        slope, force = backlash.slope(law, deflection), backlash.force(law, deflection)
-        meshes = self.put(self.system.stiffness, slope)[self.first :]
-        return meshes, (force, slope, backlash.engagement(law, deflection), slope / law.stiffness)
+
+def _equations(train, rpm):
+    """The :class:`_Equations` at a speed; mean torques ``(S,)`` N m and what is left of their sum."""
+    torque, _, left = excitation(train, rpm, 0)
+    system, torque, left, train = on_host((chain.assemble(train), torque[:, 0].real, left, train))
+    # A link without backlash has the law of one slope, epsilon 1.
+    loose, shafts = (
+        np.array(train.topology.mesh_backlash, bool),
+        np.ones(len(system.loss) - len(train.meshes.stiffness)),
+    )
+    xp, meshes = namespace(train), backlash.law_of(train.meshes)
+    rest = (xp.append(shafts, xp.where(loose, a, 1.0)) for a in (meshes.epsilon, meshes.transition, meshes.backlash))
+    law = backlash.Law(system.stiffness, *rest)
+    return _Equations(system, law, torque / system.radius), torque, left
+
+
+def _read(equations, x):
+    """Of every link elastic force, slope, engagement and slope over the stiffness in contact."""
+    law, deflection = equations.law, equations.system.deflections(x)
+    engagement = backlash.engagement(law, deflection)
+    share = law.epsilon + (1 - law.epsilon) * engagement
+    return backlash.force(law, deflection), backlash.slope(law, deflection), engagement, share
 
 
 def _refined(train, rpm, x):
     """What is read two steps of Newton's method from the equilibrium, as one program."""
-    static = _Static.of(train, rpm)
+    equations, *_ = _equations(train, rpm)
     for _ in range(2):
-        tangent = static.tangent(static.held(x)[1])
-        x = x + namespace(tangent).linalg.pinv(tangent, rtol=SINGULAR) @ static.unbalanced(x)
-    return static.read(x)
+        tangent = equations.tangent(backlash.slope(equations.law, equations.system.deflections(x)))
+        x = x + namespace(tangent).linalg.pinv(tangent, rtol=SINGULAR) @ equations.unbalanced(x)
+    return _read(equations, x)
 
 
-def _equilibrium(static):
+def _equilibrium(equations):
     """Displacements ``(S,)`` in m at which the mean torques are in equilibrium, or None where none was found; host."""
-    system, load, links = static.system, static.load, static.links
+    system, law, load = equations
 
     def solved(slope, force):
         # Least squares: the tangent of a floating train is singular.
-        return np.linalg.lstsq(static.tangent(slope), force, rcond=SINGULAR)[0]
+        return np.linalg.lstsq(equations.tangent(slope), force, rcond=SINGULAR)[0]
+
+    def energy(x):
+        return backlash.energy(law, system.deflections(x)).sum() + (system.ground * x**2).sum() / 2 - load @ x
 
     # begin on the flanks that all teeth in contact would press: in a gap without stiffness nothing pulls back to them
     size = np.abs(load).max(initial=0.0)
     x = solved(system.stiffness, load)
-    pressed = (system.stiffness * system.deflections(x))[links]
-    flank = np.where(np.abs(pressed) > IDLE * size, np.sign(pressed), 0.0) * backlash.offset(static.law)
+    pressed = system.stiffness * system.deflections(x)
+    flank = np.where(np.abs(pressed) > IDLE * size, np.sign(pressed), 0.0) * backlash.offset(law)
     # On a flank f = c l - offset: the offset goes to the side of the load.
-    x = solved(system.stiffness, load + system.incidence()[:, links] @ flank)
-    energy = static.energy(x)
+    x = solved(system.stiffness, load + system.spread(flank))
+    least = energy(x)
     for _ in range(STEPS):
-        (force, slope), left = static.held(x), static.unbalanced(x)
-        if np.abs(left).max(initial=0.0) <= SOLVED * max(size, np.abs(force).max(initial=0.0)):
+        deflection, left = system.deflections(x), equations.unbalanced(x)
+        largest = np.abs(backlash.force(law, deflection)).max(initial=0.0)
+        if np.abs(left).max(initial=0.0) <= SOLVED * max(size, largest):
             return x
-        step = solved(slope, left)
-        share = 1.0
+        step, share = solved(backlash.slope(law, deflection), left), 1.0
         for _ in range(HALVINGS):
-            new = static.energy(x + share * step)
-            if new <= energy:
+            reached = energy(x + share * step)
+            if reached <= least:
                 break
             share /= 2
-        x, energy = x + share * step, new
+        x, least = x + share * step, reached
     return None

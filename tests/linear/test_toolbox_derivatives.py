@@ -1,10 +1,13 @@
 """Derivatives of what engineers tune on beside amplitudes and frequencies, against differences."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from differences import compare, differences
+from directional import check_derivative
 from tolerances import GRADIENT
 
 import jaxhb
@@ -13,11 +16,12 @@ from jaxhb import Damper, Disk, Ground, Load, Mesh, Shaft, Torque
 pytestmark = pytest.mark.oracle
 
 ORDER, HZ, RPM = 3.0, 31.0, 700.0
+HEAVY = np.ones(6, bool)
 
 
-def parts(*, order=None):
+def build(*, order=None):
     """A rotor with a ring, geared to a branched one that a spring holds."""
-    return [
+    parts = [
         Disk(name="a", inertia=2.0),
         Disk(name="b", inertia=0.3, radius=0.1),
         Disk(name="c", inertia=0.2, radius=0.05),
@@ -32,10 +36,7 @@ def parts(*, order=None):
         Torque(disk="a", mean=4.0, harmonics=[(3.0, 30.0, 10.0)], rated_rpm=900.0),
         Load(disk="d"),
     ]
-
-
-def build(**given):
-    return jaxhb.build(parts(**given), reference="a", revolutions_per_cycle=1)
+    return jaxhb.build(parts, reference="a", revolutions_per_cycle=1)
 
 
 TRAIN = build()
@@ -43,162 +44,111 @@ KEYS = ["a.inertia", "ring.inertia", "a|b.stiffness", "b|c.stiffness", "ring.sti
         "e:ground.stiffness"]  # fmt: skip
 
 
-def holzer_table(train, _):
-    found = jaxhb.holzer_table(train, hz=HZ)
-    columns = found.ordinate, found.torque_sum / 1e5, found.twist, found.kinetic_energy / 1e5, found.strain_energy / 1e5
-    return jnp.concatenate([*columns, found.residual[None] / 1e5])
+def numbers_of(train, keys, *more):
+    return np.array([*(float(train.value(key)) for key in keys), *more])
 
 
-def holzer_residual(train, rpm):
-    return jaxhb.holzer_residual(train, hz=jnp.array([0.5, 1.0]) * rpm / 20.0) / 1e5
+def changed(values, train=TRAIN, keys=KEYS):
+    """The train with the first of the values at its keys."""
+    return train.replace(dict(zip(keys, values, strict=False)))
 
 
-def energies_of_modes(train, _):
-    found = jaxhb.mode_shares(train, np.ones(6, bool))
-    return jnp.concatenate([jnp.ravel(a[1:]) for a in found])
+def holzer_table(values):
+    found = jaxhb.holzer_table(changed(values), hz=HZ)
+    columns = found.ordinate, found.torque_sum, found.twist, found.kinetic_energy, found.strain_energy
+    return jnp.concatenate([*columns, found.residual[None]])
 
 
-@pytest.mark.parametrize("quantity", [holzer_table, holzer_residual, energies_of_modes])
+def holzer_residual(values):
+    return jaxhb.holzer_residual(changed(values), hz=jnp.array([0.5, 1.0]) * values[-1] / 20.0)
+
+
+def energies_of_modes(values):
+    return jnp.concatenate([jnp.ravel(a[1:]) for a in jaxhb.mode_shares(changed(values), HEAVY)])
+
+
+def coefficients(values):
+    return jnp.stack(jaxhb.characteristic_coefficients(changed(values))[1:-2])
+
+
+@pytest.mark.parametrize("quantity", [holzer_table, holzer_residual, energies_of_modes, coefficients])
 def test_quantities_have_the_derivatives_of_differences(quantity):
-    at = np.array([*(float(TRAIN.value(key)) for key in KEYS), RPM])
-
-    def numbers(values):
-        return quantity(TRAIN.replace(dict(zip(KEYS, values[:-1], strict=True))), values[-1])
-
-    slopes, backwards = jax.jit(lambda x: (jax.jacfwd(numbers)(x) * at, jax.jacrev(numbers)(x) * at))(at)
-    rows = differences(jax.jit(jax.vmap(numbers)), at, 1e-4 * at).T * at
-    for row, (slope, wanted) in enumerate(zip(slopes, rows, strict=True)):
-        size = max(np.abs(wanted).max(), 1e-3 * np.abs(slopes).max())
-        np.testing.assert_allclose(slope, wanted, rtol=0, atol=GRADIENT * size, err_msg=str(row))
-    np.testing.assert_allclose(backwards, slopes, rtol=0, atol=1e-10 * np.abs(slopes).max())
+    check_derivative(quantity, numbers_of(TRAIN, KEYS, RPM))
 
 
 @pytest.mark.parametrize("order", [None, ORDER + 1.0])
 def test_critical_speeds_and_their_modal_torques_have_the_derivatives_of_differences(order):
     train, keys = build(order=order), ["a.inertia", "a|b.stiffness", "ring.inertia", "c.radius", "a:torque.rated_rpm"]
     keys += ["ring.order"] * bool(order)
-    at = np.array([float(train.value(key)) for key in keys])
-    rpm = np.linspace(100.0, 1500.0, 20)
-
-    def changed(values):
-        return train.replace(dict(zip(keys, values, strict=True)))
+    at, rpm = numbers_of(train, keys), np.linspace(100.0, 1500.0, 20)
 
     def found(values):
-        return jaxhb.campbell(changed(values), rpm=rpm, orders=[ORDER], count=3).critical
+        return jaxhb.campbell(changed(values, train, keys), rpm=rpm, orders=[ORDER], count=3).critical
+
+    def refined(near, values):
+        c = jaxhb.critical_speed(changed(values, train, keys), near, heavy=HEAVY)
+        return jnp.stack([c.rpm, c.hz, c.torque])
 
     for number, near in enumerate(found(at)):
-
-        def numbers(values, near=near):
-            c = jaxhb.critical_speed(changed(values), near, heavy=np.ones(6, bool))
-            return (jnp.stack([c.rpm, c.hz, c.torque]),) * 2
 
         def searched(several, number=number):
             return np.array([[(c := found(v)[number]).rpm, c.hz, c.torque] for v in several])
 
-        slopes, values = map(np.asarray, jax.jit(jax.jacfwd(numbers, has_aux=True))(at))
+        value = partial(refined, near)
+        slopes, values = map(np.asarray, jax.jit(jax.jacfwd(lambda v, f=value: (f(v),) * 2, has_aux=True))(at))
         np.testing.assert_allclose(values, [near.rpm, near.hz, near.torque], rtol=1e-9)
-        wanted = differences(searched, at, 1e-3 * at)
-        for slope, expected in zip(slopes, wanted.T, strict=True):
+        for slope, expected in zip(slopes, differences(searched, at, 1e-3 * at).T, strict=True):
             compare(slope * at, expected * at, GRADIENT)
-
-        def twice(values, near=near):
-            found = jaxhb.critical_speed(changed(values), near, heavy=np.ones(6, bool))
-            return jnp.stack([found.rpm, found.torque])
-
-        curvature = jax.jit(jax.hessian(twice))(at) * at * at[:, None]
-        slopes_of = jax.jit(jax.vmap(jax.jacfwd(twice)))
-        wanted = differences(slopes_of, at, 1e-4 * at) * at[:, None, None] * at
-        for found_one, expected in zip(curvature, np.moveaxis(wanted, 0, -1), strict=True):
-            compare(found_one, expected, GRADIENT)
+        check_derivative(lambda v, f=value: jax.jacfwd(f)(v)[::2].ravel() * jnp.tile(at, 2), at)  # second ones
 
 
-def test_coefficients_of_the_characteristic_polynomial_have_the_derivatives_of_differences():
-    keys = ["a.inertia", "a|b.stiffness", "ring.damping", "c.radius", "b|c.stiffness"]
-    at = np.array([float(TRAIN.value(key)) for key in keys])
-
-    def coefficients(values):
-        return jaxhb.characteristic_coefficients(TRAIN.replace(dict(zip(keys, values, strict=True))))
-
-    stacked = lambda v: jnp.stack(coefficients(v)[1:-1])  # noqa: E731
-    slopes = np.asarray(jax.jit(jax.jacfwd(stacked))(at))
-    wanted = differences(lambda several: [coefficients(v)[1:-1] for v in several], at, 1e-3 * at)
-    for slope, expected in zip(slopes, wanted.T, strict=True):
-        if np.abs(expected).max():
-            compare(slope * at, expected * at, GRADIENT)
-    batch = jax.jit(jax.vmap(stacked))(np.stack([at, 1.1 * at]))
-    np.testing.assert_allclose(batch[1], coefficients(1.1 * at)[1:-1], rtol=1e-14)
+def at_mean_load(keys, values):
+    found = jaxhb.at_mean_load(changed(values, keys=keys), rpm=values[-1])
+    hz = jaxhb.frequencies_hz(found.train, HEAVY)
+    return jnp.concatenate([hz[1:3], found.stiffness, found.force, found.engagement])
 
 
 def test_the_stiffness_of_teeth_at_their_mean_load_has_the_derivatives_of_differences():
     keys = ["a:torque.mean", "b|c.backlash", "b|c.stiffness", "e:ground.stiffness", "c.radius", "a|b.stiffness"]
-    at = np.array([*(float(TRAIN.value(key)) for key in keys), 1000.0])
-
-    def numbers(values):
-        found = jaxhb.at_mean_load(TRAIN.replace(dict(zip(keys, values[:-1], strict=True))), rpm=values[-1])
-        hz = jaxhb.frequencies_hz(found.train, np.ones(6, bool))
-        return jnp.concatenate([hz[1:3], found.stiffness, found.force, found.engagement])
-
-    assert 0.1 < numbers(at)[-1] < 0.9  # in the transition zone
-    slopes = np.asarray(jax.jacfwd(numbers)(at))
-    wanted = differences(lambda several: [numbers(v) for v in several], at, 1e-4 * at)
-    for slope, expected in zip(slopes, wanted.T, strict=True):
-        compare(slope * at, expected * at, GRADIENT)
-    gradient = jax.jacrev(lambda v: numbers(v)[2:])
-    curvature = np.asarray(jax.jacfwd(gradient)(at)) * at * at[:, None]
-    wanted = differences(lambda several: [gradient(v) for v in several], at, 1e-4 * at) * at[:, None, None] * at
-    for found, expected in zip(curvature, np.moveaxis(wanted, 0, -1), strict=True):
-        compare(found, expected, GRADIENT)
-
-
-@jax.jit
-def diesel_stress(values):
-    """Stress of the shaft before the flywheel over the speed and its limits, with a lower one than the rule has."""
-    train = jaxhb.load_scene("six_cylinder_diesel")
-    train = train.replace(dict(zip(["cyl6|flywheel.stiffness", "pulley.inertia"], values[:2], strict=True)))
-    rpm = jnp.linspace(1500.0, 3000.0, 16) + values[2]
-    torque = jaxhb.forced_response(train, rpm=rpm).torque("cyl6|flywheel").half_peak_to_peak
-    return rpm, jaxhb.torsional_stress(torque, diameter=values[3])
+    at, value = numbers_of(TRAIN, keys, 1000.0), partial(at_mean_load, keys)
+    assert 0.1 < value(at)[-1] < 0.9  # in the transition zone
+    check_derivative(value, at, staged=False)
+    second = partial(check_derivative, at=at, staged=False, scale=np.repeat(np.abs(value(at)[2:]), len(at)))
+    second(lambda v: jax.jacrev(lambda x: value(x)[2:])(v).ravel() * jnp.tile(at, 3))
 
 
 def test_barred_ranges_have_the_derivatives_of_differences():
-    train = jaxhb.load_scene("six_cylinder_diesel")
-    at = np.array([train.value("cyl6|flywheel.stiffness"), train.value("pulley.inertia"), 0.5, 0.08, 0.0])
-    at[-1] = np.mean(diesel_stress(at)[1])
+    train, shaft = jaxhb.load_scene("six_cylinder_diesel"), "cyl6|flywheel"
+    keys = [f"{shaft}.stiffness", "pulley.inertia"]
 
-    def ranges(values):
-        return jaxhb.barred_ranges(*diesel_stress(values), values[-1], 1.5 * values[-1])
+    @jax.jit
+    def stress(values):
+        rpm = jnp.linspace(1500.0, 3000.0, 16) + values[2]
+        response = jaxhb.forced_response(changed(values, train, keys), rpm=rpm)
+        return rpm, jaxhb.torsional_stress(response.torque(shaft).half_peak_to_peak, diameter=values[3])
+
+    at = numbers_of(train, keys, 0.5, 0.08, 0.0)
+    at[-1] = np.mean(stress(at)[1])  # a lower limit than the rule has
 
     def numbers(values):
-        found = ranges(values)
+        found = jaxhb.barred_ranges(*stress(values), values[-1], 1.5 * values[-1])
         return jnp.stack([getattr(one, f) for one in found for f in ("low", "high", "at", "share", "transient_share")])
 
-    found = ranges(at)
+    found = jaxhb.barred_ranges(*stress(at), at[-1], 1.5 * at[-1])
     assert found and not found[0].open_below and not found[0].open_above and isinstance(found[0].low, float)
-    slopes = np.asarray(jax.jacfwd(numbers)(at))
-    wanted = differences(lambda several: [numbers(v) for v in several], at, 1e-5 * at)
-    for slope, expected in zip(slopes, wanted.T, strict=True):
-        compare(slope * at, expected * at, GRADIENT)
-    reverse = jax.jacrev(numbers)(at)
-    np.testing.assert_allclose(reverse * at, slopes * at, rtol=1e-9, atol=1e-9 * np.abs(slopes * at).max())
+    check_derivative(numbers, at, step=1e-6, staged=False)
 
 
 def test_damping_ratios_have_the_derivatives_of_differences():
     train = TRAIN.replace({"a.damping": 9.0, "b.damping": 4.0, "d.damping": 7.0, "e.damping": 5.0})
     modes = jaxhb.natural_frequencies(train)
     keys = ["a.inertia", "a|b.stiffness", "ring.damping", "ring.stiffness", "c.radius", "e:ground.stiffness"]
-    at = np.array([float(train.value(key)) for key in keys])
-
-    def ratios(values):
-        return jaxhb.damping_ratios(train.replace(dict(zip(keys, values, strict=True))), modes)
-
-    paired = np.isfinite(ratios(at))
+    at = numbers_of(train, keys)
+    paired = np.isfinite(jaxhb.damping_ratios(train, modes))
     assert paired.sum() >= 3
-    slopes = np.asarray(jax.jacfwd(lambda v: ratios(v)[paired])(at))
-    wanted = differences(lambda several: [ratios(v)[paired] for v in several], at, 1e-3 * at)
-    for slope, expected in zip(slopes, wanted.T, strict=True):
-        compare(slope * at, expected * at, GRADIENT)
-    reverse = jax.jacrev(lambda v: ratios(v)[paired])(at)
-    np.testing.assert_allclose(reverse * at, slopes * at, rtol=1e-9, atol=1e-9 * np.abs(slopes * at).max())
+    check_derivative(
+        lambda v: jaxhb.damping_ratios(changed(v, train, keys), modes)[paired], at, step=1e-3, staged=False
+    )
 
 
 @pytest.mark.parametrize(
@@ -220,13 +170,9 @@ def test_what_needs_values_on_the_host_is_refused_inside_jit_and_vmap(quantity):
 def test_the_torque_of_a_misfire_has_the_derivatives_of_differences():
     train, shaft = jaxhb.load_scene("six_cylinder_diesel").misfires()["cylinder 5"], "cyl6|flywheel"
     keys = [f"{shaft}.stiffness", "cyl1.damping", "cylinder 1.gas_factor", "pulley.inertia"]
-    at = np.array([*(float(train.value(key)) for key in keys), 2185.0])
 
-    @jax.jit
-    @jax.vmap
     def torque(values):
-        changed = train.replace(dict(zip(keys, values[:-1], strict=True)))
-        return jaxhb.forced_response(changed, rpm=values[-1]).torque(shaft).half_peak_to_peak
+        response = jaxhb.forced_response(changed(values, train, keys), rpm=values[-1])
+        return response.torque(shaft).half_peak_to_peak[None]
 
-    slope = np.asarray(jax.jacfwd(lambda v: torque(v[None])[0])(at))
-    compare(slope * at, differences(torque, at, 1e-5 * at) * at, GRADIENT)
+    check_derivative(torque, numbers_of(train, keys, 2185.0), step=1e-5)

@@ -3,12 +3,11 @@
 import dataclasses
 
 import dense
-import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from differences import compare, differences
-from tolerances import ALGEBRAIC, GRADIENT, TANGENT
+from directional import check_derivative
+from tolerances import ALGEBRAIC
 from trains import ONE_RADIAN_PER_SECOND, build
 
 import jaxhb
@@ -18,7 +17,7 @@ from jaxhb.linear import forced
 OVER_HZ = ((0.0, 1.0, 1.0), (20.0, 1.5, 0.8), (60.0, 2.0, 0.3))
 OVER_AMPLITUDE = ((0.0, 1.4, 0.5), (0.01, 1.0, 1.0), (0.05, 0.7, 1.8))
 ORDERS = ((0.5, 200.0, 30.0), (1.0, 90.0, -40.0), (3.0, 60.0, 80.0), (6.0, 20.0, 0.0))
-SPEEDS = np.array([300.0, 800.0, 1300.0, 2900.0])
+SPEEDS = np.array([300.0, 1300.0])
 BALANCE = 1e-10
 
 
@@ -82,69 +81,44 @@ def test_links_over_frequency_are_evaluated_at_every_harmonic():
     np.testing.assert_allclose(heat, found.input_power, rtol=BALANCE)
 
 
-def test_an_undamped_absorber_holds_its_disk_at_its_order_at_every_speed():
-    train = train_of(order=1.5).replace({"absorber.damping": 0.0})  # of the pump, which turns twice as fast
-    found = jaxhb.forced_response(train, rpm=SPEEDS)
-    pump = found.disk("pump")
-    np.testing.assert_array_less(pump.order(3.0), 1e-12 * found.disk("pinion").order(3.0))
-    without = jaxhb.forced_response(train_of(), rpm=SPEEDS).disk("pump")
-    assert (without.order(3.0) > 1e-6 * without.order(0.5)).all()
-
-
 def test_an_absorber_adds_inertia_times_square_of_order_and_speed():
-    train = train_of(order=1.5)
-    for row, rpm in enumerate(SPEEDS):
-        stiffness = 0.05 * (1.5 * 2 * rpm / ONE_RADIAN_PER_SECOND) ** 2
-        same = train_of().replace({"absorber.stiffness": stiffness})
-        wanted = jaxhb.forced_response(same, rpm=rpm)
-        found = jaxhb.forced_response(train, rpm=SPEEDS)[row]
-        np.testing.assert_allclose(found.angles, wanted.angles, rtol=0, atol=ALGEBRAIC * np.abs(wanted.angles).max())
-        assert train.with_constant_links(rpm=rpm).value("absorber.stiffness") == pytest.approx(stiffness)
+    train, rpm = train_of(order=1.5), 800.0
+    stiffness = 0.05 * (1.5 * 2 * rpm / ONE_RADIAN_PER_SECOND) ** 2
+    found, wanted = (
+        jaxhb.forced_response(t, rpm=rpm).angles for t in (train, train_of().replace({"absorber.stiffness": stiffness}))
+    )
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=ALGEBRAIC * np.abs(wanted).max())
+    assert train.with_constant_links(rpm=rpm).value("absorber.stiffness") == pytest.approx(stiffness)
 
 
 def equivalent(signal):
     return np.sqrt((signal.amplitudes**2).sum(-1))
 
 
-def test_a_link_over_amplitude_has_the_stiffness_of_the_amplitude_that_it_leads_to():
-    train = train_of(over_hz=OVER_HZ, over_amplitude=OVER_AMPLITUDE)
-    rpm = np.linspace(200.0, 3000.0, 57)
-    found = jaxhb.check(jaxhb.forced_response(train, rpm=rpm))
-    amplitude = equivalent(found.twist("gear", "hub"))
-    assert amplitude.max() > 0.03 and amplitude.min() < 0.01  # all of the table
-    for row in range(0, 57, 8):
-        level, *factors = np.array(OVER_AMPLITUDE).T
-        stiffer, damped = (np.interp(amplitude[row], level, f) for f in factors)
-        rows = tuple((hz, stiffer * s, damped * d) for hz, s, d in OVER_HZ)
-        wanted = jaxhb.forced_response(train_of(over_hz=rows), rpm=rpm[row])
+def test_links_over_amplitude_have_the_stiffness_of_the_amplitude_that_they_lead_to():
+    ring = {"over_amplitude": OVER_AMPLITUDE, "damping": 2.0}
+    rpm, (level, *factors) = np.linspace(200.0, 3000.0, 57), np.array(OVER_AMPLITUDE).T
+    elements = parts(over_amplitude=OVER_AMPLITUDE)
+    elements = [dataclasses.replace(p, **ring) if getattr(p, "name", "") == "ring" else p for p in elements]
+    found = jaxhb.check(jaxhb.forced_response(build(elements, reference="engine", cycle=2), rpm=rpm))
+    own = [equivalent(found.twist(*ends)) for ends in (("gear", "hub"), ("engine", "ring"))]
+    assert own[0].max() > 0.03 and own[0].min() < 0.01  # all of the table
+    constant = train_of(damping=2.0)
+    for row in (3, 20, 41):
+        values = {}
+        for name, a in zip(("coupling", "ring"), own, strict=True):
+            stiffer, damped = (np.interp(a[row], level, f) for f in factors)
+            for field, factor in (("stiffness", stiffer), ("damping", damped), ("loss_factor", damped)):
+                values[f"{name}.{field}"] = factor * constant.value(f"{name}.{field}")
+        wanted = jaxhb.forced_response(constant.replace(values), rpm=rpm[row])
         np.testing.assert_allclose(found.angles[row], wanted.angles, rtol=0, atol=1e-7 * np.abs(wanted.angles).max())
     heat = found.disk_power.sum(-1) + found.link_power.sum(-1)
     np.testing.assert_allclose(heat, found.input_power, rtol=BALANCE)
 
 
-def test_several_links_over_amplitude_settle_together():
-    ring = {"over_amplitude": OVER_AMPLITUDE, "damping": 2.0}
-    elements = parts(over_amplitude=OVER_AMPLITUDE)
-    elements = [dataclasses.replace(p, **ring) if getattr(p, "name", "") == "ring" else p for p in elements]
-    train = build(elements, reference="engine", cycle=2)
-    rpm = np.linspace(200.0, 3000.0, 57)
-    found = jaxhb.check(jaxhb.forced_response(train, rpm=rpm))
-    for row in (3, 20, 41):
-        own = [equivalent(found[row].twist(*ends)) for ends in (("gear", "hub"), ("engine", "ring"))]
-        constant = train_of(**ring | {"over_amplitude": ()})
-        values = {}
-        for name, a in zip(("coupling", "ring"), own, strict=True):
-            level, *factors = np.array(OVER_AMPLITUDE).T
-            stiffer, damped = (np.interp(a, level, f) for f in factors)
-            for field, factor in (("stiffness", stiffer), ("damping", damped), ("loss_factor", damped)):
-                values[f"{name}.{field}"] = factor * constant.value(f"{name}.{field}")
-        wanted = jaxhb.forced_response(constant.replace(values), rpm=rpm[row])
-        np.testing.assert_allclose(found.angles[row], wanted.angles, rtol=0, atol=1e-7 * np.abs(wanted.angles).max())
-
-
 def test_amplitudes_that_are_not_found_are_told(monkeypatch):
     monkeypatch.setattr(forced, "STEPS", 1)
-    found = jaxhb.forced_response(train_of(over_amplitude=OVER_AMPLITUDE), rpm=SPEEDS[:3])  # compiled anew
+    found = jaxhb.forced_response(train_of(over_amplitude=OVER_AMPLITUDE), rpm=SPEEDS)  # compiled anew
     assert (found.status == Status.MAX_STEPS).all()
     with pytest.raises(jaxhb.NotConverged, match="the amplitude of a link was not found"):
         jaxhb.check(found)
@@ -156,7 +130,6 @@ KEYS = ["coupling.stiffness", "coupling.loss_factor", "coupling.damping", "pump.
 @pytest.mark.oracle
 def test_derivatives_of_varying_links_are_those_of_differences():
     train = train_of(over_hz=OVER_HZ, over_amplitude=OVER_AMPLITUDE, order=1.6)
-    at = np.array([train.value(key) for key in KEYS] + [1.0])
 
     def numbers(values):
         changed = train.replace(dict(zip(KEYS, values[:-1], strict=True)))
@@ -166,11 +139,7 @@ def test_derivatives_of_varying_links_are_those_of_differences():
         own = [r.torque("coupling").order(1.0), r.disk("pump").sum_of_amplitudes, r.power("coupling"), r.power("ring")]
         return jnp.concatenate(own)
 
-    jacobian, backwards = map(np.asarray, jax.jit(lambda x: (jax.jacfwd(numbers)(x), jax.jacrev(numbers)(x)))(at))
-    wanted = differences(jax.jit(jax.vmap(numbers)), at, 1e-4 * at).T
-    for found, expected in zip(jacobian * at, wanted * at, strict=True):
-        compare(found, expected, GRADIENT)
-    np.testing.assert_allclose(backwards, jacobian, rtol=0, atol=TANGENT * np.abs(jacobian).max())
+    check_derivative(numbers, [*(train.value(key) for key in KEYS), 1.0])
 
 
 VARIANTS = {
@@ -184,27 +153,23 @@ VARIANTS = {
 def test_what_needs_constant_links_refuses_others_by_name_and_takes_them_at_one_number(kind):
     change, sentence, at = VARIANTS[kind]
     train = train_of(**change)
-    needing = [jaxhb.natural_frequencies, lambda t: jaxhb.linear_response(t, rpm=1500.0)]
-    needing += [lambda t: jaxhb.steady_state(t, rpm=1500.0), lambda t: jaxhb.integrate(t, rpm=1500.0, cycles=2)]
-    needing += [lambda t: jaxhb.solve(t, rpm=1500.0), lambda t: t.with_viscous_damping(hz=100.0)]
+    needing = [jaxhb.natural_frequencies, lambda t: jaxhb.solve(t, rpm=1500.0)]
+    needing += [lambda t: jaxhb.integrate(t, rpm=1500.0, cycles=2), lambda t: t.with_viscous_damping(hz=100.0)]
     for call in needing:
         with pytest.raises(SceneError, match=f"{sentence}, which only the forced response"):
             call(train)
     with pytest.raises(SceneError, match=f"{sentence}.*Give it"):
         train.with_constant_links()
     jaxhb.natural_frequencies(train.with_constant_links(**at))
-    constant = jaxhb.check(jaxhb.linear_response(train.with_constant_links(**at), rpm=1500.0))
+    constant = jaxhb.forced_response(train.with_constant_links(**at), rpm=1500.0)
     if kind == "order":
         wanted = jaxhb.forced_response(train, rpm=1500.0).angles
-        np.testing.assert_allclose(constant.angles[:, : wanted.shape[1]], wanted, rtol=0, atol=1e-11)
+        np.testing.assert_allclose(constant.angles, wanted, rtol=0, atol=1e-11)
 
 
-def test_numbers_of_constant_links_below_zero_are_refused():
+def test_numbers_that_links_cannot_have_are_refused():
     with pytest.raises(SceneError, match="hz is -1.0, must be at least 0"):
         train_of(over_hz=OVER_HZ).with_constant_links(hz=-1.0)
-
-
-def test_an_order_where_the_train_was_built_without_has_no_effect():
     with pytest.raises(SceneError, match="built without order"):
         train_of().replace({"absorber.order": 2.0})
 
