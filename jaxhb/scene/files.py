@@ -18,7 +18,7 @@ from pathlib import Path
 from jaxhb.elements.elements import TABLES, SceneError, Unread, suggestion
 from jaxhb.elements.engine import Engine
 from jaxhb.scene.exchange import csv_content, tors_content
-from jaxhb.train.assembly import train_fields
+from jaxhb.train.assembly import checked
 from jaxhb.train.drivetrain import DriveTrain
 
 _READERS = {".json": tors_content, ".csv": csv_content}
@@ -108,7 +108,7 @@ def load_scene(name: str | Path) -> DriveTrain:
         if key not in _SCENE_KEYS:
             errors.append(f"{path.name}, [scene]: unknown key {key!r}.{suggestion(key, _SCENE_KEYS)}")
     elements, complete = _read_elements(path, content, errors)
-    fields = train_fields(
+    return checked(
         elements,
         name=str(head.get("name", path.stem)),
         reference=head.get("reference"),
@@ -120,7 +120,6 @@ def load_scene(name: str | Path) -> DriveTrain:
         findings=errors,
         complete=complete and whole,
     )
-    return DriveTrain(**fields)
 
 
 def _folder():
