@@ -33,20 +33,16 @@ def build(
     ----------
     elements : iterable
         Elements such as :class:`jaxhb.Disk`, in SI units; disks keep their order.
-    name : str
-        Name of the scene.
+    name, source : str
+        Of the scene, and where its elements come from, for the sentences of errors.
     reference : str, optional
         A disk of the rotor whose rpm is given; needed when there are several rotors.
     revolutions_per_cycle : float
         Period of the excitation in revolutions of the reference rotor.
     rated_rpm : float, optional
         Rated speed of the reference rotor; limits of stresses depend on the speed over it.
-    tune : dict, optional
-        Passed on untouched.
-    scenarios : dict, optional
-        ``{name: {"NAME.FIELD": value}}`` for :meth:`DriveTrain.scenario`.
-    source : str
-        Where the elements come from, for the sentences of errors.
+    tune, scenarios : dict, optional
+        The first is passed on untouched; ``{name: {"NAME.FIELD": value}}`` for :meth:`DriveTrain.scenario`.
 
     Returns
     -------
