@@ -42,26 +42,8 @@ def scene_names() -> list[str]:
 
 
 def scene_description(name) -> str:
-    """Read the description of a scene.
+    """Read ``description`` of the ``[scene]`` of a packaged scene or a file, empty if it has none.
 
-    Parameters
-    ----------
-    name : str or path
-        Packaged scene, or a path to a ``.toml``.
-
-    Returns
-    -------
-    str
-        ``description`` of its ``[scene]``, empty if it has none.
-
-    Raises
-    ------
-    SceneError
-        If there is no such scene or it is invalid TOML.
-
-    Examples
-    --------
-    >>> from jaxhb.scene.files import scene_description
     >>> scene_description("spur_pair").startswith("A pair of equal spur gears")
     True
     """
@@ -173,24 +155,23 @@ def _read_elements(path: Path, content: dict, errors: list[str]) -> tuple[list, 
     """Make the elements, and tell whether every table was read; sentences go to ``errors``."""
     elements, read, complete = [], {}, True
     for table, rows in content.items():
+        engine = table == "engine"
         if table in ("scene", "scenario", "tune"):
             continue
-        rows = [rows] if table == "engine" and isinstance(rows, dict) else rows
-        if table not in TABLES and table != "engine":
+        rows = [rows] if engine and isinstance(rows, dict) else rows
+        if table not in TABLES and not engine:
             known = ["scene", *TABLES, "engine", "scenario", "tune"]
             errors.append(f"{path.name}: unknown table {table!r}.{suggestion(table, known)}")
             complete = False
-            continue
-        if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        elif not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
             errors.append(f"{path.name}: {table!r} must be a list of tables. Write [[{table}]].")
             complete = False
-            continue
-        for i, row in enumerate(rows):
-            where = f"{path.name}, [engine]" if table == "engine" else f"{path.name}, [[{table}]] no. {i + 1}"
-            if isinstance(row.get("name"), str):
-                where += f" {row['name']!r}"
-            cls = Engine if table == "engine" else TABLES[table]
-            elements.append(_read_element(cls, row, where, path.parent, read, errors))
+        else:
+            for i, row in enumerate(rows):
+                where = f"{path.name}, " + ("[engine]" if engine else f"[[{table}]] no. {i + 1}")
+                where += f" {row['name']!r}" if isinstance(row.get("name"), str) else ""
+                cls = Engine if engine else TABLES[table]
+                elements.append(_read_element(cls, row, where, path.parent, read, errors))
     return elements, complete
 
 
@@ -209,27 +190,23 @@ def _read_element(cls, row: dict, where: str, folder: Path, read: dict, errors: 
             values[key] = row[key]
         elif f.default is dataclasses.MISSING:
             values.setdefault(key, None)
-        if f.metadata["kind"] in ("table", "tables"):
-            values |= _read_inner(f, row, where, folder, read, errors)
-        if f.metadata["kind"] == "rows" and isinstance(row.get(key), str):
+        kind, found = f.metadata["kind"], row.get(key)
+        # What is no table, or no list of tables, is found by the checks.
+        if kind == "table" and isinstance(found, dict):
+            values[key] = _read_element(f.metadata["of"], found, f"{where}, {key}", folder, read, errors)
+        elif kind == "tables" and isinstance(found, list) and all(isinstance(v, dict) for v in found):
+            places = [f"{where}, {key} no. {k + 1}" for k in range(len(found))]
+            made = [
+                _read_element(f.metadata["of"], v, p, folder, read, errors) for v, p in zip(found, places, strict=True)
+            ]
+            values[key] = tuple(made)
+        elif kind == "rows" and isinstance(found, str):
             try:
-                values[key] = _read_rows(folder / row[key], f.metadata["columns"], read)
+                values[key] = _read_rows(folder / found, f.metadata["columns"], read)
             except SceneError as error:
                 errors += [f"{where}: {key}: {text}" for text in error.sentences]
                 values[key] = Unread()
     return cls(**values)
-
-
-def _read_inner(f, row: dict, where: str, folder: Path, read: dict, errors: list[str]) -> dict:
-    """Make the table, or the list of tables, that a key of an element holds; what is none is found by the checks."""
-    found, cls = row.get(f.name), f.metadata["of"]
-    if f.metadata["kind"] == "table" and isinstance(found, dict):
-        return {f.name: _read_element(cls, found, f"{where}, {f.name}", folder, read, errors)}
-    if f.metadata["kind"] == "tables" and isinstance(found, list) and all(isinstance(v, dict) for v in found):
-        places = [f"{where}, {f.name} no. {k + 1}" for k in range(len(found))]
-        both = zip(found, places, strict=True)
-        return {f.name: tuple(_read_element(cls, v, place, folder, read, errors) for v, place in both)}
-    return {}
 
 
 def _read_rows(path: Path, columns: tuple[str, ...], read: dict) -> tuple:
