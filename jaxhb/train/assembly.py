@@ -119,10 +119,10 @@ def checked(
 
 def _cycle_value_errors(source, cycle) -> list[str]:
     """Check revolutions_per_cycle."""
-    if checks.number_like(cycle) and math.isfinite(float(cycle)) and float(cycle) > 0.0:
+    if value_checks.number_like(cycle) and math.isfinite(float(cycle)) and float(cycle) > 0.0:
         return []
     return [
-        f"{source}, [scene]: revolutions_per_cycle is {checks.shown(cycle)}, must be a number greater than 0."
+        f"{source}, [scene]: revolutions_per_cycle is {value_checks.shown(cycle)}, must be a number greater than 0."
         " Correct it."
     ]
 
@@ -196,7 +196,9 @@ def _harmonic_needs(parts, ratio) -> list[tuple]:
 def _orders(rows) -> list[float]:
     """Orders of the sound rows of a table of harmonics."""
     rows = rows if isinstance(rows, tuple | list) else ()
-    found = [float(row[0]) for row in rows if isinstance(row, tuple | list) and row and checks.number_like(row[0])]
+    found = [
+        float(row[0]) for row in rows if isinstance(row, tuple | list) and row and value_checks.number_like(row[0])
+    ]
     return [order for order in found if math.isfinite(order) and order > 0.0]
 
 

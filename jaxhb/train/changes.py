@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from jaxhb._jax import traced
-from jaxhb.elements import checks, derived
+from jaxhb.elements import derived, value_checks
 from jaxhb.elements.elements import TABLES, Combustion, Mesh, SceneError, Trace, suggestion
 from jaxhb.equations.kinematics import rotor_ratios
 from jaxhb.excitation import gas
@@ -275,7 +275,7 @@ def _value_errors(train, key, table, field, index, value) -> list[str]:
         return []
     if declared.default is None and number == 0.0 and not traced(row) and row == 0.0:
         return []  # the scene gave none, which stands as 0
-    return [f"{where}: {text}" for text in checks.value_errors(declared, float(number))]
+    return [f"{where}: {text}" for text in value_checks.value_errors(declared, float(number))]
 
 
 def _has_no_effect(train, table, field, index) -> str:
