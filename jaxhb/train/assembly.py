@@ -65,12 +65,12 @@ def build(
     10000.0
     """
     head = {
-        "name": name,
-        "reference": reference,
         "revolutions_per_cycle": revolutions_per_cycle,
         "rated_rpm": rated_rpm,
+        "tune": tune,
+        "scenarios": scenarios,
     }
-    return checked(elements, **head, tune=tune, scenarios=scenarios, source=source)
+    return checked(elements, name=name, reference=reference, source=source, **head)
 
 
 def checked(
@@ -129,12 +129,11 @@ def _cycle_value_errors(source, cycle) -> list[str]:
 
 def _exact_radii(parts) -> list:
     """Radii that the numbers of teeth make exact, None where absent, for disks and rings."""
-    disks, rings = parts.tables["disk"], [None] * len(parts.tables["damper"])
-    usable = [parts.usable("disk", i, "radius", "teeth") for i in range(len(disks))]
-    teeth = [int(d.teeth or 0) if good else 0 for d, good in zip(disks, usable, strict=True)]
-    radius = [d.radius if good else None for d, good in zip(disks, usable, strict=True)]
-    teeth = [t if r is not None else 0 for t, r in zip(teeth, radius, strict=True)]
-    return connections.exact_radii([*radius, *rings], [*teeth, *(0 for _ in rings)], parts.ends("mesh"))
+    rings = len(parts.tables["damper"])
+    disks = [d if parts.usable("disk", i, "radius", "teeth") else None for i, d in enumerate(parts.tables["disk"])]
+    radius = [*(d and d.radius for d in disks), *[None] * rings]
+    teeth = [*(int(d.teeth or 0) if d and d.radius is not None else 0 for d in disks), *[0] * rings]
+    return connections.exact_radii(radius, teeth, parts.ends("mesh"))
 
 
 def _gearing(parts, root: int | None, radii):

@@ -181,21 +181,21 @@ def _harmonics(rows) -> np.ndarray:
 
 def _scales(elements) -> tuple[np.ndarray, np.ndarray]:
     """Stack the scales, padded by their last point; the factor is 1 without a scale."""
-    rows = [e.scale or ((0.0, 1.0),) for e in elements]
-    longest = max([2, *(len(r) for r in rows)])
-    out = np.array([[*row, *([row[-1]] * (longest - len(row)))] for row in rows], dtype=np.float64)
-    out = out.reshape(len(rows), longest, 2)
+    out = _padded([e.scale or ((0.0, 1.0),) for e in elements], 2, max([2, *(len(e.scale) for e in elements)]))
     return out[..., 0].copy(), out[..., 1].copy()
+
+
+def _padded(rows, columns: int, longest: int) -> np.ndarray:
+    """Stack lists of rows [n, longest, columns], the shorter ones padded by their last row."""
+    padded = [[*row, *([row[-1]] * longest)][:longest] for row in rows]
+    return np.array(padded, dtype=np.float64).reshape(len(rows), longest, columns)
 
 
 def factor_rows(elements, name: str) -> np.ndarray:
     """Stack rows (point, factor, factor) [n, K, 3], padded by their last one; K is 0 where no element has any."""
     rows = [getattr(e, name) for e in elements]
     longest = max((len(r) for r in rows), default=0)
-    longest = longest and max(longest, 2)
-    rows = [r or ((0.0, 1.0, 1.0),) for r in rows]
-    padded = [[*row, *([row[-1]] * longest)][:longest] for row in rows]
-    return np.array(padded, dtype=np.float64).reshape(len(rows), longest, 3)
+    return _padded([r or ((0.0, 1.0, 1.0),) for r in rows], 3, longest and max(longest, 2))
 
 
 def _plain(cls, elements):

@@ -223,11 +223,7 @@ BAD = {
     ),
     "text for a number": ("x.csv", "name, inertia\na, heavy\n", "inertia is 'heavy', must be a number in kg m2"),
     "a missing key": ("x.csv", CSV.replace("5e6", ""), "x.csv, [[shaft]] no. 1: the key 'stiffness' is missing"),
-    "an unknown disk": (
-        "x.csv",
-        CSV.replace("crank gear,,", "crank geer,,"),
-        "no disk 'crank geer'. Did you mean 'crank gear'?",
-    ),
+    "an unknown disk": ("x.csv", CSV.replace("crank gear,,", "crank geer,,"), "geer'. Did you mean 'crank gear'?"),
 }
 
 
