@@ -141,15 +141,13 @@ def test_mean_torque_of_the_excitation_is_that_of_the_host():
         np.testing.assert_allclose(excitation(train, rpm, 0)[0][0, 0], mean.sum(), rtol=1e-13)
 
 
+GEARS = [Disk(name="a", inertia=1.0, radius=0.1), Disk(name="b", inertia=1.0, radius=0.2)]
+GEARS += [Mesh(between=("a", "b"), stiffness=1e8)]
+
+
 def test_orders_of_an_own_rotor_are_led_to_the_reference():
-    parts = [
-        Disk(name="a", inertia=1.0, radius=0.1),
-        Disk(name="b", inertia=1.0, radius=0.2),
-        Mesh(between=("a", "b"), stiffness=1e8),
-        Load(disk="a"),
-        Torque(disk="b", mean=8.0, harmonics=[(3.0, 1.0, 0.0)], orders_of="own"),
-    ]
-    train = build(parts, reference="a", revolutions_per_cycle=2)
+    given = Torque(disk="b", mean=8.0, harmonics=[(3.0, 1.0, 0.0)], orders_of="own")
+    train = build([*GEARS, Load(disk="a"), given], reference="a", revolutions_per_cycle=2)
     assert train.topology.torque_harmonics == ((3,),)
     torque, load, _ = excitation(train, 600.0, 4)
     assert torque[1, 3] == 0.5
@@ -158,14 +156,7 @@ def test_orders_of_an_own_rotor_are_led_to_the_reference():
 
 
 def test_loads_balance_the_mean_power_and_keep_their_shares():
-    parts = [
-        Disk(name="a", inertia=1.0, radius=0.1),
-        Disk(name="b", inertia=1.0, radius=0.2),
-        Mesh(between=("a", "b"), stiffness=1e8),
-        Load(disk="a", share=1.0),
-        Load(disk="b", share=3.0),
-        Torque(disk="a", mean=50.0),
-    ]
+    parts = [*GEARS, Load(disk="a", share=1.0), Load(disk="b", share=3.0), Torque(disk="a", mean=50.0)]
     torque, load, imbalance = excitation(build(parts, reference="a"), 600.0, 0)
     np.testing.assert_allclose(load, [-20.0, -60.0])
     assert abs(imbalance) < 1e-12

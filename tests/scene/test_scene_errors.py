@@ -40,22 +40,13 @@ def load(tmp_path, text):
 SHAFT = "[[shaft]]\n"
 SOFT = SHAFT + 'between = ["a", "b"]\nstiffness = 1.0\n'
 CASES = {
-    "rows over frequency, unsorted": (SOFT + "over_hz = [[10, 1, 1], [5, 1, 1]]", "[[shaft]] no. 2: over_hz, row 2:"),
     "rows over frequency, doubled": (SOFT + "over_hz = [[10, 1, 1], [10, 2, 1]]", "over_hz, row 2: hz 10 after 10;"),
-    "rows over amplitude, stiffness": (
-        SOFT + "over_amplitude = [[0, 1, 1], [0.01, 0, 1]]",
-        "over_amplitude, row 2: factor of stiffness is 0, must be greater than 0. Correct the row.",
-    ),
-    "rows over amplitude, damping": (SOFT + "over_amplitude = [[0, 1, -1]]", "over_amplitude, row 1: factor of"),
-    "rows over amplitude, negative": (SOFT + "over_amplitude = [[-0.01, 1, 1]]", "over_amplitude, row 1: amplitude"),
     "rows over frequency, columns": (SOFT + "over_hz = [[10, 1]]", "over_hz, row 1 is [10, 1], must be 3 numbers [hz,"),
     "order of a damper": (
         "[[damper]]\nname = 'd'\ndisk = 'a'\ninertia = 1\norder = -1",
         "[[damper]] no. 1 'd': order is -1, must be greater than 0. Leave the key out",
     ),
-    "scenario of no element": ("[scenario.hot]\n'a|bb.stiffness' = 1.0", "in 'a|bb.stiffness'. Did you mean 'a|b'?"),
     "scenario of no field": ("[scenario.hot]\n'a|b.stifness' = 1.0", "number 'stifness'. Did you mean 'stiffness'?"),
-    "scenario out of range": ("[scenario.hot]\n'a|b.stiffness' = -1.0", "[scenario.hot]: 'a|b': stiffness is -1 N"),
     "scenario without field": ("[scenario.hot]\nstiffness = 1.0", "'stiffness' names no field. Write 'NAME.FIELD'"),
     "no table of scenarios": ("[scenario]\n'a|b.stiffness' = 1.0", "'scenario' must hold a table for each scenario."),
     "unknown key": (SHAFT + 'between = ["a", "b"]\nstifness = 1.0', "key 'stifness'. Did you mean 'stiffness'?"),
@@ -70,7 +61,6 @@ CASES = {
         "[[disk]]\nname = 'flywheel'\ninertia = 1.0\n[[load]]\ndisk = 'flywhel'",
         "[[load]] no. 1: there is no disk 'flywhel'. Did you mean 'flywheel'?",
     ),
-    "negative": (SHAFT + "between = ['a', 'b']\nstiffness = -5", "stiffness is -5 N m/rad, must be greater than 0 N"),
     "not finite": (SHAFT + "between = ['a', 'b']\nstiffness = nan", "stiffness is nan N m/rad, must be a finite"),
     "text": (SHAFT + "between = ['a', 'b']\nstiffness = 'soft'", "stiffness is 'soft', must be a number in N m/rad."),
     "truth": (SHAFT + "between = ['a', 'b']\nstiffness = true", "stiffness is True, must be a number in N m/rad."),
@@ -82,21 +72,10 @@ CASES = {
     "choice": (MESH + "damping_law = 'allways'", "must be 'contact' or 'always'. Did you mean 'always'?"),
     "teeth": ("[[disk]]\nname='d'\ninertia=1\nradius=1\nteeth = 2.5", "teeth is 2.5, must be a whole number."),
     "itself": (SHAFT + "between = ['a', 'a']\nstiffness = 1", "no. 2: it joins 'a' to itself. Name two different"),
-    "no radius": ("[[mesh]]\nbetween = ['c', 'b']\nstiffness = 1e8", "has no radius. Give its pitch radius in m."),
-    "one rotor": (MESH + SHAFT + "between = ['b', 'c']\nstiffness = 1", "[[mesh]] no. 1: 'a' and 'c' are on one"),
-    "pieces": ("", "the train falls into pieces that no link joins: 'a', 'b' and 'c'. Join them by a [[shaft]] or a"),
     "loose ring": (MESH + "[[damper]]\nname='d'\ndisk='a'\ninertia=1.0", "damping and stiffness are both 0"),
-    "balance": (
-        MESH + "[[torque]]\ndisk = 'a'\nmean = 5.0\n[[torque]]\ndisk = 'c'\nmean = 8.0",
-        "the mean torques leave 9 N m (sum of speed ratio x mean torque), must balance",
-    ),
     "viscous ground": (
         MESH + "[[damper]]\nname='d'\ndisk='a'\ninertia=1.0\ndamping=1.0\n[[ground]]\ndisk='d'\nstiffness=1.0",
         "the [[ground]] on 'd' holds the train only through links without static stiffness. Ground a disk",
-    ),
-    "torque on a viscous ring": (
-        MESH + "[[damper]]\nname='d'\ndisk='a'\ninertia=1.0\ndamping=1.0\n[[torque]]\ndisk='d'\nmean=1.0",
-        "a mean torque acts on 'd', which no static stiffness holds. Give the damper a stiffness",
     ),
     "order": (MESH + "[[torque]]\ndisk = 'a'\nharmonics = [[0.25, 1.0, 0.0]]", "Set revolutions_per_cycle = 4."),
     "order 0": (MESH + "[[torque]]\ndisk = 'a'\nharmonics = [[0, 1.0, 0.0]]", "0. Give the mean by its own key."),
@@ -206,11 +185,7 @@ def test_a_loop_whose_ratios_do_not_close_locks():
     parts = [*gears(0.1, 0.2, 0.1, 0.1, 0.2), shaft, *meshes("ab", "bc"), *meshes("de", "ea")]
     with pytest.raises(SceneError, match="locked closed loop .*its senses"):
         build([*parts[:-1], *meshes("ea", kind="internal")], reference="a")
-    two = [
-        *gears(0.1, 0.2, 0.1, 0.3),
-        Shaft(between=("a", "c"), stiffness=1.0),
-        Shaft(between=("b", "d"), stiffness=1.0),
-    ]
+    two = [*gears(0.1, 0.2, 0.1, 0.3), *(Shaft(between=pair, stiffness=1.0) for pair in (("a", "c"), ("b", "d")))]
     with pytest.raises(SceneError, match=r"locked closed loop 'c', 'd', 'b', 'a': its ratios multiply to 0\.6"):
         build([*two, *meshes("ab", "cd")], reference="a")
 
