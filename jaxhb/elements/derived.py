@@ -25,22 +25,15 @@ WITH = {"inner": "outer", "bore": "diameter"}
 
 
 def shaft_stiffness(length: Number, outer: Number, inner: Number = 0.0, shear_modulus: Number = 8e10) -> Number:
-    """Torsional stiffness of a round shaft, ``k = G pi (d_o^4 - d_i^4) / (32 l)``.
+    """Torsional stiffness of a round shaft in N m/rad, ``k = G pi (d_o^4 - d_i^4) / (32 l)`` (Saint-Venant).
+
+    Differentiable; numpy on the host.
 
     Parameters
     ----------
     length, outer, inner : float or array ``(...)`` m
         Length, outer and inner diameter.
     shear_modulus : float or array ``(...)`` Pa
-
-    Returns
-    -------
-    array ``(...)`` N m/rad
-        Differentiable; numpy on the host.
-
-    Notes
-    -----
-    Saint-Venant's theory of torsion for circular sections.
 
     Examples
     --------
@@ -55,6 +48,8 @@ def viscous_damping(
 ) -> Number:
     """Viscous damping of a link from its dynamic magnifier or damping ratio at one frequency, ``r = k / (M omega)``.
 
+    In N m s/rad or N s/m; differentiable, numpy on the host.
+
     Parameters
     ----------
     stiffness : float or array ``(...)`` N m/rad or N/m
@@ -64,11 +59,6 @@ def viscous_damping(
         Dynamic magnifier M: amplification at the resonance of one mass on the link.
     damping_ratio : float or array ``(...)``, optional
         Lehr's damping ratio ``D = 1 / (2 M)`` instead.
-
-    Returns
-    -------
-    array ``(...)`` N m s/rad or N s/m
-        Differentiable; numpy on the host.
 
     Raises
     ------

@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections import Counter
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -51,18 +52,18 @@ def _table_errors(where, f, value) -> list[str] | None:
     """Sentences on a table inside an element, or on a list of them; None where all is sound."""
     cls, several = f.metadata["of"], f.metadata["kind"] == "tables"
     rows = value if several else [value]
-    if not isinstance(rows, tuple | list) or not rows or not all(isinstance(row, cls) for row in rows):
+    if not _is_list(rows) or not rows or not all(isinstance(row, cls) for row in rows):
         wanted = f"one table or more. Write [[….{f.name}]]" if several else f"a table. Write [….{f.name}]"
         return [f"{where}: {f.name} is {shown(value)}, must be {wanted}."]
-    found = []
-    for k, row in enumerate(rows):
-        inside = f"{where}, {f.name}{f' no. {k + 1}' if several else ''}"
-        found += [field_errors(inside, g, getattr(row, g.name)) for g in dataclasses.fields(row)]
-    said = [sentences for sentences in found if sentences is not None]
-    return [text for sentences in said for text in sentences] if said else None
+    said = [
+        field_errors(f"{where}, {f.name}{f' no. {k + 1}' if several else ''}", g, getattr(row, g.name))
+        for k, row in enumerate(rows)
+        for g in dataclasses.fields(row)
+    ]
+    return [text for sentences in said for text in sentences or ()] if any(s is not None for s in said) else None
 
 
-_KINDS = {
+_KINDS: dict[str, Any] = {
     "name": (lambda v: isinstance(v, str) and v, "a text", "a text, unique over all tables"),
     "disk": (lambda v: isinstance(v, str) and v, "a text", "the name of a disk"),
     "pair": (lambda v: _is_list(v) and [type(e) for e in v] == [str, str], *["the names of two disks"] * 2),
@@ -298,18 +299,17 @@ def _section_errors(shaft) -> list[str]:
 
 def rated_errors(parts, rated_rpm) -> list[str]:
     """Check the rated speed, and that it is there where limits depend on it."""
-    if rated_rpm is not None:
-        if number_like(rated_rpm) and 0.0 < float(rated_rpm) < float("inf"):
-            return []
-        unit = " rpm" if number_like(rated_rpm) else ""
-        text = f"rated_rpm is {shown(rated_rpm)}{unit}, must be greater than 0 rpm. Correct it or leave the key out."
-        return [f"{parts.source}, [scene]: {text}"]
-    judged = [i for i, shaft in enumerate(parts.tables["shaft"]) if shaft.tensile_strength is not None]
-    if not judged:
+    where = f"{parts.source}, [scene]"
+    if rated_rpm is None:
+        shafts = zip(parts.names["shaft"], parts.tables["shaft"], strict=True)
+        judged = [name for name, shaft in shafts if shaft.tensile_strength is not None]
+        names = _and(map(repr, judged[:8])) + (", …" if len(judged) > 8 else "")
+        text = f"the key 'rated_rpm' is missing; the stress limits of {names} depend on the speed over it"
+        return [f"{where}: {text}. Give the rated speed of the reference rotor in rpm."] if judged else []
+    if number_like(rated_rpm) and 0.0 < float(rated_rpm) < float("inf"):
         return []
-    names = _and(repr(parts.names["shaft"][i]) for i in judged[:8]) + (", …" if len(judged) > 8 else "")
-    text = f"the key 'rated_rpm' is missing; the stress limits of {names} depend on the speed over it"
-    return [f"{parts.source}, [scene]: {text}. Give the rated speed of the reference rotor in rpm."]
+    found = f"{shown(rated_rpm)}{' rpm' if number_like(rated_rpm) else ''}"
+    return [f"{where}: rated_rpm is {found}, must be greater than 0 rpm. Correct it or leave the key out."]
 
 
 def cylinder_errors(cylinder) -> list[str]:

@@ -34,8 +34,8 @@ from jaxhb.excitation.crank import slider_crank
 BURNT_AT_END = 0.999
 """Share of the fuel that is burnt at the end of the duration: Wiebe's function never reaches 1."""
 
-NUMBERS = ("compression_ratio", "charge_pressure", "exhaust_pressure", "start", "duration", "shape")
-NUMBERS = (*NUMBERS, "compression_exponent", "expansion_exponent")
+_CHARGE, _HEAT = ("compression_ratio", "charge_pressure", "exhaust_pressure"), ("start", "duration", "shape")
+NUMBERS = (*_CHARGE, *_HEAT, "compression_exponent", "expansion_exponent")
 
 
 def burnt_share(angle, start, duration, shape):

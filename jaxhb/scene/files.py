@@ -26,15 +26,10 @@ _SCENE_KEYS = ("name", "description", "revolutions_per_cycle", "reference", "rat
 
 
 def scene_names() -> list[str]:
-    """List the packaged scenes.
-
-    Returns
-    -------
-    list of str
+    """List the packaged scenes by their names.
 
     Examples
     --------
-    >>> from jaxhb.scene.files import scene_names
     >>> "gear_train_30" in scene_names()
     True
     """
@@ -64,8 +59,7 @@ def load_scene(name: str | Path) -> DriveTrain:
     Returns
     -------
     DriveTrain
-        Where two gears that mesh both have ``teeth``, one of their radii is corrected, by up to 0.1 % a mesh, so that
-        the ratio is that of the teeth.
+        As :func:`jaxhb.build` makes it.
 
     Raises
     ------
@@ -74,21 +68,18 @@ def load_scene(name: str | Path) -> DriveTrain:
 
     Examples
     --------
-    >>> from jaxhb.scene.files import load_scene
     >>> load_scene("gear_train_30").topology.mesh_names[0]
     'crank gear|idler'
     """
     path = _find(name)
     errors = []
     content = _parse(path, errors)
-    whole = not errors
-    head = content.get("scene", {})
+    whole, head = not errors, content.get("scene", {})
     if not isinstance(head, dict):
         errors.append(f"{path.name}: 'scene' is {head!r}, must be a table. Write [scene].")
         head = {}
-    for key in head:
-        if key not in _SCENE_KEYS:
-            errors.append(f"{path.name}, [scene]: unknown key {key!r}.{suggestion(key, _SCENE_KEYS)}")
+    unknown = [key for key in head if key not in _SCENE_KEYS]
+    errors += [f"{path.name}, [scene]: unknown key {key!r}.{suggestion(key, _SCENE_KEYS)}" for key in unknown]
     elements, complete = _read_elements(path, content, errors)
     return checked(
         elements,

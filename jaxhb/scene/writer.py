@@ -73,12 +73,7 @@ def elements_text(
     rated_rpm: float | None = None,
     tune: dict[str, Any] | None = None,
 ) -> str:
-    """The text of a scene of elements; arguments as for :func:`jaxhb.build`.
-
-    Returns
-    -------
-    str
-        TOML, which loads to the train that :func:`jaxhb.build` makes of the elements.
+    """TOML that loads to the train that :func:`jaxhb.build` makes of the elements; arguments as there.
 
     Examples
     --------
@@ -93,8 +88,12 @@ def elements_text(
     inertia = 2.0
     <BLANKLINE>
     """
-    head = {"name": name, "reference": reference, "revolutions_per_cycle": revolutions_per_cycle}
-    head["rated_rpm"] = rated_rpm
+    head = {
+        "name": name,
+        "reference": reference,
+        "revolutions_per_cycle": revolutions_per_cycle,
+        "rated_rpm": rated_rpm,
+    }
     content: dict[str, Any] = {"scene": {key: value for key, value in head.items() if value is not None}}
     for element in elements:
         content.setdefault(table_of(element), []).append(_given(element))

@@ -206,6 +206,8 @@ def _topology(parts, rotors, reference_disk, *, name, cycle, tune, ratio) -> Top
     t, links = parts.tables, [*parts.tables["shaft"], *parts.tables["damper"]]
     seats = {table: tuple(parts.sits_on(table)) for table in ("damper", "ground", "load", "torque", "cylinder")}
     own = [ratio[d] if e.orders_of == "own" else 1.0 for d, e in zip(seats["torque"], t["torque"], strict=True)]
+    named: dict[str, Any] = {f"{table}_names": tuple(n) for table, n in parts.names.items() if table != "disk"}
+    named |= {f"{table}_disk": disks for table, disks in seats.items()}
     # Ratios of radii round: what is whole to 1e-6 is whole.
     turn = [ratio[d] * cycle for d in seats["cylinder"]]
     turn = [float(round(v)) if train_checks.whole(v) else v for v in turn]
@@ -240,8 +242,7 @@ def _topology(parts, rotors, reference_disk, *, name, cycle, tune, ratio) -> Top
         hz_links=tuple(i for i, e in enumerate(links) if e.over_hz),
         amplitude_links=tuple(i for i, e in enumerate(links) if e.over_amplitude),
         order_links=tuple(i for i, e in enumerate(links) if getattr(e, "order", None) is not None),
-        **{f"{table}_names": tuple(names) for table, names in parts.names.items() if table != "disk"},
-        **{f"{table}_disk": disks for table, disks in seats.items()},
+        **named,
         **_computed_torques(t["cylinder"], turn),
     )
 

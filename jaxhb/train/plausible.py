@@ -64,22 +64,14 @@ _EXPONENT = re.compile(r"(?<=\d)e\+?(-?)0*(?=\d)")
 
 
 def plausibility(train: DriveTrain) -> list[str]:
-    """Find numbers of a train that are allowed but far from usual.
-
-    Parameters
-    ----------
-    train : DriveTrain
-        Its numbers must not be traced.
+    """Find numbers of a train, not traced, that are allowed but far from usual.
 
     Returns
     -------
     list of str
-        A note for each finding, with the elements, the value and the usual range: sizes and pressures of cylinders in
-        other units than m and Pa, a pressure that is largest far from firing top dead centre, absolute pressures
-        against none on the other side of the piston, cylinders that fire together, reciprocating masses, load shares in
-        percent, torques that drive beside firing cylinders, disks and shafts far from the others of their rotor, loss
-        factors in percent, radii of gears in mm, and of meshes with backlash the backlash, the stiffness and the tooth
-        damping; limits of propulsion shafts on a crank. Empty where there is nothing to look at.
+        A note for each finding, with the elements, the value and the usual range: sizes, pressures and their angles,
+        firings, masses, load shares, torques that drive, disks and shafts far from the others of their rotor, loss
+        factors, gears and their teeth. Empty where there is nothing to look at.
 
     Examples
     --------
@@ -121,15 +113,11 @@ def _sizes(train):
     for field in ("bore", "stroke", "rod", "ambient_pressure", "combustion.charge_pressure", "combustion.imep"):
         outer, _, inner = field.rpartition(".")
         table = getattr(cylinders, outer) if outer else cylinders
-        if table is None:
-            continue
-        seats = table.seats if outer else range(len(names))
-        for i, value in zip(seats, getattr(table, inner), strict=True):
-            if value and not (field == "rod" and cylinders.stroke[i] == 0):
-                low, high, *_ = USUAL[field]
-                # An imep may be negative.
-                if _far(abs(value), (low, high)):
-                    yield "cylinder", names[i], *_unusual(field, value)
+        seats = () if table is None else table.seats if outer else range(len(names))
+        for i, value in zip(seats, getattr(table, inner, ()), strict=True):
+            absent = value == 0 or (field == "rod" and cylinders.stroke[i] == 0)
+            if not absent and _far(abs(value), USUAL[field]):  # an imep may be negative
+                yield "cylinder", names[i], *_unusual(field, value)
 
 
 def _masses(train):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 
@@ -170,7 +171,7 @@ def scale_speeds(parts) -> list[float]:
     for table in ("torque", "cylinder"):
         for i, e in enumerate(parts.tables[table]):
             names = [name for name in ("scale", "load", "traces", "rated_rpm") if parts.usable(table, i, name)]
-            sound = {name: getattr(e, name, None) for name in names}
+            sound: dict[str, Any] = {name: getattr(e, name, None) for name in names}
             found |= {float(row[0]) for name in ("scale", "load") for row in sound.get(name) or ()}
             found |= {float(trace.rpm) for trace in sound.get("traces") or ()}
             found |= {float(sound["rated_rpm"])} if sound.get("rated_rpm") is not None else set()
