@@ -39,7 +39,7 @@ from jaxhb.report.text.sentences import warnings
 from jaxhb.report.text.tables import solve_text
 from jaxhb.report.text.tuned import check_designs, check_text, progress_record, start_record, tuned_record, tuned_text
 from jaxhb.scene.writer import changed_scene, copies_beside
-from jaxhb.train.changes import locate, scene_values
+from jaxhb.train.changes import scene_values
 
 
 def solve(train, arguments):
@@ -196,7 +196,7 @@ class _TunedFiles:
 
     def write(self, parameters, record):
         """The scene with these parameters, and a record."""
-        values = scene_values(self.train, dict(self.arguments.set) | parameters, locate)
+        values = scene_values(self.train, dict(self.arguments.set) | parameters)
         text, _ = changed_scene(self.arguments.scene, values, remark=f"{self.arguments.scene}, tuned by jaxhb tune.")
         made = {self.arguments.output: [text.encode()], self.arguments.json: as_json(changes(self.arguments) | record)}
         write_files({path: [content] for path, content in self.copies.items()} | made)

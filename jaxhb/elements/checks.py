@@ -16,9 +16,9 @@ from jaxhb.elements.value_checks import (
     damper_errors,
     field_errors,
     mesh_errors,
-    number_like,
     shaft_errors,
     shown,
+    torque_errors,
     value_errors,
 )
 
@@ -64,8 +64,6 @@ def _errors(places, key, value) -> list[str]:
         return [f"{key} is {shown(value)}, must be a number."]
     return [f"{name!r}: {text}" for text in value_errors(fields[field], value)]
 
-
-__all__ = ["Parts", "element_errors", "name_errors", "number_like", "reference_errors", "shown", "value_errors"]
 
 LINKS = ("shaft", "mesh")
 
@@ -179,12 +177,19 @@ class Parts:
         return self.complete and known and all(self.disk(name) is not None for name in self.disk_names)
 
 
+_SPECIAL = {
+    "shaft": (shaft_errors, "stiffness"),
+    "mesh": (mesh_errors, "law"),
+    "damper": (damper_errors, "stiffness"),
+    "torque": (torque_errors, "speed_exponent"),
+    "cylinder": (cylinder_errors, "fires"),
+}
+"""Checks of several fields of an element together, and the field that they put in doubt."""
+
+
 def element_errors(parts: Parts) -> list[str]:
     """Find what is wrong with each element by itself: keys, values, rows; and mark it in ``parts.bad``."""
     errors = []
-    special = {"mesh": (mesh_errors, "law"), "cylinder": (cylinder_errors, "fires")}
-    special |= {"shaft": (shaft_errors, "stiffness"), "damper": (damper_errors, "stiffness")}
-    special["torque"] = _torque_errors, "speed_exponent"
     for table, rows in parts.tables.items():
         for i, element in enumerate(rows):
             where = parts.where(table, i)
@@ -193,37 +198,22 @@ def element_errors(parts: Parts) -> list[str]:
                 if found is not None:
                     parts.bad.add((table, i, f.name))
                     errors += found
-            if table in special:
-                check, field = special[table]
-                found = check(element)
-                if found:
-                    parts.bad.add((table, i, field))
-                    errors += [f"{where}: {text}" for text in found]
+            check, field = _SPECIAL.get(table, (lambda element: [], ""))
+            found = check(element)
+            if found:
+                parts.bad.add((table, i, field))
+                errors += [f"{where}: {text}" for text in found]
     return errors
-
-
-def _torque_errors(torque) -> list[str]:
-    """Check that a power of the speed has a speed at which the torque holds."""
-    if torque.speed_exponent is not None and torque.rated_rpm is None:
-        return ["speed_exponent is given without rated_rpm. Give the speed at which the torque has this size."]
-    return []
 
 
 def name_errors(parts: Parts) -> list[str]:
     """Find names that stand for several elements."""
-    places = {}
+    first, errors = {}, []
     for table in TABLES:
         for i, name in enumerate(parts.names[table]):
-            if isinstance(name, str):
-                places.setdefault(name, []).append((table, i))
-    errors = []
-    for name, found in places.items():
-        if len(found) > 1:
-            first = f"[[{found[0][0]}]] no. {found[0][1] + 1}"
-            for table, i in found[1:]:
-                errors.append(
-                    f"{parts.source}, [[{table}]] no. {i + 1}: the name {name!r} is taken by {first}. Rename."
-                )
+            place = f"[[{table}]] no. {i + 1}"
+            if isinstance(name, str) and first.setdefault(name, place) != place:
+                errors.append(f"{parts.source}, {place}: the name {name!r} is taken by {first[name]}. Rename.")
     return errors
 
 
@@ -233,20 +223,16 @@ def reference_errors(parts: Parts, reference) -> list[str]:
     known = [name for name in parts.disk_names if isinstance(name, str)]
     if not parts.tables["disk"]:
         errors.append(f"{parts.source}: there is no [[disk]]. Give at least one.")
-    for table, rows in parts.tables.items():
-        for i, element in enumerate(rows):
-            pair = getattr(element, "between", None) if table in LINKS else (getattr(element, "disk", None),)
-            ends = [end for end in pair if isinstance(end, str)] if isinstance(pair, tuple | list) else []
-            for end in ends:
-                if end not in parts.disk_of:
-                    text = f"there is no disk {end!r}.{suggestion(end, known)}"
-                    errors.append(f"{parts.where(table, i)}: {text}")
-            if len(ends) == 2 and ends[0] == ends[1]:
-                errors.append(f"{parts.where(table, i)}: it joins {ends[0]!r} to itself. Name two different disks.")
-            if table == "damper" and ends and ends[0] == element.name:
-                errors.append(f"{parts.where(table, i)}: it sits on itself. Name the disk that carries it.")
+    for table, i, element in ((table, i, e) for table, rows in parts.tables.items() for i, e in enumerate(rows)):
+        where, pair = parts.where(table, i), getattr(element, "between", (getattr(element, "disk", None),))
+        ends = [end for end in pair if isinstance(end, str)] if isinstance(pair, tuple | list) else []
+        unknown = [end for end in ends if end not in parts.disk_of]
+        errors += [f"{where}: there is no disk {end!r}.{suggestion(end, known)}" for end in unknown]
+        if len(ends) == 2 and ends[0] == ends[1]:
+            errors.append(f"{where}: it joins {ends[0]!r} to itself. Name two different disks.")
+        if table == "damper" and ends and ends[0] == element.name:
+            errors.append(f"{where}: it sits on itself. Name the disk that carries it.")
     if reference is not None and not (isinstance(reference, str) and reference in parts.disk_of):
-        errors.append(
-            f"{parts.source}, [scene]: reference: there is no disk {shown(reference)}.{suggestion(reference, known)}"
-        )
+        near = suggestion(reference, known)
+        errors.append(f"{parts.source}, [scene]: reference: there is no disk {shown(reference)}.{near}")
     return errors

@@ -20,26 +20,20 @@ _TOLD = ("length", "outer", "shear_modulus", *DAMPING, "diameter", "stress_conce
 OPTIONAL = (*_TOLD, "power_limit", "rated_torque")
 """Keys that a link has or has not; ``inner`` and ``bore`` are 0 where they are not given."""
 
-_WITH = {"inner": "outer", "bore": "diameter"}
+WITH = {"inner": "outer", "bore": "diameter"}
+"""Keys that only have a meaning beside another one."""
 
 
 def shaft_stiffness(length: Number, outer: Number, inner: Number = 0.0, shear_modulus: Number = 8e10) -> Number:
-    """Torsional stiffness of a round shaft, ``k = G pi (d_o^4 - d_i^4) / (32 l)``.
+    """Torsional stiffness of a round shaft in N m/rad, ``k = G pi (d_o^4 - d_i^4) / (32 l)`` (Saint-Venant).
+
+    Differentiable; numpy on the host.
 
     Parameters
     ----------
     length, outer, inner : float or array ``(...)`` m
         Length, outer and inner diameter.
     shear_modulus : float or array ``(...)`` Pa
-
-    Returns
-    -------
-    array ``(...)`` N m/rad
-        Differentiable; numpy on the host.
-
-    Notes
-    -----
-    Saint-Venant's theory of torsion for circular sections.
 
     Examples
     --------
@@ -54,6 +48,8 @@ def viscous_damping(
 ) -> Number:
     """Viscous damping of a link from its dynamic magnifier or damping ratio at one frequency, ``r = k / (M omega)``.
 
+    In N m s/rad or N s/m; differentiable, numpy on the host.
+
     Parameters
     ----------
     stiffness : float or array ``(...)`` N m/rad or N/m
@@ -63,11 +59,6 @@ def viscous_damping(
         Dynamic magnifier M: amplification at the resonance of one mass on the link.
     damping_ratio : float or array ``(...)``, optional
         Lehr's damping ratio ``D = 1 / (2 M)`` instead.
-
-    Returns
-    -------
-    array ``(...)`` N m s/rad or N s/m
-        Differentiable; numpy on the host.
 
     Raises
     ------
@@ -109,21 +100,6 @@ def link_number(topology, table: str, index: int) -> int:
     """Number among the links of element ``index`` of a table."""
     before = {"shaft": 0, "damper": len(topology.shaft_names)}
     return index + before.get(table, len(topology.link_names) - len(topology.mesh_names))
-
-
-def no_effect(topology, table: str, field: str, index: int) -> str:
-    """Say why a new number of a link would have no effect; empty where it has one."""
-    if table not in LINKS:
-        return ""
-    link, key = link_number(topology, table, index), _WITH.get(field, field)
-    if field == "stiffness" and topology.has_key(link, "outer"):
-        return "the stiffness comes from length, outer, inner and shear_modulus. Change these."
-    if field == "damping" and topology.has_key(link, "damping_hz"):
-        way = "magnifier" if topology.has_key(link, "magnifier") else "damping_ratio"
-        return f"the damping comes from {way} and damping_hz. Change these."
-    if key in OPTIONAL and not topology.has_key(link, key):
-        return f"it has no effect, as the {table} was built without {key}. Build the scene with it."
-    return ""
 
 
 def followers(before, after, changes):

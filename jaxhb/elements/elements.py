@@ -34,25 +34,14 @@ class Range:
 
     def contains(self, value) -> bool:
         """Tell whether ``value`` (finite) lies in the range."""
-        return not (
-            (self.above is not None and not value > self.above)
-            or (self.least is not None and not value >= self.least)
-            or (self.below is not None and not value < self.below)
-            or (self.most is not None and not value <= self.most)
-        )
+        over = (self.above is None or value > self.above) and (self.least is None or value >= self.least)
+        return over and (self.below is None or value < self.below) and (self.most is None or value <= self.most)
 
     def words(self) -> str:
         """Say the range: ``greater than 0 N m/rad``."""
         unit = f" {self.unit}" if self.unit else ""
-        parts = []
-        if self.above is not None:
-            parts.append(f"greater than {self.above:g}{unit}")
-        if self.least is not None:
-            parts.append(f"at least {self.least:g}{unit}")
-        if self.below is not None:
-            parts.append(f"less than {self.below:g}{unit}")
-        if self.most is not None:
-            parts.append(f"at most {self.most:g}{unit}")
+        limits = {"greater than": self.above, "at least": self.least, "less than": self.below, "at most": self.most}
+        parts = [f"{words} {limit:g}{unit}" for words, limit in limits.items() if limit is not None]
         return " and ".join(parts) or f"a finite number{f' in {self.unit}' if self.unit else ''}"
 
 
@@ -69,6 +58,10 @@ def positive(unit: str, default: Any = REQUIRED, remedy: str = "") -> Any:
 
 def not_negative(unit: str, default: Any = REQUIRED, remedy: str = "") -> Any:
     return quantity(unit, default, least=0.0, remedy=remedy)
+
+
+def count(default: Any = REQUIRED, **limits) -> Any:
+    return field(default=default, metadata={"kind": "count", "range": Range(**limits)})
 
 
 def choice(default: str, *words: str) -> Any:
@@ -149,7 +142,7 @@ class Disk:
     name: str = named(required=True)
     inertia: float = not_negative("kg m2", remedy="0 is allowed and is condensed exactly.")
     radius: float | None = positive("m", None, "Leave the key out for a disk that is no gear.")
-    teeth: int | None = field(default=None, metadata={"kind": "count", "range": Range(least=1.0)})
+    teeth: int | None = count(None, least=1.0)
     damping: float = not_negative("N m s/rad", 0.0)
 
 
@@ -311,7 +304,7 @@ class Combustion:
     imep: float | None = quantity("Pa", None)
     compression_exponent: float = quantity("", 1.35, above=1.0, most=5.0 / 3.0)
     expansion_exponent: float = quantity("", 1.28, above=1.0, most=5.0 / 3.0)
-    stroke_cycle: int = field(default=4, metadata={"kind": "count", "range": Range(least=1.0)})
+    stroke_cycle: int = count(4, least=1.0)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,9 +12,9 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-from jaxhb.elements.elements import CrankSlider, Cylinder, Range, suggestion
+from jaxhb.elements.elements import CrankSlider, Cylinder, choice, count, quantity, suggestion
 from jaxhb.elements.value_checks import field_errors, number_like, shown
 
 
@@ -37,14 +37,12 @@ class Engine(CrankSlider):
     ``firing_angle`` are added to the angles of the firing order.
     """
 
-    cylinders: int = field(metadata={"kind": "count", "range": Range(least=1.0, most=1000.0)})
+    cylinders: int = count(least=1.0, most=1000.0)
     disks: tuple = _list(dataclasses.MISSING)
     firing_order: tuple = _list(dataclasses.MISSING)
-    bank_angle: float | None = field(
-        default=None, metadata={"kind": "number", "range": Range(unit="deg", least=-180.0, most=180.0)}
-    )
-    stroke_cycle: int = field(default=4, metadata={"kind": "count", "range": Range(least=1.0)})
-    firing: str = field(default="crank", metadata={"kind": "choice", "words": ("crank", "even")})
+    bank_angle: float | None = quantity("deg", None, least=-180.0, most=180.0)
+    stroke_cycle: int = count(4, least=1.0)
+    firing: str = choice("crank", "even")
     firing_intervals: tuple | None = _list(None)
 
 
@@ -66,8 +64,9 @@ def cylinder_rows(engine: dict) -> list[dict]:
         row = {"name": f"{engine.get('name') or 'cylinder'} {label}", "disk": disks[i]}
         row |= {key: _of_cylinder(f, engine[key], i) for key, f in _COMMON.items() if key in engine}
         row["firing_angle"] = angles[label] + (later[i] if isinstance(later, tuple | list) else later)
-        if "combustion" in row and row["combustion"]:
-            row["combustion"] = _with_strokes(row["combustion"], given["stroke_cycle"])
+        burning, strokes = row.get("combustion"), {"stroke_cycle": given["stroke_cycle"]}
+        if burning:
+            row["combustion"] = burning | strokes if isinstance(burning, dict) else replace(burning, **strokes)
         rows.append(row)
     return rows
 
@@ -88,13 +87,6 @@ def _of_cylinder(f, value, i):
         picked = {key: _of_cylinder(inner[key], v, i) for key, v in values.items()}
         return picked if isinstance(value, dict) else type(value)(**picked)
     return value
-
-
-def _with_strokes(combustion, strokes):
-    """The combustion with the stroke cycle of the engine."""
-    if isinstance(combustion, dict):
-        return combustion | {"stroke_cycle": strokes}
-    return dataclasses.replace(combustion, stroke_cycle=strokes)
 
 
 def _labels(given) -> list[str]:
@@ -122,24 +114,18 @@ def firing_angles(given: dict) -> dict[str, float]:
             passing = angles["A" + label[1:]] + given["bank_angle"]
             # A four-stroke cylinder is at top dead centre twice a cycle, and fires where that is nearer to even firing.
             turns = [passing + 360.0 * turn for turn in range(int(given["stroke_cycle"]) // 2)]
-            apart = [_apart(turn + begin, even[label], cycle) for turn in turns]
+            apart = [abs((turn + begin - even[label] + cycle / 2) % cycle - cycle / 2) for turn in turns]
             angles[label] = turns[apart.index(min(apart))]
     start = angles[order[0]]
     return {label: (angles[label] - start) % cycle for label in order}
-
-
-def _apart(a, b, cycle):
-    """Angle between two positions in a cycle."""
-    return abs((a - b + cycle / 2) % cycle - cycle / 2)
 
 
 def engine_errors(engine: Engine, where: str, disk_names) -> list[str]:
     """Find what is wrong with an engine by itself; ``disk_names`` are the disks there are."""
     found = {f.name: _field_errors(engine, where, f) for f in dataclasses.fields(engine)}
     errors = [text for sentences in found.values() for text in sentences]
-    if any(found[name] for name in _OWN):
-        return errors
-    return errors + [f"{where}: {text}" for text in _own_errors(engine, disk_names)]
+    own = [] if any(found[name] for name in _OWN) else _own_errors(engine, disk_names)
+    return errors + [f"{where}: {text}" for text in own]
 
 
 def _own_errors(engine, disk_names) -> list[str]:

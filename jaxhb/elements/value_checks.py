@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections import Counter
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -50,28 +52,37 @@ def _table_errors(where, f, value) -> list[str] | None:
     """Sentences on a table inside an element, or on a list of them; None where all is sound."""
     cls, several = f.metadata["of"], f.metadata["kind"] == "tables"
     rows = value if several else [value]
-    if not isinstance(rows, tuple | list) or not rows or not all(isinstance(row, cls) for row in rows):
+    if not _is_list(rows) or not rows or not all(isinstance(row, cls) for row in rows):
         wanted = f"one table or more. Write [[….{f.name}]]" if several else f"a table. Write [….{f.name}]"
         return [f"{where}: {f.name} is {shown(value)}, must be {wanted}."]
-    found = []
-    for k, row in enumerate(rows):
-        inside = f"{where}, {f.name}{f' no. {k + 1}' if several else ''}"
-        found += [field_errors(inside, g, getattr(row, g.name)) for g in dataclasses.fields(row)]
-    said = [sentences for sentences in found if sentences is not None]
-    return [text for sentences in said for text in sentences] if said else None
+    said = [
+        field_errors(f"{where}, {f.name}{f' no. {k + 1}' if several else ''}", g, getattr(row, g.name))
+        for k, row in enumerate(rows)
+        for g in dataclasses.fields(row)
+    ]
+    return [text for sentences in said for text in sentences or ()] if any(s is not None for s in said) else None
+
+
+_KINDS: dict[str, Any] = {
+    "name": (lambda v: isinstance(v, str) and v, "a text", "a text, unique over all tables"),
+    "disk": (lambda v: isinstance(v, str) and v, "a text", "the name of a disk"),
+    "pair": (lambda v: _is_list(v) and [type(e) for e in v] == [str, str], *["the names of two disks"] * 2),
+    "flag": (lambda v: isinstance(v, bool), "true or false", "a value"),
+    "list": (lambda v: _is_list(v), "a list", "a list"),
+}
+"""What a field of a kind takes: a test, and the words for what it is not and for what is missing."""
+
+
+def _is_list(value) -> bool:
+    return isinstance(value, tuple | list)
 
 
 def _missing(where, f) -> str:
     """Sentence for a key that is not there."""
-    limits = f.metadata.get("range")
-    kinds = {
-        "name": "a text, unique over all tables",
-        "disk": "the name of a disk",
-        "pair": "the names of two disks",
-        "list": "a list",
-        "rows": f"rows of {', '.join(f.metadata.get('columns', ()))}, or the name of a CSV file",
-    }
-    wanted = limits.words() if limits else kinds.get(f.metadata["kind"], "a value")
+    limits, kind = f.metadata.get("range"), f.metadata["kind"]
+    wanted = limits.words() if limits else _KINDS[kind][2] if kind in _KINDS else "a value"
+    if kind == "rows":
+        wanted = f"rows of {', '.join(f.metadata['columns'])}, or the name of a CSV file"
     return f"{where}: the key {f.name!r} is missing. Give {wanted}."
 
 
@@ -80,52 +91,48 @@ def _value_errors(f, value) -> list[str]:
     kind = f.metadata["kind"]
     if kind in ("number", "count"):
         return value_errors(f, value)
-    if kind in ("name", "disk") and not (isinstance(value, str) and value):
-        return [f"{f.name} is {shown(value)}, must be a text."]
-    if kind == "pair":
-        good = isinstance(value, tuple | list) and len(value) == 2 and all(isinstance(v, str) for v in value)
-        return [] if good else [f"{f.name} is {shown(value)}, must be the names of two disks."]
-    if kind == "flag" and not isinstance(value, bool):
-        return [f"{f.name} is {shown(value)}, must be true or false."]
-    if kind == "choice" and value not in f.metadata["words"]:
-        words = [w for w in f.metadata["words"] if w]
-        return [f"{f.name} is {shown(value)}, must be {' or '.join(repr(w) for w in words)}.{suggestion(value, words)}"]
-    if kind == "list":
-        return [] if isinstance(value, tuple | list) else [f"{f.name} is {shown(value)}, must be a list."]
     if kind == "rows":
         return row_errors(f.name, f.metadata["columns"], value)
-    return []
+    if kind == "choice":
+        words = [w for w in f.metadata["words"] if w]
+        wanted, near = " or ".join(repr(w) for w in words), suggestion(value, words)
+        good = value in f.metadata["words"]
+    else:
+        test, wanted, _ = _KINDS[kind]
+        good, near = test(value), ""
+    return [] if good else [f"{f.name} is {shown(value)}, must be {wanted}.{near}"]
 
 
 def value_errors(f, value) -> list[str]:
     """Check a number against the range in its field's metadata; sentences without the element."""
-    limits = f.metadata["range"]
+    limits, remedy = f.metadata["range"], ""
     unit = f" {limits.unit}" if limits.unit else ""
-    if isinstance(value, int) and not isinstance(value, bool) and not number_like(value):
-        return [f"{f.name} is {shown(value)}{unit}, must be a finite number."]
-    if not number_like(value):
-        return [f"{f.name} is {shown(value)}, must be a number{f' in {limits.unit}' if limits.unit else ''}."]
-    number = float(value)
-    if not math.isfinite(number):
-        return [f"{f.name} is {number}{unit}, must be a finite number."]
-    if f.metadata["kind"] == "count" and number != int(number):
-        return [f"{f.name} is {number:g}, must be a whole number."]
-    if not limits.contains(number):
-        remedy = f" {limits.remedy}" if limits.remedy else " Correct the value or leave the key out."
-        if f.default is dataclasses.MISSING and not limits.remedy:
-            remedy = " Correct the value."
-        return [f"{f.name} is {number:g}{unit}, must be {limits.words()}.{remedy}"]
-    return []
+    number = float(value) if number_like(value) else math.nan
+    if not number_like(value) and (isinstance(value, bool) or not isinstance(value, int)):
+        found, wanted = shown(value), f"a number{f' in {limits.unit}' if limits.unit else ''}"
+    elif not math.isfinite(number):
+        found, wanted = f"{number if number_like(value) else shown(value)}{unit}", "a finite number"
+    elif f.metadata["kind"] == "count" and number != int(number):
+        found, wanted = f"{number:g}", "a whole number"
+    elif not limits.contains(number):
+        absent = "" if f.default is dataclasses.MISSING else " or leave the key out"
+        found, wanted, remedy = (
+            f"{number:g}{unit}",
+            limits.words(),
+            f" {limits.remedy or f'Correct the value{absent}.'}",
+        )
+    else:
+        return []
+    return [f"{f.name} is {found}, must be {wanted}.{remedy}"]
 
 
 def row_errors(name, columns, rows) -> list[str]:
     """Check a table of numbers: its columns, finiteness, and the growth of its first column."""
     wanted = ", ".join(columns)
-    if not isinstance(rows, tuple | list):
+    if not _is_list(rows):
         return [f"{name} is {shown(rows)}, must be a list of rows [{wanted}]."]
     for k, row in enumerate(rows):
-        good = isinstance(row, tuple | list) and len(row) == len(columns) and all(number_like(v) for v in row)
-        if not good:
+        if not (_is_list(row) and len(row) == len(columns) and all(number_like(v) for v in row)):
             return [f"{name}, row {k + 1} is {shown(row)}, must be {len(columns)} numbers [{wanted}]."]
         if not all(math.isfinite(float(v)) for v in row):
             return [f"{name}, row {k + 1} is {shown(list(row))}, must be finite numbers."]
@@ -138,28 +145,22 @@ def row_errors(name, columns, rows) -> list[str]:
         ]
         errors += [f"{name}: order {o:g} stands {n} times. Add the rows." for o, n in Counter(first).items() if n > 1]
         return errors
-    for k in range(1, len(first)):
-        if first[k] <= first[k - 1]:
-            cure = "Leave out one of the two rows" if first[k] == first[k - 1] else "Sort the rows"
-            text = f"{columns[0]} {first[k]:g} after {first[k - 1]:g}; must increase. {cure}."
-            return [f"{name}, row {k + 1}: {text}"]
+    for k, (before, here) in enumerate(pairwise(first), start=2):
+        if here <= before:
+            cure = "Leave out one of the two rows" if here == before else "Sort the rows"
+            return [f"{name}, row {k}: {columns[0]} {here:g} after {before:g}; must increase. {cure}."]
     if columns[0] in ("hz", "amplitude"):
-        return _factor_errors(name, columns, rows)
+        # 5e-324 is the least number above 0.
+        rules = (0, "at least 0", 0.0), (2, "at least 0", 0.0), (1, "greater than 0", 5e-324)
+        return [
+            f"{name}, row {k + 1}: {columns[column]} is {row[column]:g}, must be {words}. Correct the row."
+            for k, row in enumerate(rows)
+            for column, words, least in rules
+            if not row[column] >= least
+        ]
     if columns[0] == "rpm" and first and first[0] < 0.0:
         return [f"{name}, row 1: rpm is {first[0]:g}, must be at least 0. Speeds are positive; correct the row."]
     return _span_errors(name, first, rows) if columns[0] == "angle" else []
-
-
-def _factor_errors(name, columns, rows) -> list[str]:
-    """Check the signs of rows (frequency or amplitude, factor of stiffness, factor of damping)."""
-    # 5e-324 is the least number above 0.
-    limits = {columns[0]: ("at least 0", 0.0), columns[2]: ("at least 0", 0.0), columns[1]: ("greater than 0", 5e-324)}
-    return [
-        f"{name}, row {k + 1}: {column} is {row[columns.index(column)]:g}, must be {words}. Correct the row."
-        for k, row in enumerate(rows)
-        for column, (words, least) in limits.items()
-        if not row[columns.index(column)] >= least
-    ]
 
 
 def _span_errors(name, angle, rows) -> list[str]:
@@ -182,18 +183,9 @@ def _span_errors(name, angle, rows) -> list[str]:
     ]
 
 
-_UNITS = {
-    "stiffness": " N m/rad",
-    "damping": " N m s/rad",
-    "length": " m",
-    "outer": " m",
-    "inner": " m",
-    "diameter": " m",
-    "bore": " m",
-    "shear_modulus": " Pa",
-    "tensile_strength": " Pa",
-    "damping_hz": " Hz",
-}
+_UNITS = {"stiffness": " N m/rad", "damping": " N m s/rad", "damping_hz": " Hz"}
+_UNITS |= dict.fromkeys(("length", "outer", "inner", "diameter", "bore"), " m")
+_UNITS |= dict.fromkeys(("shear_modulus", "tensile_strength"), " Pa")
 _ASKED = {
     "diameter": "diameter (or outer) in m",
     "stress_concentration": "stress_concentration (C_K of the form, 1 for an integral flange, less otherwise)",
@@ -226,6 +218,13 @@ def damper_errors(damper) -> list[str]:
     if damper.order is None:
         return ["damping and stiffness are both 0, so that the ring is loose. Give at least one of them."]
     return _damping_errors(damper)
+
+
+def torque_errors(torque) -> list[str]:
+    """Check that a power of the speed has a speed at which the torque holds."""
+    if torque.speed_exponent is not None and torque.rated_rpm is None:
+        return ["speed_exponent is given without rated_rpm. Give the speed at which the torque has this size."]
+    return []
 
 
 def _given(link, *keys, **units) -> list[str]:
@@ -300,18 +299,17 @@ def _section_errors(shaft) -> list[str]:
 
 def rated_errors(parts, rated_rpm) -> list[str]:
     """Check the rated speed, and that it is there where limits depend on it."""
-    if rated_rpm is not None:
-        if number_like(rated_rpm) and 0.0 < float(rated_rpm) < float("inf"):
-            return []
-        unit = " rpm" if number_like(rated_rpm) else ""
-        text = f"rated_rpm is {shown(rated_rpm)}{unit}, must be greater than 0 rpm. Correct it or leave the key out."
-        return [f"{parts.source}, [scene]: {text}"]
-    judged = [i for i, shaft in enumerate(parts.tables["shaft"]) if shaft.tensile_strength is not None]
-    if not judged:
+    where = f"{parts.source}, [scene]"
+    if rated_rpm is None:
+        shafts = zip(parts.names["shaft"], parts.tables["shaft"], strict=True)
+        judged = [name for name, shaft in shafts if shaft.tensile_strength is not None]
+        names = _and(map(repr, judged[:8])) + (", …" if len(judged) > 8 else "")
+        text = f"the key 'rated_rpm' is missing; the stress limits of {names} depend on the speed over it"
+        return [f"{where}: {text}. Give the rated speed of the reference rotor in rpm."] if judged else []
+    if number_like(rated_rpm) and 0.0 < float(rated_rpm) < float("inf"):
         return []
-    names = _and(repr(parts.names["shaft"][i]) for i in judged[:8]) + (", …" if len(judged) > 8 else "")
-    text = f"the key 'rated_rpm' is missing; the stress limits of {names} depend on the speed over it"
-    return [f"{parts.source}, [scene]: {text}. Give the rated speed of the reference rotor in rpm."]
+    found = f"{shown(rated_rpm)}{' rpm' if number_like(rated_rpm) else ''}"
+    return [f"{where}: rated_rpm is {found}, must be greater than 0 rpm. Correct it or leave the key out."]
 
 
 def cylinder_errors(cylinder) -> list[str]:
@@ -338,11 +336,11 @@ def cylinder_errors(cylinder) -> list[str]:
         )
     if cylinder.load and not {"traces", "combustion"} & set(found):
         errors.append("load is given without traces or combustion, which it acts on. Give scale instead.")
-    errors += trace_errors(cylinder.traces) if isinstance(cylinder.traces, tuple | list) else []
-    return errors + (combustion_errors(cylinder.combustion) if isinstance(cylinder.combustion, Combustion) else [])
+    errors += _trace_errors(cylinder.traces) if isinstance(cylinder.traces, tuple | list) else []
+    return errors + (_combustion_errors(cylinder.combustion) if isinstance(cylinder.combustion, Combustion) else [])
 
 
-def trace_errors(traces) -> list[str]:
+def _trace_errors(traces) -> list[str]:
     """Check that traces stand at every pair of their speeds and loads, once, and have the same gas cycle."""
     traces = [trace for trace in traces if isinstance(trace, Trace)]
     if not all(number_like(trace.rpm) and number_like(trace.load) for trace in traces):
@@ -361,21 +359,19 @@ def trace_errors(traces) -> list[str]:
             f"traces: there is none for {rpm:g} rpm and load {load:g}, but for this speed and for this load: every"
             " speed needs all loads. Add it; for one load curve leave out load."
         )
-    tables = [trace.pressure for trace in traces]
-    if all(not row_errors("pressure", ("angle", "pressure"), rows) for rows in tables if not isinstance(rows, Unread)):
-        strokes = {gas.is_four_stroke(rows) for rows in tables if not isinstance(rows, Unread)}
-        if len(strokes) > 1:
-            errors.append("traces: some span 720 deg, some 360 deg. Give one gas cycle, the same for all.")
+    tables = [trace.pressure for trace in traces if not isinstance(trace.pressure, Unread)]
+    sound = all(not row_errors("pressure", ("angle", "pressure"), rows) for rows in tables)
+    if sound and len({gas.is_four_stroke(rows) for rows in tables}) > 1:
+        errors.append("traces: some span 720 deg, some 360 deg. Give one gas cycle, the same for all.")
     return errors
 
 
-def combustion_errors(combustion) -> list[str]:
+def _combustion_errors(combustion) -> list[str]:
     """Check that either the heat or the mean pressure is given, and the strokes of a cycle."""
-    both = [key for key in ("heat", "imep") if getattr(combustion, key) is not None]
-    errors = []
-    if len(both) == 2:
+    given, errors = [getattr(combustion, key) is not None for key in ("heat", "imep")], []
+    if all(given):
         errors.append("combustion: heat and imep are both given. Keep one of them.")
-    if not both:
+    if not any(given):
         errors.append("combustion: neither heat nor imep is given. Give one of them.")
     if number_like(combustion.stroke_cycle) and combustion.stroke_cycle not in (2, 4):
         errors.append(f"combustion: stroke_cycle is {combustion.stroke_cycle:g}, must be 2 or 4. Correct it.")

@@ -16,15 +16,10 @@ The equation is linear in p and Q: the pressure is that without heat, plus the h
 Sources: I. Wiebe, *Brennverlauf und Kreisprozess von Verbrennungsmotoren*, 1970; J. B. Heywood, *Internal Combustion
 Engine Fundamentals*, sections 9.2 and 9.6.
 
-Examples
---------
 >>> import numpy as np
->>> motored, per_joule = pressures(
-...     np.array([0.1]), np.array([0.12]), np.array([0.2]), compression_ratio=np.array([16.0]),
-...     charge_pressure=np.array([1e5]), exhaust_pressure=np.array([1e5]), start=np.array([-5.0]),
-...     duration=np.array([60.0]), shape=np.array([1.0]), compression_exponent=np.array([1.35]),
-...     expansion_exponent=np.array([1.28]), revolutions=2, samples=7200,
-... )
+>>> numbers = dict(zip(NUMBERS, np.array([[16.0], [1e5], [1e5], [-5.0], [60.0], [1.0], [1.35], [1.28]])))
+>>> sizes = np.array([[0.1], [0.12], [0.2]])
+>>> motored, per_joule = pressures(*sizes, numbers, revolutions=2, samples=7200)
 >>> round(float(motored[0, 0] / 1e5), 1), round(float((motored + 2000 * per_joule).max() / 1e5))
 (42.2, 69)
 """
@@ -39,6 +34,9 @@ from jaxhb.excitation.crank import slider_crank
 BURNT_AT_END = 0.999
 """Share of the fuel that is burnt at the end of the duration: Wiebe's function never reaches 1."""
 
+_CHARGE, _HEAT = ("compression_ratio", "charge_pressure", "exhaust_pressure"), ("start", "duration", "shape")
+NUMBERS = (*_CHARGE, *_HEAT, "compression_exponent", "expansion_exponent")
+
 
 def burnt_share(angle, start, duration, shape):
     """Wiebe's share of the heat released up to an angle (deg); arguments broadcast."""
@@ -50,45 +48,14 @@ def burnt_share(angle, start, duration, shape):
     return xp.where(begun, -xp.expm1(np.log(1.0 - BURNT_AT_END) * passed ** (shape + 1.0)), 0.0)
 
 
-def pressures(
-    bore,
-    stroke,
-    rod,
-    *,
-    compression_ratio,
-    charge_pressure,
-    exhaust_pressure,
-    start,
-    duration,
-    shape,
-    compression_exponent,
-    expansion_exponent,
-    revolutions,
-    samples,
-):
-    """Pressure without heat, and that which one joule adds, at equal steps of the gas cycle from firing TDC on.
+def pressures(bore, stroke, rod, numbers, *, revolutions, samples):
+    """Pressure without heat (Pa) and that which one joule adds (Pa/J), [n, samples], from firing TDC on.
 
-    Parameters
-    ----------
-    bore, stroke, rod : array [n]
-        m.
-    compression_ratio, shape, compression_exponent, expansion_exponent : array [n]
-    charge_pressure, exhaust_pressure : array [n]
-        Pa, absolute.
-    start, duration : array [n]
-        deg.
-    revolutions : int
-        Of the crank in a gas cycle: 2 (four-stroke) or 1.
-    samples : int
-        A multiple of 4.
-
-    Returns
-    -------
-    motored, per_joule : array [n, samples]
-        Pa and Pa/J.
+    Arrays [n]: bore, stroke and rod in m, and by their names the :data:`NUMBERS` of a
+    :class:`~jaxhb.elements.elements.Combustion`. ``revolutions`` of the crank in a gas cycle, 2 (four-stroke) or 1, of
+    ``samples`` equal steps, a multiple of 4.
     """
-    given = bore, stroke, rod, compression_ratio, charge_pressure, exhaust_pressure, start, duration, shape
-    given = *given, compression_exponent, expansion_exponent
+    given = bore, stroke, rod, *(numbers[name] for name in NUMBERS)
     xp = namespace(given)
     bore, stroke, rod, ratio, charge, exhaust, start, duration, shape, before, after = (v[:, None] for v in given)
     closed = samples // revolutions
@@ -104,13 +71,12 @@ def pressures(
     per_joule = xp.exp(-growth) * _integral((exponent - 1.0) / volume * xp.exp(growth), burnt)
     # Computed from bottom dead centre, returned from firing top dead centre on.
     half = closed // 2
-    if revolutions == 1:
-        return tuple(xp.concatenate([p[:, half:closed], p[:, :half]], axis=1) for p in (motored, per_joule))
-    open_pressure = xp.repeat(xp.concatenate([exhaust, charge], axis=1), half, axis=1)
-    found = []
-    for p, gas_exchange in ((motored, open_pressure), (per_joule, xp.zeros_like(open_pressure))):
-        found.append(xp.concatenate([p[:, half:closed], gas_exchange, p[:, :half]], axis=1))
-    return tuple(found)
+    exchange = xp.repeat(xp.concatenate([exhaust, charge], axis=1), half * (revolutions - 1), axis=1)
+
+    def from_firing(p, exchange):
+        return xp.concatenate([p[:, half:closed], exchange, p[:, :half]], axis=1)
+
+    return from_firing(motored, exchange), from_firing(per_joule, xp.zeros_like(exchange))
 
 
 def _integral(values, over):

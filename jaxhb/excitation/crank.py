@@ -11,31 +11,12 @@ CRANK_SAMPLES = 512
 
 
 def slider_crank(angle, stroke, rod):
-    """Piston travel of a centric crank-slider and its two derivatives by the crank angle, exact.
+    """Travel x (m) of the piston from top dead centre and its derivatives x' and x'' by the crank angle (rad), exact.
 
-    With r = stroke/2, lambda = r/rod and q = sqrt(1 - lambda^2 sin^2 a): x = r (1 - cos a) + rod (1 - q), x'
-    = r (sin a + lambda sin a cos a / q), x'' = r (cos a + lambda cos 2a / q + lambda^3 sin^2 a cos^2 a /
-    q^3).
+    With r = stroke/2, lambda = r/rod < 1 and q = sqrt(1 - lambda^2 sin^2 a): x = r (1 - cos a) + rod (1 - q),
+    x' = r (sin a + lambda sin a cos a / q), x'' = r (cos a + lambda cos 2a / q + lambda^3 sin^2 a cos^2 a / q^3). Den
+    Hartog, *Mechanical Vibrations*, section 5.3.
 
-    Parameters
-    ----------
-    angle : array
-        Crank angle from top dead centre, rad.
-    stroke, rod : array
-        Stroke and length of the connecting rod, m; broadcast against ``angle``; rod > stroke/2.
-
-    Returns
-    -------
-    x, x1, x2 : array
-        Travel from top dead centre (m) and its first two derivatives by the angle (m/rad, m/rad2).
-
-    Notes
-    -----
-    Classical; Den Hartog, *Mechanical Vibrations*, section 5.3.
-
-    Examples
-    --------
-    >>> from jaxhb.excitation.crank import slider_crank
     >>> [round(float(v), 6) for v in slider_crank(0.0, 0.1, 0.2)]
     [0.0, 0.0, 0.0625]
     """
@@ -51,33 +32,21 @@ def slider_crank(angle, stroke, rod):
 
 
 def short_series_acceleration(angle, stroke, rod):
-    """x'' by the short series of Mendes, Meirelles and Zampieri 2008 (about 3 % of lambda from the exact
-    one).
+    """x'' by the short series of Mendes, Meirelles and Zampieri 2008 (about 3 % of lambda from the exact one).
 
-    x'' = r (cos a + lambda cos 2a - lambda^3/4 cos 4a + 9 lambda^5/128 cos 6a), in m/rad2; arguments as for
-    :func:`slider_crank`.
+    x'' = r (cos a + lambda cos 2a - lambda^3/4 cos 4a + 9 lambda^5/128 cos 6a); arguments as for :func:`slider_crank`.
     """
     xp, r = namespace(angle, stroke, rod), 0.5 * stroke
     ratio = r / rod
-    return r * (
-        xp.cos(angle)
-        + ratio * xp.cos(2 * angle)
-        - ratio**3 / 4 * xp.cos(4 * angle)
-        + 9 * ratio**5 / 128 * xp.cos(6 * angle)
-    )
+    series = xp.cos(angle) + ratio * xp.cos(2 * angle) - ratio**3 / 4 * xp.cos(4 * angle)
+    return r * (series + 9 * ratio**5 / 128 * xp.cos(6 * angle))
 
 
 def gas_torque(pressure, bore, stroke, rod, *, revolutions):
     """p A x'(a) in N m [..., M] at equal steps of the gas cycle from firing top dead centre on, in NumPy or JAX.
 
-    Parameters
-    ----------
-    pressure : array [..., M]
-        Pressure on the piston, Pa, at these steps.
-    bore, stroke, rod : array [...]
-        m.
-    revolutions : array [...]
-        Revolutions of the crank in a gas cycle: 2 (four-stroke) or 1.
+    ``pressure`` [..., M] in Pa at these steps; bore, stroke and rod [...] in m; ``revolutions`` [...] of the crank in a
+    gas cycle, 2 (four-stroke) or 1.
     """
     xp = namespace(pressure, bore, stroke, rod)
     pressure, *sizes = (xp.asarray(v, dtype=float) for v in (pressure, bore, stroke, rod, revolutions))

@@ -6,7 +6,6 @@ speed (:func:`components`, :func:`weights`): harmonics are taken of these once, 
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass, field
 from typing import Any, dataclass_transform
 
@@ -14,7 +13,7 @@ import numpy as np
 
 from jaxhb._jax import namespace, pytree
 from jaxhb._shown import brief
-from jaxhb.excitation.combustion import pressures
+from jaxhb.excitation.combustion import NUMBERS, pressures
 from jaxhb.excitation.crank import slider_crank
 
 Array = Any
@@ -199,10 +198,9 @@ def _per_share(cylinders, rows, revolutions):
     table, xp = cylinders.combustion, namespace(cylinders)
     seats = np.array(table.seats)[rows]
     bore, stroke, rod = (xp.asarray(v)[seats] for v in (cylinders.bore, cylinders.stroke, cylinders.rod))
-    # The first three fields are static.
-    given = {f.name: xp.asarray(getattr(table, f.name))[rows] for f in dataclasses.fields(table)[3:]}
-    heat, imep = given.pop("heat")[:, None], given.pop("imep")[:, None]
-    motored, per_joule = pressures(bore, stroke, rod, **given, revolutions=revolutions, samples=GAS_SAMPLES)
+    given = {name: xp.asarray(getattr(table, name))[rows] for name in (*NUMBERS, "heat", "imep")}
+    heat, imep = given["heat"][:, None], given["imep"][:, None]
+    motored, per_joule = pressures(bore, stroke, rod, given, revolutions=revolutions, samples=GAS_SAMPLES)
     angle = 2.0 * np.pi * revolutions * np.arange(GAS_SAMPLES) / GAS_SAMPLES
     travel = slider_crank(angle, stroke[:, None], rod[:, None])[1]
 

@@ -1,5 +1,4 @@
-"""Excitation: the torque of cylinders, given torques and loads as harmonics of the cycle. Pure functions on
-arrays.
+"""Excitation: the torque of cylinders, given torques and loads as harmonics of the cycle. Pure functions on arrays.
 
 A cylinder's gas torque is T = gas_factor (scale(rpm) p - p_ambient) A x'(a), its inertia torque at constant speed w of
 its own rotor T = -m x'(a) x''(a) w^2, with the travel x from top dead centre
@@ -27,60 +26,36 @@ if TYPE_CHECKING:
     from jaxhb.train.drivetrain import DriveTrain
     from jaxhb.train.topology import Topology
 
+INERTIA_ORDERS_THAT_COUNT = 6
+"""Orders of the inertia torque per revolution of its own rotor: the next is 0.04 % of the largest."""
+
+NEGLIGIBLE_GAS = 1e-6
+"""Share of the largest harmonic of a computed gas torque below which one does not count."""
+
 
 def gas_torque_harmonics(pressure, bore, stroke, rod, *, revolutions):
-    """Harmonics of :func:`~jaxhb.excitation.crank.gas_torque` over the gas cycle, arguments as there.
+    """Harmonics [..., M//2 + 1] of :func:`~jaxhb.excitation.crank.gas_torque` over the gas cycle, arguments as there.
 
-    Returns
-    -------
-    array [..., M//2 + 1], complex
-        N m; entry 0 the mean, entry k the coefficient of exp(i k a / revolutions), half the peak amplitude.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from jaxhb.excitation.torques import gas_torque_harmonics
-    >>> bool(abs(gas_torque_harmonics(np.ones(64) * 1e5, 0.1, 0.1, 0.2, revolutions=2)[0]) < 1e-9)
-    True
+    N m; entry 0 the mean, entry k the coefficient of exp(i k a / revolutions), half the peak amplitude.
     """
     torque = gas_torque(pressure, bore, stroke, rod, revolutions=revolutions)
     return fourier.analyze(torque, torque.shape[-1] // 2)
 
 
 def inertia_torque_harmonics(stroke, rod, *, short_series=False):
-    """Harmonics of :func:`~jaxhb.excitation.crank.inertia_torque` over a revolution, arguments as there.
+    """Harmonics [..., 257] of :func:`~jaxhb.excitation.crank.inertia_torque` over a revolution, arguments as there.
 
-    Returns
-    -------
-    array [..., 257], complex
-        N m; entry j the coefficient of exp(i j a), half the peak amplitude, a from top dead centre.
+    m2; entry j the coefficient of exp(i j a), half the peak amplitude, a from top dead centre. The series in lambda =
+    stroke/(2 rod) is Porter's (1943): -1/2 sin 2a - 3 lambda/4 sin 3a + ... times m r^2 w^2.
 
-    Notes
-    -----
-    The series in lambda = stroke/(2 rod) is Porter's (1943): -1/2 sin 2a - 3 lambda/4 sin 3a + ... times m r^2 w^2.
-
-    Examples
-    --------
-    >>> from jaxhb.excitation.torques import inertia_torque_harmonics
     >>> round(float(-2 * inertia_torque_harmonics(2.0, 5.0)[2].imag), 12)
     -0.500052072485
     """
     return fourier.analyze(inertia_torque(stroke, rod, short_series=short_series), CRANK_SAMPLES // 2)
 
 
-def pressure_cylinders(topology) -> tuple[int, ...]:
-    """Indices of the cylinders whose gas torque is computed."""
-    both = zip(topology.cylinder_source, topology.cylinder_fires, strict=True)
-    return tuple(i for i, (source, fires) in enumerate(both) if source in COMPUTED and fires)
-
-
-def gas_revolutions(topology, rows):
-    """Revolutions of the gas cycles of some cylinders."""
-    return tuple(topology.cylinder_gas_revolutions[i] for i in rows)
-
-
 @kept
-def pressure_harmonics(table, rows, revolutions):
+def _pressure_harmonics(table, rows, revolutions):
     """Harmonics of the gas cycle of p A x' [J, n, K], one for each component of p, and of p_ambient A x' [n, K].
 
     ``rows`` are the n cylinders of the table, ``revolutions`` those of their gas cycles.
@@ -95,32 +70,28 @@ def pressure_harmonics(table, rows, revolutions):
 
 
 @kept
-def unit_inertia_harmonics(table, short_series):
+def _unit_inertia_harmonics(table, short_series):
     """:func:`inertia_torque_harmonics` of the cylinders of a table."""
     return inertia_torque_harmonics(table.stroke, table.rod, short_series=np.array(short_series))
 
 
-__all__ = [
-    "excitation",
-    "highest_harmonic",
-    "listed_harmonic",
-    "load_power_kW",
-]
-
-INERTIA_ORDERS_THAT_COUNT = 6
-"""Orders of the inertia torque per revolution of its own rotor: the next is 0.04 % of the largest."""
-
-NEGLIGIBLE_GAS = 1e-6
-"""Share of the largest harmonic of a computed gas torque below which one does not count."""
+def _computed_gas(train):
+    """Cylinders whose gas torque is computed, and its :func:`_pressure_harmonics`, of the ambient pressure as well."""
+    topology = train.topology
+    both = zip(topology.cylinder_source, topology.cylinder_fires, strict=True)
+    rows = tuple(i for i, (source, fires) in enumerate(both) if source in COMPUTED and fires)
+    if not rows:
+        return rows, None, None
+    revolutions = tuple(topology.cylinder_gas_revolutions[i] for i in rows)
+    return rows, *_pressure_harmonics(train.cylinders, rows, revolutions)
 
 
 def excitation(train: DriveTrain, rpm, harmonics: int):
     """Torque on every disk as harmonics of the cycle, the loads that balance it, and what is left unbalanced.
 
     The loads satisfy: sum over disks of speed ratio x mean torque = 0, each taking its share; their pulsation is in
-    proportion to the torque that each takes. The angle 0 of
-    the reference rotor is firing top dead centre of a cylinder with ``firing_angle`` 0; an event later by
-    alpha of its own rotor multiplies by exp(-i order alpha).
+    proportion to the torque that each takes. The angle 0 of the reference rotor is firing top dead centre of a cylinder
+    with ``firing_angle`` 0; an event later by alpha of its own rotor multiplies by exp(-i order alpha).
 
     Parameters
     ----------
@@ -141,7 +112,6 @@ def excitation(train: DriveTrain, rpm, harmonics: int):
 
     Examples
     --------
-    >>> from jaxhb.excitation.torques import excitation
     >>> from jaxhb.scene.files import load_scene
     >>> torque, load, left = excitation(load_scene("gear_train_30"), 1800.0, 24)
     >>> torque.shape, load.shape
@@ -154,21 +124,81 @@ def excitation(train: DriveTrain, rpm, harmonics: int):
     seats = np.array([*topology.torque_disk, *topology.cylinder_disk], dtype=int)
     cycle = topology.cylinder_fires, topology.cylinder_gas_revolutions
     torque = _add(torque, seats, 0, mean_torques(train.torques, train.cylinders, *cycle, rpm))
-    torque = _add_given(torque, train, rpm)
+    torque = _add_listed(
+        torque,
+        topology.torque_disk,
+        topology.torque_harmonics,
+        lambda i, k, n: scale_at(train.torques, rpm)[i] * _coefficients(train.torques.harmonics, i, k),
+    )
     if topology.cylinder_names:
-        torque = _add_gas(torque, train, rpm)
-        torque = _add_inertia(torque, train, rpm, ratio)
-    load_disk = np.array(topology.load_disk, dtype=int)
+        torque = _add_cylinders(torque, train, rpm, ratio)
     # Power of the mean torques over the speed of the reference rotor: torque x speed ratio, summed.
     power = ratio @ torque[:, 0].real
     if not topology.load_disk:
         return torque, xp.zeros(0), power
-    share = xp.asarray(train.loads.share)
+    share, load_disk = xp.asarray(train.loads.share), np.array(topology.load_disk, dtype=int)
     # Each load takes its share of torque, and all together the power: sum of ratio x load torque = -power.
     load_torque = -power * share / (share @ ratio[load_disk])
     torque = _add(torque, load_disk, 0, load_torque)
-    torque = _add_pulsation(torque, train, load_torque)
+    torque = _add_listed(
+        torque,
+        topology.load_disk,
+        topology.load_harmonics,
+        lambda i, k, n: load_torque[i] * _coefficients(train.loads.harmonics, i, k),
+    )
     return torque, load_torque, ratio @ torque[:, 0].real
+
+
+def _add_cylinders(torque, train, rpm, ratio):
+    """Add the harmonics of the gas torques, given and computed, and of the reciprocating masses."""
+    topology, table, disks = train.topology, train.cylinders, train.topology.cylinder_disk
+    scale = scale_at(table, rpm)
+    factor = table.gas_factor if table.gas_factor is not None else np.ones(len(disks))
+
+    def phase(i, n):
+        """exp(-i order alpha) of cylinder i at harmonic n of the cycle; order in revolutions of its own rotor."""
+        order, xp = n / np.array(topology.cylinder_turn)[i], namespace(table.firing_angle)
+        return xp.exp(-1j * order * xp.deg2rad(table.firing_angle)[i])
+
+    def given(i, k, n):
+        return factor[i] * (scale[i] * _coefficients(table.gas_torque, i, k)) * phase(i, n)
+
+    lists = [row if f else () for row, f in zip(topology.cylinder_harmonics, topology.cylinder_fires, strict=True)]
+    torque = _add_listed(torque, disks, lists, given)
+    rows, parts, ambient = _computed_gas(train)
+
+    def computed(i, k, n):
+        row = np.searchsorted(rows, i)
+        gas = (weights(table, rpm)[:, i] * parts[:, row, k + 1]).sum(axis=0)
+        return factor[i] * (scale[i] * gas - ambient[row, k + 1]) * phase(i, n)
+
+    steps = enumerate(zip(topology.cylinder_step, topology.cylinder_gas, strict=True))
+    lists = [tuple(step * k for k in range(1, kept + 1)) if i in rows else () for i, (step, kept) in steps]
+    torque = _add_listed(torque, disks, lists, computed)
+
+    def inertia(i, k, n):
+        speed = ratio[np.array(disks, dtype=int)] * (2.0 * np.pi / 60.0) * rpm
+        unit = _unit_inertia_harmonics(table, topology.cylinder_series)
+        return (table.reciprocating_mass * speed**2)[i] * unit[i, k + 1] * phase(i, n)
+
+    turns = zip(topology.cylinder_inertia, topology.cylinder_turn, strict=True)
+    lists = [tuple(round(j * turn) for j in range(1, min(kept, CRANK_SAMPLES // 2) + 1)) for kept, turn in turns]
+    return _add_listed(torque, disks, lists, inertia)
+
+
+def _add_listed(torque, disks, numbers, values):
+    """Add ``values(i, k, n)`` of elements i on ``disks`` at their harmonics n = ``numbers[i][k]`` up to N."""
+    flat = [(i, k, n) for i, row in enumerate(numbers) for k, n in enumerate(row) if n < torque.shape[1]]
+    if not flat:
+        return torque
+    i, k, n = np.array(flat, dtype=int).T
+    return _add(torque, np.array(disks, dtype=int)[i], n, values(i, k, n))
+
+
+def _coefficients(rows, i, k):
+    """T^n of rows (Re, Im) of peak amplitudes."""
+    pair = rows[i, k]
+    return 0.5 * (pair[:, 0] + 1j * pair[:, 1])
 
 
 def _add(torque, disks, harmonics, values):
@@ -180,26 +210,8 @@ def _add(torque, disks, harmonics, values):
 
 
 def load_power_kW(train: DriveTrain, rpm, load_torque):  # noqa: N802
-    """Power that the loads take from the train.
+    """Power in kW that loads of ``load_torque`` [n_loads] N m take: -sum_j load_torque_j x ratio_j x 2 pi rpm / 60.
 
-    P = - sum_j load_torque_j x ratio_j x 2 pi rpm / 60.
-
-    Parameters
-    ----------
-    train : DriveTrain
-    rpm : float, scalar array
-        Speed of the reference rotor.
-    load_torque : array [n_loads]
-        N m, from :func:`excitation`.
-
-    Returns
-    -------
-    scalar array
-        kW.
-
-    Examples
-    --------
-    >>> from jaxhb.excitation.torques import excitation, load_power_kW
     >>> from jaxhb.scene.files import load_scene
     >>> train = load_scene("gear_train_30")
     >>> round(float(load_power_kW(train, 1800.0, excitation(train, 1800.0, 0)[1])), 1)
@@ -210,28 +222,10 @@ def load_power_kW(train: DriveTrain, rpm, load_torque):  # noqa: N802
 
 
 def highest_harmonic(train: DriveTrain) -> int:
-    """Largest harmonic of the cycle that the excitation holds to an extent that counts. Host: concrete
-    values.
+    """Largest harmonic n >= 1 of the cycle that the excitation holds to an extent that counts. Host: concrete values.
 
-    Counted are all harmonics given with an amplitude, inertia torques up to order 6 of their own rotor (the
-    next is 0.04 % of the largest), and of computed gas torques those above 1e-6 of the largest, always within
-    the cylinder's ``orders``.
-
-    Parameters
-    ----------
-    train : DriveTrain
-
-    Returns
-    -------
-    int
-        n >= 1; an analysis with fewer harmonics than this drops excitation.
-
-    Examples
-    --------
-    >>> from jaxhb.excitation.torques import highest_harmonic
-    >>> from jaxhb.scene.files import load_scene
-    >>> highest_harmonic(load_scene("gear_train_30"))
-    24
+    Counted are all harmonics given with an amplitude, inertia torques up to order 6 of their own rotor, and of computed
+    gas torques those above 1e-6 of the largest, always within the cylinder's ``orders``.
     """
     topology, found = train.topology, [1]
     given = [(topology.torque_harmonics, train.torques.harmonics)]
@@ -246,122 +240,22 @@ def highest_harmonic(train: DriveTrain) -> int:
     for i, (orders, turn) in enumerate(zip(topology.cylinder_inertia, topology.cylinder_turn, strict=True)):
         if orders and mass[i] > 0.0:
             found.append(round(min(orders, INERTIA_ORDERS_THAT_COUNT) * turn))
-    with_gas = pressure_cylinders(topology)
-    if with_gas:
-        gas, _ = pressure_harmonics(train.cylinders, with_gas, gas_revolutions(topology, with_gas))
-        for i, row in zip(with_gas, np.abs(np.asarray(gas)).max(axis=0), strict=True):
-            row = row[1 : topology.cylinder_gas[i] + 1]
-            counts = np.flatnonzero(row > NEGLIGIBLE_GAS * max(row.max(initial=0.0), 1e-300))
-            found += [(k + 1) * topology.cylinder_step[i] for k in counts.tolist()]
+    rows, gas, _ = _computed_gas(train)
+    for i, row in zip(rows, np.abs(np.asarray(gas)).max(axis=0) if rows else (), strict=True):
+        row = row[1 : topology.cylinder_gas[i] + 1]
+        counts = np.flatnonzero(row > NEGLIGIBLE_GAS * max(row.max(initial=0.0), 1e-300))
+        found += [(k + 1) * topology.cylinder_step[i] for k in counts.tolist()]
     return int(max(found))
 
 
 def listed_harmonic(topology: Topology) -> int:
-    """Largest harmonic of the cycle that the excitation can have, whatever the numbers of the train are.
+    """Largest harmonic n >= 1 of the cycle that the excitation can have, whatever the numbers of the train are.
 
-    Counted are all harmonics listed for torques and cylinders, of computed gas torques and of inertia torques
-    all that the cylinder's ``orders`` keeps; amplitudes of 0 and cylinders that misfire count like the others.
-    So it is never below :func:`highest_harmonic`, and it stays under :meth:`DriveTrain.replace` and
-    :meth:`DriveTrain.misfire`.
-
-    Parameters
-    ----------
-    topology : Topology
-
-    Returns
-    -------
-    int
-        n >= 1; :func:`excitation` with this many harmonics drops nothing.
-
-    Examples
-    --------
-    >>> from jaxhb.excitation.torques import listed_harmonic
-    >>> from jaxhb.scene.files import load_scene
-    >>> listed_harmonic(load_scene("gear_train_30").topology)
-    24
+    Amplitudes of 0 and cylinders that misfire count like the others: it is never below :func:`highest_harmonic`, stays
+    under :meth:`DriveTrain.replace` and :meth:`DriveTrain.misfire`, and with so many :func:`excitation` drops nothing.
     """
     listed = *topology.torque_harmonics, *topology.cylinder_harmonics, *topology.load_harmonics
     found = [1, *(n for row in listed for n in row)]
     found += [kept * step for kept, step in zip(topology.cylinder_gas, topology.cylinder_step, strict=True)]
     found += [round(kept * turn) for kept, turn in zip(topology.cylinder_inertia, topology.cylinder_turn, strict=True)]
     return int(max(found))
-
-
-def _entries(numbers, harmonics):
-    """Index arrays (element, column, n) of the given harmonics up to N."""
-    flat = [(i, k, n) for i, row in enumerate(numbers) for k, n in enumerate(row) if n <= harmonics]
-    return np.array(flat, dtype=int).reshape(-1, 3).T
-
-
-def _add_given(torque, train, rpm):
-    """Add the harmonics of the given torques."""
-    topology, table = train.topology, train.torques
-    disk = np.array(topology.torque_disk, dtype=int)
-    i, k, n = _entries(topology.torque_harmonics, torque.shape[1] - 1)
-    if not i.size:
-        return torque
-    pair = table.harmonics[i, k]
-    return _add(torque, disk[i], n, 0.5 * scale_at(table, rpm)[i] * (pair[:, 0] + 1j * pair[:, 1]))
-
-
-def _add_pulsation(torque, train, load_torque):
-    """Add what the loads pulsate, in proportion to their mean torques."""
-    i, k, n = _entries(train.topology.load_harmonics, torque.shape[1] - 1)
-    if not i.size:
-        return torque
-    pair = train.loads.harmonics[i, k]
-    return _add(
-        torque,
-        np.array(train.topology.load_disk, dtype=int)[i],
-        n,
-        0.5 * load_torque[i] * (pair[:, 0] + 1j * pair[:, 1]),
-    )
-
-
-def _phase(train, i, n):
-    """exp(-i order alpha) of cylinder i at harmonic n of the cycle; order in revolutions of its own rotor."""
-    order = n / np.array(train.topology.cylinder_turn)[i]
-    xp, angle = namespace(train.cylinders.firing_angle), train.cylinders.firing_angle
-    return xp.exp(-1j * order * xp.deg2rad(angle)[i])
-
-
-def _add_gas(torque, train, rpm):
-    """Add the harmonics of the gas torques, given and computed."""
-    topology, table = train.topology, train.cylinders
-    disk = np.array(topology.cylinder_disk, dtype=int)
-    scale = scale_at(table, rpm)
-    factor = table.gas_factor if table.gas_factor is not None else np.ones(len(disk))
-    lists = [row if f else () for row, f in zip(topology.cylinder_harmonics, topology.cylinder_fires, strict=True)]
-    i, k, n = _entries(lists, torque.shape[1] - 1)
-    if i.size:
-        pair = table.gas_torque[i, k]
-        value = 0.5 * scale[i] * (pair[:, 0] + 1j * pair[:, 1])
-        torque = _add(torque, disk[i], n, factor[i] * value * _phase(train, i, n))
-    rows = pressure_cylinders(topology)
-    if not rows:
-        return torque
-    parts, ambient = pressure_harmonics(table, rows, gas_revolutions(topology, rows))
-    rows = np.array(rows)
-    row_scale = scale[rows]
-    lists = [tuple(topology.cylinder_step[c] * k for k in range(1, topology.cylinder_gas[c] + 1)) for c in rows]
-    i, k, n = _entries(lists, torque.shape[1] - 1)
-    gas = (weights(table, rpm)[:, rows[i]] * parts[:, i, k + 1]).sum(axis=0)
-    value = factor[rows[i]] * (row_scale[i] * gas - ambient[i, k + 1])
-    return _add(torque, disk[rows[i]], n, value * _phase(train, rows[i], n))
-
-
-def _add_inertia(torque, train, rpm, ratio):
-    """Add the inertia torques of the reciprocating masses."""
-    topology, table = train.topology, train.cylinders
-    lists = [
-        tuple(round(j * turn) for j in range(1, min(orders, CRANK_SAMPLES // 2) + 1))
-        for orders, turn in zip(topology.cylinder_inertia, topology.cylinder_turn, strict=True)
-    ]
-    i, k, n = _entries(lists, torque.shape[1] - 1)
-    if not i.size:
-        return torque
-    disk = np.array(topology.cylinder_disk, dtype=int)
-    speed = ratio[disk] * (2.0 * np.pi / 60.0) * rpm
-    unit = unit_inertia_harmonics(table, topology.cylinder_series)
-    value = (table.reciprocating_mass * speed**2)[i] * unit[i, k + 1]
-    return _add(torque, disk[i], n, value * _phase(train, i, n))

@@ -158,7 +158,7 @@ def _tree(train):
             " Use jaxhb.natural_frequencies, on the command line jaxhb modes, which prints the energies, too."
         )
     ends, ground = train.topology.link_ends, train.topology.ground_disk
-    root = ground[0] if ground else chain.breadth_first(ends, len(system.mass), 0)[-1][0]
+    root = ground[0] if ground else chain.breadth_first(chain.neighbours(ends, len(system.mass)), 0)[-1][0]
     return chain.span_links(ends, len(system.mass), root), system
 
 

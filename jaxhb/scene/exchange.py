@@ -37,30 +37,11 @@ RIGID = 1e5
 
 
 def tors_content(text: str, source: str, errors: list[str]) -> dict:
-    """Read TORS.
+    """Tables of a scene from the JSON of TORS; ``errors`` gets sentences, beginning with the file ``source``.
 
-    Parameters
-    ----------
-    text : str
-        The JSON.
-    source : str
-        Name of the file, for errors.
-    errors : list of str
-        Gets a sentence for each thing that cannot be read.
+    What could not be read has harmless numbers there, so that the checks of a scene find what else is wrong and nothing
+    twice. Raises :class:`SceneError` if the text is no JSON or no TORS.
 
-    Returns
-    -------
-    dict
-        The tables of a scene. What could not be read has harmless numbers there, so that the checks of a scene find
-        what else is wrong and nothing twice.
-
-    Raises
-    ------
-    SceneError
-        If the text is no JSON or no TORS.
-
-    Examples
-    --------
     >>> parts = [{"type": "Disk", "name": "rotor", "inertia": 2.0}]
     >>> text = json.dumps({"structure": [], "components": [{"name": "c", "elements": parts}]})
     >>> tors_content(text, "c.json", [])["disk"]
@@ -73,30 +54,41 @@ def tors_content(text: str, source: str, errors: list[str]) -> dict:
     try:
         reader = _Tors(source, content["components"], content.get("structure", []))
         found = reader.read()
-        errors += dict.fromkeys(reader.errors)
-        return found
     except (KeyError, TypeError, AttributeError, IndexError, ValueError):
         raise SceneError(
             f"{source}: this is not TORS, which has 'components', each with 'name' and 'elements', and 'structure', a"
             " list of pairs 'component.element'. Give such a file."
         ) from None
+    errors += dict.fromkeys(reader.errors)
+    return found
 
 
 class _Tors:
     """Nodes, shafts and gears that are found on the way through the components."""
 
     def __init__(self, source, components, structure):
-        self.source, self.errors = source, []
-        names = [component["name"] for component in components]
-        twice = [name for name in names if names.count(name) > 1]
-        self.errors += [f"{source}: component {name!r} is given twice. Rename one of them." for name in twice]
-        self.components = {component["name"]: self._named(component) for component in components}
-        self.connections = {}
-        for begin, end in structure:
-            self._check_ends(begin, end)
-            self.connections.setdefault(begin, []).append(end.partition(".")[0])
+        self.source, self.errors, self.connections = source, [], {}
         self.nodes, self.walked = [], set()
         self.shafts, self.gears, self.meshes, self.excited = [], {}, [], False
+        names = [component["name"] for component in components]
+        for name in names:
+            if names.count(name) > 1:
+                self._tell(f"component {name!r} is given twice. Rename one of them.")
+        self.components = {component["name"]: self._named(component) for component in components}
+        for begin, end in structure:
+            for own in (begin, end):
+                elements = self.components.get(own.partition(".")[0])
+                if elements is not None and own not in elements:
+                    self._tell(f"'structure' names {own!r}, which does not exist.{suggestion(own, elements)}")
+                elif elements is None and own is begin:  # ends that are not there are found on the way
+                    self._no_component(own.partition(".")[0])
+            self.connections.setdefault(begin, []).append(end.partition(".")[0])
+
+    def _tell(self, sentence, own=""):
+        self.errors.append(f"{self.source}{f', {own!r}' if own else ''}: {sentence}")
+
+    def _no_component(self, name, why="does not exist"):
+        self._tell(f"component {name!r} {why}. Correct 'structure'.")
 
     def _named(self, component):
         """Elements of a component by their full names, without those that have none."""
@@ -104,53 +96,37 @@ class _Tors:
         for number, element in enumerate(component["elements"]):
             own = f"{component['name']}.{element.get('name')}"
             if "name" not in element:
-                where = f"component {component['name']!r}, element no. {number + 1}"
-                self.errors.append(f"{self.source}, {where}: the key 'name' is missing. Give it.")
+                where = f"{self.source}, component {component['name']!r}, element no. {number + 1}"
+                self.errors.append(f"{where}: the key 'name' is missing. Give it.")
             elif own in found:
-                self.errors.append(f"{self.source}, {own!r}: the element is given twice. Rename one of them.")
+                self._tell("the element is given twice. Rename one of them.", own)
             else:
                 found[own] = element
         return found
 
-    def _check_ends(self, begin, end):
-        """Find what a connection names that is not there; components that are not are found on the way."""
-        for own in (begin, end):
-            elements = self.components.get(own.partition(".")[0])
-            if elements is not None and own not in elements:
-                self.errors.append(
-                    f"{self.source}: 'structure' names {own!r}, which does not exist.{suggestion(own, elements)}"
-                )
-            elif elements is None and own is begin:
-                self._no_component(own.partition(".")[0])
-
-    def _no_component(self, name, why="does not exist"):
-        self.errors.append(f"{self.source}: component {name!r} {why}. Correct 'structure'.")
-
     def read(self):
-        """Go through the train from the component that no other one leads to; the scene."""
+        """The scene, on the way through the train from the component that no other one leads to."""
         reached = {end for ends in self.connections.values() for end in ends}
         first = [name for name in self.components if name not in reached]
         if len(first) != 1:
             which = ", ".join(map(repr, first)) or "none"
-            said = f"the train must begin at one component, not {which}. Correct 'structure'."
-            self.errors.append(f"{self.source}: {said}")
+            self._tell(f"the train must begin at one component, not {which}. Correct 'structure'.")
         for name in first:
-            self.walk(name, self._node(), ())
+            self._walk(name, self._node(), ())
         left = [name for name in self.components if name not in self.walked]
-        if len(first) == 1:
-            for name in left:
-                self._no_component(name, "is not connected to the others")
+        for name in left if len(first) == 1 else ():
+            self._no_component(name, "is not connected to the others")
         for name in left:  # what is wrong in them is told too
             if name not in self.walked:
-                self.walk(name, self._node(), ())
-        return self.content()
+                self._walk(name, self._node(), ())
+        return self._content()
 
     def _node(self):
         """Make a node; its number."""
         self.nodes.append({"inertia": 0.0, "damping": 0.0})
         return len(self.nodes) - 1
 
-    def walk(self, name, node, above):
+    def _walk(self, name, node, above):
         """Go through a component from a node on, and through those connected to it."""
         if name not in self.components:
             self._no_component(name)
@@ -161,18 +137,18 @@ class _Tors:
             for own, element in self.components[name].items():
                 node = self._add(name, own, element, node)
                 for other in self.connections.get(own, ()):
-                    self.walk(other, node, (*above, name))
+                    self._walk(other, node, (*above, name))
 
     def _add(self, component, own, element, node):
         """Put one element at a node; the node at which the component goes on."""
-        kind = element.get("type")
+        kind, known = element.get("type"), ["Disk", "ShaftDiscrete", "ShaftContinuous", "GearElement"]
         self.excited = self.excited or "excitation" in element
         if kind == "Disk":
             self._load(node, own, self._take(own, element, "inertia"), self._take(own, element, "damping", 0.0))
         elif kind in ("ShaftDiscrete", "ShaftContinuous"):
             end = self._node()
-            read = self._continuous if kind == "ShaftContinuous" else self._discrete
-            stiffness, inertia = read(own, element)
+            discrete = kind == "ShaftDiscrete"
+            stiffness, inertia = (self._take(own, element, "stiffness"), 0.0) if discrete else self._round(own, element)
             for at in (node, end):
                 self.nodes[at]["inertia"] += inertia / 2
             row = {"name": own, "stiffness": stiffness, "damping": self._take(own, element, "damping", 0.0)}
@@ -181,8 +157,7 @@ class _Tors:
         elif kind == "GearElement":
             return self._gear(component, own, element, node)
         else:
-            known = ["Disk", "ShaftDiscrete", "ShaftContinuous", "GearElement"]
-            self.errors.append(f"{self.source}, {own!r}: unknown type {kind!r}.{suggestion(kind, known)}")
+            self._tell(f"unknown type {kind!r}.{suggestion(kind, known)}", own)
         return node
 
     def _gear(self, component, own, element, node):
@@ -194,12 +169,12 @@ class _Tors:
         elif element.get("parent"):
             known = [name.partition(".")[2] for name in self.gears if name.startswith(f"{component}.")]
             said = f"its parent {element['parent']!r} is no gear before it in {component!r}"
-            self.errors.append(f"{self.source}, {own!r}: {said}.{suggestion(element['parent'], known)}")
+            self._tell(f"{said}.{suggestion(element['parent'], known)}", own)
         self._load(node, own, self._take(own, element, "inertia"), 0.0)
         toothed = "teeth" in element
         size = self._take(own, element, "teeth" if toothed else "diameter")
         if not size > 0.0:
-            self.errors.append(f"{self.source}, {own!r}: teeth or diameter is {size:g}, must be greater than 0.")
+            self._tell(f"teeth or diameter is {size:g}, must be greater than 0.", own)
             size = 1.0
         self.gears[own] = {"node": node, "toothed": toothed, "size": size}
         return node
@@ -215,35 +190,29 @@ class _Tors:
         """A number of an element; without a default the key must be there."""
         value = element.get(key, default)
         if not plain_number(value):
-            self.errors.append(f"{self.source}, {own!r}: the key {key!r} is missing or no number. Give it.")
+            self._tell(f"the key {key!r} is missing or no number. Give it.", own)
             return 1.0
         return float(value)
 
-    def _discrete(self, own, element):
-        return self._take(own, element, "stiffness"), 0.0
-
-    def _continuous(self, own, element):
+    def _round(self, own, element):
         """Stiffness and inertia of a round shaft."""
         length, outer = (1e-3 * self._take(own, element, key) for key in ("length", "outerDiameter"))
         inner, density = (self._take(own, element, *both) for both in (("innerDiameter", 0.0), ("density", 8000.0)))
-        inner *= 1e-3
-        area = math.pi * (outer**4 - inner**4) / 32.0
+        area = math.pi * (outer**4 - (1e-3 * inner) ** 4) / 32.0
         if not (length > 0.0 and area > 0.0):
-            self.errors.append(f"{self.source}, {own!r}: length and wall must be greater than 0 mm. Correct them.")
+            self._tell("length and wall must be greater than 0 mm. Correct them.", own)
             return 1.0, 0.0
         return SHEAR_MODULUS * area / length, density * area * length
 
-    def content(self):
+    def _content(self):
         """The scene."""
-        for k, node in enumerate(self.nodes):
-            node.setdefault("name", f"node {k}")
-        disks = [{key: node[key] for key in ("name", "inertia", "damping")} for node in self.nodes]
+        disks = [{"name": f"node {k}"} | node for k, node in enumerate(self.nodes)]
         shafts = [{"between": [disks[a]["name"], disks[b]["name"]], **row} for a, b, row in self.shafts]
         rigid = RIGID * max((row["stiffness"] for row in shafts), default=1e6)
         seats = {}
         for own, gear in self.gears.items():
             place = disks[gear["node"]]
-            radius = 0.5e-3 * gear["size"] if not gear["toothed"] else 0.5 * MODULE * gear["size"]
+            radius = (0.5 * MODULE if gear["toothed"] else 0.5e-3) * gear["size"]
             # A disk has one radius: a further gear of the node sits on a disk of its own.
             if place.get("radius", radius) != radius:
                 disks.append({"name": own if own != place["name"] else f"{own} gear", "inertia": 0.0})
@@ -257,21 +226,18 @@ class _Tors:
         for pair in self.meshes:
             if len({self.gears[own]["toothed"] for own in pair}) > 1:
                 text = f"{pair[0]!r} and {pair[1]!r} mesh, one with teeth, one with a diameter"
-                self.errors.append(f"{self.source}: {text}. Give both alike.")
+                self._tell(f"{text}. Give both alike.")
             ends = [seats[own] for own in pair]
             # As stiff in N m/rad as a rigid shaft at the smaller gear, and stiffer at the larger.
             stiffness = rigid / min(end["radius"] for end in ends) ** 2
             meshes.append({"between": [end["name"] for end in ends], "stiffness": stiffness})
         said = f"From {self.source}" + "; rigid gears are stiff meshes" * bool(meshes)
         said += "; its excitations are not read" * self.excited
-        rows = {"disk": disks, "shaft": shafts, "mesh": meshes}
-        tables = {table: [_sparse(row) for row in found] for table, found in rows.items() if found}
-        return {"scene": {"description": said, "reference": disks[0]["name"]}} | tables
-
-
-def _sparse(row):
-    """A row without dampings of 0."""
-    return {key: value for key, value in row.items() if key != "damping" or value}
+        content = {"scene": {"description": said, "reference": disks[0]["name"]}}
+        for table, rows in {"disk": disks, "shaft": shafts, "mesh": meshes}.items():
+            if rows:
+                content[table] = [{k: value for k, value in row.items() if k != "damping" or value} for row in rows]
+        return content
 
 
 def csv_content(text: str, source: str, errors: list[str]) -> dict:
@@ -279,8 +245,6 @@ def csv_content(text: str, source: str, errors: list[str]) -> dict:
 
     Rows above the first heads are left out, and told. Without inertias links have disks with harmless ones.
 
-    Examples
-    --------
     >>> text = "name,inertia\\na,1\\nb,2\\n\\nfrom,to,stiffness\\na,b,1e5\\n"
     >>> csv_content(text, "pair.csv", [])["shaft"]
     [{'between': ['a', 'b'], 'stiffness': 100000.0}]
@@ -288,10 +252,10 @@ def csv_content(text: str, source: str, errors: list[str]) -> dict:
     lines = [line for line in text.splitlines() if line.strip(" ,;") and not line.lstrip().startswith("#")]
     # Where decimals have commas, spreadsheets separate cells by semicolons.
     delimiter = ";" if lines and ";" in lines[0] else ","
+    rows = [[cell.strip() for cell in cells] for cells in csv.reader(lines, delimiter=delimiter)]
     content, heads = {}, None
-    for number, cells in enumerate(csv.reader(lines, delimiter=delimiter)):
-        cells = [cell.strip() for cell in cells]
-        if _is_head(cells):
+    for number, cells in enumerate(rows):
+        if cells[0] in ("name", "from"):
             heads = _heads(cells, source, errors)
             continue
         if heads is None:
@@ -307,7 +271,7 @@ def csv_content(text: str, source: str, errors: list[str]) -> dict:
             errors.append(f"{source}, row {number + 1}: link is {table!r}, must be 'shaft' or 'mesh'. Correct it.")
             continue
         content.setdefault(table, []).append(row)
-    if lines and not _is_head(next(csv.reader(lines, delimiter=delimiter))):
+    if rows and rows[0][0] not in ("name", "from"):
         begin = "'name', of inertias, or 'from', of links"
         errors.append(f"{source}: the first line must name columns, beginning with {begin}. Give the heads.")
     elif "disk" not in content:
@@ -318,17 +282,11 @@ def csv_content(text: str, source: str, errors: list[str]) -> dict:
     return {"scene": {"description": f"From {source}", "reference": content["disk"][0].get("name")}} | content
 
 
-def _is_head(cells):
-    """Whether a row names columns, of inertias or of links."""
-    return cells[0].strip() in ("name", "from")
-
-
 def _heads(heads, source, errors):
     """The columns by the keys that they mean; None for one that means no key of what the table holds."""
-    if heads[0] == "name":
-        known = [f.name for f in dataclasses.fields(Disk)]
-    else:
-        of_links = {f.name: None for cls in (Shaft, Mesh) for f in dataclasses.fields(cls)}
+    known = [f.name for f in dataclasses.fields(Disk)]
+    if heads[0] == "from":
+        of_links = dict.fromkeys(f.name for cls in (Shaft, Mesh) for f in dataclasses.fields(cls))
         known = ["from", "to", "link", *(name for name in of_links if name != "between")]
     wrong = [head for head in heads if head not in known]
     errors += [f"{source}: unknown column {head!r}.{suggestion(head, known)}" for head in wrong]

@@ -18,7 +18,7 @@ from pathlib import Path
 from jaxhb.elements.elements import TABLES, SceneError, Unread, suggestion
 from jaxhb.elements.engine import Engine
 from jaxhb.scene.exchange import csv_content, tors_content
-from jaxhb.train.assembly import train_fields
+from jaxhb.train.assembly import checked
 from jaxhb.train.drivetrain import DriveTrain
 
 _READERS = {".json": tors_content, ".csv": csv_content}
@@ -26,15 +26,10 @@ _SCENE_KEYS = ("name", "description", "revolutions_per_cycle", "reference", "rat
 
 
 def scene_names() -> list[str]:
-    """List the packaged scenes.
-
-    Returns
-    -------
-    list of str
+    """List the packaged scenes by their names.
 
     Examples
     --------
-    >>> from jaxhb.scene.files import scene_names
     >>> "gear_train_30" in scene_names()
     True
     """
@@ -42,26 +37,8 @@ def scene_names() -> list[str]:
 
 
 def scene_description(name) -> str:
-    """Read the description of a scene.
+    """Read ``description`` of the ``[scene]`` of a packaged scene or a file, empty if it has none.
 
-    Parameters
-    ----------
-    name : str or path
-        Packaged scene, or a path to a ``.toml``.
-
-    Returns
-    -------
-    str
-        ``description`` of its ``[scene]``, empty if it has none.
-
-    Raises
-    ------
-    SceneError
-        If there is no such scene or it is invalid TOML.
-
-    Examples
-    --------
-    >>> from jaxhb.scene.files import scene_description
     >>> scene_description("spur_pair").startswith("A pair of equal spur gears")
     True
     """
@@ -82,8 +59,7 @@ def load_scene(name: str | Path) -> DriveTrain:
     Returns
     -------
     DriveTrain
-        Where two gears that mesh both have ``teeth``, one of their radii is corrected, by up to 0.1 % a mesh, so that
-        the ratio is that of the teeth.
+        As :func:`jaxhb.build` makes it.
 
     Raises
     ------
@@ -92,23 +68,20 @@ def load_scene(name: str | Path) -> DriveTrain:
 
     Examples
     --------
-    >>> from jaxhb.scene.files import load_scene
     >>> load_scene("gear_train_30").topology.mesh_names[0]
     'crank gear|idler'
     """
     path = _find(name)
     errors = []
     content = _parse(path, errors)
-    whole = not errors
-    head = content.get("scene", {})
+    whole, head = not errors, content.get("scene", {})
     if not isinstance(head, dict):
         errors.append(f"{path.name}: 'scene' is {head!r}, must be a table. Write [scene].")
         head = {}
-    for key in head:
-        if key not in _SCENE_KEYS:
-            errors.append(f"{path.name}, [scene]: unknown key {key!r}.{suggestion(key, _SCENE_KEYS)}")
+    unknown = [key for key in head if key not in _SCENE_KEYS]
+    errors += [f"{path.name}, [scene]: unknown key {key!r}.{suggestion(key, _SCENE_KEYS)}" for key in unknown]
     elements, complete = _read_elements(path, content, errors)
-    fields = train_fields(
+    return checked(
         elements,
         name=str(head.get("name", path.stem)),
         reference=head.get("reference"),
@@ -120,7 +93,6 @@ def load_scene(name: str | Path) -> DriveTrain:
         findings=errors,
         complete=complete and whole,
     )
-    return DriveTrain(**fields)
 
 
 def _folder():
@@ -174,24 +146,23 @@ def _read_elements(path: Path, content: dict, errors: list[str]) -> tuple[list, 
     """Make the elements, and tell whether every table was read; sentences go to ``errors``."""
     elements, read, complete = [], {}, True
     for table, rows in content.items():
+        engine = table == "engine"
         if table in ("scene", "scenario", "tune"):
             continue
-        rows = [rows] if table == "engine" and isinstance(rows, dict) else rows
-        if table not in TABLES and table != "engine":
+        rows = [rows] if engine and isinstance(rows, dict) else rows
+        if table not in TABLES and not engine:
             known = ["scene", *TABLES, "engine", "scenario", "tune"]
             errors.append(f"{path.name}: unknown table {table!r}.{suggestion(table, known)}")
             complete = False
-            continue
-        if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        elif not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
             errors.append(f"{path.name}: {table!r} must be a list of tables. Write [[{table}]].")
             complete = False
-            continue
-        for i, row in enumerate(rows):
-            where = f"{path.name}, [engine]" if table == "engine" else f"{path.name}, [[{table}]] no. {i + 1}"
-            if isinstance(row.get("name"), str):
-                where += f" {row['name']!r}"
-            cls = Engine if table == "engine" else TABLES[table]
-            elements.append(_read_element(cls, row, where, path.parent, read, errors))
+        else:
+            for i, row in enumerate(rows):
+                where = f"{path.name}, " + ("[engine]" if engine else f"[[{table}]] no. {i + 1}")
+                where += f" {row['name']!r}" if isinstance(row.get("name"), str) else ""
+                cls = Engine if engine else TABLES[table]
+                elements.append(_read_element(cls, row, where, path.parent, read, errors))
     return elements, complete
 
 
@@ -210,27 +181,23 @@ def _read_element(cls, row: dict, where: str, folder: Path, read: dict, errors: 
             values[key] = row[key]
         elif f.default is dataclasses.MISSING:
             values.setdefault(key, None)
-        if f.metadata["kind"] in ("table", "tables"):
-            values |= _read_inner(f, row, where, folder, read, errors)
-        if f.metadata["kind"] == "rows" and isinstance(row.get(key), str):
+        kind, found = f.metadata["kind"], row.get(key)
+        # What is no table, or no list of tables, is found by the checks.
+        if kind == "table" and isinstance(found, dict):
+            values[key] = _read_element(f.metadata["of"], found, f"{where}, {key}", folder, read, errors)
+        elif kind == "tables" and isinstance(found, list) and all(isinstance(v, dict) for v in found):
+            places = [f"{where}, {key} no. {k + 1}" for k in range(len(found))]
+            made = [
+                _read_element(f.metadata["of"], v, p, folder, read, errors) for v, p in zip(found, places, strict=True)
+            ]
+            values[key] = tuple(made)
+        elif kind == "rows" and isinstance(found, str):
             try:
-                values[key] = _read_rows(folder / row[key], f.metadata["columns"], read)
+                values[key] = _read_rows(folder / found, f.metadata["columns"], read)
             except SceneError as error:
                 errors += [f"{where}: {key}: {text}" for text in error.sentences]
                 values[key] = Unread()
     return cls(**values)
-
-
-def _read_inner(f, row: dict, where: str, folder: Path, read: dict, errors: list[str]) -> dict:
-    """Make the table, or the list of tables, that a key of an element holds; what is none is found by the checks."""
-    found, cls = row.get(f.name), f.metadata["of"]
-    if f.metadata["kind"] == "table" and isinstance(found, dict):
-        return {f.name: _read_element(cls, found, f"{where}, {f.name}", folder, read, errors)}
-    if f.metadata["kind"] == "tables" and isinstance(found, list) and all(isinstance(v, dict) for v in found):
-        places = [f"{where}, {f.name} no. {k + 1}" for k in range(len(found))]
-        both = zip(found, places, strict=True)
-        return {f.name: tuple(_read_element(cls, v, place, folder, read, errors) for v, place in both)}
-    return {}
 
 
 def _read_rows(path: Path, columns: tuple[str, ...], read: dict) -> tuple:

@@ -19,20 +19,8 @@ DECADES = 2
 
 
 class TomlText:
-    """A TOML text whose values can be changed one by one.
+    """A valid TOML text whose values can be changed one by one; ``newline`` ends most of its lines, and all written.
 
-    Parameters
-    ----------
-    text : str
-        Valid TOML.
-
-    Attributes
-    ----------
-    newline : str
-        What ends most of its lines, and ends all that are written.
-
-    Examples
-    --------
     >>> text = TomlText("[[disk]]\\ninertia = 0.10e-3  # kg m2\\n\\n# the next one\\n[[disk]]\\ninertia = 2\\n")
     >>> text.set("disk", 0, "inertia", 1.25e-4)
     >>> text.set("disk", 0, "damping", 3.0)

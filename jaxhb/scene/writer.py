@@ -73,12 +73,7 @@ def elements_text(
     rated_rpm: float | None = None,
     tune: dict[str, Any] | None = None,
 ) -> str:
-    """The text of a scene of elements; arguments as for :func:`jaxhb.build`.
-
-    Returns
-    -------
-    str
-        TOML, which loads to the train that :func:`jaxhb.build` makes of the elements.
+    """TOML that loads to the train that :func:`jaxhb.build` makes of the elements; arguments as there.
 
     Examples
     --------
@@ -93,8 +88,12 @@ def elements_text(
     inertia = 2.0
     <BLANKLINE>
     """
-    head = {"name": name, "reference": reference, "revolutions_per_cycle": revolutions_per_cycle}
-    head["rated_rpm"] = rated_rpm
+    head = {
+        "name": name,
+        "reference": reference,
+        "revolutions_per_cycle": revolutions_per_cycle,
+        "rated_rpm": rated_rpm,
+    }
     content: dict[str, Any] = {"scene": {key: value for key, value in head.items() if value is not None}}
     for element in elements:
         content.setdefault(table_of(element), []).append(_given(element))
@@ -103,13 +102,9 @@ def elements_text(
 
 def _given(element):
     """The fields of an element that are not at their defaults, as TOML takes them."""
-    values = {f.name: getattr(element, f.name) for f in dataclasses.fields(element)}
-    defaults = {f.name: f.default for f in dataclasses.fields(element)}
-    return {key: _plain(value) for key, value in values.items() if not _same(value, defaults[key])}
-
-
-def _same(value, default):
-    return value is default or (not hasattr(value, "shape") and value == default)
+    both = [(f, getattr(element, f.name)) for f in dataclasses.fields(element)]
+    # An array equals no default, and has no one truth value.
+    return {f.name: _plain(v) for f, v in both if v is not f.default and (hasattr(v, "shape") or v != f.default)}
 
 
 def _plain(value):
@@ -129,12 +124,11 @@ def _text_of(path, content):
 def _expand(text, content):
     """Put the cylinders of engines behind those of the scene, or where the first engine is."""
     made = _made(content)
-    if not made:
-        return
-    if content.get("cylinder"):
+    if made and content.get("cylinder"):
         text.append("cylinder", made)
-        made = []
-    text.replace("engine", "cylinder", made)
+        text.replace("engine", "cylinder", [])
+    elif made:
+        text.replace("engine", "cylinder", made)
 
 
 def _made(content):
@@ -159,16 +153,8 @@ def _beside(content, folder):
 
 
 def element_files(name):
-    """Files that each torque and each cylinder of a scene takes its rows from.
+    """Files that the torques and the cylinders of a scene take their rows from, ``{field: file names}`` of each.
 
-    Returns
-    -------
-    dict
-        By table, "torque" and "cylinder", a list with ``{field: file names}`` of every element, in the order of the
-        train.
-
-    Examples
-    --------
     >>> element_files("six_cylinder_diesel")["cylinder"][0]["pressure"]
     'six_cylinder_diesel_pressure.csv'
     """
@@ -190,26 +176,11 @@ def scene_files(name):
 
 
 def changed_scene(name, values, *, remark=""):
-    """The text of a scene with some numbers changed, and the tables that lie beside it.
+    """The text of a scene with some numbers changed, and the tables beside it, as of :func:`scene_text`.
 
-    Parameters
-    ----------
-    name : str or path
-        Packaged scene, or the path of a ``.toml``.
-    values : dict
-        ``{(table, number of the row in its table, field): value}``; an engine whose cylinder changes is expanded.
-    remark : str
-        Lines of comment at the head.
+    ``values`` : ``{(table, number of the row in its table, field): value}``; an engine whose cylinder changes is
+    expanded. ``remark`` : lines of comment at the head.
 
-    Returns
-    -------
-    text : str
-        TOML, with the comments and the order of a ``.toml``.
-    beside : dict
-        ``{file name: Path}`` of the CSV files that the scene names, which belong beside it.
-
-    Examples
-    --------
     >>> text, beside = changed_scene("spur_pair", {("disk", 0, "inertia"): 0.25})
     >>> [line for line in text.splitlines() if line.startswith("inertia")], sorted(beside)
     (['inertia = 0.25', 'inertia = 0.0028144773233982723'], ['spur_pair_omega_squared.csv'])
@@ -230,13 +201,7 @@ def changed_scene(name, values, *, remark=""):
 
 
 def copies_beside(beside, folder, option="--output"):
-    """``{path: bytes}`` of the CSV files that must be copied into ``folder``, which ``option`` names.
-
-    Raises
-    ------
-    SceneError
-        If another file of that name lies there.
-    """
+    """``{path: bytes}`` of the CSV files to copy into ``folder``, which ``option`` names: where none lies there."""
     found = {}
     for name, source in beside.items():
         target = Path(folder) / name

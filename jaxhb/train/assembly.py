@@ -9,7 +9,6 @@ from collections.abc import Iterable
 from typing import Any
 
 from jaxhb.elements import checks, derived, value_checks
-from jaxhb.elements.checks import read_scenarios
 from jaxhb.elements.elements import SceneError
 from jaxhb.excitation import gas
 from jaxhb.train import connections, tables, train_checks
@@ -34,20 +33,16 @@ def build(
     ----------
     elements : iterable
         Elements such as :class:`jaxhb.Disk`, in SI units; disks keep their order.
-    name : str
-        Name of the scene.
+    name, source : str
+        Of the scene, and where its elements come from, for the sentences of errors.
     reference : str, optional
         A disk of the rotor whose rpm is given; needed when there are several rotors.
     revolutions_per_cycle : float
         Period of the excitation in revolutions of the reference rotor.
     rated_rpm : float, optional
         Rated speed of the reference rotor; limits of stresses depend on the speed over it.
-    tune : dict, optional
-        Passed on untouched.
-    scenarios : dict, optional
-        ``{name: {"NAME.FIELD": value}}`` for :meth:`DriveTrain.scenario`.
-    source : str
-        Where the elements come from, for the sentences of errors.
+    tune, scenarios : dict, optional
+        The first is passed on untouched; ``{name: {"NAME.FIELD": value}}`` for :meth:`DriveTrain.scenario`.
 
     Returns
     -------
@@ -69,36 +64,20 @@ def build(
     >>> train.value("a|b.stiffness")
     10000.0
     """
-    return DriveTrain(
-        **train_fields(
-            elements,
-            name=name,
-            reference=reference,
-            revolutions_per_cycle=revolutions_per_cycle,
-            rated_rpm=rated_rpm,
-            tune=tune,
-            scenarios=scenarios,
-            source=source,
-        )
-    )
+    head = {
+        "revolutions_per_cycle": revolutions_per_cycle,
+        "rated_rpm": rated_rpm,
+        "tune": tune,
+        "scenarios": scenarios,
+    }
+    return checked(elements, name=name, reference=reference, source=source, **head)
 
 
-def train_fields(
-    elements,
-    *,
-    name,
-    reference,
-    revolutions_per_cycle,
-    tune,
-    source,
-    rated_rpm=None,
-    scenarios=None,
-    findings=(),
-    complete=True,
-) -> dict:
-    """Check the elements and make the fields of a drive train.
+def checked(
+    elements, *, name, reference, revolutions_per_cycle, rated_rpm, tune, scenarios, source, findings=(), complete=True
+) -> DriveTrain:
+    """As :func:`build`, with sentences found before; ``complete`` is False where tables of the scene were not read.
 
-    ``findings`` are sentences found before; ``complete`` is False where tables of the scene could not be read.
     Every check runs on what is sound, and all sentences are raised together.
     """
     parts = checks.Parts(elements, source, complete=complete)
@@ -122,7 +101,7 @@ def train_fields(
     errors += train_checks.hold_errors(parts, main)
     errors += train_checks.balance_errors(parts, ratio) if not locked else []
     errors += value_checks.rated_errors(parts, rated_rpm)
-    scenarios, unknown = read_scenarios(parts, scenarios)
+    scenarios, unknown = checks.read_scenarios(parts, scenarios)
     errors += unknown
     if errors:
         raise SceneError(dict.fromkeys(errors))  # what cylinders of one engine share is said once
@@ -135,27 +114,26 @@ def train_fields(
     # Only now: nothing follows from keys that a sentence was said about.
     for table in derived.LINKS:
         parts.tables[table] = [derived.completed(link) for link in parts.tables[table]]
-    return {"topology": topology} | _tables(parts)
+    return DriveTrain(topology=topology, **tables.of_elements(parts.tables))
 
 
 def _cycle_value_errors(source, cycle) -> list[str]:
     """Check revolutions_per_cycle."""
-    if checks.number_like(cycle) and math.isfinite(float(cycle)) and float(cycle) > 0.0:
+    if value_checks.number_like(cycle) and math.isfinite(float(cycle)) and float(cycle) > 0.0:
         return []
     return [
-        f"{source}, [scene]: revolutions_per_cycle is {checks.shown(cycle)}, must be a number greater than 0."
+        f"{source}, [scene]: revolutions_per_cycle is {value_checks.shown(cycle)}, must be a number greater than 0."
         " Correct it."
     ]
 
 
 def _exact_radii(parts) -> list:
     """Radii that the numbers of teeth make exact, None where absent, for disks and rings."""
-    disks, rings = parts.tables["disk"], [None] * len(parts.tables["damper"])
-    usable = [parts.usable("disk", i, "radius", "teeth") for i in range(len(disks))]
-    teeth = [int(d.teeth or 0) if good else 0 for d, good in zip(disks, usable, strict=True)]
-    radius = [d.radius if good else None for d, good in zip(disks, usable, strict=True)]
-    teeth = [t if r is not None else 0 for t, r in zip(teeth, radius, strict=True)]
-    return connections.exact_radii([*radius, *rings], [*teeth, *(0 for _ in rings)], parts.ends("mesh"))
+    rings = len(parts.tables["damper"])
+    disks = [d if parts.usable("disk", i, "radius", "teeth") else None for i, d in enumerate(parts.tables["disk"])]
+    radius = [*(d and d.radius for d in disks), *[None] * rings]
+    teeth = [*(int(d.teeth or 0) if d and d.radius is not None else 0 for d in disks), *[0] * rings]
+    return connections.exact_radii(radius, teeth, parts.ends("mesh"))
 
 
 def _gearing(parts, root: int | None, radii):
@@ -217,15 +195,26 @@ def _harmonic_needs(parts, ratio) -> list[tuple]:
 def _orders(rows) -> list[float]:
     """Orders of the sound rows of a table of harmonics."""
     rows = rows if isinstance(rows, tuple | list) else ()
-    found = [float(row[0]) for row in rows if isinstance(row, tuple | list) and row and checks.number_like(row[0])]
+    found = [
+        float(row[0]) for row in rows if isinstance(row, tuple | list) and row and value_checks.number_like(row[0])
+    ]
     return [order for order in found if math.isfinite(order) and order > 0.0]
 
 
 def _topology(parts, rotors, reference_disk, *, name, cycle, tune, ratio) -> Topology:
     """Collect the static half of the train."""
-    t, names = parts.tables, {table: tuple(n) for table, n in parts.names.items()}
-    seats = {k: tuple(parts.sits_on(k)) for k in ("damper", "ground", "load", "torque")}
+    t, links = parts.tables, [*parts.tables["shaft"], *parts.tables["damper"]]
+    seats = {table: tuple(parts.sits_on(table)) for table in ("damper", "ground", "load", "torque", "cylinder")}
     own = [ratio[d] if e.orders_of == "own" else 1.0 for d, e in zip(seats["torque"], t["torque"], strict=True)]
+    named: dict[str, Any] = {f"{table}_names": tuple(n) for table, n in parts.names.items() if table != "disk"}
+    named |= {f"{table}_disk": disks for table, disks in seats.items()}
+    # Ratios of radii round: what is whole to 1e-6 is whole.
+    turn = [ratio[d] * cycle for d in seats["cylinder"]]
+    turn = [float(round(v)) if train_checks.whole(v) else v for v in turn]
+
+    def harmonics(rows, per_order):
+        return tuple(tuple(round(row[0] * factor) for row in own) for own, factor in zip(rows, per_order, strict=True))
+
     return Topology(
         name=name,
         revolutions_per_cycle=cycle,
@@ -236,96 +225,39 @@ def _topology(parts, rotors, reference_disk, *, name, cycle, tune, ratio) -> Top
         n_rotors=len(rotors.ratio),
         reference_rotor=rotors.rotor[reference_disk],
         rotor_path=rotors.path,
-        shaft_names=names["shaft"],
         shaft_ends=tuple(parts.ends("shaft")),
-        mesh_names=names["mesh"],
         mesh_ends=tuple(parts.ends("mesh")),
         mesh_internal=tuple(m.kind == "internal" for m in t["mesh"]),
         mesh_backlash=tuple(m.backlash is not None for m in t["mesh"]),
         mesh_damping_law=tuple(m.damping_law for m in t["mesh"]),
-        damper_names=names["damper"],
-        damper_disk=seats["damper"],
-        ground_names=names["ground"],
-        ground_disk=seats["ground"],
-        load_names=names["load"],
-        load_disk=seats["load"],
-        torque_names=names["torque"],
-        torque_disk=seats["torque"],
         torque_own=tuple(e.orders_of == "own" for e in t["torque"]),
-        torque_harmonics=tuple(
-            tuple(round(row[0] * f * cycle) for row in e.harmonics) for e, f in zip(t["torque"], own, strict=True)
-        ),
-        load_harmonics=tuple(
-            tuple(round(row[0] * ratio[d] * cycle) for row in e.harmonics)
-            for d, e in zip(seats["load"], t["load"], strict=True)
-        ),
+        torque_harmonics=harmonics([e.harmonics for e in t["torque"]], [factor * cycle for factor in own]),
+        load_harmonics=harmonics([e.harmonics for e in t["load"]], [ratio[d] * cycle for d in seats["load"]]),
+        cylinder_harmonics=harmonics([c.gas_torque or () for c in t["cylinder"]], turn),
+        cylinder_turn=tuple(turn),
+        cylinder_series=tuple(c.kinematics == "mendes2008" for c in t["cylinder"]),
+        cylinder_fires=tuple(c.fires for c in t["cylinder"]),
         tune=json.dumps(tune or {}, default=str),
         link_keys=derived.link_keys([link for table in derived.LINKS for link in t[table]]),
-        **_varying_links(t),
-        **_cylinder_topology(parts, ratio, cycle),
+        hz_links=tuple(i for i, e in enumerate(links) if e.over_hz),
+        amplitude_links=tuple(i for i, e in enumerate(links) if e.over_amplitude),
+        order_links=tuple(i for i, e in enumerate(links) if getattr(e, "order", None) is not None),
+        **named,
+        **_computed_torques(t["cylinder"], turn),
     )
 
 
-def _varying_links(t) -> dict:
-    """Collect the links that vary (:mod:`jaxhb.train.varying`)."""
-    links = [*t["shaft"], *t["damper"]]
-    return {
-        "hz_links": tuple(i for i, e in enumerate(links) if e.over_hz),
-        "amplitude_links": tuple(i for i, e in enumerate(links) if e.over_amplitude),
-        "order_links": tuple(i for i, e in enumerate(links) if getattr(e, "order", None) is not None),
-    }
-
-
-def _cylinder_topology(parts, ratio, cycle) -> dict:
-    """Collect the static fields of the cylinders."""
-    cylinders, disks = parts.tables["cylinder"], parts.sits_on("cylinder")
-    turn = [ratio[d] * cycle for d in disks]
-    # Ratios of radii round: what is whole to 1e-6 is whole.
-    turn = [float(round(v)) if train_checks.whole(v) else v for v in turn]
-    turns = [gas.gas_revolutions(c) for c in cylinders]
-    computed = [gas.source(c) for c in cylinders]
-    given = [c.gas_torque is not None or c.gas_torque_mean is not None for c in cylinders]
-    source = [name or ("harmonics" if g else "none") for name, g in zip(computed, given, strict=True)]
-    return {
-        "cylinder_names": tuple(parts.names["cylinder"]),
-        "cylinder_disk": tuple(disks),
-        "cylinder_source": tuple(source),
-        "cylinder_harmonics": tuple(
-            tuple(round(row[0] * v) for row in c.gas_torque or ()) for c, v in zip(cylinders, turn, strict=True)
-        ),
-        "cylinder_step": tuple(round(v / k) if name else 0 for name, v, k in zip(computed, turn, turns, strict=True)),
-        "cylinder_turn": tuple(turn),
-        "cylinder_gas_revolutions": tuple(turns),
-        "cylinder_gas": tuple(
-            # 1e-9 keeps a product that rounds below a whole number.
-            math.floor(c.orders * k + 1e-9) if name else 0
-            for c, name, k in zip(cylinders, computed, turns, strict=True)
-        ),
-        "cylinder_inertia": tuple(
-            math.floor(c.orders + 1e-9) if None not in (c.stroke, c.rod) and train_checks.whole(v) else 0
-            for c, v in zip(cylinders, turn, strict=True)
-        ),
-        "cylinder_series": tuple(c.kinematics == "mendes2008" for c in cylinders),
-        "cylinder_fires": tuple(c.fires for c in cylinders),
-    }
-
-
-def _tables(parts) -> dict:
-    """Collect the numbers."""
-    t, column = parts.tables, tables.column
-
-    def plain(cls, table):
-        names = [f.name for f in dataclasses.fields(cls) if f.default is not None]
-        given = {n: (tables.factor_rows if n.startswith("over_") else column)(t[table], n) for n in names}
-        return cls(**given, **tables.optional_columns(t[table], cls))
-
-    return {
-        "disks": plain(tables.Disks, "disk"),
-        "shafts": plain(tables.Shafts, "shaft"),
-        "meshes": tables.mesh_table(t["mesh"]),
-        "dampers": plain(tables.Dampers, "damper"),
-        "grounds": plain(tables.Grounds, "ground"),
-        "loads": tables.load_table(t["load"]),
-        "torques": tables.torque_table(t["torque"]),
-        "cylinders": tables.cylinder_table(t["cylinder"]),
-    }
+def _computed_torques(cylinders, turn) -> dict:
+    """Where the gas torque of each cylinder comes from, and how many harmonics are computed."""
+    kinds = {"source": [], "step": [], "gas_revolutions": [], "gas": [], "inertia": []}
+    for c, per_order in zip(cylinders, turn, strict=True):
+        computed, turns = gas.source(c), gas.gas_revolutions(c)
+        given = c.gas_torque is not None or c.gas_torque_mean is not None
+        moves = None not in (c.stroke, c.rod) and train_checks.whole(per_order)
+        kinds["source"].append(computed or ("harmonics" if given else "none"))
+        kinds["step"].append(round(per_order / turns) if computed else 0)
+        kinds["gas_revolutions"].append(turns)
+        # 1e-9 keeps a product that rounds below a whole number.
+        kinds["gas"].append(math.floor(c.orders * turns + 1e-9) if computed else 0)
+        kinds["inertia"].append(math.floor(c.orders + 1e-9) if moves else 0)
+    return {f"cylinder_{kind}": tuple(values) for kind, values in kinds.items()}

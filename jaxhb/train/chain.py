@@ -20,6 +20,7 @@ import numpy as np
 from jaxhb._jax import namespace
 from jaxhb.equations.block_sweep import Slots, slots
 from jaxhb.equations.kinematics import speed_ratios
+from jaxhb.train.connections import breadth_first, neighbours
 from jaxhb.train.varying import refuse_varying
 
 ALL = slice(None)
@@ -149,10 +150,8 @@ def span(topology):
 def condense_chains(tree, root, teeth):
     """The :class:`Condensation` of a tree in which the disks ``teeth`` and ``root`` are kept, and all that branch."""
     ends = list(zip(tree.end_a.tolist(), tree.end_b.tolist(), strict=True))
-    disks, at = len(tree.node), [[] for _ in tree.node]
-    for index, pair in enumerate(ends):
-        for disk in pair:
-            at[disk].append(index)
+    disks = len(tree.node)
+    at = [[link for _, link in joined] for joined in neighbours(ends, disks)]
     wanted = {root, *teeth, *(disk for index in tree.loops for disk in ends[index])}
     kept = [disk for disk in range(disks) if disk in wanted or len(at[disk]) > 2]
     number = {disk: i for i, disk in enumerate(kept)}
@@ -208,7 +207,7 @@ def span_links(ends, disks, root):
             loops.append(index)
         else:
             group[find(a)] = find(b)
-    reached = breadth_first(ends, disks, root, without=loops)
+    reached = breadth_first(neighbours(ends, disks, loops), root)
     outward = [disk for disk, *_ in reached]
     above, via = {disk: before for disk, before, _ in reached}, {disk: link for disk, _, link in reached}
     branches = {disk: [] for disk in outward}
@@ -224,29 +223,11 @@ def span_links(ends, disks, root):
         stack += sorted(branches[disk], key=weight.get, reverse=True)
     order.reverse()
     position = {disk: s for s, disk in enumerate(order)}
-    parent = np.array([position[above[d]] if above[d] >= 0 else disks for d in order], dtype=np.int32)
-    link = np.array([via[d] for d in order], dtype=np.int32)
-    end_a = np.array([a for a, _ in ends], dtype=np.int32)
-    end_b = np.array([b for _, b in ends], dtype=np.int32)
-    node = np.array(order, dtype=np.int32)
+    parent = _index([position[above[d]] if above[d] >= 0 else disks for d in order])
+    link = _index([via[d] for d in order])
+    end_a, end_b, node = _index([a for a, _ in ends]), _index([b for _, b in ends]), _index(order)
     from_a = end_a[link] == node if len(ends) else np.ones(disks, bool)
-    return Tree(node, parent, slots(parent), link, from_a, np.array(loops, dtype=np.int32), end_a, end_b)
-
-
-def breadth_first(ends, disks, root, without=()):
-    """Disks that links ``ends`` reach from a root, breadth first: (disk, the one before, the link to it) of each."""
-    neighbours = [[] for _ in range(disks)]
-    for index, (a, b) in enumerate(ends):
-        if index not in without:
-            neighbours[a].append((b, index))
-            neighbours[b].append((a, index))
-    seen, outward = {root}, [(root, -1, 0)]
-    for disk, _, _ in outward:
-        for other, index in neighbours[disk]:
-            if other not in seen:
-                seen.add(other)
-                outward.append((other, disk, index))
-    return outward
+    return Tree(node, parent, slots(parent), link, from_a, _index(loops), end_a, end_b)
 
 
 def displacement_radii(train):
@@ -263,21 +244,7 @@ def displacement_radii(train):
 
 
 def assemble(train):
-    """The :class:`System` of a drive train; every number of the train stays differentiable.
-
-    Parameters
-    ----------
-    train : DriveTrain
-
-    Returns
-    -------
-    System
-
-    Raises
-    ------
-    SceneError
-        If a link varies with frequency, amplitude or speed, naming it.
-    """
+    """The :class:`System` of a drive train without links that vary; every number stays differentiable."""
     refuse_varying(train.topology)
     xp = namespace(train)
     topology, tree = train.topology, span(train.topology)
@@ -285,11 +252,11 @@ def assemble(train):
     square = radius**2
     zeros = np.zeros_like(train.dampers.inertia) if xp is np else xp.zeros_like(train.dampers.inertia)
     ground = _add_at(xp, xp.zeros(len(radius)), _index(topology.ground_disk), train.grounds.stiffness)
-    shaft_at = square[_first(topology.shaft_ends)]
+    shaft_at = square[_index([a for a, _ in topology.shaft_ends])]
     ring_at = square[_index(topology.damper_disk)]
     gear_radius = xp.concatenate([xp.asarray(train.disks.radius), zeros])
     unit = xp.ones(len(topology.shaft_names) + len(topology.damper_names))
-    mesh_a, mesh_b = _first(topology.mesh_ends), _second(topology.mesh_ends)
+    mesh_a, mesh_b = (_index([ends[k] for ends in topology.mesh_ends]) for k in (0, 1))
     meshes, shafts, dampers = train.meshes, train.shafts, train.dampers
     return System(
         tree=tree,
@@ -308,14 +275,6 @@ def assemble(train):
 
 def _index(values):
     return np.array(values, dtype=np.int32)
-
-
-def _first(ends):
-    return _index([a for a, _ in ends])
-
-
-def _second(ends):
-    return _index([b for _, b in ends])
 
 
 def _add_at(xp, sums, index, values):

@@ -7,8 +7,9 @@ import dataclasses
 import numpy as np
 
 from jaxhb._jax import traced
-from jaxhb.elements import checks, derived
+from jaxhb.elements import derived, value_checks
 from jaxhb.elements.elements import TABLES, Combustion, Mesh, SceneError, Trace, suggestion
+from jaxhb.equations.kinematics import rotor_ratios
 from jaxhb.excitation import gas
 from jaxhb.train import connections
 from jaxhb.train.connections import RATIO_TOLERANCE
@@ -17,56 +18,55 @@ from jaxhb.train.varying import NEEDS
 
 _WORDS = {f.name: f.metadata["words"] for f in dataclasses.fields(Mesh) if f.metadata["kind"] == "choice"}
 _FRIDMAN = {"epsilon": FRIDMAN_EPSILON, "transition": FRIDMAN_TRANSITION}
+_NO_BACKLASH = "the mesh has no backlash, it is always in contact. Build the scene with a backlash."
 
 
-def chosen(train, values, locate):
-    """Take what is no number of the train from ``{"NAME.FIELD": value}``.
+def _choose(train, values):
+    """Take laws and numbers of teeth, which are no numbers of the train, from ``{"NAME.FIELD": value}``.
 
-    Parameters
-    ----------
-    train : DriveTrain
-    values : dict
-    locate : callable, (topology, key) -> table, field, index
-
-    Returns
-    -------
-    train : DriveTrain
-        With these laws and numbers of teeth.
-    numbers : dict
-        The other values, and the numbers that follow: ``law`` sets ``epsilon`` and ``transition``, ``teeth`` the
-        ``radius`` with the tooth pitch that the gear has.
-    faults : list of str
+    Returns the train with these, the other values with those that follow (``law`` sets ``epsilon`` and ``transition``,
+    ``teeth`` the ``radius`` at the tooth pitch that the gear has), and sentences.
     """
-    numbers, faults, topology, radii = {}, [], train.topology, {}
+    numbers, faults, topology = {}, [], train.topology
     laws, teeth = list(topology.mesh_damping_law), list(topology.teeth)
     for key, value in values.items():
         try:
             table, field, index = locate(topology, key)
         except SceneError:  # told with the numbers
             table, field, index = None, None, None
-        head = f"{topology.title}, replace {key!r}: "
+        fault = ""
         if table == "mesh" and field in ("law", "damping_law"):
-            fault = _word_fault(topology, index, field, value)
-            if field == "law" and not fault:
-                name = topology.mesh_names[index]
-                numbers |= {f"{name}.{own}": number for own, number in _FRIDMAN.items()}
-            laws[index] = value if field == "damping_law" and not fault else laws[index]
+            known = [word for word in _WORDS[field] if word]
+            if not topology.mesh_backlash[index]:
+                fault = _NO_BACKLASH
+            elif value not in known:
+                fault = f"{field} is {value!r}.{suggestion(value, known)}"
+            elif field == "law":
+                numbers |= {f"{topology.mesh_names[index]}.{own}": number for own, number in _FRIDMAN.items()}
+            else:
+                laws[index] = value
         elif table == "disk" and field == "teeth":
-            fault = _teeth_fault(topology, index, value)
-            if not fault:
-                radii[index] = np.asarray(train.disks.radius)[index] * int(value) / teeth[index]
+            good = isinstance(value, int | float | np.integer | np.floating) and value >= 1 and value == int(value)
+            if not topology.teeth[index]:
+                fault = (
+                    "the gear has no teeth in the scene, its ratio is that of the radii. Build the scene with teeth."
+                )
+            elif not good:
+                fault = f"teeth is {value!r}, must be a whole number of at least 1."
+            else:
+                radius = np.asarray(train.disks.radius)[index] * int(value) / teeth[index]
+                numbers[f"{topology.disk_names[index]}.radius"] = radius
                 teeth[index] = int(value)
         else:
-            numbers[key], fault = value, ""
-        faults += [head + fault] if fault else []
-    if laws == list(topology.mesh_damping_law) and not radii:
-        return train, numbers, faults
-    topology = dataclasses.replace(topology, mesh_damping_law=tuple(laws), teeth=tuple(teeth))
-    numbers |= {f"{topology.disk_names[index]}.radius": radius for index, radius in radii.items()}
-    return dataclasses.replace(train, topology=topology), numbers, faults
+            numbers[key] = value
+        faults += [f"{topology.title}, replace {key!r}: {fault}"] if fault else []
+    chosen = {"mesh_damping_law": tuple(laws), "teeth": tuple(teeth)}
+    if any(getattr(topology, name) != new for name, new in chosen.items()):
+        train = dataclasses.replace(train, topology=dataclasses.replace(topology, **chosen))
+    return train, numbers, faults
 
 
-def scene_values(train, settings, locate):
+def scene_values(train, settings):
     """What a scene file has to say of the settings ``{"NAME.FIELD": value}`` of a train that they made, by table, row
     and field."""
     found = {}
@@ -79,20 +79,6 @@ def scene_values(train, settings, locate):
         if field == "teeth":
             found[table, index, "radius"] = float(np.asarray(train.disks.radius)[index])
     return found
-
-
-def _word_fault(topology, index, field, value):
-    known = [word for word in _WORDS[field] if word]
-    if not topology.mesh_backlash[index]:
-        return "the mesh has no backlash, it is always in contact. Build the scene with a backlash."
-    return "" if value in known else f"{field} is {value!r}.{suggestion(value, known)}"
-
-
-def _teeth_fault(topology, index, value):
-    if not topology.teeth[index]:
-        return "the gear has no teeth in the scene, its ratio is that of the radii. Build the scene with teeth."
-    good = isinstance(value, int | float | np.integer | np.floating) and value >= 1 and value == int(value)
-    return "" if good else f"teeth is {value!r}, must be a whole number of at least 1."
 
 
 _TABLE_OF = {table: f"{table}s" for table in TABLES} | {"mesh": "meshes"}
@@ -177,7 +163,7 @@ def read(train, key: str):
 
 def replace(train, values):
     """Change numbers; see :meth:`DriveTrain.replace`."""
-    before, (train, values, errors), changes = train, chosen(train, values, locate), {}
+    before, (train, values, errors), changes = train, _choose(train, values), {}
     for key, value in values.items():
         try:
             table, field, index = _locate(train, key)
@@ -224,9 +210,7 @@ def without_backlash(train):
 
 def _set(vector, new):
     """Put values at their indices: on the host by a copy, under tracing in one scatter."""
-    indices = np.array(list(new))
-    plain = isinstance(vector, np.ndarray) and not traced(new)
-    if plain:
+    if isinstance(vector, np.ndarray) and not traced(new):
         vector = vector.copy()
         for index, value in new.items():
             value = np.asarray(value, dtype=np.float64)
@@ -236,7 +220,7 @@ def _set(vector, new):
 
     vector = jnp.asarray(vector)
     if vector.ndim == 1:
-        return vector.at[indices].set(jnp.stack([jnp.asarray(v, dtype=jnp.float64) for v in new.values()]))
+        return vector.at[np.array(list(new))].set(jnp.stack([jnp.asarray(v, dtype=jnp.float64) for v in new.values()]))
     for index, value in new.items():
         value = jnp.asarray(value, dtype=jnp.float64)
         vector = vector.at[(index, *(slice(n) for n in value.shape))].set(value)
@@ -257,10 +241,9 @@ def within_range(train):
             values = jnp.asarray(values)
             # What is wrong is looked for, not what is right: nan is neither, and has its own status.
             outside = jnp.zeros(values.shape, dtype=bool)
-            for wrong, limit in ((jnp.less_equal, limits.above), (jnp.less, limits.least)):
-                outside |= False if limit is None else wrong(values, limit)
-            for wrong, limit in ((jnp.greater_equal, limits.below), (jnp.greater, limits.most)):
-                outside |= False if limit is None else wrong(values, limit)
+            wrong = (jnp.less_equal, limits.above), (jnp.less, limits.least)
+            for is_wrong, limit in (*wrong, (jnp.greater_equal, limits.below), (jnp.greater, limits.most)):
+                outside |= False if limit is None else is_wrong(values, limit)
             # 0 stands for a key that is not given, but for those that the reader fills in.
             zero_if_absent = declared.default is None and declared.name not in ("epsilon", "transition", "stiffness")
             inside.append(~jnp.any(outside & (values != 0.0) if zero_if_absent else outside))
@@ -269,8 +252,8 @@ def within_range(train):
 
 def _value_errors(train, key, table, field, index, value) -> list[str]:
     """Check shape and, where it is concrete, range of a new value."""
-    where = f"{train.topology.title}, replace {key!r}"
-    wanted = np.shape(_row(train, table, field, index))
+    where, row = f"{train.topology.title}, replace {key!r}", _row(train, table, field, index)
+    wanted = np.shape(row)
     try:
         found = np.shape(value)
     except ValueError:
@@ -285,28 +268,39 @@ def _value_errors(train, key, table, field, index, value) -> list[str]:
     if number.dtype.kind not in "fiu" or not np.all(np.isfinite(number)):
         return [f"{where}: the value is {value!r}, must be finite and real."]
     # A value that is there already changes nothing, and is no fault.
-    if missing and not _is_same(train, table, field, index, number):
+    if missing and (traced(row) or not np.all(np.asarray(row) == number)):
         return [f"{where}: {missing}"]
     declared = declared_field(table, field)
     if declared is None or wanted or declared.metadata["kind"] != "number":
         return []
-    if declared.default is None and number == 0.0 and _is_absent(train, table, field, index):
-        return []
-    return [f"{where}: {text}" for text in checks.value_errors(declared, float(number))]
+    if declared.default is None and number == 0.0 and not traced(row) and row == 0.0:
+        return []  # the scene gave none, which stands as 0
+    return [f"{where}: {text}" for text in value_checks.value_errors(declared, float(number))]
 
 
 def _has_no_effect(train, table, field, index) -> str:
     """Say why a number has no effect in a train of this topology; empty where it has one."""
     topology = train.topology
+    if table == "cylinder":
+        return _has_no_effect_on_cylinder(train, field, index)
+    if table not in derived.LINKS:
+        return ""
     if table == "mesh" and field in ("backlash", "epsilon", "transition") and not topology.mesh_backlash[index]:
-        return "the mesh has no backlash, it is always in contact. Build the scene with a backlash."
-    if field in _VARYING:
-        links = _VARYING[field]
-        if index + (len(topology.shaft_names) if table == "damper" else 0) not in getattr(topology, links):
-            return f"it has no effect, as the {table} was built without {field}. Build the scene with it."
-    if table != "cylinder":
-        return derived.no_effect(topology, table, field, index)
-    source, moves = topology.cylinder_source[index], topology.cylinder_inertia[index] > 0
+        return _NO_BACKLASH
+    link, key = derived.link_number(topology, table, index), derived.WITH.get(field, field)
+    if field == "stiffness" and topology.has_key(link, "outer"):
+        return "the stiffness comes from length, outer, inner and shear_modulus. Change these."
+    if field == "damping" and topology.has_key(link, "damping_hz"):
+        way = "magnifier" if topology.has_key(link, "magnifier") else "damping_ratio"
+        return f"the damping comes from {way} and damping_hz. Change these."
+    given = link in getattr(topology, _VARYING[field]) if field in _VARYING else topology.has_key(link, key)
+    if (field in _VARYING or key in derived.OPTIONAL) and not given:
+        return f"it has no effect, as the {table} was built without {key}. Build the scene with it."
+    return ""
+
+
+def _has_no_effect_on_cylinder(train, field, index) -> str:
+    source, moves = train.topology.cylinder_source[index], train.topology.cylinder_inertia[index] > 0
     computed = source in gas.COMPUTED
     if (field in ("bore", "ambient_pressure") and not computed) or (field == "pressure" and source != "pressure"):
         return "it has no effect, as the cylinder has no pressure table. Build the scene with a pressure."
@@ -327,35 +321,25 @@ def _has_no_effect(train, table, field, index) -> str:
     return ""
 
 
-def _is_same(train, table, field, index, number) -> bool:
-    """Tell whether a concrete value is the present one."""
-    row = _row(train, table, field, index)
-    return not traced(row) and bool(np.all(np.asarray(row) == number))
-
-
-def _is_absent(train, table, field, index) -> bool:
-    """Tell whether the scene gave no such number (it stands as 0)."""
-    row = _row(train, table, field, index)
-    return not traced(row) and bool(row == 0.0)
-
-
 def _check_ratios(before, after):
     """Refuse concrete radii that lock a loop or change the speed of a rotor with orders of its own."""
     topology, radius = after.topology, after.disks.radius
     if traced(radius):
         return
-    old, new = (_host_ratios(topology, np.asarray(train.disks.radius)) for train in (before, after))
+    radius = np.asarray(radius)
+    old, new = rotor_ratios(topology, np.asarray(before.disks.radius)), rotor_ratios(topology, radius)
     errors, where = [], topology.title
-    own = list(zip(topology.cylinder_names, topology.cylinder_disk, strict=True))
     given = zip(topology.torque_names, topology.torque_disk, topology.torque_own, strict=True)
-    for name, disk in own + [(name, disk) for name, disk, is_own in given if is_own]:
-        rotor = topology.rotor[disk]
+    own = [
+        *zip(topology.cylinder_names, topology.cylinder_disk, strict=True),
+        *((n, d) for n, d, is_own in given if is_own),
+    ]
+    for name, rotor in ((name, topology.rotor[disk]) for name, disk in own):
         if abs(new[rotor] / old[rotor] - 1.0) > RATIO_TOLERANCE:
             errors.append(
                 f"{where}: the new radii change the speed of {name!r} from {old[rotor]:.6g} to {new[rotor]:.6g} times"
                 " the reference, so that its orders fit the cycle no more. Build the scene anew with these radii."
             )
-    radius = np.asarray(radius)
     for name, (a, b) in zip(topology.mesh_names, topology.mesh_ends, strict=True):
         slip = new[topology.rotor[a]] * radius[a] / (new[topology.rotor[b]] * radius[b])
         if abs(slip - 1.0) > RATIO_TOLERANCE:
@@ -371,8 +355,3 @@ def _check_ratios(before, after):
             )
     if errors:
         raise SceneError(errors)
-
-
-def _host_ratios(topology, radius):
-    """Speed ratios on the host."""
-    return np.array([np.prod([radius[a] / radius[b] for a, b in path]) for path in topology.rotor_path])

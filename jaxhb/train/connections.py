@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,25 +14,35 @@ RATIO_TOLERANCE = 1e-6
 """Share by which the ratios around a closed loop may miss 1: radii are given with so many digits."""
 
 
+def neighbours(ends, nodes: int, without=()):
+    """Of each node the others that links ``ends`` join it to, and these links: (other, link)."""
+    found, without = [[] for _ in range(nodes)], set(without)
+    for link, (a, b) in enumerate(ends):
+        if link not in without:
+            found[a].append((b, link))
+            found[b].append((a, link))
+    return found
+
+
+def breadth_first(joined, root: int):
+    """Nodes reached from a root over :func:`neighbours`, breadth first: (node, the one before, the link to it)."""
+    seen, outward = {root}, [(root, -1, 0)]
+    for node, _, _ in outward:
+        for other, link in joined[node]:
+            if other not in seen:
+                seen.add(other)
+                outward.append((other, node, link))
+    return outward
+
+
 def pieces(n_disks: int, pairs) -> list[int]:
     """Number the connected pieces of disks 0..n_disks-1 joined by ``pairs``, by first appearance."""
-    neighbours = [[] for _ in range(n_disks)]
-    for a, b in pairs:
-        neighbours[a].append(b)
-        neighbours[b].append(a)
-    piece = [-1] * n_disks
-    count = 0
+    joined, piece, count = neighbours(pairs, n_disks), [-1] * n_disks, 0
     for start in range(n_disks):
-        if piece[start] >= 0:
-            continue
-        stack = [start]
-        piece[start] = count
-        while stack:
-            for other in neighbours[stack.pop()]:
-                if piece[other] < 0:
-                    piece[other] = count
-                    stack.append(other)
-        count += 1
+        if piece[start] < 0:
+            for disk, *_ in breadth_first(joined, start):
+                piece[disk] = count
+            count += 1
     return piece
 
 
@@ -55,35 +64,34 @@ def find_rotors(n_disks, elastic_pairs, mesh_ends, mesh_internal, radius, refere
     """
     rotor = pieces(n_disks, elastic_pairs)
     count = max(rotor, default=-1) + 1
-    at = [[] for _ in range(count)]
-    for m, (a, b) in enumerate(mesh_ends):
-        at[rotor[a]].append((m, a, b))
-        at[rotor[b]].append((m, b, a))
+    pairs = [(rotor[a], rotor[b]) for a, b in mesh_ends]
+    bare = {m for m, (a, b) in enumerate(pairs) if a == b}
     path: list[tuple[tuple[int, int], ...]] = [()] * count
     ratio, sense = [1.0] * count, [1] * count
-    root = rotor[reference]
-    seen, queue, used, locked = {root}, deque([root]), set(), []
-    while queue:
-        here = queue.popleft()
-        for m, driver, driven in at[here]:
-            there = rotor[driven]
-            if m in used or there == here:
-                continue
-            used.add(m)
-            new_ratio = ratio[here] * radius[driver] / radius[driven]
-            new_sense = sense[here] * (1 if mesh_internal[m] else -1)
-            if there not in seen:
-                seen.add(there)
-                queue.append(there)
-                path[there] = (*path[here], (driver, driven))
-                ratio[there], sense[there] = new_ratio, new_sense
-                continue
-            # Reached a second time: both ways must give one speed and one sense.
-            disks = _loop(path[here], path[there], (driver, driven))
-            if abs(new_ratio / ratio[there] - 1.0) > RATIO_TOLERANCE:
-                locked.append((m, disks, f"its ratios multiply to {new_ratio / ratio[there]:.6g}"))
-            elif new_sense != sense[there]:
-                locked.append((m, disks, "its senses of rotation contradict each other"))
+
+    def led(m, here):
+        """Where mesh m leads from rotor ``here``: its gears (driving, driven), ratio and sense there."""
+        driver, driven = mesh_ends[m] if pairs[m][0] == here else mesh_ends[m][::-1]
+        ahead = ratio[here] * radius[driver] / radius[driven]
+        return (driver, driven), ahead, sense[here] * (1 if mesh_internal[m] else -1)
+
+    tree = breadth_first(neighbours(pairs, count, bare), rotor[reference])
+    rank = {there: k for k, (there, _, _) in enumerate(tree)}
+    for there, here, m in tree[1:]:
+        gears, ratio[there], sense[there] = led(m, here)
+        path[there] = (*path[here], gears)
+    locked, used = [], bare | {m for _, _, m in tree[1:]}
+    for m, ends in enumerate(pairs):
+        if m in used or ends[0] not in rank:
+            continue
+        # Reached a second time: both ways must give one speed and one sense.
+        here, there = sorted(ends, key=rank.__getitem__)
+        gears, ahead, turn = led(m, here)
+        disks = _loop(path[here], path[there], gears)
+        if abs(ahead / ratio[there] - 1.0) > RATIO_TOLERANCE:
+            locked.append((m, disks, f"its ratios multiply to {ahead / ratio[there]:.6g}"))
+        elif turn != sense[there]:
+            locked.append((m, disks, "its senses of rotation contradict each other"))
     found = Rotors(rotor=tuple(rotor), path=tuple(path), ratio=tuple(ratio), sense=tuple(sense))
     return found, locked
 
@@ -100,28 +108,21 @@ def _loop(path_a, path_b, closing) -> list[int]:
 
 def exact_radii(radius, teeth, mesh_ends) -> list[float]:
     """Radii made exactly proportional to the numbers of teeth among gears that mesh and both have them."""
-    exact = list(radius)
-    neighbours = {}
-    for a, b in mesh_ends:
-        if teeth[a] and teeth[b]:
-            neighbours.setdefault(a, []).append(b)
-            neighbours.setdefault(b, []).append(a)
-    done = set()
-    for start in neighbours:
+    exact, done = list(radius), set()
+    toothed = [pair for pair in mesh_ends if all(teeth[gear] for gear in pair)]
+    joined = neighbours(toothed, len(exact))
+    for start in dict.fromkeys(gear for pair in toothed for gear in pair):
         if start in done:
             continue
-        done.add(start)
-        stack = [start]
-        while stack:
-            here = stack.pop()
-            for other in neighbours[here]:
-                if other not in done:
-                    done.add(other)
-                    # From the first gear, not along the way: each radius is rounded once.
-                    exact[other] = radius[start] * teeth[other] / teeth[start]
-                    stack.append(other)
+        for gear, *_ in breadth_first(joined, start)[1:]:
+            done.add(gear)
+            # From the first gear, not along the way: each radius is rounded once.
+            exact[gear] = radius[start] * teeth[gear] / teeth[start]
     return exact
 
+
+_NO_MEAN = ("harmonics", "gas_torque", "firing_angle", "reciprocating_mass", "ambient_pressure")
+"""Numbers of torques and cylinders that no mean torque depends on."""
 
 _DECIDES = {
     "damper": ("stiffness", "damping"),
@@ -169,33 +170,23 @@ def touches(changes) -> bool:
 def train_errors(train) -> list[str]:
     """Find what the numbers of a train leave loose or unheld; nothing where they are traced."""
     topology, dampers = train.topology, train.dampers
-    torques, cylinders = train.torques, train.cylinders
-    numbers = [dampers.stiffness, torques.mean, torques.scale_rpm, torques.scale_factor, cylinders.gas_torque_mean]
-    numbers += [cylinders.scale_rpm, cylinders.scale_factor, cylinders.gas_factor, torques.rated_rpm]
-    numbers += [cylinders.pressure, cylinders.bore, cylinders.stroke, cylinders.rod]
-    numbers += [cylinders.traces, cylinders.combustion, cylinders.load_rpm, cylinders.load_share]
-    if traced(numbers):
+    given = [*vars(train.torques).items(), *vars(train.cylinders).items()]
+    if traced(dampers.stiffness, [values for name, values in given if name not in _NO_MEAN]):
         return []
-    source = topology.title
     stiff = np.asarray(dampers.stiffness) > 0.0
     # An order-tuned absorber is held by its centrifugal stiffness.
     stiff |= np.isin(len(topology.shaft_names) + np.arange(len(stiff)), topology.order_links)
     errors = []
     if not traced(dampers.damping):
-        loose = ~stiff & (np.asarray(dampers.damping) == 0.0)
         errors += [
-            f"{source}, [[damper]] {topology.damper_names[i]!r}: damping and stiffness are both 0, so that the ring"
-            " is loose. Give at least one of them."
-            for i in np.flatnonzero(loose)
+            f"{topology.title}, [[damper]] {topology.damper_names[i]!r}: damping and stiffness are both 0, so that the"
+            " ring is loose. Give at least one of them."
+            for i in np.flatnonzero(~stiff & (np.asarray(dampers.damping) == 0.0))
         ]
-    rings = zip(topology.damper_disk, topology.ring_disks, strict=True)
-    static = [
-        *topology.shaft_ends,
-        *topology.mesh_ends,
-        *(ends for ends, held in zip(rings, stiff, strict=True) if held),
-    ]
-    errors += unheld(
-        source,
+    rings = zip(topology.damper_disk, topology.ring_disks, stiff, strict=True)
+    static = [*topology.shaft_ends, *topology.mesh_ends, *((disk, ring) for disk, ring, held in rings if held)]
+    return errors + unheld(
+        topology.title,
         topology.disk_names,
         links=topology.link_ends,
         static=static,
@@ -203,7 +194,6 @@ def train_errors(train) -> list[str]:
         loaded=[*topology.load_disk, *_loaded(train)],
         main=topology.rotor.index(topology.reference_rotor),
     )
-    return errors
 
 
 def on_disks(disks: int, seats, torques) -> np.ndarray:

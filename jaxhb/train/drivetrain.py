@@ -91,19 +91,14 @@ class DriveTrain:
         Parameters
         ----------
         values : dict
-            ``{"NAME.FIELD": value}``; values may be traced. Unit and range as in the scene format; the range
-            is checked where the value is concrete.
-
-        Returns
-        -------
-        DriveTrain
+            ``{"NAME.FIELD": value}``; values may be traced. Unit and range as in the scene format; the range is checked
+            where the value is concrete.
 
         Raises
         ------
         SceneError
-            All unknown names and fields, wrong shapes, values out of range and numbers that have no effect
-            because the train was built without them, one sentence each; and concrete stiffnesses that leave a
-            mean torque unheld.
+            All unknown names and fields, wrong shapes, values out of range and numbers that have no effect because the
+            train was built without them, one sentence each; and concrete stiffnesses that leave a mean torque unheld.
 
         Examples
         --------
@@ -114,18 +109,12 @@ class DriveTrain:
         return changes.replace(self, values)
 
     def with_viscous_damping(self, *, hz: Number) -> DriveTrain:
-        """Return the train with every loss factor turned into viscous damping: r += eta k / omega, omega = 2
-        pi hz.
+        """Return the train with every loss factor turned into viscous damping: r += eta k / omega, omega = 2 pi hz.
 
         Parameters
         ----------
         hz : float, scalar array
             Frequency at which both dissipate the same, Hz.
-
-        Returns
-        -------
-        DriveTrain
-            Its loss factors are 0.
 
         Raises
         ------
@@ -156,6 +145,8 @@ class DriveTrain:
         """Return the train with its varying links as they are at one frequency, amplitude and speed.
 
         Needed for everything but the linear forced response, such as natural frequencies and motions with backlash.
+        Stiffness ``(k + J (order Omega)^2) s``, damping ``r d``, loss factor ``eta d``, with the factors s and d of the
+        tables; nothing varies any more.
 
         Parameters
         ----------
@@ -165,12 +156,6 @@ class DriveTrain:
             Amplitude of the vibratory twist for links with ``over_amplitude``, rad.
         rpm : float, scalar array, optional
             Speed of the reference rotor for dampers with ``order``.
-
-        Returns
-        -------
-        DriveTrain
-            Stiffness ``(k + J (order Omega)^2) s``, damping ``r d``, loss factor ``eta d`` with the factors s and d
-            of the tables; nothing varies any more.
 
         Raises
         ------
@@ -193,16 +178,8 @@ class DriveTrain:
     def repeated(self, cycles: int) -> DriveTrain:
         """Return the same train with a cycle ``cycles`` times as long, for motions with a period of several cycles.
 
-        Parameters
-        ----------
-        cycles : int
-            At least 1.
-
-        Returns
-        -------
-        DriveTrain
-            Same excitation over time; its responses have orders that are multiples of ``1 / (cycles x
-            revolutions_per_cycle)``.
+        The excitation over time is the same; responses have orders that are multiples of ``1 / (cycles x
+        revolutions_per_cycle)``.
 
         Raises
         ------
@@ -225,16 +202,7 @@ class DriveTrain:
         return json.loads(self.topology.scenarios)
 
     def scenario(self, name: str) -> DriveTrain:
-        """Return the train with the values of one of its scenarios, as by :meth:`replace`.
-
-        Parameters
-        ----------
-        name : str
-            ``NAME`` of a ``[scenario.NAME]``.
-
-        Returns
-        -------
-        DriveTrain
+        """Return the train with the values of its ``[scenario.NAME]``, as by :meth:`replace`.
 
         Raises
         ------
@@ -256,20 +224,11 @@ class DriveTrain:
         return self.replace(self.scenarios[name])
 
     def misfire(self, *cylinders: str) -> DriveTrain:
-        """Return the train with some cylinders that do not fire: no gas torque, the inertia torque stays.
+        """Return the train with cylinders, by their names, that do not fire: no gas torque, the inertia torque stays.
 
         All of the gas torque goes, mean and orders, computed or given, and with it the torque of compression, as in a
         cylinder whose valves stay open. A cylinder that compresses without burning has ``combustion.imep`` or ``heat``
         = 0 instead (:meth:`replace`), or the pressure table of a motored cycle.
-
-        Parameters
-        ----------
-        *cylinders : str
-            Names of ``[[cylinder]]`` elements.
-
-        Returns
-        -------
-        DriveTrain
 
         Raises
         ------
@@ -283,8 +242,7 @@ class DriveTrain:
         >>> train.misfire(train.topology.cylinder_names[2]).topology.cylinder_fires
         (True, True, False, True, True, True)
         """
-        names = self.topology.cylinder_names
-        where = self.topology.title
+        names, where = self.topology.cylinder_names, self.topology.title
         unknown = [name for name in cylinders if name not in names]
         if unknown:
             raise SceneError([f"{where}: there is no cylinder {n!r}.{suggestion(n, names)}" for n in unknown])
@@ -295,11 +253,8 @@ class DriveTrain:
     def misfires(self) -> dict[str, DriveTrain]:
         """Return the trains in which each cylinder that fires in turn does not, by the name of this cylinder.
 
-        Returns
-        -------
-        dict
-            Trains whose gas factors differ alone: they share all that is compiled, and can be stacked to a batch. Their
-            torques are those of :meth:`misfire`.
+        Their gas factors differ alone: they share all that is compiled, and can be stacked to a batch. Their torques
+        are those of :meth:`misfire`.
 
         Examples
         --------
@@ -314,15 +269,7 @@ class DriveTrain:
     def outside_traces(self, rpm: float) -> list[str]:
         """Say where the pressure traces of cylinders do not cover a speed or its load, so that the nearest is used.
 
-        Parameters
-        ----------
-        rpm : float
-            Speed of the reference rotor.
-
-        Returns
-        -------
-        list of str
-            One sentence for all cylinders with the same traces; empty where all is covered.
+        ``rpm`` of the reference rotor. One sentence for all cylinders with the same traces; empty where all is covered.
 
         Examples
         --------

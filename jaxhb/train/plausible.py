@@ -20,18 +20,26 @@ from jaxhb.train import connections
 if TYPE_CHECKING:
     from jaxhb.train.drivetrain import DriveTrain
 
+_NOT_MM, _NOT_BAR = "is it in m, not in mm?", "is it in Pa, not in bar?"
 USUAL = {
-    "bore": (0.02, 1.2, "m", "is it in m, not in mm?"),
-    "stroke": (0.02, 4.5, "m", "is it in m, not in mm?"),
-    "rod": (0.03, 8.0, "m", "is it in m, not in mm?"),
-    "ambient_pressure": (3e4, 1e6, "Pa", "is it in Pa, not in bar?"),
-    "combustion.charge_pressure": (2e4, 1e6, "Pa", "is it in Pa, not in bar?"),
-    "combustion.imep": (2e4, 6e6, "Pa", "is it in Pa, not in bar?"),
+    "bore": (0.02, 1.2, "m", _NOT_MM),
+    "stroke": (0.02, 4.5, "m", _NOT_MM),
+    "rod": (0.03, 8.0, "m", _NOT_MM),
+    "ambient_pressure": (3e4, 1e6, "Pa", _NOT_BAR),
+    "combustion.charge_pressure": (2e4, 1e6, "Pa", _NOT_BAR),
+    "combustion.imep": (2e4, 6e6, "Pa", _NOT_BAR),
+    # Of a cycle: from an engine that is turned without firing to the strongest diesels.
+    "the largest pressure": (5e5, 4e7, "Pa", "is it in Pa, not in bar or MPa?"),
+    # Overload is 1.1.
+    "load": (0.0, 2.0, "", "it is a share of full load, not percent"),
+    # A soft rubber has 0.3.
+    "loss_factor": (0.0, 1.0, "", "is it in percent?"),
+    # Of gears, from instruments to the bull gears of ships, and of their teeth, from precision to module 20 mm.
+    "radius": (2e-3, 2.0, "m", _NOT_MM),
+    "backlash": (2e-5, 1e-3, "m", _NOT_MM),
 }
-"""Least and most of fields of cylinders, with their unit and what to ask; a field that is 0 is absent."""
+"""Least and most of numbers, with their unit and what to ask."""
 
-PEAK_PRESSURE = 5e5, 4e7
-"""Pa, largest pressure of a cycle: an engine that is turned without firing, and the strongest diesels."""
 PEAK_ANGLE = -15.0, 45.0
 """deg after firing top dead centre: the pressure of compression alone is largest just before, late firing after."""
 ATMOSPHERE = 3e4, 2.2e5
@@ -39,20 +47,12 @@ ATMOSPHERE = 3e4, 2.2e5
 that stay above may be either."""
 TOGETHER = 1.0
 """deg between two firings that count as one."""
-LOAD_SHARE = 2.0
-"""Largest share of full load: overload is 1.1."""
 INERTIA_OF_MEDIAN = 500.0
 """Inertia over the median of the disks of the rotor: 400 for a car behind its gearbox on a crankshaft."""
 MEDIAN_OF_STIFFNESS = 1000.0
 """The median of the shafts of a rotor over a stiffness: 560 for a dual-mass flywheel beside crank throws."""
-LOSS_FACTOR = 1.0
-"""Of a link: 0.3 is a soft rubber."""
-RADIUS = 2e-3, 2.0
-"""m, of a gear: from instruments to the bull gears of ships."""
 MASS_PER_CUBE = 200.0, 2e4
 """kg/m3, reciprocating mass over the cube of the bore: about 500 in racing engines, 1500 in cars, 1e4 in crossheads."""
-BACKLASH = 2e-5, 1e-3
-"""m, from precision gears to those of module 20 mm."""
 STIFFNESS_OF_WIDTH = 2e10
 """N/m per m of face width: c_gamma = 20 N/(mm um), the mean stiffness of steel teeth in ISO 6336-1, method C."""
 WIDTH_OF_DIAMETER = 0.01, 2.0
@@ -64,22 +64,14 @@ _EXPONENT = re.compile(r"(?<=\d)e\+?(-?)0*(?=\d)")
 
 
 def plausibility(train: DriveTrain) -> list[str]:
-    """Find numbers of a train that are allowed but far from usual.
-
-    Parameters
-    ----------
-    train : DriveTrain
-        Its numbers must not be traced.
+    """Find numbers of a train, not traced, that are allowed but far from usual.
 
     Returns
     -------
     list of str
-        A note for each finding, with the elements, the value and the usual range: sizes and pressures of cylinders in
-        other units than m and Pa, a pressure that is largest far from firing top dead centre, absolute pressures
-        against none on the other side of the piston, cylinders that fire together, reciprocating masses, load shares in
-        percent, torques that drive beside firing cylinders, disks and shafts far from the others of their rotor, loss
-        factors in percent, radii of gears in mm, and of meshes with backlash the backlash, the stiffness and the tooth
-        damping; limits of propulsion shafts on a crank. Empty where there is nothing to look at.
+        A note for each finding, with the elements, the value and the usual range: sizes, pressures and their angles,
+        firings, masses, load shares, torques that drive, disks and shafts far from the others of their rotor, loss
+        factors, gears and their teeth. Empty where there is nothing to look at.
 
     Examples
     --------
@@ -91,11 +83,9 @@ def plausibility(train: DriveTrain) -> list[str]:
     [[mesh]] 'crank gear|idler': backlash is 0.15 m, usual 2e-5 to 0.001 m: is it in m, not in mm?
     """
     train = on_host(train)
-    found = [*_sizes(train), *_masses(train), *_pressures(train), *_against_nothing(train), *_firings(train)]
-    found += [*_loads(train), *_drives(train), *_disks(train), *_links(train), *_crank_limits(train)]
-    found += _meshes(train)
+    rules = _sizes, _masses, _pressures, _against_nothing, _firings, _loads, _drives, _disks, _links, _meshes
     alike = {}
-    for table, name, text in found:
+    for table, name, text in (note for rule in rules for note in rule(train)):
         alike.setdefault((table, text), []).append(name)
     return [
         f"[[{table}]] {connections.names_of(names, range(len(names)))}: {text}"
@@ -107,24 +97,27 @@ def _far(value, limits):
     return not limits[0] <= value <= limits[1]
 
 
-def _said(what, value, low, high, unit="", ask=""):
+def _unusual(what, value, usual=None):
+    """The sentence, or none, on a number out of its range (:data:`USUAL`), as a list."""
+    low, high, unit, ask = usual or USUAL[what]
+    if not _far(value, (low, high)):
+        return []
     unit = f" {unit}" if unit else ""
     said = f"{what} is {value:.4g}{unit}, usual {low:.2g} to {high:.2g}{unit}"
-    return _EXPONENT.sub(r"e\1", said) + (f": {ask}" if ask else "")
+    return [_EXPONENT.sub(r"e\1", said) + (f": {ask}" if ask else "")]
 
 
 def _sizes(train):
+    """Fields of cylinders in other units; a field that is 0 is absent."""
     cylinders, names = train.cylinders, train.topology.cylinder_names
-    for field, (low, high, unit, ask) in USUAL.items():
+    for field in ("bore", "stroke", "rod", "ambient_pressure", "combustion.charge_pressure", "combustion.imep"):
         outer, _, inner = field.rpartition(".")
         table = getattr(cylinders, outer) if outer else cylinders
-        if table is None:
-            continue
-        seats = table.seats if outer else range(len(names))
-        for i, value in zip(seats, getattr(table, inner), strict=True):
+        seats = () if table is None else table.seats if outer else range(len(names))
+        for i, value in zip(seats, getattr(table, inner, ()), strict=True):
             absent = value == 0 or (field == "rod" and cylinders.stroke[i] == 0)
-            if not absent and _far(abs(value), (low, high)):
-                yield "cylinder", names[i], _said(field, value, low, high, unit, ask)
+            if not absent and _far(abs(value), USUAL[field]):  # an imep may be negative
+                yield "cylinder", names[i], *_unusual(field, value)
 
 
 def _masses(train):
@@ -133,53 +126,14 @@ def _masses(train):
         mass, size = cylinders.reciprocating_mass[i], cylinders.bore[i]
         if not 0 < size < 2 * USUAL["bore"][1] or not cylinders.stroke[i]:
             continue  # what is said of a bore in mm says enough
-        low, high = (share * size**3 for share in MASS_PER_CUBE)
-        if _far(mass, (low, high)):
-            ask = "is it in kg, of one cylinder?" if mass else "without it there is no inertia torque"
-            said = _said("reciprocating_mass", mass, low, high, "kg", ask)
+        ask = "is it in kg, of one cylinder?" if mass else "without it there is no inertia torque"
+        for said in _unusual("reciprocating_mass", mass, (*(share * size**3 for share in MASS_PER_CUBE), "kg", ask)):
             yield "cylinder", name, said.replace(" kg:", f" kg for a bore of {1e3 * size:.4g} mm:")
 
 
 def _pressures(train):
-    """Size and angle of the largest pressure of every cylinder that computes its torque from one."""
-    topology, percent = train.topology, _in_percent(train)
-    for i, peak, angle in _largest_pressures(train):
-        name = topology.cylinder_names[i]
-        if _far(peak, PEAK_PRESSURE) and i not in percent:
-            ask = "is it in Pa, not in bar or MPa?"
-            yield "cylinder", name, _said("the largest pressure", peak, *PEAK_PRESSURE, "Pa", ask)
-        if _far(angle, PEAK_ANGLE):
-            where = f"{abs(angle):.4g} deg {'after' if angle > 0 else 'before'}"
-            usual = f"{-PEAK_ANGLE[0]:g} deg before to {PEAK_ANGLE[1]:g} deg after"
-            ask = "is table_firing_tdc the angle at which the table fires?"
-            if topology.cylinder_source[i] == "combustion":
-                ask = "do start and duration count from there?"
-            said = f"the pressure is largest {where} firing top dead centre, usual {usual}: {ask}"
-            yield "cylinder", name, said
-
-
-def _against_nothing(train):
-    """Cylinders with absolute pressures and none on the other side of the piston."""
-    topology = train.topology
-    least = np.array([cycle.min(axis=1) for cycle in _cycles(train)]).max(axis=0, initial=0.0)
-    for i, source in enumerate(topology.cylinder_source):
-        # Models give absolute pressures, tables may give overpressures.
-        known = source == "combustion" or (source in gas.COMPUTED and not _far(least[i], ATMOSPHERE))
-        if known and not train.cylinders.ambient_pressure[i]:
-            low, high, unit, _ = USUAL["ambient_pressure"]
-            ask = "the pressure in the cylinder is absolute, and the crankcase has about 1e5 Pa"
-            yield "cylinder", topology.cylinder_names[i], _said("ambient_pressure", 0.0, low, high, unit, ask)
-
-
-def _cycles(train):
-    """Pressures [cylinder, angle] (Pa) from firing top dead centre on, at every speed at which torques have a point."""
-    cycles = gas_pressures(train.cylinders, connections.speeds(train))
-    return list(cycles) if cycles.shape[-1] else []
-
-
-def _largest_pressures(train):
-    """(cylinder, Pa, deg after firing top dead centre) over the speeds: the largest pressure and the farthest angle."""
-    topology, cycles = train.topology, _cycles(train)
+    """Size and angle of the largest pressure of every cylinder that computes its torque from one, over the speeds."""
+    topology, percent, cycles = train.topology, _in_percent(train), _cycles(train)
     if not cycles:
         return
     peaks = np.array([cycle.max(axis=1) for cycle in cycles])
@@ -188,16 +142,45 @@ def _largest_pressures(train):
     # In the second half of the cycle the next firing is nearer: angles before it are negative.
     angles -= period * (angles > period / 2)
     farthest = np.abs(angles - np.mean(PEAK_ANGLE)).argmax(axis=0)
+    for i, name in enumerate(topology.cylinder_names):
+        peak, angle, source = peaks[:, i].max(), angles[farthest[i], i], topology.cylinder_source[i]
+        if source not in gas.COMPUTED or not peak > 0:
+            continue
+        if i not in percent:
+            yield from (("cylinder", name, said) for said in _unusual("the largest pressure", peak))
+        if _far(angle, PEAK_ANGLE):
+            where = f"{abs(angle):.4g} deg {'after' if angle > 0 else 'before'}"
+            usual = f"{-PEAK_ANGLE[0]:g} deg before to {PEAK_ANGLE[1]:g} deg after"
+            ask = "is table_firing_tdc the angle at which the table fires?"
+            if source == "combustion":
+                ask = "do start and duration count from there?"
+            yield "cylinder", name, f"the pressure is largest {where} firing top dead centre, usual {usual}: {ask}"
+
+
+def _against_nothing(train):
+    """Cylinders with absolute pressures and none on the other side of the piston."""
+    topology = train.topology
+    least = np.array([cycle.min(axis=1) for cycle in _cycles(train)]).max(axis=0, initial=0.0)
+    ask = "the pressure in the cylinder is absolute, and the crankcase has about 1e5 Pa"
     for i, source in enumerate(topology.cylinder_source):
-        if source in gas.COMPUTED and peaks[:, i].max() > 0:
-            yield i, peaks[:, i].max(), angles[farthest[i], i]
+        # Models give absolute pressures, tables may give overpressures.
+        known = source == "combustion" or (source in gas.COMPUTED and not _far(least[i], ATMOSPHERE))
+        if known and not train.cylinders.ambient_pressure[i]:
+            usual = (*USUAL["ambient_pressure"][:3], ask)
+            yield "cylinder", topology.cylinder_names[i], *_unusual("ambient_pressure", 0.0, usual)
+
+
+def _cycles(train):
+    """Pressures [cylinder, angle] (Pa) from firing top dead centre on, at every speed at which torques have a point."""
+    cycles = gas_pressures(train.cylinders, connections.speeds(train))
+    return list(cycles) if cycles.shape[-1] else []
 
 
 def _firings(train):
     """Cylinders of one rotor that fire at the same angle of its cycle."""
-    topology, cranks = train.topology, {}
+    topology, factor, cranks = train.topology, train.cylinders.gas_factor, {}
     for i, name in enumerate(topology.cylinder_names):
-        if topology.cylinder_fires[i] and _factor(train, i):
+        if topology.cylinder_fires[i] and (factor is None or factor[i] > 0):
             computed = topology.cylinder_source[i] in gas.COMPUTED
             turns = topology.cylinder_gas_revolutions[i] if computed else topology.cylinder_turn[i]
             crank = cranks.setdefault((topology.rotor[topology.cylinder_disk[i]], 360.0 * turns), [])
@@ -213,17 +196,13 @@ def _firings(train):
             yield from (("cylinder", name, said) for name in names if len(names) > 1)
 
 
-def _factor(train, i):
-    return train.cylinders.gas_factor is None or train.cylinders.gas_factor[i] > 0
-
-
 def _drives(train):
     """Given torques that drive though cylinders do."""
     topology = train.topology
     if not any(topology.cylinder_fires):
         return
     cycle = topology.cylinder_fires, topology.cylinder_gas_revolutions
-    means = mean_torques(train.torques, train.cylinders, *cycle, np.array(connections.speeds(train)))
+    means = mean_torques(train.torques, train.cylinders, *cycle, connections.speeds(train))
     count = len(topology.torque_names)
     # Cylinders that take power are those of a compressor, which a torque drives.
     if not means[:, count:].sum(axis=1).max() > 0:
@@ -237,61 +216,53 @@ def _drives(train):
 def _loads(train):
     """Shares of full load that are percentages."""
     for i, value in _in_percent(train).items():
-        said = _said("load", value, 0.0, LOAD_SHARE, ask="it is a share of full load, not percent")
-        yield "cylinder", train.topology.cylinder_names[i], said
+        yield "cylinder", train.topology.cylinder_names[i], *_unusual("load", value)
 
 
 def _in_percent(train):
     """Largest load of the cylinders that have it in percent, by their number; traces may count in percent as well."""
-    cylinders, traces = train.cylinders, train.cylinders.traces
+    cylinders, traces, most = train.cylinders, train.cylinders.traces, USUAL["load"][1]
     if cylinders.load_share is None:
         return {}
     alike = set()
     if traces is not None:
         sizes = zip(traces.seats, traces.load, traces.sizes, strict=True)
-        alike = {seat for seat, load, (_, loads) in sizes if load[:loads].max() > LOAD_SHARE}
+        alike = {seat for seat, load, (_, loads) in sizes if load[:loads].max() > most}
     largest = enumerate(cylinders.load_share.max(axis=-1).tolist())
-    return {i: value for i, value in largest if value > LOAD_SHARE and i not in alike}
+    return {i: value for i, value in largest if value > most and i not in alike}
+
+
+def _by_rotor(rotor, values):
+    """Of each rotor its elements with values above 0, and the median of these."""
+    for own in (np.flatnonzero((np.array(rotor) == r) & (values > 0)) for r in sorted(set(rotor))):
+        if own.size:
+            yield own, np.median(values[own])
 
 
 def _disks(train):
     """Inertias far above the others of their rotor, and the radii of gears."""
     topology, disks = train.topology, train.disks
-    rotor = np.array(topology.rotor)[: topology.n_scene_disks]
-    for own in (np.flatnonzero((rotor == r) & (disks.inertia > 0)) for r in range(topology.n_rotors)):
-        middle = np.median(disks.inertia[own]) if own.size else 0.0
+    for own, middle in _by_rotor(topology.rotor[: topology.n_scene_disks], disks.inertia):
         for i in own[disks.inertia[own] > INERTIA_OF_MEDIAN * middle]:
             usual = f"{INERTIA_OF_MEDIAN:g} times the median of its rotor, {middle:.4g} kg m2"
             said = f"inertia is {disks.inertia[i]:.4g} kg m2, usual up to {usual}: is it in kg m2, not in kg cm2?"
             yield "disk", topology.disk_names[i], said
     for i in sorted({disk for ends in topology.mesh_ends for disk in ends}):
-        if _far(disks.radius[i], RADIUS):
-            ask = "is it in m, not in mm?"
-            yield "disk", topology.disk_names[i], _said("radius", disks.radius[i], *RADIUS, "m", ask)
+        yield from (("disk", topology.disk_names[i], said) for said in _unusual("radius", disks.radius[i]))
 
 
 def _links(train):
-    """Shafts far softer than the others of their rotor, and loss factors."""
-    topology, stiffness = train.topology, train.shafts.stiffness
-    rotor = np.array([topology.rotor[first] for first, _ in topology.shaft_ends], dtype=int)
-    for own in (np.flatnonzero((rotor == r) & (stiffness > 0)) for r in range(topology.n_rotors)):
-        middle = np.median(stiffness[own]) if own.size else 0.0
+    """Shafts far softer than the others of their rotor or with limits of others than cranks, and loss factors."""
+    topology, stiffness, strengths = train.topology, train.shafts.stiffness, train.shafts.tensile_strength
+    for own, middle in _by_rotor([topology.rotor[first] for first, _ in topology.shaft_ends], stiffness):
         for i in own[MEDIAN_OF_STIFFNESS * stiffness[own] < middle]:
             usual = f"at least 1/{MEDIAN_OF_STIFFNESS:g} of the median of its rotor, {middle:.4g} N m/rad"
             said = f"stiffness is {stiffness[i]:.4g} N m/rad, usual {usual}: is it in N m/rad, not in kN m/rad?"
             yield "shaft", topology.shaft_names[i], _EXPONENT.sub(r"e\1", said)
-    for table, names, numbers in (
-        ("shaft", topology.shaft_names, train.shafts),
-        ("damper", topology.damper_names, train.dampers),
-    ):
-        for name, value in zip(names, numbers.loss_factor, strict=True):
-            if value > LOSS_FACTOR:
-                yield table, name, _said("loss_factor", value, 0.0, LOSS_FACTOR, ask="is it in percent?")
-
-
-def _crank_limits(train):
-    """Shafts between two throws that have the limits of propulsion shafts."""
-    topology, strengths = train.topology, train.shafts.tensile_strength
+    losses = [*train.shafts.loss_factor, *train.dampers.loss_factor]
+    for k, (name, value) in enumerate(zip(topology.shaft_names + topology.damper_names, losses, strict=True)):
+        table = "shaft" if k < len(topology.shaft_names) else "damper"
+        yield from ((table, name, said) for said in _unusual("loss_factor", value))
     throws = set(topology.cylinder_disk)
     for i, ends in enumerate(topology.shaft_ends if strengths is not None else ()):
         if strengths[i] and throws.issuperset(ends):
@@ -300,18 +271,16 @@ def _crank_limits(train):
 
 
 def _meshes(train):
-    topology, meshes = train.topology, train.meshes
-    ratios = tooth_damping_ratios(train)
+    topology, meshes, ratios = train.topology, train.meshes, tooth_damping_ratios(train)
     for i in topology.backlash_index:
-        name, radius = topology.mesh_names[i], train.disks.radius[list(topology.mesh_ends[i])].min()
-        if _far(meshes.backlash[i], BACKLASH):
-            yield "mesh", name, _said("backlash", meshes.backlash[i], *BACKLASH, "m", "is it in m, not in mm?")
-        if any(_far(train.disks.radius[end], RADIUS) for end in topology.mesh_ends[i]):
-            continue  # what is said of the radius says enough
-        low, high = (STIFFNESS_OF_WIDTH * share * 2 * radius for share in WIDTH_OF_DIAMETER)
-        if _far(meshes.stiffness[i], (low, high)):
-            ask = f"steel teeth on a gear of {2e3 * radius:.4g} mm have 20 N/(mm um) of their face width; is it in N/m?"
-            yield "mesh", name, _said("stiffness", meshes.stiffness[i], low, high, "N/m", ask)
-        elif _far(ratios[i], TOOTH_DAMPING) and np.isfinite(ratios[i]):
+        radii = train.disks.radius[list(topology.mesh_ends[i])]
+        found = _unusual("backlash", meshes.backlash[i])
+        if not any(_far(radius, USUAL["radius"]) for radius in radii):  # what is said of the radius says enough
+            size = 2 * radii.min()
+            ask = f"steel teeth on a gear of {1e3 * size:.4g} mm have 20 N/(mm um) of their face width; is it in N/m?"
+            usual = (*(STIFFNESS_OF_WIDTH * share * size for share in WIDTH_OF_DIAMETER), "N/m", ask)
             what = f"damping is {meshes.damping[i]:.4g} N s/m: the damping ratio of the two gears alone"
-            yield "mesh", name, _said(what, ratios[i], *TOOTH_DAMPING)
+            stiff = _unusual("stiffness", meshes.stiffness[i], usual)
+            damped = [] if not np.isfinite(ratios[i]) else _unusual(what, ratios[i], (*TOOTH_DAMPING, "", ""))
+            found += stiff or damped
+        yield from (("mesh", topology.mesh_names[i], said) for said in found)

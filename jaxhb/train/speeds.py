@@ -11,13 +11,7 @@ _TOO_FAST = f"must be at most {HIGHEST_RPM:.0f} rpm: give revolutions per minute
 
 
 def read_speed(text):
-    """A speed in rpm.
-
-    Raises
-    ------
-    ValueError
-        A sentence, if it is not a number greater than 0 and at most 1e6.
-    """
+    """A speed in rpm; :class:`ValueError` with a sentence if it is no number greater than 0 and at most 1e6."""
     try:
         value = float(text)
     except ValueError:
@@ -30,15 +24,8 @@ def read_speed(text):
 
 
 def read_speeds(text):
-    """Speeds in rpm from ``A:B:COUNT``, equally spaced, or ``R1,R2,...``.
+    """Speeds in rpm from ``A:B:COUNT``, equally spaced, or ``R1,R2,...``; :class:`ValueError` if it is neither.
 
-    Raises
-    ------
-    ValueError
-        A sentence, if it is neither.
-
-    Examples
-    --------
     >>> read_speeds("600:1200:3")
     [600.0, 900.0, 1200.0]
     """

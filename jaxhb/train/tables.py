@@ -181,35 +181,57 @@ def _harmonics(rows) -> np.ndarray:
 
 def _scales(elements) -> tuple[np.ndarray, np.ndarray]:
     """Stack the scales, padded by their last point; the factor is 1 without a scale."""
-    rows = [e.scale or ((0.0, 1.0),) for e in elements]
-    longest = max([2, *(len(r) for r in rows)])
-    out = np.array([[*row, *([row[-1]] * (longest - len(row)))] for row in rows], dtype=np.float64)
-    out = out.reshape(len(rows), longest, 2)
+    out = _padded([e.scale or ((0.0, 1.0),) for e in elements], 2, max([2, *(len(e.scale) for e in elements)]))
     return out[..., 0].copy(), out[..., 1].copy()
+
+
+def _padded(rows, columns: int, longest: int) -> np.ndarray:
+    """Stack lists of rows [n, longest, columns], the shorter ones padded by their last row."""
+    padded = [[*row, *([row[-1]] * longest)][:longest] for row in rows]
+    return np.array(padded, dtype=np.float64).reshape(len(rows), longest, columns)
 
 
 def factor_rows(elements, name: str) -> np.ndarray:
     """Stack rows (point, factor, factor) [n, K, 3], padded by their last one; K is 0 where no element has any."""
     rows = [getattr(e, name) for e in elements]
     longest = max((len(r) for r in rows), default=0)
-    longest = longest and max(longest, 2)
-    rows = [r or ((0.0, 1.0, 1.0),) for r in rows]
-    padded = [[*row, *([row[-1]] * longest)][:longest] for row in rows]
-    return np.array(padded, dtype=np.float64).reshape(len(rows), longest, 3)
+    return _padded([r or ((0.0, 1.0, 1.0),) for r in rows], 3, longest and max(longest, 2))
 
 
-def mesh_table(meshes) -> Meshes:
+def _plain(cls, elements):
+    """Collect a table whose fields are those of its elements."""
+    names = [f.name for f in dataclasses.fields(cls) if f.default is not None]
+    given = {n: (factor_rows if n.startswith("over_") else column)(elements, n) for n in names}
+    return cls(**given, **optional_columns(elements, cls))
+
+
+def of_elements(elements: dict) -> dict:
+    """The tables of a train from the sound elements of each table of a scene."""
+    pulsating = any(load.harmonics for load in elements["load"])
+    harmonics = _harmonics([load.harmonics for load in elements["load"]]) if pulsating else None
+    return {
+        "disks": _plain(Disks, elements["disk"]),
+        "shafts": _plain(Shafts, elements["shaft"]),
+        "meshes": _mesh_table(elements["mesh"]),
+        "dampers": _plain(Dampers, elements["damper"]),
+        "grounds": _plain(Grounds, elements["ground"]),
+        "loads": Loads(share=column(elements["load"], "share"), harmonics=harmonics),
+        "torques": torque_table(elements["torque"]),
+        "cylinders": cylinder_table(elements["cylinder"]),
+    }
+
+
+def _mesh_table(meshes) -> Meshes:
     """Collect the meshes, with the defaults of the law (18) and of ``law = "fridman2009"``."""
-    fridman = [m.law == "fridman2009" for m in meshes]
-    epsilon = [FRIDMAN_EPSILON if f else DEFAULT_EPSILON for f in fridman]
-    transition = [FRIDMAN_TRANSITION if f else DEFAULT_TRANSITION for f in fridman]
-    given = [m.epsilon is not None for m in meshes], [m.transition is not None for m in meshes]
+    laws = [(FRIDMAN_EPSILON, FRIDMAN_TRANSITION) if m.law else (DEFAULT_EPSILON, DEFAULT_TRANSITION) for m in meshes]
+    epsilon = [e if m.epsilon is None else m.epsilon for m, (e, _) in zip(meshes, laws, strict=True)]
+    transition = [t if m.transition is None else m.transition for m, (_, t) in zip(meshes, laws, strict=True)]
     return Meshes(
         stiffness=column(meshes, "stiffness"),
         damping=column(meshes, "damping"),
         backlash=column(meshes, "backlash"),
-        epsilon=np.where(given[0], column(meshes, "epsilon"), np.array(epsilon, dtype=np.float64)),
-        transition=np.where(given[1], column(meshes, "transition"), np.array(transition, dtype=np.float64)),
+        epsilon=np.array(epsilon, dtype=np.float64),
+        transition=np.array(transition, dtype=np.float64),
         **optional_columns(meshes, Meshes),
     )
 
@@ -217,23 +239,15 @@ def mesh_table(meshes) -> Meshes:
 def torque_table(torques) -> Torques:
     """Collect the given torques."""
     scale_rpm, scale_factor = _scales(torques)
-    harmonics = _harmonics([t.harmonics for t in torques])
     rated = any(t.rated_rpm is not None for t in torques)
     return Torques(
         mean=column(torques, "mean"),
-        harmonics=harmonics,
+        harmonics=_harmonics([t.harmonics for t in torques]),
         scale_rpm=scale_rpm,
         scale_factor=scale_factor,
         rated_rpm=column(torques, "rated_rpm") if rated else None,
         speed_exponent=column(torques, "speed_exponent", absent=2.0) if rated else None,
     )
-
-
-def load_table(loads) -> Loads:
-    """Collect the loads."""
-    pulsating = any(load.harmonics for load in loads)
-    harmonics = _harmonics([load.harmonics for load in loads]) if pulsating else None
-    return Loads(share=column(loads, "share"), harmonics=harmonics)
 
 
 def cylinder_table(cylinders) -> Cylinders:
@@ -247,14 +261,10 @@ def cylinder_table(cylinders) -> Cylinders:
     scale_rpm, scale_factor = _scales(cylinders)
     load_rpm, load_share = _share_table(cylinders)
     scattered = any(c.gas_factor is not None for c in cylinders)
+    sizes = ("bore", "stroke", "reciprocating_mass", "firing_angle", "ambient_pressure", "gas_torque_mean")
     return Cylinders(
-        bore=column(cylinders, "bore"),
-        stroke=column(cylinders, "stroke"),
+        **{name: column(cylinders, name) for name in sizes},
         rod=column(cylinders, "rod", absent=1.0),
-        reciprocating_mass=column(cylinders, "reciprocating_mass"),
-        firing_angle=column(cylinders, "firing_angle"),
-        ambient_pressure=column(cylinders, "ambient_pressure"),
-        gas_torque_mean=column(cylinders, "gas_torque_mean"),
         gas_torque=_harmonics([c.gas_torque or () for c in cylinders]),
         pressure=pressure,
         scale_rpm=scale_rpm,

@@ -1,7 +1,6 @@
 """What of a drive train is fixed when a program is compiled: names, connections, rotors, orders.
 
-Everything here is text, integers, floats and tuples of them, so that a :class:`Topology` can be hashed and
-compared.
+Everything here is text, integers, floats and tuples of them, so that a :class:`Topology` can be hashed and compared.
 """
 
 from __future__ import annotations
@@ -83,8 +82,6 @@ class Topology:
     tune: str = "{}"
 
     def __eq__(self, other):
-        if self is other:
-            return True
         if not isinstance(other, Topology):
             return NotImplemented
         # Compared at every call of a program: the kept hash tells most apart at once.
@@ -102,22 +99,21 @@ class Topology:
     def _hash(self):
         return hash(self._key)
 
-    @property
-    def _parts(self):
-        names = {"disk": self.disk_names[: self.n_scene_disks], "shaft": self.shaft_names, "mesh": self.mesh_names}
-        names |= {"damper": self.damper_names, "ground": self.ground_names, "load": self.load_names}
-        return {k: n for k, n in (names | {"torque": self.torque_names, "cylinder": self.cylinder_names}).items() if n}
+    @cached_property
+    def _names(self) -> dict[str, tuple[str, ...]]:
+        """Names of the elements by table."""
+        return {"disk": self.disk_names[: self.n_scene_disks]} | {t: getattr(self, f"{t}_names") for t in _TABLES}
 
     @property
     def parts_text(self):
         """``26 disks, 4 meshes``: how many elements of each kind there are."""
-        plural = {"mesh": "meshes"}
-        return ", ".join(f"{len(n)} {plural.get(k, f'{k}s') if len(n) > 1 else k}" for k, n in self._parts.items())
+        found = [(kind if n == 1 else "meshes" if kind == "mesh" else f"{kind}s", n) for kind, n, _ in self.parts_rows]
+        return ", ".join(f"{n} {kind}" for kind, n in found)
 
     @property
     def parts_rows(self):
         """Kind, number and first names of the elements, a row for each kind that there is."""
-        return [[k, len(n), ", ".join(n[:12]) + ", …" * (len(n) > 12)] for k, n in self._parts.items()]
+        return [[k, len(n), ", ".join(n[:12]) + ", …" * (len(n) > 12)] for k, n in self._names.items() if n]
 
     def cycle_frequency(self, rpm):
         """Omega = 2 pi rpm / (60 revolutions_per_cycle) in rad/s, of the cycle at ``rpm`` of the reference rotor."""
@@ -125,17 +121,12 @@ class Topology:
 
     def repeated(self, cycles: int) -> Topology:
         """The same with a cycle ``cycles`` times as long; harmonic n of the cycle becomes harmonic ``cycles n``."""
-        numbers: dict[str, Any] = {
-            name: tuple(tuple(cycles * n for n in row) for row in getattr(self, name))
-            for name in ("torque_harmonics", "cylinder_harmonics", "load_harmonics")
-        }
-        return dataclasses.replace(
-            self,
-            revolutions_per_cycle=cycles * self.revolutions_per_cycle,
-            cylinder_step=tuple(cycles * step for step in self.cylinder_step),
-            cylinder_turn=tuple(cycles * turn for turn in self.cylinder_turn),
-            **numbers,
-        )
+        numbers: dict[str, Any] = {"revolutions_per_cycle": cycles * self.revolutions_per_cycle}
+        for name in ("cylinder_step", "cylinder_turn"):
+            numbers[name] = tuple(cycles * number for number in getattr(self, name))
+        for name in ("torque_harmonics", "cylinder_harmonics", "load_harmonics"):
+            numbers[name] = tuple(tuple(cycles * n for n in row) for row in getattr(self, name))
+        return dataclasses.replace(self, **numbers)
 
     @property
     def title(self) -> str:
@@ -183,76 +174,37 @@ class Topology:
     @cached_property
     def elements(self) -> dict[str, tuple[str, int]]:
         """Table and index of every element by its name; a ring stands under ``damper``."""
-        found = {}
-        tables = ("shaft", "mesh", "ground", "load", "torque", "cylinder")
-        for table in tables:
-            found |= {name: (table, i) for i, name in enumerate(getattr(self, f"{table}_names"))}
-        found |= {name: ("damper", i) for i, name in enumerate(self.damper_names)}
-        return found | {name: ("disk", i) for i, name in enumerate(self.disk_names[: self.n_scene_disks])}
+        order = (*(table for table in self._names if table not in ("damper", "disk")), "damper", "disk")
+        return {name: (table, i) for table in order for i, name in enumerate(self._names[table])}
 
     def disk_index(self, name: str) -> int:
-        """Find a disk, or a damper's ring, by its name.
+        """Index of a disk or a damper's ring among the disks, rings last; else :class:`SceneError`, with the nearest.
 
-        Parameters
-        ----------
-        name : str
-            Name of a disk or of a damper (its ring).
-
-        Returns
-        -------
-        int
-            Index among the disks, rings last.
-
-        Raises
-        ------
-        SceneError
-            If no disk has this name; the sentence suggests the nearest one.
-
-        Examples
-        --------
         >>> from jaxhb.scene.files import load_scene
         >>> load_scene("spur_pair").topology.disk_index("gear b")
         1
         """
         if name not in self._disk_of:
-            where = self.name or "scene"
-            raise SceneError(f"{where}: there is no disk {name!r}.{suggestion(name, self.disk_names)}")
+            raise SceneError(f"{self.title}: there is no disk {name!r}.{suggestion(name, self.disk_names)}")
         return self._disk_of[name]
 
     def link_index(self, name: str, other: str | None = None) -> tuple[int, int]:
-        """Find a link by its name, or by the two disks it joins.
+        """Index and sense of a link given by its name, or by the two disks it joins; else :class:`SceneError`.
 
-        Parameters
-        ----------
-        name : str
-            Name of a shaft, damper or mesh; or the first disk.
-        other : str, optional
-            The second disk.
+        The sense is -1 where the disks are given against the order of ``between``. Where several links join them one is
+        asked for by its name.
 
-        Returns
-        -------
-        index, sense : int, int
-            Index among the links; sense is -1 where the disks were given against the order of ``between``.
-
-        Raises
-        ------
-        SceneError
-            If there is no such link, or if several join the two disks (then ask by name).
-
-        Examples
-        --------
         >>> from jaxhb.scene.files import load_scene
         >>> load_scene("spur_pair").topology.link_index("gear b", "gear a")
         (0, -1)
         """
-        where = self.name or "scene"
+        where = self.title
         if other is None:
             if name not in self._link_of:
                 raise SceneError(f"{where}: there is no link {name!r}.{suggestion(name, self.link_names)}")
             return self._link_of[name], 1
         a, b = self.disk_index(name), self.disk_index(other)
-        hits = [(i, 1) for i, ends in enumerate(self.link_ends) if ends == (a, b)]
-        hits += [(i, -1) for i, ends in enumerate(self.link_ends) if ends == (b, a)]
+        hits = [(i, 1 if ends == (a, b) else -1) for i, ends in enumerate(self.link_ends) if set(ends) == {a, b}]
         if not hits:
             near = [n for n, ends in zip(self.link_names, self.link_ends, strict=True) if a in ends or b in ends]
             raise SceneError(f"{where}: no link joins {name!r} and {other!r}. Links there: {', '.join(near)}.")
@@ -262,4 +214,5 @@ class Topology:
         return hits[0]
 
 
+_TABLES = ("shaft", "mesh", "damper", "ground", "load", "torque", "cylinder")
 _FIELDS = frozenset(Topology.__dataclass_fields__)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 
@@ -34,19 +35,16 @@ def elastic_pairs(parts) -> list[tuple[int, int]]:
 
 def connection_errors(parts) -> list[str]:
     """Find pieces of the train that no link joins."""
-    names = parts.disk_names
-    piece = pieces(len(names), elastic_pairs(parts) + parts.ends("mesh"))
     if not parts.connected:
         return []
-    first = [i for i, p in enumerate(piece) if p == 0]
-    errors = []
-    for k in range(1, max(piece, default=0) + 1):
-        other = [i for i, p in enumerate(piece) if p == k]
-        errors.append(
-            f"{parts.source}: the train falls into pieces that no link joins: {names_of(names, first)} and"
-            f" {names_of(names, other)}. Join them by a [[shaft]] or a [[mesh]]."
-        )
-    return errors
+    names = parts.disk_names
+    piece = pieces(len(names), elastic_pairs(parts) + parts.ends("mesh"))
+    first, *others = ([i for i, p in enumerate(piece) if p == k] for k in range(max(piece, default=0) + 1))
+    return [
+        f"{parts.source}: the train falls into pieces that no link joins: {names_of(names, first)} and"
+        f" {names_of(names, other)}. Join them by a [[shaft]] or a [[mesh]]."
+        for other in others
+    ]
 
 
 def gear_errors(parts, rotor) -> list[str]:
@@ -122,17 +120,12 @@ def cycle_errors(parts, needs, revolutions: float) -> list[str]:
 
 def fitting_cycle(per_revolution) -> float | None:
     """Smallest number of revolutions (up to 1000) that makes all given harmonics per revolution whole."""
-    least = 1
     if not all(math.isfinite(value) for value in per_revolution):
         return None
-    for value in per_revolution:
-        fraction = Fraction(value).limit_denominator(1000)
-        if abs(float(fraction) - value) > 1e-9 * max(1.0, abs(value)):
-            return None
-        least = int(np.lcm(least, fraction.denominator))
-        if least > 1000:
-            return None
-    return float(least)
+    near = [Fraction(value).limit_denominator(1000) for value in per_revolution]
+    fits = all(abs(float(n) - v) <= 1e-9 * max(1.0, abs(v)) for n, v in zip(near, per_revolution, strict=True))
+    least = math.lcm(*(fraction.denominator for fraction in near))
+    return float(least) if fits and least <= 1000 else None
 
 
 def inertia_errors(parts) -> list[str]:
@@ -176,14 +169,12 @@ def scale_speeds(parts) -> list[float]:
     """Speeds (rpm) at which a scale, a load or traces have a point, or a torque its rated speed."""
     found = set()
     for table in ("torque", "cylinder"):
-        for i, element in enumerate(parts.tables[table]):
-            for name in ("scale", "load"):
-                rows = getattr(element, name, ()) if parts.usable(table, i, name) else ()
-                found |= {float(row[0]) for row in rows}
-            traces = getattr(element, "traces", None) if parts.usable(table, i, "traces") else None
-            found |= {float(trace.rpm) for trace in traces or ()}
-            rated = getattr(element, "rated_rpm", None) if parts.usable(table, i, "rated_rpm") else None
-            found |= {float(rated)} if rated is not None else set()
+        for i, e in enumerate(parts.tables[table]):
+            names = [name for name in ("scale", "load", "traces", "rated_rpm") if parts.usable(table, i, name)]
+            sound: dict[str, Any] = {name: getattr(e, name, None) for name in names}
+            found |= {float(row[0]) for name in ("scale", "load") for row in sound.get(name) or ()}
+            found |= {float(trace.rpm) for trace in sound.get("traces") or ()}
+            found |= {float(sound["rated_rpm"])} if sound.get("rated_rpm") is not None else set()
     return sorted(found) or [0.0]
 
 

@@ -24,11 +24,8 @@ NEEDS = {
 }
 """Key of the scene that makes a link vary, and the number at which it is constant."""
 
-TAKEN_BY = {
-    "hz_links": "which only the forced response takes. Make it constant",
-    "amplitude_links": "which only the forced response takes. Make it constant",
-    "order_links": "which only the forced response and the Campbell diagram take. Make it constant",
-}
+TAKEN_BY = dict.fromkeys(NEEDS, "which only the forced response takes. Make it constant")
+TAKEN_BY["order_links"] = "which only the forced response and the Campbell diagram take. Make it constant"
 """Who takes a link that varies so."""
 
 
@@ -105,19 +102,14 @@ def factors(train, hz, amplitudes):
     links = sorted({*topology.hz_links, *topology.amplitude_links})
     used = [(link, "over_hz", hz) for link in topology.hz_links]
     used += [(link, "over_amplitude", a) for link, a in zip(topology.amplitude_links, amplitudes, strict=True)]
-    found = {link: [1.0, 1.0] for link in links}
+    found, shafts = {link: [1.0, 1.0] for link in links}, len(topology.shaft_names)
     for link, field, at in used:
-        points, *values = _rows(train, field, link).T
+        table, index = (train.shafts, link) if link < shafts else (train.dampers, link - shafts)
+        points, *values = getattr(table, field)[index].T
         found[link] = [f * xp.interp(at, points, v) for f, v in zip(found[link], values, strict=True)]
     if not links:
         return links, xp.ones(0), xp.ones(0)
     return links, *(xp.stack([xp.asarray(pair[k]) for pair in found.values()]) for k in (0, 1))
-
-
-def _rows(train, field, link):
-    """Rows [K, 3] of a table of link number ``link``."""
-    shafts = len(train.topology.shaft_names)
-    return getattr(train.shafts, field)[link] if link < shafts else getattr(train.dampers, field)[link - shafts]
 
 
 def scaled(values, index, by):

@@ -65,13 +65,10 @@ def test_the_derivative_to_a_dimension_is_that_of_differences():
         new = made.replace({"a|b.outer": values[0], "a|b.inner": values[1], "a|b.magnifier": values[2]})
         return jax.numpy.stack([new.value("a|b.stiffness"), new.value("a|b.damping")])
 
-    at = np.array([0.1, 0.05, 25.0])
-    found = jax.jit(jax.jacfwd(both))(at)
-    for k, value in enumerate(at):
-        step = 1e-4 * value * np.eye(3)[k]
-        near, far = both(at + step) - both(at - step), both(at + 2 * step) - both(at - 2 * step)
-        wanted = (8 * near - far) / (12e-4 * value)
-        np.testing.assert_allclose(found[:, k], wanted, rtol=GRADIENT, atol=1e-9 * np.abs(found).max())
+    at, direction = np.array([0.1, 0.05, 25.0]), 1e-3 * np.array([0.1, -0.05, 25.0])
+    _, slope = jax.jvp(both, (at,), (direction,))
+    near, far = (both(at + k * direction) - both(at - k * direction) for k in (1, 2))
+    np.testing.assert_allclose(slope, (8 * near - far) / 12, rtol=GRADIENT)
 
 
 def test_a_traced_wall_without_thickness_is_invalid_input():
@@ -104,14 +101,8 @@ FAULTS = {
     "both": (SIZE | {"stiffness": 1e3}, "stiffness = 1000 N m/rad is given together with length = 0.5 m, outer = 0.1"),
     "part": ({"length": 0.5}, "length = 0.5 m without outer and shear_modulus give no stiffness. Give the rest, or"),
     "wall": (SIZE | {"inner": 0.2}, "inner is 0.2 m, must be less than outer = 0.1 m. Correct one of them."),
-    "units": (
-        SIZE | {"shear_modulus": 80.0},
-        "shear_modulus is 80 Pa, must be at least 100000 Pa. Give it in Pa: steel",
-    ),
-    "millimetres": (
-        SIZE | {"outer": 100.0, "inner": 0.0},
-        "outer is 100 m, must be greater than 0 m and at most 5 m.",
-    ),
+    "units": (SIZE | {"shear_modulus": 80.0}, "is 80 Pa, must be at least 100000 Pa. Give it in Pa: steel"),
+    "millimetres": (SIZE | {"outer": 100.0, "inner": 0.0}, "outer is 100 m, must be greater than 0 m and at most 5"),
     "two dampings": (
         {"stiffness": 1e3, "damping": 60.0, "magnifier": 40.0, "damping_hz": 9.0},
         "damping = 60 N m s/rad is given together with magnifier = 40. Keep one of them.",
@@ -121,10 +112,7 @@ FAULTS = {
         "damping_ratio = 0.1 is given together with loss_factor = 0.1. Keep one of them.",
     ),
     "no frequency": ({"stiffness": 1e3, "magnifier": 40.0}, "magnifier = 40 is given without damping_hz. Give the fre"),
-    "frequency alone": (
-        {"stiffness": 1e3, "damping_hz": 9.0},
-        "damping_hz = 9 Hz is given without magnifier or damping",
-    ),
+    "frequency alone": ({"stiffness": 1e3, "damping_hz": 9.0}, "damping_hz = 9 Hz is given without magnifier or"),
     "bore alone": ({"stiffness": 1e3, "bore": 0.1}, "bore = 0.1 m is given without diameter. Give the outer diameter"),
     "bore": ({"stiffness": 1e3, "bore": 0.1, "diameter": 0.1}, "bore is 0.1 m, must be less than diameter = 0.1 m."),
     "MPa": (
@@ -135,10 +123,7 @@ FAULTS = {
         {"stiffness": 1e3, "diameter": 0.1, "stress_concentration": 2.4, "tensile_strength": 6e8},
         "stress_concentration is 2.4, must be greater than 0 and at most 1. It is the factor C_K of IACS UR M68",
     ),
-    "limit alone": (
-        {"stiffness": 1e3, "tensile_strength": 6e8},
-        "tensile_strength = 6e+08 Pa asks for the stress limits of IACS UR M68, without diameter and stress",
-    ),
+    "limit alone": ({"stiffness": 1e3, "tensile_strength": 6e8}, "tensile_strength = 6e+08 Pa asks for the stress"),
     "form alone": (
         {"stiffness": 1e3, "diameter": 0.1, "stress_concentration": 0.6},
         "stress_concentration = 0.6 asks for the stress limits of IACS UR M68, without tensile_strength. Give tensile",

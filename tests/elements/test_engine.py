@@ -216,12 +216,6 @@ def test_an_engine_beside_a_cylinder_on_its_disk_is_refused():
     assert build([*TRAIN, other, engine(**single)]).topology.cylinder_names == ("extra", "cylinder 1")
 
 
-def test_two_engines_of_one_train_have_their_names():
-    own = {"cylinders": 1, "firing_order": [1], "bank_angle": None}
-    train = build([*TRAIN, engine(name="port", disks=["a"], **own), engine(name="starboard", disks=["b"], **own)])
-    assert train.topology.cylinder_names == ("port 1", "starboard 1")
-
-
 def test_unknown_keys_of_an_engine_and_its_combustion_are_told(tmp_path):
     path = tmp_path / "gears.toml"
     head = '[[disk]]\nname = "a"\ninertia = 1.0\n[[load]]\ndisk = "a"\n'

@@ -28,7 +28,7 @@ def one(samples=7200, revolutions=2, **changes):
     """Pressures of one cylinder, [samples] each."""
     given = {key: np.array([value]) for key, value in (NUMBERS | changes).items()}
     size = (np.array([v]) for v in (BORE, STROKE, ROD))
-    return [p[0] for p in pressures(*size, **given, revolutions=revolutions, samples=samples)]
+    return [p[0] for p in pressures(*size, given, revolutions=revolutions, samples=samples)]
 
 
 def volume(degrees):
@@ -101,7 +101,7 @@ def test_all_numbers_have_derivatives():
     def pressure(values):
         given = {key: values[None, i] for i, key in enumerate(names)}
         size = (jnp.array([v]) for v in (BORE, STROKE, ROD))
-        motored, per_joule = pressures(*size, **given, revolutions=2, samples=720)
+        motored, per_joule = pressures(*size, given, revolutions=2, samples=720)
         return (motored + 2500.0 * per_joule)[0]
 
     at = np.array(list(NUMBERS.values()))

@@ -44,10 +44,7 @@ CASES = {
         [*disks("a", "b", "c", radius=0.1), shaft("a", "b", stiffness=-1), MISFIT],
         [STIFFNESS, PIECES, ORDER],
     ),
-    "unknown disk, mesh without radius": (
-        [*AB, *disks("g"), mesh("a", "g"), shaft("zz", "b")],
-        [UNKNOWN, RADIUS],
-    ),
+    "unknown disk, mesh without radius": ([*AB, *disks("g"), mesh("a", "g"), shaft("zz", "b")], [UNKNOWN, RADIUS]),
     "damping, order, balance": (
         [*disks("a", "b"), shaft("a", "b", damping=-1), MISFIT, PULL],
         [DAMPING, ORDER, BALANCE],

@@ -81,15 +81,8 @@ def test_an_excitation_that_is_not_read_is_told(tmp_path):
 
 def test_disks_of_one_node_are_added_and_gears_of_one_node_joined(tmp_path):
     box = [gear("g1", 20), gear("g2", 30, "g1"), disk("clutch", 1e-4, 0.5), gear("g3", 15), gear("g4", 45, "g3")]
-    train = load_scene(
-        write(
-            tmp_path,
-            "box.json",
-            gearbox(box=box)
-            | {"structure": [["motor.s", "box.g1"]]}
-            | {"components": gearbox(box=box)["components"][:2]},
-        )
-    )
+    content = {"structure": [["motor.s", "box.g1"]], "components": gearbox(box=box)["components"][:2]}
+    train = load_scene(write(tmp_path, "box.json", content))
     assert train.value("box.g2.inertia") == 25e-6 + 1e-4 + 25e-6 and train.value("box.g2.damping") == 0.5
     assert train.topology.mesh_names == ("box.g1|box.g2", "box.g3|box.g4")
     assert train.value("box.g2|box.g3.stiffness") == 1e9
@@ -103,11 +96,8 @@ def test_a_round_shaft_has_the_stiffness_and_inertia_of_its_sizes(tmp_path):
         "outerDiameter": 40.0,
         "innerDiameter": 20.0,
     }
-    content = {
-        "structure": [],
-        "components": [{"name": "c", "elements": [disk("a", 1.0), round_shaft, disk("b", 1.0)]}],
-    }
-    train = load_scene(write(tmp_path, "round.json", content))
+    parts = {"name": "c", "elements": [disk("a", 1.0), round_shaft, disk("b", 1.0)]}
+    train = load_scene(write(tmp_path, "round.json", {"structure": [], "components": [parts]}))
     polar = np.pi / 32 * (0.04**4 - 0.02**4)
     np.testing.assert_allclose(train.value("c.r.stiffness"), 80e9 * polar / 0.5)
     np.testing.assert_allclose(train.value("c.a.inertia"), 1.0 + 8000 * polar * 0.5 / 2)
@@ -192,11 +182,6 @@ BAD = {
         gearbox(left=[{"type": "ShaftDiscret", "name": "a"}, disk("wheel", 1.0)]),
         "x.json, 'left.a': unknown type 'ShaftDiscret'. Did you mean 'ShaftDiscrete'?",
     ),
-    "no inertia": (
-        "x.json",
-        gearbox(motor=[{"type": "Disk", "name": "rotor"}, shaft("s", 1.0)]),
-        "x.json, 'motor.rotor': the key 'inertia' is missing or no number. Give it.",
-    ),
     "no begin": (
         "x.json",
         gearbox() | {"structure": [["motor.s", "box.g1"], ["box.g2", "motor.rotor"]]},
@@ -207,27 +192,8 @@ BAD = {
         gearbox() | {"structure": [*gearbox()["structure"], ["left.wheel", "fan.x"]]},
         "'fan' does not",
     ),
-    "a negative stiffness": (
-        "x.json",
-        gearbox(motor=[disk("rotor", 1.0), shaft("s", -1.0)]),
-        "x.json, [[shaft]] no. 1 'motor.s': stiffness is -1 N m/rad",
-    ),
     "no head": ("x.csv", "a, 1\n", "x.csv: the first line must name columns"),
-    "an unknown column": ("x.csv", "name, inertai\na, 1\n", "x.csv: unknown column 'inertai'. Did you mean 'inertia'?"),
-    "no inertias": ("x.csv", "from, to, stiffness\na, b, 1\n", "there is no table of inertias"),
-    "too many cells": ("x.csv", "name, inertia\na, 1, 2\nb, 1\n", "x.csv, row 2: 3 cells under 2 heads."),
-    "an unknown link": (
-        "x.csv",
-        "name, inertia\na, 1\nfrom, to, link\na, b, belt\n",
-        "link is 'belt', must be 'shaft' or",
-    ),
-    "text for a number": ("x.csv", "name, inertia\na, heavy\n", "inertia is 'heavy', must be a number in kg m2"),
     "a missing key": ("x.csv", CSV.replace("5e6", ""), "x.csv, [[shaft]] no. 1: the key 'stiffness' is missing"),
-    "an unknown disk": (
-        "x.csv",
-        CSV.replace("crank gear,,", "crank geer,,"),
-        "no disk 'crank geer'. Did you mean 'crank gear'?",
-    ),
 }
 
 
@@ -320,10 +286,7 @@ def test_a_component_that_nothing_leads_to_or_two_lead_to_is_told(tmp_path):
     ):
         first, *_ = sentences(tmp_path, "x.json", gearbox() | {"structure": joints + more})
         assert first.startswith(begin)
-    ring = gearbox(one=[shaft("a", 1.0)], two=[shaft("b", 1.0)]) | {
-        "structure": [*joints, ["one.a", "two.b"], ["two.b", "one.a"]]
-    }
-    assert sentences(tmp_path, "x.json", ring)[:2] == [
-        "component 'one' is not connected to the others. Correct 'structure'.",
-        "component 'two' is not connected to the others. Correct 'structure'.",
-    ]
+    ring = gearbox(one=[shaft("a", 1.0)], two=[shaft("b", 1.0)])
+    ring["structure"] += [["one.a", "two.b"], ["two.b", "one.a"]]
+    said = [f"component '{name}' is not connected to the others. Correct 'structure'." for name in ("one", "two")]
+    assert sentences(tmp_path, "x.json", ring)[:2] == said

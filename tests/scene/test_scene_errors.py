@@ -40,80 +40,28 @@ def load(tmp_path, text):
 SHAFT = "[[shaft]]\n"
 SOFT = SHAFT + 'between = ["a", "b"]\nstiffness = 1.0\n'
 CASES = {
-    "rows over frequency, unsorted": (
-        SOFT + "over_hz = [[10, 1, 1], [5, 1, 1]]",
-        "[[shaft]] no. 2: over_hz, row 2: hz 5 after 10; must increase. Sort the rows.",
-    ),
-    "rows over frequency, doubled": (
-        SOFT + "over_hz = [[10, 1, 1], [10, 2, 1]]",
-        "over_hz, row 2: hz 10 after 10; must increase. Leave out one of the two rows.",
-    ),
-    "rows over amplitude, stiffness": (
-        SOFT + "over_amplitude = [[0, 1, 1], [0.01, 0, 1]]",
-        "over_amplitude, row 2: factor of stiffness is 0, must be greater than 0. Correct the row.",
-    ),
-    "rows over amplitude, damping": (
-        SOFT + "over_amplitude = [[0, 1, -1]]",
-        "over_amplitude, row 1: factor of damping is -1, must be at least 0. Correct the row.",
-    ),
-    "rows over amplitude, negative": (
-        SOFT + "over_amplitude = [[-0.01, 1, 1]]",
-        "over_amplitude, row 1: amplitude is -0.01, must be at least 0. Correct the row.",
-    ),
+    "rows over frequency, doubled": (SOFT + "over_hz = [[10, 1, 1], [10, 2, 1]]", "over_hz, row 2: hz 10 after 10;"),
     "rows over frequency, columns": (SOFT + "over_hz = [[10, 1]]", "over_hz, row 1 is [10, 1], must be 3 numbers [hz,"),
     "order of a damper": (
         "[[damper]]\nname = 'd'\ndisk = 'a'\ninertia = 1\norder = -1",
         "[[damper]] no. 1 'd': order is -1, must be greater than 0. Leave the key out",
     ),
-    "scenario of no element": (
-        "[scenario.hot]\n'a|bb.stiffness' = 1.0",
-        "[scenario.hot]: there is no element 'a|bb' in 'a|bb.stiffness'. Did you mean 'a|b'?",
-    ),
-    "scenario of no field": (
-        "[scenario.hot]\n'a|b.stifness' = 1.0",
-        "[scenario.hot]: a [[shaft]] as 'a|b' has no number 'stifness'. Did you mean 'stiffness'?",
-    ),
-    "scenario out of range": (
-        "[scenario.hot]\n'a|b.stiffness' = -1.0",
-        "[scenario.hot]: 'a|b': stiffness is -1 N m/rad, must be greater than 0 N m/rad.",
-    ),
+    "scenario of no field": ("[scenario.hot]\n'a|b.stifness' = 1.0", "number 'stifness'. Did you mean 'stiffness'?"),
     "scenario without field": ("[scenario.hot]\nstiffness = 1.0", "'stiffness' names no field. Write 'NAME.FIELD'"),
     "no table of scenarios": ("[scenario]\n'a|b.stiffness' = 1.0", "'scenario' must hold a table for each scenario."),
-    "unknown key": (
-        SHAFT + 'between = ["a", "b"]\nstifness = 1.0',
-        "gears.toml, [[shaft]] no. 2: unknown key 'stifness'. Did you mean 'stiffness'?",
-    ),
-    "missing key": (
-        SHAFT + 'between = ["a", "b"]',
-        "no. 2: the key 'stiffness' is missing. Give greater than 0 N m/rad, or length,",
-    ),
+    "unknown key": (SHAFT + 'between = ["a", "b"]\nstifness = 1.0', "key 'stifness'. Did you mean 'stiffness'?"),
+    "missing key": (SHAFT + 'between = ["a", "b"]', "is missing. Give greater than 0 N m/rad, or length,"),
     "missing name": ("[[disk]]\ninertia = 1.0", "[[disk]] no. 4: the key 'name' is missing. Give a text, unique"),
-    "missing disk": (
-        "[[ground]]\nstiffness = 1.0",
-        "[[ground]] no. 1: the key 'disk' is missing. Give the name of a disk.",
-    ),
+    "missing disk": ("[[ground]]\nstiffness = 1.0", "no. 1: the key 'disk' is missing. Give the name of a disk."),
     "unknown table": ("[[shafts]]\nstiffness = 1.0", "unknown table 'shafts'. Did you mean 'shaft'?"),
     "no list": ("[load]\ndisk = 'a'", "'load' must be a list of tables. Write [[load]]."),
-    "repeated name": (
-        "[[disk]]\nname = 'b'\ninertia = 1.0",
-        "[[disk]] no. 4: the name 'b' is taken by [[disk]] no. 2. Rename.",
-    ),
-    "name of two tables": (
-        "[[load]]\nname = 'a'\ndisk = 'b'",
-        "[[load]] no. 1: the name 'a' is taken by [[disk]] no. 1. Rename.",
-    ),
+    "repeated name": ("[[disk]]\nname = 'b'\ninertia = 1.0", "[[disk]] no. 4: the name 'b' is taken by [[disk]] no."),
+    "name of two tables": ("[[load]]\nname = 'a'\ndisk = 'b'", "[[load]] no. 1: the name 'a' is taken by [[disk]]"),
     "unknown disk": (
         "[[disk]]\nname = 'flywheel'\ninertia = 1.0\n[[load]]\ndisk = 'flywhel'",
         "[[load]] no. 1: there is no disk 'flywhel'. Did you mean 'flywheel'?",
     ),
-    "negative": (
-        SHAFT + "between = ['a', 'b']\nstiffness = -5",
-        "stiffness is -5 N m/rad, must be greater than 0 N m/rad.",
-    ),
-    "not finite": (
-        SHAFT + "between = ['a', 'b']\nstiffness = nan",
-        "stiffness is nan N m/rad, must be a finite number.",
-    ),
+    "not finite": (SHAFT + "between = ['a', 'b']\nstiffness = nan", "stiffness is nan N m/rad, must be a finite"),
     "text": (SHAFT + "between = ['a', 'b']\nstiffness = 'soft'", "stiffness is 'soft', must be a number in N m/rad."),
     "truth": (SHAFT + "between = ['a', 'b']\nstiffness = true", "stiffness is True, must be a number in N m/rad."),
     "pair": (SHAFT + "between = ['a']\nstiffness = 1", "between is ['a'], must be the names of two disks."),
@@ -123,79 +71,28 @@ CASES = {
     "law": (MESH + "law = 'fridman2009'\nepsilon = 0.1", "law = 'fridman2009' is given together with epsilon."),
     "choice": (MESH + "damping_law = 'allways'", "must be 'contact' or 'always'. Did you mean 'always'?"),
     "teeth": ("[[disk]]\nname='d'\ninertia=1\nradius=1\nteeth = 2.5", "teeth is 2.5, must be a whole number."),
-    "itself": (
-        SHAFT + "between = ['a', 'a']\nstiffness = 1",
-        "no. 2: it joins 'a' to itself. Name two different disks.",
-    ),
-    "no radius": (
-        "[[mesh]]\nbetween = ['c', 'b']\nstiffness = 1e8",
-        "[[mesh]] no. 1: disk 'b' has no radius. Give its pitch radius in m.",
-    ),
-    "one rotor": (
-        MESH + SHAFT + "between = ['b', 'c']\nstiffness = 1",
-        "[[mesh]] no. 1: 'a' and 'c' are on one rotor, must be on two",
-    ),
-    "pieces": (
-        "",
-        "the train falls into pieces that no link joins: 'a', 'b' and 'c'. Join them by a [[shaft]] or a [[mesh]].",
-    ),
+    "itself": (SHAFT + "between = ['a', 'a']\nstiffness = 1", "no. 2: it joins 'a' to itself. Name two different"),
     "loose ring": (MESH + "[[damper]]\nname='d'\ndisk='a'\ninertia=1.0", "damping and stiffness are both 0"),
-    "balance": (
-        MESH + "[[torque]]\ndisk = 'a'\nmean = 5.0\n[[torque]]\ndisk = 'c'\nmean = 8.0",
-        "the mean torques leave 9 N m (sum of speed ratio x mean torque), must balance",
-    ),
     "viscous ground": (
         MESH + "[[damper]]\nname='d'\ndisk='a'\ninertia=1.0\ndamping=1.0\n[[ground]]\ndisk='d'\nstiffness=1.0",
         "the [[ground]] on 'd' holds the train only through links without static stiffness. Ground a disk",
     ),
-    "torque on a viscous ring": (
-        MESH + "[[damper]]\nname='d'\ndisk='a'\ninertia=1.0\ndamping=1.0\n[[torque]]\ndisk='d'\nmean=1.0",
-        "a mean torque acts on 'd', which no static stiffness holds. Give the damper a stiffness",
-    ),
-    "order": (
-        MESH + "[[torque]]\ndisk = 'a'\nharmonics = [[0.25, 1.0, 0.0]]",
-        "order 0.25 is harmonic 0.5 of a cycle of 2 revolutions of the reference rotor, must be whole."
-        " Set revolutions_per_cycle = 4.",
-    ),
-    "order 0": (
-        MESH + "[[torque]]\ndisk = 'a'\nharmonics = [[0, 1.0, 0.0]]",
-        "harmonics, row 1: order is 0, must be greater than 0. Give the mean by its own key.",
-    ),
+    "order": (MESH + "[[torque]]\ndisk = 'a'\nharmonics = [[0.25, 1.0, 0.0]]", "Set revolutions_per_cycle = 4."),
+    "order 0": (MESH + "[[torque]]\ndisk = 'a'\nharmonics = [[0, 1.0, 0.0]]", "0. Give the mean by its own key."),
     "order twice": (
         MESH + "[[torque]]\ndisk = 'a'\nharmonics = [[1, 1.0, 0.0], [1, 1, 1]]",
         "harmonics: order 1 stands 2 times. Add the rows.",
     ),
-    "row": (
-        MESH + "[[torque]]\ndisk = 'a'\nharmonics = [[1, 1.0]]",
-        "harmonics, row 1 is [1, 1.0], must be 3 numbers [order, Re, Im].",
-    ),
-    "scale": (
-        MESH + "[[torque]]\ndisk = 'a'\nscale = [[600, 1], [600, 2]]",
-        "scale, row 2: rpm 600 after 600; must increase. Leave out one of the two rows.",
-    ),
-    "angles": (
-        MESH + CYLINDER + "pressure = [[0, 1e5], [10, 1e5], [9, 1e5]]",
-        "pressure, row 3: angle 9 after 10; must increase.",
-    ),
-    "two gas torques": (
-        MESH + CYLINDER + TRACE + "gas_torque_mean = 1.0",
-        "pressure and gas_torque are both given. Keep one of them.",
-    ),
-    "no gas torque": (
-        MESH + CYLINDER,
-        "neither pressure nor gas_torque is given. Give one of them, or set fires = false.",
-    ),
-    "short rod": (
-        MESH + CYLINDER.replace("0.2", "0.04") + TRACE,
-        "rod is 0.04 m, must be longer than half the stroke (0.05 m).",
-    ),
+    "row": (MESH + "[[torque]]\ndisk = 'a'\nharmonics = [[1, 1.0]]", "harmonics, row 1 is [1, 1.0], must be 3"),
+    "scale": (MESH + "[[torque]]\ndisk = 'a'\nscale = [[600, 1], [600, 2]]", "scale, row 2: rpm 600 after 600; must"),
+    "angles": (MESH + CYLINDER + "pressure = [[0, 1e5], [10, 1e5], [9, 1e5]]", "pressure, row 3: angle 9 after 10;"),
+    "two gas torques": (MESH + CYLINDER + TRACE + "gas_torque_mean = 1.0", "pressure and gas_torque are both given."),
+    "no gas torque": (MESH + CYLINDER, "pressure nor gas_torque is given. Give one of them, or set fires = false."),
+    "short rod": (MESH + CYLINDER.replace("0.2", "0.04") + TRACE, "rod is 0.04 m, must be longer than half the"),
     "no bore": (MESH + CYLINDER.replace("bore = 0.1\n", "") + TRACE, "the key 'bore' is missing; pressure needs it."),
     "no csv": (MESH + CYLINDER + "pressure = 'p.csv'", "pressure: there is no file 'p.csv' beside the scene."),
     "flag": (MESH + CYLINDER + TRACE + "fires = 'no'", "fires is 'no', must be true or false."),
-    "long trace": (
-        MESH + CYLINDER + "pressure = [[0, 1], [800, 1]]",
-        "pressure spans 800 deg, must span at most 720 deg.",
-    ),
+    "long trace": (MESH + CYLINDER + "pressure = [[0, 1], [800, 1]]", "pressure spans 800 deg, must span at most"),
 }
 
 
@@ -214,23 +111,12 @@ def test_the_scene_the_errors_are_put_in_is_sound(tmp_path):
     load(tmp_path, HEAD + MESH + CYLINDER + TRACE)
 
 
-def test_all_errors_are_collected(tmp_path):
-    text = HEAD.replace("stiffness = 1e4", "stifness = 1e4") + "[[load]]\ndisk = 'zz'\nshare = -1\n[[foo]]\nx = 1\n"
-    with pytest.raises(SceneError) as caught:
-        load(tmp_path, text)
-    assert len(caught.value.sentences) == 4
-    assert str(caught.value).count("\n") == 3
-
-
 @pytest.mark.parametrize(
     "head, sentence",
     [
         ("[scene]\nrefrence = 'a'", "[scene]: unknown key 'refrence'. Did you mean 'reference'?"),
         ("[scene]\nreference = 'zz'", "[scene]: reference: there is no disk 'zz'. Known: 'a', 'b', 'c'."),
-        (
-            "",
-            "[scene]: the key 'reference' is missing; there are 2 rotors. Name a disk of the rotor whose rpm is given",
-        ),
+        ("", "[scene]: the key 'reference' is missing; there are 2 rotors. Name a disk of the rotor whose rpm is"),
         ("[scene]\nrevolutions_per_cycle = 0", "revolutions_per_cycle is 0, must be a number greater than 0."),
         ("scene = 3", "'scene' is 3, must be a table. Write [scene]."),
     ],
@@ -299,19 +185,9 @@ def test_a_loop_whose_ratios_do_not_close_locks():
     parts = [*gears(0.1, 0.2, 0.1, 0.1, 0.2), shaft, *meshes("ab", "bc"), *meshes("de", "ea")]
     with pytest.raises(SceneError, match="locked closed loop .*its senses"):
         build([*parts[:-1], *meshes("ea", kind="internal")], reference="a")
-    two = [
-        *gears(0.1, 0.2, 0.1, 0.3),
-        Shaft(between=("a", "c"), stiffness=1.0),
-        Shaft(between=("b", "d"), stiffness=1.0),
-    ]
+    two = [*gears(0.1, 0.2, 0.1, 0.3), *(Shaft(between=pair, stiffness=1.0) for pair in (("a", "c"), ("b", "d")))]
     with pytest.raises(SceneError, match=r"locked closed loop 'c', 'd', 'b', 'a': its ratios multiply to 0\.6"):
         build([*two, *meshes("ab", "cd")], reference="a")
-
-
-def test_teeth_that_contradict_the_radii_are_refused():
-    disks = [Disk(name="a", inertia=1.0, radius=0.1, teeth=20), Disk(name="b", inertia=1.0, radius=0.2, teeth=41)]
-    with pytest.raises(SceneError, match="teeth 20:41 = 0.487805 but radii 0.1:0.2 m = 0.5; must agree to 0.1 %"):
-        build([*disks, *meshes("ab")], reference="a")
 
 
 def test_a_train_without_inertia_is_refused():

@@ -10,7 +10,7 @@ import pytest
 from jaxhb.elements.elements import Cylinder, Damper, Disk, Ground, Load, Mesh, Shaft, Torque
 from jaxhb.scene.files import load_scene
 from jaxhb.train.assembly import build
-from jaxhb.train.drivetrain import DriveTrain, SceneError, inertias, speed_ratios
+from jaxhb.train.drivetrain import SceneError, inertias, speed_ratios
 
 GEARS = [
     Disk(name="a", inertia=1.0, radius=0.1),
@@ -63,10 +63,6 @@ def test_topologies_of_equal_scenes_are_equal_and_hash_alike(train):
     assert dataclasses.replace(other, name="other") != other
 
 
-def test_rings_come_last_in_the_inertias(train):
-    np.testing.assert_array_equal(inertias(train), [1.0, 2.0, 3.0, 0.5])
-
-
 def test_speed_ratios_follow_the_radii_and_are_differentiable(train):
     np.testing.assert_allclose(speed_ratios(train), [1.0, 0.5])
     slope = jax.jit(jax.grad(lambda r: speed_ratios(train.replace({"b.radius": r}))[1]))(0.2)
@@ -88,31 +84,14 @@ def test_a_closed_loop_that_turns_is_legal():
     np.testing.assert_array_equal(speed_ratios(build([*parts, *ring], reference="a")), np.ones(4))
 
 
-@pytest.mark.parametrize(
-    "key, value",
-    [
-        ("a.inertia", 9.0),
-        ("b|c.loss_factor", 0.3),
-        ("a|b.backlash", 2e-4),
-        ("ring.damping", 1.0),
-        ("c:load.share", 2.0),
-    ],
-)
+@pytest.mark.parametrize("key, value", [("b|c.loss_factor", 0.3), ("a|b.backlash", 2e-4), ("c:load.share", 2.0)])
 def test_replace_changes_one_number_and_keeps_the_topology(train, key, value):
     changed = train.replace({key: value})
     assert changed.value(key) == value
     assert changed.topology is train.topology
     assert train.value(key) != value
-    differing = [
-        np.sum(np.asarray(x) != np.asarray(y))
-        for x, y in zip(jax.tree.leaves(train), jax.tree.leaves(changed), strict=True)
-    ]
-    assert sum(differing) == 1
-
-
-def test_replace_writes_harmonics_as_rows_of_re_and_im(train):
-    changed = train.replace({"a:torque.harmonics": [[5.0, 6.0]]})
-    np.testing.assert_array_equal(changed.value("a:torque.harmonics"), [[5.0, 6.0]])
+    both = zip(jax.tree.leaves(train), jax.tree.leaves(changed), strict=True)
+    assert sum(np.sum(np.asarray(x) != np.asarray(y)) for x, y in both) == 1
 
 
 def test_replace_does_not_compile_anew(train):
@@ -171,19 +150,11 @@ def test_a_mesh_without_backlash_is_always_in_contact():
     train = build([*disks, Mesh(between=("a", "b"), stiffness=1e8, kind="internal")], reference="a")
     assert train.topology.mesh_backlash == (False,) and train.meshes.backlash[0] == 0.0
     assert train.topology.mesh_internal == (True,) and train.topology.mesh_damping_law == ("contact",)
-    with pytest.raises(SceneError, match="the mesh has no backlash"):
-        train.replace({"a|b.backlash": 1e-4})
-
-
-def test_tune_is_passed_on_untouched():
-    table = {"free": ["ring.damping"], "speeds": {"rpm": [600, 2450]}}
-    assert build(GEARS, reference="a", tune=table).tune == table
-
-
-def test_a_massless_disk_and_a_viscous_ring_are_legal():
-    parts = [Disk(name="a", inertia=0.0), Disk(name="b", inertia=1.0), Shaft(between=("a", "b"), stiffness=1.0)]
-    train = build([*parts, Damper(name="d", disk="a", inertia=1.0, damping=1.0), Ground(disk="a", stiffness=1.0)])
-    assert isinstance(train, DriveTrain)
+    for field in ("backlash", "epsilon", "transition"):
+        replaced = lambda v, key=f"a|b.{field}": train.replace({key: v}).meshes.backlash  # noqa: E731
+        for call in (replaced, jax.jit(replaced)):
+            with pytest.raises(SceneError, match="the mesh has no backlash"):
+                call(0.5)
 
 
 SENTENCES = {
@@ -243,26 +214,6 @@ def test_a_reciprocating_mass_of_0_can_be_raised_where_the_geometry_is_given():
     assert train.replace({"p.reciprocating_mass": 3.0}).value("p.reciprocating_mass") == 3.0
 
 
-def test_a_traced_backlash_on_a_mesh_without_is_refused():
-    parts = [dataclasses.replace(e, backlash=None) if isinstance(e, Mesh) else e for e in GEARS]
-    train = build(parts, reference="a")
-    with pytest.raises(SceneError, match="it is always in contact"):
-        jax.jit(lambda h: train.replace({"a|b.backlash": h}).meshes.backlash)(1e-4)
-
-
-@pytest.mark.parametrize("field", ["epsilon", "transition"])
-def test_the_law_of_a_mesh_without_backlash_has_no_effect(field):
-    parts = [dataclasses.replace(e, backlash=None) if isinstance(e, Mesh) else e for e in GEARS]
-    with pytest.raises(SceneError, match="it is always in contact"):
-        build(parts, reference="a").replace({f"a|b.{field}": 0.5})
-
-
-def test_a_given_gas_torque_is_not_added_to_that_of_a_pressure():
-    train = load_scene("six_cylinder_diesel")
-    with pytest.raises(SceneError, match="the gas torque comes from the pressure table"):
-        train.replace({f"{train.topology.cylinder_names[0]}.gas_torque_mean": 500.0})
-
-
 def test_radii_that_contradict_the_teeth_are_refused():
     train = load_scene("spur_pair")
     radius = train.value("gear a.radius")
@@ -309,20 +260,16 @@ def test_laws_of_a_mesh_change_by_their_words():
 
 
 @pytest.mark.parametrize(
-    ("values", "sentence"),
+    ("scene", "values", "sentence"),
     [
-        ({"gear a.teeth": 4.5}, "teeth is 4.5, must be a whole number of at least 1"),
-        ({"gear a|gear b.damping_law": "contct"}, "Did you mean 'contact'?"),
-        ({"gear a|gear b.law": "fridman"}, "Did you mean 'fridman2009'?"),
-        ({"gear a.inertia": "heavy"}, "'heavy', must be finite and real"),
+        ("spur_pair", {"gear a.teeth": 4.5}, "teeth is 4.5, must be a whole number of at least 1"),
+        ("spur_pair", {"gear a|gear b.damping_law": "contct"}, "Did you mean 'contact'?"),
+        ("spur_pair", {"gear a|gear b.law": "fridman"}, "Did you mean 'fridman2009'?"),
+        ("spur_pair", {"gear a.inertia": "heavy"}, "'heavy', must be finite and real"),
+        ("gear_train_30", {"idler.teeth": 40}, "has no teeth in the scene"),
     ],
 )
-def test_words_and_teeth_that_cannot_be_are_sentences(values, sentence):
+def test_words_and_teeth_that_cannot_be_are_sentences(scene, values, sentence):
     with pytest.raises(SceneError) as error:
-        load_scene("spur_pair").replace(values)
+        load_scene(scene).replace(values)
     assert sentence in str(error.value)
-
-
-def test_teeth_need_a_gear_that_has_some():
-    with pytest.raises(SceneError, match="has no teeth in the scene"):
-        load_scene("gear_train_30").replace({"idler.teeth": 40})

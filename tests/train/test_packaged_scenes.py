@@ -8,7 +8,7 @@ import pytest
 
 from jaxhb.excitation.torques import excitation, highest_harmonic, load_power_kW
 from jaxhb.scene.files import load_scene, scene_description, scene_names
-from jaxhb.train.drivetrain import inertias, speed_ratios
+from jaxhb.train.drivetrain import inertias
 
 REFERENCE = Path(__file__).parents[1] / "data"
 
@@ -34,14 +34,7 @@ def dynamic_stiffness(train, omega):
 
 
 def natural_frequencies(train):
-    import dataclasses
-
-    quiet = {
-        name: dataclasses.replace(table, damping=0 * table.damping, loss_factor=0 * table.loss_factor)
-        for name, table in (("shafts", train.shafts), ("dampers", train.dampers))
-    }
-    train = dataclasses.replace(train, **quiet)
-    K = dynamic_stiffness(train, 0.0).real
+    K = dynamic_stiffness(train, 0.0).real  # at 0 rad/s loss factors are in the imaginary part alone
     root = np.sqrt(np.asarray(inertias(train)))
     return np.sqrt(np.abs(np.linalg.eigvalsh(K / np.outer(root, root)))) / (2 * np.pi)
 
@@ -90,13 +83,6 @@ def test_the_load_of_gear_train_30_takes_the_power_of_the_reference(rpm):
     published = reference("gear_train_30")["expected_behaviour"][str(rpm)]["load_kW"]
     assert abs(load_power_kW(train, rpm, load) - published) <= 0.051
     assert abs(imbalance) < 1e-9
-
-
-def test_camshafts_of_gear_train_30_run_at_half_speed():
-    train = load_scene("gear_train_30")
-    t, ratio = train.topology, np.asarray(speed_ratios(train))
-    assert ratio[t.reference_rotor] == 1.0
-    np.testing.assert_allclose([ratio[t.rotor[t.disk_index(f"cam {b}3")]] for b in "AB"], 0.5, rtol=1e-15)
 
 
 def test_valve_torques_follow_the_firing_of_their_cylinder():
@@ -179,13 +165,3 @@ def test_engine_with_damper_is_the_diesel_with_gears_of_six_percent_tooth_dampin
     ratio = train.meshes.damping / (2 * np.sqrt(train.meshes.stiffness * mass.prod(1) / mass.sum(1)))
     np.testing.assert_allclose(ratio, 0.06, rtol=5e-3)  # three digits are written
     assert {train.topology.damper_disk} == {(train.topology.disk_index("hub"),) * 2}
-
-
-def test_engine_with_damper_has_a_viscous_form():
-    """r = eta k / omega at 217 Hz: no loss factor is left, which time integration would refuse."""
-    train = load_scene("engine_with_damper")
-    viscous = train.with_viscous_damping(hz=217.0)
-    assert not viscous.shafts.loss_factor.any() and not viscous.dampers.loss_factor.any()
-    added = viscous.shafts.damping - train.shafts.damping
-    np.testing.assert_allclose(added, train.shafts.loss_factor * train.shafts.stiffness / (2 * np.pi * 217.0))
-    assert (np.asarray(viscous.dampers.damping) > 0).all() and (np.asarray(viscous.shafts.damping) > 0).all()

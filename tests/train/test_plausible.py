@@ -15,6 +15,8 @@ from jaxhb.train.plausible import plausibility
 ENGINE = "inline_four_timing_drive"
 TABLE = f"{ENGINE}_pressure.csv"
 ALL_FOUR = "[[cylinder]] 'cylinder 1', 'cylinder 2', 'cylinder 3', 'cylinder 4': "
+MASS, BORE = "reciprocating_mass is", "usual 0.12 to 12 kg for a bore of 84 mm"
+RATIO = "the damping ratio of the two gears alone is"
 STEEL = "usual 1.5e7 to 3e9 N/m: steel teeth on a gear of 75 mm have 20 N/(mm um) of their face width; is it in N/m?"
 
 
@@ -94,26 +96,14 @@ def test_a_table_may_be_that_of_a_motored_or_of_a_late_firing_cylinder(scene):
     [
         ("bore = 0.084", "bore = 84.0", "bore is 84 m, usual 0.02 to 1.2 m: is it in m, not in mm?"),
         ("rod = 0.145", "rod = 145.0", "rod is 145 m, usual 0.03 to 8 m: is it in m, not in mm?"),
-        (
-            "ambient_pressure = 1e5",
-            "ambient_pressure = 1.0",
-            "ambient_pressure is 1 Pa, usual 3e4 to 1e6 Pa: is it in Pa, not in bar?",
-        ),
-        (
-            "reciprocating_mass = 0.85",
-            "reciprocating_mass = 850",
-            "reciprocating_mass is 850 kg, usual 0.12 to 12 kg for a bore of 84 mm: is it in kg, of one cylinder?",
-        ),
-        (
-            "reciprocating_mass = 0.85",
-            "reciprocating_mass = 0",
-            "reciprocating_mass is 0 kg, usual 0.12 to 12 kg for a bore of 84 mm: without it there is no inertia "
-            "torque",
-        ),
+        ("ambient_pressure = 1e5", "ambient_pressure = 1.0", "ambient_pressure is 1 Pa, usual 3e4 to 1e6 Pa:"),
+        ("reciprocating_mass = 0.85", "reciprocating_mass = 850", f"{MASS} 850 kg, {BORE}: is it in kg, of one"),
+        ("reciprocating_mass = 0.85", "reciprocating_mass = 0", f"{MASS} 0 kg, {BORE}: without it there is no"),
     ],
 )
 def test_sizes_in_other_units_are_noted(scene, old, new, said):
-    assert scene((old, new)) == [ALL_FOUR + said]
+    (note,) = scene((old, new))
+    assert note.startswith(ALL_FOUR + said)
 
 
 @pytest.mark.parametrize("least, is_absolute", [(0.0, False), (0.98e5, True), (2e5, True), (2.6e5, False)])
@@ -158,22 +148,10 @@ def test_a_pump_that_drives_is_noted(scene):
     "values, said",
     [
         ({"backlash": 0.1}, "backlash is 0.1 m, usual 2e-5 to 0.001 m: is it in m, not in mm?"),
-        (
-            {"stiffness": 120.0},
-            f"stiffness is 120 N/m, {STEEL}",
-        ),
-        (
-            {"stiffness": 1.2e11},
-            f"stiffness is 1.2e11 N/m, {STEEL}",
-        ),
-        (
-            {"damping": 0.8},
-            "damping is 0.8 N s/m: the damping ratio of the two gears alone is 5.701e-5, usual 0.005 to 0.3",
-        ),
-        (
-            {"damping": 1e4},
-            "damping is 1e4 N s/m: the damping ratio of the two gears alone is 0.7126, usual 0.005 to 0.3",
-        ),
+        ({"stiffness": 120.0}, f"stiffness is 120 N/m, {STEEL}"),
+        ({"stiffness": 1.2e11}, f"stiffness is 1.2e11 N/m, {STEEL}"),
+        ({"damping": 0.8}, f"damping is 0.8 N s/m: {RATIO} 5.701e-5, usual 0.005 to 0.3"),
+        ({"damping": 1e4}, f"damping is 1e4 N s/m: {RATIO} 0.7126, usual 0.005 to 0.3"),
     ],
 )
 def test_meshes_out_of_reach_are_noted(values, said):
@@ -185,34 +163,21 @@ def test_meshes_out_of_reach_are_noted(values, said):
 @pytest.mark.parametrize(
     "change, said",
     [
-        (
-            {"crank.inertia": 300.0},
-            "[[disk]] 'crank': inertia is 300 kg m2, usual up to 500 times the median of its rotor, 0.575 kg m2: is it "
-            "in kg m2, not in kg cm2?",
-        ),
-        (
-            {"coupling.stiffness": 5.0},
-            "[[shaft]] 'coupling': stiffness is 5 N m/rad, usual at least 1/1000 of the median of its rotor, 1.2e5 "
-            "N m/rad: is it in N m/rad, not in kN m/rad?",
-        ),
-        (
-            {"rubber damper.loss_factor": 15.0},
-            "[[damper]] 'rubber damper': loss_factor is 15, usual 0 to 1: is it in percent?",
-        ),
-        (
-            {"crank gear.radius": 40.0, "pump gear.radius": 80.0},
-            "[[disk]] 'crank gear': radius is 40 m, usual 0.002 to 2 m: is it in m, not in mm?",
-        ),
-        (
-            {"cylinder 1.load_share": [80.0]},
-            "[[cylinder]] 'cylinder 1': load is 80, usual 0 to 2: it is a share of full load, not percent",
-        ),
+        ({"crank.inertia": 300.0}, "'crank': inertia is 300 kg m2, usual up to 500 times the median of its rotor,"),
+        ({"coupling.stiffness": 5.0}, "'coupling': stiffness is 5 N m/rad, usual at least 1/1000 of the median"),
+        ({"rubber damper.loss_factor": 15.0}, "'rubber damper': loss_factor is 15, usual 0 to 1: is it in percent?"),
+        ({"cylinder 1.load_share": [80.0]}, "'cylinder 1': load is 80, usual 0 to 2: it is a share of full load,"),
     ],
 )
 def test_disks_shafts_and_loads_far_from_the_others_are_noted(change, said):
-    notes = plausibility(load_scene("first_scene").replace(change))
-    others = [said.replace("crank gear", "pump gear").replace("40", "80")] if "radius" in said else []
-    assert notes == [said, *others]
+    (note,) = plausibility(load_scene("first_scene").replace(change))
+    assert said in note
+
+
+def test_radii_in_mm_are_noted():
+    notes = plausibility(load_scene("first_scene").replace({"crank gear.radius": 40.0, "pump gear.radius": 80.0}))
+    wanted = [f"[[disk]] '{gear} gear': radius is {radius} m, usual" for gear, radius in (("crank", 40), ("pump", 80))]
+    assert len(notes) == 2 and all(note.startswith(said) for note, said in zip(notes, wanted, strict=True))
 
 
 def test_the_median_is_that_of_the_own_rotor():
