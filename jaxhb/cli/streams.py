@@ -6,11 +6,8 @@ import os
 import signal
 import sys
 
-CLOSED = 141
-"""Exit status where the reader of the output has had enough: that of a program ended by SIGPIPE."""
-
-UNWRITABLE = 2
-"""Exit status where standard output cannot be written."""
+CLOSED, UNWRITABLE = 141, 2
+"""Exit status where the reader of the output has had enough, as after SIGPIPE, and where it cannot be written."""
 
 _HANDLER = "jaxhb.escape"
 
@@ -24,17 +21,7 @@ class Ended(KeyboardInterrupt):
 
 
 def guarded(run):
-    """The exit status of ``run()``, which prints; what is wrong with standard output is told in a sentence.
-
-    Parameters
-    ----------
-    run : callable without arguments that returns the exit status
-
-    Returns
-    -------
-    int
-        That of ``run``; 141 where the output was closed, 2 where it cannot be written.
-    """
+    """The exit status of ``run()``, which prints; what is wrong with standard output is told in a sentence."""
     escaped = _any_name()
     with _ending_by_signals():
         try:
@@ -88,9 +75,8 @@ def _ending_by_signals():
 
     before = {}
     with contextlib.suppress(ValueError):  # another thread than the main one
-        for name in ("SIGTERM", "SIGHUP"):
-            number = getattr(signal, name, None)
-            if number is not None and signal.getsignal(number) == signal.SIG_DFL:
+        for number in (signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)):  # Windows has no SIGHUP
+            if signal.getsignal(number) == signal.SIG_DFL:
                 before[number] = signal.signal(number, end)
     try:
         yield
