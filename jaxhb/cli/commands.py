@@ -1,24 +1,13 @@
 """Commands of the motion with backlash but for sweeps and reports: compute, print for people, write for programs."""
 
-import importlib
 import sys
 from pathlib import Path
 
+from jaxhb.cli.inputs import picture
 from jaxhb.cli.progress import Progress
 from jaxhb.report.compute import Asked, answer_one
+from jaxhb.report.files import output
 from jaxhb.report.files.labelled import check_labelled, netcdf
-from jaxhb.report.files.output import (
-    ANSWERED,
-    INTERRUPTED,
-    NOT_ANSWERED,
-    OutputError,
-    as_json,
-    as_picture,
-    changes,
-    deliver,
-    make_folders,
-    write_files,
-)
 from jaxhb.report.files.record import both_record, finite, on_scene
 from jaxhb.report.files.rows import answer_row, rows_csv, trace_csv, untraceable
 from jaxhb.report.selection import gears, without_cylinders
@@ -36,10 +25,10 @@ def solve(train, given, rpm, orders, trace, gear, plot, quiet, **_):
     with Progress(quiet=quiet) as progress:
         answer = answer_one(train, rpm, Asked.of(given), progress.say)
     why = untraceable(answer) if trace else ""
-    deliver(
+    output.deliver(
         given,
         solve_text(answer),
-        json=lambda: as_json(changes(given) | on_scene(train) | both_record(answer, orders)),
+        json=lambda: output.as_json(output.changes(given) | on_scene(train) | both_record(answer, orders)),
         csv=lambda: rows_csv([answer_row(answer)]),
         netcdf=lambda: netcdf({"": [answer]}, orders),
         plot=lambda: picture(plot, "cycle.plot_cycle", answer, gear),
@@ -48,7 +37,7 @@ def solve(train, given, rpm, orders, trace, gear, plot, quiet, **_):
     return status([*([f"--trace: no file, {why}."] if why else []), *warnings([answer])])
 
 
-def tune(train, given, output, json, plot, quiet, **options):
+def tune(train, given, plot, quiet, **options):
     """Change the numbers of a scene so that a response becomes small, as its [tune] table asks."""
     from jaxhb.design.table import read_table
     from jaxhb.design.tuning import tune as search
@@ -66,17 +55,17 @@ def tune(train, given, output, json, plot, quiet, **options):
     record = tuned_record(train, asked, result)
     files.write(result.after.parameters, record)
     if plot:
-        write_files({plot: picture(plot, "cycle.plot_tuning", asked["objective"], result)})
+        output.write_files({plot: picture(plot, "cycle.plot_tuning", asked["objective"], result)})
     print(tuned_text(train, asked, result))
     if not result.interrupted:  # who stops a tuning does not wait for more
         with Progress(quiet=quiet) as progress:
             checked = check_designs(train, asked, result, progress.say)
         files.write(result.after.parameters, record | {"steady_state": finite(checked)})
         print(f"\n{check_text(checked)}")
-    print(f"\nThe tuned scene is {output}, all numbers are in {json}.")
+    print(f"\nThe tuned scene is {given.output}, all numbers are in {given.json}.")
     if result.interrupted:
-        return INTERRUPTED
-    return ANSWERED if result.after.solved.all() else NOT_ANSWERED
+        return output.INTERRUPTED
+    return output.ANSWERED if result.after.solved.all() else output.NOT_ANSWERED
 
 
 class _TunedFiles:
@@ -93,7 +82,7 @@ class _TunedFiles:
         )
         _, beside = changed_scene(given.scene, {})
         self.copies = copies_beside(beside, Path(given.output).parent)
-        make_folders(self.copies)
+        output.make_folders(self.copies)
 
     def left(self):
         """What a tuning that is stopped leaves, in a sentence; before its first step the scene as far as it is solved,
@@ -104,8 +93,8 @@ class _TunedFiles:
         said = f"no design is there yet and no scene is written; {done} of {len(self.rpm)} speeds of the scene as it is"
         if not done:
             return f"{said} are solved"
-        record = changes(self.given) | start_record(self.train, self.rpm, self.start)
-        write_files({self.given.json: as_json(record)})
+        record = output.changes(self.given) | start_record(self.train, self.rpm, self.start)
+        output.write_files({self.given.json: output.as_json(record)})
         return f"{said} are solved, and their numbers are in {self.given.json!r}"
 
     def begin(self, reading):
@@ -127,25 +116,19 @@ class _TunedFiles:
         given = self.given
         values = scene_values(self.train, dict(given.set) | parameters, locate)
         text, _ = changed_scene(given.scene, values, remark=f"{given.scene}, tuned by jaxhb tune.")
-        made = {given.output: [text.encode()], given.json: as_json(changes(given) | record)}
-        write_files({path: [content] for path, content in self.copies.items()} | made)
-
-
-def picture(name, function, *data):
-    """The file of a picture by ``module.function`` of jaxhb.report.figures, imported here as it needs matplotlib."""
-    module, function = function.split(".")
-    return as_picture(name, getattr(importlib.import_module(f"jaxhb.report.figures.{module}"), function)(*data))
+        made = {given.output: [text.encode()], given.json: output.as_json(output.changes(given) | record)}
+        output.write_files({path: [content] for path, content in self.copies.items()} | made)
 
 
 def check_files(train, given):
     """Refuse a picture of nothing, and arrays without labels, before anything is computed."""
     if given.plot and not train.topology.link_names:
-        raise OutputError("--plot: the train has no gears, shafts or dampers, so there is no torque to draw.")
+        raise output.OutputError("--plot: the train has no gears, shafts or dampers, so there is no torque to draw.")
     if getattr(given, "gear", None):
         index = train.topology.disk_index(given.gear)
         if not any(index in ends for ends in train.topology.mesh_ends):
             known = ", ".join(repr(name) for name in gears(train.topology))
-            raise OutputError(f"--gear: {given.gear!r} carries no mesh. Gears: {known or 'none'}.")
+            raise output.OutputError(f"--gear: {given.gear!r} carries no mesh. Gears: {known or 'none'}.")
     check_labelled(given)
 
 
@@ -153,4 +136,4 @@ def status(failures):
     """The exit status; stderr is told what has no answer, and what to try."""
     for sentence in dict.fromkeys(failures):
         print(sentence, file=sys.stderr)
-    return NOT_ANSWERED if failures else ANSWERED
+    return output.NOT_ANSWERED if failures else output.ANSWERED

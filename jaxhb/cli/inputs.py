@@ -1,23 +1,16 @@
 """Scenes as a command reads, lists and writes them, and names of files checked before anything heavy is imported."""
 
 import shlex
+from importlib import import_module
 from pathlib import Path
 
-from jaxhb.report.files.output import (
-    STANDARD_OUTPUT,
-    OutputError,
-    as_picture,
-    check_inputs,
-    check_output,
-    check_picture,
-    write_files,
-)
+from jaxhb.report.files import output
 from jaxhb.scene.files import load_scene, scene_description, scene_names
 from jaxhb.scene.writer import copies_beside, scene_files, scene_text
 
 FILES = ("FILE", "output", "out", "json", "csv", "netcdf", "trace", "plot", "html")
+# What files must be, and how their names end.
 ENDINGS = {"html": ("page", ".html", ".htm"), "out": ("scene", ".toml"), "FILE": ("scene", ".toml")}
-"""What files must be, and how their names end."""
 
 
 def scenes():
@@ -33,10 +26,10 @@ def new(file, scene, quiet):
     path = Path(file)
     _check_files({"scene": scene, "FILE": file})
     if path.exists():
-        raise OutputError(f"FILE: {file!r} is there already, and is not overwritten. Give another name.")
+        raise output.OutputError(f"FILE: {file!r} is there already, and is not overwritten. Give another name.")
     text, beside = scene_text(scene, called=path.stem)
     copies = copies_beside(beside, path.parent, "FILE")
-    write_files({path: [content] for path, content in copies.items()} | {file: [text.encode()]})
+    output.write_files({path: [content] for path, content in copies.items()} | {file: [text.encode()]})
     if not quiet:
         print("".join(f"{name} is written.\n" for name in (file, *copies)), end="")
         print(f"Try: jaxhb check {shlex.quote(file)}")
@@ -47,11 +40,14 @@ def scene(scene, quiet, expand, out, referred, plot):
     """Print a scene as TOML or its referred numbers, or write it with the tables it names, or draw the train."""
     _check_files({"scene": scene, "out": out, "plot": plot})
     text, beside = scene_text(scene, expand=expand)
-    files = {plot: _sketch(scene, plot)} if plot else {}
+    try:
+        files = {plot: picture(plot, "sketch.plot_train", load_scene(scene))} if plot else {}
+    except ValueError as error:
+        raise output.OutputError(f"--plot: {error}") from None
     if out:
         copies = copies_beside(beside, Path(out).parent, "--out")
         files |= {out: [text.encode()]} | {path: [content] for path, content in copies.items()}
-    write_files(files)
+    output.write_files(files)
     if referred and not quiet:
         from jaxhb.report.text.scene_check import referred_text
 
@@ -62,14 +58,10 @@ def scene(scene, quiet, expand, out, referred, plot):
     return 0
 
 
-def _sketch(scene, plot):
-    from jaxhb.report.figures.sketch import plot_train
-
-    train = load_scene(scene)
-    try:
-        return as_picture(plot, plot_train(train))
-    except ValueError as error:
-        raise OutputError(f"--plot: {error}") from None
+def picture(name, function, *data):
+    """The file of a picture by ``module.function`` of jaxhb.report.figures, imported here as it needs matplotlib."""
+    module, function = function.split(".")
+    return output.as_picture(name, getattr(import_module(f"jaxhb.report.figures.{module}"), function)(*data))
 
 
 def read(given, constant_links):
@@ -96,14 +88,14 @@ def _check_files(given):
     scenes = [given["scene"], given.get("tuned")] if files else []
     inputs = [path for name in scenes if name is not None for path in scene_files(name)]
     for option, name in files.items():
-        (check_picture if option == "plot" else check_output)(options[option], name)
-        check_inputs(options[option], name, inputs)
+        (output.check_picture if option == "plot" else output.check_output)(options[option], name)
+        output.check_inputs(options[option], name, inputs)
         kind, *endings = ENDINGS.get(option, ("file", Path(name).suffix.lower()))
         if Path(name).suffix.lower() not in endings:
             told = f"{name!r} is no {kind}. Give a name that ends in {endings[0]}."
-            raise OutputError(f"{options[option]}: {told}")
+            raise output.OutputError(f"{options[option]}: {told}")
     if len({Path(name).resolve() for name in files.values()}) < len(files):
-        raise OutputError(f"--{' and --'.join(files)} name the same file. Give each its own.")
+        raise output.OutputError(f"--{' and --'.join(files)} name the same file. Give each its own.")
 
 
 def _name_tuned(given, options):
@@ -115,8 +107,10 @@ def _name_tuned(given, options):
     if given["json"] is None:
         given["json"], options["json"] = str(Path(given["output"]).with_suffix(".json")), "--output"
         signs[given["json"]] = b'"history"'
-    if given["json"] == STANDARD_OUTPUT:
-        raise OutputError("--json: a tuning writes it again at every step. Give the name of a file.")
+    if given["json"] == output.STANDARD_OUTPUT:
+        raise output.OutputError("--json: a tuning writes it again at every step. Give the name of a file.")
     for name, sign in signs.items():
         if Path(name).is_file() and sign not in Path(name).read_bytes():
-            raise OutputError(f"--output: {name!r} is there and is not from jaxhb tune. Name the tuned scene yourself.")
+            raise output.OutputError(
+                f"--output: {name!r} is there and is not from jaxhb tune. Name the tuned scene yourself."
+            )

@@ -4,7 +4,8 @@ import dataclasses
 
 import numpy as np
 
-from jaxhb.cli.commands import picture, status
+from jaxhb.cli.commands import status
+from jaxhb.cli.inputs import picture
 from jaxhb.linear.critical import ELASTIC, campbell as campbell_of, excited_orders, mode_kinds
 from jaxhb.linear.damped import DAMPED_DISKS, damping_ratios
 from jaxhb.linear.forced import forced_response
@@ -17,20 +18,9 @@ from jaxhb.report.files.labelled import check_labelled, forced_netcdf
 from jaxhb.report.files.output import ANSWERED, OutputError, as_csv, as_json, changes, deliver
 from jaxhb.report.files.record import finite, modes_record
 from jaxhb.report.selection import asks_each, case_title, without_cylinders
+from jaxhb.report.text import forced as told
 from jaxhb.report.text.campbell import campbell_record, campbell_rows, campbell_text
 from jaxhb.report.text.cases import misfire_trains
-from jaxhb.report.text.forced import (
-    forced_failures,
-    forced_head,
-    forced_record,
-    forced_rows,
-    forced_text,
-    misfires_record,
-    misfires_rows,
-    misfires_text,
-    readings,
-    worst_of,
-)
 from jaxhb.report.text.holzer import chosen_modes, holzer_record, holzer_text
 from jaxhb.report.text.mean_load import mean_load_record, mean_load_text
 from jaxhb.report.text.scene_check import ANY_SPEED, check_record, check_text, own_speeds, scene_notes, tune_notes
@@ -61,7 +51,7 @@ def check(train, given, rpm, links_at, **_):
         "\n\n".join([*parts, *remarks_text(remarks)]),
         json=lambda: as_json(finite(changes(given) | record)),
     )
-    return status(forced_failures(response))
+    return status(told.forced_failures(response))
 
 
 def modes(train, given, at, links_at, plot, **_):
@@ -132,29 +122,31 @@ def forced(train, given, rpm, element, orders, netcdf, plot, **_):
     else:
         response = forced_response(without_cylinders(train, given), rpm=rpm)
     cases = {"": response} | responses
-    failures = [s for name, one in cases.items() for s in forced_failures(one, case_title(train, name) if each else "")]
+    failures = [
+        s for name, one in cases.items() for s in told.forced_failures(one, case_title(train, name) if each else "")
+    ]
     if not any(one.converged.any() for one in responses.values()):
         cases = {"": response}  # no misfire has an answer to compare with
-    found, judged = readings(response, element), {name: strength(shown(one)) for name, one in cases.items()}
+    found, judged = told.readings(response, element), {name: strength(shown(one)) for name, one in cases.items()}
     records = {name: {"strength": strength_record(one)} if one else {} for name, one in judged.items()}
     columns = {name: strength_columns(one) for name, one in judged.items()}
     if len(cases) == 1:
         worst, misfires = None, None
-        text = [forced_text(response, found, each=bool(element))]
+        text = [told.forced_text(response, found, each=bool(element))]
     else:
-        worst = worst_of(misfires, found)
-        text = [forced_head(response), misfires_text(misfires, found, worst, each=bool(element))]
+        worst = told.worst_of(misfires, found)
+        text = [told.forced_head(response), told.misfires_text(misfires, found, worst, each=bool(element))]
         judged = {f"With {case_title(train, name)}": one for name, one in judged.items()}
 
     def record():
-        more = {} if misfires is None else misfires_record(misfires, found, worst, orders=orders)
+        more = {} if misfires is None else told.misfires_record(misfires, found, worst, orders=orders)
         for name, one in more.get("misfires", {}).items():
             one |= records[name]
-        return finite(changes(given) | forced_record(response, found, orders=orders) | records[""] | more)
+        return finite(changes(given) | told.forced_record(response, found, orders=orders) | records[""] | more)
 
     def rows():
-        one = forced_rows(response, found, columns[""])
-        return one if misfires is None else misfires_rows(misfires, found, columns)
+        one = told.forced_rows(response, found, columns[""])
+        return one if misfires is None else told.misfires_rows(misfires, found, columns)
 
     deliver(
         given,

@@ -11,20 +11,13 @@ from jaxhb.cli.completion import of_elements, of_scenes
 from jaxhb.cli.values import place, positive, setting, share, whole
 from jaxhb.train.speeds import read_speed, read_speeds
 
-NEW_OBJECTS = 50_000
-"""Objects between collections of garbage: with Python's 700 or so they take a third of the time of tracing."""
-
+NEW_OBJECTS = 50_000  # between collections of garbage: with Python's 700 or so they take a third of the time of tracing
+OWN_LINKS = "check", "modes", "holzer", "campbell"  # see to --links-at themselves, at speeds of their own
 MODULES = dict.fromkeys(("new", "scenes", "scene"), "inputs") | dict.fromkeys(("solve", "tune"), "commands")
-MODULES |= {"sweep": "sweeps", "report": "page_command"}
-"""Where the work of a command is; that of the others is in linear_commands.py."""
-
-OWN_LINKS = ("check", "modes", "holzer", "campbell")
-"""Commands that see to --links-at themselves, at speeds of their own."""
-
+MODULES |= {"sweep": "sweeps", "report": "page_command"}  # where the work is; of the others in linear_commands.py
+MORE = " ...]"  # ends how an option is spelled that takes one or more values: ``--mode K [K ...]``
 SPEEDS = "--rpm", "--speed", "--speeds"
 NO_SPEED = "Natural frequencies do not depend on the speed; --at R takes the teeth as under the mean load of R rpm."
-MORE = " ...]"
-"""Ends how an option is spelled that takes one or more values: ``--mode K [K ...]``."""
 
 
 class Command(click.Command):
@@ -77,20 +70,16 @@ class Command(click.Command):
             raise
 
 
-class Value(click.ParamType):
-    """What a function reads from a word; its ValueError says what is wrong."""
+def _reader(read):
+    """A type of click from a function of a word, whose ValueError says what is wrong."""
 
-    name = "value"
-
-    def __init__(self, read):
-        self.read = read
-
-    def convert(self, value, param, ctx):
-        """As the function reads it."""
+    def value(word):
         try:
-            return self.read(value)
+            return read(word)
         except ValueError as error:
-            return self.fail(str(error), param, ctx)
+            raise click.BadParameter(str(error)) from None
+
+    return value
 
 
 def option(spelled, text, read=None, *, to=None, **more):
@@ -103,7 +92,7 @@ def option(spelled, text, read=None, *, to=None, **more):
     if metavar.startswith(("FILE", "DIR")):
         more["type"] = click.Path()
     elif read is not None:
-        more["type"] = Value(read) if callable(read) else click.Choice(read)
+        more["type"] = _reader(read) if callable(read) else click.Choice(read)
     more |= {"metavar": metavar} if metavar else {"is_flag": True}
     more |= {"multiple": True} if metavar.endswith(MORE) else {}
     return click.option(*filter(None, (name, to)), help=text, **more)

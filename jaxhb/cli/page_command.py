@@ -12,7 +12,8 @@ from pathlib import Path
 import click
 
 from jaxhb import __version__
-from jaxhb.cli.commands import check_files, picture, status
+from jaxhb.cli.commands import check_files, status
+from jaxhb.cli.inputs import picture
 from jaxhb.cli.progress import Progress
 from jaxhb.cli.resume import GOES_ON, Kept
 from jaxhb.design.table import read_table
@@ -23,16 +24,7 @@ from jaxhb.report.files.record import finite, on_scene
 from jaxhb.report.files.rows import answer_row, rows_csv
 from jaxhb.report.page.parts import Report, shown_misfire
 from jaxhb.report.selection import NOT_FIRING, asks_each, case_title
-from jaxhb.report.text.cases import (
-    cases_record,
-    cases_text,
-    hardest,
-    largest_of,
-    misfire_trains,
-    misfires_text,
-    solve_cases,
-    worst_misfire,
-)
+from jaxhb.report.text import cases as told
 from jaxhb.report.text.certified import certificate_of
 from jaxhb.report.text.sentences import warnings
 from jaxhb.report.text.tuned import tuned_parts
@@ -44,13 +36,13 @@ SECOND, TUNED = "second design", "tuned design"
 NEEDED = "jinja2", "plotly", "matplotlib"
 
 
-def report(train, given, rpm, misfire, at, orders, gear, plot, certify, tune, quiet, **_):
+def report(train, given, rpm, misfire, at, orders, gear, plot, certify, tune, html, quiet, **_):
     """Several speeds, normal and misfiring, with backlash and without."""
     check_files(train, given)
     if at is not None and at not in rpm:
         raise OutputError(f"--at: {at:g} rpm is not one of the speeds of --rpm. Add it.")
     other, each = _checked_page(train, given), asks_each(train, given)
-    trains = misfire_trains(train) if each else {"": train}
+    trains = told.misfire_trains(train) if each else {"": train}
     if misfire and not each:
         trains[", ".join(misfire)] = train.misfire(*misfire)
     trains = {case_title(train, cylinders): one for cylinders, one in trains.items()}
@@ -60,31 +52,37 @@ def report(train, given, rpm, misfire, at, orders, gear, plot, certify, tune, qu
 
     def compute(folder):
         tell = {"say": progress.say, "advance": progress.advance}
-        cases = solve_cases(trains, rpm, asked, folder=folder, **tell)
+        cases = told.solve_cases(trains, rpm, asked, folder=folder, **tell)
         place = _place_of(cases[0], at)
         cases = [_certified(case, place, progress.say) for case in cases] if certify else cases
         (second, tuning), shown = (_tuned(train, progress) if tune else (other, ())), shown_misfire(cases)
         designs = _second_designs(train, second, shown, given) if second else {}
         own = folder / SECOND if folder and not tune else None
-        return cases, place, solve_cases(designs, rpm, asked, folder=own, **tell), tuning
+        return cases, place, told.solve_cases(designs, rpm, asked, folder=own, **tell), tuning
 
     runs = len(designs) + tune + bool(misfire and (other or tune))
     with Progress(runs * len(rpm), quiet=quiet) as progress:
         left = f"no file is written, but what was found is kept; {GOES_ON}"
         cases, place, seconds, tuning = kept.run(compute, lambda: left if kept.folder else "nothing more is written")
-    worst, whole = {"worst_misfire": finite(worst_misfire(cases))} if each else {}, []
+    worst, whole = {"worst_misfire": finite(told.worst_misfire(cases))} if each else {}, True
+    if html:
+        from jaxhb.report.page.page import as_page
+
+        page, whole = as_page(_report_of(given, cases, place, seconds, tuning))
     deliver(
         given,
-        "\n\n".join(filter(None, [misfires_text(cases) if each else cases_text(cases), second_text(cases, seconds)])),
-        json=lambda: as_json(changes(given) | on_scene(train) | cases_record(cases, orders=orders) | worst),
+        "\n\n".join(
+            filter(None, [told.misfires_text(cases) if each else told.cases_text(cases), second_text(cases, seconds)])
+        ),
+        json=lambda: as_json(changes(given) | on_scene(train) | told.cases_record(cases, orders=orders) | worst),
         csv=lambda: rows_csv([answer_row(answer, case=case.title) for case in cases for answer in case.answers]),
         netcdf=lambda: netcdf({case.title: case.answers for case in cases}, orders, along="case"),
         plot=lambda: picture(plot, "cycle.plot_cycle", cases[0].answers[place], gear),
-        html=lambda: _page(_report_of(given, cases, place, seconds, tuning), whole),
+        html=lambda: page,
     )
     kept.forget()
     answered = status(warnings([answer for case in cases for answer in case.answers]))
-    return answered if all(whole) else NOT_ANSWERED
+    return answered if whole else NOT_ANSWERED
 
 
 def _checked_page(train, given):
@@ -103,7 +101,7 @@ def _place_of(case, rpm):
     """Number of the asked speed, or of that with the largest tooth force, without teeth the largest torque."""
     if rpm is not None:
         return [answer.rpm for answer in case.answers].index(rpm)
-    values = [hardest(answer)[2] if answer.answered else -1.0 for answer in case.answers]
+    values = [told.hardest(answer)[2] if answer.answered else -1.0 for answer in case.answers]
     return values.index(max(values))
 
 
@@ -120,8 +118,8 @@ def _tuned(train, progress):
 
     asked = read_table(train)
     progress.say("tuning, as the [tune] table asks")
-    told = "tuning: step {0.number}, objective {0.objective:.4g}"
-    result = tune(train, **asked, on_step=lambda step: progress.say(told.format(step)))
+    line = "tuning: step {0.number}, objective {0.objective:.4g}"
+    result = tune(train, **asked, on_step=lambda step: progress.say(line.format(step)))
     return result.train, tuple(tuned_parts(train, asked, result))
 
 
@@ -146,7 +144,7 @@ def second_text(cases, seconds):
     lines = []
     for case in seconds:
         first = cases[0] if case is seconds[0] else next(one for one in cases[1:] if case.title.endswith(one.title))
-        found, before = largest_of(case), largest_of(first)
+        found, before = told.largest_of(case), told.largest_of(first)
         if found is None or before is None:
             lines.append(f"The {case.title}: no largest value, one of the designs has no answer.")
             continue
@@ -154,15 +152,6 @@ def second_text(cases, seconds):
         change = f" ({100 * (value / was - 1):+.1f} %)" if was > 0 and called == before[0] else ""
         lines.append(f"The {case.title}: {called} {text}; first design: {said}{change}.")
     return "\n".join(lines)
-
-
-def _page(report, whole):
-    """The bytes of the page; whether it is whole goes to the list."""
-    from jaxhb.report.page.page import as_page
-
-    content, complete = as_page(report)
-    whole.append(complete)
-    return content
 
 
 def _report_of(given, cases, place, seconds, tuning):

@@ -5,8 +5,7 @@ import sys
 import threading
 import time
 
-INTERVAL, LOGGED = 0.5, 30.0
-"""Seconds between lines on a terminal, and where stderr is none."""
+INTERVAL, LOGGED = 0.5, 30.0  # seconds between lines on a terminal, and where stderr is none
 
 
 class Progress:

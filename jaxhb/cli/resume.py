@@ -8,9 +8,8 @@ import jax
 from jaxhb._store import blake2, package_hash, user_folder
 from jaxhb.steady.checkpoint import CheckpointError, hash_of
 
-FOLDER, FORGOTTEN_AFTER = "under_way", 30
-"""In the folder of programs; days after which what a stopped command left there is removed."""
-
+FOLDER = "under_way"  # in the folder of programs
+FORGOTTEN_AFTER = 30  # days, then what a stopped command left is removed
 GOES_ON = "the same command goes on from there"
 
 

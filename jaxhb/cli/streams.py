@@ -6,10 +6,7 @@ import os
 import signal
 import sys
 
-CLOSED, UNWRITABLE = 141, 2
-"""Exit status where the reader of the output has had enough, as after SIGPIPE, and where it cannot be written."""
-
-_HANDLER = "jaxhb.escape"
+CLOSED, UNWRITABLE = 141, 2  # exit status: the reader of the output had enough, as after SIGPIPE; it cannot be written
 
 
 class Ended(KeyboardInterrupt):
@@ -28,10 +25,13 @@ def guarded(run):
             status = run()
             if sys.stdout is not None:
                 sys.stdout.flush()
-        except BrokenPipeError:
-            status = _gave_up("standard output was closed before all of it was written.", CLOSED)
         except OSError as error:
-            status = _gave_up(f"standard output cannot be written: {error.strerror}.", UNWRITABLE)
+            closed = isinstance(error, BrokenPipeError)
+            status = CLOSED if closed else UNWRITABLE
+            with contextlib.suppress(OSError, ValueError):  # else the interpreter tries again when it exits
+                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            why = "was closed before all of it was written" if closed else f"cannot be written: {error.strerror}"
+            tell(f"standard output {why}.")
     if escaped:
         tell(f"Some names were written with \\: {sys.stdout.encoding} has no {escaped[0]!a}. PYTHONUTF8=1 helps.")
     return status
@@ -44,13 +44,6 @@ def tell(sentence):
         sys.stderr.flush()
 
 
-def _gave_up(sentence, status):
-    with contextlib.suppress(OSError, ValueError):  # else the interpreter tries again when it exits
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    tell(sentence)
-    return status
-
-
 def _any_name():
     """Let both streams write any name, what their encoding lacks with a backslash: a list that holds what it lacked."""
     lacking = []
@@ -59,10 +52,10 @@ def _any_name():
         lacking.append(error.object[error.start : error.end])
         return codecs.backslashreplace_errors(error)
 
-    codecs.register_error(_HANDLER, escape)
+    codecs.register_error("jaxhb.escape", escape)
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure") and stream.errors == "strict":
-            stream.reconfigure(errors=_HANDLER)
+            stream.reconfigure(errors="jaxhb.escape")
     return lacking
 
 

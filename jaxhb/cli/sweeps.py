@@ -1,20 +1,13 @@
 """``jaxhb sweep``: many speeds, or many values of a number at one speed; what is found is written as it is found."""
 
-from jaxhb.cli.commands import check_files, picture, status
+from jaxhb.cli.commands import check_files, status
+from jaxhb.cli.inputs import picture
 from jaxhb.cli.progress import Progress
 from jaxhb.cli.resume import GOES_ON, Kept
 from jaxhb.report.answer import SPEED, Axis
 from jaxhb.report.compute import Asked, answer_speeds, answer_values
+from jaxhb.report.files import output
 from jaxhb.report.files.labelled import netcdf
-from jaxhb.report.files.output import (
-    STANDARD_OUTPUT,
-    OutputError,
-    as_bytes,
-    as_sweep_json,
-    changes,
-    deliver,
-    write_files,
-)
 from jaxhb.report.files.record import NO_ORDERS, both_record, finite, on_scene
 from jaxhb.report.files.rows import answer_row, rows_csv
 from jaxhb.report.selection import without_cylinders
@@ -28,9 +21,11 @@ def sweep(train, given, rpm, direction, over, folder, chunk, orbit, plot, quiet,
     """Many speeds, or many values of a number."""
     check_files(train, given)
     if orbit and direction:
-        raise OutputError("--direction: periodic solutions (--orbit) do not depend on it. Leave one of them out.")
+        raise output.OutputError(
+            "--direction: periodic solutions (--orbit) do not depend on it. Leave one of them out."
+        )
     if over and len(rpm) > 1:
-        raise OutputError(f"--over: it goes over one number at one speed, and --rpm names {len(rpm)}.")
+        raise output.OutputError(f"--over: it goes over one number at one speed, and --rpm names {len(rpm)}.")
     train, asked = without_cylinders(train, given), Asked.of(given)
     axis, values = _axis(train, over) if over else (SPEED, rpm)
     files = _SweepFiles(train, given, axis)
@@ -48,7 +43,7 @@ def sweep(train, given, rpm, direction, over, folder, chunk, orbit, plot, quiet,
     with Progress(len(values), quiet=quiet) as progress:
         found = kept.run(compute, lambda: files.left(len(values)) + (f"; {GOES_ON}" if folder or kept.folder else ""))
         progress.say("reading the results")
-        deliver(
+        output.deliver(
             given,
             sweep_text(found),
             json=lambda: files.json(found, complete=True),
@@ -61,7 +56,7 @@ def sweep(train, given, rpm, direction, over, folder, chunk, orbit, plot, quiet,
 
 
 def _axis(train, over):
-    """What changes along the sweep, and its values."""
+    """What output.changes along the sweep, and its values."""
     name, values = over
     table, field, _ = locate(train.topology, name)
     for value in values:  # what is refused is refused before anything is computed or written
@@ -85,8 +80,8 @@ class _SweepFiles:
 
     def _write(self, *options):
         names = {option: getattr(self.given, option) for option in options}
-        names = {option: name for option, name in names.items() if name and name != STANDARD_OUTPUT}
-        write_files({name: getattr(self, option)(self.found) for option, name in names.items()})
+        names = {option: name for option, name in names.items() if name and name != output.STANDARD_OUTPUT}
+        output.write_files({name: getattr(self, option)(self.found) for option, name in names.items()})
         return " and ".join(map(repr, names.values()))
 
     def left(self, total):
@@ -110,14 +105,14 @@ class _SweepFiles:
             judged = {way: finite(strength_record(answers_strength(answers))) for way, answers in found.items()}
             if any(judged.values()):
                 head["strength"] = judged if self.both else [*judged.values()][0]
-        return as_sweep_json(changes(self.given) | on_scene(self.train) | head, lists)
+        return output.as_sweep_json(output.changes(self.given) | on_scene(self.train) | head, lists)
 
     def _record(self, answer):
         """The record of an answer as bytes, made once but for those of all orders."""
         if self.given.full:
-            return as_bytes(both_record(answer))
+            return output.as_bytes(both_record(answer))
         if id(answer) not in self.records:
-            self.records[id(answer)] = answer, as_bytes(both_record(answer, self.orders))
+            self.records[id(answer)] = answer, output.as_bytes(both_record(answer, self.orders))
         return self.records[id(answer)][1]
 
     def csv(self, found):

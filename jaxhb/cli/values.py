@@ -5,8 +5,7 @@ from functools import partial
 
 from jaxhb.train.speeds import read_speeds
 
-RANGE_COUNT = 33
-"""Speeds of a range that has no count."""
+RANGE_COUNT = 33  # speeds of a range that has no count
 
 
 def one_speed(text):
@@ -55,11 +54,9 @@ def setting(text):
     value, word = _number(word), word.strip()
     if not equals or not word:
         raise ValueError(f'{text!r} is not NAME.FIELD=VALUE, as "crank damper.damping=300"')
-    if not math.isnan(value):
-        return key.strip(), value
-    if word.isidentifier() and word.lower() not in ("nan", "inf", "infinity"):
-        return key.strip(), word
-    raise ValueError(f"{text!r}: {word} is no number; values are numbers in SI units, as 3.6e4")
+    if math.isnan(value) and (not word.isidentifier() or word.lower() in ("nan", "inf", "infinity")):
+        raise ValueError(f"{text!r}: {word} is no number; values are numbers in SI units, as 3.6e4")
+    return key.strip(), word if math.isnan(value) else value
 
 
 def over(text):
