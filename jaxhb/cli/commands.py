@@ -72,14 +72,8 @@ class _TunedFiles:
     """The files of a tuning, whole at every moment: what is best so far, and its history."""
 
     def __init__(self, given, train, rpm, progress):
-        self.given, self.train, self.rpm, self.progress, self.history, self.start = (
-            given,
-            train,
-            rpm,
-            progress,
-            [],
-            None,
-        )
+        self.given, self.train, self.rpm, self.progress = given, train, rpm, progress
+        self.history, self.start = [], None
         _, beside = changed_scene(given.scene, {})
         self.copies = copies_beside(beside, Path(given.output).parent)
         output.make_folders(self.copies)

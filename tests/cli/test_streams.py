@@ -47,18 +47,17 @@ def test_the_package_runs_as_a_module_and_tells_its_version():
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
-def test_a_full_disk_behind_standard_output_is_a_sentence():
-    with open("/dev/full", "w") as full:
-        status, _, said = process("scenes", stdout=full)
-    assert (status, said) == (2, "standard output cannot be written: No space left on device.\n")
-
-
-def test_a_closed_pipe_is_a_sentence():
+def test_a_full_disk_and_a_closed_pipe_behind_standard_output_are_sentences():
     reading, writing = os.pipe()
     os.close(reading)
-    with open(writing, "w") as closed:
-        status, _, said = process("scenes", stdout=closed)
-    assert (status, said) == (141, "standard output was closed before all of it was written.\n")
+    told = (
+        "standard output cannot be written: No space left on device.",
+        "standard output was closed before all of it was",
+    )
+    for place, code, sentence in zip(("/dev/full", writing), (2, 141), told, strict=True):
+        with open(place, "w") as stream:
+            status, _, said = process("scenes", stdout=stream)
+        assert status == code and said.startswith(sentence) and said.count("\n") == 1
 
 
 def test_names_that_a_terminal_cannot_encode_are_written_with_a_backslash_and_told(scene):
@@ -177,8 +176,10 @@ def cache(tmp_path, monkeypatch):
     return tmp_path / "cache"
 
 
-def test_a_sweep_that_is_stopped_leaves_its_rows_and_goes_on_where_it_was(run, cache, monkeypatch):
-    call, note = ("sweep spur_pair --rpm 4600,5000,5400 --chunk 1", "json", "csv"), sweeps._SweepFiles.note
+@pytest.mark.parametrize("orbit", ["", "--orbit"], ids=["steady", "orbit"])
+def test_a_sweep_that_is_stopped_leaves_its_rows_and_goes_on_where_it_was(orbit, run, cache, monkeypatch):
+    call, solved = (f"sweep spur_pair --rpm 4600,5000,5400 --chunk 1 {orbit}", "json", "csv"), []
+    note = sweeps._SweepFiles.note
 
     def stop(self, found):
         note(self, found)
@@ -194,14 +195,16 @@ def test_a_sweep_that_is_stopped_leaves_its_rows_and_goes_on_where_it_was(run, c
     assert len(called.rows) == 2
     (folder,) = (cache / resume.FOLDER).iterdir()
     assert list(folder.glob("*.npz"))
+    monkeypatch.setattr(compute, "orbit_state", lambda response: solved.append(response) or orbit_state(response))
     called = run(*call)
+    assert [float(response.rpm) for response in solved] == ([5400.0] if orbit else [])
     assert called.status == 0 and called.json["complete"] and called.json["rpm"] == [4600.0, 5000.0, 5400.0]
     assert not folder.exists()  # what is done is not kept
     assert sorted(path.name for path in called.folder.iterdir() if path.is_file()) == ["csv.csv", "json.json"]
 
 
 def test_a_report_that_is_stopped_goes_on_where_it_was(run, cache, monkeypatch):
-    call, solved = ("report spur_pair --rpm 2000,5000 --orbit", "json"), []
+    call = "report spur_pair --rpm 2000,5000 --orbit", "json"
 
     def stop(progress, count):
         raise KeyboardInterrupt
@@ -212,9 +215,8 @@ def test_a_report_that_is_stopped_goes_on_where_it_was(run, cache, monkeypatch):
     assert called.status == 130 and called.err.endswith("the same command goes on from there\n")
     (folder,) = (cache / resume.FOLDER).iterdir()
     assert [path.name for path in folder.iterdir()] == ["0"]
-    monkeypatch.setattr(compute, "orbit_state", lambda response: solved.append(response) or orbit_state(response))
-    assert run(*call).status == 0 and called.path("json").exists() and not folder.exists()
-    assert [float(response.rpm) for response in solved] == [5000.0]
+    called = run(*call)
+    assert called.status == 0 and called.path("json").exists() and not folder.exists()
 
 
 def test_what_a_stopped_command_left_is_forgotten_after_a_month(cache):

@@ -9,7 +9,7 @@ import pytest
 
 import jaxhb
 from jaxhb.cli import commands
-from jaxhb.design import Objective, Parameter, Penalty
+from jaxhb.design import Objective, Parameter
 from jaxhb.design.table import read_table
 from jaxhb.report.figures.cycle import plot_tuning
 from jaxhb.report.figures.figure import DIGITS
@@ -227,13 +227,6 @@ def test_a_limit_that_the_tuned_design_exceeds_is_told(scene, tune):
     scene.write_text(scene.read_text(encoding="utf-8") + penalty, encoding="utf-8")
     said = tune("--steps 1").out
     assert "NOT within its limits: shaft torque of cyl6|flywheel is" in said and "N m, at most 1." in said
-
-
-def test_the_worst_of_a_lower_limit_is_the_smallest_value():
-    rpm, values = np.array([1.0, 2.0, 3.0]), np.array([5.0, 4.0, 6.0])
-    lower = Penalty(quantity="damper power", of="ring", least=1.0)
-    upper = Penalty(quantity="damper power", of="ring", most=9.0)
-    assert _worst(rpm, values, lower) == (4.0, 2.0) and _worst(rpm, values, upper) == (6.0, 3.0)
 
 
 def test_speeds_that_a_tuning_could_not_solve_are_named():
