@@ -1,5 +1,6 @@
 """Motions of a command under way, kept in the folder of programs until it is done: stopped, it goes on there."""
 
+import contextlib
 import shutil
 import time
 
@@ -23,8 +24,9 @@ class Kept:
         name = blake2(*parts, package_hash(), jax.__version__.encode(), repr(asked).encode()).hex()[:32]
         self.folder = base / FOLDER / name if base else None
         for old in (base / FOLDER).glob("[0-9a-f]" * 32) if base else []:
-            if old.stat().st_mtime < time.time() - 86400 * FORGOTTEN_AFTER:
-                shutil.rmtree(old, ignore_errors=True)
+            with contextlib.suppress(OSError):  # another process may remove it too
+                if old.stat().st_mtime < time.time() - 86400 * FORGOTTEN_AFTER:
+                    shutil.rmtree(old)
 
     def run(self, compute, left):
         """``compute(folder)``, without a folder where it cannot be used; ``left()`` tells what it leaves if stopped."""
