@@ -3,10 +3,7 @@
 import os
 import re
 
-from click.shell_completion import BashComplete, CompletionItem, add_completion_class, get_completion_class
-
-PROGRAM, VARIABLE = "jaxhb", "_JAXHB_COMPLETE"
-SHELLS = "bash", "zsh", "fish", "powershell"
+from click.shell_completion import BashComplete, CompletionItem, add_completion_class
 
 
 @add_completion_class
@@ -19,11 +16,6 @@ class QuotingBash(BashComplete):
         quoted = typed and typed[0].startswith(("'", '"'))
         value = item.value if quoted else re.sub(r"([^\w./~@%+:=,-])", r"\\\1", item.value)
         return f"{item.type},{value}".replace("\\", "\\\\")
-
-
-def script(program, shell):
-    """What makes a shell complete commands, options, scenes and names of elements."""
-    return get_completion_class(shell)(program, {}, PROGRAM, VARIABLE).source()
 
 
 def of_scenes(context, parameter, begun):

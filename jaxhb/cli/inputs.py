@@ -1,133 +1,116 @@
-"""What a command is given, read and checked before anything heavy is imported: the scene and the names of files."""
+"""Scenes as a command reads, lists and writes them, and names of files checked before anything heavy is imported."""
 
 import shlex
+from importlib import import_module
 from pathlib import Path
 
-from jaxhb.report.files.output import (
-    STANDARD_OUTPUT,
-    OutputError,
-    as_picture,
-    check_inputs,
-    check_output,
-    check_picture,
-    write_files,
-)
+from jaxhb.report.files import output
 from jaxhb.scene.files import load_scene, scene_description, scene_names
 from jaxhb.scene.writer import copies_beside, scene_files, scene_text
 
-_FILES = ("output", "json", "csv", "netcdf", "trace", "plot", "html")
+FILES = ("FILE", "output", "out", "json", "csv", "netcdf", "trace", "plot", "html")
+# What files must be, and how their names end.
+ENDINGS = {"html": ("page", ".html", ".htm"), "out": ("scene", ".toml"), "FILE": ("scene", ".toml")}
 
 
-def scenes(_):
+def scenes():
     """List the packaged scenes."""
     names = scene_names()
-    width = max(map(len, names))
     for name in names:
-        print(f"{name.ljust(width)}  {scene_description(name)}")
+        print(f"{name:<{max(map(len, names))}}  {scene_description(name)}")
     return 0
 
 
-def new(arguments):
+def new(file, scene, quiet):
     """Write a scene to begin with, and its tables beside it."""
-    path = Path(arguments.file)
-    _check_scene_name("FILE", arguments.file)
+    path = Path(file)
+    _check_files({"scene": scene, "FILE": file})
     if path.exists():
-        raise OutputError(f"FILE: {arguments.file!r} is there already, and is not overwritten. Give another name.")
-    text, beside = scene_text(arguments.scene, called=path.stem)
+        raise output.OutputError(f"FILE: {file!r} is there already, and is not overwritten. Give another name.")
+    text, beside = scene_text(scene, called=path.stem)
     copies = copies_beside(beside, path.parent, "FILE")
-    write_files({path: [content] for path, content in copies.items()} | {arguments.file: [text.encode()]})
-    if not arguments.quiet:
-        print("".join(f"{name} is written.\n" for name in (arguments.file, *copies)), end="")
-        print(f"Try: jaxhb check {shlex.quote(arguments.file)}")
+    output.write_files({path: [content] for path, content in copies.items()} | {file: [text.encode()]})
+    if not quiet:
+        print("".join(f"{name} is written.\n" for name in (file, *copies)), end="")
+        print(f"Try: jaxhb check {shlex.quote(file)}")
     return 0
 
 
-def _check_scene_name(option, name):
-    if Path(name).suffix != ".toml":
-        raise OutputError(f"{option}: {name!r} is no scene. Give a name that ends in .toml.")
-    check_output(option, name)
-
-
-def scene(arguments):
+def scene(scene, quiet, expand, out, referred, plot):
     """Print a scene as TOML or its referred numbers, or write it with the tables it names, or draw the train."""
-    if arguments.out:
-        _check_scene_name("--out", arguments.out)
-        check_inputs("--out", arguments.out, scene_files(arguments.scene))
-    if arguments.plot:
-        check_picture("--plot", arguments.plot)
-        check_inputs("--plot", arguments.plot, scene_files(arguments.scene))
-    text, beside = scene_text(arguments.scene, expand=arguments.expand)
-    files = {arguments.plot: _sketch(arguments)} if arguments.plot else {}
-    if arguments.out:
-        copies = copies_beside(beside, Path(arguments.out).parent, "--out")
-        files |= {arguments.out: [text.encode()]} | {path: [content] for path, content in copies.items()}
-    write_files(files)
-    if arguments.quiet:
-        return 0
-    if arguments.referred:
+    _check_files({"scene": scene, "out": out, "plot": plot})
+    text, beside = scene_text(scene, expand=expand)
+    try:
+        files = {plot: picture(plot, "sketch.plot_train", load_scene(scene))} if plot else {}
+    except ValueError as error:
+        raise output.OutputError(f"--plot: {error}") from None
+    if out:
+        copies = copies_beside(beside, Path(out).parent, "--out")
+        files |= {out: [text.encode()]} | {path: [content] for path, content in copies.items()}
+    output.write_files(files)
+    if referred and not quiet:
         from jaxhb.report.text.scene_check import referred_text
 
-        print(referred_text(load_scene(arguments.scene)))
-        return 0
-    printed = not arguments.out and (arguments.expand or not arguments.plot)
-    print(text.replace("\r\n", "\n") if printed else "".join(f"{name} is written.\n" for name in files), end="")
+        print(referred_text(load_scene(scene)))
+    elif not quiet:
+        printed = not out and (expand or not plot)
+        print(text.replace("\r\n", "\n") if printed else "".join(f"{name} is written.\n" for name in files), end="")
     return 0
 
 
-def _sketch(arguments):
-    from jaxhb.report.figures.sketch import plot_train
-
-    train = load_scene(arguments.scene)
-    try:
-        return as_picture(arguments.plot, plot_train(train))
-    except ValueError as error:
-        raise OutputError(f"--plot: {error}") from None
+def picture(name, function, *data):
+    """The file of a picture by ``module.function`` of jaxhb.report.figures, imported here as it needs matplotlib."""
+    module, function = function.split(".")
+    return output.as_picture(name, getattr(import_module(f"jaxhb.report.figures.{module}"), function)(*data))
 
 
-def read(arguments, constant_links=True):
-    """The train of a command, after files that cannot be written are refused; file names that have defaults are set.
+def read(given, constant_links):
+    """The train of a command, after files that cannot be written are refused; names of files get their defaults.
 
     Links that vary become constant as --links-at says, unless the command sees to that at its own speeds.
     """
-    _check_files(arguments)
-    train = load_scene(arguments.scene)
-    if getattr(arguments, "scenario", None) is not None:
-        train = train.scenario(arguments.scenario)
-    train = train.replace(dict(arguments.set)) if arguments.set else train
-    at = dict(getattr(arguments, "links_at", ()))
-    train = train.with_constant_links(**at) if at and constant_links else train
-    hz = getattr(arguments, "viscous", None)
-    return train if hz is None else train.with_viscous_damping(hz=hz)
+    _check_files(given)
+    train = load_scene(given["scene"])
+    if given.get("scenario") is not None:
+        train = train.scenario(given["scenario"])
+    train = train.replace(dict(given["set"])) if given["set"] else train
+    if constant_links and given.get("links_at"):
+        train = train.with_constant_links(**dict(given["links_at"]))
+    return train if given.get("viscous") is None else train.with_viscous_damping(hz=given["viscous"])
 
 
-def _check_files(arguments):
+def _check_files(given):
     """Refuse what cannot be written, by the name of the option that was given."""
-    options = {option: f"--{option}" for option in _FILES}
-    if hasattr(arguments, "output"):
-        _tuned_names(arguments, options)
-    files = {option: getattr(arguments, option) for option in _FILES if getattr(arguments, option, None)}
-    scenes = [arguments.scene, getattr(arguments, "tuned", None)] if files else []
+    options = {option: f"--{option}" if option.islower() else option for option in FILES}
+    if "output" in given:
+        _name_tuned(given, options)
+    files = {option: given[option] for option in FILES if given.get(option)}
+    scenes = [given["scene"], given.get("tuned")] if files else []
     inputs = [path for name in scenes if name is not None for path in scene_files(name)]
     for option, name in files.items():
-        (check_picture if option == "plot" else check_output)(options[option], name)
-        check_inputs(options[option], name, inputs)
-    if files.get("html") and Path(files["html"]).suffix.lower() not in (".html", ".htm"):
-        raise OutputError(f"--html: {files['html']!r} is no page. Give a name that ends in .html.")
+        (output.check_picture if option == "plot" else output.check_output)(options[option], name)
+        output.check_inputs(options[option], name, inputs)
+        kind, *endings = ENDINGS.get(option, ("file", Path(name).suffix.lower()))
+        if Path(name).suffix.lower() not in endings:
+            told = f"{name!r} is no {kind}. Give a name that ends in {endings[0]}."
+            raise output.OutputError(f"{options[option]}: {told}")
     if len({Path(name).resolve() for name in files.values()}) < len(files):
-        raise OutputError(f"--{' and --'.join(files)} name the same file. Give each its own.")
+        raise output.OutputError(f"--{' and --'.join(files)} name the same file. Give each its own.")
 
 
-def _tuned_names(arguments, options):
-    """Names of the files of a tuning that were not given; none of them may hold anything else."""
+def _name_tuned(given, options):
+    """Name the files of a tuning that were not given; none of them may hold anything else."""
     signs = {}
-    if arguments.output is None:
-        arguments.output = f"{Path(arguments.scene).stem}_tuned.toml"
-        signs[arguments.output] = b"tuned by jaxhb tune"
-    if arguments.json is None:
-        arguments.json, options["json"] = str(Path(arguments.output).with_suffix(".json")), "--output"
-        signs[arguments.json] = b'"history"'
-    if arguments.json == STANDARD_OUTPUT:
-        raise OutputError("--json: a tuning writes it again at every step. Give the name of a file.")
+    if given["output"] is None:
+        given["output"] = f"{Path(given['scene']).stem}_tuned.toml"
+        signs[given["output"]] = b"tuned by jaxhb tune"
+    if given["json"] is None:
+        given["json"], options["json"] = str(Path(given["output"]).with_suffix(".json")), "--output"
+        signs[given["json"]] = b'"history"'
+    if given["json"] == output.STANDARD_OUTPUT:
+        raise output.OutputError("--json: a tuning writes it again at every step. Give the name of a file.")
     for name, sign in signs.items():
         if Path(name).is_file() and sign not in Path(name).read_bytes():
-            raise OutputError(f"--output: {name!r} is there and is not from jaxhb tune. Name the tuned scene yourself.")
+            raise output.OutputError(
+                f"--output: {name!r} is there and is not from jaxhb tune. Name the tuned scene yourself."
+            )

@@ -1,46 +1,27 @@
 """The command line: every command with its options and what its help says; what it computes is in other modules."""
 
-import gc
-import importlib
 import os
 import sys
 import traceback
-from types import SimpleNamespace
 
 import click
-from click.shell_completion import shell_complete
+from click.shell_completion import get_completion_class, shell_complete
 
 from jaxhb import __version__
-from jaxhb.cli.completion import PROGRAM, SHELLS, VARIABLE, of_elements, of_scenes, script
-from jaxhb.cli.options import (
-    EACH_MISFIRE,
-    GEAR,
-    MEAN_LOAD,
-    MOTION,
-    QUIET,
-    RPM,
-    SCENE,
-    SCENE_ARGUMENT,
-    SCENE_OF_TUNING,
-    certify,
-    files,
-    misfire,
-    plot,
-)
-from jaxhb.cli.parsing import Command, Program, Several, option
+from jaxhb.cli import options
+from jaxhb.cli.completion import of_elements, of_scenes
+from jaxhb.cli.options import Command, option
 from jaxhb.cli.streams import Ended, guarded, tell
 from jaxhb.cli.values import count, one_speed, orders, over, positive, share, speed_range, whole
 from jaxhb.report.files.output import INTERRUPTED
 from jaxhb.train.speeds import read_speed, read_speeds
 
+PROGRAM, VARIABLE = "jaxhb", "_JAXHB_COMPLETE"
 ENVIRONMENT = {
     "OPENBLAS_NUM_THREADS": "1",  # its threads wait actively: beside a busy process a solve takes ten times as long
     "TF_CPP_MIN_LOG_LEVEL": "3",  # the compiler warns of cached programs that come from the same machine
 }
 """Read when numpy and jax are imported, which only commands do; what the user has set stays."""
-
-NEW_OBJECTS = 50_000
-"""Objects between collections of garbage: with Python's 700 or so they take a third of the time of tracing."""
 
 DONE = "Exit status: 0 done; 2 bad input (nothing is written); 3 an error in the program."
 
@@ -57,19 +38,7 @@ torques do not balance is bad input (2). If --set unbalances a scene, it is repo
 
 
 def main(argv=None):
-    """Run the command line.
-
-    Parameters
-    ----------
-    argv : list of str, optional
-        Default: the arguments of the process.
-
-    Returns
-    -------
-    int
-        0 answered, 1 a speed without an answer, 2 bad input or an output that cannot be written, 3 an error of the
-        program (its traceback is shown), 130 stopped by the user, 141 the reader of the output closed it, 143
-        terminated.
+    """Run the command line on words, by default those of the process; its exit status, as its help and pages tell it.
 
     Examples
     --------
@@ -84,6 +53,7 @@ def main(argv=None):
 
 
 def _run(words):
+    # Not click's own main: it would end the process on a closed pipe, and turn Ctrl-C into another error.
     try:
         if VARIABLE in os.environ:
             return shell_complete(program, {}, PROGRAM, VARIABLE, os.environ[VARIABLE])
@@ -109,6 +79,20 @@ def _run(words):
         return 3
 
 
+class Program(click.Group):
+    """Commands in the order in which they are defined; the help ends with the examples of all."""
+
+    def list_commands(self, ctx):
+        """Their names."""
+        return list(self.commands)
+
+    def format_epilog(self, ctx, formatter):
+        """Examples and exit status."""
+        shown = [line for one in self.commands.values() for line in one.epilog.splitlines() if "  jaxhb " in line]
+        formatter.write("\n".join(["", "Examples:", *shown, ""]))
+        super().format_epilog(ctx, formatter)
+
+
 @click.group(
     cls=Program,
     no_args_is_help=False,
@@ -126,157 +110,117 @@ def program():
 
 
 def command(status, *examples):
-    """Make a function a command of its name: what its exit status tells and examples are below its options."""
+    """Declare a command: its help ends with examples and what its exit status tells."""
     lines = "".join(f"  jaxhb {example}\n" for example in examples)
-    return program.command(cls=Command, epilog=f"\b\nExamples:\n{lines}\n{status}" if lines else status)
-
-
-def light(function, given):
-    """The exit status of a function of inputs.py, which needs no jax."""
-    from jaxhb.cli import inputs
-
-    return getattr(inputs, function)(SimpleNamespace(**given))
-
-
-def computed(function, given, module="commands", constant_links=True):
-    """The exit status of a function of a train and its arguments.
-
-    Inputs are read first, which takes a fraction of the time of importing jax. Where ``constant_links`` is False, the
-    function itself sees to --links-at, at its own speeds.
-    """
-    from jaxhb.cli.inputs import read
-
-    arguments = SimpleNamespace(**given, words=click.get_current_context().obj)
-    train = read(arguments, constant_links)
-    from jaxhb._program import keep_programs
-    from jaxhb._store import user_folder
-
-    keep_programs(user_folder())
-    gc.set_threshold(NEW_OBJECTS)
-    return getattr(importlib.import_module(f"jaxhb.cli.{module}"), function)(train, arguments)
-
-
-def refuse_both(given, first, second):
-    """One of two options or none."""
-    if given[first] and given[second]:
-        raise click.UsageError(f"--{first} and --{second} exclude each other.", click.get_current_context())
+    return program.command(cls=Command, epilog=f"\b\nExamples:\n{lines}\n{status}")
 
 
 @command(DONE, "new my_engine.toml")
 @click.argument("file", metavar="FILE.toml", type=click.Path(), help="the scene to write")
-@QUIET
+@options.QUIET
 @option("--from SCENE", "the scene to copy", to="scene", default="first_scene", show_default=True)
-def new(**given):
+def new():
     """Write a small commented scene, or a copy of another.
 
     Every line is explained; a copy has its tables beside it. Never overwrites a file.
     """
-    return light("new", given)
 
 
 @command(DONE, "scenes")
-def scenes(**given):
+def scenes():
     """List the packaged scenes and what they are."""
-    return light("scenes", given)
 
 
 @command(DONE, "scene six_cylinder_diesel --expand", "scene gear_train_30 --plot train.png")
-@SCENE_ARGUMENT
-@QUIET
+@options.SCENE_ARGUMENT
+@options.QUIET
 @option("--expand", "write the cylinders that an [engine] makes")
 @option("--out FILE.toml", "write it there, its tables beside it (default: print it)")
 @option("--referred", "print inertias, stiffnesses and dampings instead, actual and referred to the reference rotor")
-@plot("a sketch of the train instead of printing it: disks, shafts, gears in mesh, dampers, grounds")
-def scene(**given):
+@options.plot("a sketch of the train instead of printing it: disks, shafts, gears in mesh, dampers, grounds")
+def scene():
     """Check a scene and write it as TOML.
 
     Files of other programs are read by their endings: .json in the TORS format of openTorsion, .csv with a table of
     inertias (name, inertia, radius, ...) and one of links (from, to, stiffness, ...).
     """
-    return light("scene", given)
 
 
 @command(LINEAR_STATUS, "check my_engine.toml")
-@SCENE
+@options.SCENE
 @option("--rpm A:B:COUNT", "speeds of the mean torques, rpm (default: lowest and highest tabulated)", read_speeds)
 @option("--json FILE", "write all of it for programs, SI units")
-def check(**given):
+def check():
     """Is the scene plausible? Mean torques, modes, notes.
 
     Reads a scene and reports what it amounts to: mean torques and tooth forces, the damping of every mesh, natural
     frequencies with damping ratios. Notes name numbers that are allowed but far from usual, as a pressure in bar or a
     bore in mm; they are no errors, and solve, sweep and report print them, too.
     """
-    return computed("check", given, "linear_commands", constant_links=False)
 
 
 @command(DONE, "modes six_cylinder_diesel")
-@SCENE
-@MEAN_LOAD
+@options.SCENE
+@options.MEAN_LOAD
 @option("--json FILE", "write frequencies and shapes for programs")
-@plot("shapes of the first six modes that strain links, with nodes and damping ratios")
-def modes(**given):
+@options.plot("shapes of the first six modes that strain links, with nodes and damping ratios")
+def modes():
     """Natural frequencies in Hz, undamped, and mode shapes."""
-    return computed("modes", given, "linear_commands", constant_links=False)
 
 
 @command(DONE, "holzer six_cylinder_diesel --mode 1 2")
-@SCENE
-@MEAN_LOAD
-@option("--hz F [F ...]", "frequencies, Hz (default: the first three that strain links)", positive, cls=Several)
-@option("--mode K [K ...]", "modes, numbered as by jaxhb modes", count, cls=Several)
+@options.SCENE
+@options.MEAN_LOAD
+@option("--hz F [F ...]", "frequencies, Hz (default: the first three that strain links)", positive)
+@option("--mode K [K ...]", "modes, numbered as by jaxhb modes", count)
 @option("--json FILE", "write the tables in full precision, SI units")
-@plot("the residual over the frequency")
-def holzer(**given):
+@options.plot("the residual over the frequency")
+def holzer():
     """Holzer's table of a train without loops.
 
     As engineers print it: inertia, ordinate, torque sum and twist from the free ends to the last disk, with the
     energies of disks and links in % of the kinetic energy. Undamped; teeth in contact, or as --at says. At a natural
     frequency the residual is 0 but for rounding.
     """
-    refuse_both(given, "hz", "mode")
-    return computed("holzer", given, "linear_commands", constant_links=False)
 
 
 @command(LINEAR_STATUS, "campbell six_cylinder_diesel --rpm 600:2600 --orders 3,4.5,6,9 --plot campbell.png")
-@SCENE
-@MEAN_LOAD
+@options.SCENE
+@options.MEAN_LOAD
 @option("--rpm A:B[:COUNT]", "range of speeds, rpm; COUNT: where frequencies depend on it", speed_range, required=True)
 @option("--orders N1,N2,...", "orders of the reference rotor (default: those that the torques have)", orders)
-@option("--modes N", "how many of the modes that strain links, the lowest", whole, default=6, show_default=True)
-@EACH_MISFIRE
+@option("--modes N", "how many of the modes that strain links, the lowest", whole, default="6", show_default=True)
+@options.EACH_MISFIRE
 @option("--json FILE", "write frequencies and critical speeds in full precision")
 @option("--csv FILE", "write one row per critical speed for spreadsheets")
-@plot("the Campbell diagram")
-def campbell(**given):
+@options.plot("the Campbell diagram")
+def campbell():
     """Natural frequencies and orders over the speed.
 
     The Campbell diagram: natural frequencies over the speed, orders of the excitation as rays, and the critical speeds
     where they meet, order x rpm / 60 = Hz. Undamped; teeth in contact, or as --at says; order-tuned absorbers follow
     the speed.
     """
-    return computed("campbell", given, "linear_commands", constant_links=False)
 
 
 @command(LINEAR_STATUS, 'forced six_cylinder_diesel --rpm 1000:2600:65 --element "cyl6|flywheel" --plot orders.png')
-@SCENE
-@RPM
+@options.SCENE
+@options.RPM
 @option(
     "--element NAME",
     "a disk, shaft, damper or mesh, speed by speed; may be repeated (default: the largest values of all)",
     multiple=True,
     shell_complete=of_elements("disk", "shaft", "damper", "mesh"),
 )
-@EACH_MISFIRE
-@files("orders and synthesis over the speed, of up to four elements")
-def forced(**given):
+@options.EACH_MISFIRE
+@options.files("orders and synthesis over the speed, of up to four elements")
+def forced():
     """Linear response over the speed: amplitudes by order, heat.
 
     All teeth in contact: amplitude of every order, half peak-to-peak of the synthesis, sum of amplitudes, and power
     turned into heat, of every disk (deg), shaft and damper (N m) and mesh (kN). Without --element the largest values
     over the speeds. Links may vary over frequency and amplitude.
     """
-    return computed("forced", given, "linear_commands")
 
 
 @command(
@@ -284,35 +228,34 @@ def forced(**given):
     "solve gear_train_30 --rpm 1800 --plot cycle.png",
     'solve gear_train_30 --rpm 1800 --misfire "cylinder A1" --set "crank damper.damping=300" --json result.json',
 )
-@SCENE
+@options.SCENE
 @option("--rpm R", "speed of the reference rotor, rpm", one_speed, required=True)
-@misfire()
-@MOTION
-@certify()
-@files("the gear torque and the tooth forces over the cycle")
+@options.misfire()
+@options.MOTION
+@options.certify()
+@options.files("the gear torque and the tooth forces over the cycle")
 @option("--trace FILE.csv", "the motion for spreadsheets: forces, torques, angles, speeds over the crank angle")
-@GEAR
-def solve(**given):
+@options.GEAR
+def solve():
     """One speed: do the teeth hammer? Forces, torques, contact.
 
     With backlash and without: the kind of motion, which teeth separate and for how long, tooth forces (kN), torques of
     gears and shafts (N m). Of a motion that never repeats the numbers are extremes over recorded cycles, and the
     largest tooth force of a cycle is given as 5, 50 and 95 % of the cycles have it.
     """
-    return computed("solve", given)
 
 
 @command(STATUS, "sweep gear_train_30 --rpm 600:2450:20 --csv sweep.csv --plot sweep.png")
-@SCENE
-@RPM
-@misfire()
-@MOTION
+@options.SCENE
+@options.RPM
+@options.misfire()
+@options.MOTION
 @option(
     "--direction {up,down,both}",
     "which neighbour a speed starts from: the one below (up, default), above (down), or one after the other",
     ("up", "down", "both"),
 )
-@files("tooth force and time out of contact over the speed")
+@options.files("tooth force and time out of contact over the speed")
 @option("--full", "amplitudes of all orders in the JSON and NetCDF files (default: none, and those excited)")
 @option(
     "--over NAME.FIELD=A:B:COUNT",
@@ -320,15 +263,19 @@ def solve(**given):
     over,
 )
 @option("--out DIR", "keep what is found in this folder for good (default: until the sweep is done)", to="folder")
-@option("--chunk N", "speeds that are computed and kept together (default 16): fewer lose less, take longer", whole)
-def sweep(**given):
+@option(
+    "--chunk N",
+    "speeds that are computed and kept together (default 16): fewer lose less, take longer",
+    whole,
+    default="16",  # a batch of marches
+)
+def sweep():
     """Many speeds in one call: at which do the teeth hammer?
 
     Kind of motion, largest tooth force and time out of contact over the speed. Where several motions are possible the
     train has the one it comes from: each speed starts from its neighbour below (--direction up), above (down), or is
     reached both ways.
     """
-    return computed("sweep", given, "sweeps")
 
 
 @command(
@@ -336,18 +283,18 @@ def sweep(**given):
     'report gear_train_30 --rpm 600,1200,1800,2450 --misfire "cylinder A1" --plot crank_gear.png',
     'report gear_train_30 --rpm 700:2450:8 --misfire "cylinder A1" --html report.html',
 )
-@SCENE
-@RPM
-@EACH_MISFIRE
-@MOTION
-@files("the torque on one gear over the cycle, in normal running")
-@GEAR
+@options.SCENE
+@options.RPM
+@options.EACH_MISFIRE
+@options.MOTION
+@options.files("the torque on one gear over the cycle, in normal running")
+@options.GEAR
 @option("--at R", "speed that picture and page show in full, rpm (default: of the largest tooth force)", read_speed)
-@certify(", at the speed of --at")
+@options.certify(", at the speed of --at")
 @option("--html FILE.html", "write a page to print and sign: one file, no network (needs jaxhb[report])")
 @option("--tuned SCENE", "on the page, another design, as jaxhb tune writes it", shell_complete=of_scenes)
 @option("--tune", "on the page, the design tuned as the [tune] table of the scene asks; takes minutes")
-def report(**given):
+def report():
     """Several speeds, in normal running and with a misfire.
 
     With backlash and without, with a misfiring cylinder, or with every cylinder in turn (--misfire each). The plot
@@ -355,12 +302,10 @@ def report(**given):
     and signed: the train and its data, natural frequencies, forced orders, what the train does at every speed, limits,
     accuracy, notes.
     """
-    refuse_both(given, "tuned", "tune")
-    return computed("report", given)
 
 
 @command(STATUS, "tune engine_with_damper --plot tuned.png")
-@SCENE_OF_TUNING
+@options.SCENE_OF_TUNING
 @option("--rpm A:B:COUNT", "speeds instead of those of the [tune] table, rpm: A:B:COUNT or R1,R2,...", read_speeds)
 @option("--optimizer {lbfgs,adam}", "default: lbfgs", ("lbfgs", "adam"))
 @option("--steps N", "maximum number of steps", whole)
@@ -370,24 +315,26 @@ def report(**given):
 @option("--output FILE.toml", "the tuned scene (default: SCENE_tuned.toml here)")
 @option("--json FILE", "parameters, readings, history (default: as --output, .json)")
 @option("--plot FILE.png", "draw the response before and after and the history")
-def tune(**given):
+def tune():
     """Find the dampers (or any numbers) that cure it, by gradient.
 
     Changes numbers of a scene within bounds to make a response small over a range of speeds. The [tune] table of the
     scene sets what changes and what is minimised: docs/how_to/tune.md has all of it. Every step writes the tuned scene
     and the history, so Ctrl-C leaves the best design so far; the exit status is then 130.
     """
-    return computed("tune", given)
 
 
-@command(DONE)
+SHELLS = "bash", "zsh", "fish", "powershell"
+
+
+@program.command(epilog=DONE)
 @click.argument("shell", default="bash", metavar="[SHELL]", type=click.Choice(SHELLS), help=", ".join(SHELLS))
 def completion(shell):
     """Print what makes a shell complete commands, options and names.
 
     In ~/.bashrc: eval "$(jaxhb completion bash)"; for fish: jaxhb completion fish | source.
     """
-    click.echo(script(program, shell), nl=False)
+    click.echo(get_completion_class(shell)(program, {}, PROGRAM, VARIABLE).source(), nl=False)
     return 0
 
 

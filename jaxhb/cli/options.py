@@ -1,27 +1,119 @@
-"""Options that several commands take."""
+"""Options: how one is declared, those that several commands take, and what of them is beyond click."""
+
+import gc
+import importlib
+from functools import reduce
+from types import SimpleNamespace
 
 import click
 
 from jaxhb.cli.completion import of_elements, of_scenes
-from jaxhb.cli.parsing import option, together
 from jaxhb.cli.values import place, positive, setting, share, whole
 from jaxhb.train.speeds import read_speed, read_speeds
+
+NEW_OBJECTS = 50_000  # between collections of garbage: with Python's 700 or so they take a third of the time of tracing
+OWN_LINKS = "check", "modes", "holzer", "campbell"  # see to --links-at themselves, at speeds of their own
+MODULES = dict.fromkeys(("new", "scenes", "scene"), "inputs") | dict.fromkeys(("solve", "tune"), "commands")
+MODULES |= {"sweep": "sweeps", "report": "page_command"}  # where the work is; of the others in linear_commands.py
+MORE = " ...]"  # ends how an option is spelled that takes one or more values: ``--mode K [K ...]``
+SPEEDS = "--rpm", "--speed", "--speeds"
+NO_SPEED = "Natural frequencies do not depend on the speed; --at R takes the teeth as under the mean load of R rpm."
+
+
+class Command(click.Command):
+    """A command that takes no option for a value, reads ``--mode 1 2``, and knows under which words a speed may stand.
+
+    Its work is the function of its name in a module of this folder, imported when it runs.
+    """
+
+    def invoke(self, ctx):
+        """The exit status of that function: of the options, and but for those of inputs.py of the train first."""
+        from jaxhb.cli import inputs
+
+        given, module = ctx.params, MODULES.get(self.name, "linear_commands")
+        for first, second in (("hz", "mode"), ("tuned", "tune")):
+            if given.get(first) and given.get(second):
+                raise click.UsageError(f"--{first} and --{second} exclude each other.", ctx)
+        if module == "inputs":
+            return getattr(inputs, self.name)(**given)
+        train = inputs.read(given, self.name not in OWN_LINKS)  # takes a fraction of the time of importing jax
+        from jaxhb._program import keep_programs
+        from jaxhb._store import user_folder
+
+        keep_programs(user_folder())
+        gc.set_threshold(NEW_OBJECTS)
+        function = getattr(importlib.import_module(f"jaxhb.cli.{module}"), self.name)
+        return function(train, SimpleNamespace(**given), **given)
+
+    def parse_args(self, ctx, args):
+        """As click, but for what the class says; every fault knows its command."""
+        options = [one for one in self.params if isinstance(one, click.Option) and not one.is_flag]
+        valued = {name: one for one in options for name in one.opts}
+        if ctx.resilient_parsing and args and args[-1] in valued:
+            args = args[:-1]  # its value is being completed, by the scene, of which click would not know then
+        words, several = [], None
+        try:
+            for word in args:
+                if word.startswith("--"):
+                    if words and words[-1] in valued and not ctx.resilient_parsing:
+                        raise click.BadOptionUsage(words[-1], f"Option {words[-1]!r} requires an argument.")
+                    several = word if word in valued and valued[word].metavar.endswith(MORE) else None
+                elif several and words[-1] != several:
+                    words.append(several)
+                words.append(word)
+            return super().parse_args(ctx, words)
+        except click.UsageError as fault:
+            fault.ctx = fault.ctx or ctx
+            meant = "Did you mean '--rpm'?" if "--rpm" in valued else NO_SPEED if "--at" in valued else ""
+            if meant and isinstance(fault, click.NoSuchOption) and fault.option_name in SPEEDS:
+                fault.message, fault.possibilities = f"{fault.message} {meant}", None
+            raise
+
+
+def _reader(read):
+    """A type of click from a function of a word, whose ValueError says what is wrong."""
+
+    def value(word):
+        try:
+            return read(word)
+        except ValueError as error:
+            raise click.BadParameter(str(error)) from None
+
+    return value
+
+
+def option(spelled, text, read=None, *, to=None, **more):
+    """An option as its help spells it, ``--rpm A:B:COUNT``, without a second word a switch; named ``to`` in Python.
+
+    ``read`` is a function of the word or a sequence of words to choose from. Where they name files the shell completes
+    them.
+    """
+    name, _, metavar = spelled.partition(" ")
+    if metavar.startswith(("FILE", "DIR")):
+        more["type"] = click.Path()
+    elif read is not None:
+        more["type"] = _reader(read) if callable(read) else click.Choice(read)
+    more |= {"metavar": metavar} if metavar else {"is_flag": True}
+    more |= {"multiple": True} if metavar.endswith(MORE) else {}
+    return click.option(*filter(None, (name, to)), help=text, **more)
+
+
+def together(*options):
+    """One decorator of several options, shown in this order."""
+    return lambda function: reduce(lambda made, one: one(made), reversed(options), function)
+
 
 SCENE_ARGUMENT = click.argument(
     "scene", metavar="SCENE", help="a packaged scene (jaxhb scenes) or the path of a file", shell_complete=of_scenes
 )
 QUIET = option("--quiet", "print nothing but what is wrong: for files and the exit status")
-
-SCENE_OF_TUNING = together(
-    SCENE_ARGUMENT,
-    QUIET,
-    option(
-        "--set NAME.FIELD=VALUE",
-        'change a value of the scene, SI units: "crank damper.damping=300", "idler.teeth=40"; may be repeated',
-        setting,
-        multiple=True,
-    ),
+SET = option(
+    "--set NAME.FIELD=VALUE",
+    'change a value of the scene, SI units: "crank damper.damping=300", "idler.teeth=40"; may be repeated',
+    setting,
+    multiple=True,
 )
+SCENE_OF_TUNING = together(SCENE_ARGUMENT, QUIET, SET)
 SCENE = together(
     SCENE_OF_TUNING,
     option("--scenario NAME", "take the values of [scenario.NAME] of the scene"),
@@ -44,14 +136,13 @@ RPM = option(
 MEAN_LOAD = option(
     "--at R", "teeth as stiff as they are under the mean load of this speed, rpm (default: in contact)", read_speed
 )
-
 MOTION = together(
     option("--harmonics N", "fixed number of harmonics (default: as many as needed)", whole),
     option(
         "--tolerance T",
         "largest truncation error, as a share of the largest tooth force",
         share,
-        default=0.01,
+        default="0.01",
         show_default=True,
     ),
     option("--orbit", "a periodic solution, stable or not (a note says which), instead of what the train does"),

@@ -1,4 +1,4 @@
-"""What ``jaxhb report --html`` computes beyond its tables, and where its page comes from."""
+"""``jaxhb report``: several speeds, normal and misfiring, and what its page has beyond the tables."""
 
 import dataclasses
 import hashlib
@@ -9,12 +9,24 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
+import click
+
 from jaxhb import __version__
+from jaxhb.cli.commands import check_files, status
+from jaxhb.cli.inputs import picture
+from jaxhb.cli.progress import Progress
+from jaxhb.cli.resume import GOES_ON, Kept
 from jaxhb.design.table import read_table
-from jaxhb.report.files.output import OutputError, changed_text
-from jaxhb.report.page.parts import Report
-from jaxhb.report.selection import NOT_FIRING, asks_each
-from jaxhb.report.text.cases import Case, largest_of, solve_cases
+from jaxhb.report.compute import Asked
+from jaxhb.report.files.labelled import netcdf
+from jaxhb.report.files.output import NOT_ANSWERED, OutputError, as_json, changed_text, changes, deliver
+from jaxhb.report.files.record import finite, on_scene
+from jaxhb.report.files.rows import answer_row, rows_csv
+from jaxhb.report.page.parts import Report, shown_misfire
+from jaxhb.report.selection import NOT_FIRING, asks_each, case_title
+from jaxhb.report.text import cases as told
+from jaxhb.report.text.certified import certificate_of
+from jaxhb.report.text.sentences import warnings
 from jaxhb.report.text.tuned import tuned_parts
 from jaxhb.scene.files import _find, load_scene, scene_description
 from jaxhb.scene.writer import element_files, scene_text
@@ -24,117 +36,151 @@ SECOND, TUNED = "second design", "tuned design"
 NEEDED = "jinja2", "plotly", "matplotlib"
 
 
-def check_page(train, arguments):
-    """Refuse what no page can tell, before anything is computed; the second design where its scene is given."""
-    second = arguments.tuned is not None or arguments.tune
-    if second and not arguments.html:
-        option = "--tune" if arguments.tune else "--tuned"
+def report(train, given, rpm, misfire, at, orders, gear, plot, certify, tune, html, quiet, **_):
+    """Several speeds, normal and misfiring, with backlash and without."""
+    check_files(train, given)
+    if at is not None and at not in rpm:
+        raise OutputError(f"--at: {at:g} rpm is not one of the speeds of --rpm. Add it.")
+    other, each = _checked_page(train, given), asks_each(train, given)
+    trains = told.misfire_trains(train) if each else {"": train}
+    if misfire and not each:
+        trains[", ".join(misfire)] = train.misfire(*misfire)
+    trains = {case_title(train, cylinders): one for cylinders, one in trains.items()}
+    # A computed bound takes half a minute: only the speed that is shown in full gets one, at the end.
+    asked, designs = dataclasses.replace(Asked.of(given), certify=False), [*trains.values(), *filter(None, [other])]
+    kept = Kept(designs, ("report", rpm, asked))
+
+    def compute(folder):
+        tell = {"say": progress.say, "advance": progress.advance}
+        cases = told.solve_cases(trains, rpm, asked, folder=folder, **tell)
+        place = _place_of(cases[0], at)
+        cases = [_certified(case, place, progress.say) for case in cases] if certify else cases
+        (second, tuning), shown = (_tuned(train, progress) if tune else (other, ())), shown_misfire(cases)
+        designs = _second_designs(train, second, shown, given) if second else {}
+        own = folder / SECOND if folder and not tune else None
+        return cases, place, told.solve_cases(designs, rpm, asked, folder=own, **tell), tuning
+
+    runs = len(designs) + tune + bool(misfire and (other or tune))
+    with Progress(runs * len(rpm), quiet=quiet) as progress:
+        left = f"no file is written, but what was found is kept; {GOES_ON}"
+        cases, place, seconds, tuning = kept.run(compute, lambda: left if kept.folder else "nothing more is written")
+    worst, whole = {"worst_misfire": finite(told.worst_misfire(cases))} if each else {}, True
+    if html:
+        from jaxhb.report.page.page import as_page
+
+        page, whole = as_page(_report_of(given, cases, place, seconds, tuning))
+    deliver(
+        given,
+        "\n\n".join(
+            filter(None, [told.misfires_text(cases) if each else told.cases_text(cases), second_text(cases, seconds)])
+        ),
+        json=lambda: as_json(changes(given) | on_scene(train) | told.cases_record(cases, orders=orders) | worst),
+        csv=lambda: rows_csv([answer_row(answer, case=case.title) for case in cases for answer in case.answers]),
+        netcdf=lambda: netcdf({case.title: case.answers for case in cases}, orders, along="case"),
+        plot=lambda: picture(plot, "cycle.plot_cycle", cases[0].answers[place], gear),
+        html=lambda: page,
+    )
+    kept.forget()
+    answered = status(warnings([answer for case in cases for answer in case.answers]))
+    return answered if whole else NOT_ANSWERED
+
+
+def _checked_page(train, given):
+    """The second design where its scene is given; refuses what no page can tell, before anything is computed."""
+    if (given.tuned or given.tune) and not given.html:
+        option = "--tune" if given.tune else "--tuned"
         raise OutputError(f"{option}: the second design appears on the page only. Add --html FILE.html.")
-    if arguments.html and (missing := [name for name in NEEDED if importlib.util.find_spec(name) is None]):
+    if given.html and (missing := [name for name in NEEDED if importlib.util.find_spec(name) is None]):
         raise OutputError(f'--html: the page needs {", ".join(missing)}. Install it: pip install "jaxhb[report]".')
-    if arguments.tune:
+    if given.tune:
         read_table(train)
-    return None if arguments.tuned is None else load_scene(arguments.tuned)
+    return load_scene(given.tuned) if given.tuned else None
 
 
-def second_cases(train, second, misfire, arguments, asked, folder, progress):
-    """Another design at the same speeds, without a misfire and with that of the page, and words on how it was found.
-
-    Parameters
-    ----------
-    train : DriveTrain
-        The first design.
-    second : DriveTrain or None
-        From :func:`check_page`.
-    misfire : Case or None
-        The misfire that the page shows of the first design.
-    arguments : Namespace
-    asked : Asked
-    folder : Path or None
-        Where answers of this command are kept; those of a design that is tuned first are not.
-    progress : Progress
-
-    Returns
-    -------
-    cases : list of Case
-        None, one or two; no misfire of a cylinder that the second design has not got.
-    found : list of str and Table
-    """
-    title, found = f"{SECOND} ({Path(arguments.tuned or '').stem})", ()
-    if arguments.tune:
-        title, (second, found) = TUNED, _tuned(train, progress)
-    if second is None:
-        return [], ()
-    trains = {title: second}
-    if misfire is not None:
-        normal, misfiring = _misfiring(second, misfire.title.removesuffix(NOT_FIRING), arguments)
-        trains = {title: normal} | ({} if misfiring is None else {f"{title}, {misfire.title}": misfiring})
-    own = None if folder is None or arguments.tune else folder / SECOND
-    tell = {"say": progress.say, "advance": progress.advance}
-    return solve_cases(trains, arguments.rpm, asked, folder=own, **tell), found
+def _place_of(case, rpm):
+    """Number of the asked speed, or of that with the largest tooth force, without teeth the largest torque."""
+    if rpm is not None:
+        return [answer.rpm for answer in case.answers].index(rpm)
+    values = [told.hardest(answer)[2] if answer.answered else -1.0 for answer in case.answers]
+    return values.index(max(values))
 
 
-def _misfiring(train, cylinders, arguments):
-    """The second design as it runs and with the misfire of the first, None where it has no such cylinder; programs are
-    those of the first design where numbers alone differ."""
-    if asks_each(train, arguments):
-        trains = train.misfires()
-        return train.replace(same_factor(train)) if trains else train, trains.get(cylinders)
-    known = set(arguments.misfire) <= set(train.topology.cylinder_names)
-    return train, train.misfire(*arguments.misfire) if known else None
+def _certified(case, place, say):
+    """A case with a computed bound at one speed."""
+    answers = list(case.answers)
+    answers[place] = dataclasses.replace(answers[place], certificate=certificate_of(answers[place], say))
+    return dataclasses.replace(case, answers=answers)
+
+
+def _tuned(train, progress):
+    """The train tuned as its [tune] table asks, and words and tables on that."""
+    from jaxhb.design.tuning import tune
+
+    asked = read_table(train)
+    progress.say("tuning, as the [tune] table asks")
+    line = "tuning: step {0.number}, objective {0.objective:.4g}"
+    result = tune(train, **asked, on_step=lambda step: progress.say(line.format(step)))
+    return result.train, tuple(tuned_parts(train, asked, result))
+
+
+def _second_designs(train, second, misfire, given):
+    """The second design by title, as it runs and with the misfire that the page shows of the first, if it has that
+    cylinder; of every misfire in turn, programs are those of the first design where numbers alone differ."""
+    title = TUNED if given.tune else f"{SECOND} ({Path(given.tuned).stem})"
+    if misfire is None:
+        return {title: second}
+    if asks_each(train, given):
+        trains = second.misfires()
+        misfiring = trains.get(misfire.title.removesuffix(NOT_FIRING))
+        second = second.replace(same_factor(second)) if trains else second
+    else:
+        known = set(given.misfire) <= set(second.topology.cylinder_names)
+        misfiring = second.misfire(*given.misfire) if known else None
+    return {title: second} | ({} if misfiring is None else {f"{title}, {misfire.title}": misfiring})
 
 
 def second_text(cases, seconds):
     """What a second design does to the largest tooth force (torque, angle), a line for each of its cases."""
     lines = []
     for case in seconds:
-        found = largest_of(case)
         first = cases[0] if case is seconds[0] else next(one for one in cases[1:] if case.title.endswith(one.title))
-        before = largest_of(first)
+        found, before = told.largest_of(case), told.largest_of(first)
         if found is None or before is None:
             lines.append(f"The {case.title}: no largest value, one of the designs has no answer.")
             continue
-        called, value, text = found
-        _, was, said = before
+        (called, value, text), (_, was, said) = found, before
         change = f" ({100 * (value / was - 1):+.1f} %)" if was > 0 and called == before[0] else ""
         lines.append(f"The {case.title}: {called} {text}; first design: {said}{change}.")
     return "\n".join(lines)
 
 
-def _tuned(train, progress):
-    """The train tuned as its [tune] table asks, and what is told of that."""
-    from jaxhb.design.tuning import tune
-
-    asked = read_table(train)
-    progress.say("tuning, as the [tune] table asks")
-
-    def tell(step):
-        progress.say(f"tuning: step {step.number}, objective {step.objective:.4g}")
-
-    result = tune(train, **asked, on_step=tell)
-    return result.train, tuple(tuned_parts(train, asked, result))
-
-
-def report_of(arguments, cases: list[Case], place, seconds, tuning):
+def _report_of(given, cases, place, seconds, tuning):
     """The :class:`Report` of what was computed."""
-    files = [("scene", arguments.scene)] + ([("second design", arguments.tuned)] if arguments.tuned else [])
-    facts = {"date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")}
-    facts |= {what: _file(name) for what, name in files} | {"changes": changed_text(arguments) or "none"}
-    facts |= {"command": shlex.join(["jaxhb", *arguments.words]), "accuracy": _accuracy(arguments)}
+    accuracy = f"{given.harmonics} harmonics, as asked"
+    if not given.harmonics:
+        most = f"at most {100 * given.tolerance:g} %"
+        accuracy = f"truncation error {most} of the largest tooth force, or not converged"
     packages = ", ".join(f"{name} {version(name)}" for name in ("jax", "jaxlib", "numpy", "plotly"))
-    facts["versions"] = f"jaxhb {__version__}, Python {platform.python_version()}, {packages}, {platform.platform()}"
-    text, _ = scene_text(arguments.scene)
-    chosen = {"place": place, "asked": arguments.at is not None, "gear": arguments.gear}
+    facts = {"date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"), "scene": _file(given.scene)}
+    facts |= {"second design": _file(given.tuned)} if given.tuned else {}
+    facts |= {
+        "changes": changed_text(given) or "none",
+        "command": shlex.join(["jaxhb", *click.get_current_context().obj]),
+        "accuracy": accuracy,
+        "versions": f"jaxhb {__version__}, Python {platform.python_version()}, {packages}, {platform.platform()}",
+    }
     return Report(
         cases,
-        **chosen,
+        place=place,
+        asked=given.at is not None,
+        gear=given.gear,
         second=seconds[0] if seconds else None,
         second_misfire=seconds[1] if len(seconds) > 1 else None,
         tuning=tuning,
         facts=facts,
-        description=scene_description(arguments.scene),
-        scene=text,
-        files=element_files(arguments.scene),
+        description=scene_description(given.scene),
+        scene=scene_text(given.scene)[0],
+        files=element_files(given.scene),
     )
 
 
@@ -145,22 +191,3 @@ def _file(name):
     for _, beside in sorted(scene_text(name)[1].items()):
         digest.update(beside.read_bytes())
     return f"{path.name}, SHA-256 {digest.hexdigest()[:32]} (with the tables that it names)"
-
-
-def _accuracy(arguments):
-    """What was asked of the solutions."""
-    if arguments.harmonics:
-        return f"{arguments.harmonics} harmonics, as asked"
-    return f"truncation error at most {100 * arguments.tolerance:g} % of the largest tooth force, or not converged"
-
-
-def certified_at(cases, place, say):
-    """The cases with computed bounds at one speed."""
-    from jaxhb.report.text.certified import certificate_of
-
-    found = []
-    for case in cases:
-        answers = list(case.answers)
-        answers[place] = dataclasses.replace(answers[place], certificate=certificate_of(answers[place], say))
-        found.append(Case(case.title, answers))
-    return found

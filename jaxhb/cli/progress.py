@@ -5,38 +5,18 @@ import sys
 import threading
 import time
 
-INTERVAL = 0.5
-
-LOGGED = 30.0
-"""Seconds between lines where stderr is no terminal."""
+INTERVAL, LOGGED = 0.5, 30.0  # seconds between lines on a terminal, and where stderr is none
 
 
 class Progress:
-    """A status line on stderr, refreshed twice a second while a block runs.
-
-    Where stderr is no terminal, a line is added every 30 seconds, so that a log tells that something goes on.
-
-    Parameters
-    ----------
-    total : int, number of steps to come (1: no count is shown)
-    stream : text stream, by default stderr
-    quiet : bool, whether nothing is written
-
-    Examples
-    --------
-    >>> with Progress(2) as progress:
-    ...     progress.say("600 rpm")
-    ...     progress.advance(1)
-    """
+    """A status line on ``stream`` (stderr) while a block runs, for a ``total`` of steps; a count only of several."""
 
     def __init__(self, total=1, stream=None, quiet=False):
-        self.total = total
+        self.total, self.done, self.text, self.width = total, 0, "", 0
         self.stream = sys.stderr if stream is None else stream
         self.visible = not quiet and self.stream is not None
         self.terminal = self.visible and self.stream.isatty()
-        self.done, self.text, self.width = 0, "", 0
-        self.begin = time.monotonic()
-        self.ended = threading.Event()
+        self.begin, self.ended = time.monotonic(), threading.Event()
         self.thread = threading.Thread(target=self._tick, daemon=True)
 
     def __enter__(self):
@@ -49,7 +29,7 @@ class Progress:
         if self.visible:
             self.thread.join()
         if self.terminal:
-            self._write(self._renewed("") + "\r")
+            self._write(f"\r{'':<{self.width}}\r")
 
     def say(self, text):
         """What is being done, without a further step."""
@@ -63,11 +43,8 @@ class Progress:
         while not self.ended.wait(INTERVAL if self.terminal else LOGGED):
             count = f"{self.done} of {self.total}: " if self.total > 1 else ""
             line = f"{count}{self.text} ({time.monotonic() - self.begin:.0f} s)"
-            self._write(self._renewed(line) if self.terminal else f"{line}\n")
-
-    def _renewed(self, line):
-        width, self.width = self.width, len(line)
-        return f"\r{line:<{width}}"
+            self._write(f"\r{line:<{self.width}}" if self.terminal else f"{line}\n")
+            self.width = len(line)
 
     def _write(self, text):
         with contextlib.suppress(OSError, ValueError):  # a log that is full or closed ends no computation

@@ -6,13 +6,7 @@ import os
 import signal
 import sys
 
-CLOSED = 141
-"""Exit status where the reader of the output has had enough: that of a program ended by SIGPIPE."""
-
-UNWRITABLE = 2
-"""Exit status where standard output cannot be written."""
-
-_HANDLER = "jaxhb.escape"
+CLOSED, UNWRITABLE = 141, 2  # exit status: the reader of the output had enough, as after SIGPIPE; it cannot be written
 
 
 class Ended(KeyboardInterrupt):
@@ -24,27 +18,20 @@ class Ended(KeyboardInterrupt):
 
 
 def guarded(run):
-    """The exit status of ``run()``, which prints; what is wrong with standard output is told in a sentence.
-
-    Parameters
-    ----------
-    run : callable without arguments that returns the exit status
-
-    Returns
-    -------
-    int
-        That of ``run``; 141 where the output was closed, 2 where it cannot be written.
-    """
+    """The exit status of ``run()``, which prints; what is wrong with standard output is told in a sentence."""
     escaped = _any_name()
     with _ending_by_signals():
         try:
             status = run()
             if sys.stdout is not None:
                 sys.stdout.flush()
-        except BrokenPipeError:
-            status = _gave_up("standard output was closed before all of it was written.", CLOSED)
         except OSError as error:
-            status = _gave_up(f"standard output cannot be written: {error.strerror}.", UNWRITABLE)
+            closed = isinstance(error, BrokenPipeError)
+            status = CLOSED if closed else UNWRITABLE
+            with contextlib.suppress(OSError, ValueError):  # else the interpreter tries again when it exits
+                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            why = "was closed before all of it was written" if closed else f"cannot be written: {error.strerror}"
+            tell(f"standard output {why}.")
     if escaped:
         tell(f"Some names were written with \\: {sys.stdout.encoding} has no {escaped[0]!a}. PYTHONUTF8=1 helps.")
     return status
@@ -57,13 +44,6 @@ def tell(sentence):
         sys.stderr.flush()
 
 
-def _gave_up(sentence, status):
-    with contextlib.suppress(OSError, ValueError):  # else the interpreter tries again when it exits
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    tell(sentence)
-    return status
-
-
 def _any_name():
     """Let both streams write any name, what their encoding lacks with a backslash: a list that holds what it lacked."""
     lacking = []
@@ -72,10 +52,10 @@ def _any_name():
         lacking.append(error.object[error.start : error.end])
         return codecs.backslashreplace_errors(error)
 
-    codecs.register_error(_HANDLER, escape)
+    codecs.register_error("jaxhb.escape", escape)
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure") and stream.errors == "strict":
-            stream.reconfigure(errors=_HANDLER)
+            stream.reconfigure(errors="jaxhb.escape")
     return lacking
 
 
@@ -88,9 +68,8 @@ def _ending_by_signals():
 
     before = {}
     with contextlib.suppress(ValueError):  # another thread than the main one
-        for name in ("SIGTERM", "SIGHUP"):
-            number = getattr(signal, name, None)
-            if number is not None and signal.getsignal(number) == signal.SIG_DFL:
+        for number in (signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)):  # Windows has no SIGHUP
+            if signal.getsignal(number) == signal.SIG_DFL:
                 before[number] = signal.signal(number, end)
     try:
         yield

@@ -1,21 +1,20 @@
-"""How the values of options are read: each reader takes a word and raises a ValueError that says what is wrong."""
+"""Readers of the values of options: each takes a word and raises a ValueError that says what is wrong."""
 
 import math
-import re
+from functools import partial
 
-from jaxhb.train.speeds import read_speed, read_speeds
+from jaxhb.train.speeds import read_speeds
 
-RANGE_COUNT = 33
-"""Speeds of a range that has no count."""
+RANGE_COUNT = 33  # speeds of a range that has no count
 
 
 def one_speed(text):
     """A speed in rpm, where a command takes no more than one."""
-    if not {",", ":"} & set(text):
-        return read_speed(text)
-    several = len(speed_range(text))
-    commands = "jaxhb sweep and jaxhb report take several"
-    raise ValueError(f"{text!r} are {several} speeds, and this command takes one: {commands}")
+    speeds = speed_range(text)
+    if len(speeds) > 1:
+        commands = "jaxhb sweep and jaxhb report take several"
+        raise ValueError(f"{text!r} are {len(speeds)} speeds, and this command takes one: {commands}")
+    return speeds[0]
 
 
 def speed_range(text):
@@ -28,67 +27,58 @@ def orders(text):
     return [positive(word) for word in text.split(",")]
 
 
-def positive(text):
-    """A number greater than 0 from the command line."""
+def positive(text, below=math.inf, told=""):
+    """A number greater than 0."""
     value = _number(text)
-    if not value > 0:
-        raise ValueError(f"{text!r} must be a number greater than 0")
+    if not 0 < value < below:
+        raise ValueError(f"{text!r} must be a number greater than 0{told}")
     return value
 
 
+share = partial(positive, below=1.0, told=" and less than 1, as 0.01 for 1 %")
+
+
 def whole(text, least=1):
-    """A whole number of at least 1 from the command line."""
+    """A whole number."""
     if not text.isdecimal() or int(text) < least:
         raise ValueError(f"{text!r} must be a whole number of at least {least}")
     return int(text)
 
 
-def count(text):
-    """A whole number of at least 0 from the command line."""
-    return whole(text, least=0)
-
-
-def share(text):
-    """A number between 0 and 1 from the command line."""
-    value = _number(text)
-    if not 0 < value < 1:
-        raise ValueError(f"{text!r} must be a number greater than 0 and less than 1, as 0.01 for 1 %")
-    return value
+count = partial(whole, least=0)
 
 
 def setting(text):
-    """``(NAME.FIELD, VALUE)`` from the command line, the value a number or a word."""
+    """``(NAME.FIELD, VALUE)``, the value a number or a word."""
     key, equals, word = text.rpartition("=")
     value, word = _number(word), word.strip()
     if not equals or not word:
         raise ValueError(f'{text!r} is not NAME.FIELD=VALUE, as "crank damper.damping=300"')
-    if not math.isnan(value):
-        return key.strip(), value
-    if re.fullmatch(r"[^\W\d_]\w*", word) and word.lower() not in ("nan", "inf", "infinity"):
-        return key.strip(), word
-    raise ValueError(f"{text!r}: {word} is no number; values are numbers in SI units, as 3.6e4")
+    if math.isnan(value) and (not word.isidentifier() or word.lower() in ("nan", "inf", "infinity")):
+        raise ValueError(f"{text!r}: {word} is no number; values are numbers in SI units, as 3.6e4")
+    return key.strip(), word if math.isnan(value) else value
 
 
 def over(text):
-    """``(NAME.FIELD, [values])`` from the command line."""
+    """``(NAME.FIELD, [values])`` from ``NAME.FIELD=A:B:COUNT`` or ``=V1,V2,...``."""
     key, equals, values = text.rpartition("=")
     words = values.split(":")
     try:
-        if len(words) == 1:
-            found = [float(word) for word in values.split(",")]
-        else:
+        if len(words) == 3:
             first, last, steps = float(words[0]), float(words[1]), int(words[2])
             found = [first + (last - first) * i / (steps - 1) for i in range(steps)]
-    except (ValueError, IndexError, ZeroDivisionError):
+        else:
+            found = [float(word) for word in values.split(",")]
+    except (ValueError, ZeroDivisionError):
         found = []
-    if not equals or len(words) not in (1, 3) or len(found) < 2 or not all(map(math.isfinite, found)):
+    if not equals or len(found) < 2 or not all(map(math.isfinite, found)):
         example = '"crank damper.damping=100:400:13" or =100,200,400'
         raise ValueError(f"{text!r} is not NAME.FIELD=A:B:COUNT with a COUNT of at least 2, as {example}")
     return key.strip(), found
 
 
 def place(text):
-    """``(hz | amplitude | rpm, VALUE)`` from the command line."""
+    """``(hz | amplitude | rpm, VALUE)``."""
     name, _, number = text.partition("=")
     value = _number(number)
     if name not in ("hz", "amplitude", "rpm") or not value >= 0:

@@ -1,15 +1,12 @@
 """Which speeds have an answer: one rule for the exit status of ``solve``, ``sweep`` and ``report``, and their files."""
 
-import csv
 import dataclasses
 from functools import partial
 
 import numpy as np
 import pytest
-from strict_json import read
 
 import jaxhb
-from jaxhb.cli.main import main
 from jaxhb.report.answer import Answer
 from jaxhb.report.compute import Asked, answer_one
 from jaxhb.report.files.rows import answer_row, untraceable
@@ -19,13 +16,7 @@ from jaxhb.report.text.sweep_tables import motion_sentences, speed_table
 from jaxhb.solutions.solve import linear_response
 
 MESH = "gear a|gear b"
-COMMANDS = [[name, "spur_pair", "--rpm", "5000"] for name in ("solve", "sweep", "report")]
-
-
-@pytest.fixture
-def recorded(monkeypatch):
-    """Commands whose periodic motions are known from recorded cycles alone."""
-    monkeypatch.setattr("jaxhb.report.compute.steady_state", partial(jaxhb.steady_state, exact=False))
+COMMANDS = "solve", "sweep", "report"
 
 
 @pytest.fixture(scope="module")
@@ -41,32 +32,29 @@ def unsure(solved):
     return Answer(solved.train, state, linear_response(solved.train, rpm=5000.0))
 
 
-def records_of(file, command):
+def records_of(called):
     """The objects of all speeds in the JSON of a command."""
-    found = read(file)
-    return found["cases"][0]["responses"] if command == "report" else found.get("responses", [found])
+    found = called.json
+    return found["cases"][0]["responses"] if "cases" in found else found.get("responses", [found])
 
 
-@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command[0])
-def test_a_motion_known_from_recorded_cycles_is_an_answer(command, recorded, capsys, tmp_path, solved):
-    files = [tmp_path / "f.json", tmp_path / "f.csv"]
-    assert main([*command, "--json", str(files[0]), "--csv", str(files[1])]) == 0
-    assert capsys.readouterr().err == ""
-    (record,) = records_of(files[0], command[0])
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_motion_known_from_recorded_cycles_is_an_answer(command, run, monkeypatch, solved):
+    monkeypatch.setattr("jaxhb.report.compute.steady_state", partial(jaxhb.steady_state, exact=False))
+    called = run(f"{command} spur_pair --rpm 5000", "json", "csv")
+    assert (called.status, called.err) == (0, "")
+    (record,), (row,) = records_of(called), called.rows
     assert (record["motion"]["kind"], record["converged"], record["status"]) == ("periodic", None, None)
     largest = float(solved.force(MESH).max)
     assert record["meshes"][MESH]["max"] == pytest.approx(largest, rel=0.01)  # what a record is good for
-    with files[1].open() as text:
-        (row,) = csv.DictReader(text)
     assert float(row[f"{MESH} max N"]) == record["meshes"][MESH]["max"] and row["status"] == ""
 
 
-@pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command[0])
-def test_a_harmonic_solution_beyond_its_limits_is_no_answer(command, capsys, tmp_path):
-    file = tmp_path / "f.json"
-    assert main([*command, "--harmonics", "16", "--tolerance", "1e-12", "--json", str(file)]) == 1
-    assert "TOLERANCE_NOT_MET" in capsys.readouterr().err
-    assert [record["converged"] for record in records_of(file, command[0])] == [False]
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_harmonic_solution_beyond_its_limits_is_no_answer(command, told):
+    called = told(f"{command} spur_pair --rpm 5000 --harmonics 16 --tolerance 1e-12", "json")
+    assert called.status == 1 and "TOLERANCE_NOT_MET" in called.err
+    assert [(record["converged"], record["status"]) for record in records_of(called)] == [(False, "TOLERANCE_NOT_MET")]
 
 
 def test_only_what_is_unknown_or_beyond_its_limits_has_no_answer(solved, unsure):
@@ -96,14 +84,11 @@ def test_a_motion_that_harmonic_balance_did_not_confirm_is_marked_in_one_way(sol
     assert table.title == "?: not confirmed"
 
 
-@pytest.mark.parametrize("values", ["0.002,-1,0.003", "-1,0.002,0.003", "0.002,0.003,-1"])
-@pytest.mark.parametrize("direction", ["up", "down"])
-def test_a_value_that_is_refused_leaves_no_file(values, direction, capsys, tmp_path, monkeypatch):
+@pytest.mark.parametrize("values", ["0.002,-1,0.003", "0.002,0.003,-1"])
+def test_a_value_that_is_refused_leaves_no_file(values, run, tmp_path, monkeypatch):
     monkeypatch.setattr("jaxhb.cli.sweeps.answer_values", lambda *args, **given: pytest.fail("computed"))
-    files = ["--csv", str(tmp_path / "s.csv"), "--json", str(tmp_path / "s.json")]
-    command = ["sweep", "spur_pair", "--rpm", "3000", "--over", f"gear a.damping={values}", "--direction", direction]
-    assert main([*command, *files]) == 2
-    assert "damping is -1 N m s/rad, must be at least 0 N m s/rad" in capsys.readouterr().err
+    called = run(f"sweep spur_pair --rpm 3000 --over 'gear a.damping={values}' --direction down", "csv", "json")
+    assert called.status == 2 and "damping is -1 N m s/rad, must be at least 0 N m s/rad" in called.err
     assert not list(tmp_path.iterdir())
 
 
