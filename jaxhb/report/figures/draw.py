@@ -1,5 +1,5 @@
-"""Pictures of specifications by matplotlib: what plotly.js draws on the page, for files and notebooks. The only importer
-of matplotlib; without pyplot, for any backend."""
+"""Pictures of specifications by matplotlib, for files and notebooks: what plotly.js draws on the page. The only
+importer of matplotlib; without pyplot, for any backend."""
 
 import textwrap
 

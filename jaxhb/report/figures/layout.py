@@ -167,38 +167,34 @@ class Layout:
 
     def _branch(self, disk, way):
         """Put a branch of shafts below or above its disk, straight or slanting, as near as it goes."""
-        x, y = self.x[disk], self.y[disk]
+        start = np.array([self.x[disk], self.y[disk]])
         own, first = max(self.disk[disk], self.pitch[disk]), max(self.disk[way[0]], self.pitch[way[0]])
+        places = []
         for away, side, slant in itertools.product(range(REACH), (-1, 1), SLANTS):
-            at = np.array([x + slant, y + side * (own + first + GAP + 0.5 * away)])
-            share = (own + 0.2) / np.hypot(*(at - (x, y)))
-            link = _row((1 - share) * np.array([x, y]) + share * at, at)
-            for direction in (1, -1):
-                *line, circles = self._line(way, 0, at, direction, side)
-                if self._free(np.concatenate([circles, link])):
-                    self._take(way, (*line, np.concatenate([circles, link])))
-                    return
-        self._below(way, 0, x)
+            link = np.array([slant, side * (own + first + GAP + 0.5 * away)])
+            places.append((start + link, side, _row(start + link * (own + 0.2) / np.hypot(*link), start + link)))
+        self._put(way, 0, places)
 
     def _mesh(self, gear, other, way):
-        """Put the line of a gear so that it touches its mate; whether it does, else it lies below everything."""
-        reach, anchor = self.pitch[gear] + self.pitch[other], way.index(other)
-        own = np.argmax((self.circles == (self.x[gear], self.y[gear], self.pitch[gear])).all(axis=1))
-        for angle in np.deg2rad(ANGLES):
-            at = np.array([self.x[gear], self.y[gear]]) + reach * np.round((np.cos(angle), np.sin(angle)), 12)
-            for direction in (1, -1):
-                line = self._line(way, anchor, at, direction, 1 if np.sin(angle) > 0.1 else -1)
-                if self._free(line[-1], (anchor, own)):
-                    self._take(way, line)
-                    return True
-        self._below(way, anchor, self.x[gear])
-        return False
+        """Put the line of a gear so that it touches its mate; whether there is room."""
+        centre, reach = np.array([self.x[gear], self.y[gear]]), self.pitch[gear] + self.pitch[other]
+        own = np.argmax((self.circles == (*centre, self.pitch[gear])).all(axis=1))
+        around = np.round([(np.cos(angle), np.sin(angle)) for angle in np.deg2rad(ANGLES)], 12)
+        places = [(centre + reach * way, 1 if way[1] > 0.1 else -1, np.zeros((0, 3))) for way in around]
+        return self._put(way, way.index(other), places, (way.index(other), own))
 
-    def _below(self, way, anchor, x):
-        """Put a line below everything."""
-        lowest = (self.circles[:, 1] - self.circles[:, 2]).min()
-        y = lowest - 0.6 - max(*self.disk[way], *self.pitch[way])
-        self._take(way, self._line(way, anchor, (x, y), 1, -1))
+    def _put(self, way, anchor, places, touching=None):
+        """Put a line of disks at the first of some places, each with a side for names and the circles of a link to it,
+        where it hits nothing, else below everything; whether one was free."""
+        for (at, side, link), direction in itertools.product(places, (1, -1)):
+            *line, circles = self._line(way, anchor, at, direction, side)
+            circles = np.concatenate([circles, link])
+            if self._free(circles, touching):
+                self._take(way, (*line, circles))
+                return True
+        below = (self.circles[:, 1] - self.circles[:, 2]).min() - 0.6 - max(*self.disk[way], *self.pitch[way])
+        self._take(way, self._line(way, anchor, (places[0][0][0], below), 1, -1))
+        return False
 
 
 def _row(start, end, radius=APART):

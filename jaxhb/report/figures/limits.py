@@ -17,6 +17,11 @@ class Judged(NamedTuple):
     unit: str
     limits: dict
 
+    @property
+    def limit(self):
+        """What the first limit is called."""
+        return next(iter(self.limits.values()))
+
     def shares(self, row):
         """Shares of the first limit over the speeds, nan where there is none or nothing is known."""
         limit = getattr(row, next(iter(self.limits)))

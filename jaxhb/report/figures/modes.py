@@ -35,7 +35,7 @@ def plot_modes(train, modes, chosen, ratios):
     """Shapes of up to six modes along the train, angles referred to the reference rotor, nodes as crosses.
 
     chosen : numbers of the modes; ratios : damping ratios of all modes, nan where there is none. Each branch is a line
-    of its own right of the main one; it begins at the disk on which it hangs, named in brackets. The largest angle is 1.
+    of its own right of the main one; it begins at the disk on which it hangs, named in brackets.
     """
     return drawn(shapes_figure(train, modes, chosen[:MOST], ratios), title=train.topology.title)
 

@@ -53,7 +53,7 @@ def differences(train, other):
         rows += dict.fromkeys(row for row in found if row)  # a table of several columns is told once
     if rows:
         heads = ["number of the scene", "first design", "second", "unit"]
-        return [table("What differs between the designs", dict(zip(heads, zip(*rows, strict=True), strict=True)))]
+        return [table("What differs between the designs", rows, heads)]
     names = [field.name for field in dataclasses.fields(both[0]) if field.name not in BESIDE]
     if unlike := [name.replace("_", " ") for name in names if getattr(both[0], name) != getattr(both[1], name)]:
         return [f"Same numbers, tables and words of the elements, in another order or with other {', '.join(unlike)}."]

@@ -87,34 +87,42 @@ def _gas_factors(cylinders):
 
 def _sources(train, groups, files):
     """Where the gas torques come from, and what changes them over the speed."""
-    topology, cylinders, chosen = train.topology, train.cylinders, list(groups.values())
-    sources = [topology.cylinder_source[i] for i in chosen]
-    computed = np.isin(sources, gas.COMPUTED)
-    own = [files[i].get({"harmonics": "gas_torque"}.get(s, s)) for i, s in zip(chosen, sources, strict=True)]
-    highest = np.divide(topology.cylinder_gas, topology.cylinder_gas_revolutions)
-    shares = [
-        _over(cylinders.load_rpm[i], cylinders.load_share[i], files[i].get("load", ""))
-        if cylinders.load_rpm is not None and source in ("traces", "combustion")
-        else NONE
-        for i, source in zip(chosen, sources, strict=True)
-    ]
+    topology, cylinders, source = train.topology, train.cylinders, train.topology.cylinder_source
+    loaded = {i for i in groups.values() if cylinders.load_rpm is not None and source[i] in ("traces", "combustion")}
+
+    def file(i):
+        key = {"harmonics": "gas_torque"}.get(source[i], source[i])
+        return files[i].get(key, "in the scene" if source[i] != "none" else NONE)
+
+    def over(i, what, values):
+        speeds = getattr(cylinders, f"{what}_rpm")[i]
+        return _over(speeds, getattr(cylinders, f"{what}_{values}")[i], files[i].get(what, ""))
+
+    def highest(i):
+        return topology.cylinder_gas[i] / topology.cylinder_gas_revolutions[i]
+
     columns = {
-        "gas torque from": [gas_words(topology, i) for i in chosen],
-        "cylinders": list(groups),
-        "file": [file or (NONE if s == "none" else "in the scene") for file, s in zip(own, sources, strict=True)],
-        "crankcase bar": np.where(computed, BAR * np.asarray(cylinders.ambient_pressure)[chosen], np.nan),
-        "orders up to": np.where(computed, highest[chosen], np.nan),
-        "factor": _gas_factors(cylinders)[chosen],
-        "factor over the speed": [
-            _over(cylinders.scale_rpm[i], cylinders.scale_factor[i], files[i].get("scale", "")) for i in chosen
-        ],
-        "share of full load over the speed": shares,
+        "gas torque from": lambda row: gas_words(topology, row[1]),
+        "cylinders": lambda row: row[0],
+        "file": lambda row: file(row[1]),
+        "crankcase bar": lambda row: (
+            BAR * cylinders.ambient_pressure[row[1]] if _computed(topology, row[1]) else np.nan
+        ),
+        "orders up to": lambda row: highest(row[1]) if _computed(topology, row[1]) else np.nan,
+        "factor": lambda row: _gas_factors(cylinders)[row[1]],
     }
-    for head in list(columns)[-2:]:
-        if set(columns[head]) == {NONE}:
-            del columns[head]
+    more = {
+        "factor over the speed": lambda row: over(row[1], "scale", "factor"),
+        "share of full load over the speed": lambda row: over(row[1], "load", "share") if row[1] in loaded else NONE,
+    }
+    columns |= {head: read for head, read in more.items() if any(read(row) != NONE for row in groups.items())}
     title = "Combustion: where gas torques come from; factors multiply them, between points of a table linear"
-    return table(title, columns, digits=4)
+    return table(title, groups.items(), columns, digits=4)
+
+
+def _computed(topology, cylinder):
+    """Whether the gas torque of a cylinder is computed from a pressure."""
+    return topology.cylinder_source[cylinder] in gas.COMPUTED
 
 
 def _models(train, groups):
@@ -122,33 +130,27 @@ def _models(train, groups):
     burning = train.cylinders.combustion
     if burning is None:
         return None
-    seats = {label: burning.seats.index(i) for label, i in groups.items() if i in burning.seats}
-    k = list(seats.values())
-    imep, heat = (np.asarray(values)[k] for values in (BAR * burning.imep, burning.heat))
-    by_work = [burning.by_work[place] for place in k]
-    burnt = zip(imep, heat, by_work, strict=True)
+
+    def burnt(row):
+        work, k = burning.by_work[row[1]], row[1]
+        much = BAR * burning.imep[k] if work else burning.heat[k]
+        return f"imep {plain_number(float(much))} bar" if work else f"{plain_number(float(much))} J"
+
     columns = {
-        "cylinders": list(seats),
-        "burnt at full load": [
-            f"imep {plain_number(float(bar))} bar" if work else f"{plain_number(float(joule))} J"
-            for bar, joule, work in burnt
-        ],
-        "compression ratio": burning.compression_ratio[k],
-        "charge bar": BAR * burning.charge_pressure[k],
-        "exhaust bar": BAR * burning.exhaust_pressure[k],
-        "start deg": burning.start[k],
-        "duration deg": burning.duration[k],
-        "shape": burning.shape[k],
-        "n compression": burning.compression_exponent[k],
-        "n expansion": burning.expansion_exponent[k],
+        "cylinders": lambda row: row[0],
+        "burnt at full load": burnt,
+        "compression ratio": lambda row: burning.compression_ratio[row[1]],
+        "charge bar": lambda row: BAR * burning.charge_pressure[row[1]],
+        "exhaust bar": lambda row: BAR * burning.exhaust_pressure[row[1]],
+        "start deg": lambda row: burning.start[row[1]],
+        "duration deg": lambda row: burning.duration[row[1]],
+        "shape": lambda row: burning.shape[row[1]],
+        "n compression": lambda row: burning.compression_exponent[row[1]],
+        "n expansion": lambda row: burning.expansion_exponent[row[1]],
     }
+    rows = [(label, burning.seats.index(i)) for label, i in groups.items() if i in burning.seats]
     title = "Combustion model: angles from firing top dead centre, polytropic exponents n"
-    return table(title, columns, digits=4)
-
-
-def _rowwise(title, heads, rows):
-    """A table of rows; None without."""
-    return table(title, dict(zip(heads, zip(*rows, strict=True), strict=True)), digits=4) if rows else None
+    return table(title, rows, columns, digits=4)
 
 
 def _traces(train, groups):
@@ -159,9 +161,10 @@ def _traces(train, groups):
             k = traces.seats.index(i)
             for r, s in np.ndindex(*traces.sizes[k]):
                 peak = _peak(traces.pressure[k, r, s], train.topology.cylinder_gas_revolutions[i])
-                rows.append([label, f"{traces.rpm[k, r]:g}", traces.load[k, s], *peak])
+                rows.append((label, f"{traces.rpm[k, r]:g}", traces.load[k, s], *peak))
     heads = ["cylinders", "at rpm", "load share", "largest pressure bar", "deg after firing TDC"]
-    return _rowwise("Pressure tables over speed and load: the nearest is used outside of them", heads, rows)
+    title = "Pressure tables over speed and load: the nearest is used outside of them"
+    return table(title, rows, heads, digits=4)
 
 
 def _peak(pressure, turns):
@@ -184,7 +187,7 @@ def _gas(train, groups, rpm):
         turns, swept = topology.cylinder_gas_revolutions[i], np.pi / 4 * cylinders.bore[i] ** 2 * cylinders.stroke[i]
         for k, speed in enumerate(chosen):
             cells = [NONE] * 3
-            if topology.cylinder_source[i] in gas.COMPUTED and topology.cylinder_fires[i]:
+            if _computed(topology, i) and topology.cylinder_fires[i]:
                 # Work of a gas cycle over the swept volume.
                 cells = [*_peak(pressures[k, i], turns), BAR * 2 * np.pi * turns * means[k, i] / swept]
             rows.append([label, f"{speed:g}", factors[k, i], means[k, i], *cells])
@@ -198,7 +201,7 @@ def _gas(train, groups, rpm):
         "imep bar",
     ]
     known = 7 if any(row[4] != NONE for row in rows) else 4
-    return _rowwise("Gas of one cylinder over the speed", heads[:known], [row[:known] for row in rows])
+    return table("Gas of one cylinder over the speed", rows, heads[:known], digits=4)
 
 
 def _means(report):

@@ -51,7 +51,7 @@ def accuracy(report):
     chosen = {case.title: case.answers[report.place] for case in report.shown}
     certified = {title: answer for title, answer in chosen.items() if answer.certificate is not None}
     return {
-        "residuals": table(title, dict(zip(heads, zip(*rows, strict=True), strict=True))),
+        "residuals": table(title, rows, heads),
         "rpm": report.rpm[report.place],
         "certified": {title: certificate_parts(answer, answer.certificate) for title, answer in certified.items()},
     }

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxhb.report.figures.limits import JUDGED, judged_elements, limit_figure
+from jaxhb.report.figures.limits import JUDGED, Judged, judged_elements, limit_figure
 from jaxhb.report.page.parts import flowing
 from jaxhb.report.text.columns import NONE, Table
 from jaxhb.report.text.strength import AID, answers_strength, strength_text
@@ -14,24 +14,13 @@ MOST = 4
 
 
 class Share(NamedTuple):
-    """The largest share of a limit that an element has: its kind (a key of JUDGED), the case and the speed."""
+    """The largest share of a limit that an element has: its kind (of JUDGED), the case and the speed."""
 
-    kind: str
+    kind: Judged
     name: str
     share: float
     case: str
     rpm: float
-
-    @property
-    def called(self):
-        """What is judged."""
-        return JUDGED[self.kind].called
-
-    @property
-    def limit(self):
-        """The limit in a sentence."""
-        limit = next(iter(JUDGED[self.kind].limits.values()))
-        return "its limit" if limit == "limit" else limit if limit.startswith("a ") else f"the {limit}"
 
 
 def largest_shares(cases):
@@ -39,19 +28,19 @@ def largest_shares(cases):
     found = {}
     for case in cases:
         strength = answers_strength(case.answers)
-        for kind, name in judged_elements(strength, each=True):
-            shares = JUDGED[kind].shares(getattr(strength, kind)[name])
+        for key, name in judged_elements(strength, each=True):
+            shares = JUDGED[key].shares(getattr(strength, key)[name])
             if np.isfinite(shares).any():
                 place = int(np.nanargmax(shares))
-                own = Share(kind, name, float(shares[place]), case.title, case.answers[place].rpm)
-                found[kind, name] = max(own, found.get((kind, name), own), key=lambda one: one.share)
-    return sorted(found.values(), key=lambda one: -one.share)
+                own = Share(JUDGED[key], name, float(shares[place]), case.title, case.answers[place].rpm)
+                found[key, name] = max(own, found.get((key, name), own), key=lambda one: one.share)
+    return dict(sorted(found.items(), key=lambda item: -item[1].share))
 
 
 def judged(cases):
     """The largest shares of limits over all cases, and the titles of cases, by elements, in which stresses may not even
     be passed through, or the torque of teeth changes its sign."""
-    shares, transient, reversing = largest_shares(cases), {}, {}
+    shares, transient, reversing = list(largest_shares(cases).values()), {}, {}
     for case in cases:
         strength = answers_strength(case.answers)
         for name, row in strength.stresses.items():
@@ -67,13 +56,12 @@ def judged(cases):
 
 def shares_table(title, cases):
     """Shares of limits of every element, case by case; cases may be of two designs; None without a limit."""
-    columns = [{(one.kind, one.name): one for one in largest_shares([case])} for case in cases]
+    columns = [largest_shares([case]) for case in cases]
     keys = list(dict.fromkeys(key for column in columns for key in column))
     if not keys:
         return None
-    kinds = [JUDGED[kind] for kind, _ in keys]
-    cells = [[name for _, name in keys], [kind.called for kind in kinds]]
-    cells.append([next(iter(kind.limits.values())) for kind in kinds])
+    kinds = [JUDGED[key] for key, _ in keys]
+    cells = [[name for _, name in keys], [kind.called for kind in kinds], [kind.limit for kind in kinds]]
     for column in columns:
         cells.append([f"{column[key].share:.2f}" if key in column else NONE for key in keys])
         cells.append([f"{column[key].rpm:g}" if key in column else NONE for key in keys])

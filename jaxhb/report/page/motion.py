@@ -11,7 +11,6 @@ from jaxhb.report.figures.figure import figure, kind_marks, plain, speed_range
 from jaxhb.report.figures.sweep import over_speed
 from jaxhb.report.page.differences import differences
 from jaxhb.report.page.limits import judged, shares_table
-from jaxhb.report.page.parts import table
 from jaxhb.report.quantities import (
     angles,
     forces,
@@ -22,7 +21,7 @@ from jaxhb.report.quantities import (
     separation,
     shaft_torques,
 )
-from jaxhb.report.selection import default_gear, hardest_shaft, largest, meshes_of, worst_mesh
+from jaxhb.report.selection import default_gear, hardest_shaft, meshes_of, worst_mesh
 from jaxhb.report.text.cases import hardest, speed_tables
 from jaxhb.report.text.columns import NONE, Table, alike, ratios, shares
 from jaxhb.report.text.sentences import status_lines, verdict
@@ -79,18 +78,15 @@ def _overview(cases, quantity):
 
 def _misfires(report):
     """Every misfire: the largest number of all elements over the speeds."""
-    quantity, names, most = main_quantity(report.train), [], []
+    quantity, rows = main_quantity(report.train), []
     for case in report.cases:
-        values = {name: quantity.of(case.answers, name) for name in quantity.names}
-        names.append(largest(values, lambda name, values=values: _largest(values[name])) or NONE)
-        most.append(values.get(names[-1], np.array([np.nan])))
-    columns = {
-        "": [case.title for case in report.cases],
-        quantity.unit: alike(map(_largest, most))[0],
-        "at rpm": [_at(report.rpm, values) for values in most],
-        "in": names,
-    }
-    return table(f"Every misfire: {quantity.small_title} over the speeds, {quantity.unit}", columns)
+        name = quantity.hardest([case])[0]
+        values = quantity.of(case.answers, name)
+        known = np.isfinite(values).any()
+        rows.append((case.title, _largest(values), _at(report.rpm, values), name if known else NONE))
+    titles, most, at, names = zip(*rows, strict=True)
+    title = f"Every misfire: {quantity.small_title} over the speeds, {quantity.unit}"
+    return Table(title, ["", quantity.unit, "at rpm", "in"], [titles, *alike(most), at, names])
 
 
 def forces_over_speed(report):

@@ -1,7 +1,9 @@
 """What was computed for a page, and how tables of its parts are made."""
 
 import math
+import re
 from dataclasses import dataclass, field
+from operator import itemgetter
 
 from jaxhb.report.selection import NOT_FIRING
 from jaxhb.report.text.cases import Case, worst_misfire
@@ -75,10 +77,13 @@ def shown_misfire(cases):
     return next(case for case in cases if case.title == title)
 
 
-def table(title, columns, groups=(), digits=6):
-    """A :class:`Table` of columns by their heads: words and numbers, nan where there is none; None without rows."""
-    cells = [[_cell(value, digits) for value in column] for column in columns.values()]
-    return Table(title, list(columns), cells, groups) if cells[0] else None
+def table(title, rows, columns, digits=6):
+    """A :class:`Table` of rows, None without: ``columns`` are heads of what a row holds, or functions of a row by their
+    heads, to words or numbers, nan where there is none."""
+    if not isinstance(columns, dict):
+        columns = {head: itemgetter(k) for k, head in enumerate(columns)}
+    cells = [[_cell(read(row), digits) for row in rows] for read in columns.values()]
+    return Table(title, list(columns), cells) if cells[0] else None
 
 
 def _cell(value, digits):
@@ -95,10 +100,4 @@ def flowing(text):
     >>> flowing(f"{'long ' * 20}\\ngoes on\\n  an item").splitlines()[1:]
     ['  an item']
     """
-    first, *lines = text.split("\n")
-    found, before = first.rstrip(), first
-    for one in lines:
-        on = len(before) >= FULL and not before.startswith("  ") and not one.startswith("  ")
-        found += (" " if on else "\n") + one.rstrip()
-        before = one
-    return found
+    return re.sub(rf"^(?!  )(.{{{FULL},}}?)[ ]*\n(?!  )", r"\1 ", text, flags=re.MULTILINE)

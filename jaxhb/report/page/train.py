@@ -29,66 +29,69 @@ def train_data(report):
 
 
 def _meshes(train):
-    topology, meshes = train.topology, train.meshes
-    radius = [plain_number(1e3 * float(radius), digits=6) for radius in train.disks.radius]
-    teeth = [[topology.teeth[disk] for disk in ends] for ends in topology.mesh_ends]
+    topology, meshes, radius = train.topology, train.meshes, train.disks.radius
     gaps = np.where(topology.mesh_backlash, [meshes.backlash, meshes.epsilon, meshes.transition], np.nan)
+
+    def teeth(i):
+        both = [topology.teeth[disk] for disk in topology.mesh_ends[i]]
+        return " : ".join(map(str, both)) if all(both) else NONE
+
     columns = {
-        "mesh": topology.mesh_names,
-        "kind": ["internal" if internal else "external" for internal in topology.mesh_internal],
-        "radii mm": [" : ".join(radius[disk] for disk in ends) for ends in topology.mesh_ends],
-        "teeth": [" : ".join(map(str, both)) if all(both) else NONE for both in teeth],
-        "backlash mm": 1e3 * gaps[0],
-        "epsilon": gaps[1],
-        "transition": gaps[2],
-        "damping law": topology.mesh_damping_law,
+        "mesh": lambda i: topology.mesh_names[i],
+        "kind": lambda i: "internal" if topology.mesh_internal[i] else "external",
+        "radii mm": lambda i: " : ".join(_number(1e3 * radius[disk]) for disk in topology.mesh_ends[i]),
+        "teeth": teeth,
+        "backlash mm": lambda i: 1e3 * gaps[0, i],
+        "epsilon": lambda i: gaps[1, i],
+        "transition": lambda i: gaps[2, i],
+        "damping law": lambda i: topology.mesh_damping_law[i],
     }
     title = "Meshes: epsilon is the stiffness in the gap over that in contact, transition its width over the backlash"
-    return table(title, columns)
+    return table(title, range(len(topology.mesh_names)), columns)
+
+
+def _number(value):
+    return plain_number(float(value), digits=6)
 
 
 def _cylinders(train):
     topology, cylinders = train.topology, train.cylinders
-    bore, stroke, mass = (np.array(v) for v in (cylinders.bore, cylinders.stroke, cylinders.reciprocating_mass))
     columns = {
-        "cylinder": topology.cylinder_names,
-        "disk": [topology.disk_names[disk] for disk in topology.cylinder_disk],
-        "firing angle deg": cylinders.firing_angle,
-        "fires": ["yes" if fires else "no" for fires in topology.cylinder_fires],
-        "gas torque from": [gas_words(topology, i) for i in range(len(topology.cylinder_names))],
-        "bore mm": np.where(bore, 1e3 * bore, np.nan),
-        "stroke mm": np.where(stroke, 1e3 * stroke, np.nan),
+        "cylinder": lambda i: topology.cylinder_names[i],
+        "disk": lambda i: topology.disk_names[topology.cylinder_disk[i]],
+        "firing angle deg": lambda i: cylinders.firing_angle[i],
+        "fires": lambda i: "yes" if topology.cylinder_fires[i] else "no",
+        "gas torque from": lambda i: gas_words(topology, i),
+        "bore mm": lambda i: 1e3 * cylinders.bore[i] or np.nan,
+        "stroke mm": lambda i: 1e3 * cylinders.stroke[i] or np.nan,
         # Without a stroke the rod is one that stands in for none.
-        "rod mm": np.where(stroke > 0, 1e3 * np.array(cylinders.rod), np.nan),
-        "recip. mass kg": np.where(mass, mass, np.nan),
+        "rod mm": lambda i: (1e3 * cylinders.rod[i] if cylinders.stroke[i] > 0 else 0.0) or np.nan,
+        "recip. mass kg": lambda i: cylinders.reciprocating_mass[i] or np.nan,
     }
-    return table("Cylinders", columns)
+    return table("Cylinders", range(len(topology.cylinder_names)), columns)
 
 
 def _torques(report):
-    train, files = report.train, report.files.get("torque")
-    topology = train.topology
+    topology, torques = report.train.topology, report.train.torques
     columns = {
-        "torque": topology.torque_names,
-        "disk": [topology.disk_names[disk] for disk in topology.torque_disk],
-        "mean N m": train.torques.mean,
-        "orders": [len(orders) for orders in topology.torque_harmonics],
-        "orders of": ["own" if own else "reference" for own in topology.torque_own],
-        "factor over the speed": [torque_over_speed(train, i, files) for i in range(len(topology.torque_names))],
+        "torque": lambda i: topology.torque_names[i],
+        "disk": lambda i: topology.disk_names[topology.torque_disk[i]],
+        "mean N m": lambda i: torques.mean[i],
+        "orders": lambda i: len(topology.torque_harmonics[i]),
+        "orders of": lambda i: "own" if topology.torque_own[i] else "reference",
+        "factor over the speed": lambda i: torque_over_speed(report.train, i, report.files.get("torque")),
     }
-    return table("Torques given by their orders, before the factor over the speed", columns)
+    title = "Torques given by their orders, before the factor over the speed"
+    return table(title, range(len(topology.torque_names)), columns)
 
 
 def _loads(train):
-    topology = train.topology
-    columns = {
-        "element": [*topology.load_names, *topology.ground_names],
-        "disk": [topology.disk_names[disk] for disk in (*topology.load_disk, *topology.ground_disk)],
-        "kind": ["load"] * len(topology.load_names) + ["ground"] * len(topology.ground_names),
-        "": [f"share {plain_number(float(share), 6)}" for share in train.loads.share]
-        + [f"{plain_number(float(stiffness), 6)} N m/rad" for stiffness in train.grounds.stiffness],
-    }
-    return table("Loads, which balance the mean power, and grounds", columns)
+    topology, rows = train.topology, []
+    for name, disk, share in zip(topology.load_names, topology.load_disk, train.loads.share, strict=True):
+        rows.append((name, topology.disk_names[disk], "load", f"share {_number(share)}"))
+    for name, disk, stiff in zip(topology.ground_names, topology.ground_disk, train.grounds.stiffness, strict=True):
+        rows.append((name, topology.disk_names[disk], "ground", f"{_number(stiff)} N m/rad"))
+    return table("Loads, which balance the mean power, and grounds", rows, ["element", "disk", "kind", ""])
 
 
 def assumptions(report):
