@@ -56,7 +56,7 @@ class Part:
 
 def as_page(report):
     """The page of a :class:`Report` as the bytes of a file, and whether every part of it could be made."""
-    parts = parts_of(report)
+    parts = parts_of(report, PARTS)
     return [page_text(parts, report).encode()], not any(part.failed for part in parts)
 
 
@@ -67,7 +67,7 @@ def page_text(parts, report):
     return _environment().get_template("page.html").render(parts=parts, report=report, script=get_plotlyjs())
 
 
-def parts_of(report, sources=PARTS):
+def parts_of(report, sources):
     """All parts that concern the train; what fails is a sentence in the part, and on stderr."""
     found, environment = [], _environment()
     for title, (name, gather) in sources.items():
