@@ -23,14 +23,6 @@ def plot_branch(branch, mesh=None):
 
     Lines are solid where the motion is stable, dashed where not; folds, period doublings and the like are marked.
     ``mesh`` is by default the one with the largest force.
-
-    Examples
-    --------
-    >>> import jaxhb
-    >>> train = jaxhb.load_scene("spur_pair")
-    >>> figure = plot_branch(jaxhb.follow(train, "rpm", start=2000.0, to=3000.0))
-    >>> [axes.get_ylabel() for axes in figure.axes]
-    ['largest tooth force, kN', 'modulus of the multiplier']
     """
     topology, moduli = branch.train.topology, np.abs(branch.multiplier)
     mesh = mesh or topology.mesh_names[int(np.argmax(_peaks(branch).max(axis=0)))]
@@ -50,14 +42,6 @@ def plot_multipliers(rpm, stabilities):
 
     A small grey dot for each multiplier, a large mark for that of largest modulus with how stability is lost. Of the n
     ``stabilities`` one is None where there is no motion to ask about.
-
-    Examples
-    --------
-    >>> import jaxhb
-    >>> train, rpm = jaxhb.load_scene("spur_pair"), [2000.0, 3000.0]
-    >>> figure = plot_multipliers(rpm, [jaxhb.stability(jaxhb.solve(train, rpm=speed)) for speed in rpm])
-    >>> figure.axes[0].get_ylabel()
-    'modulus of the multiplier'
     """
     asked = [(speed, found) for speed, found in zip(rpm, stabilities, strict=True) if found is not None]
     every = [(speed, abs(value)) for speed, found in asked for value in found.multipliers[~found.rotation]]

@@ -30,21 +30,8 @@ def plot_cycle(answer, gear=None):
     Shaded where a mesh of the gear is in the gap; angles in deg of the reference rotor. A motion of several cycles is
     drawn with all of them. One that never repeats has no cycle to draw: extremes of the torque in each recorded cycle,
     and below the share of cycles whose largest tooth force stays below a value. An unknown one has its reason in the
-    picture.
-
-    Parameters
-    ----------
-    answer : Answer
-    gear : str, optional
-        Default: the gear of the reference rotor whose torque has the largest half peak-to-peak. A train without gears
-        shows its hardest worked shaft or damper.
-
-    Examples
-    --------
-    >>> import jaxhb
-    >>> from jaxhb.report.compute import Asked, answer_one
-    >>> plot_cycle(answer_one(jaxhb.load_scene("spur_pair"), 2000.0, Asked())).axes[0].get_ylabel()
-    'gear torque, N m'
+    picture. The gear is by default that of the reference rotor whose torque has the largest half peak-to-peak; a train
+    without gears shows its hardest worked shaft or damper.
     """
     kind = motion_text(answer) if answer.known else f"unknown: {'; '.join(answer.state.notes)}"
     doubt = f"{answer.doubt.upper()}: " if answer.doubt else ""
@@ -166,11 +153,6 @@ def plot_tuning(objectives, result):
     One panel for each objective, with gaps at speeds that are not solved and crosses at those that never were, and one
     for the history: the objective, 1 at the start but for smoothing, with a line where the smooth maximum was
     sharpened.
-
-    Parameters
-    ----------
-    objectives : sequence of Objective
-    result : Tuning
     """
     figures, axis = [], speed_range(result.rpm)
     for objective in objectives:

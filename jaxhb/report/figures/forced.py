@@ -22,14 +22,9 @@ def plot_forced(response, found, misfires=None, worst=None):
 
     What the scene gives limits for has panels below: stresses, tooth torques and heat beside their limits, barred
     ranges shaded; of the elements drawn if few are given, else of each kind what comes nearest to its limit.
-
-    Parameters
-    ----------
-    response : ForcedResponse, of several speeds
-    found : list of Reading
-        Of more than four, and of all elements, the shaft and the mesh that swing most are drawn.
-    misfires : Misfires, worst : dict from :func:`jaxhb.report.text.forced.worst_of`, both optional
-        With them each element has the half peak-to-peak of its worst misfire beside it.
+    Of more than four readings ``found`` the shaft and the mesh that swing most are drawn. With ``misfires`` and the
+    ``worst`` of them (:func:`jaxhb.report.text.forced.worst_of`) each element has the half peak-to-peak of its worst
+    misfire beside it.
     """
     return drawn(*forced_figures(response, found, misfires, worst), title=train_name(response.topology))
 

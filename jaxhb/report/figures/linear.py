@@ -22,12 +22,8 @@ def plot_holzer(residual, tables, natural, name):
     Every branch begins with ordinate 1 at its free end; a table of a train with branches is scaled otherwise. The scale
     is logarithmic on both sides of 0, as the residual grows with a high power of the frequency.
 
-    Parameters
-    ----------
-    residual : function, frequencies ``(n,)`` in Hz to N m
-    tables : list of (int or None, HolzerTable)
-    natural : dict, number of the mode: Hz, of those that strain links
-    name : str, of the scene
+    residual : function, frequencies ``(n,)`` in Hz to N m; tables : list of (int or None, HolzerTable); natural : dict,
+    number of the mode: Hz, of those that strain links; name : of the scene
     """
     highest = 1.15 * max(table.hz for _, table in tables)
     hz = highest * np.arange(1, POINTS + 1) / POINTS
@@ -54,13 +50,7 @@ def plot_campbell(found, count, name):
     """Natural frequencies over the speed, orders as rays, critical speeds as circles.
 
     Full lines are modes, named with their frequency at the right; dashed rays are orders, named where they leave the
-    picture; dotted lines are rigid modes and those of rings only.
-
-    Parameters
-    ----------
-    found : Campbell
-    count : int, elastic modes that were taken
-    name : str, of the scene
+    picture; dotted lines are rigid modes and those of rings only. ``count`` elastic modes were taken.
     """
     return drawn(campbell_figure(found, count, name))
 

@@ -40,23 +40,8 @@ def plot_motions(*sweeps, mesh=None, branches=(), orbits=None):
 
     Beside the marker of a subharmonic motion stands its period in cycles; a bar goes over the largest forces of the
     cycles, from 5 to 95 %, where the motion is irregular; a cross is at the bottom where it is unknown.
-
-    Parameters
-    ----------
-    sweeps : SteadySweep
-    mesh : str, optional
-    branches : sequence of Branch, optional
-        Over the speed, lines that are solid where stable and dashed where not.
-    orbits : Response, optional
-        Of many speeds (:func:`jaxhb.solve_speeds`): the periodic motions, whether or not they occur.
-
-    Examples
-    --------
-    >>> import jaxhb
-    >>> train = jaxhb.load_scene("spur_pair")
-    >>> figure = plot_motions(jaxhb.steady_state(train, rpm=[2000.0, 3000.0]))
-    >>> figure.axes[0].get_ylabel()
-    'tooth force, kN'
+    ``branches`` over the speed are lines that are solid where stable and dashed where not; ``orbits``, a Response of
+    many speeds (:func:`jaxhb.solve_speeds`), are the periodic motions, whether or not they occur.
     """
     mesh, cases = mesh or hardest_mesh(*sweeps), _cases(sweeps)
     quantity = dataclasses.replace(forces(sweeps[0][0]), signal=None)
@@ -83,19 +68,6 @@ def plot_cycle_peaks(*sweeps, mesh=None):
 
     One point a speed where every cycle is as the one before, k points where the motion repeats after k cycles, all
     recorded cycles where it is irregular.
-
-    Parameters
-    ----------
-    sweeps : SteadySweep
-    mesh : str, optional
-
-    Examples
-    --------
-    >>> import jaxhb
-    >>> train = jaxhb.load_scene("spur_pair")
-    >>> figure = plot_cycle_peaks(jaxhb.steady_state(train, rpm=[2000.0, 3000.0]))
-    >>> len(figure.axes[0].get_lines())
-    1
     """
     mesh, traces = mesh or hardest_mesh(*sweeps), []
     for number, case in enumerate(_cases(sweeps)):
@@ -112,21 +84,8 @@ def plot_waterfall(sweep, mesh=None, *, highest=None):
 
     A stem for each order, on a line for each speed, with the symbol of the kind of motion. A subharmonic motion of k
     cycles has k times as many orders; those of an irregular one are quadratic means over the recorded cycles.
-
-    Parameters
-    ----------
-    sweep : SteadySweep
-    mesh : str, optional
-    highest : float, optional
-        Order up to which is drawn. Default: the last with a tenth of the largest amplitude at some speed.
-
-    Examples
-    --------
-    >>> import jaxhb
-    >>> train = jaxhb.load_scene("spur_pair")
-    >>> figure = plot_waterfall(jaxhb.steady_state(train, rpm=[2000.0, 3000.0]))
-    >>> figure.axes[0].get_xlabel()
-    'order, per revolution of the reference rotor'
+    ``highest`` is the order up to which is drawn, by default the last with a tenth of the largest amplitude at some
+    speed.
     """
     mesh, (case,) = mesh or hardest_mesh(sweep), _cases([sweep])
     signals = {answer.rpm: answer.force(mesh) for answer in case.answers if answer.answered}

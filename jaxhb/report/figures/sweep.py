@@ -25,19 +25,7 @@ def plot_sweep(sweeps):
     Markers tell the kind of motion; what has no answer, or did not converge, is a gap in the lines and a cross at the
     bottom. Downwards markers are open. A train without gears shows its hardest worked shaft or damper. Below, of
     stresses, tooth torques and heat what comes nearest to the limits that the scene gives, with barred ranges shaded.
-
-    Parameters
-    ----------
-    sweeps : dict
-        Answers by direction, from :func:`jaxhb.report.compute.answer_speeds`.
-
-    Examples
-    --------
-    >>> import jaxhb
-    >>> from jaxhb.report.compute import Asked, answer_speeds
-    >>> train = jaxhb.load_scene("six_cylinder_diesel")
-    >>> len(plot_sweep(answer_speeds(train, [1000.0, 1500.0, 2000.0], Asked())).axes)
-    1
+    ``sweeps`` are answers by direction, from :func:`jaxhb.report.compute.answer_speeds`.
     """
     return drawn(*sweep_figures(sweeps), title=train_name(next(iter(sweeps.values()))[0].topology))
 
@@ -67,21 +55,9 @@ def sweep_figures(sweeps):
 def over_speed(quantity, names, cases, caption=None, *, more=(), **layout):
     """Elements over the speed, case by case, with and without backlash; symbols tell the kind of motion.
 
-    Parameters
-    ----------
-    quantity : Quantity
-        Drawn with backlash alone if it is of no signal.
-    names : sequence of str
-        Of one element every case is a line of its own look; of several every element is, with open symbols in the
-        second case.
-    cases : sequence of Case
-        The same speeds; a single one may have no title.
-    caption : str, optional
-        Default: the element and what it shows.
-    more : sequence of dict
-        Traces that are drawn with them.
-    layout
-        More of the figure.
+    A quantity of no signal is drawn with backlash alone. Of one element every case is a line of its own look; of
+    several every element is, with open symbols in the second case. Cases have the same speeds; a single one may have no
+    title. ``more`` are traces drawn with them, ``layout`` is for :func:`figure`.
     """
     first, several = cases[0].answers, len(names) > 1
     places = [answer.place for answer in first]

@@ -87,70 +87,40 @@ def _gas_factors(cylinders):
 
 def _sources(train, groups, files):
     """Where the gas torques come from, and what changes them over the speed."""
-    topology, cylinders, source = train.topology, train.cylinders, train.topology.cylinder_source
-    loaded = {i for i in groups.values() if cylinders.load_rpm is not None and source[i] in ("traces", "combustion")}
-
-    def file(i):
-        key = {"harmonics": "gas_torque"}.get(source[i], source[i])
-        return files[i].get(key, "in the scene" if source[i] != "none" else NONE)
-
-    def over(i, what, values):
-        speeds = getattr(cylinders, f"{what}_rpm")[i]
-        return _over(speeds, getattr(cylinders, f"{what}_{values}")[i], files[i].get(what, ""))
-
-    def highest(i):
-        return topology.cylinder_gas[i] / topology.cylinder_gas_revolutions[i]
-
-    columns = {
-        "gas torque from": lambda row: gas_words(topology, row[1]),
-        "cylinders": lambda row: row[0],
-        "file": lambda row: file(row[1]),
-        "crankcase bar": lambda row: (
-            BAR * cylinders.ambient_pressure[row[1]] if _computed(topology, row[1]) else np.nan
-        ),
-        "orders up to": lambda row: highest(row[1]) if _computed(topology, row[1]) else np.nan,
-        "factor": lambda row: _gas_factors(cylinders)[row[1]],
-    }
-    more = {
-        "factor over the speed": lambda row: over(row[1], "scale", "factor"),
-        "share of full load over the speed": lambda row: over(row[1], "load", "share") if row[1] in loaded else NONE,
-    }
-    columns |= {head: read for head, read in more.items() if any(read(row) != NONE for row in groups.items())}
+    topology, cylinders, rows = train.topology, train.cylinders, []
+    for label, i in groups.items():
+        source, own = topology.cylinder_source[i], files[i]
+        file = own.get({"harmonics": "gas_torque"}.get(source, source), "in the scene" if source != "none" else NONE)
+        kept = [np.nan] * 2
+        if source in gas.COMPUTED:
+            highest = topology.cylinder_gas[i] / topology.cylinder_gas_revolutions[i]
+            kept = [BAR * cylinders.ambient_pressure[i], highest]
+        over = [_over(cylinders.scale_rpm[i], cylinders.scale_factor[i], own.get("scale", "")), NONE]
+        if cylinders.load_rpm is not None and source in ("traces", "combustion"):
+            over[1] = _over(cylinders.load_rpm[i], cylinders.load_share[i], own.get("load", ""))
+        rows.append((gas_words(topology, i), label, file, *kept, _gas_factors(cylinders)[i], *over))
+    heads = ["gas torque from", "cylinders", "file", "crankcase bar", "orders up to", "factor"]
+    rare = ["factor over the speed", "share of full load over the speed"]
     title = "Combustion: where gas torques come from; factors multiply them, between points of a table linear"
-    return table(title, groups.items(), columns, digits=4)
-
-
-def _computed(topology, cylinder):
-    """Whether the gas torque of a cylinder is computed from a pressure."""
-    return topology.cylinder_source[cylinder] in gas.COMPUTED
+    return table(title, rows, heads + rare, digits=4, rare=rare)
 
 
 def _models(train, groups):
     """Numbers of the combustion models."""
-    burning = train.cylinders.combustion
-    if burning is None:
-        return None
-
-    def burnt(row):
-        work, k = burning.by_work[row[1]], row[1]
-        much = BAR * burning.imep[k] if work else burning.heat[k]
-        return f"imep {plain_number(float(much))} bar" if work else f"{plain_number(float(much))} J"
-
-    columns = {
-        "cylinders": lambda row: row[0],
-        "burnt at full load": burnt,
-        "compression ratio": lambda row: burning.compression_ratio[row[1]],
-        "charge bar": lambda row: BAR * burning.charge_pressure[row[1]],
-        "exhaust bar": lambda row: BAR * burning.exhaust_pressure[row[1]],
-        "start deg": lambda row: burning.start[row[1]],
-        "duration deg": lambda row: burning.duration[row[1]],
-        "shape": lambda row: burning.shape[row[1]],
-        "n compression": lambda row: burning.compression_exponent[row[1]],
-        "n expansion": lambda row: burning.expansion_exponent[row[1]],
-    }
-    rows = [(label, burning.seats.index(i)) for label, i in groups.items() if i in burning.seats]
+    burning, rows = train.cylinders.combustion, []
+    for label, i in groups.items() if burning is not None else ():
+        if i in burning.seats:
+            k = burning.seats.index(i)
+            much, unit = (BAR * burning.imep[k], "bar") if burning.by_work[k] else (burning.heat[k], "J")
+            pressures = BAR * burning.charge_pressure[k], BAR * burning.exhaust_pressure[k]
+            exponents = burning.compression_exponent[k], burning.expansion_exponent[k]
+            cells = burning.compression_ratio[k], *pressures, burning.start[k], burning.duration[k], burning.shape[k]
+            burnt = "imep " * bool(burning.by_work[k]) + f"{plain_number(float(much))} {unit}"
+            rows.append((label, burnt, *cells, *exponents))
+    heads = ["cylinders", "burnt at full load", "compression ratio", "charge bar", "exhaust bar", "start deg"]
+    heads += ["duration deg", "shape", "n compression", "n expansion"]
     title = "Combustion model: angles from firing top dead centre, polytropic exponents n"
-    return table(title, rows, columns, digits=4)
+    return table(title, rows, heads, digits=4)
 
 
 def _traces(train, groups):
@@ -187,21 +157,13 @@ def _gas(train, groups, rpm):
         turns, swept = topology.cylinder_gas_revolutions[i], np.pi / 4 * cylinders.bore[i] ** 2 * cylinders.stroke[i]
         for k, speed in enumerate(chosen):
             cells = [NONE] * 3
-            if _computed(topology, i) and topology.cylinder_fires[i]:
+            if topology.cylinder_source[i] in gas.COMPUTED and topology.cylinder_fires[i]:
                 # Work of a gas cycle over the swept volume.
                 cells = [*_peak(pressures[k, i], turns), BAR * 2 * np.pi * turns * means[k, i] / swept]
-            rows.append([label, f"{speed:g}", factors[k, i], means[k, i], *cells])
-    heads = [
-        "cylinders",
-        "rpm",
-        "factor",
-        "mean torque N m",
-        "largest pressure bar",
-        "deg after firing TDC",
-        "imep bar",
-    ]
-    known = 7 if any(row[4] != NONE for row in rows) else 4
-    return table("Gas of one cylinder over the speed", rows, heads[:known], digits=4)
+            rows.append([label, f"{speed:g}", factors[k, i], *cells, means[k, i]])
+    rare = ["largest pressure bar", "deg after firing TDC", "imep bar"]
+    heads = ["cylinders", "rpm", "factor", *rare, "mean torque N m"]
+    return table("Gas of one cylinder over the speed", rows, heads, digits=4, rare=rare)
 
 
 def _means(report):

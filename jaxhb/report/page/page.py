@@ -1,7 +1,6 @@
 """The page of a report: one HTML file without a network, to be printed and signed. The only importer of plotly and
 jinja2."""
 
-import json
 import re
 import sys
 from dataclasses import dataclass
@@ -95,9 +94,10 @@ def _environment():
         lstrip_blocks=True,
         undefined=StrictUndefined,
     )
-    made.filters |= {"figure": _figure_json, "words": _words, "css": _css_text, "flowing": flowing}
+    made.filters |= {"words": _words, "css": _css_text, "flowing": flowing}
     made.tests |= {"table": lambda block: isinstance(block, Table), "drawn": lambda block: isinstance(block, Figure)}
     made.globals |= {"most": ROWS}
+    made.policies["json.dumps_kwargs"] = {"allow_nan": False, "ensure_ascii": False}
     return made
 
 
@@ -106,12 +106,6 @@ def _words(table):
     columns = enumerate(table.columns)
     word = re.compile("[A-Za-z]{2}|^[A-Za-z]")
     return {0, *table.left, *(i for i, column in columns if any(map(word.search, column)))}
-
-
-def _figure_json(figure):
-    """A figure inside a script element: nothing in it ends the element."""
-    text = json.dumps({"data": figure.traces, "layout": figure.layout}, allow_nan=False, ensure_ascii=False)
-    return text.replace("<", "\\u003c")
 
 
 def _css_text(text):

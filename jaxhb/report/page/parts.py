@@ -77,13 +77,14 @@ def shown_misfire(cases):
     return next(case for case in cases if case.title == title)
 
 
-def table(title, rows, columns, digits=6):
+def table(title, rows, columns, digits=6, rare=()):
     """A :class:`Table` of rows, None without: ``columns`` are heads of what a row holds, or functions of a row by their
-    heads, to words or numbers, nan where there is none."""
+    heads, to words or numbers, nan where there is none; ``rare`` ones are left out where they have nothing to tell."""
     if not isinstance(columns, dict):
         columns = {head: itemgetter(k) for k, head in enumerate(columns)}
-    cells = [[_cell(read(row), digits) for row in rows] for read in columns.values()]
-    return Table(title, list(columns), cells) if cells[0] else None
+    cells = {head: [_cell(read(row), digits) for row in rows] for head, read in columns.items()}
+    cells = {head: column for head, column in cells.items() if head not in rare or set(column) != {NONE}}
+    return Table(title, list(cells), list(cells.values())) if rows else None
 
 
 def _cell(value, digits):
