@@ -18,7 +18,7 @@ KEYS = {"fontsize": 7.5, "handlelength": 3.8, "handletextpad": 0.6, "columnspaci
 """Sizes of the legend, in which as many names find room as on the page."""
 LETTERS = 112
 """Of a line of a caption."""
-DASHES = {"solid": "-", "dash": "--", "dashdot": "-.", "dot": ":"}
+DASHES: dict = {"solid": "-", "dash": "--", "dashdot": "-.", "dot": ":"}
 DASHES |= {"longdash": (0, (9, 2.5)), "longdashdot": (0, (9, 2, 1.5, 2))}
 MARKERS = {"circle": "o", "square": "s", "diamond": "D", "star": "*", "triangle-down": "v", "triangle-up": "^"}
 MARKERS |= {"cross": "P", "x-thin": "x", "cross-thin": "+"}

@@ -12,18 +12,7 @@ import numpy as np
 from jaxhb.report.answer import Answer
 from jaxhb.report.figures.branch import branch_traces
 from jaxhb.report.figures.draw import drawn
-from jaxhb.report.figures.figure import (
-    GREY,
-    WITHOUT,
-    bars,
-    figure,
-    kind_marks,
-    line,
-    marks,
-    plain,
-    speed_range,
-    top_of,
-)
+from jaxhb.report.figures.figure import bars, figure, kind_marks, line, marks, plain, speed_range, top_of
 from jaxhb.report.figures.sweep import over_speed
 from jaxhb.report.quantities import forces
 from jaxhb.report.text.cases import Case
@@ -101,8 +90,8 @@ def plot_waterfall(sweep, mesh=None, *, highest=None):
     speeds = np.repeat(list(stems), [len(stem) for stem in stems.values()])
     orders, heights = np.concatenate([np.zeros((0, 2)), *stems.values()]).T
     base = np.repeat(sweep.rpm, 3), np.tile([0.0, highest, np.nan], len(sweep.rpm))
-    traces = [line(*base[::-1], "", look={"color": GREY, "dash": "solid", "width": 0.5}, showlegend=False)]
-    traces.append(bars(orders, speeds, speeds + heights, "", look={"color": WITHOUT}, showlegend=False))
+    traces = [line(*base[::-1], "", 3, look={"dash": "solid", "width": 0.5}, showlegend=False)]
+    traces.append(bars(orders, speeds, speeds + heights, "", style=1, look={"dash": "solid"}, showlegend=False))
     places = [tips.get(answer.rpm, np.array([[highest / 100, answer.rpm]])).T for answer in case.answers]
     traces += kind_marks(case.answers, places, size=4)
     top = sweep.rpm.max() + scale * largest

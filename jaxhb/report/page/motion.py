@@ -6,21 +6,12 @@ import textwrap
 
 import numpy as np
 
+from jaxhb.report import quantities
 from jaxhb.report.figures.cycle import cycle_figure
 from jaxhb.report.figures.figure import figure, kind_marks, plain, speed_range
 from jaxhb.report.figures.sweep import over_speed
 from jaxhb.report.page.differences import differences
 from jaxhb.report.page.limits import judged, shares_table
-from jaxhb.report.quantities import (
-    angles,
-    forces,
-    gear_torques,
-    heat,
-    irregularity,
-    main_quantity,
-    separation,
-    shaft_torques,
-)
 from jaxhb.report.selection import default_gear, hardest_shaft, meshes_of, worst_mesh
 from jaxhb.report.text.cases import hardest, speed_tables
 from jaxhb.report.text.columns import NONE, Table, alike, ratios, shares
@@ -41,11 +32,11 @@ MESHES = 3
 def motions(report):
     """The kind of motion at every speed, the largest number of all elements, a row for every speed, irregularity."""
     cases, several = report.shown, len(report.rpm) > 1
-    blocks = [_kinds(cases), _overview(cases, main_quantity(report.train))] if several else []
+    blocks = [_kinds(cases), _overview(cases, quantities.main_quantity(report.train))] if several else []
     blocks += [_misfires(report)] if len(report.cases) > 2 else []
     blocks += [speed_table(case.answers, f"Speed by speed, {case.title}") for case in cases]
     blocks += [one for case in cases for one in turning_table(case.answers, f", {case.title}")]
-    return {"blocks": [*blocks, maxima(irregularity(report.train), cases)]}
+    return {"blocks": [*blocks, maxima(quantities.irregularity(report.train), cases)]}
 
 
 def _kinds(cases):
@@ -78,7 +69,7 @@ def _overview(cases, quantity):
 
 def _misfires(report):
     """Every misfire: the largest number of all elements over the speeds."""
-    quantity, rows = main_quantity(report.train), []
+    quantity, rows = quantities.main_quantity(report.train), []
     for case in report.cases:
         name = quantity.hardest([case])[0]
         values = quantity.of(case.answers, name)
@@ -95,8 +86,8 @@ def forces_over_speed(report):
     if any(train.topology.mesh_backlash) and len(report.rpm) > 1:
         for case in report.shown:
             alone, caption = [dataclasses.replace(case, title="")], f"Time out of contact, {case.title}"
-            apart.append(over_speed(separation(train), train.topology.mesh_names, alone, caption))
-    found = swings(report, forces(train))
+            apart.append(over_speed(quantities.separation(train), train.topology.mesh_names, alone, caption))
+    found = swings(report, quantities.forces(train))
     return found and found | {"apart": apart}
 
 
@@ -187,13 +178,13 @@ def second_design(report):
 def _beside(cases, *, drawn):
     """Tables of what two designs do, and figures of what works hardest."""
     blocks, trains = [], [case.answers[0].train for case in cases]
-    linked = trains and trains[0].topology.link_names
-    told = (forces, gear_torques, shaft_torques, heat) if linked else (angles, heat)
-    for quantity in told if cases else ():
+    told = [quantities.forces, quantities.gear_torques, quantities.shaft_torques]
+    told = told if trains and trains[0].topology.link_names else [quantities.angles]
+    for quantity in (*told, quantities.heat) if cases else ():
         mine, its = map(quantity, trains)
         mine = dataclasses.replace(mine, names=tuple(name for name in mine.names if name in its.names))
         if mine.names:
             blocks.append(maxima(mine, cases))
-            hardest_ones = mine.hardest(cases)[:MOST_BESIDE] if drawn and quantity is not heat else []
-            blocks += [over_speed(mine, [name], cases) for name in hardest_ones]
+            chosen = mine.hardest(cases)[:MOST_BESIDE] if drawn and quantity is not quantities.heat else []
+            blocks += [over_speed(mine, [name], cases) for name in chosen]
     return blocks
