@@ -5,7 +5,7 @@ import numpy as np
 from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.linear.modal import AT_REST
 from jaxhb.report.figures.draw import drawn
-from jaxhb.report.figures.figure import WITH, above, figure, line, marks
+from jaxhb.report.figures.figure import above, figure, line, marks
 from jaxhb.report.figures.layout import neighbours, ways
 from jaxhb.train.chain import span
 
@@ -55,7 +55,7 @@ def shapes_figure(train, modes, chosen, ratios):
             style = {"mode": "lines+markers", "text": names, "hovertemplate": "%{text}: %{y}<extra></extra>"}
             traces.append(line(start + np.arange(len(way)), shapes[k][way], "", min(number, 1), **style, **own))
         nodes = mode_nodes(lines, starts, np.where(np.abs(modes.shapes[k]) <= AT_REST, 0.0, shapes[k]))
-        traces.append(marks(nodes, np.zeros(len(nodes)), "node", "x-thin-open", color=WITH, **own))
+        traces.append(marks(nodes, np.zeros(len(nodes)), "node", "x-thin-open", **own))
         damping = "" if np.isnan(ratios[k]) else f", damping ratio {ratios[k]:.3g}"
         notes.append(above(f"mode {k}: {modes.frequencies_hz[k]:.4g} Hz{damping}", panel))
     caption = "Mode shapes, angles referred to the reference rotor, the largest is 1; crosses: nodes. "
