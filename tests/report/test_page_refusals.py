@@ -36,17 +36,6 @@ def test_what_the_assumptions_advise_keeps_the_compression_of_a_cylinder():
         assert swings[0] > 1.05 * swings[1] and swings[1] > 10.0 and swings[2] < 1e-9
 
 
-def test_a_part_that_fails_is_a_sentence_and_leaves_the_others(capsys):
-    def broken(_):
-        raise KeyError("no such thing")
-
-    whole = {"Whole": ("blocks", lambda _: {"blocks": ["words"]}), "Nothing": ("blocks", lambda _: {})}
-    parts = parts_of(None, {"Broken": ("blocks", broken)} | whole)
-    assert [(part.title, part.failed) for part in parts] == [("Broken", True), ("Whole", False)]
-    assert "This part could not be made: KeyError: " in parts[0].html
-    assert "'Broken' is missing from the page" in capsys.readouterr().err
-
-
 WRONG = {
     "another ending": (["--html", "page.txt"], "Give a name that ends in .html."),
     "a second design without a page": (["--tuned", "spur_pair"], "Add --html FILE.html."),

@@ -24,28 +24,19 @@ def pair():
     return answer_one(jaxhb.load_scene("spur_pair"), 5000.0, Asked())
 
 
-def shaded(axes):
-    """Share of the width of the axes that is shaded."""
-    return sum(band.get_width() for band in axes.patches) / np.ptp(axes.get_xlim())
-
-
-def test_gap_contact_is_shaded_for_the_share_of_the_cycle_that_the_teeth_are_apart(pair):
-    figure = plot_cycle(pair)
-    share = pair.response.mesh("gear a", "gear b").separated_fraction
-    for axes in figure.axes:
-        assert shaded(axes) == pytest.approx(share, abs=2e-3)
-
-
-def test_the_curves_are_the_moment_in_newton_metres_and_the_force_in_kilonewtons(pair):
+def test_torque_and_force_are_drawn_with_gap_contact_shaded_for_its_share_of_the_cycle(pair):
     response, linear = pair.response, pair.linear
     above, below = plot_cycle(pair, "gear b").axes
     after, before = above.get_lines()[:2]
     assert after.get_ydata().max() == pytest.approx(float(response.gear_torque("gear b").max), rel=1e-3)
     assert before.get_ydata().max() == pytest.approx(float(linear.gear_torque("gear b").max), rel=1e-3)
     assert after.get_xdata()[-1] == pytest.approx(360.0 * response.topology.revolutions_per_cycle)
-    assert below.get_lines()[0].get_ydata().max() == pytest.approx(
-        float(response.force("gear a", "gear b").max) / 1e3, rel=1e-3
-    )
+    force = float(response.force("gear a", "gear b").max) / 1e3
+    assert below.get_lines()[0].get_ydata().max() == pytest.approx(force, rel=1e-3)
+    share = response.mesh("gear a", "gear b").separated_fraction
+    for axes in (above, below):
+        shaded = sum(band.get_width() for band in axes.patches) / np.ptp(axes.get_xlim())
+        assert shaded == pytest.approx(share, abs=2e-3)
     legend = above.get_legend()
     assert [text.get_text() for text in legend.get_texts()] == ["with backlash", "without backlash"]
     assert legend.get_title().get_text().replace("\n", " ").endswith("grey: its teeth are apart")
