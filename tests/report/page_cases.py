@@ -73,14 +73,22 @@ document.body.dataset.wide = wide.map(one => one.textContent.trim().slice(0, 60)
 """Tables wider than the sheet, for which a browser would print the whole page smaller."""
 
 
+def blocks(data, kind):
+    """Blocks of a kind in what a part was made of, in its order."""
+    if isinstance(data, kind):
+        return [data]
+    inside = data.values() if isinstance(data, dict) else data if isinstance(data, list | tuple) else ()
+    return [block for one in inside for block in blocks(one, kind)]
+
+
 def figures(parts):
     """Every figure, in the order of the page."""
-    return [block for part in parts.values() for block in part.blocks if isinstance(block, Figure)]
+    return [block for part in parts.values() for block in blocks(part.data, Figure)]
 
 
 def tables(part):
     """Tables of a part."""
-    return [block for block in part.blocks if isinstance(block, Table)]
+    return blocks(part.data, Table)
 
 
 def without_an_answer(answer):

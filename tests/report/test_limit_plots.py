@@ -72,13 +72,10 @@ def test_the_picture_has_stresses_torques_and_heat_beside_their_limits_and_shade
     assert told(tooth, "vibratory torque", rated.vibratory) and told(tooth, "a third of the rated torque", 500.0)
     assert heat.caption == "ring: heat against its limits, W"  # nearer to its limit than the coupling
     assert told(heat, "heat", wanted.heat["ring"].power)
-    # Of less or more elements than have room: those with limits.
+    # Of more elements than have room: those with limits.
     for names in (["coupling"], ["coupling", "engine", "pinion", "wheel", "propeller"]):
-        captions = [figure.caption for figure in forced_figures(response, readings(response, names))]
-        assert [caption.split(",")[0] for caption in captions] == [
-            "coupling: linear forced response over the speed",
-            "coupling: heat against its limits",
-        ]
+        response_of, limit_of = forced_figures(response, readings(response, names))
+        assert response_of.caption.startswith("coupling: linear") and limit_of.caption.startswith("coupling: heat")
     axes = plot_forced(response, readings(response)).axes
     assert [one.get_ylabel() for one in axes[-3:]] == ["stress, MPa", "vibratory torque, N m", "heat, W"]
     assert len(axes) == len(found) and axes[-3].patches

@@ -7,19 +7,18 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from page_cases import CHROMIUM, SCENE, WIDE, browse, figures, tables, without_an_answer
+from page_cases import CHROMIUM, SCENE, WIDE, blocks, browse, figures, tables, without_an_answer
 
 from jaxhb.cli.main import main
 from jaxhb.cli.page_command import second_text
 from jaxhb.linear.forced import forced_response
 from jaxhb.report.answer import Answer
-from jaxhb.report.figures.figure import NO_ANSWER, Figure
+from jaxhb.report.figures.figure import NO_ANSWER
 from jaxhb.report.figures.sweep import over_speed
 from jaxhb.report.page import linear, page
-from jaxhb.report.page.limits import judged_text
-from jaxhb.report.page.page import PARTS
-from jaxhb.report.page.parts import Picture, parts_of
+from jaxhb.report.page.page import parts_of
 from jaxhb.report.quantities import forces
+from jaxhb.report.text.cases import Case
 from jaxhb.report.text.columns import Table
 from jaxhb.report.text.sentences import verdict
 from jaxhb.results.status import Status
@@ -47,21 +46,10 @@ def test_every_part_of_the_report_is_there(made):
     _, _, parts = made
     assert list(parts) == list(page.PARTS)
     assert [title for title, part in parts.items() if part.failed] == []
-    drawn = [title for title, part in parts.items() if figures({title: part})]
-    assert drawn == [
-        "Natural frequencies",
-        "Campbell diagram and critical speeds",
-        "Linear forced response",
-        "Motion over the speed",
-        "Tooth forces",
-        "Torques of gears",
-        "Torques of shafts and dampers",
-        "Heat of dampers",
-        "One speed in full",
-        "Limits",
-        "Second design",
-    ]
-    assert any(isinstance(block, Picture) for block in parts["Train and data"].blocks)
+    undrawn = [title for title, part in parts.items() if not figures({title: part})]
+    words = ["Result", "Train and data", "Assumptions and versions", "Accuracy and computed bounds", "Notes"]
+    assert undrawn == words
+    assert "<svg" in parts["Train and data"].html
 
 
 def test_tables_tell_the_numbers_of_the_answers(made):
@@ -78,24 +66,16 @@ def test_tables_tell_the_numbers_of_the_answers(made):
     assert heat.columns[0] == ["Dämpfer"] and float(heat.columns[1][0]) > 0
 
 
-def test_irregularity_is_told_of_the_heaviest_disk_the_gears_and_the_loads(made):
-    _, report, parts = made
-    table = tables(parts["Motion over the speed"])[-1]
-    assert table.title.startswith("Cyclic irregularity") and table.title.endswith(", %, with and without backlash")
-    assert list(table.columns[0]) == ["Kurbel", "Räder", "Bremse"]
-    for first, case in ((1, report.cases[0]), (5, report.cases[1])):
-        for row, disk in enumerate(table.columns[0]):
-            largest = 100 * max(answer.irregularity(disk) for answer in case.answers)
-            assert float(table.columns[first][row]) == pytest.approx(largest, rel=2e-3)
-
-
-def test_irregularity_is_in_per_cent_in_all_tables_of_the_page(made):
+def test_irregularity_of_the_heaviest_disk_the_gears_and_the_loads_is_in_per_cent_in_all_tables(made):
     _, report, parts = made
     normal, disks = report.cases[0].answers, ["Kurbel", "Räder", "Bremse"]
-    over = tables(parts["Motion over the speed"])[-3]
+    over, _, largest = tables(parts["Motion over the speed"])[-3:]
+    assert list(largest.columns[0]) == disks
+    for first, case in ((1, report.cases[0]), (5, report.cases[1])):
+        wanted = [100 * max(answer.irregularity(disk) for answer in case.answers) for disk in disks]
+        assert [float(cell) for cell in largest.columns[first]] == pytest.approx(wanted, rel=2e-3)
     one = next(table for table in tables(parts["One speed in full"]) if "irregularity" in table.title)
     assert (over.heads[1], over.groups[0]) == ("Kurbel", ("irregularity, %", 1, 1))
-    assert one.columns[0][:3] == [f"irregularity of {disk}, %" for disk in disks]
     wanted = [a.irregularity("Kurbel") for a in normal] + [normal[report.place].irregularity(disk) for disk in disks]
     assert [float(cell) / 100 for cell in (*over.columns[1], *one.columns[1][:3])] == pytest.approx(wanted, rel=6e-3)
 
@@ -110,27 +90,19 @@ def test_the_second_design_stands_beside_the_first_with_what_differs(made):
     assert float(forces_of_both.columns[7][0]) == pytest.approx(largest / 1e3, rel=1e-3)
 
 
-def judged(cases, name, read, limit):
-    """The largest share of a limit of an element over cases and speeds, with its case and speed."""
-    return max((read(a, name) / limit, case.title, a.rpm) for case in cases for a in case.answers)
-
-
 def test_the_result_judges_every_case_and_names_limit_element_case_and_speed_the_largest_share_first(made):
     _, report, parts = made
-    swings = {"Dämpfer": judged(report.cases, "Dämpfer", lambda a, name: a.power(name), 500.0)}
-    read = (lambda a, name: 0.05 * float(a.force(name).half_peak_to_peak), 300.0)
-    swings["Kurbel|Räder"] = judged(report.cases, "Kurbel|Räder", *read)
-    (said,) = [block for block in parts["Result"].blocks if block.startswith("Against the limits")]
-    for name, called, limit in (
-        ("Dämpfer", "heat", "its limit"),
-        ("Kurbel|Räder", "vibratory torque", "a third of the"),
-    ):
-        share, case, rpm = swings[name]
-        assert re.search(rf"{called} of {re.escape(name)} {share:.2f} of {limit}[^;]*\({case}, {rpm:g} rpm\)", said)
-    shares = [float(share) for share in re.findall(r" (\d+\.\d\d) of ", said)]
+    found = parts["Result"].data["first"]["shares"]
+    shares = [one.share for one in found]
     assert len(shares) == 3 and shares == sorted(shares, reverse=True)
-    alone = dataclasses.replace(report, cases=report.cases[:1], second=None, second_misfire=None)
-    assert judged_text(alone.cases) != judged_text(report.cases)
+    reads = {"Dämpfer": lambda a: a.power("Dämpfer") / 500.0}
+    reads["Kurbel|Räder"] = lambda a: 0.05 * float(a.force("Kurbel|Räder").half_peak_to_peak) / 300.0
+    for name, read in reads.items():
+        share, case, rpm = max((read(a), case.title, a.rpm) for case in report.cases for a in case.answers)
+        (one,) = [one for one in found if one.name == name]
+        assert (one.case, one.rpm) == (case, rpm) and one.share == pytest.approx(share, rel=1e-9)
+        assert f"{one.kind.called} of {name} {share:.2f} of " in parts["Result"].html
+    assert "of a third of the rated torque (" in parts["Result"].html and "of its limit (" in parts["Result"].html
 
 
 def test_the_second_design_has_its_limits_its_heat_and_the_misfire(made):
@@ -149,7 +121,7 @@ def test_the_second_design_has_its_limits_its_heat_and_the_misfire(made):
     misfiring = report.second_misfire.answers[0].train
     assert misfiring.topology.cylinder_fires == (True, False)
     assert misfiring.value("Dämpfer.damping") == 25.0
-    assert "was run without a misfire" not in "".join(map(str, parts["Second design"].blocks))
+    assert "was run without a misfire" not in parts["Second design"].html
     told = second_text(report.cases, report.seconds).splitlines()
     force, first = (
         max(float(a.force("Kurbel|Räder").peak) for a in c.answers) for c in (report.second, report.cases[0])
@@ -162,8 +134,9 @@ def test_the_second_design_has_its_limits_its_heat_and_the_misfire(made):
 
 def test_a_second_design_without_the_cylinder_is_told_as_run_without_a_misfire(made):
     _, report, _ = made
-    blocks = PARTS["Second design"](dataclasses.replace(report, second_misfire=None))
-    assert "The second design was run without a misfire: nothing here shows what a misfire does to it." in blocks
+    alone = dataclasses.replace(report, second_misfire=None)
+    (part,) = parts_of(alone, {"Second design": page.PARTS["Second design"]})
+    assert "The second design was run without a misfire: nothing here shows what a misfire does to it." in part.html
 
 
 def test_the_linear_parts_name_their_case_and_tell_the_misfire_too(made):
@@ -178,18 +151,11 @@ def test_the_linear_parts_name_their_case_and_tell_the_misfire_too(made):
     assert float(critical.columns[-2][one]) == pytest.approx(float(critical.columns[-3][one]) / 2, rel=0.01)
     for figure in figures({"": forced}):
         assert "over the speed, all cylinders firing, " in figure.caption
-    misfiring = [str(block) for block in forced.blocks].index("Largest values, two not firing")
-    table = next(
-        block for block in forced.blocks[misfiring:] if isinstance(block, Table) and "Welle" in block.columns[0]
-    )
+    worst = blocks(forced.data["worst"]["two not firing"], Table)
+    table = next(table for table in worst if "Welle" in table.columns[0])
     speeds = np.unique([*report.rpm, *np.linspace(1500, 4000, linear.SPEEDS)])
     swings = forced_response(report.cases[1].answers[0].train, rpm=speeds).torque("Welle").half_peak_to_peak
     assert float(table.columns[1][table.columns[0].index("Welle")]) == pytest.approx(swings.max(), rel=1e-3)
-
-
-def test_the_assumptions_say_what_a_misfire_is(made):
-    said = "".join(map(str, made[2]["Assumptions and versions"].blocks))
-    assert "has no gas torque at all: combustion and compression are both absent. Its inertia torque remains." in said
 
 
 def test_the_verdict_names_the_hardest_impact_of_all_where_it_is_at_another_mesh(made):
@@ -229,8 +195,7 @@ def test_speeds_that_have_not_converged_are_gaps_with_a_cross_and_do_not_set_the
     (crosses,) = [trace for trace in after.traces if trace["name"] == NO_ANSWER]
     assert crosses["x"] == [3000.0] and crosses["y"] == [0.0]
     parts = {part.title: part for part in parts_of(dataclasses.replace(report, cases=[bad]), page.PARTS)}
-    assert "WITHOUT AN ANSWER" in "".join(map(str, parts["Result"].blocks))
-    assert any("MAX_STEPS" in str(block) for block in parts["Notes"].blocks)
+    assert "WITHOUT AN ANSWER" in parts["Result"].html and "MAX_STEPS" in parts["Notes"].html
     assert tables(parts["Accuracy and computed bounds"])[0].columns[1] == ["2 of 3"]
     largest, row = tables(parts["Tooth forces"])[0], tables(parts["Motion over the speed"])[0]
     without = max(float(answers[i].linear.force("Kurbel|Räder").peak) for i in (0, 2)) / 1e3
@@ -248,7 +213,7 @@ def test_linear_speeds_without_an_answer_are_gaps_with_a_cross_too(made, monkeyp
         return dataclasses.replace(found, status=status)
 
     monkeypatch.setattr(linear, "forced_response", failing)
-    drawn = next(block for block in linear.forced_part(report) if isinstance(block, Figure))
+    drawn = linear.forced(report)["figures"][0]
     assert [i for i, y in enumerate(drawn.traces[0]["y"]) if y is None] == [3]
     assert drawn.traces[-1]["name"] == NO_ANSWER and drawn.traces[-1]["x"] == [drawn.traces[0]["x"][3]]
 
@@ -257,32 +222,28 @@ def test_a_train_without_a_single_answer_has_a_page_that_says_so(made):
     _, report, _ = made
     nothing = {"kind": "unknown", "period": 0, "response": None, "notes": ("it gains speed",)}
     cases = [
-        dataclasses.replace(
-            case,
-            answers=[Answer(a.train, dataclasses.replace(a.state, **nothing), a.linear) for a in case.answers],
-        )
+        Case(case.title, [Answer(a.train, dataclasses.replace(a.state, **nothing), a.linear) for a in case.answers])
         for case in (*report.cases, report.cases[1])
     ]
-    parts = {
-        part.title: part
-        for part in parts_of(dataclasses.replace(report, cases=cases, second=None, second_misfire=None), page.PARTS)
-    }
+    alone = dataclasses.replace(report, cases=cases, second=None, second_misfire=None)
+    parts = {part.title: part for part in parts_of(alone, page.PARTS)}
     assert [title for title, part in parts.items() if part.failed] == []
-    assert "No speed has an answer." in "".join(map(str, parts["Result"].blocks))
-    assert any("it gains speed" in str(block) for block in parts["Notes"].blocks)
+    assert "No speed has an answer." in parts["Result"].html and "it gains speed" in parts["Notes"].html
     for figure in figures({title: parts[title] for title in ("Motion over the speed", "Tooth forces")}):
         assert all(y is None for trace in figure.traces if trace["name"] == "all cylinders firing" for y in trace["y"])
 
 
-def test_a_page_that_is_not_whole_is_written_and_exits_1(made, capsys, monkeypatch):
+def test_a_part_that_fails_is_a_sentence_leaves_the_others_and_exits_1(made, capsys, monkeypatch):
     def broken(_):
-        raise ValueError("nothing to draw")
+        raise KeyError("no such thing")
 
-    monkeypatch.setattr(page, "PARTS", page.PARTS | {"Limits": broken})
+    monkeypatch.setattr(page, "PARTS", page.PARTS | {"Limits": ("limits", broken)})
     file = made[0].with_name("part.html")
     assert main(["report", str(made[0].parent / "first.toml"), "--rpm", "1500", "--html", str(file)]) == 1
-    assert "This part could not be made: nothing to draw" in file.read_text(encoding="utf-8")
-    assert "--html: 'Limits' is missing from the page: nothing to draw" in capsys.readouterr().err
+    text = file.read_text(encoding="utf-8")
+    assert "This part could not be made: KeyError: " in text and "&ensp;Accuracy and computed bounds</h2>" in text
+    assert "Second design" not in text  # no second design was asked for
+    assert "--html: 'Limits' is missing from the page: KeyError" in capsys.readouterr().err
 
 
 def test_heads_of_groups_stand_above_their_columns(made):

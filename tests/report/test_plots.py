@@ -11,7 +11,7 @@ from jaxhb.report.answer import SPEED, Answer, orbit_state
 from jaxhb.report.compute import Asked, answer_one, answer_speeds
 from jaxhb.report.figures.cycle import in_the_gap, plot_cycle
 from jaxhb.report.figures.draw import drawn
-from jaxhb.report.figures.figure import DIGITS, Figure, above, bands, layout, line, marks
+from jaxhb.report.figures.figure import DIGITS, above, bands, figure, line, marks
 from jaxhb.report.figures.sweep import BESIDE, over_speed, plot_sweep
 from jaxhb.report.quantities import Quantity
 from jaxhb.report.selection import default_gear
@@ -24,28 +24,19 @@ def pair():
     return answer_one(jaxhb.load_scene("spur_pair"), 5000.0, Asked())
 
 
-def shaded(axes):
-    """Share of the width of the axes that is shaded."""
-    return sum(band.get_width() for band in axes.patches) / np.ptp(axes.get_xlim())
-
-
-def test_gap_contact_is_shaded_for_the_share_of_the_cycle_that_the_teeth_are_apart(pair):
-    figure = plot_cycle(pair)
-    share = pair.response.mesh("gear a", "gear b").separated_fraction
-    for axes in figure.axes:
-        assert shaded(axes) == pytest.approx(share, abs=2e-3)
-
-
-def test_the_curves_are_the_moment_in_newton_metres_and_the_force_in_kilonewtons(pair):
+def test_torque_and_force_are_drawn_with_gap_contact_shaded_for_its_share_of_the_cycle(pair):
     response, linear = pair.response, pair.linear
     above, below = plot_cycle(pair, "gear b").axes
     after, before = above.get_lines()[:2]
     assert after.get_ydata().max() == pytest.approx(float(response.gear_torque("gear b").max), rel=1e-3)
     assert before.get_ydata().max() == pytest.approx(float(linear.gear_torque("gear b").max), rel=1e-3)
     assert after.get_xdata()[-1] == pytest.approx(360.0 * response.topology.revolutions_per_cycle)
-    assert below.get_lines()[0].get_ydata().max() == pytest.approx(
-        float(response.force("gear a", "gear b").max) / 1e3, rel=1e-3
-    )
+    force = float(response.force("gear a", "gear b").max) / 1e3
+    assert below.get_lines()[0].get_ydata().max() == pytest.approx(force, rel=1e-3)
+    share = response.mesh("gear a", "gear b").separated_fraction
+    for axes in (above, below):
+        shaded = sum(band.get_width() for band in axes.patches) / np.ptp(axes.get_xlim())
+        assert shaded == pytest.approx(share, abs=2e-3)
     legend = above.get_legend()
     assert [text.get_text() for text in legend.get_texts()] == ["with backlash", "without backlash"]
     assert legend.get_title().get_text().replace("\n", " ").endswith("grey: its teeth are apart")
@@ -73,18 +64,13 @@ def test_the_picture_shows_the_gear_of_the_reference_rotor():
     assert default_gear(Answer(train, orbit_state(linear), linear, orbit=True)) == "crank gear"
 
 
-def test_a_train_without_teeth_shows_its_hardest_shaft():
-    train = jaxhb.load_scene("six_cylinder_diesel")
-    (axes,) = plot_cycle(answer_one(train, 1500.0, Asked())).axes
-    response = jaxhb.solve(train, rpm=1500.0)
-    peaks = [float(response.torque(name).max) for name in train.topology.shaft_names]
+def test_a_train_without_teeth_shows_its_hardest_shaft_and_over_the_speed_both_measures_of_its_torque():
+    answers = answer_speeds(jaxhb.load_scene("six_cylinder_diesel"), [1000.0, 1500.0], Asked())
+    response = answers["up"][1].response
+    peaks = [float(response.torque(name).max) for name in response.topology.shaft_names]
+    (axes,) = plot_cycle(answers["up"][1]).axes
     assert axes.get_lines()[0].get_ydata().max() == pytest.approx(max(peaks), rel=1e-3)
-
-
-def test_a_sweep_without_teeth_shows_both_measures_of_a_torque():
-    train = jaxhb.load_scene("six_cylinder_diesel")
-    (axes,) = plot_sweep(answer_speeds(train, [1000.0, 1800.0, 2600.0], Asked())).axes
-    swing, total, _ = (line.get_ydata() for line in axes.get_lines())
+    swing, total, _ = (line.get_ydata() for line in plot_sweep(answers).axes[0].get_lines())
     assert (total > swing).all()
 
 
@@ -111,15 +97,15 @@ def specification():
     """Two panels: a dashed line with a gap and a mark of every kind; bars and a text in the second."""
     dashed = line([0.0, 1.0, 2.0, 3.0], [1.0, np.nan, 3.0, -2.0], "dashed", 1, mode="lines+markers")
     dashed["marker"] = {"symbol": ["circle", "circle", "square-open", "star"], "size": 10}
-    stepped = {"line": {"color": "black", "shape": "hv", "dash": "dot"}, "x0": 0.0, "dx": 1.5}
-    other = line([], [2.0, 4.0, 6.0], "stepped", panel=1) | stepped
+    other = line([], [2.0, 4.0, 6.0], "stepped", panel=1, look={"shape": "hv", "dash": "dot"}, x0=0.0, dx=1.5)
     del other["x"]
     traces = [dashed, other, marks([2.0], [3.0], "cross", "x-thin-open", panel=1, showlegend=False)]
-    more = {"shapes": [*bands([(0.5, 1.0)]), *bands([(2.0, 2.5)], rows="y2 domain")], "annotations": [above("name", 1)]}
-    made = layout("angle", [("first", (-4.0, 4.0)), ("second", None)], traces, x_range=(0.0, 3.0), **more)
-    made["xaxis"] |= {"dtick": 1.5}
-    made["yaxis"] |= {"tickvals": [-4, 4], "ticktext": ["low", "very<br>high"]}
-    return Figure("What is drawn", traces, made)
+    more = {"shapes": [*bands([(0.5, 1.0)]), *bands([(2.0, 2.5)], 1)], "annotations": [above("name", 1)]}
+    panels = [("first", (-4.0, 4.0)), ("second", None)]
+    made = figure("What is drawn", "angle", panels, traces, x_range=(0.0, 3.0), **more)
+    made.layout["xaxis"] |= {"dtick": 1.5}
+    made.layout["yaxis"] |= {"tickvals": [-4, 4], "ticktext": ["low", "very<br>high"]}
+    return made
 
 
 def test_a_specification_is_drawn_with_its_lines_gaps_marks_bands_ticks_and_texts(specification):
@@ -144,12 +130,8 @@ def test_a_specification_is_drawn_with_its_lines_gaps_marks_bands_ticks_and_text
 
 
 def test_figures_over_one_axis_share_it_and_a_legend_and_others_have_their_own(specification):
-    other = Figure(
-        "Other",
-        specification.traces,
-        specification.layout
-        | {"xaxis": specification.layout["xaxis"] | {"title": {"text": "force"}, "range": [0.0, 9.0]}},
-    )
+    across = {"xaxis": specification.layout["xaxis"] | {"title": {"text": "force"}, "range": [0.0, 9.0]}}
+    other = dataclasses.replace(specification, caption="Other", layout=specification.layout | across)
     axes = drawn(specification, specification, other).axes
     assert [one.get_xlabel() for one in axes] == ["", "", "", "angle", "", "force"]
     assert [one.get_xlim()[1] for one in axes] == [3.0] * 4 + [9.0] * 2

@@ -8,8 +8,7 @@ from trains import build, gearbox_parts
 
 import jaxhb
 from jaxhb.cli.main import main
-from jaxhb.report.figures import layout, sketch
-from jaxhb.report.figures.layout import disk_radii
+from jaxhb.report.figures.layout import Layout, disk_radii
 from jaxhb.report.figures.sketch import plot_train
 
 SCENES = ["gear_train_30", "engine_with_damper", "six_cylinder_diesel", "spur_pair"]
@@ -28,16 +27,14 @@ def branched():
     return jaxhb.build(parts, reference="crank", name="branched")
 
 
-def trains():
-    yield from ((name, jaxhb.load_scene(name)) for name in SCENES)
-    yield "branched", branched()
-    yield "loop", build(gearbox_parts(), reference="motor")
+@pytest.fixture(scope="module", params=[*SCENES, "branched", "loop"])
+def train(request):
+    made = {"branched": branched, "loop": lambda: build(gearbox_parts(), reference="motor")}
+    return made[request.param]() if request.param in made else jaxhb.load_scene(request.param)
 
 
-@pytest.mark.parametrize("train", [pytest.param(train, id=name) for name, train in trains()])
 def test_gears_in_mesh_touch_and_other_circles_lie_apart(train):
-    found, topology = layout.layout(train), train.topology
-    assert np.isfinite([found.x, found.y]).all()
+    found, topology = Layout(train), train.topology
     mates = {frozenset(topology.link_ends[link]) for link in found.touching}
     assert len(mates) == len(topology.mesh_names) or topology.name not in SCENES
     size = np.maximum(found.disk, found.pitch)
@@ -49,7 +46,6 @@ def test_gears_in_mesh_touch_and_other_circles_lie_apart(train):
             assert distance > size[a] + size[b]
 
 
-@pytest.mark.parametrize("train", [pytest.param(train, id=name) for name, train in trains()])
 def test_every_disk_has_its_name_and_no_name_lies_on_another_or_on_a_disk(train):
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
@@ -78,26 +74,20 @@ def test_a_shaft_that_closes_a_loop_passes_the_disks_between_its_ends():
     parts = [jaxhb.Disk(name=name, inertia=0.1) for name in "abc"]
     parts += [jaxhb.Shaft(between=ends, stiffness=1e4) for ends in (("a", "b"), ("b", "c"), ("c", "a"))]
     train = jaxhb.build(parts, revolutions_per_cycle=1)
-    found, lines = layout.layout(train), sketch.plot_train(train).axes[0].lines
+    found, lines = Layout(train), plot_train(train).axes[0].lines
     points = np.concatenate([line.get_xydata() for line in lines if len(line.get_xydata()) > 2])
     assert np.hypot(points[:, 0] - found.x[1], points[:, 1] - found.y[1]).min() > found.disk[1]
 
 
-def test_scene_draws_the_train_and_prints_it_only_if_asked(tmp_path, capsys):
-    picture, copy = tmp_path / "train.png", tmp_path / "copy.toml"
+def test_scene_draws_the_train_and_prints_it_only_if_asked_and_refuses_what_nobody_can_read(tmp_path, capsys):
+    picture = tmp_path / "train.png"
     assert main(["scene", "spur_pair", "--plot", str(picture)]) == 0
     assert capsys.readouterr().out == f"{picture} is written.\n"
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert main(["scene", "spur_pair", "--plot", str(picture), "--expand"]) == 0
     assert "[[mesh]]" in capsys.readouterr().out
-    assert main(["scene", "spur_pair", "--plot", str(picture), "--out", str(copy)]) == 0
-    assert jaxhb.load_scene(copy).topology.n_disks == 2
-
-
-def test_a_sketch_that_nobody_can_read_is_refused(tmp_path, capsys):
     rows = "".join(f"d{i},1\n" for i in range(401))
     links = "".join(f"d{i},d{i + 1},1e5\n" for i in range(400))
     (tmp_path / "long.csv").write_text(f"name,inertia\n{rows}\nfrom,to,stiffness\n{links}")
     assert main(["scene", str(tmp_path / "long.csv"), "--plot", str(tmp_path / "long.png")]) == 2
-    assert "a sketch of 401 disks cannot be read; at most 400 are drawn" in capsys.readouterr().err
-    assert not (tmp_path / "long.png").exists()
+    assert "401 disks" in capsys.readouterr().err and not (tmp_path / "long.png").exists()

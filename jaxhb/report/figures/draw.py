@@ -1,11 +1,14 @@
-"""Pictures of specifications by matplotlib: what plotly.js draws on the page, for files and notebooks."""
+"""Pictures of specifications by matplotlib, for files and notebooks: what plotly.js draws on the page. The only
+importer of matplotlib; without pyplot, for any backend."""
 
 import textwrap
 
 import numpy as np
+from matplotlib.figure import Figure as Picture
+from matplotlib.lines import Line2D
+from matplotlib.transforms import ScaledTranslation
 
 from jaxhb.report.figures.figure import legend_columns
-from jaxhb.report.figures.style import MOTIONS, line_key, new_figure, raised
 
 PIXELS = 75
 """Of the page in an inch of the height, as in its width."""
@@ -17,28 +20,23 @@ LETTERS = 112
 """Of a line of a caption."""
 DASHES: dict = {"solid": "-", "dash": "--", "dashdot": "-.", "dot": ":"}
 DASHES |= {"longdash": (0, (9, 2.5)), "longdashdot": (0, (9, 2, 1.5, 2))}
-MARKERS = {symbol.removesuffix("-open"): marker for marker, symbol, *_ in MOTIONS.values()}
-MARKERS |= {"triangle-up": "^", "cross": "P"}
-ANCHORS = {"bottom": "bottom", "middle": "center", "top": "top"}
+MARKERS = {"circle": "o", "square": "s", "diamond": "D", "star": "*", "triangle-down": "v", "triangle-up": "^"}
+MARKERS |= {"cross": "P", "x-thin": "x", "cross-thin": "+"}
+
+
+def empty(width, height, **more):
+    """A picture of so many inches with nothing in it."""
+    return Picture(figsize=(width, height), **more)
 
 
 def drawn(*figures, title=""):
-    """A picture of specifications, one below the other.
+    """A matplotlib figure of specifications one below the other, with axes for every panel from the top.
 
-    Parameters
-    ----------
-    figures : Figure
-        Panels stand over one axis as long as its title is the same; a legend that stands above is not repeated.
-    title : str, optional
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        With axes for every panel, from the top.
+    Panels stand over one axis as long as its title is the same; a legend that stands above is not repeated.
     """
     layouts = [figure.layout for figure in figures]
     inside = sum(layout["height"] - layout["margin"]["b"] for layout in layouts)
-    picture = new_figure((inside + layouts[-1]["margin"]["b"]) / PIXELS)
+    picture = empty(9.0, (inside + layouts[-1]["margin"]["b"]) / PIXELS, layout="constrained")
     picture.suptitle(_wrapped(title), fontsize="medium")
     rows = [_panels(layout) for layout in layouts]
     heights = [height for panels in rows for height in panels.values()]
@@ -97,12 +95,18 @@ def _draw(figure, panels):
 
 
 def _draw_axis(axes, which, axis):
-    """Range, ticks and grid of an axis."""
-    axes.ticklabel_format(axis=which, style="plain", useOffset=False)
-    if "range" in axis:
-        axes.set(**{f"{which}lim": axis["range"]})
+    """Scale, range, ticks and grid of an axis."""
+    limits = axis.get("range")
+    if axis.get("type") == "log":
+        axes.set(**{f"{which}scale": "log"})
+        getattr(axes, f"{which}axis").set_major_formatter("{x:g}")
+        limits = limits and [10**limit for limit in limits]
+    else:
+        axes.ticklabel_format(axis=which, style="plain", useOffset=False)
+    if limits:
+        axes.set(**{f"{which}lim": limits})
     if "dtick" in axis:
-        axes.set(**{f"{which}ticks": np.arange(axis["range"][0], axis["range"][1] * (1 + 1e-9), axis["dtick"])})
+        axes.set(**{f"{which}ticks": np.arange(limits[0], limits[1] * (1 + 1e-9), axis["dtick"])})
     if "tickvals" in axis:
         said = [text.replace("<br>", "\n") for text in axis["ticktext"]]
         axes.set(**{f"{which}ticks": axis["tickvals"], f"{which}ticklabels": said})
@@ -115,7 +119,7 @@ def _draw_trace(axes, trace):
     """A line with gaps where there is no number, and its markers, which may be of several kinds."""
     y = np.array(trace["y"], float)
     x = np.array(trace["x"], float) if "x" in trace else trace["x0"] + trace["dx"] * np.arange(len(y))
-    symbols = np.broadcast_to(_symbols(trace), len(y))
+    symbols = np.broadcast_to(_symbol(trace), len(y))
     if len(set(symbols)) < 2:
         axes.plot(x, y, **_look(trace, symbols[0] if len(y) else ""))
         return
@@ -125,7 +129,7 @@ def _draw_trace(axes, trace):
         axes.plot(x[there], y[there], **_look(trace, symbol) | {"linestyle": "none"})
 
 
-def _symbols(trace):
+def _symbol(trace):
     """The symbol of a trace or of every point; "" without."""
     return trace.get("marker", {}).get("symbol", "circle") if "markers" in trace["mode"] else ""
 
@@ -142,7 +146,7 @@ def _look(trace, symbol):
         name = symbol.removesuffix("-open")
         look |= {"marker": MARKERS[name], "markerfacecolor": colour if name == symbol else "none"}
         look |= {"markersize": POINTS * marker.get("size", 6) * (1.5 if name == "star" else 1.0)}
-        look |= {"markeredgecolor": colour, "markeredgewidth": POINTS * marker.get("line", {}).get("width", 1.2)}
+        look |= {"markeredgecolor": colour, "markeredgewidth": POINTS * (marker.get("line", {}).get("width") or 1.2)}
         look["markevery"] = max(1, len(trace["y"]) // marker.get("maxdisplayed", len(trace["y"]) or 1))
     return look
 
@@ -151,15 +155,14 @@ def _draw_note(panels, note):
     """A text: at a place of the axes or of the data, moved by pixels."""
     across, along = note.get("yref", "y"), note.get("xref", "x")
     style = {"fontsize": POINTS * note["font"]["size"], "ha": note.get("xanchor", "center")}
-    style |= {"va": ANCHORS[note.get("yanchor", "middle")], "annotation_clip": False}
+    style |= {"va": note.get("yanchor", "middle").replace("middle", "center"), "annotation_clip": False}
     if "bgcolor" in note:
         style["bbox"] = {"facecolor": note["bgcolor"], "edgecolor": "none", "pad": 0.5}
-    places = "axes fraction" if along == "paper" else "data", "axes fraction" if "domain" in across else "data"
     panels[across.removesuffix(" domain")].annotate(
         note["text"].replace("<br>", "\n"),
         (note["x"], note["y"]),
-        (POINTS * note.get("xshift", 0), 0),
-        xycoords=places,
+        (POINTS * note.get("xshift", 0), POINTS * note.get("yshift", 0)),
+        xycoords=("axes fraction" if along == "paper" else "data", "axes fraction" if "domain" in across else "data"),
         textcoords="offset points",
         **style,
     )
@@ -168,8 +171,7 @@ def _draw_note(panels, note):
 def _draw_legend(axes, figure, known):
     """Caption and legend above a panel, without keys if all are known; their names and looks."""
     shown = [trace for trace in figure.traces if trace.get("showlegend", True)] * figure.layout["showlegend"]
-    looks = [_look(trace, np.ravel(_symbols(trace))[0]) for trace in shown]
-    keys = [line_key(trace["name"], look.pop("color"), **look) for trace, look in zip(shown, looks, strict=True)]
+    keys = [Line2D([], [], label=trace["name"], **_look(trace, np.ravel(_symbol(trace))[0])) for trace in shown]
     own = {(key.get_label(), str(key.get_linestyle()), str(key.get_marker()), key.get_color()) for key in keys}
     # Texts above a panel stand between it and the caption.
     room = 13 if any(note.get("yanchor") == "bottom" for note in figure.layout["annotations"]) else 3
@@ -181,7 +183,7 @@ def _draw_legend(axes, figure, known):
         alignment="left",
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),
-        bbox_transform=raised(axes, room),
+        bbox_transform=axes.transAxes + ScaledTranslation(0, room / 72, axes.figure.dpi_scale_trans),
         borderaxespad=0.0,
         borderpad=0.0,
         frameon=False,

@@ -6,30 +6,40 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jaxhb.report.figures.style import GAP, MOTIONS, WITH, WITHOUT
-
-WIDTH, PANEL, EDGES = 680, 155, 70
-"""Pixels: what an A4 page has between its margins, the height of a panel, and what axes take beside it."""
+WIDTH, PANEL, BOTTOM = 680, 155, 46
+"""Pixels: what an A4 page has between its margins, the height of a panel, and what the axis below takes."""
 
 LEGEND_ROW, LETTER, KEY = 19, 4.9, 46
 """Pixels of a row of the legend, of a letter in it, and of the line before its name."""
 
 HEADROOM = 1.08
 DIGITS = 5
+MARKED = 80
+"""Points up to which every one is marked, or with a large mark."""
 
-SYMBOLS = {kind: symbol for kind, (_, symbol, *_) in MOTIONS.items() if kind != "unknown"}
-"""Symbol of every kind of motion that has numbers."""
-
-NO_ANSWER = MOTIONS["unknown"][-1]
+WITH, WITHOUT, GREY, BAND = "#b3261e", "#1f4e79", "#6f6f6f", "#e3e3e3"
 STYLES = (
     {"color": WITH, "dash": "solid"},
     {"color": WITHOUT, "dash": "dash"},
     {"color": "#2e7d32", "dash": "dashdot"},
-    {"color": "#6f6f6f", "dash": "dot"},
+    {"color": GREY, "dash": "dot"},
     {"color": "#6a1b9a", "dash": "longdash"},
     {"color": "#ef6c00", "dash": "longdashdot"},
 )
 """Lines that differ without colour."""
+
+MOTIONS = {
+    "contact": ("circle", "teeth in contact"),
+    "periodic": ("square", "periodic, one cycle"),
+    "subharmonic": ("diamond", "period of several cycles"),
+    "irregular": ("star", "irregular"),
+    "unstable": ("triangle-down", "unstable: the train does not run there"),
+    None: ("x-thin-open", "no answer: unknown, or not converged"),
+}
+"""Symbol and words of every kind of motion, in every picture; None: there are no numbers."""
+
+NO_ANSWER = MOTIONS[None][1]
+ALONG = {"type": "rect", "xref": "x", "y0": 0, "y1": 1, "layer": "below", "fillcolor": BAND, "line": {"width": 0}}
 
 
 @dataclass(frozen=True)
@@ -41,75 +51,41 @@ class Figure:
     layout: dict
 
 
-def numbers(values):
-    """Numbers as they go into the page: five digits, None where there is none."""
-    return [float(f"{value:.{DIGITS}g}") if math.isfinite(value) else None for value in map(float, values)]
-
-
-def line(x, y, name, style=0, *, panel=0, **more):
-    """A line over x; ``style`` numbers one of STYLES."""
-    own = {"type": "scatter", "mode": "lines", "x": numbers(x), "y": numbers(y), "name": name}
-    turn, place = divmod(style, len(STYLES))
-    # What has a colour once more has another dash than before.
-    look = {"color": STYLES[place]["color"], "dash": STYLES[(place + turn) % len(STYLES)]["dash"], "width": 1.6}
-    return own | _axis(panel) | {"line": look} | more
-
-
-def marks(x, y, name, symbol, *, panel=0, size=8, color="black", **more):
-    """Points over x."""
-    own = {"type": "scatter", "mode": "markers", "x": numbers(x), "y": numbers(y), "name": name}
-    return own | _axis(panel) | {"marker": {"symbol": symbol, "size": size, "color": color}} | more
-
-
-def _axis(panel):
-    return {"yaxis": f"y{panel + 1}" if panel else "y"}
-
-
-def layout(x_title, panels, traces, *, x_range=None, heights=None, shapes=(), annotations=()):
-    """The layout of panels above one another over one axis.
-
-    Parameters
-    ----------
-    x_title : str
-    panels : list of (title, range or None)
-        From the first, at the top.
-    traces : list of dict
-        Their names make the legend.
-    x_range : (low, high), optional
-    heights : list of float, pixels, optional
-    """
-    heights = heights or [PANEL] * len(panels)
+def figure(caption, x_title, panels, traces, *, x_range=None, height=PANEL, shapes=(), annotations=()):
+    """A :class:`Figure` of panels above one another, each a (title, range or None) from the top, over one axis."""
     rows = _legend_rows(traces)
     above, gap = 12 + LEGEND_ROW * rows, 26
-    inside = sum(heights) + gap * (len(panels) - 1)
+    inside = height * len(panels) + gap * (len(panels) - 1)
     axis = {"showline": True, "mirror": True, "linecolor": "black", "ticks": "outside", "gridcolor": "#e4e4e4"}
     axis["exponentformat"] = "none"
     made = {
         "width": WIDTH,
-        "height": round(inside + above + EDGES - 15),
-        "margin": {"l": 62, "r": 14, "t": above, "b": 46, "autoexpand": False},
+        "height": round(inside + above + BOTTOM + 9),
+        "margin": {"l": 62, "r": 14, "t": above, "b": BOTTOM, "autoexpand": False},
         "font": {"size": 11, "color": "black", "family": "Arial, Helvetica, sans-serif"},
         "paper_bgcolor": "white",
         "plot_bgcolor": "white",
         "hovermode": "closest",
         "showlegend": rows > 0,
         "legend": {"orientation": "h", "x": 0, "y": 1 + 6 / inside, "yanchor": "bottom", "font": {"size": 10}},
-        "xaxis": axis | {"title": {"text": x_title}, "zeroline": False, "anchor": _last("y", len(panels))},
+        "xaxis": axis | {"title": {"text": x_title}, "zeroline": False, "anchor": _numbered("y", len(panels) - 1)},
         "shapes": list(shapes),
         "annotations": list(annotations),
     }
-    made["xaxis"] |= {"range": [float(x) for x in x_range]} if x_range is not None else {}
-    top = inside
-    for number, ((title, limits), height) in enumerate(zip(panels, heights, strict=True)):
-        own = axis | {"title": {"text": title}, "domain": [max(0.0, (top - height) / inside), top / inside]}
-        own |= {"zerolinecolor": "#9a9a9a"} | ({"range": [float(y) for y in limits]} if limits is not None else {})
-        made[_last("yaxis", number + 1)] = own
-        top -= height + gap
-    return made
+    made["xaxis"] |= _range(x_range)
+    for panel, (title, limits) in enumerate(panels):
+        top = inside - panel * (height + gap)
+        own = {"title": {"text": title}, "domain": [max(0.0, (top - height) / inside), top / inside]}
+        made[_numbered("yaxis", panel)] = axis | own | {"zerolinecolor": "#9a9a9a"} | _range(limits)
+    return Figure(caption, traces, made)
 
 
-def _last(name, count):
-    return name if count == 1 else f"{name}{count}"
+def _numbered(name, panel):
+    return f"{name}{panel + 1}" if panel else name
+
+
+def _range(limits):
+    return {} if limits is None else {"range": [float(limit) for limit in limits]}
 
 
 def _legend_rows(traces):
@@ -126,10 +102,83 @@ def legend_columns(traces):
     return max(1, int((WIDTH - 76) // max(widths)))  # plotly gives every entry the width of the longest
 
 
-def top_of(*columns):
-    """Range of an axis from zero that holds all numbers."""
-    known = [y for column in columns for y in column if y is not None and math.isfinite(y)]
-    highest = max(known, default=0.0)
+def numbers(values):
+    """Numbers as they go into the page: five digits, None where there is none."""
+    return [float(f"{value:.{DIGITS}g}") if math.isfinite(value) else None for value in map(float, values)]
+
+
+def line(x, y, name, style=0, *, panel=0, look=None, **more):
+    """A line over x; ``style`` numbers one of STYLES, ``look`` is what differs from it."""
+    own = {"type": "scatter", "mode": "lines", "x": numbers(x), "y": numbers(y), "name": name}
+    turn, place = divmod(style, len(STYLES))
+    # What has a colour once more has another dash than before.
+    drawn = STYLES[place] | {"dash": STYLES[(place + turn) % len(STYLES)]["dash"], "width": 1.6} | (look or {})
+    return own | {"yaxis": _numbered("y", panel), "line": drawn} | more
+
+
+def bars(x, low, high, name, *, panel=0, look=None, **more):
+    """Upright bars, all in one line: nan ends each."""
+    gaps = np.full(len(x), np.nan)
+    ends = (np.stack(columns, axis=-1).ravel() for columns in ((x, x, gaps), (low, high, gaps)))
+    return line(*ends, name, panel=panel, look=look, **more)
+
+
+def marks(x, y, name, symbol, *, panel=0, size=8, color="black", **more):
+    """Points over x."""
+    own = {"type": "scatter", "mode": "markers", "x": numbers(x), "y": numbers(y), "name": name}
+    marker = {"symbol": symbol, "size": size, "color": color, "line": {"width": 2 * ("thin" in symbol), "color": color}}
+    return own | {"yaxis": _numbered("y", panel), "marker": marker} | more
+
+
+def kind_of(answer):
+    """Key of MOTIONS."""
+    if not answer.answered:
+        return None
+    if answer.growth.unstable:
+        return "unstable"
+    return answer.state.kind if answer.topology.mesh_names else "periodic"
+
+
+def motion_line(answers, values, name, style=0, *, hollow=False):
+    """A line over the speed with the symbol of the kind of motion at every speed; a gap where there is no answer."""
+    kinds = [kind_of(answer) for answer in answers]
+    symbols = [(MOTIONS[kind][0] if kind else "circle") + "-open" * hollow for kind in kinds]
+    said, hover = [MOTIONS[kind][1] for kind in kinds], f"%{{x}} {answers[0].axis.unit}: %{{y}}, %{{text}}"
+    more = {"mode": "lines+markers", "text": said, "hovertemplate": hover}
+    more["marker"] = {"symbol": symbols, "size": (6 if len(answers) <= MARKED else 4) + 3 * hollow}
+    return line([answer.place for answer in answers], values, name, style, **more)
+
+
+def kind_marks(answers, points, title="", *, hollow=False, **more):
+    """Points of answers, each with arrays x and y, in traces by their kinds of motion."""
+    found, kinds = [], [kind_of(answer) for answer in answers]
+    for kind in (kind for kind in MOTIONS if kind in kinds):
+        own = [point for point, other in zip(points, kinds, strict=True) if other == kind]
+        symbol, said = MOTIONS[kind]
+        hover = {"hovertemplate": f"%{{x}} {answers[0].axis.unit}: {said}<extra></extra>"}
+        name = f"{said}, {title}".removesuffix(", ")
+        symbol += "-open" * (hollow and kind is not None)
+        found.append(
+            marks(*(np.concatenate(column) for column in zip(*own, strict=True)), name, symbol, **hover, **more)
+        )
+    return found
+
+
+def kind_keys(*lists):
+    """Entries of the legend for the kinds of motion that occur, and crosses at the bottom where there is no answer."""
+    met = {kind_of(answer) for answers in lists for answer in answers}
+    keys = [marks([np.nan], [np.nan], said, symbol) for kind, (symbol, said) in MOTIONS.items() if kind in met - {None}]
+    return keys + crosses(sorted({answer.place for answers in lists for answer in answers if not answer.answered}))
+
+
+def crosses(speeds, bottom=0.0):
+    """Crosses at the bottom where there is no answer, in a list."""
+    return [marks(speeds, [bottom] * len(speeds), NO_ANSWER, "x-thin-open", cliponaxis=False)] if len(speeds) else []
+
+
+def top_of(traces):
+    """Range of an axis from zero that holds all numbers of some lines."""
+    highest = max((y for trace in traces for y in trace["y"] if y is not None), default=0.0)
     return (0.0, HEADROOM * highest if highest > 0 else 1.0)
 
 
@@ -140,52 +189,18 @@ def speed_range(rpm):
     return (low - edge, high + edge)
 
 
-def kind_of(answer):
-    """Key of SYMBOLS; None where there is no answer."""
-    if not answer.answered:
-        return None
-    if answer.growth.unstable:
-        return "unstable"
-    return answer.state.kind if answer.topology.mesh_names else "periodic"
-
-
-def kind_word(kind):
-    """A kind of motion in a few words."""
-    return MOTIONS[kind][-1].split(" (")[0]
-
-
-def motion_line(answers, values, name, style=0, *, panel=0, hollow=False):
-    """A line over the speed with the symbol of the kind of motion at every speed; a gap where there is no answer."""
-    symbols = [SYMBOLS.get(kind_of(answer), "circle") + "-open" * hollow for answer in answers]
-    said = [kind_word(kind_of(answer) or "unknown") for answer in answers]
-    more = {"mode": "lines+markers", "text": said, "hovertemplate": f"%{{x}} {answers[0].axis.unit}: %{{y}}, %{{text}}"}
-    more["marker"] = {"symbol": symbols, "size": 6 if len(answers) <= 80 else 4}
-    return line([answer.place for answer in answers], values, name, style, panel=panel, **more)
-
-
-def kind_keys(*lists):
-    """Entries of the legend for the kinds of motion that occur, and crosses at the bottom where there is no answer."""
-    met = {kind_of(answer) for answers in lists for answer in answers}
-    keys = [marks([np.nan], [np.nan], kind_word(kind), symbol) for kind, symbol in SYMBOLS.items() if kind in met]
-    return keys + crosses(sorted({answer.place for answers in lists for answer in answers if not answer.answered}))
-
-
-def crosses(speeds):
-    """Crosses at the bottom where there is no answer, in a list."""
-    style = {"marker": {"symbol": "x-thin-open", "size": 9, "color": "black", "line": {"width": 2}}}
-    made = marks(speeds, np.zeros(len(speeds)), NO_ANSWER, "", **style, cliponaxis=False)
-    return [made] if len(speeds) else []
-
-
-def bands(edges, *, rows="paper"):
-    """Grey bands between pairs of x, over the whole height."""
-    place = {"type": "rect", "xref": "x", "yref": rows, "y0": 0, "y1": 1, "layer": "below"}
-    return [
-        place | {"x0": float(low), "x1": float(high), "fillcolor": GAP, "line": {"width": 0}} for low, high in edges
-    ]
+def bands(edges, panel=None):
+    """Grey bands between pairs of x, over the whole height or that of a panel."""
+    rows = "paper" if panel is None else f"{_numbered('y', panel)} domain"
+    return [ALONG | {"yref": rows, "x0": float(low), "x1": float(high)} for low, high in edges]
 
 
 def above(text, panel):
     """A text above a panel, at the left."""
-    place = {"xref": "paper", "x": 0.0, "yref": f"y{panel + 1 if panel else ''} domain", "y": 1.0}
+    place = {"xref": "paper", "x": 0.0, "yref": f"{_numbered('y', panel)} domain", "y": 1.0}
     return place | {"text": text, "showarrow": False, "xanchor": "left", "yanchor": "bottom", "font": {"size": 10}}
+
+
+def plain(name):
+    """``a|b`` as a label."""
+    return name.replace("|", " - ")

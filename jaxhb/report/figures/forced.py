@@ -5,9 +5,8 @@ import numpy as np
 from jaxhb.linear.strength import strength
 from jaxhb.report.answer import shown
 from jaxhb.report.figures.draw import drawn
-from jaxhb.report.figures.figure import Figure, crosses, layout, line, top_of
+from jaxhb.report.figures.figure import crosses, figure, line, plain, top_of
 from jaxhb.report.figures.limits import judged_elements, limit_figure
-from jaxhb.report.figures.style import plain
 from jaxhb.report.selection import NOT_FIRING, train_name
 from jaxhb.report.text.forced import KINDS, signal_of
 
@@ -23,26 +22,9 @@ def plot_forced(response, found, misfires=None, worst=None):
 
     What the scene gives limits for has panels below: stresses, tooth torques and heat beside their limits, barred
     ranges shaded; of the elements drawn if few are given, else of each kind what comes nearest to its limit.
-
-    Parameters
-    ----------
-    response : ForcedResponse, of several speeds
-    found : list of Reading
-        Of more than four, and of all elements, the shaft and the mesh that swing most are drawn.
-    misfires : Misfires, worst : dict from :func:`jaxhb.report.text.forced.worst_of`, both optional
-        With them each element has the half peak-to-peak of its worst misfire beside it.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Examples
-    --------
-    >>> import jaxhb
-    >>> from jaxhb.report.text.forced import readings
-    >>> sweep = jaxhb.forced_response(jaxhb.load_scene("six_cylinder_diesel"), rpm=[1000.0, 1500.0, 2000.0])
-    >>> len(plot_forced(sweep, readings(sweep)).axes)
-    1
+    Of more than four readings ``found`` the shaft and the mesh that swing most are drawn. With ``misfires`` and the
+    ``worst`` of them (:func:`jaxhb.report.text.forced.worst_of`) each element has the half peak-to-peak of its worst
+    misfire beside it.
     """
     return drawn(*forced_figures(response, found, misfires, worst), title=train_name(response.topology))
 
@@ -53,54 +35,44 @@ def forced_figures(response, found, misfires=None, worst=None):
     known = [one.at(certain) for one in found] if certain.any() else found
     chosen = known if len(found) <= MOST else hardest_elements(known)
     judged = strength(shown(response))
-    limited = judged_elements(judged, {one.name for one in found}, each=len(found) <= MOST)
 
     def beside(name):
         """The worst misfire of an element."""
         return {f"{worst[name].cylinder}{NOT_FIRING}": misfires.responses[worst[name].cylinder]} if misfires else {}
 
     figures = [orders_figure(response, one, beside(one.name)) for one in chosen]
-    for kind, name in limited:
+    for kind, name in judged_elements(judged, {one.name for one in found}, each=len(found) <= MOST):
         cases = {title: strength(shown(other)) for title, other in beside(name).items()}
         figures.append(limit_figure({"": judged} | cases, kind, name))
     return figures
 
 
 def orders_figure(response, element, misfires, title=""):
-    """Synthesis, sum and main orders of an element over the speed; gaps and crosses where there is no answer.
+    """Synthesis, sum and main orders of an element, a Reading, over the speed; gaps and crosses without an answer.
 
-    Parameters
-    ----------
-    response : ForcedResponse, of several speeds
-    element : Reading
-    misfires : dict
-        Responses by title, whose half peak-to-peak stands beside it.
-    title : str, of the case
+    misfires : responses by title, whose half peak-to-peak stands beside it; title : of the case
     """
     factor, unit = element.shown
     signal, rpm = signal_of(response, element.name, element.kind), response.rpm
     converged = np.asarray(response.converged)
     certain = np.where(converged, factor, np.nan)
     traces = [
-        line(rpm, certain * signal.half_peak_to_peak, "half peak-to-peak"),
+        line(rpm, certain * signal.half_peak_to_peak, "half peak-to-peak", look={"width": 2.4}),
         line(rpm, certain * signal.sum_of_amplitudes, "sum of amplitudes", 3),
     ]
-    traces[0]["line"] |= {"width": 2.4}
     for called, other in misfires.items():
         own = signal_of(other, element.name, element.kind).half_peak_to_peak
         own = np.where(other.converged, factor, np.nan) * own
         traces.append(line(rpm, own, f"half peak-to-peak, {plain(called)}", 1))
     for number, k in enumerate(element.main() if converged.any() else ()):
         marker = {"symbol": SYMBOLS[number % len(SYMBOLS)], "size": 6, "maxdisplayed": 12}
-        more = {"mode": "lines+markers", "marker": marker}
+        more = {"mode": "lines+markers", "marker": marker, "look": {"width": 1.0}}
         traces.append(line(rpm, certain * signal.amplitudes[:, k], f"order {signal.orders[k]:g}", 2 + number, **more))
-        traces[-1]["line"] |= {"width": 1.0}
-    panels = [(f"{KINDS[element.kind][1]}, {unit}", top_of(*(trace["y"] for trace in traces)))]
+    panels = [(f"{KINDS[element.kind][1]}, {unit}", top_of(traces))]
     traces += crosses(rpm[~converged])
     across = (rpm[0], rpm[-1]) if len(rpm) > 1 else None
-    made = layout("speed, rpm", panels, traces, x_range=across, heights=[220])
     said = f"linear forced response over the speed, {title}".removesuffix(", ")
-    return Figure(f"{plain(element.name)}: {said}, {unit}", traces, made)
+    return figure(f"{plain(element.name)}: {said}, {unit}", "speed, rpm", panels, traces, x_range=across, height=220)
 
 
 def hardest_elements(found):

@@ -1,14 +1,11 @@
 """Where everything lies in a sketch of the train: rotors as horizontal lines of disks, gears in mesh touching.
 
 Lengths are in units of a shaft between two small disks. The longest line of the reference rotor comes first; branches
-of shafts and rotors in mesh are put where they hit nothing, tried above and below, to the left and to the right. Pitch
-circles have the sizes of the gears to one another; disks are drawn as if all had one thickness and density, their
-radius growing with the fourth root of the inertia.
+of shafts and rotors in mesh are put where they hit nothing, tried above and below, to the left and to the right.
+Whatever takes room is a row of circles.
 """
 
 import itertools
-from collections import deque
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -30,51 +27,54 @@ REACH, SLANTS = 12, (0.0, 1.0, -1.0, 2.0, -2.0)
 """Distances at which a branch is tried, and how far to the side."""
 
 
-@dataclass
-class Layout:
-    """Places of the parts of a train, made by :func:`layout`.
+def neighbours(topology, links):
+    """Neighbours of every disk by some links of the train, without those that close a loop."""
+    near = [[] for _ in range(topology.n_disks)]
+    for link in np.setdiff1d(links, span(topology).loops).tolist():
+        a, b = topology.link_ends[link]
+        near[a].append(b)
+        near[b].append(a)
+    return near
 
-    x, y : ``(S,)``; disk, pitch : ``(S,)`` radii, pitch 0 of disks that are no gears; names : disk -> (x, y, text,
-    whether it is upright), centres of texts; touching : links whose pitch circles touch; low, high : ``(2,)`` corners
+
+def ways(near, start, *, through=False):
+    """Ways through the disks that hang on ``start``, on which every link lies once.
+
+    The longest, or the longest from ``start`` if it has to lie on the first; then branches, each from a disk of an
+    earlier way.
     """
+    first = _longest(near, _longest(near, start)[-1])  # in a tree what is farthest from any is an end of a longest way
+    if through and start not in first:
+        first = _longest(near, start)
+    # As the scene runs, whichever end the search began at.
+    found = [first if first[0] < first[-1] else first[::-1]]
+    placed = set(first)
+    for way in found:
+        for disk in way:
+            while branches := [_longest(near, other, placed) for other in near[disk] if other not in placed]:
+                found.append([disk, *max(branches, key=len)])
+                placed.update(found[-1])
+    return found
 
-    x: np.ndarray
-    y: np.ndarray
-    disk: np.ndarray
-    pitch: np.ndarray
-    names: dict = field(default_factory=dict)
-    touching: set = field(default_factory=set)
-    low: np.ndarray | None = None
-    high: np.ndarray | None = None
 
-
-def layout(train, named=True):
-    """Places of disks, gears and names.
-
-    Parameters
-    ----------
-    train : DriveTrain
-    named : bool
-        Whether names need room.
-
-    Returns
-    -------
-    Layout
-
-    Examples
-    --------
-    Two gears touch: the distance of their centres is the sum of their pitch radii.
-
-    >>> import jaxhb
-    >>> found = layout(jaxhb.load_scene("spur_pair"))
-    >>> found.x.round(6).tolist(), bool(np.isclose(np.ptp(found.y), found.pitch.sum()))
-    ([0.0, 0.0], True)
-    """
-    return _Placing(train, named).run()
+def _longest(near, start, taken=()):
+    """Disks from ``start`` to the one farthest from it, without those taken."""
+    above = {start: None}
+    queue = [start]
+    for disk in queue:
+        for other in near[disk]:
+            if other not in above and other not in taken:
+                above[other] = disk
+                queue.append(other)
+    path = [queue[-1]]
+    while above[path[-1]] is not None:
+        path.append(above[path[-1]])
+    return path[::-1]
 
 
 def disk_radii(train):
-    """Drawn radii ``(S,)`` of the disks and ``(S,)`` of the pitch circles, 0 where there is none."""
+    """Drawn radii ``(S,)`` of the disks, as if all had one thickness and density, and of the pitch circles, which have
+    the sizes of the gears to one another; 0 where there is none."""
     inertia = np.concatenate([np.asarray(train.disks.inertia, float), np.asarray(train.dampers.inertia, float)])
     share = (inertia / (inertia.max(initial=0.0) or 1.0)) ** 0.25
     disk = np.where(inertia > 0, np.maximum(DISK * share, LEAST), MASSLESS)
@@ -86,175 +86,119 @@ def disk_radii(train):
     return disk, pitch
 
 
-def longest_way(near, start, taken=()):
-    """Disks from ``start`` to the one farthest from it, without those taken; ``near``: neighbours of each."""
-    above, way = {start: None}, [start]
-    for disk in way:
-        for other in near[disk]:
-            if other not in above and other not in taken:
-                above[other] = disk
-                way.append(other)
-    path, disk = [], way[-1]
-    while disk is not None:
-        path.append(disk)
-        disk = above[disk]
-    return path[::-1]
+class Layout:
+    """Places of the parts of a train, ``named`` with room for names.
 
+    x, y ``(S,)``; disk, pitch ``(S,)``: radii; names: disk -> (x, y, text, whether it is upright), centres of texts;
+    touching: links whose pitch circles touch; low, high ``(2,)``: corners
 
-class _Placing:
-    """A layout in the making."""
+    Examples
+    --------
+    Two gears touch: the distance of their centres is the sum of their pitch radii.
 
-    def __init__(self, train, named):
-        self.topology = topology = train.topology
-        disk, pitch = disk_radii(train)
-        size = len(disk)
-        self.found = Layout(np.full(size, np.nan), np.zeros(size), disk, pitch)
-        self.named = named
-        self.boxes, self.circles = [], []  # (left, low, right, high) and (x, y, radius) of what is placed
-        first_mesh = len(topology.link_names) - len(topology.mesh_names)
-        loops = span(topology).loops.tolist()
-        self.near, self.meshes = ([[] for _ in range(size)] for _ in range(2))  # neighbours by shafts; and mates
-        for link, (a, b) in enumerate(topology.link_ends):
-            if link in loops:
-                continue
-            for one, other in ((a, b), (b, a)):
-                if link < first_mesh:
-                    self.near[one].append(other)
-                else:
-                    self.meshes[one].append((other, link))
+    >>> import jaxhb
+    >>> found = Layout(jaxhb.load_scene("spur_pair"))
+    >>> found.x.round(6).tolist(), bool(np.isclose(np.ptp(found.y), found.pitch.sum()))
+    ([0.0, 0.0], True)
+    """
 
-    def run(self):
-        """The layout, rotor by rotor from the reference rotor on."""
-        near, start = self.near, self.topology.rotor.index(self.topology.reference_rotor)
-        # In a tree the disk farthest from any other is an end of a longest way.
-        way = longest_way(near, longest_way(near, start)[-1])
-        way = way if way[0] < way[-1] else way[::-1]
-        self._take(self._line(way, 0, (0.0, 0.0), 1, 1))
-        rotors = deque([way])
-        while rotors:
-            ways = [rotors.popleft()]
-            for way in ways:
-                for disk in way:
-                    while branches := [
-                        longest_way(near, other, self._placed()) for other in near[disk] if other not in self._placed()
-                    ]:
-                        ways.append(max(branches, key=len))
-                        self._branch(disk, ways[-1])
-            for gear, other, link in [(d, *pair) for way in ways for d in way for pair in self.meshes[d]]:
-                if other not in self._placed():
-                    whole = longest_way(near, longest_way(near, other)[-1])
-                    line = whole if other in whole else longest_way(near, other)
-                    self._mesh(gear, other, link, line)
-                    rotors.append(line)
-        corners = np.array([*self.boxes, *((x - r, y - r, x + r, y + r) for x, y, r in self.circles)])
-        self.found.low, self.found.high = corners[:, :2].min(0), corners[:, 2:].max(0)
-        return self.found
+    def __init__(self, train, named=True):
+        self.topology, self.named = train.topology, named
+        self.disk, self.pitch = disk_radii(train)
+        self.x, self.y = np.full((2, len(self.disk)), np.nan)
+        self.names, self.touching = {}, set()
+        self.circles = np.zeros((0, 3))  # x, y and radius of what is placed
+        self._place()
+        places, radii = self.circles[:, :2], self.circles[:, 2:]
+        self.low, self.high = (places - radii).min(0), (places + radii).max(0)
 
-    def _placed(self):
-        return {int(disk) for disk in np.flatnonzero(~np.isnan(self.found.x))}
-
-    def _half(self, disk):
-        """Half the width that a disk takes in its line."""
-        gear = self.found.pitch[disk]
-        wide = len(self.topology.disk_names[disk]) * LETTER / 2 if gear and self.named else LINE / 2
-        return max(self.found.disk[disk], gear, wide)
+    def _place(self):
+        """Rotor by rotor from the reference rotor on."""
+        topology = self.topology
+        meshes = range(len(topology.link_names) - len(topology.mesh_names), len(topology.link_names))
+        shafts, mates = neighbours(topology, range(meshes.start)), neighbours(topology, meshes)
+        link_of = {frozenset(topology.link_ends[link]): link for link in meshes}
+        first = ways(shafts, topology.rotor.index(topology.reference_rotor))
+        self._take(first[0], self._line(first[0], 0, (0.0, 0.0), 1, 1))
+        rotors = [first]
+        for rotor in rotors:
+            for disk, *branch in rotor[1:]:
+                self._branch(disk, branch)
+            for gear in [disk for number, way in enumerate(rotor) for disk in way[number > 0 :]]:
+                for other in mates[gear]:
+                    if np.isnan(self.x[other]):
+                        rotors.append(ways(shafts, other, through=True))
+                        if self._mesh(gear, other, rotors[-1][0]):
+                            self.touching.add(link_of[frozenset((gear, other))])
 
     def _line(self, way, anchor, at, direction, side):
-        """A line of disks whose number ``anchor`` lies at a place: disk -> (x, y), shapes, and names.
+        """A line of disks, that with the number ``anchor`` at a place: the others' x, the line's y, names, and circles,
+        first those of the disks.
 
         direction : 1 to the right, -1 to the left; side : -1 with names below, 1 above
         """
-        steps = [self._half(a) + self._half(b) + GAP for a, b in zip(way, way[1:], strict=False)]
-        along = np.concatenate([[0.0], np.cumsum(steps)])
-        x = at[0] + direction * (along - along[anchor])
-        places = {disk: (float(place), at[1]) for disk, place in zip(way, x, strict=True)}
-        boxes = [(min(a, b), at[1] - APART, max(a, b), at[1] + APART) for a, b in zip(x, x[1:], strict=False)]
-        circles = [(*places[disk], max(self.found.disk[disk], self.found.pitch[disk])) for disk in way]
+        text = [self.topology.disk_names[disk] for disk in way]
+        disk, pitch = self.disk[way], self.pitch[way]
+        length, gear = LETTER * np.array([len(name) for name in text]) * self.named, pitch > 0
+        half = np.maximum.reduce([disk, pitch, np.where(gear, length, LINE) / 2])
+        along = np.concatenate([[0.0], np.cumsum(half[:-1] + half[1:] + GAP)])
+        x, y = at[0] + direction * (along - along[anchor]), at[1]
+        circles = [np.column_stack([x, np.full(len(way), y), np.maximum(disk, pitch)]), _row((x[0], y), (x[-1], y))]
         names = {}
-        for disk in way if self.named else ():
-            text = self.topology.disk_names[disk]
-            gear, length = self.found.pitch[disk] > 0, len(text) * LETTER
-            out = self.found.disk[disk] + (LINE / 2 + 0.03 if gear else length / 2 + 0.08)
-            where = (places[disk][0], at[1] + side * out)
-            names[disk] = (*where, text, not gear)
-            across, up = (length, LINE) if gear else (LINE, length)
-            if not gear or across > 1.6 * self.found.pitch[disk]:
-                boxes.append((where[0] - across / 2, where[1] - up / 2, where[0] + across / 2, where[1] + up / 2))
-        return places, boxes, circles, names
+        above = y + side * (disk + np.where(gear, LINE / 2 + 0.03, length / 2 + 0.08))
+        for k in range(len(way)) if self.named else ():
+            names[way[k]] = (float(x[k]), float(above[k]), text[k], not gear[k])
+            ends = np.outer((-0.5, 0.5), np.where(gear[k], (1.0, 0.0), (0.0, 1.0))) * max(length[k] - LINE, 0.0)
+            circles.append(_row(*(ends + (x[k], above[k])), LINE / 2))
+        return x, y, names, np.concatenate(circles)
 
-    def _take(self, line, extra=()):
-        places, boxes, circles, names = line
-        for disk, (x, y) in places.items():
-            self.found.x[disk], self.found.y[disk] = x, y
-        self.boxes += [*boxes, *extra]
-        self.circles += circles
-        self.found.names |= names
+    def _take(self, way, line):
+        self.x[way], self.y[way], names, circles = line
+        self.names |= names
+        self.circles = np.concatenate([self.circles, circles])
 
-    def _free(self, line, extra=(), but=()):
-        """Whether a line hits nothing that is placed; ``but``: circles it may touch."""
-        _, boxes, circles, _ = line
-        others = [circle for circle in self.circles if circle not in but]
-        return not (
-            any(_overlap(a, b) for a in (*boxes, *extra) for b in self.boxes)
-            or any(_hit(circle, box) for circle in others for box in (*boxes, *extra))
-            or any(_hit(circle, box) for circle in circles for box in self.boxes)
-            or any(_near(a, b, -APART if b in but else APART) for a in circles for b in self.circles)
-            or any(_hit(circle, box) for circle in but for box in boxes)
-        )
+    def _free(self, circles, touching=None):
+        """Whether circles hit nothing that is placed; ``touching``: numbers of one of them and of one that it may."""
+        distance = np.hypot(*(circles[:, None, :2] - self.circles[:, :2]).transpose(2, 0, 1))
+        gaps = distance - circles[:, None, 2] - self.circles[:, 2]
+        if touching is not None:
+            gaps[touching] = np.inf
+        return bool((gaps > APART).all())
 
     def _branch(self, disk, way):
         """Put a branch of shafts below or above its disk, straight or slanting, as near as it goes."""
-        x, y = float(self.found.x[disk]), float(self.found.y[disk])
-        own = (x, y, max(self.found.disk[disk], self.found.pitch[disk]))
-        least = own[2] + max(self.found.disk[way[0]], self.found.pitch[way[0]]) + GAP
+        start = np.array([self.x[disk], self.y[disk]])
+        own, first = max(self.disk[disk], self.pitch[disk]), max(self.disk[way[0]], self.pitch[way[0]])
+        places = []
         for away, side, slant in itertools.product(range(REACH), (-1, 1), SLANTS):
-            at = (x + slant, y + side * (least + 0.5 * away))
-            link = _segment((x, y), at, own[2] + 0.2)
-            for direction in (1, -1):
-                line = self._line(way, 0, at, direction, side)
-                if self._free(line, link, (own,)):
-                    self._take(line, link)
-                    return
-        self._take(self._line(way, 0, (x, self._lowest(way)), 1, -1))
+            link = np.array([slant, side * (own + first + GAP + 0.5 * away)])
+            places.append((start + link, side, _row(start + link * (own + 0.2) / np.hypot(*link), start + link)))
+        self._put(way, 0, places)
 
-    def _lowest(self, way):
-        """Where a line lies below everything."""
-        lowest = min([*(box[1] for box in self.boxes), *(y - r for _, y, r in self.circles)])
-        return lowest - 0.6 - max(*self.found.disk[way], *self.found.pitch[way])
+    def _mesh(self, gear, other, way):
+        """Put the line of a gear so that it touches its mate; whether there is room."""
+        centre, reach = np.array([self.x[gear], self.y[gear]]), self.pitch[gear] + self.pitch[other]
+        own = np.argmax((self.circles == (*centre, self.pitch[gear])).all(axis=1))
+        around = np.round([(np.cos(angle), np.sin(angle)) for angle in np.deg2rad(ANGLES)], 12)
+        places = [(centre + reach * way, 1 if way[1] > 0.1 else -1, np.zeros((0, 3))) for way in around]
+        return self._put(way, way.index(other), places, (way.index(other), own))
 
-    def _mesh(self, gear, other, link, way):
-        """Put the line of a gear so that it touches its mate, or if nothing is free below everything."""
-        x, y = float(self.found.x[gear]), float(self.found.y[gear])
-        own, reach = (x, y, self.found.pitch[gear]), self.found.pitch[gear] + self.found.pitch[other]
-        anchor = way.index(other)
-        for angle in np.deg2rad(ANGLES):
-            at = (x + reach * float(np.cos(angle).round(12)), y + reach * float(np.sin(angle).round(12)))
-            for direction in (1, -1):
-                line = self._line(way, anchor, at, direction, 1 if np.sin(angle) > 0.1 else -1)
-                if self._free(line, (), (own,)):
-                    self._take(line)
-                    self.found.touching.add(link)
-                    return
-        self._take(self._line(way, anchor, (x, self._lowest(way)), 1, -1))
+    def _put(self, way, anchor, places, touching=None):
+        """Put a line of disks at the first of some places, each with a side for names and the circles of a link to it,
+        where it hits nothing, else below everything; whether one was free."""
+        for (at, side, link), direction in itertools.product(places, (1, -1)):
+            *line, circles = self._line(way, anchor, at, direction, side)
+            circles = np.concatenate([circles, link])
+            if self._free(circles, touching):
+                self._take(way, (*line, circles))
+                return True
+        below = (self.circles[:, 1] - self.circles[:, 2]).min() - 0.6 - max(*self.disk[way], *self.pitch[way])
+        self._take(way, self._line(way, anchor, (places[0][0][0], below), 1, -1))
+        return False
 
 
-def _segment(a, b, start):
-    """Small boxes along a straight link, from a distance on."""
-    length = float(np.hypot(b[0] - a[0], b[1] - a[1]))
-    shares = np.linspace(start / length, 1.0, max(2, int(length / 0.1)))[:, None]
-    points = np.array(a) * (1 - shares) + np.array(b) * shares
-    return [(px - APART, py - APART, px + APART, py + APART) for px, py in points.tolist()]
-
-
-def _overlap(a, b):
-    return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
-
-
-def _near(a, b, apart):
-    return np.hypot(a[0] - b[0], a[1] - b[1]) < a[2] + b[2] + apart
-
-
-def _hit(circle, box):
-    x, y, r = circle
-    dx, dy = max(box[0] - x, 0.0, x - box[2]), max(box[1] - y, 0.0, y - box[3])
-    return dx * dx + dy * dy < (r + APART) ** 2
+def _row(start, end, radius=APART):
+    """Circles in a row from one point to another, near enough to leave no gap."""
+    length = np.hypot(end[0] - start[0], end[1] - start[1])
+    points = np.linspace(start, end, 2 + int(length / max(radius, 0.1)))
+    return np.column_stack([points, np.full(len(points), radius)])

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from jaxhb.report.figures.layout import layout
-from jaxhb.report.figures.style import GAP, new_figure
+from jaxhb.report.figures.draw import empty
+from jaxhb.report.figures.figure import BAND
+from jaxhb.report.figures.layout import Layout
 
 MOST = 400
 """Disks of a sketch."""
@@ -14,25 +15,22 @@ LETTERS, SMALLEST = 7.5, 4.0
 """Points of the names where the unit has its size, and below which they are left out."""
 EDGE = 0.8
 """Inches kept free at each side, for title and legend."""
-ROUND = np.linspace(0.0, 2 * np.pi, 73)
+ROUND = np.stack([np.cos(turn := np.linspace(0.0, 2 * np.pi, 73)), np.sin(turn)])
 BOW = 0.9
 """Units by which a link that closes a loop passes the disks between its ends."""
+GROUND = [(0, 0), (1, 1), (np.nan, np.nan)]
+for half, height in ((1, 1), (0.6, 1.4), (0.27, 1.8)):
+    GROUND += [(1 - half, height), (1 + half, height), (np.nan, np.nan)]
+"""The sign of the ground, from the disk that is held, in units of 0.15."""
 
 
 def plot_train(train):
     """Sketch of a train: rotors as horizontal lines, gears in mesh as pitch circles that touch.
 
-    Parameters
-    ----------
-    train : DriveTrain
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Circles are disks, dark where a torque acts, their radius grows with the fourth root of the inertia (as it
-        stands in the scene, not referred); the smallest ones have none. Dash-dotted are pitch circles, in proportion,
-        with a white dot where teeth with backlash touch, a black one without. Gears in mesh for which no place was free
-        beside each other are joined by a dotted line. Internal meshes touch from outside too, as the legend says.
+    Circles are disks, dark where a torque acts, their radius grows with the fourth root of the inertia (as it stands in
+    the scene, not referred); the smallest ones have none. Dash-dotted are pitch circles, in proportion, with a white
+    dot where teeth with backlash touch, a black one without. Gears in mesh for which no place was free beside each
+    other are joined by a dotted line. Internal meshes touch from outside too, as the legend says.
 
     Raises
     ------
@@ -48,36 +46,28 @@ def plot_train(train):
     topology = train.topology
     if topology.n_disks > MOST:
         raise ValueError(f"a sketch of {topology.n_disks} disks cannot be read; at most {MOST} are drawn.")
-    found = layout(train)
+    found = Layout(train)
+    if LETTERS * _inches(found) / UNIT < SMALLEST:
+        found = Layout(train, named=False)
     unit = _inches(found)
-    if LETTERS * unit / UNIT < SMALLEST:
-        found = layout(train, named=False)
-        unit = _inches(found)
     size = np.maximum(unit * (found.high - found.low) + 2 * EDGE, (6.0, 2.0))
-    figure = new_figure(size[1])
     # The picture has its own scale: a unit is as long across as up, so that circles are round.
-    figure.set_layout_engine("none")
-    figure.set_size_inches(*size)
+    figure = empty(*size)
     axes = figure.add_axes((0, 0, 1, 1))
     axes.set_axis_off()
-    middle = (found.low + found.high) / 2
-    for limit, centre, length in ((axes.set_xlim, middle[0], size[0]), (axes.set_ylim, middle[1], size[1])):
-        limit(centre - length / unit / 2, centre + length / unit / 2)
-    said = set()
-
-    def once(what):
-        """A label at the first part of a kind."""
-        return {} if what in said or said.add(what) else {"label": what}
-
-    _draw_disks(axes, topology, found, once)
-    _draw_links(axes, topology, found, once)
-    _draw_supports(axes, topology, found, once)
-    for x, y, text, vertical in found.names.values():
-        style = {"fontsize": LETTERS * unit / UNIT, "rotation": 90 if vertical else 0, "zorder": 3.5}
-        style["bbox"] = {"facecolor": "white", "edgecolor": "none", "pad": 0.4}
-        axes.text(x, y, text, ha="center", va="center", **style)
+    low, high = (found.low + found.high - size / unit) / 2, (found.low + found.high + size / unit) / 2
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+    _draw_disks(axes, topology, found)
+    _draw_links(axes, topology, found)
+    _draw_supports(axes, topology, found)
+    for x, y, text, upright in found.names.values():
+        style = {"fontsize": LETTERS * unit / UNIT, "rotation": 90 * upright, "ha": "center", "va": "center"}
+        axes.text(x, y, text, zorder=3.5, bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.4}, **style)
+    handles, labels = axes.get_legend_handles_labels()
+    once = dict(zip(labels[::-1], handles[::-1], strict=True))  # the first part of every kind
+    keys = {label: once[label] for label in dict.fromkeys(labels)}
     style = {"frameon": False, "fontsize": "x-small", "handlelength": 1.6, "columnspacing": 1.4, "borderpad": 0.0}
-    axes.legend(loc="lower center", ncols=max(1, int(size[0] / 1.7)), **style)
+    axes.legend(keys.values(), keys, loc="lower center", ncols=max(1, int(size[0] / 1.7)), **style)
     axes.text(0.5, 1 - 0.15 / size[1], topology.name or "scene", transform=axes.transAxes, ha="center", va="top")
     return figure
 
@@ -87,40 +77,37 @@ def _inches(found):
     return min(UNIT, (WIDEST - 2 * EDGE) / (found.high[0] - found.low[0]))
 
 
-def _draw_disks(axes, topology, found, once):
+def _draw_disks(axes, topology, found):
     """Disks, rings and pitch circles."""
     excited = {*topology.torque_disk, *topology.cylinder_disk}
-    for disk, (x, y, radius, pitch) in enumerate(zip(found.x, found.y, found.disk, found.pitch, strict=True)):
+    for disk, centre in enumerate(np.stack([found.x, found.y], axis=1)[:, :, None]):
         ring = disk >= topology.n_scene_disks
         kind = "ring of a damper" if ring else "disk under torque" if disk in excited else "disk"
-        face = {"facecolor": "white" if ring else TORQUE if disk in excited else GAP, "edgecolor": "black"}
-        circle = x + radius * np.cos(ROUND), y + radius * np.sin(ROUND)
-        axes.fill(*circle, **face, linewidth=2.0 if ring else 1.0, zorder=4, **once(kind))
-        if pitch:
+        face = {"facecolor": "white" if ring else TORQUE if disk in excited else BAND, "edgecolor": "black"}
+        axes.fill(*(centre + found.disk[disk] * ROUND), **face, linewidth=2.0 if ring else 1.0, zorder=4, label=kind)
+        if found.pitch[disk]:
             style = {"color": "black", "linewidth": 0.9, "linestyle": "-.", "zorder": 3}
-            axes.plot(x + pitch * np.cos(ROUND), y + pitch * np.sin(ROUND), **style, **once("pitch circle of a gear"))
+            axes.plot(*(centre + found.pitch[disk] * ROUND), **style, label="pitch circle of a gear")
 
 
-def _draw_links(axes, topology, found, once):
+def _draw_links(axes, topology, found):
     """Shafts, links of dampers and meshes."""
     shafts, dampers = len(topology.shaft_names), len(topology.damper_names)
     for link, (a, b) in enumerate(topology.link_ends):
         ends = np.array([[found.x[a], found.y[a]], [found.x[b], found.y[b]]])
         if link < shafts + dampers:
-            damper = {"linewidth": 1.6, "linestyle": (0, (1.5, 1))} | once("damper") if link >= shafts else {}
-            style = damper or {"linewidth": 2.2} | once("shaft")
+            damper = {"linewidth": 1.6, "linestyle": (0, (1.5, 1)), "label": "damper"}
+            style = damper if link >= shafts else {"linewidth": 2.2, "label": "shaft"}
             axes.plot(*_clear(ends, found, (a, b)).T, color="black", zorder=2, **style)
-        else:
-            way = (ends[1] - ends[0]) / np.hypot(*(ends[1] - ends[0]))
-            ends += np.array([found.pitch[a] * way, -found.pitch[b] * way])
-            if link not in found.touching:
-                axes.plot(*ends.T, color="black", linewidth=1.2, linestyle=":", zorder=2)
-            number = link - shafts - dampers
-            kind = "internal mesh" if topology.mesh_internal[number] else "mesh"
-            gap = topology.mesh_backlash[number]
-            style = {"color": "black", "markersize": 5, "markerfacecolor": "white" if gap else "black", "zorder": 7}
-            label = once(f"{kind} with backlash" if gap else kind)
-            axes.plot(*ends.mean(axis=0), "o", linestyle="", **style, **label)
+            continue
+        way = (ends[1] - ends[0]) / np.hypot(*(ends[1] - ends[0]))
+        ends += np.array([found.pitch[a] * way, -found.pitch[b] * way])
+        if link not in found.touching:
+            axes.plot(*ends.T, color="black", linewidth=1.2, linestyle=":", zorder=2)
+        gap = topology.mesh_backlash[link - shafts - dampers]
+        kind = "internal mesh" if topology.mesh_internal[link - shafts - dampers] else "mesh"
+        style = {"color": "black", "markersize": 5, "markerfacecolor": "white" if gap else "black", "zorder": 7}
+        axes.plot(*ends.mean(axis=0), "o", linestyle="", label=kind + " with backlash" * bool(gap), **style)
 
 
 def _clear(ends, found, own):
@@ -130,23 +117,21 @@ def _clear(ends, found, own):
     centres = np.stack([found.x, found.y], axis=1)[others]
     along = np.clip((centres - ends[0]) @ way / (way @ way), 0.0, 1.0)[:, None]
     apart = np.hypot(*(centres - ends[0] - along * way).T)
-    if not (apart < np.asarray(found.disk)[others]).any():
+    if not (apart < found.disk[others]).any():
         return ends
     across = np.array([-way[1], way[0]]) / np.hypot(*way) * (1.0 if way[0] >= 0 else -1.0)
     return ends[0] + t * way + 4 * t * (1 - t) * BOW * across
 
 
-def _draw_supports(axes, topology, found, once):
+def _draw_supports(axes, topology, found):
     """Crosses on the disks of loads, and the sign of the ground beside what a ground holds, away from its name."""
     loads = sorted(set(topology.load_disk))
     if loads:
         style = {"color": "black", "markersize": 5, "markeredgewidth": 1.4, "linestyle": "", "zorder": 5}
-        axes.plot(found.x[loads], found.y[loads], "x", **style, **once("load"))
+        axes.plot(found.x[loads], found.y[loads], "x", label="load", **style)
     for disk in sorted(set(topology.ground_disk)):
         side = 1.0 if disk in found.names and found.names[disk][1] < found.y[disk] else -1.0
-        x, y = found.x[disk] + 0.7 * found.disk[disk], found.y[disk] + 0.7 * side * found.disk[disk]
-        bars = [([x, x + 0.15], [y, y + 0.15 * side])]
-        for width, height in ((0.15, 0.15), (0.09, 0.21), (0.04, 0.27)):
-            bars.append(([x + 0.15 - width, x + 0.15 + width], [y + side * height] * 2))
-        for bar in bars:
-            axes.plot(*bar, color="black", linewidth=1.2, zorder=5, **once("ground"))
+        at = np.array([found.x[disk], found.y[disk]]) + 0.7 * found.disk[disk] * np.array([1.0, side])
+        axes.plot(
+            *(at + 0.15 * np.array(GROUND) * (1.0, side)).T, color="black", linewidth=1.2, zorder=5, label="ground"
+        )

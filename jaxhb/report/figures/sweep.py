@@ -6,9 +6,8 @@ import numpy as np
 
 from jaxhb.report.answer import SPEED
 from jaxhb.report.figures.draw import drawn
-from jaxhb.report.figures.figure import Figure, kind_keys, layout, line, motion_line, speed_range, top_of
+from jaxhb.report.figures.figure import bars, figure, kind_keys, line, motion_line, plain, speed_range, top_of
 from jaxhb.report.figures.limits import judged_elements, limit_figure
-from jaxhb.report.figures.style import plain
 from jaxhb.report.quantities import forces, separation, shaft_torques
 from jaxhb.report.selection import hardest_shaft, train_name
 from jaxhb.report.text.cases import Case
@@ -23,26 +22,10 @@ WAYS = {"up": "upwards", "down": "downwards", "orbit": "periodic solutions"}
 def plot_sweep(sweeps):
     """Largest tooth force and share of the time out of contact, mesh by mesh, over the speed.
 
-    Parameters
-    ----------
-    sweeps : dict
-        Answers by direction, from :func:`jaxhb.report.compute.answer_speeds`.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Markers tell the kind of motion; what has no answer, or did not converge, is a gap in the lines and a cross at
-        the bottom. Downwards markers are open. A train without gears shows its hardest worked shaft or damper. Below,
-        of stresses, tooth torques and heat what comes nearest to the limits that the scene gives, with barred ranges
-        shaded.
-
-    Examples
-    --------
-    >>> import jaxhb
-    >>> from jaxhb.report.compute import Asked, answer_speeds
-    >>> train = jaxhb.load_scene("six_cylinder_diesel")
-    >>> len(plot_sweep(answer_speeds(train, [1000.0, 1500.0, 2000.0], Asked())).axes)
-    1
+    Markers tell the kind of motion; what has no answer, or did not converge, is a gap in the lines and a cross at the
+    bottom. Downwards markers are open. A train without gears shows its hardest worked shaft or damper. Below, of
+    stresses, tooth torques and heat what comes nearest to the limits that the scene gives, with barred ranges shaded.
+    ``sweeps`` are answers by direction, from :func:`jaxhb.report.compute.answer_speeds`.
     """
     return drawn(*sweep_figures(sweeps), title=train_name(next(iter(sweeps.values()))[0].topology))
 
@@ -69,28 +52,18 @@ def sweep_figures(sweeps):
     return figures + [limit_figure(judged, *chosen) for chosen in limited]
 
 
-def over_speed(quantity, names, cases, caption=None, *, more=()):
+def over_speed(quantity, names, cases, caption=None, *, more=(), **layout):
     """Elements over the speed, case by case, with and without backlash; symbols tell the kind of motion.
 
-    Parameters
-    ----------
-    quantity : Quantity
-    names : sequence of str
-        Of one element every case is a line of its own look; of several every element is, with open symbols in the
-        second case.
-    cases : sequence of Case
-        The same speeds; a single one may have no title.
-    caption : str, optional
-        Default: the element and what it shows.
-    more : sequence of dict
-        Traces that are drawn with them.
+    A quantity of no signal is drawn with backlash alone. Of one element every case is a line of its own look; of
+    several every element is, with open symbols in the second case. Cases have the same speeds; a single one may have no
+    title. ``more`` are traces drawn with them, ``layout`` is for :func:`figure`.
     """
     first, several = cases[0].answers, len(names) > 1
-    places, train = [answer.place for answer in first], first[0].train
-    # What is no signal, heat or a time apart, is drawn with backlash alone.
-    backlash = quantity.signal is not None and any(train.topology.mesh_backlash)
+    places = [answer.place for answer in first]
+    backlash = quantity.signal is not None and any(first[0].topology.mesh_backlash)
     # Both directions have the same motion without backlash.
-    alike, traces = all(case.answers[0].train is train for case in cases), []
+    alike, traces = all(case.answers[0].train is first[0].train for case in cases), []
     for place, name in enumerate(names):
         for number, case in enumerate(cases):
             said = [plain(name)] * (several or not case.title) + [plain(case.title)] * bool(case.title)
@@ -100,30 +73,28 @@ def over_speed(quantity, names, cases, caption=None, *, more=()):
             if backlash and (case is cases[0] or not alike):
                 said = "" if alike else f"{plain(case.title)}, "
                 style = {"style": place if several else 2 * number + 1, "showlegend": not (several and place)}
-                before = line(places, quantity.without(case.answers, name), f"{said}without backlash", **style)
-                before["line"] |= {"width": 0.8} if several else {}
-                traces.append(before)
+                values, look = quantity.without(case.answers, name), {"width": 0.8} if several else {}
+                traces.append(line(places, values, f"{said}without backlash", look=look, **style))
     traces += more
     axis = speed_range(places)
     if quantity.called == "tooth force" and names[0]:
         traces += _cycles(quantity, names, cases, BESIDE * (axis[1] - axis[0]))
-    panels = [(f"{quantity.called}, {quantity.unit}", top_of(*(trace["y"] for trace in traces)))]
+    panels = [(f"{quantity.called}, {quantity.unit}", top_of(traces))]
     traces += kind_keys(*(case.answers for case in cases))
     title = "speed, rpm" if first[0].axis == SPEED else first[0].axis.label
     caption = caption or f"{plain(names[0])}: {quantity.small_title}, {quantity.unit}"
-    return Figure(caption, traces, layout(title, panels, traces, x_range=axis))
+    return figure(caption, title, panels, traces, x_range=axis, **layout)
 
 
 def _cycles(quantity, names, cases, beside):
     """Bars from 5 to 95 % of the largest forces of a cycle, of motions that never repeat; one mesh beside the other."""
-    x, y = [], []
-    for number, name in enumerate(names):
-        for answer in (answer for case in cases for answer in case.answers):
-            if answer.answered and answer.state.kind == "irregular":
-                low, _, high = quantity.factor * np.asarray(answer.force(name).per_cycle.max)
-                # nan ends a line: one trace draws all bars.
-                x += [*[answer.place + beside * number] * 2, np.nan]
-                y += [low, high, np.nan]
-    style = {"opacity": 0.45, "hoverinfo": "skip"}
-    bars = line(x, y, "5 to 95 % of the cycles", **style) | {"line": {"color": "#555555", "width": 5}}
-    return [bars] if x else []
+    answers = [answer for case in cases for answer in case.answers]
+    rows = [
+        (answer.place + beside * number, *quantity.factor * np.asarray(answer.force(name).per_cycle.max)[[0, 2]])
+        for number, name in enumerate(names)
+        for answer in answers
+        if answer.answered and answer.state.kind == "irregular"
+    ]
+    look = {"color": "#555555", "dash": "solid", "width": 5}
+    said = "5 to 95 % of the cycles"
+    return [bars(*np.transpose(rows), said, look=look, opacity=0.45, hoverinfo="skip")] if rows else []

@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 
 from jaxhb.excitation.gas import FAR
-from jaxhb.report.text.columns import NONE, Table
+from jaxhb.report.page.parts import table
+from jaxhb.report.text.columns import NONE
 from jaxhb.report.text.mean_torques import plain_number
 from jaxhb.train.changes import declared_field
 
@@ -38,70 +39,62 @@ BESIDE = ("name", "scenarios", "tune")
 
 
 def differences(train, other):
-    """A table of all that differs between two designs, in a list with what it cannot tell.
-
-    Parameters
-    ----------
-    train, other : DriveTrain
-
-    Returns
-    -------
-    list of Table and str
-    """
-    mine, its = train.topology.elements, other.topology.elements
-    rows = _whole(train.topology, other.topology)
-    for name in dict.fromkeys([*mine, *its]):
-        own, another = mine.get(name), its.get(name)
+    """A table of all that differs between two designs, or a sentence where nothing does, in a list."""
+    both = train.topology, other.topology
+    rows = _whole(*both)
+    for name in dict.fromkeys([*both[0].elements, *both[1].elements]):
+        own, another = (topology.elements.get(name) for topology in both)
         if own is None or another is None or own[0] != another[0]:
             cells = [NONE if one is None else one[0] for one in (own, another)]
-            rows.append([f"{name}: {'another element' if own and another else 'in one design only'}", *cells, NONE])
-        else:
-            rows += _element(name, own[0], [facts_of(train, *own), facts_of(other, *another)])
+            rows.append((f"{name}: {'another element' if own and another else 'in one design only'}", *cells, NONE))
+            continue
+        facts = facts_of(train, *own), facts_of(other, *another)
+        found = [_row(name, own[0], field, *facts) for field in dict.fromkeys([*facts[0], *facts[1]])]
+        rows += dict.fromkeys(row for row in found if row)  # a table of several columns is told once
     if rows:
         heads = ["number of the scene", "first design", "second", "unit"]
-        return [Table("What differs between the designs", heads, list(zip(*rows, strict=True)), left=(3,))]
-    if unlike := _unlike(train.topology, other.topology):
+        return [table("What differs between the designs", rows, heads)]
+    names = [field.name for field in dataclasses.fields(both[0]) if field.name not in BESIDE]
+    if unlike := [name.replace("_", " ") for name in names if getattr(both[0], name) != getattr(both[1], name)]:
         return [f"Same numbers, tables and words of the elements, in another order or with other {', '.join(unlike)}."]
     return ["Nothing differs between the designs: no number, no table, no word, no element."]
 
 
-def _whole(mine, its):
+def _whole(*both):
     """Rows on the scene as a whole."""
     rows = []
     for field, unit in WHOLE.items():
-        both = [getattr(topology, field) for topology in (mine, its)]
-        if both[0] != both[1]:
-            rows.append([f"scene.{field}", *(NONE if value is None else f"{value:g}" for value in both), unit or NONE])
-    reference = [{t.disk_names[i] for i, r in enumerate(t.rotor) if r == t.reference_rotor} for t in (mine, its)]
+        values = [getattr(topology, field) for topology in both]
+        if values[0] != values[1]:
+            rows.append(
+                (f"scene.{field}", *(NONE if value is None else f"{value:g}" for value in values), unit or NONE)
+            )
+    reference = [{t.disk_names[i] for i, r in enumerate(t.rotor) if r == t.reference_rotor} for t in both]
     # Any disk of a rotor may be its reference: rotors that share a disk are the same.
     if not reference[0] & reference[1]:
-        rows.append(["scene.reference", *(", ".join(sorted(names)) for names in reference), NONE])
+        rows.append(("scene.reference", *(", ".join(sorted(names)) for names in reference), NONE))
     return rows
 
 
-def _element(name, table, both):
-    """Rows on one element that both designs have."""
-    rows, tables = [], {}
-    for field in dict.fromkeys(key for facts in both for key in facts):
-        values = [facts.get(field, ABSENT.get(field, 0.0)) for facts in both]
+def _row(name, kind, field, *facts):
+    """What a table tells of a field of an element; None where both designs have the same."""
+    given = [one.get(field) for one in facts]
+    if any(isinstance(value, np.ndarray) for value in given):
+        values = [np.zeros(0) if value is None else value for value in given]
         called = TABLED.get(field, field.partition(".")[0] if field.startswith("traces.") else field)
-        if all(isinstance(value, float) for value in values):
-            if values[0] != values[1]:
-                rows.append([f"{name}.{field}", *_numbers(table, field, values, both), _unit(table, field)])
-        elif any(isinstance(value, str) for value in values):
-            if values[0] != values[1]:
-                rows.append([f"{name}.{field}", *(value if isinstance(value, str) else NONE for value in values), NONE])
-        elif not _alike(field, *values):
-            tables[called] = [f"{called} of {name}: another table", *_given(field, values), NONE]
-    return rows + list(tables.values())
-
-
-def _numbers(table, field, values, both):
-    """Two numbers in words; a dash for one that is not given."""
-    declared = declared_field(table, field)
-    may_lack = declared is not None and declared.default is None
-    lacking = [field not in facts or (may_lack and value == 0) for facts, value in zip(both, values, strict=True)]
-    return [NONE if lacks else said for lacks, said in zip(lacking, _told(values), strict=True)]
+        cells = ["given" if value.size else NONE for value in values]
+        return None if np.array_equal(*values) else (f"{called} of {name}: another table", *cells, NONE)
+    if any(isinstance(value, str) for value in given):
+        return None if given[0] == given[1] else (f"{name}.{field}", *(value or NONE for value in given), NONE)
+    values = [ABSENT.get(field, 0.0) if value is None else value for value in given]
+    if values[0] == values[1]:
+        return None
+    declared = declared_field(kind, field)
+    optional = declared is not None and declared.default is None
+    lacks = [value is None or (optional and value == 0) for value in given]
+    cells = [NONE if lacking else said for lacking, said in zip(lacks, _told(values), strict=True)]
+    span = declared.metadata.get("range") if declared is not None else None
+    return (f"{name}.{field}", *cells, (span and span.unit) or NONE)
 
 
 def _told(values):
@@ -113,71 +106,40 @@ def _told(values):
     return [repr(value) for value in values]
 
 
-def _unit(table, field):
-    declared = declared_field(table, field)
-    span = declared.metadata.get("range") if declared is not None else None
-    return (span.unit if span is not None else "") or NONE
-
-
-def _given(field, values):
-    """Whether there is a table."""
-    return ["given" if np.size(_neutral(field, _trimmed(value))) else NONE for value in values]
-
-
-def _alike(field, one, other):
-    """Whether two tables are the same but for the rows that fill them up; none is one that changes nothing."""
-    one, other = _neutral(field, _trimmed(one)), _neutral(field, _trimmed(other))
-    return one.shape == other.shape and bool(np.array_equal(one, other))
-
-
-def _trimmed(value):
-    """A table without the rows at its end that repeat the last."""
-    rows = np.asarray(value, float)
-    last = len(rows) if rows.ndim else 0
-    while last > 1 and np.array_equal(rows[last - 1], rows[last - 2]):
-        last -= 1
-    return rows[:last] if rows.ndim else rows[None][:0]
-
-
-def _neutral(field, rows):
-    """Nothing of a table of one row that changes nothing."""
-    alone = len(rows) == 1 and np.array_equal(np.ravel(rows[0]), np.ravel(IDLE.get(field, np.zeros_like(rows[0]))))
-    return np.zeros(0) if alone or not np.size(rows) else rows
-
-
-def facts_of(train, table, index):
+def facts_of(train, kind, index):
     """All that a train has of an element: numbers (float), tables (array), words (str), by name."""
-    numbers = getattr(train, {"mesh": "meshes"}.get(table, f"{table}s"))
-    found = {}
+    numbers, found = getattr(train, {"mesh": "meshes"}.get(kind, f"{kind}s")), {}
     for declared in dataclasses.fields(numbers):
         vector = getattr(numbers, declared.name)
-        if vector is None:
-            continue
         if hasattr(vector, "seats"):
             found |= _inner(vector, declared.name, index)
-        elif index < len(vector):
-            found[declared.name] = _fact(vector[index])
-    found |= _words(train.topology, table, index)
+        elif vector is not None and index < len(vector):
+            found[declared.name] = vector[index]
+    found |= _words(train.topology, kind, index)
     for name in found.keys() & {"harmonics", "gas_torque"}:  # zeros fill them up
-        found[name] = found[name][: len(found[f"{table}_harmonics"])]
+        found[name] = found[name][: len(found[f"{kind}_harmonics"])]
     if "load_rpm" in found:  # speeds far away do
         found["load_rpm"] = found["load_rpm"][found["load_rpm"] < FAR]
-    return found
+    return {name: value if isinstance(value, str) else _plain(name, np.asarray(value)) for name, value in found.items()}
 
 
-def _fact(value):
-    return float(value) if np.ndim(value) == 0 else np.asarray(value)
+def _plain(field, value):
+    """A number; or a table without the rows at its end that repeat the last, none that changes nothing."""
+    if value.ndim == 0:
+        return float(value)
+    while len(value) > 1 and np.array_equal(value[-1], value[-2]):
+        value = value[:-1]
+    idle = len(value) <= 1 and np.all(value == np.asarray(IDLE.get(field, 0.0)))
+    return value[:0].ravel() if idle else value
 
 
 def _inner(numbers, outer, index):
     """What a table inside an element holds."""
     if index not in numbers.seats:
         return {}
-    place, found = numbers.seats.index(index), {}
-    for declared in dataclasses.fields(numbers):
-        if declared.metadata.get("static"):
-            continue
-        found[f"{outer}.{declared.name}"] = _fact(getattr(numbers, declared.name)[place])
+    place = numbers.seats.index(index)
+    fields = [declared.name for declared in dataclasses.fields(numbers) if not declared.metadata.get("static")]
+    found = {f"{outer}.{name}": getattr(numbers, name)[place] for name in fields}
     if outer == "combustion":
         found[f"{outer}.by"] = "imep" if numbers.by_work[place] else "heat"
     if outer == "traces":  # rows that never count fill them up
@@ -187,26 +149,16 @@ def _inner(numbers, outer, index):
     return found
 
 
-def _words(topology, table, index):
+def _words(topology, kind, index):
     """Words and whole numbers of an element, and the disks that it sits on."""
-    found, names = {}, topology.disk_names
-    if table == "disk":
-        found["teeth"] = float(topology.teeth[index])
-    for key in (f"{table}_disk", f"{table}_ends"):
+    found = {"teeth": topology.teeth[index]} if kind == "disk" else {}
+    for key, called in ((f"{kind}_disk", "disk"), (f"{kind}_ends", "between")):
         ends = getattr(topology, key, ())
         if index < len(ends):
-            found["disk" if key.endswith("disk") else "between"] = ", ".join(names[i] for i in np.ravel(ends[index]))
+            found[called] = ", ".join(topology.disk_names[i] for i in np.ravel(ends[index]))
     for key, (called, choices) in WORDS.items():
-        if key.startswith(f"{table}_"):
+        if key.startswith(f"{kind}_"):
             value = getattr(topology, key)[index]
             found[called] = choices[value] if choices else str(value)
-    harmonics = getattr(topology, f"{table}_harmonics", ())
-    if index < len(harmonics):
-        found[f"{table}_harmonics"] = np.array(harmonics[index], float)
-    return found
-
-
-def _unlike(mine, its):
-    """Fields in which two topologies differ that change a motion."""
-    names = (field.name for field in dataclasses.fields(mine) if field.name not in BESIDE)
-    return [name.replace("_", " ") for name in names if getattr(mine, name) != getattr(its, name)]
+    harmonics = getattr(topology, f"{kind}_harmonics", ())
+    return found | ({f"{kind}_harmonics": harmonics[index]} if index < len(harmonics) else {})

@@ -11,7 +11,6 @@ from jaxhb.linear.modal import natural_frequencies
 from jaxhb.report.figures.forced import hardest_elements, orders_figure
 from jaxhb.report.figures.linear import campbell_figure
 from jaxhb.report.figures.modes import MOST, shapes_figure
-from jaxhb.report.page.parts import Heading
 from jaxhb.report.selection import NOT_FIRING
 from jaxhb.report.text.campbell import campbell_parts, reached, shares_in_mode
 from jaxhb.report.text.forced import forced_failures, readings, worst_tables
@@ -36,7 +35,7 @@ SPEEDS = 201
 """Speeds of the linear forced response at least: it costs little and has sharp peaks."""
 
 
-def modes_part(report):
+def modes(report):
     """Natural frequencies and the shapes of the first ones that strain links."""
     train = report.train
     few = train.topology.n_disks <= DAMPED_DISKS
@@ -46,50 +45,42 @@ def modes_part(report):
     table = modes_text(found, report.name, kinds, ratios, "teeth in contact" if train.topology.mesh_names else "")
     elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC][:MOST]
     shapes = [elastic[i : i + TOGETHER] for i in range(0, len(elastic), TOGETHER)]
-    return [table, *(shapes_figure(train, found, some, ratios) for some in shapes)]
+    return {"blocks": [table, *(shapes_figure(train, found, some, ratios) for some in shapes)]}
 
 
-def campbell_part(report):
+def campbell(report):
     """Natural frequencies over the speed, orders, critical speeds."""
-    rpm = report.rpm
-    low, high = min(rpm), max(rpm)
+    low, high = min(report.rpm), max(report.rpm)
     low, high = (low * (1 - ONE_SPEED), high * (1 + ONE_SPEED)) if low == high else (low, high)
     speeds = np.linspace(low, high, 33)
     trains = {case.title.removesuffix(NOT_FIRING): case.answers[0].train for case in report.shown}
     orders = sorted({order for train in trains.values() for order in excited_orders(train, rpm=speeds)})
     asked = {"rpm": speeds, "orders": orders, "count": CAMPBELL_MODES[1]}
-    found, *others = (campbell_of(train, **asked) for train in trains.values())
-    count = min(max(reached(found), CAMPBELL_MODES[0]), CAMPBELL_MODES[1])
-    torques = [max(c.torque for c in same) for same in zip(*(one.critical for one in (found, *others)), strict=True)]
-    shares = shares_in_mode(found.critical, torques)
-    chosen = [place for place, share in enumerate(shares) if share >= NEGLIGIBLE]
-    main, *others = (
-        dataclasses.replace(one, critical=tuple(one.critical[place] for place in chosen)) for one in (found, *others)
-    )
+    found = [campbell_of(train, **asked) for train in trains.values()]
+    count = min(max(reached(found[0]), CAMPBELL_MODES[0]), CAMPBELL_MODES[1])
+    torques = [max(c.torque for c in same) for same in zip(*(one.critical for one in found), strict=True)]
+    chosen = [place for place, share in enumerate(shares_in_mode(found[0].critical, torques)) if share >= NEGLIGIBLE]
+    main, *others = (dataclasses.replace(one, critical=tuple(one.critical[place] for place in chosen)) for one in found)
     misfires = dict(zip(list(trains)[1:], others, strict=True))
-    left = len(torques) - len(chosen)
-    said = f"{left} critical speeds have a modal torque below {100 * NEGLIGIBLE:g} % of the largest of their mode:"
-    said += " left out here."
-    tables = campbell_parts(main, count, misfires)
-    return [campbell_figure(found, count, report.cases[0].title), *tables, *[said] * bool(left)]
+    return {
+        "diagram": campbell_figure(found[0], count, report.cases[0].title),
+        "tables": campbell_parts(main, count, misfires),
+        "left": len(torques) - len(chosen),
+        "negligible": NEGLIGIBLE,
+    }
 
 
-def forced_part(report):
+def forced(report):
     """The linear forced response over the speeds: the worst of every element, orders of what swings most."""
     low, high = min(report.rpm), max(report.rpm)
     speeds = np.unique([*report.rpm, *(np.linspace(low, high, SPEEDS) if low < high else [])])
-    trains = {case.title: case.answers[0].train for case in report.shown}
-    responses = {title: forced_response(train, rpm=speeds) for title, train in trains.items()}
-    first = responses[report.cases[0].title]
+    responses = {case.title: forced_response(case.answers[0].train, rpm=speeds) for case in report.shown}
+    title, first = next(iter(responses.items()))
     found, good = readings(first), np.asarray(first.converged)
     chosen = hardest_elements([one.at(good) for one in found]) if len(speeds) > 1 and good.any() else []
-    misfires = {title: response for title, response in responses.items() if NOT_FIRING in title}
-    figures = [orders_figure(first, one, misfires, report.cases[0].title) for one in chosen]
-    title = report.cases[0].title
-    dashed = " Lines of a misfire are its half peak-to-peak." * bool(misfires)
-    head = f"Linear, teeth in contact, at {len(speeds)} speeds. Sums and orders in the figures: {title}.{dashed}"
-    tables = [Heading(f"Largest values, {title}"), *worst_tables(first, found), *forced_failures(first)]
+    misfires = {other: response for other, response in responses.items() if NOT_FIRING in other}
+    worst = {title: [*worst_tables(first, found), *forced_failures(first)]}
     for other, response in misfires.items():
-        tables += [Heading(f"Largest values, {other}"), *worst_tables(response, readings(response))]
-        tables += forced_failures(response, other)
-    return [head, *figures, *tables]
+        worst[other] = [*worst_tables(response, readings(response)), *forced_failures(response, other)]
+    figures = [orders_figure(first, one, misfires, title) for one in chosen]
+    return {"speeds": len(speeds), "figures": figures, "worst": worst}

@@ -1,66 +1,60 @@
-"""Parts of the page over the speed: kinds of motion, tooth forces, torques, heat, each with and without backlash."""
+"""Parts of the page on what the train does, with and without backlash: over the speed, at one speed in full, and in a
+second design."""
 
 import dataclasses
 import textwrap
 
 import numpy as np
 
-from jaxhb.report.figures.figure import NO_ANSWER, SYMBOLS, Figure, kind_of, kind_word, layout, marks, speed_range
+from jaxhb.report import quantities
+from jaxhb.report.figures.cycle import cycle_figure
+from jaxhb.report.figures.figure import figure, kind_marks, plain, speed_range
 from jaxhb.report.figures.sweep import over_speed
-from jaxhb.report.quantities import (
-    angles,
-    forces,
-    gear_torques,
-    heat,
-    irregularity,
-    main_quantity,
-    separation,
-    shaft_torques,
-)
-from jaxhb.report.selection import largest
+from jaxhb.report.page.differences import differences
+from jaxhb.report.page.limits import judged, shares_table
+from jaxhb.report.selection import default_gear, hardest_shaft, meshes_of, worst_mesh
+from jaxhb.report.text.cases import hardest, speed_tables
 from jaxhb.report.text.columns import NONE, Table, alike, ratios, shares
+from jaxhb.report.text.sentences import status_lines, verdict
 from jaxhb.report.text.sweep_tables import speed_table, turning_table
 
 MANY = 40
 """Speeds above which symbols are small."""
 
-MOST = 6
-"""Elements of a kind that have a figure, those with the largest numbers; tables tell of all."""
+MOST, MOST_BESIDE = 6, 4
+"""Elements of a kind that have a figure, and a figure of two designs, those with the largest numbers; tables tell of
+all."""
+
+MESHES = 3
+"""Meshes of the gear that are drawn over the cycle beside the one with the largest force."""
 
 
-def map_part(report):
+def motions(report):
     """The kind of motion at every speed, the largest number of all elements, a row for every speed, irregularity."""
     cases, several = report.shown, len(report.rpm) > 1
-    blocks = [_kinds(cases), _overview(cases, main_quantity(report.train))] if several else []
-    if len(report.cases) > 2:
-        blocks.append(_misfires(report))
+    blocks = [_kinds(cases), _overview(cases, quantities.main_quantity(report.train))] if several else []
+    blocks += [_misfires(report)] if len(report.cases) > 2 else []
     blocks += [speed_table(case.answers, f"Speed by speed, {case.title}") for case in cases]
-    blocks += [table for case in cases for table in turning_table(case.answers, f", {case.title}")]
-    return [*blocks, maxima(irregularity(report.train), cases)]
+    blocks += [one for case in cases for one in turning_table(case.answers, f", {case.title}")]
+    return {"blocks": [*blocks, maxima(quantities.irregularity(report.train), cases)]}
 
 
 def _kinds(cases):
     """A row of symbols for every case."""
-    traces = []
+    traces, rpm = [], [answer.rpm for answer in cases[0].answers]
     for row, case in enumerate(cases):
-        for kind in (*SYMBOLS, None):
-            speeds = [answer.rpm for answer in case.answers if kind_of(answer) == kind]
-            if speeds:
-                said = kind_word(kind) if kind else NO_ANSWER
-                traces.append(marks(speeds, np.full(len(speeds), -row), said, SYMBOLS.get(kind, "x-thin-open")))
-                traces[-1] |= {"showlegend": all(said != trace["name"] for trace in traces[:-1])}
-                traces[-1] |= {"hovertemplate": "%{x} rpm: " + said + "<extra></extra>"}
-                traces[-1]["marker"] |= {
-                    "size": 8 if len(case.answers) <= MANY else 5,
-                    "line": {"width": 0 if kind else 2, "color": "black"},
-                }
-    rpm = [answer.rpm for answer in cases[0].answers]
-    panels = [("", (0.6 - len(cases), 0.6))]
-    made = layout("speed, rpm", panels, traces, x_range=speed_range(rpm), heights=[22 + 22 * len(cases)])
+        points = [([answer.rpm], [-row]) for answer in case.answers]
+        traces += kind_marks(case.answers, points, size=8 if len(rpm) <= MANY else 5)
+    for number, trace in enumerate(traces):
+        trace["showlegend"] = trace["name"] not in [other["name"] for other in traces[:number]]
+    panels, height = [("", (0.6 - len(cases), 0.6))], 22 + 22 * len(cases)
+    made = figure(
+        "Kind of motion over the speed", "speed, rpm", panels, traces, x_range=speed_range(rpm), height=height
+    )
     titles = ["<br>".join(textwrap.wrap(case.title, 22)) for case in cases]
-    made["yaxis"] |= {"tickvals": [-row for row in range(len(cases))], "ticktext": titles, "showgrid": False}
-    made["margin"] |= {"l": 130}
-    return Figure("Kind of motion over the speed", traces, made)
+    made.layout["yaxis"] |= {"tickvals": [-row for row in range(len(cases))], "ticktext": titles, "showgrid": False}
+    made.layout["margin"] |= {"l": 130}
+    return made
 
 
 def _overview(cases, quantity):
@@ -75,73 +69,41 @@ def _overview(cases, quantity):
 
 def _misfires(report):
     """Every misfire: the largest number of all elements over the speeds."""
-    quantity, rows = main_quantity(report.train), []
+    quantity, rows = quantities.main_quantity(report.train), []
     for case in report.cases:
-        values = {name: quantity.of(case.answers, name) for name in quantity.names}
-        name = largest(values, lambda name, values=values: _or_nan(values[name]))
-        rows.append((case.title, name or NONE, values.get(name, np.array([np.nan]))))
-    columns = [
-        [title for title, *_ in rows],
-        *alike([_or_nan(values) for *_, values in rows]),
-        [_at(report.rpm, values) for *_, values in rows],
-        [name for _, name, _ in rows],
-    ]
+        name = quantity.hardest([case])[0]
+        values = quantity.of(case.answers, name)
+        known = np.isfinite(values).any()
+        rows.append((case.title, _largest(values), _at(report.rpm, values), name if known else NONE))
+    titles, most, at, names = zip(*rows, strict=True)
     title = f"Every misfire: {quantity.small_title} over the speeds, {quantity.unit}"
-    return Table(title, ["", quantity.unit, "at rpm", "in"], columns, left=(3,))
+    return Table(title, ["", quantity.unit, "at rpm", "in"], [titles, *alike(most), at, names])
 
 
-def _at(rpm, values):
-    return f"{rpm[int(np.nanargmax(values))]:g}" if np.isfinite(values).any() else NONE
-
-
-def forces_part(report):
+def forces_over_speed(report):
     """Tooth forces and how long teeth are apart."""
-    if not report.train.topology.mesh_names:
-        return []
-    quantity, cases = forces(report.train), report.shown
-    tables = [maxima(quantity, cases, contact=True)]
-    figures = [over_speed(quantity, [name], cases) for name in _drawn(report, quantity)]
-    apart, train = [], report.train
+    train, apart = report.train, []
     if any(train.topology.mesh_backlash) and len(report.rpm) > 1:
-        for case in cases:
-            alone = [dataclasses.replace(case, title="")]
-            caption = f"Time out of contact, {case.title}"
-            apart.append(over_speed(separation(train), train.topology.mesh_names, alone, caption))
-    return _few(report, quantity) + tables + figures + apart
+        for case in report.shown:
+            alone, caption = [dataclasses.replace(case, title="")], f"Time out of contact, {case.title}"
+            apart.append(over_speed(quantities.separation(train), train.topology.mesh_names, alone, caption))
+    found = swings(report, quantities.forces(train))
+    return found and found | {"apart": apart}
 
 
-def gears_part(report):
-    """Torques of gears."""
-    return _swings(report, gear_torques(report.train))
-
-
-def shafts_part(report):
-    """Torques of shafts and dampers; of a train without links the angles of its disks."""
-    return _swings(report, (shaft_torques if report.train.topology.link_names else angles)(report.train))
-
-
-def _swings(report, quantity):
+def swings(report, quantity):
+    """The largest numbers of all elements in a table, and the hardest worked over the speed."""
     if not quantity.names:
-        return []
-    figures = [over_speed(quantity, [name], report.shown) for name in _drawn(report, quantity)]
-    return [*_few(report, quantity), maxima(quantity, report.shown), *figures]
+        return {}
+    drawn = quantity.hardest(report.shown)[:MOST] if len(report.rpm) > 1 else []
+    figures = [over_speed(quantity, [name], report.shown) for name in drawn]
+    said = {"count": len(quantity.names), "largest": maxima(quantity, report.shown)}
+    return said | {"figures": figures, "apart": []}
 
 
-def _drawn(report, quantity):
-    return quantity.hardest(report.shown)[:MOST] if len(report.rpm) > 1 else []
-
-
-def _few(report, quantity):
-    """A sentence where not all elements have a figure."""
-    left = len(quantity.names) - MOST
-    if left <= 0 or len(report.rpm) < 2:
-        return []
-    return [f"Figures show the {MOST} with the largest numbers; the table lists all {len(quantity.names)}."]
-
-
-def maxima(quantity, cases, *, contact=False):
-    """The largest number of every element over the speeds that have an answer, with and without backlash; of meshes the
-    worst contact."""
+def maxima(quantity, cases):
+    """The largest number of every element over the speeds that have an answer, with and without backlash; of tooth
+    forces the worst contact too."""
     rpm, names = [answer.rpm for answer in cases[0].answers], quantity.names
     backlash = any(cases[0].answers[0].topology.mesh_backlash)
     columns, heads = [names], [quantity.element]
@@ -150,15 +112,18 @@ def maxima(quantity, cases, *, contact=False):
         before = [quantity.without(case.answers, name) for name in names]
         # Both columns go over the same speeds: those that have an answer with backlash.
         before = [np.where(np.isfinite(own), other, np.nan) for own, other in zip(values, before, strict=True)]
-        pair = [_or_nan(column) for column in values], [_or_nan(column) for column in before]
+        pair = [_largest(column) for column in values], [_largest(column) for column in before]
         shown = alike(*pair)
         columns += [shown[0], [_at(rpm, column) for column in values]]
         heads += ["with" if backlash else quantity.unit, "at rpm"]
         if backlash:
             columns += [shown[1], ratios(*pair)]
             heads += ["without", "ratio"]
-        if backlash and contact:
-            columns += _contact_columns(case, names)
+        if backlash and quantity.called == "tooth force":
+            known = [answer for answer in case.answers if answer.answered]
+            apart = [max((a.contacts[name].separated_fraction for a in known), default=None) for name in names]
+            hits = [max((a.contacts[name].hardest_impact for a in known), default=0.0) for name in names]
+            columns += [shares(apart), [f"{hit:.2f}" if hit > 0 else NONE for hit in hits]]
             heads += ["apart %", "hit m/s"]
     width = (len(heads) - 1) // len(cases)
     groups = [(case.title, 1 + i * width, (i + 1) * width) for i, case in enumerate(cases)]
@@ -166,18 +131,60 @@ def maxima(quantity, cases, *, contact=False):
     return Table(f"{quantity.title} over the speeds, {quantity.unit}{said}", heads, columns, groups)
 
 
-def _or_nan(values):
+def _at(rpm, values):
+    return f"{rpm[int(np.nanargmax(values))]:g}" if np.isfinite(values).any() else NONE
+
+
+def _largest(values):
     return float(np.nanmax(values)) if np.isfinite(values).any() else float("nan")
 
 
-def _contact_columns(case, names):
-    """Longest time apart and hardest impact of every mesh."""
-    known = [answer for answer in case.answers if answer.answered]
-    apart = [max((a.contacts[name].separated_fraction for a in known), default=None) for name in names]
-    hits = [max((a.contacts[name].hardest_impact for a in known), default=0.0) for name in names]
-    return [shares(apart), [f"{hit:.2f}" if hit > 0 else NONE for hit in hits]]
+def one_speed(report):
+    """One speed in full: verdicts, the cycle, tables of forces and torques, normal and misfiring."""
+    answers = {case.title: case.answers[report.place] for case in report.shown}
+    first, cases = report.cases[0].answers[report.place], {}
+    gear = report.gear or default_gear(first)
+    subject = gear or (hardest_shaft([first]) if first.topology.link_names else None)
+    own = meshes_of(first.topology, gear) if gear else ()
+    meshes = list(dict.fromkeys([*own[:MESHES], worst_mesh(first) or own[0]])) if own else ()
+    for title, answer in answers.items():
+        lines = [f"{said[0].upper()}{said[1:]}." for said in status_lines(answer)]
+        caption = f"{answer.rpm:g} rpm, {plain(title)}: torque of {plain(subject or '')}"
+        caption += " and tooth forces" * bool(meshes)
+        drawn = [cycle_figure(answer, subject, meshes, caption)] if subject and answer.answered else []
+        cases[title] = {"said": "\n".join([verdict(answer), *lines]), "figures": drawn}
+    tables = speed_tables(report.shown, report.place)
+    return {"rpm": first.rpm, "called": hardest(first)[0].called, "cases": cases, "tables": tables}
 
 
-def power_part(report):
-    """Power that dampers turn into heat."""
-    return _swings(report, heat(report.train))
+def second_design(report):
+    """Another design beside the first: what differs, what it does at the same speeds, and its shares of limits."""
+    if report.second is None:
+        return {}
+    pair = [dataclasses.replace(report.cases[0], title="first design"), report.second]
+    misfiring = []
+    if report.second_misfire is not None:
+        misfire = report.shown[1]
+        misfiring = [dataclasses.replace(misfire, title=f"first design, {misfire.title}"), report.second_misfire]
+    return {
+        "differences": report.tuning or differences(report.train, report.second.answers[0].train),
+        "beside": _beside(pair, drawn=len(report.rpm) > 1),
+        "misfiring": _beside(misfiring, drawn=False),
+        "found": judged(report.seconds),
+        "shares": shares_table("Largest shares of the limits that each design gives", pair + misfiring),
+    }
+
+
+def _beside(cases, *, drawn):
+    """Tables of what two designs do, and figures of what works hardest."""
+    blocks, trains = [], [case.answers[0].train for case in cases]
+    told = [quantities.forces, quantities.gear_torques, quantities.shaft_torques]
+    told = told if trains and trains[0].topology.link_names else [quantities.angles]
+    for quantity in (*told, quantities.heat) if cases else ():
+        mine, its = map(quantity, trains)
+        mine = dataclasses.replace(mine, names=tuple(name for name in mine.names if name in its.names))
+        if mine.names:
+            blocks.append(maxima(mine, cases))
+            chosen = mine.hardest(cases)[:MOST_BESIDE] if drawn and quantity is not quantities.heat else []
+            blocks += [over_speed(mine, [name], cases) for name in chosen]
+    return blocks

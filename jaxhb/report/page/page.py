@@ -1,96 +1,111 @@
 """The page of a report: one HTML file without a network, to be printed and signed. The only importer of plotly and
 jinja2."""
 
-import json
+import re
+import sys
+from dataclasses import dataclass
 
-from jaxhb.report.page.cycle import cycle_part
-from jaxhb.report.page.judgement import bounds_part, notes_part, result_part
-from jaxhb.report.page.limits import limits_part
-from jaxhb.report.page.linear import campbell_part, forced_part, modes_part
-from jaxhb.report.page.motion import forces_part, gears_part, map_part, power_part, shafts_part
-from jaxhb.report.page.parts import Heading, parts_of
-from jaxhb.report.page.second import second_part
-from jaxhb.report.page.train import assumptions_part, train_part
+from jaxhb.report.figures.figure import Figure
+from jaxhb.report.page.judgement import accuracy, notes_of, result
+from jaxhb.report.page.limits import limits
+from jaxhb.report.page.linear import campbell, forced, modes
+from jaxhb.report.page.motion import forces_over_speed, motions, one_speed, second_design, swings
+from jaxhb.report.page.parts import flowing
+from jaxhb.report.page.train import assumptions, train_data
+from jaxhb.report.quantities import angles, gear_torques, heat, shaft_torques
+from jaxhb.report.text.columns import Table
 
 PARTS = {
-    "Result": result_part,
-    "Train and data": train_part,
-    "Assumptions and versions": assumptions_part,
-    "Natural frequencies": modes_part,
-    "Campbell diagram and critical speeds": campbell_part,
-    "Linear forced response": forced_part,
-    "Motion over the speed": map_part,
-    "Tooth forces": forces_part,
-    "Torques of gears": gears_part,
-    "Torques of shafts and dampers": shafts_part,
-    "Heat of dampers": power_part,
-    "One speed in full": cycle_part,
-    "Limits": limits_part,
-    "Second design": second_part,
-    "Accuracy and computed bounds": bounds_part,
-    "Notes": notes_part,
+    "Result": ("result", result),
+    "Train and data": ("train", train_data),
+    "Assumptions and versions": ("assumptions", assumptions),
+    "Natural frequencies": ("blocks", modes),
+    "Campbell diagram and critical speeds": ("campbell", campbell),
+    "Linear forced response": ("forced", forced),
+    "Motion over the speed": ("blocks", motions),
+    "Tooth forces": ("swings", forces_over_speed),
+    "Torques of gears": ("swings", lambda report: swings(report, gear_torques(report.train))),
+    "Torques of shafts and dampers": (
+        "swings",
+        lambda report: swings(report, (shaft_torques if report.train.topology.link_names else angles)(report.train)),
+    ),
+    "Heat of dampers": ("swings", lambda report: swings(report, heat(report.train))),
+    "One speed in full": ("speed", one_speed),
+    "Limits": ("limits", limits),
+    "Second design": ("second", second_design),
+    "Accuracy and computed bounds": ("accuracy", accuracy),
+    "Notes": ("blocks", notes_of),
 }
-"""Functions that make the parts of the page, by their titles, in its order."""
+"""Of the parts of the page, by their titles and in its order: the template, and the function of the report that gathers
+its data, nothing where the part does not concern the train."""
 
 ROWS = 150
 """Rows of a table that are shown."""
 
 
+@dataclass(frozen=True)
+class Part:
+    """A part of the page: its HTML, and the data that it is made of."""
+
+    title: str
+    html: str
+    data: dict
+    failed: bool = False
+
+
 def as_page(report):
     """The page of a :class:`Report` as the bytes of a file, and whether every part of it could be made."""
     parts = parts_of(report, PARTS)
-    return [page_text(report.name, parts, report).encode()], not any(part.failed for part in parts)
+    return [page_text(parts, report).encode()], not any(part.failed for part in parts)
 
 
-def page_text(name, parts, report):
-    """HTML of parts.
-
-    Parameters
-    ----------
-    name : str, of the scene
-    parts : list of Part
-    report : Report
-
-    Returns
-    -------
-    str
-        Scripts, styles and numbers are inside; nothing is loaded when it is opened.
-    """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
+def page_text(parts, report):
+    """HTML of parts; scripts, styles and numbers are inside, nothing is loaded when it is opened."""
     from plotly.offline import get_plotlyjs
 
-    environment = Environment(
-        loader=PackageLoader(__package__, "."), autoescape=True, trim_blocks=True, undefined=StrictUndefined
+    return _environment().get_template("page.html").render(parts=parts, report=report, script=get_plotlyjs())
+
+
+def parts_of(report, sources):
+    """All parts that concern the train; what fails is a sentence in the part, and on stderr."""
+    found, environment = [], _environment()
+    for title, (name, gather) in sources.items():
+        try:
+            data, failed = gather(report), False
+            html = environment.get_template(f"{name}.html").render(report=report, **data) if data else ""
+        except Exception as error:  # whatever it is, the other parts are of use
+            kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
+            said = f"{kind}{error or 'no reason given'}"
+            print(f"--html: {title!r} is missing from the page: {said}", file=sys.stderr)
+            data, failed = {"blocks": [f"This part could not be made: {said}"]}, True
+            html = environment.get_template("blocks.html").render(**data)
+        found += [Part(title, html, data, failed)] if data else []
+    return found
+
+
+def _environment():
+    """Templates, which escape what they are given."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    made = Environment(
+        loader=PackageLoader(__package__, "."),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=StrictUndefined,
     )
-    environment.filters |= {"figure": _figure_json, "rows": _rows, "words": _words, "kind": _kind, "css": _css_text}
-    return environment.get_template("page.html").render(
-        name=name, parts=parts, report=report, script=get_plotlyjs(), most=ROWS
-    )
-
-
-def _kind(block):
-    """Which branch of the template shows a block."""
-    if isinstance(block, Heading):
-        return "heading"
-    kinds = {"heads": "table", "traces": "figure", "svg": "picture"}
-    return next((kind for attribute, kind in kinds.items() if hasattr(block, attribute)), "words")
-
-
-def _rows(table):
-    """Rows of a table, as many as are shown."""
-    return list(zip(*table.columns, strict=True))[:ROWS]
+    made.filters |= {"words": _words, "css": _css_text, "flowing": flowing}
+    made.tests |= {"table": lambda block: isinstance(block, Table), "drawn": lambda block: isinstance(block, Figure)}
+    made.globals |= {"most": ROWS}
+    made.policies["json.dumps_kwargs"] = {"allow_nan": False, "ensure_ascii": False}
+    return made
 
 
 def _words(table):
     """Numbers of the columns that hold words, which stand at the left."""
     columns = enumerate(table.columns)
-    return {0, *table.left, *(i for i, column in columns if any(cell[:1].isalpha() for cell in column))}
-
-
-def _figure_json(figure):
-    """A figure inside a script element: nothing in it ends the element."""
-    text = json.dumps({"data": figure.traces, "layout": figure.layout}, allow_nan=False, ensure_ascii=False)
-    return text.replace("<", "\\u003c")
+    word = re.compile("[A-Za-z]{2}|^[A-Za-z]")
+    return {0, *table.left, *(i for i, column in columns if any(map(word.search, column)))}
 
 
 def _css_text(text):

@@ -1,62 +1,32 @@
-"""What the page tells, in plain Python: numbered parts of words, tables and figures; a part that fails says so."""
+"""What was computed for a page, and how tables of its parts are made."""
 
-import sys
-from dataclasses import dataclass
+import math
+import re
+from dataclasses import dataclass, field
+from operator import itemgetter
 
 from jaxhb.report.selection import NOT_FIRING
 from jaxhb.report.text.cases import Case, worst_misfire
+from jaxhb.report.text.columns import NONE, Table
+from jaxhb.report.text.mean_torques import plain_number
+from jaxhb.train.drivetrain import DriveTrain
 
 FULL = 95
 """Letters of a line of text that goes on in the next."""
 
 
 @dataclass(frozen=True)
-class Part:
-    """A part of the page: words (str), tables (:class:`Table`), figures and pictures, in the order of the page."""
-
-    title: str
-    blocks: list
-    failed: bool = False
-
-
-class Heading(str):
-    """A heading inside a part."""
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A drawing that does not change: a caption and its text as SVG."""
-
-    caption: str
-    svg: str
-
-
-@dataclass(frozen=True)
 class Report:
     """What was computed for a page.
 
-    Parameters
-    ----------
-    cases : list of Case
-        The train as it runs, then with misfires; the same speeds.
-    place : int
-        Number of the speed at which the cycle is shown and computed bounds are asked for.
-    asked : bool
-        Whether the user chose that speed.
-    gear : str, optional
-        Gear whose torque is shown over the cycle.
-    second : Case, optional
-        Another design at the same speeds, as it runs.
-    second_misfire : Case, optional
-        The same with the misfire that is shown.
-    tuning : list, optional
-        Words and tables that tell how the second design was found.
-    facts : dict
-        Where the page comes from, by what it is: the scene, its changes, the command, versions.
-    description, scene : str
-        What the scene says that it is, and its text as it was read.
-    files : dict
-        Names of the files that torques and cylinders take their rows from, see :func:`element_files`.
+    cases : the train as it runs, then with misfires, at the same speeds
+    place : number of the speed that is shown in full, which the user may have ``asked`` for
+    gear : whose torque is shown over the cycle
+    second, second_misfire : another design at the same speeds as it runs, and with the misfire that is shown
+    tuning : words and tables that tell how it was found
+    facts : where the page comes from, by what it is: the scene, its changes, the command, versions
+    description, scene : what the scene says that it is, and its text as it was read
+    files : names of the files that torques and cylinders take their rows from, see :func:`element_files`
     """
 
     cases: list[Case]
@@ -66,13 +36,13 @@ class Report:
     second: Case | None = None
     second_misfire: Case | None = None
     tuning: tuple = ()
-    facts: dict | None = None
+    facts: dict = field(default_factory=dict)
     description: str = ""
     scene: str = ""
-    files: dict | None = None
+    files: dict = field(default_factory=dict)
 
     @property
-    def train(self):
+    def train(self) -> DriveTrain:
         """The train as it runs."""
         return self.cases[0].answers[0].train
 
@@ -107,6 +77,22 @@ def shown_misfire(cases):
     return next(case for case in cases if case.title == title)
 
 
+def table(title, rows, columns, digits=6, rare=()):
+    """A :class:`Table` of rows, None without: ``columns`` are heads of what a row holds, or functions of a row by their
+    heads, to words or numbers, nan where there is none; ``rare`` ones are left out where they have nothing to tell."""
+    if not isinstance(columns, dict):
+        columns = {head: itemgetter(k) for k, head in enumerate(columns)}
+    cells = {head: [_cell(read(row), digits) for row in rows] for head, read in columns.items()}
+    cells = {head: column for head, column in cells.items() if head not in rare or set(column) != {NONE}}
+    return Table(title, list(cells), list(cells.values())) if rows else None
+
+
+def _cell(value, digits):
+    if isinstance(value, str):
+        return value
+    return plain_number(float(value), digits) if math.isfinite(value) else NONE
+
+
 def flowing(text):
     """A text in which lines that are full are no lines of their own: the page breaks them where it likes.
 
@@ -115,41 +101,4 @@ def flowing(text):
     >>> flowing(f"{'long ' * 20}\\ngoes on\\n  an item").splitlines()[1:]
     ['  an item']
     """
-    first, *lines = text.split("\n")
-    found, before = first.rstrip(), first
-    for one in lines:
-        on = len(before) >= FULL and not before.startswith("  ") and not one.startswith("  ")
-        found += (" " if on else "\n") + one.rstrip()
-        before = one
-    return found
-
-
-def parts_of(report, builders):
-    """Build all parts, ``{title: function of the report}``; what fails is a sentence in the part, and on stderr.
-
-    Parameters
-    ----------
-    report : Report
-    builders : dict
-        A function returns the blocks of its part, none where the part does not concern the train.
-
-    Returns
-    -------
-    list of Part
-
-    Examples
-    --------
-    >>> [part.title for part in parts_of(None, {"Words": lambda report: ["said"], "Nothing": lambda report: []})]
-    ['Words']
-    """
-    found = []
-    for title, build in builders.items():
-        try:
-            part = Part(title, build(report))
-        except Exception as error:  # whatever it is, the other parts are of use
-            kind = "" if isinstance(error, ValueError) else f"{type(error).__name__}: "
-            said = f"{kind}{error or 'no reason given'}"
-            print(f"--html: {title!r} is missing from the page: {said}", file=sys.stderr)
-            part = Part(title, [f"This part could not be made: {said}"], failed=True)
-        found += [part] if part.blocks else []
-    return found
+    return re.sub(rf"^(?!  )(.{{{FULL},}}?)[ ]*\n(?!  )", r"\1 ", text, flags=re.MULTILINE)
