@@ -8,7 +8,7 @@ from pathlib import Path
 from jaxhb.cli.page_command import certified_at, check_page, report_of, second_cases, second_text
 from jaxhb.cli.progress import Progress
 from jaxhb.cli.resume import GOES_ON, Kept
-from jaxhb.report.compute import Asked, answer_one
+from jaxhb.report.compute import Asked, answer_one, check_designs, solve_cases
 from jaxhb.report.files.labelled import check_labelled, netcdf
 from jaxhb.report.files.output import (
     ANSWERED,
@@ -25,19 +25,11 @@ from jaxhb.report.files.output import (
 from jaxhb.report.files.record import both_record, finite, on_scene
 from jaxhb.report.files.rows import answer_row, rows_csv, trace_csv, untraceable
 from jaxhb.report.page.parts import shown_misfire
-from jaxhb.report.selection import asks_each, case_title, gears, without_cylinders
-from jaxhb.report.text.cases import (
-    cases_record,
-    cases_text,
-    hardest,
-    misfire_trains,
-    misfires_text,
-    solve_cases,
-    worst_misfire,
-)
+from jaxhb.report.selection import asks_each, case_title, gears, misfire_trains, without_cylinders
+from jaxhb.report.text.cases import cases_record, cases_text, hardest, misfires_text, worst_misfire
 from jaxhb.report.text.sentences import warnings
 from jaxhb.report.text.tables import solve_text
-from jaxhb.report.text.tuned import check_designs, check_text, progress_record, start_record, tuned_record, tuned_text
+from jaxhb.report.text.tuned import check_text, progress_record, start_record, tuned_record, tuned_text
 from jaxhb.scene.writer import changed_scene, copies_beside
 from jaxhb.train.changes import locate, scene_values
 

@@ -11,10 +11,12 @@ from pathlib import Path
 
 from jaxhb import __version__
 from jaxhb.design.table import read_table
+from jaxhb.report.answer import Case
+from jaxhb.report.compute import certificate_of, solve_cases
 from jaxhb.report.files.output import OutputError, changed_text
 from jaxhb.report.page.parts import Report
 from jaxhb.report.selection import NOT_FIRING, asks_each
-from jaxhb.report.text.cases import Case, largest_of, solve_cases
+from jaxhb.report.text.cases import largest_of
 from jaxhb.report.text.tuned import tuned_parts
 from jaxhb.scene.files import _find, load_scene, scene_description
 from jaxhb.scene.writer import element_files, scene_text
@@ -156,8 +158,6 @@ def _accuracy(arguments):
 
 def certified_at(cases, place, say):
     """The cases with computed bounds at one speed."""
-    from jaxhb.report.text.certified import certificate_of
-
     found = []
     for case in cases:
         answers = list(case.answers)

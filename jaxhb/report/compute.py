@@ -1,4 +1,5 @@
-"""The answers of the command line: what a train does at one speed, at many, and the periodic solutions of --orbit."""
+"""The answers of the command line: what a train does at one speed, at many, for many values of a number, with misfires,
+in the designs of a tuning; periodic solutions of --orbit, and computed bounds."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -7,14 +8,41 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxhb.report.answer import Answer, growth_of, orbit_state, shown
-from jaxhb.report.text.certified import certificate_of
-from jaxhb.results.status import Status
+from jaxhb.certificate.certificate import certify
+from jaxhb.design.quantities import label, unit_of
+from jaxhb.linear.strength import strength
+from jaxhb.report.answer import UNCONFIRMED, Answer, Case, growth_of, orbit_state, shown
+from jaxhb.report.quantities import number, shown_unit
+from jaxhb.report.text.columns import plain_number
+from jaxhb.results.status import NotConverged, Status
 from jaxhb.solutions.solve import solve
 from jaxhb.solutions.speeds import solve_speeds
 from jaxhb.steady.checkpoint import CHUNK, Checkpoint
 from jaxhb.steady.steady_state import steady_state
 from jaxhb.train.changes import without_backlash
+
+SAME_MOTION = 0.02
+"""Difference of a force, torque or angle from which the steady state is told as another motion than the orbit tuned."""
+
+STEADY_VARIABLES = {
+    "tooth force": "tooth_force_half_peak_to_peak",
+    "tooth force peak": "tooth_force_peak",
+    "shaft torque": "torque_half_peak_to_peak",
+    "gear torque": "gear_torque_half_peak_to_peak",
+    "angle": "angle_half_peak_to_peak",
+}
+"""Variables of the quantities of a tuning that are compared with those of steady states."""
+
+STEADY_ORDERS = {"tooth force order": "force", "shaft torque order": "torque", "angle order": "disk"}
+"""What reads the signals of their orders."""
+
+STEADY_LIMITS = {
+    "stress": ("stresses", "stress", None),
+    "stress over continuous limit": ("stresses", "stress", "continuous"),
+    "stress over transient limit": ("stresses", "stress", "transient"),
+    "tooth torque over limit": ("tooth_torques", "vibratory", "limit"),
+}
+"""Rows of :class:`jaxhb.Strength`, their number and its limit."""
 
 
 @dataclass(frozen=True)
@@ -165,6 +193,119 @@ def answer_values(train, rpm, axis, values, asked, *, direction="up", kept=None,
             if told:
                 told({key: [rows[i] for i in sorted(rows)] for key, rows in found.items()})
     return {way: [own[i] for i in sorted(own)] for way, own in found.items()}
+
+
+def solve_cases(trains, speeds, asked, *, folder=None, say=lambda text: None, advance=lambda count: None):
+    """A :class:`Case` of every train of ``{title: train}``, answered at every speed upwards, as a sweep does.
+
+    ``say`` is told what comes next. Steady states are kept in a ``folder`` as they are found, and read from there.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> train = jaxhb.load_scene("six_cylinder_diesel")
+    >>> trains = {"all cylinders firing": train, "cylinder 1 not firing": train.misfire("cylinder 1")}
+    >>> [(case.title, len(case.answers)) for case in solve_cases(trains, [1500.0], Asked())]
+    [('all cylinders firing', 1), ('cylinder 1 not firing', 1)]
+    """
+    cases = []
+    for place, (title, train) in enumerate(trains.items()):
+        kept = {"out": folder / str(place), "chunk": 1} if folder else None
+
+        def tell(text, title=title):
+            say(f"{text} ({title})")
+
+        (answers,) = answer_speeds(train, speeds, asked, kept=kept, progress=advance, say=tell).values()
+        cases.append(Case(title, answers))
+    return cases
+
+
+def certificate_of(answer, say=lambda text: None):
+    """The :class:`jaxhb.Certificate` of an answer's harmonic solution; a sentence where there can be none."""
+    if answer.response is None and answer.known:
+        why = f"The motion is {UNCONFIRMED}" if answer.unconfirmed else "The motion does not repeat itself"
+        return f"{why}: a computed bound needs a harmonic solution (--orbit asks for one)."
+    if not answer.known:
+        return "There is no solution."
+    say(f"{answer.rpm:g} rpm: how far off can it be?")
+    try:
+        return certify(answer.response)
+    except (ValueError, NotConverged) as refusal:
+        return str(refusal)
+
+
+def check_designs(train, asked, result, say=lambda text: None):
+    """What the first and the last design do at the speeds of a tuning, and where that is not what was tuned.
+
+    Parameters
+    ----------
+    train : DriveTrain, as it was
+    asked : dict, from :func:`jaxhb.design.table.read_table`
+    result : Tuning
+    say : callable, told what is done
+
+    Returns
+    -------
+    dict
+        ``{"before", "after"}`` of ``{"kind", "period", "readings", "differences"}``: of every speed the kind and period
+        of its motion and, by label, the quantities that can be compared; a sentence for each speed at which the motion
+        is neither in contact nor periodic, or a quantity more than 2 % from that of the orbit tuned.
+    """
+    known, found = STEADY_VARIABLES | STEADY_ORDERS | STEADY_LIMITS, {}
+    compared = [chosen for chosen in (*asked["objective"], *asked["penalties"]) if chosen.quantity in known]
+    designs = {"before": ("first", train, result.before), "after": ("last", result.train, result.after)}
+    for when, (which, design, tuned) in designs.items():
+        say(f"what does the {which} design do?")
+        states = steady_state(design, rpm=np.asarray(asked["rpm"]), tolerance=asked.get("tolerance")).states
+        told = {label(chosen): [_steady_number(design, state, chosen) for state in states] for chosen in compared}
+        said = (
+            _difference(state, {c: (told[label(c)][i], float(tuned.readings[label(c)][i])) for c in compared})
+            for i, state in enumerate(states)
+        )
+        found[when] = {
+            "kind": [state.kind for state in states],
+            "period": [state.period for state in states],
+            "readings": told,
+            "differences": [f"The {which} design {one}" for one in said if one],
+        }
+    return found
+
+
+def _steady_number(design, state, chosen):
+    """A quantity of a tuning in a steady state of a design, nan where its motion is unknown."""
+    if not state.known:
+        return float("nan")
+    quantity, name = chosen.quantity, chosen.of
+    if quantity in STEADY_VARIABLES:
+        return number(state, STEADY_VARIABLES[quantity], name)
+    if quantity in STEADY_ORDERS:
+        return float(getattr(state, STEADY_ORDERS[quantity])(name).order(chosen.order))
+    kind, field, limit = STEADY_LIMITS[quantity]
+    row = getattr(strength(state, train=design), kind)[name]
+    return float(getattr(row, field) / (1.0 if limit is None else getattr(row, limit)))
+
+
+def _difference(state, pairs):
+    """What a steady state does that the orbit of the tuning does not; "" for the same motion."""
+    kind = {
+        "subharmonic": f"has a period of {state.period} cycles",
+        "irregular": "is irregular",
+        "unknown": f"is not known ({'; '.join(state.notes)})",
+    }.get(state.kind, "")
+
+    def said(chosen, value):
+        factor, unit = shown_unit(unit_of(chosen.quantity))
+        return f"{plain_number(factor * value, digits=3)} {unit}".strip()
+
+    apart = [
+        f"{label(chosen)} {said(chosen, own)} instead of {said(chosen, tuned)}"
+        for chosen, (own, tuned) in pairs.items()
+        if abs(own - tuned) > SAME_MOTION * max(abs(own), abs(tuned))
+    ]
+    if not kind and not apart:
+        return ""
+    about = f" ({'; '.join(state.notes)})" if state.known and state.notes else ""
+    return f"at {state.rpm:g} rpm {kind or 'is in another motion'}{': ' if apart else ''}{', '.join(apart)}{about}."
 
 
 def _orbits(train, rpm, linear, asked, kept, progress, tell):

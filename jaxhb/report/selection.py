@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from jaxhb.report.files.output import OutputError
+from jaxhb.solutions.misfires import same_factor
 
 EACH = "each"
 NOT_FIRING, ALL_FIRING, AS_GIVEN = " not firing", "all cylinders firing", "the scene as given"
@@ -24,6 +25,14 @@ def without_cylinders(train, arguments):
         with_it = "report, forced and campbell take every cylinder in turn"
         raise OutputError(f"--misfire {EACH}: only jaxhb {with_it}. Name one, or use one of them.")
     return train.misfire(*arguments.misfire)
+
+
+def misfire_trains(train):
+    """The train as it runs under "", and under each cylinder that in which it does not fire; they share programs."""
+    trains = train.misfires()
+    if not trains:
+        raise OutputError("--misfire each: no cylinder of the train fires. Name what misfires, or leave it out.")
+    return {"": train.replace(same_factor(train))} | trains
 
 
 def case_title(train, cylinders=""):

@@ -12,7 +12,7 @@ from jaxhb.cli.main import main
 from jaxhb.linear.critical import Critical, campbell
 from jaxhb.report.figures.figure import DIGITS
 from jaxhb.report.figures.linear import counting, plot_campbell
-from jaxhb.report.text.campbell import shares_in_mode
+from jaxhb.report.text.linear import shares_in_mode
 
 SCENE = "six_cylinder_diesel"
 TORQUES = (1, 200.0), (1, 1.0), (2, 0.5), (2, 0.25), (3, 0.0)

@@ -9,7 +9,7 @@ from jaxhb.report.figures.figure import Figure, crosses, layout, line, top_of
 from jaxhb.report.figures.limits import judged_elements, limit_figure
 from jaxhb.report.figures.style import plain
 from jaxhb.report.selection import NOT_FIRING, train_name
-from jaxhb.report.text.forced import KINDS, signal_of
+from jaxhb.report.text.forced import signal_of
 
 MOST = 4
 """Elements in one picture."""
@@ -95,7 +95,7 @@ def orders_figure(response, element, misfires, title=""):
         more = {"mode": "lines+markers", "marker": marker}
         traces.append(line(rpm, certain * signal.amplitudes[:, k], f"order {signal.orders[k]:g}", 2 + number, **more))
         traces[-1]["line"] |= {"width": 1.0}
-    panels = [(f"{KINDS[element.kind][1]}, {unit}", top_of(*(trace["y"] for trace in traces)))]
+    panels = [(f"{element.called}, {unit}", top_of(*(trace["y"] for trace in traces)))]
     traces += crosses(rpm[~converged])
     across = (rpm[0], rpm[-1]) if len(rpm) > 1 else None
     made = layout("speed, rpm", panels, traces, x_range=across, heights=[220])

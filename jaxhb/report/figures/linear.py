@@ -7,7 +7,7 @@ from jaxhb.linear.critical import ELASTIC
 from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import Figure, layout, line, marks
 from jaxhb.report.figures.style import WITH, WITHOUT, new_figure
-from jaxhb.report.text.campbell import shares_in_mode, shown_modes
+from jaxhb.report.text.linear import shares_in_mode, shown_modes
 
 POINTS = 2000
 COUNTS = 0.1

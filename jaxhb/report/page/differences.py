@@ -5,8 +5,7 @@ import dataclasses
 import numpy as np
 
 from jaxhb.excitation.gas import FAR
-from jaxhb.report.text.columns import NONE, Table
-from jaxhb.report.text.mean_torques import plain_number
+from jaxhb.report.text.columns import NONE, Table, plain_number
 from jaxhb.train.changes import declared_field
 
 WORDS = {

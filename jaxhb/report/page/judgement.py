@@ -8,8 +8,7 @@ from jaxhb.report.quantities import main_quantity
 from jaxhb.report.selection import largest
 from jaxhb.report.text.cases import worst_misfire
 from jaxhb.report.text.certified import certificate_parts
-from jaxhb.report.text.columns import NONE, Table
-from jaxhb.report.text.mean_torques import plain_number
+from jaxhb.report.text.columns import NONE, Table, plain_number
 from jaxhb.report.text.sentences import notes, warnings
 from jaxhb.report.text.sweep_tables import motion_sentences
 from jaxhb.train.plausible import plausibility

@@ -3,8 +3,9 @@
 import sys
 from dataclasses import dataclass
 
+from jaxhb.report.answer import Case
 from jaxhb.report.selection import NOT_FIRING
-from jaxhb.report.text.cases import Case, worst_misfire
+from jaxhb.report.text.cases import worst_misfire
 
 FULL = 95
 """Letters of a line of text that goes on in the next."""
