@@ -65,9 +65,9 @@ def scene(arguments):
     if arguments.quiet:
         return 0
     if arguments.referred:
-        from jaxhb.report.text.scene_check import referred_text
+        from jaxhb.report.text.scene_check import referred_tables
 
-        print(referred_text(load_scene(arguments.scene)))
+        print("\n\n".join(referred_tables(load_scene(arguments.scene))))
         return 0
     printed = not arguments.out and (arguments.expand or not arguments.plot)
     print(text.replace("\r\n", "\n") if printed else "".join(f"{name} is written.\n" for name in files), end="")

@@ -8,6 +8,7 @@ import numpy as np
 
 from jaxhb.equations.backlash import law_of
 from jaxhb.floquet.stability import attracts
+from jaxhb.report.selection import largest
 from jaxhb.results.motion import Motion
 from jaxhb.results.record import PerCycle, SteadyContact
 from jaxhb.results.response import Fields, Response
@@ -235,6 +236,11 @@ class Answer(Motion):
     def without_backlash(self):
         """The linear motion as an answer of its own."""
         return Answer(self.linear.train, orbit_state(self.linear), self.linear, orbit=True)
+
+    @cached_property
+    def worst_mesh(self):
+        """The mesh with the largest tooth force; None where the motion is unknown."""
+        return largest(self.topology.mesh_names, lambda name: self.force(name).peak)
 
     @cached_property
     def contacts(self):

@@ -12,7 +12,7 @@ from jaxhb.certificate.certificate import certify
 from jaxhb.design.quantities import label, unit_of
 from jaxhb.linear.strength import strength
 from jaxhb.report.answer import UNCONFIRMED, Answer, Case, growth_of, orbit_state, shown
-from jaxhb.report.quantities import number, shown_unit
+from jaxhb.report.quantities import shown_unit
 from jaxhb.report.text.columns import plain_number
 from jaxhb.results.status import NotConverged, Status
 from jaxhb.solutions.solve import solve
@@ -24,25 +24,38 @@ from jaxhb.train.changes import without_backlash
 SAME_MOTION = 0.02
 """Difference of a force, torque or angle from which the steady state is told as another motion than the orbit tuned."""
 
-STEADY_VARIABLES = {
-    "tooth force": "tooth_force_half_peak_to_peak",
-    "tooth force peak": "tooth_force_peak",
-    "shaft torque": "torque_half_peak_to_peak",
-    "gear torque": "gear_torque_half_peak_to_peak",
-    "angle": "angle_half_peak_to_peak",
-}
-"""Variables of the quantities of a tuning that are compared with those of steady states."""
 
-STEADY_ORDERS = {"tooth force order": "force", "shaft torque order": "torque", "angle order": "disk"}
-"""What reads the signals of their orders."""
+def _swing(reader, number="half_peak_to_peak"):
+    return lambda design, state, chosen: getattr(getattr(state, reader)(chosen.of), number)
 
-STEADY_LIMITS = {
-    "stress": ("stresses", "stress", None),
-    "stress over continuous limit": ("stresses", "stress", "continuous"),
-    "stress over transient limit": ("stresses", "stress", "transient"),
-    "tooth torque over limit": ("tooth_torques", "vibratory", "limit"),
+
+def _order(reader):
+    return lambda design, state, chosen: getattr(state, reader)(chosen.of).order(chosen.order)
+
+
+def _limited(kind, number, limit=None):
+    def read(design, state, chosen):
+        row = getattr(strength(state, train=design), kind)[chosen.of]
+        return getattr(row, number) / (1.0 if limit is None else getattr(row, limit))
+
+    return read
+
+
+STEADY = {
+    "tooth force": _swing("force"),
+    "tooth force peak": _swing("force", "peak"),
+    "shaft torque": _swing("torque"),
+    "gear torque": _swing("gear_torque"),
+    "angle": _swing("disk"),
+    "tooth force order": _order("force"),
+    "shaft torque order": _order("torque"),
+    "angle order": _order("disk"),
+    "stress": _limited("stresses", "stress"),
+    "stress over continuous limit": _limited("stresses", "stress", "continuous"),
+    "stress over transient limit": _limited("stresses", "stress", "transient"),
+    "tooth torque over limit": _limited("tooth_torques", "vibratory", "limit"),
 }
-"""Rows of :class:`jaxhb.Strength`, their number and its limit."""
+"""How a steady state of a design tells the quantities of a tuning that are compared."""
 
 
 @dataclass(frozen=True)
@@ -121,16 +134,28 @@ def answer_speeds(train, rpm, asked, *, direction="up", kept=None, progress=None
         ``{"up": [Answer, ...]}``, ``"down"`` or both; ``"orbit"`` for orbits. Always in the order of ``rpm``.
     """
     rpm = np.array(rpm, dtype=float)
-    linear = _linear(train, rpm)
-    gathered = _Gathered(train, linear, asked.orbit, told)
+    linear, known, made = _linear(train, rpm), {}, {}
+
+    def answers(found):
+        """Answers by direction; a speed that does the same upwards and downwards has one state and one answer."""
+        for place, state in (pair for own in found.values() for pair in own.items()):
+            if id(state) not in made:
+                made[id(state)] = Answer(train, state, shown(linear[place]), growth_of(state), asked.orbit)
+        return {way: [made[id(own[place])] for place in sorted(own)] for way, own in found.items()}
+
+    def tell(states, way):
+        known.setdefault(way, {}).update(states)
+        if told:
+            told(answers(known))
+
     if asked.orbit:
         say("speeds solved for a periodic motion")
-        found = {"orbit": _orbits(train, rpm, linear, asked, kept or {}, progress, gathered.tell)}
+        found = {"orbit": _orbits(train, rpm, linear, asked, kept or {}, progress, tell)}
     else:
         say("speeds marched until the motion settles")
-        found = _swept(train, rpm, linear, asked, direction, kept or {}, progress, gathered.tell)
+        found = _swept(train, rpm, linear, asked, direction, kept or {}, progress, tell)
     say("is each motion stable?")
-    return gathered.answers({way: dict(enumerate(states)) for way, states in found.items()})
+    return answers({way: dict(enumerate(states)) for way, states in found.items()})
 
 
 def _linear(train, rpm):
@@ -139,44 +164,10 @@ def _linear(train, rpm):
     return solve_speeds(without_backlash(train) if any(train.topology.mesh_backlash) else train, rpm=rpm)
 
 
-class _Gathered:
-    """Answers of a sweep as its states become known."""
-
-    def __init__(self, train, linear, orbit, told):
-        self.train, self.linear, self.orbit, self.told = train, linear, orbit, told
-        self.states, self.made = {}, {}
-
-    def tell(self, states, way):
-        """Some states more, by the number of their speed."""
-        self.states.setdefault(way, {}).update(states)
-        if self.told:
-            self.told(self.answers(self.states))
-
-    def answers(self, states):
-        """Answers by direction, in the order of the speeds."""
-        return {way: [self._answer(i, own[i]) for i in sorted(own)] for way, own in states.items()}
-
-    def _answer(self, place, state):
-        if id(state) not in self.made:  # a speed that does the same upwards and downwards has one state
-            growth = growth_of(state)
-            self.made[id(state)] = Answer(self.train, state, shown(self.linear[place]), growth, self.orbit)
-        return self.made[id(state)]
-
-
 def answer_values(train, rpm, axis, values, asked, *, direction="up", kept=None, progress=None, told=None):
     """Answers at one speed for many values of a number of the scene, each from the motion of its neighbour.
 
-    Parameters
-    ----------
-    train, asked, direction, kept, progress, told : as of :func:`answer_speeds`
-    rpm : float
-    axis : Axis, the number that changes
-    values : sequence of float
-
-    Returns
-    -------
-    dict
-        As of :func:`answer_speeds`, in the order of ``values``.
+    As :func:`answer_speeds`, in the order of ``values``; ``axis`` is the :class:`Axis` of the number that changes.
     """
     order, found = np.argsort(values, kind="stable"), {}
     ways = ("orbit",) if asked.orbit else ("up", "down") if direction == "both" else (direction,)
@@ -239,9 +230,7 @@ def check_designs(train, asked, result, say=lambda text: None):
 
     Parameters
     ----------
-    train : DriveTrain, as it was
-    asked : dict, from :func:`jaxhb.design.table.read_table`
-    result : Tuning
+    train : DriveTrain, as it was; asked : dict, from :func:`jaxhb.design.table.read_table`; result : Tuning
     say : callable, told what is done
 
     Returns
@@ -251,38 +240,24 @@ def check_designs(train, asked, result, say=lambda text: None):
         of its motion and, by label, the quantities that can be compared; a sentence for each speed at which the motion
         is neither in contact nor periodic, or a quantity more than 2 % from that of the orbit tuned.
     """
-    known, found = STEADY_VARIABLES | STEADY_ORDERS | STEADY_LIMITS, {}
-    compared = [chosen for chosen in (*asked["objective"], *asked["penalties"]) if chosen.quantity in known]
+    found, compared = {}, [c for c in (*asked["objective"], *asked["penalties"]) if c.quantity in STEADY]
     designs = {"before": ("first", train, result.before), "after": ("last", result.train, result.after)}
     for when, (which, design, tuned) in designs.items():
         say(f"what does the {which} design do?")
         states = steady_state(design, rpm=np.asarray(asked["rpm"]), tolerance=asked.get("tolerance")).states
-        told = {label(chosen): [_steady_number(design, state, chosen) for state in states] for chosen in compared}
-        said = (
-            _difference(state, {c: (told[label(c)][i], float(tuned.readings[label(c)][i])) for c in compared})
-            for i, state in enumerate(states)
-        )
+        told = {
+            c: [float(STEADY[c.quantity](design, state, c)) if state.known else np.nan for state in states]
+            for c in compared
+        }
+        pairs = [{c: (told[c][i], float(tuned.readings[label(c)][i])) for c in compared} for i in range(len(states))]
+        said = filter(None, map(_difference, states, pairs))
         found[when] = {
             "kind": [state.kind for state in states],
             "period": [state.period for state in states],
-            "readings": told,
-            "differences": [f"The {which} design {one}" for one in said if one],
+            "readings": {label(chosen): values for chosen, values in told.items()},
+            "differences": [f"The {which} design {one}" for one in said],
         }
     return found
-
-
-def _steady_number(design, state, chosen):
-    """A quantity of a tuning in a steady state of a design, nan where its motion is unknown."""
-    if not state.known:
-        return float("nan")
-    quantity, name = chosen.quantity, chosen.of
-    if quantity in STEADY_VARIABLES:
-        return number(state, STEADY_VARIABLES[quantity], name)
-    if quantity in STEADY_ORDERS:
-        return float(getattr(state, STEADY_ORDERS[quantity])(name).order(chosen.order))
-    kind, field, limit = STEADY_LIMITS[quantity]
-    row = getattr(strength(state, train=design), kind)[name]
-    return float(getattr(row, field) / (1.0 if limit is None else getattr(row, limit)))
 
 
 def _difference(state, pairs):

@@ -119,7 +119,17 @@ class Quantity:
         return sorted(self.names, key=lambda name: -most(name))
 
 
-def _told(element, called, title, names_of, variable):
+ELEMENTS = {
+    "mesh": lambda topology: topology.mesh_names,
+    "gear": gears,
+    "shaft": shafts_of,
+    "disk": lambda topology: topology.disk_names,
+    "damper": lambda topology: topology.damper_names,
+}
+"""Names of the elements of a kind."""
+
+
+def _told(element, called, title, variable, names_of=None):
     """The function from a train to a quantity of its elements."""
     signal, statistic = _parts(variable)
 
@@ -129,40 +139,25 @@ def _told(element, called, title, names_of, variable):
     def read_signal(motion, name):
         return getattr(motion, READERS.get(signal, signal))(name)
 
-    si_unit, read_signal = unit_of(variable), read_signal if statistic else None
-    return lambda train: Quantity(element, called, title, names_of(train), read, si_unit, read_signal, variable)
+    def of(train):
+        names = names_of(train) if names_of else ELEMENTS[element](train.topology)
+        of_signal = read_signal if statistic else None
+        return Quantity(element, called, title, names, read, unit_of(variable), of_signal, variable)
+
+    return of
 
 
 IRREGULARITY = "Cyclic irregularity, (largest - smallest) / mean speed"
-_SWING = ", half peak-to-peak"
-_TURNING = f"{IRREGULARITY}, of the heaviest disk, the gears and the loads"
+SWING = ", half peak-to-peak"
 
-
-def _meshes(train):
-    return train.topology.mesh_names
-
-
-forces = _told("mesh", "tooth force", "Largest tooth force", _meshes, "tooth_force_peak")
-gear_torques = _told(
-    "gear", "gear torque", f"Gear torque{_SWING}", lambda train: gears(train.topology), "gear_torque_half_peak_to_peak"
-)
-shaft_torques = _told(
-    "shaft",
-    "torque",
-    f"Torque of shafts and dampers{_SWING}",
-    lambda train: shafts_of(train.topology),
-    "torque_half_peak_to_peak",
-)
-angles = _told(
-    "disk",
-    "angle",
-    f"Vibratory angle of disks{_SWING}",
-    lambda train: train.topology.disk_names,
-    "angle_half_peak_to_peak",
-)
-heat = _told("damper", "heat", "Heat of dampers", lambda train: train.topology.damper_names, "heat")
-separation = _told("mesh", "teeth apart", "Time out of contact", _meshes, "separated_fraction")
-irregularity = _told("disk", "irregularity", _TURNING, turning_disks, "irregularity")
+forces = _told("mesh", "tooth force", "Largest tooth force", "tooth_force_peak")
+gear_torques = _told("gear", "gear torque", f"Gear torque{SWING}", "gear_torque_half_peak_to_peak")
+shaft_torques = _told("shaft", "torque", f"Torque of shafts and dampers{SWING}", "torque_half_peak_to_peak")
+angles = _told("disk", "angle", f"Vibratory angle of disks{SWING}", "angle_half_peak_to_peak")
+heat = _told("damper", "heat", "Heat of dampers", "heat")
+separation = _told("mesh", "teeth apart", "Time out of contact", "separated_fraction")
+_turning = f"{IRREGULARITY}, of the heaviest disk, the gears and the loads"
+irregularity = _told("disk", "irregularity", _turning, "irregularity", turning_disks)
 
 
 def main_quantity(train):

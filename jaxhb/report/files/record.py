@@ -17,17 +17,8 @@ NO_ORDERS = 0.0
 def answer_record(answer, *, orders=None):
     """Everything that is reported of one speed, as plain numbers in SI units; ``solve --json`` writes it.
 
-    Parameters
-    ----------
-    answer : Answer
-    orders : float, optional
-        Highest order whose amplitude is listed; default: all. The list ends where all amplitudes that follow are below
-        1e-12 of the largest.
-
-    Returns
-    -------
-    dict
-        Numbers that are not finite are None.
+    Amplitudes are listed up to the order ``orders``, or to the last that is not below 1e-12 of the largest. Numbers
+    that are not finite are None.
 
     Examples
     --------

@@ -6,7 +6,7 @@ from jaxhb.equations import fourier
 from jaxhb.report.answer import UNCONFIRMED
 from jaxhb.report.files.output import as_csv
 from jaxhb.report.files.record import finite
-from jaxhb.report.quantities import WITHOUT, number
+from jaxhb.report.quantities import ELEMENTS, WITHOUT, number
 from jaxhb.report.selection import gears, shafts_of
 from jaxhb.report.text.mean_torques import ground_reactions, load_torques
 from jaxhb.report.text.strength import answers_strength, strength_columns
@@ -79,13 +79,11 @@ CELLS = {
 
 
 def _numbers(answer):
-    topology = answer.topology
     row = {"load kW": float(answer.balance.load_kW)}
     row |= {f"{name} load torque N m": torque for name, torque in load_torques(answer.balance).items()}
     row |= {f"{name} ground reaction N m": torque for name, torque in ground_reactions(answer.balance).items()}
-    names = topology.mesh_names, gears(topology), shafts_of(topology), topology.disk_names
-    for cells, elements in zip(CELLS.values(), names, strict=True):
-        for name in elements:
+    for element, cells in CELLS.items():
+        for name in ELEMENTS[element](answer.topology):
             for head, read in cells.items():
                 row[f"{name} {head}"] = read(answer, name) if callable(read) else number(answer, read, name)
     return row | {head: values[0] for head, values in strength_columns(answers_strength([answer])).items()}

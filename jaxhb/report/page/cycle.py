@@ -3,7 +3,7 @@
 from jaxhb.report.figures.cycle import cycle_figure
 from jaxhb.report.figures.style import plain
 from jaxhb.report.page.parts import Heading
-from jaxhb.report.selection import default_gear, hardest_shaft, meshes_of, worst_mesh
+from jaxhb.report.selection import default_gear, hardest_shaft, meshes_of
 from jaxhb.report.text.cases import hardest, speed_tables
 from jaxhb.report.text.sentences import status_lines, verdict
 
@@ -21,7 +21,7 @@ def cycle_part(report):
     gear = report.gear or default_gear(first)
     subject = gear or (hardest_shaft([first]) if first.topology.link_names else None)
     own = meshes_of(first.topology, gear) if gear else ()
-    meshes = list(dict.fromkeys([*own[:MESHES], worst_mesh(first) or own[0]])) if own else ()
+    meshes = list(dict.fromkeys([*own[:MESHES], first.worst_mesh or own[0]])) if own else ()
     for case, answer in chosen:
         lines = [f"{said[0].upper()}{said[1:]}." for said in status_lines(answer)]
         blocks += [Heading(f"With {case.title}"), "\n".join([verdict(answer), *lines])]

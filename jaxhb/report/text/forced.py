@@ -6,8 +6,8 @@ from functools import cached_property
 import numpy as np
 
 from jaxhb.elements.elements import SceneError, suggestion
-from jaxhb.report.quantities import READERS, shown_unit
-from jaxhb.report.selection import case_title, shafts_of, train_name
+from jaxhb.report.quantities import ELEMENTS, READERS, shown_unit
+from jaxhb.report.selection import case_title, train_name
 from jaxhb.report.text.columns import NONE, Table, alike, from_rows, ranges, ratio
 from jaxhb.results.dataset import SIGNALS
 from jaxhb.results.response import Response
@@ -115,8 +115,7 @@ def readings(response, names=()):
     [('pulley', 'disks'), ('cyl6|flywheel', 'shafts')]
     """
     topology = response.topology
-    of_kind = {"disks": topology.disk_names, "shafts": shafts_of(topology), "meshes": topology.mesh_names}
-    chosen = [(name, kind) for kind, all_of in of_kind.items() for name in all_of]
+    chosen = [(name, kind) for kind, signal in KINDS.items() for name in ELEMENTS[SIGNALS[signal][0]](topology)]
     if names:
         kinds, where = dict(chosen), topology.name or "scene"  # a damper stands there twice, last as a link
         errors = [
@@ -194,13 +193,7 @@ def _element(found):
 
 
 def forced_record(response, found, *, orders=None):
-    """What ``forced --json`` writes: every number in SI units, a list over the speeds; orders up to ``orders``.
-
-    ``scene``; ``rpm``, ``status``, ``residual``, ``load_kW``, ``input_power_W``; ``orders``; ``disks`` (rad),
-    ``shafts`` with the dampers (N m) and ``meshes`` (N) by name: ``mean``, ``half_peak_to_peak``,
-    ``sum_of_amplitudes``, ``amplitudes`` and ``phases_deg`` (a list of the orders for each speed), ``power_W``; of what
-    transmits a torque or force also ``elastic``: the first three of its elastic part.
-    """
+    """What ``forced --json`` writes, see ``docs/how_to/linear.md``; orders up to ``orders``."""
     listed = found[0].signal.orders if found else np.zeros(0)
     kept = np.flatnonzero(listed <= (np.inf if orders is None else orders))
 
@@ -314,12 +307,9 @@ def _element_table(found, worst, firing):
 
 
 def misfires_record(misfires, found, worst, *, orders=None):
-    """What ``forced --misfire each --json`` writes beside normal running.
-
-    ``misfires``: by the cylinder that does not fire what :func:`forced_record` gives; ``worst_misfires`` by element
-    ``cylinder``, ``rpm``, ``quantity``, ``unit``, ``value`` (half peak-to-peak) and ``firing``, the value at this speed
-    with all cylinders firing; ``worst_misfire``, that of the element that swings most, with its name as ``of``.
-    """
+    """What ``forced --misfire each --json`` writes beside normal running: ``misfires``, by the cylinder that does not
+    fire what :func:`forced_record` gives; ``worst_misfires`` by element, with ``value`` (half peak-to-peak) and
+    ``firing``, that at this speed with all cylinders firing; ``worst_misfire``, of the element that swings most."""
     rows = {}
     for one in found:
         own = worst[one.name]

@@ -23,13 +23,8 @@ SCALE = (
 def modes_text(modes, name, kinds, ratios, teeth=""):
     """Natural frequencies, nodes, damping ratios, the share of the teeth in their energy, what moves most.
 
-    Parameters
-    ----------
-    modes : Modes
-    name : str, of the scene
-    kinds : sequence of str, of each mode, from :func:`jaxhb.linear.critical.mode_kinds`
-    ratios : array ``(m,)``, Lehr's damping ratios, nan where there is none
-    teeth : str, how stiff they are; empty of a train without
+    ``name`` is that of the scene, ``kinds`` are from :func:`jaxhb.linear.critical.mode_kinds`, ``ratios`` are those of
+    Lehr, nan where there is none; ``teeth`` says how stiff they are and is empty of a train without.
     """
     rows, loose = [], sum(kind == RIGID for kind in kinds)
     for k, hz in enumerate(modes.frequencies_hz):
@@ -71,14 +66,9 @@ def energies_text(modes, kinds):
 
 
 def modes_record(modes, kinds, ratios):
-    """What ``modes --json`` writes: every value is a list over the modes.
-
-    ``{"frequencies_hz": [...], "mesh_energy_share": [...], "kinds": [...], "node_count": [...],
-    "damping_ratios": [...], "generalised_mass": [...], "modes": {disk: [angle in mode 0, ...]}, "kinetic_share": {disk:
-    [...]}, "strain_share": {link: [...]}}``; shares of the kinetic and of the strain energy are between 0 and 1 (all of
-    the teeth together: ``mesh_energy_share``), damping ratios are those of Lehr (None: none is known), masses are in
-    kg m2 for a largest angle of 1.
-    """
+    """What ``modes --json`` writes: every value is a list over the modes, those of disks and links by name; shares of
+    energies are between 0 and 1, damping ratios those of Lehr (None: none is known), masses in kg m2 for a largest
+    angle of 1."""
 
     def by_name(names, values):
         return dict(zip(names, values.T.tolist(), strict=True))
@@ -187,17 +177,8 @@ def holzer_record(tables, name):
 
 
 def campbell_text(found, count, name, misfires=(), *, teeth=""):
-    """Modes and critical speeds for people.
-
-    Parameters
-    ----------
-    found : Campbell
-    count : int, elastic modes that were taken
-    name : str, of the scene
-    misfires : dict, optional
-        The :class:`Campbell` of the same speeds and orders by the cylinder that does not fire.
-    teeth : str, how stiff they are; empty of a train without
-    """
+    """Modes and critical speeds of a :class:`jaxhb.Campbell` of which ``count`` elastic modes were taken; ``misfires``
+    has those of the same speeds and orders by the cylinder that does not fire."""
     stiff = ", ".join(filter(None, ["undamped", teeth]))
     head = f"{name}: Campbell diagram from {found.rpm[0]:g} to {found.rpm[-1]:g} rpm, {stiff}"
     return "\n\n".join([head, *campbell_parts(found, count, misfires)])
@@ -283,13 +264,8 @@ def _critical(found, misfires):
 
 
 def campbell_record(found, count, name, misfires=()):
-    """What ``campbell --json`` writes; arguments as of :func:`campbell_text`.
-
-    ``scene``, ``rpm``, ``orders``; ``modes``: ``mode`` (its number), ``kind`` and ``frequencies_hz`` over the speeds;
-    ``critical_speeds``: ``rpm``, ``order``, ``mode``, ``hz``, ``modal_torque`` in N m, by rising speed, and with
-    ``misfires`` by cylinder the modal torque when it does not fire; ``worst_misfire`` then names the ``cylinder`` with
-    the largest of these, with the critical speed it belongs to.
-    """
+    """What ``campbell --json`` writes, see ``docs/how_to/linear.md``; with ``misfires`` by cylinder the modal torques
+    when it does not fire, and as ``worst_misfire`` the largest of these with its critical speed."""
     speeds = [
         {"rpm": c.rpm, "order": c.order, "mode": c.mode, "hz": c.hz, "modal_torque": c.torque}
         | ({"misfires": {name: one.critical[k].torque for name, one in misfires.items()}} if misfires else {})

@@ -18,11 +18,6 @@ ANY_SPEED = 1000.0
 """rpm, where no torque depends on the speed."""
 
 
-def referred_text(train):
-    """The tables of :func:`referred_tables` as one text."""
-    return "\n\n".join(referred_tables(train))
-
-
 def referred_tables(train):
     """Inertias, stiffnesses and dampings, actual and referred, with the factor between them, in a list of tables.
 
@@ -148,18 +143,8 @@ def tune_notes(train):
 
 
 def check_text(train, responses, speeds, notes):
-    """Head, mean torques and teeth as a list of paragraphs.
-
-    Parameters
-    ----------
-    train : DriveTrain
-        With its backlash.
-    responses : list of Response
-        The mean of the linear motion at every speed.
-    speeds : list of float or None
-        None where no torque depends on the speed.
-    notes : list of str
-    """
+    """Head, mean torques and teeth as a list of paragraphs; ``responses`` are the mean of the linear motion at every
+    speed, ``speeds`` None where no torque depends on them."""
     topology, meshes = train.topology, train.meshes
     heads = [(f"at {rpm:g} rpm", "mean") for rpm in speeds] if speeds else [("at any speed", "mean")]
     verdict = f"{len(notes)} note{'s' * (len(notes) != 1)} below" if notes else "nothing to note"

@@ -1,6 +1,5 @@
 """Stresses, tooth torques and heat beside their limits, as text and as plain numbers."""
 
-from functools import partialmethod
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +7,8 @@ import numpy as np
 from jaxhb.linear.strength import HIGHEST, NOT_ABOVE, judged
 from jaxhb.report.answer import NO_SIGNAL
 from jaxhb.report.quantities import shown_unit
-from jaxhb.report.text.columns import NONE, Column, ranges, ratio, specified
+from jaxhb.report.text.columns import NONE, from_rows, ranges, ratio
+from jaxhb.results.motion import Motion
 
 AID = "evaluation aid, no class approval"
 
@@ -54,22 +54,18 @@ LIMITED = {
 of its numbers in tables and CSV files; the first has the second as its limit."""
 
 
-class _Answers:
-    """How answers at several speeds are read, as :func:`jaxhb.linear.strength.judged` asks: nan without an answer."""
+class _Answers(Motion):
+    """Answers at several speeds as one motion, as :func:`jaxhb.linear.strength.judged` asks: nan without an answer."""
 
     def __init__(self, answers):
-        self.answers = answers
+        self.answers, self.topology = answers, answers[0].topology
 
-    def _signal(self, reader, name):
-        signals = [getattr(answer, reader)(name) if answer.answered else NO_SIGNAL for answer in self.answers]
+    def _read(self, quantity, index, sense=1):
+        if quantity == "power":
+            return np.array([a._read(quantity, index) if a.answered else np.nan for a in self.answers])
+        signals = [a._read(quantity, index, sense) if a.answered else NO_SIGNAL for a in self.answers]
         names = "mean", "min", "max", "half_peak_to_peak"
-        return SimpleNamespace(**{one: np.array([float(getattr(s, one)) for s in signals]) for one in names})
-
-    torque = partialmethod(_signal, "torque")
-    force = partialmethod(_signal, "force")
-
-    def power(self, name):
-        return np.array([answer.power(name) if answer.answered else np.nan for answer in self.answers])
+        return SimpleNamespace(**{name: np.array([float(getattr(s, name)) for s in signals]) for name in names})
 
 
 def answers_strength(answers):
@@ -96,21 +92,19 @@ def _table(found, kind):
     """The numbers of every element at the speed at which it is worst."""
     title, element, unit, fields = LIMITED[kind]
     factor, rpm, rows = shown_unit(unit)[0], found.rpm, []
-    first, limit, *others = fields
+    first, limit, *_ = fields
+    heads = [element, *((head, "number") for head, _ in fields.values()), ("share", ratio)]
+    heads += ["reverses"] * (kind == "tooth_torques")
     for name, row in getattr(found, kind).items():
         place = _worst(getattr(row, first), getattr(row, limit))
-        rows.append((name, row, place, {field: factor * _at(getattr(row, field), place) for field in fields}))
-
-    def number(field):
-        return Column(fields[field][0], lambda row: row[3][field], "number")
-
-    columns = [Column(element, lambda row: row[0]), number(first)]
+        numbers = [factor * _at(getattr(row, field), place) for field in fields]
+        rows.append([name, *numbers, numbers[:2]])
+        rows[-1] += [_where(rpm, row.reverses)] * (kind == "tooth_torques")
+        if len(rpm) > 1:
+            rows[-1].insert(2, NONE if place is None else f"{rpm[place]:g}")
     if len(rpm) > 1:
-        columns.append(Column("at rpm", lambda row: NONE if row[2] is None else f"{rpm[row[2]]:g}"))
-    columns += [*map(number, (limit, *others)), Column("share", lambda row: (row[3][first], row[3][limit]), ratio)]
-    if kind == "tooth_torques":
-        columns.append(Column("reverses", lambda row: _where(rpm, row[1].reverses)))
-    return specified(title, rows, columns)
+        heads.insert(2, "at rpm")
+    return from_rows(title, heads, rows)
 
 
 def _where(rpm, happens):

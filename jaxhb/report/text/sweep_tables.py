@@ -4,7 +4,7 @@ import math
 
 from jaxhb.report.answer import SPEED, UNCONFIRMED
 from jaxhb.report.quantities import IRREGULARITY, main_quantity
-from jaxhb.report.selection import heaviest, most_apart, worst_mesh
+from jaxhb.report.selection import heaviest, most_apart
 from jaxhb.report.text.columns import NONE, Column, Table, hit, irregular, percent, ranges, written
 from jaxhb.report.text.sentences import motion_word, status_word, verdict
 from jaxhb.report.text.strength import answers_strength, strength_text
@@ -77,9 +77,8 @@ def _over_axis(title, answers, columns, groups=()):
 
 
 def _peak(motion, answer):
-    """The largest tooth force in kN of the mesh that has it."""
-    name = worst_mesh(answer)
-    return motion.force(name).peak / 1e3 if name else math.nan
+    """The tooth force in kN of the mesh that has the largest."""
+    return motion.force(answer.worst_mesh).peak / 1e3 if answer.worst_mesh else math.nan
 
 
 def _longest(answer):
@@ -90,7 +89,7 @@ def _longest(answer):
 WITHOUT = "without kN"
 
 MESHES = (
-    Column("largest tooth force", lambda answer: worst_mesh(answer) or NONE),
+    Column("largest tooth force", lambda answer: answer.worst_mesh or NONE),
     Column("with kN", lambda answer: _peak(answer, answer), "kN"),
     Column(WITHOUT, lambda answer: _peak(answer.linear, answer), "kN"),
     Column("longest apart", lambda answer: most_apart(answer) or NONE),

@@ -31,13 +31,7 @@ def tuned_record(train, asked, result):
     ``scene``, ``rpm``, ``stopped``, ``interrupted``; ``parameters`` by name with ``before``, ``after``, ``low``,
     ``high``, ``unit``; ``readings`` by label with ``unit`` and values ``before`` and ``after`` at every speed (None
     where it is not solved; one number for those of the train alone); ``solved`` before and after; ``outcomes`` of all
-    starts; ``history``.
-
-    Parameters
-    ----------
-    train : DriveTrain, as it was
-    asked : dict, from :func:`jaxhb.design.table.read_table`
-    result : Tuning
+    starts; ``history``. ``train`` is as it was, ``asked`` from :func:`jaxhb.design.table.read_table`.
     """
     before, after = result.before, result.after
     parameters = {
