@@ -94,16 +94,17 @@ def _table(found, kind):
     factor, rpm, rows = shown_unit(unit)[0], found.rpm, []
     first, limit, *_ = fields
     heads = [element, *((head, "number") for head, _ in fields.values()), ("share", ratio)]
-    heads += ["reverses"] * (kind == "tooth_torques")
     for name, row in getattr(found, kind).items():
         place = _worst(getattr(row, first), getattr(row, limit))
         numbers = [factor * _at(getattr(row, field), place) for field in fields]
         rows.append([name, *numbers, numbers[:2]])
-        rows[-1] += [_where(rpm, row.reverses)] * (kind == "tooth_torques")
         if len(rpm) > 1:
             rows[-1].insert(2, NONE if place is None else f"{rpm[place]:g}")
+        if kind == "tooth_torques":
+            rows[-1].append(_where(rpm, row.reverses))
     if len(rpm) > 1:
         heads.insert(2, "at rpm")
+    heads += ["reverses"] * (kind == "tooth_torques")
     return from_rows(title, heads, rows)
 
 
