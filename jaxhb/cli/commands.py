@@ -5,7 +5,7 @@ from pathlib import Path
 
 from jaxhb.cli.inputs import picture
 from jaxhb.cli.progress import Progress
-from jaxhb.report.compute import Asked, answer_one
+from jaxhb.report.compute import Asked, answer_one, check_designs
 from jaxhb.report.files import output
 from jaxhb.report.files.labelled import check_labelled, netcdf
 from jaxhb.report.files.record import both_record, finite, on_scene
@@ -13,7 +13,7 @@ from jaxhb.report.files.rows import answer_row, rows_csv, trace_csv, untraceable
 from jaxhb.report.selection import gears, without_cylinders
 from jaxhb.report.text.sentences import warnings
 from jaxhb.report.text.tables import solve_text
-from jaxhb.report.text.tuned import check_designs, check_text, progress_record, start_record, tuned_record, tuned_text
+from jaxhb.report.text.tuned import check_text, progress_record, start_record, tuned_record, tuned_text
 from jaxhb.scene.writer import changed_scene, copies_beside
 from jaxhb.train.changes import scene_values
 

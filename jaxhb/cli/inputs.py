@@ -49,9 +49,9 @@ def scene(scene, quiet, expand, out, referred, plot):
         files |= {out: [text.encode()]} | {path: [content] for path, content in copies.items()}
     output.write_files(files)
     if referred and not quiet:
-        from jaxhb.report.text.scene_check import referred_text
+        from jaxhb.report.text.scene_check import referred_tables
 
-        print(referred_text(load_scene(scene)))
+        print("\n\n".join(referred_tables(load_scene(scene))))
     elif not quiet:
         printed = not out and (expand or not plot)
         print(text.replace("\r\n", "\n") if printed else "".join(f"{name} is written.\n" for name in files), end="")

@@ -16,16 +16,25 @@ from jaxhb.linear.tangent import at_mean_load
 from jaxhb.report.answer import shown
 from jaxhb.report.files.labelled import check_labelled, forced_netcdf
 from jaxhb.report.files.output import ANSWERED, OutputError, as_csv, as_json, changes, deliver
-from jaxhb.report.files.record import finite, modes_record
-from jaxhb.report.selection import asks_each, case_title, without_cylinders
+from jaxhb.report.files.record import finite
+from jaxhb.report.selection import asks_each, case_title, misfire_trains, without_cylinders
 from jaxhb.report.text import forced as told
-from jaxhb.report.text.campbell import campbell_record, campbell_rows, campbell_text
-from jaxhb.report.text.cases import misfire_trains
-from jaxhb.report.text.holzer import chosen_modes, holzer_record, holzer_text
-from jaxhb.report.text.mean_load import mean_load_record, mean_load_text
+from jaxhb.report.text.linear import (
+    campbell_record,
+    campbell_rows,
+    campbell_text,
+    chosen_modes,
+    energies_text,
+    holzer_record,
+    holzer_text,
+    mean_load_record,
+    mean_load_text,
+    modes_record,
+    modes_text,
+)
 from jaxhb.report.text.scene_check import ANY_SPEED, check_record, check_text, own_speeds, scene_notes, tune_notes
 from jaxhb.report.text.strength import strength_columns, strength_record, strength_text
-from jaxhb.report.text.tables import energies_text, modes_text, remarks_text
+from jaxhb.report.text.tables import remarks_text
 from jaxhb.solutions.misfires import misfire_each
 from jaxhb.train.chain import span
 from jaxhb.train.changes import without_backlash

@@ -17,15 +17,14 @@ from jaxhb.cli.inputs import picture
 from jaxhb.cli.progress import Progress
 from jaxhb.cli.resume import GOES_ON, Kept
 from jaxhb.design.table import read_table
-from jaxhb.report.compute import Asked
+from jaxhb.report.compute import Asked, certificate_of, solve_cases
 from jaxhb.report.files.labelled import netcdf
 from jaxhb.report.files.output import NOT_ANSWERED, OutputError, as_json, changed_text, changes, deliver
 from jaxhb.report.files.record import finite, on_scene
 from jaxhb.report.files.rows import answer_row, rows_csv
 from jaxhb.report.page.parts import Report, shown_misfire
-from jaxhb.report.selection import NOT_FIRING, asks_each, case_title
+from jaxhb.report.selection import NOT_FIRING, asks_each, case_title, misfire_trains
 from jaxhb.report.text import cases as told
-from jaxhb.report.text.certified import certificate_of
 from jaxhb.report.text.sentences import warnings
 from jaxhb.report.text.tuned import tuned_parts
 from jaxhb.scene.files import _find, load_scene, scene_description
@@ -42,7 +41,7 @@ def report(train, given, rpm, misfire, at, orders, gear, plot, certify, tune, ht
     if at is not None and at not in rpm:
         raise OutputError(f"--at: {at:g} rpm is not one of the speeds of --rpm. Add it.")
     other, each = _checked_page(train, given), asks_each(train, given)
-    trains = told.misfire_trains(train) if each else {"": train}
+    trains = misfire_trains(train) if each else {"": train}
     if misfire and not each:
         trains[", ".join(misfire)] = train.misfire(*misfire)
     trains = {case_title(train, cylinders): one for cylinders, one in trains.items()}
@@ -52,13 +51,13 @@ def report(train, given, rpm, misfire, at, orders, gear, plot, certify, tune, ht
 
     def compute(folder):
         tell = {"say": progress.say, "advance": progress.advance}
-        cases = told.solve_cases(trains, rpm, asked, folder=folder, **tell)
+        cases = solve_cases(trains, rpm, asked, folder=folder, **tell)
         place = _place_of(cases[0], at)
         cases = [_certified(case, place, progress.say) for case in cases] if certify else cases
         (second, tuning), shown = (_tuned(train, progress) if tune else (other, ())), shown_misfire(cases)
         designs = _second_designs(train, second, shown, given) if second else {}
         own = folder / SECOND if folder and not tune else None
-        return cases, place, told.solve_cases(designs, rpm, asked, folder=own, **tell), tuning
+        return cases, place, solve_cases(designs, rpm, asked, folder=own, **tell), tuning
 
     runs = len(designs) + tune + bool(misfire and (other or tune))
     with Progress(runs * len(rpm), quiet=quiet) as progress:

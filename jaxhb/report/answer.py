@@ -8,6 +8,8 @@ import numpy as np
 
 from jaxhb.equations.backlash import law_of
 from jaxhb.floquet.stability import attracts
+from jaxhb.report.selection import largest
+from jaxhb.results.motion import Motion
 from jaxhb.results.record import PerCycle, SteadyContact
 from jaxhb.results.response import Fields, Response
 from jaxhb.results.status import Status
@@ -17,13 +19,8 @@ from jaxhb.train.drivetrain import DriveTrain
 
 @dataclass(frozen=True)
 class Growth:
-    """Growth of a disturbance over one period of a motion.
-
-    multiplier : float or None, modulus of the largest Floquet multiplier
-    stable : bool or None, whether disturbances die away
-    loses_by : str, how stability is lost, "" where that is not known
-    refused : str, why there is no multiplier, "" where there is one or nothing to tell
-    """
+    """Growth of a disturbance over one period of a motion: modulus of the largest Floquet multiplier, whether it dies
+    away, how stability is lost, and why there is no multiplier; None and "" where that is not known."""
 
     multiplier: float | None = None
     stable: bool | None = None
@@ -100,10 +97,14 @@ class Axis:
         """For axes of pictures and heads of columns."""
         return "rpm" if self == SPEED else f"{self.name}, {self.unit}".removesuffix(", ")
 
+    @property
+    def counted(self):
+        """What there are many of."""
+        return "speeds" if self == SPEED else f"values of {self.name}"
+
     def span(self, values):
         """``8 speeds from 700 to 2450 rpm``, or ``5 values of NAME.FIELD from 100 to 400 N m s/rad``."""
-        counted = "speeds" if self == SPEED else f"values of {self.name}"
-        return f"{len(values)} {counted} from {min(values):g} to {max(values):g} {self.unit}".rstrip()
+        return f"{len(values)} {self.counted} from {min(values):g} to {max(values):g} {self.unit}".rstrip()
 
     @property
     def to(self):
@@ -120,8 +121,9 @@ SPEED = Axis()
 
 
 @dataclass(frozen=True)
-class Answer:
-    """One speed: what the train does there, or with ``--orbit`` a periodic solution, stable or not.
+class Answer(Motion):
+    """One speed: what the train does there, or with ``--orbit`` a periodic solution, stable or not; read by name as any
+    motion, nan where nothing is known.
 
     Parameters
     ----------
@@ -148,6 +150,12 @@ class Answer:
     certificate: object = None
     axis: Axis = SPEED
     value: float | None = None
+
+    def _read(self, quantity, index, sense=1):
+        # Recorded cycles have no accelerations.
+        if self.known and (quantity != "acceleration" or self.response is not None):
+            return self.state._read(quantity, index, sense)
+        return {"contact": NO_CONTACT, "power": NAN}.get(quantity, NO_SIGNAL)
 
     @property
     def topology(self):
@@ -229,45 +237,15 @@ class Answer:
         """The linear motion as an answer of its own."""
         return Answer(self.linear.train, orbit_state(self.linear), self.linear, orbit=True)
 
-    def force(self, mesh):
-        """Tooth force of a mesh, N."""
-        return self._read("force", mesh)
-
-    def torque(self, name):
-        """Torque of a shaft or damper, N m."""
-        return self._read("torque", name)
-
-    def gear_torque(self, name):
-        """Torque that a gear passes to its mates, N m."""
-        return self._read("gear_torque", name)
-
-    def disk(self, name):
-        """Vibratory angle of a disk, rad."""
-        return self._read("disk", name)
-
-    def speed(self, name):
-        """Speed of rotation of a disk, rad/s."""
-        return self._read("speed", name)
-
-    def acceleration(self, name):
-        """Angular acceleration of a disk, rad/s2; not known of a record."""
-        return self._read("acceleration", name) if self.response is not None else NO_SIGNAL
-
-    def irregularity(self, name):
-        """Cyclic irregularity of a disk, nan where it is not known."""
-        return float(self.state.irregularity(name)) if self.known else float("nan")
-
-    def power(self, name):
-        """Heat of a shaft, damper or mesh, W; nan where it is not known."""
-        return float(self.state.power(name)) if self.known else float("nan")
-
-    def _read(self, what, name):
-        return getattr(self.state, what)(name) if self.known else NO_SIGNAL
+    @cached_property
+    def worst_mesh(self):
+        """The mesh with the largest tooth force; None where the motion is unknown."""
+        return largest(self.topology.mesh_names, lambda name: self.force(name).peak)
 
     @cached_property
     def contacts(self):
         """:class:`SteadyContact` of every mesh by name."""
-        return {name: self._read("mesh", name) if self.known else NO_CONTACT for name in self.topology.mesh_names}
+        return {name: self.mesh(name) for name in self.topology.mesh_names}
 
     @cached_property
     def details(self):
@@ -281,6 +259,14 @@ class Answer:
             return None
         law = law_of(self.train.meshes)
         return type(law)(**{name: float(np.asarray(values)[index]) for name, values in vars(law).items()})
+
+
+@dataclass(frozen=True)
+class Case:
+    """A train as it runs, with a misfire, in another design or direction (``title``), and its answers over speeds."""
+
+    title: str
+    answers: list[Answer]
 
 
 _SHOWN = (*(f.name for f in dataclasses.fields(Fields)), "disk_power", "link_power")

@@ -1,4 +1,5 @@
-"""The answers of the command line: what a train does at one speed, at many, and the periodic solutions of --orbit."""
+"""The answers of the command line: what a train does at one speed, at many, for many values of a number, with misfires,
+in the designs of a tuning; periodic solutions of --orbit, and computed bounds."""
 
 import dataclasses
 from dataclasses import dataclass
@@ -7,13 +8,53 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxhb.report.answer import Answer, growth_of, orbit_state, shown
-from jaxhb.report.text.certified import certificate_of
-from jaxhb.results.status import Status
+from jaxhb.certificate.certificate import certify
+from jaxhb.design.quantities import label, unit_of
+from jaxhb.linear.strength import strength
+from jaxhb.report.answer import UNCONFIRMED, Answer, Case, growth_of, orbit_state, shown
+from jaxhb.report.quantities import shown_unit
+from jaxhb.report.text.columns import plain_number
+from jaxhb.results.status import NotConverged, Status
 from jaxhb.solutions.speeds import solve_speeds
 from jaxhb.steady.checkpoint import CHUNK, Checkpoint
 from jaxhb.steady.steady_state import steady_state
 from jaxhb.train.changes import without_backlash
+
+SAME_MOTION = 0.02
+"""Difference of a force, torque or angle from which the steady state is told as another motion than the orbit tuned."""
+
+
+def _swing(reader, number="half_peak_to_peak"):
+    return lambda design, state, chosen: getattr(getattr(state, reader)(chosen.of), number)
+
+
+def _order(reader):
+    return lambda design, state, chosen: getattr(state, reader)(chosen.of).order(chosen.order)
+
+
+def _limited(kind, number, limit=None):
+    def read(design, state, chosen):
+        row = getattr(strength(state, train=design), kind)[chosen.of]
+        return getattr(row, number) / (1.0 if limit is None else getattr(row, limit))
+
+    return read
+
+
+STEADY = {
+    "tooth force": _swing("force"),
+    "tooth force peak": _swing("force", "peak"),
+    "shaft torque": _swing("torque"),
+    "gear torque": _swing("gear_torque"),
+    "angle": _swing("disk"),
+    "tooth force order": _order("force"),
+    "shaft torque order": _order("torque"),
+    "angle order": _order("disk"),
+    "stress": _limited("stresses", "stress"),
+    "stress over continuous limit": _limited("stresses", "stress", "continuous"),
+    "stress over transient limit": _limited("stresses", "stress", "transient"),
+    "tooth torque over limit": _limited("tooth_torques", "vibratory", "limit"),
+}
+"""How a steady state of a design tells the quantities of a tuning that are compared."""
 
 
 @dataclass(frozen=True)
@@ -92,16 +133,28 @@ def answer_speeds(train, rpm, asked, *, direction="up", kept=None, progress=None
         ``{"up": [Answer, ...]}``, ``"down"`` or both; ``"orbit"`` for orbits. Always in the order of ``rpm``.
     """
     rpm = np.array(rpm, dtype=float)
-    linear = _linear(train, rpm)
-    gathered = _Gathered(train, linear, asked.orbit, told)
+    linear, known, made = _linear(train, rpm), {}, {}
+
+    def answers(found):
+        """Answers by direction; a speed that does the same upwards and downwards has one state and one answer."""
+        for place, state in (pair for own in found.values() for pair in own.items()):
+            if id(state) not in made:
+                made[id(state)] = Answer(train, state, shown(linear[place]), growth_of(state), asked.orbit)
+        return {way: [made[id(own[place])] for place in sorted(own)] for way, own in found.items()}
+
+    def tell(states, way):
+        known.setdefault(way, {}).update(states)
+        if told:
+            told(answers(known))
+
     if asked.orbit:
         say("speeds solved for a periodic motion")
-        found = {"orbit": _orbits(train, rpm, asked, kept or {}, progress, gathered.tell)}
+        found = {"orbit": _orbits(train, rpm, asked, kept or {}, progress, tell)}
     else:
         say("speeds marched until the motion settles")
-        found = _swept(train, rpm, linear, asked, direction, kept or {}, progress, gathered.tell)
+        found = _swept(train, rpm, linear, asked, direction, kept or {}, progress, tell)
     say("is each motion stable?")
-    return gathered.answers({way: dict(enumerate(states)) for way, states in found.items()})
+    return answers({way: dict(enumerate(states)) for way, states in found.items()})
 
 
 def _linear(train, rpm):
@@ -110,44 +163,10 @@ def _linear(train, rpm):
     return solve_speeds(without_backlash(train) if any(train.topology.mesh_backlash) else train, rpm=rpm)
 
 
-class _Gathered:
-    """Answers of a sweep as its states become known."""
-
-    def __init__(self, train, linear, orbit, told):
-        self.train, self.linear, self.orbit, self.told = train, linear, orbit, told
-        self.states, self.made = {}, {}
-
-    def tell(self, states, way):
-        """Some states more, by the number of their speed."""
-        self.states.setdefault(way, {}).update(states)
-        if self.told:
-            self.told(self.answers(self.states))
-
-    def answers(self, states):
-        """Answers by direction, in the order of the speeds."""
-        return {way: [self._answer(i, own[i]) for i in sorted(own)] for way, own in states.items()}
-
-    def _answer(self, place, state):
-        if id(state) not in self.made:  # a speed that does the same upwards and downwards has one state
-            growth = growth_of(state)
-            self.made[id(state)] = Answer(self.train, state, shown(self.linear[place]), growth, self.orbit)
-        return self.made[id(state)]
-
-
 def answer_values(train, rpm, axis, values, asked, *, direction="up", kept=None, progress=None, told=None):
     """Answers at one speed for many values of a number of the scene, each from the motion of its neighbour.
 
-    Parameters
-    ----------
-    train, asked, direction, kept, progress, told : as of :func:`answer_speeds`
-    rpm : float
-    axis : Axis, the number that changes
-    values : sequence of float
-
-    Returns
-    -------
-    dict
-        As of :func:`answer_speeds`, in the order of ``values``.
+    As :func:`answer_speeds`, in the order of ``values``; ``axis`` is the :class:`Axis` of the number that changes.
     """
     order, found = np.argsort(values, kind="stable"), {}
     ways = ("orbit",) if asked.orbit else ("up", "down") if direction == "both" else (direction,)
@@ -164,6 +183,103 @@ def answer_values(train, rpm, axis, values, asked, *, direction="up", kept=None,
             if told:
                 told({key: [rows[i] for i in sorted(rows)] for key, rows in found.items()})
     return {way: [own[i] for i in sorted(own)] for way, own in found.items()}
+
+
+def solve_cases(trains, speeds, asked, *, folder=None, say=lambda text: None, advance=lambda count: None):
+    """A :class:`Case` of every train of ``{title: train}``, answered at every speed upwards, as a sweep does.
+
+    ``say`` is told what comes next. Steady states are kept in a ``folder`` as they are found, and read from there.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> train = jaxhb.load_scene("six_cylinder_diesel")
+    >>> trains = {"all cylinders firing": train, "cylinder 1 not firing": train.misfire("cylinder 1")}
+    >>> [(case.title, len(case.answers)) for case in solve_cases(trains, [1500.0], Asked())]
+    [('all cylinders firing', 1), ('cylinder 1 not firing', 1)]
+    """
+    cases = []
+    for place, (title, train) in enumerate(trains.items()):
+        kept = {"out": folder / str(place), "chunk": 1} if folder else None
+
+        def tell(text, title=title):
+            say(f"{text} ({title})")
+
+        (answers,) = answer_speeds(train, speeds, asked, kept=kept, progress=advance, say=tell).values()
+        cases.append(Case(title, answers))
+    return cases
+
+
+def certificate_of(answer, say=lambda text: None):
+    """The :class:`jaxhb.Certificate` of an answer's harmonic solution; a sentence where there can be none."""
+    if answer.response is None and answer.known:
+        why = f"The motion is {UNCONFIRMED}" if answer.unconfirmed else "The motion does not repeat itself"
+        return f"{why}: a computed bound needs a harmonic solution (--orbit asks for one)."
+    if not answer.known:
+        return "There is no solution."
+    say(f"{answer.rpm:g} rpm: how far off can it be?")
+    try:
+        return certify(answer.response)
+    except (ValueError, NotConverged) as refusal:
+        return str(refusal)
+
+
+def check_designs(train, asked, result, say=lambda text: None):
+    """What the first and the last design do at the speeds of a tuning, and where that is not what was tuned.
+
+    Parameters
+    ----------
+    train : DriveTrain, as it was; asked : dict, from :func:`jaxhb.design.table.read_table`; result : Tuning
+    say : callable, told what is done
+
+    Returns
+    -------
+    dict
+        ``{"before", "after"}`` of ``{"kind", "period", "readings", "differences"}``: of every speed the kind and period
+        of its motion and, by label, the quantities that can be compared; a sentence for each speed at which the motion
+        is neither in contact nor periodic, or a quantity more than 2 % from that of the orbit tuned.
+    """
+    found, compared = {}, [c for c in (*asked["objective"], *asked["penalties"]) if c.quantity in STEADY]
+    designs = {"before": ("first", train, result.before), "after": ("last", result.train, result.after)}
+    for when, (which, design, tuned) in designs.items():
+        say(f"what does the {which} design do?")
+        states = steady_state(design, rpm=np.asarray(asked["rpm"]), tolerance=asked.get("tolerance")).states
+        told = {
+            c: [float(STEADY[c.quantity](design, state, c)) if state.known else np.nan for state in states]
+            for c in compared
+        }
+        pairs = [{c: (told[c][i], float(tuned.readings[label(c)][i])) for c in compared} for i in range(len(states))]
+        said = filter(None, map(_difference, states, pairs))
+        found[when] = {
+            "kind": [state.kind for state in states],
+            "period": [state.period for state in states],
+            "readings": {label(chosen): values for chosen, values in told.items()},
+            "differences": [f"The {which} design {one}" for one in said],
+        }
+    return found
+
+
+def _difference(state, pairs):
+    """What a steady state does that the orbit of the tuning does not; "" for the same motion."""
+    kind = {
+        "subharmonic": f"has a period of {state.period} cycles",
+        "irregular": "is irregular",
+        "unknown": f"is not known ({'; '.join(state.notes)})",
+    }.get(state.kind, "")
+
+    def said(chosen, value):
+        factor, unit = shown_unit(unit_of(chosen.quantity))
+        return f"{plain_number(factor * value, digits=3)} {unit}".strip()
+
+    apart = [
+        f"{label(chosen)} {said(chosen, own)} instead of {said(chosen, tuned)}"
+        for chosen, (own, tuned) in pairs.items()
+        if abs(own - tuned) > SAME_MOTION * max(abs(own), abs(tuned))
+    ]
+    if not kind and not apart:
+        return ""
+    about = f" ({'; '.join(state.notes)})" if state.known and state.notes else ""
+    return f"at {state.rpm:g} rpm {kind or 'is in another motion'}{': ' if apart else ''}{', '.join(apart)}{about}."
 
 
 def _orbit(train, rpm, asked):

@@ -1,4 +1,4 @@
-"""The quantities that reports tell, in one table: of which elements, how an answer is read, the unit for people."""
+"""The quantities that reports tell, one table over that of data sets: names of elements, titles, units for people."""
 
 import math
 from collections.abc import Callable
@@ -7,9 +7,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from jaxhb.report.selection import gears, largest, shafts_of, turning_disks
+from jaxhb.results.dataset import OF_ELEMENTS, SIGNALS
 
-SHOWN_UNITS = {"N": (1e-3, "kN"), "rad": (180 / math.pi, "deg"), "Pa": (1e-6, "MPa"), "1": (100.0, "%")}
+SHOWN_UNITS = {
+    "N": (1e-3, "kN"),
+    "rad": (180 / math.pi, "deg"),
+    "rad/s": (30 / math.pi, "rpm"),
+    "Pa": (1e-6, "MPa"),
+    "1": (100.0, "%"),
+}
 """Factor from an SI unit, and the unit in which people read it; other units are read as they are."""
+
+READERS = {"angle": "disk", "tooth_force": "force", "heat": "power", "mesh_heat": "power"}
+"""What reads a variable of a data set where that has another name."""
+
+WITHOUT = "_without_backlash"
+"""End of the names of variables that are those of the linear motion."""
 
 
 def shown_unit(unit):
@@ -17,19 +30,42 @@ def shown_unit(unit):
     return SHOWN_UNITS.get(unit, (1.0, unit))
 
 
+def unit_of(variable):
+    """SI unit of a variable of a data set."""
+    signal, _ = _parts(variable.removesuffix(WITHOUT))
+    return (SIGNALS | OF_ELEMENTS)[signal][1]
+
+
+def number(motion, variable, name):
+    """A number of one element by the name of its variable in data sets, as ``tooth_force_max``, SI; nan: not known.
+
+    Parameters
+    ----------
+    motion : Answer, or Response where the variable is not one ``_without_backlash``
+    """
+    if variable.endswith(WITHOUT):
+        return number(motion.linear, variable.removesuffix(WITHOUT), name)
+    signal, statistic = _parts(variable)
+    if statistic:
+        return float(getattr(getattr(motion, READERS.get(signal, signal))(name), statistic))
+    if signal in READERS or signal == "irregularity":
+        return float(getattr(motion, READERS.get(signal, signal))(name))
+    return getattr(motion.contacts[name], signal)
+
+
+def _parts(variable):
+    """Signal and statistic; of what is of no signal its name and ""."""
+    signal = next((one for one in SIGNALS if variable.startswith(f"{one}_")), variable)
+    return signal, variable.removeprefix(signal)[1:]
+
+
 @dataclass(frozen=True)
 class Quantity:
     """One number of every element of a kind.
 
-    Parameters
-    ----------
-    element : str, what the elements are, the head of their column
-    called : str, in sentences and files
-    title : str, of tables and figures
-    names : tuple of str, of the elements
-    read : function of (Answer or Response, name) to the number in SI
-    si_unit : str
-    signal : function of (Answer or Response, name) to the Signal that the number is of; None where it is of none
+    element : what the elements are, the head of their column; called : in sentences and files; title : of tables and
+    figures; names : of the elements; read : function of (Answer or Response, name) to the number in SI; signal : the
+    same to the Signal that the number is of, None where it is of none; variable : of data sets
     """
 
     element: str
@@ -39,6 +75,7 @@ class Quantity:
     read: Callable
     si_unit: str
     signal: Callable | None = None
+    variable: str = ""
 
     @property
     def unit(self):
@@ -55,9 +92,13 @@ class Quantity:
         """The title inside a sentence."""
         return f"{self.title[0].lower()}{self.title[1:]}"
 
+    def said(self, value):
+        """A number in SI in words for people."""
+        return f"{self.factor * value:.4g} {self.unit}"
+
     def of(self, answers, name):
         """Of every answer in the unit for people, nan where there is none to rely on."""
-        return self.factor * answered(answers, lambda answer: self.read(answer, name))
+        return self.factor * np.array([float(self.read(a, name)) if a.answered else np.nan for a in answers])
 
     def without(self, answers, name):
         """The same without backlash; nan where that has not converged."""
@@ -78,67 +119,45 @@ class Quantity:
         return sorted(self.names, key=lambda name: -most(name))
 
 
-def answered(answers, read):
-    """A number of every answer, nan where there is none to rely on."""
-    return np.array([float(read(answer)) if answer.answered else np.nan for answer in answers])
+ELEMENTS = {
+    "mesh": lambda topology: topology.mesh_names,
+    "gear": gears,
+    "shaft": shafts_of,
+    "disk": lambda topology: topology.disk_names,
+    "damper": lambda topology: topology.damper_names,
+}
+"""Names of the elements of a kind."""
 
 
-def _swing(element, called, title, names, signal, unit):
-    """Half the peak-to-peak value of a signal."""
+def _told(element, called, title, variable, names_of=None):
+    """The function from a train to a quantity of its elements."""
+    signal, statistic = _parts(variable)
 
-    def read(answer, name):
-        return signal(answer, name).half_peak_to_peak
+    def read(motion, name):
+        return number(motion, variable, name)
 
-    return Quantity(element, called, f"{title}, half peak-to-peak", names, read, unit, signal)
+    def read_signal(motion, name):
+        return getattr(motion, READERS.get(signal, signal))(name)
 
+    def of(train):
+        names = names_of(train) if names_of else ELEMENTS[element](train.topology)
+        of_signal = read_signal if statistic else None
+        return Quantity(element, called, title, names, read, unit_of(variable), of_signal, variable)
 
-def forces(train):
-    """Tooth forces."""
-    names = train.topology.mesh_names
-
-    def signal(answer, name):
-        return answer.force(name)
-
-    return Quantity("mesh", "tooth force", "Largest tooth force", names, lambda a, n: signal(a, n).peak, "N", signal)
-
-
-def gear_torques(train):
-    """Torques of gears."""
-    names = gears(train.topology)
-    return _swing("gear", "gear torque", "Gear torque", names, lambda a, name: a.gear_torque(name), "N m")
+    return of
 
 
-def shaft_torques(train):
-    """Torques of shafts and dampers."""
-    names, title = shafts_of(train.topology), "Torque of shafts and dampers"
-    return _swing("shaft", "torque", title, names, lambda a, name: a.torque(name), "N m")
+IRREGULARITY = "Cyclic irregularity, (largest - smallest) / mean speed"
+SWING = ", half peak-to-peak"
 
-
-def angles(train):
-    """Vibratory angles of disks."""
-    names, title = train.topology.disk_names, "Vibratory angle of disks"
-    return _swing("disk", "angle", title, names, lambda a, name: a.disk(name), "rad")
-
-
-def heat(train):
-    """Power that dampers turn into heat."""
-    names = train.topology.damper_names
-    return Quantity("damper", "heat", "Heat of dampers", names, lambda a, name: a.power(name), "W")
-
-
-def separation(train):
-    """Share of the time that teeth are apart."""
-
-    def read(answer, name):
-        return answer.contacts[name].separated_fraction
-
-    return Quantity("mesh", "teeth apart", "Time out of contact", train.topology.mesh_names, read, "1")
-
-
-def irregularity(train):
-    """Cyclic irregularity of the disks that count."""
-    title = "Cyclic irregularity, (largest - smallest) / mean speed, of the heaviest disk, the gears and the loads"
-    return Quantity("disk", "irregularity", title, turning_disks(train), lambda a, name: a.irregularity(name), "1")
+forces = _told("mesh", "tooth force", "Largest tooth force", "tooth_force_peak")
+gear_torques = _told("gear", "gear torque", f"Gear torque{SWING}", "gear_torque_half_peak_to_peak")
+shaft_torques = _told("shaft", "torque", f"Torque of shafts and dampers{SWING}", "torque_half_peak_to_peak")
+angles = _told("disk", "angle", f"Vibratory angle of disks{SWING}", "angle_half_peak_to_peak")
+heat = _told("damper", "heat", "Heat of dampers", "heat")
+separation = _told("mesh", "teeth apart", "Time out of contact", "separated_fraction")
+_turning = f"{IRREGULARITY}, of the heaviest disk, the gears and the loads"
+irregularity = _told("disk", "irregularity", _turning, "irregularity", turning_disks)
 
 
 def main_quantity(train):

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from jaxhb.report.files.output import OutputError
+from jaxhb.solutions.misfires import same_factor
 
 EACH = "each"
 NOT_FIRING, ALL_FIRING, AS_GIVEN = " not firing", "all cylinders firing", "the scene as given"
@@ -24,6 +25,14 @@ def without_cylinders(train, arguments):
         with_it = "report, forced and campbell take every cylinder in turn"
         raise OutputError(f"--misfire {EACH}: only jaxhb {with_it}. Name one, or use one of them.")
     return train.misfire(*arguments.misfire)
+
+
+def misfire_trains(train):
+    """The train as it runs under "", and under each cylinder that in which it does not fire; they share programs."""
+    trains = train.misfires()
+    if not trains:
+        raise OutputError("--misfire each: no cylinder of the train fires. Name what misfires, or leave it out.")
+    return {"": train.replace(same_factor(train))} | trains
 
 
 def case_title(train, cylinders=""):
@@ -63,11 +72,6 @@ def largest(names, value):
     return max(known, key=known.get, default=None)
 
 
-def worst_mesh(answer):
-    """The mesh with the largest tooth force; None where the motion is unknown."""
-    return largest(answer.topology.mesh_names, lambda name: answer.force(name).peak)
-
-
 def most_apart(answer):
     """The mesh that is apart for the largest share of the time; None where all stay in contact or nothing is known."""
     name = largest(answer.topology.mesh_names, lambda mesh: answer.contacts[mesh].separated_fraction)
@@ -76,7 +80,12 @@ def most_apart(answer):
 
 def hardest_shaft(answers):
     """The shaft or damper whose torque has the largest half peak-to-peak in any answer; None without."""
-    return largest(shafts_of(answers[0].topology), lambda name: _most(answers, name))
+    certain = [answer for answer in answers if answer.answered] or [answer for answer in answers if answer.known]
+
+    def most(name):
+        return max((float(answer.torque(name).half_peak_to_peak) for answer in certain), default=0.0)
+
+    return largest(shafts_of(answers[0].topology), most)
 
 
 def heaviest(train):
@@ -91,11 +100,6 @@ def turning_disks(train):
     topology = train.topology
     loaded = [topology.disk_names[disk] for disk in topology.load_disk]
     return tuple(dict.fromkeys([heaviest(train), *gears(topology), *loaded]))
-
-
-def _most(answers, name):
-    certain = [answer for answer in answers if answer.answered] or [answer for answer in answers if answer.known]
-    return max((float(answer.torque(name).half_peak_to_peak) for answer in certain), default=0.0)
 
 
 def default_gear(answer):

@@ -9,7 +9,7 @@ import jaxhb
 from jaxhb.linear.critical import Critical, campbell
 from jaxhb.report.figures.figure import DIGITS
 from jaxhb.report.figures.linear import counting, plot_campbell
-from jaxhb.report.text.campbell import shares_in_mode
+from jaxhb.report.text.linear import shares_in_mode
 
 SCENE = "six_cylinder_diesel"
 PENDULUM = """

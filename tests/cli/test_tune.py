@@ -11,9 +11,10 @@ import jaxhb
 from jaxhb.cli import commands
 from jaxhb.design import Objective, Parameter
 from jaxhb.design.table import read_table
+from jaxhb.report.compute import check_designs
 from jaxhb.report.figures.cycle import plot_tuning
 from jaxhb.report.figures.figure import DIGITS
-from jaxhb.report.text.tuned import _compared, _not_solved, _worst, check_designs, check_text
+from jaxhb.report.text.tuned import _compared, _not_solved, _worst, check_text
 from jaxhb.scene.writer import changed_scene
 
 TABLE = """

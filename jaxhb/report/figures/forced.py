@@ -8,7 +8,7 @@ from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import crosses, figure, line, plain, top_of
 from jaxhb.report.figures.limits import judged_elements, limit_figure
 from jaxhb.report.selection import NOT_FIRING, train_name
-from jaxhb.report.text.forced import KINDS, signal_of
+from jaxhb.report.text.forced import signal_of
 
 MOST = 4
 """Elements in one picture."""
@@ -68,7 +68,7 @@ def orders_figure(response, element, misfires, title=""):
         marker = {"symbol": SYMBOLS[number % len(SYMBOLS)], "size": 6, "maxdisplayed": 12}
         more = {"mode": "lines+markers", "marker": marker, "look": {"width": 1.0}}
         traces.append(line(rpm, certain * signal.amplitudes[:, k], f"order {signal.orders[k]:g}", 2 + number, **more))
-    panels = [(f"{KINDS[element.kind][1]}, {unit}", top_of(traces))]
+    panels = [(f"{element.called}, {unit}", top_of(traces))]
     traces += crosses(rpm[~converged])
     across = (rpm[0], rpm[-1]) if len(rpm) > 1 else None
     said = f"linear forced response over the speed, {title}".removesuffix(", ")

@@ -5,7 +5,7 @@ import numpy as np
 from jaxhb.linear.critical import ELASTIC
 from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import GREY, WITH, WITHOUT, bars, figure, line, marks
-from jaxhb.report.text.campbell import shares_in_mode, shown_modes
+from jaxhb.report.text.linear import shares_in_mode, shown_modes
 
 POINTS = 2000
 COUNTS = 0.1

@@ -9,13 +9,12 @@ import dataclasses
 
 import numpy as np
 
-from jaxhb.report.answer import Answer
+from jaxhb.report.answer import Answer, Case
 from jaxhb.report.figures.branch import branch_traces
 from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import bars, figure, kind_marks, line, marks, plain, speed_range, top_of
 from jaxhb.report.figures.sweep import over_speed
 from jaxhb.report.quantities import forces
-from jaxhb.report.text.cases import Case
 
 STEM = 4.0
 """Height of the largest order of a waterfall, in distances of its speeds."""

@@ -4,13 +4,12 @@ import dataclasses
 
 import numpy as np
 
-from jaxhb.report.answer import SPEED
+from jaxhb.report.answer import SPEED, Case
 from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import bars, figure, kind_keys, line, motion_line, plain, speed_range, top_of
 from jaxhb.report.figures.limits import judged_elements, limit_figure
 from jaxhb.report.quantities import forces, separation, shaft_torques
 from jaxhb.report.selection import hardest_shaft, train_name
-from jaxhb.report.text.cases import Case
 from jaxhb.report.text.strength import answers_strength
 
 BESIDE = 0.006

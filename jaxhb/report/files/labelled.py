@@ -6,12 +6,11 @@ import numpy as np
 
 from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.report.files.output import OutputError
+from jaxhb.report.quantities import WITHOUT
 from jaxhb.results.dataset import as_netcdf, to_xarray
 
 COMPARED = ("torque", "gear_torque", "tooth_force")
 """Signals that are given without backlash too."""
-
-WITHOUT = "_without_backlash"
 
 
 def check_labelled(arguments):
@@ -25,18 +24,10 @@ DIMENSIONS = {"direction": "in which the sweep went", "case": "normal running, a
 
 
 def netcdf(found, orders, *, along=None, every=False):
-    """The NetCDF file of answers.
+    """The NetCDF file of answers: lists of them by name in ``found``, of trains with the same elements.
 
-    Parameters
-    ----------
-    found : dict
-        Lists of answers of trains with the same elements, by name.
-    orders : float or None
-        Highest order whose amplitudes are given; None: the highest of the excitation.
-    along : str, optional
-        The dimension of the names of ``found``, one of ``DIMENSIONS``; without it there is one list.
-    every : bool
-        Instead of None for ``orders``: the highest order of the motions.
+    ``orders`` is the highest whose amplitudes are given, None: the highest of the excitation, or with ``every`` of the
+    motions. ``along`` is the dimension of the names, one of ``DIMENSIONS``; without it there is one list.
     """
     import xarray
 
@@ -60,9 +51,13 @@ def _labelled(answers, orders, every):
         orders = listed_harmonic(topology) / topology.revolutions_per_cycle
     data = to_xarray([answer.state for answer in answers], topology, [answer.rpm for answer in answers], orders=orders)
     data.attrs |= {"motions": "periodic solutions" if answers[0].orbit else "steady states"}
-    data["stable"] = ("rpm", [_flag(answer.growth.stable) for answer in answers], _STABLE)
-    multipliers = [float("nan") if a.growth.multiplier is None else float(a.growth.multiplier) for a in answers]
-    data["largest_multiplier"] = ("rpm", multipliers, {"units": "1", "long_name": "modulus over the period"})
+    flags = {None: -1, False: 0, True: 1}
+    told = {"flag_values": list(flags.values()), "flag_meanings": "not_known unstable stable"}
+    stable = [flags[answer.growth.stable] for answer in answers]
+    data["stable"] = ("rpm", stable, {"long_name": "whether disturbances die away"} | told)
+    multipliers = [np.nan if answer.growth.multiplier is None else answer.growth.multiplier for answer in answers]
+    about = {"units": "1", "long_name": "modulus over the period"}
+    data["largest_multiplier"] = ("rpm", np.array(multipliers, dtype=float), about)
     if any(topology.mesh_backlash):
         linear = to_xarray([answer.linear for answer in answers], topology, data.rpm.values, orders=0)
         names = [name for name in linear if str(name).startswith(tuple(f"{n}_" for n in COMPARED))]
@@ -72,11 +67,3 @@ def _labelled(answers, orders, every):
         data.value.attrs |= {"units": axis.unit, "long_name": axis.name}
         data.attrs |= {"rpm": answers[0].rpm}
     return data
-
-
-_STABLE = {"long_name": "whether disturbances die away", "flag_values": [-1, 0, 1]}
-_STABLE |= {"flag_meanings": "not_known unstable stable"}
-
-
-def _flag(stable):
-    return -1 if stable is None else int(stable)

@@ -1,16 +1,15 @@
-"""What a program reads of an answer: one plain dictionary."""
+"""What a program reads of an answer: plain dictionaries, whose keys ``docs/how_to/data_and_files.md`` explains."""
 
 import numpy as np
 
 from jaxhb.report.selection import gears, shafts_of
 from jaxhb.report.text.certified import certificate_record
-from jaxhb.report.text.mean_torques import balance_record
+from jaxhb.report.text.mean_torques import ground_reactions, load_torques, mean_angles_of
 from jaxhb.report.text.sentences import notes, verdict
-from jaxhb.report.text.strength import strength_entry
+from jaxhb.report.text.strength import answers_strength, single, strength_entry
 from jaxhb.train.plausible import plausibility
 
 NEGLIGIBLE = 1e-12
-KEPT_OF_DISKS = "mean", "half_peak_to_peak", "amplitudes"
 NO_ORDERS = 0.0
 """Highest order listed where amplitudes are left out."""
 
@@ -18,27 +17,8 @@ NO_ORDERS = 0.0
 def answer_record(answer, *, orders=None):
     """Everything that is reported of one speed, as plain numbers in SI units; ``solve --json`` writes it.
 
-    Parameters
-    ----------
-    answer : Answer
-    orders : float, optional
-        Highest order whose amplitude is listed; default: all.
-
-    Returns
-    -------
-    dict
-        ``rpm``, ``motion`` (see :func:`motion_record`), ``converged``, ``status``, ``harmonics``, ``residual``,
-        ``truncation_error``, ``power_defect`` (of the harmonic solution, None without one), ``path``, ``load_kW``;
-        ``load_torque_Nm`` and ``ground_reaction_Nm`` by name, ``mean_angles`` (what sets the means of the disks);
-        ``disks`` (rad), ``shafts`` with the dampers (N m), ``gears`` (N m) and ``meshes`` (N) by name, each a signal
-        ``{"mean", "min", "max", "rms", "half_peak_to_peak", "sum_of_amplitudes", "amplitudes"}`` (disks without min,
-        max and rms). Of disks also ``speed`` (rad/s, of rotation) and ``acceleration`` (rad/s2), each with mean and
-        extremes, and ``irregularity``; of shafts, dampers and meshes ``power_W``, their heat. Amplitudes are
-        ``[[order, A, phase in deg], ...]`` from the first harmonic of the motion's period on. Of a motion that does not
-        repeat they are the quadratic mean over its cycles, with phase None, extremes are those over the record, and
-        accelerations and the heat of meshes None. The list ends where all amplitudes that follow are below 1e-12 of the
-        largest. Tooth forces have eight times the harmonics of the motion. ``certificate`` where a computed bound was
-        asked for. Numbers that are not finite are None.
+    Amplitudes are listed up to the order ``orders``, or to the last that is not below 1e-12 of the largest. Numbers
+    that are not finite are None.
 
     Examples
     --------
@@ -48,18 +28,18 @@ def answer_record(answer, *, orders=None):
     >>> record["motion"]["kind"], record["status"], round(record["shafts"]["cyl6|flywheel"]["mean"], 1)
     ('contact', 'CONVERGED', 1046.8)
     """
-    topology = answer.topology
-    names = {"shafts": shafts_of(topology), "gears": gears(topology)}
-    read = {"shafts": answer.torque, "gears": answer.gear_torque}
-    found = (
-        _outcome_record(answer)
-        | balance_record(answer.balance)
-        | {"disks": {name: _disk_record(answer, name, orders) for name in topology.disk_names}}
-        | {kind: {name: _signal_record(read[kind](name), orders) for name in names[kind]} for kind in names}
-        | {"meshes": {name: _mesh_record(answer, name, orders) for name in topology.mesh_names}}
-        | strength_entry(answer)
-        | (certificate_record(answer.certificate) if answer.certificate is not None else {})
-    )
+    topology, balance = answer.topology, answer.balance
+    found = _outcome_record(answer) | {
+        "load_torque_Nm": load_torques(balance),
+        "ground_reaction_Nm": ground_reactions(balance),
+        "mean_angles": mean_angles_of(topology),
+        "disks": {name: _disk_record(answer, name, orders) for name in topology.disk_names},
+        "shafts": {name: _signal_record(answer.torque(name), orders) for name in shafts_of(topology)},
+        "gears": {name: _signal_record(answer.gear_torque(name), orders) for name in gears(topology)},
+        "meshes": {name: _mesh_record(answer, name, orders) for name in topology.mesh_names},
+    }
+    found |= single(strength_entry(answers_strength([answer])))
+    found |= certificate_record(answer.certificate) if answer.certificate is not None else {}
     for kind in ("shafts", "meshes"):
         for name, signal in found[kind].items():
             signal["power_W"] = answer.power(name)
@@ -79,74 +59,33 @@ def both_record(answer, orders=None):
     return record
 
 
-def motion_record(answer):
-    """What kind of motion it is.
-
-    ``kind``, one of "contact", "periodic", "subharmonic", "irregular" and "unknown"; ``period`` in cycles, 0 where
-    there is none; ``orbit``: whether it is a periodic solution that the train need not run in; ``stable`` and
-    ``multiplier`` (modulus of the largest Floquet multiplier), None where they are not known; ``reason`` why the kind
-    is unknown, else None; ``cycles`` marched; ``started_from_rpm``, the speed of the motion from which it was marched,
-    None from teeth on their drive sides;
-    ``per_cycle``: percentiles 5, 50 and 95 of the largest tooth force of a cycle, N, by mesh.
-    """
-    peaks = {name: answer.force(name).per_cycle.max.tolist() for name in answer.topology.mesh_names}
-    return {
-        "kind": answer.state.kind,
-        "period": answer.state.period,
-        "orbit": answer.orbit,
-        "stable": answer.growth.stable,
-        "multiplier": answer.growth.multiplier,
-        "reason": "; ".join(answer.state.notes) if not answer.known else None,
-        "cycles": answer.state.cycles,
-        "started_from_rpm": answer.state.started_from,
-        "per_cycle": {name: {"max": percentiles} for name, percentiles in peaks.items()},
-    }
-
-
 def _outcome_record(answer):
-    response, solved = (
-        answer.response,
-        dict.fromkeys(("status", "residual", "truncation_error", "power_defect", "path")),
-    )
-    if response is not None:
-        solved = {
-            "status": answer.status.name,
-            "residual": float(response.residual),
-            "truncation_error": float(response.truncation_error),
-            "power_defect": float(response.power_defect),
-            "path": [str(event) for event in response.path],
-        }
+    solved, state = answer.response, answer.state
+    numbers = "residual", "truncation_error", "power_defect"
+    peaks = {name: answer.force(name).per_cycle.max.tolist() for name in answer.topology.mesh_names}
     return {
         "scene": answer.topology.name,
         "rpm": answer.rpm,
-        "motion": motion_record(answer),
+        "motion": {
+            "kind": state.kind,
+            "period": state.period,
+            "orbit": answer.orbit,
+            "stable": answer.growth.stable,
+            "multiplier": answer.growth.multiplier,
+            "reason": "; ".join(state.notes) if not answer.known else None,
+            "cycles": state.cycles,
+            "started_from_rpm": state.started_from,
+            "per_cycle": {name: {"max": percentiles} for name, percentiles in peaks.items()},
+        },
         "converged": answer.converged,
         "harmonics": answer.harmonics,
         "load_kW": float(answer.balance.load_kW) + 0.0,
         "verdict": verdict(answer),
         "notes": notes(answer),
-    } | solved
-
-
-def modes_record(modes, kinds, ratios):
-    """What ``modes --json`` writes: every value is a list over the modes.
-
-    ``{"frequencies_hz": [...], "mesh_energy_share": [...], "kinds": [...], "node_count": [...],
-    "damping_ratios": [...], "generalised_mass": [...], "modes": {disk: [angle in mode 0, ...]}, "kinetic_share": {disk:
-    [...]}, "strain_share": {link: [...]}}``; shares of the kinetic and of the strain energy are between 0 and 1 (all of
-    the teeth together: ``mesh_energy_share``), damping ratios are those of Lehr (None: none is known), masses are in
-    kg m2 for a largest angle of 1.
-    """
-    named = {
-        "modes": (modes.names, modes.shapes),
-        "kinetic_share": (modes.names, modes.kinetic_share),
-        "strain_share": (modes.link_names, modes.strain_share),
+        "status": None if solved is None else answer.status.name,
+        **{name: None if solved is None else float(getattr(solved, name)) for name in numbers},
+        "path": None if solved is None else [str(event) for event in solved.path],
     }
-    listed = ("frequencies_hz", "mesh_energy_share", "node_count", "generalised_mass")
-    numbers = {name: np.asarray(getattr(modes, name)).tolist() for name in listed}
-    more = {"kinds": list(kinds), "damping_ratios": np.asarray(ratios).tolist()}
-    columns = {key: dict(zip(names, values.T.tolist(), strict=True)) for key, (names, values) in named.items()}
-    return finite(numbers | more | columns)
 
 
 def finite(value):
@@ -167,10 +106,10 @@ def _signal_record(signal, orders):
 
 def _disk_record(answer, name, orders):
     record = _signal_record(answer.disk(name), orders)
-    return {key: record[key] for key in KEPT_OF_DISKS} | {
+    return {key: record[key] for key in ("mean", "half_peak_to_peak", "amplitudes")} | {
         "speed": answer.speed(name).extremes(),
         "acceleration": answer.acceleration(name).extremes(),
-        "irregularity": answer.irregularity(name),
+        "irregularity": float(answer.irregularity(name)),
     }
 
 
@@ -189,13 +128,17 @@ def _listed(rows, orders):
 
 
 def _mesh_record(answer, name, orders):
-    force, contact, law = answer.force(name), answer.contacts[name], answer.law(name)
-    details = answer.details.get(name)
+    force, contact, law, details = answer.force(name), answer.contacts[name], answer.law(name), answer.details.get(name)
+    period_deg = 360.0 * answer.response.topology.revolutions_per_cycle if details else None
     return _signal_record(force, orders) | {
         "elastic": _signal_record(force.elastic, orders),
         "separated_fraction": contact.separated_fraction,
         "reverse_contact_fraction": contact.reverse_contact_fraction,
-        "impacts": details and _impacts(details, 360.0 * answer.response.topology.revolutions_per_cycle),
+        "impacts": details
+        and [
+            {"theta_deg": period_deg * impact["cycle"], "speed": impact["speed"], "side": impact["side"]}
+            for impact in details.impacts
+        ],
         "impacts_per_cycle": contact.impacts_per_cycle,
         "hardest_impact": contact.hardest_impact,
         "drive_side": contact.drive_side if answer.known else None,
@@ -203,9 +146,3 @@ def _mesh_record(answer, name, orders):
         "knee_force": law.knee_force if law else 0.0,
         "pulling_force": details and details.pulling_force,
     }
-
-
-def _impacts(details, period_deg):
-    return [
-        {"theta_deg": period_deg * hit["cycle"], "speed": hit["speed"], "side": hit["side"]} for hit in details.impacts
-    ]

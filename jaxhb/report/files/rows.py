@@ -6,6 +6,7 @@ from jaxhb.equations import fourier
 from jaxhb.report.answer import UNCONFIRMED
 from jaxhb.report.files.output import as_csv
 from jaxhb.report.files.record import finite
+from jaxhb.report.quantities import ELEMENTS, WITHOUT, number
 from jaxhb.report.selection import gears, shafts_of
 from jaxhb.report.text.mean_torques import ground_reactions, load_torques
 from jaxhb.report.text.strength import answers_strength, strength_columns
@@ -23,19 +24,8 @@ def answer_row(answer, **first):
     Without an answer (an unknown motion, one that did not converge) nothing but ``rpm``, ``motion``, ``status`` and the
     like is in it: what is not certain does not look like a result.
     """
-    about = _about(answer, first)
-    return about | (_numbers(answer) if answer.answered else dict.fromkeys(_numbers(answer)))
-
-
-def rows_csv(rows):
-    """The CSV file of such rows."""
-    heads = dict.fromkeys(head for row in rows for head in row)
-    return as_csv(list(heads), [[row.get(head) for head in heads] for row in map(finite, rows)])
-
-
-def _about(answer, first):
     solved = answer.response
-    return {
+    about = {
         "rpm": answer.rpm,
         **first,
         "motion": answer.state.kind,
@@ -48,40 +38,55 @@ def _about(answer, first):
         "residual": None if solved is None else float(solved.residual),
         "truncation error": None if solved is None else float(solved.truncation_error),
     }
+    return about | (_numbers(answer) if answer.answered else dict.fromkeys(_numbers(answer)))
+
+
+def rows_csv(rows):
+    """The CSV file of such rows."""
+    heads = dict.fromkeys(head for row in rows for head in row)
+    return as_csv(list(heads), [[row.get(head) for head in heads] for row in map(finite, rows)])
+
+
+def _peak_of_cycles(place):
+    return lambda answer, name: float(answer.force(name).per_cycle.max[place])
+
+
+CELLS = {
+    "mesh": {
+        "mean N": "tooth_force_mean",
+        "max N": "tooth_force_max",
+        "min N": "tooth_force_min",
+        **{f"max of a cycle {percent} % N": _peak_of_cycles(place) for place, percent in enumerate(PERCENT)},
+        "max N without backlash": f"tooth_force_max{WITHOUT}",
+        "min N without backlash": f"tooth_force_min{WITHOUT}",
+        "separated fraction": "separated_fraction",
+        "reverse fraction": "reverse_contact_fraction",
+        "impacts per cycle": "impacts_per_cycle",
+        "hardest impact m/s": "hardest_impact",
+    },
+    "gear": {
+        "torque half peak-to-peak N m": "gear_torque_half_peak_to_peak",
+        "torque half peak-to-peak N m without backlash": f"gear_torque_half_peak_to_peak{WITHOUT}",
+    },
+    "shaft": {"torque half peak-to-peak N m": "torque_half_peak_to_peak", "heat W": "heat"},
+    "disk": {
+        "speed half peak-to-peak rad/s": "speed_half_peak_to_peak",
+        "acceleration half peak-to-peak rad/s2": "acceleration_half_peak_to_peak",
+        "irregularity": "irregularity",
+    },
+}
+"""Heads of the columns of every element behind its name, and their variables of data sets or readers."""
 
 
 def _numbers(answer):
-    linear = answer.linear
     row = {"load kW": float(answer.balance.load_kW)}
     row |= {f"{name} load torque N m": torque for name, torque in load_torques(answer.balance).items()}
     row |= {f"{name} ground reaction N m": torque for name, torque in ground_reactions(answer.balance).items()}
-    for name in answer.topology.mesh_names:
-        row |= _mesh_cells(name, answer.force(name), linear.force(name), answer.contacts[name])
-    for gear in gears(answer.topology):
-        row[f"{gear} torque half peak-to-peak N m"] = float(answer.gear_torque(gear).half_peak_to_peak)
-        without = float(linear.gear_torque(gear).half_peak_to_peak)
-        row[f"{gear} torque half peak-to-peak N m without backlash"] = without
-    for shaft in shafts_of(answer.topology):
-        row[f"{shaft} torque half peak-to-peak N m"] = float(answer.torque(shaft).half_peak_to_peak)
-        row[f"{shaft} heat W"] = answer.power(shaft)
-    for disk in answer.topology.disk_names:
-        row[f"{disk} speed half peak-to-peak rad/s"] = float(answer.speed(disk).half_peak_to_peak)
-        row[f"{disk} acceleration half peak-to-peak rad/s2"] = float(answer.acceleration(disk).half_peak_to_peak)
-        row[f"{disk} irregularity"] = answer.irregularity(disk)
+    for element, cells in CELLS.items():
+        for name in ELEMENTS[element](answer.topology):
+            for head, read in cells.items():
+                row[f"{name} {head}"] = read(answer, name) if callable(read) else number(answer, read, name)
     return row | {head: values[0] for head, values in strength_columns(answers_strength([answer])).items()}
-
-
-def _mesh_cells(name, force, linear, contact):
-    cells = {f"{name} {what} N": float(getattr(force, what)) for what in ("mean", "max", "min")}
-    peaks = zip(PERCENT, force.per_cycle.max.tolist(), strict=True)
-    cells |= {f"{name} max of a cycle {percent} % N": peak for percent, peak in peaks}
-    cells |= {f"{name} {what} N without backlash": float(getattr(linear, what)) for what in ("max", "min")}
-    return cells | {
-        f"{name} separated fraction": contact.separated_fraction,
-        f"{name} reverse fraction": contact.reverse_contact_fraction,
-        f"{name} impacts per cycle": contact.impacts_per_cycle,
-        f"{name} hardest impact m/s": contact.hardest_impact,
-    }
 
 
 def untraceable(answer):

@@ -6,8 +6,7 @@ import numpy as np
 
 from jaxhb.excitation.gas import FAR
 from jaxhb.report.page.parts import table
-from jaxhb.report.text.columns import NONE
-from jaxhb.report.text.mean_torques import plain_number
+from jaxhb.report.text.columns import NONE, plain_number
 from jaxhb.train.changes import declared_field
 
 WORDS = {

@@ -7,8 +7,7 @@ from jaxhb.excitation.gas import FAR, GAS_SAMPLES
 from jaxhb.excitation.mean_torques import gas_pressures, mean_torques, scale_at
 from jaxhb.report.page.differences import facts_of
 from jaxhb.report.page.parts import table
-from jaxhb.report.text.columns import NONE, Table, alike
-from jaxhb.report.text.mean_torques import plain_number
+from jaxhb.report.text.columns import NONE, Table, alike, plain_number
 from jaxhb.report.text.scene_check import torque_rows
 
 GAS = {

@@ -6,8 +6,7 @@ from jaxhb.report.page.limits import judged
 from jaxhb.report.page.parts import table
 from jaxhb.report.text.cases import hardest, worst_misfire
 from jaxhb.report.text.certified import certificate_parts
-from jaxhb.report.text.columns import NONE
-from jaxhb.report.text.mean_torques import plain_number
+from jaxhb.report.text.columns import NONE, plain_number
 from jaxhb.report.text.sentences import notes, warnings
 from jaxhb.report.text.sweep_tables import motion_sentences
 from jaxhb.train.plausible import plausibility

@@ -12,9 +12,8 @@ from jaxhb.report.figures.forced import hardest_elements, orders_figure
 from jaxhb.report.figures.linear import campbell_figure
 from jaxhb.report.figures.modes import MOST, shapes_figure
 from jaxhb.report.selection import NOT_FIRING
-from jaxhb.report.text.campbell import campbell_parts, reached, shares_in_mode
 from jaxhb.report.text.forced import forced_failures, readings, worst_tables
-from jaxhb.report.text.tables import modes_text
+from jaxhb.report.text.linear import campbell_parts, modes_text, reached, shares_in_mode
 
 CAMPBELL_MODES = 6, 12
 """Modes of the Campbell diagram: at least so many, and those that the orders reach up to the second number."""

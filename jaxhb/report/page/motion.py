@@ -12,7 +12,7 @@ from jaxhb.report.figures.figure import figure, kind_marks, plain, speed_range
 from jaxhb.report.figures.sweep import over_speed
 from jaxhb.report.page.differences import differences
 from jaxhb.report.page.limits import judged, shares_table
-from jaxhb.report.selection import default_gear, hardest_shaft, meshes_of, worst_mesh
+from jaxhb.report.selection import default_gear, hardest_shaft, meshes_of
 from jaxhb.report.text.cases import hardest, speed_tables
 from jaxhb.report.text.columns import NONE, Table, alike, ratios, shares
 from jaxhb.report.text.sentences import status_lines, verdict
@@ -146,7 +146,7 @@ def one_speed(report):
     gear = report.gear or default_gear(first)
     subject = gear or (hardest_shaft([first]) if first.topology.link_names else None)
     own = meshes_of(first.topology, gear) if gear else ()
-    meshes = list(dict.fromkeys([*own[:MESHES], worst_mesh(first) or own[0]])) if own else ()
+    meshes = list(dict.fromkeys([*own[:MESHES], first.worst_mesh or own[0]])) if own else ()
     for title, answer in answers.items():
         lines = [f"{said[0].upper()}{said[1:]}." for said in status_lines(answer)]
         caption = f"{answer.rpm:g} rpm, {plain(title)}: torque of {plain(subject or '')}"

@@ -5,10 +5,10 @@ import re
 from dataclasses import dataclass, field
 from operator import itemgetter
 
+from jaxhb.report.answer import Case
 from jaxhb.report.selection import NOT_FIRING
-from jaxhb.report.text.cases import Case, worst_misfire
-from jaxhb.report.text.columns import NONE, Table
-from jaxhb.report.text.mean_torques import plain_number
+from jaxhb.report.text.cases import worst_misfire
+from jaxhb.report.text.columns import NONE, Table, plain_number
 from jaxhb.train.drivetrain import DriveTrain
 
 FULL = 95

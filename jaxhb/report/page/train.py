@@ -8,8 +8,8 @@ import numpy as np
 from jaxhb.report.figures.sketch import plot_train
 from jaxhb.report.page.excitation import excitation_tables, gas_words, torque_over_speed
 from jaxhb.report.page.parts import table
-from jaxhb.report.text.columns import NONE, Table
-from jaxhb.report.text.mean_torques import mean_angles_of, plain_number
+from jaxhb.report.text.columns import NONE, Table, plain_number
+from jaxhb.report.text.mean_torques import mean_angles_of
 from jaxhb.report.text.scene_check import referred_tables
 
 

@@ -1,20 +1,50 @@
-"""Numbers in columns of text."""
+"""Numbers in columns of text, and tables whose columns are specifications over their rows."""
 
 import math
+from collections.abc import Callable, Hashable
+from operator import itemgetter
+from typing import NamedTuple
 
 import numpy as np
 
 NONE = "-"
 
 
-class Table(str):
-    """A table as text, with its cells at hand for other ways to show it.
+class Column(NamedTuple):
+    """A column: its head, what is read of a row, and how it is written: by a function of one value, or with the same
+    decimals as all numbers that have this key."""
 
-    Parameters
-    ----------
-    title : str
-        A line or more above it; empty: none.
-    heads, columns, groups, left : as for :func:`aligned`
+    head: str
+    read: Callable
+    write: Callable | Hashable = str
+
+
+def specified(title, rows, columns, groups=(), left=()):
+    """A :class:`Table` with a row for each of ``rows``, whatever they are."""
+    return Table(title, [column.head for column in columns], written(rows, columns), groups, left)
+
+
+def from_rows(title, heads, rows, groups=(), left=()):
+    """A :class:`Table` of rows of values; a head may be (head, write), as of :class:`Column`."""
+    pairs = [(head, str) if isinstance(head, str) else head for head in heads]
+    columns = [Column(head, itemgetter(place), write) for place, (head, write) in enumerate(pairs)]
+    return specified(title, rows, columns, groups, left)
+
+
+def written(rows, columns):
+    """Cells of every column over the rows."""
+    cells = [[column.read(row) for row in rows] for column in columns]
+    ways = [column.write for column in columns]
+    for way in dict.fromkeys(ways):
+        own = [i for i, one in enumerate(ways) if one == way]
+        done = [list(map(way, cells[i])) for i in own] if callable(way) else alike(*(cells[i] for i in own))
+        for i, column in zip(own, done, strict=True):
+            cells[i] = column
+    return cells
+
+
+class Table(str):
+    """A table as text under its title, with its cells at hand for other ways to show it; see :func:`aligned`.
 
     Examples
     --------
@@ -74,20 +104,55 @@ def alike(*columns, digits=4):
     ]
 
 
+def plain_number(value, digits=4):
+    """A number with so many digits, without a power of ten where that is readable.
+
+    Examples
+    --------
+    >>> plain_number(12345.0), plain_number(-0.5), plain_number(2e-9)
+    ('12340', '-0.5', '2e-09')
+    """
+    if not 1e-4 <= abs(value) < 1e7:
+        return f"{value:.{digits}g}"
+    return np.format_float_positional(float(f"{value:.{digits}g}"), trim="-")
+
+
 def shares(fractions):
     """Fractions of the cycle in %; a small one is not shown as 0."""
-    return [NONE if share is None or not math.isfinite(share) else percent(share) for share in fractions]
+    return list(map(percent, fractions))
 
 
 def percent(share):
-    """A share in %, a small one not as 0."""
+    """A share in %, a small one not as 0, a dash where it is not known."""
+    if share is None or not math.isfinite(share):
+        return NONE
     return "<0.1" if 0 < share < 5e-4 else f"{100 * share:.1f}"
 
 
+def count(number):
+    """A number of events, three digits, a dash where it is not known."""
+    return plain_number(number, digits=3) if math.isfinite(number) else NONE
+
+
+def hit(speed):
+    """Approach speed of an impact, a dash without one."""
+    return f"{speed:.2f}" if speed > 0 else NONE
+
+
+def irregular(share):
+    """Cyclic irregularity in %, a dash where it is not known."""
+    return count(100 * share)
+
+
+def ratio(pair):
+    """A quotient with two decimals, a dash where nothing is compared."""
+    value = float(pair[0]) / float(pair[1]) if pair[1] else math.nan
+    return f"{value:.2f}" if math.isfinite(value) else NONE
+
+
 def ratios(numbers, before):
-    """Quotients with two decimals, ``-`` where nothing is compared."""
-    quotient = [float(a) / float(b) if b else np.nan for a, b in zip(numbers, before, strict=True)]
-    return [f"{value:.2f}" if math.isfinite(value) else NONE for value in quotient]
+    """Quotients as :func:`ratio` writes them."""
+    return list(map(ratio, zip(numbers, before, strict=True)))
 
 
 def ranges(speeds, chosen, to="-"):

@@ -1,15 +1,16 @@
 """The linear forced response over the speed, and with each cylinder misfiring: text, plain numbers and rows."""
 
-import dataclasses
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from jaxhb.elements.elements import SceneError, suggestion
-from jaxhb.report.quantities import shown_unit
-from jaxhb.report.selection import case_title, shafts_of, train_name
-from jaxhb.report.text.columns import NONE, Table, aligned, alike, ranges, ratios
-from jaxhb.results.signal import Signal
+from jaxhb.report.quantities import ELEMENTS, READERS, shown_unit
+from jaxhb.report.selection import case_title, train_name
+from jaxhb.report.text.columns import NONE, Table, alike, from_rows, ranges, ratio
+from jaxhb.results.dataset import SIGNALS
+from jaxhb.results.response import Response
 from jaxhb.results.status import Status
 
 SHOWN = 6
@@ -18,13 +19,11 @@ SHOWN = 6
 NEGLIGIBLE = 1e-12
 """Amplitude of an order over the largest of its element from which it is not listed."""
 
-KINDS = {
-    "disks": ("disk", "angle", "Vibratory angle of disks", "rad"),
-    "shafts": ("shaft", "torque", "Vibratory torque of shafts and dampers", "N m"),
-    "meshes": ("mesh", "tooth force", "Vibratory tooth force", "N"),
-}
-"""Head of its column, what vibrates, title and SI unit."""
+KINDS = {"disks": "angle", "shafts": "torque", "meshes": "tooth_force"}
+"""What vibrates, of :data:`jaxhb.results.dataset.SIGNALS`."""
 
+TITLES = {"disks": "Vibratory angle of disks", "shafts": "Vibratory torque of shafts and dampers"}
+TITLES |= {"meshes": "Vibratory tooth force"}
 
 ADVICE = {
     Status.MAX_STEPS: "the amplitude of a link was not found: make its table over_amplitude smoother or add damping"
@@ -32,61 +31,81 @@ ADVICE = {
 """What a status of the linear response means where that differs from the response with backlash."""
 
 
+def signal_of(response, name, kind):
+    """The angle of a disk, the torque of a shaft or damper, the force of a mesh."""
+    return getattr(response, READERS.get(KINDS[kind], KINDS[kind]))(name)
+
+
 @dataclass(frozen=True)
 class Reading:
-    """One element over the speeds: its signal, and power ``(n,)`` W that it turns into heat."""
+    """One element of a :class:`jaxhb.ForcedResponse` of several speeds."""
 
+    response: Response
     name: str
     kind: str
-    signal: Signal
-    power: np.ndarray
+
+    @cached_property
+    def signal(self):
+        """What vibrates."""
+        return signal_of(self.response, self.name, self.kind)
+
+    @property
+    def power(self):
+        """Power ``(n,)`` W that the element turns into heat."""
+        # The name of a ring is that of its damper, whose row has the heat of the link.
+        ring = self.kind == "disks" and self.name in self.response.topology.damper_names
+        return np.zeros(len(self.response)) if ring else np.asarray(self.response.power(self.name))
+
+    @property
+    def called(self):
+        """What vibrates, in words."""
+        return KINDS[self.kind].replace("_", " ")
 
     @property
     def unit(self):
         """SI unit of the signal."""
-        return KINDS[self.kind][3]
+        return SIGNALS[KINDS[self.kind]][1]
 
     @property
     def shown(self):
         """Factor from the SI unit, and the unit for people."""
         return shown_unit(self.unit)
 
+    @cached_property
+    def swing(self):
+        """Half peak-to-peak ``(n,)``, nan at speeds without an answer."""
+        return np.where(self.response.converged, self.signal.half_peak_to_peak, np.nan)
+
+    def most(self):
+        """The largest half peak-to-peak over the speeds that have an answer, and its speed; nan without."""
+        if not np.isfinite(self.swing).any():
+            return np.nan, np.nan
+        place = np.nanargmax(self.swing)
+        return self.swing[place], self.response.rpm[place]
+
+    def of(self, response):
+        """The same element of another response."""
+        return Reading(response, self.name, self.kind)
+
+    def at(self, speeds):
+        """The same at some of the speeds, a mask."""
+        return self.of(self.response[np.flatnonzero(speeds)])
+
     def listed(self):
         """Places of the orders that are there, by rising order."""
         largest = self.signal.amplitudes.max(axis=0)
         return np.flatnonzero(largest > NEGLIGIBLE * largest.max(initial=0.0))
 
-    def at(self, speeds):
-        """The same at some of the speeds."""
-        chosen = {"coefficients": self.signal.coefficients[speeds]}
-        if self.signal.elastic_coefficients is not None:
-            chosen["elastic_coefficients"] = self.signal.elastic_coefficients[speeds]
-        return dataclasses.replace(self, signal=dataclasses.replace(self.signal, **chosen), power=self.power[speeds])
-
     def main(self):
         """Places of the orders with the largest amplitudes, by rising order."""
-        largest = self.signal.amplitudes.max(axis=0)
-        places = self.listed()
+        places, largest = self.listed(), self.signal.amplitudes.max(axis=0)
         return np.sort(places[np.argsort(-largest[places], kind="stable")[:SHOWN]])
 
 
 def readings(response, names=()):
     """A :class:`Reading` of each element named, or of every disk, shaft, damper and mesh.
 
-    Parameters
-    ----------
-    response : ForcedResponse, of several speeds
-    names : sequence of str
-        Of a damper its link is read, among the disks its ring.
-
-    Returns
-    -------
-    list of Reading
-
-    Raises
-    ------
-    SceneError
-        For names of nothing that vibrates.
+    Of a damper its link is read, among the disks its ring. Names of nothing that vibrates raise a ``SceneError``.
 
     Examples
     --------
@@ -96,149 +115,100 @@ def readings(response, names=()):
     [('pulley', 'disks'), ('cyl6|flywheel', 'shafts')]
     """
     topology = response.topology
-    of_kind = {"disks": topology.disk_names, "shafts": shafts_of(topology), "meshes": topology.mesh_names}
-    chosen = [(name, kind) for kind, all_of in of_kind.items() for name in all_of]
+    chosen = [(name, kind) for kind, signal in KINDS.items() for name in ELEMENTS[SIGNALS[signal][0]](topology)]
     if names:
-        kinds = dict(chosen)  # a damper stands there twice, last as a link
-        check_names(topology, names, kinds)
+        kinds, where = dict(chosen), topology.name or "scene"  # a damper stands there twice, last as a link
+        errors = [
+            f"{where}: --element: there is no disk, shaft, damper or mesh {name!r}.{suggestion(name, kinds)}"
+            for name in names
+            if name not in kinds
+        ]
+        if errors:
+            raise SceneError(errors)
         chosen = [(name, kinds[name]) for name in dict.fromkeys(names)]
-    return [_reading(response, name, kind) for name, kind in chosen]
-
-
-def check_names(topology, names, known):
-    """Refuse names of nothing that vibrates."""
-    where = topology.name or "scene"
-    errors = [
-        f"{where}: --element: there is no disk, shaft, damper or mesh {name!r}.{suggestion(name, known)}"
-        for name in names
-        if name not in known
-    ]
-    if errors:
-        raise SceneError(errors)
-
-
-def _reading(response, name, kind):
-    topology = response.topology
-    if kind == "disks":
-        ring = name in topology.damper_names
-        # The name of a ring is that of its damper, whose row has the heat of the link.
-        power = np.zeros(len(response)) if ring else response.power(name)
-        return Reading(name, kind, signal_of(response, name, kind), power)
-    return Reading(name, kind, signal_of(response, name, kind), response.power(name))
-
-
-def signal_of(response, name, kind):
-    """The angle of a disk, the torque of a shaft or damper, the force of a mesh."""
-    return {"disks": response.disk, "shafts": response.torque, "meshes": response.force}[kind](name)
+    return [Reading(response, name, kind) for name, kind in chosen]
 
 
 def forced_text(response, found, *, each):
-    """Tables for people: the worst of every element over the speeds, or ``each`` element speed by speed.
-
-    Parameters
-    ----------
-    response : ForcedResponse
-    found : list of Reading
-    each : bool
-
-    Returns
-    -------
-    str
-    """
-    parts, good = [forced_head(response)], np.asarray(response.converged)
-    if each:
-        parts += [_speed_table(response.rpm, one, good) for one in found]
-    else:
-        parts += worst_tables(response, found)
+    """Tables for people: the worst of every element over the speeds, or ``each`` element speed by speed."""
+    good = np.asarray(response.converged)
+    parts = [forced_head(response)]
+    parts += [_speed_table(one, good) for one in found] if each else worst_tables(response, found)
     if not good.all():
         parts.append(f"{np.sum(~good)} of {len(good)} speeds have no answer and are left out.")
-    if not _moves(found) and not _moves(readings(response)):
+    if not any(np.any(one.signal.amplitudes) for one in (*found, *readings(response))):
         parts.append("Nothing excites the train. Give it a [[torque]] with harmonics, a [[cylinder]] or an [engine].")
     return "\n\n".join(parts)
 
 
 def forced_head(response):
     """The scene, what is computed and the speeds, in a line."""
-    topology, rpm = response.topology, response.rpm
+    rpm = response.rpm
     speeds = f"{len(rpm)} speeds from {rpm.min():g} to {rpm.max():g}" if len(rpm) > 1 else f"{rpm[0]:g}"
-    return f"{train_name(topology)}: linear forced response, teeth in contact, {speeds} rpm"
+    return f"{train_name(response.topology)}: linear forced response, teeth in contact, {speeds} rpm"
 
 
-def _moves(found):
-    return any(np.any(one.signal.amplitudes) for one in found)
-
-
-def _speed_table(rpm, reading, good):
-    factor, unit = reading.shown
-    signal, places = reading.signal, reading.at(good).main() if good.any() else []
+def _speed_table(one, good):
+    factor, unit = one.shown
+    signal, places = one.signal, one.at(good).main() if good.any() else []
     values = [signal.half_peak_to_peak, signal.sum_of_amplitudes, *signal.amplitudes[:, places].T]
     columns = alike(*(np.where(good, factor * np.asarray(column), np.nan) for column in values))
     heads = ["rpm", "half p-p", "sum", *(f"order {order:g}" for order in signal.orders[places]), "heat W"]
-    left_out = len(reading.listed()) - len(places)
+    left_out = len(one.listed()) - len(places)
     note = f"; {left_out} smaller orders are left out" if left_out else ""
-    title = f"{reading.name}, {unit}: synthesis, sum of amplitudes, amplitudes by order{note}"
-    rows = [[f"{speed:g}" for speed in rpm], *columns, *alike(np.where(good, reading.power, np.nan))]
-    return Table(title, heads, rows)
+    title = f"{one.name}, {unit}: synthesis, sum of amplitudes, amplitudes by order{note}"
+    speeds = [f"{speed:g}" for speed in one.response.rpm]
+    return Table(title, heads, [speeds, *columns, *alike(np.where(good, one.power, np.nan))])
 
 
 def worst_tables(response, found):
     """The largest values over the speeds that have an answer, a table for each kind of element."""
     good = np.asarray(response.converged)
     kinds = {kind: [one.at(good) for one in found if one.kind == kind] for kind in KINDS if good.any()}
-    return [_worst_table(response.rpm[good], kind, own) for kind, own in kinds.items() if own]
+    return [_worst_table(own) for own in kinds.values() if own]
 
 
-def _worst_table(rpm, kind, found):
-    head, _, title, unit = KINDS[kind]
-    factor, unit = shown_unit(unit)
-    swings = [np.asarray(one.signal.half_peak_to_peak) for one in found]
-    sums = [np.asarray(one.signal.sum_of_amplitudes) for one in found]
-    peaks = [np.unravel_index(one.signal.amplitudes.argmax(), one.signal.amplitudes.shape) for one in found]
-    largest = [one.signal.amplitudes[at] for one, at in zip(found, peaks, strict=True)]
-    columns = alike(*(factor * np.array(c) for c in ([v.max() for v in swings], [v.max() for v in sums], largest)))
-    moving = [value > 0 for value in largest]
-
-    def where(places):
-        return [f"{rpm[i]:g}" if moves else NONE for i, moves in zip(places, moving, strict=True)]
-
-    orders = [f"{one.signal.orders[k]:g}" for one, (_, k) in zip(found, peaks, strict=True)]
-    rows = [
-        [one.name for one in found],
-        columns[0],
-        where([v.argmax() for v in swings]),
-        columns[1],
-        where([v.argmax() for v in sums]),
-        [order if moves else NONE for order, moves in zip(orders, moving, strict=True)],
-        columns[2],
-        where([i for i, _ in peaks]),
-        *alike([one.power.max() for one in found]),
-    ]
-    heads = [head, "half p-p", "at rpm", "sum", "at rpm", "order", "amplitude", "at rpm", "heat W"]
+def _worst_table(found):
+    """The largest half peak-to-peak, sum and amplitude of each element, and where they are."""
+    factor, unit = found[0].shown
+    rows = []
+    for one in found:
+        amplitudes, rpm = one.signal.amplitudes, one.response.rpm
+        speed, order = np.unravel_index(amplitudes.argmax(), amplitudes.shape)
+        moves = amplitudes[speed, order] > 0
+        row = [one.name]
+        for values in (one.signal.half_peak_to_peak, one.signal.sum_of_amplitudes):
+            row += [factor * values.max(), f"{rpm[values.argmax()]:g}" if moves else NONE]
+        row += [f"{one.signal.orders[order]:g}" if moves else NONE, factor * amplitudes[speed, order]]
+        rows.append([*row, f"{rpm[speed]:g}" if moves else NONE, one.power.max()])
+    heads = [("half p-p", "size"), "at rpm", ("sum", "size"), "at rpm", "order", ("amplitude", "size"), "at rpm"]
     groups = [("synthesis", 1, 2), ("sum of amplitudes", 3, 4), ("largest order", 5, 7)]
-    return Table(f"{title}, {unit}: largest over the speeds", heads, rows, groups)
+    title = f"{TITLES[found[0].kind]}, {unit}: largest over the speeds"
+    return from_rows(title, [_element(found), *heads, ("heat W", "W")], rows, groups)
+
+
+def _element(found):
+    """The head of the column of elements."""
+    return SIGNALS[KINDS[found[0].kind]][0]
 
 
 def forced_record(response, found, *, orders=None):
-    """What ``forced --json`` writes: every number in SI units, a list over the speeds.
-
-    Parameters
-    ----------
-    response : ForcedResponse
-    found : list of Reading
-    orders : float, optional
-        Highest order that is listed.
-
-    Returns
-    -------
-    dict
-        ``scene``; ``rpm``, ``status``, ``residual``, ``load_kW``, ``input_power_W``; ``orders``; ``disks`` (rad),
-        ``shafts`` with the dampers (N m) and ``meshes`` (N) by name: ``mean``, ``half_peak_to_peak``,
-        ``sum_of_amplitudes``, ``amplitudes`` and ``phases_deg`` (a list of the orders for each speed), ``power_W``;
-        of what transmits a torque or force also ``elastic``: the first three of its elastic part.
-    """
+    """What ``forced --json`` writes, see ``docs/how_to/linear.md``; orders up to ``orders``."""
     listed = found[0].signal.orders if found else np.zeros(0)
     kept = np.flatnonzero(listed <= (np.inf if orders is None else orders))
-    record = {
+
+    def summary(signal):
+        return {name: getattr(signal, name).tolist() for name in ("mean", "half_peak_to_peak", "sum_of_amplitudes")}
+
+    def of_element(one):
+        record = summary(one.signal) | {
+            "amplitudes": one.signal.amplitudes[:, kept].tolist(),
+            "phases_deg": one.signal.phases_deg[:, kept].tolist(),
+            "power_W": one.power.tolist(),
+        }
+        return record if one.kind == "disks" else record | {"elastic": summary(one.signal.elastic)}
+
+    return {
         "scene": response.topology.name,
         "rpm": response.rpm.tolist(),
         "status": [Status(int(s)).name for s in response.status],
@@ -246,78 +216,43 @@ def forced_record(response, found, *, orders=None):
         "load_kW": (response.load_kW + 0.0).tolist(),
         "input_power_W": response.input_power.tolist(),
         "orders": listed[kept].tolist(),
-    }
-    return record | {kind: {r.name: _signal_record(r, kept) for r in found if r.kind == kind} for kind in KINDS}
-
-
-def _signal_record(reading, kept):
-    signal = reading.signal
-    record = _summary(signal) | {
-        "amplitudes": signal.amplitudes[:, kept].tolist(),
-        "phases_deg": signal.phases_deg[:, kept].tolist(),
-        "power_W": np.asarray(reading.power).tolist(),
-    }
-    return record if reading.kind == "disks" else record | {"elastic": _summary(signal.elastic)}
-
-
-def _summary(signal):
-    return {name: getattr(signal, name).tolist() for name in ("mean", "half_peak_to_peak", "sum_of_amplitudes")}
+    } | {kind: {one.name: of_element(one) for one in found if one.kind == kind} for kind in KINDS}
 
 
 def forced_rows(response, found, more=None):
     """Heads and rows of ``forced --csv``: one row per speed, SI units; ``more`` columns by their heads come last."""
-    columns = {"rpm": response.rpm.tolist(), "status": [Status(int(s)).name for s in response.status]}
-    columns |= {"load kW": (response.load_kW + 0.0).tolist(), "input power W": response.input_power.tolist()}
+    columns = {"load kW": response.load_kW + 0.0, "input power W": response.input_power}
     for one in found:
         # Ring and link of a damper share a name; heads of columns must not.
         name = f"{one.name} angle" if one.kind == "disks" and one.name in response.topology.damper_names else one.name
-        columns[f"{name} half peak-to-peak {one.unit}"] = one.signal.half_peak_to_peak.tolist()
-        columns[f"{name} sum of amplitudes {one.unit}"] = one.signal.sum_of_amplitudes.tolist()
+        columns[f"{name} half peak-to-peak {one.unit}"] = one.signal.half_peak_to_peak
+        columns[f"{name} sum of amplitudes {one.unit}"] = one.signal.sum_of_amplitudes
         for k in one.listed():
-            columns[f"{name} order {one.signal.orders[k]:g} {one.unit}"] = one.signal.amplitudes[:, k].tolist()
-        columns[f"{name} heat W"] = np.asarray(one.power).tolist()
+            columns[f"{name} order {one.signal.orders[k]:g} {one.unit}"] = one.signal.amplitudes[:, k]
+        columns[f"{name} heat W"] = one.power
     columns |= more or {}
-    about, good = ("rpm", "status"), np.asarray(response.converged)
-    told = {
-        head: values if head in about else [v if ok else None for v, ok in zip(values, good, strict=True)]
-        for head, values in columns.items()
-    }
+    told = {"rpm": response.rpm.tolist(), "status": [Status(int(s)).name for s in response.status]}
+    for head, values in columns.items():
+        pairs = zip(np.asarray(values).tolist(), response.converged, strict=True)
+        told[head] = [value if good else None for value, good in pairs]
     return list(told), list(zip(*told.values(), strict=True))
 
 
 def forced_failures(response, case=""):
     """A sentence for each status other than converged, with its speeds; ``case`` says how the train runs."""
-    name, rpm = response.topology.name or "scene", response.rpm.tolist()
-    name = f"{name}, {case}," if case else name
-    found = []
+    name, rpm, found = response.topology.name or "scene", response.rpm.tolist(), []
     for value in sorted(set(response.status.tolist()) - {0}):
         status = Status(value)
         speeds = ranges(rpm, [speed for speed, s in zip(rpm, response.status, strict=True) if s == value])
-        found.append(f"{name} at {speeds} rpm: {status.name}: {ADVICE.get(status, status.sentence)}.")
+        said = f"{status.name}: {ADVICE.get(status, status.sentence)}."
+        found.append(f"{f'{name}, {case},' if case else name} at {speeds} rpm: {said}")
     return found
 
 
 def worst_of(misfires, found):
-    """The misfire and the speed at which each element swings most.
-
-    Parameters
-    ----------
-    misfires : Misfires, of forced responses
-    found : list of Reading, of the response with all cylinders firing
-
-    Returns
-    -------
-    dict
-        :class:`jaxhb.solutions.misfires.Worst` by name, of the half peak-to-peak in SI units.
-
-    Raises
-    ------
-    ValueError
-        If no speed has an answer.
-    """
-    return {
-        one.name: misfires.worst(lambda r, one=one: signal_of(r, one.name, one.kind).half_peak_to_peak) for one in found
-    }
+    """The :class:`jaxhb.solutions.misfires.Worst` of each element by name, of the half peak-to-peak in SI units; a
+    ``ValueError`` if no speed has an answer. ``found`` are the readings with all cylinders firing."""
+    return {one.name: misfires.worst(lambda r, one=one: one.of(r).signal.half_peak_to_peak) for one in found}
 
 
 def hardest_of(found, worst):
@@ -328,26 +263,14 @@ def hardest_of(found, worst):
 
 
 def misfires_text(misfires, found, worst, *, each):
-    """The worst misfire, the largest swing of an element with every misfire, and the worst misfire of every element.
-
-    Parameters
-    ----------
-    misfires : Misfires
-    found : list of Reading, with all cylinders firing
-    worst : dict, from :func:`worst_of`
-    each : bool
-        Whether the elements of ``found`` were asked for by name: then every misfire is listed for each of them.
-
-    Returns
-    -------
-    str
-    """
+    """The worst misfire, the largest swing of an element with every misfire, and the worst misfire of every element;
+    with ``each`` every misfire is listed for each of the elements, which were asked for by name."""
     chosen, title = found if each else [hardest_of(found, worst)], case_title(misfires.firing.train)
     parts = ["\n".join(_sentence(one, worst[one.name], title) for one in chosen)]
     parts += [_cylinder_table(misfires, one) for one in chosen]
     if not each:
-        kinds = {kind: [one for one in found if one.kind == kind] for kind in KINDS}
-        parts += [_element_table(misfires, kind, own, worst) for kind, own in kinds.items() if own]
+        kinds = [[one for one in found if one.kind == kind] for kind in KINDS]
+        parts += [_element_table(own, worst, title) for own in kinds if own]
     return "\n\n".join(parts)
 
 
@@ -355,82 +278,46 @@ def _sentence(element, worst, title):
     factor, unit = element.shown
     value, firing = (f"{factor * number:.4g} {unit}" for number in (worst.value, worst.firing))
     return (
-        f"The worst misfire is that of {worst.cylinder}: {KINDS[element.kind][1]} of {value} half peak-to-peak in"
+        f"The worst misfire is that of {worst.cylinder}: {element.called} of {value} half peak-to-peak in"
         f" {element.name} at {worst.rpm:g} rpm, {firing} with {title}."
     )
 
 
 def _cylinder_table(misfires, element):
     factor, unit = element.shown
-    train, responses = misfires.firing.train, {"": misfires.firing} | misfires.responses
-    values, speeds = zip(*(_largest(response, element) for response in responses.values()), strict=True)
-    values = [factor * value for value in values]
-    speeds = [f"{rpm:g}" if value > 0 else NONE for value, rpm in zip(values, speeds, strict=True)]
-    titles, ratio = [case_title(train, name) for name in responses], ratios(values, values[:1] * len(values))
+    rows, firing = [], factor * element.most()[0]
+    for cylinder, response in ({"": misfires.firing} | misfires.responses).items():
+        value, rpm = element.of(response).most()
+        title = case_title(misfires.firing.train, cylinder)
+        rows.append([title, factor * value, f"{rpm:g}" if value > 0 else NONE, (factor * value, firing)])
     title = f"{element.name}, {unit}: largest half peak-to-peak over the speeds"
-    return title + "\n" + aligned(["", "half p-p", "at rpm", "ratio"], [titles, *alike(values), speeds, ratio])
+    return from_rows(title, ["", ("half p-p", "size"), "at rpm", ("ratio", ratio)], rows)
 
 
-def _largest(response, element):
-    """The largest half peak-to-peak of an element over the speeds that have an answer, and its speed; nan without."""
-    swing = signal_of(response, element.name, element.kind).half_peak_to_peak
-    answered = np.flatnonzero(response.converged)
-    if not len(answered):
-        return np.nan, np.nan
-    place = answered[np.argmax(swing[answered])]
-    return swing[place], response.rpm[place]
-
-
-def _element_table(misfires, kind, found, worst):
-    head, _, title, unit = KINDS[kind]
-    factor, unit = shown_unit(unit)
-    own = [worst[one.name] for one in found]
-    largest = [factor * _largest(misfires.firing, one)[0] for one in found]
-    values = [factor * one.value for one in own]
-    columns = [
-        [one.name for one in found],
-        *alike(largest, values),
-        ratios(values, largest),
-        [f"{one.rpm:g}" if one.value else NONE for one in own],
-        [one.cylinder if one.value else NONE for one in own],
-    ]
-    heads = [head, case_title(misfires.firing.train), "worst misfire", "ratio", "at rpm", "that of"]
-    return f"{title}, {unit}: largest half peak-to-peak over the speeds\n" + aligned(heads, columns, left=(5,))
+def _element_table(found, worst, firing):
+    factor, unit = found[0].shown
+    rows = []
+    for one in found:
+        own, largest = worst[one.name], factor * one.most()[0]
+        where = (f"{own.rpm:g}", own.cylinder) if own.value else (NONE, NONE)
+        rows.append([one.name, largest, factor * own.value, (factor * own.value, largest), *where])
+    heads = [_element(found), (firing, "size"), ("worst misfire", "size"), ("ratio", ratio), "at rpm", "that of"]
+    title = f"{TITLES[found[0].kind]}, {unit}: largest half peak-to-peak over the speeds"
+    return from_rows(title, heads, rows, left=(5,))
 
 
 def misfires_record(misfires, found, worst, *, orders=None):
-    """What ``forced --misfire each --json`` writes beside normal running.
-
-    Parameters
-    ----------
-    misfires : Misfires
-    found : list of Reading, with all cylinders firing
-    worst : dict, from :func:`worst_of`
-    orders : float, optional
-        Highest order that is listed.
-
-    Returns
-    -------
-    dict
-        ``misfires``: by the cylinder that does not fire what :func:`jaxhb.report.text.forced.forced_record` gives;
-        ``worst_misfires`` by element ``cylinder``, ``rpm``, ``quantity``, ``unit``, ``value`` (half peak-to-peak) and
-        ``firing``, the value at this speed with all cylinders firing; ``worst_misfire``, that of the element that
-        swings most, with its name as ``of``.
-    """
-    rows = {
-        one.name: {
-            "cylinder": worst[one.name].cylinder,
-            "rpm": worst[one.name].rpm,
-            "quantity": KINDS[one.kind][1],
-            "unit": one.unit,
-            "value": worst[one.name].value,
-            "firing": worst[one.name].firing,
-        }
-        for one in found
-    }
-    hardest, names = hardest_of(found, worst).name, [one.name for one in found]
+    """What ``forced --misfire each --json`` writes beside normal running: ``misfires``, by the cylinder that does not
+    fire what :func:`forced_record` gives; ``worst_misfires`` by element, with ``value`` (half peak-to-peak) and
+    ``firing``, that at this speed with all cylinders firing; ``worst_misfire``, of the element that swings most."""
+    rows = {}
+    for one in found:
+        own = worst[one.name]
+        rows[one.name] = {"cylinder": own.cylinder, "rpm": own.rpm, "quantity": one.called, "unit": one.unit}
+        rows[one.name] |= {"value": own.value, "firing": own.firing}
+    hardest = hardest_of(found, worst).name
     records = {
-        cylinder: forced_record(response, readings(response, names), orders=orders)
+        cylinder: forced_record(response, [one.of(response) for one in found], orders=orders)
         for cylinder, response in misfires.responses.items()
     }
     return {"misfires": records, "worst_misfires": rows, "worst_misfire": rows[hardest] | {"of": hardest}}
@@ -441,10 +328,9 @@ def misfires_rows(misfires, found, more):
 
     ``more`` holds further columns of every response, by the cylinder that does not fire, "" for none.
     """
-    responses = {"": misfires.firing} | misfires.responses
-    names, heads, rows = [one.name for one in found], {}, []
-    for cylinder, response in responses.items():
-        own, cells = forced_rows(response, readings(response, names), more[cylinder])
+    heads, rows = {}, []
+    for cylinder, response in ({"": misfires.firing} | misfires.responses).items():
+        own, cells = forced_rows(response, [one.of(response) for one in found], more[cylinder])
         rows += [{"misfire": cylinder} | dict(zip(own, row, strict=True)) for row in cells]
         heads |= dict.fromkeys(["misfire", *own])
     # An order that a response does not have has no column there: its amplitude is 0.

@@ -3,46 +3,18 @@
 import numpy as np
 
 from jaxhb.excitation.torques import excitation
+from jaxhb.report.text.columns import plain_number
 
 NOTED_SHARE = 0.01
 ROUNDING = 1e-9
 
 
-def plain_number(value, digits=4):
-    """A number with so many digits, without a power of ten where that is readable.
-
-    Examples
-    --------
-    >>> plain_number(12345.0), plain_number(-0.5), plain_number(2e-9)
-    ('12340', '-0.5', '2e-09')
-    """
-    if not 1e-4 <= abs(value) < 1e7:
-        return f"{value:.{digits}g}"
-    return np.format_float_positional(float(f"{value:.{digits}g}"), trim="-")
-
-
 def mean_angles_of(topology):
-    """What the absolute mean angles are measured from, as a sentence without its full stop.
-
-    Examples
-    --------
-    >>> import jaxhb
-    >>> mean_angles_of(jaxhb.load_scene("spur_pair").topology)
-    'no ground: the inertia-weighted mean is zero'
-    """
+    """What the absolute mean angles are measured from, as a sentence without its full stop."""
     names = ", ".join(repr(name) for name in topology.ground_names)
     if not names:
         return "no ground: the inertia-weighted mean is zero"
     return f"set by the {'grounds' if len(topology.ground_names) > 1 else 'ground'} {names}"
-
-
-def balance_record(response):
-    """The keys ``load_torque_Nm``, ``ground_reaction_Nm`` (each by name) and ``mean_angles`` of a response object."""
-    return {
-        "load_torque_Nm": load_torques(response),
-        "ground_reaction_Nm": ground_reactions(response),
-        "mean_angles": mean_angles_of(response.topology),
-    }
 
 
 def load_torques(response):
@@ -57,11 +29,10 @@ def ground_reactions(response):
     return dict(zip(names, np.asarray(response.ground_reaction, dtype=float).tolist(), strict=True))
 
 
-def largest_mean_torque(response):
+def _largest_mean_torque(response):
     """Largest mean torque that acts on a disk of the train, loads among them, N m."""
     on_disks = np.abs(np.asarray(excitation(response.train, float(response.rpm), 0)[0])[:, 0].real)
-    loads = np.abs(np.asarray(response.load_torque))
-    return float(max(on_disks.max(initial=0.0), loads.max(initial=0.0)))
+    return float(max(on_disks.max(initial=0.0), np.abs(np.asarray(response.load_torque)).max(initial=0.0)))
 
 
 def _rounding(response):
@@ -70,32 +41,32 @@ def _rounding(response):
 
 
 def balance_line(response):
-    """One line on the mean torques of loads and grounds; empty where there is neither."""
+    """What the loads and the grounds take, and the power of the loads; "" without either."""
     loads, grounds = load_torques(response), ground_reactions(response)
     # What balances leaves rounding, which would read as a torque.
     least = max(_rounding(response), ROUNDING * max(map(abs, [*loads.values(), *grounds.values()]), default=0.0))
 
-    def said(torque):
-        return f"{plain_number(torque)} N m" if abs(torque) > least else "0 N m"
+    def taken(torques, sign):
+        told = {name: plain_number(sign * torque) if abs(torque) > least else 0 for name, torque in torques.items()}
+        return ", ".join(f"{name} takes {torque} N m" for name, torque in told.items())
 
     parts = []
     if loads:
-        taken = ", ".join(f"{name} takes {said(-torque)}" for name, torque in loads.items())
-        parts.append(f"load: {taken}" + f", {plain_number(float(response.load_kW) + 0.0)} kW in all")
+        parts.append(f"load: {taken(loads, -1)}, {plain_number(float(response.load_kW) + 0.0)} kW in all")
     if grounds:
-        parts.append("ground: " + ", ".join(f"{name} takes {said(torque)}" for name, torque in grounds.items()))
+        parts.append(f"ground: {taken(grounds, 1)}")
     return "; ".join(parts)
 
 
 def ground_notes(responses, speed_of):
     """A sentence per ground that takes more than 1 % of the largest mean torque, at the speed of the largest."""
     found = []
-    for number, name in enumerate(responses[0].topology.ground_names):
-        reactions = np.array([float(np.abs(response.ground_reaction[number])) for response in responses])
-        loads = np.array([np.abs(np.asarray(r.load_torque)).max(initial=0.0) for r in responses])
+    loads = np.array([np.abs(np.asarray(r.load_torque)).max(initial=0.0) for r in responses])
+    for name in responses[0].topology.ground_names:
+        reactions = np.abs([ground_reactions(response)[name] for response in responses])
         # The largest mean torque is at least that of the loads: most trains need no further look.
         suspects = np.flatnonzero(reactions > np.maximum(NOTED_SHARE * loads, _rounding(responses[0])))
-        wrong = [i for i in suspects if reactions[i] > NOTED_SHARE * largest_mean_torque(responses[i])]
+        wrong = [i for i in suspects if reactions[i] > NOTED_SHARE * _largest_mean_torque(responses[i])]
         if wrong:
             worst = max(wrong, key=lambda i: reactions[i])
             found.append(
@@ -114,7 +85,7 @@ def load_notes(responses, speed_of):
     for name in topology.load_names:
         driving = np.array([load_torques(response)[name] for response in responses])
         most = int(np.argmax(driving))
-        if driving[most] > NOTED_SHARE * largest_mean_torque(responses[most]):
+        if driving[most] > NOTED_SHARE * _largest_mean_torque(responses[most]):
             found.append(
                 f"[[load]] {name!r}: it drives the train with {plain_number(driving[most])} N m"
                 f"{speed_of(responses, most)}, usual below 0, as a load takes power: do the other torques drive? "

@@ -1,6 +1,5 @@
 """What a scene comes to before anything vibrates: mean torques, tooth forces, tooth damping, notes on it, and numbers
-referred to the reference rotor.
-"""
+referred to the reference rotor."""
 
 import numpy as np
 
@@ -9,30 +8,20 @@ from jaxhb.design.table import read_table
 from jaxhb.elements.elements import SceneError
 from jaxhb.equations.kinematics import referred, tooth_damping_ratios
 from jaxhb.excitation.mean_torques import mean_torques
-from jaxhb.report.text.columns import NONE, Table, aligned, alike
+from jaxhb.report.text.columns import NONE, from_rows
 from jaxhb.report.text.mean_torques import ground_notes, ground_reactions, load_notes, load_torques
 from jaxhb.report.text.sentences import once_alike, speed_of
 from jaxhb.train import connections
 from jaxhb.train.plausible import plausibility
 
-
-def referred_text(train):
-    """The tables of :func:`referred_tables` as one text."""
-    return "\n\n".join(referred_tables(train))
+ANY_SPEED = 1000.0
+"""rpm, where no torque depends on the speed."""
 
 
 def referred_tables(train):
-    """Inertias, stiffnesses and dampings, actual and referred, with the factor between them.
+    """Inertias, stiffnesses and dampings, actual and referred, with the factor between them, in a list of tables.
 
     Loss factors, order-tuned dampers and the rows of links that vary are told where the train has any.
-
-    Parameters
-    ----------
-    train : DriveTrain
-
-    Returns
-    -------
-    list of Table
 
     Examples
     --------
@@ -41,27 +30,34 @@ def referred_tables(train):
     >>> disks.columns[2]
     ['0.00281448', '0.00281448']
     """
-    found = referred(train)
-    disks = [found.disks, *map(_numbers, (found.factor, found.inertia, found.inertia_referred))]
+    found, topology = referred(train), train.topology
     more_heads, more = _to_ground(train, found.factor)
-    kinds = ["shaft"] * len(train.topology.shaft_names) + ["damper"] * len(train.topology.damper_names)
-    kinds += ["mesh"] * len(train.topology.mesh_names)
-    names = "link_factor", "stiffness", "stiffness_referred", "damping", "damping_referred"
-    links = [found.links, kinds, *(_numbers(getattr(found, name)) for name in names)]
-    name = train.topology.name or "scene"
-    more_said = ", damping and stiffness to ground" * bool(more)
-    title = f"{name}: inertias{more_said}, actual and referred to the reference rotor"
+    title = (
+        f"{topology.name or 'scene'}: inertias{', damping and stiffness to ground' * bool(more)}, actual and referred"
+    )
     heads = ["disk", "speed ratio i", "J kg m2", "J i^2", *more_heads]
-    parts = [Table(title, heads, [*disks, *map(_numbers, more)])]
+    columns = [found.disks, found.factor, found.inertia, found.inertia_referred, *more]
+    parts = [_numbers(f"{title} to the reference rotor", heads, zip(*columns, strict=True))]
     if found.links:
-        title = "Stiffness k and damping r of links; of meshes in N/m and N s/m, their factor is i x radius in m"
+        kinds = [kind for kind in ("shaft", "damper", "mesh") for _ in getattr(topology, f"{kind}_names")]
+        names = "link_factor", "stiffness", "stiffness_referred", "damping", "damping_referred"
+        columns = [found.links, kinds, *(getattr(found, name) for name in names)]
         heads = ["link", "", "factor i", "k N m/rad", "k i^2", "r N m s/rad", "r i^2"]
-        loss = np.concatenate([train.shafts.loss_factor, train.dampers.loss_factor])
-        if loss.any():
+        loss = [*train.shafts.loss_factor, *train.dampers.loss_factor]
+        if any(loss):
             heads.append("loss factor")
-            links.append(_numbers(loss) + [NONE] * len(train.topology.mesh_names))
-        parts.append(Table(title, heads, links, left=(1,)))
-    return [*parts, *_order_table(train, found), *_varying_table(train, found)]
+            columns.append(loss + [NONE] * len(topology.mesh_names))
+        title = "Stiffness k and damping r of links; of meshes in N/m and N s/m, their factor is i x radius in m"
+        parts.append(_numbers(title, heads, zip(*columns, strict=True), left=(1,)))
+    for title, heads, rows, left in (_order_rows(train, found), _varying_rows(train, found)):
+        parts += [_numbers(title, heads, rows, left)] if rows else []
+    return parts
+
+
+def _numbers(title, heads, rows, left=()):
+    """A table of names, and numbers of six digits."""
+    rows = [[cell if isinstance(cell, str) else f"{cell:.6g}" for cell in row] for row in rows]
+    return from_rows(title, heads, rows, left=left)
 
 
 def _to_ground(train, factor):
@@ -77,25 +73,20 @@ def _to_ground(train, factor):
     return heads, columns
 
 
-def _order_table(train, found):
-    """Order-tuned dampers, in a list; empty without."""
-    tuned = np.flatnonzero(found.order)
-    if not len(tuned):
-        return []
-    first = len(train.topology.shaft_names) + tuned
-    rings = len(train.disks.inertia) + tuned
-    growth = found.inertia[rings] * (found.order_referred[tuned] * 2 * np.pi / 60) ** 2
-    columns = [growth, growth * found.factor[rings] ** 2]
-    cells = [found.order[tuned], found.order_referred[tuned], *columns]
+def _order_rows(train, found):
+    """Title, heads, rows and columns flush left of order-tuned dampers."""
+    rows, shafts, disks = [], len(train.topology.shaft_names), len(train.disks.inertia)
+    for i in np.flatnonzero(found.order):
+        growth = found.inertia[disks + i] * (found.order_referred[i] * 2 * np.pi / 60) ** 2
+        orders = found.order[i], found.order_referred[i]
+        rows.append([found.links[shafts + i], *orders, growth, growth * found.factor[disks + i] ** 2])
     title = "Order-tuned dampers: stiffness that is added per square of the speed of the reference rotor"
-    heads = ["link", "order n", "n i", "N m/rad/rpm2", "i^2 of it"]
-    return [Table(title, heads, [[found.links[i] for i in first], *map(_numbers, cells)])]
+    return title, ["link", "order n", "n i", "N m/rad/rpm2", "i^2 of it"], rows, ()
 
 
-def _varying_table(train, found):
-    """Rows of the tables of links that vary, as stiffness and damping, in a list; empty without."""
-    topology, shafts = train.topology, len(train.topology.shaft_names)
-    rows = []
+def _varying_rows(train, found):
+    """The same of the tables of links that vary, as stiffness and damping."""
+    topology, shafts, rows = train.topology, len(train.topology.shaft_names), []
     for field, numbers in (("over_hz", topology.hz_links), ("over_amplitude", topology.amplitude_links)):
         for i in numbers:
             table, k = (train.shafts, i) if i < shafts else (train.dampers, i - shafts)
@@ -104,35 +95,21 @@ def _varying_table(train, found):
                 # Angles referred to the reference rotor are phi / i; frequencies are the same for all.
                 referred_at = at if field == "over_hz" else at / found.link_factor[i]
                 stiffness, damping = stiffer * found.stiffness[i], damped * found.damping[i]
-                values = [at, referred_at, stiffness, stiffness * i2, damping, damping * i2]
-                rows.append([found.links[i], field, *_numbers([*values, damped * table.loss_factor[k]])])
-    if not rows:
-        return []
+                values = at, referred_at, stiffness, stiffness * i2, damping, damping * i2
+                rows.append([found.links[i], field, *values, damped * table.loss_factor[k]])
     title = (
         "Links that vary: stiffness, damping and loss factor at the frequencies (Hz) or amplitudes (rad) of their rows"
     )
-    heads = ["link", "over", "at", "referred", "k N m/rad", "k i^2", "r N m s/rad", "r i^2", "loss factor"]
-    return [Table(title, heads, list(zip(*rows, strict=True)), left=(1,))]
-
-
-def _numbers(values):
-    return [f"{value:.6g}" for value in values]
-
-
-ANY_SPEED = 1000.0
-"""rpm, where no torque depends on the speed."""
+    return (
+        title,
+        ["link", "over", "at", "referred", "k N m/rad", "k i^2", "r N m s/rad", "r i^2", "loss factor"],
+        rows,
+        (1,),
+    )
 
 
 def own_speeds(train):
-    """The lowest and the highest speed at which the scene gives a torque, rpm; None where torques do not depend on it.
-
-    Parameters
-    ----------
-    train : DriveTrain
-
-    Returns
-    -------
-    list of float or None
+    """The lowest and the highest speed, rpm, at which the scene gives a torque; None where none depends on it.
 
     Examples
     --------
@@ -166,37 +143,27 @@ def tune_notes(train):
 
 
 def check_text(train, responses, speeds, notes):
-    """Head, mean torques and teeth as a list of paragraphs.
-
-    Parameters
-    ----------
-    train : DriveTrain
-        With its backlash.
-    responses : list of Response
-        The mean of the linear motion at every speed.
-    speeds : list of float or None
-        None where no torque depends on the speed.
-    notes : list of str
-
-    Returns
-    -------
-    list of str
-    """
-    topology = train.topology
-    heads = [f"at {rpm:g} rpm" for rpm in speeds] if speeds else ["at any speed"]
+    """Head, mean torques and teeth as a list of paragraphs; ``responses`` are the mean of the linear motion at every
+    speed, ``speeds`` None where no torque depends on them."""
+    topology, meshes = train.topology, train.meshes
+    heads = [(f"at {rpm:g} rpm", "mean") for rpm in speeds] if speeds else [("at any speed", "mean")]
     verdict = f"{len(notes)} note{'s' * (len(notes) != 1)} below" if notes else "nothing to note"
     parts = [f"{topology.name or 'scene'}: {_counts(topology)}; {verdict}."]
-    rows = torque_rows(train, responses)
-    if rows:
-        columns = [
-            [row[0] for row in rows],
-            [row[1] for row in rows],
-            *alike(*zip(*(row[2] for row in rows), strict=True)),
-        ]
+    torques = [[name, disk, *means] for name, disk, means in torque_rows(train, responses)]
+    if torques:
         title = "Mean torque on the disk's own shaft, N m (positive: drives)"
-        parts.append(f"{title}\n{aligned(['', 'disk', *heads], columns, left=(1,))}")
-    if topology.mesh_names:
-        parts.append(_mesh_table(train, responses, heads))
+        parts.append(from_rows(title, ["", "disk", *heads], torques, left=(1,)))
+    each = zip(topology.mesh_names, topology.mesh_backlash, meshes.backlash, tooth_damping_ratios(train), strict=True)
+    rows = [
+        [name, *(1e-3 * mean for mean in _means(responses, name))]
+        + [f"{1e3 * backlash:.4g}" if own else NONE, f"{ratio:.4f}" if np.isfinite(ratio) else NONE]
+        for name, own, backlash, ratio in each
+    ]
+    if rows:
+        title = (
+            "Mean tooth force, kN (positive: the first gear drives), backlash, and damping ratio of the two gears alone"
+        )
+        parts.append(from_rows(title, ["mesh", *heads, "backlash mm", "damping ratio"], rows))
     return parts
 
 
@@ -207,44 +174,35 @@ def check_record(train, responses, notes):
     "stiffness", "damping", "backlash"}}, "notes": [...]}``; lists are over the speeds, forces in N, the rest in SI
     units; damping ratios of the two gears alone, None where a gear has no inertia.
     """
-    topology, meshes = train.topology, train.meshes
-    of_meshes = zip(
-        topology.mesh_names,
-        *(
-            np.asarray(v).tolist()
-            for v in (tooth_damping_ratios(train), meshes.stiffness, meshes.damping, meshes.backlash)
-        ),
-        strict=True,
-    )
+    keys = "stiffness", "damping", "backlash"
+    values = [tooth_damping_ratios(train), *(getattr(train.meshes, key) for key in keys)]
+    columns = zip(train.topology.mesh_names, *(np.asarray(v).tolist() for v in values), strict=True)
     return {
-        "scene": topology.name,
+        "scene": train.topology.name,
         "rpm": [float(response.rpm) for response in responses],
         "mean_torque_Nm": {name: list(means) for name, _, means in torque_rows(train, responses)},
         "meshes": {
-            name: {"mean_force": _means(responses, name), "damping_ratio": ratio}
-            | {"stiffness": stiffness, "damping": damping, "backlash": backlash}
-            for name, ratio, stiffness, damping, backlash in of_meshes
+            name: {"mean_force": _means(responses, name), **dict(zip(("damping_ratio", *keys), own, strict=True))}
+            for name, *own in columns
         },
         "notes": notes,
     }
 
 
 def _counts(topology):
-    backlash = sum(topology.mesh_backlash)
-    counted = [
-        (topology.n_scene_disks, "disk", ""),
-        (topology.n_rotors, "rotor", ""),
-        (len(topology.shaft_names), "shaft", ""),
-        (len(topology.mesh_names), "mesh", f" ({backlash} with backlash)"),
-        (len(topology.damper_names), "damper", ""),
-        (len(topology.cylinder_names), "cylinder", ""),
-    ]
-    plural = {"mesh": "meshes"}
-    return ", ".join(
-        f"{count} {word if count == 1 else plural.get(word, word + 's')}{more}"
-        for count, word, more in counted
-        if count
-    )
+    meshes, backlash = len(topology.mesh_names), sum(topology.mesh_backlash)
+    counted = {
+        "disk": topology.n_scene_disks,
+        "rotor": topology.n_rotors,
+        "shaft": len(topology.shaft_names),
+        "mesh": meshes,
+        "damper": len(topology.damper_names),
+        "cylinder": len(topology.cylinder_names),
+    }
+    said = {word: f"{n} {word}" if n == 1 else f"{n} {word}s" for word, n in counted.items() if n}
+    if meshes:
+        said["mesh"] = f"{meshes} mesh{'es' * (meshes > 1)} ({backlash} with backlash)"
+    return ", ".join(said.values())
 
 
 def torque_rows(train, responses):
@@ -267,17 +225,3 @@ def torque_rows(train, responses):
 
 def _means(responses, mesh):
     return [float(response.force(mesh).mean) for response in responses]
-
-
-def _mesh_table(train, responses, heads):
-    topology, meshes = train.topology, train.meshes
-    names = topology.mesh_names
-    forces = alike(
-        *([1e-3 * force for force in one] for one in zip(*(_means(responses, n) for n in names), strict=True))
-    )
-    ratios = [f"{ratio:.4f}" if np.isfinite(ratio) else NONE for ratio in tooth_damping_ratios(train)]
-    backlash = [
-        f"{1e3 * h:.4g}" if own else NONE for h, own in zip(meshes.backlash, topology.mesh_backlash, strict=True)
-    ]
-    title = "Mean tooth force, kN (positive: the first gear drives), backlash, and damping ratio of the two gears alone"
-    return f"{title}\n{aligned(['mesh', *heads, 'backlash mm', 'damping ratio'], [names, *forces, backlash, ratios])}"

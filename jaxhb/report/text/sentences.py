@@ -7,7 +7,8 @@ import numpy as np
 from jaxhb.balance.plan import MOST_HARMONICS
 from jaxhb.report.answer import SPEED, UNCONFIRMED, growth_text
 from jaxhb.report.selection import most_apart
-from jaxhb.report.text.mean_torques import ground_notes, load_notes, plain_number
+from jaxhb.report.text.columns import plain_number
+from jaxhb.report.text.mean_torques import ground_notes, load_notes
 from jaxhb.results.status import Homotopy, Shooting, Status
 
 LOST = 1e-3
@@ -22,20 +23,13 @@ SHOWN_SPEEDS = 6
 
 
 def motion_text(answer):
-    """The kind of motion in the words of an engineer.
-
-    Examples
-    --------
-    >>> import jaxhb
-    >>> from jaxhb.report.compute import Asked, answer_one
-    >>> motion_text(answer_one(jaxhb.load_scene("spur_pair"), 5000.0, Asked()))
-    'periodic, period one cycle; stable: a disturbance falls to 0.7 of its size in a cycle'
-    """
+    """The kind of motion in the words of an engineer."""
     state, growth = answer.state, growth_text(answer.growth, answer.state.period)
+    turns = state.period * answer.topology.revolutions_per_cycle
     kind = {
         "contact": "the teeth stay in contact",
         "periodic": "periodic, period one cycle",
-        "subharmonic": f"period of {state.period} cycles (of {_turns(answer)})",
+        "subharmonic": f"period of {state.period} cycles (of {turns:g} revolution{'s' * (turns != 1)})",
         "irregular": "irregular: the motion never repeats",
         "unknown": "unknown",
     }[state.kind]
@@ -45,11 +39,6 @@ def motion_text(answer):
         kind += f"; {UNCONFIRMED}" if answer.unconfirmed else ""
         kind += f"; numbers are the extremes over {state.record.cycles} recorded cycles"
     return "; ".join(filter(None, [kind, growth]))
-
-
-def _turns(answer):
-    turns = answer.state.period * answer.topology.revolutions_per_cycle
-    return f"{turns:g} revolution{'s' * (turns != 1)}"
 
 
 def motion_word(answer):
@@ -94,16 +83,8 @@ def status_lines(answer):
 
 
 def verdict(answer):
-    """The answer in one sentence: do the teeth hammer at this speed?
-
-    Parameters
-    ----------
-    answer : Answer
-
-    Returns
-    -------
-    str
-        Names the mesh that is apart for the largest share of the time, and that with the hardest impact.
+    """The answer in one sentence: do the teeth hammer at this speed, which mesh is apart for the largest share of the
+    time, and which has the hardest impact?
 
     Examples
     --------
@@ -132,32 +113,23 @@ def verdict(answer):
 
 
 def _hammering(answer, speed):
-    name = most_apart(answer)
+    name, contacts = most_apart(answer), answer.contacts
     if name is None:
         return f"All teeth stay in contact at {speed}."
-    contact = answer.contacts[name]
+    contact, hardest = contacts[name], max(contacts, key=lambda mesh: contacts[mesh].hardest_impact)
     apart = f"{name} is apart {_percent(contact.separated_fraction)} of the time"
-    hardest = _hardest_elsewhere(answer, name)
-    if not contact.impacts_per_cycle and not hardest:
+    elsewhere = contacts[hardest].hardest_impact > contact.hardest_impact
+    if not contact.impacts_per_cycle and not elsewhere:
         return f"Teeth separate at {speed}: {apart}, without an impact."
     manner = {"irregular": " irregularly", "subharmonic": f" with a period of {answer.state.period} cycles"}
-    own = f"{impacts_text(contact.impacts_per_cycle)} a cycle, the hardest at {contact.hardest_impact:.2f} m/s"
+    own = f"{_impacts(contact.impacts_per_cycle)} a cycle, the hardest at {contact.hardest_impact:.2f} m/s"
     own = own if contact.impacts_per_cycle else "without an impact"
-    return f"The teeth hammer{manner.get(answer.state.kind, '')} at {speed}: {apart}, {own}{hardest}."
+    own += f"; the hardest of all at {contacts[hardest].hardest_impact:.2f} m/s in {hardest}" if elsewhere else ""
+    return f"The teeth hammer{manner.get(answer.state.kind, '')} at {speed}: {apart}, {own}."
 
 
-def _hardest_elsewhere(answer, name):
-    """The hardest impact of all where it is at another mesh than this."""
-    speeds = {mesh: float(contact.hardest_impact) for mesh, contact in answer.contacts.items()}
-    mesh = max(speeds, key=speeds.get)
-    if mesh == name or not speeds[mesh] > speeds[name]:
-        return ""
-    return f"; the hardest of all at {speeds[mesh]:.2f} m/s in {mesh}"
-
-
-def impacts_text(count):
-    """``one impact``, ``2.5 impacts``."""
-    return "one impact" if count == 1 else f"{plain_number(count, digits=3)} impacts"
+def _impacts(number):
+    return "one impact" if number == 1 else f"{plain_number(number, digits=3)} impacts"
 
 
 def _percent(share):
@@ -178,48 +150,54 @@ def _places(places, axis):
 
 
 def notes(*answers):
-    """Sentences on unstable motions, grounds that take a mean torque, loads that drive, and traits of the tooth law.
+    """Sentences on what to be careful about in answers of one train, at least one.
 
-    Parameters
-    ----------
-    *answers : Answer
-        Of one train; the notes name the speed of the smallest mean force, where it depends on the speed.
-
-    Returns
-    -------
-    list of str
-        Unstable motions; power that is not accounted for; what a steady state tells of itself; orbits on which time
-        integration did not settle; speeds outside of pressure traces; a ground that takes above 1 % of the largest mean
-        torque, a load that drives; a gap spring above 5 % of the mean force, a knee above 50 % of it, damping in the
-        gap above 5 % of it.
+    Unstable motions; power that is not accounted for; what a steady state tells of itself; orbits on which time
+    integration did not settle; speeds outside of pressure traces; a ground that takes above 1 % of the largest mean
+    torque, a load that drives; a gap spring above 5 % of the mean force, a knee above 50 % of it, damping in the gap
+    above 5 % of it. They name the speed of the smallest mean force, where it depends on the speed.
     """
-    found = (
-        _unstable_notes(answers)
-        + _power_notes(answers)
-        + _own_notes(answers)
-        + _unsettled_notes(answers)
-        + _trace_notes(answers)
-    )
-    balances = [answer.balance for answer in answers]
-    found += ground_notes(balances, speed_of) + load_notes(balances, speed_of)
-    known, through = [answer for answer in answers if answer.known], []
-    for name in answers[0].topology.mesh_names if known else ():
-        law = answers[0].law(name)
+    balances, axis = [answer.balance for answer in answers], answers[0].axis
+    own = ((answer.place, note) for answer in answers if answer.known for note in answer.state.notes)
+    outside = ((answer.place, note) for answer in answers for note in answer.train.outside_traces(answer.rpm))
+    return [
+        *_unstable_notes(answers),
+        *_power_notes(answers),
+        *once_alike(own, axis),
+        *_unsettled_notes(answers),
+        *once_alike(outside, axis),
+        *ground_notes(balances, speed_of),
+        *load_notes(balances, speed_of),
+        *_tooth_notes([answer for answer in answers if answer.known]),
+    ]
+
+
+def _tooth_notes(known):
+    """Traits of the tooth laws of answers that are known."""
+    found, through = [], []
+    for name in known[0].topology.mesh_names if known else ():
+        law = known[0].law(name)
         if law is None:
             continue
         means = [abs(float(answer.force(name).mean)) for answer in known]
         least = int(np.argmin(means))
-        varied = max(means) > 1.05 * means[least]
-        found += _law_notes(name, law, means[least], speed_of(known, least) if varied else "")
+        mean = means[least]
+        said = f"the mean tooth force of {_kN(mean)}{speed_of(known, least) if max(means) > 1.05 * mean else ''}"
+        if law.gap_spring_force > GAP_SPRING_SHARE * mean:
+            share = f"more than {100 * GAP_SPRING_SHARE:g} % of {said}"
+            found.append(
+                f"{name}: the spring in the gap carries up to {_kN(law.gap_spring_force)}, {share}: lower epsilon."
+            )
+        if law.knee_force > KNEE_SHARE * mean:
+            share = f"more than {100 * KNEE_SHARE:g} % of {said}: a smaller transition makes contact sharper."
+            found.append(f"{name}: the teeth are stiff only above {_kN(law.knee_force)}, {share}")
         pulling = [answer.details[name].pulling_force if answer.details else 0.0 for answer in known]
         hardest = int(np.argmax(pulling))
         if pulling[hardest] > GAP_SPRING_SHARE * means[hardest]:
             through.append(f"{_kN(pulling[hardest])}{speed_of(known, hardest)} in {name}")
     if through:
-        found.append(
-            'Damping law "always" transmits force while the teeth are apart ("contact" does not): up to '
-            f"{', '.join(through)}."
-        )
+        law = 'Damping law "always" transmits force while the teeth are apart ("contact" does not)'
+        found.append(f"{law}: up to {', '.join(through)}.")
     return found
 
 
@@ -244,44 +222,23 @@ def _unstable_notes(answers):
     ]
 
 
-def _own_notes(answers):
-    """What steady states tell of themselves."""
-    told = ((answer.place, note) for answer in answers if answer.known for note in answer.state.notes)
-    return once_alike(told, answers[0].axis)
-
-
-def _trace_notes(answers):
-    """Speeds and loads that pressure traces do not cover."""
-    told = ((answer.place, note) for answer in answers for note in answer.train.outside_traces(answer.rpm))
-    return once_alike(told, answers[0].axis)
-
-
 def once_alike(notes_of, axis=SPEED):
     """Notes (place on the axis, text), once for those that differ in values alone, as it stands at the lowest place."""
-    alike = {}
+    alike, found = {}, []
     for place, note in sorted(notes_of, key=lambda told: told[0]):
-        alike.setdefault(_VALUE.sub(lambda found: found["name"] or "#", note), []).append((place, note))
-    return [_told_once(told, axis) for told in alike.values()]
-
-
-def _told_once(told, axis):
-    place, note = told[0]
-    others = {other for other, _ in told} - {place}
-    alike = f" (alike at {_places(others, axis)})" if others else ""
-    return f"At {axis.said(f'{place:g}')} {note}{alike}."
+        alike.setdefault(_VALUE.sub(lambda value: value["name"] or "#", note), []).append((place, note))
+    for (place, note), *told in alike.values():
+        others = {other for other, _ in told} - {place}
+        also = f" (alike at {_places(others, axis)})" if others else ""
+        found.append(f"At {axis.said(f'{place:g}')} {note}{also}.")
+    return found
 
 
 def _unsettled_notes(answers):
     """Of converged orbits of unknown stability that a march of a few cycles did not settle on."""
-    found = [
-        answer
-        for answer in answers
-        if answer.orbit and answer.converged and answer.growth.stable is None
-        if any(isinstance(event, Shooting | Homotopy) for event in answer.response.path)
-    ]
-    if not found:
-        return []
-    return [
+    found = [a for a in answers if a.orbit and a.converged and a.growth.stable is None]
+    found = [a for a in found if any(isinstance(event, Shooting | Homotopy) for event in a.response.path)]
+    return found and [
         f"A periodic motion was found at {speeds_text(found)}, but a few cycles of time integration do not settle "
         "there: it may be unstable, and the engine may run in another motion (leave out --orbit for what it does)."
     ]
@@ -293,22 +250,6 @@ def speed_of(told, number):
     return f" at {one.at if hasattr(one, 'at') else f'{float(one.rpm):g} rpm'}" if len(told) > 1 else ""
 
 
-def _law_notes(name, law, mean, speed):
-    said = f"the mean tooth force of {_kN(mean)}{speed}"
-    found = []
-    if law.gap_spring_force > GAP_SPRING_SHARE * mean:
-        found.append(
-            f"{name}: the spring in the gap carries up to {_kN(law.gap_spring_force)}, more than "
-            f"{100 * GAP_SPRING_SHARE:g} % of {said}: lower epsilon."
-        )
-    if law.knee_force > KNEE_SHARE * mean:
-        found.append(
-            f"{name}: the teeth are stiff only above {_kN(law.knee_force)}, more than {100 * KNEE_SHARE:g} % of "
-            f"{said}: a smaller transition makes contact sharper."
-        )
-    return found
-
-
 def _kN(force):
     return f"{force / 1e3:.3g} kN"
 
@@ -318,14 +259,10 @@ def warnings(answers):
     failed = {}
     for answer in answers:
         if not answer.answered:
-            failed.setdefault(_failure(answer), []).append(answer)
+            unknown = f"the kind of motion is unknown: {'; '.join(answer.state.notes).removesuffix('.')}"
+            said = unknown if answer.status is None else f"{answer.status.name}, {_remedy(answer)}"
+            failed.setdefault(said, []).append(answer)
     return [f"{speeds_text(told)}: {said}." for said, told in failed.items()]
-
-
-def _failure(answer):
-    if answer.status is not None:
-        return f"{answer.status.name}, {_remedy(answer)}"
-    return f"the kind of motion is unknown: {'; '.join(answer.state.notes).removesuffix('.')}"
 
 
 def _remedy(answer):

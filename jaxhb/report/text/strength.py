@@ -6,7 +6,9 @@ import numpy as np
 
 from jaxhb.linear.strength import HIGHEST, NOT_ABOVE, judged
 from jaxhb.report.answer import NO_SIGNAL
-from jaxhb.report.text.columns import NONE, Table, alike, ranges
+from jaxhb.report.quantities import shown_unit
+from jaxhb.report.text.columns import NONE, from_rows, ranges, ratio
+from jaxhb.results.motion import Motion
 
 AID = "evaluation aid, no class approval"
 
@@ -20,48 +22,65 @@ at most 600 MPa. They do NOT hold for crankshafts: these have a rule of their ow
 fillets and oil holes, and is not computed here."""
 
 
-class _OfAnswers:
-    """How answers at several speeds are read, as :func:`jaxhb.linear.strength.judged` asks: nan without an answer."""
+LIMITED = {
+    "stresses": (
+        f"Torsional stress of shafts, MPa: half of peak-to-peak torque / W_p ({AID})",
+        "shaft",
+        "Pa",
+        {
+            "stress": ("stress", "stress"),
+            "continuous": ("continuous limit", "continuous limit"),
+            "transient": ("transient limit", "transient limit"),
+        },
+    ),
+    "tooth_torques": (
+        f"Torque of meshes on the first gear, N m: half peak-to-peak, limit a third of the rated torque ({AID})",
+        "mesh",
+        "N m",
+        {
+            "vibratory": ("vibratory", "vibratory torque"),
+            "limit": ("limit", "limit of vibratory torque"),
+            "mean": ("mean", "mean torque"),
+        },
+    ),
+    "heat": (
+        f"Heat of shafts and dampers, W ({AID})",
+        "shaft or damper",
+        "W",
+        {"power": ("heat", "heat"), "limit": ("limit", "limit of heat")},
+    ),
+}
+"""Of each kind of rows of :class:`jaxhb.Strength` the title of its table, head of the elements, SI unit, and the heads
+of its numbers in tables and CSV files; the first has the second as its limit."""
+
+
+class _Answers(Motion):
+    """Answers at several speeds as one motion, as :func:`jaxhb.linear.strength.judged` asks: nan without an answer."""
 
     def __init__(self, answers):
-        self.answers = answers
+        self.answers, self.topology = answers, answers[0].topology
 
-    def torque(self, name):
-        return self._stacked([answer.torque(name) if answer.answered else NO_SIGNAL for answer in self.answers])
-
-    def force(self, name):
-        return self._stacked([answer.force(name) if answer.answered else NO_SIGNAL for answer in self.answers])
-
-    def power(self, name):
-        return np.array([answer.power(name) if answer.answered else np.nan for answer in self.answers])
-
-    @staticmethod
-    def _stacked(signals):
+    def _read(self, quantity, index, sense=1):
+        if quantity == "power":
+            return np.array([a._read(quantity, index) if a.answered else np.nan for a in self.answers])
+        signals = [a._read(quantity, index, sense) if a.answered else NO_SIGNAL for a in self.answers]
         names = "mean", "min", "max", "half_peak_to_peak"
         return SimpleNamespace(**{name: np.array([float(getattr(s, name)) for s in signals]) for name in names})
 
 
 def answers_strength(answers):
     """The :class:`jaxhb.Strength` of answers of one train, at least one, with arrays over their speeds."""
-    return judged(answers[0].train, np.array([answer.rpm for answer in answers]), _OfAnswers(answers))
+    return judged(answers[0].train, np.array([answer.rpm for answer in answers]), _Answers(answers))
 
 
 def strength_text(judged):
     """Tables for people in a list: of several speeds the worst of each element; empty where scenes give no numbers.
 
-    Parameters
-    ----------
-    judged : dict
-        :class:`jaxhb.Strength` of lists of speeds, by headings; one without heading has the key "".
-
-    Returns
-    -------
-    list of str
+    ``judged`` has one :class:`jaxhb.Strength` or more by headings; one without heading has the key "".
     """
     parts, limited = [], ""
     for title, found in judged.items():
-        tables = (_stress_table, found.stresses), (_tooth_table, found.tooth_torques), (_heat_table, found.heat)
-        own = [table(found.rpm, rows) for table, rows in tables if rows]
+        own = [_table(found, kind) for kind in LIMITED if getattr(found, kind)]
         if any(row.continuous is not None for row in found.stresses.values()):
             limited = RULE.format(rated=found.rated_rpm)
             own += [_barred_text(found)] if len(found.rpm) > 1 else []
@@ -69,27 +88,24 @@ def strength_text(judged):
     return [*parts, limited] if limited else parts
 
 
-def _stress_table(rpm, rows):
-    places = [_worst(row.stress, row.continuous) for row in rows.values()]
-    stress, continuous, transient = (
-        _picked(rows, places, name, 1e-6) for name in ("stress", "continuous", "transient")
-    )
-    columns = alike(stress, continuous, transient)
-    heads = ["shaft", "stress", "at rpm", "continuous limit", "transient limit", "share"]
-    cells = [list(rows), columns[0], _speeds(rpm, places), *columns[1:], _shares(stress, continuous)]
-    title = f"Torsional stress of shafts, MPa: half of peak-to-peak torque / W_p ({AID})"
-    return _table(title, rpm, heads, cells)
-
-
-def _tooth_table(rpm, rows):
-    places = [_worst(row.vibratory, row.limit) for row in rows.values()]
-    vibratory, limit, mean = (_picked(rows, places, name) for name in ("vibratory", "limit", "mean"))
-    columns = alike(vibratory, limit, mean)
-    heads = ["mesh", "vibratory", "at rpm", "limit", "mean", "share", "reverses"]
-    reverses = [_where(rpm, row.reverses) for row in rows.values()]
-    cells = [list(rows), columns[0], _speeds(rpm, places), *columns[1:], _shares(vibratory, limit), reverses]
-    title = f"Torque of meshes on the first gear, N m: half peak-to-peak, limit a third of the rated torque ({AID})"
-    return _table(title, rpm, heads, cells)
+def _table(found, kind):
+    """The numbers of every element at the speed at which it is worst."""
+    title, element, unit, fields = LIMITED[kind]
+    factor, rpm, rows = shown_unit(unit)[0], found.rpm, []
+    first, limit, *_ = fields
+    heads = [element, *((head, "number") for head, _ in fields.values()), ("share", ratio)]
+    for name, row in getattr(found, kind).items():
+        place = _worst(getattr(row, first), getattr(row, limit))
+        numbers = [factor * _at(getattr(row, field), place) for field in fields]
+        rows.append([name, *numbers, numbers[:2]])
+        if len(rpm) > 1:
+            rows[-1].insert(2, NONE if place is None else f"{rpm[place]:g}")
+        if kind == "tooth_torques":
+            rows[-1].append(_where(rpm, row.reverses))
+    if len(rpm) > 1:
+        heads.insert(2, "at rpm")
+    heads += ["reverses"] * (kind == "tooth_torques")
+    return from_rows(title, heads, rows)
 
 
 def _where(rpm, happens):
@@ -100,21 +116,6 @@ def _where(rpm, happens):
     return f"at {said} rpm" if said else NONE
 
 
-def _heat_table(rpm, rows):
-    places = [_worst(row.power, row.limit) for row in rows.values()]
-    power, limit = (_picked(rows, places, name) for name in ("power", "limit"))
-    columns = alike(power, limit)
-    heads = ["shaft or damper", "heat", "at rpm", "limit", "share"]
-    cells = [list(rows), columns[0], _speeds(rpm, places), columns[1], _shares(power, limit)]
-    return _table(f"Heat of shafts and dampers, W ({AID})", rpm, heads, cells)
-
-
-def _table(title, rpm, heads, columns):
-    """Columns under their heads, without that of the speeds where there is one speed."""
-    kept = [i for i, head in enumerate(heads) if len(rpm) > 1 or head != "at rpm"]
-    return Table(title, [heads[i] for i in kept], [columns[i] for i in kept])
-
-
 def _worst(values, limit):
     """Place of the largest share of the limit, of the largest value without one; None where nothing is known."""
     shares = np.asarray(values, dtype=float)
@@ -123,25 +124,10 @@ def _worst(values, limit):
     return int(np.nanargmax(shares)) if np.isfinite(shares).any() else None
 
 
-def _picked(rows, places, name, factor=1.0):
-    """A number of every row at its place, nan where there is none."""
-    both = [(getattr(row, name), i) for row, i in zip(rows.values(), places, strict=True)]
-    return [
-        float("nan")
-        if values is None or i is None
-        else factor * float(np.ravel(values)[i if np.size(values) > 1 else 0])
-        for values, i in both
-    ]
-
-
-def _speeds(rpm, places):
-    return [NONE if i is None else f"{rpm[i]:g}" for i in places]
-
-
-def _shares(values, limits):
-    """Values over their limits, two decimals."""
-    both = zip(values, limits, strict=True)
-    return [f"{value / limit:.2f}" if np.isfinite(value) and np.isfinite(limit) else NONE for value, limit in both]
+def _at(values, place):
+    """The number at a place, nan where there is none and where the rule has no limit."""
+    found = np.nan if values is None or place is None else np.ravel(values)[place if np.size(values) > 1 else 0]
+    return float(found) if np.isfinite(found) else float("nan")
 
 
 def _barred_text(found):
@@ -205,56 +191,39 @@ def strength_record(found):
     """
     if not found:
         return {}
-    barred = found.barred
-    stresses = {
-        name: _record(row, "Pa")
-        | ({"barred": [vars(one) | {"passable": one.passable} for one in barred[name]]} if name in barred else {})
-        for name, row in found.stresses.items()
-    }
-    return {
-        "note": AID,
-        "rated_rpm": found.rated_rpm,
-        "stresses": stresses,
-        "tooth_torques": {name: _record(row, "Nm") for name, row in found.tooth_torques.items()},
-        "heat": {name: _record(row, "W") for name, row in found.heat.items()},
-    }
+    record = {"note": AID, "rated_rpm": found.rated_rpm}
+    for kind, (_, _, unit, fields) in LIMITED.items():
+        ends = {field: f"_{unit.replace(' ', '')}" for field in fields}
+        record[kind] = {
+            name: {
+                field + ends.get(field, ""): None if values is None else np.asarray(values).tolist()
+                for field, values in row._asdict().items()
+            }
+            for name, row in getattr(found, kind).items()
+        }
+    for name, ranges_of in found.barred.items():
+        record["stresses"][name]["barred"] = [vars(one) | {"passable": one.passable} for one in ranges_of]
+    return record
 
 
-def _record(row, unit):
-    """A named tuple of arrays as lists and numbers."""
-    return {
-        name if name == "reverses" else f"{name}_{unit}": None if values is None else np.asarray(values).tolist()
-        for name, values in row._asdict().items()
-    }
+def strength_entry(found):
+    """``{"strength": ...}``, empty where the scene gives no limits."""
+    return {"strength": strength_record(found)} if found else {}
+
+
+def single(value):
+    """A record of one speed: numbers instead of lists, and no ranges."""
+    if isinstance(value, dict):
+        return {key: single(item) for key, item in value.items() if key != "barred"}
+    return value[0] if isinstance(value, list) else value
 
 
 def strength_columns(found):
     """Columns of the CSV files by their heads, SI units, a list over the speeds each."""
-    kinds = {"stresses": "Pa", "tooth_torques": "N m", "heat": "W"}
     columns = {}
-    for kind, unit in kinds.items():
+    for kind, (_, _, unit, fields) in LIMITED.items():
         for name, row in getattr(found, kind).items():
-            for what, values in row._asdict().items():
-                head = f"{name} {_CALLED[kind].get(what, what)}{'' if what == 'reverses' else f' {unit}'}"
+            for field, values in row._asdict().items():
+                head = f"{name} {fields[field][1]} {unit}" if field in fields else f"{name} {field}"
                 columns |= {} if values is None else {head: np.broadcast_to(values, np.shape(found.rpm)).tolist()}
     return columns
-
-
-_CALLED = {
-    "stresses": {"continuous": "continuous limit", "transient": "transient limit"},
-    "tooth_torques": {"vibratory": "vibratory torque", "limit": "limit of vibratory torque", "mean": "mean torque"},
-    "heat": {"power": "heat", "limit": "limit of heat"},
-}
-"""What the heads of columns call the numbers."""
-
-
-def strength_entry(answer):
-    """``{"strength": ...}`` of one speed, numbers instead of lists and no ranges; empty where the scene gives none."""
-    found = strength_record(answers_strength([answer]))
-    return {"strength": _single(found)} if found else {}
-
-
-def _single(value):
-    if isinstance(value, dict):
-        return {key: _single(item) for key, item in value.items() if key != "barred"}
-    return value[0] if isinstance(value, list) else value

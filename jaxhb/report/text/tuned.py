@@ -5,14 +5,11 @@ import dataclasses
 import numpy as np
 
 from jaxhb.design.quantities import OF_DESIGN, label, unit_of
-from jaxhb.linear import strength
 from jaxhb.report.files.record import finite
 from jaxhb.report.quantities import shown_unit
-from jaxhb.report.text.columns import Table
-from jaxhb.report.text.mean_torques import plain_number
+from jaxhb.report.text.columns import NONE, count, from_rows, plain_number
 from jaxhb.report.text.strength import AID
 from jaxhb.report.text.tables import paragraph
-from jaxhb.steady.steady_state import steady_state
 from jaxhb.train.changes import declared_field, locate
 
 JUDGED = (
@@ -31,46 +28,29 @@ EXCESS = 0.01
 def tuned_record(train, asked, result):
     """Everything that is reported of a tuning, in SI units; what ``tune --json`` writes.
 
-    Parameters
-    ----------
-    train : DriveTrain, as it was
-    asked : dict, from :func:`jaxhb.design.table.read_table`
-    result : Tuning
-
-    Returns
-    -------
-    dict
-        ``scene``, ``rpm``, ``stopped``, ``interrupted``; ``parameters`` by name with ``before``, ``after``, ``low``,
-        ``high``, ``unit``; ``readings`` by label with ``unit`` and values ``before`` and ``after`` at every speed (None
-        where it is not solved; one number for those of the train alone); ``solved`` before and after; ``outcomes`` of
-        all starts; ``history``.
+    ``scene``, ``rpm``, ``stopped``, ``interrupted``; ``parameters`` by name with ``before``, ``after``, ``low``,
+    ``high``, ``unit``; ``readings`` by label with ``unit`` and values ``before`` and ``after`` at every speed (None
+    where it is not solved; one number for those of the train alone); ``solved`` before and after; ``outcomes`` of all
+    starts; ``history``. ``train`` is as it was, ``asked`` from :func:`jaxhb.design.table.read_table`.
     """
-    readings = {
-        name: {"unit": unit_of(chosen.quantity), "before": _plain(before), "after": _plain(after)}
-        for chosen, name, before, after in _readings(asked, result)
-    }
+    before, after = result.before, result.after
     parameters = {
-        p.name: {
-            "before": result.before.parameters[p.name],
-            "after": result.after.parameters[p.name],
-            "low": p.low,
-            "high": p.high,
-            "unit": parameter_unit(train, p.name),
-        }
+        p.name: {"before": before.parameters[p.name], "after": after.parameters[p.name]}
+        | {"low": p.low, "high": p.high, "unit": parameter_unit(train, p.name)}
         for p in asked["parameters"]
     }
-    return progress_record(train, asked["rpm"], result.history) | finite(
-        {
-            "stopped": result.stopped,
-            "interrupted": result.interrupted,
-            "parameters": parameters,
-            "readings": readings,
-            "solved": {"before": result.before.solved.tolist(), "after": result.after.solved.tolist()},
-            "outcomes": [
-                {"objective": value, "parameters": found, "valid": valid} for value, found, valid in result.outcomes
-            ],
-        }
-    )
+    found = {
+        "stopped": result.stopped,
+        "interrupted": result.interrupted,
+        "parameters": parameters,
+        "readings": {
+            name: {"unit": unit_of(chosen.quantity), "before": _plain(first), "after": _plain(last)}
+            for chosen, name, first, last in _readings(asked, result)
+        },
+        "solved": {"before": before.solved.tolist(), "after": after.solved.tolist()},
+        "outcomes": [{"objective": value, "parameters": own, "valid": valid} for value, own, valid in result.outcomes],
+    }
+    return progress_record(train, asked["rpm"], result.history) | finite(found)
 
 
 def progress_record(train, rpm, history):
@@ -164,30 +144,29 @@ def _won(chosen, rpm, before, after):
 
 
 def _parameter_table(train, asked, result):
-    names = [p.name for p in asked["parameters"]]
-    columns = [
-        names,
-        [plain_number(result.before.parameters[name]) for name in names],
-        [plain_number(result.after.parameters[name]) for name in names],
-        [parameter_unit(train, name) or "-" for name in names],
-        [f"{plain_number(p.low)} to {plain_number(p.high)}" for p in asked["parameters"]],
+    rows = [
+        [
+            p.name,
+            *(plain_number(found.parameters[p.name]) for found in (result.before, result.after)),
+            parameter_unit(train, p.name) or NONE,
+            f"{plain_number(p.low)} to {plain_number(p.high)}",
+        ]
+        for p in asked["parameters"]
     ]
-    return Table("Parameters", ["parameter", "before", "after", "unit", "bounds"], columns)
+    return from_rows("Parameters", ["parameter", "before", "after", "unit", "bounds"], rows)
 
 
 def _quantity_table(asked, rpm, result):
     rows = []
-    for chosen, name, before, after in _compared(asked, result):
-        shown = [f"{name}, {scaled_unit(chosen.quantity)[1]}".removesuffix(", ")]
-        for values in (before, after):
-            value, at = _worst(rpm, values, chosen)
-            shown += [_shown(chosen, value), "-" if chosen.quantity in OF_DESIGN else f"{at:g}"]
-        rows.append([*shown, _limit(chosen)])
+    for chosen, name, *both in _compared(asked, result):
+        rows.append([f"{name}, {scaled_unit(chosen.quantity)[1]}".removesuffix(", ")])
+        for value, at in (_worst(rpm, values, chosen) for values in both):
+            rows[-1] += [_shown(chosen, value), NONE if chosen.quantity in OF_DESIGN else f"{at:g}"]
+        rows[-1].append(_limit(chosen) or NONE)
     heads = ["quantity, worst over the speeds", "before", "at rpm", "after", "at rpm", "limit"]
     title = "Quantities (forces, torques and angles: half peak-to-peak unless called peak or order)"
     judged = any(chosen.quantity in JUDGED for chosen, *_ in _readings(asked, result))
-    title += f" ({AID})" if judged else ""
-    return Table(title, heads, [list(column) for column in zip(*rows, strict=True)])
+    return from_rows(f"{title} ({AID})" if judged else title, heads, rows)
 
 
 def _worst(rpm, values, chosen):
@@ -201,7 +180,7 @@ def _worst(rpm, values, chosen):
 
 
 def _shown(chosen, value):
-    return "-" if not np.isfinite(value) else plain_number(scaled_unit(chosen.quantity)[0] * value, digits=3)
+    return count(scaled_unit(chosen.quantity)[0] * value)
 
 
 def _limit(chosen):
@@ -211,7 +190,7 @@ def _limit(chosen):
         for name in ("most", "least")
         if (value := getattr(chosen, name, None)) is not None
     ]
-    return ", ".join(said) or "-"
+    return ", ".join(said)
 
 
 def scaled_unit(quantity):
@@ -229,117 +208,10 @@ def _plain(values):
     return np.asarray(values).tolist()
 
 
-APART = 0.02
-"""Difference of a force, torque or angle from which the steady state is told as another motion than the orbit tuned."""
-
-READ = {
-    "tooth force": ("force", "half_peak_to_peak"),
-    "tooth force peak": ("force", "peak"),
-    "shaft torque": ("torque", "half_peak_to_peak"),
-    "gear torque": ("gear_torque", "half_peak_to_peak"),
-    "angle": ("disk", "half_peak_to_peak"),
-    "tooth force order": ("force", "order"),
-    "shaft torque order": ("torque", "order"),
-    "angle order": ("disk", "order"),
-    "stress": ("torque", "half_peak_to_peak"),
-    "stress over continuous limit": ("torque", "half_peak_to_peak"),
-    "stress over transient limit": ("torque", "half_peak_to_peak"),
-    "tooth torque over limit": ("force", "half_peak_to_peak"),
-}
-"""How a steady state tells the quantities that are compared: signal and number."""
-
-FACTORS = {
-    "stress": lambda train, name, _: strength.stress_of(train, name, 1.0),
-    "stress over continuous limit": lambda *where: _share_of_stress(0, *where),
-    "stress over transient limit": lambda *where: _share_of_stress(1, *where),
-    "tooth torque over limit": lambda train, name, _: (
-        strength.first_radius(train, name) / strength.tooth_torque_limit(train, name)
-    ),
-}
-"""By what the number has to be multiplied, from train, element and speed; 1 for the others."""
-
-DESIGNS = {"before": "the first design", "after": "the last design"}
-
-
-def check_designs(train, asked, result, say=lambda text: None):
-    """What the first and the last design do at the speeds of a tuning, and where that is not what was tuned.
-
-    Parameters
-    ----------
-    train : DriveTrain, as it was
-    asked : dict, from :func:`jaxhb.design.table.read_table`
-    result : Tuning
-    say : callable, told what is done
-
-    Returns
-    -------
-    dict
-        ``{"before", "after"}`` of ``{"kind", "period", "readings", "differences"}``: of every speed the kind and period
-        of its motion and, by label, the quantities that can be compared; a sentence for each speed at which the motion
-        is neither in contact nor periodic, or a quantity more than 2 % from that of the orbit tuned.
-    """
-    found = {}
-    for when, design, reading in (("before", train, result.before), ("after", result.train, result.after)):
-        say(f"what does {DESIGNS[when]} do?")
-        states = steady_state(design, rpm=np.asarray(asked["rpm"]), tolerance=asked.get("tolerance")).states
-        compared = [c for c in (*asked["objective"], *asked["penalties"]) if c.quantity in READ]
-        told = {label(chosen): [_reading(design, state, chosen) for state in states] for chosen in compared}
-        differences = (
-            _difference(state, {c: (told[label(c)][i], float(reading.readings[label(c)][i])) for c in compared})
-            for i, state in enumerate(states)
-        )
-        found[when] = {
-            "kind": [state.kind for state in states],
-            "period": [state.period for state in states],
-            "readings": told,
-            "differences": [f"{DESIGNS[when].capitalize()} {said}" for said in differences if said],
-        }
-    return found
-
-
 def check_text(found):
-    """The sentences of :func:`check_designs`, or one that says that there is nothing to tell."""
+    """The sentences of :func:`jaxhb.report.compute.check_designs`, or one that there is nothing to tell."""
     differences = [said for told in found.values() for said in told["differences"]]
     if not differences:
         return "Both designs do at all speeds what was tuned: their steady states are the periodic motions tuned."
     head = "Steady states that are not the periodic motions tuned"
     return "\n".join([head, *map(paragraph, differences)])
-
-
-def _share_of_stress(limit, train, name, rpm):
-    """Share of a stress limit that a torque of 1 N m takes."""
-    return strength.stress_of(train, name, 1.0) / strength.stress_limits(train, name, rpm)[limit]
-
-
-def _reading(design, state, chosen):
-    """A quantity in a steady state of a design, nan where its motion is unknown."""
-    if not state.known:
-        return float("nan")
-    signal, number = READ[chosen.quantity]
-    value = getattr(getattr(state, signal)(chosen.of), number)
-    factor = FACTORS[chosen.quantity](design, chosen.of, state.rpm) if chosen.quantity in FACTORS else 1.0
-    return float(factor * (value(chosen.order) if number == "order" else value))
-
-
-def _difference(state, pairs):
-    """What a steady state does that the orbit of the tuning does not; "" for the same motion."""
-    kind = {
-        "subharmonic": f"has a period of {state.period} cycles",
-        "irregular": "is irregular",
-        "unknown": f"is not known ({'; '.join(state.notes)})",
-    }.get(state.kind, "")
-    apart = [
-        f"{label(chosen)} {_shown_value(chosen, own)} instead of {_shown_value(chosen, tuned)}"
-        for chosen, (own, tuned) in pairs.items()
-        if abs(own - tuned) > APART * max(abs(own), abs(tuned))
-    ]
-    if not kind and not apart:
-        return ""
-    motion = kind or "is in another motion"
-    about = f" ({'; '.join(state.notes)})" if state.known and state.notes else ""
-    return f"at {state.rpm:g} rpm {motion}{': ' if apart else ''}{', '.join(apart)}{about}."
-
-
-def _shown_value(chosen, value):
-    factor, unit = scaled_unit(chosen.quantity)
-    return f"{plain_number(factor * value, digits=3)} {unit}".strip()

@@ -1,0 +1,297 @@
+"""The linear train as text, plain numbers and rows: natural frequencies, teeth at a mean load, Holzer's tables, the
+Campbell diagram."""
+
+import dataclasses
+
+import numpy as np
+
+from jaxhb.elements.elements import SceneError
+from jaxhb.linear.critical import ELASTIC, RIGID, RING
+from jaxhb.report.files.record import finite
+from jaxhb.report.selection import NOT_FIRING
+from jaxhb.report.text.columns import NONE, Table, from_rows, percent, plain_number, shares
+
+FIRST = 3
+"""Modes whose energies or tables are shown where none is asked for."""
+
+SCALE = (
+    "Modal torque: amplitude of the order's torques on the shape whose largest angle is 1. Every mode has a scale of"
+    " its own: compare the orders of one mode, not modes."
+)
+
+
+def modes_text(modes, name, kinds, ratios, teeth=""):
+    """Natural frequencies, nodes, damping ratios, the share of the teeth in their energy, what moves most.
+
+    ``name`` is that of the scene, ``kinds`` are from :func:`jaxhb.linear.critical.mode_kinds`, ``ratios`` are those of
+    Lehr, nan where there is none; ``teeth`` says how stiff they are and is empty of a train without.
+    """
+    rows, loose = [], sum(kind == RIGID for kind in kinds)
+    for k, hz in enumerate(modes.frequencies_hz):
+        shape = modes.shape(k)
+        most = sorted(shape, key=lambda disk: -abs(shape[disk]))[:3]
+        moving = ", ".join(f"{disk} {shape[disk]:+.2f}" for disk in most)
+        if kinds[k] == RING:
+            moving = f"ring only: {most[0]} turns freely"
+        elif kinds[k] == RIGID:
+            moving = f"one of {loose} rigid-body modes" if loose > 1 else "rigid-body mode"
+            moving += " on the ground's spring" if hz else ""
+        damping = f"{ratios[k]:.4f}" if np.isfinite(ratios[k]) else NONE
+        nodes = modes.node_count[k] if kinds[k] == ELASTIC else NONE
+        in_teeth = [f"{100 * modes.mesh_energy_share[k]:.0f}"] * bool(teeth)
+        rows.append([k, f"{hz:.2f}", f"{60 * hz:.0f}", nodes, damping, *in_teeth, moving])
+    heads = ["mode", "Hz", "per minute", "nodes", "damping ratio", *["in teeth %"] * bool(teeth)]
+    title = f"Natural frequencies of {name}: undamped"
+    title += f", {teeth}; share of the strain energy in the teeth" if teeth else ""
+    return from_rows(title, [*heads, "largest angles, on own shafts, the largest 1"], rows, left=(len(heads),))
+
+
+def energies_text(modes, kinds):
+    """Where the energies of the first elastic modes lie, in disks and links, in a list of tables; Holzer's table has
+    them of trees."""
+    shown = [k for k, kind in enumerate(kinds) if kind == ELASTIC][:FIRST]
+    told = (
+        ("Kinetic", "disk", modes.names, modes.kinetic_share),
+        ("Strain", "link", modes.link_names, modes.strain_share),
+    )
+    return [
+        Table(
+            f"{what} energy of the first elastic modes, %",
+            [head, *(f"mode {k}" for k in shown)],
+            [names, *(shares(share[k]) for k in shown)],
+        )
+        for what, head, names, share in told
+        if shown
+    ]
+
+
+def modes_record(modes, kinds, ratios):
+    """What ``modes --json`` writes: every value is a list over the modes, those of disks and links by name; shares of
+    energies are between 0 and 1, damping ratios those of Lehr (None: none is known), masses in kg m2 for a largest
+    angle of 1."""
+
+    def by_name(names, values):
+        return dict(zip(names, values.T.tolist(), strict=True))
+
+    listed = ("frequencies_hz", "mesh_energy_share", "node_count", "generalised_mass")
+    record = {name: np.asarray(getattr(modes, name)).tolist() for name in listed}
+    record |= {"kinds": list(kinds), "damping_ratios": np.asarray(ratios).tolist()}
+    record |= {"modes": by_name(modes.names, modes.shapes), "kinetic_share": by_name(modes.names, modes.kinetic_share)}
+    return finite(record | {"strain_share": by_name(modes.link_names, modes.strain_share)})
+
+
+def mean_load_text(load, rpm):
+    """A line that tells the tangent stiffness of every mesh with backlash; ``load`` is a :class:`jaxhb.MeanLoad`.
+
+    Examples
+    --------
+    >>> import jaxhb
+    >>> from jaxhb.linear.tangent import at_mean_load
+    >>> mean_load_text(at_mean_load(jaxhb.load_scene("spur_pair"), rpm=2000.0), 2000.0)
+    'Mean load of 2000 rpm: gear a|gear b 1 kN in contact.'
+    """
+    said = []
+    for name, force, engagement, share in zip(load.names, load.force, load.engagement, load.share, strict=True):
+        where = "in the gap" if engagement == 0 else "in the transition zone"
+        where = "in contact" if engagement == 1 else f"{where}, {percent(share)} % of its stiffness"
+        said.append(f"{name} {force / 1e3:.4g} kN {where}")
+    return f"Mean load of {rpm:g} rpm: {', '.join(said) or 'no mesh has backlash'}."
+
+
+def mean_load_record(load, rpm):
+    """What ``modes --at --json`` adds: ``at_rpm`` and ``mean_load``, by mesh with backlash ``force`` (N, elastic),
+    ``stiffness`` (N/m, tangent) and ``engagement`` (0 in the gap, 1 in contact)."""
+    keys = "force", "stiffness", "engagement"
+    rows = zip(load.names, *(getattr(load, key).tolist() for key in keys), strict=True)
+    return {"at_rpm": rpm, "mean_load": {name: dict(zip(keys, row, strict=True)) for name, *row in rows}}
+
+
+HOLZER = ("inertia", "ordinate", "torque", "torque_sum", "stiffness", "twist", "kinetic_energy", "strain_energy")
+"""Of a HolzerTable, in the file; the first six in the text."""
+
+
+def chosen_modes(kinds, name, asked=None):
+    """Numbers of the modes of Holzer's tables: those asked for, or the first ones that strain links.
+
+    A mode that is not there or strains no link of the scene ``name`` raises a ``SceneError``.
+
+    Examples
+    --------
+    >>> chosen_modes(("rigid", "elastic", "elastic"), "pair")
+    [1, 2]
+    """
+    elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC]
+    if not elastic:
+        raise SceneError(f"{name}: no mode strains a link. Give a frequency with --hz.")
+    errors = [
+        f"{name}: --mode {k}: there are modes 0 to {len(kinds) - 1}."
+        if k >= len(kinds)
+        else f"{name}: --mode {k}: this mode is {kinds[k]}, no link is strained. The first that strains one is"
+        f" {elastic[0]}."
+        for k in asked or ()
+        if k not in elastic
+    ]
+    if errors:
+        raise SceneError(errors)
+    return list(dict.fromkeys(asked)) if asked else elastic[:FIRST]
+
+
+def holzer_text(tables, name, teeth=""):
+    """Holzer's ``tables``, pairs (number of the mode or None, HolzerTable), of the scene ``name``; ``teeth`` says how
+    stiff they are and is empty of a train without."""
+    how = ", ".join(filter(None, ["undamped", teeth]))
+    meshes = "; of a mesh c N/m, sum/c m" if teeth else ""
+    head = (
+        f"{name}: Holzer's table, {how}. J kg m2, theta rad, torques N m,\nc N m/rad, sum/c rad{meshes}. Energies of"
+        " disk and link in % of the kinetic energy.\nThe sum of a row passes through its link."
+    )
+    return "\n\n".join([head, *(_holzer_table(*one) for one in tables)])
+
+
+def _holzer_table(mode, table):
+    kinetic = table.kinetic_energy.sum()
+    cells = [[f"{value:#.5g}".rstrip(".") for value in getattr(table, field) + 0.0] for field in HOLZER[:6]]
+    cells += [[f"{100 * share:.1f}" for share in e / kinetic] for e in (table.kinetic_energy, table.strain_energy)]
+    inertia, ordinate, torque, torque_sum, stiffness, twist, of_disk, of_link = cells
+    # Behind the last disk is no link.
+    links, stiffness, twist, of_link = ([*own[:-1], NONE] for own in (table.links, stiffness, twist, of_link))
+    heads = ["disk", "J", "theta", "J w2 theta", "sum", "disk %", "link", "c", "sum/c", "link %"]
+    columns = [table.names, inertia, ordinate, torque, torque_sum, of_disk, links, stiffness, twist, of_link]
+    what = "" if mode is None else f"mode {mode}, "
+    return Table(f"{what}{table.hz:.6g} Hz, residual {table.residual + 0.0:.4g} N m", heads, columns, left=(6,))
+
+
+def holzer_record(tables, name):
+    """What ``holzer --json`` writes: ``scene`` and ``tables``: ``hz``, ``mode`` (None where a frequency was given),
+    ``residual`` in N m, and one list over the rows each of ``disks``, ``links`` and the numbers of
+    :class:`jaxhb.HolzerTable`, SI units, energies in J at the ordinates of the table."""
+    return {
+        "scene": name,
+        "tables": [
+            {"hz": table.hz, "mode": mode, "residual": table.residual}
+            | {"disks": list(table.names), "links": list(table.links)}
+            | {field: np.asarray(getattr(table, field)).tolist() for field in HOLZER}
+            for mode, table in tables
+        ],
+    }
+
+
+def campbell_text(found, count, name, misfires=(), *, teeth=""):
+    """Modes and critical speeds of a :class:`jaxhb.Campbell` of which ``count`` elastic modes were taken; ``misfires``
+    has those of the same speeds and orders by the cylinder that does not fire."""
+    stiff = ", ".join(filter(None, ["undamped", teeth]))
+    head = f"{name}: Campbell diagram from {found.rpm[0]:g} to {found.rpm[-1]:g} rpm, {stiff}"
+    return "\n\n".join([head, *campbell_parts(found, count, misfires)])
+
+
+def campbell_parts(found, count, misfires=()):
+    """The tables of :func:`campbell_text`, and a sentence where there is none."""
+    parts = [_modes(found, count), *_left_out(found, count), _critical(found, misfires)]
+    if found.critical and misfires:
+        places = range(len(found.critical))
+        cylinder, torque, at = max(((*_worst(misfires, k), found.critical[k]) for k in places), key=lambda row: row[1])
+        where = f"order {at.order:g} at {at.rpm:.1f} rpm, mode {at.mode}"
+        said = f"{torque:.4g} N m of {where}, {at.torque:.4g} N m without it."
+        parts.append(f"The worst misfire is that of {cylinder}: {said}")
+    return parts
+
+
+def reached(found):
+    """How many of the modes that strain links have a frequency that an order reaches within the speeds."""
+    top = max(found.orders, default=0.0) * float(found.rpm[-1]) / 60
+    return sum(float(found.frequencies_hz[:, k].min()) <= top for k in found.elastic(len(found.kinds)))
+
+
+def _left_out(found, count):
+    """A sentence on modes that are not told, in a list."""
+    shown, every, crossed = len(found.elastic(count)), len(found.elastic(len(found.kinds))), reached(found)
+    if shown == every:
+        return []
+    highest, rpm = max(found.orders, default=0.0), float(found.rpm[-1])
+    top = f"order {highest:g} at {rpm:g} rpm is {highest * rpm / 60:.4g} Hz"
+    first = f"These are the {shown} lowest of {every} modes that strain links"
+    if crossed <= shown:
+        return [f"{first}. The orders reach {crossed} of them, all shown: {top}."]
+    return [
+        f"{first}; the orders reach {crossed} of them ({top}). jaxhb campbell SCENE --rpm"
+        f" {found.rpm[0]:g}:{rpm:g} --modes {crossed} lists all."
+    ]
+
+
+def shares_in_mode(critical, torques):
+    """Modal torques of critical speeds over the largest of their mode, as those of different modes do not compare."""
+    largest = {}
+    for one, torque in zip(critical, torques, strict=True):
+        largest[one.mode] = max(torque, largest.get(one.mode, 0.0))
+    return [torque / (largest[one.mode] or 1.0) for one, torque in zip(critical, torques, strict=True)]
+
+
+def shown_modes(found, count):
+    """Numbers of the modes that are told: the elastic ones taken and all below that are rigid or of rings only."""
+    elastic = found.elastic(count)
+    return list(range((elastic[-1] if elastic else len(found.kinds) - 1) + 1))
+
+
+def _modes(found, count):
+    shown, hz = shown_modes(found, count), found.frequencies_hz
+    constant = (hz[:, shown] == hz[0, shown]).all()
+    heads = ["Hz"] if constant else [f"Hz at {found.rpm[0]:g} rpm", f"at {found.rpm[-1]:g} rpm"]
+    rows = [[k, *(f"{hz[i, k]:.2f}" for i in (0, -1)[: len(heads)]), found.kinds[k]] for k in shown]
+    title = "Natural frequencies; rigid modes and those of rings only have no critical speeds"
+    return from_rows(title, ["mode", *heads, "kind"], rows, left=(1 + len(heads),))
+
+
+def _worst(misfires, place):
+    """The cylinder whose misfire has the largest modal torque at a critical speed, and this torque."""
+    torques = {cylinder: one.critical[place].torque for cylinder, one in misfires.items()}
+    cylinder = max(torques, key=torques.get)
+    return cylinder, torques[cylinder]
+
+
+def _critical(found, misfires):
+    orders = ", ".join(f"{order:g}" for order in found.orders) or "none"
+    if not found.critical:
+        return f"No critical speed lies in the range. Orders: {orders}."
+    title = f"Critical speeds, order x rpm / 60 = Hz. {SCALE}\nOrders: {orders}."
+    heads, rows = ["rpm", "order", "mode", "Hz", "modal torque N m"], []
+    heads += ["worst misfire N m", "that of"] if misfires else []
+    for place, c in enumerate(found.critical):
+        rows.append([f"{c.rpm:.1f}", f"{c.order:g}", c.mode, f"{c.hz:.2f}", plain_number(c.torque)])
+        if misfires:
+            cylinder, torque = _worst(misfires, place)
+            rows[-1] += [plain_number(torque), cylinder]
+    return from_rows(title, heads, rows, left=(6,))
+
+
+def campbell_record(found, count, name, misfires=()):
+    """What ``campbell --json`` writes, see ``docs/how_to/linear.md``; with ``misfires`` by cylinder the modal torques
+    when it does not fire, and as ``worst_misfire`` the largest of these with its critical speed."""
+    speeds = [
+        {"rpm": c.rpm, "order": c.order, "mode": c.mode, "hz": c.hz, "modal_torque": c.torque}
+        | ({"misfires": {name: one.critical[k].torque for name, one in misfires.items()}} if misfires else {})
+        for k, c in enumerate(found.critical)
+    ]
+    record = {
+        "scene": name,
+        "rpm": found.rpm.tolist(),
+        "orders": found.orders.tolist(),
+        "modes": [
+            {"mode": k, "kind": found.kinds[k], "frequencies_hz": found.frequencies_hz[:, k].tolist()}
+            for k in shown_modes(found, count)
+        ],
+        "critical_speeds": speeds,
+    }
+    if misfires:
+        rows = [(torque, cylinder, at) for at in speeds for cylinder, torque in at["misfires"].items()]
+        torque, cylinder, at = max(rows, key=lambda row: row[0], default=(None, None, None))
+        named = at and {"cylinder": cylinder} | {key: at[key] for key in ("rpm", "order", "mode", "hz")}
+        record["worst_misfire"] = at and named | {"modal_torque": torque, "firing": at["modal_torque"]}
+    return record
+
+
+def campbell_rows(found, misfires=()):
+    """Heads and rows of ``campbell --csv``: one row per critical speed; modal torques with misfires come last."""
+    heads = ["rpm", "order", "mode", "Hz", "modal torque N m"]
+    heads += [f"modal torque N m, {cylinder}{NOT_FIRING}" for cylinder in misfires]
+    own = [[one.critical[k].torque for one in dict(misfires).values()] for k in range(len(found.critical))]
+    return heads, [[*dataclasses.astuple(c), *more] for c, more in zip(found.critical, own, strict=True)]
