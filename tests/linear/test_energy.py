@@ -60,9 +60,7 @@ def test_energies_have_the_derivatives_of_differences():
 
     def energies(values):
         changed = train.replace(dict(zip(keys, values, strict=True)))
-        inertia, stiffness = inertia_and_stiffness(changed)
-        return jnp.stack([kinetic_energy(changed, speed), strain_energy(changed, angle), inertia.trace(),
-                          angle @ stiffness @ speed])  # fmt: skip
+        return jnp.stack([kinetic_energy(changed, speed), strain_energy(changed, angle)])
 
     check_derivative(energies, [float(train.value(key)) for key in keys])
 

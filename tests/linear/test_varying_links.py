@@ -116,6 +116,7 @@ def test_links_over_amplitude_have_the_stiffness_of_the_amplitude_that_they_lead
     np.testing.assert_allclose(heat, found.input_power, rtol=BALANCE)
 
 
+@pytest.mark.oracle
 def test_amplitudes_that_are_not_found_are_told(monkeypatch):
     monkeypatch.setattr(forced, "STEPS", 1)
     found = jaxhb.forced_response(train_of(over_amplitude=OVER_AMPLITUDE), rpm=SPEEDS)  # compiled anew
