@@ -18,8 +18,8 @@ SHOWN_UNITS = {
 }
 """Factor from an SI unit, and the unit in which people read it; other units are read as they are."""
 
-READERS = {"angle": "disk", "tooth_force": "force", "heat": "power", "mesh_heat": "power"}
-"""What reads a variable of a data set where that has another name."""
+READERS = {name: reader for name, (reader, *_) in SIGNALS.items()} | {"heat": "power", "mesh_heat": "power"}
+"""What reads a variable of a data set that is not one of contact."""
 
 WITHOUT = "_without_backlash"
 """End of the names of variables that are those of the linear motion."""
@@ -33,7 +33,7 @@ def shown_unit(unit):
 def unit_of(variable):
     """SI unit of a variable of a data set."""
     signal, _ = _parts(variable.removesuffix(WITHOUT))
-    return (SIGNALS | OF_ELEMENTS)[signal][1]
+    return (SIGNALS | OF_ELEMENTS)[signal][-2]
 
 
 def number(motion, variable, name):
@@ -47,7 +47,7 @@ def number(motion, variable, name):
         return number(motion.linear, variable.removesuffix(WITHOUT), name)
     signal, statistic = _parts(variable)
     if statistic:
-        return float(getattr(getattr(motion, READERS.get(signal, signal))(name), statistic))
+        return float(getattr(getattr(motion, READERS[signal])(name), statistic))
     if signal in READERS or signal == "irregularity":
         return float(getattr(motion, READERS.get(signal, signal))(name))
     return getattr(motion.contacts[name], signal)
@@ -137,7 +137,7 @@ def _told(element, called, title, variable, names_of=None):
         return number(motion, variable, name)
 
     def read_signal(motion, name):
-        return getattr(motion, READERS.get(signal, signal))(name)
+        return getattr(motion, READERS[signal])(name)
 
     def of(train):
         names = names_of(train) if names_of else ELEMENTS[element](train.topology)

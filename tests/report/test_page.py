@@ -18,7 +18,7 @@ from jaxhb.report.figures.sweep import over_speed
 from jaxhb.report.page import linear, page
 from jaxhb.report.page.page import parts_of
 from jaxhb.report.quantities import forces
-from jaxhb.report.text.cases import Case
+from jaxhb.report.answer import Case
 from jaxhb.report.text.columns import Table
 from jaxhb.report.text.sentences import verdict
 from jaxhb.results.status import Status

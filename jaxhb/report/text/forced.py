@@ -33,7 +33,7 @@ ADVICE = {
 
 def signal_of(response, name, kind):
     """The angle of a disk, the torque of a shaft or damper, the force of a mesh."""
-    return getattr(response, READERS.get(KINDS[kind], KINDS[kind]))(name)
+    return getattr(response, READERS[KINDS[kind]])(name)
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Reading:
     @property
     def unit(self):
         """SI unit of the signal."""
-        return SIGNALS[KINDS[self.kind]][1]
+        return SIGNALS[KINDS[self.kind]][2]
 
     @property
     def shown(self):
@@ -115,7 +115,7 @@ def readings(response, names=()):
     [('pulley', 'disks'), ('cyl6|flywheel', 'shafts')]
     """
     topology = response.topology
-    chosen = [(name, kind) for kind, signal in KINDS.items() for name in ELEMENTS[SIGNALS[signal][0]](topology)]
+    chosen = [(name, kind) for kind, signal in KINDS.items() for name in ELEMENTS[SIGNALS[signal][1]](topology)]
     if names:
         kinds, where = dict(chosen), topology.name or "scene"  # a damper stands there twice, last as a link
         errors = [
@@ -189,7 +189,7 @@ def _worst_table(found):
 
 def _element(found):
     """The head of the column of elements."""
-    return SIGNALS[KINDS[found[0].kind]][0]
+    return SIGNALS[KINDS[found[0].kind]][1]
 
 
 def forced_record(response, found, *, orders=None):
