@@ -12,13 +12,12 @@ from page_cases import CHROMIUM, SCENE, WIDE, blocks, browse, figures, tables, w
 from jaxhb.cli.main import main
 from jaxhb.cli.page_command import second_text
 from jaxhb.linear.forced import forced_response
-from jaxhb.report.answer import Answer
+from jaxhb.report.answer import Answer, Case
 from jaxhb.report.figures.figure import NO_ANSWER
 from jaxhb.report.figures.sweep import over_speed
 from jaxhb.report.page import linear, page
 from jaxhb.report.page.page import parts_of
 from jaxhb.report.quantities import forces
-from jaxhb.report.answer import Case
 from jaxhb.report.text.columns import Table
 from jaxhb.report.text.sentences import verdict
 from jaxhb.results.status import Status

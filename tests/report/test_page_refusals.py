@@ -8,10 +8,10 @@ import pytest
 import jaxhb
 from jaxhb.cli import page_command
 from jaxhb.cli.main import main
+from jaxhb.report.answer import Case
 from jaxhb.report.page.page import parts_of
 from jaxhb.report.page.parts import Report
 from jaxhb.report.page.train import assumptions
-from jaxhb.report.answer import Case
 
 
 def test_what_the_assumptions_advise_keeps_the_compression_of_a_cylinder():
