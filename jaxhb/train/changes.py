@@ -34,7 +34,7 @@ def _choose(train, values):
             table, field, index = locate(topology, key)
         except SceneError:  # told with the numbers
             table, field, index = None, None, None
-        fault = ""
+        fault, follow = "", {}
         if table == "mesh" and field in ("law", "damping_law"):
             known = [word for word in _WORDS[field] if word]
             if not topology.mesh_backlash[index]:
@@ -42,23 +42,24 @@ def _choose(train, values):
             elif value not in known:
                 fault = f"{field} is {value!r}.{suggestion(value, known)}"
             elif field == "law":
-                numbers |= {f"{topology.mesh_names[index]}.{own}": number for own, number in _FRIDMAN.items()}
+                follow = _FRIDMAN
             else:
                 laws[index] = value
         elif table == "disk" and field == "teeth":
-            good = isinstance(value, int | float | np.integer | np.floating) and value >= 1 and value == int(value)
             if not topology.teeth[index]:
-                fault = (
-                    "the gear has no teeth in the scene, its ratio is that of the radii. Build the scene with teeth."
-                )
-            elif not good:
+                fault = "the gear has no teeth in the scene, its ratio is that of the radii. Build it with teeth."
+            elif not (isinstance(value, int | float | np.number) and value >= 1 and float(value).is_integer()):
                 fault = f"teeth is {value!r}, must be a whole number of at least 1."
             else:
-                radius = np.asarray(train.disks.radius)[index] * int(value) / teeth[index]
-                numbers[f"{topology.disk_names[index]}.radius"] = radius
+                follow = {"radius": np.asarray(train.disks.radius)[index] * int(value) / teeth[index]}
                 teeth[index] = int(value)
         else:
-            numbers[key] = value
+            numbers.setdefault(key, value)
+        for own, number in follow.items():
+            other = f"{key.removesuffix(field)}{own}"
+            numbers[other] = given = values.get(other, number)
+            if value_checks.number_like(given) and abs(float(given) - number) > RATIO_TOLERANCE * number:
+                fault = f"it makes {own} {number:.6g}, but {other!r} is given as {given:.6g}. Keep one of them."
         faults += [f"{topology.title}, replace {key!r}: {fault}"] if fault else []
     chosen = {"mesh_damping_law": tuple(laws), "teeth": tuple(teeth)}
     if any(getattr(topology, name) != new for name, new in chosen.items()):

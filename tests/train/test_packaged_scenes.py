@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from jaxhb.equations.kinematics import inertias
 from jaxhb.excitation.torques import excitation, highest_harmonic, load_power_kW
 from jaxhb.scene.files import load_scene, scene_description, scene_names
-from jaxhb.train.drivetrain import inertias
 
 REFERENCE = Path(__file__).parents[1] / "data"
 
