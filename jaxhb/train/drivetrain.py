@@ -12,13 +12,11 @@ import numpy as np
 from jaxhb._jax import Number, pytree, traced
 from jaxhb._shown import html_table
 from jaxhb.elements.elements import SceneError, suggestion
-from jaxhb.equations.kinematics import inertias, speed_ratios
+from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.excitation import gas
 from jaxhb.train import changes, varying
 from jaxhb.train.tables import Cylinders, Dampers, Disks, Grounds, Loads, Meshes, Shafts, Torques
 from jaxhb.train.topology import Topology
-
-__all__ = ["DriveTrain", "SceneError", "Topology", "inertias", "speed_ratios"]
 
 
 @pytree

@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 from reference_data import reference
 
-from jaxhb.elements.elements import Combustion, Cylinder, Disk, Load, Shaft
+from jaxhb.elements.elements import Combustion, Cylinder, Disk, Load, SceneError, Shaft
 from jaxhb.elements.engine import Engine, cylinders, firing_angles
 from jaxhb.excitation.torques import excitation
 from jaxhb.scene.files import load_scene
 from jaxhb.scene.writer import changed_scene, scene_text
 from jaxhb.train.assembly import build
-from jaxhb.train.drivetrain import SceneError
 
 SCENES = Path(__file__).parents[2] / "jaxhb" / "scene" / "scenes"
 SIX = """

@@ -10,10 +10,9 @@ import pytest
 from differences import differences
 from tolerances import ALGEBRAIC, GRADIENT
 
-from jaxhb.elements.elements import Combustion, Cylinder, Disk, Ground, Load, Mesh, Shaft, Torque, Trace
+from jaxhb.elements.elements import Combustion, Cylinder, Disk, Ground, Load, Mesh, SceneError, Shaft, Torque, Trace
 from jaxhb.excitation.torques import excitation, highest_harmonic, listed_harmonic
 from jaxhb.train.assembly import build
-from jaxhb.train.drivetrain import SceneError
 
 DATA = Path(__file__).parents[1] / "data"
 CRANK = {"bore": 0.1, "stroke": 0.12, "rod": 0.2, "reciprocating_mass": 2.0}

@@ -2,10 +2,9 @@
 
 import pytest
 
-from jaxhb.elements.elements import Cylinder, Damper, Disk, Ground, Load, Mesh, Shaft, Torque
+from jaxhb.elements.elements import Cylinder, Damper, Disk, Ground, Load, Mesh, SceneError, Shaft, Torque
 from jaxhb.scene.files import load_scene
 from jaxhb.train.assembly import build
-from jaxhb.train.drivetrain import SceneError
 
 TABLE = [(float(a), 1e5) for a in range(0, 721, 10)]
 STIFFNESS = "stiffness is -1 N m/rad"

@@ -7,13 +7,24 @@ import jax
 import numpy as np
 import pytest
 
-from jaxhb.elements.elements import Combustion, Cylinder, Damper, Disk, Ground, Load, Mesh, Shaft, Torque, Trace
+from jaxhb.elements.elements import (
+    Combustion,
+    Cylinder,
+    Damper,
+    Disk,
+    Ground,
+    Load,
+    Mesh,
+    SceneError,
+    Shaft,
+    Torque,
+    Trace,
+)
 from jaxhb.elements.engine import Engine
 from jaxhb.linear.modal import natural_frequencies
 from jaxhb.scene.files import load_scene, scene_names
 from jaxhb.scene.writer import elements_text, scene_text
 from jaxhb.train.assembly import build
-from jaxhb.train.drivetrain import SceneError
 
 
 def disk(name, inertia, damping=0.0):

@@ -2,10 +2,9 @@
 
 import pytest
 
-from jaxhb.elements.elements import Damper, Disk, Ground, Mesh, Shaft, Torque
+from jaxhb.elements.elements import Damper, Disk, Ground, Mesh, SceneError, Shaft, Torque
 from jaxhb.scene.files import load_scene, scene_description
 from jaxhb.train.assembly import build
-from jaxhb.train.drivetrain import SceneError
 
 HEAD = """
 [scene]
