@@ -12,14 +12,10 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
-from jaxhb.elements.elements import CrankSlider, Cylinder, choice, count, quantity, suggestion
+from jaxhb.elements.elements import CrankSlider, Cylinder, choice, declared, quantity, suggestion
 from jaxhb.elements.value_checks import field_errors, number_like, shown
-
-
-def _list(default):
-    return field(default=default, metadata={"kind": "list"})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,13 +33,13 @@ class Engine(CrankSlider):
     ``firing_angle`` are added to the angles of the firing order.
     """
 
-    cylinders: int = count(least=1.0, most=1000.0)
-    disks: tuple = _list(dataclasses.MISSING)
-    firing_order: tuple = _list(dataclasses.MISSING)
+    cylinders: int = quantity("", kind="count", least=1.0, most=1000.0)
+    disks: tuple = declared("list")
+    firing_order: tuple = declared("list")
     bank_angle: float | None = quantity("deg", None, least=-180.0, most=180.0)
-    stroke_cycle: int = count(4, least=1.0)
+    stroke_cycle: int = quantity("", 4, kind="count", least=1.0)
     firing: str = choice("crank", "even")
-    firing_intervals: tuple | None = _list(None)
+    firing_intervals: tuple | None = declared("list", None)
 
 
 _COMMON = {f.name: f for f in dataclasses.fields(CrankSlider) if f.name not in ("name", "firing_angle")}

@@ -85,7 +85,7 @@ def load_scene(name: str | Path) -> DriveTrain:
         elements,
         name=str(head.get("name", path.stem)),
         reference=head.get("reference"),
-        revolutions_per_cycle=head.get("revolutions_per_cycle", 2),
+        cycle=head.get("revolutions_per_cycle", 2),
         rated_rpm=head.get("rated_rpm"),
         tune=content.get("tune"),
         scenarios=content.get("scenario"),

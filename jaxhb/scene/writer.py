@@ -14,7 +14,7 @@ from jaxhb.elements.elements import SceneError, table_of
 from jaxhb.elements.engine import cylinder_rows
 from jaxhb.scene.files import _READERS, _find, _parse, load_scene
 from jaxhb.scene.toml_text import TomlText
-from jaxhb.train.tables import FRIDMAN_EPSILON, FRIDMAN_TRANSITION
+from jaxhb.train.tables import LAW_OF_FRIDMAN
 
 _CSV = ("harmonics", "gas_torque", "scale", "load", "pressure", "over_hz", "over_amplitude")
 
@@ -192,9 +192,9 @@ def changed_scene(name, values, *, remark=""):
         _expand(text, content)
     for (table, row, field), value in values.items():
         # A law excludes numbers of its own: it is written out as the two that it stands for.
-        if table == "mesh" and field in ("epsilon", "transition") and text.discard(table, row, "law"):
-            text.set(table, row, "epsilon", FRIDMAN_EPSILON)
-            text.set(table, row, "transition", FRIDMAN_TRANSITION)
+        if table == "mesh" and field in LAW_OF_FRIDMAN and text.discard(table, row, "law"):
+            for key, number in LAW_OF_FRIDMAN.items():
+                text.set(table, row, key, number)
         text.set(table, row, field, value)
     remark = "".join(f"# {line}{text.newline}" for line in remark.splitlines())
     return remark + text.newline * bool(remark) + str(text), _beside(content, path.parent)

@@ -13,11 +13,10 @@ from jaxhb.equations.kinematics import rotor_ratios
 from jaxhb.excitation import gas
 from jaxhb.train import connections
 from jaxhb.train.connections import RATIO_TOLERANCE
-from jaxhb.train.tables import FRIDMAN_EPSILON, FRIDMAN_TRANSITION
+from jaxhb.train.tables import LAW_OF_FRIDMAN
 from jaxhb.train.varying import NEEDS
 
 _WORDS = {f.name: f.metadata["words"] for f in dataclasses.fields(Mesh) if f.metadata["kind"] == "choice"}
-_FRIDMAN = {"epsilon": FRIDMAN_EPSILON, "transition": FRIDMAN_TRANSITION}
 _NO_BACKLASH = "the mesh has no backlash, it is always in contact. Build the scene with a backlash."
 
 
@@ -42,7 +41,7 @@ def _choose(train, values):
             elif value not in known:
                 fault = f"{field} is {value!r}.{suggestion(value, known)}"
             elif field == "law":
-                follow = _FRIDMAN
+                follow = LAW_OF_FRIDMAN
             else:
                 laws[index] = value
         elif table == "disk" and field == "teeth":
@@ -74,7 +73,7 @@ def scene_values(train, settings):
     for key, value in settings.items():
         table, field, index = locate(train.topology, key)
         if (table, field) == ("mesh", "law"):
-            found |= {(table, index, own): number for own, number in _FRIDMAN.items()}
+            found |= {(table, index, own): number for own, number in LAW_OF_FRIDMAN.items()}
             continue
         found[table, index, field] = int(value) if field == "teeth" else value
         if field == "teeth":
