@@ -1,11 +1,10 @@
 """Trains from TORS and CSV files, scenes written as TOML: what is read, what comes back, what is refused."""
 
-import dataclasses
 import json
 
-import jax
 import numpy as np
 import pytest
+from built_trains import same
 
 from jaxhb.elements.elements import (
     Combustion,
@@ -57,13 +56,6 @@ def write(tmp_path, name, content):
     path = tmp_path / name
     path.write_text(content if isinstance(content, str) else json.dumps(content))
     return path
-
-
-def same(one, two):
-    """Two trains are equal but for their names."""
-    alike = dataclasses.replace(one.topology, name=two.topology.name)
-    leaves = zip(jax.tree.leaves(one), jax.tree.leaves(two), strict=True)
-    return alike == two.topology and all(np.array_equal(a, b) for a, b in leaves)
 
 
 def test_a_tors_file_has_the_frequencies_that_opentorsion_finds(tmp_path):
