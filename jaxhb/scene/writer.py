@@ -146,7 +146,7 @@ def _beside(content, folder):
             row = inner.pop()
             if not isinstance(row, dict):
                 continue
-            found |= {row[key]: folder / row[key] for key in _CSV if isinstance(row.get(key), str)}
+            found |= {name: folder / name for name in _named(row).values()}
             for value in row.values():
                 inner += [v for v in (value if isinstance(value, list) else [value]) if isinstance(v, dict)]
     return found
@@ -160,13 +160,16 @@ def element_files(name):
     """
     content = _parse(_find(name), [])
     rows = {"torque": content.get("torque", []), "cylinder": [*content.get("cylinder", []), *_made(content)]}
-    return {table: [_files_of(row) for row in own] for table, own in rows.items()}
+    found = {table: [_named(row) for row in own] for table, own in rows.items()}
+    for row, files in zip(rows["cylinder"], found["cylinder"], strict=True):
+        of_traces = [name for trace in row.get("traces", ()) for name in _named(trace).values()]
+        files |= {"traces": ", ".join(of_traces)} if of_traces else {}
+    return found
 
 
-def _files_of(row):
-    found = {key: row[key] for key in _CSV if isinstance(row.get(key), str)}
-    of_traces = [trace["pressure"] for trace in row.get("traces", ()) if isinstance(trace.get("pressure"), str)]
-    return found | ({"traces": ", ".join(of_traces)} if of_traces else {})
+def _named(row):
+    """Files that a row names in place of its lists."""
+    return {key: row[key] for key in _CSV if isinstance(row.get(key), str)}
 
 
 def scene_files(name):
