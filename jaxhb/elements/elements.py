@@ -327,18 +327,11 @@ class Cylinder(CrankSlider):
     disk: str = declared("disk")
 
 
-TABLES = {
-    "disk": Disk,
-    "shaft": Shaft,
-    "mesh": Mesh,
-    "damper": Damper,
-    "ground": Ground,
-    "load": Load,
-    "torque": Torque,
-    "cylinder": Cylinder,
-}
-
-
 def table_of(element) -> str:
     """Name the ``[[table]]`` that describes an element: ``table_of(Disk(...)) == "disk"``."""
     return type(element).__name__.lower()
+
+
+TABLES: dict[str, Any] = {
+    cls.__name__.lower(): cls for cls in (Disk, Shaft, Mesh, Damper, Ground, Load, Torque, Cylinder)
+}

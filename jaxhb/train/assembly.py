@@ -187,10 +187,8 @@ def _harmonic_needs(parts, ratio) -> list[tuple]:
 
 def _orders(rows) -> list[float]:
     """Orders of the sound rows of a table of harmonics."""
-    rows = rows if isinstance(rows, tuple | list) else ()
-    found = [
-        float(row[0]) for row in rows if isinstance(row, tuple | list) and row and value_checks.number_like(row[0])
-    ]
+    rows = [row for row in rows if isinstance(row, tuple | list) and row] if isinstance(rows, tuple | list) else []
+    found = [float(row[0]) for row in rows if value_checks.number_like(row[0])]
     return [order for order in found if math.isfinite(order) and order > 0.0]
 
 

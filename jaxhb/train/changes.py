@@ -83,8 +83,6 @@ def scene_values(train, settings):
 
 _TABLE_OF = {table: f"{table}s" for table in TABLES} | {"mesh": "meshes"}
 _VARYING = {key: links for links, (key, _) in NEEDS.items()}
-_LISTS = {("torque", "harmonics"): "torque_harmonics", ("cylinder", "gas_torque"): "cylinder_harmonics"}
-_LISTS |= {("load", "harmonics"): "load_harmonics"}
 _INNER = {"traces": Trace, "combustion": Combustion}
 
 
@@ -146,8 +144,8 @@ def _row(train, table, field, index):
     """The part of a row that the scene gave (harmonics and traces are padded)."""
     place = _place(train, field, index)
     row = _vector(train, table, field)[place]
-    if (table, field) in _LISTS:
-        return row[: len(getattr(train.topology, _LISTS[table, field])[index])]
+    if field in ("harmonics", "gas_torque"):
+        return row[: len(getattr(train.topology, f"{table}_harmonics")[index])]
     if field.startswith("traces."):
         speeds, loads = train.cylinders.traces.sizes[place]
         parts = {"traces.rpm": np.s_[:speeds], "traces.load": np.s_[:loads], "traces.pressure": np.s_[:speeds, :loads]}
@@ -330,11 +328,10 @@ def _check_ratios(before, after):
     old, new = rotor_ratios(topology, np.asarray(before.disks.radius)), rotor_ratios(topology, radius)
     errors, where = [], topology.title
     given = zip(topology.torque_names, topology.torque_disk, topology.torque_own, strict=True)
-    own = [
-        *zip(topology.cylinder_names, topology.cylinder_disk, strict=True),
-        *((n, d) for n, d, is_own in given if is_own),
-    ]
-    for name, rotor in ((name, topology.rotor[disk]) for name, disk in own):
+    own = [*zip(topology.cylinder_names, topology.cylinder_disk, strict=True)]
+    own += [(name, disk) for name, disk, is_own in given if is_own]
+    for name, disk in own:
+        rotor = topology.rotor[disk]
         if abs(new[rotor] / old[rotor] - 1.0) > RATIO_TOLERANCE:
             errors.append(
                 f"{where}: the new radii change the speed of {name!r} from {old[rotor]:.6g} to {new[rotor]:.6g} times"

@@ -64,14 +64,11 @@ _EXPONENT = re.compile(r"(?<=\d)e\+?(-?)0*(?=\d)")
 
 
 def plausibility(train: DriveTrain) -> list[str]:
-    """Find numbers of a train, not traced, that are allowed but far from usual.
+    """Find numbers of a train, not traced, that are allowed but far from usual: a note for each, empty where none is.
 
-    Returns
-    -------
-    list of str
-        A note for each finding, with the elements, the value and the usual range: sizes, pressures and their angles,
-        firings, masses, load shares, torques that drive, disks and shafts far from the others of their rotor, loss
-        factors, gears and their teeth. Empty where there is nothing to look at.
+    Notes name the elements, the value and the usual range: of sizes, pressures and their angles, firings, masses, load
+    shares, torques that drive, disks and shafts far from the others of their rotor, loss factors, gears and their
+    teeth.
 
     Examples
     --------
