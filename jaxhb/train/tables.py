@@ -304,7 +304,6 @@ def _share_table(cylinders) -> tuple[np.ndarray, np.ndarray] | tuple[None, None]
     """Speeds and shares of full load of every cylinder, [nc, L]; None where no share counts."""
     if not any(gas.source(c) in ("traces", "combustion") for c in cylinders):
         return None, None
-    rows = [np.asarray(c.load or ((0.0, 1.0),), dtype=np.float64) for c in cylinders]
-    longest = max(len(row) for row in rows)
-    shares = [np.append(row[:, 1], [row[-1, 1]] * (longest - len(row))) for row in rows]
-    return gas.padded([row[:, 0] for row in rows]), np.array(shares)
+    rows = [c.load or ((0.0, 1.0),) for c in cylinders]
+    shares = _padded(rows, 2, max(map(len, rows)))[..., 1]
+    return gas.padded([[rpm for rpm, _ in row] for row in rows]), shares.copy()
