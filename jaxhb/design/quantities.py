@@ -7,10 +7,10 @@ import numpy as np
 
 from jaxhb.design import objectives
 from jaxhb.elements.elements import SceneError, suggestion
+from jaxhb.equations.kinematics import inertias
 from jaxhb.linear.strength import having
 from jaxhb.results.response import Response
 from jaxhb.results.signal import Signal
-from jaxhb.train.drivetrain import inertias
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -115,19 +115,22 @@ class Parts:
             self.tables["cylinder"] += made
             self._engine_of += [where] * len(made)
 
+    def rows(self):
+        """Table, number and element of all elements."""
+        return ((table, i, element) for table, rows in self.tables.items() for i, element in enumerate(rows))
+
     def _give_names(self):
         count = Counter()
-        for table in TABLES:
-            for i, element in enumerate(self.tables[table]):
-                if self.names[table][i] is not None or table in ("disk", "damper"):
-                    continue
-                if table in LINKS:
-                    ends = element.between if isinstance(element.between, tuple | list) else ()
-                    base = "|".join(end if isinstance(end, str) else shown(end) for end in ends)
-                else:
-                    base = f"{element.disk if isinstance(element.disk, str) else shown(element.disk)}:{table}"
-                count[base] += 1
-                self.names[table][i] = base if count[base] == 1 else f"{base}#{count[base]}"
+        for table, i, element in self.rows():
+            if self.names[table][i] is not None or table in ("disk", "damper"):
+                continue
+            if table in LINKS:
+                ends = element.between if isinstance(element.between, tuple | list) else ()
+                base = "|".join(end if isinstance(end, str) else shown(end) for end in ends)
+            else:
+                base = f"{element.disk if isinstance(element.disk, str) else shown(element.disk)}:{table}"
+            count[base] += 1
+            self.names[table][i] = base if count[base] == 1 else f"{base}#{count[base]}"
 
     def where(self, table: str, i: int) -> str:
         """Say which element: ``gears.toml, [[shaft]] no. 3 'coupling'``."""
@@ -190,19 +193,18 @@ _SPECIAL = {
 def element_errors(parts: Parts) -> list[str]:
     """Find what is wrong with each element by itself: keys, values, rows; and mark it in ``parts.bad``."""
     errors = []
-    for table, rows in parts.tables.items():
-        for i, element in enumerate(rows):
-            where = parts.where(table, i)
-            for f in dataclasses.fields(element):
-                found = field_errors(where, f, getattr(element, f.name))
-                if found is not None:
-                    parts.bad.add((table, i, f.name))
-                    errors += found
-            check, field = _SPECIAL.get(table, (lambda element: [], ""))
-            found = check(element)
-            if found:
-                parts.bad.add((table, i, field))
-                errors += [f"{where}: {text}" for text in found]
+    for table, i, element in parts.rows():
+        where = parts.where(table, i)
+        for f in dataclasses.fields(element):
+            found = field_errors(where, f, getattr(element, f.name))
+            if found is not None:
+                parts.bad.add((table, i, f.name))
+                errors += found
+        check, field = _SPECIAL.get(table, (lambda element: [], ""))
+        found = check(element)
+        if found:
+            parts.bad.add((table, i, field))
+            errors += [f"{where}: {text}" for text in found]
     return errors
 
 
@@ -223,7 +225,7 @@ def reference_errors(parts: Parts, reference) -> list[str]:
     known = [name for name in parts.disk_names if isinstance(name, str)]
     if not parts.tables["disk"]:
         errors.append(f"{parts.source}: there is no [[disk]]. Give at least one.")
-    for table, i, element in ((table, i, e) for table, rows in parts.tables.items() for i, e in enumerate(rows)):
+    for table, i, element in parts.rows():
         where, pair = parts.where(table, i), getattr(element, "between", (getattr(element, "disk", None),))
         ends = [end for end in pair if isinstance(end, str)] if isinstance(pair, tuple | list) else []
         unknown = [end for end in ends if end not in parts.disk_of]

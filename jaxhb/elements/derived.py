@@ -27,13 +27,8 @@ WITH = {"inner": "outer", "bore": "diameter"}
 def shaft_stiffness(length: Number, outer: Number, inner: Number = 0.0, shear_modulus: Number = 8e10) -> Number:
     """Torsional stiffness of a round shaft in N m/rad, ``k = G pi (d_o^4 - d_i^4) / (32 l)`` (Saint-Venant).
 
-    Differentiable; numpy on the host.
-
-    Parameters
-    ----------
-    length, outer, inner : float or array ``(...)`` m
-        Length, outer and inner diameter.
-    shear_modulus : float or array ``(...)`` Pa
+    Length l, outer and inner diameter d_o and d_i in m and shear modulus G in Pa broadcast. Differentiable; numpy on
+    the host.
 
     Examples
     --------
@@ -48,22 +43,9 @@ def viscous_damping(
 ) -> Number:
     """Viscous damping of a link from its dynamic magnifier or damping ratio at one frequency, ``r = k / (M omega)``.
 
-    In N m s/rad or N s/m; differentiable, numpy on the host.
-
-    Parameters
-    ----------
-    stiffness : float or array ``(...)`` N m/rad or N/m
-    hz : float or array ``(...)`` Hz
-        Frequency at which the magnifier or ratio holds, omega = 2 pi hz.
-    magnifier : float or array ``(...)``, optional
-        Dynamic magnifier M: amplification at the resonance of one mass on the link.
-    damping_ratio : float or array ``(...)``, optional
-        Lehr's damping ratio ``D = 1 / (2 M)`` instead.
-
-    Raises
-    ------
-    ValueError
-        If not exactly one of the two is given.
+    In N m s/rad of a stiffness in N m/rad, in N s/m of one in N/m; ``omega = 2 pi hz``. The ``magnifier`` M is the
+    amplification at the resonance of one mass on the link; Lehr's ``damping_ratio`` is ``D = 1 / (2 M)``:
+    :class:`ValueError` if not exactly one of them is given. Arguments broadcast. Differentiable; numpy on the host.
 
     Examples
     --------

@@ -48,8 +48,13 @@ class Range:
 REQUIRED = dataclasses.MISSING
 
 
-def quantity(unit: str, default: Any = REQUIRED, **limits) -> Any:
-    return field(default=default, metadata={"kind": "number", "range": Range(unit=unit, **limits)})
+def declared(kind: str, default: Any = REQUIRED, **metadata) -> Any:
+    """A field of an element; what each kind takes stands in :mod:`jaxhb.elements.value_checks`."""
+    return field(default=default, metadata={"kind": kind, **metadata})
+
+
+def quantity(unit: str, default: Any = REQUIRED, *, kind: str = "number", **limits) -> Any:
+    return declared(kind, default, range=Range(unit=unit, **limits))
 
 
 def positive(unit: str, default: Any = REQUIRED, remedy: str = "") -> Any:
@@ -60,41 +65,12 @@ def not_negative(unit: str, default: Any = REQUIRED, remedy: str = "") -> Any:
     return quantity(unit, default, least=0.0, remedy=remedy)
 
 
-def count(default: Any = REQUIRED, **limits) -> Any:
-    return field(default=default, metadata={"kind": "count", "range": Range(**limits)})
-
-
 def choice(default: str, *words: str) -> Any:
-    return field(default=default, metadata={"kind": "choice", "words": (default, *words)})
+    return declared("choice", default, words=(default, *words))
 
 
 def rows(columns: tuple[str, ...], default: Any = ()) -> Any:
-    return field(default=default, metadata={"kind": "rows", "columns": columns})
-
-
-def flag(default: bool) -> Any:
-    return field(default=default, metadata={"kind": "flag"})
-
-
-def table(cls) -> Any:
-    return field(default=None, metadata={"kind": "table", "of": cls})
-
-
-def tables(cls) -> Any:
-    return field(default=None, metadata={"kind": "tables", "of": cls})
-
-
-def named(required: bool = False) -> Any:
-    metadata = {"kind": "name", "required": required}
-    return field(metadata=metadata) if required else field(default=None, metadata=metadata)
-
-
-def of_disk() -> Any:
-    return field(metadata={"kind": "disk"})
-
-
-def of_pair() -> Any:
-    return field(metadata={"kind": "pair"})
+    return declared("rows", default, columns=columns)
 
 
 class SceneError(ValueError):
@@ -128,7 +104,7 @@ _HARMONICS = ("order", "Re", "Im")
 _PRESSURE = ("angle", "pressure")
 _STRAIGHT = "Leave the key out for a mesh that is always in contact."
 # No shaft is thicker: what is more is in mm.
-_IN_METRES = {"most": 5.0, "remedy": "Give it in m."}
+_IN_METRES: dict[str, Any] = {"most": 5.0, "remedy": "Give it in m."}
 _FORM_FACTOR = (
     "It is the factor C_K of IACS UR M68: 1 for an integral flange, 0.6 for a keyway on a taper; for a notch with"
     " stress concentration factor scf give 1.45 / scf."
@@ -139,10 +115,10 @@ _FORM_FACTOR = (
 class Disk:
     """``[[disk]]``: an inertia (0 is condensed exactly); with a radius it is a gear."""
 
-    name: str = named(required=True)
+    name: str = declared("name")
     inertia: float = not_negative("kg m2", remedy="0 is allowed and is condensed exactly.")
     radius: float | None = positive("m", None, "Leave the key out for a disk that is no gear.")
-    teeth: int | None = count(None, least=1.0)
+    teeth: int | None = quantity("", None, kind="count", least=1.0)
     damping: float = not_negative("N m s/rad", 0.0)
 
 
@@ -174,13 +150,13 @@ class Shaft(Link):
     it can give off.
     """
 
-    between: tuple[str, str] = of_pair()
+    between: tuple[str, str] = declared("pair")
     stiffness: float | None = positive("N m/rad", None, "Correct the value.")
     damping: float = not_negative("N m s/rad", 0.0)
     loss_factor: float = not_negative("", 0.0)
     over_hz: tuple = rows(_OVER_HZ)
     over_amplitude: tuple = rows(_OVER_AMPLITUDE)
-    name: str | None = named()
+    name: str | None = declared("name", None)
     length: float | None = positive("m", None)
     outer: float | None = quantity("m", None, above=0.0, **_IN_METRES)
     inner: float = quantity("m", 0.0, least=0.0, **_IN_METRES)
@@ -201,7 +177,7 @@ class Mesh(Link):
     reads it.
     """
 
-    between: tuple[str, str] = of_pair()
+    between: tuple[str, str] = declared("pair")
     kind: str = choice("external", "internal")
     stiffness: float = positive("N/m")
     damping: float = not_negative("N s/m", 0.0)
@@ -211,7 +187,7 @@ class Mesh(Link):
     transition: float | None = quantity("", None, above=0.0, most=1.0)
     law: str = choice("", "fridman2009")
     rated_torque: float | None = positive("N m", None)
-    name: str | None = named()
+    name: str | None = declared("name", None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -222,8 +198,8 @@ class Damper(Link):
     stiffness. ``over_hz``, ``over_amplitude`` and ``power_limit`` as of a :class:`Shaft`.
     """
 
-    name: str = named(required=True)
-    disk: str = of_disk()
+    name: str = declared("name")
+    disk: str = declared("disk")
     inertia: float = positive("kg m2")
     damping: float = not_negative("N m s/rad", 0.0)
     stiffness: float = not_negative("N m/rad", 0.0, "0 is allowed: a viscous damper.")
@@ -238,9 +214,9 @@ class Damper(Link):
 class Ground:
     """``[[ground]]``: a soft spring from a disk to the ground, which fixes the mean angle."""
 
-    disk: str = of_disk()
+    disk: str = declared("disk")
     stiffness: float = positive("N m/rad")
-    name: str | None = named()
+    name: str | None = declared("name", None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -252,10 +228,10 @@ class Load:
     so that it is its mean x (1 + sum Re((Re + i Im) exp(i order theta))).
     """
 
-    disk: str = of_disk()
+    disk: str = declared("disk")
     share: float = positive("", 1.0, "Leave out the load that takes no share.")
     harmonics: tuple = rows(_HARMONICS)
-    name: str | None = named()
+    name: str | None = declared("name", None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -266,14 +242,14 @@ class Torque:
     given: the law of propellers, fans and inertia torques.
     """
 
-    disk: str = of_disk()
+    disk: str = declared("disk")
     mean: float = quantity("N m", 0.0)
     harmonics: tuple = rows(_HARMONICS)
     orders_of: str = choice("reference", "own")
     scale: tuple = rows(_SCALE)
     rated_rpm: float | None = positive("rpm", None)
     speed_exponent: float | None = not_negative("", None)
-    name: str | None = named()
+    name: str | None = declared("name", None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -304,7 +280,7 @@ class Combustion:
     imep: float | None = quantity("Pa", None)
     compression_exponent: float = quantity("", 1.35, above=1.0, most=5.0 / 3.0)
     expansion_exponent: float = quantity("", 1.28, above=1.0, most=5.0 / 3.0)
-    stroke_cycle: int = count(4, least=1.0)
+    stroke_cycle: int = quantity("", 4, kind="count", least=1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -318,8 +294,8 @@ class CrankSlider:
     firing_angle: float = quantity("deg", 0.0)
     pressure: tuple | None = rows(_PRESSURE, None)
     table_firing_tdc: float | None = quantity("deg", None)
-    traces: tuple | None = tables(Trace)
-    combustion: Combustion | None = table(Combustion)
+    traces: tuple | None = declared("tables", None, of=Trace)
+    combustion: Combustion | None = declared("table", None, of=Combustion)
     load: tuple = rows(("rpm", "share"))
     ambient_pressure: float = not_negative("Pa", 0.0)
     gas_torque_mean: float | None = quantity("N m", None)
@@ -327,9 +303,9 @@ class CrankSlider:
     gas_factor: float | None = not_negative("", None, "0 is allowed: a misfire.")
     orders: float = positive("", 12.0)
     kinematics: str = choice("exact", "mendes2008")
-    fires: bool = flag(True)
+    fires: bool = declared("flag", True)
     scale: tuple = rows(_SCALE)
-    name: str | None = named()
+    name: str | None = declared("name", None)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -348,21 +324,14 @@ class Cylinder(CrankSlider):
     paper instead of the exact one.
     """
 
-    disk: str = of_disk()
-
-
-TABLES = {
-    "disk": Disk,
-    "shaft": Shaft,
-    "mesh": Mesh,
-    "damper": Damper,
-    "ground": Ground,
-    "load": Load,
-    "torque": Torque,
-    "cylinder": Cylinder,
-}
+    disk: str = declared("disk")
 
 
 def table_of(element) -> str:
     """Name the ``[[table]]`` that describes an element: ``table_of(Disk(...)) == "disk"``."""
     return type(element).__name__.lower()
+
+
+TABLES: dict[str, Any] = {
+    cls.__name__.lower(): cls for cls in (Disk, Shaft, Mesh, Damper, Ground, Load, Torque, Cylinder)
+}

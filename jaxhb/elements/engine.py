@@ -12,14 +12,10 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
-from jaxhb.elements.elements import CrankSlider, Cylinder, choice, count, quantity, suggestion
+from jaxhb.elements.elements import CrankSlider, Cylinder, choice, declared, quantity, suggestion
 from jaxhb.elements.value_checks import field_errors, number_like, shown
-
-
-def _list(default):
-    return field(default=default, metadata={"kind": "list"})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,13 +33,13 @@ class Engine(CrankSlider):
     ``firing_angle`` are added to the angles of the firing order.
     """
 
-    cylinders: int = count(least=1.0, most=1000.0)
-    disks: tuple = _list(dataclasses.MISSING)
-    firing_order: tuple = _list(dataclasses.MISSING)
+    cylinders: int = quantity("", kind="count", least=1.0, most=1000.0)
+    disks: tuple = declared("list")
+    firing_order: tuple = declared("list")
     bank_angle: float | None = quantity("deg", None, least=-180.0, most=180.0)
-    stroke_cycle: int = count(4, least=1.0)
+    stroke_cycle: int = quantity("", 4, kind="count", least=1.0)
     firing: str = choice("crank", "even")
-    firing_intervals: tuple | None = _list(None)
+    firing_intervals: tuple | None = declared("list", None)
 
 
 _COMMON = {f.name: f for f in dataclasses.fields(CrankSlider) if f.name not in ("name", "firing_angle")}
@@ -122,7 +118,7 @@ def firing_angles(given: dict) -> dict[str, float]:
 
 def engine_errors(engine: Engine, where: str, disk_names) -> list[str]:
     """Find what is wrong with an engine by itself; ``disk_names`` are the disks there are."""
-    found = {f.name: _field_errors(engine, where, f) for f in dataclasses.fields(engine)}
+    found = {f.name: _field_errors(engine, where, f, engine) for f in dataclasses.fields(engine)}
     errors = [text for sentences in found.values() for text in sentences]
     own = [] if any(found[name] for name in _OWN) else _own_errors(engine, disk_names)
     return errors + [f"{where}: {text}" for text in own]
@@ -152,17 +148,12 @@ def _own_errors(engine, disk_names) -> list[str]:
     return texts
 
 
-def _field_errors(engine, where, f) -> list[str]:
-    """Sentences on one field, of a combustion on each of its fields; lists hold one value for each cylinder."""
-    value, kind = getattr(engine, f.name), f.metadata["kind"]
-    if kind == "table" and isinstance(value, f.metadata["of"]):
-        inside = f"{where}, {f.name}"
-        return [text for g in dataclasses.fields(value) for text in _values_errors(engine, inside, g, value)]
-    return _values_errors(engine, where, f, engine)
-
-
-def _values_errors(engine, where, f, holder) -> list[str]:
+def _field_errors(engine, where, f, holder) -> list[str]:
+    """Sentences on a field of an engine, of its combustion on each field; lists hold one value for each cylinder."""
     value = getattr(holder, f.name)
+    if f.metadata["kind"] == "table" and isinstance(value, f.metadata["of"]):
+        fields = dataclasses.fields(value)
+        return [text for g in fields for text in _field_errors(engine, f"{where}, {f.name}", g, value)]
     per_cylinder = f.name in _COMMON or f.name == "firing_angle" or holder is not engine
     if not (per_cylinder and f.metadata["kind"] in ("number", "flag") and isinstance(value, tuple | list)):
         return field_errors(where, f, value) or []

@@ -183,9 +183,6 @@ def _span_errors(name, angle, rows) -> list[str]:
     ]
 
 
-_UNITS = {"stiffness": " N m/rad", "damping": " N m s/rad", "damping_hz": " Hz"}
-_UNITS |= dict.fromkeys(("length", "outer", "inner", "diameter", "bore"), " m")
-_UNITS |= dict.fromkeys(("shear_modulus", "tensile_strength"), " Pa")
 _ASKED = {
     "diameter": "diameter (or outer) in m",
     "stress_concentration": "stress_concentration (C_K of the form, 1 for an integral flange, less otherwise)",
@@ -200,7 +197,7 @@ def shaft_errors(shaft) -> list[str]:
 
 def mesh_errors(mesh) -> list[str]:
     """Check what the law of a mesh is made of, and that it has one damping."""
-    texts = _damping_errors(mesh, damping=" N s/m")
+    texts = _damping_errors(mesh)
     both = [key for key in ("epsilon", "transition") if getattr(mesh, key) is not None]
     if mesh.law and both:
         texts.append(f"law = {shown(mesh.law)} is given together with {' and '.join(both)}. Keep one of them.")
@@ -227,12 +224,15 @@ def torque_errors(torque) -> list[str]:
     return []
 
 
-def _given(link, *keys, **units) -> list[str]:
-    """``key = value unit`` of the keys that are given, not as 0."""
-    found = [(key, getattr(link, key, None)) for key in keys]
-    found = [(key, value) for key, value in found if value is not None and not (number_like(value) and value == 0)]
-    units = _UNITS | units
-    return [f"{key} = {value:g}{units.get(key, '')}" if plain_number(value) else f"{key}" for key, value in found]
+def _given(link, *keys) -> list[str]:
+    """``key = value unit`` of the keys that a link can have and that are given, not as 0."""
+    fields, found = {f.name: f for f in dataclasses.fields(link)}, []
+    for key in keys:
+        value = getattr(link, key, None)
+        if value is not None and not (number_like(value) and value == 0):
+            unit = fields[key].metadata["range"].unit
+            found.append(f"{key} = {value:g} {unit}".rstrip() if plain_number(value) else key)
+    return found
 
 
 def plain_number(value) -> bool:
@@ -269,8 +269,8 @@ def _hole_errors(shaft, hole: str, around: str) -> list[str]:
     return [f"{hole} is {inside:g} m, must be less than {around} = {outside:g} m. Correct one of them."]
 
 
-def _damping_errors(link, **units) -> list[str]:
-    ways = _given(link, "damping", "magnifier", "damping_ratio", **units)
+def _damping_errors(link) -> list[str]:
+    ways = _given(link, "damping", "magnifier", "damping_ratio")
     shares, at = _given(link, "magnifier", "damping_ratio"), _given(link, "damping_hz")
     if shares:
         ways += _given(link, "loss_factor")

@@ -85,7 +85,7 @@ def load_scene(name: str | Path) -> DriveTrain:
         elements,
         name=str(head.get("name", path.stem)),
         reference=head.get("reference"),
-        revolutions_per_cycle=head.get("revolutions_per_cycle", 2),
+        cycle=head.get("revolutions_per_cycle", 2),
         rated_rpm=head.get("rated_rpm"),
         tune=content.get("tune"),
         scenarios=content.get("scenario"),
@@ -186,11 +186,10 @@ def _read_element(cls, row: dict, where: str, folder: Path, read: dict, errors: 
         if kind == "table" and isinstance(found, dict):
             values[key] = _read_element(f.metadata["of"], found, f"{where}, {key}", folder, read, errors)
         elif kind == "tables" and isinstance(found, list) and all(isinstance(v, dict) for v in found):
-            places = [f"{where}, {key} no. {k + 1}" for k in range(len(found))]
-            made = [
-                _read_element(f.metadata["of"], v, p, folder, read, errors) for v, p in zip(found, places, strict=True)
-            ]
-            values[key] = tuple(made)
+            values[key] = tuple(
+                _read_element(f.metadata["of"], inner, f"{where}, {key} no. {k + 1}", folder, read, errors)
+                for k, inner in enumerate(found)
+            )
         elif kind == "rows" and isinstance(found, str):
             try:
                 values[key] = _read_rows(folder / found, f.metadata["columns"], read)

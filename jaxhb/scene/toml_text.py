@@ -69,23 +69,34 @@ class TomlText:
     def append(self, table, rows):
         """Add rows ``[[table]]``, or one ``[table]``: behind the rows it has, or at the end."""
         own = [number for parts in self._rows(table) for number, _ in parts]
-        last = own[-1] if own else len(self._pieces) - 1
-        piece = self._pieces[last]
-        # Comments at the end of the last row belong to the next head: rows go before them.
-        tail = _TAIL.search(piece).group() if own else ""
-        self._write(last, piece.removesuffix(tail))
-        self._insert(last + 1, table, rows, tail)
+        if own and not own[-1]:
+            # A list above all heads: TOML takes no [[table]] of the same name below it.
+            self._change(0, [table], lambda node: node.extend(rows))
+        elif own:
+            self._insert_behind(own[-1], table, rows)
+        else:
+            self._insert(len(self._pieces), table, rows)
 
     def replace(self, old, table, rows):
         """Put rows ``[[table]]`` where ``[old]`` is, with the tables inside it; comments above its head stay."""
         own = [number for parts in self._rows(old) for number, _ in parts]
-        for number in own:
+        for number in filter(None, own):
             self._write(number, _TAIL.search(self._pieces[number]).group())
-        self._insert(own[0], table, rows)
+        if own[0]:
+            self._insert(own[0], table, rows)
+        else:
+            self._change(0, [], lambda node: node.pop(old))
+            self._insert_behind(0, table, rows)
 
     def put_first(self, table, row):
-        """Put ``[table]`` before all heads."""
-        self._insert(1, table, row)
+        """Put ``[table]`` before all heads, behind the keys that stand above them."""
+        self._insert_behind(0, table, row)
+
+    def _insert_behind(self, number, table, rows):
+        """Put new pieces behind one; the comments that end it belong to the next head and stay before that."""
+        tail = _TAIL.search(self._pieces[number]).group()
+        self._write(number, self._pieces[number].removesuffix(tail))
+        self._insert(number + 1, table, rows, tail)
 
     def _insert(self, number, table, rows, tail=""):
         """Put new pieces before piece ``number``."""
@@ -135,8 +146,9 @@ class TomlText:
 
 def _cut(text):
     """The pieces of a text, each with one head, the first without; a line that begins so inside a value is no head."""
-    pieces, piece = [], ""
-    for part in _HEAD.split(text):
+    piece, *parts = _HEAD.split(text)
+    pieces = []
+    for part in parts:
         if _is_whole(piece):
             pieces.append(piece)
             piece = ""

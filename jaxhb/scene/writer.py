@@ -14,7 +14,7 @@ from jaxhb.elements.elements import SceneError, table_of
 from jaxhb.elements.engine import cylinder_rows
 from jaxhb.scene.files import _READERS, _find, _parse, load_scene
 from jaxhb.scene.toml_text import TomlText
-from jaxhb.train.tables import FRIDMAN_EPSILON, FRIDMAN_TRANSITION
+from jaxhb.train.tables import LAW_OF_FRIDMAN
 
 _CSV = ("harmonics", "gas_torque", "scale", "load", "pressure", "over_hz", "over_amplitude")
 
@@ -146,7 +146,7 @@ def _beside(content, folder):
             row = inner.pop()
             if not isinstance(row, dict):
                 continue
-            found |= {row[key]: folder / row[key] for key in _CSV if isinstance(row.get(key), str)}
+            found |= {name: folder / name for name in _named(row).values()}
             for value in row.values():
                 inner += [v for v in (value if isinstance(value, list) else [value]) if isinstance(v, dict)]
     return found
@@ -160,13 +160,16 @@ def element_files(name):
     """
     content = _parse(_find(name), [])
     rows = {"torque": content.get("torque", []), "cylinder": [*content.get("cylinder", []), *_made(content)]}
-    return {table: [_files_of(row) for row in own] for table, own in rows.items()}
+    found = {table: [_named(row) for row in own] for table, own in rows.items()}
+    for row, files in zip(rows["cylinder"], found["cylinder"], strict=True):
+        of_traces = [name for trace in row.get("traces", ()) for name in _named(trace).values()]
+        files |= {"traces": ", ".join(of_traces)} if of_traces else {}
+    return found
 
 
-def _files_of(row):
-    found = {key: row[key] for key in _CSV if isinstance(row.get(key), str)}
-    of_traces = [trace["pressure"] for trace in row.get("traces", ()) if isinstance(trace.get("pressure"), str)]
-    return found | ({"traces": ", ".join(of_traces)} if of_traces else {})
+def _named(row):
+    """Files that a row names in place of its lists."""
+    return {key: row[key] for key in _CSV if isinstance(row.get(key), str)}
 
 
 def scene_files(name):
@@ -192,9 +195,9 @@ def changed_scene(name, values, *, remark=""):
         _expand(text, content)
     for (table, row, field), value in values.items():
         # A law excludes numbers of its own: it is written out as the two that it stands for.
-        if table == "mesh" and field in ("epsilon", "transition") and text.discard(table, row, "law"):
-            text.set(table, row, "epsilon", FRIDMAN_EPSILON)
-            text.set(table, row, "transition", FRIDMAN_TRANSITION)
+        if table == "mesh" and field in LAW_OF_FRIDMAN and text.discard(table, row, "law"):
+            for key, number in LAW_OF_FRIDMAN.items():
+                text.set(table, row, key, number)
         text.set(table, row, field, value)
     remark = "".join(f"# {line}{text.newline}" for line in remark.splitlines())
     return remark + text.newline * bool(remark) + str(text), _beside(content, path.parent)

@@ -64,24 +64,17 @@ def build(
     >>> train.value("a|b.stiffness")
     10000.0
     """
-    head = {
-        "revolutions_per_cycle": revolutions_per_cycle,
-        "rated_rpm": rated_rpm,
-        "tune": tune,
-        "scenarios": scenarios,
-    }
-    return checked(elements, name=name, reference=reference, source=source, **head)
+    return checked(elements, name, reference, revolutions_per_cycle, rated_rpm, tune, scenarios, source)
 
 
 def checked(
-    elements, *, name, reference, revolutions_per_cycle, rated_rpm, tune, scenarios, source, findings=(), complete=True
+    elements, name, reference, cycle, rated_rpm, tune, scenarios, source, *, findings=(), complete=True
 ) -> DriveTrain:
     """As :func:`build`, with sentences found before; ``complete`` is False where tables of the scene were not read.
 
     Every check runs on what is sound, and all sentences are raised together.
     """
     parts = checks.Parts(elements, source, complete=complete)
-    cycle = revolutions_per_cycle
     errors = [*findings, *parts.engine_errors, *checks.element_errors(parts), *checks.name_errors(parts)]
     cycle_errors = _cycle_value_errors(source, cycle)
     errors += cycle_errors + checks.reference_errors(parts, reference)
@@ -194,10 +187,8 @@ def _harmonic_needs(parts, ratio) -> list[tuple]:
 
 def _orders(rows) -> list[float]:
     """Orders of the sound rows of a table of harmonics."""
-    rows = rows if isinstance(rows, tuple | list) else ()
-    found = [
-        float(row[0]) for row in rows if isinstance(row, tuple | list) and row and value_checks.number_like(row[0])
-    ]
+    rows = [row for row in rows if isinstance(row, tuple | list) and row] if isinstance(rows, tuple | list) else []
+    found = [float(row[0]) for row in rows if value_checks.number_like(row[0])]
     return [order for order in found if math.isfinite(order) and order > 0.0]
 
 

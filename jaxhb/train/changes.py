@@ -13,11 +13,10 @@ from jaxhb.equations.kinematics import rotor_ratios
 from jaxhb.excitation import gas
 from jaxhb.train import connections
 from jaxhb.train.connections import RATIO_TOLERANCE
-from jaxhb.train.tables import FRIDMAN_EPSILON, FRIDMAN_TRANSITION
+from jaxhb.train.tables import LAW_OF_FRIDMAN
 from jaxhb.train.varying import NEEDS
 
 _WORDS = {f.name: f.metadata["words"] for f in dataclasses.fields(Mesh) if f.metadata["kind"] == "choice"}
-_FRIDMAN = {"epsilon": FRIDMAN_EPSILON, "transition": FRIDMAN_TRANSITION}
 _NO_BACKLASH = "the mesh has no backlash, it is always in contact. Build the scene with a backlash."
 
 
@@ -34,7 +33,7 @@ def _choose(train, values):
             table, field, index = locate(topology, key)
         except SceneError:  # told with the numbers
             table, field, index = None, None, None
-        fault = ""
+        fault, follow = "", {}
         if table == "mesh" and field in ("law", "damping_law"):
             known = [word for word in _WORDS[field] if word]
             if not topology.mesh_backlash[index]:
@@ -42,23 +41,24 @@ def _choose(train, values):
             elif value not in known:
                 fault = f"{field} is {value!r}.{suggestion(value, known)}"
             elif field == "law":
-                numbers |= {f"{topology.mesh_names[index]}.{own}": number for own, number in _FRIDMAN.items()}
+                follow = LAW_OF_FRIDMAN
             else:
                 laws[index] = value
         elif table == "disk" and field == "teeth":
-            good = isinstance(value, int | float | np.integer | np.floating) and value >= 1 and value == int(value)
             if not topology.teeth[index]:
-                fault = (
-                    "the gear has no teeth in the scene, its ratio is that of the radii. Build the scene with teeth."
-                )
-            elif not good:
+                fault = "the gear has no teeth in the scene, its ratio is that of the radii. Build it with teeth."
+            elif not (isinstance(value, int | float | np.number) and value >= 1 and float(value).is_integer()):
                 fault = f"teeth is {value!r}, must be a whole number of at least 1."
             else:
-                radius = np.asarray(train.disks.radius)[index] * int(value) / teeth[index]
-                numbers[f"{topology.disk_names[index]}.radius"] = radius
+                follow = {"radius": np.asarray(train.disks.radius)[index] * int(value) / teeth[index]}
                 teeth[index] = int(value)
         else:
-            numbers[key] = value
+            numbers.setdefault(key, value)
+        for own, number in follow.items():
+            other = f"{key.removesuffix(field)}{own}"
+            numbers[other] = given = values.get(other, number)
+            if value_checks.number_like(given) and abs(float(given) - number) > RATIO_TOLERANCE * number:
+                fault = f"it makes {own} {number:.6g}, but {other!r} is given as {given:.6g}. Keep one of them."
         faults += [f"{topology.title}, replace {key!r}: {fault}"] if fault else []
     chosen = {"mesh_damping_law": tuple(laws), "teeth": tuple(teeth)}
     if any(getattr(topology, name) != new for name, new in chosen.items()):
@@ -73,7 +73,7 @@ def scene_values(train, settings):
     for key, value in settings.items():
         table, field, index = locate(train.topology, key)
         if (table, field) == ("mesh", "law"):
-            found |= {(table, index, own): number for own, number in _FRIDMAN.items()}
+            found |= {(table, index, own): number for own, number in LAW_OF_FRIDMAN.items()}
             continue
         found[table, index, field] = int(value) if field == "teeth" else value
         if field == "teeth":
@@ -83,8 +83,6 @@ def scene_values(train, settings):
 
 _TABLE_OF = {table: f"{table}s" for table in TABLES} | {"mesh": "meshes"}
 _VARYING = {key: links for links, (key, _) in NEEDS.items()}
-_LISTS = {("torque", "harmonics"): "torque_harmonics", ("cylinder", "gas_torque"): "cylinder_harmonics"}
-_LISTS |= {("load", "harmonics"): "load_harmonics"}
 _INNER = {"traces": Trace, "combustion": Combustion}
 
 
@@ -146,8 +144,8 @@ def _row(train, table, field, index):
     """The part of a row that the scene gave (harmonics and traces are padded)."""
     place = _place(train, field, index)
     row = _vector(train, table, field)[place]
-    if (table, field) in _LISTS:
-        return row[: len(getattr(train.topology, _LISTS[table, field])[index])]
+    if field in ("harmonics", "gas_torque"):
+        return row[: len(getattr(train.topology, f"{table}_harmonics")[index])]
     if field.startswith("traces."):
         speeds, loads = train.cylinders.traces.sizes[place]
         parts = {"traces.rpm": np.s_[:speeds], "traces.load": np.s_[:loads], "traces.pressure": np.s_[:speeds, :loads]}
@@ -330,11 +328,10 @@ def _check_ratios(before, after):
     old, new = rotor_ratios(topology, np.asarray(before.disks.radius)), rotor_ratios(topology, radius)
     errors, where = [], topology.title
     given = zip(topology.torque_names, topology.torque_disk, topology.torque_own, strict=True)
-    own = [
-        *zip(topology.cylinder_names, topology.cylinder_disk, strict=True),
-        *((n, d) for n, d, is_own in given if is_own),
-    ]
-    for name, rotor in ((name, topology.rotor[disk]) for name, disk in own):
+    own = [*zip(topology.cylinder_names, topology.cylinder_disk, strict=True)]
+    own += [(name, disk) for name, disk, is_own in given if is_own]
+    for name, disk in own:
+        rotor = topology.rotor[disk]
         if abs(new[rotor] / old[rotor] - 1.0) > RATIO_TOLERANCE:
             errors.append(
                 f"{where}: the new radii change the speed of {name!r} from {old[rotor]:.6g} to {new[rotor]:.6g} times"

@@ -12,13 +12,11 @@ import numpy as np
 from jaxhb._jax import Number, pytree, traced
 from jaxhb._shown import html_table
 from jaxhb.elements.elements import SceneError, suggestion
-from jaxhb.equations.kinematics import inertias, speed_ratios
+from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.excitation import gas
 from jaxhb.train import changes, varying
 from jaxhb.train.tables import Cylinders, Dampers, Disks, Grounds, Loads, Meshes, Shafts, Torques
 from jaxhb.train.topology import Topology
-
-__all__ = ["DriveTrain", "SceneError", "Topology", "inertias", "speed_ratios"]
 
 
 @pytree
@@ -54,24 +52,12 @@ class DriveTrain:
         return json.loads(self.topology.tune)
 
     def value(self, key: str) -> Any:
-        """Read one number of the train.
+        """Read one number ``"NAME.FIELD"`` in the unit of the scene format, a float or an array.
 
-        Parameters
-        ----------
-        key : str
-            ``"NAME.FIELD"``, split at the last dot; a damper's ring has the damper's fields, and those of a table
-            inside an element are ``"NAME.combustion.start"``.
-
-        Returns
-        -------
-        float, numpy array or traced array
-            In the unit of the scene format; ``harmonics`` and ``gas_torque`` are [n, 2] (Re, Im), ``traces.rpm`` [R],
-            ``traces.load`` [S], ``traces.pressure`` [R, S, 7200] from firing top dead centre on.
-
-        Raises
-        ------
-        SceneError
-            If no element has the name, or its kind no such field.
+        A damper's ring has the damper's fields; those of a table inside an element are ``"NAME.combustion.start"``.
+        ``harmonics`` and ``gas_torque`` are [n, 2] (Re, Im), ``traces.rpm`` [R], ``traces.load`` [S],
+        ``traces.pressure`` [R, S, 7200] from firing top dead centre on. :class:`SceneError` if no element has the name,
+        or its kind no such field.
 
         Examples
         --------
@@ -91,14 +77,14 @@ class DriveTrain:
         Parameters
         ----------
         values : dict
-            ``{"NAME.FIELD": value}``; values may be traced. Unit and range as in the scene format; the range is checked
-            where the value is concrete.
+            ``{"NAME.FIELD": value}`` in the units of the scene format; values may be traced.
 
         Raises
         ------
         SceneError
-            All unknown names and fields, wrong shapes, values out of range and numbers that have no effect because the
-            train was built without them, one sentence each; and concrete stiffnesses that leave a mean torque unheld.
+            All unknown names and fields, wrong shapes, values that contradict each other and numbers that have no
+            effect because the train was built without them, one sentence each; of concrete values also those out of
+            range, and stiffnesses that leave a mean torque unheld.
 
         Examples
         --------
@@ -111,15 +97,7 @@ class DriveTrain:
     def with_viscous_damping(self, *, hz: Number) -> DriveTrain:
         """Return the train with every loss factor turned into viscous damping: r += eta k / omega, omega = 2 pi hz.
 
-        Parameters
-        ----------
-        hz : float, scalar array
-            Frequency at which both dissipate the same, Hz.
-
-        Raises
-        ------
-        SceneError
-            If ``hz`` is not greater than 0, or a link varies.
+        At ``hz`` > 0, in Hz, both dissipate the same. :class:`SceneError` if it is not, or a link varies.
 
         Examples
         --------
@@ -148,19 +126,9 @@ class DriveTrain:
         Stiffness ``(k + J (order Omega)^2) s``, damping ``r d``, loss factor ``eta d``, with the factors s and d of the
         tables; nothing varies any more.
 
-        Parameters
-        ----------
-        hz : float, scalar array, optional
-            Frequency for links with ``over_hz``, Hz.
-        amplitude : float, scalar array, optional
-            Amplitude of the vibratory twist for links with ``over_amplitude``, rad.
-        rpm : float, scalar array, optional
-            Speed of the reference rotor for dampers with ``order``.
-
-        Raises
-        ------
-        SceneError
-            If a number is needed that is not given, naming the links; or one is below 0.
+        ``hz`` (Hz) is for links with ``over_hz``, ``amplitude`` (rad, of the vibratory twist) for those with
+        ``over_amplitude``, ``rpm`` of the reference rotor for dampers with ``order``. :class:`SceneError` names the
+        links that need one that is not given; none may be below 0.
 
         Examples
         --------
@@ -179,12 +147,7 @@ class DriveTrain:
         """Return the same train with a cycle ``cycles`` times as long, for motions with a period of several cycles.
 
         The excitation over time is the same; responses have orders that are multiples of ``1 / (cycles x
-        revolutions_per_cycle)``.
-
-        Raises
-        ------
-        SceneError
-            If ``cycles`` is not a whole number of at least 1.
+        revolutions_per_cycle)``. :class:`SceneError` if ``cycles`` is not a whole number of at least 1.
 
         Examples
         --------
@@ -202,12 +165,7 @@ class DriveTrain:
         return json.loads(self.topology.scenarios)
 
     def scenario(self, name: str) -> DriveTrain:
-        """Return the train with the values of its ``[scenario.NAME]``, as by :meth:`replace`.
-
-        Raises
-        ------
-        SceneError
-            If there is no such scenario, or as :meth:`replace`.
+        """Return the train with the values of its ``[scenario.NAME]``, by :meth:`replace`, with its errors.
 
         Examples
         --------
@@ -228,12 +186,8 @@ class DriveTrain:
 
         All of the gas torque goes, mean and orders, computed or given, and with it the torque of compression, as in a
         cylinder whose valves stay open. A cylinder that compresses without burning has ``combustion.imep`` or ``heat``
-        = 0 instead (:meth:`replace`), or the pressure table of a motored cycle.
-
-        Raises
-        ------
-        SceneError
-            If there is no such cylinder; the sentence suggests the nearest one.
+        = 0 instead (:meth:`replace`), or the pressure table of a motored cycle. :class:`SceneError` if there is no such
+        cylinder.
 
         Examples
         --------
@@ -253,8 +207,7 @@ class DriveTrain:
     def misfires(self) -> dict[str, DriveTrain]:
         """Return the trains in which each cylinder that fires in turn does not, by the name of this cylinder.
 
-        Their gas factors differ alone: they share all that is compiled, and can be stacked to a batch. Their torques
-        are those of :meth:`misfire`.
+        As by :meth:`misfire`, but their gas factors alone differ: they share all that is compiled, and can be stacked.
 
         Examples
         --------

@@ -64,14 +64,11 @@ _EXPONENT = re.compile(r"(?<=\d)e\+?(-?)0*(?=\d)")
 
 
 def plausibility(train: DriveTrain) -> list[str]:
-    """Find numbers of a train, not traced, that are allowed but far from usual.
+    """Find numbers of a train, not traced, that are allowed but far from usual: a note for each, empty where none is.
 
-    Returns
-    -------
-    list of str
-        A note for each finding, with the elements, the value and the usual range: sizes, pressures and their angles,
-        firings, masses, load shares, torques that drive, disks and shafts far from the others of their rotor, loss
-        factors, gears and their teeth. Empty where there is nothing to look at.
+    Notes name the elements, the value and the usual range: of sizes, pressures and their angles, firings, masses, load
+    shares, torques that drive, disks and shafts far from the others of their rotor, loss factors, gears and their
+    teeth.
 
     Examples
     --------
@@ -134,16 +131,16 @@ def _masses(train):
 def _pressures(train):
     """Size and angle of the largest pressure of every cylinder that computes its torque from one, over the speeds."""
     topology, percent, cycles = train.topology, _in_percent(train), _cycles(train)
-    if not cycles:
+    if not cycles.shape[-1]:
         return
-    peaks = np.array([cycle.max(axis=1) for cycle in cycles])
+    peaks = cycles.max(axis=(0, 2))
     period = 360.0 * np.array(topology.cylinder_gas_revolutions)
-    angles = np.array([cycle.argmax(axis=1) for cycle in cycles]) * period / cycles[0].shape[1]
+    angles = cycles.argmax(axis=2) * period / cycles.shape[-1]
     # In the second half of the cycle the next firing is nearer: angles before it are negative.
     angles -= period * (angles > period / 2)
     farthest = np.abs(angles - np.mean(PEAK_ANGLE)).argmax(axis=0)
     for i, name in enumerate(topology.cylinder_names):
-        peak, angle, source = peaks[:, i].max(), angles[farthest[i], i], topology.cylinder_source[i]
+        peak, angle, source = peaks[i], angles[farthest[i], i], topology.cylinder_source[i]
         if source not in gas.COMPUTED or not peak > 0:
             continue
         if i not in percent:
@@ -160,7 +157,7 @@ def _pressures(train):
 def _against_nothing(train):
     """Cylinders with absolute pressures and none on the other side of the piston."""
     topology = train.topology
-    least = np.array([cycle.min(axis=1) for cycle in _cycles(train)]).max(axis=0, initial=0.0)
+    least = _cycles(train).min(axis=2, initial=np.inf).max(axis=0, initial=0.0)
     ask = "the pressure in the cylinder is absolute, and the crankcase has about 1e5 Pa"
     for i, source in enumerate(topology.cylinder_source):
         # Models give absolute pressures, tables may give overpressures.
@@ -171,9 +168,8 @@ def _against_nothing(train):
 
 
 def _cycles(train):
-    """Pressures [cylinder, angle] (Pa) from firing top dead centre on, at every speed at which torques have a point."""
-    cycles = gas_pressures(train.cylinders, connections.speeds(train))
-    return list(cycles) if cycles.shape[-1] else []
+    """Pressures [speed, cylinder, angle] (Pa) from firing TDC on, at the speeds at which torques have a point."""
+    return gas_pressures(train.cylinders, connections.speeds(train))
 
 
 def _firings(train):
@@ -214,7 +210,6 @@ def _drives(train):
 
 
 def _loads(train):
-    """Shares of full load that are percentages."""
     for i, value in _in_percent(train).items():
         yield "cylinder", train.topology.cylinder_names[i], *_unusual("load", value)
 
@@ -259,10 +254,9 @@ def _links(train):
             usual = f"at least 1/{MEDIAN_OF_STIFFNESS:g} of the median of its rotor, {middle:.4g} N m/rad"
             said = f"stiffness is {stiffness[i]:.4g} N m/rad, usual {usual}: is it in N m/rad, not in kN m/rad?"
             yield "shaft", topology.shaft_names[i], _EXPONENT.sub(r"e\1", said)
-    losses = [*train.shafts.loss_factor, *train.dampers.loss_factor]
-    for k, (name, value) in enumerate(zip(topology.shaft_names + topology.damper_names, losses, strict=True)):
-        table = "shaft" if k < len(topology.shaft_names) else "damper"
-        yield from ((table, name, said) for said in _unusual("loss_factor", value))
+    for table, links in (("shaft", train.shafts), ("damper", train.dampers)):
+        for name, value in zip(getattr(topology, f"{table}_names"), links.loss_factor, strict=True):
+            yield from ((table, name, said) for said in _unusual("loss_factor", value))
     throws = set(topology.cylinder_disk)
     for i, ends in enumerate(topology.shaft_ends if strengths is not None else ()):
         if strengths[i] and throws.issuperset(ends):

@@ -13,11 +13,11 @@ from jaxhb.excitation.gas import GAS_SAMPLES, Combustions, Traces, gas_cycle, ta
 
 Array = Any
 
-DEFAULT_EPSILON, DEFAULT_TRANSITION = 1e-3, 0.04
+LAW = {"epsilon": 1e-3, "transition": 0.04}
 """Stiffness in the gap over that in contact, width of the smooth zone over the backlash, where a scene gives none."""
 
-FRIDMAN_EPSILON, FRIDMAN_TRANSITION = 0.03, 0.2
-"""The same of the law (18) of Fridman 2009."""
+LAW_OF_FRIDMAN = {"epsilon": 0.03, "transition": 0.2}
+"""The same of the law (18) of Fridman 2009, ``law = "fridman2009"``."""
 
 
 @table
@@ -163,12 +163,6 @@ def column(elements, name: str, absent: float = 0.0) -> np.ndarray:
     return np.array([absent if v is None else v for v in values], dtype=np.float64)
 
 
-def optional_columns(elements, cls) -> dict:
-    """Collect the fields of a table that may be None: those that some element has, 0 for the others."""
-    names = [f.name for f in dataclasses.fields(cls) if f.default is None]
-    return {name: column(elements, name) for name in names if any(getattr(e, name) for e in elements)}
-
-
 def _harmonics(rows) -> np.ndarray:
     """Stack the (Re, Im) of rows (order, Re, Im), padded by zeros."""
     longest = max((len(r) for r in rows), default=0)
@@ -199,10 +193,11 @@ def factor_rows(elements, name: str) -> np.ndarray:
 
 
 def _plain(cls, elements):
-    """Collect a table whose fields are those of its elements."""
-    names = [f.name for f in dataclasses.fields(cls) if f.default is not None]
-    given = {n: (factor_rows if n.startswith("over_") else column)(elements, n) for n in names}
-    return cls(**given, **optional_columns(elements, cls))
+    """Collect a table whose fields are those of its elements; None for one that may be absent and that none has."""
+    given = {f.name: (factor_rows if f.name.startswith("over_") else column) for f in dataclasses.fields(cls)}
+    absent = {f.name for f in dataclasses.fields(cls) if f.default is None}
+    absent = {name for name in absent if not any(getattr(e, name) for e in elements)}
+    return cls(**{name: None if name in absent else collect(elements, name) for name, collect in given.items()})
 
 
 def of_elements(elements: dict) -> dict:
@@ -212,7 +207,7 @@ def of_elements(elements: dict) -> dict:
     return {
         "disks": _plain(Disks, elements["disk"]),
         "shafts": _plain(Shafts, elements["shaft"]),
-        "meshes": _mesh_table(elements["mesh"]),
+        "meshes": _plain(Meshes, [_with_law(mesh) for mesh in elements["mesh"]]),
         "dampers": _plain(Dampers, elements["damper"]),
         "grounds": _plain(Grounds, elements["ground"]),
         "loads": Loads(share=column(elements["load"], "share"), harmonics=harmonics),
@@ -221,19 +216,10 @@ def of_elements(elements: dict) -> dict:
     }
 
 
-def _mesh_table(meshes) -> Meshes:
-    """Collect the meshes, with the defaults of the law (18) and of ``law = "fridman2009"``."""
-    laws = [(FRIDMAN_EPSILON, FRIDMAN_TRANSITION) if m.law else (DEFAULT_EPSILON, DEFAULT_TRANSITION) for m in meshes]
-    epsilon = [e if m.epsilon is None else m.epsilon for m, (e, _) in zip(meshes, laws, strict=True)]
-    transition = [t if m.transition is None else m.transition for m, (_, t) in zip(meshes, laws, strict=True)]
-    return Meshes(
-        stiffness=column(meshes, "stiffness"),
-        damping=column(meshes, "damping"),
-        backlash=column(meshes, "backlash"),
-        epsilon=np.array(epsilon, dtype=np.float64),
-        transition=np.array(transition, dtype=np.float64),
-        **optional_columns(meshes, Meshes),
-    )
+def _with_law(mesh):
+    """A mesh with the numbers of its law."""
+    law = LAW_OF_FRIDMAN if mesh.law else LAW
+    return dataclasses.replace(mesh, **{key: value for key, value in law.items() if getattr(mesh, key) is None})
 
 
 def torque_table(torques) -> Torques:
@@ -318,7 +304,6 @@ def _share_table(cylinders) -> tuple[np.ndarray, np.ndarray] | tuple[None, None]
     """Speeds and shares of full load of every cylinder, [nc, L]; None where no share counts."""
     if not any(gas.source(c) in ("traces", "combustion") for c in cylinders):
         return None, None
-    rows = [np.asarray(c.load or ((0.0, 1.0),), dtype=np.float64) for c in cylinders]
-    longest = max(len(row) for row in rows)
-    shares = [np.append(row[:, 1], [row[-1, 1]] * (longest - len(row))) for row in rows]
-    return gas.padded([row[:, 0] for row in rows]), np.array(shares)
+    rows = [c.load or ((0.0, 1.0),) for c in cylinders]
+    shares = _padded(rows, 2, max(map(len, rows)))[..., 1]
+    return gas.padded([[rpm for rpm, _ in row] for row in rows]), shares.copy()

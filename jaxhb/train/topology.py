@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxhb.elements.elements import SceneError, suggestion
+from jaxhb.elements.elements import TABLES, SceneError, suggestion
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +102,8 @@ class Topology:
     @cached_property
     def _names(self) -> dict[str, tuple[str, ...]]:
         """Names of the elements by table."""
-        return {"disk": self.disk_names[: self.n_scene_disks]} | {t: getattr(self, f"{t}_names") for t in _TABLES}
+        names = {table: getattr(self, f"{table}_names") for table in TABLES}
+        return names | {"disk": self.disk_names[: self.n_scene_disks]}
 
     @property
     def parts_text(self):
@@ -214,5 +215,4 @@ class Topology:
         return hits[0]
 
 
-_TABLES = ("shaft", "mesh", "damper", "ground", "load", "torque", "cylinder")
 _FIELDS = frozenset(Topology.__dataclass_fields__)

@@ -146,7 +146,6 @@ def _mean_fields(element) -> tuple[str, ...]:
 
 
 def _mean_known(parts, table: str, i: int) -> bool:
-    """Tell whether the mean torque of a given torque or a cylinder can be computed."""
     return parts.usable(table, i, *_mean_fields(parts.tables[table][i]))
 
 

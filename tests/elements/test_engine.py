@@ -1,21 +1,19 @@
 """One [engine] table against the cylinders written out, the packaged engines and the published vee-bank factors."""
 
-import dataclasses
 import re
 from pathlib import Path
 
-import jax
 import numpy as np
 import pytest
+from built_trains import same
 from reference_data import reference
 
-from jaxhb.elements.elements import Combustion, Cylinder, Disk, Load, Shaft
+from jaxhb.elements.elements import Combustion, Cylinder, Disk, Load, SceneError, Shaft
 from jaxhb.elements.engine import Engine, cylinders, firing_angles
 from jaxhb.excitation.torques import excitation
 from jaxhb.scene.files import load_scene
 from jaxhb.scene.writer import changed_scene, scene_text
 from jaxhb.train.assembly import build
-from jaxhb.train.drivetrain import SceneError
 
 SCENES = Path(__file__).parents[2] / "jaxhb" / "scene" / "scenes"
 SIX = """
@@ -63,13 +61,6 @@ def six(tmp_path):
     path = tmp_path / "six.toml"
     path.write_text("".join(part for part in re.split(r"(?m)^(?=\[)", text) if "[[cylinder]]" not in part) + SIX)
     return path
-
-
-def same(one, two):
-    """Two trains are equal but for their names."""
-    alike = dataclasses.replace(one.topology, name=two.topology.name)
-    leaves = zip(jax.tree.leaves(one), jax.tree.leaves(two), strict=True)
-    return alike == two.topology and all(np.array_equal(a, b) for a, b in leaves)
 
 
 def test_the_packaged_diesel_is_one_engine(six):

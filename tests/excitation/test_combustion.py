@@ -1,9 +1,6 @@
 """The combustion model against closed forms and an integration of its equation in small steps."""
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from differences import differences
 from tolerances import ALGEBRAIC
 
 from jaxhb.excitation import gas
@@ -93,22 +90,6 @@ def test_a_two_stroke_cycle_has_no_gas_exchange_strokes():
     two, four = one(revolutions=1, samples=7200)[0], one(revolutions=2, samples=14400)[0]
     np.testing.assert_allclose(two[:3600], four[:3600], rtol=ALGEBRAIC)
     np.testing.assert_allclose(two[3600:], four[10800:], rtol=ALGEBRAIC)
-
-
-def test_all_numbers_have_derivatives():
-    names = list(NUMBERS)
-
-    def pressure(values):
-        given = {key: values[None, i] for i, key in enumerate(names)}
-        size = (jnp.array([v]) for v in (BORE, STROKE, ROD))
-        motored, per_joule = pressures(*size, given, revolutions=2, samples=720)
-        return (motored + 2500.0 * per_joule)[0]
-
-    at = np.array(list(NUMBERS.values()))
-    slopes = np.asarray(jax.jit(jax.jacfwd(pressure))(at))
-    wanted = differences(jax.jit(jax.vmap(pressure)), at, 1e-4 * abs(at))
-    for i, name in enumerate(names):
-        assert np.max(np.abs(slopes[:, i] - wanted[i])) < 1e-6 * np.max(np.abs(wanted[i])), name
 
 
 def test_hats_are_linear_interpolation_with_the_nearest_value_outside():

@@ -2,10 +2,9 @@
 
 import pytest
 
-from jaxhb.elements.elements import Damper, Disk, Ground, Mesh, Shaft, Torque
+from jaxhb.elements.elements import Damper, Disk, Ground, Mesh, SceneError, Shaft, Torque
 from jaxhb.scene.files import load_scene, scene_description
 from jaxhb.train.assembly import build
-from jaxhb.train.drivetrain import SceneError
 
 HEAD = """
 [scene]
@@ -85,6 +84,10 @@ CASES = {
     ),
     "row": (MESH + "[[torque]]\ndisk = 'a'\nharmonics = [[1, 1.0]]", "harmonics, row 1 is [1, 1.0], must be 3"),
     "scale": (MESH + "[[torque]]\ndisk = 'a'\nscale = [[600, 1], [600, 2]]", "scale, row 2: rpm 600 after 600; must"),
+    "speeds": (
+        MESH + "[[torque]]\ndisk = 'a'\nscale = [[-6, 1], [600, 2]]",
+        "scale, row 1: rpm is -6, must be at least",
+    ),
     "angles": (MESH + CYLINDER + "pressure = [[0, 1e5], [10, 1e5], [9, 1e5]]", "pressure, row 3: angle 9 after 10;"),
     "two gas torques": (MESH + CYLINDER + TRACE + "gas_torque_mean = 1.0", "pressure and gas_torque are both given."),
     "no gas torque": (MESH + CYLINDER, "pressure nor gas_torque is given. Give one of them, or set fires = false."),
@@ -181,24 +184,27 @@ def test_a_ring_of_three_external_gears_locks():
 
 
 def test_a_loop_whose_ratios_do_not_close_locks():
-    shaft = Shaft(between=("c", "d"), stiffness=1.0)
-    parts = [*gears(0.1, 0.2, 0.1, 0.1, 0.2), shaft, *meshes("ab", "bc"), *meshes("de", "ea")]
-    with pytest.raises(SceneError, match="locked closed loop .*its senses"):
-        build([*parts[:-1], *meshes("ea", kind="internal")], reference="a")
     two = [*gears(0.1, 0.2, 0.1, 0.3), *(Shaft(between=pair, stiffness=1.0) for pair in (("a", "c"), ("b", "d")))]
     with pytest.raises(SceneError, match=r"locked closed loop 'c', 'd', 'b', 'a': its ratios multiply to 0\.6"):
         build([*two, *meshes("ab", "cd")], reference="a")
 
 
-def test_a_train_without_inertia_is_refused():
-    parts = [Disk(name="a", inertia=0.0), Ground(disk="a", stiffness=1.0)]
-    with pytest.raises(SceneError, match="the inertia of every disk is 0 kg m2"):
+@pytest.mark.parametrize(
+    "parts, sentence",
+    [
+        ([], "there is no [[disk]]. Give at least one."),
+        ([3], "3 is no element of a drive train"),
+        ([Disk(name="a", inertia=0.0), Ground(disk="a", stiffness=1.0)], "the inertia of every disk is 0 kg m2"),
+        (
+            [Disk(name="a", inertia=1.0), Damper(name="d", disk="d", inertia=1.0, damping=1.0)],
+            "it sits on itself. Name the disk that carries it.",
+        ),
+    ],
+)
+def test_a_train_of_nothing_without_inertia_or_with_strangers_is_refused(parts, sentence):
+    with pytest.raises(SceneError) as caught:
         build(parts)
-
-
-def test_a_train_of_nothing_is_refused():
-    with pytest.raises(SceneError, match=r"there is no \[\[disk\]\]. Give at least one."):
-        build([])
+    assert sentence in str(caught.value)
 
 
 def test_scaled_means_must_balance_at_every_speed():
@@ -207,14 +213,6 @@ def test_scaled_means_must_balance_at_every_speed():
     with pytest.raises(SceneError, match="leave -2.5 N m at 100 rpm"):
         build([*disks, up, Torque(disk="b", mean=-5.0)])
     build([*disks, up, Torque(disk="b", mean=-5.0, scale=[(100.0, 0.5), (200.0, 1.0)])])
-
-
-def test_a_damper_on_itself_and_a_stranger_are_refused():
-    parts = [Disk(name="a", inertia=1.0), Damper(name="d", disk="d", inertia=1.0, damping=1.0)]
-    with pytest.raises(SceneError, match="it sits on itself"):
-        build(parts)
-    with pytest.raises(SceneError, match="3 is no element of a drive train"):
-        build([3])
 
 
 def test_a_byte_order_mark_is_no_fault(tmp_path):

@@ -1,5 +1,6 @@
 """A scene that is written back is the user's: comments, order and digits stay, only what changed is changed."""
 
+import dataclasses
 import difflib
 import tomllib
 
@@ -168,6 +169,26 @@ def test_cylinders_of_an_engine_come_behind_those_of_the_scene():
     text.append("cylinder", [{"name": "made"}])
     text.replace("engine", "cylinder", [])
     assert str(text) == '# a\n[[cylinder]]\nname = "own"\n\n[[cylinder]]\nname = "made"\n# b\n[tune]\n'
+
+
+def test_a_scene_of_lists_above_all_heads_can_be_written_and_expanded(tmp_path):
+    text = """# by hand
+disk = [{name = "a", inertia = 1.0}, {name = "b", inertia = 2.0}]
+shaft = [{between = ["a", "b"], stiffness = 1e5}]
+load = [{disk = "b"}]
+cylinder = [{disk = "b", gas_torque_mean = 2.0}]
+engine = {cylinders = 1, disks = ["a"], firing_order = [1], gas_torque_mean = 5.0}
+"""
+    path, out = tmp_path / "inline.toml", tmp_path / "out.toml"
+    for given in (text, text + "\n# the torque\n[[torque]]\ndisk = 'a'\n", text.replace("cylinder =", "#")):
+        path.write_text(given)
+        for expand in (False, True):
+            out.write_text(scene_text(path, expand=expand)[0])
+            found = load_scene(out)
+            topology = dataclasses.replace(load_scene(path).topology, name="inline")
+            assert found.topology == topology and found.torques.mean.shape == (given.count("[[torque]]"),)
+            assert out.read_text().startswith("# by hand\ndisk = [{name") and expand != ("engine =" in out.read_text())
+            assert found.cylinders.gas_torque_mean.tolist() == ([5.0] if "# [" in given else [2.0, 5.0])
 
 
 def test_a_law_by_name_gives_way_to_its_numbers(mixed):

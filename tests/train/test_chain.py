@@ -121,32 +121,9 @@ def test_forces_of_the_gearbox_balance_every_disk_to_the_last_digits():
         assert np.abs(left).max() < ALGEBRAIC * size, omega
 
 
-@pytest.mark.parametrize("order", [[0, 1, 2, 3, 4], [4, 2, 0, 3, 1]])
-def test_order_of_the_disks_and_of_names_in_between_does_not_change_the_response(order):
-    parts = branched_parts()
-    disks, others = dense.of_kind(parts, Disk), [p for p in parts if not isinstance(p, Disk)]
-    shuffled = [disks[i] for i in order] + [
-        Shaft(between=p.between[::-1], stiffness=p.stiffness, damping=p.damping, loss_factor=p.loss_factor)
-        if isinstance(p, Shaft)
-        else p
-        for p in others
-    ]
-    train, again = build(parts, reference="flywheel"), build(shuffled, reference="flywheel")
-    T = dense.torques(parts, len(OMEGA) - 1, 1)
-    angles, transmitted = in_angles(train, T)
-    place = [again.topology.disk_index(name) for name in train.topology.disk_names]
-    T_again = np.empty_like(T)
-    T_again[place] = T
-    angles_again, transmitted_again = in_angles(again, T_again)
-    np.testing.assert_allclose(angles_again[place], angles, rtol=1e-9, atol=ALGEBRAIC * np.abs(angles).max())
-    sign = np.array([-1, -1, 1, 1, 1])[:, None]
-    atol = ALGEBRAIC * 1e2 * np.abs(transmitted).max()
-    np.testing.assert_allclose(sign * transmitted_again, transmitted, rtol=1e-9, atol=atol)
-
-
 def test_random_trains_with_branches_equal_dense_solves_in_angles():
     draw = np.random.default_rng(11)
-    for _ in range(6):
+    for _ in range(3):
         parts = random_train(draw)
         train = build(parts, reference="d0")
         T = draw.normal(size=(9, len(OMEGA))) + 1j * draw.normal(size=(9, len(OMEGA)))
@@ -164,7 +141,7 @@ def random_train(draw):
         for k in range(9)
     ]
     for k in range(1, 9):
-        pair = (f"d{k}", f"d{draw.integers(0, k)}")
+        pair = (f"d{k}", f"d{draw.integers(0, k)}")[:: draw.choice([-1, 1])]
         if draw.random() < 0.6:
             parts.append(Shaft(between=pair, stiffness=draw.uniform(1e4, 1e5), loss_factor=0.1))
         else:

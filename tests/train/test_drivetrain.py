@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxhb.elements.elements import Cylinder, Damper, Disk, Ground, Load, Mesh, Shaft, Torque
+from jaxhb.elements.elements import Cylinder, Damper, Disk, Ground, Load, Mesh, SceneError, Shaft, Torque
+from jaxhb.equations.kinematics import inertias, speed_ratios
 from jaxhb.scene.files import load_scene
 from jaxhb.train.assembly import build
-from jaxhb.train.drivetrain import SceneError, inertias, speed_ratios
 
 GEARS = [
     Disk(name="a", inertia=1.0, radius=0.1),
@@ -266,6 +266,7 @@ def test_laws_of_a_mesh_change_by_their_words():
         ("spur_pair", {"gear a|gear b.damping_law": "contct"}, "Did you mean 'contact'?"),
         ("spur_pair", {"gear a|gear b.law": "fridman"}, "Did you mean 'fridman2009'?"),
         ("spur_pair", {"gear a.inertia": "heavy"}, "'heavy', must be finite and real"),
+        ("spur_pair", {"gear a.teeth": float("inf")}, "teeth is inf, must be a whole number of at least 1"),
         ("gear_train_30", {"idler.teeth": 40}, "has no teeth in the scene"),
     ],
 )
@@ -273,3 +274,18 @@ def test_words_and_teeth_that_cannot_be_are_sentences(scene, values, sentence):
     with pytest.raises(SceneError) as error:
         load_scene(scene).replace(values)
     assert sentence in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "field, value, follower, made", [("teeth", 40, "radius", 0.0625), ("law", "fridman2009", "epsilon", 0.03)]
+)
+def test_what_follows_from_a_choice_is_not_given_otherwise_beside_it(field, value, follower, made):
+    train = load_scene("spur_pair")
+    name = "gear a" if field == "teeth" else "gear a|gear b"
+    values = {f"{name}.{field}": value, f"{name}.{follower}": 2 * made}
+    for given in (values, dict(reversed(values.items()))):
+        with pytest.raises(SceneError) as caught:
+            train.replace(given)
+        (sentence,) = caught.value.sentences
+        assert all(text in sentence for text in (*values, f"{made:g}", f"{2 * made:g}", "Keep one of them."))
+    assert train.replace(values | {f"{name}.{follower}": made}).value(f"{name}.{follower}") == made

@@ -115,16 +115,6 @@ def test_no_crankcase_pressure_beside_absolute_pressures_is_noted(scene, least, 
     assert scene(**pressure) == []
 
 
-def test_a_combustion_is_absolute():
-    (note,) = plausibility(load_scene("first_scene").replace({"cylinder 1.ambient_pressure": 0.0}))
-    assert note.startswith("[[cylinder]] 'cylinder 1': ambient_pressure is 0 Pa")
-
-
-def test_a_stroke_in_mm_is_noted(scene):
-    said = "stroke is 90 m, usual 0.02 to 4.5 m: is it in m, not in mm?"
-    assert ALL_FOUR + said in scene(("stroke = 0.090", "stroke = 90.0"), ("rod = 0.145", "rod = 145.0"))
-
-
 def test_two_cylinders_that_fire_together_are_noted(scene):
     together = ("firing_order = [1, 3, 4, 2]", "firing_order = [1, 3, 4, 2]\nfiring_intervals = [180, 0.5, 359.5, 180]")
     said = "they fire together, at 180 deg, usual one every 720 / 4 = 180 deg: has each its own firing_angle?"
@@ -167,30 +157,21 @@ def test_meshes_out_of_reach_are_noted(values, said):
         ({"coupling.stiffness": 5.0}, "'coupling': stiffness is 5 N m/rad, usual at least 1/1000 of the median"),
         ({"rubber damper.loss_factor": 15.0}, "'rubber damper': loss_factor is 15, usual 0 to 1: is it in percent?"),
         ({"cylinder 1.load_share": [80.0]}, "'cylinder 1': load is 80, usual 0 to 2: it is a share of full load,"),
+        ({"cylinder 1.ambient_pressure": 0.0}, "[[cylinder]] 'cylinder 1': ambient_pressure is 0 Pa"),
+        ({"cylinder 1.combustion.charge_pressure": 1.0}, "combustion.charge_pressure is 1 Pa, usual 2e4 to 1e6 Pa: is"),
+        ({"cylinder 1.combustion.imep": 8.0}, "combustion.imep is 8 Pa, usual 2e4 to 6e6 Pa: is it in Pa, not in bar?"),
+        ({"crank gear.radius": 4.0, "pump gear.radius": 8.0}, "[[disk]] 'crank gear': radius is 4 m, usual"),
     ],
 )
-def test_disks_shafts_and_loads_far_from_the_others_are_noted(change, said):
-    (note,) = plausibility(load_scene("first_scene").replace(change))
-    assert said in note
-
-
-def test_radii_in_mm_are_noted():
-    notes = plausibility(load_scene("first_scene").replace({"crank gear.radius": 40.0, "pump gear.radius": 80.0}))
-    wanted = [f"[[disk]] '{gear} gear': radius is {radius} m, usual" for gear, radius in (("crank", 40), ("pump", 80))]
-    assert len(notes) == 2 and all(note.startswith(said) for note, said in zip(notes, wanted, strict=True))
+def test_numbers_of_a_first_scene_far_from_usual_are_noted(change, said):
+    notes = plausibility(load_scene("first_scene").replace(change))
+    assert len(notes) == len(change) and said in notes[0]
 
 
 def test_the_median_is_that_of_the_own_rotor():
     train = load_scene("gear_train_30")
     gear = {"idler.inertia": 165.0}  # alone on its rotor: behind gears anything may hang
     assert plausibility(train.replace(gear)) == []
-
-
-def test_pressures_of_a_combustion_in_bar_are_noted():
-    train = load_scene("first_scene")
-    for field, value, usual in (("charge_pressure", 1.0, "2e4 to 1e6"), ("imep", 8.0, "2e4 to 6e6")):
-        (note,) = plausibility(train.replace({f"cylinder 1.combustion.{field}": value}))
-        assert f"combustion.{field} is {value:g} Pa, usual {usual} Pa: is it in Pa, not in bar?" in note
 
 
 def test_the_tooth_damping_ratio_is_that_of_two_free_gears():
