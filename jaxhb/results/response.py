@@ -236,9 +236,19 @@ def register(cls):
 
     Leaves are what depends on the speed: ``train`` would copy pressure tables, ``path`` make programs retrace.
     """
+    # Not by register_dataclass, whose drop_fields fail on jax 0.9.
     static, aside = ("topology", "resolution"), ("train", "path", "certificate")
-    leaves = [f.name for f in dataclasses.fields(cls) if f.name not in (*static, *aside)]
-    return jax.tree_util.register_dataclass(cls, leaves, static, drop_fields=aside)
+    names = [f.name for f in dataclasses.fields(cls) if f.name not in (*static, *aside)]
+
+    def flatten(response):
+        leaves = [(jax.tree_util.GetAttrKey(name), getattr(response, name)) for name in names]
+        return leaves, tuple(getattr(response, name) for name in static)
+
+    def unflatten(told, leaves):
+        return cls(**dict(zip(names, leaves, strict=True)), **dict(zip(static, told, strict=True)))
+
+    jax.tree_util.register_pytree_with_keys(cls, flatten, unflatten)
+    return cls
 
 
 register(Response)
