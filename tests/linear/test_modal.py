@@ -76,6 +76,15 @@ def test_natural_frequencies_of_the_thirty_node_train():
     np.testing.assert_allclose(meshes[-3:], [1649.4, 2617.4, 4333.1], rtol=0, atol=0.051)
 
 
+def test_case_b_three_disks_have_their_rational_modes():
+    params, expected = method_case("B_three_disc_free_free")
+    modes = jaxhb.natural_frequencies(build(chain_parts(numbers(params["J"]), numbers(params["c"]))))
+    squares, wanted = (2 * np.pi * modes.frequencies_hz) ** 2, numbers(expected["omega2"])
+    np.testing.assert_allclose(squares, wanted, rtol=ALGEBRAIC, atol=0)
+    wanted = as_printed(np.array([numbers(mode) for mode in expected["modes"]]))
+    np.testing.assert_allclose(as_printed(modes.shapes), wanted, rtol=0, atol=20 * ALGEBRAIC)
+
+
 @pytest.mark.parametrize(("case", "ground"), [("free_free", None), ("seed_bc", 1.0), ("ring", None)])
 def test_case_b_uniform_chains_have_their_closed_forms(case, ground):
     params, expected = method_case(f"B_uniform_{case}")
