@@ -106,11 +106,6 @@ class Program:
         leaves, tree = jax.tree.flatten(arguments)
         return static, arguments, (self, tuple(static.items()), tree, tuple(map(_kind, leaves)), trace_context())
 
-    @property
-    def executables(self):
-        """Number of executables that the process holds of it: one for each kind of arguments."""
-        return sum(key[0] is self and not _given_up(found) for key, found in _compiled.items())
-
     def _outermost(self, static, arguments, key):
         """The executable of a program that the host calls, from the store or new."""
         options = _known_options()
@@ -170,10 +165,6 @@ def _settings_of_threads():
     """Those of a thread that has set none itself."""
     with ThreadPoolExecutor(1) as thread:
         return thread.submit(trace_context).result()
-
-
-def _given_up(found):
-    return isinstance(found, Future) and found.cancelled()
 
 
 @cache

@@ -14,6 +14,7 @@ tenth.
 
 import gc
 import os
+from concurrent.futures import Future
 from importlib.metadata import version
 
 flags = "--xla_backend_optimization_level=0 --xla_disable_hlo_passes=tree_reduction_rewriter"
@@ -32,3 +33,9 @@ from jaxhb import _jax, _program  # noqa: E402
 
 _jax.load()
 _program.OPTIONS["xla_backend_optimization_level"] = 0
+
+
+def executables(program):
+    """Number of executables that the process holds of a Program: one for each kind of arguments."""
+    held = (found for key, found in _program._compiled.items() if key[0] is program)
+    return sum(not (isinstance(found, Future) and found.cancelled()) for found in held)

@@ -27,7 +27,8 @@ def public_functions():
     """Every public function, method and property with its qualified name."""
     found = {name: getattr(jaxhb, name) for name in jaxhb.__all__}
     found |= {name: getattr(design, name) for name in design.__all__} | {cls.__name__: cls for cls in RESULTS}
-    found |= {f"objectives.{name}": f for name, f in vars(objectives).items() if inspect.isfunction(f)}
+    own = {name: f for name, f in vars(objectives).items() if getattr(f, "__module__", "") == objectives.__name__}
+    found |= {f"objectives.{name}": f for name, f in own.items()}
     for name, value in found.items():
         if not inspect.isclass(value):
             yield name, value

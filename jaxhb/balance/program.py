@@ -30,7 +30,7 @@ from jaxhb.equations import backlash, condensation, exact_integrals, fourier
 from jaxhb.equations.backlash import law_of
 from jaxhb.equations.reduced_model import resting_on_flank
 from jaxhb.integration.step import force_on_flank, march, stepper_of, with_rate
-from jaxhb.linear.forced import SINGULAR, judged
+from jaxhb.linear.forced import SINGULAR, residual_and_status
 from jaxhb.results.response import Response
 from jaxhb.results.status import March, Newton, Status
 from jaxhb.train.changes import within_range
@@ -209,7 +209,7 @@ def _by_chain(problem, active_meshes, reduced, condensed, start, plan):
 def _failure(problem, active_meshes, reduced, condensed, found, error, stalled, crossings, plan):
     """The status as far as the equations go, CONVERGED whatever the truncation error."""
     finite = jnp.isfinite(error) & jnp.all(jnp.isfinite(found.angles.real + found.angles.imag))
-    _, linear = judged(*condensed.balance)
+    _, linear = residual_and_status(*condensed.balance)
     # Teeth in the gap push at harmonics that no torque has, where the train may be at resonance as well.
     compliance = jnp.max(jnp.abs(reduced.receptance), initial=0.0) * jnp.max(reduced.law.stiffness, initial=0.0)
     held = held_in_contact(problem, found.deflections, active_meshes.flank, plan.samples)

@@ -20,7 +20,7 @@ from jaxhb.elements.elements import SceneError
 from jaxhb.equations import fourier
 from jaxhb.linear import strength
 from jaxhb.results.response import Fields, Response
-from jaxhb.results.signal import Signal, _power
+from jaxhb.results.signal import Signal, p_norm
 from jaxhb.results.status import Status
 from jaxhb.train.drivetrain import DriveTrain
 
@@ -72,14 +72,7 @@ def half_peak_to_peak(signal: Signal, *, p: float = 64) -> Array:
     9.9
     """
     values = signal.samples(signal.resolution) - signal.mean[..., None]
-    return (_norm(jnp.maximum(values, 0.0), p) + _norm(jnp.maximum(-values, 0.0), p)) / 2
-
-
-def _norm(values, p):
-    # Powers of p = 64 overflow where values are large: they are taken of shares, whose unit needs no derivative.
-    scale = jax.lax.stop_gradient(values.max(axis=-1))
-    scale = jnp.where(scale > 0, scale, 1.0)
-    return scale * _power(((values / scale[..., None]) ** p).mean(axis=-1), 1 / p)
+    return (p_norm(jnp.maximum(values, 0.0), p) + p_norm(jnp.maximum(-values, 0.0), p)) / 2
 
 
 def damper_power(response: Response, a: str, b: str | None = None) -> Array:
@@ -158,9 +151,8 @@ def tooth_torque_over_limit(
     swing: Callable[[Signal], Array] = close_half_peak_to_peak,
 ) -> Array:
     """Vibratory torque of a mesh over a third of its ``rated_torque``; arguments as of :func:`stress_over_limit`."""
-    train = strength.train_of(response, train)
-    torque = strength.first_radius(train, name) * swing(usable(response).force(name))
-    return torque / strength.tooth_torque_limit(train, name)
+    radius, limit = strength.rated_gear(strength.train_of(response, train), name)
+    return radius * swing(usable(response).force(name)) / limit
 
 
 def tooth_torque_over_mean(

@@ -303,7 +303,7 @@ def _answer(train, system, rigid, rpm, torque):
         system = varied(train, system, rpm, omega, amplitude)
     displacement, force = (a[:, 0] for a in dynamic_stiffness.solve_linear(system, omega, load[:, None]))
     taken = dynamic_stiffness.balance(system, omega, load, displacement, force)
-    residual, status = judged(*(a.reshape(shape) for a in taken))
+    residual, status = residual_and_status(*(a.reshape(shape) for a in taken))
     # For the mean the sweep holds a floating train at its root: the rigid rotation that this leaves goes out again.
     mean = (omega == 0) * chain.drift(system, rigid, displacement.real)
     angle = chain.to_angles(system, displacement - mean)
@@ -347,7 +347,7 @@ def _square(values):
     return values.real**2 + values.imag**2
 
 
-def judged(left, load, force):
+def residual_and_status(left, load, force):
     """Residual and status ``(...)`` of linear solves, from their ``dynamic_stiffness.balance`` ``(..., H)``.
 
     Singular equations have a huge motion, or forces that miss the balance, and are finite; what is not has overflowed.

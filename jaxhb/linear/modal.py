@@ -113,13 +113,14 @@ def _without_light_disks(links, light):
     """
     links, eliminated, at = dict(enumerate(links)), [], defaultdict(set)
     for name, (a, b, *_) in links.items():
-        at[a].add(name), at[b].add(name)
+        for end in (a, b):
+            at[end].add(name)
     count = len(links)
     for disk in light:
         star = []
         for name in sorted(at[disk]):
             a, b, k, arm_a, arm_b = links.pop(name)
-            at[a].discard(name), at[b].discard(name)
+            at[b if a == disk else a].discard(name)
             star.append((b, k, arm_a, arm_b) if a == disk else (a, k, arm_b, arm_a))
         total = sum(k * own**2 for _, k, own, _ in star)
         neighbours = np.array([other for other, *_ in star], dtype=int)
@@ -129,7 +130,8 @@ def _without_light_disks(links, light):
                 if p == q:
                     continue  # parallel links to one neighbour do not bend: their ratios agree
                 links[count] = (p, q, k_p * (k_q / total), own_q * far_p, own_p * far_q)
-                at[p].add(count), at[q].add(count)
+                for end in (p, q):
+                    at[end].add(count)
                 count += 1
     return list(links.values()), eliminated
 

@@ -606,8 +606,5 @@ def _refuse_coefficients(train, exact):
             f"{where}: coefficients of {topology.n_disks} disks in double precision have no digits beyond {LARGEST}. "
             "Ask for exact ones, or for values by jaxhb.characteristic."
         )
-    loops = chain.span(topology).loops
-    if len(loops) > 1:
-        faults.append(f"{where}: {len(loops)} closed loops, and coefficients are for one at most. Take links out.")
     if faults:
         raise SceneError(faults)

@@ -156,12 +156,8 @@ def barred_ranges(rpm: Array, stress: Array, continuous: Array, transient: Array
     counted = np.flatnonzero(np.isfinite(values).all(axis=0))
     counted = counted[np.argsort(values[0, counted], kind="stable")]
     values, (speed, stress, continuous, transient) = values[:, counted], rows[:, counted]
-    excess, share, transient_share, last = (
-        stress - continuous,
-        stress / continuous,
-        stress / transient,
-        len(counted) - 1,
-    )
+    excess, share, transient_share = stress - continuous, stress / continuous, stress / transient
+    last = len(counted) - 1
 
     def bound(inside, outside):
         """Where the excess, linear between a speed within the range and one beyond, is zero; the former at an end."""
@@ -303,9 +299,9 @@ def judged(train, rpm, motion) -> Strength:
         stresses[name] = Stress(stress, *(stress_limits(train, name, rpm) if limited else (None, None)))
 
     def tooth_torque(name):
-        force, radius = motion.force(name), first_radius(train, name)
-        vibratory, mean = radius * force.half_peak_to_peak, radius * force.mean
-        return ToothTorque(vibratory, tooth_torque_limit(train, name), mean, (force.min < 0) & (force.max > 0))
+        force, (radius, limit) = motion.force(name), rated_gear(train, name)
+        reverses = (force.min < 0) & (force.max > 0)
+        return ToothTorque(radius * force.half_peak_to_peak, limit, radius * force.mean, reverses)
 
     return Strength(
         rpm=rpm,
@@ -353,14 +349,11 @@ def stress_limits(train, name, rpm):
     )
 
 
-def tooth_torque_limit(train, name):
-    """Vibratory torque in N m that a mesh may pass on, on its first gear: a third of its rated torque."""
-    return SHARE_OF_RATED * train.meshes.rated_torque[train.topology.mesh_names.index(name)]
-
-
-def first_radius(train, name):
-    """Pitch radius in m of the first gear of a mesh."""
-    return train.disks.radius[train.topology.mesh_ends[train.topology.mesh_names.index(name)][0]]
+def rated_gear(train, name):
+    """Pitch radius in m of the first gear of a mesh, and the vibratory torque in N m that it may pass on."""
+    mesh = train.topology.mesh_names.index(name)
+    first, _ = train.topology.mesh_ends[mesh]
+    return train.disks.radius[first], SHARE_OF_RATED * train.meshes.rated_torque[mesh]
 
 
 def power_limit(train, name):

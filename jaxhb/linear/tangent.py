@@ -134,10 +134,8 @@ def _equations(train, rpm):
     torque, _, left = excitation(train, rpm, 0)
     system, torque, left, train = on_host((chain.assemble(train), torque[:, 0].real, left, train))
     # A link without backlash has the law of one slope, epsilon 1.
-    loose, shafts = (
-        np.array(train.topology.mesh_backlash, bool),
-        np.ones(len(system.loss) - len(train.meshes.stiffness)),
-    )
+    loose = np.array(train.topology.mesh_backlash, bool)
+    shafts = np.ones(len(system.loss) - len(loose))
     xp, meshes = namespace(train), backlash.law_of(train.meshes)
     rest = (xp.append(shafts, xp.where(loose, a, 1.0)) for a in (meshes.epsilon, meshes.transition, meshes.backlash))
     law = backlash.Law(system.stiffness, *rest)

@@ -175,18 +175,21 @@ class Signal(Summarized):
     def smooth_peak(self, p: float = 64) -> Array:
         """Differentiable peak, the p-norm over the cycle, ``(mean |x|^p)^(1/p)``: with M time samples between
         ``peak M^(-1/p)`` and ``peak``."""
-        xp = namespace(self.coefficients)
-        values = xp.abs(self._sampled(self.resolution))
-        scale = values.max(axis=-1)
-        # The scale keeps powers in range and cancels: it needs no derivative.
-        scale = jax.lax.stop_gradient(scale) if xp is jnp else scale
-        scale = xp.where(scale > 0, scale, 1.0)
-        return scale * _power(((values / scale[..., None]) ** p).mean(axis=-1), 1 / p)
+        return p_norm(abs(self._sampled(self.resolution)), p)
 
     def spectrum(self) -> list[list[float]]:
         """``[[order, A, phase_deg], ...]`` of one signal."""
         columns = (self.orders, np.asarray(self.amplitudes), np.asarray(self.phases_deg))
         return [[float(v) for v in row] for row in zip(*columns, strict=True)]
+
+
+def p_norm(values, p):
+    """``(mean |v|^p)^(1/p)`` over the last axis of values >= 0."""
+    xp, scale = namespace(values), values.max(axis=-1)
+    # The scale keeps powers in range and cancels: it needs no derivative.
+    scale = jax.lax.stop_gradient(scale) if xp is jnp else scale
+    scale = xp.where(scale > 0, scale, 1.0)
+    return scale * _power(((values / scale[..., None]) ** p).mean(axis=-1), 1 / p)
 
 
 def _power(values, exponent):

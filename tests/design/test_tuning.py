@@ -26,7 +26,6 @@ import jaxhb
 from jaxhb.balance.plan import Request
 from jaxhb.design import Objective, Parameter, Penalty, evaluation
 from jaxhb.design.descent import Descent, best_of
-from jaxhb.linear.sensitivity import frequencies_hz
 from jaxhb.scene.files import _folder
 
 
@@ -176,13 +175,6 @@ def test_a_speed_that_a_march_does_not_find_is_found_from_other_starts(assessed)
     assert found.solved[0, 3] and np.isfinite(found.gradient[0]).all()
     response = jaxhb.solve(hammering(), rpm=SPEEDS[3], harmonics=32)
     assert found.readings[0][0, 3] == pytest.approx(float(response.force("crank gear", "idler").order(1.0)), rel=1e-6)
-
-
-def test_frequencies_for_penalties_are_the_natural_frequencies():
-    for train in (hammering(), build(gearbox_parts(), reference="motor")):
-        heavy = np.concatenate([train.disks.inertia, train.dampers.inertia]) > 0
-        wanted = jaxhb.natural_frequencies(train).frequencies_hz
-        np.testing.assert_allclose(frequencies_hz(train, heavy), wanted, rtol=1e-6, atol=1e-5)
 
 
 @pytest.fixture

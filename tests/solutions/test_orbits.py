@@ -8,6 +8,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+from compiling import executables
 from trains import ONE_RADIAN_PER_SECOND, build
 
 import jaxhb
@@ -72,7 +73,7 @@ def test_another_number_of_steps_compiles_nothing_where_it_follows_the_modes_of_
         search.march(np.inf)
         next(search.shoot())
         assert (search.stepper.residual_flexibility is None) == followed
-        compiled.append([program.executables for program in programs])
+        compiled.append([executables(program) for program in programs])
     assert compiled[0] == compiled[1]
 
 
