@@ -5,17 +5,18 @@ import dataclasses
 import numpy as np
 
 from jaxhb.cli.commands import status
-from jaxhb.cli.inputs import picture
 from jaxhb.linear.critical import ELASTIC, campbell as campbell_of, excited_orders, mode_kinds
 from jaxhb.linear.damped import DAMPED_DISKS, damping_ratios
 from jaxhb.linear.forced import forced_response
-from jaxhb.linear.holzer import holzer_residual, holzer_table
+from jaxhb.linear.holzer import holzer_table
 from jaxhb.linear.modal import natural_frequencies
 from jaxhb.linear.strength import strength
 from jaxhb.linear.tangent import at_mean_load
 from jaxhb.report.answer import shown
+from jaxhb.report.figures.linear import plot_campbell, plot_holzer, plot_modes
+from jaxhb.report.figures.speeds import plot_forced
 from jaxhb.report.files.labelled import check_labelled, forced_netcdf
-from jaxhb.report.files.output import ANSWERED, OutputError, as_csv, as_json, changes, deliver
+from jaxhb.report.files.output import ANSWERED, OutputError, as_csv, as_json, as_picture, changes, deliver
 from jaxhb.report.files.record import finite
 from jaxhb.report.selection import asks_each, case_title, misfire_trains, without_cylinders
 from jaxhb.report.text import forced as told
@@ -75,7 +76,7 @@ def modes(train, given, at, links_at, plot, **_):
         given,
         "\n\n".join([modes_text(found, train.topology.name, kinds, ratios, teeth), *energies, *below]),
         json=lambda: as_json(finite(changes(given) | modes_record(found, kinds, ratios) | more)),
-        plot=lambda: picture(plot, "modes.plot_modes", train, found, elastic, ratios),
+        plot=lambda: as_picture(plot, plot_modes(train, found, elastic, ratios)),
     )
     return ANSWERED
 
@@ -93,9 +94,7 @@ def holzer(train, given, at, links_at, hz, mode, plot, **_):
         given,
         "\n\n".join([holzer_text(tables, name, teeth), *below]),
         json=lambda: as_json(finite(changes(given) | holzer_record(tables, name) | more)),
-        plot=lambda: picture(
-            plot, "linear.plot_holzer", lambda one: holzer_residual(train, hz=one), tables, zeros, name
-        ),
+        plot=lambda: as_picture(plot, plot_holzer(train, tables, zeros)),
     )
     return ANSWERED
 
@@ -114,7 +113,7 @@ def campbell(train, given, rpm, at, links_at, orders, modes, plot, **_):
         "\n\n".join([campbell_text(found, modes, name, misfires, teeth=teeth), *below]),
         json=lambda: as_json(finite(changes(given) | campbell_record(found, modes, name, misfires) | more)),
         csv=lambda: as_csv(*campbell_rows(found, misfires)),
-        plot=lambda: picture(plot, "linear.plot_campbell", found, modes, name),
+        plot=lambda: as_picture(plot, plot_campbell(found, modes, name)),
     )
     return ANSWERED
 
@@ -163,7 +162,7 @@ def forced(train, given, rpm, element, orders, netcdf, plot, **_):
         json=lambda: as_json(record()),
         csv=lambda: as_csv(*map(finite, rows())),
         netcdf=lambda: forced_netcdf(response, orders),
-        plot=lambda: picture(plot, "forced.plot_forced", response, found, misfires, worst),
+        plot=lambda: as_picture(plot, plot_forced(response, found, misfires, worst)),
     )
     return status(failures)
 

@@ -85,7 +85,7 @@ def test_a_motion_that_harmonic_balance_did_not_confirm_is_marked_in_one_way(sol
 
 @pytest.mark.parametrize("values", ["0.002,-1,0.003", "0.002,0.003,-1"])
 def test_a_value_that_is_refused_leaves_no_file(values, run, tmp_path, monkeypatch):
-    monkeypatch.setattr("jaxhb.cli.sweeps.answer_values", lambda *args, **given: pytest.fail("computed"))
+    monkeypatch.setattr("jaxhb.cli.commands.answer_values", lambda *args, **given: pytest.fail("computed"))
     called = run(f"sweep spur_pair --rpm 3000 --over 'gear a.damping={values}' --direction down", "csv", "json")
     assert called.status == 2 and "damping is -1 N m s/rad, must be at least 0 N m s/rad" in called.err
     assert not list(tmp_path.iterdir())

@@ -46,7 +46,7 @@ def test_tables_are_at_the_frequencies_and_modes_asked_for(train, told):
 def test_the_picture_has_the_residual_and_its_zeros(train):
     hz = float(jaxhb.natural_frequencies(train).frequencies_hz[1])
     tables = [(None, jaxhb.holzer_table(train, hz=400.0))]
-    figure = plot_holzer(lambda f: jaxhb.holzer_residual(train, hz=f), tables, {1: hz, 2: 592.7}, SCENE)
+    figure = plot_holzer(train, tables, {1: hz, 2: 592.7})
     curve, zero, asked, _ = figure.axes[0].get_lines()
     changes = curve.get_xdata()[:-1][np.diff(np.sign(curve.get_ydata())) != 0]
     assert zero.get_xdata() == pytest.approx([hz], rel=1e-4) and changes == pytest.approx([hz], abs=1.0)

@@ -7,7 +7,7 @@ import pytest
 
 import jaxhb
 from jaxhb.linear.damped import damping_ratios
-from jaxhb.report.figures.modes import mode_nodes, plot_modes, train_lines
+from jaxhb.report.figures.linear import mode_nodes, plot_modes, train_lines
 
 IDLE = """
 disk = [{ name = "a", inertia = 0.1, radius = 0.1 }, { name = "b", inertia = 0.1, radius = 0.1 }]

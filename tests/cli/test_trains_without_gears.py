@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.cli import sweeps
+from jaxhb.cli import commands
 from jaxhb.report import compute
 from jaxhb.report.compute import Asked, answer_one, answer_speeds
 from jaxhb.report.figures.cycle import plot_cycle
 from jaxhb.report.figures.figure import DIGITS
-from jaxhb.report.figures.sweep import plot_sweep
+from jaxhb.report.figures.speeds import plot_sweep
 from jaxhb.report.files.output import OutputError, write_files
 from jaxhb.report.selection import hardest_shaft
 from jaxhb.report.text.mean_torques import balance_line, ground_notes, mean_angles_of
@@ -120,12 +120,12 @@ def test_a_sweep_without_backlash_is_solved_once_and_tells_the_progress_how_many
 ):
     calls, made, solve_speeds = [], [], compute.solve_speeds
 
-    class Kept(sweeps.Progress):
+    class Kept(commands.Progress):
         def __init__(self, *arguments, **given):
             super().__init__(*arguments, **given)
             made.append(self)
 
-    monkeypatch.setattr(sweeps, "Progress", Kept)
+    monkeypatch.setattr(commands, "Progress", Kept)
     monkeypatch.setattr(compute, "solve_speeds", lambda *a, **k: calls.append(a) or solve_speeds(*a, **k))
     assert run(f"sweep {scene(DISK, DAMPER)} --rpm 1000:1500:3").status == 0
     assert len(calls) == 1 and (made[0].done, made[0].total) == (3, 3)
@@ -135,7 +135,7 @@ def test_a_picture_that_cannot_be_drawn_leaves_no_file(scene, monkeypatch, run, 
     def refuse(*_):
         raise OutputError("no picture today")
 
-    monkeypatch.setattr("jaxhb.report.figures.cycle.plot_cycle", refuse)
+    monkeypatch.setattr("jaxhb.cli.commands.plot_cycle", refuse)
     called = run(f"solve {scene(DISK, DAMPER)} --rpm 1000", "json", "plot")
     assert (called.status, called.out, called.err) == (2, "", "no picture today\n")
     assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]

@@ -14,7 +14,7 @@ from jaxhb.cli.page_command import second_text
 from jaxhb.linear.forced import forced_response
 from jaxhb.report.answer import Answer, Case
 from jaxhb.report.figures.figure import NO_ANSWER
-from jaxhb.report.figures.sweep import over_speed
+from jaxhb.report.figures.speeds import over_speed
 from jaxhb.report.page import linear, page
 from jaxhb.report.page.page import parts_of
 from jaxhb.report.quantities import forces

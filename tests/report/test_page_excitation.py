@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.report.page.excitation import excitation_tables, torque_over_speed
+from jaxhb.report.page.train import excitation_tables, torque_over_speed
 from jaxhb.report.text.columns import NONE
 from jaxhb.scene.writer import element_files
 

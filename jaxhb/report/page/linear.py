@@ -8,9 +8,8 @@ from jaxhb.linear.critical import ELASTIC, campbell as campbell_of, excited_orde
 from jaxhb.linear.damped import DAMPED_DISKS, damping_ratios
 from jaxhb.linear.forced import forced_response
 from jaxhb.linear.modal import natural_frequencies
-from jaxhb.report.figures.forced import hardest_elements, orders_figure
-from jaxhb.report.figures.linear import campbell_figure
-from jaxhb.report.figures.modes import MOST, shapes_figure
+from jaxhb.report.figures.linear import MOST, campbell_figure, shapes_figure
+from jaxhb.report.figures.speeds import hardest_elements, orders_figure
 from jaxhb.report.selection import NOT_FIRING
 from jaxhb.report.text.forced import forced_failures, readings, worst_tables
 from jaxhb.report.text.linear import campbell_parts, modes_text, reached, shares_in_mode

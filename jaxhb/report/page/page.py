@@ -6,8 +6,7 @@ import sys
 from dataclasses import dataclass
 
 from jaxhb.report.figures.figure import Figure
-from jaxhb.report.page.judgement import accuracy, notes_of, result
-from jaxhb.report.page.limits import limits
+from jaxhb.report.page.judgement import accuracy, limits, notes_of, result
 from jaxhb.report.page.linear import campbell, forced, modes
 from jaxhb.report.page.motion import forces_over_speed, motions, one_speed, second_design, swings
 from jaxhb.report.page.parts import flowing
