@@ -1,7 +1,5 @@
 """Trains without gears, without shafts, without any link: every command, what loads and grounds take, and doctests."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -14,7 +12,6 @@ from jaxhb.report.figures.figure import DIGITS
 from jaxhb.report.figures.speeds import plot_sweep
 from jaxhb.report.files.output import OutputError, write_files
 from jaxhb.report.selection import hardest_shaft
-from jaxhb.report.text.mean_torques import balance_line, ground_notes, mean_angles_of
 
 DISK = """
 disk = [{ name = "hub", inertia = 0.5, damping = 1.0 }]
@@ -91,28 +88,6 @@ def test_with_a_load_the_ground_takes_nothing(scene, run):
     assert record["notes"] == []
     assert [float(row["pump load torque N m"]) for row in called.rows] == pytest.approx([-500.0] * 3)
     assert float(called.rows[0]["bed ground reaction N m"]) == pytest.approx(0.0, abs=1e-6)
-
-
-def test_a_ground_is_noted_where_it_takes_more_than_one_per_cent_and_for_the_speed_at_which_it_takes_most(scene):
-    brake = '}, { name = "brake", disk = "hub", mean = -500.0 }]\n'
-    cancelled = jaxhb.solve(jaxhb.load_scene(scene(DISK.removesuffix("}]\n") + brake)), rpm=1000.0)
-    rounded = dataclasses.replace(cancelled, ground_reaction=cancelled.ground_reaction + 1e-13)
-    assert ground_notes([rounded], lambda *_: "") == []
-    assert balance_line(rounded) == "ground: bed takes 0 N m"
-    loaded = jaxhb.solve(jaxhb.load_scene(scene(DISK, LOAD)), rpm=1000.0)
-    for share, noted in ((0.005, 0), (0.02, 1)):
-        moved = dataclasses.replace(loaded, ground_reaction=loaded.ground_reaction + share * 500.0)
-        assert len(ground_notes([moved], lambda *_: "")) == noted
-    train = jaxhb.load_scene(scene(DISK))
-    responses = [jaxhb.solve(train.replace({"hub:torque.mean": 100.0}), rpm=900.0), jaxhb.solve(train, rpm=1000.0)]
-    (note,) = ground_notes(responses, lambda all_of, i: f" at {float(all_of[i].rpm):g} rpm")
-    assert "500 N m at 1000 rpm" in note
-
-
-def test_without_a_ground_the_mean_angles_are_weighted_by_inertia():
-    response = jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=2000.0)
-    assert mean_angles_of(response.topology) == "no ground: the inertia-weighted mean is zero"
-    assert balance_line(response) == ""
 
 
 def test_a_sweep_without_backlash_is_solved_once_and_tells_the_progress_how_many_speeds_are_done(
