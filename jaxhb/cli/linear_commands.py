@@ -19,20 +19,7 @@ from jaxhb.report.files.labelled import check_labelled, forced_netcdf
 from jaxhb.report.files.output import ANSWERED, OutputError, as_csv, as_json, as_picture, changes, deliver
 from jaxhb.report.files.record import finite
 from jaxhb.report.selection import asks_each, case_title, misfire_trains, without_cylinders
-from jaxhb.report.text import forced as told
-from jaxhb.report.text.linear import (
-    campbell_record,
-    campbell_rows,
-    campbell_text,
-    chosen_modes,
-    energies_text,
-    holzer_record,
-    holzer_text,
-    mean_load_record,
-    mean_load_text,
-    modes_record,
-    modes_text,
-)
+from jaxhb.report.text import forced as told, linear as linear_text
 from jaxhb.report.text.scene_check import ANY_SPEED, check_record, check_text, own_speeds, scene_notes, tune_notes
 from jaxhb.report.text.strength import strength_columns, strength_record, strength_text
 from jaxhb.report.text.tables import remarks_text
@@ -54,8 +41,8 @@ def check(train, given, rpm, links_at, **_):
         parts.append("Links vary: natural frequencies need --links-at, as hz=30.")
     else:
         found, kinds, ratios = _modes_of(constant)
-        parts.append(modes_text(found, train.topology.name, kinds, ratios, _in_contact(train)))
-        record |= {"modes": modes_record(found, kinds, ratios)}
+        parts.append(linear_text.modes_text(found, train.topology.name, kinds, ratios, _in_contact(train)))
+        record |= {"modes": linear_text.modes_record(found, kinds, ratios)}
     deliver(
         given,
         "\n\n".join([*parts, *remarks_text(remarks)]),
@@ -71,11 +58,11 @@ def modes(train, given, at, links_at, plot, **_):
     elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC]
     if plot and not elastic:
         raise OutputError("--plot: no mode strains a link, so there is no shape to draw.")
-    energies = energies_text(found, kinds) if len(span(train.topology).loops) else []
+    energies = linear_text.energies_text(found, kinds) if len(span(train.topology).loops) else []
     deliver(
         given,
-        "\n\n".join([modes_text(found, train.topology.name, kinds, ratios, teeth), *energies, *below]),
-        json=lambda: as_json(finite(changes(given) | modes_record(found, kinds, ratios) | more)),
+        "\n\n".join([linear_text.modes_text(found, train.topology.name, kinds, ratios, teeth), *energies, *below]),
+        json=lambda: as_json(finite(changes(given) | linear_text.modes_record(found, kinds, ratios) | more)),
         plot=lambda: as_picture(plot, plot_modes(train, found, elastic, ratios)),
     )
     return ANSWERED
@@ -87,13 +74,13 @@ def holzer(train, given, at, links_at, hz, mode, plot, **_):
     name, found = train.topology.name or "scene", natural_frequencies(train)
     kinds = mode_kinds(found, train.topology.damper_names)
     natural = {k: float(frequency) for k, frequency in enumerate(found.frequencies_hz)}
-    asked = [(None, one) for one in hz] or [(k, natural[k]) for k in chosen_modes(kinds, name, mode)]
+    asked = [(None, one) for one in hz] or [(k, natural[k]) for k in linear_text.chosen_modes(kinds, name, mode)]
     tables = [(k, holzer_table(train, hz=one)) for k, one in asked]
     zeros = {k: one for k, one in natural.items() if kinds[k] == ELASTIC}
     deliver(
         given,
-        "\n\n".join([holzer_text(tables, name, teeth), *below]),
-        json=lambda: as_json(finite(changes(given) | holzer_record(tables, name) | more)),
+        "\n\n".join([linear_text.holzer_text(tables, name, teeth), *below]),
+        json=lambda: as_json(finite(changes(given) | linear_text.holzer_record(tables, name) | more)),
         plot=lambda: as_picture(plot, plot_holzer(train, tables, zeros)),
     )
     return ANSWERED
@@ -110,9 +97,9 @@ def campbell(train, given, rpm, at, links_at, orders, modes, plot, **_):
     found = misfires.pop("")
     deliver(
         given,
-        "\n\n".join([campbell_text(found, modes, name, misfires, teeth=teeth), *below]),
-        json=lambda: as_json(finite(changes(given) | campbell_record(found, modes, name, misfires) | more)),
-        csv=lambda: as_csv(*campbell_rows(found, misfires)),
+        "\n\n".join([linear_text.campbell_text(found, modes, name, misfires, teeth=teeth), *below]),
+        json=lambda: as_json(finite(changes(given) | linear_text.campbell_record(found, modes, name, misfires) | more)),
+        csv=lambda: as_csv(*linear_text.campbell_rows(found, misfires)),
         plot=lambda: as_picture(plot, plot_campbell(found, modes, name)),
     )
     return ANSWERED
@@ -180,7 +167,12 @@ def _with_teeth(train, at, links_at):
     load = at_mean_load(_constant(train, at, links_at), rpm=at)
     # Links that vary go on doing so: only the equilibrium needed them constant.
     train = dataclasses.replace(without_backlash(train), meshes=load.train.meshes)
-    return train, f"teeth at the mean load of {at:g} rpm", [mean_load_text(load, at)], mean_load_record(load, at)
+    return (
+        train,
+        f"teeth at the mean load of {at:g} rpm",
+        [linear_text.mean_load_text(load, at)],
+        linear_text.mean_load_record(load, at),
+    )
 
 
 def _in_contact(train):

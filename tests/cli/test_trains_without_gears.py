@@ -1,4 +1,4 @@
-"""Trains without gears, without shafts, without any link: every command, what loads and grounds take, and doctests."""
+"""Trains without gears, without shafts, without any link: every command, what loads and grounds take."""
 
 import numpy as np
 import pytest

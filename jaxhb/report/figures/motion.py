@@ -225,13 +225,8 @@ def _share(point, before, after):
 
 def _moduli(x, moduli, stable, panel=0):
     """Moduli of critical multipliers and their limit 1, and the logarithmic axis that they need."""
-    limit = line(
-        [min(x, default=0.0), max(x, default=0.0)],
-        [1.0, 1.0],
-        "limit, unstable above",
-        panel=panel,
-        look={"color": "black"},
-    )
+    across = [min(x, default=0.0), max(x, default=0.0)]
+    limit = line(across, [1.0, 1.0], "limit, unstable above", panel=panel, look={"color": "black"})
     points = {"stable": (stable, "circle", WITHOUT), "unstable": (~stable, "circle-open", WITH)}
     points = [
         marks(x[chosen], moduli[chosen], said, symbol, panel=panel, size=5, color=color)
