@@ -43,11 +43,7 @@ def check(train, given, rpm, links_at, **_):
         found, kinds, ratios = _modes_of(constant)
         parts.append(linear_text.modes_text(found, train.topology.name, kinds, ratios, _in_contact(train)))
         record |= {"modes": linear_text.modes_record(found, kinds, ratios)}
-    deliver(
-        given,
-        "\n\n".join([*parts, *remarks_text(remarks)]),
-        json=lambda: as_json(finite(changes(given) | record)),
-    )
+    deliver(given, "\n\n".join([*parts, *remarks_text(remarks)]), json=lambda: as_json(finite(changes(given) | record)))
     return status(told.forced_failures(response))
 
 
