@@ -2,18 +2,15 @@
 
 import dataclasses
 
-import numpy as np
-
 from jaxhb.cli.commands import status
 from jaxhb.linear.critical import ELASTIC, campbell as campbell_of, excited_orders, mode_kinds
-from jaxhb.linear.damped import DAMPED_DISKS, damping_ratios
 from jaxhb.linear.forced import forced_response
 from jaxhb.linear.holzer import holzer_table
 from jaxhb.linear.modal import natural_frequencies
 from jaxhb.linear.strength import strength
 from jaxhb.linear.tangent import at_mean_load
 from jaxhb.report.answer import shown
-from jaxhb.report.figures.linear import plot_campbell, plot_holzer, plot_modes
+from jaxhb.report.figures.linear import modes_of, plot_campbell, plot_holzer, plot_modes
 from jaxhb.report.figures.speeds import plot_forced
 from jaxhb.report.files.labelled import check_labelled, forced_netcdf
 from jaxhb.report.files.output import ANSWERED, OutputError, as_csv, as_json, as_picture, changes, deliver
@@ -40,7 +37,7 @@ def check(train, given, rpm, links_at, **_):
     if varying(constant.topology):
         parts.append("Links vary: natural frequencies need --links-at, as hz=30.")
     else:
-        found, kinds, ratios = _modes_of(constant)
+        found, kinds, ratios = modes_of(constant)
         parts.append(linear_text.modes_text(found, train.topology.name, kinds, ratios, _in_contact(train)))
         record |= {"modes": linear_text.modes_record(found, kinds, ratios)}
     deliver(given, "\n\n".join([*parts, *remarks_text(remarks)]), json=lambda: as_json(finite(changes(given) | record)))
@@ -50,7 +47,7 @@ def check(train, given, rpm, links_at, **_):
 def modes(train, given, at, links_at, plot, **_):
     """Natural frequencies of a scene."""
     train, teeth, below, more = _with_teeth(_constant(train, at, links_at), at, links_at)
-    found, kinds, ratios = _modes_of(train)
+    found, kinds, ratios = modes_of(train)
     elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC]
     if plot and not elastic:
         raise OutputError("--plot: no mode strains a link, so there is no shape to draw.")
@@ -163,21 +160,9 @@ def _with_teeth(train, at, links_at):
     load = at_mean_load(_constant(train, at, links_at), rpm=at)
     # Links that vary go on doing so: only the equilibrium needed them constant.
     train = dataclasses.replace(without_backlash(train), meshes=load.train.meshes)
-    return (
-        train,
-        f"teeth at the mean load of {at:g} rpm",
-        [linear_text.mean_load_text(load, at)],
-        linear_text.mean_load_record(load, at),
-    )
+    sentence, record = linear_text.mean_load_text(load, at), linear_text.mean_load_record(load, at)
+    return train, f"teeth at the mean load of {at:g} rpm", [sentence], record
 
 
 def _in_contact(train):
     return "teeth in contact" if train.topology.mesh_names else ""
-
-
-def _modes_of(train):
-    """Natural frequencies, the kind of every mode and its damping ratio."""
-    found = natural_frequencies(train)
-    kinds = mode_kinds(found, train.topology.damper_names)
-    few = train.topology.n_disks <= DAMPED_DISKS
-    return found, kinds, damping_ratios(train, found) if few else np.full(len(kinds), np.nan)

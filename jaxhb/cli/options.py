@@ -52,8 +52,8 @@ def of_elements(*tables):
 
 NEW_OBJECTS = 50_000  # between collections of garbage: with Python's 700 or so they take a third of the time of tracing
 OWN_LINKS = "check", "modes", "holzer", "campbell"  # see to --links-at themselves, at speeds of their own
-MODULES = dict.fromkeys(("new", "scenes", "scene"), "inputs") | dict.fromkeys(("solve", "tune"), "commands")
-MODULES |= {"sweep": "sweeps", "report": "page_command"}  # where the work is; of the others in linear_commands.py
+MODULES = dict.fromkeys(("new", "scenes", "scene"), "inputs") | dict.fromkeys(("solve", "sweep", "tune"), "commands")
+MODULES |= {"report": "page_command"}  # where the work is; of the others in linear_commands.py
 MORE = " ...]"  # ends how an option is spelled that takes one or more values: ``--mode K [K ...]``
 SPEEDS = "--rpm", "--speed", "--speeds"
 NO_SPEED = "Natural frequencies do not depend on the speed; --at R takes the teeth as under the mean load of R rpm."

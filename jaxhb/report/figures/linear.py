@@ -3,9 +3,10 @@
 import numpy as np
 
 from jaxhb.equations.kinematics import speed_ratios
-from jaxhb.linear.critical import ELASTIC
+from jaxhb.linear.critical import ELASTIC, mode_kinds
+from jaxhb.linear.damped import DAMPED_DISKS, damping_ratios
 from jaxhb.linear.holzer import holzer_residual
-from jaxhb.linear.modal import AT_REST
+from jaxhb.linear.modal import AT_REST, natural_frequencies
 from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import GREY, WITH, WITHOUT, above, bars, figure, line, marks
 from jaxhb.report.figures.layout import neighbours, ways
@@ -133,6 +134,14 @@ MOST = 6
 
 NAMES = 80
 """Names of disks that have room."""
+
+
+def modes_of(train, most=None):
+    """Natural frequencies, of a train of many disks ``most`` of them, the kind of every mode and its damping ratio."""
+    few = train.topology.n_disks <= DAMPED_DISKS
+    found = natural_frequencies(train, count=None if few else most)
+    kinds = mode_kinds(found, train.topology.damper_names)
+    return found, kinds, damping_ratios(train, found) if few else np.full(len(kinds), np.nan)
 
 
 def train_lines(topology):

@@ -53,16 +53,13 @@ class Part:
 
 
 def as_page(report):
-    """The page of a :class:`Report` as the bytes of a file, and whether every part of it could be made."""
-    parts = parts_of(report, PARTS)
-    return [page_text(parts, report).encode()], not any(part.failed for part in parts)
-
-
-def page_text(parts, report):
-    """HTML of parts; scripts, styles and numbers are inside, nothing is loaded when it is opened."""
+    """The page of a :class:`Report` as the bytes of a file, and whether every part of it could be made; scripts, styles
+    and numbers are inside, nothing is loaded when it is opened."""
     from plotly.offline import get_plotlyjs
 
-    return _environment().get_template("page.html").render(parts=parts, report=report, script=get_plotlyjs())
+    parts = parts_of(report, PARTS)
+    text = _environment().get_template("page.html").render(parts=parts, report=report, script=get_plotlyjs())
+    return [text.encode()], not any(part.failed for part in parts)
 
 
 def parts_of(report, sources):
