@@ -1,9 +1,9 @@
 """Scenes as a command reads, lists and writes them, and names of files checked before anything heavy is imported."""
 
 import shlex
-from importlib import import_module
 from pathlib import Path
 
+from jaxhb.report.figures.sketch import plot_train
 from jaxhb.report.files import output
 from jaxhb.scene.files import load_scene, scene_description, scene_names
 from jaxhb.scene.writer import copies_beside, scene_files, scene_text
@@ -41,7 +41,7 @@ def scene(scene, quiet, expand, out, referred, plot):
     _check_files({"scene": scene, "out": out, "plot": plot})
     text, beside = scene_text(scene, expand=expand)
     try:
-        files = {plot: picture(plot, "sketch.plot_train", load_scene(scene))} if plot else {}
+        files = {plot: output.as_picture(plot, plot_train(load_scene(scene)))} if plot else {}
     except ValueError as error:
         raise output.OutputError(f"--plot: {error}") from None
     if out:
@@ -56,12 +56,6 @@ def scene(scene, quiet, expand, out, referred, plot):
         printed = not out and (expand or not plot)
         print(text.replace("\r\n", "\n") if printed else "".join(f"{name} is written.\n" for name in files), end="")
     return 0
-
-
-def picture(name, function, *data):
-    """The file of a picture by ``module.function`` of jaxhb.report.figures, imported here as it needs matplotlib."""
-    module, function = function.split(".")
-    return output.as_picture(name, getattr(import_module(f"jaxhb.report.figures.{module}"), function)(*data))
 
 
 def read(given, constant_links):

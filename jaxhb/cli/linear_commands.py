@@ -2,36 +2,21 @@
 
 import dataclasses
 
-import numpy as np
-
 from jaxhb.cli.commands import status
-from jaxhb.cli.inputs import picture
 from jaxhb.linear.critical import ELASTIC, campbell as campbell_of, excited_orders, mode_kinds
-from jaxhb.linear.damped import DAMPED_DISKS, damping_ratios
 from jaxhb.linear.forced import forced_response
-from jaxhb.linear.holzer import holzer_residual, holzer_table
+from jaxhb.linear.holzer import holzer_table
 from jaxhb.linear.modal import natural_frequencies
 from jaxhb.linear.strength import strength
 from jaxhb.linear.tangent import at_mean_load
 from jaxhb.report.answer import shown
+from jaxhb.report.figures.linear import modes_of, plot_campbell, plot_holzer, plot_modes
+from jaxhb.report.figures.speeds import plot_forced
 from jaxhb.report.files.labelled import check_labelled, forced_netcdf
-from jaxhb.report.files.output import ANSWERED, OutputError, as_csv, as_json, changes, deliver
+from jaxhb.report.files.output import ANSWERED, OutputError, as_csv, as_json, as_picture, changes, deliver
 from jaxhb.report.files.record import finite
 from jaxhb.report.selection import asks_each, case_title, misfire_trains, without_cylinders
-from jaxhb.report.text import forced as told
-from jaxhb.report.text.linear import (
-    campbell_record,
-    campbell_rows,
-    campbell_text,
-    chosen_modes,
-    energies_text,
-    holzer_record,
-    holzer_text,
-    mean_load_record,
-    mean_load_text,
-    modes_record,
-    modes_text,
-)
+from jaxhb.report.text import forced as told, linear as linear_text
 from jaxhb.report.text.scene_check import ANY_SPEED, check_record, check_text, own_speeds, scene_notes, tune_notes
 from jaxhb.report.text.strength import strength_columns, strength_record, strength_text
 from jaxhb.report.text.tables import remarks_text
@@ -52,30 +37,26 @@ def check(train, given, rpm, links_at, **_):
     if varying(constant.topology):
         parts.append("Links vary: natural frequencies need --links-at, as hz=30.")
     else:
-        found, kinds, ratios = _modes_of(constant)
-        parts.append(modes_text(found, train.topology.name, kinds, ratios, _in_contact(train)))
-        record |= {"modes": modes_record(found, kinds, ratios)}
-    deliver(
-        given,
-        "\n\n".join([*parts, *remarks_text(remarks)]),
-        json=lambda: as_json(finite(changes(given) | record)),
-    )
+        found, kinds, ratios = modes_of(constant)
+        parts.append(linear_text.modes_text(found, train.topology.name, kinds, ratios, _in_contact(train)))
+        record |= {"modes": linear_text.modes_record(found, kinds, ratios)}
+    deliver(given, "\n\n".join([*parts, *remarks_text(remarks)]), json=lambda: as_json(finite(changes(given) | record)))
     return status(told.forced_failures(response))
 
 
 def modes(train, given, at, links_at, plot, **_):
     """Natural frequencies of a scene."""
     train, teeth, below, more = _with_teeth(_constant(train, at, links_at), at, links_at)
-    found, kinds, ratios = _modes_of(train)
+    found, kinds, ratios = modes_of(train)
     elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC]
     if plot and not elastic:
         raise OutputError("--plot: no mode strains a link, so there is no shape to draw.")
-    energies = energies_text(found, kinds) if len(span(train.topology).loops) else []
+    energies = linear_text.energies_text(found, kinds) if len(span(train.topology).loops) else []
     deliver(
         given,
-        "\n\n".join([modes_text(found, train.topology.name, kinds, ratios, teeth), *energies, *below]),
-        json=lambda: as_json(finite(changes(given) | modes_record(found, kinds, ratios) | more)),
-        plot=lambda: picture(plot, "modes.plot_modes", train, found, elastic, ratios),
+        "\n\n".join([linear_text.modes_text(found, train.topology.name, kinds, ratios, teeth), *energies, *below]),
+        json=lambda: as_json(finite(changes(given) | linear_text.modes_record(found, kinds, ratios) | more)),
+        plot=lambda: as_picture(plot, plot_modes(train, found, elastic, ratios)),
     )
     return ANSWERED
 
@@ -86,16 +67,14 @@ def holzer(train, given, at, links_at, hz, mode, plot, **_):
     name, found = train.topology.name or "scene", natural_frequencies(train)
     kinds = mode_kinds(found, train.topology.damper_names)
     natural = {k: float(frequency) for k, frequency in enumerate(found.frequencies_hz)}
-    asked = [(None, one) for one in hz] or [(k, natural[k]) for k in chosen_modes(kinds, name, mode)]
+    asked = [(None, one) for one in hz] or [(k, natural[k]) for k in linear_text.chosen_modes(kinds, name, mode)]
     tables = [(k, holzer_table(train, hz=one)) for k, one in asked]
     zeros = {k: one for k, one in natural.items() if kinds[k] == ELASTIC}
     deliver(
         given,
-        "\n\n".join([holzer_text(tables, name, teeth), *below]),
-        json=lambda: as_json(finite(changes(given) | holzer_record(tables, name) | more)),
-        plot=lambda: picture(
-            plot, "linear.plot_holzer", lambda one: holzer_residual(train, hz=one), tables, zeros, name
-        ),
+        "\n\n".join([linear_text.holzer_text(tables, name, teeth), *below]),
+        json=lambda: as_json(finite(changes(given) | linear_text.holzer_record(tables, name) | more)),
+        plot=lambda: as_picture(plot, plot_holzer(train, tables, zeros)),
     )
     return ANSWERED
 
@@ -111,10 +90,10 @@ def campbell(train, given, rpm, at, links_at, orders, modes, plot, **_):
     found = misfires.pop("")
     deliver(
         given,
-        "\n\n".join([campbell_text(found, modes, name, misfires, teeth=teeth), *below]),
-        json=lambda: as_json(finite(changes(given) | campbell_record(found, modes, name, misfires) | more)),
-        csv=lambda: as_csv(*campbell_rows(found, misfires)),
-        plot=lambda: picture(plot, "linear.plot_campbell", found, modes, name),
+        "\n\n".join([linear_text.campbell_text(found, modes, name, misfires, teeth=teeth), *below]),
+        json=lambda: as_json(finite(changes(given) | linear_text.campbell_record(found, modes, name, misfires) | more)),
+        csv=lambda: as_csv(*linear_text.campbell_rows(found, misfires)),
+        plot=lambda: as_picture(plot, plot_campbell(found, modes, name)),
     )
     return ANSWERED
 
@@ -163,7 +142,7 @@ def forced(train, given, rpm, element, orders, netcdf, plot, **_):
         json=lambda: as_json(record()),
         csv=lambda: as_csv(*map(finite, rows())),
         netcdf=lambda: forced_netcdf(response, orders),
-        plot=lambda: picture(plot, "forced.plot_forced", response, found, misfires, worst),
+        plot=lambda: as_picture(plot, plot_forced(response, found, misfires, worst)),
     )
     return status(failures)
 
@@ -181,16 +160,9 @@ def _with_teeth(train, at, links_at):
     load = at_mean_load(_constant(train, at, links_at), rpm=at)
     # Links that vary go on doing so: only the equilibrium needed them constant.
     train = dataclasses.replace(without_backlash(train), meshes=load.train.meshes)
-    return train, f"teeth at the mean load of {at:g} rpm", [mean_load_text(load, at)], mean_load_record(load, at)
+    sentence, record = linear_text.mean_load_text(load, at), linear_text.mean_load_record(load, at)
+    return train, f"teeth at the mean load of {at:g} rpm", [sentence], record
 
 
 def _in_contact(train):
     return "teeth in contact" if train.topology.mesh_names else ""
-
-
-def _modes_of(train):
-    """Natural frequencies, the kind of every mode and its damping ratio."""
-    found = natural_frequencies(train)
-    kinds = mode_kinds(found, train.topology.damper_names)
-    few = train.topology.n_disks <= DAMPED_DISKS
-    return found, kinds, damping_ratios(train, found) if few else np.full(len(kinds), np.nan)

@@ -9,8 +9,7 @@ from click.shell_completion import get_completion_class, shell_complete
 
 from jaxhb import __version__
 from jaxhb.cli import options
-from jaxhb.cli.completion import of_elements, of_scenes
-from jaxhb.cli.options import Command, option
+from jaxhb.cli.options import Command, of_elements, of_scenes, option
 from jaxhb.cli.streams import Ended, guarded, tell
 from jaxhb.cli.values import count, one_speed, orders, over, positive, share, speed_range, whole
 from jaxhb.report.files.output import INTERRUPTED

@@ -1,20 +1,59 @@
-"""Options: how one is declared, those that several commands take, and what of them is beyond click."""
+"""Options: how one is declared and completed, those that several commands take, and what of them is beyond click."""
 
 import gc
 import importlib
+import os
+import re
 from functools import reduce
 from types import SimpleNamespace
 
 import click
+from click.shell_completion import BashComplete, CompletionItem, add_completion_class
 
-from jaxhb.cli.completion import of_elements, of_scenes
 from jaxhb.cli.values import place, positive, setting, share, whole
 from jaxhb.train.speeds import read_speed, read_speeds
 
+
+@add_completion_class
+class QuotingBash(BashComplete):
+    """Names such as ``cylinder A1``: where no quote was typed, what bash would split stands after backslashes."""
+
+    def format_completion(self, item):
+        """One line; bash takes one backslash away when it reads it."""
+        typed = os.environ["COMP_WORDS"].split("\n")[int(os.environ["COMP_CWORD"]) :]
+        quoted = typed and typed[0].startswith(("'", '"'))
+        value = item.value if quoted else re.sub(r"([^\w./~@%+:=,-])", r"\\\1", item.value)
+        return f"{item.type},{value}".replace("\\", "\\\\")
+
+
+def of_scenes(context, parameter, begun):
+    """Packaged scenes that a word may become, and files where it becomes none."""
+    from jaxhb.scene.files import scene_names
+
+    names = [CompletionItem(name) for name in scene_names() if name.startswith(begun)]
+    return [CompletionItem(begun, type="file"), *names]
+
+
+def of_elements(*tables):
+    """What proposes the names of elements of the scene of the line."""
+
+    def names(context, parameter, begun):
+        from jaxhb.elements.elements import SceneError
+        from jaxhb.scene.files import load_scene
+
+        try:
+            elements = load_scene(context.params["scene"]).topology.elements
+        except (SceneError, OSError, TypeError):  # there is none on the line, or none that can be read
+            return []
+        return [name for name, (table, _) in elements.items() if table in tables and name.startswith(begun)]
+
+    return names
+
+
 NEW_OBJECTS = 50_000  # between collections of garbage: with Python's 700 or so they take a third of the time of tracing
 OWN_LINKS = "check", "modes", "holzer", "campbell"  # see to --links-at themselves, at speeds of their own
-MODULES = dict.fromkeys(("new", "scenes", "scene"), "inputs") | dict.fromkeys(("solve", "tune"), "commands")
-MODULES |= {"sweep": "sweeps", "report": "page_command"}  # where the work is; of the others in linear_commands.py
+MODULES = dict.fromkeys(("new", "scenes", "scene"), "inputs") | dict.fromkeys(("solve", "sweep", "tune"), "commands")
+MODULES |= {"report": "page_command"}  # where the work is; of the others in linear_commands.py
 MORE = " ...]"  # ends how an option is spelled that takes one or more values: ``--mode K [K ...]``
 SPEEDS = "--rpm", "--speed", "--speeds"
 NO_SPEED = "Natural frequencies do not depend on the speed; --at R takes the teeth as under the mean load of R rpm."

@@ -13,13 +13,13 @@ import click
 
 from jaxhb import __version__
 from jaxhb.cli.commands import check_files, status
-from jaxhb.cli.inputs import picture
 from jaxhb.cli.progress import Progress
 from jaxhb.cli.resume import GOES_ON, Kept
 from jaxhb.design.table import read_table
 from jaxhb.report.compute import Asked, certificate_of, solve_cases
+from jaxhb.report.figures.cycle import plot_cycle
 from jaxhb.report.files.labelled import netcdf
-from jaxhb.report.files.output import NOT_ANSWERED, OutputError, as_json, changed_text, changes, deliver
+from jaxhb.report.files.output import NOT_ANSWERED, OutputError, as_json, as_picture, changed_text, changes, deliver
 from jaxhb.report.files.record import finite, on_scene
 from jaxhb.report.files.rows import answer_row, rows_csv
 from jaxhb.report.page.parts import Report, shown_misfire
@@ -76,7 +76,7 @@ def report(train, given, rpm, misfire, at, orders, gear, plot, certify, tune, ht
         json=lambda: as_json(changes(given) | on_scene(train) | told.cases_record(cases, orders=orders) | worst),
         csv=lambda: rows_csv([answer_row(answer, case=case.title) for case in cases for answer in case.answers]),
         netcdf=lambda: netcdf({case.title: case.answers for case in cases}, orders, along="case"),
-        plot=lambda: picture(plot, "cycle.plot_cycle", cases[0].answers[place], gear),
+        plot=lambda: as_picture(plot, plot_cycle(cases[0].answers[place], gear)),
         html=lambda: page,
     )
     kept.forget()

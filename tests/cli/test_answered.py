@@ -10,7 +10,7 @@ import jaxhb
 from jaxhb.report.answer import Answer
 from jaxhb.report.compute import Asked, answer_one, certificate_of
 from jaxhb.report.files.rows import answer_row, untraceable
-from jaxhb.report.text.sentences import motion_text, motion_word, notes, once_alike, speeds_text, verdict, warnings
+from jaxhb.report.text.sentences import motion_text, motion_word, notes, verdict, warnings
 from jaxhb.report.text.sweep_tables import motion_sentences, speed_table
 from jaxhb.solutions.solve import linear_response
 
@@ -81,37 +81,6 @@ def test_a_motion_that_harmonic_balance_did_not_confirm_is_marked_in_one_way(sol
     table = speed_table([solved, unsure])
     assert [cell.endswith("?") for cell in table.columns[table.heads.index("with kN")]] == [False, True]
     assert table.title == "?: not confirmed"
-
-
-@pytest.mark.parametrize("values", ["0.002,-1,0.003", "0.002,0.003,-1"])
-def test_a_value_that_is_refused_leaves_no_file(values, run, tmp_path, monkeypatch):
-    monkeypatch.setattr("jaxhb.cli.sweeps.answer_values", lambda *args, **given: pytest.fail("computed"))
-    called = run(f"sweep spur_pair --rpm 3000 --over 'gear a.damping={values}' --direction down", "csv", "json")
-    assert called.status == 2 and "damping is -1 N m s/rad, must be at least 0 N m s/rad" in called.err
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("name", ["cylinder {}", "o'ring {}", 'a "{}" b', 'it\'s {} "x"'])
-def test_notes_on_elements_whose_names_differ_in_a_digit_stay_apart(name):
-    names = [repr(name.format(k)) for k in (1, 2)]
-    told = [(rpm, f"the speed lies outside of {own} ({rpm / 3:g} rpm)") for rpm in (900.0, 600.0) for own in names]
-    assert once_alike(told) == [
-        f"At 600 rpm the speed lies outside of {own} (200 rpm) (alike at 900 rpm)." for own in names
-    ]
-
-
-@pytest.mark.parametrize(("first", "second"), [("5.24e+03 N", "0.01 N"), ("1e-05", "3"), ("2.5 cycles.", "31 cycles.")])
-def test_notes_that_differ_in_values_are_told_once_with_each_speed_once_and_in_order(first, second):
-    places = [1472.0, 2500.0, 4000.0, 800.0, 1472.0, 2500.0, 800.0]
-    (said,) = once_alike([(place, f"takes {first if place == 800 else second}") for place in places])
-    assert said == f"At 800 rpm takes {first} (alike at 1472, 2500, 4000 rpm)."
-    (alone,) = once_alike([(800.0, "the same"), (800.0, "the same")])
-    assert alone == "At 800 rpm the same."
-
-
-def test_speeds_are_listed_from_the_lowest_on_each_once(solved):
-    answers = [dataclasses.replace(solved, value=value) for value in (3.0, 1.0, 2.0, 3.0, 1.0)]
-    assert speeds_text(answers) == "1, 2, 3 rpm"
 
 
 def test_notes_of_a_report_do_not_repeat_a_speed_that_two_cases_have(unsure):

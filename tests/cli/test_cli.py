@@ -71,6 +71,13 @@ BAD = {
     "solve --rpm 9": "jaxhb solve: Missing argument 'SCENE'. See jaxhb solve --help",
     "solve spur_pair --rpm": "'--rpm' requires an argument. See",
     "sweep spur_pair --csv --quiet": "Option '--csv' requires an argument. See",
+    "report spur_pair --rpm 2000 --html page.txt": "Give a name that ends in .html.",
+    "report spur_pair --rpm 2000 --tuned spur_pair": "Add --html FILE.html.",
+    "report spur_pair --rpm 2000 --html page.html --tuned no.toml": "there is no such file",
+    "report spur_pair --rpm 2000 --html page.html --tune": "the scene has no [tune] table",
+    "report spur_pair --rpm 2000 --html page.html --tune --tuned a.toml": "--tuned and --tune exclude each other",
+    "report spur_pair --rpm 2000 --html page.html --json page.html": "name the same file",
+    "sweep spur_pair --rpm 3000 --over 'gear a.damping=0.002,-1' --csv r.csv": "damping is -1 N m s/rad, must be",
     "solve spur_pair --orbit=1": "jaxhb solve: Option '--orbit' does not take a",
 }
 
@@ -78,8 +85,9 @@ BAD = {
 @pytest.mark.parametrize(("line", "sentence"), BAD.items(), ids=BAD)
 def test_bad_input_exits_2_with_one_sentence_and_writes_nothing(line, sentence, run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    if {"--csv", "--plot", "--gear"} & set(line.split()):
-        monkeypatch.setattr("jaxhb.report.compute.solve_speeds", lambda *_, **__: pytest.fail("computed"))
+    if {"--csv", "--plot", "--gear", "--html"} & set(line.split()):
+        for name in ("solve_speeds", "steady_state"):
+            monkeypatch.setattr(f"jaxhb.report.compute.{name}", lambda *_, **__: pytest.fail("computed"))
     called = run(line)
     assert (called.status, called.out, len(called.err.splitlines())) == (2, "", 1)
     assert sentence in called.err
@@ -108,10 +116,11 @@ def test_a_scene_that_is_none_is_told_as_such_where_files_are_asked_for(text, tm
     assert called.status == 2 and "bad.toml" in called.err
 
 
-def test_without_matplotlib_a_picture_is_refused_with_the_name_of_the_extra(run, monkeypatch):
+@pytest.mark.parametrize(("file", "extra"), [("plot", "plot"), ("html", "report"), ("netcdf", "data")])
+def test_what_needs_a_library_that_is_missing_is_refused_with_the_name_of_the_extra(file, extra, run, monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    called = run("solve spur_pair --rpm 2000", "plot")
-    assert called.status == 2 and "jaxhb[plot]" in called.err
+    called = run("report spur_pair --rpm 2000", file)
+    assert called.status == 2 and f"jaxhb[{extra}]" in called.err
 
 
 def test_scenes_lists_every_packaged_scene(run):

@@ -5,7 +5,7 @@ import pytest
 
 import jaxhb
 from jaxhb.report.figures.figure import DIGITS
-from jaxhb.report.figures.forced import plot_forced
+from jaxhb.report.figures.speeds import plot_forced
 from jaxhb.report.text.forced import SHOWN, forced_rows, readings
 
 CALL = "forced gear_train_30 --rpm 800:2400:5"

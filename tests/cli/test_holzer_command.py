@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.report.figures.linear import plot_holzer
 
 SCENE = "six_cylinder_diesel"
 
@@ -41,13 +40,3 @@ def test_tables_are_at_the_frequencies_and_modes_asked_for(train, told):
     said = told(f"holzer {SCENE} --hz 100 250.5").out
     assert f"\n100 Hz, residual {jaxhb.holzer_table(train, hz=100.0).residual:.4g} N m" in said and "\n250.5 Hz" in said
     assert "mode 4, 1171.02 Hz" in told(f"holzer {SCENE} --mode 4").out
-
-
-def test_the_picture_has_the_residual_and_its_zeros(train):
-    hz = float(jaxhb.natural_frequencies(train).frequencies_hz[1])
-    tables = [(None, jaxhb.holzer_table(train, hz=400.0))]
-    figure = plot_holzer(lambda f: jaxhb.holzer_residual(train, hz=f), tables, {1: hz, 2: 592.7}, SCENE)
-    curve, zero, asked, _ = figure.axes[0].get_lines()
-    changes = curve.get_xdata()[:-1][np.diff(np.sign(curve.get_ydata())) != 0]
-    assert zero.get_xdata() == pytest.approx([hz], rel=1e-4) and changes == pytest.approx([hz], abs=1.0)
-    assert asked.get_xdata()[0] == 400.0

@@ -7,7 +7,6 @@ import pytest
 
 import jaxhb
 from jaxhb.linear.damped import damping_ratios
-from jaxhb.report.figures.modes import mode_nodes, plot_modes, train_lines
 
 IDLE = """
 disk = [{ name = "a", inertia = 0.1, radius = 0.1 }, { name = "b", inertia = 0.1, radius = 0.1 }]
@@ -48,48 +47,6 @@ def test_the_table_and_the_json_tell_nodes_damping_ratios_and_kinds(told):
 
 LOOP = [jaxhb.Disk(name=name, inertia=k) for k, name in ((1.0, "a"), (2.0, "b"), (3.0, "c"))]
 LOOP += [jaxhb.Shaft(between=b, stiffness=k) for k, b in ((1e4, ("a", "b")), (2e4, ("b", "c")), (3e4, ("c", "a")))]
-
-
-@pytest.mark.parametrize("train", [*map(jaxhb.load_scene, SCENES), jaxhb.build(LOOP)])
-def test_every_link_lies_on_one_line_and_branches_begin_on_earlier_lines(train):
-    topology = train.topology
-    ways, seen = train_lines(topology), set()
-    links = [tuple(sorted(pair)) for way in ways for pair in zip(way, way[1:], strict=False)]
-    assert sorted(links) == sorted(tuple(sorted(ends)) for ends in topology.link_ends)
-    for number, way in enumerate(ways):
-        assert not number or way[0] in seen
-        seen.update(way)
-
-
-@pytest.mark.parametrize("name", SCENES)
-def test_the_picture_marks_as_many_nodes_as_the_modes_have(name):
-    train = jaxhb.load_scene(name)
-    modes = jaxhb.natural_frequencies(train)
-    ratios = damping_ratios(train, modes)
-    figure = plot_modes(train, modes, [2, 3, 4, 5], ratios)
-    for axes, k in zip(figure.axes, (2, 3, 4, 5), strict=True):
-        (nodes,) = [line for line in axes.get_lines() if line.get_marker() == "x"]
-        assert len(nodes.get_xdata()) == modes.node_count[k]
-        (title,) = [text.get_text() for text in axes.texts]
-        assert title == f"mode {k}: {modes.frequencies_hz[k]:.4g} Hz, damping ratio {ratios[k]:.3g}"
-
-
-def test_a_disk_at_rest_between_two_that_move_against_each_other_is_one_node():
-    assert mode_nodes([[0, 1, 2]], [0], np.array([1.0, 0.0, -1.0])) == [1.0]
-    assert mode_nodes([[0, 1], [1, 2]], [0, 3], np.array([1.0, 0.0, -1.0])) == [1.0]
-    assert mode_nodes([[0, 1, 2]], [0], np.array([1.0, 0.0, 0.0])) == []
-    assert mode_nodes([[0, 1]], [0], np.array([1.0, -3.0])) == [0.25]
-
-
-def test_angles_are_referred_to_the_reference_rotor_so_that_teeth_in_contact_do_not_jump():
-    parts = [jaxhb.Disk(name="a", inertia=0.1, radius=0.1), jaxhb.Disk(name="b", inertia=0.1, radius=0.05)]
-    parts += [jaxhb.Disk(name="c", inertia=1.0), jaxhb.Shaft(between=("b", "c"), stiffness=1e4)]
-    train = jaxhb.build([*parts, jaxhb.Mesh(between=("a", "b"), stiffness=1e12)], reference="a")
-    modes = jaxhb.natural_frequencies(train)
-    (axes,) = plot_modes(train, modes, [1], np.full(3, np.nan)).axes
-    a, b, c = axes.get_lines()[0].get_ydata()
-    assert a == pytest.approx(b, rel=1e-6) and b * c < 0
-    assert axes.texts[0].get_text() == f"mode 1: {modes.frequencies_hz[1]:.4g} Hz"
 
 
 def test_at_a_speed_the_teeth_have_the_stiffness_of_their_mean_load(tmp_path, run):

@@ -8,7 +8,7 @@ from jaxhb.balance import plan as planning
 from jaxhb.report.compute import Asked, answer_one, answer_speeds
 from jaxhb.report.figures.cycle import cycle_figures, plot_cycle
 from jaxhb.report.figures.figure import DIGITS
-from jaxhb.report.figures.sweep import sweep_figures
+from jaxhb.report.figures.speeds import sweep_figures
 from jaxhb.report.text.sweep_tables import sweep_text
 
 MESH = "gear a|gear b"

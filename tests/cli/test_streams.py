@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.cli import resume, sweeps
+from jaxhb.cli import commands, resume
 from jaxhb.cli.progress import Progress
 from jaxhb.cli.streams import Ended, guarded
 from jaxhb.report import compute
@@ -179,7 +179,7 @@ def cache(tmp_path, monkeypatch):
 @pytest.mark.parametrize("orbit", ["", "--orbit"], ids=["steady", "orbit"])
 def test_a_sweep_that_is_stopped_leaves_its_rows_and_goes_on_where_it_was(orbit, run, cache, monkeypatch):
     call, solved = (f"sweep spur_pair --rpm 4600,5000,5400 --chunk 1 {orbit}", "json", "csv"), []
-    note = sweeps._SweepFiles.note
+    note = commands._SweepFiles.note
 
     def stop(self, found):
         note(self, found)
@@ -187,7 +187,7 @@ def test_a_sweep_that_is_stopped_leaves_its_rows_and_goes_on_where_it_was(orbit,
             raise Ended(signal.SIGTERM)
 
     with monkeypatch.context() as stopped:
-        stopped.setattr(sweeps._SweepFiles, "note", stop)
+        stopped.setattr(commands._SweepFiles, "note", stop)
         called = run(*call)
     assert called.status == 143 and called.err.startswith("stopped; 2 of 3 speeds are done in ")
     assert called.err.endswith("the same command goes on from there\n")

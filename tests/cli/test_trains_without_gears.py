@@ -1,20 +1,17 @@
-"""Trains without gears, without shafts, without any link: every command, what loads and grounds take, and doctests."""
-
-import dataclasses
+"""Trains without gears, without shafts, without any link: every command, what loads and grounds take."""
 
 import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.cli import sweeps
+from jaxhb.cli import commands
 from jaxhb.report import compute
 from jaxhb.report.compute import Asked, answer_one, answer_speeds
 from jaxhb.report.figures.cycle import plot_cycle
 from jaxhb.report.figures.figure import DIGITS
-from jaxhb.report.figures.sweep import plot_sweep
+from jaxhb.report.figures.speeds import plot_sweep
 from jaxhb.report.files.output import OutputError, write_files
 from jaxhb.report.selection import hardest_shaft
-from jaxhb.report.text.mean_torques import balance_line, ground_notes, mean_angles_of
 
 DISK = """
 disk = [{ name = "hub", inertia = 0.5, damping = 1.0 }]
@@ -93,39 +90,17 @@ def test_with_a_load_the_ground_takes_nothing(scene, run):
     assert float(called.rows[0]["bed ground reaction N m"]) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_ground_is_noted_where_it_takes_more_than_one_per_cent_and_for_the_speed_at_which_it_takes_most(scene):
-    brake = '}, { name = "brake", disk = "hub", mean = -500.0 }]\n'
-    cancelled = jaxhb.solve(jaxhb.load_scene(scene(DISK.removesuffix("}]\n") + brake)), rpm=1000.0)
-    rounded = dataclasses.replace(cancelled, ground_reaction=cancelled.ground_reaction + 1e-13)
-    assert ground_notes([rounded], lambda *_: "") == []
-    assert balance_line(rounded) == "ground: bed takes 0 N m"
-    loaded = jaxhb.solve(jaxhb.load_scene(scene(DISK, LOAD)), rpm=1000.0)
-    for share, noted in ((0.005, 0), (0.02, 1)):
-        moved = dataclasses.replace(loaded, ground_reaction=loaded.ground_reaction + share * 500.0)
-        assert len(ground_notes([moved], lambda *_: "")) == noted
-    train = jaxhb.load_scene(scene(DISK))
-    responses = [jaxhb.solve(train.replace({"hub:torque.mean": 100.0}), rpm=900.0), jaxhb.solve(train, rpm=1000.0)]
-    (note,) = ground_notes(responses, lambda all_of, i: f" at {float(all_of[i].rpm):g} rpm")
-    assert "500 N m at 1000 rpm" in note
-
-
-def test_without_a_ground_the_mean_angles_are_weighted_by_inertia():
-    response = jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=2000.0)
-    assert mean_angles_of(response.topology) == "no ground: the inertia-weighted mean is zero"
-    assert balance_line(response) == ""
-
-
 def test_a_sweep_without_backlash_is_solved_once_and_tells_the_progress_how_many_speeds_are_done(
     scene, run, monkeypatch
 ):
     calls, made, solve_speeds = [], [], compute.solve_speeds
 
-    class Kept(sweeps.Progress):
+    class Kept(commands.Progress):
         def __init__(self, *arguments, **given):
             super().__init__(*arguments, **given)
             made.append(self)
 
-    monkeypatch.setattr(sweeps, "Progress", Kept)
+    monkeypatch.setattr(commands, "Progress", Kept)
     monkeypatch.setattr(compute, "solve_speeds", lambda *a, **k: calls.append(a) or solve_speeds(*a, **k))
     assert run(f"sweep {scene(DISK, DAMPER)} --rpm 1000:1500:3").status == 0
     assert len(calls) == 1 and (made[0].done, made[0].total) == (3, 3)
@@ -135,7 +110,7 @@ def test_a_picture_that_cannot_be_drawn_leaves_no_file(scene, monkeypatch, run, 
     def refuse(*_):
         raise OutputError("no picture today")
 
-    monkeypatch.setattr("jaxhb.report.figures.cycle.plot_cycle", refuse)
+    monkeypatch.setattr("jaxhb.cli.commands.plot_cycle", refuse)
     called = run(f"solve {scene(DISK, DAMPER)} --rpm 1000", "json", "plot")
     assert (called.status, called.out, called.err) == (2, "", "no picture today\n")
     assert [path.name for path in tmp_path.iterdir()] == ["scene.toml"]

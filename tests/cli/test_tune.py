@@ -2,7 +2,6 @@
 
 import difflib
 import tomllib
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from jaxhb.design.table import read_table
 from jaxhb.report.compute import check_designs
 from jaxhb.report.figures.cycle import plot_tuning
 from jaxhb.report.figures.figure import DIGITS
-from jaxhb.report.text.tuned import _compared, _not_solved, _worst, check_text
+from jaxhb.report.text.tuned import check_text
 from jaxhb.scene.writer import changed_scene
 
 TABLE = """
@@ -225,21 +224,3 @@ def test_a_design_whose_tuned_orbit_is_not_what_the_train_does_is_told():
         f"{state.force(mesh).peak / 1e3:.3g} kN instead of {orbit / 1e3:.3g} kN."
     )
     assert said in " ".join(check_text(found).split())
-
-
-def test_speeds_that_a_tuning_could_not_solve_are_named():
-    rpm, good, bad = np.array([1000.0, 1857.5, 2000.0]), np.array([True] * 3), np.array([True, False, False])
-    result = SimpleNamespace(before=SimpleNamespace(solved=bad), after=SimpleNamespace(solved=good))
-    (line,) = _not_solved(rpm, result)
-    assert line.startswith("NOT solved, and left out of what was made small: 1857.5, 2000 rpm before. ")
-    assert line.endswith(" Before and after are compared at the 1 speed solved in both.")
-    assert _not_solved(rpm, SimpleNamespace(before=result.after, after=result.after)) == []
-
-
-def test_two_designs_are_compared_at_the_speeds_that_both_have_solved():
-    chosen, rpm = Objective(quantity="tooth force", of="a|b"), np.array([1000.0, 1800.0, 2000.0])
-    before = SimpleNamespace(solved=np.array([False, True, True]), readings={"tooth force of a|b": [np.nan, 9.0, 7.0]})
-    after = SimpleNamespace(solved=np.array([True, False, True]), readings={"tooth force of a|b": [8.0, np.nan, 6.0]})
-    asked = {"objective": (chosen,), "penalties": ()}
-    ((_, _, *values),) = _compared(asked, SimpleNamespace(before=before, after=after))
-    assert [_worst(rpm, one, chosen) for one in values] == [(7.0, 2000.0), (6.0, 2000.0)]

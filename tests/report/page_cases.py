@@ -12,24 +12,14 @@ from jaxhb.report.text.columns import Table
 from jaxhb.results.status import Status
 
 SCENE = """
-[scene]
-name = "Prüfstand <Süd> & Nord"
-revolutions_per_cycle = 2
-reference = "Kurbel"
-rated_rpm = 3000
-[[disk]]
-name = "Kurbel"
-inertia = 0.3
-radius = 0.05
-damping = 2.0
-[[disk]]
-name = "Räder"
-inertia = 0.02
-radius = 0.05
-[[disk]]
-name = "Bremse"
-inertia = 0.2
-damping = 2.0
+scene = { name = "Prüfstand <Süd> & Nord", revolutions_per_cycle = 2, reference = "Kurbel", rated_rpm = 3000 }
+disk = [
+    { name = "Kurbel", inertia = 0.3, radius = 0.05, damping = 2.0 },
+    { name = "Räder", inertia = 0.02, radius = 0.05 },
+    { name = "Bremse", inertia = 0.2, damping = 2.0 },
+]
+damper = [{ name = "Dämpfer", disk = "Kurbel", inertia = 0.05, damping = 5.0, power_limit = 500.0 }]
+load = [{ disk = "Bremse" }]
 [[mesh]]
 between = ["Kurbel", "Räder"]
 stiffness = 2e8
@@ -44,14 +34,6 @@ damping = 5.0
 diameter = 0.03
 tensile_strength = 6e8
 stress_concentration = 1.0
-[[damper]]
-name = "Dämpfer"
-disk = "Kurbel"
-inertia = 0.05
-damping = 5.0
-power_limit = 500.0
-[[load]]
-disk = "Bremse"
 [[cylinder]]
 name = "one"
 disk = "Kurbel"

@@ -9,9 +9,7 @@ from limited_line import SCENE, strength_of, written
 import jaxhb
 from jaxhb.report.compute import Asked, answer_speeds
 from jaxhb.report.figures.figure import DIGITS
-from jaxhb.report.figures.forced import forced_figures, plot_forced
-from jaxhb.report.figures.limits import judged_elements
-from jaxhb.report.figures.sweep import sweep_figures
+from jaxhb.report.figures.speeds import forced_figures, judged_elements, plot_forced, sweep_figures
 from jaxhb.report.text.forced import readings, worst_of
 
 ENGINE = """

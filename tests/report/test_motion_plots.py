@@ -9,9 +9,15 @@ import trains
 from event_exact import Pair
 
 import jaxhb
-from jaxhb.report.figures.branch import plot_branch, plot_multipliers
 from jaxhb.report.figures.figure import DIGITS
-from jaxhb.report.figures.motion import hardest_mesh, plot_cycle_peaks, plot_motions, plot_waterfall
+from jaxhb.report.figures.motion import (
+    hardest_mesh,
+    plot_branch,
+    plot_cycle_peaks,
+    plot_motions,
+    plot_multipliers,
+    plot_waterfall,
+)
 from jaxhb.steady.steady_state import Cycles
 
 SPEEDS = 0.6, 1.0, 1.1, 1.2

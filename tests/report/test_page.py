@@ -14,7 +14,7 @@ from jaxhb.cli.page_command import second_text
 from jaxhb.linear.forced import forced_response
 from jaxhb.report.answer import Answer, Case
 from jaxhb.report.figures.figure import NO_ANSWER
-from jaxhb.report.figures.sweep import over_speed
+from jaxhb.report.figures.speeds import over_speed
 from jaxhb.report.page import linear, page
 from jaxhb.report.page.page import parts_of
 from jaxhb.report.quantities import forces
@@ -30,7 +30,7 @@ def made(tmp_path_factory):
     """A page from the command line, in a folder with blanks and umlauts: its file, the report and its parts."""
     folder, kept = tmp_path_factory.mktemp("Prüfstand 2 – größer"), []
     (folder / "first.toml").write_text(SCENE, encoding="utf-8")
-    other = SCENE.replace("damping = 5.0\npower", "damping = 25.0\npower")
+    other = SCENE.replace("damping = 5.0, power", "damping = 25.0, power")
     (folder / "second.toml").write_text(other, encoding="utf-8")
     file = folder / "Bericht & Anlage.html"
     command = ["report", str(folder / "first.toml"), "--rpm", SPEEDS, "--misfire", "two", "--html", str(file)]

@@ -31,8 +31,8 @@ CHANGES = [
     ("[1.0, 90.0, -5.0]", "[1.5, 90.0, -5.0]", ["gas_torque of one: another table", *TABLE]),
     (", [1.0, 90.0, -5.0]", "", ["gas_torque of one: another table", *TABLE]),
     ("= 1e-4", '= 1e-4\ndamping_law = "always"', ["Kurbel|Räder.damping_law", "contact", "always", "-"]),
-    ('"Bremse"\n[[cyl', '"Bremse"\n[[ground]]\ndisk = "Bremse"\nstiffness = 10.0\nname = "soft"\n[[cyl', SOFT),
-    ('disk = "Kurbel"\ninertia', 'disk = "Bremse"\ninertia', ["Dämpfer.disk", "Kurbel", "Bremse", "-"]),
+    ("load = [{", 'ground = [{ name = "soft", disk = "Bremse", stiffness = 10.0 }]\nload = [{', SOFT),
+    ('disk = "Kurbel", inertia', 'disk = "Bremse", inertia', ["Dämpfer.disk", "Kurbel", "Bremse", "-"]),
     ("rated_rpm = 3000", "rated_rpm = 2000", ["scene.rated_rpm", "3000", "2000", "rpm"]),
 ]
 

@@ -1,12 +1,16 @@
 """What the page tells of what excites the train: the scene's numbers, files, pressures, orders and loads."""
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.report.page.excitation import excitation_tables, torque_over_speed
+from jaxhb.report.answer import Case
+from jaxhb.report.page.page import parts_of
+from jaxhb.report.page.parts import Report
+from jaxhb.report.page.train import assumptions, excitation_tables, torque_over_speed
 from jaxhb.report.text.columns import NONE
 from jaxhb.scene.writer import element_files
 
@@ -98,3 +102,21 @@ def test_a_torque_tells_how_it_changes_over_the_speed():
 def test_a_combustion_model_is_told_by_its_numbers():
     table = told("first_scene", [2000.0])["Combustion model"]
     assert table.columns[1] == ["imep 8 bar"] and column(table, "compression ratio") == ["17"]
+
+
+def test_what_the_assumptions_advise_keeps_the_compression_of_a_cylinder():
+    row = {"disk": "a", "bore": 0.1, "stroke": 0.1, "rod": 0.2, "name": "x"}
+    given = {"compression_ratio": 16.0, "charge_pressure": 2e5, "start": -5.0, "duration": 60.0}
+    for by, much in (("imep", 1e6), ("heat", 2000.0)):
+        parts = [jaxhb.Disk(name="a", inertia=1.0, damping=1.0), jaxhb.Disk(name="b", inertia=1.0)]
+        parts += [jaxhb.Load(disk="b"), jaxhb.Shaft(between=("a", "b"), stiffness=1e4)]
+        parts += [jaxhb.Cylinder(**row, combustion=jaxhb.Combustion(**given, **{by: much}))]
+        train = jaxhb.build(parts, revolutions_per_cycle=2)
+        report = Report([Case("", [SimpleNamespace(train=train, orbit=False)])], facts={"date": "today"})
+        (part,) = parts_of(report, {"": ("assumptions", assumptions)})
+        (key,) = re.findall(r"--set &#34;(.*)=0&#34;", part.html)
+        swings = [
+            float(jaxhb.forced_response(one, rpm=1000.0).torque("a|b").half_peak_to_peak)
+            for one in (train, train.replace({key: 0.0}), train.misfire("x"))
+        ]
+        assert swings[0] > 1.05 * swings[1] and swings[1] > 10.0 and swings[2] < 1e-9

@@ -12,7 +12,7 @@ from jaxhb.report.compute import Asked, answer_one, answer_speeds
 from jaxhb.report.figures.cycle import in_the_gap, plot_cycle
 from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import DIGITS, above, bands, figure, line, marks
-from jaxhb.report.figures.sweep import BESIDE, over_speed, plot_sweep
+from jaxhb.report.figures.speeds import BESIDE, over_speed, plot_sweep
 from jaxhb.report.quantities import Quantity
 from jaxhb.report.selection import default_gear
 

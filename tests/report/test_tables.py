@@ -11,7 +11,7 @@ from jaxhb.cli.progress import Progress
 from jaxhb.report.answer import Answer, Growth, orbit_state
 from jaxhb.report.compute import Asked, answer_one
 from jaxhb.report.figures.figure import DIGITS
-from jaxhb.report.figures.sweep import plot_sweep
+from jaxhb.report.figures.speeds import plot_sweep
 from jaxhb.report.files.record import answer_record
 from jaxhb.report.files.rows import answer_row
 from jaxhb.report.text.columns import aligned, alike, ratios, shares

@@ -1,12 +1,9 @@
 """Pictures of specifications by matplotlib, for files and notebooks: what plotly.js draws on the page. The only
-importer of matplotlib; without pyplot, for any backend."""
+importer of matplotlib, inside functions: it takes longer to import than many commands take; without pyplot."""
 
 import textwrap
 
 import numpy as np
-from matplotlib.figure import Figure as Picture
-from matplotlib.lines import Line2D
-from matplotlib.transforms import ScaledTranslation
 
 from jaxhb.report.figures.figure import legend_columns
 
@@ -26,6 +23,8 @@ MARKERS |= {"cross": "P", "x-thin": "x", "cross-thin": "+"}
 
 def empty(width, height, **more):
     """A picture of so many inches with nothing in it."""
+    from matplotlib.figure import Figure as Picture
+
     return Picture(figsize=(width, height), **more)
 
 
@@ -170,6 +169,9 @@ def _draw_note(panels, note):
 
 def _draw_legend(axes, figure, known):
     """Caption and legend above a panel, without keys if all are known; their names and looks."""
+    from matplotlib.lines import Line2D
+    from matplotlib.transforms import ScaledTranslation
+
     shown = [trace for trace in figure.traces if trace.get("showlegend", True)] * figure.layout["showlegend"]
     keys = [Line2D([], [], label=trace["name"], **_look(trace, np.ravel(_symbol(trace))[0])) for trace in shown]
     own = {(key.get_label(), str(key.get_linestyle()), str(key.get_marker()), key.get_color()) for key in keys}

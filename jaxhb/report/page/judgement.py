@@ -1,13 +1,16 @@
-"""Parts of the page on what was found and how far it can be trusted: the result, computed bounds, notes."""
+"""Parts of the page on what was found and how far it can be trusted: result, limits, computed bounds, notes."""
+
+from typing import NamedTuple
 
 import numpy as np
 
-from jaxhb.report.page.limits import judged
-from jaxhb.report.page.parts import table
+from jaxhb.report.figures.speeds import JUDGED, Judged, judged_elements, limit_figure
+from jaxhb.report.page.parts import flowing, table
 from jaxhb.report.text.cases import hardest, worst_misfire
 from jaxhb.report.text.certified import certificate_parts
-from jaxhb.report.text.columns import NONE, plain_number
+from jaxhb.report.text.columns import NONE, Table, plain_number
 from jaxhb.report.text.sentences import notes, warnings
+from jaxhb.report.text.strength import AID, answers_strength, strength_text
 from jaxhb.report.text.sweep_tables import motion_sentences
 from jaxhb.train.plausible import plausibility
 
@@ -77,3 +80,76 @@ def notes_of(report):
     said = [f"{case.title}: {sentence}" for case in every for sentence in warnings(case.answers)]
     own = plausibility(report.train) + notes(*(answer for case in report.cases for answer in case.answers))
     return {"blocks": [*said, *own] or ["Nothing to note."]}
+
+
+MOST = 4
+"""Elements whose limits are drawn, of each of two kinds."""
+
+
+class Share(NamedTuple):
+    """The largest share of a limit that an element has: its kind (of JUDGED), the case and the speed."""
+
+    kind: Judged
+    name: str
+    share: float
+    case: str
+    rpm: float
+
+
+def largest_shares(cases):
+    """The :class:`Share` of every element over all cases and speeds that are judged, the largest first."""
+    found = {}
+    for case in cases:
+        strength = answers_strength(case.answers)
+        for key, name in judged_elements(strength, each=True):
+            shares = JUDGED[key].shares(getattr(strength, key)[name])
+            if np.isfinite(shares).any():
+                place = int(np.nanargmax(shares))
+                own = Share(JUDGED[key], name, float(shares[place]), case.title, case.answers[place].rpm)
+                found[key, name] = max(own, found.get((key, name), own), key=lambda one: one.share)
+    return dict(sorted(found.items(), key=lambda item: -item[1].share))
+
+
+def judged(cases):
+    """The largest shares of limits over all cases, and the titles of cases, by elements, in which stresses may not even
+    be passed through, or the torque of teeth changes its sign."""
+    shares, transient, reversing = list(largest_shares(cases).values()), {}, {}
+    for case in cases:
+        strength = answers_strength(case.answers)
+        for name, row in strength.stresses.items():
+            if row.transient is not None and np.any(row.stress > row.transient):
+                transient.setdefault(name, []).append(case.title)
+        for name, row in strength.tooth_torques.items():
+            if np.any(row.reverses):
+                reversing.setdefault(name, []).append(case.title)
+    over = sum(one.share > 1 for one in shares)
+    said = {"shares": shares, "over": over, "cases": len(cases), "transient": transient, "reversing": reversing}
+    return said | {"aid": AID}
+
+
+def shares_table(title, cases):
+    """Shares of limits of every element, case by case; cases may be of two designs; None without a limit."""
+    columns = [largest_shares([case]) for case in cases]
+    keys = list(dict.fromkeys(key for column in columns for key in column))
+    if not keys:
+        return None
+    kinds = [JUDGED[key] for key, _ in keys]
+    cells = [[name for _, name in keys], [kind.called for kind in kinds], [kind.limit for kind in kinds]]
+    for column in columns:
+        cells.append([f"{column[key].share:.2f}" if key in column else NONE for key in keys])
+        cells.append([f"{column[key].rpm:g}" if key in column else NONE for key in keys])
+    heads = ["element", "judged", "limit", *["share", "at rpm"] * len(cases)]
+    return Table(title, heads, cells, [(case.title, 3 + 2 * i, 4 + 2 * i) for i, case in enumerate(cases)])
+
+
+def limits(report):
+    """Stresses, tooth torques and heat against the limits of the scene."""
+    strengths = {case.title: answers_strength(case.answers) for case in report.shown}
+    first = strengths[report.cases[0].title]
+    cases, told = {}, []
+    for title, found in strengths.items() if first else ():
+        parts = [part if isinstance(part, Table) else flowing(part) for part in strength_text({"": found})]
+        cases[title] = [part for part in parts if part not in told]
+        told += parts
+    chosen = judged_elements(first, each=True)[: 2 * MOST] if len(report.rpm) > 1 else []
+    return {"cases": cases, "figures": [limit_figure(strengths, kind, name) for kind, name in chosen]}

@@ -4,13 +4,10 @@ import dataclasses
 
 import numpy as np
 
-from jaxhb.linear.critical import ELASTIC, campbell as campbell_of, excited_orders, mode_kinds
-from jaxhb.linear.damped import DAMPED_DISKS, damping_ratios
+from jaxhb.linear.critical import ELASTIC, campbell as campbell_of, excited_orders
 from jaxhb.linear.forced import forced_response
-from jaxhb.linear.modal import natural_frequencies
-from jaxhb.report.figures.forced import hardest_elements, orders_figure
-from jaxhb.report.figures.linear import campbell_figure
-from jaxhb.report.figures.modes import MOST, shapes_figure
+from jaxhb.report.figures.linear import MOST, campbell_figure, modes_of, shapes_figure
+from jaxhb.report.figures.speeds import hardest_elements, orders_figure
 from jaxhb.report.selection import NOT_FIRING
 from jaxhb.report.text.forced import forced_failures, readings, worst_tables
 from jaxhb.report.text.linear import campbell_parts, modes_text, reached, shares_in_mode
@@ -37,10 +34,7 @@ SPEEDS = 201
 def modes(report):
     """Natural frequencies and the shapes of the first ones that strain links."""
     train = report.train
-    few = train.topology.n_disks <= DAMPED_DISKS
-    found = natural_frequencies(train, count=None if few else LOWEST)
-    kinds = mode_kinds(found, train.topology.damper_names)
-    ratios = damping_ratios(train, found) if few else np.full(len(kinds), np.nan)
+    found, kinds, ratios = modes_of(train, LOWEST)
     table = modes_text(found, report.name, kinds, ratios, "teeth in contact" if train.topology.mesh_names else "")
     elastic = [k for k, kind in enumerate(kinds) if kind == ELASTIC][:MOST]
     shapes = [elastic[i : i + TOGETHER] for i in range(0, len(elastic), TOGETHER)]

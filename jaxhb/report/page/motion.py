@@ -9,9 +9,9 @@ import numpy as np
 from jaxhb.report import quantities
 from jaxhb.report.figures.cycle import cycle_figure
 from jaxhb.report.figures.figure import figure, kind_marks, plain, speed_range
-from jaxhb.report.figures.sweep import over_speed
+from jaxhb.report.figures.speeds import over_speed
 from jaxhb.report.page.differences import differences
-from jaxhb.report.page.limits import judged, shares_table
+from jaxhb.report.page.judgement import judged, shares_table
 from jaxhb.report.selection import default_gear, hardest_shaft, meshes_of
 from jaxhb.report.text.cases import hardest, speed_tables
 from jaxhb.report.text.columns import NONE, Table, alike, ratios, shares

@@ -6,8 +6,7 @@ import sys
 from dataclasses import dataclass
 
 from jaxhb.report.figures.figure import Figure
-from jaxhb.report.page.judgement import accuracy, notes_of, result
-from jaxhb.report.page.limits import limits
+from jaxhb.report.page.judgement import accuracy, limits, notes_of, result
 from jaxhb.report.page.linear import campbell, forced, modes
 from jaxhb.report.page.motion import forces_over_speed, motions, one_speed, second_design, swings
 from jaxhb.report.page.parts import flowing
@@ -54,16 +53,13 @@ class Part:
 
 
 def as_page(report):
-    """The page of a :class:`Report` as the bytes of a file, and whether every part of it could be made."""
-    parts = parts_of(report, PARTS)
-    return [page_text(parts, report).encode()], not any(part.failed for part in parts)
-
-
-def page_text(parts, report):
-    """HTML of parts; scripts, styles and numbers are inside, nothing is loaded when it is opened."""
+    """The page of a :class:`Report` as the bytes of a file, and whether every part of it could be made; scripts, styles
+    and numbers are inside, nothing is loaded when it is opened."""
     from plotly.offline import get_plotlyjs
 
-    return _environment().get_template("page.html").render(parts=parts, report=report, script=get_plotlyjs())
+    parts = parts_of(report, PARTS)
+    text = _environment().get_template("page.html").render(parts=parts, report=report, script=get_plotlyjs())
+    return [text.encode()], not any(part.failed for part in parts)
 
 
 def parts_of(report, sources):

@@ -1,0 +1,256 @@
+"""Figures over the speed: forces or torques and the kind of motion, linear orders, numbers beside their limits."""
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+
+from jaxhb.linear.strength import strength
+from jaxhb.report.answer import SPEED, Case, shown
+from jaxhb.report.figures.draw import drawn
+from jaxhb.report.figures.figure import (
+    MARKED,
+    bands,
+    bars,
+    crosses,
+    figure,
+    kind_keys,
+    line,
+    motion_line,
+    plain,
+    speed_range,
+    top_of,
+)
+from jaxhb.report.quantities import forces, separation, shaft_torques
+from jaxhb.report.selection import NOT_FIRING, hardest_shaft, train_name
+from jaxhb.report.text.forced import signal_of
+from jaxhb.report.text.strength import answers_strength
+
+BESIDE = 0.006
+"""Share of the axis between the bars of two meshes at one speed."""
+
+WAYS = {"up": "upwards", "down": "downwards", "orbit": "periodic solutions"}
+
+
+def plot_sweep(sweeps):
+    """Largest tooth force and share of the time out of contact, mesh by mesh, over the speed.
+
+    Markers tell the kind of motion; what has no answer, or did not converge, is a gap in the lines and a cross at the
+    bottom. Downwards markers are open. A train without gears shows its hardest worked shaft or damper. Below, of
+    stresses, tooth torques and heat what comes nearest to the limits that the scene gives, with barred ranges shaded.
+    ``sweeps`` are answers by direction, from :func:`jaxhb.report.compute.answer_speeds`.
+    """
+    return drawn(*sweep_figures(sweeps), title=train_name(next(iter(sweeps.values()))[0].topology))
+
+
+def sweep_figures(sweeps):
+    """The figures of :func:`plot_sweep`, in a list."""
+    cases = [Case(WAYS[way] if len(sweeps) > 1 else "", answers) for way, answers in sweeps.items()]
+    first = cases[0].answers
+    train = first[0].train
+    meshes = train.topology.mesh_names
+    if meshes:
+        figures = [
+            over_speed(forces(train), meshes, cases, "Largest tooth force, and the kind of motion"),
+            over_speed(separation(train), meshes, cases, "Time out of contact"),
+        ]
+    else:
+        torque, shaft = shaft_torques(train), hardest_shaft(first)
+        sums = dataclasses.replace(torque, read=lambda answer, name: answer.torque(name).sum_of_amplitudes)
+        more = [line([answer.place for answer in first], sums.of(first, shaft), "sum of amplitudes", 3)]
+        caption = f"Vibratory torque of {plain(shaft)}, half peak-to-peak, and the kind of motion"
+        figures = [over_speed(torque, [shaft], cases, caption, more=more)]
+    judged = {case.title: answers_strength(case.answers) for case in cases if first[0].axis == SPEED}
+    limited = judged_elements(next(iter(judged.values()))) if judged else []
+    return figures + [limit_figure(judged, *chosen) for chosen in limited]
+
+
+def over_speed(quantity, names, cases, caption=None, *, more=(), **layout):
+    """Elements over the speed, case by case, with and without backlash; symbols tell the kind of motion.
+
+    A quantity of no signal is drawn with backlash alone. Of one element every case is a line of its own look; of
+    several every element is, with open symbols in the second case. Cases have the same speeds; a single one may have no
+    title. ``more`` are traces drawn with them, ``layout`` is for :func:`figure`.
+    """
+    first, several = cases[0].answers, len(names) > 1
+    places = [answer.place for answer in first]
+    backlash = quantity.signal is not None and any(first[0].topology.mesh_backlash)
+    # Both directions have the same motion without backlash.
+    alike, traces = all(case.answers[0].train is first[0].train for case in cases), []
+    for place, name in enumerate(names):
+        for number, case in enumerate(cases):
+            said = [plain(name)] * (several or not case.title) + [plain(case.title)] * bool(case.title)
+            style = place if several else 2 * number
+            values = quantity.of(case.answers, name)
+            traces.append(motion_line(case.answers, values, ", ".join(said), style, hollow=number > 0))
+            if backlash and (case is cases[0] or not alike):
+                said = "" if alike else f"{plain(case.title)}, "
+                style = {"style": place if several else 2 * number + 1, "showlegend": not (several and place)}
+                values, look = quantity.without(case.answers, name), {"width": 0.8} if several else {}
+                traces.append(line(places, values, f"{said}without backlash", look=look, **style))
+    traces += more
+    axis = speed_range(places)
+    if quantity.called == "tooth force" and names[0]:
+        traces += _cycles(quantity, names, cases, BESIDE * (axis[1] - axis[0]))
+    panels = [(f"{quantity.called}, {quantity.unit}", top_of(traces))]
+    traces += kind_keys(*(case.answers for case in cases))
+    title = "speed, rpm" if first[0].axis == SPEED else first[0].axis.label
+    caption = caption or f"{plain(names[0])}: {quantity.small_title}, {quantity.unit}"
+    return figure(caption, title, panels, traces, x_range=axis, **layout)
+
+
+def _cycles(quantity, names, cases, beside):
+    """Bars from 5 to 95 % of the largest forces of a cycle, of motions that never repeat; one mesh beside the other."""
+    answers = [answer for case in cases for answer in case.answers]
+    rows = [
+        (answer.place + beside * number, *quantity.factor * np.asarray(answer.force(name).per_cycle.max)[[0, 2]])
+        for number, name in enumerate(names)
+        for answer in answers
+        if answer.answered and answer.state.kind == "irregular"
+    ]
+    look = {"color": "#555555", "dash": "solid", "width": 5}
+    said = "5 to 95 % of the cycles"
+    return [bars(*np.transpose(rows), said, look=look, opacity=0.45, hoverinfo="skip")] if rows else []
+
+
+MOST = 4
+"""Elements in one picture."""
+
+SYMBOLS = "circle", "square", "diamond", "triangle-up", "cross", "star"
+"""Of the orders."""
+
+
+def plot_forced(response, found, misfires=None, worst=None):
+    """Half peak-to-peak, sum of amplitudes and the largest orders of up to four elements over the speed; limits.
+
+    What the scene gives limits for has panels below: stresses, tooth torques and heat beside their limits, barred
+    ranges shaded; of the elements drawn if few are given, else of each kind what comes nearest to its limit.
+    Of more than four readings ``found`` the shaft and the mesh that swing most are drawn. With ``misfires`` and the
+    ``worst`` of them (:func:`jaxhb.report.text.forced.worst_of`) each element has the half peak-to-peak of its worst
+    misfire beside it.
+    """
+    return drawn(*forced_figures(response, found, misfires, worst), title=train_name(response.topology))
+
+
+def forced_figures(response, found, misfires=None, worst=None):
+    """The figures of :func:`plot_forced`, in a list."""
+    certain = np.asarray(response.converged)
+    known = [one.at(certain) for one in found] if certain.any() else found
+    chosen = known if len(found) <= MOST else hardest_elements(known)
+    judged = strength(shown(response))
+
+    def beside(name):
+        """The worst misfire of an element."""
+        return {f"{worst[name].cylinder}{NOT_FIRING}": misfires.responses[worst[name].cylinder]} if misfires else {}
+
+    figures = [orders_figure(response, one, beside(one.name)) for one in chosen]
+    for kind, name in judged_elements(judged, {one.name for one in found}, each=len(found) <= MOST):
+        cases = {title: strength(shown(other)) for title, other in beside(name).items()}
+        figures.append(limit_figure({"": judged} | cases, kind, name))
+    return figures
+
+
+def orders_figure(response, element, misfires, title=""):
+    """Synthesis, sum and main orders of an element, a Reading, over the speed; gaps and crosses without an answer.
+
+    misfires : responses by title, whose half peak-to-peak stands beside it; title : of the case
+    """
+    factor, unit = element.shown
+    signal, rpm = signal_of(response, element.name, element.kind), response.rpm
+    converged = np.asarray(response.converged)
+    certain = np.where(converged, factor, np.nan)
+    traces = [
+        line(rpm, certain * signal.half_peak_to_peak, "half peak-to-peak", look={"width": 2.4}),
+        line(rpm, certain * signal.sum_of_amplitudes, "sum of amplitudes", 3),
+    ]
+    for called, other in misfires.items():
+        own = signal_of(other, element.name, element.kind).half_peak_to_peak
+        own = np.where(other.converged, factor, np.nan) * own
+        traces.append(line(rpm, own, f"half peak-to-peak, {plain(called)}", 1))
+    for number, k in enumerate(element.main() if converged.any() else ()):
+        marker = {"symbol": SYMBOLS[number % len(SYMBOLS)], "size": 6, "maxdisplayed": 12}
+        more = {"mode": "lines+markers", "marker": marker, "look": {"width": 1.0}}
+        traces.append(line(rpm, certain * signal.amplitudes[:, k], f"order {signal.orders[k]:g}", 2 + number, **more))
+    panels = [(f"{element.called}, {unit}", top_of(traces))]
+    traces += crosses(rpm[~converged])
+    across = (rpm[0], rpm[-1]) if len(rpm) > 1 else None
+    said = f"linear forced response over the speed, {title}".removesuffix(", ")
+    return figure(f"{plain(element.name)}: {said}, {unit}", "speed, rpm", panels, traces, x_range=across, height=220)
+
+
+def hardest_elements(found):
+    """The shaft and the mesh with the largest half peak-to-peak, without either the disk."""
+    kinds = {kind: [one for one in found if one.kind == kind] for kind in ("shafts", "meshes")}
+    kinds = [own for own in kinds.values() if own] or [found]
+    return [max(own, key=lambda one: np.max(one.signal.half_peak_to_peak)) for own in kinds]
+
+
+class Judged(NamedTuple):
+    """A kind of number that is judged: its field in a row of a :class:`jaxhb.Strength`, what it is called, factor and
+    unit for people, and the fields of its limits with what they are called, the one that counts first."""
+
+    field: str
+    called: str
+    factor: float
+    unit: str
+    limits: dict
+
+    @property
+    def limit(self):
+        """What the first limit is called."""
+        return next(iter(self.limits.values()))
+
+    def shares(self, row):
+        """Shares of the first limit over the speeds, nan where there is none or nothing is known."""
+        limit = getattr(row, next(iter(self.limits)))
+        limit = np.asarray(np.nan if limit is None else limit, float)
+        return np.asarray(getattr(row, self.field), float) / np.where(np.isfinite(limit), limit, np.nan)
+
+
+JUDGED = {
+    "stresses": Judged(
+        "stress", "stress", 1e-6, "MPa", {"continuous": "continuous limit", "transient": "transient limit"}
+    ),
+    "tooth_torques": Judged("vibratory", "vibratory torque", 1.0, "N m", {"limit": "a third of the rated torque"}),
+    "heat": Judged("power", "heat", 1.0, "W", {"limit": "limit"}),
+}
+"""By the fields of a :class:`jaxhb.Strength`."""
+
+
+def judged_elements(found, names=None, *, each=False):
+    """What has a panel, as (key of JUDGED, name): of each kind the element with the largest share of its limit, without
+    limits that with the largest number, or ``each`` of them; ``names``: elements that are looked at, else all."""
+    chosen = []
+    for key, kind in JUDGED.items():
+        rows = {name: row for name, row in getattr(found, key).items() if names is None or name in names}
+
+        def most(name, kind=kind, rows=rows):
+            values = np.asarray(getattr(rows[name], kind.field), float)
+            return np.nanmax(np.append(kind.shares(rows[name]), -1.0)), np.nanmax(np.append(values, 0.0))
+
+        chosen += [(key, name) for name in (rows if each or not rows else [max(rows, key=most)])]
+    return chosen
+
+
+def limit_figure(judged, key, name):
+    """One element of :func:`judged_elements` against its limits; what is barred is shaded.
+
+    judged : one :class:`jaxhb.Strength` or more of the same speeds and limits, by the titles of their cases
+    """
+    _, called, factor, unit, limits = kind = JUDGED[key]
+    first, traces = next(iter(judged.values())), []
+    for number, (title, found) in enumerate(judged.items()):
+        values = factor * np.asarray(getattr(getattr(found, key)[name], kind.field), float)
+        said = f"{called}, {plain(title)}".removesuffix(", ")
+        traces.append(line(found.rpm, values, said, number, mode="lines+markers" if len(values) <= MARKED else "lines"))
+    for number, (limit, said) in enumerate(limits.items()):
+        values = getattr(getattr(first, key)[name], limit)
+        if values is not None:
+            values = factor * np.broadcast_to(values, np.shape(first.rpm))
+            traces.append(line(first.rpm, values, said, 2 + number, look={"color": "black"}))
+    barred = [one for found in judged.values() for one in found.barred.get(name, ())] if key == "stresses" else []
+    shaded = "; grey: barred" + " in one of these cases" * (len(judged) > 1) if barred else ""
+    against = " against its limits" if len(traces) > len(judged) else ""
+    caption = f"{plain(name)}: {called}{against}, {unit}{shaded}"
+    panels, shapes = [(f"{called}, {unit}", top_of(traces))], bands([(one.low, one.high) for one in barred])
+    return figure(caption, "speed, rpm", panels, traces, x_range=speed_range(first.rpm), height=180, shapes=shapes)
