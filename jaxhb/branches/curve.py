@@ -84,8 +84,7 @@ INVERSIONS = 3
 def null_direction(curve, y, direction):
     """The direction ``(n,)``, of length 1, in which F stays zero to first order where its Jacobian is singular.
 
-    By inverse iteration on the Jacobian bordered with the last direction, the first one given: it keeps what symmetry
-    the first one has.
+    By inverse iteration on the Jacobian bordered with the last direction; it keeps the symmetry of the one given.
     """
     value, equations = curve.equation(y)
     at, one = _prepared(curve, y, *equations), jnp.append(jnp.zeros_like(value), 1.0)

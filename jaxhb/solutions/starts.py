@@ -21,8 +21,9 @@ from jaxhb.balance.problem import problem_at
 from jaxhb.balance.program import active_deflections, first_start, solve_once, solve_problem
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
 from jaxhb.results.response import Response
-from jaxhb.results.status import Homotopy, March, Shooting, Status
+from jaxhb.results.status import March, Shooting, Status
 from jaxhb.solutions import homotopy, orbits, planning
+from jaxhb.train.drivetrain import DriveTrain
 
 # Periodicity error of a march from which shooting with its steps is useless: what Newton's method then lacks are
 # shorter steps or more harmonics.
@@ -33,16 +34,11 @@ FINEST_SHOTS = 4  # with the finest steps, that ``Effort.work`` has to pay for: 
 
 @dataclass(frozen=True)
 class Effort:
-    """What the strategies above a short march may cost: by default what a solve takes unasked, about a second for 27
-    disks.
+    """What the strategies above a short march may cost; by default about a second for 27 disks."""
 
-    finer : times the steps of the march, at most, with which orbits are searched, as coarse steps bend them; work : of
-    the shots of a search, in units of :func:`jaxhb.solutions.orbits.work_of_cycle`; orbits : tried at most; some have
-    no harmonics near them, or lie beyond a turning point that the steps displaced.
-    """
-
-    finer: int = 1
-    work: float = 5e6
+    finer: int = 1  # times the steps of the march, at most, with which orbits are searched: coarse steps bend them
+    work: float = 5e6  # of the shots of a search, in units of ``orbits.work_of_cycle``
+    # Tried at most: some have no harmonics near them, or lie beyond a turning point that the steps displaced.
     orbits: int = 2
 
 
@@ -51,37 +47,22 @@ LONG = Effort(finer=4, work=orbits.WORK, orbits=16)  # what the searches of ``ja
 
 @dataclass
 class Case:
-    """One train at one speed, asked for once: what its attempts share, and what became of the last of them.
+    """One train at one speed, asked for once: what its attempts share, and what became of the last of them."""
 
-    Parameters
-    ----------
-    train, rpm, request : what is asked
-    plan : Plan, from the linear motion; strategies change copies of it
-    effort : what strategies may cost
-    search_with : class of the searches for orbits
-    deadline : on the monotonic clock, when no further attempt begins
-    path : events so far; strategies and :func:`refine` add theirs
-    searches : for orbits, by the meshes and time steps of their plans
-    response : of the last attempt, None before the first; reached : its plan in the end
-    solved : whether no further attempt is wanted, as it was solved, or none can be
-    march_error : periodicity error of the short march; inf without one or where it was not finite
-    harmonics : fewest that the tolerance is known to need
-    """
-
-    train: object
+    train: DriveTrain
     rpm: float
     request: Request
-    plan: Plan
-    effort: Effort = field(default_factory=Effort)
+    plan: Plan  # from the linear motion; strategies change copies of it
+    effort: Effort = Effort()
     search_with: type = orbits.OrbitSearch
-    deadline: float = math.inf
-    path: list = field(default_factory=list)
-    searches: dict = field(default_factory=dict)
-    response: Response | None = None
-    reached: Plan | None = None
-    solved: bool = False
-    march_error: float = math.inf
-    harmonics: int = 0
+    deadline: float = math.inf  # on the monotonic clock, when no further attempt begins
+    path: list = field(default_factory=list)  # events so far; strategies and ``refine`` add theirs
+    searches: dict = field(default_factory=dict)  # for orbits, by the meshes and time steps of their plans
+    response: Response | None = None  # of the last attempt
+    reached: Plan | None = None  # its plan in the end
+    solved: bool = False  # whether no further attempt is wanted: it was solved, or cannot be
+    march_error: float = math.inf  # periodicity error of the short march; inf where there is none that is finite
+    harmonics: int = 0  # fewest that the tolerance is known to need
 
     @cached_property
     def modes(self):
@@ -100,8 +81,7 @@ class Case:
 
     def next_level(self, harmonics):
         """The number of harmonics to try after ``harmonics``; None at the limit."""
-        one, sweep = planning.PLANNING.level_ratio, planning.PLANNING.sweep_level_ratio
-        return planning.next_level(harmonics, self.plan.method, sweep if self.request.few_levels else one)
+        return planning.next_level(harmonics, self.plan.method, self.request.few_levels)
 
     def resolved(self, plan):
         """The plan with the time steps and the share of the tolerance that its harmonics want."""
@@ -126,8 +106,7 @@ class Case:
         return dataclasses.replace(plan, active=known.active, flank=known.flank, **changes)
 
     def search(self, plan, steps):
-        """The search for orbits with the meshes of a plan and so many time steps; its march serves several
-        strategies."""
+        """The search for orbits with the meshes of a plan and so many time steps; its march serves all strategies."""
         key = plan.active, plan.flank, steps
         if key not in self.searches:
             plan = dataclasses.replace(plan, time_steps=steps)
@@ -262,9 +241,8 @@ def from_linear_law(case):
         return
     plan = case.marching()
     steps = min(2 * plan.time_steps, _finest(case, plan))
-    found = homotopy.find(case.train, case.rpm, dataclasses.replace(plan, time_steps=steps))
-    event = Homotopy(found.coefficients is not None, found.curves, found.steps, found.folds, steps)
-    yield from _with_finer_steps(case, plan, found, steps, event)
+    orbit, event = homotopy.find(case.train, case.rpm, dataclasses.replace(plan, time_steps=steps))
+    yield from _with_finer_steps(case, plan, orbit, steps, event)
 
 
 # Of a solve, the cheap ones first: the first attempt that is solved is the answer. Where the start of one of them has
@@ -294,10 +272,9 @@ def _from_orbit(case, plan, orbit, steps, event):
     """
     harmonics = plan.harmonics
     if case.request.harmonics is None:
-        wanted = min(harmonics * steps // plan.time_steps, MOST_HARMONICS[plan.method])
-        harmonics = planning.level_at_least(wanted)
-    harmonics, steps = max(harmonics, case.harmonics), min(steps, TIME_STEPS[-1])
-    return dataclasses.replace(plan, harmonics=harmonics, time_steps=steps), orbit.coefficients, event
+        harmonics = planning.level_at_least(min(harmonics * steps // plan.time_steps, MOST_HARMONICS[plan.method]))
+    plan = dataclasses.replace(plan, harmonics=max(harmonics, case.harmonics), time_steps=min(steps, TIME_STEPS[-1]))
+    return plan, orbit.coefficients, event
 
 
 def _with_finer_steps(case, plan, orbit, steps, event):

@@ -93,5 +93,5 @@ def test_a_curve_that_costs_too_much_is_not_begun(hammering, monkeypatch):
 def test_numbers_that_are_not_finite_end_the_curve_at_once(hammering):
     train, rpm = hammering
     torques = dataclasses.replace(train.torques, mean=np.nan * train.torques.mean)
-    found = homotopy.find(dataclasses.replace(train, torques=torques), rpm, PLAN)
-    assert found.coefficients is None and found.steps == 0
+    orbit, event = homotopy.find(dataclasses.replace(train, torques=torques), rpm, PLAN)
+    assert orbit.coefficients is None and event.steps == 0 and not event.found
