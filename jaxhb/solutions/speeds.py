@@ -42,12 +42,8 @@ def solve_speeds(
         Speeds of the reference rotor.
     plan : Plan, optional
         From :func:`jaxhb.plan`: all speeds are solved under it, and nothing is solved twice.
-    harmonics : int, optional
-        Harmonics of the cycle, fixed for all speeds.
-    tolerance : float, optional
-        On the truncation error, default 1 %; speeds that do not reach it have status TOLERANCE_NOT_MET.
-    integrals : str, optional
-        Of the tooth law over the cycle, "sampled" (default) or "exact", as in :func:`jaxhb.solve`.
+    harmonics, tolerance, integrals : optional
+        As in :func:`jaxhb.solve`; speeds that do not reach the tolerance have status TOLERANCE_NOT_MET.
     progress : callable, optional
         Called with the number of speeds done since the last call.
     devices : sequence of jax devices

@@ -3,9 +3,9 @@
 A start strategy is a function ``strategy(case)`` that yields attempts ``(plan, given, event)``: deflections ``(G,
 n+1)`` from which Newton's method is to start under a plan, None for the start that the plan has, and how they were
 found. The next one is asked for where Newton's method did not solve the last. The cheap strategies come first: from
-teeth in contact Newton's method succeeds where no tooth separates, from a short march where the motion settles within a
-few cycles. Shooting and the curve from the linear law look for periodic motions that no march settles on; what they
-find may be unstable. A solve takes few shots and no curve.
+teeth in contact Newton's method succeeds where no tooth separates, from a short march where the motion becomes
+periodic within a few cycles. Shooting and the curve from the linear law look for periodic motions to which no march
+comes; what they find may be unstable. A solve takes few shots and no curve.
 """
 
 import dataclasses
@@ -27,7 +27,7 @@ from jaxhb.train.drivetrain import DriveTrain
 
 # Periodicity error of a march from which shooting with its steps is useless: what Newton's method then lacks are
 # shorter steps or more harmonics.
-SETTLED = 1e-5
+PERIODIC = 1e-5
 CLOSER = 30.0  # A long march is a start where its periodicity error is so many times smaller than that of the short one
 FINEST_SHOTS = 4  # with the finest steps, that ``Effort.work`` has to pay for: of larger trains fewer closed none
 
@@ -96,7 +96,7 @@ class Case:
         """Time steps a cycle that resolve the mesh modes and the excitation."""
         return time_steps_for(max(self.modes[0], 2 * self.plan.excited))
 
-    def marching(self):
+    def march_plan(self):
         """The plan of a march: above the mesh modes, below which the harmonics often have no solution nearby."""
         known, plan = self.reached or self.plan, self.plan
         harmonics, steps = plan.harmonics, max(plan.time_steps, self.resolving)
@@ -197,13 +197,13 @@ def from_response(response):
 
 def short_march(case):
     """From a few cycles of time integration."""
-    plan = case.marching()
+    plan = case.march_plan()
     yield dataclasses.replace(plan, harmonics=max(plan.harmonics, case.harmonics)), None, None
 
 
 def long_march(case):
     """From up to 64 cycles, where one of them closes much better than the short march did."""
-    plan = case.marching()
+    plan = case.march_plan()
     counts = search_steps(case, plan)
     if not counts:
         return
@@ -217,7 +217,7 @@ def long_march(case):
 
 def shooting(case):
     """From closed orbits, found by Newton's method on the state at the beginning of a cycle."""
-    plan, left = case.marching(), case.effort.orbits
+    plan, left = case.march_plan(), case.effort.orbits
     shots = {steps: case.search(plan, steps).shoot() for steps in search_steps(case, plan)}
     while shots:  # one of each number of steps by turns
         for steps, found in list(shots.items()):
@@ -235,11 +235,11 @@ def shooting(case):
 def from_linear_law(case):
     """From the motion of a linear law with strong tooth damping, followed to the wanted train.
 
-    Not where a march settled: the curve would most likely end at its motion.
+    Not where a march became periodic: the curve would most likely end at its motion.
     """
-    if case.march_error <= SETTLED:
+    if case.march_error <= PERIODIC:
         return
-    plan = case.marching()
+    plan = case.march_plan()
     steps = min(2 * plan.time_steps, _finest(case, plan))
     orbit, event = homotopy.find(case.train, case.rpm, dataclasses.replace(plan, time_steps=steps))
     yield from _with_finer_steps(case, plan, orbit, steps, event)
@@ -257,12 +257,12 @@ def _finest(case, plan):
 
 
 def search_steps(case, plan):
-    """Time steps a cycle with which orbits are searched; those of the march itself not where it settled."""
+    """Time steps a cycle with which orbits are searched; those of the march itself not where it became periodic."""
     finest = _finest(case, plan)
     twice = min(2 * plan.time_steps, finest)
     affordable = FINEST_SHOTS * orbits.work_of_cycle(case.train, finest) <= case.effort.work
     counts = dict.fromkeys((plan.time_steps, twice, finest if affordable else twice))
-    return [n for n in counts if n > plan.time_steps or case.march_error > SETTLED]
+    return [n for n in counts if n > plan.time_steps or case.march_error > PERIODIC]
 
 
 def _from_orbit(case, plan, orbit, steps, event):

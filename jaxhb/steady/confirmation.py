@@ -1,4 +1,4 @@
-"""Harmonic balance of a motion on which a march settled: of one cycle, or of several as one long cycle."""
+"""Harmonic balance of a motion to which a march came: of one cycle, or of several as one long cycle."""
 
 import dataclasses
 
