@@ -184,19 +184,9 @@ def plan(
 
 
 def linear_response(train: DriveTrain, *, rpm: Number, harmonics: int | None = None) -> Response:
-    """Response with every mesh in contact all cycle, as if there were no backlash.
+    """Response with every mesh in contact all cycle, as if there were no backlash: tooth forces may pull.
 
-    Parameters
-    ----------
-    train : DriveTrain
-    rpm : float
-    harmonics : int, optional
-        Default: those of the excitation.
-
-    Returns
-    -------
-    Response
-        Tooth forces are linear and may pull.
+    ``harmonics`` : default those of the excitation; arguments and errors otherwise as of :func:`solve`.
     """
     check_speed(train, rpm)
     if harmonics is not None:

@@ -126,7 +126,7 @@ def steady_state(
     SceneError
         A speed that is not greater than 0 or above 1e6 rpm.
     ValueError
-        An unknown direction; :class:`CheckpointError`: ``out`` holds other answers, or cannot be written.
+        An unknown direction; :class:`jaxhb.CheckpointError`: ``out`` holds other answers, or cannot be written.
     TypeError
         Under ``jit``, ``vmap`` or ``grad``.
 
