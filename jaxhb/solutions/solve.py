@@ -54,8 +54,8 @@ def solve(
     tolerance : float, optional
         Largest truncation error of the elastic tooth force over the largest tooth force; default 1 %.
     method : str, optional
-        "reduced" (default; unknowns at the meshes that can leave contact) or "chain" (all disks, block sweep; a check
-        up to 128 harmonics, no closed loops).
+        "reduced" (default; unknowns at the meshes that can leave contact) or "chain" (all disks; a check up to 128
+        harmonics, no closed loops).
     integrals : str, optional
         Of the tooth law over the cycle: "sampled" (default) at 16 time samples per harmonic, or "exact" between the
         times at which teeth pass the knots of their law, which only "reduced" has. Sampling leaves the solution an

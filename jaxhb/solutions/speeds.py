@@ -101,7 +101,7 @@ def worth_another_try(response, request):
     return status == Status.PLAN_VIOLATED or status.another_start_may_help
 
 
-def try_again(train, index, found, request, plan, solve=solve_again):
+def try_again(train, index, found, request, plan):
     """The best response at one speed: from its own motion or the nearest that converged, then by the other start
     strategies."""
     response = found[index]
@@ -109,5 +109,5 @@ def try_again(train, index, found, request, plan, solve=solve_again):
     if int(response.status) != Status.TOLERANCE_NOT_MET:
         near = [other for other in found if other.converged]
         start = min(near, key=lambda other: abs(other.rpm - response.rpm), default=None)
-    again = solve(train, float(response.rpm), request, plan, start)
+    again = solve_again(train, float(response.rpm), request, plan, start)
     return response if again is None or again.status > response.status else again
