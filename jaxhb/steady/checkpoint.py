@@ -31,8 +31,8 @@ class Checkpoint:
     """A folder of steady states or periodic solutions of one train, for one way of asking.
 
     ``asked``: plain values that the answers depend on beside the train, by the name under which a sentence speaks of
-    it; ``chunk``: speeds that are computed and written together. A CheckpointError for a folder that holds other things,
-    or answers for another train, another version or other options, and for one that cannot be written.
+    it; ``chunk``: speeds that are computed and written together. A CheckpointError for a folder that holds anything
+    else, be it of another train, other sources of the package or other options, and for one that cannot be written.
     """
 
     def __init__(self, folder, train, asked, chunk=CHUNK):
@@ -61,9 +61,8 @@ class Checkpoint:
         except (ValueError, KeyError, TypeError, AttributeError, OSError):
             raise CheckpointError(f"{place} has no readable {MANIFEST}: it is no folder of a sweep. {other}") from None
         if parts[:2] != (now["scene"], now["numbers"]):
-            what = (
-                "the same scene with other numbers" if there["scene"] == now["scene"] else f"scene {there['scene']!r}"
-            )
+            scene = there["scene"]
+            what = "the same scene with other numbers" if scene == now["scene"] else f"scene {scene!r}"
             raise CheckpointError(f"{place} holds a sweep of {what}. {other}")
         for kind in ("versions", "options"):
             for name, value in now[kind].items():
