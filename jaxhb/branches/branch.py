@@ -6,7 +6,7 @@ The curve is that of the reduced harmonic equations with a fixed number of harmo
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -30,11 +30,8 @@ from jaxhb.train.speeds import check_speed
 
 @dataclass(frozen=True)
 class SpecialPoint:
-    """Where a branch turns back or changes its stability.
-
-    kind : "fold", "branch point", "period doubling" or "Neimark-Sacker"; value : of the parameter; after : number of
-    the point of the branch before it; y : the point itself, as the curve has it.
-    """
+    """Where a branch turns back or changes its stability: a "fold", "branch point", "period doubling" or
+    "Neimark-Sacker" at a value of the parameter, after point no. ``after`` of the branch; ``y`` on the curve."""
 
     kind: str
     value: float
@@ -61,16 +58,9 @@ def response_at(curve, plan, y):
 
 @dataclass(frozen=True)
 class Point:
-    """A point of a branch: its row of the table; y and tangent of its curve, the multipliers of its teeth."""
+    """A point of a branch: its row of the table by column; y and tangent of its curve, the multipliers of its teeth."""
 
-    value: float
-    largest_deflection: np.ndarray
-    smallest_deflection: np.ndarray
-    largest_force: np.ndarray
-    smallest_force: np.ndarray
-    multiplier: complex
-    stable: bool
-    truncation_error: float
+    row: dict
     y: np.ndarray
     tangent: np.ndarray
     multipliers: np.ndarray
@@ -79,22 +69,14 @@ class Point:
     def at(cls, curve, plan, y, tangent):
         """The point with its row."""
         response = response_at(curve, plan, y)
-        found, names = stability(response), response.topology.mesh_names
-        signals = [read(name) for read in (response.deflection, response.force) for name in names]
-        largest, smallest = ([getattr(signal, end) for signal in signals] for end in ("max", "min"))
-        return cls(
-            curve.value(y),
-            largest[: len(names)],
-            smallest[: len(names)],
-            largest[len(names) :],
-            smallest[len(names) :],
-            found.critical,
-            found.stable,
-            float(response.truncation_error),
-            y,
-            tangent,
-            found.multipliers[~found.rotation],
-        )
+        found, row = stability(response), {"value": curve.value(y)}
+        for quantity in ("deflection", "force"):
+            signals = [getattr(response, quantity)(name) for name in response.topology.mesh_names]
+            row[f"largest_{quantity}"] = [signal.max for signal in signals]
+            row[f"smallest_{quantity}"] = [signal.min for signal in signals]
+        row |= {"multiplier": found.critical, "stable": found.stable}
+        row["truncation_error"] = float(response.truncation_error)
+        return cls(row, y, tangent, found.multipliers[~found.rotation])
 
     def beyond(self, place):
         """Product of ``1 - place x multiplier``: its sign changes where a real one passes ``place``, +1 or -1."""
@@ -143,7 +125,7 @@ def special_points(curve, plan, points, locate, options):
             products, turning = at.pairs
             if kind != "Neimark-Sacker" or turning[np.argmin(np.abs(products))]:
                 length = (at.y - ends[0][0]) @ ends[0][1]
-                special.append((number, length, SpecialPoint(kind, at.value, int(number), at.y)))
+                special.append((number, length, SpecialPoint(kind, at.row["value"], int(number), at.y)))
     return tuple(point for *_, point in sorted(special, key=lambda entry: entry[:2]))
 
 
@@ -215,25 +197,9 @@ class Branch:
     def resume(
         self, number: int = -1, *, to: float | None = None, backwards: bool = False, options: BranchOptions = BRANCH
     ) -> Branch:
-        """Follow on from a point of this branch, or back from it.
+        """Follow on, or ``backwards``, from point ``number`` of this branch, which is the first of the new one.
 
-        Parameters
-        ----------
-        number : int, of the point
-        to : float, optional
-            Extends the range, which is otherwise that of this branch.
-        backwards : bool
-        options : BranchOptions
-
-        Returns
-        -------
-        Branch
-            Beginning with that point.
-
-        Raises
-        ------
-        SceneError, ValueError
-            ``to`` is not a value that the parameter can have.
+        ``to`` extends the range; SceneError or ValueError where it is not a value that the parameter can have.
         """
         curve, shares = self._curve, [0.0, 1.0]
         if to is not None:
@@ -243,28 +209,12 @@ class Branch:
         return _followed(curve, self._plan, y, -tangent if backwards else tangent, (min(shares), max(shares)), options)
 
     def doubled(self, number: int = 0, *, options: BranchOptions = BRANCH) -> Branch:
-        """The branch of motions of twice the period that leaves this one at a period doubling.
+        """The branch of motions of twice the period that leaves this one at its period doubling no. ``number``.
 
-        Begins in the direction in which the harmonic equations over two periods are singular there; a motion and the
-        one a period later are the same.
+        Of ``train.repeated(2)``, in the same range. Begins in the direction in which the harmonic equations over two
+        periods are singular there; a motion and the one a period later are the same. ValueError where there is no such
+        period doubling.
 
-        Parameters
-        ----------
-        number : int, among the period doublings of :attr:`special`
-        options : BranchOptions
-
-        Returns
-        -------
-        Branch
-            Of ``train.repeated(2)``, in the same range, beginning at the period doubling.
-
-        Raises
-        ------
-        ValueError
-            There is no such period doubling.
-
-        Examples
-        --------
         >>> import jaxhb
         >>> branch = jaxhb.follow(train, "rpm", start=4800.0, to=3900.0)  # doctest: +SKIP
         >>> branch.doubled().doubled()  # doctest: +SKIP
@@ -318,10 +268,6 @@ def follow(
     begin : Response, optional
         A motion at ``start`` to begin with, where several exist; default: :func:`jaxhb.solve`.
     options : BranchOptions
-
-    Returns
-    -------
-    Branch
 
     Raises
     ------
@@ -416,8 +362,7 @@ def _followed(curve, plan, y, onward, within, options):
     points = [Point.at(curve, plan, *point) for point in path]
     locate = partial(continuation.locate_zero, *equations, control=control)
     special = special_points(curve, plan, points, locate, options)
-    names = [column.name for column in fields(Point)][:8]
-    columns = {name: np.array([getattr(point, name) for point in points]) for name in names}
+    columns = {name: np.array([point.row[name] for point in points]) for name in points[0].row}
     ended = _sentence(curve, end, within, options)
     return Branch(curve.parameter, **columns, special=special, ended=ended, _curve=curve, _plan=plan, _path=path)
 

@@ -59,7 +59,7 @@ class HarmonicCurve:
 
 @Program
 def linearized(curve, y, normal):
-    """What ``linearize`` of :func:`continuation.follow_curve` returns."""
+    """What ``linearize`` of :func:`jaxhb.solutions.continuation.follow_curve` returns."""
     rising = jnp.zeros_like(y).at[-1].set(1.0)
     value, column, equations = jax.jvp(curve.equation, (y,), (rising,), has_aux=True)
     at, border = _prepared(curve, y, *equations), (column, normal)
@@ -84,8 +84,7 @@ INVERSIONS = 3
 def null_direction(curve, y, direction):
     """The direction ``(n,)``, of length 1, in which F stays zero to first order where its Jacobian is singular.
 
-    By inverse iteration on the Jacobian bordered with the last direction, the first one given: it keeps what symmetry
-    the first one has.
+    By inverse iteration on the Jacobian bordered with the last direction; it keeps the symmetry of the one given.
     """
     value, equations = curve.equation(y)
     at, one = _prepared(curve, y, *equations), jnp.append(jnp.zeros_like(value), 1.0)
@@ -99,8 +98,8 @@ def null_direction(curve, y, direction):
 
 @Program
 def simplified(curve, y, slopes):
-    """What ``simplify`` of :func:`continuation.follow_curve` returns: with the Jacobian of this point, but the
-    preconditioner and the derivative in the parameter of another."""
+    """What ``simplify`` of :func:`jaxhb.solutions.continuation.follow_curve` returns: the Jacobian of this point, the
+    preconditioner and the derivative in the parameter of another one."""
     value, (_, reduced) = curve.equation(y)
     right = (jnp.append(-value, 0.0),)
     deflection, samples = curve.deflection(y), curve.plan.samples

@@ -83,15 +83,8 @@ def solve_all(
 
     Raises
     ------
-    SceneError
-        A speed that is not greater than 0 or above 1e6 rpm.
-    TypeError
-        Under ``jit``, ``vmap`` or ``grad``.
-
-    Notes
-    -----
-    Takes seconds to minutes. :func:`jaxhb.steady_state` finds in a fraction of a second what the train does,
-    :func:`jaxhb.follow` where a motion goes with the speed.
+    SceneError, TypeError
+        As :func:`jaxhb.steady_state`, which finds in a fraction of a second what the train does; this takes minutes.
 
     Examples
     --------

@@ -15,8 +15,7 @@ class Contact:
     ----------
     separated_fraction : share of the cycle in which the teeth are apart: ``|l|`` is below the gap of the law
     reverse_contact_fraction : share of the cycle in contact on the flank that does not drive
-    impacts : list of dict
-        Entries from separation to contact: ``cycle`` (share of the cycle), ``speed`` in m/s, ``side`` +1 or -1.
+    impacts : entries into contact, dicts of ``cycle`` (share of the cycle), ``speed`` in m/s, ``side`` +1 or -1
     drive_side : sign of the mesh's mean force
     gap_spring_force, knee_force : N, the largest force in the gap; the force above which the tooth is stiff
     pulling_force : N, largest damping force that holds parting teeth back in the gap: law "always"

@@ -169,8 +169,8 @@ def _signals(motion, names, response):
             found = every.mean, low, high, (high - low) / 2, every.sum_of_amplitudes
             statistics |= {f"{name}_{what}": values for what, values in zip(STATISTICS, found, strict=True)}
             # Tooth forces have more harmonics than the motion, whose orders the data set lists.
-            kept = slice(response.harmonics)
-            amplitudes, phases, orders = every.amplitudes[:, kept], every.phases_deg[:, kept], every.orders[kept]
+            within = slice(response.harmonics)
+            amplitudes, phases, orders = every.amplitudes[:, within], every.phases_deg[:, within], every.orders[within]
             # An order that is not there has no phase.
             phases, lacking = np.where(amplitudes > 0, phases, np.nan), 0.0
         if name in WITH_ORDERS:

@@ -27,19 +27,13 @@ from jaxhb.train.topology import Topology
 @brief
 @dataclass(frozen=True)
 class Fields:
-    """Motion, torques and forces over one cycle, as Fourier coefficients.
+    """Motion, torques and forces over one cycle, as complex Fourier coefficients."""
 
-    angles : complex ``(..., S, N+1)`` rad, vibratory angle of every disk
-    torques, elastic_torques : complex ``(..., K, N+1)`` N m, of the shafts and then the dampers
-    deflections : complex ``(..., M, N+1)`` m, of the meshes
-    forces, elastic_forces : complex ``(..., M, F+1)`` N, of the meshes; F is more harmonics than the motion has
-    """
-
-    angles: Array
-    torques: Array
+    angles: Array  # (..., S, N+1) rad, vibratory angle of every disk
+    torques: Array  # (..., K, N+1) N m, of the shafts and then the dampers
     elastic_torques: Array
-    deflections: Array
-    forces: Array
+    deflections: Array  # (..., M, N+1) m, of the meshes
+    forces: Array  # (..., M, F+1) N, of the meshes; F is more harmonics than the motion has
     elastic_forces: Array
 
 

@@ -31,12 +31,11 @@ class SteadyState(Motion[SteadySignal | RecordedSignal, SteadyContact, float]):
         of these within the cycles marched. "unknown" : ``notes`` say why.
     period : int, in cycles of the excitation; 0 for irregular and unknown motion
     response : Response or None
-        The harmonic solution of a periodic or subharmonic motion; of a subharmonic one over ``period`` cycles, whose
-        orders are multiples of ``1 / (period x revolutions_per_cycle)``.
+        The harmonic solution over ``period`` cycles, whose orders are multiples of ``1 / (period x
+        revolutions_per_cycle)``.
     record : Record or None, numbers of the recorded cycles where there is no response
     cycles : int, marched
-    notes : tuple of str
-        What to know about the numbers: how time integration takes loss factors, why a kind is unknown.
+    notes : tuple of str, what to know about the numbers, and why a kind is unknown
     motion : array ``(2S,)`` or None
         Displacements in m and velocities in m/s of the disks at the end of the march, at the beginning of a cycle:
         where a neighbouring speed starts.

@@ -16,7 +16,7 @@ import numpy as np
 
 @dataclass(frozen=True, kw_only=True)
 class StepControl:
-    """Options of :func:`follow_curve`: lengths in the norm of y, errors in the norm of H."""
+    """Lengths in the norm of y, errors in the norm of H."""
 
     first: float = 0.02  # length of the first step
     longest: float = 0.5  # length of a step at most
@@ -40,18 +40,14 @@ TURNS = 12  # tangents tried at a corner
 
 
 class CurveEnd(NamedTuple):
-    """Where a curve was followed to.
+    """Where a curve was followed to."""
 
-    y ``(m+1,)``: a point with p at an end of its range if ``arrived``, and the tangent there; steps accepted; jacobians
-    evaluated; folds of p passed.
-    """
-
-    y: np.ndarray
+    y: np.ndarray  # (m+1,)
     tangent: np.ndarray | None
-    arrived: bool
-    steps: int
-    jacobians: int
-    folds: int
+    arrived: bool  # whether p is at an end of its range
+    steps: int  # accepted
+    jacobians: int  # evaluated
+    folds: int  # of p, passed
 
 
 class _Trial(NamedTuple):
@@ -68,21 +64,13 @@ class _Trial(NamedTuple):
 def follow_curve(
     linearize, simplify, start, *, most, within=(-np.inf, 1.0), onward=None, visit=None, control=STEP_CONTROL
 ):
-    """Follow the curve from ``start`` until p leaves its range: the CurveEnd.
+    """Follow the curve from ``start``, to which p belongs, until p leaves its range: the CurveEnd.
 
-    Parameters
-    ----------
-    linearize : (y, normal) -> (H, change ``(m+1,)``, tangent ``(m+1,)``, slopes)
-        The change makes H zero to first order. The tangent, of any length, is oriented by the sign of the determinant
-        of the Jacobian with the tangent below it, or by a positive product with ``normal``, the tangent before. The
-        slopes are what ``simplify`` needs of the Jacobian.
-    simplify : (y, slopes) -> (H, change), the change from the Jacobian of another y
-    start : array ``(m+1,)``, from which Newton's method reaches the curve with p as it is
-    most : int, Jacobians at most
-    within : two floats, the range of p
-    onward : array ``(m+1,)``, optional
-        Tangent on from ``start``, which is on the curve; without it p rises.
-    visit : (y, tangent) -> None, optional, called at the start, after every step and at the end
+    ``linearize(y, normal)`` gives H, the change that makes it zero to first order, a tangent of any length, oriented by
+    the sign of the determinant of the Jacobian with the tangent below it or by a positive product with ``normal``, the
+    tangent before, and the slopes with which ``simplify(y, slopes)`` gives H and a change at another y. ``most``:
+    Jacobians; ``onward``: the tangent on from a start on the curve, without it p rises; ``visit(y, tangent)`` is called
+    at the start, after every step and at the end.
     """
     curve, visit = _Curve(linearize, simplify, most, control), visit or (lambda y, tangent: None)
     y, tangent = np.asarray(start), onward

@@ -24,8 +24,9 @@ from jaxhb._program import Program
 from jaxhb.equations import backlash
 from jaxhb.integration import shooting
 from jaxhb.integration.step import Stepper
+from jaxhb.results.status import Homotopy
 from jaxhb.solutions import continuation
-from jaxhb.solutions.orbits import coefficients, stepper_of, work_of_cycle
+from jaxhb.solutions.orbits import FoundOrbit, coefficients, stepper_of, work_of_cycle
 
 
 class Beginning(NamedTuple):
@@ -55,9 +56,9 @@ class HomotopyStepper(Stepper):
     def nonlinear_force(self, deflection, rate):
         """Force ``(G,)`` N of the meshes less its linear part; that of the train itself for p = 1."""
         law, left = self.law, 1 - self.parameter
-        kept = jnp.maximum(law.epsilon, LEAST_EPSILON)
+        least = jnp.maximum(law.epsilon, LEAST_EPSILON)
         # epsilon^p for what is not too small, and the little below it linear in p: 1 at p = 0, epsilon at p = 1.
-        geometric = kept**self.parameter - self.parameter * (kept - law.epsilon)
+        geometric = least**self.parameter - self.parameter * (least - law.epsilon)
         epsilon = jnp.where(self.beginning.linear, 1 - self.parameter * (1 - law.epsilon), geometric)
         widest = jnp.minimum(law.transition * self.beginning.transition, jnp.maximum(law.transition, 1.0))
         law = backlash.Law(law.stiffness, epsilon, law.transition * (widest / law.transition) ** left, law.backlash)
@@ -116,37 +117,23 @@ def _motion(stepper, y):
     return nodes, shooting.motion(stepper, nodes).deflection
 
 
-@dataclass(frozen=True)
-class HomotopyResult:
-    """What the curves led to.
-
-    coefficients : ``(G, n+1)`` deflections in m, None where no curve arrives; nodes ``(K, n)`` of that motion;
-    curves : followed; steps, folds : of the last one.
-    """
-
-    coefficients: np.ndarray | None
-    nodes: np.ndarray | None
-    curves: int
-    steps: int
-    folds: int
-
-
-def find(train, rpm, plan, *, work=WORK):
-    """The :class:`HomotopyResult` at a train, with the meshes and time steps of a Plan; of no curve where ``work`` is
-    too little."""
-    left = int(work / work_of_cycle(train, plan.time_steps))
+def find(train, rpm, plan):
+    """The FoundOrbit at the end of the first curve that arrives, with the meshes and time steps of a Plan, and the
+    event that tells of it; of no curve where that is more than ``WORK``."""
+    left = int(WORK / work_of_cycle(train, plan.time_steps))
     if left < FEWEST_JACOBIANS:
-        return HomotopyResult(None, None, 0, 0, 0)
+        return FoundOrbit(None, np.inf, None, 0), Homotopy(False, 0, 0, 0, plan.time_steps)
     stepper = jax.device_put(stepper_of(train, rpm, plan)[0])  # once, not for every Jacobian
     start = np.zeros(shooting.SEGMENTS * len(stepper.flank_state) + 1)
     for curves, beginning in enumerate(BEGINNINGS, 1):
         linearize, simplify = (partial(part, stepper, beginning) for part in (_linearized, _simplified))
         end = continuation.follow_curve(linearize, simplify, start, most=min(left, MOST_JACOBIANS))
+        event = Homotopy(end.arrived, curves, end.steps, end.folds, plan.time_steps)
         if end.arrived:
             nodes, deflection = _motion(stepper, end.y)
-            found = coefficients(deflection, plan.time_steps)
-            return HomotopyResult(found, np.asarray(nodes), curves, end.steps, end.folds)
+            # At the end of a curve its segments close to what counts as periodic.
+            return FoundOrbit(coefficients(deflection, plan.time_steps), 0.0, np.asarray(nodes), 1), event
         left -= end.jacobians
         if left < MOST_JACOBIANS // 4:
             break
-    return HomotopyResult(None, None, curves, end.steps, end.folds)
+    return FoundOrbit(None, np.inf, None, 0), event

@@ -34,21 +34,10 @@ class Misfires:
     responses: dict[str, Response]
 
     def worst(self, read: Callable) -> Worst:
-        """Find the misfire and the speed, of those that converged, at which a quantity is largest.
+        """The misfire and the speed, of those that converged, at which a quantity is largest.
 
-        Parameters
-        ----------
-        read : callable
-            The quantity of a response over speed, ``(n,)``, as ``lambda r: r.torque("a", "b").half_peak_to_peak``.
-
-        Returns
-        -------
-        Worst
-
-        Raises
-        ------
-        ValueError
-            If no speed converged.
+        ``read`` : quantity of a response over speed, ``(n,)``, as ``lambda r: r.torque("a", "b").half_peak_to_peak``.
+        ValueError if no speed converged.
         """
         names = list(self.responses)
         rows = [np.where(r.converged, np.asarray(read(r)), -np.inf) for r in self.responses.values()]
@@ -73,15 +62,10 @@ def misfire_each(
 
     Parameters
     ----------
-    train : DriveTrain
-    rpm, harmonics, tolerance
+    train, rpm, harmonics, tolerance
         As for ``solve``.
     solve : callable
         :func:`jaxhb.solve_speeds`, or :func:`jaxhb.forced_response` for the linear train, which has no ``tolerance``.
-
-    Returns
-    -------
-    Misfires
 
     Raises
     ------

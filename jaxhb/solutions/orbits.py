@@ -67,11 +67,8 @@ def stepper_of(train, rpm, plan):
 
 @Program
 def _visited(stepper, until):
-    """States ``(CYCLES, n)`` at the beginning of cycles from the flanks, their periodicity errors, the deflection
-    of the last cycle.
-
-    Ends with the first cycle that closes to ``until``; cycles not marched have periodicity error nan.
-    """
+    """States ``(CYCLES, n)`` at the beginning of cycles from the flanks up to the first that closes to ``until``, their
+    periodicity errors, nan of cycles not marched, and the deflection of the last cycle."""
 
     def unfinished(carry):
         done, _, _, periodicity_errors = carry
@@ -105,17 +102,12 @@ def _closed(stepper, nodes):
 
 @dataclass(frozen=True)
 class FoundOrbit:
-    """What was found.
+    """An orbit that closes, or of those that do not the one that closes best."""
 
-    coefficients : ``(G, n+1)`` deflections in m, None where no cycle closes; periodicity_error : of the cycle that
-    closes best, nodes ``(K, n)`` its states at the beginnings of K segments, None after a march; tries : cycles from
-    which shooting began, or cycles marched.
-    """
-
-    coefficients: np.ndarray | None
+    coefficients: np.ndarray | None  # (G, n+1) deflections in m, None where no cycle closes
     periodicity_error: float
-    nodes: np.ndarray | None
-    tries: int
+    nodes: np.ndarray | None  # (K, n) states at the beginnings of K segments, None after a march
+    tries: int  # cycles from which shooting began, or cycles marched
 
 
 def _same_orbit(deflection, other):

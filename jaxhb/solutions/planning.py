@@ -3,7 +3,6 @@
 import contextlib
 import dataclasses
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,83 +16,48 @@ from jaxhb.linear.mesh_modes import mesh_mode_harmonics
 from jaxhb.train import chain
 from jaxhb.train.changes import without_backlash
 
+LEVELS = 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024, 1536, 2048, 3072, 4096
+"""Numbers of harmonics of the cycle that are offered: each is a program."""
+FEW_LEVELS = 192, 768, 4096
+"""Those offered where speeds share programs whatever else is asked for: one has the same harmonics in any sweep."""
 
-@dataclass(frozen=True)
-class PlanningOptions:
-    """What is decided before a solve, and from what numbers.
-
-    Parameters
-    ----------
-    levels : numbers of harmonics of the cycle that are offered: each is a program
-    level_ratio : how far apart the levels lie that are tried one after another
-    sweep_level_ratio : the same in a sweep, where a program more costs as much as a hundred speeds with twice the
-        harmonics
-    above_excitation, above_modes : times the highest harmonic excited and times that of the highest mesh mode, at which
-        the first level lies: below the mesh modes the truncated equations often have no solution near the motion
-    sees_modes : times the weakly strained modes at which the 2 N harmonics of an estimate see them
-    blind_share : of the tolerance that an estimate may use which does not see them
-    hammered : half peak-to-peak values of the linear force of the hardest mesh that separates, by which another mesh
-        must stay loaded to be held on its flank
-    dense_disks, dense_speeds : up to which the linear motion is solved with dense matrices and no program: 27 disks
-        take 2 ms a speed, and the program 3 s to compile
-    """
-
-    levels: tuple[int, ...] = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024, 1536, 2048, 3072, 4096)
-    level_ratio: float = 2.0
-    sweep_level_ratio: float = 4.0
-    above_excitation: float = 2.0
-    above_modes: float = 1.5
-    sees_modes: float = 1.2
-    blind_share: float = 0.1
-    hammered: float = 2.0
-    dense_disks: int = 100
-    dense_speeds: int = 256
+# How many times as many harmonics are tried next; in a sweep a program more costs as much as a hundred speeds with
+# twice the harmonics.
+LEVEL_RATIO, SWEEP_LEVEL_RATIO = 2.0, 4.0
+# Where the first level lies, over the highest harmonic excited and over that of the highest mesh mode: below the mesh
+# modes the truncated equations often have no solution near the motion.
+ABOVE_EXCITATION, ABOVE_MODES = 2.0, 1.5
+SEES_MODES = 1.2  # times the weakly strained modes at which the 2 N harmonics of an estimate see them
+BLIND_SHARE = 0.1  # of the tolerance that an estimate may use which does not see them
+# Half peak-to-peak values of the linear force of the hardest mesh that separates, by which another mesh must stay
+# loaded to be held on its flank.
+HAMMERED = 2.0
+# Up to which the linear motion is solved with dense matrices: 27 disks take 2 ms a speed, a program 3 s to compile.
+DENSE_DISKS, DENSE_SPEEDS = 100, 256
 
 
-PLANNING = PlanningOptions()
+def level_at_least(harmonics, levels=LEVELS):
+    """The smallest of the levels that is not below ``harmonics``, else the highest."""
+    return next((n for n in levels if n >= harmonics), levels[-1])
 
 
-def level_at_least(harmonics):
-    """Smallest of the offered numbers of harmonics that is not below ``harmonics``."""
-    return next((n for n in PLANNING.levels if n >= harmonics), PLANNING.levels[-1])
-
-
-def shared_level(harmonics):
-    """The smallest of few numbers of harmonics not below ``harmonics``, for speeds that are not known beforehand and
-    share programs."""
-    levels = PLANNING.levels
-    few = levels[levels.index(192) : -4 : 4]  # 192, 768
-    return next((n for n in few if n >= harmonics), levels[-1])
-
-
-def next_level(harmonics, method, ratio=PLANNING.level_ratio):
-    """The number of harmonics to try after ``harmonics``, about ``ratio`` times as many; None at the limit.
+def next_level(harmonics, method, few_levels=False):
+    """The number of harmonics to try after ``harmonics``; None at the limit.
 
     A level nearer to the limit than to the one before is the limit.
     """
-    most = MOST_HARMONICS[method]
+    ratio, most = SWEEP_LEVEL_RATIO if few_levels else LEVEL_RATIO, MOST_HARMONICS[method]
     # 0.95: levels are a ratio of 1.33 or 1.5 apart, and the next one is not to be missed by a little.
-    higher = [n for n in PLANNING.levels if 0.95 * ratio * harmonics <= n <= most / math.sqrt(ratio)]
+    higher = [n for n in LEVELS if 0.95 * ratio * harmonics <= n <= most / math.sqrt(ratio)]
     return higher[0] if higher else most if harmonics < most else None
 
 
 def meshes_leaving_contact(train, forces):
     """Meshes that the linear motion takes off their flank, or nearly so where others separate and hammer.
 
-    Parameters
-    ----------
-    train : DriveTrain
-    forces : array ``(..., M, samples)`` N, elastic forces of the meshes with all in contact
-
-    Returns
-    -------
-    flank : int array ``(..., M)``
-        Side of each backlash mesh taken to stay beyond its transition zone (to be verified); 0 for the others and for
-        linear meshes.
-    leaves : bool array ``(..., M)``
-        Backlash meshes whose contact is an unknown.
-    separates : bool array ``(...)``
-        Whether any linear force passes through zero.
+    Of elastic forces ``(n, M, samples)`` N with all in contact: the flank ``(n, M)`` on which each backlash mesh is
+    taken to stay (to be verified), 0 for the others; whether it leaves it, its contact an unknown; and ``(n,)`` whether
+    any force passes through zero.
     """
     gap = np.array(train.topology.mesh_backlash, dtype=bool)
     # A mesh stays on its flank where its least force exceeds that of the knee, by more the harder others hammer: their
@@ -103,19 +67,19 @@ def meshes_leaving_contact(train, forces):
     least = np.where(side < 0, -highest, lowest)
     apart = gap & (least <= 0)
     half_peak_to_peak = np.where(apart, (highest - lowest) / 2, 0.0)
-    spare = PLANNING.hammered * np.max(half_peak_to_peak, axis=-1, initial=0.0, keepdims=True)
+    spare = HAMMERED * np.max(half_peak_to_peak, axis=-1, initial=0.0, keepdims=True)
     leaves = gap & ~(least > backlash.law_of(train.meshes).knee_force + spare)
     return np.where(gap & ~leaves, side, 0), leaves, apart.any(axis=-1)
 
 
 def first_level(excited, mesh_modes):
     """Where to begin: above the excitation, and above the mesh modes where teeth separate."""
-    return level_at_least(max(PLANNING.above_excitation * excited, PLANNING.above_modes * mesh_modes))
+    return level_at_least(max(ABOVE_EXCITATION * excited, ABOVE_MODES * mesh_modes))
 
 
 def tolerance_share(harmonics, weak_modes):
     """How much of the tolerance an estimate may use: less while modes of meshes lie above the 2 N that it sees."""
-    return 1.0 if 2 * harmonics >= PLANNING.sees_modes * weak_modes else PLANNING.blind_share
+    return 1.0 if 2 * harmonics >= SEES_MODES * weak_modes else BLIND_SHARE
 
 
 def all_active(train, plan, request):
@@ -130,7 +94,7 @@ def all_active(train, plan, request):
 def contact_plan(train, request):
     """The plan with all teeth in contact and no mesh held on a flank, so that nothing is verified."""
     return Plan(
-        harmonics=request.harmonics or max(excited_harmonic(train, request.method), PLANNING.levels[0]),
+        harmonics=request.harmonics or max(excited_harmonic(train, request.method), LEVELS[0]),
         active=(),
         flank=(0,) * len(train.topology.mesh_names),
         method=request.method,
@@ -141,32 +105,20 @@ def contact_plan(train, request):
 
 
 def plan_speeds(train, rpm, request):
-    """A plan for every speed, few distinct ones: teeth in contact, leaving contact, separating.
-
-    Parameters
-    ----------
-    train : DriveTrain
-    rpm : array ``(n,)``
-    request : Request
-
-    Returns
-    -------
-    list of Plan
-    """
+    """A Plan for every speed ``(n,)``, few distinct ones: teeth in contact, leaving contact, separating."""
     contact = contact_plan(train, request)  # its ``excited`` is the highest order listed, whatever its amplitude
     excited = excited_harmonic(train, request.method)
     if not any(train.topology.mesh_backlash):
         return [contact] * len(rpm)
-    forces = _linear_mesh_forces(train, rpm, contact, max(excited, PLANNING.levels[0]))
+    forces = _linear_mesh_forces(train, rpm, contact, max(excited, LEVELS[0]))
     sampled = fourier.synthesize(forces, fourier.SAMPLES_PER_HARMONIC * forces.shape[-1])
     flanks, leaves, apart = meshes_leaving_contact(train, sampled)
     modes, weak_modes = mesh_mode_harmonics(train, train.topology.cycle_frequency(1.0))[:, None] / rpm
     plans = [dataclasses.replace(contact, flank=tuple(flank)) for flank in flanks.tolist()]
 
     def level_of(highest):
-        wanted = first_level(excited, highest)
-        # Few levels whatever speeds are asked for together: one has the same harmonics alone and in any sweep.
-        wanted = shared_level(wanted) if request.few_levels and highest else wanted
+        levels = FEW_LEVELS if request.few_levels and highest else LEVELS
+        wanted = level_at_least(first_level(excited, highest), levels)
         return request.harmonics or min(wanted, MOST_HARMONICS[request.method])
 
     touching, hammering = (np.flatnonzero(leaves.any(axis=-1) & (apart == kind)) for kind in (False, True))
@@ -194,7 +146,7 @@ def plan_speeds(train, rpm, request):
 
 def _linear_mesh_forces(train, rpm, contact, harmonics):
     """Elastic forces ``(n, M, N+1)`` N of the meshes at speeds ``(n,)``, all teeth in contact."""
-    if len(rpm) <= PLANNING.dense_speeds and train.topology.n_disks <= PLANNING.dense_disks:
+    if len(rpm) <= DENSE_SPEEDS and train.topology.n_disks <= DENSE_DISKS:
         with contextlib.suppress(np.linalg.LinAlgError):  # a singular train, of which the program below says more
             return _dense_mesh_forces(on_host(train), rpm, harmonics)
     linear = dataclasses.replace(contact, harmonics=harmonics, method="reduced", integrals="sampled")

@@ -54,8 +54,8 @@ def solve(
     tolerance : float, optional
         Largest truncation error of the elastic tooth force over the largest tooth force; default 1 %.
     method : str, optional
-        "reduced" (default; unknowns at the meshes that can leave contact) or "chain" (all disks, block sweep; a check
-        up to 128 harmonics, no closed loops).
+        "reduced" (default; unknowns at the meshes that can leave contact) or "chain" (all disks; a check up to 128
+        harmonics, no closed loops).
     integrals : str, optional
         Of the tooth law over the cycle: "sampled" (default) at 16 time samples per harmonic, or "exact" between the
         times at which teeth pass the knots of their law, which only "reduced" has. Sampling leaves the solution an
@@ -184,19 +184,9 @@ def plan(
 
 
 def linear_response(train: DriveTrain, *, rpm: Number, harmonics: int | None = None) -> Response:
-    """Response with every mesh in contact all cycle, as if there were no backlash.
+    """Response with every mesh in contact all cycle, as if there were no backlash: tooth forces may pull.
 
-    Parameters
-    ----------
-    train : DriveTrain
-    rpm : float
-    harmonics : int, optional
-        Default: those of the excitation.
-
-    Returns
-    -------
-    Response
-        Tooth forces are linear and may pull.
+    ``harmonics`` : default those of the excitation; arguments and errors otherwise as of :func:`solve`.
     """
     check_speed(train, rpm)
     if harmonics is not None:

@@ -42,12 +42,8 @@ def solve_speeds(
         Speeds of the reference rotor.
     plan : Plan, optional
         From :func:`jaxhb.plan`: all speeds are solved under it, and nothing is solved twice.
-    harmonics : int, optional
-        Harmonics of the cycle, fixed for all speeds.
-    tolerance : float, optional
-        On the truncation error, default 1 %; speeds that do not reach it have status TOLERANCE_NOT_MET.
-    integrals : str, optional
-        Of the tooth law over the cycle, "sampled" (default) or "exact", as in :func:`jaxhb.solve`.
+    harmonics, tolerance, integrals : optional
+        As in :func:`jaxhb.solve`; speeds that do not reach the tolerance have status TOLERANCE_NOT_MET.
     progress : callable, optional
         Called with the number of speeds done since the last call.
     devices : sequence of jax devices
@@ -105,7 +101,7 @@ def worth_another_try(response, request):
     return status == Status.PLAN_VIOLATED or status.another_start_may_help
 
 
-def try_again(train, index, found, request, plan, solve=solve_again):
+def try_again(train, index, found, request, plan):
     """The best response at one speed: from its own motion or the nearest that converged, then by the other start
     strategies."""
     response = found[index]
@@ -113,5 +109,5 @@ def try_again(train, index, found, request, plan, solve=solve_again):
     if int(response.status) != Status.TOLERANCE_NOT_MET:
         near = [other for other in found if other.converged]
         start = min(near, key=lambda other: abs(other.rpm - response.rpm), default=None)
-    again = solve(train, float(response.rpm), request, plan, start)
+    again = solve_again(train, float(response.rpm), request, plan, start)
     return response if again is None or again.status > response.status else again

@@ -3,9 +3,9 @@
 A start strategy is a function ``strategy(case)`` that yields attempts ``(plan, given, event)``: deflections ``(G,
 n+1)`` from which Newton's method is to start under a plan, None for the start that the plan has, and how they were
 found. The next one is asked for where Newton's method did not solve the last. The cheap strategies come first: from
-teeth in contact Newton's method succeeds where no tooth separates, from a short march where the motion settles within a
-few cycles. Shooting and the curve from the linear law look for periodic motions that no march settles on; what they
-find may be unstable. A solve takes few shots and no curve.
+teeth in contact Newton's method succeeds where no tooth separates, from a short march where the motion becomes
+periodic within a few cycles. Shooting and the curve from the linear law look for periodic motions to which no march
+comes; what they find may be unstable. A solve takes few shots and no curve.
 """
 
 import dataclasses
@@ -21,28 +21,24 @@ from jaxhb.balance.problem import problem_at
 from jaxhb.balance.program import active_deflections, first_start, solve_once, solve_problem
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics
 from jaxhb.results.response import Response
-from jaxhb.results.status import Homotopy, March, Shooting, Status
+from jaxhb.results.status import March, Shooting, Status
 from jaxhb.solutions import homotopy, orbits, planning
+from jaxhb.train.drivetrain import DriveTrain
 
 # Periodicity error of a march from which shooting with its steps is useless: what Newton's method then lacks are
 # shorter steps or more harmonics.
-SETTLED = 1e-5
+PERIODIC = 1e-5
 CLOSER = 30.0  # A long march is a start where its periodicity error is so many times smaller than that of the short one
 FINEST_SHOTS = 4  # with the finest steps, that ``Effort.work`` has to pay for: of larger trains fewer closed none
 
 
 @dataclass(frozen=True)
 class Effort:
-    """What the strategies above a short march may cost: by default what a solve takes unasked, about a second for 27
-    disks.
+    """What the strategies above a short march may cost; by default about a second for 27 disks."""
 
-    finer : times the steps of the march, at most, with which orbits are searched, as coarse steps bend them; work : of
-    the shots of a search, in units of :func:`jaxhb.solutions.orbits.work_of_cycle`; orbits : tried at most; some have
-    no harmonics near them, or lie beyond a turning point that the steps displaced.
-    """
-
-    finer: int = 1
-    work: float = 5e6
+    finer: int = 1  # times the steps of the march, at most, with which orbits are searched: coarse steps bend them
+    work: float = 5e6  # of the shots of a search, in units of ``orbits.work_of_cycle``
+    # Tried at most: some have no harmonics near them, or lie beyond a turning point that the steps displaced.
     orbits: int = 2
 
 
@@ -51,37 +47,22 @@ LONG = Effort(finer=4, work=orbits.WORK, orbits=16)  # what the searches of ``ja
 
 @dataclass
 class Case:
-    """One train at one speed, asked for once: what its attempts share, and what became of the last of them.
+    """One train at one speed, asked for once: what its attempts share, and what became of the last of them."""
 
-    Parameters
-    ----------
-    train, rpm, request : what is asked
-    plan : Plan, from the linear motion; strategies change copies of it
-    effort : what strategies may cost
-    search_with : class of the searches for orbits
-    deadline : on the monotonic clock, when no further attempt begins
-    path : events so far; strategies and :func:`refine` add theirs
-    searches : for orbits, by the meshes and time steps of their plans
-    response : of the last attempt, None before the first; reached : its plan in the end
-    solved : whether no further attempt is wanted, as it was solved, or none can be
-    march_error : periodicity error of the short march; inf without one or where it was not finite
-    harmonics : fewest that the tolerance is known to need
-    """
-
-    train: object
+    train: DriveTrain
     rpm: float
     request: Request
-    plan: Plan
-    effort: Effort = field(default_factory=Effort)
+    plan: Plan  # from the linear motion; strategies change copies of it
+    effort: Effort = Effort()
     search_with: type = orbits.OrbitSearch
-    deadline: float = math.inf
-    path: list = field(default_factory=list)
-    searches: dict = field(default_factory=dict)
-    response: Response | None = None
-    reached: Plan | None = None
-    solved: bool = False
-    march_error: float = math.inf
-    harmonics: int = 0
+    deadline: float = math.inf  # on the monotonic clock, when no further attempt begins
+    path: list = field(default_factory=list)  # events so far; strategies and ``refine`` add theirs
+    searches: dict = field(default_factory=dict)  # for orbits, by the meshes and time steps of their plans
+    response: Response | None = None  # of the last attempt
+    reached: Plan | None = None  # its plan in the end
+    solved: bool = False  # whether no further attempt is wanted: it was solved, or cannot be
+    march_error: float = math.inf  # periodicity error of the short march; inf where there is none that is finite
+    harmonics: int = 0  # fewest that the tolerance is known to need
 
     @cached_property
     def modes(self):
@@ -100,8 +81,7 @@ class Case:
 
     def next_level(self, harmonics):
         """The number of harmonics to try after ``harmonics``; None at the limit."""
-        one, sweep = planning.PLANNING.level_ratio, planning.PLANNING.sweep_level_ratio
-        return planning.next_level(harmonics, self.plan.method, sweep if self.request.few_levels else one)
+        return planning.next_level(harmonics, self.plan.method, self.request.few_levels)
 
     def resolved(self, plan):
         """The plan with the time steps and the share of the tolerance that its harmonics want."""
@@ -116,7 +96,7 @@ class Case:
         """Time steps a cycle that resolve the mesh modes and the excitation."""
         return time_steps_for(max(self.modes[0], 2 * self.plan.excited))
 
-    def marching(self):
+    def march_plan(self):
         """The plan of a march: above the mesh modes, below which the harmonics often have no solution nearby."""
         known, plan = self.reached or self.plan, self.plan
         harmonics, steps = plan.harmonics, max(plan.time_steps, self.resolving)
@@ -126,8 +106,7 @@ class Case:
         return dataclasses.replace(plan, active=known.active, flank=known.flank, **changes)
 
     def search(self, plan, steps):
-        """The search for orbits with the meshes of a plan and so many time steps; its march serves several
-        strategies."""
+        """The search for orbits with the meshes of a plan and so many time steps; its march serves all strategies."""
         key = plan.active, plan.flank, steps
         if key not in self.searches:
             plan = dataclasses.replace(plan, time_steps=steps)
@@ -218,13 +197,13 @@ def from_response(response):
 
 def short_march(case):
     """From a few cycles of time integration."""
-    plan = case.marching()
+    plan = case.march_plan()
     yield dataclasses.replace(plan, harmonics=max(plan.harmonics, case.harmonics)), None, None
 
 
 def long_march(case):
     """From up to 64 cycles, where one of them closes much better than the short march did."""
-    plan = case.marching()
+    plan = case.march_plan()
     counts = search_steps(case, plan)
     if not counts:
         return
@@ -238,7 +217,7 @@ def long_march(case):
 
 def shooting(case):
     """From closed orbits, found by Newton's method on the state at the beginning of a cycle."""
-    plan, left = case.marching(), case.effort.orbits
+    plan, left = case.march_plan(), case.effort.orbits
     shots = {steps: case.search(plan, steps).shoot() for steps in search_steps(case, plan)}
     while shots:  # one of each number of steps by turns
         for steps, found in list(shots.items()):
@@ -256,15 +235,14 @@ def shooting(case):
 def from_linear_law(case):
     """From the motion of a linear law with strong tooth damping, followed to the wanted train.
 
-    Not where a march settled: the curve would most likely end at its motion.
+    Not where a march became periodic: the curve would most likely end at its motion.
     """
-    if case.march_error <= SETTLED:
+    if case.march_error <= PERIODIC:
         return
-    plan = case.marching()
+    plan = case.march_plan()
     steps = min(2 * plan.time_steps, _finest(case, plan))
-    found = homotopy.find(case.train, case.rpm, dataclasses.replace(plan, time_steps=steps))
-    event = Homotopy(found.coefficients is not None, found.curves, found.steps, found.folds, steps)
-    yield from _with_finer_steps(case, plan, found, steps, event)
+    orbit, event = homotopy.find(case.train, case.rpm, dataclasses.replace(plan, time_steps=steps))
+    yield from _with_finer_steps(case, plan, orbit, steps, event)
 
 
 # Of a solve, the cheap ones first: the first attempt that is solved is the answer. Where the start of one of them has
@@ -279,12 +257,12 @@ def _finest(case, plan):
 
 
 def search_steps(case, plan):
-    """Time steps a cycle with which orbits are searched; those of the march itself not where it settled."""
+    """Time steps a cycle with which orbits are searched; those of the march itself not where it became periodic."""
     finest = _finest(case, plan)
     twice = min(2 * plan.time_steps, finest)
     affordable = FINEST_SHOTS * orbits.work_of_cycle(case.train, finest) <= case.effort.work
     counts = dict.fromkeys((plan.time_steps, twice, finest if affordable else twice))
-    return [n for n in counts if n > plan.time_steps or case.march_error > SETTLED]
+    return [n for n in counts if n > plan.time_steps or case.march_error > PERIODIC]
 
 
 def _from_orbit(case, plan, orbit, steps, event):
@@ -294,10 +272,9 @@ def _from_orbit(case, plan, orbit, steps, event):
     """
     harmonics = plan.harmonics
     if case.request.harmonics is None:
-        wanted = min(harmonics * steps // plan.time_steps, MOST_HARMONICS[plan.method])
-        harmonics = planning.level_at_least(wanted)
-    harmonics, steps = max(harmonics, case.harmonics), min(steps, TIME_STEPS[-1])
-    return dataclasses.replace(plan, harmonics=harmonics, time_steps=steps), orbit.coefficients, event
+        harmonics = planning.level_at_least(min(harmonics * steps // plan.time_steps, MOST_HARMONICS[plan.method]))
+    plan = dataclasses.replace(plan, harmonics=max(harmonics, case.harmonics), time_steps=min(steps, TIME_STEPS[-1]))
+    return plan, orbit.coefficients, event
 
 
 def _with_finer_steps(case, plan, orbit, steps, event):

@@ -1,4 +1,4 @@
-"""Motions kept in a folder as a sweep goes, chunk by chunk: a sweep that was stopped goes on where it was.
+"""Motions written to a folder as a sweep goes, chunk by chunk: a sweep that was stopped goes on where it was.
 
 A sweep asks for the motions of some speeds at a time, from given ones. What it asks for and what it gets is one
 file, whose name is a hash of the question; asked again, the answer is read. As the questions follow from the answers
@@ -31,8 +31,8 @@ class Checkpoint:
     """A folder of steady states or periodic solutions of one train, for one way of asking.
 
     ``asked``: plain values that the answers depend on beside the train, by the name under which a sentence speaks of
-    it; ``chunk``: speeds that are computed, and kept, together. A CheckpointError for a folder that holds other things,
-    or answers for another train, another version or other options, and for one that cannot be written.
+    it; ``chunk``: speeds that are computed and written together. A CheckpointError for a folder that holds anything
+    else, be it of another train, other sources of the package or other options, and for one that cannot be written.
     """
 
     def __init__(self, folder, train, asked, chunk=CHUNK):
@@ -56,17 +56,18 @@ class Checkpoint:
         """Refuse a folder whose answers are to other questions."""
         place, other = repr(str(self.folder)), "Give another folder, or remove this one."
         try:
-            kept = json.loads((self.folder / MANIFEST).read_text())
-            parts = kept["scene"], kept["numbers"], kept["versions"].items(), kept["options"].items()
+            there = json.loads((self.folder / MANIFEST).read_text())
+            parts = there["scene"], there["numbers"], there["versions"].items(), there["options"].items()
         except (ValueError, KeyError, TypeError, AttributeError, OSError):
             raise CheckpointError(f"{place} has no readable {MANIFEST}: it is no folder of a sweep. {other}") from None
         if parts[:2] != (now["scene"], now["numbers"]):
-            what = "the same scene with other numbers" if kept["scene"] == now["scene"] else f"scene {kept['scene']!r}"
+            scene = there["scene"]
+            what = "the same scene with other numbers" if scene == now["scene"] else f"scene {scene!r}"
             raise CheckpointError(f"{place} holds a sweep of {what}. {other}")
         for kind in ("versions", "options"):
             for name, value in now[kind].items():
-                if kept[kind].get(name) != value:
-                    was = f"{name} {kept[kind].get(name)} there, {value} now"
+                if there[kind].get(name) != value:
+                    was = f"{name} {there[kind].get(name)} there, {value} now"
                     raise CheckpointError(f"{place} holds a sweep with other {kind}: {was}. {other}")
 
     def keep_or_march(self, classifier, indices, motions, progress):

@@ -21,7 +21,7 @@ ARRIVED = 0.02
 APART = 0.1
 RETURNED = 5e-3  # closure error below which a motion may have the shorter period that its solution has
 FINEST = 4  # times the steps of a march, at most, where twice as many did not confirm what it shows
-LATER = 32  # cycles after which a march with shorter steps is recorded, once it has settled on those of longer ones
+LATER = 32  # cycles after which a march with shorter steps is recorded that begins at the motion of longer ones
 MORE_CYCLES = 32  # that a march with the finest steps goes on where harmonic balance did not find its motion
 
 

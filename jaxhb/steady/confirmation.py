@@ -1,4 +1,4 @@
-"""Harmonic balance of a motion on which a march settled: of one cycle, or of several as one long cycle."""
+"""Harmonic balance of a motion to which a march came: of one cycle, or of several as one long cycle."""
 
 import dataclasses
 
@@ -73,9 +73,9 @@ def _plan_of(train, rpm, request, side, apart, period):
     modes = mesh_mode_harmonics(train, train.topology.cycle_frequency(rpm))
     active = tuple(int(i) for i in own[side == 0])
     wanted = planning.first_level(contact.excited, modes[0] if apart else 0.0) if active else contact.harmonics
-    wanted = planning.shared_level(wanted) if active else wanted
+    wanted = planning.level_at_least(wanted, planning.FEW_LEVELS) if active else wanted
     # With fewer harmonics a cycle than one cycle has, a motion of one cycle is solved as a subharmonic one.
-    wanted = max(wanted, planning.level_at_least(period * planning.PLANNING.levels[0]))
+    wanted = max(wanted, planning.level_at_least(period * planning.LEVELS[0]))
     return dataclasses.replace(
         contact,
         harmonics=request.harmonics or min(wanted, MOST_HARMONICS[request.method]),

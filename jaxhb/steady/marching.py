@@ -35,13 +35,8 @@ OBSERVABLE = 1e-4  # share of a mesh's own compliance from which teeth notice a 
 
 
 class Equations:
-    """A train as a march takes it; loss factors damp each mode at its own frequency.
-
-    Raises
-    ------
-    ValueError
-        Naming massless disks that leave no equation to integrate.
-    """
+    """A train as a march takes it; loss factors damp each mode at its own frequency. A ValueError names massless disks
+    that leave no equation to integrate."""
 
     def __init__(self, train):
         self.train, topology = train, train.topology
@@ -120,20 +115,17 @@ class Equations:
 
 @dataclass
 class SpeedMarch:
-    """One speed on its way: state ``(2m,)``, cycles done, how they close, the trace of the last, recorded numbers.
+    """One speed on its way."""
 
-    not_before : cycles from which a period counts again, after one that harmonic balance did not find, or that repels.
-    """
-
-    place: int
+    place: int  # in its batch
     rpm: float
-    state: np.ndarray
+    state: np.ndarray  # (2m,)
     closure: Closure
-    cycles: int = 0
-    not_before: int = 0
+    cycles: int = 0  # done
+    not_before: int = 0  # cycles from which a period counts again, after one that was not found, or that repels
     done: bool = False
-    trace: np.ndarray | None = None
-    numbers: list = dataclasses.field(default_factory=list)
+    trace: np.ndarray | None = None  # of the last cycle
+    numbers: list = dataclasses.field(default_factory=list)  # recorded, part by part
 
     @property
     def recorded(self):
@@ -234,36 +226,35 @@ def _specs(tree, per_speed, last=False):
 def record_of(equations, march):
     """The :class:`~jaxhb.results.record.Record` of a march's recorded cycles."""
     topology, signals = equations.train.topology, _signals(march, equations.train.topology.revolutions_per_cycle)
-    shafts, own, linear = equations.shafts, len(equations.own), len(equations.linear)
-
-    def take(count):
-        return tuple(next(signals) for _ in range(count))
-
-    disks, rates = take(topology.n_disks), take(topology.n_disks)
-    twists, twist_rates, torques = take(shafts), take(shafts), take(shafts)
+    shafts, gears = equations.shafts, equations.gears
     stiffness, radius = np.asarray(equations.system.stiffness), np.asarray(equations.system.radius)
-    ends = radius[equations.system.tree.end_a]
-    torques = tuple(
-        dataclasses.replace(torque, elastic_part=twist.scaled(k * r**2))
-        for torque, twist, k, r in zip(torques, twists, stiffness[:shafts], ends[:shafts], strict=True)
-    )
-    deflections, forces = [None] * (own + linear), [None] * (own + linear)
-    straight = take(linear), take(linear)
-    for index, deflection, force in zip(equations.linear, *straight, strict=True):
-        deflections[index] = deflection
-        elastic = deflection.scaled(stiffness[shafts + index])
-        forces[index] = dataclasses.replace(force, elastic_part=elastic)
-    for index, deflection, elastic, total in zip(equations.own, take(own), take(own), take(own), strict=True):
-        deflections[index], forces[index] = deflection, dataclasses.replace(total, elastic_part=elastic)
-    count = len(equations.gears)
-    total, elastic = take(count), take(count)
-    gears = (dataclasses.replace(t, elastic_part=e) for t, e in zip(total, elastic, strict=True))
+
+    def take(of):
+        """The signals of a quantity, one of each shaft, mesh or the like."""
+        return tuple(next(signals) for _ in of)
+
+    def transmitted(totals, elastic):
+        return tuple(dataclasses.replace(t, elastic_part=e) for t, e in zip(totals, elastic, strict=True))
+
+    # In the order of the outputs (jaxhb.integration.cycles).
+    disks, rates = take(topology.disk_names), take(topology.disk_names)
+    twists, twist_rates, torques = take(range(shafts)), take(range(shafts)), take(range(shafts))
+    bent, forces = take(equations.linear), take(equations.linear)
+    deflections, elastic, total = take(equations.own), take(equations.own), take(equations.own)
+    of_gears = dict(zip(gears, transmitted(take(gears), take(gears)), strict=True))
+
+    ends = radius[equations.system.tree.end_a][:shafts]
+    factors = zip(twists, stiffness[:shafts], ends, strict=True)
+    torques = transmitted(torques, [twist.scaled(k * r**2) for twist, k, r in factors])
+    factors = zip(bent, stiffness[shafts + equations.linear], strict=True)
+    forces = transmitted(forces, [deflection.scaled(k) for deflection, k in factors]) + transmitted(total, elastic)
+    order = np.argsort(np.concatenate([equations.linear, equations.own]))
+    deflections, forces = (tuple(found[i] for i in order) for found in (bent + deflections, forces))
     contacts = _contacts(equations, march, forces)
-    gears = dict(zip(equations.gears, gears, strict=True))
     turning = 2 * np.pi / 60 * march.rpm * speed_ratios(equations.train)[np.array(topology.rotor, dtype=int)]
     speeds = tuple(rate.shifted(mean) for rate, mean in zip(rates, turning, strict=True))
-    heat = _heat(equations, topology.cycle_frequency(march.rpm), ends[:shafts], twists, twist_rates)
-    found = tuple(deflections), tuple(forces), gears, contacts
+    heat = _heat(equations, topology.cycle_frequency(march.rpm), ends, twists, twist_rates)
+    found = deflections, forces, of_gears, contacts
     return Record(topology, march.recorded, disks, speeds, twists, torques, *found, heat)
 
 

@@ -90,13 +90,12 @@ def steady_state(
     Parameters
     ----------
     train : DriveTrain
-        Loss factors damp each mode at its own frequency in the march; the solution has them as they are. A note says
-        so.
+        The march damps each mode at its own frequency for loss factors, and a note says so; the solution has them as
+        they are.
     rpm : float or array ``(n,)``
         Speeds of the reference rotor.
     direction : "up", "down" or "both"
-        Each of several speeds is reached from its neighbour below, or above: where several motions are possible that
-        decides which one the train has.
+        Each of several speeds is reached from its neighbour below, or above: of several motions that decides which.
     start : SteadyState or Response, optional
         Motion from which the first speed starts; by default teeth rest on their drive sides.
     harmonics, tolerance : optional
@@ -106,20 +105,17 @@ def steady_state(
         recorded cycles, good to about 1 %, in a fraction of the time.
     cycles : Cycles, optional
         How long a march is at most.
-    progress : callable, optional
-        Called with the number of speeds done since the last call.
+    progress, devices : optional
+        As in :func:`jaxhb.solve_speeds`.
     out : path, optional
-        A folder in which the steady states of marched speeds are kept as they are found: the same call goes on where it
+        A folder to which steady states of marched speeds are written as they are found: the same call goes on where it
         was stopped, with the same numbers to the last bit.
     chunk : int, optional
-        How many speeds are marched together, reported and kept; default: 64 with ``out``, all without. Fewer take
+        How many speeds are marched, reported and written together; default: 64 with ``out``, all without. Fewer take
         longer.
     on_states : callable, optional
-        Called with ``{number of the speed: SteadyState}`` of what was found since the last call, and with "up" or
-        "down". A speed may be reported again, when its neighbour has a motion that it takes over: the last report
-        counts.
-    devices : sequence of jax devices
-        Across which marches and batches of a sweep are shared, as ``jax.devices()``; by default one does it all.
+        Called with ``{number of the speed: SteadyState}`` of what was found since the last call, and "up" or "down". A
+        speed may be reported again when it takes over the motion of its neighbour: the last report counts.
 
     Returns
     -------
@@ -130,7 +126,7 @@ def steady_state(
     SceneError
         A speed that is not greater than 0 or above 1e6 rpm.
     ValueError
-        An unknown direction; :class:`CheckpointError`: ``out`` holds other answers, or cannot be written.
+        An unknown direction; :class:`jaxhb.CheckpointError`: ``out`` holds other answers, or cannot be written.
     TypeError
         Under ``jit``, ``vmap`` or ``grad``.
 

@@ -46,22 +46,12 @@ def late(x):
 
 
 @pytest.mark.parametrize(
-    ("share", "start", "end", "folds"),
-    [
-        (s_curve, -1.2, np.roots([1, 0, -1, -0.5])[0].real, 2),
-        (zigzag, 0.1, 2.0, 2),
-    ],
+    ("share", "start", "folds"), [(s_curve, -1.2, {2}), (zigzag, 0.1, {2}), (late, 0.0, {2, 3, 4})]
 )
-def test_folds_and_corners_are_passed(share, start, end, folds):
+def test_a_curve_is_followed_to_its_end_through_folds_and_corners(share, start, folds):
     found = follow(share, start)
-    assert found.arrived and found.folds == folds
-    np.testing.assert_allclose(found.y, [end, 1.0], atol=10 * continuation.STEP_CONTROL.closed)
-
-
-def test_a_curve_that_leaves_backwards_and_returns_is_followed_to_the_end():
-    found = follow(late, 0.0)
-    assert found.arrived and found.folds >= 2
-    np.testing.assert_allclose(late(found.y[0]), 1.0, atol=10 * continuation.STEP_CONTROL.closed)
+    assert found.arrived and found.folds in folds
+    np.testing.assert_allclose([share(found.y[0]), found.y[1]], 1.0, atol=20 * continuation.STEP_CONTROL.closed)
 
 
 def test_a_curve_that_never_arrives_costs_what_it_may_and_no_more():

@@ -9,7 +9,7 @@ import pytest
 
 pytestmark = pytest.mark.oracle
 
-CODE = """
+AGREE = """
 import compiling
 import jax, numpy as np
 import jaxhb, trains
@@ -66,17 +66,10 @@ print("placed")
 """
 
 
-def test_programs_run_on_the_default_device():
-    flags = os.environ.get("XLA_FLAGS", "") + " --xla_force_host_platform_device_count=2"
-    environment = os.environ | {"XLA_FLAGS": flags}
-    done = subprocess.run([sys.executable, "-c", DEFAULTS], capture_output=True, text=True, env=environment)
-    assert done.stdout == "placed\n", done.stderr[-3000:]
-
-
-def test_eight_devices_give_what_one_gives():
-    flags = os.environ.get("XLA_FLAGS", "") + " --xla_force_host_platform_device_count=8"
+@pytest.mark.parametrize(("code", "devices", "told"), [(DEFAULTS, 2, "placed"), (AGREE, 8, "agree")])
+def test_programs_run_on_the_default_device_and_eight_give_what_one_gives(code, devices, told):
+    flags = os.environ.get("XLA_FLAGS", "") + f" --xla_force_host_platform_device_count={devices}"
     here = str(Path(__file__).parents[1])
     environment = os.environ | {"XLA_FLAGS": flags, "PYTHONPATH": os.pathsep.join([here, *sys.path])}
-    done = subprocess.run([sys.executable, "-c", CODE], capture_output=True, text=True, env=environment)
-    assert done.returncode == 0, done.stderr[-3000:]
-    assert "agree" in done.stdout
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
+    assert done.returncode == 0 and told in done.stdout, done.stderr[-3000:]

@@ -74,24 +74,20 @@ def test_a_motion_is_found_without_shooting_and_confirmed_by_time_integration(ha
     assert not doubted.orbit.settled or doubted.error > 0.1
 
 
-def test_a_curve_that_is_too_long_ends_in_a_status_that_tells_the_path(hammering, monkeypatch):
-    monkeypatch.setattr(homotopy, "MOST_JACOBIANS", 30)
+@pytest.mark.parametrize(
+    ("limit", "value", "curves", "told"),
+    [("MOST_JACOBIANS", 30, 3, "lost, curve no. 3"), ("WORK", 1e6, 0, "not tried")],
+)
+def test_a_curve_that_costs_too_much_is_told_in_the_path(hammering, monkeypatch, limit, value, curves, told):
+    monkeypatch.setattr(homotopy, limit, value)
     response = attempted(*hammering)
     assert response.status in (Status.STALLED, Status.MAX_STEPS)
     (event,) = homotopies(response)
-    assert not event.found and event.curves == 3
-    assert str(event).startswith("homotopy from the linear law: lost, curve no. 3")
-
-
-def test_a_curve_that_costs_too_much_is_not_begun(hammering, monkeypatch):
-    monkeypatch.setattr(homotopy, "WORK", 1e6)
-    response = attempted(*hammering)
-    assert response.status in (Status.STALLED, Status.MAX_STEPS)
-    assert [str(event) for event in homotopies(response)] == ["homotopy from the linear law: not tried, too long"]
+    assert not event.found and event.curves == curves and told in str(event)
 
 
 def test_numbers_that_are_not_finite_end_the_curve_at_once(hammering):
     train, rpm = hammering
     torques = dataclasses.replace(train.torques, mean=np.nan * train.torques.mean)
-    found = homotopy.find(dataclasses.replace(train, torques=torques), rpm, PLAN)
-    assert found.coefficients is None and found.steps == 0
+    orbit, event = homotopy.find(dataclasses.replace(train, torques=torques), rpm, PLAN)
+    assert orbit.coefficients is None and event.steps == 0 and not event.found

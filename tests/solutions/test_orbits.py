@@ -175,7 +175,7 @@ def test_modes_too_fast_for_the_steps_answer_statically():
     settled, closed = search.march(1e-9), next(search.shoot())
     size = np.abs(settled.coefficients).max()
     assert closed.periodicity_error <= orbits.PERIODIC
-    np.testing.assert_allclose(closed.coefficients, settled.coefficients, atol=1e-5 * size)  # ten times SETTLED
+    np.testing.assert_allclose(closed.coefficients, settled.coefficients, atol=1e-5 * size)  # ten times starts.PERIODIC
     left = []
     for flexibility in (search.stepper.residual_flexibility, None):
         stepper, model = search._made

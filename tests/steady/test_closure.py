@@ -1,6 +1,7 @@
 """The period of a marched motion, from made-up motions whose period is known."""
 
 import numpy as np
+import pytest
 
 from jaxhb import Disk, Load, Mesh, Shaft, Torque, build
 from jaxhb.steady import closure
@@ -16,44 +17,28 @@ def closure_of(motion, cycles):
     return found
 
 
-def test_a_motion_that_repeats_has_the_period_of_its_repetition():
-    for period in range(1, 9):
-        found = closure_of(lambda c, t, k=period: np.cos(2 * np.pi * t) + 0.1 * np.cos(2 * np.pi * (c + t) / k), 40)
-        assert found.period() == period
+NOISE = np.random.default_rng(0).normal(size=200)
+# Added to a cosine that repeats, by cycle c and time t: after how many cycles which periods may be found.
+ADDED = {
+    "a slow approach": (lambda c, t: 0.1 * 0.9**c, {60: {1}}),
+    "an alternating approach beside a period doubling": (
+        lambda c, t: 0.3 * (-0.95) ** c,
+        {cycles: {0, 1} for cycles in range(8, 200, 4)} | {240: {1}},
+    ),
+    "a small lasting alternation": (lambda c, t: 1e-3 * (-1.0) ** c + 0.2 * 0.8**c, {96: {2}}),
+    "leaving a repelling motion": (lambda c, t: 1e-5 * (-1.3) ** c, {cycles: {0} for cycles in range(16, 40, 4)}),
+    "a quasi-periodic motion": (lambda c, t: 0.5 * np.cos(2 * np.pi * (c + t) / 2**0.5), {200: {0}}),
+    "an irregular motion": (lambda c, t: (NOISE[c] - 1) * np.cos(2 * np.pi * t), {128: {0}}),
+} | {f"period {k}": (lambda c, t, k=k: 0.1 * np.cos(2 * np.pi * (c + t) / k), {40: {k}}) for k in closure.PERIODS}
 
 
-def test_a_slow_approach_has_the_period_that_it_approaches():
-    found = closure_of(lambda c, t: np.cos(2 * np.pi * t) + 0.1 * 0.9**c, 60)
-    assert found.period() == 1
-
-
-def test_an_alternating_approach_beside_a_period_doubling_is_no_doubling():
-    for cycles in range(8, 200, 4):
-        assert closure_of(lambda c, t: np.cos(2 * np.pi * t) + 0.3 * (-0.95) ** c, cycles).period() in (0, 1)
-    assert closure_of(lambda c, t: np.cos(2 * np.pi * t) + 0.3 * (-0.95) ** c, 240).period() == 1
-
-
-def test_a_small_lasting_alternation_has_a_period_of_two():
-    found = closure_of(lambda c, t: np.cos(2 * np.pi * t) + 1e-3 * (-1.0) ** c + 0.2 * 0.8**c, 96)
-    assert found.period() == 2
-
-
-def test_a_motion_that_leaves_a_repelling_one_has_no_period():
-    for cycles in range(8, 40, 4):
-        found = closure_of(lambda c, t: np.cos(2 * np.pi * t) + 1e-5 * (-1.3) ** c, cycles)
-        assert cycles < 16 or found.period() == 0
-
-
-def test_an_irregular_motion_has_no_period_and_is_decided():
-    noise = np.random.default_rng(0).normal(size=200)
-    found = closure_of(lambda c, t: np.cos(2 * np.pi * t) * noise[c], 128)
-    assert found.period() == 0
-    assert not found.undecided()
-
-
-def test_a_quasi_periodic_motion_has_no_period():
-    found = closure_of(lambda c, t: np.cos(2 * np.pi * t) + 0.5 * np.cos(2 * np.pi * (c + t) / 2**0.5), 200)
-    assert found.period() == 0
+@pytest.mark.parametrize("name", ADDED)
+def test_a_motion_has_the_period_that_it_repeats_or_approaches_and_no_other(name):
+    added, allowed = ADDED[name]
+    for cycles, periods in allowed.items():
+        found = closure_of(lambda c, t: np.cos(2 * np.pi * t) + added(c, t), cycles)
+        assert found.period() in periods
+    assert name != "an irregular motion" or not found.undecided()
 
 
 def test_a_slow_mode_that_teeth_notice_is_given_time():
@@ -88,7 +73,7 @@ def test_a_slow_mode_that_teeth_notice_is_given_time():
     assert Cycles(transient=16).before_record(1e9, np.inf) == 16
 
 
-def test_returns_hold_the_cycles_that_their_errors_read_and_no_others():
+def test_a_closure_holds_the_cycles_that_its_errors_read_and_no_others():
     cycles = np.random.default_rng(1).normal(size=(200, 32, 2))
     found = Closure(np.zeros(2))
     for first in range(0, 200, 8):

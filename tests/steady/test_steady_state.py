@@ -146,13 +146,6 @@ def test_the_record_is_read_as_a_response_is():
         state.gear_torque("flywheel")
 
 
-def test_the_same_start_gives_the_same_record_to_the_last_bit():
-    again = jaxhb.steady_state(jaxhb.load_scene("gear_train_30"), rpm=2400.0)
-    for name in again.topology.mesh_names:
-        np.testing.assert_array_equal(again.force(name).highest, irregular().force(name).highest)
-    np.testing.assert_array_equal(again.motion, irregular().motion)
-
-
 def test_a_sweep_keeps_the_motion_of_its_neighbour_where_two_are_possible():
     train = one_mass(zeta=0.05, mean=0.1, alternating=(0.0, 0.05 * 0.85**2))
     speeds = rpm(np.linspace(0.6, 1.1, 11))
@@ -164,12 +157,8 @@ def test_a_sweep_keeps_the_motion_of_its_neighbour_where_two_are_possible():
         assert all(told[sweep.direction][i] is sweep[i] for i in range(11))
     assert up.kind.shape == up.period.shape == (11,)
     np.testing.assert_allclose(up.rpm, speeds)
-    differ = [
-        i
-        for i in range(11)
-        if abs(float(up[i].deflection("a", "b").max) - float(down[i].deflection("a", "b").max)) > 0.1
-    ]
-    assert differ
+    reached = np.array([[float(state.deflection("a", "b").max) for state in sweep] for sweep in (up, down)])
+    assert np.ptp(reached, axis=0).max() > 0.1
 
 
 def test_a_sweep_keeps_the_motion_of_its_neighbour_where_another_is_as_large():
