@@ -156,9 +156,9 @@ def relative_residual(reduced, value):
 
 
 def solve_reduced(reduced, model, start, *, samples, time_steps, tolerance, max_steps):
-    """Newton on the reduced equation from deflections ``(G, N+1)`` of the active meshes: Iterate, PeriodicOperator.
+    """Newton on the condensed equation from deflections ``(G, N+1)`` of the active meshes: Iterate, PeriodicOperator.
 
-    model : ReducedModel, for the preconditioner of ``time_steps``; samples : of the law, a multiple of 2 N.
+    model : ReducedOrderModel, for the preconditioner of ``time_steps``; samples : of the law, a multiple of 2 N.
     """
 
     def prepare(deflection):

@@ -167,7 +167,7 @@ def deflections_on_flank(reduced):
 
 
 def reduced_stepper(reduced, space, time_steps, linear, residual_flexibility=None):
-    """The :class:`~jaxhb.integration.step.Stepper` of a reduced equation, ``time_steps`` steps per cycle."""
+    """The :class:`~jaxhb.integration.step.Stepper` of a condensed equation, ``time_steps`` steps per cycle."""
     flank_state = resting_on_flank(space, force_on_flank(reduced.law, reduced.linear))
     states = jnp.zeros(len(space.transition)), flank_state
     return stepper_of(space, reduced, linear, reduced.frequency, time_steps, *states, residual_flexibility)
@@ -237,7 +237,7 @@ def estimate(problem, active_meshes, deflection, plan):
 def truncation_error(fine, operator, deflection, samples):
     """Estimated sup-norm error of the elastic force / its largest value: one Newton correction on 2 N harmonics.
 
-    ``fine`` is the reduced equation with 2 N harmonics, ``deflection`` ``(G, N+1)`` its solution with N harmonics and
+    ``fine`` is the condensed equation with 2 N harmonics, ``deflection`` ``(G, N+1)`` its solution with N harmonics and
     ``samples`` time samples. The residual on harmonics N+1 .. 2N is included: below the mesh modes a difference of two
     levels is no estimate.
     """
@@ -381,7 +381,6 @@ def solve_batches(train, rpm, plan, max_steps=None, devices=()):
         yield responses
 
 
-# Of a batch of problems only what depends on speed has a leading axis.
 def _axes():
     """Of a batch of problems only what depends on speed has a leading axis."""
     return Problem(system=None, meshes=None, frequency=0, load=0, rigid=None, load_torque=0, load_power=0)

@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxhb._program import Program
 from jaxhb.equations import backlash, fourier
-from jaxhb.equations.residual import backlash_meshes
+from jaxhb.equations.backlash import backlash_meshes
 from jaxhb.equations.state_space import dense_linear_motion, matrices, partition
 from jaxhb.excitation.torques import excitation, listed_harmonic
 from jaxhb.integration import shooting
@@ -143,13 +143,12 @@ def reference_orbit(
         until = (tolerance, max_cycles) if cycles is None else (-1.0, cycles)
         state, trace, cycles = _march(stepper, stepper.flank_state, tolerance=until[0], max_cycles=until[1])
     law = meshes.law.expand()
-    viscous, in_contact = np.asarray(meshes.viscous)[:, None], np.asarray(meshes.contact_damping)[:, None]
     low, high = backlash.force(law, _extremes(trace, 2 * np.pi / float(frequency) / steps)).T
     return Orbit(
         deflection=np.asarray(trace.deflection),
         rate=np.asarray(trace.rate),
         elastic=np.asarray(backlash.force(law, trace.deflection)),
-        transmitted=np.asarray(backlash.mesh_force(law, viscous, in_contact, trace.deflection, trace.rate)),
+        transmitted=np.asarray(backlash.mesh_force(*backlash.at_samples(meshes), trace.deflection, trace.rate)),
         smallest=np.asarray(low),
         largest=np.asarray(high),
         separated=np.asarray(backlash.separated(law, trace.deflection).mean(axis=1)),
