@@ -98,8 +98,8 @@ class Plan:
     max_steps : int, linear solves of Newton's method at most
     estimated : bool, whether the truncation error is; without, it counts as 0
     compare_starts : bool, whether a given start is compared with a marched one
-    slope_samples : int, times 16 N at which derivatives evaluate a sampled law. Its slope has kinks: where teeth hammer few
-        samples of a solve lie in its transition zones, and derivatives from them alone are off by 8 % and more
+    slope_samples : int, times 16 N at which derivatives evaluate a sampled law. Its slope has kinks: where teeth hammer
+        few samples of a solve lie in its transition zones, and derivatives from them alone are off by 8 % and more
     """
 
     harmonics: int

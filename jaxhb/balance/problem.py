@@ -1,6 +1,5 @@
 """The equations of one train at one speed, and the fields of its solution. Arrays in, arrays out."""
 
-import dataclasses
 from dataclasses import dataclass
 
 import jax
@@ -74,22 +73,12 @@ def problem_at(train, rpm, excited):
 
 def reduced_equation(problem, harmonics, active_meshes):
     """CondensedEquation and CondensedTrain of the active meshes; those that are not active are held on their flanks."""
-    meshes, mask, index = problem.meshes, active_meshes.mask, active_meshes.index
+    meshes = problem.meshes
     # Beyond the knee f = c l - offset sign(l): a mesh that stays on its flank is a linear link with a constant force.
     constant = -jnp.asarray(active_meshes.flank) * backlash.offset(meshes.law)
     load = jnp.asarray(problem.load).at[:, 0].add(-problem.system.spread(constant, meshes.link))
-    law = jax.tree.map(lambda a: jnp.asarray(a)[index], meshes.law)
-    return condensation.condense(
-        problem.system,
-        problem.frequency,
-        load,
-        harmonics,
-        mask,
-        problem.links(active_meshes),
-        dataclasses.replace(law, stiffness=law.stiffness * mask),
-        jnp.asarray(meshes.viscous)[index] * mask,
-        jnp.asarray(meshes.contact_damping)[index] & (mask > 0),
-    )
+    chosen = jax.tree.map(lambda a: jnp.asarray(a)[active_meshes.index], meshes)
+    return condensation.condense(problem.system, problem.frequency, load, harmonics, chosen, active_meshes.mask)
 
 
 def model_of(problem, active_meshes, time_steps):

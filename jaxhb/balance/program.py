@@ -69,16 +69,11 @@ class Outcome:
 
 @partial(Program, static_argnames="plan")
 def solve_problem(problem, active_meshes, start, limit, plan):
-    """The Outcome of one problem.
+    """The Outcome of one Problem and its ActiveMeshes under a :attr:`Plan.static` and :attr:`Plan.limit`.
 
-    Parameters
-    ----------
-    problem : Problem; active_meshes : ActiveMeshes
     start : coefficients ``(G, N+1)`` m; whether they are where Newton's method starts, and not teeth in contact; cycles
-        that are marched from there (of a given start only if ``plan.compare_starts`` and it leaves more than
-        MARCH_ABOVE of the equations: the better of the two is then the start); periodicity error at which a march ends
-    limit : float, largest estimate of the truncation error that counts as converged (:attr:`Plan.limit`)
-    plan : Plan.static
+    that are marched from there (of a given start only if ``plan.compare_starts`` and it leaves more than MARCH_ABOVE of
+    the equations: the better of the two is then the start); periodicity error at which a march ends.
     """
     # The iteration is not differentiated: the implicit function theorem gives the derivative of what it found.
     frozen = lax.stop_gradient((problem, start, limit))

@@ -125,24 +125,25 @@ class CondensedTrain:
         return displacement[:, 0], force[:, 0]
 
 
-def condense(system, frequency, load, harmonics, active, active_index, law, viscous, contact_damping):
+def condense(system, frequency, load, harmonics, meshes, active):
     """Condense the linear train onto the active meshes: :class:`CondensedEquation`, :class:`CondensedTrain`.
 
     frequency : Omega in rad/s; load : complex ``(S, E+1)`` N, of the excitation and of meshes held on one flank, those
-    above ``harmonics`` N are dropped; active : ``(G,)`` 1 for an active mesh and 0 for padding; active_index : their
-    links; law, viscous, contact_damping : their entries.
+    above ``harmonics`` N are dropped; meshes : MeshParameters of the active ones; active : ``(G,)`` 1, 0 for padding.
     """
     load = load[:, : harmonics + 1]
-    columns = system.incidence(active_index) * active
+    columns = system.incidence(meshes.link) * active
     excited = frequencies(frequency, load.shape[-1] - 1)
     displacement, force = (a[:, 0] for a in solve_linear(system, excited, load[:, None]))
-    linear = system.deflections(displacement, active_index) * active[:, None]
+    linear = system.deflections(displacement, meshes.link) * active[:, None]
     # Equal chunks make one program; harmonics that fill the last one up are dropped again.
     chunks = -(-(harmonics + 1) // CHUNK)
     omega = frequencies(frequency, chunks * -(-(harmonics + 1) // chunks) - 1).reshape(chunks, -1)
     receptances = lax.map(lambda omega: receptance(system, omega, columns), omega)
     receptances = receptances.reshape(omega.size, *receptances.shape[2:])[: harmonics + 1]
     linear = fourier.resize(linear, harmonics)
-    reduced = CondensedEquation(linear, receptances, frequency, law, viscous, contact_damping)
+    law = dataclasses.replace(meshes.law, stiffness=meshes.law.stiffness * active)
+    viscous, in_contact = meshes.viscous * active, meshes.contact_damping & (active > 0)
+    equation = CondensedEquation(linear, receptances, frequency, law, viscous, in_contact)
     taken = balance(system, excited, load, displacement, force)
-    return reduced, CondensedTrain(system, frequency, load, columns, taken)
+    return equation, CondensedTrain(system, frequency, load, columns, taken)

@@ -114,17 +114,12 @@ def resolving_steps(system, meshes, frequency, *, per_period=STEPS_PER_PERIOD):
 def reference_orbit(
     system, meshes, frequency, load, start_coefficients=None, *, steps=None, cycles=None, tolerance=1e-9, max_cycles=300
 ):
-    """Integrate one speed in time and report the forces of the meshes, as :func:`integrate` does.
+    """The :class:`Orbit` of a System and its backlash meshes (MeshParameters) under ``load`` ``(S, N+1)`` N, as
+    :func:`integrate` finds it.
 
-    Parameters
-    ----------
-    system : System
-    meshes : MeshParameters, the backlash meshes
-    frequency : float, Omega in rad/s
-    load : complex array ``(S, N+1)`` N
-    start_coefficients : complex array ``(S, N+1)`` m, optional
-        Displacements of a motion to check: it is corrected by shooting in segments of the cycle, of which ``steps`` are
-        made a multiple; that also holds unstable motions. Without, the train is marched from its drive sides.
+    start_coefficients : complex ``(S, N+1)`` m, displacements of a motion to check: it is corrected by shooting in
+    segments of the cycle, of which ``steps`` are made a multiple; that also holds unstable motions. Without, the train
+    is marched from its drive sides.
     """
     if cycles is not None and cycles < 1:
         raise ValueError(f"cycles is {cycles}, must be at least 1.")
