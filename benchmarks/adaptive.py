@@ -13,7 +13,7 @@ from tasks import links
 
 from jaxhb.balance.problem import problem_at
 from jaxhb.equations import backlash
-from jaxhb.equations.residual import backlash_meshes
+from jaxhb.equations.backlash import backlash_meshes
 from jaxhb.equations.state_space import partition
 from jaxhb.excitation.torques import highest_harmonic
 from jaxhb.integration.step import discretize, march

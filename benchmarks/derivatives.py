@@ -1,7 +1,7 @@
 """Derivatives of a solve on every path, for every kind of parameter: against differences, forwards and backwards.
 
 One train with a cylinder, a damper and two meshes with backlash, solved linearly (no backlash), with teeth held in
-contact, by the reduced equation with both meshes separating (sampled and with exact integrals), and by the chain. The
+contact, by the condensed equation with both meshes separating (sampled and with exact integrals), and by the chain. The
 number differentiated is one that tooth forces, shaft torques and positions enter, with respect to factors on the
 parameters.
 

@@ -23,8 +23,7 @@ from records import cases_line, run_cases
 
 import jaxhb
 from jaxhb.equations import fourier
-from jaxhb.equations.backlash import law_of
-from jaxhb.equations.residual import all_meshes
+from jaxhb.equations.backlash import all_meshes, law_of
 from jaxhb.equations.state_space import matrices
 from jaxhb.excitation.torques import excitation, highest_harmonic
 from jaxhb.train import chain

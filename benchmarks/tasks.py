@@ -10,7 +10,7 @@ from scipy.sparse.linalg import eigsh
 
 import jaxhb
 from jaxhb.equations import backlash
-from jaxhb.equations.residual import all_meshes
+from jaxhb.equations.backlash import all_meshes
 from jaxhb.excitation.torques import excitation, highest_harmonic
 from jaxhb.train import chain
 

@@ -4,11 +4,9 @@ import numpy as np
 from reference_data import DATA, reference
 
 from jaxhb.elements.elements import Damper, Disk, Ground, Mesh, Shaft, Torque
-from jaxhb.equations.backlash import Law
+from jaxhb.equations.backlash import Law, MeshParameters, backlash_meshes
 from jaxhb.equations.block_sweep import slots
-from jaxhb.equations.residual import MeshParameters
 from jaxhb.excitation.torques import excitation, highest_harmonic
-from jaxhb.integration.reference import backlash_meshes
 from jaxhb.train import chain
 from jaxhb.train.assembly import build
 from jaxhb.train.chain import System, Tree

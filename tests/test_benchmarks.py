@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxhb
-from jaxhb.equations.residual import backlash_meshes
+from jaxhb.equations.backlash import backlash_meshes
 from jaxhb.train import chain
 
 pytestmark = pytest.mark.oracle

@@ -1,4 +1,4 @@
-"""One linear solve with the Jacobian of the reduced equation, ``J = I + G (w + s d/dt)``: Krylov steps on the exact
+"""One linear solve with the Jacobian of the condensed equation, ``J = I + G (w + s d/dt)``: Krylov steps on the exact
 Jacobian, preconditioned by the linearised motion in time, whose cost does not grow with the number of harmonics.
 
 The preconditioner: with slopes w and s of the nonlinear force phi in l and l', the forces u in response to a given
@@ -83,7 +83,7 @@ class PeriodicOperator:
 
 
 def linearize(model, frequency, slope, rate_slope):
-    """The PeriodicOperator of a ReducedModel for slopes ``(G, K)`` of phi, averages around K equidistant time steps."""
+    """The PeriodicOperator of a ReducedOrderModel for slopes ``(G, K)`` of phi, averages around K time steps."""
     meshes, time_steps = slope.shape
     propagate, early, late = hold_weights(model.space, 2 * jnp.pi / frequency / time_steps)
     L = model.space.observation
@@ -145,7 +145,7 @@ def cell_averages(values, cells):
 
 
 def prepare(reduced, model, deflection, samples, time_steps):
-    """The :class:`PeriodicOperator` of a ReducedModel around a motion ``(G, N+1)``."""
+    """The :class:`PeriodicOperator` of a ReducedOrderModel around a motion ``(G, N+1)``."""
     _, slope, rate_slope = reduced.nonlinear_force(*reduced.sampled(deflection, samples))
     slope, rate_slope = cell_averages(slope, time_steps), cell_averages(rate_slope, time_steps)
     return linearize(model, reduced.frequency, slope, rate_slope)

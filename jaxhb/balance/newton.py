@@ -96,20 +96,13 @@ def _solve(evaluate, direction, norm, state):
 
 
 def newton(evaluate, prepare, direction, norm, start, *, tolerance, max_steps, renew_above=0):
-    """Solve ``evaluate(x) = 0`` from ``start``; a start that already solves it is accepted as it is.
+    """Solve ``evaluate(x) = 0`` from ``start``, which is accepted as it is if it already solves: the last Iterate,
+    finite if the start was, and what was prepared last.
 
-    Parameters
-    ----------
-    evaluate : x -> residual; norm : residual or correction -> float, on which ``tolerance`` is
-    prepare : x -> whatever ``direction`` needs and is worth keeping for several steps
-    direction : (prepared, x, residual, error, forcing) -> (correction, work)
-        Solves ``J(x) correction = residual``, to ``forcing`` if this is not nan.
-    max_steps : int, linear solves
-    renew_above : work of a step above which the next is prepared anew; so is a step after one that found no descent
-
-    Returns
-    -------
-    The last Iterate, finite if the start was; what was prepared last
+    norm : of a residual or correction, on which ``tolerance`` is; prepare : x -> whatever ``direction`` needs and is
+    worth keeping for several steps; direction : (prepared, x, residual, error, forcing) -> (correction, work), solves
+    ``J(x) correction = residual``, to ``forcing`` if this is not nan; max_steps : linear solves; renew_above : work of
+    a step above which the next is prepared anew, as is a step after one that found no descent.
     """
 
     def unsolved(iterate):
@@ -156,9 +149,9 @@ def relative_residual(reduced, value):
 
 
 def solve_reduced(reduced, model, start, *, samples, time_steps, tolerance, max_steps):
-    """Newton on the reduced equation from deflections ``(G, N+1)`` of the active meshes: Iterate, PeriodicOperator.
+    """Newton on the condensed equation from deflections ``(G, N+1)`` of the active meshes: Iterate, PeriodicOperator.
 
-    model : ReducedModel, for the preconditioner of ``time_steps``; samples : of the law, a multiple of 2 N.
+    model : ReducedOrderModel, for the preconditioner of ``time_steps``; samples : of the law, a multiple of 2 N.
     """
 
     def prepare(deflection):

@@ -86,18 +86,20 @@ class Plan:
     flank : tuple of int, +1 or -1 for a mesh taken to stay on that flank all cycle (verified), 0 otherwise
     method : "reduced" or "chain"
     start : "linear", "march", or "response": neither leads to the motion, and a solve under the plan is to be given one
-    cycles : of the march
-    time_steps : per cycle, of the march and of the preconditioner, a multiple of 32
-    tolerance : float, on the truncation error, relative to the largest tooth force
+    cycles : int, of the march
+    time_steps : int, per cycle, of the march and of the preconditioner, a multiple of 32
+    tolerance : float, on the truncation error, a share of the largest tooth force
     tolerance_share : float, share of the tolerance that an estimate may use: it sees 2 N harmonics, and mesh modes
         above them not
-    excited : harmonics of the excitation that programs have room for, 0 for N
+    excited : int, harmonics of the excitation that programs have room for, 0 for N
     integrals : of the tooth law over the cycle, "sampled" at 16 N times or "exact" between the switching times
-    residual_tolerance, max_steps : of Newton's method
-    estimated : whether the truncation error is; without, it counts as 0
-    compare_starts : whether a given start is compared with a marched one
-    slope_samples : times 16 N at which derivatives evaluate a sampled law. Its slope has kinks: where teeth hammer few
-        samples of a solve lie in its transition zones, and derivatives from them alone are off by 8 % and more
+    residual_tolerance : float, dimensionless, at which Newton's method ends: root mean square of what the equation of a
+        mesh leaves, over that of its linear deflection and backlash
+    max_steps : int, linear solves of Newton's method at most
+    estimated : bool, whether the truncation error is; without, it counts as 0
+    compare_starts : bool, whether a given start is compared with a marched one
+    slope_samples : int, times 16 N at which derivatives evaluate a sampled law. Its slope has kinks: where teeth hammer
+        few samples of a solve lie in its transition zones, and derivatives from them alone are off by 8 % and more
     """
 
     harmonics: int

@@ -1,6 +1,5 @@
 """The equations of one train at one speed, and the fields of its solution. Arrays in, arrays out."""
 
-import dataclasses
 from dataclasses import dataclass
 
 import jax
@@ -8,8 +7,8 @@ import jax.numpy as jnp
 
 from jaxhb._jax import Array, namespace
 from jaxhb.equations import backlash, condensation, dynamic_stiffness, fourier
+from jaxhb.equations.backlash import MeshParameters, all_meshes
 from jaxhb.equations.reduced_model import reduced_model
-from jaxhb.equations.residual import MeshParameters, all_meshes
 from jaxhb.excitation.torques import excitation, listed_harmonic, load_power_kW
 from jaxhb.results.response import Fields
 from jaxhb.train import chain
@@ -73,27 +72,17 @@ def problem_at(train, rpm, excited):
 
 
 def reduced_equation(problem, harmonics, active_meshes):
-    """Reduced and CondensedTrain of the active meshes; those that are not active are held on their flanks."""
-    meshes, mask, index = problem.meshes, active_meshes.mask, active_meshes.index
+    """CondensedEquation and CondensedTrain of the active meshes; those that are not active are held on their flanks."""
+    meshes = problem.meshes
     # Beyond the knee f = c l - offset sign(l): a mesh that stays on its flank is a linear link with a constant force.
     constant = -jnp.asarray(active_meshes.flank) * backlash.offset(meshes.law)
     load = jnp.asarray(problem.load).at[:, 0].add(-problem.system.spread(constant, meshes.link))
-    law = jax.tree.map(lambda a: jnp.asarray(a)[index], meshes.law)
-    return condensation.reduce(
-        problem.system,
-        problem.frequency,
-        load,
-        harmonics,
-        mask,
-        problem.links(active_meshes),
-        dataclasses.replace(law, stiffness=law.stiffness * mask),
-        jnp.asarray(meshes.viscous)[index] * mask,
-        jnp.asarray(meshes.contact_damping)[index] & (mask > 0),
-    )
+    chosen = jax.tree.map(lambda a: jnp.asarray(a)[active_meshes.index], meshes)
+    return condensation.condense(problem.system, problem.frequency, load, harmonics, chosen, active_meshes.mask)
 
 
 def model_of(problem, active_meshes, time_steps):
-    """The :class:`~jaxhb.equations.reduced_model.ReducedModel` that so many time steps a cycle resolve, with the
+    """The :class:`~jaxhb.equations.reduced_model.ReducedOrderModel` that so many time steps a cycle resolve, with the
     active meshes as its inputs."""
     links = problem.links(active_meshes)
     return reduced_model(problem.system, links, active_meshes.mask, problem.frequency, time_steps)
@@ -122,9 +111,8 @@ def fields(problem, displacement, force, integrals, samples, crossings=None):
     law = jax.tree.map(jnp.asarray, meshes.law)
     rule = condensation.quadrature(integrals, law, mesh, samples, crossings)
     values, rates = jax.vmap(rule.synthesize)(jnp.stack([mesh, fourier.derivative(mesh, problem.frequency)]))
-    law = law.expand()
-    elastic = backlash.force(law, values)
-    total = backlash.mesh_force(law, meshes.viscous[:, None], meshes.contact_damping[:, None], values, rates)
+    elastic = backlash.force(law.expand(), values)
+    total = backlash.mesh_force(*backlash.at_samples(meshes), values, rates)
     kept = FORCE_HARMONICS * harmonics - 1
     total, elastic = jax.vmap(lambda values: rule.analyze(values, kept))(jnp.stack([total, elastic]))
     return Fields(

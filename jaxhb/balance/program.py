@@ -69,16 +69,11 @@ class Outcome:
 
 @partial(Program, static_argnames="plan")
 def solve_problem(problem, active_meshes, start, limit, plan):
-    """The Outcome of one problem.
+    """The Outcome of one Problem and its ActiveMeshes under a :attr:`Plan.static` and :attr:`Plan.limit`.
 
-    Parameters
-    ----------
-    problem : Problem; active_meshes : ActiveMeshes
     start : coefficients ``(G, N+1)`` m; whether they are where Newton's method starts, and not teeth in contact; cycles
-        that are marched from there (of a given start only if ``plan.compare_starts`` and it leaves more than
-        MARCH_ABOVE of the equations: the better of the two is then the start); periodicity error at which a march ends
-    limit : float, largest estimate of the truncation error that counts as converged (:attr:`Plan.limit`)
-    plan : Plan.static
+    that are marched from there (of a given start only if ``plan.compare_starts`` and it leaves more than MARCH_ABOVE of
+    the equations: the better of the two is then the start); periodicity error at which a march ends.
     """
     # The iteration is not differentiated: the implicit function theorem gives the derivative of what it found.
     frozen = lax.stop_gradient((problem, start, limit))
@@ -167,7 +162,7 @@ def deflections_on_flank(reduced):
 
 
 def reduced_stepper(reduced, space, time_steps, linear, residual_flexibility=None):
-    """The :class:`~jaxhb.integration.step.Stepper` of a reduced equation, ``time_steps`` steps per cycle."""
+    """The :class:`~jaxhb.integration.step.Stepper` of a condensed equation, ``time_steps`` steps per cycle."""
     flank_state = resting_on_flank(space, force_on_flank(reduced.law, reduced.linear))
     states = jnp.zeros(len(space.transition)), flank_state
     return stepper_of(space, reduced, linear, reduced.frequency, time_steps, *states, residual_flexibility)
@@ -237,7 +232,7 @@ def estimate(problem, active_meshes, deflection, plan):
 def truncation_error(fine, operator, deflection, samples):
     """Estimated sup-norm error of the elastic force / its largest value: one Newton correction on 2 N harmonics.
 
-    ``fine`` is the reduced equation with 2 N harmonics, ``deflection`` ``(G, N+1)`` its solution with N harmonics and
+    ``fine`` is the condensed equation with 2 N harmonics, ``deflection`` ``(G, N+1)`` its solution with N harmonics and
     ``samples`` time samples. The residual on harmonics N+1 .. 2N is included: below the mesh modes a difference of two
     levels is no estimate.
     """
@@ -381,7 +376,6 @@ def solve_batches(train, rpm, plan, max_steps=None, devices=()):
         yield responses
 
 
-# Of a batch of problems only what depends on speed has a leading axis.
 def _axes():
     """Of a batch of problems only what depends on speed has a leading axis."""
     return Problem(system=None, meshes=None, frequency=0, load=0, rigid=None, load_torque=0, load_power=0)

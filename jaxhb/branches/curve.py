@@ -49,7 +49,7 @@ class HarmonicCurve:
         return fourier.unpack(self.scale * y[:-1].reshape(len(self.active_meshes.mask), -1))
 
     def equation(self, y):
-        """F packed ``(n,)``, over the scale; the Problem and the Reduced."""
+        """F packed ``(n,)``, over the scale; the Problem and the CondensedEquation."""
         problem = jax.tree.map(jnp.asarray, problem_at(*self.at(y[-1]), self.plan.excited))
         deflection = self.deflection(y)
         reduced, _ = reduced_equation(problem, deflection.shape[-1] - 1, self.active_meshes)

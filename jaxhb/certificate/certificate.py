@@ -118,11 +118,10 @@ def _of_response(found, lin, given, balance, harmonics):
     if not found.holds:
         return found
     count, law, motions = 64 * lin.sizes.low, lin.law.expand(), []
-    in_contact, viscous = lin.meshes.contact_damping[:, None], lin.meshes.viscous[:, None]
     for deflection in (given, lin.deflection * lin.law.backlash[:, None]):
         value = fourier.synthesize(deflection, count)
         rate = fourier.synthesize(fourier.derivative(deflection, lin.frequency), count)
-        force = backlash.mesh_force(law, viscous, in_contact, value, rate)
+        force = backlash.mesh_force(*backlash.at_samples(lin.meshes), value, rate)
         motions.append((value, backlash.force(law, value), force))
     apart, elastic, total = (_largest(a - b) for a, b in zip(*motions, strict=True))
     return replace(

@@ -28,9 +28,9 @@ from jaxhb._program import Program
 from jaxhb.balance import correction
 from jaxhb.balance.problem import ActiveMeshes, model_of, reduced_equation
 from jaxhb.equations import backlash, exact_integrals, fourier
+from jaxhb.equations.backlash import backlash_meshes
 from jaxhb.equations.condensation import truncate
 from jaxhb.equations.iterations import gcr
-from jaxhb.equations.residual import backlash_meshes
 from jaxhb.floquet.variational import motion
 from jaxhb.results.bounds import NORM_MARGIN
 

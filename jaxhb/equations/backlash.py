@@ -15,6 +15,7 @@ Arguments broadcast. Automatic differentiation of this form equals ``f'`` everyw
 from dataclasses import dataclass
 
 import jax
+import numpy as np
 
 from jaxhb._jax import namespace
 
@@ -63,6 +64,38 @@ class Law:
 def law_of(meshes):
     """The :class:`Law` of the :class:`~jaxhb.train.tables.Meshes` of a train; of no meaning for linear ones."""
     return Law(meshes.stiffness, meshes.epsilon, meshes.transition, meshes.backlash)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class MeshParameters:
+    """Some meshes of a train: link indices, law, damping and damping law, each ``(n,)``: all in harmonics, as any may
+    be active or held on a flank; in time those with backlash, the others being linear links."""
+
+    link: jax.Array
+    law: Law
+    viscous: jax.Array
+    contact_damping: jax.Array
+
+
+def all_meshes(train):
+    """Every mesh as an entry of :class:`MeshParameters`; linear ones have epsilon 1 and a gap of 1 m."""
+    xp, topology, meshes = namespace(train), train.topology, train.meshes
+    gap = np.array(topology.mesh_backlash, dtype=bool)
+    numbers = meshes.epsilon, meshes.transition, meshes.backlash
+    law = (xp.where(gap, own, linear) for own, linear in zip(numbers, (1.0, 0.5, 1.0), strict=True))
+    return MeshParameters(
+        link=np.arange(len(topology.link_names) - len(gap), len(topology.link_names), dtype=np.int32),
+        law=Law(xp.asarray(meshes.stiffness), *law),
+        viscous=xp.asarray(meshes.damping),
+        contact_damping=np.array([law == "contact" for law in topology.mesh_damping_law], dtype=bool) & gap,
+    )
+
+
+def backlash_meshes(train):
+    """The meshes that have backlash, in the order of the scene, as :class:`MeshParameters`."""
+    index = train.topology.backlash_index
+    return jax.tree.map(lambda a: a[index], all_meshes(train))
 
 
 def separated(law, deflection):
@@ -127,6 +160,11 @@ def mesh_slopes(law, viscous, contact_damping, deflection, rate):
     moving = contact_damping & (inside > 0) & (inside < width)
     extra = xp.where(moving, viscous * rate * (xp.sign(deflection) / width), 0.0)
     return slope(law, deflection) + extra, viscous * share
+
+
+def at_samples(meshes):
+    """Law, viscous N s/m and contact damping of meshes with a trailing axis, to meet samples ``(G, samples)``."""
+    return meshes.law.expand(), meshes.viscous[:, None], meshes.contact_damping[:, None]
 
 
 def offset(law):

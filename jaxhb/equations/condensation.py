@@ -1,4 +1,4 @@
-"""The linear train condensed to the meshes that can leave contact: receptances and the reduced equation.
+"""The linear train condensed to the meshes that can leave contact: receptances and the condensed equation.
 
 With every mesh taken in contact (``Z(n) = -n^2 Omega^2 M + i n Omega B + K``, mesh damping included) the steady motion
 obeys, exactly equivalent to A(x) = 0 (docs/theory/harmonic_balance.md A4.4),
@@ -25,7 +25,7 @@ CHUNK = 64  # harmonics swept at a time: even a finely divided train then stays 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Reduced:
+class CondensedEquation:
     """The condensed equation of G active meshes (padded with meshes that do nothing).
 
     linear : complex ``(G, N+1)`` m, deflections with all meshes in contact; receptance : complex ``(N+1, G, G)`` m/N;
@@ -51,12 +51,11 @@ class Reduced:
 
     def nonlinear_force(self, deflection, rate):
         """phi and its slopes in l and l' at samples ``(G, samples)``: what the linear mesh does not contain."""
-        law = self.law.expand()
-        viscous, in_contact = self.viscous[:, None], self.contact_damping[:, None]
-        total = backlash.mesh_force(law, viscous, in_contact, deflection, rate)
-        slope, rate_slope = backlash.mesh_slopes(law, viscous, in_contact, deflection, rate)
+        law, viscous, _ = known = backlash.at_samples(self)
+        slope, rate_slope = backlash.mesh_slopes(*known, deflection, rate)
         linear = law.stiffness * deflection + viscous * rate
-        return total - linear, slope - law.stiffness, rate_slope - viscous
+        force = backlash.mesh_force(*known, deflection, rate) - linear
+        return force, slope - law.stiffness, rate_slope - viscous
 
     def _along(self, deflection, samples):
         """The time samples of a motion, and phi and its slopes there."""
@@ -126,24 +125,25 @@ class CondensedTrain:
         return displacement[:, 0], force[:, 0]
 
 
-def reduce(system, frequency, load, harmonics, active, active_index, law, viscous, contact_damping):
-    """Condense the linear train onto the active meshes: :class:`Reduced`, :class:`CondensedTrain`.
+def condense(system, frequency, load, harmonics, meshes, active):
+    """Condense the linear train onto the active meshes: :class:`CondensedEquation`, :class:`CondensedTrain`.
 
     frequency : Omega in rad/s; load : complex ``(S, E+1)`` N, of the excitation and of meshes held on one flank, those
-    above ``harmonics`` N are dropped; active : ``(G,)`` 1 for an active mesh and 0 for padding; active_index : their
-    links; law, viscous, contact_damping : their entries.
+    above ``harmonics`` N are dropped; meshes : MeshParameters of the active ones; active : ``(G,)`` 1, 0 for padding.
     """
     load = load[:, : harmonics + 1]
-    columns = system.incidence(active_index) * active
+    columns = system.incidence(meshes.link) * active
     excited = frequencies(frequency, load.shape[-1] - 1)
     displacement, force = (a[:, 0] for a in solve_linear(system, excited, load[:, None]))
-    linear = system.deflections(displacement, active_index) * active[:, None]
+    linear = system.deflections(displacement, meshes.link) * active[:, None]
     # Equal chunks make one program; harmonics that fill the last one up are dropped again.
     chunks = -(-(harmonics + 1) // CHUNK)
     omega = frequencies(frequency, chunks * -(-(harmonics + 1) // chunks) - 1).reshape(chunks, -1)
     receptances = lax.map(lambda omega: receptance(system, omega, columns), omega)
     receptances = receptances.reshape(omega.size, *receptances.shape[2:])[: harmonics + 1]
     linear = fourier.resize(linear, harmonics)
-    reduced = Reduced(linear, receptances, frequency, law, viscous, contact_damping)
+    law = dataclasses.replace(meshes.law, stiffness=meshes.law.stiffness * active)
+    viscous, in_contact = meshes.viscous * active, meshes.contact_damping & (active > 0)
+    equation = CondensedEquation(linear, receptances, frequency, law, viscous, in_contact)
     taken = balance(system, excited, load, displacement, force)
-    return reduced, CondensedTrain(system, frequency, load, columns, taken)
+    return equation, CondensedTrain(system, frequency, load, columns, taken)

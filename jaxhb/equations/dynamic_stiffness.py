@@ -195,15 +195,13 @@ def receptance(system, omega, columns):
     return jnp.einsum("sg,srh->hgr", own, motion)
 
 
-@receptance.defjvp
-def _receptance_jvp(primals, tangents):
-    return jax.jvp(_receptance_of_all_disks, primals, tangents)
-
-
 def _receptance_of_all_disks(system, omega, columns):
     """The same by a sweep over all disks, whose derivative is known."""
     motion, _ = solve_linear(system, omega, unit_forces(columns, len(omega)), forces=0)
     return jnp.einsum("sg,srh->hgr", columns, motion)
+
+
+receptance.defjvp(partial(jax.jvp, _receptance_of_all_disks))
 
 
 def unit_forces(columns, count):

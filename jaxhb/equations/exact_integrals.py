@@ -146,8 +146,6 @@ def quadrature(law, deflection, crossings=None):
 
     ``crossings`` : of the same law and deflection, where they are known.
 
-    Examples
-    --------
     >>> from jaxhb.equations import backlash
     >>> law = backlash.Law(*(np.array([value]) for value in (1.0, 0.04, 0.2, 0.5)))
     >>> def square(cosine):

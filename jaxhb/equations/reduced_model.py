@@ -24,7 +24,7 @@ RESOLVED = 4  # steps per period of the slowest mode that is too fast for the st
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class ReducedModel:
+class ReducedOrderModel:
     """Slow modes, ``y = (s q, q')``, s = max(omega, Omega), and the static response ``(G, G)`` m/N of the fast ones.
 
     motion : ``(2S, n)``, displacements and velocities of the disks for each state.
@@ -41,7 +41,7 @@ def states_of(disks):
 
 
 def reduced_model(system, links, active, frequency, time_steps):
-    """The :class:`ReducedModel` of all modes of a train; of a larger train, of those that meshes see most.
+    """The :class:`ReducedOrderModel` of all modes of a train; of a larger train, of those that meshes see most.
 
     links, active : ``(G,)`` the links with backlash, and 1, 0 for padding; frequency : Omega in rad/s; time_steps : per
     cycle that will be taken: modes with fewer of them per period than resolve them are fast.
@@ -84,7 +84,7 @@ def reduced_model(system, links, active, frequency, time_steps):
         coordinates=jnp.block([[scale[:, None] * modal, 0 * modal], [0 * modal, modal]]),
     )
     motion = jnp.block([[shapes / scale, 0 * shapes], [0 * shapes, shapes]])
-    return ReducedModel(space, residual_flexibility, motion)
+    return ReducedOrderModel(space, residual_flexibility, motion)
 
 
 def _basis(system, mass, links, frequency, time_steps):

@@ -3,50 +3,12 @@
     A(x) = Z x + D^T (mesh forces of the backlash meshes) - q,      Z = -n^2 Omega^2 M + i n Omega B + K + link damping,
 
 the Galerkin equations of Fridman 2009 (with the opposite sign), ``x`` the displacements of all disks, real packed
-coordinates ``(S, 2N+1)``. One pure function of arrays; :func:`jaxhb.equations.condensation.Reduced.residual` is the
-same equation condensed to the meshes.
+coordinates ``(S, 2N+1)``. :class:`jaxhb.equations.condensation.CondensedEquation` is the same equation condensed to
+the meshes.
 """
 
-from dataclasses import dataclass
-
-import jax
-import numpy as np
-
-from jaxhb._jax import namespace
 from jaxhb.equations import backlash, fourier
 from jaxhb.equations.dynamic_stiffness import disk_stiffness, frequencies, link_stiffness
-
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class MeshParameters:
-    """Some meshes of a train: link indices, law, damping and damping law, each ``(n,)``: all in harmonics, as any may
-    be active or held on a flank; in time those with backlash, the others being linear links."""
-
-    link: jax.Array
-    law: backlash.Law
-    viscous: jax.Array
-    contact_damping: jax.Array
-
-
-def all_meshes(train):
-    """Every mesh as an entry of :class:`MeshParameters`; linear ones have epsilon 1 and a gap of 1 m."""
-    xp, topology, meshes = namespace(train), train.topology, train.meshes
-    gap = np.array(topology.mesh_backlash, dtype=bool)
-    numbers = meshes.epsilon, meshes.transition, meshes.backlash
-    law = (xp.where(gap, own, linear) for own, linear in zip(numbers, (1.0, 0.5, 1.0), strict=True))
-    return MeshParameters(
-        link=np.arange(len(topology.link_names) - len(gap), len(topology.link_names), dtype=np.int32),
-        law=backlash.Law(xp.asarray(meshes.stiffness), *law),
-        viscous=xp.asarray(meshes.damping),
-        contact_damping=np.array([law == "contact" for law in topology.mesh_damping_law], dtype=bool) & gap,
-    )
-
-
-def backlash_meshes(train):
-    """The meshes that have backlash, in the order of the scene, as :class:`MeshParameters`."""
-    index = train.topology.backlash_index
-    return jax.tree.map(lambda a: a[index], all_meshes(train))
 
 
 def residual(packed, system, meshes, frequency, load, samples):
@@ -92,4 +54,4 @@ def _disks(system, omega):
 def _at_samples(function, meshes, deflection, frequency, samples):
     """A function of the law of the meshes along the motion with coefficients ``deflection``, at time samples."""
     motion = (fourier.synthesize(x, samples) for x in (deflection, fourier.derivative(deflection, frequency)))
-    return function(meshes.law.expand(), meshes.viscous[:, None], meshes.contact_damping[:, None], *motion)
+    return function(*backlash.at_samples(meshes), *motion)

@@ -14,7 +14,7 @@ from scipy.linalg import block_diag
 from jaxhb._jax import on_host
 from jaxhb._shown import brief
 from jaxhb.equations import exact_integrals, fourier
-from jaxhb.equations.residual import backlash_meshes
+from jaxhb.equations.backlash import backlash_meshes
 from jaxhb.equations.state_space import StateSpace, loss_damping, partition, state_space
 from jaxhb.floquet.variational import monodromy
 from jaxhb.linear.mesh_modes import mesh_mode_harmonics

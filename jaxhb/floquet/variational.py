@@ -127,9 +127,9 @@ class _Cycle:
 
     def slopes(self, share):
         """Slopes ``(K, 2G)`` of phi in l and l' at shares of the cycle ``(K,)``."""
-        law, viscous = self.meshes.law.expand(), self.meshes.viscous[:, None]
+        law, viscous, _ = known = backlash.at_samples(self.meshes)
         deflection, rate = motion(self.deflection, self.frequency, share)
-        slope, rate_slope = backlash.mesh_slopes(law, viscous, self.meshes.contact_damping[:, None], deflection, rate)
+        slope, rate_slope = backlash.mesh_slopes(*known, deflection, rate)
         return np.concatenate([slope - law.stiffness, rate_slope - viscous + 0 * rate]).T
 
     def propagators(self):

@@ -65,15 +65,11 @@ def _rows(system, shafts, linear_meshes):
 def march(stepper, state, cycles, outputs=None):
     """Some cycles, CYCLES at most, one program for any number of them; with ``outputs`` each is reduced to numbers.
 
-    Returns
-    -------
-    state ``(2m, L)``
-    samples ``(CYCLES, SAMPLES, 2G, L)`` : (l, l') at equidistant time samples of each cycle, then zeros
-    trace ``(steps + 1, 2G, L)`` : (l, l') of the last cycle
-    numbers : dict of each cycle, ``(CYCLES, L, quantities)`` max, min, mean, square (mean of squares), and ``(CYCLES,
-        L, G)`` of the backlash meshes above, below (shares of the cycle beyond the gap on either side), impacts
-        (entries into contact), hardest (approach speed of the hardest, m/s)
-    power ``(L, quantities, H+1)`` : sum over the cycles of |x^n|^2
+    Gives state ``(2m, L)``; samples ``(CYCLES, SAMPLES, 2G, L)``, (l, l') at equidistant time samples of each cycle,
+    then zeros; trace ``(steps + 1, 2G, L)``, (l, l') of the last cycle; numbers, a dict of each cycle, ``(CYCLES, L,
+    quantities)`` max, min, mean, square (mean of squares), and ``(CYCLES, L, G)`` of the backlash meshes above, below
+    (shares of the cycle beyond the gap on either side), impacts (entries into contact), hardest (approach speed of the
+    hardest, m/s); power ``(L, quantities, H+1)``, sum over the cycles of |x^n|^2.
 
     The quantities are angles and rates of the disks, twists, their rates and torques of shafts and dampers, deflections
     and forces of meshes without backlash, deflections, elastic and transmitted forces of the others, transmitted and

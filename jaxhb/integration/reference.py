@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxhb._program import Program
 from jaxhb.equations import backlash, fourier
-from jaxhb.equations.residual import backlash_meshes
+from jaxhb.equations.backlash import backlash_meshes
 from jaxhb.equations.state_space import dense_linear_motion, matrices, partition
 from jaxhb.excitation.torques import excitation, listed_harmonic
 from jaxhb.integration import shooting
@@ -114,17 +114,12 @@ def resolving_steps(system, meshes, frequency, *, per_period=STEPS_PER_PERIOD):
 def reference_orbit(
     system, meshes, frequency, load, start_coefficients=None, *, steps=None, cycles=None, tolerance=1e-9, max_cycles=300
 ):
-    """Integrate one speed in time and report the forces of the meshes, as :func:`integrate` does.
+    """The :class:`Orbit` of a System and its backlash meshes (MeshParameters) under ``load`` ``(S, N+1)`` N, as
+    :func:`integrate` finds it.
 
-    Parameters
-    ----------
-    system : System
-    meshes : MeshParameters, the backlash meshes
-    frequency : float, Omega in rad/s
-    load : complex array ``(S, N+1)`` N
-    start_coefficients : complex array ``(S, N+1)`` m, optional
-        Displacements of a motion to check: it is corrected by shooting in segments of the cycle, of which ``steps`` are
-        made a multiple; that also holds unstable motions. Without, the train is marched from its drive sides.
+    start_coefficients : complex ``(S, N+1)`` m, displacements of a motion to check: it is corrected by shooting in
+    segments of the cycle, of which ``steps`` are made a multiple; that also holds unstable motions. Without, the train
+    is marched from its drive sides.
     """
     if cycles is not None and cycles < 1:
         raise ValueError(f"cycles is {cycles}, must be at least 1.")
@@ -143,13 +138,12 @@ def reference_orbit(
         until = (tolerance, max_cycles) if cycles is None else (-1.0, cycles)
         state, trace, cycles = _march(stepper, stepper.flank_state, tolerance=until[0], max_cycles=until[1])
     law = meshes.law.expand()
-    viscous, in_contact = np.asarray(meshes.viscous)[:, None], np.asarray(meshes.contact_damping)[:, None]
     low, high = backlash.force(law, _extremes(trace, 2 * np.pi / float(frequency) / steps)).T
     return Orbit(
         deflection=np.asarray(trace.deflection),
         rate=np.asarray(trace.rate),
         elastic=np.asarray(backlash.force(law, trace.deflection)),
-        transmitted=np.asarray(backlash.mesh_force(law, viscous, in_contact, trace.deflection, trace.rate)),
+        transmitted=np.asarray(backlash.mesh_force(*backlash.at_samples(meshes), trace.deflection, trace.rate)),
         smallest=np.asarray(low),
         largest=np.asarray(high),
         separated=np.asarray(backlash.separated(law, trace.deflection).mean(axis=1)),

@@ -38,7 +38,7 @@ FLEXIBLE = 1e-6  # share of the compliance of a mesh below which modes too fast 
 @Program
 def _equations(problem, active_meshes, time_steps):
     """A Stepper without samples of its linear response, the coefficients ``(2G, N+1)`` of these, and the
-    ReducedModel."""
+    ReducedOrderModel."""
     harmonics = problem.load.shape[-1] - 1
     reduced, _ = reduced_equation(problem, harmonics, active_meshes)
     model = model_of(problem, active_meshes, time_steps)
@@ -53,7 +53,7 @@ def work_of_cycle(train, time_steps):
 
 
 def stepper_of(train, rpm, plan):
-    """The Stepper of a train with the meshes and time steps of a Plan, and the ReducedModel that it steps."""
+    """The Stepper of a train with the meshes and time steps of a Plan, and the ReducedOrderModel that it steps."""
     problem = problem_at(train, rpm, plan.static.excited)
     stepper, response, modes = _equations(problem, plan.active_meshes, plan.time_steps)
     # Room for the most steps, the number in use traced: one program for all numbers of steps that follow the modes of
@@ -128,7 +128,7 @@ class OrbitSearch:
 
     @cached_property
     def _made(self):
-        """Stepper and ReducedModel, made (and their program compiled) when something is searched with them."""
+        """Stepper and ReducedOrderModel, made (and their program compiled) when something is searched with them."""
         return stepper_of(self.train, self.rpm, self.plan)
 
     @property

@@ -9,9 +9,9 @@ import numpy as np
 
 from jaxhb._program import WHOLE, across, along
 from jaxhb.balance.plan import TIME_STEPS
+from jaxhb.equations.backlash import backlash_meshes
 from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.equations.reduced_model import reduced_model
-from jaxhb.equations.residual import backlash_meshes
 from jaxhb.equations.state_space import march_modes, modes_of, partition
 from jaxhb.excitation.torques import listed_harmonic
 from jaxhb.integration import batch, cycles

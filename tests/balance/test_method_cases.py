@@ -13,7 +13,7 @@ import jaxhb
 from jaxhb.balance.newton import solve_reduced
 from jaxhb.balance.problem import ActiveMeshes, problem_at, reduced_equation
 from jaxhb.equations import backlash, condensation, fourier
-from jaxhb.equations.reduced_model import ReducedModel
+from jaxhb.equations.reduced_model import ReducedOrderModel
 from jaxhb.equations.state_space import StateSpace
 from jaxhb.results.status import Status
 
@@ -21,8 +21,8 @@ SAMPLES = 2**16
 """The cases are exact Galerkin solutions. Sampling errs by Nt^-3: 16 N time samples give 1e-6, 2^16 give 1e-12."""
 
 solver = jax.jit(partial(solve_reduced, tolerance=1e-14, max_steps=30), static_argnames=("samples", "time_steps"))
-nonlinear_force = jax.jit(condensation.Reduced.nonlinear_force)
-evaluate = jax.jit(condensation.Reduced.residual, static_argnums=2)
+nonlinear_force = jax.jit(condensation.CondensedEquation.nonlinear_force)
+evaluate = jax.jit(condensation.CondensedEquation.residual, static_argnums=2)
 reduce = jax.jit(reduced_equation, static_argnums=1)
 
 
@@ -31,14 +31,14 @@ def parameters(name="A4_hb_one_mass_N4"):
 
 
 def by_hand(harmonics, *, m, b, c, eps, h, q0, q1):
-    """The reduced equation of ``m x'' + b x' + f(x) = q0 + q1 cos t`` written down, contact as the linear part."""
+    """The condensed equation of ``m x'' + b x' + f(x) = q0 + q1 cos t`` written down, contact as the linear part."""
     n = np.arange(harmonics + 1)
     receptance = 1 / (c - m * n**2 + 1j * b * n)
     load = np.zeros(harmonics + 1)
     load[0], load[1] = q0, q1 / 2
     law = backlash.Law(*(np.array([v]) for v in (c, eps, 0.2, h)))
     nothing = np.zeros(1)
-    return condensation.Reduced(
+    return condensation.CondensedEquation(
         (receptance * load)[None], receptance[:, None, None], np.array(1.0), law, nothing, nothing > 0
     )
 
@@ -52,7 +52,7 @@ def mass_in_time(*, m, b, c, **_):
         observation=np.diag([1 / s, 1.0]) / np.sqrt(m),
         coordinates=np.diag([s, 1.0]) * np.sqrt(m),
     )
-    return ReducedModel(space, np.zeros((1, 1)), space.coordinates.T)
+    return ReducedOrderModel(space, np.zeros((1, 1)), space.coordinates.T)
 
 
 def solve_by_hand(harmonics, samples):

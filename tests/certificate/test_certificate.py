@@ -18,7 +18,7 @@ from jaxhb.certificate import certificate, theorem
 from jaxhb.certificate.certificate import certify
 from jaxhb.certificate.linearization import Linearization, NotInverted
 from jaxhb.equations import backlash, exact_integrals, fourier
-from jaxhb.equations.residual import backlash_meshes
+from jaxhb.equations.backlash import backlash_meshes
 from jaxhb.equations.state_space import partition, state_space
 from jaxhb.floquet.variational import propagation
 from jaxhb.results.bounds import NORM_MARGIN, ROW_SUM_MARGIN, Kantorovich

@@ -1,4 +1,4 @@
-"""The reduced equation on the meshes against the whole train, and the Krylov steps of its solution."""
+"""The condensed equation on the meshes against the whole train, and the Krylov steps of its solution."""
 
 import dataclasses
 import itertools
@@ -20,14 +20,14 @@ HARMONICS, SAMPLES, RPM = 6, 96, 1500.0
 
 evaluate = jax.jit(residual, static_argnames="samples")
 reduce = jax.jit(reduced_equation, static_argnums=1)
-excess_at = jax.jit(condensation.Reduced.nonlinear_force_coefficients, static_argnums=2)
-reduced_residual = jax.jit(condensation.Reduced.residual, static_argnums=2)
+excess_at = jax.jit(condensation.CondensedEquation.nonlinear_force_coefficients, static_argnums=2)
+reduced_residual = jax.jit(condensation.CondensedEquation.residual, static_argnums=2)
 combine = jax.jit(condensation.CondensedTrain.combine)
 
 
 @pytest.fixture(scope="module")
 def case():
-    """Train, problem, its reduced equation on both meshes, and random deflections that cross the gap."""
+    """Train, problem, its condensed equation on both meshes, and random deflections that cross the gap."""
     parts = branched_parts()
     problem = problem_at(build(parts, reference="flywheel"), RPM, HARMONICS)
     reduced, condensed = reduce(problem, HARMONICS, ActiveMeshes(np.ones(2), np.arange(2), np.zeros(2)))

@@ -15,12 +15,10 @@ def test_a_shorter_length_is_where_a_quadratic_level_is_lowest(h):
     assert not iterations.lowers_level(3.0 * h / 2, 3.0, 1.0)
 
 
-def test_a_shorter_length_is_between_a_tenth_and_a_half():
+def test_lengths_have_bounds():
     assert iterations.shorter_length(0.8, 1.0, 0.0) == iterations.shorter_length(0.8, 1.0, np.nan) == 0.4
     assert iterations.shorter_length(0.8, 1.0, 1e9) == pytest.approx(0.08)
-
-
-def test_where_the_jacobian_did_not_change_the_whole_correction_is_tried():
+    # Where the Jacobian did not change the whole correction is tried.
     assert iterations.predicted_length(1.0, 0.0, 1.0) == iterations.predicted_length(np.inf, 2.0, 1.0) == 1.0
     assert iterations.predicted_length(0.1, 2.0, 0.5) == pytest.approx(0.1)
     assert iterations.predicted_length(1e-9, 2.0, 1.0) == iterations.SHORTEST

@@ -1,4 +1,4 @@
-"""Two ways to solve the same equations: the reduced equation on the meshes, and the sweep over the whole chain."""
+"""Two ways to solve the same equations: the condensed equation on the meshes, and the sweep over the whole chain."""
 
 import dataclasses
 

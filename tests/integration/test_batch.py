@@ -107,10 +107,8 @@ def test_any_number_of_cycles_is_one_program_and_the_same_motion():
 def test_modes_hold_the_motion_of_every_disk():
     equations = Equations(gearbox())
     batch = Batch(equations, np.array([700.0]), STEPS)
-    modes, motion = equations.modes, batch.motion(batch.marches[0])
-    again = marching.motion_of(modes, marching.state_of(modes, motion[None], batch.linear_motion), batch.linear_motion)[
-        0
-    ]
+    modes, linear, motion = equations.modes, batch.linear_motion, batch.motion(batch.marches[0])
+    again = marching.motion_of(modes, marching.state_of(modes, motion[None], linear), linear)[0]
     bend = equations.system.deflections(np.split(motion, 2)[0]), equations.system.deflections(np.split(again, 2)[0])
     np.testing.assert_allclose(*bend, atol=1e-9 * np.abs(bend[0]).max())
 
@@ -126,10 +124,8 @@ def test_a_record_of_a_periodic_motion_has_the_numbers_of_its_harmonics():
     record = record_of(equations, batch.marches[0])
     topology = train.topology
     for i, name in enumerate(topology.mesh_names):
-        for found, expected in (
-            (record.forces[i], response.force(name)),
-            (record.forces[i].elastic, response.force(name).elastic),
-        ):
+        force, wanted = record.forces[i], response.force(name)
+        for found, expected in ((force, wanted), (force.elastic, wanted.elastic)):
             # the truncation error of the response is about 0.3 %, the error of 4096 steps 0.1 %
             assert abs(found.max - expected.max) < 0.006 * expected.peak
             assert abs(found.min - expected.min) < 0.006 * expected.peak
@@ -142,10 +138,8 @@ def test_a_record_of_a_periodic_motion_has_the_numbers_of_its_harmonics():
         assert abs(contact.reverse_contact_fraction - found.reverse_contact_fraction) < 2e-3
         assert abs(len(contact.impacts) - found.impacts_per_cycle) <= 1
     for i, name in enumerate(topology.shaft_names + topology.damper_names):
-        for found, expected in (
-            (record.torques[i], response.torque(name)),
-            (record.torques[i].elastic, response.torque(name).elastic),
-        ):
+        torque, wanted = record.torques[i], response.torque(name)
+        for found, expected in ((torque, wanted), (torque.elastic, wanted.elastic)):
             size = expected.half_peak_to_peak + 1e-9
             assert abs(found.max - expected.max) < 0.01 * size
             assert abs(found.mean - expected.mean) < 1e-3 * expected.peak

@@ -14,7 +14,7 @@ import jaxhb
 from jaxhb import Disk, Ground, Mesh, Shaft, Torque
 from jaxhb.balance.problem import problem_at
 from jaxhb.equations import backlash, dynamic_stiffness, fourier
-from jaxhb.equations.residual import MeshParameters
+from jaxhb.equations.backlash import MeshParameters
 from jaxhb.train import chain
 
 OMEGA = np.array([0.0, 40.0, 333.0, 1500.0, 9000.0])
