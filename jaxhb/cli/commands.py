@@ -8,7 +8,7 @@ from jaxhb.cli.progress import Progress
 from jaxhb.report.compute import Asked, answer_one, check_designs
 from jaxhb.report.files import output
 from jaxhb.report.files.labelled import check_labelled, netcdf
-from jaxhb.report.files.record import both_record, finite, on_scene
+from jaxhb.report.files.record import both_record, on_scene
 from jaxhb.report.files.rows import answer_row, rows_csv, trace_csv, untraceable
 from jaxhb.report.selection import gears, without_cylinders
 from jaxhb.report.text.sentences import warnings
@@ -60,7 +60,7 @@ def tune(train, given, plot, quiet, **options):
     if not result.interrupted:  # who stops a tuning does not wait for more
         with Progress(quiet=quiet) as progress:
             checked = check_designs(train, asked, result, progress.say)
-        files.write(result.after.parameters, record | {"steady_state": finite(checked)})
+        files.write(result.after.parameters, record | {"steady_state": checked})
         print(f"\n{check_text(checked)}")
     print(f"\nThe tuned scene is {given.output}, all numbers are in {given.json}.")
     if result.interrupted:

@@ -16,7 +16,6 @@ from jaxhb.linear.tangent import at_mean_load
 from jaxhb.report.answer import shown
 from jaxhb.report.files.labelled import check_labelled, forced_netcdf
 from jaxhb.report.files.output import ANSWERED, OutputError, as_csv, as_json, changes, deliver
-from jaxhb.report.files.record import finite
 from jaxhb.report.selection import asks_each, case_title, misfire_trains, without_cylinders
 from jaxhb.report.text import forced as told
 from jaxhb.report.text.linear import (
@@ -58,7 +57,7 @@ def check(train, given, rpm, links_at, **_):
     deliver(
         given,
         "\n\n".join([*parts, *remarks_text(remarks)]),
-        json=lambda: as_json(finite(changes(given) | record)),
+        json=lambda: as_json(changes(given) | record),
     )
     return status(told.forced_failures(response))
 
@@ -74,7 +73,7 @@ def modes(train, given, at, links_at, plot, **_):
     deliver(
         given,
         "\n\n".join([modes_text(found, train.topology.name, kinds, ratios, teeth), *energies, *below]),
-        json=lambda: as_json(finite(changes(given) | modes_record(found, kinds, ratios) | more)),
+        json=lambda: as_json(changes(given) | modes_record(found, kinds, ratios) | more),
         plot=lambda: picture(plot, "modes.plot_modes", train, found, elastic, ratios),
     )
     return ANSWERED
@@ -92,7 +91,7 @@ def holzer(train, given, at, links_at, hz, mode, plot, **_):
     deliver(
         given,
         "\n\n".join([holzer_text(tables, name, teeth), *below]),
-        json=lambda: as_json(finite(changes(given) | holzer_record(tables, name) | more)),
+        json=lambda: as_json(changes(given) | holzer_record(tables, name) | more),
         plot=lambda: picture(
             plot, "linear.plot_holzer", lambda one: holzer_residual(train, hz=one), tables, zeros, name
         ),
@@ -112,7 +111,7 @@ def campbell(train, given, rpm, at, links_at, orders, modes, plot, **_):
     deliver(
         given,
         "\n\n".join([campbell_text(found, modes, name, misfires, teeth=teeth), *below]),
-        json=lambda: as_json(finite(changes(given) | campbell_record(found, modes, name, misfires) | more)),
+        json=lambda: as_json(changes(given) | campbell_record(found, modes, name, misfires) | more),
         csv=lambda: as_csv(*campbell_rows(found, misfires)),
         plot=lambda: picture(plot, "linear.plot_campbell", found, modes, name),
     )
@@ -151,7 +150,7 @@ def forced(train, given, rpm, element, orders, netcdf, plot, **_):
         more = {} if misfires is None else told.misfires_record(misfires, found, worst, orders=orders)
         for name, one in more.get("misfires", {}).items():
             one |= records[name]
-        return finite(changes(given) | told.forced_record(response, found, orders=orders) | records[""] | more)
+        return changes(given) | told.forced_record(response, found, orders=orders) | records[""] | more
 
     def rows():
         one = told.forced_rows(response, found, columns[""])
@@ -161,7 +160,7 @@ def forced(train, given, rpm, element, orders, netcdf, plot, **_):
         given,
         "\n\n".join([*text, *strength_text(judged)]),
         json=lambda: as_json(record()),
-        csv=lambda: as_csv(*map(finite, rows())),
+        csv=lambda: as_csv(*rows()),
         netcdf=lambda: forced_netcdf(response, orders),
         plot=lambda: picture(plot, "forced.plot_forced", response, found, misfires, worst),
     )

@@ -8,7 +8,7 @@ from jaxhb.report.answer import SPEED, Axis
 from jaxhb.report.compute import Asked, answer_speeds, answer_values
 from jaxhb.report.files import output
 from jaxhb.report.files.labelled import netcdf
-from jaxhb.report.files.record import NO_ORDERS, both_record, finite, on_scene
+from jaxhb.report.files.record import NO_ORDERS, both_record, on_scene
 from jaxhb.report.files.rows import answer_row, rows_csv
 from jaxhb.report.selection import without_cylinders
 from jaxhb.report.text.sentences import warnings
@@ -102,7 +102,7 @@ class _SweepFiles:
         if self.axis != SPEED:
             head["over"] = {"name": self.axis.name, "unit": self.axis.unit, "values": [a.place for a in first]}
         elif complete:
-            judged = {way: finite(strength_record(answers_strength(answers))) for way, answers in found.items()}
+            judged = {way: strength_record(answers_strength(answers)) for way, answers in found.items()}
             if any(judged.values()):
                 head["strength"] = judged if self.both else [*judged.values()][0]
         return output.as_sweep_json(output.changes(self.given) | on_scene(self.train) | head, lists)

@@ -82,14 +82,8 @@ class Asked:
 def answer_one(train, rpm, asked, say=lambda text: None, *, start=None, kept=None):
     """The :class:`Answer` at one speed; ``say`` is told what is done.
 
-    Parameters
-    ----------
-    train : DriveTrain
-    rpm : float
-    asked : Asked
-    start : SteadyState, optional
-        A neighbour from which the motion starts.
-    kept : dict, ``out`` and ``chunk`` of :func:`jaxhb.steady_state`, optional
+    start : the SteadyState of a neighbour from which the motion starts; kept : dict, ``out`` and ``chunk`` of
+    :func:`jaxhb.steady_state`
 
     Examples
     --------
@@ -114,23 +108,12 @@ def answer_one(train, rpm, asked, say=lambda text: None, *, start=None, kept=Non
 
 
 def answer_speeds(train, rpm, asked, *, direction="up", kept=None, progress=None, say=lambda text: None, told=None):
-    """Answers at many speeds, by the direction in which the sweep went.
+    """Answers at many speeds by the direction in which the sweep went, ``{"up": [Answer, ...]}``, ``"down"`` or both,
+    ``"orbit"`` for orbits; always in the order of ``rpm``.
 
-    Parameters
-    ----------
-    train : DriveTrain
-    rpm : sequence of float
-    asked : Asked
-    direction : "up", "down" or "both", of no meaning for orbits
-    kept : dict, ``out`` and ``chunk`` of :func:`jaxhb.steady_state`
-    progress : callable, called with the number of speeds done since the last call
-    say : callable, told what is done
-    told : callable, told now and then what is returned in the end, as far as it is known
-
-    Returns
-    -------
-    dict
-        ``{"up": [Answer, ...]}``, ``"down"`` or both; ``"orbit"`` for orbits. Always in the order of ``rpm``.
+    direction : "up", "down" or "both", of no meaning for orbits; kept, say : as of :func:`answer_one`; progress :
+    called with the number of speeds done since the last call; told : now and then what is returned in the end, as far
+    as it is known
     """
     rpm = np.array(rpm, dtype=float)
     linear, known, made = _linear(train, rpm), {}, {}
@@ -164,10 +147,8 @@ def _linear(train, rpm):
 
 
 def answer_values(train, rpm, axis, values, asked, *, direction="up", kept=None, progress=None, told=None):
-    """Answers at one speed for many values of a number of the scene, each from the motion of its neighbour.
-
-    As :func:`answer_speeds`, in the order of ``values``; ``axis`` is the :class:`Axis` of the number that changes.
-    """
+    """As :func:`answer_speeds` at one speed for many ``values`` of the number of an :class:`Axis`, each from the motion
+    of its neighbour."""
     order, found = np.argsort(values, kind="stable"), {}
     ways = ("orbit",) if asked.orbit else ("up", "down") if direction == "both" else (direction,)
     for way in ways:
@@ -225,19 +206,12 @@ def certificate_of(answer, say=lambda text: None):
 
 
 def check_designs(train, asked, result, say=lambda text: None):
-    """What the first and the last design do at the speeds of a tuning, and where that is not what was tuned.
+    """What the first and the last design of a Tuning do at its speeds, and where that is not what was tuned.
 
-    Parameters
-    ----------
-    train : DriveTrain, as it was; asked : dict, from :func:`jaxhb.design.table.read_table`; result : Tuning
-    say : callable, told what is done
-
-    Returns
-    -------
-    dict
-        ``{"before", "after"}`` of ``{"kind", "period", "readings", "differences"}``: of every speed the kind and period
-        of its motion and, by label, the quantities that can be compared; a sentence for each speed at which the motion
-        is neither in contact nor periodic, or a quantity more than 2 % from that of the orbit tuned.
+    ``train`` is as it was, ``asked`` from :func:`jaxhb.design.table.read_table`. ``before`` and ``after`` have of every
+    speed ``kind`` and ``period`` of the motion, by label the ``readings`` that can be compared, and ``differences``: a
+    sentence for each speed at which the motion is neither in contact nor periodic, or a quantity more than 2 % from
+    that of the orbit tuned.
     """
     found, compared = {}, [c for c in (*asked["objective"], *asked["penalties"]) if c.quantity in STEADY]
     designs = {"before": ("first", train, result.before), "after": ("last", result.train, result.after)}

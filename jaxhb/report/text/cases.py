@@ -1,13 +1,12 @@
 """Normal running beside one cylinder misfiring, or each in turn, over several speeds: what ``jaxhb report`` tells."""
 
-from jaxhb.report.files.record import answer_record, finite
 from jaxhb.report.quantities import IRREGULARITY, WITHOUT, angles, forces, gear_torques, main_quantity, shaft_torques
 from jaxhb.report.selection import NOT_FIRING, shafts_of, turning_disks
 from jaxhb.report.text.certified import certificate_text
 from jaxhb.report.text.columns import NONE, Table, aligned, alike, hit, irregular, percent, ratio, ratios
 from jaxhb.report.text.mean_torques import balance_line
 from jaxhb.report.text.sentences import motion_word, status_lines, verdict
-from jaxhb.report.text.strength import answers_strength, strength_entry, strength_text
+from jaxhb.report.text.strength import answers_strength, strength_text
 from jaxhb.report.text.tables import against, element_table, notes_text, peak_table
 
 FORCES = (
@@ -18,20 +17,6 @@ FORCES = (
     ("hit m/s", "hardest_impact", hit),
 )
 """Columns of every case, as of :func:`jaxhb.report.text.tables.element_table`."""
-
-
-def cases_record(cases, *, orders=None):
-    """What ``report --json`` writes: per case the objects of all speeds with and without backlash."""
-    rows = [
-        {
-            "title": case.title,
-            "responses": [answer_record(answer, orders=orders) for answer in case.answers],
-            "without_backlash": [answer_record(answer.without_backlash, orders=orders) for answer in case.answers],
-        }
-        | finite(strength_entry(answers_strength(case.answers)))
-        for case in cases
-    ]
-    return {"rpm": [answer.rpm for answer in cases[0].answers], "cases": rows}
 
 
 def cases_text(cases):
