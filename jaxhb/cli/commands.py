@@ -13,7 +13,7 @@ from jaxhb.report.files.rows import answer_row, rows_csv, trace_csv, untraceable
 from jaxhb.report.selection import gears, without_cylinders
 from jaxhb.report.text.sentences import warnings
 from jaxhb.report.text.tables import solve_text
-from jaxhb.report.text.tuned import check_text, progress_record, start_record, tuned_record, tuned_text
+from jaxhb.report.text.tuned import check_text, progress_record, start_record, tuned_parts, tuned_record
 from jaxhb.scene.writer import changed_scene, copies_beside
 from jaxhb.train.changes import scene_values
 
@@ -56,7 +56,7 @@ def tune(train, given, plot, quiet, **options):
     files.write(result.after.parameters, record)
     if plot:
         output.write_files({plot: picture(plot, "cycle.plot_tuning", asked["objective"], result)})
-    print(tuned_text(train, asked, result))
+    print("\n\n".join(tuned_parts(train, asked, result)))
     if not result.interrupted:  # who stops a tuning does not wait for more
         with Progress(quiet=quiet) as progress:
             checked = check_designs(train, asked, result, progress.say)

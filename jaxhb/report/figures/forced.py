@@ -8,7 +8,6 @@ from jaxhb.report.figures.draw import drawn
 from jaxhb.report.figures.figure import crosses, figure, line, plain, top_of
 from jaxhb.report.figures.limits import judged_elements, limit_figure
 from jaxhb.report.selection import NOT_FIRING, train_name
-from jaxhb.report.text.forced import signal_of
 
 MOST = 4
 """Elements in one picture."""
@@ -53,7 +52,7 @@ def orders_figure(response, element, misfires, title=""):
     misfires : responses by title, whose half peak-to-peak stands beside it; title : of the case
     """
     factor, unit = element.shown
-    signal, rpm = signal_of(response, element.name, element.kind), response.rpm
+    signal, rpm = element.of(response).signal, response.rpm
     converged = np.asarray(response.converged)
     certain = np.where(converged, factor, np.nan)
     traces = [
@@ -61,8 +60,7 @@ def orders_figure(response, element, misfires, title=""):
         line(rpm, certain * signal.sum_of_amplitudes, "sum of amplitudes", 3),
     ]
     for called, other in misfires.items():
-        own = signal_of(other, element.name, element.kind).half_peak_to_peak
-        own = np.where(other.converged, factor, np.nan) * own
+        own = np.where(other.converged, factor, np.nan) * element.of(other).signal.half_peak_to_peak
         traces.append(line(rpm, own, f"half peak-to-peak, {plain(called)}", 1))
     for number, k in enumerate(element.main() if converged.any() else ()):
         marker = {"symbol": SYMBOLS[number % len(SYMBOLS)], "size": 6, "maxdisplayed": 12}

@@ -6,7 +6,7 @@ from jaxhb.report.quantities import ELEMENTS, number
 from jaxhb.report.text.certified import certificate_record
 from jaxhb.report.text.mean_torques import ground_reactions, load_torques, mean_angles_of
 from jaxhb.report.text.sentences import notes, verdict
-from jaxhb.report.text.strength import answers_strength, single, strength_entry
+from jaxhb.report.text.strength import answers_strength, strength_entry
 from jaxhb.train.plausible import plausibility
 
 NEGLIGIBLE = 1e-12
@@ -40,7 +40,7 @@ def answer_record(answer, *, orders=None):
         ("meshes", "mesh", _mesh_record),
     ):
         found[kind] = {name: record(answer, name, orders) for name in ELEMENTS[element](answer.topology)}
-    found |= single(strength_entry(answers_strength([answer])))
+    found |= strength_entry(answers_strength([answer]), one_speed=True)
     return found | (certificate_record(answer.certificate) if answer.certificate is not None else {})
 
 

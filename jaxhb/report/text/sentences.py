@@ -6,6 +6,7 @@ import numpy as np
 
 from jaxhb.balance.plan import MOST_HARMONICS
 from jaxhb.report.answer import SPEED, UNCONFIRMED, growth_text
+from jaxhb.report.quantities import shown_unit
 from jaxhb.report.selection import most_apart
 from jaxhb.report.text.columns import plain_number
 from jaxhb.report.text.mean_torques import ground_notes, load_notes
@@ -242,6 +243,16 @@ def _unsettled_notes(answers):
         f"A periodic motion was found at {speeds_text(found)}, but a few cycles of time integration do not settle "
         "there: it may be unstable, and the engine may run in another motion (leave out --orbit for what it does)."
     ]
+
+
+def misfire_text(worst, firing, swing=""):
+    """The sentence on a misfire, the record of which the JSON has; ``firing`` is what the train is called without."""
+    factor, unit = shown_unit(worst["unit"])
+    value, normal = (f"{factor * worst[key]:.4g} {unit}" for key in ("value", "firing"))
+    return (
+        f"The worst misfire is that of {worst['cylinder']}: {worst['quantity']} of {value}{swing} in {worst['of']} at"
+        f" {worst['rpm']:g} rpm, {normal} with {firing}."
+    )
 
 
 def speed_of(told, number):
