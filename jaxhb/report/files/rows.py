@@ -97,10 +97,7 @@ def untraceable(answer):
 
 
 def trace_csv(answer):
-    """The motion over its period: angle of the reference rotor, time, forces, torques, angles, speeds; SI units.
-
-    Of an answer that :func:`untraceable` has nothing to say about.
-    """
+    """The motion over its period, of an answer that :func:`untraceable` has nothing to say about; SI units."""
     topology, turns = answer.topology, answer.response.topology.revolutions_per_cycle
     count = _time_samples(answer)
     part = np.arange(count) / count
@@ -124,11 +121,10 @@ def _time_samples(answer):
     """Number of time samples of a trace."""
     count = TRACED * max(1, -(-4 * answer.response.harmonics // TRACED))
     forces = [answer.force(name) for name in answer.topology.mesh_names]
-    while any(_missed(force, count) > MISSED for force in forces):
+
+    def reached(signal):
+        return np.abs(fourier.sample(np.asarray(signal.coefficients), count)).max()
+
+    while any(reached(force) < (1 - MISSED) * force.peak for force in forces):
         count *= 2
     return count
-
-
-def _missed(signal, count):
-    peak = float(signal.peak)
-    return 1 - float(np.abs(fourier.sample(np.asarray(signal.coefficients), count)).max()) / peak if peak else 0.0

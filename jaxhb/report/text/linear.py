@@ -131,7 +131,7 @@ def chosen_modes(kinds, name, asked=None):
 
 
 def holzer_text(tables, name, teeth=""):
-    """Holzer's ``tables``, pairs (number of the mode or None, HolzerTable); ``name``, ``teeth`` as of :func:`modes_text`."""
+    """Holzer's ``tables``, pairs (number of the mode or None, HolzerTable), with ``teeth`` as of :func:`modes_text`."""
     how = ", ".join(filter(None, ["undamped", teeth]))
     meshes = "; of a mesh c N/m, sum/c m" if teeth else ""
     head = (

@@ -84,8 +84,7 @@ def status_lines(answer):
 
 
 def verdict(answer):
-    """The answer in one sentence: do the teeth hammer at this speed, which mesh is apart for the largest share of the
-    time, and which has the hardest impact?
+    """The answer in one sentence: do the teeth hammer, which mesh is apart for longest, which has the hardest impact?
 
     Examples
     --------
@@ -102,11 +101,8 @@ def verdict(answer):
     if not any(topology.mesh_backlash):
         return "No mesh has backlash: the teeth cannot separate."
     said = _hammering(answer, speed)
-    doubts = []
-    if answer.doubt:
-        doubts.append(UNCONFIRMED if answer.answered else f"{answer.doubt}, do not rely on this")
-    if answer.growth.unstable:
-        doubts.append("unstable, the train does not run in this motion")
+    doubts = [UNCONFIRMED if answer.answered else f"{answer.doubt}, do not rely on this"] * bool(answer.doubt)
+    doubts += ["unstable, the train does not run in this motion"] * answer.growth.unstable
     if not doubts:
         return said
     doubt = "; ".join(doubts)
@@ -151,13 +147,7 @@ def _places(places, axis):
 
 
 def notes(*answers):
-    """Sentences on what to be careful about in answers of one train, at least one.
-
-    Unstable motions; power that is not accounted for; what a steady state tells of itself; orbits on which time
-    integration did not settle; speeds outside of pressure traces; a ground that takes above 1 % of the largest mean
-    torque, a load that drives; a gap spring above 5 % of the mean force, a knee above 50 % of it, damping in the gap
-    above 5 % of it. They name the speed of the smallest mean force, where it depends on the speed.
-    """
+    """Sentences on what to be careful about in answers of one train, at least one."""
     balances, axis = [answer.balance for answer in answers], answers[0].axis
     own = ((answer.place, note) for answer in answers if answer.known for note in answer.state.notes)
     outside = ((answer.place, note) for answer in answers for note in answer.train.outside_traces(answer.rpm))
