@@ -261,8 +261,8 @@ def hardest_of(found, worst):
 
 
 def misfires_text(misfires, found, worst, *, each):
-    """The worst misfire, the largest swing of an element with every misfire, and the worst misfire of every element;
-    with ``each`` every misfire is listed for each of the elements, which were asked for by name."""
+    """The worst misfire, every misfire for the element that swings most, and the worst misfire of every element; with
+    ``each`` every misfire for each element, which were asked for by name."""
     chosen, title = found if each else [hardest_of(found, worst)], case_title(misfires.firing.train)
     parts = ["\n".join(misfire_text(_worst_record(one, worst), title, " half peak-to-peak") for one in chosen)]
     parts += [_cylinder_table(misfires, one) for one in chosen]
@@ -299,9 +299,8 @@ def _worst_record(one, worst):
 
 
 def misfires_record(misfires, found, worst, *, orders=None):
-    """What ``forced --misfire each --json`` writes beside normal running: ``misfires``, by the cylinder that does not
-    fire what :func:`forced_record` gives; ``worst_misfires`` by element, with ``value`` (half peak-to-peak) and
-    ``firing``, that at this speed with all cylinders firing; ``worst_misfire``, of the element that swings most."""
+    """What ``forced --misfire each --json`` writes beside normal running (``docs/reference/command_line.md``): records by the
+    cylinder that does not fire, the worst misfire of every element, and that of the element that swings most."""
     rows = {one.name: _worst_record(one, worst) for one in found}
     records = {
         cylinder: forced_record(response, [one.of(response) for one in found], orders=orders)
@@ -313,10 +312,8 @@ def misfires_record(misfires, found, worst, *, orders=None):
 
 
 def misfires_rows(misfires, found, more):
-    """Heads and rows of the CSV file: those of normal running, then those of every misfire, named in the first column.
-
-    ``more`` holds further columns of every response, by the cylinder that does not fire, "" for none.
-    """
+    """Heads and rows of the CSV file: those of normal running, then those of every misfire, named in the first column;
+    ``more`` columns of every response by the cylinder that does not fire, "" for none."""
     heads, rows = {}, []
     for cylinder, response in ({"": misfires.firing} | misfires.responses).items():
         own, cells = forced_rows(response, [one.of(response) for one in found], more[cylinder])
