@@ -1,6 +1,7 @@
 """The quantities that reports tell, one table over that of data sets: names of elements, titles, units for people."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,33 +59,21 @@ def _parts(variable):
 
 @dataclass(frozen=True)
 class Quantity:
-    """One number of every element of a kind: what the elements are (the head of their column), what the number is
-    called in sentences and files, the title of its tables and figures, the names of the elements, the variable of data
-    sets, by which it is read."""
+    """One number of every element of a kind.
+
+    element : what the elements are, the head of their column; called : in sentences and files; title : of tables and
+    figures; names : of the elements; read : function of (Answer or Response, name) to the number in SI; signal : the
+    same to the Signal that the number is of, None where it is of none; variable : of data sets
+    """
 
     element: str
     called: str
     title: str
     names: tuple
-    variable: str
-
-    def read(self, motion, name):
-        """The number of an Answer or Response in SI."""
-        return number(motion, self.variable, name)
-
-    def signal(self, motion, name):
-        """The Signal that it is of."""
-        return getattr(motion, READERS[_parts(self.variable)[0]])(name)
-
-    @property
-    def of_signal(self):
-        """Whether it is of a signal."""
-        return bool(_parts(self.variable)[1])
-
-    @property
-    def si_unit(self):
-        """The unit of the variable."""
-        return unit_of(self.variable)
+    read: Callable
+    si_unit: str
+    signal: Callable | None = None
+    variable: str = ""
 
     @property
     def unit(self):
@@ -140,10 +129,18 @@ ELEMENTS = {
 
 def _told(element, called, title, variable, names_of=None):
     """The function from a train to a quantity of its elements."""
+    signal, statistic = _parts(variable)
+
+    def read(motion, name):
+        return number(motion, variable, name)
+
+    def read_signal(motion, name):
+        return getattr(motion, READERS[signal])(name)
 
     def of(train):
         names = names_of(train) if names_of else ELEMENTS[element](train.topology)
-        return Quantity(element, called, title, names, variable)
+        of_signal = read_signal if statistic else None
+        return Quantity(element, called, title, names, read, unit_of(variable), of_signal, variable)
 
     return of
 

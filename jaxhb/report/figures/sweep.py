@@ -60,7 +60,7 @@ def over_speed(quantity, names, cases, caption=None, *, more=(), **layout):
     """
     first, several = cases[0].answers, len(names) > 1
     places = [answer.place for answer in first]
-    backlash = quantity.of_signal and any(first[0].topology.mesh_backlash)
+    backlash = quantity.signal is not None and any(first[0].topology.mesh_backlash)
     # Both directions have the same motion without backlash.
     alike, traces = all(case.answers[0].train is first[0].train for case in cases), []
     for place, name in enumerate(names):

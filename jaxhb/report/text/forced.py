@@ -219,7 +219,7 @@ def forced_record(response, found, *, orders=None):
     } | {kind: {one.name: of_element(one) for one in found if one.kind == kind} for kind in KINDS}
 
 
-def forced_rows(response, found, more):
+def forced_rows(response, found, more=None):
     """Heads and rows of ``forced --csv``: one row per speed, SI units; ``more`` columns by their heads come last."""
     columns = {"load kW": response.load_kW + 0.0, "input power W": response.input_power}
     for one in found:
@@ -231,7 +231,7 @@ def forced_rows(response, found, more):
             columns[f"{name} order {one.signal.orders[k]:g} {one.unit}"] = one.signal.amplitudes[:, k]
         columns[f"{name} heat W"] = one.power
     told = {"rpm": response.rpm, "status": [Status(int(s)).name for s in response.status]}
-    for head, values in (columns | more).items():
+    for head, values in (columns | (more or {})).items():
         told[head] = [value if good else None for value, good in zip(values, response.converged, strict=True)]
     return list(told), list(zip(*told.values(), strict=True))
 
@@ -299,8 +299,8 @@ def _worst_record(one, worst):
 
 
 def misfires_record(misfires, found, worst, *, orders=None):
-    """What ``forced --misfire each --json`` writes beside normal running (``docs/reference/command_line.md``): records by the
-    cylinder that does not fire, the worst misfire of every element, and that of the element that swings most."""
+    """What ``forced --misfire each --json`` writes beside normal running, see ``docs/reference/command_line.md``:
+    records by the cylinder that does not fire, the worst misfire of every element, and of that which swings most."""
     rows = {one.name: _worst_record(one, worst) for one in found}
     records = {
         cylinder: forced_record(response, [one.of(response) for one in found], orders=orders)
