@@ -11,14 +11,14 @@ from jaxhb.report.figures.cycle import plot_cycle, plot_tuning
 from jaxhb.report.figures.speeds import plot_sweep
 from jaxhb.report.files import output
 from jaxhb.report.files.labelled import check_labelled, netcdf
-from jaxhb.report.files.record import NO_ORDERS, both_record, finite, on_scene
+from jaxhb.report.files.record import NO_ORDERS, both_record, on_scene
 from jaxhb.report.files.rows import answer_row, rows_csv, trace_csv, untraceable
 from jaxhb.report.selection import gears, without_cylinders
 from jaxhb.report.text.sentences import warnings
 from jaxhb.report.text.strength import answers_strength, strength_record
 from jaxhb.report.text.sweep_tables import sweep_text
 from jaxhb.report.text.tables import solve_text
-from jaxhb.report.text.tuned import check_text, progress_record, start_record, tuned_record, tuned_text
+from jaxhb.report.text.tuned import check_text, progress_record, start_record, tuned_parts, tuned_record
 from jaxhb.scene.writer import changed_scene, copies_beside
 from jaxhb.train.changes import declared_field, locate, scene_values
 
@@ -61,11 +61,11 @@ def tune(train, given, plot, quiet, **options):
     files.write(result.after.parameters, record)
     if plot:
         output.write_files({plot: output.as_picture(plot, plot_tuning(asked["objective"], result))})
-    print(tuned_text(train, asked, result))
+    print("\n\n".join(tuned_parts(train, asked, result)))
     if not result.interrupted:  # who stops a tuning does not wait for more
         with Progress(quiet=quiet) as progress:
             checked = check_designs(train, asked, result, progress.say)
-        files.write(result.after.parameters, record | {"steady_state": finite(checked)})
+        files.write(result.after.parameters, record | {"steady_state": checked})
         print(f"\n{check_text(checked)}")
     print(f"\nThe tuned scene is {given.output}, all numbers are in {given.json}.")
     if result.interrupted:
@@ -223,7 +223,7 @@ class _SweepFiles:
         if self.axis != SPEED:
             head["over"] = {"name": self.axis.name, "unit": self.axis.unit, "values": [a.place for a in first]}
         elif complete:
-            judged = {way: finite(strength_record(answers_strength(answers))) for way, answers in found.items()}
+            judged = {way: strength_record(answers_strength(answers)) for way, answers in found.items()}
             if any(judged.values()):
                 head["strength"] = judged if self.both else [*judged.values()][0]
         return output.as_sweep_json(output.changes(self.given) | on_scene(self.train) | head, lists)

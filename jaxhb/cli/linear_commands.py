@@ -14,7 +14,6 @@ from jaxhb.report.figures.linear import modes_of, plot_campbell, plot_holzer, pl
 from jaxhb.report.figures.speeds import plot_forced
 from jaxhb.report.files.labelled import check_labelled, forced_netcdf
 from jaxhb.report.files.output import ANSWERED, OutputError, as_csv, as_json, as_picture, changes, deliver
-from jaxhb.report.files.record import finite
 from jaxhb.report.selection import asks_each, case_title, misfire_trains, without_cylinders
 from jaxhb.report.text import forced as told, linear as linear_text
 from jaxhb.report.text.scene_check import ANY_SPEED, check_record, check_text, own_speeds, scene_notes, tune_notes
@@ -40,7 +39,7 @@ def check(train, given, rpm, links_at, **_):
         found, kinds, ratios = modes_of(constant)
         parts.append(linear_text.modes_text(found, train.topology.name, kinds, ratios, _in_contact(train)))
         record |= {"modes": linear_text.modes_record(found, kinds, ratios)}
-    deliver(given, "\n\n".join([*parts, *remarks_text(remarks)]), json=lambda: as_json(finite(changes(given) | record)))
+    deliver(given, "\n\n".join([*parts, *remarks_text(remarks)]), json=lambda: as_json(changes(given) | record))
     return status(told.forced_failures(response))
 
 
@@ -55,7 +54,7 @@ def modes(train, given, at, links_at, plot, **_):
     deliver(
         given,
         "\n\n".join([linear_text.modes_text(found, train.topology.name, kinds, ratios, teeth), *energies, *below]),
-        json=lambda: as_json(finite(changes(given) | linear_text.modes_record(found, kinds, ratios) | more)),
+        json=lambda: as_json(changes(given) | linear_text.modes_record(found, kinds, ratios) | more),
         plot=lambda: as_picture(plot, plot_modes(train, found, elastic, ratios)),
     )
     return ANSWERED
@@ -73,7 +72,7 @@ def holzer(train, given, at, links_at, hz, mode, plot, **_):
     deliver(
         given,
         "\n\n".join([linear_text.holzer_text(tables, name, teeth), *below]),
-        json=lambda: as_json(finite(changes(given) | linear_text.holzer_record(tables, name) | more)),
+        json=lambda: as_json(changes(given) | linear_text.holzer_record(tables, name) | more),
         plot=lambda: as_picture(plot, plot_holzer(train, tables, zeros)),
     )
     return ANSWERED
@@ -91,7 +90,7 @@ def campbell(train, given, rpm, at, links_at, orders, modes, plot, **_):
     deliver(
         given,
         "\n\n".join([linear_text.campbell_text(found, modes, name, misfires, teeth=teeth), *below]),
-        json=lambda: as_json(finite(changes(given) | linear_text.campbell_record(found, modes, name, misfires) | more)),
+        json=lambda: as_json(changes(given) | linear_text.campbell_record(found, modes, name, misfires) | more),
         csv=lambda: as_csv(*linear_text.campbell_rows(found, misfires)),
         plot=lambda: as_picture(plot, plot_campbell(found, modes, name)),
     )
@@ -130,7 +129,7 @@ def forced(train, given, rpm, element, orders, netcdf, plot, **_):
         more = {} if misfires is None else told.misfires_record(misfires, found, worst, orders=orders)
         for name, one in more.get("misfires", {}).items():
             one |= records[name]
-        return finite(changes(given) | told.forced_record(response, found, orders=orders) | records[""] | more)
+        return changes(given) | told.forced_record(response, found, orders=orders) | records[""] | more
 
     def rows():
         one = told.forced_rows(response, found, columns[""])
@@ -140,7 +139,7 @@ def forced(train, given, rpm, element, orders, netcdf, plot, **_):
         given,
         "\n\n".join([*text, *strength_text(judged)]),
         json=lambda: as_json(record()),
-        csv=lambda: as_csv(*map(finite, rows())),
+        csv=lambda: as_csv(*rows()),
         netcdf=lambda: forced_netcdf(response, orders),
         plot=lambda: as_picture(plot, plot_forced(response, found, misfires, worst)),
     )

@@ -20,7 +20,7 @@ from jaxhb.report.compute import Asked, certificate_of, solve_cases
 from jaxhb.report.figures.cycle import plot_cycle
 from jaxhb.report.files.labelled import netcdf
 from jaxhb.report.files.output import NOT_ANSWERED, OutputError, as_json, as_picture, changed_text, changes, deliver
-from jaxhb.report.files.record import finite, on_scene
+from jaxhb.report.files.record import cases_record, on_scene
 from jaxhb.report.files.rows import answer_row, rows_csv
 from jaxhb.report.page.parts import Report, shown_misfire
 from jaxhb.report.selection import NOT_FIRING, asks_each, case_title, misfire_trains
@@ -63,7 +63,7 @@ def report(train, given, rpm, misfire, at, orders, gear, plot, certify, tune, ht
     with Progress(runs * len(rpm), quiet=quiet) as progress:
         left = f"no file is written, but what was found is kept; {GOES_ON}"
         cases, place, seconds, tuning = kept.run(compute, lambda: left if kept.folder else "nothing more is written")
-    worst, whole = {"worst_misfire": finite(told.worst_misfire(cases))} if each else {}, True
+    worst, whole = {"worst_misfire": told.worst_misfire(cases)} if each else {}, True
     if html:
         from jaxhb.report.page.page import as_page
 
@@ -73,7 +73,7 @@ def report(train, given, rpm, misfire, at, orders, gear, plot, certify, tune, ht
         "\n\n".join(
             filter(None, [told.misfires_text(cases) if each else told.cases_text(cases), second_text(cases, seconds)])
         ),
-        json=lambda: as_json(changes(given) | on_scene(train) | told.cases_record(cases, orders=orders) | worst),
+        json=lambda: as_json(changes(given) | on_scene(train) | cases_record(cases, orders=orders) | worst),
         csv=lambda: rows_csv([answer_row(answer, case=case.title) for case in cases for answer in case.answers]),
         netcdf=lambda: netcdf({case.title: case.answers for case in cases}, orders, along="case"),
         plot=lambda: as_picture(plot, plot_cycle(cases[0].answers[place], gear)),

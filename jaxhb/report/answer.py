@@ -12,6 +12,7 @@ from jaxhb.report.selection import largest
 from jaxhb.results.motion import Motion
 from jaxhb.results.record import PerCycle, SteadyContact
 from jaxhb.results.response import Fields, Response
+from jaxhb.results.signal import Summarized
 from jaxhb.results.status import Status
 from jaxhb.results.steady import SteadyState
 from jaxhb.train.drivetrain import DriveTrain
@@ -57,24 +58,16 @@ def growth_text(growth, period=1):
     return f"stable: a disturbance falls to {size:.2g} of its size in {span}"
 
 
-class NoSignal:
+class NoSignal(Summarized):
     """The signal of a motion that is not known: numbers that are none, which tables show as dashes."""
 
     mean = min = max = rms = peak = half_peak_to_peak = sum_of_amplitudes = float("nan")
     per_cycle = PerCycle(np.full(3, np.nan), np.full(3, np.nan))
+    elastic = property(lambda self: self)
 
-    @property
-    def elastic(self):
-        """The elastic part is as unknown."""
-        return self
-
-    def summary(self):
-        """As :meth:`jaxhb.Signal.summary`."""
-        return self.extremes() | {"rms": self.rms, "sum_of_amplitudes": self.sum_of_amplitudes, "amplitudes": []}
-
-    def extremes(self):
-        """As :meth:`jaxhb.Signal.extremes`."""
-        return {name: getattr(self, name) for name in ("mean", "min", "max", "half_peak_to_peak")}
+    def spectrum(self):
+        """As :meth:`jaxhb.Signal.spectrum`."""
+        return []
 
 
 UNCONFIRMED = "not confirmed by harmonic balance"
@@ -125,21 +118,10 @@ class Answer(Motion):
     """One speed: what the train does there, or with ``--orbit`` a periodic solution, stable or not; read by name as any
     motion, nan where nothing is known.
 
-    Parameters
-    ----------
-    train : DriveTrain
-    state : SteadyState
-        What the train does after it has run long enough; of an orbit what it would do if the orbit were stable.
-    linear : Response
-        The same train with all teeth in contact.
-    growth : Growth
-        What becomes of a small disturbance of the motion.
-    orbit : bool
-        Whether the state is that of a periodic solution which the train need not run in.
-    certificate : Certificate or str, optional
-        The computed bound, or why there is none; None where it was not asked for.
-    axis : Axis
-        Along which a sweep goes; value : where on it, for what is not the speed.
+    state : SteadyState; of an orbit what the train would do if the orbit were stable; linear : Response of the same
+    train with all teeth in contact; orbit : whether the state is a periodic solution which the train need not run in;
+    certificate : Certificate, or why there is none, or None: not asked for; axis, value : along which a sweep goes, and
+    where on it the answer is, None for the speed
     """
 
     train: DriveTrain

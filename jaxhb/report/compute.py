@@ -12,7 +12,7 @@ from jaxhb.certificate.certificate import certify
 from jaxhb.design.quantities import label, unit_of
 from jaxhb.linear.strength import strength
 from jaxhb.report.answer import UNCONFIRMED, Answer, Case, growth_of, orbit_state, shown
-from jaxhb.report.quantities import shown_unit
+from jaxhb.report.quantities import number, shown_unit
 from jaxhb.report.text.columns import plain_number
 from jaxhb.results.status import NotConverged, Status
 from jaxhb.solutions.speeds import solve_speeds
@@ -24,37 +24,36 @@ SAME_MOTION = 0.02
 """Difference of a force, torque or angle from which the steady state is told as another motion than the orbit tuned."""
 
 
-def _swing(reader, number="half_peak_to_peak"):
-    return lambda design, state, chosen: getattr(getattr(state, reader)(chosen.of), number)
-
-
-def _order(reader):
-    return lambda design, state, chosen: getattr(state, reader)(chosen.of).order(chosen.order)
-
-
-def _limited(kind, number, limit=None):
-    def read(design, state, chosen):
-        row = getattr(strength(state, train=design), kind)[chosen.of]
-        return getattr(row, number) / (1.0 if limit is None else getattr(row, limit))
-
-    return read
-
-
-STEADY = {
-    "tooth force": _swing("force"),
-    "tooth force peak": _swing("force", "peak"),
-    "shaft torque": _swing("torque"),
-    "gear torque": _swing("gear_torque"),
-    "angle": _swing("disk"),
-    "tooth force order": _order("force"),
-    "shaft torque order": _order("torque"),
-    "angle order": _order("disk"),
-    "stress": _limited("stresses", "stress"),
-    "stress over continuous limit": _limited("stresses", "stress", "continuous"),
-    "stress over transient limit": _limited("stresses", "stress", "transient"),
-    "tooth torque over limit": _limited("tooth_torques", "vibratory", "limit"),
+SWINGS = {
+    "tooth force": "tooth_force_half_peak_to_peak",
+    "tooth force peak": "tooth_force_peak",
+    "shaft torque": "torque_half_peak_to_peak",
+    "gear torque": "gear_torque_half_peak_to_peak",
+    "angle": "angle_half_peak_to_peak",
 }
-"""How a steady state of a design tells the quantities of a tuning that are compared."""
+"""Quantities of a tuning that steady states are compared in, and their variables of data sets."""
+
+ORDERS = {"tooth force order": "force", "shaft torque order": "torque", "angle order": "disk"}
+"""Those of one order, and their readers."""
+
+LIMITS = {
+    "stress": ("stresses", "stress", None),
+    "stress over continuous limit": ("stresses", "stress", "continuous"),
+    "stress over transient limit": ("stresses", "stress", "transient"),
+    "tooth torque over limit": ("tooth_torques", "vibratory", "limit"),
+}
+"""Those of a :class:`jaxhb.Strength`: its rows, their number, and the limit that divides it."""
+
+
+def _steady_number(design, state, chosen):
+    """A quantity of a tuning as a steady state of a design has it."""
+    if chosen.quantity in SWINGS:
+        return number(state, SWINGS[chosen.quantity], chosen.of)
+    if chosen.quantity in ORDERS:
+        return getattr(state, ORDERS[chosen.quantity])(chosen.of).order(chosen.order)
+    kind, field, limit = LIMITS[chosen.quantity]
+    row = getattr(strength(state, train=design), kind)[chosen.of]
+    return getattr(row, field) / (1.0 if limit is None else getattr(row, limit))
 
 
 @dataclass(frozen=True)
@@ -82,14 +81,8 @@ class Asked:
 def answer_one(train, rpm, asked, say=lambda text: None, *, start=None, kept=None):
     """The :class:`Answer` at one speed; ``say`` is told what is done.
 
-    Parameters
-    ----------
-    train : DriveTrain
-    rpm : float
-    asked : Asked
-    start : SteadyState, optional
-        A neighbour from which the motion starts.
-    kept : dict, ``out`` and ``chunk`` of :func:`jaxhb.steady_state`, optional
+    start : the SteadyState of a neighbour from which the motion starts; kept : dict, ``out`` and ``chunk`` of
+    :func:`jaxhb.steady_state`
 
     Examples
     --------
@@ -114,23 +107,12 @@ def answer_one(train, rpm, asked, say=lambda text: None, *, start=None, kept=Non
 
 
 def answer_speeds(train, rpm, asked, *, direction="up", kept=None, progress=None, say=lambda text: None, told=None):
-    """Answers at many speeds, by the direction in which the sweep went.
+    """Answers at many speeds by the direction in which the sweep went, ``{"up": [Answer, ...]}``, ``"down"`` or both,
+    ``"orbit"`` for orbits; always in the order of ``rpm``.
 
-    Parameters
-    ----------
-    train : DriveTrain
-    rpm : sequence of float
-    asked : Asked
-    direction : "up", "down" or "both", of no meaning for orbits
-    kept : dict, ``out`` and ``chunk`` of :func:`jaxhb.steady_state`
-    progress : callable, called with the number of speeds done since the last call
-    say : callable, told what is done
-    told : callable, told now and then what is returned in the end, as far as it is known
-
-    Returns
-    -------
-    dict
-        ``{"up": [Answer, ...]}``, ``"down"`` or both; ``"orbit"`` for orbits. Always in the order of ``rpm``.
+    direction : "up", "down" or "both", of no meaning for orbits; kept, say : as of :func:`answer_one`; progress :
+    called with the number of speeds done since the last call; told : now and then what is returned in the end, as far
+    as it is known
     """
     rpm = np.array(rpm, dtype=float)
     linear, known, made = _linear(train, rpm), {}, {}
@@ -164,10 +146,8 @@ def _linear(train, rpm):
 
 
 def answer_values(train, rpm, axis, values, asked, *, direction="up", kept=None, progress=None, told=None):
-    """Answers at one speed for many values of a number of the scene, each from the motion of its neighbour.
-
-    As :func:`answer_speeds`, in the order of ``values``; ``axis`` is the :class:`Axis` of the number that changes.
-    """
+    """As :func:`answer_speeds` at one speed for many ``values`` of the number of an :class:`Axis`, each from the motion
+    of its neighbour."""
     order, found = np.argsort(values, kind="stable"), {}
     ways = ("orbit",) if asked.orbit else ("up", "down") if direction == "both" else (direction,)
     for way in ways:
@@ -225,27 +205,21 @@ def certificate_of(answer, say=lambda text: None):
 
 
 def check_designs(train, asked, result, say=lambda text: None):
-    """What the first and the last design do at the speeds of a tuning, and where that is not what was tuned.
+    """What the first and the last design of a Tuning do at its speeds, and where that is not what was tuned.
 
-    Parameters
-    ----------
-    train : DriveTrain, as it was; asked : dict, from :func:`jaxhb.design.table.read_table`; result : Tuning
-    say : callable, told what is done
-
-    Returns
-    -------
-    dict
-        ``{"before", "after"}`` of ``{"kind", "period", "readings", "differences"}``: of every speed the kind and period
-        of its motion and, by label, the quantities that can be compared; a sentence for each speed at which the motion
-        is neither in contact nor periodic, or a quantity more than 2 % from that of the orbit tuned.
+    ``train`` is as it was, ``asked`` from :func:`jaxhb.design.table.read_table`. ``before`` and ``after`` have of every
+    speed ``kind`` and ``period`` of the motion, by label the ``readings`` that can be compared, and ``differences``: a
+    sentence for each speed at which the motion is neither in contact nor periodic, or a quantity more than 2 % from
+    that of the orbit tuned.
     """
-    found, compared = {}, [c for c in (*asked["objective"], *asked["penalties"]) if c.quantity in STEADY]
+    found, comparable = {}, SWINGS | ORDERS | LIMITS
+    compared = [c for c in (*asked["objective"], *asked["penalties"]) if c.quantity in comparable]
     designs = {"before": ("first", train, result.before), "after": ("last", result.train, result.after)}
     for when, (which, design, tuned) in designs.items():
         say(f"what does the {which} design do?")
         states = steady_state(design, rpm=np.asarray(asked["rpm"]), tolerance=asked.get("tolerance")).states
         told = {
-            c: [float(STEADY[c.quantity](design, state, c)) if state.known else np.nan for state in states]
+            c: [float(_steady_number(design, state, c)) if state.known else np.nan for state in states]
             for c in compared
         }
         pairs = [{c: (told[c][i], float(tuned.readings[label(c)][i])) for c in compared} for i in range(len(states))]

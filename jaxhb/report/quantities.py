@@ -39,9 +39,7 @@ def unit_of(variable):
 def number(motion, variable, name):
     """A number of one element by the name of its variable in data sets, as ``tooth_force_max``, SI; nan: not known.
 
-    Parameters
-    ----------
-    motion : Answer, or Response where the variable is not one ``_without_backlash``
+    motion : Answer, or any Motion where the variable is neither of contact nor one ``_without_backlash``
     """
     if variable.endswith(WITHOUT):
         return number(motion.linear, variable.removesuffix(WITHOUT), name)

@@ -1,7 +1,6 @@
 """Figures over the speed: forces or torques and the kind of motion, linear orders, numbers beside their limits."""
 
 import dataclasses
-from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +22,7 @@ from jaxhb.report.figures.figure import (
 )
 from jaxhb.report.quantities import forces, separation, shaft_torques
 from jaxhb.report.selection import NOT_FIRING, hardest_shaft, train_name
-from jaxhb.report.text.forced import signal_of
-from jaxhb.report.text.strength import answers_strength
+from jaxhb.report.text.strength import LIMITED, answers_strength
 
 BESIDE = 0.006
 """Share of the axis between the bars of two meshes at one speed."""
@@ -156,7 +154,7 @@ def orders_figure(response, element, misfires, title=""):
     misfires : responses by title, whose half peak-to-peak stands beside it; title : of the case
     """
     factor, unit = element.shown
-    signal, rpm = signal_of(response, element.name, element.kind), response.rpm
+    signal, rpm = element.of(response).signal, response.rpm
     converged = np.asarray(response.converged)
     certain = np.where(converged, factor, np.nan)
     traces = [
@@ -164,8 +162,7 @@ def orders_figure(response, element, misfires, title=""):
         line(rpm, certain * signal.sum_of_amplitudes, "sum of amplitudes", 3),
     ]
     for called, other in misfires.items():
-        own = signal_of(other, element.name, element.kind).half_peak_to_peak
-        own = np.where(other.converged, factor, np.nan) * own
+        own = np.where(other.converged, factor, np.nan) * element.of(other).signal.half_peak_to_peak
         traces.append(line(rpm, own, f"half peak-to-peak, {plain(called)}", 1))
     for number, k in enumerate(element.main() if converged.any() else ()):
         marker = {"symbol": SYMBOLS[number % len(SYMBOLS)], "size": 6, "maxdisplayed": 12}
@@ -185,43 +182,11 @@ def hardest_elements(found):
     return [max(own, key=lambda one: np.max(one.signal.half_peak_to_peak)) for own in kinds]
 
 
-class Judged(NamedTuple):
-    """A kind of number that is judged: its field in a row of a :class:`jaxhb.Strength`, what it is called, factor and
-    unit for people, and the fields of its limits with what they are called, the one that counts first."""
-
-    field: str
-    called: str
-    factor: float
-    unit: str
-    limits: dict
-
-    @property
-    def limit(self):
-        """What the first limit is called."""
-        return next(iter(self.limits.values()))
-
-    def shares(self, row):
-        """Shares of the first limit over the speeds, nan where there is none or nothing is known."""
-        limit = getattr(row, next(iter(self.limits)))
-        limit = np.asarray(np.nan if limit is None else limit, float)
-        return np.asarray(getattr(row, self.field), float) / np.where(np.isfinite(limit), limit, np.nan)
-
-
-JUDGED = {
-    "stresses": Judged(
-        "stress", "stress", 1e-6, "MPa", {"continuous": "continuous limit", "transient": "transient limit"}
-    ),
-    "tooth_torques": Judged("vibratory", "vibratory torque", 1.0, "N m", {"limit": "a third of the rated torque"}),
-    "heat": Judged("power", "heat", 1.0, "W", {"limit": "limit"}),
-}
-"""By the fields of a :class:`jaxhb.Strength`."""
-
-
 def judged_elements(found, names=None, *, each=False):
-    """What has a panel, as (key of JUDGED, name): of each kind the element with the largest share of its limit, without
-    limits that with the largest number, or ``each`` of them; ``names``: elements that are looked at, else all."""
+    """What has a panel, as (key of LIMITED, name), of the elements ``names`` or of all: of each kind that with the
+    largest share of its limit, without limits that with the largest number, or ``each``."""
     chosen = []
-    for key, kind in JUDGED.items():
+    for key, kind in LIMITED.items():
         rows = {name: row for name, row in getattr(found, key).items() if names is None or name in names}
 
         def most(name, kind=kind, rows=rows):
@@ -237,13 +202,13 @@ def limit_figure(judged, key, name):
 
     judged : one :class:`jaxhb.Strength` or more of the same speeds and limits, by the titles of their cases
     """
-    _, called, factor, unit, limits = kind = JUDGED[key]
-    first, traces = next(iter(judged.values())), []
+    kind, first, traces = LIMITED[key], next(iter(judged.values())), []
+    called, (factor, unit) = kind.called, kind.shown
     for number, (title, found) in enumerate(judged.items()):
         values = factor * np.asarray(getattr(getattr(found, key)[name], kind.field), float)
         said = f"{called}, {plain(title)}".removesuffix(", ")
         traces.append(line(found.rpm, values, said, number, mode="lines+markers" if len(values) <= MARKED else "lines"))
-    for number, (limit, said) in enumerate(limits.items()):
+    for number, (limit, said) in enumerate(kind.limits.items()):
         values = getattr(getattr(first, key)[name], limit)
         if values is not None:
             values = factor * np.broadcast_to(values, np.shape(first.rpm))

@@ -6,6 +6,7 @@ import glob
 import importlib.util
 import io
 import json
+import math
 import os
 import sys
 from pathlib import Path
@@ -92,7 +93,7 @@ def _sentence(name=None):
 
 
 def as_json(record):
-    """A record (see :func:`jaxhb.report.files.record.answer_record`) in full precision."""
+    """The file of a record (see :func:`jaxhb.report.files.record.answer_record`)."""
     return [as_bytes(record), b"\n"]
 
 
@@ -108,16 +109,27 @@ def as_sweep_json(head, lists):
 
 
 def as_bytes(record):
-    """A record as JSON."""
-    return json.dumps(record, allow_nan=False, ensure_ascii=False).encode()
+    """A record as JSON, numbers in full precision."""
+    return json.dumps(_plain(record), allow_nan=False, ensure_ascii=False).encode()
+
+
+def _plain(value):
+    """The same nest with lists for arrays, and None for every number that is not finite (JSON has no nan)."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def as_csv(heads, rows):
-    """A table, numbers in full precision."""
+    """The file of a table, numbers in full precision, cells of what is not finite empty."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(heads)
-    writer.writerows(rows)
+    writer.writerows(_plain(list(rows)))
     return [text.getvalue().encode()]
 
 

@@ -1,12 +1,12 @@
-"""What a program reads of an answer: plain dictionaries, whose keys ``docs/how_to/data_and_files.md`` explains."""
+"""What programs read of answers: plain dictionaries, whose keys ``docs/how_to/data_and_files.md`` explains."""
 
 import numpy as np
 
-from jaxhb.report.selection import gears, shafts_of
+from jaxhb.report.quantities import ELEMENTS, number
 from jaxhb.report.text.certified import certificate_record
 from jaxhb.report.text.mean_torques import ground_reactions, load_torques, mean_angles_of
 from jaxhb.report.text.sentences import notes, verdict
-from jaxhb.report.text.strength import answers_strength, single, strength_entry
+from jaxhb.report.text.strength import answers_strength, strength_entry
 from jaxhb.train.plausible import plausibility
 
 NEGLIGIBLE = 1e-12
@@ -15,10 +15,9 @@ NO_ORDERS = 0.0
 
 
 def answer_record(answer, *, orders=None):
-    """Everything that is reported of one speed, as plain numbers in SI units; ``solve --json`` writes it.
+    """Everything that is reported of one speed, in SI units; ``solve --json`` writes it.
 
-    Amplitudes are listed up to the order ``orders``, or to the last that is not below 1e-12 of the largest. Numbers
-    that are not finite are None.
+    Amplitudes are listed up to the order ``orders``, or to the last that is not below 1e-12 of the largest.
 
     Examples
     --------
@@ -28,22 +27,21 @@ def answer_record(answer, *, orders=None):
     >>> record["motion"]["kind"], record["status"], round(record["shafts"]["cyl6|flywheel"]["mean"], 1)
     ('contact', 'CONVERGED', 1046.8)
     """
-    topology, balance = answer.topology, answer.balance
+    balance = answer.balance
     found = _outcome_record(answer) | {
         "load_torque_Nm": load_torques(balance),
         "ground_reaction_Nm": ground_reactions(balance),
-        "mean_angles": mean_angles_of(topology),
-        "disks": {name: _disk_record(answer, name, orders) for name in topology.disk_names},
-        "shafts": {name: _signal_record(answer.torque(name), orders) for name in shafts_of(topology)},
-        "gears": {name: _signal_record(answer.gear_torque(name), orders) for name in gears(topology)},
-        "meshes": {name: _mesh_record(answer, name, orders) for name in topology.mesh_names},
+        "mean_angles": mean_angles_of(answer.topology),
     }
-    found |= single(strength_entry(answers_strength([answer])))
-    found |= certificate_record(answer.certificate) if answer.certificate is not None else {}
-    for kind in ("shafts", "meshes"):
-        for name, signal in found[kind].items():
-            signal["power_W"] = answer.power(name)
-    return finite(found)
+    for kind, element, record in (
+        ("disks", "disk", _disk_record),
+        ("shafts", "shaft", _shaft_record),
+        ("gears", "gear", _gear_record),
+        ("meshes", "mesh", _mesh_record),
+    ):
+        found[kind] = {name: record(answer, name, orders) for name in ELEMENTS[element](answer.topology)}
+    found |= strength_entry(answers_strength([answer]), one_speed=True)
+    return found | (certificate_record(answer.certificate) if answer.certificate is not None else {})
 
 
 def on_scene(train):
@@ -59,10 +57,23 @@ def both_record(answer, orders=None):
     return record
 
 
+def cases_record(cases, *, orders=None):
+    """What ``report --json`` writes: per case the records of all speeds with and without backlash."""
+    rows = [
+        {
+            "title": case.title,
+            "responses": [answer_record(answer, orders=orders) for answer in case.answers],
+            "without_backlash": [answer_record(answer.without_backlash, orders=orders) for answer in case.answers],
+        }
+        | strength_entry(answers_strength(case.answers))
+        for case in cases
+    ]
+    return {"rpm": [answer.rpm for answer in cases[0].answers], "cases": rows}
+
+
 def _outcome_record(answer):
     solved, state = answer.response, answer.state
     numbers = "residual", "truncation_error", "power_defect"
-    peaks = {name: answer.force(name).per_cycle.max.tolist() for name in answer.topology.mesh_names}
     return {
         "scene": answer.topology.name,
         "rpm": answer.rpm,
@@ -75,7 +86,7 @@ def _outcome_record(answer):
             "reason": "; ".join(state.notes) if not answer.known else None,
             "cycles": state.cycles,
             "started_from_rpm": state.started_from,
-            "per_cycle": {name: {"max": percentiles} for name, percentiles in peaks.items()},
+            "per_cycle": {name: {"max": answer.force(name).per_cycle.max} for name in answer.topology.mesh_names},
         },
         "converged": answer.converged,
         "harmonics": answer.harmonics,
@@ -88,29 +99,9 @@ def _outcome_record(answer):
     }
 
 
-def finite(value):
-    """The same nest of dictionaries and lists with None for every number that is not finite (JSON has no nan)."""
-    if isinstance(value, dict):
-        return {key: finite(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [finite(item) for item in value]
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value
-
-
 def _signal_record(signal, orders):
     summary = signal.summary()
     return summary | {"amplitudes": _listed(summary["amplitudes"], orders)}
-
-
-def _disk_record(answer, name, orders):
-    record = _signal_record(answer.disk(name), orders)
-    return {key: record[key] for key in ("mean", "half_peak_to_peak", "amplitudes")} | {
-        "speed": answer.speed(name).extremes(),
-        "acceleration": answer.acceleration(name).extremes(),
-        "irregularity": float(answer.irregularity(name)),
-    }
 
 
 def _listed(rows, orders):
@@ -127,22 +118,42 @@ def _listed(rows, orders):
     return [[*row, None][:3] for row in rows[: last[-1] + 1]] if len(last) else []
 
 
+def _disk_record(answer, name, orders):
+    record = _signal_record(answer.disk(name), orders)
+    return {key: record[key] for key in ("mean", "half_peak_to_peak", "amplitudes")} | {
+        "speed": answer.speed(name).extremes(),
+        "acceleration": answer.acceleration(name).extremes(),
+        "irregularity": answer.irregularity(name),
+    }
+
+
+def _shaft_record(answer, name, orders):
+    return _signal_record(answer.torque(name), orders) | {"power_W": answer.power(name)}
+
+
+def _gear_record(answer, name, orders):
+    return _signal_record(answer.gear_torque(name), orders)
+
+
 def _mesh_record(answer, name, orders):
-    force, contact, law, details = answer.force(name), answer.contacts[name], answer.law(name), answer.details.get(name)
-    period_deg = 360.0 * answer.response.topology.revolutions_per_cycle if details else None
-    return _signal_record(force, orders) | {
+    force, law, details = answer.force(name), answer.law(name), answer.details.get(name)
+
+    def of_contact(*variables):
+        return {variable: number(answer, variable, name) for variable in variables}
+
+    def impact_record(impact):
+        period_deg = 360.0 * answer.response.topology.revolutions_per_cycle
+        return {"theta_deg": period_deg * impact["cycle"], "speed": impact["speed"], "side": impact["side"]}
+
+    return {
+        **_signal_record(force, orders),
         "elastic": _signal_record(force.elastic, orders),
-        "separated_fraction": contact.separated_fraction,
-        "reverse_contact_fraction": contact.reverse_contact_fraction,
-        "impacts": details
-        and [
-            {"theta_deg": period_deg * impact["cycle"], "speed": impact["speed"], "side": impact["side"]}
-            for impact in details.impacts
-        ],
-        "impacts_per_cycle": contact.impacts_per_cycle,
-        "hardest_impact": contact.hardest_impact,
-        "drive_side": contact.drive_side if answer.known else None,
+        **of_contact("separated_fraction", "reverse_contact_fraction"),
+        "impacts": details and list(map(impact_record, details.impacts)),
+        **of_contact("impacts_per_cycle", "hardest_impact"),
+        "drive_side": answer.contacts[name].drive_side if answer.known else None,
         "gap_spring_force": law.gap_spring_force if law else 0.0,
         "knee_force": law.knee_force if law else 0.0,
         "pulling_force": details and details.pulling_force,
+        "power_W": answer.power(name),
     }

@@ -5,7 +5,6 @@ import numpy as np
 from jaxhb.equations import fourier
 from jaxhb.report.answer import UNCONFIRMED
 from jaxhb.report.files.output import as_csv
-from jaxhb.report.files.record import finite
 from jaxhb.report.quantities import ELEMENTS, WITHOUT, number
 from jaxhb.report.selection import gears, shafts_of
 from jaxhb.report.text.mean_torques import ground_reactions, load_torques
@@ -19,11 +18,8 @@ and so many that no tooth force loses its peak."""
 
 
 def answer_row(answer, **first):
-    """One answer as a row of a CSV file, by its heading, ``first`` behind the speed.
-
-    Without an answer (an unknown motion, one that did not converge) nothing but ``rpm``, ``motion``, ``status`` and the
-    like is in it: what is not certain does not look like a result.
-    """
+    """One answer as a row of a CSV file, by its heading, ``first`` behind the speed; without an answer no numbers: what
+    is not certain does not look like a result."""
     solved = answer.response
     about = {
         "rpm": answer.rpm,
@@ -44,7 +40,7 @@ def answer_row(answer, **first):
 def rows_csv(rows):
     """The CSV file of such rows."""
     heads = dict.fromkeys(head for row in rows for head in row)
-    return as_csv(list(heads), [[row.get(head) for head in heads] for row in map(finite, rows)])
+    return as_csv(list(heads), [[row.get(head) for head in heads] for row in rows])
 
 
 def _peak_of_cycles(place):
@@ -101,10 +97,7 @@ def untraceable(answer):
 
 
 def trace_csv(answer):
-    """The motion over its period: angle of the reference rotor, time, forces, torques, angles, speeds; SI units.
-
-    Of an answer that :func:`untraceable` has nothing to say about.
-    """
+    """The motion over its period, of an answer that :func:`untraceable` has nothing to say about; SI units."""
     topology, turns = answer.topology, answer.response.topology.revolutions_per_cycle
     count = _time_samples(answer)
     part = np.arange(count) / count
@@ -121,18 +114,17 @@ def trace_csv(answer):
     add(answer.disk, topology.disk_names, "angle", "rad")
     add(answer.speed, topology.disk_names, "speed", "rad/s")
     add(answer.acceleration, topology.disk_names, "acceleration", "rad/s2")
-    return as_csv(list(columns), np.transpose(list(columns.values())).tolist())
+    return as_csv(list(columns), np.transpose(list(columns.values())))
 
 
 def _time_samples(answer):
     """Number of time samples of a trace."""
     count = TRACED * max(1, -(-4 * answer.response.harmonics // TRACED))
     forces = [answer.force(name) for name in answer.topology.mesh_names]
-    while any(_missed(force, count) > MISSED for force in forces):
+
+    def reached(signal):
+        return np.abs(fourier.sample(np.asarray(signal.coefficients), count)).max()
+
+    while any(reached(force) < (1 - MISSED) * force.peak for force in forces):
         count *= 2
     return count
-
-
-def _missed(signal, count):
-    peak = float(signal.peak)
-    return 1 - float(np.abs(fourier.sample(np.asarray(signal.coefficients), count)).max()) / peak if peak else 0.0

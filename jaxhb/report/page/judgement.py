@@ -4,13 +4,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jaxhb.report.figures.speeds import JUDGED, Judged, judged_elements, limit_figure
+from jaxhb.report.figures.speeds import judged_elements, limit_figure
 from jaxhb.report.page.parts import flowing, table
 from jaxhb.report.text.cases import hardest, worst_misfire
 from jaxhb.report.text.certified import certificate_parts
 from jaxhb.report.text.columns import NONE, Table, plain_number
 from jaxhb.report.text.sentences import notes, warnings
-from jaxhb.report.text.strength import AID, answers_strength, strength_text
+from jaxhb.report.text.strength import AID, LIMITED, Limited, answers_strength, strength_text
 from jaxhb.report.text.sweep_tables import motion_sentences
 from jaxhb.train.plausible import plausibility
 
@@ -87,9 +87,9 @@ MOST = 4
 
 
 class Share(NamedTuple):
-    """The largest share of a limit that an element has: its kind (of JUDGED), the case and the speed."""
+    """The largest share of a limit that an element has: its kind (of LIMITED), the case and the speed."""
 
-    kind: Judged
+    kind: Limited
     name: str
     share: float
     case: str
@@ -102,10 +102,10 @@ def largest_shares(cases):
     for case in cases:
         strength = answers_strength(case.answers)
         for key, name in judged_elements(strength, each=True):
-            shares = JUDGED[key].shares(getattr(strength, key)[name])
+            shares = LIMITED[key].shares(getattr(strength, key)[name])
             if np.isfinite(shares).any():
                 place = int(np.nanargmax(shares))
-                own = Share(JUDGED[key], name, float(shares[place]), case.title, case.answers[place].rpm)
+                own = Share(LIMITED[key], name, float(shares[place]), case.title, case.answers[place].rpm)
                 found[key, name] = max(own, found.get((key, name), own), key=lambda one: one.share)
     return dict(sorted(found.items(), key=lambda item: -item[1].share))
 
@@ -133,7 +133,7 @@ def shares_table(title, cases):
     keys = list(dict.fromkeys(key for column in columns for key in column))
     if not keys:
         return None
-    kinds = [JUDGED[key] for key, _ in keys]
+    kinds = [LIMITED[key] for key, _ in keys]
     cells = [[name for _, name in keys], [kind.called for kind in kinds], [kind.limit for kind in kinds]]
     for column in columns:
         cells.append([f"{column[key].share:.2f}" if key in column else NONE for key in keys])

@@ -1,13 +1,14 @@
 """Normal running beside one cylinder misfiring, or each in turn, over several speeds: what ``jaxhb report`` tells."""
 
-from jaxhb.report.files.record import answer_record, finite
+from operator import itemgetter
+
 from jaxhb.report.quantities import IRREGULARITY, WITHOUT, angles, forces, gear_torques, main_quantity, shaft_torques
 from jaxhb.report.selection import NOT_FIRING, shafts_of, turning_disks
 from jaxhb.report.text.certified import certificate_text
-from jaxhb.report.text.columns import NONE, Table, aligned, alike, hit, irregular, percent, ratio, ratios
+from jaxhb.report.text.columns import NONE, Column, Table, alike, hit, irregular, percent, ratio, specified
 from jaxhb.report.text.mean_torques import balance_line
-from jaxhb.report.text.sentences import motion_word, status_lines, verdict
-from jaxhb.report.text.strength import answers_strength, strength_entry, strength_text
+from jaxhb.report.text.sentences import misfire_text, motion_word, status_lines, verdict
+from jaxhb.report.text.strength import answers_strength, strength_text
 from jaxhb.report.text.tables import against, element_table, notes_text, peak_table
 
 FORCES = (
@@ -20,26 +21,12 @@ FORCES = (
 """Columns of every case, as of :func:`jaxhb.report.text.tables.element_table`."""
 
 
-def cases_record(cases, *, orders=None):
-    """What ``report --json`` writes: per case the objects of all speeds with and without backlash."""
-    rows = [
-        {
-            "title": case.title,
-            "responses": [answer_record(answer, orders=orders) for answer in case.answers],
-            "without_backlash": [answer_record(answer.without_backlash, orders=orders) for answer in case.answers],
-        }
-        | finite(strength_entry(answers_strength(case.answers)))
-        for case in cases
-    ]
-    return {"rpm": [answer.rpm for answer in cases[0].answers], "cases": rows}
-
-
 def cases_text(cases):
     """Verdicts of all cases and speeds, then per speed tooth forces and torques side by side."""
     parts = [f"With {case.title}\n" + "\n".join(f"  {verdict(answer)}" for answer in case.answers) for case in cases]
     for number in range(len(cases[0].answers)):
         parts += [_heading(cases, number), *speed_tables(cases, number)]
-    parts += [certificate_text(a, a.certificate) for case in cases for a in case.answers if a.certificate is not None]
+    parts += [text for case in cases for answer in case.answers for text in certificate_text(answer)]
     return "\n\n".join([*parts, *_below(cases)])
 
 
@@ -141,28 +128,24 @@ def worst_misfire(cases):
 
 def misfires_text(cases):
     """The worst misfire, then per speed what each misfire hits hardest, against normal running."""
-    worst, parts = worst_misfire(cases), ["No motion with a misfire is known."]
-    if worst is not None:
-        value, firing = (main_quantity(cases[0].answers[0].train).said(worst[key]) for key in ("value", "firing"))
-        parts = [
-            f"The worst misfire is that of {worst['cylinder']}: {worst['quantity']} of {value} in {worst['of']} at"
-            f" {worst['rpm']:g} rpm, {firing} with {cases[0].title}."
-        ]
+    worst = worst_misfire(cases)
+    parts = [misfire_text(worst, cases[0].title) if worst else "No motion with a misfire is known."]
     parts += [_speed_table(cases, number) for number in range(len(cases[0].answers))]
     return "\n\n".join([*parts, *_below(cases)])
 
 
 def _speed_table(cases, number):
     answers = [case.answers[number] for case in cases]
-    quantity, rows = main_quantity(answers[0].train), [hardest(answer) for answer in answers]
-    values = [quantity.factor * value for *_, value in rows]
-    columns = {
-        "": [case.title for case in cases],
-        quantity.unit: alike(values)[0],
-        "ratio": ratios(values, [values[0]] * len(values)),
-        "in": [name or NONE for _, name, _ in rows],
-    }
-    if quantity.element == "mesh":
-        columns["motion"] = list(map(motion_word, answers))
+    quantity, rows = main_quantity(answers[0].train), []
+    for case, answer in zip(cases, answers, strict=True):
+        _, name, value = hardest(answer)
+        rows.append([case.title, quantity.factor * value, name or NONE, motion_word(answer)])
+    columns = [
+        Column("", itemgetter(0)),
+        Column(quantity.unit, itemgetter(1), "number"),
+        Column("ratio", lambda row: (row[1], rows[0][1]), ratio),
+        Column("in", itemgetter(2)),
+        *[Column("motion", itemgetter(3))] * (quantity.element == "mesh"),
+    ]
     title = f"{quantity.title} at {answers[0].rpm:g} rpm, {quantity.unit}"
-    return title + "\n" + aligned(list(columns), list(columns.values()), left=(3, 4))
+    return specified(title, rows, columns, left=(3, 4))

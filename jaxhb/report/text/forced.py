@@ -8,7 +8,8 @@ import numpy as np
 from jaxhb.elements.elements import SceneError, suggestion
 from jaxhb.report.quantities import ELEMENTS, READERS, shown_unit
 from jaxhb.report.selection import case_title, train_name
-from jaxhb.report.text.columns import NONE, Table, alike, from_rows, ranges, ratio
+from jaxhb.report.text.columns import NONE, from_rows, ranges, ratio
+from jaxhb.report.text.sentences import misfire_text
 from jaxhb.results.dataset import SIGNALS
 from jaxhb.results.response import Response
 from jaxhb.results.status import Status
@@ -31,11 +32,6 @@ ADVICE = {
 """What a status of the linear response means where that differs from the response with backlash."""
 
 
-def signal_of(response, name, kind):
-    """The angle of a disk, the torque of a shaft or damper, the force of a mesh."""
-    return getattr(response, READERS[KINDS[kind]])(name)
-
-
 @dataclass(frozen=True)
 class Reading:
     """One element of a :class:`jaxhb.ForcedResponse` of several speeds."""
@@ -47,7 +43,7 @@ class Reading:
     @cached_property
     def signal(self):
         """What vibrates."""
-        return signal_of(self.response, self.name, self.kind)
+        return getattr(self.response, READERS[KINDS[self.kind]])(self.name)
 
     @property
     def power(self):
@@ -149,29 +145,32 @@ def forced_head(response):
 
 
 def _speed_table(one, good):
-    factor, unit = one.shown
     signal, places = one.signal, one.at(good).main() if good.any() else []
-    values = [signal.half_peak_to_peak, signal.sum_of_amplitudes, *signal.amplitudes[:, places].T]
-    columns = alike(*(np.where(good, factor * np.asarray(column), np.nan) for column in values))
-    heads = ["rpm", "half p-p", "sum", *(f"order {order:g}" for order in signal.orders[places]), "heat W"]
+    factor, unit = one.shown
+    sizes = [signal.half_peak_to_peak, signal.sum_of_amplitudes, *signal.amplitudes[:, places].T]
+    columns = [np.where(good, values, np.nan) for values in (*(factor * size for size in sizes), one.power)]
+    heads = ["half p-p", "sum", *(f"order {order:g}" for order in signal.orders[places])]
     left_out = len(one.listed()) - len(places)
     note = f"; {left_out} smaller orders are left out" if left_out else ""
     title = f"{one.name}, {unit}: synthesis, sum of amplitudes, amplitudes by order{note}"
-    speeds = [f"{speed:g}" for speed in one.response.rpm]
-    return Table(title, heads, [speeds, *columns, *alike(np.where(good, one.power, np.nan))])
+    rows = zip((f"{speed:g}" for speed in one.response.rpm), *columns, strict=True)
+    return from_rows(title, ["rpm", *((head, "size") for head in heads), ("heat W", "W")], list(rows))
 
 
 def worst_tables(response, found):
     """The largest values over the speeds that have an answer, a table for each kind of element."""
     good = np.asarray(response.converged)
-    kinds = {kind: [one.at(good) for one in found if one.kind == kind] for kind in KINDS if good.any()}
-    return [_worst_table(own) for own in kinds.values() if own]
+    return [_worst_table([one.at(good) for one in own]) for own in by_kind(found) if good.any()]
+
+
+def by_kind(found):
+    """Readings of disks, of shafts and of meshes, of those that there are."""
+    return list(filter(None, ([one for one in found if one.kind == kind] for kind in KINDS)))
 
 
 def _worst_table(found):
     """The largest half peak-to-peak, sum and amplitude of each element, and where they are."""
-    factor, unit = found[0].shown
-    rows = []
+    factor, rows = found[0].shown[0], []
     for one in found:
         amplitudes, rpm = one.signal.amplitudes, one.response.rpm
         speed, order = np.unravel_index(amplitudes.argmax(), amplitudes.shape)
@@ -183,13 +182,14 @@ def _worst_table(found):
         rows.append([*row, f"{rpm[speed]:g}" if moves else NONE, one.power.max()])
     heads = [("half p-p", "size"), "at rpm", ("sum", "size"), "at rpm", "order", ("amplitude", "size"), "at rpm"]
     groups = [("synthesis", 1, 2), ("sum of amplitudes", 3, 4), ("largest order", 5, 7)]
-    title = f"{TITLES[found[0].kind]}, {unit}: largest over the speeds"
-    return from_rows(title, [_element(found), *heads, ("heat W", "W")], rows, groups)
+    return _over_speeds(found, "largest over the speeds", [*heads, ("heat W", "W")], rows, groups)
 
 
-def _element(found):
-    """The head of the column of elements."""
-    return SIGNALS[KINDS[found[0].kind]][1]
+def _over_speeds(found, what, heads, rows, groups=(), left=()):
+    """A table of elements of one kind."""
+    kind = found[0].kind
+    title, element = f"{TITLES[kind]}, {found[0].shown[1]}: {what}", SIGNALS[KINDS[kind]][1]
+    return from_rows(title, [element, *heads], rows, groups, left)
 
 
 def forced_record(response, found, *, orders=None):
@@ -198,24 +198,24 @@ def forced_record(response, found, *, orders=None):
     kept = np.flatnonzero(listed <= (np.inf if orders is None else orders))
 
     def summary(signal):
-        return {name: getattr(signal, name).tolist() for name in ("mean", "half_peak_to_peak", "sum_of_amplitudes")}
+        return {name: getattr(signal, name) for name in ("mean", "half_peak_to_peak", "sum_of_amplitudes")}
 
     def of_element(one):
         record = summary(one.signal) | {
-            "amplitudes": one.signal.amplitudes[:, kept].tolist(),
-            "phases_deg": one.signal.phases_deg[:, kept].tolist(),
-            "power_W": one.power.tolist(),
+            "amplitudes": one.signal.amplitudes[:, kept],
+            "phases_deg": one.signal.phases_deg[:, kept],
+            "power_W": one.power,
         }
         return record if one.kind == "disks" else record | {"elastic": summary(one.signal.elastic)}
 
     return {
         "scene": response.topology.name,
-        "rpm": response.rpm.tolist(),
+        "rpm": response.rpm,
         "status": [Status(int(s)).name for s in response.status],
-        "residual": response.residual.tolist(),
-        "load_kW": (response.load_kW + 0.0).tolist(),
-        "input_power_W": response.input_power.tolist(),
-        "orders": listed[kept].tolist(),
+        "residual": response.residual,
+        "load_kW": response.load_kW + 0.0,
+        "input_power_W": response.input_power,
+        "orders": listed[kept],
     } | {kind: {one.name: of_element(one) for one in found if one.kind == kind} for kind in KINDS}
 
 
@@ -230,11 +230,9 @@ def forced_rows(response, found, more=None):
         for k in one.listed():
             columns[f"{name} order {one.signal.orders[k]:g} {one.unit}"] = one.signal.amplitudes[:, k]
         columns[f"{name} heat W"] = one.power
-    columns |= more or {}
-    told = {"rpm": response.rpm.tolist(), "status": [Status(int(s)).name for s in response.status]}
-    for head, values in columns.items():
-        pairs = zip(np.asarray(values).tolist(), response.converged, strict=True)
-        told[head] = [value if good else None for value, good in pairs]
+    told = {"rpm": response.rpm, "status": [Status(int(s)).name for s in response.status]}
+    for head, values in (columns | (more or {})).items():
+        told[head] = [value if good else None for value, good in zip(values, response.converged, strict=True)]
     return list(told), list(zip(*told.values(), strict=True))
 
 
@@ -263,24 +261,14 @@ def hardest_of(found, worst):
 
 
 def misfires_text(misfires, found, worst, *, each):
-    """The worst misfire, the largest swing of an element with every misfire, and the worst misfire of every element;
-    with ``each`` every misfire is listed for each of the elements, which were asked for by name."""
+    """The worst misfire, every misfire for the element that swings most, and the worst misfire of every element; with
+    ``each`` every misfire for each element, which were asked for by name."""
     chosen, title = found if each else [hardest_of(found, worst)], case_title(misfires.firing.train)
-    parts = ["\n".join(_sentence(one, worst[one.name], title) for one in chosen)]
+    parts = ["\n".join(misfire_text(_worst_record(one, worst), title, " half peak-to-peak") for one in chosen)]
     parts += [_cylinder_table(misfires, one) for one in chosen]
     if not each:
-        kinds = [[one for one in found if one.kind == kind] for kind in KINDS]
-        parts += [_element_table(own, worst, title) for own in kinds if own]
+        parts += [_element_table(own, worst, title) for own in by_kind(found)]
     return "\n\n".join(parts)
-
-
-def _sentence(element, worst, title):
-    factor, unit = element.shown
-    value, firing = (f"{factor * number:.4g} {unit}" for number in (worst.value, worst.firing))
-    return (
-        f"The worst misfire is that of {worst.cylinder}: {element.called} of {value} half peak-to-peak in"
-        f" {element.name} at {worst.rpm:g} rpm, {firing} with {title}."
-    )
 
 
 def _cylinder_table(misfires, element):
@@ -295,39 +283,37 @@ def _cylinder_table(misfires, element):
 
 
 def _element_table(found, worst, firing):
-    factor, unit = found[0].shown
-    rows = []
+    factor, rows = found[0].shown[0], []
     for one in found:
         own, largest = worst[one.name], factor * one.most()[0]
         where = (f"{own.rpm:g}", own.cylinder) if own.value else (NONE, NONE)
         rows.append([one.name, largest, factor * own.value, (factor * own.value, largest), *where])
-    heads = [_element(found), (firing, "size"), ("worst misfire", "size"), ("ratio", ratio), "at rpm", "that of"]
-    title = f"{TITLES[found[0].kind]}, {unit}: largest half peak-to-peak over the speeds"
-    return from_rows(title, heads, rows, left=(5,))
+    heads = [(firing, "size"), ("worst misfire", "size"), ("ratio", ratio), "at rpm", "that of"]
+    return _over_speeds(found, "largest half peak-to-peak over the speeds", heads, rows, left=(5,))
+
+
+def _worst_record(one, worst):
+    own = worst[one.name]
+    record = {"cylinder": own.cylinder, "rpm": own.rpm, "quantity": one.called, "unit": one.unit}
+    return record | {"value": own.value, "firing": own.firing, "of": one.name}
 
 
 def misfires_record(misfires, found, worst, *, orders=None):
-    """What ``forced --misfire each --json`` writes beside normal running: ``misfires``, by the cylinder that does not
-    fire what :func:`forced_record` gives; ``worst_misfires`` by element, with ``value`` (half peak-to-peak) and
-    ``firing``, that at this speed with all cylinders firing; ``worst_misfire``, of the element that swings most."""
-    rows = {}
-    for one in found:
-        own = worst[one.name]
-        rows[one.name] = {"cylinder": own.cylinder, "rpm": own.rpm, "quantity": one.called, "unit": one.unit}
-        rows[one.name] |= {"value": own.value, "firing": own.firing}
-    hardest = hardest_of(found, worst).name
+    """What ``forced --misfire each --json`` writes beside normal running, see ``docs/reference/command_line.md``:
+    records by the cylinder that does not fire, the worst misfire of every element, and of that which swings most."""
+    rows = {one.name: _worst_record(one, worst) for one in found}
     records = {
         cylinder: forced_record(response, [one.of(response) for one in found], orders=orders)
         for cylinder, response in misfires.responses.items()
     }
-    return {"misfires": records, "worst_misfires": rows, "worst_misfire": rows[hardest] | {"of": hardest}}
+    worst_misfires = {name: {key: row[key] for key in row if key != "of"} for name, row in rows.items()}
+    worst_misfire = rows[hardest_of(found, worst).name]
+    return {"misfires": records, "worst_misfires": worst_misfires, "worst_misfire": worst_misfire}
 
 
 def misfires_rows(misfires, found, more):
-    """Heads and rows of the CSV file: those of normal running, then those of every misfire, named in the first column.
-
-    ``more`` holds further columns of every response, by the cylinder that does not fire, "" for none.
-    """
+    """Heads and rows of the CSV file: those of normal running, then those of every misfire, named in the first column;
+    ``more`` columns of every response by the cylinder that does not fire, "" for none."""
     heads, rows = {}, []
     for cylinder, response in ({"": misfires.firing} | misfires.responses).items():
         own, cells = forced_rows(response, [one.of(response) for one in found], more[cylinder])

@@ -7,7 +7,6 @@ import numpy as np
 
 from jaxhb.elements.elements import SceneError
 from jaxhb.linear.critical import ELASTIC, RIGID, RING
-from jaxhb.report.files.record import finite
 from jaxhb.report.selection import NOT_FIRING
 from jaxhb.report.text.columns import NONE, Table, from_rows, percent, plain_number, shares
 
@@ -23,8 +22,7 @@ SCALE = (
 def modes_text(modes, name, kinds, ratios, teeth=""):
     """Natural frequencies, nodes, damping ratios, the share of the teeth in their energy, what moves most.
 
-    ``name`` is that of the scene, ``kinds`` are from :func:`jaxhb.linear.critical.mode_kinds`, ``ratios`` are those of
-    Lehr, nan where there is none; ``teeth`` says how stiff they are and is empty of a train without.
+    name : of the scene; ratios : those of Lehr, nan where there is none; teeth : how stiff they are, "" without any
     """
     rows, loose = [], sum(kind == RIGID for kind in kinds)
     for k, hz in enumerate(modes.frequencies_hz):
@@ -54,30 +52,26 @@ def energies_text(modes, kinds):
         ("Kinetic", "disk", modes.names, modes.kinetic_share),
         ("Strain", "link", modes.link_names, modes.strain_share),
     )
+    heads = [f"mode {k}" for k in shown]
     return [
-        Table(
-            f"{what} energy of the first elastic modes, %",
-            [head, *(f"mode {k}" for k in shown)],
-            [names, *(shares(share[k]) for k in shown)],
-        )
+        Table(f"{what} energy of the first elastic modes, %", [head, *heads], [names, *map(shares, share[shown])])
         for what, head, names, share in told
         if shown
     ]
 
 
 def modes_record(modes, kinds, ratios):
-    """What ``modes --json`` writes: every value is a list over the modes, those of disks and links by name; shares of
-    energies are between 0 and 1, damping ratios those of Lehr (None: none is known), masses in kg m2 for a largest
-    angle of 1."""
-
-    def by_name(names, values):
-        return dict(zip(names, values.T.tolist(), strict=True))
-
+    """What ``modes --json`` writes: lists over the modes, those of disks and links by name; shares of energies are
+    between 0 and 1, damping ratios those of Lehr (None: none is known), masses in kg m2 for a largest angle of 1."""
     listed = ("frequencies_hz", "mesh_energy_share", "node_count", "generalised_mass")
-    record = {name: np.asarray(getattr(modes, name)).tolist() for name in listed}
-    record |= {"kinds": list(kinds), "damping_ratios": np.asarray(ratios).tolist()}
-    record |= {"modes": by_name(modes.names, modes.shapes), "kinetic_share": by_name(modes.names, modes.kinetic_share)}
-    return finite(record | {"strain_share": by_name(modes.link_names, modes.strain_share)})
+    record = {name: getattr(modes, name) for name in listed} | {"kinds": kinds, "damping_ratios": ratios}
+    for key, names, values in (
+        ("modes", modes.names, modes.shapes),
+        ("kinetic_share", modes.names, modes.kinetic_share),
+        ("strain_share", modes.link_names, modes.strain_share),
+    ):
+        record[key] = dict(zip(names, values.T, strict=True))
+    return record
 
 
 def mean_load_text(load, rpm):
@@ -102,8 +96,8 @@ def mean_load_record(load, rpm):
     """What ``modes --at --json`` adds: ``at_rpm`` and ``mean_load``, by mesh with backlash ``force`` (N, elastic),
     ``stiffness`` (N/m, tangent) and ``engagement`` (0 in the gap, 1 in contact)."""
     keys = "force", "stiffness", "engagement"
-    rows = zip(load.names, *(getattr(load, key).tolist() for key in keys), strict=True)
-    return {"at_rpm": rpm, "mean_load": {name: dict(zip(keys, row, strict=True)) for name, *row in rows}}
+    rows = {name: {key: getattr(load, key)[i] for key in keys} for i, name in enumerate(load.names)}
+    return {"at_rpm": rpm, "mean_load": rows}
 
 
 HOLZER = ("inertia", "ordinate", "torque", "torque_sum", "stiffness", "twist", "kinetic_energy", "strain_energy")
@@ -137,8 +131,7 @@ def chosen_modes(kinds, name, asked=None):
 
 
 def holzer_text(tables, name, teeth=""):
-    """Holzer's ``tables``, pairs (number of the mode or None, HolzerTable), of the scene ``name``; ``teeth`` says how
-    stiff they are and is empty of a train without."""
+    """Holzer's ``tables``, pairs (number of the mode or None, HolzerTable), with ``teeth`` as of :func:`modes_text`."""
     how = ", ".join(filter(None, ["undamped", teeth]))
     meshes = "; of a mesh c N/m, sum/c m" if teeth else ""
     head = (
@@ -162,23 +155,19 @@ def _holzer_table(mode, table):
 
 
 def holzer_record(tables, name):
-    """What ``holzer --json`` writes: ``scene`` and ``tables``: ``hz``, ``mode`` (None where a frequency was given),
-    ``residual`` in N m, and one list over the rows each of ``disks``, ``links`` and the numbers of
-    :class:`jaxhb.HolzerTable`, SI units, energies in J at the ordinates of the table."""
-    return {
-        "scene": name,
-        "tables": [
-            {"hz": table.hz, "mode": mode, "residual": table.residual}
-            | {"disks": list(table.names), "links": list(table.links)}
-            | {field: np.asarray(getattr(table, field)).tolist() for field in HOLZER}
-            for mode, table in tables
-        ],
-    }
+    """What ``holzer --json`` writes: of every table ``hz``, ``mode`` (None where a frequency was given), ``residual``
+    in N m, lists over the rows of :class:`jaxhb.HolzerTable`, SI units, energies in J at the ordinates of the table."""
+    rows = [
+        {"hz": table.hz, "mode": mode, "residual": table.residual, "disks": table.names, "links": table.links}
+        | {field: getattr(table, field) for field in HOLZER}
+        for mode, table in tables
+    ]
+    return {"scene": name, "tables": rows}
 
 
 def campbell_text(found, count, name, misfires=(), *, teeth=""):
-    """Modes and critical speeds of a :class:`jaxhb.Campbell` of which ``count`` elastic modes were taken; ``misfires``
-    has those of the same speeds and orders by the cylinder that does not fire."""
+    """Modes and critical speeds of a Campbell diagram of which ``count`` elastic modes were taken; ``misfires`` has
+    those of the same speeds and orders by the cylinder that does not fire."""
     stiff = ", ".join(filter(None, ["undamped", teeth]))
     head = f"{name}: Campbell diagram from {found.rpm[0]:g} to {found.rpm[-1]:g} rpm, {stiff}"
     return "\n\n".join([head, *campbell_parts(found, count, misfires)])
@@ -273,10 +262,10 @@ def campbell_record(found, count, name, misfires=()):
     ]
     record = {
         "scene": name,
-        "rpm": found.rpm.tolist(),
-        "orders": found.orders.tolist(),
+        "rpm": found.rpm,
+        "orders": found.orders,
         "modes": [
-            {"mode": k, "kind": found.kinds[k], "frequencies_hz": found.frequencies_hz[:, k].tolist()}
+            {"mode": k, "kind": found.kinds[k], "frequencies_hz": found.frequencies_hz[:, k]}
             for k in shown_modes(found, count)
         ],
         "critical_speeds": speeds,

@@ -49,9 +49,7 @@ def referred_tables(train):
             columns.append(loss + [NONE] * len(topology.mesh_names))
         title = "Stiffness k and damping r of links; of meshes in N/m and N s/m, their factor is i x radius in m"
         parts.append(_numbers(title, heads, zip(*columns, strict=True), left=(1,)))
-    for title, heads, rows, left in (_order_rows(train, found), _varying_rows(train, found)):
-        parts += [_numbers(title, heads, rows, left)] if rows else []
-    return parts
+    return [*parts, *_order_table(train, found), *_varying_table(train, found)]
 
 
 def _numbers(title, heads, rows, left=()):
@@ -73,19 +71,19 @@ def _to_ground(train, factor):
     return heads, columns
 
 
-def _order_rows(train, found):
-    """Title, heads, rows and columns flush left of order-tuned dampers."""
+def _order_table(train, found):
+    """Order-tuned dampers, in a list."""
     rows, shafts, disks = [], len(train.topology.shaft_names), len(train.disks.inertia)
     for i in np.flatnonzero(found.order):
         growth = found.inertia[disks + i] * (found.order_referred[i] * 2 * np.pi / 60) ** 2
         orders = found.order[i], found.order_referred[i]
         rows.append([found.links[shafts + i], *orders, growth, growth * found.factor[disks + i] ** 2])
     title = "Order-tuned dampers: stiffness that is added per square of the speed of the reference rotor"
-    return title, ["link", "order n", "n i", "N m/rad/rpm2", "i^2 of it"], rows, ()
+    return [_numbers(title, ["link", "order n", "n i", "N m/rad/rpm2", "i^2 of it"], rows)] if rows else []
 
 
-def _varying_rows(train, found):
-    """The same of the tables of links that vary, as stiffness and damping."""
+def _varying_table(train, found):
+    """The tables of links that vary, as stiffness and damping, in a list."""
     topology, shafts, rows = train.topology, len(train.topology.shaft_names), []
     for field, numbers in (("over_hz", topology.hz_links), ("over_amplitude", topology.amplitude_links)):
         for i in numbers:
@@ -97,15 +95,10 @@ def _varying_rows(train, found):
                 stiffness, damping = stiffer * found.stiffness[i], damped * found.damping[i]
                 values = at, referred_at, stiffness, stiffness * i2, damping, damping * i2
                 rows.append([found.links[i], field, *values, damped * table.loss_factor[k]])
-    title = (
-        "Links that vary: stiffness, damping and loss factor at the frequencies (Hz) or amplitudes (rad) of their rows"
-    )
-    return (
-        title,
-        ["link", "over", "at", "referred", "k N m/rad", "k i^2", "r N m s/rad", "r i^2", "loss factor"],
-        rows,
-        (1,),
-    )
+    at = "frequencies (Hz) or amplitudes (rad) of their rows"
+    title = f"Links that vary: stiffness, damping and loss factor at the {at}"
+    heads = ["link", "over", "at", "referred", "k N m/rad", "k i^2", "r N m s/rad", "r i^2", "loss factor"]
+    return [_numbers(title, heads, rows, left=(1,))] if rows else []
 
 
 def own_speeds(train):
@@ -168,40 +161,35 @@ def check_text(train, responses, speeds, notes):
 
 
 def check_record(train, responses, notes):
-    """What ``check --json`` writes but for the modes.
-
-    ``{"scene", "rpm": [...], "mean_torque_Nm": {name: [...]}, "meshes": {name: {"mean_force": [...], "damping_ratio",
-    "stiffness", "damping", "backlash"}}, "notes": [...]}``; lists are over the speeds, forces in N, the rest in SI
-    units; damping ratios of the two gears alone, None where a gear has no inertia.
-    """
-    keys = "stiffness", "damping", "backlash"
-    values = [tooth_damping_ratios(train), *(getattr(train.meshes, key) for key in keys)]
-    columns = zip(train.topology.mesh_names, *(np.asarray(v).tolist() for v in values), strict=True)
+    """What ``check --json`` writes but for the modes, in SI units, lists over the speeds; damping ratios are those of
+    the two gears alone, None where a gear has no inertia."""
+    ratios = tooth_damping_ratios(train)
+    meshes = {
+        name: {"mean_force": _means(responses, name), "damping_ratio": ratios[i]}
+        | {key: getattr(train.meshes, key)[i] for key in ("stiffness", "damping", "backlash")}
+        for i, name in enumerate(train.topology.mesh_names)
+    }
     return {
         "scene": train.topology.name,
         "rpm": [float(response.rpm) for response in responses],
-        "mean_torque_Nm": {name: list(means) for name, _, means in torque_rows(train, responses)},
-        "meshes": {
-            name: {"mean_force": _means(responses, name), **dict(zip(("damping_ratio", *keys), own, strict=True))}
-            for name, *own in columns
-        },
+        "mean_torque_Nm": {name: means for name, _, means in torque_rows(train, responses)},
+        "meshes": meshes,
         "notes": notes,
     }
 
 
 def _counts(topology):
-    meshes, backlash = len(topology.mesh_names), sum(topology.mesh_backlash)
     counted = {
         "disk": topology.n_scene_disks,
         "rotor": topology.n_rotors,
         "shaft": len(topology.shaft_names),
-        "mesh": meshes,
+        "mesh": len(topology.mesh_names),
         "damper": len(topology.damper_names),
         "cylinder": len(topology.cylinder_names),
     }
-    said = {word: f"{n} {word}" if n == 1 else f"{n} {word}s" for word, n in counted.items() if n}
-    if meshes:
-        said["mesh"] = f"{meshes} mesh{'es' * (meshes > 1)} ({backlash} with backlash)"
+    said = {word: f"{n} {word}{('es' if word == 'mesh' else 's') * (n != 1)}" for word, n in counted.items() if n}
+    if "mesh" in said:
+        said["mesh"] += f" ({sum(topology.mesh_backlash)} with backlash)"
     return ", ".join(said.values())
 
 

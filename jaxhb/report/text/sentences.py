@@ -6,6 +6,7 @@ import numpy as np
 
 from jaxhb.balance.plan import MOST_HARMONICS
 from jaxhb.report.answer import SPEED, UNCONFIRMED, growth_text
+from jaxhb.report.quantities import shown_unit
 from jaxhb.report.selection import most_apart
 from jaxhb.report.text.columns import plain_number
 from jaxhb.report.text.mean_torques import ground_notes, load_notes
@@ -83,8 +84,7 @@ def status_lines(answer):
 
 
 def verdict(answer):
-    """The answer in one sentence: do the teeth hammer at this speed, which mesh is apart for the largest share of the
-    time, and which has the hardest impact?
+    """The answer in one sentence: do the teeth hammer, which mesh is apart for longest, which has the hardest impact?
 
     Examples
     --------
@@ -101,11 +101,8 @@ def verdict(answer):
     if not any(topology.mesh_backlash):
         return "No mesh has backlash: the teeth cannot separate."
     said = _hammering(answer, speed)
-    doubts = []
-    if answer.doubt:
-        doubts.append(UNCONFIRMED if answer.answered else f"{answer.doubt}, do not rely on this")
-    if answer.growth.unstable:
-        doubts.append("unstable, the train does not run in this motion")
+    doubts = [UNCONFIRMED if answer.answered else f"{answer.doubt}, do not rely on this"] * bool(answer.doubt)
+    doubts += ["unstable, the train does not run in this motion"] * answer.growth.unstable
     if not doubts:
         return said
     doubt = "; ".join(doubts)
@@ -150,13 +147,7 @@ def _places(places, axis):
 
 
 def notes(*answers):
-    """Sentences on what to be careful about in answers of one train, at least one.
-
-    Unstable motions; power that is not accounted for; what a steady state tells of itself; orbits on which time
-    integration did not settle; speeds outside of pressure traces; a ground that takes above 1 % of the largest mean
-    torque, a load that drives; a gap spring above 5 % of the mean force, a knee above 50 % of it, damping in the gap
-    above 5 % of it. They name the speed of the smallest mean force, where it depends on the speed.
-    """
+    """Sentences on what to be careful about in answers of one train, at least one."""
     balances, axis = [answer.balance for answer in answers], answers[0].axis
     own = ((answer.place, note) for answer in answers if answer.known for note in answer.state.notes)
     outside = ((answer.place, note) for answer in answers for note in answer.train.outside_traces(answer.rpm))
@@ -242,6 +233,16 @@ def _unsettled_notes(answers):
         f"A periodic motion was found at {speeds_text(found)}, but a few cycles of time integration do not settle "
         "there: it may be unstable, and the engine may run in another motion (leave out --orbit for what it does)."
     ]
+
+
+def misfire_text(worst, firing, swing=""):
+    """The sentence on a misfire, the record of which the JSON has; ``firing`` is what the train is called without."""
+    factor, unit = shown_unit(worst["unit"])
+    value, normal = (f"{factor * worst[key]:.4g} {unit}" for key in ("value", "firing"))
+    return (
+        f"The worst misfire is that of {worst['cylinder']}: {worst['quantity']} of {value}{swing} in {worst['of']} at"
+        f" {worst['rpm']:g} rpm, {normal} with {firing}."
+    )
 
 
 def speed_of(told, number):

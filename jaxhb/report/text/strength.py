@@ -1,5 +1,7 @@
 """Stresses, tooth torques and heat beside their limits, as text and as plain numbers."""
 
+from dataclasses import dataclass
+from operator import itemgetter
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,7 +9,7 @@ import numpy as np
 from jaxhb.linear.strength import HIGHEST, NOT_ABOVE, judged
 from jaxhb.report.answer import NO_SIGNAL
 from jaxhb.report.quantities import shown_unit
-from jaxhb.report.text.columns import NONE, from_rows, ranges, ratio
+from jaxhb.report.text.columns import NONE, Column, ranges, ratio, specified
 from jaxhb.results.motion import Motion
 
 AID = "evaluation aid, no class approval"
@@ -22,18 +24,54 @@ at most 600 MPa. They do NOT hold for crankshafts: these have a rule of their ow
 fillets and oil holes, and is not computed here."""
 
 
+@dataclass(frozen=True)
+class Limited:
+    """A kind of rows of a :class:`jaxhb.Strength`: the title of its table, the head of its elements, its SI unit, heads
+    of its numbers in tables and CSV files (the first has the second as its limit), and what figures call its limits."""
+
+    title: str
+    element: str
+    si_unit: str
+    heads: dict
+    limits: dict
+
+    @property
+    def field(self):
+        """Field of the number that is judged."""
+        return next(iter(self.heads))
+
+    @property
+    def called(self):
+        """What is judged, in words."""
+        return self.heads[self.field][1]
+
+    @property
+    def limit(self):
+        """What the first limit is called."""
+        return next(iter(self.limits.values()))
+
+    @property
+    def shown(self):
+        """Factor from the SI unit, and the unit for people."""
+        return shown_unit(self.si_unit)
+
+    def shares(self, row):
+        """Shares of the first limit over the speeds, nan where there is none or nothing is known."""
+        limit = getattr(row, next(iter(self.limits)))
+        limit = np.asarray(np.nan if limit is None else limit, float)
+        return np.asarray(getattr(row, self.field), float) / np.where(np.isfinite(limit), limit, np.nan)
+
+
+_CONTINUOUS = {"continuous": "continuous limit", "transient": "transient limit"}
 LIMITED = {
-    "stresses": (
+    "stresses": Limited(
         f"Torsional stress of shafts, MPa: half of peak-to-peak torque / W_p ({AID})",
         "shaft",
         "Pa",
-        {
-            "stress": ("stress", "stress"),
-            "continuous": ("continuous limit", "continuous limit"),
-            "transient": ("transient limit", "transient limit"),
-        },
+        {"stress": ("stress", "stress")} | {field: (called, called) for field, called in _CONTINUOUS.items()},
+        _CONTINUOUS,
     ),
-    "tooth_torques": (
+    "tooth_torques": Limited(
         f"Torque of meshes on the first gear, N m: half peak-to-peak, limit a third of the rated torque ({AID})",
         "mesh",
         "N m",
@@ -42,16 +80,17 @@ LIMITED = {
             "limit": ("limit", "limit of vibratory torque"),
             "mean": ("mean", "mean torque"),
         },
+        {"limit": "a third of the rated torque"},
     ),
-    "heat": (
+    "heat": Limited(
         f"Heat of shafts and dampers, W ({AID})",
         "shaft or damper",
         "W",
         {"power": ("heat", "heat"), "limit": ("limit", "limit of heat")},
+        {"limit": "limit"},
     ),
 }
-"""Of each kind of rows of :class:`jaxhb.Strength` the title of its table, head of the elements, SI unit, and the heads
-of its numbers in tables and CSV files; the first has the second as its limit."""
+"""By the fields of a :class:`jaxhb.Strength`."""
 
 
 class _Answers(Motion):
@@ -90,22 +129,21 @@ def strength_text(judged):
 
 def _table(found, kind):
     """The numbers of every element at the speed at which it is worst."""
-    title, element, unit, fields = LIMITED[kind]
-    factor, rpm, rows = shown_unit(unit)[0], found.rpm, []
-    first, limit, *_ = fields
-    heads = [element, *((head, "number") for head, _ in fields.values()), ("share", ratio)]
-    for name, row in getattr(found, kind).items():
-        place = _worst(getattr(row, first), getattr(row, limit))
-        numbers = [factor * _at(getattr(row, field), place) for field in fields]
-        rows.append([name, *numbers, numbers[:2]])
-        if len(rpm) > 1:
-            rows[-1].insert(2, NONE if place is None else f"{rpm[place]:g}")
-        if kind == "tooth_torques":
-            rows[-1].append(_where(rpm, row.reverses))
-    if len(rpm) > 1:
-        heads.insert(2, "at rpm")
-    heads += ["reverses"] * (kind == "tooth_torques")
-    return from_rows(title, heads, rows)
+    limited, rpm, several = LIMITED[kind], found.rpm, len(found.rpm) > 1
+    rows = [(name, row, _worst(limited, row)) for name, row in getattr(found, kind).items()]
+
+    def read(field):
+        return lambda told: limited.shown[0] * _at(getattr(told[1], field), told[2])
+
+    def share(told):
+        return [read(field)(told) for field in list(limited.heads)[:2]]
+
+    first, *others = (Column(head, read(field), "number") for field, (head, _) in limited.heads.items())
+    columns = [Column(limited.element, itemgetter(0)), first]
+    columns += [Column("at rpm", lambda told: NONE if told[2] is None else f"{rpm[told[2]]:g}")] * several
+    columns += [*others, Column("share", share, ratio)]
+    columns += [Column("reverses", lambda told: _where(rpm, told[1].reverses))] * (kind == "tooth_torques")
+    return specified(limited.title, rows, columns)
 
 
 def _where(rpm, happens):
@@ -116,12 +154,11 @@ def _where(rpm, happens):
     return f"at {said} rpm" if said else NONE
 
 
-def _worst(values, limit):
+def _worst(limited, row):
     """Place of the largest share of the limit, of the largest value without one; None where nothing is known."""
-    shares = np.asarray(values, dtype=float)
-    if limit is not None and np.any(np.isfinite(shares) & np.isfinite(limit)):
-        shares = np.where(np.isfinite(limit), shares / limit, np.nan)
-    return int(np.nanargmax(shares)) if np.isfinite(shares).any() else None
+    values = limited.shares(row)
+    values = values if np.isfinite(values).any() else np.asarray(getattr(row, limited.field), dtype=float)
+    return int(np.nanargmax(values)) if np.isfinite(values).any() else None
 
 
 def _at(values, place):
@@ -179,26 +216,15 @@ def _range_text(name, one, rated):
 
 
 def strength_record(found):
-    """What the files hold of a :class:`jaxhb.Strength`: SI units, lists over the speeds.
-
-    Returns
-    -------
-    dict
-        ``note``, ``rated_rpm``; by name ``stresses``: ``stress_Pa``, ``continuous_Pa``, ``transient_Pa`` (None where
-        there is no limit) and ``barred``, the ranges as :class:`jaxhb.BarredRange` with ``passable``;
-        ``tooth_torques``: ``vibratory_Nm``, ``limit_Nm``, ``mean_Nm``, ``reverses``; ``heat``: ``power_W``,
-        ``limit_W``. Empty where the scene gives no numbers.
-    """
+    """What the JSON holds of a :class:`jaxhb.Strength`, see ``docs/how_to/data_and_files.md``: SI units, lists over the
+    speeds, None where there is no limit; empty where the scene gives no numbers."""
     if not found:
         return {}
     record = {"note": AID, "rated_rpm": found.rated_rpm}
-    for kind, (_, _, unit, fields) in LIMITED.items():
-        ends = {field: f"_{unit.replace(' ', '')}" for field in fields}
+    for kind, limited in LIMITED.items():
+        ends = dict.fromkeys(limited.heads, f"_{limited.si_unit.replace(' ', '')}")
         record[kind] = {
-            name: {
-                field + ends.get(field, ""): None if values is None else np.asarray(values).tolist()
-                for field, values in row._asdict().items()
-            }
+            name: {field + ends.get(field, ""): values for field, values in row._asdict().items()}
             for name, row in getattr(found, kind).items()
         }
     for name, ranges_of in found.barred.items():
@@ -206,24 +232,26 @@ def strength_record(found):
     return record
 
 
-def strength_entry(found):
-    """``{"strength": ...}``, empty where the scene gives no limits."""
-    return {"strength": strength_record(found)} if found else {}
+def strength_entry(found, *, one_speed=False):
+    """``{"strength": ...}``, of ``one_speed`` with numbers instead of lists; empty where the scene gives no limits."""
+    record = strength_record(found)
+    return {"strength": _single(record) if one_speed else record} if found else {}
 
 
-def single(value):
-    """A record of one speed: numbers instead of lists, and no ranges."""
+def _single(value):
+    """A record of one speed: numbers instead of arrays, and no ranges."""
     if isinstance(value, dict):
-        return {key: single(item) for key, item in value.items() if key != "barred"}
-    return value[0] if isinstance(value, list) else value
+        return {key: _single(item) for key, item in value.items() if key != "barred"}
+    return value[0] if np.ndim(value) else value
 
 
 def strength_columns(found):
-    """Columns of the CSV files by their heads, SI units, a list over the speeds each."""
+    """Columns of the CSV files by their heads, SI units, a value of each speed."""
     columns = {}
-    for kind, (_, _, unit, fields) in LIMITED.items():
+    for kind, limited in LIMITED.items():
         for name, row in getattr(found, kind).items():
             for field, values in row._asdict().items():
-                head = f"{name} {fields[field][1]} {unit}" if field in fields else f"{name} {field}"
-                columns |= {} if values is None else {head: np.broadcast_to(values, np.shape(found.rpm)).tolist()}
+                head = f"{limited.heads[field][1]} {limited.si_unit}" if field in limited.heads else field
+                if values is not None:
+                    columns[f"{name} {head}"] = np.broadcast_to(values, np.shape(found.rpm))
     return columns

@@ -92,14 +92,10 @@ def solve_text(answer):
     topology = answer.topology
     means = "; ".join(filter(None, [balance_line(answer.balance), f"mean angles: {mean_angles_of(topology)}"]))
     head = [verdict(answer), "", f"{train_name(topology)} at {answer.rpm:g} rpm", *status_lines(answer), means]
-    parts = list(_tables(answer))
-    if answer.doubt:
-        parts = [f"{answer.doubt.upper()}: {part}" for part in parts]
-    parts = ["\n".join(head), *parts]
-    if answer.certificate is not None:
-        parts.append(certificate_text(answer, answer.certificate))
-    parts += strength_text({"": answers_strength([answer])})
-    return "\n\n".join([*parts, *notes_text(answer)])
+    doubt = f"{answer.doubt.upper()}: " if answer.doubt else ""
+    parts = ["\n".join(head), *(doubt + table for table in _tables(answer))]
+    parts += certificate_text(answer) + strength_text({"": answers_strength([answer])}) + notes_text(answer)
+    return "\n\n".join(parts)
 
 
 def _tables(answer):

@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 
 from jaxhb.design.quantities import OF_DESIGN, label, unit_of
-from jaxhb.report.files.record import finite
 from jaxhb.report.quantities import shown_unit
 from jaxhb.report.text.columns import NONE, count, from_rows, plain_number
 from jaxhb.report.text.strength import AID
@@ -26,12 +25,10 @@ EXCESS = 0.01
 
 
 def tuned_record(train, asked, result):
-    """Everything that is reported of a tuning, in SI units; what ``tune --json`` writes.
+    """What ``tune --json`` writes, in SI units; ``train`` is as it was, ``asked`` from
+    :func:`jaxhb.design.table.read_table`.
 
-    ``scene``, ``rpm``, ``stopped``, ``interrupted``; ``parameters`` by name with ``before``, ``after``, ``low``,
-    ``high``, ``unit``; ``readings`` by label with ``unit`` and values ``before`` and ``after`` at every speed (None
-    where it is not solved; one number for those of the train alone); ``solved`` before and after; ``outcomes`` of all
-    starts; ``history``. ``train`` is as it was, ``asked`` from :func:`jaxhb.design.table.read_table`.
+    Readings by label are lists over the speeds (None where one is not solved), or one number of the train alone.
     """
     before, after = result.before, result.after
     parameters = {
@@ -44,33 +41,25 @@ def tuned_record(train, asked, result):
         "interrupted": result.interrupted,
         "parameters": parameters,
         "readings": {
-            name: {"unit": unit_of(chosen.quantity), "before": _plain(first), "after": _plain(last)}
+            name: {"unit": unit_of(chosen.quantity), "before": first, "after": last}
             for chosen, name, first, last in _readings(asked, result)
         },
-        "solved": {"before": before.solved.tolist(), "after": after.solved.tolist()},
+        "solved": {"before": before.solved, "after": after.solved},
         "outcomes": [{"objective": value, "parameters": own, "valid": valid} for value, own, valid in result.outcomes],
     }
-    return progress_record(train, asked["rpm"], result.history) | finite(found)
+    return progress_record(train, asked["rpm"], result.history) | found
 
 
 def progress_record(train, rpm, history):
     """What is known while a tuning runs: ``scene``, ``rpm``, ``history``."""
     steps = [dataclasses.asdict(step) for step in history]
-    return finite({"scene": train.topology.name, "rpm": np.asarray(rpm).tolist(), "history": steps})
+    return {"scene": train.topology.name, "rpm": rpm, "history": steps}
 
 
 def start_record(train, rpm, reading):
-    """What is known of the scene as it is before the first step: that of :func:`progress_record` without history, and
-    under ``start`` the ``parameters`` by name, ``solved`` and ``readings`` by label over the speeds, None where one is
-    not solved."""
-    found = {name: _plain(values) for name, values in reading.readings.items()}
-    start = {"parameters": reading.parameters, "solved": reading.solved.tolist(), "readings": found}
-    return progress_record(train, rpm, ()) | finite({"start": start, "interrupted": True})
-
-
-def tuned_text(train, asked, result):
-    """The parts of :func:`tuned_parts` as one text."""
-    return "\n\n".join(tuned_parts(train, asked, result))
+    """What is known before the first step: of the scene as it is the parameters, and readings over the speeds."""
+    start = {"parameters": reading.parameters, "solved": reading.solved, "readings": reading.readings}
+    return progress_record(train, rpm, ()) | {"start": start, "interrupted": True}
 
 
 def tuned_parts(train, asked, result):
@@ -202,10 +191,6 @@ def parameter_unit(train, name):
     """Unit of a parameter ``"NAME.FIELD"``."""
     table, field, _ = locate(train.topology, name)
     return declared_field(table, field).metadata["range"].unit
-
-
-def _plain(values):
-    return np.asarray(values).tolist()
 
 
 def check_text(found):
