@@ -3,7 +3,6 @@
 import shlex
 from pathlib import Path
 
-from jaxhb.report.figures.sketch import plot_train
 from jaxhb.report.files import output
 from jaxhb.scene.files import load_scene, scene_description, scene_names
 from jaxhb.scene.writer import copies_beside, scene_files, scene_text
@@ -41,7 +40,7 @@ def scene(scene, quiet, expand, out, referred, plot):
     _check_files({"scene": scene, "out": out, "plot": plot})
     text, beside = scene_text(scene, expand=expand)
     try:
-        files = {plot: output.as_picture(plot, plot_train(load_scene(scene)))} if plot else {}
+        files = {plot: output.as_picture(plot, _sketch(scene))} if plot else {}
     except ValueError as error:
         raise output.OutputError(f"--plot: {error}") from None
     if out:
@@ -108,3 +107,9 @@ def _name_tuned(given, options):
             raise output.OutputError(
                 f"--output: {name!r} is there and is not from jaxhb tune. Name the tuned scene yourself."
             )
+
+
+def _sketch(scene):
+    from jaxhb.report.figures.sketch import plot_train  # loads jax, which a scene that is printed does not need
+
+    return plot_train(load_scene(scene))
