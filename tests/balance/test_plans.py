@@ -168,7 +168,7 @@ def test_a_march_that_blew_up_is_followed_by_all_starts(pair):
     case.rpm, case.problem = np.nan, starts.problem_at(pair, np.nan, case.plan.static.excited)
     starts.refine(case, dataclasses.replace(case.plan, start="march"))
     assert case.march_error == np.inf
-    assert len(starts.search_steps(case, case.marching())) > 1
+    assert len(starts.search_steps(case, case.march_plan())) > 1
 
 
 def case_of(train, rpm, **asked):
