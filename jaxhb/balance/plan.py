@@ -18,6 +18,9 @@ from jaxhb.train import chain
 # Harmonics of the cycle at most, by method: work and memory grow with N, for the chain with N^3 and N^2.
 MOST_HARMONICS = {"reduced": 4096, "chain": 128}
 DEFAULT_TOLERANCE = 0.01  # truncation error of the elastic tooth force, as a share of the largest tooth force
+# Residual (:class:`Plan`) of equations that count as solved exactly, as derivatives want them; and the residual that
+# will do otherwise, as a share of the tolerance. Of the largest tooth force it leaves a hundredth of the tolerance.
+RESIDUAL, RESIDUAL_SHARE = 1e-10, 1e-4
 # Cycles of time integration before Newton's method, which then takes 2 to 5 steps on ``gear_train_30``.
 MARCH_CYCLES = 3
 # Numbers of time steps per cycle that are offered, multiples of 32: blocks of the preconditioner and segments of a
@@ -49,6 +52,11 @@ class Request:
     method: str = "reduced"
     integrals: str = "sampled"
     few_levels: bool = False
+
+    @property
+    def residual_tolerance(self) -> float:
+        """At which Newton's method ends: far below what the tolerance leaves, exact where harmonics are asked for."""
+        return RESIDUAL if self.harmonics else max(RESIDUAL, RESIDUAL_SHARE * self.tolerance)
 
     @classmethod
     def of(cls, train, harmonics=None, tolerance=None, method=None, integrals=None, few_levels=False):
@@ -113,7 +121,7 @@ class Plan:
     tolerance_share: float = 1.0
     excited: int = 0
     integrals: str = "sampled"
-    residual_tolerance: float = 1e-10
+    residual_tolerance: float = RESIDUAL
     max_steps: int = 24
     estimated: bool = True
     compare_starts: bool = False
@@ -135,16 +143,17 @@ class Plan:
         return SAMPLES_PER_HARMONIC * self.harmonics
 
     @property
-    def limit(self) -> np.ndarray:
-        """Largest estimate of the truncation error that counts as converged: an array, which programs are given."""
-        return np.asarray(self.tolerance_share * self.tolerance)
+    def goals(self) -> np.ndarray:
+        """Largest estimate of the truncation error, and residual, that count as converged: an array, which programs
+        are given."""
+        return np.array([self.tolerance_share * self.tolerance, self.residual_tolerance])
 
     @property
     def static(self) -> Plan:
         """What a program is compiled for: the plan without what programs are given as arrays."""
         start, excited = "march" if self.marches else "linear", self.excited or self.harmonics
-        plan = dataclasses.replace(self, active=(), flank=(), cycles=0, tolerance=0.0, tolerance_share=0.0)
-        return dataclasses.replace(plan, start=start, excited=excited)
+        given = {"active": (), "flank": (), "cycles": 0, "tolerance": 0.0, "tolerance_share": 0.0}
+        return dataclasses.replace(self, start=start, excited=excited, residual_tolerance=0.0, **given)
 
     @property
     def active_meshes(self) -> ActiveMeshes:

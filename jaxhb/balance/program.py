@@ -68,15 +68,15 @@ class Outcome:
 
 
 @partial(Program, static_argnames="plan")
-def solve_problem(problem, active_meshes, start, limit, plan):
-    """The Outcome of one Problem and its ActiveMeshes under a :attr:`Plan.static` and :attr:`Plan.limit`.
+def solve_problem(problem, active_meshes, start, goals, plan):
+    """The Outcome of one Problem and its ActiveMeshes under a :attr:`Plan.static` and :attr:`Plan.goals`.
 
     start : coefficients ``(G, N+1)`` m; whether they are where Newton's method starts, and not teeth in contact; cycles
     that are marched from there (of a given start only if ``plan.compare_starts`` and it leaves more than MARCH_ABOVE of
     the equations: the better of the two is then the start); periodicity error at which a march ends.
     """
     # The iteration is not differentiated: the implicit function theorem gives the derivative of what it found.
-    frozen = lax.stop_gradient((problem, start, limit))
+    frozen = lax.stop_gradient((problem, start, goals))
     return differentiable(problem, active_meshes, find(frozen[0], active_meshes, *frozen[1:], plan), plan)
 
 
@@ -88,9 +88,9 @@ def differentiable(problem, active_meshes, found, plan):
     return dataclasses.replace(outcome, fields=fields, deflection=deflection)
 
 
-def find(problem, active_meshes, start, limit, plan):
+def find(problem, active_meshes, start, goals, plan):
     """The Outcome without derivatives, what :func:`derivative.attach` needs of its motion, whether it solves."""
-    harmonics, none = plan.harmonics, len(active_meshes.mask) == 0
+    harmonics, none, (limit, solved_at) = plan.harmonics, len(active_meshes.mask) == 0, goals
     # The estimate of the truncation error asks for receptances of 2 N harmonics: made once, cut for the solve.
     reach = 2 * harmonics if plan.estimated and not none else harmonics
     fine, condensed = reduced_equation(problem, reach, active_meshes)
@@ -108,7 +108,7 @@ def find(problem, active_meshes, start, limit, plan):
             operator = correction.prepare(reduced, model, deflection, **numbers)
             error = relative_residual(reduced, reduced.residual(deflection, plan.samples))
         else:
-            goal = {"tolerance": plan.residual_tolerance, "max_steps": plan.max_steps}
+            goal = {"tolerance": solved_at, "max_steps": plan.max_steps}
             iterate, operator = solve_reduced(reduced, model, first, **numbers, **goal)
             deflection, error = iterate.x, iterate.error
         if plan.estimated:
@@ -121,7 +121,9 @@ def find(problem, active_meshes, start, limit, plan):
     if plan.integrals == "exact":
         every = exact_integrals.find_crossings(jax.tree.map(jnp.asarray, problem.meshes.law), found.deflections)
         crossings = reduced.crossings, every
-    failure = _failure(problem, active_meshes, reduced, condensed, found, error, stalled, crossings, plan)
+    newton = jnp.where(error <= solved_at, Status.CONVERGED, jnp.where(stalled, Status.STALLED, Status.MAX_STEPS))
+    newton = jnp.where(jnp.isfinite(error), newton, Status.NONFINITE)
+    failure = _failure(problem, active_meshes, reduced, condensed, found, newton, crossings, plan.samples)
     solved = failure == Status.CONVERGED
     status = jnp.where(solved & ~(truncation <= limit), Status.TOLERANCE_NOT_MET, failure)
     outcome = Outcome(found, deflection, status, periodicity_error, error, truncation, defect, steps)
@@ -201,19 +203,17 @@ def _by_chain(problem, active_meshes, reduced, condensed, start, plan):
     return found * active_meshes.mask[:, None], iterate
 
 
-def _failure(problem, active_meshes, reduced, condensed, found, error, stalled, crossings, plan):
-    """The status as far as the equations go, CONVERGED whatever the truncation error."""
-    finite = jnp.isfinite(error) & jnp.all(jnp.isfinite(found.angles.real + found.angles.imag))
+def _failure(problem, active_meshes, reduced, condensed, found, newton, crossings, samples):
+    """The status as far as the equations go, CONVERGED whatever the truncation error, from that of Newton's method."""
+    finite = (newton != Status.NONFINITE) & jnp.all(jnp.isfinite(found.angles.real + found.angles.imag))
     _, linear = residual_and_status(*condensed.balance)
     # Teeth in the gap push at harmonics that no torque has, where the train may be at resonance as well.
     compliance = jnp.max(jnp.abs(reduced.receptance), initial=0.0) * jnp.max(reduced.law.stiffness, initial=0.0)
-    held = held_in_contact(problem, found.deflections, active_meshes.flank, plan.samples)
-    unsolved = jnp.where(stalled, Status.STALLED, Status.MAX_STEPS)
-    status = jnp.where(error <= plan.residual_tolerance, Status.CONVERGED, unsolved)
+    held = held_in_contact(problem, found.deflections, active_meshes.flank, samples)
     complete = jnp.array(True) if crossings is None else crossings[0].complete & crossings[1].complete
     # The later, the stronger: a motion that is not finite says nothing of the plan, and at a resonance without damping
     # nothing else means anything.
-    status = jnp.where(held & complete, status, Status.PLAN_VIOLATED)
+    status = jnp.where(held & complete, newton, Status.PLAN_VIOLATED)
     status = jnp.where(linear == Status.UNBALANCED, linear, status)
     status = jnp.where(finite, status, Status.NONFINITE)
     linear = jnp.where(compliance > SINGULAR, jnp.maximum(linear, Status.NEAR_SINGULAR), linear)
@@ -280,20 +280,20 @@ def solve_planned(train, rpm, plan, start=None):
         # Under jit a response that is not solved is nan, and no start.
         begin = coefficients, jnp.isfinite(coefficients).all(), *others
     if traced(train, rpm, begin) or staged():
-        response = _solve_traced(train, rpm, begin, plan.active_meshes, plan.limit, plan.static)
+        response = _solve_traced(train, rpm, begin, plan.active_meshes, plan.goals, plan.static)
         return dataclasses.replace(response, train=train)
     return solve_once(train, rpm, problem_at(train, rpm, plan.static.excited), plan, begin)[0]
 
 
 @partial(Program, static_argnames="plan")
-def _solve_traced(train, rpm, begin, active_meshes, limit, plan):
+def _solve_traced(train, rpm, begin, active_meshes, goals, plan):
     """One program for all of it: piece by piece, differentiation outside ``jit`` compiles a hundred small ones."""
     finite = derivative.all_finite((train, rpm))
     # Not ``rpm > 0``: nan is not out of range but not finite, and has its own status.
     valid = within_range(train) & ~((rpm <= 0) | (rpm > HIGHEST_RPM))
     train, rpm = derivative.only_if(finite & valid, (train, rpm))
     problem = problem_at(train, rpm, plan.excited)
-    outcome = solve_problem(problem, active_meshes, begin, limit, plan)
+    outcome = solve_problem(problem, active_meshes, begin, goals, plan)
     status = jnp.where(finite, outcome.status, Status.NONFINITE)
     outcome = dataclasses.replace(outcome, status=jnp.where(valid, status, Status.INVALID_INPUT))
     response = respond(train, rpm, problem, outcome, plan)
@@ -329,7 +329,7 @@ def respond(train, rpm, problem, outcome, plan):
 
 def solve_once(train, rpm, problem, plan, begin):
     """The Response with numpy arrays, and the Outcome, of one eager solve."""
-    outcome = jax.tree.map(np.asarray, solve_problem(problem, plan.active_meshes, begin, plan.limit, plan.static))
+    outcome = jax.tree.map(np.asarray, solve_problem(problem, plan.active_meshes, begin, plan.goals, plan.static))
     return _response_of(train, rpm, problem, outcome, plan), outcome
 
 
@@ -366,7 +366,7 @@ def solve_batches(train, rpm, plan, max_steps=None, devices=()):
         speeds = rpm[first : first + size]
         padded = np.concatenate([speeds, np.full(size - len(speeds), speeds[-1])])
         problem = _problems_at(train, jnp.asarray(padded), static.excited)
-        outcome = solve(problem, plan.active_meshes, begin, plan.limit)
+        outcome = solve(problem, plan.active_meshes, begin, plan.goals)
         loads, outcome = jax.tree.map(np.asarray, ((problem.load_torque, problem.load_power), outcome))
         responses = []
         for i, speed in enumerate(speeds):
@@ -387,6 +387,6 @@ def _problems_at(train, rpm, excited):
 
 
 @partial(Program, static_argnames="plan")
-def _solve_all(problem, active_meshes, start, limit, plan):
-    given = active_meshes, start, limit, plan
+def _solve_all(problem, active_meshes, start, goals, plan):
+    given = active_meshes, start, goals, plan
     return jax.vmap(lambda problem: solve_problem(problem, *given), in_axes=(_axes(),))(problem)

@@ -22,6 +22,7 @@ from jaxhb._jax import namespace
 from jaxhb._program import Program
 from jaxhb._shown import brief
 from jaxhb.balance.derivative import all_finite, only_if
+from jaxhb.balance.plan import RESIDUAL
 from jaxhb.balance.problem import problem_at
 from jaxhb.balance.program import BATCH_SPEEDS, active_deflections, differentiable, estimate, find, respond
 from jaxhb.design import objectives
@@ -296,7 +297,7 @@ class Evaluator:
                 motion = of_active_meshes(point.motion[tuple(padded.T)], plan)
                 own = [leaf[tuple(padded.T)] for leaf in numbers]
                 errors = estimate_lanes(own, self.held, motion, plan.active_meshes, form=self.form, sizes=plan.static)
-                if (np.asarray(errors)[: len(chunk)] > plan.limit).any():
+                if (np.asarray(errors)[: len(chunk)] > plan.goals[0]).any():
                     plans[number] = dataclasses.replace(plan, harmonics=higher, tolerance_share=1.0)
                     break
         return dataclasses.replace(point, plans=tuple(plans)) if tuple(plans) != point.plans else None
@@ -499,7 +500,7 @@ def read_lanes(numbers, held, rpm, start, active_meshes, *, form, asked, sizes):
 
     def lane(numbers, speed, start):
         train, problem = train_and_problem(form, numbers, held)
-        found = find(problem, active_meshes, start, 1.0, sizes)
+        found = find(problem, active_meshes, start, (1.0, RESIDUAL), sizes)
         response = respond(train, speed, problem, found[0], sizes)
         exact = [QUANTITIES[quantity].exact_value(response, of, order) for quantity, of, order in asked]
         outcome = jnp.asarray(response.status), found[0].periodicity_error, response.deflections, jnp.stack(exact)

@@ -13,7 +13,7 @@ import time
 import numpy as np
 
 from jaxhb._jax import Number, concrete, staged, traced
-from jaxhb.balance.plan import Plan, Request, check_harmonics, excited_harmonic
+from jaxhb.balance.plan import RESIDUAL, Plan, Request, check_harmonics, excited_harmonic
 from jaxhb.balance.program import solve_planned
 from jaxhb.certificate import certificate
 from jaxhb.results.response import Response
@@ -114,7 +114,7 @@ def solve(
         raise TypeError("jit or vmap traces solve: pass plan=jaxhb.plan(train, rpm=...), made outside")
     found = _decide(now[0], now[1], Request.of(train, harmonics, tolerance, method, integrals), start, seconds)
     if traced(train, rpm):  # by differentiation alone: solved already, the program only adds the derivative
-        response = solve_planned(train, rpm, found.reached, found.response)
+        response = solve_planned(train, rpm, _exact(found.reached), found.response)
         return dataclasses.replace(response, path=found.response.path)
     return _certified(found.response, harmonics, method, integrals) if certify else found.response
 
@@ -178,9 +178,15 @@ def plan(
     # exact integrals have room for, at this speed: every solve under the plan verifies it and says so by its status.
     if found.status > Status.PLAN_VIOLATED:
         check(found.response)
-    if found.reached.active and solve_planned(train, rpm, found.reached).status > found.status:
-        return dataclasses.replace(found.reached, start="response")
-    return found.reached
+    plan = _exact(found.reached)
+    if plan.active and solve_planned(train, rpm, plan).status > found.status:
+        return dataclasses.replace(plan, start="response")
+    return plan
+
+
+def _exact(plan):
+    """The plan whose solutions have derivatives."""
+    return dataclasses.replace(plan, residual_tolerance=RESIDUAL)
 
 
 def linear_response(train: DriveTrain, *, rpm: Number, harmonics: int | None = None) -> Response:

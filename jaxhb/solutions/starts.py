@@ -167,7 +167,7 @@ def compile_ahead(case):
     """Begin to make the program that :func:`refine` runs first from deflections: the Future, None where it is there."""
     plan = case.resolved(case.plan)
     begin = first_start(plan, given=np.zeros((len(plan.active_meshes.mask), 1), dtype=complex))
-    return solve_problem.compile_ahead(case.problem, plan.active_meshes, begin, plan.limit, plan.static)
+    return solve_problem.compile_ahead(case.problem, plan.active_meshes, begin, plan.goals, plan.static)
 
 
 def contact(case):
