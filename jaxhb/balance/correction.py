@@ -8,9 +8,10 @@ periodic motion b are
 
 u is taken as linear between the time steps of a grid: exact where a mesh stays in contact (u = 0) and where it flies
 freely through its gap (l linear in time), so that six time steps per period of the highest mesh mode do. z(0) follows
-from the slowest modes alone, whose memory outlasts the cycle. The cycle is cut into blocks of 8 to 32 time steps that
-are passed through side by side from rest. What the state at the beginning of a block adds is known beforehand: its
-forces solve a triangular system of the block, as the train itself does not change from time step to time step.
+from the modes that take longest to decay, whose memory outlasts the cycle. The cycle is cut into blocks of 8 to 32 time
+steps that are passed through side by side from rest. What the state at the beginning of a block adds is known
+beforehand: its forces solve a triangular system of the block, as the train itself does not change from time step to
+time step.
 """
 
 from dataclasses import dataclass
@@ -22,12 +23,13 @@ from jax import lax
 
 from jaxhb.equations import fourier
 from jaxhb.equations.iterations import gcr
+from jaxhb.equations.state_space import paired, propagated
 from jaxhb.integration.step import hold_weights
 
 DERIVATIVE = 1e-12, 60  # share of the right side that a derivative may leave, and its Krylov steps at most
 NO_DERIVATIVE = 1e-8  # share beyond which it is none, and nan: where the Jacobian is nearly singular, as at a fold
 BORDERED = 1e-9  # share that a bordered solve may leave: of tangents, and of Newton's method, which gains digits
-SLOW_MODES = 16  # whose state is carried from the end of the cycle to its beginning
+SLOW_MODES = 16  # that take longest to decay, whose state is carried from the end of the cycle to its beginning
 LONGEST, SHORTEST = 32, 8  # time steps of a block, powers of two; every grid is a multiple of the longest
 BLOCK_FORCES = 64  # forces of all meshes in a block that are aimed at: they make one triangular system
 
@@ -37,14 +39,14 @@ BLOCK_FORCES = 64  # forces of all meshes in a block that are aimed at: they mak
 class PeriodicOperator:
     """What the pass needs at K = B m time steps, B blocks of m; n states, G meshes, C of the states periodic.
 
-    propagate ``(n, n)``, forcing ``(n, G)``, observation ``(2G, n)``; gain ``(m, G, 2G, B)``: force of a mesh per
-    motion. Per unit state at the beginning of a block, the rows: block_forces ``(B, n, m G)``; block_propagator
-    ``(B, n, n)``, the state at its end. block_starts ``(B, C, n)``: state at the beginning of a block per state, the
-    row, at that of the cycle; closing ``(n, C)``: from the state at the end of a cycle begun at zero, the row, to that
-    at the beginning of the periodic one.
+    propagator ``(2, 2, n/2)`` of damped modes, forcing ``(n, G)``, observation ``(2G, n)``; gain ``(m, G, 2G, B)``:
+    force of a mesh per motion. Per unit state at the beginning of a block, the rows: block_forces ``(B, n, m G)``;
+    block_propagator ``(B, n, n)``, the state at its end. block_starts ``(B, C, n)``: state at the beginning of a block
+    per state, the row, at that of the cycle; closing ``(n, C)``: from the state at the end of a cycle begun at zero,
+    the row, to that at the beginning of the periodic one.
     """
 
-    propagate: jax.Array
+    propagator: jax.Array
     forcing: jax.Array
     observation: jax.Array
     gain: jax.Array
@@ -66,9 +68,9 @@ class PeriodicOperator:
         def step(state, known):
             gain, motion = known
             force = jnp.sum(gain * (motion + self.observation @ state), axis=1)
-            return self.propagate @ state + self.forcing @ force, force
+            return propagated(self.propagator, state) + self.forcing @ force, force
 
-        rest = jnp.zeros((len(self.propagate), blocks))
+        rest = jnp.zeros((len(self.forcing), blocks))
         left, force = lax.scan(step, rest, (self.gain, motion))
 
         def join(state, known):
@@ -106,7 +108,7 @@ def linearize(model, frequency, slope, rate_slope):
     gap = jnp.eye(len(kept)) - end[:, kept]
     closing = jnp.zeros((2 * n, len(kept))).at[kept].set(jnp.linalg.pinv(gap, rtol=1e-9))
     gain = gain.reshape(-1, length, meshes, 2 * meshes).transpose(1, 2, 3, 0)
-    return PeriodicOperator(propagate, forcing, L, gain, block_forces, block_propagator, block_starts, closing)
+    return PeriodicOperator(paired(propagate), forcing, L, gain, block_forces, block_propagator, block_starts, closing)
 
 
 def _gain(slope, rate_slope, at_once):

@@ -28,7 +28,6 @@ from jaxhb.balance.problem import (
 )
 from jaxhb.equations import backlash, condensation, exact_integrals, fourier
 from jaxhb.equations.backlash import law_of
-from jaxhb.equations.reduced_model import resting_on_flank
 from jaxhb.integration.step import force_on_flank, march, stepper_of, with_rate
 from jaxhb.linear.forced import SINGULAR, residual_and_status
 from jaxhb.results.response import Response
@@ -101,7 +100,7 @@ def find(problem, active_meshes, start, goals, plan):
     deflection = reduced.linear
     if not none:
         model = model_of(problem, active_meshes, plan.time_steps)
-        first, periodicity_error = _first(reduced, model.space, start, plan)
+        first, periodicity_error = _first(reduced, model, start, plan)
         numbers = {"samples": plan.samples, "time_steps": plan.time_steps}
         if plan.method == "chain":
             deflection, iterate = _by_chain(problem, active_meshes, reduced, condensed, first, plan)
@@ -130,13 +129,13 @@ def find(problem, active_meshes, start, goals, plan):
     return outcome, (operator, crossings), solved
 
 
-def _first(reduced, space, start, plan):
+def _first(reduced, model, start, plan):
     """Where Newton starts, coefficients ``(G, N+1)``, and the periodicity error of the march, 0 without."""
     coefficients, given, cycles, periodicity_tolerance = start
     begun = jnp.where(given, coefficients, deflections_on_flank(reduced))
 
     def from_flank():
-        return marched(reduced, space, plan.time_steps, cycles, periodicity_tolerance)
+        return marched(reduced, model, plan.time_steps, cycles, periodicity_tolerance)
 
     if not plan.marches:
         return begun, jnp.zeros(())
@@ -163,21 +162,21 @@ def deflections_on_flank(reduced):
     return reduced.linear - reduced.respond(held)
 
 
-def reduced_stepper(reduced, space, time_steps, linear, residual_flexibility=None):
-    """The :class:`~jaxhb.integration.step.Stepper` of a condensed equation, ``time_steps`` steps per cycle."""
-    flank_state = resting_on_flank(space, force_on_flank(reduced.law, reduced.linear))
-    states = jnp.zeros(len(space.transition)), flank_state
-    return stepper_of(space, reduced, linear, reduced.frequency, time_steps, *states, residual_flexibility)
+def reduced_stepper(reduced, model, time_steps, linear, residual_flexibility=None):
+    """The :class:`~jaxhb.integration.step.Stepper` of a condensed equation and its ReducedOrderModel, ``time_steps``
+    steps per cycle."""
+    states = jnp.zeros(len(model.at_rest)), model.at_rest @ force_on_flank(reduced.law, reduced.linear)
+    return stepper_of(model.space, reduced, linear, reduced.frequency, time_steps, *states, residual_flexibility)
 
 
-def marched(reduced, space, time_steps, cycles, periodicity_tolerance):
+def marched(reduced, model, time_steps, cycles, periodicity_tolerance):
     """Deflections ``(G, N+1)`` over the last of ``cycles`` cycles from the drive sides, and its periodicity error.
 
     Those on the flanks where the steps were too long for the train. The march ends earlier where a cycle closes to
     ``periodicity_tolerance``.
     """
     linear = fourier.synthesize(with_rate(reduced.linear, reduced.frequency), 2 * time_steps).T
-    stepper = reduced_stepper(reduced, space, time_steps, linear)
+    stepper = reduced_stepper(reduced, model, time_steps, linear)
     _, trace, _ = march(stepper, stepper.flank_state, tolerance=periodicity_tolerance, max_cycles=cycles)
     harmonics = reduced.linear.shape[-1] - 1
     kept = fourier.analyze(trace.deflection, min(harmonics, (time_steps - 1) // 2))

@@ -8,6 +8,7 @@ never accuracy.
 """
 
 from dataclasses import dataclass
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -15,24 +16,28 @@ import numpy as np
 from jax import lax
 
 from jaxhb.equations.dynamic_stiffness import solve_linear, unit_forces
-from jaxhb.equations.state_space import LIGHT, ROTATION, StateSpace
+from jaxhb.equations.state_space import LIGHT, ROTATION, StateSpace, modal_basis, paired, paired_matrix
 
 DISKS, MODES = 64, 48  # of a train whose modes are all kept, and how many are of a larger one
 SHIFTS = 12  # frequencies at which the responses of a larger train to mesh forces are taken, its basis
+UNDAMPED = 1e-6  # share of the largest drag that counts as none: rounding leaves more where inertias differ much
 RESOLVED = 4  # steps per period of the slowest mode that is too fast for the steps
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class ReducedOrderModel:
-    """Slow modes, ``y = (s q, q')``, s = max(omega, Omega), and the static response ``(G, G)`` m/N of the fast ones.
+    """Slow modes, damped, those first that take longest to decay, and the static response ``(G, G)`` m/N of the fast
+    ones.
 
-    motion : ``(2S, n)``, displacements and velocities of the disks for each state.
+    motion : ``(2S, n)``, displacements and velocities of the disks for each state; at_rest : ``(n, G)`` per N, state in
+    which a constant nonlinear force of a mesh leaves what has a stiffness, and the rest at zero.
     """
 
     space: StateSpace
     residual_flexibility: jax.Array
     motion: jax.Array
+    at_rest: jax.Array
 
 
 def states_of(disks):
@@ -62,8 +67,7 @@ def reduced_model(system, links, active, frequency, time_steps):
     free, kept = ROTATION * squares[-1], np.arange(len(squares))
     if len(system.mass) > DISKS:
         seen = jnp.max(rows**2, axis=0, initial=0.0) / (squares + frequency**2)
-        # The most visible of the slow ones, in rising order again: the periodic operator takes the first as slowest.
-        kept = jnp.sort(jnp.argsort(jnp.where(slow, -seen, 1.0))[:MODES])
+        kept = jnp.argsort(jnp.where(slow, -seen, 1.0))[:MODES]  # the most visible of the slow ones
         slow = slow & jnp.zeros(len(squares), bool).at[kept].set(True)
     # Fast modes respond statically: row^2 / omega^2 of each, their residual flexibility.
     apart = ~slow & (squares > free)
@@ -72,19 +76,33 @@ def reduced_model(system, links, active, frequency, time_steps):
     squares = jnp.where(slow & (squares > free), squares, 0.0)[kept]
     root = jnp.where(squares > 0, jnp.where(squares > 0, squares, 1.0) ** -0.25, 0.0)  # as in loss_damping
     drag = vectors.T @ B @ vectors + root[:, None] * (vectors.T @ H @ vectors) * root
-    # s q, not q: all entries of a state are velocities, free rotation included, whose q alone would have none.
+    # States (s q, q') of undamped modes: all entries are velocities, free rotation included, whose q alone would have
+    # none.
     scale = jnp.sqrt(jnp.maximum(squares, frequency**2))
     shapes = basis @ vectors
     modal = shapes.T * mass
     zero, none = jnp.zeros_like(drag), jnp.zeros_like(rows)
+    transition = jnp.block([[zero, jnp.diag(scale)], [-jnp.diag(squares / scale), -drag]])
+    held = squares / scale > 1e-12 * jnp.max(squares / scale)
+    at_rest = jnp.concatenate([jnp.where(held, -rows / jnp.where(held, squares / scale, 1.0), 0.0).T, none.T])
+    # Undamped free rotation, and what is left out, has no two eigenvectors: with a spring of its own it has.
+    count = len(squares)
+    alone = (squares == 0) & (jnp.abs(drag).max(axis=1) <= UNDAMPED * jnp.abs(drag).max())
+    springs = jnp.where(alone, scale * (1 + jnp.arange(count) / count), 0.0)
+    basis = modal_basis(transition.at[count:, :count].add(-jnp.diag(springs)))
+    rates = paired(jnp.linalg.solve(basis, transition @ basis))
+    order = jnp.argsort(-jnp.maximum(rates[0, 0], rates[1, 1]))
+    basis, rates = basis[:, jnp.concatenate([order, count + order])], rates[..., order]
+    to_modes = partial(jnp.linalg.solve, basis)
     space = StateSpace(
-        transition=jnp.block([[zero, jnp.diag(scale)], [-jnp.diag(squares / scale), -drag]]),
-        forcing=jnp.concatenate([none.T, -rows.T]),
-        observation=jnp.block([[rows / scale, none], [none, rows]]),
-        coordinates=jnp.block([[scale[:, None] * modal, 0 * modal], [0 * modal, modal]]),
+        transition=paired_matrix(rates),
+        forcing=to_modes(jnp.concatenate([none.T, -rows.T])),
+        observation=jnp.block([[rows / scale, none], [none, rows]]) @ basis,
+        coordinates=to_modes(jnp.block([[scale[:, None] * modal, 0 * modal], [0 * modal, modal]])),
+        in_modes=True,
     )
-    motion = jnp.block([[shapes / scale, 0 * shapes], [0 * shapes, shapes]])
-    return ReducedOrderModel(space, residual_flexibility, motion)
+    motion = jnp.block([[shapes / scale, 0 * shapes], [0 * shapes, shapes]]) @ basis
+    return ReducedOrderModel(space, residual_flexibility, motion, to_modes(at_rest))
 
 
 def _basis(system, mass, links, frequency, time_steps):
@@ -103,12 +121,3 @@ def _basis(system, mass, links, frequency, time_steps):
     columns = columns / jnp.where(sizes > 0, sizes, 1.0)  # no damping, no imaginary parts
     q, _ = jnp.linalg.qr(columns)
     return q / root
-
-
-def resting_on_flank(space, force):
-    """State ``(2n,)`` at rest under constant mesh forces ``(G,)``; motion that meets no stiffness is left at zero."""
-    n = space.transition.shape[0] // 2
-    stiffness = -jnp.diag(space.transition[n:, :n])
-    held = stiffness > 1e-12 * jnp.max(stiffness)
-    position = jnp.where(held, space.forcing[n:] @ force, 0.0) / jnp.where(held, stiffness, 1.0)
-    return jnp.concatenate([position, jnp.zeros(n)])

@@ -20,7 +20,7 @@ eigenvectors coincide are parted by a little more damping.
 """
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import jax
 import jax.numpy as jnp
@@ -36,6 +36,7 @@ ROTATION = 1e-14  # share of the highest squared frequency below which a mode is
 # least share of the highest squared frequency, which rounding leaves.
 HELD, HELD_ROUNDED = 1e-5, 1e-15
 CONDITION, PARTING = 1e7, 1e-9  # of eigenvectors, above which damping is added, and that as a share of the largest
+PARTED = 1e-13  # damping that is always added where real modes are made, as a share of the largest
 
 
 @dataclass(frozen=True)
@@ -52,13 +53,54 @@ class Partition:
 class StateSpace:
     """``y' = A y + E phi``, mesh deflections and rates ``w = L y`` (l before l'), ``y = T (x, x')``.
 
-    transition A ``(n, n)`` 1/s; forcing E ``(n, G)``; observation L ``(2G, n)``; coordinates T ``(n, 2S)``.
+    transition A ``(n, n)`` 1/s; forcing E ``(n, G)``; observation L ``(2G, n)``; coordinates T ``(n, 2S)``; in_modes :
+    whether A has entries only in the blocks of states k and n/2 + k, which :func:`paired` gives.
     """
 
     transition: jax.Array
     forcing: jax.Array
     observation: jax.Array
     coordinates: jax.Array
+    in_modes: bool = field(default=False, metadata={"static": True})
+
+
+def paired(matrix):
+    """The blocks ``(2, 2, n/2)`` of a matrix ``(n, n)`` that couples states k and n/2 + k alone."""
+    half = len(matrix) // 2
+    quarters = jnp.stack([matrix[:half], matrix[half:]]).reshape(2, half, 2, half)
+    return jnp.diagonal(quarters, axis1=1, axis2=3)
+
+
+def paired_matrix(blocks):
+    """The matrix ``(n, n)`` of the blocks that :func:`paired` gives."""
+    return jnp.block([[jnp.diag(block) for block in row] for row in blocks])
+
+
+def propagated(propagator, state):
+    """Product of a matrix ``(n, n)``, or of the blocks that :func:`paired` gives, with states ``(n, ...)``."""
+    if propagator.ndim == 2:
+        return propagator @ state
+    pairs = state.reshape(2, -1, *state.shape[1:])
+    blocks = propagator.reshape(*propagator.shape, *[1] * (state.ndim - 1))
+    return jnp.concatenate([row[0] * pairs[0] + row[1] * pairs[1] for row in blocks])
+
+
+def modal_basis(transition):
+    """A real basis ``(n, n)`` in which a transition matrix couples states k and n/2 + k alone, for even n.
+
+    Columns k and n/2 + k are real and imaginary part of an eigenvector, or two real eigenvectors.
+    """
+    # Eigenvectors that coincide are parted by a little more damping, which no march and no preconditioner notices.
+    n, little = len(transition), PARTED * jnp.abs(jnp.diag(transition)).max()
+    shares = (1 + jnp.arange(n)) / n
+    rates, vectors = jnp.linalg.eig(lax.stop_gradient(transition - jnp.diag(little * shares)))
+    # Those that turn, real ones, and the conjugates of the first; of the first their real and imaginary parts.
+    vectors = vectors[:, jnp.argsort(-rates.imag)]
+    turning, k = jnp.sum(rates.imag > 0), jnp.arange(n // 2)
+    real = turning + 2 * (k - turning)
+    first, second = (jnp.where(k < turning, k, real + i) for i in (0, 1))
+    own = jnp.where(k < turning, vectors[:, first].imag, vectors[:, second].real)
+    return jnp.concatenate([vectors[:, first].real, own], axis=1)
 
 
 def matrices(system):

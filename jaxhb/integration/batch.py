@@ -19,7 +19,7 @@ from jax import lax
 
 from jaxhb.equations import fourier
 from jaxhb.equations.backlash import Law
-from jaxhb.equations.state_space import dense_linear_motion, matrices, static_response
+from jaxhb.equations.state_space import dense_linear_motion, matrices, paired, static_response
 from jaxhb.excitation.torques import excitation
 from jaxhb.integration.step import Stepper, force_on_flank, krogstad, stages
 
@@ -105,7 +105,8 @@ class BatchStepper:
         whole, half = dense(self.full), dense(self.half)
         push = jnp.concatenate([dense(weight) @ self.forcing for weight in self.weights], axis=1)
         stepper = Stepper(
-            propagate=jnp.concatenate([whole, self.observation @ whole, self.observation @ half]),
+            propagator=paired(whole),
+            ahead=jnp.concatenate([self.observation @ whole, self.observation @ half]),
             weights=jnp.concatenate([push, self.end[..., 0].T]),
             **{name: getattr(self, name)[..., 0].T for name in ("first", "second", "third")},
             **{name: getattr(self, name)[..., 0] for name in ("linear", "viscous", "contact_damping")},

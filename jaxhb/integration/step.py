@@ -30,7 +30,9 @@ from jaxhb.equations.state_space import (
     StateSpace,
     dense_linear_motion,
     matrices,
+    paired,
     partition,
+    propagated,
     state_space,
     static_response,
 )
@@ -41,16 +43,18 @@ from jaxhb.equations.state_space import (
 class Stepper:
     """A train cut into ``steps`` equal steps per cycle at one speed; n = size of the state, G meshes.
 
-    propagate ``(n + 4G, n)``: exp(A dt), L exp(A dt), L exp(A dt/2); weights ``(n + 2G, 3G)`` of the forces (first,
-    sum of the two in the middle, last); first, second, third : stage weights ``(2G, G)``, ``(2G, 2G)``, ``(2G, 2G)``;
-    linear ``(2 steps, 2G)``: w of the linear train every half step, or more rows, whose rest is not used, if ``count``
-    holds the number of steps (one program for many numbers); linear_state ``(n,)`` its state at t = 0;
-    flank_state ``(n,)``: deviation for which every mesh carries its linear force on its drive side; space : the
-    equations; law, viscous, contact_damping : of the meshes ``(G,)``; frequency : rad/s; residual_flexibility
-    ``(G, G)`` m/N : static response of the modes that are no states, too fast for the steps.
+    propagator: exp(A dt) ``(n, n)``, of modes its blocks ``(2, 2, n/2)``; ahead ``(4G, n)``: L exp(A dt) above
+    L exp(A dt/2); weights ``(n + 2G, 3G)`` of the forces (first, sum of the two in the middle, last); first, second,
+    third : stage weights ``(2G, G)``, ``(2G, 2G)``, ``(2G, 2G)``; linear ``(2 steps, 2G)``: w of the linear train every
+    half step, or more rows, whose rest is not used, if ``count`` holds the number of steps (one program for many
+    numbers); linear_state ``(n,)`` its state at t = 0; flank_state ``(n,)``: deviation for which every mesh carries its
+    linear force on its drive side; space : the equations; law, viscous, contact_damping : of the meshes ``(G,)``;
+    frequency : rad/s; residual_flexibility ``(G, G)`` m/N : static response of the modes that are no states, too fast
+    for the steps.
     """
 
-    propagate: jax.Array
+    propagator: jax.Array
+    ahead: jax.Array
     weights: jax.Array
     first: jax.Array
     second: jax.Array
@@ -105,11 +109,10 @@ class Stepper:
         """Deviation and w one step after step ``k`` of the cycle."""
         rows = 2 * k + 1, jnp.where(k + 1 < self.steps, 2 * k + 2, 0)  # w of the linear train half a step and one ahead
         middle, last = (lax.dynamic_index_in_dim(self.linear, row, keepdims=False) for row in rows)
-        moved = self.propagate @ state
-        size, watched = state.shape[0], w.shape[0]
-        ahead, half = last + moved[size : size + watched], middle + moved[size + watched :]
-        change = _product(self.weights, *stages(self.nonlinear_force_at, _product, self, w, half, ahead))
-        return moved[:size] + change[:size], ahead + change[size:]
+        whole, half = jnp.split(self.ahead @ state, 2)
+        whole, half = last + whole, middle + half
+        change = _product(self.weights, *stages(self.nonlinear_force_at, _product, self, w, half, whole))
+        return propagated(self.propagator, state) + change[: len(state)], whole + change[len(state) :]
 
 
 def _product(weights, *forces):
@@ -202,7 +205,8 @@ def _weights(space, dt):
     first, second, third, end = krogstad(half_1, half_2, full_1, full_2, full_3)
     end = jnp.concatenate(end, axis=1)
     return {
-        "propagate": jnp.concatenate([E_full, L @ E_full, L @ E_half]),
+        "propagator": paired(E_full) if space.in_modes else E_full,
+        "ahead": jnp.concatenate([L @ E_full, L @ E_half]),
         "weights": jnp.concatenate([end, L @ end]),
         "first": L @ first[0],
         "second": L @ jnp.concatenate(second, axis=1),

@@ -44,7 +44,7 @@ def _equations(problem, active_meshes, time_steps):
     model = model_of(problem, active_meshes, time_steps)
     response = with_rate(reduced.linear, reduced.frequency)
     empty = jnp.zeros((0, len(response)))
-    return reduced_stepper(reduced, model.space, time_steps, empty, model.residual_flexibility), response, model
+    return reduced_stepper(reduced, model, time_steps, empty, model.residual_flexibility), response, model
 
 
 def work_of_cycle(train, time_steps):

@@ -14,7 +14,7 @@ from jaxhb import Disk, Mesh, Shaft
 from jaxhb.balance import correction
 from jaxhb.balance.problem import ActiveMeshes, problem_at, reduced_equation
 from jaxhb.equations import fourier, reduced_model as reduced_models
-from jaxhb.equations.reduced_model import reduced_model, resting_on_flank
+from jaxhb.equations.reduced_model import reduced_model
 from jaxhb.equations.state_space import partition, state_space
 
 HARMONICS, SAMPLES, RPM = 48, 768, 12000.0
@@ -221,9 +221,8 @@ def test_of_many_slow_modes_those_are_kept_that_meshes_see(monkeypatch):
 
 def test_resting_on_the_flank_balances_constant_forces(case):
     problem, _, _ = case
-    space = surrogate_of(problem, 512).space
-    force = np.array([3.0, -2.0])
-    state = resting_on_flank(space, force)
+    model, force = surrogate_of(problem, 512), np.array([3.0, -2.0])
+    space, state = model.space, model.at_rest @ force
     speed = space.transition @ state + space.forcing @ force
     scale = np.abs(space.forcing @ force).max()
     np.testing.assert_allclose(speed, 0.0, rtol=0, atol=1e-9 * scale)

@@ -52,7 +52,7 @@ def mass_in_time(*, m, b, c, **_):
         observation=np.diag([1 / s, 1.0]) / np.sqrt(m),
         coordinates=np.diag([s, 1.0]) * np.sqrt(m),
     )
-    return ReducedOrderModel(space, np.zeros((1, 1)), space.coordinates.T)
+    return ReducedOrderModel(space, np.zeros((1, 1)), space.coordinates.T, np.zeros((2, 1)))
 
 
 def solve_by_hand(harmonics, samples):
