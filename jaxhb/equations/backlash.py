@@ -151,6 +151,16 @@ def mesh_force(law, viscous, contact_damping, deflection, rate):
     return force(law, deflection) + viscous * rate * share
 
 
+def nonlinear_force(law, viscous, contact_damping, deflection, rate):
+    """:func:`mesh_force` less its linear part ``c l + r l'``, in N, without its cancellation."""
+    xp = namespace(law, deflection, viscous)
+    width, inside, beyond = _pieces(law, deflection)
+    share = inside / width
+    elastic = xp.sign(deflection) * (share * inside / 2 + beyond) - deflection
+    drop = law.stiffness * (1 - law.epsilon)
+    return drop * elastic + viscous * rate * xp.where(contact_damping, share - 1, 0.0)
+
+
 def mesh_slopes(law, viscous, contact_damping, deflection, rate):
     """Partial derivatives of :func:`mesh_force` with respect to l (N/m) and l' (N s/m), written out by hand."""
     xp = namespace(law, deflection, viscous)

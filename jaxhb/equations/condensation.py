@@ -53,9 +53,7 @@ class CondensedEquation:
         """phi and its slopes in l and l' at samples ``(G, samples)``: what the linear mesh does not contain."""
         law, viscous, _ = known = backlash.at_samples(self)
         slope, rate_slope = backlash.mesh_slopes(*known, deflection, rate)
-        linear = law.stiffness * deflection + viscous * rate
-        force = backlash.mesh_force(*known, deflection, rate) - linear
-        return force, slope - law.stiffness, rate_slope - viscous
+        return backlash.nonlinear_force(*known, deflection, rate), slope - law.stiffness, rate_slope - viscous
 
     def _along(self, deflection, samples):
         """The time samples of a motion, and phi and its slopes there."""

@@ -1,6 +1,6 @@
-"""Marches of batches through cycles, each reduced to a few numbers per quantity before the next one begins."""
+"""Marches through cycles, each reduced to a few numbers per quantity before the next one begins."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax
 import jax.numpy as jnp
@@ -9,7 +9,8 @@ from jax import lax
 
 from jaxhb._program import Program
 from jaxhb.equations import backlash, fourier
-from jaxhb.integration.batch import SAMPLES, cycle
+from jaxhb.integration.batch import SAMPLES
+from jaxhb.integration.step import run
 
 CYCLES = 8  # that a program marches at a time, at most
 HARMONICS = 256  # of the cycle, of which amplitudes are kept at most
@@ -21,8 +22,8 @@ STRIDE = 2  # steps between the samples of shafts and disks, which follow the te
 class Outputs:
     """Quantities that are linear in the motion, and gear torques.
 
-    modal ``(Q, 2m)`` of the deviation from the linear train, which adds linear ``(L, Q, steps / stride)``: disks and
-    shafts; mesh_modal ``(2R, 2m)`` and mesh_linear ``(L, 2R, steps)``: deflections and forces of the R meshes without
+    modal ``(Q, 2m)`` of the deviation from the linear train, which adds linear ``(Q, steps / stride)``: disks and
+    shafts; mesh_modal ``(2R, 2m)`` and mesh_linear ``(2R, steps)``: deflections and forces of the R meshes without
     backlash; sums ``(P, R + G)``: gear torques as sums of the forces of these and of the others.
     """
 
@@ -31,6 +32,16 @@ class Outputs:
     mesh_modal: jax.Array
     mesh_linear: jax.Array
     sums: jax.Array
+
+
+def cut(outputs, by_speed, shared):
+    """What tells of each array of Outputs of several speeds whether it is cut ``by_speed``; None of None."""
+    return outputs and Outputs(modal=shared, linear=by_speed, mesh_modal=shared, mesh_linear=by_speed, sums=shared)
+
+
+def of_speed(outputs, index):
+    """The Outputs of one of several speeds; None of None."""
+    return outputs and replace(outputs, linear=outputs.linear[index], mesh_linear=outputs.mesh_linear[index])
 
 
 def outputs_of(modes, system, shafts, linear_meshes, gears, linear_motion, steps):
@@ -62,14 +73,15 @@ def _rows(system, shafts, linear_meshes):
 
 
 @Program
-def march(stepper, state, cycles, outputs=None):
-    """Some cycles, CYCLES at most, one program for any number of them; with ``outputs`` each is reduced to numbers.
+def march(stepper, state, cycles, outputs):
+    """Some cycles of one speed, CYCLES at most, one program for any number of them; with ``outputs``, not None, each is
+    reduced to numbers.
 
-    Gives state ``(2m, L)``; samples ``(CYCLES, SAMPLES, 2G, L)``, (l, l') at equidistant time samples of each cycle,
-    then zeros; trace ``(steps + 1, 2G, L)``, (l, l') of the last cycle; numbers, a dict of each cycle, ``(CYCLES, L,
-    quantities)`` max, min, mean, square (mean of squares), and ``(CYCLES, L, G)`` of the backlash meshes above, below
-    (shares of the cycle beyond the gap on either side), impacts (entries into contact), hardest (approach speed of the
-    hardest, m/s); power ``(L, quantities, H+1)``, sum over the cycles of |x^n|^2.
+    Gives state ``(2m,)``; samples ``(CYCLES, SAMPLES, 2G)``, (l, l') at equidistant time samples of each cycle, then
+    zeros; trace ``(steps + 1, 2G)``, (l, l') of the last cycle; numbers, a dict of each cycle, ``(CYCLES, quantities)``
+    max, min, mean, square (mean of squares), and ``(CYCLES, G)`` of the backlash meshes above, below (shares of the
+    cycle beyond the gap on either side), impacts (entries into contact), hardest (approach speed of the hardest, m/s);
+    power ``(quantities, H+1)``, sum over the cycles of |x^n|^2.
 
     The quantities are angles and rates of the disks, twists, their rates and torques of shafts and dampers, deflections
     and forces of meshes without backlash, deflections, elastic and transmitted forces of the others, transmitted and
@@ -77,15 +89,17 @@ def march(stepper, state, cycles, outputs=None):
     """
     stepper, outputs = jax.tree.map(jnp.asarray, (stepper, outputs))
 
-    def one_cycle(state):
-        if outputs is None:
-            return *cycle(stepper, state), None, None
-        state, trace, states = cycle(stepper, state, states=True)
-        numbers, power = lax.map(
-            lambda one: _statistics(stepper, outputs, *one),
-            (jnp.moveaxis(trace, 2, 0), jnp.moveaxis(states, 2, 0), outputs.linear, outputs.mesh_linear),
+    def keep(kept, k, *values):
+        return tuple(
+            lax.dynamic_update_index_in_dim(a, value, k, axis=0) for a, value in zip(kept, values, strict=False)
         )
-        return state, trace, numbers, power
+
+    def one_cycle(state):
+        widths = (stepper.linear.shape[1], *(() if outputs is None else (len(state),)))
+        kept = tuple(jnp.zeros((stepper.steps + 1, width)) for width in widths)
+        state, w, kept = run(stepper, state, 0, stepper.steps, keep, kept, even=True)
+        kept = keep(kept, stepper.steps, w, state)
+        return state, kept[0], *((None, None) if outputs is None else _statistics(stepper, outputs, *kept))
 
     def another(i, carry):
         state, rows, _, power = carry
@@ -102,21 +116,31 @@ def march(stepper, state, cycles, outputs=None):
     return state, samples, trace, numbers, power
 
 
+@Program
+def march_side_by_side(stepper, state, cycles, outputs):
+    """:func:`march` of several speeds, of which stepper, state and part of the outputs have a leading axis."""
+
+    def one(stepper, state, outputs):
+        return march(stepper, state, cycles, outputs)
+
+    return jax.vmap(one, in_axes=(0, 0, cut(outputs, 0, None)))(stepper, state, outputs)
+
+
 def harmonics_of(steps):
     """Harmonics whose amplitudes are kept."""
     return min(HARMONICS, steps // STRIDE // 2)
 
 
-def _statistics(stepper, outputs, w, states, linear, mesh_linear):
-    """One cycle of one speed: w ``(steps + 1, 2G)``, states ``(steps + 1, 2m)``, what the linear train adds."""
-    law = stepper.law
+def _statistics(stepper, outputs, w, states):
+    """Numbers and power of one cycle: w ``(steps + 1, 2G)``, states ``(steps + 1, 2m)``."""
+    law, viscous, contact_damping = backlash.at_samples(stepper)
     deflection, rate = jnp.split(w.T, 2)
     elastic = backlash.force(law, deflection)
-    total = backlash.mesh_force(law, stepper.viscous, stepper.contact_damping, deflection, rate)
-    straight = outputs.mesh_modal @ states.T + _closed(mesh_linear)
+    total = backlash.mesh_force(law, viscous, contact_damping, deflection, rate)
+    straight = outputs.mesh_modal @ states.T + _closed(outputs.mesh_linear)
     held = jnp.split(straight, 2)[1]
     gears = [outputs.sums @ jnp.concatenate([held, forces]) for forces in (total, elastic)]
-    shafts = outputs.modal @ states[::STRIDE].T + _closed(linear)
+    shafts = outputs.modal @ states[::STRIDE].T + _closed(outputs.linear)
     teeth = jnp.concatenate([straight, deflection, elastic, total, *gears])
     parts = [_numbers(values, harmonics_of(stepper.steps)) for values in (shafts, teeth)]
     numbers, power = jax.tree.map(lambda *a: jnp.concatenate(a), *parts)

@@ -82,7 +82,7 @@ def _gaps(stepper, nodes, end):
 
 def _widest(stepper, gap):
     """Largest of the gaps ``(K, n)`` in deflections and rates, ``(2G,)``."""
-    return jnp.max(jnp.abs(gap @ stepper.space.observation.T), axis=0)
+    return jnp.max(jnp.abs(gap @ stepper.observation.T), axis=0)
 
 
 def linearize(stepper, nodes, p):

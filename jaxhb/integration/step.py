@@ -47,10 +47,10 @@ class Stepper:
     L exp(A dt/2); weights ``(n + 2G, 3G)`` of the forces (first, sum of the two in the middle, last); first, second,
     third : stage weights ``(2G, G)``, ``(2G, 2G)``, ``(2G, 2G)``; linear ``(2 steps, 2G)``: w of the linear train every
     half step, or more rows, whose rest is not used, if ``count`` holds the number of steps (one program for many
-    numbers); linear_state ``(n,)`` its state at t = 0; flank_state ``(n,)``: deviation for which every mesh carries its
-    linear force on its drive side; space : the equations; law, viscous, contact_damping : of the meshes ``(G,)``;
-    frequency : rad/s; residual_flexibility ``(G, G)`` m/N : static response of the modes that are no states, too fast
-    for the steps.
+    numbers); observation ``(2G, n)``: what a state adds to w; law, viscous, contact_damping : of the meshes ``(G,)``;
+    linear_state ``(n,)`` its state at t = 0; flank_state ``(n,)``: deviation for which every mesh carries its linear
+    force on its drive side; space : the equations; frequency : rad/s; residual_flexibility ``(G, G)`` m/N : static
+    response of the modes that are no states, too fast for the steps.
     """
 
     propagator: jax.Array
@@ -60,6 +60,7 @@ class Stepper:
     second: jax.Array
     third: jax.Array
     linear: jax.Array
+    observation: jax.Array
     law: Law
     viscous: jax.Array
     contact_damping: jax.Array
@@ -82,8 +83,7 @@ class Stepper:
 
     def nonlinear_force(self, deflection, rate):
         """Force ``(G,)`` N of the meshes less its linear part."""
-        total = backlash.mesh_force(self.law, self.viscous, self.contact_damping, deflection, rate)
-        return total - self.law.stiffness * deflection - self.viscous * rate
+        return backlash.nonlinear_force(self.law, self.viscous, self.contact_damping, deflection, rate)
 
     def nonlinear_force_at(self, w):
         """phi ``(G,)`` N at ``w`` ``(2G,)``, deflections and rates of the states."""
@@ -168,6 +168,7 @@ def stepper_of(space, meshes, linear, frequency, steps, linear_state, flank_stat
     return Stepper(
         **_weights(space, 2 * jnp.pi / frequency / steps),
         linear=linear,
+        observation=space.observation,
         linear_state=linear_state,
         flank_state=flank_state,
         space=space,
@@ -250,18 +251,19 @@ class Trace:
     periodicity_error: jax.Array
 
 
-def run(stepper, state, first, count, keep=lambda seen, k, w: seen, seen=(), even=False):
+def run(stepper, state, first, count, keep=lambda seen, *_: seen, seen=(), even=False):
     """``count`` steps on from the deviation ``state`` at the beginning of step ``first``; valid under jit and vmap.
 
-    Gives the state and w ``(2G,)``, (l, l') of the states, at the end, and what was seen: ``seen = keep(seen, k, w)``
-    before each step k = 0, 1, .. of them. ``even``: so is the count, and two steps are taken at once.
+    Gives the state and w ``(2G,)``, (l, l') of the states, at the end, and what was seen:
+    ``seen = keep(seen, k, w, state)`` before each step k = 0, 1, .. of them. ``even``: so is the count, and two steps
+    are taken at once.
     """
 
     def step(k, carry):
         state, w, seen = carry
-        return *stepper.advance(state, w, first + k), keep(seen, k, w)
+        return *stepper.advance(state, w, first + k), keep(seen, k, w, state)
 
-    begin = lax.dynamic_index_in_dim(stepper.linear, 2 * first, keepdims=False) + stepper.space.observation @ state
+    begin = lax.dynamic_index_in_dim(stepper.linear, 2 * first, keepdims=False) + stepper.observation @ state
     start = (state, begin, seen)
     # Two steps in a loop body: where a step takes a microsecond, the loop itself is a good part of it.
     if even:
@@ -273,7 +275,7 @@ def _whole(stepper, state, keep, seen):
     """State after one cycle, the change of w ``(2G,)``, and what was seen."""
     even = stepper.count is not None or stepper.steps % 2 == 0
     end, w, seen = run(stepper, state, 0, stepper.steps, keep, seen, even)
-    return end, w - (stepper.linear[0] + stepper.space.observation @ state), seen
+    return end, w - (stepper.linear[0] + stepper.observation @ state), seen
 
 
 def cycle(stepper, state):
@@ -288,7 +290,7 @@ def cycle_error(stepper, state):
     return end, periodicity_error(stepper, change, largest)
 
 
-def put(samples, k, w):
+def put(samples, k, w, _):
     """``keep`` of :func:`run` for samples ``(capacity, 2G)``."""
     return lax.dynamic_update_index_in_dim(samples, w, k, axis=0)
 
@@ -301,7 +303,7 @@ def no_samples(stepper, capacity):
 def watch(stepper):
     """``keep`` and ``seen`` of :func:`run` for the largest deflections and rates ``(2G,)``."""
 
-    def keep(largest, _, w):
+    def keep(largest, _, w, __):
         motion = jnp.concatenate([stepper.with_fast_modes(w), jnp.split(w, 2)[1]])
         return jnp.maximum(largest, jnp.abs(motion))
 

@@ -68,7 +68,7 @@ class HomotopyStepper(Stepper):
 
     def _damping(self):
         """Tooth damping at p = 0 over the wanted one: at most what the steps carry."""
-        rows, columns = self.space.observation[len(self.viscous) :], self.space.forcing
+        rows, columns = self.observation[len(self.viscous) :], self.space.forcing
         step = 2 * jnp.pi / self.frequency / self.steps
         # The damping force is taken explicitly in a step: with r times the rate of one unit of force times the step
         # above about a half, the stages of the step would overshoot.

@@ -139,13 +139,11 @@ class Batch:
     def __init__(self, equations, rpm, steps, devices=()):
         self.equations, self.steps, self.devices = equations, steps, devices
         self.linear_motion = equations.linear_motion(rpm)
-        self.stepper = batch.batch_stepper(
-            equations.modes, equations.system, equations.meshes, self.linear_motion, steps
-        )
+        self.steppers = batch.steppers(equations.modes, equations.system, equations.meshes, self.linear_motion, steps)
         gap = (1 - equations.meshes.law.epsilon) * equations.meshes.law.backlash
         begun = batch.state_of(equations.modes, batch.motions_on_flank(self.linear_motion), self.linear_motion)
         self.marches = [
-            SpeedMarch(i, float(speed), begun[:, i], Closure(np.concatenate([gap, omega * gap])))
+            SpeedMarch(i, float(speed), begun[i], Closure(np.concatenate([gap, omega * gap])))
             for i, (speed, omega) in enumerate(zip(rpm, self.linear_motion.frequency, strict=True))
         ]
 
@@ -157,11 +155,11 @@ class Batch:
     def begin(self, index, motion):
         """Let a march begin at a motion (x, x') ``(2S,)``."""
         one = _of(self.linear_motion, [index])
-        self.marches[index].state = batch.state_of(self.equations.modes, motion[None], one)[:, 0]
+        self.marches[index].state = batch.state_of(self.equations.modes, motion[None], one)[0]
 
     def motion(self, march):
         """(x, x') ``(2S,)`` where a march stands, at the beginning of a cycle."""
-        return batch.motion_of(self.equations.modes, march.state[:, None], _of(self.linear_motion, [march.place]))[0]
+        return batch.motion_of(self.equations.modes, march.state[None], _of(self.linear_motion, [march.place]))[0]
 
     def run(self, marches, record=False, count=cycles.CYCLES):
         """Some more cycles of some marches, recorded or not."""
@@ -174,53 +172,38 @@ class Batch:
 
     def _run(self, marches, size, record, count):
         indices = [march.place for march in marches] + [marches[-1].place] * (size - len(marches))
-        state = np.stack([self.marches[index].state for index in indices], axis=1)
-        given = (_cut(self.stepper, indices), state, np.array(count))
-        specs = (_specs(given[0], _PER_SPEED, last=True), along(1), WHOLE)
-        if record:
-            outputs = self.equations.outputs(_of(self.linear_motion, indices), self.steps)
-            given, specs = (*given, outputs), (*specs, _specs(outputs, ("linear", "mesh_linear")))
-        program = cycles.march
-        if len(self.devices) > 1:
-            program = across(program, self.devices, specs, (along(1), along(3), along(2), along(1), along(0)))
-        state, samples, trace, numbers, power = jax.tree.map(np.asarray, program(*given))
-        for i, march in enumerate(marches):
-            march.state, march.trace = state[:, i], trace[..., i]
-            march.closure.add(samples[:count, ..., i])
+        given = _of(self.steppers, indices), np.stack([self.marches[index].state for index in indices]), np.array(count)
+        outputs = self.equations.outputs(_of(self.linear_motion, indices), self.steps) if record else None
+        if size == 1:  # by itself, without the axis of the speeds
+            found = [cycles.march(*_of(given[:2], 0), given[2], cycles.of_speed(outputs, 0))]
+        else:
+            program = cycles.march_side_by_side
+            if len(self.devices) > 1:
+                cut = along(0), along(0), WHOLE, cycles.cut(outputs, along(0), WHOLE)
+                program = across(program, self.devices, cut, along(0))
+            together = jax.tree.map(np.asarray, program(*given, outputs))
+            found = [_of(together, i) for i in range(len(marches))]
+        for march, one in zip(marches, found, strict=True):
+            march.state, samples, march.trace, numbers, power = jax.tree.map(np.asarray, one)
+            march.closure.add(samples[:count])
             march.cycles += count
             if record:
-                march.numbers.append({name: a[:count, i] for name, a in numbers.items()} | {"power": power[i]})
+                march.numbers.append({name: a[:count] for name, a in numbers.items()} | {"power": power})
 
     def traced(self, march, count):
         """(l, l') ``(2G, count x steps)`` of the next cycles, which the march goes through; of the last one if 1."""
         if count == 1:
             return march.trace[:-1].T
-        parts, cut, state = [], _cut(self.stepper, [march.place]), march.state[:, None]
+        parts = []
         for _ in range(count):
-            state, samples, trace, *_ = cycles.march(cut, state, np.array(1))
-            march.closure.add(np.asarray(samples)[:1, ..., 0])
-            parts.append(np.asarray(trace)[:-1, :, 0].T)
-        march.state, march.cycles = np.asarray(state)[:, 0], march.cycles + count
+            self._run([march], 1, False, 1)
+            parts.append(march.trace[:-1].T)
         return np.concatenate(parts, axis=1)
 
 
-def _of(linear_motion, indices):
-    return jax.tree.map(lambda a: a[indices], linear_motion)
-
-
-_PER_SPEED = "full", "half", "weights", "first", "second", "third", "end", "linear"
-
-
-def _cut(every, indices):
-    """Some of the BatchStepper."""
-    return dataclasses.replace(every, **{name: getattr(every, name)[..., indices] for name in _PER_SPEED})
-
-
-def _specs(tree, per_speed, last=False):
-    """How the arrays of a dataclass are cut: those of the names along their first or last axis."""
-    named = {f.name: getattr(tree, f.name) for f in dataclasses.fields(tree)}
-    cut = {name: along(np.ndim(named[name]) - 1 if last else 0) for name in per_speed}
-    return dataclasses.replace(tree, **dict.fromkeys(named, WHOLE) | cut)
+def _of(tree, indices):
+    """One speed, or some, of arrays with a leading axis."""
+    return jax.tree.map(lambda a: a[indices], tree)
 
 
 def record_of(equations, march):
