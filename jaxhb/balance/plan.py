@@ -152,8 +152,8 @@ class Plan:
     def static(self) -> Plan:
         """What a program is compiled for: the plan without what programs are given as arrays."""
         start, excited = "march" if self.marches else "linear", self.excited or self.harmonics
-        given = {"active": (), "flank": (), "cycles": 0, "tolerance": 0.0, "tolerance_share": 0.0}
-        return dataclasses.replace(self, start=start, excited=excited, residual_tolerance=0.0, **given)
+        plan = dataclasses.replace(self, active=(), flank=(), cycles=0, tolerance=0.0, tolerance_share=0.0)
+        return dataclasses.replace(plan, start=start, excited=excited, residual_tolerance=0.0)
 
     @property
     def active_meshes(self) -> ActiveMeshes:

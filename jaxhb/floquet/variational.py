@@ -31,7 +31,7 @@ STAGES = 10  # Gauss nodes of a step with a mesh in its smooth zone
 REACH = 4.0
 POWERS = 16  # of A that are kept for exponentials; two factors of them make the terms of a series
 TERMS = 2 * POWERS + 1
-CHUNK = 256  # steps whose propagators are held at a time
+CHUNK = 3_000_000  # entries of the propagators that are held at a time
 SAMPLES, DERIVATIVES = 16, 9  # per harmonic, and at each, from which a motion is known at any time to 1e-12
 
 
@@ -104,13 +104,16 @@ class _Cycle:
     def __init__(self, space, meshes, deflection, frequency, breaks):
         self.space, self.meshes, self.deflection = jax.tree.map(np.asarray, (space, meshes, deflection))
         self.frequency, period = float(frequency), 2 * np.pi / float(frequency)
+        self.sampled = sampled(self.deflection)
         # Each constant train is made once; its slopes as bytes, as arrays are no keys.
         self.train = cache(lambda slope: _ConstantTrain(self.space, np.frombuffer(slope)))
         breaks = np.unique(np.concatenate([[0.0], breaks, [1.0]]))
         begin, share = breaks[:-1], np.diff(breaks)
         # In an arc no mesh passes a knot: what it is in the middle, in contact, apart or between, it is all along.
         middle = begin + share / 2
-        engagement = backlash.engagement(self.meshes.law.expand(), motion(self.deflection, self.frequency, middle)[0])
+        engagement = backlash.engagement(
+            self.meshes.law.expand(), between_samples(self.sampled, self.frequency, middle)[0]
+        )
         between = ((engagement > 0) & (engagement < 1)).T
         constant = np.where(np.tile(between, 2), 0.0, self.slopes(middle))
         # Arcs of a mesh in its smooth zone are cut into steps of bounded norm; others are exponentials of any length.
@@ -128,7 +131,7 @@ class _Cycle:
     def slopes(self, share):
         """Slopes ``(K, 2G)`` of phi in l and l' at shares of the cycle ``(K,)``."""
         law, viscous, _ = known = backlash.at_samples(self.meshes)
-        deflection, rate = motion(self.deflection, self.frequency, share)
+        deflection, rate = between_samples(self.sampled, self.frequency, share)
         slope, rate_slope = backlash.mesh_slopes(*known, deflection, rate)
         return np.concatenate([slope - law.stiffness, rate_slope - viscous + 0 * rate]).T
 
@@ -136,9 +139,11 @@ class _Cycle:
         """Chunk by chunk the propagators ``(K, n, n)`` of the steps, and the logarithms ``(K,)`` of their
         determinants."""
         alike = np.column_stack([self.constant, self.between])
-        for first in range(0, len(self.length), CHUNK):
-            chosen = slice(first, first + CHUNK)
-            count, states = len(self.length[chosen]), len(self.space.transition)
+        states = len(self.space.transition)
+        size = max(CHUNK // states**2, 1)
+        for first in range(0, len(self.length), size):
+            chosen = slice(first, first + size)
+            count = len(self.length[chosen])
             found, logarithm = np.zeros((count, states, states)), np.zeros(count)
             # Steps with the same meshes in contact share the powers of one matrix.
             rows, kind = np.unique(alike[chosen], axis=0, return_inverse=True)
@@ -160,17 +165,28 @@ class _Cycle:
 
 
 def motion(deflection, frequency, share):
-    """l and l' ``(2, G, K)`` at shares ``(K,)`` of the cycle, of coefficients ``(G, N+1)``: Taylor series from the
-    nearest of equidistant samples."""
-    samples = SAMPLES * max(deflection.shape[-1] - 1, 1)
+    """l and l' ``(2, G, K)`` at shares ``(K,)`` of the cycle, of coefficients ``(G, N+1)``."""
+    return between_samples(sampled(deflection), frequency, share)
+
+
+def sampled(deflection):
+    """The motion with coefficients ``(G, N+1)`` and its derivatives by the angle of the cycle at equidistant times
+    ``(DERIVATIVES + 1, G, samples)``."""
+    samples, values = SAMPLES * max(deflection.shape[-1] - 1, 1), []
+    for _ in range(DERIVATIVES + 1):
+        values.append(fourier.synthesize(deflection, samples))
+        deflection = fourier.derivative(deflection, 1.0)
+    return np.stack(values)
+
+
+def between_samples(values, frequency, share):
+    """l and l' ``(2, G, K)`` at shares ``(K,)`` of the cycle: Taylor series from the nearest of equidistant samples."""
+    samples = values.shape[-1]
     # Transforms know a motion at equidistant times only. From the nearest of them, half a sample away at most, its
     # Taylor series converges fast: n times the angle stays below pi / 16.
     nearest = np.rint(share * samples)
     angle = 2 * np.pi / samples * (share * samples - nearest)
-    values = []
-    for _ in range(DERIVATIVES + 1):
-        values.append(fourier.synthesize(deflection, samples)[:, nearest.astype(int) % samples])
-        deflection = fourier.derivative(deflection, 1.0)
+    values = values[..., nearest.astype(int) % samples]
     power = angle ** np.arange(DERIVATIVES)[:, None, None] * _INVERSE[:DERIVATIVES, None, None]
     return np.stack([np.sum(power * values[:-1], axis=0), frequency * np.sum(power * values[1:], axis=0)])
 

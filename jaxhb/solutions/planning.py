@@ -18,12 +18,10 @@ from jaxhb.train.changes import without_backlash
 
 LEVELS = 16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768, 1024, 1536, 2048, 3072, 4096
 """Numbers of harmonics of the cycle that are offered: each is a program."""
-FEW_LEVELS = 192, 768, 4096
+FEW_LEVELS = 192, 768, 1536, 4096
 """Those offered where speeds share programs whatever else is asked for: one has the same harmonics in any sweep."""
 
-# How many times as many harmonics are tried next; in a sweep a program more costs as much as a hundred speeds with
-# twice the harmonics.
-LEVEL_RATIO, SWEEP_LEVEL_RATIO = 2.0, 4.0
+LEVEL_RATIO = 2.0  # how many times as many harmonics are tried next, where all levels are offered
 # Where the first level lies, over the highest harmonic excited and over that of the highest mesh mode: below the mesh
 # modes the truncated equations often have no solution near the motion.
 ABOVE_EXCITATION, ABOVE_MODES = 2.0, 1.5
@@ -46,9 +44,11 @@ def next_level(harmonics, method, few_levels=False):
 
     A level nearer to the limit than to the one before is the limit.
     """
-    ratio, most = SWEEP_LEVEL_RATIO if few_levels else LEVEL_RATIO, MOST_HARMONICS[method]
+    most = MOST_HARMONICS[method]
+    if few_levels:
+        return next((n for n in FEW_LEVELS if n > harmonics), None)
     # 0.95: levels are a ratio of 1.33 or 1.5 apart, and the next one is not to be missed by a little.
-    higher = [n for n in LEVELS if 0.95 * ratio * harmonics <= n <= most / math.sqrt(ratio)]
+    higher = [n for n in LEVELS if 0.95 * LEVEL_RATIO * harmonics <= n <= most / math.sqrt(LEVEL_RATIO)]
     return higher[0] if higher else most if harmonics < most else None
 
 

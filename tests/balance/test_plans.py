@@ -255,7 +255,7 @@ def test_every_entry_refuses_a_speed_that_is_none(pair, plan, rpm):
 
 
 def test_speeds_that_hammer_share_a_plan_that_resolves_the_mesh_modes_of_all():
-    """Those of few numbers of harmonics, 192, 768 and 4096: each plan is a program."""
+    """Those of few numbers of harmonics, 192, 768, 1536 and 4096: each plan is a program."""
     train = jaxhb.load_scene("gear_train_30")
     for rpm, most in ((np.linspace(1300.0, 2450.0, 20), 1), (np.linspace(1300.0, 12000.0, 20), 2)):
         plans = planning.plan_speeds(train, rpm, Request(few_levels=True))
