@@ -253,17 +253,12 @@ def _heat(equations, frequency, ends, twists, rates):
 
 def _signals(march, revolutions):
     """The quantities of a record, one after another."""
-    numbers = _together(march, "max", "min", "mean", "square")
-    power = sum(part["power"] for part in march.numbers) / march.recorded
-    for i, (highest, lowest, mean, square) in enumerate(zip(*(a.T for a in numbers), strict=True)):
-        yield RecordedSignal(
-            highest=highest,
-            lowest=lowest,
-            mean=float(mean.mean()),
-            rms=float(np.sqrt(square.mean())),
-            amplitudes=2 * np.sqrt(power[i, 1:]),
-            revolutions_per_cycle=revolutions,
-        )
+    highest, lowest, mean, square = _together(march, "max", "min", "mean", "square")
+    mean, rms = mean.mean(axis=0), np.sqrt(square.mean(axis=0))
+    amplitudes = 2 * np.sqrt(sum(part["power"] for part in march.numbers)[:, 1:] / march.recorded)
+    for i in range(len(mean)):
+        numbers = highest[:, i], lowest[:, i], float(mean[i]), float(rms[i]), amplitudes[i]
+        yield RecordedSignal(*numbers, revolutions)
 
 
 def _together(march, *names):
