@@ -7,8 +7,7 @@ import numpy as np
 
 from jaxhb._jax import traced
 
-MOST_ROWS = 20
-"""Rows of a table in a notebook, the first and the last ones of more."""
+MOST_ROWS = 20  # rows of a table in a notebook, the first and the last ones of more
 
 
 def brief(cls):
@@ -16,17 +15,8 @@ def brief(cls):
 
     Not for classes whose ``repr`` identifies them: static parts of pytrees, which keys of programs are made of.
 
-    Examples
-    --------
-    >>> @brief
-    ... @dataclasses.dataclass
-    ... class Shapes:
-    ...     hz: np.ndarray
-    ...     names: tuple
-    >>> Shapes(np.arange(6.0), tuple("abcdef"))
+    >>> brief(dataclasses.make_dataclass("Shapes", ["hz", "names"]))(np.arange(6.0), tuple("abcdef"))
     Shapes(hz=float64[6] 0 to 5, names=6 of str)
-    >>> Shapes(1.5, {name: 1.0 for name in "abcdef"})
-    Shapes(hz=1.5, names=6 of float)
     """
 
     def line(self):

@@ -1,7 +1,5 @@
 """Every periodic motion of a train at one speed that searches find: those it may run in, and those that repel."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass
 

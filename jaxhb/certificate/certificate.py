@@ -4,8 +4,6 @@ The theorem (:mod:`jaxhb.certificate.theorem`) is applied at the motion to which
 harmonics; bounds of the response add how far that is away.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import jax

@@ -33,15 +33,9 @@ from jaxhb.results.status import Status
 from jaxhb.solutions.planning import next_level, plan_marching, plan_speeds
 from jaxhb.solutions.solve import solve
 
-NEWTON_STEPS = 15
-"""Of a lane at most."""
-
-CLOSED = 1e-4
-"""Periodicity error at which a march ends; what its steps leave of the equations is as much."""
-
-ALONE = 48
-"""Harmonics from which a processor solves lanes one by one: in a batch each waits for the slowest."""
-
+NEWTON_STEPS = 15  # of a lane at most
+CLOSED = 1e-4  # periodicity error at which a march ends; what its steps leave of the equations is as much
+ALONE = 48  # harmonics from which a processor solves lanes one by one: in a batch each waits for the slowest
 NEGLIGIBLE = 1e-8
 """Share of the largest derivative of the objective by a reading below which no gradient is taken through it."""
 
@@ -51,8 +45,7 @@ MOST_RESCUES = 3
 RESCUE_SECONDS = 30.0
 """After which a lost speed gets no further attempt; most of what is not found soon has no motion of one cycle."""
 
-FARTHEST = 6.9
-"""|z| of a start on a bound: a thousandth of the range inside it, where the share still has a slope."""
+FARTHEST = 6.9  # |z| of a start on a bound: a thousandth of the range inside it, where the share still has a slope
 
 
 @dataclass(frozen=True)
@@ -321,8 +314,7 @@ class Evaluator:
         return "; ".join(f"{n} speeds: {point.plans[k]}" for k, n in zip(numbers, counts, strict=True))
 
 
-SOLVED = "status", "motion", "resumed", "smooth", "exact"
-"""Fields of Point that a solve gives."""
+SOLVED = "status", "motion", "resumed", "smooth", "exact"  # fields of Point that a solve gives
 
 
 @dataclass(frozen=True)
@@ -489,12 +481,8 @@ def train_and_problem(form, numbers, held):
 
 @partial(Program, static_argnames=("form", "asked", "sizes"))
 def read_lanes(numbers, held, rpm, start, active_meshes, *, form, asked, sizes):
-    """Solve ``c`` lanes of one plan and read their responses.
-
-    Returns
-    -------
-    smooth readings ``(c, J)``; the solutions, for :func:`pull_lanes`; and a tuple of status ``(c,)``, periodicity error
-    of the march or 0 ``(c,)``, deflections of all meshes ``(c, M, N+1)``, readings not smoothed ``(c, J)``
+    """Solve ``c`` lanes of one plan: smooth readings ``(c, J)``; the solutions, for :func:`pull_lanes`; and status
+    ``(c,)``, periodicity error of the march or 0 ``(c,)``, deflections of all meshes ``(c, M, N+1)``, exact readings.
     """
 
     def lane(numbers, speed, start):

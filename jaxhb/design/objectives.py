@@ -7,8 +7,6 @@ optimiser is paid for failing. ``a, b`` are the two ends of a link, or its name 
 the response, which has none if it comes out of a jax transformation.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 
@@ -24,8 +22,7 @@ from jaxhb.results.signal import Signal, p_norm
 from jaxhb.results.status import Status
 from jaxhb.train.drivetrain import DriveTrain
 
-TIME_SAMPLES = 4096
-"""Least number of time samples of the cycle at which contact is looked at."""
+TIME_SAMPLES = 4096  # least number of time samples of the cycle at which contact is looked at
 
 
 def valid(response: Response) -> Array:

@@ -151,8 +151,7 @@ QUANTITIES = {
 }
 """Forces, torques and angles are half peak-to-peak unless called peak or order; all are smooth, none is negative."""
 
-OF_DESIGN = {"inertia added": "kg m2", "natural frequency": "Hz"}
-"""Quantities of the train alone, for penalties."""
+OF_DESIGN = {"inertia added": "kg m2", "natural frequency": "Hz"}  # quantities of the train alone, for penalties
 
 
 def unit_of(quantity):
@@ -174,18 +173,7 @@ def inertia_added(train, start, of=None):
 
 
 def check_all(train, parameters, given, penalties, rpm):
-    """Refuse what cannot be tuned, every fault in one sentence, all at once.
-
-    Parameters
-    ----------
-    train : DriveTrain
-    parameters : sequence of Parameter; given : of Objective; penalties : of Penalty
-    rpm : array ``(n,)``
-
-    Raises
-    ------
-    SceneError
-    """
+    """Refuse what cannot be tuned, every fault of parameters, objectives and penalties in one sentence, all at once."""
     where, names = train.topology.title, [parameter.name for parameter in parameters]
     faults = [] if parameters else [f"{where}: there is nothing to tune: name at least one parameter."]
     faults += [] if given else [f"{where}: there is nothing to make small: name at least one objective."]

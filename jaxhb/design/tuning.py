@@ -1,7 +1,5 @@
 """Tuning: the numbers of a train that make a response small over a range of speeds, by gradient."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

@@ -1,13 +1,4 @@
-"""One ``[engine]`` table for all cylinders of an engine: it makes their ``[[cylinder]]`` entries.
-
-Examples
---------
->>> rows = cylinder_rows({"cylinders": 3, "disks": ["a", "b", "c"], "firing_order": [1, 3, 2], "gas_torque_mean": 9.0})
->>> [(row["name"], row["disk"], row["firing_angle"]) for row in rows]
-[('cylinder 1', 'a', 0.0), ('cylinder 2', 'b', 480.0), ('cylinder 3', 'c', 240.0)]
-"""
-
-from __future__ import annotations
+"""One ``[engine]`` table for all cylinders of an engine: it makes their ``[[cylinder]]`` entries."""
 
 import dataclasses
 import math

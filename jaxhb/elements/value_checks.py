@@ -1,7 +1,5 @@
 """Checks of the values of an element: fields, tables, what a link is given by, where gas torque comes from."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections import Counter

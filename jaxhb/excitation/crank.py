@@ -1,7 +1,5 @@
 """The crank-slider: its kinematics, gas torque (NumPy or JAX) and inertia torque (JAX)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from jaxhb._jax import namespace
@@ -16,9 +14,6 @@ def slider_crank(angle, stroke, rod):
     With r = stroke/2, lambda = r/rod < 1 and q = sqrt(1 - lambda^2 sin^2 a): x = r (1 - cos a) + rod (1 - q),
     x' = r (sin a + lambda sin a cos a / q), x'' = r (cos a + lambda cos 2a / q + lambda^3 sin^2 a cos^2 a / q^3). Den
     Hartog, *Mechanical Vibrations*, section 5.3.
-
-    >>> [round(float(v), 6) for v in slider_crank(0.0, 0.1, 0.2)]
-    [0.0, 0.0, 0.0625]
     """
     xp, r = namespace(angle, stroke, rod), 0.5 * stroke
     ratio = r / rod

@@ -29,8 +29,7 @@ if TYPE_CHECKING:
 INERTIA_ORDERS_THAT_COUNT = 6
 """Orders of the inertia torque per revolution of its own rotor: the next is 0.04 % of the largest."""
 
-NEGLIGIBLE_GAS = 1e-6
-"""Share of the largest harmonic of a computed gas torque below which one does not count."""
+NEGLIGIBLE_GAS = 1e-6  # share of the largest harmonic of a computed gas torque below which one does not count
 
 
 def gas_torque_harmonics(pressure, bore, stroke, rod, *, revolutions):
@@ -47,9 +46,6 @@ def inertia_torque_harmonics(stroke, rod, *, short_series=False):
 
     m2; entry j the coefficient of exp(i j a), half the peak amplitude, a from top dead centre. The series in lambda =
     stroke/(2 rod) is Porter's (1943): -1/2 sin 2a - 3 lambda/4 sin 3a + ... times m r^2 w^2.
-
-    >>> round(float(-2 * inertia_torque_harmonics(2.0, 5.0)[2].imag), 12)
-    -0.500052072485
     """
     return fourier.analyze(inertia_torque(stroke, rod, short_series=short_series), CRANK_SAMPLES // 2)
 
@@ -87,35 +83,12 @@ def _computed_gas(train):
 
 
 def excitation(train: DriveTrain, rpm, harmonics: int):
-    """Torque on every disk as harmonics of the cycle, the loads that balance it, and what is left unbalanced.
+    """Torque on every disk up to harmonic N of the cycle, complex [n_disks, N + 1], loads included, in N m; the mean
+    torque of each load [n_loads]; and the imbalance left, sum over disks of speed ratio x mean torque.
 
-    The loads satisfy: sum over disks of speed ratio x mean torque = 0, each taking its share; their pulsation is in
-    proportion to the torque that each takes. The angle 0 of the reference rotor is firing top dead centre of a cylinder
-    with ``firing_angle`` 0; an event later by alpha of its own rotor multiplies by exp(-i order alpha).
-
-    Parameters
-    ----------
-    train : DriveTrain
-    rpm : float, scalar array
-        Speed of the reference rotor.
-    harmonics : int
-        N (static); harmonics above N are dropped, see :func:`highest_harmonic`.
-
-    Returns
-    -------
-    torque : array [n_disks, N + 1], complex
-        N m, T^n for n = 0..N; rings of dampers last; the loads are included.
-    load_torque : array [n_loads]
-        N m, mean torque of each load on its disk (negative where it takes power).
-    imbalance : scalar array
-        N m, sum over disks of speed ratio x mean torque, loads included: 0 when there is a load.
-
-    Examples
-    --------
-    >>> from jaxhb.scene.files import load_scene
-    >>> torque, load, left = excitation(load_scene("gear_train_30"), 1800.0, 24)
-    >>> torque.shape, load.shape
-    ((27, 25), (1,))
+    The loads make the imbalance 0, each taking its share; their pulsation is in proportion to the torque that each
+    takes. The angle 0 of the reference rotor is firing top dead centre of a cylinder with ``firing_angle`` 0; an event
+    later by alpha of its own rotor multiplies by exp(-i order alpha).
     """
     xp, topology = namespace(train, rpm), train.topology
     rpm = xp.asarray(rpm, dtype=float)
@@ -210,13 +183,7 @@ def _add(torque, disks, harmonics, values):
 
 
 def load_power_kW(train: DriveTrain, rpm, load_torque):  # noqa: N802
-    """Power in kW that loads of ``load_torque`` [n_loads] N m take: -sum_j load_torque_j x ratio_j x 2 pi rpm / 60.
-
-    >>> from jaxhb.scene.files import load_scene
-    >>> train = load_scene("gear_train_30")
-    >>> round(float(load_power_kW(train, 1800.0, excitation(train, 1800.0, 0)[1])), 1)
-    436.7
-    """
+    """Power in kW that loads of ``load_torque`` [n_loads] N m take: -sum_j load_torque_j x ratio_j x 2 pi rpm / 60."""
     rotor = np.array(train.topology.rotor, dtype=int)[np.array(train.topology.load_disk, dtype=int)]
     return -(load_torque @ speed_ratios(train)[rotor]) * (2.0 * np.pi / 60.0 / 1000.0) * rpm
 

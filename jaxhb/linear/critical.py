@@ -3,8 +3,6 @@
 Order-tuned absorbers make frequencies depend on the speed: roots are then looked for between speeds and refined.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -24,14 +22,10 @@ from jaxhb.train.speeds import check_speed
 from jaxhb.train.varying import varying
 
 ELASTIC, RIGID, RING = "elastic", "rigid", "ring only"
-STRAINED = 0.01
-"""Share of the strain energy in links below which a mode is rigid: on ground springs, or at 0 Hz."""
-RINGS = 0.99
-"""Share of the kinetic energy in the rings of dampers from which a rigid mode is that of rings only."""
-EXCITED = 1e-3
-"""Torque of an order over the largest from which it counts as excited."""
-ROUNDED = 1e-12
-"""Share of all torques of an order below which what they do on a shape is rounding."""
+STRAINED = 0.01  # share of the strain energy in links below which a mode is rigid: on ground springs, or at 0 Hz
+RINGS = 0.99  # share of the kinetic energy in the rings of dampers from which a rigid mode is that of rings only
+EXCITED = 1e-3  # torque of an order over the largest from which it counts as excited
+ROUNDED = 1e-12  # share of all torques of an order below which what they do on a shape is rounding
 
 
 @dataclass(frozen=True)

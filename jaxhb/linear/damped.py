@@ -1,7 +1,5 @@
 """Free vibration with damping: complex frequencies, damping ratios and shapes on the host, derivatives anywhere."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import jax.numpy as jnp
@@ -18,13 +16,11 @@ from jaxhb.train.drivetrain import DriveTrain
 CREEPING = 0.01
 """Im lambda / |lambda| up to which a mode counts as not oscillating (damping ratio 0.99995): a loss factor turns the
 eigenvalues of motions that creep back a little off the real axis."""
-ALIKE = 0.5
-"""Least modal assurance criterion of a damped and an undamped mode that count as the same."""
+ALIKE = 0.5  # least modal assurance criterion of a damped and an undamped mode that count as the same
 AT_REST = 1e-10
 """Modulus, over the largest number of the pencil, that is rounding of a motion without force. Not over the largest
 eigenvalue: a disk without inertia on links with little damping r relaxes at k/r, which no mode knows of."""
-DAMPED_DISKS = 300
-"""Disks up to which damping ratios take seconds."""
+DAMPED_DISKS = 300  # disks up to which damping ratios take seconds
 
 
 @brief

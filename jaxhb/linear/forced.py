@@ -15,8 +15,6 @@ is the smallest fixed point, which always exists; with several the path need not
 the implicit function, ``(1 - dg/dA) dA = dg``; second ones forwards over backwards, not twice backwards.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 from functools import partial
@@ -41,24 +39,16 @@ from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import HIGHEST_RPM, check_speed
 from jaxhb.train.varying import factors, order_stiffness, scaled, varying, without_tables
 
-STEPS = 100
-"""Steps at most of the path from A = 0 to amplitudes A = g(A)."""
-SETTLED = 1e-11
-"""g(A) - A at which the path ends, over g(0)."""
-ACCEPTED = 1e-8
-"""The same over A, up to which an amplitude is found."""
-CURVED = 0.5
-"""Share of g(A) - A by which a step may miss what its linearisation says."""
+STEPS = 100  # steps at most of the path from A = 0 to amplitudes A = g(A)
+SETTLED = 1e-11  # g(A) - A at which the path ends, over g(0)
+ACCEPTED = 1e-8  # the same over A, up to which an amplitude is found
+CURVED = 0.5  # share of g(A) - A by which a step may miss what its linearisation says
 LANES, CELLS = 500, 500_000
 """Speeds times harmonics swept together, and times disks: what a sweep holds then stays in the cache of a processor."""
-SINGULAR = 1e11
-"""Force of a link or disk over load beyond which rounding alone is left: an undamped resonance."""
-UNSOLVED = 1e-6
-"""Force left on a disk, over the largest force, from which the equations count as singular."""
-UNBALANCED = 1e-9
-"""The same of the mean, over mean loads and forces, from which mean torques count as unbalanced."""
-SAMPLES = 4096
-"""Time samples per cycle, at least, and 16 per harmonic, at which extremes are looked for."""
+SINGULAR = 1e11  # force of a link or disk over load beyond which rounding alone is left: an undamped resonance
+UNSOLVED = 1e-6  # force left on a disk, over the largest force, from which the equations count as singular
+UNBALANCED = 1e-9  # the same of the mean, over mean loads and forces, from which mean torques count as unbalanced
+SAMPLES = 4096  # time samples per cycle, at least, and 16 per harmonic, at which extremes are looked for
 
 
 def varied(train, system, rpm, omega, amplitude):

@@ -6,8 +6,6 @@ Where branches meet, each is scaled by the product of what the others ask for at
 (docs/theory C3): a branch that has a node there does no harm. Torques cross a mesh by the radii of its gears.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -6,8 +6,6 @@ many frequencies are zero is counted on the graph, never judged by size. Disks w
 from a star of links to its mesh, by sums of positive numbers.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -21,14 +19,12 @@ from jaxhb.train import chain
 from jaxhb.train.connections import pieces
 from jaxhb.train.drivetrain import DriveTrain
 
-DENSE = 500
-"""Disks above which a dense factor takes longer than a few seconds."""
+DENSE = 500  # disks above which a dense factor takes longer than a few seconds
 SMALL = 1e-3
 """Singular value over the largest up to which the fast method, exact to rounding of the largest, loses digits."""
 EVERY_DIGIT = 2 * np.finfo(float).tiny
 """Absolute tolerance that makes LAPACK's bisection (dstebz) stop by its relative one."""
-AT_REST = 1e-10
-"""Ordinate over the largest one below which a disk lies in a node: rounding of a mode shape."""
+AT_REST = 1e-10  # ordinate over the largest one below which a disk lies in a node: rounding of a mode shape
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,6 @@ joins a product and a sum in one instruction changes nothing. Only damping times
 rounded.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 from fractions import Fraction
@@ -33,8 +31,7 @@ from jaxhb.elements.elements import SceneError
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 
-HALF = 25
-"""Stored digits of the leading half of a number, the hidden one not counted: products of halves are exact."""
+HALF = 25  # stored digits of the leading half of a number, the hidden one not counted: products of halves are exact
 
 
 @jax.tree_util.register_dataclass
@@ -505,8 +502,7 @@ class Polynomial:
         return Polynomial(tuple(factor * value for value in self.coefficients))
 
 
-LARGEST = 12
-"""Disks up to which coefficients in double precision mean something (docs/theory C5)."""
+LARGEST = 12  # disks up to which coefficients in double precision mean something (docs/theory C5)
 
 
 def characteristic_coefficients(train: DriveTrain, *, exact: bool = False) -> tuple[Any, ...]:

@@ -5,8 +5,6 @@ is: shapes are not turned among themselves there. Higher derivatives hold for si
 enter as they are, never as roots, so that a stiffness of 0 has a derivative too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 
@@ -20,10 +18,8 @@ from jaxhb.linear.modal import ModeShares, shares
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 
-CLUSTER = 1e-9
-"""Relative distance of squares below which eigenvalues count as one: some rounding of a repeated one."""
-RIGID = 1e-13
-"""Frequency over the highest one, for each disk, that is rounding of a rigid motion."""
+CLUSTER = 1e-9  # relative distance of squares below which eigenvalues count as one: some rounding of a repeated one
+RIGID = 1e-13  # frequency over the highest one, for each disk, that is rounding of a rigid motion
 
 
 def kinetic_energy(train: DriveTrain, velocity: Array) -> Array:

@@ -6,8 +6,6 @@ and oil holes: it is not computed here. To be checked against its current text: 
 class.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -22,12 +20,9 @@ from jaxhb.train.drivetrain import DriveTrain
 CAP = 800e6
 """Tensile strength in Pa beyond which the rule gives no higher limit, for alloy steels; for other steels and for
 propeller shafts it says less, which whoever gives the tensile strength has to observe."""
-PLATEAU, HIGHEST = 0.9, 1.05
-"""Speed ratios from which the limit is constant, and up to which there is one."""
-SHARE_OF_RATED = 1.0 / 3.0
-"""Vibratory torque that a mesh may pass on, over its rated torque."""
-NOT_ABOVE = 0.8
-"""Share of the rated speed above which the rule does not accept barred ranges in normal operation."""
+PLATEAU, HIGHEST = 0.9, 1.05  # speed ratios from which the limit is constant, and up to which there is one
+SHARE_OF_RATED = 1.0 / 3.0  # vibratory torque that a mesh may pass on, over its rated torque
+NOT_ABOVE = 0.8  # share of the rated speed above which the rule does not accept barred ranges in normal operation
 
 
 def torsional_stress(torque: Number, *, diameter: Number, bore: Number = 0.0) -> Number:

@@ -1,7 +1,5 @@
 """The periodic response of a drive train: disks, shafts, gears and meshes, read by name."""
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 from typing import Any, Self

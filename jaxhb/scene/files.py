@@ -6,8 +6,6 @@ name of a CSV file beside the scene, one row a line: so that long tables need no
 ``#`` are comments.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import difflib
 import re
@@ -37,13 +35,8 @@ def scene_names() -> list[str]:
 
 
 def scene_description(name) -> str:
-    """Read ``description`` of the ``[scene]`` of a packaged scene or a file, empty if it has none.
-
-    >>> scene_description("spur_pair").startswith("A pair of equal spur gears")
-    True
-    """
-    path = _find(name)
-    head = _parse(path, []).get("scene", {})
+    """Read ``description`` of the ``[scene]`` of a packaged scene or a file, empty if it has none."""
+    head = _parse(_find(name), []).get("scene", {})
     return str(head.get("description", "")) if isinstance(head, dict) else ""
 
 

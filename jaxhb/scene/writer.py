@@ -3,8 +3,6 @@
 What a ``.toml`` says is kept as it was written, comments included, but for what changes.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable
 from pathlib import Path
@@ -153,11 +151,7 @@ def _beside(content, folder):
 
 
 def element_files(name):
-    """Files that the torques and the cylinders of a scene take their rows from, ``{field: file names}`` of each.
-
-    >>> element_files("six_cylinder_diesel")["cylinder"][0]["pressure"]
-    'six_cylinder_diesel_pressure.csv'
-    """
+    """Files that the torques and the cylinders of a scene take their rows from, ``{field: file names}`` of each."""
     content = _parse(_find(name), [])
     rows = {"torque": content.get("torque", []), "cylinder": [*content.get("cylinder", []), *_made(content)]}
     found = {table: [_named(row) for row in own] for table, own in rows.items()}
@@ -183,10 +177,6 @@ def changed_scene(name, values, *, remark=""):
 
     ``values`` : ``{(table, number of the row in its table, field): value}``; an engine whose cylinder changes is
     expanded. ``remark`` : lines of comment at the head.
-
-    >>> text, beside = changed_scene("spur_pair", {("disk", 0, "inertia"): 0.25})
-    >>> [line for line in text.splitlines() if line.startswith("inertia")], sorted(beside)
-    (['inertia = 0.25', 'inertia = 0.0028144773233982723'], ['spur_pair_omega_squared.csv'])
     """
     path = _find(name)
     content = _parse(path, [])

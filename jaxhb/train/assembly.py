@@ -1,7 +1,5 @@
 """From checked elements to topology and tables of a drive train; all errors of a scene are raised at once."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math

@@ -23,8 +23,7 @@ from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.train.connections import breadth_first, neighbours
 from jaxhb.train.varying import refuse_varying
 
-ALL = slice(None)
-"""Every link."""
+ALL = slice(None)  # every link
 
 
 @jax.tree_util.register_dataclass

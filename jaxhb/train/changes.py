@@ -1,7 +1,5 @@
 """Reading and changing single numbers, laws and teeth of a train by ``"NAME.FIELD"``, on the host or under tracing."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -45,8 +45,7 @@ PEAK_ANGLE = -15.0, 45.0
 ATMOSPHERE = 3e4, 2.2e5
 """Pa, least pressure of a cycle that tells absolute pressures: overpressures fall to 0, and those of a charged engine
 that stay above may be either."""
-TOGETHER = 1.0
-"""deg between two firings that count as one."""
+TOGETHER = 1.0  # deg between two firings that count as one
 INERTIA_OF_MEDIAN = 500.0
 """Inertia over the median of the disks of the rotor: 400 for a car behind its gearbox on a crankshaft."""
 MEDIAN_OF_STIFFNESS = 1000.0

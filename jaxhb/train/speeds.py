@@ -4,9 +4,7 @@ import math
 
 from jaxhb.elements.elements import SceneError
 
-HIGHEST_RPM = 1e6
-"""Speed beyond which a number is no speed in rpm: the fastest turbochargers and spindles stay below."""
-
+HIGHEST_RPM = 1e6  # speed beyond which a number is no speed in rpm: the fastest turbochargers and spindles stay below
 _TOO_FAST = f"must be at most {HIGHEST_RPM:.0f} rpm: give revolutions per minute"
 
 
