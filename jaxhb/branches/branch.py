@@ -269,15 +269,9 @@ def follow(
         A motion at ``start`` to begin with, where several exist; default: :func:`jaxhb.solve`.
     options : BranchOptions
 
-    Raises
-    ------
-    SceneError
-        No such element or field, a value out of its range, a speed that is not greater than 0 or above 1e6 rpm.
-    ValueError
-        An empty range, a missing or superfluous ``rpm``, a train without backlash, or without multipliers
-        (:func:`jaxhb.stability`).
-    NotConverged
-        No motion found at ``start``.
+    :class:`SceneError` if there is no such element or field, a value is out of its range, or a speed not greater than 0
+    or above 1e6 rpm. ValueError for an empty range, a missing or superfluous ``rpm``, a train without backlash, or
+    without multipliers (:func:`jaxhb.stability`). NotConverged if no motion is found at ``start``.
 
     Examples
     --------

@@ -110,18 +110,9 @@ def stress_over_limit(
 
     See :func:`jaxhb.permissible_stress`; an aid to evaluation, no approval by a class.
 
-    Parameters
-    ----------
-    name : str
-        A shaft with a ``tensile_strength``.
-    transient : bool
-        The limit of passing through, instead of continuous running.
-    swing : callable
-        The half peak-to-peak of a Signal; by default smooth, and at most 0.8 % too small.
-
-    Returns
-    -------
-    array ``(...)``, 0 above 1.05 of the rated speed, where there is no limit
+    Of a shaft ``name`` with a ``tensile_strength``; ``transient``: the limit of passing through, instead of continuous
+    running; ``swing``: the half peak-to-peak of a Signal, by default smooth and at most 0.8 % too small. ``(...)``, 0
+    above 1.05 of the rated speed, where there is no limit.
 
     Examples
     --------
@@ -167,10 +158,7 @@ def separated_fraction(response: Response, a: str, b: str | None = None, *, smoo
     The mean over the cycle of ``1 / (1 + exp((|l| - g) / w))`` with g the gap of the law and
     w = ``smoothing`` x backlash; the share with ``|l| < g`` as w goes to zero.
 
-    Raises
-    ------
-    SceneError
-        If the mesh has no backlash.
+    :class:`SceneError` if the mesh has no backlash.
     """
     distance, _, gap, width = _motion(response, a, b, smoothing)
     return jnp.where(valid(response), jax.nn.sigmoid((gap - distance) / width).mean(axis=-1), 0.0)

@@ -99,11 +99,8 @@ def tune(
         Ctrl-C ends the tuning and returns the best design so far, with ``interrupted`` True; before the first step
         there is none, and it raises KeyboardInterrupt.
 
-    Raises
-    ------
-    SceneError
-        Unknown names, bounds that exclude the start, contact of a mesh without backlash and the like, one sentence
-        each; or no speed converges at the start.
+    :class:`SceneError` if names are unknown, bounds exclude the start, a mesh without backlash is to separate and the
+    like, one sentence each; or if no speed converges at the start.
 
     Examples
     --------

@@ -111,11 +111,8 @@ def campbell(
     links_at : mapping, optional
         ``hz`` and ``amplitude`` at which links that vary are taken, see :meth:`DriveTrain.with_constant_links`.
 
-    Raises
-    ------
-    SceneError
-        If speeds or orders are not greater than 0, speeds are above 1e6 rpm or do not rise, or a link varies by what is
-        not given.
+    :class:`SceneError` if speeds or orders are not greater than 0, speeds are above 1e6 rpm or do not rise, or a link
+    varies by what is not given.
 
     Examples
     --------
@@ -165,18 +162,9 @@ def critical_speed(
     Two steps of Newton's method from ``near.rpm`` on ``f(rpm) - order rpm / 60 = 0``: as it converges quadratically,
     the first one has the first derivative of the root, the second one also the second and the third.
 
-    Parameters
-    ----------
-    train : DriveTrain, may be traced
-    near : Critical
-        One that :func:`campbell` found in this train: the mode, the order, and where to look.
-    links_at : as in :func:`campbell`
-    heavy : as in :func:`jaxhb.frequencies_hz`
-
-    Returns
-    -------
-    Critical
-        ``rpm``, ``hz`` and ``torque`` (N m) are arrays with three derivatives, of simple natural frequencies.
+    ``near``, found by :func:`campbell` in this train, tells the mode, the order, and where to look; ``links_at`` as
+    there, ``heavy`` as in :func:`jaxhb.frequencies_hz`. ``rpm``, ``hz`` and ``torque`` (N m) of the result are arrays
+    with three derivatives, of simple natural frequencies.
 
     Examples
     --------

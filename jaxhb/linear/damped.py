@@ -90,11 +90,8 @@ def damped_eigenvalues(train: DriveTrain, modes: DampedModes) -> Array:
     symmetric, so that v is left eigenvector too, without conjugation (P. Lancaster, Lambda-Matrices and Vibrating
     Systems, Pergamon 1966). Derivatives are those of simple eigenvalues; second ones are not.
 
-    Parameters
-    ----------
-    train : DriveTrain, may be traced
-        The one of which ``modes`` are, or one near it: the eigenvalues are then right to first order in the change.
-    modes : DampedModes
+    ``modes`` are those of the ``train``, which may be traced, or of one near it: the eigenvalues are then right to
+    first order in the change.
 
     Examples
     --------
@@ -122,21 +119,9 @@ def damping_ratios(train: DriveTrain, modes: Modes) -> Array:
     Pairs have the largest sum of the modal assurance criterion ``|phi^T J psi|^2 / (phi^T J phi psi^* J psi)`` (R. J.
     Allemang, D. L. Brown, Proc. IMAC 1 (1982) 110), here weighted with the inertias.
 
-    Parameters
-    ----------
-    train : DriveTrain, may be differentiated
-    modes : Modes, of the same train, concrete
-
-    Returns
-    -------
-    array ``(m,)``
-        Lehr's ``-Re lambda / |lambda|``; nan of rigid modes and where heavy damping leaves no mode like it. First
-        derivatives are those of :func:`damped_eigenvalues`.
-
-    Raises
-    ------
-    ValueError
-        Inside ``jit`` or ``vmap``, as the values decide which modes are alike.
+    Of the same train as ``modes``. Lehr's ``-Re lambda / |lambda|``; nan of rigid modes and where heavy damping leaves
+    no mode like it. First derivatives are those of :func:`damped_eigenvalues`. ValueError inside ``jit`` or ``vmap``,
+    as the values decide which modes are alike.
 
     Examples
     --------

@@ -204,10 +204,8 @@ def forced_response(train: DriveTrain, *, rpm: Numbers, harmonics: int | None = 
         ``residual`` is the largest force left on a disk over the largest force. Every number has derivatives with
         respect to the train and the speeds.
 
-    Raises
-    ------
-    SceneError
-        If a speed is not greater than 0 or above 1e6 rpm, or ``harmonics`` is no whole number of at least 1.
+    :class:`SceneError` if a speed is not greater than 0 or above 1e6 rpm, or ``harmonics`` is no whole number of at
+    least 1.
 
     Examples
     --------

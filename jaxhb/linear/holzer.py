@@ -77,10 +77,7 @@ def holzer_table(train: DriveTrain, *, hz: Number) -> HolzerTable:
     Springer 1921). A part behind a link without stiffness (the ring of a viscous damper) rests. Every number has
     derivatives with respect to the train and the frequency, both of which may be traced.
 
-    Raises
-    ------
-    SceneError
-        If the train has a closed loop.
+    :class:`SceneError` if the train has a closed loop.
 
     Examples
     --------

@@ -253,12 +253,8 @@ def natural_frequencies(train: DriveTrain, *, count: int | None = None) -> Modes
     digits of soft modes beside stiff links and gives exact zeros to rigid motions, one for each part of the train that
     no spring holds. Disks without inertia are condensed statically; a purely viscous link does not count.
 
-    Parameters
-    ----------
-    train : DriveTrain, concrete
-    count : int, optional
-        Of how many modes, the lowest ones; default all. A chain of more than 500 disks should ask for few: n modes of
-        S disks take n S numbers.
+    Of a concrete train, all modes or the lowest ``count``: a chain of more than 500 disks should ask for few, as n
+    modes of S disks take n S numbers.
 
     Examples
     --------

@@ -252,20 +252,9 @@ def characteristic(train: DriveTrain, p: Array) -> Scaled:
 
     In s^(-2 S) for S disks, all with inertia. The source's R of a free tree is D / p^2, its R^0 of a loop is D.
 
-    Parameters
-    ----------
-    train : DriveTrain, may be traced
-    p : complex array ``(n,)`` 1/s; i omega for harmonic motion. Loss factors count with the sign of Im p.
-
-    Returns
-    -------
-    Scaled
-        With ``value()``, and ``log_modulus`` and ``phase`` where that overflows.
-
-    Raises
-    ------
-    SceneError
-        If there is more than one closed loop.
+    At complex ``p`` ``(n,)`` in 1/s, i omega for harmonic motion; loss factors count with the sign of Im p. The result
+    has ``value()``, and ``log_modulus`` and ``phase`` where that overflows. :class:`SceneError` if there is more than
+    one closed loop.
 
     Examples
     --------
@@ -290,17 +279,8 @@ def frequency_response(train: DriveTrain, disk: str, at: str, hz: Numbers) -> Ar
     ``H = sum (over the ways between the two disks) of prod k (over its links) . D(the rest, its disks held) / D``: one
     way, or the two round the loop.
 
-    Parameters
-    ----------
-    train : DriveTrain, may be traced
-    disk, at : str
-        Disk whose angle is wanted and disk at which the torque acts.
-    hz : array ``(n,)`` Hz, positive
-
-    Raises
-    ------
-    SceneError
-        If there is no such disk, or if there is more than one closed loop.
+    Of the angle of ``disk`` to a torque on the disk ``at``, at positive ``hz`` ``(n,)``. :class:`SceneError` if there
+    is no such disk, or more than one closed loop.
 
     Examples
     --------
@@ -370,10 +350,7 @@ def damped_approximation(train: DriveTrain, omega: Array) -> DampedApproximation
     (docs/theory C4): at most 1 % for omega r/c up to 0.01 and omega much larger than 1. Prefer the exact value, beside
     which it stands. Loss factors do not count; damping of disks enters all three exactly.
 
-    Parameters
-    ----------
-    train : DriveTrain, may be traced, with at most one closed loop
-    omega : array ``(n,)`` rad/s
+    At ``omega`` ``(n,)`` rad/s, of a train with at most one closed loop.
 
     Examples
     --------
@@ -511,20 +488,9 @@ def characteristic_coefficients(train: DriveTrain, *, exact: bool = False) -> tu
     By the rules of :func:`characteristic` in polynomials of p (docs/theory C3): the source's R of a free tree is this
     polynomial over p^2.
 
-    Parameters
-    ----------
-    train : DriveTrain
-        At most one closed loop, no disk without inertia, no loss factor. May be traced, but for ``exact``, and loss
-        factors by ``jit`` and ``vmap``; what is traced is nan or infinite where an inertia is 0.
-    exact : bool
-        Fractions, for any number of disks; else floats, for at most 12.
-
-    Raises
-    ------
-    SceneError
-        If the train is none of these.
-    ValueError
-        If ``jit`` or ``vmap`` traces loss factors, or anything where ``exact`` is true.
+    Fractions if ``exact``, for any number of disks; else floats, for at most 12. :class:`SceneError` if there is more
+    than one closed loop, a disk without inertia, or a loss factor. The train may be traced, but for ``exact``, and loss
+    factors by ``jit`` and ``vmap`` (ValueError); what is traced is nan or infinite where an inertia is 0.
 
     Examples
     --------

@@ -81,11 +81,8 @@ def frequencies_hz(train: DriveTrain, heavy: Array | None = None) -> Array:
     2426); 0 with derivative 0 for rigid motions. Of frequencies that repeat only the sum has a derivative:
     :func:`cluster_sums_hz`.
 
-    Parameters
-    ----------
-    train : DriveTrain, may be traced
-    heavy : bool array ``(S,)``, optional
-        Disks with inertia, needed where inertias are traced; the others are condensed statically.
+    ``heavy`` ``(S,)`` tells the disks with inertia, needed where inertias are traced; the others are condensed
+    statically.
 
     Examples
     --------
@@ -112,11 +109,8 @@ def mode_shares(train: DriveTrain, heavy: Array | None = None) -> ModeShares:
     ``d y_i = sum_j y_j (y_j^T (dK - lambda_i dM) y_i) / (lambda_i - lambda_j)``, j other than i (Fox and Kapoor, as
     there).
 
-    Returns
-    -------
-    ModeShares
-        ``shapes`` ``(m, S)``, ``generalised_mass`` ``(m,)`` kg m2, ``kinetic_share`` ``(m, S)`` and ``strain_share``
-        ``(m, L)``, as in :class:`jaxhb.Modes`. Where frequencies repeat, derivatives of these do not exist.
+    ``shapes`` ``(m, S)``, ``generalised_mass`` ``(m,)`` kg m2, ``kinetic_share`` ``(m, S)`` and ``strain_share`` ``(m,
+    L)``, as in :class:`jaxhb.Modes`. Where frequencies repeat, derivatives of these do not exist.
 
     Examples
     --------

@@ -120,16 +120,8 @@ def barred_ranges(rpm: Array, stress: Array, continuous: Array, transient: Array
     Bounds lie where stress less limit, linear between computed speeds, is zero: what is narrower than their step may be
     missed. The numbers have derivatives, the bounds those of that zero.
 
-    Parameters
-    ----------
-    rpm : array ``(n,)``
-    stress, continuous, transient : arrays ``(n,)`` Pa, see :func:`permissible_stress`
-        Speeds without a number or without a limit are left out.
-
-    Raises
-    ------
-    ValueError
-        Inside ``jit`` or ``vmap``, as the values decide how many ranges there are.
+    ``rpm`` ``(n,)``, the others ``(n,)`` Pa, see :func:`permissible_stress`; speeds without a number or without a limit
+    are left out. ValueError inside ``jit`` or ``vmap``, as the values decide how many ranges there are.
 
     Examples
     --------
@@ -240,26 +232,13 @@ class Strength:
 def strength(response: Any, *, train: DriveTrain | None = None) -> Strength:
     """Stresses, tooth torques and heat of a motion beside the limits that the scene gives.
 
-    Parameters
-    ----------
-    response : Response, ForcedResponse or SteadyState, the first two of one speed or of several
-    train : DriveTrain, optional
-        What is judged; default: that of the response. A response that comes out of a jax transformation has none, nor
-        has a motion that never repeats.
-
-    Returns
-    -------
-    Strength
-        Differentiable. Of every shaft with a ``diameter`` (or ``outer``) half of the peak-to-peak torque over W_p, and
-        with a ``tensile_strength`` its limits after IACS UR M68 at this speed over ``rated_rpm``, see
-        :func:`jaxhb.permissible_stress` (not for crankshafts). Of every mesh with a ``rated_torque`` half of the
-        peak-to-peak torque on its first gear, which must not exceed a third of the rated torque, nor may the torque
-        reverse. Of every shaft and damper with a ``power_limit`` its heat. An aid to evaluation, no class approval.
-
-    Raises
-    ------
-    ValueError
-        If there is no train.
+    Of a Response or ForcedResponse of one speed or of several, or a SteadyState. ``train`` is what is judged, by
+    default that of the response: one that comes out of a jax transformation has none, nor has a motion that never
+    repeats, and ValueError asks for it. Differentiable. Of every shaft with a ``diameter`` (or ``outer``) half of the
+    peak-to-peak torque over W_p, and with a ``tensile_strength`` its limits after IACS UR M68 at this speed over
+    ``rated_rpm``, see :func:`jaxhb.permissible_stress` (not for crankshafts). Of every mesh with a ``rated_torque``
+    half of the peak-to-peak torque on its first gear, which must not exceed a third of the rated torque, nor may the
+    torque reverse. Of every shaft and damper with a ``power_limit`` its heat. An aid to evaluation, no class approval.
 
     Examples
     --------

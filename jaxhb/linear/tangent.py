@@ -53,24 +53,10 @@ class MeanLoad:
 def at_mean_load(train: DriveTrain, *, rpm: Number) -> MeanLoad:
     """Linearise meshes with backlash at the mean load of one speed: ``D^T f(D x) = q``, law (18) of Fridman 2009.
 
-    Parameters
-    ----------
-    train : DriveTrain
-    rpm : float
-        Speed of the reference rotor, whose mean torques act.
-
-    Returns
-    -------
-    MeanLoad
-        All numbers have first and second derivatives with respect to the train and the speed; slopes, epsilon c in the
-        gap and c beyond the knee, are piecewise linear in the deflection, and so are theirs.
-
-    Raises
-    ------
-    SceneError
-        If mean torques do not balance, no equilibrium is found, or links vary.
-    ValueError
-        Inside ``jit`` or ``vmap``, as the equilibrium is looked for on the host.
+    At ``rpm`` of the reference rotor, whose mean torques act. All numbers have first and second derivatives with
+    respect to the train and the speed; slopes, epsilon c in the gap and c beyond the knee, are piecewise linear in the
+    deflection, and so are theirs. :class:`SceneError` if mean torques do not balance, no equilibrium is found, or links
+    vary; ValueError inside ``jit`` or ``vmap``, as the equilibrium is looked for on the host.
 
     Examples
     --------

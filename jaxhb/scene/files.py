@@ -43,21 +43,9 @@ def scene_description(name) -> str:
 def load_scene(name: str | Path) -> DriveTrain:
     """Read a scene.
 
-    Parameters
-    ----------
-    name : str or path
-        Packaged scene (see :func:`scene_names`), or a path: a ``.toml`` in the scene format, SI units, a ``.json`` in
-        the TORS format of openTorsion, or a ``.csv`` with a table of inertias and one of links.
-
-    Returns
-    -------
-    DriveTrain
-        As :func:`jaxhb.build` makes it.
-
-    Raises
-    ------
-    SceneError
-        Everything that is wrong with the scene, one sentence a line.
+    ``name`` is a packaged scene (:func:`scene_names`), or the path of a ``.toml`` in the scene format, SI units, a
+    ``.json`` in the TORS format of openTorsion, or a ``.csv`` with a table of inertias and one of links. The train is
+    as :func:`jaxhb.build` makes it; :class:`SceneError` tells everything that is wrong, one sentence a line.
 
     Examples
     --------

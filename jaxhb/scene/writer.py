@@ -20,26 +20,10 @@ _CSV = ("harmonics", "gas_torque", "scale", "load", "pressure", "over_hz", "over
 def scene_text(name: str | Path, *, expand: bool = False, called: str | None = None) -> tuple[str, dict[str, Path]]:
     """The text of a scene, and the tables that lie beside it.
 
-    Parameters
-    ----------
-    name : str or path
-        Packaged scene, or a path as for :func:`jaxhb.load_scene`.
-    expand : bool
-        Write the ``[[cylinder]]`` entries that an ``[engine]`` makes in its place.
-    called : str, optional
-        Another name for the scene. Default: its own.
-
-    Returns
-    -------
-    text : str
-        TOML, with the comments and the order of a ``.toml``. It loads to the same train.
-    beside : dict
-        ``{file name: Path}`` of the CSV files that the scene names, which belong beside it.
-
-    Raises
-    ------
-    SceneError
-        Everything that is wrong with the scene.
+    ``name`` as in :func:`jaxhb.load_scene`, ``called`` another name for the scene; ``expand`` writes the
+    ``[[cylinder]]`` entries that an ``[engine]`` makes in its place. The text is TOML with the comments and the order
+    of a ``.toml``, and loads to the same train; beside it come ``{file name: Path}`` of the CSV files that the scene
+    names. :class:`SceneError` tells everything that is wrong with the scene.
 
     Examples
     --------

@@ -42,16 +42,8 @@ def build(
     tune, scenarios : dict, optional
         The first is passed on untouched; ``{name: {"NAME.FIELD": value}}`` for :meth:`DriveTrain.scenario`.
 
-    Returns
-    -------
-    DriveTrain
-        Where two gears that mesh both have ``teeth``, one of their radii is corrected, by up to 0.1 % a mesh, so that
-        the ratio is that of the teeth.
-
-    Raises
-    ------
-    SceneError
-        Everything that is wrong with the scene, one sentence a line.
+    Where two gears that mesh both have ``teeth``, one of their radii is corrected, by up to 0.1 % a mesh, so that the
+    ratio is that of the teeth. :class:`SceneError` tells everything that is wrong with the scene, one sentence a line.
 
     Examples
     --------

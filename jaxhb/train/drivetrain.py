@@ -74,17 +74,10 @@ class DriveTrain:
         ``teeth`` of a gear with teeth changes its radius, at the same pitch, and the ratios. ``gas_factor`` can be
         changed in any train: where the scene gives none, the train gets a vector of ones first.
 
-        Parameters
-        ----------
-        values : dict
-            ``{"NAME.FIELD": value}`` in the units of the scene format; values may be traced.
-
-        Raises
-        ------
-        SceneError
-            All unknown names and fields, wrong shapes, values that contradict each other and numbers that have no
-            effect because the train was built without them, one sentence each; of concrete values also those out of
-            range, and stiffnesses that leave a mean torque unheld.
+        ``{"NAME.FIELD": value}`` in the units of the scene format; values may be traced. :class:`SceneError` tells all
+        unknown names and fields, wrong shapes, values that contradict each other and numbers that have no effect
+        because the train was built without them, one sentence each; of concrete values also those out of range, and
+        stiffnesses that leave a mean torque unheld.
 
         Examples
         --------
