@@ -25,8 +25,6 @@ def shaft_stiffness(length: Number, outer: Number, inner: Number = 0.0, shear_mo
     Length l, outer and inner diameter d_o and d_i in m and shear modulus G in Pa broadcast. Differentiable; numpy on
     the host.
 
-    Examples
-    --------
     >>> round(float(shaft_stiffness(0.5, 0.1, 0.05, 8e10)))
     1472622
     """
@@ -42,8 +40,6 @@ def viscous_damping(
     amplification at the resonance of one mass on the link; Lehr's ``damping_ratio`` is ``D = 1 / (2 M)``:
     :class:`ValueError` if not exactly one of them is given. Arguments broadcast. Differentiable; numpy on the host.
 
-    Examples
-    --------
     >>> round(viscous_damping(1e6, 50.0, magnifier=25.0), 3), round(viscous_damping(1e6, 50.0, damping_ratio=0.02), 3)
     (127.324, 127.324)
     """

@@ -166,8 +166,6 @@ def critical_speed(
     there, ``heavy`` as in :func:`jaxhb.frequencies_hz`. ``rpm``, ``hz`` and ``torque`` (N m) of the result are arrays
     with three derivatives, of simple natural frequencies.
 
-    Examples
-    --------
     Two disks of 2 kg m2: the speed grows with the root of the stiffness.
 
     >>> import jax, jaxhb

@@ -79,8 +79,6 @@ def holzer_table(train: DriveTrain, *, hz: Number) -> HolzerTable:
 
     :class:`SceneError` if the train has a closed loop.
 
-    Examples
-    --------
     Thomson's three disks of 5, 11, 22 kg m2 at 20 rad/s.
 
     >>> import jaxhb
@@ -129,8 +127,6 @@ def holzer_residual(train: DriveTrain, *, hz: Numbers) -> Array:
     far above their frequencies, where ``jaxhb.characteristic`` does not. It has derivatives with respect to the train
     and the frequencies.
 
-    Examples
-    --------
     >>> import jaxhb
     >>> train = jaxhb.load_scene("six_cylinder_diesel")
     >>> f = jaxhb.natural_frequencies(train).frequencies_hz[1]

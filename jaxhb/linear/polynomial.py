@@ -256,8 +256,6 @@ def characteristic(train: DriveTrain, p: Array) -> Scaled:
     has ``value()``, and ``log_modulus`` and ``phase`` where that overflows. :class:`SceneError` if there is more than
     one closed loop.
 
-    Examples
-    --------
     >>> import jaxhb, jax.numpy as jnp
     >>> train = jaxhb.build([*(jaxhb.Disk(name=n, inertia=2.0) for n in "ab"),
     ...                      jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
@@ -282,8 +280,6 @@ def frequency_response(train: DriveTrain, disk: str, at: str, hz: Numbers) -> Ar
     Of the angle of ``disk`` to a torque on the disk ``at``, at positive ``hz`` ``(n,)``. :class:`SceneError` if there
     is no such disk, or more than one closed loop.
 
-    Examples
-    --------
     >>> import jaxhb, jax.numpy as jnp
     >>> train = jaxhb.build([*(jaxhb.Disk(name=n, inertia=2.0) for n in "ab"),
     ...                      jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
@@ -352,8 +348,6 @@ def damped_approximation(train: DriveTrain, omega: Array) -> DampedApproximation
 
     At ``omega`` ``(n,)`` rad/s, of a train with at most one closed loop.
 
-    Examples
-    --------
     >>> import jaxhb, jax.numpy as jnp
     >>> train = jaxhb.build([*(jaxhb.Disk(name=n, inertia=2.0) for n in "ab"),
     ...                      jaxhb.Shaft(between=("a", "b"), stiffness=100.0, damping=1.0)])
@@ -492,8 +486,6 @@ def characteristic_coefficients(train: DriveTrain, *, exact: bool = False) -> tu
     than one closed loop, a disk without inertia, or a loss factor. The train may be traced, but for ``exact``, and loss
     factors by ``jit`` and ``vmap`` (ValueError); what is traced is nan or infinite where an inertia is 0.
 
-    Examples
-    --------
     >>> import jaxhb
     >>> parts = [jaxhb.Disk(name="a", inertia=1.0), jaxhb.Disk(name="b", inertia=1.5)]
     >>> train = jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=3.0, damping=0.1)])

@@ -27,8 +27,6 @@ def kinetic_energy(train: DriveTrain, velocity: Array) -> Array:
 
     Rings of dampers come last.
 
-    Examples
-    --------
     >>> import jax.numpy as jnp, jaxhb
     >>> train = jaxhb.build([jaxhb.Disk(name="a", inertia=2.0)])
     >>> float(jaxhb.kinetic_energy(train, jnp.array([3.0])))
@@ -43,8 +41,6 @@ def strain_energy(train: DriveTrain, angle: Array) -> Array:
 
     Rings of dampers come last.
 
-    Examples
-    --------
     >>> import jax.numpy as jnp, jaxhb
     >>> parts = [jaxhb.Disk(name="a", inertia=2.0), jaxhb.Disk(name="b", inertia=1.0)]
     >>> train = jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
@@ -62,8 +58,6 @@ def inertia_and_stiffness(train: DriveTrain) -> tuple[Array, Array]:
 
     They are the second derivatives of :func:`kinetic_energy` and :func:`strain_energy`.
 
-    Examples
-    --------
     >>> import jaxhb
     >>> parts = [jaxhb.Disk(name="a", inertia=2.0), jaxhb.Disk(name="b", inertia=1.0)]
     >>> train = jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
@@ -84,8 +78,6 @@ def frequencies_hz(train: DriveTrain, heavy: Array | None = None) -> Array:
     ``heavy`` ``(S,)`` tells the disks with inertia, needed where inertias are traced; the others are condensed
     statically.
 
-    Examples
-    --------
     >>> import jax, jaxhb
     >>> train = jaxhb.build([*(jaxhb.Disk(name=n, inertia=2.0) for n in "ab"),
     ...                      jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
@@ -112,8 +104,6 @@ def mode_shares(train: DriveTrain, heavy: Array | None = None) -> ModeShares:
     ``shapes`` ``(m, S)``, ``generalised_mass`` ``(m,)`` kg m2, ``kinetic_share`` ``(m, S)`` and ``strain_share`` ``(m,
     L)``, as in :class:`jaxhb.Modes`. Where frequencies repeat, derivatives of these do not exist.
 
-    Examples
-    --------
     >>> import jax, jaxhb
     >>> parts = [*(jaxhb.Disk(name=n, inertia=J) for n, J in zip("abc", (1.0, 2.0, 1.0))),
     ...          *(jaxhb.Shaft(between=e, stiffness=100.0) for e in (("a", "b"), ("b", "c")))]
@@ -136,8 +126,6 @@ def cluster_sums_hz(train: DriveTrain, clusters: Sequence[Sequence[int]], heavy:
     Other arguments are those of :func:`frequencies_hz`; ``clusters`` are numbers of modes, as :func:`clusters_of` finds
     them.
 
-    Examples
-    --------
     >>> import jaxhb
     >>> train = jaxhb.load_scene("six_cylinder_diesel")
     >>> jaxhb.clusters_of(jaxhb.natural_frequencies(train).frequencies_hz)[:3]
@@ -152,8 +140,6 @@ def cluster_sums_hz(train: DriveTrain, clusters: Sequence[Sequence[int]], heavy:
 def clusters_of(frequencies_hz: Numbers, tolerance: float = CLUSTER) -> tuple[tuple[int, ...], ...]:
     """Numbers of the modes whose frequencies ``(m,)``, rising, repeat to a relative ``tolerance``; host.
 
-    Examples
-    --------
     >>> clusters_of([0.0, 3.0, 3.0, 5.0])
     ((0,), (1, 2), (3,))
     """

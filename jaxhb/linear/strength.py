@@ -31,8 +31,6 @@ def torsional_stress(torque: Number, *, diameter: Number, bore: Number = 0.0) ->
     Saint-Venant's theory, without stress concentration. Of ``torque`` in N m, for an amplitude half of the
     peak-to-peak; ``diameter`` and ``bore`` in m; numbers or arrays ``(...)``. Differentiable; numpy on the host.
 
-    Examples
-    --------
     >>> round(float(torsional_stress(1000.0, diameter=0.1, bore=0.05)))
     5432489
     """
@@ -123,8 +121,6 @@ def barred_ranges(rpm: Array, stress: Array, continuous: Array, transient: Array
     ``rpm`` ``(n,)``, the others ``(n,)`` Pa, see :func:`permissible_stress`; speeds without a number or without a limit
     are left out. ValueError inside ``jit`` or ``vmap``, as the values decide how many ranges there are.
 
-    Examples
-    --------
     >>> limit = np.full(4, 30e6)
     >>> found = barred_ranges([100.0, 200.0, 300.0, 400.0], np.array([10e6, 40e6, 60e6, 20e6]), limit, 1.7 * limit)
     >>> [(round(r.low, 3), round(r.high, 3), r.share, r.passable) for r in found]
@@ -240,8 +236,6 @@ def strength(response: Any, *, train: DriveTrain | None = None) -> Strength:
     half of the peak-to-peak torque on its first gear, which must not exceed a third of the rated torque, nor may the
     torque reverse. Of every shaft and damper with a ``power_limit`` its heat. An aid to evaluation, no class approval.
 
-    Examples
-    --------
     >>> import jaxhb, math
     >>> parts = [jaxhb.Disk(name=name, inertia=2.0) for name in "ab"]
     >>> parts += [jaxhb.Torque(disk="a", harmonics=[(1.0, 10.0, 0.0)])]

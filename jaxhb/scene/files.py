@@ -26,8 +26,6 @@ _SCENE_KEYS = ("name", "description", "revolutions_per_cycle", "reference", "rat
 def scene_names() -> list[str]:
     """List the packaged scenes by their names.
 
-    Examples
-    --------
     >>> "gear_train_30" in scene_names()
     True
     """
@@ -47,8 +45,6 @@ def load_scene(name: str | Path) -> DriveTrain:
     ``.json`` in the TORS format of openTorsion, or a ``.csv`` with a table of inertias and one of links. The train is
     as :func:`jaxhb.build` makes it; :class:`SceneError` tells everything that is wrong, one sentence a line.
 
-    Examples
-    --------
     >>> load_scene("gear_train_30").topology.mesh_names[0]
     'crank gear|idler'
     """

@@ -25,8 +25,6 @@ def scene_text(name: str | Path, *, expand: bool = False, called: str | None = N
     of a ``.toml``, and loads to the same train; beside it come ``{file name: Path}`` of the CSV files that the scene
     names. :class:`SceneError` tells everything that is wrong with the scene.
 
-    Examples
-    --------
     >>> text, beside = scene_text("spur_pair")
     >>> text.splitlines()[4:6], sorted(beside)
     (['[scene]', 'name = "spur_pair"'], ['spur_pair_omega_squared.csv'])
@@ -57,8 +55,6 @@ def elements_text(
 ) -> str:
     """TOML that loads to the train that :func:`jaxhb.build` makes of the elements; arguments as there.
 
-    Examples
-    --------
     >>> from jaxhb.elements.elements import Disk
     >>> print(elements_text([Disk(name="rotor", inertia=2.0)], name="one"))
     [scene]

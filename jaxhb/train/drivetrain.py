@@ -58,12 +58,6 @@ class DriveTrain:
         ``harmonics`` and ``gas_torque`` are [n, 2] (Re, Im), ``traces.rpm`` [R], ``traces.load`` [S],
         ``traces.pressure`` [R, S, 7200] from firing top dead centre on. :class:`SceneError` if no element has the name,
         or its kind no such field.
-
-        Examples
-        --------
-        >>> from jaxhb.scene.files import load_scene
-        >>> load_scene("gear_train_30").value("crank damper.damping")
-        220.0
         """
         return changes.read(self, key)
 
@@ -79,8 +73,6 @@ class DriveTrain:
         because the train was built without them, one sentence each; of concrete values also those out of range, and
         stiffnesses that leave a mean torque unheld.
 
-        Examples
-        --------
         >>> from jaxhb.scene.files import load_scene
         >>> load_scene("gear_train_30").replace({"crank damper.damping": 300.0}).value("crank damper.damping")
         300.0
@@ -92,8 +84,6 @@ class DriveTrain:
 
         At ``hz`` > 0, in Hz, both dissipate the same. :class:`SceneError` if it is not, or a link varies.
 
-        Examples
-        --------
         >>> from jaxhb.scene.files import load_scene
         >>> train = load_scene("six_cylinder_diesel").with_viscous_damping(hz=100.0)
         >>> round(float(train.value("cyl6|flywheel.damping")), 2)
@@ -123,8 +113,6 @@ class DriveTrain:
         ``over_amplitude``, ``rpm`` of the reference rotor for dampers with ``order``. :class:`SceneError` names the
         links that need one that is not given; none may be below 0.
 
-        Examples
-        --------
         >>> from jaxhb.train.assembly import build
         >>> from jaxhb.elements.elements import Disk, Shaft
         >>> rows = [(0.0, 1.0, 1.0), (100.0, 1.5, 0.5)]
@@ -141,12 +129,6 @@ class DriveTrain:
 
         The excitation over time is the same; responses have orders that are multiples of ``1 / (cycles x
         revolutions_per_cycle)``. :class:`SceneError` if ``cycles`` is not a whole number of at least 1.
-
-        Examples
-        --------
-        >>> from jaxhb.scene.files import load_scene
-        >>> load_scene("gear_train_30").repeated(2).topology.revolutions_per_cycle
-        4.0
         """
         if not (isinstance(cycles, int) and cycles >= 1):
             raise SceneError(f"repeated: cycles is {cycles}, must be a whole number of at least 1.")
@@ -160,8 +142,6 @@ class DriveTrain:
     def scenario(self, name: str) -> DriveTrain:
         """Return the train with the values of its ``[scenario.NAME]``, by :meth:`replace`, with its errors.
 
-        Examples
-        --------
         >>> from jaxhb.train.assembly import build
         >>> from jaxhb.elements.elements import Disk, Shaft
         >>> parts = [Disk(name="a", inertia=1.0), Disk(name="b", inertia=2.0)]
@@ -181,13 +161,6 @@ class DriveTrain:
         cylinder whose valves stay open. A cylinder that compresses without burning has ``combustion.imep`` or ``heat``
         = 0 instead (:meth:`replace`), or the pressure table of a motored cycle. :class:`SceneError` if there is no such
         cylinder.
-
-        Examples
-        --------
-        >>> from jaxhb.scene.files import load_scene
-        >>> train = load_scene("six_cylinder_diesel")
-        >>> train.misfire(train.topology.cylinder_names[2]).topology.cylinder_fires
-        (True, True, False, True, True, True)
         """
         names, where = self.topology.cylinder_names, self.topology.title
         unknown = [name for name in cylinders if name not in names]
@@ -202,8 +175,6 @@ class DriveTrain:
 
         As by :meth:`misfire`, but their gas factors alone differ: they share all that is compiled, and can be stacked.
 
-        Examples
-        --------
         >>> from jaxhb.scene.files import load_scene
         >>> trains = load_scene("six_cylinder_diesel").misfires()
         >>> list(trains)[2], trains["cylinder 3"].cylinders.gas_factor
@@ -216,11 +187,5 @@ class DriveTrain:
         """Say where the pressure traces of cylinders do not cover a speed or its load, so that the nearest is used.
 
         ``rpm`` of the reference rotor. One sentence for all cylinders with the same traces; empty where all is covered.
-
-        Examples
-        --------
-        >>> from jaxhb.scene.files import load_scene
-        >>> load_scene("six_cylinder_diesel").outside_traces(900.0)
-        []
         """
         return gas.outside_traces(self, rpm)

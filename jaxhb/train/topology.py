@@ -92,8 +92,7 @@ class Topology:
 
     @cached_property
     def _key(self):
-        # cached_property keeps its values in vars, too.
-        return tuple(value for key, value in vars(self).items() if not key.startswith("_") and key in _FIELDS)
+        return tuple(getattr(self, f.name) for f in dataclasses.fields(self))
 
     @cached_property
     def _hash(self):
@@ -213,6 +212,3 @@ class Topology:
             names = ", ".join(repr(self.link_names[i]) for i, _ in hits)
             raise SceneError(f"{where}: several links join {name!r} and {other!r}: {names}. Ask for one by its name.")
         return hits[0]
-
-
-_FIELDS = frozenset(Topology.__dataclass_fields__)
