@@ -215,7 +215,6 @@ class Branch:
         periods are singular there; a motion and the one a period later are the same. ValueError where there is no such
         period doubling.
 
-        >>> import jaxhb
         >>> branch = jaxhb.follow(train, "rpm", start=4800.0, to=3900.0)  # doctest: +SKIP
         >>> branch.doubled().doubled()  # doctest: +SKIP
         """
@@ -275,7 +274,6 @@ def follow(
 
     Examples
     --------
-    >>> import jaxhb
     >>> train = jaxhb.load_scene("spur_pair")
     >>> branch = jaxhb.follow(train, "rpm", start=2000.0, to=3000.0)
     >>> round(float(branch.value[-1])), bool(branch.stable.all())

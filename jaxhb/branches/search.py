@@ -72,7 +72,6 @@ def solve_all(
     what the train does; this takes minutes. The motions that attract come first, then those not decided, the largest
     tooth force first; there are none where none is found. That no other exists is not claimed.
 
-    >>> import jaxhb
     >>> found = jaxhb.solve_all(jaxhb.load_scene("spur_pair"), rpm=2000.0)
     >>> [(motion.period, motion.attracts) for motion in found]
     [(1, True)]

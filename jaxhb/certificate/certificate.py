@@ -41,7 +41,6 @@ def certify(response: Response) -> Certificate:
 
     Examples
     --------
-    >>> import jaxhb
     >>> found = jaxhb.certify(jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=3000.0))
     >>> found.holds
     True

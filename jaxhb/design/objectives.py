@@ -60,7 +60,6 @@ def half_peak_to_peak(signal: Signal, *, p: float = 64) -> Array:
     In the unit of the signal ``(...)``. At M = ``signal.resolution`` time samples it lies between M^(-1/p) times the
     true value and the true value (p = 64, M = 4096: 0.88 to 1).
 
-    >>> import jaxhb
     >>> from jaxhb.design.objectives import half_peak_to_peak
     >>> torque = jaxhb.Signal(jnp.array([3.0, 5.0, 0.0]) + 0j, None, 2.0, 64)      # 3 + 10 cos(theta / 2)
     >>> round(float(half_peak_to_peak(torque, p=256)), 1)
@@ -112,7 +111,6 @@ def stress_over_limit(
     running; ``swing``: the half peak-to-peak of a Signal, by default smooth and at most 0.8 % too small. ``(...)``, 0
     above 1.05 of the rated speed, where there is no limit.
 
-    >>> import jaxhb
     >>> parts = [jaxhb.Disk(name=name, inertia=2.0) for name in "ab"]
     >>> parts += [jaxhb.Torque(disk="a", harmonics=[(1.0, 10.0, 0.0)])]
     >>> form = {"diameter": 0.01, "stress_concentration": 1.0, "tensile_strength": 6e8}

@@ -104,7 +104,6 @@ def tune(
 
     Examples
     --------
-    >>> import jaxhb
     >>> from jaxhb.design import Objective, Parameter
     >>> train = jaxhb.load_scene("six_cylinder_diesel")
     >>> swing = Objective(quantity="shaft torque", of="cyl6|flywheel")

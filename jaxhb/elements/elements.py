@@ -319,6 +319,17 @@ class Cylinder(CrankSlider):
     disk: str = declared("disk")
 
 
+@dataclass(frozen=True, kw_only=True)
+class Head:
+    """``[scene]``: what belongs to the whole train."""
+
+    name: str | None = declared("name", None)
+    description: str | None = declared("name", None)
+    revolutions_per_cycle: float = positive("", 2.0)
+    reference: str | None = declared("disk", None)
+    rated_rpm: float | None = positive("rpm", None)
+
+
 def table_of(element) -> str:
     """Name the ``[[table]]`` that describes an element: ``table_of(Disk(...)) == "disk"``."""
     return type(element).__name__.lower()

@@ -32,24 +32,6 @@ INERTIA_ORDERS_THAT_COUNT = 6
 NEGLIGIBLE_GAS = 1e-6  # share of the largest harmonic of a computed gas torque below which one does not count
 
 
-def gas_torque_harmonics(pressure, bore, stroke, rod, *, revolutions):
-    """Harmonics [..., M//2 + 1] of :func:`~jaxhb.excitation.crank.gas_torque` over the gas cycle, arguments as there.
-
-    N m; entry 0 the mean, entry k the coefficient of exp(i k a / revolutions), half the peak amplitude.
-    """
-    torque = gas_torque(pressure, bore, stroke, rod, revolutions=revolutions)
-    return fourier.analyze(torque, torque.shape[-1] // 2)
-
-
-def inertia_torque_harmonics(stroke, rod, *, short_series=False):
-    """Harmonics [..., 257] of :func:`~jaxhb.excitation.crank.inertia_torque` over a revolution, arguments as there.
-
-    m2; entry j the coefficient of exp(i j a), half the peak amplitude, a from top dead centre. The series in lambda =
-    stroke/(2 rod) is Porter's (1943): -1/2 sin 2a - 3 lambda/4 sin 3a + ... times m r^2 w^2.
-    """
-    return fourier.analyze(inertia_torque(stroke, rod, short_series=short_series), CRANK_SAMPLES // 2)
-
-
 @kept
 def _pressure_harmonics(table, rows, revolutions):
     """Harmonics of the gas cycle of p A x' [J, n, K], one for each component of p, and of p_ambient A x' [n, K].
@@ -61,14 +43,16 @@ def _pressure_harmonics(table, rows, revolutions):
     pressure = xp.asarray(components(table))[:, rows]
     ambient, *geometry = (xp.asarray(values)[rows] for values in given)
     all_of = xp.concatenate([pressure, xp.broadcast_to(ambient[None, :, None], (1, *pressure.shape[1:]))])
-    harmonics = gas_torque_harmonics(all_of, *geometry, revolutions=np.array(revolutions))
+    torque = gas_torque(all_of, *geometry, revolutions=np.array(revolutions))
+    harmonics = fourier.analyze(torque, torque.shape[-1] // 2)
     return harmonics[:-1], harmonics[-1]
 
 
 @kept
 def _unit_inertia_harmonics(table, short_series):
-    """:func:`inertia_torque_harmonics` of the cylinders of a table."""
-    return inertia_torque_harmonics(table.stroke, table.rod, short_series=np.array(short_series))
+    """Harmonics [..., 257] of the torque of 1 kg at 1 rad/s over a revolution of each cylinder's crank, m2."""
+    torque = inertia_torque(table.stroke, table.rod, short_series=np.array(short_series))
+    return fourier.analyze(torque, CRANK_SAMPLES // 2)
 
 
 def _computed_gas(train):

@@ -118,7 +118,6 @@ def campbell(
     --------
     Two disks of 2 kg m2 on 100 N m/rad, 10 rad/s.
 
-    >>> import jaxhb
     >>> parts = [jaxhb.Disk(name=name, inertia=2.0) for name in "ab"]
     >>> train = jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
     >>> [round(c.rpm, 3) for c in campbell(train, rpm=[20.0, 100.0], orders=[1.0, 2.0]).critical]
@@ -168,7 +167,7 @@ def critical_speed(
 
     Two disks of 2 kg m2: the speed grows with the root of the stiffness.
 
-    >>> import jax, jaxhb
+    >>> import jax
     >>> parts = [jaxhb.Disk(name=name, inertia=2.0) for name in "ab"]
     >>> train = jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
     >>> (near,) = jaxhb.campbell(train, rpm=[20.0, 60.0], orders=[2.0]).critical

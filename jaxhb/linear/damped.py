@@ -62,7 +62,6 @@ def damped_modes(train: DriveTrain) -> DampedModes:
     gives the link the stiffness ``k (1 + i eta)``, which holds for the modes with positive imaginary part, the ones
     returned. Disks without inertia have no eigenvalue of their own.
 
-    >>> import jaxhb
     >>> parts = [jaxhb.Disk(name=name, inertia=2.0) for name in "ab"]
     >>> parts.append(jaxhb.Shaft(between=("a", "b"), stiffness=100.0, damping=2.0))
     >>> modes = jaxhb.damped_modes(jaxhb.build(parts))
@@ -91,7 +90,7 @@ def damped_eigenvalues(train: DriveTrain, modes: DampedModes) -> Array:
     ``modes`` are those of the ``train``, which may be traced, or of one near it: the eigenvalues are then right to
     first order in the change.
 
-    >>> import jax, jaxhb
+    >>> import jax
     >>> parts = [jaxhb.Disk(name=name, inertia=2.0) for name in "ab"]
     >>> train = jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=100.0, damping=2.0)])
     >>> modes = damped_modes(train)
@@ -119,7 +118,6 @@ def damping_ratios(train: DriveTrain, modes: Modes) -> Array:
     no mode like it. First derivatives are those of :func:`damped_eigenvalues`. ValueError inside ``jit`` or ``vmap``,
     as the values decide which modes are alike.
 
-    >>> import jaxhb
     >>> train = jaxhb.load_scene("spur_pair")
     >>> damping_ratios(train, jaxhb.natural_frequencies(train)).round(3).tolist()
     [nan, 0.05]

@@ -211,7 +211,7 @@ def forced_response(train: DriveTrain, *, rpm: Numbers, harmonics: int | None = 
     --------
     Two disks under 10 N m of order 1 at a quarter of their natural frequency of 10 rad/s.
 
-    >>> import jaxhb, math
+    >>> import math
     >>> parts = [jaxhb.Disk(name=name, inertia=2.0) for name in "ab"]
     >>> parts += [jaxhb.Shaft(between=("a", "b"), stiffness=100.0, damping=0.5)]
     >>> parts += [jaxhb.Torque(disk="a", harmonics=[(1.0, 10.0, 0.0)])]

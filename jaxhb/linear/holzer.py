@@ -81,7 +81,6 @@ def holzer_table(train: DriveTrain, *, hz: Number) -> HolzerTable:
 
     Thomson's three disks of 5, 11, 22 kg m2 at 20 rad/s.
 
-    >>> import jaxhb
     >>> parts = [jaxhb.Disk(name=n, inertia=J) for n, J in zip("abc", (5.0, 11.0, 22.0))]
     >>> parts += [jaxhb.Shaft(between=e, stiffness=k) for e, k in ((("a", "b"), 1e5), (("b", "c"), 2e5))]
     >>> table = jaxhb.holzer_table(jaxhb.build(parts), hz=20 / 6.283185307179586)
@@ -127,7 +126,6 @@ def holzer_residual(train: DriveTrain, *, hz: Numbers) -> Array:
     far above their frequencies, where ``jaxhb.characteristic`` does not. It has derivatives with respect to the train
     and the frequencies.
 
-    >>> import jaxhb
     >>> train = jaxhb.load_scene("six_cylinder_diesel")
     >>> f = jaxhb.natural_frequencies(train).frequencies_hz[1]
     >>> below, above = jaxhb.holzer_residual(train, hz=[0.99 * f, 1.01 * f])

@@ -256,7 +256,6 @@ def natural_frequencies(train: DriveTrain, *, count: int | None = None) -> Modes
     Of a concrete train, all modes or the lowest ``count``: a chain of more than 500 disks should ask for few, as n
     modes of S disks take n S numbers.
 
-    >>> import jaxhb
     >>> jaxhb.natural_frequencies(jaxhb.load_scene("six_cylinder_diesel")).frequencies_hz[:3].round(1).tolist()
     [0.0, 216.6, 592.7]
     """
@@ -295,7 +294,6 @@ def all_frequencies(train: DriveTrain) -> Array:
     A chain (shafts and single gears in a row, one ground at most) of more than 500 disks is solved by its Golub-Kahan
     tridiagonal in O(S^2), thousands of disks in seconds, any other train by the dense factor in O(S^3).
 
-    >>> import jaxhb
     >>> jaxhb.all_frequencies(jaxhb.load_scene("six_cylinder_diesel"))[:3].round(1).tolist()
     [0.0, 216.6, 592.7]
     """

@@ -256,7 +256,7 @@ def characteristic(train: DriveTrain, p: Array) -> Scaled:
     has ``value()``, and ``log_modulus`` and ``phase`` where that overflows. :class:`SceneError` if there is more than
     one closed loop.
 
-    >>> import jaxhb, jax.numpy as jnp
+    >>> import jax.numpy as jnp
     >>> train = jaxhb.build([*(jaxhb.Disk(name=n, inertia=2.0) for n in "ab"),
     ...                      jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
     >>> jaxhb.characteristic(train, 1j * jnp.array([0.0, 5.0])).value().real.tolist()  # p^2 (p^2 + 100)
@@ -280,7 +280,7 @@ def frequency_response(train: DriveTrain, disk: str, at: str, hz: Numbers) -> Ar
     Of the angle of ``disk`` to a torque on the disk ``at``, at positive ``hz`` ``(n,)``. :class:`SceneError` if there
     is no such disk, or more than one closed loop.
 
-    >>> import jaxhb, jax.numpy as jnp
+    >>> import jax.numpy as jnp
     >>> train = jaxhb.build([*(jaxhb.Disk(name=n, inertia=2.0) for n in "ab"),
     ...                      jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
     >>> H = jaxhb.frequency_response(train, "a", "b", jnp.array([5.0 / (2 * jnp.pi)]))  # 100 / (p^2 (p^2 + 100) 2 2)
@@ -348,7 +348,7 @@ def damped_approximation(train: DriveTrain, omega: Array) -> DampedApproximation
 
     At ``omega`` ``(n,)`` rad/s, of a train with at most one closed loop.
 
-    >>> import jaxhb, jax.numpy as jnp
+    >>> import jax.numpy as jnp
     >>> train = jaxhb.build([*(jaxhb.Disk(name=n, inertia=2.0) for n in "ab"),
     ...                      jaxhb.Shaft(between=("a", "b"), stiffness=100.0, damping=1.0)])
     >>> bool(jaxhb.damped_approximation(train, jnp.array([5.0])).relative_error[0] < 1e-15)  # exact for one link
@@ -486,7 +486,6 @@ def characteristic_coefficients(train: DriveTrain, *, exact: bool = False) -> tu
     than one closed loop, a disk without inertia, or a loss factor. The train may be traced, but for ``exact``, and loss
     factors by ``jit`` and ``vmap`` (ValueError); what is traced is nan or infinite where an inertia is 0.
 
-    >>> import jaxhb
     >>> parts = [jaxhb.Disk(name="a", inertia=1.0), jaxhb.Disk(name="b", inertia=1.5)]
     >>> train = jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=3.0, damping=0.1)])
     >>> [str(value) for value in jaxhb.characteristic_coefficients(train, exact=True)]

@@ -27,7 +27,7 @@ def kinetic_energy(train: DriveTrain, velocity: Array) -> Array:
 
     Rings of dampers come last.
 
-    >>> import jax.numpy as jnp, jaxhb
+    >>> import jax.numpy as jnp
     >>> train = jaxhb.build([jaxhb.Disk(name="a", inertia=2.0)])
     >>> float(jaxhb.kinetic_energy(train, jnp.array([3.0])))
     9.0
@@ -41,7 +41,7 @@ def strain_energy(train: DriveTrain, angle: Array) -> Array:
 
     Rings of dampers come last.
 
-    >>> import jax.numpy as jnp, jaxhb
+    >>> import jax.numpy as jnp
     >>> parts = [jaxhb.Disk(name="a", inertia=2.0), jaxhb.Disk(name="b", inertia=1.0)]
     >>> train = jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
     >>> float(jaxhb.strain_energy(train, jnp.array([0.3, 0.1]))).__round__(12)
@@ -58,7 +58,6 @@ def inertia_and_stiffness(train: DriveTrain) -> tuple[Array, Array]:
 
     They are the second derivatives of :func:`kinetic_energy` and :func:`strain_energy`.
 
-    >>> import jaxhb
     >>> parts = [jaxhb.Disk(name="a", inertia=2.0), jaxhb.Disk(name="b", inertia=1.0)]
     >>> train = jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
     >>> jaxhb.inertia_and_stiffness(train)[1].tolist()
@@ -78,7 +77,7 @@ def frequencies_hz(train: DriveTrain, heavy: Array | None = None) -> Array:
     ``heavy`` ``(S,)`` tells the disks with inertia, needed where inertias are traced; the others are condensed
     statically.
 
-    >>> import jax, jaxhb
+    >>> import jax
     >>> train = jaxhb.build([*(jaxhb.Disk(name=n, inertia=2.0) for n in "ab"),
     ...                      jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
     >>> slope = jax.grad(lambda k: jaxhb.frequencies_hz(train.replace({"a|b.stiffness": k}))[1])(100.0)
@@ -104,7 +103,7 @@ def mode_shares(train: DriveTrain, heavy: Array | None = None) -> ModeShares:
     ``shapes`` ``(m, S)``, ``generalised_mass`` ``(m,)`` kg m2, ``kinetic_share`` ``(m, S)`` and ``strain_share`` ``(m,
     L)``, as in :class:`jaxhb.Modes`. Where frequencies repeat, derivatives of these do not exist.
 
-    >>> import jax, jaxhb
+    >>> import jax
     >>> parts = [*(jaxhb.Disk(name=n, inertia=J) for n, J in zip("abc", (1.0, 2.0, 1.0))),
     ...          *(jaxhb.Shaft(between=e, stiffness=100.0) for e in (("a", "b"), ("b", "c")))]
     >>> train = jaxhb.build(parts)
@@ -126,7 +125,6 @@ def cluster_sums_hz(train: DriveTrain, clusters: Sequence[Sequence[int]], heavy:
     Other arguments are those of :func:`frequencies_hz`; ``clusters`` are numbers of modes, as :func:`clusters_of` finds
     them.
 
-    >>> import jaxhb
     >>> train = jaxhb.load_scene("six_cylinder_diesel")
     >>> jaxhb.clusters_of(jaxhb.natural_frequencies(train).frequencies_hz)[:3]
     ((0,), (1,), (2,))

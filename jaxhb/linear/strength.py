@@ -236,7 +236,7 @@ def strength(response: Any, *, train: DriveTrain | None = None) -> Strength:
     half of the peak-to-peak torque on its first gear, which must not exceed a third of the rated torque, nor may the
     torque reverse. Of every shaft and damper with a ``power_limit`` its heat. An aid to evaluation, no class approval.
 
-    >>> import jaxhb, math
+    >>> import math
     >>> parts = [jaxhb.Disk(name=name, inertia=2.0) for name in "ab"]
     >>> parts += [jaxhb.Torque(disk="a", harmonics=[(1.0, 10.0, 0.0)])]
     >>> parts += [jaxhb.Shaft(between=("a", "b"), stiffness=100.0, diameter=0.01, bore=0.0)]

@@ -58,7 +58,6 @@ def at_mean_load(train: DriveTrain, *, rpm: Number) -> MeanLoad:
     deflection, and so are theirs. :class:`SceneError` if mean torques do not balance, no equilibrium is found, or links
     vary; ValueError inside ``jit`` or ``vmap``, as the equilibrium is looked for on the host.
 
-    >>> import jaxhb
     >>> at_mean_load(jaxhb.load_scene("spur_pair"), rpm=2000.0).engagement.tolist()
     [1.0]
     """

@@ -6,13 +6,9 @@ are ``Disk`` (inertia, damping), ``ShaftDiscrete`` (stiffness, damping), ``Shaft
 outerDiameter in mm, density; shear modulus 80 GPa, half its inertia at each end) and ``GearElement`` (inertia; teeth,
 or diameter in mm; parent in the same component). A component goes on from the node at which another one is connected.
 Gears are rigid there: here they are meshes, and several gears of one node are joined by shafts, all so stiff that they
-change natural frequencies by about 1e-5. Give them real stiffnesses before tooth forces are read. Gears with teeth get
-a module of 5 mm. Excitations are not read.
+change natural frequencies by about 1e-5. Gears with teeth get a module of 5 mm. Excitations are not read.
 
-**CSV**: a table whose first column is ``name``, with keys of ``[[disk]]`` as its other columns, and a table whose first
-columns are ``from`` and ``to``, with keys of ``[[shaft]]`` and ``[[mesh]]``; a column ``link`` says ``shaft`` (or
-nothing) or ``mesh``. Empty cells are keys left out, lines that begin with ``#`` comments. The first disk is the
-reference.
+**CSV** has a table of inertias and one of links: docs/how_to/other_programs.md.
 """
 
 import csv

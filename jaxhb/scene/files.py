@@ -1,9 +1,7 @@
 """Scene files: TOML and CSV to a drive train. Everything wrong with a file is raised at once, in sentences.
 
-Files of other programs are read by their endings, see :mod:`jaxhb.scene.exchange`.
-Any list of rows (``harmonics``, ``gas_torque``, ``scale``, ``pressure``, ``over_hz``, ``over_amplitude``) may be the
-name of a CSV file beside the scene, one row a line: so that long tables need not be repeated. Lines that start with
-``#`` are comments.
+Files of other programs are read by their endings, see :mod:`jaxhb.scene.exchange`. Any list of rows may be the name of
+a CSV file beside the scene, one row a line; lines that start with ``#`` are comments.
 """
 
 import dataclasses
@@ -13,14 +11,14 @@ import tomllib
 from importlib import resources
 from pathlib import Path
 
-from jaxhb.elements.elements import TABLES, SceneError, Unread, suggestion
+from jaxhb.elements.elements import TABLES, Head, SceneError, Unread, suggestion
 from jaxhb.elements.engine import Engine
 from jaxhb.scene.exchange import csv_content, tors_content
 from jaxhb.train.assembly import checked
 from jaxhb.train.drivetrain import DriveTrain
 
 _READERS = {".json": tors_content, ".csv": csv_content}
-_SCENE_KEYS = ("name", "description", "revolutions_per_cycle", "reference", "rated_rpm")
+_SCENE_KEYS = [f.name for f in dataclasses.fields(Head)]
 
 
 def scene_names() -> list[str]:

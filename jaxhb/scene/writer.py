@@ -55,16 +55,8 @@ def elements_text(
 ) -> str:
     """TOML that loads to the train that :func:`jaxhb.build` makes of the elements; arguments as there.
 
-    >>> from jaxhb.elements.elements import Disk
-    >>> print(elements_text([Disk(name="rotor", inertia=2.0)], name="one"))
-    [scene]
-    name = "one"
-    revolutions_per_cycle = 2
-    <BLANKLINE>
-    [[disk]]
-    name = "rotor"
-    inertia = 2.0
-    <BLANKLINE>
+    >>> print(elements_text([jaxhb.Disk(name="rotor", inertia=2.0)], name="one").splitlines()[:2])
+    ['[scene]', 'name = "one"']
     """
     head = {
         "name": name,

@@ -73,8 +73,7 @@ class DriveTrain:
         because the train was built without them, one sentence each; of concrete values also those out of range, and
         stiffnesses that leave a mean torque unheld.
 
-        >>> from jaxhb.scene.files import load_scene
-        >>> load_scene("gear_train_30").replace({"crank damper.damping": 300.0}).value("crank damper.damping")
+        >>> jaxhb.load_scene("gear_train_30").replace({"crank damper.damping": 300.0}).value("crank damper.damping")
         300.0
         """
         return changes.replace(self, values)
@@ -84,8 +83,7 @@ class DriveTrain:
 
         At ``hz`` > 0, in Hz, both dissipate the same. :class:`SceneError` if it is not, or a link varies.
 
-        >>> from jaxhb.scene.files import load_scene
-        >>> train = load_scene("six_cylinder_diesel").with_viscous_damping(hz=100.0)
+        >>> train = jaxhb.load_scene("six_cylinder_diesel").with_viscous_damping(hz=100.0)
         >>> round(float(train.value("cyl6|flywheel.damping")), 2)
         110.07
         """
@@ -113,11 +111,9 @@ class DriveTrain:
         ``over_amplitude``, ``rpm`` of the reference rotor for dampers with ``order``. :class:`SceneError` names the
         links that need one that is not given; none may be below 0.
 
-        >>> from jaxhb.train.assembly import build
-        >>> from jaxhb.elements.elements import Disk, Shaft
         >>> rows = [(0.0, 1.0, 1.0), (100.0, 1.5, 0.5)]
-        >>> coupling = Shaft(between=("a", "b"), stiffness=1e4, loss_factor=0.2, over_hz=rows)
-        >>> train = build([Disk(name="a", inertia=1.0), Disk(name="b", inertia=2.0), coupling])
+        >>> coupling = jaxhb.Shaft(between=("a", "b"), stiffness=1e4, loss_factor=0.2, over_hz=rows)
+        >>> train = jaxhb.build([jaxhb.Disk(name="a", inertia=1.0), jaxhb.Disk(name="b", inertia=2.0), coupling])
         >>> stiffer = train.with_constant_links(hz=50.0)
         >>> stiffer.value("a|b.stiffness"), round(stiffer.value("a|b.loss_factor"), 12)
         (12500.0, 0.15)
@@ -142,11 +138,9 @@ class DriveTrain:
     def scenario(self, name: str) -> DriveTrain:
         """Return the train with the values of its ``[scenario.NAME]``, by :meth:`replace`, with its errors.
 
-        >>> from jaxhb.train.assembly import build
-        >>> from jaxhb.elements.elements import Disk, Shaft
-        >>> parts = [Disk(name="a", inertia=1.0), Disk(name="b", inertia=2.0)]
-        >>> parts += [Shaft(between=("a", "b"), stiffness=1e4)]
-        >>> build(parts, scenarios={"hot": {"a|b.stiffness": 8e3}}).scenario("hot").value("a|b.stiffness")
+        >>> parts = [jaxhb.Disk(name="a", inertia=1.0), jaxhb.Disk(name="b", inertia=2.0)]
+        >>> parts += [jaxhb.Shaft(between=("a", "b"), stiffness=1e4)]
+        >>> jaxhb.build(parts, scenarios={"hot": {"a|b.stiffness": 8e3}}).scenario("hot").value("a|b.stiffness")
         8000.0
         """
         if name not in self.scenarios:
@@ -175,8 +169,7 @@ class DriveTrain:
 
         As by :meth:`misfire`, but their gas factors alone differ: they share all that is compiled, and can be stacked.
 
-        >>> from jaxhb.scene.files import load_scene
-        >>> trains = load_scene("six_cylinder_diesel").misfires()
+        >>> trains = jaxhb.load_scene("six_cylinder_diesel").misfires()
         >>> list(trains)[2], trains["cylinder 3"].cylinders.gas_factor
         ('cylinder 3', array([1., 1., 0., 1., 1., 1.]))
         """

@@ -69,8 +69,7 @@ def plausibility(train: DriveTrain) -> list[str]:
     shares, torques that drive, disks and shafts far from the others of their rotor, loss factors, gears and their
     teeth.
 
-    >>> from jaxhb.scene.files import load_scene
-    >>> train = load_scene("gear_train_30")
+    >>> train = jaxhb.load_scene("gear_train_30")
     >>> plausibility(train)
     []
     >>> print(plausibility(train.replace({"crank gear|idler.backlash": 0.15}))[0])

@@ -180,8 +180,7 @@ class Topology:
     def disk_index(self, name: str) -> int:
         """Index of a disk or a damper's ring among the disks, rings last; else :class:`SceneError`, with the nearest.
 
-        >>> from jaxhb.scene.files import load_scene
-        >>> load_scene("spur_pair").topology.disk_index("gear b")
+        >>> jaxhb.load_scene("spur_pair").topology.disk_index("gear b")
         1
         """
         if name not in self._disk_of:
@@ -194,8 +193,7 @@ class Topology:
         The sense is -1 where the disks are given against the order of ``between``. Where several links join them one is
         asked for by its name.
 
-        >>> from jaxhb.scene.files import load_scene
-        >>> load_scene("spur_pair").topology.link_index("gear b", "gear a")
+        >>> jaxhb.load_scene("spur_pair").topology.link_index("gear b", "gear a")
         (0, -1)
         """
         where = self.title
