@@ -251,6 +251,10 @@ def follow(
     Pseudo-arclength continuation (Keller 1977) of the harmonic equations F(l, p) = 0 from a motion at ``start``. Every
     point has its stability. Ends where the parameter leaves ``start`` .. ``to`` on either side.
 
+    :class:`SceneError` if there is no such element or field, a value is out of its range, or a speed not greater than 0
+    or above 1e6 rpm. ValueError for an empty range, a missing or superfluous ``rpm``, a train without backlash, or
+    without multipliers (:func:`jaxhb.stability`). NotConverged if no motion is found at ``start``.
+
     Parameters
     ----------
     train : DriveTrain
@@ -267,10 +271,6 @@ def follow(
     begin : Response, optional
         A motion at ``start`` to begin with, where several exist; default: :func:`jaxhb.solve`.
     options : BranchOptions
-
-    :class:`SceneError` if there is no such element or field, a value is out of its range, or a speed not greater than 0
-    or above 1e6 rpm. ValueError for an empty range, a missing or superfluous ``rpm``, a train without backlash, or
-    without multipliers (:func:`jaxhb.stability`). NotConverged if no motion is found at ``start``.
 
     Examples
     --------

@@ -414,17 +414,17 @@ class Lanes:
 def plan_designs(train, rpm, request):
     """The plan of speeds that leave theirs, every mesh an unknown and as fine as the finest; and a plan for each."""
     plans = plan_speeds(train, rpm, request)
-    plans = plans if request.harmonics else [_with_room(plan) for plan in plans]
+    if not request.harmonics:
+        plans = [dataclasses.replace(plan, harmonics=_level_with_room(plan)) for plan in plans]
     finest = max((plan for plan in plans if plan.active), key=lambda plan: plan.harmonics, default=plans[0])
     if not any(train.topology.mesh_backlash):
         return finest, plans
     return plan_marching(train, rpm, finest, request), plans
 
 
-def _with_room(plan):
+def _level_with_room(plan):
     """The next level where teeth leave contact without separating: cheaper than programs for two levels."""
-    higher = next_level(plan.harmonics, plan.method) if plan.active and not plan.marches else None
-    return dataclasses.replace(plan, harmonics=higher) if higher else plan
+    return (plan.active and not plan.marches and next_level(plan.harmonics, plan.method)) or plan.harmonics
 
 
 def batches(lanes, plan):
@@ -559,7 +559,9 @@ def combine(train, z, smooth, kept, weights, widths, scales, *, task, own, heavy
                 total += objective.weight * objectives.masked_sum(weighted[:own], kept[:own]) / count
         for penalty in task.penalties:
             if penalty.quantity in OF_DESIGN:
-                readings.append(_of_design(penalty, changed, train, heavy))
+                added = penalty.quantity == "inertia added"
+                hz = None if added else frequencies_hz(changed, np.array(heavy))
+                readings.append(inertia_added(changed, train, penalty.of) if added else hz[penalty.mode])
                 total += penalty.weight * _excess(penalty, readings[-1]) ** 2
             else:
                 excess = penalty.weight * _excess(penalty, next(values)) ** 2
@@ -568,12 +570,6 @@ def combine(train, z, smooth, kept, weights, widths, scales, *, task, own, heavy
 
     (value, readings), slopes = jax.vmap(jax.value_and_grad(cost, (0, 1), has_aux=True))(z, smooth, kept, weights)
     return value, readings, *slopes
-
-
-def _of_design(penalty, train, start, heavy):
-    if penalty.quantity == "inertia added":
-        return inertia_added(train, start, penalty.of)
-    return frequencies_hz(train, np.array(heavy))[penalty.mode]
 
 
 def _excess(penalty, reading):

@@ -70,6 +70,9 @@ def tune(
     fixed during a line search; between steps it gets more harmonics where they are too few, and the optimiser begins
     anew.
 
+    :class:`SceneError` if names are unknown, bounds exclude the start, a mesh without backlash is to separate and the
+    like, one sentence each; or if no speed converges at the start.
+
     Parameters
     ----------
     rpm : array ``(n,)``
@@ -98,9 +101,6 @@ def tune(
     Tuning
         Ctrl-C ends the tuning and returns the best design so far, with ``interrupted`` True; before the first step
         there is none, and it raises KeyboardInterrupt.
-
-    :class:`SceneError` if names are unknown, bounds exclude the start, a mesh without backlash is to separate and the
-    like, one sentence each; or if no speed converges at the start.
 
     Examples
     --------

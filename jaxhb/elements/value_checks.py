@@ -114,11 +114,8 @@ def value_errors(f, value) -> list[str]:
         found, wanted = f"{number:g}", "a whole number"
     elif not limits.contains(number):
         absent = "" if f.default is dataclasses.MISSING else " or leave the key out"
-        found, wanted, remedy = (
-            f"{number:g}{unit}",
-            limits.words(),
-            f" {limits.remedy or f'Correct the value{absent}.'}",
-        )
+        found, wanted = f"{number:g}{unit}", limits.words()
+        remedy = f" {limits.remedy or f'Correct the value{absent}.'}"
     else:
         return []
     return [f"{f.name} is {found}, must be {wanted}.{remedy}"]

@@ -98,6 +98,9 @@ def campbell(
 
     The diagram of W. Campbell, Trans. ASME 46 (1924) 31. :func:`critical_speed` has the derivatives.
 
+    :class:`SceneError` if speeds or orders are not greater than 0, speeds are above 1e6 rpm or do not rise, or a link
+    varies by what is not given.
+
     Parameters
     ----------
     train : DriveTrain, concrete
@@ -110,9 +113,6 @@ def campbell(
         Of how many elastic modes, the lowest.
     links_at : mapping, optional
         ``hz`` and ``amplitude`` at which links that vary are taken, see :meth:`DriveTrain.with_constant_links`.
-
-    :class:`SceneError` if speeds or orders are not greater than 0, speeds are above 1e6 rpm or do not rise, or a link
-    varies by what is not given.
 
     Examples
     --------

@@ -187,6 +187,9 @@ def forced_response(train: DriveTrain, *, rpm: Numbers, harmonics: int | None = 
     inertia; links that vary over frequency or amplitude, order-tuned absorbers. Eliminated along the tree as in Fridman
     2009, (10)-(12). A thousand speeds of a train of 30 disks with 24 orders take some hundredths of a second.
 
+    :class:`SceneError` if a speed is not greater than 0 or above 1e6 rpm, or ``harmonics`` is no whole number of at
+    least 1.
+
     Parameters
     ----------
     train : DriveTrain, may be traced
@@ -203,9 +206,6 @@ def forced_response(train: DriveTrain, *, rpm: Numbers, harmonics: int | None = 
         resonance, MAX_STEPS where no amplitude of a link with ``over_amplitude`` was found that leads to itself.
         ``residual`` is the largest force left on a disk over the largest force. Every number has derivatives with
         respect to the train and the speeds.
-
-    :class:`SceneError` if a speed is not greater than 0 or above 1e6 rpm, or ``harmonics`` is no whole number of at
-    least 1.
 
     Examples
     --------

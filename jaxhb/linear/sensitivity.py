@@ -136,11 +136,7 @@ def cluster_sums_hz(train: DriveTrain, clusters: Sequence[Sequence[int]], heavy:
 
 
 def clusters_of(frequencies_hz: Numbers, tolerance: float = CLUSTER) -> tuple[tuple[int, ...], ...]:
-    """Numbers of the modes whose frequencies ``(m,)``, rising, repeat to a relative ``tolerance``; host.
-
-    >>> clusters_of([0.0, 3.0, 3.0, 5.0])
-    ((0,), (1, 2), (3,))
-    """
+    """Numbers of the modes whose frequencies ``(m,)``, rising, repeat to a relative ``tolerance``; host."""
     found = np.asarray(frequencies_hz)
     starts = np.flatnonzero(np.diff(found, prepend=-np.inf) > tolerance * np.abs(found)).tolist()
     return tuple(tuple(range(a, b)) for a, b in zip(starts, [*starts[1:], len(found)], strict=True))

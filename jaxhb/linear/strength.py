@@ -50,22 +50,12 @@ def permissible_stress(
         C_D   = 0.35 + 0.93 d^-0.2
         tau_T = 1.7 tau_C / sqrt(C_K)
 
-    Parameters
-    ----------
-    diameter : float or array ``(...)`` m, outer
-    stress_concentration : float or array ``(...)``
-        C_K, the factor of the rule for the form: 1 for an integral flange, 0.6 for a keyway on a taper, 1.45 / scf for
-        a notch with stress concentration factor scf.
-    tensile_strength : float or array ``(...)`` Pa
-        sigma_B, specified minimum; counted up to 800 MPa. Of carbon and carbon-manganese steels and of propeller shafts
-        the rule counts 600 MPa at the most: give no more.
-    speed_ratio : float or array ``(...)``
-        lambda = n / n0, n0 the rated speed.
-
-    Returns
-    -------
-    continuous, transient : arrays ``(...)`` Pa
-        Infinite where lambda is above 1.05, for which the rule says nothing. Differentiable; numpy on the host.
+    Of the outer ``diameter`` d in m; the ``stress_concentration`` C_K, the factor of the rule for the form: 1 for an
+    integral flange, 0.6 for a keyway on a taper, 1.45 / scf for a notch with stress concentration factor scf; the
+    specified minimum ``tensile_strength`` sigma_B in Pa, counted up to 800 MPa, of which the rule counts 600 MPa at the
+    most for carbon and carbon-manganese steels and for propeller shafts; and the ``speed_ratio`` lambda = n / n0, n0
+    the rated speed. Numbers or arrays ``(...)``, the limits in Pa: infinite where lambda is above 1.05, for which the
+    rule says nothing. Differentiable; numpy on the host.
 
     Examples
     --------

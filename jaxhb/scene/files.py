@@ -18,6 +18,11 @@ from jaxhb.train.assembly import checked
 from jaxhb.train.drivetrain import DriveTrain
 
 _READERS = {".json": tors_content, ".csv": csv_content}
+_UNREADABLE = {
+    UnicodeDecodeError: "the file is not UTF-8 text. Save it as UTF-8.",
+    ValueError: "an integer has too many digits to be read. Write it as 1e9.",  # Python reads no more than 4300
+    RecursionError: "lists or tables are nested too deeply to be read. Write them flat.",
+}
 _SCENE_KEYS = [f.name for f in dataclasses.fields(Head)]
 
 
@@ -106,15 +111,11 @@ def _parse(path: Path, errors: list[str]) -> dict:
         raise
     except tomllib.TOMLDecodeError as error:
         raise SceneError(f"{path.name}: invalid TOML: {error}. {_correct(text, error)}") from None
-    except UnicodeDecodeError:
-        raise SceneError(f"{path.name}: the file is not UTF-8 text. Save it as UTF-8.") from None
-    except ValueError:
-        # Python reads no more than 4300 digits of an integer.
-        raise SceneError(f"{path.name}: an integer has too many digits to be read. Write it as 1e9.") from None
-    except RecursionError:
-        raise SceneError(f"{path.name}: lists or tables are nested too deeply to be read. Write them flat.") from None
     except OSError as error:
         raise SceneError(f"{path.name}: the file cannot be read: {error.strerror}.") from None
+    except tuple(_UNREADABLE) as error:
+        why = next(sentence for kind, sentence in _UNREADABLE.items() if isinstance(error, kind))
+        raise SceneError(f"{path.name}: {why}") from None
 
 
 def _read_elements(path: Path, content: dict, errors: list[str]) -> tuple[list, bool]:

@@ -110,15 +110,15 @@ def _made(content):
 def _beside(content, folder):
     """Files that rows of a scene name, in tables and in tables inside them."""
     found = {}
-    for table, rows in content.items():
-        inner = [] if table in ("scene", "tune") else list(rows) if isinstance(rows, list) else [rows]
-        while inner:
-            row = inner.pop()
-            if not isinstance(row, dict):
-                continue
-            found |= {name: folder / name for name in _named(row).values()}
-            for value in row.values():
-                inner += [v for v in (value if isinstance(value, list) else [value]) if isinstance(v, dict)]
+
+    def walk(row):
+        found.update({name: folder / name for name in _named(row).values()})
+        for value in row.values():
+            for inner in value if isinstance(value, list) else [value]:
+                if isinstance(inner, dict):
+                    walk(inner)
+
+    walk({table: rows for table, rows in content.items() if table not in ("scene", "tune")})
     return found
 
 

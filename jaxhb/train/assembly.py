@@ -27,6 +27,9 @@ def build(
 ) -> DriveTrain:
     """Check elements and put them together to a drive train.
 
+    Where two gears that mesh both have ``teeth``, one of their radii is corrected, by up to 0.1 % a mesh, so that the
+    ratio is that of the teeth. :class:`SceneError` tells everything that is wrong with the scene, one sentence a line.
+
     Parameters
     ----------
     elements : iterable
@@ -41,9 +44,6 @@ def build(
         Rated speed of the reference rotor; limits of stresses depend on the speed over it.
     tune, scenarios : dict, optional
         The first is passed on untouched; ``{name: {"NAME.FIELD": value}}`` for :meth:`DriveTrain.scenario`.
-
-    Where two gears that mesh both have ``teeth``, one of their radii is corrected, by up to 0.1 % a mesh, so that the
-    ratio is that of the teeth. :class:`SceneError` tells everything that is wrong with the scene, one sentence a line.
 
     Examples
     --------

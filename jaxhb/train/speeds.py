@@ -22,11 +22,7 @@ def read_speed(text):
 
 
 def read_speeds(text):
-    """Speeds in rpm from ``A:B:COUNT``, equally spaced, or ``R1,R2,...``; :class:`ValueError` if it is neither.
-
-    >>> read_speeds("600:1200:3")
-    [600.0, 900.0, 1200.0]
-    """
+    """Speeds in rpm from ``A:B:COUNT``, equally spaced, or ``R1,R2,...``; :class:`ValueError` if it is neither."""
     if ":" not in text:
         return [read_speed(word) for word in text.split(",")]
     words = text.split(":")

@@ -178,11 +178,7 @@ class Topology:
         return {name: (table, i) for table in order for i, name in enumerate(self._names[table])}
 
     def disk_index(self, name: str) -> int:
-        """Index of a disk or a damper's ring among the disks, rings last; else :class:`SceneError`, with the nearest.
-
-        >>> jaxhb.load_scene("spur_pair").topology.disk_index("gear b")
-        1
-        """
+        """Index of a disk or a damper's ring among the disks, rings last; else :class:`SceneError`, with the nearest."""
         if name not in self._disk_of:
             raise SceneError(f"{self.title}: there is no disk {name!r}.{suggestion(name, self.disk_names)}")
         return self._disk_of[name]
@@ -192,9 +188,6 @@ class Topology:
 
         The sense is -1 where the disks are given against the order of ``between``. Where several links join them one is
         asked for by its name.
-
-        >>> jaxhb.load_scene("spur_pair").topology.link_index("gear b", "gear a")
-        (0, -1)
         """
         where = self.title
         if other is None:

@@ -3,7 +3,7 @@
 ``k_i = c_i + r_i p``; the polynomial R of a piece is ``det / prod I``, of a free tree over p^2. Row 2 of table 1 of the
 source's chapter 3, a branch 5-6 at mass 3 of a chain 1-4, must read (docs/theory C2)
 
-    R_12 R_36 - gamma_23 R_1 R_4 R_56(3) - gamma_25 R_1 R_6 R_34(3),    gamma_ij = k_i k_j / I_3^2;    printed: gamma_35.
+    R_12 R_36 - gamma_23 R_1 R_4 R_56(3) - gamma_25 R_1 R_6 R_34(3),    gamma_ij = k_i k_j / I_3^2;  printed: gamma_35.
 """
 
 from fractions import Fraction
