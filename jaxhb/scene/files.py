@@ -113,7 +113,7 @@ def _parse(path: Path, errors: list[str]) -> dict:
         raise SceneError(f"{path.name}: invalid TOML: {error}. {_correct(text, error)}") from None
     except OSError as error:
         raise SceneError(f"{path.name}: the file cannot be read: {error.strerror}.") from None
-    except tuple(_UNREADABLE) as error:
+    except (ValueError, RecursionError) as error:
         why = next(sentence for kind, sentence in _UNREADABLE.items() if isinstance(error, kind))
         raise SceneError(f"{path.name}: {why}") from None
 

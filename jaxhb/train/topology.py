@@ -178,7 +178,7 @@ class Topology:
         return {name: (table, i) for table in order for i, name in enumerate(self._names[table])}
 
     def disk_index(self, name: str) -> int:
-        """Index of a disk or a damper's ring among the disks, rings last; else :class:`SceneError`, with the nearest."""
+        """Index of a disk or a damper's ring among the disks, rings last; else :class:`SceneError` with the nearest."""
         if name not in self._disk_of:
             raise SceneError(f"{self.title}: there is no disk {name!r}.{suggestion(name, self.disk_names)}")
         return self._disk_of[name]

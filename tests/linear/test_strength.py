@@ -97,16 +97,6 @@ def test_stresses_tooth_torques_and_heat_are_those_of_the_samples(response):
     np.testing.assert_allclose(sum(row.power for row in found.heat.values()) + rest, response.input_power, rtol=1e-9)
 
 
-def test_barred_ranges_enclose_the_speeds_above_the_limit(response):
-    found = jaxhb.strength(response)
-    assert set(found.barred) == {"coupling", "wheel|mill"} and found.barred["coupling"]
-    for name, several in found.barred.items():
-        row = found.stresses[name]
-        inside = np.array([any(one.low <= rpm <= one.high for one in several) for rpm in RPM])
-        limited = RPM <= 1.05 * 3000.0
-        np.testing.assert_array_equal((row.stress > row.continuous)[limited], inside[limited])
-
-
 def test_a_shaft_is_judged_at_its_own_section_or_at_that_of_its_stiffness():
     parts = [Disk(name=name, inertia=1.0) for name in "abc"]
     parts += [Shaft(between=("a", "b"), **STEEL), Shaft(between=("b", "c"), stiffness=1e5)]

@@ -117,17 +117,3 @@ def test_spur_pair_is_the_oscillator_of_the_reference_while_in_contact():
         mean = torque[0, 0].real / 0.05 / train.value("gear a|gear b.stiffness") / half
         assert abs(1 + mean - row["mean"]) < 1e-12
         assert highest_harmonic(train) == 1
-
-
-def test_engine_with_damper_is_the_diesel_with_gears_of_six_percent_tooth_damping():
-    train, diesel = load_scene("engine_with_damper"), load_scene("six_cylinder_diesel")
-    np.testing.assert_array_equal(train.disks.inertia[:9], diesel.disks.inertia)
-    for field in ("stiffness", "loss_factor"):
-        np.testing.assert_array_equal(getattr(train.shafts, field)[:8], getattr(diesel.shafts, field))
-    for field in vars(diesel.cylinders):
-        np.testing.assert_array_equal(getattr(train.cylinders, field), getattr(diesel.cylinders, field))
-    ends = np.array(train.topology.mesh_ends)
-    mass = train.disks.inertia[ends] / train.disks.radius[ends] ** 2
-    ratio = train.meshes.damping / (2 * np.sqrt(train.meshes.stiffness * mass.prod(1) / mass.sum(1)))
-    np.testing.assert_allclose(ratio, 0.06, rtol=5e-3)  # three digits are written
-    assert {train.topology.damper_disk} == {(train.topology.disk_index("hub"),) * 2}
