@@ -22,6 +22,7 @@ from jaxhb.results.signal import Signal, p_norm
 from jaxhb.results.status import Status
 from jaxhb.train.drivetrain import DriveTrain
 
+Swing = Callable[[Signal], Array]  # the half peak-to-peak of a signal, or what stands for it
 TIME_SAMPLES = 4096  # least number of time samples of the cycle at which contact is looked at
 
 
@@ -60,7 +61,6 @@ def half_peak_to_peak(signal: Signal, *, p: float = 64) -> Array:
     In the unit of the signal ``(...)``. At M = ``signal.resolution`` time samples it lies between M^(-1/p) times the
     true value and the true value (p = 64, M = 4096: 0.88 to 1).
 
-    >>> from jaxhb.design.objectives import half_peak_to_peak
     >>> torque = jaxhb.Signal(jnp.array([3.0, 5.0, 0.0]) + 0j, None, 2.0, 64)      # 3 + 10 cos(theta / 2)
     >>> round(float(half_peak_to_peak(torque, p=256)), 1)
     9.9
@@ -85,11 +85,7 @@ def power_over_limit(response: Response, name: str, *, train: DriveTrain | None 
 
 
 def stress(
-    response: Response,
-    name: str,
-    *,
-    train: DriveTrain | None = None,
-    swing: Callable[[Signal], Array] = close_half_peak_to_peak,
+    response: Response, name: str, *, train: DriveTrain | None = None, swing: Swing = close_half_peak_to_peak
 ) -> Array:
     """Amplitude of the nominal torsional stress of a shaft, Pa; see :func:`stress_over_limit`."""
     return strength.stress_of(strength.train_of(response, train), name, swing(usable(response).torque(name)))
@@ -101,7 +97,7 @@ def stress_over_limit(
     *,
     transient: bool = False,
     train: DriveTrain | None = None,
-    swing: Callable[[Signal], Array] = close_half_peak_to_peak,
+    swing: Swing = close_half_peak_to_peak,
 ) -> Array:
     """Stress of a shaft over its limit after IACS UR M68 at the speed of the response, ``T / W_p / tau``.
 
@@ -126,20 +122,14 @@ def stress_over_limit(
 
 
 def tooth_torque_over_limit(
-    response: Response,
-    name: str,
-    *,
-    train: DriveTrain | None = None,
-    swing: Callable[[Signal], Array] = close_half_peak_to_peak,
+    response: Response, name: str, *, train: DriveTrain | None = None, swing: Swing = close_half_peak_to_peak
 ) -> Array:
     """Vibratory torque of a mesh over a third of its ``rated_torque``; arguments as of :func:`stress_over_limit`."""
     radius, limit = strength.rated_gear(strength.train_of(response, train), name)
     return radius * swing(usable(response).force(name)) / limit
 
 
-def tooth_torque_over_mean(
-    response: Response, name: str, *, swing: Callable[[Signal], Array] = close_half_peak_to_peak
-) -> Array:
+def tooth_torque_over_mean(response: Response, name: str, *, swing: Swing = close_half_peak_to_peak) -> Array:
     """Vibratory torque of a mesh over its mean: above about 1 it reverses; 0 where there is no mean torque."""
     force = usable(response).force(name)
     mean = jnp.abs(force.mean)
@@ -159,12 +149,11 @@ def separated_fraction(response: Response, a: str, b: str | None = None, *, smoo
 
 
 def impact_severity(response: Response, a: str, b: str | None = None, *, smoothing: float = 0.02) -> Array:
-    """Sum of the approach speeds of all impacts of a cycle, smoothed, m/s.
+    """Sum of the approach speeds of all impacts of a cycle, smoothed, m/s; errors as of :func:`separated_fraction`.
 
     With the speed ``v = d|l|/dt`` and g as in :func:`separated_fraction`, the sum over the time samples at which
     ``|l|`` rises through g is the integral over the cycle of ``delta(|l| - g) max(v, 0)^2 dt``; the delta function is a
     logistic bell of width ``smoothing`` x backlash, which must be passed in several of the time samples of the cycle.
-    Raises as :func:`separated_fraction`.
     """
     distance, speed, gap, width = _motion(response, a, b, smoothing)
     inside = jax.nn.sigmoid((distance - gap) / width)

@@ -61,13 +61,12 @@ class HolzerTable:
 
     def __str__(self):
         width = max(len(name) for name in (*self.names, "disk"))
-        head = f"{'disk':{width}} {'J':>11} {'theta':>11} {'J w^2 theta':>11} {'sum':>11} {'c':>11} {'sum/c':>11}"
-        columns = (self.inertia, self.ordinate, self.torque, self.torque_sum, self.stiffness, self.twist)
-        rows = [
-            f"{name:{width}} " + " ".join(f"{value:11.4e}" for value in row)
-            for name, *row in zip(self.names, *columns, strict=True)
-        ]
-        return "\n".join([f"Holzer table at {self.hz:.6g} Hz, residual {self.residual:.4e} N m", head, *rows])
+        lines = [f"Holzer table at {self.hz:.6g} Hz, residual {self.residual:.4e} N m"]
+        lines += [f"{'disk':{width}} {'J':>11} {'theta':>11} {'J w^2 theta':>11} {'sum':>11} {'c':>11} {'sum/c':>11}"]
+        columns = self.inertia, self.ordinate, self.torque, self.torque_sum, self.stiffness, self.twist
+        for name, *row in zip(self.names, *columns, strict=True):
+            lines.append(f"{name:{width}} " + " ".join(f"{value:11.4e}" for value in row))
+        return "\n".join(lines)
 
 
 def holzer_table(train: DriveTrain, *, hz: Number) -> HolzerTable:
