@@ -213,10 +213,7 @@ class Branch:
 
         Of ``train.repeated(2)``, in the same range. Begins in the direction in which the harmonic equations over two
         periods are singular there; a motion and the one a period later are the same. ValueError where there is no such
-        period doubling.
-
-        >>> branch = jaxhb.follow(train, "rpm", start=4800.0, to=3900.0)  # doctest: +SKIP
-        >>> branch.doubled().doubled()  # doctest: +SKIP
+        period doubling; ``branch.doubled().doubled()`` goes on.
         """
         places = [point for point in self.special if point.kind == "period doubling"]
         if not -len(places) <= number < len(places):

@@ -2,11 +2,9 @@
 
 A lane is one design at one speed. The parameters are unbounded numbers z: a parameter lies the share
 ``1 / (1 + exp(-z))`` of the way from its lower to its upper bound, on its scale. What depends on them is done for all
-designs at once and ends in the numbers of the lanes' problems; what is expensive, a solve per lane, knows no
-parameters: its program serves any of them, and a gradient passes it once whatever their number. A gradient is taken
-only where the value turned out to be worth it, and only through the speeds that matter. At most speeds no tooth
-separates, and one linear solve is all; it is verified, and where a changed design shakes a tooth off the speed is
-solved like those that hammer.
+designs at once and ends in the numbers of the lanes' problems; a solve per lane knows no parameters: its program serves
+any of them, and a gradient passes it once whatever their number. A gradient is taken only where the value turned out to
+be worth it, and only through the speeds that matter.
 """
 
 import dataclasses

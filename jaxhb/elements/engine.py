@@ -164,8 +164,7 @@ def _disk_errors(engine, count, disk_names) -> list[str]:
         one = f"{count // 2} (one for each throw) or {count} (one for each cylinder)" if vee else f"{count}"
         return [f"disks has {len(engine.disks)} names, must have {one}."]
     unknown = [name for name in engine.disks if name not in disk_names]
-    said = [f"disks: there is no disk {shown(name)}.{suggestion(name, disk_names)}" for name in unknown]
-    return list(dict.fromkeys(said))
+    return [*dict.fromkeys(f"disks: there is no disk {shown(n)}.{suggestion(n, disk_names)}" for n in unknown)]
 
 
 def _order_errors(order, labels) -> list[str]:

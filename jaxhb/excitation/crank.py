@@ -26,17 +26,6 @@ def slider_crank(angle, stroke, rod):
     return x, x1, x2
 
 
-def short_series_acceleration(angle, stroke, rod):
-    """x'' by the short series of Mendes, Meirelles and Zampieri 2008 (about 3 % of lambda from the exact one).
-
-    x'' = r (cos a + lambda cos 2a - lambda^3/4 cos 4a + 9 lambda^5/128 cos 6a); arguments as for :func:`slider_crank`.
-    """
-    xp, r = namespace(angle, stroke, rod), 0.5 * stroke
-    ratio = r / rod
-    series = xp.cos(angle) + ratio * xp.cos(2 * angle) - ratio**3 / 4 * xp.cos(4 * angle)
-    return r * (series + 9 * ratio**5 / 128 * xp.cos(6 * angle))
-
-
 def gas_torque(pressure, bore, stroke, rod, *, revolutions):
     """p A x'(a) in N m [..., M] at equal steps of the gas cycle from firing top dead centre on, in NumPy or JAX.
 
@@ -55,10 +44,13 @@ def gas_torque(pressure, bore, stroke, rod, *, revolutions):
 def inertia_torque(stroke, rod, *, short_series=False):
     """-x'(a) x''(a) in m2 [..., M] at equal steps from top dead centre: the torque of 1 kg at 1 rad/s of the crank.
 
-    ``short_series``: take x'' from :func:`short_series_acceleration`.
+    ``short_series``: take x'' = r (cos a + lambda cos 2a - lambda^3/4 cos 4a + 9 lambda^5/128 cos 6a) of Mendes,
+    Meirelles and Zampieri 2008, about 3 % of lambda from the exact one.
     """
     xp = namespace(stroke, rod)
     stroke, rod, short = (xp.asarray(v)[..., None] for v in (stroke, rod, short_series))
     angle = 2.0 * np.pi * (np.arange(CRANK_SAMPLES) / CRANK_SAMPLES)
     _, x1, x2 = slider_crank(angle, stroke, rod)
-    return -x1 * xp.where(short, short_series_acceleration(angle, stroke, rod), x2)
+    r, ratio = 0.5 * stroke, 0.5 * stroke / rod
+    series = np.cos(angle) + ratio * np.cos(2 * angle) - ratio**3 / 4 * np.cos(4 * angle)
+    return -x1 * xp.where(short, r * (series + 9 * ratio**5 / 128 * np.cos(6 * angle)), x2)

@@ -202,8 +202,7 @@ def highest_harmonic(train: DriveTrain) -> int:
 def listed_harmonic(topology: Topology) -> int:
     """Largest harmonic n >= 1 of the cycle that the excitation can have, whatever the numbers of the train are.
 
-    Amplitudes of 0 and cylinders that misfire count like the others: it is never below :func:`highest_harmonic`, stays
-    under :meth:`DriveTrain.replace` and :meth:`DriveTrain.misfire`, and with so many :func:`excitation` drops nothing.
+    Amplitudes of 0 and cylinders that misfire count like the others: with so many :func:`excitation` drops nothing.
     """
     listed = *topology.torque_harmonics, *topology.cylinder_harmonics, *topology.load_harmonics
     found = [1, *(n for row in listed for n in row)]

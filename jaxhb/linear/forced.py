@@ -1,7 +1,7 @@
 """Forced response of the linear train: all speeds and all orders at once, meshes in contact.
 
-At every speed and harmonic n of the cycle ``Z(n) x^n = q^n`` (docs/theory A1). Speeds and harmonics are one axis of the
-scalar sweep along the tree (:func:`jaxhb.equations.dynamic_stiffness.solve_linear`, which has the derivatives as well).
+Speeds and harmonics are one axis of the scalar sweep along the tree
+(:func:`jaxhb.equations.dynamic_stiffness.solve_linear`, which has the derivatives as well).
 
 Power is exact from the harmonics: a link of complex stiffness C that transmits f turns ``sum_n 2 n Omega Im(C)
 |f^n / C|^2`` into heat, a disk with damping b ``sum_n 2 (n Omega)^2 b |x^n|^2``; the torques of the excitation bring in

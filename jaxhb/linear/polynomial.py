@@ -6,11 +6,9 @@ its determinant while free, and G, while it is held where it meets the rest. A p
 multiplies the other's pair: ``W = F + a^2 k G``, then ``F' <- F' W + G' b^2 k F``, ``G' <- G' W``. Pairs are rescaled
 by powers of two, which is exact. In one closed loop the pairs hang on a ring, summed by continuants.
 
-Beside a root little is left of large terms, and double precision leaves digits in proportion to the distance.
-:class:`Doubled` has some 24 digits: sums keep what they round off (D. E. Knuth, The Art of Computer Programming 2,
-4.2.2), products are made of halves whose products are exact (T. J. Dekker, Numer. Math. 18 (1971) 224): a compiler that
-joins a product and a sum in one instruction changes nothing. Only damping times p, and what radii of gears enter, is
-rounded.
+Beside a root little is left of large terms. :class:`Doubled` has some 24 digits: sums keep what they round off (D. E.
+Knuth, The Art of Computer Programming 2, 4.2.2), products are made of halves whose products are exact (T. J. Dekker,
+Numer. Math. 18 (1971) 224). Only damping times p, and what radii of gears enter, is rounded.
 """
 
 import dataclasses
@@ -342,9 +340,8 @@ class DampedApproximation:
 def damped_approximation(train: DriveTrain, omega: Array) -> DampedApproximation:
     """The source's ``D(i omega) = D1 + i omega (D2 - D1)``: D1 without link damping, D2 with c + r as stiffness.
 
-    First order in omega r/c, with a second-order error that depends on the unit of time, as c + r adds N m and N m s
-    (docs/theory C4): at most 1 % for omega r/c up to 0.01 and omega much larger than 1. Prefer the exact value, beside
-    which it stands. Loss factors do not count; damping of disks enters all three exactly.
+    First order in omega r/c (docs/theory C4): at most 1 % off for omega r/c up to 0.01 and omega much larger than 1.
+    Prefer the exact value, beside which it stands. Loss factors do not count; damping of disks enters all exactly.
 
     At ``omega`` ``(n,)`` rad/s, of a train with at most one closed loop.
 

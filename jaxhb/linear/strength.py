@@ -1,9 +1,8 @@
 """Torsional stresses of shafts beside their limits after IACS UR M68, tooth torques, and the heat of a link.
 
 The rule: IACS Unified Requirement M68, "Dimensions of propulsion shafts and their permissible torsional vibration
-stresses", for intermediate, thrust and propeller shafts. Crankshafts have another one, UR M53, with bending, fillets
-and oil holes: it is not computed here. To be checked against its current text: an aid to evaluation, no approval by a
-class.
+stresses", for intermediate, thrust and propeller shafts. Crankshafts have another one, UR M53, which is not computed
+here. To be checked against its current text: an aid to evaluation, no approval by a class.
 """
 
 import math
@@ -42,8 +41,7 @@ def permissible_stress(
 ) -> tuple[Array, Array]:
     """Permissible amplitudes of the torsional vibration stress after IACS UR M68, continuous and transient.
 
-    For intermediate, thrust and propeller shafts (M68.5), to be checked against its current text; crankshafts have
-    another rule, UR M53. In MPa and mm::
+    For intermediate, thrust and propeller shafts (M68.5), not for crankshafts (UR M53). In MPa and mm::
 
         tau_C = (sigma_B + 160) / 18 C_K C_D (3 - 2 lambda^2)     lambda < 0.9
         tau_C = (sigma_B + 160) / 18 C_K C_D 1.38                 0.9 <= lambda <= 1.05

@@ -166,10 +166,12 @@ def factor_rows(elements, name: str) -> np.ndarray:
 
 def _plain(cls, elements):
     """Collect a table whose fields are those of its elements; None for one that may be absent and that none has."""
-    given = {f.name: (factor_rows if f.name.startswith("over_") else column) for f in dataclasses.fields(cls)}
-    absent = {f.name for f in dataclasses.fields(cls) if f.default is None}
-    absent = {name for name in absent if not any(getattr(e, name) for e in elements)}
-    return cls(**{name: None if name in absent else collect(elements, name) for name, collect in given.items()})
+    found = {}
+    for f in dataclasses.fields(cls):
+        collect = factor_rows if f.name.startswith("over_") else column
+        absent = f.default is None and not any(getattr(e, f.name) for e in elements)
+        found[f.name] = None if absent else collect(elements, f.name)
+    return cls(**found)
 
 
 def of_elements(elements: dict) -> dict:
@@ -235,13 +237,9 @@ def cylinder_table(cylinders) -> Cylinders:
     )
 
 
-def _seats(cylinders, name) -> tuple[int, ...]:
-    return tuple(i for i, c in enumerate(cylinders) if gas.source(c) == name)
-
-
 def _trace_table(cylinders) -> Traces | None:
     """Collect the traces; None where no cylinder has any."""
-    seats = _seats(cylinders, "traces")
+    seats = tuple(i for i, c in enumerate(cylinders) if gas.source(c) == "traces")
     if not seats:
         return None
     own = [cylinders[i].traces for i in seats]
@@ -258,7 +256,7 @@ def _trace_table(cylinders) -> Traces | None:
 
 def _combustion_table(cylinders) -> Combustions | None:
     """Collect the combustions; None where no cylinder has one."""
-    seats = _seats(cylinders, "combustion")
+    seats = tuple(i for i, c in enumerate(cylinders) if gas.source(c) == "combustion")
     if not seats:
         return None
     own = [cylinders[i].combustion for i in seats]
