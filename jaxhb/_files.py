@@ -3,8 +3,7 @@
 import os
 from pathlib import Path
 
-PART = ".part"
-"""Ends the name of a file that is being written, after the number of its process."""
+PART = ".part"  # ends the name of a file that is being written, after the number of its process
 
 
 def write_whole(contents):

@@ -7,8 +7,7 @@ import numpy as np
 
 from jaxhb._jax import traced
 
-MOST_ROWS = 20
-"""Rows of a table in a notebook, the first and the last ones of more."""
+MOST_ROWS = 20  # rows of a table in a notebook
 
 
 def brief(cls):
@@ -16,17 +15,8 @@ def brief(cls):
 
     Not for classes whose ``repr`` identifies them: static parts of pytrees, which keys of programs are made of.
 
-    Examples
-    --------
-    >>> @brief
-    ... @dataclasses.dataclass
-    ... class Shapes:
-    ...     hz: np.ndarray
-    ...     names: tuple
-    >>> Shapes(np.arange(6.0), tuple("abcdef"))
+    >>> brief(dataclasses.make_dataclass("Shapes", ["hz", "names"]))(np.arange(6.0), tuple("abcdef"))
     Shapes(hz=float64[6] 0 to 5, names=6 of str)
-    >>> Shapes(1.5, {name: 1.0 for name in "abcdef"})
-    Shapes(hz=1.5, names=6 of float)
     """
 
     def line(self):
@@ -81,18 +71,9 @@ def counts(names):
     return ", ".join(f"{often[k]} {found[k]}" for k in np.argsort(-often, kind="stable"))
 
 
-def shown_rows(count):
-    """Numbers of the rows to show of so many, None where some are left out."""
-    if count <= MOST_ROWS:
-        return list(range(count))
-    half = MOST_ROWS // 2
-    return [*range(half), None, *range(count - half, count)]
-
-
 def html_table(caption, head, rows):
-    """A table in HTML; a row that is None stands for those left out."""
-    cells = [["…"] * len(head) if row is None else row for row in rows]
-    lines = "".join(f"<tr>{''.join(f'<td>{html.escape(str(c))}</td>' for c in row)}</tr>" for row in cells)
+    """A table in HTML."""
+    lines = "".join(f"<tr>{''.join(f'<td>{html.escape(str(c))}</td>' for c in row)}</tr>" for row in rows)
     titles = "".join(f"<th>{html.escape(title)}</th>" for title in head)
     table = f"<table><thead><tr>{titles}</tr></thead><tbody>{lines}</tbody></table>" if rows else ""
     return f"<p>{html.escape(caption)}</p>{table}"

@@ -22,9 +22,9 @@ SLOW = {
 def test_the_examples_of_a_module_hold(name):
     if ".report." in name:
         pytest.importorskip("matplotlib")
-    failures, examples = doctest.testmod(importlib.import_module(name))
+    failures, examples = doctest.testmod(importlib.import_module(name), extraglobs={"jaxhb": jaxhb})
     assert examples and not failures
 
 
 def test_most_modules_have_examples():
-    assert len(NAMES) >= 60 and set(NAMES) >= SLOW
+    assert len(NAMES) >= 50 and set(NAMES) >= SLOW

@@ -213,11 +213,7 @@ class Branch:
 
         Of ``train.repeated(2)``, in the same range. Begins in the direction in which the harmonic equations over two
         periods are singular there; a motion and the one a period later are the same. ValueError where there is no such
-        period doubling.
-
-        >>> import jaxhb
-        >>> branch = jaxhb.follow(train, "rpm", start=4800.0, to=3900.0)  # doctest: +SKIP
-        >>> branch.doubled().doubled()  # doctest: +SKIP
+        period doubling; ``branch.doubled().doubled()`` goes on.
         """
         places = [point for point in self.special if point.kind == "period doubling"]
         if not -len(places) <= number < len(places):
@@ -252,6 +248,10 @@ def follow(
     Pseudo-arclength continuation (Keller 1977) of the harmonic equations F(l, p) = 0 from a motion at ``start``. Every
     point has its stability. Ends where the parameter leaves ``start`` .. ``to`` on either side.
 
+    :class:`SceneError` if there is no such element or field, a value is out of its range, or a speed not greater than 0
+    or above 1e6 rpm. ValueError for an empty range, a missing or superfluous ``rpm``, a train without backlash, or
+    without multipliers (:func:`jaxhb.stability`). NotConverged if no motion is found at ``start``.
+
     Parameters
     ----------
     train : DriveTrain
@@ -269,19 +269,8 @@ def follow(
         A motion at ``start`` to begin with, where several exist; default: :func:`jaxhb.solve`.
     options : BranchOptions
 
-    Raises
-    ------
-    SceneError
-        No such element or field, a value out of its range, a speed that is not greater than 0 or above 1e6 rpm.
-    ValueError
-        An empty range, a missing or superfluous ``rpm``, a train without backlash, or without multipliers
-        (:func:`jaxhb.stability`).
-    NotConverged
-        No motion found at ``start``.
-
     Examples
     --------
-    >>> import jaxhb
     >>> train = jaxhb.load_scene("spur_pair")
     >>> branch = jaxhb.follow(train, "rpm", start=2000.0, to=3000.0)
     >>> round(float(branch.value[-1])), bool(branch.stable.all())

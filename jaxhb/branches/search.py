@@ -1,7 +1,5 @@
 """Every periodic motion of a train at one speed that searches find: those it may run in, and those that repel."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass
 
@@ -70,25 +68,10 @@ def solve_all(
     Shooting from many cycles and from scattered states, and the curve from a linear law, find motions of one cycle that
     repel, too.
 
-    Parameters
-    ----------
-    train, rpm, harmonics, tolerance
-        As in :func:`jaxhb.solve`.
+    Arguments as in :func:`jaxhb.solve`, errors as in :func:`jaxhb.steady_state`, which finds in a fraction of a second
+    what the train does; this takes minutes. The motions that attract come first, then those not decided, the largest
+    tooth force first; there are none where none is found. That no other exists is not claimed.
 
-    Returns
-    -------
-    tuple of PeriodicMotion
-        Those that attract first, then those not decided, the largest tooth force first; empty where none is found.
-        That no other exists is not claimed.
-
-    Raises
-    ------
-    SceneError, TypeError
-        As :func:`jaxhb.steady_state`, which finds in a fraction of a second what the train does; this takes minutes.
-
-    Examples
-    --------
-    >>> import jaxhb
     >>> found = jaxhb.solve_all(jaxhb.load_scene("spur_pair"), rpm=2000.0)
     >>> [(motion.period, motion.attracts) for motion in found]
     [(1, True)]

@@ -4,8 +4,6 @@ The theorem (:mod:`jaxhb.certificate.theorem`) is applied at the motion to which
 harmonics; bounds of the response add how far that is away.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import jax
@@ -43,7 +41,6 @@ def certify(response: Response) -> Certificate:
 
     Examples
     --------
-    >>> import jaxhb
     >>> found = jaxhb.certify(jaxhb.solve(jaxhb.load_scene("spur_pair"), rpm=3000.0))
     >>> found.holds
     True

@@ -21,16 +21,12 @@ The theorem of Newton and Kantorovich on the untruncated equation of the deflect
 3. ``h0 = Y0 Z2 <= 1/2``: a true motion exists within ``r = 2 Y0 / (1 + sqrt(1 - 2 h0))`` backlashes of ybar, all the
    time and at every mesh, and no other within 2 Y0. (r <= 2 Y0: the zone is that of 2 Y0.)
 
-A radius in the weighted norm would cost the factor E twice, 10 to 30 where tooth modes lie at harmonics in the
-hundreds; the largest value has no such factor.
+A radius in the weighted norm would cost the factor E twice, 10 to 30; the largest value has no such factor. Forces:
+elastic ones change at most with the stiffness in contact. Damping asks for the rate of the difference ``p = y* -
+ybar``, ``F' p = q = -F - H Delta``, ``|Delta| <= zone r^2 / 2 tau``: ``p = A q + e`` with ``e = d - H psi' e``, ``d = q
+- F' A q`` and ``|e|_w <= Z1/(1 - Z1) |A q|_w``, all of which can be differentiated in time.
 
-Forces: elastic ones change at most with the stiffness in contact. Damping asks for the rate of the difference
-``p = y* - ybar``, ``F' p = q = -F - H Delta``, ``|Delta| <= zone r^2 / 2 tau``: ``p = A q + e`` with ``e = d - H psi'
-e``, ``d = q - F' A q`` and ``|e|_w <= Z1/(1 - Z1) |A q|_w``, all of which can be differentiated in time.
-
-What is true uniformly is only the small-gain number: below 1 the equation has one solution for every load. Else ``F'``
-may be singular (a parametric resonance, docs/theory A4.2: the claim (31) of the source is false) and several motions
-may coexist, each with a certificate of its own.
+Where the small-gain number is not below 1 several motions may coexist, each with a certificate (docs/theory A4.2).
 """
 
 from dataclasses import replace

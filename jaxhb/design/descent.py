@@ -15,20 +15,13 @@ from jaxhb.results.status import Status
 
 OPTIMIZERS = {"lbfgs": optax.scale_by_lbfgs, "adam": optax.scale_by_adam}
 
-LONGEST = 1.5
-"""Largest change of a z in one step: the share of the range then moves by at most 0.36."""
-
+LONGEST = 1.5  # largest change of a z in one step: the share of the range then moves by at most 0.36
 TRIALS, EXPANSIONS = 12, 2
 """Lengths of a step tried at most; and that trial from which on one is taken that falls without Wolfe's condition."""
 
-DECREASE, CURVATURE = 1e-4, 0.9
-"""Of the line search: Armijo's and Wolfe's conditions."""
-
-AGAIN = 2
-"""Times that the last width is taken up again where peaks are followed."""
-
-FLAT = 1e-7
-"""Largest slope, as a share of the objective, at which nothing is left to win."""
+DECREASE, CURVATURE = 1e-4, 0.9  # of the line search: Armijo's and Wolfe's conditions
+AGAIN = 2  # times that the last width is taken up again where peaks are followed
+FLAT = 1e-7  # largest slope, as a share of the objective, at which nothing is left to win
 
 
 @dataclass(frozen=True)

@@ -2,11 +2,9 @@
 
 A lane is one design at one speed. The parameters are unbounded numbers z: a parameter lies the share
 ``1 / (1 + exp(-z))`` of the way from its lower to its upper bound, on its scale. What depends on them is done for all
-designs at once and ends in the numbers of the lanes' problems; what is expensive, a solve per lane, knows no
-parameters: its program serves any of them, and a gradient passes it once whatever their number. A gradient is taken
-only where the value turned out to be worth it, and only through the speeds that matter. At most speeds no tooth
-separates, and one linear solve is all; it is verified, and where a changed design shakes a tooth off the speed is
-solved like those that hammer.
+designs at once and ends in the numbers of the lanes' problems; a solve per lane knows no parameters: its program serves
+any of them, and a gradient passes it once whatever their number. A gradient is taken only where the value turned out to
+be worth it, and only through the speeds that matter.
 """
 
 import dataclasses
@@ -34,15 +32,9 @@ from jaxhb.results.status import Status
 from jaxhb.solutions.planning import next_level, plan_marching, plan_speeds
 from jaxhb.solutions.solve import solve
 
-NEWTON_STEPS = 15
-"""Of a lane at most."""
-
-CLOSED = 1e-4
-"""Periodicity error at which a march ends; what its steps leave of the equations is as much."""
-
-ALONE = 48
-"""Harmonics from which a processor solves lanes one by one: in a batch each waits for the slowest."""
-
+NEWTON_STEPS = 15  # of a lane at most
+CLOSED = 1e-4  # periodicity error at which a march ends; what its steps leave of the equations is as much
+ALONE = 48  # harmonics from which a processor solves lanes one by one: in a batch each waits for the slowest
 NEGLIGIBLE = 1e-8
 """Share of the largest derivative of the objective by a reading below which no gradient is taken through it."""
 
@@ -52,8 +44,7 @@ MOST_RESCUES = 3
 RESCUE_SECONDS = 30.0
 """After which a lost speed gets no further attempt; most of what is not found soon has no motion of one cycle."""
 
-FARTHEST = 6.9
-"""|z| of a start on a bound: a thousandth of the range inside it, where the share still has a slope."""
+FARTHEST = 6.9  # |z| of a start on a bound: a thousandth of the range inside it, where the share still has a slope
 
 
 @dataclass(frozen=True)
@@ -322,8 +313,7 @@ class Evaluator:
         return "; ".join(f"{n} speeds: {point.plans[k]}" for k, n in zip(numbers, counts, strict=True))
 
 
-SOLVED = "status", "motion", "resumed", "smooth", "exact"
-"""Fields of Point that a solve gives."""
+SOLVED = "status", "motion", "resumed", "smooth", "exact"  # fields of Point that a solve gives
 
 
 @dataclass(frozen=True)
@@ -423,17 +413,17 @@ class Lanes:
 def plan_designs(train, rpm, request):
     """The plan of speeds that leave theirs, every mesh an unknown and as fine as the finest; and a plan for each."""
     plans = plan_speeds(train, rpm, request)
-    plans = plans if request.harmonics else [_with_room(plan) for plan in plans]
+    if not request.harmonics:
+        plans = [dataclasses.replace(plan, harmonics=_level_with_room(plan)) for plan in plans]
     finest = max((plan for plan in plans if plan.active), key=lambda plan: plan.harmonics, default=plans[0])
     if not any(train.topology.mesh_backlash):
         return finest, plans
     return plan_marching(train, rpm, finest, request), plans
 
 
-def _with_room(plan):
+def _level_with_room(plan):
     """The next level where teeth leave contact without separating: cheaper than programs for two levels."""
-    higher = next_level(plan.harmonics, plan.method) if plan.active and not plan.marches else None
-    return dataclasses.replace(plan, harmonics=higher) if higher else plan
+    return (plan.active and not plan.marches and next_level(plan.harmonics, plan.method)) or plan.harmonics
 
 
 def batches(lanes, plan):
@@ -490,12 +480,8 @@ def train_and_problem(form, numbers, held):
 
 @partial(Program, static_argnames=("form", "asked", "sizes"))
 def read_lanes(numbers, held, rpm, start, active_meshes, *, form, asked, sizes):
-    """Solve ``c`` lanes of one plan and read their responses.
-
-    Returns
-    -------
-    smooth readings ``(c, J)``; the solutions, for :func:`pull_lanes`; and a tuple of status ``(c,)``, periodicity error
-    of the march or 0 ``(c,)``, deflections of all meshes ``(c, M, N+1)``, readings not smoothed ``(c, J)``
+    """Solve ``c`` lanes of one plan: smooth readings ``(c, J)``; the solutions, for :func:`pull_lanes`; and status
+    ``(c,)``, periodicity error of the march or 0 ``(c,)``, deflections of all meshes ``(c, M, N+1)``, exact readings.
     """
 
     def lane(numbers, speed, start):
@@ -572,7 +558,9 @@ def combine(train, z, smooth, kept, weights, widths, scales, *, task, own, heavy
                 total += objective.weight * objectives.masked_sum(weighted[:own], kept[:own]) / count
         for penalty in task.penalties:
             if penalty.quantity in OF_DESIGN:
-                readings.append(_of_design(penalty, changed, train, heavy))
+                added = penalty.quantity == "inertia added"
+                hz = None if added else frequencies_hz(changed, np.array(heavy))
+                readings.append(inertia_added(changed, train, penalty.of) if added else hz[penalty.mode])
                 total += penalty.weight * _excess(penalty, readings[-1]) ** 2
             else:
                 excess = penalty.weight * _excess(penalty, next(values)) ** 2
@@ -581,12 +569,6 @@ def combine(train, z, smooth, kept, weights, widths, scales, *, task, own, heavy
 
     (value, readings), slopes = jax.vmap(jax.value_and_grad(cost, (0, 1), has_aux=True))(z, smooth, kept, weights)
     return value, readings, *slopes
-
-
-def _of_design(penalty, train, start, heavy):
-    if penalty.quantity == "inertia added":
-        return inertia_added(train, start, penalty.of)
-    return frequencies_hz(train, np.array(heavy))[penalty.mode]
 
 
 def _excess(penalty, reading):

@@ -7,8 +7,6 @@ optimiser is paid for failing. ``a, b`` are the two ends of a link, or its name 
 the response, which has none if it comes out of a jax transformation.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 
@@ -24,8 +22,8 @@ from jaxhb.results.signal import Signal, p_norm
 from jaxhb.results.status import Status
 from jaxhb.train.drivetrain import DriveTrain
 
-TIME_SAMPLES = 4096
-"""Least number of time samples of the cycle at which contact is looked at."""
+Swing = Callable[[Signal], Array]  # the half peak-to-peak of a signal, or what stands for it
+TIME_SAMPLES = 4096  # least number of time samples of the cycle at which contact is looked at
 
 
 def valid(response: Response) -> Array:
@@ -63,10 +61,6 @@ def half_peak_to_peak(signal: Signal, *, p: float = 64) -> Array:
     In the unit of the signal ``(...)``. At M = ``signal.resolution`` time samples it lies between M^(-1/p) times the
     true value and the true value (p = 64, M = 4096: 0.88 to 1).
 
-    Examples
-    --------
-    >>> import jaxhb
-    >>> from jaxhb.design.objectives import half_peak_to_peak
     >>> torque = jaxhb.Signal(jnp.array([3.0, 5.0, 0.0]) + 0j, None, 2.0, 64)      # 3 + 10 cos(theta / 2)
     >>> round(float(half_peak_to_peak(torque, p=256)), 1)
     9.9
@@ -91,11 +85,7 @@ def power_over_limit(response: Response, name: str, *, train: DriveTrain | None 
 
 
 def stress(
-    response: Response,
-    name: str,
-    *,
-    train: DriveTrain | None = None,
-    swing: Callable[[Signal], Array] = close_half_peak_to_peak,
+    response: Response, name: str, *, train: DriveTrain | None = None, swing: Swing = close_half_peak_to_peak
 ) -> Array:
     """Amplitude of the nominal torsional stress of a shaft, Pa; see :func:`stress_over_limit`."""
     return strength.stress_of(strength.train_of(response, train), name, swing(usable(response).torque(name)))
@@ -107,28 +97,16 @@ def stress_over_limit(
     *,
     transient: bool = False,
     train: DriveTrain | None = None,
-    swing: Callable[[Signal], Array] = close_half_peak_to_peak,
+    swing: Swing = close_half_peak_to_peak,
 ) -> Array:
     """Stress of a shaft over its limit after IACS UR M68 at the speed of the response, ``T / W_p / tau``.
 
     See :func:`jaxhb.permissible_stress`; an aid to evaluation, no approval by a class.
 
-    Parameters
-    ----------
-    name : str
-        A shaft with a ``tensile_strength``.
-    transient : bool
-        The limit of passing through, instead of continuous running.
-    swing : callable
-        The half peak-to-peak of a Signal; by default smooth, and at most 0.8 % too small.
+    Of a shaft ``name`` with a ``tensile_strength``; ``transient``: the limit of passing through, instead of continuous
+    running; ``swing``: the half peak-to-peak of a Signal, by default smooth and at most 0.8 % too small. ``(...)``, 0
+    above 1.05 of the rated speed, where there is no limit.
 
-    Returns
-    -------
-    array ``(...)``, 0 above 1.05 of the rated speed, where there is no limit
-
-    Examples
-    --------
-    >>> import jaxhb
     >>> parts = [jaxhb.Disk(name=name, inertia=2.0) for name in "ab"]
     >>> parts += [jaxhb.Torque(disk="a", harmonics=[(1.0, 10.0, 0.0)])]
     >>> form = {"diameter": 0.01, "stress_concentration": 1.0, "tensile_strength": 6e8}
@@ -144,20 +122,14 @@ def stress_over_limit(
 
 
 def tooth_torque_over_limit(
-    response: Response,
-    name: str,
-    *,
-    train: DriveTrain | None = None,
-    swing: Callable[[Signal], Array] = close_half_peak_to_peak,
+    response: Response, name: str, *, train: DriveTrain | None = None, swing: Swing = close_half_peak_to_peak
 ) -> Array:
     """Vibratory torque of a mesh over a third of its ``rated_torque``; arguments as of :func:`stress_over_limit`."""
     radius, limit = strength.rated_gear(strength.train_of(response, train), name)
     return radius * swing(usable(response).force(name)) / limit
 
 
-def tooth_torque_over_mean(
-    response: Response, name: str, *, swing: Callable[[Signal], Array] = close_half_peak_to_peak
-) -> Array:
+def tooth_torque_over_mean(response: Response, name: str, *, swing: Swing = close_half_peak_to_peak) -> Array:
     """Vibratory torque of a mesh over its mean: above about 1 it reverses; 0 where there is no mean torque."""
     force = usable(response).force(name)
     mean = jnp.abs(force.mean)
@@ -170,22 +142,18 @@ def separated_fraction(response: Response, a: str, b: str | None = None, *, smoo
     The mean over the cycle of ``1 / (1 + exp((|l| - g) / w))`` with g the gap of the law and
     w = ``smoothing`` x backlash; the share with ``|l| < g`` as w goes to zero.
 
-    Raises
-    ------
-    SceneError
-        If the mesh has no backlash.
+    :class:`SceneError` if the mesh has no backlash.
     """
     distance, _, gap, width = _motion(response, a, b, smoothing)
     return jnp.where(valid(response), jax.nn.sigmoid((gap - distance) / width).mean(axis=-1), 0.0)
 
 
 def impact_severity(response: Response, a: str, b: str | None = None, *, smoothing: float = 0.02) -> Array:
-    """Sum of the approach speeds of all impacts of a cycle, smoothed, m/s.
+    """Sum of the approach speeds of all impacts of a cycle, smoothed, m/s; errors as of :func:`separated_fraction`.
 
     With the speed ``v = d|l|/dt`` and g as in :func:`separated_fraction`, the sum over the time samples at which
     ``|l|`` rises through g is the integral over the cycle of ``delta(|l| - g) max(v, 0)^2 dt``; the delta function is a
     logistic bell of width ``smoothing`` x backlash, which must be passed in several of the time samples of the cycle.
-    Raises as :func:`separated_fraction`.
     """
     distance, speed, gap, width = _motion(response, a, b, smoothing)
     inside = jax.nn.sigmoid((distance - gap) / width)

@@ -123,11 +123,6 @@ def _judged(unit, kind, value, **more):
     return Quantity(unit, kind, *(lambda r, of, _, how=how: value(r, of, **how, **more) for how in ({}, exact)))
 
 
-def _unsmoothed(unit, kind, value):
-    """A value ``(response, of)``."""
-    return Quantity(unit, kind, lambda response, of, _: value(response, of))
-
-
 QUANTITIES = {
     "tooth force": _swing("N", "mesh", Response.force),
     "tooth force peak": _swing("N", "mesh", Response.force, Signal.smooth_peak, lambda signal: signal.peak),
@@ -137,10 +132,12 @@ QUANTITIES = {
     "gear torque": _swing("N m", "gear", Response.gear_torque),
     "angle": _swing("rad", "disk", Response.disk),
     "angle order": _order("rad", "disk", Response.disk),
-    "separated fraction": _unsmoothed("", "mesh with backlash", objectives.separated_fraction),
-    "impact severity": _unsmoothed("m/s", "mesh with backlash", objectives.impact_severity),
-    "damper power": _unsmoothed("W", "shaft or damper", objectives.damper_power),
-    "power over limit": _unsmoothed("", "shaft or damper with a power_limit", objectives.power_over_limit),
+    "separated fraction": Quantity("", "mesh with backlash", lambda r, of, _: objectives.separated_fraction(r, of)),
+    "impact severity": Quantity("m/s", "mesh with backlash", lambda r, of, _: objectives.impact_severity(r, of)),
+    "damper power": Quantity("W", "shaft or damper", lambda r, of, _: objectives.damper_power(r, of)),
+    "power over limit": Quantity(
+        "", "shaft or damper with a power_limit", lambda r, of, _: objectives.power_over_limit(r, of)
+    ),
     "stress": _judged("Pa", "shaft with a diameter", objectives.stress),
     "stress over continuous limit": _judged("", "shaft with a tensile_strength", objectives.stress_over_limit),
     "stress over transient limit": _judged(
@@ -151,8 +148,7 @@ QUANTITIES = {
 }
 """Forces, torques and angles are half peak-to-peak unless called peak or order; all are smooth, none is negative."""
 
-OF_DESIGN = {"inertia added": "kg m2", "natural frequency": "Hz"}
-"""Quantities of the train alone, for penalties."""
+OF_DESIGN = {"inertia added": "kg m2", "natural frequency": "Hz"}  # quantities of the train alone, for penalties
 
 
 def unit_of(quantity):
@@ -174,18 +170,7 @@ def inertia_added(train, start, of=None):
 
 
 def check_all(train, parameters, given, penalties, rpm):
-    """Refuse what cannot be tuned, every fault in one sentence, all at once.
-
-    Parameters
-    ----------
-    train : DriveTrain
-    parameters : sequence of Parameter; given : of Objective; penalties : of Penalty
-    rpm : array ``(n,)``
-
-    Raises
-    ------
-    SceneError
-    """
+    """Refuse what cannot be tuned, every fault of parameters, objectives and penalties in one sentence, all at once."""
     where, names = train.topology.title, [parameter.name for parameter in parameters]
     faults = [] if parameters else [f"{where}: there is nothing to tune: name at least one parameter."]
     faults += [] if given else [f"{where}: there is nothing to make small: name at least one objective."]

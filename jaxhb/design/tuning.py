@@ -1,7 +1,5 @@
 """Tuning: the numbers of a train that make a response small over a range of speeds, by gradient."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -72,6 +70,9 @@ def tune(
     fixed during a line search; between steps it gets more harmonics where they are too few, and the optimiser begins
     anew.
 
+    :class:`SceneError` if names are unknown, bounds exclude the start, a mesh without backlash is to separate and the
+    like, one sentence each; or if no speed converges at the start.
+
     Parameters
     ----------
     rpm : array ``(n,)``
@@ -101,15 +102,8 @@ def tune(
         Ctrl-C ends the tuning and returns the best design so far, with ``interrupted`` True; before the first step
         there is none, and it raises KeyboardInterrupt.
 
-    Raises
-    ------
-    SceneError
-        Unknown names, bounds that exclude the start, contact of a mesh without backlash and the like, one sentence
-        each; or no speed converges at the start.
-
     Examples
     --------
-    >>> import jaxhb
     >>> from jaxhb.design import Objective, Parameter
     >>> train = jaxhb.load_scene("six_cylinder_diesel")
     >>> swing = Objective(quantity="shaft torque", of="cyl6|flywheel")

@@ -4,8 +4,6 @@ Scenarios are named sets of values of a scene, as a coupling that is warm or wor
 ``"ELEMENT.FIELD" = value`` or ``ELEMENT.FIELD = value``, in the units of the scene.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections import Counter
 

@@ -4,24 +4,19 @@ Solves read stiffness and damping alone. What they follow from is kept beside th
 changes both together.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 
 from jaxhb._jax import Number
 
-LINKS = ("shaft", "damper", "mesh")
-"""Tables of links in the order of their numbers."""
-
+LINKS = ("shaft", "damper", "mesh")  # tables of links in the order of their numbers
 DIMENSIONS = ("length", "outer", "inner", "shear_modulus")
 DAMPING = ("magnifier", "damping_ratio", "damping_hz")
 _TOLD = ("length", "outer", "shear_modulus", *DAMPING, "diameter", "stress_concentration", "tensile_strength")
 OPTIONAL = (*_TOLD, "power_limit", "rated_torque")
 """Keys that a link has or has not; ``inner`` and ``bore`` are 0 where they are not given."""
 
-WITH = {"inner": "outer", "bore": "diameter"}
-"""Keys that only have a meaning beside another one."""
+WITH = {"inner": "outer", "bore": "diameter"}  # keys that only have a meaning beside another one
 
 
 def shaft_stiffness(length: Number, outer: Number, inner: Number = 0.0, shear_modulus: Number = 8e10) -> Number:
@@ -30,8 +25,6 @@ def shaft_stiffness(length: Number, outer: Number, inner: Number = 0.0, shear_mo
     Length l, outer and inner diameter d_o and d_i in m and shear modulus G in Pa broadcast. Differentiable; numpy on
     the host.
 
-    Examples
-    --------
     >>> round(float(shaft_stiffness(0.5, 0.1, 0.05, 8e10)))
     1472622
     """
@@ -47,8 +40,6 @@ def viscous_damping(
     amplification at the resonance of one mass on the link; Lehr's ``damping_ratio`` is ``D = 1 / (2 M)``:
     :class:`ValueError` if not exactly one of them is given. Arguments broadcast. Differentiable; numpy on the host.
 
-    Examples
-    --------
     >>> round(viscous_damping(1e6, 50.0, magnifier=25.0), 3), round(viscous_damping(1e6, 50.0, damping_ratio=0.02), 3)
     (127.324, 127.324)
     """

@@ -5,15 +5,7 @@ The elements only hold what was written. Nothing is checked when one is made;
 :func:`jaxhb.train.assembly.build` checks all of them together. Every numeric field carries its unit and its
 allowed range, which the checks and the sentences of the errors read. Units are SI, angles at the border in
 degrees.
-
-Examples
---------
->>> from jaxhb.elements.elements import Disk, Shaft
->>> parts = [Disk(name="a", inertia=1.0), Disk(name="b", inertia=2.0)]
->>> parts += [Shaft(between=("a", "b"), stiffness=1e4)]
 """
-
-from __future__ import annotations
 
 import dataclasses
 import difflib
@@ -325,6 +317,17 @@ class Cylinder(CrankSlider):
     """
 
     disk: str = declared("disk")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Head:
+    """``[scene]``: what belongs to the whole train."""
+
+    name: str | None = declared("name", None)
+    description: str | None = declared("name", None)
+    revolutions_per_cycle: float = positive("", 2.0)
+    reference: str | None = declared("disk", None)
+    rated_rpm: float | None = positive("rpm", None)
 
 
 def table_of(element) -> str:

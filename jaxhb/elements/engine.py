@@ -1,13 +1,4 @@
-"""One ``[engine]`` table for all cylinders of an engine: it makes their ``[[cylinder]]`` entries.
-
-Examples
---------
->>> rows = cylinder_rows({"cylinders": 3, "disks": ["a", "b", "c"], "firing_order": [1, 3, 2], "gas_torque_mean": 9.0})
->>> [(row["name"], row["disk"], row["firing_angle"]) for row in rows]
-[('cylinder 1', 'a', 0.0), ('cylinder 2', 'b', 480.0), ('cylinder 3', 'c', 240.0)]
-"""
-
-from __future__ import annotations
+"""One ``[engine]`` table for all cylinders of an engine: it makes their ``[[cylinder]]`` entries."""
 
 import dataclasses
 import math
@@ -173,8 +164,7 @@ def _disk_errors(engine, count, disk_names) -> list[str]:
         one = f"{count // 2} (one for each throw) or {count} (one for each cylinder)" if vee else f"{count}"
         return [f"disks has {len(engine.disks)} names, must have {one}."]
     unknown = [name for name in engine.disks if name not in disk_names]
-    said = [f"disks: there is no disk {shown(name)}.{suggestion(name, disk_names)}" for name in unknown]
-    return list(dict.fromkeys(said))
+    return [*dict.fromkeys(f"disks: there is no disk {shown(n)}.{suggestion(n, disk_names)}" for n in unknown)]
 
 
 def _order_errors(order, labels) -> list[str]:

@@ -15,25 +15,14 @@ The equation is linear in p and Q: the pressure is that without heat, plus the h
 
 Sources: I. Wiebe, *Brennverlauf und Kreisprozess von Verbrennungsmotoren*, 1970; J. B. Heywood, *Internal Combustion
 Engine Fundamentals*, sections 9.2 and 9.6.
-
->>> import numpy as np
->>> numbers = dict(zip(NUMBERS, np.array([[16.0], [1e5], [1e5], [-5.0], [60.0], [1.0], [1.35], [1.28]])))
->>> sizes = np.array([[0.1], [0.12], [0.2]])
->>> motored, per_joule = pressures(*sizes, numbers, revolutions=2, samples=7200)
->>> round(float(motored[0, 0] / 1e5), 1), round(float((motored + 2000 * per_joule).max() / 1e5))
-(42.2, 69)
 """
-
-from __future__ import annotations
 
 import numpy as np
 
 from jaxhb._jax import namespace
 from jaxhb.excitation.crank import slider_crank
 
-BURNT_AT_END = 0.999
-"""Share of the fuel that is burnt at the end of the duration: Wiebe's function never reaches 1."""
-
+BURNT_AT_END = 0.999  # share of the fuel that is burnt at the end of the duration: Wiebe's function never reaches 1
 _CHARGE, _HEAT = ("compression_ratio", "charge_pressure", "exhaust_pressure"), ("start", "duration", "shape")
 NUMBERS = (*_CHARGE, *_HEAT, "compression_exponent", "expansion_exponent")
 

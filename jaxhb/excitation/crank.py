@@ -1,7 +1,5 @@
 """The crank-slider: its kinematics, gas torque (NumPy or JAX) and inertia torque (JAX)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from jaxhb._jax import namespace
@@ -16,9 +14,6 @@ def slider_crank(angle, stroke, rod):
     With r = stroke/2, lambda = r/rod < 1 and q = sqrt(1 - lambda^2 sin^2 a): x = r (1 - cos a) + rod (1 - q),
     x' = r (sin a + lambda sin a cos a / q), x'' = r (cos a + lambda cos 2a / q + lambda^3 sin^2 a cos^2 a / q^3). Den
     Hartog, *Mechanical Vibrations*, section 5.3.
-
-    >>> [round(float(v), 6) for v in slider_crank(0.0, 0.1, 0.2)]
-    [0.0, 0.0, 0.0625]
     """
     xp, r = namespace(angle, stroke, rod), 0.5 * stroke
     ratio = r / rod
@@ -29,17 +24,6 @@ def slider_crank(angle, stroke, rod):
     x1 = r * (s + ratio * s * c / q)
     x2 = r * (c + ratio * (c * c - s * s) / q + ratio**3 * (s * c) ** 2 / q**3)
     return x, x1, x2
-
-
-def short_series_acceleration(angle, stroke, rod):
-    """x'' by the short series of Mendes, Meirelles and Zampieri 2008 (about 3 % of lambda from the exact one).
-
-    x'' = r (cos a + lambda cos 2a - lambda^3/4 cos 4a + 9 lambda^5/128 cos 6a); arguments as for :func:`slider_crank`.
-    """
-    xp, r = namespace(angle, stroke, rod), 0.5 * stroke
-    ratio = r / rod
-    series = xp.cos(angle) + ratio * xp.cos(2 * angle) - ratio**3 / 4 * xp.cos(4 * angle)
-    return r * (series + 9 * ratio**5 / 128 * xp.cos(6 * angle))
 
 
 def gas_torque(pressure, bore, stroke, rod, *, revolutions):
@@ -60,10 +44,13 @@ def gas_torque(pressure, bore, stroke, rod, *, revolutions):
 def inertia_torque(stroke, rod, *, short_series=False):
     """-x'(a) x''(a) in m2 [..., M] at equal steps from top dead centre: the torque of 1 kg at 1 rad/s of the crank.
 
-    ``short_series``: take x'' from :func:`short_series_acceleration`.
+    ``short_series``: take x'' = r (cos a + lambda cos 2a - lambda^3/4 cos 4a + 9 lambda^5/128 cos 6a) of Mendes,
+    Meirelles and Zampieri 2008, about 3 % of lambda from the exact one.
     """
     xp = namespace(stroke, rod)
     stroke, rod, short = (xp.asarray(v)[..., None] for v in (stroke, rod, short_series))
     angle = 2.0 * np.pi * (np.arange(CRANK_SAMPLES) / CRANK_SAMPLES)
     _, x1, x2 = slider_crank(angle, stroke, rod)
-    return -x1 * xp.where(short, short_series_acceleration(angle, stroke, rod), x2)
+    r, ratio = 0.5 * stroke, 0.5 * stroke / rod
+    series = np.cos(angle) + ratio * np.cos(2 * angle) - ratio**3 / 4 * np.cos(4 * angle)
+    return -x1 * xp.where(short, r * (series + 9 * ratio**5 / 128 * np.cos(6 * angle)), x2)

@@ -4,8 +4,6 @@ At every speed the pressure of a cylinder is a weighted sum of functions of the 
 speed (:func:`components`, :func:`weights`): harmonics are taken of these once, for all speeds.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any, dataclass_transform
 
@@ -18,14 +16,9 @@ from jaxhb.excitation.crank import slider_crank
 
 Array = Any
 
-GAS_SAMPLES = 7200
-"""Angles of a gas cycle: a tenth of a degree of four strokes."""
-
-FAR = 1e30
-"""Speed or load of points that fill up a grid: interpolation never reaches them."""
-
-COMPUTED = ("pressure", "traces", "combustion")
-"""Fields of a cylinder whose gas torque is computed from its pressure."""
+GAS_SAMPLES = 7200  # angles of a gas cycle: a tenth of a degree of four strokes
+FAR = 1e30  # speed or load of points that fill up a grid: interpolation never reaches them
+COMPUTED = ("pressure", "traces", "combustion")  # fields of a cylinder whose gas torque is computed from its pressure
 
 
 @dataclass_transform(kw_only_default=True, frozen_default=True, eq_default=False)

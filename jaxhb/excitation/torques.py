@@ -29,29 +29,7 @@ if TYPE_CHECKING:
 INERTIA_ORDERS_THAT_COUNT = 6
 """Orders of the inertia torque per revolution of its own rotor: the next is 0.04 % of the largest."""
 
-NEGLIGIBLE_GAS = 1e-6
-"""Share of the largest harmonic of a computed gas torque below which one does not count."""
-
-
-def gas_torque_harmonics(pressure, bore, stroke, rod, *, revolutions):
-    """Harmonics [..., M//2 + 1] of :func:`~jaxhb.excitation.crank.gas_torque` over the gas cycle, arguments as there.
-
-    N m; entry 0 the mean, entry k the coefficient of exp(i k a / revolutions), half the peak amplitude.
-    """
-    torque = gas_torque(pressure, bore, stroke, rod, revolutions=revolutions)
-    return fourier.analyze(torque, torque.shape[-1] // 2)
-
-
-def inertia_torque_harmonics(stroke, rod, *, short_series=False):
-    """Harmonics [..., 257] of :func:`~jaxhb.excitation.crank.inertia_torque` over a revolution, arguments as there.
-
-    m2; entry j the coefficient of exp(i j a), half the peak amplitude, a from top dead centre. The series in lambda =
-    stroke/(2 rod) is Porter's (1943): -1/2 sin 2a - 3 lambda/4 sin 3a + ... times m r^2 w^2.
-
-    >>> round(float(-2 * inertia_torque_harmonics(2.0, 5.0)[2].imag), 12)
-    -0.500052072485
-    """
-    return fourier.analyze(inertia_torque(stroke, rod, short_series=short_series), CRANK_SAMPLES // 2)
+NEGLIGIBLE_GAS = 1e-6  # share of the largest harmonic of a computed gas torque below which one does not count
 
 
 @kept
@@ -65,14 +43,16 @@ def _pressure_harmonics(table, rows, revolutions):
     pressure = xp.asarray(components(table))[:, rows]
     ambient, *geometry = (xp.asarray(values)[rows] for values in given)
     all_of = xp.concatenate([pressure, xp.broadcast_to(ambient[None, :, None], (1, *pressure.shape[1:]))])
-    harmonics = gas_torque_harmonics(all_of, *geometry, revolutions=np.array(revolutions))
+    torque = gas_torque(all_of, *geometry, revolutions=np.array(revolutions))
+    harmonics = fourier.analyze(torque, torque.shape[-1] // 2)
     return harmonics[:-1], harmonics[-1]
 
 
 @kept
 def _unit_inertia_harmonics(table, short_series):
-    """:func:`inertia_torque_harmonics` of the cylinders of a table."""
-    return inertia_torque_harmonics(table.stroke, table.rod, short_series=np.array(short_series))
+    """Harmonics [..., 257] of the torque of 1 kg at 1 rad/s over a revolution of each cylinder's crank, m2."""
+    torque = inertia_torque(table.stroke, table.rod, short_series=np.array(short_series))
+    return fourier.analyze(torque, CRANK_SAMPLES // 2)
 
 
 def _computed_gas(train):
@@ -87,35 +67,12 @@ def _computed_gas(train):
 
 
 def excitation(train: DriveTrain, rpm, harmonics: int):
-    """Torque on every disk as harmonics of the cycle, the loads that balance it, and what is left unbalanced.
+    """Torque on every disk up to harmonic N of the cycle, complex [n_disks, N + 1], loads included, in N m; the mean
+    torque of each load [n_loads]; and the imbalance left, sum over disks of speed ratio x mean torque.
 
-    The loads satisfy: sum over disks of speed ratio x mean torque = 0, each taking its share; their pulsation is in
-    proportion to the torque that each takes. The angle 0 of the reference rotor is firing top dead centre of a cylinder
-    with ``firing_angle`` 0; an event later by alpha of its own rotor multiplies by exp(-i order alpha).
-
-    Parameters
-    ----------
-    train : DriveTrain
-    rpm : float, scalar array
-        Speed of the reference rotor.
-    harmonics : int
-        N (static); harmonics above N are dropped, see :func:`highest_harmonic`.
-
-    Returns
-    -------
-    torque : array [n_disks, N + 1], complex
-        N m, T^n for n = 0..N; rings of dampers last; the loads are included.
-    load_torque : array [n_loads]
-        N m, mean torque of each load on its disk (negative where it takes power).
-    imbalance : scalar array
-        N m, sum over disks of speed ratio x mean torque, loads included: 0 when there is a load.
-
-    Examples
-    --------
-    >>> from jaxhb.scene.files import load_scene
-    >>> torque, load, left = excitation(load_scene("gear_train_30"), 1800.0, 24)
-    >>> torque.shape, load.shape
-    ((27, 25), (1,))
+    The loads make the imbalance 0, each taking its share; their pulsation is in proportion to the torque that each
+    takes. The angle 0 of the reference rotor is firing top dead centre of a cylinder with ``firing_angle`` 0; an event
+    later by alpha of its own rotor multiplies by exp(-i order alpha).
     """
     xp, topology = namespace(train, rpm), train.topology
     rpm = xp.asarray(rpm, dtype=float)
@@ -210,13 +167,7 @@ def _add(torque, disks, harmonics, values):
 
 
 def load_power_kW(train: DriveTrain, rpm, load_torque):  # noqa: N802
-    """Power in kW that loads of ``load_torque`` [n_loads] N m take: -sum_j load_torque_j x ratio_j x 2 pi rpm / 60.
-
-    >>> from jaxhb.scene.files import load_scene
-    >>> train = load_scene("gear_train_30")
-    >>> round(float(load_power_kW(train, 1800.0, excitation(train, 1800.0, 0)[1])), 1)
-    436.7
-    """
+    """Power in kW that loads of ``load_torque`` [n_loads] N m take: -sum_j load_torque_j x ratio_j x 2 pi rpm / 60."""
     rotor = np.array(train.topology.rotor, dtype=int)[np.array(train.topology.load_disk, dtype=int)]
     return -(load_torque @ speed_ratios(train)[rotor]) * (2.0 * np.pi / 60.0 / 1000.0) * rpm
 
@@ -251,8 +202,7 @@ def highest_harmonic(train: DriveTrain) -> int:
 def listed_harmonic(topology: Topology) -> int:
     """Largest harmonic n >= 1 of the cycle that the excitation can have, whatever the numbers of the train are.
 
-    Amplitudes of 0 and cylinders that misfire count like the others: it is never below :func:`highest_harmonic`, stays
-    under :meth:`DriveTrain.replace` and :meth:`DriveTrain.misfire`, and with so many :func:`excitation` drops nothing.
+    Amplitudes of 0 and cylinders that misfire count like the others: with so many :func:`excitation` drops nothing.
     """
     listed = *topology.torque_harmonics, *topology.cylinder_harmonics, *topology.load_harmonics
     found = [1, *(n for row in listed for n in row)]

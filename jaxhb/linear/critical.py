@@ -3,8 +3,6 @@
 Order-tuned absorbers make frequencies depend on the speed: roots are then looked for between speeds and refined.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -24,14 +22,10 @@ from jaxhb.train.speeds import check_speed
 from jaxhb.train.varying import varying
 
 ELASTIC, RIGID, RING = "elastic", "rigid", "ring only"
-STRAINED = 0.01
-"""Share of the strain energy in links below which a mode is rigid: on ground springs, or at 0 Hz."""
-RINGS = 0.99
-"""Share of the kinetic energy in the rings of dampers from which a rigid mode is that of rings only."""
-EXCITED = 1e-3
-"""Torque of an order over the largest from which it counts as excited."""
-ROUNDED = 1e-12
-"""Share of all torques of an order below which what they do on a shape is rounding."""
+STRAINED = 0.01  # share of the strain energy in links below which a mode is rigid: on ground springs, or at 0 Hz
+RINGS = 0.99  # share of the kinetic energy in the rings of dampers from which a rigid mode is that of rings only
+EXCITED = 1e-3  # torque of an order over the largest from which it counts as excited
+ROUNDED = 1e-12  # share of all torques of an order below which what they do on a shape is rounding
 
 
 @dataclass(frozen=True)
@@ -104,6 +98,9 @@ def campbell(
 
     The diagram of W. Campbell, Trans. ASME 46 (1924) 31. :func:`critical_speed` has the derivatives.
 
+    :class:`SceneError` if speeds or orders are not greater than 0, speeds are above 1e6 rpm or do not rise, or a link
+    varies by what is not given.
+
     Parameters
     ----------
     train : DriveTrain, concrete
@@ -117,17 +114,10 @@ def campbell(
     links_at : mapping, optional
         ``hz`` and ``amplitude`` at which links that vary are taken, see :meth:`DriveTrain.with_constant_links`.
 
-    Raises
-    ------
-    SceneError
-        If speeds or orders are not greater than 0, speeds are above 1e6 rpm or do not rise, or a link varies by what is
-        not given.
-
     Examples
     --------
     Two disks of 2 kg m2 on 100 N m/rad, 10 rad/s.
 
-    >>> import jaxhb
     >>> parts = [jaxhb.Disk(name=name, inertia=2.0) for name in "ab"]
     >>> train = jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
     >>> [round(c.rpm, 3) for c in campbell(train, rpm=[20.0, 100.0], orders=[1.0, 2.0]).critical]
@@ -171,24 +161,13 @@ def critical_speed(
     Two steps of Newton's method from ``near.rpm`` on ``f(rpm) - order rpm / 60 = 0``: as it converges quadratically,
     the first one has the first derivative of the root, the second one also the second and the third.
 
-    Parameters
-    ----------
-    train : DriveTrain, may be traced
-    near : Critical
-        One that :func:`campbell` found in this train: the mode, the order, and where to look.
-    links_at : as in :func:`campbell`
-    heavy : as in :func:`jaxhb.frequencies_hz`
+    ``near``, found by :func:`campbell` in this train, tells the mode, the order, and where to look; ``links_at`` as
+    there, ``heavy`` as in :func:`jaxhb.frequencies_hz`. ``rpm``, ``hz`` and ``torque`` (N m) of the result are arrays
+    with three derivatives, of simple natural frequencies.
 
-    Returns
-    -------
-    Critical
-        ``rpm``, ``hz`` and ``torque`` (N m) are arrays with three derivatives, of simple natural frequencies.
-
-    Examples
-    --------
     Two disks of 2 kg m2: the speed grows with the root of the stiffness.
 
-    >>> import jax, jaxhb
+    >>> import jax
     >>> parts = [jaxhb.Disk(name=name, inertia=2.0) for name in "ab"]
     >>> train = jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
     >>> (near,) = jaxhb.campbell(train, rpm=[20.0, 60.0], orders=[2.0]).critical

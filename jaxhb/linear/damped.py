@@ -1,7 +1,5 @@
 """Free vibration with damping: complex frequencies, damping ratios and shapes on the host, derivatives anywhere."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import jax.numpy as jnp
@@ -18,13 +16,11 @@ from jaxhb.train.drivetrain import DriveTrain
 CREEPING = 0.01
 """Im lambda / |lambda| up to which a mode counts as not oscillating (damping ratio 0.99995): a loss factor turns the
 eigenvalues of motions that creep back a little off the real axis."""
-ALIKE = 0.5
-"""Least modal assurance criterion of a damped and an undamped mode that count as the same."""
+ALIKE = 0.5  # least modal assurance criterion of a damped and an undamped mode that count as the same
 AT_REST = 1e-10
 """Modulus, over the largest number of the pencil, that is rounding of a motion without force. Not over the largest
 eigenvalue: a disk without inertia on links with little damping r relaxes at k/r, which no mode knows of."""
-DAMPED_DISKS = 300
-"""Disks up to which damping ratios take seconds."""
+DAMPED_DISKS = 300  # disks up to which damping ratios take seconds
 
 
 @brief
@@ -66,9 +62,6 @@ def damped_modes(train: DriveTrain) -> DampedModes:
     gives the link the stiffness ``k (1 + i eta)``, which holds for the modes with positive imaginary part, the ones
     returned. Disks without inertia have no eigenvalue of their own.
 
-    Examples
-    --------
-    >>> import jaxhb
     >>> parts = [jaxhb.Disk(name=name, inertia=2.0) for name in "ab"]
     >>> parts.append(jaxhb.Shaft(between=("a", "b"), stiffness=100.0, damping=2.0))
     >>> modes = jaxhb.damped_modes(jaxhb.build(parts))
@@ -94,15 +87,10 @@ def damped_eigenvalues(train: DriveTrain, modes: DampedModes) -> Array:
     symmetric, so that v is left eigenvector too, without conjugation (P. Lancaster, Lambda-Matrices and Vibrating
     Systems, Pergamon 1966). Derivatives are those of simple eigenvalues; second ones are not.
 
-    Parameters
-    ----------
-    train : DriveTrain, may be traced
-        The one of which ``modes`` are, or one near it: the eigenvalues are then right to first order in the change.
-    modes : DampedModes
+    ``modes`` are those of the ``train``, which may be traced, or of one near it: the eigenvalues are then right to
+    first order in the change.
 
-    Examples
-    --------
-    >>> import jax, jaxhb
+    >>> import jax
     >>> parts = [jaxhb.Disk(name=name, inertia=2.0) for name in "ab"]
     >>> train = jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=100.0, damping=2.0)])
     >>> modes = damped_modes(train)
@@ -126,25 +114,10 @@ def damping_ratios(train: DriveTrain, modes: Modes) -> Array:
     Pairs have the largest sum of the modal assurance criterion ``|phi^T J psi|^2 / (phi^T J phi psi^* J psi)`` (R. J.
     Allemang, D. L. Brown, Proc. IMAC 1 (1982) 110), here weighted with the inertias.
 
-    Parameters
-    ----------
-    train : DriveTrain, may be differentiated
-    modes : Modes, of the same train, concrete
+    Of the same train as ``modes``. Lehr's ``-Re lambda / |lambda|``; nan of rigid modes and where heavy damping leaves
+    no mode like it. First derivatives are those of :func:`damped_eigenvalues`. ValueError inside ``jit`` or ``vmap``,
+    as the values decide which modes are alike.
 
-    Returns
-    -------
-    array ``(m,)``
-        Lehr's ``-Re lambda / |lambda|``; nan of rigid modes and where heavy damping leaves no mode like it. First
-        derivatives are those of :func:`damped_eigenvalues`.
-
-    Raises
-    ------
-    ValueError
-        Inside ``jit`` or ``vmap``, as the values decide which modes are alike.
-
-    Examples
-    --------
-    >>> import jaxhb
     >>> train = jaxhb.load_scene("spur_pair")
     >>> damping_ratios(train, jaxhb.natural_frequencies(train)).round(3).tolist()
     [nan, 0.05]

@@ -1,7 +1,7 @@
 """Forced response of the linear train: all speeds and all orders at once, meshes in contact.
 
-At every speed and harmonic n of the cycle ``Z(n) x^n = q^n`` (docs/theory A1). Speeds and harmonics are one axis of the
-scalar sweep along the tree (:func:`jaxhb.equations.dynamic_stiffness.solve_linear`, which has the derivatives as well).
+Speeds and harmonics are one axis of the scalar sweep along the tree
+(:func:`jaxhb.equations.dynamic_stiffness.solve_linear`, which has the derivatives as well).
 
 Power is exact from the harmonics: a link of complex stiffness C that transmits f turns ``sum_n 2 n Omega Im(C)
 |f^n / C|^2`` into heat, a disk with damping b ``sum_n 2 (n Omega)^2 b |x^n|^2``; the torques of the excitation bring in
@@ -14,8 +14,6 @@ The amplitude A of a link that depends on it is that of the sine with the mean s
 is the smallest fixed point, which always exists; with several the path need not come to rest. The derivative is that of
 the implicit function, ``(1 - dg/dA) dA = dg``; second ones forwards over backwards, not twice backwards.
 """
-
-from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
@@ -41,24 +39,16 @@ from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import HIGHEST_RPM, check_speed
 from jaxhb.train.varying import factors, order_stiffness, scaled, varying, without_tables
 
-STEPS = 100
-"""Steps at most of the path from A = 0 to amplitudes A = g(A)."""
-SETTLED = 1e-11
-"""g(A) - A at which the path ends, over g(0)."""
-ACCEPTED = 1e-8
-"""The same over A, up to which an amplitude is found."""
-CURVED = 0.5
-"""Share of g(A) - A by which a step may miss what its linearisation says."""
+STEPS = 100  # steps at most of the path from A = 0 to amplitudes A = g(A)
+SETTLED = 1e-11  # g(A) - A at which the path ends, over g(0)
+ACCEPTED = 1e-8  # the same over A, up to which an amplitude is found
+CURVED = 0.5  # share of g(A) - A by which a step may miss what its linearisation says
 LANES, CELLS = 500, 500_000
 """Speeds times harmonics swept together, and times disks: what a sweep holds then stays in the cache of a processor."""
-SINGULAR = 1e11
-"""Force of a link or disk over load beyond which rounding alone is left: an undamped resonance."""
-UNSOLVED = 1e-6
-"""Force left on a disk, over the largest force, from which the equations count as singular."""
-UNBALANCED = 1e-9
-"""The same of the mean, over mean loads and forces, from which mean torques count as unbalanced."""
-SAMPLES = 4096
-"""Time samples per cycle, at least, and 16 per harmonic, at which extremes are looked for."""
+SINGULAR = 1e11  # force of a link or disk over load beyond which rounding alone is left: an undamped resonance
+UNSOLVED = 1e-6  # force left on a disk, over the largest force, from which the equations count as singular
+UNBALANCED = 1e-9  # the same of the mean, over mean loads and forces, from which mean torques count as unbalanced
+SAMPLES = 4096  # time samples per cycle, at least, and 16 per harmonic, at which extremes are looked for
 
 
 def varied(train, system, rpm, omega, amplitude):
@@ -197,6 +187,9 @@ def forced_response(train: DriveTrain, *, rpm: Numbers, harmonics: int | None = 
     inertia; links that vary over frequency or amplitude, order-tuned absorbers. Eliminated along the tree as in Fridman
     2009, (10)-(12). A thousand speeds of a train of 30 disks with 24 orders take some hundredths of a second.
 
+    :class:`SceneError` if a speed is not greater than 0 or above 1e6 rpm, or ``harmonics`` is no whole number of at
+    least 1.
+
     Parameters
     ----------
     train : DriveTrain, may be traced
@@ -214,16 +207,11 @@ def forced_response(train: DriveTrain, *, rpm: Numbers, harmonics: int | None = 
         ``residual`` is the largest force left on a disk over the largest force. Every number has derivatives with
         respect to the train and the speeds.
 
-    Raises
-    ------
-    SceneError
-        If a speed is not greater than 0 or above 1e6 rpm, or ``harmonics`` is no whole number of at least 1.
-
     Examples
     --------
     Two disks under 10 N m of order 1 at a quarter of their natural frequency of 10 rad/s.
 
-    >>> import jaxhb, math
+    >>> import math
     >>> parts = [jaxhb.Disk(name=name, inertia=2.0) for name in "ab"]
     >>> parts += [jaxhb.Shaft(between=("a", "b"), stiffness=100.0, damping=0.5)]
     >>> parts += [jaxhb.Torque(disk="a", harmonics=[(1.0, 10.0, 0.0)])]

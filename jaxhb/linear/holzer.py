@@ -6,8 +6,6 @@ Where branches meet, each is scaled by the product of what the others ask for at
 (docs/theory C3): a branch that has a node there does no harm. Torques cross a mesh by the radii of its gears.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,13 +61,12 @@ class HolzerTable:
 
     def __str__(self):
         width = max(len(name) for name in (*self.names, "disk"))
-        head = f"{'disk':{width}} {'J':>11} {'theta':>11} {'J w^2 theta':>11} {'sum':>11} {'c':>11} {'sum/c':>11}"
-        columns = (self.inertia, self.ordinate, self.torque, self.torque_sum, self.stiffness, self.twist)
-        rows = [
-            f"{name:{width}} " + " ".join(f"{value:11.4e}" for value in row)
-            for name, *row in zip(self.names, *columns, strict=True)
-        ]
-        return "\n".join([f"Holzer table at {self.hz:.6g} Hz, residual {self.residual:.4e} N m", head, *rows])
+        lines = [f"Holzer table at {self.hz:.6g} Hz, residual {self.residual:.4e} N m"]
+        lines += [f"{'disk':{width}} {'J':>11} {'theta':>11} {'J w^2 theta':>11} {'sum':>11} {'c':>11} {'sum/c':>11}"]
+        columns = self.inertia, self.ordinate, self.torque, self.torque_sum, self.stiffness, self.twist
+        for name, *row in zip(self.names, *columns, strict=True):
+            lines.append(f"{name:{width}} " + " ".join(f"{value:11.4e}" for value in row))
+        return "\n".join(lines)
 
 
 def holzer_table(train: DriveTrain, *, hz: Number) -> HolzerTable:
@@ -79,16 +76,10 @@ def holzer_table(train: DriveTrain, *, hz: Number) -> HolzerTable:
     Springer 1921). A part behind a link without stiffness (the ring of a viscous damper) rests. Every number has
     derivatives with respect to the train and the frequency, both of which may be traced.
 
-    Raises
-    ------
-    SceneError
-        If the train has a closed loop.
+    :class:`SceneError` if the train has a closed loop.
 
-    Examples
-    --------
     Thomson's three disks of 5, 11, 22 kg m2 at 20 rad/s.
 
-    >>> import jaxhb
     >>> parts = [jaxhb.Disk(name=n, inertia=J) for n, J in zip("abc", (5.0, 11.0, 22.0))]
     >>> parts += [jaxhb.Shaft(between=e, stiffness=k) for e, k in ((("a", "b"), 1e5), (("b", "c"), 2e5))]
     >>> table = jaxhb.holzer_table(jaxhb.build(parts), hz=20 / 6.283185307179586)
@@ -134,9 +125,6 @@ def holzer_residual(train: DriveTrain, *, hz: Numbers) -> Array:
     far above their frequencies, where ``jaxhb.characteristic`` does not. It has derivatives with respect to the train
     and the frequencies.
 
-    Examples
-    --------
-    >>> import jaxhb
     >>> train = jaxhb.load_scene("six_cylinder_diesel")
     >>> f = jaxhb.natural_frequencies(train).frequencies_hz[1]
     >>> below, above = jaxhb.holzer_residual(train, hz=[0.99 * f, 1.01 * f])

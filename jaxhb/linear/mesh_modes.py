@@ -10,10 +10,8 @@ STRAINED = 0.05
 """Share of a mode's strain energy in tooth meshes from which the motion has to be resolved to its frequency."""
 WEAKLY_STRAINED = 0.01
 """The same from which an estimate of the truncation error has to see the mode: with little damping it may resonate."""
-MODAL_DISKS = 400
-"""Disks up to which all modes are computed."""
-SHAFT_STIFFENING = 1.1
-"""What the shafts of larger trains add to the frequencies of the gears alone, a factor."""
+MODAL_DISKS = 400  # disks up to which all modes are computed
+SHAFT_STIFFENING = 1.1  # what the shafts of larger trains add to the frequencies of the gears alone, a factor
 
 
 def mesh_mode_harmonics(train, frequency):

@@ -6,8 +6,6 @@ many frequencies are zero is counted on the graph, never judged by size. Disks w
 from a star of links to its mesh, by sums of positive numbers.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -21,14 +19,12 @@ from jaxhb.train import chain
 from jaxhb.train.connections import pieces
 from jaxhb.train.drivetrain import DriveTrain
 
-DENSE = 500
-"""Disks above which a dense factor takes longer than a few seconds."""
+DENSE = 500  # disks above which a dense factor takes longer than a few seconds
 SMALL = 1e-3
 """Singular value over the largest up to which the fast method, exact to rounding of the largest, loses digits."""
 EVERY_DIGIT = 2 * np.finfo(float).tiny
 """Absolute tolerance that makes LAPACK's bisection (dstebz) stop by its relative one."""
-AT_REST = 1e-10
-"""Ordinate over the largest one below which a disk lies in a node: rounding of a mode shape."""
+AT_REST = 1e-10  # ordinate over the largest one below which a disk lies in a node: rounding of a mode shape
 
 
 @dataclass(frozen=True)
@@ -257,16 +253,9 @@ def natural_frequencies(train: DriveTrain, *, count: int | None = None) -> Modes
     digits of soft modes beside stiff links and gives exact zeros to rigid motions, one for each part of the train that
     no spring holds. Disks without inertia are condensed statically; a purely viscous link does not count.
 
-    Parameters
-    ----------
-    train : DriveTrain, concrete
-    count : int, optional
-        Of how many modes, the lowest ones; default all. A chain of more than 500 disks should ask for few: n modes of
-        S disks take n S numbers.
+    Of a concrete train, all modes or the lowest ``count``: a chain of more than 500 disks should ask for few, as n
+    modes of S disks take n S numbers.
 
-    Examples
-    --------
-    >>> import jaxhb
     >>> jaxhb.natural_frequencies(jaxhb.load_scene("six_cylinder_diesel")).frequencies_hz[:3].round(1).tolist()
     [0.0, 216.6, 592.7]
     """
@@ -305,9 +294,6 @@ def all_frequencies(train: DriveTrain) -> Array:
     A chain (shafts and single gears in a row, one ground at most) of more than 500 disks is solved by its Golub-Kahan
     tridiagonal in O(S^2), thousands of disks in seconds, any other train by the dense factor in O(S^3).
 
-    Examples
-    --------
-    >>> import jaxhb
     >>> jaxhb.all_frequencies(jaxhb.load_scene("six_cylinder_diesel"))[:3].round(1).tolist()
     [0.0, 216.6, 592.7]
     """

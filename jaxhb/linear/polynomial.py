@@ -6,14 +6,10 @@ its determinant while free, and G, while it is held where it meets the rest. A p
 multiplies the other's pair: ``W = F + a^2 k G``, then ``F' <- F' W + G' b^2 k F``, ``G' <- G' W``. Pairs are rescaled
 by powers of two, which is exact. In one closed loop the pairs hang on a ring, summed by continuants.
 
-Beside a root little is left of large terms, and double precision leaves digits in proportion to the distance.
-:class:`Doubled` has some 24 digits: sums keep what they round off (D. E. Knuth, The Art of Computer Programming 2,
-4.2.2), products are made of halves whose products are exact (T. J. Dekker, Numer. Math. 18 (1971) 224): a compiler that
-joins a product and a sum in one instruction changes nothing. Only damping times p, and what radii of gears enter, is
-rounded.
+Beside a root little is left of large terms. :class:`Doubled` has some 24 digits: sums keep what they round off (D. E.
+Knuth, The Art of Computer Programming 2, 4.2.2), products are made of halves whose products are exact (T. J. Dekker,
+Numer. Math. 18 (1971) 224). Only damping times p, and what radii of gears enter, is rounded.
 """
-
-from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
@@ -33,8 +29,7 @@ from jaxhb.elements.elements import SceneError
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 
-HALF = 25
-"""Stored digits of the leading half of a number, the hidden one not counted: products of halves are exact."""
+HALF = 25  # stored digits of the leading half of a number, the hidden one not counted: products of halves are exact
 
 
 @jax.tree_util.register_dataclass
@@ -255,24 +250,11 @@ def characteristic(train: DriveTrain, p: Array) -> Scaled:
 
     In s^(-2 S) for S disks, all with inertia. The source's R of a free tree is D / p^2, its R^0 of a loop is D.
 
-    Parameters
-    ----------
-    train : DriveTrain, may be traced
-    p : complex array ``(n,)`` 1/s; i omega for harmonic motion. Loss factors count with the sign of Im p.
+    At complex ``p`` ``(n,)`` in 1/s, i omega for harmonic motion; loss factors count with the sign of Im p. The result
+    has ``value()``, and ``log_modulus`` and ``phase`` where that overflows. :class:`SceneError` if there is more than
+    one closed loop.
 
-    Returns
-    -------
-    Scaled
-        With ``value()``, and ``log_modulus`` and ``phase`` where that overflows.
-
-    Raises
-    ------
-    SceneError
-        If there is more than one closed loop.
-
-    Examples
-    --------
-    >>> import jaxhb, jax.numpy as jnp
+    >>> import jax.numpy as jnp
     >>> train = jaxhb.build([*(jaxhb.Disk(name=n, inertia=2.0) for n in "ab"),
     ...                      jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
     >>> jaxhb.characteristic(train, 1j * jnp.array([0.0, 5.0])).value().real.tolist()  # p^2 (p^2 + 100)
@@ -293,21 +275,10 @@ def frequency_response(train: DriveTrain, disk: str, at: str, hz: Numbers) -> Ar
     ``H = sum (over the ways between the two disks) of prod k (over its links) . D(the rest, its disks held) / D``: one
     way, or the two round the loop.
 
-    Parameters
-    ----------
-    train : DriveTrain, may be traced
-    disk, at : str
-        Disk whose angle is wanted and disk at which the torque acts.
-    hz : array ``(n,)`` Hz, positive
+    Of the angle of ``disk`` to a torque on the disk ``at``, at positive ``hz`` ``(n,)``. :class:`SceneError` if there
+    is no such disk, or more than one closed loop.
 
-    Raises
-    ------
-    SceneError
-        If there is no such disk, or if there is more than one closed loop.
-
-    Examples
-    --------
-    >>> import jaxhb, jax.numpy as jnp
+    >>> import jax.numpy as jnp
     >>> train = jaxhb.build([*(jaxhb.Disk(name=n, inertia=2.0) for n in "ab"),
     ...                      jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
     >>> H = jaxhb.frequency_response(train, "a", "b", jnp.array([5.0 / (2 * jnp.pi)]))  # 100 / (p^2 (p^2 + 100) 2 2)
@@ -369,18 +340,12 @@ class DampedApproximation:
 def damped_approximation(train: DriveTrain, omega: Array) -> DampedApproximation:
     """The source's ``D(i omega) = D1 + i omega (D2 - D1)``: D1 without link damping, D2 with c + r as stiffness.
 
-    First order in omega r/c, with a second-order error that depends on the unit of time, as c + r adds N m and N m s
-    (docs/theory C4): at most 1 % for omega r/c up to 0.01 and omega much larger than 1. Prefer the exact value, beside
-    which it stands. Loss factors do not count; damping of disks enters all three exactly.
+    First order in omega r/c (docs/theory C4): at most 1 % off for omega r/c up to 0.01 and omega much larger than 1.
+    Prefer the exact value, beside which it stands. Loss factors do not count; damping of disks enters all exactly.
 
-    Parameters
-    ----------
-    train : DriveTrain, may be traced, with at most one closed loop
-    omega : array ``(n,)`` rad/s
+    At ``omega`` ``(n,)`` rad/s, of a train with at most one closed loop.
 
-    Examples
-    --------
-    >>> import jaxhb, jax.numpy as jnp
+    >>> import jax.numpy as jnp
     >>> train = jaxhb.build([*(jaxhb.Disk(name=n, inertia=2.0) for n in "ab"),
     ...                      jaxhb.Shaft(between=("a", "b"), stiffness=100.0, damping=1.0)])
     >>> bool(jaxhb.damped_approximation(train, jnp.array([5.0])).relative_error[0] < 1e-15)  # exact for one link
@@ -505,8 +470,7 @@ class Polynomial:
         return Polynomial(tuple(factor * value for value in self.coefficients))
 
 
-LARGEST = 12
-"""Disks up to which coefficients in double precision mean something (docs/theory C5)."""
+LARGEST = 12  # disks up to which coefficients in double precision mean something (docs/theory C5)
 
 
 def characteristic_coefficients(train: DriveTrain, *, exact: bool = False) -> tuple[Any, ...]:
@@ -515,24 +479,10 @@ def characteristic_coefficients(train: DriveTrain, *, exact: bool = False) -> tu
     By the rules of :func:`characteristic` in polynomials of p (docs/theory C3): the source's R of a free tree is this
     polynomial over p^2.
 
-    Parameters
-    ----------
-    train : DriveTrain
-        At most one closed loop, no disk without inertia, no loss factor. May be traced, but for ``exact``, and loss
-        factors by ``jit`` and ``vmap``; what is traced is nan or infinite where an inertia is 0.
-    exact : bool
-        Fractions, for any number of disks; else floats, for at most 12.
+    Fractions if ``exact``, for any number of disks; else floats, for at most 12. :class:`SceneError` if there is more
+    than one closed loop, a disk without inertia, or a loss factor. The train may be traced, but for ``exact``, and loss
+    factors by ``jit`` and ``vmap`` (ValueError); what is traced is nan or infinite where an inertia is 0.
 
-    Raises
-    ------
-    SceneError
-        If the train is none of these.
-    ValueError
-        If ``jit`` or ``vmap`` traces loss factors, or anything where ``exact`` is true.
-
-    Examples
-    --------
-    >>> import jaxhb
     >>> parts = [jaxhb.Disk(name="a", inertia=1.0), jaxhb.Disk(name="b", inertia=1.5)]
     >>> train = jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=3.0, damping=0.1)])
     >>> [str(value) for value in jaxhb.characteristic_coefficients(train, exact=True)]

@@ -5,8 +5,6 @@ is: shapes are not turned among themselves there. Higher derivatives hold for si
 enter as they are, never as roots, so that a stiffness of 0 has a derivative too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 
@@ -20,10 +18,8 @@ from jaxhb.linear.modal import ModeShares, shares
 from jaxhb.train import chain
 from jaxhb.train.drivetrain import DriveTrain
 
-CLUSTER = 1e-9
-"""Relative distance of squares below which eigenvalues count as one: some rounding of a repeated one."""
-RIGID = 1e-13
-"""Frequency over the highest one, for each disk, that is rounding of a rigid motion."""
+CLUSTER = 1e-9  # relative distance of squares below which eigenvalues count as one: some rounding of a repeated one
+RIGID = 1e-13  # frequency over the highest one, for each disk, that is rounding of a rigid motion
 
 
 def kinetic_energy(train: DriveTrain, velocity: Array) -> Array:
@@ -31,9 +27,7 @@ def kinetic_energy(train: DriveTrain, velocity: Array) -> Array:
 
     Rings of dampers come last.
 
-    Examples
-    --------
-    >>> import jax.numpy as jnp, jaxhb
+    >>> import jax.numpy as jnp
     >>> train = jaxhb.build([jaxhb.Disk(name="a", inertia=2.0)])
     >>> float(jaxhb.kinetic_energy(train, jnp.array([3.0])))
     9.0
@@ -47,9 +41,7 @@ def strain_energy(train: DriveTrain, angle: Array) -> Array:
 
     Rings of dampers come last.
 
-    Examples
-    --------
-    >>> import jax.numpy as jnp, jaxhb
+    >>> import jax.numpy as jnp
     >>> parts = [jaxhb.Disk(name="a", inertia=2.0), jaxhb.Disk(name="b", inertia=1.0)]
     >>> train = jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
     >>> float(jaxhb.strain_energy(train, jnp.array([0.3, 0.1]))).__round__(12)
@@ -66,9 +58,6 @@ def inertia_and_stiffness(train: DriveTrain) -> tuple[Array, Array]:
 
     They are the second derivatives of :func:`kinetic_energy` and :func:`strain_energy`.
 
-    Examples
-    --------
-    >>> import jaxhb
     >>> parts = [jaxhb.Disk(name="a", inertia=2.0), jaxhb.Disk(name="b", inertia=1.0)]
     >>> train = jaxhb.build([*parts, jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
     >>> jaxhb.inertia_and_stiffness(train)[1].tolist()
@@ -85,15 +74,10 @@ def frequencies_hz(train: DriveTrain, heavy: Array | None = None) -> Array:
     2426); 0 with derivative 0 for rigid motions. Of frequencies that repeat only the sum has a derivative:
     :func:`cluster_sums_hz`.
 
-    Parameters
-    ----------
-    train : DriveTrain, may be traced
-    heavy : bool array ``(S,)``, optional
-        Disks with inertia, needed where inertias are traced; the others are condensed statically.
+    ``heavy`` ``(S,)`` tells the disks with inertia, needed where inertias are traced; the others are condensed
+    statically.
 
-    Examples
-    --------
-    >>> import jax, jaxhb
+    >>> import jax
     >>> train = jaxhb.build([*(jaxhb.Disk(name=n, inertia=2.0) for n in "ab"),
     ...                      jaxhb.Shaft(between=("a", "b"), stiffness=100.0)])
     >>> slope = jax.grad(lambda k: jaxhb.frequencies_hz(train.replace({"a|b.stiffness": k}))[1])(100.0)
@@ -116,15 +100,10 @@ def mode_shares(train: DriveTrain, heavy: Array | None = None) -> ModeShares:
     ``d y_i = sum_j y_j (y_j^T (dK - lambda_i dM) y_i) / (lambda_i - lambda_j)``, j other than i (Fox and Kapoor, as
     there).
 
-    Returns
-    -------
-    ModeShares
-        ``shapes`` ``(m, S)``, ``generalised_mass`` ``(m,)`` kg m2, ``kinetic_share`` ``(m, S)`` and ``strain_share``
-        ``(m, L)``, as in :class:`jaxhb.Modes`. Where frequencies repeat, derivatives of these do not exist.
+    ``shapes`` ``(m, S)``, ``generalised_mass`` ``(m,)`` kg m2, ``kinetic_share`` ``(m, S)`` and ``strain_share`` ``(m,
+    L)``, as in :class:`jaxhb.Modes`. Where frequencies repeat, derivatives of these do not exist.
 
-    Examples
-    --------
-    >>> import jax, jaxhb
+    >>> import jax
     >>> parts = [*(jaxhb.Disk(name=n, inertia=J) for n, J in zip("abc", (1.0, 2.0, 1.0))),
     ...          *(jaxhb.Shaft(between=e, stiffness=100.0) for e in (("a", "b"), ("b", "c")))]
     >>> train = jaxhb.build(parts)
@@ -146,9 +125,6 @@ def cluster_sums_hz(train: DriveTrain, clusters: Sequence[Sequence[int]], heavy:
     Other arguments are those of :func:`frequencies_hz`; ``clusters`` are numbers of modes, as :func:`clusters_of` finds
     them.
 
-    Examples
-    --------
-    >>> import jaxhb
     >>> train = jaxhb.load_scene("six_cylinder_diesel")
     >>> jaxhb.clusters_of(jaxhb.natural_frequencies(train).frequencies_hz)[:3]
     ((0,), (1,), (2,))
@@ -160,13 +136,7 @@ def cluster_sums_hz(train: DriveTrain, clusters: Sequence[Sequence[int]], heavy:
 
 
 def clusters_of(frequencies_hz: Numbers, tolerance: float = CLUSTER) -> tuple[tuple[int, ...], ...]:
-    """Numbers of the modes whose frequencies ``(m,)``, rising, repeat to a relative ``tolerance``; host.
-
-    Examples
-    --------
-    >>> clusters_of([0.0, 3.0, 3.0, 5.0])
-    ((0,), (1, 2), (3,))
-    """
+    """Numbers of the modes whose frequencies ``(m,)``, rising, repeat to a relative ``tolerance``; host."""
     found = np.asarray(frequencies_hz)
     starts = np.flatnonzero(np.diff(found, prepend=-np.inf) > tolerance * np.abs(found)).tolist()
     return tuple(tuple(range(a, b)) for a, b in zip(starts, [*starts[1:], len(found)], strict=True))

@@ -1,12 +1,9 @@
 """Torsional stresses of shafts beside their limits after IACS UR M68, tooth torques, and the heat of a link.
 
 The rule: IACS Unified Requirement M68, "Dimensions of propulsion shafts and their permissible torsional vibration
-stresses", for intermediate, thrust and propeller shafts. Crankshafts have another one, UR M53, with bending, fillets
-and oil holes: it is not computed here. To be checked against its current text: an aid to evaluation, no approval by a
-class.
+stresses", for intermediate, thrust and propeller shafts. Crankshafts have another one, UR M53, which is not computed
+here. To be checked against its current text: an aid to evaluation, no approval by a class.
 """
-
-from __future__ import annotations
 
 import math
 from dataclasses import dataclass
@@ -22,12 +19,9 @@ from jaxhb.train.drivetrain import DriveTrain
 CAP = 800e6
 """Tensile strength in Pa beyond which the rule gives no higher limit, for alloy steels; for other steels and for
 propeller shafts it says less, which whoever gives the tensile strength has to observe."""
-PLATEAU, HIGHEST = 0.9, 1.05
-"""Speed ratios from which the limit is constant, and up to which there is one."""
-SHARE_OF_RATED = 1.0 / 3.0
-"""Vibratory torque that a mesh may pass on, over its rated torque."""
-NOT_ABOVE = 0.8
-"""Share of the rated speed above which the rule does not accept barred ranges in normal operation."""
+PLATEAU, HIGHEST = 0.9, 1.05  # speed ratios from which the limit is constant, and up to which there is one
+SHARE_OF_RATED = 1.0 / 3.0  # vibratory torque that a mesh may pass on, over its rated torque
+NOT_ABOVE = 0.8  # share of the rated speed above which the rule does not accept barred ranges in normal operation
 
 
 def torsional_stress(torque: Number, *, diameter: Number, bore: Number = 0.0) -> Number:
@@ -36,8 +30,6 @@ def torsional_stress(torque: Number, *, diameter: Number, bore: Number = 0.0) ->
     Saint-Venant's theory, without stress concentration. Of ``torque`` in N m, for an amplitude half of the
     peak-to-peak; ``diameter`` and ``bore`` in m; numbers or arrays ``(...)``. Differentiable; numpy on the host.
 
-    Examples
-    --------
     >>> round(float(torsional_stress(1000.0, diameter=0.1, bore=0.05)))
     5432489
     """
@@ -49,30 +41,19 @@ def permissible_stress(
 ) -> tuple[Array, Array]:
     """Permissible amplitudes of the torsional vibration stress after IACS UR M68, continuous and transient.
 
-    For intermediate, thrust and propeller shafts (M68.5), to be checked against its current text; crankshafts have
-    another rule, UR M53. In MPa and mm::
+    For intermediate, thrust and propeller shafts (M68.5), not for crankshafts (UR M53). In MPa and mm::
 
         tau_C = (sigma_B + 160) / 18 C_K C_D (3 - 2 lambda^2)     lambda < 0.9
         tau_C = (sigma_B + 160) / 18 C_K C_D 1.38                 0.9 <= lambda <= 1.05
         C_D   = 0.35 + 0.93 d^-0.2
         tau_T = 1.7 tau_C / sqrt(C_K)
 
-    Parameters
-    ----------
-    diameter : float or array ``(...)`` m, outer
-    stress_concentration : float or array ``(...)``
-        C_K, the factor of the rule for the form: 1 for an integral flange, 0.6 for a keyway on a taper, 1.45 / scf for
-        a notch with stress concentration factor scf.
-    tensile_strength : float or array ``(...)`` Pa
-        sigma_B, specified minimum; counted up to 800 MPa. Of carbon and carbon-manganese steels and of propeller shafts
-        the rule counts 600 MPa at the most: give no more.
-    speed_ratio : float or array ``(...)``
-        lambda = n / n0, n0 the rated speed.
-
-    Returns
-    -------
-    continuous, transient : arrays ``(...)`` Pa
-        Infinite where lambda is above 1.05, for which the rule says nothing. Differentiable; numpy on the host.
+    Of the outer ``diameter`` d in m; the ``stress_concentration`` C_K, the factor of the rule for the form: 1 for an
+    integral flange, 0.6 for a keyway on a taper, 1.45 / scf for a notch with stress concentration factor scf; the
+    specified minimum ``tensile_strength`` sigma_B in Pa, counted up to 800 MPa, of which the rule counts 600 MPa at the
+    most for carbon and carbon-manganese steels and for propeller shafts; and the ``speed_ratio`` lambda = n / n0, n0
+    the rated speed. Numbers or arrays ``(...)``, the limits in Pa: infinite where lambda is above 1.05, for which the
+    rule says nothing. Differentiable; numpy on the host.
 
     Examples
     --------
@@ -125,19 +106,9 @@ def barred_ranges(rpm: Array, stress: Array, continuous: Array, transient: Array
     Bounds lie where stress less limit, linear between computed speeds, is zero: what is narrower than their step may be
     missed. The numbers have derivatives, the bounds those of that zero.
 
-    Parameters
-    ----------
-    rpm : array ``(n,)``
-    stress, continuous, transient : arrays ``(n,)`` Pa, see :func:`permissible_stress`
-        Speeds without a number or without a limit are left out.
+    ``rpm`` ``(n,)``, the others ``(n,)`` Pa, see :func:`permissible_stress`; speeds without a number or without a limit
+    are left out. ValueError inside ``jit`` or ``vmap``, as the values decide how many ranges there are.
 
-    Raises
-    ------
-    ValueError
-        Inside ``jit`` or ``vmap``, as the values decide how many ranges there are.
-
-    Examples
-    --------
     >>> limit = np.full(4, 30e6)
     >>> found = barred_ranges([100.0, 200.0, 300.0, 400.0], np.array([10e6, 40e6, 60e6, 20e6]), limit, 1.7 * limit)
     >>> [(round(r.low, 3), round(r.high, 3), r.share, r.passable) for r in found]
@@ -245,30 +216,15 @@ class Strength:
 def strength(response: Any, *, train: DriveTrain | None = None) -> Strength:
     """Stresses, tooth torques and heat of a motion beside the limits that the scene gives.
 
-    Parameters
-    ----------
-    response : Response, ForcedResponse or SteadyState, the first two of one speed or of several
-    train : DriveTrain, optional
-        What is judged; default: that of the response. A response that comes out of a jax transformation has none, nor
-        has a motion that never repeats.
+    Of a Response or ForcedResponse of one speed or of several, or a SteadyState. ``train`` is what is judged, by
+    default that of the response: one that comes out of a jax transformation has none, nor has a motion that never
+    repeats, and ValueError asks for it. Differentiable. Of every shaft with a ``diameter`` (or ``outer``) half of the
+    peak-to-peak torque over W_p, and with a ``tensile_strength`` its limits after IACS UR M68 at this speed over
+    ``rated_rpm``, see :func:`jaxhb.permissible_stress` (not for crankshafts). Of every mesh with a ``rated_torque``
+    half of the peak-to-peak torque on its first gear, which must not exceed a third of the rated torque, nor may the
+    torque reverse. Of every shaft and damper with a ``power_limit`` its heat. An aid to evaluation, no class approval.
 
-    Returns
-    -------
-    Strength
-        Differentiable. Of every shaft with a ``diameter`` (or ``outer``) half of the peak-to-peak torque over W_p, and
-        with a ``tensile_strength`` its limits after IACS UR M68 at this speed over ``rated_rpm``, see
-        :func:`jaxhb.permissible_stress` (not for crankshafts). Of every mesh with a ``rated_torque`` half of the
-        peak-to-peak torque on its first gear, which must not exceed a third of the rated torque, nor may the torque
-        reverse. Of every shaft and damper with a ``power_limit`` its heat. An aid to evaluation, no class approval.
-
-    Raises
-    ------
-    ValueError
-        If there is no train.
-
-    Examples
-    --------
-    >>> import jaxhb, math
+    >>> import math
     >>> parts = [jaxhb.Disk(name=name, inertia=2.0) for name in "ab"]
     >>> parts += [jaxhb.Torque(disk="a", harmonics=[(1.0, 10.0, 0.0)])]
     >>> parts += [jaxhb.Shaft(between=("a", "b"), stiffness=100.0, diameter=0.01, bore=0.0)]

@@ -4,8 +4,6 @@ The equilibrium of the mean torques is the minimum of a convex energy, found by 
 the energy falls, on the host. Derivatives are those of two more steps: the first has the first, the second the second.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -22,16 +20,11 @@ from jaxhb.train.changes import without_backlash
 from jaxhb.train.drivetrain import DriveTrain
 from jaxhb.train.speeds import check_speed
 
-STEPS, HALVINGS = 200, 40
-"""Of Newton's method at most, and of a step of it."""
-SOLVED = 1e-10
-"""Force left over the largest mean force at which the equilibrium is found."""
-IDLE = 1e-9
-"""Tooth force over the largest mean force below which a mesh begins in the middle of its gap."""
-SINGULAR = 1e-14
-"""Singular value of a tangent stiffness over the largest that is rounding of a rigid motion."""
-UNBALANCED = 1e-9
-"""Mean torque left over the largest from which the train does not run steadily."""
+STEPS, HALVINGS = 200, 40  # of Newton's method at most, and of a step of it
+SOLVED = 1e-10  # force left over the largest mean force at which the equilibrium is found
+IDLE = 1e-9  # tooth force over the largest mean force below which a mesh begins in the middle of its gap
+SINGULAR = 1e-14  # singular value of a tangent stiffness over the largest that is rounding of a rigid motion
+UNBALANCED = 1e-9  # mean torque left over the largest from which the train does not run steadily
 
 
 @brief
@@ -60,28 +53,11 @@ class MeanLoad:
 def at_mean_load(train: DriveTrain, *, rpm: Number) -> MeanLoad:
     """Linearise meshes with backlash at the mean load of one speed: ``D^T f(D x) = q``, law (18) of Fridman 2009.
 
-    Parameters
-    ----------
-    train : DriveTrain
-    rpm : float
-        Speed of the reference rotor, whose mean torques act.
+    At ``rpm`` of the reference rotor, whose mean torques act. All numbers have first and second derivatives with
+    respect to the train and the speed; slopes, epsilon c in the gap and c beyond the knee, are piecewise linear in the
+    deflection, and so are theirs. :class:`SceneError` if mean torques do not balance, no equilibrium is found, or links
+    vary; ValueError inside ``jit`` or ``vmap``, as the equilibrium is looked for on the host.
 
-    Returns
-    -------
-    MeanLoad
-        All numbers have first and second derivatives with respect to the train and the speed; slopes, epsilon c in the
-        gap and c beyond the knee, are piecewise linear in the deflection, and so are theirs.
-
-    Raises
-    ------
-    SceneError
-        If mean torques do not balance, no equilibrium is found, or links vary.
-    ValueError
-        Inside ``jit`` or ``vmap``, as the equilibrium is looked for on the host.
-
-    Examples
-    --------
-    >>> import jaxhb
     >>> at_mean_load(jaxhb.load_scene("spur_pair"), rpm=2000.0).engagement.tolist()
     [1.0]
     """

@@ -1,7 +1,5 @@
 """A computed bound: within what distance of a computed motion one of the train lies, and what it was computed from."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -11,8 +11,6 @@ from jaxhb.equations import backlash, fourier
 class Contact:
     """Contact of one mesh over one cycle.
 
-    Parameters
-    ----------
     separated_fraction : share of the cycle in which the teeth are apart: ``|l|`` is below the gap of the law
     reverse_contact_fraction : share of the cycle in contact on the flank that does not drive
     impacts : entries into contact, dicts of ``cycle`` (share of the cycle), ``speed`` in m/s, ``side`` +1 or -1

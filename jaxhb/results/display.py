@@ -3,7 +3,7 @@
 import numpy as np
 
 from jaxhb._jax import traced
-from jaxhb._shown import counts, html_table, number, shown_rows, span
+from jaxhb._shown import MOST_ROWS, counts, html_table, number, span
 from jaxhb.results.status import Status
 
 
@@ -42,15 +42,13 @@ def response_html(response):
 def _speeds(caption, motions, head, cells):
     """A table of the speeds of motions; ``cells`` of one, and whether it has numbers."""
     rows = []
-    for k in shown_rows(len(motions)):
-        if k is None:
-            rows.append(None)
-            continue
-        own, known = cells(motions[k])
-        names = motions[k].topology.mesh_names if known else ()
-        peaks = {name: float(motions[k].force(name).peak) for name in names}
+    for k in range(min(len(motions), MOST_ROWS)):
+        motion = motions[k]
+        own, known = cells(motion)
+        peaks = {name: float(motion.force(name).peak) for name in motion.topology.mesh_names if known}
         mesh = max(peaks, key=peaks.get, default="-")
-        rows.append([number(float(motions[k].rpm)), *own, number(peaks[mesh]) if peaks else "-", mesh])
+        rows.append([number(float(motion.rpm)), *own, number(peaks[mesh]) if peaks else "-", mesh])
+    caption += f"; the first {MOST_ROWS}" * (len(motions) > MOST_ROWS)
     return html_table(caption, ["rpm", *head, "largest tooth force, N", "mesh"], rows)
 
 

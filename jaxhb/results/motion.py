@@ -1,7 +1,5 @@
 """Readers by name of any motion: of a response, of recorded cycles, and of a steady state, which is one of both."""
 
-from __future__ import annotations
-
 from typing import Any, Generic, TypeVar
 
 from jaxhb.train.topology import Topology

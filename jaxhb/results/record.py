@@ -65,8 +65,6 @@ class SteadySignal(Signal, OverCycles):
 class RecordedSignal(Summarized, OverCycles):
     """A quantity over C recorded cycles that do not repeat.
 
-    Parameters
-    ----------
     highest, lowest : ``(C,)`` largest and smallest value of each cycle; mean, rms : over the record
     amplitudes : ``(K,)`` one-sided peak amplitudes of the orders: quadratic mean over the cycles
     """

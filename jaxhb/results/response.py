@@ -1,7 +1,5 @@
 """The periodic response of a drive train: disks, shafts, gears and meshes, read by name."""
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 from typing import Any, Self
@@ -215,7 +213,6 @@ class Response(Fields, Motion[Signal, Contact, Array]):
         and but for the second and third ``_amplitude`` and ``_phase``; ``irregularity``, ``heat``, contact, loads.
         Numbers of speeds that did not converge are nan, and ``status`` says why. ImportError without xarray.
 
-        >>> import jaxhb
         >>> sweep = jaxhb.solve_speeds(jaxhb.load_scene("six_cylinder_diesel"), rpm=[1000.0, 1500.0])
         >>> swing = sweep.to_xarray(orders=12).torque_half_peak_to_peak.sel(shaft="cyl6|flywheel")
         >>> swing.sel(rpm=1500).item().__round__(1), swing.attrs["units"]

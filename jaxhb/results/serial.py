@@ -15,10 +15,6 @@ def pack(value):
 
     Holds None, bool, int, float, str, arrays, tuples, lists, dicts, and dataclasses and enumerations of this package.
     Equal parts are stored once, so that equal values are stored alike.
-
-    >>> index, arrays = pack((1.5, "six", np.arange(3)))
-    >>> unpack(index, arrays)
-    (1.5, 'six', array([0, 1, 2]))
     """
     arrays, shared, places, known = [], [], {}, {}
 

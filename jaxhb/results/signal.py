@@ -1,7 +1,5 @@
 """A periodic signal as the engineer reads it: mean, extremes, orders, samples."""
 
-from __future__ import annotations
-
 import dataclasses
 import warnings
 from dataclasses import dataclass, field

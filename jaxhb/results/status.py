@@ -1,7 +1,5 @@
 """How a solve went: one number inside programs, a sentence for people outside, and what was tried in order."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, TypeVar

@@ -1,7 +1,5 @@
 """What a train does after it has run long enough: the kind of its motion, and the numbers of that motion."""
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 from typing import Any

@@ -6,16 +6,10 @@ are ``Disk`` (inertia, damping), ``ShaftDiscrete`` (stiffness, damping), ``Shaft
 outerDiameter in mm, density; shear modulus 80 GPa, half its inertia at each end) and ``GearElement`` (inertia; teeth,
 or diameter in mm; parent in the same component). A component goes on from the node at which another one is connected.
 Gears are rigid there: here they are meshes, and several gears of one node are joined by shafts, all so stiff that they
-change natural frequencies by about 1e-5. Give them real stiffnesses before tooth forces are read. Gears with teeth get
-a module of 5 mm. Excitations are not read.
+change natural frequencies by about 1e-5. Gears with teeth get a module of 5 mm. Excitations are not read.
 
-**CSV**: a table whose first column is ``name``, with keys of ``[[disk]]`` as its other columns, and a table whose first
-columns are ``from`` and ``to``, with keys of ``[[shaft]]`` and ``[[mesh]]``; a column ``link`` says ``shaft`` (or
-nothing) or ``mesh``. Empty cells are keys left out, lines that begin with ``#`` comments. The first disk is the
-reference.
+**CSV** has a table of inertias and one of links: docs/how_to/other_programs.md.
 """
-
-from __future__ import annotations
 
 import csv
 import dataclasses
@@ -26,14 +20,9 @@ import math
 from jaxhb.elements.elements import Disk, Mesh, SceneError, Shaft, suggestion
 from jaxhb.elements.value_checks import plain_number
 
-SHEAR_MODULUS = 80e9
-"""Pa, of steel: TORS gives none."""
-
-MODULE = 5e-3
-"""m, of a gear of which only the number of teeth is given: ratios are those of the teeth whatever it is."""
-
-RIGID = 1e5
-"""Stiffness of a rigid link over that of the stiffest shaft."""
+SHEAR_MODULUS = 80e9  # Pa, of steel: TORS gives none
+MODULE = 5e-3  # m, of a gear of which only the number of teeth is given: ratios are those of the teeth whatever it is
+RIGID = 1e5  # stiffness of a rigid link over that of the stiffest shaft
 
 
 def tors_content(text: str, source: str, errors: list[str]) -> dict:
@@ -41,11 +30,6 @@ def tors_content(text: str, source: str, errors: list[str]) -> dict:
 
     What could not be read has harmless numbers there, so that the checks of a scene find what else is wrong and nothing
     twice. Raises :class:`SceneError` if the text is no JSON or no TORS.
-
-    >>> parts = [{"type": "Disk", "name": "rotor", "inertia": 2.0}]
-    >>> text = json.dumps({"structure": [], "components": [{"name": "c", "elements": parts}]})
-    >>> tors_content(text, "c.json", [])["disk"]
-    [{'name': 'c.rotor', 'inertia': 2.0}]
     """
     try:
         content = json.loads(text)
@@ -244,10 +228,6 @@ def csv_content(text: str, source: str, errors: list[str]) -> dict:
     """Read two tables, inertias and links; arguments and result as for :func:`tors_content`.
 
     Rows above the first heads are left out, and told. Without inertias links have disks with harmless ones.
-
-    >>> text = "name,inertia\\na,1\\nb,2\\n\\nfrom,to,stiffness\\na,b,1e5\\n"
-    >>> csv_content(text, "pair.csv", [])["shaft"]
-    [{'between': ['a', 'b'], 'stiffness': 100000.0}]
     """
     lines = [line for line in text.splitlines() if line.strip(" ,;") and not line.lstrip().startswith("#")]
     # Where decimals have commas, spreadsheets separate cells by semicolons.

@@ -1,12 +1,8 @@
 """Scene files: TOML and CSV to a drive train. Everything wrong with a file is raised at once, in sentences.
 
-Files of other programs are read by their endings, see :mod:`jaxhb.scene.exchange`.
-Any list of rows (``harmonics``, ``gas_torque``, ``scale``, ``pressure``, ``over_hz``, ``over_amplitude``) may be the
-name of a CSV file beside the scene, one row a line: so that long tables need not be repeated. Lines that start with
-``#`` are comments.
+Files of other programs are read by their endings, see :mod:`jaxhb.scene.exchange`. Any list of rows may be the name of
+a CSV file beside the scene, one row a line; lines that start with ``#`` are comments.
 """
-
-from __future__ import annotations
 
 import dataclasses
 import difflib
@@ -15,21 +11,24 @@ import tomllib
 from importlib import resources
 from pathlib import Path
 
-from jaxhb.elements.elements import TABLES, SceneError, Unread, suggestion
+from jaxhb.elements.elements import TABLES, Head, SceneError, Unread, suggestion
 from jaxhb.elements.engine import Engine
 from jaxhb.scene.exchange import csv_content, tors_content
 from jaxhb.train.assembly import checked
 from jaxhb.train.drivetrain import DriveTrain
 
 _READERS = {".json": tors_content, ".csv": csv_content}
-_SCENE_KEYS = ("name", "description", "revolutions_per_cycle", "reference", "rated_rpm")
+_UNREADABLE = {
+    UnicodeDecodeError: "the file is not UTF-8 text. Save it as UTF-8.",
+    ValueError: "an integer has too many digits to be read. Write it as 1e9.",  # Python reads no more than 4300
+    RecursionError: "lists or tables are nested too deeply to be read. Write them flat.",
+}
+_SCENE_KEYS = [f.name for f in dataclasses.fields(Head)]
 
 
 def scene_names() -> list[str]:
     """List the packaged scenes by their names.
 
-    Examples
-    --------
     >>> "gear_train_30" in scene_names()
     True
     """
@@ -37,37 +36,18 @@ def scene_names() -> list[str]:
 
 
 def scene_description(name) -> str:
-    """Read ``description`` of the ``[scene]`` of a packaged scene or a file, empty if it has none.
-
-    >>> scene_description("spur_pair").startswith("A pair of equal spur gears")
-    True
-    """
-    path = _find(name)
-    head = _parse(path, []).get("scene", {})
+    """Read ``description`` of the ``[scene]`` of a packaged scene or a file, empty if it has none."""
+    head = _parse(_find(name), []).get("scene", {})
     return str(head.get("description", "")) if isinstance(head, dict) else ""
 
 
 def load_scene(name: str | Path) -> DriveTrain:
     """Read a scene.
 
-    Parameters
-    ----------
-    name : str or path
-        Packaged scene (see :func:`scene_names`), or a path: a ``.toml`` in the scene format, SI units, a ``.json`` in
-        the TORS format of openTorsion, or a ``.csv`` with a table of inertias and one of links.
+    ``name`` is a packaged scene (:func:`scene_names`), or the path of a ``.toml`` in the scene format, SI units, a
+    ``.json`` in the TORS format of openTorsion, or a ``.csv`` with a table of inertias and one of links. The train is
+    as :func:`jaxhb.build` makes it; :class:`SceneError` tells everything that is wrong, one sentence a line.
 
-    Returns
-    -------
-    DriveTrain
-        As :func:`jaxhb.build` makes it.
-
-    Raises
-    ------
-    SceneError
-        Everything that is wrong with the scene, one sentence a line.
-
-    Examples
-    --------
     >>> load_scene("gear_train_30").topology.mesh_names[0]
     'crank gear|idler'
     """
@@ -131,15 +111,11 @@ def _parse(path: Path, errors: list[str]) -> dict:
         raise
     except tomllib.TOMLDecodeError as error:
         raise SceneError(f"{path.name}: invalid TOML: {error}. {_correct(text, error)}") from None
-    except UnicodeDecodeError:
-        raise SceneError(f"{path.name}: the file is not UTF-8 text. Save it as UTF-8.") from None
-    except ValueError:
-        # Python reads no more than 4300 digits of an integer.
-        raise SceneError(f"{path.name}: an integer has too many digits to be read. Write it as 1e9.") from None
-    except RecursionError:
-        raise SceneError(f"{path.name}: lists or tables are nested too deeply to be read. Write them flat.") from None
     except OSError as error:
         raise SceneError(f"{path.name}: the file cannot be read: {error.strerror}.") from None
+    except (ValueError, RecursionError) as error:
+        why = next(sentence for kind, sentence in _UNREADABLE.items() if isinstance(error, kind))
+        raise SceneError(f"{path.name}: {why}") from None
 
 
 def _read_elements(path: Path, content: dict, errors: list[str]) -> tuple[list, bool]:

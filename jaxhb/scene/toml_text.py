@@ -7,33 +7,16 @@ pieces, one for each head, and tomlkit changes one piece at a time.
 
 import re
 import tomllib
-from decimal import Decimal
 
 import tomlkit
 
 _HEAD = re.compile(r"(?m)^(?=[ \t]*\[)")
 _TAIL = re.compile(r"(?:^[ \t]*(?:#.*)?\n)*\Z", re.MULTILINE)
 """Blank lines and comments that end a piece: they belong to the head that follows."""
-DECADES = 2
-"""Powers of ten up to which a number keeps the exponent of the one it replaces: 1.234e-3 and not 1234e-6."""
 
 
 class TomlText:
-    """A valid TOML text whose values can be changed one by one; ``newline`` ends most of its lines, and all written.
-
-    >>> text = TomlText("[[disk]]\\ninertia = 0.10e-3  # kg m2\\n\\n# the next one\\n[[disk]]\\ninertia = 2\\n")
-    >>> text.set("disk", 0, "inertia", 1.25e-4)
-    >>> text.set("disk", 0, "damping", 3.0)
-    >>> print(text)
-    [[disk]]
-    inertia = 0.125e-3  # kg m2
-    damping = 3.0
-    <BLANKLINE>
-    # the next one
-    [[disk]]
-    inertia = 2
-    <BLANKLINE>
-    """
+    """A valid TOML text whose values can be changed one by one; ``newline`` ends most of its lines, and all written."""
 
     def __init__(self, text=""):
         self.newline = "\r\n" if 2 * text.count("\r\n") > text.count("\n") else "\n"
@@ -177,17 +160,4 @@ def _put(node, key, value):
     if not isinstance(value, float | int) or isinstance(value, bool):
         node[key] = value
     elif key not in node or float(node[key]) != value:
-        node[key] = tomlkit.value(_like(node[key].as_string() if key in node else "", value))
-
-
-def _like(written, value):
-    """A number in full precision, with the power of ten of the one it replaces where that is near."""
-    text = repr(int(value) if isinstance(value, int) else float(value))
-    exponent = written.lower().partition("e")[2]
-    if not exponent or not value:
-        return text
-    # Decimal: to divide a float by a power of ten would change its last digits.
-    shifted = Decimal(text).scaleb(-int(exponent))
-    if abs(shifted.adjusted()) > DECADES:
-        return text
-    return f"{shifted:f}e{exponent}"
+        node[key] = tomlkit.value(repr(int(value) if isinstance(value, int) else float(value)))

@@ -3,8 +3,6 @@
 What a ``.toml`` says is kept as it was written, comments included, but for what changes.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterable
 from pathlib import Path
@@ -22,29 +20,11 @@ _CSV = ("harmonics", "gas_torque", "scale", "load", "pressure", "over_hz", "over
 def scene_text(name: str | Path, *, expand: bool = False, called: str | None = None) -> tuple[str, dict[str, Path]]:
     """The text of a scene, and the tables that lie beside it.
 
-    Parameters
-    ----------
-    name : str or path
-        Packaged scene, or a path as for :func:`jaxhb.load_scene`.
-    expand : bool
-        Write the ``[[cylinder]]`` entries that an ``[engine]`` makes in its place.
-    called : str, optional
-        Another name for the scene. Default: its own.
+    ``name`` as in :func:`jaxhb.load_scene`, ``called`` another name for the scene; ``expand`` writes the
+    ``[[cylinder]]`` entries that an ``[engine]`` makes in its place. The text is TOML with the comments and the order
+    of a ``.toml``, and loads to the same train; beside it come ``{file name: Path}`` of the CSV files that the scene
+    names. :class:`SceneError` tells everything that is wrong with the scene.
 
-    Returns
-    -------
-    text : str
-        TOML, with the comments and the order of a ``.toml``. It loads to the same train.
-    beside : dict
-        ``{file name: Path}`` of the CSV files that the scene names, which belong beside it.
-
-    Raises
-    ------
-    SceneError
-        Everything that is wrong with the scene.
-
-    Examples
-    --------
     >>> text, beside = scene_text("spur_pair")
     >>> text.splitlines()[4:6], sorted(beside)
     (['[scene]', 'name = "spur_pair"'], ['spur_pair_omega_squared.csv'])
@@ -75,18 +55,8 @@ def elements_text(
 ) -> str:
     """TOML that loads to the train that :func:`jaxhb.build` makes of the elements; arguments as there.
 
-    Examples
-    --------
-    >>> from jaxhb.elements.elements import Disk
-    >>> print(elements_text([Disk(name="rotor", inertia=2.0)], name="one"))
-    [scene]
-    name = "one"
-    revolutions_per_cycle = 2
-    <BLANKLINE>
-    [[disk]]
-    name = "rotor"
-    inertia = 2.0
-    <BLANKLINE>
+    >>> print(elements_text([jaxhb.Disk(name="rotor", inertia=2.0)], name="one").splitlines()[:2])
+    ['[scene]', 'name = "one"']
     """
     head = {
         "name": name,
@@ -140,24 +110,20 @@ def _made(content):
 def _beside(content, folder):
     """Files that rows of a scene name, in tables and in tables inside them."""
     found = {}
-    for table, rows in content.items():
-        inner = [] if table in ("scene", "tune") else list(rows) if isinstance(rows, list) else [rows]
-        while inner:
-            row = inner.pop()
-            if not isinstance(row, dict):
-                continue
-            found |= {name: folder / name for name in _named(row).values()}
-            for value in row.values():
-                inner += [v for v in (value if isinstance(value, list) else [value]) if isinstance(v, dict)]
+
+    def walk(row):
+        found.update({name: folder / name for name in _named(row).values()})
+        for value in row.values():
+            for inner in value if isinstance(value, list) else [value]:
+                if isinstance(inner, dict):
+                    walk(inner)
+
+    walk({table: rows for table, rows in content.items() if table not in ("scene", "tune")})
     return found
 
 
 def element_files(name):
-    """Files that the torques and the cylinders of a scene take their rows from, ``{field: file names}`` of each.
-
-    >>> element_files("six_cylinder_diesel")["cylinder"][0]["pressure"]
-    'six_cylinder_diesel_pressure.csv'
-    """
+    """Files that the torques and the cylinders of a scene take their rows from, ``{field: file names}`` of each."""
     content = _parse(_find(name), [])
     rows = {"torque": content.get("torque", []), "cylinder": [*content.get("cylinder", []), *_made(content)]}
     found = {table: [_named(row) for row in own] for table, own in rows.items()}
@@ -183,10 +149,6 @@ def changed_scene(name, values, *, remark=""):
 
     ``values`` : ``{(table, number of the row in its table, field): value}``; an engine whose cylinder changes is
     expanded. ``remark`` : lines of comment at the head.
-
-    >>> text, beside = changed_scene("spur_pair", {("disk", 0, "inertia"): 0.25})
-    >>> [line for line in text.splitlines() if line.startswith("inertia")], sorted(beside)
-    (['inertia = 0.25', 'inertia = 0.0028144773233982723'], ['spur_pair_omega_squared.csv'])
     """
     path = _find(name)
     content = _parse(path, [])

@@ -1,7 +1,5 @@
 """From checked elements to topology and tables of a drive train; all errors of a scene are raised at once."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math
@@ -9,7 +7,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from jaxhb.elements import checks, derived, value_checks
-from jaxhb.elements.elements import SceneError
+from jaxhb.elements.elements import Head, SceneError
 from jaxhb.excitation import gas
 from jaxhb.train import connections, tables, train_checks
 from jaxhb.train.drivetrain import DriveTrain
@@ -29,6 +27,9 @@ def build(
 ) -> DriveTrain:
     """Check elements and put them together to a drive train.
 
+    Where two gears that mesh both have ``teeth``, one of their radii is corrected, by up to 0.1 % a mesh, so that the
+    ratio is that of the teeth. :class:`SceneError` tells everything that is wrong with the scene, one sentence a line.
+
     Parameters
     ----------
     elements : iterable
@@ -44,23 +45,11 @@ def build(
     tune, scenarios : dict, optional
         The first is passed on untouched; ``{name: {"NAME.FIELD": value}}`` for :meth:`DriveTrain.scenario`.
 
-    Returns
-    -------
-    DriveTrain
-        Where two gears that mesh both have ``teeth``, one of their radii is corrected, by up to 0.1 % a mesh, so that
-        the ratio is that of the teeth.
-
-    Raises
-    ------
-    SceneError
-        Everything that is wrong with the scene, one sentence a line.
-
     Examples
     --------
-    >>> from jaxhb.elements.elements import Disk, Shaft, Torque
-    >>> parts = [Disk(name="a", inertia=1.0), Disk(name="b", inertia=2.0)]
-    >>> parts += [Shaft(between=("a", "b"), stiffness=1e4)]
-    >>> train = build([*parts, Torque(disk="a", harmonics=[(1.0, 5.0, 0.0)])], revolutions_per_cycle=1)
+    >>> parts = [jaxhb.Disk(name="a", inertia=1.0), jaxhb.Disk(name="b", inertia=2.0)]
+    >>> parts += [jaxhb.Shaft(between=("a", "b"), stiffness=1e4)]
+    >>> train = build([*parts, jaxhb.Torque(disk="a", harmonics=[(1.0, 5.0, 0.0)])], revolutions_per_cycle=1)
     >>> train.value("a|b.stiffness")
     10000.0
     """
@@ -76,8 +65,12 @@ def checked(
     """
     parts = checks.Parts(elements, source, complete=complete)
     errors = [*findings, *parts.engine_errors, *checks.element_errors(parts), *checks.name_errors(parts)]
-    cycle_errors = _cycle_value_errors(source, cycle)
-    errors += cycle_errors + checks.reference_errors(parts, reference)
+    numbers = {"revolutions_per_cycle": cycle, "rated_rpm": rated_rpm}
+    told = [(f, numbers.get(f.name)) for f in dataclasses.fields(Head) if f.name in numbers]
+    head_errors = [
+        text for f, value in told for text in value_checks.field_errors(f"{source}, [scene]", f, value) or ()
+    ]
+    errors += head_errors + checks.reference_errors(parts, reference)
     errors += train_checks.connection_errors(parts)
     rotor = connections.pieces(len(parts.disk_names), train_checks.elastic_pairs(parts))
     errors += train_checks.reference_error(parts, reference, rotor)
@@ -89,7 +82,7 @@ def checked(
     radii = _exact_radii(parts)
     rotors, ratio, locked = _gearing(parts, main if known else None, radii)
     errors += train_checks.loop_errors(parts, locked)
-    if not cycle_errors:
+    if not head_errors:
         errors += train_checks.cycle_errors(parts, _harmonic_needs(parts, ratio), cycle)
     errors += train_checks.hold_errors(parts, main)
     errors += train_checks.balance_errors(parts, ratio) if not locked else []
@@ -108,16 +101,6 @@ def checked(
     for table in derived.LINKS:
         parts.tables[table] = [derived.completed(link) for link in parts.tables[table]]
     return DriveTrain(topology=topology, **tables.of_elements(parts.tables))
-
-
-def _cycle_value_errors(source, cycle) -> list[str]:
-    """Check revolutions_per_cycle."""
-    if value_checks.number_like(cycle) and math.isfinite(float(cycle)) and float(cycle) > 0.0:
-        return []
-    return [
-        f"{source}, [scene]: revolutions_per_cycle is {value_checks.shown(cycle)}, must be a number greater than 0."
-        " Correct it."
-    ]
 
 
 def _exact_radii(parts) -> list:

@@ -5,9 +5,8 @@ Displacements are measured on one pitch circle per rotor, ``x = R phi`` with R t
 link deflects by ``l = a x_a - b x_b``; the arms a, b are 1 for shafts and ``r/R`` for a gear on a rotor with several.
 Every rotor counts its own sense of rotation positive.
 
-The elimination order is a list of nodes, each before its parent. Fridman's numbering (main chain, side branches
-numbered from their free ends, a fictitious node wherever the main chain jumps over a branch) is another way to write
-the same tree; the tests translate it.
+The elimination order is a list of nodes, each before its parent: Fridman's numbering (main chain, side branches, a
+fictitious node wherever the main chain jumps over a branch) is another way to write the same tree.
 """
 
 import dataclasses
@@ -23,8 +22,7 @@ from jaxhb.equations.kinematics import speed_ratios
 from jaxhb.train.connections import breadth_first, neighbours
 from jaxhb.train.varying import refuse_varying
 
-ALL = slice(None)
-"""Every link."""
+ALL = slice(None)  # every link
 
 
 @jax.tree_util.register_dataclass

@@ -1,7 +1,6 @@
 """Reading and changing single numbers, laws and teeth of a train by ``"NAME.FIELD"``, on the host or under tracing."""
 
-from __future__ import annotations
-
+import contextlib
 import dataclasses
 
 import numpy as np
@@ -29,11 +28,9 @@ def _choose(train, values):
     numbers, faults, topology = {}, [], train.topology
     laws, teeth = list(topology.mesh_damping_law), list(topology.teeth)
     for key, value in values.items():
-        try:
+        table, field, index, fault, follow = None, "", 0, "", {}
+        with contextlib.suppress(SceneError):  # told with the numbers
             table, field, index = locate(topology, key)
-        except SceneError:  # told with the numbers
-            table, field, index = None, None, None
-        fault, follow = "", {}
         if table == "mesh" and field in ("law", "damping_law"):
             known = [word for word in _WORDS[field] if word]
             if not topology.mesh_backlash[index]:
@@ -174,9 +171,9 @@ def replace(train, values):
         raise SceneError(errors)
     changed = train
     for (table, field), new in changes.items():
-        changed = _with(changed, table, field, _set(_vector(changed, table, field), new))
+        changed = _with(changed, table, field, new)
     for table, field, new in derived.followers(train, changed, changes):
-        changed = _with(changed, table, field, _set(_vector(changed, table, field), new))
+        changed = _with(changed, table, field, new)
     if ("disk", "radius") in changes:
         _check_ratios(before, changed)
     # Mean torques take integrals over a cycle: only where they, or what holds them, may have changed.
@@ -186,10 +183,10 @@ def replace(train, values):
     return changed
 
 
-def _with(train, table, field, vector):
-    """The train with another vector for one field."""
+def _with(train, table, field, new):
+    """The train with values ``{index: value}`` in the vector of one field."""
     attribute, (outer, _, inner) = _TABLE_OF[table], field.rpartition(".")
-    numbers = getattr(train, attribute)
+    numbers, vector = getattr(train, attribute), _set(_vector(train, table, field), new)
     if outer:
         inner, vector = outer, dataclasses.replace(getattr(numbers, outer), **{inner: vector})
     return dataclasses.replace(train, **{attribute: dataclasses.replace(numbers, **{inner: vector})})
@@ -251,12 +248,9 @@ def within_range(train):
 def _value_errors(train, key, table, field, index, value) -> list[str]:
     """Check shape and, where it is concrete, range of a new value."""
     where, row = f"{train.topology.title}, replace {key!r}", _row(train, table, field, index)
-    wanted = np.shape(row)
-    try:
+    wanted, found = np.shape(row), None
+    with contextlib.suppress(ValueError):  # rows of different lengths have no shape
         found = np.shape(value)
-    except ValueError:
-        # Rows of different lengths have no shape.
-        found = None
     if found != wanted:
         return [f"{where}: the value has shape {found}, must have {wanted}. Map over a batch with jax.vmap."]
     missing = _has_no_effect(train, table, field, index)

@@ -1,7 +1,5 @@
 """How the disks hang together, pieces, rotors and closed loops, and what holds them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,8 +8,7 @@ from jaxhb._jax import on_host, traced
 from jaxhb.excitation.gas import FAR
 from jaxhb.excitation.mean_torques import mean_torques
 
-RATIO_TOLERANCE = 1e-6
-"""Share by which the ratios around a closed loop may miss 1: radii are given with so many digits."""
+RATIO_TOLERANCE = 1e-6  # share by which the ratios around a closed loop may miss 1: radii are given with so many digits
 
 
 def neighbours(ends, nodes: int, without=()):

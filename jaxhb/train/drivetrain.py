@@ -58,12 +58,6 @@ class DriveTrain:
         ``harmonics`` and ``gas_torque`` are [n, 2] (Re, Im), ``traces.rpm`` [R], ``traces.load`` [S],
         ``traces.pressure`` [R, S, 7200] from firing top dead centre on. :class:`SceneError` if no element has the name,
         or its kind no such field.
-
-        Examples
-        --------
-        >>> from jaxhb.scene.files import load_scene
-        >>> load_scene("gear_train_30").value("crank damper.damping")
-        220.0
         """
         return changes.read(self, key)
 
@@ -74,22 +68,12 @@ class DriveTrain:
         ``teeth`` of a gear with teeth changes its radius, at the same pitch, and the ratios. ``gas_factor`` can be
         changed in any train: where the scene gives none, the train gets a vector of ones first.
 
-        Parameters
-        ----------
-        values : dict
-            ``{"NAME.FIELD": value}`` in the units of the scene format; values may be traced.
+        ``{"NAME.FIELD": value}`` in the units of the scene format; values may be traced. :class:`SceneError` tells all
+        unknown names and fields, wrong shapes, values that contradict each other and numbers that have no effect
+        because the train was built without them, one sentence each; of concrete values also those out of range, and
+        stiffnesses that leave a mean torque unheld.
 
-        Raises
-        ------
-        SceneError
-            All unknown names and fields, wrong shapes, values that contradict each other and numbers that have no
-            effect because the train was built without them, one sentence each; of concrete values also those out of
-            range, and stiffnesses that leave a mean torque unheld.
-
-        Examples
-        --------
-        >>> from jaxhb.scene.files import load_scene
-        >>> load_scene("gear_train_30").replace({"crank damper.damping": 300.0}).value("crank damper.damping")
+        >>> jaxhb.load_scene("gear_train_30").replace({"crank damper.damping": 300.0}).value("crank damper.damping")
         300.0
         """
         return changes.replace(self, values)
@@ -99,10 +83,7 @@ class DriveTrain:
 
         At ``hz`` > 0, in Hz, both dissipate the same. :class:`SceneError` if it is not, or a link varies.
 
-        Examples
-        --------
-        >>> from jaxhb.scene.files import load_scene
-        >>> train = load_scene("six_cylinder_diesel").with_viscous_damping(hz=100.0)
+        >>> train = jaxhb.load_scene("six_cylinder_diesel").with_viscous_damping(hz=100.0)
         >>> round(float(train.value("cyl6|flywheel.damping")), 2)
         110.07
         """
@@ -130,13 +111,9 @@ class DriveTrain:
         ``over_amplitude``, ``rpm`` of the reference rotor for dampers with ``order``. :class:`SceneError` names the
         links that need one that is not given; none may be below 0.
 
-        Examples
-        --------
-        >>> from jaxhb.train.assembly import build
-        >>> from jaxhb.elements.elements import Disk, Shaft
         >>> rows = [(0.0, 1.0, 1.0), (100.0, 1.5, 0.5)]
-        >>> coupling = Shaft(between=("a", "b"), stiffness=1e4, loss_factor=0.2, over_hz=rows)
-        >>> train = build([Disk(name="a", inertia=1.0), Disk(name="b", inertia=2.0), coupling])
+        >>> coupling = jaxhb.Shaft(between=("a", "b"), stiffness=1e4, loss_factor=0.2, over_hz=rows)
+        >>> train = jaxhb.build([jaxhb.Disk(name="a", inertia=1.0), jaxhb.Disk(name="b", inertia=2.0), coupling])
         >>> stiffer = train.with_constant_links(hz=50.0)
         >>> stiffer.value("a|b.stiffness"), round(stiffer.value("a|b.loss_factor"), 12)
         (12500.0, 0.15)
@@ -148,12 +125,6 @@ class DriveTrain:
 
         The excitation over time is the same; responses have orders that are multiples of ``1 / (cycles x
         revolutions_per_cycle)``. :class:`SceneError` if ``cycles`` is not a whole number of at least 1.
-
-        Examples
-        --------
-        >>> from jaxhb.scene.files import load_scene
-        >>> load_scene("gear_train_30").repeated(2).topology.revolutions_per_cycle
-        4.0
         """
         if not (isinstance(cycles, int) and cycles >= 1):
             raise SceneError(f"repeated: cycles is {cycles}, must be a whole number of at least 1.")
@@ -167,13 +138,9 @@ class DriveTrain:
     def scenario(self, name: str) -> DriveTrain:
         """Return the train with the values of its ``[scenario.NAME]``, by :meth:`replace`, with its errors.
 
-        Examples
-        --------
-        >>> from jaxhb.train.assembly import build
-        >>> from jaxhb.elements.elements import Disk, Shaft
-        >>> parts = [Disk(name="a", inertia=1.0), Disk(name="b", inertia=2.0)]
-        >>> parts += [Shaft(between=("a", "b"), stiffness=1e4)]
-        >>> build(parts, scenarios={"hot": {"a|b.stiffness": 8e3}}).scenario("hot").value("a|b.stiffness")
+        >>> parts = [jaxhb.Disk(name="a", inertia=1.0), jaxhb.Disk(name="b", inertia=2.0)]
+        >>> parts += [jaxhb.Shaft(between=("a", "b"), stiffness=1e4)]
+        >>> jaxhb.build(parts, scenarios={"hot": {"a|b.stiffness": 8e3}}).scenario("hot").value("a|b.stiffness")
         8000.0
         """
         if name not in self.scenarios:
@@ -188,13 +155,6 @@ class DriveTrain:
         cylinder whose valves stay open. A cylinder that compresses without burning has ``combustion.imep`` or ``heat``
         = 0 instead (:meth:`replace`), or the pressure table of a motored cycle. :class:`SceneError` if there is no such
         cylinder.
-
-        Examples
-        --------
-        >>> from jaxhb.scene.files import load_scene
-        >>> train = load_scene("six_cylinder_diesel")
-        >>> train.misfire(train.topology.cylinder_names[2]).topology.cylinder_fires
-        (True, True, False, True, True, True)
         """
         names, where = self.topology.cylinder_names, self.topology.title
         unknown = [name for name in cylinders if name not in names]
@@ -209,10 +169,7 @@ class DriveTrain:
 
         As by :meth:`misfire`, but their gas factors alone differ: they share all that is compiled, and can be stacked.
 
-        Examples
-        --------
-        >>> from jaxhb.scene.files import load_scene
-        >>> trains = load_scene("six_cylinder_diesel").misfires()
+        >>> trains = jaxhb.load_scene("six_cylinder_diesel").misfires()
         >>> list(trains)[2], trains["cylinder 3"].cylinders.gas_factor
         ('cylinder 3', array([1., 1., 0., 1., 1., 1.]))
         """
@@ -223,11 +180,5 @@ class DriveTrain:
         """Say where the pressure traces of cylinders do not cover a speed or its load, so that the nearest is used.
 
         ``rpm`` of the reference rotor. One sentence for all cylinders with the same traces; empty where all is covered.
-
-        Examples
-        --------
-        >>> from jaxhb.scene.files import load_scene
-        >>> load_scene("six_cylinder_diesel").outside_traces(900.0)
-        []
         """
         return gas.outside_traces(self, rpm)

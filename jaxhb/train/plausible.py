@@ -45,8 +45,7 @@ PEAK_ANGLE = -15.0, 45.0
 ATMOSPHERE = 3e4, 2.2e5
 """Pa, least pressure of a cycle that tells absolute pressures: overpressures fall to 0, and those of a charged engine
 that stay above may be either."""
-TOGETHER = 1.0
-"""deg between two firings that count as one."""
+TOGETHER = 1.0  # deg between two firings that count as one
 INERTIA_OF_MEDIAN = 500.0
 """Inertia over the median of the disks of the rotor: 400 for a car behind its gearbox on a crankshaft."""
 MEDIAN_OF_STIFFNESS = 1000.0
@@ -70,17 +69,14 @@ def plausibility(train: DriveTrain) -> list[str]:
     shares, torques that drive, disks and shafts far from the others of their rotor, loss factors, gears and their
     teeth.
 
-    Examples
-    --------
-    >>> from jaxhb.scene.files import load_scene
-    >>> train = load_scene("gear_train_30")
+    >>> train = jaxhb.load_scene("gear_train_30")
     >>> plausibility(train)
     []
     >>> print(plausibility(train.replace({"crank gear|idler.backlash": 0.15}))[0])
     [[mesh]] 'crank gear|idler': backlash is 0.15 m, usual 2e-5 to 0.001 m: is it in m, not in mm?
     """
     train = on_host(train)
-    rules = _sizes, _masses, _pressures, _against_nothing, _firings, _loads, _drives, _disks, _links, _meshes
+    rules = _sizes, _masses, _pressures, _firings, _drives, _disks, _links, _meshes
     alike = {}
     for table, name, text in (note for rule in rules for note in rule(train)):
         alike.setdefault((table, text), []).append(name)
@@ -94,14 +90,13 @@ def _far(value, limits):
     return not limits[0] <= value <= limits[1]
 
 
-def _unusual(what, value, usual=None):
-    """The sentence, or none, on a number out of its range (:data:`USUAL`), as a list."""
+def _unusual(table, name, what, value, usual=None):
+    """The note, or none, on a number of an element that is out of its range (:data:`USUAL`)."""
     low, high, unit, ask = usual or USUAL[what]
-    if not _far(value, (low, high)):
-        return []
-    unit = f" {unit}" if unit else ""
-    said = f"{what} is {value:.4g}{unit}, usual {low:.2g} to {high:.2g}{unit}"
-    return [_EXPONENT.sub(r"e\1", said) + (f": {ask}" if ask else "")]
+    if _far(value, (low, high)):
+        unit = f" {unit}" if unit else ""
+        said = f"{what} is {value:.4g}{unit}, usual {low:.2g} to {high:.2g}{unit}"
+        yield table, name, _EXPONENT.sub(r"e\1", said) + (f": {ask}" if ask else "")
 
 
 def _sizes(train):
@@ -114,7 +109,7 @@ def _sizes(train):
         for i, value in zip(seats, getattr(table, inner, ()), strict=True):
             absent = value == 0 or (field == "rod" and cylinders.stroke[i] == 0)
             if not absent and _far(abs(value), USUAL[field]):  # an imep may be negative
-                yield "cylinder", names[i], *_unusual(field, value)
+                yield from _unusual("cylinder", names[i], field, value)
 
 
 def _masses(train):
@@ -124,16 +119,21 @@ def _masses(train):
         if not 0 < size < 2 * USUAL["bore"][1] or not cylinders.stroke[i]:
             continue  # what is said of a bore in mm says enough
         ask = "is it in kg, of one cylinder?" if mass else "without it there is no inertia torque"
-        for said in _unusual("reciprocating_mass", mass, (*(share * size**3 for share in MASS_PER_CUBE), "kg", ask)):
-            yield "cylinder", name, said.replace(" kg:", f" kg for a bore of {1e3 * size:.4g} mm:")
+        usual = (*(share * size**3 for share in MASS_PER_CUBE), "kg", ask)
+        for *element, said in _unusual("cylinder", name, "reciprocating_mass", mass, usual):
+            yield *element, said.replace(" kg:", f" kg for a bore of {1e3 * size:.4g} mm:")
 
 
 def _pressures(train):
-    """Size and angle of the largest pressure of every cylinder that computes its torque from one, over the speeds."""
-    topology, percent, cycles = train.topology, _in_percent(train), _cycles(train)
+    """Load, size and angle of the largest pressure, and what is on the other side of the piston, over the speeds."""
+    topology, cylinders, percent = train.topology, train.cylinders, _in_percent(train)
+    for i, value in percent.items():
+        yield from _unusual("cylinder", topology.cylinder_names[i], "load", value)
+    # [speed, cylinder, angle] Pa from firing top dead centre on, at the speeds at which torques have a point.
+    cycles = gas_pressures(cylinders, connections.speeds(train))
     if not cycles.shape[-1]:
         return
-    peaks = cycles.max(axis=(0, 2))
+    peaks, least = cycles.max(axis=(0, 2)), cycles.min(axis=2).max(axis=0)
     period = 360.0 * np.array(topology.cylinder_gas_revolutions)
     angles = cycles.argmax(axis=2) * period / cycles.shape[-1]
     # In the second half of the cycle the next firing is nearer: angles before it are negative.
@@ -141,35 +141,22 @@ def _pressures(train):
     farthest = np.abs(angles - np.mean(PEAK_ANGLE)).argmax(axis=0)
     for i, name in enumerate(topology.cylinder_names):
         peak, angle, source = peaks[i], angles[farthest[i], i], topology.cylinder_source[i]
-        if source not in gas.COMPUTED or not peak > 0:
+        if source not in gas.COMPUTED:
             continue
-        if i not in percent:
-            yield from (("cylinder", name, said) for said in _unusual("the largest pressure", peak))
-        if _far(angle, PEAK_ANGLE):
+        if i not in percent and peak > 0:
+            yield from _unusual("cylinder", name, "the largest pressure", peak)
+        if peak > 0 and _far(angle, PEAK_ANGLE):
             where = f"{abs(angle):.4g} deg {'after' if angle > 0 else 'before'}"
             usual = f"{-PEAK_ANGLE[0]:g} deg before to {PEAK_ANGLE[1]:g} deg after"
             ask = "is table_firing_tdc the angle at which the table fires?"
             if source == "combustion":
                 ask = "do start and duration count from there?"
             yield "cylinder", name, f"the pressure is largest {where} firing top dead centre, usual {usual}: {ask}"
-
-
-def _against_nothing(train):
-    """Cylinders with absolute pressures and none on the other side of the piston."""
-    topology = train.topology
-    least = _cycles(train).min(axis=2, initial=np.inf).max(axis=0, initial=0.0)
-    ask = "the pressure in the cylinder is absolute, and the crankcase has about 1e5 Pa"
-    for i, source in enumerate(topology.cylinder_source):
         # Models give absolute pressures, tables may give overpressures.
-        known = source == "combustion" or (source in gas.COMPUTED and not _far(least[i], ATMOSPHERE))
-        if known and not train.cylinders.ambient_pressure[i]:
+        if not cylinders.ambient_pressure[i] and (source == "combustion" or not _far(least[i], ATMOSPHERE)):
+            ask = "the pressure in the cylinder is absolute, and the crankcase has about 1e5 Pa"
             usual = (*USUAL["ambient_pressure"][:3], ask)
-            yield "cylinder", topology.cylinder_names[i], *_unusual("ambient_pressure", 0.0, usual)
-
-
-def _cycles(train):
-    """Pressures [speed, cylinder, angle] (Pa) from firing TDC on, at the speeds at which torques have a point."""
-    return gas_pressures(train.cylinders, connections.speeds(train))
+            yield from _unusual("cylinder", name, "ambient_pressure", 0.0, usual)
 
 
 def _firings(train):
@@ -209,11 +196,6 @@ def _drives(train):
             yield "torque", name, f"it drives with a mean of {mean:.4g} N m, usual below 0 beside cylinders: {ask}"
 
 
-def _loads(train):
-    for i, value in _in_percent(train).items():
-        yield "cylinder", train.topology.cylinder_names[i], *_unusual("load", value)
-
-
 def _in_percent(train):
     """Largest load of the cylinders that have it in percent, by their number; traces may count in percent as well."""
     cylinders, traces, most = train.cylinders, train.cylinders.traces, USUAL["load"][1]
@@ -243,7 +225,7 @@ def _disks(train):
             said = f"inertia is {disks.inertia[i]:.4g} kg m2, usual up to {usual}: is it in kg m2, not in kg cm2?"
             yield "disk", topology.disk_names[i], said
     for i in sorted({disk for ends in topology.mesh_ends for disk in ends}):
-        yield from (("disk", topology.disk_names[i], said) for said in _unusual("radius", disks.radius[i]))
+        yield from _unusual("disk", topology.disk_names[i], "radius", disks.radius[i])
 
 
 def _links(train):
@@ -256,7 +238,7 @@ def _links(train):
             yield "shaft", topology.shaft_names[i], _EXPONENT.sub(r"e\1", said)
     for table, links in (("shaft", train.shafts), ("damper", train.dampers)):
         for name, value in zip(getattr(topology, f"{table}_names"), links.loss_factor, strict=True):
-            yield from ((table, name, said) for said in _unusual("loss_factor", value))
+            yield from _unusual(table, name, "loss_factor", value)
     throws = set(topology.cylinder_disk)
     for i, ends in enumerate(topology.shaft_ends if strengths is not None else ()):
         if strengths[i] and throws.issuperset(ends):
@@ -267,14 +249,15 @@ def _links(train):
 def _meshes(train):
     topology, meshes, ratios = train.topology, train.meshes, tooth_damping_ratios(train)
     for i in topology.backlash_index:
-        radii = train.disks.radius[list(topology.mesh_ends[i])]
-        found = _unusual("backlash", meshes.backlash[i])
-        if not any(_far(radius, USUAL["radius"]) for radius in radii):  # what is said of the radius says enough
-            size = 2 * radii.min()
-            ask = f"steel teeth on a gear of {1e3 * size:.4g} mm have 20 N/(mm um) of their face width; is it in N/m?"
-            usual = (*(STIFFNESS_OF_WIDTH * share * size for share in WIDTH_OF_DIAMETER), "N/m", ask)
+        radii, mesh = train.disks.radius[list(topology.mesh_ends[i])], ("mesh", topology.mesh_names[i])
+        yield from _unusual(*mesh, "backlash", meshes.backlash[i])
+        if any(_far(radius, USUAL["radius"]) for radius in radii):
+            continue  # what is said of the radius says enough
+        size = 2 * radii.min()
+        ask = f"steel teeth on a gear of {1e3 * size:.4g} mm have 20 N/(mm um) of their face width; is it in N/m?"
+        usual = (*(STIFFNESS_OF_WIDTH * share * size for share in WIDTH_OF_DIAMETER), "N/m", ask)
+        stiff = list(_unusual(*mesh, "stiffness", meshes.stiffness[i], usual))
+        yield from stiff
+        if np.isfinite(ratios[i]) and not stiff:
             what = f"damping is {meshes.damping[i]:.4g} N s/m: the damping ratio of the two gears alone"
-            stiff = _unusual("stiffness", meshes.stiffness[i], usual)
-            damped = [] if not np.isfinite(ratios[i]) else _unusual(what, ratios[i], (*TOOTH_DAMPING, "", ""))
-            found += stiff or damped
-        yield from (("mesh", topology.mesh_names[i], said) for said in found)
+            yield from _unusual(*mesh, what, ratios[i], (*TOOTH_DAMPING, "", ""))

@@ -4,9 +4,7 @@ import math
 
 from jaxhb.elements.elements import SceneError
 
-HIGHEST_RPM = 1e6
-"""Speed beyond which a number is no speed in rpm: the fastest turbochargers and spindles stay below."""
-
+HIGHEST_RPM = 1e6  # speed beyond which a number is no speed in rpm: the fastest turbochargers and spindles stay below
 _TOO_FAST = f"must be at most {HIGHEST_RPM:.0f} rpm: give revolutions per minute"
 
 
@@ -24,11 +22,7 @@ def read_speed(text):
 
 
 def read_speeds(text):
-    """Speeds in rpm from ``A:B:COUNT``, equally spaced, or ``R1,R2,...``; :class:`ValueError` if it is neither.
-
-    >>> read_speeds("600:1200:3")
-    [600.0, 900.0, 1200.0]
-    """
+    """Speeds in rpm from ``A:B:COUNT``, equally spaced, or ``R1,R2,...``; :class:`ValueError` if it is neither."""
     if ":" not in text:
         return [read_speed(word) for word in text.split(",")]
     words = text.split(":")

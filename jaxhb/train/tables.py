@@ -1,13 +1,12 @@
 """The numbers of a drive train as arrays, each field one vector over its elements, made from elements."""
 
-from __future__ import annotations
-
 import dataclasses
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from jaxhb.elements.elements import Combustion
+from jaxhb.elements import derived
+from jaxhb.elements.elements import Combustion, Damper, Disk, Ground, Mesh, Shaft
 from jaxhb.excitation import gas
 from jaxhb.excitation.gas import GAS_SAMPLES, Combustions, Traces, gas_cycle, table
 
@@ -20,86 +19,59 @@ LAW_OF_FRIDMAN = {"epsilon": 0.03, "transition": 0.2}
 """The same of the law (18) of Fridman 2009, ``law = "fridman2009"``."""
 
 
-@table
-class Disks:
-    """Inertia (kg m2), radius (m, 0 where absent), damping (N m s/rad), each [n_scene_disks]."""
+def vectors_of(element):
+    """Give a class one vector for each number of an element, and for its rows over frequency or amplitude.
 
-    inertia: Array
-    radius: Array
-    damping: Array
+    0 stands for a number that is absent. Those that no solve reads are None where no element has them.
+    """
+
+    def declare(cls):
+        kept = [f for f in dataclasses.fields(element) if f.metadata["kind"] == "number" or f.name.startswith("over_")]
+        optional = {f.name: None for f in kept if f.name in (*derived.OPTIONAL, *derived.WITH)}
+        needed = [f.name for f in kept if f.name not in optional]
+        cls.__annotations__ = dict.fromkeys([*needed, *optional], Array)
+        for name, absent in optional.items():
+            setattr(cls, name, absent)
+        return table(cls)
+
+    return declare
 
 
-@table
-class Shafts:
-    """Stiffness (N m/rad), damping (N m s/rad) and loss factor, each [n_shafts].
+class Vectors:
+    """Fields that :func:`vectors_of` declares."""
+
+    if TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Array: ...
+
+
+@vectors_of(Disk)
+class Disks(Vectors):
+    """The numbers of a :class:`~jaxhb.Disk`, each [n_scene_disks]."""
+
+
+@vectors_of(Shaft)
+class Shafts(Vectors):
+    """The numbers of a :class:`~jaxhb.Shaft`, each [n_shafts].
 
     ``over_hz`` and ``over_amplitude`` [n_shafts, K, 3]: Hz or rad, factor of stiffness, factor of damping; K is 0
-    where no shaft has such rows. The rest [n_shafts], 0 where absent, None where no shaft has it: what stiffness and
-    damping follow from (:mod:`jaxhb.elements.derived`), and what :func:`jaxhb.strength` reads; no solve reads them.
+    where no shaft has such rows.
     """
 
-    stiffness: Array
-    damping: Array
-    loss_factor: Array
-    over_hz: Array
-    over_amplitude: Array
-    length: Array | None = None
-    outer: Array | None = None
-    inner: Array | None = None
-    shear_modulus: Array | None = None
-    magnifier: Array | None = None
-    damping_ratio: Array | None = None
-    damping_hz: Array | None = None
-    diameter: Array | None = None
-    bore: Array | None = None
-    stress_concentration: Array | None = None
-    tensile_strength: Array | None = None
-    power_limit: Array | None = None
+
+@vectors_of(Mesh)
+class Meshes(Vectors):
+    """The numbers of a :class:`~jaxhb.Mesh`, each [n_mesh]."""
 
 
-@table
-class Meshes:
-    """Stiffness (N/m), damping (N s/m), backlash (m, 0 where absent), epsilon, transition; each [n_mesh].
-
-    The rest, ``rated_torque`` in N m, as of :class:`Shafts`.
-    """
-
-    stiffness: Array
-    damping: Array
-    backlash: Array
-    epsilon: Array
-    transition: Array
-    magnifier: Array | None = None
-    damping_ratio: Array | None = None
-    damping_hz: Array | None = None
-    rated_torque: Array | None = None
+@vectors_of(Damper)
+class Dampers(Vectors):
+    """The numbers of a :class:`~jaxhb.Damper`, each [n_dampers]; rows as of :class:`Shafts`."""
 
 
-@table
-class Dampers:
-    """Ring inertia (kg m2), damping (N m s/rad), stiffness (N m/rad), loss factor, order (0 where absent), [n_dampers].
-
-    ``over_hz``, ``over_amplitude`` and the rest as of :class:`Shafts`.
-    """
-
-    inertia: Array
-    damping: Array
-    stiffness: Array
-    loss_factor: Array
-    order: Array
-    over_hz: Array
-    over_amplitude: Array
-    magnifier: Array | None = None
-    damping_ratio: Array | None = None
-    damping_hz: Array | None = None
-    power_limit: Array | None = None
-
-
-@table
-class Grounds:
-    """Stiffness (N m/rad) [n_grounds]."""
-
-    stiffness: Array
+@vectors_of(Ground)
+class Grounds(Vectors):
+    """The numbers of a :class:`~jaxhb.Ground`, each [n_grounds]."""
 
 
 @table
@@ -194,10 +166,12 @@ def factor_rows(elements, name: str) -> np.ndarray:
 
 def _plain(cls, elements):
     """Collect a table whose fields are those of its elements; None for one that may be absent and that none has."""
-    given = {f.name: (factor_rows if f.name.startswith("over_") else column) for f in dataclasses.fields(cls)}
-    absent = {f.name for f in dataclasses.fields(cls) if f.default is None}
-    absent = {name for name in absent if not any(getattr(e, name) for e in elements)}
-    return cls(**{name: None if name in absent else collect(elements, name) for name, collect in given.items()})
+    found = {}
+    for f in dataclasses.fields(cls):
+        collect = factor_rows if f.name.startswith("over_") else column
+        absent = f.default is None and not any(getattr(e, f.name) for e in elements)
+        found[f.name] = None if absent else collect(elements, f.name)
+    return cls(**found)
 
 
 def of_elements(elements: dict) -> dict:
@@ -263,13 +237,9 @@ def cylinder_table(cylinders) -> Cylinders:
     )
 
 
-def _seats(cylinders, name) -> tuple[int, ...]:
-    return tuple(i for i, c in enumerate(cylinders) if gas.source(c) == name)
-
-
 def _trace_table(cylinders) -> Traces | None:
     """Collect the traces; None where no cylinder has any."""
-    seats = _seats(cylinders, "traces")
+    seats = tuple(i for i, c in enumerate(cylinders) if gas.source(c) == "traces")
     if not seats:
         return None
     own = [cylinders[i].traces for i in seats]
@@ -286,7 +256,7 @@ def _trace_table(cylinders) -> Traces | None:
 
 def _combustion_table(cylinders) -> Combustions | None:
     """Collect the combustions; None where no cylinder has one."""
-    seats = _seats(cylinders, "combustion")
+    seats = tuple(i for i, c in enumerate(cylinders) if gas.source(c) == "combustion")
     if not seats:
         return None
     own = [cylinders[i].combustion for i in seats]

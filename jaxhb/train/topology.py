@@ -92,8 +92,7 @@ class Topology:
 
     @cached_property
     def _key(self):
-        # cached_property keeps its values in vars, too.
-        return tuple(value for key, value in vars(self).items() if not key.startswith("_") and key in _FIELDS)
+        return tuple(getattr(self, f.name) for f in dataclasses.fields(self))
 
     @cached_property
     def _hash(self):
@@ -179,12 +178,7 @@ class Topology:
         return {name: (table, i) for table in order for i, name in enumerate(self._names[table])}
 
     def disk_index(self, name: str) -> int:
-        """Index of a disk or a damper's ring among the disks, rings last; else :class:`SceneError`, with the nearest.
-
-        >>> from jaxhb.scene.files import load_scene
-        >>> load_scene("spur_pair").topology.disk_index("gear b")
-        1
-        """
+        """Index of a disk or a damper's ring among the disks, rings last; else :class:`SceneError` with the nearest."""
         if name not in self._disk_of:
             raise SceneError(f"{self.title}: there is no disk {name!r}.{suggestion(name, self.disk_names)}")
         return self._disk_of[name]
@@ -194,10 +188,6 @@ class Topology:
 
         The sense is -1 where the disks are given against the order of ``between``. Where several links join them one is
         asked for by its name.
-
-        >>> from jaxhb.scene.files import load_scene
-        >>> load_scene("spur_pair").topology.link_index("gear b", "gear a")
-        (0, -1)
         """
         where = self.title
         if other is None:
@@ -213,6 +203,3 @@ class Topology:
             names = ", ".join(repr(self.link_names[i]) for i, _ in hits)
             raise SceneError(f"{where}: several links join {name!r} and {other!r}: {names}. Ask for one by its name.")
         return hits[0]
-
-
-_FIELDS = frozenset(Topology.__dataclass_fields__)

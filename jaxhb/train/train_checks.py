@@ -3,8 +3,6 @@
 Each check leaves out what is not known because another sentence was said about it.
 """
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 from typing import Any
@@ -17,12 +15,8 @@ from jaxhb.excitation.mean_torques import mean_torques as mean_torques_at
 from jaxhb.train import connections, tables
 from jaxhb.train.connections import names_of, pieces
 
-WHOLE = 1e-6
-"""Distance from a whole number, in harmonics of the cycle, up to which an order fits."""
-
-TEETH_TOLERANCE = 1e-3
-"""Share by which the ratio of radii may miss that of the teeth, which then counts."""
-
+WHOLE = 1e-6  # distance from a whole number, in harmonics of the cycle, up to which an order fits
+TEETH_TOLERANCE = 1e-3  # share by which the ratio of radii may miss that of the teeth, which then counts
 BALANCE_TOLERANCE = 1e-9
 """Mean torque left over the largest up to which a train without ground balances: rounding of the sums."""
 

@@ -7,8 +7,6 @@ order-tuned absorber adds ``J n^2 Omega^2`` to the stiffness of its link, Omega 
 Mechanical Vibrations, sec. 5.9, for small angles of a pendulum): the order n of its rotor then meets a node.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

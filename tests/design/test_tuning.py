@@ -26,7 +26,6 @@ import jaxhb
 from jaxhb.balance.plan import Request
 from jaxhb.design import Objective, Parameter, Penalty, evaluation
 from jaxhb.design.descent import Descent, best_of
-from jaxhb.scene.files import _folder
 
 
 def optimum(case):
@@ -162,19 +161,6 @@ def test_a_speed_without_a_derivative_counts_as_lost(assessed, monkeypatch):
     np.testing.assert_array_equal(again.status[0] == jaxhb.Status.STALLED, [False, True, False, False])
     assert np.isfinite(again.gradient).all()
     np.testing.assert_array_equal(again.solved[1], point.solved[1])
-
-
-def test_a_speed_that_a_march_does_not_find_is_found_from_other_starts(assessed):
-    made, point = assessed
-    z, slow = np.stack([made.task.unbounded(hammering()), point.z[1]]), np.zeros_like(point.solved)
-    slow[0, 3] = True
-    unknown = dataclasses.replace(point, status=np.full_like(point.status, jaxhb.Status.MAX_STEPS))
-    wanted = np.array([True, False])
-    assert not made.at(z, unknown, aim(slow), wanted=wanted, rescues=0).solved[0, 3]
-    found = made.at(z, unknown, aim(slow), wanted=wanted)
-    assert found.solved[0, 3] and np.isfinite(found.gradient[0]).all()
-    response = jaxhb.solve(hammering(), rpm=SPEEDS[3], harmonics=32)
-    assert found.readings[0][0, 3] == pytest.approx(float(response.force("crank gear", "idler").order(1.0)), rel=1e-6)
 
 
 @pytest.fixture
@@ -372,16 +358,3 @@ def test_a_range_in_which_no_speed_converges_is_told_with_a_way_on(backlash):
     assert "test train: none of the 2 speeds from 1000 to 1500 rpm converges at the start (2 MAX_STEPS)" in said
     assert ("Tune a copy of the scene without the backlash keys" in said) == bool(backlash)
     assert said.endswith("by jaxhb sweep." if backlash else "look at them with jaxhb sweep.")
-
-
-@pytest.mark.oracle
-def test_the_copy_without_backlash_keys_is_tuned(tmp_path):
-    """The way on that the sentence names: the scene as it is without its lines of backlash."""
-    text = (_folder() / "spur_pair.toml").read_text(encoding="utf-8")
-    for csv in _folder().glob("spur_pair*.csv"):
-        (tmp_path / csv.name).write_bytes(csv.read_bytes())
-    kept = [line for line in text.splitlines() if not line.startswith("backlash")]
-    (tmp_path / "linear.toml").write_text("\n".join(kept), encoding="utf-8")
-    given = parameter(200.0, 2000.0, "gear a|gear b.damping") | objective("tooth force", "gear a|gear b")
-    tuned = jaxhb.tune(jaxhb.load_scene(tmp_path / "linear.toml"), rpm=[5000.0, 5600.0], steps=2, **given)
-    assert tuned.after.solved.all() and tuned.history[-1].objective < tuned.history[0].objective

@@ -5,7 +5,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from built_trains import pair
-from differences import differences
 from reference_data import reference
 from tolerances import ALGEBRAIC, GRADIENT
 
@@ -310,18 +309,6 @@ def test_derivatives_to_pulsations_speed_laws_and_given_cylinders():
     numbers = {"l.harmonics": 1e-4, "t.rated_rpm": 1e-1, "t.speed_exponent": 1e-4, "t.mean": 1e-2}
     numbers |= {"c.reciprocating_mass": 1e-4, "c.firing_angle": 1e-3, "c.gas_torque": 1e-4, "c.scale_factor": 1e-5}
     slopes_agree(pair(load, law, given), numbers, 1330.0)
-
-
-def test_the_torque_is_differentiable_and_mapped_over_the_speed():
-    burning = cylinder("burning", combustion=Combustion(heat=2000.0, **BURNING), load=[(600.0, 0.3), (2000.0, 1.0)])
-    train = pair(cylinder(traces=traces(1000.0, 2000.0)), burning)
-    mapped = jax.jit(jax.vmap(lambda rpm: excitation(train, rpm, 8)[0]))
-    slope = jax.jit(jax.grad(lambda rpm: jnp.sum(jnp.abs(excitation(train, rpm, 8)[0]) ** 2)))(1330.0)
-    squares = lambda rpm: (np.abs(mapped(rpm[:, 0])) ** 2).sum((1, 2))  # noqa: E731
-    np.testing.assert_allclose(slope, differences(squares, np.array([1330.0]), np.array([0.5]))[0], rtol=GRADIENT)
-    speeds = np.array([700.0, 1500.0, 2000.0, 2300.0])
-    for one, rpm in zip(np.asarray(mapped(speeds)), speeds, strict=True):
-        close(one, excitation(train, rpm, 8)[0])
 
 
 def test_the_program_does_not_grow_with_the_number_of_cylinders():

@@ -9,17 +9,14 @@ import pytest
 from differences import differences
 from scipy.linalg import eigvals
 from tolerances import ALGEBRAIC, GRADIENT
-from trains import branched_parts, build, chain_parts, gearbox_parts
+from trains import branched_parts, build, gearbox_parts
 
 import jaxhb
 from jaxhb import Damper, Disk, Shaft
 from jaxhb.linear.damped import damped_modes
 from jaxhb.linear.sensitivity import inertia_and_stiffness
 
-TRAINS = {
-    "branched": (branched_parts(), "flywheel"),
-    "gearbox": (gearbox_parts(), "motor"),
-}
+TRAINS = {"branched": (branched_parts(), "flywheel"), "gearbox": (gearbox_parts(), "motor")}
 
 
 def inertia_of(parts):
@@ -130,11 +127,3 @@ def test_a_massless_disk_that_relaxes_fast_hides_no_mode(relaxation):
     np.testing.assert_allclose(modes.decay_rates, [relaxation], rtol=1e-3)  # QZ rounds to omega, 1e-11 of it
     ratio = jaxhb.damping_ratios(train, jaxhb.natural_frequencies(train))
     np.testing.assert_allclose(ratio[1:], [omega / (2 * relaxation)], rtol=0, atol=10 * np.finfo(float).eps)
-
-
-def test_undamped_modes_have_the_natural_frequencies_and_no_damping():
-    parts = chain_parts([1.0, 2.0, 0.5, 3.0], [100.0, 300.0, 50.0])
-    modes, undamped = damped_modes(build(parts)), jaxhb.natural_frequencies(build(parts))
-    np.testing.assert_allclose(modes.frequencies_hz, undamped.frequencies_hz[1:], rtol=1e-12)
-    assert np.abs(modes.damping_ratio).max() < ALGEBRAIC and not len(modes.decay_rates)
-    np.testing.assert_allclose(modes.shapes, undamped.shapes[1:], rtol=0, atol=1e-11)

@@ -165,14 +165,3 @@ def test_what_needs_values_on_the_host_is_refused_inside_jit_and_vmap(quantity):
         jax.jit(quantity)(TRAIN)
     with pytest.raises(ValueError, match="jit or vmap traces"):
         jax.vmap(quantity)(jax.tree.map(lambda leaf: np.stack([leaf, leaf]), TRAIN))
-
-
-def test_the_torque_of_a_misfire_has_the_derivatives_of_differences():
-    train, shaft = jaxhb.load_scene("six_cylinder_diesel").misfires()["cylinder 5"], "cyl6|flywheel"
-    keys = [f"{shaft}.stiffness", "cyl1.damping", "cylinder 1.gas_factor", "pulley.inertia"]
-
-    def torque(values):
-        response = jaxhb.forced_response(changed(values, train, keys), rpm=values[-1])
-        return response.torque(shaft).half_peak_to_peak[None]
-
-    check_derivative(torque, numbers_of(train, keys, 2185.0), step=1e-5)

@@ -120,7 +120,7 @@ def test_the_scene_the_errors_are_put_in_is_sound(tmp_path):
         ("[scene]\nrefrence = 'a'", "[scene]: unknown key 'refrence'. Did you mean 'reference'?"),
         ("[scene]\nreference = 'zz'", "[scene]: reference: there is no disk 'zz'. Known: 'a', 'b', 'c'."),
         ("", "[scene]: the key 'reference' is missing; there are 2 rotors. Name a disk of the rotor whose rpm is"),
-        ("[scene]\nrevolutions_per_cycle = 0", "revolutions_per_cycle is 0, must be a number greater than 0."),
+        ("[scene]\nrevolutions_per_cycle = 0", "revolutions_per_cycle is 0, must be greater than 0."),
         ("scene = 3", "'scene' is 3, must be a table. Write [scene]."),
     ],
 )

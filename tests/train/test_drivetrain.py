@@ -209,11 +209,6 @@ def test_a_reciprocating_mass_without_inertia_torque_is_refused(geometry):
     train.replace({"p.reciprocating_mass": 0.0})
 
 
-def test_a_reciprocating_mass_of_0_can_be_raised_where_the_geometry_is_given():
-    train = build([*GEARS, Cylinder(name="p", disk="a", stroke=0.1, rod=0.2, fires=False)], reference="a")
-    assert train.replace({"p.reciprocating_mass": 3.0}).value("p.reciprocating_mass") == 3.0
-
-
 def test_radii_that_contradict_the_teeth_are_refused():
     train = load_scene("spur_pair")
     radius = train.value("gear a.radius")

@@ -1,7 +1,6 @@
 """Notes on numbers far from usual: none for packaged and published trains, and one for each slip."""
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -181,16 +180,6 @@ def test_the_tooth_damping_ratio_is_that_of_two_free_gears():
     np.testing.assert_allclose(jaxhb.tooth_damping_ratios(pair), damped[-1], rtol=1e-9)
     assert np.isnan(jaxhb.tooth_damping_ratios(pair.replace({"gear a.inertia": 0.0}))).all()
     assert jaxhb.tooth_damping_ratios(jaxhb.load_scene("six_cylinder_diesel")).shape == (0,)
-
-
-def test_the_inline_four_is_what_it_says_of_itself():
-    train = load_scene(ENGINE)
-    bore, stroke = train.cylinders.bore, train.cylinders.stroke
-    assert (np.pi / 4 * bore**2 * stroke).sum() == pytest.approx(1.995e-3, rel=1e-3)
-    assert train.cylinders.firing_angle.tolist() == [0.0, 540.0, 180.0, 360.0]  # 1, 3, 4, 2
-    assert train.cylinders.pressure.max() == 1.6e7 and train.cylinders.pressure[0].argmax() == 110
-    np.testing.assert_allclose(jaxhb.tooth_damping_ratios(train), 0.06, atol=0.005)
-    assert Path(_folder() / TABLE).stat().st_size < 10_000
 
 
 def test_limits_of_propulsion_shafts_on_a_crank_are_noted(scene):
