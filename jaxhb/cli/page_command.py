@@ -22,6 +22,7 @@ from jaxhb.report.files.labelled import netcdf
 from jaxhb.report.files.output import NOT_ANSWERED, OutputError, as_json, as_picture, changed_text, changes, deliver
 from jaxhb.report.files.record import cases_record, on_scene
 from jaxhb.report.files.rows import answer_row, rows_csv
+from jaxhb.report.page.differences import elements_of
 from jaxhb.report.page.parts import Report, shown_misfire
 from jaxhb.report.selection import NOT_FIRING, asks_each, case_title, misfire_trains
 from jaxhb.report.text import cases as told
@@ -30,6 +31,7 @@ from jaxhb.report.text.tuned import tuned_parts
 from jaxhb.scene.files import _find, load_scene, scene_description
 from jaxhb.scene.writer import element_files, scene_text
 from jaxhb.solutions.misfires import same_factor
+from jaxhb.train.changes import scene_values
 
 SECOND, TUNED = "second design", "tuned design"
 NEEDED = "jinja2", "plotly", "matplotlib"
@@ -168,6 +170,8 @@ def _report_of(given, cases, place, seconds, tuning):
         "accuracy": accuracy,
         "versions": f"jaxhb {__version__}, Python {platform.python_version()}, {packages}, {platform.platform()}",
     }
+    train = cases[0].answers[0].train
+    settings = train.scenarios.get(given.scenario, {}) | dict(given.set)
     return Report(
         cases,
         place=place,
@@ -179,6 +183,8 @@ def _report_of(given, cases, place, seconds, tuning):
         facts=facts,
         description=scene_description(given.scene),
         scene=scene_text(given.scene)[0],
+        elements=elements_of(given.scene, scene_values(train, settings)),
+        second_elements=elements_of(given.tuned) if given.tuned else {},
         files=element_files(given.scene),
     )
 

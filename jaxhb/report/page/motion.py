@@ -166,8 +166,9 @@ def second_design(report):
     if report.second_misfire is not None:
         misfire = report.shown[1]
         misfiring = [dataclasses.replace(misfire, title=f"first design, {misfire.title}"), report.second_misfire]
+    trains, designs = (report.train, report.second.answers[0].train), (report.elements, report.second_elements)
     return {
-        "differences": report.tuning or differences(report.train, report.second.answers[0].train),
+        "differences": report.tuning or differences(trains, designs),
         "beside": _beside(pair, drawn=len(report.rpm) > 1),
         "misfiring": _beside(misfiring, drawn=False),
         "found": judged(report.seconds),

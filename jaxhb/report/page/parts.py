@@ -26,6 +26,7 @@ class Report:
     tuning : words and tables that tell how it was found
     facts : where the page comes from, by what it is: the scene, its changes, the command, versions
     description, scene : what the scene says that it is, and its text as it was read
+    elements, second_elements : what the scenes say of both designs, see :func:`elements_of`
     files : names of the files that torques and cylinders take their rows from, see :func:`element_files`
     """
 
@@ -39,6 +40,8 @@ class Report:
     facts: dict = field(default_factory=dict)
     description: str = ""
     scene: str = ""
+    elements: dict = field(default_factory=dict)
+    second_elements: dict = field(default_factory=dict)
     files: dict = field(default_factory=dict)
 
     @property
