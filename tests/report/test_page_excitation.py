@@ -41,7 +41,7 @@ def test_pressure_tables_are_told_by_file_peak_angle_and_what_changes_them_over_
     tables = told("six_cylinder_diesel", [1000.0, 2000.0])
     assert column(tables["Cylinders"], "numbers as of") == ["cylinder 1"] * 6
     given = dict(zip(*tables["Numbers"].columns, strict=True))
-    assert given["bore mm"] == "105" and given["pressure bar"].endswith(", six_cylinder_diesel_pressure.csv")
+    assert given["bore mm"] == "105" and given["pressure"].endswith(", six_cylinder_diesel_pressure.csv")
     said = "16 rows, rpm 997.847 to 2550.55, factor 0."
     assert given["scale"].startswith(said) and given["scale"].endswith(", six_cylinder_diesel_peak_pressure.csv")
     over_speed, means = tables["Gas"], tables["Mean torques"]

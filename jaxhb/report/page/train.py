@@ -111,7 +111,7 @@ def _cylinders(report, first):
     columns, different = _given(report, "cylinder"), list(dict.fromkeys(first.values()))
     disks, angles = columns.pop("disk", {}), columns.pop("firing angle deg", {})
     rows = [(name, disks[name], angles.get(name, "0"), own) for name, own in first.items()]
-    title = "Numbers of the cylinders; combustion counts from firing top dead centre, ranges of rows are in SI units and deg"
+    title = "Numbers of the cylinders; combustion counts from firing top dead centre, rows are in SI units and deg"
     numbers = [(head, *(cells.get(name, NONE) for name in different)) for head, cells in columns.items()]
     placed = table("Cylinders", rows, ["cylinder", "disk", "firing angle deg", "numbers as of"])
     return placed, table(title, numbers, ["", *different])
@@ -152,14 +152,11 @@ def _means(report, first):
     rows = [row for row in rows if first.get(row[0], row[0]) == row[0]]
     if not rows:
         return None
-    columns = [[*names] for names in list(zip(*rows, strict=True))[:2]] + alike(
-        *zip(*(row[2] for row in rows), strict=True)
-    )
+    names, disks, means = zip(*rows, strict=True)
+    columns = [names, disks, *alike(*zip(*means, strict=True))]
     if report.train.topology.load_names:
-        power = [plain_number(answer.balance.load_kW) for answer in answers]
-        columns = [
-            [*column, own] for column, own in zip(columns, ["power of the loads, kW", NONE, *power], strict=True)
-        ]
+        last = ["power of the loads, kW", NONE, *(plain_number(answer.balance.load_kW) for answer in answers)]
+        columns = [[*column, own] for column, own in zip(columns, last, strict=True)]
     title = "Mean torques over the speed, N m on the disk's own shaft (positive: drives), of cylinders alike the first"
     return Table(title, ["element", "disk", *(f"{answer.rpm:g} rpm" for answer in answers)], columns)
 
@@ -176,7 +173,9 @@ def _orders(report, first):
         told += [(name, "over the mean", *rows) for name, *rows in own]
     for name, unit, harmonics, values in told:
         values = [complex(*value) for value in values[: len(harmonics)]]
-        rows = sorted(zip(np.divide(harmonics, topology.revolutions_per_cycle), values, strict=True))
+        rows = sorted(
+            zip(np.divide(harmonics, topology.revolutions_per_cycle), values, strict=True), key=lambda row: row[0]
+        )
         found[unit, tuple((order, f"{abs(value):.6g}") for order, value in rows)][name] = rows
     return [_order_table(own, unit) for (unit, same), own in found.items() if same]
 
